@@ -1,0 +1,20 @@
+# The whole chain: survey table -> Level-0 files and truth -> brick catalogues -> report.
+# Another campaign: snakemake --profile profiles/default --config campaign=config/c9_w1.yaml
+
+
+include: "workflow/rules/common.smk"
+include: "workflow/rules/truth.smk"
+include: "workflow/rules/psf.smk"
+include: "workflow/rules/chip.smk"
+include: "workflow/rules/bricks.smk"
+include: "workflow/rules/report.smk"
+
+
+rule all:
+    input:
+        targets(),
+    default_target: True
+
+
+onsuccess:
+    print(summary())

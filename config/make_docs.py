@@ -1,0 +1,71 @@
+"""Write config/README.md and config/schema/*.json from the models: python config/make_docs.py.
+
+The models in csstsim.config and the layers' Param are the only source; tests/test_config_docs.py forbids drift.
+"""
+
+import importlib
+import json
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from csstsim.config import Campaign, Model, Observation
+from csstsim.sim_steps import known_layers
+
+HERE = Path(__file__).parent
+INTRO = """# Configuration
+
+Written by `python config/make_docs.py` from the models; edit those, not this file.
+
+- A **campaign** file (`campaign.yaml` is the demo; `c9_w1.yaml` ... `c9_w5.yaml`; `calibration.yaml`) says what to run.
+  Paths are relative to the directory a command runs in.
+- An **observation** file (`observations/`) lists the layers an exposure goes through, in order.
+- `instrument/` is the camera as data, `universe.yaml` the embedded universe; every number there has its source.
+
+An unknown key, a wrong type or a value out of range is refused before any work, naming file, key and what is allowed.
+Editors that read JSON schemas find them in `schema/`.
+"""
+
+
+def rows(model, prefix=""):
+    """Yield (key, default, description) of a model's fields, nested ones with dotted keys."""
+    for name, field in model.model_fields.items():
+        default = "required" if field.is_required() else field.get_default()
+        if isinstance(default, Model):
+            yield from rows(type(default), f"{prefix}{name}.")
+            continue
+        yield f"{prefix}{name}", default, field.description
+        for inner in getattr(field.annotation, "__args__", ()):
+            if isinstance(inner, type) and issubclass(inner, BaseModel):
+                yield from rows(inner, f"{prefix}{name}.")
+
+
+def table(model):
+    lines = ["| key | default | meaning |", "|---|---|---|"]
+    for key, default, text in rows(model):
+        shown = "null" if default is None else list(default) if isinstance(default, tuple) else default
+        lines.append(f"| `{key}` | {shown} | {text or ''} |")
+    return "\n".join(lines)
+
+
+def documents():
+    """Return {path: text} of everything generated."""
+    text = [INTRO, "## Campaign", table(Campaign), "", "## Layers of an observation file", ""]
+    for name in known_layers():
+        module = importlib.import_module(f"csstsim.layers.{name}")
+        text += [f"### `{name}`", "", module.__doc__.splitlines()[0], ""]
+        text += [f"Stage `{module.STAGE}`; {module.UNITS[0]} in, {module.UNITS[1]} out.", ""]
+        if module.Param.model_fields:
+            text += [table(module.Param), ""]
+    files = {HERE / "README.md": "\n".join(text).rstrip() + "\n"}
+    for model in (Campaign, Observation):
+        schema = json.dumps(model.model_json_schema(), indent=1, sort_keys=True) + "\n"
+        files[HERE / "schema" / f"{model.__name__.lower()}.json"] = schema
+    return files
+
+
+if __name__ == "__main__":
+    for path, content in documents().items():
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(content)
+        print(path)

@@ -1,0 +1,3 @@
+"""csstsim: an open simulator of the CSST Survey Camera."""
+
+__version__ = "0.1.0"

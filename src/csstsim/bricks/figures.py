@@ -1,0 +1,214 @@
+"""Figures of the validation: one page a brick, and the sky map of the report (paper, section 6).
+
+Colours are Okabe & Ito's (2008), told apart by colour-blind readers; stars and galaxies differ in marker too.
+"""
+
+import io
+
+import numpy as np
+
+from csstsim.bricks.healpix import brick_corners
+from csstsim.bricks.validate import SNR_EDGES
+from csstsim.catalog.table import BANDS
+
+BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, BLACK = (
+    "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000",
+)  # fmt: skip
+BAND_COLOURS = dict(zip(BANDS, (PURPLE, BLUE, SKY, GREEN, ORANGE, VERMILION, BLACK), strict=True))
+MAX_POINTS = 3000  # drawn per panel and kind; more only blacken it
+FEWEST = 3  # sources a bin needs to be drawn
+
+
+def band_label(band):
+    """Return the band as it is written in text: NUV, u, g, ..."""
+    return band.upper() if band == "nuv" else band
+
+
+def brick_figure(result, arrays, *, threshold=None, snr_min=None):
+    """Return the PNG bytes of a brick: completeness, colours, magnitudes out minus in, one panel a band.
+
+    `result`, `arrays`: as bricks.validate.validate_brick returns them; `threshold`, `snr_min`: the
+    completeness gate, drawn when given.
+    """
+    figure = _figure((13.0, 10.5))
+    grid = figure.add_gridspec(3, 4, height_ratios=(1.25, 1, 1))
+    _completeness(figure.add_subplot(grid[0, :2]), arrays["completeness"], threshold, snr_min)
+    _colours(figure.add_subplot(grid[0, 2:]), arrays["colour"])
+    for number, band in enumerate(BANDS):
+        axes = figure.add_subplot(grid[1 + number // 4, number % 4])
+        _residuals(axes, band, arrays["residual"].get(band), result["bands"].get(band))
+    _legend(figure.add_subplot(grid[2, 3]))
+    figure.suptitle(
+        f"Brick {result['brick']} (NSIDE 256, nested): {result['sources']} merged sources, "
+        f"{result['truth']} true objects, {result['frames']} frames"
+    )
+    return _png(figure)
+
+
+def sky_map(footprints, bricks):
+    """Return the PNG bytes of the sky map: bricks and the windows on them, in degrees from their centre.
+
+    `footprints`: [(band, ra[4], dec[4])], corners in order; `bricks`: pixel numbers.
+    """
+    figure = _figure((9.0, 7.5))
+    axes = figure.add_subplot()
+    corners = [brick_corners(pix) for pix in bricks]
+    centre = _centre([(ra, dec) for _, ra, dec in footprints] + corners)
+    for pix, (ra, dec) in zip(bricks, corners, strict=True):
+        x, y = _tangent(ra, dec, centre)
+        axes.fill(x, y, facecolor="#f2f2f2", edgecolor="#999999", lw=0.8, zorder=1)
+        axes.annotate(str(pix), (x.mean(), y.mean()), ha="center", va="center", fontsize=7, color="#444444", zorder=3)
+    seen = set()
+    for band, ra, dec in footprints:
+        x, y = _tangent(ra, dec, centre)
+        label = band_label(band) if band not in seen else None
+        seen.add(band)
+        colour = BAND_COLOURS.get(band, BLACK)
+        axes.fill(x, y, facecolor="none", edgecolor=colour, lw=1.2, label=label, zorder=2)
+    axes.set(aspect="equal", xlabel="offset east [deg]", ylabel="offset north [deg]")
+    axes.set_title(f"Windows and bricks around RA {centre[0]:.4f}, Dec {centre[1]:+.4f} deg (ICRS)", fontsize=10)
+    axes.invert_xaxis()  # east to the left
+    if seen:
+        axes.legend(title="filter", fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
+    return _png(figure)
+
+
+def _completeness(axes, curves, threshold, snr_min):
+    edges = np.array(SNR_EDGES, float)
+    middle = np.sqrt(edges[:-1] * edges[1:])
+    drawn = [band for band, (n, _) in curves.items() if (n >= FEWEST).any()]
+    for place, band in enumerate(drawn):
+        n, found = curves[band]
+        good = n >= FEWEST
+        fraction = found[good] / n[good]
+        # Wilson's interval: right for fractions near 1 and few sources.
+        z2, m = 1.0, n[good]
+        mid = (fraction + z2 / (2 * m)) / (1 + z2 / m)
+        half = np.sqrt(fraction * (1 - fraction) / m + z2 / (4 * m**2)) / (1 + z2 / m)
+        error = np.maximum([fraction - (mid - half), mid + half - fraction], 0.0)
+        shift = 1.02 ** (place - (len(drawn) - 1) / 2)  # bands side by side
+        axes.errorbar(
+            middle[good] * shift, fraction, error, color=BAND_COLOURS[band], marker="osD^v<>"[place], ms=4, lw=1.2,
+            capsize=2, label=f"{band_label(band)} ({n.sum()})",
+        )  # fmt: skip
+    if threshold is not None:
+        axes.axhline(threshold, color="#666666", ls="--", lw=1)
+    if snr_min is not None:
+        axes.axvline(snr_min, color="#666666", ls=":", lw=1)
+    axes.set(xscale="log", xlim=(1, SNR_EDGES[-1]), ylim=(-0.03, 1.05), xlabel="true S/N", ylabel="fraction found")
+    ticks = (1, 2, 5, 10, 20, 50, 100, 200, 500)
+    axes.set_xticks(ticks, [str(tick) for tick in ticks])
+    axes.minorticks_off()
+    axes.set_title("Completeness of isolated point sources", fontsize=10)
+    _legend_or_note(axes, drawn, "no point sources", title="filter (sources)")
+
+
+def _colours(axes, colour):
+    (x0, y0), (x1, y1) = colour["input"], colour["output"]
+    shown = slice(None, None, max(1, len(x1) // MAX_POINTS + 1))
+    axes.plot(x1[shown], y1[shown], ".", color=BLACK, ms=2.5, alpha=0.5, label=f"measured ({len(x1)})", zorder=1)
+    x_range, y_range = (-1.5, 4.0), (-1.0, 2.5)
+    if len(x0) >= 50:
+        _contours(axes, x0, y0, x_range, y_range)
+        axes.plot([], [], color=VERMILION, label=f"true ({len(x0)})")
+    elif len(x0):
+        axes.plot(x0, y0, "o", mfc="none", color=VERMILION, ms=5, label=f"true ({len(x0)})", zorder=2)
+    axes.set(xlim=x_range, ylim=y_range, xlabel="u - g [AB mag]", ylabel="g - r [AB mag]")
+    axes.set_title("Colours of stars and galaxies at S/N > 10 in u, g, r", fontsize=10)
+    _legend_or_note(axes, len(x0) + len(x1), "no source with S/N > 10 in u, g and r", loc="upper left")
+
+
+def _contours(axes, x, y, x_range, y_range):
+    from scipy.ndimage import gaussian_filter
+
+    bins = int(np.clip(np.sqrt(len(x)) * 1.5, 15, 60))
+    count, x_edges, y_edges = np.histogram2d(x, y, bins, (x_range, y_range))
+    count = gaussian_filter(count, 1.0)
+    ranked = np.sort(count.ravel())[::-1]
+    enclosed = np.cumsum(ranked) / max(ranked.sum(), 1e-9)
+    levels = np.unique([ranked[np.searchsorted(enclosed, share)] for share in (0.9, 0.7, 0.5, 0.3, 0.1)])
+    middles = (0.5 * (edges[1:] + edges[:-1]) for edges in (x_edges, y_edges))
+    axes.contour(*middles, count.T, levels=levels[levels > 0], colors=VERMILION, linewidths=1.1, zorder=2)
+
+
+def _residuals(axes, band, arrays, numbers):
+    axes.axhline(0.0, color="#666666", lw=0.8)
+    lines = []
+    for kind, colour, marker in (("galaxy", ORANGE, "."), ("star", BLUE, "+")):
+        given, residual = arrays[kind] if arrays else np.zeros((2, 0))
+        shown = slice(None, None, max(1, len(given) // MAX_POINTS + 1))
+        axes.plot(given[shown], residual[shown], marker, color=colour, ms=3.5, alpha=0.5, ls="", rasterized=True)
+        _running_median(axes, given, residual, colour)
+        stat = numbers[kind] if numbers else {"n": 0}
+        if stat["n"]:
+            lines.append(f"{kind}: {1e3 * stat['median']:+.0f} ± {1e3 * stat['error']:.0f} mmag ({stat['n']})")
+    if numbers:
+        axes.axvline(numbers["depth_5sigma"], color="#666666", ls=":", lw=1)
+    else:
+        axes.text(0.5, 0.8, "not observed", ha="center", transform=axes.transAxes, color="#444444")
+    axes.set(xlim=(16.5, 27.5), ylim=(-1.0, 1.0), xlabel=f"{band_label(band)} true [AB mag]", ylabel="out - in [mag]")
+    axes.text(0.03, 0.03, "\n".join(lines), fontsize=7.5, transform=axes.transAxes, va="bottom")
+    axes.set_title(band_label(band), fontsize=10)
+
+
+def _running_median(axes, x, y, colour):
+    edges = np.arange(16.5, 28.0, 0.5)
+    which = np.digitize(x, edges)
+    rows = [(edges[k - 1] + 0.25, np.median(y[which == k])) for k in range(1, len(edges)) if (which == k).sum() >= 10]
+    if len(rows) > 1:
+        line = axes.plot(*zip(*rows, strict=True), color=colour, lw=2)[0]
+        import matplotlib.patheffects as effects
+
+        line.set_path_effects([effects.Stroke(linewidth=4, foreground="white"), effects.Normal()])
+
+
+def _legend(axes):
+    axes.axis("off")
+    axes.plot([], [], "+", color=BLUE, ms=8, label="star or quasar, PSF magnitude")
+    axes.plot([], [], ".", color=ORANGE, ms=9, label="galaxy, Kron magnitude")
+    axes.plot([], [], color="#444444", lw=2, label="running median (colour of its kind)")
+    axes.plot([], [], color="#666666", ls=":", label="5 sigma depth of one exposure")
+    axes.legend(
+        loc="center", fontsize=9, frameon=False, title="Magnitudes out - in, isolated sources.\n"
+        "Numbers: median and its error\nat S/N > 20 (sources)", title_fontsize=9,
+    )  # fmt: skip
+
+
+def _legend_or_note(axes, anything, note, **keywords):
+    if anything:
+        axes.legend(fontsize=8, title_fontsize=8, **({"loc": "lower right"} | keywords))
+    else:
+        axes.text(0.5, 0.5, note, ha="center", transform=axes.transAxes, color="#444444")
+
+
+def _centre(polygons):
+    from csstsim.bricks.healpix import from_vectors, to_vectors
+
+    if not polygons:
+        return 0.0, 0.0
+    mean = np.concatenate([to_vectors(ra, dec) for ra, dec in polygons]).mean(axis=0)
+    ra, dec = from_vectors(mean[None])
+    return float(ra[0]), float(dec[0])
+
+
+def _tangent(ra, dec, centre):
+    """Gnomonic offsets east, north of `centre`, degrees: no trouble at RA 0 or at a pole."""
+    ra, dec, ra0, dec0 = (np.radians(v) for v in (ra, dec, *centre))
+    depth = np.sin(dec) * np.sin(dec0) + np.cos(dec) * np.cos(dec0) * np.cos(ra - ra0)
+    north = np.sin(dec) * np.cos(dec0) - np.cos(dec) * np.sin(dec0) * np.cos(ra - ra0)
+    return np.degrees(np.cos(dec) * np.sin(ra - ra0) / depth), np.degrees(north / depth)
+
+
+def _figure(size):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, dpi=100, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def _png(figure):
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png")
+    return stream.getvalue()

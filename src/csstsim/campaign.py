@@ -1,0 +1,190 @@
+"""A campaign opened: its files read and checked, and the (exposure, chip) pairs it runs.
+
+Everything that can be wrong with the input is found here, before any work starts. The CLI and the
+workflow ask the same object which jobs, bricks and files there are.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+
+from csstsim.catalog.select import BRICK_MARGIN_DEG, bricks_for
+from csstsim.config import PixelWindow, digest, load_campaign
+from csstsim.errors import InputError
+from csstsim.instrument.camera import load_camera
+from csstsim.instrument.chip import Window
+from csstsim.io.paths import Paths
+from csstsim.io.survey_table import load_survey_table
+from csstsim.optics.wcs import ChipWCS
+from csstsim.sim_steps import SimSteps
+
+MERGE_MARGIN_DEG = 2.0 / 3600.0  # a merged brick takes detections up to 2" beyond its border
+
+
+@dataclass(frozen=True)
+class Job:
+    """One exposure on one chip: the unit of work."""
+
+    pointing: object
+    chip: object
+    window: object
+    wcs: object
+
+    @property
+    def key(self):
+        return self.pointing.obsid, self.chip.id
+
+    def footprint(self, margin_px=0.0):
+        """Return ra[4], dec[4] of the window's corners, grown by a margin."""
+        return self.wcs.footprint(self.window, margin_px)
+
+
+class OpenCampaign:
+    """A checked campaign. Raises InputError for any fault in its files."""
+
+    def __init__(self, file, output=None):
+        self.file = Path(file)
+        self.config = load_campaign(file)
+        self.paths = Paths(output or self.config.output)
+        self.camera = load_camera(self.config.instrument_folder)
+        self.pointings = {p.obsid: p for p in load_survey_table(self.config.survey_table, self.camera.orbit)}
+        self._check_selection()
+        types = sorted({p.type for p in self._selected_pointings()})
+        self.steps = {kind: SimSteps(self.config.observation_file(kind)) for kind in types}
+
+    def _check_selection(self):
+        select = self.config.select
+        unknown = sorted(set(select.obsids or ()) - set(self.pointings))
+        if unknown:
+            raise InputError(
+                "not in the survey table", file=self.file, key="select.obsids", value=unknown[0],
+                allowed=f"the {len(self.pointings)} obsids of {self.config.survey_table}",
+            )  # fmt: skip
+        unknown = sorted(set(select.filters or ()) - set(self.camera.filters))
+        if unknown:
+            raise InputError(
+                "unknown filter", file=self.file, key="select.filters", value=unknown[0],
+                allowed=", ".join(self.camera.filters),
+            )  # fmt: skip
+        detector = self.camera.detector
+        window = self.config.window
+        if isinstance(window, PixelWindow) and (window.x1 > detector.nx or window.y1 > detector.ny):
+            raise InputError(
+                "beyond the chip", file=self.file, key="window", value=window.model_dump(),
+                allowed=f"x1 <= {detector.nx}, y1 <= {detector.ny}",
+            )  # fmt: skip
+
+    def _selected_pointings(self):
+        select = self.config.select
+        wanted = set(select.obsids) if select.obsids is not None else None
+        return [
+            p for p in self.pointings.values() if p.type in select.types and (wanted is None or p.obsid in wanted)
+        ]
+
+    def _selected_chips(self):
+        select = self.config.select
+        camera = self.camera
+        groups = {"all": camera.chips.values(), "imaging": camera.imaging_chips, "slitless": camera.slitless_chips}
+        if isinstance(select.chips, str):
+            chips = groups[select.chips]
+        else:
+            chips = [camera.chips[i] for i in sorted(set(select.chips))]
+        return [chip for chip in chips if select.filters is None or chip.filter in select.filters]
+
+    @cached_property
+    def jobs(self):
+        """The jobs the campaign runs, in the order of the table and of the chips."""
+        pairs = ((p, chip) for p in self._selected_pointings() for chip in self._selected_chips())
+        jobs = tuple(job for pair in pairs if (job := self._job(*pair)))
+        if not jobs:
+            raise InputError("no (exposure, chip) pair is selected", file=self.file, key="select")
+        slitless = [j for j in jobs if j.chip.kind == "slitless" and j.pointing.type == "SCIE"]
+        if slitless:
+            raise InputError(
+                "science exposures of slitless chips cannot be simulated yet", file=self.file, key="select.chips",
+                value=slitless[0].chip.id, allowed="imaging",
+            )  # fmt: skip
+        return jobs
+
+    def job(self, obsid, chip_id):
+        """Return one job of the campaign. Raises InputError if the campaign does not select it."""
+        if obsid not in {p.obsid for p in self._selected_pointings()}:
+            raise InputError("not an exposure of this campaign", file=self.file, key="obsid", value=obsid)
+        chips = {chip.id: chip for chip in self._selected_chips()}
+        if chip_id not in chips:
+            raise InputError(
+                "not a chip of this campaign", file=self.file, key="chip", value=chip_id,
+                allowed=", ".join(map(str, sorted(chips))),
+            )  # fmt: skip
+        job = self._job(self.pointings[obsid], chips[chip_id])
+        if job is None:
+            raise InputError(
+                f"chip {chip_id} of exposure {obsid} does not touch select.region", file=self.file, key="select.region"
+            )
+        return job
+
+    def _job(self, pointing, chip):
+        wcs = ChipWCS(chip, pointing)
+        window = self._window(pointing, chip, wcs)
+        return None if window is None else Job(pointing, chip, window, wcs)
+
+    def _window(self, pointing, chip, wcs):
+        """Return the pixels of this pair to simulate, or None if it does not touch the region."""
+        full = chip.full_window
+        wanted = self.config.window
+        window = Window(**wanted.model_dump()) if isinstance(wanted, PixelWindow) else full
+        region = self.config.select.region
+        if region is None or pointing.type != "SCIE":
+            return window  # bias, dark and flat frames see no sky: a region does not choose among them
+        x, y = (float(v) for v in wcs.world_to_pixel(region.ra, region.dec))
+        radius = region.radius * 60.0 / self.camera.telescope.pixel_scale
+        near_x, near_y = (min(max(v, low), high) for v, low, high in ((x, window.x0, window.x1), (y, window.y0, window.y1)))
+        if not math.hypot(x - near_x, y - near_y) < radius:  # also when the region is behind the sky (NaN)
+            return None
+        if wanted != "region":
+            return window
+        x0, y0 = (max(math.floor(v - radius), 0) for v in (x, y))
+        x1, y1 = (min(math.ceil(v + radius) + 1, n) for v, n in ((x, full.x1), (y, full.y1)))
+        return Window(x0, x1, y0, y1) if x1 > x0 and y1 > y0 else None
+
+    def has_stage(self, pointing, stage):
+        """True if exposures of this type have layers in the stage (others skip it)."""
+        return bool(self.steps[pointing.type].stage(stage))
+
+    @property
+    def embedded(self):
+        return self.config.catalog.kind == "embedded"
+
+    @lru_cache(maxsize=None)  # noqa: B019 - one campaign lives as long as its process
+    def truth_bricks(self, obsid, chip_id):
+        """Return the truth bricks whose objects may reach this job's window."""
+        job = self._job_by_key[obsid, chip_id]
+        return tuple(int(pix) for pix in bricks_for(*job.footprint(), BRICK_MARGIN_DEG))
+
+    @cached_property
+    def _job_by_key(self):
+        return {job.key: job for job in self.jobs}
+
+    @cached_property
+    def science_jobs(self):
+        """The jobs that are measured: science exposures of imaging chips."""
+        return tuple(j for j in self.jobs if j.pointing.type == "SCIE" and j.chip.kind == "imaging")
+
+    @cached_property
+    def merge_bricks(self):
+        """Map each brick touched by a measured window to its jobs."""
+        bricks = {}
+        for job in self.science_jobs:
+            for pix in bricks_for(*job.footprint(), MERGE_MARGIN_DEG):
+                bricks.setdefault(int(pix), []).append(job)
+        return dict(sorted(bricks.items()))
+
+    def recipe(self, job):
+        """Return {name: digest} of everything that decides this job's pixels; recorded in each product."""
+        return {
+            "campaign": self.config.digest(),
+            "camera": self.camera.digest,
+            "layers": digest(self.steps[job.pointing.type].describe()),
+            "exposure": digest([str(job.pointing), str(job.window), job.chip.id]),
+        }

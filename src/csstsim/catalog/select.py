@@ -1,0 +1,156 @@
+"""Which objects reach a chip, how bright they are there and how large a stamp they need (paper, section 4.1).
+
+`bricks_for` finds the truth bricks around a footprint; `select_objects` turns a catalogue into the table of one
+chip in one exposure. Positions are the catalogue's for now: the margins already hold aberration and distortion.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from csstsim.catalog.base import Region
+from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
+from csstsim.catalog.photometry import rate_to_mag
+from csstsim.catalog.reach import POINT_MIN, REACH_MAX, galaxy_radius, point_reach
+from csstsim.catalog.table import BANDS, GALAXY, STAR
+from csstsim.universe.lensing import magnification
+
+NSIDE = 256
+ABERRATION_PX = 354  # 26": what is left of annual and orbital aberration once the pointing is apparent
+DISTORTION_PX = 200  # at the field's edge (paper, section 5.2)
+BRICK_MARGIN_DEG = (ABERRATION_PX + DISTORTION_PX + REACH_MAX) * 0.074 / 3600.0
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What a pixel's noise is made of, without objects."""
+
+    sky: float  # electron / s / pixel
+    dark: float  # electron / s / pixel
+    read_noise: float  # electron
+
+    def variance(self, exptime):
+        """Return the variance of one pixel [electron^2]."""
+        return (self.sky + self.dark) * exptime + self.read_noise**2
+
+
+def bricks_for(footprint_ra, footprint_dec, margin_deg=BRICK_MARGIN_DEG):
+    """Return the sorted NSIDE-256 nested pixels that touch a convex footprint grown by a margin.
+
+    Corners in order round the polygon [deg]; RA wrap and poles need no care. Some bricks that only come close
+    may be among them, none that touches is missing.
+    """
+    import healpy
+
+    vertices = _grow(_unit(footprint_ra, footprint_dec), np.radians(margin_deg))
+    return np.sort(healpy.query_polygon(NSIDE, vertices, inclusive=True, fact=16, nest=True))
+
+
+def region_for(footprint_ra, footprint_dec, margin_deg=BRICK_MARGIN_DEG):
+    """Return the `Region` a catalogue is asked for: the footprint with its margin, and its bricks."""
+    grown = _grow(_unit(footprint_ra, footprint_dec), np.radians(margin_deg))
+    ra = np.degrees(np.arctan2(grown[:, 1], grown[:, 0])) % 360.0
+    dec = np.degrees(np.arctan2(grown[:, 2], np.hypot(grown[:, 0], grown[:, 1])))
+    bricks = bricks_for(footprint_ra, footprint_dec, margin_deg)
+    return Region(tuple(ra.tolist()), tuple(dec.tolist()), tuple(bricks.tolist()))
+
+
+def _unit(ra, dec):
+    ra, dec = np.radians(ra), np.radians(dec)
+    return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
+
+
+def _grow(vertices, margin):
+    """Move every edge of a convex spherical polygon outwards by `margin` [rad] and meet the moved edges anew.
+
+    An edge moved by m is the small circle n.v = -sin m; the plane it lies in and its neighbour's meet in the
+    new corner's direction. Taken as great circles between these corners the polygon holds the small circles.
+    """
+    centre = vertices.mean(axis=0)
+    normals = np.cross(vertices, np.roll(vertices, -1, axis=0))
+    normals *= np.sign(normals @ centre)[:, None] / np.linalg.norm(normals, axis=1, keepdims=True)
+    corners = []
+    for before, after in zip(np.roll(normals, 1, axis=0), normals, strict=True):
+        # v = a before + b after + c (before x after) with v.before = v.after = -sin m, |v| = 1
+        cosine, along = before @ after, np.cross(before, after)
+        both = -np.sin(margin) / (1 + cosine) * (before + after)
+        along *= np.sign(along @ centre) / np.linalg.norm(along)
+        corners.append(both + np.sqrt(1 - both @ both) * along)
+    return np.array(corners)
+
+
+def select_objects(catalog, wcs, window, filter, telescope, exptime, noise, mag_limit=None):
+    """Return the ObjectTable of what reaches `window` of a chip, with the columns the renderer needs.
+
+    catalog: a CatalogBase; wcs: optics.wcs.ChipWCS; window: instrument.chip.Window; exptime in s; noise: Noise.
+    Added: ra_orig, dec_orig, x, y (0-based pixel), mag (this filter), flux0..3 (electron / s, magnified), reach
+    (pixel, half the side of the stamp), flags. mag_* are as observed, magnification included. Rows with a
+    value that cannot be used are kept, dark and flagged, if they lie on the window or nobody knows where they lie.
+    `meta` gets `dropped` (counts by reason) and `truth_hash`.
+    """
+    everything = catalog.table
+    rows, x, y = _near(everything, wcs, window)
+    table = everything.take(rows)
+    mu, thin = magnification(*(table[name] for name in ("kappa", "gamma1", "gamma2")))
+    extended, star = table["obj_type"] == GALAXY, table["obj_type"] == STAR
+    mu = np.where(star, 1.0, mu)
+    flux = catalog.load_fluxes(rows, filter, telescope) * mu[:, None]
+    bad = _unusable(table, flux, extended)
+    flux[bad] = 0.0
+    rate = flux.sum(axis=1)
+    mag = np.where(bad, np.nan, rate_to_mag(rate, filter, telescope))
+    reach, truncated = _reach(table, extended & ~bad, rate * exptime, noise.variance(exptime), filter, telescope)
+    flags = table["flags"] | np.where(bad, BAD_VALUE, 0) | np.where(truncated, TRUNCATED_STAMP, 0)
+    flags |= np.where(~star & ~thin & ~bad, STRONG_LENSING, 0)
+    touches = _touches(x, y, np.where(bad, 0, reach), window) | ~np.isfinite(table["ra"] + table["dec"])
+    faint = mag > (np.inf if mag_limit is None else mag_limit)
+    chosen = table.with_columns(
+        ra_orig=table["ra"], dec_orig=table["dec"], x=x, y=y, mag=mag.astype(np.float32),
+        **{f"mag_{band}": (table[f"mag_{band}"] - 2.5 * np.log10(mu)).astype(np.float32) for band in BANDS},
+        **{f"flux{i}": flux[:, i] for i in range(flux.shape[1])}, reach=reach, flags=flags.astype(np.int32),
+    ).take(touches & ~faint)  # fmt: skip
+    outside = len(everything) - int(touches.sum())
+    chosen.meta = {
+        "dropped": {"outside": outside, "faint": int((touches & faint).sum())},
+        "truth_hash": catalog.truth_hash,
+    }
+    return chosen
+
+
+def _near(table, wcs, window):
+    """Return the rows that could reach the window, or whose place is unknown, and their x, y."""
+    ra, dec = table["ra"], table["dec"]
+    located = np.isfinite(ra) & np.isfinite(dec)
+    x, y = np.full(len(table), np.nan), np.full(len(table), np.nan)
+    x[located], y[located] = wcs.world_to_pixel(ra[located], dec[located])
+    rows = np.flatnonzero(_touches(x, y, REACH_MAX, window) | ~located)
+    return rows, x[rows], y[rows]
+
+
+def _touches(x, y, reach, window):
+    """Whether the square [x +- reach] meets a pixel of the window; False for NaN."""
+    in_x = (x + reach >= window.x0 - 0.5) & (x - reach < window.x1 - 0.5)
+    return in_x & (y + reach >= window.y0 - 0.5) & (y - reach < window.y1 - 0.5)
+
+
+def _unusable(table, flux, extended):
+    """Whether a value that drawing needs is missing, not finite or impossible."""
+    bad = ~np.isfinite(flux).all(axis=1) | (flux < 0).any(axis=1) | ~np.isfinite(table["ra"] + table["dec"])
+    bad |= ~np.isin(table["obj_type"], (0, 1, 2)) | (np.abs(table["dec"]) > 90)
+    share, e = table["bulge_frac"], np.hypot(table["e1"], table["e2"])
+    shape = (share >= 0) & (share <= 1) & (e < 1)
+    for name, used in (("size_disk", share < 1), ("size_bulge", share > 0)):
+        shape &= ~used | ((table[name] > 0) & np.isfinite(table[name]))
+    shape &= np.isfinite(table["kappa"] + table["gamma1"] + table["gamma2"])
+    return bad | (extended & ~shape)
+
+
+def _reach(table, extended, electrons, variance, filter, telescope):
+    """Return (reach [pixel], truncated)."""
+    reach, truncated = point_reach(electrons, variance, filter, telescope)
+    reach[electrons <= 0] = POINT_MIN
+    if extended.any():
+        profile = galaxy_radius(table.take(extended), electrons[extended], variance, telescope.pixel_scale)
+        reach[extended] += profile
+        truncated = truncated | (reach > REACH_MAX)
+    return np.ceil(np.minimum(reach, REACH_MAX)).astype(np.int32), truncated

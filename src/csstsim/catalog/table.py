@@ -1,0 +1,155 @@
+"""ObjectTable: many astronomical objects as columns (a struct of arrays), kept in parquet files.
+
+A chip holds some 76,000 objects; one Python object each, with its own spectrum, cannot be fast. A
+`MockObject` (the paper's unit of input) is a view of one row.
+"""
+
+import json
+from collections.abc import Mapping
+
+import numpy as np
+
+from csstsim.atomic import atomic_path
+from csstsim.errors import InputError
+
+STAR, GALAXY, QUASAR = 0, 1, 2
+TYPES = ("star", "galaxy", "quasar")  # by obj_type
+BANDS = ("nuv", "u", "g", "r", "i", "z", "y")
+
+_META_KEY = b"csstsim"
+
+# Columns every catalogue has: type and the value where it gives none. NaN means "not known": a galaxy
+# without a size is flagged, one without a parallax is not.
+COLUMNS = {
+    "id": (np.int64, 0),
+    "obj_type": (np.int8, STAR),
+    "ra": (np.float64, np.nan),  # deg, ICRS
+    "dec": (np.float64, np.nan),
+    "z": (np.float32, 0.0),
+    **{f"mag_{band}": (np.float32, np.nan) for band in BANDS},  # AB, of the catalogue's spectrum
+    "teff": (np.float32, 0.0),  # K
+    "logg": (np.float32, 0.0),  # dex, cm / s2
+    "feh": (np.float32, 0.0),  # dex
+    "pmra": (np.float32, 0.0),  # mas / yr, includes cos(dec)
+    "pmdec": (np.float32, 0.0),
+    "rv": (np.float32, 0.0),  # km / s
+    "parallax": (np.float32, 0.0),  # mas
+    "av": (np.float32, 0.0),  # mag, Milky Way extinction
+    "size_disk": (np.float32, 0.0),  # arcsec, half-light radius (unlensed)
+    "size_bulge": (np.float32, 0.0),
+    "bulge_frac": (np.float32, 0.0),
+    "e1": (np.float32, 0.0),  # |e| = (a - b) / (a + b); axis 1 along +RA (east), axis 2 north
+    "e2": (np.float32, 0.0),
+    "kappa": (np.float32, 0.0),
+    "gamma1": (np.float32, 0.0),
+    "gamma2": (np.float32, 0.0),
+    "flags": (np.int32, 0),  # catalog.flags
+}
+
+
+class ObjectTable(Mapping):
+    """Named columns of equal length; `meta` is a JSON-like dict that travels with the table's files.
+
+    `len(table)` is the number of rows; iteration and `in` are over column names.
+    """
+
+    def __init__(self, columns, meta=None):
+        self._columns = {name: np.asarray(values) for name, values in columns.items()}
+        self.meta = dict(meta or {})
+        lengths = {name: len(values) for name, values in self._columns.items()}
+        if len(set(lengths.values())) > 1:
+            raise ValueError(f"columns of different length: {lengths}")
+        self._length = next(iter(lengths.values()), 0)
+
+    def __getitem__(self, name):
+        return self._columns[name]
+
+    def __iter__(self):
+        return iter(self._columns)
+
+    def __len__(self):
+        return self._length
+
+    def __contains__(self, name):
+        return name in self._columns
+
+    def __bool__(self):
+        return self._length > 0
+
+    def __eq__(self, other):
+        if not isinstance(other, ObjectTable):
+            return NotImplemented
+        same_names = list(self) == list(other)
+        return same_names and all(
+            a.dtype == b.dtype and a.tobytes() == b.tobytes() if a.dtype != object else np.array_equal(a, b)
+            for a, b in ((self[name], other[name]) for name in self)
+        )
+
+    __hash__ = None
+
+    @property
+    def names(self):
+        """Column names, in order."""
+        return tuple(self._columns)
+
+    def take(self, rows):
+        """Return the rows of an index array, slice or boolean mask, in that order."""
+        return ObjectTable({name: values[rows] for name, values in self._columns.items()}, self.meta)
+
+    def with_columns(self, **columns):
+        """Return a table with these columns added or replaced; the others are shared, not copied."""
+        return ObjectTable({**self._columns, **columns}, self.meta)
+
+    @classmethod
+    def complete(cls, columns, meta=None):
+        """Return a table with every column of COLUMNS in its type, absent ones at their default; extras follow.
+
+        A scalar stands for a whole column. Raises InputError for a value that does not fit its column.
+        """
+        sized = [np.asarray(v) for v in columns.values() if np.ndim(v)]
+        count = len(sized[0]) if sized else 0
+        full = {}
+        for name, (dtype, default) in COLUMNS.items():
+            try:
+                values = np.asarray(columns.get(name, default)).astype(dtype, copy=False)
+            except (TypeError, ValueError):
+                raise InputError("does not fit the column", key=name, allowed=np.dtype(dtype).name) from None
+            full[name] = values if values.ndim else np.full(count, values)
+        extras = {name: np.asarray(v) for name, v in columns.items() if name not in full}
+        return cls(full | {name: v if v.ndim else np.full(count, v) for name, v in extras.items()}, meta)
+
+    @classmethod
+    def concat(cls, tables):
+        """Return the tables one after another; all must have the columns of the first. Metadata of the first."""
+        tables = list(tables)
+        if not tables:
+            return cls.complete({})
+        return cls({name: np.concatenate([t[name] for t in tables]) for name in tables[0]}, tables[0].meta)
+
+    def write(self, path, meta=None):
+        """Write a parquet file (temporary name, fsync, rename) with `meta` (default: the table's) as JSON metadata."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        table = pa.table({name: pa.array(values) for name, values in self._columns.items()})
+        text = json.dumps(self.meta if meta is None else meta, sort_keys=True)
+        with atomic_path(path) as temporary:
+            pq.write_table(table.replace_schema_metadata({_META_KEY: text.encode()}), temporary, compression="zstd")
+
+    @classmethod
+    def read(cls, path, columns=None):
+        """Read a parquet file written by `write`. Raises InputError for a missing, truncated or foreign file."""
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        try:
+            table = pq.read_table(path, columns=columns, partitioning=None)
+        except (OSError, pa.ArrowException) as exc:
+            raise InputError(f"not a readable parquet file: {str(exc).splitlines()[0]}", file=path) from None
+        meta = (table.schema.metadata or {}).get(_META_KEY)
+        if meta is None:
+            raise InputError("a parquet file, but not one of csstsim's tables (no metadata)", file=path)
+        missing = set(columns or ()) - set(table.column_names)
+        if missing:
+            raise InputError("the table lacks a column", file=path, key=sorted(missing)[0])
+        return cls({name: table[name].to_numpy() for name in table.column_names}, json.loads(meta))

@@ -1,0 +1,153 @@
+"""The command line: parse, call, exit. One sub-command a rule of the workflow, plus plan, chip and check.
+
+Exit codes: 0 done; 2 the input cannot be used (one line says what, where and what is allowed).
+"""
+
+import functools
+import sys
+
+import click
+
+from csstsim import __version__
+from csstsim.errors import CsstsimError
+
+campaign_arg = click.argument("campaign", type=click.Path())
+obsid_opt = click.option("--obsid", required=True, help="Exposure, as in the survey table.")
+chip_opt = click.option("--chip", "chip_id", required=True, type=click.IntRange(1, 30), help="Chip number, 1 to 30.")
+brick_opt = click.option("--brick", "pix", required=True, type=click.IntRange(0, 786431), help="HEALPix NSIDE-256 pixel, nested.")  # fmt: skip
+
+
+class Group(click.Group):
+    """A click group whose input errors are one line and exit code 2."""
+
+    def invoke(self, ctx):
+        try:
+            return super().invoke(ctx)
+        except CsstsimError as error:
+            click.echo(f"csstsim: error: {error}", err=True)
+            sys.exit(2)
+
+
+@click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(__version__, prog_name="csstsim")
+def main():
+    """Simulate the CSST Survey Camera: a pointing table in; Level-0 files, truth and catalogues out.
+
+    \b
+    A first look:
+      csstsim plan config/campaign.yaml        what a campaign would do and cost
+      csstsim chip config/campaign.yaml --obsid 10100000001 --chip 8 --output results/one
+      snakemake --profile profiles/default --config campaign=config/campaign.yaml
+
+    The other commands are the stages of the workflow; each reads and writes the campaign's output folder.
+    """
+
+
+def stage(function):
+    """Open the campaign and pass it on, with this process's imports kept to what the command needs."""
+
+    @functools.wraps(function)
+    def command(campaign, **options):
+        from csstsim.campaign import OpenCampaign
+
+        return function(OpenCampaign(campaign, options.pop("output", None)), **options)
+
+    return campaign_arg(command)
+
+
+def job_command(name, text):
+    """Add the command of a per-chip stage: csstsim NAME CAMPAIGN --obsid X --chip N."""
+
+    def command(run, obsid, chip_id):
+        from csstsim import stages
+
+        getattr(stages, name)(run, run.job(obsid, chip_id))
+
+    command.__doc__ = text
+    main.command(name)(stage(obsid_opt(chip_opt(command))))
+
+
+def brick_command(name, text):
+    """Add the command of a per-brick step: csstsim NAME CAMPAIGN --brick P."""
+
+    def command(run, pix):
+        from csstsim import stages
+
+        getattr(stages, name)(run, pix)
+
+    command.__doc__ = text
+    main.command(name)(stage(brick_opt(command)))
+
+
+brick_command("truth", "Make one brick of the embedded True Universe.")
+job_command("select", "Find the objects that reach a chip, with positions and electrons per second.")
+job_command("render", "Draw the objects and the sky: expected electrons.")
+job_command("readout", "Turn electrons into DN: noise, overscan, bias, gain.")
+job_command("level0", "Digitise and write the Level-0 file and its truth table.")
+job_command("measure", "Detect and measure the sources of a Level-0 file.")
+brick_command("merge", "Merge the measurements of a brick: one row per source, all bands.")
+brick_command("validate", "Compare a merged brick with the truth.")
+
+
+@main.command()
+@stage
+@chip_opt
+def psf(run, chip_id):
+    """Make the PSF set of one chip."""
+    from csstsim import stages
+
+    stages.psf(run, chip_id)
+
+
+@main.command()
+@stage
+def report(run):
+    """Write the report: one web page with the validation of every brick."""
+    from csstsim import stages
+
+    stages.report(run)
+
+
+@main.command()
+@stage
+@obsid_opt
+@chip_opt
+@click.option("--output", type=click.Path(), help="Folder for the products [default: the campaign's].")
+def chip(run, obsid, chip_id):
+    """Run one chip in memory, from catalogue to Level-0 file.
+
+    Truth bricks and the PSF set that are missing are made first, in the output folder.
+    """
+    from csstsim import stages
+
+    stages.chip(run, run.job(obsid, chip_id), say=click.echo)
+
+
+@main.command()
+@stage
+def plan(run):
+    """Print what a campaign would do: exposures, chips, bricks, jobs, disk and CPU. Nothing is run."""
+    from csstsim.plan import print_plan
+
+    print_plan(run)
+
+
+@main.command()
+@stage
+def check(run):
+    """Check a campaign's files and say what it would run."""
+    click.echo(f"{run.file}: good; {len(run.jobs)} chips of {len({j.pointing.obsid for j in run.jobs})} exposures")
+
+
+@main.command()
+def layers():
+    """List the layers an observation file may name, with their parameters."""
+    import importlib
+
+    from csstsim.sim_steps import known_layers
+
+    for name in known_layers():
+        module = importlib.import_module(f"csstsim.layers.{name}")
+        click.echo(f"{name}  [{module.STAGE}, {' -> '.join(module.UNITS)}]\n    {module.__doc__.splitlines()[0]}")
+        for key, field in module.Param.model_fields.items():
+            click.echo(f"      {key} = {field.default}: {field.description}")

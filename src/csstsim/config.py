@@ -1,0 +1,227 @@
+"""Campaign and observation files as typed models, and the one way YAML is read.
+
+The models are the only source of keys, types, defaults and their description; config/README.md and
+config/schema/ are generated from them. Paths in a campaign file are relative to the directory the
+command runs in, as in Snakemake; null for `instrument`, `universe` or an observation means the one
+shipped in config/.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from csstsim.errors import InputError
+
+_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml parses ten times faster
+
+SHIPPED = Path(__file__).resolve().parents[2] / "config"
+
+ExposureType = Literal["SCIE", "BIAS", "DARK", "FLAT"]
+
+
+class Model(BaseModel):
+    """Base of every model read from a file: frozen, and an unknown key is an error."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+def read_yaml(path):
+    """Return the mapping in a YAML file; InputError if missing, unreadable or not a mapping."""
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as exc:
+        raise InputError(f"cannot read the file: {getattr(exc, 'strerror', None) or 'not UTF-8 text'}", file=path) from exc
+    try:
+        data = yaml.load(text, Loader=_LOADER)
+    except yaml.YAMLError as exc:
+        mark = getattr(exc, "problem_mark", None)
+        line = f"line {mark.line + 1}" if mark else None
+        raise InputError(f"not valid YAML: {getattr(exc, 'problem', exc)}", file=path, key=line) from exc
+    if not isinstance(data, dict):
+        raise InputError("the file must hold a mapping of keys", file=path, value=data)
+    return data
+
+
+def validate(model, data, file, key=()):
+    """Return `model` built from `data`; the first fault becomes an InputError naming file, key, value, allowed."""
+    try:
+        return model.model_validate(data)
+    except ValidationError as exc:
+        raise input_error(exc, model, file, key) from None
+
+
+def input_error(exc, model, file, key=()):
+    """Turn a pydantic ValidationError into an InputError about its first fault."""
+    fault = exc.errors()[0]
+    where = ".".join(str(part) for part in (*key, *fault["loc"]))
+    more = f" (and {exc.error_count() - 1} more)" if exc.error_count() > 1 else ""
+    if fault["type"] == "extra_forbidden":
+        allowed = ", ".join(_known_keys(model, fault["loc"][:-1]))
+        return InputError(f"unknown key{more}", file=file, key=where, value=fault["loc"][-1], allowed=allowed)
+    if fault["type"] == "missing":
+        return InputError(f"required key is missing{more}", file=file, key=where)
+    return InputError(fault["msg"][0].lower() + fault["msg"][1:] + more, file=file, key=where, value=fault["input"])
+
+
+def _known_keys(model, loc):
+    for part in loc:
+        field = model.model_fields.get(part) if isinstance(part, str) else None
+        inner = [t for t in _types(field.annotation) if isinstance(t, type) and issubclass(t, BaseModel)] if field else []
+        if not inner:
+            return []
+        model = inner[0]
+    return sorted(model.model_fields)
+
+
+def _types(annotation):
+    args = getattr(annotation, "__args__", ())
+    return [annotation, *(t for arg in args for t in _types(arg))]
+
+
+class Region(Model):
+    """A circle on the sky."""
+
+    ra: float = Field(ge=0, lt=360, description="centre, right ascension [deg, ICRS]")
+    dec: float = Field(ge=-90, le=90, description="centre, declination [deg, ICRS]")
+    radius: float = Field(gt=0, le=10800, description="radius [arcmin]")
+
+
+class Select(Model):
+    """Which (exposure, chip) pairs of the survey table to run."""
+
+    types: tuple[ExposureType, ...] = Field(("SCIE", "BIAS", "DARK", "FLAT"), description="exposure types")
+    obsids: tuple[str, ...] | None = Field(None, description="only these exposures; null = all")
+    chips: Literal["all", "imaging", "slitless"] | tuple[Annotated[int, Field(ge=1, le=30)], ...] = Field(
+        "imaging", description="chips by group or by number"
+    )
+    filters: tuple[str, ...] | None = Field(None, description="only chips behind these filters; null = all")
+    region: Region | None = Field(None, description="only pairs whose chip (or its window) touches this circle; null = all")
+
+
+class PixelWindow(Model):
+    """A rectangle of active pixels, the same on every chip: x0 <= x < x1, y0 <= y < y1."""
+
+    x0: int = Field(ge=0, description="first column")
+    x1: int = Field(gt=0, description="one past the last column")
+    y0: int = Field(ge=0, description="first row")
+    y1: int = Field(gt=0, description="one past the last row")
+
+    @field_validator("x1", "y1")
+    @classmethod
+    def _not_empty(cls, value, info):
+        low = info.data.get(info.field_name[0] + "0")
+        if low is not None and value <= low:
+            raise ValueError(f"must exceed {info.field_name[0]}0 = {low}")
+        return value
+
+
+class ConstantShear(Model):
+    """One convergence and shear for every galaxy (east, north axes)."""
+
+    kappa: float = Field(0.0, description="convergence")
+    gamma1: float = Field(0.0, description="shear along +RA")
+    gamma2: float = Field(0.0, description="shear at 45 deg, from +RA towards north")
+
+
+class CatalogConfig(Model):
+    """The True Universe: the embedded mock, or a user's CatalogBase by dotted path."""
+
+    kind: str = Field("embedded", description="'embedded', or module.path:ClassName of a CatalogBase of your own")
+    mag_limit: float | None = Field(
+        None, gt=0, description="faintest AB magnitude drawn, in the chip's own band; null = the whole truth"
+    )
+    lensing: ConstantShear = Field(ConstantShear(), description="constant lensing field of the embedded universe")
+    options: dict[str, Any] = Field({}, description="passed on to a catalogue of your own")
+
+
+class PsfConfig(Model):
+    """The PSF set made for the campaign."""
+
+    grid: int = Field(30, ge=2, le=60, description="nodes along each side of a chip; 30 is the release value")
+    beta: float = Field(2.0, gt=0, description="inverse-distance weighting: power of the distance")
+    neighbours: int = Field(4, ge=1, description="inverse-distance weighting: number of nodes")
+
+
+class ValidateConfig(Model):
+    """Thresholds of the report's gates; null = the gate is only reported."""
+
+    completeness_min: float | None = Field(0.95, ge=0, le=1, description="point sources found at S/N above snr_min")
+    snr_min: float = Field(5.0, gt=0, description="S/N (from truth) above which completeness is judged")
+    mag_bias_max: float | None = Field(0.02, gt=0, description="|median magnitude residual| of stars at S/N > 20 [mag]")
+
+
+class Campaign(Model):
+    """What to run: everything that decides the products, and nothing about the machine."""
+
+    schema_version: Literal[1] = Field(1, description="version of this file's layout")
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="short name, used in headers")
+    survey_table: Path = Field(description="pointing table (CSV, survey_tables/README.md)")
+    output: Path = Field(description="folder that receives everything the campaign makes")
+    seed: int = Field(ge=0, description="the only source of randomness")
+    select: Select = Select()
+    window: PixelWindow | Literal["region"] | None = Field(
+        None, description="null = whole chips; 'region' = the pixels around select.region; or x0, x1, y0, y1"
+    )
+    observations: dict[ExposureType, Path] = Field(
+        {}, description="layer list per exposure type; types left out use config/observations/"
+    )
+    instrument: Path | None = Field(None, description="folder with the camera's data files; null = config/instrument/")
+    universe: Path | None = Field(None, description="numbers of the embedded universe; null = config/universe.yaml")
+    catalog: CatalogConfig = CatalogConfig()
+    psf: PsfConfig = PsfConfig()
+    fidelity: Literal["reference"] = Field("reference", description="rendering preset (render/)")
+    validation: ValidateConfig = ValidateConfig()
+
+    def observation_file(self, exposure_type):
+        """Return the path of the layer list for 'SCIE', 'BIAS', 'DARK' or 'FLAT'."""
+        names = {"SCIE": "science", "BIAS": "bias", "DARK": "dark", "FLAT": "led_flat"}
+        return self.observations.get(exposure_type, SHIPPED / "observations" / f"{names[exposure_type]}.yaml")
+
+    @property
+    def instrument_folder(self):
+        return self.instrument or SHIPPED / "instrument"
+
+    @property
+    def universe_file(self):
+        return self.universe or SHIPPED / "universe.yaml"
+
+    def digest(self):
+        """Return 16 hex digits of what decides a chip's pixels: not which chips run, not folders, not thresholds."""
+        return digest(self.model_dump(mode="json", include={"seed", "catalog", "psf", "fidelity"}))
+
+
+class Observation(Model):
+    """How an exposure is made: the ordered list of layers, each a one-key mapping keyword -> obs_param."""
+
+    layers: tuple[dict[str, dict[str, Any] | None], ...] = Field(min_length=1, description="layers in order")
+
+    @field_validator("layers")
+    @classmethod
+    def _one_key_each(cls, value):
+        for entry in value:
+            if len(entry) != 1:
+                raise ValueError(f"each layer is one 'keyword: parameters' entry, not {sorted(entry)}")
+        return value
+
+
+def load_campaign(path):
+    """Read and check a campaign file. Raises InputError."""
+    campaign = validate(Campaign, read_yaml(path), path)
+    if campaign.window == "region" and campaign.select.region is None:
+        raise InputError("'region' needs select.region", file=path, key="window", value="region")
+    return campaign
+
+
+def load_observation(path):
+    """Read and check an observation file (layers' own parameters are checked by SimSteps). Raises InputError."""
+    return validate(Observation, read_yaml(path), path)
+
+
+def digest(data):
+    """Return 16 hex digits of the SHA-256 of JSON-like data, independent of key order."""
+    return hashlib.sha256(json.dumps(data, sort_keys=True, default=str).encode()).hexdigest()[:16]

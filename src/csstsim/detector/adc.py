@@ -1,0 +1,27 @@
+"""The analogue-digital converter (paper, Appendix B item 15): nearest integer, held within its range."""
+
+import numpy as np
+
+_ROWS = 64
+
+
+def digitise(image, adc_max=65535):
+    """Return (uint16 image, pixels held at adc_max, pixels held at 0) of float32 DN.
+
+    Rounds to nearest (ties to even), never wraps. Raises ValueError if a value is not finite.
+    """
+    if not 0 < adc_max <= 65535:
+        raise ValueError(f"adc_max = {adc_max} does not fit 16 bits")
+    digits = np.empty(image.shape, np.uint16)
+    high = low = bad = 0
+    for start in range(0, image.shape[0], _ROWS):
+        rows = slice(start, start + _ROWS)
+        value = np.rint(image[rows])
+        bad += value.size - int(np.count_nonzero(np.isfinite(value)))
+        high += int(np.count_nonzero(value > adc_max))
+        low += int(np.count_nonzero(value < 0))
+        if not bad:
+            digits[rows] = np.clip(value, 0, adc_max, out=value)
+    if bad:
+        raise ValueError(f"{bad} pixel(s) to digitise are not finite")
+    return digits, high, low

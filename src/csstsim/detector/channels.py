@@ -1,0 +1,291 @@
+"""Readout geometry: how active pixels become sixteen channels with prescan and overscan.
+
+The detector is read through 2 x 8 amplifiers at its lower and upper edges (paper, section 2 and Appendix B,
+item 11). Each channel is [prescan, active, overscan] columns as its amplifier sees them, and its active rows
+are followed by parallel overscan rows. Three arrangements of the same pixels are used:
+
+mosaic    as the silicon lies: x = 4 x [prescan, active, overscan] then 4 x [overscan, active, prescan],
+          y = [active, overscan | overscan, active]; 10000 x 9400 for the real detector
+channels  the Level-0 arrangement: every channel turned so that its amplifier is at (0, 0), side by side in the
+          order lower half left to right, then upper half right to left; 20000 x 4700
+frame     the mosaic without the rows and columns that a windowed readout skips. A channel that the window
+          touches keeps all its prescan and overscan columns and its half's overscan rows, so the kept set is
+          rows x columns and the frame is a compact rectangle
+
+Arrays and integers only. Not modelled: the time order of reading, electronic crosstalk.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+LAYOUTS = ("channels", "mosaic")
+GEOMETRY = (
+    "nx", "ny", "channels_x", "channels_y", "channel_nx", "channel_ny", "prescan", "overscan", "parallel_overscan",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Block:
+    """One channel in a frame. A region is a pair of slices (rows, columns) of the frame, in mosaic orientation."""
+
+    channel: int  # 1..16, Level-0 order
+    half: int  # 0 lower, 1 upper
+    slot: int  # 0..7, left to right
+    rows: slice
+    cols: slice
+    active: tuple[slice, slice]
+    prescan: tuple[slice, slice]  # beside the active rows
+    serial_overscan: tuple[slice, slice]  # beside the active rows
+    parallel_overscan: tuple[slice, slice]  # beyond the active columns
+    image: tuple[slice, slice]  # where `active` lies in the active image of the window
+    flip_x: bool  # the stored channel is mirrored with respect to the mosaic
+    flip_y: bool
+    stored_x0: int  # first column in the `channels` layout
+
+    @property
+    def whole(self):
+        """Rows and columns of the whole block, prescan and overscan included."""
+        return self.rows, self.cols
+
+
+@dataclass(frozen=True)
+class ReadoutFrame:
+    """The pixels that a readout of `window` = (x0, x1, y0, y1), half-open active pixels, produces.
+
+    Raises ValueError for a window outside the chip or numbers that do not make a 2 x even detector.
+    """
+
+    window: tuple[int, int, int, int]
+    nx: int
+    ny: int
+    channels_x: int
+    channels_y: int
+    channel_nx: int
+    channel_ny: int
+    prescan: int
+    overscan: int
+    parallel_overscan: int
+
+    def __post_init__(self):
+        if self.channels_y != 2 or self.channels_x % 2 or self.channels_x < 2:
+            raise ValueError(f"{self.channels_y} x {self.channels_x} channels; need 2 rows of an even number")
+        if self.nx != self.channels_x * self.channel_nx or self.ny != self.channels_y * self.channel_ny:
+            raise ValueError(f"channels of {self.channel_nx} x {self.channel_ny} do not tile {self.nx} x {self.ny}")
+        x0, x1, y0, y1 = self.window
+        if not (0 <= x0 < x1 <= self.nx and 0 <= y0 < y1 <= self.ny):
+            raise ValueError(f"window {self.window} is empty or outside the chip of {self.nx} x {self.ny} pixels")
+
+    @classmethod
+    def of(cls, detector, window):
+        """Return the frame of anything with a detector's geometry attributes; window None reads the whole chip."""
+        numbers = {name: int(getattr(detector, name)) for name in GEOMETRY}
+        if window is None:
+            window = (0, numbers["nx"], 0, numbers["ny"])
+        elif not isinstance(window, tuple):
+            window = (window.x0, window.x1, window.y0, window.y1)
+        return cls(window=tuple(map(int, window)), **numbers)
+
+    @property
+    def n_channels(self):
+        return self.channels_x * self.channels_y
+
+    @property
+    def block_nx(self):
+        return self.prescan + self.channel_nx + self.overscan
+
+    @property
+    def block_ny(self):
+        return self.channel_ny + self.parallel_overscan
+
+    @property
+    def shape(self):
+        """(rows, columns) of the frame."""
+        return len(self.rows), len(self.cols)
+
+    def stored_shape(self, layout):
+        """(rows, columns) of the whole detector in 'channels' or 'mosaic' layout, whatever the window."""
+        if layout == "channels":
+            return self.block_ny, self.block_nx * self.n_channels
+        if layout == "mosaic":
+            return self.block_ny * self.channels_y, self.block_nx * self.channels_x
+        raise ValueError(f"unknown layout {layout!r}; known: {', '.join(LAYOUTS)}")
+
+    @cached_property
+    def rows(self):
+        """Mosaic row of each kept row, increasing (int array)."""
+        return np.concatenate([np.r_[low, high] if half == 0 else np.r_[high, low] for half, low, high in self._halves])
+
+    @cached_property
+    def cols(self):
+        """Mosaic column of each kept column, increasing (int array)."""
+        return np.concatenate([np.concatenate(parts) for _, parts in self._slots])
+
+    @cached_property
+    def _halves(self):
+        """(half, active mosaic rows, overscan mosaic rows) of the touched halves."""
+        halves = []
+        for half in range(2):
+            low, high = _overlap(self.window[2:], half, self.channel_ny)
+            if low < high:
+                first = half * (self.block_ny + self.parallel_overscan)  # mosaic row of the half's first active row
+                scan = np.arange(self.parallel_overscan) + self.channel_ny + half * self.parallel_overscan
+                halves.append((half, np.arange(first + low, first + high), scan))
+        return halves
+
+    @cached_property
+    def _slots(self):
+        """(slot, [left, active, right] mosaic columns) of the touched slots."""
+        slots = []
+        for slot in range(self.channels_x):
+            low, high = _overlap(self.window[:2], slot, self.channel_nx)
+            if low < high:
+                left, right = self.prescan, self.overscan
+                if self._mirrored(slot):
+                    left, right = right, left
+                x = slot * self.block_nx
+                first, end = x + left, x + left + self.channel_nx
+                slots.append((slot, [np.arange(x, first), np.arange(first + low, first + high), end + np.arange(right)]))
+        return slots
+
+    def _mirrored(self, slot):
+        return slot >= self.channels_x // 2
+
+    @cached_property
+    def blocks(self):
+        """The touched channels as `Block`s, in Level-0 order."""
+        blocks, row = [], 0
+        for half, active, scan in self._halves:
+            parts = [active, scan] if half == 0 else [scan, active]
+            spans = _spans(row, parts)
+            y_active, y_scan = spans if half == 0 else spans[::-1]
+            row = spans[-1].stop
+            col = 0
+            for slot, parts in self._slots:
+                x_left, x_active, x_right = _spans(col, parts)
+                col = x_right.stop
+                blocks.append(self._block(half, slot, (y_active, y_scan), (x_left, x_active, x_right)))
+        return sorted(blocks, key=lambda block: block.channel)
+
+    def _block(self, half, slot, y, x):
+        (y_active, y_scan), (x_left, x_active, x_right) = y, x
+        mirrored = self._mirrored(slot)
+        x_pre, x_over = (x_right, x_left) if mirrored else (x_left, x_right)
+        number = self.channels_x * half + (self.channels_x - 1 - slot if half else slot)
+        x0, _, y0, _ = self.window
+        y_low, y_high = _overlap(self.window[2:], half, self.channel_ny, half * self.channel_ny - y0)
+        x_low, x_high = _overlap(self.window[:2], slot, self.channel_nx, slot * self.channel_nx - x0)
+        return Block(
+            channel=number + 1,
+            half=half,
+            slot=slot,
+            rows=slice(min(y_active.start, y_scan.start), max(y_active.stop, y_scan.stop)),
+            cols=slice(x_left.start, x_right.stop),
+            active=(y_active, x_active),
+            prescan=(y_active, x_pre),
+            serial_overscan=(y_active, x_over),
+            parallel_overscan=(y_scan, x_active),
+            image=(slice(y_low, y_high), slice(x_low, x_high)),
+            flip_x=mirrored,
+            flip_y=half == 1,
+            stored_x0=number * self.block_nx,
+        )
+
+    def embed(self, image):
+        """Return a frame with the active `image` (shape of the window) in place and zeros around it."""
+        frame = np.zeros(self.shape, image.dtype)
+        for block in self.blocks:
+            frame[block.active] = image[block.image]
+        return frame
+
+    def active(self, frame):
+        """Return the active pixels of `frame` as one image (shape of the window): the inverse of `embed`."""
+        x0, x1, y0, y1 = self.window
+        image = np.empty((y1 - y0, x1 - x0), frame.dtype)
+        for block in self.blocks:
+            image[block.image] = frame[block.active]
+        return image
+
+    def to_stored(self, frame, layout):
+        """Return the whole detector in `layout`; pixels that were not read out are 0."""
+        if frame.shape != self.shape:
+            raise ValueError(f"frame of shape {frame.shape}; the readout gives {self.shape}")
+        stored = np.zeros(self.stored_shape(layout), frame.dtype)
+        for in_frame, in_stored in self.pieces(layout):
+            stored[in_stored] = frame[in_frame]
+        return stored
+
+    def from_stored(self, stored, layout):
+        """Return the frame held in a stored array: the inverse of `to_stored`."""
+        if stored.shape != self.stored_shape(layout):
+            raise ValueError(f"stored array of shape {stored.shape}; expected {self.stored_shape(layout)}")
+        frame = np.empty(self.shape, stored.dtype)
+        for in_frame, in_stored in self.pieces(layout):
+            frame[in_frame] = stored[in_stored]
+        return frame
+
+    def pieces(self, layout):
+        """Yield (frame region, stored region), pairs of slices; a mirrored stored axis has step -1."""
+        for block in self.blocks:
+            y_parts = _runs(self.rows[block.rows], block.rows.start)
+            x_parts = _runs(self.cols[block.cols], block.cols.start)
+            for y_frame, y_mosaic in y_parts:
+                for x_frame, x_mosaic in x_parts:
+                    yield (y_frame, x_frame), self.stored_region(block, (y_mosaic, x_mosaic), layout)
+
+    def stored_region(self, block, mosaic_region, layout):
+        """Return the slices of the stored array that hold a region of the mosaic inside `block`."""
+        if layout == "mosaic":
+            return mosaic_region
+        self.stored_shape(layout)
+        y, x = mosaic_region
+        y = _local(y, block.half * self.block_ny, self.block_ny, block.flip_y, 0)
+        return y, _local(x, block.slot * self.block_nx, self.block_nx, block.flip_x, block.stored_x0)
+
+    def stored_axis(self, block, layout):
+        """Return ((x0, step_x), (y0, step_y)): stored pixel (X, Y), 0-based, holds chip pixel (x0 + step_x X, ...)."""
+        first_x, first_y = block.slot * self.channel_nx, block.half * self.channel_ny
+        if layout == "mosaic":
+            lead_x = self.overscan if block.flip_x else self.prescan
+            lead_y = 2 * self.parallel_overscan if block.flip_y else 0
+            return (first_x - block.slot * self.block_nx - lead_x, 1), (-lead_y, 1)
+        self.stored_shape(layout)
+        x = block.stored_x0 + self.prescan  # stored column of the first pixel to reach the amplifier
+        return (
+            (first_x + self.channel_nx - 1 + x, -1) if block.flip_x else (first_x - x, 1),
+            (first_y + self.channel_ny - 1, -1) if block.flip_y else (first_y, 1),
+        )
+
+
+def _overlap(bounds, index, size, shift=0):
+    """Return the part of half-open `bounds` in tile `index`, counted from the tile's start, plus `shift`."""
+    low = max(bounds[0] - index * size, 0)
+    return low + shift, min(bounds[1] - index * size, size) + shift
+
+
+def _spans(start, parts):
+    spans = []
+    for part in parts:
+        spans.append(slice(start, start + len(part)))
+        start += len(part)
+    return spans
+
+
+def _runs(index, start):
+    """Split increasing integers into runs of neighbours: [(slice in the frame, slice of values)]."""
+    cuts = np.flatnonzero(np.diff(index) != 1) + 1
+    edges = [0, *cuts.tolist(), len(index)]
+    return [
+        (slice(start + a, start + b), slice(int(index[a]), int(index[b - 1]) + 1))
+        for a, b in zip(edges[:-1], edges[1:], strict=True)
+    ]
+
+
+def _local(part, start, size, flip, offset):
+    """Return a mosaic slice as a slice of the stored block that begins at `offset`, mirrored when `flip`."""
+    low, high = part.start - start, part.stop - start
+    if not flip:
+        return slice(offset + low, offset + high)
+    stop = offset + size - 1 - high
+    return slice(offset + size - 1 - low, stop if stop >= 0 else None, -1)

@@ -1,0 +1,150 @@
+"""The camera: every data file of an instrument folder, read and checked as one frozen object."""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from csstsim.errors import InputError
+from csstsim.instrument.chip import Chip, Detector
+from csstsim.instrument.filter import GRID, Filter, sample_curve
+from csstsim.instrument.load import build, folder_digest, read_data
+from csstsim.instrument.orbit import Orbit
+from csstsim.instrument.pointing import parse_utc
+from csstsim.instrument.telescope import Telescope
+
+KINDS = ("imaging", "slitless")
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """The Survey Camera as its data files describe it; `digest` names their content."""
+
+    chips: dict[int, Chip]
+    filters: dict[str, Filter]
+    telescope: Telescope
+    orbit: Orbit
+    detector: Detector
+    keywords: list[dict[str, Any]]  # level-0 header entries of level0_keywords.yaml; empty without the file
+    psf: dict[str, Any]  # psf.yaml; empty without the file
+    folder: Path
+    digest: str
+
+    @property
+    def imaging_chips(self):
+        """Chips behind the imaging filters, by number."""
+        return [chip for chip in self.chips.values() if chip.kind == "imaging"]
+
+    @property
+    def slitless_chips(self):
+        """Chips behind the gratings, by number."""
+        return [chip for chip in self.chips.values() if chip.kind == "slitless"]
+
+
+def load_camera(folder):
+    """Read an instrument folder (config/instrument/README.md). Raises InputError naming file, key and value."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise InputError("no such instrument folder", file=folder)
+    detector = _detector(folder / "detector.yaml")
+    filters = _filters(folder / "filters.yaml")
+    telescope, orbit = load_telescope(folder / "telescope.yaml")
+    keywords, psf = folder / "level0_keywords.yaml", folder / "psf.yaml"
+    return Camera(
+        chips=_chips(folder / "chips.yaml", filters, detector, telescope),
+        filters=filters,
+        telescope=telescope,
+        orbit=orbit,
+        detector=detector,
+        keywords=_only_list(keywords) if keywords.exists() else [],
+        psf=read_data(psf) if psf.exists() else {},
+        folder=folder,
+        digest=folder_digest(folder),
+    )
+
+
+def _detector(path):
+    sections = [section for section in read_data(path).values() if isinstance(section, dict)]
+    detector = build(Detector, {key: value for section in sections for key, value in section.items()}, path)
+    for axis in ("x", "y"):
+        n, channels, size = (getattr(detector, name) for name in (f"n{axis}", f"channels_{axis}", f"channel_n{axis}"))
+        if min(n, channels, size) < 1 or channels * size != n:
+            rule = f"channels_{axis} * channel_n{axis} = {channels * size}"
+            raise InputError("does not fit the channels", file=path, key=f"n{axis}", value=n, allowed=rule)
+    if detector.channels_x % 2:
+        raise InputError("half the columns read out to each side", file=path, key="channels_x", allowed="even numbers")
+    if detector.channels_y != 2:
+        raise InputError("half the rows read out to each side", file=path, key="channels_y", allowed="2")
+    _positive(detector, ("gain", "adc_max", "pixel_um", "full_well"), path)
+    _positive(detector, (f.name for f in fields(Detector)), path, or_zero=True)
+    return detector
+
+
+def load_telescope(path):
+    """Read telescope.yaml: (Telescope, Orbit). Raises InputError."""
+    data = read_data(path)
+    telescope = build(Telescope, data.get("telescope"), path, "telescope")
+    if telescope.parity not in (1, -1):
+        raise InputError("unknown parity", file=path, key="telescope.parity", value=telescope.parity, allowed="1, -1")
+    _positive(telescope, ("diameter_m", "focal_length_m", "pixel_scale", "shutter_span_mm"), path)
+    orbit = build(Orbit, data.get("orbit"), path, "orbit")
+    try:
+        parse_utc(orbit.epoch)
+    except ValueError:
+        raise InputError("not an ISO UTC time", file=path, key="orbit.epoch", value=orbit.epoch) from None
+    _positive(orbit, ("altitude_km",), path)
+    return telescope, orbit
+
+
+def _positive(record, names, path, or_zero=False):
+    for name in names:
+        value = getattr(record, name)
+        if not (value > 0 or (or_zero and value == 0)):
+            allowed = "0 or more" if or_zero else "more than 0"
+            raise InputError("out of range", file=path, key=name, value=value, allowed=allowed)
+
+
+def _filters(path):
+    filters = {}
+    for name, entry in read_data(path).items():
+        entry = dict(entry) if isinstance(entry, dict) else {}
+        key = f"{name}.nodes"
+        try:
+            nodes = np.asarray(entry.pop("nodes", ()), dtype=float)
+        except (TypeError, ValueError):
+            nodes = np.empty(0)
+        if nodes.ndim != 2 or nodes.shape[1] != 2 or len(nodes) < 2 or not np.isfinite(nodes).all():
+            raise InputError("must be a list of (angstrom, throughput) pairs", file=path, key=key)
+        if (np.diff(nodes[:, 0]) <= 0).any() or nodes[0, 0] < GRID[0] or nodes[-1, 0] > GRID[-1]:
+            raise InputError("wavelengths must rise, within 2000-11000 A", file=path, key=key)
+        if (nodes[:, 1] < 0).any() or (nodes[:, 1] > 1).any() or not (nodes[:, 1] > 0).any():
+            raise InputError("throughput must lie in 0..1 and not be zero everywhere", file=path, key=key)
+        kind = entry.get("kind")
+        if kind not in KINDS:
+            raise InputError("unknown kind", file=path, key=f"{name}.kind", value=kind, allowed=", ".join(KINDS))
+        curve = {"wavelength": GRID, "throughput": sample_curve(nodes)}
+        filters[name] = build(Filter, entry, path, name, name=name, **curve)
+    return filters
+
+
+def _chips(path, filters, detector, telescope):
+    chips = {}
+    for i, row in enumerate(_only_list(path)):
+        key = f"chips[{i}]"
+        name = row.get("filter") if isinstance(row, dict) else None
+        if name not in filters:
+            raise InputError("unknown filter", file=path, key=f"{key}.filter", value=name, allowed=", ".join(filters))
+        chip = build(Chip, row, path, key, kind=filters[name].kind, detector=detector, telescope=telescope)
+        if chip.id in chips or not 1 <= chip.id <= 30:
+            raise InputError("chip ids are distinct, 1..30", file=path, key=f"{key}.id", value=chip.id)
+        chips[chip.id] = chip
+    return dict(sorted(chips.items()))
+
+
+def _only_list(path):
+    """Return the one list that the file's sections hold."""
+    lists = [value for value in read_data(path).values() if isinstance(value, list)]
+    if len(lists) != 1:
+        raise InputError(f"the file must hold one list, not {len(lists)}", file=path)
+    return lists[0]

@@ -1,0 +1,104 @@
+"""Reading the camera's data files: YAML in which every number carries its source and confidence.
+
+Two forms are understood, and a number outside both is an error:
+
+    gain: {value: 1.1, unit: e-/DN, source: "Paper 5.5", confidence: S}
+
+and a section with `source` and `confidence` of its own, which covers everything below it; if it holds
+`values`, the section unwraps to them, else to its other keys (`unit` and `note` go as well). Confidence is S
+(seen in a public source), D (derived from S), K (known from the literature) or E (estimate), with '-low' or
+'-medium' added, and joined by '/' or '+' where parts differ.
+"""
+
+import hashlib
+import re
+from pathlib import Path
+
+from csstsim.config import read_yaml
+from csstsim.errors import InputError
+
+_PROVENANCE = ("source", "confidence")
+_ABOUT = (*_PROVENANCE, "unit", "note")
+_CODE = re.compile(r"[SDKE](-low|-medium)?([/+][SDKE](-low|-medium)?)*")
+
+
+def read_data(path):
+    """Return the content of a data file with each number's provenance checked and taken off.
+
+    Raises InputError, naming file and key, for an unreadable file, a number without source and
+    confidence, or an unknown confidence code.
+    """
+    return _unwrap(read_yaml(path), Path(path), key="", covered=False)
+
+
+def _unwrap(node, path, key, covered):
+    if isinstance(node, dict):
+        covered = _check(node, path, key) or covered
+        for name in ("value", "values"):
+            if name in node:
+                if not covered:
+                    raise InputError("source and confidence are missing", file=path, key=key)
+                return _unwrap(node[name], path, _join(key, name), covered)
+        inner = {k: v for k, v in node.items() if not (covered and k in _ABOUT)}
+        return {k: _unwrap(v, path, _join(key, k), covered) for k, v in inner.items()}
+    if isinstance(node, list):
+        return [_unwrap(item, path, f"{key}[{i}]", covered) for i, item in enumerate(node)]
+    if isinstance(node, int | float) and not isinstance(node, bool) and not covered:
+        raise InputError("a number without source and confidence", file=path, key=key, value=node)
+    return node
+
+
+def _check(node, path, key):
+    """Return whether this mapping states its provenance; InputError if it does so by half or with a wrong code."""
+    stated = [name for name in _PROVENANCE if node.get(name) not in (None, "")]
+    if len(stated) == 1:
+        missing = next(name for name in _PROVENANCE if name not in stated)
+        raise InputError(f"{missing} is missing beside {stated[0]}", file=path, key=key)
+    if stated and not _CODE.fullmatch(str(node["confidence"])):
+        allowed = "S, D, K, E, each with -low or -medium, joined by / or +"
+        raise InputError(
+            "unknown code", file=path, key=_join(key, "confidence"), value=node["confidence"], allowed=allowed
+        )
+    return bool(stated)
+
+
+def _join(key, name):
+    return f"{key}.{name}" if key else str(name)
+
+
+def build(cls, data, path, key="", **fixed):
+    """Return dataclass `cls` from a mapping and the `fixed` fields that do not come from the file.
+
+    Raises InputError for a missing or unknown key or a wrong type.
+    """
+    if not isinstance(data, dict):
+        raise InputError("must be a mapping", file=path, key=key, value=data)
+    wanted = {name: f.type for name, f in cls.__dataclass_fields__.items() if name not in fixed}
+    allowed = ", ".join(sorted(wanted))
+    for name in data:
+        if name not in wanted:
+            raise InputError("unknown key", file=path, key=_join(key, name), value=name, allowed=allowed)
+    for name in wanted:
+        if name not in data:
+            raise InputError("required key is missing", file=path, key=_join(key, name))
+    return cls(**{n: _typed(data[n], kind, path, _join(key, n)) for n, kind in wanted.items()}, **fixed)
+
+
+def _typed(value, kind, path, key):
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if kind is float and number:
+        return float(value)
+    if kind in (int, str) and type(value) is kind:
+        return value
+    raise InputError(f"must be {kind.__name__}", file=path, key=key, value=value)
+
+
+def folder_digest(folder):
+    """Return 16 hex digits of the SHA-256 of every data file below `folder` (names and bytes; READMEs left out)."""
+    folder = Path(folder)
+    total = hashlib.sha256()
+    for path in sorted(p for p in folder.rglob("*") if p.is_file() and p.suffix != ".md"):
+        content = path.read_bytes()
+        total.update(f"{path.relative_to(folder).as_posix()}\0{len(content)}\0".encode())
+        total.update(content)
+    return total.hexdigest()[:16]

@@ -1,0 +1,63 @@
+"""Where the spacecraft is when the survey table does not say: a circular orbit whose node precesses under J2.
+
+Source: Vallado, Fundamentals of Astrodynamics, secular J2 rate of the node; altitude and inclination of the
+Tiangong orbit that CSST shares. The phase is tied to a fixed epoch, so the same UTC time always gives the
+same state. Left out: drag and reboosts, the J2 change of the argument of latitude, leap seconds and the
+precession of the Earth's axis against GCRS: the state is right in size and direction statistics, not an ephemeris.
+"""
+
+import math
+from dataclasses import dataclass
+
+from csstsim.instrument.pointing import mjd_utc
+from csstsim.units import EARTH_GM_KM3_S2, EARTH_J2, EARTH_RADIUS_KM
+
+_DAY_S = 86_400.0
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A circular orbit; `node` and `phase` (argument of latitude) hold at `epoch` (ISO UTC)."""
+
+    altitude_km: float
+    inclination: float  # deg
+    node: float  # deg
+    phase: float  # deg
+    epoch: str
+
+    @property
+    def radius_km(self):
+        return EARTH_RADIUS_KM + self.altitude_km
+
+    @property
+    def mean_motion(self):
+        """rad / s."""
+        return math.sqrt(EARTH_GM_KM3_S2 / self.radius_km**3)
+
+    @property
+    def period_s(self):
+        return 2 * math.pi / self.mean_motion
+
+    @property
+    def node_rate(self):
+        """Precession of the ascending node, rad / s (negative: westward)."""
+        ratio = (EARTH_RADIUS_KM / self.radius_km) ** 2
+        return -1.5 * EARTH_J2 * self.mean_motion * ratio * math.cos(math.radians(self.inclination))
+
+    def state(self, time):
+        """Return position [km] and velocity [km/s], tuples of 3, geocentric GCRS, at an ISO UTC time or an MJD."""
+        mjd = mjd_utc(time) if isinstance(time, str) else float(time)
+        t = (mjd - mjd_utc(self.epoch)) * _DAY_S
+        u = math.radians(self.phase) + self.mean_motion * t
+        node = math.radians(self.node) + self.node_rate * t
+        inclination = math.radians(self.inclination)
+        cu, su = math.cos(u), math.sin(u)
+        cn, sn = math.cos(node), math.sin(node)
+        ci, si = math.cos(inclination), math.sin(inclination)
+        radial = (cn * cu - sn * su * ci, sn * cu + cn * su * ci, su * si)
+        along = (-cn * su - sn * cu * ci, -sn * su + cn * cu * ci, cu * si)
+        x, y, z = (self.radius_km * c for c in radial)
+        # The node's own turn about the pole adds up to 8 m/s: with it, velocity is the derivative of position.
+        drift = (-self.node_rate * y, self.node_rate * x, 0.0)
+        speed = self.radius_km * self.mean_motion
+        return (x, y, z), tuple(speed * a + d for a, d in zip(along, drift, strict=True))

@@ -1,0 +1,163 @@
+"""The Level-0 header: the quantities it can state, and the table that names and orders them.
+
+The table is config/instrument/level0_keywords.yaml (its head says how an entry reads); here every quantity that an
+entry can ask for gets its value. Quantities without a source in the simulation (telemetry) do not exist.
+"""
+
+import json
+import math
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+
+import csstsim
+from csstsim.errors import InputError
+from csstsim.io.fits import card, remark
+from csstsim.units import EARTH_GM_KM3_S2, EARTH_RADIUS_KM
+
+STAGES = ("select", "render", "readout", "level0")
+_FROM_LAYERS = ("gain", "bias", "read_noise", "clipped_high", "clipped_low")  # absent if the layer is
+_KEYS = {"hdu", "block", "keyword", "constant", "from", "repeat", "comment"}
+
+
+def header_cards(entries, values, hdu):
+    """Return the cards of one HDU, in the table's order.
+
+    `entries` is the table; `values` {name: value}, None for what is not known in this exposure (its keyword is left
+    out). Raises InputError naming the entry if it is malformed or asks for an unknown quantity.
+    """
+    cards = []
+    for number, entry in enumerate(entries):
+        where = f"entry {number + 1}"
+        _check(entry, values, where)
+        if entry["hdu"] != hdu:
+            continue
+        if "block" in entry:
+            rule = "=" * 69
+            cards += [remark("COMMENT", f" {rule}"), remark("COMMENT", f" {entry['block']}"), remark("COMMENT", f" {rule}")]
+            continue
+        value = values[entry["from"]] if "from" in entry else entry["constant"]
+        keyword, comment = entry["keyword"], entry.get("comment", "")
+        if value is None:
+            continue
+        if keyword == "HISTORY":
+            cards += [remark("HISTORY", f" {line}") for line in value]
+            continue
+        many = [(f"{keyword}{i + 1:02d}", v) for i, v in enumerate(value)] if entry.get("repeat") else [(keyword, value)]
+        try:
+            cards += [card(name, v, comment) for name, v in many]
+        except ValueError as exc:
+            raise InputError(str(exc), file="level0_keywords.yaml", key=where) from None
+    return cards
+
+
+def _check(entry, values, where):
+    where = {"file": "level0_keywords.yaml", "key": where}
+    if not isinstance(entry, dict) or not set(entry) <= _KEYS or entry.get("hdu") not in (0, 1):
+        raise InputError("not a header entry", value=entry, allowed=f"hdu 0 or 1, and {', '.join(sorted(_KEYS))}", **where)
+    kinds = [name for name in ("block", "constant", "from") if name in entry]
+    if len(kinds) != 1 or ("keyword" in entry) == ("block" in entry):
+        raise InputError("an entry is a block, or a keyword with either constant or from", value=entry, **where)
+    if "from" in entry and entry["from"] not in values:
+        raise InputError("unknown quantity", value=entry["from"], allowed=", ".join(sorted(values)), **where)
+
+
+def header_values(state, provenance, filename, layout):
+    """Return {name: value} of everything a Level-0 header can state.
+
+    `provenance` holds campaign, camera, exposure, truth_hash, psf_hash (digests), seed, name, layers (list of
+    {keyword: parameters}) and stages (list of [stage, wall s, cpu s]); what is missing gives None.
+    """
+    values = dict.fromkeys(_FROM_LAYERS) | state.header
+    values |= _exposure(state.pointing) | _detector(state, layout) | _simulation(provenance)
+    if values["bias"] is not None and values["gain"] is not None:
+        values["bias_adu"] = [bias / gain for bias, gain in zip(values["bias"], values["gain"], strict=True)]
+    return values | {"filename": filename, "date": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S}"}
+
+
+def _exposure(pointing):
+    first = pointing.sat_position, pointing.sat_velocity
+    last = orbit_after(*first, pointing.exptime)
+    values = {
+        "type": pointing.type, "obsid": pointing.obsid, "ra": float(pointing.ra), "dec": float(pointing.dec),
+        "pa": float(pointing.pa), "exptime": float(pointing.exptime),
+        "time_start": _iso(pointing.start), "time_end": _iso(pointing.end),
+        "mjd_start": pointing.mjd, "mjd_end": pointing.mjd + pointing.exptime / 86400.0,
+    }  # fmt: skip
+    for end, (position, velocity) in (("start", first), ("end", last)):
+        values[f"altitude_{end}"] = math.hypot(*position) - EARTH_RADIUS_KM
+        for axis, x, v in zip("xyz", position, velocity, strict=True):
+            values |= {f"position_{end}_{axis}": float(x), f"velocity_{end}_{axis}": float(v)}
+    return values
+
+
+def _iso(moment):
+    return moment.replace(tzinfo=None).isoformat(timespec="milliseconds")
+
+
+def orbit_after(position, velocity, seconds):
+    """Return position [km], velocity [km/s] `seconds` later, on the Kepler orbit about the Earth.
+
+    Runge-Kutta steps of at most 10 s, good to a millimetre in an exposure; J2 (metres in 150 s) is left out.
+    """
+    steps = max(math.ceil(seconds / 10.0), 1)
+    h = seconds / steps
+    y = [float(c) for c in (*position, *velocity)]
+    for _ in range(steps):
+        k1 = _motion(y)
+        k2 = _motion([a + h / 2 * b for a, b in zip(y, k1, strict=True)])
+        k3 = _motion([a + h / 2 * b for a, b in zip(y, k2, strict=True)])
+        k4 = _motion([a + h * b for a, b in zip(y, k3, strict=True)])
+        y = [a + h / 6 * (p + 2 * q + 2 * r + s) for a, p, q, r, s in zip(y, k1, k2, k3, k4, strict=True)]
+    return tuple(y[:3]), tuple(y[3:])
+
+
+def _motion(y):
+    pull = -EARTH_GM_KM3_S2 / math.hypot(*y[:3]) ** 3
+    return [*y[3:], *(pull * x for x in y[:3])]
+
+
+def _detector(state, layout):
+    detector, window = state.chip.detector, state.window
+    return {
+        "chip_label": state.chip.label, "filter": state.chip.filter, "layout": layout,
+        "temperature": detector.temperature, "readout_time": detector.readout_time, "adc_max": detector.adc_max,
+        "pixel_scale": state.telescope.pixel_scale, "pixel_um": detector.pixel_um,
+        "detector_size": f"{detector.nx} x {detector.ny}", "channels": detector.channels_x * detector.channels_y,
+        "prescan": detector.prescan, "overscan": detector.overscan, "parallel_overscan": detector.parallel_overscan,
+        "window_x_first": window.x0 + 1, "window_x_last": window.x1,
+        "window_y_first": window.y0 + 1, "window_y_last": window.y1,
+        "bias_adu": None,
+    }  # fmt: skip
+
+
+def _simulation(provenance):
+    values = {"version": csstsim.__version__, "commit": git_commit(), "software": f"csstsim {csstsim.__version__}"}
+    names = {"campaign_hash": "campaign", "camera_hash": "camera", "exposure_hash": "exposure", "campaign_name": "name"}
+    for name, key in names.items():
+        values[name] = provenance.get(key)
+    for name in ("seed", "truth_hash", "psf_hash"):
+        values[name] = provenance.get(name)
+    for stage in STAGES:
+        values |= {f"wall_{stage}": None, f"cpu_{stage}": None}
+    for stage, wall, cpu in provenance.get("stages", ()):
+        values |= {f"wall_{stage}": round(wall, 3), f"cpu_{stage}": round(cpu, 3)}
+    layers = [item for entry in provenance.get("layers", ()) for item in entry.items()]
+    return values | {"layers": [f"layer {name} {json.dumps(param, sort_keys=True)}" for name, param in layers]}
+
+
+@cache
+def git_commit():
+    """Return the commit of the clone that csstsim runs from, or None; reads .git, starts no process."""
+    git = Path(csstsim.__file__).resolve().parents[2] / ".git"
+    try:
+        head = (git / "HEAD").read_text().strip()
+        if not head.startswith("ref: "):
+            return head
+        name = head.removeprefix("ref: ")
+        if (git / name).exists():
+            return (git / name).read_text().strip()
+        packed = (line.split() for line in (git / "packed-refs").read_text().splitlines())
+        return next((words[0] for words in packed if words[1:] == [name]), None)
+    except OSError:
+        return None

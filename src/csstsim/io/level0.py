@@ -1,0 +1,200 @@
+"""Level-0 files: the raw product of one chip in one exposure (paper, section 4.4 and Appendix B item 15).
+
+HDU 0 holds keywords only; IMAGE holds DN as uint16 in one of the layouts of csstsim.detector.channels, always of the
+whole detector: pixels outside a windowed readout are 0 and READX0..READY1 state the window. The keywords come from
+level0_keywords.yaml. The world coordinates without letter belong to the assembled active frame (9216 x 9232);
+those with letters A, B, ... are exact for the stored pixels of channels 1, 2, ...
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from csstsim.atomic import atomic_path
+from csstsim.detector.channels import LAYOUTS, ReadoutFrame
+from csstsim.errors import InputError
+from csstsim.instrument.chip import Window
+from csstsim.io.fits import card, open_fits, remark, verify_hdu, write_hdus
+from csstsim.io.keywords import header_cards, header_values
+from csstsim.io.paths import level0_stem
+
+# The keywords of IMAGE that reading needs; level0_keywords.yaml must keep them.
+REQUIRED = (
+    "NCHAN", "LAYOUT", "DETSIZE", "PSCAN1", "OSCAN1", "OSCAN2", "READX0", "READX1", "READY0", "READY1",
+)  # fmt: skip
+
+
+def write_level0(path, state, keywords, provenance, layout=None):
+    """Write the Level-0 file of a digitised state (uint16 readout frame in state.image).
+
+    `keywords` is the header table (Camera.keywords), `provenance` as in `io.keywords.header_values`; `layout` None
+    takes what quantization_and_output chose. Raises ValueError for an image that is not a uint16 readout frame.
+    """
+    layout = layout or state.header.get("layout", "channels")
+    frame = ReadoutFrame.of(state.chip.detector, state.window)
+    if state.image.dtype != np.uint16:
+        raise ValueError(f"Level-0 holds uint16; the image is {state.image.dtype}: quantization_and_output is missing")
+    values = header_values(state, provenance, level0_stem(state.pointing, state.chip.id), layout)
+    primary = header_cards(keywords, values, 0)
+    image = header_cards(keywords, values, 1) + wcs_cards(state.wcs.header(), frame, layout)
+    with atomic_path(path) as temporary:
+        write_hdus(temporary, [("", primary, None), ("IMAGE", image, frame.to_stored(state.image, layout))])
+
+
+def wcs_cards(wcs, frame, layout):
+    """Return the cards of the assembled frame's WCS and of one alternate WCS per channel.
+
+    `wcs` {keyword: value} is the chip's own. In a channel's block, chip x = x0 + sx X with sx = +-1 (mirroring), so
+    CRPIX' = sx (CRPIX - x0) in 0-based pixels and the CD columns change sign.
+    """
+    whole = ReadoutFrame.of(frame, None)
+    cards = [remark("COMMENT", " WCS of the assembled active frame (DETSIZE), not of the stored array")]
+    cards += [card(key, value) for key, value in wcs.items()]
+    for block in whole.blocks:
+        cards.append(remark("COMMENT", f" WCS {_letter(block)}: the stored pixels of channel {block.channel}"))
+        cards += [card(key + _letter(block), value) for key, value in channel_wcs(wcs, whole, block, layout).items()]
+    return cards
+
+
+def _letter(block):
+    return chr(ord("A") + block.channel - 1)
+
+
+def channel_wcs(wcs, frame, block, layout):
+    """Return the chip's WCS {keyword: value} as the stored pixels of one channel see it."""
+    changed = dict(wcs)
+    for axis, (start, step) in enumerate(frame.stored_axis(block, layout), start=1):
+        changed[f"CRPIX{axis}"] = step * (wcs[f"CRPIX{axis}"] - 1 - start) + 1
+        for i in (1, 2):
+            changed[f"CD{i}_{axis}"] = step * wcs[f"CD{i}_{axis}"]
+    return changed
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One readout channel of a Level-0 file, turned to lie as on the chip. DN, uint16."""
+
+    number: int
+    window: Window  # where `active` lies on the chip
+    active: np.ndarray
+    prescan: np.ndarray
+    serial_overscan: np.ndarray
+    parallel_overscan: np.ndarray
+    gain: float | None  # e-/DN
+    bias: float | None  # DN
+    read_noise: float | None  # e-
+
+
+@dataclass(frozen=True, eq=False)
+class Level0:
+    """A Level-0 file opened for reading; pixels are read when asked for, and only those."""
+
+    path: Path
+    header0: dict[str, Any]
+    header: dict[str, Any]
+    readout: ReadoutFrame
+    layout: str
+    data_start: int
+
+    @property
+    def window(self):
+        return Window(*self.readout.window)
+
+    @cached_property
+    def gain(self):
+        """{channel: e-/DN}; empty if the file does not state it."""
+        names = {n: f"GAIN{n:02d}" for n in range(1, self.readout.n_channels + 1)}
+        return {n: float(self.header[name]) for n, name in names.items() if name in self.header}
+
+    @cached_property
+    def _stored(self):
+        shape = self.readout.stored_shape(self.layout)
+        return np.memmap(self.path, ">i2", mode="r", offset=self.data_start, shape=shape)
+
+    def frame(self):
+        """Return the readout frame: uint16, shape `readout.shape`, lying as the silicon does."""
+        return _unsigned(self.readout.from_stored(self._stored, self.layout))
+
+    def assembled(self, full=False):
+        """Return the active pixels of the window (or of the chip, 0 outside the window), uint16, chip coordinates."""
+        window = self.window
+        x0, y0 = (window.x0, window.y0) if full else (0, 0)
+        image = np.zeros((self.readout.ny, self.readout.nx) if full else window.shape, np.uint16)
+        for block in self.readout.blocks:
+            y, x = block.image
+            image[y0 + y.start : y0 + y.stop, x0 + x.start : x0 + x.stop] = self._region(block, block.active)
+        return image
+
+    def channels(self):
+        """Yield a `Channel` for each channel that was read, in Level-0 order."""
+        window = self.window
+        for block in self.readout.blocks:
+            y, x = block.image
+            number = f"{block.channel:02d}"
+            yield Channel(
+                number=block.channel,
+                window=Window(x.start + window.x0, x.stop + window.x0, y.start + window.y0, y.stop + window.y0),
+                active=self._region(block, block.active),
+                prescan=self._region(block, block.prescan),
+                serial_overscan=self._region(block, block.serial_overscan),
+                parallel_overscan=self._region(block, block.parallel_overscan),
+                gain=self.header.get(f"GAIN{number}"),
+                bias=self.header.get(f"DETBIA{number}"),
+                read_noise=self.header.get(f"RON{number}"),
+            )
+
+    def _region(self, block, region):
+        """Return a region of a block (contiguous on the chip) from disk."""
+        rows, cols = self.readout.rows[region[0]], self.readout.cols[region[1]]
+        mosaic = tuple(slice(int(i[0]), int(i[-1]) + 1) if i.size else slice(0, 0) for i in (rows, cols))
+        if not (rows.size and cols.size):
+            return np.zeros((rows.size, cols.size), np.uint16)
+        return _unsigned(self._stored[self.readout.stored_region(block, mosaic, self.layout)])
+
+
+def _unsigned(stored):
+    """Return DN from big-endian int16 with BZERO 32768."""
+    return stored.astype(np.int16).view(np.uint16) ^ np.uint16(0x8000)
+
+
+def read_level0(path, verify=False):
+    """Open a Level-0 file; `verify` also checks its checksums.
+
+    Raises InputError if it is missing, cut short, damaged or not a Level-0 file of csstsim.
+    """
+    with open_fits(path) as file:
+        if verify:
+            for hdu in file:
+                verify_hdu(hdu, path)
+        if "IMAGE" not in file:
+            raise InputError("not a Level-0 file: it has no IMAGE extension", file=path)
+        header0, header = file[0].read_header(), file["IMAGE"].read_header()
+        data_start = file["IMAGE"].get_offsets()["data_start"]
+    missing = [name for name in REQUIRED if name not in header]
+    if missing:
+        raise InputError("not a Level-0 file of csstsim: keywords are missing", file=path, value=", ".join(missing))
+    layout = header["LAYOUT"]
+    if layout not in LAYOUTS:
+        raise InputError("unknown layout", file=path, key="LAYOUT", value=layout, allowed=", ".join(LAYOUTS))
+    try:
+        readout = _readout(header)
+    except (ValueError, TypeError) as exc:
+        raise InputError(f"the header's geometry does not hold together: {exc}", file=path) from None
+    shape = (header["NAXIS2"], header["NAXIS1"])
+    if header["BITPIX"] != 16 or shape != readout.stored_shape(layout):
+        allowed = f"BITPIX 16 and {readout.stored_shape(layout)}"
+        raise InputError("not the pixels that the header describes", file=path, value=(header["BITPIX"], shape), allowed=allowed)
+    return Level0(Path(path), dict(header0), dict(header), readout, layout, data_start)
+
+
+def _readout(header):
+    nx, ny = (int(n) for n in header["DETSIZE"].split("x"))
+    channels_x = header["NCHAN"] // 2
+    return ReadoutFrame(
+        window=(header["READX0"] - 1, header["READX1"], header["READY0"] - 1, header["READY1"]),
+        nx=nx, ny=ny, channels_x=channels_x, channels_y=2, channel_nx=nx // max(channels_x, 1), channel_ny=ny // 2,
+        prescan=header["PSCAN1"], overscan=header["OSCAN1"], parallel_overscan=header["OSCAN2"],
+    )  # fmt: skip

@@ -1,0 +1,60 @@
+"""Where each product of a campaign lies: the one place that knows (the CLI and the workflow both ask here).
+
+    truth/Norder=8/Dir=D/Npix=P.parquet         psf/chip_08.h5
+    chips/{obsid}_{chip}/select.parquet render.fits drawn.parquet readout.fits
+    level0/{obsid}/{stem}.fits {stem}.truth.parquet
+    measure/{obsid}_{chip}.parquet
+    merge/Norder=8/Dir=D/Npix=P.parquet  validate/{P}.json  report/index.html
+
+Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256).
+"""
+
+from pathlib import Path
+
+# File-name code of each exposure type (facts.md section 4: WIDE in the C9 release; the others by their own name).
+KIND = {"SCIE": "WIDE", "BIAS": "BIAS", "DARK": "DARK", "FLAT": "FLAT"}
+
+
+class Paths:
+    """The products of one campaign under its output folder."""
+
+    def __init__(self, output):
+        self.output = Path(output)
+
+    def _hats(self, kind, pix, form="{}"):
+        return self.output / kind / "Norder=8" / f"Dir={pix // 10000 * 10000}" / f"Npix={form.format(pix)}.parquet"
+
+    def truth(self, pix):
+        return self._hats("truth", pix)
+
+    def merge(self, pix):
+        return self._hats("merge", pix)
+
+    def psf(self, chip_id):
+        return self.output / "psf" / f"chip_{chip_id:02d}.h5"
+
+    def stage(self, obsid, chip_id, name):
+        """Intermediate of a chip: 'select.parquet', 'render.fits', 'drawn.parquet' or 'readout.fits'."""
+        return self.output / "chips" / f"{obsid}_{chip_id:02d}" / name
+
+    def level0(self, pointing, chip_id):
+        return self.output / "level0" / pointing.obsid / f"{level0_stem(pointing, chip_id)}.fits"
+
+    def level0_truth(self, pointing, chip_id):
+        return self.level0(pointing, chip_id).with_suffix(".truth.parquet")
+
+    def measure(self, obsid, chip_id):
+        return self.output / "measure" / f"{obsid}_{chip_id:02d}.parquet"
+
+    def validate(self, pix):
+        return self.output / "validate" / f"{pix}.json"
+
+    @property
+    def report(self):
+        return self.output / "report" / "index.html"
+
+
+def level0_stem(pointing, chip_id):
+    """Return the Level-0 file name without suffix: CSST_MSC_MS_{kind}_{start}_{end}_{obsid}_{chip}_L0_V01."""
+    times = "_".join(f"{moment:%Y%m%d%H%M%S}" for moment in (pointing.start, pointing.end))
+    return f"CSST_MSC_MS_{KIND[pointing.type]}_{times}_{pointing.obsid}_{chip_id:02d}_L0_V01"

@@ -1,0 +1,50 @@
+"""The truth table beside each Level-0 file (parquet).
+
+The 33 columns of the C9 `.cat` files come first, by their names there (facts.md section 5), with NaN where
+the embedded universe knows no such quantity; then everything the simulator adds. xImage, yImage follow the
+header's WCS (FITS: centre of the first active pixel at 1); x0, x1, y0, y1 are a numpy slice of the assembled
+frame. ra, dec are apparent, ra_orig, dec_orig are the catalogue's.
+"""
+
+import numpy as np
+
+from csstsim.catalog.table import ObjectTable
+
+# .cat name: our column (None: not known to the embedded universe)
+CAT_COLUMNS = {
+    "obj_ID": "id", "ID_chip": "chip", "filter": "filter", "xImage": "x", "yImage": "y", "ra": "ra", "dec": "dec",
+    "ra_orig": "ra_orig", "dec_orig": "dec_orig", "z": "z", "mag": "mag", "obj_type": "obj_type",
+    "pm_ra": "pmra", "pm_dec": "pmdec", "RV": "rv", "parallax": "parallax", "av": "av", "stellarmass": None,
+    "dm": None, "teff": "teff", "logg": "logg", "feh": "feh", "bulgemass": None, "diskmass": None, "detA": "detA",
+    "e1": "e1", "e2": "e2", "kappa": "kappa", "g1": "g1", "g2": "g2", "size": "size", "galType": None,
+    "veldisp": None,
+}  # fmt: skip
+
+
+def write_truth(path, drawn, job, metadata):
+    """Write the truth of one Level-0 file. drawn: ObjectTable from render; job: campaign.Job; metadata: {str: str}."""
+    count = len(drawn)
+    ours = {name: drawn[name] for name in drawn.names}
+    ours |= {
+        "chip": np.full(count, job.chip.id, np.int16),
+        "filter": np.full(count, job.chip.filter),
+        "x": ours["x"] + 1.0,
+        "y": ours["y"] + 1.0,
+    }
+    one_kappa = 1.0 - ours["kappa"].astype(float)
+    ours["detA"] = one_kappa**2 - ours["gamma1"].astype(float) ** 2 - ours["gamma2"].astype(float) ** 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ours["g1"], ours["g2"] = ours["gamma1"] / one_kappa, ours["gamma2"] / one_kappa
+    bulge = ours["bulge_frac"]
+    ours["size"] = bulge * ours["size_bulge"] + (1 - bulge) * ours["size_disk"]
+    unknown = np.full(count, np.nan, np.float32)
+    columns = {name: unknown if ours_name is None else ours.pop(ours_name) for name, ours_name in CAT_COLUMNS.items()}
+    ObjectTable(columns | ours).write(path, metadata)
+
+
+def read_truth(path):
+    """Return the truth table with our column names and 0-based x, y."""
+    table = ObjectTable.read(path)
+    names = {cat: ours for cat, ours in CAT_COLUMNS.items() if ours}
+    columns = {names.get(name, name): table[name] for name in table.names}
+    return ObjectTable(columns | {"x": columns["x"] - 1.0, "y": columns["y"] - 1.0})

@@ -1,0 +1,35 @@
+"""Bias (paper, Appendix B item 12): a constant offset in electrons, added before the gain.
+
+Each channel (or the chip) has an offset drawn once for the camera's life, uniform within the detector's
+`bias_spread` of its `bias`. Left out: structure within a channel and drifts between exposures.
+"""
+
+from pydantic import Field
+
+from csstsim.detector.channels import ReadoutFrame
+from csstsim.layers.param import LayerParam
+
+STAGE = "readout"
+UNITS = ("electron", "electron")
+
+
+class Param(LayerParam):
+    """obs_param of `bias`."""
+
+    bias_16channel: bool = Field(True, description="true: one level per readout channel; false: one for the chip")
+
+
+def apply(state, param, rng):
+    """Add the bias level to every pixel of the readout frame, in place; levels [e-] of all channels to the header."""
+    detector = state.chip.detector
+    frame = ReadoutFrame.of(detector, state.window)
+    if param.bias_16channel:
+        draws = [rng.channel(channel + 1, "bias") for channel in range(frame.n_channels)]
+    else:
+        draws = [rng.chip("bias")]
+    levels = [detector.bias + detector.bias_spread * draw.uniform(-1.0, 1.0) for draw in draws]
+    levels = levels if param.bias_16channel else levels * frame.n_channels
+    for block in frame.blocks:
+        state.image[block.whole] += levels[block.channel - 1]
+    state.header["bias"] = levels
+    return state

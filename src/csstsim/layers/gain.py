@@ -1,0 +1,36 @@
+"""Gain (paper, Appendix B item 14): electrons to DN.
+
+Each channel (or the chip) has a gain [e-/DN] drawn once for the camera's life, uniform within a fraction
+`gain_spread` of the detector's `gain`. Left out: drift of the gain with temperature.
+"""
+
+from pydantic import Field
+
+from csstsim.detector.channels import ReadoutFrame
+from csstsim.layers.param import LayerParam
+
+STAGE = "readout"
+UNITS = ("electron", "DN")
+
+
+class Param(LayerParam):
+    """obs_param of `gain`."""
+
+    gain_16channel: bool = Field(True, description="true: one gain per readout channel; false: one for the chip")
+
+
+def apply(state, param, rng):
+    """Divide the readout frame by the gains, in place; gains [e-/DN] of all channels go to the header."""
+    detector = state.chip.detector
+    frame = ReadoutFrame.of(detector, state.window)
+    if param.gain_16channel:
+        draws = [rng.channel(channel + 1, "gain") for channel in range(frame.n_channels)]
+    else:
+        draws = [rng.chip("gain")]
+    gains = [detector.gain * (1.0 + detector.gain_spread * draw.uniform(-1.0, 1.0)) for draw in draws]
+    gains = gains if param.gain_16channel else gains * frame.n_channels
+    for block in frame.blocks:
+        state.image[block.whole] /= gains[block.channel - 1]
+    state.unit = "DN"
+    state.header["gain"] = gains
+    return state

@@ -1,0 +1,32 @@
+"""Poisson noise and dark current (paper, Appendix B item 5).
+
+The image becomes counted + Poisson(expected + dark rate x exposure time): electrons that were shot one by one
+are Poisson already and must not be drawn again. Left out: warm pixels (detector_defects) and dark gradients.
+"""
+
+from pydantic import Field
+
+from csstsim.detector.noise import add_poisson
+from csstsim.layers.param import LayerParam
+
+STAGE = "readout"
+UNITS = ("electron", "electron")
+
+
+class Param(LayerParam):
+    """obs_param of `poisson_and_dark`."""
+
+    exptime: float | None = Field(None, ge=0, description="exposure time [s]; null = the pointing's")
+
+
+def apply(state, param, rng):
+    """Turn expected electrons into counted ones, in place; merges and drops state.counted.
+
+    Raises ValueError if an expected value is negative or not finite.
+    """
+    exptime = state.pointing.exptime if param.exptime is None else param.exptime
+    dark = state.chip.detector.dark * exptime
+    add_poisson(state.image, rng.exposure("shot"), dark=dark, counted=state.counted)
+    state.counted = None
+    state.header["dark_electrons"] = dark
+    return state

@@ -1,0 +1,26 @@
+"""Prescan and overscan sections (paper, Appendix B item 11).
+
+The active pixels of the window are laid into the readout frame of csstsim.detector.channels; the added pixels hold
+no charge. Left out: charge that trails into the overscan, which the charge transfer layer will bring.
+"""
+
+from csstsim.detector.channels import ReadoutFrame
+from csstsim.layers.param import LayerParam
+
+STAGE = "readout"
+UNITS = ("electron", "electron")
+
+
+class Param(LayerParam):
+    """obs_param of `prescan_overscan`: none."""
+
+
+def apply(state, param, rng):
+    """Replace state.image by its readout frame (a larger array, hence a copy).
+
+    Raises ValueError if electrons are still in state.counted, which only poisson_and_dark merges.
+    """
+    if state.counted is not None:
+        raise ValueError("counted electrons were not merged: poisson_and_dark must come before prescan_overscan")
+    state.image = ReadoutFrame.of(state.chip.detector, state.window).embed(state.image)
+    return state

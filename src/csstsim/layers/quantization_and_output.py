@@ -1,0 +1,33 @@
+"""Digitisation to 16 bits (paper, Appendix B item 15); the file itself is written by csstsim.io.level0.
+
+DN are rounded to the nearest integer and held within 0..adc_max, never wrapped; the number of pixels held at either
+end goes to the header. Left out: missing codes and differential non-linearity of the converter.
+"""
+
+from typing import Literal
+
+from pydantic import Field
+
+from csstsim.detector.adc import digitise
+from csstsim.layers.param import LayerParam
+
+STAGE = "level0"
+UNITS = ("DN", "DN")
+
+
+class Param(LayerParam):
+    """obs_param of `quantization_and_output`."""
+
+    layout: Literal["channels", "mosaic"] = Field(
+        "channels", description="arrangement on disk: 16 channels side by side, or the 2 x 8 mosaic as the silicon lies"
+    )
+
+
+def apply(state, param, rng):
+    """Replace state.image by its uint16 digits (a new array of half the size).
+
+    Raises ValueError if a value is not finite.
+    """
+    state.image, high, low = digitise(state.image, state.chip.detector.adc_max)
+    state.header |= {"clipped_high": high, "clipped_low": low, "layout": param.layout}
+    return state

@@ -1,0 +1,22 @@
+"""Readout noise (paper, Appendix B item 13): Gaussian, independent in every pixel, prescan and overscan included.
+
+Left out: correlated noise, 1/f drifts and differences between channels.
+"""
+
+from csstsim.detector.noise import add_gaussian
+from csstsim.layers.param import LayerParam
+
+STAGE = "readout"
+UNITS = ("electron", "electron")
+
+
+class Param(LayerParam):
+    """obs_param of `readout_noise`: none; the level is the detector's."""
+
+
+def apply(state, param, rng):
+    """Add the noise to state.image, in place; the level [e-] of each channel goes to the header."""
+    detector = state.chip.detector
+    add_gaussian(state.image, detector.read_noise, rng.exposure("read"))
+    state.header["read_noise"] = [detector.read_noise] * (detector.channels_x * detector.channels_y)
+    return state

@@ -1,0 +1,31 @@
+"""Scientific objects exposure (paper, Appendix B item 1; sections 4.1, 5.3).
+
+Renders the chip's objects into the image of expected electrons and keeps what was drawn as truth.
+Left out so far: flat fielding, shutter and field distortion switches; slitless dispersion.
+"""
+
+from pydantic import Field
+
+from csstsim.errors import InputError
+from csstsim.layers.param import LayerParam
+from csstsim.render.reference import draw_objects
+
+STAGE = "render"
+UNITS = ("electron", "electron")
+
+
+class Param(LayerParam):
+    """obs_param of `scie_obs`."""
+
+    exptime: float | None = Field(None, ge=0, description="exposure time [s]; null = the pointing's")
+
+
+def apply(state, param, rng):
+    """Draw state.catalog into state.image, in place; state.truth becomes the table of drawn objects."""
+    if state.chip.kind != "imaging":
+        raise InputError(
+            "slitless chips cannot be rendered yet", key="chip", value=state.chip.id, allowed="imaging chips"
+        )
+    exptime = state.pointing.exptime if param.exptime is None else param.exptime
+    state.truth = draw_objects(state.image, state.window, state.catalog, state.wcs, state.psf, exptime)
+    return state

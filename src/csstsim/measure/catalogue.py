@@ -1,0 +1,124 @@
+"""Measure one imaging science frame: calibrated electrons in, catalogue out.
+
+Ties detect, photometry and the WCS together. Positions are apparent = ICRS today (no aberration yet);
+fluxes are electrons of the exposure, magnitudes AB above the atmosphere-free zero point of the filter.
+"""
+
+import numpy as np
+
+from csstsim.catalog.table import ObjectTable
+from csstsim.errors import InputError
+from csstsim.measure.detect import FWHM_TO_SIGMA, detect
+from csstsim.measure.photometry import fit_sources, kron_flux, psf_model
+
+# Bits of `flags`.
+BLENDED, TRUNCATED, SATURATED, NEGATIVE_FLUX = 1, 2, 4, 8
+KRON_FAILED, NOT_CENTRED, SHARP = 16, 32, 64
+FLAGS = {
+    BLENDED: "deblended from another source",
+    TRUNCATED: "reaches the edge of the frame",
+    SATURATED: "saturated pixels within 3 px; they are left out of the fit",
+    NEGATIVE_FLUX: "PSF or Kron flux is not positive: its magnitude is NaN",
+    KRON_FAILED: "no Kron radius: the smallest aperture was used",
+    NOT_CENTRED: "windowed position failed: x, y are the isophotal barycentre",
+    SHARP: "sharper than the PSF by 5 sigma: cosmic ray or defect",
+}
+STAR_SPREAD = 0.01  # spread of a star: PSF interpolation and centring errors, beside its noise (x 2.5)
+
+COLUMNS = {
+    "obsid": str, "chip": np.int16, "filter": str, "number": np.int32, "x": np.float64, "y": np.float64,
+    "ra": np.float64, "dec": np.float64, "pos_err": np.float32, "flux_psf": np.float64, "flux_psf_err": np.float64,
+    "mag_psf": np.float64, "mag_psf_err": np.float64, "flux_kron": np.float64, "flux_kron_err": np.float64,
+    "mag_kron": np.float64, "mag_kron_err": np.float64, "snr": np.float32, "fwhm": np.float32, "a": np.float32,
+    "b": np.float32, "theta": np.float32, "e1": np.float32, "e2": np.float32, "chi2": np.float32,
+    "spread": np.float32, "spread_err": np.float32, "star": bool, "zeropoint": np.float64, "rms": np.float32,
+    "flags": np.int32,
+}  # fmt: skip
+
+
+def measure_frame(calibrated, psf, wcs, *, chip, filter, telescope, pointing, window):
+    """Return the ObjectTable of one frame; `calibrated.electrons` is used up (background taken off in place).
+
+    `calibrated`: measure.calibrate.Calibrated of `window`; `psf`: PsfSet of the chip; `wcs`: ChipWCS.
+    The columns are `COLUMNS`, by decreasing S/N; x, y chip pixels (0-based, whole chip), `pos_err`
+    arcsec, fluxes electrons, `fwhm` px, `theta` rad from +x to +y, `zeropoint` the AB magnitude of 1 electron.
+    `meta` holds the facts of the frame: background and rms in electrons, n_eff px, depth_5sigma AB, window.
+    Raises InputError for anything but an imaging science frame.
+    """
+    if chip.kind != "imaging" or pointing.type != "SCIE":
+        raise InputError(
+            "only imaging science frames are measured", key=f"{pointing.obsid} chip {chip.id}",
+            value=f"{pointing.type} behind {filter.name}",
+        )  # fmt: skip
+    zeropoint = filter.zeropoint(telescope) + 2.5 * np.log10(pointing.exptime)
+    model = psf_model(psf, (window.x0, window.y0), window.shape)
+    level = float(np.median(calibrated.electrons[::8, ::8]))
+    found = detect(calibrated.electrons, model.kernel(), saturated=calibrated.saturated)
+    table = _sources(found, calibrated.saturated, model, window)
+    table["ra"], table["dec"] = wcs.pixel_to_world(table["x"], table["y"])
+    table["pos_err"] = table["fwhm"] / FWHM_TO_SIGMA / np.maximum(table["snr"], 1.0) * telescope.pixel_scale
+    for kind in ("psf", "kron"):
+        magnitudes = magnitude(table[f"flux_{kind}"], table[f"flux_{kind}_err"], zeropoint)
+        table[f"mag_{kind}"], table[f"mag_{kind}_err"] = magnitudes
+    n = len(table["x"])
+    table |= {"zeropoint": np.full(n, zeropoint), "chip": np.full(n, chip.id)}
+    table |= {"obsid": np.full(n, pointing.obsid), "filter": np.full(n, filter.name)}
+    order = np.lexsort((table["x"], table["y"], -table["snr"]))
+    columns = {name: np.asarray(table[name])[order].astype(kind) for name, kind in COLUMNS.items() if name != "number"}
+    columns["number"] = np.arange(n, dtype=np.int32)
+    rms, n_eff = float(np.median(found.rms[::8, ::8])), float(np.median(model.n_eff))
+    info = {
+        "obsid": pointing.obsid, "chip": chip.id, "filter": filter.name, "exptime": pointing.exptime,
+        "zeropoint": float(zeropoint), "background": level, "rms": rms, "n_eff": n_eff,
+        "depth_5sigma": float(zeropoint - 2.5 * np.log10(point_source_flux(5.0, rms**2, n_eff))), "sources": n,
+        "window": [window.x0, window.x1, window.y0, window.y1],
+    }  # fmt: skip
+    return ObjectTable({name: columns[name] for name in COLUMNS}, info)
+
+
+def _sources(found, saturated, model, window):
+    x, y = found.x + window.x0, found.y + window.y0
+    fit = fit_sources(
+        found.image, found.rms, saturated, found.x, found.y, model.cell(x, y),
+        model.coefficients, model.blurred, found.half_light,
+    )  # fmt: skip
+    flux, error, chi2, spread, spread_error, e1, e2, bad = fit.T
+    kron, kron_error, kron_failed = kron_flux(found)
+    snr = np.where(error > 0, np.nan_to_num(flux) / np.where(error > 0, error, 1.0), 0.0)
+    column, row = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in ((found.x, window.nx), (found.y, window.ny)))
+    flags = (
+        BLENDED * ((found.sep_flag & 1) != 0)
+        | TRUNCATED * ((found.sep_flag & 2) != 0)
+        | SATURATED * (bad > 0)
+        | NEGATIVE_FLUX * ~((flux > 0) & (kron > 0))
+        | KRON_FAILED * kron_failed
+        | NOT_CENTRED * found.window_failed
+        | SHARP * (spread < -STAR_SPREAD - 5.0 * spread_error)
+    )
+    return {
+        "x": x, "y": y, "flux_psf": flux, "flux_psf_err": error, "flux_kron": kron, "flux_kron_err": kron_error,
+        "snr": snr, "fwhm": 2.0 * found.half_light, "a": found.a, "b": found.b, "theta": found.theta, "e1": e1,
+        "e2": e2, "chi2": chi2, "spread": spread, "spread_err": spread_error, "rms": found.rms[row, column],
+        "star": spread < STAR_SPREAD + 2.5 * spread_error, "flags": flags,
+    }  # fmt: skip
+
+
+def magnitude(flux, error, zeropoint):
+    """Return AB magnitude and error of a flux and its error, electron; NaN where the flux is not positive."""
+    good = np.asarray(flux) > 0
+    safe = np.where(good, flux, 1.0)
+    mag = np.where(good, zeropoint - 2.5 * np.log10(safe), np.nan)
+    return mag, np.where(good, 2.5 / np.log(10.0) * np.asarray(error) / safe, np.nan)
+
+
+def point_source_snr(flux, variance, n_eff):
+    """Return the S/N of optimal photometry: flux / sqrt(flux + n_eff variance).
+
+    `flux` electron, `variance` of the background and read noise electron^2 / px, `n_eff` = 1 / sum(p^2) px.
+    """
+    return np.asarray(flux) / np.sqrt(np.maximum(flux, 0.0) + n_eff * variance)
+
+
+def point_source_flux(snr, variance, n_eff):
+    """Return the flux (electron) of a point source of the given S/N: the inverse of `point_source_snr`."""
+    return 0.5 * snr * (snr + np.sqrt(snr**2 + 4.0 * n_eff * variance))

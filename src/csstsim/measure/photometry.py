@@ -1,0 +1,196 @@
+"""PSF and Kron photometry, shapes and star/galaxy separation of detected sources.
+
+PSF photometry (paper, section 6: stars) is the linear least-squares amplitude of the pixel-integrated PSF
+at the windowed position, with weights uniform over the stamp: F = sum(p d) / sum(p^2), where p is the
+fraction of ALL the light in each pixel, so F is the total flux though the stamp is finite. Its variance
+is sum(p^2 (rms^2 + F p)) / sum(p^2)^2. Kron photometry (Kron 1980; galaxies) is Source Extractor's
+automatic aperture (2.5 Kron radii, at least 3.5 px). The same stamp gives the reduced chi2 of the PSF fit, moments
+weighted with a Gaussian of the source's own size, and the spread (as SPREAD_MODEL, Desai et al. 2012):
+
+    spread = (g.d) / (p.d) - (g.p) / (p.p),   g = PSF blurred by a Gaussian of sigma `BLUR`
+
+0 for a point source, positive for an extended one, negative for a cosmic-ray hit.
+Left out: simultaneous fits of neighbours, masking of neighbours in the Kron aperture, PSF correction of shapes.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+HALF = 10  # px; the stamp is 21 x 21
+CORE = 3  # px; saturation outside the core leaves the fit usable
+BLUR = 0.5  # px
+CELL_PX = 576  # the PSF is taken as constant over parts of the frame of at most this size
+KRON_FACTOR, KRON_MIN_RADIUS = 2.5, 3.5  # Source Extractor's PHOT_AUTOPARAMS; the radius in px
+_MARGIN = 2 * HALF + 6  # table steps kept on each side: stamp, rounding (1), spline support (2), spare
+
+
+@dataclass(frozen=True)
+class PsfModel:
+    """Cubic B-spline coefficients of the pixel-integrated PSF, on 5 um steps, for parts of a frame.
+
+    `coefficients` (ncell, t, t) of the PSF and `blurred` of the PSF blurred by `BLUR`; cell index
+    = row * cells + column of the part of shape (ny, nx) / cells. `n_eff` (ncell,) = 1 / sum(p^2), px.
+    """
+
+    coefficients: np.ndarray
+    blurred: np.ndarray
+    n_eff: np.ndarray
+    origin: tuple
+    step: tuple
+    cells: int
+
+    def cell(self, x, y):
+        """Return the cell index of chip positions (px), positions outside taking the nearest cell."""
+        column = np.clip((np.asarray(x) - self.origin[0]) // self.step[0], 0, self.cells - 1).astype(np.int64)
+        row = np.clip((np.asarray(y) - self.origin[1]) // self.step[1], 0, self.cells - 1).astype(np.int64)
+        return row * self.cells + column
+
+    def kernel(self, half=3):
+        """Return the centred PSF of the middle cell on (2 half + 1)^2 pixels: the detection kernel."""
+        return _sample(self.coefficients[self.cells // 2 * (self.cells + 1)], half)
+
+
+def psf_model(psf, origin, shape, *, cell_px=CELL_PX):
+    """Build the `PsfModel` of a frame.
+
+    `psf.at(x, y)` -> (sub-bands, 256, 256) cell integrals (fraction of all the light per 5 um cell, PSF
+    centre at the corner of cells 127|128); sub-bands are averaged with equal weights. `origin` (x0, y0) and
+    `shape` (ny, nx) are the frame's place on the chip, px.
+    """
+    from scipy.ndimage import gaussian_filter, spline_filter
+
+    from csstsim.optics.psf_file import pixel_response
+
+    cells = math.ceil(max(shape) / cell_px)
+    step = shape[1] / cells, shape[0] / cells
+    plain, blurred, n_eff = [], [], []
+    for row in range(cells):
+        for column in range(cells):
+            cube = psf.at(origin[0] + (column + 0.5) * step[0] - 0.5, origin[1] + (row + 0.5) * step[1] - 0.5)
+            middle = cube.shape[-1] // 2
+            wide = slice(middle - _MARGIN - 12, middle + _MARGIN + 12)  # 12 beyond: the filters forget their edge
+            table = pixel_response(np.mean(cube[:, wide, wide], axis=0, dtype=np.float64))
+            keep = slice(11, 12 + 2 * _MARGIN)
+            for image, into in ((table, plain), (gaussian_filter(table, 2.0 * BLUR), blurred)):
+                into.append(spline_filter(image, order=3)[keep, keep])
+            stamp = _sample(plain[-1], HALF)
+            n_eff.append(1.0 / np.sum(stamp**2))
+    return PsfModel(np.array(plain), np.array(blurred), np.array(n_eff), origin, step, cells)
+
+
+@numba.njit(cache=True)
+def _weights(t, out):
+    out[0] = (1.0 - t) ** 3 / 6.0
+    out[1] = (4.0 - 6.0 * t * t + 3.0 * t**3) / 6.0
+    out[2] = (1.0 + 3.0 * t + 3.0 * t * t - 3.0 * t**3) / 6.0
+    out[3] = t**3 / 6.0
+
+
+@numba.njit(cache=True)
+def _stamp(table, dx, dy, half, out):
+    """Fill `out` (2 half + 1)^2 with the PSF at pixel offsets -half..half from a source at (dx, dy), |dx| <= 0.5."""
+    centre = table.shape[0] // 2
+    wx, wy = np.empty(4), np.empty(4)
+    u, v = centre - 2.0 * (half + dx), centre - 2.0 * (half + dy)  # 2 table steps a pixel
+    i0, j0 = math.floor(u), math.floor(v)
+    _weights(u - i0, wx)
+    _weights(v - j0, wy)
+    for r in range(2 * half + 1):
+        for c in range(2 * half + 1):
+            total = 0.0
+            for a in range(4):
+                line = 0.0
+                for b in range(4):
+                    line += wx[b] * table[j0 - 1 + 2 * r + a, i0 - 1 + 2 * c + b]
+                total += wy[a] * line
+            out[r, c] = total
+
+
+def _sample(table, half):
+    out = np.empty((2 * half + 1, 2 * half + 1))
+    _stamp(table, 0.0, 0.0, half, out)
+    return out
+
+
+@numba.njit(cache=True)
+def fit_sources(image, rms, saturated, x, y, cell, coefficients, blurred, half_light):
+    """Fit one PSF to each source; positions in the frame's own pixels.
+
+    `image`, `rms` float32 and `saturated` bool (ny, nx); the rest (n,) and the tables of `PsfModel`.
+    Returns (n, 8): flux, flux error (electron), reduced chi2, spread, spread error, e1, e2 (windowed
+    moments, pixel axes, (Mxx - Myy) / (Mxx + Myy) and 2 Mxy / (Mxx + Myy)), saturated pixels within CORE.
+    NaN where no pixel is left or a ratio has no meaning.
+    """
+    ny, nx = image.shape
+    side = 2 * HALF + 1
+    result = np.full((x.size, 8), np.nan)
+    p, g = np.empty((side, side)), np.empty((side, side))
+    for k in range(x.size):
+        ix, iy = round(x[k]), round(y[k])
+        _stamp(coefficients[cell[k]], x[k] - ix, y[k] - iy, HALF, p)
+        _stamp(blurred[cell[k]], x[k] - ix, y[k] - iy, HALF, g)
+        window = -0.5 / max(half_light[k] / 1.1774, 0.8) ** 2  # 1.1774 = half-light radius / sigma of a Gaussian
+        pp, pd, gd, gp, weight, mxx, myy, mxy, n, bad = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0
+        for r in range(side):
+            for c in range(side):
+                row, col = iy + r - HALF, ix + c - HALF
+                if row < 0 or row >= ny or col < 0 or col >= nx:
+                    continue
+                if saturated[row, col]:
+                    bad += abs(r - HALF) <= CORE and abs(c - HALF) <= CORE
+                    continue
+                d = float(image[row, col])
+                pp += p[r, c] ** 2
+                pd += p[r, c] * d
+                gd += g[r, c] * d
+                gp += g[r, c] * p[r, c]
+                dx, dy = col - x[k], row - y[k]
+                w = math.exp(window * (dx * dx + dy * dy)) * d
+                weight += w
+                mxx += w * dx * dx
+                myy += w * dy * dy
+                mxy += w * dx * dy
+                n += 1
+        result[k, 7] = bad
+        if pp <= 0.0:
+            continue
+        flux = pd / pp
+        ratio = gd / pd if pd != 0.0 else 0.0
+        noise, spread_noise, chi2 = 0.0, 0.0, 0.0
+        for r in range(side):
+            for c in range(side):
+                row, col = iy + r - HALF, ix + c - HALF
+                if row < 0 or row >= ny or col < 0 or col >= nx or saturated[row, col]:
+                    continue
+                variance = float(rms[row, col]) ** 2 + max(flux * p[r, c], 0.0)
+                noise += p[r, c] ** 2 * variance
+                spread_noise += (g[r, c] - ratio * p[r, c]) ** 2 * variance
+                chi2 += (image[row, col] - flux * p[r, c]) ** 2 / variance
+        result[k, 0] = flux
+        result[k, 1] = math.sqrt(noise) / pp
+        result[k, 2] = chi2 / max(n - 1, 1)
+        if pd > 0.0:
+            result[k, 3] = ratio - gp / pp
+            result[k, 4] = math.sqrt(spread_noise) / pd
+        if weight > 0.0 and mxx + myy > 0.0:
+            result[k, 5] = (mxx - myy) / (mxx + myy)
+            result[k, 6] = 2.0 * mxy / (mxx + myy)
+    return result
+
+
+def kron_flux(found):
+    """Return (flux, error, failed) of `detect.Detections` in Kron apertures, electron; failed: minimum circle used."""
+    import sep
+
+    image, x, y, a, b = found.image, found.x, found.y, found.a, found.b
+    theta = np.clip(found.theta, -np.pi / 2, np.pi / 2)
+    radius, flag = sep.kron_radius(image, x, y, a, b, theta, 6.0)
+    failed = ((flag & sep.APER_NONPOSITIVE) != 0) | ~np.isfinite(radius) | (radius <= 0)
+    scale = np.where(failed, 0.0, np.minimum(KRON_FACTOR * np.nan_to_num(radius), KRON_FACTOR * 6.0))
+    small = scale * np.sqrt(a * b) < KRON_MIN_RADIUS
+    axis_a, axis_b = np.where(small, KRON_MIN_RADIUS, scale * a), np.where(small, KRON_MIN_RADIUS, scale * b)
+    flux, error, _ = sep.sum_ellipse(image, x, y, axis_a, axis_b, theta, 1.0, err=found.rms, gain=1.0, subpix=5)
+    return flux, error, failed

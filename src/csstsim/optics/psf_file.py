@@ -1,0 +1,195 @@
+"""The PSF file of a chip, and what a renderer asks of it: the PSF at any place (paper, section 5.1.2).
+
+HDF5, one file a chip, n = grid^2 nodes, four wavelengths:
+
+| dataset      | shape, type                  | content                                                         |
+|--------------|------------------------------|-----------------------------------------------------------------|
+| /nodes_xy    | (n, 2) float64               | chip pixel (x, y), 0-based, x fastest |
+| /image       | (n, 4, cells, cells) float32 | cell integrals [y, x], contiguous: mappable |
+| /wavelength  | (4,) float64                 | angstrom                                                        |
+| /tilt        | (n, 2) float64               | px: shift (x, y) taken out when the node was centred            |
+| /flux        | (n, 4) float64               | sum of each image; NaN marks a dead node, which is never used   |
+
+Attributes: format, sample ("cell_integral"), cell_um, cell_arcsec, chip, filter, grid, camera_digest, version,
+provenance (JSON). The centre of the PSF is the middle of the array: the corner shared by cells 127 and 128.
+
+Between nodes the PSF is the inverse-distance mean of the nearest ones (paper, equation 3): a convex mixture.
+At a node it is the node. Outside the nodes' convex hull the same mean is used (the nearest nodes, no
+extrapolation) and the position is flagged.
+"""
+
+import json
+import os
+
+import h5py
+import numpy as np
+
+from csstsim import __version__
+from csstsim.atomic import atomic_path
+from csstsim.errors import InputError
+
+FORMAT = 1
+WAVELENGTHS = 4
+_ATTRIBUTES = (
+    *("format", "sample", "cell_um", "cell_arcsec", "chip", "filter", "grid"),
+    *("camera_digest", "version", "provenance"),
+)
+_DATASETS = ("nodes_xy", "wavelength", "tilt", "flux")  # and image
+_ON_NODE_PX = 1e-6  # nearer than this is at the node; distances that differ by less are equal
+_SPARE = 4  # candidates beyond the wanted neighbours, to order ties on a square grid
+
+
+def pixel_response(image):
+    """Return the integrals over a 10 um pixel on the 5 um lattice, (..., n-1, n-1), of cell integrals (..., n, n).
+
+    Sums of 2 x 2 cells, hence exact: sample [i, j] is the fraction of a star's light caught by a pixel whose
+    centre lies ((j, i) - (n-2)/2) cells from the star. For n = 256 the sample [127, 127] is a pixel centred on
+    the star. Read it as point samples of PSF * pixel (draw with no further pixel).
+    """
+    return image[..., 1:, 1:] + image[..., 1:, :-1] + image[..., :-1, 1:] + image[..., :-1, :-1]
+
+
+def write_psf(path, nodes, wavelength, images, *, cells, about, provenance):
+    """Write a PSF file. `images` yields, node by node, (image (4, cells, cells), tilt (2,)).
+
+    `about` holds the attributes that say which chip this is; `provenance` is a JSON-like mapping.
+    """
+    tilt, flux = np.empty((len(nodes), 2)), np.empty((len(nodes), WAVELENGTHS))
+    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+        store = file.create_dataset("image", (len(nodes), WAVELENGTHS, cells, cells), np.float32)
+        for i, (image, shift) in enumerate(images):
+            stored = np.asarray(image, np.float32)
+            store[i], tilt[i], flux[i] = stored, shift, stored.sum(axis=(1, 2), dtype=np.float64)
+        named = {"nodes_xy": nodes, "wavelength": wavelength, "tilt": tilt, "flux": flux}
+        for name, data in named.items():
+            file[name] = np.asarray(data, np.float64)
+        file.attrs.update(about)
+        file.attrs.update({"format": FORMAT, "sample": "cell_integral", "version": __version__})
+        file.attrs["provenance"] = json.dumps(provenance, sort_keys=True)
+
+
+class PsfSet:
+    """The PSFs of one chip, read as needed from a memory-mapped file.
+
+    Attributes: `nodes_xy` (n, 2) px, `image` (n, 4, cells, cells) float32 memory map, `wavelength` (4,) angstrom,
+    `tilt` (n, 2) px, `flux` (n, 4), `dead` (n,) bool, `scale` arcsec per cell, `attributes` (dict).
+    """
+
+    def __init__(self, path, *, chip=None, filter=None, grid=None, camera_digest=None):
+        """Open and check a PSF file; what is given of chip (id), filter (name), grid and digest must match.
+
+        Raises InputError for a missing, truncated or foreign file, wrong shapes, and what does not match.
+        """
+        self.path = path
+        data, offset, shape = self._read()
+        self.nodes_xy, self.wavelength, self.tilt, self.flux = (
+            data[k] for k in ("nodes_xy", "wavelength", "tilt", "flux")
+        )
+        expected = {"format": FORMAT, "sample": "cell_integral", "chip": chip, "filter": filter, "grid": grid}
+        for name, value in (expected | {"camera_digest": camera_digest}).items():
+            if value is not None and self.attributes[name] != value:
+                raise InputError("does not fit", file=path, key=name, value=self.attributes[name], allowed=value)
+        self._check(shape)
+        self.scale = float(self.attributes["cell_arcsec"])
+        self.dead = ~np.isfinite(self.flux).all(axis=1)
+        self._alive = np.flatnonzero(~self.dead)
+        self._seen = np.zeros(len(self.nodes_xy), bool)
+        self._search = None
+        try:
+            self.image = np.memmap(path, np.float32, "r", offset, shape)
+        except ValueError as exc:
+            raise InputError("the file is shorter than its image", file=path, key="image") from exc
+
+    def _read(self):
+        try:
+            with h5py.File(self.path, "r") as file:
+                self.attributes = {k: v.item() if isinstance(v, np.generic) else v for k, v in file.attrs.items()}
+                missing = [k for k in _ATTRIBUTES if k not in self.attributes]
+                missing += [k for k in (*_DATASETS, "image") if k not in file]
+                if missing:
+                    raise InputError("not a PSF file", file=self.path, key=missing[0], value="missing")
+                image, offset = file["image"], file["image"].id.get_offset()
+                if image.dtype != np.dtype("<f4") or offset is None:
+                    raise InputError("must be contiguous float32", file=self.path, key="image", value=str(image.dtype))
+                data = {k: file[k][()] for k in _DATASETS}
+                return data, offset, image.shape
+        except OSError as exc:
+            reason = os.strerror(exc.errno) if exc.errno else "truncated, or not HDF5"
+            raise InputError(f"cannot read the PSF file: {reason}", file=self.path) from exc
+
+    def _check(self, shape):
+        n = self.attributes["grid"] ** 2
+        cells = shape[-1]
+        wanted = {
+            "nodes_xy": (self.nodes_xy.shape, (n, 2)),
+            "image": (shape, (n, WAVELENGTHS, cells, cells)),
+            "wavelength": (self.wavelength.shape, (WAVELENGTHS,)),
+            "tilt": (self.tilt.shape, (n, 2)),
+            "flux": (self.flux.shape, (n, WAVELENGTHS)),
+        }
+        for name, (got, allowed) in wanted.items():
+            if got != allowed:
+                raise InputError("wrong shape", file=self.path, key=name, value=got, allowed=allowed)
+        if cells % 2:
+            raise InputError("the number of cells must be even", file=self.path, key="image", value=cells)
+        for name in ("nodes_xy", "wavelength"):
+            if not np.isfinite(getattr(self, name)).all():
+                raise InputError("holds a value that is not finite", file=self.path, key=name)
+        if np.isfinite(self.flux).all(axis=1).sum() < 3:
+            raise InputError("fewer than three nodes are alive", file=self.path, key="flux")
+
+    def node(self, index):
+        """Return the images of one node, (4, cells, cells) float32. Raises InputError if they are damaged."""
+        image = self.image[index]
+        if not self._seen[index]:
+            total = image.sum(axis=(1, 2), dtype=np.float64)
+            if not np.allclose(total, self.flux[index], rtol=1e-9, atol=0):
+                raise InputError(
+                    "does not sum to its flux", file=self.path, key=f"image[{index}]", value=total.tolist()
+                )
+            self._seen[index] = True
+        return image
+
+    def weights(self, x, y, *, beta=2.0, neighbours=4):
+        """Return (index, weight, outside_hull) of the nodes that make the PSF at pixel positions x, y.
+
+        For scalars the shapes are (k,), (k,), (); for arrays of N positions (N, k), (N, k), (N,), where k is
+        `neighbours` or the number of live nodes if that is less. Weights (equation 3 of the paper, power `beta`)
+        are >= 0 and sum to 1. Nodes at equal distance are taken in the order of their index.
+        """
+        points = np.stack(np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float)), axis=-1)
+        if not np.isfinite(points).all():
+            raise ValueError("a PSF was asked for at a position that is not finite")
+        tree, hull = self._geometry()
+        flat = points.reshape(-1, 2)
+        k = min(neighbours, self._alive.size)
+        candidates = np.arange(1, min(k + _SPARE, self._alive.size) + 1)
+        distance, found = tree.query(flat, candidates)
+        order = np.lexsort((found, np.round(distance / _ON_NODE_PX)), axis=1)[:, :k]
+        distance, found = np.take_along_axis(distance, order, 1), np.take_along_axis(found, order, 1)
+        # Relative to the nearest, so that no power overflows
+        on_node = distance[:, :1] < _ON_NODE_PX
+        ratio = np.where(on_node, 1.0, distance[:, :1]) / np.where(on_node, 1.0, distance)
+        weight = np.where(on_node, np.arange(k) == 0, ratio**beta)
+        weight = weight / weight.sum(axis=1, keepdims=True)
+        outside = (flat @ hull[:, :2].T + hull[:, 2] > _ON_NODE_PX).any(axis=1)
+        shape = points.shape[:-1]
+        return self._alive[found].reshape(*shape, k), weight.reshape(*shape, k), outside.reshape(shape)
+
+    def at(self, x, y, *, beta=2.0, neighbours=4):
+        """Return the PSF at one pixel position, (4, cells, cells) float64 cell integrals."""
+        index, weight, _ = self.weights(float(x), float(y), beta=beta, neighbours=neighbours)
+        used = weight > 0
+        return sum(w * self.node(i).astype(np.float64) for i, w in zip(index[used], weight[used], strict=True))
+
+    def _geometry(self):
+        """Search tree and convex hull (outward half-planes) of the live nodes, made once."""
+        if self._search is None:
+            from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+            live = self.nodes_xy[self._alive]
+            try:
+                self._search = cKDTree(live), ConvexHull(live).equations
+            except QhullError as exc:
+                raise InputError("the live nodes lie on one line", file=self.path, key="nodes_xy") from exc
+        return self._search

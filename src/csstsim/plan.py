@@ -1,0 +1,93 @@
+"""What a campaign would do and cost, before anything runs (`csstsim plan`).
+
+CPU and disk are estimates from the rates below, measured with benchmarks/stage_costs.py on one core of a
+2-core Xeon VM; they scale with pixels and with the object density of the universe file.
+"""
+
+import numpy as np
+
+
+CPU_S_PER_OBJECT = 0.08  # reference renderer: an object of the demo, PSF mixture and one convolution
+CPU_S_PER_MPIX = 0.25  # noise, readout, Level-0 and measuring
+CPU_S_PER_JOB = 8.0  # start-up of the four stages and of measure
+CPU_S_PER_BRICK = 15.0  # truth
+CPU_S_PER_PSF = 0.2  # one node at one wavelength
+BYTES_PER_NODE = 4 * 256 * 256 * 4
+
+
+def plan(run):
+    """Return the plan as {name: number or string}. run: campaign.OpenCampaign."""
+    jobs, config, camera = run.jobs, run.config, run.camera
+    science = run.science_jobs
+    pixels = sum(job.window.nx * job.window.ny for job in jobs)
+    truth = {pix for job in science for pix in run.truth_bricks(*job.key)} if run.embedded else set()
+    chips = {job.chip.id for job in jobs if job.pointing.type == "SCIE"}
+    nodes = len(chips) * config.psf.grid**2
+    objects = sum(_objects(run, job) for job in science)
+    detector = camera.detector
+    frame = 2 * detector.channels * (detector.channel_nx + detector.prescan + detector.overscan)
+    frame *= detector.channel_ny + detector.parallel_overscan
+    stages = sum(run.has_stage(job.pointing, s) for job in jobs for s in ("render", "readout", "level0"))
+    counts = {
+        "exposures": len({job.pointing.obsid for job in jobs}),
+        "chips": len({job.chip.id for job in jobs}),
+        "Level-0 files": len(jobs),
+        "megapixels": round(pixels / 1e6, 1),
+        "objects drawn": round(objects),
+        "truth bricks": len(truth),
+        "bricks touched": len(run.merge_bricks),
+        "bricks fully covered": len(_covered(run)),
+        "jobs": stages + 2 * len(science) + len(truth) + len(chips) + 2 * len(run.merge_bricks) + bool(science),
+    }
+    disk = {
+        "Level-0": len(jobs) * frame,
+        "PSF tables": nodes * BYTES_PER_NODE,
+        "largest intermediates (a job)": 8 * max(job.window.nx * job.window.ny for job in jobs),
+    }
+    cpu = (
+        objects * CPU_S_PER_OBJECT + pixels / 1e6 * CPU_S_PER_MPIX + len(jobs) * CPU_S_PER_JOB
+        + len(truth) * CPU_S_PER_BRICK + 4 * nodes * CPU_S_PER_PSF
+    )  # fmt: skip
+    return counts, disk, cpu
+
+
+def _objects(run, job):
+    """Expected objects on a job's window, from the truth's density down to the campaign's limit."""
+    if not run.embedded:
+        return 0.0
+    from csstsim.universe.galaxies import density_per_arcmin2
+    from csstsim.universe.load import load_universe
+
+    area = job.window.nx * job.window.ny * (run.camera.telescope.pixel_scale / 60.0) ** 2
+    return area * density_per_arcmin2(load_universe(run.config.universe_file), run.config.catalog.mag_limit)
+
+
+def _covered(run):
+    """Bricks of which every point sampled is on a measured window, in some exposure."""
+    import healpy
+
+    covered = []
+    for pix, jobs in run.merge_bricks.items():
+        ra, dec = healpy.pix2ang(256 * 32, np.arange(pix * 1024, (pix + 1) * 1024), nest=True, lonlat=True)
+        seen = np.zeros(len(ra), bool)
+        for job in jobs:
+            x, y = job.wcs.world_to_pixel(ra, dec)
+            seen |= job.window.contains(x, y)
+        if seen.all():
+            covered.append(pix)
+    return covered
+
+
+def print_plan(run):
+    """Print the plan of an open campaign."""
+    from rich.console import Console
+    from rich.table import Table
+
+    counts, disk, cpu = plan(run)
+    table = Table(title=f"{run.config.name} ({run.file})", show_header=False)
+    for name, value in counts.items():
+        table.add_row(name, f"{value:,}")
+    for name, value in disk.items():
+        table.add_row(f"disk: {name}", f"{value / 1e9:,.2f} GB")
+    table.add_row("CPU, an estimate", f"{cpu / 3600:,.2f} h")
+    Console().print(table)

@@ -1,0 +1,217 @@
+"""What each command and each rule does: read the stage before, run, write, all through csstsim.io.
+
+A stage refuses an input whose recorded recipe (digests of campaign, camera, layers and exposure) is not its
+own, and gives its products that recipe on. Nothing appears under its name before it is complete.
+"""
+
+import time
+from functools import partial
+
+import numpy as np
+
+from csstsim.errors import InputError
+from csstsim.state import State
+
+
+class Timer:
+    """Wall and CPU seconds of a stage, for the provenance of its product."""
+
+    def __init__(self, stage):
+        self.stage, self.wall, self.cpu = stage, time.perf_counter(), time.process_time()
+
+    def entry(self):
+        return [self.stage, time.perf_counter() - self.wall, time.process_time() - self.cpu]
+
+
+def truth(run, pix):
+    """Make one brick of the embedded universe."""
+    from csstsim.universe.bricks import write_brick
+
+    if not run.embedded:
+        raise InputError("the campaign brings its own catalogue", file=run.file, key="catalog.kind", value=run.config.catalog.kind)
+    write_brick(run.paths.truth(pix), pix, **run.universe_key())
+
+
+def psf(run, chip_id):
+    """Make the PSF set of one chip."""
+    from csstsim.optics.psf import make_psf
+
+    chip, camera = run.camera.chips[chip_id], run.camera
+    make_psf(
+        run.paths.psf(chip_id), chip, camera.filters[chip.filter], camera.telescope, camera.psf, run.config.psf.grid,
+        camera_digest=camera.digest,
+    )  # fmt: skip
+
+
+def select(run, job):
+    """Find the objects that reach a job's window."""
+    timer = Timer("select")
+    table = _objects(run, job)
+    meta = table.meta | {"recipe": run.recipe(job), "stages": [timer.entry()]}
+    table.write(run.paths.stage(*job.key, "select.parquet"), meta)
+
+
+def _objects(run, job):
+    from csstsim.catalog.open import open_catalog
+    from csstsim.catalog.select import Noise, select_objects
+
+    filter_, detector = run.camera.filters[job.chip.filter], run.camera.detector
+    catalog = open_catalog(run, job)
+    noise = Noise(filter_.sky, detector.dark, detector.read_noise)
+    return select_objects(
+        catalog, job.wcs, job.window, filter_, run.camera.telescope, job.pointing.exptime, noise, run.config.catalog.mag_limit
+    )  # fmt: skip
+
+
+def render(run, job):
+    """Run the layers of the render stage: expected electrons, counted electrons, drawn objects."""
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.io.frames import save_frame
+
+    timer, objects = Timer("render"), None
+    if job.pointing.type == "SCIE":
+        path = run.paths.stage(*job.key, "select.parquet")
+        objects = ObjectTable.read(path)
+        _check_recipe(run, job, path, objects.meta)
+    state = _render(run, job, objects)
+    planes = {"image": state.image, "counted": state.counted}
+    state.header["stages"] = [*(objects.meta["stages"] if objects is not None else []), timer.entry()]
+    drawn = state.truth if state.truth is not None else ObjectTable.complete({})
+    drawn.write(run.paths.stage(*job.key, "drawn.parquet"), drawn.meta | {"recipe": run.recipe(job)})
+    save_frame(run.paths.stage(*job.key, "render.fits"), planes, _meta(run, job, state))
+
+
+def _render(run, job, objects):
+    state = _blank(run, job, objects)
+    if job.pointing.type == "SCIE":
+        state.psf = _open_psf(run, job)
+        state.header["truth_hash"] = objects.meta["truth_hash"]
+        state.header["psf_hash"] = state.psf.digest
+    return run.steps[job.pointing.type].run(state, "render", run.config.seed)
+
+
+def readout(run, job):
+    """Run the layers of the readout stage: electrons to DN."""
+    from csstsim.io.frames import save_frame
+
+    timer = Timer("readout")
+    state = _state_before(run, job, "render")
+    state = run.steps[job.pointing.type].run(state, "readout", run.config.seed)
+    state.header.setdefault("stages", []).append(timer.entry())
+    save_frame(run.paths.stage(*job.key, "readout.fits"), {"image": state.image}, _meta(run, job, state))
+
+
+def level0(run, job):
+    """Run the layers of the level0 stage and write the Level-0 file with its truth beside it."""
+    from csstsim.catalog.table import ObjectTable
+
+    timer = Timer("level0")
+    state = _state_before(run, job, "readout")
+    if run.has_stage(job.pointing, "render"):
+        path = run.paths.stage(*job.key, "drawn.parquet")
+        state.truth = ObjectTable.read(path)
+        _check_recipe(run, job, path, state.truth.meta)
+    _level0(run, job, state, timer)
+
+
+def _level0(run, job, state, timer):
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.io.level0 import write_level0
+    from csstsim.io.truth import write_truth
+
+    steps = run.steps[job.pointing.type]
+    state = steps.run(state, "level0", run.config.seed)
+    state.header.setdefault("stages", []).append(timer.entry())
+    provenance = run.recipe(job) | {
+        "seed": run.config.seed,
+        "name": run.config.name,
+        "layers": steps.describe(),
+        "truth_hash": state.header.pop("truth_hash", "none"),
+        "psf_hash": state.header.pop("psf_hash", "none"),
+        "stages": state.header.pop("stages"),
+        "timing": state.header.pop("timing", []),
+    }
+    path = run.paths.level0(job.pointing, job.chip.id)
+    truth_path = run.paths.level0_truth(job.pointing, job.chip.id)
+    drawn = state.truth if state.truth is not None else ObjectTable.complete({})
+    write_truth(truth_path, drawn, job, {"recipe": run.recipe(job), "level0": path.name})
+    write_level0(path, state, run.camera.keywords, provenance)
+
+
+def chip(run, job, say=print):
+    """Run one job in memory, its missing truth bricks and PSF set made first."""
+    from csstsim.catalog.table import ObjectTable
+
+    header, objects = {"stages": []}, None
+    if job.pointing.type == "SCIE":
+        for make in _missing(run, job, say):
+            make()
+        timer = Timer("select")
+        objects = _objects(run, job)
+        header["stages"].append(timer.entry())
+        say(f"select: {len(objects)} objects")
+    timer = Timer("render")
+    state = _render(run, job, objects)
+    state.header |= header
+    header["stages"].append(timer.entry())
+    if state.truth is None:
+        state.truth = ObjectTable.complete({})
+    timer = Timer("readout")
+    state = run.steps[job.pointing.type].run(state, "readout", run.config.seed)
+    header["stages"].append(timer.entry())
+    _level0(run, job, state, Timer("level0"))
+    for name, wall, cpu in header["stages"]:
+        say(f"{name}: {wall:.1f} s, {cpu:.1f} CPU-s")
+    say(f"{run.paths.level0(job.pointing, job.chip.id)} and its truth table")
+
+
+def _missing(run, job, say):
+    """Yield what makes each missing input of a job, having said so."""
+    bricks = run.bricks_of(job) if run.embedded else ()
+    wanted = [(run.paths.truth(pix), partial(truth, run, pix)) for pix in bricks]
+    wanted.append((run.paths.psf(job.chip.id), partial(psf, run, job.chip.id)))
+    for path, make in wanted:
+        if not path.exists():
+            say(f"making {path}")
+            yield make
+
+
+def _blank(run, job, objects=None):
+    camera = run.camera
+    return State(
+        chip=job.chip, filter=camera.filters[job.chip.filter], telescope=camera.telescope, pointing=job.pointing,
+        catalog=objects, window=job.window, wcs=job.wcs, image=np.zeros(job.window.shape, np.float32),
+    )  # fmt: skip
+
+
+def _state_before(run, job, stage):
+    """Return the state the given stage left on disk, or a blank one if this exposure has no such stage."""
+    from csstsim.io.frames import load_frame
+
+    state = _blank(run, job)
+    if run.has_stage(job.pointing, stage):
+        path = run.paths.stage(*job.key, f"{stage}.fits")
+        planes, meta = load_frame(path, {"recipe": run.recipe(job), "stage": stage})
+        state.image, state.counted = planes["image"], planes.get("counted")
+        state.unit, state.header = meta["unit"], meta["header"]
+    return state
+
+
+def _meta(run, job, state):
+    stage = state.header["stages"][-1][0]
+    return {"recipe": run.recipe(job), "stage": stage, "unit": state.unit, "header": state.header}
+
+
+def _check_recipe(run, job, path, meta):
+    if meta.get("recipe") != run.recipe(job):
+        raise InputError("made for another campaign; remove it", file=path, key="recipe", value=meta.get("recipe"), allowed=run.recipe(job))  # fmt: skip
+
+
+def _open_psf(run, job):
+    from csstsim.optics.psf_file import PsfSet
+
+    config = run.config.psf
+    return PsfSet(
+        run.paths.psf(job.chip.id), chip=job.chip, grid=config.grid, camera_digest=run.camera.digest,
+        beta=config.beta, neighbours=config.neighbours,
+    )  # fmt: skip

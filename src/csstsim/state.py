@@ -1,0 +1,32 @@
+"""State: what a layer gets and gives back (paper, section 4.3)."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+
+@dataclass
+class State:
+    """The simulation of one exposure on one chip, as it stands between two layers.
+
+    `image` is float32, changed in place: expected electrons until `poisson_and_dark`, then charge, then DN
+    (units in `unit`). Before `prescan_overscan` its shape is that of `window`; after it, that of the
+    window's readout frame (detector.channels). `counted` holds electrons that are already Poisson
+    (int32, same shape) or None; `poisson_and_dark` merges it. `header` gathers what layers add to the
+    Level-0 header as {name: value}, JSON-like values only; `truth` is the table of drawn objects.
+    """
+
+    chip: Any  # instrument.chip.Chip
+    filter: Any  # instrument.filter.Filter
+    telescope: Any  # instrument.telescope.Telescope
+    pointing: Any  # instrument.pointing.Pointing
+    catalog: Any  # catalog.table.ObjectTable of this chip, or None
+    window: Any  # instrument.chip.Window
+    wcs: Any  # optics.wcs.ChipWCS
+    image: np.ndarray
+    counted: np.ndarray | None = None
+    psf: Any = None  # optics.psf.PsfSet, or None for exposures without objects
+    unit: str = "electron"
+    header: dict = field(default_factory=dict)
+    truth: Any = None

@@ -1,0 +1,37 @@
+"""Fixtures shared by many tests: the shipped camera, a pointing, a small PSF set."""
+
+import pytest
+
+from csstsim.config import SHIPPED
+from csstsim.instrument.camera import load_camera
+from csstsim.instrument.pointing import Pointing
+from csstsim.optics.psf import PsfSet, make_psf
+
+
+@pytest.fixture(scope="session")
+def camera():
+    return load_camera(SHIPPED / "instrument")
+
+
+@pytest.fixture(scope="session")
+def make_pointing():
+    """Return a science pointing; keywords change its fields."""
+
+    def make(**fields):
+        values = {
+            "obsid": "10100000001", "type": "SCIE", "ra": 60.0, "dec": -40.0, "pa": -113.4333,
+            "time": "2027-06-26T20:35:58", "exptime": 150.0,
+            "sat_position": (6778.0, 0.0, 0.0), "sat_velocity": (0.0, 7.0, 3.0),
+        }  # fmt: skip
+        return Pointing(**(values | fields))
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def psf_r(camera, tmp_path_factory):
+    """A 2 x 2-node PSF set of chip 9 (r band)."""
+    path = tmp_path_factory.mktemp("psf") / "chip_09.h5"
+    chip = camera.chips[9]
+    make_psf(path, chip, camera.filters["r"], camera.telescope, camera.psf, 2, camera_digest=camera.digest)
+    return PsfSet(path, chip=9)

@@ -1,0 +1,104 @@
+"""Intermediate frames: bits kept, damage and foreign files refused."""
+
+import numpy as np
+import pytest
+
+from csstsim.errors import InputError
+from csstsim.io.frames import load_frame, save_frame
+from csstsim.rng import stream
+
+META = {"recipe": {"campaign": "abc"}, "stage": "render", "header": {"gain": [1.1, 1.0], "long": "é" * 5000}, "n": None}
+
+
+def planes():
+    image = stream(1, "bits").integers(0, 2**32, (37, 11), dtype=np.uint32).view(np.float32)  # NaNs of all kinds too
+    image[0, :5] = [np.nan, np.inf, -np.inf, -0.0, 1e-45]
+    counted = stream(1, "ints").integers(-(2**31), 2**31, (37, 11), dtype=np.int32)
+    return {"image": image, "counted": counted, "mask": np.array([[0, 65535]], np.uint16)}
+
+
+@pytest.fixture
+def saved(tmp_path):
+    path = tmp_path / "folder" / "render.fits"
+    save_frame(path, planes(), META)
+    return path
+
+
+def test_every_bit_survives(saved):
+    read, meta = load_frame(saved)
+    assert meta == META
+    assert list(read) == list(planes())
+    for name, plane in planes().items():
+        assert read[name].dtype == plane.dtype
+        assert read[name].tobytes() == plane.tobytes()
+        assert read[name].flags.writeable
+    assert [p.name for p in saved.parent.iterdir()] == ["render.fits"]
+
+
+def test_absent_planes_are_left_out(tmp_path):
+    save_frame(tmp_path / "x.fits", {"image": np.zeros((2, 2), np.float32), "counted": None}, {})
+    assert list(load_frame(tmp_path / "x.fits")[0]) == ["image"]
+
+
+def test_same_content_same_bytes(saved, tmp_path):
+    save_frame(tmp_path / "again.fits", planes(), META)
+    assert (tmp_path / "again.fits").read_bytes() == saved.read_bytes()
+
+
+def test_any_flipped_bit_is_found(saved, tmp_path):
+    content = saved.read_bytes()
+    damaged = tmp_path / "damaged.fits"
+    for position in stream(2, "flip").integers(0, len(content), 150):
+        changed = bytearray(content)
+        changed[position] ^= 1
+        damaged.write_bytes(changed)
+        with pytest.raises(InputError, match="damaged.fits"):
+            load_frame(damaged)
+
+
+def test_any_cut_is_found(saved, tmp_path):
+    content = saved.read_bytes()
+    for length in (0, 100, 2880, 5000, 8640, len(content) - 2880, len(content) - 1):
+        (tmp_path / "cut.fits").write_bytes(content[:length])
+        with pytest.raises(InputError, match=r"cut.fits"):
+            load_frame(tmp_path / "cut.fits")
+
+
+def test_what_is_expected(saved, tmp_path):
+    load_frame(saved, {"recipe": {"campaign": "abc"}, "stage": "render"})
+    with pytest.raises(InputError, match=r"render.fits: recipe: .*'abc'.*allowed: {'campaign': 'abd'}"):
+        load_frame(saved, {"recipe": {"campaign": "abd"}})
+    with pytest.raises(InputError, match=r"missing_key: .*allowed: 5"):
+        load_frame(saved, {"missing_key": 5})
+    with pytest.raises(InputError, match=r"shape of mask: .*allowed: \[37, 11\]"):
+        load_frame(saved, {"shape": (37, 11)})
+    save_frame(tmp_path / "x.fits", {"image": np.zeros((2, 3), np.float32)}, {})
+    load_frame(tmp_path / "x.fits", {"shape": (2, 3)})
+
+
+def test_files_that_are_no_frames(tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        load_frame(tmp_path / "none.fits")
+    (tmp_path / "text.fits").write_text("not FITS at all")
+    with pytest.raises(InputError, match=r"text.fits: not a readable FITS file"):
+        load_frame(tmp_path / "text.fits")
+    from astropy.io import fits
+
+    fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(np.zeros((2, 2)))]).writeto(tmp_path / "other.fits")
+    with pytest.raises(InputError, match="no CHECKSUM"):
+        load_frame(tmp_path / "other.fits")
+
+
+@pytest.mark.parametrize("plane", [np.zeros((2, 2)), np.zeros(3, np.float32), np.zeros((0, 3), np.float32)])
+def test_planes_that_cannot_be_kept(tmp_path, plane):
+    with pytest.raises(ValueError, match="plane 'image'"):
+        save_frame(tmp_path / "x.fits", {"image": plane}, {})
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_failed_write_leaves_the_old_file(saved):
+    old = saved.read_bytes()
+    with pytest.raises(ValueError, match="JSON"):
+        save_frame(saved, planes(), {"bad": float("nan")})
+    assert saved.read_bytes() == old
+    assert [p.name for p in saved.parent.iterdir()] == ["render.fits"]

@@ -1,0 +1,213 @@
+"""Level-0 files: header, pixels in both layouts, windows, reading back, and fitsverify's opinion."""
+
+import re
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from astropy.io import fits
+from astropy.time import Time
+from readout_state import dark_layers, flat_state, run, small_camera
+
+from csstsim.config import SHIPPED
+from csstsim.detector.channels import LAYOUTS
+from csstsim.errors import InputError
+from csstsim.io.keywords import header_cards, orbit_after
+from csstsim.io.level0 import REQUIRED, read_level0, write_level0
+from csstsim.io.paths import level0_stem
+
+PROVENANCE = {
+    "campaign": "c0ffee", "camera": "cafe", "exposure": "beef", "truth_hash": "7", "psf_hash": "9", "seed": 11,
+    "name": "demo's", "layers": [{"scie_obs": {"exptime": None}}, {"gain": {"gain_16channel": True}}],
+    "stages": [["render", 12.3456, 10.0], ["level0", 1.0, 0.5]],
+}  # fmt: skip
+# config/instrument/level0_keywords.yaml promises that two identical runs differ in no other value
+VOLATILE = {"DATE", "CHECKSUM", *(f"{clock}_{stage}" for clock in ("CPU", "WALL") for stage in ("SEL", "REN", "RDO", "L0"))}
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    return small_camera(tmp_path_factory.mktemp("mini"))
+
+
+def made(camera, path, layout, provenance=PROVENANCE, **fields):
+    state = run(flat_state(camera, 300.0, **fields), dark_layers())
+    write_level0(path, state, camera.keywords, provenance, layout)
+    return state
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_header(small, tmp_path, layout):
+    state = made(small, tmp_path / "x.fits", layout)
+    with fits.open(tmp_path / "x.fits", checksum=True) as hdus:
+        hdus.verify("exception")
+        assert [hdu.name for hdu in hdus] == ["PRIMARY", "IMAGE"]
+        assert hdus[0].data is None
+        first, header = hdus[0].header, hdus[1].header
+        assert hdus[1].data.dtype == np.uint16
+        assert hdus[1].data.shape == ((36, 672) if layout == "channels" else (72, 336))
+        assert header["NAXIS1"] * header["NAXIS2"] == 16 * 42 * 36
+    assert first["FILENAME"] == level0_stem(state.pointing, 9)
+    assert re.fullmatch(r"CSST_MSC_MS_WIDE_\d{14}_\d{14}_10160000004_09_L0_V01", first["FILENAME"])
+    assert (first["OBSID"], first["FILETYPE"], first["OBJECT"], first["NEXTEND"]) == ("10160000004", "SCIE", "demo's", 1)
+    start, end = Time(first["DATE-OBS"], scale="utc"), Time(first["DATE-END"], scale="utc")
+    assert abs(start.mjd - first["EXPSTART"]) * 86400 < 1e-4
+    assert abs(end.mjd - first["EXPEND"]) * 86400 < 1e-4
+    assert abs((end - start).sec - first["EXPTIME"]) < 1e-6
+    assert (first["RA_PNT0"], first["DEC_PNT1"], first["POS_ANG0"]) == (60.0, -40.0, -113.4333)
+    assert (first["SIMSEED"], first["CAMPHASH"], first["CPU_REN"], first["WALL_REN"]) == (11, "c0ffee", 10.0, 12.346)
+    assert "CPU_SEL" not in first  # not measured in this run
+    assert list(first["HISTORY"]) == [' layer scie_obs {"exptime": null}', ' layer gain {"gain_16channel": true}']
+    assert [header[f"GAIN{i:02d}"] for i in range(1, 17)] == state.header["gain"]
+    assert [header[f"RON{i:02d}"] for i in range(1, 17)] == [5.0] * 16
+    bias = np.divide(state.header["bias"], state.header["gain"])
+    assert np.allclose([header[f"DETBIA{i:02d}"] for i in range(1, 17)], bias, rtol=1e-12)
+    assert (header["DETSIZE"], header["NCHAN"], header["LAYOUT"], header["BUNIT"]) == ("256 x 64", 16, layout, "ADU")
+    assert (header["CLIPHIGH"], header["CLIPLOW"], header["SATURATE"]) == (0, 0, 65535)
+    assert set(REQUIRED) <= set(header)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("window", [None, (31, 34, 10, 40), (255, 256, 63, 64), (0, 256, 0, 32)])
+def test_pixels_read_back(small, tmp_path, layout, window):
+    path = tmp_path / "x.fits"
+    state = made(small, path, layout, window=window)
+    level0 = read_level0(path, verify=True)
+    w = state.window
+    assert level0.window == w
+    assert np.array_equal(level0.frame(), state.image)
+    active = level0.readout.active(state.image)
+    assert np.array_equal(level0.assembled(), active)
+    whole = level0.assembled(full=True)
+    assert whole.shape == (64, 256)
+    assert np.array_equal(whole[w.y0 : w.y1, w.x0 : w.x1], active)
+    assert np.count_nonzero(whole) == active.size
+    canvas = np.zeros_like(whole)
+    for channel, block in zip(level0.channels(), level0.readout.blocks, strict=True):
+        c = channel.window
+        canvas[c.y0 : c.y1, c.x0 : c.x1] = channel.active
+        assert np.array_equal(channel.serial_overscan, state.image[block.serial_overscan])
+        assert np.array_equal(channel.prescan, state.image[block.prescan])
+        assert np.array_equal(channel.parallel_overscan, state.image[block.parallel_overscan])
+        assert channel.gain == state.header["gain"][channel.number - 1] == level0.gain[channel.number]
+        assert channel.read_noise == 5.0
+    assert np.array_equal(canvas, whole)
+
+
+def test_pixels_not_read_are_zero(small, tmp_path):
+    made(small, tmp_path / "x.fits", "channels", window=(40, 50, 5, 9))
+    data = fits.getdata(tmp_path / "x.fits", "IMAGE")
+    assert np.count_nonzero(data) == (10 + 3 + 7) * (4 + 4)  # window + prescan + overscan columns x window + overscan rows
+    assert not data[:, :42].any() and not data[:, 84:].any()  # only channel 2 was touched
+
+
+def test_two_runs_differ_only_where_promised(small, tmp_path):
+    later = PROVENANCE | {"stages": [["render", 2.0, 1.0], ["level0", 3.0, 2.0]]}
+    for name, provenance in (("a", PROVENANCE), ("b", later)):
+        made(small, tmp_path / f"{name}.fits", "channels", provenance)
+    one, other = (fits.open(tmp_path / f"{name}.fits") for name in "ab")
+    with one, other:
+        differ = {k for k in one[0].header if str(one[0].header[k]) != str(other[0].header[k])}
+        assert differ and differ <= VOLATILE
+        assert repr(one[1].header) == repr(other[1].header)  # CHECKSUM and DATASUM included
+        assert np.array_equal(one[1].data, other[1].data)
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("obsid", ["10160000004", "10109200100412"], ids=["11 digits", "14 digits"])
+def test_fitsverify(small, tmp_path, layout, obsid):
+    if shutil.which("fitsverify") is None:
+        pytest.skip("fitsverify (Debian package of that name) is not installed")
+    made(small, tmp_path / "x.fits", layout, obsid=obsid)
+    answer = subprocess.run(["fitsverify", tmp_path / "x.fits"], capture_output=True, text=True, check=False)
+    assert "0 warning(s) and 0 error(s)" in answer.stdout, answer.stdout
+    if len(obsid) == 14:  # its FILENAME needs a CONTINUE card
+        assert fits.getheader(tmp_path / "x.fits")["FILENAME"].endswith("_10109200100412_09_L0_V01")
+
+
+def test_files_that_cannot_be_read(small, tmp_path):
+    with pytest.raises(InputError, match="no such file"):
+        read_level0(tmp_path / "none.fits")
+    made(small, tmp_path / "x.fits", "channels")
+    content = (tmp_path / "x.fits").read_bytes()
+    for length in (0, 500, 2880, len(content) - 2880, len(content) - 1):
+        (tmp_path / "cut.fits").write_bytes(content[:length])
+        with pytest.raises(InputError, match=r"cut.fits"):
+            read_level0(tmp_path / "cut.fits")
+    changed = bytearray(content)
+    changed[-5000] ^= 4
+    (tmp_path / "bit.fits").write_bytes(changed)
+    read_level0(tmp_path / "bit.fits")
+    with pytest.raises(InputError, match=r"bit.fits: HDU IMAGE: the file is damaged"):
+        read_level0(tmp_path / "bit.fits", verify=True)
+    foreign = fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(np.zeros((4, 4)), name="SCI")])
+    foreign.writeto(tmp_path / "foreign.fits")
+    with pytest.raises(InputError, match="no IMAGE extension"):
+        read_level0(tmp_path / "foreign.fits")
+    foreign[1].name = "IMAGE"
+    foreign.writeto(tmp_path / "foreign.fits", overwrite=True)
+    with pytest.raises(InputError, match="keywords are missing.*NCHAN"):
+        read_level0(tmp_path / "foreign.fits")
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "message"),
+    [("LAYOUT", "tiles", "unknown layout"), ("READX1", 999, "does not hold together"), ("OSCAN1", 8, "not the pixels"),
+     ("DETSIZE", "big", "does not hold together")],
+)  # fmt: skip
+def test_headers_that_contradict_the_pixels(small, tmp_path, key, value, message):
+    made(small, tmp_path / "x.fits", "channels")
+    with fits.open(tmp_path / "x.fits", mode="update") as hdus:
+        hdus["IMAGE"].header[key] = value
+    with pytest.raises(InputError, match=message):
+        read_level0(tmp_path / "x.fits")
+
+
+def test_undigitised_states_are_refused(small, tmp_path):
+    state = run(flat_state(small), dark_layers(off=["quantization_and_output"]))
+    with pytest.raises(ValueError, match="quantization_and_output is missing"):
+        write_level0(tmp_path / "x.fits", state, small.keywords, PROVENANCE)
+    assert not list(tmp_path.iterdir())
+
+
+def test_layers_left_out_leave_their_keywords_out(small, tmp_path):
+    state = run(flat_state(small), dark_layers(off=["readout_noise", "bias"]))
+    write_level0(tmp_path / "x.fits", state, small.keywords, {})
+    header = fits.getheader(tmp_path / "x.fits", "IMAGE")
+    assert "GAIN01" in header and "RON01" not in header and "DETBIA01" not in header
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [({"hdu": 2, "keyword": "A", "constant": 1}, "entry 1"), ({"hdu": 0, "keyword": "A"}, "constant or from"),
+     ({"hdu": 0, "keyword": "A", "from": "nonsense"}, "allowed: gain"), ({"hdu": 0, "keyword": "low", "constant": 1}, "keyword"),
+     ({"hdu": 0, "block": "A", "constant": 1}, "constant or from"), ({"hdu": 0, "keyword": "A", "constant": 1, "x": 1}, "entry 1")],
+)  # fmt: skip
+def test_faulty_tables(entry, message):
+    with pytest.raises(InputError, match=message):
+        header_cards([entry], {"gain": [1.0]}, 0)
+
+
+def test_every_shipped_entry_fits_one_card(small):
+    """No comment of the shipped table is cut, and no keyword stands twice in an HDU."""
+    names = [(e["hdu"], e["keyword"]) for e in small.keywords if "keyword" in e]
+    assert len(names) == len(set(names))
+    assert all(len(entry.get("comment", "")) <= 47 for entry in small.keywords)
+    assert (SHIPPED / "instrument" / "level0_keywords.yaml").exists()
+
+
+def test_satellite_at_the_end_of_the_exposure():
+    """A circular orbit, closed form: turned by its mean motion; 1 m and 1 mm/s. An ellipse keeps energy and momentum."""
+    radius, gm = 6778.137, 398_600.4418
+    speed = np.sqrt(gm / radius)
+    angle = speed / radius * 250.0
+    position, velocity = orbit_after((radius, 0.0, 0.0), (0.0, 0.0, speed), 250.0)
+    assert np.allclose(position, [radius * np.cos(angle), 0, radius * np.sin(angle)], atol=1e-3, rtol=0)
+    assert np.allclose(velocity, [-speed * np.sin(angle), 0, speed * np.cos(angle)], atol=1e-6, rtol=0)
+    start = np.array([7000.0, 100.0, -30.0]), np.array([0.5, 6.0, 5.0])
+    assert orbit_after(*start, 0.0) == (tuple(start[0]), tuple(start[1]))
+    r, v = (np.array(a) for a in orbit_after(*start, 300.0))
+    energy = [u @ u / 2 - gm / np.linalg.norm(x) for x, u in (start, (r, v))]
+    assert abs(energy[0] - energy[1]) < 1e-9
+    assert np.allclose(np.cross(*start), np.cross(r, v), rtol=1e-11)

@@ -1,0 +1,97 @@
+"""What every layer must keep, whoever writes it: its form, its seed, and leaving other layers' numbers alone."""
+
+import importlib
+
+import numpy as np
+import pytest
+from readout_state import dark_layers, flat_state, run, small_camera
+
+from csstsim.layers.param import LayerParam
+from csstsim.sim_steps import STAGES, known_layers
+
+READOUT = [step.name for step in dark_layers()]
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    return small_camera(tmp_path_factory.mktemp("mini"))
+
+
+@pytest.mark.parametrize("name", known_layers())
+def test_form(name):
+    layer = importlib.import_module(f"csstsim.layers.{name}")
+    assert issubclass(layer.Param, LayerParam)
+    assert layer.STAGE in STAGES
+    assert len(layer.UNITS) == 2 and set(layer.UNITS) <= {"electron", "DN"}
+    assert "paper, Appendix B item" in " ".join(layer.__doc__.split())
+    assert "Left out" in layer.__doc__
+    assert layer.Param.__doc__ and layer.apply.__doc__
+    assert layer.Param() == layer.Param.model_validate({})  # every parameter has a default
+    for key, field in layer.Param.model_fields.items():
+        assert field.description, f"{name}.{key} has no description"
+
+
+@pytest.mark.parametrize("name", known_layers())
+def test_unknown_parameters_are_refused(name):
+    layer = importlib.import_module(f"csstsim.layers.{name}")
+    with pytest.raises(ValueError, match="no_such_key"):
+        layer.Param.model_validate({"no_such_key": 1})
+
+
+def before(small, name, **pointing):
+    """The state as the layer called `name` finds it."""
+    return run(flat_state(small, 80.0, **pointing), dark_layers(off=READOUT[READOUT.index(name) :]))
+
+
+def step_of(name):
+    return [step for step in dark_layers() if step.name == name]
+
+
+@pytest.mark.parametrize("name", READOUT)
+def test_same_seed_same_image_and_numpy_untouched(small, name):
+    known = np.random.get_state()[1].copy()  # noqa: NPY002 - the very thing that must not change
+    first, second = (run(before(small, name), step_of(name)) for _ in range(2))
+    assert np.array_equal(first.image, second.image)
+    assert first.header == second.header
+    assert np.array_equal(np.random.get_state()[1], known)  # noqa: NPY002
+    assert not np.shares_memory(first.image, second.image)
+
+
+@pytest.mark.parametrize("name", ["poisson_and_dark", "readout_noise"])
+def test_noise_is_new_in_each_exposure_chip_and_seed(small, name):
+    images = [run(before(small, name, obsid=obsid), step_of(name)).image for obsid in ("1", "2")]
+    images.append(run(before(small, name, obsid="1"), step_of(name), seed=12).image)
+    state = run(flat_state(small, 80.0, chip=8, obsid="1"), dark_layers(off=READOUT[READOUT.index(name) :]))
+    images.append(run(state, step_of(name)).image)
+    for i, one in enumerate(images):
+        for other in images[i + 1 :]:
+            z = one.ravel() - one.mean(), other.ravel() - other.mean()
+            correlation = np.mean(z[0] * z[1]) / (z[0].std() * z[1].std())
+            if name == "poisson_and_dark":  # beyond it, the shot noise of `before` is common to some pairs
+                assert abs(correlation) < 5 / np.sqrt(one.size)
+            assert not np.array_equal(one, other)
+
+
+@pytest.mark.parametrize("name", ["bias", "gain"])
+def test_channel_values_last_for_the_chip(small, name):
+    one, other = (run(flat_state(small, obsid=obsid), dark_layers()).header[name] for obsid in ("1", "2"))
+    assert one == other
+    assert len(set(one)) == 16
+    assert one != run(flat_state(small, chip=8), dark_layers()).header[name]
+
+
+PAIRS = [(name, off) for name in READOUT for off in ("poisson_and_dark", "bias", "readout_noise") if name != off]
+
+
+@pytest.mark.parametrize(("name", "off"), PAIRS)
+def test_another_layer_switched_off_changes_nothing_here(small, name, off):
+    """What a layer makes of the same input is the same bits, whatever ran before it."""
+    upto = READOUT[READOUT.index(name) :]
+    added = []
+    for missing in ((), (off,)):
+        state = run(flat_state(small, 80.0), dark_layers(off=[*upto, *missing]))
+        state.image[...] = 100.0
+        added.append(run(state, step_of(name)))
+    assert np.array_equal(added[0].image, added[1].image)
+    for key in added[0].header.keys() & added[1].header.keys():
+        assert added[0].header[key] == added[1].header[key]

@@ -1,0 +1,155 @@
+"""Each readout layer against its closed form."""
+
+import numpy as np
+import pytest
+from readout_state import dark_layers, flat_state, run, small_camera
+
+from csstsim.config import SHIPPED
+from csstsim.layers import bias, gain, poisson_and_dark, prescan_overscan, quantization_and_output
+from csstsim.rng import Streams, stream
+from csstsim.sim_steps import SimSteps
+
+RNG = Streams(3, "1", 9, "layer")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    return small_camera(tmp_path_factory.mktemp("mini"))
+
+
+@pytest.mark.parametrize(
+    ("counted_mean", "expected"), [(0.0, 30.0), (30.0, 0.0), (12.5, 17.5)], ids=["expected", "counted", "mixed"]
+)
+def test_mean_equals_variance(camera, counted_mean, expected):
+    """800 x 800 pixels; 5 sigma. 30 e- in all, dark 0.02 e-/s x 150 s on top."""
+    state = flat_state(camera, expected, window=(0, 800, 0, 800))
+    total = counted_mean + expected + camera.detector.dark * 150.0
+    if counted_mean:
+        state.counted = stream(1, "photons").poisson(counted_mean, state.image.shape).astype(np.int32)
+    state = poisson_and_dark.apply(state, poisson_and_dark.Param(), RNG)
+    n = state.image.size
+    assert state.counted is None
+    assert np.array_equal(state.image, np.rint(state.image))
+    assert abs(state.image.mean(dtype=float) - total) < 5 * np.sqrt(total / n)
+    assert abs(state.image.var(dtype=float) - total) < 5 * np.sqrt((total + 2 * total**2) / n)
+
+
+def test_exptime_overrides_the_pointing(small):
+    state = poisson_and_dark.apply(flat_state(small), poisson_and_dark.Param(exptime=0), RNG)
+    assert (state.image == 0).all()
+    state = poisson_and_dark.apply(flat_state(small), poisson_and_dark.Param(exptime=5e4), RNG)
+    expected = 5e4 * small.detector.dark
+    assert abs(state.image.mean(dtype=float) - expected) < 5 * np.sqrt(expected / state.image.size)
+    with pytest.raises(ValueError, match="greater than or equal to 0"):
+        poisson_and_dark.Param(exptime=-1)
+
+
+def test_nan_is_refused_with_a_count(small):
+    state = flat_state(small, 1.0)
+    state.image[3, 4:7] = np.nan
+    with pytest.raises(ValueError, match=r"3 pixel\(s\)"):
+        poisson_and_dark.apply(state, poisson_and_dark.Param(), RNG)
+
+
+def test_forgotten_counted_electrons_are_refused(small):
+    state = flat_state(small)
+    state.counted = np.ones(state.image.shape, np.int32)
+    with pytest.raises(ValueError, match="poisson_and_dark must come before"):
+        prescan_overscan.apply(state, prescan_overscan.Param(), RNG)
+
+
+@pytest.mark.parametrize("window", [None, (31, 33, 10, 40), (255, 256, 63, 64)])
+def test_bias_and_gain_per_channel_or_chip(small, window):
+    for many in (True, False):
+        state = prescan_overscan.apply(flat_state(small, 0.0, window=window), prescan_overscan.Param(), RNG)
+        state = bias.apply(state, bias.Param(bias_16channel=many), RNG)
+        levels = np.array(state.header["bias"])
+        assert len(levels) == 16
+        assert len(set(levels)) == (16 if many else 1)
+        assert (abs(levels - 500.0) <= 10.0).all()
+        state = gain.apply(state, gain.Param(gain_16channel=many), RNG)
+        gains = np.array(state.header["gain"])
+        assert len(set(gains)) == (16 if many else 1)
+        assert (abs(gains / 1.1 - 1) <= 0.01).all()
+        assert state.unit == "DN"
+        wanted = {np.float32(np.float32(b) / g) for b, g in zip(levels, gains, strict=True)}
+        assert set(np.unique(state.image).tolist()) <= {float(v) for w in wanted for v in (w, np.nextafter(w, 0), np.nextafter(w, 999))}
+
+
+def test_spread_of_the_channels(camera):
+    """480 channels of 30 chips: uniform, so the standard deviation is spread / sqrt(3) (5 sigma, sqrt(0.8 / 4 / n))."""
+    values = {"bias": [], "gain": []}
+    for chip in camera.chips:
+        for channel in range(1, 17):
+            for name, all_values in values.items():
+                all_values.append(Streams(5, "1", chip, "x").channel(channel, name).uniform(-1, 1))
+    for draws in values.values():
+        assert len(set(draws)) == 480
+        assert abs(np.std(draws) * np.sqrt(3) - 1) < 5 * np.sqrt(0.2 / 480)
+    assert abs(np.corrcoef(values["bias"], values["gain"])[0, 1]) < 5 / np.sqrt(480)
+
+
+def test_digitising_counts_what_it_clips(small):
+    state = prescan_overscan.apply(flat_state(small, 100.0), prescan_overscan.Param(), RNG)
+    state.image[0, 0], state.image[5, :3] = 1e6, -4.0
+    state = quantization_and_output.apply(state, quantization_and_output.Param(layout="mosaic"), RNG)
+    assert state.image.dtype == np.uint16
+    assert state.image[0, 0] == 65535
+    assert (state.header["clipped_high"], state.header["clipped_low"], state.header["layout"]) == (1, 3, "mosaic")
+
+
+def channel_statistics(pair, frame, region):
+    """Return (mean, half the variance of the difference, pixels) of a region of two frames, as float."""
+    one, other = (image[region].astype(float) for image in pair)
+    return (one.mean() + other.mean()) / 2, np.var(one - other) / 2, one.size
+
+
+@pytest.mark.parametrize("size", ["small", "real"])
+def test_photon_transfer(small, camera, size):
+    """Mean, variance, read noise and gain of each channel from a pair of flat frames, within 5 sigma.
+
+    Per pixel, in DN: mean (bias + s) / g, variance (s + ron^2) / g^2 + 1/12, s = sky + dark; in the overscan s = 0.
+    The error of a variance from n differences is variance x sqrt(2 / n); Poisson kurtosis adds under 1% of it.
+    """
+    camera, window = (small, None) if size == "small" else (camera, (1152, 2304, 4616, 9232))
+    sky, dark, ron = 900.0, 3.0, camera.detector.read_noise
+    states = [run(flat_state(camera, sky, window=window, obsid=obsid), dark_layers()) for obsid in ("1", "2")]
+    pair = [state.image for state in states]
+    from csstsim.detector.channels import ReadoutFrame
+
+    frame = ReadoutFrame.of(camera.detector, states[0].window)
+    for block in frame.blocks:
+        g, b = (states[0].header[name][block.channel - 1] for name in ("gain", "bias"))
+        mean, variance, n = channel_statistics(pair, frame, block.active)
+        over_mean, over_variance, m = channel_statistics(pair, frame, block.serial_overscan)
+        noise2 = ron**2 / g**2 + 1 / 12
+        signal2 = (sky + dark) / g**2 + noise2
+        # 0.02 DN: rounding to whole DN shifts a mean by less than this at a noise of 4.5 DN
+        assert abs(mean - (b + sky + dark) / g) < 5 * np.sqrt(signal2 / (2 * n)) + 0.02 * (ron == 0)
+        assert abs(variance - signal2) < 5 * signal2 * np.sqrt(2 / n)
+        assert abs(over_mean - b / g) < 5 * np.sqrt(noise2 / (2 * m))
+        assert abs(over_variance - noise2) < 5 * noise2 * np.sqrt(2 / m)
+        recovered = (mean - over_mean) / (variance - over_variance)
+        error = np.hypot(signal2 * np.sqrt(2 / n), noise2 * np.sqrt(2 / m)) / (signal2 - noise2)
+        assert abs(recovered / g - 1) < 5 * np.hypot(error, np.sqrt(signal2 / (2 * n)) / mean)
+        read_noise = recovered * np.sqrt(max(over_variance - 1 / 12, 0.0))
+        assert abs(read_noise / ron - 1) < 5 * np.hypot(error, np.sqrt(1 / (2 * m)) * noise2 / (noise2 - 1 / 12))
+        if size == "real":  # here the 1/12 itself is seen: the error of the overscan's variance is 0.05 DN^2
+            pre_mean, pre_variance, p = channel_statistics(pair, frame, block.prescan)
+            assert abs(pre_variance - noise2) < 5 * noise2 * np.sqrt(2 / p)
+            assert noise2 * np.sqrt(2 / m) < 1 / 12 / 1.5
+
+
+@pytest.mark.parametrize(("name", "first"), [("science", "scie_obs"), ("bias", "prescan_overscan"), ("dark", "poisson_and_dark")])
+def test_shipped_observations(name, first):
+    steps = SimSteps(SHIPPED / "observations" / f"{name}.yaml")
+    assert next(iter(steps)).name == first
+    assert [step.name for step in steps][-5:] == [
+        "prescan_overscan", "bias", "readout_noise", "gain", "quantization_and_output",
+    ]  # fmt: skip
+
+
+def test_a_bias_exposure_has_no_light(small):
+    state = run(flat_state(small, type="BIAS", exptime=0.0), SimSteps(SHIPPED / "observations" / "bias.yaml"))
+    g = np.mean(state.header["gain"])
+    assert abs(state.image.mean() - np.mean(np.divide(state.header["bias"], state.header["gain"]))) < 5 * 5 / g / 150

@@ -1,0 +1,82 @@
+"""Overscan, gain and saturation on fabricated frames: every channel with its own bias and gain."""
+
+import numpy as np
+import pytest
+
+from csstsim.detector.channels import ReadoutFrame
+from csstsim.errors import InputError
+from csstsim.measure.calibrate import calibrate, overscan_level
+from csstsim.rng import stream
+
+SMALL = {
+    "nx": 320, "ny": 160, "channels_x": 8, "channels_y": 2, "channel_nx": 40, "channel_ny": 80,
+    "prescan": 5, "overscan": 30, "parallel_overscan": 8,
+}  # fmt: skip
+
+
+def make_frame(window, seed, read_noise=5.0):
+    """A raw frame of known electrons: bias 450 + channel DN, gain 1.0 + channel / 100, read noise in electrons."""
+    readout = ReadoutFrame(window=window, **SMALL)
+    rng = stream(seed, "calibrate")
+    x0, x1, y0, y1 = window
+    electrons = rng.poisson(200.0, (y1 - y0, x1 - x0)).astype(np.float64)
+    frame = readout.embed(electrons) + rng.normal(0.0, read_noise, readout.shape)
+    gain = {}
+    for block in readout.blocks:
+        gain[block.channel] = 1.0 + block.channel / 100.0
+        frame[block.whole] = frame[block.whole] / gain[block.channel] + 450.0 + block.channel
+    return np.rint(frame).astype(np.uint16), readout, gain, electrons
+
+
+@pytest.mark.parametrize("window", [(0, 320, 0, 160), (13, 250, 60, 150), (100, 101, 3, 80)])
+def test_electrons_are_recovered_in_every_channel(window):
+    frame, readout, gain, electrons = make_frame(window, 1)
+    result = calibrate(frame, readout, gain)
+    assert result.electrons.dtype == np.float32 and result.electrons.shape == electrons.shape
+    for block in readout.blocks:
+        overscan = frame[block.serial_overscan]
+        n = overscan.shape[0] * (overscan.shape[1] - 4)
+        sigma = np.sqrt(25.0 + gain[block.channel] ** 2 / 12)  # read noise and rounding, electron
+        assert abs(result.bias[block.channel] - 450.0 - block.channel) < 5 * sigma / np.sqrt(n) / gain[block.channel]
+        assert abs(result.read_noise[block.channel] - sigma) < 5 * sigma / np.sqrt(2 * n)
+        residual = (result.electrons[block.image] - electrons[block.image]).astype(float)
+        error = sigma * np.sqrt(1 / residual.size + 1 / n)
+        assert abs(residual.mean()) < 5 * error  # electron
+
+
+def test_sigma_is_the_scatter_of_the_pixels():
+    frame, readout, gain, _ = make_frame((0, 320, 0, 160), 2)
+    result = calibrate(frame, readout, gain)
+    expected = np.sqrt(200.0 + 25.0)
+    assert result.electrons.std() == pytest.approx(expected, rel=0.02)  # 51200 pixels: 5 sigma = 1.6 %
+    assert np.sqrt(np.mean(result.sigma() ** 2.0)) == pytest.approx(expected, rel=0.01)
+
+
+def test_charge_leaked_into_the_overscan_does_not_shift_the_bias():
+    for from_right in (False, True):
+        pixels = stream(3, "overscan").normal(460.0, 4.5, (300, 30)).round()
+        pixels[:, [-1, -2] if from_right else [0, 1]] += 40.0  # deferred charge next to the active pixels
+        pixels[7, 15] = 60000.0  # a cosmic ray
+        level, scatter = overscan_level(pixels, from_right=from_right)
+        assert abs(level - 460.0) < 5 * 4.5 / np.sqrt(300 * 26)
+        assert scatter == pytest.approx(4.5, rel=0.05)
+
+
+def test_saturation_from_the_converter_and_from_the_well():
+    frame, readout, gain, _ = make_frame((0, 320, 0, 160), 4)
+    block = readout.blocks[5]
+    row, col = block.active[0].start + 3, block.active[1].start + 2
+    frame[row, col] = 65535
+    frame[row, col + 1] = 60000
+    y, x = block.image[0].start + 3, block.image[1].start + 2
+    assert np.argwhere(calibrate(frame, readout, gain).saturated).tolist() == [[y, x]]
+    well = calibrate(frame, readout, gain, full_well=50000.0).saturated
+    assert np.argwhere(well).tolist() == [[y, x], [y, x + 1]]
+
+
+def test_bad_input_is_named():
+    frame, readout, gain, _ = make_frame((0, 320, 0, 160), 5)
+    with pytest.raises(InputError, match="GAIN03"):
+        calibrate(frame, readout, gain | {3: float("nan")})
+    with pytest.raises(InputError, match="shape"):
+        calibrate(frame[1:], readout, gain)

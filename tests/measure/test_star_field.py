@@ -1,0 +1,79 @@
+"""Point sources of known flux: completeness, flux and position of the measured catalogue."""
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from csstsim.measure import catalogue
+
+
+def matched(star_field):
+    x, y, flux, snr, table = star_field
+    distance, row = cKDTree(np.column_stack([table["x"], table["y"]])).query(np.column_stack([x, y]))
+    return flux, snr, distance < 2.5, row, table
+
+
+def test_stars_above_snr_5_are_found(star_field):
+    _, snr, found, _, _ = matched(star_field)
+    assert found[snr > 5].mean() > 0.99  # 2900 stars
+    edge = (snr > 5) & (snr < 6)
+    assert edge.sum() > 100 and found[edge].mean() > 0.95
+
+
+def test_false_detections_are_few_and_faint(star_field):
+    x, y, _, _, table = star_field
+    distance, _ = cKDTree(np.column_stack([x, y])).query(np.column_stack([table["x"], table["y"]]))
+    false = distance > 4.0
+    # 85 a megapixel of pure noise (measure.detect); here most of the pixels are under stars
+    assert false.sum() < 120
+    assert np.sort(table["snr"][false])[-3:].max() < 6.0
+
+
+@pytest.mark.parametrize(("low", "high"), [(20, 50), (50, 100), (100, 300)])
+def test_psf_flux_is_unbiased_and_its_error_is_right(star_field, low, high):
+    flux, snr, found, row, table = matched(star_field)
+    use = found & (snr > low) & (snr < high)
+    pull = (table["flux_psf"][row[use]] - flux[use]) / table["flux_psf_err"][row[use]]
+    # Background and interpolation are allowed 0.1 of one source's error beyond the mean's 5 sigma
+    assert abs(pull.mean()) < 5.0 / np.sqrt(use.sum()) + 0.1
+    assert 0.9 < pull.std() < 1.1
+    assert abs(np.median(table["flux_psf"][row[use]] / flux[use]) - 1.0) < 5e-3
+
+
+def test_positions_and_magnitudes(star_field):
+    x, y, flux, snr, table = star_field
+    _, _, found, row, _ = matched(star_field)
+    use = found & (snr > 30)
+    error = table["pos_err"][row[use]] / 0.074  # px
+    for axis, true in (("x", x), ("y", y)):
+        residual = table[axis][row[use]] - true[use]
+        assert abs(residual.mean()) < 5.0 * residual.std() / np.sqrt(use.sum())
+        assert 0.7 < (residual / error).std() < 1.4
+    expected = 26.3 + 2.5 * np.log10(150.0) - 2.5 * np.log10(flux[use])
+    assert np.median(table["mag_psf"][row[use]] - expected) == pytest.approx(0.0, abs=5e-3)  # mag
+    assert np.allclose(table["ra"], 150.0 + table["x"] * 0.074 / 3600.0)
+    kron = np.median(table["flux_kron"][row[use]] / flux[use])
+    assert 0.97 < kron < 1.01  # 3.5 px hold 99.8 % of this Gaussian
+
+
+def test_stars_are_called_stars_and_shapes_are_round(star_field):
+    _, snr, found, row, table = matched(star_field)
+    use = row[found & (snr > 10)]
+    assert table["star"][use].mean() > 0.97
+    assert np.mean((table["flags"][use] & catalogue.SHARP) > 0) < 0.002
+    bright = row[found & (snr > 100)]
+    for e in ("e1", "e2"):
+        assert abs(np.median(table[e][bright])) < 0.01
+    assert np.median(table["chi2"][bright]) == pytest.approx(1.0, abs=0.03)
+
+
+def test_numbers_follow_brightness_and_metadata_is_json_like(star_field):
+    import json
+
+    table = star_field[-1]
+    assert (np.diff(table["snr"]) <= 0).all()
+    assert (table["number"] == np.arange(len(table))).all()
+    meta = json.loads(json.dumps(table.meta))
+    assert meta["window"] == [300, 1500, 500, 1700] and meta["filter"] == "g"
+    assert meta["rms"] == pytest.approx(np.sqrt(59.0), rel=0.03)
+    assert meta["n_eff"] == pytest.approx(4 * np.pi * (0.95**2 + 1 / 12), rel=0.02)

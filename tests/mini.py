@@ -1,0 +1,49 @@
+"""A tiny Survey Camera for tests: the shipped filters, telescope and layout around a 256 x 64 pixel detector."""
+
+from pathlib import Path
+
+import yaml
+
+INSTRUMENT = Path(__file__).resolve().parents[1] / "config" / "instrument"
+GEOMETRY = {
+    "nx": 256,
+    "ny": 64,
+    "channels_x": 8,
+    "channels_y": 2,
+    "channel_nx": 32,
+    "channel_ny": 32,
+    "prescan": 3,
+    "overscan": 7,
+    "parallel_overscan": 4,
+}
+
+
+def mini_camera(tmp_path, **geometry):
+    """Write an instrument folder `tmp_path`/instrument and return its path.
+
+    16 channels of 32 x 32 active pixels unless `geometry` says otherwise; chip centres shrink with the chip's sides;
+    the pixel scale, filters and every other file are the shipped ones.
+    """
+    folder = Path(tmp_path) / "instrument"
+    for source in INSTRUMENT.rglob("*"):
+        if source.is_file():
+            target = folder / source.relative_to(INSTRUMENT)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(source.read_bytes())
+    _edit(folder / "detector.yaml", lambda data: data["geometry"].update(GEOMETRY | geometry))
+    shape = yaml.safe_load((INSTRUMENT / "detector.yaml").read_text(encoding="utf-8"))["geometry"]
+    wanted = GEOMETRY | geometry
+
+    def shrink(data):
+        for chip in data["chips"]["values"]:
+            chip["xc"] *= wanted["nx"] / shape["nx"]
+            chip["yc"] *= wanted["ny"] / shape["ny"]
+
+    _edit(folder / "chips.yaml", shrink)
+    return folder
+
+
+def _edit(path, change):
+    data = yaml.safe_load(path.read_text(encoding="utf-8"))
+    change(data)
+    path.write_text(yaml.safe_dump(data, sort_keys=False), encoding="utf-8")

@@ -1,0 +1,253 @@
+"""The PSF file: written and read back, interpolation weights, and every way a file can be unfit."""
+
+import json
+import shutil
+from dataclasses import replace
+
+import h5py
+import numpy as np
+import pytest
+
+from csstsim.config import SHIPPED
+from csstsim.errors import InputError
+from csstsim.instrument.camera import load_camera
+from csstsim.optics.psf import Diffraction, PsfSet, blur, make_psf, node_psf, pixel_response
+from csstsim.optics.wavefront import load_wavefront
+
+GRID, CELLS = 3, 32
+
+
+@pytest.fixture(scope="module")
+def camera():
+    return load_camera(SHIPPED / "instrument")
+
+
+@pytest.fixture(scope="module")
+def made(camera, tmp_path_factory):
+    """A 3 x 3 set of chip 8 (g)."""
+    path = tmp_path_factory.mktemp("psf") / "chip_08.h5"
+    chip = camera.chips[8]
+    options = {"camera_digest": camera.digest, "provenance": {"seed": 7}, "cells": CELLS}
+    make_psf(path, chip, camera.filters[chip.filter], camera.telescope, camera.psf, GRID, **options)
+    return path
+
+
+@pytest.fixture
+def copy(made, tmp_path):
+    return shutil.copy(made, tmp_path / "copy.h5")
+
+
+def test_file_says_what_it_holds(made, camera):
+    psf = PsfSet(made, chip=8, filter="g", grid=GRID, camera_digest=camera.digest)
+    assert psf.image.shape == (9, 4, CELLS, CELLS)
+    assert isinstance(psf.image, np.memmap)
+    assert psf.scale == pytest.approx(0.037)
+    about = {"sample": "cell_integral", "cell_um": 5.0, "chip": 8, "filter": "g", "grid": 3, "format": 1}
+    assert about.items() <= psf.attributes.items()
+    assert json.loads(psf.attributes["provenance"]) == {"seed": 7}
+    assert psf.wavelength == pytest.approx(camera.filters["g"].psf_wavelength)
+    assert not list(made.parent.glob(".*")), "no temporary file stays behind"
+    # The outer nodes lie on the outer edges of the outer pixels
+    assert psf.nodes_xy[[0, 2, 6]].tolist() == [[-0.5, -0.5], [9215.5, -0.5], [-0.5, 9231.5]]
+
+
+def test_stored_node_is_the_optics_at_its_place(made, camera):
+    psf, chip = PsfSet(made), camera.chips[8]
+    wavefront = load_wavefront(camera.psf)
+    optics = [Diffraction(w, 2.0, 0.037, wavefront, CELLS) for w in psf.wavelength]
+    # node 5 is at the right edge, half way up: mosaic x = centre + 4608
+    images, tilt = node_psf(optics, wavefront.coefficients(chip.xc + 4608, chip.yc), blur(camera.psf, 0.037, 5.0))
+    assert psf.node(5) == pytest.approx(images, abs=1e-7)
+    assert psf.tilt[5] == pytest.approx(tilt, abs=1e-6)  # px
+    assert psf.flux[5] == pytest.approx(images.sum(axis=(1, 2)), rel=1e-6)
+    assert ((psf.flux > 0.95) & (psf.flux < 1)).all()
+    assert psf.image.min() >= 0
+
+
+def test_same_call_gives_the_same_bits(made, camera, tmp_path):
+    chip, again = camera.chips[8], tmp_path / "again.h5"
+    options = {"camera_digest": camera.digest, "cells": CELLS}
+    make_psf(again, chip, camera.filters["g"], camera.telescope, camera.psf, GRID, **options)
+    assert np.array_equal(PsfSet(made).image, PsfSet(again).image)
+
+
+def test_grating_chip_turns_about_its_centre(camera, tmp_path):
+    chip = replace(camera.chips[1], rotation=90.0)
+    made = []
+    for turned in (chip, replace(chip, rotation=0.0, detector=replace(chip.detector, nx=9232, ny=9216))):
+        path = tmp_path / f"{turned.rotation}.h5"
+        options = {"camera_digest": "x", "cells": 16}
+        make_psf(path, turned, camera.filters[chip.filter], camera.telescope, camera.psf, 2, **options)
+        made.append(PsfSet(path).image)
+    # A quarter turn takes the chip's lower right corner (node 1) to the mosaic's upper right (node 3 unturned)
+    assert made[0][1] == pytest.approx(made[1][3], abs=1e-6)
+
+
+def test_at_a_node_it_is_the_node(made):
+    psf = PsfSet(made)
+    for i, (x, y) in enumerate(psf.nodes_xy):
+        index, weight, outside = psf.weights(x, y)
+        assert (index[0], weight[0], weight[1:].any(), bool(outside)) == (i, 1.0, False, False)
+        assert np.array_equal(psf.at(x, y), psf.node(i).astype(float))
+
+
+def test_weights_are_equation_3_of_the_nearest_and_convex(made):
+    psf = PsfSet(made)
+    rng = np.random.default_rng(3)
+    x, y = rng.uniform(-0.5, 9215.5, 200), rng.uniform(-0.5, 9231.5, 200)
+    for beta, neighbours in ((2.0, 4), (1.0, 3), (6.5, 1)):
+        index, weight, outside = psf.weights(x, y, beta=beta, neighbours=neighbours)
+        distance = np.hypot(psf.nodes_xy[:, 0] - x[:, None], psf.nodes_xy[:, 1] - y[:, None])
+        nearest = np.argsort(distance, axis=1)[:, :neighbours]
+        power = np.take_along_axis(distance, nearest, 1) ** -beta
+        assert np.array_equal(index, nearest)
+        assert weight == pytest.approx(power / power.sum(axis=1, keepdims=True), rel=1e-12)
+        assert not outside.any()
+    x0, y0 = x[0], y[0]
+    index, weight, _ = psf.weights(x0, y0)
+    expected = np.tensordot(weight, psf.image[index].astype(float), axes=1)
+    assert psf.at(x0, y0) == pytest.approx(expected, abs=1e-12)
+    lowest, highest = psf.image[index].min(axis=0), psf.image[index].max(axis=0)
+    assert ((psf.at(x0, y0) >= lowest - 1e-9) & (psf.at(x0, y0) <= highest + 1e-9)).all()
+    assert pixel_response(psf.at(x0, y0)).shape == (4, CELLS - 1, CELLS - 1)
+
+
+def test_weights_mirror_with_the_position(made):
+    psf = PsfSet(made)
+    rng = np.random.default_rng(4)
+    x, y = rng.uniform(0, 4000, 50), rng.uniform(0, 9000, 50)
+    index, weight, _ = psf.weights(x, y)
+    mirrored, same, _ = psf.weights(9215 - x, y)
+    column, row = index % GRID, index // GRID
+    assert np.array_equal(mirrored, row * GRID + GRID - 1 - column)
+    assert same == pytest.approx(weight, abs=1e-9)
+    cell_middle = psf.weights(2303.5, 2307.5)  # four nodes at one distance
+    assert sorted(cell_middle[0]) == [0, 1, 3, 4]
+    assert cell_middle[1] == pytest.approx(0.25, abs=1e-12)
+
+
+def test_shapes_of_no_one_and_many_positions(made):
+    psf = PsfSet(made)
+    for shape in ((), (0,), (1,), (7,), (2, 3)):
+        index, weight, outside = psf.weights(np.full(shape, 100.0), np.full(shape, 5.0))
+        assert index.shape == weight.shape == (*shape, 4)
+        assert outside.shape == shape
+    assert psf.weights(5.0, 5.0, neighbours=40)[0].shape == (9,)
+    with pytest.raises(ValueError, match="not finite"):
+        psf.weights(np.nan, 1.0)
+
+
+def test_outside_the_hull_is_flagged_and_still_convex(made):
+    psf = PsfSet(made)
+    x = np.array([-0.4, -0.6, 9215.4, 9216.0, 5000.0, -3000.0])
+    y = np.array([0.0, 0.0, 9231.0, 9231.0, 9300.0, -3000.0])
+    _, weight, outside = psf.weights(x, y)
+    assert outside.tolist() == [False, True, False, True, True, True]
+    assert weight.sum(axis=1) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_dead_node_is_never_used(copy):
+    with h5py.File(copy, "r+") as file:
+        file["image"][4, 2, 3, 3] = np.nan
+        file["flux"][4, 2] = np.nan
+    psf = PsfSet(copy)
+    assert psf.dead.nonzero()[0].tolist() == [4]
+    x, y = psf.nodes_xy[4]
+    index, weight, outside = psf.weights(x, y, neighbours=9)
+    assert index.shape == (8,) and 4 not in index and not outside
+    assert weight.sum() == pytest.approx(1.0)
+    assert np.isfinite(psf.at(x, y)).all()
+
+
+def test_damaged_node_is_an_error_when_it_is_used(copy):
+    with h5py.File(copy, "r+") as file:
+        file["image"][4, 2, 3, 3] = np.nan
+        file["image"][5, 0, 16, 16] *= 1.001
+    psf = PsfSet(copy)
+    psf.node(3)
+    for i in (4, 5):
+        with pytest.raises(InputError, match=rf"copy\.h5: image\[{i}\]: does not sum to its flux"):
+            psf.at(*psf.nodes_xy[i])
+
+
+@pytest.mark.parametrize("share", [0.0, 0.001, 0.3, 0.999])
+def test_truncated_file(copy, share):
+    size = copy.stat().st_size
+    with copy.open("r+b") as file:
+        file.truncate(int(share * size))
+    with pytest.raises(InputError, match=r"copy\.h5"):
+        PsfSet(copy)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "allowed"),
+    [
+        ("chip", 9, "8.*allowed: 9"),
+        ("filter", "r", "'g'.*allowed: r"),
+        ("grid", 30, "3.*30"),
+        ("camera_digest", "ab", "ab"),
+    ],
+)
+def test_file_of_another_chip_or_camera(made, key, value, allowed):
+    with pytest.raises(InputError, match=rf"chip_08\.h5: {key}: does not fit .*{allowed}"):
+        PsfSet(made, **{key: value})
+
+
+def test_missing_and_foreign_files(tmp_path, copy):
+    with pytest.raises(InputError, match=r"none\.h5: cannot read the PSF file: No such file"):
+        PsfSet(tmp_path / "none.h5")
+    with pytest.raises(InputError, match="cannot read the PSF file"):
+        PsfSet(tmp_path)
+    with h5py.File(copy, "r+") as file:
+        del file["tilt"]
+    with pytest.raises(InputError, match="tilt: not a PSF file"):
+        PsfSet(copy)
+
+
+def test_wrong_content(copy):
+    def change(name, data):
+        with h5py.File(copy, "r+") as file:
+            del file[name]
+            file[name] = data
+
+    with h5py.File(copy, "r") as file:
+        good = {name: file[name][()] for name in file}
+    for name, data, message in [
+        ("nodes_xy", good["nodes_xy"][:8], "nodes_xy: wrong shape"),
+        ("nodes_xy", np.full((9, 2), np.inf), "nodes_xy: holds a value that is not finite"),
+        ("wavelength", good["wavelength"][:3], "wavelength: wrong shape"),
+        ("image", good["image"][..., 1:], "image: wrong shape"),
+        ("image", good["image"].astype(float), "image: must be contiguous float32"),
+        ("flux", good["flux"] * np.nan, "flux: fewer than three nodes are alive"),
+    ]:
+        change(name, data)
+        with pytest.raises(InputError, match=message):
+            PsfSet(copy)
+        change(name, good[name])
+    PsfSet(copy)
+    change("nodes_xy", np.stack([np.arange(9.0), np.arange(9.0)], axis=1))
+    with pytest.raises(InputError, match="one line"):
+        PsfSet(copy).weights(1.0, 2.0)
+
+
+def test_point_samples_are_not_read_as_cell_integrals(copy):
+    with h5py.File(copy, "r+") as file:
+        file.attrs["sample"] = "point"
+    with pytest.raises(InputError, match=r"sample: does not fit .*'point'.*allowed: cell_integral"):
+        PsfSet(copy)
+
+
+def test_failure_leaves_no_file(camera, tmp_path):
+    too_blurred = {**camera.psf, "design": [[4, np.inf, 0, 0, 0, 0, 0]]}
+    for params, grid in ((too_blurred, 2), (camera.psf, 1)):
+        with pytest.raises(InputError):
+            make_psf(
+                tmp_path / "x.h5",
+                camera.chips[8],
+                camera.filters["g"],
+                camera.telescope,
+                params,
+                grid,
+                camera_digest="",
+            )
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,50 @@
+"""States for tests of the readout: a flat image on a small or a real chip."""
+
+from functools import cache
+
+import numpy as np
+from mini import mini_camera
+
+from csstsim.config import SHIPPED
+from csstsim.instrument.camera import load_camera
+from csstsim.instrument.chip import Window
+from csstsim.instrument.pointing import Pointing
+from csstsim.optics.wcs import ChipWCS
+from csstsim.sim_steps import SimSteps
+from csstsim.state import State
+
+POINTING = {
+    "obsid": "10160000004", "type": "SCIE", "ra": 60.0, "dec": -40.0, "pa": -113.4333,
+    "time": "2027-06-26T20:35:58", "exptime": 150.0,
+    "sat_position": (6778.137, 0.0, 0.0), "sat_velocity": (0.0, 5.743, 5.09),
+}  # fmt: skip
+
+
+@cache
+def small_camera(folder):
+    return load_camera(mini_camera(folder))
+
+
+def flat_state(camera, level=0.0, *, window=None, chip=9, **pointing):
+    """Return a blank state with `level` expected electrons in every pixel; window (x0, x1, y0, y1)."""
+    chip = camera.chips[chip]
+    pointing = Pointing(**(POINTING | pointing))
+    window = chip.full_window if window is None else Window(*window)
+    return State(
+        chip=chip, filter=camera.filters[chip.filter], telescope=camera.telescope, pointing=pointing, catalog=None,
+        window=window, wcs=ChipWCS(chip, pointing), image=np.full(window.shape, level, np.float32),
+    )  # fmt: skip
+
+
+def dark_layers(off=()):
+    """Return the steps of the shipped dark exposure (every readout layer there is), some switched off."""
+    return [step for step in SimSteps(SHIPPED / "observations" / "dark.yaml") if step.name not in off]
+
+
+def run(state, steps, seed=11):
+    """Run steps one by one, each with its own streams, as SimSteps does."""
+    from csstsim.rng import Streams
+
+    for step in steps:
+        state = step.module.apply(state, step.param, Streams(seed, state.pointing.obsid, state.chip.id, step.name))
+    return state

@@ -1,0 +1,160 @@
+"""The reference renderer against sums that must hold, an independent convolution, and astropy's idea of the sky."""
+
+import numpy as np
+import pytest
+from astropy.wcs import WCS
+
+from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP
+from csstsim.catalog.table import GALAXY, STAR, ObjectTable
+from csstsim.instrument.chip import Window
+from csstsim.optics.psf import pixel_response, windowed_centroid
+from csstsim.optics.wcs import ChipWCS
+from csstsim.render.reference import draw_objects
+
+EXPTIME = 100.0
+WINDOW = Window(4000, 4400, 5000, 5300)
+SIGMA_PX = 1.5  # window of the centroid
+CENTROID_PX = 0.005  # what rendering may move a star's light
+FLUX = 1e-3  # relative, the project's goal
+PIXEL = 3e-4  # of the peak: what the quintic interpolation of a lattice at 2x costs
+
+
+def objects(wcs, x, y, obj_type=STAR, reach=64, rate=100.0, **columns):
+    """A table as catalog.select leaves it."""
+    x, y = np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
+    ra, dec = wcs.pixel_to_world(x, y)
+    base = {
+        "id": np.arange(len(x)), "obj_type": np.full(len(x), obj_type), "ra": ra, "dec": dec, "x": x, "y": y,
+        "reach": np.full(len(x), reach), **{f"flux{i}": np.full(len(x), rate / 4) for i in range(4)},
+    }  # fmt: skip
+    return ObjectTable.complete(base | columns)
+
+
+@pytest.fixture(scope="module")
+def scene(camera, make_pointing, psf_r):
+    wcs = ChipWCS(camera.chips[9], make_pointing())
+
+    def draw(window=WINDOW, **columns):
+        image = np.zeros(window.shape, np.float32)
+        return image, draw_objects(image, window, objects(wcs, **columns), wcs, psf_r, EXPTIME)
+
+    return draw
+
+
+def centroid(image, x, y):
+    """Windowed centroid of the light around integer pixel (x, y), in pixels of the window."""
+    half = 12
+    cut = image[y - half : y + half + 1, x - half : x + half + 1].astype(float)
+    dx, dy = windowed_centroid(cut, SIGMA_PX)
+    return x + dx, y + dy
+
+
+@pytest.mark.parametrize("phase", [(0, 0), (0.5, 0.5), (0.25, -0.37), (-0.49, 0.13)])
+def test_star_has_its_light_where_it_stands(scene, psf_r, phase):
+    x, y = 4200 + phase[0], 5150 + phase[1]
+    image, drawn = scene(x=x, y=y)
+    enclosed = psf_r.at(x, y).sum() / 4
+    assert drawn["drawn"][0] == pytest.approx(100 * EXPTIME * enclosed, rel=FLUX)
+    assert image.sum(dtype=float) == pytest.approx(drawn["drawn"][0], rel=1e-6)
+    assert np.array(centroid(image, 200, 150)) == pytest.approx([x - 4000, y - 5000], abs=CENTROID_PX)
+
+
+def test_star_is_the_psf_integrated_over_pixels(scene, psf_r):
+    """At phase 0 the pixels are sums of 2 x 2 cells: no interpolation, so equal to rounding."""
+    image, _ = scene(x=4200, y=5150)
+    table = pixel_response(psf_r.at(4200, 5150).mean(axis=0))[127 % 2 :: 2, 127 % 2 :: 2] * 100 * EXPTIME
+    half = table.shape[0] // 2
+    cut = image[150 - half : 150 + half + 1, 200 - half : 200 + half + 1]
+    assert np.abs(cut - table).max() < 2e-6 * table.max()
+
+
+def test_galaxy_matches_its_transform_by_hand(scene, psf_r):
+    """Exponential disk: (1 + (k r_d)^2)^-1.5 times the PSF's transform, by numpy alone."""
+    size = 0.5  # arcsec, half-light
+    image, _ = scene(x=4200, y=5150, obj_type=GALAXY, reach=100, size_disk=size, rate=1000.0)
+    response = np.zeros((1024, 1024))
+    response[:255, :255] = pixel_response(psf_r.at(4200, 5150).mean(axis=0))
+    response = np.roll(response, (-127, -127), axis=(0, 1))
+    k = 2 * np.pi * np.fft.fftfreq(1024, d=0.5)  # rad / px
+    disk = size / 1.6783469900166605 / 0.074  # px
+    transform = (1 + (k[:, None] ** 2 + k**2) * disk**2) ** -1.5
+    hand = np.fft.ifft2(np.fft.fft2(response) * transform).real * 1000 * EXPTIME
+    half = 60
+    hand = np.roll(hand, (2 * half, 2 * half), axis=(0, 1))[: 4 * half + 1 : 2, : 4 * half + 1 : 2]
+    cut = image[150 - half : 150 + half + 1, 200 - half : 200 + half + 1]
+    assert np.abs(cut - hand).max() < PIXEL * hand.max()
+    assert cut.sum(dtype=float) == pytest.approx(hand.sum(), rel=FLUX)
+
+
+@pytest.mark.parametrize("pa", [0.0, 45.0, 133.0])
+@pytest.mark.parametrize("dec", [-40.0, 80.0])
+@pytest.mark.parametrize("parity", [1, -1])
+def test_tangential_shear_stays_tangential(camera, make_pointing, psf_r, pa, dec, parity):
+    """Eight galaxies on a ring, sheared tangentially on the sky; astropy takes the measured shapes back to the sky."""
+    from dataclasses import replace
+
+    chip = replace(camera.chips[9], telescope=replace(camera.telescope, parity=parity))
+    wcs = ChipWCS(chip, make_pointing(pa=pa, dec=dec))
+    sky = WCS(wcs.header())
+    g = 0.05
+    angle = np.arange(8) * np.pi / 4 + 0.2
+    x, y = 4200 + 100 * np.cos(angle), 5150 + 100 * np.sin(angle)
+    ra, dec_ = wcs.pixel_to_world(x, y)
+    centre = wcs.pixel_to_world(4200.0, 5150.0)
+    east, north = (ra - centre[0]) * np.cos(np.radians(dec_)), dec_ - centre[1]
+    phi = np.arctan2(north, east)
+    table = objects(
+        wcs, x, y, GALAXY, reach=40, rate=1000.0, size_disk=0.4, gamma1=-g * np.cos(2 * phi), gamma2=-g * np.sin(2 * phi)
+    )
+    image = np.zeros(WINDOW.shape, np.float32)
+    draw_objects(image, WINDOW, table, wcs, psf_r, EXPTIME)
+    tangential, cross = [], []
+    for xi, yi, ra_i, dec_i in zip(x, y, ra, dec_, strict=True):
+        e1, e2 = _sky_shape(image, xi, yi, sky, ra_i, dec_i)
+        dphi = np.arctan2(dec_i - centre[1], (ra_i - centre[0]) * np.cos(np.radians(dec_i)))
+        tangential.append(-(e1 * np.cos(2 * dphi) + e2 * np.sin(2 * dphi)))
+        cross.append(e1 * np.sin(2 * dphi) - e2 * np.cos(2 * dphi))
+    # windowed moments dilute the shear, by the same factor all around the ring; a wrong sign makes it negative or cross
+    assert min(tangential) > 0.3 * g
+    assert np.mean(tangential) > 0.4 * g
+    assert np.abs(cross).max() < 0.15 * g
+
+
+def _sky_shape(image, x, y, sky, ra, dec):
+    """Weighted ellipticity on the sky (east, north) of the light around chip pixel (x, y)."""
+    step = 1e-4
+    px = sky.all_world2pix([[ra, dec], [ra + step / np.cos(np.radians(dec)), dec], [ra, dec + step]], 0)
+    to_pixel = np.stack([px[1] - px[0], px[2] - px[0]], axis=1) / (step * 3600)
+    to_sky = np.linalg.inv(to_pixel)
+    cx, cy, half = x - 4000, y - 5000, 20
+    cols, rows = np.arange(round(cx) - half, round(cx) + half + 1), np.arange(round(cy) - half, round(cy) + half + 1)
+    grid_x, grid_y = np.meshgrid(cols - cx, rows - cy)
+    e, n = np.einsum("ij,jkl->ikl", to_sky, np.stack([grid_x, grid_y]))
+    weight = image[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1] * np.exp(-0.5 * (e**2 + n**2) / 0.5**2)
+    qee, qnn, qen = (np.sum(weight * q) for q in (e * e, n * n, e * n))
+    return (qee - qnn) / (qee + qnn), 2 * qen / (qee + qnn)
+
+
+def test_window_shows_what_the_whole_chip_would(scene):
+    """A window is a crop: the same object through another window gives the same pixels."""
+    columns = {"x": [4005.3, 4100.0], "y": [5100.2, 5003.0]}
+    image, drawn = scene(**columns)
+    wide = Window(3900, 4500, 4900, 5400)
+    whole, _ = scene(window=wide, **columns)
+    assert np.abs(whole[100:400, 100:500] - image).max() < 1e-5 * image.max()
+    assert drawn["fraction"][0] < 0.99 and drawn["x0"][0] == 4000  # cut by the window's edge, and said so
+
+
+def test_what_cannot_be_drawn_is_flagged_not_dropped(scene):
+    image, drawn = scene(x=[4100, 9000, 4200], y=[5100, 5100, 5200], flags=np.array([BAD_VALUE, 0, 0], np.int32))
+    assert drawn["drawn"][0] == 0 and drawn["method"][0] == "none"
+    assert drawn["flags"][1] & OFF_CHIP and drawn["drawn"][1] == 0
+    assert drawn["drawn"][2] > 0
+    assert image.sum(dtype=float) == pytest.approx(drawn["drawn"].sum(), rel=1e-6)
+
+
+def test_empty_catalogue_and_zero_flux(scene):
+    image, drawn = scene(x=[], y=[])
+    assert len(drawn) == 0 and not image.any()
+    image, drawn = scene(x=4200, y=5150, rate=0.0)
+    assert not image.any() and drawn["fraction"][0] == 0 and np.isfinite(drawn["fraction"]).all()

@@ -1,0 +1,43 @@
+"""Streams named by words: the same words the same numbers, other words other numbers."""
+
+import numpy as np
+import pytest
+
+from csstsim.rng import Streams, galsim_seed, stream
+
+
+def first(generator):
+    return int(generator.integers(2**63))
+
+
+def test_same_words_same_numbers_and_every_word_counts():
+    base = first(stream(1, "exposure", "10100000001", 8, "bias"))
+    assert base == first(stream(1, "exposure", "10100000001", 8, "bias"))
+    assert len({first(stream(seed, "chip", chip, ch)) for seed in (1, 2) for chip in range(1, 31) for ch in range(16)}) == 960
+
+
+def test_no_collision_where_sums_collide():
+    streams = {first(Streams(7, "1", chip, "gain").channel(ch, "gain")) for chip in range(1, 31) for ch in range(1, 17)}
+    assert len(streams) == 480
+
+
+def test_lifetimes():
+    a, b = Streams(1, "101", 8, "bias"), Streams(1, "102", 8, "gain")
+    assert first(a.chip("prnu")) == first(b.chip("prnu"))  # fixed for the chip, whichever layer or exposure asks
+    assert first(a.channel(3, "gain")) == first(b.channel(3, "gain"))
+    assert first(a.camera("vignette")) == first(Streams(1, "9", 20, "x").camera("vignette"))
+    assert first(a.exposure("noise")) != first(Streams(1, "102", 8, "bias").exposure("noise"))
+    assert first(a.object(5)) != first(a.object(6))
+
+
+def test_words_cannot_hide_a_separator():
+    with pytest.raises(ValueError, match="'/'"):
+        stream(1, "a/b")
+
+
+def test_galsim_seed_is_never_zero_and_the_global_state_is_untouched():
+    before = np.random.get_state()[1].copy()  # noqa: NPY002 - this is what must not change
+    seeds = [galsim_seed(1, "object", i) for i in range(1000)]
+    stream(1, "x").normal(size=10)
+    assert min(seeds) > 0 and len(set(seeds)) == 1000
+    assert np.array_equal(before, np.random.get_state()[1])  # noqa: NPY002

@@ -1,0 +1,126 @@
+"""Bricks: exact tiling, determinism, densities against the anchors, files that refuse to lie."""
+
+import healpy
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from embedded_sky import SEED, UNIVERSE_FILE, brick, key, shipped
+
+from csstsim.catalog.table import ObjectTable
+from csstsim.config import ConstantShear
+from csstsim.errors import InputError
+from csstsim.universe.bricks import AREA_DEG2, NSIDE, brick_meta, make_brick, read_brick, write_brick
+from csstsim.universe.numbers import load_universe
+
+POLE, WRAP, COMMON = 65535, int(healpy.ang2pix(256, 0.0, 20.0, nest=True, lonlat=True)), 100000
+
+
+@pytest.mark.parametrize("pix", [0, POLE, WRAP, COMMON, 786431])
+def test_every_object_lies_in_its_own_brick(pix):
+    table = brick(pix)
+    assert (healpy.ang2pix(NSIDE, table["ra"], table["dec"], nest=True, lonlat=True) == pix).all()
+    assert (table["ra"] >= 0).all() and (table["ra"] < 360).all()
+    assert (table["_healpix_29"] >> 42 == pix).all()
+
+
+def test_a_brick_across_the_meridian_has_objects_on_both_sides():
+    ra = brick(WRAP)["ra"]
+    assert (ra < 1).any() and (ra > 359).any()
+
+
+def test_positions_are_uniform_on_the_brick():
+    table = brick(POLE)
+    counts = np.bincount(
+        healpy.ang2pix(4 * NSIDE, table["ra"], table["dec"], nest=True, lonlat=True) - 16 * POLE, minlength=16
+    )
+    expected = len(table) / 16
+    assert abs((((counts - expected) ** 2) / expected).sum() - 15) < 5 * np.sqrt(
+        30
+    )  # chi2, 15 degrees of freedom, 5 sigma
+
+
+def test_content_does_not_depend_on_order_or_neighbours():
+    _, camera = shipped()
+    fresh = load_universe(UNIVERSE_FILE)  # no cached table, no brick made before
+    assert make_brick(SEED, COMMON, fresh, camera, ConstantShear()) == brick(COMMON)
+
+
+def test_seed_and_number_change_everything():
+    a, b, c = brick(COMMON), brick(COMMON + 1), brick(COMMON, seed=SEED + 1)
+    for other in (b, c):
+        assert not np.array_equal(a["z"][:100], other["z"][:100])
+    assert not np.intersect1d(a["id"], b["id"]).size
+    assert len(np.unique(a["id"])) == len(a)
+
+
+def test_galaxy_density_is_the_papers():
+    total = sum((brick(pix)["obj_type"] == 1).sum() for pix in (0, POLE, WRAP, COMMON))
+    expected = 4 * 552 * 3600 * AREA_DEG2
+    assert abs(total - expected) < 5 * np.sqrt(expected)
+
+
+def test_all_values_are_finite_and_in_range():
+    table = brick(COMMON)
+    for name in table:
+        assert np.isfinite(table[name]).all(), name
+    galaxy = table["obj_type"] == 1
+    assert (np.hypot(table["e1"], table["e2"]) < 1).all()
+    assert (table["size_disk"][galaxy] > 0).all() and (table["size_bulge"][galaxy] > 0).all()
+    assert table["bulge_frac"].min() >= 0 and table["bulge_frac"].max() <= 1
+
+
+def test_brick_that_does_not_exist():
+    with pytest.raises(InputError, match=r"0\.\.786431"):
+        make_brick(pix=12 * NSIDE**2, **key())
+
+
+def test_file_round_trip_is_exact(tmp_path):
+    path = tmp_path / "Npix=5.parquet"
+    options = key(ConstantShear(gamma1=0.02))
+    write_brick(path, 5, **options)
+    table = read_brick(path, brick_meta(pix=5, **options))
+    assert table == make_brick(pix=5, **options)
+    galaxy = table["obj_type"] == 1
+    assert (table["gamma1"][galaxy] == np.float32(0.02)).all() and not table["gamma1"][~galaxy].any()
+    assert [p.name for p in tmp_path.iterdir()] == ["Npix=5.parquet"]
+
+
+def test_damaged_and_foreign_files_are_refused(tmp_path):
+    path = tmp_path / "Npix=0.parquet"
+    with pytest.raises(InputError, match="Npix=0.parquet"):
+        read_brick(path)
+    brick(0).write(path)
+    whole = path.read_bytes()
+    for part in (whole[: len(whole) // 2], whole[:-1], b""):
+        path.write_bytes(part)
+        with pytest.raises(InputError, match=r"Npix=0.parquet: not a readable parquet file"):
+            read_brick(path)
+    pq.write_table(pa.table({"id": [1, 2]}), path)
+    with pytest.raises(InputError, match="no metadata"):
+        read_brick(path)
+    ObjectTable.complete({"id": [1]}).write(path)
+    with pytest.raises(InputError, match="not a truth brick"):
+        read_brick(path)
+
+
+@pytest.mark.parametrize(("name", "value"), [("seed", 8), ("brick", 1), ("camera", "0"), ("lensing", [0.1, 0, 0])])
+def test_brick_made_for_something_else_is_refused(tmp_path, name, value):
+    path = tmp_path / "Npix=0.parquet"
+    brick(0).write(path)
+    with pytest.raises(InputError, match=f"{name}: the brick was made for something else"):
+        read_brick(path, brick_meta(pix=0, **key()) | {name: value})
+
+
+def test_universe_file_errors_name_the_file(tmp_path):
+    path = tmp_path / "universe.yaml"
+    path.write_text("galaxies: {density: 552}\n")
+    with pytest.raises(InputError, match="without source"):
+        load_universe(path)
+    path.write_text("galaxies: {density: {value: 552, source: a, confidence: E}}\n")
+    with pytest.raises(InputError, match=r"universe.yaml: stars: required section"):
+        load_universe(path)
+    text = UNIVERSE_FILE.read_text(encoding="utf-8").replace("    young:", "    younger:")
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=r"universe.yaml: the spectra cannot be built: KeyError 'young'"):
+        load_universe(path)

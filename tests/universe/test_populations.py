@@ -1,0 +1,160 @@
+"""What the embedded universe holds, against the anchors it is meant to follow."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from astropy.coordinates import SkyCoord
+from embedded_sky import brick, shipped
+from scipy import integrate, stats
+
+from csstsim.catalog.photometry import rate_to_mag, subband_fluxes
+from csstsim.config import SHIPPED, ConstantShear
+from csstsim.instrument.filter import GRID
+from csstsim.rng import stream
+from csstsim.units import ab_photon_density
+from csstsim.universe.galaxies import cumulative_counts, draw_galaxies, ellipticity_density
+from csstsim.universe.galaxy_sed import Intergalactic
+from csstsim.universe.lensing import lens, magnification
+from csstsim.universe.stars import cumulative_counts as star_counts
+from csstsim.universe.stars import draw_stars, sin_latitude
+
+DATA = Path(os.environ.get("CSSTSIM_DATA", SHIPPED.parents[1] / "shared" / "data"))
+
+
+def _draw(draw, *args):
+    return draw(lambda name: stream(3, "test", draw.__name__, name), *args)
+
+
+@pytest.fixture(scope="module")
+def galaxies():
+    return _draw(draw_galaxies, 0.2, shipped()[0].galaxies)
+
+
+def test_galaxy_counts_follow_the_table(galaxies):
+    knots = np.array(shipped()[0].galaxies["counts"], dtype=float)
+    for (m0, n0), (m1, n1) in zip(knots[4:], knots[5:], strict=False):
+        expected = 0.2 * (n1 - n0) / np.log(n1 / n0) * (m1 - m0)  # integral of a log-linear law
+        found = ((galaxies["i"] >= m0) & (galaxies["i"] < m1)).sum()
+        assert abs(found - expected) < 5 * np.sqrt(expected) + 1e-3 * expected, (m0, found, expected)
+
+
+def test_faint_limit_gives_the_papers_density():
+    mag, total = cumulative_counts(shipped()[0].galaxies)
+    assert total[-1] / 3600 == pytest.approx(552)
+    assert 29.5 < mag[-1] < 31 and (np.diff(mag) > 0).all()
+
+
+def test_unreachable_density_is_refused():
+    with pytest.raises(ValueError, match="not reached"):
+        cumulative_counts(shipped()[0].galaxies | {"density": 1e9})
+
+
+def test_ellipticities_follow_the_prior_and_have_no_direction(galaxies):
+    numbers = shipped()[0].galaxies["ellipticity"]
+    grid = np.linspace(0, numbers["e_max"], 4001)
+    cdf = integrate.cumulative_trapezoid(ellipticity_density(grid, numbers), grid, initial=0)
+    e = np.hypot(galaxies["e1"], galaxies["e2"])
+    assert stats.kstest(e, lambda x: np.interp(x, grid, cdf / cdf[-1])).pvalue > 1e-6
+    for name in ("e1", "e2"):
+        assert abs(galaxies[name].mean()) < 5 * galaxies[name].std() / np.sqrt(len(e))
+
+
+def test_sizes_and_bulges_at_i_23(galaxies):
+    near = np.abs(galaxies["i"] - 23) < 0.2
+    scale = np.log(galaxies["size_disk"][near] / 1.678)
+    assert np.median(scale) == pytest.approx(-1.145, abs=5 * 1.25 * 0.35 / np.sqrt(near.sum()))
+    assert scale.std() == pytest.approx(0.35, abs=5 * 0.35 / np.sqrt(2 * near.sum()) + 0.003)
+    share = (galaxies["bulge_frac"] == 1).mean()
+    assert share == pytest.approx(0.10, abs=5 * np.sqrt(0.09 / len(near)))
+
+
+def test_redshifts(galaxies):
+    bright = galaxies["i"] < 26
+    assert 0.95 < np.median(galaxies["z"][bright]) < 1.15
+    assert galaxies["z"].max() < 6.0 and galaxies["z"].min() > 0
+
+
+def test_median_colours_at_i_24():
+    table = brick(100000)
+    near = (table["obj_type"] == 1) & (np.abs(table["mag_i"] - 24) < 0.5)
+    anchors = {("g", "i"): 1.0, ("r", "i"): 0.4, ("i", "z"): 0.25, ("z", "y"): 0.1, ("u", "g"): 0.7, ("nuv", "u"): 0.8}
+    for (a, b), colour in anchors.items():  # anchors are estimates, good to some 0.3 mag
+        assert np.median(table[f"mag_{a}"][near] - table[f"mag_{b}"][near]) == pytest.approx(colour, abs=0.35), (a, b)
+
+
+@pytest.mark.parametrize(("b", "factor"), [(90, 1), (-90, 1), (30, 3), (-15, 10), (2, 10)])
+def test_star_counts_follow_the_anchors(b, factor):
+    numbers, sin_b = shipped()[0].stars, np.sin(np.radians(b))
+    mag, total = star_counts(numbers, sin_b)
+    for v, anchor in ((18, 900), (20, 2000), (22, 4000), (24, 8000), (26, 15000)):
+        assert np.interp(v, mag, total) == pytest.approx(factor * (anchor - 25), rel=1e-4)  # 25: brighter than V = 12
+    drawn = _draw(draw_stars, 1.0, sin_b, numbers)
+    expected = factor * (15000 - 25)
+    assert abs((drawn["v"] < 26).sum() - expected) < 5 * np.sqrt(expected)
+
+
+def test_galactic_latitude_against_astropy():
+    rng = np.random.default_rng(1)
+    ra, dec = rng.uniform(0, 360, 100), np.degrees(np.arcsin(rng.uniform(-1, 1, 100)))
+    b = SkyCoord(ra, dec, unit="deg").galactic.b.deg
+    np.testing.assert_allclose(np.degrees(np.arcsin(sin_latitude(ra, dec))), b, atol=1e-4)
+
+
+def test_drawn_star_magnitude_is_that_of_its_spectrum():
+    seds = shipped()[0].star_seds
+    teff, feh = np.array([2700.0, 3400.0, 4803.0, 5810.0, 9000.0]), np.array([0.0, -0.4, 0.2, -1.5, -2.5])
+    box = (GRID >= 5000) & (GRID <= 5900)
+    direct = -2.5 * np.log10(seds.shape(teff, feh)[:, box].sum(axis=1) / ab_photon_density(GRID[box]).sum())
+    np.testing.assert_allclose(seds.unit_v_mag(teff, feh), direct, atol=1e-3)
+
+
+def test_star_colours_against_model_atmospheres():
+    path = DATA / "ck04/ck04_packed_1500_12000A.fits"
+    if not path.exists():
+        pytest.skip("Castelli & Kurucz spectra are not on this machine (CSSTSIM_DATA)")
+    from astropy.io import fits
+
+    universe, camera = shipped()
+    with fits.open(path) as file:
+        wave, rows = np.float64(file[1].data), file[2].data
+    for teff, feh, limit in ((5000, 0.0, 0.06), (5750, 0.0, 0.06), (6500, -1.0, 0.10), (9500, 0.0, 0.06)):
+        row = rows[(rows["teff"] == teff) & (rows["logg"] == 4.5) & (rows["feh"] == feh)][0]
+        model = np.interp(GRID, wave, np.float64(row["flux"])) * GRID
+        ours = universe.star_seds.shape([teff], [feh])[0]
+        for blue, red in (("u", "g"), ("g", "r"), ("r", "i"), ("i", "z")):
+            colour = [_mag(sed, camera, blue) - _mag(sed, camera, red) for sed in (ours, model)]
+            assert abs(colour[0] - colour[1]) < limit, (teff, feh, blue, red)
+
+
+def _mag(sed, camera, band):
+    rate = subband_fluxes(sed[None], camera.filters[band], camera.telescope).sum()
+    return rate_to_mag(rate, camera.filters[band], camera.telescope)
+
+
+def test_lyman_forest_at_redshift_3():
+    numbers = shipped()[0].galaxies["igm"]
+    wave = np.array([2400.0, 4.0 * 1100.0, 4.0 * 1210.0, 4.0 * 1220.0])
+    through = Intergalactic(wave, numbers).absorb(np.ones(4), 3.0)
+    assert through[0] < 0.05 and through[3] == 1.0  # below the Lyman limit: dark; redward of Lyman alpha: clear
+    assert through[2] == pytest.approx(np.exp(-0.0036 * (4 * 1210 / 1215.67) ** 3.46))
+
+
+def test_magnification_in_closed_form():
+    mu, thin = magnification([0.0, 0.1, 0.05], [0.0, 0.0, 0.03], [0.0, 0.0, 0.04])
+    np.testing.assert_allclose(mu, [1.0, 1 / 0.81, 1 / (0.95**2 - 0.05**2)])
+    assert thin.all()
+
+
+@pytest.mark.parametrize(
+    "field", [(1.0, 0, 0), (1.5, 0.1, 0), (0.5, 0.5, 0), (0.5, 0.4, 0.4), (np.nan, 0, 0), (0, np.inf, 0)]
+)
+def test_strong_or_undefined_lensing_is_rejected_without_nan(field):
+    mu, thin = magnification(*field)
+    assert mu == 1.0 and not thin
+
+
+def test_constant_field():
+    columns = lens(3, ConstantShear(kappa=0.1, gamma1=0.02, gamma2=-0.01))
+    np.testing.assert_array_equal(columns["gamma2"], np.full(3, -0.01, np.float32))

@@ -1,0 +1,52 @@
+rule measure:
+    input:
+        level0_of,
+        f"{OUT}/psf/chip_{{chip}}.h5",
+    output:
+        f"{OUT}/measure/{{obsid}}_{{chip}}.parquet",
+    log:
+        f"{OUT}/logs/measure/{{obsid}}_{{chip}}.log",
+    benchmark:
+        f"{OUT}/benchmarks/measure/{{obsid}}_{{chip}}.tsv"
+    resources:
+        mem_mb=3000,
+        runtime=20,
+    shell:
+        "csstsim measure {CAMPAIGN} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
+
+
+rule merge:
+    input:
+        measured_on,
+    output:
+        f"{OUT}/merge/Norder=8/Dir={{dir}}/Npix={{pix}}.parquet",
+    log:
+        f"{OUT}/logs/merge/{{dir}}_{{pix}}.log",
+    benchmark:
+        f"{OUT}/benchmarks/merge/{{dir}}_{{pix}}.tsv"
+    resources:
+        mem_mb=4000,
+        runtime=20,
+    shell:
+        "csstsim merge {CAMPAIGN} --brick {wildcards.pix} > {log} 2>&1"
+
+
+rule validate:
+    input:
+        merged,
+        measured_on,
+        truth_tables_on,
+    output:
+        f"{OUT}/validate/{{pix}}.json",
+        f"{OUT}/validate/{{pix}}.png",
+    log:
+        f"{OUT}/logs/validate/{{pix}}.log",
+    benchmark:
+        f"{OUT}/benchmarks/validate/{{pix}}.tsv"
+    params:
+        thresholds=RUN.config.validation.model_dump(mode="json"),
+    resources:
+        mem_mb=4000,
+        runtime=20,
+    shell:
+        "csstsim validate {CAMPAIGN} --brick {wildcards.pix} > {log} 2>&1"

@@ -1,0 +1,82 @@
+# One chip in four stages; they travel together (group), their intermediates are dropped when used.
+rule select:
+    input:
+        truth_of,
+    output:
+        temp(f"{OUT}/chips/{{obsid}}_{{chip}}/select.parquet"),
+    log:
+        f"{OUT}/logs/select/{{obsid}}_{{chip}}.log",
+    benchmark:
+        f"{OUT}/benchmarks/select/{{obsid}}_{{chip}}.tsv"
+    params:
+        recipe=recipe,
+    group:
+        "chip"
+    resources:
+        mem_mb=2500,
+        runtime=20,
+    shell:
+        "csstsim select {CAMPAIGN} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
+
+
+rule render:
+    input:
+        objects_of,
+    output:
+        temp(f"{OUT}/chips/{{obsid}}_{{chip}}/render.fits"),
+        temp(f"{OUT}/chips/{{obsid}}_{{chip}}/drawn.parquet"),
+    log:
+        f"{OUT}/logs/render/{{obsid}}_{{chip}}.log",
+    benchmark:
+        f"{OUT}/benchmarks/render/{{obsid}}_{{chip}}.tsv"
+    params:
+        recipe=recipe,
+    group:
+        "chip"
+    resources:
+        mem_mb=3000,
+        runtime=600,
+    shell:
+        "csstsim render {CAMPAIGN} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
+
+
+rule readout:
+    input:
+        stage_before("render"),
+    output:
+        temp(f"{OUT}/chips/{{obsid}}_{{chip}}/readout.fits"),
+    log:
+        f"{OUT}/logs/readout/{{obsid}}_{{chip}}.log",
+    benchmark:
+        f"{OUT}/benchmarks/readout/{{obsid}}_{{chip}}.tsv"
+    params:
+        recipe=recipe,
+    group:
+        "chip"
+    resources:
+        mem_mb=2500,
+        runtime=20,
+    shell:
+        "csstsim readout {CAMPAIGN} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
+
+
+rule level0:
+    input:
+        stage_before("readout"),
+        drawn_before,
+    output:
+        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.fits",
+        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.truth.parquet",
+    log:
+        f"{OUT}/logs/level0/{{name}}_{{obsid}}_{{chip}}.log",
+    benchmark:
+        f"{OUT}/benchmarks/level0/{{name}}_{{obsid}}_{{chip}}.tsv"
+    params:
+        recipe=recipe,
+    group:
+        "chip"
+    resources:
+        mem_mb=2500,
+        runtime=10,
+    shell:
+        "csstsim level0 {CAMPAIGN} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"

@@ -1,0 +1,100 @@
+# Opens the campaign (which checks every file of it) and answers the rules' questions. The only Python.
+import os
+from pathlib import Path
+
+from csstsim.campaign import OpenCampaign
+from csstsim.errors import CsstsimError
+
+CAMPAIGN = config.get("campaign", "config/campaign.yaml")
+try:
+    RUN = OpenCampaign(CAMPAIGN)
+    JOBS = {(job.pointing.obsid, f"{job.chip.id:02d}"): job for job in RUN.jobs}
+except CsstsimError as error:
+    raise WorkflowError(str(error)) from None
+OUT = str(RUN.paths.output)
+
+# One thread a process: parallelism is over chips. Hidden BLAS threads would fight over the cores.
+shell.prefix("export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1; ")
+
+
+wildcard_constraints:
+    obsid=r"\d{9,14}",
+    chip=r"\d{2}",
+    pix=r"\d+",
+    dir=r"\d+",
+    name=r"CSST_MSC_MS_[A-Z]+_\d{14}_\d{14}",
+
+
+def truth_of(wildcards):
+    """The truth bricks whose objects may reach a chip's window."""
+    if not RUN.embedded:
+        return []
+    obsid, chip = wildcards.obsid, int(wildcards.chip)
+    return [str(RUN.paths.truth(pix)) for pix in RUN.truth_bricks(obsid, chip)]
+
+
+def objects_of(wildcards):
+    """The selected objects and the PSF, for exposures that see the sky."""
+    if RUN.pointings[wildcards.obsid].type != "SCIE":
+        return []
+    return [f"{OUT}/chips/{wildcards.obsid}_{wildcards.chip}/select.parquet", f"{OUT}/psf/chip_{wildcards.chip}.h5"]
+
+
+def stage_before(stage):
+    """The input function of a stage: the product of the stage before it, if that stage has layers."""
+
+    def product(wildcards):
+        pointing = RUN.pointings[wildcards.obsid]
+        return f"{OUT}/chips/{wildcards.obsid}_{wildcards.chip}/{stage}.fits" if RUN.has_stage(pointing, stage) else []
+
+    return product
+
+
+def drawn_before(wildcards):
+    """The table of drawn objects, where there is a render stage."""
+    if not RUN.has_stage(RUN.pointings[wildcards.obsid], "render"):
+        return []
+    return f"{OUT}/chips/{wildcards.obsid}_{wildcards.chip}/drawn.parquet"
+
+
+def recipe(wildcards):
+    """What decides a chip's pixels: a change here, and not in unrelated keys, reruns the chip."""
+    return RUN.recipe(JOBS[wildcards.obsid, wildcards.chip])
+
+
+def level0_of(wildcards):
+    job = JOBS[wildcards.obsid, wildcards.chip]
+    return str(RUN.paths.level0(job.pointing, job.chip.id))
+
+
+def measured_on(wildcards):
+    return [str(RUN.paths.measure(*job.key)) for job in RUN.merge_bricks[int(wildcards.pix)]]
+
+
+def truth_tables_on(wildcards):
+    return [str(RUN.paths.level0_truth(job.pointing, job.chip.id)) for job in RUN.merge_bricks[int(wildcards.pix)]]
+
+
+def merged(wildcards):
+    return str(RUN.paths.merge(int(wildcards.pix)))
+
+
+def validated_bricks(wildcards=None):
+    return [str(RUN.paths.validate(pix)) for pix in RUN.merge_bricks]
+
+
+def level0_files(wildcards=None):
+    return [str(RUN.paths.level0(job.pointing, job.chip.id)) for job in RUN.jobs]
+
+
+def targets():
+    return [*level0_files(), *([str(RUN.paths.report)] if RUN.science_jobs else [])]
+
+
+def summary():
+    """What the campaign made and where to look, said when it is done."""
+    lines = [f"\n{RUN.config.name}: {len(RUN.jobs)} Level-0 files with their truth in {OUT}/level0/"]
+    if RUN.science_jobs:
+        lines.append(f"merged catalogues of {len(RUN.merge_bricks)} bricks in {OUT}/merge/")
+        lines.append(f"open the report: {RUN.paths.report.resolve().as_uri()}")
+    return "\n".join(lines)

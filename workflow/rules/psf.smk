@@ -1,0 +1,15 @@
+rule psf:
+    output:
+        f"{OUT}/psf/chip_{{chip}}.h5",
+    log:
+        f"{OUT}/logs/psf/{{chip}}.log",
+    benchmark:
+        f"{OUT}/benchmarks/psf/{{chip}}.tsv"
+    params:
+        psf=RUN.config.psf.model_dump(mode="json"),
+        camera=RUN.camera.digest,
+    resources:
+        mem_mb=1500,
+        runtime=60,
+    shell:
+        "csstsim psf {CAMPAIGN} --chip {wildcards.chip} > {log} 2>&1"

@@ -1,0 +1,15 @@
+rule report:
+    input:
+        validated_bricks,
+        level0_files,
+    output:
+        f"{OUT}/report/index.html",
+    log:
+        f"{OUT}/logs/report.log",
+    benchmark:
+        f"{OUT}/benchmarks/report.tsv"
+    resources:
+        mem_mb=2000,
+        runtime=10,
+    shell:
+        "csstsim report {CAMPAIGN} > {log} 2>&1"

@@ -1,0 +1,12 @@
+rule truth:
+    output:
+        f"{OUT}/truth/Norder=8/Dir={{dir}}/Npix={{pix}}.parquet",
+    log:
+        f"{OUT}/logs/truth/{{dir}}_{{pix}}.log",
+    benchmark:
+        f"{OUT}/benchmarks/truth/{{dir}}_{{pix}}.tsv"
+    resources:
+        mem_mb=1500,
+        runtime=10,
+    shell:
+        "csstsim truth {CAMPAIGN} --brick {wildcards.pix} > {log} 2>&1"
