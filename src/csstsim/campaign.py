@@ -6,10 +6,10 @@ workflow ask the same object which jobs, bricks and files there are.
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from pathlib import Path
 
-from csstsim.catalog.select import BRICK_MARGIN_DEG, bricks_for
+from csstsim.catalog.select import bricks_for
 from csstsim.config import PixelWindow, digest, load_campaign
 from csstsim.errors import InputError
 from csstsim.instrument.camera import load_camera
@@ -156,15 +156,24 @@ class OpenCampaign:
     def embedded(self):
         return self.config.catalog.kind == "embedded"
 
-    @lru_cache(maxsize=None)  # noqa: B019 - one campaign lives as long as its process
-    def truth_bricks(self, obsid, chip_id):
-        """Return the truth bricks whose objects may reach this job's window."""
-        job = self._job_by_key[obsid, chip_id]
-        return tuple(int(pix) for pix in bricks_for(*job.footprint(), BRICK_MARGIN_DEG))
+    def universe_key(self):
+        """Return what the embedded bricks are made for: {seed, universe, camera, lensing}."""
+        return {
+            "seed": self.config.seed,
+            "universe": self.universe,
+            "camera": self.camera,
+            "lensing": self.config.catalog.lensing,
+        }
 
     @cached_property
-    def _job_by_key(self):
-        return {job.key: job for job in self.jobs}
+    def universe(self):
+        from csstsim.universe.numbers import load_universe
+
+        return load_universe(self.config.universe_file)
+
+    def truth_bricks(self, job):
+        """Return the truth bricks whose objects may reach a job's window, as a tuple."""
+        return tuple(int(pix) for pix in bricks_for(*job.footprint()))
 
     @cached_property
     def science_jobs(self):

@@ -4,6 +4,7 @@ Exit codes: 0 done; 2 the input cannot be used (one line says what, where and wh
 """
 
 import functools
+import importlib
 import sys
 
 import click
@@ -55,38 +56,34 @@ def stage(function):
     return campaign_arg(command)
 
 
-def job_command(name, text):
+def job_command(module, name, text):
     """Add the command of a per-chip stage: csstsim NAME CAMPAIGN --obsid X --chip N."""
 
     def command(run, obsid, chip_id):
-        from csstsim import stages
-
-        getattr(stages, name)(run, run.job(obsid, chip_id))
+        getattr(importlib.import_module(module), name)(run, run.job(obsid, chip_id))
 
     command.__doc__ = text
     main.command(name)(stage(obsid_opt(chip_opt(command))))
 
 
-def brick_command(name, text):
+def brick_command(module, name, text):
     """Add the command of a per-brick step: csstsim NAME CAMPAIGN --brick P."""
 
     def command(run, pix):
-        from csstsim import stages
-
-        getattr(stages, name)(run, pix)
+        getattr(importlib.import_module(module), name)(run, pix)
 
     command.__doc__ = text
     main.command(name)(stage(brick_opt(command)))
 
 
-brick_command("truth", "Make one brick of the embedded True Universe.")
-job_command("select", "Find the objects that reach a chip, with positions and electrons per second.")
-job_command("render", "Draw the objects and the sky: expected electrons.")
-job_command("readout", "Turn electrons into DN: noise, overscan, bias, gain.")
-job_command("level0", "Digitise and write the Level-0 file and its truth table.")
-job_command("measure", "Detect and measure the sources of a Level-0 file.")
-brick_command("merge", "Merge the measurements of a brick: one row per source, all bands.")
-brick_command("validate", "Compare a merged brick with the truth.")
+brick_command("csstsim.stages", "truth", "Make one brick of the embedded True Universe.")
+job_command("csstsim.stages", "select", "Find the objects that reach a chip, with positions and electrons per second.")
+job_command("csstsim.stages", "render", "Draw the objects and the sky: expected electrons.")
+job_command("csstsim.stages", "readout", "Turn electrons into DN: noise, overscan, bias, gain.")
+job_command("csstsim.stages", "level0", "Digitise and write the Level-0 file and its truth table.")
+job_command("csstsim.analysis", "measure", "Detect and measure the sources of a Level-0 file.")
+brick_command("csstsim.analysis", "merge", "Merge the measurements of a brick: one row per source, all bands.")
+brick_command("csstsim.analysis", "validate", "Compare a merged brick with the truth.")
 
 
 @main.command()
@@ -103,9 +100,9 @@ def psf(run, chip_id):
 @stage
 def report(run):
     """Write the report: one web page with the validation of every brick."""
-    from csstsim import stages
+    from csstsim import analysis
 
-    stages.report(run)
+    analysis.report(run)
 
 
 @main.command()
@@ -142,8 +139,6 @@ def check(run):
 @main.command()
 def layers():
     """List the layers an observation file may name, with their parameters."""
-    import importlib
-
     from csstsim.sim_steps import known_layers
 
     for name in known_layers():

@@ -20,7 +20,7 @@ def plan(run):
     jobs, config, camera = run.jobs, run.config, run.camera
     science = run.science_jobs
     pixels = sum(job.window.nx * job.window.ny for job in jobs)
-    truth = {pix for job in science for pix in run.truth_bricks(*job.key)} if run.embedded else set()
+    truth = {pix for job in science for pix in run.truth_bricks(job)} if run.embedded else set()
     chips = {job.chip.id for job in jobs if job.pointing.type == "SCIE"}
     nodes = len(chips) * config.psf.grid**2
     objects = sum(_objects(run, job) for job in science)
@@ -52,14 +52,15 @@ def plan(run):
 
 
 def _objects(run, job):
-    """Expected objects on a job's window, from the truth's density down to the campaign's limit."""
+    """Expected galaxies on a job's window (stars are a tenth): i counts down to the campaign's limit."""
     if not run.embedded:
         return 0.0
-    from csstsim.universe.galaxies import density_per_arcmin2
-    from csstsim.universe.load import load_universe
+    from csstsim.universe.galaxies import ARCMIN2_PER_DEG2, cumulative_counts
 
     area = job.window.nx * job.window.ny * (run.camera.telescope.pixel_scale / 60.0) ** 2
-    return area * density_per_arcmin2(load_universe(run.config.universe_file), run.config.catalog.mag_limit)
+    mag, counts = cumulative_counts(run.universe.galaxies)
+    limit = run.config.catalog.mag_limit
+    return area / ARCMIN2_PER_DEG2 * (counts[-1] if limit is None else np.interp(limit, mag, counts))
 
 
 def _covered(run):

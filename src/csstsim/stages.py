@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from csstsim.config import digest
 from csstsim.errors import InputError
 from csstsim.state import State
 
@@ -47,20 +48,22 @@ def select(run, job):
     """Find the objects that reach a job's window."""
     timer = Timer("select")
     table = _objects(run, job)
-    meta = table.meta | {"recipe": run.recipe(job), "stages": [timer.entry()]}
-    table.write(run.paths.stage(*job.key, "select.parquet"), meta)
+    table.write(run.paths.stage(*job.key, "select.parquet"), table.meta | {"recipe": run.recipe(job), "stages": [timer.entry()]})
+    print(f"{len(table)} objects reach the window; left out: {table.meta['dropped']}")
 
 
 def _objects(run, job):
     from csstsim.catalog.open import open_catalog
-    from csstsim.catalog.select import Noise, select_objects
+    from csstsim.catalog.select import Noise, region_for, select_objects
 
-    filter_, detector = run.camera.filters[job.chip.filter], run.camera.detector
-    catalog = open_catalog(run, job)
+    config, camera, exptime = run.config.catalog, run.camera, job.pointing.exptime
+    filter_, detector = camera.filters[job.chip.filter], camera.detector
+    key = run.universe_key() if run.embedded else {}
+    catalog = open_catalog(config, region_for(*job.footprint()), run.paths.truth, key)
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
     return select_objects(
-        catalog, job.wcs, job.window, filter_, run.camera.telescope, job.pointing.exptime, noise, run.config.catalog.mag_limit
-    )  # fmt: skip
+        catalog, job.wcs, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit
+    )
 
 
 def render(run, job):
@@ -84,9 +87,9 @@ def render(run, job):
 def _render(run, job, objects):
     state = _blank(run, job, objects)
     if job.pointing.type == "SCIE":
-        state.psf = _open_psf(run, job)
+        state.psf = open_psf(run, job)
         state.header["truth_hash"] = objects.meta["truth_hash"]
-        state.header["psf_hash"] = state.psf.digest
+        state.header["psf_hash"] = digest(state.psf.attributes)
     return run.steps[job.pointing.type].run(state, "render", run.config.seed)
 
 
@@ -167,12 +170,12 @@ def chip(run, job, say=print):
 
 def _missing(run, job, say):
     """Yield what makes each missing input of a job, having said so."""
-    bricks = run.bricks_of(job) if run.embedded else ()
+    bricks = run.truth_bricks(job) if run.embedded else ()
     wanted = [(run.paths.truth(pix), partial(truth, run, pix)) for pix in bricks]
     wanted.append((run.paths.psf(job.chip.id), partial(psf, run, job.chip.id)))
     for path, make in wanted:
         if not path.exists():
-            say(f"making {path}")
+            say(f"missing, made first: {path}")
             yield make
 
 
@@ -207,11 +210,12 @@ def _check_recipe(run, job, path, meta):
         raise InputError("made for another campaign; remove it", file=path, key="recipe", value=meta.get("recipe"), allowed=run.recipe(job))  # fmt: skip
 
 
-def _open_psf(run, job):
+def open_psf(run, job):
+    """Return the checked PsfSet of a job's chip, with the campaign's interpolation."""
     from csstsim.optics.psf_file import PsfSet
 
     config = run.config.psf
     return PsfSet(
-        run.paths.psf(job.chip.id), chip=job.chip, grid=config.grid, camera_digest=run.camera.digest,
-        beta=config.beta, neighbours=config.neighbours,
+        run.paths.psf(job.chip.id), chip=job.chip.id, filter=job.chip.filter, grid=config.grid,
+        camera_digest=run.camera.digest, beta=config.beta, neighbours=config.neighbours,
     )  # fmt: skip

@@ -22,7 +22,8 @@ def table(ra, dec, *, obsid="1", chip=8, band="g", flux=1000.0, snr=20.0, pos_er
         "number": np.arange(n, dtype=np.int32), "ra": np.asarray(ra, float), "dec": np.asarray(dec, float),
         "pos_err": np.full(n, pos_err), "flux_psf": np.broadcast_to(flux, n).astype(float),
         "flux_psf_err": np.full(n, 50.0), "flux_kron": np.broadcast_to(flux, n) * 0.95,
-        "flux_kron_err": np.full(n, 60.0), "zeropoint": np.full(n, zeropoint), "snr": np.broadcast_to(snr, n).astype(float),
+        "flux_kron_err": np.full(n, 60.0), "zeropoint": np.full(n, zeropoint),
+        "snr": np.broadcast_to(snr, n).astype(float),
         "star": np.ones(n, bool), "flags": np.full(n, 1 if obsid == "1" else 2, np.int32),
     }  # fmt: skip
     return ObjectTable({name: columns[name] for name in DETECTION_COLUMNS})
@@ -126,7 +127,8 @@ def test_the_file_links_sources_to_detections(tmp_path):
     write_merged(tmp_path / "a" / "Npix=1.parquet", sources, found, {"version": "x"})
     read = pq.read_table(tmp_path / "a" / "Npix=1.parquet", partitioning=None)
     assert read.column_names[0] == "_healpix_29" and (np.diff(read["_healpix_29"].to_numpy()) >= 0).all()
-    by_key = {(o, c, n): k for k, o, c, n in zip(*(found[name] for name in ("source", "obsid", "chip", "number")), strict=True)}
+    keys = zip(*(found[name].tolist() for name in ("obsid", "chip", "number")), strict=True)
+    by_key = dict(zip(keys, found["source"].tolist(), strict=True))
     for row, line in enumerate(read.to_pylist()):
         keys = list(zip(line["detection_obsid"], line["detection_chip"], line["detection_number"], strict=True))
         assert len(keys) == line["n_detections"] and {by_key[key] for key in keys} == {row}

@@ -110,7 +110,12 @@ def test_real_detector():
     }
     order = [(b.half, b.slot) for b in whole.blocks]
     assert order == [(0, s) for s in range(8)] + [(1, s) for s in range(7, -1, -1)]
-    assert [(b.flip_x, b.flip_y) for b in whole.blocks[::4]] == [(False, False), (True, False), (True, True), (False, True)]
+    assert [(b.flip_x, b.flip_y) for b in whole.blocks[::4]] == [
+        (False, False),
+        (True, False),
+        (True, True),
+        (False, True),
+    ]
 
 
 def test_amplifiers_are_at_the_stored_origin():

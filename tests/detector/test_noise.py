@@ -27,7 +27,9 @@ def test_poisson_distribution(mean):
     draws = poisson(np.full((1, N), mean), stream(2, "shape", mean))[0]
     low, high = (int(v) for v in stats.poisson.ppf([1e-4, 1 - 1e-4], mean))
     edges = np.arange(low, high + 1)
-    observed = np.array([(draws <= low).sum(), *np.bincount(draws, minlength=high + 1)[low + 1 : high], (draws >= high).sum()])
+    observed = np.array(
+        [(draws <= low).sum(), *np.bincount(draws, minlength=high + 1)[low + 1 : high], (draws >= high).sum()]
+    )
     cdf = stats.poisson.cdf(edges[:-1], mean)
     expected = N * np.diff(np.r_[0.0, cdf, 1.0])
     assert stats.chisquare(observed, expected * observed.sum() / expected.sum()).pvalue > 1e-5

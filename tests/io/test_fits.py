@@ -51,7 +51,9 @@ def test_astropy_reads_the_pixels_and_agrees_on_checksums(tmp_path, dtype, shape
         hdus.verify("exception")
         assert hdus[0].header["A"] == 1 and hdus["ONE"].header["B"] == "x" * 100
         assert np.array_equal(hdus["ONE"].data, data)
-        assert hdus["TWO"].header["DATASUM"] == fits.ImageHDU(data[:1])._calculate_datasum().__str__() or dtype == "uint16"
+        assert (
+            hdus["TWO"].header["DATASUM"] == fits.ImageHDU(data[:1])._calculate_datasum().__str__() or dtype == "uint16"
+        )
 
 
 def test_large_data_in_several_pieces(tmp_path):

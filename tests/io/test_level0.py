@@ -23,7 +23,11 @@ PROVENANCE = {
     "stages": [["render", 12.3456, 10.0], ["level0", 1.0, 0.5]],
 }  # fmt: skip
 # config/instrument/level0_keywords.yaml promises that two identical runs differ in no other value
-VOLATILE = {"DATE", "CHECKSUM", *(f"{clock}_{stage}" for clock in ("CPU", "WALL") for stage in ("SEL", "REN", "RDO", "L0"))}
+VOLATILE = {
+    "DATE",
+    "CHECKSUM",
+    *(f"{clock}_{stage}" for clock in ("CPU", "WALL") for stage in ("SEL", "REN", "RDO", "L0")),
+}
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +54,12 @@ def test_header(small, tmp_path, layout):
         assert header["NAXIS1"] * header["NAXIS2"] == 16 * 42 * 36
     assert first["FILENAME"] == level0_stem(state.pointing, 9)
     assert re.fullmatch(r"CSST_MSC_MS_WIDE_\d{14}_\d{14}_10160000004_09_L0_V01", first["FILENAME"])
-    assert (first["OBSID"], first["FILETYPE"], first["OBJECT"], first["NEXTEND"]) == ("10160000004", "SCIE", "demo's", 1)
+    assert (first["OBSID"], first["FILETYPE"], first["OBJECT"], first["NEXTEND"]) == (
+        "10160000004",
+        "SCIE",
+        "demo's",
+        1,
+    )
     start, end = Time(first["DATE-OBS"], scale="utc"), Time(first["DATE-END"], scale="utc")
     assert abs(start.mjd - first["EXPSTART"]) * 86400 < 1e-4
     assert abs(end.mjd - first["EXPEND"]) * 86400 < 1e-4
@@ -98,7 +107,9 @@ def test_pixels_read_back(small, tmp_path, layout, window):
 def test_pixels_not_read_are_zero(small, tmp_path):
     made(small, tmp_path / "x.fits", "channels", window=(40, 50, 5, 9))
     data = fits.getdata(tmp_path / "x.fits", "IMAGE")
-    assert np.count_nonzero(data) == (10 + 3 + 7) * (4 + 4)  # window + prescan + overscan columns x window + overscan rows
+    assert np.count_nonzero(data) == (10 + 3 + 7) * (
+        4 + 4
+    )  # window + prescan + overscan columns x window + overscan rows
     assert not data[:, :42].any() and not data[:, 84:].any()  # only channel 2 was touched
 
 
@@ -147,7 +158,7 @@ def test_files_that_cannot_be_read(small, tmp_path):
         read_level0(tmp_path / "foreign.fits")
     foreign[1].name = "IMAGE"
     foreign.writeto(tmp_path / "foreign.fits", overwrite=True)
-    with pytest.raises(InputError, match="keywords are missing.*NCHAN"):
+    with pytest.raises(InputError, match=r"keywords are missing.*NCHAN"):
         read_level0(tmp_path / "foreign.fits")
 
 
@@ -180,10 +191,15 @@ def test_layers_left_out_leave_their_keywords_out(small, tmp_path):
 
 @pytest.mark.parametrize(
     ("entry", "message"),
-    [({"hdu": 2, "keyword": "A", "constant": 1}, "entry 1"), ({"hdu": 0, "keyword": "A"}, "constant or from"),
-     ({"hdu": 0, "keyword": "A", "from": "nonsense"}, "allowed: gain"), ({"hdu": 0, "keyword": "low", "constant": 1}, "keyword"),
-     ({"hdu": 0, "block": "A", "constant": 1}, "constant or from"), ({"hdu": 0, "keyword": "A", "constant": 1, "x": 1}, "entry 1")],
-)  # fmt: skip
+    [
+        ({"hdu": 2, "keyword": "A", "constant": 1}, "entry 1"),
+        ({"hdu": 0, "keyword": "A", "constant": 1, "x": 1}, "entry 1"),
+        ({"hdu": 0, "keyword": "A"}, "constant or from"),
+        ({"hdu": 0, "block": "A", "constant": 1}, "constant or from"),
+        ({"hdu": 0, "keyword": "A", "from": "nonsense"}, "allowed: gain"),
+        ({"hdu": 0, "keyword": "low", "constant": 1}, "keyword"),
+    ],
+)
 def test_faulty_tables(entry, message):
     with pytest.raises(InputError, match=message):
         header_cards([entry], {"gain": [1.0]}, 0)
@@ -198,7 +214,7 @@ def test_every_shipped_entry_fits_one_card(small):
 
 
 def test_satellite_at_the_end_of_the_exposure():
-    """A circular orbit, closed form: turned by its mean motion; 1 m and 1 mm/s. An ellipse keeps energy and momentum."""
+    """A circular orbit turns by its mean motion (1 m, 1 mm/s); an ellipse keeps energy and angular momentum."""
     radius, gm = 6778.137, 398_600.4418
     speed = np.sqrt(gm / radius)
     angle = speed / radius * 250.0

@@ -45,7 +45,10 @@ def test_every_channel(small, tmp_path, layout, fields):
     for block in whole.blocks:
         here = (chip_x // detector.channel_nx == block.slot) & (chip_y // detector.channel_ny == block.half)
         assert here.sum() == detector.channel_nx * detector.channel_ny
-        wcs = WCS(header, key="ABCDEFGHIJKLMNOP"[block.channel - 1])
+        letter = "ABCDEFGHIJKLMNOP"[block.channel - 1]
+        # the whole header once; then the channel's own cards, which astropy parses twenty times faster
+        seen = header if not fields else fits.Header([card for card in header.cards if card.keyword.endswith(letter)])
+        wcs = WCS(seen, key=letter)
         found = wcs.all_pix2world(x[here], y[here], 0)
         assert separation(found, [c[here] for c in sky]).max() < 1e-6
 

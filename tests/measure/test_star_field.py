@@ -17,7 +17,7 @@ def test_stars_above_snr_5_are_found(star_field):
     _, snr, found, _, _ = matched(star_field)
     assert found[snr > 5].mean() > 0.99  # 2900 stars
     edge = (snr > 5) & (snr < 6)
-    assert edge.sum() > 100 and found[edge].mean() > 0.95
+    assert edge.sum() > 80 and found[edge].mean() > 0.95
 
 
 def test_false_detections_are_few_and_faint(star_field):

@@ -92,18 +92,18 @@ def test_at_a_node_it_is_the_node(made):
 
 
 def test_weights_are_equation_3_of_the_nearest_and_convex(made):
-    psf = PsfSet(made)
     rng = np.random.default_rng(3)
     x, y = rng.uniform(-0.5, 9215.5, 200), rng.uniform(-0.5, 9231.5, 200)
     for beta, neighbours in ((2.0, 4), (1.0, 3), (6.5, 1)):
-        index, weight, outside = psf.weights(x, y, beta=beta, neighbours=neighbours)
+        psf = PsfSet(made, beta=beta, neighbours=neighbours)
+        index, weight, outside = psf.weights(x, y)
         distance = np.hypot(psf.nodes_xy[:, 0] - x[:, None], psf.nodes_xy[:, 1] - y[:, None])
         nearest = np.argsort(distance, axis=1)[:, :neighbours]
         power = np.take_along_axis(distance, nearest, 1) ** -beta
         assert np.array_equal(index, nearest)
         assert weight == pytest.approx(power / power.sum(axis=1, keepdims=True), rel=1e-12)
         assert not outside.any()
-    x0, y0 = x[0], y[0]
+    psf, x0, y0 = PsfSet(made), x[0], y[0]
     index, weight, _ = psf.weights(x0, y0)
     expected = np.tensordot(weight, psf.image[index].astype(float), axes=1)
     assert psf.at(x0, y0) == pytest.approx(expected, abs=1e-12)
@@ -132,7 +132,7 @@ def test_shapes_of_no_one_and_many_positions(made):
         index, weight, outside = psf.weights(np.full(shape, 100.0), np.full(shape, 5.0))
         assert index.shape == weight.shape == (*shape, 4)
         assert outside.shape == shape
-    assert psf.weights(5.0, 5.0, neighbours=40)[0].shape == (9,)
+    assert PsfSet(made, neighbours=40).weights(5.0, 5.0)[0].shape == (9,)
     with pytest.raises(ValueError, match="not finite"):
         psf.weights(np.nan, 1.0)
 
@@ -150,10 +150,10 @@ def test_dead_node_is_never_used(copy):
     with h5py.File(copy, "r+") as file:
         file["image"][4, 2, 3, 3] = np.nan
         file["flux"][4, 2] = np.nan
-    psf = PsfSet(copy)
+    psf = PsfSet(copy, neighbours=9)
     assert psf.dead.nonzero()[0].tolist() == [4]
     x, y = psf.nodes_xy[4]
-    index, weight, outside = psf.weights(x, y, neighbours=9)
+    index, weight, outside = psf.weights(x, y)
     assert index.shape == (8,) and 4 not in index and not outside
     assert weight.sum() == pytest.approx(1.0)
     assert np.isfinite(psf.at(x, y)).all()

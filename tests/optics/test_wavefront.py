@@ -98,3 +98,13 @@ def test_shipped_budget_is_19_nm_design_and_45_nm_static(params):
 def test_bad_row_is_refused(params, row):
     with pytest.raises(InputError, match=r"psf\.yaml: static: bad row .*allowed: a Noll index >= 4"):
         load_wavefront({**params, "static": [row]})
+
+
+@pytest.mark.parametrize(
+    "mirror", [{"rms": -1.0}, {"rms": None}, {"slope": np.nan}, {"cycles_min": 50}, {"cycles_min": 0.1}]
+)
+def test_impossible_mirror_is_refused(params, mirror):
+    with pytest.raises(InputError, match=r"psf\.yaml: mirror"):
+        load_wavefront({**params, "mirror": params["mirror"] | mirror})
+    with pytest.raises(InputError, match=r"psf\.yaml: mirror\.rms: must be a number; allowed: >= 0"):
+        load_wavefront({"design": [], "static": []})

@@ -25,7 +25,7 @@ def objects(wcs, x, y, obj_type=STAR, reach=64, rate=100.0, **columns):
     ra, dec = wcs.pixel_to_world(x, y)
     base = {
         "id": np.arange(len(x)), "obj_type": np.full(len(x), obj_type), "ra": ra, "dec": dec, "x": x, "y": y,
-        "reach": np.full(len(x), reach), **{f"flux{i}": np.full(len(x), rate / 4) for i in range(4)},
+        "reach": np.full(len(x), reach), "lost": np.full(len(x), 1e-4), **{f"flux{i}": np.full(len(x), rate / 4) for i in range(4)},
     }  # fmt: skip
     return ObjectTable.complete(base | columns)
 

@@ -49,7 +49,7 @@ def test_content_does_not_depend_on_order_or_neighbours():
 def test_seed_and_number_change_everything():
     a, b, c = brick(COMMON), brick(COMMON + 1), brick(COMMON, seed=SEED + 1)
     for other in (b, c):
-        assert not np.array_equal(a["z"][:100], other["z"][:100])
+        assert not np.intersect1d(a["mag_i"][-100:], other["mag_i"][-100:]).size
     assert not np.intersect1d(a["id"], b["id"]).size
     assert len(np.unique(a["id"])) == len(a)
 
@@ -88,7 +88,7 @@ def test_file_round_trip_is_exact(tmp_path):
 
 def test_damaged_and_foreign_files_are_refused(tmp_path):
     path = tmp_path / "Npix=0.parquet"
-    with pytest.raises(InputError, match="Npix=0.parquet"):
+    with pytest.raises(InputError, match=r"Npix=0\.parquet"):
         read_brick(path)
     brick(0).write(path)
     whole = path.read_bytes()

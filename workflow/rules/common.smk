@@ -29,8 +29,7 @@ def truth_of(wildcards):
     """The truth bricks whose objects may reach a chip's window."""
     if not RUN.embedded:
         return []
-    obsid, chip = wildcards.obsid, int(wildcards.chip)
-    return [str(RUN.paths.truth(pix)) for pix in RUN.truth_bricks(obsid, chip)]
+    return [str(RUN.paths.truth(pix)) for pix in RUN.truth_bricks(JOBS[wildcards.obsid, wildcards.chip])]
 
 
 def objects_of(wildcards):

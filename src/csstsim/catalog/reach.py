@@ -41,7 +41,8 @@ def point_reach(electrons, variance, filter, telescope):
 
 
 def galaxy_radius(table, electrons, variance, pixel_scale):
-    """Return (n,) the radius [pixel] of the profile's visible light, before the PSF; may exceed REACH_MAX."""
+    """Return (radius, lost): of the profile's visible light, before the PSF [pixel; may exceed REACH_MAX], and the
+    fraction of light that may lie beyond."""
     stretch = _stretch(table) / pixel_scale
     disk, bulge = (table[name].astype(float) * stretch for name in ("size_disk", "size_bulge"))
     share = table["bulge_frac"].astype(float)
@@ -55,7 +56,7 @@ def galaxy_radius(table, electrons, variance, pixel_scale):
         beyond = (1 - share) * light_beyond(middle, disk, 1) + share * light_beyond(middle, bulge, 4)
         too_small = beyond > lost
         inner, outer = np.where(too_small, middle, inner), np.where(too_small, outer, middle)
-    return outer
+    return outer, lost
 
 
 def light_beyond(radius, half_light, n):

@@ -84,7 +84,7 @@ def select_objects(catalog, wcs, window, filter, telescope, exptime, noise, mag_
 
     catalog: a CatalogBase; wcs: optics.wcs.ChipWCS; window: instrument.chip.Window; exptime in s; noise: Noise.
     Added: ra_orig, dec_orig, x, y (0-based pixel), mag (this filter), flux0..3 (electron / s, magnified), reach
-    (pixel, half the side of the stamp), flags. mag_* are as observed, magnification included. Rows with a
+    (pixel, half the side of the stamp), lost (fraction of a galaxy's light that may lie beyond it), flags. mag_* are as observed, magnification included. Rows with a
     value that cannot be used are kept, dark and flagged, if they lie on the window or nobody knows where they lie.
     `meta` gets `dropped` (counts by reason) and `truth_hash`.
     """
@@ -99,7 +99,7 @@ def select_objects(catalog, wcs, window, filter, telescope, exptime, noise, mag_
     flux[bad] = 0.0
     rate = flux.sum(axis=1)
     mag = np.where(bad, np.nan, rate_to_mag(rate, filter, telescope))
-    reach, truncated = _reach(table, extended & ~bad, rate * exptime, noise.variance(exptime), filter, telescope)
+    reach, lost, truncated = _reach(table, extended & ~bad, rate * exptime, noise.variance(exptime), filter, telescope)
     flags = table["flags"] | np.where(bad, BAD_VALUE, 0) | np.where(truncated, TRUNCATED_STAMP, 0)
     flags |= np.where(~star & ~thin & ~bad, STRONG_LENSING, 0)
     touches = _touches(x, y, np.where(bad, 0, reach), window) | ~np.isfinite(table["ra"] + table["dec"])
@@ -107,7 +107,7 @@ def select_objects(catalog, wcs, window, filter, telescope, exptime, noise, mag_
     chosen = table.with_columns(
         ra_orig=table["ra"], dec_orig=table["dec"], x=x, y=y, mag=mag.astype(np.float32),
         **{f"mag_{band}": (table[f"mag_{band}"] - 2.5 * np.log10(mu)).astype(np.float32) for band in BANDS},
-        **{f"flux{i}": flux[:, i] for i in range(flux.shape[1])}, reach=reach, flags=flags.astype(np.int32),
+        **{f"flux{i}": flux[:, i] for i in range(flux.shape[1])}, reach=reach, lost=lost, flags=flags.astype(np.int32),
     ).take(touches & ~faint)  # fmt: skip
     outside = len(everything) - int(touches.sum())
     chosen.meta = {
@@ -146,11 +146,14 @@ def _unusable(table, flux, extended):
 
 
 def _reach(table, extended, electrons, variance, filter, telescope):
-    """Return (reach [pixel], truncated)."""
+    """Return (reach [pixel], lost: fraction of a galaxy's light that may lie beyond its stamp, truncated)."""
     reach, truncated = point_reach(electrons, variance, filter, telescope)
+    lost = np.zeros(len(reach), np.float32)
     reach[electrons <= 0] = POINT_MIN
     if extended.any():
-        profile = galaxy_radius(table.take(extended), electrons[extended], variance, telescope.pixel_scale)
+        profile, lost[extended] = galaxy_radius(
+            table.take(extended), electrons[extended], variance, telescope.pixel_scale
+        )
         reach[extended] += profile
         truncated = truncated | (reach > REACH_MAX)
-    return np.ceil(np.minimum(reach, REACH_MAX)).astype(np.int32), truncated
+    return np.ceil(np.minimum(reach, REACH_MAX)).astype(np.int32), lost, truncated

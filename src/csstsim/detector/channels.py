@@ -17,6 +17,7 @@ Arrays and integers only. Not modelled: the time order of reading, electronic cr
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -146,7 +147,9 @@ class ReadoutFrame:
                     left, right = right, left
                 x = slot * self.block_nx
                 first, end = x + left, x + left + self.channel_nx
-                slots.append((slot, [np.arange(x, first), np.arange(first + low, first + high), end + np.arange(right)]))
+                slots.append(
+                    (slot, [np.arange(x, first), np.arange(first + low, first + high), end + np.arange(right)])
+                )
         return slots
 
     def _mirrored(self, slot):
@@ -276,10 +279,7 @@ def _runs(index, start):
     """Split increasing integers into runs of neighbours: [(slice in the frame, slice of values)]."""
     cuts = np.flatnonzero(np.diff(index) != 1) + 1
     edges = [0, *cuts.tolist(), len(index)]
-    return [
-        (slice(start + a, start + b), slice(int(index[a]), int(index[b - 1]) + 1))
-        for a, b in zip(edges[:-1], edges[1:], strict=True)
-    ]
+    return [(slice(start + a, start + b), slice(int(index[a]), int(index[b - 1]) + 1)) for a, b in pairwise(edges)]
 
 
 def _local(part, start, size, flip, offset):

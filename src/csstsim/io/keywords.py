@@ -34,7 +34,11 @@ def header_cards(entries, values, hdu):
             continue
         if "block" in entry:
             rule = "=" * 69
-            cards += [remark("COMMENT", f" {rule}"), remark("COMMENT", f" {entry['block']}"), remark("COMMENT", f" {rule}")]
+            cards += [
+                remark("COMMENT", f" {rule}"),
+                remark("COMMENT", f" {entry['block']}"),
+                remark("COMMENT", f" {rule}"),
+            ]
             continue
         value = values[entry["from"]] if "from" in entry else entry["constant"]
         keyword, comment = entry["keyword"], entry.get("comment", "")
@@ -43,7 +47,9 @@ def header_cards(entries, values, hdu):
         if keyword == "HISTORY":
             cards += [remark("HISTORY", f" {line}") for line in value]
             continue
-        many = [(f"{keyword}{i + 1:02d}", v) for i, v in enumerate(value)] if entry.get("repeat") else [(keyword, value)]
+        many = (
+            [(f"{keyword}{i + 1:02d}", v) for i, v in enumerate(value)] if entry.get("repeat") else [(keyword, value)]
+        )
         try:
             cards += [card(name, v, comment) for name, v in many]
         except ValueError as exc:
@@ -54,7 +60,9 @@ def header_cards(entries, values, hdu):
 def _check(entry, values, where):
     where = {"file": "level0_keywords.yaml", "key": where}
     if not isinstance(entry, dict) or not set(entry) <= _KEYS or entry.get("hdu") not in (0, 1):
-        raise InputError("not a header entry", value=entry, allowed=f"hdu 0 or 1, and {', '.join(sorted(_KEYS))}", **where)
+        raise InputError(
+            "not a header entry", value=entry, allowed=f"hdu 0 or 1, and {', '.join(sorted(_KEYS))}", **where
+        )
     kinds = [name for name in ("block", "constant", "from") if name in entry]
     if len(kinds) != 1 or ("keyword" in entry) == ("block" in entry):
         raise InputError("an entry is a block, or a keyword with either constant or from", value=entry, **where)

@@ -186,7 +186,9 @@ def read_level0(path, verify=False):
     shape = (header["NAXIS2"], header["NAXIS1"])
     if header["BITPIX"] != 16 or shape != readout.stored_shape(layout):
         allowed = f"BITPIX 16 and {readout.stored_shape(layout)}"
-        raise InputError("not the pixels that the header describes", file=path, value=(header["BITPIX"], shape), allowed=allowed)
+        raise InputError(
+            "not the pixels that the header describes", file=path, value=(header["BITPIX"], shape), allowed=allowed
+        )
     return Level0(Path(path), dict(header0), dict(header), readout, layout, data_start)
 
 

@@ -6,7 +6,6 @@ are Poisson already and must not be drawn again. Left out: warm pixels (detector
 
 from pydantic import Field
 
-from csstsim.detector.noise import add_poisson
 from csstsim.layers.param import LayerParam
 
 STAGE = "readout"
@@ -24,6 +23,8 @@ def apply(state, param, rng):
 
     Raises ValueError if an expected value is negative or not finite.
     """
+    from csstsim.detector.noise import add_poisson  # numba: half a second that checking a campaign need not pay
+
     exptime = state.pointing.exptime if param.exptime is None else param.exptime
     dark = state.chip.detector.dark * exptime
     add_poisson(state.image, rng.exposure("shot"), dark=dark, counted=state.counted)

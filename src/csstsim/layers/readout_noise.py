@@ -3,7 +3,6 @@
 Left out: correlated noise, 1/f drifts and differences between channels.
 """
 
-from csstsim.detector.noise import add_gaussian
 from csstsim.layers.param import LayerParam
 
 STAGE = "readout"
@@ -16,6 +15,8 @@ class Param(LayerParam):
 
 def apply(state, param, rng):
     """Add the noise to state.image, in place; the level [e-] of each channel goes to the header."""
+    from csstsim.detector.noise import add_gaussian  # numba: half a second that checking a campaign need not pay
+
     detector = state.chip.detector
     add_gaussian(state.image, detector.read_noise, rng.exposure("read"))
     state.header["read_noise"] = [detector.read_noise] * (detector.channels_x * detector.channels_y)

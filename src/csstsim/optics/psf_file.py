@@ -75,12 +75,13 @@ class PsfSet:
     `tilt` (n, 2) px, `flux` (n, 4), `dead` (n,) bool, `scale` arcsec per cell, `attributes` (dict).
     """
 
-    def __init__(self, path, *, chip=None, filter=None, grid=None, camera_digest=None):
+    def __init__(self, path, *, chip=None, filter=None, grid=None, camera_digest=None, beta=2.0, neighbours=4):
         """Open and check a PSF file; what is given of chip (id), filter (name), grid and digest must match.
 
+        `beta` (> 0) and `neighbours` (>= 1) are the power and the number of nodes of the interpolation.
         Raises InputError for a missing, truncated or foreign file, wrong shapes, and what does not match.
         """
-        self.path = path
+        self.path, self.beta, self.neighbours = path, beta, neighbours
         data, offset, shape = self._read()
         self.nodes_xy, self.wavelength, self.tilt, self.flux = (
             data[k] for k in ("nodes_xy", "wavelength", "tilt", "flux")
@@ -150,7 +151,7 @@ class PsfSet:
             self._seen[index] = True
         return image
 
-    def weights(self, x, y, *, beta=2.0, neighbours=4):
+    def weights(self, x, y):
         """Return (index, weight, outside_hull) of the nodes that make the PSF at pixel positions x, y.
 
         For scalars the shapes are (k,), (k,), (); for arrays of N positions (N, k), (N, k), (N,), where k is
@@ -162,7 +163,7 @@ class PsfSet:
             raise ValueError("a PSF was asked for at a position that is not finite")
         tree, hull = self._geometry()
         flat = points.reshape(-1, 2)
-        k = min(neighbours, self._alive.size)
+        k = min(self.neighbours, self._alive.size)
         candidates = np.arange(1, min(k + _SPARE, self._alive.size) + 1)
         distance, found = tree.query(flat, candidates)
         order = np.lexsort((found, np.round(distance / _ON_NODE_PX)), axis=1)[:, :k]
@@ -170,15 +171,15 @@ class PsfSet:
         # Relative to the nearest, so that no power overflows
         on_node = distance[:, :1] < _ON_NODE_PX
         ratio = np.where(on_node, 1.0, distance[:, :1]) / np.where(on_node, 1.0, distance)
-        weight = np.where(on_node, np.arange(k) == 0, ratio**beta)
+        weight = np.where(on_node, np.arange(k) == 0, ratio**self.beta)
         weight = weight / weight.sum(axis=1, keepdims=True)
         outside = (flat @ hull[:, :2].T + hull[:, 2] > _ON_NODE_PX).any(axis=1)
         shape = points.shape[:-1]
         return self._alive[found].reshape(*shape, k), weight.reshape(*shape, k), outside.reshape(shape)
 
-    def at(self, x, y, *, beta=2.0, neighbours=4):
+    def at(self, x, y):
         """Return the PSF at one pixel position, (4, cells, cells) float64 cell integrals."""
-        index, weight, _ = self.weights(float(x), float(y), beta=beta, neighbours=neighbours)
+        index, weight, _ = self.weights(float(x), float(y))
         used = weight > 0
         return sum(w * self.node(i).astype(np.float64) for i, w in zip(index[used], weight[used], strict=True))
 

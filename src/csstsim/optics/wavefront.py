@@ -49,7 +49,9 @@ def zernike(noll, u, v):
         bottom = math.factorial(k) * math.factorial((n + order) // 2 - k) * math.factorial((n - order) // 2 - k)
         radial += top / bottom * r2 ** ((n - order) // 2 - k)
     # r^|m| e^(i |m| theta) = (u + i v)^|m|, so no angle is ever needed
-    turn = (u + 1j * v) ** order
+    turn = np.ones_like(r2, dtype=complex)
+    for _ in range(order):
+        turn *= u + 1j * v
     norm = math.sqrt(n + 1) if m == 0 else math.sqrt(2 * (n + 1))
     return norm * radial * (turn.real if m >= 0 else turn.imag)
 
@@ -118,23 +120,35 @@ class Wavefront:
         return np.stack([zernike(j, grid_u, grid_v) for j in self.noll])
 
 
+def number(params, *keys):
+    """Return the non-negative number at `keys` of the mapping `params`; InputError naming psf.yaml and the key."""
+    value = params
+    for key in keys:
+        value = value.get(key) if isinstance(value, dict) else None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
+        raise InputError("must be a number", file="psf.yaml", key=".".join(keys), value=value, allowed=">= 0")
+    return float(value)
+
+
 def load_wavefront(params, *, parts=("design", "static", "mirror")):
     """Return the `Wavefront` described by the mapping `params` (psf.yaml, unwrapped).
 
-    `parts` leaves error sources out, to judge them one by one. Raises InputError on a table that is not
-    rows of a Noll index and six numbers.
+    `parts` leaves error sources out, to judge them one by one. Raises InputError on a missing
+    or impossible number, and on a table that is not rows of a Noll index and six numbers.
     """
     total = {}
     for name in ("design", "static"):
-        for row in params[name]:
-            noll = row[0] if len(row) == TERMS + 1 else None
+        for row in params.get(name) or ():
+            noll = row[0] if isinstance(row, list) and len(row) == TERMS + 1 else None
             if not isinstance(noll, int) or noll < 4 or not np.all(np.isfinite(row[1:])):
                 allowed = f"a Noll index >= 4 and {TERMS} finite numbers (nm)"
                 raise InputError("bad row", file="psf.yaml", key=name, value=row, allowed=allowed)
             weight = 1.0 if name in parts else 0.0
             total[noll] = total.get(noll, 0.0) + weight * np.asarray(row[1:], float)
-    mirror = params["mirror"]
-    rms = mirror["rms"] if "mirror" in parts else 0.0
-    screen = mirror_screen(rms, mirror["slope"], (mirror["cycles_min"], mirror["cycles_max"]))
+    rms, slope, low, high = (number(params, "mirror", key) for key in ("rms", "slope", "cycles_min", "cycles_max"))
+    if not 1 / _SCREEN_PERIOD <= low < high:
+        allowed = f"{1 / _SCREEN_PERIOD} <= cycles_min < cycles_max"
+        raise InputError("bad range", file="psf.yaml", key="mirror", value=(low, high), allowed=allowed)
+    screen = mirror_screen(rms if "mirror" in parts else 0.0, slope, (low, high))
     noll = tuple(sorted(total))
-    return Wavefront(noll, np.array([total[j] for j in noll]).reshape(-1, TERMS), params["field_scale"], screen)
+    return Wavefront(noll, np.array([total[j] for j in noll]).reshape(-1, TERMS), number(params, "field_scale"), screen)

@@ -25,7 +25,8 @@ galsim.errors.raise_fft_size_error = True  # GalSim 2.8 only warns, then takes a
 
 # Interpolation and truncation errors well below the accuracy goals (flux 1e-3, ellipticity 1e-4).
 GSPARAMS = {"maxk_threshold": 1e-4, "kvalue_accuracy": 1e-6, "xvalue_accuracy": 1e-6, "maximum_fft_size": 4096}
-FOLDING = 1e-4  # light allowed to alias; loosened, with a flag, where the FFT would not fit
+FOLDING_MIN, FOLDING_MAX = 1e-4, 5e-3  # light that may alias: what the stamp may lose, within these (5e-3: GalSim's own)
+REACH_FFT = 1000  # px: half the largest stamp, so that its FFT (half-pixel steps) fits the maximum
 NEGATIVE_LIMIT = 1e-4  # fraction of an object's light in negative pixels above which clipping is flagged
 PSF_STEP_PX = 0.5  # the stored PSF lattice: 5 um cells in 10 um pixels
 
@@ -55,13 +56,14 @@ def draw_objects(image, window, objects, wcs, psf, exptime):
         start = time.process_time()
         if drawable[i]:
             mixture = sum(w * np.tensordot(flux[i], psf.node(n), axes=1) for n, w in zip(index[i], weight[i], strict=True))
-            profile = _profile(objects, i, mixture, electrons[i], jacobian[i])
-            stamp, flag = _draw(profile, objects["x"][i], objects["y"][i], int(objects["reach"][i]), scene.bounds)
-            flags[i] |= flag
-            if stamp is not None:
-                scene[stamp.bounds] += stamp
-                drawn[i] = stamp.array.sum()
-                box[:, i] = stamp.xmin, stamp.xmax + 1, stamp.ymin, stamp.ymax + 1
+            profile = _profile(objects, i, mixture, jacobian[i])
+            stamp, flag = _draw(profile, objects["x"][i], objects["y"][i], min(int(objects["reach"][i]), REACH_FFT))
+            seen = stamp.bounds & scene.bounds
+            flags[i] |= flag | (0 if seen.isDefined() else OFF_CHIP)
+            if seen.isDefined():
+                scene[seen] += stamp[seen]
+                drawn[i] = stamp[seen].array.sum()
+                box[:, i] = seen.xmin, seen.xmax + 1, seen.ymin, seen.ymax + 1
                 method[i] = "reference"
         ms[i] = 1000 * (time.process_time() - start)
     image += scene.array.astype(np.float32)
@@ -72,56 +74,56 @@ def draw_objects(image, window, objects, wcs, psf, exptime):
     )  # fmt: skip
 
 
-def _profile(objects, i, mixture, electrons, jacobian):
+def _profile(objects, i, mixture, jacobian):
     """Return the GSObject of one object in pixels, pixel response included; `mixture` is its PSF in electrons."""
     response = pixel_response(mixture)
-    gsparams = galsim.GSParams(**GSPARAMS, folding_threshold=FOLDING)
     # A sample is the light that falls in a pixel centred there: surface brightness per pixel, in pixel units.
     point = galsim.InterpolatedImage(
         galsim.ImageD(response),
         scale=PSF_STEP_PX,
         normalization="sb",
         x_interpolant="quintic",
-        gsparams=gsparams,
+        gsparams=galsim.GSParams(**GSPARAMS),
         # Known, so that GalSim need not search: the lattice's Nyquist frequency and the table's size.
         _force_maxk=np.pi / PSF_STEP_PX,
         _force_stepk=2 * np.pi / (response.shape[0] * PSF_STEP_PX),
     )
     if objects["obj_type"][i] != GALAXY:
         return point
-    return galsim.Convolve(_galaxy(objects, i, jacobian, gsparams).withFlux(1.0), point)
+    return galsim.Convolve(_galaxy(objects, i, jacobian).withFlux(1.0), point, propagate_gsparams=False)
 
 
-def _galaxy(objects, i, jacobian, gsparams):
+def _galaxy(objects, i, jacobian):
     """Return the galaxy's profile in pixels: intrinsic shape, lensing and local WCS as matrices."""
-    row = {key: float(objects[key][i]) for key in ("bulge_frac", "size_bulge", "size_disk", "e1", "e2")}
+    share, e1, e2, lost = (float(objects[key][i]) for key in ("bulge_frac", "e1", "e2", "lost"))
     kappa, gamma1, gamma2 = (float(objects[key][i]) for key in ("kappa", "gamma1", "gamma2"))
     parts = []
-    if row["bulge_frac"] < 1:
-        parts.append(galsim.Exponential(half_light_radius=row["size_disk"], flux=1 - row["bulge_frac"], gsparams=gsparams))
-    if row["bulge_frac"] > 0:
-        parts.append(galsim.DeVaucouleurs(half_light_radius=row["size_bulge"], flux=row["bulge_frac"], gsparams=gsparams))
-    profile = parts[0] if len(parts) == 1 else galsim.Add(parts)
+    for kind, size, flux in ((galsim.Exponential, "size_disk", 1 - share), (galsim.DeVaucouleurs, "size_bulge", share)):
+        if flux > 0:
+            folding = min(max(lost / flux, FOLDING_MIN), FOLDING_MAX)
+            gsparams = galsim.GSParams(**GSPARAMS, folding_threshold=folding)
+            parts.append(kind(half_light_radius=float(objects[size][i]), flux=flux, gsparams=gsparams))
+    profile = parts[0] if len(parts) == 1 else galsim.Add(parts, propagate_gsparams=False)
     mu = 1.0 / ((1 - kappa) ** 2 - gamma1**2 - gamma2**2)
-    profile = profile.shear(g1=row["e1"], g2=row["e2"]).lens(gamma1 / (1 - kappa), gamma2 / (1 - kappa), mu)
+    profile = profile.shear(g1=e1, g2=e2).lens(gamma1 / (1 - kappa), gamma2 / (1 - kappa), mu)
     return profile.transform(*jacobian.ravel())
 
 
-def _draw(profile, x, y, reach, bounds):
-    """Draw a profile on the part of its square stamp that lies on the window; (None, OFF_CHIP) if none does."""
+def _draw(profile, x, y, reach):
+    """Return the stamp of a profile centred on pixel position x, y, and flags.
+
+    The whole stamp is drawn, also where the chip ends: GalSim's FFT box is centred on the image, so light
+    would wrap round if the image were the visible part only.
+    """
     column, row = round(x), round(y)
-    stamp = galsim.BoundsI(column - reach, column + reach, row - reach, row + reach) & bounds
-    if not stamp.isDefined():
-        return None, OFF_CHIP
-    image, flag = galsim.ImageD(stamp), 0
-    folding = FOLDING
-    while True:
-        try:
-            profile.drawImage(image, scale=1.0, method="no_pixel", center=galsim.PositionD(x, y))
-            break
-        except galsim.GalSimFFTSizeError:
-            folding, flag = folding * 4, FFT_REDUCED
-            profile = profile.withGSParams(folding_threshold=folding)
+    image = galsim.ImageD(galsim.BoundsI(column - reach, column + reach, row - reach, row + reach))
+    centre, flag = galsim.PositionD(x, y), 0
+    try:
+        profile.drawImage(image, scale=1.0, method="no_pixel", center=centre)
+    except galsim.GalSimFFTSizeError:
+        flag = FFT_REDUCED
+        loose = profile.withGSParams(folding_threshold=FOLDING_MAX, maximum_fft_size=4 * GSPARAMS["maximum_fft_size"])
+        loose.drawImage(image, scale=1.0, method="no_pixel", center=centre)
     return image, flag | _clip_negative(image)
 
 

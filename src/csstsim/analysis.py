@@ -1,0 +1,147 @@
+"""After Level-0: measure each frame, merge and validate each brick, write the report (paper, section 6)."""
+
+import csv
+import json
+import os
+
+from csstsim import __version__
+from csstsim.errors import InputError
+from csstsim.stages import open_psf
+
+
+def measure(run, job):
+    """Detect and measure the sources of a Level-0 file."""
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.io.level0 import read_level0
+    from csstsim.measure.calibrate import calibrate
+    from csstsim.measure.catalogue import measure_frame
+
+    path, detector = run.paths.level0(job.pointing, job.chip.id), run.camera.detector
+    file = read_level0(path)
+    if file.window != job.window:
+        raise InputError("made for another window; remove it", file=path, value=file.window, allowed=job.window)
+    calibrated = calibrate(
+        file.frame(), file.readout, file.gain, adc_max=detector.adc_max, full_well=detector.full_well
+    )
+    columns, info = measure_frame(
+        calibrated, open_psf(run, job), job.wcs, chip=job.chip, filter=run.camera.filters[job.chip.filter],
+        telescope=run.camera.telescope, pointing=job.pointing, window=job.window,
+    )  # fmt: skip
+    window = [job.window.x0, job.window.x1, job.window.y0, job.window.y1]
+    ObjectTable(columns).write(run.paths.measure(*job.key), info | {"window": window, "recipe": run.recipe(job)})
+    print(f"{info['sources']} sources, 5 sigma at {info['depth_5sigma']:.2f} AB")
+
+
+def merge(run, pix):
+    """Merge the measurements of a brick: one row per source."""
+    from csstsim.bricks.merge import merge_brick, write_merged
+    from csstsim.catalog.table import ObjectTable
+
+    tables = [ObjectTable.read(run.paths.measure(*job.key)) for job in _jobs_on(run, pix)]
+    sources, detections = merge_brick(pix, tables)
+    metadata = {"product": "merged brick", "csstsim": __version__, "campaign": run.config.name, "brick": pix}
+    write_merged(run.paths.merge(pix), sources, detections, metadata | {"frames": len(tables)})
+    print(f"{len(sources)} sources from {len(detections)} detections")
+
+
+def validate(run, pix):
+    """Compare a merged brick with the truth of the frames on it."""
+    from csstsim.atomic import atomic_path
+    from csstsim.bricks.figures import brick_figure
+    from csstsim.bricks.validate import Frame, validate_brick
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.io.truth import read_truth
+
+    jobs = _jobs_on(run, pix)
+    frames = [
+        Frame(read_truth(run.paths.level0_truth(job.pointing, job.chip.id)), ObjectTable.read(run.paths.measure(*job.key)))
+        for job in jobs
+    ]
+    result, arrays = validate_brick(pix, ObjectTable.read(run.paths.merge(pix)), frames, run.config.validation)
+    path, limits = run.paths.validate(pix), run.config.validation
+    with atomic_path(path.with_suffix(".png")) as temporary:
+        temporary.write_bytes(brick_figure(result, arrays, threshold=limits.completeness_min, snr_min=limits.snr_min))
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(result, indent=1) + "\n")
+    for gate in result["gates"]:
+        print(gate)
+
+
+def _jobs_on(run, pix):
+    if pix not in run.merge_bricks:
+        raise InputError(
+            "not touched by a measured frame of this campaign", file=run.file, key="brick", value=pix,
+            allowed=", ".join(map(str, run.merge_bricks)) or "none",
+        )  # fmt: skip
+    return run.merge_bricks[pix]
+
+
+def report(run):
+    """Write the report of a campaign: one self-contained web page."""
+    from csstsim.bricks.figures import sky_map
+    from csstsim.bricks.report import write_report
+
+    page, results, figures = run.paths.report, [], {}
+    for pix in run.merge_bricks:
+        path = run.paths.validate(pix)
+        try:
+            results.append(json.loads(path.read_text()))
+            figures[pix] = path.with_suffix(".png").read_bytes()
+        except (OSError, ValueError) as exc:
+            raise InputError(f"cannot read the validation of a brick: {exc}", file=path) from None
+    files = [run.paths.level0(job.pointing, job.chip.id) for job in run.jobs]
+    write_report(
+        page, _summary(run), results,
+        exposures=[_exposure(p) for p in {job.pointing.obsid: job.pointing for job in run.jobs}.values()],
+        files=[(path.name, os.path.relpath(path, page.parent)) for path in files],
+        figures=figures,
+        sky_map=sky_map([(job.chip.filter.lower(), *job.footprint()) for job in run.science_jobs], list(run.merge_bricks)),
+        provenance={
+            "csstsim": __version__, "campaign file": run.file, "campaign digest": run.config.digest(),
+            "camera digest": run.camera.digest, "seed": run.config.seed,
+        },
+        times=_times(run.paths.output / "benchmarks"),
+    )  # fmt: skip
+    print(page)
+
+
+def _summary(run):
+    science = run.science_jobs
+    return {
+        "name": run.config.name,
+        "exposures": len({job.pointing.obsid for job in run.jobs}),
+        "Level-0 files": len(run.jobs),
+        "filters": ", ".join(f for f in run.camera.filters if any(job.chip.filter == f for job in science)),
+        "bricks": len(run.merge_bricks),
+        "faintest magnitude drawn": run.config.catalog.mag_limit or "the whole truth",
+        "rendering": run.config.fidelity,
+    }
+
+
+def _exposure(pointing):
+    return {
+        "obsid": pointing.obsid, "type": pointing.type, "ra [deg]": f"{pointing.ra:.6f}", "dec [deg]": f"{pointing.dec:.6f}",
+        "pa [deg]": f"{pointing.pa:.4f}", "start [UTC]": pointing.time, "exposure [s]": pointing.exptime,
+    }  # fmt: skip
+
+
+def _times(folder):
+    """Sum Snakemake's benchmark files by rule: jobs, wall and CPU seconds, largest memory."""
+    rows = []
+    for rule in sorted(path for path in folder.glob("*") if path.is_dir()):
+        runs = [row for path in rule.glob("*.tsv") for row in csv.DictReader(path.open(), delimiter="\t")]
+        if runs:
+            rows.append({
+                "step": rule.name, "jobs": len(runs), "wall [s]": round(sum(_number(r["s"]) for r in runs), 1),
+                "CPU [s]": round(sum(_number(r["cpu_time"]) for r in runs), 1),
+                "largest memory [MB]": round(max(_number(r["max_rss"]) for r in runs)),
+            })  # fmt: skip
+    return rows
+
+
+def _number(text):
+    """A figure of a benchmark file; a job too short for Snakemake to sample has 'NA'."""
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0

@@ -1,0 +1,210 @@
+"""Validation against fabricated truth whose completeness, bias and scatter are known; the figures and the report."""
+
+import json
+from html.parser import HTMLParser
+
+import healpy
+import numpy as np
+import pytest
+
+from csstsim.bricks import healpix
+from csstsim.bricks.figures import brick_figure, sky_map
+from csstsim.bricks.merge import merge_brick
+from csstsim.bricks.report import write_report
+from csstsim.bricks.validate import Frame, blended, completeness, validate_brick
+from csstsim.catalog.table import BANDS, ObjectTable
+from csstsim.config import ValidateConfig
+from csstsim.rng import stream
+
+PIX = 123456
+SCALE = 0.074 / 3600.0
+RMS, N_EFF, ZEROPOINT = 7.7, 9.0, 31.5
+
+
+def make_frame(band, seed, *, shift=0.0, keep=1.0, side=45, obsid="1"):
+    """A frame of stars and galaxies on a lattice 50 px apart: magnitudes off by `shift`, `keep` of the faint found.
+
+    Measured fluxes carry the noise of optimal photometry; sources with true S/N < 8 are kept with
+    probability `keep`.
+    """
+    rng = stream(seed, "validate", band)
+    x, y = (50.0 + 50.0 * v.ravel() for v in np.meshgrid(np.arange(side), np.arange(side)))
+    n = x.size
+    ra0, dec0 = healpy.pix2ang(256, PIX, nest=True, lonlat=True)
+    dec = dec0 + (y - y.mean()) * SCALE
+    ra = ra0 + (x - x.mean()) * SCALE / np.cos(np.radians(dec0))
+    base = stream(seed, "magnitudes").uniform(20.0, 26.5, n)
+    kind = np.where(np.arange(n) % 3 == 0, 0, 1)
+    mags = {f"mag_{b}": (base + 0.5 * (BANDS.index("r") - k)).astype(np.float32) for k, b in enumerate(BANDS)}
+    electrons = 10.0 ** (-0.4 * (mags[f"mag_{band}"].astype(float) - ZEROPOINT))
+    error = np.sqrt(electrons + N_EFF * RMS**2)
+    truth = ObjectTable({
+        "id": np.arange(n), "obj_type": kind, "ra_orig": ra, "dec_orig": dec, "x": x, "y": y, "electrons": electrons,
+        "flags": np.zeros(n, np.int32), **mags,
+    })  # fmt: skip
+    found = np.flatnonzero((electrons / error > 8) | (rng.uniform(size=n) < keep))
+    flux = (electrons + error * rng.normal(size=n)) * 10.0 ** (-0.4 * shift)
+    noise = 0.02 / 3600.0 * rng.normal(size=(2, n))  # 20 mas
+    full = {
+        "obsid": np.full(n, obsid), "chip": np.full(n, 8 + BANDS.index(band)), "filter": np.full(n, band),
+        "number": np.arange(n),
+        "ra": ra + noise[0] / np.cos(np.radians(dec)), "dec": dec + noise[1], "pos_err": np.full(n, 0.02),
+        "flux_psf": flux, "flux_psf_err": error, "flux_kron": flux, "flux_kron_err": error,
+        "zeropoint": np.full(n, ZEROPOINT), "snr": flux / error, "star": kind == 0, "flags": np.zeros(n, np.int32),
+        "x": x + 0.3, "y": y,
+    }  # fmt: skip
+    info = {
+        "filter": "NUV" if band == "nuv" else band, "exptime": 150.0, "zeropoint": ZEROPOINT, "rms": RMS,
+        "n_eff": N_EFF, "depth_5sigma": 26.0, "window": [0, int(x.max()) + 50, 0, int(y.max()) + 50],
+    }  # fmt: skip
+    return Frame(truth, ObjectTable(full, info).take(found))
+
+
+def run(frames, **limits):
+    sources, _ = merge_brick(PIX, [frame.measured for frame in frames])
+    return validate_brick(PIX, sources, frames, ValidateConfig(**limits))
+
+
+def gate(result, name, band):
+    return next(g for g in result["gates"] if g["name"].startswith(name) and g["band"] == band)
+
+
+def test_completeness_counts():
+    snr, found = np.array([0.5, 1.5, 1.6, 7.0, 7.5, 900.0]), np.array([1, 1, 0, 1, 1, 1], bool)
+    n, seen = completeness(snr, found, (1, 2, 5, 10))
+    assert n.tolist() == [2, 0, 2] and seen.tolist() == [1, 0, 2]
+
+
+def test_blended_by_hand():
+    x, y = np.array([0.0, 10.0, 100.0, 135.0, 300.0]), np.zeros(5)
+    assert blended(x, y, np.array([100.0, 5.0, 10.0, 5000.0, 1.0])).tolist() == [False, True, True, False, False]
+    assert blended(x[:0], y[:0], x[:0]).tolist() == []
+
+
+def test_a_good_brick_passes_with_the_numbers_put_in():
+    result, _ = run([make_frame(band, 1) for band in "gr"])
+    for band in "gr":
+        assert gate(result, "completeness", band) == {
+            "name": "completeness", "band": band, "value": 1.0, "threshold": 0.95,
+            "n": result["bands"][band]["point_sources"], "passed": True,
+        }  # fmt: skip
+        star = result["bands"][band]["star"]
+        assert gate(result, "magnitude", band)["passed"] and abs(star["median"]) < 5 * star["error"]
+        assert result["bands"][band]["zeropoint"] == pytest.approx(ZEROPOINT - 2.5 * np.log10(150.0))
+    for axis in ("east", "north"):
+        part = result["astrometry_mas"][axis]
+        assert part["sigma"] == pytest.approx(20.0 / np.sqrt(2), rel=5 / np.sqrt(part["n"]))  # two visits of 20 mas
+        assert abs(part["median"]) < 5 * part["error"]
+    json.dumps(result, allow_nan=False)
+
+
+def test_completeness_of_a_detector_that_loses_the_faint():
+    result, arrays = run([make_frame("g", 2, keep=0.3)])
+    n, found = arrays["completeness"]["g"]
+    fraction = found / np.maximum(n, 1)
+    faint, bright = slice(3, 7), slice(7, 12)  # S/N 4 to 8, 8 to 100
+    assert fraction[bright].min() == 1.0
+    kept = found[faint].sum() / n[faint].sum()
+    assert kept == pytest.approx(0.3, abs=5 * 0.46 / np.sqrt(n[faint].sum()))
+    judged = gate(result, "completeness", "g")
+    expected = found[4:12].sum() + found[12], n[4:12].sum() + n[12]
+    assert judged["value"] == pytest.approx(expected[0] / expected[1]) and not judged["passed"]
+
+
+@pytest.mark.parametrize(("shift", "passed"), [(0.05, False), (-0.05, False), (0.005, True)])
+def test_a_shift_of_the_magnitudes_fails_in_its_band_only(shift, passed):
+    result, _ = run([make_frame("g", 3, shift=shift), make_frame("r", 3)])
+    assert gate(result, "magnitude", "g")["value"] == pytest.approx(shift, abs=0.01)
+    assert gate(result, "magnitude", "g")["passed"] is passed
+    assert gate(result, "magnitude", "r")["passed"] is True
+
+
+def test_no_threshold_or_few_sources_judge_nothing():
+    result, _ = run([make_frame("g", 4)], completeness_min=None, mag_bias_max=None)
+    assert [g["passed"] for g in result["gates"]] == [None, None]
+    result, _ = run([make_frame("g", 4, side=4)])
+    assert [g["passed"] for g in result["gates"]] == [None, None] and result["gates"][0]["n"] > 0
+
+
+@pytest.mark.parametrize("part", ["truth", "measured", "both", "no frame"])
+def test_nothing_to_compare_is_no_crash(part):
+    frame = make_frame("g", 5)
+    truth = frame.truth.take(slice(0, 0)) if part in ("truth", "both") else frame.truth
+    measured = frame.measured.take(slice(0, 0)) if part in ("measured", "both") else frame.measured
+    result, arrays = run([] if part == "no frame" else [Frame(truth, measured)])
+    json.dumps(result, allow_nan=False)
+    if part == "no frame":  # the emptiest of the figures; the report's test draws a full one
+        assert brick_figure(result, arrays).startswith(b"\x89PNG")
+    if part == "measured":
+        assert (
+            gate(result, "completeness", "g")["value"] == 0.0 and gate(result, "completeness", "g")["passed"] is False
+        )
+
+
+def test_colours_out_follow_colours_in():
+    frames = [make_frame(band, 6) for band in "ugr"]
+    _, arrays = run(frames)
+    given, got = arrays["colour"]["input"], arrays["colour"]["output"]
+    assert given.shape[1] > 100 and got.shape[1] > 100
+    assert np.allclose(given, 0.5, atol=1e-5)  # each band is half a magnitude bluer than the next
+    assert np.allclose(np.median(got, axis=1), 0.5, atol=0.03)
+
+
+class Reader(HTMLParser):
+    """Collects text and checks that tags close in order."""
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.text, self.tags = [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        if tag not in ("meta", "img"):
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def test_the_report_is_one_page_with_the_gates_and_escapes_text(tmp_path):
+    result, arrays = run([make_frame("g", 7, shift=0.05), make_frame("r", 7)])
+    corners = healpix.brick_corners(PIX)
+    evil = '<script>alert("x")</script>'
+    path = tmp_path / "report" / "index.html"
+    write_report(
+        path, {"name": evil, "seed": 3}, [json.loads(json.dumps(result))], figures={PIX: brick_figure(result, arrays)},
+        sky_map=sky_map([("g", *corners)], [PIX]), exposures=[{"obsid": evil, "exptime": 150.0}],
+        files=[(evil, f"../level0/{evil}.fits")], provenance={"version": evil}, times=[{"step": "select", "wall": 1.0}],
+    )  # fmt: skip
+    text = path.read_text(encoding="utf-8")
+    reader = Reader()
+    reader.feed(text)
+    reader.close()
+    assert reader.open == [] and "<script" not in text.lower()
+    words = " ".join(reader.text)
+    assert "magnitude bias of stars" in words and "FAIL" in words and "3 of 4 judged gates pass" in words
+    assert words.count(evil) >= 5  # as text, where it was put
+    images = [attrs["src"] for tag, attrs in reader.tags if tag == "img"]
+    assert len(images) == 2 and all(src.startswith("data:image/png;base64,") for src in images)
+    links = [attrs["href"] for tag, attrs in reader.tags if tag == "a"]
+    assert links == [f"../level0/{evil}.fits"]
+
+
+def test_an_empty_report_and_an_empty_sky(tmp_path):
+    write_report(tmp_path / "index.html", {"name": "none"}, [])
+    assert "0 of 0 judged gates" in (tmp_path / "index.html").read_text()
+    assert sky_map([], []).startswith(b"\x89PNG")
+
+
+def test_sky_map_at_a_pole_and_across_ra_zero():
+    for place in ((0.0, 0.0), (30.0, 90.0)):
+        pix = int(healpix.brick_of(*place))
+        assert sky_map([("nuv", *healpix.brick_corners(pix))], [pix]).startswith(b"\x89PNG")
+
+
+def test_frame_reads_its_band_from_the_measured_table():
+    frame = make_frame("nuv", 8)
+    assert frame.info is frame.measured.meta and frame.band == "nuv"
