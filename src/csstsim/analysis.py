@@ -11,7 +11,6 @@ from csstsim.stages import open_psf
 
 def measure(run, job):
     """Detect and measure the sources of a Level-0 file."""
-    from csstsim.catalog.table import ObjectTable
     from csstsim.io.level0 import read_level0
     from csstsim.measure.calibrate import calibrate
     from csstsim.measure.catalogue import measure_frame
@@ -23,13 +22,12 @@ def measure(run, job):
     calibrated = calibrate(
         file.frame(), file.readout, file.gain, adc_max=detector.adc_max, full_well=detector.full_well
     )
-    columns, info = measure_frame(
+    table = measure_frame(
         calibrated, open_psf(run, job), job.wcs, chip=job.chip, filter=run.camera.filters[job.chip.filter],
         telescope=run.camera.telescope, pointing=job.pointing, window=job.window,
     )  # fmt: skip
-    window = [job.window.x0, job.window.x1, job.window.y0, job.window.y1]
-    ObjectTable(columns).write(run.paths.measure(*job.key), info | {"window": window, "recipe": run.recipe(job)})
-    print(f"{info['sources']} sources, 5 sigma at {info['depth_5sigma']:.2f} AB")
+    table.write(run.paths.measure(*job.key), table.meta | {"recipe": run.recipe(job)})
+    print(f"{len(table)} sources, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")
 
 
 def merge(run, pix):

@@ -24,21 +24,18 @@ CAT_COLUMNS = {
 def write_truth(path, drawn, job, metadata):
     """Write the truth of one Level-0 file. drawn: ObjectTable from render; job: campaign.Job; metadata: {str: str}."""
     count = len(drawn)
+    unknown = np.full(count, np.nan, np.float32)
     ours = {name: drawn[name] for name in drawn.names}
-    ours |= {
-        "chip": np.full(count, job.chip.id, np.int16),
-        "filter": np.full(count, job.chip.filter),
-        "x": ours["x"] + 1.0,
-        "y": ours["y"] + 1.0,
-    }
+    ours["chip"], ours["filter"] = np.full(count, job.chip.id, np.int16), np.full(count, job.chip.filter)
+    for axis in ("x", "y"):  # an exposure without objects has no positions
+        ours[axis] = ours.get(axis, unknown) + 1.0
     one_kappa = 1.0 - ours["kappa"].astype(float)
     ours["detA"] = one_kappa**2 - ours["gamma1"].astype(float) ** 2 - ours["gamma2"].astype(float) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
         ours["g1"], ours["g2"] = ours["gamma1"] / one_kappa, ours["gamma2"] / one_kappa
     bulge = ours["bulge_frac"]
     ours["size"] = bulge * ours["size_bulge"] + (1 - bulge) * ours["size_disk"]
-    unknown = np.full(count, np.nan, np.float32)
-    columns = {name: unknown if ours_name is None else ours.pop(ours_name) for name, ours_name in CAT_COLUMNS.items()}
+    columns = {name: ours.pop(our_name, unknown) for name, our_name in CAT_COLUMNS.items()}
     ObjectTable(columns | ours).write(path, metadata)
 
 

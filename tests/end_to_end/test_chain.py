@@ -1,0 +1,170 @@
+"""Whole chips through the commands: where the light falls, how much of it, and what the files say."""
+
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+import sep
+from astropy import units as u
+from astropy.io import fits
+from astropy.wcs import WCS
+from click.testing import CliRunner
+from mini_campaign import Stars, spectrum, write_campaign
+from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement
+from synphot.units import PHOTLAM
+
+from csstsim.campaign import OpenCampaign
+from csstsim.cli import main
+from csstsim.instrument.filter import GRID
+from csstsim.io.level0 import read_level0
+from csstsim.io.truth import read_truth
+from csstsim.measure.calibrate import calibrate
+
+BANDS = {"NUV": 12, "u": 14, "g": 8, "r": 9, "i": 7, "z": 11, "y": 6}
+CENTROID_PX = 0.02
+FLUX = 1e-3  # relative
+
+
+def run(*arguments):
+    result = CliRunner().invoke(main, [str(a) for a in arguments], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def star_campaign(folder, chip, layout, pa):
+    """Nine isolated stars on one chip, near pixel corners so that none saturates; 2.8e5 electrons each."""
+    pointing = f"10100000001,SCIE,60.0,-40.0,{pa},2027-11-20T01:08:00,150"
+    layers = [{"scie_obs": {}}, {"sky_background": {}}, {"poisson_and_dark": {}}, {"prescan_overscan": {}}, {"bias": {}},
+              {"readout_noise": {}}, {"gain": {}}, {"quantization_and_output": {"layout": layout}}]  # fmt: skip
+    (folder / "science.yaml").write_text(str({"layers": layers}))
+    path = write_campaign(
+        folder, [pointing], select={"types": ["SCIE"], "chips": [chip]}, observations={"SCIE": str(folder / "science.yaml")}
+    )
+    campaign = OpenCampaign(path)
+    job = campaign.job("10100000001", chip)
+    rng = np.random.default_rng(chip)
+    x, y = (v.ravel() + 0.5 + rng.uniform(-0.2, 0.2, 9) for v in np.meshgrid([20, 63, 106], [20, 63, 106]))
+    ra, dec = job.wcs.pixel_to_world(x, y)
+    mag = campaign.camera.filters[job.chip.filter].zeropoint(job.chip.telescope) - 2.5 * np.log10(2.8e5 / 150)
+    catalog = {"kind": "mini_campaign:Stars", "options": {"ra": ra.tolist(), "dec": dec.tolist(), "mag": [float(mag)] * 9}}
+    path = write_campaign(
+        folder, [pointing], select={"types": ["SCIE"], "chips": [chip]}, catalog=catalog,
+        observations={"SCIE": str(folder / "science.yaml")},
+    )  # fmt: skip
+    return OpenCampaign(path)
+
+
+@pytest.mark.parametrize("layout, pa", [("channels", -113.4333), ("mosaic", 20.0)])
+@pytest.mark.parametrize("band", BANDS)
+def test_bright_stars_stand_where_the_truth_and_the_header_say(tmp_path, band, layout, pa):
+    """S/N > 500: the windowed centroid (sigma 1.5 px) is within 0.02 px of the truth, in every band and both layouts."""
+    chip = BANDS[band]
+    campaign = star_campaign(tmp_path, chip, layout, pa)
+    run("chip", campaign.file, "--obsid", "10100000001", "--chip", chip)
+    job = campaign.job("10100000001", chip)
+    file = read_level0(campaign.paths.level0(job.pointing, chip), verify=True)
+    assert file.layout == layout
+    truth = read_truth(campaign.paths.level0_truth(job.pointing, chip))
+    image = calibrate(file.frame(), file.readout, file.gain)
+    assert not image.saturated.any()
+    electrons = (image.electrons - np.median(image.electrons)).astype(float)
+    x, y, _ = sep.winpos(electrons, truth["x"], truth["y"], np.full(9, 1.5), subpix=0)
+    noise = np.sqrt(truth["drawn"] + 100 * electrons[:8, :8].var())
+    assert (truth["drawn"] / noise).min() > 500
+    assert np.hypot(x - truth["x"], y - truth["y"]).max() < CENTROID_PX
+    # An independent reader of the header: the catalogue's sky position through astropy.
+    sky = WCS(fits.getheader(file.path, "IMAGE"), key=" ")
+    px, py = sky.all_world2pix(truth["ra_orig"], truth["dec_orig"], 0)
+    assert np.hypot(x - px, y - py).max() < CENTROID_PX
+
+
+def test_electrons_are_the_synthetic_photometry_times_the_enclosed_light(tmp_path):
+    """Three spectra: drawn electrons against synphot's count rate and the PSF's own sum."""
+    campaign = star_campaign(tmp_path, 9, "channels", 0.0)
+    job = campaign.job("10100000001", 9)
+    ra, dec = job.wcs.pixel_to_world(np.array([64.2, 64.0, 63.7]), np.array([64.0, 64.4, 63.5]))
+    catalog = {"kind": "mini_campaign:Spectra", "options": {"ra": ra.tolist(), "dec": dec.tolist(), "mag": [0.0] * 3}}
+    path = write_campaign(tmp_path, [f"10100000001,SCIE,60.0,-40.0,0.0,2027-11-20T01:08:00,{150}"], catalog=catalog)
+    for stage in ("psf", "select", "render"):
+        run(stage, path, *(["--obsid", "10100000001"] if stage != "psf" else []), "--chip", 9)
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.stages import open_psf
+
+    campaign = OpenCampaign(path)
+    drawn = ObjectTable.read(campaign.paths.stage("10100000001", 9, "drawn.parquet"))
+    psf = open_psf(campaign, job)
+    filter_ = campaign.camera.filters["r"]
+    band = SpectralElement(Empirical1D, points=filter_.wavelength, lookup_table=filter_.throughput)
+    area = campaign.camera.telescope.area_m2 * u.m**2
+    for i in range(3):
+        source = SourceSpectrum(Empirical1D, points=GRID, lookup_table=(spectrum(i) * 1e-4) * PHOTLAM)
+        rate = Observation(source, band, binset=GRID).countrate(area=area, binned=False).value
+        share = np.array([drawn[f"flux{k}"][i] for k in range(4)])
+        table = psf.at(drawn["x"][i], drawn["y"][i]).sum(axis=(1, 2))
+        assert drawn["electrons"][i] == pytest.approx(rate * 150, rel=FLUX)
+        assert drawn["drawn"][i] == pytest.approx(rate * 150 * (share @ table / share.sum()), rel=FLUX)
+
+
+def test_every_level0_file_passes_fitsverify(tmp_path):
+    try:
+        subprocess.run(["fitsverify"], capture_output=True, check=False)
+    except FileNotFoundError:
+        pytest.skip("fitsverify is not installed (Debian package fitsverify)")
+    path = write_campaign(tmp_path, select={"chips": [9]})
+    for obsid in ("10100000001", "10300000001"):
+        run("chip", path, "--obsid", obsid, "--chip", 9)
+    files = list((tmp_path / "out" / "level0").rglob("*.fits"))
+    assert len(files) == 2
+    for file in files:
+        report = subprocess.run(["fitsverify", "-q", str(file)], capture_output=True, text=True, check=False)
+        assert report.returncode == 0 and "OK" in report.stdout, report.stdout
+
+
+def test_stages_by_file_equal_the_chip_in_memory(tmp_path):
+    """select, render, readout, level0 one by one give the pixels and the truth that `chip` gives."""
+    path = write_campaign(tmp_path)
+    campaign = OpenCampaign(path)
+    job = campaign.job("10100000001", 9)
+    run("chip", path, "--obsid", "10100000001", "--chip", 9, "--output", tmp_path / "memory")
+    (tmp_path / "out").mkdir()
+    for folder in ("truth", "psf"):
+        (tmp_path / "memory" / folder).rename(tmp_path / "out" / folder)
+    for stage in ("select", "render", "readout", "level0"):
+        run(stage, path, "--obsid", "10100000001", "--chip", 9)
+    here = campaign.paths.level0(job.pointing, 9)
+    there = tmp_path / "memory" / here.relative_to(tmp_path / "out")
+    assert np.array_equal(fits.getdata(here), fits.getdata(there))
+    ours, theirs = (read_truth(Path(p).with_suffix(".truth.parquet")) for p in (here, there))
+    for name in ours.names:
+        if name != "ms":
+            assert ours[name].tobytes() == theirs[name].tobytes() or (ours[name] == theirs[name]).all(), name
+
+
+def test_truth_adds_up_to_the_image(tmp_path):
+    """Electrons said to be drawn are those in the plane, before the sky, to 1e-6."""
+    layers = [{"scie_obs": {}}, {"poisson_and_dark": {}}]
+    (tmp_path / "science.yaml").write_text(str({"layers": layers}))
+    path = write_campaign(tmp_path, observations={"SCIE": str(tmp_path / "science.yaml")})
+    run("truth", path, "--brick", OpenCampaign(path).truth_bricks(OpenCampaign(path).job("10100000001", 9))[0])
+    for pix in OpenCampaign(path).truth_bricks(OpenCampaign(path).job("10100000001", 9)):
+        run("truth", path, "--brick", pix)
+    run("psf", path, "--chip", 9)
+    for stage in ("select", "render"):
+        run(stage, path, "--obsid", "10100000001", "--chip", 9)
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.io.frames import load_frame
+
+    paths = OpenCampaign(path).paths
+    planes, _ = load_frame(paths.stage("10100000001", 9, "render.fits"))
+    drawn = ObjectTable.read(paths.stage("10100000001", 9, "drawn.parquet"))
+    assert len(drawn) > 3 and (drawn["drawn"] > 0).any()
+    assert planes["image"].sum(dtype=float) == pytest.approx(drawn["drawn"].sum(), rel=1e-6)
+
+
+def test_a_catalogue_of_ones_own_is_what_was_drawn(tmp_path):
+    campaign = star_campaign(tmp_path, 9, "channels", 0.0)
+    assert issubclass(Stars, object) and campaign.config.catalog.kind == "mini_campaign:Stars"
+    run("chip", campaign.file, "--obsid", "10100000001", "--chip", 9)
+    truth = read_truth(campaign.paths.level0_truth(campaign.pointings["10100000001"], 9))
+    assert len(truth) == 9 and (truth["obj_type"] == 0).all()

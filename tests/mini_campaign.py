@@ -1,0 +1,75 @@
+"""A whole campaign small enough for a test: tiny chips, a thin universe or a catalogue of known stars."""
+
+from pathlib import Path
+
+import numpy as np
+import yaml
+from astropy.table import Table
+from mini import mini_camera
+
+from csstsim.catalog.base import CatalogBase
+from csstsim.catalog.mock_object import MockObject
+from csstsim.config import SHIPPED
+from csstsim.instrument.filter import GRID
+from csstsim.units import ab_photon_density
+
+HEADER = "obsid,type,ra,dec,pa,time,exptime"
+POINTINGS = (
+    "10100000001,SCIE,60.0,-40.0,-113.4333,2027-11-20T01:08:00,150",
+    "10100000002,SCIE,60.0005,-40.0003,20.0,2027-11-20T01:12:00,150",
+    "10300000001,BIAS,0,0,0,2027-11-20T02:00:00,0",
+)
+THIN = 20.0  # galaxies per arcmin2, instead of 552
+
+
+def write_campaign(folder, pointings=POINTINGS, geometry=None, **changes):
+    """Write a campaign on tiny chips (128 x 128 active pixels unless `geometry` says otherwise); return its file."""
+    folder = Path(folder)
+    geometry = {"nx": 128, "ny": 128, "channel_nx": 16, "channel_ny": 64} | (geometry or {})
+    instrument = mini_camera(folder, **geometry)
+    universe = yaml.safe_load((SHIPPED / "universe.yaml").read_text())
+    universe["galaxies"]["density"]["value"] = THIN
+    (folder / "universe.yaml").write_text(yaml.safe_dump(universe))
+    (folder / "table.csv").write_text("\n".join([HEADER, *pointings]) + "\n")
+    campaign = {
+        "name": "mini", "survey_table": str(folder / "table.csv"), "output": str(folder / "out"), "seed": 3,
+        "instrument": str(instrument), "universe": str(folder / "universe.yaml"),
+        "select": {"types": ["SCIE"], "chips": [9]}, "psf": {"grid": 2},
+    }  # fmt: skip
+    path = folder / "campaign.yaml"
+    path.write_text(yaml.safe_dump(campaign | changes))
+    return path
+
+
+class Stars(CatalogBase):
+    """Stars of constant AB magnitude at given places: options ra, dec, mag (lists)."""
+
+    def __init__(self, options, region):
+        super().__init__(options, region)
+        self._load()
+
+    def _load(self):
+        places = zip(self.options["ra"], self.options["dec"], self.options["mag"], strict=True)
+        self.objs = [MockObject(id=i, type="star", ra=ra, dec=dec, mag=mag) for i, (ra, dec, mag) in enumerate(places)]
+
+    def load_sed(self, obj):
+        return Table({"WAVELENGTH": GRID, "FLUX": ab_photon_density(GRID, obj.mag)})
+
+    def load_norm_filt(self, obj):
+        return None
+
+
+class Spectra(Stars):
+    """Three stars with spectra that differ: flat in frequency, a 4000 K black body, a power law with a line."""
+
+    def load_sed(self, obj):
+        return Table({"WAVELENGTH": GRID, "FLUX": spectrum(obj.id)})
+
+
+def spectrum(kind):
+    """Photon density [photon / s / m2 / angstrom] on GRID of one of the three spectra."""
+    if kind == 0:
+        return ab_photon_density(GRID, 18.0)
+    if kind == 1:
+        return 60.0 * (GRID / 6000) ** -4 / np.expm1(1.438777e8 / (GRID * 4000.0))
+    return 2.0 * (GRID / 6000) ** -1.2 + 5.0 * np.exp(-0.5 * ((GRID - 6300.0) / 15.0) ** 2)
