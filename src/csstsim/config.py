@@ -9,7 +9,7 @@ shipped in config/.
 import hashlib
 import json
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
@@ -20,6 +20,7 @@ _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml parses ten ti
 
 SHIPPED = Path(__file__).resolve().parents[2] / "config"
 
+CHIP_GROUPS = ("all", "imaging", "slitless")
 ExposureType = Literal["SCIE", "BIAS", "DARK", "FLAT"]
 
 
@@ -65,7 +66,8 @@ def input_error(exc, model, file, key=()):
         return InputError(f"unknown key{more}", file=file, key=where, value=fault["loc"][-1], allowed=allowed)
     if fault["type"] == "missing":
         return InputError(f"required key is missing{more}", file=file, key=where)
-    return InputError(fault["msg"][0].lower() + fault["msg"][1:] + more, file=file, key=where, value=fault["input"])
+    message = fault["msg"].removeprefix("Value error, ")
+    return InputError(message[0].lower() + message[1:] + more, file=file, key=where, value=fault["input"])
 
 
 def _known_keys(model, loc):
@@ -96,11 +98,17 @@ class Select(Model):
 
     types: tuple[ExposureType, ...] = Field(("SCIE", "BIAS", "DARK", "FLAT"), description="exposure types")
     obsids: tuple[str, ...] | None = Field(None, description="only these exposures; null = all")
-    chips: Literal["all", "imaging", "slitless"] | tuple[Annotated[int, Field(ge=1, le=30)], ...] = Field(
-        "imaging", description="chips by group or by number"
-    )
+    chips: str | tuple[int, ...] = Field("imaging", description="all, imaging, slitless, or a list of numbers 1 to 30")
     filters: tuple[str, ...] | None = Field(None, description="only chips behind these filters; null = all")
     region: Region | None = Field(None, description="only pairs whose chip (or its window) touches this circle; null = all")
+
+    @field_validator("chips")
+    @classmethod
+    def _known_chips(cls, value):
+        good = value in CHIP_GROUPS if isinstance(value, str) else value and all(1 <= chip <= 30 for chip in value)
+        if not good:
+            raise ValueError(f"must be {', '.join(CHIP_GROUPS)} or a list of chip numbers 1 to 30")
+        return value
 
 
 class PixelWindow(Model):

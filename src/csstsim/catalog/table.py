@@ -143,13 +143,15 @@ class ObjectTable(Mapping):
         import pyarrow.parquet as pq
 
         try:
-            table = pq.read_table(path, columns=columns, partitioning=None)
+            with pq.ParquetFile(path) as file:
+                meta = (file.schema_arrow.metadata or {}).get(_META_KEY)
+                names = file.schema_arrow.names if columns is None else list(columns)
+                missing = sorted(set(names) - set(file.schema_arrow.names))
+                table = None if meta is None or missing else file.read(columns=names)
         except (OSError, pa.ArrowException) as exc:
             raise InputError(f"not a readable parquet file: {str(exc).splitlines()[0]}", file=path) from None
-        meta = (table.schema.metadata or {}).get(_META_KEY)
         if meta is None:
             raise InputError("a parquet file, but not one of csstsim's tables (no metadata)", file=path)
-        missing = set(columns or ()) - set(table.column_names)
         if missing:
-            raise InputError("the table lacks a column", file=path, key=sorted(missing)[0])
-        return cls({name: table[name].to_numpy() for name in table.column_names}, json.loads(meta))
+            raise InputError("the table lacks a column", file=path, key=missing[0])
+        return cls({name: table[name].to_numpy() for name in names}, json.loads(meta))

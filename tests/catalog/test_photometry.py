@@ -1,0 +1,75 @@
+"""Synthetic photometry against closed forms and two independent packages."""
+
+import astropy.units as u
+import numpy as np
+import pytest
+import speclite.filters
+import synphot
+from embedded_sky import shipped
+
+from csstsim.catalog.photometry import CHUNK, ab_mag, load_fluxes, rate_to_mag, subband_fluxes
+from csstsim.instrument.filter import GRID
+from csstsim.units import C_A_S, H_J_S, ab_photon_density
+
+BANDS = ("NUV", "u", "g", "r", "i", "z", "y")
+
+
+def spectra():
+    """Flat f_nu of AB 20, a 5000 K black body, an old galaxy with lines at z = 0.7 [photon / s / m2 / A]."""
+    universe, _ = shipped()
+    mix = np.array([[0.6, 0.2, 0.1, 0.1, 1.0]])
+    galaxy = universe.galaxy_seds.spectra(np.array([0.7]), mix, np.array([1e-2]))[0]
+    body = GRID**-4.0 / np.expm1(1.438776877e8 / (GRID * 5000.0))
+    return np.stack([ab_photon_density(GRID, 20.0), body / body[6000] * 1e-2, galaxy])
+
+
+@pytest.mark.parametrize("band", BANDS)
+def test_flat_spectrum_gives_its_magnitude_and_the_textbook_rate(camera, band):
+    filter_ = camera.filters[band]
+    rate = subband_fluxes(ab_photon_density(GRID, 21.5)[None], filter_, camera.telescope)[0]
+    assert rate_to_mag(rate.sum(), filter_, camera.telescope) == pytest.approx(21.5, abs=1e-6)
+    # A f_nu / h int T dln(lambda), SI: 3631 Jy, a 2 m disc
+    textbook = np.pi * 3631e-26 * 10 ** (-0.4 * 21.5) / 6.62607015e-34 * np.trapezoid(filter_.throughput / GRID, GRID)
+    assert rate.sum() == pytest.approx(textbook, rel=1e-6)
+    assert (rate > 0).all()
+
+
+@pytest.mark.parametrize("band", BANDS)
+def test_against_synphot(camera, band):
+    filter_ = camera.filters[band]
+    bandpass = synphot.SpectralElement(synphot.models.Empirical1D, points=GRID * u.AA, lookup_table=filter_.throughput)
+    for sed in spectra():
+        photlam = sed * 1e-4  # photon / s / cm2 / A
+        source = synphot.SourceSpectrum(synphot.models.Empirical1D, points=GRID * u.AA, lookup_table=photlam)
+        theirs = synphot.Observation(source, bandpass).effstim(u.ABmag).value
+        ours = rate_to_mag(subband_fluxes(sed[None], filter_, camera.telescope).sum(), filter_, camera.telescope)
+        assert ours == pytest.approx(theirs, abs=1e-3)  # mag
+        assert ab_mag(sed, GRID, filter_.throughput) == pytest.approx(theirs, abs=1e-3)
+
+
+@pytest.mark.parametrize("band", BANDS)
+def test_against_speclite(camera, band):
+    filter_ = camera.filters[band]
+    inside = np.flatnonzero(filter_.throughput)
+    used = slice(inside[0] - 1, inside[-1] + 2)  # speclite wants zeros at both ends
+    wave, response = GRID[used], filter_.throughput[used].copy()
+    response[[0, -1]] = 0.0
+    theirs = speclite.filters.FilterResponse(wave, response, meta={"group_name": "csst", "band_name": f"{band}x"})
+    for sed in spectra():
+        flam = sed * 1e-4 * H_J_S * C_A_S / GRID * 1e7 * u.erg / (u.s * u.cm**2 * u.AA)
+        ours = rate_to_mag(subband_fluxes(sed[None], filter_, camera.telescope).sum(), filter_, camera.telescope)
+        assert ours == pytest.approx(theirs.get_ab_magnitude(flam, GRID * u.AA), abs=1e-3)  # mag
+
+
+def test_chunks_join_and_nothing_is_fine(camera):
+    filter_, sed = camera.filters["r"], spectra()[0]
+    rows = np.arange(CHUNK + 3)
+    fluxes = load_fluxes(lambda part: np.outer(1.0 + part, sed), rows, filter_, camera.telescope)
+    np.testing.assert_allclose(fluxes, np.outer(1.0 + rows, fluxes[0]), rtol=1e-12)
+    assert load_fluxes(None, rows[:0], filter_, camera.telescope).shape == (0, 4)
+
+
+def test_no_light_is_infinitely_faint_and_nan_stays_nan(camera):
+    filter_ = camera.filters["r"]
+    mags = rate_to_mag([0.0, np.nan, -1.0], filter_, camera.telescope)
+    assert mags[0] == np.inf and np.isnan(mags[1:]).all()

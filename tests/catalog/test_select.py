@@ -1,0 +1,204 @@
+"""Selection of a chip's objects: who is in, how bright, how large, what is flagged, and that nothing vanishes."""
+
+import healpy
+import numpy as np
+import pytest
+from astropy.table import Table
+from embedded_sky import embedded_catalog
+
+from csstsim.catalog.base import CatalogBase, Region
+from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
+from csstsim.catalog.mock_object import MockObject
+from csstsim.catalog.photometry import rate_to_mag, subband_fluxes
+from csstsim.catalog.select import Noise, region_for, select_objects
+from csstsim.catalog.table import BANDS, COLUMNS
+from csstsim.config import ConstantShear
+from csstsim.instrument.chip import Window
+from csstsim.instrument.filter import GRID
+from csstsim.optics.wcs import ChipWCS
+from csstsim.units import ab_photon_density
+
+CHIP, WINDOW = 9, Window(4000, 4600, 3000, 3500)  # r band
+NOISE = Noise(sky=0.207, dark=0.02, read_noise=5.0)
+ADDED = ("ra_orig", "dec_orig", "x", "y", "mag", "flux0", "flux1", "flux2", "flux3", "reach", "flags")
+
+
+class Flat(CatalogBase):
+    """Objects handed over in options, each of flat f_nu at AB magnitude `ab`."""
+
+    def __init__(self, options, region):
+        super().__init__(options, region)
+        self._load()
+
+    def _load(self):
+        self.objs.extend(self.options["objects"])
+
+    def load_sed(self, obj):
+        return Table({"WAVELENGTH": GRID, "FLUX": ab_photon_density(GRID, obj.ab)})
+
+    def load_norm_filt(self, obj):
+        return None
+
+
+@pytest.fixture
+def pick(camera, make_pointing):
+    """Select from Flat objects placed at pixels of a pointing; (x, y) in the objects' place of ra, dec."""
+
+    def run(objects, window=WINDOW, mag_limit=None, **pointing):
+        wcs = ChipWCS(camera.chips[CHIP], make_pointing(**pointing))
+        placed = []
+        for x, y, values in objects:
+            ra, dec = wcs.pixel_to_world(x, y)
+            placed.append(MockObject(**({"ra": float(ra), "dec": float(dec)} | values)))
+        catalog = Flat({"objects": placed}, Region((), (), ()))
+        return select_objects(catalog, wcs, window, camera.filters["r"], camera.telescope, 150.0, NOISE, mag_limit)
+
+    return run
+
+
+def star(ab=22.0, **values):
+    return {"type": "star", "ab": ab} | values
+
+
+def galaxy(ab=22.0, **values):
+    return {"type": "galaxy", "ab": ab, "size_disk": 0.4, "size_bulge": 0.3, "bulge_frac": 0.1} | values
+
+
+def test_empty_catalogue_gives_an_empty_table_with_all_columns(pick):
+    table = pick([])
+    assert len(table) == 0 and table.names[: len(COLUMNS)] == tuple(COLUMNS) and set(ADDED) <= set(table)
+    assert table.meta["dropped"] == {"outside": 0, "faint": 0}
+
+
+@pytest.mark.parametrize(("ra", "dec"), [(60.0, -40.0), (0.0, 5.0), (359.9999, -10.0), (10.0, 90.0), (200.0, -89.99)])
+def test_one_star_anywhere_on_the_sky(pick, camera, ra, dec):
+    table = pick([(4100.25, 3100.5, star(20.0, id=3))], ra=ra, dec=dec)
+    assert len(table) == 1 and table["id"][0] == 3 and table["flags"][0] == 0
+    assert (table["x"][0], table["y"][0]) == pytest.approx((4100.25, 3100.5), abs=1e-6)  # pixel
+    assert table["mag"][0] == pytest.approx(20.0, abs=1e-5)
+    rate = sum(table[f"flux{i}"][0] for i in range(4))
+    assert rate_to_mag(rate, camera.filters["r"], camera.telescope) == pytest.approx(20.0, abs=1e-6)
+
+
+def test_stamps_decide_who_is_in(pick):
+    faint, bright = 16, 64  # pixel: reach of a faint and of a bright star
+    x0 = WINDOW.x0 - 0.5
+    table = pick([
+        (x0 - faint + 0.1, 3200, star(27, id=1)), (x0 - faint - 0.1, 3200, star(27, id=2)),
+        (x0 - bright + 0.1, 3200, star(15, id=3)), (x0 - bright - 0.1, 3200, star(15, id=4)),
+        (x0 - 500, 3200, galaxy(14, id=5, size_disk=8.0)), (x0 - 500, 3200, galaxy(24, id=6)),
+        (x0 + 10, WINDOW.y1 + 2000, galaxy(10, id=7, size_disk=60.0)), (x0 + 10, WINDOW.y1 + 2100, galaxy(10, id=8, size_disk=60.0)),
+    ])  # fmt: skip
+    assert list(table["id"]) == [1, 3, 5, 7]
+    assert table.meta["dropped"] == {"outside": 4, "faint": 0}
+    assert table["flags"][3] & TRUNCATED_STAMP and table["reach"][3] == 2048
+
+
+def test_object_behind_the_sky_is_outside(pick):
+    table = pick([(0, 0, star(15, ra=240.0, dec=40.0))])
+    assert len(table) == 0 and table.meta["dropped"]["outside"] == 1
+
+
+def test_magnitude_limit_is_the_chips_own_band(pick):
+    table = pick([(4100, 3100, star(ab, id=k)) for k, ab in enumerate((24.0, 25.9, 26.1))], mag_limit=26.0)
+    assert list(table["id"]) == [0, 1] and table.meta["dropped"] == {"outside": 0, "faint": 1}
+
+
+def test_lensing_magnifies_galaxies_only(pick):
+    field = {"kappa": 0.1, "gamma1": 0.05, "mag_g": 23.0}
+    table = pick(
+        [(4100, 3100, galaxy(22, **field)), (4200, 3100, star(22, **field)), (4300, 3100, galaxy(22, kappa=1.2))]
+    )
+    mu = 1 / (0.9**2 - 0.05**2)
+    assert table["mag"][0] == pytest.approx(22 - 2.5 * np.log10(mu), abs=1e-5)
+    assert table["mag_g"][0] == pytest.approx(23 - 2.5 * np.log10(mu), abs=1e-5) and table["mag_g"][1] == 23.0
+    assert table["mag"][1] == pytest.approx(22.0, abs=1e-5)
+    assert list(table["flags"]) == [0, 0, STRONG_LENSING] and np.isfinite(table["flux0"]).all()
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"ab": np.nan}, {"ab": -np.inf}, {"size_disk": np.nan}, {"size_disk": -1.0}, {"bulge_frac": 2.0}, {"e1": 1.0},
+     {"e2": np.nan}, {"kappa": np.nan}, {"gamma1": np.inf}, {"ra": np.nan}, {"dec": np.inf}, {"dec": 91.0}, {"obj_type": 7}],
+)  # fmt: skip
+def test_bad_values_are_flagged_dark_and_kept(pick, wrong):
+    """Warnings are errors here, so no NaN goes through arithmetic unseen either."""
+    values = galaxy() | wrong
+    values = {k: v for k, v in values.items() if not (k == "type" and "obj_type" in wrong)}
+    values |= {"dec": wrong["dec"], "ra": 60.0} if wrong.get("dec") == 91.0 else {}
+    table = pick([(4100, 3100, values), (4200, 3100, star(20.0))])
+    kept = table["flags"] == BAD_VALUE
+    assert kept.sum() == (0 if wrong.get("dec") == 91.0 else 1)  # a place that is not on the sky is not on the window
+    assert (table["flags"][~kept] == 0).all() and (~kept).sum() == 1
+    assert all(not table[f"flux{i}"][kept].any() for i in range(4))
+    assert len(table) + sum(table.meta["dropped"].values()) == 2
+
+
+def test_unknown_sizes_do_not_matter_where_they_are_not_used(pick):
+    table = pick(
+        [(4100, 3100, galaxy(size_bulge=np.nan, bulge_frac=0.0)), (4100, 3100, star(size_disk=np.nan, e1=2.0))]
+    )
+    assert list(table["flags"]) == [0, 0]
+
+
+@pytest.fixture(scope="module")
+def sky(camera, make_pointing, tmp_path_factory):
+    """A window of the embedded universe around RA 0: catalogue, WCS."""
+    wcs = ChipWCS(camera.chips[CHIP], make_pointing(ra=0.0, dec=-5.0))
+    field = ConstantShear(kappa=0.05, gamma1=0.03)
+    return embedded_catalog(tmp_path_factory.mktemp("truth"), region_for(*wcs.footprint(WINDOW)), field), wcs
+
+
+def test_embedded_window_holds_the_sky_it_should(camera, sky):
+    catalog, wcs = sky
+    table = select_objects(catalog, wcs, WINDOW, camera.filters["r"], camera.telescope, 150.0, NOISE)
+    inside = WINDOW.contains(table["x"], table["y"])
+    area = WINDOW.nx * WINDOW.ny * (0.074 / 60) ** 2  # arcmin2
+    assert abs((inside & (table["obj_type"] == 1)).sum() - 552 * area) < 5 * np.sqrt(552 * area)
+    assert (~inside).any() and len(np.unique(table["id"])) == len(table)
+    np.testing.assert_array_equal(
+        healpy.ang2pix(256, table["ra"], table["dec"], nest=True, lonlat=True), table["id"] >> 20
+    )
+    np.testing.assert_allclose(table["mag"], table["mag_r"], atol=2e-3)  # mag
+    assert len(table) + sum(table.meta["dropped"].values()) == len(catalog.table)
+    again = select_objects(catalog, wcs, WINDOW, camera.filters["r"], camera.telescope, 150.0, NOISE)
+    assert again == table
+
+
+def test_selection_agrees_with_brute_force(camera, sky):
+    """Every object whose stamp meets the window is in, found again from the table of a window that holds it whole."""
+    catalog, wcs = sky
+    wide = select_objects(
+        catalog, wcs, Window(2500, 6000, 1500, 5000), camera.filters["r"], camera.telescope, 150.0, NOISE
+    )
+    meets = (np.abs(wide["x"] - 4299.5) <= 300 + wide["reach"]) & (np.abs(wide["y"] - 3249.5) <= 250 + wide["reach"])
+    narrow = select_objects(catalog, wcs, WINDOW, camera.filters["r"], camera.telescope, 150.0, NOISE)
+    assert set(wide["id"][meets]) <= set(narrow["id"])
+    far = set(narrow["id"]) - set(wide["id"][meets])
+    assert not far & set(wide["id"])
+
+
+@pytest.mark.parametrize("band", BANDS)
+def test_embedded_spectra_reproduce_the_magnitudes(camera, sky, band):
+    catalog, _ = sky
+    stars = np.flatnonzero(catalog.table["obj_type"] == 0)
+    galaxies = np.flatnonzero(catalog.table["obj_type"] == 1)
+    rows = np.concatenate([stars[:: len(stars) // 60], galaxies[:: len(galaxies) // 120]])
+    filter_ = next(f for name, f in camera.filters.items() if name.lower() == band)
+    direct = subband_fluxes(catalog.load_seds(rows), filter_, camera.telescope)
+    mag = rate_to_mag(direct.sum(axis=1), filter_, camera.telescope)
+    table = catalog.table.take(rows)[f"mag_{band}"]
+    seen = table < 35  # beyond, a spectrum the Lyman limit has put out
+    np.testing.assert_allclose(mag[seen], table[seen], atol=2e-3)  # mag
+    fast = catalog.load_fluxes(rows, filter_, camera.telescope)
+    np.testing.assert_allclose(fast[seen], direct[seen], atol=2e-3 * direct[seen].sum(axis=1).max(initial=0), rtol=6e-3)
+
+
+def test_embedded_load_sed_is_the_papers_table(sky):
+    catalog, _ = sky
+    for row in (0, len(catalog.table) - 1):  # a star, a galaxy
+        sed = catalog.load_sed(catalog.objs[row])
+        assert sed.colnames == ["WAVELENGTH", "FLUX"] and len(sed) == 18001
+        assert (sed["WAVELENGTH"][0], sed["WAVELENGTH"][-1]) == (2000.0, 11000.0)
+        np.testing.assert_array_equal(sed["FLUX"], catalog.load_seds([row])[0])
+        assert catalog.load_norm_filt(catalog.objs[row]) is None

@@ -1,0 +1,85 @@
+"""ObjectTable and MockObject: columns, rows, files."""
+
+import numpy as np
+import pytest
+
+from csstsim.catalog.mock_object import MockObject, MockObjects
+from csstsim.catalog.table import COLUMNS, ObjectTable
+from csstsim.errors import InputError
+
+
+@pytest.fixture
+def table():
+    return ObjectTable.complete(
+        {"id": [1, 2, 3], "obj_type": [0, 1, 2], "ra": [10.0, 20.0, np.nan], "note": ["a", "b", "c"]}
+    )
+
+
+def test_complete_fills_every_column_in_its_type(table):
+    assert table.names == (*COLUMNS, "note") and len(table) == 3 and "z" in table
+    for name, (dtype, _) in COLUMNS.items():
+        assert table[name].dtype == dtype and table[name].shape == (3,)
+    assert np.isnan(table["mag_g"]).all() and not table["flags"].any()
+
+
+def test_empty_table_has_all_columns():
+    empty = ObjectTable.complete({})
+    assert len(empty) == 0 and not empty and empty.names == tuple(COLUMNS)
+    assert ObjectTable.concat([]) == empty and ObjectTable.concat([empty, empty]) == empty
+
+
+def test_bad_columns_are_refused():
+    with pytest.raises(ValueError, match="different length"):
+        ObjectTable({"a": [1], "b": [1, 2]})
+    with pytest.raises(InputError, match="ra: does not fit"):
+        ObjectTable.complete({"ra": ["north"]})
+
+
+def test_take_and_concat(table):
+    mask, index = table.take(table["obj_type"] > 0), table.take([1, 2])
+    assert mask == index and list(mask["id"]) == [2, 3]
+    assert ObjectTable.concat([table.take([0]), mask]) == table
+    assert table.take(np.array([], int)).names == table.names
+    assert table.take([0]) != table.take([1])
+
+
+def test_with_columns_does_not_touch_the_original(table):
+    more = table.with_columns(ra=np.zeros(3))
+    assert not more["ra"].any() and table["ra"][0] == 10.0
+
+
+@pytest.mark.parametrize("rows", [[0, 1, 2], [1], []])
+def test_file_round_trip(table, tmp_path, rows):
+    part = table.take(np.array(rows, int))
+    part.write(tmp_path / "t.parquet", {"seed": 1, "nested": {"a": [1, 2]}})
+    back = ObjectTable.read(tmp_path / "t.parquet")
+    assert back.meta == {"seed": 1, "nested": {"a": [1, 2]}}
+    assert list(back["note"]) == list(part["note"])
+    assert back.take(slice(None)).with_columns(note=part["note"]) == part
+    assert ObjectTable.read(tmp_path / "t.parquet", columns=["ra", "id"]).names == ("ra", "id")
+
+
+def test_column_that_is_not_there(table, tmp_path):
+    table.write(tmp_path / "t.parquet")
+    with pytest.raises(InputError, match=r"t\.parquet: nosuch: the table lacks"):
+        ObjectTable.read(tmp_path / "t.parquet", columns=["nosuch"])
+
+
+def test_mock_object_from_keywords():
+    obj = MockObject(id=4, type="galaxy", ra=1.0, dec=-2.0, spectrum="x.fits")
+    assert (obj.type, obj.position, obj.spectrum) == ("galaxy", (1.0, -2.0), "x.fits")
+    assert obj.bulge_frac == 0.0  # a column's default
+    assert obj.values == {"id": 4, "ra": 1.0, "dec": -2.0, "spectrum": "x.fits", "obj_type": 1}
+    with pytest.raises(AttributeError, match="no 'colour'; it has dec, id"):
+        _ = obj.colour
+    with pytest.raises(InputError, match="allowed: star, galaxy, quasar"):
+        MockObject(type="comet")
+
+
+def test_mock_object_is_a_view_of_a_row(table):
+    objs = MockObjects(table)
+    assert len(objs) == 3 and [obj.id for obj in objs] == [1, 2, 3] and objs[-1].type == "quasar"
+    table["z"][1] = 0.5
+    assert objs[1].z == 0.5 and [obj.id for obj in objs[1:]] == [2, 3]
+    with pytest.raises(IndexError):
+        objs[3]

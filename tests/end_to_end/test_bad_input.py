@@ -1,0 +1,131 @@
+"""Bad input: one line naming file, key, value and what is allowed; exit code 2; nothing left behind."""
+
+import pytest
+import yaml
+from click.testing import CliRunner
+from mini_campaign import POINTINGS, write_campaign
+
+from csstsim.campaign import OpenCampaign
+from csstsim.cli import main
+
+GOOD = POINTINGS[0]
+
+
+def refused(*arguments):
+    """Run a command that must be refused; return its one line."""
+    result = CliRunner().invoke(main, [str(a) for a in arguments])
+    lines = result.stderr.strip().splitlines()
+    assert result.exit_code == 2, (result.output, result.exception)
+    assert len(lines) == 1 and lines[0].startswith("csstsim: error: "), lines
+    return lines[0]
+
+
+@pytest.mark.parametrize(
+    "rows, words",
+    [
+        ([GOOD.replace("60.0,", "nan,", 1)], ["table.csv", "line 2", "ra"]),
+        ([GOOD, GOOD], ["table.csv", "line 3", "obsid", "10100000001"]),
+        ([GOOD.replace("-40.0", "91")], ["table.csv", "line 2", "dec", "91", "-90"]),
+        ([GOOD.replace("SCIE", "SPAM")], ["table.csv", "type", "SPAM", "SCIE"]),
+        ([], ["table.csv"]),
+    ],
+)
+def test_survey_table(tmp_path, rows, words):
+    path = write_campaign(tmp_path, rows)
+    line = refused("check", path)
+    assert all(word in line for word in words), line
+    assert not (tmp_path / "out").exists()
+
+
+def test_survey_table_without_a_column(tmp_path):
+    path = write_campaign(tmp_path)
+    table = tmp_path / "table.csv"
+    table.write_text(table.read_text().replace("obsid,type,ra,dec,pa", "obsid,type,ra,dec,angle"))
+    line = refused("check", path)
+    assert "table.csv" in line and "angle" in line and "pa" in line
+
+
+@pytest.mark.parametrize(
+    "changes, words",
+    [
+        ({"colour": 1}, ["campaign.yaml", "colour", "unknown key", "survey_table"]),
+        ({"select": {"chips": [31]}}, ["campaign.yaml", "select.chips", "31", "30"]),
+        ({"select": {"filters": ["q"]}}, ["campaign.yaml", "select.filters", "'q'", "NUV"]),
+        ({"select": {"obsids": ["42"]}}, ["campaign.yaml", "select.obsids", "42"]),
+        ({"select": {"types": ["SCIE"], "chips": [1]}}, ["campaign.yaml", "select.chips", "1", "imaging"]),
+        ({"window": {"x0": 0, "x1": 4000, "y0": 0, "y1": 10}}, ["campaign.yaml", "window", "4000", "128"]),
+        ({"window": {"x0": 9, "x1": 3, "y0": 0, "y1": 10}}, ["campaign.yaml", "window", "x0 = 9"]),
+        ({"window": "region"}, ["campaign.yaml", "window", "select.region"]),
+        ({"seed": -1}, ["campaign.yaml", "seed", "-1"]),
+        ({"survey_table": "/nowhere.csv"}, ["/nowhere.csv"]),
+        ({"catalog": {"kind": "nosuch.module:Class"}}, ["catalog.kind", "nosuch"]),
+        ({"catalog": {"kind": "mini_campaign:write_campaign"}}, ["catalog.kind", "write_campaign", "Stars"]),
+    ],
+)
+def test_campaign(tmp_path, changes, words):
+    path = write_campaign(tmp_path, **changes)
+    command = ["chip", path, "--obsid", "10100000001", "--chip", 9] if "catalog" in changes else ["check", path]
+    line = refused(*command)
+    assert all(word in line for word in words), line
+
+
+@pytest.mark.parametrize(
+    "layers, words",
+    [
+        ([{"biass": {}}], ["science.yaml", "unknown layer", "biass", "bias, gain"]),
+        ([{"CTE_effect": {}}], ["science.yaml", "unknown layer", "CTE_effect"]),
+        ([{"bias": {"bias_17channel": True}}], ["science.yaml", "bias_17channel", "bias_16channel"]),
+        ([{"gain": {}}, {"bias": {}}], ["science.yaml", "bias", "DN"]),
+        ([{"bias": {}}, {"sky_background": {}}], ["science.yaml", "sky_background", "render"]),
+        ([{"sky_background": {"exptime": -3}}], ["science.yaml", "exptime", "-3"]),
+    ],
+)
+def test_observation(tmp_path, layers, words):
+    (tmp_path / "science.yaml").write_text(yaml.safe_dump({"layers": layers}))
+    path = write_campaign(tmp_path, observations={"SCIE": str(tmp_path / "science.yaml")})
+    line = refused("check", path)
+    assert all(word in line for word in words), line
+
+
+def test_missing_brick_then_damaged_brick(tmp_path):
+    path = write_campaign(tmp_path)
+    line = refused("select", path, "--obsid", "10100000001", "--chip", 9)
+    assert "Npix=" in line
+    campaign = OpenCampaign(path)
+    for pix in campaign.truth_bricks(campaign.job("10100000001", 9)):
+        brick = campaign.paths.truth(pix)
+        assert CliRunner().invoke(main, ["truth", str(path), "--brick", str(pix)]).exit_code == 0
+        brick.write_bytes(brick.read_bytes()[:-200])
+    line = refused("select", path, "--obsid", "10100000001", "--chip", 9)
+    assert "Npix=" in line and "parquet file" in line
+    assert not list((tmp_path / "out").rglob("select*"))
+
+
+def test_truncated_psf_file(tmp_path):
+    path = write_campaign(tmp_path)
+    CliRunner().invoke(main, ["chip", str(path), "--obsid", "10100000001", "--chip", "9"])
+    psf = OpenCampaign(path).paths.psf(9)
+    psf.write_bytes(psf.read_bytes()[: psf.stat().st_size // 2])
+    CliRunner().invoke(main, ["select", str(path), "--obsid", "10100000001", "--chip", "9"])
+    assert "chip_09.h5" in refused("render", path, "--obsid", "10100000001", "--chip", 9)
+    assert not list((tmp_path / "out").rglob("render*")) and not list((tmp_path / "out").rglob("drawn*"))
+
+
+def test_product_of_another_campaign_is_refused(tmp_path):
+    path = write_campaign(tmp_path)
+    CliRunner().invoke(main, ["chip", str(path), "--obsid", "10100000001", "--chip", "9"])
+    CliRunner().invoke(main, ["select", str(path), "--obsid", "10100000001", "--chip", "9"])
+    other = write_campaign(tmp_path, seed=4)
+    line = refused("render", other, "--obsid", "10100000001", "--chip", 9)
+    assert "select.parquet" in line and "another" in line
+
+
+@pytest.mark.parametrize("chip", ["31", "0", "x"])
+def test_chip_number_on_the_command_line(tmp_path, chip):
+    result = CliRunner().invoke(main, ["psf", str(write_campaign(tmp_path)), "--chip", chip])
+    assert result.exit_code == 2 and chip in result.stderr
+
+
+def test_unknown_exposure(tmp_path):
+    line = refused("chip", write_campaign(tmp_path), "--obsid", "1", "--chip", 9)
+    assert "obsid" in line and "'1'" in line

@@ -1,0 +1,133 @@
+"""The workflow: its graph, and the same bits for one core, two cores, and a job killed and resumed."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import fitsio
+import psutil
+import pytest
+from mini_campaign import write_campaign
+
+from csstsim.campaign import OpenCampaign
+
+ROOT = Path(__file__).resolve().parents[2]
+# What may differ between two runs of one campaign: dates, timings, and the checksum over them (all in HDU 0).
+VARYING = {"DATE", "CHECKSUM"}
+TIMINGS = ("CPU_", "WALL_")
+
+
+def command(campaign, *arguments):
+    """The snakemake command line and environment for a campaign, run from the repository's root."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    environment = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT / "tests")}
+    line = [
+        sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--directory", str(campaign.parent),
+        "--quiet", "--config", f"campaign={campaign}", *arguments,
+    ]  # fmt: skip
+    return line, environment
+
+
+def snakemake(campaign, *arguments):
+    line, environment = command(campaign, *arguments)
+    done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def make(folder):
+    folder.mkdir()
+    return write_campaign(folder, select={"chips": [9, 8]})
+
+
+def level0_targets(campaign):
+    run = OpenCampaign(campaign)
+    return [str(run.paths.level0(job.pointing, job.chip.id)) for job in run.jobs]
+
+
+def content(campaign):
+    """Every Level-0 pixel and header card that must not vary, by file name."""
+    found = {}
+    for path in sorted((campaign.parent / "out" / "level0").rglob("*.fits")):
+        with fitsio.FITS(path) as file:
+            cards = [
+                (record["name"], record["value"], record["comment"])
+                for hdu in file
+                for record in hdu.read_header().records()
+                if record["name"] not in VARYING and not str(record["name"]).startswith(TIMINGS)
+            ]
+            found[path.name] = (cards, file["IMAGE"].read().tobytes())
+    return found
+
+
+@pytest.fixture(scope="module")
+def undisturbed(tmp_path_factory):
+    """One core, start to finish, up to the report."""
+    campaign = make(tmp_path_factory.mktemp("workflow") / "one")
+    snakemake(campaign, "--cores", "1")
+    return campaign
+
+
+def test_the_whole_chain_makes_what_it_promises(undisturbed):
+    run = OpenCampaign(undisturbed)
+    assert len(content(undisturbed)) == len(run.jobs) == 6  # two science exposures and a bias, two chips
+    assert run.paths.report.exists()
+    for pix in run.merge_bricks:
+        assert run.paths.merge(pix).exists() and run.paths.validate(pix).exists()
+    left = [p.name for p in (run.paths.output / "chips").rglob("*") if p.is_file()]
+    assert not left, "intermediates are dropped"
+
+
+def test_two_cores_give_the_same_bits(undisturbed, tmp_path):
+    campaign = make(tmp_path / "two")
+    snakemake(campaign, "--cores", "2", *level0_targets(campaign))
+    assert content(campaign) == content(undisturbed)
+
+
+def test_a_killed_and_resumed_campaign_gives_the_same_bits(undisturbed, tmp_path):
+    campaign = make(tmp_path / "killed")
+    line, environment = command(campaign, "--cores", "1", *level0_targets(campaign))
+    process = subprocess.Popen(line, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        victim = wait_for(process, "render")
+        victim.send_signal(signal.SIGKILL)
+        assert process.wait(timeout=300) != 0
+    finally:
+        if process.poll() is None:
+            process.kill()
+    assert len(content(campaign)) < 6
+    snakemake(campaign, "--cores", "1", "--rerun-incomplete", *level0_targets(campaign))
+    assert content(campaign) == content(undisturbed)
+
+
+def wait_for(process, verb, seconds=240):
+    """Return the running `csstsim VERB` process below `process`."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and process.poll() is None:
+        for child in psutil.Process(process.pid).children(recursive=True):
+            try:
+                words = child.cmdline()
+            except psutil.Error:
+                continue
+            if verb in words and any(Path(word).name == "csstsim" for word in words):
+                return child
+        time.sleep(0.02)
+    raise AssertionError(f"no csstsim {verb} was started")
+
+
+def test_calibration_campaign_has_no_sky_stages():
+    done = snakemake(ROOT / "config" / "calibration.yaml", "--dry-run", "--directory", str(ROOT))
+    rules = {line.split()[0] for line in done.splitlines() if line.strip()}
+    assert {"readout", "level0"} <= rules and not rules & {"truth", "psf", "select", "render", "measure"}
+
+
+def test_bad_campaign_is_one_clear_error(tmp_path):
+    campaign = write_campaign(tmp_path, colour=1)
+    line, environment = command(campaign, "--cores", "1")
+    done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode != 0
+    assert "colour" in done.stdout + done.stderr and "Traceback" not in done.stdout + done.stderr
+    assert not (tmp_path / "out").exists()
