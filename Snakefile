@@ -11,9 +11,9 @@ include: "workflow/rules/report.smk"
 
 
 rule all:
+    default_target: True
     input:
         targets(),
-    default_target: True
 
 
 onsuccess:

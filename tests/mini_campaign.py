@@ -41,6 +41,17 @@ def write_campaign(folder, pointings=POINTINGS, geometry=None, **changes):
     return path
 
 
+def write_scene(folder, kind, x, y, mag, chip=9, pointing=POINTINGS[0], **changes):
+    """Write a campaign of one exposure whose catalogue (`kind`, a class below) has objects at pixels x, y of a chip."""
+    from csstsim.campaign import OpenCampaign
+
+    changes = {"select": {"types": ["SCIE"], "chips": [chip]}} | changes
+    job = OpenCampaign(write_campaign(folder, [pointing], **changes)).job(pointing.split(",")[0], chip)
+    ra, dec = job.wcs.pixel_to_world(np.asarray(x, float), np.asarray(y, float))
+    options = {"ra": ra.tolist(), "dec": dec.tolist(), "mag": [float(mag)] * len(ra)}
+    return write_campaign(folder, [pointing], catalog={"kind": f"mini_campaign:{kind}", "options": options}, **changes)
+
+
 class Stars(CatalogBase):
     """Stars of constant AB magnitude at given places: options ra, dec, mag (lists)."""
 
@@ -64,6 +75,26 @@ class Spectra(Stars):
 
     def load_sed(self, obj):
         return Table({"WAVELENGTH": GRID, "FLUX": spectrum(obj.id)})
+
+
+class Pair(Stars):
+    """A star (the first place) and galaxies (the others): bulge and disk, elliptical, lensed."""
+
+    def _load(self):
+        star, *rest = zip(self.options["ra"], self.options["dec"], self.options["mag"], strict=True)
+        shape = {
+            "size_disk": 0.4,
+            "size_bulge": 0.25,
+            "bulge_frac": 0.3,
+            "e1": 0.2,
+            "e2": -0.1,
+            "gamma1": 0.03,
+            "kappa": 0.05,
+        }
+        self.objs = [MockObject(id=0, type="star", ra=star[0], dec=star[1], mag=star[2])] + [
+            MockObject(id=i, type="galaxy", ra=ra, dec=dec, mag=mag, **shape)
+            for i, (ra, dec, mag) in enumerate(rest, 1)
+        ]
 
 
 def spectrum(kind):

@@ -13,7 +13,10 @@ def first(generator):
 def test_same_words_same_numbers_and_every_word_counts():
     base = first(stream(1, "exposure", "10100000001", 8, "bias"))
     assert base == first(stream(1, "exposure", "10100000001", 8, "bias"))
-    assert len({first(stream(seed, "chip", chip, ch)) for seed in (1, 2) for chip in range(1, 31) for ch in range(16)}) == 960
+    assert (
+        len({first(stream(seed, "chip", chip, ch)) for seed in (1, 2) for chip in range(1, 31) for ch in range(16)})
+        == 960
+    )
 
 
 def test_no_collision_where_sums_collide():

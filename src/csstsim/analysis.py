@@ -52,7 +52,9 @@ def validate(run, pix):
 
     jobs = _jobs_on(run, pix)
     frames = [
-        Frame(read_truth(run.paths.level0_truth(job.pointing, job.chip.id)), ObjectTable.read(run.paths.measure(*job.key)))
+        Frame(
+            read_truth(run.paths.level0_truth(job.pointing, job.chip.id)), ObjectTable.read(run.paths.measure(*job.key))
+        )
         for job in jobs
     ]
     result, arrays = validate_brick(pix, ObjectTable.read(run.paths.merge(pix)), frames, run.config.validation)
@@ -93,7 +95,7 @@ def report(run):
         exposures=[_exposure(p) for p in {job.pointing.obsid: job.pointing for job in run.jobs}.values()],
         files=[(path.name, os.path.relpath(path, page.parent)) for path in files],
         figures=figures,
-        sky_map=sky_map([(job.chip.filter.lower(), *job.footprint()) for job in run.science_jobs], list(run.merge_bricks)),
+        sky_map=sky_map([(j.chip.filter.lower(), *j.footprint()) for j in run.science_jobs], list(run.merge_bricks)),
         provenance={
             "csstsim": __version__, "campaign file": run.file, "campaign digest": run.config.digest(),
             "camera digest": run.camera.digest, "seed": run.config.seed,
@@ -118,8 +120,8 @@ def _summary(run):
 
 def _exposure(pointing):
     return {
-        "obsid": pointing.obsid, "type": pointing.type, "ra [deg]": f"{pointing.ra:.6f}", "dec [deg]": f"{pointing.dec:.6f}",
-        "pa [deg]": f"{pointing.pa:.4f}", "start [UTC]": pointing.time, "exposure [s]": pointing.exptime,
+        "obsid": pointing.obsid, "type": pointing.type, "ra [deg]": f"{pointing.ra:.6f}",
+        "dec [deg]": f"{pointing.dec:.6f}", "pa [deg]": f"{pointing.pa:.4f}", "start [UTC]": pointing.time, "exposure [s]": pointing.exptime,
     }  # fmt: skip
 
 

@@ -78,9 +78,7 @@ class OpenCampaign:
     def _selected_pointings(self):
         select = self.config.select
         wanted = set(select.obsids) if select.obsids is not None else None
-        return [
-            p for p in self.pointings.values() if p.type in select.types and (wanted is None or p.obsid in wanted)
-        ]
+        return [p for p in self.pointings.values() if p.type in select.types and (wanted is None or p.obsid in wanted)]
 
     def _selected_chips(self):
         select = self.config.select
@@ -139,7 +137,9 @@ class OpenCampaign:
             return window  # bias, dark and flat frames see no sky: a region does not choose among them
         x, y = (float(v) for v in wcs.world_to_pixel(region.ra, region.dec))
         radius = region.radius * 60.0 / self.camera.telescope.pixel_scale
-        near_x, near_y = (min(max(v, low), high) for v, low, high in ((x, window.x0, window.x1), (y, window.y0, window.y1)))
+        near_x, near_y = (
+            min(max(v, low), high) for v, low, high in ((x, window.x0, window.x1), (y, window.y0, window.y1))
+        )
         if not math.hypot(x - near_x, y - near_y) < radius:  # also when the region is behind the sky (NaN)
             return None
         if wanted != "region":

@@ -15,7 +15,9 @@ from csstsim.errors import CsstsimError
 campaign_arg = click.argument("campaign", type=click.Path())
 obsid_opt = click.option("--obsid", required=True, help="Exposure, as in the survey table.")
 chip_opt = click.option("--chip", "chip_id", required=True, type=click.IntRange(1, 30), help="Chip number, 1 to 30.")
-brick_opt = click.option("--brick", "pix", required=True, type=click.IntRange(0, 786431), help="HEALPix NSIDE-256 pixel, nested.")  # fmt: skip
+brick_opt = click.option(
+    "--brick", "pix", required=True, type=click.IntRange(0, 786431), help="HEALPix NSIDE-256 pixel, nested."
+)
 
 
 class Group(click.Group):

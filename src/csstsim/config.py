@@ -36,7 +36,9 @@ def read_yaml(path):
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as exc:
-        raise InputError(f"cannot read the file: {getattr(exc, 'strerror', None) or 'not UTF-8 text'}", file=path) from exc
+        raise InputError(
+            f"cannot read the file: {getattr(exc, 'strerror', None) or 'not UTF-8 text'}", file=path
+        ) from exc
     try:
         data = yaml.load(text, Loader=_LOADER)
     except yaml.YAMLError as exc:
@@ -73,7 +75,9 @@ def input_error(exc, model, file, key=()):
 def _known_keys(model, loc):
     for part in loc:
         field = model.model_fields.get(part) if isinstance(part, str) else None
-        inner = [t for t in _types(field.annotation) if isinstance(t, type) and issubclass(t, BaseModel)] if field else []
+        inner = (
+            [t for t in _types(field.annotation) if isinstance(t, type) and issubclass(t, BaseModel)] if field else []
+        )
         if not inner:
             return []
         model = inner[0]
@@ -100,7 +104,9 @@ class Select(Model):
     obsids: tuple[str, ...] | None = Field(None, description="only these exposures; null = all")
     chips: str | tuple[int, ...] = Field("imaging", description="all, imaging, slitless, or a list of numbers 1 to 30")
     filters: tuple[str, ...] | None = Field(None, description="only chips behind these filters; null = all")
-    region: Region | None = Field(None, description="only pairs whose chip (or its window) touches this circle; null = all")
+    region: Region | None = Field(
+        None, description="only pairs whose chip (or its window) touches this circle; null = all"
+    )
 
     @field_validator("chips")
     @classmethod

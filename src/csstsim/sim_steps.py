@@ -79,7 +79,7 @@ class SimSteps:
 
     def stage(self, name):
         """Return the steps of one stage: 'render', 'readout' or 'level0'."""
-        return [step for step in self.steps if step.module.STAGE == name]
+        return [step for step in self.steps if name == step.module.STAGE]
 
     def describe(self):
         """Return the list of {keyword: parameters}."""

@@ -29,7 +29,9 @@ def truth(run, pix):
     from csstsim.universe.bricks import write_brick
 
     if not run.embedded:
-        raise InputError("the campaign brings its own catalogue", file=run.file, key="catalog.kind", value=run.config.catalog.kind)
+        raise InputError(
+            "the campaign brings its own catalogue", file=run.file, key="catalog.kind", value=run.config.catalog.kind
+        )
     write_brick(run.paths.truth(pix), pix, **run.universe_key())
 
 
@@ -48,7 +50,9 @@ def select(run, job):
     """Find the objects that reach a job's window."""
     timer = Timer("select")
     table = _objects(run, job)
-    table.write(run.paths.stage(*job.key, "select.parquet"), table.meta | {"recipe": run.recipe(job), "stages": [timer.entry()]})
+    table.write(
+        run.paths.stage(*job.key, "select.parquet"), table.meta | {"recipe": run.recipe(job), "stages": [timer.entry()]}
+    )
     print(f"{len(table)} objects reach the window; left out: {table.meta['dropped']}")
 
 
@@ -61,9 +65,7 @@ def _objects(run, job):
     key = run.universe_key() if run.embedded else {}
     catalog = open_catalog(config, region_for(*job.footprint()), run.paths.truth, key)
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
-    return select_objects(
-        catalog, job.wcs, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit
-    )
+    return select_objects(catalog, job.wcs, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit)
 
 
 def render(run, job):
@@ -207,7 +209,10 @@ def _meta(run, job, state):
 
 def _check_recipe(run, job, path, meta):
     if meta.get("recipe") != run.recipe(job):
-        raise InputError("made for another campaign; remove it", file=path, key="recipe", value=meta.get("recipe"), allowed=run.recipe(job))  # fmt: skip
+        raise InputError(
+            "made for another campaign; remove it", file=path, key="recipe", value=meta.get("recipe"),
+            allowed=run.recipe(job),
+        )  # fmt: skip
 
 
 def open_psf(run, job):

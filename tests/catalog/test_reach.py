@@ -27,18 +27,25 @@ def galaxy(**columns):
 
 
 def radius(electrons, **columns):
-    return galaxy_radius(galaxy(**columns), np.array([electrons]), VARIANCE, 0.074)[0]
+    return galaxy_radius(galaxy(**columns), np.array([electrons]), VARIANCE, 0.074)[0][0]
 
 
 @pytest.mark.parametrize("electrons", [1e2, 1e4, 1e6, 1e9])
 def test_what_a_round_galaxy_loses_is_what_the_noise_allows(electrons):
-    r = radius(electrons)
+    r, allowed = (v[0] for v in galaxy_radius(galaxy(), np.array([electrons]), VARIANCE, 0.074))
     lost = 0.8 * light_beyond(r, 0.5 / 0.074, 1) + 0.2 * light_beyond(r, 0.3 / 0.074, 4)
-    assert 0.99e-4 < lost < 5.01e-3
+    assert lost == pytest.approx(allowed, rel=1e-3)
     if electrons >= 1e9:
-        assert lost == pytest.approx(1e-4, rel=1e-2)
+        assert allowed == 1e-4
     if electrons <= 1e2:
-        assert lost == pytest.approx(5e-3, rel=1e-2)
+        assert allowed == 5e-3
+
+
+def test_a_bright_bulge_keeps_its_wings():
+    r = radius(1e9, bulge_frac=1.0, size_disk=np.nan)
+    assert light_beyond(r, 0.3 / 0.074, 4) == pytest.approx(1e-4, rel=1e-3)
+    disk_only = radius(1e9, bulge_frac=0.0, size_bulge=np.nan)
+    assert light_beyond(disk_only, 0.5 / 0.074, 1) == pytest.approx(1e-4, rel=1e-3)
 
 
 def test_brighter_larger_and_stretched_need_more():

@@ -87,7 +87,8 @@ def test_stamps_decide_who_is_in(pick):
         (x0 - faint + 0.1, 3200, star(27, id=1)), (x0 - faint - 0.1, 3200, star(27, id=2)),
         (x0 - bright + 0.1, 3200, star(15, id=3)), (x0 - bright - 0.1, 3200, star(15, id=4)),
         (x0 - 500, 3200, galaxy(14, id=5, size_disk=8.0)), (x0 - 500, 3200, galaxy(24, id=6)),
-        (x0 + 10, WINDOW.y1 + 2000, galaxy(10, id=7, size_disk=60.0)), (x0 + 10, WINDOW.y1 + 2100, galaxy(10, id=8, size_disk=60.0)),
+        (x0 + 10, WINDOW.y1 + 2000, galaxy(10, id=7, size_disk=60.0)),
+        (x0 + 10, WINDOW.y1 + 2100, galaxy(10, id=8, size_disk=60.0)),
     ])  # fmt: skip
     assert list(table["id"]) == [1, 3, 5, 7]
     assert table.meta["dropped"] == {"outside": 4, "faint": 0}
@@ -119,7 +120,8 @@ def test_lensing_magnifies_galaxies_only(pick):
 @pytest.mark.parametrize(
     "wrong",
     [{"ab": np.nan}, {"ab": -np.inf}, {"size_disk": np.nan}, {"size_disk": -1.0}, {"bulge_frac": 2.0}, {"e1": 1.0},
-     {"e2": np.nan}, {"kappa": np.nan}, {"gamma1": np.inf}, {"ra": np.nan}, {"dec": np.inf}, {"dec": 91.0}, {"obj_type": 7}],
+     {"e2": np.nan}, {"kappa": np.nan}, {"gamma1": np.inf}, {"ra": np.nan}, {"dec": np.inf}, {"dec": 91.0},
+     {"obj_type": 7}],
 )  # fmt: skip
 def test_bad_values_are_flagged_dark_and_kept(pick, wrong):
     """Warnings are errors here, so no NaN goes through arithmetic unseen either."""

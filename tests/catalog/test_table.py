@@ -72,6 +72,7 @@ def test_mock_object_from_keywords():
     assert obj.values == {"id": 4, "ra": 1.0, "dec": -2.0, "spectrum": "x.fits", "obj_type": 1}
     with pytest.raises(AttributeError, match="no 'colour'; it has dec, id"):
         _ = obj.colour
+    assert MockObject(obj_type=-1).type == "unknown"
     with pytest.raises(InputError, match="allowed: star, galaxy, quasar"):
         MockObject(type="comet")
 

@@ -25,8 +25,9 @@ def objects(wcs, x, y, obj_type=STAR, reach=64, rate=100.0, **columns):
     ra, dec = wcs.pixel_to_world(x, y)
     base = {
         "id": np.arange(len(x)), "obj_type": np.full(len(x), obj_type), "ra": ra, "dec": dec, "x": x, "y": y,
-        "reach": np.full(len(x), reach), "lost": np.full(len(x), 1e-4), **{f"flux{i}": np.full(len(x), rate / 4) for i in range(4)},
+        "reach": np.full(len(x), reach), "lost": np.full(len(x), 1e-4),
     }  # fmt: skip
+    base |= {f"flux{i}": np.full(len(x), rate / 4) for i in range(4)}
     return ObjectTable.complete(base | columns)
 
 
@@ -104,7 +105,15 @@ def test_tangential_shear_stays_tangential(camera, make_pointing, psf_r, pa, dec
     east, north = (ra - centre[0]) * np.cos(np.radians(dec_)), dec_ - centre[1]
     phi = np.arctan2(north, east)
     table = objects(
-        wcs, x, y, GALAXY, reach=40, rate=1000.0, size_disk=0.4, gamma1=-g * np.cos(2 * phi), gamma2=-g * np.sin(2 * phi)
+        wcs,
+        x,
+        y,
+        GALAXY,
+        reach=40,
+        rate=1000.0,
+        size_disk=0.4,
+        gamma1=-g * np.cos(2 * phi),
+        gamma2=-g * np.sin(2 * phi),
     )
     image = np.zeros(WINDOW.shape, np.float32)
     draw_objects(image, WINDOW, table, wcs, psf_r, EXPTIME)

@@ -8,11 +8,13 @@ rule measure:
         f"{OUT}/logs/measure/{{obsid}}_{{chip}}.log",
     benchmark:
         f"{OUT}/benchmarks/measure/{{obsid}}_{{chip}}.tsv"
+    conda:
+        "csstsim"
     resources:
         mem_mb=3000,
         runtime=20,
     shell:
-        "csstsim measure {CAMPAIGN} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
+        "csstsim measure $CAMPAIGN --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
 
 
 rule merge:
@@ -24,11 +26,13 @@ rule merge:
         f"{OUT}/logs/merge/{{dir}}_{{pix}}.log",
     benchmark:
         f"{OUT}/benchmarks/merge/{{dir}}_{{pix}}.tsv"
+    conda:
+        "csstsim"
     resources:
         mem_mb=4000,
         runtime=20,
     shell:
-        "csstsim merge {CAMPAIGN} --brick {wildcards.pix} > {log} 2>&1"
+        "csstsim merge $CAMPAIGN --brick {wildcards.pix} > {log} 2>&1"
 
 
 rule validate:
@@ -43,10 +47,12 @@ rule validate:
         f"{OUT}/logs/validate/{{pix}}.log",
     benchmark:
         f"{OUT}/benchmarks/validate/{{pix}}.tsv"
-    params:
-        thresholds=RUN.config.validation.model_dump(mode="json"),
+    conda:
+        "csstsim"
     resources:
         mem_mb=4000,
         runtime=20,
+    params:
+        thresholds=RUN.config.validation.model_dump(mode="json"),
     shell:
-        "csstsim validate {CAMPAIGN} --brick {wildcards.pix} > {log} 2>&1"
+        "csstsim validate $CAMPAIGN --brick {wildcards.pix} > {log} 2>&1"

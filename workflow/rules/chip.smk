@@ -8,15 +8,17 @@ rule select:
         f"{OUT}/logs/select/{{obsid}}_{{chip}}.log",
     benchmark:
         f"{OUT}/benchmarks/select/{{obsid}}_{{chip}}.tsv"
-    params:
-        recipe=recipe,
     group:
         "chip"
+    conda:
+        "csstsim"
     resources:
         mem_mb=2500,
         runtime=20,
+    params:
+        recipe=recipe,
     shell:
-        "csstsim select {CAMPAIGN} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
+        "csstsim select $CAMPAIGN --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
 
 
 rule render:
@@ -29,15 +31,17 @@ rule render:
         f"{OUT}/logs/render/{{obsid}}_{{chip}}.log",
     benchmark:
         f"{OUT}/benchmarks/render/{{obsid}}_{{chip}}.tsv"
-    params:
-        recipe=recipe,
     group:
         "chip"
+    conda:
+        "csstsim"
     resources:
         mem_mb=3000,
         runtime=600,
+    params:
+        recipe=recipe,
     shell:
-        "csstsim render {CAMPAIGN} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
+        "csstsim render $CAMPAIGN --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
 
 
 rule readout:
@@ -49,15 +53,17 @@ rule readout:
         f"{OUT}/logs/readout/{{obsid}}_{{chip}}.log",
     benchmark:
         f"{OUT}/benchmarks/readout/{{obsid}}_{{chip}}.tsv"
-    params:
-        recipe=recipe,
     group:
         "chip"
+    conda:
+        "csstsim"
     resources:
         mem_mb=2500,
         runtime=20,
+    params:
+        recipe=recipe,
     shell:
-        "csstsim readout {CAMPAIGN} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
+        "csstsim readout $CAMPAIGN --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
 
 
 rule level0:
@@ -71,12 +77,14 @@ rule level0:
         f"{OUT}/logs/level0/{{name}}_{{obsid}}_{{chip}}.log",
     benchmark:
         f"{OUT}/benchmarks/level0/{{name}}_{{obsid}}_{{chip}}.tsv"
-    params:
-        recipe=recipe,
     group:
         "chip"
+    conda:
+        "csstsim"
     resources:
         mem_mb=2500,
         runtime=10,
+    params:
+        recipe=recipe,
     shell:
-        "csstsim level0 {CAMPAIGN} --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
+        "csstsim level0 $CAMPAIGN --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"

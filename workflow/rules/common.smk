@@ -1,6 +1,6 @@
 # Opens the campaign (which checks every file of it) and answers the rules' questions. The only Python.
-import os
-from pathlib import Path
+# Rules name a conda environment `csstsim`: with --sdm conda it must exist and hold the package; otherwise it is ignored.
+import shlex
 
 from csstsim.campaign import OpenCampaign
 from csstsim.errors import CsstsimError
@@ -14,7 +14,10 @@ except CsstsimError as error:
 OUT = str(RUN.paths.output)
 
 # One thread a process: parallelism is over chips. Hidden BLAS threads would fight over the cores.
-shell.prefix("export OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1; ")
+shell.prefix(
+    f"export CAMPAIGN={shlex.quote(str(CAMPAIGN))} "
+    "OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1; "
+)
 
 
 wildcard_constraints:
@@ -29,14 +32,20 @@ def truth_of(wildcards):
     """The truth bricks whose objects may reach a chip's window."""
     if not RUN.embedded:
         return []
-    return [str(RUN.paths.truth(pix)) for pix in RUN.truth_bricks(JOBS[wildcards.obsid, wildcards.chip])]
+    return [
+        str(RUN.paths.truth(pix))
+        for pix in RUN.truth_bricks(JOBS[wildcards.obsid, wildcards.chip])
+    ]
 
 
 def objects_of(wildcards):
     """The selected objects and the PSF, for exposures that see the sky."""
     if RUN.pointings[wildcards.obsid].type != "SCIE":
         return []
-    return [f"{OUT}/chips/{wildcards.obsid}_{wildcards.chip}/select.parquet", f"{OUT}/psf/chip_{wildcards.chip}.h5"]
+    return [
+        f"{OUT}/chips/{wildcards.obsid}_{wildcards.chip}/select.parquet",
+        f"{OUT}/psf/chip_{wildcards.chip}.h5",
+    ]
 
 
 def stage_before(stage):
@@ -44,7 +53,11 @@ def stage_before(stage):
 
     def product(wildcards):
         pointing = RUN.pointings[wildcards.obsid]
-        return f"{OUT}/chips/{wildcards.obsid}_{wildcards.chip}/{stage}.fits" if RUN.has_stage(pointing, stage) else []
+        return (
+            f"{OUT}/chips/{wildcards.obsid}_{wildcards.chip}/{stage}.fits"
+            if RUN.has_stage(pointing, stage)
+            else []
+        )
 
     return product
 
@@ -67,11 +80,16 @@ def level0_of(wildcards):
 
 
 def measured_on(wildcards):
-    return [str(RUN.paths.measure(*job.key)) for job in RUN.merge_bricks[int(wildcards.pix)]]
+    return [
+        str(RUN.paths.measure(*job.key)) for job in RUN.merge_bricks[int(wildcards.pix)]
+    ]
 
 
 def truth_tables_on(wildcards):
-    return [str(RUN.paths.level0_truth(job.pointing, job.chip.id)) for job in RUN.merge_bricks[int(wildcards.pix)]]
+    return [
+        str(RUN.paths.level0_truth(job.pointing, job.chip.id))
+        for job in RUN.merge_bricks[int(wildcards.pix)]
+    ]
 
 
 def merged(wildcards):
@@ -92,8 +110,12 @@ def targets():
 
 def summary():
     """What the campaign made and where to look, said when it is done."""
-    lines = [f"\n{RUN.config.name}: {len(RUN.jobs)} Level-0 files with their truth in {OUT}/level0/"]
+    lines = [
+        f"\n{RUN.config.name}: {len(RUN.jobs)} Level-0 files with their truth in {OUT}/level0/"
+    ]
     if RUN.science_jobs:
-        lines.append(f"merged catalogues of {len(RUN.merge_bricks)} bricks in {OUT}/merge/")
+        lines.append(
+            f"merged catalogues of {len(RUN.merge_bricks)} bricks in {OUT}/merge/"
+        )
         lines.append(f"open the report: {RUN.paths.report.resolve().as_uri()}")
     return "\n".join(lines)

@@ -5,11 +5,13 @@ rule psf:
         f"{OUT}/logs/psf/{{chip}}.log",
     benchmark:
         f"{OUT}/benchmarks/psf/{{chip}}.tsv"
-    params:
-        psf=RUN.config.psf.model_dump(mode="json"),
-        camera=RUN.camera.digest,
+    conda:
+        "csstsim"
     resources:
         mem_mb=1500,
         runtime=60,
+    params:
+        psf=RUN.config.psf.model_dump(mode="json"),
+        camera=RUN.camera.digest,
     shell:
-        "csstsim psf {CAMPAIGN} --chip {wildcards.chip} > {log} 2>&1"
+        "csstsim psf $CAMPAIGN --chip {wildcards.chip} > {log} 2>&1"

@@ -8,8 +8,10 @@ rule report:
         f"{OUT}/logs/report.log",
     benchmark:
         f"{OUT}/benchmarks/report.tsv"
+    conda:
+        "csstsim"
     resources:
         mem_mb=2000,
         runtime=10,
     shell:
-        "csstsim report {CAMPAIGN} > {log} 2>&1"
+        "csstsim report $CAMPAIGN > {log} 2>&1"

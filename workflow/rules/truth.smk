@@ -5,8 +5,10 @@ rule truth:
         f"{OUT}/logs/truth/{{dir}}_{{pix}}.log",
     benchmark:
         f"{OUT}/benchmarks/truth/{{dir}}_{{pix}}.tsv"
+    conda:
+        "csstsim"
     resources:
         mem_mb=1500,
         runtime=10,
     shell:
-        "csstsim truth {CAMPAIGN} --brick {wildcards.pix} > {log} 2>&1"
+        "csstsim truth $CAMPAIGN --brick {wildcards.pix} > {log} 2>&1"

@@ -42,8 +42,8 @@ class MockObject:
 
     @property
     def type(self):
-        """'star', 'galaxy' or 'quasar'."""
-        return TYPES[self.obj_type]
+        """'star', 'galaxy' or 'quasar'; 'unknown' for any other obj_type."""
+        return dict(enumerate(TYPES)).get(int(self.obj_type), "unknown")
 
     @property
     def position(self):

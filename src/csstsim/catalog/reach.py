@@ -44,14 +44,16 @@ def galaxy_radius(table, electrons, variance, pixel_scale):
     """Return (radius, lost): of the profile's visible light, before the PSF [pixel; may exceed REACH_MAX], and the
     fraction of light that may lie beyond."""
     stretch = _stretch(table) / pixel_scale
-    disk, bulge = (table[name].astype(float) * stretch for name in ("size_disk", "size_bulge"))
     share = table["bulge_frac"].astype(float)
+    # A component without light may come without a size.
+    disk = np.where(share < 1, table["size_disk"] * stretch, 0.0)
+    bulge = np.where(share > 0, table["size_bulge"] * stretch, 0.0)
     size2 = (1 - share) * disk**2 + share * bulge**2 + _PSF_HALF_LIGHT**2
     noise = np.sqrt(electrons + _GAUSSIAN * size2 * variance)
     low, high, part = _LOST
     lost = np.clip(part * noise / np.maximum(electrons, 1e-30), low, high)
-    inner, outer = np.zeros(len(share)), 60.0 * np.maximum(disk, bulge)  # 60 r_e holds all but 1e-5 of n = 4
-    for _ in range(20):  # halving: to 1e-6 of the bracket
+    inner, outer = np.zeros(len(share)), 100.0 * np.maximum(disk, bulge)  # 100 r_e holds all but 4e-5 of n = 4
+    for _ in range(22):  # halving: to 1e-4 of a half-light radius
         middle = 0.5 * (inner + outer)
         beyond = (1 - share) * light_beyond(middle, disk, 1) + share * light_beyond(middle, bulge, 4)
         too_small = beyond > lost

@@ -84,8 +84,9 @@ def select_objects(catalog, wcs, window, filter, telescope, exptime, noise, mag_
 
     catalog: a CatalogBase; wcs: optics.wcs.ChipWCS; window: instrument.chip.Window; exptime in s; noise: Noise.
     Added: ra_orig, dec_orig, x, y (0-based pixel), mag (this filter), flux0..3 (electron / s, magnified), reach
-    (pixel, half the side of the stamp), lost (fraction of a galaxy's light that may lie beyond it), flags. mag_* are as observed, magnification included. Rows with a
-    value that cannot be used are kept, dark and flagged, if they lie on the window or nobody knows where they lie.
+    (pixel, half the side of the stamp), lost (fraction of a galaxy's light that may lie beyond it), flags. mag_* are
+    as observed, magnification included. Rows with a value that cannot be used are kept, dark and flagged, if they
+    lie on the window or nobody knows where they lie.
     `meta` gets `dropped` (counts by reason) and `truth_hash`.
     """
     everything = catalog.table

@@ -8,6 +8,7 @@ import numpy as np
 
 from csstsim.catalog.table import ObjectTable
 from csstsim.errors import InputError
+from csstsim.measure.combine import combine
 from csstsim.measure.detect import FWHM_TO_SIGMA, detect
 from csstsim.measure.photometry import fit_sources, kron_flux, psf_model
 
@@ -53,7 +54,9 @@ def measure_frame(calibrated, psf, wcs, *, chip, filter, telescope, pointing, wi
     zeropoint = filter.zeropoint(telescope) + 2.5 * np.log10(pointing.exptime)
     model = psf_model(psf, (window.x0, window.y0), window.shape)
     level = float(np.median(calibrated.electrons[::8, ::8]))
-    found = detect(calibrated.electrons, model.kernel(), saturated=calibrated.saturated)
+    kernel = model.kernel()
+    passes = detect(calibrated.electrons, kernel, saturated=calibrated.saturated)
+    found = combine(passes, _fit(passes, passes.hot, calibrated.saturated, model, window), kernel)
     table = _sources(found, calibrated.saturated, model, window)
     table["ra"], table["dec"] = wcs.pixel_to_world(table["x"], table["y"])
     table["pos_err"] = table["fwhm"] / FWHM_TO_SIGMA / np.maximum(table["snr"], 1.0) * telescope.pixel_scale
@@ -76,13 +79,16 @@ def measure_frame(calibrated, psf, wcs, *, chip, filter, telescope, pointing, wi
     return ObjectTable({name: columns[name] for name in COLUMNS}, info)
 
 
+def _fit(frame, sources, saturated, model, window):
+    return fit_sources(
+        frame.image, frame.rms, saturated, sources.x, sources.y, model.cell(sources.x + window.x0, sources.y + window.y0),
+        model.coefficients, model.blurred, sources.half_light,
+    )  # fmt: skip
+
+
 def _sources(found, saturated, model, window):
     x, y = found.x + window.x0, found.y + window.y0
-    fit = fit_sources(
-        found.image, found.rms, saturated, found.x, found.y, model.cell(x, y),
-        model.coefficients, model.blurred, found.half_light,
-    )  # fmt: skip
-    flux, error, chi2, spread, spread_error, e1, e2, bad = fit.T
+    flux, error, chi2, spread, spread_error, e1, e2, bad = _fit(found, found, saturated, model, window).T
     kron, kron_error, kron_failed = kron_flux(found)
     snr = np.where(error > 0, np.nan_to_num(flux) / np.where(error > 0, error, 1.0), 0.0)
     column, row = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in ((found.x, window.nx), (found.y, window.ny)))

@@ -25,7 +25,10 @@ galsim.errors.raise_fft_size_error = True  # GalSim 2.8 only warns, then takes a
 
 # Interpolation and truncation errors well below the accuracy goals (flux 1e-3, ellipticity 1e-4).
 GSPARAMS = {"maxk_threshold": 1e-4, "kvalue_accuracy": 1e-6, "xvalue_accuracy": 1e-6, "maximum_fft_size": 4096}
-FOLDING_MIN, FOLDING_MAX = 1e-4, 5e-3  # light that may alias: what the stamp may lose, within these (5e-3: GalSim's own)
+FOLDING_MIN, FOLDING_MAX = (
+    1e-4,
+    5e-3,
+)  # light that may alias: what the stamp may lose, within these (5e-3: GalSim's own)
 REACH_FFT = 1000  # px: half the largest stamp, so that its FFT (half-pixel steps) fits the maximum
 NEGATIVE_LIMIT = 1e-4  # fraction of an object's light in negative pixels above which clipping is flagged
 PSF_STEP_PX = 0.5  # the stored PSF lattice: 5 um cells in 10 um pixels
@@ -55,7 +58,9 @@ def draw_objects(image, window, objects, wcs, psf, exptime):
     for i in range(count):
         start = time.process_time()
         if drawable[i]:
-            mixture = sum(w * np.tensordot(flux[i], psf.node(n), axes=1) for n, w in zip(index[i], weight[i], strict=True))
+            mixture = sum(
+                w * np.tensordot(flux[i], psf.node(n), axes=1) for n, w in zip(index[i], weight[i], strict=True)
+            )
             profile = _profile(objects, i, mixture, jacobian[i])
             stamp, flag = _draw(profile, objects["x"][i], objects["y"][i], min(int(objects["reach"][i]), REACH_FFT))
             seen = stamp.bounds & scene.bounds

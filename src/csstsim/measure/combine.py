@@ -1,0 +1,95 @@
+"""One list of sources from the hot and the cold pass of `measure.detect`: neither shredded nor swallowed.
+
+The cold segments divide the frame. Off them, every hot source stands. On a segment:
+
+- The brightest hot source (PSF flux) is the segment's own peak. When it looks like a point source (spread)
+  and its PSF holds the light of the segment, it stands as it is. Else it is an extended source, with the
+  ellipse, half-light radius and windowed position of the cold pass.
+- Any other hot source stands only if it is a peak in its own right: its PSF flux above the *local* level
+  (PSF and a constant fitted together on the kernel's stamp) is `LOCAL_SNR` times its error and `LOCAL_SHARE` of the
+  own peak's. Noise peaks on a galaxy's disc are no more than noise above their surroundings.
+- Without a hot source, the cold source stands alone: low surface brightness.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from csstsim.measure.detect import Sources
+
+LOCAL_SNR = 5.0
+LOCAL_SHARE = 0.02
+POINT_SPREAD = 0.01, 2.5  # a star's spread: constant and times its error (as in measure.catalogue)
+EXCESS_SIGMA, EXCESS_SHARE = 3.0, 0.3  # light of a segment beyond its point sources that makes it extended
+
+
+@dataclass(frozen=True)
+class Detections(Sources):
+    """The combined sources, with `image`, `rms`, `segments` as in `detect.Passes`; `extended` bool: of the cold pass."""
+
+    extended: np.ndarray
+    image: np.ndarray
+    rms: np.ndarray
+    segments: np.ndarray
+
+
+def combine(passes, fit, kernel):
+    """Return the `Detections` of `passes` (detect.Passes).
+
+    `fit` (n, 8): photometry.fit_sources of `passes.hot`; `kernel`: the PSF, normalised or not, odd side.
+    """
+    hot, cold = passes.hot, passes.cold
+    flux, error, spread, spread_error = (np.nan_to_num(fit[:, k]) for k in (0, 1, 3, 4))
+    peak = _own_peaks(hot.segment, flux, len(cold.x))  # of each cold source; -1 without
+    local, local_error = local_flux(passes.image, passes.rms, hot.x, hot.y, kernel)
+    owner = np.where(hot.segment > 0, peak[np.maximum(hot.segment, 1) - 1] if len(peak) else -1, -1)
+    main = owner == np.arange(len(hot.x))
+    distinct = (local > LOCAL_SNR * local_error) & (local > LOCAL_SHARE * flux[owner])
+    stands = (hot.segment == 0) | main | distinct
+    # Light of the segment that its point sources do not explain.
+    inside = stands & (hot.segment > 0)
+    explained = np.bincount(hot.segment[inside], flux[inside], len(cold.x) + 1)[1:]
+    area = np.bincount(passes.segments.ravel(), minlength=len(cold.x) + 1)[1:]
+    noise = np.sqrt(np.maximum(cold.flux, 0.0) + area * float(np.median(passes.rms)) ** 2)
+    excess = cold.flux - explained > np.maximum(EXCESS_SIGMA * noise, EXCESS_SHARE * explained)
+    constant, times = POINT_SPREAD
+    blurred = spread > constant + times * spread_error
+    extended = (peak < 0) | excess | blurred[peak] if len(hot.x) else np.ones(len(cold.x), bool)
+    stands[peak[extended & (peak >= 0)]] = False
+    rows = np.flatnonzero(stands), np.flatnonzero(extended)
+    columns = {
+        f.name: np.concatenate([getattr(part, f.name)[row] for part, row in zip((hot, cold), rows, strict=True)])
+        for f in fields(Sources)
+    }
+    # The cold segment's number is its own also where the windowed position lies off the isophote.
+    columns["segment"][len(rows[0]) :] = rows[1] + 1
+    which = np.repeat([False, True], [len(row) for row in rows])
+    return Detections(**columns, extended=which, image=passes.image, rms=passes.rms, segments=passes.segments)
+
+
+def _own_peaks(segment, flux, count):
+    """Row of the brightest source on each of `count` segments, -1 for none; ties go to the later row."""
+    peak = np.full(count + 1, -1)
+    order = np.argsort(flux, kind="stable")
+    peak[segment[order]] = order  # the last assignment, the brightest, stays
+    return peak[1:]
+
+
+def local_flux(image, rms, x, y, kernel):
+    """Return (flux, error) of the kernel fitted with a constant on its stamp at the nearest pixels, electron.
+
+    The flux is that of the kernel's part of the light; pixels off the image count as zero.
+    """
+    half = kernel.shape[0] // 2
+    p = kernel - kernel.mean()
+    offset = np.arange(-half, half + 1)
+    row = np.rint(y).astype(int)[:, None, None] + offset[:, None]
+    column = np.rint(x).astype(int)[:, None, None] + offset
+    ny, nx = image.shape
+    inside = (row >= 0) & (row < ny) & (column >= 0) & (column < nx)
+    row, column = np.clip(row, 0, ny - 1), np.clip(column, 0, nx - 1)
+    data = np.where(inside, image[row, column], 0.0)
+    variance = rms[row, column] ** 2 + np.maximum(data, 0.0)
+    norm = np.sum(p**2)
+    total = kernel.sum() / norm
+    return (p * data).sum(axis=(1, 2)) * total, np.sqrt((p**2 * variance).sum(axis=(1, 2))) * total
