@@ -1,6 +1,6 @@
 """Time and memory of building the workflow's graph (snakemake --dry-run), printed as a table.
 
-    python benchmarks/graph_scale.py [campaign ...]        default: config/campaign.yaml config/c9_w1.yaml
+python benchmarks/graph_scale.py [campaign ...]        default: config/campaign.yaml config/c9_w1.yaml
 """
 
 import os
@@ -16,7 +16,17 @@ ROOT = Path(__file__).parents[1]
 
 def dry_run(campaign):
     """Return (jobs, wall s, CPU s, largest memory MB so far of any child) of one dry run."""
-    line = [sys.executable, "-m", "snakemake", "--dry-run", "--forceall", "--quiet", "rules", "--config", f"campaign={campaign}"]
+    line = [
+        sys.executable,
+        "-m",
+        "snakemake",
+        "--dry-run",
+        "--forceall",
+        "--quiet",
+        "rules",
+        "--config",
+        f"campaign={campaign}",
+    ]
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     done = subprocess.run(line, cwd=ROOT, env=os.environ | {"PATH": path}, capture_output=True, text=True, check=False)

@@ -11,14 +11,20 @@ from csstsim.stages import open_psf
 
 def measure(run, job):
     """Detect and measure the sources of a Level-0 file."""
+    from csstsim.io.keywords import RECIPE
     from csstsim.io.level0 import read_level0
     from csstsim.measure.calibrate import calibrate
     from csstsim.measure.catalogue import measure_frame
 
     path, detector = run.paths.level0(job.pointing, job.chip.id), run.camera.detector
     file = read_level0(path)
-    if file.window != job.window:
-        raise InputError("made for another window; remove it", file=path, value=file.window, allowed=job.window)
+    recipe = run.recipe(job)
+    for name, keyword in RECIPE.items():
+        if file.header0.get(keyword) != recipe[name]:
+            raise InputError(
+                "made by another campaign; remove it", file=path, key=keyword, value=file.header0.get(keyword),
+                allowed=recipe[name],
+            )  # fmt: skip
     calibrated = calibrate(
         file.frame(), file.readout, file.gain, adc_max=detector.adc_max, full_well=detector.full_well
     )
@@ -26,7 +32,7 @@ def measure(run, job):
         calibrated, open_psf(run, job), job.wcs, chip=job.chip, filter=run.camera.filters[job.chip.filter],
         telescope=run.camera.telescope, pointing=job.pointing, window=job.window,
     )  # fmt: skip
-    table.write(run.paths.measure(*job.key), table.meta | {"recipe": run.recipe(job)})
+    table.write(run.paths.measure(*job.key), table.meta | {"recipe": recipe})
     print(f"{len(table)} sources, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")
 
 
@@ -121,7 +127,8 @@ def _summary(run):
 def _exposure(pointing):
     return {
         "obsid": pointing.obsid, "type": pointing.type, "ra [deg]": f"{pointing.ra:.6f}",
-        "dec [deg]": f"{pointing.dec:.6f}", "pa [deg]": f"{pointing.pa:.4f}", "start [UTC]": pointing.time, "exposure [s]": pointing.exptime,
+        "dec [deg]": f"{pointing.dec:.6f}", "pa [deg]": f"{pointing.pa:.4f}",
+        "start [UTC]": pointing.time, "exposure [s]": pointing.exptime,
     }  # fmt: skip
 
 

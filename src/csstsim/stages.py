@@ -127,9 +127,10 @@ def _level0(run, job, state, timer):
     steps = run.steps[job.pointing.type]
     state = steps.run(state, "level0", run.config.seed)
     state.header.setdefault("stages", []).append(timer.entry())
-    provenance = run.recipe(job) | {
+    provenance = {
+        "recipe": run.recipe(job),
         "seed": run.config.seed,
-        "name": run.config.name,
+        "campaign_name": run.config.name,
         "layers": steps.describe(),
         "truth_hash": state.header.pop("truth_hash", "none"),
         "psf_hash": state.header.pop("psf_hash", "none"),

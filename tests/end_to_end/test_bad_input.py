@@ -129,3 +129,10 @@ def test_chip_number_on_the_command_line(tmp_path, chip):
 def test_unknown_exposure(tmp_path):
     line = refused("chip", write_campaign(tmp_path), "--obsid", "1", "--chip", 9)
     assert "obsid" in line and "'1'" in line
+
+
+def test_level0_file_of_another_campaign_is_not_measured(tmp_path):
+    path = write_campaign(tmp_path)
+    CliRunner().invoke(main, ["chip", str(path), "--obsid", "10100000001", "--chip", "9"])
+    other = write_campaign(tmp_path, seed=4)
+    assert "CAMPHASH" in refused("measure", other, "--obsid", "10100000001", "--chip", 9)

@@ -18,8 +18,9 @@ from csstsim.io.level0 import REQUIRED, read_level0, write_level0
 from csstsim.io.paths import level0_stem
 
 PROVENANCE = {
-    "campaign": "c0ffee", "camera": "cafe", "exposure": "beef", "truth_hash": "7", "psf_hash": "9", "seed": 11,
-    "name": "demo's", "layers": [{"scie_obs": {"exptime": None}}, {"gain": {"gain_16channel": True}}],
+    "recipe": {"campaign": "c0ffee", "camera": "cafe", "layers": "1ee7", "exposure": "beef"},
+    "truth_hash": "7", "psf_hash": "9", "seed": 11,
+    "campaign_name": "demo's", "layers": [{"scie_obs": {"exptime": None}}, {"gain": {"gain_16channel": True}}],
     "stages": [["render", 12.3456, 10.0], ["level0", 1.0, 0.5]],
 }  # fmt: skip
 # config/instrument/level0_keywords.yaml promises that two identical runs differ in no other value

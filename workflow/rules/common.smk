@@ -38,6 +38,19 @@ def truth_of(wildcards):
     ]
 
 
+def truth_key():
+    """What the embedded bricks are made for: a change remakes them."""
+    if not RUN.embedded:
+        return None
+    key = RUN.universe_key()
+    return [
+        key["seed"],
+        key["universe"].digest,
+        key["camera"].digest,
+        key["lensing"].model_dump(mode="json"),
+    ]
+
+
 def objects_of(wildcards):
     """The selected objects and the PSF, for exposures that see the sky."""
     if RUN.pointings[wildcards.obsid].type != "SCIE":

@@ -10,5 +10,7 @@ rule truth:
     resources:
         mem_mb=1500,
         runtime=10,
+    params:
+        key=truth_key(),
     shell:
         "csstsim truth $CAMPAIGN --brick {wildcards.pix} > {log} 2>&1"

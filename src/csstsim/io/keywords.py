@@ -17,6 +17,8 @@ from csstsim.units import EARTH_GM_KM3_S2, EARTH_RADIUS_KM
 
 STAGES = ("select", "render", "readout", "level0")
 _FROM_LAYERS = ("gain", "bias", "read_noise", "clipped_high", "clipped_low")  # absent if the layer is
+# What of a recipe (campaign.OpenCampaign.recipe) stands under which keyword; a reader checks them.
+RECIPE = {"campaign": "CAMPHASH", "camera": "CAMHASH", "layers": "LAYHASH", "exposure": "EXPHASH"}
 _KEYS = {"hdu", "block", "keyword", "constant", "from", "repeat", "comment"}
 
 
@@ -73,8 +75,8 @@ def _check(entry, values, where):
 def header_values(state, provenance, filename, layout):
     """Return {name: value} of everything a Level-0 header can state.
 
-    `provenance` holds campaign, camera, exposure, truth_hash, psf_hash (digests), seed, name, layers (list of
-    {keyword: parameters}) and stages (list of [stage, wall s, cpu s]); what is missing gives None.
+    `provenance` holds recipe ({name: digest}, see RECIPE), truth_hash, psf_hash, seed, campaign_name, layers (list
+    of {keyword: parameters}) and stages (list of [stage, wall s, cpu s]); what is missing gives None.
     """
     values = dict.fromkeys(_FROM_LAYERS) | state.header
     values |= _exposure(state.pointing) | _detector(state, layout) | _simulation(provenance)
@@ -141,10 +143,9 @@ def _detector(state, layout):
 
 def _simulation(provenance):
     values = {"version": csstsim.__version__, "commit": git_commit(), "software": f"csstsim {csstsim.__version__}"}
-    names = {"campaign_hash": "campaign", "camera_hash": "camera", "exposure_hash": "exposure", "campaign_name": "name"}
-    for name, key in names.items():
-        values[name] = provenance.get(key)
-    for name in ("seed", "truth_hash", "psf_hash"):
+    recipe = provenance.get("recipe", {})
+    values |= {f"{name}_hash": recipe.get(name) for name in RECIPE}
+    for name in ("campaign_name", "seed", "truth_hash", "psf_hash"):
         values[name] = provenance.get(name)
     for stage in STAGES:
         values |= {f"wall_{stage}": None, f"cpu_{stage}": None}

@@ -30,6 +30,7 @@ import scipy.fft
 from csstsim.errors import InputError
 from csstsim.optics.psf_file import PsfSet, pixel_response, write_psf
 from csstsim.optics.wavefront import load_wavefront, number
+from csstsim.progress import progress
 from csstsim.units import ARCSEC_PER_RAD
 
 __all__ = [
@@ -213,5 +214,5 @@ def make_psf(path, chip, filter, telescope, psf_params, grid, *, camera_digest, 
         "grid": grid,
         "camera_digest": camera_digest,
     }
-    images = (node_psf(optics, row, kernel) for row in coefficients)
+    images = (node_psf(optics, row, kernel) for row in progress(coefficients, "PSF nodes"))
     write_psf(path, nodes, filter.psf_wavelength, images, cells=cells, about=about, provenance=provenance or {})

@@ -19,7 +19,8 @@ import numpy as np
 
 from csstsim.catalog.flags import BAD_VALUE, FFT_REDUCED, NEGATIVE_CLIPPED, OFF_CHIP, OUTSIDE_PSF_HULL, STRONG_LENSING
 from csstsim.catalog.table import GALAXY
-from csstsim.optics.psf import pixel_response
+from csstsim.optics.psf_file import pixel_response
+from csstsim.progress import progress
 
 galsim.errors.raise_fft_size_error = True  # GalSim 2.8 only warns, then takes all memory
 
@@ -55,7 +56,7 @@ def draw_objects(image, window, objects, wcs, psf, exptime):
     drawn, ms, box = np.zeros(count), np.zeros(count, np.float32), np.zeros((4, count), np.int32)
     method = np.full(count, "none", dtype="U9")
     scene = galsim.ImageD(np.zeros(window.shape), xmin=window.x0, ymin=window.y0)
-    for i in range(count):
+    for i in progress(range(count), "drawing objects"):
         start = time.process_time()
         if drawable[i]:
             mixture = sum(
