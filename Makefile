@@ -15,7 +15,7 @@ test: .venv/ready
 	ruff format --check .
 	lint-imports
 	snakefmt --check Snakefile workflow
-	snakemake --lint --config campaign=config/campaign.yaml
+	python workflow/lint.py --config campaign=config/campaign.yaml
 	pytest
 
 format: .venv/ready

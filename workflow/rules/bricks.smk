@@ -8,8 +8,6 @@ rule measure:
         f"{OUT}/logs/measure/{{obsid}}_{{chip}}.log",
     benchmark:
         f"{OUT}/benchmarks/measure/{{obsid}}_{{chip}}.tsv"
-    conda:
-        "csstsim"
     resources:
         mem_mb=3000,
         runtime=20,
@@ -26,8 +24,6 @@ rule merge:
         f"{OUT}/logs/merge/{{dir}}_{{pix}}.log",
     benchmark:
         f"{OUT}/benchmarks/merge/{{dir}}_{{pix}}.tsv"
-    conda:
-        "csstsim"
     resources:
         mem_mb=4000,
         runtime=20,
@@ -47,8 +43,6 @@ rule validate:
         f"{OUT}/logs/validate/{{pix}}.log",
     benchmark:
         f"{OUT}/benchmarks/validate/{{pix}}.tsv"
-    conda:
-        "csstsim"
     resources:
         mem_mb=4000,
         runtime=20,

@@ -10,8 +10,6 @@ rule select:
         f"{OUT}/benchmarks/select/{{obsid}}_{{chip}}.tsv"
     group:
         "chip"
-    conda:
-        "csstsim"
     resources:
         mem_mb=2500,
         runtime=20,
@@ -33,8 +31,6 @@ rule render:
         f"{OUT}/benchmarks/render/{{obsid}}_{{chip}}.tsv"
     group:
         "chip"
-    conda:
-        "csstsim"
     resources:
         mem_mb=3000,
         runtime=600,
@@ -55,8 +51,6 @@ rule readout:
         f"{OUT}/benchmarks/readout/{{obsid}}_{{chip}}.tsv"
     group:
         "chip"
-    conda:
-        "csstsim"
     resources:
         mem_mb=2500,
         runtime=20,
@@ -79,8 +73,6 @@ rule level0:
         f"{OUT}/benchmarks/level0/{{name}}_{{obsid}}_{{chip}}.tsv"
     group:
         "chip"
-    conda:
-        "csstsim"
     resources:
         mem_mb=2500,
         runtime=10,

@@ -1,5 +1,4 @@
 # Opens the campaign (which checks every file of it) and answers the rules' questions. The only Python.
-# Rules name a conda environment `csstsim`: with --sdm conda it must exist and hold the package; otherwise it is ignored.
 import shlex
 
 from csstsim.campaign import OpenCampaign

@@ -5,8 +5,6 @@ rule psf:
         f"{OUT}/logs/psf/{{chip}}.log",
     benchmark:
         f"{OUT}/benchmarks/psf/{{chip}}.tsv"
-    conda:
-        "csstsim"
     resources:
         mem_mb=1500,
         runtime=60,

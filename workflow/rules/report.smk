@@ -8,8 +8,6 @@ rule report:
         f"{OUT}/logs/report.log",
     benchmark:
         f"{OUT}/benchmarks/report.tsv"
-    conda:
-        "csstsim"
     resources:
         mem_mb=2000,
         runtime=10,

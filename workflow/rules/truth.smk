@@ -5,8 +5,6 @@ rule truth:
         f"{OUT}/logs/truth/{{dir}}_{{pix}}.log",
     benchmark:
         f"{OUT}/benchmarks/truth/{{dir}}_{{pix}}.tsv"
-    conda:
-        "csstsim"
     resources:
         mem_mb=1500,
         runtime=10,
