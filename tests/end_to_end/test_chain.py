@@ -154,3 +154,32 @@ def test_a_catalogue_of_ones_own_is_what_was_drawn(tmp_path):
     run("chip", campaign.file, "--obsid", "10100000001", "--chip", 9)
     truth = read_truth(campaign.paths.level0_truth(campaign.pointings["10100000001"], 9))
     assert len(truth) == 9 and (truth["obj_type"] == 0).all()
+
+
+def test_a_window_keeps_the_geometry_of_the_full_chip(tmp_path):
+    """Same star, channels and sky position; a file of full size, 0 DN where nothing was read."""
+    window = {"x0": 50, "x1": 90, "y0": 40, "y1": 80}
+    files = []
+    for name, changes in (("full", {}), ("window", {"window": window})):
+        (tmp_path / name).mkdir()
+        path = write_scene(tmp_path / name, "Stars", [70.3, 20.0], [60.4, 20.0], mag=17.5, **changes)
+        run("chip", path, "--obsid", "10100000001", "--chip", 9)
+        campaign = OpenCampaign(path)
+        files.append(read_level0(campaign.paths.level0(campaign.pointings["10100000001"], 9), verify=True))
+        truth = read_truth(campaign.paths.level0_truth(campaign.pointings["10100000001"], 9))
+    full, part = files
+    assert full.readout.stored_shape("channels") == part.readout.stored_shape("channels")
+    assert [full.header[k] for k in ("CRPIX1", "CRPIX2", "CD1_1", "GAIN03")] == [
+        part.header[k] for k in ("CRPIX1", "CRPIX2", "CD1_1", "GAIN03")
+    ]
+    image = part.assembled(full=True)
+    inside = np.zeros(image.shape, bool)
+    inside[40:80, 50:90] = True
+    assert not image[~inside].any() and image[inside].all()
+    assert np.unravel_index(image.argmax(), image.shape) == (60, 70)
+    assert len(truth) == 2 and truth["x"][0] == pytest.approx(70.3, abs=1e-6)
+    assert truth["fraction"][1] < 0.01 < truth["fraction"][0]  # the far star's wings only
+    # within the window, both files hold the same scene: they differ by noise alone
+    a, b = (f.assembled(full=True)[40:80, 50:90].astype(float) for f in files)
+    noise = np.sqrt(2 * (a - np.median(a)).clip(0) / 1.1 + 2 * (a[:5, :5].var() + 1))
+    assert np.abs((a - b) / noise).max() < 6
