@@ -6,7 +6,7 @@ CPU and disk are estimates from the rates below, measured with benchmarks/stage_
 
 import numpy as np
 
-CPU_S_PER_OBJECT = 0.08  # reference renderer: an object of the demo, PSF mixture and one convolution
+CPU_S_PER_OBJECT = 0.13  # reference renderer: mean object of the demo
 CPU_S_PER_MPIX = 0.25  # noise, readout, Level-0 and measuring
 CPU_S_PER_JOB = 8.0  # start-up of the four stages and of measure
 CPU_S_PER_BRICK = 15.0  # truth

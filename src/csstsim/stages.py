@@ -165,8 +165,9 @@ def chip(run, job, say=print):
     timer = Timer("readout")
     state = run.steps[job.pointing.type].run(state, "readout", run.config.seed)
     header["stages"].append(timer.entry())
-    _level0(run, job, state, Timer("level0"))
-    for name, wall, cpu in header["stages"]:
+    timer = Timer("level0")
+    _level0(run, job, state, timer)
+    for name, wall, cpu in [*header["stages"][:-1], timer.entry()]:  # level0 now with its writing
         say(f"{name}: {wall:.1f} s, {cpu:.1f} CPU-s")
     say(f"{run.paths.level0(job.pointing, job.chip.id)} and its truth table")
 

@@ -132,3 +132,30 @@ def test_the_file_links_sources_to_detections(tmp_path):
     for row, line in enumerate(read.to_pylist()):
         keys = list(zip(line["detection_obsid"], line["detection_chip"], line["detection_number"], strict=True))
         assert len(keys) == line["n_detections"] and {by_key[key] for key in keys} == {row}
+
+
+def test_noise_peaks_are_left_out_and_counted(tmp_path):
+    """By hand: what each rule keeps. S/N of the frames -> kept."""
+    cases = [((4.0,), False), ((5.1,), True), ((4.0, 4.0), False), ((4.6, 4.6), True), ((3.9, 3.9, 3.9), True)]
+    pix = int(healpix.brick_of(150.0, 2.0))
+    frames = []
+    for visit in range(3):
+        rows = [(150.0 + 3 * k * ARCSEC, snr[visit]) for k, (snr, _) in enumerate(cases) if len(snr) > visit]
+        ra, snr = map(np.array, zip(*rows, strict=True))
+        frame = table(ra, np.full(len(ra), 2.0), obsid=str(visit + 1), snr=snr, flux=50.0 * snr)
+        frames.append(frame.with_columns(flags=np.zeros(len(ra), np.int32)))
+    sources, found = merge_brick(pix, frames)
+    kept = np.rint((np.sort(sources["ra"]) - 150.0) / ARCSEC / 3).astype(int).tolist()
+    assert kept == [k for k, (_, keep) in enumerate(cases) if keep] and sources.meta["left_out"] == 2
+    assert len(found) == 1 + 2 + 3
+    write_merged(tmp_path / "a.parquet", sources, found, {"brick": pix})
+    assert ObjectTable.read(tmp_path / "a.parquet").meta["left_out"] == 2
+
+
+def test_a_kron_flux_alone_is_no_source_unless_the_psf_sees_it():
+    pix = int(healpix.brick_of(150.0, 2.0))
+    dim = table([150.0], [2.0], snr=1.0, flux=3000.0)  # Kron S/N 47: a neighbour's light
+    seen = table([150.0], [2.0], snr=3.0, flux=3000.0)
+    assert len(merge_brick(pix, [dim])[0]) == 0 and len(merge_brick(pix, [seen])[0]) == 1
+    uncentred = seen.with_columns(flags=np.array([32], np.int32))
+    assert len(merge_brick(pix, [uncentred])[0]) == 0

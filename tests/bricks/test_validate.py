@@ -208,3 +208,24 @@ def test_sky_map_at_a_pole_and_across_ra_zero():
 def test_frame_reads_its_band_from_the_measured_table():
     frame = make_frame("nuv", 8)
     assert frame.info is frame.measured.meta and frame.band == "nuv"
+
+
+def test_purity_counts_sources_without_a_true_object():
+    frame = make_frame("g", 9)
+    empty = run([frame])[0]
+    assert empty["purity"] == 1.0 and empty["left_out"] >= 0
+    lost = Frame(frame.truth.take(slice(0, None, 2)), frame.measured)  # half of the true objects never existed
+    assert run([lost])[0]["purity"] == pytest.approx(0.5, abs=0.02)
+    assert run([Frame(frame.truth, frame.measured.take(slice(0, 0)))])[0]["purity"] is None
+
+
+def test_wide_galaxies_match_further_off_and_their_noise_is_that_of_their_area():
+    frame = make_frame("g", 10)
+    size = np.where(frame.truth["obj_type"] == 1, 0.5, 0.0)  # arcsec: match radius 0.25, noise 6.8 times a star's
+    wide = frame.truth.with_columns(size_disk=size, size_bulge=size, bulge_frac=np.zeros(len(size)))
+    away = frame.measured.with_columns(dec=frame.measured["dec"] + 0.225 / 3600.0)  # scatter 0.02
+    pairs = (frame.truth, frame.measured), (frame.truth, away), (wide, away)
+    near, lost, moved = (run([Frame(truth, measured)])[0] for truth, measured in pairs)
+    count = [result["bands"]["g"]["galaxy"]["n"] for result in (near, lost, moved)]
+    assert 0 < count[2] < 0.3 * count[0] and count[1] < 0.2 * count[0]
+    assert 0.5 < moved["purity"] < 0.67 and lost["purity"] < 0.2  # 2 of 3 are galaxies

@@ -38,8 +38,9 @@ def brick_figure(result, arrays, *, threshold=None, snr_min=None):
         axes = figure.add_subplot(grid[1 + number // 4, number % 4])
         _residuals(axes, band, arrays["residual"].get(band), result["bands"].get(band))
     _legend(figure.add_subplot(grid[2, 3]))
+    purity = "" if result["purity"] is None else f" ({100.0 * result['purity']:.0f} % with a true object)"
     figure.suptitle(
-        f"Brick {result['brick']} (NSIDE 256, nested): {result['sources']} merged sources, "
+        f"Brick {result['brick']} (NSIDE 256, nested): {result['sources']} merged sources{purity}, "
         f"{result['truth']} true objects, {result['frames']} frames"
     )
     return _png(figure)
@@ -104,31 +105,31 @@ def _completeness(axes, curves, threshold, snr_min):
 
 
 def _colours(axes, colour):
+    """True and measured colours of the same sources, joined by a line."""
     (x0, y0), (x1, y1) = colour["input"], colour["output"]
     shown = slice(None, None, max(1, len(x1) // MAX_POINTS + 1))
-    axes.plot(x1[shown], y1[shown], ".", color=BLACK, ms=2.5, alpha=0.5, label=f"measured ({len(x1)})", zorder=1)
-    x_range, y_range = (-1.5, 4.0), (-1.0, 2.5)
-    if len(x0) >= 50:
-        _contours(axes, x0, y0, x_range, y_range)
-        axes.plot([], [], color=VERMILION, label=f"true ({len(x0)})")
-    elif len(x0):
-        axes.plot(x0, y0, "o", mfc="none", color=VERMILION, ms=5, label=f"true ({len(x0)})", zorder=2)
-    axes.set(xlim=x_range, ylim=y_range, xlabel="u - g [AB mag]", ylabel="g - r [AB mag]")
-    axes.set_title("Colours of stars and galaxies at S/N > 10 in u, g, r", fontsize=10)
-    _legend_or_note(axes, len(x0) + len(x1), "no source with S/N > 10 in u, g and r", loc="upper left")
-
-
-def _contours(axes, x, y, x_range, y_range):
-    from scipy.ndimage import gaussian_filter
-
-    bins = int(np.clip(np.sqrt(len(x)) * 1.5, 15, 60))
-    count, x_edges, y_edges = np.histogram2d(x, y, bins, (x_range, y_range))
-    count = gaussian_filter(count, 1.0)
-    ranked = np.sort(count.ravel())[::-1]
-    enclosed = np.cumsum(ranked) / max(ranked.sum(), 1e-9)
-    levels = np.unique([ranked[np.searchsorted(enclosed, share)] for share in (0.9, 0.7, 0.5, 0.3, 0.1)])
-    middles = (0.5 * (edges[1:] + edges[:-1]) for edges in (x_edges, y_edges))
-    axes.contour(*middles, count.T, levels=levels[levels > 0], colors=VERMILION, linewidths=1.1, zorder=2)
+    x0, y0, x1, y1, galaxy = x0[shown], y0[shown], x1[shown], y1[shown], colour["galaxy"][shown]
+    if len(x0) <= 500:  # more only blacken it
+        axes.plot([x0, x1], [y0, y1], color="#999999", lw=0.7, zorder=1)
+    for kind, is_kind, tint, marker in (("star or quasar", ~galaxy, BLUE, "o"), ("galaxy", galaxy, ORANGE, "s")):
+        if is_kind.any():
+            label = f"{kind} ({colour['galaxy'].sum() if kind == 'galaxy' else (~colour['galaxy']).sum()})"
+            axes.plot(x1[is_kind], y1[is_kind], marker, ls="", color=tint, ms=4, label=f"{label}, measured", zorder=2)
+            axes.plot(
+                x0[is_kind],
+                y0[is_kind],
+                marker,
+                ls="",
+                mfc="none",
+                mec=BLACK,
+                mew=0.7,
+                ms=5.5,
+                label=f"{kind}, true",
+                zorder=3,
+            )
+    axes.set(xlim=(-1.5, 4.0), ylim=(-1.0, 2.5), xlabel="u - g [AB mag]", ylabel="g - r [AB mag]")
+    axes.set_title("Colours of the same sources, true and measured, at S/N > 10 in u, g, r", fontsize=10)
+    _legend_or_note(axes, len(x1), "no source with S/N > 10 in u, g and r", loc="upper left")
 
 
 def _residuals(axes, band, arrays, numbers):

@@ -11,19 +11,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from csstsim.bricks.healpix import brick_of, to_vectors
+from csstsim.bricks import compare
+from csstsim.bricks.healpix import brick_of
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, STRONG_LENSING
 from csstsim.catalog.table import BANDS, GALAXY, ObjectTable
 
 SNR_EDGES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 15, 20, 50, 100, 500)
-SNR_MAX = 500.0  # brighter sources come near saturation
-SNR_BRIGHT = 20.0  # magnitude and position residuals are judged above this
-SNR_COLOUR = 10.0
 EDGE = 12  # px; sources nearer to the frame's edge are not judged
 MATCH_PX = 2.5  # truth and detection in one frame
-MATCH_ARCSEC = 0.2  # truth and merged source
+IN_FRAME = 0.9  # of an object's light in the window; less is not judged
 FEW = 20
-SATURATED = 4  # of the measured flags (measure.catalogue)
 
 
 @dataclass(frozen=True)
@@ -52,23 +49,24 @@ def validate_brick(pix, sources, frames, config):
     """
     trials = {band: [] for band in BANDS}
     infos = {band: [] for band in BANDS}
-    kept = []
+    kept, everything = [], []
     for frame in frames:
+        everything.append(frame.truth)
         infos[frame.band].append(frame.info)
         truth = _usable(pix, frame)
         if len(truth):
             trials[frame.band].append(_trial(truth, frame))
             kept.append(truth)
     truth = _unique(kept)
-    match = _match(truth, sources)
+    match = compare.match(truth, sources)
     bands, curves, residuals, gates = {}, {}, {}, []
     for band in BANDS:
         if not infos[band]:
             continue
         snr, found = np.concatenate(trials[band], axis=1) if trials[band] else np.zeros((2, 0))
         curves[band] = completeness(snr, found > 0, SNR_EDGES)
-        residuals[band], numbers = _magnitudes(band, truth, sources, match)
-        judged = (snr > config.snr_min) & (snr < SNR_MAX)
+        residuals[band], numbers = compare.magnitudes(band, truth, sources, match, infos[band])
+        judged = (snr > config.snr_min) & (snr < compare.SNR_MAX)
         fraction = float(found[judged].mean()) if judged.any() else None
         depth = [info["depth_5sigma"] for info in infos[band]]
         zeropoint = [info["zeropoint"] - 2.5 * np.log10(info["exptime"]) for info in infos[band]]
@@ -84,10 +82,12 @@ def validate_brick(pix, sources, frames, config):
             _gate("magnitude bias of stars", band, star["median"], config.mag_bias_max, star["n"]),
         ]
     result = {
-        "brick": int(pix), "sources": len(sources), "truth": len(truth), "frames": sum(map(len, infos.values())),
-        "bands": bands, "astrometry_mas": _astrometry(truth, sources, match, bands), "gates": gates,
+        "brick": int(pix), "sources": len(sources), "purity": compare.purity(sources, everything),
+        "left_out": getattr(sources, "meta", {}).get("left_out"), "truth": len(truth),
+        "frames": sum(map(len, infos.values())),
+        "bands": bands, "astrometry_mas": compare.astrometry(truth, sources, match, bands), "gates": gates,
     }  # fmt: skip
-    colour = _colours(truth, sources, bands)
+    colour = compare.colours(truth, sources, match)
     return result, {"completeness": curves, "residual": residuals, "colour": colour}
 
 
@@ -102,9 +102,13 @@ def _usable(pix, frame):
     truth = truth.take((truth["flags"] & (OFF_CHIP | STRONG_LENSING | BAD_VALUE)) == 0)
     if len(truth) == 0:
         return truth
-    truth = truth.with_columns(blended=blended(truth["x"], truth["y"], truth["electrons"]))
+    near = blended(truth["x"], truth["y"], truth["electrons"])
+    truth = truth.with_columns(blended=near, half_light=compare.half_light(truth))
     inside = (truth["x"] > x0 + EDGE) & (truth["x"] < x1 - EDGE) & (truth["y"] > y0 + EDGE) & (truth["y"] < y1 - EDGE)
-    truth = truth.take(inside & (truth["electrons"] > 0))
+    inside = inside & (truth["electrons"] > 0)
+    if "fraction" in truth:
+        inside = inside & (truth["fraction"] > IN_FRAME)
+    truth = truth.take(inside)
     return truth.take(brick_of(truth["ra_orig"], truth["dec_orig"]) == pix) if len(truth) else truth
 
 
@@ -141,81 +145,13 @@ def _trial(truth, frame):
 
 def _unique(tables):
     """One row per object of the truth of several frames, by id; blended anywhere is blended."""
-    names = ("id", "obj_type", "ra_orig", "dec_orig", "blended", *(f"mag_{band}" for band in BANDS))
+    names = ("id", "obj_type", "ra_orig", "dec_orig", "blended", "half_light", *(f"mag_{band}" for band in BANDS))
     if not tables:
         return ObjectTable({name: np.zeros(0, bool if name == "blended" else float) for name in names})
     columns = {name: np.concatenate([table[name] for table in tables]) for name in names}
     _, first, which = np.unique(columns["id"], return_index=True, return_inverse=True)
     anywhere = np.bincount(which, columns["blended"]) > 0
     return ObjectTable({name: values[first] for name, values in columns.items()}).with_columns(blended=anywhere)
-
-
-def _match(truth, sources):
-    """Row of the nearest merged source of each true object, -1 without one within MATCH_ARCSEC."""
-    from scipy.spatial import cKDTree
-
-    if len(truth) == 0 or len(sources) == 0:
-        return np.full(len(truth), -1)
-    tree = cKDTree(to_vectors(sources["ra"], sources["dec"]))
-    reach = np.radians(MATCH_ARCSEC / 3600.0)
-    distance, row = tree.query(to_vectors(truth["ra_orig"], truth["dec_orig"]), distance_upper_bound=reach)
-    return np.where(np.isfinite(distance), row, -1)
-
-
-def _magnitudes(band, truth, sources, match):
-    arrays, numbers = {}, {}
-    galaxy = truth["obj_type"] == GALAXY
-    for name, is_kind, prefix in (("star", ~galaxy, ""), ("galaxy", galaxy, "kron_")):
-        rows = np.flatnonzero(is_kind & ~truth["blended"].astype(bool) & (match >= 0))
-        source = match[rows]
-        given, got = truth[f"mag_{band}"][rows].astype(float), sources[f"{prefix}mag_{band}"][source]
-        # S/N from the true magnitude, so that the selection does not follow the noise of the measured one.
-        snr = 10.0 ** (-0.4 * (given - 23.9)) / sources[f"flux_err_{band}"][source]
-        good = np.isfinite(given) & np.isfinite(got) & ((sources["flags"][source] & SATURATED) == 0)
-        bright = good & (snr > SNR_BRIGHT) & (snr < SNR_MAX)
-        arrays[name] = given[good], (got - given)[good]
-        numbers[name] = _spread((got - given)[bright])
-    return arrays, numbers
-
-
-def _astrometry(truth, sources, match, bands):
-    """Residuals of the merged positions of bright isolated point sources, measured minus true, mas."""
-    rows = np.flatnonzero((truth["obj_type"] != GALAXY) & ~truth["blended"].astype(bool) & (match >= 0))
-    source = match[rows]
-    snr = [np.nan_to_num(sources[f"flux_{b}"][source] / sources[f"flux_err_{b}"][source]) for b in bands]
-    good = (np.max(snr, axis=0, initial=0.0) > SNR_BRIGHT) & ((sources["flags"][source] & SATURATED) == 0)
-    rows, source = rows[good], source[good]
-    east = (sources["ra"][source] - truth["ra_orig"][rows] + 180.0) % 360.0 - 180.0
-    east = east * np.cos(np.radians(truth["dec_orig"][rows])) * 3.6e6
-    north = (sources["dec"][source] - truth["dec_orig"][rows]) * 3.6e6
-    return {"east": _spread(east), "north": _spread(north)}
-
-
-def _colours(truth, sources, bands):
-    """(u-g, g-r) of the truth brighter than the depth, and of the merged sources at S/N > SNR_COLOUR."""
-    none = np.zeros((2, 0))
-    if not {"u", "g", "r"} <= set(bands):
-        return {"input": none, "output": none}
-    u, g, r = (truth[f"mag_{band}"].astype(float) for band in "ugr")
-    limit = {band: bands[band]["depth_5sigma"] - 2.5 * np.log10(SNR_COLOUR / 5.0) for band in "ugr"}
-    seen = (u < limit["u"]) & (g < limit["g"]) & (r < limit["r"])
-    good = (sources["flags"] & SATURATED) == 0
-    mags = []
-    for band in "ugr":
-        good &= np.nan_to_num(sources[f"flux_{band}"] / sources[f"flux_err_{band}"]) > SNR_COLOUR
-        mags.append(np.where(sources["star"] > 0.5, sources[f"mag_{band}"], sources[f"kron_mag_{band}"]))
-    out = np.stack([mags[0] - mags[1], mags[1] - mags[2]])[:, good]
-    return {"input": np.stack([u - g, g - r])[:, seen], "output": out[:, np.isfinite(out).all(axis=0)]}
-
-
-def _spread(values):
-    """Median, its standard error, robust sigma and count, JSON-like; None without values."""
-    n = len(values)
-    if n == 0:
-        return {"median": None, "error": None, "sigma": None, "n": 0}
-    median = float(np.median(values))
-    sigma = float(1.4826 * np.median(np.abs(values - median)))
-    return {"median": median, "error": float(1.2533 * sigma / np.sqrt(n)), "sigma": sigma, "n": n}
 
 
 def _gate(name, band, value, threshold, n, *, at_least=False):

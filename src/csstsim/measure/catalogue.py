@@ -80,8 +80,9 @@ def measure_frame(calibrated, psf, wcs, *, chip, filter, telescope, pointing, wi
 
 
 def _fit(frame, sources, saturated, model, window):
+    cell = model.cell(sources.x + window.x0, sources.y + window.y0)
     return fit_sources(
-        frame.image, frame.rms, saturated, sources.x, sources.y, model.cell(sources.x + window.x0, sources.y + window.y0),
+        frame.image, frame.rms, saturated, sources.x, sources.y, cell,
         model.coefficients, model.blurred, sources.half_light,
     )  # fmt: skip
 

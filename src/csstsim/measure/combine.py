@@ -2,9 +2,9 @@
 
 The cold segments divide the frame. Off them, every hot source stands. On a segment:
 
-- The brightest hot source (PSF flux) is the segment's own peak. When it looks like a point source (spread)
-  and its PSF holds the light of the segment, it stands as it is. Else it is an extended source, with the
-  ellipse, half-light radius and windowed position of the cold pass.
+- The hot source nearest to the cold one's windowed position is the segment's own peak. When it looks like a
+  point source (spread) and its PSF holds the light of the segment, it stands as it is. Else it is an extended
+  source, with the ellipse, half-light radius and windowed position of the cold pass.
 - Any other hot source stands only if it is a peak in its own right: its PSF flux above the *local* level
   (PSF and a constant fitted together on the kernel's stamp) is `LOCAL_SNR` times its error and `LOCAL_SHARE` of the
   own peak's. Noise peaks on a galaxy's disc are no more than noise above their surroundings.
@@ -25,7 +25,7 @@ EXCESS_SIGMA, EXCESS_SHARE = 3.0, 0.3  # light of a segment beyond its point sou
 
 @dataclass(frozen=True)
 class Detections(Sources):
-    """The combined sources, with `image`, `rms`, `segments` as in `detect.Passes`; `extended` bool: of the cold pass."""
+    """The combined sources, with `image`, `rms`, `segments` of `detect.Passes`; `extended`: of the cold pass."""
 
     extended: np.ndarray
     image: np.ndarray
@@ -39,8 +39,8 @@ def combine(passes, fit, kernel):
     `fit` (n, 8): photometry.fit_sources of `passes.hot`; `kernel`: the PSF, normalised or not, odd side.
     """
     hot, cold = passes.hot, passes.cold
-    flux, error, spread, spread_error = (np.nan_to_num(fit[:, k]) for k in (0, 1, 3, 4))
-    peak = _own_peaks(hot.segment, flux, len(cold.x))  # of each cold source; -1 without
+    flux, spread, spread_error = (np.nan_to_num(fit[:, k]) for k in (0, 3, 4))
+    peak = _own_peaks(hot, cold)  # of each cold source; -1 without
     local, local_error = local_flux(passes.image, passes.rms, hot.x, hot.y, kernel)
     owner = np.where(hot.segment > 0, peak[np.maximum(hot.segment, 1) - 1] if len(peak) else -1, -1)
     main = owner == np.arange(len(hot.x))
@@ -67,11 +67,14 @@ def combine(passes, fit, kernel):
     return Detections(**columns, extended=which, image=passes.image, rms=passes.rms, segments=passes.segments)
 
 
-def _own_peaks(segment, flux, count):
-    """Row of the brightest source on each of `count` segments, -1 for none; ties go to the later row."""
+def _own_peaks(hot, cold):
+    """Row of the hot source nearest to each cold one on its segment, -1 for none; ties go to the later row."""
+    count = len(cold.x)
     peak = np.full(count + 1, -1)
-    order = np.argsort(flux, kind="stable")
-    peak[segment[order]] = order  # the last assignment, the brightest, stays
+    if count:
+        owner = np.maximum(hot.segment, 1) - 1
+        order = np.argsort(-np.hypot(hot.x - cold.x[owner], hot.y - cold.y[owner]), kind="stable")
+        peak[hot.segment[order]] = order  # the last assignment, the nearest, stays
     return peak[1:]
 
 

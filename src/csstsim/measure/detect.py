@@ -10,8 +10,8 @@ with a least area, and coarse deblending: a galaxy stays one source and its elli
 Hot: the detection kernel is the PSF itself, so the threshold is on the S/N a point source would have in
 optimal photometry. On fabricated frames, 3.75 finds 98 % of the point sources of S/N 5 to 6 and 99.9 % of all
 above 5, at the price of 85 false detections a megapixel of pure noise, of S/N below 5 (3.5: 99 % and 205;
-4: 94 % and 37); `bricks.merge` keeps those out. sep's cleaning step is off: with a threshold on single
-pixels it takes most sources of S/N 5 to 10 for wings of their neighbours.
+4: 94 % and 37); `bricks.merge` keeps those out. sep's cleaning step is off in both: with a threshold on single
+pixels it takes most sources of S/N 5 to 10 for wings of their neighbours, and many faint galaxies.
 
 The background is taken twice: with a fine mesh to find the sources, then with a coarse one with the cold
 sources masked, because a mesh of a few arcseconds takes the outskirts of galaxies for sky. Left out:
@@ -22,14 +22,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from csstsim.measure.background import BIN, MASK_MAX, binned, crude_background, full_size, masked_background
+
 THRESHOLD = 3.75  # of the matched-filter S/N
-BIN = 2  # px, of the cold pass
-FIRST_BOX, SECOND_BOX = 64, 256  # px; 4.7 arcsec to find sources, 19 arcsec with the sources masked
-GROWTH = 4  # binned px by which the cold sources' isophotes are grown to mask them
+GROWTH = 3  # binned px by which the cold sources' isophotes are grown to mask them
 DEBLEND_LEVELS = 32
 HOT_CONTRAST = 0.005
-COLD_THRESHOLD, COLD_AREA, COLD_CONTRAST = 3.0, 6, 0.03  # S/N of a smoothed binned pixel; binned px
+COLD_THRESHOLD, COLD_AREA, COLD_CONTRAST = 2.5, 8, 0.02  # S/N of a smoothed binned pixel; binned px
 COLD_FWHM = 3.0  # binned px
+HOT_WINDOW = 2.5  # px, largest half-light radius of a hot source's window: a galaxy's light would draw it away
 FWHM_TO_SIGMA = 2.354820045  # 2 sqrt(2 ln 2)
 
 
@@ -80,60 +81,50 @@ def detect(electrons, kernel, *, saturated=None, threshold=THRESHOLD):
     sep.set_extract_pixstack(max(1_000_000, electrons.size // 8))
     sep.set_sub_object_limit(8192)
     rms = _subtract_background(electrons, saturated)
-    found, segments = _cold_pass(_binned(electrons), BIN * _decimated(rms))
-    segments = _full_size(segments, electrons.shape)
-    cold = _sources(electrons, found, segments, BIN)
+    found, segments = _cold_pass(binned(electrons), binned(rms) / np.float32(BIN))
+    segments = full_size(segments, electrons.shape)
+    cold = _sources(electrons, found, segments, BIN, np.inf)
     found = sep.extract(
         electrons, threshold, err=rms, minarea=1, filter_kernel=np.ascontiguousarray(kernel, np.float32),
         filter_type="matched", deblend_nthresh=DEBLEND_LEVELS, deblend_cont=HOT_CONTRAST, clean=False,
     )  # fmt: skip
-    return Passes(electrons, rms, segments, cold, _sources(electrons, found, segments, 1))
+    return Passes(electrons, rms, segments, cold, _sources(electrons, found, segments, 1, HOT_WINDOW))
 
 
 def _subtract_background(electrons, saturated):
     """Take the background off in place, masking sources; return its noise map, electron (ny, nx)."""
-    import sep
     from scipy.ndimage import binary_dilation
 
-    binned = _binned(electrons)
-    background = sep.Background(binned, bw=_box(FIRST_BOX // BIN, binned), bh=_box(FIRST_BOX // BIN, binned))
-    noise = _floored(background.rms(dtype=np.float32))
-    binned -= background.back(dtype=np.float32)
-    _, segments = _cold_pass(binned, noise)
-    mask = _full_size(binary_dilation(segments > 0, iterations=GROWTH), electrons.shape)
+    small = binned(electrons)
+    level, noise = crude_background(small)
+    _, segments = _cold_pass(small - level, noise)
+    mask = full_size(binary_dilation(segments > 0, iterations=GROWTH), electrons.shape)
     if saturated is not None:
         mask |= saturated
-    if mask.mean() > 0.8:  # so crowded that nothing is left: the clipped mode of all pixels is the better guess
-        mask = saturated
-    box = _box(SECOND_BOX, electrons)
-    background = sep.Background(electrons, mask=mask, bw=box, bh=box)
-    rms = _floored(background.rms(dtype=np.float32))
-    electrons -= _unskewed(background.back(dtype=np.float32), rms)
-    return rms
+    fine = masked_background(electrons, mask) if mask.mean() <= MASK_MAX else None
+    if fine is None:
+        fine = (
+            full_size(level, electrons.shape) / np.float32(BIN**2),
+            full_size(noise, electrons.shape) / np.float32(BIN),
+        )
+    electrons -= fine[0]
+    return fine[1]
 
 
-def _box(size, image):
-    return min(size, *image.shape)
-
-
-def _floored(rms):
-    return np.maximum(rms, np.float32(1e-3), out=rms)  # a noise-free image has rms 0: a floor keeps S/N finite
-
-
-def _cold_pass(binned, noise):
+def _cold_pass(image, noise):
     """Return (sep's table, segmentation map) of the cold pass on a binned image."""
     import sep
 
     r2 = np.arange(-4, 5) ** 2
     kernel = np.exp(-0.5 * (r2[:, None] + r2) / (COLD_FWHM / FWHM_TO_SIGMA) ** 2).astype(np.float32)
     return sep.extract(
-        binned, COLD_THRESHOLD, err=noise, minarea=COLD_AREA, filter_kernel=kernel, filter_type="matched",
-        deblend_nthresh=DEBLEND_LEVELS, deblend_cont=COLD_CONTRAST, clean=True, clean_param=1.0, segmentation_map=True,
+        image, COLD_THRESHOLD, err=noise, minarea=COLD_AREA, filter_kernel=kernel, filter_type="matched",
+        deblend_nthresh=DEBLEND_LEVELS, deblend_cont=COLD_CONTRAST, clean=False, segmentation_map=True,
     )  # fmt: skip
 
 
-def _sources(image, found, segments, scale):
-    """Return the `Sources` of sep's table `found`, made on pixels of `scale` px."""
+def _sources(image, found, segments, scale, window):
+    """Return the `Sources` of sep's table `found`, made on pixels of `scale` px; `window`: its largest radius, px."""
     import sep
 
     x, y = (scale * found[key] + 0.5 * (scale - 1) for key in "xy")
@@ -141,40 +132,10 @@ def _sources(image, found, segments, scale):
     a, b = (np.maximum(scale * np.nan_to_num(found[key]), 12**-0.5) for key in "ab")
     half_light, _ = sep.flux_radius(image, x, y, 6.0 * a, 0.5, subpix=5)
     half_light = np.where(np.isfinite(half_light) & (half_light > 0.5), half_light, 0.5)
-    wx, wy, flag = sep.winpos(image, x, y, 2.0 * half_light / FWHM_TO_SIGMA)
+    wx, wy, flag = sep.winpos(image, x, y, 2.0 * np.minimum(half_light, window) / FWHM_TO_SIGMA)
     # The window may slide to a brighter neighbour or to nowhere: a source is not further off than its own size.
     failed = ~(np.hypot(wx - x, wy - y) < 1.0 + 2.0 * a / scale) | ((flag & sep.APER_NONPOSITIVE) != 0)
     x, y = np.where(failed, x, wx), np.where(failed, y, wy)
     row, column = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in zip((y, x), image.shape, strict=True))
     theta, flag = np.nan_to_num(found["theta"]), found["flag"]
     return Sources(x, y, a, b, theta, half_light, flag, failed, segments[row, column], found["flux"].astype(float))
-
-
-def _binned(image):
-    """Sums of BIN x BIN pixels; a last odd row or column is left out."""
-    ny, nx = (n // BIN * BIN for n in image.shape)
-    return image[:ny, :nx].reshape(ny // BIN, BIN, nx // BIN, BIN).sum(axis=(1, 3), dtype=np.float32)
-
-
-def _decimated(image):
-    ny, nx = (n // BIN * BIN for n in image.shape)
-    return np.ascontiguousarray(image[:ny:BIN, :nx:BIN])
-
-
-def _full_size(binned, shape):
-    """Repeat a binned map to the frame's shape; a last odd row or column gets zero."""
-    full = np.zeros(shape, binned.dtype)
-    ny, nx = (BIN * n for n in binned.shape)
-    full[:ny, :nx] = np.repeat(np.repeat(binned, BIN, axis=0), BIN, axis=1)
-    return full
-
-
-def _unskewed(level, rms):
-    """Return the mean of Poisson + Gaussian noise whose mode estimate is `level`, electron; changes `level`.
-
-    Source Extractor takes 2.5 median - 1.5 mean as the background. For slightly skewed noise the median is
-    below the mean by k3 / (6 rms^2), and the third cumulant k3 of sky and dark electrons is their mean; so
-    the estimate is low by 5 / 12 of mean / rms^2: 0.2-0.4 electron, 1 % of the flux of a source at S/N 10.
-    """
-    level += np.float32(5.0 / 12.0) * np.maximum(level, np.float32(0.0)) / rms**2
-    return level

@@ -4,13 +4,14 @@ PSF photometry (paper, section 6: stars) is the linear least-squares amplitude o
 at the windowed position, with weights uniform over the stamp: F = sum(p d) / sum(p^2), where p is the
 fraction of ALL the light in each pixel, so F is the total flux though the stamp is finite. Its variance
 is sum(p^2 (rms^2 + F p)) / sum(p^2)^2. Kron photometry (Kron 1980; galaxies) is Source Extractor's
-automatic aperture (2.5 Kron radii, at least 3.5 px). The same stamp gives the reduced chi2 of the PSF fit, moments
-weighted with a Gaussian of the source's own size, and the spread (as SPREAD_MODEL, Desai et al. 2012):
+automatic aperture (2.5 Kron radii, at least 3.5 px), without the isophotes of other sources. The same stamp
+gives the reduced chi2 of the PSF fit, moments weighted with a Gaussian of the source's own size, and the spread
+(as SPREAD_MODEL, Desai et al. 2012):
 
     spread = (g.d) / (p.d) - (g.p) / (p.p),   g = PSF blurred by a Gaussian of sigma `BLUR`
 
 0 for a point source, positive for an extended one, negative for a cosmic-ray hit.
-Left out: simultaneous fits of neighbours, masking of neighbours in the Kron aperture, PSF correction of shapes.
+Left out: simultaneous fits of neighbours, PSF correction of shapes.
 """
 
 import math
@@ -187,10 +188,15 @@ def kron_flux(found):
 
     image, x, y, a, b = found.image, found.x, found.y, found.a, found.b
     theta = np.clip(found.theta, -np.pi / 2, np.pi / 2)
-    radius, flag = sep.kron_radius(image, x, y, a, b, theta, 6.0)
+    # Pixels on the isophote of another source count as the mean of the aperture's others.
+    mine = np.where(found.segment > 0, found.segment, np.iinfo(np.int32).max).astype(np.int32)
+    others = {"segmap": found.segments, "seg_id": mine}
+    radius, flag = sep.kron_radius(image, x, y, a, b, theta, 6.0, **others)
     failed = ((flag & sep.APER_NONPOSITIVE) != 0) | ~np.isfinite(radius) | (radius <= 0)
     scale = np.where(failed, 0.0, np.minimum(KRON_FACTOR * np.nan_to_num(radius), KRON_FACTOR * 6.0))
     small = scale * np.sqrt(a * b) < KRON_MIN_RADIUS
     axis_a, axis_b = np.where(small, KRON_MIN_RADIUS, scale * a), np.where(small, KRON_MIN_RADIUS, scale * b)
-    flux, error, _ = sep.sum_ellipse(image, x, y, axis_a, axis_b, theta, 1.0, err=found.rms, gain=1.0, subpix=5)
+    flux, error, _ = sep.sum_ellipse(
+        image, x, y, axis_a, axis_b, theta, 1.0, err=found.rms, gain=1.0, subpix=5, **others
+    )
     return flux, error, failed

@@ -1,0 +1,128 @@
+"""Merged sources against true objects: matches, purity, magnitudes, positions, colours (for `bricks.validate`).
+
+The S/N of a galaxy takes n_eff + 9 r_e^2 px: 8 pi h^2 of a face-on exponential disc, h = r_e / 1.678 (9.06 r_e^2 of a
+Gaussian). Purity is the fraction of the merged sources with a true object, of any kind, within the match radius.
+"""
+
+import numpy as np
+
+from csstsim.bricks.healpix import to_vectors
+from csstsim.catalog.table import GALAXY
+
+SNR_MAX = 500.0  # brighter sources come near saturation
+SNR_BRIGHT = 20.0  # magnitude and position residuals are judged above this
+SNR_COLOUR = 10.0  # measured, of each of u, g, r
+MATCH_ARCSEC = 0.2  # truth and merged source; for galaxies at least half the half-light radius
+PIXEL = 0.074  # arcsec
+SATURATED = 4  # of the measured flags (measure.catalogue)
+
+
+def match(truth, sources):
+    """Return the row of the nearest merged source of each true object, -1 without one within the match radius."""
+    from scipy.spatial import cKDTree
+
+    if len(truth) == 0 or len(sources) == 0:
+        return np.full(len(truth), -1)
+    tree = cKDTree(to_vectors(sources["ra"], sources["dec"]))
+    distance, row = tree.query(to_vectors(truth["ra_orig"], truth["dec_orig"]))
+    return np.where(distance < np.radians(reach(truth) / 3600.0), row, -1)
+
+
+def half_light(truth):
+    """Half-light radius, arcsec: mean of disc and bulge with their shares of the light; 0 of point sources."""
+    if not {"size_disk", "size_bulge", "bulge_frac"} <= set(truth):
+        return np.zeros(len(truth))
+    share = truth["bulge_frac"].astype(float)
+    size = (1.0 - share) * truth["size_disk"] + share * truth["size_bulge"]
+    return np.where(truth["obj_type"] == GALAXY, np.nan_to_num(size), 0.0)
+
+
+def reach(truth):
+    """Return the match radius of true objects, arcsec."""
+    return np.maximum(MATCH_ARCSEC, 0.5 * (truth["half_light"] if "half_light" in truth else half_light(truth)))
+
+
+def purity(sources, truths):
+    """Fraction of the merged sources with a true object of the frames within the match radius; None without sources.
+
+    True objects fainter than the campaign's limit do not exist in the scene: all light has a true object.
+    """
+    from scipy.spatial import cKDTree
+
+    if len(sources) == 0:
+        return None
+    real = np.zeros(len(sources), bool)
+    tree = cKDTree(to_vectors(sources["ra"], sources["dec"]))
+    for truth in truths:
+        if len(truth):
+            near = tree.query_ball_point(
+                to_vectors(truth["ra_orig"], truth["dec_orig"]), np.radians(reach(truth) / 3600.0)
+            )
+            real[np.concatenate(near).astype(int)] = True
+    return float(real.mean())
+
+
+def magnitudes(band, truth, sources, match, infos):
+    """Return ({kind: (true, out - in)}, {kind: statistics at SNR_BRIGHT}) of isolated stars and galaxies, AB mag."""
+    arrays, numbers = {}, {}
+    galaxy = truth["obj_type"] == GALAXY
+    for name, is_kind, prefix in (("star", ~galaxy, ""), ("galaxy", galaxy, "kron_")):
+        rows = np.flatnonzero(is_kind & ~truth["blended"].astype(bool) & (match >= 0))
+        source = match[rows]
+        given, got = truth[f"mag_{band}"][rows].astype(float), sources[f"{prefix}mag_{band}"][source]
+        # S/N from the true magnitude, so that the selection does not follow the noise of the measured one.
+        wider = 1.0 + 9.0 * (truth["half_light"][rows] / PIXEL) ** 2 / np.median([info["n_eff"] for info in infos])
+        snr = 10.0 ** (-0.4 * (given - 23.9)) / (sources[f"flux_err_{band}"][source] * np.sqrt(wider))
+        good = np.isfinite(given) & np.isfinite(got) & ((sources["flags"][source] & SATURATED) == 0)
+        bright = good & (snr > SNR_BRIGHT) & (snr < SNR_MAX)
+        arrays[name] = given[good], (got - given)[good]
+        numbers[name] = spread((got - given)[bright])
+    return arrays, numbers
+
+
+def astrometry(truth, sources, match, bands):
+    """Residuals of the merged positions of bright isolated point sources, measured minus true, mas."""
+    rows = np.flatnonzero((truth["obj_type"] != GALAXY) & ~truth["blended"].astype(bool) & (match >= 0))
+    source = match[rows]
+    snr = [np.nan_to_num(sources[f"flux_{b}"][source] / sources[f"flux_err_{b}"][source]) for b in bands]
+    good = (np.max(snr, axis=0, initial=0.0) > SNR_BRIGHT) & ((sources["flags"][source] & SATURATED) == 0)
+    rows, source = rows[good], source[good]
+    east = (sources["ra"][source] - truth["ra_orig"][rows] + 180.0) % 360.0 - 180.0
+    east = east * np.cos(np.radians(truth["dec_orig"][rows])) * 3.6e6
+    north = (sources["dec"][source] - truth["dec_orig"][rows]) * 3.6e6
+    return {"east": spread(east), "north": spread(north)}
+
+
+def colours(truth, sources, match):
+    """True and measured (u-g, g-r) of the same sources: matched, unblended, S/N > SNR_COLOUR in u, g and r.
+
+    The S/N is that of the magnitude that is used: PSF of stars and quasars, Kron of galaxies.
+    """
+    rows = np.flatnonzero(~truth["blended"].astype(bool) & (match >= 0)) if len(truth) else np.zeros(0, int)
+    source, galaxy = match[rows], truth["obj_type"][rows] == GALAXY if len(rows) else np.zeros(0, bool)
+    good = (np.asarray(sources["flags"])[source] & SATURATED) == 0
+    given, got = [], []
+    for band in "ugr":
+        snr, mag = (
+            np.where(galaxy, *(values[source] for values in pair))
+            for pair in (
+                [sources[f"{p}flux_{band}"] / sources[f"{p}flux_err_{band}"] for p in ("kron_", "")],
+                [sources[f"{p}mag_{band}"] for p in ("kron_", "")],
+            )
+        )
+        good &= np.nan_to_num(snr) > SNR_COLOUR
+        given.append(truth[f"mag_{band}"][rows].astype(float) if len(rows) else np.zeros(0))
+        got.append(mag)
+    good &= np.isfinite(given).all(axis=0) & np.isfinite(got).all(axis=0)
+    colours = (np.stack([m[0] - m[1], m[1] - m[2]])[:, good] for m in (given, got))
+    return dict(zip(("input", "output"), colours, strict=True)) | {"galaxy": galaxy[good]}
+
+
+def spread(values):
+    """Median, its standard error, robust sigma and count, JSON-like; None without values."""
+    n = len(values)
+    if n == 0:
+        return {"median": None, "error": None, "sigma": None, "n": 0}
+    median = float(np.median(values))
+    sigma = float(1.4826 * np.median(np.abs(values - median)))
+    return {"median": median, "error": float(1.2533 * sigma / np.sqrt(n)), "sigma": sigma, "n": n}

@@ -1,0 +1,98 @@
+"""Background and noise of a calibrated image: clipped means on a mesh, sources masked.
+
+The mean, not Source Extractor's mode estimate (2.5 median - 1.5 mean): the pixels are whole DN, so their
+median is a multiple of the gain and the mode is wrong by up to 2.5 x half a DN, another value in each
+readout channel (measured in the demo: +-1 electron, which is half the light of a faint galaxy in its Kron
+aperture). A mean has no such error once the sources are masked. Where they cannot be (crowded fields), the
+mode of 2 x 2 sums is taken, whose error is a quarter of that.
+"""
+
+import numpy as np
+
+BIN = 2  # px
+FIRST_BOX, SECOND_BOX = 64, 256  # px; 4.7 arcsec to find sources and in crowded fields, 19 arcsec with sources masked
+MASK_MAX = 0.4  # of the frame; more masked is crowded
+GOOD_MIN = 0.25  # of the pixels of a mesh; with less it takes the value of its neighbours
+CLIP = 3.5  # sigma; takes 0.3 % off the noise of a Gaussian, corrected below
+CLIP_LOSS = 0.9969
+FLOOR = np.float32(1e-3)  # electron; a noise-free image has rms 0: a floor keeps S/N finite
+
+
+def crude_background(image):
+    """Return (level, rms) of Source Extractor's mode on a fine mesh, in the unit of `image` per pixel."""
+    import sep
+
+    width, height = (max(1, min(FIRST_BOX // BIN, n)) for n in image.shape[::-1])
+    background = sep.Background(image, bw=width, bh=height)
+    rms = np.maximum(background.rms(dtype=np.float32), FLOOR)
+    return _unskewed(background.back(dtype=np.float32), rms), rms
+
+
+def masked_background(image, mask, box=SECOND_BOX):
+    """Return (level, rms) float32 (ny, nx) of the pixels not in `mask`; None when all meshes are masked."""
+    ny, nx = (max(1, round(n / box)) for n in image.shape)
+    rows, columns = (np.linspace(0, n, k + 1).astype(int) for n, k in zip(image.shape, (ny, nx), strict=True))
+    level, rms = np.full((2, ny, nx), np.nan)
+    for j in range(ny):
+        for i in range(nx):
+            part = np.s_[rows[j] : rows[j + 1], columns[i] : columns[i + 1]]
+            values = image[part][~mask[part]].astype(np.float64)
+            if values.size >= max(GOOD_MIN * mask[part].size, 1):
+                level[j, i], rms[j, i] = _clipped(values)
+    if not np.isfinite(level).any():
+        return None
+    middle = (0.5 * (rows[1:] + rows[:-1] - 1), 0.5 * (columns[1:] + columns[:-1] - 1))
+    level, rms = (_interpolated(_filled(values), middle, image.shape) for values in (level, rms))
+    return level, np.maximum(rms, FLOOR)
+
+
+def _clipped(values):
+    """Mean and standard deviation within CLIP sigma, twice iterated from the median and its robust scatter."""
+    centre = np.median(values)
+    sigma = 1.4826 * np.median(np.abs(values - centre)) + 0.5  # at least about a DN of rounding
+    for _ in range(3):
+        kept = values[np.abs(values - centre) <= CLIP * sigma]
+        centre, sigma = kept.mean(), kept.std() / CLIP_LOSS
+    return centre, sigma
+
+
+def _filled(mesh):
+    """Replace missing meshes by the nearest one; then take lone outliers off with a median over 3 x 3."""
+    from scipy.ndimage import distance_transform_edt, median_filter
+
+    near = distance_transform_edt(np.isnan(mesh), return_distances=False, return_indices=True)
+    return median_filter(mesh[tuple(near)], 3, mode="nearest")
+
+
+def _interpolated(mesh, middle, shape):
+    """Bilinear between the meshes' middles, constant beyond the outer ones."""
+    rows, columns = (np.arange(n) for n in shape)
+    wide = np.array([np.interp(columns, middle[1], line) for line in mesh])
+    place = np.interp(rows, middle[0], np.arange(len(mesh)))
+    low = np.minimum(place.astype(int), max(len(mesh) - 2, 0))
+    share = (place - low)[:, None].astype(np.float32)
+    wide = wide.astype(np.float32)
+    return (1 - share) * wide[low] + share * wide[np.minimum(low + 1, len(mesh) - 1)]
+
+
+def binned(image):
+    """Sums of BIN x BIN pixels; a last odd row or column is left out."""
+    ny, nx = (n // BIN * BIN for n in image.shape)
+    return image[:ny, :nx].reshape(ny // BIN, BIN, nx // BIN, BIN).sum(axis=(1, 3), dtype=np.float32)
+
+
+def full_size(small, shape):
+    """Repeat a binned map to the frame's shape; a last odd row or column takes its neighbour's value."""
+    rows, columns = (np.minimum(np.arange(n) // BIN, m - 1) for n, m in zip(shape, small.shape, strict=True))
+    return np.ascontiguousarray(small[rows][:, columns])
+
+
+def _unskewed(level, rms):
+    """Return the mean of Poisson + Gaussian noise whose mode estimate is `level`, electron; changes `level`.
+
+    Source Extractor takes 2.5 median - 1.5 mean as the background. For slightly skewed noise the median is
+    below the mean by k3 / (6 rms^2), and the third cumulant k3 of sky and dark electrons is their mean; so
+    the estimate is low by 5 / 12 of mean / rms^2: 0.2-0.4 electron, 1 % of the flux of a source at S/N 10.
+    """
+    level += np.float32(5.0 / 12.0) * np.maximum(level, np.float32(0.0)) / rms**2
+    return level

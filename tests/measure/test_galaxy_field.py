@@ -1,0 +1,104 @@
+"""Two-pass detection on a fabricated frame of galaxies: Kron flux, one row a galaxy, stars beside galaxies."""
+
+import math
+
+import numpy as np
+import pytest
+
+from csstsim.measure.background import masked_background
+from csstsim.rng import stream
+
+galsim = pytest.importorskip("galsim")
+
+PIXEL = 0.074  # arcsec
+STEP = 150  # px
+
+
+@pytest.fixture(scope="module")
+def galaxies(fabricate):
+    """49 galaxies, half-light radii 0.3-0.8 arcsec, S/N 20-200; 1 in 7 with a de Vaucouleurs profile.
+
+    S/N = F / sqrt(F + (4 pi sigma^2 + 9 r_e^2) variance): optimal photometry of a disc (bricks.validate).
+    """
+    side = 7
+    rng = stream(40, "galaxies")
+    centre = 80 + STEP * np.arange(side)
+    x, y = (v.ravel() + rng.uniform(-0.5, 0.5, side**2) for v in np.meshgrid(centre, centre))
+    radius, snr = rng.uniform(0.3, 0.8, x.size) / PIXEL, 10.0 ** rng.uniform(math.log10(20), math.log10(200), x.size)
+    noise = (4 * math.pi * fabricate.SIGMA**2 + 9 * radius**2) * fabricate.VARIANCE
+    flux = 0.5 * snr * (snr + np.sqrt(snr**2 + 4 * noise))
+    image = galsim.ImageD(STEP * (side - 1) + 160, STEP * (side - 1) + 160, xmin=0, ymin=0)
+    bulge = np.arange(x.size) % 7 == 3
+    for k in range(x.size):
+        kind = galsim.DeVaucouleurs if bulge[k] else galsim.Exponential
+        shape = kind(half_light_radius=radius[k], flux=flux[k])
+        shape = shape.shear(q=rng.uniform(0.4, 1.0), beta=rng.uniform(0, 180) * galsim.degrees)
+        stamp = galsim.Convolve(shape, galsim.Gaussian(sigma=fabricate.SIGMA)).drawImage(
+            nx=141, ny=141, scale=1.0, center=galsim.PositionD(x[k], y[k])
+        )
+        bounds = stamp.bounds & image.bounds
+        image[bounds] += stamp[bounds]
+    table = fabricate.measure(fabricate.add_noise(image.array, 41))
+    distance = np.hypot(table["x"] - x[:, None], table["y"] - y[:, None])
+    return flux, radius, snr, bulge, table, distance
+
+
+def test_kron_magnitudes_of_galaxies(galaxies):
+    """Of a disc, the Kron radius is 2 h, and 5 h hold 1 - 6 exp(-5) = 96.0 % of the light: +0.045 mag."""
+    flux, _, _, bulge, table, distance = galaxies
+    residual = -2.5 * np.log10(table["flux_kron"][distance.argmin(axis=1)] / flux)
+    expected = -2.5 * math.log10(1.0 - 6.0 * math.exp(-5.0))
+    assert abs(np.median(residual) - expected) < 0.06 and abs(np.median(residual)) < 0.10
+    assert np.median(residual[bulge]) < 0.35  # extended wings: 10 % beyond 2.5 Kron radii, more below the noise
+    assert 1.4826 * np.median(np.abs(residual - np.median(residual))) < 0.12
+
+
+def test_galaxies_are_one_row_each(galaxies):
+    _, radius, _, _, table, distance = galaxies
+    assert (distance.min(axis=1) < 2.5).mean() > 0.95
+    assert ((distance < radius[:, None]).sum(axis=1) == 1).mean() > 0.95
+    # Noise peaks in the outskirts are not sources either: within 3 r_e at S/N > 5 there is the galaxy only.
+    close = (distance < 3 * radius[:, None]) & (table["snr"] > 5)
+    assert (close.sum(axis=1) <= 1).mean() > 0.95
+    assert not table["star"][distance.argmin(axis=1)].all()
+
+
+def test_no_false_source_of_high_signal(galaxies):
+    *_, table, distance = galaxies
+    far = distance.min(axis=0) > 40
+    kron = table["flux_kron"] / table["flux_kron_err"]
+    assert (far & (table["snr"] > 5.0)).sum() <= 2
+    assert (far & (kron > 6.0) & (table["snr"] > 2.5)).sum() <= 2
+
+
+def test_a_star_next_to_a_galaxy_is_its_own_source(fabricate):
+    n, step = 640, 160
+    image = np.zeros((n, n))
+    shape = galsim.Exponential(half_light_radius=8.0, flux=30000.0)
+    stamp = galsim.Convolve(shape, galsim.Gaussian(sigma=fabricate.SIGMA)).drawImage(nx=141, ny=141, scale=1.0).array
+    places = [(80 + step * i, 80 + step * j) for i in range(4) for j in range(4)]
+    stars = []
+    for k, (x, y) in enumerate(places):
+        image[y - 70 : y + 71, x - 70 : x + 71] += stamp
+        stars.append((x + 14.3 * math.cos(k), y + 14.3 * math.sin(k)))
+    fabricate.add_stars(image, *zip(*stars, strict=True), [2500.0] * len(stars))  # S/N 40 off the galaxy
+    table = fabricate.measure(fabricate.add_noise(image, 42))
+    for where in (stars, places):
+        gap = np.array([np.hypot(table["x"] - x, table["y"] - y).min() for x, y in where])
+        assert (gap < 1.5).mean() > 0.9
+
+
+def test_the_background_of_whole_numbers_is_the_mean():
+    """A gain of 1.6 electron per DN: the mode of the pixels is off by up to an electron, their mean is not."""
+    rng = stream(43, "background")
+    true = np.linspace(5.0, 9.0, 600)[:, None] + np.zeros((600, 700))
+    raw = np.rint((rng.poisson(true) + rng.normal(0.0, 5.0, true.shape)) / 1.6 + 0.3) - 0.3
+    image = (raw * 1.6).astype(np.float32)
+    mask = np.zeros(image.shape, bool)
+    image[100:160, 100:160] += 500.0
+    mask[95:165, 95:165] = True
+    level, rms = masked_background(image, mask, box=150)
+    inside = np.s_[75:525]
+    assert np.abs(level - true)[inside].max() < 5 * 5.7 / 150 + 0.05  # electron
+    assert np.median(rms) == pytest.approx(math.sqrt(7.0 + 25.0 + 1.6**2 / 12), rel=0.03)
+    assert masked_background(image, np.ones(image.shape, bool)) is None
