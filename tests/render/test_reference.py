@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from astropy.wcs import WCS
 
-from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP
+from csstsim.catalog.flags import BAD_VALUE, FFT_REDUCED, OFF_CHIP
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.optics.psf import pixel_response, windowed_centroid
@@ -167,3 +167,16 @@ def test_empty_catalogue_and_zero_flux(scene):
     assert len(drawn) == 0 and not image.any()
     image, drawn = scene(x=4200, y=5150, rate=0.0)
     assert not image.any() and drawn["fraction"][0] == 0 and np.isfinite(drawn["fraction"]).all()
+
+
+@pytest.mark.parametrize("size", [1e-4, 3.0, 60.0])
+def test_extreme_sizes_are_drawn_or_flagged(scene, size):
+    """n = 4 from a point to a minute of arc: finite, never more light than there is, in the memory of the FFT limit."""
+    share = np.ones(1)
+    image, drawn = scene(
+        x=4200, y=5150, obj_type=GALAXY, reach=900, bulge_frac=share, size_bulge=size * share, lost=5e-3 * share
+    )
+    assert np.isfinite(image).all() and (image >= 0).all()
+    assert 0 < drawn["fraction"][0] < 1.001
+    assert bool(drawn["flags"][0] & FFT_REDUCED) == (size > 10)
+    assert drawn["fraction"][0] > {1e-4: 0.99, 3.0: 0.5, 60.0: 0.0}[size]

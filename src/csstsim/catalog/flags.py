@@ -9,6 +9,7 @@ BAD_VALUE = 32  # a NaN, infinity or impossible number in a column that is used:
 OUTSIDE_PSF_HULL = 64  # outside the grid of PSF nodes
 FFT_REDUCED = 128  # drawn with loosened FFT accuracy
 NEGATIVE_CLIPPED = 256  # more than a trace of its light lay in negative pixels and was clipped
+TOO_LARGE = 512  # no FFT the renderer allows would hold it: not drawn
 
 NAMES = {
     TRUNCATED_STAMP: "TRUNCATED_STAMP",
@@ -20,4 +21,5 @@ NAMES = {
     OUTSIDE_PSF_HULL: "OUTSIDE_PSF_HULL",
     FFT_REDUCED: "FFT_REDUCED",
     NEGATIVE_CLIPPED: "NEGATIVE_CLIPPED",
+    TOO_LARGE: "TOO_LARGE",
 }

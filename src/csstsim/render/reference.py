@@ -13,11 +13,20 @@ All light goes to the expectation plane; Poisson noise comes once, in `poisson_a
 """
 
 import time
+from functools import partial
 
 import galsim
 import numpy as np
 
-from csstsim.catalog.flags import BAD_VALUE, FFT_REDUCED, NEGATIVE_CLIPPED, OFF_CHIP, OUTSIDE_PSF_HULL, STRONG_LENSING
+from csstsim.catalog.flags import (
+    BAD_VALUE,
+    FFT_REDUCED,
+    NEGATIVE_CLIPPED,
+    OFF_CHIP,
+    OUTSIDE_PSF_HULL,
+    STRONG_LENSING,
+    TOO_LARGE,
+)
 from csstsim.catalog.table import GALAXY
 from csstsim.optics.psf_file import pixel_response
 from csstsim.progress import progress
@@ -26,10 +35,11 @@ galsim.errors.raise_fft_size_error = True  # GalSim 2.8 only warns, then takes a
 
 # Interpolation and truncation errors well below the accuracy goals (flux 1e-3, ellipticity 1e-4).
 GSPARAMS = {"maxk_threshold": 1e-4, "kvalue_accuracy": 1e-6, "xvalue_accuracy": 1e-6, "maximum_fft_size": 4096}
-FOLDING_MIN, FOLDING_MAX = (
-    1e-4,
-    5e-3,
-)  # light that may alias: what the stamp may lose, within these (5e-3: GalSim's own)
+# Light that may alias: what the stamp may lose, within these (5e-3 is GalSim's own) ...
+FOLDING_MIN, FOLDING_MAX = 1e-4, 5e-3
+# ... and, with a flag, for objects whose FFT would not fit, these in turn.
+FOLDING_LOOSE = (5e-3, 5e-2, 0.3)
+FFT_LOOSE = 8192
 REACH_FFT = 1000  # px: half the largest stamp, so that its FFT (half-pixel steps) fits the maximum
 NEGATIVE_LIMIT = 1e-4  # fraction of an object's light in negative pixels above which clipping is flagged
 PSF_STEP_PX = 0.5  # the stored PSF lattice: 5 um cells in 10 um pixels
@@ -62,7 +72,7 @@ def draw_objects(image, window, objects, wcs, psf, exptime):
             mixture = sum(
                 w * np.tensordot(flux[i], psf.node(n), axes=1) for n, w in zip(index[i], weight[i], strict=True)
             )
-            profile = _profile(objects, i, mixture, jacobian[i])
+            profile = partial(_profile, objects, i, mixture, jacobian[i])
             stamp, flag = _draw(profile, objects["x"][i], objects["y"][i], min(int(objects["reach"][i]), REACH_FFT))
             seen = stamp.bounds & scene.bounds
             flags[i] |= flag | (0 if seen.isDefined() else OFF_CHIP)
@@ -80,8 +90,11 @@ def draw_objects(image, window, objects, wcs, psf, exptime):
     )  # fmt: skip
 
 
-def _profile(objects, i, mixture, jacobian):
-    """Return the GSObject of one object in pixels, pixel response included; `mixture` is its PSF in electrons."""
+def _profile(objects, i, mixture, jacobian, folding=None):
+    """Return the GSObject of one object in pixels, pixel response included; `mixture` is its PSF in electrons.
+
+    `folding` loosens what the galaxy's own profile asks of the FFT.
+    """
     response = pixel_response(mixture)
     # A sample is the light that falls in a pixel centred there: surface brightness per pixel, in pixel units.
     point = galsim.InterpolatedImage(
@@ -96,18 +109,20 @@ def _profile(objects, i, mixture, jacobian):
     )
     if objects["obj_type"][i] != GALAXY:
         return point
-    return galsim.Convolve(_galaxy(objects, i, jacobian).withFlux(1.0), point, propagate_gsparams=False)
+    galaxy = _galaxy(objects, i, jacobian, folding).withFlux(1.0)
+    limit = {"maximum_fft_size": FFT_LOOSE} if folding else {}
+    return galsim.Convolve(galaxy, point, gsparams=galsim.GSParams(**(GSPARAMS | limit)), propagate_gsparams=False)
 
 
-def _galaxy(objects, i, jacobian):
+def _galaxy(objects, i, jacobian, folding):
     """Return the galaxy's profile in pixels: intrinsic shape, lensing and local WCS as matrices."""
     share, e1, e2, lost = (float(objects[key][i]) for key in ("bulge_frac", "e1", "e2", "lost"))
     kappa, gamma1, gamma2 = (float(objects[key][i]) for key in ("kappa", "gamma1", "gamma2"))
     parts = []
     for kind, size, flux in ((galsim.Exponential, "size_disk", 1 - share), (galsim.DeVaucouleurs, "size_bulge", share)):
         if flux > 0:
-            folding = min(max(lost / flux, FOLDING_MIN), FOLDING_MAX)
-            gsparams = galsim.GSParams(**GSPARAMS, folding_threshold=folding)
+            budget = folding or min(max(lost / flux, FOLDING_MIN), FOLDING_MAX)
+            gsparams = galsim.GSParams(**GSPARAMS, folding_threshold=budget)
             parts.append(kind(half_light_radius=float(objects[size][i]), flux=flux, gsparams=gsparams))
     profile = parts[0] if len(parts) == 1 else galsim.Add(parts, propagate_gsparams=False)
     mu = 1.0 / ((1 - kappa) ** 2 - gamma1**2 - gamma2**2)
@@ -116,21 +131,21 @@ def _galaxy(objects, i, jacobian):
 
 
 def _draw(profile, x, y, reach):
-    """Return the stamp of a profile centred on pixel position x, y, and flags.
+    """Return the stamp of `profile(folding=...)` centred on pixel position x, y, and flags.
 
     The whole stamp is drawn, also where the chip ends: GalSim's FFT box is centred on the image, so light
     would wrap round if the image were the visible part only.
     """
     column, row = round(x), round(y)
     image = galsim.ImageD(galsim.BoundsI(column - reach, column + reach, row - reach, row + reach))
-    centre, flag = galsim.PositionD(x, y), 0
-    try:
-        profile.drawImage(image, scale=1.0, method="no_pixel", center=centre)
-    except galsim.GalSimFFTSizeError:
-        flag = FFT_REDUCED
-        loose = profile.withGSParams(folding_threshold=FOLDING_MAX, maximum_fft_size=4 * GSPARAMS["maximum_fft_size"])
-        loose.drawImage(image, scale=1.0, method="no_pixel", center=centre)
-    return image, flag | _clip_negative(image)
+    for folding, flag in ((None, 0), *((f, FFT_REDUCED) for f in FOLDING_LOOSE)):
+        try:
+            profile(folding=folding).drawImage(image, scale=1.0, method="no_pixel", center=galsim.PositionD(x, y))
+        except galsim.GalSimFFTSizeError:
+            continue
+        return image, flag | _clip_negative(image)
+    image.setZero()
+    return image, TOO_LARGE
 
 
 def _clip_negative(image):
