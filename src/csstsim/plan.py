@@ -1,16 +1,16 @@
 """What a campaign would do and cost, before anything runs (`csstsim plan`).
 
-CPU and disk are estimates from the rates below, measured with benchmarks/stage_costs.py on one core of a
-2-core Xeon VM; they scale with pixels and with the object density of the universe file.
+CPU is an estimate from the rates below, measured with benchmarks/stage_costs.py on one core of a 2-core Xeon VM;
+it scales with pixels and with the galaxies of the universe file.
 """
 
 import numpy as np
 
 CPU_S_PER_OBJECT = 0.13  # reference renderer: mean object of the demo
-CPU_S_PER_MPIX = 0.25  # noise, readout, Level-0 and measuring
-CPU_S_PER_JOB = 8.0  # start-up of the four stages and of measure
-CPU_S_PER_BRICK = 15.0  # truth
-CPU_S_PER_PSF = 0.2  # one node at one wavelength
+CPU_S_PER_MPIX = 0.9  # readout 0.13, Level-0 0.05, measure 0.73
+CPU_S_PER_JOB = 12.0  # start-up of the four stages and of measure, selection
+CPU_S_PER_BRICK = 7.4  # truth
+CPU_S_PER_PSF = 0.1  # one node at one wavelength: 0.17 in NUV, 0.03 in z
 BYTES_PER_NODE = 4 * 256 * 256 * 4
 
 

@@ -57,13 +57,15 @@ def test_survey_table_without_a_column(tmp_path):
         ({"window": {"x0": 9, "x1": 3, "y0": 0, "y1": 10}}, ["campaign.yaml", "window", "x0 = 9"]),
         ({"window": "region"}, ["campaign.yaml", "window", "select.region"]),
         ({"seed": -1}, ["campaign.yaml", "seed", "-1"]),
+        ({"select": {"types": ["FLAT"]}}, ["campaign.yaml", "select.types", "FLAT", "observations"]),
         ({"survey_table": "/nowhere.csv"}, ["/nowhere.csv"]),
         ({"catalog": {"kind": "nosuch.module:Class"}}, ["catalog.kind", "nosuch"]),
         ({"catalog": {"kind": "mini_campaign:write_campaign"}}, ["catalog.kind", "write_campaign", "Stars"]),
     ],
 )
 def test_campaign(tmp_path, changes, words):
-    path = write_campaign(tmp_path, **changes)
+    flat = "10700000001,FLAT,0,0,0,2027-11-20T03:00:00,10"
+    path = write_campaign(tmp_path, [*POINTINGS, flat], **({"select": {"types": ["SCIE"]}} | changes))
     command = ["chip", path, "--obsid", "10100000001", "--chip", 9] if "catalog" in changes else ["check", path]
     line = refused(*command)
     assert all(word in line for word in words), line
