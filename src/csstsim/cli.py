@@ -27,8 +27,13 @@ class Group(click.Group):
         try:
             return super().invoke(ctx)
         except CsstsimError as error:
-            click.echo(f"csstsim: error: {error}", err=True)
-            sys.exit(2)
+            message = str(error)
+        except OSError as error:  # an output folder that is a file or read-only, a full disk
+            if error.filename is None and error.errno is None:
+                raise
+            message = ": ".join(str(part) for part in (error.filename, error.strerror) if part)
+        click.echo(f"csstsim: error: {message}", err=True)
+        sys.exit(2)
 
 
 @click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -39,7 +44,7 @@ def main():
     \b
     A first look:
       csstsim plan config/campaign.yaml        what a campaign would do and cost
-      csstsim chip config/campaign.yaml --obsid 10100000001 --chip 8 --output results/one
+      csstsim chip config/campaign.yaml --obsid 10100000004 --chip 9 --output results/one
       snakemake --profile profiles/default --config campaign=config/campaign.yaml
 
     The other commands are the stages of the workflow; each reads and writes the campaign's output folder.

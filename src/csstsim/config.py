@@ -100,6 +100,8 @@ class Region(Model):
 class Select(Model):
     """Which (exposure, chip) pairs of the survey table to run."""
 
+    model_config = ConfigDict(coerce_numbers_to_str=True)  # an obsid need not be quoted
+
     types: tuple[ExposureType, ...] = Field(("SCIE", "BIAS", "DARK", "FLAT"), description="exposure types")
     obsids: tuple[str, ...] | None = Field(None, description="only these exposures; null = all")
     chips: str | tuple[int, ...] = Field("imaging", description="all, imaging, slitless, or a list of numbers 1 to 30")

@@ -122,6 +122,13 @@ def test_product_of_another_campaign_is_refused(tmp_path):
     assert "select.parquet" in line and "another" in line
 
 
+def test_output_that_is_a_file(tmp_path):
+    (tmp_path / "file").write_text("mine")
+    path = write_campaign(tmp_path, output=str(tmp_path / "file"))
+    assert str(tmp_path / "file") in refused("psf", path, "--chip", 9)
+    assert (tmp_path / "file").read_text() == "mine"
+
+
 @pytest.mark.parametrize("chip", ["31", "0", "x"])
 def test_chip_number_on_the_command_line(tmp_path, chip):
     result = CliRunner().invoke(main, ["psf", str(write_campaign(tmp_path)), "--chip", chip])
