@@ -22,6 +22,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from csstsim.optics.psf import WINDOW_PX
+
 from csstsim.measure.background import BIN, MASK_MAX, binned, crude_background, full_size, masked_background
 
 THRESHOLD = 3.75  # of the matched-filter S/N
@@ -132,7 +134,9 @@ def _sources(image, found, segments, scale, window):
     a, b = (np.maximum(scale * np.nan_to_num(found[key]), 12**-0.5) for key in "ab")
     half_light, _ = sep.flux_radius(image, x, y, 6.0 * a, 0.5, subpix=5)
     half_light = np.where(np.isfinite(half_light) & (half_light > 0.5), half_light, 0.5)
-    wx, wy, flag = sep.winpos(image, x, y, 2.0 * np.minimum(half_light, window) / FWHM_TO_SIGMA)
+    # Never narrower than the window the PSF nodes are centred in: coma would shift a star by 0.01-0.03 px otherwise.
+    sigma = np.maximum(2.0 * np.minimum(half_light, window) / FWHM_TO_SIGMA, WINDOW_PX)
+    wx, wy, flag = sep.winpos(image, x, y, sigma)
     # The window may slide to a brighter neighbour or to nowhere: a source is not further off than its own size.
     failed = ~(np.hypot(wx - x, wy - y) < 1.0 + 2.0 * a / scale) | ((flag & sep.APER_NONPOSITIVE) != 0)
     x, y = np.where(failed, x, wx), np.where(failed, y, wy)
