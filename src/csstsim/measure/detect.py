@@ -22,9 +22,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from csstsim.optics.psf import WINDOW_PX
-
 from csstsim.measure.background import BIN, MASK_MAX, binned, crude_background, full_size, masked_background
+from csstsim.optics.psf import WINDOW_PX
 
 THRESHOLD = 3.75  # of the matched-filter S/N
 GROWTH = 3  # binned px by which the cold sources' isophotes are grown to mask them
