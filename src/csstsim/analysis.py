@@ -17,7 +17,7 @@ def measure(run, job):
     from csstsim.measure.catalogue import measure_frame
 
     path, detector = run.paths.level0(job.pointing, job.chip.id), run.camera.detector
-    file = read_level0(path)
+    file = read_level0(path, verify=True)
     recipe = run.recipe(job)
     for name, keyword in RECIPE.items():
         if file.header0.get(keyword) != recipe[name]:

@@ -201,7 +201,7 @@ class OpenCampaign:
     def recipe(self, job):
         """Return {name: digest} of everything that decides this job's pixels; recorded in each product."""
         return {
-            "campaign": self.config.digest(),
+            "campaign": digest([self.config.digest(), self.universe.digest if self.embedded else None]),
             "camera": self.camera.digest,
             "layers": digest(self.steps[job.pointing.type].describe()),
             "exposure": digest([str(job.pointing), str(job.window), job.chip.id]),

@@ -94,7 +94,7 @@ class Region(Model):
 
     ra: float = Field(ge=0, lt=360, description="centre, right ascension [deg, ICRS]")
     dec: float = Field(ge=-90, le=90, description="centre, declination [deg, ICRS]")
-    radius: float = Field(gt=0, le=10800, description="radius [arcmin]")
+    radius: float = Field(gt=0, le=120, description="radius [arcmin]; compared in the tangent plane, hence small")
 
 
 class Select(Model):

@@ -12,7 +12,7 @@ rule measure:
         mem_mb=3000,
         runtime=20,
     shell:
-        "csstsim measure $CAMPAIGN --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
+        'csstsim measure "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
 
 
 rule merge:
@@ -28,7 +28,7 @@ rule merge:
         mem_mb=4000,
         runtime=20,
     shell:
-        "csstsim merge $CAMPAIGN --brick {wildcards.pix} > {log} 2>&1"
+        'csstsim merge "$CAMPAIGN" --brick {wildcards.pix} > {log:q} 2>&1'
 
 
 rule validate:
@@ -49,4 +49,4 @@ rule validate:
     params:
         thresholds=RUN.config.validation.model_dump(mode="json"),
     shell:
-        "csstsim validate $CAMPAIGN --brick {wildcards.pix} > {log} 2>&1"
+        'csstsim validate "$CAMPAIGN" --brick {wildcards.pix} > {log:q} 2>&1'

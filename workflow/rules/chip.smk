@@ -16,7 +16,7 @@ rule select:
     params:
         recipe=recipe,
     shell:
-        "csstsim select $CAMPAIGN --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
+        'csstsim select "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
 
 
 rule render:
@@ -37,7 +37,7 @@ rule render:
     params:
         recipe=recipe,
     shell:
-        "csstsim render $CAMPAIGN --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
+        'csstsim render "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
 
 
 rule readout:
@@ -57,7 +57,7 @@ rule readout:
     params:
         recipe=recipe,
     shell:
-        "csstsim readout $CAMPAIGN --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
+        'csstsim readout "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
 
 
 rule level0:
@@ -79,4 +79,4 @@ rule level0:
     params:
         recipe=recipe,
     shell:
-        "csstsim level0 $CAMPAIGN --obsid {wildcards.obsid} --chip {wildcards.chip} > {log} 2>&1"
+        'csstsim level0 "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'

@@ -12,4 +12,4 @@ rule psf:
         psf=RUN.config.psf.model_dump(mode="json"),
         camera=RUN.camera.digest,
     shell:
-        "csstsim psf $CAMPAIGN --chip {wildcards.chip} > {log} 2>&1"
+        'csstsim psf "$CAMPAIGN" --chip {wildcards.chip} > {log:q} 2>&1'

@@ -12,4 +12,4 @@ rule report:
         mem_mb=2000,
         runtime=10,
     shell:
-        "csstsim report $CAMPAIGN > {log} 2>&1"
+        'csstsim report "$CAMPAIGN" > {log:q} 2>&1'

@@ -11,4 +11,4 @@ rule truth:
     params:
         key=truth_key(),
     shell:
-        "csstsim truth $CAMPAIGN --brick {wildcards.pix} > {log} 2>&1"
+        'csstsim truth "$CAMPAIGN" --brick {wildcards.pix} > {log:q} 2>&1'

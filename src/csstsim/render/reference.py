@@ -26,6 +26,7 @@ from csstsim.catalog.flags import (
     OUTSIDE_PSF_HULL,
     STRONG_LENSING,
     TOO_LARGE,
+    TRUNCATED_STAMP,
 )
 from csstsim.catalog.table import GALAXY
 from csstsim.optics.psf_file import pixel_response
@@ -74,8 +75,9 @@ def draw_objects(image, window, objects, wcs, psf, exptime):
             )
             profile = partial(_profile, objects, i, mixture, jacobian[i])
             stamp, flag = _draw(profile, objects["x"][i], objects["y"][i], min(int(objects["reach"][i]), REACH_FFT))
-            seen = stamp.bounds & scene.bounds
-            flags[i] |= flag | (0 if seen.isDefined() else OFF_CHIP)
+            flag |= TRUNCATED_STAMP if objects["reach"][i] > REACH_FFT else 0
+            seen = galsim.BoundsI() if flag & TOO_LARGE else stamp.bounds & scene.bounds
+            flags[i] |= flag | (0 if seen.isDefined() or flag & TOO_LARGE else OFF_CHIP)
             if seen.isDefined():
                 scene[seen] += stamp[seen]
                 drawn[i] = stamp[seen].array.sum()
@@ -86,7 +88,8 @@ def draw_objects(image, window, objects, wcs, psf, exptime):
     fraction = np.divide(drawn, electrons, out=np.zeros(count), where=electrons > 0)
     return objects.with_columns(
         flags=flags, electrons=electrons, drawn=drawn, fraction=fraction, method=method,
-        stamp=2 * objects["reach"].astype(np.int32) + 1, x0=box[0], x1=box[1], y0=box[2], y1=box[3], ms=ms,
+        stamp=2 * np.minimum(objects["reach"], REACH_FFT).astype(np.int32) + 1,
+        x0=box[0], x1=box[1], y0=box[2], y1=box[3], ms=ms,
     )  # fmt: skip
 
 
