@@ -20,7 +20,7 @@ Written by `python config/make_docs.py` from the models; edit those, not this fi
 - A **campaign** file (`campaign.yaml` is the demo; `c9_w1.yaml` ... `c9_w5.yaml`; `calibration.yaml`) says what to run.
   Paths are relative to the directory a command runs in.
 - An **observation** file (`observations/`) lists the layers an exposure goes through, in order.
-- `instrument/` is the camera as data, `universe.yaml` the embedded universe; every number there has its source.
+- `instrument/` is the camera as data, `universe/` the embedded universe; every number there has its source.
 
 An unknown key, a wrong type or a value out of range is refused before any work, naming file, key and what is allowed.
 Editors that read JSON schemas find them in `schema/`.

@@ -9,13 +9,13 @@ from csstsim.universe.bricks import make_brick, write_brick
 from csstsim.universe.numbers import load_universe
 
 SEED = 7
-UNIVERSE_FILE = SHIPPED / "universe.yaml"
+UNIVERSE = SHIPPED / "universe"
 
 
 @cache
 def shipped():
     """Return (universe, camera)."""
-    return load_universe(UNIVERSE_FILE), load_camera(SHIPPED / "instrument")
+    return load_universe(UNIVERSE), load_camera(SHIPPED / "instrument")
 
 
 def key(lensing=None, seed=SEED):

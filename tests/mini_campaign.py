@@ -1,5 +1,6 @@
 """A whole campaign small enough for a test: tiny chips, a thin universe or a catalogue of known stars."""
 
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -27,13 +28,14 @@ def write_campaign(folder, pointings=POINTINGS, geometry=None, **changes):
     folder = Path(folder)
     geometry = {"nx": 128, "ny": 128, "channel_nx": 16, "channel_ny": 64} | (geometry or {})
     instrument = mini_camera(folder, **geometry)
-    universe = yaml.safe_load((SHIPPED / "universe.yaml").read_text())
-    universe["galaxies"]["density"]["value"] = THIN
-    (folder / "universe.yaml").write_text(yaml.safe_dump(universe))
+    universe = shutil.copytree(SHIPPED / "universe", folder / "universe")
+    galaxies = yaml.safe_load((universe / "galaxies.yaml").read_text())
+    galaxies["density"]["value"] = THIN
+    (universe / "galaxies.yaml").write_text(yaml.safe_dump(galaxies))
     (folder / "table.csv").write_text("\n".join([HEADER, *pointings]) + "\n")
     campaign = {
         "name": "mini", "survey_table": str(folder / "table.csv"), "output": str(folder / "out"), "seed": 3,
-        "instrument": str(instrument), "universe": str(folder / "universe.yaml"),
+        "instrument": str(instrument), "universe": str(universe),
         "select": {"types": ["SCIE"], "chips": [9]}, "psf": {"grid": 2},
     }  # fmt: skip
     path = folder / "campaign.yaml"

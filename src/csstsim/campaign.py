@@ -178,7 +178,7 @@ class OpenCampaign:
     def universe(self):
         from csstsim.universe.numbers import load_universe
 
-        return load_universe(self.config.universe_file)
+        return load_universe(self.config.universe_folder)
 
     def truth_bricks(self, job):
         """Return the truth bricks whose objects may reach a job's window, as a tuple."""

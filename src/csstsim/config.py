@@ -187,7 +187,9 @@ class Campaign(Model):
         {}, description="layer list per exposure type; types left out use config/observations/"
     )
     instrument: Path | None = Field(None, description="folder with the camera's data files; null = config/instrument/")
-    universe: Path | None = Field(None, description="numbers of the embedded universe; null = config/universe.yaml")
+    universe: Path | None = Field(
+        None, description="folder with the embedded universe's numbers; null = config/universe/"
+    )
     catalog: CatalogConfig = CatalogConfig()
     psf: PsfConfig = PsfConfig()
     fidelity: Literal["reference"] = Field("reference", description="rendering preset (render/)")
@@ -203,8 +205,8 @@ class Campaign(Model):
         return self.instrument or SHIPPED / "instrument"
 
     @property
-    def universe_file(self):
-        return self.universe or SHIPPED / "universe.yaml"
+    def universe_folder(self):
+        return self.universe or SHIPPED / "universe"
 
     def digest(self):
         """Return 16 hex digits of what decides a chip's pixels: not which chips run, not folders, not thresholds."""

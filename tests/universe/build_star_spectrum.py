@@ -1,4 +1,4 @@
-"""Builder of `stars.spectrum` in config/universe.yaml: model atmospheres against Planck, as broken lines.
+"""Builder of `stars.spectrum` in config/universe/: model atmospheres against Planck, as broken lines.
 
 For each Teff the ratio of the model's flux to the Planck function, in magnitudes, is fitted by least squares with
 a line broken at WAVELENGTH (in ln lambda), then set to 0 at 5500 A. Metallicity: slope per dex between

@@ -16,7 +16,7 @@ from csstsim.instrument.filter import GRID
 from csstsim.rng import stream
 from csstsim.units import ab_photon_density
 from csstsim.universe.galaxies import cumulative_counts, draw_galaxies, ellipticity_density
-from csstsim.universe.galaxy_sed import Intergalactic
+from csstsim.universe.igm import Intergalactic
 from csstsim.universe.lensing import lens, magnification
 from csstsim.universe.stars import cumulative_counts as star_counts
 from csstsim.universe.stars import draw_stars, sin_latitude

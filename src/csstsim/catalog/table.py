@@ -43,6 +43,12 @@ COLUMNS = {
     "kappa": (np.float32, 0.0),
     "gamma1": (np.float32, 0.0),
     "gamma2": (np.float32, 0.0),
+    "stellarmass": (np.float32, np.nan),  # solar masses, of a star
+    "bulgemass": (np.float32, np.nan),  # solar masses of stars, of a galaxy
+    "diskmass": (np.float32, np.nan),
+    "veldisp": (np.float32, np.nan),  # km / s, of a galaxy's stars
+    "gal_type": (np.int8, -1),  # 0 star-forming, 1 quiescent; -1 no galaxy, or not known
+    "host": (np.int64, -1),  # id of the galaxy a quasar lives in
     "flags": (np.int32, 0),  # catalog.flags
 }
 

@@ -14,10 +14,10 @@ from csstsim.catalog.table import ObjectTable
 CAT_COLUMNS = {
     "obj_ID": "id", "ID_chip": "chip", "filter": "filter", "xImage": "x", "yImage": "y", "ra": "ra", "dec": "dec",
     "ra_orig": "ra_orig", "dec_orig": "dec_orig", "z": "z", "mag": "mag", "obj_type": "obj_type",
-    "pm_ra": "pmra", "pm_dec": "pmdec", "RV": "rv", "parallax": "parallax", "av": "av", "stellarmass": None,
-    "dm": None, "teff": "teff", "logg": "logg", "feh": "feh", "bulgemass": None, "diskmass": None, "detA": "detA",
-    "e1": "e1", "e2": "e2", "kappa": "kappa", "g1": "g1", "g2": "g2", "size": "size", "galType": None,
-    "veldisp": None,
+    "pm_ra": "pmra", "pm_dec": "pmdec", "RV": "rv", "parallax": "parallax", "av": "av", "stellarmass": "stellarmass",
+    "dm": "dm", "teff": "teff", "logg": "logg", "feh": "feh", "bulgemass": "bulgemass", "diskmass": "diskmass", "detA": "detA",
+    "e1": "e1", "e2": "e2", "kappa": "kappa", "g1": "g1", "g2": "g2", "size": "size", "galType": "gal_type",
+    "veldisp": "veldisp",
 }  # fmt: skip
 
 
@@ -32,6 +32,7 @@ def write_truth(path, drawn, job, metadata):
     one_kappa = 1.0 - ours["kappa"].astype(float)
     ours["detA"] = one_kappa**2 - ours["gamma1"].astype(float) ** 2 - ours["gamma2"].astype(float) ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
+        ours["dm"] = np.where(ours["parallax"] > 0, 10.0 - 5.0 * np.log10(ours["parallax"]), np.nan)  # distance modulus
         ours["g1"], ours["g2"] = ours["gamma1"] / one_kappa, ours["gamma2"] / one_kappa
     bulge = ours["bulge_frac"]
     ours["size"] = bulge * ours["size_bulge"] + (1 - bulge) * ours["size_disk"]

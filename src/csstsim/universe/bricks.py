@@ -1,6 +1,6 @@
 """Bricks: the embedded universe cut into HEALPix pixels of NSIDE 256 (order 8, nested), one parquet file each.
 
-What a brick holds depends on (campaign seed, brick number, universe.yaml, the camera's filters, lensing) and on nothing
+What a brick holds depends on (campaign seed, brick number, config/universe/, the camera's filters, lensing) and on nothing
 else, so any subset in any order on any machine is the same sky. A position is the centre of a random order-29
 pixel of the brick (0.4 mas apart): HEALPix pixels of one order have equal area, so objects are uniform on
 the brick and exactly inside it. The files follow the HATS layout, with its `_healpix_29` column.
@@ -37,7 +37,7 @@ def make_brick(seed, pix, universe, camera, lensing):
     stars, galaxies = _stars(seed, pix, universe, camera), _galaxies(seed, pix, universe, camera, lensing)
     rows = len(stars) + len(galaxies)
     if rows >= 2**ID_BITS:
-        raise InputError(f"a brick holds at most {2**ID_BITS - 1} objects", file=universe.file, value=rows)
+        raise InputError(f"a brick holds at most {2**ID_BITS - 1} objects", file=universe.folder, value=rows)
     table = ObjectTable.concat([stars, galaxies]).with_columns(id=(pix << ID_BITS) + np.arange(rows, dtype=np.int64))
     table.meta = brick_meta(seed, pix, universe, camera, lensing)
     return table

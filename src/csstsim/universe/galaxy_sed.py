@@ -2,7 +2,7 @@
 
     S(lambda) = scale x IGM(lambda, z) x sum_k c_k P_k(lambda / (1 + z))      photon / s / m2 / angstrom
 
-P_0..3 are broken lines (config/universe.yaml): old, intermediate, young, dusty; P_4 is emission lines. Each
+P_0..3 are broken lines (config/universe/): old, intermediate, young, dusty; P_4 is emission lines. Each
 P_k is a photon density, 1 at 5500 A rest for the stellar ones; below 912 A the stars fade by `lyman_limit`. The
 intergalactic medium is the mean Lyman forest and a floor below the Lyman limit (after Madau 1995). Left out:
 single absorption lines, scatter between sight-lines, AGN.
@@ -17,13 +17,12 @@ import numpy as np
 
 from csstsim.instrument.filter import GRID
 from csstsim.units import C_KM_S
+from csstsim.universe.igm import LYMAN_LIMIT, Intergalactic
 from csstsim.universe.star_sed import _Weights
 
 COEFFICIENTS = 5
 _STEP = 1e-4  # ln(angstrom) of the template grid: 0.5 A at 5000 A
 _SHIFT = 5  # steps of ln(1 + z) per row of a band table: 5e-4, half the width (sigma) of an emission line
-_LIMIT = 912.0  # angstrom, Lyman limit
-_CONTINUUM_POWER = 0.46  # of (1 + z) in the optical depth below the Lyman limit (Madau 1995, footnote 3)
 _OBSERVED = (np.log(GRID[0]), np.log(GRID[-1]))
 
 
@@ -47,7 +46,7 @@ class GalaxySeds:
         for k, name in enumerate(("old", "intermediate", "young", "dusty")):
             knots = np.asarray(numbers["templates"][name], dtype=float)
             magnitude = np.interp(self._ln_rest, np.log(knots[:, 0]), knots[:, 1])
-            magnitude = magnitude + numbers["lyman_limit"] * 0.5 * (1 - np.tanh((wave - _LIMIT) / 4.0))
+            magnitude = magnitude + numbers["lyman_limit"] * 0.5 * (1 - np.tanh((wave - LYMAN_LIMIT) / 4.0))
             out[k] = 10 ** (-0.4 * magnitude) * 5500.0 / wave  # AB magnitude to photons: f_nu / lambda
         sigma = numbers["lines"]["sigma_km_s"] / C_KM_S
         for centre, width in numbers["lines"]["table"]:
@@ -95,32 +94,3 @@ class GalaxySeds:
                 absorbed = forest.absorb(w[band].copy(), np.expm1(j * _SHIFT * _STEP))
                 table[j, b] = np.einsum("w,kw->k", absorbed, self.templates[:, start + band.start : start + band.stop])
         return table
-
-
-class Intergalactic:
-    """Mean absorption by the intergalactic medium at observed wavelengths [A, rising]."""
-
-    def __init__(self, wavelength, numbers):
-        self._wave = wavelength
-        self._lines = [
-            (line, numbers["tau_alpha"] * strength * (wavelength / line) ** numbers["power"])
-            for line, strength in numbers["lines"]
-        ]
-        # Lyman continuum: absorbers between where this wavelength meets the limit and the source.
-        limit = wavelength / _LIMIT
-        self._continuum = numbers["continuum"] * limit**3
-        self._limit_power = limit**_CONTINUUM_POWER
-
-    def absorb(self, values, z):
-        """Multiply `values`, one a wavelength, by the transmission towards redshift z, in place; return them."""
-        blue = np.searchsorted(self._wave, max(line for line, _ in self._lines) * (1 + z))
-        if blue == 0:
-            return values
-        tau = np.zeros(blue)
-        for line, optical_depth in self._lines:
-            end = min(np.searchsorted(self._wave, line * (1 + z)), blue)
-            tau[:end] += optical_depth[:end]
-        end = min(np.searchsorted(self._wave, _LIMIT * (1 + z)), blue)
-        tau[:end] += self._continuum[:end] * ((1 + z) ** _CONTINUUM_POWER - self._limit_power[:end])
-        values[:blue] *= np.exp(-tau)
-        return values

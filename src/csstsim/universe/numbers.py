@@ -1,24 +1,30 @@
-"""The numbers of the embedded universe (config/universe.yaml), read once and named by a digest."""
+"""The numbers of the embedded universe (config/universe/), read once and named by a digest.
+
+One YAML file a subject (stars, galaxies, quasars, lensing, dust, cosmology), each number with its source, and the
+fitted coefficients of the spectra beside them as FITS.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from csstsim.config import digest
 from csstsim.errors import InputError
-from csstsim.instrument.load import read_data
+from csstsim.instrument.load import folder_digest, read_data
 from csstsim.universe.galaxy_sed import GalaxySeds
 from csstsim.universe.star_sed import StarSeds
+
+PARTS = ("cosmology", "galaxies", "stars")
 
 
 @dataclass(frozen=True, eq=False)
 class Universe:
-    """The numbers of the embedded universe: two mappings, as in the file, and the spectra they define."""
+    """The embedded universe's numbers: one mapping a file, as there, and the spectra they define."""
 
+    folder: Path
+    digest: str
+    cosmology: dict
     galaxies: dict
     stars: dict
-    file: Path
-    digest: str
 
     @cached_property
     def galaxy_seds(self):
@@ -29,15 +35,13 @@ class Universe:
         return StarSeds(self.stars["spectrum"])
 
 
-def load_universe(path):
-    """Read a universe file. Raises InputError for an unreadable file, a missing section or a number without source."""
-    data = read_data(path)
-    for name in ("galaxies", "stars"):
-        if not isinstance(data.get(name), dict):
-            raise InputError("required section is missing", file=path, key=name)
-    universe = Universe(data["galaxies"], data["stars"], Path(path), digest(data))
+def load_universe(folder):
+    """Read a universe folder. Raises InputError for a missing or unreadable file or a number without source."""
+    folder = Path(folder)
+    parts = {name: read_data(folder / f"{name}.yaml") for name in PARTS}
+    universe = Universe(folder, folder_digest(folder), **parts)
     try:
         universe.galaxy_seds, universe.star_seds  # noqa: B018 - a fault in the templates shows here, not in a brick
     except (KeyError, TypeError, ValueError, IndexError) as exc:
-        raise InputError(f"the spectra cannot be built: {type(exc).__name__} {exc}", file=path) from exc
+        raise InputError(f"the spectra cannot be built: {type(exc).__name__} {exc}", file=folder) from exc
     return universe

@@ -2,7 +2,7 @@
 
     f_lambda = B_lambda(Teff) 10^(-0.4 [solar(Teff, lambda) + per_dex(Teff, lambda) [Fe/H]])
 
-The two tables (config/universe.yaml) are fits to model atmospheres at some twenty wavelengths: metal
+The two tables (config/universe/) are fits to model atmospheres at some twenty wavelengths: metal
 blanketing in the ultraviolet, the Balmer jump and the molecular bands of M dwarfs are there as steps of
 broad-band colour. Left out: every single line, gravity, white dwarfs' own atmospheres.
 
