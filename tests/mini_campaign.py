@@ -28,7 +28,7 @@ def write_campaign(folder, pointings=POINTINGS, geometry=None, **changes):
     folder = Path(folder)
     geometry = {"nx": 128, "ny": 128, "channel_nx": 16, "channel_ny": 64} | (geometry or {})
     instrument = mini_camera(folder, **geometry)
-    universe = shutil.copytree(SHIPPED / "universe", folder / "universe")
+    universe = shutil.copytree(SHIPPED / "universe", folder / "universe", dirs_exist_ok=True)
     galaxies = yaml.safe_load((universe / "galaxies.yaml").read_text())
     galaxies["density"]["value"] = THIN
     (universe / "galaxies.yaml").write_text(yaml.safe_dump(galaxies))

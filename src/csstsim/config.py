@@ -187,9 +187,7 @@ class Campaign(Model):
         {}, description="layer list per exposure type; types left out use config/observations/"
     )
     instrument: Path | None = Field(None, description="folder with the camera's data files; null = config/instrument/")
-    universe: Path | None = Field(
-        None, description="folder with the embedded universe's numbers; null = config/universe/"
-    )
+    universe: Path | None = Field(None, description="folder of the embedded universe; null = config/universe/")
     catalog: CatalogConfig = CatalogConfig()
     psf: PsfConfig = PsfConfig()
     fidelity: Literal["reference"] = Field("reference", description="rendering preset (render/)")

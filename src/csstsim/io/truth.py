@@ -10,12 +10,13 @@ import numpy as np
 
 from csstsim.catalog.table import ObjectTable
 
-# .cat name: our column (None: not known to the embedded universe)
+# .cat name: our column
 CAT_COLUMNS = {
     "obj_ID": "id", "ID_chip": "chip", "filter": "filter", "xImage": "x", "yImage": "y", "ra": "ra", "dec": "dec",
     "ra_orig": "ra_orig", "dec_orig": "dec_orig", "z": "z", "mag": "mag", "obj_type": "obj_type",
     "pm_ra": "pmra", "pm_dec": "pmdec", "RV": "rv", "parallax": "parallax", "av": "av", "stellarmass": "stellarmass",
-    "dm": "dm", "teff": "teff", "logg": "logg", "feh": "feh", "bulgemass": "bulgemass", "diskmass": "diskmass", "detA": "detA",
+    "dm": "dm", "teff": "teff", "logg": "logg", "feh": "feh", "bulgemass": "bulgemass", "diskmass": "diskmass",
+    "detA": "detA",
     "e1": "e1", "e2": "e2", "kappa": "kappa", "g1": "g1", "g2": "g2", "size": "size", "galType": "gal_type",
     "veldisp": "veldisp",
 }  # fmt: skip
@@ -43,6 +44,5 @@ def write_truth(path, drawn, job, metadata):
 def read_truth(path):
     """Return the truth table with our column names and 0-based x, y."""
     table = ObjectTable.read(path)
-    names = {cat: ours for cat, ours in CAT_COLUMNS.items() if ours}
-    columns = {names.get(name, name): table[name] for name in table.names}
+    columns = {CAT_COLUMNS.get(name, name): table[name] for name in table.names}
     return ObjectTable(columns | {"x": columns["x"] - 1.0, "y": columns["y"] - 1.0})

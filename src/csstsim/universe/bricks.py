@@ -1,7 +1,7 @@
 """Bricks: the embedded universe cut into HEALPix pixels of NSIDE 256 (order 8, nested), one parquet file each.
 
-What a brick holds depends on (campaign seed, brick number, config/universe/, the camera's filters, lensing) and on nothing
-else, so any subset in any order on any machine is the same sky. A position is the centre of a random order-29
+What a brick holds depends on (campaign seed, brick number, config/universe/, the camera's filters, lensing) and on
+nothing else, so any subset in any order on any machine is the same sky. A position is the centre of a random order-29
 pixel of the brick (0.4 mas apart): HEALPix pixels of one order have equal area, so objects are uniform on
 the brick and exactly inside it. The files follow the HATS layout, with its `_healpix_29` column.
 """
