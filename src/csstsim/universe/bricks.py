@@ -1,44 +1,57 @@
 """Bricks: the embedded universe cut into HEALPix pixels of NSIDE 256 (order 8, nested), one parquet file each.
 
-What a brick holds depends on (campaign seed, brick number, config/universe/, the camera's filters, lensing) and on
-nothing else, so any subset in any order on any machine is the same sky. A position is the centre of a random order-29
-pixel of the brick (0.4 mas apart): HEALPix pixels of one order have equal area, so objects are uniform on
-the brick and exactly inside it. The files follow the HATS layout, with its `_healpix_29` column.
+What a brick holds depends on (campaign seed, brick number, config/universe/, the dust map, the camera's filters,
+lensing) and on nothing else, so any subset in any order on any machine is the same sky. A position is the centre of
+a random order-29 pixel of the brick (0.4 mas apart): HEALPix pixels of one order have equal area, so objects are
+uniform on the brick and exactly inside it. The files follow the HATS layout, with its `_healpix_29` column.
 """
+
+from functools import partial
 
 import numpy as np
 
 from csstsim import __version__
 from csstsim.catalog.photometry import rate_to_mag, subband_weights
-from csstsim.catalog.table import BANDS, GALAXY, STAR, ObjectTable
+from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.errors import InputError
 from csstsim.rng import stream
 from csstsim.universe.galaxies import draw_galaxies
 from csstsim.universe.galaxy_sed import COEFFICIENTS
 from csstsim.universe.lensing import lens
-from csstsim.universe.stars import draw_stars, sin_latitude
+from csstsim.universe.quasars import draw_quasars
+from csstsim.universe.spectra import rates
+from csstsim.universe.stars import draw_stars
+from csstsim.units import RSUN_PC
 
 NSIDE = 256
 N_BRICKS = 12 * NSIDE**2
 AREA_DEG2 = 4 * 180.0**2 / np.pi / N_BRICKS
-ID_BITS = 20  # id = brick x 2^20 + row
+ID_BITS = 22  # id = brick x 2^22 + row
 _DEEP_ORDER, _ORDER = 29, 8
 SED_COLUMNS = ("sed_scale", *(f"coeff{k}" for k in range(COEFFICIENTS)))
+_I = BANDS.index("i")
 
 
 def make_brick(seed, pix, universe, camera, lensing):
-    """Return the ObjectTable of brick `pix`: stars, then galaxies.
+    """Return the ObjectTable of brick `pix`: stars, galaxies, then quasars.
 
-    universe: numbers.Universe; camera: instrument.camera.Camera; lensing: config.ConstantShear. Magnitudes are of
-    the unlensed spectra. Raises InputError for a brick number that does not exist.
+    universe: numbers.Universe; camera: instrument.camera.Camera; lensing: config.Lensing. Magnitudes are those of the
+    spectra: with the Milky Way's extinction, without lensing magnification. Raises InputError for a brick number that
+    does not exist.
     """
     if not 0 <= pix < N_BRICKS:
         raise InputError("no such brick", key="brick", value=pix, allowed=f"0..{N_BRICKS - 1}")
-    stars, galaxies = _stars(seed, pix, universe, camera), _galaxies(seed, pix, universe, camera, lensing)
-    rows = len(stars) + len(galaxies)
+    stars = _stars(seed, pix, universe)
+    galaxies = _galaxies(seed, pix, universe, camera, lensing)
+    quasars = _quasars(seed, pix, universe, galaxies, lensing)
+    rows = len(stars) + len(galaxies) + len(quasars)
     if rows >= 2**ID_BITS:
         raise InputError(f"a brick holds at most {2**ID_BITS - 1} objects", file=universe.folder, value=rows)
-    table = ObjectTable.concat([stars, galaxies]).with_columns(id=(pix << ID_BITS) + np.arange(rows, dtype=np.int64))
+    first = np.int64(pix) << ID_BITS
+    host = quasars["host"]
+    quasars = quasars.with_columns(host=np.where(host >= 0, first + len(stars) + host, -1))
+    table = ObjectTable.concat([stars, galaxies, quasars]).with_columns(id=first + np.arange(rows, dtype=np.int64))
+    table = _with_magnitudes(table, universe, camera)
     table.meta = brick_meta(seed, pix, universe, camera, lensing)
     return table
 
@@ -52,7 +65,7 @@ def brick_meta(seed, pix, universe, camera, lensing):
         "brick": pix,
         "universe": universe.digest,
         "camera": camera.digest,
-        "lensing": [lensing.kappa, lensing.gamma1, lensing.gamma2],
+        "lensing": lensing.model_dump(mode="json"),
     }
 
 
@@ -78,47 +91,76 @@ def read_brick(path, expect=None):
     return table
 
 
-def _stars(seed, pix, universe, camera):
-    import healpy
-
-    centre = healpy.pix2ang(NSIDE, pix, nest=True, lonlat=True)
-    columns = draw_stars(_streams(seed, pix, "stars"), AREA_DEG2, sin_latitude(*centre), universe.stars)
-    v, seds = columns.pop("v"), universe.star_seds
-    columns["sed_scale"] = (10 ** (-0.4 * (v - seds.unit_v_mag(columns["teff"], columns["feh"])))).astype(np.float32)
-    rates = seds.integrate(columns["teff"], columns["feh"], _band_weights(camera)) * columns["sed_scale"][:, None]
-    columns |= {f"coeff{k}": np.zeros(len(v), np.float32) for k in range(COEFFICIENTS)}
-    columns |= {"obj_type": np.full(len(v), STAR, np.int8)}
-    return _complete(seed, pix, "stars", columns, rates, camera)
-
-
-def _galaxies(seed, pix, universe, camera, lensing):
-    columns = draw_galaxies(_streams(seed, pix, "galaxies"), AREA_DEG2, universe.galaxies)
-    i, seds = columns.pop("i"), universe.galaxy_seds
-    mix = np.column_stack([columns[f"coeff{k}"] for k in range(COEFFICIENTS)])
-    rates = seds.integrate(columns["z"], mix, _band_weights(camera))
-    wanted = 10 ** (0.4 * (camera.filters["i"].zeropoint(camera.telescope) - i))
-    columns["sed_scale"] = (wanted / rates[:, BANDS.index("i")]).astype(np.float32)
-    rates *= columns["sed_scale"][:, None]
-    columns |= lens(len(i), lensing) | {"obj_type": np.full(len(i), GALAXY, np.int8)}
-    return _complete(seed, pix, "galaxies", columns, rates, camera)
-
-
-def _complete(seed, pix, kind, columns, rates, camera):
-    """Add position and magnitudes and put the columns in their order."""
+def place(pix, generator, count):
+    """Return ra, dec [deg] and the order-29 nested HEALPix pixels of `count` random positions in brick `pix`."""
     import healpy
 
     deep = 2 * (_DEEP_ORDER - _ORDER)
-    children = _streams(seed, pix, kind)("position").integers(0, 1 << deep, len(rates))
-    healpix = (np.int64(pix) << deep) + children
+    healpix = (np.int64(pix) << deep) + generator.integers(0, 1 << deep, count)
     ra, dec = healpy.pix2ang(1 << _DEEP_ORDER, healpix, nest=True, lonlat=True)
-    for k, band in enumerate(BANDS):
-        columns[f"mag_{band}"] = rate_to_mag(rates[:, k], _filters(camera)[k], camera.telescope).astype(np.float32)
-    order = {name: columns.pop(name) for name in SED_COLUMNS}
-    return ObjectTable.complete(columns | {"ra": ra, "dec": dec} | order | {"_healpix_29": healpix})
+    return ra, dec, healpix
 
 
-def _streams(seed, pix, kind):
-    return lambda name: stream(seed, "brick", pix, kind, name)
+def _stars(seed, pix, universe):
+    columns = draw_stars(_streams(seed, pix, "stars"), pix, partial(place, pix), universe.numbers["stars"])
+    radius, distance = columns.pop("radius"), columns.pop("distance")
+    columns |= {
+        "sed_scale": (radius * RSUN_PC / distance) ** 2,
+        "av": universe.r_v * universe.dust.star_ebv(columns["ra"], columns["dec"], distance),
+    }
+    return _complete(STAR, columns)
+
+
+def _galaxies(seed, pix, universe, camera, lensing):
+    streams = _streams(seed, pix, "galaxies")
+    columns = draw_galaxies(streams, AREA_DEG2, universe.numbers["galaxies"], universe.galaxy_seds, universe.cosmology)
+    _put(columns, *place(pix, streams("position"), len(columns["z"])), seed, pix, universe, lensing)
+    i, filter_ = columns.pop("i"), _filters(camera)[_I]
+    columns["sed_scale"] = np.ones(len(i))
+    # The counts are of the sky without the Milky Way's dust: `i` fixes the scale before it.
+    bare = _complete(GALAXY, columns | {"av": np.zeros(len(i))})
+    weights = subband_weights(filter_, camera.telescope).sum(axis=0, keepdims=True)
+    own = rates(universe, bare, weights)[:, 0]
+    return _complete(GALAXY, columns | {"sed_scale": 10 ** (0.4 * (filter_.zeropoint(camera.telescope) - i)) / own})
+
+
+def _quasars(seed, pix, universe, galaxies, lensing):
+    """Quasars stand where their hosts do; one without a host stands anywhere."""
+    streams = _streams(seed, pix, "quasars")
+    columns = draw_quasars(streams, AREA_DEG2, galaxies, universe.numbers["quasars"], universe.cosmology)
+    spot = place(pix, streams("position"), len(columns["z"]))
+    host = columns["host"]
+    if len(galaxies):
+        at = [galaxies[name][np.maximum(host, 0)] for name in ("ra", "dec", "_healpix_29")]
+        spot = [np.where(host >= 0, there, own) for there, own in zip(at, spot, strict=True)]
+    _put(columns, *spot, seed, pix, universe, lensing)
+    return _complete(QUASAR, columns)
+
+
+def _put(columns, ra, dec, healpix, seed, pix, universe, lensing):
+    """Put extragalactic objects where they belong: behind the whole of the dust, in the lensing field."""
+    field = universe.lensing_field(seed) if lensing.field == "cosmic" else None
+    columns |= {"ra": ra, "dec": dec, "_healpix_29": healpix, "av": universe.r_v * universe.dust.ebv(ra, dec)}
+    columns |= lens(pix, ra, dec, columns["z"], lensing, field)
+
+
+def _complete(obj_type, columns):
+    """Return the ObjectTable of one kind of object, its columns in their order; magnitudes are still to come."""
+    count = len(columns["ra"])
+    tail = {name: np.asarray(columns.get(name, np.zeros(count)), np.float32) for name in SED_COLUMNS}
+    tail["_healpix_29"] = columns["_healpix_29"]
+    head = {name: values for name, values in columns.items() if name in COLUMNS}
+    return ObjectTable.complete(head | {"obj_type": np.full(count, obj_type, np.int8)} | tail)
+
+
+def _with_magnitudes(table, universe, camera):
+    filters, telescope = _filters(camera), camera.telescope
+    weights = np.stack([subband_weights(f, telescope).sum(axis=0) for f in filters])
+    light = rates(universe, table, weights)
+    return table.with_columns(**{
+        f"mag_{band}": rate_to_mag(light[:, k], filters[k], telescope).astype(np.float32)
+        for k, band in enumerate(BANDS)
+    })  # fmt: skip
 
 
 def _filters(camera):
@@ -130,6 +172,5 @@ def _filters(camera):
     return [by_name[band] for band in BANDS]
 
 
-def _band_weights(camera):
-    """Return (7, 18001): electrons / s per photon density in each whole filter."""
-    return np.stack([subband_weights(f, camera.telescope).sum(axis=0) for f in _filters(camera)])
+def _streams(seed, pix, kind):
+    return lambda name: stream(seed, "brick", pix, kind, name)

@@ -1,47 +1,79 @@
 """The numbers of the embedded universe (config/universe/), read once and named by a digest.
 
-One YAML file a subject (stars, galaxies, quasars, lensing, dust, cosmology), each number with its source, and the
-fitted coefficients of the spectra beside them as FITS.
+One YAML file a subject, each number with its source, and the fitted coefficients of the spectra beside them as FITS.
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from pathlib import Path
 
+from csstsim.catalog.dust_map import DustMap
+from csstsim.config import digest
 from csstsim.errors import InputError
+from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import folder_digest, read_data
+from csstsim.universe.cosmology import Cosmology
 from csstsim.universe.galaxy_sed import GalaxySeds
+from csstsim.universe.quasar_sed import QuasarSeds
 from csstsim.universe.star_sed import StarSeds
 
-PARTS = ("cosmology", "galaxies", "stars")
+PARTS = ("cosmology", "dust", "galaxies", "lensing", "quasars", "stars")
 
 
 @dataclass(frozen=True, eq=False)
 class Universe:
-    """The embedded universe's numbers: one mapping a file, as there, and the spectra they define."""
+    """The embedded universe: `numbers`, one mapping a file, and what they define, made when first asked for."""
 
     folder: Path
-    digest: str
-    cosmology: dict
-    galaxies: dict
-    stars: dict
+    numbers: dict
 
     @cached_property
-    def galaxy_seds(self):
-        return GalaxySeds(self.galaxies)
+    def digest(self):
+        """16 hex digits of the folder and of the dust map, which may lie elsewhere."""
+        return digest([folder_digest(self.folder), self.dust.digest])
+
+    @cached_property
+    def cosmology(self):
+        return Cosmology(self.numbers["cosmology"])
+
+    @cached_property
+    def dust(self):
+        return DustMap(self.numbers["dust"])
+
+    @property
+    def r_v(self):
+        return self.numbers["dust"]["r_v"]
+
+    @cached_property
+    def extinction(self):
+        """A(lambda) / A(V) on the paper's grid."""
+        return self.dust.curve(GRID)
 
     @cached_property
     def star_seds(self):
-        return StarSeds(self.stars["spectrum"])
+        return StarSeds(self.folder / "star_spectra.fits", self.extinction)
+
+    @cached_property
+    def galaxy_seds(self):
+        return GalaxySeds(self.folder / "galaxy_spectra.fits", self.numbers["galaxies"]["igm"], self.extinction)
+
+    @cached_property
+    def quasar_seds(self):
+        return QuasarSeds(self.numbers["quasars"], self.numbers["galaxies"]["igm"], self.extinction)
+
+    @cache  # noqa: B019 - a universe lives as long as its process
+    def lensing_field(self, seed):
+        from csstsim.universe.lensing_field import LensingField
+
+        return LensingField(seed, self.numbers["cosmology"], self.numbers["lensing"])
 
 
 def load_universe(folder):
     """Read a universe folder. Raises InputError for a missing or unreadable file or a number without source."""
     folder = Path(folder)
-    parts = {name: read_data(folder / f"{name}.yaml") for name in PARTS}
-    universe = Universe(folder, folder_digest(folder), **parts)
-    try:
-        universe.galaxy_seds, universe.star_seds  # noqa: B018 - a fault in the templates shows here, not in a brick
+    universe = Universe(folder, {name: read_data(folder / f"{name}.yaml") for name in PARTS})
+    try:  # a fault shows here, not in a brick
+        universe.digest, universe.cosmology, universe.star_seds, universe.galaxy_seds, universe.quasar_seds  # noqa: B018
     except (KeyError, TypeError, ValueError, IndexError) as exc:
-        raise InputError(f"the spectra cannot be built: {type(exc).__name__} {exc}", file=folder) from exc
+        raise InputError(f"a number is missing or wrong: {type(exc).__name__} {exc}", file=folder) from exc
     return universe
