@@ -6,10 +6,8 @@ The luminosity function of Ross et al. (2013, ApJ 773, 14), a double power law i
 
 times the comoving volume gives the number on the sky. The quasars of a redshift bin are laid to the galaxies of that
 bin by rank: the more luminous, the larger the product of bulge mass and a log-normal accretion rate. Left out:
-clustering beyond the hosts', obscured quasars, lensed ones.
+clustering beyond the hosts', obscured quasars, lensed ones, the 3% between the cosmology of the fit and ours.
 """
-
-from itertools import pairwise
 
 import numpy as np
 
@@ -37,8 +35,7 @@ def cumulative_counts(numbers, cosmology):
     middle = 0.5 * (edges[1:] + edges[:-1])
     magnitude = _magnitudes(numbers)
     density = np.trapezoid(luminosity_function(magnitude, middle[:, None], numbers), magnitude, axis=1)
-    volume = np.array([cosmology.volume(low, high) for low, high in pairwise(edges)])
-    return edges, np.concatenate([[0.0], np.cumsum(density * volume)])
+    return edges, np.concatenate([[0.0], np.cumsum(density * cosmology.volume(edges[:-1], edges[1:]))])
 
 
 def draw_quasars(rng, area, galaxies, numbers, cosmology):
@@ -53,11 +50,11 @@ def draw_quasars(rng, area, galaxies, numbers, cosmology):
     z = np.interp(rng("redshift").random(count) * total[-1], total, edges)
     m1450 = _luminosity(rng("luminosity"), z, numbers).astype(np.float32)
     host = match_hosts(rng("accretion"), z, m1450, galaxies, numbers)
-    z = np.where(host >= 0, np.asarray(galaxies["z"], dtype=float)[host] if len(galaxies["z"]) else z, z)
-    z = z.astype(np.float32)
+    z[host >= 0] = np.asarray(galaxies["z"])[host[host >= 0]]
     # Absolute magnitude at 1450 A rest to AB magnitude at 1450 (1 + z) A.
-    observed = m1450 + cosmology.distance_modulus(z.astype(float)) - 2.5 * np.log10(1 + z.astype(float))
-    columns = {"z": z, "m1450": m1450, "sed_scale": (10 ** (-0.4 * observed)).astype(np.float32)}
+    observed = m1450 + cosmology.distance_modulus(z) - 2.5 * np.log10(1 + z)
+    columns = {"z": z, "m1450": m1450, "sed_scale": 10 ** (-0.4 * observed)}
+    columns = {name: values.astype(np.float32) for name, values in columns.items()}
     own = _coefficients(rng, m1450, numbers)
     return columns | {f"coeff{k}": own[:, k] for k in range(COEFFICIENTS)} | {"host": host}
 
@@ -65,12 +62,12 @@ def draw_quasars(rng, area, galaxies, numbers, cosmology):
 def match_hosts(generator, z, m1450, galaxies, numbers):
     """Return the row of the host of each quasar, -1 for none; a galaxy hosts at most one.
 
-    Galaxies without a bulge mass, or without a bulge, host none.
+    Galaxies without a redshift, a bulge mass or a bulge host none.
     """
     width, scatter = numbers["hosts"]["bin"], numbers["hosts"]["scatter"]
     galaxy_z, mass = (np.asarray(galaxies[name], dtype=float) for name in ("z", "bulgemass"))
     accretion = np.where(mass > 0, mass, 0.0) * 10 ** (scatter * generator.standard_normal(len(mass)))
-    galaxy_bin, quasar_bin = (np.floor(values / width).astype(np.int64) for values in (galaxy_z, z))
+    galaxy_bin, quasar_bin = (np.floor(values / width) for values in (galaxy_z, z))  # NaN is in no bin
     host = np.full(len(z), -1, dtype=np.int64)
     for this in np.unique(quasar_bin):
         quasars = np.flatnonzero(quasar_bin == this)
