@@ -16,6 +16,7 @@ from csstsim.bricks.figures import BLUE, GREEN, ORANGE, SKY, VERMILION
 from csstsim.catalog.extinction import odonnell
 from csstsim.catalog.photometry import rate_to_mag, subband_weights
 from csstsim.instrument.camera import load_camera
+from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import read_data
 from csstsim.rng import stream
 from csstsim.universe.cosmology import Cosmology
@@ -114,7 +115,7 @@ def main():
     args = parser.parse_args()
     subjects = ("quasars", "galaxies", "cosmology")
     numbers, galaxies, cosmology = (read_data(SHIPPED / "universe" / f"{name}.yaml") for name in subjects)
-    camera, seds = load_camera(SHIPPED / "instrument"), QuasarSeds(numbers, galaxies["igm"], odonnell)
+    camera, seds = load_camera(SHIPPED / "instrument"), QuasarSeds(numbers, galaxies["igm"], odonnell(GRID))
     z, mag = report_counts(numbers, seds, camera, Cosmology(cosmology))
     report_colours(seds, camera)
     if args.figure:

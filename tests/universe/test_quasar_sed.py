@@ -27,7 +27,7 @@ REST = np.arange(950.0, 9600.0, 1.0)
 @cache
 def seds(lines=True):
     empty = {} if lines else {"lines": {"table": []}, "small_blue_bump": {"table": []}}
-    return QuasarSeds(NUMBERS | empty, IGM, odonnell)
+    return QuasarSeds(NUMBERS | empty, IGM, odonnell(GRID))
 
 
 def own(m1450=-26.0, **changed):
@@ -187,4 +187,4 @@ def test_numbers_that_make_no_spectrum_are_refused():
         ("lines", {"table": [[1216, 50, 10, "unknown"]]}),
     ):
         with pytest.raises(ValueError):
-            QuasarSeds(NUMBERS | {part: NUMBERS[part] | changed}, IGM, odonnell)
+            QuasarSeds(NUMBERS | {part: NUMBERS[part] | changed}, IGM, odonnell(GRID))

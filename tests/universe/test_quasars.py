@@ -10,6 +10,7 @@ from csstsim.catalog.extinction import odonnell
 from csstsim.catalog.photometry import rate_to_mag, subband_weights
 from csstsim.config import SHIPPED
 from csstsim.instrument.camera import load_camera
+from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import read_data
 from csstsim.rng import stream
 from csstsim.universe.cosmology import Cosmology
@@ -100,7 +101,7 @@ def test_draws_follow_the_luminosity_function():
 def test_density_on_the_sky():
     """About 100 deg-2 at g < 22 and 300 to 400 at g < 24 (CSST g, no Milky Way dust), each +-35% + 3 sigma."""
     quasars, camera = sample(), load_camera(SHIPPED / "instrument")
-    seds = QuasarSeds(NUMBERS, read_data(SHIPPED / "universe" / "galaxies.yaml")["igm"], odonnell)
+    seds = QuasarSeds(NUMBERS, read_data(SHIPPED / "universe" / "galaxies.yaml")["igm"], odonnell(GRID))
     own = np.column_stack([quasars[f"coeff{k}"] for k in range(COEFFICIENTS)])
     keep = slice(0, 3000)
     area = 10.0 * min(1.0, 3000 / len(own))

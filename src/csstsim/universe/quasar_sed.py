@@ -27,12 +27,13 @@ _CHUNK = 64  # spectra held at a time: 64 x 18,001 samples are 9 MB
 class QuasarSeds:
     """Spectra of quasars from (z, coefficients, scale, av); see the module.
 
-    numbers: config/universe/quasars.yaml; igm_numbers: those of igm.Intergalactic; extinction_curve(wavelength [A])
-    gives A(lambda)/A(V). Raises KeyError, TypeError or ValueError for numbers that describe no spectrum.
+    numbers: config/universe/quasars.yaml; igm_numbers: those of igm.Intergalactic; extinction_curve: A(lambda)/A(V)
+    on the paper's grid, (18001,). Raises KeyError, TypeError or ValueError for numbers that describe no spectrum.
     """
 
     def __init__(self, numbers, igm_numbers, extinction_curve):
-        self._igm_numbers, self._extinction_curve = igm_numbers, extinction_curve
+        self._igm_numbers = igm_numbers
+        self._extinction_curve = np.asarray(extinction_curve, dtype=float)
         continuum = numbers["continuum"]
         self._breaks = np.array([0.0, *continuum["breaks"], np.inf])
         self._slopes = np.array(continuum["slopes"], dtype=float)
@@ -50,11 +51,12 @@ class QuasarSeds:
     def spectra(self, z, coefficients, scale, av, wavelength=GRID):
         """Return (n, len(wavelength)) photon / s / m2 / angstrom.
 
-        z, scale, av (n,); coefficients (n, 20); wavelength [A], rising.
+        z, scale, av (n,); coefficients (n, 20); wavelength [A], rising; beyond the paper's grid extinction is that
+        at its end.
         """
         wavelength = np.asarray(wavelength, dtype=float)
         igm = Intergalactic(wavelength, self._igm_numbers)
-        curve = -0.4 * np.log(10) * self._extinction_curve(wavelength)
+        curve = -0.4 * np.log(10) * np.interp(wavelength, GRID, self._extinction_curve)
         out = np.empty((len(z), len(wavelength)))
         for i, (redshift, own) in enumerate(zip(np.asarray(z, dtype=float), coefficients, strict=True)):
             own = np.asarray(own, dtype=float)
