@@ -38,9 +38,9 @@ class DustMap:
 
     @cached_property
     def digest(self):
-        """16 hex digits of the SHA-256 of the map's file."""
+        """16 hex digits of the BLAKE2b of the map's file (twice as fast as SHA-256: a Planck map is 2 GB)."""
         with open(self.path, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()[:16]
+            return hashlib.file_digest(file, "blake2b").hexdigest()[:16]
 
     def ebv(self, ra, dec):
         """Return E(B-V) [mag, at least 0] of the whole column towards `ra`, `dec` [deg, ICRS], arrays alike.
