@@ -5,6 +5,7 @@ from click.testing import CliRunner
 from mini_campaign import write_campaign
 
 from csstsim.campaign import OpenCampaign
+from csstsim.catalog.astrometry import icrs
 from csstsim.cli import main
 from csstsim.errors import InputError
 from csstsim.instrument.chip import Window
@@ -12,7 +13,8 @@ from csstsim.plan import plan
 
 
 def centre(campaign, obsid="10100000001", chip=9, x=64.0, y=64.0):
-    ra, dec = campaign.job(obsid, chip).wcs.pixel_to_world(x, y)
+    job = campaign.job(obsid, chip)
+    ra, dec = icrs(*job.wcs.pixel_to_world(x, y), job.observer)
     return {"ra": float(ra), "dec": float(dec)}
 
 
