@@ -118,6 +118,26 @@ def test_object_behind_the_sky_is_outside(pick):
     assert len(table) == 0 and table.meta["dropped"]["outside"] == 1
 
 
+def test_stars_move_and_nothing_else_does(pick):
+    """27.48 years at 200 mas / yr eastward and -100 northward, on the sky and in pixels; NaN is no motion."""
+    moving = {"pmra": 200.0, "pmdec": -100.0, "parallax": 0.0, "rv": 0.0}
+    unknown = {"pmra": np.nan, "pmdec": np.nan, "parallax": -1.0, "rv": np.nan}
+    quasar = star(20.0) | moving | {"type": "quasar"}
+    table = pick([(4300, 3250, v) for v in (star(20.0) | moving, galaxy() | moving, quasar, star(20.0) | unknown)])
+    assert len(table) == 4 and len(set(table["ra_orig"])) == len(set(table["dec_orig"])) == 1
+    assert table["x"][1:] == pytest.approx(4300, abs=1e-6) and table["y"][1:] == pytest.approx(3250, abs=1e-6)
+    moved = np.hypot(table["x"][0] - 4300, table["y"][0] - 3250) * 0.074
+    assert moved == pytest.approx(27.482 * np.hypot(0.2, 0.1), rel=2e-4)  # arcsec; the boost stretches by 1e-4
+    east = (table["ra_epoch"] - table["ra_orig"]) * np.cos(np.radians(table["dec_orig"])) * 3600
+    north = (table["dec_epoch"] - table["dec_orig"]) * 3600
+    assert (east[0], north[0]) == pytest.approx((5.4964, -2.7482), rel=1e-3)
+    assert np.abs([east[1:], north[1:]]).max() < 1e-9
+    shift = np.hypot(
+        (table["ra"] - table["ra_epoch"]) * np.cos(np.radians(table["dec"])), table["dec"] - table["dec_epoch"]
+    )
+    assert shift.min() * 3600 > 1.0 and shift.max() * 3600 < 26.2
+
+
 def test_magnitude_limit_is_the_chips_own_band(pick):
     table = pick([(4100, 3100, star(ab, id=k)) for k, ab in enumerate((24.0, 25.9, 26.1))], mag_limit=26.0)
     assert list(table["id"]) == [0, 1] and table.meta["dropped"] == {"outside": 0, "faint": 1}

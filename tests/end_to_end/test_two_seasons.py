@@ -1,5 +1,7 @@
 """One field half a year apart: the stars change pixels by the aberration, and come back to one place on the sky."""
 
+import json
+
 import numpy as np
 import pytest
 from astropy import units as u
@@ -35,7 +37,7 @@ def run(*arguments):
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
-    """Sixteen stars measured in both seasons and merged; every other one moves."""
+    """Sixteen stars measured in both seasons, merged and validated; every other one moves."""
     folder = tmp_path_factory.mktemp("seasons")
     geometry = {"nx": SIDE, "ny": SIDE, "channel_nx": SIDE // 8, "channel_ny": SIDE // 2}
     rng, line = np.random.default_rng(4), np.linspace(-120, 120, 4)
@@ -52,7 +54,8 @@ def campaign(tmp_path_factory):
         for command in ("chip", "measure"):
             run(command, path, "--obsid", obsid, "--chip", CHIP)
     for pix in opened.merge_bricks:
-        run("merge", path, "--brick", pix)
+        for command in ("merge", "validate"):
+            run(command, path, "--brick", pix)
     return opened
 
 
@@ -119,6 +122,14 @@ def test_every_star_is_one_merged_source(campaign):
         assert near.sum() == 1 and seen[near] == 2
         if truth["id"][star] % 2 == 0:
             assert off[near] * 3600 / SCALE < PLACE_PX
+
+
+def test_validation_compares_places_at_the_epoch(campaign):
+    """No offset in spite of 26 arcsec of aberration and 8 arcsec of proper motion since J2000; 0.02 px are 1.5 mas."""
+    results = [json.loads(campaign.paths.validate(pix).read_text())["astrometry_mas"] for pix in campaign.merge_bricks]
+    found = [part for result in results for part in result.values() if part["n"]]
+    assert sum(part["n"] for part in found) >= 2 * 12  # nearly saturated ones are not judged
+    assert all(abs(part["median"]) < 1000 * PLACE_PX * SCALE for part in found)
 
 
 def test_the_header_alone_gives_the_state_back(campaign):

@@ -10,6 +10,7 @@ from astropy.io import fits
 from astropy.time import Time
 from readout_state import dark_layers, flat_state, run, small_camera
 
+from csstsim.catalog.ephemeris import observer
 from csstsim.config import SHIPPED
 from csstsim.detector.channels import LAYOUTS
 from csstsim.errors import InputError
@@ -168,6 +169,18 @@ def test_files_that_cannot_be_read(small, tmp_path):
     [("LAYOUT", "tiles", "unknown layout"), ("READX1", 999, "does not hold together"), ("OSCAN1", 8, "not the pixels"),
      ("DETSIZE", "big", "does not hold together")],
 )  # fmt: skip
+def test_the_spacecraft_is_in_the_header_or_missed(small, tmp_path):
+    state = made(
+        small, tmp_path / "x.fits", "channels", provenance=PROVENANCE | {"ephemeris": "builtin", "planets": True}
+    )
+    craft, pointing = read_level0(tmp_path / "x.fits").observer, state.pointing
+    same = observer(pointing.mjd, pointing.sat_position, pointing.sat_velocity, "builtin", True)
+    assert craft.astrom == same.astrom and len(craft.bodies) == 4
+    made(small, tmp_path / "old.fits", "channels")
+    with pytest.raises(InputError, match="EPHEM"):
+        _ = read_level0(tmp_path / "old.fits").observer
+
+
 def test_headers_that_contradict_the_pixels(small, tmp_path, key, value, message):
     made(small, tmp_path / "x.fits", "channels")
     with fits.open(tmp_path / "x.fits", mode="update") as hdus:
