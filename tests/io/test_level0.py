@@ -169,18 +169,6 @@ def test_files_that_cannot_be_read(small, tmp_path):
     [("LAYOUT", "tiles", "unknown layout"), ("READX1", 999, "does not hold together"), ("OSCAN1", 8, "not the pixels"),
      ("DETSIZE", "big", "does not hold together")],
 )  # fmt: skip
-def test_the_spacecraft_is_in_the_header_or_missed(small, tmp_path):
-    state = made(
-        small, tmp_path / "x.fits", "channels", provenance=PROVENANCE | {"ephemeris": "builtin", "planets": True}
-    )
-    craft, pointing = read_level0(tmp_path / "x.fits").observer, state.pointing
-    same = observer(pointing.mjd, pointing.sat_position, pointing.sat_velocity, "builtin", True)
-    assert craft.astrom == same.astrom and len(craft.bodies) == 4
-    made(small, tmp_path / "old.fits", "channels")
-    with pytest.raises(InputError, match="EPHEM"):
-        _ = read_level0(tmp_path / "old.fits").observer
-
-
 def test_headers_that_contradict_the_pixels(small, tmp_path, key, value, message):
     made(small, tmp_path / "x.fits", "channels")
     with fits.open(tmp_path / "x.fits", mode="update") as hdus:
@@ -241,3 +229,14 @@ def test_satellite_at_the_end_of_the_exposure():
     energy = [u @ u / 2 - gm / np.linalg.norm(x) for x, u in (start, (r, v))]
     assert abs(energy[0] - energy[1]) < 1e-9
     assert np.allclose(np.cross(*start), np.cross(r, v), rtol=1e-11)
+
+
+def test_the_spacecraft_is_in_the_header_or_missed(small, tmp_path):
+    known = PROVENANCE | {"ephemeris": "builtin", "planets": True}
+    pointing = made(small, tmp_path / "x.fits", "channels", provenance=known).pointing
+    craft = read_level0(tmp_path / "x.fits").observer
+    same = observer(pointing.mjd, pointing.sat_position, pointing.sat_velocity, "builtin", True)
+    assert craft.astrom == same.astrom and len(craft.bodies) == 4
+    made(small, tmp_path / "old.fits", "channels")
+    with pytest.raises(InputError, match="EPHEM"):
+        _ = read_level0(tmp_path / "old.fits").observer
