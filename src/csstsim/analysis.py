@@ -6,7 +6,7 @@ import os
 
 from csstsim import __version__
 from csstsim.errors import InputError
-from csstsim.stages import open_psf
+from csstsim.stages import check_recipe, open_psf
 
 
 def measure(run, job):
@@ -40,12 +40,14 @@ def measure(run, job):
 def merge(run, pix):
     """Merge the measurements of a brick: one row per source."""
     from csstsim.bricks.merge import merge_brick, write_merged
-    from csstsim.catalog.table import ObjectTable
 
-    tables = [ObjectTable.read(run.paths.measure(*job.key)) for job in _jobs_on(run, pix)]
+    tables = [_measured(run, job) for job in _jobs_on(run, pix)]
     sources, detections = merge_brick(pix, tables)
-    metadata = {"product": "merged brick", "csstsim": __version__, "campaign": run.config.name, "brick": pix}
-    write_merged(run.paths.merge(pix), sources, detections, metadata | {"frames": len(tables)})
+    metadata = {
+        "product": "merged brick", "csstsim": __version__, "campaign": run.config.name, "brick": pix,
+        "recipe": run.brick_recipe(pix), "frames": len(tables),
+    }  # fmt: skip
+    write_merged(run.paths.merge(pix), sources, detections, metadata)
     print(f"{len(sources)} sources from {len(detections)} detections")
 
 
@@ -55,16 +57,12 @@ def validate(run, pix):
     from csstsim.bricks.figures import brick_figure
     from csstsim.bricks.validate import Frame, validate_brick
     from csstsim.catalog.table import ObjectTable
-    from csstsim.io.truth import read_truth
 
-    jobs = _jobs_on(run, pix)
-    frames = [
-        Frame(
-            read_truth(run.paths.level0_truth(job.pointing, job.chip.id)), ObjectTable.read(run.paths.measure(*job.key))
-        )
-        for job in jobs
-    ]
-    result, arrays = validate_brick(pix, ObjectTable.read(run.paths.merge(pix)), frames, run.config.validation)
+    frames = [Frame(_truth(run, job), _measured(run, job)) for job in _jobs_on(run, pix)]
+    merged = ObjectTable.read(run.paths.merge(pix))
+    check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
+    result, arrays = validate_brick(pix, merged, frames, run.config.validation)
+    result["recipe"] = run.brick_recipe(pix)
     path, limits = run.paths.validate(pix), run.config.validation
     with atomic_path(path.with_suffix(".png")) as temporary:
         temporary.write_bytes(brick_figure(result, arrays, threshold=limits.completeness_min, snr_min=limits.snr_min))
@@ -72,6 +70,24 @@ def validate(run, pix):
         temporary.write_text(json.dumps(result, indent=1) + "\n")
     for gate in result["gates"]:
         print(gate)
+
+
+def _measured(run, job):
+    from csstsim.catalog.table import ObjectTable
+
+    path = run.paths.measure(*job.key)
+    table = ObjectTable.read(path)
+    check_recipe(path, table.meta, run.recipe(job))
+    return table
+
+
+def _truth(run, job):
+    from csstsim.io.truth import read_truth
+
+    path = run.paths.level0_truth(job.pointing, job.chip.id)
+    table = read_truth(path)
+    check_recipe(path, table.meta, run.recipe(job))
+    return table
 
 
 def _jobs_on(run, pix):
@@ -92,10 +108,12 @@ def report(run):
     for pix in run.merge_bricks:
         path = run.paths.validate(pix)
         try:
-            results.append(json.loads(path.read_text()))
+            result = json.loads(path.read_text())
             figures[pix] = path.with_suffix(".png").read_bytes()
         except (OSError, ValueError) as exc:
             raise InputError(f"cannot read the validation of a brick: {exc}", file=path) from None
+        check_recipe(path, result, run.brick_recipe(pix))
+        results.append(result)
     files = [run.paths.level0(job.pointing, job.chip.id) for job in run.jobs]
     write_report(
         page, _summary(run), results,

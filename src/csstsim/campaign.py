@@ -212,3 +212,7 @@ class OpenCampaign:
             "layers": digest(self.steps[job.pointing.type].describe()),
             "exposure": digest([str(job.pointing), str(job.window), job.chip.id]),
         }
+
+    def brick_recipe(self, pix):
+        """Return the digest of everything that decides a merged brick: the recipes of the frames on it."""
+        return digest([self.recipe(job) for job in self.merge_bricks[pix]])

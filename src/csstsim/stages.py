@@ -79,7 +79,7 @@ def render(run, job):
     if job.pointing.type == "SCIE":
         path = run.paths.stage(*job.key, "select.parquet")
         objects = ObjectTable.read(path)
-        _check_recipe(run, job, path, objects.meta)
+        check_recipe(path, objects.meta, run.recipe(job))
     state = _render(run, job, objects)
     planes = {"image": state.image, "counted": state.counted}
     state.header["stages"] = [*(objects.meta["stages"] if objects is not None else []), timer.entry()]
@@ -117,7 +117,7 @@ def level0(run, job):
     if run.has_stage(job.pointing, "render"):
         path = run.paths.stage(*job.key, "drawn.parquet")
         state.truth = ObjectTable.read(path)
-        _check_recipe(run, job, path, state.truth.meta)
+        check_recipe(path, state.truth.meta, run.recipe(job))
     _level0(run, job, state, timer)
 
 
@@ -212,12 +212,12 @@ def _meta(run, job, state):
     return {"recipe": run.recipe(job), "stage": stage, "unit": state.unit, "header": state.header}
 
 
-def _check_recipe(run, job, path, meta):
-    if meta.get("recipe") != run.recipe(job):
+def check_recipe(path, meta, recipe):
+    """Refuse a file whose record says it was made from something else than `recipe`."""
+    if meta.get("recipe") != recipe:
         raise InputError(
-            "made for another campaign; remove it", file=path, key="recipe", value=meta.get("recipe"),
-            allowed=run.recipe(job),
-        )  # fmt: skip
+            "made for another campaign; remove it", file=path, key="recipe", value=meta.get("recipe"), allowed=recipe
+        )
 
 
 def open_psf(run, job):

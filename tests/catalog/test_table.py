@@ -59,6 +59,24 @@ def test_file_round_trip(table, tmp_path, rows):
     assert ObjectTable.read(tmp_path / "t.parquet", columns=["ra", "id"]).names == ("ra", "id")
 
 
+def test_no_flipped_bit_passes_unseen(table, tmp_path):
+    """120 random bits of the file: each flip is refused or does not matter."""
+    path, rng = tmp_path / "t.parquet", np.random.default_rng(1)
+    table.write(path, {"seed": 1})
+    whole, refused = path.read_bytes(), 0
+    expected = ObjectTable.read(path)
+    for place in rng.integers(0, len(whole), 120):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << rng.integers(8)
+        path.write_bytes(damaged)
+        try:
+            found = ObjectTable.read(path)
+            assert found == expected and found.meta == expected.meta
+        except InputError:
+            refused += 1
+    assert refused > 60
+
+
 def test_column_that_is_not_there(table, tmp_path):
     table.write(tmp_path / "t.parquet")
     with pytest.raises(InputError, match=r"t\.parquet: nosuch: the table lacks"):

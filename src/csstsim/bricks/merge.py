@@ -16,12 +16,10 @@ Left out: forced photometry in the bands without a detection (NaN), and motion: 
 epoch, so a star that moves by more than the tolerance between exposures becomes two sources.
 """
 
-import json
-
 import numpy as np
 
 from csstsim.bricks.healpix import brick_of, from_vectors, hats_index, near_brick, to_vectors
-from csstsim.catalog.table import BANDS, ObjectTable
+from csstsim.catalog.table import BANDS, ObjectTable, write_parquet
 
 TOLERANCE = 0.22  # arcsec, 3 px: 5 sigma of the windowed position at the detection limit
 MARGIN = 2.0  # arcsec
@@ -189,17 +187,10 @@ def write_merged(path, sources, detections, metadata):
     joined by `sources.meta`.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    from csstsim.atomic import atomic_path
 
     offsets = pa.array(np.searchsorted(detections["source"], np.arange(len(sources) + 1)), pa.int32())
     columns = {name: pa.array(sources[name]) for name in sources.names}
     kinds = {"obsid": pa.string(), "chip": pa.int16(), "filter": pa.string(), "number": pa.int32()}
     for name, kind in kinds.items():
         columns[f"detection_{name}"] = pa.ListArray.from_arrays(offsets, pa.array(detections[name], kind))
-    table = pa.table(columns).replace_schema_metadata(
-        {b"csstsim": json.dumps(sources.meta | metadata, sort_keys=True).encode()}
-    )
-    with atomic_path(path) as temporary:
-        pq.write_table(table, temporary, compression="zstd")
+    write_parquet(path, pa.table(columns), sources.meta | metadata)

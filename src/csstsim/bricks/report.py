@@ -41,6 +41,8 @@ def page(summary, results, exposures, files, figures, sky_map, provenance, times
     failed = sum(gate["passed"] is False for _, gate in gates)
     judged = sum(gate["passed"] is not None for _, gate in gates)
     verdict = f"{judged - failed} of {judged} judged gates pass; {len(gates) - judged} could not be judged."
+    if judged == 0:
+        verdict = "No gate could be judged: too few sources, or no thresholds."
     name = summary.get("name", "campaign")
     parts = [
         f"<h1>csstsim report: {_text(name)}</h1>",
@@ -120,8 +122,8 @@ def _bands(results):
             values = (
                 result["brick"], band, numbers["frames"], _fixed(numbers["zeropoint"]), _fixed(numbers["depth_5sigma"]),
                 _fixed(numbers["completeness"], 3), numbers["point_sources"], _fixed(star["median"], 4),
-                _fixed(star["sigma"], 3), star["n"],
-                _fixed(galaxy["median"], 3), _fixed(galaxy["sigma"], 3), galaxy["n"],
+                _spread(star), star["n"],
+                _fixed(galaxy["median"], 3), _spread(galaxy), galaxy["n"],
             )  # fmt: skip
             rows.append("".join(map(_cell, values)))
     head = (
@@ -133,6 +135,10 @@ def _bands(results):
 
 def _fixed(value, digits=2):
     return None if value is None else f"{value:.{digits}f}"
+
+
+def _spread(numbers):
+    return _fixed(numbers["sigma"], 3) if numbers["n"] >= 3 else None  # of one or two sources it says nothing
 
 
 def _brick(result, png):

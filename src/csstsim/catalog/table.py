@@ -5,6 +5,7 @@ A chip holds some 76,000 objects; one Python object each, with its own spectrum,
 """
 
 import json
+import zlib
 from collections.abc import Mapping
 
 import numpy as np
@@ -16,7 +17,7 @@ STAR, GALAXY, QUASAR = 0, 1, 2
 TYPES = ("star", "galaxy", "quasar")  # by obj_type
 BANDS = ("nuv", "u", "g", "r", "i", "z", "y")
 
-_META_KEY = b"csstsim"
+_META_KEY, _SUMS_KEY = b"csstsim", b"csstsim_checksums"
 
 # Columns every catalogue has: type and the value where it gives none. NaN means "not known": a galaxy
 # without a size is flagged, one without a parallax is not.
@@ -135,29 +136,60 @@ class ObjectTable(Mapping):
     def write(self, path, meta=None):
         """Write a parquet file (temporary name, fsync, rename) with `meta` (default: the table's) as JSON metadata."""
         import pyarrow as pa
-        import pyarrow.parquet as pq
 
         table = pa.table({name: pa.array(values) for name, values in self._columns.items()})
-        text = json.dumps(self.meta if meta is None else meta, sort_keys=True)
-        with atomic_path(path) as temporary:
-            pq.write_table(table.replace_schema_metadata({_META_KEY: text.encode()}), temporary, compression="zstd")
+        write_parquet(path, table, self.meta if meta is None else meta)
 
     @classmethod
     def read(cls, path, columns=None):
-        """Read a parquet file written by `write`. Raises InputError for a missing, truncated or foreign file."""
+        """Read a parquet file written by `write`. Raises InputError for a missing, damaged or foreign file."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
         try:
             with pq.ParquetFile(path) as file:
-                meta = (file.schema_arrow.metadata or {}).get(_META_KEY)
+                about = file.schema_arrow.metadata or {}
+                meta = about.get(_META_KEY)
                 names = file.schema_arrow.names if columns is None else list(columns)
                 missing = sorted(set(names) - set(file.schema_arrow.names))
                 table = None if meta is None or missing else file.read(columns=names)
-        except (OSError, pa.ArrowException) as exc:
+        except (OSError, ValueError, pa.ArrowException) as exc:
             raise InputError(f"not a readable parquet file: {str(exc).splitlines()[0]}", file=path) from None
         if meta is None:
             raise InputError("a parquet file, but not one of csstsim's tables (no metadata)", file=path)
         if missing:
             raise InputError("the table lacks a column", file=path, key=missing[0])
-        return cls({name: table[name].to_numpy() for name in names}, json.loads(meta))
+        found = cls({name: table[name].to_numpy() for name in names}, _load_meta(path, meta))
+        sums = _load_meta(path, about.get(_SUMS_KEY, b"{}"))
+        if sums.get("") != _checksum(meta) or any(sums.get(name) != _checksum(found[name]) for name in names):
+            raise InputError("damaged: a column does not have its recorded checksum; make it again", file=path)
+        return found
+
+
+def write_parquet(path, table, meta):
+    """Write an Arrow table with `meta` and a checksum of each column (temporary name, fsync, rename)."""
+    import pyarrow.parquet as pq
+
+    text = json.dumps(meta, sort_keys=True).encode()
+    sums = {"": _checksum(text)} | {name: _checksum(table[name].to_numpy()) for name in table.column_names}
+    about = {_META_KEY: text, _SUMS_KEY: json.dumps(sums).encode()}
+    with atomic_path(path) as temporary:
+        pq.write_table(table.replace_schema_metadata(about), temporary, compression="zstd")
+
+
+def _checksum(values):
+    """CRC-32 of bytes or of a column; of their text for strings and lists, which have no plain bytes."""
+    if isinstance(values, np.ndarray):
+        values = values.tobytes() if values.dtype != object else repr([_plain(v) for v in values]).encode()
+    return zlib.crc32(values)
+
+
+def _plain(value):
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _load_meta(path, text):
+    try:
+        return json.loads(text)
+    except ValueError:  # also text that is not UTF-8
+        raise InputError("damaged: its metadata cannot be read; make it again", file=path) from None

@@ -47,4 +47,4 @@ def read_truth(path):
     """Return the truth table with our column names and 0-based x, y."""
     table = ObjectTable.read(path)
     columns = {CAT_COLUMNS.get(name, name): table[name] for name in table.names}
-    return ObjectTable(columns | {"x": columns["x"] - 1.0, "y": columns["y"] - 1.0})
+    return ObjectTable(columns | {"x": columns["x"] - 1.0, "y": columns["y"] - 1.0}, table.meta)
