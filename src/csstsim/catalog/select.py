@@ -22,7 +22,7 @@ from csstsim.universe.lensing import magnification
 
 NSIDE = 256
 DISTORTION_PX = 200  # at the field's edge (paper, section 5.2)
-# A star's stamp reaches 64 px, so this leaves a star 160" of motion since J2000: 4.4" a year until 2036.
+# A star's stamp reaches 64 px, so this leaves a star 147" of motion since J2000: 4.1" a year until 2036.
 BRICK_MARGIN_DEG = (DISTORTION_PX + REACH_MAX) * 0.074 / 3600.0
 
 
