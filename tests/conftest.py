@@ -2,6 +2,7 @@
 
 import pytest
 
+from csstsim.catalog.ephemeris import observer
 from csstsim.config import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
@@ -26,6 +27,12 @@ def make_pointing():
         return Pointing(**(values | fields))
 
     return make
+
+
+@pytest.fixture(scope="session")
+def observe():
+    """Return the Observer of a Pointing."""
+    return lambda pointing: observer(pointing.mjd, pointing.sat_position, pointing.sat_velocity)
 
 
 @pytest.fixture(scope="session")

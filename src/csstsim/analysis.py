@@ -29,8 +29,9 @@ def measure(run, job):
         file.frame(), file.readout, file.gain, adc_max=detector.adc_max, full_well=detector.full_well
     )
     table = measure_frame(
-        calibrated, open_psf(run, job), job.wcs, chip=job.chip, filter=run.camera.filters[job.chip.filter],
-        telescope=run.camera.telescope, pointing=job.pointing, window=job.window,
+        calibrated, open_psf(run, job), job.wcs, file.observer, chip=job.chip,
+        filter=run.camera.filters[job.chip.filter], telescope=run.camera.telescope, pointing=job.pointing,
+        window=job.window,
     )  # fmt: skip
     table.write(run.paths.measure(*job.key), table.meta | {"recipe": recipe})
     print(f"{len(table)} sources, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
+from csstsim.catalog.astrometry import apparent, icrs
+from csstsim.catalog.ephemeris import observer
 from csstsim.catalog.select import bricks_for
 from csstsim.config import PixelWindow, digest, load_campaign
 from csstsim.errors import InputError
@@ -30,14 +32,15 @@ class Job:
     chip: object
     window: object
     wcs: object
+    observer: object  # catalog.ephemeris.Observer, at the start of the exposure
 
     @property
     def key(self):
         return self.pointing.obsid, self.chip.id
 
     def footprint(self, margin_px=0.0):
-        """Return ra[4], dec[4] of the window's corners, grown by a margin."""
-        return self.wcs.footprint(self.window, margin_px)
+        """Return ra[4], dec[4] of the window's corners, grown by a margin: ICRS at the epoch, not apparent."""
+        return icrs(*self.wcs.footprint(self.window, margin_px), self.observer)
 
 
 class OpenCampaign:
@@ -133,10 +136,13 @@ class OpenCampaign:
 
     def _job(self, pointing, chip):
         wcs = ChipWCS(chip, pointing)
-        window = self._window(pointing, chip, wcs)
-        return None if window is None else Job(pointing, chip, window, wcs)
+        craft = observer(
+            pointing.mjd, pointing.sat_position, pointing.sat_velocity, **self.config.astrometry.model_dump()
+        )
+        window = self._window(pointing, chip, wcs, craft)
+        return None if window is None else Job(pointing, chip, window, wcs, craft)
 
-    def _window(self, pointing, chip, wcs):
+    def _window(self, pointing, chip, wcs, craft):
         """Return the pixels of this pair to simulate, or None if it does not touch the region."""
         full = chip.full_window
         wanted = self.config.window
@@ -144,7 +150,7 @@ class OpenCampaign:
         region = self.config.select.region
         if region is None or pointing.type != "SCIE":
             return window  # bias, dark and flat frames see no sky: a region does not choose among them
-        x, y = (float(v) for v in wcs.world_to_pixel(region.ra, region.dec))
+        x, y = (float(v) for v in wcs.world_to_pixel(*apparent(region.ra, region.dec, craft)))
         radius = region.radius * 60.0 / self.camera.telescope.pixel_scale
         near_x, near_y = (
             min(max(v, low), high) for v, low, high in ((x, window.x0, window.x1), (y, window.y0, window.y1))

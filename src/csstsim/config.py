@@ -155,6 +155,15 @@ class CatalogConfig(Model):
     options: dict[str, Any] = Field({}, description="passed on to a catalogue of your own")
 
 
+class AstrometryConfig(Model):
+    """How apparent directions at the spacecraft are computed."""
+
+    ephemeris: Literal["builtin", "de440"] = Field(
+        "builtin", description="Earth, Sun and planets: 'builtin' series, or JPL's 'de440' (csstsim[de440])"
+    )
+    planets: bool = Field(False, description="light deflection by Jupiter to Neptune, beside the Sun's")
+
+
 class PsfConfig(Model):
     """The PSF set made for the campaign."""
 
@@ -189,6 +198,7 @@ class Campaign(Model):
     instrument: Path | None = Field(None, description="folder with the camera's data files; null = config/instrument/")
     universe: Path | None = Field(None, description="folder of the embedded universe; null = config/universe/")
     catalog: CatalogConfig = CatalogConfig()
+    astrometry: AstrometryConfig = AstrometryConfig()
     psf: PsfConfig = PsfConfig()
     fidelity: Literal["reference"] = Field("reference", description="rendering preset (render/)")
     validation: ValidateConfig = ValidateConfig()
@@ -208,7 +218,7 @@ class Campaign(Model):
 
     def digest(self):
         """Return 16 hex digits of what decides a chip's pixels: not which chips run, not folders, not thresholds."""
-        return digest(self.model_dump(mode="json", include={"seed", "catalog", "psf", "fidelity"}))
+        return digest(self.model_dump(mode="json", include={"seed", "catalog", "astrometry", "psf", "fidelity"}))
 
 
 class Observation(Model):

@@ -6,6 +6,8 @@ it scales with pixels and with the galaxies of the universe file.
 
 import numpy as np
 
+from csstsim.catalog.astrometry import apparent
+
 CPU_S_PER_OBJECT = 0.13  # reference renderer: mean object of the demo
 CPU_S_PER_MPIX = 0.9  # readout 0.13, Level-0 0.05, measure 0.73
 CPU_S_PER_JOB = 12.0  # start-up of the four stages and of measure, selection
@@ -71,7 +73,7 @@ def _covered(run):
         ra, dec = healpy.pix2ang(256 * 32, np.arange(pix * 1024, (pix + 1) * 1024), nest=True, lonlat=True)
         seen = np.zeros(len(ra), bool)
         for job in jobs:
-            x, y = job.wcs.world_to_pixel(ra, dec)
+            x, y = job.wcs.world_to_pixel(*apparent(ra, dec, job.observer))
             seen |= job.window.contains(x, y)
         if seen.all():
             covered.append(pix)

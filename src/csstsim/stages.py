@@ -65,7 +65,9 @@ def _objects(run, job):
     key = run.universe_key() if run.embedded else {}
     catalog = open_catalog(config, region_for(*job.footprint()), run.paths.truth, key)
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
-    return select_objects(catalog, job.wcs, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit)
+    return select_objects(
+        catalog, job.wcs, job.observer, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit
+    )
 
 
 def render(run, job):
@@ -131,6 +133,7 @@ def _level0(run, job, state, timer):
         "recipe": run.recipe(job),
         "seed": run.config.seed,
         "campaign_name": run.config.name,
+        **run.config.astrometry.model_dump(),
         "layers": steps.describe(),
         "truth_hash": state.header.pop("truth_hash", "none"),
         "psf_hash": state.header.pop("psf_hash", "none"),

@@ -6,7 +6,7 @@
 | time, exposure                | second                       |
 | wavelength                    | angstrom                     |
 | SED                           | photon / s / m2 / angstrom   |
-| ra, dec, position angle       | degree (ICRS for ra, dec)    |
+| ra, dec, position angle       | degree (axes of the ICRS)    |
 | small angle, object size      | arcsec                       |
 | proper motion, parallax       | mas / yr, mas                |
 | focal plane                   | mm                           |
@@ -28,6 +28,11 @@ C_A_S = 1e13 * C_KM_S  # speed of light in angstrom / s
 
 AB_ZERO_W_M2_HZ = 3631e-26  # flux density of AB magnitude 0 (Oke & Gunn 1983)
 
+AU_KM = 149_597_870.7  # exact (IAU 2012 B2)
+DAY_S = 86_400.0
+JULIAN_YEAR_DAYS = 365.25
+MJD_J2000 = 51_544.5
+
 EARTH_RADIUS_KM = 6378.137  # equatorial, WGS84
 EARTH_GM_KM3_S2 = 398_600.4418  # WGS84
 EARTH_J2 = 1.082_626_68e-3  # second zonal harmonic, WGS84 / EGM96
@@ -35,6 +40,7 @@ SIDEREAL_DAY_S = 86_164.0905
 
 ARCSEC_PER_DEG = 3600.0
 ARCSEC_PER_RAD = math.degrees(1.0) * 3600.0
+MAS_PER_RAD = 1000.0 * ARCSEC_PER_RAD
 
 
 def ab_photon_density(wavelength, magnitude=0.0):

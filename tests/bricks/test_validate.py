@@ -39,7 +39,7 @@ def make_frame(band, seed, *, shift=0.0, keep=1.0, side=45, obsid="1"):
     electrons = 10.0 ** (-0.4 * (mags[f"mag_{band}"].astype(float) - ZEROPOINT))
     error = np.sqrt(electrons + N_EFF * RMS**2)
     truth = ObjectTable({
-        "id": np.arange(n), "obj_type": kind, "ra_orig": ra, "dec_orig": dec, "x": x, "y": y, "electrons": electrons,
+        "id": np.arange(n), "obj_type": kind, "ra_epoch": ra, "dec_epoch": dec, "x": x, "y": y, "electrons": electrons,
         "flags": np.zeros(n, np.int32), **mags,
     })  # fmt: skip
     found = np.flatnonzero((electrons / error > 8) | (rng.uniform(size=n) < keep))

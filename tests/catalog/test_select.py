@@ -6,6 +6,7 @@ import pytest
 from astropy.table import Table
 from embedded_sky import embedded_catalog
 
+from csstsim.catalog.astrometry import icrs
 from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.mock_object import MockObject
@@ -20,7 +21,21 @@ from csstsim.units import ab_photon_density
 
 CHIP, WINDOW = 9, Window(4000, 4600, 3000, 3500)  # r band
 NOISE = Noise(sky=0.207, dark=0.02, read_noise=5.0)
-ADDED = ("ra_orig", "dec_orig", "x", "y", "mag", "flux0", "flux1", "flux2", "flux3", "reach", "flags")
+ADDED = (
+    "ra_orig",
+    "dec_orig",
+    "ra_epoch",
+    "dec_epoch",
+    "x",
+    "y",
+    "mag",
+    "flux0",
+    "flux1",
+    "flux2",
+    "flux3",
+    "reach",
+    "flags",
+)
 
 
 class Flat(CatalogBase):
@@ -41,17 +56,20 @@ class Flat(CatalogBase):
 
 
 @pytest.fixture
-def pick(camera, make_pointing):
+def pick(camera, make_pointing, observe):
     """Select from Flat objects placed at pixels of a pointing; (x, y) in the objects' place of ra, dec."""
 
     def run(objects, window=WINDOW, mag_limit=None, **pointing):
-        wcs = ChipWCS(camera.chips[CHIP], make_pointing(**pointing))
+        pointing = make_pointing(**pointing)
+        wcs, craft = ChipWCS(camera.chips[CHIP], pointing), observe(pointing)
         placed = []
         for x, y, values in objects:
-            ra, dec = wcs.pixel_to_world(x, y)
+            ra, dec = icrs(*wcs.pixel_to_world(x, y), craft)
             placed.append(MockObject(**({"ra": float(ra), "dec": float(dec)} | values)))
         catalog = Flat({"objects": placed}, Region((), (), ()))
-        return select_objects(catalog, wcs, window, camera.filters["r"], camera.telescope, 150.0, NOISE, mag_limit)
+        return select_objects(
+            catalog, wcs, craft, window, camera.filters["r"], camera.telescope, 150.0, NOISE, mag_limit
+        )
 
     return run
 
@@ -100,6 +118,26 @@ def test_object_behind_the_sky_is_outside(pick):
     assert len(table) == 0 and table.meta["dropped"]["outside"] == 1
 
 
+def test_stars_move_and_nothing_else_does(pick):
+    """27.48 years at 200 mas / yr eastward and -100 northward, on the sky and in pixels; NaN is no motion."""
+    moving = {"pmra": 200.0, "pmdec": -100.0, "parallax": 0.0, "rv": 0.0}
+    unknown = {"pmra": np.nan, "pmdec": np.nan, "parallax": -1.0, "rv": np.nan}
+    quasar = star(20.0) | moving | {"type": "quasar"}
+    table = pick([(4300, 3250, v) for v in (star(20.0) | moving, galaxy() | moving, quasar, star(20.0) | unknown)])
+    assert len(table) == 4 and len(set(table["ra_orig"])) == len(set(table["dec_orig"])) == 1
+    assert table["x"][1:] == pytest.approx(4300, abs=1e-6) and table["y"][1:] == pytest.approx(3250, abs=1e-6)
+    moved = np.hypot(table["x"][0] - 4300, table["y"][0] - 3250) * 0.074
+    assert moved == pytest.approx(27.482 * np.hypot(0.2, 0.1), rel=2e-4)  # arcsec; the boost stretches by 1e-4
+    east = (table["ra_epoch"] - table["ra_orig"]) * np.cos(np.radians(table["dec_orig"])) * 3600
+    north = (table["dec_epoch"] - table["dec_orig"]) * 3600
+    assert (east[0], north[0]) == pytest.approx((5.4964, -2.7482), rel=1e-3)
+    assert np.abs([east[1:], north[1:]]).max() < 1e-9
+    shift = np.hypot(
+        (table["ra"] - table["ra_epoch"]) * np.cos(np.radians(table["dec"])), table["dec"] - table["dec_epoch"]
+    )
+    assert shift.min() * 3600 > 1.0 and shift.max() * 3600 < 26.2
+
+
 def test_magnitude_limit_is_the_chips_own_band(pick):
     table = pick([(4100, 3100, star(ab, id=k)) for k, ab in enumerate((24.0, 25.9, 26.1))], mag_limit=26.0)
     assert list(table["id"]) == [0, 1] and table.meta["dropped"] == {"outside": 0, "faint": 1}
@@ -144,37 +182,39 @@ def test_unknown_sizes_do_not_matter_where_they_are_not_used(pick):
 
 
 @pytest.fixture(scope="module")
-def sky(camera, make_pointing, tmp_path_factory):
-    """A window of the embedded universe around RA 0: catalogue, WCS."""
-    wcs = ChipWCS(camera.chips[CHIP], make_pointing(ra=0.0, dec=-5.0))
+def sky(camera, make_pointing, observe, tmp_path_factory):
+    """A window of the embedded universe around RA 0: catalogue, WCS, observer."""
+    pointing = make_pointing(ra=0.0, dec=-5.0)
+    wcs, craft = ChipWCS(camera.chips[CHIP], pointing), observe(pointing)
     field = ConstantShear(kappa=0.05, gamma1=0.03)
-    return embedded_catalog(tmp_path_factory.mktemp("truth"), region_for(*wcs.footprint(WINDOW)), field), wcs
+    region = region_for(*icrs(*wcs.footprint(WINDOW), craft))
+    return embedded_catalog(tmp_path_factory.mktemp("truth"), region, field), wcs, craft
 
 
 def test_embedded_window_holds_the_sky_it_should(camera, sky):
-    catalog, wcs = sky
-    table = select_objects(catalog, wcs, WINDOW, camera.filters["r"], camera.telescope, 150.0, NOISE)
+    catalog, wcs, craft = sky
+    table = select_objects(catalog, wcs, craft, WINDOW, camera.filters["r"], camera.telescope, 150.0, NOISE)
     inside = WINDOW.contains(table["x"], table["y"])
     area = WINDOW.nx * WINDOW.ny * (0.074 / 60) ** 2  # arcmin2
     assert abs((inside & (table["obj_type"] == 1)).sum() - 552 * area) < 5 * np.sqrt(552 * area)
     assert (~inside).any() and len(np.unique(table["id"])) == len(table)
     np.testing.assert_array_equal(
-        healpy.ang2pix(256, table["ra"], table["dec"], nest=True, lonlat=True), table["id"] >> 20
+        healpy.ang2pix(256, table["ra_orig"], table["dec_orig"], nest=True, lonlat=True), table["id"] >> 20
     )
     np.testing.assert_allclose(table["mag"], table["mag_r"], atol=2e-3)  # mag
     assert len(table) + sum(table.meta["dropped"].values()) == len(catalog.table)
-    again = select_objects(catalog, wcs, WINDOW, camera.filters["r"], camera.telescope, 150.0, NOISE)
+    again = select_objects(catalog, wcs, craft, WINDOW, camera.filters["r"], camera.telescope, 150.0, NOISE)
     assert again == table
 
 
 def test_selection_agrees_with_brute_force(camera, sky):
     """Every object whose stamp meets the window is in, found again from the table of a window that holds it whole."""
-    catalog, wcs = sky
+    catalog, wcs, craft = sky
     wide = select_objects(
-        catalog, wcs, Window(2500, 6000, 1500, 5000), camera.filters["r"], camera.telescope, 150.0, NOISE
+        catalog, wcs, craft, Window(2500, 6000, 1500, 5000), camera.filters["r"], camera.telescope, 150.0, NOISE
     )
     meets = (np.abs(wide["x"] - 4299.5) <= 300 + wide["reach"]) & (np.abs(wide["y"] - 3249.5) <= 250 + wide["reach"])
-    narrow = select_objects(catalog, wcs, WINDOW, camera.filters["r"], camera.telescope, 150.0, NOISE)
+    narrow = select_objects(catalog, wcs, craft, WINDOW, camera.filters["r"], camera.telescope, 150.0, NOISE)
     assert set(wide["id"][meets]) <= set(narrow["id"])
     far = set(narrow["id"]) - set(wide["id"][meets])
     assert not far & set(wide["id"])
@@ -182,7 +222,7 @@ def test_selection_agrees_with_brute_force(camera, sky):
 
 @pytest.mark.parametrize("band", BANDS)
 def test_embedded_spectra_reproduce_the_magnitudes(camera, sky, band):
-    catalog, _ = sky
+    catalog, *_ = sky
     stars = np.flatnonzero(catalog.table["obj_type"] == 0)
     galaxies = np.flatnonzero(catalog.table["obj_type"] == 1)
     rows = np.concatenate([stars[:: len(stars) // 60], galaxies[:: len(galaxies) // 120]])
@@ -197,7 +237,7 @@ def test_embedded_spectra_reproduce_the_magnitudes(camera, sky, band):
 
 
 def test_embedded_load_sed_is_the_papers_table(sky):
-    catalog, _ = sky
+    catalog, *_ = sky
     for row in (0, len(catalog.table) - 1):  # a star, a galaxy
         sed = catalog.load_sed(catalog.objs[row])
         assert sed.colnames == ["WAVELENGTH", "FLUX"] and len(sed) == 18001

@@ -10,6 +10,7 @@ from astropy.io import fits
 from astropy.time import Time
 from readout_state import dark_layers, flat_state, run, small_camera
 
+from csstsim.catalog.ephemeris import observer
 from csstsim.config import SHIPPED
 from csstsim.detector.channels import LAYOUTS
 from csstsim.errors import InputError
@@ -228,3 +229,14 @@ def test_satellite_at_the_end_of_the_exposure():
     energy = [u @ u / 2 - gm / np.linalg.norm(x) for x, u in (start, (r, v))]
     assert abs(energy[0] - energy[1]) < 1e-9
     assert np.allclose(np.cross(*start), np.cross(r, v), rtol=1e-11)
+
+
+def test_the_spacecraft_is_in_the_header_or_missed(small, tmp_path):
+    known = PROVENANCE | {"ephemeris": "builtin", "planets": True}
+    pointing = made(small, tmp_path / "x.fits", "channels", provenance=known).pointing
+    craft = read_level0(tmp_path / "x.fits").observer
+    same = observer(pointing.mjd, pointing.sat_position, pointing.sat_velocity, "builtin", True)
+    assert craft.astrom == same.astrom and len(craft.bodies) == 4
+    made(small, tmp_path / "old.fits", "channels")
+    with pytest.raises(InputError, match="EPHEM"):
+        _ = read_level0(tmp_path / "old.fits").observer

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
+from csstsim.catalog.ephemeris import observer
 from csstsim.instrument.chip import Window
 from csstsim.measure.calibrate import Calibrated
 from csstsim.measure.catalogue import measure_frame
@@ -14,6 +15,7 @@ from csstsim.rng import stream
 
 SIGMA = 0.95  # px: FWHM 2.2 px = 0.166 arcsec
 LIGHT = 0.998  # of the star that the PSF table holds; the rest is far wings
+CRAFT = observer(61577.858, (6778.0, 0.0, 0.0), (0.0, 7.0, 3.0))
 SKY, READ_NOISE = 34.0, 5.0  # electron, sky with dark of 150 s in i
 
 
@@ -53,7 +55,7 @@ def measure(electrons, *, origin=(0, 0), saturated=None, kind="imaging", exposur
     if saturated is None:
         saturated = np.zeros(electrons.shape, bool)
     return measure_frame(
-        Calibrated(electrons.astype(np.float32), saturated, {}, {}, None), GaussianPsf(), FlatSky(),
+        Calibrated(electrons.astype(np.float32), saturated, {}, {}, None), GaussianPsf(), FlatSky(), CRAFT,
         chip=SimpleNamespace(id=8, kind=kind), filter=SimpleNamespace(name="g", zeropoint=lambda telescope: 26.3),
         telescope=SimpleNamespace(pixel_scale=0.074),
         pointing=SimpleNamespace(type=exposure, exptime=150.0, obsid="10100000001"),

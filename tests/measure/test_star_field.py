@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
+from csstsim.catalog.astrometry import apparent
+from csstsim.catalog.ephemeris import observer
 from csstsim.measure import catalogue
+
+CRAFT = observer(61577.858, (6778.0, 0.0, 0.0), (0.0, 7.0, 3.0))  # as conftest has it
 
 
 def matched(star_field):
@@ -51,7 +55,10 @@ def test_positions_and_magnitudes(star_field):
         assert 0.7 < (residual / error).std() < 1.4
     expected = 26.3 + 2.5 * np.log10(150.0) - 2.5 * np.log10(flux[use])
     assert np.median(table["mag_psf"][row[use]] - expected) == pytest.approx(0.0, abs=5e-3)  # mag
-    assert np.allclose(table["ra"], 150.0 + table["x"] * 0.074 / 3600.0)
+    assert np.allclose(table["ra_apparent"], 150.0 + table["x"] * 0.074 / 3600.0)
+    back = apparent(table["ra"], table["dec"], CRAFT)
+    assert np.abs(np.subtract(back, (table["ra_apparent"], table["dec_apparent"]))).max() < 1e-9 / 3600.0
+    assert 1.0 < np.abs(table["dec"] - table["dec_apparent"]).min() * 3600.0 < 26.0
     kron = np.median(table["flux_kron"][row[use]] / flux[use])
     assert 0.97 < kron < 1.01  # 3.5 px hold 99.8 % of this Gaussian
 

@@ -24,7 +24,8 @@ def objects(wcs, x, y, obj_type=STAR, reach=64, rate=100.0, **columns):
     x, y = np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
     ra, dec = wcs.pixel_to_world(x, y)
     base = {
-        "id": np.arange(len(x)), "obj_type": np.full(len(x), obj_type), "ra": ra, "dec": dec, "x": x, "y": y,
+        "id": np.arange(len(x)), "obj_type": np.full(len(x), obj_type), "ra": ra, "dec": dec,
+        "ra_orig": ra, "dec_orig": dec, "x": x, "y": y,
         "reach": np.full(len(x), reach), "lost": np.full(len(x), 1e-4),
     }  # fmt: skip
     base |= {f"flux{i}": np.full(len(x), rate / 4) for i in range(4)}

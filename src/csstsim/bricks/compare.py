@@ -1,7 +1,8 @@
 """Merged sources against true objects: matches, purity, magnitudes, positions, colours (for `bricks.validate`).
 
 The S/N of a galaxy takes n_eff + 9 r_e^2 px: 8 pi h^2 of a face-on exponential disc, h = r_e / 1.678 (9.06 r_e^2 of a
-Gaussian). Purity is the fraction of the merged sources with a true object, of any kind, within the match radius.
+Gaussian). Places are compared at the epoch of observation (`ra_epoch`: ICRS, proper motion and parallax in it). Purity
+is the fraction of the merged sources with a true object, of any kind, within the match radius.
 """
 
 import numpy as np
@@ -24,7 +25,7 @@ def match(truth, sources):
     if len(truth) == 0 or len(sources) == 0:
         return np.full(len(truth), -1)
     tree = cKDTree(to_vectors(sources["ra"], sources["dec"]))
-    distance, row = tree.query(to_vectors(truth["ra_orig"], truth["dec_orig"]))
+    distance, row = tree.query(to_vectors(truth["ra_epoch"], truth["dec_epoch"]))
     return np.where(distance < np.radians(reach(truth) / 3600.0), row, -1)
 
 
@@ -56,7 +57,7 @@ def purity(sources, truths):
     for truth in truths:
         if len(truth):
             near = tree.query_ball_point(
-                to_vectors(truth["ra_orig"], truth["dec_orig"]), np.radians(reach(truth) / 3600.0)
+                to_vectors(truth["ra_epoch"], truth["dec_epoch"]), np.radians(reach(truth) / 3600.0)
             )
             real[np.concatenate(near).astype(int)] = True
     return float(real.mean())
@@ -87,9 +88,9 @@ def astrometry(truth, sources, match, bands):
     snr = [np.nan_to_num(sources[f"flux_{b}"][source] / sources[f"flux_err_{b}"][source]) for b in bands]
     good = (np.max(snr, axis=0, initial=0.0) > SNR_BRIGHT) & ((sources["flags"][source] & SATURATED) == 0)
     rows, source = rows[good], source[good]
-    east = (sources["ra"][source] - truth["ra_orig"][rows] + 180.0) % 360.0 - 180.0
-    east = east * np.cos(np.radians(truth["dec_orig"][rows])) * 3.6e6
-    north = (sources["dec"][source] - truth["dec_orig"][rows]) * 3.6e6
+    east = (sources["ra"][source] - truth["ra_epoch"][rows] + 180.0) % 360.0 - 180.0
+    east = east * np.cos(np.radians(truth["dec_epoch"][rows])) * 3.6e6
+    north = (sources["dec"][source] - truth["dec_epoch"][rows]) * 3.6e6
     return {"east": spread(east), "north": spread(north)}
 
 

@@ -12,7 +12,8 @@ detections without a windowed position do not count. The threshold of `measure.d
 completeness, and lets noise peaks pass. Measured on the demo (14 frames of 3.8 Mpx): of 8057 linked groups 240
 are kept, and no more than 18 of those have no true object. The number left out is in `meta` and in
 the file ("left_out").
-Left out: forced photometry in the bands without a detection (NaN).
+Left out: forced photometry in the bands without a detection (NaN), and motion: positions are ICRS at each exposure's
+epoch, so a star that moves by more than the tolerance between exposures becomes two sources.
 """
 
 import numpy as np

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from csstsim.bricks import compare
-from csstsim.bricks.healpix import brick_of
+from csstsim.bricks.healpix import brick_of, from_vectors, to_vectors
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, STRONG_LENSING
 from csstsim.catalog.table import BANDS, GALAXY, ObjectTable
 
@@ -109,7 +109,7 @@ def _usable(pix, frame):
     if "fraction" in truth:
         inside = inside & (truth["fraction"] > IN_FRAME)
     truth = truth.take(inside)
-    return truth.take(brick_of(truth["ra_orig"], truth["dec_orig"]) == pix) if len(truth) else truth
+    return truth.take(brick_of(truth["ra_epoch"], truth["dec_epoch"]) == pix) if len(truth) else truth
 
 
 def blended(x, y, electrons):
@@ -144,14 +144,17 @@ def _trial(truth, frame):
 
 
 def _unique(tables):
-    """One row per object of the truth of several frames, by id; blended anywhere is blended."""
-    names = ("id", "obj_type", "ra_orig", "dec_orig", "blended", "half_light", *(f"mag_{band}" for band in BANDS))
+    """One row per object of the truth of several frames, by id; blended anywhere is blended, `ra_epoch` is the mean."""
+    names = ("id", "obj_type", "ra_epoch", "dec_epoch", "blended", "half_light", *(f"mag_{band}" for band in BANDS))
     if not tables:
         return ObjectTable({name: np.zeros(0, bool if name == "blended" else float) for name in names})
     columns = {name: np.concatenate([table[name] for table in tables]) for name in names}
     _, first, which = np.unique(columns["id"], return_index=True, return_inverse=True)
     anywhere = np.bincount(which, columns["blended"]) > 0
-    return ObjectTable({name: values[first] for name, values in columns.items()}).with_columns(blended=anywhere)
+    vectors = to_vectors(columns["ra_epoch"], columns["dec_epoch"])
+    ra, dec = from_vectors(np.stack([np.bincount(which, v) for v in vectors.T], axis=1))
+    table = ObjectTable({name: values[first] for name, values in columns.items()})
+    return table.with_columns(blended=anywhere, ra_epoch=ra, dec_epoch=dec)
 
 
 def _gate(name, band, value, threshold, n, *, at_least=False):

@@ -36,7 +36,10 @@ from csstsim.instrument.filter import GRID
 
 @dataclass(frozen=True)
 class Region:
-    """The sky a catalogue is asked for: corners [deg], margin already added, and NSIDE-256 nested bricks they touch."""
+    """The sky a catalogue is asked for: corners [deg, ICRS], margin added, and NSIDE-256 nested bricks they touch.
+
+    The margin leaves a star 147 arcsec of motion since J2000; a catalogue with faster ones gives them besides.
+    """
 
     ra: tuple[float, ...]
     dec: tuple[float, ...]

@@ -1,13 +1,18 @@
 """Which objects reach a chip, how bright they are there and how large a stamp they need (paper, section 4.1).
 
 `bricks_for` finds the truth bricks around a footprint; `select_objects` turns a catalogue into the table of one
-chip in one exposure. Positions are the catalogue's for now: the margins already hold aberration and distortion.
+chip in one exposure. A footprint is that of the ICRS at the epoch (campaign.Job.footprint), where aberration is undone;
+what an object is drawn at is its apparent direction (catalog.astrometry), with the WCS of the image.
+
+Shapes stay the catalogue's. Aberration is conformal: it shears nothing, only stretches lengths by up to 1.3e-4; the
+deflection of light shears by 2e-8 at 90 deg from the Sun. Both are left out.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from csstsim.catalog.astrometry import apparent, at_epoch
 from csstsim.catalog.base import Region
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.photometry import rate_to_mag
@@ -16,9 +21,9 @@ from csstsim.catalog.table import BANDS, GALAXY, STAR
 from csstsim.universe.lensing import magnification
 
 NSIDE = 256
-ABERRATION_PX = 354  # 26": what is left of annual and orbital aberration once the pointing is apparent
 DISTORTION_PX = 200  # at the field's edge (paper, section 5.2)
-BRICK_MARGIN_DEG = (ABERRATION_PX + DISTORTION_PX + REACH_MAX) * 0.074 / 3600.0
+# A star's stamp reaches 64 px, so this leaves a star 147" of motion since J2000: 4.1" a year until 2036.
+BRICK_MARGIN_DEG = (DISTORTION_PX + REACH_MAX) * 0.074 / 3600.0
 
 
 @dataclass(frozen=True)
@@ -79,19 +84,20 @@ def _grow(vertices, margin):
     return np.array(corners)
 
 
-def select_objects(catalog, wcs, window, filter, telescope, exptime, noise, mag_limit=None):
+def select_objects(catalog, wcs, observer, window, filter, telescope, exptime, noise, mag_limit=None):
     """Return the ObjectTable of what reaches `window` of a chip, with the columns the renderer needs.
 
-    catalog: a CatalogBase; wcs: optics.wcs.ChipWCS; window: instrument.chip.Window; exptime in s; noise: Noise.
-    Added: ra_orig, dec_orig, x, y (0-based pixel), mag (this filter), flux0..3 (electron / s, magnified), reach
-    (pixel, half the side of the stamp), lost (fraction of a galaxy's light that may lie beyond it), flags. mag_* are
-    as observed, magnification included. Rows with a value that cannot be used are kept, dark and flagged, if they
-    lie on the window or nobody knows where they lie.
+    catalog: a CatalogBase; wcs: optics.wcs.ChipWCS; observer: ephemeris.Observer; window: instrument.chip.Window;
+    exptime in s; noise: Noise. ra, dec become the apparent direction. Added: ra_orig, dec_orig (the catalogue's,
+    J2000), ra_epoch, dec_epoch (ICRS at the epoch, what a measurement can know), x, y (0-based pixel), mag (this
+    filter), flux0..3 (electron / s, magnified), reach (pixel, half the side of the stamp), lost (fraction of a galaxy's
+    light that may lie beyond it), flags. mag_* are as observed, magnification included. Rows with a value that cannot
+    be used are kept, dark and flagged, if they lie on the window or nobody knows where they lie.
     `meta` gets `dropped` (counts by reason) and `truth_hash`.
     """
     everything = catalog.table
-    rows, x, y = _near(everything, wcs, window)
-    table = everything.take(rows)
+    rows, places = _near(everything, wcs, observer, window)
+    table, x, y = everything.take(rows), places["x"], places["y"]
     mu, thin = magnification(*(table[name] for name in ("kappa", "gamma1", "gamma2")))
     extended, star = table["obj_type"] == GALAXY, table["obj_type"] == STAR
     mu = np.where(star, 1.0, mu)
@@ -106,7 +112,7 @@ def select_objects(catalog, wcs, window, filter, telescope, exptime, noise, mag_
     touches = _touches(x, y, np.where(bad, 0, reach), window) | ~np.isfinite(table["ra"] + table["dec"])
     faint = mag > (np.inf if mag_limit is None else mag_limit)
     chosen = table.with_columns(
-        ra_orig=table["ra"], dec_orig=table["dec"], x=x, y=y, mag=mag.astype(np.float32),
+        ra_orig=table["ra"], dec_orig=table["dec"], **places, mag=mag.astype(np.float32),
         **{f"mag_{band}": (table[f"mag_{band}"] - 2.5 * np.log10(mu)).astype(np.float32) for band in BANDS},
         **{f"flux{i}": flux[:, i] for i in range(flux.shape[1])}, reach=reach, lost=lost, flags=flags.astype(np.int32),
     ).take(touches & ~faint)  # fmt: skip
@@ -118,14 +124,18 @@ def select_objects(catalog, wcs, window, filter, telescope, exptime, noise, mag_
     return chosen
 
 
-def _near(table, wcs, window):
-    """Return the rows that could reach the window, or whose place is unknown, and their x, y."""
-    ra, dec = table["ra"], table["dec"]
-    located = np.isfinite(ra) & np.isfinite(dec)
-    x, y = np.full(len(table), np.nan), np.full(len(table), np.nan)
-    x[located], y[located] = wcs.world_to_pixel(ra[located], dec[located])
-    rows = np.flatnonzero(_touches(x, y, REACH_MAX, window) | ~located)
-    return rows, x[rows], y[rows]
+def _near(table, wcs, observer, window):
+    """Return the rows that could reach the window, or whose place is unknown, and {name: values} of their places."""
+    located = np.flatnonzero(np.isfinite(table["ra"]) & np.isfinite(table["dec"]))
+    star = table["obj_type"][located] == STAR  # nothing else moves, whatever the catalogue says
+    motion = {name: np.where(star, table[name][located], 0.0) for name in ("pmra", "pmdec", "parallax", "rv")}
+    epoch = at_epoch(table["ra"][located], table["dec"][located], observer, **motion)
+    seen = apparent(*epoch, observer)
+    places = np.full((6, len(table)), np.nan)
+    places[:, located] = *seen, *epoch, *wcs.world_to_pixel(*seen)
+    nowhere = np.isnan(places[0])
+    rows = np.flatnonzero(_touches(*places[4:], REACH_MAX, window) | nowhere)
+    return rows, dict(zip(("ra", "dec", "ra_epoch", "dec_epoch", "x", "y"), places[:, rows], strict=True))
 
 
 def _touches(x, y, reach, window):

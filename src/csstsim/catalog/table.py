@@ -24,7 +24,7 @@ _META_KEY, _SUMS_KEY = b"csstsim", b"csstsim_checksums"
 COLUMNS = {
     "id": (np.int64, 0),
     "obj_type": (np.int8, STAR),
-    "ra": (np.float64, np.nan),  # deg, ICRS
+    "ra": (np.float64, np.nan),  # deg, ICRS at J2000; moved by pmra ... parallax if a star
     "dec": (np.float64, np.nan),
     "z": (np.float32, 0.0),
     **{f"mag_{band}": (np.float32, np.nan) for band in BANDS},  # AB, of the catalogue's spectrum

@@ -75,8 +75,9 @@ def _check(entry, values, where):
 def header_values(state, provenance, filename, layout):
     """Return {name: value} of everything a Level-0 header can state.
 
-    `provenance` holds recipe ({name: digest}, see RECIPE), truth_hash, psf_hash, seed, campaign_name, layers (list
-    of {keyword: parameters}) and stages (list of [stage, wall s, cpu s]); what is missing gives None.
+    `provenance` holds recipe ({name: digest}, see RECIPE), truth_hash, psf_hash, seed, campaign_name, ephemeris,
+    planets, layers (list of {keyword: parameters}) and stages (list of [stage, wall s, cpu s]); what is missing gives
+    None.
     """
     values = dict.fromkeys(_FROM_LAYERS) | state.header
     values |= _exposure(state.pointing) | _detector(state, layout) | _simulation(provenance)
@@ -145,7 +146,7 @@ def _simulation(provenance):
     values = {"version": csstsim.__version__, "commit": git_commit(), "software": f"csstsim {csstsim.__version__}"}
     recipe = provenance.get("recipe", {})
     values |= {f"{name}_hash": recipe.get(name) for name in RECIPE}
-    for name in ("campaign_name", "seed", "truth_hash", "psf_hash"):
+    for name in ("campaign_name", "seed", "truth_hash", "psf_hash", "ephemeris", "planets"):
         values[name] = provenance.get(name)
     for stage in STAGES:
         values |= {f"wall_{stage}": None, f"cpu_{stage}": None}

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from csstsim.atomic import atomic_path
+from csstsim.catalog.ephemeris import observer
 from csstsim.detector.channels import LAYOUTS, ReadoutFrame
 from csstsim.errors import InputError
 from csstsim.instrument.chip import Window
@@ -25,6 +26,9 @@ from csstsim.io.paths import level0_stem
 REQUIRED = (
     "NCHAN", "LAYOUT", "DETSIZE", "PSCAN1", "OSCAN1", "OSCAN2", "READX0", "READX1", "READY0", "READY1",
 )  # fmt: skip
+# ... and those of HDU 0 that make ICRS places of apparent ones.
+STATE = ("EXPSTART", "POSI0_X", "POSI0_Y", "POSI0_Z", "VELO0_X", "VELO0_Y", "VELO0_Z")
+EPHEMERIS = ("EPHEM", "LDPLANET")
 
 
 def write_level0(path, state, keywords, provenance, layout=None):
@@ -52,6 +56,10 @@ def wcs_cards(wcs, frame, layout):
     """
     whole = ReadoutFrame.of(frame, None)
     cards = [remark("COMMENT", " WCS of the assembled active frame (DETSIZE), not of the stored array")]
+    cards += [
+        remark("COMMENT", " Its directions are apparent: aberration and light deflection at the spacecraft"),
+        remark("COMMENT", " (EXPSTART, POSI0_*, VELO0_* of the primary header) are in them; axes as ICRS"),
+    ]
     cards += [card(key, value) for key, value in wcs.items()]
     for block in whole.blocks:
         cards.append(remark("COMMENT", f" WCS {_letter(block)}: the stored pixels of channel {block.channel}"))
@@ -113,6 +121,18 @@ class Level0:
     def _stored(self):
         shape = self.readout.stored_shape(self.layout)
         return np.memmap(self.path, ">i2", mode="r", offset=self.data_start, shape=shape)
+
+    @cached_property
+    def observer(self):
+        """The spacecraft's state at the start (catalog.ephemeris.Observer), with which directions were made apparent.
+
+        Raises InputError if a keyword is missing.
+        """
+        missing = [name for name in (*STATE, *EPHEMERIS) if name not in self.header0]
+        if missing:
+            raise InputError("the header does not give the spacecraft's state", file=self.path, key=missing[0])
+        mjd, *state = (float(self.header0[name]) for name in STATE)
+        return observer(mjd, tuple(state[:3]), tuple(state[3:]), *(self.header0[name] for name in EPHEMERIS))
 
     def frame(self):
         """Return the readout frame: uint16, shape `readout.shape`, lying as the silicon does."""

@@ -1,11 +1,14 @@
 """Measure one imaging science frame: calibrated electrons in, catalogue out.
 
-Ties detect, photometry and the WCS together. Positions are apparent = ICRS today (no aberration yet);
-fluxes are electrons of the exposure, magnitudes AB above the atmosphere-free zero point of the filter.
+Ties detect, photometry, the WCS and astrometry together. A pixel is an apparent direction; `ra`, `dec` are that
+direction with aberration and light deflection at the spacecraft undone: ICRS at the epoch, with the source's own proper
+motion and parallax still in it. Fluxes are electrons of the exposure, magnitudes AB above the atmosphere-free zero
+point of the filter.
 """
 
 import numpy as np
 
+from csstsim.catalog.astrometry import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.errors import InputError
 from csstsim.measure.combine import combine
@@ -28,19 +31,20 @@ STAR_SPREAD = 0.01  # spread of a star: PSF interpolation and centring errors, b
 
 COLUMNS = {
     "obsid": str, "chip": np.int16, "filter": str, "number": np.int32, "x": np.float64, "y": np.float64,
-    "ra": np.float64, "dec": np.float64, "pos_err": np.float32, "flux_psf": np.float64, "flux_psf_err": np.float64,
-    "mag_psf": np.float64, "mag_psf_err": np.float64, "flux_kron": np.float64, "flux_kron_err": np.float64,
-    "mag_kron": np.float64, "mag_kron_err": np.float64, "snr": np.float32, "fwhm": np.float32, "a": np.float32,
-    "b": np.float32, "theta": np.float32, "e1": np.float32, "e2": np.float32, "chi2": np.float32,
-    "spread": np.float32, "spread_err": np.float32, "star": bool, "zeropoint": np.float64, "rms": np.float32,
-    "flags": np.int32,
+    "ra": np.float64, "dec": np.float64, "ra_apparent": np.float64, "dec_apparent": np.float64, "pos_err": np.float32,
+    "flux_psf": np.float64, "flux_psf_err": np.float64, "mag_psf": np.float64, "mag_psf_err": np.float64,
+    "flux_kron": np.float64, "flux_kron_err": np.float64, "mag_kron": np.float64, "mag_kron_err": np.float64,
+    "snr": np.float32, "fwhm": np.float32, "a": np.float32, "b": np.float32, "theta": np.float32, "e1": np.float32,
+    "e2": np.float32, "chi2": np.float32, "spread": np.float32, "spread_err": np.float32, "star": bool,
+    "zeropoint": np.float64, "rms": np.float32, "flags": np.int32,
 }  # fmt: skip
 
 
-def measure_frame(calibrated, psf, wcs, *, chip, filter, telescope, pointing, window):
+def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, pointing, window):
     """Return the ObjectTable of one frame; `calibrated.electrons` is used up (background taken off in place).
 
-    `calibrated`: measure.calibrate.Calibrated of `window`; `psf`: PsfSet of the chip; `wcs`: ChipWCS.
+    `calibrated`: measure.calibrate.Calibrated of `window`; `psf`: PsfSet of the chip; `wcs`: ChipWCS;
+    `observer`: catalog.ephemeris.Observer.
     The columns are `COLUMNS`, by decreasing S/N; x, y chip pixels (0-based, whole chip), `pos_err`
     arcsec, fluxes electrons, `fwhm` px, `theta` rad from +x to +y, `zeropoint` the AB magnitude of 1 electron.
     `meta` holds the facts of the frame: background and rms in electrons, n_eff px, depth_5sigma AB, window.
@@ -58,7 +62,8 @@ def measure_frame(calibrated, psf, wcs, *, chip, filter, telescope, pointing, wi
     passes = detect(calibrated.electrons, kernel, saturated=calibrated.saturated)
     found = combine(passes, _fit(passes, passes.hot, calibrated.saturated, model, window), kernel)
     table = _sources(found, calibrated.saturated, model, window)
-    table["ra"], table["dec"] = wcs.pixel_to_world(table["x"], table["y"])
+    table["ra_apparent"], table["dec_apparent"] = wcs.pixel_to_world(table["x"], table["y"])
+    table["ra"], table["dec"] = icrs(table["ra_apparent"], table["dec_apparent"], observer)
     table["pos_err"] = table["fwhm"] / FWHM_TO_SIGMA / np.maximum(table["snr"], 1.0) * telescope.pixel_scale
     for kind in ("psf", "kron"):
         magnitudes = magnitude(table[f"flux_{kind}"], table[f"flux_{kind}_err"], zeropoint)

@@ -11,8 +11,8 @@ taken as they stand, as FITS 1-based numbers: (xc, yc) of chips.yaml is then the
 (nx/2, ny/2), that is 0-based (nx/2 - 1, ny/2 - 1), half a pixel short of the geometric centre. A grating chip
 turns about its geometric centre, whose sky position does not change.
 
-Everything here is 0-based but the two `crpix` and `header()`. Left out: field distortion, and aberration (positions
-are in the apparent frame of the pointing).
+Everything here is 0-based but the two `crpix` and `header()`. The sky is the apparent one of the exposure (aberration
+and light deflection in it: catalog.astrometry), on axes parallel to the ICRS. Left out: field distortion.
 """
 
 import math
