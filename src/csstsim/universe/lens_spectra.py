@@ -1,4 +1,4 @@
-"""Shells of matter in front of the sources: their convergence spectra and weights (Limber; Bartelmann & Schneider 2001).
+"""Shells of matter in front of the sources: convergence spectra and weights (Limber; Bartelmann & Schneider 2001).
 
     C_l(z_s) = int_0^chi_s dchi q^2 / chi^2 P((l + 1/2) / chi, chi),   q = 3/2 Om (H0/c)^2 (1 + z) chi (1 - chi / chi_s)
 
@@ -38,7 +38,7 @@ class Shells:
         return self._pieces(ell, float(self.cosmology.comoving_distance(z))).sum(axis=0)
 
     def weights(self, z):
-        """Return w_i (len(z), shells) of source redshifts: those of z_max beyond it; 0 where z is 0, negative or NaN."""
+        """Return w_i (len(z), shells) of source redshifts: as at z_max beyond it; 0 where z <= 0 or NaN."""
         chi = self.cosmology.comoving_distance(np.clip(np.nan_to_num(z, nan=0.0), 0.0, self.z_max))
         return np.stack([np.interp(chi, self._sources, column) for column in self._table.T], axis=1)
 

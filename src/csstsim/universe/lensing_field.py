@@ -26,8 +26,8 @@ from csstsim.universe.tangent_grid import TangentGrid, interpolate, prolong
 
 _ORDERS = range(1, 15)  # HEALPix orders of the deviates
 _WIDTHS = (1.3 * np.sqrt(2), 1.3)  # sigma in pixels of its order: at 1.3 the pixels change the local variance by 1e-5
-_REACH = 5.5  # sigma: the kernel ends at 3e-7 of its peak
-_SAMPLES = 2.5  # grid points per sigma, at least
+_REACH = 5.5  # sigma: the kernel of kappa is cut at 4e-6 of its peak
+_SAMPLES = 3.0  # grid points per sigma, at least: interpolation errs by 1e-5 at most
 _BLOCK_ORDERS = 4  # deviates are drawn in blocks of 4^4 pixels
 
 

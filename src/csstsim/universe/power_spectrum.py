@@ -1,4 +1,4 @@
-"""Power spectrum of matter: Eisenstein & Hu (1998) transfer function, and halofit as revised by Takahashi et al. (2012).
+"""Power spectrum of matter: Eisenstein & Hu (1998) transfer function, and halofit revised by Takahashi et al. (2012).
 
     P_lin(k, z) = A k^n_s T(k)^2 D(z)^2, A such that sigma(8 Mpc / h) = sigma_8;      Delta^2 = k^3 P / (2 pi^2)
 

@@ -1,8 +1,8 @@
 """Square grids on the plane tangent to a brick, and interpolation between their points.
 
-A direction n = (c + x e1 + y e2) / |...| with c the brick's centre, e1 east and e2 north there. Components of shear on
-the grid are in the frame carried from c to n along the great circle, which is smooth everywhere, also around a pole;
-they turn to local east and north at the sources only.
+A direction n = (c + x e1 + y e2) / |...| with c the brick's centre and e1 along one of its sides. Components of shear
+on the grid are in the frame carried from c to n along the great circle, which is smooth everywhere, also around a
+pole; they turn to local east and north at the sources only.
 """
 
 from dataclasses import dataclass
@@ -13,16 +13,16 @@ from numba import njit
 
 _BRICK_NSIDE = 256
 _PAD = np.radians(1 / 60)  # around the brick
-_TAPS = 6  # points of the (quintic) interpolation along an axis
-_HALFWAY = np.array([3.0, -25.0, 150.0, 150.0, -25.0, 3.0]) / 256  # the same, in the middle of a cell
+_TAPS = 8  # points of the Lagrange interpolation along an axis
+_HALFWAY = np.array([-5.0, 49.0, -245.0, 1225.0, 1225.0, -245.0, 49.0, -5.0]) / 2048  # its weights amid a cell
 _LEVELS = 6  # grids of a pyramid
 
 
 @dataclass(frozen=True, eq=False)
 class TangentGrid:
-    """Points (x, y) = step x (-columns..columns, -rows..rows) on the plane tangent at `centre` [rad]."""
+    """Points (x, y) = step x (-columns..columns, -rows..rows) [rad] on a plane. `axes` (3, 3): e1, e2, centre."""
 
-    centre: np.ndarray
+    axes: np.ndarray
     step: float
     rows: int
     columns: int
@@ -34,11 +34,14 @@ class TangentGrid:
 
         centre = np.array(healpy.pix2vec(_BRICK_NSIDE, pix, nest=True))
         border = healpy.boundaries(_BRICK_NSIDE, pix, step=8, nest=True).T
-        half = np.abs(_project(border, centre)).max(axis=0) + _PAD
+        side = np.cross(np.cross(centre, border[8] - border[0]), centre)
+        side /= np.linalg.norm(side)
+        axes = np.stack([side, np.cross(centre, side), centre])
+        half = np.abs(_project(border, axes)).max(axis=0) + _PAD
         grids = []
         for _ in range(_LEVELS):
             columns, rows = (int(np.ceil(h / step)) + _TAPS // 2 for h in half)
-            grids.append(TangentGrid(centre, step, rows, columns))
+            grids.append(TangentGrid(axes, step, rows, columns))
             half, step = (columns * step, rows * step), 2 * step
         return grids[::-1]
 
@@ -49,12 +52,15 @@ class TangentGrid:
     @cached_property
     def frames(self):
         """n, t1, t2 (each rows, columns, 3): direction and carried frame of every point."""
-        e1, e2 = _axes(self.centre)
+        e1, e2, centre = self.axes
         x = self.step * np.arange(-self.columns, self.columns + 1)[None, :, None]
         y = self.step * np.arange(-self.rows, self.rows + 1)[:, None, None]
-        n = self.centre + x * e1 + y * e2
-        n /= np.sqrt(1 + x**2 + y**2)
-        return n, *_carry(self.centre, n)
+        n = (centre + x * e1 + y * e2) / np.sqrt(1 + x**2 + y**2)
+        return n, *_carry(self.axes, n)
+
+    @property
+    def centre(self):
+        return self.axes[2]
 
     @property
     def radius(self):
@@ -64,11 +70,10 @@ class TangentGrid:
     def boxes(self, points, reach):
         """Return (m, 4) y0, y1, x0, x1: the points of the grid within `reach` [rad] of unit vectors (m, 3), or more."""
         rows, columns = self.shape
-        cosine = points @ self.centre
-        angle = np.arccos(np.clip(cosine, -1, 1))
+        angle = np.arccos(np.clip(np.einsum("mk,k->m", points, self.centre), -1, 1))
         if angle.max(initial=0.0) + reach > 1.0:  # the plane ends at pi / 2; wide kernels cover the grid anyway
             return np.tile([0, rows, 0, columns], (len(points), 1))
-        centre = _project(points, self.centre) / self.step
+        centre = _project(points, self.axes) / self.step
         half = ((np.tan(angle + reach) - np.tan(angle)) / self.step)[:, None]
         low, high = np.ceil(centre - half).astype(int), np.floor(centre + half).astype(int) + 1
         y0, y1 = (np.clip(v[:, 1] + self.rows, 0, rows) for v in (low, high))
@@ -76,8 +81,8 @@ class TangentGrid:
         return np.stack([y0, y1, x0, x1], axis=1)
 
     def cells(self, ra, dec):
-        """Return the grid coordinates (n, 2) x, y in steps from the first point. ValueError outside, or if not finite."""
-        place = _project(_vectors(ra, dec), self.centre) / self.step + (self.columns, self.rows)
+        """Return grid coordinates (n, 2) x, y in steps from the first point. ValueError outside, or if not finite."""
+        place = _project(_vectors(ra, dec), self.axes) / self.step + (self.columns, self.rows)
         inside = (place >= _TAPS // 2 - 1) & (place <= np.array(self.shape)[::-1] - 1 - _TAPS // 2)
         if not inside.all():
             worst = np.flatnonzero(~inside.all(axis=1))[0]
@@ -86,7 +91,7 @@ class TangentGrid:
 
     def to_east_north(self, ra, dec, gamma1, gamma2):
         """Return shear (n,), given in the carried frame, along east and north at each position."""
-        t1, t2 = _carry(self.centre, _vectors(ra, dec))
+        t1, t2 = _carry(self.axes, _vectors(ra, dec))
         ra = np.radians(ra)
         cosine = t1[:, 1] * np.cos(ra) - t1[:, 0] * np.sin(ra)  # east . t1
         sine = t2[:, 1] * np.cos(ra) - t2[:, 0] * np.sin(ra)
@@ -110,7 +115,7 @@ def prolong(values, coarse, fine):
 def interpolate(values, places, weights):
     """Return (n, 3): maps (rows, columns, 3, shells), weighted by (n, shells), at grid coordinates (n, 2) x, y.
 
-    Lagrange polynomials through 6 points along each axis.
+    Lagrange polynomials through 8 points along each axis.
     """
     shells = values.shape[3]
     out = np.zeros((len(places), 3))
@@ -148,20 +153,14 @@ def _vectors(ra, dec):
     return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=1)
 
 
-def _axes(centre):
-    """East and north at a direction (no brick's centre is a pole)."""
-    east = np.array([-centre[1], centre[0], 0.0]) / np.hypot(centre[0], centre[1])
-    return east, np.cross(centre, east)
-
-
-def _carry(centre, n):
-    """Return east and north of `centre`, carried to n (..., 3) by the shortest rotation."""
+def _carry(axes, n):
+    """Return e1 and e2, carried from the centre to n (..., 3) by the shortest rotation."""
+    e1, e2, centre = axes
     middle = (centre + n) / (1 + np.einsum("...k,k->...", n, centre)[..., None])
-    return tuple(e - np.einsum("...k,k->...", n, e)[..., None] * middle for e in _axes(centre))
+    return tuple(e - np.einsum("...k,k->...", n, e)[..., None] * middle for e in (e1, e2))
 
 
-def _project(vectors, centre):
-    """Return x, y (m, 2) on the tangent plane of vectors (m, 3) in the hemisphere of `centre`."""
-    e1, e2 = _axes(centre)
-    depth = np.einsum("mk,k->m", vectors, centre)
-    return np.stack([np.einsum("mk,k->m", vectors, e) / depth for e in (e1, e2)], axis=1)
+def _project(vectors, axes):
+    """Return x, y (m, 2) on the tangent plane of vectors (m, 3) in the hemisphere of its centre."""
+    along = np.einsum("mk,ak->ma", vectors, axes)
+    return along[:, :2] / along[:, 2:]
