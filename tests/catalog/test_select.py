@@ -13,7 +13,7 @@ from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.photometry import rate_to_mag, subband_fluxes
 from csstsim.catalog.select import Noise, region_for, select_objects
 from csstsim.catalog.table import BANDS, COLUMNS
-from csstsim.config import ConstantShear
+from csstsim.config import Lensing
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.optics.wcs import ChipWCS
@@ -186,7 +186,7 @@ def sky(camera, make_pointing, observe, tmp_path_factory):
     """A window of the embedded universe around RA 0: catalogue, WCS, observer."""
     pointing = make_pointing(ra=0.0, dec=-5.0)
     wcs, craft = ChipWCS(camera.chips[CHIP], pointing), observe(pointing)
-    field = ConstantShear(kappa=0.05, gamma1=0.03)
+    field = Lensing(field="constant", kappa=0.05, gamma1=0.03)
     region = region_for(*icrs(*wcs.footprint(WINDOW), craft))
     return embedded_catalog(tmp_path_factory.mktemp("truth"), region, field), wcs, craft
 
