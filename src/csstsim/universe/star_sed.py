@@ -1,99 +1,182 @@
-"""Spectra of stars: the Planck function under a broken line of blanketing (first version).
+"""Spectra of stars from (Teff, log g, [Fe/H]): a compact model of the ATLAS9 and BT-Settl atmospheres.
 
-    f_lambda = B_lambda(Teff) 10^(-0.4 [solar(Teff, lambda) + per_dex(Teff, lambda) [Fe/H]])
+    ln S(lambda_j) = M_j + sum_k c_k(theta, log g, [Fe/H]) P_kj,    theta = 5040 K / Teff
 
-The two tables (config/universe/) are fits to model atmospheres at some twenty wavelengths: metal
-blanketing in the ultraviolet, the Balmer jump and the molecular bands of M dwarfs are there as steps of
-broad-band colour. Left out: every single line, gravity, white dwarfs' own atmospheres.
+S is the photon density leaving the surface [photon / s / m2 / angstrom] at knots 5 A apart, P the principal components
+of the atmospheres' ln S and c_k their coefficients at the nodes of a grid: cubic (Hermite, from parabolic slopes) in
+theta and [Fe/H], linear in log g; ln S of a black body is linear in theta where hc >> lambda k Teff, hence that axis.
+Between knots S is linear in wavelength, so a band integral is exactly a sum over the knots with hat-function weights.
+An observer at distance d gets S (R / d)^2 10^(-0.4 A_V k(lambda)).
 
-Band fluxes come from a table in (ln Teff, [Fe/H]), interpolated in ln flux: a brick is linear algebra, not
-one integral a star.
+Outside the grid the spectrum is that of the nearest edge. The file (config/universe/star_spectra.fits) and what it
+rests on - ATLAS9 above about 4000 K, BT-Settl below, both tied to the colours of real dwarfs below 5200 K, white dwarfs
+at log g 7 to 9 tied to published photometry of pure-hydrogen atmospheres - come from tests/universe/
+build_star_spectra.py. Left out: chromospheres, rotation, alpha enhancement as an axis, helium white dwarfs.
 """
 
-from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
+from astropy.io import fits
+from numba import njit
 
+from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
-from csstsim.units import C_A_S, H_J_S, K_J_K, ab_photon_density
 
-REFERENCE = 5500.0  # angstrom: the scale of a star is its photon density here
-_BAND_V = (5000.0, 5900.0)  # angstrom: the box whose AB magnitude stands for V
-_TEFF_STEP = 0.01  # ln K; interpolating ln flux over it errs by less than 3e-4 at 2500 A and 2600 K
-_FEH_NODES = 13
+_STEP = 10  # samples of the paper's grid between two knots
+KNOTS = GRID[::_STEP]  # angstrom
 
 
-class StarSeds:
-    """Spectra [photon / s / m2 / angstrom], up to the scale, as a function of (Teff [K], [Fe/H])."""
+class Seds:
+    """Spectra ln S = sum_m w_m rows[i_m]; a child says which rows make a star (`_mix`)."""
 
-    def __init__(self, numbers):
-        self._knots = np.log(np.asarray(numbers["wavelength"], dtype=float))
-        self._ln_teff = np.log(np.asarray(numbers["teff"], dtype=float))
-        self._solar = np.asarray(numbers["solar"], dtype=float)
-        self._per_dex = np.asarray(numbers["per_dex"], dtype=float)
-        self.feh_limits = tuple(numbers["feh_limits"])
-        shape = (len(self._ln_teff), len(self._knots))
-        if self._solar.shape != shape or self._per_dex.shape != shape:
-            raise ValueError(f"stars.spectrum: solar and per_dex must be {shape[0]} rows of {shape[1]}")
-        self._table = lru_cache(maxsize=64)(self._make_table)
+    def __init__(self, nodes, rows, extinction_curve):
+        self._nodes = nodes  # rising theta, log g, [Fe/H]
+        self._rows = np.ascontiguousarray(rows, dtype=float)
+        self._curve = np.asarray(extinction_curve, dtype=float)[::_STEP]
+        theta, logg, feh = ((float(axis[0]), float(axis[-1])) for axis in nodes)
+        self.limits = {"teff": (5040.0 / theta[1], 5040.0 / theta[0]), "logg": logg, "feh": feh}
 
-    def shape(self, teff, feh, wavelength=GRID):
-        """Return (n, len(wavelength)) photon densities relative to that at 5500 A."""
-        teff, feh = (np.asarray(v, dtype=float)[:, None] for v in (teff, feh))
-        dimming = self._dimming(teff[:, 0], np.clip(feh[:, 0], *self.feh_limits))
-        knot, t = _cell(self._knots, np.log(wavelength))
-        magnitude = dimming[:, knot] * (1 - t) + dimming[:, knot + 1] * t
-        return _planck_photons(wavelength, teff) / _planck_photons(REFERENCE, teff) * 10 ** (-0.4 * magnitude)
+    def surface(self, teff, logg, feh, wavelength=GRID):
+        """Return (n, len(wavelength)) photon / s / m2 / angstrom leaving the surface, without extinction.
 
-    def _dimming(self, teff, feh):
-        """Return (n, knots) magnitudes, linear in ln Teff, held outside the table."""
-        row, t = _cell(self._ln_teff, np.log(teff))
-        t = t[:, None]
-        low, high = (self._solar[r] + self._per_dex[r] * feh[:, None] for r in (row, row + 1))
-        return low * (1 - t) + high * t
-
-    def integrate(self, teff, feh, weights):
-        """Return (n, bands): int shape(lambda) w(lambda) dlambda for `weights` (bands, 18001) on the paper's grid."""
-        table, ln_teff, fehs = self._table(_Weights(weights))
-        i, t = _cell(ln_teff, np.log(np.asarray(teff, dtype=float)))
-        j, u = _cell(fehs, np.asarray(feh, dtype=float))
-        t, u = t[:, None], u[:, None]
-        low = table[i, j] * (1 - u) + table[i, j + 1] * u
-        high = table[i + 1, j] * (1 - u) + table[i + 1, j + 1] * u
-        return np.exp(low * (1 - t) + high * t)
-
-    def _make_table(self, weights):
-        # Nodes on the table's own temperatures, where the blanketing has its kinks, and evenly between.
-        steps = np.ceil(np.diff(self._ln_teff) / _TEFF_STEP).astype(int)
-        parts = [np.arange(n) / n for n in steps]
-        ln_teff = np.concatenate(
-            [low + gap * t for low, gap, t in zip(self._ln_teff, np.diff(self._ln_teff), parts, strict=False)]
+        `wavelength` in angstrom; outside 2000-11000 the end values hold. Raises InputError for a value that is not
+        a finite number or Teff <= 0.
+        """
+        index, weight = self._mix(*_parameters(teff, logg, feh))
+        at_knots = np.exp(
+            np.stack([np.einsum("m,mw->w", w, self._rows[i]) for i, w in zip(index, weight, strict=True)])
         )
-        ln_teff = np.append(ln_teff, self._ln_teff[-1])
-        fehs = np.linspace(*self.feh_limits, _FEH_NODES)
-        used = np.flatnonzero(weights.array.any(axis=0))
-        band = slice(used[0], used[-1] + 1)
-        wave, w = GRID[band], weights.array[:, band]
-        rows = [self.shape(np.full(len(fehs), teff), fehs, wave) for teff in np.exp(ln_teff)]
-        return np.log([np.einsum("nw,fw->nf", row, w) for row in rows]), ln_teff, fehs
+        return np.stack([np.interp(wavelength, KNOTS, row) for row in at_knots])
 
-    def unit_v_mag(self, teff, feh):
-        """Return the AB magnitude in the V box (5000-5900 A) of a star of unit scale."""
-        low, high = _BAND_V
-        box = np.where(np.abs(GRID - (low + high) / 2) <= (high - low) / 2, 1.0, 0.0)
-        return -2.5 * np.log10(self.integrate(teff, feh, box[None])[:, 0] / (ab_photon_density(GRID) * box).sum())
+    def rates(self, teff, logg, feh, av, weights):
+        """Return (n, bands): sum of surface x 10^(-0.4 av k) x weights over the paper's grid.
+
+        `weights` (bands, 18001) hold throughput, area and the step of the grid (catalog.photometry.subband_weights);
+        `av` (n,) is A(V) [mag]. k enters at the knots: against every 0.5 A that errs by 1e-6 at A(V) = 1 mag.
+        """
+        index, weight = self._mix(*_parameters(teff, logg, feh))
+        hats = _on_knots(np.asarray(weights, dtype=float))
+        av = np.broadcast_to(np.asarray(av, dtype=float), len(index)).copy()
+        out = np.zeros((len(index), len(hats)))
+        used = np.flatnonzero(hats.any(axis=0))
+        if len(used):
+            band = slice(used[0], used[-1] + 1)
+            rows, hats = np.ascontiguousarray(self._rows[:, band]), np.ascontiguousarray(hats[:, band])
+            _integrate(index, weight, rows, av, self._curve[band], hats, _spans(hats), out)
+        return out
+
+    def _cells(self, teff, logg, feh):
+        theta, *rest = self._nodes
+        return cubic(theta, 5040.0 / teff), linear(rest[0], logg), cubic(rest[1], feh)
 
 
-def _planck_photons(wavelength, teff):
-    """Planck photon density per wavelength, any scale."""
-    return wavelength**-4.0 / np.expm1(H_J_S * C_A_S / (wavelength * K_J_K * teff))
+class StarSeds(Seds):
+    """The compact model in the FITS file `path`; `extinction_curve` is A(lambda) / A(V) on the paper's grid, (18001,).
+
+    Raises InputError for a file that cannot be read as such a model.
+    """
+
+    def __init__(self, path, extinction_curve):
+        try:
+            with fits.open(path, memmap=False) as file:
+                nodes = [np.float64(file[name].data) for name in ("THETA", "LOGG", "FEH")]
+                coefficients, basis = (np.float64(file[name].data) for name in ("COEFF", "BASIS"))
+        except (OSError, KeyError, TypeError, ValueError) as exc:
+            raise InputError(f"cannot be read as star spectra: {exc}", file=Path(path)) from exc
+        shape = tuple(map(len, nodes)) + (len(basis) - 1,)
+        finite = all(np.isfinite(part).all() for part in (*nodes, coefficients, basis))
+        rising = all(len(axis) > 1 and (np.diff(axis) > 0).all() for axis in nodes)
+        if coefficients.shape != shape or basis.shape[1:] != KNOTS.shape or not finite or not rising:
+            raise InputError("nodes, COEFF and BASIS do not fit together", file=Path(path), value=coefficients.shape)
+        # Row 0 of the basis is the mean: its coefficient is 1.
+        self._table = np.concatenate([np.ones((*shape[:3], 1)), coefficients], axis=3)
+        super().__init__(nodes, basis, extinction_curve)
+
+    def _mix(self, teff, logg, feh):
+        (i, a), (j, b), (k, c) = self._cells(teff, logg, feh)
+        mix = np.zeros((len(teff), len(self._rows)))
+        for p in range(4):
+            for q in range(2):
+                for r in range(4):
+                    share = a[:, p] * b[:, q] * c[:, r]
+                    mix += share[:, None] * self._table[i[:, p], j[:, q], k[:, r]]
+        return np.broadcast_to(np.arange(len(self._rows)), mix.shape), mix
 
 
-def _cell(nodes, x):
-    """Return the index of the cell of rising `nodes` that holds x, held at both ends, and the place (0..1) in it."""
+def linear(nodes, x):
+    """Return (n, 2) indices and weights of the nodes about x, held at both ends of the rising `nodes`."""
     x = np.clip(x, nodes[0], nodes[-1])
     i = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, len(nodes) - 2)
-    return i, (x - nodes[i]) / np.diff(nodes)[i]
+    t = (x - nodes[i]) / (nodes[i + 1] - nodes[i])
+    return np.stack([i, i + 1], axis=1), np.stack([1 - t, t], axis=1)
+
+
+def cubic(nodes, x):
+    """Return (n, 4) indices and weights of the cubic with parabolic slopes through uneven nodes, held at both ends."""
+    (i, _), (_, t) = (column.T for column in linear(nodes, x))
+    index = np.clip(i[:, None] + np.arange(-1, 3), 0, len(nodes) - 1)
+    h = np.diff(nodes[index], axis=1)  # 0 beyond an end, where the slope is the secant
+    low, high = h[:, 0] / (h[:, 0] + h[:, 1]), h[:, 2] / (h[:, 1] + h[:, 2])
+    # Slopes x h1 at both ends of the cell: share `low` of its own secant and 1 - low of the one before, and so on.
+    before = np.divide((1 - low) * h[:, 1], h[:, 0], out=np.zeros_like(t), where=h[:, 0] > 0)
+    after = np.divide((1 - high) * h[:, 1], h[:, 2], out=np.zeros_like(t), where=h[:, 2] > 0)
+    low, high = np.where(h[:, 0] > 0, low, 1.0), np.where(h[:, 2] > 0, high, 1.0)
+    d0, d1 = t * (1 - t) ** 2, -(t**2) * (1 - t)
+    weight = np.stack(
+        [
+            -d0 * before,
+            (1 + 2 * t) * (1 - t) ** 2 + d0 * (before - low) - d1 * high,
+            t**2 * (3 - 2 * t) + d0 * low + d1 * (high - after),
+            d1 * after,
+        ],
+        axis=1,
+    )
+    return index, weight
+
+
+def _parameters(*values):
+    """Return teff, logg and feh as float64 arrays of one length."""
+    values = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, dtype=float)) for v in values))
+    for name, value in zip(("teff", "logg", "feh"), values, strict=True):
+        if not np.isfinite(value).all() or (name == "teff" and (value <= 0).any()):
+            raise InputError("a star's parameter must be a finite number, and Teff positive", key=name)
+    return values
+
+
+def _on_knots(weights):
+    """Return (bands, 1801): the weights on the paper's grid dealt out to the knots, exact for S linear in between."""
+    t = np.arange(_STEP) / _STEP
+    cells = weights[:, :-1].reshape(len(weights), -1, _STEP)
+    out = np.zeros((len(weights), len(KNOTS)))
+    out[:, :-1] += np.einsum("bct,t->bc", cells, 1 - t)
+    out[:, 1:] += np.einsum("bct,t->bc", cells, t)
+    out[:, -1] += weights[:, -1]
+    return out
+
+
+def _spans(hats):
+    """Return (bands, 2): first and one past the last knot in use."""
+    used = [np.flatnonzero(row) for row in hats]
+    return np.array([(u[0], u[-1] + 1) if len(u) else (0, 0) for u in used])
+
+
+@njit(cache=True)
+def _integrate(index, weight, rows, av, curve, hats, spans, out):
+    line = np.empty(rows.shape[1])
+    for s in range(len(index)):
+        line[:] = -0.4 * np.log(10.0) * av[s] * curve
+        for m in range(index.shape[1]):
+            w, row = weight[s, m], rows[index[s, m]]
+            for j in range(len(line)):
+                line[j] += w * row[j]
+        for j in range(len(line)):
+            line[j] = np.exp(line[j])
+        for b in range(len(hats)):
+            total = 0.0
+            for j in range(spans[b, 0], spans[b, 1]):
+                total += line[j] * hats[b, j]
+            out[s, b] = total
 
 
 class _Weights:
