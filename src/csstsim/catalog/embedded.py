@@ -83,4 +83,3 @@ class EmbeddedCatalog(SceneCatalog):
         key = {name: self.options[name] for name in ("seed", "universe", "camera", "lensing")}
         bricks = [read_brick(brick_file(pix), brick_meta(pix=pix, **key)) for pix in self.region.bricks]
         self._set(ObjectTable.concat(bricks), [brick.meta for brick in bricks])
-

@@ -15,13 +15,13 @@ from csstsim.catalog.photometry import rate_to_mag, subband_weights
 from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.errors import InputError
 from csstsim.rng import stream
+from csstsim.units import RSUN_PC
 from csstsim.universe.galaxies import draw_galaxies
 from csstsim.universe.galaxy_sed import COEFFICIENTS
 from csstsim.universe.lensing import lens
 from csstsim.universe.quasars import draw_quasars
 from csstsim.universe.spectra import rates
 from csstsim.universe.stars import draw_stars
-from csstsim.units import RSUN_PC
 
 NSIDE = 256
 N_BRICKS = 12 * NSIDE**2

@@ -13,11 +13,11 @@ import numpy as np
 
 from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
-from csstsim.universe.igm import LYMAN_LIMIT, Intergalactic, depth
+from csstsim.universe.igm import CONTINUUM_POWER, LYMAN_LIMIT, Intergalactic, depth
 
 COEFFICIENTS = 20
 TEN_PC_MPC = 1e-5
-_KNOT = 32  # samples of the grid between those at which the dust's transmission is worked out
+_JUMP = 3e-3  # A(lambda)/A(V) between two samples: more is where two pieces of the law meet
 _LN_MAG = 0.4 * np.log(10.0)
 
 
@@ -44,10 +44,12 @@ class GalaxySeds:
             raise InputError("wrong number of components", file=path, value=self.basis.shape[0], allowed=COEFFICIENTS)
         self.wavelength = self.start + self.step * np.arange(self.basis.shape[1])  # angstrom, rest frame
         self._extinction = np.asarray(extinction, dtype=float)
+        self._cuts = np.flatnonzero(np.abs(np.diff(self._extinction)) > _JUMP) + 1
         self._igm = igm
-        # Cells for `rates`: those of the basis, cut where the forest's transmission has an edge.
+        # Cells for `rates`: those of the basis, cut where the forest's transmission has an edge and finer where it
+        # falls off steeply.
         edges = [LYMAN_LIMIT, *(line for line, _ in igm["lines"])]
-        self._nodes = np.union1d(self.wavelength, edges)
+        self._nodes = np.union1d(self.wavelength, [*edges, *np.arange(LYMAN_LIMIT - 40, LYMAN_LIMIT, self.step / 4)])
         self._node_basis = np.array([np.interp(self._nodes, self.wavelength, row) for row in self.basis])
 
     def coefficients(self, mix, dust, lines):
@@ -65,15 +67,19 @@ class GalaxySeds:
                 out += factor[:, None] * (table[cell] * (1 - t) + table[cell + 1] * t)
         return out
 
-    def spectra(self, z, coefficients, scale, av, wavelength=GRID):
-        """Return (n, len(wavelength)) spectra; z, scale and av [mag] (n,), coefficients (n, 20)."""
+    def spectra(self, z, coefficients, scale, av, wavelength=GRID, igm=True):
+        """Return (n, len(wavelength)) spectra; z, scale and av [mag] (n,), coefficients (n, 20).
+
+        `igm=False` leaves the intergalactic medium out.
+        """
         out = np.zeros((len(z), len(wavelength)))
         forest = Intergalactic(wavelength, self._igm)
         curve = self._extinction if wavelength is GRID else np.interp(wavelength, GRID, self._extinction)
         for i, (redshift, mix) in enumerate(zip(np.asarray(z, dtype=float), coefficients, strict=True)):
             rest = np.maximum(np.einsum("k,kw->w", np.asarray(mix, dtype=float), self.basis), 0.0)
             out[i] = float(scale[i]) * np.interp(wavelength / (1 + redshift), self.wavelength, rest, left=0.0)
-            forest.absorb(out[i], redshift)
+            if igm:
+                forest.absorb(out[i], redshift)
             out[i] *= np.exp(-_LN_MAG * float(av[i]) * curve)
         return out
 
@@ -89,7 +95,8 @@ class GalaxySeds:
         ranges = np.array([_range(row) for row in weights]).reshape(len(weights), 2)
         return _integrate(
             np.asarray(z, dtype=float), np.ascontiguousarray(coefficients, dtype=float), np.asarray(av, dtype=float),
-            moments, ranges, self._nodes, self._node_basis, self._extinction, *Intergalactic(GRID, self._igm).arrays,
+            moments, ranges, self._nodes, self._node_basis, self._extinction, self._cuts,
+            *Intergalactic(GRID, self._igm).arrays,
         )  # fmt: skip
 
 
@@ -108,19 +115,22 @@ def _range(weights):
 
 
 @numba.njit(cache=True)
-def _integrate(z, coefficients, av, moments, ranges, nodes, basis, extinction, grid, edges, depths, continuum, limits):
+def _integrate(z, coefficients, av, moments, ranges, nodes, basis, curve, cuts, grid, edges, depths, continuum, limits):
     """Sum spectrum x weight over the samples of the grid, cell by cell of the rest-frame nodes.
 
     In a cell the spectrum is a line, so its sum against the weights follows from the running sums of w, w lambda and
-    w lambda^2 (`moments`); the transmission of dust and of the forest, which have no edge inside a cell, is a line
-    through its value at the cell's weighted centre.
+    w lambda^2 (`moments`); dust has its value at the cell's weighted centre, the forest, which has no edge inside a
+    cell, is a line through its own. Where the dust's curve jumps (`cuts`) a cell ends.
     """
     count, bands, zero, step = len(z), len(moments), grid[0], grid[1] - grid[0]
     out = np.zeros((count, bands))
     rest = np.empty(len(nodes))
-    through = np.empty(len(grid) + 2 * _KNOT)
+    usual = _LN_MAG * av.mean() if count else 0.0
+    screen = np.exp(-usual * curve)
     for n in range(count):
         stretch = 1.0 + z[n]
+        reach = stretch**CONTINUUM_POWER
+        more = _LN_MAG * av[n] - usual
         for b in range(bands):
             begin, end = ranges[b]
             if end <= begin:
@@ -128,13 +138,48 @@ def _integrate(z, coefficients, av, moments, ranges, nodes, basis, extinction, g
             low = max(np.searchsorted(nodes, grid[begin] / stretch, side="right") - 1, 0)
             high = min(np.searchsorted(nodes, grid[end - 1] / stretch, side="right"), len(nodes) - 1)
             _combine(rest, low, high + 1, coefficients[n], basis)
-            for i in range(begin // _KNOT * _KNOT, end + _KNOT, _KNOT):
-                through[i] = np.exp(-_LN_MAG * av[n] * extinction[min(i, len(grid) - 1)])
-            out[n, b] = _sum(
-                rest, low, high, stretch, nodes, moments[b], begin, end, through, z[n], grid, edges, depths, continuum,
-                limits,
-            )  # fmt: skip
+            sum0, sum1, sum2 = moments[b, 0], moments[b, 1], moments[b, 2]
+            cut = np.searchsorted(cuts, begin, side="right")
+            total = 0.0
+            right = nodes[low] * stretch - zero
+            first = max(int(np.ceil(right / step)), begin)
+            for j in range(low, high + 1):
+                left = right
+                if j == len(nodes) - 1:  # beyond the last node the spectrum is held
+                    stop, slope = end, 0.0
+                else:
+                    right = nodes[j + 1] * stretch - zero
+                    stop, slope = min(int(np.ceil(right / step)), end), (rest[j + 1] - rest[j]) / (right - left)
+                while first < stop:
+                    last = stop
+                    if cut < len(cuts) and cuts[cut] < stop:
+                        last, cut = max(cuts[cut], first), cut + 1
+                    start, first = first, last
+                    w0, w1 = sum0[last] - sum0[start], sum1[last] - sum1[start]
+                    if w0 <= 0.0:
+                        continue
+                    centre = w1 / w0
+                    sample = min(int(centre / step), last - 2) if last - start > 1 else start
+                    t = centre / step - sample
+                    k = curve[sample] + (t * (curve[sample + 1] - curve[sample]) if last - start > 1 else 0.0)
+                    height = screen[sample] * _exp(-more * k - usual * (k - curve[sample]))
+                    light = rest[j] * w0 + slope * (w1 - left * w0)
+                    if grid[start] < edges[0] * stretch:
+                        middle = 0.5 * (nodes[j] + nodes[min(j + 1, len(nodes) - 1)])
+                        one = depth(start, middle, reach, edges, depths, continuum, limits)
+                        other = depth(last - 1, middle, reach, edges, depths, continuum, limits)
+                        tilt = (one - other) / (max(last - 1 - start, 1) * step)
+                        height *= np.exp(tilt * (centre - start * step) - one)
+                        light += tilt * slope * (sum2[last] - sum2[start] - centre * w1)
+                    total += height * light
+            out[n, b] = total
     return out
+
+
+@numba.njit(cache=True)
+def _exp(x):
+    """exp(x); by its series where that is exact to 1e-9, as it is for galaxies behind nearly the same dust."""
+    return 1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))) if abs(x) < 0.01 else np.exp(x)
 
 
 @numba.njit(cache=True)
@@ -149,43 +194,3 @@ def _combine(rest, low, high, coefficients, basis):
     for j in range(len(part)):
         if part[j] < 0.0:
             part[j] = 0.0
-
-
-@numba.njit(cache=True)
-def _sum(rest, low, high, stretch, nodes, moments, begin, end, through, z, grid, edges, depths, continuum, limits):
-    zero, step = grid[0], grid[1] - grid[0]
-    per_step = 1.0 / step
-    sum0, sum1, sum2 = moments[0], moments[1], moments[2]
-    blue = edges[0] * stretch
-    total = 0.0
-    first = max(int(np.ceil((nodes[low] * stretch - zero) * per_step)), begin)
-    right = nodes[low] * stretch - zero
-    for j in range(low, high + 1):
-        left = right
-        if j == len(nodes) - 1:  # beyond the last node the spectrum is held
-            last, slope = end, 0.0
-        else:
-            right = nodes[j + 1] * stretch - zero
-            last = min(int(np.ceil(right * per_step)), end)
-            slope = (rest[j + 1] - rest[j]) / (right - left)
-        if last <= first:
-            continue
-        w0, w1, w2 = sum0[last] - sum0[first], sum1[last] - sum1[first], sum2[last] - sum2[first]
-        start, first = first, last
-        if w0 <= 0.0:
-            continue
-        centre = w1 / w0
-        knot = int(centre * per_step) // _KNOT * _KNOT
-        tilt = (through[knot + _KNOT] - through[knot]) * (per_step / _KNOT)
-        height = through[knot] + tilt * (centre - knot * step)
-        if grid[start] < blue:
-            middle = 0.5 * (nodes[j] + nodes[min(j + 1, len(nodes) - 1)])
-            one = np.exp(-depth(start, z, middle, edges, depths, continuum, limits))
-            gas, change = one, 0.0
-            if last - start > 1:
-                other = np.exp(-depth(last - 1, z, middle, edges, depths, continuum, limits))
-                change = (other - one) / ((last - 1 - start) * step)
-                gas += change * (centre - start * step)
-            height, tilt = height * gas, tilt * gas + height * change
-        total += height * (rest[j] * w0 + slope * (w1 - left * w0)) + tilt * slope * (w2 - centre * w1)
-    return total

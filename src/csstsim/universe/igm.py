@@ -10,7 +10,7 @@ import numba
 import numpy as np
 
 LYMAN_LIMIT = 912.0  # angstrom
-_CONTINUUM_POWER = 0.46  # of (1 + z) in the optical depth below the Lyman limit (Madau 1995, footnote 3)
+CONTINUUM_POWER = 0.46  # of (1 + z) in the optical depth below the Lyman limit (Madau 1995, footnote 3)
 
 
 class Intergalactic:
@@ -25,7 +25,7 @@ class Intergalactic:
         ])  # fmt: skip
         limit = wavelength / LYMAN_LIMIT
         # What `absorb` needs, as plain arrays: kernels elsewhere take them too.
-        self.arrays = (wavelength, edges, depths, numbers["continuum"] * limit**3, limit**_CONTINUUM_POWER)
+        self.arrays = (wavelength, edges, depths, numbers["continuum"] * limit**3, limit**CONTINUUM_POWER)
 
     def absorb(self, values, z):
         """Multiply `values`, one a wavelength, by the transmission towards redshift z, in place; return them."""
@@ -36,20 +36,21 @@ class Intergalactic:
 @numba.njit(cache=True)
 def absorb(values, begin, end, z, wavelength, edges, depths, continuum, limits):
     """Multiply values[begin:end] by the transmission towards redshift z; arrays of Intergalactic."""
+    reach = (1.0 + z) ** CONTINUUM_POWER
     for i in range(begin, end):
         rest = wavelength[i] / (1.0 + z)
         if not rest < edges[0]:
             break
-        values[i] *= np.exp(-depth(i, z, rest, edges, depths, continuum, limits))
+        values[i] *= np.exp(-depth(i, rest, reach, edges, depths, continuum, limits))
 
 
 @numba.njit(cache=True)
-def depth(i, z, rest, edges, depths, continuum, limits):
-    """Return the optical depth of sample i towards redshift z; `rest` [A] says which lines reach it."""
+def depth(i, rest, reach, edges, depths, continuum, limits):
+    """Return the optical depth of sample i; `rest` [A] says which lines reach it, `reach` is (1 + z)^0.46."""
     tau = 0.0
     for line in range(len(edges)):
         if rest < edges[line]:
             tau += depths[line, i]
     if rest < LYMAN_LIMIT:
-        tau += max(continuum[i] * ((1.0 + z) ** _CONTINUUM_POWER - limits[i]), 0.0)
+        tau += max(continuum[i] * (reach - limits[i]), 0.0)
     return tau
