@@ -24,8 +24,8 @@ from csstsim.universe.cosmology import Cosmology
 from csstsim.universe.lens_spectra import Shells
 from csstsim.universe.tangent_grid import TangentGrid, interpolate, prolong
 
-_ORDERS = range(1, 15)  # HEALPix orders of the deviates
-_WIDTHS = (1.3 * np.sqrt(2), 1.3)  # sigma in pixels of its order: at 1.3 the pixels change the local variance by 1e-5
+_FINEST = 1.65  # l_max x sigma of the narrowest kernel: its half power lies at l_max x 1.35
+_WIDTHS = (1.3 * np.sqrt(2), 1.3)  # sigma in pixels; at 1.3 they change the local variance by 0.3 % at most
 _REACH = 5.5  # sigma: the kernel of kappa is cut at 4e-6 of its peak
 _SAMPLES = 3.0  # grid points per sigma, at least: interpolation errs by 1e-5 at most
 _BLOCK_ORDERS = 4  # deviates are drawn in blocks of 4^4 pixels
@@ -40,7 +40,8 @@ class LensingField:
     def __init__(self, seed, cosmology_numbers, lensing_numbers):
         self.seed = seed
         self.shells = Shells(Cosmology(cosmology_numbers), cosmology_numbers, lensing_numbers)
-        self._sigma = [(order, width * _pixel(order)) for order in _ORDERS for width in _WIDTHS]
+        finest = int(np.ceil(np.log2(_WIDTHS[-1] * _pixel(0) * lensing_numbers["l_max"] / _FINEST)))
+        self._sigma = [(order, width * _pixel(order)) for order in range(1, finest + 1) for width in _WIDTHS]
         ell = np.unique(np.geomspace(2, lensing_numbers["l_max"], 160).astype(int))
         powers, ones = self._powers(ell), np.ones(len(ell))
         fits = [nnls(powers / wanted[:, None], ones)[0] for wanted in self.shells.spectra(ell)]
@@ -84,7 +85,7 @@ class LensingField:
         reach = min(_REACH * sigma, np.pi)
         points, deviates = self._deviates(grid, s, order, reach)
         deviates = deviates * self.amplitude[:, s]
-        _splat(values, *grid.frames, points, grid.boxes(points, reach), deviates, 1 / sigma**2, reach)
+        splat(values, *grid.frames, points, grid.boxes(points, reach), deviates, 1 / sigma**2, reach)
 
     def _deviates(self, grid, s, order, reach):
         """Return the pixel centres (m, 3) within `reach` of the grid and their deviates (m, shells)."""
@@ -118,10 +119,11 @@ def _pixel(order):
 
 
 @njit(cache=True)
-def _splat(values, n, t1, t2, points, boxes, deviates, u, reach):
-    """Add each point's kernel, differentiated twice, to values (rows, columns, 3, shells) inside its box.
+def splat(values, n, t1, t2, points, boxes, deviates, u, reach):
+    """Add kappa, gamma1, gamma2 of psi = deviate exp(-u (1 - n . p)) of every point p to values.
 
-    n, t1, t2: direction and tangent frame of each grid point (rows, columns, 3).
+    values: (rows, columns, 3, shells); n, t1, t2: direction and tangent frame of each grid point (rows, columns, 3);
+    points (m, 3), deviates (m, shells); boxes: TangentGrid.boxes of the points and `reach` [rad], where kernels end.
     """
     far = 2 * np.sin(0.5 * reach) ** 2  # 1 - cos(reach)
     for j in range(len(points)):
