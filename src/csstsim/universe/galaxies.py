@@ -107,7 +107,7 @@ class GalaxyPopulation:
         low, high = formation["age"]
         age = cosmic_age(z, self.cosmology) * (low + (high - low) * rng("age").random(n))
         fractions = young_fractions(rate, age, formation["edges"])
-        mix = mixture(fractions, formation["shares"], self.seds.surviving)
+        mix = mixture(fractions, formation)
         face_on = np.where(quiescent, dust["quiescent"], attenuation(log_mass, dust))
         tilt = ((1 + e) / (1 - e)) ** np.where(quiescent, 0.0, dust["inclination"])  # (a / b)^inclination
         dusty = face_on * tilt * 10 ** (dust["scatter"] * rng("dust").standard_normal(n))
@@ -133,7 +133,7 @@ class GalaxyPopulation:
         formation, margin = self.numbers["star_formation"], self.numbers["margin"]
         rate = main_sequence(np.full(len(z), 7.0), z, formation) + margin["rate_sigmas"] * formation["scatter"]
         age = cosmic_age(z, self.cosmology) * np.mean(formation["age"])
-        mix = mixture(young_fractions(rate, age, formation["edges"]), formation["shares"], self.seds.surviving)
+        mix = mixture(young_fractions(rate, age, formation["edges"]), formation)
         dust = attenuation(np.full(len(z), 7.0), self.numbers["dust"])
         scale = self.seds.distance_scale(z, self.cosmology.luminosity_distance(z))
         unit = self._magnitude(z, self.seds.coefficients(mix, dust, np.ones(len(z))), scale)

@@ -5,8 +5,8 @@ rate drawn (a main sequence for star-forming galaxies, a low rate for quiescent 
 
     s A = x / (exp(x) - 1),  x = A / tau;    mass younger than a:  F(a) = (exp(x a / A) - 1) / (exp(x) - 1)
 
-The mass of each age range is shared among the templates by a fixed table, because templates fitted to galaxies
-are populations of several ages. Left out: bursts beyond the scatter of the rate, metallicity as a variable of its own.
+The light of each age range is made of the templates by a fixed table: templates fitted to galaxies are populations
+of several ages, and some ages have none of their own. Left out: bursts beyond the scatter of the rate, metallicity as a variable of its own.
 """
 
 import numpy as np
@@ -41,13 +41,14 @@ def young_fractions(log_rate, age, edges):
     return np.diff(below, prepend=0.0, append=1.0, axis=1)
 
 
-def mixture(fractions, shares, surviving):
-    """Return (n, templates): solar masses formed in each template per solar mass of living stars and remnants.
+def mixture(fractions, numbers):
+    """Return (n, templates): solar masses of each template per solar mass of living stars and remnants.
 
-    fractions: (n, ages); shares: (ages, templates), rows sum to 1; surviving: (templates,) mass left of one formed.
+    fractions: (n, ages), shares of the mass formed; numbers["light"]: (ages, templates), the template masses that shine
+    as one solar mass formed in the age range; numbers["surviving"]: what is left of it now.
     """
-    formed = np.einsum("na,ak->nk", fractions, np.asarray(shares, float))
-    return formed / np.einsum("nk,k->n", formed, np.asarray(surviving, float))[:, None]
+    shining = np.einsum("na,ak->nk", fractions, np.asarray(numbers["light"], float))
+    return shining / np.einsum("na,a->n", fractions, np.asarray(numbers["surviving"], float))[:, None]
 
 
 def attenuation(log_mass, numbers):
