@@ -1,5 +1,12 @@
-"""The intergalactic medium: mean absorption of the Lyman forest and the Lyman continuum (after Madau 1995)."""
+"""The intergalactic medium: mean absorption of the Lyman forest and the Lyman continuum (after Madau 1995, ApJ 441, 18).
 
+    tau(lambda, z) = sum_lines A_l (lambda / lambda_l)^p                        lambda < lambda_l (1 + z)
+                   + C (lambda / 912)^3 ((1 + z)^0.46 - (lambda / 912)^0.46)    lambda < 912 (1 + z)
+
+Left out: scatter between sight-lines, damped systems.
+"""
+
+import numba
 import numpy as np
 
 LYMAN_LIMIT = 912.0  # angstrom
@@ -10,26 +17,39 @@ class Intergalactic:
     """Mean absorption by the intergalactic medium at observed wavelengths [A, rising]."""
 
     def __init__(self, wavelength, numbers):
-        self._wave = wavelength
-        self._lines = [
-            (line, numbers["tau_alpha"] * strength * (wavelength / line) ** numbers["power"])
-            for line, strength in numbers["lines"]
-        ]
-        # Lyman continuum: absorbers between where this wavelength meets the limit and the source.
+        wavelength = np.asarray(wavelength, dtype=float)
+        lines = sorted(numbers["lines"], reverse=True)  # Lyman alpha first
+        edges = np.array([line for line, _ in lines], dtype=float)
+        depths = np.array([
+            numbers["tau_alpha"] * strength * (wavelength / line) ** numbers["power"] for line, strength in lines
+        ])  # fmt: skip
         limit = wavelength / LYMAN_LIMIT
-        self._continuum = numbers["continuum"] * limit**3
-        self._limit_power = limit**_CONTINUUM_POWER
+        # What `absorb` needs, as plain arrays: kernels elsewhere take them too.
+        self.arrays = (wavelength, edges, depths, numbers["continuum"] * limit**3, limit**_CONTINUUM_POWER)
 
     def absorb(self, values, z):
         """Multiply `values`, one a wavelength, by the transmission towards redshift z, in place; return them."""
-        blue = np.searchsorted(self._wave, max(line for line, _ in self._lines) * (1 + z))
-        if blue == 0:
-            return values
-        tau = np.zeros(blue)
-        for line, optical_depth in self._lines:
-            end = min(np.searchsorted(self._wave, line * (1 + z)), blue)
-            tau[:end] += optical_depth[:end]
-        end = min(np.searchsorted(self._wave, LYMAN_LIMIT * (1 + z)), blue)
-        tau[:end] += self._continuum[:end] * ((1 + z) ** _CONTINUUM_POWER - self._limit_power[:end])
-        values[:blue] *= np.exp(-tau)
+        absorb(values, 0, len(values), float(z), *self.arrays)
         return values
+
+
+@numba.njit(cache=True)
+def absorb(values, begin, end, z, wavelength, edges, depths, continuum, limits):
+    """Multiply values[begin:end] by the transmission towards redshift z; arrays of Intergalactic."""
+    for i in range(begin, end):
+        rest = wavelength[i] / (1.0 + z)
+        if not rest < edges[0]:
+            break
+        values[i] *= np.exp(-depth(i, z, rest, edges, depths, continuum, limits))
+
+
+@numba.njit(cache=True)
+def depth(i, z, rest, edges, depths, continuum, limits):
+    """Return the optical depth of sample i towards redshift z; `rest` [A] says which lines reach it."""
+    tau = 0.0
+    for line in range(len(edges)):
+        if rest < edges[line]:
+            tau += depths[line, i]
+    if rest < LYMAN_LIMIT:
+        tau += max(continuum[i] * ((1.0 + z) ** _CONTINUUM_POWER - limits[i]), 0.0)
+    return tau
