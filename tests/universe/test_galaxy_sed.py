@@ -66,7 +66,7 @@ def test_coefficients_are_linear_in_mass_and_never_extrapolate_dust(seds):
 
 
 def test_the_old_template_breaks_at_4000_angstrom(seds):
-    """D4000 (Bruzual 1983: mean f_nu of 4050-4250 over 3750-3950 A) of old galaxies is 1.7 to 2.4, of young ones near 1."""
+    """D4000 (Bruzual 1983: mean f_nu of 4050-4250 over 3750-3950 A) : old 1.7 to 2.4, young near 1."""
 
     def d4000(mix):
         photons = seds.spectra([0.0], mix, [1.0], [0.0])[0]
@@ -120,5 +120,5 @@ def test_distance_scale_is_the_inverse_square():
 def test_a_damaged_file_is_refused(tmp_path):
     path = tmp_path / "galaxy_spectra.fits"
     path.write_bytes(b"SIMPLE")
-    with pytest.raises(InputError, match="galaxy_spectra.fits"):
+    with pytest.raises(InputError, match=r"galaxy_spectra\.fits"):
         GalaxySeds(path, {}, odonnell(GRID))

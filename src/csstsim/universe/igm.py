@@ -1,4 +1,4 @@
-"""The intergalactic medium: mean absorption of the Lyman forest and the Lyman continuum (after Madau 1995, ApJ 441, 18).
+"""The intergalactic medium: mean absorption of the Lyman forest and the Lyman continuum (Madau 1995, ApJ 441, 18).
 
     tau(lambda, z) = sum_lines A_l (lambda / lambda_l)^p                        lambda < lambda_l (1 + z)
                    + C (lambda / 912)^3 ((1 + z)^0.46 - (lambda / 912)^0.46)    lambda < 912 (1 + z)

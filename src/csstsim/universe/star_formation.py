@@ -1,0 +1,57 @@
+"""How a galaxy made its stars, and so which mixture of templates it shows.
+
+The star-formation rate was exp(age / tau) for the last `A` years, with tau such that the rate now is the specific
+rate drawn (a main sequence for star-forming galaxies, a low rate for quiescent ones):
+
+    s A = x / (exp(x) - 1),  x = A / tau;    mass younger than a:  F(a) = (exp(x a / A) - 1) / (exp(x) - 1)
+
+The light of each age range is made of the templates by a fixed table: templates fitted to galaxies are populations
+of several ages, and some ages have none of their own. Left out: bursts beyond the scatter of the rate, metallicity as a variable of its own.
+"""
+
+import numpy as np
+
+_X = np.concatenate([-np.logspace(3, -4, 3000), np.logspace(-4, np.log10(600.0), 3000)])
+_LOG_SA = np.log(_X / np.expm1(_X))  # decreasing
+
+
+def cosmic_age(z, cosmology):
+    """Return the age of the flat universe [yr] at redshift z."""
+    ratio = np.sqrt(cosmology.omega_lambda / cosmology.omega_m) * (1 + np.asarray(z, float)) ** -1.5
+    hubble_time = 977.792e9 / cosmology.h0  # yr: Mpc / (km / s) = 977.792 Gyr
+    return hubble_time * 2 / (3 * np.sqrt(cosmology.omega_lambda)) * np.arcsinh(ratio)
+
+
+def main_sequence(log_mass, z, numbers):
+    """Return log10 of the specific star-formation rate [yr-1] of star-forming galaxies."""
+    r = np.log10(1 + np.asarray(z, float))
+    m = np.asarray(log_mass, float) + numbers["imf_shift"] - 9.0
+    bend = np.maximum(m - numbers["m1"] - numbers["a2"] * r, 0.0)
+    return -9.0 - numbers["m0"] + numbers["a0"] * r - numbers["a1"] * bend**2
+
+
+def young_fractions(log_rate, age, edges):
+    """Return (n, len(edges) + 1): shares of the mass formed, by age: below the first edge, between, above the last.
+
+    log_rate: log10 of the specific rate [yr-1] (n,); age: since the first star [yr] (n,); edges: ages [yr] rising.
+    """
+    age = np.asarray(age, float)[:, None]
+    x = np.interp(-(np.asarray(log_rate) * np.log(10) + np.log(age[:, 0])), -_LOG_SA, _X)[:, None]
+    below = np.expm1(x * np.minimum(np.asarray(edges, float) / age, 1.0)) / np.expm1(x)
+    return np.diff(below, prepend=0.0, append=1.0, axis=1)
+
+
+def mixture(fractions, numbers):
+    """Return (n, templates): solar masses of each template per solar mass of living stars and remnants.
+
+    fractions: (n, ages), shares of the mass formed; numbers["light"]: (ages, templates), the template masses that shine
+    as one solar mass formed in the age range; numbers["surviving"]: what is left of it now.
+    """
+    shining = np.einsum("na,ak->nk", fractions, np.asarray(numbers["light"], float))
+    return shining / np.einsum("na,a->n", fractions, np.asarray(numbers["surviving"], float))[:, None]
+
+
+def attenuation(log_mass, numbers):
+    """Return the median A_V [mag] of star-forming galaxies seen face-on: a cubic of log mass, held outside its range."""
+    x = np.clip(np.asarray(log_mass, float) - 10.0, *numbers["range"])
+    return numbers["stars_over_gas"] * np.polyval(numbers["cubic"][::-1], x)
