@@ -5,7 +5,7 @@ workflow ask the same object which jobs, bricks and files there are.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -54,7 +54,12 @@ class OpenCampaign:
         self.pointings = {p.obsid: p for p in load_survey_table(self.config.survey_table, self.camera.orbit)}
         self._check_selection()
         types = sorted({p.type for p in self._selected_pointings()})
-        self.steps = {kind: SimSteps(self._observation_file(kind)) for kind in types}
+        self.steps = {kind: SimSteps(self._observation_file(kind), kind) for kind in types}
+        # One exposure time: where the layers ask for another than the table's, it is the exposure's everywhere.
+        asked = {kind: steps.exptime for kind, steps in self.steps.items() if steps.exptime is not None}
+        self.pointings = {
+            obsid: replace(p, exptime=asked.get(p.type, p.exptime)) for obsid, p in self.pointings.items()
+        }
 
     def _observation_file(self, kind):
         path = self.config.observation_file(kind)

@@ -1,7 +1,14 @@
 """SimSteps: load, check and run the ordered list of (layer, obs_param). The program on one page.
 
 Paper, section 4.3. The one change of form: SimSteps lists the layers instead of holding them as methods;
-each layer is a module of csstsim.layers (or a user's own, by dotted path) with Param, apply, STAGE, UNITS.
+each layer is a module of csstsim.layers (or a user's own, by dotted path) with
+
+    Param, apply   its parameters (pydantic) and apply(state, param, rng) -> state
+    STAGE          render, readout or level0
+    UNITS          what it takes and gives: "electron" or "DN"
+    FRAME          what it takes and gives: "active" pixels or the "readout" with prescan and overscan (may be left out:
+                   works on either)
+    EXPOSURES      exposure types it belongs in (may be left out: any)
 """
 
 import importlib
@@ -40,11 +47,12 @@ class Step:
 class SimSteps:
     """The layers of one kind of exposure, checked before any work.
 
-    Raises InputError for an unknown keyword or parameter, a stage that goes backwards, or a layer whose
-    unit is not what the one before it leaves.
+    kind: the exposure type the list is for (None: any). Raises InputError for an unknown keyword or parameter, a
+    layer of csstsim given twice or in the wrong kind of exposure, a stage that goes backwards, a layer whose unit or
+    frame is not what the one before it leaves, a list that does not end in a file, or two exposure times.
     """
 
-    def __init__(self, file):
+    def __init__(self, file, kind=None):
         self.file = file
         self.steps = []
         uses = {}
@@ -53,26 +61,47 @@ class SimSteps:
             name = keyword.lower()
             uses[name] = uses.get(name, 0) + 1
             module = _load_layer(keyword, file)
+            if uses[name] > 1 and "." not in name:
+                raise self._error("given twice", keyword)
+            exposures = getattr(module, "EXPOSURES", (kind,))
+            if kind not in (None, *exposures):
+                raise self._error("does not belong in this kind of exposure", keyword, kind, ", ".join(exposures))
             checked = validate(module.Param, param or {}, file, ("layers", number, keyword))
             self.steps.append(Step(keyword, name if uses[name] == 1 else f"{name}#{uses[name]}", module, checked))
         self._check_order()
+        self.exptime = self._exptime()
+
+    def _error(self, message, keyword, value=None, allowed=None):
+        return InputError(message, file=self.file, key=f"layers.{keyword}", value=value, allowed=allowed)
 
     def _check_order(self):
-        stage, unit = 0, "electron"
+        stage, unit, frame = 0, "electron", "active"
         for step in self.steps:
             here, (takes, gives) = STAGES.index(step.module.STAGE), step.module.UNITS
             if here < stage:
-                raise InputError(
-                    f"a layer of stage '{step.module.STAGE}' cannot follow one of stage '{STAGES[stage]}'",
-                    file=self.file, key=f"layers.{step.keyword}", allowed=" then ".join(STAGES),
-                )  # fmt: skip
+                message = f"a layer of stage '{step.module.STAGE}' cannot follow one of stage '{STAGES[stage]}'"
+                raise self._error(message, step.keyword, allowed=" then ".join(STAGES))
             if takes != unit:
-                raise InputError(
-                    f"takes {takes}, but the layers before it leave {unit}",
-                    file=self.file, key=f"layers.{step.keyword}", value=step.keyword,
-                    allowed="gain turns electron into DN, once",
-                )  # fmt: skip
-            stage, unit = here, gives
+                message = f"takes {takes}, but the layers before it leave {unit}"
+                raise self._error(message, step.keyword, step.keyword, "gain turns electron into DN, once")
+            wants, leaves = getattr(step.module, "FRAME", (frame, frame))
+            if wants != frame:
+                message = f"works on the {wants} pixels, but the layers before it leave the {frame} ones"
+                raise self._error(message, step.keyword, allowed="prescan_overscan turns active into readout, once")
+            stage, unit, frame = here, gives, leaves
+        if (STAGES[stage], unit, frame) != ("level0", "DN", "readout"):
+            needed = {"prescan_overscan": frame == "active", "gain": unit != "DN", "quantization_and_output": True}
+            missing = next(name for name, lacks in needed.items() if lacks)
+            raise self._error("a layer is missing: the list does not end in a Level-0 file", missing)
+
+    def _exptime(self):
+        """Return the exposure time [s] the layers ask for, or None: the pointing's."""
+        asked = {step.keyword: getattr(step.param, "exptime", None) for step in self.steps}
+        asked = {keyword: time for keyword, time in asked.items() if time is not None}
+        if len(set(asked.values())) > 1:
+            *_, last = asked
+            raise self._error("layers ask for different exposure times", last, asked[last], "one for all, or null")
+        return next(iter(asked.values()), None)
 
     def __iter__(self):
         return iter(self.steps)
@@ -114,9 +143,14 @@ def _load_layer(keyword, file):
     path = keyword if "." in keyword else f"csstsim.layers.{name}"
     try:
         module = importlib.import_module(path)
-    except ImportError as exc:
-        raise InputError(f"cannot import the layer: {exc}", file=file, key="layers", value=keyword) from exc
+    except Exception as exc:  # a user's module may fail in any way
+        message = f"cannot import the layer: {type(exc).__name__} {exc}"
+        raise InputError(message, file=file, key="layers", value=keyword) from exc
     missing = [part for part in ("Param", "apply", "STAGE", "UNITS") if not hasattr(module, part)]
     if missing:
         raise InputError(f"the layer's module lacks {', '.join(missing)}", file=file, key="layers", value=keyword)
+    if module.STAGE not in STAGES:
+        raise InputError(
+            "unknown stage", file=file, key=f"layers.{keyword}.STAGE", value=module.STAGE, allowed=", ".join(STAGES)
+        )
     return module

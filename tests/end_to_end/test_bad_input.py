@@ -71,14 +71,28 @@ def test_campaign(tmp_path, changes, words):
     assert all(word in line for word in words), line
 
 
+OVER = {"prescan_overscan": {}}
+END = [OVER, {"gain": {}}, {"quantization_and_output": {}}]
+
+
 @pytest.mark.parametrize(
     "layers, words",
     [
         ([{"biass": {}}], ["science.yaml", "unknown layer", "biass", "bias, gain"]),
         ([{"CTE_effect": {}}], ["science.yaml", "unknown layer", "CTE_effect"]),
         ([{"bias": {"bias_17channel": True}}], ["science.yaml", "bias_17channel", "bias_16channel"]),
-        ([{"gain": {}}, {"bias": {}}], ["science.yaml", "bias", "DN"]),
-        ([{"bias": {}}, {"sky_background": {}}], ["science.yaml", "sky_background", "render"]),
+        ([OVER, {"gain": {}}, {"bias": {}}], ["science.yaml", "bias", "DN"]),
+        ([OVER, {"sky_background": {}}], ["science.yaml", "sky_background", "render"]),
+        ([{"bias": {}}, OVER], ["science.yaml", "bias", "readout pixels", "prescan_overscan"]),
+        ([OVER, {"poisson_and_dark": {}}], ["science.yaml", "poisson_and_dark", "active pixels"]),
+        ([OVER, {"bias": {}}, {"Bias": {}}], ["science.yaml", "Bias", "twice"]),
+        ([OVER, {"gain": {}}], ["science.yaml", "quantization_and_output", "missing"]),
+        ([{"poisson_and_dark": {}}], ["science.yaml", "prescan_overscan", "missing"]),
+        (
+            [{"scie_obs": {"exptime": 10}}, {"poisson_and_dark": {"exptime": 20}}, *END],
+            ["poisson_and_dark", "different exposure times", "20"],
+        ),
+        ([{".bias": {}}], ["science.yaml", ".bias", "cannot import"]),
         ([{"sky_background": {"exptime": -3}}], ["science.yaml", "exptime", "-3"]),
     ],
 )
@@ -87,6 +101,13 @@ def test_observation(tmp_path, layers, words):
     path = write_campaign(tmp_path, observations={"SCIE": str(tmp_path / "science.yaml")})
     line = refused("check", path)
     assert all(word in line for word in words), line
+
+
+def test_light_has_no_place_in_a_bias_frame(tmp_path):
+    (tmp_path / "bias.yaml").write_text(yaml.safe_dump({"layers": [{"scie_obs": {}}, *END]}))
+    path = write_campaign(tmp_path, observations={"BIAS": str(tmp_path / "bias.yaml")}, select={"types": ["BIAS"]})
+    line = refused("check", path)
+    assert all(word in line for word in ("bias.yaml", "scie_obs", "BIAS", "allowed: SCIE"))
 
 
 def test_missing_brick_then_damaged_brick(tmp_path):

@@ -10,12 +10,13 @@ from csstsim.layers.param import LayerParam
 
 STAGE = "readout"
 UNITS = ("electron", "electron")
+FRAME = ("active", "active")
 
 
 class Param(LayerParam):
     """obs_param of `poisson_and_dark`."""
 
-    exptime: float | None = Field(None, ge=0, description="exposure time [s]; null = the pointing's")
+    exptime: float | None = Field(None, ge=0, le=1e5, description="exposure time [s]; null = the pointing's")
 
 
 def apply(state, param, rng):

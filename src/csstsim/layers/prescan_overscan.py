@@ -9,6 +9,7 @@ from csstsim.layers.param import LayerParam
 
 STAGE = "readout"
 UNITS = ("electron", "electron")
+FRAME = ("active", "readout")
 
 
 class Param(LayerParam):

@@ -13,6 +13,7 @@ from csstsim.layers.param import LayerParam
 
 STAGE = "level0"
 UNITS = ("DN", "DN")
+FRAME = ("readout", "readout")
 
 
 class Param(LayerParam):

@@ -7,6 +7,7 @@ from csstsim.layers.param import LayerParam
 
 STAGE = "readout"
 UNITS = ("electron", "electron")
+FRAME = ("readout", "readout")
 
 
 class Param(LayerParam):

@@ -12,12 +12,14 @@ from csstsim.render.reference import draw_objects
 
 STAGE = "render"
 UNITS = ("electron", "electron")
+FRAME = ("active", "active")
+EXPOSURES = ("SCIE",)
 
 
 class Param(LayerParam):
     """obs_param of `scie_obs`."""
 
-    exptime: float | None = Field(None, ge=0, description="exposure time [s]; null = the pointing's")
+    exptime: float | None = Field(None, gt=0, le=1e5, description="exposure time [s]; null = the pointing's")
 
 
 def apply(state, param, rng):
