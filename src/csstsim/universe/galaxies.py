@@ -16,6 +16,7 @@ from csstsim.universe.galaxy_shapes import (
     to_arcsec,
     velocity_dispersion,
 )
+from csstsim.universe.galaxy_sed import distance_scale
 from csstsim.universe.mass_function import MassGrid
 from csstsim.universe.star_formation import attenuation, cosmic_age, main_sequence, mixture, young_fractions
 
@@ -79,7 +80,7 @@ class GalaxyPopulation:
         e = draw_ellipticity(rng("shape"), share > numbers["ellipticity"]["round_share"], numbers["ellipticity"])
         mix, dust, lines = self._stars(rng, z, log_mass, kind, np.abs(e))
         coefficients = self.seds.coefficients(10 ** log_mass[:, None] * mix, dust, lines)
-        scale = self.seds.distance_scale(z, self.cosmology.luminosity_distance(z))
+        scale = distance_scale(self.cosmology.luminosity_distance(z))
         model = self._magnitude(z, coefficients, scale)
         shift = np.interp(model, *self._shift)
         columns = self._sizes(rng, z, log_mass, kind, share)
@@ -108,7 +109,7 @@ class GalaxyPopulation:
         age = cosmic_age(z, self.cosmology) * (low + (high - low) * rng("age").random(n))
         fractions = young_fractions(rate, age, formation["edges"])
         mix = mixture(fractions, formation)
-        face_on = np.where(quiescent, dust["quiescent"], attenuation(log_mass, dust))
+        face_on = np.where(quiescent, dust["quiescent"], attenuation(log_mass, z, dust))
         tilt = ((1 + e) / (1 - e)) ** np.where(quiescent, 0.0, dust["inclination"])  # (a / b)^inclination
         dusty = face_on * tilt * 10 ** (dust["scatter"] * rng("dust").standard_normal(n))
         lines = 10 ** (self.numbers["line_scatter"] * rng("lines").standard_normal(n))
@@ -134,8 +135,8 @@ class GalaxyPopulation:
         rate = main_sequence(np.full(len(z), 7.0), z, formation) + margin["rate_sigmas"] * formation["scatter"]
         age = cosmic_age(z, self.cosmology) * np.mean(formation["age"])
         mix = mixture(young_fractions(rate, age, formation["edges"]), formation)
-        dust = attenuation(np.full(len(z), 7.0), self.numbers["dust"])
-        scale = self.seds.distance_scale(z, self.cosmology.luminosity_distance(z))
+        dust = attenuation(np.full(len(z), 7.0), z, self.numbers["dust"])
+        scale = distance_scale(self.cosmology.luminosity_distance(z))
         unit = self._magnitude(z, self.seds.coefficients(mix, dust, np.ones(len(z))), scale)
         faintest = np.interp(self.limit, self._shift[0] + self._shift[1], self._shift[0])
         return 0.4 * (unit - faintest) - margin["dex"]

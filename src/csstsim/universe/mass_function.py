@@ -68,15 +68,14 @@ class MassGrid:
         return self._cumulative[-1]
 
     def draw(self, generator, count):
-        """Return (z, log mass, type), each (count,): uniform in volume and log mass inside a cell."""
+        """Return (z, log mass, type), each (count,)."""
         cell = np.searchsorted(self._cumulative, generator.random(count) * self.total, side="right")
-        kind, row, column = np.unravel_index(np.minimum(cell, self.density.size - 1), self.density.shape)
-        cube = self._cosmology.comoving_distance(self.z) ** 3
-        wanted = cube[row] + generator.random(count) * (cube[row + 1] - cube[row])
-        z = self._cosmology_inverse(np.cbrt(wanted))
-        return z, self.log_mass[column] + _DLOGM * generator.random(count), kind.astype(np.int8)
+        return self.place(generator, *np.unravel_index(np.minimum(cell, self.density.size - 1), self.density.shape))
 
-    def _cosmology_inverse(self, distance):
-        """Redshift of a comoving distance: linear in a table fine enough for 1e-6."""
-        z = np.linspace(0.0, self.z[-1], 20_001)
-        return np.interp(distance, self._cosmology.comoving_distance(z), z)
+    def place(self, generator, kind, row, column):
+        """Return (z, log mass, type) of galaxies in given cells (indices), uniform in volume and log mass inside."""
+        cube = self._cosmology.comoving_distance(self.z) ** 3
+        distance = np.cbrt(cube[row] + generator.random(len(row)) * (cube[row + 1] - cube[row]))
+        z = np.linspace(0.0, self.z[-1], 20_001)  # linear between: good to 1e-6
+        z = np.interp(distance, self._cosmology.comoving_distance(z), z)
+        return z, self.log_mass[column] + _DLOGM * generator.random(len(row)), kind.astype(np.int8)

@@ -51,7 +51,7 @@ def mixture(fractions, numbers):
     return shining / np.einsum("na,a->n", fractions, np.asarray(numbers["surviving"], float))[:, None]
 
 
-def attenuation(log_mass, numbers):
+def attenuation(log_mass, z, numbers):
     """Return the median A_V [mag] of star-forming galaxies seen face-on: a cubic of log mass, held outside its range."""
     x = np.clip(np.asarray(log_mass, float) - 10.0, *numbers["range"])
-    return numbers["stars_over_gas"] * np.polyval(numbers["cubic"][::-1], x)
+    return np.polyval(numbers["cubic"][::-1], x) * (1 + z) ** numbers["growth"]
