@@ -64,8 +64,9 @@ SOURCES = [
     "Tremblay et al. 2011, ApJ 730, 128; Bedard et al. 2020, ApJ 901, 93 (table of 2021-01-13).",
 ]
 _G_CGS, _SUN_G, _PC_CM = 6.674e-8, 1.98841e33, 3.0857e18  # CODATA 2018, IAU 2015
-DA_BANDS = ["galex-nuv", "sdss2010-u", "bessell-B", *(f"sdss2010-{b}" for b in "griz"), "panstarrs-y"]
-DA_COLUMNS = [42, 25, 6, 26, 27, 28, 29, 34]  # of the table; all AB but B
+DA_BANDS = ["galex-nuv", "sdss2010-u", "bessell-B", "sdss2010-g", "bessell-V", *(f"sdss2010-{b}" for b in "riz")]
+DA_BANDS += ["panstarrs-y"]
+DA_COLUMNS = [42, 25, 6, 26, 7, 27, 28, 29, 34]  # of the table; all AB but B and V
 
 
 def fade(x, low, high):
@@ -176,8 +177,8 @@ def white_dwarfs(hot, path):
     """Step 5: return ln photon density (TEFF, WHITE, knots)."""
     table = np.loadtxt(path, skiprows=2)
     filters = np.array([response(name) for name in DA_BANDS])
-    basis = broken([2300, 3600, 3850, 4900, 6150, 7500, 8900, 9650])  # 3600 to 3850: the Balmer jump
-    zero = AB_OF_VEGA[1] * np.array([band == "bessell-B" for band in DA_BANDS])
+    basis = broken([2300, 3600, 3850, 4700, 5500, 6200, 7500, 8900, 9650])  # 3600 to 3850: the Balmer jump
+    zero = np.array([dict(zip(BANDS, AB_OF_VEGA, strict=True)).get(band, 0.0) for band in DA_BANDS])
     out = np.zeros((len(TEFF), len(WHITE), len(KNOTS)))
     for q, logg in enumerate(WHITE):
         mine = table[table[:, 1] == logg]

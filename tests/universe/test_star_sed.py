@@ -107,14 +107,14 @@ def test_scale_against_bolometric_corrections(seds):
     np.testing.assert_allclose(bolometric - m_v, published, atol=0.08)
 
 
-# Holberg & Bergeron 2006 (Montreal, 2021): pure hydrogen, log g 8: Teff, M/Msun, then Vega B, V and AB u, g, r, i
+# Holberg & Bergeron 2006 (Montreal, 2021): pure hydrogen, log g 8: Teff, M/Msun, SDSS u, g, r, Gaia DR3 G, BP, RP
 WHITE_DWARFS = [
-    [4500, 0.577, 16.834, 15.700, 18.265, 16.286, 15.344, 15.004],
-    [6500, 0.590, 14.257, 13.826, 14.610, 14.006, 13.719, 13.648],
-    [9500, 0.599, 12.563, 12.359, 12.750, 12.386, 12.419, 12.536],
-    [12500, 0.607, 11.710, 11.577, 11.898, 11.550, 11.740, 11.967],
-    [15500, 0.614, 11.244, 11.207, 11.342, 11.115, 11.400, 11.676],
-    [30000, 0.646, 9.750, 9.965, 9.421, 9.718, 10.193, 10.557],
+    [4500, 0.577, 18.265, 16.286, 15.344, 15.353, 15.930, 14.632],
+    [6500, 0.590, 14.610, 14.006, 13.719, 13.694, 13.922, 13.306],
+    [9500, 0.599, 12.750, 12.386, 12.419, 12.344, 12.402, 12.218],
+    [12500, 0.607, 11.898, 11.550, 11.740, 11.629, 11.613, 11.663],
+    [15500, 0.614, 11.342, 11.115, 11.400, 11.255, 11.199, 11.370],
+    [30000, 0.646, 9.421, 9.718, 10.193, 9.951, 9.803, 10.240],
 ]
 
 
@@ -122,10 +122,11 @@ def test_white_dwarfs_against_published_absolute_magnitudes(seds):
     teff, mass, *published = np.array(WHITE_DWARFS).T
     dilution = 6.6743e-8 * 1.98841e33 * mass / 1e8 / 3.0857e19**2  # R^2 = G M / g, over 10 pc [cgs]
     surface = seds.surface(teff, 8.0, 0.0) * dilution[:, None]
-    m = magnitudes(surface, ["bessell-B", "bessell-V", *(f"sdss2010-{b}" for b in "ugri")])
-    ours = np.array([m["B"] - BESSELL["B"], m["V"] - BESSELL["V"], *(m[b] for b in "ugri")])
-    np.testing.assert_allclose(ours[2:], published[2:], atol=0.03)
-    np.testing.assert_allclose(ours[:2], published[:2], atol=0.08)  # B, V were not fitted
+    m = magnitudes(surface, [*(f"sdss2010-{b}" for b in "ugr"), *(f"gaiadr3-{b}" for b in ("G", "BP", "RP"))])
+    vega = {"G": 0.114, "BP": 0.016, "RP": 0.356}  # AB - Vega in DR3, Riello et al. 2021, A&A 649, A3
+    ours = np.array([m["u"], m["g"], m["r"], *(m[b] - vega[b] for b in vega)])
+    np.testing.assert_allclose(ours[:3], published[:3], atol=0.02)
+    np.testing.assert_allclose(ours[3:], published[3:], atol=0.05)  # Gaia's bands were not fitted
 
 
 def depth(surface, line, blue, red):
