@@ -5,11 +5,11 @@
 Steps, all in ln of photon density at the knots: (1) Castelli & Kurucz 2004 on (Teff, log g, [Fe/H]); (2) BT-Settl
 CIFIST (Baraffe+ 2015) below, with the [Fe/H] dependence of BT-Settl at log g 4.5 (grizli's copy) and the gravity
 dependence of ATLAS9 where BT-Settl has no giants; (3) one fades into the other between 3600 and 4200 K; (4) below
-5200 K and log g 4 a smooth factor brings U-B, B-V, V-Rc and V-Ic of the dwarf sequence to those of real stars (Pecaut &
-Mamajek 2013), as Lejeune+ 1997 did; (5) white dwarfs: ATLAS9 at log g 5, [Fe/H] -2.5 times a smooth factor
-that gives the photometry of pure-hydrogen atmospheres (Holberg & Bergeron 2006), lines left as they are; (6)
-principal components. Needs the reference data and the Montreal group's table of pure-hydrogen atmospheres (version of 2021-01-13;
-in the PyPI package WDPhotTools as wd_photometry/Table_DA_13012021.txt).
+5200 K and above log g 3 to 4 a smooth factor brings U-B, B-V, V-Rc, V-Ic and g-r of the dwarf sequence to those of
+real stars (Pecaut & Mamajek 2013), as Lejeune+ 1997 did; (5) white dwarfs: ATLAS9 at log g 5, [Fe/H] -2.5 times a
+smooth factor that gives the photometry of pure-hydrogen atmospheres (Holberg & Bergeron 2006), lines left as they
+are; (6) principal components. Needs the reference data and the Montreal table of pure-hydrogen atmospheres of
+2021-01-13 (in the PyPI package WDPhotTools: wd_photometry/Table_DA_13012021.txt).
 """
 
 import sys
@@ -34,17 +34,26 @@ TEFF = np.concatenate([
     [14000, 15000, 16000, 18000, 20000, 22000, 25000, 28000, 31000, 35000, 40000, 45000, 50000],
 ]).astype(float)  # fmt: skip
 FADE = (3600.0, 4200.0)  # K: BT-Settl below, ATLAS9 above
-# Dwarfs (Pecaut & Mamajek 2013, ApJS 208, 9; E. Mamajek's table, version 2024.05.15): Teff, U-B, B-V, V-Rc, V-Ic.
+# Dwarfs: Teff, U-B, B-V, V-Rc, V-Ic (Pecaut & Mamajek 2013, ApJS 208, 9; E. Mamajek's table, version 2024.05.15) and
+# SDSS g-r: theirs from 3930 K, below that of the locus (Covey+ 2007, AJ 134, 2398) at their r-i.
 DWARFS = np.array([
-    [5290, 0.436, 0.816, 0.443, 0.853], [5100, 0.581, 0.884, 0.482, 0.920], [4870, 0.801, 0.990, 0.560, 1.030],
-    [4600, 0.986, 1.090, 0.635, 1.182], [4440, 1.081, 1.150, 0.685, 1.272], [4300, 1.184, 1.240, 0.759, 1.420],
-    [4090, 1.222, 1.340, 0.802, 1.519], [3850, 1.204, 1.420, 0.889, 1.766], [3770, 1.184, 1.445, 0.924, 1.886],
-    [3660, 1.172, 1.485, 0.956, 2.005], [3560, 1.170, 1.505, 1.001, 2.173], [3430, 1.181, 1.530, 1.079, 2.420],
-    [3270, 1.200, 1.600, 1.178, 2.680], [3110, 1.230, 1.690, 1.345, 3.073], [2930, 1.300, 1.940, 1.656, 3.664],
-    [2810, 1.300, 2.010, 1.950, 4.100],
+    [5290, 0.436, 0.816, 0.443, 0.853, 0.640], [5100, 0.581, 0.884, 0.482, 0.920, 0.718],
+    [4870, 0.801, 0.990, 0.560, 1.030, 0.835], [4600, 0.986, 1.090, 0.635, 1.182, 0.960],
+    [4440, 1.081, 1.150, 0.685, 1.272, 1.030], [4300, 1.184, 1.240, 0.759, 1.420, 1.110],
+    [4090, 1.222, 1.340, 0.802, 1.519, 1.220], [3930, 1.210, 1.400, 0.866, 1.699, 1.300],
+    [3850, 1.204, 1.420, 0.889, 1.766, 1.370], [3770, 1.184, 1.445, 0.924, 1.886, 1.400],
+    [3660, 1.172, 1.485, 0.956, 2.005, 1.410], [3560, 1.170, 1.505, 1.001, 2.173, 1.410],
+    [3430, 1.181, 1.530, 1.079, 2.420, 1.410], [3270, 1.200, 1.600, 1.178, 2.680, 1.440],
+    [3110, 1.230, 1.690, 1.345, 3.073, 1.540], [2930, 1.300, 1.940, 1.656, 3.664, 1.590],
+    [2810, 1.300, 2.010, 1.950, 4.100, 1.600],
 ])  # fmt: skip
 DWARF_LOGG = ([2800, 3200, 3500, 3900, 4500, 5200], [5.15, 5.05, 4.9, 4.7, 4.62, 4.55])
-VEGA = {"U": 0.79, "B": -0.09, "V": 0.02, "R": 0.21, "I": 0.45}  # AB - Vega, Blanton & Roweis 2007, AJ 133, 734
+BANDS = ["bessell-U", "bessell-B", "bessell-V", "bessell-R", "bessell-I", "sdss2010-g", "sdss2010-r"]
+AB_OF_VEGA = np.array([0.79, -0.09, 0.02, 0.21, 0.45, 0.0, 0.0])  # Blanton & Roweis 2007, AJ 133, 734; SDSS is AB
+COLOURS = np.array([  # V itself is kept
+    [1, -1, 0, 0, 0, 0, 0], [0, 1, -1, 0, 0, 0, 0], [0, 0, 1, -1, 0, 0, 0], [0, 0, 1, 0, -1, 0, 0],
+    [0, 0, 0, 0, 0, 1, -1], [0, 0, 1, 0, 0, 0, 0],
+])  # fmt: skip
 FULL, NONE = 4600.0, 5200.0  # K: the colour correction fades between
 SOURCES = [
     "Coefficients fitted to: Castelli & Kurucz 2004, IAU Symp. 210, poster A20 (ATLAS9, STScI ck04models);",
@@ -55,8 +64,9 @@ SOURCES = [
     "Tremblay et al. 2011, ApJ 730, 128; Bedard et al. 2020, ApJ 901, 93 (table of 2021-01-13).",
 ]
 _G_CGS, _SUN_G, _PC_CM = 6.674e-8, 1.98841e33, 3.0857e18  # CODATA 2018, IAU 2015
-DA_BANDS = ["galex-nuv", "sdss2010-u", "sdss2010-g", "sdss2010-r", "sdss2010-i", "sdss2010-z", "panstarrs-y"]
-DA_COLUMNS = [36, 24, 25, 26, 27, 28, 32]
+DA_BANDS = ["galex-nuv", "sdss2010-u", "bessell-B", "sdss2010-g", "bessell-V", *(f"sdss2010-{b}" for b in "riz")]
+DA_BANDS += ["panstarrs-y"]
+DA_COLUMNS = [42, 25, 6, 26, 7, 27, 28, 29, 34]  # of the table; all AB but B and V
 
 
 def fade(x, low, high):
@@ -76,14 +86,17 @@ def ab_mags(ln_s, filters):
     return -2.5 * np.log10(np.einsum("...w,bw->...b", np.exp(ln_s), filters) / zero)
 
 
-def warp(ln_s, filters, target, basis, relative=None):
-    """Return the combination of `basis` (bands, knots) that, added to ln_s, gives the AB magnitudes `target`."""
+def warp(ln_s, filters, target, basis, colours=None):
+    """Return the combination of `basis` (m, knots) that, added to ln_s, gives the AB magnitudes `target` (m,).
+
+    With `colours` (m, bands), the target is colours @ magnitudes. Newton's method; the derivatives are differences.
+    """
+    colours = np.eye(len(target)) if colours is None else colours
     shift = np.zeros(len(target))
-    for _ in range(30):
-        error = ab_mags(ln_s + shift @ basis, filters) - target
-        if relative is not None:
-            error -= error[relative]
-        shift += error / 1.0857
+    for _ in range(6):
+        every = ln_s + (shift + 1e-3 * np.vstack([np.zeros(len(shift)), np.eye(len(shift))])) @ basis
+        value = ab_mags(every, filters) @ colours.T
+        shift = shift - np.linalg.solve((value[1:] - value[0]).T / 1e-3, value[0] - target)
     return shift @ basis
 
 
@@ -144,14 +157,15 @@ def atmospheres(data):
 
 def calibrate(ln_s):
     """Step 4: add to ln_s (TEFF, LOGG, FEH, knots), in place, what the colours of dwarfs ask for."""
-    filters = np.array([response(f"bessell-{b}") for b in VEGA])
-    basis = broken([3600, 4400, 5450, 6500, 7900])
+    filters = np.array([response(name) for name in BANDS])
+    basis = broken([3600, 4300, 4850, 5450, 6500, 7900])
     rows = []
-    for teff, ub, bv, vr, vi in DWARFS:
+    for teff, *colours in DWARFS:
         (i, a), (j, b) = cubic(5040 / TEFF[::-1], np.array([5040 / teff])), linear(LOGG, [np.interp(teff, *DWARF_LOGG)])
         model = np.einsum("p,q,pqw->w", a[0], b[0], ln_s[::-1][i[0]][:, j[0], list(FEH).index(0.0)])
-        target = np.array([bv + ub, bv, 0.0, -vr, -vi]) + list(VEGA.values())
-        rows.append(warp(model, filters, target, basis, relative=2))
+        target = np.append(colours, 0.0) + COLOURS @ AB_OF_VEGA
+        target[-1] = ab_mags(model, filters)[2]
+        rows.append(warp(model, filters, target, basis, COLOURS))
     rows = np.array(rows)[np.argsort(DWARFS[:, 0])]
     known = np.sort(DWARFS[:, 0])
     for k, teff in enumerate(TEFF):
@@ -163,10 +177,8 @@ def white_dwarfs(hot, path):
     """Step 5: return ln photon density (TEFF, WHITE, knots)."""
     table = np.loadtxt(path, skiprows=2)
     filters = np.array([response(name) for name in DA_BANDS])
-    # Flat over the Balmer lines: the step between u and g is the Balmer jump.
-    knots = [2300, 3600, 3850, 4900, 6150, 7500, 8900, 9650]
-    hats = broken(knots)
-    basis = np.array([hats[0], hats[1], hats[2] + hats[3], *hats[4:]])
+    basis = broken([2300, 3600, 3850, 4700, 5500, 6200, 7500, 8900, 9650])  # 3600 to 3850: the Balmer jump
+    zero = np.array([dict(zip(BANDS, AB_OF_VEGA, strict=True)).get(band, 0.0) for band in DA_BANDS])
     out = np.zeros((len(TEFF), len(WHITE), len(KNOTS)))
     for q, logg in enumerate(WHITE):
         mine = table[table[:, 1] == logg]
@@ -174,7 +186,7 @@ def white_dwarfs(hot, path):
         for k, teff in enumerate(np.maximum(TEFF, 3000)):
             row = np.array([np.interp(np.log(teff), ln_t, column) for column in mine.T])
             radius2 = _G_CGS * row[2] * _SUN_G / 10**logg
-            target = row[DA_COLUMNS] + 2.5 * np.log10(radius2 / (10 * _PC_CM) ** 2)
+            target = row[DA_COLUMNS] + zero + 2.5 * np.log10(radius2 / (10 * _PC_CM) ** 2)
             start = np.log(hot.surface([max(teff, 3500)], [5.0], [-2.5], KNOTS)[0])
             out[k, q] = start + warp(start, filters, target, basis)
     return out

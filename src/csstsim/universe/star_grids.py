@@ -20,7 +20,7 @@ from astropy.io import fits
 
 from csstsim.errors import InputError
 from csstsim.units import C_A_S, H_J_S
-from csstsim.universe.star_sed import KNOTS, Seds
+from csstsim.universe.star_sed import KNOTS, Seds, linear, reading
 
 _J_M2_PER_ERG_CM2 = 1e-3
 _FLOOR = 1e-30  # erg / s / cm2 / angstrom: a flux of zero has no logarithm
@@ -51,13 +51,10 @@ def read_ck04(folder):
 
 
 def _ck04_file(path):
-    try:
-        with fits.open(path, memmap=False) as file:
-            teff, feh, table = float(file[0].header["TEFF"]), float(file[0].header["LOG_Z"]), file[1].data
-            wave = np.float64(table["WAVELENGTH"])
-            columns = {name: np.float64(table[name]) for name in table.names if re.fullmatch(r"g\d\d", name)}
-    except (OSError, KeyError, IndexError, TypeError, ValueError) as exc:
-        raise InputError(f"cannot be read as an ATLAS9 spectrum: {exc}", file=path) from exc
+    with reading(path, "an ATLAS9 spectrum"), fits.open(path, memmap=False) as file:
+        teff, feh, table = float(file[0].header["TEFF"]), float(file[0].header["LOG_Z"]), file[1].data
+        wave = np.float64(table["WAVELENGTH"])
+        columns = {name: np.float64(table[name]) for name in table.names if re.fullmatch(r"g\d\d", name)}
     for name, flux in columns.items():
         if flux.any():
             yield teff, int(name[1:]) / 10, feh, resample(path, wave, flux)
@@ -77,15 +74,12 @@ def _btsettl_file(path):
     name = _BTSETTL_NAME.match(path.name)
     if not name:
         raise InputError("the name does not give Teff, log g and [Fe/H]", file=path, allowed="lte058.0-4.5-0.0a+0.0...")
-    try:
-        with _OPEN.get(path.suffix, open)(path, "rt") as file:
-            # A minus sign after a digit starts a column (an exponent's follows its letter).
-            lines = (re.sub(r"(?<=[\d.])-", " -", line.upper().replace("D", "E")).split() for line in file)
-            lines = [line for line in lines if line and not line[0].startswith("#")]
+    with reading(path, "a BT-Settl spectrum"), _OPEN.get(path.suffix, open)(path, "rt") as file:
+        # A minus sign after a digit starts a column (an exponent's follows its letter).
+        lines = (re.sub(r"(?<=[\d.])-", " -", line.upper().replace("D", "E")).split() for line in file)
+        lines = [line for line in lines if line and not line[0].startswith("#")]
         logarithmic = len(lines[0]) > 2
         wave, flux = np.array([line[:2] for line in lines], dtype=float).T
-    except (OSError, EOFError, lzma.LZMAError, ValueError, IndexError) as exc:
-        raise InputError(f"cannot be read as a BT-Settl spectrum: {exc}", file=path) from exc
     wave, first = np.unique(wave, return_index=True)
     flux = 10 ** (flux[first] + _BTSETTL_DF) if logarithmic else flux[first]
     # The sign before log g is the name's hyphen: "-4.5" is log g 4.5.
@@ -97,14 +91,11 @@ def read_packed(path, wavelength="WAVELENGTH_AA", spectra="SPECTRA"):
 
     Without a column feh, [Fe/H] is 0. Raises InputError.
     """
-    try:
-        with fits.open(path, memmap=False) as file:
-            wave, table = np.float64(file[wavelength].data), file[spectra].data
-            feh = np.float64(table["feh"]) if "feh" in table.names else np.zeros(len(table))
-            nodes = (np.float64(table["teff"]), np.float64(table["logg"]), feh)
-            rows = [(*node, resample(path, wave, np.float64(flux))) for *node, flux in zip(*nodes, table["flux"])]  # noqa: B905
-    except (OSError, KeyError, TypeError, ValueError) as exc:
-        raise InputError(f"cannot be read as packed spectra: {exc}", file=Path(path)) from exc
+    with reading(path, "packed spectra"), fits.open(path, memmap=False) as file:
+        wave, table = np.float64(file[wavelength].data), file[spectra].data
+        feh = np.float64(table["feh"]) if "feh" in table.names else np.zeros(len(table))
+        flux = resample(path, wave, np.float64(table["flux"]))
+        rows = list(zip(np.float64(table["teff"]), np.float64(table["logg"]), feh, flux, strict=True))
     return _grid(path, rows)
 
 
@@ -116,18 +107,20 @@ def _found(folder, pattern):
 
 
 def resample(path, wave, flux):
-    """Return the mean of the broken line through (wave, flux) over the 5 A about each knot, (1801,)."""
+    """Return the mean of the broken line through wave (m,), flux (..., m) over the 5 A about each knot, (..., 1801)."""
     half = 0.5 * (KNOTS[1] - KNOTS[0])
     cells = np.append(KNOTS - half, KNOTS[-1] + half)
     covers = len(wave) > 1 and wave[0] <= cells[0] and wave[-1] >= cells[-1] and (np.diff(wave) > 0).all()
-    if not (covers and np.isfinite(flux).all() and (flux >= 0).all() and flux.any()):
+    if not (covers and np.isfinite(flux).all() and (flux >= 0).all() and flux.any(axis=-1).all()):
         raise InputError(
             "needs rising wavelengths and finite fluxes >= 0", file=Path(path), allowed="all of 1997.5-11002.5 A"
         )
     every = np.union1d(wave[(wave > cells[0]) & (wave < cells[-1])], cells)
-    value = np.interp(every, wave, flux)
-    total = np.concatenate([[0.0], np.cumsum(0.5 * (value[1:] + value[:-1]) * np.diff(every))])
-    return np.diff(total[np.searchsorted(every, cells)]) / np.diff(cells)
+    (left, right), (a, b) = (part.T for part in linear(wave, every))
+    value = flux[..., left] * a + flux[..., right] * b
+    total = np.cumsum(0.5 * (value[..., 1:] + value[..., :-1]) * np.diff(every), axis=-1)
+    total = np.concatenate([np.zeros_like(value[..., :1]), total], axis=-1)
+    return np.diff(total[..., np.searchsorted(every, cells)], axis=-1) / np.diff(cells)
 
 
 def _grid(source, rows):
@@ -150,11 +143,12 @@ class GridSeds(Seds):
         axes = [np.unique(5040.0 / grid.teff), np.unique(grid.logg), np.unique(grid.feh)]
         # An axis of one value becomes a cell of no consequence.
         nodes = [axis if len(axis) > 1 else np.append(axis, axis + 1.0) for axis in axes]
-        place = np.stack([5040.0 / grid.teff, grid.logg, grid.feh], axis=1)
-        corners = np.stack(np.meshgrid(*nodes, indexing="ij"), axis=-1).reshape(-1, 3)
-        far = 1e6 ** np.array([2.0, 0.0, 1.0])  # Teff counts most, then [Fe/H], then log g
-        nearest = [np.argmin(np.abs(place - corner) @ far) for corner in corners]
-        self._table = np.array(nearest).reshape([len(axis) for axis in nodes])
+        self._table = np.empty([len(axis) for axis in nodes], dtype=int)
+        for i, theta in enumerate(nodes[0]):
+            mine = np.flatnonzero(np.abs(5040.0 / grid.teff - theta) == np.abs(5040.0 / grid.teff - theta).min())
+            far = [np.abs(v[mine, None] - axis) for v, axis in zip((grid.logg, grid.feh), nodes[1:], strict=True)]
+            far = far[0][:, :, None] + 1e3 * far[1][:, None, :]  # [Fe/H] counts more than log g
+            self._table[i] = mine[far.argmin(axis=0)]
         super().__init__(nodes, ln_photons(grid), extinction_curve)
 
     def _mix(self, teff, logg, feh):

@@ -14,10 +14,15 @@ at log g 7 to 9 tied to published photometry of pure-hydrogen atmospheres - come
 build_star_spectra.py. Left out: chromospheres, rotation, alpha enhancement as an axis, helium white dwarfs.
 """
 
+import lzma
+import warnings
+import zlib
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from astropy.io import fits
+from astropy.utils.exceptions import AstropyUserWarning
 from numba import njit
 
 from csstsim.errors import InputError
@@ -25,6 +30,27 @@ from csstsim.instrument.filter import GRID
 
 _STEP = 10  # samples of the paper's grid between two knots
 KNOTS = GRID[::_STEP]  # angstrom
+_DAMAGE = (OSError, EOFError, LookupError, TypeError, ValueError, zlib.error, lzma.LZMAError, AstropyUserWarning)
+
+
+@contextmanager
+def reading(path, what):
+    """Turn what a damaged file raises inside into an InputError that names the file."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", AstropyUserWarning)  # to astropy a truncated file is worth no more
+            yield
+    except (
+        OSError,
+        EOFError,
+        zlib.error,
+        lzma.LZMAError,
+        LookupError,
+        TypeError,
+        ValueError,
+        AstropyUserWarning,
+    ) as exc:
+        raise InputError(f"cannot be read as {what}: {exc}", file=Path(path)) from exc
 
 
 class Seds:
@@ -44,16 +70,17 @@ class Seds:
         a finite number or Teff <= 0.
         """
         index, weight = self._mix(*_parameters(teff, logg, feh))
-        at_knots = np.exp(
-            np.stack([np.einsum("m,mw->w", w, self._rows[i]) for i, w in zip(index, weight, strict=True)])
-        )
-        return np.stack([np.interp(wavelength, KNOTS, row) for row in at_knots])
+        out = np.empty((len(index), len(wavelength)))
+        for star, i, w in zip(out, index, weight, strict=True):
+            star[:] = np.interp(wavelength, KNOTS, np.exp(np.einsum("m,mw->w", w, self._rows[i])))
+        return out
 
     def rates(self, teff, logg, feh, av, weights):
         """Return (n, bands): sum of surface x 10^(-0.4 av k) x weights over the paper's grid.
 
         `weights` (bands, 18001) hold throughput, area and the step of the grid (catalog.photometry.subband_weights);
-        `av` (n,) is A(V) [mag]. k enters at the knots: against every 0.5 A that errs by 1e-6 at A(V) = 1 mag.
+        `av` (n,) is A(V) [mag]. k enters at the knots: against every 0.5 A that errs by 1e-5 at A(V) = 1 mag,
+        1e-4 where the spectrum is steepest (NUV of cool stars).
         """
         index, weight = self._mix(*_parameters(teff, logg, feh))
         hats = _on_knots(np.asarray(weights, dtype=float))
@@ -78,13 +105,10 @@ class StarSeds(Seds):
     """
 
     def __init__(self, path, extinction_curve):
-        try:
-            with fits.open(path, memmap=False) as file:
-                nodes = [np.float64(file[name].data) for name in ("THETA", "LOGG", "FEH")]
-                coefficients, basis = (np.float64(file[name].data) for name in ("COEFF", "BASIS"))
-        except (OSError, KeyError, TypeError, ValueError) as exc:
-            raise InputError(f"cannot be read as star spectra: {exc}", file=Path(path)) from exc
-        shape = tuple(map(len, nodes)) + (len(basis) - 1,)
+        with reading(path, "star spectra"), fits.open(path, memmap=False) as file:
+            nodes = [np.float64(file[name].data) for name in ("THETA", "LOGG", "FEH")]
+            coefficients, basis = (np.float64(file[name].data) for name in ("COEFF", "BASIS"))
+        shape = (*map(len, nodes), len(basis) - 1)
         finite = all(np.isfinite(part).all() for part in (*nodes, coefficients, basis))
         rising = all(len(axis) > 1 and (np.diff(axis) > 0).all() for axis in nodes)
         if coefficients.shape != shape or basis.shape[1:] != KNOTS.shape or not finite or not rising:
