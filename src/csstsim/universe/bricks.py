@@ -6,7 +6,7 @@ a random order-29 pixel of the brick (0.4 mas apart): HEALPix pixels of one orde
 uniform on the brick and exactly inside it. The files follow the HATS layout, with its `_healpix_29` column.
 """
 
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -15,8 +15,8 @@ from csstsim.catalog.photometry import rate_to_mag, subband_weights
 from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.errors import InputError
 from csstsim.rng import stream
-from csstsim.units import RSUN_PC
-from csstsim.universe.galaxies import draw_galaxies
+from csstsim.units import SOLAR_RADIUS_PC
+from csstsim.universe.galaxies import GalaxyPopulation
 from csstsim.universe.galaxy_sed import COEFFICIENTS
 from csstsim.universe.lensing import lens
 from csstsim.universe.quasars import draw_quasars
@@ -29,7 +29,6 @@ AREA_DEG2 = 4 * 180.0**2 / np.pi / N_BRICKS
 ID_BITS = 22  # id = brick x 2^22 + row
 _DEEP_ORDER, _ORDER = 29, 8
 SED_COLUMNS = ("sed_scale", *(f"coeff{k}" for k in range(COEFFICIENTS)))
-_I = BANDS.index("i")
 
 
 def make_brick(seed, pix, universe, camera, lensing):
@@ -105,7 +104,7 @@ def _stars(seed, pix, universe):
     columns = draw_stars(_streams(seed, pix, "stars"), pix, partial(place, pix), universe.numbers["stars"])
     radius, distance = columns.pop("radius"), columns.pop("distance")
     columns |= {
-        "sed_scale": (radius * RSUN_PC / distance) ** 2,
+        "sed_scale": (radius * SOLAR_RADIUS_PC / distance) ** 2,
         "av": universe.r_v * universe.dust.star_ebv(columns["ra"], columns["dec"], distance),
     }
     return _complete(STAR, columns)
@@ -113,15 +112,18 @@ def _stars(seed, pix, universe):
 
 def _galaxies(seed, pix, universe, camera, lensing):
     streams = _streams(seed, pix, "galaxies")
-    columns = draw_galaxies(streams, AREA_DEG2, universe.numbers["galaxies"], universe.galaxy_seds, universe.cosmology)
+    columns = _population(universe, camera).draw(streams, AREA_DEG2)
     _put(columns, *place(pix, streams("position"), len(columns["z"])), seed, pix, universe, lensing)
-    i, filter_ = columns.pop("i"), _filters(camera)[_I]
-    columns["sed_scale"] = np.ones(len(i))
-    # The counts are of the sky without the Milky Way's dust: `i` fixes the scale before it.
-    bare = _complete(GALAXY, columns | {"av": np.zeros(len(i))})
+    return _complete(GALAXY, columns)
+
+
+@lru_cache(maxsize=4)
+def _population(universe, camera):
+    """The galaxies' laws; the counts they follow are in the camera's i band, without the Milky Way's dust."""
+    filter_ = _filters(camera)[BANDS.index("i")]
     weights = subband_weights(filter_, camera.telescope).sum(axis=0, keepdims=True)
-    own = rates(universe, bare, weights)[:, 0]
-    return _complete(GALAXY, columns | {"sed_scale": 10 ** (0.4 * (filter_.zeropoint(camera.telescope) - i)) / own})
+    zeropoint = filter_.zeropoint(camera.telescope)
+    return GalaxyPopulation(universe.numbers["galaxies"], universe.galaxy_seds, universe.cosmology, weights, zeropoint)
 
 
 def _quasars(seed, pix, universe, galaxies, lensing):
