@@ -8,6 +8,7 @@ its own random stream, so a change to one leaves the others as they were. Left o
 
 import numpy as np
 
+from csstsim.universe.galaxy_sed import distance_scale
 from csstsim.universe.galaxy_shapes import (
     bulge_fraction,
     bulge_radius,
@@ -16,7 +17,6 @@ from csstsim.universe.galaxy_shapes import (
     to_arcsec,
     velocity_dispersion,
 )
-from csstsim.universe.galaxy_sed import distance_scale
 from csstsim.universe.mass_function import MassGrid
 from csstsim.universe.star_formation import attenuation, cosmic_age, main_sequence, mixture, young_fractions
 
