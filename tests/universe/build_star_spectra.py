@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import speclite.filters
 from astropy.io import fits
+from astropy.table import Table
 
 from csstsim.instrument.filter import GRID
 from csstsim.units import ab_photon_density
@@ -34,19 +35,7 @@ TEFF = np.concatenate([
     [14000, 15000, 16000, 18000, 20000, 22000, 25000, 28000, 31000, 35000, 40000, 45000, 50000],
 ]).astype(float)  # fmt: skip
 FADE = (3600.0, 4200.0)  # K: BT-Settl below, ATLAS9 above
-# Dwarfs: Teff, U-B, B-V, V-Rc, V-Ic (Pecaut & Mamajek 2013, ApJS 208, 9; E. Mamajek's table, version 2024.05.15) and
-# SDSS g-r: theirs from 3930 K, below that of the locus (Covey+ 2007, AJ 134, 2398) at their r-i.
-DWARFS = np.array([
-    [5290, 0.436, 0.816, 0.443, 0.853, 0.640], [5100, 0.581, 0.884, 0.482, 0.920, 0.718],
-    [4870, 0.801, 0.990, 0.560, 1.030, 0.835], [4600, 0.986, 1.090, 0.635, 1.182, 0.960],
-    [4440, 1.081, 1.150, 0.685, 1.272, 1.030], [4300, 1.184, 1.240, 0.759, 1.420, 1.110],
-    [4090, 1.222, 1.340, 0.802, 1.519, 1.220], [3930, 1.210, 1.400, 0.866, 1.699, 1.300],
-    [3850, 1.204, 1.420, 0.889, 1.766, 1.370], [3770, 1.184, 1.445, 0.924, 1.886, 1.400],
-    [3660, 1.172, 1.485, 0.956, 2.005, 1.410], [3560, 1.170, 1.505, 1.001, 2.173, 1.410],
-    [3430, 1.181, 1.530, 1.079, 2.420, 1.410], [3270, 1.200, 1.600, 1.178, 2.680, 1.440],
-    [3110, 1.230, 1.690, 1.345, 3.073, 1.540], [2930, 1.300, 1.940, 1.656, 3.664, 1.590],
-    [2810, 1.300, 2.010, 1.950, 4.100, 1.600],
-])  # fmt: skip
+DWARFS = Path(__file__).with_name("dwarf_colours.csv")
 DWARF_LOGG = ([2800, 3200, 3500, 3900, 4500, 5200], [5.15, 5.05, 4.9, 4.7, 4.62, 4.55])
 BANDS = ["bessell-U", "bessell-B", "bessell-V", "bessell-R", "bessell-I", "sdss2010-g", "sdss2010-r"]
 AB_OF_VEGA = np.array([0.79, -0.09, 0.02, 0.21, 0.45, 0.0, 0.0])  # Blanton & Roweis 2007, AJ 133, 734; SDSS is AB
@@ -159,17 +148,18 @@ def calibrate(ln_s):
     """Step 4: add to ln_s (TEFF, LOGG, FEH, knots), in place, what the colours of dwarfs ask for."""
     filters = np.array([response(name) for name in BANDS])
     basis = broken([3600, 4300, 4850, 5450, 6500, 7900])
+    table = Table.read(DWARFS, format="ascii.csv", comment="#")
+    table = table[table["teff"] < NONE + 100][::-1]  # cool first
     rows = []
-    for teff, *colours in DWARFS:
+    for teff, *colours in table[["teff", "U-B", "B-V", "V-R", "V-I", "g-r"]].iterrows():
         (i, a), (j, b) = cubic(5040 / TEFF[::-1], np.array([5040 / teff])), linear(LOGG, [np.interp(teff, *DWARF_LOGG)])
         model = np.einsum("p,q,pqw->w", a[0], b[0], ln_s[::-1][i[0]][:, j[0], list(FEH).index(0.0)])
         target = np.append(colours, 0.0) + COLOURS @ AB_OF_VEGA
         target[-1] = ab_mags(model, filters)[2]
         rows.append(warp(model, filters, target, basis, COLOURS))
-    rows = np.array(rows)[np.argsort(DWARFS[:, 0])]
-    known = np.sort(DWARFS[:, 0])
     for k, teff in enumerate(TEFF):
-        correction = np.array([np.interp(teff, known, column) for column in rows.T]) * (1 - fade(teff, FULL, NONE))
+        correction = np.array([np.interp(teff, table["teff"], column) for column in np.array(rows).T])
+        correction *= 1 - fade(teff, FULL, NONE)
         ln_s[k] += fade(LOGG, 3.0, 4.0)[:, None, None] * correction
 
 
