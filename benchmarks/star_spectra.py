@@ -9,6 +9,7 @@ stars. Below 5200 K the model is tied to real colours and leaves the grids by as
 
 import argparse
 import time
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -46,25 +47,20 @@ def camera_colours(seds, weights, *star):
 
 
 def against_grids(seds, weights, data):
-    print(f"{'mmag: rms / largest':34s}", *(f"{a + '-' + b:>10s}" for a, b in zip(BANDS, BANDS[1:], strict=False)))
+    print(f"{'mmag: rms / largest':34s}", *(f"{a + '-' + b:>10s}" for a, b in pairwise(BANDS)))
     rng = np.random.default_rng(1)
     for name, (path, teff, logg, feh) in GRIDS.items():
         if not (data / path).exists():
             continue
         grid = read_packed(data / path)
-        inside = [
-            (v >= lo) & (v <= hi)
-            for v, (lo, hi) in zip((grid.teff, grid.logg, grid.feh), (teff, logg, feh), strict=True)
-        ]
-        inside = np.logical_and.reduce(inside)
+        axes = (grid.teff, teff), (grid.logg, logg), (grid.feh, feh)
+        inside = np.logical_and.reduce([(low <= v) & (v <= high) for v, (low, high) in axes])
         other = GridSeds(grid, CURVE)
         nodes = grid.teff[inside], grid.logg[inside], grid.feh[inside]
         between = [rng.uniform(*limits, 500) for limits in (teff, logg, feh)]
         for where, stars in (("nodes", nodes), ("between", between)):
             gap = 1e3 * (camera_colours(seds, weights, *stars) - camera_colours(other, weights, *stars))
-            cells = [
-                f"{rms:.1f}/{top:.0f}" for rms, top in zip(np.sqrt((gap**2).mean(0)), np.abs(gap).max(0), strict=True)
-            ]
+            cells = [f"{np.sqrt((g**2).mean()):.1f}/{np.abs(g).max():.0f}" for g in gap.T]
             print(f"{name + ', ' + where:34s}", *(f"{cell:>10s}" for cell in cells))
 
 
@@ -86,18 +82,9 @@ def against_stars(seds):
 
 def speed(seds, camera, weights):
     rng = np.random.default_rng(2)
-    star = (
-        rng.uniform(2500, 9000, 30000),
-        rng.uniform(0, 5, 30000),
-        rng.uniform(-2, 0.3, 30000),
-        rng.uniform(0, 1, 30000),
-    )
+    star = [rng.uniform(low, high, 30000) for low, high in ((2500, 9000), (0, 5), (-2, 0.3), (0, 1))]
     four = subband_weights(camera.filters["g"], camera.telescope)
-    for n, w, what in (
-        (5, four, ""),
-        (5000, four, "5,000 stars x 4 sub-bands of g"),
-        (30000, weights, "30,000 x 7 bands"),
-    ):
+    for n, w, what in ((5, four, ""), (5000, four, "5,000 stars x 4 sub-bands"), (30000, weights, "30,000 x 7 bands")):
         start = time.process_time()
         seds.rates(*(v[:n] for v in star), w)
         if what:
@@ -105,22 +92,21 @@ def speed(seds, camera, weights):
 
 
 def figure(seds, path):
-    stars = [(40000, 4.0), (20000, 4.0), (9700, 4.1), (7200, 4.2), (5770, 4.44), (4600, 4.6), (3850, 4.7), (3200, 5.05),
-             (2600, 5.2), (4500, 1.5), (12000, 8.0)]  # fmt: skip
-    fig = Figure(figsize=(9, 11), layout="constrained")
-    ax = fig.subplots()
-    for k, (teff, logg) in enumerate(stars):
-        f_lambda = seds.surface([teff], [logg], [0.0])[0] / GRID
-        f_lambda /= f_lambda[(GRID > 5450) & (GRID < 5550)].mean()
-        level = 10.0 ** (-1.4 * k)
-        ax.plot(GRID, f_lambda * level, lw=0.7, color=f"C{k % 10}")
-        ax.text(11050, f_lambda[-1] * level, f"{teff} K, log g {logg}", va="center", fontsize=8, color=f"C{k % 10}")
-    for wave, name in MARKS:
-        ax.axvline(wave, color="0.75", lw=0.6, zorder=0)
-        ax.text(wave, 1.01, name, rotation=90, fontsize=8, ha="center", va="bottom", transform=ax.get_xaxis_transform())
-    ax.set(yscale="log", xlim=(2000, 12400), ylim=(1e-17, 60), xlabel="wavelength [A]",
-           ylabel="$f_\\lambda$ relative to 5500 A, each curve 1.4 dex below the last")  # fmt: skip
-    fig.savefig(path, dpi=120)
+    hot = [(40000, 4.0), (20000, 4.0), (9700, 4.1), (12000, 8.0), (7200, 4.2), (5770, 4.44), (4800, 2.5)]
+    cool = [(4600, 4.6), (4200, 1.5), (3850, 4.7), (3200, 5.05), (2600, 5.2)]
+    fig = Figure(figsize=(15, 9), layout="constrained")
+    for ax, stars, step, low in zip(fig.subplots(1, 2), (hot, cool), (0.55, 1.0), (1e-5, 1e-8), strict=True):
+        for k, (teff, logg) in enumerate(stars):
+            f_lambda = seds.surface([teff], [logg], [0.0])[0] / GRID
+            f_lambda *= 10.0 ** (-step * k) / f_lambda[(GRID > 7400) & (GRID < 7500)].mean()
+            ax.plot(GRID, f_lambda, lw=0.8, color=f"C{k}")
+            ax.text(11050, f_lambda[-1], f"{teff} K\nlog g {logg}", va="center", fontsize=8, color=f"C{k}")
+        for wave, name in MARKS:
+            ax.axvline(wave, color="0.8", lw=0.6, zorder=0)
+            ax.text(wave, 1.01, name, rotation=90, fontsize=8, ha="center", transform=ax.get_xaxis_transform())
+        ax.set(yscale="log", xlim=(2000, 12200), xlabel="wavelength [A]")
+        ax.set(ylim=(low, None), ylabel=f"$f_\\lambda$ relative to 7450 A, each curve {step} dex below the last")
+    fig.savefig(path, dpi=110)
 
 
 def main():

@@ -167,7 +167,7 @@ def white_dwarfs(hot, path):
     """Step 5: return ln photon density (TEFF, WHITE, knots)."""
     table = np.loadtxt(path, skiprows=2)
     filters = np.array([response(name) for name in DA_BANDS])
-    basis = broken([2300, 3600, 3850, 4700, 5500, 6200, 7500, 8900, 9650])  # 3600 to 3850: the Balmer jump
+    basis = broken([2300, 3680, 3880, 4700, 5500, 6200, 7500, 8900, 9650])  # 3680 to 3880: the Balmer jump
     zero = np.array([dict(zip(BANDS, AB_OF_VEGA, strict=True)).get(band, 0.0) for band in DA_BANDS])
     out = np.zeros((len(TEFF), len(WHITE), len(KNOTS)))
     for q, logg in enumerate(WHITE):
@@ -200,7 +200,7 @@ def components(ln_s, weight):
     Least squares in a metric that counts residuals smooth over 150 A (what moves a broad band) eleven times.
     """
     mean = np.average(ln_s, axis=0, weights=weight)
-    seen = np.interp(KNOTS, [2000, 2500, 3200, 4000], [0.1, 0.3, 0.6, 1.0])
+    seen = np.interp(KNOTS, [2000, 2500, 3000], [0.1, 0.5, 1.0])
     smooth = np.exp(-0.5 * ((KNOTS[:, None] - KNOTS) / 150.0) ** 2)
     metric = seen[:, None] * (np.eye(len(KNOTS)) + 10 * smooth / smooth.sum(axis=1).max()) * seen
     value, vector = np.linalg.eigh(metric)
@@ -227,6 +227,16 @@ def write(out, nodes, mean, basis, coefficients):
     fits.HDUList(hdus).writeto(out, overwrite=True, checksum=True)
 
 
+def report(loss, used):
+    """Print what the components lose in boxes of 1000 A, rms and largest of the nodes in use [mmag]."""
+    boxes = 1085.7 * loss[..., :-1].reshape(*loss.shape[:3], -1, 200).mean(axis=-1)
+    for low, high in ((1900, 2500), (2500, 3500), (3500, 5000), (5000, 10000), (10000, 50001)):
+        rows = ((low <= TEFF) & (high > TEFF))[::-1]
+        part = boxes[rows][used[rows]]
+        cells = [f"{np.sqrt((box**2).mean()):.1f}/{np.abs(box).max():.0f}" for box in part.T]
+        print(f"{low}-{high} K, from 2000 A:", *cells)
+
+
 def main(data, out, table_da):
     """Write the file."""
     ln_s, hot = atmospheres(data)
@@ -236,6 +246,8 @@ def main(data, out, table_da):
     ln_s = np.logaddexp(ln_s, ln_s.max(axis=-1, keepdims=True) + np.log(UV_FLOOR))[::-1]  # theta rises
     weight = importance().reshape(ln_s.shape[:3])[::-1].ravel()
     mean, basis, coefficients = components(ln_s.reshape(-1, len(KNOTS)), weight)
+    loss = (mean + coefficients @ basis - ln_s.reshape(-1, len(KNOTS))).reshape(*ln_s.shape[:3], -1)
+    report(loss, weight.reshape(ln_s.shape[:3]) >= 0.3)
     nodes = 5040.0 / TEFF[::-1], np.append(LOGG, WHITE), FEH
     write(out, nodes, mean, basis, coefficients.reshape(*ln_s.shape[:3], COMPONENTS))
 
