@@ -44,13 +44,15 @@ COLOURS = np.array([  # V itself is kept
     [0, 0, 0, 0, 0, 1, -1], [0, 0, 1, 0, 0, 0, 0],
 ])  # fmt: skip
 FULL, NONE = 4600.0, 5200.0  # K: the colour correction fades between
-SOURCES = [
-    "Coefficients fitted to: Castelli & Kurucz 2004, IAU Symp. 210, poster A20 (ATLAS9, STScI ck04models);",
-    "BT-Settl CIFIST2011_2015: Allard et al. 2012, RSPTA 370, 2765; Baraffe et al. 2015, A&A 577, A42",
-    "(copies in lephare-data sed/STAR/BD_NEW and gbrammer/grizli-config, MIT, for [Fe/H]).",
-    "Colours of cool dwarfs tied to Pecaut & Mamajek 2013, ApJS 208, 9 (table version 2024.05.15).",
-    "White dwarfs tied to the photometry of pure-hydrogen atmospheres of Holberg & Bergeron 2006, AJ 132, 1221;",
-    "Tremblay et al. 2011, ApJ 730, 128; Bedard et al. 2020, ApJ 901, 93 (table of 2021-01-13).",
+SOURCES = [  # lines of at most 72 characters
+    "Coefficients fitted to the model atmospheres of Castelli & Kurucz 2004,",
+    "IAU Symp. 210, A20 (ATLAS9, STScI ck04models); BT-Settl CIFIST2011_2015,",
+    "Allard+ 2012, RSPTA 370, 2765; Baraffe+ 2015, A&A 577, A42 (copies in",
+    "lephare-data and, for [Fe/H], gbrammer/grizli-config).",
+    "Colours of cool dwarfs: Pecaut & Mamajek 2013, ApJS 208, 9; Covey+ 2007,",
+    "AJ 134, 2398. White dwarfs: photometry of pure-hydrogen atmospheres of",
+    "Holberg & Bergeron 2006, AJ 132, 1221; Tremblay+ 2011, ApJ 730, 128;",
+    "Bedard+ 2020, ApJ 901, 93 (Montreal table of 2021-01-13).",
 ]
 _G_CGS, _SUN_G, _PC_CM = 6.674e-8, 1.98841e33, 3.0857e18  # CODATA 2018, IAU 2015
 DA_BANDS = ["galex-nuv", "sdss2010-u", "bessell-B", "sdss2010-g", "bessell-V", *(f"sdss2010-{b}" for b in "riz")]
@@ -224,7 +226,7 @@ def write(out, nodes, mean, basis, coefficients):
     head["CRVAL1"], head["CDELT1"] = (KNOTS[0], "Angstrom, first knot"), (KNOTS[1] - KNOTS[0], "Angstrom")
     for line in SOURCES:
         head["HISTORY"] = line
-    fits.HDUList(hdus).writeto(out, overwrite=True, checksum=True)
+    fits.HDUList(hdus).writeto(out, overwrite=True)  # no checksum: it dates the file
 
 
 def report(loss, used):
