@@ -37,10 +37,13 @@ class Universe:
         return StarSeds(self.stars["spectrum"])
 
     def lensing_field(self, seed):
-        """Return the LensingField of a campaign seed, set up once."""
-        fields = self.__dict__.setdefault("_fields", {})
+        """Return the LensingField of a campaign seed, set up once. Raises InputError."""
+        fields = self.__dict__.setdefault("_lensing_fields", {})
         if seed not in fields:
-            fields[seed] = LensingField(seed, self.cosmology, self.lensing)
+            try:
+                fields[seed] = LensingField(seed, self.cosmology, self.lensing)
+            except (KeyError, TypeError, ValueError) as exc:
+                raise InputError(f"no lensing field: {type(exc).__name__} {exc}", file=self.folder) from exc
         return fields[seed]
 
 
