@@ -3,7 +3,7 @@
 from functools import cache
 
 from csstsim.catalog.embedded import EmbeddedCatalog
-from csstsim.config import SHIPPED, ConstantShear
+from csstsim.config import SHIPPED, Lensing
 from csstsim.instrument.camera import load_camera
 from csstsim.universe.bricks import make_brick, write_brick
 from csstsim.universe.numbers import load_universe
@@ -21,7 +21,7 @@ def shipped():
 def key(lensing=None, seed=SEED):
     """What bricks are made for, as the catalogue and `write_brick` take it."""
     universe, camera = shipped()
-    return {"seed": seed, "universe": universe, "camera": camera, "lensing": lensing or ConstantShear()}
+    return {"seed": seed, "universe": universe, "camera": camera, "lensing": lensing or Lensing()}
 
 
 @cache

@@ -8,11 +8,12 @@ shipped in config/.
 
 import hashlib
 import json
+import math
 from pathlib import Path
 from typing import Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from csstsim.errors import InputError
 
@@ -136,12 +137,25 @@ class PixelWindow(Model):
         return value
 
 
-class ConstantShear(Model):
-    """One convergence and shear for every galaxy (east, north axes)."""
+class Lensing(Model):
+    """Weak lensing of the embedded universe's galaxies (east, north axes)."""
 
-    kappa: float = Field(0.0, description="convergence")
-    gamma1: float = Field(0.0, description="shear along +RA")
-    gamma2: float = Field(0.0, description="shear at 45 deg, from +RA towards north")
+    field: Literal["none", "constant", "cosmic"] = Field(
+        "cosmic",
+        description="'none'; 'constant': the three numbers below for every galaxy; 'cosmic': a random field with the "
+        "spectrum of the universe's matter (config/universe/lensing.yaml)",
+    )
+    kappa: float = Field(0.0, lt=1, allow_inf_nan=False, description="constant convergence, below 1")
+    gamma1: float = Field(0.0, allow_inf_nan=False, description="constant shear along +RA")
+    gamma2: float = Field(0.0, allow_inf_nan=False, description="constant shear at 45 deg, from +RA towards north")
+
+    @model_validator(mode="after")
+    def _weak_and_used(self):
+        if self.field != "constant" and (self.kappa, self.gamma1, self.gamma2) != (0.0, 0.0, 0.0):
+            raise ValueError(f"kappa, gamma1 and gamma2 belong to field: constant, not {self.field}")
+        if math.hypot(self.gamma1, self.gamma2) >= 1 - self.kappa:
+            raise ValueError("strong lensing: the reduced shear |gamma| / (1 - kappa) must be below 1")
+        return self
 
 
 class CatalogConfig(Model):
@@ -151,7 +165,12 @@ class CatalogConfig(Model):
     mag_limit: float | None = Field(
         None, gt=0, description="faintest AB magnitude drawn, in the chip's own band; null = the whole truth"
     )
-    lensing: ConstantShear = Field(ConstantShear(), description="constant lensing field of the embedded universe")
+    lensing: Lensing = Field(Lensing(), description="weak lensing of the embedded universe")
+    shapes: Literal["normal", "rotated90"] = Field(
+        "normal",
+        description="'rotated90': intrinsic ellipticities turned by 90 degrees and everything else identical, "
+        "the paper's twin campaign that cancels shape noise",
+    )
     options: dict[str, Any] = Field({}, description="passed on to a catalogue of your own")
 
 

@@ -12,7 +12,7 @@ from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.photometry import rate_to_mag, subband_fluxes
 from csstsim.catalog.select import Noise, region_for, select_objects
 from csstsim.catalog.table import BANDS, COLUMNS
-from csstsim.config import ConstantShear
+from csstsim.config import Lensing
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.optics.wcs import ChipWCS
@@ -147,7 +147,7 @@ def test_unknown_sizes_do_not_matter_where_they_are_not_used(pick):
 def sky(camera, make_pointing, tmp_path_factory):
     """A window of the embedded universe around RA 0: catalogue, WCS."""
     wcs = ChipWCS(camera.chips[CHIP], make_pointing(ra=0.0, dec=-5.0))
-    field = ConstantShear(kappa=0.05, gamma1=0.03)
+    field = Lensing(field="constant", kappa=0.05, gamma1=0.03)
     return embedded_catalog(tmp_path_factory.mktemp("truth"), region_for(*wcs.footprint(WINDOW)), field), wcs
 
 

@@ -10,7 +10,7 @@ import pytest
 from embedded_sky import SEED, UNIVERSE, brick, key, shipped
 
 from csstsim.catalog.table import COLUMNS, ObjectTable
-from csstsim.config import ConstantShear
+from csstsim.config import Lensing
 from csstsim.errors import InputError
 from csstsim.universe.bricks import AREA_DEG2, NSIDE, brick_meta, make_brick, read_brick, write_brick
 from csstsim.universe.numbers import load_universe
@@ -45,7 +45,7 @@ def test_positions_are_uniform_on_the_brick():
 def test_content_does_not_depend_on_order_or_neighbours():
     _, camera = shipped()
     fresh = load_universe(UNIVERSE)  # no cached table, no brick made before
-    assert make_brick(SEED, COMMON, fresh, camera, ConstantShear()) == brick(COMMON)
+    assert make_brick(SEED, COMMON, fresh, camera, Lensing()) == brick(COMMON)
 
 
 def test_seed_and_number_change_everything():
@@ -80,7 +80,7 @@ def test_brick_that_does_not_exist():
 
 def test_file_round_trip_is_exact(tmp_path):
     path = tmp_path / "Npix=5.parquet"
-    options = key(ConstantShear(gamma1=0.02))
+    options = key(Lensing(field="constant", gamma1=0.02))
     write_brick(path, 5, **options)
     table = read_brick(path, brick_meta(pix=5, **options))
     assert table == make_brick(pix=5, **options)

@@ -9,12 +9,11 @@ from astropy.coordinates import SkyCoord
 from embedded_sky import shipped
 
 from csstsim.catalog.photometry import rate_to_mag, subband_fluxes
-from csstsim.config import SHIPPED, ConstantShear
+from csstsim.config import SHIPPED
 from csstsim.instrument.filter import GRID
 from csstsim.rng import stream
 from csstsim.units import ab_photon_density
 from csstsim.universe.igm import Intergalactic
-from csstsim.universe.lensing import lens, magnification
 from csstsim.universe.stars import cumulative_counts as star_counts
 from csstsim.universe.stars import draw_stars, sin_latitude
 
@@ -83,22 +82,3 @@ def test_lyman_forest_at_redshift_3():
     forest = sum(0.0036 * a * (2400 / line) ** 3.46 for line, a in ((1215.67, 1), (1025.72, 0.47), (972.54, 0.34)))
     assert through[0] == pytest.approx(np.exp(-forest - 0.25 * x**3 * (4**0.46 - x**0.46)))
     assert through[2] == pytest.approx(np.exp(-0.0036 * (4 * 1210 / 1215.67) ** 3.46))
-
-
-def test_magnification_in_closed_form():
-    mu, thin = magnification([0.0, 0.1, 0.05], [0.0, 0.0, 0.03], [0.0, 0.0, 0.04])
-    np.testing.assert_allclose(mu, [1.0, 1 / 0.81, 1 / (0.95**2 - 0.05**2)])
-    assert thin.all()
-
-
-@pytest.mark.parametrize(
-    "field", [(1.0, 0, 0), (1.5, 0.1, 0), (0.5, 0.5, 0), (0.5, 0.4, 0.4), (np.nan, 0, 0), (0, np.inf, 0)]
-)
-def test_strong_or_undefined_lensing_is_rejected_without_nan(field):
-    mu, thin = magnification(*field)
-    assert mu == 1.0 and not thin
-
-
-def test_constant_field():
-    columns = lens(3, ConstantShear(kappa=0.1, gamma1=0.02, gamma2=-0.01))
-    np.testing.assert_array_equal(columns["gamma2"], np.full(3, -0.01, np.float32))

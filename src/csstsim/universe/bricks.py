@@ -29,7 +29,7 @@ SED_COLUMNS = ("sed_scale", *(f"coeff{k}" for k in range(COEFFICIENTS)))
 def make_brick(seed, pix, universe, camera, lensing):
     """Return the ObjectTable of brick `pix`: stars, then galaxies.
 
-    universe: numbers.Universe; camera: instrument.camera.Camera; lensing: config.ConstantShear. Magnitudes are of
+    universe: numbers.Universe; camera: instrument.camera.Camera; lensing: config.Lensing. Magnitudes are of
     the unlensed spectra. Raises InputError for a brick number that does not exist.
     """
     if not 0 <= pix < N_BRICKS:
@@ -52,7 +52,7 @@ def brick_meta(seed, pix, universe, camera, lensing):
         "brick": pix,
         "universe": universe.digest,
         "camera": camera.digest,
-        "lensing": [lensing.kappa, lensing.gamma1, lensing.gamma2],
+        "lensing": lensing.model_dump(),
     }
 
 
@@ -99,8 +99,10 @@ def _galaxies(seed, pix, universe, camera, lensing):
     wanted = 10 ** (0.4 * (camera.filters["i"].zeropoint(camera.telescope) - i))
     columns["sed_scale"] = (wanted / rates[:, BANDS.index("i")]).astype(np.float32)
     rates *= columns["sed_scale"][:, None]
-    columns |= lens(len(i), lensing) | {"obj_type": np.full(len(i), GALAXY, np.int8)}
-    return _complete(seed, pix, "galaxies", columns, rates, camera)
+    columns |= {"obj_type": np.full(len(i), GALAXY, np.int8)}
+    table = _complete(seed, pix, "galaxies", columns, rates, camera)
+    field = universe.lensing_field(seed) if lensing.field == "cosmic" else None
+    return table.with_columns(**lens(pix, table["ra"], table["dec"], table["z"], lensing, field))
 
 
 def _complete(seed, pix, kind, columns, rates, camera):

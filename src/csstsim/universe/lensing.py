@@ -1,4 +1,4 @@
-"""Weak lensing of the galaxies (paper, sections 3.2.3 and 5.3.1): one constant field (first version).
+"""Weak lensing of the galaxies (paper, sections 3.2.3 and 5.3.1): the columns kappa, gamma1, gamma2, and magnification.
 
     g = gamma / (1 - kappa),   mu = 1 / ((1 - kappa)^2 - |gamma|^2)
 
@@ -18,6 +18,13 @@ def magnification(kappa, gamma1, gamma2):
     return np.divide(1.0, inverse, out=np.ones(np.shape(inverse)), where=valid), valid
 
 
-def lens(count, field):
-    """Return the columns kappa, gamma1, gamma2 of `count` galaxies in a config.ConstantShear field."""
-    return {name: np.full(count, getattr(field, name), np.float32) for name in ("kappa", "gamma1", "gamma2")}
+def lens(pix, ra, dec, z, lensing, field=None):
+    """Return {kappa, gamma1, gamma2} (float32, each (n,)) of galaxies in brick `pix`, axes east and north.
+
+    ra, dec: deg, inside the brick; z: redshifts; lensing: config.Lensing; field: lensing_field.LensingField, needed
+    for `field: cosmic` alone, where z <= 0 or NaN is not lensed and z beyond the last shell is lensed as at its edge.
+    """
+    names = ("kappa", "gamma1", "gamma2")
+    if lensing.field == "cosmic":
+        return dict(zip(names, field.lens(pix, ra, dec, z), strict=True))
+    return {name: np.full(len(z), getattr(lensing, name), np.float32) for name in names}  # zeros for `none`

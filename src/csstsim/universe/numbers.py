@@ -11,9 +11,10 @@ from pathlib import Path
 from csstsim.errors import InputError
 from csstsim.instrument.load import folder_digest, read_data
 from csstsim.universe.galaxy_sed import GalaxySeds
+from csstsim.universe.lensing_field import LensingField
 from csstsim.universe.star_sed import StarSeds
 
-PARTS = ("cosmology", "galaxies", "stars")
+PARTS = ("cosmology", "galaxies", "lensing", "stars")
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +25,7 @@ class Universe:
     digest: str
     cosmology: dict
     galaxies: dict
+    lensing: dict
     stars: dict
 
     @cached_property
@@ -33,6 +35,16 @@ class Universe:
     @cached_property
     def star_seds(self):
         return StarSeds(self.stars["spectrum"])
+
+    def lensing_field(self, seed):
+        """Return the LensingField of a campaign seed, set up once. Raises InputError."""
+        fields = self.__dict__.setdefault("_lensing_fields", {})
+        if seed not in fields:
+            try:
+                fields[seed] = LensingField(seed, self.cosmology, self.lensing)
+            except (KeyError, TypeError, ValueError) as exc:
+                raise InputError(f"no lensing field: {type(exc).__name__} {exc}", file=self.folder) from exc
+        return fields[seed]
 
 
 def load_universe(folder):

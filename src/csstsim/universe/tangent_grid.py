@@ -1,0 +1,166 @@
+"""Square grids on the plane tangent to a brick, and interpolation between their points.
+
+A direction n = (c + x e1 + y e2) / |...| with c the brick's centre and e1 along one of its sides. Components of shear
+on the grid are in the frame carried from c to n along the great circle, which is smooth everywhere, also around a
+pole; they turn to local east and north at the sources only.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numba import njit
+
+_BRICK_NSIDE = 256
+_PAD = np.radians(1 / 60)  # around the brick
+_TAPS = 8  # points of the Lagrange interpolation along an axis
+_HALFWAY = np.array([-5.0, 49.0, -245.0, 1225.0, 1225.0, -245.0, 49.0, -5.0]) / 2048  # its weights amid a cell
+_LEVELS = 6  # grids of a pyramid
+
+
+@dataclass(frozen=True, eq=False)
+class TangentGrid:
+    """Points (x, y) = step x (-columns..columns, -rows..rows) [rad] on a plane. `axes` (3, 3): e1, e2, centre."""
+
+    axes: np.ndarray
+    step: float
+    rows: int
+    columns: int
+
+    @staticmethod
+    def pyramid(pix, step):
+        """Return grids around brick `pix` with steps ... 4, 2, 1 x `step`, each reaching beyond the next."""
+        import healpy
+
+        centre = np.array(healpy.pix2vec(_BRICK_NSIDE, pix, nest=True))
+        border = healpy.boundaries(_BRICK_NSIDE, pix, step=8, nest=True).T
+        side = np.cross(np.cross(centre, border[8] - border[0]), centre)
+        side /= np.linalg.norm(side)
+        axes = np.stack([side, np.cross(centre, side), centre])
+        half = np.abs(_project(border, axes)).max(axis=0) + _PAD
+        grids = []
+        for _ in range(_LEVELS):
+            columns, rows = (int(np.ceil(h / step)) + _TAPS // 2 for h in half)
+            grids.append(TangentGrid(axes, step, rows, columns))
+            half, step = (columns * step, rows * step), 2 * step
+        return grids[::-1]
+
+    @property
+    def shape(self):
+        return 2 * self.rows + 1, 2 * self.columns + 1
+
+    @cached_property
+    def frames(self):
+        """n, t1, t2 (each rows, columns, 3): direction and carried frame of every point."""
+        e1, e2, centre = self.axes
+        x = self.step * np.arange(-self.columns, self.columns + 1)[None, :, None]
+        y = self.step * np.arange(-self.rows, self.rows + 1)[:, None, None]
+        n = (centre + x * e1 + y * e2) / np.sqrt(1 + x**2 + y**2)
+        return n, *_carry(self.axes, n)
+
+    @property
+    def centre(self):
+        return self.axes[2]
+
+    @property
+    def radius(self):
+        """Angle from the centre to the corners [rad]."""
+        return np.arctan(self.step * np.hypot(self.rows, self.columns))
+
+    def boxes(self, points, reach):
+        """Return (m, 4) y0, y1, x0, x1: the points of the grid within `reach` [rad] of unit vectors (m, 3), or more."""
+        rows, columns = self.shape
+        angle = np.arccos(np.clip(np.einsum("mk,k->m", points, self.centre), -1, 1))
+        if angle.max(initial=0.0) + reach > 1.0:  # the plane ends at pi / 2; wide kernels cover the grid anyway
+            return np.tile([0, rows, 0, columns], (len(points), 1))
+        centre = _project(points, self.axes) / self.step
+        half = ((np.tan(angle + reach) - np.tan(angle)) / self.step)[:, None]
+        low, high = np.ceil(centre - half).astype(int), np.floor(centre + half).astype(int) + 1
+        y0, y1 = (np.clip(v[:, 1] + self.rows, 0, rows) for v in (low, high))
+        x0, x1 = (np.clip(v[:, 0] + self.columns, 0, columns) for v in (low, high))
+        return np.stack([y0, y1, x0, x1], axis=1)
+
+    def cells(self, ra, dec):
+        """Return grid coordinates (n, 2) x, y in steps from the first point. ValueError outside, or if not finite."""
+        place = _project(_vectors(ra, dec), self.axes) / self.step + (self.columns, self.rows)
+        inside = (place >= _TAPS // 2 - 1) & (place <= np.array(self.shape)[::-1] - 1 - _TAPS // 2)
+        if not inside.all():
+            worst = np.flatnonzero(~inside.all(axis=1))[0]
+            raise ValueError(f"position ra {ra[worst]} dec {dec[worst]} lies outside the brick")
+        return place
+
+    def to_east_north(self, ra, dec, gamma1, gamma2):
+        """Return shear (n,), given in the carried frame, along east and north at each position."""
+        t1, t2 = _carry(self.axes, _vectors(ra, dec))
+        ra = np.radians(ra)
+        cosine = t1[:, 1] * np.cos(ra) - t1[:, 0] * np.sin(ra)  # east . t1
+        sine = t2[:, 1] * np.cos(ra) - t2[:, 0] * np.sin(ra)
+        c2, s2 = cosine**2 - sine**2, 2 * sine * cosine
+        return gamma1 * c2 + gamma2 * s2, gamma2 * c2 - gamma1 * s2
+
+
+def prolong(values, coarse, fine):
+    """Return maps (rows, columns, ...) of the `coarse` grid on the `fine` one, of half its step."""
+    for axis, (n, m) in enumerate([(coarse.rows, fine.rows), (coarse.columns, fine.columns)]):
+        v = np.moveaxis(values, axis, 0)
+        count = len(v) - _TAPS + 1
+        twice = np.empty((2 * len(v) - 1, *v.shape[1:]))
+        twice[0::2] = v
+        twice[_TAPS - 1 : 2 * count + _TAPS - 2 : 2] = sum(w * v[k : k + count] for k, w in enumerate(_HALFWAY))
+        values = np.moveaxis(twice[2 * n - m : 2 * n + m + 1], 0, axis)
+    return np.ascontiguousarray(values)
+
+
+@njit(cache=True)
+def interpolate(values, places, weights):
+    """Return (n, 3): maps (rows, columns, 3, shells), weighted by (n, shells), at grid coordinates (n, 2) x, y.
+
+    Lagrange polynomials through 8 points along each axis.
+    """
+    shells = values.shape[3]
+    out = np.zeros((len(places), 3))
+    wx, wy, maps = np.empty(_TAPS), np.empty(_TAPS), np.empty((3, shells))
+    for g in range(len(places)):
+        x0 = min(int(places[g, 0]), values.shape[1] - 1 - _TAPS // 2) - _TAPS // 2 + 1
+        y0 = min(int(places[g, 1]), values.shape[0] - 1 - _TAPS // 2) - _TAPS // 2 + 1
+        _lagrange(places[g, 0] - x0, wx)
+        _lagrange(places[g, 1] - y0, wy)
+        maps[:] = 0.0
+        for j in range(_TAPS):
+            for i in range(_TAPS):
+                w = wy[j] * wx[i]
+                for c in range(3):
+                    for s in range(shells):
+                        maps[c, s] += w * values[y0 + j, x0 + i, c, s]
+        for c in range(3):
+            for s in range(shells):
+                out[g, c] += weights[g, s] * maps[c, s]
+    return out
+
+
+@njit(cache=True)
+def _lagrange(t, weights):
+    """Fill the weights of points 0.._TAPS - 1 for the polynomial at t."""
+    for i in range(_TAPS):
+        weights[i] = 1.0
+        for j in range(_TAPS):
+            if j != i:
+                weights[i] *= (t - j) / (i - j)
+
+
+def _vectors(ra, dec):
+    ra, dec = np.radians(ra), np.radians(dec)
+    return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=1)
+
+
+def _carry(axes, n):
+    """Return e1 and e2, carried from the centre to n (..., 3) by the shortest rotation."""
+    e1, e2, centre = axes
+    middle = (centre + n) / (1 + np.einsum("...k,k->...", n, centre)[..., None])
+    return tuple(e - np.einsum("...k,k->...", n, e)[..., None] * middle for e in (e1, e2))
+
+
+def _project(vectors, axes):
+    """Return x, y (m, 2) on the tangent plane of vectors (m, 3) in the hemisphere of its centre."""
+    along = np.einsum("mk,ak->ma", vectors, axes)
+    return along[:, :2] / along[:, 2:]

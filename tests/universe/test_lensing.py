@@ -1,0 +1,70 @@
+"""Columns of lensing, magnification, and what the campaign's `lensing` accepts."""
+
+import numpy as np
+import pytest
+from embedded_sky import brick, key
+
+from csstsim.config import CatalogConfig, Lensing, validate
+from csstsim.errors import InputError
+from csstsim.universe.bricks import make_brick
+from csstsim.universe.lensing import lens, magnification
+
+PIX = 100000
+
+
+def test_magnification_in_closed_form():
+    mu, thin = magnification([0.0, 0.1, 0.05], [0.0, 0.0, 0.03], [0.0, 0.0, 0.04])
+    np.testing.assert_allclose(mu, [1.0, 1 / 0.81, 1 / (0.95**2 - 0.05**2)])
+    assert thin.all()
+
+
+@pytest.mark.parametrize(
+    "field", [(1.0, 0, 0), (1.5, 0.1, 0), (0.5, 0.5, 0), (0.5, 0.4, 0.4), (np.nan, 0, 0), (0, np.inf, 0)]
+)
+def test_strong_or_undefined_lensing_is_rejected_without_nan(field):
+    mu, thin = magnification(*field)
+    assert mu == 1.0 and not thin
+
+
+def test_constant_field_and_none():
+    position = (PIX, np.zeros(3), np.zeros(3), np.array([0.0, 1.0, np.nan]))
+    columns = lens(*position, Lensing(field="constant", kappa=0.1, gamma1=0.02, gamma2=-0.01))
+    np.testing.assert_array_equal(columns["gamma2"], np.full(3, -0.01, np.float32))
+    assert not any(column.any() for column in lens(*position, Lensing(field="none")).values())
+
+
+def test_bricks_carry_the_cosmic_field_by_default():
+    table = brick(PIX)
+    galaxy, deep = table["obj_type"] == 1, table["z"] > 0.5
+    assert not table["kappa"][~galaxy].any()
+    assert table["kappa"][galaxy & deep].all() and table["kappa"].dtype == np.float32
+    mu, thin = magnification(table["kappa"], table["gamma1"], table["gamma2"])
+    assert thin.all() and mu.min() > 0.5 and mu.max() < 2
+    # Nothing else of the sky depends on the field.
+    plain = make_brick(pix=PIX, **key(Lensing(field="none")))
+    for name in ("ra", "z", "mag_i", "e1"):
+        np.testing.assert_array_equal(plain[name], table[name])
+
+
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ({"kappa": 0.1}, "belong to field: constant"),
+        ({"field": "none", "gamma2": 0.01}, "belong to field: constant"),
+        ({"field": "constant", "kappa": 1.0}, "less than 1"),
+        ({"field": "constant", "kappa": 0.5, "gamma1": 0.3, "gamma2": 0.4}, "strong lensing"),
+        ({"field": "constant", "gamma1": float("nan")}, "finite"),
+        ({"field": "constant", "kappa": float("-inf")}, "finite"),
+        ({"field": "Cosmic"}, "'none', 'constant' or 'cosmic'"),
+    ],
+)
+def test_faults_of_the_campaign_are_named(fault, words):
+    with pytest.raises(InputError, match=words) as caught:
+        validate(CatalogConfig, {"lensing": fault}, "campaign.yaml")
+    assert "campaign.yaml" in str(caught.value) and "lensing" in str(caught.value)
+
+
+def test_twin_campaign_is_known():
+    assert validate(CatalogConfig, {"shapes": "rotated90"}, "campaign.yaml").shapes == "rotated90"
+    with pytest.raises(InputError, match="shapes"):
+        validate(CatalogConfig, {"shapes": "rotated45"}, "campaign.yaml")
