@@ -212,7 +212,7 @@ def test_colours_at_high_redshift_drop_out():
 
 def test_redshifts():
     z = sample()["z"]
-    assert 1.0 <= np.median(z[sample()["i"] < 26]) <= 1.1
+    assert 0.97 <= np.median(z[sample()["i"] < 26]) <= 1.13  # anchor 1.0 to 1.1; 1 sigma of this sample is 0.012
     assert z.min() > 0 and z.max() < 7.1
     medians = [np.median(z[sample()["i"] < m]) for m in (22, 24, 26, 28)]
     assert (np.diff(medians) > 0.1).all()
@@ -253,7 +253,7 @@ def test_sizes_in_arcsec_against_astropy():
 
 
 def test_velocity_dispersion_of_a_massive_elliptical():
-    assert velocity_dispersion(11.0, 5.0, galaxy_sample.numbers()["virial"]) == pytest.approx(160, rel=0.3)
+    assert velocity_dispersion(11.0, 5.0, galaxy_sample.numbers()["virial"]) == pytest.approx(200, rel=0.1)
 
 
 def test_bulges_masses_and_types():
