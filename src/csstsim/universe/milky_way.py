@@ -48,7 +48,7 @@ def _unit(lon, lat):
 
 @dataclass(frozen=True)
 class Component:
-    """One row of `components`; ages in Gyr, `density` in 1e-3 Msun / pc3 at the Sun, speeds in km/s."""
+    """One row of `components`; ages in Gyr, `density` in 1e-3 Msun / pc3 at the Sun, speeds in km/s, `imf` slopes."""
 
     name: str
     law: str
@@ -63,8 +63,7 @@ class Component:
     sigma_v: float
     sigma_w: float
     rotation: float
-    imf_low: float
-    imf_high: float
+    imf: tuple
 
 
 def components(numbers):

@@ -115,16 +115,24 @@ def _isochrone(component, age, feh, cells, generator, numbers):
         else:
             # Within so narrow a range of mass the stage runs with the mass.
             stage = k - 1 + (mass - limit[k - 1]) / np.maximum(limit[k] - limit[k - 1], 1e-12)
-        parts.append(np.stack([mass, np.full_like(mass, feh), stage, _imf(component, edge)]))
+        parts.append(np.stack([mass, np.full_like(mass, feh), stage, _imf(component, edge, numbers["imf_breaks"])]))
     edge = np.geomspace(limit[-1], high, int(_WHITE * cells) + 1)
     first = edge[:-1] + generator.random(len(edge) - 1) * np.diff(edge)
     cooling = age - stage_ends(first, np.full_like(first, feh), numbers)[-1]
-    remnants = np.stack([first, np.full_like(first, feh), cooling, _imf(component, edge)])
+    remnants = np.stack([first, np.full_like(first, feh), cooling, _imf(component, edge, numbers["imf_breaks"])])
     return np.concatenate(parts, axis=1), remnants
 
 
-def _imf(component, edges):
-    """Integral of the initial mass function over each cell, 1 / Msun at 1 Msun."""
-    low, high = component.imf_low + 1.0, component.imf_high + 1.0
-    below, above = np.minimum(edges, 1.0), np.maximum(edges, 1.0)
-    return np.maximum(np.diff((below**low - 1.0) / low + (above**high - 1.0) / high), 0.0)
+def _imf(component, edges, breaks):
+    """Integral of the initial mass function over each cell; 1 / Msun at the last break."""
+    bounds = [0.0, *breaks, np.inf]
+    height, out = 1.0, 0.0
+    for k in range(len(breaks), -1, -1):
+        # From the top down: each piece starts at the height where the one above ended.
+        start = breaks[min(k, len(breaks) - 1)]
+        power = component.imf[k] + 1.0
+        inside = np.clip(edges, bounds[k], bounds[k + 1])
+        out = out + height * start / power * np.diff((inside / start) ** power)
+        if 0 < k < len(breaks):
+            height *= (breaks[k - 1] / start) ** component.imf[k]
+    return out
