@@ -3,7 +3,7 @@
 For each draw of (age, [Fe/H]) the living stars are cells along the isochrone - main sequence by mass, later stages by
 stage, since there a thousandth of a solar mass is a giant branch - each with one type at a random place inside and
 the number of stars that the initial mass function puts there. More massive stars are white dwarfs. Densities are those
-at the Sun: of living mass (Robin et al. 2003), except the white dwarfs of the discs, whose numbers are counted.
+at the Sun: of living mass (Robin et al. 2003); one factor for all brings the white dwarfs to their observed number.
 """
 
 from dataclasses import dataclass
@@ -42,16 +42,12 @@ class Types:
 
 
 def make_types(numbers):
-    """Return the Types of every component: living stars, then white dwarfs."""
-    both = [_component_types(c, numbers) for c in components(numbers)]
-    living_, white = zip(*both, strict=True)
-    count = {"thin": 0.0, "thick": 0.0}
-    for part in white:
-        count[part.component.name.rstrip("0123456789")] = count.get(part.component.name.rstrip("0123456789"), 0) + part.total[-1]
-    wanted = dict(zip(("thin", "thick"), numbers["white_dwarfs"]["density"], strict=True))
-    scale = {name: _MILLI * wanted[name] / count[name] if name in wanted else 1.0 for name in count}
-    white = [Types(w.component, w.table, w.total * scale[w.component.name.rstrip("0123456789")]) for w in white]
-    return [*living_, *white]
+    """Return the Types of every component: the living stars of each, then the white dwarfs of each."""
+    living_, white = zip(*(_component_types(c, numbers) for c in components(numbers)), strict=True)
+    # Only the bulge has none of its stars at the Sun.
+    made = sum(types.total[-1] for types in white if types.component.law != "bulge")
+    scale = _MILLI * numbers["white_dwarfs"]["density"] / made
+    return [*living_, *(Types(types.component, types.table, types.total * scale) for types in white)]
 
 
 def _component_types(component, numbers):

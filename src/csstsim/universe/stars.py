@@ -18,6 +18,7 @@ from csstsim.universe.kinematics import galactic_velocity, sky_motion
 from csstsim.universe.milky_way import density, direction
 from csstsim.universe.star_types import COLUMNS, Types, make_types
 
+_CHUNK = 256  # sight-lines at a time, for memory
 _NSIDE, _BITS = 256, 21  # a brick is 2^21 x 2^21 pixels of order 29
 _MODULUS = np.arange(-5.0, 27.0, 0.1)  # edges of the steps in distance modulus: 1 pc to 2.3 Mpc
 _PC_PER_KPC = 1000.0
@@ -31,22 +32,19 @@ class Galaxy:
     numbers: dict
     types: list[Types]
 
-    def counts(self, ra, dec, faint=None):
-        """Return (p, types, steps): stars within the limits [deg-2] at ra, dec (p,), by type and step of distance."""
-        bright, faintest = self.numbers["limits"]
-        faint = faintest if faint is None else faint
+    def rates(self, ra, dec, faint):
+        """Yield, for each of the types, (p, steps): stars deg-2 with V < faint in each step of distance at ra, dec."""
         middle = 0.5 * (_MODULUS[1:] + _MODULUS[:-1])
-        kpc = 10 ** (0.2 * middle - 2)
-        edge = 10 ** (0.2 * _MODULUS + 1)
-        volume = np.diff(edge**3) / 3.0 * _SQUARE_DEGREE  # pc3 / deg2
-        position = direction(ra, dec)[:, :, None] * kpc
-        out = []
-        law = {}
+        position = direction(ra, dec)[:, :, None] * (_parsec(middle) / _PC_PER_KPC)
+        volume = np.diff(_parsec(_MODULUS) ** 3) / 3.0 * _SQUARE_DEGREE  # pc3 / deg2
+        law = {c.name: density(c, position, self.numbers) for c in {types.component.name: types.component for types in self.types}.values()}
+        bright = self.numbers["limits"][0]
         for types in self.types:
-            if types.component.name not in law:
-                law[types.component.name] = density(types.component, position, self.numbers)
-            out.append(law[types.component.name] * volume * (types.brighter(faint - middle) - types.brighter(bright - middle)))
-        return np.stack(out, axis=1)
+            yield law[types.component.name] * volume * (types.brighter(faint - middle) - types.brighter(bright - middle))
+
+
+def _parsec(modulus):
+    return 10.0 ** (0.2 * modulus + 1.0)
 
 
 def galaxy(numbers):
@@ -62,8 +60,12 @@ def _galaxy(text):
 
 def expected_counts(ra, dec, numbers, v_max):
     """Return the expected stars per deg2 between the bright limit and V = v_max (a float), of the shape of ra, dec."""
+    model = galaxy(numbers)
     ra, dec = np.broadcast_arrays(np.asarray(ra, float), np.asarray(dec, float))
-    return galaxy(numbers).counts(ra.ravel(), dec.ravel(), v_max).sum(axis=(1, 2)).reshape(ra.shape)
+    out = np.empty(ra.size)
+    for part in np.array_split(np.arange(ra.size), -(-ra.size // _CHUNK) or 1):
+        out[part] = sum(rate.sum(axis=1) for rate in model.rates(ra.flat[part], dec.flat[part], v_max))
+    return out.reshape(ra.shape)
 
 
 def draw_stars(rng, pix, place, numbers):
@@ -74,7 +76,8 @@ def draw_stars(rng, pix, place, numbers):
     [Msun], radius [Rsun], distance [pc], parallax [mas], pmra (with cos dec), pmdec [mas/yr], rv [km/s].
     """
     model = galaxy(numbers)
-    rates = model.counts(*_corners(pix))
+    bright, faint = numbers["limits"]
+    rates = np.stack(list(model.rates(*_corners(pix), faint)), axis=1)
     totals = rates.sum(axis=(1, 2))
     count = rng("count").poisson(totals.max() * _area())
     ra, dec, healpix = place(rng("position"), count)
@@ -100,7 +103,6 @@ def draw_stars(rng, pix, place, numbers):
     normal = rng("velocity").standard_normal((3, count))
     columns = np.empty((len(COLUMNS), count))
     velocity = np.empty((3, count))
-    bright, faint = numbers["limits"]
     for k, types in enumerate(model.types):
         mine = np.flatnonzero(kind == k)
         columns[:, mine] = types.choose(chosen[mine], bright - modulus[mine], faint - modulus[mine])

@@ -29,12 +29,13 @@ def living(mass, feh, stage, deviate, numbers):
 
     deviate: (n,) within 0..1, the star's place on the horizontal branch.
     """
+    feh = np.clip(feh, *numbers["lifetime"]["limits"])  # beyond, metals change little
     log_t, log_l = _main(mass, feh, np.minimum(stage, 1.0), numbers)
     later = stage > 1
     if later.any():
         part = (mass[later], feh[later], stage[later], deviate[later])
         log_t[later], log_l[later] = _after(log_t[later], log_l[later], *part, numbers)
-    return _observed(mass, 10**log_t, log_l, dwarf_correction(10**log_t, numbers), numbers)
+    return _observed(mass, 10**log_t, log_l, correction(10**log_t, feh, numbers), numbers)
 
 
 def white_dwarfs(initial_mass, cooling_gyr, numbers):
@@ -54,10 +55,13 @@ def white_dwarfs(initial_mass, cooling_gyr, numbers):
     return *_observed(mass, teff, log_l, bc, numbers), mass
 
 
-def dwarf_correction(teff, numbers):
-    """Return BC_V = M_bol - M_V [mag] of the main-sequence table at `teff` [K]."""
+def correction(teff, feh, numbers):
+    """Return BC_V = M_bol - M_V [mag] at `teff` [K]: the main sequence's, and the change with [Fe/H]."""
     _, knots, log_l, m_v = np.asarray(numbers["main_sequence"], float).T
-    return np.interp(np.log(teff), np.log(knots), numbers["solar"][0] - 2.5 * log_l - m_v)
+    solar = np.interp(np.log(teff), np.log(knots), numbers["solar"][0] - 2.5 * log_l - m_v)
+    metals = numbers["blanketing"]
+    slope = np.interp(np.log(teff), np.log(metals["teff"]), metals["per_dex"])
+    return solar - slope * np.clip(feh, *metals["limits"])
 
 
 def _observed(mass, teff, log_l, bc, numbers):
@@ -72,7 +76,8 @@ def _main(mass, feh, u, numbers):
     x = np.log(mass)
     # The field's stars have solar abundance on average; they stand at their mean age.
     mean = np.minimum(law["mean_age"] / stage_ends(mass, np.zeros_like(mass), numbers)[0], law["mean_share"])
-    (b1, b2), (w1, w2), (dl, dt) = law["brighten"], law["warm"], law["per_dex"]
+    (b1, b2), (w1, w2) = law["brighten"], law["warm"]
+    dl, dt = (_at(numbers["metals"], name, mass) for name in ("log_l", "log_teff"))
     cooling = _at(numbers["course"], "cooling", mass)
     grow, grow2 = u - mean, u**2 - mean**2
     log_l = np.interp(x, np.log(table[0]), table[2]) + b1 * grow + b2 * grow2 + dl * feh
