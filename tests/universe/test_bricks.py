@@ -123,7 +123,7 @@ def test_errors_name_the_file_of_the_universe(tmp_path):
     with pytest.raises(InputError, match=r"galaxies.yaml: .*without source"):
         load_universe(folder)
     galaxies.write_text(text.replace("tau_alpha:", "tau_beta:"), encoding="utf-8")
-    with pytest.raises(InputError, match=r"universe: a number is missing or wrong: KeyError 'tau_alpha'"):
+    with pytest.raises(InputError, match=r"universe: .*tau_alpha"):
         load_universe(folder)
     galaxies.unlink()
     with pytest.raises(InputError, match=r"galaxies.yaml: cannot read the file"):

@@ -84,9 +84,7 @@ def _grow(vertices, margin):
     return np.array(corners)
 
 
-def select_objects(
-    catalog, wcs, observer, window, filter, telescope, exptime, noise, mag_limit=None, rotated=False
-):
+def select_objects(catalog, wcs, observer, window, filter, telescope, exptime, noise, mag_limit=None, rotated=False):
     """Return the ObjectTable of what reaches `window` of a chip, with the columns the renderer needs.
 
     catalog: a CatalogBase; wcs: optics.wcs.ChipWCS; observer: ephemeris.Observer; window: instrument.chip.Window;

@@ -38,7 +38,9 @@ class Types:
         """Return the table's columns at the share u (n,) of the stars within brightest <= M_V < faintest."""
         low, high = (np.searchsorted(self.table[0], m) for m in (brightest, faintest))
         aim = self.total[low] + u * (self.total[high] - self.total[low])
-        return self.table[:, np.clip(np.searchsorted(self.total, aim, side="right") - 1, low, np.maximum(high - 1, low))]
+        return self.table[
+            :, np.clip(np.searchsorted(self.total, aim, side="right") - 1, low, np.maximum(high - 1, low))
+        ]
 
 
 def make_types(numbers):
@@ -57,7 +59,9 @@ def _component_types(component, numbers):
     age, quantile = ((generator.permutation(draws) + generator.random(draws)) / draws for _ in range(2))
     age = component.age0 + age * (component.age1 - component.age0)
     feh = component.feh + component.feh_sd * _normal(quantile)
-    stars, remnants = zip(*(_isochrone(component, a, f, cells, generator, numbers) for a, f in zip(age, feh, strict=True)), strict=True)
+    stars, remnants = zip(
+        *(_isochrone(component, a, f, cells, generator, numbers) for a, f in zip(age, feh, strict=True)), strict=True
+    )
     mass, metal, stage, weight = np.concatenate(stars, axis=1)
     teff, logg, radius, m_v = living(mass, metal, stage, generator.random(len(mass)), numbers)
     if component.law == "bulge":

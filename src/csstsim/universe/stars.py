@@ -37,10 +37,15 @@ class Galaxy:
         middle = 0.5 * (_MODULUS[1:] + _MODULUS[:-1])
         position = direction(ra, dec)[:, :, None] * (_parsec(middle) / _PC_PER_KPC)
         volume = np.diff(_parsec(_MODULUS) ** 3) / 3.0 * _SQUARE_DEGREE  # pc3 / deg2
-        law = {c.name: density(c, position, self.numbers) for c in {types.component.name: types.component for types in self.types}.values()}
+        law = {
+            c.name: density(c, position, self.numbers)
+            for c in {types.component.name: types.component for types in self.types}.values()
+        }
         bright = self.numbers["limits"][0]
         for types in self.types:
-            yield law[types.component.name] * volume * (types.brighter(faint - middle) - types.brighter(bright - middle))
+            yield (
+                law[types.component.name] * volume * (types.brighter(faint - middle) - types.brighter(bright - middle))
+            )
 
 
 def _parsec(modulus):
