@@ -82,9 +82,14 @@ def kiel_figure(numbers, path):
     teff, logg, feh = (np.concatenate([s[name] for s in many]) for name in ("teff", "logg", "feh"))
     order = np.argsort(-feh)
     _, ax = plt.subplots(figsize=(6.5, 6))
-    dots = ax.scatter(teff[order], logg[order], c=feh[order], s=1.5, cmap="viridis", vmin=-2.5, vmax=0.3, rasterized=True)
+    dots = ax.scatter(
+        teff[order], logg[order], c=feh[order], s=1.5, cmap="viridis", vmin=-2.5, vmax=0.3, rasterized=True
+    )
     ax.set(xscale="log", xlim=(40000, 1800), ylim=(9, -0.5), xlabel="Teff [K]", ylabel="log g")
-    ax.set_xticks([30000, 20000, 10000, 6000, 4000, 3000, 2000], labels=["30000", "20000", "10000", "6000", "4000", "3000", "2000"])
+    ax.set_xticks(
+        [30000, 20000, 10000, 6000, 4000, 3000, 2000],
+        labels=["30000", "20000", "10000", "6000", "4000", "3000", "2000"],
+    )
     ax.minorticks_off()
     ax.figure.colorbar(dots, label="[Fe/H]")
     ax.figure.tight_layout()
@@ -96,7 +101,9 @@ def temperature_figure(stars, path):
     for b, s in stars.items():
         v = 5 * np.log10(s["distance"] / 10) - 5 * np.log10(s["radius"]) - 10 * np.log10(s["teff"] / 5772) + 4.74
         for ax, keep in zip(axes, (v < 19, v >= 19), strict=True):
-            ax.hist(np.log10(s["teff"][keep]), np.arange(3.2, 4.5, 0.02), histtype="step", density=True, label=f"b = {b}")
+            ax.hist(
+                np.log10(s["teff"][keep]), np.arange(3.2, 4.5, 0.02), histtype="step", density=True, label=f"b = {b}"
+            )
     for ax, title in zip(axes, ("bolometric magnitude < 19", "fainter"), strict=True):
         ax.set(xlabel="log Teff [K]", title=title)
         ax.legend(fontsize=8)
