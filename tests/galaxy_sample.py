@@ -51,10 +51,18 @@ def cosmology():
 
 def population(values=None):
     """Return the GalaxyPopulation of the shipped (or given) numbers, with the shipped camera's i filter."""
+    return _shipped() if values is None else _population(values)
+
+
+@cache
+def _shipped():
+    return _population(numbers())
+
+
+def _population(values):
     band = BANDS.index("i")
     bands, telescope = filters()
-    zeropoint = bands[band].zeropoint(telescope)
-    return GalaxyPopulation(values or numbers(), seds(), cosmology(), weights()[band : band + 1], zeropoint)
+    return GalaxyPopulation(values, seds(), cosmology(), weights()[band : band + 1], bands[band].zeropoint(telescope))
 
 
 @cache
@@ -63,9 +71,13 @@ def sample(area, seed=1):
     return population().draw(lambda name: stream(seed, "sample", name), area)
 
 
-def magnitudes(columns):
+def magnitudes(columns, bands=BANDS):
     """Return {band: AB magnitude (n,)} without extinction or lensing."""
     mix = np.stack([columns[f"coeff{k}"] for k in range(COEFFICIENTS)], axis=1)
-    rates = seds().rates(columns["z"], mix, np.zeros(len(mix)), weights()) * columns["sed_scale"][:, None]
-    bands, telescope = filters()
-    return {band: rate_to_mag(rates[:, k], bands[k], telescope) for k, band in enumerate(BANDS)}
+    where = [BANDS.index(band) for band in bands]
+    rates = seds().rates(columns["z"], mix, np.zeros(len(mix)), weights()[where]) * columns["sed_scale"][:, None]
+    every, telescope = filters()
+    return {
+        band: rate_to_mag(rates[:, j], every[k], telescope)
+        for j, (band, k) in enumerate(zip(bands, where, strict=True))
+    }

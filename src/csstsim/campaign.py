@@ -11,6 +11,7 @@ from pathlib import Path
 
 from csstsim.catalog.astrometry import apparent, icrs
 from csstsim.catalog.ephemeris import observer
+from csstsim.catalog.open import catalog_class
 from csstsim.catalog.select import bricks_for
 from csstsim.config import PixelWindow, digest, load_campaign
 from csstsim.errors import InputError
@@ -190,6 +191,10 @@ class OpenCampaign:
         from csstsim.universe.numbers import load_universe
 
         return load_universe(self.config.universe_folder)
+
+    def open_truth(self):
+        """Return the embedded Universe, or the class of the user's catalogue. Raises InputError for what is wrong."""
+        return self.universe if self.embedded else catalog_class(self.config.catalog.kind)
 
     def truth_bricks(self, job):
         """Return the truth bricks whose objects may reach a job's window, as a tuple."""

@@ -6,6 +6,7 @@ Exit codes: 0 done; 2 the input cannot be used (one line says what, where and wh
 import functools
 import importlib
 import sys
+import traceback
 
 import click
 
@@ -27,6 +28,8 @@ class Group(click.Group):
         try:
             return super().invoke(ctx)
         except CsstsimError as error:
+            if ctx.params.get("verbose"):
+                traceback.print_exception(error)
             message = str(error)
         except OSError as error:  # an output folder that is a file or read-only, a full disk
             if error.filename is None and error.errno is None:
@@ -38,7 +41,8 @@ class Group(click.Group):
 
 @click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(__version__, prog_name="csstsim")
-def main():
+@click.option("-v", "--verbose", is_flag=True, help="Show the traceback behind an error (of a catalogue of your own).")
+def main(verbose):
     """Simulate the CSST Survey Camera: a pointing table in; Level-0 files, truth and catalogues out.
 
     \b
@@ -133,13 +137,17 @@ def plan(run):
     """Print what a campaign would do: exposures, chips, bricks, jobs, disk and CPU. Nothing is run."""
     from csstsim.plan import print_plan
 
+    run.open_truth()
     print_plan(run)
 
 
 @main.command()
 @stage
 def check(run):
-    """Check a campaign's files and say what it would run."""
+    """Check a campaign's files and say what it would run; try a catalogue of your own on its first exposure."""
+    from csstsim import stages
+
+    stages.check_catalog(run, say=click.echo)
     click.echo(f"{run.file}: good; {len(run.jobs)} chips of {len({j.pointing.obsid for j in run.jobs})} exposures")
 
 

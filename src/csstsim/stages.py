@@ -53,7 +53,35 @@ def select(run, job):
     table.write(
         run.paths.stage(*job.key, "select.parquet"), table.meta | {"recipe": run.recipe(job), "stages": [timer.entry()]}
     )
-    print(f"{len(table)} objects reach the window; left out: {table.meta['dropped']}")
+    _say_selected(table, print)
+
+
+def check_catalog(run, say):
+    """Open what the campaign draws from; try a catalogue of the user's on the first science job (catalog.contract)."""
+    from csstsim.catalog.contract import check
+    from csstsim.catalog.select import region_for
+
+    source = run.open_truth()
+    if run.embedded or not run.science_jobs:
+        return
+    region = region_for(*run.science_jobs[0].footprint())
+    report = check(source, run.config.catalog.options, region, run.camera)
+    say(f"{run.config.catalog.kind}: {report}")
+    if report.faults:
+        raise InputError(
+            f"the catalogue has {len(report.faults)} faults, the first: {report.faults[0]}", file=run.file,
+            key="catalog.kind", value=run.config.catalog.kind,
+        )  # fmt: skip
+
+
+def _say_selected(table, say):
+    """Say how many objects reach the window, and how many of them will not be drawn, and why."""
+    from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING
+    from csstsim.catalog.usable import why_not_drawn
+
+    say(f"{len(table)} objects reach the window; left out: {table.meta['dropped']}")
+    for reason, count in why_not_drawn(table, table["flags"] & (BAD_VALUE | STRONG_LENSING)).items():
+        say(f"{count} not drawn: {reason}")
 
 
 def _objects(run, job):
@@ -66,8 +94,9 @@ def _objects(run, job):
     catalog = open_catalog(config, region_for(*job.footprint()), run.paths.truth, key)
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
     return select_objects(
-        catalog, job.wcs, job.observer, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit
-    )
+        catalog, job.wcs, job.observer, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit,
+        rotated=config.shapes == "rotated90",
+    )  # fmt: skip
 
 
 def render(run, job):
@@ -153,12 +182,12 @@ def chip(run, job, say=print):
 
     header, objects = {"stages": []}, None
     if job.pointing.type == "SCIE":
-        for make in _missing(run, job, say):
-            make()
+        _make_missing({run.paths.truth(pix): partial(truth, run, pix) for pix in _bricks(run, job)}, say)
         timer = Timer("select")
         objects = _objects(run, job)
         header["stages"].append(timer.entry())
-        say(f"select: {len(objects)} objects")
+        _say_selected(objects, say)
+        _make_missing({run.paths.psf(job.chip.id): partial(psf, run, job.chip.id)}, say)
     timer = Timer("render")
     state = _render(run, job, objects)
     state.header |= header
@@ -175,15 +204,16 @@ def chip(run, job, say=print):
     say(f"{run.paths.level0(job.pointing, job.chip.id)} and its truth table")
 
 
-def _missing(run, job, say):
-    """Yield what makes each missing input of a job, having said so."""
-    bricks = run.truth_bricks(job) if run.embedded else ()
-    wanted = [(run.paths.truth(pix), partial(truth, run, pix)) for pix in bricks]
-    wanted.append((run.paths.psf(job.chip.id), partial(psf, run, job.chip.id)))
-    for path, make in wanted:
+def _bricks(run, job):
+    return run.truth_bricks(job) if run.embedded else ()
+
+
+def _make_missing(wanted, say):
+    """Make the files of {path: what makes it} that are not there, having said so."""
+    for path, make in wanted.items():
         if not path.exists():
             say(f"missing, made first: {path}")
-            yield make
+            make()
 
 
 def _blank(run, job, objects=None):

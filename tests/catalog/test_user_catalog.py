@@ -1,17 +1,25 @@
 """A catalogue of the user's own: the paper's four methods, reached by dotted path, and its mistakes."""
 
+import re
 import sys
 
 import numpy as np
 import pytest
+from astropy import units as u
 from astropy.table import Table
+from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement
+from synphot.units import PHOTLAM
 
+from csstsim.catalog import base
 from csstsim.catalog.base import CatalogBase, Region
+from csstsim.catalog.contract import check, sky_region
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.open import open_catalog
-from csstsim.catalog.photometry import rate_to_mag
+from csstsim.catalog.photometry import ab_mag, rate_to_mag
 from csstsim.config import CatalogConfig
 from csstsim.errors import InputError
+from csstsim.instrument.filter import GRID
+from csstsim.units import ab_photon_density
 
 REGION = Region((), (), ())
 MODULE = """
@@ -48,9 +56,10 @@ NOT_A_CLASS = 3
 def lab(tmp_path, monkeypatch):
     (tmp_path / "their_lab.py").write_text(MODULE)
     (tmp_path / "broken_lab.py").write_text("import nosuchpackage_xyz\n")
+    (tmp_path / "worse_lab.py").write_text("class Pair(:\n")
     monkeypatch.syspath_prepend(tmp_path)
     yield
-    for name in ("their_lab", "broken_lab"):
+    for name in ("their_lab", "broken_lab", "worse_lab"):
         sys.modules.pop(name, None)
 
 
@@ -87,9 +96,19 @@ def test_wrong_names_are_explained(lab, kind, message):
         opened(kind, slope=1.0)
 
 
-def test_a_fault_inside_the_users_module_is_not_hidden(lab):
-    with pytest.raises(ModuleNotFoundError, match="nosuchpackage_xyz"):
-        opened("broken_lab:Pair")
+@pytest.mark.parametrize(
+    ("kind", "options", "message"),
+    [
+        ("broken_lab:Pair", {}, r"importing broken_lab: ModuleNotFoundError: .*nosuchpackage_xyz.*broken_lab.py, line 1"),
+        ("worse_lab:Pair", {}, r"importing worse_lab: SyntaxError: .*worse_lab.py, line 1"),
+        ("their_lab:Pair", {}, r"Pair.__init__: KeyError: 'slope' \(their_lab.py, line 14\)"),
+        ("their_lab:Pair", {"slope": "x"}, r"Pair.load_sed, object 1: .*Error.*their_lab.py, line 20"),
+    ],
+)  # fmt: skip
+def test_a_fault_inside_the_users_module_is_one_line_with_its_place(lab, kind, options, message):
+    with pytest.raises(InputError, match=message) as caught:
+        opened(kind, **options).load_seds([0])
+    assert caught.value.__cause__ is not None  # for -v
 
 
 class Wrong(CatalogBase):
@@ -135,3 +154,174 @@ def test_a_class_without_the_four_methods_cannot_be_made():
 
     with pytest.raises(TypeError, match="load_norm_filt"):
         Half({}, REGION)
+
+
+def one(flux=None, norm=None, **values):
+    """A catalogue class of one object at RA 10, Dec 2; `flux` its spectrum (Table), AB 20 if None."""
+
+    class One(Wrong):
+        def __init__(self, options, region):
+            super().__init__(GOOD_20 if flux is None else flux, norm)
+
+        def _load(self):
+            self.objs = [MockObject(**({"id": 9, "type": "star", "ra": 10.0, "dec": 2.0} | v)) for v in rows]
+
+    rows = values.pop("rows", [values])
+    return One
+
+
+GOOD_20 = Table({"WAVELENGTH": GRID, "FLUX": ab_photon_density(GRID, 20.0)})
+GALAXY = {"type": "galaxy", "size_disk": 0.5}
+
+
+def test_the_example_in_the_documentation_keeps_the_contract():
+    code = re.search(r"    import numpy as np\n.*?(?=\n\n\S)", base.__doc__, re.S).group()
+    lines = {}
+    exec(re.sub(r"^    ", "", code, flags=re.M), lines)
+    report = check(lines["Mine"], {}, sky_region(10.0, -2.0, 0.1))
+    assert report.counts == {"star": 1, "galaxy": 1} and not report.faults and not report.warnings, report
+
+
+@pytest.mark.parametrize(
+    ("cls", "fault"),
+    [
+        (one(rows=[{}, {"ra": 11.0}]), "an id given more than once: object 9"),
+        (one(Table({"WAVELENGTH": [200.0, 1100.0], "FLUX": [1.0, 1.0]})), "nanometre"),
+        (one(Table({"WAVELENGTH": [0.2, 1.1], "FLUX": [1.0, 1.0]})), "micron"),
+        (one(Table({"WAVELENGTH": [2000.0, 11000.0], "FLUX": [1.0, np.nan]})), "FLUX holds values that are not finite"),
+        (one(Table({"WAVELENGTH": [2000.0, 11000.0], "FLUX": [1.0, -0.1]})), "FLUX holds negative"),
+        (one(Table({"WAVELENGTH": [2000.0, 11000.0], "FLUX": [0.0, 0.0]})), "no light in any band"),
+        (one(norm=Table({"WAVELENGTH": [1.0, 2.0], "SENSITIVITY": [1.0, 1.0]}), mag_norm=20.0), "no light in any band"),
+    ],
+)
+def test_the_contract_finds_faults(camera, cls, fault):
+    with np.errstate(all="ignore"):
+        report = check(cls, {}, REGION, camera)
+    assert fault in "\n".join(report.faults), report
+
+
+@pytest.mark.parametrize(
+    ("cls", "warning"),
+    [
+        (one(type="galaxy"), "would not be drawn: a galaxy without size_disk: object 9"),
+        (one(**GALAXY, bulge_frac=0.5), "a galaxy without size_bulge"),
+        (one(**GALAXY, e1=0.8, e2=0.7), "|e1, e2|"),
+        (one(**GALAXY, bulge_frac=-0.1), "bulge_frac"),
+        (one(**GALAXY, kappa=1.2), "strongly lensed"),
+        (one(**GALAXY, gamma1=np.nan), "kappa, gamma1 or gamma2 is not finite"),
+        (one(dec=95.0), "no place on the sky"),
+        (one(mag_g=20.1), "mag_g is not the spectrum's magnitude: object 9"),
+        (one(Table({"WAVELENGTH": [3000.0, 11000.0], "FLUX": [1.0, 1.0]})), "does not cover 2000-11000"),
+        (one(Table({"WAVELENGTH": GRID, "FLUX": np.full(len(GRID), 1e-17)})), "fainter than 40"),
+    ],
+)
+def test_the_contract_warns(camera, cls, warning):
+    report = check(cls, {}, REGION, camera)
+    assert not report.faults and len(report.warnings) == 1 and warning in report.warnings[0], report
+
+
+def test_a_good_catalogue_and_an_empty_one_pass(camera):
+    report = check(one(**GALAXY, mag_g=20.0, mag_y=20.0), {}, REGION, camera)
+    assert not report.faults and not report.warnings and "1 of type galaxy" in str(report)
+    assert str(check(one(rows=[]), {}, REGION, camera)) == "no objects in the region"
+
+
+def test_a_fast_hook_that_is_not_the_spectrum_is_a_fault(camera):
+    class Fast(one()):
+        def load_fluxes(self, rows, filter, telescope):
+            return 1.02 * super().load_fluxes(rows, filter, telescope)
+
+    assert "load_fluxes is not the integral of load_seds in r: object 9" in check(Fast, {}, REGION, camera).faults
+
+
+def test_reasons_are_those_of_the_selection(camera, make_pointing, observe):
+    """Random nonsense: an object is flagged as not drawable if and only if there is a reason in words."""
+    from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING
+    from csstsim.catalog.select import Noise, select_objects
+    from csstsim.catalog.usable import NO_LIGHT, reasons, why_not_drawn
+    from csstsim.instrument.chip import Window
+    from csstsim.optics.wcs import ChipWCS
+
+    rng = np.random.default_rng(4)
+    values = {"size_disk": [0, 1, np.nan], "size_bulge": [0, 1], "bulge_frac": [0, 0.5, 1, 2], "e1": [0, 0.9, np.nan],
+              "e2": [0, 0.9], "kappa": [0, 1.5, np.inf], "gamma1": [0, 0.1], "obj_type": [0, 1, 1, 1, 2, 3]}  # fmt: skip
+    pointing = make_pointing()
+    wcs, craft = ChipWCS(camera.chips[9], pointing), observe(pointing)
+    ra, dec = (float(v) for v in wcs.pixel_to_world(4000.0, 3000.0))
+    rows = [{n: rng.choice(v) for n, v in values.items()} | {"id": i, "ra": ra, "dec": dec} for i in range(300)]
+    for row in rows:
+        row["obj_type"] = int(row["obj_type"])
+        row["type"] = None
+    catalog = one(rows=rows)({}, REGION)
+    table = select_objects(
+        catalog, wcs, craft, Window(3000, 5000, 2000, 4000), camera.filters["r"], camera.telescope, 150.0,
+        Noise(0.2, 0.02, 5.0),
+    )  # fmt: skip
+    dark = (table["flags"] & (BAD_VALUE | STRONG_LENSING)) > 0
+    assert 50 < dark.sum() < 290 and len(table) == 300
+    assert np.array_equal(np.any(list(reasons(table).values()), axis=0), dark)
+    why = why_not_drawn(table, dark)
+    assert sum(why.values()) == dark.sum() and NO_LIGHT not in why
+
+
+@pytest.mark.parametrize("value", [np.nan, 1.5, 2**63, 2**64, None, "one"])
+def test_ids_are_whole_numbers(value):
+    with pytest.raises(InputError, match="id: does not fit the column; allowed: int64"):
+        one(id=value)({}, REGION).table  # noqa: B018
+
+
+def test_extras_keep_to_themselves():
+    """A user's `mag`, `RV` and `flux0` are columns of theirs, whatever csstsim calls its own."""
+    catalog = one(rows=[{"mag": 1.0, "RV": 7.0, "file": "a.fits", "curve": np.ones(3), "rv": 5.0}])({}, REGION)
+    table = catalog.table
+    assert {"user_mag", "user_RV", "user_file"} == {name for name in table if name.startswith("user_")}
+    assert "mag" not in table and table["rv"][0] == 5.0 and table["user_RV"][0] == 7.0
+
+
+def test_known_columns_come_through_whatever_their_form():
+    table = one(ra=np.array(10.5), dec=np.float32(2.0))({}, REGION).table
+    assert table["ra"][0] == 10.5 and table["dec"][0] == 2.0
+
+
+def test_objects_must_be_mock_objects_and_objs_must_be_there():
+    class Tuples(one()):
+        def _load(self):
+            self.objs = [(1, 2)]
+
+    class Forgetful(one()):
+        def __init__(self, options, region):
+            pass
+
+    with pytest.raises(InputError, match="Tuples: objs holds something else"):
+        check(Tuples, {}, REGION)
+    with pytest.raises(InputError, match="Forgetful: has no objs"):
+        check(Forgetful, {}, REGION)
+
+
+def test_units_of_columns_are_honoured():
+    """A spectrum in nm and erg / s / cm2 / A, or f_nu in Jy, is the same light; a unit without a way is refused."""
+    wave = GRID / 10 * u.nm
+    flux = ab_photon_density(GRID, 20.0) * u.ph / (u.s * u.m**2 * u.AA)
+    expected = one()({}, REGION).load_seds([0])
+    for unit in ("erg / (s cm2 AA)", "Jy"):
+        table = Table({"WAVELENGTH": wave, "FLUX": flux.to(unit, u.spectral_density(wave))})
+        np.testing.assert_allclose(one(table)({}, REGION).load_seds([0]), expected, rtol=1e-9)
+    with pytest.raises(InputError, match="cannot be used: .*kg"):
+        one(Table({"WAVELENGTH": wave, "FLUX": np.ones(len(wave)) * u.kg}))({}, REGION).load_seds([0])
+
+
+@pytest.mark.parametrize("system", ["sdss2010-r", "lsst2023-g", "decam2014-z"])
+def test_magnitudes_of_other_systems(system):
+    """load_norm_filt through curves of other surveys: synphot and speclite measure the mag_norm asked for, to 2 mmag."""
+    import speclite.filters
+
+    curve = speclite.filters.load_filter(system)
+    norm = Table({"WAVELENGTH": curve.wavelength, "SENSITIVITY": curve.response})
+    slope = Table({"WAVELENGTH": GRID, "FLUX": (GRID / 5000.0) ** 1.7 * (1 + 0.3 * np.sin(GRID / 300.0))})
+    [sed] = one(slope, norm, mag_norm=21.3)({}, REGION).load_seds([0])
+    source = SourceSpectrum(Empirical1D, points=GRID, lookup_table=sed * 1e-4 * PHOTLAM)
+    band = SpectralElement(Empirical1D, points=curve.wavelength, lookup_table=curve.response)
+    assert Observation(source, band, binset=GRID).effstim(u.ABmag).value == pytest.approx(21.3, abs=2e-3)
+    energy = (sed * u.ph / (u.s * u.m**2 * u.AA)).to("erg / (s cm2 AA)", u.spectral_density(GRID * u.AA))
+    assert curve.get_ab_magnitude(energy, GRID * u.AA) == pytest.approx(21.3, abs=2e-3)
+    assert ab_mag(sed, GRID, np.interp(GRID, curve.wavelength, curve.response)) == pytest.approx(21.3, abs=1e-9)

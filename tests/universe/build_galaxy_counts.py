@@ -1,9 +1,9 @@
 """Builder of `shift` in config/universe/galaxies.yaml: abundance matching of the model's i counts to `counts`.
 
-Galaxies are placed evenly over the cells of the mass grid and weighted by the density there, so that the rare bright ones
-are known as well as the common faint ones. shift(i) makes N_model(< i) equal N_counts(< i + shift). Prints YAML.
+Galaxies are placed evenly over the cells of the mass grid and weighted by the density there, so that the rare bright
+ones are known as well as the common faint ones. shift(i) makes N_model(< i) equal N_counts(< i + shift). Prints YAML.
 
-    python tests/universe/build_galaxy_counts.py
+    PYTHONPATH=tests python tests/universe/build_galaxy_counts.py
 """
 
 import numpy as np

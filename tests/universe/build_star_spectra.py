@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import speclite.filters
 from astropy.io import fits
+from astropy.table import Table
 
 from csstsim.instrument.filter import GRID
 from csstsim.units import ab_photon_density
@@ -34,19 +35,7 @@ TEFF = np.concatenate([
     [14000, 15000, 16000, 18000, 20000, 22000, 25000, 28000, 31000, 35000, 40000, 45000, 50000],
 ]).astype(float)  # fmt: skip
 FADE = (3600.0, 4200.0)  # K: BT-Settl below, ATLAS9 above
-# Dwarfs: Teff, U-B, B-V, V-Rc, V-Ic (Pecaut & Mamajek 2013, ApJS 208, 9; E. Mamajek's table, version 2024.05.15) and
-# SDSS g-r: theirs from 3930 K, below that of the locus (Covey+ 2007, AJ 134, 2398) at their r-i.
-DWARFS = np.array([
-    [5290, 0.436, 0.816, 0.443, 0.853, 0.640], [5100, 0.581, 0.884, 0.482, 0.920, 0.718],
-    [4870, 0.801, 0.990, 0.560, 1.030, 0.835], [4600, 0.986, 1.090, 0.635, 1.182, 0.960],
-    [4440, 1.081, 1.150, 0.685, 1.272, 1.030], [4300, 1.184, 1.240, 0.759, 1.420, 1.110],
-    [4090, 1.222, 1.340, 0.802, 1.519, 1.220], [3930, 1.210, 1.400, 0.866, 1.699, 1.300],
-    [3850, 1.204, 1.420, 0.889, 1.766, 1.370], [3770, 1.184, 1.445, 0.924, 1.886, 1.400],
-    [3660, 1.172, 1.485, 0.956, 2.005, 1.410], [3560, 1.170, 1.505, 1.001, 2.173, 1.410],
-    [3430, 1.181, 1.530, 1.079, 2.420, 1.410], [3270, 1.200, 1.600, 1.178, 2.680, 1.440],
-    [3110, 1.230, 1.690, 1.345, 3.073, 1.540], [2930, 1.300, 1.940, 1.656, 3.664, 1.590],
-    [2810, 1.300, 2.010, 1.950, 4.100, 1.600],
-])  # fmt: skip
+DWARFS = Path(__file__).with_name("dwarf_colours.csv")
 DWARF_LOGG = ([2800, 3200, 3500, 3900, 4500, 5200], [5.15, 5.05, 4.9, 4.7, 4.62, 4.55])
 BANDS = ["bessell-U", "bessell-B", "bessell-V", "bessell-R", "bessell-I", "sdss2010-g", "sdss2010-r"]
 AB_OF_VEGA = np.array([0.79, -0.09, 0.02, 0.21, 0.45, 0.0, 0.0])  # Blanton & Roweis 2007, AJ 133, 734; SDSS is AB
@@ -55,13 +44,15 @@ COLOURS = np.array([  # V itself is kept
     [0, 0, 0, 0, 0, 1, -1], [0, 0, 1, 0, 0, 0, 0],
 ])  # fmt: skip
 FULL, NONE = 4600.0, 5200.0  # K: the colour correction fades between
-SOURCES = [
-    "Coefficients fitted to: Castelli & Kurucz 2004, IAU Symp. 210, poster A20 (ATLAS9, STScI ck04models);",
-    "BT-Settl CIFIST2011_2015: Allard et al. 2012, RSPTA 370, 2765; Baraffe et al. 2015, A&A 577, A42",
-    "(copies in lephare-data sed/STAR/BD_NEW and gbrammer/grizli-config, MIT, for [Fe/H]).",
-    "Colours of cool dwarfs tied to Pecaut & Mamajek 2013, ApJS 208, 9 (table version 2024.05.15).",
-    "White dwarfs tied to the photometry of pure-hydrogen atmospheres of Holberg & Bergeron 2006, AJ 132, 1221;",
-    "Tremblay et al. 2011, ApJ 730, 128; Bedard et al. 2020, ApJ 901, 93 (table of 2021-01-13).",
+SOURCES = [  # lines of at most 72 characters
+    "Coefficients fitted to the model atmospheres of Castelli & Kurucz 2004,",
+    "IAU Symp. 210, A20 (ATLAS9, STScI ck04models); BT-Settl CIFIST2011_2015,",
+    "Allard+ 2012, RSPTA 370, 2765; Baraffe+ 2015, A&A 577, A42 (copies in",
+    "lephare-data and, for [Fe/H], gbrammer/grizli-config).",
+    "Colours of cool dwarfs: Pecaut & Mamajek 2013, ApJS 208, 9; Covey+ 2007,",
+    "AJ 134, 2398. White dwarfs: photometry of pure-hydrogen atmospheres of",
+    "Holberg & Bergeron 2006, AJ 132, 1221; Tremblay+ 2011, ApJ 730, 128;",
+    "Bedard+ 2020, ApJ 901, 93 (Montreal table of 2021-01-13).",
 ]
 _G_CGS, _SUN_G, _PC_CM = 6.674e-8, 1.98841e33, 3.0857e18  # CODATA 2018, IAU 2015
 DA_BANDS = ["galex-nuv", "sdss2010-u", "bessell-B", "sdss2010-g", "bessell-V", *(f"sdss2010-{b}" for b in "riz")]
@@ -159,17 +150,18 @@ def calibrate(ln_s):
     """Step 4: add to ln_s (TEFF, LOGG, FEH, knots), in place, what the colours of dwarfs ask for."""
     filters = np.array([response(name) for name in BANDS])
     basis = broken([3600, 4300, 4850, 5450, 6500, 7900])
+    table = Table.read(DWARFS, format="ascii.csv", comment="#")
+    table = table[table["teff"] < NONE + 100][::-1]  # cool first
     rows = []
-    for teff, *colours in DWARFS:
+    for teff, *colours in table[["teff", "U-B", "B-V", "V-R", "V-I", "g-r"]].iterrows():
         (i, a), (j, b) = cubic(5040 / TEFF[::-1], np.array([5040 / teff])), linear(LOGG, [np.interp(teff, *DWARF_LOGG)])
         model = np.einsum("p,q,pqw->w", a[0], b[0], ln_s[::-1][i[0]][:, j[0], list(FEH).index(0.0)])
         target = np.append(colours, 0.0) + COLOURS @ AB_OF_VEGA
         target[-1] = ab_mags(model, filters)[2]
         rows.append(warp(model, filters, target, basis, COLOURS))
-    rows = np.array(rows)[np.argsort(DWARFS[:, 0])]
-    known = np.sort(DWARFS[:, 0])
     for k, teff in enumerate(TEFF):
-        correction = np.array([np.interp(teff, known, column) for column in rows.T]) * (1 - fade(teff, FULL, NONE))
+        correction = np.array([np.interp(teff, table["teff"], column) for column in np.array(rows).T])
+        correction *= 1 - fade(teff, FULL, NONE)
         ln_s[k] += fade(LOGG, 3.0, 4.0)[:, None, None] * correction
 
 
@@ -177,7 +169,7 @@ def white_dwarfs(hot, path):
     """Step 5: return ln photon density (TEFF, WHITE, knots)."""
     table = np.loadtxt(path, skiprows=2)
     filters = np.array([response(name) for name in DA_BANDS])
-    basis = broken([2300, 3600, 3850, 4700, 5500, 6200, 7500, 8900, 9650])  # 3600 to 3850: the Balmer jump
+    basis = broken([2300, 3680, 3880, 4700, 5500, 6200, 7500, 8900, 9650])  # 3680 to 3880: the Balmer jump
     zero = np.array([dict(zip(BANDS, AB_OF_VEGA, strict=True)).get(band, 0.0) for band in DA_BANDS])
     out = np.zeros((len(TEFF), len(WHITE), len(KNOTS)))
     for q, logg in enumerate(WHITE):
@@ -210,7 +202,7 @@ def components(ln_s, weight):
     Least squares in a metric that counts residuals smooth over 150 A (what moves a broad band) eleven times.
     """
     mean = np.average(ln_s, axis=0, weights=weight)
-    seen = np.interp(KNOTS, [2000, 2500, 3200, 4000], [0.1, 0.3, 0.6, 1.0])
+    seen = np.interp(KNOTS, [2000, 2500, 3000], [0.1, 0.5, 1.0])
     smooth = np.exp(-0.5 * ((KNOTS[:, None] - KNOTS) / 150.0) ** 2)
     metric = seen[:, None] * (np.eye(len(KNOTS)) + 10 * smooth / smooth.sum(axis=1).max()) * seen
     value, vector = np.linalg.eigh(metric)
@@ -234,7 +226,17 @@ def write(out, nodes, mean, basis, coefficients):
     head["CRVAL1"], head["CDELT1"] = (KNOTS[0], "Angstrom, first knot"), (KNOTS[1] - KNOTS[0], "Angstrom")
     for line in SOURCES:
         head["HISTORY"] = line
-    fits.HDUList(hdus).writeto(out, overwrite=True, checksum=True)
+    fits.HDUList(hdus).writeto(out, overwrite=True)  # no checksum: it dates the file
+
+
+def report(loss, used):
+    """Print what the components lose in boxes of 1000 A, rms and largest of the nodes in use [mmag]."""
+    boxes = 1085.7 * loss[..., :-1].reshape(*loss.shape[:3], -1, 200).mean(axis=-1)
+    for low, high in ((1900, 2500), (2500, 3500), (3500, 5000), (5000, 10000), (10000, 50001)):
+        rows = ((low <= TEFF) & (high > TEFF))[::-1]
+        part = boxes[rows][used[rows]]
+        cells = [f"{np.sqrt((box**2).mean()):.1f}/{np.abs(box).max():.0f}" for box in part.T]
+        print(f"{low}-{high} K, from 2000 A:", *cells)
 
 
 def main(data, out, table_da):
@@ -246,6 +248,8 @@ def main(data, out, table_da):
     ln_s = np.logaddexp(ln_s, ln_s.max(axis=-1, keepdims=True) + np.log(UV_FLOOR))[::-1]  # theta rises
     weight = importance().reshape(ln_s.shape[:3])[::-1].ravel()
     mean, basis, coefficients = components(ln_s.reshape(-1, len(KNOTS)), weight)
+    loss = (mean + coefficients @ basis - ln_s.reshape(-1, len(KNOTS))).reshape(*ln_s.shape[:3], -1)
+    report(loss, weight.reshape(ln_s.shape[:3]) >= 0.3)
     nodes = 5040.0 / TEFF[::-1], np.append(LOGG, WHITE), FEH
     write(out, nodes, mean, basis, coefficients.reshape(*ln_s.shape[:3], COMPONENTS))
 

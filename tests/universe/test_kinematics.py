@@ -46,7 +46,7 @@ def test_ellipsoid_at_the_sun(name):
 
 
 def test_cold_disc_shows_oort_constants():
-    """A flat rotation curve: rv = A d sin 2l cos^2 b, pm_l = (A cos 2l + B) cos b / 4.74 for d << R0, A = -B = V / 2 R0."""
+    """A flat rotation curve: rv = A d sin 2l and 4.74 pm_l = A cos 2l + B for d << R0, A = -B = V / 2 R0."""
     cold = BY_NAME["thin1"]
     l = np.radians(np.array([0.0, 30.0, 45.0, 90.0, 200.0, 315.0]))  # noqa: E741
     kpc, zero = 0.01, np.zeros((3, 6))

@@ -192,6 +192,12 @@ def test_redshifts_at_the_edges(coarse):
     assert (np.diff([coarse.spectrum(np.array([500]), z)[0] for z in (0.05, 0.2, 0.5, 1, 2, 3.5)]) > 0).all()
 
 
+@pytest.mark.parametrize("wrong", [{"shells": 0}, {"l_max": 10}, {"l_max": 1e6}, {"z_max": -1}, {"z_max": np.nan}])
+def test_numbers_that_make_no_field(wrong):
+    with pytest.raises(ValueError, match="lensing: needs"):
+        LensingField(1, COSMOLOGY, NUMBERS | wrong)
+
+
 def test_positions_at_the_edges(coarse):
     assert all(column.shape == (0,) for column in coarse.lens(COMMON, [], [], []))
     pole = coarse.lens(POLE, [12.0, 57.0], [90.0, 90.0], [1.0, 1.0])

@@ -1,36 +1,66 @@
 """CatalogBase: how any True Universe comes into the simulator (paper, section 3 and Appendix A).
 
-A catalogue of your own is one class with the paper's four methods:
+A catalogue of your own is one class with the paper's four methods, in a module on the Python path that the campaign
+names (`catalog: {kind: "mine:Mine", options: {...}}`). A whole one:
+
+    import numpy as np
+    from astropy.table import Table
+    from csstsim.catalog.base import CatalogBase
+    from csstsim.catalog.mock_object import MockObject
 
     class Mine(CatalogBase):
         def __init__(self, options, region):   # options: campaign.catalog.options; region: a Region
             super().__init__(options, region)
             self._load()
-        def _load(self):                       # fill self.objs with MockObject(...)
+        def _load(self):                       # fill self.objs
             self.objs.append(MockObject(id=1, type="star", ra=10.0, dec=-2.0, mag_norm=18.0))
-        def load_sed(self, obj):               # astropy Table: WAVELENGTH [A] and FLUX [photon / s / m2 / A]
-            return Table({"WAVELENGTH": wave, "FLUX": flux})
-        def load_norm_filt(self, obj):         # None: FLUX is absolute, as observed
-            return None
+            self.objs.append(MockObject(id=2, type="galaxy", ra=10.01, dec=-2.0, mag_norm=20.0, z=0.3,
+                                        size_disk=0.6, size_bulge=0.2, bulge_frac=0.3, e1=0.1, e2=-0.2))
+        def load_sed(self, obj):               # as observed; here flat in photons
+            wave = np.linspace(2000.0, 11000.0, 1801)
+            return Table({"WAVELENGTH": wave, "FLUX": np.ones_like(wave)})
+        def load_norm_filt(self, obj):         # mag_norm is AB in this box; None: FLUX is absolute
+            return Table({"WAVELENGTH": [5499.0, 5500.0, 7000.0, 7001.0], "SENSITIVITY": [0.0, 1.0, 1.0, 0.0]})
 
-A spectrum is in the observed frame: redshift, dust and Milky Way extinction are in it; lensing magnification
-is not (csstsim applies it from kappa and gamma). If `load_norm_filt` returns a Table of WAVELENGTH and
-SENSITIVITY (photon-counting response), the spectrum is rescaled to the object's `mag_norm` (AB) through it.
+What a MockObject may be given (all but id, ra, dec have defaults; the full list is `catalog.table.COLUMNS`):
+
+| keyword                     | unit, meaning                                                                      |
+|-----------------------------|------------------------------------------------------------------------------------|
+| id                          | whole number, each object its own; below 2^63                                      |
+| type                        | "star", "galaxy" or "quasar"; stars and quasars are points                         |
+| ra, dec                     | deg, ICRS at J2000                                                                 |
+| pmra, pmdec, parallax, rv   | mas/yr (pmra with cos dec), mas, km/s: stars only                                  |
+| size_disk, size_bulge       | arcsec, half-light radius along the circle of equal area; a galaxy needs the size  |
+|                             | of each part that has light                                                        |
+| bulge_frac                  | fraction of the light in the bulge (Sersic 4); the rest is disk (Sersic 1)         |
+| e1, e2                      | ellipticity (a - b)/(a + b), axis 1 along +RA (east), 2 towards north              |
+| kappa, gamma1, gamma2       | lensing, same axes; stars are not lensed                                           |
+| mag_norm                    | AB magnitude in the filter of `load_norm_filt`, if that gives one                  |
+| z, av, teff, logg, feh, ... | for the truth table only: csstsim draws what `load_sed` gives                      |
+| any other name              | yours to use in `load_sed`; plain values go to the truth table as `user_<name>`    |
+
+WAVELENGTH is in angstrom and rises, FLUX in photon / s / m2 / angstrom; columns with astropy units are converted.
+Between samples a spectrum is linear, outside them zero. It is in the observed frame: redshift, dust and Milky Way
+extinction are in it; lensing magnification is not (csstsim applies it from kappa and gamma). `csstsim check` opens the
+catalogue on the campaign's first exposure and says what is wrong (catalog.contract).
 
 Speed: a catalogue with many objects overrides `load_seds`, or `load_fluxes` to skip spectra altogether.
 """
 
 import hashlib
-import importlib
+import traceback
 from abc import ABC, abstractmethod
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
+from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.photometry import ab_mag, load_fluxes
-from csstsim.catalog.table import ObjectTable
+from csstsim.catalog.table import COLUMNS, ObjectTable
 from csstsim.config import digest
-from csstsim.errors import InputError
+from csstsim.errors import CsstsimError, InputError
 from csstsim.instrument.filter import GRID
 
 
@@ -70,11 +100,16 @@ class CatalogBase(ABC):
     def table(self):
         """The objects as an ObjectTable, in the order of `self.objs`."""
         if getattr(self, "_table", None) is None:
-            names = {name for obj in self.objs for name in obj.values}
-            columns = {name: [getattr(obj, name, None) for obj in self.objs] for name in sorted(names)}
-            # Extras may be anything (a file name, an array); only plain numbers travel as columns.
-            plain = {name: values for name, values in columns.items() if all(np.isscalar(v) for v in values)}
-            self._table = ObjectTable.complete(plain)
+            strange = next((obj for obj in self.objs if not isinstance(obj, MockObject)), None)
+            if strange is not None:
+                raise InputError("objs holds something else than MockObjects", key=name_of(self), value=strange)
+            names = sorted({name for obj in self.objs for name in obj.values})
+            columns = {name: [getattr(obj, name, None) for obj in self.objs] for name in names}
+            # Extras may be anything (a file name, an array); only plain values travel, under names that are theirs.
+            extras = {f"user_{name}": column for name, column in columns.items() if name not in COLUMNS}
+            plain = {name: np.array(column) for name, column in extras.items() if all(map(np.isscalar, column))}
+            known = {name: column for name, column in columns.items() if name in COLUMNS}
+            self._table = ObjectTable.complete(known | {n: v for n, v in plain.items() if v.dtype.kind in "biufU"})
         return self._table
 
     @property
@@ -94,49 +129,66 @@ class CatalogBase(ABC):
         return load_fluxes(self.load_seds, rows, filter, telescope)
 
     def _load_on_grid(self, obj):
-        wave, flux = _columns(self, self.load_sed(obj), "FLUX", "load_sed", obj)
+        with users_code(f"{name_of(self)}.load_sed, object {obj.id}"):
+            table = self.load_sed(obj)
+        wave, flux = read_columns(table, "FLUX", f"{name_of(self)}.load_sed, object {obj.id}")
         sed = flux if np.array_equal(wave, GRID) else np.interp(GRID, wave, flux, left=0.0, right=0.0)
-        norm = self.load_norm_filt(obj)
+        where = f"{name_of(self)}.load_norm_filt, object {obj.id}"
+        with users_code(where):
+            norm = self.load_norm_filt(obj)
         if norm is None:
             return sed
-        wave, response = _columns(self, norm, "SENSITIVITY", "load_norm_filt", obj)
+        wave, response = read_columns(norm, "SENSITIVITY", where)
         target = getattr(obj, "mag_norm", None)
         if target is None:
-            raise InputError("load_norm_filt gave a filter but the object has no mag_norm", key=f"object {obj.id}")
+            raise InputError("gave a filter, but the object has no mag_norm", key=where)
         current = ab_mag(sed, GRID, np.interp(GRID, wave, response, left=0.0, right=0.0))
         return sed * 10 ** (0.4 * (current - target))
 
 
-def _columns(catalog, table, name, method, obj):
-    """Return WAVELENGTH and `name` of what a user's method gave; InputError if it is not of that form."""
-    where = f"{type(catalog).__name__}.{method}, object {obj.id}"
+def name_of(catalog):
+    """Return the name of a catalogue's class, for messages."""
+    return type(catalog).__name__
+
+
+@contextmanager
+def users_code(where):
+    """Turn what code of the user's raises inside into an InputError of one line: where, what, which line of theirs."""
     try:
-        wave, values = (np.asarray(table[column], dtype=float) for column in ("WAVELENGTH", name))
-    except (KeyError, TypeError, ValueError, IndexError):
+        yield
+    except CsstsimError:
+        raise
+    except Exception as exc:
+        frames = traceback.extract_tb(exc.__traceback__)[1:]
+        frames = [f for f in frames if "site-packages" not in f.filename and not f.filename.startswith("<")]
+        line = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+        raise InputError(f"{type(exc).__name__}: {exc}{line}", key=where) from exc
+
+
+def read_columns(table, name, where):
+    """Return WAVELENGTH [A] and `name` (FLUX or SENSITIVITY) of what a user's method gave, in csstsim's units.
+
+    `where` begins the message. Raises InputError for anything not of that form.
+    """
+    try:
+        wave = _plain(table["WAVELENGTH"], "AA")
+        values = _plain(table[name], "photon / (s m2 AA)" if name == "FLUX" else None, wave)
+    except ValueError as exc:  # no numbers, or astropy knows no way from the column's unit
+        raise InputError(f"WAVELENGTH or {name} cannot be used: {exc}", key=where) from None
+    except (KeyError, TypeError, IndexError):
         raise InputError(f"must return a table with the columns WAVELENGTH and {name}", key=where) from None
     if wave.ndim != 1 or len(wave) < 2 or wave.shape != values.shape or not (np.diff(wave) > 0).all():
         raise InputError("WAVELENGTH must rise and match its column in length", key=where)
     return wave, values
 
 
-def catalog_class(kind):
-    """Return the CatalogBase class named 'module.path:ClassName'. Raises InputError if there is none."""
-    module_name, colon, class_name = kind.partition(":")
-    if not (colon and module_name and class_name):
-        raise InputError("unknown catalogue", key="catalog.kind", value=kind, allowed="embedded, module.path:ClassName")
-    try:
-        module = importlib.import_module(module_name)
-    except ModuleNotFoundError as exc:
-        if exc.name is not None and (module_name == exc.name or module_name.startswith(f"{exc.name}.")):
-            raise InputError(f"no module {exc.name!r} on the Python path", key="catalog.kind", value=kind) from None
-        raise
-    found = getattr(module, class_name, None)
-    if not (isinstance(found, type) and issubclass(found, CatalogBase)):
-        allowed = ", ".join(
-            name for name, member in vars(module).items()
-            if isinstance(member, type) and issubclass(member, CatalogBase) and member is not CatalogBase
-        )  # fmt: skip
-        raise InputError(
-            "not a CatalogBase class of that module", key="catalog.kind", value=kind, allowed=allowed or None
-        )
-    return found
+def _plain(column, unit, wave=None):
+    """Return a column as a float array, masked values as NaN; in `unit` if both are given."""
+    values = np.ma.filled(np.ma.asarray(column, dtype=float), np.nan)
+    own = getattr(column, "unit", None)
+    if own is None or unit is None:
+        return values
+    from astropy import units as u
+
+    per_wave = u.spectral_density(wave * u.AA) if wave is not None else []
+    return (values * u.Unit(own)).to_value(unit, per_wave)

@@ -1,16 +1,55 @@
 """Opening the True Universe a campaign names: the embedded bricks, or a class of the user's."""
 
-from csstsim.catalog.base import catalog_class
+import importlib
+
+from csstsim.catalog.base import CatalogBase, name_of, users_code
+from csstsim.errors import InputError
 
 
 def open_catalog(config, region, brick_file, key):
     """Return the loaded catalogue of a region.
 
     config: config.CatalogConfig; region: base.Region (select.region_for); brick_file: brick number -> path; key: what
-    embedded bricks are made for, {seed, universe, camera, lensing}. Raises InputError.
+    embedded bricks are made for, {seed, universe, camera, lensing}. Raises InputError, also for what the user's own
+    code raises.
     """
     if config.kind == "embedded":
         from csstsim.catalog.embedded import EmbeddedCatalog
 
         return EmbeddedCatalog({"brick_file": brick_file, **key}, region)
-    return catalog_class(config.kind)(config.options, region)
+    return make_catalog(catalog_class(config.kind), config.options, region)
+
+
+def make_catalog(cls, options, region):
+    """Return `cls(options, region)`. Raises InputError for what the user's code raises or leaves out."""
+    with users_code(f"{cls.__name__}.__init__"):
+        catalog = cls(options, region)
+    if not hasattr(catalog, "objs"):
+        raise InputError("has no objs: __init__ must call super().__init__(options, region)", key=name_of(catalog))
+    return catalog
+
+
+def catalog_class(kind):
+    """Return the CatalogBase class named 'module.path:ClassName'. Raises InputError if there is none."""
+    module_name, colon, class_name = kind.partition(":")
+    if not (colon and module_name and class_name):
+        raise InputError("unknown catalogue", key="catalog.kind", value=kind, allowed="embedded, module.path:ClassName")
+    try:
+        with users_code(f"catalog.kind: importing {module_name}"):
+            module = importlib.import_module(module_name)
+    except InputError as error:
+        missing = error.__cause__
+        if isinstance(missing, ModuleNotFoundError) and f"{module_name}.".startswith(f"{missing.name}."):
+            raise InputError(
+                f"no module {missing.name!r} on the Python path", key="catalog.kind", value=kind
+            ) from missing
+        raise
+    found = getattr(module, class_name, None)
+    if not (isinstance(found, type) and issubclass(found, CatalogBase)):
+        classes = [
+            name for name, member in vars(module).items()
+            if isinstance(member, type) and issubclass(member, CatalogBase) and member is not CatalogBase
+        ]  # fmt: skip
+        allowed = ", ".join(classes) or None
+        raise InputError("not a CatalogBase class of that module", key="catalog.kind", value=kind, allowed=allowed)
+    return found

@@ -118,8 +118,8 @@ class ObjectTable(Mapping):
         full = {}
         for name, (dtype, default) in COLUMNS.items():
             try:
-                values = np.asarray(columns.get(name, default)).astype(dtype, copy=False)
-            except (TypeError, ValueError):
+                values = _fit(np.asarray(columns.get(name, default)), np.dtype(dtype))
+            except (TypeError, ValueError, OverflowError):
                 raise InputError("does not fit the column", key=name, allowed=np.dtype(dtype).name) from None
             full[name] = values if values.ndim else np.full(count, values)
         extras = {name: np.asarray(v) for name, v in columns.items() if name not in full}
@@ -164,6 +164,17 @@ class ObjectTable(Mapping):
         if sums.get("") != _checksum(meta) or any(sums.get(name) != _checksum(found[name]) for name in names):
             raise InputError("damaged: a column does not have its recorded checksum; make it again", file=path)
         return found
+
+
+def _fit(values, dtype):
+    """Return an array in `dtype`. Raises ValueError for an integer that would change: a fraction, NaN, too large."""
+    if dtype.kind != "i" or values.dtype == dtype:
+        return values.astype(dtype, copy=False)
+    with np.errstate(invalid="ignore"):
+        fitted = values.astype(dtype)
+    if values.dtype.kind not in "OU" and (fitted != values).any():
+        raise ValueError("an integer that does not fit")
+    return fitted
 
 
 def write_parquet(path, table, meta):

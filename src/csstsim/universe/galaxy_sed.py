@@ -45,7 +45,7 @@ class GalaxySeds:
         self.wavelength = self.start + self.step * np.arange(self.basis.shape[1])  # angstrom, rest frame
         self._extinction = np.asarray(extinction, dtype=float)
         self._cuts = np.flatnonzero(np.abs(np.diff(self._extinction)) > _JUMP) + 1
-        self._igm = igm
+        self._igm, self._forest = igm, Intergalactic(GRID, igm)
         # Cells for `rates`: those of the basis, cut where the forest's transmission has an edge and finer where it
         # falls off steeply.
         edges = [LYMAN_LIMIT, *(line for line, _ in igm["lines"])]
@@ -73,7 +73,7 @@ class GalaxySeds:
         `igm=False` leaves the intergalactic medium out.
         """
         out = np.zeros((len(z), len(wavelength)))
-        forest = Intergalactic(wavelength, self._igm)
+        forest = self._forest if wavelength is GRID else Intergalactic(wavelength, self._igm)
         curve = self._extinction if wavelength is GRID else np.interp(wavelength, GRID, self._extinction)
         for i, (redshift, mix) in enumerate(zip(np.asarray(z, dtype=float), coefficients, strict=True)):
             rest = np.maximum(np.einsum("k,kw->w", np.asarray(mix, dtype=float), self.basis), 0.0)
@@ -88,15 +88,16 @@ class GalaxySeds:
 
         The same as summing `spectra` over the grid, to 1e-5: see `_integrate`.
         """
-        weights = np.asarray(weights, dtype=float)
-        moments = np.zeros((len(weights), 3, len(GRID) + 1))
+        dust = _LN_MAG * np.asarray(av, dtype=float)
+        usual = dust.mean() if len(dust) else 0.0  # in the weights already; each galaxy's own is little more or less
+        weights = np.asarray(weights, dtype=float) * np.exp(-usual * self._extinction)
+        moments = np.zeros((len(weights), len(GRID) + 1, 3))
         for power in range(3):
-            np.cumsum(weights * (GRID - GRID[0]) ** power, axis=1, out=moments[:, power, 1:])
+            np.cumsum(weights * (GRID - GRID[0]) ** power, axis=1, out=moments[:, 1:, power])
         ranges = np.array([_range(row) for row in weights]).reshape(len(weights), 2)
         return _integrate(
-            np.asarray(z, dtype=float), np.ascontiguousarray(coefficients, dtype=float), np.asarray(av, dtype=float),
-            moments, ranges, self._nodes, self._node_basis, self._extinction, self._cuts,
-            *Intergalactic(GRID, self._igm).arrays,
+            np.asarray(z, dtype=float), np.ascontiguousarray(coefficients, dtype=float), dust - usual, moments, ranges,
+            self._nodes, self._node_basis, self._extinction, self._cuts, *self._forest.arrays,
         )  # fmt: skip
 
 
@@ -114,23 +115,25 @@ def _range(weights):
     return (used[0], used[-1] + 1) if len(used) else (0, 0)
 
 
-@numba.njit(cache=True)
-def _integrate(z, coefficients, av, moments, ranges, nodes, basis, curve, cuts, grid, edges, depths, continuum, limits):
+@numba.njit(cache=True, error_model="numpy")
+def _integrate(
+    z, coefficients, dust, moments, ranges, nodes, basis, curve, cuts, grid, edges, depths, continuum, limits
+):
     """Sum spectrum x weight over the samples of the grid, cell by cell of the rest-frame nodes.
 
     In a cell the spectrum is a line, so its sum against the weights follows from the running sums of w, w lambda and
-    w lambda^2 (`moments`); dust has its value at the cell's weighted centre, the forest, which has no edge inside a
-    cell, is a line through its own. Where the dust's curve jumps (`cuts`) a cell ends.
+    w lambda^2 (`moments`); `dust`, ln-transmission per unit of `curve`, has its value at the cell's weighted centre;
+    the forest, which has no edge inside a cell, is a line through its own. Where the curve jumps (`cuts`) a cell ends.
     """
     count, bands, zero, step = len(z), len(moments), grid[0], grid[1] - grid[0]
     out = np.zeros((count, bands))
     rest = np.empty(len(nodes))
-    usual = _LN_MAG * av.mean() if count else 0.0
-    screen = np.exp(-usual * curve)
+    per_step = 1.0 / step
     for n in range(count):
         stretch = 1.0 + z[n]
         reach = stretch**CONTINUUM_POWER
-        more = _LN_MAG * av[n] - usual
+        blue = edges[0] * stretch
+        more = dust[n]
         for b in range(bands):
             begin, end = ranges[b]
             if end <= begin:
@@ -138,51 +141,50 @@ def _integrate(z, coefficients, av, moments, ranges, nodes, basis, curve, cuts, 
             low = max(np.searchsorted(nodes, grid[begin] / stretch, side="right") - 1, 0)
             high = min(np.searchsorted(nodes, grid[end - 1] / stretch, side="right"), len(nodes) - 1)
             _combine(rest, low, high + 1, coefficients[n], basis)
-            sum0, sum1, sum2 = moments[b, 0], moments[b, 1], moments[b, 2]
+            running = moments[b]
             cut = np.searchsorted(cuts, begin, side="right")
             total = 0.0
             right = nodes[low] * stretch - zero
-            first = max(int(np.ceil(right / step)), begin)
+            first = max(int(np.ceil(right * per_step)), begin)
             for j in range(low, high + 1):
                 left = right
                 if j == len(nodes) - 1:  # beyond the last node the spectrum is held
                     stop, slope = end, 0.0
                 else:
                     right = nodes[j + 1] * stretch - zero
-                    stop, slope = min(int(np.ceil(right / step)), end), (rest[j + 1] - rest[j]) / (right - left)
+                    stop, slope = min(int(right * per_step) + 1, end), (rest[j + 1] - rest[j]) / (right - left)
                 while first < stop:
                     last = stop
                     if cut < len(cuts) and cuts[cut] < stop:
                         last, cut = max(cuts[cut], first), cut + 1
                     start, first = first, last
-                    w0, w1 = sum0[last] - sum0[start], sum1[last] - sum1[start]
+                    w0, w1 = running[last, 0] - running[start, 0], running[last, 1] - running[start, 1]
                     if w0 <= 0.0:
                         continue
                     centre = w1 / w0
-                    sample = min(int(centre / step), last - 2) if last - start > 1 else start
-                    t = centre / step - sample
-                    k = curve[sample] + (t * (curve[sample + 1] - curve[sample]) if last - start > 1 else 0.0)
-                    height = screen[sample] * _exp(-more * k - usual * (k - curve[sample]))
+                    sample = max(min(int(centre * per_step), last - 2), start)
+                    beyond = (centre * per_step - sample) * (last - start > 1)  # no step across a cut
+                    height = _exp(-more * (curve[sample] + beyond * (curve[sample + 1] - curve[sample])))
                     light = rest[j] * w0 + slope * (w1 - left * w0)
-                    if grid[start] < edges[0] * stretch:
+                    if grid[start] < blue:
                         middle = 0.5 * (nodes[j] + nodes[min(j + 1, len(nodes) - 1)])
                         one = depth(start, middle, reach, edges, depths, continuum, limits)
                         other = depth(last - 1, middle, reach, edges, depths, continuum, limits)
                         tilt = (one - other) / (max(last - 1 - start, 1) * step)
                         height *= np.exp(tilt * (centre - start * step) - one)
-                        light += tilt * slope * (sum2[last] - sum2[start] - centre * w1)
+                        light += tilt * slope * (running[last, 2] - running[start, 2] - centre * w1)
                     total += height * light
             out[n, b] = total
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _exp(x):
     """exp(x); by its series where that is exact to 1e-9, as it is for galaxies behind nearly the same dust."""
     return 1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))) if abs(x) < 0.01 else np.exp(x)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _combine(rest, low, high, coefficients, basis):
     """Put max(0, sum_k c_k P_k) into rest[low:high]; a NaN stays one."""
     part = rest[low:high]  # slices let the compiler see that no index is out of bounds: seven times faster

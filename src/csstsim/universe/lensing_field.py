@@ -34,15 +34,19 @@ _BLOCK_ORDERS = 4  # deviates are drawn in blocks of 4^4 pixels
 class LensingField:
     """The lensing field of one campaign seed.
 
-    cosmology_numbers, lensing_numbers: the mappings of config/universe/cosmology.yaml and lensing.yaml.
+    cosmology_numbers, lensing_numbers: the mappings of config/universe/cosmology.yaml and lensing.yaml. Raises
+    KeyError or ValueError for a number that is missing or makes no field.
     """
 
     def __init__(self, seed, cosmology_numbers, lensing_numbers):
+        z_max, shells, l_max = (lensing_numbers[name] for name in ("z_max", "shells", "l_max"))
+        if not (0 < z_max <= 20 and 1 <= shells <= 100 and 50 <= l_max <= 40000):
+            raise ValueError("lensing: needs 0 < z_max <= 20, 1 <= shells <= 100 and 50 <= l_max <= 40000")
         self.seed = seed
         self.shells = Shells(Cosmology(cosmology_numbers), cosmology_numbers, lensing_numbers)
-        finest = int(np.ceil(np.log2(_WIDTHS[-1] * _pixel(0) * lensing_numbers["l_max"] / _FINEST)))
+        finest = int(np.ceil(np.log2(_WIDTHS[-1] * _pixel(0) * l_max / _FINEST)))
         self._sigma = [(order, width * _pixel(order)) for order in range(1, finest + 1) for width in _WIDTHS]
-        ell = np.unique(np.geomspace(2, lensing_numbers["l_max"], 160).astype(int))
+        ell = np.unique(np.geomspace(2, l_max, 160).astype(int))
         powers, ones = self._powers(ell), np.ones(len(ell))
         fits = [nnls(powers / wanted[:, None], ones)[0] for wanted in self.shells.spectra(ell)]
         self.amplitude = np.sqrt(fits)  # (shells, widths)

@@ -63,9 +63,15 @@ class Universe:
 
     @cache  # noqa: B019 - a universe lives as long as its process
     def lensing_field(self, seed):
+        """Return the LensingField of a campaign's seed. Raises InputError."""
         from csstsim.universe.lensing_field import LensingField
 
-        return LensingField(seed, self.numbers["cosmology"], self.numbers["lensing"])
+        try:
+            return LensingField(seed, self.numbers["cosmology"], self.numbers["lensing"])
+        except (KeyError, TypeError, ValueError) as exc:
+            raise InputError(
+                f"no lensing field: {type(exc).__name__} {exc}", file=self.folder / "lensing.yaml"
+            ) from exc
 
 
 def load_universe(folder):

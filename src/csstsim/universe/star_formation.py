@@ -6,7 +6,8 @@ rate drawn (a main sequence for star-forming galaxies, a low rate for quiescent 
     s A = x / (exp(x) - 1),  x = A / tau;    mass younger than a:  F(a) = (exp(x a / A) - 1) / (exp(x) - 1)
 
 The light of each age range is made of the templates by a fixed table: templates fitted to galaxies are populations
-of several ages, and some ages have none of their own. Left out: bursts beyond the scatter of the rate, metallicity as a variable of its own.
+of several ages, and some ages have none of their own. Left out: bursts beyond the scatter of the rate, metallicity as
+a variable of its own.
 """
 
 import numpy as np
@@ -52,6 +53,9 @@ def mixture(fractions, numbers):
 
 
 def attenuation(log_mass, z, numbers):
-    """Return the median A_V [mag] of star-forming galaxies seen face-on: a cubic of log mass, held outside its range."""
+    """Return the median A_V [mag] of star-forming galaxies seen face-on, a cubic of log mass held outside its range.
+
+    It falls with redshift as (1 + z)^growth.
+    """
     x = np.clip(np.asarray(log_mass, float) - 10.0, *numbers["range"])
     return np.polyval(numbers["cubic"][::-1], x) * (1 + z) ** numbers["growth"]

@@ -21,8 +21,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from astropy.io import fits
-from astropy.utils.exceptions import AstropyUserWarning
 from numba import njit
 
 from csstsim.errors import InputError
@@ -30,7 +28,7 @@ from csstsim.instrument.filter import GRID
 
 _STEP = 10  # samples of the paper's grid between two knots
 KNOTS = GRID[::_STEP]  # angstrom
-_DAMAGE = (OSError, EOFError, LookupError, TypeError, ValueError, zlib.error, lzma.LZMAError, AstropyUserWarning)
+_DAMAGE = (OSError, EOFError, LookupError, TypeError, ValueError, zlib.error, lzma.LZMAError, UserWarning)
 
 
 @contextmanager
@@ -38,18 +36,9 @@ def reading(path, what):
     """Turn what a damaged file raises inside into an InputError that names the file."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", AstropyUserWarning)  # to astropy a truncated file is worth no more
+            warnings.simplefilter("error", UserWarning)  # to astropy a truncated file is worth no more than that
             yield
-    except (
-        OSError,
-        EOFError,
-        zlib.error,
-        lzma.LZMAError,
-        LookupError,
-        TypeError,
-        ValueError,
-        AstropyUserWarning,
-    ) as exc:
+    except _DAMAGE as exc:
         raise InputError(f"cannot be read as {what}: {exc}", file=Path(path)) from exc
 
 
@@ -105,6 +94,8 @@ class StarSeds(Seds):
     """
 
     def __init__(self, path, extinction_curve):
+        from astropy.io import fits  # here: half of this module's start-up
+
         with reading(path, "star spectra"), fits.open(path, memmap=False) as file:
             nodes = [np.float64(file[name].data) for name in ("THETA", "LOGG", "FEH")]
             coefficients, basis = (np.float64(file[name].data) for name in ("COEFF", "BASIS"))

@@ -1,12 +1,13 @@
 """Stars of the embedded universe: density laws x initial mass function x evolution, and motions in six dimensions.
 
-    dN / dOmega = sum over components of integral rho(l, b, d) / rho(Sun) x n(bright < V - 5 log10(d / 10 pc) < faint) d^2 dd
+    dN / dOmega = sum over components of integral rho(l, b, d) / rho(Sun) n(bright <= M_V + mu < faint) d^2 dd
 
-Laws in milky_way, types of stars in star_types and stellar_evolution, motions in kinematics, numbers in
+with mu = 5 log10(d / 10 pc) and n the local number of stars per pc3 (Robin et al. 2003, A&A 409, 523). Laws in
+milky_way, types of stars in star_types and stellar_evolution, motions in kinematics, numbers in
 config/universe/stars.yaml. The limits hold for V without extinction. The counts at the corners of a brick are summed
 along the sight-line; inside it they go bilinearly between the corners, so the sky has no seams: neighbours share
-them. [Fe/H] follows the radial gradient at the star's own place, without a change of its other parameters.
-Left out: binaries, clusters, streams, the warp, spiral arms, extinction in the choice (bricks dim what is chosen).
+them. [Fe/H] follows the radial gradient at the star's own place, without a change of its other parameters. Left out:
+binaries, clusters, streams, the warp, spiral arms, extinction in the choice (bricks dim what is chosen).
 """
 
 import json

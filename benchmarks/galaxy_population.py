@@ -1,0 +1,218 @@
+"""The embedded universe's galaxies beside published counts, mass functions, sizes, colours and redshifts.
+
+    PYTHONPATH=tests python benchmarks/galaxy_population.py [--data ../shared/data]
+
+Prints tables and draws docs/figures/galaxies.png. Two samples: galaxies placed evenly over mass and redshift, each
+standing for a number per deg2 (counts and mass functions of rare ones too), and those drawn on 0.04 deg2. Real samples,
+where the data folder is there: a box of COSMOS2020 (Weaver et al. 2022) and 100 HST galaxies (GalSim's COSMOS sample).
+"""
+
+import argparse
+import os
+import time
+from pathlib import Path
+
+import galaxy_sample
+import matplotlib.pyplot as plt
+import numpy as np
+
+from csstsim.instrument.load import read_data
+from csstsim.rng import stream
+from csstsim.universe.galaxies import cumulative_counts
+
+ROOT = Path(__file__).resolve().parents[1]
+TARGET = ROOT / "docs" / "figures" / "galaxies.png"
+PUBLISHED = read_data(ROOT / "tests" / "universe" / "published_galaxies.yaml")
+AREA = 0.04  # deg2 drawn
+GROUND = 0.38  # arcsec: flux radius of stars in the COSMOS2020 box, taken off in quadrature
+ANCHORS = {("g", "i"): 1.0, ("r", "i"): 0.4, ("i", "z"): 0.25, ("z", "y"): 0.1, ("u", "g"): 0.7, ("nuv", "u"): 0.8}
+
+
+def even_sample():
+    """Return columns and galaxies per deg2 each stands for."""
+    model = galaxy_sample.population()
+    cells = np.repeat(np.argwhere(model.grid.density > 0), 3, axis=0).T
+    columns = model.properties(lambda name: stream(2, name), *model.grid.place(stream(2, "place"), *cells))
+    return columns, model.grid.density[tuple(cells)] / 3
+
+
+def select(columns, keep):
+    return {name: values[keep] for name, values in columns.items()}
+
+
+def counts_table(ax, columns, weight):
+    mag, total = cumulative_counts(galaxy_sample.numbers())
+    columns, weight = select(columns, columns["i"] < 29), weight[columns["i"] < 29]
+    m = galaxy_sample.magnitudes(columns)
+    centre = np.arange(16.5, 27.1, 1.0)
+    edges = np.append(centre - 0.5, centre[-1] + 0.5)
+    print("counts, deg-2 mag-1\n   mag   i wanted" + "".join(f"{band:>9}" for band in m))
+    counts = {band: np.histogram(values, edges, weights=weight)[0] for band, values in m.items()}
+    wanted = np.diff(np.interp(edges, mag, total))
+    for k, c in enumerate(centre):
+        print(f"{c:6.1f} {wanted[k]:10.0f}" + "".join(f"{counts[band][k]:9.0f}" for band in m))
+    slope = np.polyfit(centre[4:8], np.log10(counts["g"][4:8]), 1)[0]
+    print(f"g slope 20.5-23.5: {slope:.2f} dex/mag (B: 0.50 at 20-24, flattening fainter)")
+    limit = mag[-1]
+    print(f"limit i = {limit:.2f} gives {total[-1] / 3600:.0f} arcmin-2")
+    ax.semilogy(mag, np.gradient(total, mag), "k-", lw=0.8, label="i wanted")
+    for band, colour in (("nuv", "m"), ("u", "b"), ("g", "c"), ("i", "r"), ("y", "brown")):
+        ax.semilogy(centre, counts[band], ".-", color=colour, ms=4, lw=0.7, label=band)
+    u = np.array(PUBLISHED["u_counts"])
+    ax.semilogy(u[:, 0], 10 ** u[:, 1], "bs", mfc="none", label="U, Grazian+ 2009")
+    ax.set(xlabel="AB mag", ylabel="deg$^{-2}$ mag$^{-1}$", xlim=(16, 29), ylim=(3, 1e6))
+    ax.legend(fontsize=6)
+    print("U_AB  log N published, ours:")
+    for mag_u, log in PUBLISHED["u_counts"]:
+        found = np.log10(weight[np.abs(m["u"] - mag_u) < 0.5].sum())
+        print(f"{mag_u:6.2f} {log:6.2f} {found:6.2f}")
+
+
+def mass_functions(ax, columns, weight):
+    """Mass functions of the sample itself (cells of 0.2 dex), and the published points."""
+    cosmology = galaxy_sample.cosmology()
+    log_mass = np.log10(columns["bulgemass"] + columns["diskmass"])
+    edges = np.arange(8.0, 12.01, 0.2)
+    for colour, (z0, z1) in zip("kgrb", ((0.0, 0.1), (0.75, 1.0), (1.0, 1.5), (2.0, 2.5)), strict=True):
+        inside = (columns["z"] > z0) & (columns["z"] < z1)
+        phi = np.histogram(log_mass[inside], edges, weights=weight[inside])[0] / 0.2 / cosmology.volume(z0, z1)
+        ax.semilogy(edges[:-1] + 0.1, phi, "-", color=colour, lw=1, label=f"{z0}-{z1}")
+        for entry in PUBLISHED["mass_functions"]:
+            if abs(np.mean(entry["z"]) - (z0 + z1) / 2) < 0.13 and entry["z"][0] in (z0, 0.0):
+                points = np.array(entry["points"])
+                error = 10 ** points[:, 1] * np.log(10) * points[:, 2]
+                ax.errorbar(points[:, 0], 10 ** points[:, 1], error, fmt="o", ms=3, lw=0.7, color=colour)
+    ax.set(xlabel="log M [solar]", ylabel="Mpc$^{-3}$ dex$^{-1}$", xlim=(8, 12), ylim=(1e-6, 0.1))
+    ax.text(8.1, 2e-6, "points: Baldry+ 2012, Tomczak+ 2014,\nMuzzin+ 2013", fontsize=6)
+    ax.legend(fontsize=6, title="z", title_fontsize=6)
+
+
+def sizes(ax, columns, hst):
+    half = np.where(columns["bulge_frac"] > 0.5, columns["size_bulge"], columns["size_disk"])
+    print("half-light radius, arcsec\n i   ours: 16, 50, 84%     Miller et al. 2013  log hlr = -0.13 (i - 22) - 0.35")
+    centre = np.arange(19, 30)
+    rows = [np.percentile(half[np.abs(columns["i"] - m) < 0.5], [16, 50, 84]) for m in centre]
+    miller, scene = 1.678347 * np.exp(-1.145 - 0.269 * (centre - 23)), 10 ** (-0.13 * (centre - 22) - 0.35)
+    for m, row, a, b in zip(centre, rows, miller, scene, strict=True):
+        print(f"{m:3d}  " + " ".join(f"{r:6.3f}" for r in row) + f"    {a:10.3f} {b:18.3f}")
+    ax.fill_between(centre, *np.transpose(rows)[[0, 2]], color="0.8")
+    ax.semilogy(centre, np.transpose(rows)[1], "k-", label="ours: median, 68%")
+    ax.semilogy(centre, miller, "r--", label="Miller+ 2013")
+    if hst:
+        ax.semilogy(hst["i"], hst["hlr"], "b.", ms=3, label="HST, 100 galaxies")
+        for low, high in ((20, 21.5), (21.5, 22.5)):
+            real = np.median(hst["hlr"][(hst["i"] > low) & (hst["i"] < high)])
+            print(f"HST {low} < i < {high}: median {real:.2f}; ours "
+                  f"{np.median(half[(columns['i'] > low) & (columns['i'] < high)]):.2f}")  # fmt: skip
+    ax.set(xlabel="i", ylabel="half-light radius [arcsec]", xlim=(18, 30))
+    ax.legend(fontsize=6)
+
+
+def redshifts(ax, columns, hst):
+    bins = np.arange(0, 6, 0.1)
+    for limit in (22, 24, 26, 28):
+        inside = columns["i"] < limit
+        z, quiescent = columns["z"][inside], columns["gal_type"][inside].mean()
+        early = (columns["bulge_frac"][inside] > 0.5).mean()
+        print(f"i < {limit}: median z {np.median(z):.2f}, quiescent {quiescent:.3f}, B/T > 0.5 {early:.3f}")
+        ax.hist(z, bins, density=True, histtype="step", label=f"i < {limit}")
+    if hst:
+        ours = columns["z"][(columns["i"] > 20.5) & (columns["i"] < 22.5)]
+        real = hst["z"][(hst["i"] > 20.5) & (hst["i"] < 22.5)]
+        print(f"20.5 < i < 22.5: median z {np.median(ours):.2f}; HST photometric {np.median(real):.2f} ({len(real)})")
+    ax.set(xlabel="z")
+    ax.legend(fontsize=6)
+
+
+def colours(two, by_z, columns, m):
+    near = np.abs(columns["i"] - 24) < 0.5
+    print("median colours at i = 24, (anchor):")
+    for (a, b), anchor in ANCHORS.items():
+        print(f"{a}-{b} {np.median(m[a][near]) - np.median(m[b][near]):.2f} ({anchor})")
+    shown = (columns["i"] < 23) & (columns["z"] < 1.5)
+    picture = two.scatter((m["g"] - m["r"])[shown], (m["u"] - m["g"])[shown], c=columns["z"][shown], s=1, cmap="turbo")
+    plt.colorbar(picture, ax=two, label="z")
+    two.set(xlabel="g - r", ylabel="u - g", xlim=(-0.3, 2.1), ylim=(-0.5, 4), title="i < 23, z < 1.5")
+    shown = columns["i"] < 24.5
+    kind = columns["gal_type"] == 1
+    for keep, colour in ((~kind & shown, "b"), (kind & shown, "r")):
+        by_z.plot(columns["z"][keep], (m["g"] - m["i"])[keep], ".", color=colour, ms=1)
+    by_z.set(xlabel="z", ylabel="g - i", xlim=(0, 4), ylim=(-0.5, 4), title="i < 24.5; red: quiescent")
+
+
+def cosmos(ax, path, columns, m):
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(path)
+    column = {name: np.asarray(table[name].to_numpy(), float) for name in table.column_names}
+    galaxy = (column["lp_type"] == 0) & (column["flux_r_uJy"] > 0) & (column["flux_z_uJy"] > 0)
+    r, z = (23.9 - 2.5 * np.log10(column[f"flux_{band}_uJy"][galaxy]) for band in "rz")
+    size = np.sqrt(np.maximum(column["flux_radius_arcsec"][galaxy] ** 2 - GROUND**2, 0.0))
+    half = np.where(columns["bulge_frac"] > 0.5, columns["size_bulge"], columns["size_disk"])
+    ratio = column["acs_b_arcsec"][galaxy] / column["acs_a_arcsec"][galaxy]
+    e = np.hypot(columns["e1"], columns["e2"])
+    print(
+        "z mag  r - z COSMOS 16, 50, 84%   ours                half-light COSMOS, ours   axis ratio COSMOS (ACS), ours"
+    )
+    for mag in range(20, 26):
+        real, ours = np.abs(z - mag) < 0.5, np.abs(m["z"] - mag) < 0.5
+        print(f"{mag:4d}  " + "  ".join(
+            " ".join(f"{v:6.2f}" for v in np.percentile(c, [16, 50, 84]))
+            for c in ((r - z)[real], (m["r"] - m["z"])[ours])
+        ) + f"   {np.median(size[real]):8.2f} {np.median(half[ours]):6.2f}"
+          f"      {np.nanmedian(ratio[real]):8.2f} {np.median((1 - e[ours]) / (1 + e[ours])):6.2f}")  # fmt: skip
+    bins = np.arange(-0.5, 3, 0.05)
+    for mag, colour in ((21, "r"), (24, "b")):
+        ax.hist((r - z)[np.abs(z - mag) < 0.5], bins, density=True, histtype="stepfilled", color=colour, alpha=0.25)
+        ours = np.abs(m["z"] - mag) < 0.5
+        ax.hist((m["r"] - m["z"])[ours], bins, density=True, histtype="step", color=colour, label=f"z = {mag}")
+    ax.set(xlabel="r - z", title="lines: ours; filled: COSMOS2020")
+    ax.legend(fontsize=6)
+
+
+def hst_sample(path):
+    """Return {i, hlr [arcsec], z} of GalSim's example of the COSMOS sample; F814W taken as i, pixels of 0.03 arcsec."""
+    from astropy.io import fits
+
+    data = fits.getdata(path)
+    i, hlr = np.float64(data["mag_auto"]), 0.03 * np.float64(data["flux_radius"])
+    return {"i": i, "hlr": hlr, "z": np.float64(data["zphot"])}
+
+
+def main():
+    plt.switch_backend("Agg")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data", type=Path, default=os.environ.get("CSSTSIM_DATA", ROOT.parent / "shared" / "data"))
+    folder = Path(parser.parse_args().data) / "galaxies"
+    figure, axes = plt.subplots(2, 4, figsize=(17, 8), layout="constrained")
+    (counts, masses, size, redshift), (two, by_z, real, shapes) = axes
+    begin = time.process_time()
+    galaxy_sample.population()
+    print(f"set-up {time.process_time() - begin:.1f} CPU-s")
+    begin = time.process_time()
+    columns = galaxy_sample.sample(AREA)
+    print(f"{len(columns['i'])} galaxies on {AREA} deg2: {time.process_time() - begin:.1f} CPU-s")
+    path = folder / "galsim_real_galaxy_catalog_23.5_example_fits.fits"
+    hst = hst_sample(path) if path.exists() else None
+    counts_table(counts, *(sample := even_sample()))
+    mass_functions(masses, *sample)
+    sizes(size, columns, hst)
+    redshifts(redshift, columns, hst)
+    bright = select(columns, columns["i"] < 26.5)
+    m = galaxy_sample.magnitudes(bright)
+    colours(two, by_z, bright, m)
+    path = folder / "cosmos2020_box0p25deg2.parquet"
+    if path.exists():
+        cosmos(real, path, bright, m)
+    e = np.hypot(bright["e1"], bright["e2"])
+    for keep, name in ((bright["bulge_frac"] <= 0.5, "discs"), (bright["bulge_frac"] > 0.5, "B/T > 0.5")):
+        shapes.hist(e[keep], 60, density=True, histtype="step", label=name)
+    shapes.set(xlabel="|e| = (a - b)/(a + b)")
+    shapes.legend(fontsize=6)
+    TARGET.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(TARGET, dpi=80)
+    print(TARGET)
+
+
+if __name__ == "__main__":
+    main()

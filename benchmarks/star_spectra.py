@@ -1,0 +1,128 @@
+"""The compact star spectra beside the grids they stand for and the colours of real stars.
+
+    python benchmarks/star_spectra.py [--data ../shared/data] [--figure docs/figures/star_spectra.png]
+
+Prints residuals in mmag: of the camera's colours against ATLAS9 and BT-Settl at their nodes and between (those grids
+as `GridSeds`; needs the reference data), of the dwarf sequence against Pecaut & Mamajek 2013; CPU seconds of a chip's
+stars. Below 5200 K the model is tied to real colours and leaves the grids by as much as they miss them.
+"""
+
+import argparse
+import time
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import speclite.filters
+from astropy.table import Table
+from matplotlib.figure import Figure
+
+from csstsim.catalog.photometry import subband_weights
+from csstsim.instrument.camera import load_camera
+from csstsim.instrument.filter import GRID
+from csstsim.units import ab_photon_density
+from csstsim.universe.star_grids import GridSeds, read_packed
+from csstsim.universe.star_sed import StarSeds
+
+ROOT = Path(__file__).resolve().parents[1]
+BANDS = ("NUV", "u", "g", "r", "i", "z", "y")
+CURVE = (5500.0 / GRID) ** 1.3
+VEGA = {"U": 0.79, "B": -0.09, "V": 0.02, "R": 0.21, "I": 0.45, "BP": 0.029, "RP": 0.354, "g": 0.0, "r": 0.0}
+FILTERS = [*(f"bessell-{b}" for b in "UBVRI"), "gaiadr2-BP", "gaiadr2-RP", "sdss2010-g", "sdss2010-r"]
+LOGG = ([2800, 3200, 3500, 3900, 4500, 5200, 6500, 9700], [5.15, 5.05, 4.9, 4.7, 4.62, 4.55, 4.25, 4.1])
+GRIDS = {
+    "ATLAS9 4500-5000 K": ("ck04/ck04_packed_1500_12000A.fits", (4500, 5000), (4.0, 5.0), (-2.0, 0.5)),
+    "ATLAS9 giants 4500-5000 K": ("ck04/ck04_packed_1500_12000A.fits", (4500, 5000), (1.0, 2.5), (-2.0, 0.5)),
+    "ATLAS9 5250-10000 K": ("ck04/ck04_packed_1500_12000A.fits", (5250, 10000), (2.0, 5.0), (-2.5, 0.5)),
+    "ATLAS9 10-30 kK": ("ck04/ck04_packed_1500_12000A.fits", (10000, 30000), (4.0, 5.0), (-2.5, 0.5)),
+    "BT-Settl 2500-3500 K": ("btsettl/btsettl_cifist_solar_lephare.fits", (2500, 3500), (4.5, 5.5), (0.0, 0.0)),
+}
+MARKS = [(3646, "Balmer jump"), (4000, "4000 A"), (4340, "H$\\gamma$"), (4861, "H$\\beta$"), (5175, "Mg b"),
+         (5893, "Na D"), (6563, "H$\\alpha$"), (7090, "TiO"), (7600, "TiO"), (8540, "Ca II")]  # fmt: skip
+
+
+def camera_colours(seds, weights, *star):
+    zero = np.einsum("bw,w->b", weights, ab_photon_density(GRID))
+    return np.diff(2.5 * np.log10(seds.rates(*star, 0.0, weights) / zero), axis=1)
+
+
+def against_grids(seds, weights, data):
+    print(f"{'mmag: rms / largest':34s}", *(f"{a + '-' + b:>10s}" for a, b in pairwise(BANDS)))
+    rng = np.random.default_rng(1)
+    for name, (path, teff, logg, feh) in GRIDS.items():
+        if not (data / path).exists():
+            continue
+        grid = read_packed(data / path)
+        axes = (grid.teff, teff), (grid.logg, logg), (grid.feh, feh)
+        inside = np.logical_and.reduce([(low <= v) & (v <= high) for v, (low, high) in axes])
+        other = GridSeds(grid, CURVE)
+        nodes = grid.teff[inside], grid.logg[inside], grid.feh[inside]
+        between = [rng.uniform(*limits, 500) for limits in (teff, logg, feh)]
+        for where, stars in (("nodes", nodes), ("between", between)):
+            gap = 1e3 * (camera_colours(seds, weights, *stars) - camera_colours(other, weights, *stars))
+            cells = [f"{np.sqrt((g**2).mean()):.1f}/{np.abs(g).max():.0f}" for g in gap.T]
+            print(f"{name + ', ' + where:34s}", *(f"{cell:>10s}" for cell in cells))
+
+
+def against_stars(seds):
+    real = Table.read(ROOT / "tests/universe/dwarf_colours.csv", format="ascii.csv", comment="#")
+    surface = seds.surface(real["teff"], np.interp(real["teff"], *LOGG), 0.0)
+    m = {}
+    for name in FILTERS:
+        response, band = speclite.filters.load_filter(name).interpolator(GRID), name.split("-")[1]
+        m[band] = -2.5 * np.log10(surface @ response / (ab_photon_density(GRID) @ response)) - VEGA[band]
+    print("\nmodel - real dwarfs (Pecaut & Mamajek 2013) [mmag]")
+    print("type  Teff", *(f"{name:>6s}" for name in real.colnames[2:]))
+    error = {name: m[name.split("-")[0]] - m[name.split("-")[1]] - real[name] for name in real.colnames[2:]}
+    for k, row in enumerate(real):
+        print(f"{row['type']:5s} {row['teff']:4d}", *(f"{1e3 * e[k]:6.0f}" for e in error.values()))
+    used = (real["teff"] >= 3500) & (real["teff"] <= 10000)
+    print("rms, 3500-10000 K:", {name: f"{1e3 * np.sqrt((e[used] ** 2).mean()):.0f}" for name, e in error.items()})
+
+
+def speed(seds, camera, weights):
+    rng = np.random.default_rng(2)
+    star = [rng.uniform(low, high, 30000) for low, high in ((2500, 9000), (0, 5), (-2, 0.3), (0, 1))]
+    four = subband_weights(camera.filters["g"], camera.telescope)
+    for n, w, what in ((5, four, ""), (5000, four, "5,000 stars x 4 sub-bands"), (30000, weights, "30,000 x 7 bands")):
+        start = time.process_time()
+        seds.rates(*(v[:n] for v in star), w)
+        if what:
+            print(f"{what}: {time.process_time() - start:.2f} CPU-s")
+
+
+def figure(seds, path):
+    hot = [(40000, 4.0), (20000, 4.0), (9700, 4.1), (12000, 8.0), (7200, 4.2), (5770, 4.44), (4800, 2.5)]
+    cool = [(4600, 4.6), (4200, 1.5), (3850, 4.7), (3200, 5.05), (2600, 5.2)]
+    fig = Figure(figsize=(15, 9), layout="constrained")
+    for ax, stars, step, low in zip(fig.subplots(1, 2), (hot, cool), (0.55, 1.0), (1e-5, 1e-8), strict=True):
+        for k, (teff, logg) in enumerate(stars):
+            f_lambda = seds.surface([teff], [logg], [0.0])[0] / GRID
+            f_lambda *= 10.0 ** (-step * k) / f_lambda[(GRID > 7400) & (GRID < 7500)].mean()
+            ax.plot(GRID, f_lambda, lw=0.8, color=f"C{k}")
+            ax.text(11050, f_lambda[-1], f"{teff} K\nlog g {logg}", va="center", fontsize=8, color=f"C{k}")
+        for wave, name in MARKS:
+            ax.axvline(wave, color="0.8", lw=0.6, zorder=0)
+            ax.text(wave, 1.01, name, rotation=90, fontsize=8, ha="center", transform=ax.get_xaxis_transform())
+        ax.set(yscale="log", xlim=(2000, 12200), xlabel="wavelength [A]")
+        ax.set(ylim=(low, None), ylabel=f"$f_\\lambda$ relative to 7450 A, each curve {step} dex below the last")
+    fig.savefig(path, dpi=110)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--data", type=Path, default=ROOT.parent / "shared" / "data")
+    parser.add_argument("--figure", type=Path)
+    args = parser.parse_args()
+    seds = StarSeds(ROOT / "config/universe/star_spectra.fits", CURVE)
+    camera = load_camera(ROOT / "config/instrument")
+    weights = np.stack([subband_weights(camera.filters[b], camera.telescope).sum(axis=0) for b in BANDS])
+    against_grids(seds, weights, args.data)
+    against_stars(seds)
+    speed(seds, camera, weights)
+    if args.figure:
+        figure(seds, args.figure)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,136 @@
+"""The contract test of a catalogue of your own: what csstsim asks of it, tried on a region of the sky.
+
+`csstsim check CAMPAIGN` runs it on the campaign's first exposure. In a test of yours:
+
+    from csstsim.catalog.contract import check, sky_region
+    report = check(Mine, {"file": "mine.csv"}, sky_region(ra=10.0, dec=-2.0, radius=0.1))
+    assert not report.faults, report
+
+A fault keeps an object, or all, from being drawn as meant; a warning is something that may be meant. What the
+catalogue's own code raises comes as InputError, with class, method and object.
+"""
+
+from collections import defaultdict
+from dataclasses import dataclass
+
+import numpy as np
+
+from csstsim.catalog.base import Region, name_of, read_columns, users_code
+from csstsim.catalog.open import make_catalog
+from csstsim.catalog.photometry import load_fluxes, rate_to_mag
+from csstsim.catalog.table import TYPES
+from csstsim.catalog.usable import reasons
+from csstsim.config import SHIPPED
+from csstsim.instrument.camera import load_camera
+from csstsim.instrument.filter import GRID
+
+PLAUSIBLE_MAG = (0.0, 40.0)  # AB, an object's brightest band: beyond it the unit of FLUX is likely another
+MAG_TOLERANCE = 0.05
+FLUX_TOLERANCE = 0.01  # between load_fluxes and the integral of load_seds, relative
+SHOWN = 5  # ids named in one message
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was found: counts of objects by type, faults and warnings, one line each."""
+
+    counts: dict
+    faults: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    def __str__(self):
+        counts = ", ".join(f"{count} of type {kind}" for kind, count in self.counts.items())
+        lines = [f"{sum(self.counts.values())} objects: {counts}" if counts else "no objects in the region"]
+        lines += [f"fault: {text}" for text in self.faults] + [f"warning: {text}" for text in self.warnings]
+        return "\n".join(lines)
+
+
+def sky_region(ra, dec, radius):
+    """Return the Region of a circle's bounding square; all in deg, ICRS. Not for a circle that holds a pole."""
+    import healpy
+
+    half = radius / np.cos(np.radians(abs(dec) + radius))
+    bricks = healpy.query_disc(256, healpy.ang2vec(ra, dec, lonlat=True), np.radians(radius), inclusive=True, nest=True)
+    corners = ra + np.array([-half, half, half, -half]), dec + np.array([-radius, -radius, radius, radius])
+    return Region(tuple((corners[0] % 360.0).tolist()), tuple(corners[1].tolist()), tuple(sorted(bricks.tolist())))
+
+
+def check(cls, options, region, camera=None, most=100):
+    """Return the Report of the CatalogBase class `cls` with `options` on a Region.
+
+    camera: instrument.camera.Camera (None: the shipped one); most: objects of each type whose spectra are tried. Raises
+    InputError for what the class raises or returns in the wrong form.
+    """
+    camera = camera or load_camera(SHIPPED / "instrument")
+    catalog = make_catalog(cls, options, region)
+    table = catalog.table
+    if len(catalog.objs) != len(table):
+        return Report({}, (f"objs has {len(catalog.objs)} objects, table {len(table)} rows",), ())
+    faults, warnings = defaultdict(list), defaultdict(list)
+    ids, times = np.unique(table["id"], return_counts=True)
+    faults["an id given more than once"] = list(ids[times > 1])
+    for reason, mask in reasons(table).items():
+        warnings[f"would not be drawn: {reason}"] = list(table["id"][mask])
+    rows = _sample(table["obj_type"], most)
+    for row in rows:
+        _check_spectrum(catalog, catalog.objs[row], faults, warnings)
+    _check_light(catalog, rows, camera, faults, warnings)
+    counts = {kind: int((table["obj_type"] == number).sum()) for number, kind in enumerate(TYPES)}
+    return Report({k: n for k, n in counts.items() if n}, _lines(faults), _lines(warnings))
+
+
+def _sample(kinds, most):
+    """Return rows, at most `most` of each type, spread evenly over the table."""
+    picked = []
+    for kind in range(len(TYPES)):
+        rows = np.flatnonzero(kinds == kind)
+        picked.append(rows[np.linspace(0, len(rows) - 1, min(most, len(rows))).astype(int)])
+    return np.sort(np.concatenate(picked))
+
+
+def _check_spectrum(catalog, obj, faults, warnings):
+    """Look at the samples of one object's spectrum as `load_sed` gives them."""
+    where = f"{name_of(catalog)}.load_sed, object {obj.id}"
+    with users_code(where):
+        sed = catalog.load_sed(obj)
+    wave, flux = read_columns(sed, "FLUX", where)
+    if wave[-1] <= GRID[0] or wave[0] >= GRID[-1]:
+        unit = "micron?" if wave[-1] < 50 else "nanometre?" if wave[-1] <= GRID[0] else ""
+        faults[f"WAVELENGTH has nothing within 2000-11000 angstrom {unit}".strip()].append(obj.id)
+    elif wave[0] > GRID[0] or wave[-1] < GRID[-1]:
+        warnings["spectrum does not cover 2000-11000 angstrom; it counts as zero beyond its ends"].append(obj.id)
+    if not np.isfinite(flux).all():
+        faults["FLUX holds values that are not finite"].append(obj.id)
+    elif (flux < 0).any():
+        faults["FLUX holds negative values"].append(obj.id)
+
+
+def _check_light(catalog, rows, camera, faults, warnings):
+    """Look at the electrons and magnitudes of `rows` in every imaging band."""
+    ids, bands = catalog.table["id"][rows], [f for f in camera.filters.values() if f.kind == "imaging"]
+    mags = np.empty((len(bands), len(rows)))
+    for mag, band in zip(mags, bands, strict=True):
+        with users_code(f"{name_of(catalog)}.load_fluxes"):
+            rates = catalog.load_fluxes(rows, band, camera.telescope)
+        with users_code(f"{name_of(catalog)}.load_seds"):
+            direct = load_fluxes(catalog.load_seds, rows, band, camera.telescope)
+        differ = ~np.isclose(rates, direct, rtol=FLUX_TOLERANCE, atol=1e-9, equal_nan=True).all(axis=1)
+        faults[f"load_fluxes is not the integral of load_seds in {band.name}"] = list(ids[differ])
+        mag[:] = rate_to_mag(direct.sum(axis=1), band, camera.telescope)
+        stated = catalog.table[f"mag_{band.name.lower()}"][rows]
+        away = np.abs(mag - stated) > MAG_TOLERANCE  # false for NaN: not stated
+        warnings[f"mag_{band.name.lower()} is not the spectrum's magnitude"] = list(ids[away])
+    lit = np.isfinite(mags)
+    faults["gives no light in any band (or its mag_norm's filter sees none)"] = list(ids[~lit.any(axis=0)])
+    best = np.where(lit, mags, np.inf).min(axis=0, initial=np.inf)
+    odd = np.isfinite(best) & ((best < PLAUSIBLE_MAG[0]) | (best > PLAUSIBLE_MAG[1]))
+    warnings["is brighter than 0 or fainter than 40 mag: is FLUX in photon / s / m2 / angstrom?"] = list(ids[odd])
+
+
+def _lines(found):
+    lines = []
+    for message, ids in found.items():
+        if ids:
+            more = f" and {len(ids) - SHOWN} more" if len(ids) > SHOWN else ""
+            lines.append(f"{message}: object {', '.join(map(str, ids[:SHOWN]))}{more}")
+    return tuple(lines)
