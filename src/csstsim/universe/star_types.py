@@ -9,12 +9,13 @@ at the Sun: of living mass (Robin et al. 2003); one factor for all brings the wh
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtri
 
 from csstsim.rng import stream
 from csstsim.universe.milky_way import Component, components
 from csstsim.universe.stellar_evolution import STAGES, living, stage_ends, white_dwarfs
 
-COLUMNS = ("m_v", "teff", "logg", "feh", "mass", "radius")
+COLUMNS = ("m_v", "teff", "logg", "feh", "stellarmass", "radius")
 _TRIALS = np.geomspace(0.1, 8.0, 600)  # Msun, for the inversion of lifetimes
 _SPLIT = (0.45, 0.25, 0.1, 0.15, 0.05)  # of the cells: main sequence by mass, by stage, and the three later stages
 _EARLY = 0.3  # the share of its life where a star's luminosity begins to matter more than its mass
@@ -35,12 +36,11 @@ class Types:
         return self.total[np.searchsorted(self.table[0], m_v)]
 
     def choose(self, u, brightest, faintest):
-        """Return the table's columns at the share u (n,) of the stars within brightest <= M_V < faintest."""
+        """Return (COLUMNS, n) at the share u (n,) of the stars within brightest <= M_V < faintest; the next if none."""
         low, high = (np.searchsorted(self.table[0], m) for m in (brightest, faintest))
         aim = self.total[low] + u * (self.total[high] - self.total[low])
-        return self.table[
-            :, np.clip(np.searchsorted(self.total, aim, side="right") - 1, low, np.maximum(high - 1, low))
-        ]
+        row = np.clip(np.searchsorted(self.total, aim, side="right") - 1, low, np.maximum(high - 1, low))
+        return self.table[:, np.minimum(row, self.table.shape[1] - 1)]
 
 
 def make_types(numbers):
@@ -58,7 +58,7 @@ def _component_types(component, numbers):
     # Latin hypercube: every slice of age and of [Fe/H] once.
     age, quantile = ((generator.permutation(draws) + generator.random(draws)) / draws for _ in range(2))
     age = component.age0 + age * (component.age1 - component.age0)
-    feh = component.feh + component.feh_sd * _normal(quantile)
+    feh = component.feh + component.feh_sd * ndtri(quantile)
     stars, remnants = zip(
         *(_isochrone(component, a, f, cells, generator, numbers) for a, f in zip(age, feh, strict=True)), strict=True
     )
@@ -76,12 +76,6 @@ def _component_types(component, numbers):
         _sorted(component, (m_v, teff, logg, metal, mass, radius), weight),
         _sorted(component, (m_w, teff_w, logg_w, metal_w, mass_w, radius_w), weight_w * unit),
     )
-
-
-def _normal(quantile):
-    from scipy.special import ndtri
-
-    return ndtri(quantile)
 
 
 def _sorted(component, columns, weight):
