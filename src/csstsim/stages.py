@@ -94,8 +94,9 @@ def _objects(run, job):
     catalog = open_catalog(config, region_for(*job.footprint()), run.paths.truth, key)
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
     return select_objects(
-        catalog, job.wcs, job.observer, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit
-    )
+        catalog, job.wcs, job.observer, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit,
+        rotated=config.shapes == "rotated90",
+    )  # fmt: skip
 
 
 def render(run, job):

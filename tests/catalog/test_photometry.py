@@ -17,8 +17,9 @@ BANDS = ("NUV", "u", "g", "r", "i", "z", "y")
 def spectra():
     """Flat f_nu of AB 20, a 5000 K black body, an old galaxy with lines at z = 0.7 [photon / s / m2 / A]."""
     universe, _ = shipped()
-    mix = np.array([[0.6, 0.2, 0.1, 0.1, 1.0]])
-    galaxy = universe.galaxy_seds.spectra(np.array([0.7]), mix, np.array([1e-2]))[0]
+    mix = universe.galaxy_seds.coefficients(np.array([[0.2, 0.01, 0.1, 0.5, 0.2]]), [0.3], [1.0])
+    galaxy = universe.galaxy_seds.spectra([0.7], mix, [1.0], [0.1])[0]
+    galaxy *= 1e-2 / galaxy[6000]
     body = GRID**-4.0 / np.expm1(1.438776877e8 / (GRID * 5000.0))
     return np.stack([ab_photon_density(GRID, 20.0), body / body[6000] * 1e-2, galaxy])
 

@@ -13,6 +13,7 @@ from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.photometry import rate_to_mag, subband_fluxes
 from csstsim.catalog.select import Noise, region_for, select_objects
 from csstsim.catalog.table import BANDS, COLUMNS
+from csstsim.universe.bricks import ID_BITS
 from csstsim.config import Lensing
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
@@ -199,7 +200,7 @@ def test_embedded_window_holds_the_sky_it_should(camera, sky):
     assert abs((inside & (table["obj_type"] == 1)).sum() - 552 * area) < 5 * np.sqrt(552 * area)
     assert (~inside).any() and len(np.unique(table["id"])) == len(table)
     np.testing.assert_array_equal(
-        healpy.ang2pix(256, table["ra_orig"], table["dec_orig"], nest=True, lonlat=True), table["id"] >> 20
+        healpy.ang2pix(256, table["ra_orig"], table["dec_orig"], nest=True, lonlat=True), table["id"] >> ID_BITS
     )
     np.testing.assert_allclose(table["mag"], table["mag_r"], atol=2e-3)  # mag
     assert len(table) + sum(table.meta["dropped"].values()) == len(catalog.table)

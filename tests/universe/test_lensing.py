@@ -35,9 +35,9 @@ def test_constant_field_and_none():
 
 def test_bricks_carry_the_cosmic_field_by_default():
     table = brick(PIX)
-    galaxy, deep = table["obj_type"] == 1, table["z"] > 0.5
-    assert not table["kappa"][~galaxy].any()
-    assert table["kappa"][galaxy & deep].all() and table["kappa"].dtype == np.float32
+    star, deep = table["obj_type"] == 0, table["z"] > 0.5
+    assert not table["kappa"][star].any()
+    assert table["kappa"][~star & deep].all() and table["kappa"].dtype == np.float32
     mu, thin = magnification(table["kappa"], table["gamma1"], table["gamma2"])
     assert thin.all() and mu.min() > 0.5 and mu.max() < 2
     # Nothing else of the sky depends on the field.

@@ -84,11 +84,12 @@ def _grow(vertices, margin):
     return np.array(corners)
 
 
-def select_objects(catalog, wcs, observer, window, filter, telescope, exptime, noise, mag_limit=None):
+def select_objects(catalog, wcs, observer, window, filter, telescope, exptime, noise, mag_limit=None, rotated=False):
     """Return the ObjectTable of what reaches `window` of a chip, with the columns the renderer needs.
 
     catalog: a CatalogBase; wcs: optics.wcs.ChipWCS; observer: ephemeris.Observer; window: instrument.chip.Window;
-    exptime in s; noise: Noise. ra, dec become the apparent direction. Added: ra_orig, dec_orig (the catalogue's,
+    exptime in s; noise: Noise; rotated: turn intrinsic ellipticities by 90 degrees (the paper's twin campaign, in which
+    nothing else differs). ra, dec become the apparent direction. Added: ra_orig, dec_orig (the catalogue's,
     J2000), ra_epoch, dec_epoch (ICRS at the epoch, what a measurement can know), x, y (0-based pixel), mag (this
     filter), flux0..3 (electron / s, magnified), reach (pixel, half the side of the stamp), lost (fraction of a galaxy's
     light that may lie beyond it), flags. mag_* are as observed, magnification included. Rows with a value that cannot
@@ -98,6 +99,8 @@ def select_objects(catalog, wcs, observer, window, filter, telescope, exptime, n
     everything = catalog.table
     rows, places = _near(everything, wcs, observer, window)
     table, x, y = everything.take(rows), places["x"], places["y"]
+    if rotated:
+        table = table.with_columns(e1=-table["e1"], e2=-table["e2"])
     mu, thin = magnification(*(table[name] for name in ("kappa", "gamma1", "gamma2")))
     extended, star = table["obj_type"] == GALAXY, table["obj_type"] == STAR
     mu = np.where(star, 1.0, mu)

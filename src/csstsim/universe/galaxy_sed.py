@@ -45,7 +45,7 @@ class GalaxySeds:
         self.wavelength = self.start + self.step * np.arange(self.basis.shape[1])  # angstrom, rest frame
         self._extinction = np.asarray(extinction, dtype=float)
         self._cuts = np.flatnonzero(np.abs(np.diff(self._extinction)) > _JUMP) + 1
-        self._igm = igm
+        self._igm, self._forest = igm, Intergalactic(GRID, igm)
         # Cells for `rates`: those of the basis, cut where the forest's transmission has an edge and finer where it
         # falls off steeply.
         edges = [LYMAN_LIMIT, *(line for line, _ in igm["lines"])]
@@ -73,7 +73,7 @@ class GalaxySeds:
         `igm=False` leaves the intergalactic medium out.
         """
         out = np.zeros((len(z), len(wavelength)))
-        forest = Intergalactic(wavelength, self._igm)
+        forest = self._forest if wavelength is GRID else Intergalactic(wavelength, self._igm)
         curve = self._extinction if wavelength is GRID else np.interp(wavelength, GRID, self._extinction)
         for i, (redshift, mix) in enumerate(zip(np.asarray(z, dtype=float), coefficients, strict=True)):
             rest = np.maximum(np.einsum("k,kw->w", np.asarray(mix, dtype=float), self.basis), 0.0)
@@ -97,7 +97,7 @@ class GalaxySeds:
         ranges = np.array([_range(row) for row in weights]).reshape(len(weights), 2)
         return _integrate(
             np.asarray(z, dtype=float), np.ascontiguousarray(coefficients, dtype=float), dust - usual, moments, ranges,
-            self._nodes, self._node_basis, self._extinction, self._cuts, *Intergalactic(GRID, self._igm).arrays,
+            self._nodes, self._node_basis, self._extinction, self._cuts, *self._forest.arrays,
         )  # fmt: skip
 
 
@@ -115,8 +115,10 @@ def _range(weights):
     return (used[0], used[-1] + 1) if len(used) else (0, 0)
 
 
-@numba.njit(cache=True)
-def _integrate(z, coefficients, dust, moments, ranges, nodes, basis, curve, cuts, grid, edges, depths, continuum, limits):
+@numba.njit(cache=True, error_model="numpy")
+def _integrate(
+    z, coefficients, dust, moments, ranges, nodes, basis, curve, cuts, grid, edges, depths, continuum, limits
+):
     """Sum spectrum x weight over the samples of the grid, cell by cell of the rest-frame nodes.
 
     In a cell the spectrum is a line, so its sum against the weights follows from the running sums of w, w lambda and
@@ -160,8 +162,9 @@ def _integrate(z, coefficients, dust, moments, ranges, nodes, basis, curve, cuts
                     if w0 <= 0.0:
                         continue
                     centre = w1 / w0
-                    sample = max(min(int(centre * per_step + 0.5), last - 1), start)
-                    height = _exp(-more * curve[sample])
+                    sample = max(min(int(centre * per_step), last - 2), start)
+                    beyond = (centre * per_step - sample) * (last - start > 1)  # no step across a cut
+                    height = _exp(-more * (curve[sample] + beyond * (curve[sample + 1] - curve[sample])))
                     light = rest[j] * w0 + slope * (w1 - left * w0)
                     if grid[start] < blue:
                         middle = 0.5 * (nodes[j] + nodes[min(j + 1, len(nodes) - 1)])
@@ -175,13 +178,13 @@ def _integrate(z, coefficients, dust, moments, ranges, nodes, basis, curve, cuts
     return out
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _exp(x):
     """exp(x); by its series where that is exact to 1e-9, as it is for galaxies behind nearly the same dust."""
     return 1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))) if abs(x) < 0.01 else np.exp(x)
 
 
-@numba.njit(cache=True)
+@numba.njit(cache=True, error_model="numpy")
 def _combine(rest, low, high, coefficients, basis):
     """Put max(0, sum_k c_k P_k) into rest[low:high]; a NaN stays one."""
     part = rest[low:high]  # slices let the compiler see that no index is out of bounds: seven times faster

@@ -69,7 +69,9 @@ class Universe:
         try:
             return LensingField(seed, self.numbers["cosmology"], self.numbers["lensing"])
         except (KeyError, TypeError, ValueError) as exc:
-            raise InputError(f"no lensing field: {type(exc).__name__} {exc}", file=self.folder / "lensing.yaml") from exc
+            raise InputError(
+                f"no lensing field: {type(exc).__name__} {exc}", file=self.folder / "lensing.yaml"
+            ) from exc
 
 
 def load_universe(folder):

@@ -1,97 +1,148 @@
-"""Stars of the embedded universe: counts by galactic latitude, temperatures, populations and motions.
+"""Stars of the embedded universe: density laws x initial mass function x evolution, and motions in six dimensions.
 
-The counts are cumulative anchors in V, scaled with latitude (the brick's centre); V is read as the AB magnitude in a
-5000-5900 A box. Temperatures follow two peaks, turn-off and M dwarfs; distance comes from the main sequence (or the red
-clump), metallicity and velocity from the population. Left out: the structure of the Galaxy beyond latitude (bulge,
-arms, longitude), binaries, clusters, white dwarfs, extinction (av = 0).
+    dN / dOmega = sum over components of integral rho(l, b, d) / rho(Sun) x n(bright < V - 5 log10(d / 10 pc) < faint) d^2 dd
+
+Laws in milky_way, types of stars in star_types and stellar_evolution, motions in kinematics, numbers in
+config/universe/stars.yaml. The limits hold for V without extinction. The counts at the corners of a brick are summed
+along the sight-line; inside it they go bilinearly between the corners, so the sky has no seams: neighbours share them.
+Left out: binaries, clusters, streams, the warp, spiral arms, extinction in the choice (bricks dim what is chosen).
 """
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
-_POLE = np.radians([192.85948, 27.12825])  # north galactic pole, ICRS (ESA 1997, Hipparcos vol. 1, 1.5.3)
-KM_S_PER_MAS_YR_KPC = 4.740470464  # one astronomical unit a year in km / s
-_STEP = 0.01  # mag
+from csstsim.universe.kinematics import galactic_velocity, sky_motion
+from csstsim.universe.milky_way import density, direction
+from csstsim.universe.star_types import COLUMNS, Types, make_types
+
+_CHUNK = 256  # sight-lines at a time, for memory
+_NSIDE, _BITS = 256, 21  # a brick is 2^21 x 2^21 pixels of order 29
+_MODULUS = np.arange(-5.0, 27.0, 0.1)  # edges of the steps in distance modulus: 1 pc to 2.3 Mpc
+_PC_PER_KPC = 1000.0
+_SQUARE_DEGREE = (np.pi / 180.0) ** 2
 
 
-def sin_latitude(ra, dec):
-    """Return sin(b) of ICRS positions [deg]."""
-    ra, dec = np.radians(ra), np.radians(dec)
-    return np.sin(_POLE[1]) * np.sin(dec) + np.cos(_POLE[1]) * np.cos(dec) * np.cos(ra - _POLE[0])
+@dataclass(frozen=True, eq=False)
+class Galaxy:
+    """The Galaxy that the numbers make; cached by `galaxy`."""
+
+    numbers: dict
+    types: list[Types]
+
+    def rates(self, ra, dec, faint):
+        """Yield, for each of the types, (p, steps): stars deg-2 with V < faint in each step of distance at ra, dec."""
+        middle = 0.5 * (_MODULUS[1:] + _MODULUS[:-1])
+        position = direction(ra, dec)[:, :, None] * (_parsec(middle) / _PC_PER_KPC)
+        volume = np.diff(_parsec(_MODULUS) ** 3) / 3.0 * _SQUARE_DEGREE  # pc3 / deg2
+        law = {
+            c.name: density(c, position, self.numbers)
+            for c in {types.component.name: types.component for types in self.types}.values()
+        }
+        bright = self.numbers["limits"][0]
+        for types in self.types:
+            yield (
+                law[types.component.name] * volume * (types.brighter(faint - middle) - types.brighter(bright - middle))
+            )
 
 
-def cumulative_counts(numbers, sin_b):
-    """Return (V, stars brighter than V and fainter than the bright limit [deg-2])."""
-    knots = np.asarray(numbers["counts"], dtype=float)
-    bright, faint = numbers["limits"]
-    mag = np.append(np.arange(bright, faint, _STEP), faint)
-    total = 10 ** _extrapolate(mag, knots[:, 0], np.log10(knots[:, 1]))
-    cosec, factor = np.asarray(numbers["latitude"], dtype=float).T
-    factor = np.exp(np.interp(1 / max(abs(sin_b), 1e-9), cosec, np.log(factor)))
-    return mag, factor * (total - total[0])
+def _parsec(modulus):
+    return 10.0 ** (0.2 * modulus + 1.0)
 
 
-def draw_stars(rng, area, sin_b, numbers):
-    """Return the columns of a Poisson number of stars on `area` [deg2], except position, scale and magnitudes.
+def galaxy(numbers):
+    """Return the Galaxy of the numbers (config/universe/stars.yaml as read)."""
+    return _galaxy(json.dumps(numbers))
 
-    `rng(name)` gives the generator of one quantity. Besides table columns: `v`, the drawn magnitude.
+
+@lru_cache(maxsize=4)
+def _galaxy(text):
+    numbers = json.loads(text)
+    return Galaxy(numbers, make_types(numbers))
+
+
+def expected_counts(ra, dec, numbers, v_max):
+    """Return the expected stars per deg2 between the bright limit and V = v_max (a float), of the shape of ra, dec."""
+    model = galaxy(numbers)
+    ra, dec = np.broadcast_arrays(np.asarray(ra, float), np.asarray(dec, float))
+    out = np.empty(ra.size)
+    for part in np.array_split(np.arange(ra.size), -(-ra.size // _CHUNK) or 1):
+        out[part] = sum(rate.sum(axis=1) for rate in model.rates(ra.flat[part], dec.flat[part], v_max))
+    return out.reshape(ra.shape)
+
+
+def draw_stars(rng, pix, place, numbers):
+    """Return the columns of the stars of brick `pix` as a dict of arrays of one length.
+
+    rng(name): the numpy Generator of one quantity; place(generator, count): ra, dec [deg] and order-29 HEALPix pixels
+    of uniform random positions in the brick. Columns: ra, dec [deg], _healpix_29, teff [K], logg, feh, stellarmass
+    [Msun], radius [Rsun], distance [pc], parallax [mas], pmra (with cos dec), pmdec [mas/yr], rv [km/s].
     """
-    mag, total = cumulative_counts(numbers, sin_b)
-    count = rng("count").poisson(total[-1] * area)
-    v = np.interp(rng("mag").random(count) * total[-1], total, mag)
-    population = _population(rng("population"), v, numbers["populations"])
-    teff, giant = _temperature(rng("temperature"), v, numbers["temperature"])
-    absolute, logg = _luminosity(teff, giant, numbers)
-    kpc = 10 ** (0.2 * (v - absolute + 5.0)) / 1000.0
-    feh = np.asarray(numbers["populations"]["feh"])[population]
-    motion = _velocity(rng("velocity"), population, numbers["populations"])
-    columns = {
-        "teff": teff,
-        "logg": logg,
-        "feh": feh[:, 0] + feh[:, 1] * rng("feh").standard_normal(count),
-        "pmra": motion[0] / (KM_S_PER_MAS_YR_KPC * kpc),
-        "pmdec": motion[1] / (KM_S_PER_MAS_YR_KPC * kpc),
-        "rv": motion[2],
-        "parallax": 1.0 / kpc,
-    }
-    return {name: values.astype(np.float32) for name, values in columns.items()} | {"v": v}
+    model = galaxy(numbers)
+    bright, faint = numbers["limits"]
+    rates = np.stack(list(model.rates(*_corners(pix), faint)), axis=1)
+    totals = rates.sum(axis=(1, 2))
+    count = rng("count").poisson(totals.max() * _area())
+    ra, dec, healpix = place(rng("position"), count)
+    share = _bilinear(healpix) * totals
+    density_ = share.sum(axis=1)
+    keep = rng("thinning").random(count) * totals.max() < density_
+    ra, dec, healpix, share = ra[keep], dec[keep], healpix[keep], share[keep] / density_[keep, None]
+    count = len(ra)
+    u = rng("cell").random((2, count))
+    corner = np.minimum((u[0, :, None] > np.cumsum(share, axis=1)).sum(axis=1), 3)
+    flat = rates.reshape(4, -1).cumsum(axis=1)
+    cell = np.empty(count, np.int64)
+    for k in range(4):
+        mine = corner == k
+        cell[mine] = np.searchsorted(flat[k], u[1, mine] * flat[k, -1], side="right")
+    kind, step = np.divmod(cell, rates.shape[2])
+    # Evenly in volume within the step, whose rate is that of its middle.
+    v = rng("distance").random(count)
+    near, far = 10 ** (0.6 * _MODULUS[step]), 10 ** (0.6 * _MODULUS[step + 1])
+    distance = 10.0 * (near + v * (far - near)) ** (1 / 3)
+    modulus = 5.0 * np.log10(distance / 10.0)
+    chosen, position = rng("type").random(count), direction(ra, dec) * distance / _PC_PER_KPC
+    normal = rng("velocity").standard_normal((3, count))
+    columns = np.empty((len(COLUMNS), count))
+    velocity = np.empty((3, count))
+    for k, types in enumerate(model.types):
+        mine = np.flatnonzero(kind == k)
+        columns[:, mine] = types.choose(chosen[mine], bright - modulus[mine], faint - modulus[mine])
+        velocity[:, mine] = galactic_velocity(types.component, normal[:, mine], position[:, mine], numbers)
+        radial = np.hypot(position[0, mine] - numbers["sun"]["r0"], position[1, mine])
+        columns[3, mine] += types.component.gradient * (radial - numbers["sun"]["r0"])
+    _, teff, logg, feh, mass, radius = columns
+    pmra, pmdec, rv = sky_motion(ra, dec, distance / _PC_PER_KPC, velocity)
+    return {
+        "ra": ra, "dec": dec, "_healpix_29": healpix, "teff": teff, "logg": logg, "feh": feh, "stellarmass": mass,
+        "radius": radius, "distance": distance, "parallax": 1000.0 / distance, "pmra": pmra, "pmdec": pmdec, "rv": rv,
+    }  # fmt: skip
 
 
-def _extrapolate(x, knots, values):
-    """Linear interpolation, continued beyond both ends with the last slope."""
-    inside = np.interp(x, knots, values)
-    slopes = np.diff(values) / np.diff(knots)
-    return inside + slopes[0] * np.minimum(x - knots[0], 0) + slopes[-1] * np.maximum(x - knots[-1], 0)
+def _area():
+    return 4 * 180.0**2 / np.pi / (12 * _NSIDE**2)
 
 
-def _population(generator, v, numbers):
-    shares = np.array([np.interp(v, numbers["v"], row) for row in numbers["share"]])
-    edges = np.cumsum(shares / shares.sum(axis=0), axis=0)[:-1]
-    return (generator.random(len(v)) > edges).sum(axis=0)
+def _corners(pix):
+    """Return ra, dec [deg] of the brick's corners: north, west, south, east."""
+    import healpy
+
+    vectors = healpy.boundaries(_NSIDE, pix, nest=True)
+    return healpy.vec2ang(vectors.T, lonlat=True)
 
 
-def _temperature(generator, v, numbers):
-    """Return (Teff [K], is a giant)."""
-    cool, giant, median_warm, median_cool = (
-        np.interp(v, numbers["v"], numbers[name]) for name in ("m_share", "giant_share", "warm", "m_dwarf")
-    )
-    u, w, noise = generator.random(len(v)), generator.random(len(v)), generator.standard_normal(len(v))
-    warm = median_warm * np.exp(numbers["warm_scatter"] * noise)
-    teff = np.where(u < cool, median_cool * np.exp(numbers["m_scatter"] * noise), warm)
-    return np.clip(teff, *numbers["limits"]), (u >= cool) & (w < giant)
+def _bilinear(healpix):
+    """Return (n, 4) weights of the corners at order-29 pixels of a brick."""
+    x, y = (_every_other(healpix >> shift) / (1 << _BITS) for shift in (0, 1))
+    return np.stack([x * y, (1 - x) * y, (1 - x) * (1 - y), x * (1 - y)], axis=1)
 
 
-def _luminosity(teff, giant, numbers):
-    """Return (absolute V [mag], logg); giants' Teff is set to the clump's in place."""
-    clump_teff, clump_v, clump_logg = numbers["giant"]
-    teff[giant] = clump_teff
-    knots, absolute, logg = np.asarray(numbers["main_sequence"], dtype=float).T
-    x = np.log(teff)
-    return (
-        np.where(giant, clump_v, np.interp(x, np.log(knots), absolute)),
-        np.where(giant, clump_logg, np.interp(x, np.log(knots), logg)),
-    )
-
-
-def _velocity(generator, population, numbers):
-    spread = np.hypot(numbers["velocity"], np.asarray(numbers["drift"]) / np.sqrt(3))[population]
-    return generator.standard_normal((3, len(population))) * spread
+def _every_other(bits):
+    """The number that the lowest _BITS even bits make."""
+    out = np.zeros_like(bits)
+    for k in range(_BITS):
+        out |= ((bits >> (2 * k)) & 1) << k
+    return out

@@ -1,0 +1,117 @@
+"""Density laws of the Milky Way: a thin disc of seven ages, thick disc, halo and bulge (Robin et al. 2003).
+
+Galactic axes: X towards the centre, Y towards l = 90 deg, Z towards the north pole, origin at the Sun, kpc. Left out:
+warp, flare, spiral arms, streams, clusters, the bulge's tilt out of the plane.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+# Galactic frame in the ICRS (ESA 1997, Hipparcos vol. 1, 1.5.3): north pole, longitude of the ascending node.
+_POLE, _NODE = np.radians([192.85948, 27.12825]), np.radians(32.93192)
+
+
+def _frame():
+    (a, d), n = _POLE, _NODE
+    pole = np.array([np.cos(d) * np.cos(a), np.cos(d) * np.sin(a), np.sin(d)])
+    node = np.array([-np.sin(a), np.cos(a), 0.0])  # where the galactic plane rises through the equator
+    third = np.cross(pole, node)
+    return np.array([np.cos(n) * node - np.sin(n) * third, np.sin(n) * node + np.cos(n) * third, pole])
+
+
+GALACTIC = _frame()  # rows: the galactic axes in the ICRS
+
+
+def direction(ra, dec):
+    """Return (3, ...) galactic unit vectors of ICRS positions [deg]."""
+    ra, dec = np.radians(np.asarray(ra, float)), np.radians(np.asarray(dec, float))
+    return np.einsum("ij,j...->i...", GALACTIC, _unit(ra, dec))
+
+
+def longitude_latitude(ra, dec):
+    """Return galactic l, b [deg] of ICRS positions [deg]."""
+    x, y, z = direction(ra, dec)
+    return np.degrees(np.arctan2(y, x)) % 360.0, np.degrees(np.arcsin(np.clip(z, -1, 1)))
+
+
+def equatorial(l, b):  # noqa: E741
+    """Return ra, dec [deg] of galactic positions [deg]."""
+    vector = np.einsum("ij,i...->j...", GALACTIC, _unit(np.radians(l), np.radians(b)))
+    return np.degrees(np.arctan2(vector[1], vector[0])) % 360.0, np.degrees(np.arcsin(np.clip(vector[2], -1, 1)))
+
+
+def _unit(lon, lat):
+    lon, lat = np.broadcast_arrays(lon, lat)
+    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+
+
+@dataclass(frozen=True)
+class Component:
+    """One row of `components`; ages in Gyr, `density` in 1e-3 Msun / pc3 at the Sun, speeds in km/s, `imf` slopes."""
+
+    name: str
+    law: str
+    age0: float
+    age1: float
+    density: float
+    eps: float
+    feh: float
+    feh_sd: float
+    gradient: float
+    sigma_u: float
+    sigma_v: float
+    sigma_w: float
+    rotation: float
+    imf: tuple
+
+
+def components(numbers):
+    """Return the Components of the numbers (config/universe/stars.yaml)."""
+    table = numbers["components"]
+    return [Component(**dict(zip(table["columns"], row, strict=True))) for row in table["rows"]]
+
+
+def density(component, position, numbers):
+    """Return the density at (3, ...) galactic positions [kpc], 1 at the Sun (the bulge: 1 at the centre)."""
+    sun, laws = numbers["sun"], numbers["laws"]
+    x, y, z = position[0] - sun["r0"], position[1], position[2] + sun["z"]
+    shape = _SHAPES[component.law]
+    here = shape(np.hypot(x, y), z, x, y, component.eps, sun["r0"], laws[component.law])
+    if component.law == "bulge":
+        return here
+    return here / shape(sun["r0"], sun["z"], -sun["r0"], 0.0, component.eps, sun["r0"], laws[component.law])
+
+
+def _young(r, z, x, y, eps, r0, law):
+    a2 = r**2 + (z / eps) ** 2
+    return np.exp(-a2 / law[0] ** 2) - np.exp(-a2 / law[1] ** 2)
+
+
+def _disc(r, z, x, y, eps, r0, law):
+    a2 = r**2 + (z / eps) ** 2
+    return np.exp(-np.sqrt(0.25 + a2 / law[0] ** 2)) - np.exp(-np.sqrt(0.25 + a2 / law[1] ** 2))
+
+
+def _thick(r, z, x, y, eps, r0, law):
+    scale, hz, xl = law
+    z = np.abs(z)
+    low = 1.0 - z**2 / (xl * (2 * hz + xl))
+    return np.exp(-(r - r0) / scale) * np.where(z < xl, low, np.exp((xl - z) / hz) / (1.0 + xl / (2 * hz)))
+
+
+def _halo(r, z, x, y, eps, r0, law):
+    power, core = law
+    return (np.maximum(np.sqrt(r**2 + (z / eps) ** 2), core) / r0) ** power
+
+
+def _bulge(r, z, x, y, eps, r0, law):
+    x0, y0, z0, cut, width, angle = law
+    turn = np.radians(90.0 - angle)
+    # The near end of the long axis lies at positive longitude.
+    along, across = -x * np.cos(turn) + y * np.sin(turn), x * np.sin(turn) + y * np.cos(turn)
+    rs2 = np.sqrt(((along / x0) ** 2 + (across / y0) ** 2) ** 2 + (z / z0) ** 4)
+    return np.exp(-0.5 * rs2 - 0.5 * (np.maximum(r - cut, 0.0) / width) ** 2)
+
+
+_SHAPES = {"young": _young, "disc": _disc, "thick": _thick, "halo": _halo, "bulge": _bulge}
