@@ -10,14 +10,12 @@ import hashlib
 import json
 import math
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, field_validator, model_validator
 
 from csstsim.errors import InputError
-
-_LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml parses ten times faster
+from csstsim.yaml_file import read_yaml
 
 SHIPPED = Path(__file__).resolve().parents[2] / "config"
 
@@ -26,29 +24,28 @@ ExposureType = Literal["SCIE", "BIAS", "DARK", "FLAT"]
 
 
 class Model(BaseModel):
-    """Base of every model read from a file: frozen, and an unknown key is an error."""
+    """Base of every model read from a file: frozen; an unknown key, NaN, infinity or true for a number is an error."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _no_true_for_a_number(cls, value, info):
+        given = value if isinstance(value, list) else [value]
+        if bool not in _types(cls.model_fields[info.field_name].annotation) and any(
+            v is True or v is False for v in given
+        ):
+            raise ValueError("true and false are no values here")
+        return value
 
 
-def read_yaml(path):
-    """Return the mapping in a YAML file; InputError if missing, unreadable or not a mapping."""
-    path = Path(path)
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as exc:
-        raise InputError(
-            f"cannot read the file: {getattr(exc, 'strerror', None) or 'not UTF-8 text'}", file=path
-        ) from exc
-    try:
-        data = yaml.load(text, Loader=_LOADER)
-    except yaml.YAMLError as exc:
-        mark = getattr(exc, "problem_mark", None)
-        line = f"line {mark.line + 1}" if mark else None
-        raise InputError(f"not valid YAML: {getattr(exc, 'problem', exc)}", file=path, key=line) from exc
-    if not isinstance(data, dict):
-        raise InputError("the file must hold a mapping of keys", file=path, value=data)
-    return data
+def _real_path(value):
+    if isinstance(value, str) and (not value.strip() or "\0" in value):
+        raise ValueError("an empty path, or one with a NUL character")
+    return value
+
+
+FilePath = Annotated[Path, BeforeValidator(_real_path)]
 
 
 def validate(model, data, file, key=()):
@@ -204,18 +201,20 @@ class Campaign(Model):
 
     schema_version: Literal[1] = Field(1, description="version of this file's layout")
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="short name, used in headers")
-    survey_table: Path = Field(description="pointing table (CSV, survey_tables/README.md)")
-    output: Path = Field(description="folder that receives everything the campaign makes")
-    seed: int = Field(ge=0, description="the only source of randomness")
+    survey_table: FilePath = Field(description="pointing table (CSV, survey_tables/README.md)")
+    output: FilePath = Field(description="folder that receives everything the campaign makes")
+    seed: int = Field(ge=0, le=2**63 - 1, description="the only source of randomness")
     select: Select = Select()
     window: PixelWindow | Literal["region"] | None = Field(
         None, description="null = whole chips; 'region' = the pixels around select.region; or x0, x1, y0, y1"
     )
-    observations: dict[ExposureType, Path] = Field(
+    observations: dict[ExposureType, FilePath] = Field(
         {}, description="layer list per exposure type; types left out use config/observations/"
     )
-    instrument: Path | None = Field(None, description="folder with the camera's data files; null = config/instrument/")
-    universe: Path | None = Field(None, description="folder of the embedded universe; null = config/universe/")
+    instrument: FilePath | None = Field(
+        None, description="folder with the camera's data files; null = config/instrument/"
+    )
+    universe: FilePath | None = Field(None, description="folder of the embedded universe; null = config/universe/")
     catalog: CatalogConfig = CatalogConfig()
     astrometry: AstrometryConfig = AstrometryConfig()
     psf: PsfConfig = PsfConfig()

@@ -5,6 +5,8 @@ the value and what is allowed, and the command ends with exit code 2 and no trac
 exception through: it is a bug.
 """
 
+LONGEST = 160  # characters of a value in a message
+
 
 class CsstsimError(Exception):
     """Base of the errors that end a command with exit code 2 and one line."""
@@ -17,7 +19,16 @@ class InputError(CsstsimError):
         where = ": ".join(str(part) for part in (file, key) if part is not None)
         text = f"{where}: {message}" if where else message
         if value is not None:
-            text += f" (got {value!r})"
+            text += f" (got {_shown(value)})"
         if allowed is not None:
             text += f"; allowed: {allowed}"
         super().__init__(" ".join(text.split()))
+
+
+def _shown(value):
+    """Return repr(value), cut to a length that can be read."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # an integer of thousands of digits, a list nested without end
+        return f"a {type(value).__name__}"
+    return text if len(text) <= LONGEST else f"{text[: LONGEST - 4]} ..."

@@ -61,18 +61,39 @@ def test_survey_table_without_a_column(tmp_path):
         ({"survey_table": "/nowhere.csv"}, ["/nowhere.csv"]),
         ({"catalog": {"kind": "nosuch.module:Class"}}, ["catalog.kind", "nosuch"]),
         ({"catalog": {"kind": "mini_campaign:write_campaign"}}, ["catalog.kind", "write_campaign", "Stars"]),
+        ({"catalog": {"kind": "mini_campaign:Stars"}}, ["Stars.__init__", "KeyError: 'ra'", "mini_campaign.py, line"]),
+        ({"universe": "/nowhere"}, ["/nowhere", "No such file"]),
+        ({"output": ""}, ["campaign.yaml", "output", "empty path"]),
+        ({"output": "a\0b"}, ["campaign.yaml", "output", "NUL"]),
+        ({"observations": {"SCIE": "a\0b"}}, ["campaign.yaml", "observations.SCIE", "NUL"]),
+        ({"seed": True}, ["campaign.yaml", "seed", "True"]),
+        ({"seed": 2**63}, ["campaign.yaml", "seed", "9223372036854775807"]),
+        ({"seed": "1:30"}, ["campaign.yaml", "seed", "1:30"]),
+        ({"select": {"chips": [True]}}, ["campaign.yaml", "select.chips", "True"]),
+        ({"catalog": {"mag_limit": float("inf")}}, ["campaign.yaml", "catalog.mag_limit", "finite"]),
+        ({"psf": {"beta": float("nan")}}, ["campaign.yaml", "psf.beta", "finite"]),
+        ({"name": "x" * 100_000 + "!"}, ["campaign.yaml", "name", "xxx ..."]),
     ],
 )
 def test_campaign(tmp_path, changes, words):
     flat = "10700000001,FLAT,0,0,0,2027-11-20T03:00:00,10"
     path = write_campaign(tmp_path, [*POINTINGS, flat], **({"select": {"types": ["SCIE"]}} | changes))
-    command = ["chip", path, "--obsid", "10100000001", "--chip", 9] if "catalog" in changes else ["check", path]
-    line = refused(*command)
+    line = refused("check", path)
     assert all(word in line for word in words), line
+    assert not (tmp_path / "out").exists()
 
 
 OVER = {"prescan_overscan": {}}
 END = [OVER, {"gain": {}}, {"quantization_and_output": {}}]
+
+
+def test_a_bad_catalogue_fails_before_any_work(tmp_path):
+    """`chip` opens the catalogue before it makes the PSF; `plan` names it too."""
+    path = write_campaign(tmp_path, catalog={"kind": "mini_campaign:Stars"})
+    assert "Stars.__init__" in refused("chip", path, "--obsid", "10100000001", "--chip", 9)
+    assert not (tmp_path / "out").exists()
+    path = write_campaign(tmp_path, catalog={"kind": "mini_campaign:Star"})
+    assert "catalog.kind" in refused("plan", path)
 
 
 @pytest.mark.parametrize(

@@ -171,7 +171,7 @@ def read_columns(table, name, where):
     `where` begins the message. Raises InputError for anything not of that form.
     """
     try:
-        wave = _plain(table["WAVELENGTH"], "AA")
+        wave = np.round(_plain(table["WAVELENGTH"], "AA"), 6)  # 1100 nm is 11000 A, not a bit less
         values = _plain(table[name], "photon / (s m2 AA)" if name == "FLUX" else None, wave)
     except ValueError as exc:  # no numbers, or astropy knows no way from the column's unit
         raise InputError(f"WAVELENGTH or {name} cannot be used: {exc}", key=where) from None

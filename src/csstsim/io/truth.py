@@ -1,11 +1,11 @@
 """The truth table beside each Level-0 file (parquet).
 
 The 33 columns of the C9 `.cat` files come first, by their names there (facts.md section 5), with NaN where
-the embedded universe knows no such quantity; then everything the simulator adds. xImage, yImage follow the
-header's WCS (FITS: centre of the first active pixel at 1); x0, x1, y0, y1 are a numpy slice of the assembled
-frame. ra, dec are the apparent direction (with the header's WCS it gives xImage, yImage); ra_orig, dec_orig the
-catalogue's place, ICRS at J2000; ra_epoch, dec_epoch the ICRS place at the epoch, with proper motion and parallax but
-without aberration and light deflection: what a measurement of this exposure should give.
+the catalogue knows no such quantity; then everything the simulator adds, and columns of the catalogue's own (user_*).
+xImage, yImage follow the header's WCS (FITS: centre of the first active pixel at 1); x0, x1, y0, y1 are a numpy slice
+of the assembled frame. ra, dec are the apparent direction (with the header's WCS it gives xImage, yImage); ra_orig,
+dec_orig the catalogue's place, ICRS at J2000; ra_epoch, dec_epoch the ICRS place at the epoch, with proper motion and
+parallax but without aberration and light deflection: what a measurement of this exposure should give.
 """
 
 import numpy as np
@@ -22,13 +22,15 @@ CAT_COLUMNS = {
     "e1": "e1", "e2": "e2", "kappa": "kappa", "g1": "g1", "g2": "g2", "size": "size", "galType": "gal_type",
     "veldisp": "veldisp",
 }  # fmt: skip
+# What is made here, and .cat names that are not ours: a catalogue's own column so called gets another name.
+TAKEN = {"chip", "filter", "detA", "dm", "g1", "g2", "size"} | (set(CAT_COLUMNS) - set(CAT_COLUMNS.values()))
 
 
 def write_truth(path, drawn, job, metadata):
     """Write the truth of one Level-0 file. drawn: ObjectTable from render; job: campaign.Job; metadata: {str: str}."""
     count = len(drawn)
     unknown = np.full(count, np.nan, np.float32)
-    ours = {name: drawn[name] for name in drawn.names}
+    ours = {f"user_{name}" if name in TAKEN else name: drawn[name] for name in drawn.names}
     ours["chip"], ours["filter"] = np.full(count, job.chip.id, np.int16), np.full(count, job.chip.filter)
     for axis in ("x", "y"):  # an exposure without objects has no positions
         ours[axis] = ours.get(axis, unknown) + 1.0

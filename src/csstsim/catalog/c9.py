@@ -1,0 +1,225 @@
+"""Input catalogues in the HDF5 form of Cycle 9 (facts: catalog.c9_files), as a CatalogBase.
+
+In a campaign: `catalog: {kind: "csstsim.catalog.c9:C9Catalog", options: {stars: ..., galaxies: ..., basis: ...}}`.
+
+    stars      the embedded atmospheres at (Teff, log g, [Fe/H]), dimmed by A(V), with AB app_sdss_g in SDSS g
+    galaxies   max(0, sum_k coeff_k B_k(lambda / (1 + z))) as f_lambda, with AB mag_csst_i in CSST's i
+    quasars    row `qsoindex` of a table of observed f_lambda, beside their galaxies as objects of their own
+
+What the public description leaves open, and what is done: app_sdss_g is as observed, dust included; z_met is the mass
+fraction of metals (option); one `size` serves bulge and disk; the share of the bulge's light is that of its mass;
+`shear` is gamma; ellipticity and shear have csstsim's axes; magnitudes are before magnification. Left out: dust and
+intergalactic absorption before galaxies beyond what their magnitudes hold.
+"""
+
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.catalog.base import CatalogBase
+from csstsim.catalog.c9_files import read_array, read_galaxies, read_stars
+from csstsim.catalog.mock_object import MockObjects
+from csstsim.catalog.photometry import ab_mag
+from csstsim.catalog.table import BANDS, GALAXY, QUASAR, STAR, ObjectTable
+from csstsim.config import SHIPPED
+from csstsim.errors import InputError
+from csstsim.instrument.camera import load_camera
+from csstsim.instrument.filter import GRID
+from csstsim.units import C_A_S, H_J_S
+from csstsim.universe.galaxy_sed import COEFFICIENTS
+from csstsim.universe.numbers import load_universe
+from csstsim.universe.spectra import coefficients
+
+OPTIONS = ("stars", "galaxies", "basis", "quasars", "partial", "metallicity", "solar_z", "universe", "instrument")
+NORM_BAND = "i"
+_PER_ERG = 1e-3 / (H_J_S * C_A_S)  # erg / s / cm2 / A times lambda [A] to photon / s / m2 / A
+
+
+class C9Catalog(CatalogBase):
+    """Stars, galaxies and quasars of a region.
+
+    options:
+        stars        an HDF5 file, or a list of them
+        galaxies     folder of the bundles
+        basis        HDF5 file with `wavelength` (n,) [A, rest] and `components` (20, n) f_lambda; needed for galaxies
+        quasars      HDF5 file with `wavelength` (n,) [A, observed] and `flux` (m, n) [erg / s / cm2 / A];
+                     null leaves quasars out
+        partial      true: a bundle that is not there is empty sky [false: an error]
+        metallicity  what z_met is: "mass_fraction" (of the official files) or "dex"
+        solar_z      mass fraction of the Sun, for the former [0.02, the value the public converter takes]
+        universe, instrument   folders of the spectra and of the camera [the shipped ones]
+
+    Raises InputError for a missing or unknown option, file, dataset or shape.
+    """
+
+    def __init__(self, options, region):
+        super().__init__(options, region)
+        for name in set(self.options) - set(OPTIONS):
+            raise InputError("unknown key", key="catalog.options", value=name, allowed=", ".join(OPTIONS))
+        if not (self.options.get("stars") or self.options.get("galaxies")):
+            raise InputError("neither stars nor galaxies are given", key="catalog.options")
+        kinds = ("mass_fraction", "dex")
+        if self.options.get("metallicity", kinds[0]) not in kinds:
+            value = self.options["metallicity"]
+            raise InputError("unknown", key="catalog.options.metallicity", value=value, allowed=", ".join(kinds))
+        self._load()
+
+    def _load(self):
+        files = self.options.get("stars") or []
+        folder, bricks = self.options.get("galaxies"), self.region.bricks
+        parts, seen = [_complete({"id": np.zeros(0, np.int64)})], {}
+        for pixel, columns in read_stars([files] if isinstance(files, str | Path) else files, bricks):
+            first = seen.get(pixel, 0)
+            seen[pixel] = first + len(columns["RA"])
+            parts.append(self._stars(columns, _ids(pixel, first, len(columns["RA"]), STAR)))
+        for pixel, columns in read_galaxies(folder, bricks, self.options.get("partial", False)) if folder else ():
+            host = _ids(pixel, 0, len(columns["ra"]), GALAXY)
+            parts.append(_galaxies(columns, host))
+            active = columns["qsoindex"] >= 0
+            if active.any() and self._quasar_file:
+                parts.append(_quasars(columns, host, active))
+        self._table = ObjectTable.concat(parts)
+        self.objs = MockObjects(self._table)
+
+    def _stars(self, columns, ids):
+        with np.errstate(invalid="ignore"):
+            metals = columns["z_met"]
+            if self.options.get("metallicity") != "dex":
+                metals = np.log10(np.maximum(metals, 1e-9) / self.options.get("solar_z", 0.02))
+        names = {"pmra": "pmra", "pmdec": "pmdec", "rv": "RV", "parallax": "parallax", "ra": "RA", "dec": "DEC",
+                 "logg": "grav", "av": "AV", "stellarmass": "mass", "mag_norm": "app_sdss_g"}  # fmt: skip
+        given = {ours: columns[theirs] for ours, theirs in names.items() if theirs in columns}
+        return _complete({"id": ids, "obj_type": STAR, "teff": 10.0 ** columns["teff"], "feh": metals} | given)
+
+    @cached_property
+    def _universe(self):
+        return load_universe(self.options.get("universe") or SHIPPED / "universe")
+
+    @cached_property
+    def _curves(self):
+        """{type: response on GRID} that mag_norm of stars and galaxies refers to."""
+        from astropy.table import Table
+
+        sdss_g = Table.read(SHIPPED / "curves" / "sdss2010_g.csv", format="ascii.csv", comment="#")
+        camera = load_camera(Path(self.options.get("instrument") or SHIPPED / "instrument"))
+        response = np.interp(GRID, sdss_g["wavelength"], sdss_g["response"], left=0.0, right=0.0)
+        return {STAR: response, GALAXY: camera.filters[NORM_BAND].at(GRID)}
+
+    @cached_property
+    def _basis(self):
+        """Rest wavelengths (n,) and components (20, n) of the galaxies' spectra."""
+        if not self.options.get("basis"):
+            raise InputError("required key is missing: galaxies need it", key="catalog.options.basis")
+        return _spectra_file(self.options["basis"], "components", COEFFICIENTS)
+
+    @property
+    def _quasar_file(self):
+        if "quasars" not in self.options:
+            raise InputError(
+                "required key is missing: the galaxies have quasars", key="catalog.options.quasars",
+                allowed="a file, or null to leave them out",
+            )  # fmt: skip
+        return self.options["quasars"]
+
+    @cached_property
+    def _quasar_spectra(self):
+        """Observed wavelengths (n,) and f_lambda (m, n) of the quasars."""
+        return _spectra_file(self._quasar_file, "flux")
+
+    def load_sed(self, obj):
+        """Return the spectrum of one object before normalisation: Table of WAVELENGTH [A] and FLUX."""
+        from astropy.table import Table
+
+        row = ObjectTable({name: [value] for name, value in obj.values.items()})
+        return Table({"WAVELENGTH": GRID, "FLUX": self._shapes(row)[0]})
+
+    def load_norm_filt(self, obj):
+        """Return SDSS g for a star, CSST's i for a galaxy, None for a quasar: Table of WAVELENGTH and SENSITIVITY."""
+        from astropy.table import Table
+
+        if obj.obj_type == QUASAR:
+            return None
+        return Table({"WAVELENGTH": GRID, "SENSITIVITY": self._curves[int(obj.obj_type)]})
+
+    def load_seds(self, rows):
+        """Return (len(rows), 18001) spectra [photon / s / m2 / A] on the paper's grid; NaN for a useless parameter."""
+        table = self._table.take(np.asarray(rows, dtype=int))
+        seds = self._shapes(table)
+        for kind, curve in self._curves.items():
+            some = np.flatnonzero(table["obj_type"] == kind)
+            with np.errstate(invalid="ignore", over="ignore"):
+                excess = ab_mag(seds[some], GRID, curve) - table["mag_norm"][some]
+                seds[some] *= 10 ** (0.4 * excess)[:, None]
+        return seds
+
+    def _shapes(self, table):
+        """Return (n, 18001) photon densities, those of stars and galaxies up to a factor."""
+        out = np.full((len(table), len(GRID)), np.nan)
+        star = (table["obj_type"] == STAR) & np.isfinite(table["teff"] + table["logg"] + table["feh"] + table["av"])
+        if star.any():
+            some = table.take(star)
+            surface = self._universe.star_seds.surface(some["teff"], some["logg"], some["feh"])
+            out[star] = surface * 10 ** (-0.4 * some["av"].astype(float)[:, None] * self._universe.extinction)
+        mix = coefficients(table).astype(float)
+        for row in np.flatnonzero(table["obj_type"] == GALAXY):
+            wave, basis = self._basis
+            flux = np.maximum(np.einsum("k,kw->w", mix[row], basis), 0.0)
+            out[row] = np.interp(GRID / (1.0 + table["z"][row]), wave, flux, left=0.0, right=0.0) * GRID
+        for row in np.flatnonzero(table["obj_type"] == QUASAR):
+            wave, flux = self._quasar_spectra
+            index = table["qsoindex"][row]
+            if index >= len(flux):
+                raise InputError(
+                    "has too few rows", file=self._quasar_file, key="flux", value=flux.shape, allowed=f"row {index}"
+                )
+            out[row] = np.interp(GRID, wave, flux[index], left=0.0, right=0.0) * GRID * _PER_ERG
+        return out
+
+
+def _galaxies(columns, ids):
+    bulge, disk = (columns[name].astype(float) for name in ("bulgemass", "diskmass"))
+    with np.errstate(invalid="ignore"):
+        share = bulge / (bulge + disk)
+    (e1, e2), (gamma1, gamma2) = columns["ellipticity_true"].T, columns["shear"].T
+    return _complete(
+        {"id": ids, "obj_type": GALAXY, "ra": columns["ra"], "dec": columns["dec"], "z": columns["redshift"],
+         "size_disk": columns["size"], "size_bulge": columns["size"], "bulge_frac": share, "e1": e1, "e2": e2,
+         "kappa": columns["kappa"], "gamma1": gamma1, "gamma2": gamma2, "bulgemass": bulge, "diskmass": disk,
+         "veldisp": columns["veldisp"], "gal_type": columns["type"], "mag_norm": columns[f"mag_csst_{NORM_BAND}"],
+         **{f"mag_{band}": columns[f"mag_csst_{band}"] for band in BANDS},
+         **{f"coeff{k}": columns["coeff"][:, k] for k in range(COEFFICIENTS)}}
+    )  # fmt: skip
+
+
+def _quasars(columns, host, active):
+    shear = columns["shear"][active].T
+    return _complete(
+        {"id": host[active] - GALAXY + QUASAR, "obj_type": QUASAR, "ra": columns["ra"][active],
+         "dec": columns["dec"][active], "z": columns["redshift"][active], "kappa": columns["kappa"][active],
+         "gamma1": shear[0], "gamma2": shear[1], "host": host[active], "qsoindex": columns["qsoindex"][active]}
+    )  # fmt: skip
+
+
+def _complete(columns):
+    """Return the ObjectTable of one kind's columns, those of the other kinds filled in."""
+    extras = {"mag_norm": np.float32(np.nan), "qsoindex": np.int64(-1)}
+    extras |= {f"coeff{k}": np.float32(0.0) for k in range(COEFFICIENTS)}
+    full = {name: np.asarray(columns.get(name, default), default.dtype) for name, default in extras.items()}
+    return ObjectTable.complete(columns | full)
+
+
+def _ids(pixel, first, count, kind):
+    """Return ids that no other pixel, row or kind has: pixel x 2^32 + 4 row + kind."""
+    return (np.int64(pixel) << 32) + 4 * (first + np.arange(count, dtype=np.int64)) + kind
+
+
+def _spectra_file(file, name, rows=None):
+    """Return `wavelength` (n,) and dataset `name` (rows, n) of an HDF5 file."""
+    wave, values = read_array(file, "wavelength", 1), read_array(file, name, 2)
+    if len(wave) < 2 or not (np.diff(wave) > 0).all():
+        raise InputError("must rise", file=file, key="wavelength")
+    if values.shape[1] != len(wave) or rows not in (None, len(values)):
+        allowed = f"{rows or 'any number'} x {len(wave)}"
+        raise InputError("wrong shape", file=file, key=name, value=values.shape, allowed=allowed)
+    return wave, values

@@ -1,0 +1,112 @@
+"""The HDF5 files of the Cycle-9 input catalogues, read pixel by pixel.
+
+Stars: /star_catalog/<pixel>/ with RA, DEC [deg], app_sdss_g [AB], teff [log10 K], grav [dex], z_met, AV [mag],
+mass [solar] and, where there, pmra, pmdec [mas/yr], RV [km/s], parallax [mas]; in any number of files.
+Galaxies: galaxies_C6_bundle{bundle:06d}.h5 with /galaxies/<pixel>/ and ra, dec [deg], redshift, mag_csst_* [AB],
+size [arcsec], ellipticity_true (n, 2), shear (n, 2), kappa, bulgemass, diskmass [solar], type, veldisp [km/s],
+qsoindex (-1: none), coeff (n, 20).
+A pixel is a HEALPix RING number at NSIDE 128, a bundle one at NSIDE 16. A pixel that is not in a file is empty.
+
+The layout is that of public converters into this form (csv_to_c9h5.py, csv_to_c9_galaxies_h5.py and
+gaia_fits_to_c9h5_v2.py, which says that the official files hold log10 K and mass fractions). DM and detA follow from
+other columns and are not read.
+"""
+
+import os
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.errors import InputError
+
+STAR_COLUMNS = ("RA", "DEC", "app_sdss_g", "teff", "grav", "z_met", "AV", "mass")
+STAR_OPTIONAL = ("pmra", "pmdec", "RV", "parallax")
+GALAXY_COLUMNS = (
+    *("ra", "dec", "redshift", "size", "kappa", "bulgemass", "diskmass", "type", "veldisp", "qsoindex"),
+    *(f"mag_csst_{band}" for band in ("nuv", "u", "g", "r", "i", "z", "y")),
+)
+GALAXY_WIDE = {"ellipticity_true": 2, "shear": 2, "coeff": 20}
+
+
+def pixels(bricks):
+    """Return the sorted (nested, ring) NSIDE-128 pixels that hold NSIDE-256 nested `bricks`, each an array."""
+    import healpy
+
+    nested = np.unique(np.asarray(bricks, dtype=np.int64) >> 2)
+    return nested, healpy.nest2ring(128, nested)
+
+
+def read_stars(files, bricks):
+    """Yield (pixel, {name: values}) of every pixel under `bricks`; one that is in several files comes several times."""
+    for file in files:
+        with _open(file) as h5:
+            root = _group(h5, "star_catalog", file)
+            for pixel in pixels(bricks)[1]:
+                if str(pixel) in root:
+                    yield int(pixel), _columns(root[str(pixel)], dict.fromkeys(STAR_COLUMNS), STAR_OPTIONAL, file)
+
+
+def read_galaxies(folder, bricks, partial):
+    """Yield (pixel, {name: values}) as `read_stars`. A bundle that is not there is empty sky if `partial`."""
+    import healpy
+
+    wanted = dict.fromkeys(GALAXY_COLUMNS) | GALAXY_WIDE
+    for nested, pixel in zip(*pixels(bricks), strict=True):
+        file = Path(folder) / f"galaxies_C6_bundle{healpy.nest2ring(16, nested >> 6):06d}.h5"
+        if partial and not file.exists():
+            continue
+        with _open(file) as h5:
+            root = _group(h5, "galaxies", file)
+            if str(pixel) in root:
+                yield int(pixel), _columns(root[str(pixel)], wanted, (), file)
+
+
+def read_array(file, name, ndim):
+    """Return dataset `name` of an HDF5 file as float64. Raises InputError if it is not an array of `ndim` axes."""
+    with _open(file) as h5:
+        values = _dataset(h5, name, file)
+    if values.ndim != ndim or not np.isfinite(values).all():
+        raise InputError(f"must be finite, of {ndim} axes", file=file, key=name, value=values.shape)
+    return values
+
+
+@contextmanager
+def _open(file):
+    import h5py
+
+    try:
+        with h5py.File(file, "r") as h5:
+            yield h5
+    except (OSError, RuntimeError, KeyError) as exc:
+        errno = getattr(exc, "errno", None)
+        reason = os.strerror(errno) if errno else "truncated, damaged or not HDF5"
+        raise InputError(f"cannot read the catalogue: {reason}", file=file) from exc
+
+
+def _group(h5, name, file):
+    if name not in h5:
+        raise InputError("not a Cycle-9 catalogue: group is missing", file=file, key=name)
+    return h5[name]
+
+
+def _columns(group, wanted, optional, file):
+    """Return {name: values} of a pixel's group; wanted: {name: number of columns, None for one axis}."""
+    wanted = wanted | {name: None for name in optional if name in group}
+    found = {name: _dataset(group, name, file) for name in wanted}
+    count = len(next(iter(found.values())))
+    for name, width in wanted.items():
+        shape = (count,) if width is None else (count, width)
+        if found[name].shape != shape:
+            key = f"{group.name.strip('/')}/{name}"
+            raise InputError("wrong shape", file=file, key=key, value=found[name].shape, allowed=shape)
+    return found
+
+
+def _dataset(group, name, file):
+    key = f"{group.name}/{name}".strip("/")
+    if name not in group or not hasattr(group[name], "dtype"):
+        raise InputError("dataset is missing", file=file, key=key)
+    if group[name].dtype.kind not in "iuf":
+        raise InputError("must be numbers", file=file, key=key, value=str(group[name].dtype))
+    return np.atleast_1d(group[name][()])

@@ -1,0 +1,238 @@
+"""Cycle-9 input catalogues, on small files written here in that form."""
+
+from pathlib import Path
+
+import h5py
+import healpy
+import numpy as np
+import pytest
+import speclite.filters
+from astropy import units as u
+
+from csstsim.catalog.base import CatalogBase
+from csstsim.catalog.c9 import C9Catalog
+from csstsim.catalog.contract import check, sky_region
+from csstsim.catalog.photometry import ab_mag
+from csstsim.config import SHIPPED
+from csstsim.errors import InputError
+from csstsim.instrument.filter import GRID
+from csstsim.universe.numbers import load_universe
+
+RA, DEC = 60.0, -40.0
+REGION = sky_region(RA, DEC, 0.05)
+REST = 600.0 + 2.9 * np.arange(3587)  # 600-11000 A
+BANDS = ("nuv", "u", "g", "r", "i", "z", "y", "GU", "GV", "GI")
+
+
+def grouped(file, root, ra, dec, columns):
+    """Append columns to /root/<NSIDE-128 ring pixel>/ of an HDF5 file."""
+    pixels = healpy.ang2pix(128, ra, dec, lonlat=True)
+    for pixel in np.unique(pixels):
+        for name, values in columns.items():
+            file[f"{root}/{pixel}/{name}"] = np.asarray(values)[pixels == pixel]
+
+
+def write_stars(path, ra, dec, **changes):
+    n = len(ra)
+    columns = {
+        "RA": ra, "DEC": dec, "app_sdss_g": np.linspace(18, 20, n), "teff": np.log10(np.linspace(3500, 9000, n)),
+        "grav": np.full(n, 4.3), "z_met": np.full(n, 0.02), "AV": np.linspace(0, 1, n), "DM": np.full(n, 10.0),
+        "mass": np.full(n, 1.0), "pmra": np.full(n, 5.0), "pmdec": np.full(n, -3.0), "RV": np.full(n, 20.0),
+        "parallax": np.full(n, 1.0),
+    } | changes  # fmt: skip
+    with h5py.File(path, "w") as file:
+        grouped(file, "star_catalog", ra, dec, {k: v for k, v in columns.items() if v is not None})
+    return str(path)
+
+
+def write_galaxies(folder, ra, dec, **changes):
+    n, rng = len(ra), np.random.default_rng(5)
+    coeff = np.zeros((n, 20))
+    coeff[:, 0], coeff[:, 1] = 1.0, 0.2
+    columns = {
+        "ra": ra, "dec": dec, "redshift": np.linspace(0.2, 1.0, n), "size": np.full(n, 0.5, np.float32),
+        "ellipticity_true": rng.normal(0, 0.1, (n, 2)), "shear": rng.normal(0, 0.02, (n, 2)), "detA": np.ones(n),
+        "kappa": rng.normal(0, 0.02, n), "bulgemass": np.full(n, 1e9), "diskmass": np.full(n, 3e9),
+        "type": np.zeros(n, np.int32), "veldisp": np.full(n, 120.0), "qsoindex": np.full(n, -1, np.int32),
+        "coeff": coeff.astype(np.float32), **{f"mag_csst_{b}": np.full(n, 21.5, np.float32) for b in BANDS},
+    } | changes  # fmt: skip
+    folder.mkdir(exist_ok=True)
+    bundles = healpy.ang2pix(16, ra, dec, lonlat=True)  # independent of the reader's way through nested numbers
+    for bundle in np.unique(bundles):
+        some = bundles == bundle
+        with h5py.File(folder / f"galaxies_C6_bundle{bundle:06d}.h5", "w") as file:
+            cut = {k: np.asarray(v)[some] for k, v in columns.items() if v is not None}
+            grouped(file, "galaxies", ra[some], dec[some], cut)
+    return str(folder)
+
+
+def write_basis(path, shape=(20, 3587)):
+    """Component 0: flat; 1: an emission line at 3727 A; the others 0. f_lambda."""
+    components = np.zeros((20, 3587))
+    components[0] = 1.0
+    components[1] = 50.0 * np.exp(-0.5 * ((REST - 3727.0) / 6.0) ** 2)
+    with h5py.File(path, "w") as file:
+        file["wavelength"], file["components"] = REST, components[: shape[0], : shape[1]]
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def sky(tmp_path_factory):
+    """Options of a catalogue of 40 stars and 40 galaxies, two with quasars, in and around the region."""
+    folder, rng = tmp_path_factory.mktemp("c9"), np.random.default_rng(6)
+    ra, dec = RA + rng.uniform(-1.5, 1.5, 80), DEC + rng.uniform(-1.5, 1.5, 80)
+    ra[:20], dec[:20] = RA + rng.uniform(-0.05, 0.05, 20), DEC + rng.uniform(-0.05, 0.05, 20)
+    active = np.full(40, -1, np.int32)
+    active[[2, 5]] = [1, 0]
+    with h5py.File(folder / "quasars.h5", "w") as file:
+        file["wavelength"], file["flux"] = np.linspace(1500.0, 12000.0, 500), np.full((2, 500), [[1e-17], [3e-17]])
+    galaxies = (np.concatenate([ra[:10], ra[20:50]]), np.concatenate([dec[:10], dec[20:50]]))
+    stars = (np.concatenate([ra[10:20], ra[50:]]), np.concatenate([dec[10:20], dec[50:]]))
+    options = {
+        "stars": write_stars(folder / "stars.h5", *stars), "basis": write_basis(folder / "basis.h5"),
+        "galaxies": write_galaxies(folder / "galaxies", *galaxies, qsoindex=active),
+        "quasars": str(folder / "quasars.h5"), "partial": True,
+    }  # fmt: skip
+    return options, stars, galaxies
+
+
+@pytest.fixture(scope="module")
+def catalog(sky):
+    return C9Catalog(sky[0], REGION)
+
+
+def test_the_objects_of_the_region_are_read(sky, catalog):
+    """All objects of the NSIDE-128 pixels under the region's bricks, and no others; columns by their meaning."""
+    _, (star_ra, star_dec), (ra, dec) = sky
+    wanted = {healpy.nest2ring(128, b >> 2) for b in REGION.bricks}
+    table, kinds = catalog.table, catalog.table["obj_type"]
+    for kind, places in ((0, (star_ra, star_dec)), (1, (ra, dec))):
+        inside = np.isin(healpy.ang2pix(128, *places, lonlat=True), list(wanted))
+        assert 10 <= inside.sum() < 40 and set(table["ra"][kinds == kind]) == set(places[0][inside])
+    assert len(set(table["id"])) == len(table) and (kinds == 2).sum() == 2
+    star = table.take(np.flatnonzero(table["ra"] == star_ra[3]))
+    assert star["teff"][0] == pytest.approx(3500 + 5500 * 3 / 39, rel=1e-5) and star["feh"][0] == pytest.approx(0.0)
+    assert [star[n][0] for n in ("logg", "pmra", "pmdec", "rv", "parallax", "stellarmass")] == pytest.approx(
+        [4.3, 5.0, -3.0, 20.0, 1.0, 1.0]
+    )
+    galaxy = table.take(np.flatnonzero((table["ra"] == ra[4]) & (kinds == 1)))
+    assert galaxy["z"][0] == pytest.approx(0.2 + 0.8 * 4 / 39) and galaxy["bulge_frac"][0] == 0.25
+    assert galaxy["size_disk"][0] == galaxy["size_bulge"][0] == 0.5 and galaxy["mag_g"][0] == np.float32(21.5)
+    rng = np.random.default_rng(5)
+    e, shear = rng.normal(0, 0.1, (40, 2))[4], rng.normal(0, 0.02, (40, 2))[4]
+    assert [galaxy[n][0] for n in ("e1", "e2", "gamma1", "gamma2")] == pytest.approx([*e, *shear], rel=1e-6)
+    quasar = table.take(np.flatnonzero(kinds == 2))
+    hosts = {i: table["ra"][table["id"] == i][0] for i in quasar["host"]}
+    assert [hosts[i] for i in quasar["host"]] == list(quasar["ra"])
+
+
+def test_magnitudes_are_the_files(catalog, camera):
+    """Stars through SDSS g by speclite (2 mmag), galaxies through CSST's i (0.1 mmag)."""
+    seds = catalog.load_seds(range(len(catalog.objs)))
+    table = catalog.table
+    star, galaxy = table["obj_type"] == 0, table["obj_type"] == 1
+    band = speclite.filters.load_filter("sdss2010-g")
+    wave = GRID * u.AA
+    energy = (seds[star] * u.ph / (u.s * u.m**2 * u.AA)).to("erg / (s cm2 AA)", u.spectral_density(wave))
+    mags = [band.get_ab_magnitude(sed, wave) for sed in energy]
+    assert mags == pytest.approx(table["mag_norm"][star], abs=2e-3)
+    mags = ab_mag(seds[galaxy], GRID, camera.filters["i"].at(GRID))
+    assert mags == pytest.approx(np.full(galaxy.sum(), 21.5), abs=1e-4)
+
+
+def test_spectra_are_the_models(catalog):
+    table, seds = catalog.table, catalog.load_seds(range(len(catalog.objs)))
+    universe = load_universe(SHIPPED / "universe")
+    row = np.flatnonzero((table["obj_type"] == 0) & (table["av"] > 0.2))[0]
+    model = universe.star_seds.surface(table["teff"][row], table["logg"][row], table["feh"][row])[0]
+    ratio = seds[row] / (model * 10 ** (-0.4 * float(table["av"][row]) * universe.extinction))
+    assert np.ptp(ratio) < 1e-6 * ratio.mean()
+    for row in np.flatnonzero(table["obj_type"] == 1)[:5]:  # the line stands where the redshift puts it, f_lambda flat
+        near = np.abs(GRID / (1 + table["z"][row]) - 3727.0) < 40
+        assert abs(GRID[near][seds[row][near].argmax()] - 3727.0 * (1 + table["z"][row])) < 4.0  # angstrom
+        assert seds[row][GRID == 10000.0] / seds[row][GRID == 9000.0] == pytest.approx(10 / 9, rel=1e-6)
+    quasars = np.flatnonzero(table["obj_type"] == 2)
+    for row in quasars:  # photons of 5000 A: 3.9729e-12 erg
+        flux = 1e4 * (3e-17 if table["qsoindex"][row] == 1 else 1e-17) / 3.97289e-12
+        assert seds[row][GRID == 5000.0] == pytest.approx(flux, rel=1e-5)
+
+
+def test_the_papers_methods_give_the_same_spectra(catalog):
+    rows = [0, len(catalog.objs) // 2, len(catalog.objs) - 1, int(np.flatnonzero(catalog.table["obj_type"] == 2)[0])]
+    np.testing.assert_allclose(CatalogBase.load_seds(catalog, rows), catalog.load_seds(rows), rtol=1e-6)
+
+
+def test_it_keeps_the_contract(sky, camera):
+    report = check(C9Catalog, sky[0], REGION, camera, most=5)
+    assert not report.faults, report
+    assert all("mag_" in line or "does not cover" in line for line in report.warnings), report  # the test's are made up
+
+
+def test_metallicity_in_dex(sky):
+    table = C9Catalog({"stars": sky[0]["stars"], "metallicity": "dex"}, REGION).table
+    assert table["feh"] == pytest.approx(np.full(len(table), 0.02))
+
+
+def test_without_optional_columns_and_in_two_files(sky, tmp_path):
+    _, (ra, dec), _ = sky
+    other = write_stars(tmp_path / "more.h5", ra, dec, pmra=None, pmdec=None, RV=None, parallax=None)
+    table = C9Catalog({"stars": [sky[0]["stars"], other]}, REGION).table
+    assert len(set(table["id"])) == len(table) and set(table["pmra"]) == {0.0, 5.0}
+
+
+def test_an_empty_region(sky):
+    catalog = C9Catalog(sky[0], sky_region(200.0, 50.0, 0.05))
+    assert len(catalog.table) == 0 and catalog.load_seds([]).shape == (0, 18001)
+
+
+def test_a_star_without_temperature_is_dark_and_hurts_no_other(sky, tmp_path):
+    _, (ra, dec), _ = sky
+    teff = np.full(len(ra), 3.75)
+    teff[3] = np.nan
+    catalog = C9Catalog({"stars": write_stars(tmp_path / "s.h5", ra, dec, teff=teff)}, REGION)
+    useless = np.isnan(catalog.load_seds(range(len(catalog.objs)))).all(axis=1)
+    assert list(np.flatnonzero(useless)) == list(np.flatnonzero(catalog.table["ra"] == ra[3]))
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"stars": "/nowhere.h5"}, ["/nowhere.h5", "No such file"]),
+        ({"stars": None, "galaxies": None}, ["catalog.options", "neither"]),
+        ({"star": "x"}, ["catalog.options", "unknown key", "'star'", "stars"]),
+        ({"metallicity": "percent"}, ["metallicity", "percent", "dex"]),
+        ({"partial": False, "galaxies": "/nowhere"}, ["galaxies_C6_bundle", "No such file"]),
+        ({"basis": None}, ["catalog.options.basis", "required"]),
+        ({"quasars": ...}, ["catalog.options.quasars", "required", "null"]),
+    ],
+)
+def test_options_that_do_not_work(sky, change, words):
+    options = {name: value for name, value in (sky[0] | change).items() if value is not ...}
+    with pytest.raises(InputError) as caught:
+        catalog = C9Catalog(options, REGION)
+        catalog.load_seds(range(len(catalog.objs)))
+    assert all(word in str(caught.value) for word in words), caught.value
+
+
+def test_files_that_do_not_work(sky, tmp_path):
+    options, (ra, dec), (gal_ra, gal_dec) = sky
+    cases = {
+        "no_g.h5": (write_stars(tmp_path / "no_g.h5", ra, dec, app_sdss_g=None), "star_catalog/.*/app_sdss_g: dataset"),
+        "text.h5": (write_stars(tmp_path / "text.h5", ra, dec, AV=np.array([b"1"] * len(ra))), "/AV: must be numbers"),
+        "basis.h5": (options["basis"], "star_catalog: not a Cycle-9 catalogue|group is missing"),
+    }
+    for name, (file, message) in cases.items():
+        with pytest.raises(InputError, match=message) as caught:
+            C9Catalog({"stars": file}, REGION)
+        assert name in str(caught.value)
+    damaged = tmp_path / "damaged.h5"
+    damaged.write_bytes(Path(options["stars"]).read_bytes()[:2000])
+    with pytest.raises(InputError, match=r"damaged\.h5: cannot read"):
+        C9Catalog({"stars": str(damaged)}, REGION)
+    folder = write_galaxies(tmp_path / "g", gal_ra, gal_dec, coeff=np.zeros((len(gal_ra), 19)))
+    with pytest.raises(InputError, match=r"bundle.*/coeff: wrong shape .*19.*20"):
+        C9Catalog({"galaxies": folder, "partial": True}, REGION)
+    basis = write_basis(tmp_path / "short.h5", (19, 3587))
+    catalog = C9Catalog(options | {"basis": basis}, REGION)
+    with pytest.raises(InputError, match=r"short.h5: components: wrong shape .*20 x 3587"):
+        catalog.load_seds(range(len(catalog.objs)))

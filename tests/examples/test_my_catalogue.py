@@ -1,0 +1,88 @@
+"""The worked example of a catalogue of one's own runs as its README says."""
+
+import runpy
+import sys
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+
+from csstsim.campaign import OpenCampaign
+from csstsim.catalog.contract import check
+from csstsim.catalog.flags import BAD_VALUE
+from csstsim.catalog.select import region_for
+from csstsim.cli import main
+from csstsim.config import SHIPPED
+from csstsim.instrument.filter import GRID
+from csstsim.io.truth import read_truth
+
+EXAMPLE = SHIPPED.parent / "examples" / "my_catalogue"
+OBSID, CHIP = "10100000004", 9
+
+
+@pytest.fixture
+def campaign(tmp_path, monkeypatch):
+    """The example's campaign with its data and output in a folder of the test's; a file's path."""
+    monkeypatch.chdir(SHIPPED.parent)
+    monkeypatch.syspath_prepend(EXAMPLE)
+    runpy.run_path(str(EXAMPLE / "make_data.py"))["main"](tmp_path / "data")
+    config = yaml.safe_load((EXAMPLE / "campaign.yaml").read_text())
+    config["catalog"]["options"]["table"] = str(tmp_path / "data" / "objects.csv")
+    path = tmp_path / "campaign.yaml"
+    path.write_text(yaml.safe_dump(config | {"output": str(tmp_path / "out")}))
+    yield path
+    sys.modules.pop("my_catalogue", None)
+
+
+def run(*arguments):
+    result = CliRunner().invoke(main, [str(a) for a in arguments])
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_it_is_drawn(campaign):
+    run("chip", campaign, "--obsid", OBSID, "--chip", CHIP)
+    run_ = OpenCampaign(campaign)
+    truth = read_truth(run_.paths.level0_truth(run_.pointings[OBSID], CHIP))
+    assert sorted(truth["id"]) == list(range(1, 23))
+    assert not (truth["flags"] & BAD_VALUE).any() and (truth["drawn"] > 100).all()
+    assert truth["user_spectrum"][truth["id"] == 21] == "quasar.csv"
+
+
+def test_it_keeps_the_contract_and_its_magnitudes(campaign):
+    """`check` finds nothing; SDSS r of the spectra by speclite is the table's, to 2 mmag."""
+    import speclite.filters
+    from astropy import units as u
+
+    assert "11 of type star" in run("check", campaign)
+    run_ = OpenCampaign(campaign)
+    region = region_for(*run_.job(OBSID, CHIP).footprint())
+    report = check(run_.open_truth(), run_.config.catalog.options, region, run_.camera)
+    assert not report.faults and not report.warnings, report
+    catalog = run_.open_truth()(run_.config.catalog.options, region)
+    [band] = speclite.filters.load_filters("sdss2010-r")
+    wave = GRID * u.AA
+    energy = (catalog.load_seds(range(22)) * u.ph / (u.s * u.m**2 * u.AA)).to(
+        "erg / (s cm2 AA)", u.spectral_density(wave)
+    )
+    mags = np.array([band.get_ab_magnitude(sed, wave) for sed in energy])
+    assert mags[:21] == pytest.approx([obj.mag_norm for obj in catalog.objs[:21]], abs=2e-3)
+    assert energy[21, GRID == 5500.0].value == pytest.approx(1e-15, rel=1e-3)  # absolute
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("sun.csv", "moon.csv", ["CsvCatalogue.load_sed, object 2", "FileNotFoundError", "moon.csv"]),
+        ("2,star", "2,planet", ["unknown type of object", "planet", "star, galaxy, quasar"]),
+        ("2,star", "1,star", ["an id given more than once: object 1"]),
+    ],
+)
+def test_its_mistakes_are_one_line(campaign, old, new, words):
+    table = campaign.parent / "data" / "objects.csv"
+    table.write_text(table.read_text().replace(old, new))
+    result = CliRunner().invoke(main, ["-v", "check", str(campaign)])
+    *before, last = result.stderr.strip().splitlines()
+    assert result.exit_code == 2 and last.startswith("csstsim: error: ") and all(word in last for word in words), last
+    assert before[0].startswith("Traceback")

@@ -1,0 +1,38 @@
+"""The truth table: the .cat columns by their names, whatever a catalogue calls its own."""
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from csstsim.catalog.table import ObjectTable
+from csstsim.io.truth import CAT_COLUMNS, read_truth, write_truth
+
+JOB = SimpleNamespace(chip=SimpleNamespace(id=9, filter="r"))
+
+
+def drawn(**columns):
+    table = ObjectTable.complete({"id": [1, 2], "obj_type": [0, 1], "ra": [10.0, 11.0], "dec": [1.0, 2.0], **columns})
+    added = {"x": np.array([3.0, 4.0]), "y": np.array([5.0, 6.0]), "mag": np.array([20.0, 21.0])}
+    return table.with_columns(**added)
+
+
+def test_round_trip(tmp_path):
+    table = drawn(size_disk=[0.0, 0.5], kappa=[0.0, 0.1], parallax=[10.0, 0.0])
+    write_truth(tmp_path / "t.parquet", table, JOB, {"level0": "x"})
+    stored = ObjectTable.read(tmp_path / "t.parquet")
+    assert stored.names[:33] == tuple(CAT_COLUMNS) and stored.meta == {"level0": "x"}
+    assert list(stored["xImage"]) == [4.0, 5.0] and list(stored["ID_chip"]) == [9, 9]
+    assert stored["dm"][0] == 5.0 and np.isnan(stored["dm"][1])  # 100 pc
+    assert np.allclose(stored["detA"], [1.0, 0.81]) and list(stored["size"]) == [0.0, 0.5]
+    assert list(read_truth(tmp_path / "t.parquet")["x"]) == [3.0, 4.0]
+
+
+def test_columns_of_the_catalogues_own_overwrite_nothing(tmp_path):
+    """A catalogue with columns named as those of the .cat files, or as what is derived here: both are kept."""
+    own = {name: np.array([7.0, 8.0]) for name in ("RV", "xImage", "pm_ra", "g1", "dm", "size", "detA", "galType")}
+    for name, columns in (("plain", {}), ("own", own)):
+        write_truth(tmp_path / f"{name}.parquet", drawn(rv=[5.0, 0.0], parallax=[10.0, 10.0], **columns), JOB, {})
+    plain, both = (ObjectTable.read(tmp_path / f"{name}.parquet") for name in ("plain", "own"))
+    assert all(list(map(str, both[name])) == list(map(str, plain[name])) for name in plain.names)
+    assert set(both.names) - set(plain.names) == {f"user_{name}" for name in own}
+    assert list(both["user_RV"]) == [7.0, 8.0] and both["RV"][0] == 5.0
