@@ -26,7 +26,17 @@ def main():
     universe, camera = load_universe(SHIPPED / "universe"), load_camera(SHIPPED / "instrument")
     chip = camera.chips[9]
     share = chip.full_window.nx * chip.full_window.ny * (camera.telescope.pixel_scale / 3600) ** 2 / AREA_DEG2
-    head = ["field", "l", "b", "galaxies", "stars", *(f"stars r < {m:g}" for m in LIMITS), "quasars", "A(V)", "CPU s a brick"]
+    head = [
+        "field",
+        "l",
+        "b",
+        "galaxies",
+        "stars",
+        *(f"stars r < {m:g}" for m in LIMITS),
+        "quasars",
+        "A(V)",
+        "CPU s a brick",
+    ]
     print("| " + " | ".join(head) + " |\n|" + "---|" * len(head))
     for field in range(1, 6):
         first = load_survey_table(SHIPPED.parent / "survey_tables" / f"w{field}.csv", camera.orbit)[0]
