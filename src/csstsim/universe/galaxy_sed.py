@@ -100,8 +100,8 @@ class GalaxySeds:
     def rates(self, z, coefficients, av, weights, fine=True):
         """Return (n, bands): int S w dlambda at unit scale, for `weights` (bands, 18001) on the paper's grid.
 
-        The same as summing `spectra` over the grid, to 1e-4 (see `_integrate`); without `fine` to 2e-3, in two thirds of
-        the time.
+        The same as summing `spectra` over the grid, to 1e-4 (see `_integrate`); without `fine` to 2e-3, in two
+        thirds of the time.
         """
         dust = _LN_MAG * np.asarray(av, dtype=float)
         usual = dust.mean() if len(dust) else 0.0  # in the weights already; each galaxy's own is little more or less
