@@ -8,6 +8,7 @@ import pytest
 from scipy import stats
 
 from csstsim.config import SHIPPED
+from csstsim.errors import InputError
 from csstsim.instrument.load import read_data
 from csstsim.rng import stream
 from csstsim.universe import stars as module
@@ -62,6 +63,11 @@ def test_luminosity_function_of_the_solar_neighbourhood():
     assert 0.010 < near.max() < 0.0145
     assert sum(t.total[-1] for t in living) == pytest.approx(0.1, rel=0.3)
     assert sum(t.total[-1] for t in white) == pytest.approx(0.005, rel=1e-9)
+    # White dwarfs: few hot ones, a rise to M_V 15-16, where the age of the disc ends it (Harris et al. 2006).
+    edges = np.arange(10.0, 18.0)
+    near = sum(np.diff(t.brighter(edges)) for t in white)
+    assert near[:2].sum() < 0.15 * near.sum()
+    assert edges[near.argmax()] in (14.0, 15.0)
 
 
 def test_local_mass_of_each_component_is_its_density():
@@ -118,13 +124,20 @@ def test_surface_density_has_no_seam():
         ours, theirs = (np.round(np.array(module._corners(p)).T, 9) for p in (pix, neighbour))
         shared = [corner for corner in ours.tolist() if corner in theirs.tolist()]
         assert len(shared) == 2
-    # The weights say where a position lies between the corners: they give it back.
-    rng = np.random.default_rng(2)
-    ra, dec, healpix = place(pix, rng, 200)
+
+
+@pytest.mark.parametrize(
+    "spot", [(0.0, 89.99), (0.0, -89.99), (0.001, 20.0), (45.0, 41.81), (45.0, 0.0), (200.0, -60.0)]
+)
+def test_weights_of_the_corners_give_the_position_back(spot):
+    """At the poles, where right ascension wraps, and where HEALPix changes its law (41.8 deg)."""
+    pix = healpy.ang2pix(NSIDE, *spot, nest=True, lonlat=True)
+    ra, dec, healpix = place(pix, np.random.default_rng(2), 500)
     weights = module._bilinear(healpix)
     np.testing.assert_allclose(weights.sum(axis=1), 1.0)
-    for ours, corner in ((ra, 0), (dec, 1)):
-        np.testing.assert_allclose(weights @ module._corners(pix)[corner], ours, atol=2e-3)  # curvature of the grid
+    corners = direction(*module._corners(pix))
+    there = np.einsum("nc,ic->in", weights, corners)
+    assert np.abs(there - direction(ra, dec)).max() < 5e-4  # rad; a brick is 4e-3 across, its grid a little bent
 
 
 def test_brick_depends_on_seed_pixel_and_numbers_only(stars):
@@ -185,3 +198,11 @@ def test_expected_counts_keep_their_shape():
     np.testing.assert_allclose(counts, counts[:, :1] * np.ones(3), rtol=1e-6)
     assert expected_counts(np.zeros(0), np.zeros(0), NUMBERS, 20.0).shape == (0,)
     assert expected_counts(0.0, 0.0, NUMBERS, 12.0) == 0
+
+
+def test_missing_and_wrong_numbers_are_named():
+    without = {key: value for key, value in NUMBERS.items() if key != "giant"}
+    with pytest.raises(InputError, match="giant"):
+        expected_counts(0.0, 0.0, without, 20.0)
+    with pytest.raises(InputError):
+        expected_counts(0.0, 0.0, NUMBERS | {"masses": ["a", "b"]}, 20.0)

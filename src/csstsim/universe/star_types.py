@@ -3,7 +3,7 @@
 For each draw of (age, [Fe/H]) the living stars are cells along the isochrone - main sequence by mass, later stages by
 stage, since there a thousandth of a solar mass is a giant branch - each with one type at a random place inside and
 the number of stars that the initial mass function puts there. More massive stars are white dwarfs. Densities are those
-at the Sun: of living mass (Robin et al. 2003); one factor for all brings the white dwarfs to their observed number.
+at the Sun: of living mass (Robin et al. 2003); white dwarfs of discs and halo are brought to their observed numbers.
 """
 
 from dataclasses import dataclass
@@ -46,10 +46,11 @@ class Types:
 def make_types(numbers):
     """Return the Types of every component: the living stars of each, then the white dwarfs of each."""
     living_, white = zip(*(_component_types(c, numbers) for c in components(numbers)), strict=True)
-    # Only the bulge has none of its stars at the Sun.
-    made = sum(types.total[-1] for types in white if types.component.law != "bulge")
-    scale = _MILLI * numbers["white_dwarfs"]["density"] / made
-    return [*living_, *(Types(types.component, types.table, types.total * scale) for types in white)]
+    scale = {}
+    for laws, wanted in numbers["white_dwarfs"]["density"]:
+        made = sum(types.total[-1] for types in white if types.component.law in laws)
+        scale |= dict.fromkeys(laws, _MILLI * wanted / made)
+    return [*living_, *(Types(w.component, w.table, w.total * scale.get(w.component.law, 1.0)) for w in white)]
 
 
 def _component_types(component, numbers):

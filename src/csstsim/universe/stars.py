@@ -16,6 +16,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from csstsim.errors import InputError
 from csstsim.universe.kinematics import galactic_velocity, sky_motion
 from csstsim.universe.milky_way import components, density, direction
 from csstsim.universe.star_types import COLUMNS, Types, make_types
@@ -54,14 +55,21 @@ def _parsec(modulus):
 
 
 def galaxy(numbers):
-    """Return the Galaxy of the numbers (config/universe/stars.yaml as read)."""
+    """Return the Galaxy of the numbers (config/universe/stars.yaml as read).
+
+    Raises InputError for numbers that do not make one.
+    """
     return _galaxy(json.dumps(numbers))
 
 
 @lru_cache(maxsize=4)
 def _galaxy(text):
     numbers = json.loads(text)
-    return Galaxy(numbers, make_types(numbers))
+    try:
+        return Galaxy(numbers, make_types(numbers))
+    except (KeyError, TypeError, ValueError, IndexError) as exc:
+        what = f"a number is missing or wrong: {type(exc).__name__} {exc}"
+        raise InputError(what, file="universe/stars.yaml") from exc
 
 
 def expected_counts(ra, dec, numbers, v_max):
