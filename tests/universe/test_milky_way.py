@@ -45,14 +45,16 @@ def test_thick_disc_far_out_is_exponential_and_smooth_where_the_laws_meet():
     assert slopes[0] == pytest.approx(slopes[1], rel=1e-4)
 
 
-def test_halo_is_a_power_law_with_a_core():
-    power, core = NUMBERS["laws"]["halo"]
+def test_halo_is_a_power_law_with_a_core_and_an_edge():
+    def at(x, y, z=0.0):  # from the centre
+        return density(BY_NAME["halo"], np.array([R0 + x, y, z - Z_SUN]), NUMBERS)
+
+    power, core, edge, steep = NUMBERS["laws"]["halo"]
     eps = BY_NAME["halo"].eps
-    here = density(BY_NAME["halo"], np.array([R0, 0.0, 20.0 * eps - Z_SUN]), NUMBERS)  # above the centre
-    there = density(BY_NAME["halo"], np.array([R0, 40.0, -Z_SUN]), NUMBERS)
-    assert there / here == pytest.approx(2.0**power)
-    inner = [density(BY_NAME["halo"], np.array([R0 + x, 0.0, -Z_SUN]), NUMBERS) for x in (0.0, 0.9 * core)]
-    assert inner[0] == inner[1]
+    assert at(0, 40) / at(0, 0, 20 * eps) == pytest.approx(2.0**power)
+    assert at(0, 0) == at(0.9 * core, 0)
+    assert at(0, 2 * edge) / at(0, edge) == pytest.approx(2.0**steep)
+    assert at(0, edge * 0.99999) == pytest.approx(at(0, edge * 1.00001), rel=1e-3)
 
 
 def test_older_thin_discs_are_thicker():

@@ -38,11 +38,12 @@ def stars():
 
 
 # Anchors: round numbers for the pole, x3 at |b| = 30 deg, x10 at 15 deg; longitude 90 deg stands for the mean Galaxy.
+# At V = 26 turn-off stars of the anchors would stand beyond the edge of the halo, 60 kpc: wider there.
 @pytest.mark.parametrize(("b", "factor", "tolerance"), [(90, 1, 0.25), (-90, 1, 0.25), (30, 3, 0.35), (-15, 10, 0.35)])
 def test_counts_near_the_anchors(b, factor, tolerance):
     for v, anchor in ((18, 900), (20, 2000), (22, 4000), (24, 8000), (26, 15000)):
         count = expected_counts(*equatorial(90, b), NUMBERS, v)
-        assert count == pytest.approx(factor * anchor, rel=tolerance), (v, count)
+        assert count == pytest.approx(factor * anchor, rel=tolerance if v < 26 else 0.35), (v, count)
 
 
 def test_counts_grow_towards_the_centre_and_the_plane():

@@ -101,8 +101,9 @@ def _thick(r, z, x, y, eps, r0, law):
 
 
 def _halo(r, z, x, y, eps, r0, law):
-    power, core = law
-    return (np.maximum(np.sqrt(r**2 + (z / eps) ** 2), core) / r0) ** power
+    power, core, edge, steep = law
+    a = np.maximum(np.sqrt(r**2 + (z / eps) ** 2), core)
+    return (a / r0) ** power * (np.maximum(a, edge) / edge) ** (steep - power)
 
 
 def _bulge(r, z, x, y, eps, r0, law):
