@@ -178,12 +178,12 @@ def test_headers_that_contradict_the_pixels(small, tmp_path, key, value, message
 
 
 def test_damaged_headers_are_input_errors(small, tmp_path):
-    """150 headers with a byte or a card changed: read as they are, or refused; nothing else."""
+    """40 headers with a byte or a card changed: read as they are, or refused; nothing else."""
     made(small, tmp_path / "x.fits", "channels")
     content, rng, refused = (tmp_path / "x.fits").read_bytes(), np.random.default_rng(2), 0
     with fits.open(tmp_path / "x.fits") as hdus:
         headers = [(info["hdrLoc"], info["datLoc"]) for info in (hdu.fileinfo() for hdu in hdus)]
-    for _ in range(150):
+    for _ in range(40):
         damaged, place = bytearray(content), rng.integers(*headers[rng.integers(2)])
         card = place // 80 * 80
         if rng.random() < 0.3:
@@ -197,7 +197,7 @@ def test_damaged_headers_are_input_errors(small, tmp_path):
         except InputError as error:
             assert "y.fits" in str(error)
             refused += 1
-    assert refused > 10
+    assert refused > 3
 
 
 def test_undigitised_states_are_refused(small, tmp_path):
