@@ -1,6 +1,8 @@
-"""Star counts of the embedded Galaxy beside the anchors, and its figures: python benchmarks/star_counts.py [folder]
+"""Star counts of the embedded Galaxy beside the anchors, and its figures.
 
-Counts are expectations for V without extinction; the bricks of the figures are drawn ones.
+    python benchmarks/star_counts.py [folder of the figures, docs/figures if not given]
+
+Counts are expectations for V without extinction; the other figures show drawn bricks, at l = 90 deg unless said.
 """
 
 import sys
@@ -10,18 +12,90 @@ from pathlib import Path
 
 import healpy
 import numpy as np
-from matplotlib import pyplot as plt
+from matplotlib.figure import Figure
 
+from csstsim.bricks.figures import BLUE, GREEN, ORANGE, VERMILION
 from csstsim.config import SHIPPED
 from csstsim.instrument.load import read_data
 from csstsim.rng import stream
-from csstsim.universe.bricks import AREA_DEG2, NSIDE, place
+from csstsim.universe.bricks import NSIDE, place
 from csstsim.universe.milky_way import equatorial
 from csstsim.universe.stars import draw_stars, expected_counts, galaxy
 
 ANCHORS = {18: 9e2, 20: 2e3, 22: 4e3, 24: 8e3, 26: 1.5e4}  # deg-2 at the pole, round numbers
-FACTORS = {90: 1, 49: None, 30: 3, 15: 10}
+FACTORS = {90: 1, 49: None, 30: 3, 15: 10}  # on the anchors, by latitude
+COLOURS = (BLUE, ORANGE, GREEN, VERMILION)
 LONGITUDES = np.arange(0, 360, 30)
+KIEL = ((90, 15), (45, 20), (0, 30), (180, 30), (90, 60), (0, 60))  # l, b of the bricks shown
+
+
+def report_counts(numbers):
+    print("stars per deg2 brighter than V at l = 90 (ratio to the anchor) [mean over l]")
+    print("   b " + "".join(f"{f'V < {v}':>25s}" for v in ANCHORS))
+    for b, factor in FACTORS.items():
+        cells = []
+        for v, anchor in ANCHORS.items():
+            counts = expected_counts(*equatorial(LONGITUDES, b), numbers, v)
+            here = counts[LONGITUDES == 90][0]
+            ratio = f"({here / (anchor * factor):4.2f})" if factor else ""
+            cells.append(f"{here:9.0f} {ratio:6s} [{counts.mean():6.0f}]")
+        print(f"{b:4d} " + "".join(cells))
+
+
+def brick(numbers, longitude, b):
+    pix = healpy.ang2pix(NSIDE, *map(float, equatorial(longitude, b)), nest=True, lonlat=True)
+    start = time.process_time()
+    stars = draw_stars(lambda name: stream(1, "brick", pix, name), pix, partial(place, pix), numbers)
+    took = time.process_time() - start
+    print(f"brick {pix} at l = {longitude}, b = {b}: {len(stars['ra'])} stars, {took:.2f} CPU s")
+    return stars
+
+
+def counts_figure(numbers, path):
+    v = np.arange(13, 28.01, 0.5)
+    page = Figure((6.5, 5), layout="constrained")
+    axes = page.add_subplot()
+    ra, dec = (np.array(part) for part in zip(*(equatorial(LONGITUDES, b) for b in FACTORS), strict=True))
+    n = np.stack([expected_counts(ra, dec, numbers, m) for m in v], axis=2)
+    for (b, factor), colour, counts in zip(FACTORS.items(), COLOURS, n, strict=True):
+        axes.semilogy(v, counts[LONGITUDES == 90][0], color=colour, label=f"b = {b}, l = 90; all l shaded")
+        axes.fill_between(v, counts.min(axis=0), counts.max(axis=0), color=colour, alpha=0.15, lw=0)
+        if factor:
+            axes.plot(list(ANCHORS), factor * np.array(list(ANCHORS.values())), "o", color=colour, mfc="none")
+    axes.set(xlabel="V [mag], no extinction", ylabel="stars brighter than V [deg$^{-2}$]", title="Circles: anchors")
+    axes.legend()
+    page.savefig(path, dpi=90)
+
+
+def kiel_figure(numbers, path):
+    many = [brick(numbers, *spot) for spot in KIEL]
+    teff, logg, feh = (np.concatenate([stars[name] for stars in many]) for name in ("teff", "logg", "feh"))
+    order = np.random.default_rng(0).permutation(len(teff))
+    page = Figure((7, 6), layout="constrained")
+    axes = page.add_subplot()
+    dots = axes.scatter(teff[order], logg[order], c=feh[order], s=1.5, cmap="viridis", vmin=-2.5, vmax=0.3)
+    axes.set(xscale="log", xlim=(40000, 1800), ylim=(9, -0.5), xlabel="Teff [K]", ylabel="log g")
+    ticks = [30000, 20000, 10000, 6000, 4000, 3000, 2000]
+    axes.set_xticks(ticks, labels=map(str, ticks))
+    axes.minorticks_off()
+    page.colorbar(dots, label="[Fe/H]")
+    page.savefig(path, dpi=90)
+
+
+def temperature_figure(stars, path):
+    page = Figure((11, 4), layout="constrained")
+    bins = np.arange(3.26, 4.3, 0.02)
+    for k, (title, low, high) in enumerate(
+        (("m_bol < 19", -99, 19), ("19 < m_bol < 24", 19, 24), ("m_bol > 24", 24, 99))
+    ):
+        axes = page.add_subplot(1, 3, k + 1)
+        for (b, s), colour in zip(stars.items(), COLOURS, strict=True):
+            m_bol = 4.74 - 10 * np.log10(s["teff"] / 5772) - 5 * np.log10(10 * s["radius"] / s["distance"])
+            some = (m_bol > low) & (m_bol <= high)
+            axes.hist(np.log10(s["teff"][some]), bins, histtype="step", density=True, color=colour, label=f"b = {b}")
+        axes.set(xlabel="log Teff [K]", title=title)
+    axes.legend()
+    page.savefig(path, dpi=90)
 
 
 def main(folder="docs/figures"):
@@ -29,86 +103,12 @@ def main(folder="docs/figures"):
     folder.mkdir(parents=True, exist_ok=True)
     numbers = read_data(SHIPPED / "universe" / "stars.yaml")
     start = time.process_time()
-    galaxy(numbers)
-    print(f"set-up {time.process_time() - start:.2f} CPU-s")
-    table(numbers)
-    stars = {b: brick(numbers, 90, b) for b in FACTORS}
+    types = galaxy(numbers).types
+    print(f"{sum(t.table.shape[1] for t in types)} types of stars, set up in {time.process_time() - start:.2f} CPU s")
+    report_counts(numbers)
     counts_figure(numbers, folder / "star_counts.png")
     kiel_figure(numbers, folder / "star_kiel.png")
-    temperature_figure(stars, folder / "star_temperatures.png")
-
-
-def table(numbers):
-    print("stars per deg2 brighter than V: l = 90 [mean over l]; (ratio to the anchor)")
-    print("   b " + "".join(f"{f'V < {v}':>27s}" for v in ANCHORS))
-    for b, factor in FACTORS.items():
-        cells = []
-        for v, anchor in ANCHORS.items():
-            here = expected_counts(*equatorial(90, b), numbers, v)
-            mean = expected_counts(*equatorial(LONGITUDES, b), numbers, v).mean()
-            ratio = f"({here / (anchor * factor):4.2f})" if factor else ""
-            cells.append(f"{here:11.0f} [{mean:7.0f}] {ratio:6s}")
-        print(f"{b:4d} " + "".join(cells))
-
-
-def brick(numbers, l, b):  # noqa: E741
-    pix = healpy.ang2pix(NSIDE, *map(float, equatorial(l, b)), nest=True, lonlat=True)
-    start = time.process_time()
-    stars = draw_stars(lambda name: stream(1, "brick", pix, name), pix, partial(place, pix), numbers)
-    took = time.process_time() - start
-    print(f"brick {pix} at l = {l}, b = {b}: {len(stars['ra'])} stars, {took:.2f} CPU-s")
-    return stars
-
-
-def counts_figure(numbers, path):
-    v = np.arange(13, 28.01, 0.5)
-    _, ax = plt.subplots(figsize=(6, 4.5))
-    for (b, factor), colour in zip(FACTORS.items(), ("C0", "C1", "C2", "C3"), strict=True):
-        at = [equatorial(l, b) for l in LONGITUDES]
-        n = np.array([[expected_counts(*place_, numbers, m) for m in v] for place_ in at])
-        ax.semilogy(v, n[LONGITUDES == 90][0], colour, label=f"b = {b}, l = 90 (all l shaded)")
-        ax.fill_between(v, n.min(axis=0), n.max(axis=0), color=colour, alpha=0.15, lw=0)
-        if factor:
-            ax.plot(list(ANCHORS), factor * np.array(list(ANCHORS.values())), "o", color=colour, mfc="none")
-    ax.set(xlabel="V [mag], no extinction", ylabel="stars brighter than V [deg$^{-2}$]")
-    ax.set_title("Lines: the Galaxy's model; circles: anchors", fontsize=10)
-    ax.legend(fontsize=8)
-    ax.figure.tight_layout()
-    ax.figure.savefig(path, dpi=130)
-
-
-def kiel_figure(numbers, path):
-    many = [brick(numbers, l, b) for l, b in ((90, 15), (45, 20), (0, 30), (180, 30), (90, 60), (0, 60))]
-    teff, logg, feh = (np.concatenate([s[name] for s in many]) for name in ("teff", "logg", "feh"))
-    order = np.argsort(-feh)
-    _, ax = plt.subplots(figsize=(6.5, 6))
-    dots = ax.scatter(
-        teff[order], logg[order], c=feh[order], s=1.5, cmap="viridis", vmin=-2.5, vmax=0.3, rasterized=True
-    )
-    ax.set(xscale="log", xlim=(40000, 1800), ylim=(9, -0.5), xlabel="Teff [K]", ylabel="log g")
-    ax.set_xticks(
-        [30000, 20000, 10000, 6000, 4000, 3000, 2000],
-        labels=["30000", "20000", "10000", "6000", "4000", "3000", "2000"],
-    )
-    ax.minorticks_off()
-    ax.figure.colorbar(dots, label="[Fe/H]")
-    ax.figure.tight_layout()
-    ax.figure.savefig(path, dpi=130)
-
-
-def temperature_figure(stars, path):
-    _, axes = plt.subplots(1, 2, figsize=(10, 4))
-    for b, s in stars.items():
-        v = 5 * np.log10(s["distance"] / 10) - 5 * np.log10(s["radius"]) - 10 * np.log10(s["teff"] / 5772) + 4.74
-        for ax, keep in zip(axes, (v < 19, v >= 19), strict=True):
-            ax.hist(
-                np.log10(s["teff"][keep]), np.arange(3.2, 4.5, 0.02), histtype="step", density=True, label=f"b = {b}"
-            )
-    for ax, title in zip(axes, ("bolometric magnitude < 19", "fainter"), strict=True):
-        ax.set(xlabel="log Teff [K]", title=title)
-        ax.legend(fontsize=8)
-    axes[0].figure.tight_layout()
-    axes[0].figure.savefig(path, dpi=130)
+    temperature_figure({b: brick(numbers, 90, b) for b in FACTORS}, folder / "star_temperatures.png")
 
 
 if __name__ == "__main__":

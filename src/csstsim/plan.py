@@ -1,7 +1,7 @@
 """What a campaign would do and cost, before anything runs (`csstsim plan`).
 
 CPU is an estimate from the rates below, measured with benchmarks/stage_costs.py on one core of a 2-core Xeon VM;
-it scales with pixels and with the galaxies of the universe file.
+it scales with pixels and with the embedded universe's counts of galaxies and stars.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from csstsim.catalog.astrometry import apparent
 CPU_S_PER_OBJECT = 0.13  # reference renderer: mean object of the demo
 CPU_S_PER_MPIX = 0.9  # readout 0.13, Level-0 0.05, measure 0.73
 CPU_S_PER_JOB = 12.0  # start-up of the four stages and of measure, selection
-CPU_S_PER_BRICK = 7.4  # truth
+CPU_S_PER_BRICK = 15.0  # truth
 CPU_S_PER_PSF = 0.1  # one node at one wavelength: 0.17 in NUV, 0.03 in z
 BYTES_PER_NODE = 4 * 256 * 256 * 4
 
@@ -24,7 +24,7 @@ def plan(run):
     truth = {pix for job in science for pix in run.truth_bricks(job)} if run.embedded else set()
     chips = {job.chip.id for job in jobs if job.pointing.type == "SCIE"}
     nodes = len(chips) * config.psf.grid**2
-    objects = sum(_objects(run, job) for job in science)
+    objects = _objects(run, science) if run.embedded else None
     detector = camera.detector
     frame = 2 * detector.channels * (detector.channel_nx + detector.prescan + detector.overscan)
     frame *= detector.channel_ny + detector.parallel_overscan
@@ -34,7 +34,7 @@ def plan(run):
         "chips": len({job.chip.id for job in jobs}),
         "Level-0 files": len(jobs),
         "megapixels": round(pixels / 1e6, 1),
-        "objects drawn": round(objects),
+        "objects drawn": "as many as the catalogue has" if objects is None else int(float(f"{objects:.2g}")),
         "truth bricks": len(truth),
         "bricks touched": len(run.merge_bricks),
         "bricks fully covered": len(_covered(run)),
@@ -46,22 +46,27 @@ def plan(run):
         "largest intermediates (a job)": 8 * max(job.window.nx * job.window.ny for job in jobs),
     }
     cpu = (
-        objects * CPU_S_PER_OBJECT + pixels / 1e6 * CPU_S_PER_MPIX + len(jobs) * CPU_S_PER_JOB
+        (objects or 0.0) * CPU_S_PER_OBJECT + pixels / 1e6 * CPU_S_PER_MPIX + len(jobs) * CPU_S_PER_JOB
         + len(truth) * CPU_S_PER_BRICK + 4 * nodes * CPU_S_PER_PSF
     )  # fmt: skip
     return counts, disk, cpu
 
 
-def _objects(run, job):
-    """Expected galaxies on a job's window (stars are a tenth): i counts down to the campaign's limit."""
-    if not run.embedded:
-        return 0.0
-    from csstsim.universe.galaxies import ARCMIN2_PER_DEG2, cumulative_counts
+def _objects(run, jobs):
+    """Expected galaxies and stars on the windows of jobs: i and V counts down to the campaign's limit."""
+    from csstsim.universe.galaxies import cumulative_counts
+    from csstsim.universe.stars import expected_counts
 
-    area = job.window.nx * job.window.ny * (run.camera.telescope.pixel_scale / 60.0) ** 2
-    mag, counts = cumulative_counts(run.universe.galaxies)
-    limit = run.config.catalog.mag_limit
-    return area / ARCMIN2_PER_DEG2 * (counts[-1] if limit is None else np.interp(limit, mag, counts))
+    numbers, limit = run.universe.numbers, run.config.catalog.mag_limit
+    mag, galaxies = cumulative_counts(numbers["galaxies"])
+    galaxies = galaxies[-1] if limit is None else np.interp(limit, mag, galaxies)
+    faint = numbers["stars"]["limits"][1]
+    pointings = {job.pointing.obsid: (job.pointing.ra, job.pointing.dec) for job in jobs}
+    places = np.transpose(list(pointings.values()))
+    stars = expected_counts(*places, numbers["stars"], min(limit or faint, faint)) if pointings else []
+    density = {obsid: galaxies + count for obsid, count in zip(pointings, stars, strict=True)}  # deg-2
+    pixel = (run.camera.telescope.pixel_scale / 3600.0) ** 2
+    return sum(job.window.nx * job.window.ny * pixel * density[job.pointing.obsid] for job in jobs)
 
 
 def _covered(run):
@@ -88,7 +93,7 @@ def print_plan(run):
     counts, disk, cpu = plan(run)
     table = Table(title=f"{run.config.name} ({run.file})", show_header=False)
     for name, value in counts.items():
-        table.add_row(name, f"{value:,}")
+        table.add_row(name, value if isinstance(value, str) else f"{value:,}")
     for name, value in disk.items():
         table.add_row(f"disk: {name}", f"{value / 1e9:,.2f} GB")
     table.add_row("CPU, an estimate", f"{cpu / 3600:,.2f} h")

@@ -13,12 +13,12 @@ from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.photometry import rate_to_mag, subband_fluxes
 from csstsim.catalog.select import Noise, region_for, select_objects
 from csstsim.catalog.table import BANDS, COLUMNS
-from csstsim.universe.bricks import ID_BITS
 from csstsim.config import Lensing
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.optics.wcs import ChipWCS
 from csstsim.units import ab_photon_density
+from csstsim.universe.bricks import ID_BITS
 
 CHIP, WINDOW = 9, Window(4000, 4600, 3000, 3500)  # r band
 NOISE = Noise(sky=0.207, dark=0.02, read_noise=5.0)

@@ -158,7 +158,7 @@ def _complete(obj_type, columns):
 def _with_magnitudes(table, universe, camera):
     filters, telescope = _filters(camera), camera.telescope
     weights = np.stack([subband_weights(f, telescope).sum(axis=0) for f in filters])
-    light = rates(universe, table, weights)
+    light = rates(universe, table, weights, fine=False)
     return table.with_columns(**{
         f"mag_{band}": rate_to_mag(light[:, k], filters[k], telescope).astype(np.float32)
         for k, band in enumerate(BANDS)

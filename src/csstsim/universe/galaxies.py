@@ -92,7 +92,7 @@ class GalaxyPopulation:
         return columns | {"i": model + shift, "gal_type": kind}
 
     def _magnitude(self, z, coefficients, scale):
-        rate = self.seds.rates(z, coefficients, np.zeros(len(z)), self._weights)[:, 0] * scale
+        rate = self.seds.rates(z, coefficients, np.zeros(len(z)), self._weights, fine=False)[:, 0] * scale
         return self._zeropoint - 2.5 * np.log10(np.maximum(rate, 1e-300))
 
     def _stars(self, rng, z, log_mass, kind, e):

@@ -13,7 +13,7 @@ import numpy as np
 
 from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
-from csstsim.universe.igm import CONTINUUM_POWER, LYMAN_LIMIT, Intergalactic, depth
+from csstsim.universe.igm import CONTINUUM_POWER, LYMAN_LIMIT, Intergalactic
 
 COEFFICIENTS = 20
 TEN_PC_MPC = 1e-5
@@ -46,11 +46,25 @@ class GalaxySeds:
         self._extinction = np.asarray(extinction, dtype=float)
         self._cuts = np.flatnonzero(np.abs(np.diff(self._extinction)) > _JUMP) + 1
         self._igm, self._forest = igm, Intergalactic(GRID, igm)
-        # Cells for `rates`: those of the basis, cut where the forest's transmission has an edge and finer where it
-        # falls off steeply.
-        edges = [LYMAN_LIMIT, *(line for line, _ in igm["lines"])]
-        self._nodes = np.union1d(self.wavelength, [*edges, *np.arange(LYMAN_LIMIT - 40, LYMAN_LIMIT, self.step / 4)])
-        self._node_basis = np.array([np.interp(self._nodes, self.wavelength, row) for row in self.basis])
+        self._cells = {fine: self._make_cells(fine) for fine in (True, False)}
+
+    def _make_cells(self, fine):
+        """Return nodes [A, rest frame] and components there (20, n), between which `rates` takes spectra as lines.
+
+        Those of the basis, cut where the forest's transmission has an edge and finer where it falls off steeply; if not
+        `fine`, redward of Lyman alpha only every other one, with the light of its neighbours.
+        """
+        lines = [line for line, _ in self._igm["lines"]]
+        wave, basis = self.wavelength, self.basis
+        if not fine:
+            red = np.arange(np.searchsorted(wave, max(lines)) + 2, len(wave) - 1, 2)
+            kept = np.concatenate([np.arange(red[0] - 1), red, [len(wave) - 1]])
+            smooth = basis.copy()
+            smooth[:, red] = 0.25 * (basis[:, red - 1] + 2 * basis[:, red] + basis[:, red + 1])
+            wave, basis = wave[kept], smooth[:, kept]
+        steep = np.arange(LYMAN_LIMIT - 40, LYMAN_LIMIT, self.step / 4)
+        nodes = np.union1d(wave, [LYMAN_LIMIT, *lines, *steep])
+        return nodes, np.array([np.interp(nodes, wave, row) for row in basis])
 
     def coefficients(self, mix, dust, lines):
         """Return (n, 20) coefficients of galaxies at 10 pc.
@@ -83,10 +97,11 @@ class GalaxySeds:
             out[i] *= np.exp(-_LN_MAG * float(av[i]) * curve)
         return out
 
-    def rates(self, z, coefficients, av, weights):
+    def rates(self, z, coefficients, av, weights, fine=True):
         """Return (n, bands): int S w dlambda at unit scale, for `weights` (bands, 18001) on the paper's grid.
 
-        The same as summing `spectra` over the grid, to 1e-5: see `_integrate`.
+        The same as summing `spectra` over the grid, to 1e-4 (see `_integrate`); without `fine` to 2e-3, in two
+        thirds of the time.
         """
         dust = _LN_MAG * np.asarray(av, dtype=float)
         usual = dust.mean() if len(dust) else 0.0  # in the weights already; each galaxy's own is little more or less
@@ -97,7 +112,7 @@ class GalaxySeds:
         ranges = np.array([_range(row) for row in weights]).reshape(len(weights), 2)
         return _integrate(
             np.asarray(z, dtype=float), np.ascontiguousarray(coefficients, dtype=float), dust - usual, moments, ranges,
-            self._nodes, self._node_basis, self._extinction, self._cuts, *self._forest.arrays,
+            *self._cells[fine], self._extinction, self._cuts, *self._forest.arrays,
         )  # fmt: skip
 
 
@@ -129,6 +144,9 @@ def _integrate(
     out = np.zeros((count, bands))
     rest = np.empty(len(nodes))
     per_step = 1.0 / step
+    clear = np.ones((len(edges) + 1, len(grid)))  # the lines' transmission where the first 0, 1, ... of them reach
+    for line in range(len(edges)):
+        clear[line + 1] = clear[line] * np.exp(-depths[line])
     for n in range(count):
         stretch = 1.0 + z[n]
         reach = stretch**CONTINUUM_POWER
@@ -168,11 +186,18 @@ def _integrate(
                     light = rest[j] * w0 + slope * (w1 - left * w0)
                     if grid[start] < blue:
                         middle = 0.5 * (nodes[j] + nodes[min(j + 1, len(nodes) - 1)])
-                        one = depth(start, middle, reach, edges, depths, continuum, limits)
-                        other = depth(last - 1, middle, reach, edges, depths, continuum, limits)
-                        tilt = (one - other) / (max(last - 1 - start, 1) * step)
-                        height *= np.exp(tilt * (centre - start * step) - one)
-                        light += tilt * slope * (running[last, 2] - running[start, 2] - centre * w1)
+                        reaching = 0
+                        while reaching < len(edges) and middle < edges[reaching]:
+                            reaching += 1
+                        across = per_step / max(last - 1 - start, 1)
+                        tilt = (clear[reaching, last - 1] - clear[reaching, start]) * across
+                        gas = clear[reaching, start] + tilt * (centre - start * step)
+                        if middle < LYMAN_LIMIT:
+                            one = max(continuum[start] * (reach - limits[start]), 0.0)
+                            fall = (max(continuum[last - 1] * (reach - limits[last - 1]), 0.0) - one) * across
+                            through = np.exp(-one - fall * (centre - start * step))
+                            gas, tilt = gas * through, (tilt - gas * fall) * through
+                        light = light * gas + tilt * slope * (running[last, 2] - running[start, 2] - centre * w1)
                     total += height * light
             out[n, b] = total
     return out

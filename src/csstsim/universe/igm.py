@@ -41,16 +41,10 @@ def absorb(values, begin, end, z, wavelength, edges, depths, continuum, limits):
         rest = wavelength[i] / (1.0 + z)
         if not rest < edges[0]:
             break
-        values[i] *= np.exp(-depth(i, rest, reach, edges, depths, continuum, limits))
-
-
-@numba.njit(cache=True)
-def depth(i, rest, reach, edges, depths, continuum, limits):
-    """Return the optical depth of sample i; `rest` [A] says which lines reach it, `reach` is (1 + z)^0.46."""
-    tau = 0.0
-    for line in range(len(edges)):
-        if rest < edges[line]:
-            tau += depths[line, i]
-    if rest < LYMAN_LIMIT:
-        tau += max(continuum[i] * (reach - limits[i]), 0.0)
-    return tau
+        tau = 0.0
+        for line in range(len(edges)):
+            if rest < edges[line]:
+                tau += depths[line, i]
+        if rest < LYMAN_LIMIT:
+            tau += max(continuum[i] * (reach - limits[i]), 0.0)
+        values[i] *= np.exp(-tau)

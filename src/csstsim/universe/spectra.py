@@ -18,14 +18,19 @@ def coefficients(columns):
     return np.column_stack([columns[f"coeff{k}"] for k in range(COEFFICIENTS)])
 
 
-def rates(universe, table, weights):
-    """Return (n, bands): int S w dlambda for `weights` (bands, 18001) on the paper's grid; `spectra` to 1e-4."""
+def rates(universe, table, weights, fine=True):
+    """Return (n, bands): int S w dlambda for `weights` (bands, 18001) on the paper's grid.
+
+    The same light as `spectra` to 1e-4; without `fine`, galaxies to 2e-3 in less time.
+    """
     out = np.zeros((len(table), len(weights)))
     for chosen, some in _kinds(table):
         if some["obj_type"][0] == STAR:
             part = universe.star_seds.rates(some["teff"], some["logg"], some["feh"], some["av"], weights)
+        elif some["obj_type"][0] == GALAXY:
+            part = universe.galaxy_seds.rates(some["z"], coefficients(some), some["av"], weights, fine)
         else:
-            part = _seds(universe, some).rates(some["z"], coefficients(some), some["av"], weights)
+            part = universe.quasar_seds.rates(some["z"], coefficients(some), some["av"], weights)
         out[chosen] = part * some["sed_scale"].astype(float)[:, None]
     return out
 
@@ -39,13 +44,10 @@ def spectra(universe, table):
             dimming = 10 ** (-0.4 * some["av"].astype(float)[:, None] * universe.extinction)
             part = universe.star_seds.surface(some["teff"], some["logg"], some["feh"]) * dimming * scale[:, None]
         else:
-            part = _seds(universe, some).spectra(some["z"], coefficients(some), scale, some["av"])
+            seds = universe.galaxy_seds if some["obj_type"][0] == GALAXY else universe.quasar_seds
+            part = seds.spectra(some["z"], coefficients(some), scale, some["av"])
         out[chosen] = part
     return out
-
-
-def _seds(universe, table):
-    return universe.galaxy_seds if table["obj_type"][0] == GALAXY else universe.quasar_seds
 
 
 def _kinds(table):

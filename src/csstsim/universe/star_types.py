@@ -3,18 +3,19 @@
 For each draw of (age, [Fe/H]) the living stars are cells along the isochrone - main sequence by mass, later stages by
 stage, since there a thousandth of a solar mass is a giant branch - each with one type at a random place inside and
 the number of stars that the initial mass function puts there. More massive stars are white dwarfs. Densities are those
-at the Sun: of living mass (Robin et al. 2003); one factor for all brings the white dwarfs to their observed number.
+at the Sun: of living mass (Robin et al. 2003); white dwarfs of discs and halo are brought to their observed numbers.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import ndtri
 
 from csstsim.rng import stream
 from csstsim.universe.milky_way import Component, components
 from csstsim.universe.stellar_evolution import STAGES, living, stage_ends, white_dwarfs
 
-COLUMNS = ("m_v", "teff", "logg", "feh", "mass", "radius")
+COLUMNS = ("m_v", "teff", "logg", "feh", "stellarmass", "radius")
 _TRIALS = np.geomspace(0.1, 8.0, 600)  # Msun, for the inversion of lifetimes
 _SPLIT = (0.45, 0.25, 0.1, 0.15, 0.05)  # of the cells: main sequence by mass, by stage, and the three later stages
 _EARLY = 0.3  # the share of its life where a star's luminosity begins to matter more than its mass
@@ -35,21 +36,21 @@ class Types:
         return self.total[np.searchsorted(self.table[0], m_v)]
 
     def choose(self, u, brightest, faintest):
-        """Return the table's columns at the share u (n,) of the stars within brightest <= M_V < faintest."""
+        """Return (COLUMNS, n) at the share u (n,) of the stars within brightest <= M_V < faintest; the next if none."""
         low, high = (np.searchsorted(self.table[0], m) for m in (brightest, faintest))
         aim = self.total[low] + u * (self.total[high] - self.total[low])
-        return self.table[
-            :, np.clip(np.searchsorted(self.total, aim, side="right") - 1, low, np.maximum(high - 1, low))
-        ]
+        row = np.clip(np.searchsorted(self.total, aim, side="right") - 1, low, np.maximum(high - 1, low))
+        return self.table[:, np.minimum(row, self.table.shape[1] - 1)]
 
 
 def make_types(numbers):
     """Return the Types of every component: the living stars of each, then the white dwarfs of each."""
     living_, white = zip(*(_component_types(c, numbers) for c in components(numbers)), strict=True)
-    # Only the bulge has none of its stars at the Sun.
-    made = sum(types.total[-1] for types in white if types.component.law != "bulge")
-    scale = _MILLI * numbers["white_dwarfs"]["density"] / made
-    return [*living_, *(Types(types.component, types.table, types.total * scale) for types in white)]
+    scale = {}
+    for laws, wanted in numbers["white_dwarfs"]["density"]:
+        made = sum(types.total[-1] for types in white if types.component.law in laws)
+        scale |= dict.fromkeys(laws, _MILLI * wanted / made)
+    return [*living_, *(Types(w.component, w.table, w.total * scale.get(w.component.law, 1.0)) for w in white)]
 
 
 def _component_types(component, numbers):
@@ -58,7 +59,7 @@ def _component_types(component, numbers):
     # Latin hypercube: every slice of age and of [Fe/H] once.
     age, quantile = ((generator.permutation(draws) + generator.random(draws)) / draws for _ in range(2))
     age = component.age0 + age * (component.age1 - component.age0)
-    feh = component.feh + component.feh_sd * _normal(quantile)
+    feh = component.feh + component.feh_sd * ndtri(quantile)
     stars, remnants = zip(
         *(_isochrone(component, a, f, cells, generator, numbers) for a, f in zip(age, feh, strict=True)), strict=True
     )
@@ -76,12 +77,6 @@ def _component_types(component, numbers):
         _sorted(component, (m_v, teff, logg, metal, mass, radius), weight),
         _sorted(component, (m_w, teff_w, logg_w, metal_w, mass_w, radius_w), weight_w * unit),
     )
-
-
-def _normal(quantile):
-    from scipy.special import ndtri
-
-    return ndtri(quantile)
 
 
 def _sorted(component, columns, weight):

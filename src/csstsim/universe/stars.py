@@ -1,11 +1,13 @@
 """Stars of the embedded universe: density laws x initial mass function x evolution, and motions in six dimensions.
 
-    dN / dOmega = sum over components of integral rho(l, b, d) / rho(Sun) x n(bright < V - 5 log10(d / 10 pc) < faint) d^2 dd
+    dN / dOmega = sum over components of integral rho(l, b, d) / rho(Sun) n(bright <= M_V + mu < faint) d^2 dd
 
-Laws in milky_way, types of stars in star_types and stellar_evolution, motions in kinematics, numbers in
+with mu = 5 log10(d / 10 pc) and n the local number of stars per pc3 (Robin et al. 2003, A&A 409, 523). Laws in
+milky_way, types of stars in star_types and stellar_evolution, motions in kinematics, numbers in
 config/universe/stars.yaml. The limits hold for V without extinction. The counts at the corners of a brick are summed
-along the sight-line; inside it they go bilinearly between the corners, so the sky has no seams: neighbours share them.
-Left out: binaries, clusters, streams, the warp, spiral arms, extinction in the choice (bricks dim what is chosen).
+along the sight-line; inside it they go bilinearly between the corners, so the sky has no seams: neighbours share
+them. [Fe/H] follows the radial gradient at the star's own place, without a change of its other parameters. Left out:
+binaries, clusters, streams, the warp, spiral arms, extinction in the choice (bricks dim what is chosen).
 """
 
 import json
@@ -14,15 +16,18 @@ from functools import lru_cache
 
 import numpy as np
 
+from csstsim.errors import InputError
 from csstsim.universe.kinematics import galactic_velocity, sky_motion
-from csstsim.universe.milky_way import density, direction
+from csstsim.universe.milky_way import components, density, direction
 from csstsim.universe.star_types import COLUMNS, Types, make_types
 
 _CHUNK = 256  # sight-lines at a time, for memory
 _NSIDE, _BITS = 256, 21  # a brick is 2^21 x 2^21 pixels of order 29
 _MODULUS = np.arange(-5.0, 27.0, 0.1)  # edges of the steps in distance modulus: 1 pc to 2.3 Mpc
 _PC_PER_KPC = 1000.0
+AREA_DEG2 = 4 * 180.0**2 / np.pi / (12 * _NSIDE**2)
 _SQUARE_DEGREE = (np.pi / 180.0) ** 2
+_FEH = COLUMNS.index("feh")
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +42,7 @@ class Galaxy:
         middle = 0.5 * (_MODULUS[1:] + _MODULUS[:-1])
         position = direction(ra, dec)[:, :, None] * (_parsec(middle) / _PC_PER_KPC)
         volume = np.diff(_parsec(_MODULUS) ** 3) / 3.0 * _SQUARE_DEGREE  # pc3 / deg2
-        law = {
-            c.name: density(c, position, self.numbers)
-            for c in {types.component.name: types.component for types in self.types}.values()
-        }
+        law = {c.name: density(c, position, self.numbers) for c in components(self.numbers)}
         bright = self.numbers["limits"][0]
         for types in self.types:
             yield (
@@ -53,14 +55,21 @@ def _parsec(modulus):
 
 
 def galaxy(numbers):
-    """Return the Galaxy of the numbers (config/universe/stars.yaml as read)."""
+    """Return the Galaxy of the numbers (config/universe/stars.yaml as read).
+
+    Raises InputError for numbers that do not make one.
+    """
     return _galaxy(json.dumps(numbers))
 
 
 @lru_cache(maxsize=4)
 def _galaxy(text):
     numbers = json.loads(text)
-    return Galaxy(numbers, make_types(numbers))
+    try:
+        return Galaxy(numbers, make_types(numbers))
+    except (KeyError, TypeError, ValueError, IndexError) as exc:
+        what = f"a number is missing or wrong: {type(exc).__name__} {exc}"
+        raise InputError(what, file="universe/stars.yaml") from exc
 
 
 def expected_counts(ra, dec, numbers, v_max):
@@ -78,52 +87,56 @@ def draw_stars(rng, pix, place, numbers):
 
     rng(name): the numpy Generator of one quantity; place(generator, count): ra, dec [deg] and order-29 HEALPix pixels
     of uniform random positions in the brick. Columns: ra, dec [deg], _healpix_29, teff [K], logg, feh, stellarmass
-    [Msun], radius [Rsun], distance [pc], parallax [mas], pmra (with cos dec), pmdec [mas/yr], rv [km/s].
+    [Msun], radius [Rsun], distance [pc], parallax [mas], pmra (with cos dec), pmdec [mas/yr], rv [km/s]. The limits
+    of V are those at a star's own distance, to half a step where its step is at the end of a component.
     """
     model = galaxy(numbers)
-    bright, faint = numbers["limits"]
-    rates = np.stack(list(model.rates(*_corners(pix), faint)), axis=1)
-    totals = rates.sum(axis=(1, 2))
-    count = rng("count").poisson(totals.max() * _area())
-    ra, dec, healpix = place(rng("position"), count)
-    share = _bilinear(healpix) * totals
-    density_ = share.sum(axis=1)
-    keep = rng("thinning").random(count) * totals.max() < density_
-    ra, dec, healpix, share = ra[keep], dec[keep], healpix[keep], share[keep] / density_[keep, None]
-    count = len(ra)
-    u = rng("cell").random((2, count))
-    corner = np.minimum((u[0, :, None] > np.cumsum(share, axis=1)).sum(axis=1), 3)
-    flat = rates.reshape(4, -1).cumsum(axis=1)
-    cell = np.empty(count, np.int64)
-    for k in range(4):
-        mine = corner == k
-        cell[mine] = np.searchsorted(flat[k], u[1, mine] * flat[k, -1], side="right")
-    kind, step = np.divmod(cell, rates.shape[2])
-    # Evenly in volume within the step, whose rate is that of its middle.
-    v = rng("distance").random(count)
-    near, far = 10 ** (0.6 * _MODULUS[step]), 10 ** (0.6 * _MODULUS[step + 1])
-    distance = 10.0 * (near + v * (far - near)) ** (1 / 3)
-    modulus = 5.0 * np.log10(distance / 10.0)
-    chosen, position = rng("type").random(count), direction(ra, dec) * distance / _PC_PER_KPC
-    normal = rng("velocity").standard_normal((3, count))
-    columns = np.empty((len(COLUMNS), count))
-    velocity = np.empty((3, count))
-    for k, types in enumerate(model.types):
-        mine = np.flatnonzero(kind == k)
-        columns[:, mine] = types.choose(chosen[mine], bright - modulus[mine], faint - modulus[mine])
-        velocity[:, mine] = galactic_velocity(types.component, normal[:, mine], position[:, mine], numbers)
-        radial = np.hypot(position[0, mine] - numbers["sun"]["r0"], position[1, mine])
-        columns[3, mine] += types.component.gradient * (radial - numbers["sun"]["r0"])
-    _, teff, logg, feh, mass, radius = columns
+    ra, dec, healpix, kind, step = _draw_cells(rng, pix, place, model)
+    near, far = _parsec(_MODULUS[step]) ** 3, _parsec(_MODULUS[step + 1]) ** 3
+    distance = (near + rng("distance").random(len(ra)) * (far - near)) ** (1 / 3)
+    position = direction(ra, dec) * distance / _PC_PER_KPC
+    columns, velocity = _draw_types(rng, kind, distance, position, model)
     pmra, pmdec, rv = sky_motion(ra, dec, distance / _PC_PER_KPC, velocity)
-    return {
-        "ra": ra, "dec": dec, "_healpix_29": healpix, "teff": teff, "logg": logg, "feh": feh, "stellarmass": mass,
-        "radius": radius, "distance": distance, "parallax": 1000.0 / distance, "pmra": pmra, "pmdec": pmdec, "rv": rv,
+    return {"ra": ra, "dec": dec, "_healpix_29": healpix, **columns, "distance": distance} | {
+        "parallax": 1000.0 / distance, "pmra": pmra, "pmdec": pmdec, "rv": rv,
     }  # fmt: skip
 
 
-def _area():
-    return 4 * 180.0**2 / np.pi / (12 * _NSIDE**2)
+def _draw_cells(rng, pix, place, model):
+    """Return ra, dec, healpix, index of the types and of the step of distance of each star."""
+    rates = np.stack(list(model.rates(*_corners(pix), model.numbers["limits"][1])), axis=1)
+    totals = rates.sum(axis=(1, 2))
+    count = rng("count").poisson(totals.max() * AREA_DEG2)
+    spot = place(rng("position"), count)
+    share = _bilinear(spot[2]) * totals
+    here = share.sum(axis=1)
+    keep = rng("thinning").random(count) * totals.max() < here
+    ra, dec, healpix = (column[keep] for column in spot)
+    # A mixture: a corner, by its part in the density here, then a cell of that corner's.
+    u = rng("cell").random((2, len(ra)))
+    corner = np.minimum((u[0, :, None] * here[keep, None] >= np.cumsum(share[keep], axis=1)).sum(axis=1), 3)
+    summed = rates.reshape(4, -1).cumsum(axis=1)
+    cell = np.empty(len(ra), np.int64)
+    for k in range(4):
+        mine = corner == k
+        cell[mine] = np.searchsorted(summed[k], u[1, mine] * summed[k, -1], side="right")
+    return ra, dec, healpix, *np.divmod(cell, rates.shape[2])
+
+
+def _draw_types(rng, kind, distance, position, model):
+    """Return the columns that the types give, and (3, n) galactic velocities [km/s]."""
+    bright, faint = model.numbers["limits"]
+    modulus = 5.0 * np.log10(distance) - 5.0
+    r0 = model.numbers["sun"]["r0"]
+    chosen, normal = rng("type").random(len(kind)), rng("velocity").standard_normal((3, len(kind)))
+    table, velocity = np.empty((len(COLUMNS), len(kind))), np.empty((3, len(kind)))
+    for k, types in enumerate(model.types):
+        mine = np.flatnonzero(kind == k)
+        at = position[:, mine]
+        table[:, mine] = types.choose(chosen[mine], bright - modulus[mine], faint - modulus[mine])
+        table[_FEH, mine] += types.component.gradient * (np.hypot(at[0] - r0, at[1]) - r0)
+        velocity[:, mine] = galactic_velocity(types.component, normal[:, mine], at, model.numbers)
+    return dict(zip(COLUMNS[1:], table[1:], strict=True)), velocity
 
 
 def _corners(pix):

@@ -29,7 +29,7 @@ def living(mass, feh, stage, deviate, numbers):
 
     deviate: (n,) within 0..1, the star's place on the horizontal branch.
     """
-    feh = np.clip(feh, *numbers["lifetime"]["limits"])  # beyond, metals change little
+    feh = np.clip(feh, *numbers["metals"]["limits"])
     log_t, log_l = _main(mass, feh, np.minimum(stage, 1.0), numbers)
     later = stage > 1
     if later.any():

@@ -1,0 +1,57 @@
+"""Galaxies, stars and quasars on an r-band chip at the centres of the five Cycle-9 fields, beside the paper's figures.
+
+    python benchmarks/c9_counts.py
+
+One truth brick is made at each field's first exposure; its counts are scaled to the area of a chip.
+"""
+
+import time
+
+import healpy
+import numpy as np
+
+from csstsim.catalog.dust_map import galactic
+from csstsim.config import SHIPPED, Lensing
+from csstsim.instrument.camera import load_camera
+from csstsim.io.survey_table import load_survey_table
+from csstsim.universe.bricks import AREA_DEG2, NSIDE, make_brick
+from csstsim.universe.numbers import load_universe
+
+SEED = 9
+PAPER = (71_479, 5_159)
+LIMITS = (24.0, 26.0)  # r, AB
+
+
+def main():
+    universe, camera = load_universe(SHIPPED / "universe"), load_camera(SHIPPED / "instrument")
+    chip = camera.chips[9]
+    share = chip.full_window.nx * chip.full_window.ny * (camera.telescope.pixel_scale / 3600) ** 2 / AREA_DEG2
+    head = [
+        "field",
+        "l",
+        "b",
+        "galaxies",
+        "stars",
+        *(f"stars r < {m:g}" for m in LIMITS),
+        "quasars",
+        "A(V)",
+        "CPU s a brick",
+    ]
+    print("| " + " | ".join(head) + " |\n|" + "---|" * len(head))
+    for field in range(1, 6):
+        first = load_survey_table(SHIPPED.parent / "survey_tables" / f"w{field}.csv", camera.orbit)[0]
+        pix = int(healpy.ang2pix(NSIDE, first.ra, first.dec, nest=True, lonlat=True))
+        start = time.process_time()
+        table = make_brick(SEED, pix, universe, camera, Lensing())
+        cpu = time.process_time() - start
+        lon, lat = (float(v) for v in galactic(first.ra, first.dec))
+        stars, galaxies, quasars = (table.take(table["obj_type"] == kind) for kind in range(3))
+        cells = [f"W{field}", f"{lon:.0f}", f"{lat:.0f}", f"{len(galaxies) * share:.0f}", f"{len(stars) * share:.0f}"]
+        cells += [f"{(stars['mag_r'] < m).sum() * share:.0f}" for m in LIMITS]
+        cells += [f"{len(quasars) * share:.0f}", f"{np.median(galaxies['av']):.2f}", f"{cpu:.1f}"]
+        print("| " + " | ".join(cells) + " |", flush=True)
+    print(f"| paper | | | {PAPER[0]} | {PAPER[1]} | | | | | |")
+
+
+if __name__ == "__main__":
+    main()

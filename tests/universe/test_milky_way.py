@@ -1,0 +1,76 @@
+"""Density laws and the galactic frame, against astropy and closed forms."""
+
+import numpy as np
+import pytest
+from astropy.coordinates import SkyCoord
+
+from csstsim.config import SHIPPED
+from csstsim.instrument.load import read_data
+from csstsim.universe.milky_way import GALACTIC, components, density, direction, equatorial, longitude_latitude
+
+NUMBERS = read_data(SHIPPED / "universe" / "stars.yaml")
+BY_NAME = {component.name: component for component in components(NUMBERS)}
+R0, Z_SUN = NUMBERS["sun"]["r0"], NUMBERS["sun"]["z"]
+
+
+def test_galactic_frame_against_astropy():
+    rng = np.random.default_rng(1)
+    ra = np.concatenate([[0.0, 360.0, 192.85948, 266.405], rng.uniform(0, 360, 200)])
+    dec = np.concatenate([[90.0, -90.0, 27.12825, -28.936], np.degrees(np.arcsin(rng.uniform(-1, 1, 200)))])
+    theirs = SkyCoord(ra, dec, unit="deg").galactic
+    ours = direction(ra, dec)
+    assert np.abs(ours - theirs.cartesian.xyz.value).max() < 1e-6  # 0.2 arcsec
+    l, b = longitude_latitude(ra, dec)  # noqa: E741
+    back = SkyCoord(*equatorial(l, b), unit="deg")
+    assert back.separation(SkyCoord(ra, dec, unit="deg")).arcsec.max() < 0.01
+    np.testing.assert_allclose(GALACTIC @ GALACTIC.T, np.eye(3), atol=1e-15)
+
+
+@pytest.mark.parametrize("name", [name for name in BY_NAME if name != "bulge"])
+def test_density_is_one_at_the_sun_and_even_about_the_plane(name):
+    assert density(BY_NAME[name], np.zeros(3), NUMBERS) == pytest.approx(1.0, rel=1e-12)
+    up, down = (density(BY_NAME[name], np.array([1.0, 2.0, z - Z_SUN]), NUMBERS) for z in (0.7, -0.7))
+    assert up == pytest.approx(down, rel=1e-12)
+
+
+def test_thick_disc_far_out_is_exponential_and_smooth_where_the_laws_meet():
+    def at(z, x=0.0):
+        return density(BY_NAME["thick"], np.array([x, 0.0, z - Z_SUN]), NUMBERS)
+
+    scale, hz, xl = NUMBERS["laws"]["thick"]
+    assert at(3.0) / at(2.0) == pytest.approx(np.exp(-1 / hz))
+    assert at(1.0, x=1.0) / at(1.0) == pytest.approx(np.exp(1 / scale))
+    assert at(xl - 1e-9) == pytest.approx(at(xl + 1e-9), rel=1e-7)
+    slopes = [(at(xl + d) - at(xl)) / d for d in (-1e-6, 1e-6)]
+    assert slopes[0] == pytest.approx(slopes[1], rel=1e-4)
+
+
+def test_halo_is_a_power_law_with_a_core():
+    power, core = NUMBERS["laws"]["halo"]
+    eps = BY_NAME["halo"].eps
+    here = density(BY_NAME["halo"], np.array([R0, 0.0, 20.0 * eps - Z_SUN]), NUMBERS)  # above the centre
+    there = density(BY_NAME["halo"], np.array([R0, 40.0, -Z_SUN]), NUMBERS)
+    assert there / here == pytest.approx(2.0**power)
+    inner = [density(BY_NAME["halo"], np.array([R0 + x, 0.0, -Z_SUN]), NUMBERS) for x in (0.0, 0.9 * core)]
+    assert inner[0] == inner[1]
+
+
+def test_older_thin_discs_are_thicker():
+    position = np.array([0.0, 0.0, 0.5])
+    densities = [density(BY_NAME[f"thin{k}"], position, NUMBERS) for k in range(1, 8)]
+    assert densities[0] < 1e-6  # a gas layer's thickness
+    assert (np.diff(densities) > 0).all()
+    # The old disc falls by e over some 240 pc, 1 kpc from the plane: z / (eps^2 a h+) = 1 / 0.241 kpc.
+    a, b = (density(BY_NAME["thin7"], np.array([0, 0, z]), NUMBERS) for z in (0.9, 1.1))
+    assert 0.2 / np.log(a / b) == pytest.approx(0.241, rel=0.05)
+
+
+def test_bulge_is_longest_towards_positive_longitude_this_side():
+    def at(l, kpc):  # noqa: E741
+        l = np.radians(l)  # noqa: E741
+        return density(BY_NAME["bulge"], np.array([kpc * np.cos(l), kpc * np.sin(l), -Z_SUN]), NUMBERS)
+
+    assert at(0, R0) == pytest.approx(1.0)
+    assert at(2, R0 - 0.9) > at(-2, R0 - 0.9)
+    assert at(-2, R0 + 0.9) > at(2, R0 + 0.9)
+    assert at(90, 1.0) < 1e-12

@@ -1,0 +1,208 @@
+"""Stars of a brick: counts, limits, seams, local densities, against integrals, published numbers and anchors."""
+
+from functools import partial
+
+import healpy
+import numpy as np
+import pytest
+from scipy import stats
+
+from csstsim.config import SHIPPED
+from csstsim.errors import InputError
+from csstsim.instrument.load import read_data
+from csstsim.rng import stream
+from csstsim.universe import stars as module
+from csstsim.universe.bricks import AREA_DEG2, NSIDE, place
+from csstsim.universe.milky_way import density, direction, equatorial
+from csstsim.universe.star_sed import StarSeds
+from csstsim.universe.stars import draw_stars, expected_counts, galaxy
+
+NUMBERS = read_data(SHIPPED / "universe" / "stars.yaml")
+COLUMNS = {
+    "ra", "dec", "_healpix_29", "teff", "logg", "feh", "stellarmass", "radius", "distance", "parallax", "pmra", "pmdec",
+    "rv",
+}  # fmt: skip
+
+
+def _brick(pix, seed=1, numbers=NUMBERS):
+    return draw_stars(lambda name: stream(seed, "test", pix, name), pix, partial(place, pix), numbers)
+
+
+def _pix(l, b):  # noqa: E741
+    return healpy.ang2pix(NSIDE, *map(float, equatorial(l, b)), nest=True, lonlat=True)
+
+
+@pytest.fixture(scope="module")
+def stars():
+    return _brick(_pix(90, 30))
+
+
+# Anchors: round numbers for the pole, x3 at |b| = 30 deg, x10 at 15 deg; longitude 90 deg stands for the mean Galaxy.
+@pytest.mark.parametrize(("b", "factor", "tolerance"), [(90, 1, 0.25), (-90, 1, 0.25), (30, 3, 0.35), (-15, 10, 0.35)])
+def test_counts_near_the_anchors(b, factor, tolerance):
+    for v, anchor in ((18, 900), (20, 2000), (22, 4000), (24, 8000), (26, 15000)):
+        count = expected_counts(*equatorial(90, b), NUMBERS, v)
+        assert count == pytest.approx(factor * anchor, rel=tolerance), (v, count)
+
+
+def test_counts_grow_towards_the_centre_and_the_plane():
+    ra, dec = equatorial(np.array([0, 90, 180, 90, 90]), np.array([40, 40, 40, 20, 80]))
+    centre, side, away, low, high = expected_counts(ra, dec, NUMBERS, 22.0)
+    assert centre > 1.2 * side > 1.2 * away
+    assert low > 2 * side > 2 * high
+
+
+def test_luminosity_function_of_the_solar_neighbourhood():
+    types = [t for t in galaxy(NUMBERS).types if t.component.law != "bulge"]
+    living, white = types[: len(types) // 2], types[len(types) // 2 :]
+    edges = np.arange(3.5, 18.0, 1.0)
+    near = sum(np.diff(t.brighter(edges)) for t in living)  # stars / pc3 / mag at M_V 4, 5, ...
+    assert near[0] == pytest.approx(0.003, rel=0.25)
+    assert near[1] == pytest.approx(0.004, rel=0.25)
+    assert abs(edges[near.argmax()] + 0.5 - 12) <= 1
+    assert 0.010 < near.max() < 0.0145
+    assert sum(t.total[-1] for t in living) == pytest.approx(0.1, rel=0.3)
+    assert sum(t.total[-1] for t in white) == pytest.approx(0.005, rel=1e-9)
+    # White dwarfs: few hot ones, a rise to M_V 15-16, where the age of the disc ends it (Harris et al. 2006).
+    edges = np.arange(10.0, 18.0)
+    near = sum(np.diff(t.brighter(edges)) for t in white)
+    assert near[:2].sum() < 0.15 * near.sum()
+    assert edges[near.argmax()] in (14.0, 15.0)
+
+
+def test_local_mass_of_each_component_is_its_density():
+    for types in galaxy(NUMBERS).types[:9]:
+        mass = np.einsum("n,n->", np.diff(types.total), types.table[4])
+        assert mass == pytest.approx(types.component.density / 1000, rel=1e-9)
+
+
+def test_sight_line_integral_against_fine_steps():
+    ra, dec = equatorial(120, 45)
+    model = galaxy(NUMBERS)
+    modulus = np.arange(-5, 26, 0.001)
+    parsec = 10 ** (0.2 * modulus + 1)
+    for types, rate in zip(model.types, model.rates([ra], [dec], 22.0), strict=True):
+        near = types.brighter(22.0 - modulus) - types.brighter(12.0 - modulus)
+        law = density(types.component, direction(ra, dec)[:, None] * parsec / 1000, NUMBERS)
+        fine = (law * near * parsec**3).sum() * 0.001 * 0.2 * np.log(10) * (np.pi / 180) ** 2
+        assert rate.sum() == pytest.approx(fine, rel=0.005, abs=0.05), types.component.name
+
+
+def test_columns_and_their_bounds(stars):
+    assert set(stars) == COLUMNS
+    assert len({len(column) for column in stars.values()}) == 1
+    assert all(np.isfinite(column).all() for column in stars.values())
+    assert stars["_healpix_29"].dtype == np.int64 and stars["ra"].dtype == np.float64
+    assert stars["teff"].min() >= 1900 and stars["teff"].max() < 60000
+    np.testing.assert_allclose(stars["parallax"] * stars["distance"], 1000.0)
+    # log g is that of mass and radius (nominal solar 4.438).
+    dense = 4.438 + np.log10(stars["stellarmass"]) - 2 * np.log10(stars["radius"])
+    np.testing.assert_allclose(stars["logg"], dense, atol=1e-3)
+
+
+def test_drawn_number_is_the_expected_one():
+    pix = _pix(60, 40)
+    corners = module._corners(pix)
+    expected = expected_counts(*corners, NUMBERS, 28.0).mean() * AREA_DEG2  # bilinear: the mean of the corners
+    drawn = [len(_brick(pix, seed)["ra"]) for seed in range(20)]
+    assert abs(np.mean(drawn) - expected) < 4 * np.sqrt(expected / 20)
+
+
+def test_distances_and_populations_follow_the_integral():
+    pix = _pix(200, 35)
+    rates = sum(np.array(list(galaxy(NUMBERS).rates(*module._corners(pix), 28.0))).sum(axis=1))
+    drawn = np.concatenate([_brick(pix, seed)["distance"] for seed in range(10)])
+    total = np.concatenate([[0], np.cumsum(rates)])
+    found = stats.kstest(5 * np.log10(drawn / 10), lambda m: np.interp(m, module._MODULUS, total / total[-1]))
+    assert found.statistic < 0.01 + 1.5 / np.sqrt(len(drawn))  # 0.01: the cumulative is bent within its steps
+
+
+def test_surface_density_has_no_seam():
+    """Along a border the density comes from the two shared corners alone, so both bricks have the same."""
+    pix = _pix(0, 30)
+    for neighbour in healpy.get_all_neighbours(NSIDE, pix, nest=True)[::2]:  # those that share an edge
+        ours, theirs = (np.round(np.array(module._corners(p)).T, 9) for p in (pix, neighbour))
+        shared = [corner for corner in ours.tolist() if corner in theirs.tolist()]
+        assert len(shared) == 2
+
+
+@pytest.mark.parametrize(
+    "spot", [(0.0, 89.99), (0.0, -89.99), (0.001, 20.0), (45.0, 41.81), (45.0, 0.0), (200.0, -60.0)]
+)
+def test_weights_of_the_corners_give_the_position_back(spot):
+    """At the poles, where right ascension wraps, and where HEALPix changes its law (41.8 deg)."""
+    pix = healpy.ang2pix(NSIDE, *spot, nest=True, lonlat=True)
+    ra, dec, healpix = place(pix, np.random.default_rng(2), 500)
+    weights = module._bilinear(healpix)
+    np.testing.assert_allclose(weights.sum(axis=1), 1.0)
+    corners = direction(*module._corners(pix))
+    there = np.einsum("nc,ic->in", weights, corners)
+    assert np.abs(there - direction(ra, dec)).max() < 5e-4  # rad; a brick is 4e-3 across, its grid a little bent
+
+
+def test_brick_depends_on_seed_pixel_and_numbers_only(stars):
+    again = _brick(_pix(90, 30))
+    assert all((again[name] == stars[name]).all() for name in COLUMNS)
+    assert len(_brick(_pix(90, 30), seed=2)["ra"]) != len(stars["ra"])
+    assert (healpy.ang2pix(NSIDE, stars["ra"], stars["dec"], nest=True, lonlat=True) == _pix(90, 30)).all()
+
+
+@pytest.fixture(scope="module")
+def seds():
+    return StarSeds(SHIPPED / "universe" / "star_spectra.fits", np.zeros(18001))
+
+
+def _apparent_v(seds, stars):
+    """V of the spectra: Bessell 1990 passband, AB (0.02 mag from Vega)."""
+    from csstsim.instrument.filter import GRID
+    from csstsim.units import SOLAR_RADIUS_PC, ab_photon_density
+
+    knots = [4700, 4800, 4900, 5000, 5100, 5200, 5300, 5400, 5500, 5700, 5900, 6100, 6300, 6500, 6700, 7000]
+    shape = [0, 0.03, 0.163, 0.458, 0.78, 0.967, 1, 0.973, 0.898, 0.684, 0.461, 0.27, 0.135, 0.045, 0.017, 0]
+    band = np.interp(GRID, knots, shape)
+    light = seds.rates(stars["teff"], stars["logg"], stars["feh"], 0.0, band[None])[:, 0]
+    light = light * (stars["radius"] * SOLAR_RADIUS_PC / stars["distance"]) ** 2
+    return -2.5 * np.log10(light / np.einsum("w,w->", band, ab_photon_density(GRID)))
+
+
+def test_v_of_the_spectra_lies_within_the_limits(seds):
+    """Stars are chosen by M_V + distance modulus; their spectra x (radius / distance)^2 must agree."""
+    limits = NUMBERS["limits"]
+    stars = _brick(_pix(90, 25))
+    v = _apparent_v(seds, stars)
+    assert limits[0] - 0.6 < v.min() and v.max() < limits[1] + 0.6
+    assert ((v > limits[0] - 0.15) & (v < limits[1] + 0.15)).mean() > 0.985
+
+
+def test_absolute_magnitudes_are_those_of_the_spectra(seds):
+    rng = np.random.default_rng(4)
+    for types in galaxy(NUMBERS).types[:9]:
+        pick = rng.choice(types.table.shape[1], 500)
+        m_v, teff, logg, feh, _, radius = types.table[:, pick]
+        off = _apparent_v(seds, {"teff": teff, "logg": logg, "feh": feh, "radius": radius, "distance": 10.0}) - m_v
+        dwarf = (logg > 3.9) & (teff > 3000)
+        assert abs(np.median(off[dwarf])) < 0.1, types.component.name
+        assert np.percentile(np.abs(off[dwarf]), 68) < 0.15, types.component.name
+
+
+def test_nothing_between_equal_limits():
+    empty = _brick(5, numbers=NUMBERS | {"limits": [20.0, 20.0]})
+    assert set(empty) == COLUMNS and len(empty["ra"]) == 0
+
+
+def test_expected_counts_keep_their_shape():
+    assert expected_counts(10.0, 20.0, NUMBERS, 20.0).shape == ()
+    ra = np.array([[0.0, 360.0, 359.999999], [10.0, 370.0, 10.0]])
+    counts = expected_counts(ra, 5.0, NUMBERS, 20.0)
+    assert counts.shape == (2, 3)
+    np.testing.assert_allclose(counts, counts[:, :1] * np.ones(3), rtol=1e-6)
+    assert expected_counts(np.zeros(0), np.zeros(0), NUMBERS, 20.0).shape == (0,)
+    assert expected_counts(0.0, 0.0, NUMBERS, 12.0) == 0
+
+
+def test_missing_and_wrong_numbers_are_named():
+    without = {key: value for key, value in NUMBERS.items() if key != "giant"}
+    with pytest.raises(InputError, match="giant"):
+        expected_counts(0.0, 0.0, without, 20.0)
+    with pytest.raises(InputError):
+        expected_counts(0.0, 0.0, NUMBERS | {"masses": ["a", "b"]}, 20.0)

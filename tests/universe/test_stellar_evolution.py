@@ -1,0 +1,121 @@
+"""Compact evolution against the Sun, main-sequence dwarfs, clusters and white dwarfs."""
+
+import numpy as np
+import pytest
+
+from csstsim.config import SHIPPED
+from csstsim.instrument.load import read_data
+from csstsim.universe.stellar_evolution import living, stage_ends, white_dwarfs
+
+NUMBERS = read_data(SHIPPED / "universe" / "stars.yaml")
+
+
+def _at(mass, feh, age, deviate=0.5):
+    """Teff, log g, radius, M_V and stage of one star at `age` [Gyr]."""
+    ends = np.concatenate([[0.0], stage_ends(np.array([mass]), np.array([feh]), NUMBERS)[:, 0]])
+    stage = np.interp(age, ends, np.arange(5.0))
+    state = living(*(np.array([x], float) for x in (mass, feh, stage, deviate)), NUMBERS)
+    return *(float(x[0]) for x in state), stage
+
+
+def _isochrone(feh, age):
+    """Main sequence of one age: Teff, log g, radius, M_V, mass."""
+    mass = np.linspace(0.1, 7.0, 30000)
+    stage = age / stage_ends(mass, np.full_like(mass, feh), NUMBERS)[0]
+    on = stage < 1
+    state = living(mass[on], np.full(on.sum(), feh), stage[on], np.zeros(on.sum()), NUMBERS)
+    return *state, mass[on]
+
+
+def test_the_sun_and_its_past():
+    teff, logg, radius, m_v, stage = _at(1.0, 0.0, 4.57)
+    assert teff == pytest.approx(5772, abs=40)
+    assert (radius, logg, m_v) == (
+        pytest.approx(1.0, abs=0.03),
+        pytest.approx(4.438, abs=0.03),
+        pytest.approx(4.82, abs=0.1),
+    )
+    assert 0 < stage < 1
+    young = _at(1.0, 0.0, 0.0)
+    assert 10 ** (-0.4 * (young[3] - m_v)) == pytest.approx(0.70, abs=0.05)  # the faint young Sun
+    assert stage_ends(np.ones(1), np.zeros(1), NUMBERS)[2, 0] == pytest.approx(12.2, rel=0.05)  # red giant tip, Gyr
+
+
+@pytest.mark.parametrize(
+    ("feh", "age", "teff", "m_v"),
+    [
+        (0.0, 4.0, 6150, 3.6),  # M 67
+        (-0.75, 11.5, 5950, 4.2),  # 47 Tuc
+        (-1.5, 13.0, 6350, 4.1),  # M 3, M 13
+        (-2.2, 13.0, 6600, 4.0),  # M 92
+    ],
+)
+def test_turn_offs_of_clusters(feh, age, teff, m_v):
+    temperature, _, _, absolute, _ = _isochrone(feh, age)
+    hottest = temperature.argmax()
+    assert temperature[hottest] == pytest.approx(teff, abs=150)
+    assert absolute[hottest] == pytest.approx(m_v, abs=0.35)
+
+
+def test_subdwarfs_lie_below_the_main_sequence():
+    """Gmb 1830: Teff 5140 K, [Fe/H] -1.35, M_V 6.6; a dwarf like the Sun's neighbours has 6.0."""
+    for feh, m_v in ((-1.35, 6.62), (0.0, 6.0)):
+        teff, _, _, absolute, mass = _isochrone(feh, 8.0)
+        low = mass < 0.85  # below the turn-off
+        order = np.argsort(teff[low])
+        assert np.interp(5140, teff[low][order], absolute[low][order]) == pytest.approx(m_v, abs=0.2)
+
+
+def test_dwarfs_of_one_age_follow_the_table():
+    table = np.array(NUMBERS["main_sequence"])
+    low = table[:, 0] < 0.9
+    mass = table[low, 0]
+    stage = 5.0 / stage_ends(mass, np.zeros_like(mass), NUMBERS)[0]
+    teff, _, radius, m_v = living(mass, np.zeros_like(mass), stage, np.zeros_like(mass), NUMBERS)
+    np.testing.assert_allclose(teff, table[low, 1], rtol=0.005)
+    np.testing.assert_allclose(m_v, table[low, 3], atol=0.1)
+    assert radius[mass == 0.36][0] == pytest.approx(0.361, rel=0.01)  # M3V
+
+
+def test_giants():
+    clump = living(*np.array([[1.2], [0.0], [3.5], [0.5]]), NUMBERS)
+    assert clump[0][0] == pytest.approx(4780, abs=100)
+    assert clump[1][0] == pytest.approx(2.45, abs=0.15)
+    assert clump[3][0] == pytest.approx(0.8, abs=0.2)
+    branch = living(np.full(50, 1.1), np.zeros(50), np.linspace(2.001, 2.999, 50), np.zeros(50), NUMBERS)
+    assert (np.diff(branch[0]) < 0).all() and (np.diff(branch[2]) > 0).all()
+    assert branch[1][0] == pytest.approx(3.75, abs=0.15) and branch[1][-1] < 0.7
+    blue = living(np.full(3, 0.8), np.full(3, -1.5), np.full(3, 3.5), np.array([0.0, 0.5, 1.0]), NUMBERS)
+    assert 5000 < blue[0][0] < 5500 and blue[0][2] > 6500
+    np.testing.assert_allclose(blue[3], 0.58, atol=0.25)  # M_V of the horizontal branch
+
+
+def test_a_star_moves_without_jumps_until_the_clump():
+    stage = np.linspace(0, 2.999, 3000)
+    for mass, feh in ((0.8, -1.5), (1.0, 0.0), (1.6, 0.2), (4.0, 0.0)):
+        teff, _, radius, _ = living(np.full(3000, mass), np.full(3000, feh), stage, np.zeros(3000), NUMBERS)
+        assert np.abs(np.diff(np.log10(teff)))[:2900].max() < 0.005
+        assert np.abs(np.diff(np.log10(radius)))[:2900].max() < 0.02
+
+
+def test_lifetimes_fall_with_mass():
+    mass = np.geomspace(0.3, 8, 200)
+    for feh in (-2.5, -1.0, 0.0, 0.4):
+        ends = stage_ends(mass, np.full(200, feh), NUMBERS)
+        assert (np.diff(ends, axis=1) < 0).all()
+        assert (np.diff(ends, axis=0) > 0).all()
+    assert stage_ends(np.array([8.0]), np.zeros(1), NUMBERS)[0, 0] == pytest.approx(0.037, rel=0.15)
+
+
+def test_white_dwarfs():
+    """0.6 Msun of pure hydrogen: M_V about 11.3 at 15000 K, 12.2 at 10000 K, 15.1 at 5000 K (Bergeron et al. 1995)."""
+    first = (0.6 - 0.394) / 0.109
+    for gyr, hot, bright in ((0.204, 15000, 11.3), (0.603, 10000, 12.2), (5.13, 5000, 15.1)):
+        teff, logg, radius, m_v, mass = (float(x[0]) for x in white_dwarfs(np.array([first]), np.array([gyr]), NUMBERS))
+        assert mass == pytest.approx(0.6)
+        assert teff == pytest.approx(hot, rel=0.02)
+        assert logg == pytest.approx(8.0, abs=0.05)
+        assert m_v == pytest.approx(bright, abs=0.2)
+        assert radius == pytest.approx(0.0127, rel=0.02)
+    newborn = white_dwarfs(np.array([2.0]), np.array([0.0]), NUMBERS)
+    assert newborn[0][0] == pytest.approx(60000)
