@@ -177,6 +177,29 @@ def test_headers_that_contradict_the_pixels(small, tmp_path, key, value, message
         read_level0(tmp_path / "x.fits")
 
 
+def test_damaged_headers_are_input_errors(small, tmp_path):
+    """40 headers with a byte or a card changed: read as they are, or refused; nothing else."""
+    made(small, tmp_path / "x.fits", "channels")
+    content, rng, refused = (tmp_path / "x.fits").read_bytes(), np.random.default_rng(2), 0
+    with fits.open(tmp_path / "x.fits") as hdus:
+        headers = [(info["hdrLoc"], info["datLoc"]) for info in (hdu.fileinfo() for hdu in hdus)]
+    for _ in range(40):
+        damaged, place = bytearray(content), rng.integers(*headers[rng.integers(2)])
+        card = place // 80 * 80
+        if rng.random() < 0.5:
+            damaged[card + 10 : card + 80] = b"'spam'".ljust(70)
+        else:
+            damaged[place] |= 0x80  # no ASCII
+        (tmp_path / "y.fits").write_bytes(damaged)
+        try:
+            file = read_level0(tmp_path / "y.fits")
+            assert file.assembled().shape == file.window.shape and len(file.gain) <= 16
+        except InputError as error:
+            assert "y.fits" in str(error)
+            refused += 1
+    assert refused > 3
+
+
 def test_undigitised_states_are_refused(small, tmp_path):
     state = run(flat_state(small), dark_layers(off=["quantization_and_output"]))
     with pytest.raises(ValueError, match="quantization_and_output is missing"):

@@ -230,6 +230,31 @@ def test_wrong_content(copy):
         PsfSet(copy).weights(1.0, 2.0)
 
 
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("grid", "three"), ("cell_arcsec", "wide"), ("grid", [3, 3]), ("chip", [8, 8]), ("cell_arcsec", [])],
+)
+def test_nonsense_in_the_metadata(copy, name, value):
+    with h5py.File(copy, "r+") as file:
+        file.attrs[name] = value
+    with pytest.raises(InputError, match=r"copy\.h5"):
+        PsfSet(copy, chip=8)
+
+
+def test_damaged_metadata(copy):
+    """Object headers overwritten one after the other: refused in one line or read, never a traceback of h5py."""
+    content, refused = copy.read_bytes(), 0
+    places = [i for i in range(len(content) - 4) if content[i : i + 4] in (b"TREE", b"SNOD", b"HEAP")]
+    for place in places:
+        copy.write_bytes(content[:place] + b"spam" + content[place + 4 :])
+        try:
+            PsfSet(copy)
+        except InputError as error:
+            assert "copy.h5" in str(error)
+            refused += 1
+    assert refused >= 3
+
+
 def test_point_samples_are_not_read_as_cell_integrals(copy):
     with h5py.File(copy, "r+") as file:
         file.attrs["sample"] = "point"

@@ -115,7 +115,7 @@ class Level0:
     def gain(self):
         """{channel: e-/DN}; empty if the file does not state it."""
         names = {n: f"GAIN{n:02d}" for n in range(1, self.readout.n_channels + 1)}
-        return {n: float(self.header[name]) for n, name in names.items() if name in self.header}
+        return {n: self._number(self.header, name) for n, name in names.items() if name in self.header}
 
     @cached_property
     def _stored(self):
@@ -131,8 +131,14 @@ class Level0:
         missing = [name for name in (*STATE, *EPHEMERIS) if name not in self.header0]
         if missing:
             raise InputError("the header does not give the spacecraft's state", file=self.path, key=missing[0])
-        mjd, *state = (float(self.header0[name]) for name in STATE)
+        mjd, *state = (self._number(self.header0, name) for name in STATE)
         return observer(mjd, tuple(state[:3]), tuple(state[3:]), *(self.header0[name] for name in EPHEMERIS))
+
+    def _number(self, header, name):
+        try:
+            return float(header[name])
+        except (TypeError, ValueError):
+            raise InputError("must be a number", file=self.path, key=name, value=header[name]) from None
 
     def frame(self):
         """Return the readout frame: uint16, shape `readout.shape`, lying as the silicon does."""
@@ -185,14 +191,17 @@ def read_level0(path, verify=False):
 
     Raises InputError if it is missing, cut short, damaged or not a Level-0 file of csstsim.
     """
-    with open_fits(path) as file:
-        if verify:
-            for hdu in file:
-                verify_hdu(hdu, path)
-        if "IMAGE" not in file:
-            raise InputError("not a Level-0 file: it has no IMAGE extension", file=path)
-        header0, header = file[0].read_header(), file["IMAGE"].read_header()
-        data_start = file["IMAGE"].get_offsets()["data_start"]
+    try:
+        with open_fits(path) as file:
+            if verify:
+                for hdu in file:
+                    verify_hdu(hdu, path)
+            if "IMAGE" not in file:
+                raise InputError("not a Level-0 file: it has no IMAGE extension", file=path)
+            header0, header = file[0].read_header(), file["IMAGE"].read_header()
+            data_start = file["IMAGE"].get_offsets()["data_start"]
+    except (OSError, ValueError) as exc:  # also bytes that are no text
+        raise InputError(f"a header is damaged: {type(exc).__name__}", file=path) from exc
     missing = [name for name in REQUIRED if name not in header]
     if missing:
         raise InputError("not a Level-0 file of csstsim: keywords are missing", file=path, value=", ".join(missing))
@@ -201,9 +210,9 @@ def read_level0(path, verify=False):
         raise InputError("unknown layout", file=path, key="LAYOUT", value=layout, allowed=", ".join(LAYOUTS))
     try:
         readout = _readout(header)
-    except (ValueError, TypeError) as exc:
+        shape = (header["NAXIS2"], header["NAXIS1"])
+    except (AttributeError, KeyError, TypeError, ValueError) as exc:
         raise InputError(f"the header's geometry does not hold together: {exc}", file=path) from None
-    shape = (header["NAXIS2"], header["NAXIS1"])
     if header["BITPIX"] != 16 or shape != readout.stored_shape(layout):
         allowed = f"BITPIX 16 and {readout.stored_shape(layout)}"
         raise InputError(

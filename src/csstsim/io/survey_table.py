@@ -18,6 +18,8 @@ from csstsim.units import EARTH_RADIUS_KM
 REQUIRED = ("obsid", "type", "ra", "dec", "pa", "time", "exptime")
 STATE = ("sat_x", "sat_y", "sat_z", "sat_vx", "sat_vy", "sat_vz")
 TYPES = get_args(ExposureType)
+_YEARS = 1950, 2099  # where the Earth's ephemeris of catalog.ephemeris holds
+_MIN_EXPTIME = 1e-3  # s
 _MAX_RADIUS_KM, _MAX_SPEED_KM_S = 50_000.0, 12.0  # beyond these a state is in another unit, not in Earth orbit
 
 
@@ -59,7 +61,16 @@ def _lines(path):
         ) from exc
     lines = enumerate(text.splitlines(), start=1)
     kept = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
-    return [(number, [cell.strip() for cell in next(csv.reader([line]))]) for number, line in kept]
+    return [(number, _cells(path, number, line)) for number, line in kept]
+
+
+def _cells(path, number, line):
+    try:
+        if "\0" in line:
+            raise csv.Error("a NUL character")
+        return [cell.strip() for cell in next(csv.reader([line]))]
+    except csv.Error as exc:  # also a cell of more than 131,072 characters
+        raise InputError(f"not a line of CSV: {exc}", file=path, key=f"line {number}") from None
 
 
 def _header(path, number, names):
@@ -116,14 +127,19 @@ class _Row:
 
     def time(self):
         try:
-            parse_utc(self.cells["time"])
+            year = parse_utc(self.cells["time"]).year
         except ValueError:
             allowed = "UTC as YYYY-MM-DDThh:mm:ss[.ffffff]"
             raise self.error("not a time", "time", self.cells["time"], allowed) from None
+        if not _YEARS[0] <= year <= _YEARS[1]:
+            raise self.error("out of range", "time", self.cells["time"], f"years {_YEARS[0]} to {_YEARS[1]}")
         return self.cells["time"]
 
     def exptime(self):
-        value = self.number_in("exptime", 0.0, 1e5, "0 (BIAS only) to 100000 s")
+        allowed = f"0 (BIAS only), or {_MIN_EXPTIME} to 100000 s"
+        value = self.number_in("exptime", 0.0, 1e5, allowed)
+        if 0 < value < _MIN_EXPTIME:
+            raise self.error("out of range", "exptime", self.cells["exptime"], allowed)
         if value == 0 and self.type() != "BIAS":
             raise self.error("zero exposure time", "exptime", self.cells["exptime"], "0 for BIAS only")
         return value

@@ -20,6 +20,7 @@ extrapolation) and the position is flagged.
 
 import json
 import os
+from contextlib import contextmanager
 
 import h5py
 import numpy as np
@@ -68,6 +69,18 @@ def write_psf(path, nodes, wavelength, images, *, cells, about, provenance):
         file.attrs["provenance"] = json.dumps(provenance, sort_keys=True)
 
 
+@contextmanager
+def _intact(path):
+    """Turn what damaged metadata makes of h5py or of the checks into an InputError."""
+    try:
+        yield
+    except OSError as exc:
+        reason = os.strerror(exc.errno) if exc.errno else "truncated, or not HDF5"
+        raise InputError(f"cannot read the PSF file: {reason}", file=path) from exc
+    except (AttributeError, LookupError, RuntimeError, TypeError, ValueError, MemoryError) as exc:
+        raise InputError(f"the PSF file is damaged: {type(exc).__name__} {exc}", file=path) from exc
+
+
 class PsfSet:
     """The PSFs of one chip, read as needed from a memory-mapped file.
 
@@ -82,16 +95,17 @@ class PsfSet:
         Raises InputError for a missing, truncated or foreign file, wrong shapes, and what does not match.
         """
         self.path, self.beta, self.neighbours = path, beta, neighbours
-        data, offset, shape = self._read()
-        self.nodes_xy, self.wavelength, self.tilt, self.flux = (
-            data[k] for k in ("nodes_xy", "wavelength", "tilt", "flux")
-        )
-        expected = {"format": FORMAT, "sample": "cell_integral", "chip": chip, "filter": filter, "grid": grid}
-        for name, value in (expected | {"camera_digest": camera_digest}).items():
-            if value is not None and self.attributes[name] != value:
-                raise InputError("does not fit", file=path, key=name, value=self.attributes[name], allowed=value)
-        self._check(shape)
-        self.scale = float(self.attributes["cell_arcsec"])
+        with _intact(path):
+            data, offset, shape = self._read()
+            self.nodes_xy, self.wavelength, self.tilt, self.flux = (
+                data[k] for k in ("nodes_xy", "wavelength", "tilt", "flux")
+            )
+            expected = {"format": FORMAT, "sample": "cell_integral", "chip": chip, "filter": filter, "grid": grid}
+            for name, value in (expected | {"camera_digest": camera_digest}).items():
+                if value is not None and self.attributes[name] != value:
+                    raise InputError("does not fit", file=path, key=name, value=self.attributes[name], allowed=value)
+            self._check(shape)
+            self.scale = float(self.attributes["cell_arcsec"])
         self.dead = ~np.isfinite(self.flux).all(axis=1)
         self._alive = np.flatnonzero(~self.dead)
         self._seen = np.zeros(len(self.nodes_xy), bool)
@@ -102,21 +116,16 @@ class PsfSet:
             raise InputError("the file is shorter than its image", file=path, key="image") from exc
 
     def _read(self):
-        try:
-            with h5py.File(self.path, "r") as file:
-                self.attributes = {k: v.item() if isinstance(v, np.generic) else v for k, v in file.attrs.items()}
-                missing = [k for k in _ATTRIBUTES if k not in self.attributes]
-                missing += [k for k in (*_DATASETS, "image") if k not in file]
-                if missing:
-                    raise InputError("not a PSF file", file=self.path, key=missing[0], value="missing")
-                image, offset = file["image"], file["image"].id.get_offset()
-                if image.dtype != np.dtype("<f4") or offset is None:
-                    raise InputError("must be contiguous float32", file=self.path, key="image", value=str(image.dtype))
-                data = {k: file[k][()] for k in _DATASETS}
-                return data, offset, image.shape
-        except OSError as exc:
-            reason = os.strerror(exc.errno) if exc.errno else "truncated, or not HDF5"
-            raise InputError(f"cannot read the PSF file: {reason}", file=self.path) from exc
+        with h5py.File(self.path, "r") as file:
+            self.attributes = {k: v.item() if isinstance(v, np.generic) else v for k, v in file.attrs.items()}
+            missing = [k for k in _ATTRIBUTES if k not in self.attributes]
+            missing += [k for k in (*_DATASETS, "image") if k not in file]
+            if missing:
+                raise InputError("not a PSF file", file=self.path, key=missing[0], value="missing")
+            image, offset = file["image"], file["image"].id.get_offset()
+            if image.dtype != np.dtype("<f4") or offset is None:
+                raise InputError("must be contiguous float32", file=self.path, key="image", value=str(image.dtype))
+            return {k: file[k][()] for k in _DATASETS}, offset, image.shape
 
     def _check(self, shape):
         n = self.attributes["grid"] ** 2
