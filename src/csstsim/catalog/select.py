@@ -18,6 +18,7 @@ from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.photometry import rate_to_mag
 from csstsim.catalog.reach import POINT_MIN, REACH_MAX, galaxy_radius, point_reach
 from csstsim.catalog.table import BANDS, GALAXY, STAR
+from csstsim.catalog.usable import unusable
 from csstsim.universe.lensing import magnification
 
 NSIDE = 256
@@ -105,7 +106,7 @@ def select_objects(catalog, wcs, observer, window, filter, telescope, exptime, n
     extended, star = table["obj_type"] == GALAXY, table["obj_type"] == STAR
     mu = np.where(star, 1.0, mu)
     flux = catalog.load_fluxes(rows, filter, telescope) * mu[:, None]
-    bad = _unusable(table, flux, extended)
+    bad = unusable(table, flux)
     flux[bad] = 0.0
     rate = flux.sum(axis=1)
     mag = np.where(bad, np.nan, rate_to_mag(rate, filter, telescope))
@@ -145,18 +146,6 @@ def _touches(x, y, reach, window):
     """Whether the square [x +- reach] meets a pixel of the window; False for NaN."""
     in_x = (x + reach >= window.x0 - 0.5) & (x - reach < window.x1 - 0.5)
     return in_x & (y + reach >= window.y0 - 0.5) & (y - reach < window.y1 - 0.5)
-
-
-def _unusable(table, flux, extended):
-    """Whether a value that drawing needs is missing, not finite or impossible."""
-    bad = ~np.isfinite(flux).all(axis=1) | (flux < 0).any(axis=1) | ~np.isfinite(table["ra"] + table["dec"])
-    bad |= ~np.isin(table["obj_type"], (0, 1, 2)) | (np.abs(table["dec"]) > 90)
-    share, e = table["bulge_frac"], np.hypot(table["e1"], table["e2"])
-    shape = (share >= 0) & (share <= 1) & (e < 1)
-    for name, used in (("size_disk", share < 1), ("size_bulge", share > 0)):
-        shape &= ~used | ((table[name] > 0) & np.isfinite(table[name]))
-    shape &= np.isfinite(table["kappa"] + table["gamma1"] + table["gamma2"])
-    return bad | (extended & ~shape)
 
 
 def _reach(table, extended, electrons, variance, filter, telescope):

@@ -5,6 +5,7 @@ import numpy as np
 from csstsim.catalog.table import GALAXY, STAR, TYPES
 from csstsim.universe.lensing import magnification
 
+STRONGLY_LENSED = "strongly lensed"
 NO_LIGHT = "its light in the band is negative or not a number"
 
 
@@ -21,12 +22,20 @@ def reasons(table):
         "a galaxy whose bulge_frac is not within 0..1": galaxy & ~((share >= 0) & (share <= 1)),
         "a galaxy whose |e1, e2| is not below 1": galaxy & ~(np.hypot(table["e1"], table["e2"]) < 1),
         "kappa, gamma1 or gamma2 is not finite": (table["obj_type"] != STAR) & ~lensed,
-        "strongly lensed": (table["obj_type"] != STAR) & lensed & ~thin,
+        STRONGLY_LENSED: (table["obj_type"] != STAR) & lensed & ~thin,
     }
     for name, used in (("size_disk", share < 1), ("size_bulge", share > 0)):
         size = table[name]
         found[f"a galaxy without {name}"] = galaxy & used & ~((size > 0) & np.isfinite(size))
     return found
+
+
+def unusable(table, flux):
+    """Return (n,) bool: a value that drawing needs is missing, not finite or impossible; flux: (n, 4) electron / s."""
+    bad = ~np.isfinite(flux).all(axis=1) | (flux < 0).any(axis=1)
+    for reason, mask in reasons(table).items():
+        bad |= mask & (reason != STRONGLY_LENSED)  # has a flag of its own
+    return bad
 
 
 def why_not_drawn(table, dark):
