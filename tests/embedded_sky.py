@@ -1,6 +1,11 @@
 """The shipped embedded universe for tests, loaded once; its band tables cost seconds and stay with it."""
 
+import shutil
+import tempfile
 from functools import cache
+from pathlib import Path
+
+import yaml
 
 from csstsim.catalog.embedded import EmbeddedCatalog
 from csstsim.config import SHIPPED, Lensing
@@ -9,13 +14,25 @@ from csstsim.universe.bricks import make_brick, write_brick
 from csstsim.universe.numbers import load_universe
 
 SEED = 7
-UNIVERSE = SHIPPED / "universe"
+DENSITY = 30.0  # galaxies per arcmin2, instead of 552: a brick in a second
+
+
+@cache
+def universe_folder():
+    """Return a copy of the shipped universe with few galaxies; it goes with the process."""
+    folder = tempfile.TemporaryDirectory()
+    copy = Path(shutil.copytree(SHIPPED / "universe", Path(folder.name) / "universe"))
+    galaxies = yaml.safe_load((copy / "galaxies.yaml").read_text())
+    galaxies["density"]["value"] = DENSITY
+    (copy / "galaxies.yaml").write_text(yaml.safe_dump(galaxies))
+    universe_folder.kept = folder
+    return copy
 
 
 @cache
 def shipped():
     """Return (universe, camera)."""
-    return load_universe(UNIVERSE), load_camera(SHIPPED / "instrument")
+    return load_universe(universe_folder()), load_camera(SHIPPED / "instrument")
 
 
 def key(lensing=None, seed=SEED):

@@ -194,7 +194,10 @@ class OpenCampaign:
 
     def open_truth(self):
         """Return the embedded Universe, or the class of the user's catalogue. Raises InputError for what is wrong."""
-        return self.universe if self.embedded else catalog_class(self.config.catalog.kind)
+        if not self.embedded:
+            return catalog_class(self.config.catalog.kind)
+        self.universe.check()
+        return self.universe
 
     def truth_bricks(self, job):
         """Return the truth bricks whose objects may reach a job's window, as a tuple."""

@@ -162,13 +162,21 @@ class CatalogConfig(Model):
     mag_limit: float | None = Field(
         None, gt=0, description="faintest AB magnitude drawn, in the chip's own band; null = the whole truth"
     )
-    lensing: Lensing = Field(Lensing(), description="weak lensing of the embedded universe")
+    lensing: Lensing = Field(
+        Lensing(), description="weak lensing of the embedded universe; a catalogue of your own gives its own columns"
+    )
     shapes: Literal["normal", "rotated90"] = Field(
         "normal",
-        description="'rotated90': intrinsic ellipticities turned by 90 degrees and everything else identical, "
-        "the paper's twin campaign that cancels shape noise",
+        description="'rotated90': intrinsic ellipticities turned by 90 degrees as objects are selected, everything "
+        "else (truth bricks too) identical: the paper's twin campaign that cancels shape noise",
     )
     options: dict[str, Any] = Field({}, description="passed on to a catalogue of your own")
+
+    @model_validator(mode="after")
+    def _lensing_has_an_object(self):
+        if self.kind != "embedded" and self.lensing.field == "constant":
+            raise ValueError("lensing is of the embedded universe: give kappa, gamma1, gamma2 in your own catalogue")
+        return self
 
 
 class AstrometryConfig(Model):

@@ -35,7 +35,7 @@ def plan(run):
         "Level-0 files": len(jobs),
         "megapixels": round(pixels / 1e6, 1),
         "objects drawn": "as many as the catalogue has" if objects is None else int(float(f"{objects:.2g}")),
-        "truth bricks": len(truth),
+        "truth bricks": _listed(truth),
         "bricks touched": len(run.merge_bricks),
         "bricks fully covered": len(_covered(run)),
         "jobs": stages + 2 * len(science) + len(truth) + len(chips) + 2 * len(run.merge_bricks) + bool(science),
@@ -50,6 +50,11 @@ def plan(run):
         + len(truth) * CPU_S_PER_BRICK + 4 * nodes * CPU_S_PER_PSF
     )  # fmt: skip
     return counts, disk, cpu
+
+
+def _listed(bricks):
+    """How many, and which if they are few: `csstsim truth --brick` asks for a number."""
+    return f"{len(bricks)}: {', '.join(map(str, sorted(bricks)))}" if 0 < len(bricks) <= 8 else len(bricks)
 
 
 def _objects(run, jobs):

@@ -32,7 +32,9 @@ def truth(run, pix):
         raise InputError(
             "the campaign brings its own catalogue", file=run.file, key="catalog.kind", value=run.config.catalog.kind
         )
+    run.open_truth()
     write_brick(run.paths.truth(pix), pix, **run.universe_key())
+    print(run.paths.truth(pix))
 
 
 def psf(run, chip_id):

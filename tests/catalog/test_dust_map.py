@@ -101,7 +101,7 @@ def test_coordinates_come_from_the_header_then_from_the_option(tmp_path, plane):
     np.testing.assert_allclose(DustMap(said).ebv(*CENTRES), plane, rtol=1e-5)
     ecliptic = _map(tmp_path / "ecliptic.fits", {"I": plane}, COORDSYS="E")
     with pytest.raises(InputError, match="COORDSYS"):
-        DustMap(ecliptic)
+        DustMap(ecliptic).ebv(0.0, 0.0)
 
 
 def test_pixels_without_value_are_left_out(tmp_path, plane):
@@ -141,7 +141,7 @@ def test_bad_files_are_named(tmp_path, plane):
     def broken(name, match, columns, **header):
         numbers = _map(tmp_path / name, columns, **header)
         with pytest.raises(InputError, match=match):
-            DustMap(numbers)
+            DustMap(numbers).ebv(0.0, 0.0)
 
     broken("order.fits", "ORDERING", {"I": plane}, ordering="SPIRAL")
     broken("part.fits", "full-sky", {"I": plane[:-1]})
@@ -151,7 +151,7 @@ def test_bad_files_are_named(tmp_path, plane):
     (tmp_path / "text.fits").write_text("not a map")
     for name, match in (("image.fits", "no table"), ("text.fits", "cannot be read"), ("absent.fits", "cannot be read")):
         with pytest.raises(InputError, match=match):
-            DustMap(NUMBERS | {"map": str(tmp_path / name)})
+            DustMap(NUMBERS | {"map": str(tmp_path / name)}).ebv(0.0, 0.0)
 
 
 def test_digest_is_of_the_content(tmp_path, plane):

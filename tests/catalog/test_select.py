@@ -4,7 +4,7 @@ import healpy
 import numpy as np
 import pytest
 from astropy.table import Table
-from embedded_sky import embedded_catalog
+from embedded_sky import DENSITY, embedded_catalog
 
 from csstsim.catalog.astrometry import icrs
 from csstsim.catalog.base import CatalogBase, Region
@@ -197,7 +197,7 @@ def test_embedded_window_holds_the_sky_it_should(camera, sky):
     table = select_objects(catalog, wcs, craft, WINDOW, camera.filters["r"], camera.telescope, 150.0, NOISE)
     inside = WINDOW.contains(table["x"], table["y"])
     area = WINDOW.nx * WINDOW.ny * (0.074 / 60) ** 2  # arcmin2
-    assert abs((inside & (table["obj_type"] == 1)).sum() - 552 * area) < 5 * np.sqrt(552 * area)
+    assert abs((inside & (table["obj_type"] == 1)).sum() - DENSITY * area) < 5 * np.sqrt(DENSITY * area)
     assert (~inside).any() and len(np.unique(table["id"])) == len(table)
     np.testing.assert_array_equal(
         healpy.ang2pix(256, table["ra_orig"], table["dec_orig"], nest=True, lonlat=True), table["id"] >> ID_BITS

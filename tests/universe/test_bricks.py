@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from embedded_sky import SEED, UNIVERSE, brick, key, shipped
+from embedded_sky import DENSITY, SEED, brick, key, shipped, universe_folder
 
 from csstsim.catalog.table import COLUMNS, ObjectTable
 from csstsim.config import Lensing
@@ -44,7 +44,7 @@ def test_positions_are_uniform_on_the_brick():
 
 def test_content_does_not_depend_on_order_or_neighbours():
     _, camera = shipped()
-    fresh = load_universe(UNIVERSE)  # no cached table, no brick made before
+    fresh = load_universe(universe_folder())  # no cached table, no brick made before
     assert make_brick(SEED, COMMON, fresh, camera, Lensing()) == brick(COMMON)
 
 
@@ -56,9 +56,9 @@ def test_seed_and_number_change_everything():
     assert len(np.unique(a["id"])) == len(a)
 
 
-def test_galaxy_density_is_the_papers():
+def test_galaxies_are_as_dense_as_asked():
     total = sum((brick(pix)["obj_type"] == 1).sum() for pix in (0, POLE, WRAP, COMMON))
-    expected = 4 * 552 * 3600 * AREA_DEG2
+    expected = 4 * DENSITY * 3600 * AREA_DEG2
     assert abs(total - expected) < 5 * np.sqrt(expected)
 
 
@@ -116,7 +116,7 @@ def test_brick_made_for_something_else_is_refused(tmp_path, name, value):
 
 
 def test_errors_name_the_file_of_the_universe(tmp_path):
-    folder = shutil.copytree(UNIVERSE, tmp_path / "universe")
+    folder = shutil.copytree(universe_folder(), tmp_path / "universe")
     galaxies = folder / "galaxies.yaml"
     text = galaxies.read_text(encoding="utf-8")
     galaxies.write_text("density: 552\n")
@@ -124,7 +124,7 @@ def test_errors_name_the_file_of_the_universe(tmp_path):
         load_universe(folder)
     galaxies.write_text(text.replace("tau_alpha:", "tau_beta:"), encoding="utf-8")
     with pytest.raises(InputError, match=r"universe: .*tau_alpha"):
-        load_universe(folder)
+        load_universe(folder).check()
     galaxies.unlink()
     with pytest.raises(InputError, match=r"galaxies.yaml: cannot read the file"):
         load_universe(folder)

@@ -32,9 +32,18 @@ class DustMap:
     def __init__(self, numbers):
         self._numbers = numbers
         self.path = _sfd_path() if numbers["map"] == SFD else Path(numbers["map"])
-        self._columns, header = _open(self.path, numbers["columns"])
-        self.nside, self._nested = _pixelisation(self._columns[0].size, header, self.path)
-        self._galactic = _is_galactic(header.get("COORDSYS") or numbers["coordsys"], self.path)
+
+    @cached_property
+    def _map(self):
+        """Columns (memory-mapped), nside, nested, galactic; most stages want the digest alone and never read them."""
+        columns, header = _open(self.path, self._numbers["columns"])
+        galactic_frame = _is_galactic(header.get("COORDSYS") or self._numbers["coordsys"], self.path)
+        return columns, *_pixelisation(columns[0].size, header, self.path), galactic_frame
+
+    @property
+    def nside(self):
+        """HEALPix NSIDE of the map."""
+        return self._map[1]
 
     @cached_property
     def digest(self):
@@ -54,8 +63,9 @@ class DustMap:
         wrong = ~(np.isfinite(ra) & (np.abs(dec) <= 90))
         if wrong.any():
             raise InputError("not a direction", key="ra, dec", value=(float(ra[wrong][0]), float(dec[wrong][0])))
-        lon, lat = galactic(ra, dec) if self._galactic else (ra, dec)
-        near, weight = healpy.get_interp_weights(self.nside, lon, lat, nest=self._nested, lonlat=True)  # (4, n)
+        _, nside, nested, in_galactic = self._map
+        lon, lat = galactic(ra, dec) if in_galactic else (ra, dec)
+        near, weight = healpy.get_interp_weights(nside, lon, lat, nest=nested, lonlat=True)  # (4, n)
         pixels, where = np.unique(near, return_inverse=True)
         value = self._pixels(pixels)[where.reshape(near.shape)]
         weight = np.where(np.isnan(value), 0.0, weight)
@@ -77,12 +87,13 @@ class DustMap:
 
     def _pixels(self, pixels):
         """Return E(B-V) of whole pixels, NaN where the map has no value."""
-        first = _take(self._columns[0], pixels)
-        if len(self._columns) == 1:
+        columns = self._map[0]
+        first = _take(columns[0], pixels)
+        if len(columns) == 1:
             return first
         switch = self._numbers["optical_depth"]
         dense = ~(first < switch["limit"])  # NaN goes on to the optical depth, as a pixel too dense to measure
-        first[dense] = switch["per_tau"] * _take(self._columns[1], pixels[dense])
+        first[dense] = switch["per_tau"] * _take(columns[1], pixels[dense])
         return first
 
 

@@ -3,9 +3,10 @@
 The 33 columns of the C9 `.cat` files come first, by their names there (facts.md section 5), with NaN where
 the catalogue knows no such quantity; then everything the simulator adds, and columns of the catalogue's own (user_*).
 xImage, yImage follow the header's WCS (FITS: centre of the first active pixel at 1); x0, x1, y0, y1 are a numpy slice
-of the assembled frame. ra, dec are the apparent direction (with the header's WCS it gives xImage, yImage); ra_orig,
-dec_orig the catalogue's place, ICRS at J2000; ra_epoch, dec_epoch the ICRS place at the epoch, with proper motion and
-parallax but without aberration and light deflection: what a measurement of this exposure should give.
+of the full frame (read_level0(path).assembled(full=True)). ra, dec are the apparent direction (with the header's WCS
+it gives xImage, yImage); ra_orig, dec_orig the catalogue's place, ICRS at J2000; ra_epoch, dec_epoch the ICRS place at
+the epoch, with proper motion and parallax but without aberration and light deflection: what a measurement of this
+exposure should give.
 """
 
 import numpy as np

@@ -12,10 +12,6 @@ from csstsim.config import digest
 from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import folder_digest, read_data
-from csstsim.universe.cosmology import Cosmology
-from csstsim.universe.galaxy_sed import GalaxySeds
-from csstsim.universe.quasar_sed import QuasarSeds
-from csstsim.universe.star_sed import StarSeds
 
 PARTS = ("cosmology", "dust", "galaxies", "lensing", "quasars", "stars")
 
@@ -34,6 +30,8 @@ class Universe:
 
     @cached_property
     def cosmology(self):
+        from csstsim.universe.cosmology import Cosmology
+
         return Cosmology(self.numbers["cosmology"])
 
     @cached_property
@@ -51,14 +49,20 @@ class Universe:
 
     @cached_property
     def star_seds(self):
+        from csstsim.universe.star_sed import StarSeds  # numba: most stages only want the digest
+
         return StarSeds(self.folder / "star_spectra.fits", self.extinction)
 
     @cached_property
     def galaxy_seds(self):
+        from csstsim.universe.galaxy_sed import GalaxySeds
+
         return GalaxySeds(self.folder / "galaxy_spectra.fits", self.numbers["galaxies"]["igm"], self.extinction)
 
     @cached_property
     def quasar_seds(self):
+        from csstsim.universe.quasar_sed import QuasarSeds
+
         return QuasarSeds(self.numbers["quasars"], self.numbers["galaxies"]["igm"], self.extinction)
 
     @cache  # noqa: B019 - a universe lives as long as its process
@@ -73,13 +77,15 @@ class Universe:
                 f"no lensing field: {type(exc).__name__} {exc}", file=self.folder / "lensing.yaml"
             ) from exc
 
+    def check(self):
+        """Make everything the numbers define. Raises InputError for a number that is missing or wrong."""
+        try:
+            self.cosmology, self.dust.nside, self.extinction, self.star_seds, self.galaxy_seds, self.quasar_seds  # noqa: B018
+        except (KeyError, TypeError, ValueError, IndexError) as exc:
+            raise InputError(f"a number is missing or wrong: {type(exc).__name__} {exc}", file=self.folder) from exc
+
 
 def load_universe(folder):
     """Read a universe folder. Raises InputError for a missing or unreadable file or a number without source."""
     folder = Path(folder)
-    universe = Universe(folder, {name: read_data(folder / f"{name}.yaml") for name in PARTS})
-    try:  # a fault shows here, not in a brick
-        universe.digest, universe.cosmology, universe.star_seds, universe.galaxy_seds, universe.quasar_seds  # noqa: B018
-    except (KeyError, TypeError, ValueError, IndexError) as exc:
-        raise InputError(f"a number is missing or wrong: {type(exc).__name__} {exc}", file=folder) from exc
-    return universe
+    return Universe(folder, {name: read_data(folder / f"{name}.yaml") for name in PARTS})
