@@ -61,14 +61,16 @@ def select(run, job):
 def check_catalog(run, say):
     """Open what the campaign draws from; try a catalogue of the user's on the first science job (catalog.contract)."""
     from csstsim.catalog.contract import check
-    from csstsim.catalog.select import region_for
+    from csstsim.catalog.select import near, region_for
 
     source = run.open_truth()
     if run.embedded or not run.science_jobs:
         return
-    region = region_for(*run.science_jobs[0].footprint())
-    report = check(source, run.config.catalog.options, region, run.camera)
+    job = run.science_jobs[0]
+    report = check(source, run.config.catalog.options, region_for(*job.footprint()), run.camera)
     say(f"{run.config.catalog.kind}: {report}")
+    reach = len(near(report.table, job.wcs, job.observer, job.window)[0])
+    say(f"{reach} of them are near what chip {job.chip.id} sees in exposure {job.pointing.obsid}")
     if report.faults:
         raise InputError(
             f"the catalogue has {len(report.faults)} faults, the first: {report.faults[0]}", file=run.file,

@@ -143,7 +143,8 @@ class CatalogBase(ABC):
         if target is None:
             raise InputError("gave a filter, but the object has no mag_norm", key=where)
         current = ab_mag(sed, GRID, np.interp(GRID, wave, response, left=0.0, right=0.0))
-        return sed * 10 ** (0.4 * (current - target))
+        with np.errstate(over="ignore", invalid="ignore"):  # a dark spectrum becomes NaN, and is flagged
+            return sed * 10 ** (0.4 * (current - target))
 
 
 def name_of(catalog):

@@ -12,13 +12,14 @@ catalogue's own code raises comes as InputError, with class, method and object.
 
 from collections import defaultdict
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 import numpy as np
 
 from csstsim.catalog.base import Region, name_of, read_columns, users_code
 from csstsim.catalog.open import make_catalog
 from csstsim.catalog.photometry import load_fluxes, rate_to_mag
-from csstsim.catalog.table import TYPES
+from csstsim.catalog.table import COLUMNS, STAR, TYPES, ObjectTable
 from csstsim.catalog.usable import reasons
 from csstsim.config import SHIPPED
 from csstsim.instrument.camera import load_camera
@@ -32,15 +33,17 @@ SHOWN = 5  # ids named in one message
 
 @dataclass(frozen=True)
 class Report:
-    """What was found: counts of objects by type, faults and warnings, one line each."""
+    """What was found: the objects, their counts by type, faults and warnings, one line each."""
 
+    table: ObjectTable
     counts: dict
     faults: tuple[str, ...]
     warnings: tuple[str, ...]
 
     def __str__(self):
         counts = ", ".join(f"{count} of type {kind}" for kind, count in self.counts.items())
-        lines = [f"{sum(self.counts.values())} objects: {counts}" if counts else "no objects in the region"]
+        total = len(self.table)
+        lines = [f"{total} object{'s' * (total != 1)}: {counts}" if total else "no objects in the region"]
         lines += [f"fault: {text}" for text in self.faults] + [f"warning: {text}" for text in self.warnings]
         return "\n".join(lines)
 
@@ -65,18 +68,17 @@ def check(cls, options, region, camera=None, most=100):
     catalog = make_catalog(cls, options, region)
     table = catalog.table
     if len(catalog.objs) != len(table):
-        return Report({}, (f"objs has {len(catalog.objs)} objects, table {len(table)} rows",), ())
+        return Report(table, {}, (f"objs has {len(catalog.objs)} objects, table {len(table)} rows",), ())
     faults, warnings = defaultdict(list), defaultdict(list)
     ids, times = np.unique(table["id"], return_counts=True)
     faults["an id given more than once"] = list(ids[times > 1])
-    for reason, mask in reasons(table).items():
-        warnings[f"would not be drawn: {reason}"] = list(table["id"][mask])
+    _check_columns(table, faults, warnings)
     rows = _sample(table["obj_type"], most)
     for row in rows:
         _check_spectrum(catalog, catalog.objs[row], faults, warnings)
     _check_light(catalog, rows, camera, faults, warnings)
     counts = {kind: int((table["obj_type"] == number).sum()) for number, kind in enumerate(TYPES)}
-    return Report({k: n for k, n in counts.items() if n}, _lines(faults), _lines(warnings))
+    return Report(table, {k: n for k, n in counts.items() if n}, _lines(faults), _lines(warnings))
 
 
 def _sample(kinds, most):
@@ -88,6 +90,22 @@ def _sample(kinds, most):
     return np.sort(np.concatenate(picked))
 
 
+def _check_columns(table, faults, warnings):
+    """Look at the objects' parameters."""
+    undrawn = np.zeros(len(table), dtype=bool)
+    for reason, mask in reasons(table).items():
+        warnings[f"would not be drawn: {reason}"] = list(table["id"][mask])
+        undrawn |= mask
+    if len(table) and undrawn.all():
+        faults["every object would be left out"] = list(table["id"])
+    shaped = (table["obj_type"] == STAR) & (np.hypot(table["e1"], table["e2"]) + table["size_disk"] > 0)
+    warnings["a star, drawn as a point, has a size or an ellipticity"] = list(table["id"][shaped])
+    for name in table:
+        meant = get_close_matches(name.removeprefix("user_").lower(), COLUMNS, n=1, cutoff=0.8)
+        if name.startswith("user_") and meant:
+            warnings[f"{name.removeprefix('user_')} means nothing to csstsim; is {meant[0]} meant"] = list(table["id"])
+
+
 def _check_spectrum(catalog, obj, faults, warnings):
     """Look at the samples of one object's spectrum as `load_sed` gives them."""
     where = f"{name_of(catalog)}.load_sed, object {obj.id}"
@@ -95,8 +113,8 @@ def _check_spectrum(catalog, obj, faults, warnings):
         sed = catalog.load_sed(obj)
     wave, flux = read_columns(sed, "FLUX", where)
     if wave[-1] <= GRID[0] or wave[0] >= GRID[-1]:
-        unit = "micron?" if wave[-1] < 50 else "nanometre?" if wave[-1] <= GRID[0] else ""
-        faults[f"WAVELENGTH has nothing within 2000-11000 angstrom {unit}".strip()].append(obj.id)
+        unit = "; is it in micron?" if wave[-1] < 50 else "; is it in nanometre?" if wave[-1] <= GRID[0] else ""
+        faults[f"WAVELENGTH has nothing within 2000-11000 angstrom{unit}"].append(obj.id)
     elif wave[0] > GRID[0] or wave[-1] < GRID[-1]:
         warnings["spectrum does not cover 2000-11000 angstrom; it counts as zero beyond its ends"].append(obj.id)
     if not np.isfinite(flux).all():

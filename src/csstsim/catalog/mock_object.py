@@ -19,7 +19,9 @@ class MockObject:
     def __init__(self, *, type=None, **values):
         if type is not None:
             if type not in TYPES:
-                raise InputError("unknown type of object", key="type", value=type, allowed=", ".join(TYPES))
+                raise InputError(
+                    f"object {values.get('id')} is of unknown type", key="type", value=type, allowed=", ".join(TYPES)
+                )
             values["obj_type"] = TYPES.index(type)
         self._columns = {name: (value,) for name, value in values.items()}
         self._row = 0

@@ -98,7 +98,7 @@ def select_objects(catalog, wcs, observer, window, filter, telescope, exptime, n
     `meta` gets `dropped` (counts by reason) and `truth_hash`.
     """
     everything = catalog.table
-    rows, places = _near(everything, wcs, observer, window)
+    rows, places = near(everything, wcs, observer, window)
     table, x, y = everything.take(rows), places["x"], places["y"]
     if rotated:
         table = table.with_columns(e1=-table["e1"], e2=-table["e2"])
@@ -128,8 +128,11 @@ def select_objects(catalog, wcs, observer, window, filter, telescope, exptime, n
     return chosen
 
 
-def _near(table, wcs, observer, window):
-    """Return the rows that could reach the window, or whose place is unknown, and {name: values} of their places."""
+def near(table, wcs, observer, window):
+    """Return the rows that could reach the window, or whose place is unknown, and {name: values} of their places.
+
+    Places: ra, dec, ra_epoch, dec_epoch [deg], x, y [pixel], as `select_objects` describes them.
+    """
     located = np.flatnonzero(np.isfinite(table["ra"]) & np.isfinite(table["dec"]))
     star = table["obj_type"][located] == STAR  # nothing else moves, whatever the catalogue says
     motion = {name: np.where(star, table[name][located], 0.0) for name in ("pmra", "pmdec", "parallax", "rv")}
