@@ -192,17 +192,3 @@ def _integrate(index, weight, rows, av, curve, hats, spans, out):
             for j in range(spans[b, 0], spans[b, 1]):
                 total += line[j] * hats[b, j]
             out[s, b] = total
-
-
-class _Weights:
-    """An array that can be the key of a cache, by content."""
-
-    def __init__(self, array):
-        self.array = np.ascontiguousarray(array, dtype=float)
-        self._key = (self.array.shape, hash(self.array.tobytes()))
-
-    def __hash__(self):
-        return hash(self._key)
-
-    def __eq__(self, other):
-        return self._key == other._key
