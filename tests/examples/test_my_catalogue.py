@@ -75,7 +75,7 @@ def test_it_keeps_the_contract_and_its_magnitudes(campaign):
     ("old", "new", "words"),
     [
         ("sun.csv", "moon.csv", ["CsvCatalogue.load_sed, object 2", "FileNotFoundError", "moon.csv"]),
-        ("2,star", "2,planet", ["unknown type of object", "planet", "star, galaxy, quasar"]),
+        ("2,star", "2,planet", ["object 2 is of unknown type", "planet", "star, galaxy, quasar"]),
         ("2,star", "1,star", ["an id given more than once: object 1"]),
     ],
 )

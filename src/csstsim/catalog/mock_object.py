@@ -20,7 +20,7 @@ class MockObject:
         if type is not None:
             if type not in TYPES:
                 raise InputError(
-                    f"object {values.get('id')} is of unknown type", key="type", value=type, allowed=", ".join(TYPES)
+                    f"object {values.get('id')} is of unknown type", key="type", value=str(type), allowed=", ".join(TYPES)
                 )
             values["obj_type"] = TYPES.index(type)
         self._columns = {name: (value,) for name, value in values.items()}
