@@ -20,8 +20,9 @@ class MockObject:
         if type is not None:
             if type not in TYPES:
                 raise InputError(
-                    f"object {values.get('id')} is of unknown type", key="type", value=str(type), allowed=", ".join(TYPES)
-                )
+                    f"object {values.get('id')} is of unknown type", key="type", value=str(type),
+                    allowed=", ".join(TYPES),
+                )  # fmt: skip
             values["obj_type"] = TYPES.index(type)
         self._columns = {name: (value,) for name, value in values.items()}
         self._row = 0
