@@ -165,7 +165,7 @@ def test_no_galaxy_above_the_limit_is_left_out():
 
 def test_magnitude_is_that_of_the_spectrum():
     columns, magnitudes = bright()
-    np.testing.assert_allclose(magnitudes["i"], columns["i"], atol=2e-3)  # coefficients are kept as float32
+    np.testing.assert_allclose(magnitudes["i"], columns["i"], atol=2.5e-3)  # 2e-3 of the light
 
 
 def test_median_colours_at_i_24():

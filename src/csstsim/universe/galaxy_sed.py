@@ -13,7 +13,7 @@ import numpy as np
 
 from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
-from csstsim.universe.igm import CONTINUUM_POWER, LYMAN_LIMIT, Intergalactic
+from csstsim.universe.igm import LYMAN_LIMIT, Intergalactic, continuum_depth
 
 COEFFICIENTS = 20
 TEN_PC_MPC = 1e-5
@@ -62,7 +62,7 @@ class GalaxySeds:
             smooth = basis.copy()
             smooth[:, red] = 0.25 * (basis[:, red - 1] + 2 * basis[:, red] + basis[:, red + 1])
             wave, basis = wave[kept], smooth[:, kept]
-        steep = np.arange(LYMAN_LIMIT - 40, LYMAN_LIMIT, self.step / 4)
+        steep = np.arange(LYMAN_LIMIT - 90, LYMAN_LIMIT, self.step / 4)
         nodes = np.union1d(wave, [LYMAN_LIMIT, *lines, *steep])
         return nodes, np.array([np.interp(nodes, wave, row) for row in basis])
 
@@ -89,9 +89,10 @@ class GalaxySeds:
         out = np.zeros((len(z), len(wavelength)))
         forest = self._forest if wavelength is GRID else Intergalactic(wavelength, self._igm)
         curve = self._extinction if wavelength is GRID else np.interp(wavelength, GRID, self._extinction)
+        nodes, basis = self._cells[True]  # where `rates` counts what is below zero as zero
         for i, (redshift, mix) in enumerate(zip(np.asarray(z, dtype=float), coefficients, strict=True)):
-            rest = np.maximum(np.einsum("k,kw->w", np.asarray(mix, dtype=float), self.basis), 0.0)
-            out[i] = float(scale[i]) * np.interp(wavelength / (1 + redshift), self.wavelength, rest, left=0.0)
+            rest = np.maximum(np.einsum("k,kw->w", np.asarray(mix, dtype=float), basis), 0.0)
+            out[i] = float(scale[i]) * np.interp(wavelength / (1 + redshift), nodes, rest, left=0.0)
             if igm:
                 forest.absorb(out[i], redshift)
             out[i] *= np.exp(-_LN_MAG * float(av[i]) * curve)
@@ -132,7 +133,21 @@ def _range(weights):
 
 @numba.njit(cache=True, error_model="numpy")
 def _integrate(
-    z, coefficients, dust, moments, ranges, nodes, basis, curve, cuts, grid, edges, depths, continuum, limits
+    z,
+    coefficients,
+    dust,
+    moments,
+    ranges,
+    nodes,
+    basis,
+    curve,
+    cuts,
+    grid,
+    edges,
+    depths,
+    continuum,
+    limits,
+    powers,
 ):
     """Sum spectrum x weight over the samples of the grid, cell by cell of the rest-frame nodes.
 
@@ -149,7 +164,7 @@ def _integrate(
         clear[line + 1] = clear[line] * np.exp(-depths[line])
     for n in range(count):
         stretch = 1.0 + z[n]
-        reach = stretch**CONTINUUM_POWER
+        reach = stretch**powers
         blue = edges[0] * stretch
         more = dust[n]
         for b in range(bands):
@@ -193,8 +208,8 @@ def _integrate(
                         tilt = (clear[reaching, last - 1] - clear[reaching, start]) * across
                         gas = clear[reaching, start] + tilt * (centre - start * step)
                         if middle < LYMAN_LIMIT:
-                            one = max(continuum[start] * (reach - limits[start]), 0.0)
-                            fall = (max(continuum[last - 1] * (reach - limits[last - 1]), 0.0) - one) * across
+                            one = continuum_depth(start, reach, continuum, limits)
+                            fall = (continuum_depth(last - 1, reach, continuum, limits) - one) * across
                             through = np.exp(-one - fall * (centre - start * step))
                             gas, tilt = gas * through, (tilt - gas * fall) * through
                         light = light * gas + tilt * slope * (running[last, 2] - running[start, 2] - centre * w1)

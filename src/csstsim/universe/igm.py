@@ -1,7 +1,9 @@
 """The intergalactic medium: mean absorption of the Lyman forest and the Lyman continuum (Madau 1995, ApJ 441, 18).
 
     tau(lambda, z) = sum_lines A_l (lambda / lambda_l)^p                        lambda < lambda_l (1 + z)
-                   + C (lambda / 912)^3 ((1 + z)^0.46 - (lambda / 912)^0.46)    lambda < 912 (1 + z)
+                   + sum_t C_t x^p_t ((1 + z)^q_t - x^q_t), x = lambda / 912    lambda < 912 (1 + z)
+
+Its footnote 3 has the four terms of the continuum, Lyman limit systems among them.
 
 Left out: scatter between sight-lines, damped systems.
 """
@@ -10,7 +12,6 @@ import numba
 import numpy as np
 
 LYMAN_LIMIT = 912.0  # angstrom
-CONTINUUM_POWER = 0.46  # of (1 + z) in the optical depth below the Lyman limit (Madau 1995, footnote 3)
 
 
 class Intergalactic:
@@ -24,8 +25,10 @@ class Intergalactic:
             numbers["tau_alpha"] * strength * (wavelength / line) ** numbers["power"] for line, strength in lines
         ])  # fmt: skip
         limit = wavelength / LYMAN_LIMIT
+        factor, power, reach = np.array(numbers["continuum"], dtype=float).T[:, :, None]
+        continuum = factor * limit**power
         # What `absorb` needs, as plain arrays: kernels elsewhere take them too.
-        self.arrays = (wavelength, edges, depths, numbers["continuum"] * limit**3, limit**CONTINUUM_POWER)
+        self.arrays = (wavelength, edges, depths, continuum, (continuum * limit**reach).sum(axis=0), reach[:, 0])
 
     def absorb(self, values, z):
         """Multiply `values`, one a wavelength, by the transmission towards redshift z, in place; return them."""
@@ -34,9 +37,9 @@ class Intergalactic:
 
 
 @numba.njit(cache=True)
-def absorb(values, begin, end, z, wavelength, edges, depths, continuum, limits):
+def absorb(values, begin, end, z, wavelength, edges, depths, continuum, limits, powers):
     """Multiply values[begin:end] by the transmission towards redshift z; arrays of Intergalactic."""
-    reach = (1.0 + z) ** CONTINUUM_POWER
+    reach = (1.0 + z) ** powers
     for i in range(begin, end):
         rest = wavelength[i] / (1.0 + z)
         if not rest < edges[0]:
@@ -46,5 +49,14 @@ def absorb(values, begin, end, z, wavelength, edges, depths, continuum, limits):
             if rest < edges[line]:
                 tau += depths[line, i]
         if rest < LYMAN_LIMIT:
-            tau += max(continuum[i] * (reach - limits[i]), 0.0)
+            tau += continuum_depth(i, reach, continuum, limits)
         values[i] *= np.exp(-tau)
+
+
+@numba.njit(inline="always")
+def continuum_depth(i, reach, continuum, limits):
+    """Return the optical depth of the Lyman continuum at wavelength i; reach = (1 + z)^powers."""
+    tau = -limits[i]
+    for term in range(len(reach)):
+        tau += continuum[term, i] * reach[term]
+    return max(tau, 0.0)
