@@ -176,6 +176,8 @@ class CatalogConfig(Model):
     def _lensing_has_an_object(self):
         if self.kind != "embedded" and self.lensing.field == "constant":
             raise ValueError("lensing is of the embedded universe: give kappa, gamma1, gamma2 in your own catalogue")
+        if self.kind == "embedded" and self.options:
+            raise ValueError("the embedded universe takes no options: they are for a catalogue of your own")
         return self
 
 

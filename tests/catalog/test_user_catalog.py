@@ -197,6 +197,7 @@ def test_the_example_in_the_documentation_keeps_the_contract():
         (one(Table({"WAVELENGTH": [2000.0, 11000.0], "FLUX": [1.0, -0.1]})), "FLUX holds negative"),
         (one(Table({"WAVELENGTH": [2000.0, 11000.0], "FLUX": [0.0, 0.0]})), "no light in any band"),
         (one(norm=Table({"WAVELENGTH": [1.0, 2.0], "SENSITIVITY": [1.0, 1.0]}), mag_norm=20.0), "no light in any band"),
+        (one(norm=Table({"WAVELENGTH": [5000.0, 6000.0], "SENSITIVITY": [1.0, -1.0]}), mag_norm=20.0), "SENSITIVITY"),
         (one(type="galaxy"), "every object would be left out: object 9"),
     ],
 )
@@ -218,6 +219,9 @@ def test_the_contract_finds_faults(camera, cls, fault):
         (beside(size_disk=0.5), "a star, drawn as a point, has a size or an ellipticity: object 9"),
         (one(pm_ra=3.0), "pm_ra means nothing to csstsim; is pmra meant: object 9"),
         (one(PARALAX="dwarf"), "is parallax meant"),
+        (beside(**GALAXY | {"size_disk": 1e9}), "above 3600 arcsec: object 9"),
+        (one(flags=32), "flags are csstsim's own"),
+        (one(norm=Table({"WAVELENGTH": [1700.0, 6000.0], "SENSITIVITY": [1.0, 1.0]}), mag_norm=20.0), "is cut there"),
         (one(mag_g=20.1), "mag_g is not the spectrum's magnitude: object 9"),
         (one(Table({"WAVELENGTH": [3000.0, 11000.0], "FLUX": [1.0, 1.0]})), "does not cover 2000-11000"),
         (one(Table({"WAVELENGTH": GRID, "FLUX": np.full(len(GRID), 1e-17)})), "fainter than 40"),
@@ -335,3 +339,39 @@ def test_magnitudes_of_other_systems(system):
     energy = (sed * u.ph / (u.s * u.m**2 * u.AA)).to("erg / (s cm2 AA)", u.spectral_density(GRID * u.AA))
     assert curve.get_ab_magnitude(energy, GRID * u.AA) == pytest.approx(21.3, abs=2e-3)
     assert ab_mag(sed, GRID, np.interp(GRID, curve.wavelength, curve.response)) == pytest.approx(21.3, abs=1e-9)
+
+
+def test_keywords_that_only_some_objects_have_reach_the_table_with_blanks(camera):
+    class Some(one()):
+        def _load(self):
+            rows = [{"id": 1, "filter": "r.csv", "rank": 3}, {"id": 2}, {"id": 3, "pm_ra": 5.0}]
+            self.objs = [MockObject(type="star", ra=10.0, dec=2.0, **row) for row in rows]
+
+    table = Some({}, REGION).table
+    assert list(table["user_filter"]) == ["r.csv", "", ""]
+    np.testing.assert_array_equal(table["user_rank"], [3.0, np.nan, np.nan])
+    assert any("is pmra meant" in warning for warning in check(Some, {}, REGION, camera).warnings)
+
+
+def test_units_in_an_object_are_refused_by_name():
+    with pytest.raises(InputError, match=r"One._load, ra: must be a plain number"):
+        _ = one(ra=10.0 * u.deg)({}, REGION).table
+
+
+@pytest.mark.parametrize("shape", [(1, 18001), (2, 100)])
+def test_spectra_of_the_wrong_shape_are_refused(camera, shape):
+    class Rows(one(rows=[{}, {"id": 2}])):
+        def load_seds(self, rows):
+            return np.ones(shape)
+
+    with pytest.raises(InputError, match="load_seds gave a wrong shape"):
+        check(Rows, {}, REGION, camera)
+
+
+def test_fluxes_of_the_wrong_shape_are_refused(camera):
+    class Rates(one()):
+        def load_fluxes(self, rows, filter, telescope):
+            return np.ones(len(rows))
+
+    with pytest.raises(InputError, match=r"load_fluxes: .*shape"):
+        check(Rates, {}, REGION, camera)

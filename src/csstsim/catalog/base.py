@@ -105,11 +105,12 @@ class CatalogBase(ABC):
                 raise InputError("objs holds something else than MockObjects", key=name_of(self), value=strange)
             names = sorted({name for obj in self.objs for name in obj.values})
             columns = {name: [getattr(obj, name, None) for obj in self.objs] for name in names}
+            _refuse_units(name_of(self), columns)
             # Extras may be anything (a file name, an array); only plain values travel, under names that are theirs.
             extras = {f"user_{name}": column for name, column in columns.items() if name not in COLUMNS}
-            plain = {name: np.array(column) for name, column in extras.items() if all(map(np.isscalar, column))}
+            plain = {name: _plain_column(column) for name, column in extras.items()}
             known = {name: column for name, column in columns.items() if name in COLUMNS}
-            self._table = ObjectTable.complete(known | {n: v for n, v in plain.items() if v.dtype.kind in "biufU"})
+            self._table = ObjectTable.complete(known | {n: v for n, v in plain.items() if v is not None})
         return self._table
 
     @property
@@ -145,6 +146,28 @@ class CatalogBase(ABC):
         current = ab_mag(sed, GRID, np.interp(GRID, wave, response, left=0.0, right=0.0))
         with np.errstate(over="ignore", invalid="ignore"):  # a dark spectrum becomes NaN, and is flagged
             return sed * 10 ** (0.4 * (current - target))
+
+
+def _refuse_units(catalog, columns):
+    """Raise InputError for a quantity with a unit where csstsim wants a number."""
+    for name in set(columns) & set(COLUMNS):
+        value = next((value for value in columns[name] if hasattr(value, "unit")), None)
+        if value is not None:
+            raise InputError(
+                "must be a plain number (units: catalog.base)", key=f"{catalog}._load, {name}", value=value
+            )
+
+
+def _plain_column(values):
+    """Return a column of scalars, blanks (NaN or "") where an object has none; None if they are not plain values."""
+    given = [value for value in values if value is not None]
+    if not all(map(np.isscalar, given)):
+        return None
+    kind = np.array(given).dtype.kind
+    if kind not in "biufU":
+        return None
+    blank = "" if kind == "U" else np.nan
+    return np.array(given if len(given) == len(values) else [blank if value is None else value for value in values])
 
 
 def name_of(catalog):

@@ -23,7 +23,7 @@ from csstsim.catalog.table import COLUMNS, STAR, TYPES, ObjectTable
 from csstsim.catalog.usable import reasons
 from csstsim.config import SHIPPED
 from csstsim.instrument.camera import load_camera
-from csstsim.instrument.filter import GRID
+from csstsim.instrument.filter import GRID, SUBBANDS
 
 PLAUSIBLE_MAG = (0.0, 40.0)  # AB, an object's brightest band: beyond it the unit of FLUX is likely another
 MAG_TOLERANCE = 0.05
@@ -66,7 +66,10 @@ def check(cls, options, region, camera=None, most=100):
     """
     camera = camera or load_camera(SHIPPED / "instrument")
     catalog = make_catalog(cls, options, region)
-    table = catalog.table
+    with users_code(f"{name_of(catalog)}.table"):
+        table = catalog.table
+        if not isinstance(table, ObjectTable):
+            raise TypeError(f"{type(table).__name__} is no ObjectTable")
     if len(catalog.objs) != len(table):
         return Report(table, {}, (f"objs has {len(catalog.objs)} objects, table {len(table)} rows",), ())
     faults, warnings = defaultdict(list), defaultdict(list)
@@ -98,6 +101,7 @@ def _check_columns(table, faults, warnings):
         undrawn |= mask
     if len(table) and undrawn.all():
         faults["every object would be left out"] = list(table["id"])
+    warnings["flags are csstsim's own, and keep an object from being drawn"] = list(table["id"][table["flags"] != 0])
     shaped = (table["obj_type"] == STAR) & (np.hypot(table["e1"], table["e2"]) + table["size_disk"] > 0)
     warnings["a star, drawn as a point, has a size or an ellipticity"] = list(table["id"][shaped])
     for name in table:
@@ -121,6 +125,15 @@ def _check_spectrum(catalog, obj, faults, warnings):
         faults["FLUX holds values that are not finite"].append(obj.id)
     elif (flux < 0).any():
         faults["FLUX holds negative values"].append(obj.id)
+    with users_code(where.replace("load_sed", "load_norm_filt")):
+        norm = catalog.load_norm_filt(obj)
+    if norm is None:
+        return
+    wave, response = read_columns(norm, "SENSITIVITY", where.replace("load_sed", "load_norm_filt"))
+    if not (response >= 0).all():
+        faults["SENSITIVITY holds values that are negative or not finite"].append(obj.id)
+    elif (response[(wave < GRID[0]) | (wave > GRID[-1])] > 0).any():
+        warnings["load_norm_filt's filter reaches beyond 2000-11000 angstrom and is cut there"].append(obj.id)
 
 
 def _check_light(catalog, rows, camera, faults, warnings):
@@ -129,14 +142,17 @@ def _check_light(catalog, rows, camera, faults, warnings):
     mags = np.empty((len(bands), len(rows)))
     for mag, band in zip(mags, bands, strict=True):
         with users_code(f"{name_of(catalog)}.load_fluxes"):
-            rates = catalog.load_fluxes(rows, band, camera.telescope)
+            rates = np.asarray(catalog.load_fluxes(rows, band, camera.telescope))
+            if rates.shape != (len(rows), SUBBANDS):
+                raise ValueError(f"its shape is {rates.shape}, not {(len(rows), SUBBANDS)}")
         with users_code(f"{name_of(catalog)}.load_seds"):
             direct = load_fluxes(catalog.load_seds, rows, band, camera.telescope)
         differ = ~np.isclose(rates, direct, rtol=FLUX_TOLERANCE, atol=1e-9, equal_nan=True).all(axis=1)
         faults[f"load_fluxes is not the integral of load_seds in {band.name}"] = list(ids[differ])
         mag[:] = rate_to_mag(direct.sum(axis=1), band, camera.telescope)
         stated = catalog.table[f"mag_{band.name.lower()}"][rows]
-        away = np.abs(mag - stated) > MAG_TOLERANCE  # false for NaN: not stated
+        with np.errstate(invalid="ignore"):  # both infinite: agreed
+            away = np.abs(mag - stated) > MAG_TOLERANCE  # false for NaN: not stated
         warnings[f"mag_{band.name.lower()} is not the spectrum's magnitude"] = list(ids[away])
     lit = np.isfinite(mags)
     faults["gives no light in any band (or its mag_norm's filter sees none)"] = list(ids[~lit.any(axis=0)])

@@ -29,6 +29,8 @@ class SceneCatalog(CatalogBase):
         self._load()
 
     def _load(self):
+        for name in set(self.options) - {"file", "universe"}:
+            raise InputError("unknown key", key="catalog.options", value=name, allowed="file, universe")
         if "file" not in self.options:
             raise InputError("required key is missing", key="catalog.options.file")
         file = Path(self.options["file"])

@@ -9,6 +9,7 @@ S in photon / s / m2 / angstrom, T_i in electron / photon. Integrals are trapezo
 
 import numpy as np
 
+from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID, SUBBANDS
 from csstsim.units import ab_photon_density
 
@@ -38,7 +39,12 @@ def load_fluxes(load_seds, rows, filter, telescope):
     fluxes = np.zeros((len(rows), SUBBANDS))
     for start in range(0, len(rows), CHUNK):
         part = slice(start, start + CHUNK)
-        fluxes[part] = subband_fluxes(load_seds(rows[part]), filter, telescope)
+        seds = np.asarray(load_seds(rows[part]))
+        if seds.shape != (len(rows[part]), len(GRID)):
+            raise InputError(
+                "load_seds gave a wrong shape", key="catalog", value=seds.shape, allowed=(len(rows[part]), len(GRID))
+            )
+        fluxes[part] = subband_fluxes(seds, filter, telescope)
     return fluxes
 
 

@@ -5,6 +5,7 @@ import numpy as np
 from csstsim.catalog.table import GALAXY, STAR, TYPES
 from csstsim.universe.lensing import magnification
 
+LARGEST = 3600.0  # arcsec, half-light radius
 STRONGLY_LENSED = "strongly lensed"
 NO_LIGHT = "its light in the band is negative or not a number"
 
@@ -27,6 +28,7 @@ def reasons(table):
     for name, used in (("size_disk", share < 1), ("size_bulge", share > 0)):
         size = table[name]
         found[f"a galaxy without {name}"] = galaxy & used & ~((size > 0) & np.isfinite(size))
+        found[f"a galaxy whose {name} is above {LARGEST:g} arcsec"] = galaxy & used & (size > LARGEST)
     return found
 
 

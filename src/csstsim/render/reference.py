@@ -43,6 +43,7 @@ FOLDING_LOOSE = (5e-3, 5e-2, 0.3)
 FFT_LOOSE = 8192
 REACH_FFT = 1000  # px: half the largest stamp, so that its FFT (half-pixel steps) fits the maximum
 NEGATIVE_LIMIT = 1e-4  # fraction of an object's light in negative pixels above which clipping is flagged
+SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point, and GalSim would draw nothing
 PSF_STEP_PX = 0.5  # the stored PSF lattice: 5 um cells in 10 um pixels
 
 _UNDRAWN = BAD_VALUE | STRONG_LENSING
@@ -128,7 +129,7 @@ def _galaxy(objects, i, jacobian, folding):
         if flux > 0:
             budget = folding or min(max(lost / flux, FOLDING_MIN), FOLDING_MAX)
             gsparams = galsim.GSParams(**GSPARAMS, folding_threshold=budget)
-            parts.append(kind(half_light_radius=float(objects[size][i]), flux=flux, gsparams=gsparams))
+            parts.append(kind(half_light_radius=max(float(objects[size][i]), SIZE_MIN), flux=flux, gsparams=gsparams))
     profile = parts[0] if len(parts) == 1 else galsim.Add(parts, propagate_gsparams=False)
     mu = 1.0 / ((1 - kappa) ** 2 - gamma1**2 - gamma2**2)
     profile = profile.shear(g1=e1, g2=e2).lens(gamma1 / (1 - kappa), gamma2 / (1 - kappa), mu)
