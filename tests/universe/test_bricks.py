@@ -125,6 +125,14 @@ def test_errors_name_the_file_of_the_universe(tmp_path):
     galaxies.write_text(text.replace("tau_alpha:", "tau_beta:"), encoding="utf-8")
     with pytest.raises(InputError, match=r"universe: .*tau_alpha"):
         load_universe(folder).check()
+    galaxies.write_text(text.replace("z_max: 7.0", "z_max: 2000.0"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"galaxies.yaml: mass_function.z_max: .*up to 20"):
+        load_universe(folder).check()
+    galaxies.write_text(text, encoding="utf-8")
+    stars = folder / "stars.yaml"
+    stars.write_text(stars.read_text().replace("[12.0, 28.0]", "[28.0, 12.0]"))
+    with pytest.raises(InputError, match=r"stars.yaml: limits: .*two rising numbers"):
+        load_universe(folder).check()
     galaxies.unlink()
     with pytest.raises(InputError, match=r"galaxies.yaml: cannot read the file"):
         load_universe(folder)

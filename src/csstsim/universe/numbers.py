@@ -3,8 +3,10 @@
 One YAML file a subject, each number with its source, and the fitted coefficients of the spectra beside them as FITS.
 """
 
+import math
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, reduce
+from operator import getitem
 from pathlib import Path
 
 from csstsim.catalog.dust_map import DustMap
@@ -13,6 +15,9 @@ from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import folder_digest, read_data
 
+Z_MAX = 20.0  # of galaxies
+_POSITIVE = ("dust.r_v", "stars.sun.r0", "galaxies.density", "galaxies.mass_function.z_max", "lensing.shells")
+_RISING = ("stars.limits", "quasars.redshift", "quasars.m1450")
 PARTS = ("cosmology", "dust", "galaxies", "lensing", "quasars", "stars")
 
 
@@ -78,11 +83,26 @@ class Universe:
             ) from exc
 
     def check(self):
-        """Make everything the numbers define. Raises InputError for a number that is missing or wrong."""
+        """Make what the numbers define, populations apart. Raises InputError for one that is missing or wrong."""
+        from csstsim.universe.galaxies import cumulative_counts
+        from csstsim.universe.stars import galaxy
+
         try:
+            for key in _POSITIVE:
+                self._refuse_unless(lambda value: 0 < value < math.inf, key, "above 0")
+            for key in _RISING:
+                self._refuse_unless(lambda value: -math.inf < value[0] < value[1] < math.inf, key, "two rising numbers")
+            self._refuse_unless(lambda value: value <= Z_MAX, "galaxies.mass_function.z_max", f"up to {Z_MAX:g}")
+            galaxy(self.numbers["stars"]), cumulative_counts(self.numbers["galaxies"])
             self.cosmology, self.dust.nside, self.extinction, self.star_seds, self.galaxy_seds, self.quasar_seds  # noqa: B018
         except (KeyError, TypeError, ValueError, IndexError) as exc:
             raise InputError(f"a number is missing or wrong: {type(exc).__name__} {exc}", file=self.folder) from exc
+
+    def _refuse_unless(self, good, key, allowed):
+        part, _, inside = key.partition(".")
+        value = reduce(getitem, inside.split("."), self.numbers[part])
+        if not good(value):
+            raise InputError("impossible", file=self.folder / f"{part}.yaml", key=inside, value=value, allowed=allowed)
 
 
 def load_universe(folder):

@@ -21,6 +21,7 @@ from csstsim.universe.kinematics import galactic_velocity, sky_motion
 from csstsim.universe.milky_way import components, density, direction
 from csstsim.universe.star_types import COLUMNS, Types, make_types
 
+MOST = 3e6  # stars of a brick: some 2 GB
 _CHUNK = 256  # sight-lines at a time, for memory
 _NSIDE, _BITS = 256, 21  # a brick is 2^21 x 2^21 pixels of order 29
 _MODULUS = np.arange(-5.0, 27.0, 0.1)  # edges of the steps in distance modulus: 1 pc to 2.3 Mpc
@@ -106,6 +107,12 @@ def _draw_cells(rng, pix, place, model):
     """Return ra, dec, healpix, index of the types and of the step of distance of each star."""
     rates = np.stack(list(model.rates(*_corners(pix), model.numbers["limits"][1])), axis=1)
     totals = rates.sum(axis=(1, 2))
+    if totals.max() * AREA_DEG2 > MOST:
+        count = f"{totals.max() * AREA_DEG2:.3g}"
+        raise InputError(
+            f"brick {pix} would hold {count} stars: it is near the Galactic plane, or the limits are too faint",
+            file="universe/stars.yaml", key="limits", value=model.numbers["limits"], allowed=f"{MOST:g} stars a brick",
+        )  # fmt: skip
     count = rng("count").poisson(totals.max() * AREA_DEG2)
     spot = place(rng("position"), count)
     share = _bilinear(spot[2]) * totals
