@@ -16,8 +16,7 @@ import numpy as np
 
 from csstsim.optics.wavefront import filter_noll, number
 from csstsim.rng import stream
-
-NM_PER_UM = 1000.0
+from csstsim.units import NM_PER_UM
 
 
 def chip_coefficients(wavefront, params, chip, x, y):
@@ -39,6 +38,13 @@ def mosaic_position(chip, x, y):
     turn = math.radians(chip.rotation)
     dx, dy = x - (chip.detector.nx - 1) / 2, y - (chip.detector.ny - 1) / 2
     return chip.xc + math.cos(turn) * dx - math.sin(turn) * dy, chip.yc + math.sin(turn) * dx + math.cos(turn) * dy
+
+
+def chip_position(chip, x, y):
+    """Return the chip pixels x, y of a position in the mosaic: the inverse of `mosaic_position`."""
+    turn, dx, dy = math.radians(chip.rotation), x - chip.xc, y - chip.yc
+    middle_x, middle_y = (chip.detector.nx - 1) / 2, (chip.detector.ny - 1) / 2
+    return middle_x + math.cos(turn) * dx + math.sin(turn) * dy, middle_y - math.sin(turn) * dx + math.cos(turn) * dy
 
 
 def detector_defocus(params, chip):

@@ -79,13 +79,20 @@ def write_psf(path, nodes, wavelength, images, *, cells, about, provenance):
         named = {"nodes_xy": nodes, "wavelength": wavelength, "tilt": tilt, "flux": flux}
         for name, data in named.items():
             file.create_dataset(name, data=np.asarray(data, np.float64), fletcher32=True)
-        file.attrs.update(about)
-        file.attrs.update({"format": FORMAT, "sample": "cell_integral", "version": __version__})
-        file.attrs["provenance"] = json.dumps(provenance, sort_keys=True)
+        about = about | {"format": FORMAT, "sample": "cell_integral", "version": __version__}
+        about["provenance"] = json.dumps(provenance, sort_keys=True)
+        for name, value in about.items():  # text of fixed length: the other kind lies where no checksum reaches
+            file.attrs[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
+
+
+def _plain(value):
+    """Return an attribute as Python's own number or text."""
+    value = value.item() if isinstance(value, np.generic) else value
+    return value.decode() if isinstance(value, bytes) else value
 
 
 @contextmanager
-def _intact(path):
+def intact(path):
     """Turn what damaged metadata makes of h5py or of the checks into an InputError."""
     try:
         yield
@@ -111,7 +118,7 @@ class PsfSet:
         Raises InputError for a missing, truncated or foreign file, wrong shapes, and what does not match.
         """
         self.path, self.beta, self.neighbours = path, beta, neighbours
-        with _intact(path):
+        with intact(path):
             data, offset, shape = self._read()
             self.nodes_xy, self.wavelength, self.tilt, self.flux = (
                 data[k] for k in ("nodes_xy", "wavelength", "tilt", "flux")
@@ -134,7 +141,7 @@ class PsfSet:
 
     def _read(self):
         with h5py.File(self.path, "r") as file:
-            self.attributes = {k: v.item() if isinstance(v, np.generic) else v for k, v in file.attrs.items()}
+            self.attributes = {name: _plain(value) for name, value in file.attrs.items()}
             missing = [k for k in _ATTRIBUTES if k not in self.attributes]
             missing += [k for k in (*_DATASETS, "image") if k not in file]
             if missing:
