@@ -120,8 +120,12 @@ def band_ee80(camera, name, places):
 
 
 def report_bands(camera):
-    print("\nall errors but diffusion, before the pixel, the four wavelengths averaged; at each chip's middle and corners")
-    print(f"{'band':5s} {'EE80 arcsec':>12s} {'max':>6s} {'limit':>6s} {'cells/px':>9s} {'CPU s per PSF':>14s} {'set':>6s}")
+    print(
+        "\nall errors but diffusion, before the pixel, the four wavelengths averaged; at each chip's middle and corners"
+    )
+    print(
+        f"{'band':5s} {'EE80 arcsec':>12s} {'max':>6s} {'limit':>6s} {'cells/px':>9s} {'CPU s per PSF':>14s} {'set':>6s}"
+    )
     wavefront = load_wavefront(camera.psf)
     for name, band in camera.filters.items():
         chips = [chip for chip in camera.chips.values() if chip.filter == name]

@@ -122,12 +122,23 @@ def main():
     parser.add_argument("--bands", nargs="*", help="default: all")
     args = parser.parse_args()
     camera = load_camera(args.instrument)
-    print("band cells reader      | flux: bias max | centroid mas: bias max | size^2: bias max | e: bias max | pixel/peak")
+    print(
+        "band cells reader      | flux: bias max | centroid mas: bias max | size^2: bias max | e: bias max | pixel/peak"
+    )
     for name in args.bands or camera.filters:
         for (m, reader), (rows, peak) in measure(camera, name).items():
             bias, most = np.abs(rows.mean(axis=0)), np.abs(rows).max(axis=0)
-            pairs = [f(v) for v in ((0,), (1, 2), (3,), (4, 5)) for f in (lambda v: bias[list(v)].max(), lambda v: most[list(v)].max())]
-            print(f"{name:4s} {m:4d}  {reader:11s} |" + " |".join(f" {a:8.1e} {b:8.1e}" for a, b in zip(pairs[::2], pairs[1::2])) + f" | {peak:8.1e}", flush=True)
+            pairs = [
+                f(v)
+                for v in ((0,), (1, 2), (3,), (4, 5))
+                for f in (lambda v: bias[list(v)].max(), lambda v: most[list(v)].max())
+            ]
+            print(
+                f"{name:4s} {m:4d}  {reader:11s} |"
+                + " |".join(f" {a:8.1e} {b:8.1e}" for a, b in zip(pairs[::2], pairs[1::2]))
+                + f" | {peak:8.1e}",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

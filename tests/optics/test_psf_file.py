@@ -12,8 +12,7 @@ from csstsim.config import SHIPPED
 from csstsim.errors import InputError
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.chip_errors import chip_coefficients
-from csstsim.optics.psf import Diffraction, PsfSet, blur, make_psf, node_psf, oversampling_of, pixel_response
-from csstsim.optics.psf_file import half_pixels
+from csstsim.optics.psf import Diffraction, PsfSet, blur, make_psf, node_psf, pixel_response
 from csstsim.optics.wavefront import load_wavefront
 
 GRID, CELLS = 3, 32

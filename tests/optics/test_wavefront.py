@@ -1,5 +1,7 @@
 """The wavefront: Zernike convention against GalSim, the mirror screen's statistics, the shipped error budget."""
 
+from dataclasses import replace
+
 import galsim
 import numpy as np
 import pytest
@@ -52,6 +54,22 @@ def test_screen_has_the_rms_asked_no_tilt_and_normal_heights():
     modes = np.pi * 40**2 * np.pi / 16
     assert abs(np.mean(standard**3)) < 5 * np.sqrt(15 / modes)
     assert abs(np.mean(standard**4) - 3) < 5 * np.sqrt(96 / modes)
+
+
+def test_shipped_mirror_is_0603_waves_with_normal_heights(params):
+    """Paper 5.1.1; heights of what lies above 6 cycles a pupil: the few lowest modes hold most of the rms."""
+    screen = load_wavefront(params, parts=("mirror",)).screen
+    assert np.std(screen(GRID, GRID)[DISC]) / 632.8 == pytest.approx(0.0603, abs=3e-4)  # waves
+    high = np.hypot(screen.mode, screen.mode[:, None]) / 2 > 6
+    height = replace(screen, amplitude=np.where(high, screen.amplitude, 0), plane=np.zeros(3))(GRID, GRID)[DISC]
+    standard = (height - height.mean()) / height.std()
+    power = np.abs(screen.amplitude[high]) ** 2
+    modes = power.sum() ** 2 / (power**2).sum() * np.pi / 16  # independent ones on the disc
+    assert modes > 50
+    assert abs(np.mean(standard**3)) < 5 * np.sqrt(15 / modes)
+    assert abs(np.mean(standard**4) - 3) < 5 * np.sqrt(96 / modes)
+    # The middle of the distribution: share within 1 sigma, 0.683 +- 5 sigma
+    assert np.mean(np.abs(standard) < 1) == pytest.approx(0.683, abs=5 * np.sqrt(0.22 / modes))
 
 
 @pytest.mark.parametrize("slope", [2.0, 4.0])

@@ -111,7 +111,9 @@ def _positions(places, chip, source):
     limit = np.array([chip.detector.nx, chip.detector.ny]) + _MARGIN_PX
     bad = ~((xy > -_MARGIN_PX) & (xy < limit)).all(axis=1)
     if bad.any():
-        raise InputError(f"not on chip {chip.id}, read as {unit}", file=source, key="psf_<j>", value=xy[bad][0].tolist())
+        raise InputError(
+            f"not on chip {chip.id}, read as {unit}", file=source, key="psf_<j>", value=xy[bad][0].tolist()
+        )
     return xy, unit
 
 

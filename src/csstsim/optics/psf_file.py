@@ -111,7 +111,9 @@ class PsfSet:
     pixel, `attributes` (dict).
     """
 
-    def __init__(self, path, *, chip=None, filter=None, grid=None, oversampling=None, camera_digest=None, beta=2.0, neighbours=4):
+    def __init__(
+        self, path, *, chip=None, filter=None, grid=None, oversampling=None, camera_digest=None, beta=2.0, neighbours=4
+    ):
         """Open and check a PSF file; what is given of chip (id), filter (name), grid, sampling and digest must match.
 
         `beta` (> 0) and `neighbours` (>= 1) are the power and the number of nodes of the interpolation.
@@ -166,9 +168,15 @@ class PsfSet:
                 raise InputError("wrong shape", file=self.path, key=name, value=got, allowed=allowed)
         if cells % 2:
             raise InputError("the number of cells must be even", file=self.path, key="image", value=cells)
-        if type(self.attributes["oversampling"]) is not int or self.attributes["oversampling"] not in range(2, cells, 2):
+        if type(self.attributes["oversampling"]) is not int or self.attributes["oversampling"] not in range(
+            2, cells, 2
+        ):
             raise InputError(
-                "bad sampling", file=self.path, key="oversampling", value=self.attributes["oversampling"], allowed="2, 4"
+                "bad sampling",
+                file=self.path,
+                key="oversampling",
+                value=self.attributes["oversampling"],
+                allowed="2, 4",
             )
         for name in ("nodes_xy", "wavelength"):
             if not np.isfinite(getattr(self, name)).all():

@@ -134,9 +134,7 @@ def filter_noll(params):
     """Return the Noll indices of the filters' figure. Raises InputError unless they are distinct and above 3."""
     noll = (params.get("filter_figure") or {}).get("noll")
     if not isinstance(noll, list) or not noll or not all(type(j) is int and j > 3 for j in noll):
-        raise InputError(
-            "bad list", file="psf.yaml", key="filter_figure.noll", value=noll, allowed="Noll indices >= 4"
-        )
+        raise InputError("bad list", file="psf.yaml", key="filter_figure.noll", value=noll, allowed="Noll indices >= 4")
     return sorted(set(noll))
 
 
