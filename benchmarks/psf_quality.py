@@ -33,7 +33,7 @@ CELLS = 2  # to a pixel; nothing below hangs on it
 
 
 def field_coefficients(camera, wavefront, *, chips):
-    """Return Zernike coefficients (25, J) nm at 5 x 5 places; with `chips`, at the nearest place of a chip, with its errors."""
+    """Return Zernike coefficients (25, J) nm at 5 x 5 places; with `chips`, on the nearest chip with its errors."""
     x, y = (a.ravel() for a in np.meshgrid(*(np.linspace(-edge, edge, 5) for edge in CORNER)))
     if not chips:
         return wavefront.coefficients(x, y)
@@ -125,7 +125,7 @@ def ee80_at(camera, wavelength, places):
 def report_bands(camera):
     print("\nall errors but diffusion, before the pixel, mean of the four wavelengths; at chips' middles and corners")
     print(
-        f"{'band':5s} {'EE80 arcsec':>12s} {'max':>6s} {'limit':>6s} {'cells/px':>9s} {'CPU ms a PSF':>13s} {'s a set':>8s}"
+        f"{'band':5s} {'EE80 arcsec':>12s} {'max':>6s} {'limit':>6s} {'cells/px':>9s} {'ms a PSF':>9s} {'s a set':>8s}"
     )
     wavefront = load_wavefront(camera.psf)
     for name, band in camera.filters.items():
@@ -143,7 +143,7 @@ def report_bands(camera):
         cpu = (time.process_time() - start) / (4 * len(rows))
         limit = SPEC.get(name, np.nan)
         print(
-            f"{name:5s} {ee80.mean():12.4f} {ee80.max():6.3f} {limit:6.3f} {cells:9d} {1000 * cpu:13.1f} "
+            f"{name:5s} {ee80.mean():12.4f} {ee80.max():6.3f} {limit:6.3f} {cells:9d} {1000 * cpu:9.1f} "
             f"{cpu * 3600 + start - begin:8.0f}", flush=True,
         )  # fmt: skip
 
