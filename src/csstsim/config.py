@@ -191,9 +191,18 @@ class AstrometryConfig(Model):
 
 
 class PsfConfig(Model):
-    """The PSF set made for the campaign."""
+    """The PSF set made for the campaign, or brought to it."""
 
     grid: int = Field(30, ge=2, le=60, description="nodes along each side of a chip; 30 is the release value")
+    oversampling: Literal["auto", 2, 4] = Field(
+        "auto", description="cells along the side of a pixel; 'auto': psf.yaml's for the filter"
+    )
+    library: FilePath | None = Field(
+        None, description="folder of an external set, psfCube_{chip}.h5 (optics/psf_c9.py), taken instead of making one"
+    )
+    library_sample: Literal["cell_integral", "point"] = Field(
+        "cell_integral", description="what a sample of the external set means"
+    )
     beta: float = Field(2.0, gt=0, description="inverse-distance weighting: power of the distance")
     neighbours: int = Field(4, ge=1, description="inverse-distance weighting: number of nodes")
 

@@ -1,0 +1,117 @@
+"""How many cells a pixel the stored PSF needs, per band: its set read as the renderer reads it, against direct optics.
+
+    python benchmarks/psf_sampling.py [--bands NUV g]
+
+Truth is the optics integrated over 10 um pixels with the star at 16 places in a pixel. A set with 2 or 4 cells to a
+pixel is summed to pixel integrals on its lattice and interpolated to the same places by GalSim's quintic (as
+render/reference.py does) or by a cubic or quintic B-spline. Moments weighted with a Gaussian of 3 px. "bias" is the
+mean over the places in a pixel, "worst" the largest of them; two field points, the worse one. Goals: flux 1e-3,
+centroid 1 mas, size^2 1e-3, ellipticity 1e-4.
+"""
+
+import argparse
+from pathlib import Path
+
+import galsim
+import numpy as np
+from scipy.ndimage import map_coordinates
+
+from csstsim.instrument.camera import load_camera
+from csstsim.optics.chip_errors import chip_coefficients
+from csstsim.optics.psf import chip_optics
+from csstsim.optics.psf_file import pixel_response
+from csstsim.optics.wavefront import load_wavefront
+from csstsim.render.reference import GSPARAMS, PSF_MAXK
+
+SHIPPED = Path(__file__).resolve().parents[1] / "config" / "instrument"
+BOX = 64  # px, of truth and tables
+HALF = 24  # px: the stamp is 49 x 49
+WINDOW_PX = 3.0
+STEPS = (np.arange(4) + 0.5) / 4 - 0.5 + 0.03  # places in a pixel, px; not on its symmetry axes
+
+
+def moments(image):
+    """Return flux, x, y (px), size^2 (px^2), e1, e2, all but the flux weighted with the Gaussian about the centroid."""
+    axis = np.arange(image.shape[0]) - (image.shape[0] - 1) / 2
+    x = y = 0.0
+    for _ in range(60):
+        dx, dy = axis - x, axis[:, None] - y
+        weight = np.exp(-0.5 * (dx**2 + dy**2) / WINDOW_PX**2) * image
+        weight /= weight.sum()
+        x, y = x + 2 * np.sum(weight * dx), y + 2 * np.sum(weight * dy)
+    xx, yy, xy = np.sum(weight * dx * dx), np.sum(weight * dy * dy), np.sum(weight * dx * dy)
+    return np.array([image.sum(), x, y, xx + yy, (xx - yy) / (xx + yy), 2 * xy / (xx + yy)])
+
+
+def quintic(response, step, x, y):
+    """Return the stamp as render/reference.py draws a star."""
+    image = galsim.ImageD(2 * HALF + 1, 2 * HALF + 1)
+    profile = galsim.InterpolatedImage(
+        galsim.ImageD(response), scale=step, normalization="sb", x_interpolant="quintic",
+        gsparams=galsim.GSParams(**GSPARAMS),
+        _force_maxk=PSF_MAXK, _force_stepk=2 * np.pi / (response.shape[0] * step),
+    )  # fmt: skip
+    profile.drawImage(image, scale=1.0, method="no_pixel", center=image.true_center + galsim.PositionD(x, y))
+    return image.array
+
+
+def spline(order):
+    """Return a reader like `quintic`: the B-spline of this order through the lattice."""
+
+    def read(response, step, x, y):
+        axis, middle = np.arange(-HALF, HALF + 1), (response.shape[0] - 1) / 2
+        at = np.meshgrid(middle + (axis - y) / step, middle + (axis - x) / step, indexing="ij")
+        return map_coordinates(response, at, order=order, mode="constant")
+
+    return read
+
+
+READERS = {"quintic": quintic, "B-spline 3": spline(3), "B-spline 5": spline(5)}
+
+
+def mean_image(optics, kernel, coefficients, centre=(0.0, 0.0)):
+    """Return the image of one field point, mean of the wavelengths."""
+    return np.mean([o.image(o.transfer(coefficients), kernel, centre) for o in optics], axis=0)
+
+
+def measure(camera, name):
+    """Return {(cells to a pixel, reader): (2, 16, 7)}: field points, places, differences of moments and worst pixel."""
+    wavefront, filter_ = load_wavefront(camera.psf), camera.filters[name]
+    chip = next(c for c in camera.chips.values() if c.filter == name)
+    sets = {m: chip_optics(chip, filter_, camera.psf, wavefront, m, BOX * m) for m in (1, 2, 4)}
+    cut = slice(BOX // 2 - HALF, BOX // 2 + HALF + 1)
+    rows = {(m, reader): [] for m in (2, 4) for reader in READERS}
+    for place in ((4607.5, 4615.5), (0.0, 9231.0)):
+        coefficients = chip_coefficients(wavefront, camera.psf, chip, *place)
+        response = {m: pixel_response(mean_image(*sets[m], coefficients), m) for m in (2, 4)}
+        for x, y in np.stack(np.meshgrid(STEPS, STEPS), axis=-1).reshape(-1, 2):
+            # The middle of an even box is the corner of four pixels; the stamp is centred on one of them
+            truth = mean_image(*sets[1], coefficients, (-0.5 - x, -0.5 - y))[cut, cut]
+            wanted = moments(truth)
+            for (m, reader), into in rows.items():
+                got = READERS[reader](response[m], 1 / m, x, y)
+                difference = moments(got) - wanted
+                difference[[0, 3]] /= wanted[[0, 3]]
+                difference[1:3] *= 1000 * camera.telescope.pixel_scale
+                into.append([*difference, np.abs(got - truth).max() / truth.max()])
+    return {key: np.array(value).reshape(2, STEPS.size**2, 7) for key, value in rows.items()}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--instrument", default=SHIPPED, help="folder of the camera's data files")
+    parser.add_argument("--bands", nargs="*", help="default: all")
+    args = parser.parse_args()
+    camera = load_camera(args.instrument)
+    print(
+        "band cells reader      flux: bias   worst  mas: bias   worst  size^2: bias worst  e: bias   worst  pixel/peak"
+    )
+    for name in args.bands or camera.filters:
+        for (m, reader), rows in measure(camera, name).items():
+            bias, worst = np.abs(rows.mean(axis=1)).max(axis=0), np.abs(rows).max(axis=(0, 1))
+            cells = [f"{v[part].max():8.1e}" for part in ([0], [1, 2], [3], [4, 5]) for v in (bias, worst)]
+            print(f"{name:4s} {m:4d}  {reader:11s}", "  ".join(cells), f"{worst[6]:8.1e}", flush=True)
+
+
+if __name__ == "__main__":
+    main()
