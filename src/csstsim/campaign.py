@@ -19,6 +19,7 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.io.paths import Paths
 from csstsim.io.survey_table import load_survey_table
+from csstsim.optics.distortion import load_distortion
 from csstsim.optics.wcs import ChipWCS
 from csstsim.sim_steps import SimSteps
 
@@ -141,12 +142,17 @@ class OpenCampaign:
         return job
 
     def _job(self, pointing, chip):
-        wcs = ChipWCS(chip, pointing)
+        wcs = ChipWCS(chip, pointing, self.distortion if self.steps[pointing.type].field_dist else None)
         craft = observer(
             pointing.mjd, pointing.sat_position, pointing.sat_velocity, **self.config.astrometry.model_dump()
         )
         window = self._window(pointing, chip, wcs, craft)
         return None if window is None else Job(pointing, chip, window, wcs, craft)
+
+    @cached_property
+    def distortion(self):
+        """The camera's field distortion; the observation's `field_dist` says whether an exposure has it."""
+        return load_distortion(self.camera.folder / "distortion.fits")
 
     def _window(self, pointing, chip, wcs, craft):
         """Return the pixels of this pair to simulate, or None if it does not touch the region."""
