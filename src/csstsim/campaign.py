@@ -24,6 +24,7 @@ from csstsim.optics.wcs import ChipWCS
 from csstsim.sim_steps import SimSteps
 
 MERGE_MARGIN_DEG = 2.0 / 3600.0  # a merged brick takes detections up to 2" beyond its border
+EDGE_PX = 3.0  # field distortion bends a chip's edges on the sky: by up to 2.4 px off the line between the corners
 
 
 @dataclass(frozen=True)
@@ -219,7 +220,7 @@ class OpenCampaign:
         """Map each brick touched by a measured window to its jobs."""
         bricks = {}
         for job in self.science_jobs:
-            for pix in bricks_for(*job.footprint(), MERGE_MARGIN_DEG):
+            for pix in bricks_for(*job.footprint(EDGE_PX), MERGE_MARGIN_DEG):
                 bricks.setdefault(int(pix), []).append(job)
         return dict(sorted(bricks.items()))
 
