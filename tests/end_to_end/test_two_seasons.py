@@ -46,7 +46,7 @@ def campaign(tmp_path_factory):
         for v, shift in zip(np.meshgrid(line, line), SHIFT_PX, strict=True)
     )
     camera = load_camera(SHIPPED / "instrument")
-    mag = camera.filters["r"].zeropoint(camera.telescope) - 2.5 * np.log10(2.8e5 / 150)
+    mag = camera.filters["r"].zeropoint(camera.telescope) - 2.5 * np.log10(2.2e5 / 150)
     shipped = (SHIPPED / "observations" / "science.yaml").read_text()
     (folder / "science.yaml").write_text(shipped.replace("sip: false", "sip: true"))  # a header that astropy can trust
     observations = {"SCIE": str(folder / "science.yaml")}

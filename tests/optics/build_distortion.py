@@ -38,7 +38,9 @@ def placement(seed):
     """Print one row a chip: id, shift x, y [px], turn [rad], height [um], slopes along x, y."""
     draws = stream(seed, "placement").normal(size=(30, 6)) * RMS
     for number, (*shift, turn, height, slope_x, slope_y) in enumerate(draws, 1):
-        print(f"    - [{number}, {shift[0]:.2f}, {shift[1]:.2f}, {turn:.1e}, {height:.1f}, {slope_x:.1e}, {slope_y:.1e}]")
+        print(
+            f"    - [{number}, {shift[0]:.2f}, {shift[1]:.2f}, {turn:.1e}, {height:.1f}, {slope_x:.1e}, {slope_y:.1e}]"
+        )
 
 
 if __name__ == "__main__":

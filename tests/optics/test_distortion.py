@@ -6,6 +6,7 @@ from astropy.wcs import WCS
 from optics.build_distortion import build
 from scipy.interpolate import NdBSpline
 
+from csstsim.campaign import EDGE_PX
 from csstsim.catalog.reach import REACH_MAX
 from csstsim.catalog.select import BRICK_MARGIN_DEG, DISTORTION_PX
 from csstsim.config import SHIPPED
@@ -121,14 +122,29 @@ def test_beyond_the_chip_the_map_goes_on(camera, field, number):
 
 
 def test_margins_of_the_selection_hold(camera, field):
-    """Light moves by less than DISTORTION_PX or so, and a brick's margin, from the place on the sky, holds any stamp."""
+    """The largest stamp, seen from the chip's edge on the ideal plane, is within the margin of the bricks."""
+    outer, edge = np.array([-0.5 - REACH_MAX, NX - 0.5 + REACH_MAX]), np.array([-0.5, NX - 0.5])
     for chip in camera.chips.values():
-        x, y = pixels(chip.id, 50)
-        edge = field.on(chip).inverse(np.append(x, [-0.5, NX - 0.5]), np.append(y, [-0.5, NY - 0.5]))
-        outer = field.on(chip).inverse(np.append(x, [-0.5 - REACH_MAX, NX - 0.5 + REACH_MAX]), np.append(y, [-0.5, NY]))
-        stretch = np.subtract(outer, edge)[0][-2:]
-        assert np.abs(stretch).max() * 0.074 / 3600 < BRICK_MARGIN_DEG
-        assert np.abs(np.abs(stretch) - REACH_MAX).max() < DISTORTION_PX / 2
+        for y in (0.0, NY / 2, NY - 1.0):
+            inverse = field.on(chip).inverse
+            stretch = distance(inverse(outer, y), inverse(edge, y))
+            assert stretch.max() * 0.074 / 3600 < BRICK_MARGIN_DEG
+            assert np.abs(stretch - REACH_MAX).max() < DISTORTION_PX / 2
+
+
+def test_edges_bend_by_less_than_the_merge_allows(camera, field):
+    """A footprint is a polygon of the corners: how far a chip's edges leave their chords, on the ideal plane."""
+    line = np.linspace(0.0, 1.0, 41)
+    for chip in camera.chips.values():
+        for x, y in (
+            (line * NX, 0 * line),
+            (line * NX, 0 * line + NY),
+            (0 * line, line * NY),
+            (0 * line + NX, line * NY),
+        ):
+            x0, y0 = field.on(chip).inverse(x - 0.5, y - 0.5)
+            along = np.array([x0[-1] - x0[0], y0[-1] - y0[0]]) / np.hypot(x0[-1] - x0[0], y0[-1] - y0[0])
+            assert np.abs((x0 - x0[0]) * along[1] - (y0 - y0[0]) * along[0]).max() < EDGE_PX
 
 
 @pytest.mark.parametrize("number", CHIPS)
@@ -148,11 +164,11 @@ def test_jacobian_is_the_slope_of_the_model_beyond_its_end(camera, field):
     got = chip.jacobian(x, y)
     for column, (dx, dy) in enumerate(((0.5, 0.0), (0.0, 0.5))):
         slope = np.subtract(chip.forward(x + dx, y + dy), chip.forward(x - dx, y - dy))
-        assert got[:, :, column].T == pytest.approx(slope, abs=1e-8)
+        assert got[:, :, column] == pytest.approx(slope.T, abs=1e-8)
 
 
 def test_spline_against_scipy():
-    """Values and derivatives of scipy's tensor product of order 4 with the same coefficients; fits give back a quartic."""
+    """Values and slopes of scipy's tensor product of order 4 with the same coefficients; a fit gives back a quartic."""
     rng, box, cells = np.random.default_rng(3), np.array([-10.0, 50.0, 7.0, 29.0]), (3, 2)
     coefficients = rng.normal(size=(cells[1] + 4, cells[0] + 4, 2))
     knots = [
@@ -165,7 +181,9 @@ def test_spline_against_scipy():
     work = np.empty((4, 5))
     ours = np.array([spline.value(box, coefficients, a, b, work) for a, b in zip(x, y, strict=True)])
     expected = [theirs(at)] + [theirs(at, nu=nu) for nu in ((0, 1), (1, 0))]
-    assert ours == pytest.approx(np.stack([e[:, i] for i in (0, 1) for e in expected], axis=1)[:, [0, 3, 1, 2, 4, 5]], abs=1e-10)
+    assert ours == pytest.approx(
+        np.stack([e[:, i] for i in (0, 1) for e in expected], axis=1)[:, [0, 3, 1, 2, 4, 5]], abs=1e-10
+    )
     quartic = np.stack([x**4 * y - 3 * x, x**2 * y**4 + 1], axis=1)
     again = spline.fit(x, y, quartic, box, (1, 1))
     assert spline.values(box, again, x, y) == pytest.approx(quartic, rel=1e-8)
@@ -205,7 +223,9 @@ def test_file_and_its_faults(camera, field, tmp_path):
     again = load_distortion(path)
     x, y = pixels(1)
     for number in (3, 30):
-        assert np.array_equal(again.on(camera.chips[number]).forward(x, y), field.on(camera.chips[number]).forward(x, y))
+        assert np.array_equal(
+            again.on(camera.chips[number]).forward(x, y), field.on(camera.chips[number]).forward(x, y)
+        )
     box, coefficients = field.whole
     nan = coefficients.copy()
     nan[0, 0, 0] = np.nan

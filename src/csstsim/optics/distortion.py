@@ -4,8 +4,8 @@
 
 from the ideal pixel (x0, y0) of the linear WCS to the pixel (x, y) of the light: one two-dimensional spline of order 4
 over the whole focal plane for what the optics do, and one on each CCD for what is left, which jumps from CCD to CCD
-because they are not perfectly aligned. Both are fitted to samples (u, v, x, y), as PSF data sets hold them. Splines are of
-displacements (x - x0, y - y0); the global one in mosaic axes, about the boresight.
+because they are not perfectly aligned. Both are fitted to samples (u, v, x, y), as PSF data sets hold them. Splines
+are of displacements (x - x0, y - y0); the global one in mosaic axes, about the boresight.
 
 Equation 4's rows are exchanged in print; x0, y0 follow from u, v by the inverse of CD. Shapes: a source changes by the
 whole matrix d(x, y)/d(x0, y0), composed with lensing (equation 7, in linear order and with its sign turned).
@@ -70,7 +70,7 @@ class FieldDistortion:
         """Return the `ChipDistortion` of a chip. Raises InputError if the model was not fitted to it as it is."""
         if self.layout.get(chip.id) != chip_layout(chip):
             raise InputError(
-                "the field distortion was fitted to another layout of the chips; make distortion.fits anew",
+                "the field distortion was fitted to another layout of the chips",
                 key=f"chip {chip.id}", value=self.layout.get(chip.id, "missing"), allowed=chip_layout(chip),
             )  # fmt: skip
         return ChipDistortion((*chip_plane(chip), *self.whole, *self.chips[chip.id]))
@@ -85,7 +85,8 @@ def fit(samples, chips, cells=CELLS, chip_cells=CELLS, margin=MARGIN_PX):
     """Return the FieldDistortion fitted to samples.
 
     samples: {chip id: (n, 4)} of u, v [deg, intermediate world coordinates at position angle 0], x, y [0-based pixel]
-    (optics.focal_plane.samples). chips: {id: Chip}. cells: of the splines, along x and y. margin: px around the samples.
+    (optics.focal_plane.samples). chips: {id: Chip}. cells: of the splines, along x and y. margin: px around the
+    samples. Deterministic, but for the rounding of the linear algebra library: run once, the result is stored.
     """
     from csstsim.optics import spline
 

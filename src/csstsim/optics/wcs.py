@@ -146,7 +146,7 @@ def chip_plane(chip):
 
 
 def gnomonic(crval, ra, dec):
-    """Return xi, eta [rad] of ra, dec [deg] on the plane that touches the sky at `crval`; NaN at and behind its horizon."""
+    """Return xi, eta [rad] of ra, dec [deg] on the plane that touches the sky at `crval`; NaN from its horizon on."""
     east, north, depth, _ = _frame(crval, ra, dec)
     safe = np.where(depth > 0, depth, np.nan)
     return east / safe, north / safe
