@@ -30,7 +30,7 @@ def write_campaign(folder, pointings=POINTINGS, geometry=None, **changes):
     folder = Path(folder)
     geometry = {"nx": 128, "ny": 128, "channel_nx": 16, "channel_ny": 64} | (geometry or {})
     instrument = mini_camera(folder, **geometry)
-    build(instrument, nodes=5, margin=300.0)  # the shipped distortion fits the real layout only
+    build(instrument, nodes=8, margin=300.0)  # the shipped distortion fits the real layout only
     universe = shutil.copytree(SHIPPED / "universe", folder / "universe", dirs_exist_ok=True)
     galaxies = yaml.safe_load((universe / "galaxies.yaml").read_text())
     galaxies["density"]["value"] = THIN

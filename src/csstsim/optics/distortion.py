@@ -86,7 +86,8 @@ def fit(samples, chips, cells=CELLS, chip_cells=CELLS, margin=MARGIN_PX):
 
     samples: {chip id: (n, 4)} of u, v [deg, intermediate world coordinates at position angle 0], x, y [0-based pixel]
     (optics.focal_plane.samples). chips: {id: Chip}. cells: of the splines, along x and y. margin: px around the
-    samples. Deterministic, but for the rounding of the linear algebra library: run once, the result is stored.
+    samples. Raises ValueError for fewer samples than coefficients. To the rounding of the linear algebra library the
+    same everywhere: run once, the result is stored.
     """
     from csstsim.optics import spline
 

@@ -101,9 +101,11 @@ def values(box, coefficients, x, y):
 def fit(x, y, wanted, box, cells):
     """Return the coefficients whose spline is nearest, in the mean square, to `wanted` (n, 2) at points x, y (n,).
 
-    cells: (along x, along y). Of several nearest ones (fewer points than the cells ask for) the smallest is taken.
+    cells: (along x, along y). Raises ValueError for fewer points than coefficients: the spline would ripple between.
     """
     cells_x, cells_y = cells
+    if len(x) < (needed := (cells_x + ORDER) * (cells_y + ORDER)):
+        raise ValueError(f"{len(x)} samples cannot hold a spline of {needed} coefficients")
     matrix = _design(np.asarray(x, float), np.asarray(y, float), np.asarray(box, float), cells_x, cells_y)
     solution, *_ = np.linalg.lstsq(matrix, wanted, rcond=1e-12)
     return solution.reshape(cells_y + ORDER, cells_x + ORDER, 2)
