@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 INSTRUMENT = Path(__file__).resolve().parents[1] / "config" / "instrument"
@@ -21,8 +22,9 @@ GEOMETRY = {
 def mini_camera(tmp_path, **geometry):
     """Write an instrument folder `tmp_path`/instrument and return its path.
 
-    16 channels of 32 x 32 active pixels unless `geometry` says otherwise; chip centres shrink with the chip's sides;
-    the pixel scale, filters and every other file are the shipped ones.
+    16 channels of 32 x 32 active pixels unless `geometry` says otherwise; chip centres shrink with the chip's sides,
+    the optics' distortion (distortion.yaml, not the model fitted to it) with the width, so that its slopes stay; the
+    pixel scale, filters and every other file are the shipped ones.
     """
     folder = Path(tmp_path) / "instrument"
     for source in INSTRUMENT.rglob("*"):
@@ -40,6 +42,14 @@ def mini_camera(tmp_path, **geometry):
             chip["yc"] *= wanted["ny"] / shape["ny"]
 
     _edit(folder / "chips.yaml", shrink)
+
+    def shrink_optics(data):
+        data["radius"]["value"] *= wanted["nx"] / shape["nx"]
+        for name, px in data["optics"].items():
+            if name in ("cubic", "quintic", "decentring", "astigmatic"):
+                data["optics"][name] = (np.array(px) * wanted["nx"] / shape["nx"]).tolist()
+
+    _edit(folder / "distortion.yaml", shrink_optics)
     return folder
 
 

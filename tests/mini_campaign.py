@@ -7,6 +7,7 @@ import numpy as np
 import yaml
 from astropy.table import Table
 from mini import mini_camera
+from optics.build_distortion import build
 
 from csstsim.catalog.astrometry import icrs
 from csstsim.catalog.base import CatalogBase
@@ -29,6 +30,7 @@ def write_campaign(folder, pointings=POINTINGS, geometry=None, **changes):
     folder = Path(folder)
     geometry = {"nx": 128, "ny": 128, "channel_nx": 16, "channel_ny": 64} | (geometry or {})
     instrument = mini_camera(folder, **geometry)
+    build(instrument, nodes=8, margin=300.0)  # the shipped distortion fits the real layout only
     universe = shutil.copytree(SHIPPED / "universe", folder / "universe", dirs_exist_ok=True)
     galaxies = yaml.safe_load((universe / "galaxies.yaml").read_text())
     galaxies["density"]["value"] = THIN

@@ -13,6 +13,7 @@ from csstsim.catalog import ephemeris
 from csstsim.catalog.astrometry import apparent, icrs
 from csstsim.catalog.select import bricks_for
 from csstsim.cli import main
+from csstsim.config import SHIPPED
 from csstsim.errors import InputError
 from csstsim.instrument.chip import Window
 from csstsim.optics.wcs import ChipWCS
@@ -94,6 +95,35 @@ def test_a_change_that_moves_pixels_changes_the_recipe_and_no_other_does(tmp_pat
     for change in ({"seed": 4}, {"catalog": {"mag_limit": 20}}, {"psf": {"grid": 3}}):
         assert recipe(**change) != base
     assert recipe(window={"x0": 0, "x1": 9, "y0": 0, "y1": 9}) != base
+
+
+def test_field_dist_decides_what_a_pixel_is(tmp_path):
+    """On by default in science exposures; off, the WCS is the header's; a frame without sky has none."""
+    (tmp_path / "science.yaml").write_text(
+        (SHIPPED / "observations" / "science.yaml").read_text().replace("field_dist: true", "field_dist: false")
+    )
+    select = {"types": ["SCIE", "BIAS"], "chips": [6]}
+    on = OpenCampaign(write_campaign(tmp_path, select=select))
+    off = OpenCampaign(write_campaign(tmp_path, select=select, observations={"SCIE": str(tmp_path / "science.yaml")}))
+    here, there = (run.job("10100000001", 6) for run in (on, off))
+    assert there.wcs.distortion is None and on.job("10300000001", 6).wcs.distortion is None
+    sky = here.wcs.pixel_to_world(64.0, 64.0)
+    moved = np.subtract(here.wcs.world_to_pixel(*sky), there.wcs.world_to_pixel(*sky))
+    assert 0.5 < np.hypot(*moved) < 10
+    assert on.recipe(here) != off.recipe(there)
+
+
+def test_a_camera_without_distortion_needs_the_option_off(tmp_path):
+    path = write_campaign(tmp_path)
+    (tmp_path / "instrument" / "distortion.fits").unlink()
+    with pytest.raises(InputError, match="cannot read the field distortion"):
+        _ = OpenCampaign(path).jobs
+    (tmp_path / "science.yaml").write_text(
+        (SHIPPED / "observations" / "science.yaml").read_text().replace("field_dist: true", "field_dist: false")
+    )
+    path = write_campaign(tmp_path, observations={"SCIE": str(tmp_path / "science.yaml")})
+    (tmp_path / "instrument" / "distortion.fits").unlink()
+    assert OpenCampaign(path).jobs
 
 
 @pytest.mark.parametrize(("ra", "dec"), [(60.0, -40.0), (0.0, 0.0), (10.0, 89.99)])

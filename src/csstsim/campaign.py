@@ -19,10 +19,12 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.io.paths import Paths
 from csstsim.io.survey_table import load_survey_table
+from csstsim.optics.distortion import load_distortion
 from csstsim.optics.wcs import ChipWCS
 from csstsim.sim_steps import SimSteps
 
 MERGE_MARGIN_DEG = 2.0 / 3600.0  # a merged brick takes detections up to 2" beyond its border
+EDGE_PX = 3.0  # field distortion bends a chip's edges on the sky: by up to 2.4 px off the line between the corners
 
 
 @dataclass(frozen=True)
@@ -141,12 +143,17 @@ class OpenCampaign:
         return job
 
     def _job(self, pointing, chip):
-        wcs = ChipWCS(chip, pointing)
+        wcs = ChipWCS(chip, pointing, self.distortion if self.steps[pointing.type].field_dist else None)
         craft = observer(
             pointing.mjd, pointing.sat_position, pointing.sat_velocity, **self.config.astrometry.model_dump()
         )
         window = self._window(pointing, chip, wcs, craft)
         return None if window is None else Job(pointing, chip, window, wcs, craft)
+
+    @cached_property
+    def distortion(self):
+        """The camera's field distortion; the observation's `field_dist` says whether an exposure has it."""
+        return load_distortion(self.camera.folder / "distortion.fits")
 
     def _window(self, pointing, chip, wcs, craft):
         """Return the pixels of this pair to simulate, or None if it does not touch the region."""
@@ -213,7 +220,7 @@ class OpenCampaign:
         """Map each brick touched by a measured window to its jobs."""
         bricks = {}
         for job in self.science_jobs:
-            for pix in bricks_for(*job.footprint(), MERGE_MARGIN_DEG):
+            for pix in bricks_for(*job.footprint(EDGE_PX), MERGE_MARGIN_DEG):
                 bricks.setdefault(int(pix), []).append(job)
         return dict(sorted(bricks.items()))
 

@@ -70,6 +70,7 @@ class SimSteps:
             self.steps.append(Step(keyword, name if uses[name] == 1 else f"{name}#{uses[name]}", module, checked))
         self._check_order()
         self.exptime = self._exptime()
+        self.field_dist = any(getattr(step.param, "field_dist", False) for step in self.steps)
 
     def _error(self, message, keyword, value=None, allowed=None):
         return InputError(message, file=self.file, key=f"layers.{keyword}", value=value, allowed=allowed)

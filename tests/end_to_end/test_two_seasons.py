@@ -46,8 +46,11 @@ def campaign(tmp_path_factory):
         for v, shift in zip(np.meshgrid(line, line), SHIFT_PX, strict=True)
     )
     camera = load_camera(SHIPPED / "instrument")
-    mag = camera.filters["r"].zeropoint(camera.telescope) - 2.5 * np.log10(2.8e5 / 150)
-    path = write_scene(folder, "Movers", x, y, mag, CHIP, SEASONS[0], geometry=geometry)
+    mag = camera.filters["r"].zeropoint(camera.telescope) - 2.5 * np.log10(2.2e5 / 150)
+    shipped = (SHIPPED / "observations" / "science.yaml").read_text()
+    (folder / "science.yaml").write_text(shipped.replace("sip: false", "sip: true"))  # a header that astropy can trust
+    observations = {"SCIE": str(folder / "science.yaml")}
+    path = write_scene(folder, "Movers", x, y, mag, CHIP, SEASONS[0], geometry=geometry, observations=observations)
     (folder / "table.csv").write_text("\n".join([HEADER, *SEASONS]) + "\n")
     opened = OpenCampaign(path)
     for obsid in OBSIDS:

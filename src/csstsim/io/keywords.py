@@ -138,7 +138,7 @@ def _detector(state, layout):
         "prescan": detector.prescan, "overscan": detector.overscan, "parallel_overscan": detector.parallel_overscan,
         "window_x_first": window.x0 + 1, "window_x_last": window.x1,
         "window_y_first": window.y0 + 1, "window_y_last": window.y1,
-        "bias_adu": None,
+        "bias_adu": None, "field_dist": state.wcs.distortion is not None,
     }  # fmt: skip
 
 

@@ -3,7 +3,9 @@
 HDU 0 holds keywords only; IMAGE holds DN as uint16 in one of the layouts of csstsim.detector.channels, always of the
 whole detector: pixels outside a windowed readout are 0 and READX0..READY1 state the window. The keywords come from
 level0_keywords.yaml. The world coordinates without letter belong to the assembled active frame (9216 x 9232);
-those with letters A, B, ... are exact for the stored pixels of channels 1, 2, ...
+those with letters A, B, ... are the same for the stored pixels of channels 1, 2, ... All are linear: where the primary
+header's FLDDIST is T, light lies up to 200 px beside them. quantization_and_output's `sip` writes the first with the
+distortion in it, and no letters.
 """
 
 from dataclasses import dataclass
@@ -21,6 +23,7 @@ from csstsim.instrument.chip import Window
 from csstsim.io.fits import card, open_fits, remark, verify_hdu, write_hdus
 from csstsim.io.keywords import header_cards, header_values
 from csstsim.io.paths import level0_stem
+from csstsim.optics.sip import sip_header
 
 # The keywords of IMAGE that reading needs; level0_keywords.yaml must keep them.
 REQUIRED = (
@@ -43,16 +46,17 @@ def write_level0(path, state, keywords, provenance, layout=None):
         raise ValueError(f"Level-0 holds uint16; the image is {state.image.dtype}: quantization_and_output is missing")
     values = header_values(state, provenance, level0_stem(state.pointing, state.chip.id), layout)
     primary = header_cards(keywords, values, 0)
-    image = header_cards(keywords, values, 1) + wcs_cards(state.wcs.header(), frame, layout)
+    image = header_cards(keywords, values, 1) + wcs_cards(state.wcs, frame, layout, state.header.get("sip"))
     with atomic_path(path) as temporary:
         write_hdus(temporary, [("", primary, None), ("IMAGE", image, frame.to_stored(state.image, layout))])
 
 
-def wcs_cards(wcs, frame, layout):
+def wcs_cards(wcs, frame, layout, sip=False):
     """Return the cards of the assembled frame's WCS and of one alternate WCS per channel.
 
-    `wcs` {keyword: value} is the chip's own. In a channel's block, chip x = x0 + sx X with sx = +-1 (mirroring), so
-    CRPIX' = sx (CRPIX - x0) in 0-based pixels and the CD columns change sign.
+    `wcs`: the ChipWCS. In a channel's block, chip x = x0 + sx X with sx = +-1 (mirroring), so CRPIX' = sx (CRPIX - x0)
+    in 0-based pixels and the CD columns change sign. With `sip` the assembled frame's has the field distortion and
+    there are no alternates: readers (astropy) would apply the polynomials to those, too.
     """
     whole = ReadoutFrame.of(frame, None)
     cards = [remark("COMMENT", " WCS of the assembled active frame (DETSIZE), not of the stored array")]
@@ -60,10 +64,16 @@ def wcs_cards(wcs, frame, layout):
         remark("COMMENT", " Its directions are apparent: aberration and light deflection at the spacecraft"),
         remark("COMMENT", " (EXPSTART, POSI0_*, VELO0_* of the primary header) are in them; axes as ICRS"),
     ]
-    cards += [card(key, value) for key, value in wcs.items()]
+    if sip and wcs.distortion:
+        cards.append(remark("COMMENT", " Field distortion is in this WCS, as SIP polynomials"))
+        return cards + [card(key, value) for key, value in sip_header(wcs).items()]
+    if wcs.distortion:
+        cards.append(remark("COMMENT", " Field distortion is in the image, but not in this linear WCS"))
+    linear = wcs.header()
+    cards += [card(key, value) for key, value in linear.items()]
     for block in whole.blocks:
         cards.append(remark("COMMENT", f" WCS {_letter(block)}: the stored pixels of channel {block.channel}"))
-        cards += [card(key + _letter(block), value) for key, value in channel_wcs(wcs, whole, block, layout).items()]
+        cards += [card(key + _letter(block), value) for key, value in channel_wcs(linear, whole, block, layout).items()]
     return cards
 
 

@@ -22,6 +22,9 @@ class Param(LayerParam):
     layout: Literal["channels", "mosaic"] = Field(
         "channels", description="arrangement on disk: 16 channels side by side, or the 2 x 8 mosaic as the silicon lies"
     )
+    sip: bool = Field(
+        False, description="header: the assembled frame's WCS has the field distortion as SIP polynomials; else linear"
+    )
 
 
 def apply(state, param, rng):
@@ -30,5 +33,5 @@ def apply(state, param, rng):
     Raises ValueError if a value is not finite.
     """
     state.image, high, low = digitise(state.image, state.chip.detector.adc_max)
-    state.header |= {"clipped_high": high, "clipped_low": low, "layout": param.layout}
+    state.header |= {"clipped_high": high, "clipped_low": low, "layout": param.layout, "sip": param.sip}
     return state

@@ -1,7 +1,7 @@
 """Scientific objects exposure (paper, Appendix B item 1; sections 4.1, 5.3).
 
 Renders the chip's objects into the image of expected electrons and keeps what was drawn as truth.
-Left out so far: flat fielding, shutter and field distortion switches; slitless dispersion.
+Left out so far: flat fielding and shutter switches; slitless dispersion.
 """
 
 from pydantic import Field
@@ -20,6 +20,8 @@ class Param(LayerParam):
     """obs_param of `scie_obs`."""
 
     exptime: float | None = Field(None, gt=0, le=1e5, description="exposure time [s]; null = the pointing's")
+    # The WCS of the job (campaign.py) has it: selection, rendering and measuring share one map.
+    field_dist: bool = Field(True, description="field distortion: moves objects and changes their shapes")
 
 
 def apply(state, param, rng):

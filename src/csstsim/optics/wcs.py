@@ -11,8 +11,11 @@ taken as they stand, as FITS 1-based numbers: (xc, yc) of chips.yaml is then the
 (nx/2, ny/2), that is 0-based (nx/2 - 1, ny/2 - 1), half a pixel short of the geometric centre. A grating chip
 turns about its geometric centre, whose sky position does not change.
 
+With a distortion (optics.distortion) the pixels are those on which light really falls; `header()` stays the linear
+projection, as in the paper's Level-0 files (optics.sip writes one with the distortion in it).
+
 Everything here is 0-based but the two `crpix` and `header()`. The sky is the apparent one of the exposure (aberration
-and light deflection in it: catalog.astrometry), on axes parallel to the ICRS. Left out: field distortion.
+and light deflection in it: catalog.astrometry), on axes parallel to the ICRS.
 """
 
 import math
@@ -23,32 +26,37 @@ from csstsim.units import ARCSEC_PER_RAD
 
 
 class ChipWCS:
-    """The projection of `chip` at `pointing`; numpy only, vectorised, defined at the poles."""
+    """The projection of `chip` at `pointing`, vectorised, defined at the poles.
 
-    def __init__(self, chip, pointing):
+    distortion: an optics.distortion.FieldDistortion, or None for the ideal, linear pixels.
+    """
+
+    def __init__(self, chip, pointing, distortion=None):
         self.chip = chip
+        self.distortion = distortion.on(chip) if distortion else None
         self.crval = (pointing.ra, pointing.dec)
         self.nominal_cd = mosaic_cd(pointing.pa, chip.telescope)
         self.nominal_crpix = nominal_crpix(chip)
-        turn = math.radians(chip.rotation)
-        rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-        centre = np.array([chip.detector.nx + 1, chip.detector.ny + 1]) / 2  # FITS 1-based
+        rotation, origin = chip_plane(chip)
         self.cd = self.nominal_cd @ rotation
-        self.crpix = centre - rotation.T @ (centre - self.nominal_crpix) if chip.rotation else self.nominal_crpix
+        self.crpix = origin + 1
         self._inverse = np.linalg.inv(self.cd) * math.degrees(1.0)  # pixel per radian
 
     def world_to_pixel(self, ra, dec):
         """Return 0-based pixel x, y of ra, dec [deg]; NaN at and behind the horizon of the tangent plane."""
-        east, north, depth, _ = self._frame(ra, dec)
-        front = depth > 0
-        safe = np.where(front, depth, np.nan)
-        xi, eta = east / safe, north / safe
+        ideal = self._ideal(ra, dec)
+        return self.distortion.forward(*ideal) if self.distortion else ideal
+
+    def _ideal(self, ra, dec):
+        xi, eta = gnomonic(self.crval, ra, dec)
         x = self._inverse[0, 0] * xi + self._inverse[0, 1] * eta + (self.crpix[0] - 1)
         y = self._inverse[1, 0] * xi + self._inverse[1, 1] * eta + (self.crpix[1] - 1)
         return x, y
 
     def pixel_to_world(self, x, y):
         """Return ra (0 <= ra < 360), dec [deg] of 0-based pixels x, y."""
+        if self.distortion:
+            x, y = self.distortion.inverse(x, y)
         u = np.asarray(x, dtype=float) - (self.crpix[0] - 1)
         v = np.asarray(y, dtype=float) - (self.crpix[1] - 1)
         xi = np.radians(self.cd[0, 0] * u + self.cd[0, 1] * v)
@@ -59,13 +67,14 @@ class ChipWCS:
         dec = np.degrees(np.arctan2(sin0 + eta * cos0, np.hypot(xi, meridian)))
         return np.where(ra == 360.0, 0.0, ra)[()], dec
 
-    def jacobian(self, ra, dec):
+    def jacobian(self, ra, dec, seen=None):
         """Return d(x, y)/d(east, north) at ra, dec [deg], (..., 2, 2) in pixel per arcsec of true angle.
 
         Axis -2 is x, y; axis -1 is the local tangent at the object: +RA (east), then north. At a pole, east
-        is taken as for the given ra.
+        is taken as for the given ra. The distortion is that of the place (ra, dec) where the light is `seen`, if
+        that is not where the axes are: 26" of aberration are 3e-4 of shear at the edge of the field.
         """
-        east, north, depth, (sin_d, cos_d, sin_a, cos_a) = self._frame(ra, dec)
+        east, north, depth, (sin_d, cos_d, sin_a, cos_a) = _frame(self.crval, ra, dec)
         sin0, cos0 = _sin_cos(self.crval[1])
         # Unit vectors towards east and north at the object, in the boresight's (east, north, depth) axes.
         along = (
@@ -74,10 +83,11 @@ class ChipWCS:
         )
         columns = [((e - east / depth * d) / depth, (n - north / depth * d) / depth) for e, n, d in along]
         plane = np.moveaxis(np.array(columns), (0, 1), (-1, -2))  # (..., xi | eta, east | north)
-        return self._inverse @ plane / ARCSEC_PER_RAD
+        linear = self._inverse @ plane / ARCSEC_PER_RAD
+        return self.distortion.jacobian(*self._ideal(*(seen or (ra, dec)))) @ linear if self.distortion else linear
 
     def header(self):
-        """Return the FITS WCS keywords of the chip's own active-pixel frame.
+        """Return the FITS WCS keywords of the chip's own active-pixel frame, without the distortion.
 
         LONPOLE is written because its default changes at dec = +90.
         """
@@ -109,18 +119,6 @@ class ChipWCS:
         y0, y1 = w.y0 - 0.5 - margin_px, w.y1 - 0.5 + margin_px
         return self.pixel_to_world(np.array([x0, x1, x1, x0]), np.array([y0, y0, y1, y1]))
 
-    def _frame(self, ra, dec):
-        """Unit vector of ra, dec along the boresight's east, north and depth, and its own sines and cosines."""
-        sin_d, cos_d = _sin_cos(dec)
-        sin0, cos0 = _sin_cos(self.crval[1])
-        # Taken into +-180 before the sine: at ra 359.99 against 0.01 a digit would go otherwise.
-        step = np.remainder(np.asarray(ra, dtype=float) - self.crval[0] + 180.0, 360.0) - 180.0
-        sin_a, cos_a = _sin_cos(step)
-        east = cos_d * sin_a
-        north = sin_d * cos0 - cos_d * sin0 * cos_a
-        depth = sin_d * sin0 + cos_d * cos0 * cos_a
-        return east, north, depth, (sin_d, cos_d, sin_a, cos_a)
-
 
 def mosaic_cd(pa, telescope):
     """Return the CD matrix [deg / pixel] of the unturned mosaic at position angle `pa` [deg]."""
@@ -133,6 +131,38 @@ def mosaic_cd(pa, telescope):
 def nominal_crpix(chip):
     """Return the FITS 1-based pixel (2,) of the boresight in the chip's frame, before any turn of the chip."""
     return np.array([chip.detector.nx / 2 - chip.xc, chip.detector.ny / 2 - chip.yc])
+
+
+def chip_plane(chip):
+    """Return (rotation (2, 2), origin (2,)): mosaic position [px] = rotation @ (0-based chip pixel - origin).
+
+    The nominal place of the chip, turned about its centre; the mosaic's origin is the boresight.
+    """
+    turn = math.radians(chip.rotation)
+    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    nominal = nominal_crpix(chip) - 1
+    centre = np.array([chip.detector.nx - 1, chip.detector.ny - 1]) / 2
+    return rotation, centre - rotation.T @ (centre - nominal) if chip.rotation else nominal
+
+
+def gnomonic(crval, ra, dec):
+    """Return xi, eta [rad] of ra, dec [deg] on the plane that touches the sky at `crval`; NaN from its horizon on."""
+    east, north, depth, _ = _frame(crval, ra, dec)
+    safe = np.where(depth > 0, depth, np.nan)
+    return east / safe, north / safe
+
+
+def _frame(crval, ra, dec):
+    """Unit vector of ra, dec along the boresight's east, north and depth, and its own sines and cosines."""
+    sin_d, cos_d = _sin_cos(dec)
+    sin0, cos0 = _sin_cos(crval[1])
+    # Taken into +-180 before the sine: at ra 359.99 against 0.01 a digit would go otherwise.
+    step = np.remainder(np.asarray(ra, dtype=float) - crval[0] + 180.0, 360.0) - 180.0
+    sin_a, cos_a = _sin_cos(step)
+    east = cos_d * sin_a
+    north = sin_d * cos0 - cos_d * sin0 * cos_a
+    depth = sin_d * sin0 + cos_d * cos0 * cos_a
+    return east, north, depth, (sin_d, cos_d, sin_a, cos_a)
 
 
 def _sin_cos(degrees):

@@ -63,7 +63,7 @@ def draw_objects(image, window, objects, wcs, psf, exptime):
     electrons = flux.sum(axis=1)
     # Shapes refer to east and north at the catalogue's place. Aberration carries them along unturned; east at the
     # apparent place, up to 26" off, is another direction near a pole.
-    jacobian = wcs.jacobian(objects["ra_orig"], objects["dec_orig"])
+    jacobian = wcs.jacobian(objects["ra_orig"], objects["dec_orig"], seen=(objects["ra"], objects["dec"]))
     flags = objects["flags"].copy()
     drawable = (flags & _UNDRAWN == 0) & (electrons > 0)
     index, weight, outside = psf.weights(np.where(drawable, objects["x"], 0.0), np.where(drawable, objects["y"], 0.0))

@@ -1,0 +1,111 @@
+"""Two-dimensional splines on a regular lattice of cells: the functions that the distortion model is made of.
+
+On a box cut into equal cells, a spline of order n = 4 is a polynomial of degree 4 in x times one of degree 4 in y
+in each cell, three times continuously differentiable across cells. Its B-spline coefficients have shape
+(cells_y + 4, cells_x + 4, 2): two functions, the displacements along x and y, share the lattice.
+
+Beyond the box the value is that of the nearest point of the box: no extrapolated polynomial runs away.
+"""
+
+import numpy as np
+from numba import njit
+
+ORDER = 4
+
+
+@njit(cache=True)
+def _basis(t, b, slope):
+    """Fill `b` with the ORDER + 1 B-splines alive at `t` (0..1 within the cell), `slope` with d/dt (de Boor)."""
+    b[0] = 1.0
+    for d in range(1, ORDER + 1):
+        if d == ORDER:
+            slope[0] = -b[0]
+            for j in range(1, d):
+                slope[j] = b[j - 1] - b[j]
+            slope[d] = b[d - 1]
+        saved = 0.0
+        for r in range(d):
+            term = b[r] / d
+            b[r] = saved + (r + 1 - t) * term
+            saved = (t + d - 1 - r) * term
+        b[d] = saved
+
+
+@njit(cache=True)
+def _axis(x, low, high, cells, b, slope):
+    """Return (first coefficient, d(cell coordinate)/dx) at x, with `b` and `slope` filled; 0 slope beyond the box."""
+    per_px = cells / (high - low)
+    s = (min(max(x, low), high) - low) * per_px
+    cell = min(int(s), cells - 1)
+    _basis(s - cell, b, slope)
+    return cell, per_px if low <= x <= high else 0.0
+
+
+@njit(cache=True)
+def value(box, coefficients, x, y, work):
+    """Return (f, g, f_x, f_y, g_x, g_y): the two functions at a point and their derivatives.
+
+    box: (x0, x1, y0, y1); coefficients: as the module says; work: (4, ORDER + 1) scratch. NaN gives NaN.
+    """
+    if not (np.isfinite(x) and np.isfinite(y)):
+        return np.nan, np.nan, np.nan, np.nan, np.nan, np.nan
+    bx, sx, by, sy = work
+    i, per_x = _axis(x, box[0], box[1], coefficients.shape[1] - ORDER, bx, sx)
+    j, per_y = _axis(y, box[2], box[3], coefficients.shape[0] - ORDER, by, sy)
+    f = g = fx = fy = gx = gy = 0.0
+    for row in range(ORDER + 1):
+        f_line = g_line = f_slope = g_slope = 0.0
+        for column in range(ORDER + 1):
+            a, b = coefficients[j + row, i + column]
+            f_line += bx[column] * a
+            g_line += bx[column] * b
+            f_slope += sx[column] * a
+            g_slope += sx[column] * b
+        f += by[row] * f_line
+        g += by[row] * g_line
+        fx += by[row] * f_slope
+        gx += by[row] * g_slope
+        fy += sy[row] * f_line
+        gy += sy[row] * g_line
+    return f, g, fx * per_x, fy * per_y, gx * per_x, gy * per_y
+
+
+@njit(cache=True)
+def _design(x, y, box, cells_x, cells_y):
+    rows = np.zeros((x.size, (cells_y + ORDER) * (cells_x + ORDER)))
+    work = np.empty((4, ORDER + 1))
+    for n in range(x.size):
+        i, _ = _axis(x[n], box[0], box[1], cells_x, work[0], work[1])
+        j, _ = _axis(y[n], box[2], box[3], cells_y, work[2], work[3])
+        for row in range(ORDER + 1):
+            start = (j + row) * (cells_x + ORDER) + i
+            rows[n, start : start + ORDER + 1] = work[2, row] * work[0]
+    return rows
+
+
+@njit(cache=True)
+def _values(box, coefficients, x, y):
+    out = np.empty((x.size, 2))
+    work = np.empty((4, ORDER + 1))
+    for n in range(x.size):
+        f, g, _, _, _, _ = value(box, coefficients, x[n], y[n], work)
+        out[n, 0], out[n, 1] = f, g
+    return out
+
+
+def values(box, coefficients, x, y):
+    """Return the two functions at points x, y (n,), as (n, 2)."""
+    return _values(np.asarray(box, float), coefficients, np.asarray(x, float), np.asarray(y, float))
+
+
+def fit(x, y, wanted, box, cells):
+    """Return the coefficients whose spline is nearest, in the mean square, to `wanted` (n, 2) at points x, y (n,).
+
+    cells: (along x, along y). Raises ValueError for fewer points than coefficients: the spline would ripple between.
+    """
+    cells_x, cells_y = cells
+    if len(x) < (needed := (cells_x + ORDER) * (cells_y + ORDER)):
+        raise ValueError(f"{len(x)} samples cannot hold a spline of {needed} coefficients")
+    matrix = _design(np.asarray(x, float), np.asarray(y, float), np.asarray(box, float), cells_x, cells_y)
+    solution, *_ = np.linalg.lstsq(matrix, wanted, rcond=1e-12)
+    return solution.reshape(cells_y + ORDER, cells_x + ORDER, 2)
