@@ -39,12 +39,13 @@ def truth(run, pix):
 
 def psf(run, chip_id):
     """Make the PSF set of one chip."""
+    from csstsim.optics.beyond import beyond_box
     from csstsim.optics.psf import make_psf
 
     chip, camera = run.camera.chips[chip_id], run.camera
     make_psf(
         run.paths.psf(chip_id), chip, camera.filters[chip.filter], camera.telescope, camera.psf, run.config.psf.grid,
-        camera_digest=camera.digest,
+        camera_digest=camera.digest, beyond=beyond_box(camera, camera.filters[chip.filter]),
     )  # fmt: skip
 
 
@@ -91,6 +92,7 @@ def _say_selected(table, say):
 def _objects(run, job):
     from csstsim.catalog.open import open_catalog
     from csstsim.catalog.select import Noise, region_for, select_objects
+    from csstsim.optics.beyond import beyond_box
 
     config, camera, exptime = run.config.catalog, run.camera, job.pointing.exptime
     filter_, detector = camera.filters[job.chip.filter], camera.detector
@@ -99,7 +101,7 @@ def _objects(run, job):
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
     return select_objects(
         catalog, job.wcs, job.observer, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit,
-        rotated=config.shapes == "rotated90",
+        rotated=config.shapes == "rotated90", beyond=beyond_box(camera, filter_),
     )  # fmt: skip
 
 

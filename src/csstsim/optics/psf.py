@@ -18,7 +18,10 @@ that falls in that cell, so an array sums to the light inside its box (< 1).
   is kept as `tilt`, for the distortion model.
 
 Cost: 0.16 CPU-s per PSF at 280 nm, 0.06 at 500 nm, 0.03 at 950 nm, and 0.3 s a wavelength to start.
-Left out: wings beyond the box (scattering by dust, ghosts), polarisation, pupil vignetting over the field,
+The scattered halo (optics.halo) is added to the centred images, before they are written; the wing beyond the box
+and the ghosts are described in the file's attributes.
+
+Left out: polarisation, pupil vignetting over the field,
 diffusion that depends on wavelength, the 1 degree turn of the grating chips against the pupil.
 """
 
@@ -191,11 +194,14 @@ def mosaic_position(chip, x, y):
     return chip.xc + math.cos(turn) * dx - math.sin(turn) * dy, chip.yc + math.sin(turn) * dx + math.cos(turn) * dy
 
 
-def make_psf(path, chip, filter, telescope, psf_params, grid, *, camera_digest, provenance=None, cells=CELLS):
+def make_psf(
+    path, chip, filter, telescope, psf_params, grid, *, camera_digest, provenance=None, cells=CELLS, beyond=None
+):
     """Compute the PSFs of a chip and write them to `path` (layout: optics.psf_file).
 
     `psf_params` is Camera.psf, `grid` the number of nodes along a side (>= 2), `camera_digest` Camera.digest,
-    `provenance` a JSON-like mapping kept in the file, `cells` the (even) cells along the box.
+    `provenance` a JSON-like mapping kept in the file, `cells` the (even) cells along the box, `beyond` an
+    optics.beyond.Beyond, whose halo is added to the images.
     """
     if grid < 2:
         raise InputError("too few nodes to span a chip", key="psf.grid", value=grid, allowed=">= 2")
@@ -215,4 +221,7 @@ def make_psf(path, chip, filter, telescope, psf_params, grid, *, camera_digest, 
         "camera_digest": camera_digest,
     }
     images = (node_psf(optics, row, kernel) for row in progress(coefficients, "PSF nodes"))
+    if beyond is not None:
+        about |= beyond.attributes()
+        images = ((beyond.wing.add_to(image), tilt) for image, tilt in images)
     write_psf(path, nodes, filter.psf_wavelength, images, cells=cells, about=about, provenance=provenance or {})
