@@ -1,6 +1,7 @@
 """Bright stars on a chip: conservation of light, no edge, stars on and off its edge, ghosts."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from test_reference import EXPTIME, objects
 from csstsim.catalog.flags import OFF_CHIP, TRUNCATED_STAMP
 from csstsim.catalog.reach import wing_reach
 from csstsim.instrument.chip import Window
+from csstsim.layers import scie_obs
 from csstsim.optics.beyond import Beyond, read_beyond
 from csstsim.optics.wcs import ChipWCS
 from csstsim.render.reference import draw_objects
@@ -149,3 +151,26 @@ def test_table_and_fade(scene):
     assert step(np.array([0, 45, 53.0, 61, 99]), 45, 61) == pytest.approx([1, 1, 0.5, 0, 0])
     kept, table = box_share(256), wing_table(wing, np.full(4, 0.25), 64.0, 1e4)
     assert kept[128, 128] == 1 and kept[0, 0] == 0 and table[0] == 0
+
+
+def test_the_layer_switches_wings_and_ghosts(camera, make_pointing, psf_r):
+    """obs_param wings, ghosts of scie_obs: light goes with each; the core stays."""
+    wcs = ChipWCS(camera.chips[9], make_pointing())
+    window = around(300)
+    table = objects(wcs, X, Y, wing=np.full(1, 5000.0), rate=1e8)
+
+    def light(**param):
+        state = SimpleNamespace(
+            chip=camera.chips[9], pointing=make_pointing(exptime=EXPTIME), image=np.zeros(window.shape, np.float32),
+            window=window, catalog=table, wcs=wcs, psf=psf_r, truth=None,
+        )  # fmt: skip
+        scie_obs.apply(state, scie_obs.Param(**param), None)
+        return state.image.sum(dtype=float) / (1e8 * EXPTIME), state.image[300, 300]
+
+    (both, peak), (no_ghosts, _), (no_wings, _), (neither, bare) = (
+        light(wings=wings, ghosts=ghosts) for wings, ghosts in ((1, 1), (1, 0), (0, 1), (0, 0))
+    )
+    assert both > no_ghosts and no_wings > neither
+    assert no_ghosts - neither == pytest.approx(0.021, abs=0.003)  # between the box and 300 px
+    assert both - no_ghosts == pytest.approx(no_wings - neither, rel=1e-3)
+    assert peak == pytest.approx(bare, rel=1e-5)
