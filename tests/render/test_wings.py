@@ -9,6 +9,7 @@ from test_reference import EXPTIME, objects
 
 from csstsim.catalog.flags import OFF_CHIP, TRUNCATED_STAMP
 from csstsim.catalog.reach import wing_reach
+from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs
 from csstsim.optics.beyond import Beyond, read_beyond
@@ -68,6 +69,19 @@ def test_the_rings_follow_the_profile_through_the_join(scene, electrons):
     rings = np.array([ratio[(r >= k) & (r < k + 2)].mean() for k in range(40, 80, 2)])
     assert rings == pytest.approx(1.0, abs=0.01)
     assert np.abs(np.diff(rings)).max() < 3e-3
+
+
+@pytest.mark.parametrize("size", [0.2, 1.0])
+def test_a_bright_galaxy_has_the_wing_of_its_light(camera, make_pointing, psf_r, size):
+    """Half-light radius 3 and 14 px, 1e8 e-: all the light to 3e-4, and the rings of a star beyond 100 px to 2%."""
+    wcs, beyond, window = ChipWCS(camera.chips[9], make_pointing()), Beyond(read_beyond(psf_r).wing), around(400)
+    table = objects(wcs, X, Y, obj_type=GALAXY, reach=300, size_disk=size, rate=1e6, wing=np.full(1, 1500.0))
+    image = np.zeros(window.shape, np.float32)
+    draw_objects(image, window, table, wcs, psf_r, EXPTIME, beyond)
+    r = distance(window)
+    assert image[r < 390].sum(dtype=float) / 1e8 == pytest.approx(1 - beyond.wing.beyond(390).mean(), abs=3e-4)
+    ring = (r > 150) & (r < 160)
+    assert image[ring].mean() == pytest.approx(1e8 * beyond.wing.profile(r[ring]).mean(), rel=0.02)
 
 
 def test_no_wing_is_an_edge(scene):
