@@ -6,6 +6,7 @@ from csstsim.catalog.ephemeris import observer
 from csstsim.config import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
+from csstsim.optics.beyond import beyond_box
 from csstsim.optics.psf import PsfSet, make_psf
 
 
@@ -37,8 +38,11 @@ def observe():
 
 @pytest.fixture(scope="session")
 def psf_r(camera, tmp_path_factory):
-    """A 2 x 2-node PSF set of chip 9 (r band)."""
+    """A 2 x 2-node PSF set of chip 9 (r band), with its halo."""
     path = tmp_path_factory.mktemp("psf") / "chip_09.h5"
     chip = camera.chips[9]
-    make_psf(path, chip, camera.filters["r"], camera.telescope, camera.psf, 2, camera_digest=camera.digest)
+    beyond = beyond_box(camera, camera.filters["r"])
+    make_psf(
+        path, chip, camera.filters["r"], camera.telescope, camera.psf, 2, camera_digest=camera.digest, beyond=beyond
+    )
     return PsfSet(path, chip=9)

@@ -39,6 +39,7 @@ def truth(run, pix):
 
 def psf(run, chip_id):
     """Make the PSF set of one chip, or take it from the campaign's library."""
+    from csstsim.optics.beyond import beyond_box
     from csstsim.optics.psf import make_psf
     from csstsim.optics.psf_c9 import convert
 
@@ -48,8 +49,9 @@ def psf(run, chip_id):
         convert(config.library, path, chip, filter_, sample=config.library_sample, **digests)
     else:
         make_psf(
-            path, chip, filter_, camera.telescope, camera.psf, config.grid, oversampling=config.oversampling, **digests
-        )
+            path, chip, filter_, camera.telescope, camera.psf, config.grid, oversampling=config.oversampling,
+            beyond=beyond_box(camera, filter_), **digests,
+        )  # fmt: skip
 
 
 def select(run, job):
@@ -95,6 +97,7 @@ def _say_selected(table, say):
 def _objects(run, job):
     from csstsim.catalog.open import open_catalog
     from csstsim.catalog.select import Noise, region_for, select_objects
+    from csstsim.optics.beyond import beyond_box
 
     config, camera, exptime = run.config.catalog, run.camera, job.pointing.exptime
     filter_, detector = camera.filters[job.chip.filter], camera.detector
@@ -103,7 +106,7 @@ def _objects(run, job):
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
     return select_objects(
         catalog, job.wcs, job.observer, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit,
-        rotated=config.shapes == "rotated90",
+        rotated=config.shapes == "rotated90", beyond=beyond_box(camera, filter_), box=_psf_box(run, job.chip),
     )  # fmt: skip
 
 
@@ -256,6 +259,16 @@ def check_recipe(path, meta, recipe):
         raise InputError(
             "made for another campaign; remove it", file=path, key="recipe", value=meta.get("recipe"), allowed=recipe
         )
+
+
+def _psf_box(run, chip):
+    """Half the side of a chip's stored PSF [pixel]."""
+    from csstsim.optics.psf import CELLS, oversampling_of
+    from csstsim.optics.psf_c9 import BOX_PX
+
+    config = run.config.psf
+    own = CELLS / 2 / oversampling_of(chip.filter, run.camera.psf, config.oversampling)
+    return BOX_PX / 2 if config.library else own
 
 
 def open_psf(run, job):

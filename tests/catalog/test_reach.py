@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import integrate, special
 
-from csstsim.catalog.reach import POINT_MAX, POINT_MIN, galaxy_radius, light_beyond, point_reach
+from csstsim.catalog.reach import POINT_MAX, POINT_MIN, galaxy_radius, light_beyond, point_reach, wing_reach
 from csstsim.catalog.table import ObjectTable
+from csstsim.optics.beyond import beyond_box
 
 VARIANCE = 60.0  # electron^2, of a pixel in r
 
@@ -59,6 +60,15 @@ def test_brighter_larger_and_stretched_need_more():
 
 def test_point_reach_grows_with_flux_within_its_limits(camera):
     electrons = np.array([0.0, 10.0, 1e4, 1e9])
-    reach, clipped = point_reach(electrons, VARIANCE, camera.filters["r"], camera.telescope)
+    reach = point_reach(electrons, VARIANCE, camera.filters["r"], camera.telescope)
     assert (np.diff(reach) >= 0).all() and reach[0] == reach[1] == POINT_MIN and reach[-1] == POINT_MAX
-    assert list(clipped) == [False, False, False, True]
+
+
+def test_wing_reach_is_where_the_profile_is_a_thousandth_of_the_noise(camera):
+    wing = beyond_box(camera, camera.filters["r"]).wing
+    electrons = np.array([0.0, 1e4, 1e7, 1e10])
+    reach = wing_reach(electrons, VARIANCE, wing)
+    assert reach[0] == 0 and (np.diff(reach) > 0).all()
+    level = electrons[1:] * wing.profile(reach[1:]).mean(axis=0)
+    assert level == pytest.approx(1e-3 * np.sqrt(VARIANCE), rel=0.01)
+    assert not wing_reach(electrons, VARIANCE, None).any()

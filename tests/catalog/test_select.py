@@ -1,5 +1,7 @@
 """Selection of a chip's objects: who is in, how bright, how large, what is flagged, and that nothing vanishes."""
 
+from dataclasses import replace
+
 import healpy
 import numpy as np
 import pytest
@@ -11,11 +13,13 @@ from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.photometry import rate_to_mag, subband_fluxes
+from csstsim.catalog.reach import WING_MAX
 from csstsim.catalog.select import Noise, region_for, select_objects
 from csstsim.catalog.table import BANDS, COLUMNS
 from csstsim.config import Lensing
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
+from csstsim.optics.beyond import beyond_box
 from csstsim.optics.wcs import ChipWCS
 from csstsim.units import ab_photon_density
 from csstsim.universe.bricks import ID_BITS
@@ -60,7 +64,7 @@ class Flat(CatalogBase):
 def pick(camera, make_pointing, observe):
     """Select from Flat objects placed at pixels of a pointing; (x, y) in the objects' place of ra, dec."""
 
-    def run(objects, window=WINDOW, mag_limit=None, **pointing):
+    def run(objects, window=WINDOW, mag_limit=None, beyond=None, **pointing):
         pointing = make_pointing(**pointing)
         wcs, craft = ChipWCS(camera.chips[CHIP], pointing), observe(pointing)
         placed = []
@@ -69,7 +73,7 @@ def pick(camera, make_pointing, observe):
             placed.append(MockObject(**({"ra": float(ra), "dec": float(dec)} | values)))
         catalog = Flat({"objects": placed}, Region((), (), ()))
         return select_objects(
-            catalog, wcs, craft, window, camera.filters["r"], camera.telescope, 150.0, NOISE, mag_limit
+            catalog, wcs, craft, window, camera.filters["r"], camera.telescope, 150.0, NOISE, mag_limit, beyond=beyond
         )
 
     return run
@@ -112,6 +116,27 @@ def test_stamps_decide_who_is_in(pick):
     assert list(table["id"]) == [1, 3, 5, 7]
     assert table.meta["dropped"] == {"outside": 4, "faint": 0}
     assert table["flags"][3] & TRUNCATED_STAMP and table["reach"][3] == 2048
+
+
+def test_wings_and_ghosts_bring_bright_stars_from_outside(pick, camera):
+    """A star of mag 15 by its wing of some 600 px, of mag 10 from anywhere near, the ghosts of one of mag 13 anyhow."""
+    whole = beyond_box(camera, camera.filters["r"])
+    x0 = WINDOW.x0 - 0.5
+    stars = [
+        (x0 - 300, 3200, star(15, id=1)), (x0 - 800, 3200, star(15, id=2)), (x0 - 2000, 3200, star(10, id=3)),
+        (x0 - 2100, 3200, star(5, id=4)), (x0 + 10, 3200, star(24, id=5)), (x0 - 700, 3200, star(14.9, id=6)),
+        (x0 - 80, 3200, galaxy(16, id=7)),
+    ]  # fmt: skip
+    table = pick(stars, beyond=whole)
+    assert list(table["id"]) == [1, 3, 5, 6, 7]
+    wing = dict(zip(table["id"], table["wing"], strict=True))
+    assert wing[5] == 0 and 400 < wing[1] < 800 and 2500 < wing[3] < 4000 and wing[7] > 100
+    assert list(table["reach"][:2]) == [64, 64] and 16 < table["reach"][2] < 64
+    assert not (table["flags"] & TRUNCATED_STAMP).any()
+    ghostless = pick(stars, beyond=replace(whole, ghosts=None))
+    assert list(ghostless["id"]) == [1, 3, 5, 7]
+    huge = pick([(4100, 3200, star(-5, id=8))], beyond=whole)
+    assert huge["wing"][0] == WING_MAX and huge["flags"][0] & TRUNCATED_STAMP
 
 
 def test_object_behind_the_sky_is_outside(pick):

@@ -6,6 +6,9 @@ default loses 0.5% of the light. Here light may be lost only where this chip's n
 * point sources: out to where the wing falls below a tenth of a pixel's noise and the light beyond is less than a tenth
   of the object's own noise. The wing is that of an unobscured circular pupil (Born & Wolf, section 8.5.2),
   surface brightness lambda / (pi^3 D r^3), four times over for aberrations;
+* light beyond the box of the stored PSF (32 or 64 px): out to where the wing falls below a thousandth of a pixel's noise, for
+  every kind of object; a wing is a table look-up, not a Fourier transform, and that far out even an ideal filter over
+  all that is lost sees no more than 1.3e-3 r [px] sigma;
 * galaxies: out to where the fraction of light beyond is max(1e-4, min(5e-3, 0.02 sigma_F / F)), from the closed form of
   the enclosed light of Sersic n = 1 and n = 4 drawn out to circles of the longest axis (so never too small), plus
   the reach of a point source of that flux.
@@ -16,18 +19,20 @@ import numpy as np
 from csstsim.units import ARCSEC_PER_RAD
 from csstsim.universe.lensing import magnification
 
-POINT_MIN, POINT_MAX = 16, 64  # pixel; the stored PSF ends at 64
+POINT_MIN, POINT_MAX = 16, 64  # pixel; no stored PSF goes on beyond 64
 REACH_MAX = 2048  # pixel
+WING_MAX = 16384  # pixel: from anywhere within REACH_MAX of a chip to its far corner
 B_1, B_4 = 1.678347, 7.669249  # Sersic b_n: half the light within the half-light radius (Ciotti & Bertin 1999)
 _WING_SAFETY = 4.0
 _HIDDEN = 0.1  # part of the noise that lost light may reach
+_HIDDEN_WING = 1e-3  # of a pixel's noise
 _LOST = (1e-4, 5e-3, 0.02)
 _PSF_HALF_LIGHT = 1.2  # pixel, for the number of pixels that bring noise
 _GAUSSIAN = 4 * np.pi / (2 * np.log(2))  # effective number of pixels / half-light radius^2 of a Gaussian
 
 
-def point_reach(electrons, variance, filter, telescope):
-    """Return (reach, clipped): pixels, and whether light beyond POINT_MAX would show.
+def point_reach(electrons, variance, filter, telescope, box=POINT_MAX):
+    """Return the reach [pixel], at most `box`.
 
     electrons: (n,) in the exposure; variance: of one pixel without the object [e-^2].
     """
@@ -36,8 +41,18 @@ def point_reach(electrons, variance, filter, telescope):
     by_pixel = np.cbrt(electrons * wing / (_HIDDEN * np.sqrt(variance)))
     noise = np.sqrt(electrons + _GAUSSIAN * _PSF_HALF_LIGHT**2 * variance)
     by_light = electrons * 2 * np.pi * wing / _WING_SAFETY / (_HIDDEN * noise)
-    needed = np.maximum(by_pixel, by_light)
-    return np.clip(needed, POINT_MIN, POINT_MAX), by_pixel > POINT_MAX
+    return np.clip(np.maximum(by_pixel, by_light), POINT_MIN, box)
+
+
+def wing_reach(electrons, variance, wing):
+    """Return the radius [pixel] at which an object's wing hides in the noise, not clipped; 0 for no light or no wing.
+
+    electrons: (n,); variance: of one pixel without the object [e-^2]; wing: optics.halo.Wing or None.
+    """
+    lit = electrons > 0
+    if wing is None:
+        return np.zeros(len(lit))
+    return np.where(lit, wing.radius(_HIDDEN_WING * np.sqrt(variance) / np.where(lit, electrons, 1.0)), 0.0)
 
 
 def galaxy_radius(table, electrons, variance, pixel_scale):

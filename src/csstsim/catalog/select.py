@@ -16,14 +16,14 @@ from csstsim.catalog.astrometry import apparent, at_epoch
 from csstsim.catalog.base import Region
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.photometry import rate_to_mag
-from csstsim.catalog.reach import POINT_MIN, REACH_MAX, galaxy_radius, point_reach
+from csstsim.catalog.reach import POINT_MAX, POINT_MIN, REACH_MAX, WING_MAX, galaxy_radius, point_reach, wing_reach
 from csstsim.catalog.table import BANDS, GALAXY, STAR
 from csstsim.catalog.usable import unusable
 from csstsim.universe.lensing import magnification
 
 NSIDE = 256
 DISTORTION_PX = 200  # at the field's edge (paper, section 5.2)
-# A star's stamp reaches 64 px, so this leaves a star 147" of motion since J2000: 4.1" a year until 2036.
+# Stars move 147" (4.1" a year until 2036) at the expense of this margin: wings of bright stars beyond it are not drawn.
 BRICK_MARGIN_DEG = (DISTORTION_PX + REACH_MAX) * 0.074 / 3600.0
 
 
@@ -85,15 +85,19 @@ def _grow(vertices, margin):
     return np.array(corners)
 
 
-def select_objects(catalog, wcs, observer, window, filter, telescope, exptime, noise, mag_limit=None, rotated=False):
+def select_objects(
+    catalog, wcs, observer, window, filter, telescope, exptime, noise, mag_limit=None, rotated=False, beyond=None,
+    box=POINT_MAX,
+):  # fmt: skip
     """Return the ObjectTable of what reaches `window` of a chip, with the columns the renderer needs.
 
     catalog: a CatalogBase; wcs: optics.wcs.ChipWCS; observer: ephemeris.Observer; window: instrument.chip.Window;
-    exptime in s; noise: Noise; rotated: turn intrinsic ellipticities by 90 degrees (the paper's twin campaign, in which
-    nothing else differs). ra, dec become the apparent direction. Added: ra_orig, dec_orig (the catalogue's,
-    J2000), ra_epoch, dec_epoch (ICRS at the epoch, what a measurement can know), x, y (0-based pixel), mag (this
-    filter), flux0..3 (electron / s, magnified), reach (pixel, half the side of the stamp), lost (fraction of a galaxy's
-    light that may lie beyond it), flags. mag_* are as observed, magnification included. Rows with a value that cannot
+    exptime in s; noise: Noise; rotated: turn intrinsic ellipticities by 90 degrees (the paper's twin campaign, in
+    which nothing else differs); beyond: optics.beyond.Beyond or None; box: half the side of the stored PSF [pixel]. ra, dec become the apparent direction. Added:
+    ra_orig, dec_orig (the catalogue's, J2000), ra_epoch, dec_epoch (ICRS at the epoch, what a measurement can know),
+    x, y (0-based pixel), mag (this filter), flux0..3 (electron / s, magnified), reach (pixel, half the side of the
+    stamp), lost (fraction of a galaxy's light that may lie beyond it), wing (pixel, radius of the light beyond the
+    PSF's box; 0: noise hides it), flags. mag_* are as observed, magnification included. Rows with a value that cannot
     be used are kept, dark and flagged, if they lie on the window or nobody knows where they lie.
     `meta` gets `dropped` (counts by reason) and `truth_hash`.
     """
@@ -110,15 +114,22 @@ def select_objects(catalog, wcs, observer, window, filter, telescope, exptime, n
     flux[bad] = 0.0
     rate = flux.sum(axis=1)
     mag = np.where(bad, np.nan, rate_to_mag(rate, filter, telescope))
-    reach, lost, truncated = _reach(table, extended & ~bad, rate * exptime, noise.variance(exptime), filter, telescope)
+    electrons, variance = rate * exptime, noise.variance(exptime)
+    beyond_px, ghosts_px = _beyond(beyond, electrons, variance, wcs.chip)
+    reach, lost = _reach(table, extended & ~bad, electrons, variance, beyond_px, box, filter, telescope)
+    truncated = (reach > REACH_MAX) | (beyond_px > WING_MAX)
+    reach = np.ceil(np.minimum(reach, REACH_MAX)).astype(np.int32)
+    wing = np.where(beyond_px > box, np.minimum(beyond_px, WING_MAX), 0.0)
     flags = table["flags"] | np.where(bad, BAD_VALUE, 0) | np.where(truncated, TRUNCATED_STAMP, 0)
     flags |= np.where(~star & ~thin & ~bad, STRONG_LENSING, 0)
-    touches = _touches(x, y, np.where(bad, 0, reach), window) | ~np.isfinite(table["ra"] + table["dec"])
+    farthest = np.maximum.reduce([reach, wing, ghosts_px])
+    touches = _touches(x, y, np.where(bad, 0, farthest), window) | ~np.isfinite(table["ra"] + table["dec"])
     faint = mag > (np.inf if mag_limit is None else mag_limit)
     chosen = table.with_columns(
         ra_orig=table["ra"], dec_orig=table["dec"], **places, mag=mag.astype(np.float32),
         **{f"mag_{band}": (table[f"mag_{band}"] - 2.5 * np.log10(mu)).astype(np.float32) for band in BANDS},
-        **{f"flux{i}": flux[:, i] for i in range(flux.shape[1])}, reach=reach, lost=lost, flags=flags.astype(np.int32),
+        **{f"flux{i}": flux[:, i] for i in range(flux.shape[1])}, reach=reach, lost=lost,
+        wing=wing.astype(np.float32), flags=flags.astype(np.int32),
     ).take(touches & ~faint)  # fmt: skip
     outside = len(everything) - int(touches.sum())
     chosen.meta = {
@@ -151,9 +162,18 @@ def _touches(x, y, reach, window):
     return in_x & (y + reach >= window.y0 - 0.5) & (y - reach < window.y1 - 0.5)
 
 
-def _reach(table, extended, electrons, variance, filter, telescope):
-    """Return (reach [pixel], lost: fraction of a galaxy's light that may lie beyond its stamp, truncated)."""
-    reach, truncated = point_reach(electrons, variance, filter, telescope)
+def _beyond(beyond, electrons, variance, chip):
+    """Return how far each object's wing [pixel] needs to go, and how far its ghosts lie if they are bright enough."""
+    if beyond is None:
+        return np.zeros_like(electrons), np.zeros_like(electrons)
+    ghosts = 0.0 if beyond.ghosts is None else beyond.ghosts.reach(chip) * beyond.ghosts.visible(electrons)
+    return wing_reach(electrons, variance, beyond.wing), np.broadcast_to(ghosts, electrons.shape)
+
+
+def _reach(table, extended, electrons, variance, beyond_px, box, filter, telescope):
+    """Return (reach [pixel], lost: fraction of a galaxy's light that may lie beyond its stamp)."""
+    reach = point_reach(electrons, variance, filter, telescope, box)
+    reach = np.where(extended, reach, np.clip(beyond_px, reach, box))
     lost = np.zeros(len(reach), np.float32)
     reach[electrons <= 0] = POINT_MIN
     if extended.any():
@@ -161,5 +181,4 @@ def _reach(table, extended, electrons, variance, filter, telescope):
             table.take(extended), electrons[extended], variance, telescope.pixel_scale
         )
         reach[extended] += profile
-        truncated = truncated | (reach > REACH_MAX)
-    return np.ceil(np.minimum(reach, REACH_MAX)).astype(np.int32), lost, truncated
+    return reach, lost

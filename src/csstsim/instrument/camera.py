@@ -28,6 +28,8 @@ class Camera:
     detector: Detector
     keywords: list[dict[str, Any]]  # level-0 header entries of level0_keywords.yaml; empty without the file
     psf: dict[str, Any]  # psf.yaml; empty without the file
+    scatter: dict[str, Any]  # scatter.yaml; empty without the file
+    ghosts: dict[str, Any]  # ghosts.yaml; empty without the file
     folder: Path
     digest: str
 
@@ -50,7 +52,8 @@ def load_camera(folder):
     detector = _detector(folder / "detector.yaml")
     filters = _filters(folder / "filters.yaml")
     telescope, orbit = load_telescope(folder / "telescope.yaml")
-    keywords, psf = folder / "level0_keywords.yaml", folder / "psf.yaml"
+    keywords = folder / "level0_keywords.yaml"
+    optional = {name: folder / f"{name}.yaml" for name in ("psf", "scatter", "ghosts")}
     return Camera(
         chips=_chips(folder / "chips.yaml", filters, detector, telescope),
         filters=filters,
@@ -58,7 +61,7 @@ def load_camera(folder):
         orbit=orbit,
         detector=detector,
         keywords=_only_list(keywords) if keywords.exists() else [],
-        psf=read_data(psf) if psf.exists() else {},
+        **{name: read_data(path) if path.exists() else {} for name, path in optional.items()},
         folder=folder,
         digest=folder_digest(folder),
     )

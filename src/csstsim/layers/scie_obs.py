@@ -8,6 +8,7 @@ from pydantic import Field
 
 from csstsim.errors import InputError
 from csstsim.layers.param import LayerParam
+from csstsim.optics.beyond import Beyond, read_beyond
 from csstsim.render.reference import draw_objects
 
 STAGE = "render"
@@ -22,6 +23,8 @@ class Param(LayerParam):
     exptime: float | None = Field(None, gt=0, le=1e5, description="exposure time [s]; null = the pointing's")
     # The WCS of the job (campaign.py) has it: selection, rendering and measuring share one map.
     field_dist: bool = Field(True, description="field distortion: moves objects and changes their shapes")
+    wings: bool = Field(True, description="light of bright objects beyond the stored PSF's box")
+    ghosts: bool = Field(True, description="reflections of bright stars between filter and detector")
 
 
 def apply(state, param, rng):
@@ -31,5 +34,7 @@ def apply(state, param, rng):
             "slitless chips cannot be rendered yet", key="chip", value=state.chip.id, allowed="imaging chips"
         )
     exptime = state.pointing.exptime if param.exptime is None else param.exptime
-    state.truth = draw_objects(state.image, state.window, state.catalog, state.wcs, state.psf, exptime)
+    there = read_beyond(state.psf)
+    beyond = Beyond(there.wing if param.wings else None, there.ghosts if param.ghosts else None)
+    state.truth = draw_objects(state.image, state.window, state.catalog, state.wcs, state.psf, exptime, beyond)
     return state

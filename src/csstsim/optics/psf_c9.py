@@ -29,7 +29,8 @@ from csstsim.optics.psf_file import WAVELENGTHS, intact, pixel_response, write_p
 from csstsim.units import UM_PER_MM
 
 SAMPLES = ("cell_integral", "point")
-_OVERSAMPLING = {256: 2, 512: 4}  # by the samples along the side: both boxes are 128 px
+BOX_PX = 128
+_OVERSAMPLING = {samples: samples // BOX_PX for samples in (256, 512)}
 _PLACES = (("image_x", "image_y"), ("x", "y"))
 _ANGSTROM = ((2.0, 1e4), (2000.0, 10.0), (math.inf, 1.0))  # below this it is um, nm, angstrom: angstrom in one
 _MARGIN_PX = 500  # how far from the chip a place may be

@@ -9,6 +9,7 @@ its position, in four sub-bands. Where the paper's letter is not followed (desig
 - shapes go through full 2 x 2 matrices: intrinsic shear, lensing, then d(pixel)/d(sky);
 - a stored PSF sample is the integral over a cell, 2 or 4 to the side of a pixel: their sums make the exact integral
   over a pixel, so objects are drawn with GalSim's `no_pixel` on that pixel-integrated PSF.
+Light beyond the box of the stored PSF is added by render.wings.
 All light goes to the expectation plane; Poisson noise comes once, in `poisson_and_dark`.
 """
 
@@ -29,8 +30,10 @@ from csstsim.catalog.flags import (
     TRUNCATED_STAMP,
 )
 from csstsim.catalog.table import GALAXY
+from csstsim.optics.beyond import Beyond
 from csstsim.optics.psf_file import pixel_response
 from csstsim.progress import progress
+from csstsim.render.wings import add_beyond, box_share
 
 galsim.errors.raise_fft_size_error = True  # GalSim 2.8 only warns, then takes all memory
 
@@ -47,16 +50,19 @@ SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point, and G
 # Beyond 1 cycle a pixel, jitter, diffusion and the pixel leave under 1e-4 of any PSF, however fine its lattice.
 PSF_MAXK = 2 * np.pi
 
+NOTHING = Beyond()
 _UNDRAWN = BAD_VALUE | STRONG_LENSING
 
 
-def draw_objects(image, window, objects, wcs, psf, exptime):
+def draw_objects(image, window, objects, wcs, psf, exptime, beyond=NOTHING):
     """Draw a chip's objects into `image` [expected e-] and return the table with what was drawn.
 
     image: float32 (window.ny, window.nx), changed in place. objects: ObjectTable from catalog.select.
-    wcs: optics.wcs.ChipWCS. psf: optics.psf.PsfSet. exptime in s.
+    wcs: optics.wcs.ChipWCS. psf: optics.psf.PsfSet. exptime in s. beyond: optics.beyond.Beyond, what is drawn
+    outside the PSF's box (by default nothing).
     Added columns: electrons (nominal), drawn (put on the window, float64 sum of the float32 pixels'
-    increments), fraction, method, stamp, x0 x1 y0 y1 (bounding box on the chip, half-open), ms (CPU).
+    increments), fraction (with ghosts, which come on top, it may exceed 1), method, stamp, x0 x1 y0 y1 (bounding box on
+    the chip, half-open), ms (CPU).
     """
     count = len(objects)
     flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1) * exptime
@@ -68,6 +74,10 @@ def draw_objects(image, window, objects, wcs, psf, exptime):
     drawable = (flags & _UNDRAWN == 0) & (electrons > 0)
     index, weight, outside = psf.weights(np.where(drawable, objects["x"], 0.0), np.where(drawable, objects["y"], 0.0))
     flags[drawable & outside] |= OUTSIDE_PSF_HULL
+    cells, half = psf.image.shape[-1], psf.image.shape[-1] / 2 / psf.oversampling
+    wing_px = objects["wing"] if beyond.wing else np.zeros(count)
+    flags[drawable & (wing_px < objects["wing"])] |= TRUNCATED_STAMP
+    core = box_share(cells, psf.oversampling)
     drawn, ms, box = np.zeros(count), np.zeros(count, np.float32), np.zeros((4, count), np.int32)
     method = np.full(count, "none", dtype="U9")
     scene = galsim.ImageD(np.zeros(window.shape), xmin=window.x0, ymin=window.y0)
@@ -77,22 +87,32 @@ def draw_objects(image, window, objects, wcs, psf, exptime):
             mixture = sum(
                 w * np.tensordot(flux[i], psf.node(n), axes=1) for n, w in zip(index[i], weight[i], strict=True)
             )
+            if wing_px[i]:
+                mixture *= core
             profile = partial(_profile, objects, i, mixture, psf.oversampling, jacobian[i])
             stamp, flag = _draw(profile, objects["x"][i], objects["y"][i], min(int(objects["reach"][i]), REACH_FFT))
             flag |= TRUNCATED_STAMP if objects["reach"][i] > REACH_FFT else 0
             seen = galsim.BoundsI() if flag & TOO_LARGE else stamp.bounds & scene.bounds
-            flags[i] |= flag | (0 if seen.isDefined() or flag & TOO_LARGE else OFF_CHIP)
+            parts = []
             if seen.isDefined():
                 scene[seen] += stamp[seen]
-                drawn[i] = stamp[seen].array.sum()
-                box[:, i] = seen.xmin, seen.xmax + 1, seen.ymin, seen.ymax + 1
+                parts.append((stamp[seen].array.sum(), (seen.xmin, seen.xmax + 1, seen.ymin, seen.ymax + 1)))
+            if not flag & TOO_LARGE:
+                parts += add_beyond(
+                    scene.array, window, wcs.chip, objects["x"][i], objects["y"][i], flux[i], beyond, wing_px[i], half
+                )
+            flags[i] |= flag | (0 if parts or flag & TOO_LARGE else OFF_CHIP)
+            if parts:
+                drawn[i] = sum(light for light, _ in parts)
+                x0, x1, y0, y1 = np.transpose([bounds for _, bounds in parts])
+                box[:, i] = x0.min(), x1.max(), y0.min(), y1.max()
                 method[i] = "reference"
         ms[i] = 1000 * (time.process_time() - start)
     image += scene.array.astype(np.float32)
     fraction = np.divide(drawn, electrons, out=np.zeros(count), where=electrons > 0)
     return objects.with_columns(
         flags=flags, electrons=electrons, drawn=drawn, fraction=fraction, method=method,
-        stamp=2 * np.minimum(objects["reach"], REACH_FFT).astype(np.int32) + 1,
+        stamp=2 * np.maximum(np.minimum(objects["reach"], REACH_FFT), np.ceil(wing_px)).astype(np.int32) + 1,
         x0=box[0], x1=box[1], y0=box[2], y1=box[3], ms=ms,
     )  # fmt: skip
 

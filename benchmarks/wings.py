@@ -1,0 +1,261 @@
+"""Where the light of a bright star goes: the point-spread function to the chip's size, its joins, ghosts and cost.
+
+    python benchmarks/wings.py [--figures docs/figures]
+
+Prints, for r unless said otherwise: the diffraction image against the closed form of its wing, the anchors of the halo
+and what it takes in each band, the light of a star summed over a large image, the joins of box, wing and taper in
+units of noise at magnitudes 5 to 20, CPU time of a star against magnitude. Draws the profile and a 5th-magnitude star.
+"""
+
+import argparse
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.catalog.reach import POINT_MAX, wing_reach
+from csstsim.catalog.select import Noise
+from csstsim.catalog.table import ObjectTable
+from csstsim.instrument.camera import load_camera
+from csstsim.instrument.chip import Window
+from csstsim.instrument.pointing import Pointing
+from csstsim.optics.beyond import Beyond, beyond_box, read_beyond
+from csstsim.optics.psf import CELLS_PER_PIXEL, Diffraction, blur, make_psf, pixel_response
+from csstsim.optics.psf_file import PsfSet
+from csstsim.optics.wavefront import load_wavefront
+from csstsim.optics.wcs import ChipWCS
+from csstsim.render.reference import draw_objects
+
+SHIPPED = Path(__file__).resolve().parents[1] / "config" / "instrument"
+CHIP, EXPTIME = 9, 150.0
+CENTRE = 4600.2, 4500.4  # px
+LASER = 6328.0  # angstrom
+MAGNITUDES = (5, 8, 12, 15, 18, 20)
+
+
+def diffraction(camera, wavelength, cells=1024):
+    """Return (radius px, light per pixel) of the diffraction image alone on the boresight, from direct optics."""
+    wavefront, cell = load_wavefront(camera.psf), camera.telescope.pixel_scale / CELLS_PER_PIXEL
+    optics = Diffraction(wavelength, camera.telescope.diameter_m, cell, wavefront, cells)
+    kernel = blur(camera.psf, cell, camera.detector.pixel_um / CELLS_PER_PIXEL)
+    image = pixel_response(optics.image(optics.transfer(wavefront.coefficients(0, 0)), kernel))
+    axis = (np.arange(cells - 1) - (cells - 2) / 2) / 2
+    return np.hypot(axis, axis[:, None]), image
+
+
+def ring(r, image, radius, width=0.05):
+    """Return the mean over the ring `radius` * (1 +- width)."""
+    return image[np.abs(r / radius - 1) < width].mean()
+
+
+def report_diffraction(camera):
+    print("diffraction image, ring means over the closed form L/(pi^3 r^3) of its wing")
+    radii = (10, 20, 30, 45, 60, 100, 200)
+    print("   nm", *(f"{r:7d} px" for r in radii))
+    for wavelength in (2900.0, 4800.0, 6200.0, 9500.0):
+        r, image = diffraction(camera, wavelength)
+        lam_d = np.degrees(wavelength * 1e-10 / camera.telescope.diameter_m) * 3600 / camera.telescope.pixel_scale
+        model = np.divide(lam_d, (np.pi * r) ** 3, out=np.zeros_like(r), where=r > 0)
+        print(f"{wavelength / 10:5.0f}", *(f"{ring(r, image, k) / ring(r, model, k):10.3f}" for k in radii))
+
+
+def halo_alone(wing):
+    return replace(wing, airy=0 * wing.airy)
+
+
+def report_anchors(camera):
+    r, image = diffraction(camera, LASER, 512)
+    wing = beyond_box(camera, camera.filters["r"]).wing
+    scattered = wing.scattered.mean()
+    peak = (1 - scattered) * image.max() + wing.halo(0.0).mean()
+    print(f"\nat {LASER / 10} nm, relative to the peak of the pixel-integrated image ({peak:.4f} of the light):")
+    for radius in (5, 10, 20, 50, 100):
+        direct = (1 - scattered) * ring(r, image, radius) / peak
+        print(f"  {radius:4d} px: halo {wing.halo(float(radius)).mean() / peak:.2e}, diffraction {direct:.2e}")
+    print(f"scattered in all {scattered:.4f}; in the halo and the diffraction wing beyond r px (10 px = 0.74 arcsec):")
+    for name, band in camera.filters.items():
+        wing = beyond_box(camera, band).wing
+        halo = halo_alone(wing).beyond(10.0).mean()
+        rest = ", ".join(f"{wing.beyond(float(k)).mean():.4f} beyond {k}" for k in (10, 64, 1000, 10000))
+        print(f"  {name:4s} halo alone {halo:.4f} beyond 10; both {rest}")
+
+
+class Scene:
+    """One star on chip 9."""
+
+    def __init__(self, camera, folder):
+        self.camera, self.chip, self.filter = camera, camera.chips[CHIP], camera.filters["r"]
+        path = Path(folder) / "psf.h5"
+        make_psf(
+            path, self.chip, self.filter, camera.telescope, camera.psf, 2, camera_digest=camera.digest,
+            beyond=beyond_box(camera, self.filter),
+        )  # fmt: skip
+        self.psf = PsfSet(path)
+        self.beyond = read_beyond(self.psf)
+        self.wcs = ChipWCS(
+            self.chip, Pointing("1", "SCIE", 60.0, -40.0, 0.0, "2027-06-26T20:35:58", EXPTIME, None, None)
+        )
+        self.noise = Noise(self.filter.sky, camera.detector.dark, camera.detector.read_noise).variance(EXPTIME)
+
+    def draw(self, mag, window, centre=CENTRE, beyond=None):
+        """Return (image, truth table) of one star of AB magnitude `mag`; `beyond` in place of the camera's."""
+        electrons = EXPTIME * 10 ** (0.4 * (self.filter.zeropoint(self.camera.telescope) - mag))
+        wing = wing_reach(np.array([electrons]), self.noise, self.beyond.wing)
+        ra, dec = self.wcs.pixel_to_world(*(np.array([c]) for c in centre))
+        columns = {f"flux{i}": np.array([electrons / EXPTIME / 4]) for i in range(4)}
+        table = ObjectTable.complete(columns | {
+            "id": np.arange(1), "obj_type": np.zeros(1, int), "ra": ra, "dec": dec, "ra_orig": ra, "dec_orig": dec,
+            "x": np.array([centre[0]]), "y": np.array([centre[1]]), "reach": np.full(1, POINT_MAX), "lost": np.zeros(1),
+            "wing": np.where(wing > POINT_MAX, wing, 0.0),
+        })  # fmt: skip
+        image = np.zeros(window.shape, np.float32)
+        return image, draw_objects(image, window, table, self.wcs, self.psf, EXPTIME, beyond or self.beyond)
+
+
+def around(half):
+    x, y = (round(c) for c in CENTRE)
+    return Window(x - half, x + half + 1, y - half, y + half + 1)
+
+
+def distances(window):
+    return np.hypot(np.arange(window.x0, window.x1) - CENTRE[0], np.arange(window.y0, window.y1)[:, None] - CENTRE[1])
+
+
+def report_energy(scene):
+    print("\nlight of a star within a square around it; 1 - what the closed form has beyond the circle of its area")
+    for mag, half in ((12, 500), (5, 1000), (5, 4000)):
+        image, _ = scene.draw(mag, around(half))
+        r, electrons = (
+            distances(around(half)),
+            150 * 10 ** (0.4 * (scene.filter.zeropoint(scene.camera.telescope) - mag)),
+        )
+        ghosts = scene.beyond.ghosts.light.sum() * bool(scene.beyond.ghosts.visible(electrons))
+        closed = 1 - scene.beyond.wing.beyond((2 * half + 1) / np.sqrt(np.pi)).mean()
+        print(f"  mag {mag:2d}, {2 * half + 1:5d} px: {image.sum(dtype=float) / electrons - ghosts:.5f} {closed:.5f}")
+        del r
+
+
+def second_difference(image):
+    """Return |second differences| along x, the edges left out."""
+    return np.abs(image[:, 2:] - 2 * image[:, 1:-1] + image[:, :-2])
+
+
+def optics_texture(scene, inner, outer):
+    """Return the largest second difference of the direct optics less its mean wing between two radii, of all light."""
+    waves = [diffraction(scene.camera, w, 512) for w in scene.filter.psf_wavelength]
+    r, image = waves[0][0][1::2, 1::2], np.mean([image for _, image in waves], axis=0)[1::2, 1::2]
+    mean = scene.beyond.wing.airy.mean() / (np.pi * np.maximum(r, 1)) ** 3
+    return second_difference(image - mean)[((r > inner) & (r < outer))[:, 1:-1]].max()
+
+
+def report_joins(scene):
+    print("\nedges: largest second differences along x, less those of the smooth profile, in units of the sky's noise")
+    print("(texture: rings and speckles that the optics have there without any join; mean: of rings 1 px wide)")
+    print(" mag  wing px  light there / own noise  hard box: step  fade 45-61 px: texture (optics)  mean    wing's end")
+    inner, outer = 45, 61
+    texture = optics_texture(scene, inner, outer)
+    sky = np.sqrt(scene.noise)
+    smooth = replace(scene.beyond, ghosts=None)
+    for mag in MAGNITUDES:
+        window = around(90)
+        r = distances(window)
+        image, truth = scene.draw(mag, window, beyond=smooth)
+        boxed, _ = scene.draw(mag, around(64), beyond=Beyond())
+        electrons, reach = truth["electrons"][0], float(truth["wing"][0])
+        model = electrons * smooth.wing.profile(np.maximum(r, 1.0)).mean(axis=0)
+        joint = ((r > inner) & (r < outer))[:, 1:-1]
+        excess = second_difference(image - model)[joint].max()
+        bins = r.astype(int).ravel()
+        rings = np.bincount(bins, (image - model).ravel()) / np.bincount(bins)
+        mean = second_difference(rings[None, inner - 3 : outer + 3]).max()
+        strip = Window(window.x0, round(CENTRE[0] + reach) + 20, round(CENTRE[1]), round(CENTRE[1]) + 1)
+        line, _ = scene.draw(mag, strip, beyond=smooth)
+        end = second_difference(line.astype(float))[:, 90 + int(0.7 * reach) :].max()
+        there = model[(r > 52) & (r < 54)].mean()
+        print(
+            f"{mag:4d} {reach:8.0f} {there:12.3g} / {np.sqrt(there + scene.noise):<9.3g} {boxed[64, 1] / sky:13.2g}"
+            f" {excess / sky:16.1e} ({texture * electrons / sky:.1e}) {mean / sky:12.1e} {end / sky:9.1e}"
+        )
+
+
+def report_cost(scene):
+    window = scene.chip.full_window
+    scene.draw(20, around(100))
+    print("\nCPU-s of one star on the full chip")
+    for mag in (*MAGNITUDES, 23):
+        truth = scene.draw(mag, window)[1]
+        print(f"  mag {mag:2d}: {truth['ms'][0] / 1000:.4f} s, reach {max(truth['wing'][0], 64):.0f} px")
+
+
+def draw_profile(camera, scene, path):
+    import matplotlib.pyplot as plt
+
+    figure, axes = plt.subplots(1, 2, figsize=(10, 4), layout="constrained")
+    image, truth = scene.draw(5, around(4000))
+    r, electrons = distances(around(4000)), truth["electrons"][0]
+    edges = np.geomspace(1, 5600, 120)
+    where = np.digitize(r, edges).ravel()
+    count = np.bincount(where, minlength=121)
+    seen = np.bincount(where, image.ravel() / electrons, 121) / np.maximum(count, 1)
+    centres = np.sqrt(edges[1:] * edges[:-1])
+    peak = float(image.max()) / electrons
+    grid = np.geomspace(1, 1e4, 300)
+    wing = scene.beyond.wing
+    axes[0].loglog(centres, seen[1:120] / peak, "k.", ms=4, label="drawn, mean of rings (mag 5)")
+    axes[0].loglog(grid, wing.halo(grid).mean(axis=0) / peak, label="halo")
+    axes[0].loglog(grid, (wing.profile(grid) - wing.halo(grid)).mean(axis=0) / peak, label="mean diffraction wing")
+    axes[0].loglog([10, 100], [1e-4, 1e-6], "r*", ms=10, label="Wei et al. 2025, scattered light")
+    axes[0].axvspan(45, 61, color="0.85", label="box fades into wing")
+    axes[0].set(xlabel="radius [px]", ylabel="light per pixel / peak", ylim=(1e-13, 2), xlim=(1, 1e4))
+    axes[0].legend(fontsize=7)
+    radii = np.geomspace(1, 1e4, 100)
+    axes[1].semilogx(radii, wing.beyond(radii).mean(axis=0), label="halo and diffraction wing")
+    axes[1].semilogx(radii, halo_alone(wing).beyond(radii).mean(axis=0), label="halo")
+    axes[1].plot([0.75 / 0.074], [0.05], "r*", ms=10, label='HST: about 5% beyond 0.75"')
+    axes[1].set(xlabel="radius [px]", ylabel="light beyond", ylim=(0, 0.12), xlim=(2, 1e4))
+    axes[1].legend(fontsize=7)
+    figure.savefig(path, dpi=80)
+
+
+def draw_star(scene, path):
+    import matplotlib.pyplot as plt
+
+    window = scene.chip.full_window
+    figure, axes = plt.subplots(1, 2, figsize=(9.5, 4.6), layout="constrained")
+    rng = np.random.default_rng(1)
+    sky = (scene.filter.sky + 0.02) * EXPTIME
+    image, _ = scene.draw(5, window, (6000.0, 6000.0))
+    crop = image[4800:7200, 4800:7200]
+    noisy = rng.poisson(crop[::3, ::3] + sky) - sky
+    for ax, part, extent, limits, title in (
+        (axes[0], image[::12, ::12], (0, window.nx, 0, window.ny), (-1, 4.5), "r = 5 on chip 9, expected light"),
+        (axes[1], noisy, (4800, 7200, 4800, 7200), (0.5, 4), "its ghosts, with photon noise"),
+    ):
+        shown = ax.imshow(np.log10(np.maximum(part, 0.1)), origin="lower", extent=extent, cmap="magma")
+        shown.set_clim(*limits)
+        ax.set(title=title, xlabel="x [px]", ylabel="y [px]")
+        figure.colorbar(shown, ax=ax, label="log10 electrons per pixel", shrink=0.8)
+    figure.savefig(path, dpi=62)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--instrument", default=SHIPPED, help="folder of the camera's data files")
+    parser.add_argument("--figures", type=Path, help="folder for the figures")
+    args = parser.parse_args()
+    camera = load_camera(args.instrument)
+    report_diffraction(camera)
+    report_anchors(camera)
+    with tempfile.TemporaryDirectory() as folder:
+        scene = Scene(camera, folder)
+        report_energy(scene)
+        report_joins(scene)
+        report_cost(scene)
+        if args.figures:
+            draw_profile(camera, scene, args.figures / "wings.png")
+            draw_star(scene, args.figures / "ghosts.png")
+
+
+if __name__ == "__main__":
+    main()

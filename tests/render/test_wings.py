@@ -1,0 +1,190 @@
+"""Bright stars on a chip: conservation of light, no edge, stars on and off its edge, ghosts."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_reference import EXPTIME, objects
+
+from csstsim.catalog.flags import OFF_CHIP, TRUNCATED_STAMP
+from csstsim.catalog.reach import wing_reach
+from csstsim.catalog.table import GALAXY
+from csstsim.instrument.chip import Window
+from csstsim.layers import scie_obs
+from csstsim.optics.beyond import Beyond, read_beyond
+from csstsim.optics.wcs import ChipWCS
+from csstsim.render.reference import draw_objects
+from csstsim.render.wings import add_beyond, box_share, step, wing_table
+
+VARIANCE = 60.0  # e-^2, of a pixel in r
+SKY = np.sqrt(VARIANCE)
+X, Y = 4600.3, 4500.4
+
+
+@pytest.fixture(scope="module")
+def scene(camera, make_pointing, psf_r):
+    """Draw stars of given electrons on a window of chip 9; returns the image, the table and their Beyond."""
+    wcs, whole = ChipWCS(camera.chips[9], make_pointing()), read_beyond(psf_r)
+
+    def draw(electrons, window, x=X, y=Y, ghosts=False, wings=True):
+        electrons = np.broadcast_to(np.asarray(electrons, float), np.shape(np.atleast_1d(x)))
+        wing = wing_reach(electrons, VARIANCE, whole.wing)
+        table = objects(wcs, x, y, wing=np.where(wing > 64, wing, 0.0))
+        table = table.with_columns(**{f"flux{i}": electrons / EXPTIME / 4 for i in range(4)})
+        beyond = Beyond(whole.wing if wings else None, whole.ghosts if ghosts else None)
+        image = np.zeros(window.shape, np.float32)
+        return image, draw_objects(image, window, table, wcs, psf_r, EXPTIME, beyond), whole
+
+    return draw
+
+
+def around(half):
+    x, y = round(X), round(Y)
+    return Window(x - half, x + half + 1, y - half, y + half + 1)
+
+
+def distance(window):
+    return np.hypot(np.arange(window.x0, window.x1) - X, np.arange(window.y0, window.y1)[:, None] - Y)
+
+
+@pytest.mark.parametrize("electrons, half", [(1e6, 600), (1e8, 1000), (1e10, 1000)])
+def test_the_light_is_all_there(scene, electrons, half):
+    """Inside the circle: 1 less what the closed form has outside, to 1e-4 of the star (the taper is further out)."""
+    image, drawn, beyond = scene(electrons, around(half))
+    reach = min(half, 0.7 * drawn["wing"][0])
+    inside = image[distance(around(half)) < reach].sum(dtype=float) / electrons
+    assert inside == pytest.approx(1 - beyond.wing.beyond(reach).mean(), abs=1e-4)
+    assert drawn["drawn"][0] == pytest.approx(image.sum(dtype=float), rel=1e-6)
+    assert drawn["fraction"][0] == pytest.approx(drawn["drawn"][0] / electrons)
+
+
+@pytest.mark.parametrize("electrons", [1e6, 1e8, 1e10, 4e10])
+def test_the_rings_follow_the_profile_through_the_join(scene, electrons):
+    """Mean of rings 2 px wide from 40 to 80 px: the closed form to 1%, with no step above 0.3% from ring to ring."""
+    window = around(85)
+    image, _, beyond = scene(electrons, window)
+    r = distance(window)
+    ratio = image / (electrons * beyond.wing.profile(np.maximum(r, 1)).mean(axis=0))
+    rings = np.array([ratio[(r >= k) & (r < k + 2)].mean() for k in range(40, 80, 2)])
+    assert rings == pytest.approx(1.0, abs=0.01)
+    assert np.abs(np.diff(rings)).max() < 3e-3
+
+
+@pytest.mark.parametrize("size", [0.2, 1.0])
+def test_a_bright_galaxy_has_the_wing_of_its_light(camera, make_pointing, psf_r, size):
+    """Half-light radius 3 and 14 px, 1e8 e-: all the light to 3e-4, and the rings of a star beyond 100 px to 2%."""
+    wcs, beyond, window = ChipWCS(camera.chips[9], make_pointing()), Beyond(read_beyond(psf_r).wing), around(400)
+    table = objects(wcs, X, Y, obj_type=GALAXY, reach=300, size_disk=size, rate=1e6, wing=np.full(1, 1500.0))
+    image = np.zeros(window.shape, np.float32)
+    draw_objects(image, window, table, wcs, psf_r, EXPTIME, beyond)
+    r = distance(window)
+    assert image[r < 390].sum(dtype=float) / 1e8 == pytest.approx(1 - beyond.wing.beyond(390).mean(), abs=3e-4)
+    ring = (r > 150) & (r < 160)
+    assert image[ring].mean() == pytest.approx(1e8 * beyond.wing.profile(r[ring]).mean(), rel=0.02)
+
+
+def test_no_wing_is_an_edge(scene):
+    """The test above can fail: the box alone ends 1e4 times above the noise's thousandth."""
+    image, drawn, _ = scene(1e8, around(85), wings=False)
+    assert np.abs(np.diff(image[85, 80:170].astype(float))).max() > 10 * SKY
+    assert drawn["flags"][0] & TRUNCATED_STAMP
+
+
+@pytest.mark.parametrize("electrons", [1e5, 1e7, 1e9])
+def test_the_far_end_hides_in_the_noise(scene, electrons):
+    """Where the wing is tapered off, second differences stay below 1e-4 of the sky's noise, the light below 4e-3."""
+    reach = wing_reach(np.array([electrons]), VARIANCE, scene(0.0, around(1))[2].wing)[0]
+    window = Window(round(X + 0.6 * reach), round(X + reach) + 60, round(Y), round(Y) + 1)
+    line = scene(electrons, window)[0][0].astype(float)
+    end = line[round(0.12 * reach) :]
+    assert np.abs(np.diff(end, 2)).max() < 1e-4 * SKY and end.max() < 4e-3 * SKY
+    assert line[-50] == 0 and (np.diff(line) <= 0).all()
+
+
+def test_a_star_off_the_chip_lights_its_edge(scene):
+    """The same pixels as of a larger window: at an edge, over a corner, and beyond one."""
+    large = Window(4000, 4800, 4000, 4800)
+    for x, y in ((3999.2, 4300.0), (3999.5, 3999.5), (3800.0, 3700.0)):
+        cut = Window(4000, 4400, 4000, 4400)
+        whole, _, _ = scene(1e9, large, x=x, y=y)
+        image, drawn, _ = scene(1e9, cut, x=x, y=y)
+        assert np.abs(image - whole[:400, :400]).max() <= 1e-6 * whole.max()
+        assert 0 < drawn["fraction"][0] < 0.8 and not drawn["flags"][0] & OFF_CHIP
+        assert drawn["drawn"][0] == pytest.approx(image.sum(dtype=float), rel=1e-5)
+        assert list(drawn[name][0] for name in ("x0", "x1", "y0", "y1")) == [4000, 4400, 4000, 4400]
+    _, drawn, _ = scene(1e6, cut, x=2000.0, y=2000.0)
+    assert drawn["flags"][0] & OFF_CHIP and drawn["drawn"][0] == 0
+
+
+def test_no_light_and_a_great_deal(scene):
+    image, drawn, _ = scene(0.0, around(50), ghosts=True)
+    assert not image.any() and drawn["wing"][0] == 0 and drawn["fraction"][0] == 0
+    image, drawn, _ = scene(1e14, around(50), ghosts=True)
+    assert np.isfinite(image).all() and 0.9 < drawn["fraction"][0] < 1
+
+
+def test_ghosts_lie_where_geometry_says_and_hold_their_light(scene, camera):
+    window = around(900)
+    plain, _, _ = scene(1e9, window)
+    image, drawn, beyond = scene(1e9, window, ghosts=True)
+    extra = (image - plain).astype(float)
+    g = beyond.ghosts
+    centres = g.centres(camera.chips[9], X, Y) - [window.x0, window.y0]
+    light = g.light * 1e9
+    assert extra.sum() == pytest.approx(light.sum(), rel=1e-3)
+    rows, columns = np.indices(extra.shape)
+    assert (extra * columns).sum() / extra.sum() == pytest.approx((light * centres[:, 0]).sum() / light.sum(), abs=1)
+    assert (extra * rows).sum() / extra.sum() == pytest.approx((light * centres[:, 1]).sum() / light.sum(), abs=1)
+    assert drawn["fraction"][0] - 1 + beyond.wing.beyond(1016.0).mean() == pytest.approx(g.light.sum(), abs=1e-4)
+    faint, _, _ = scene(1e6, window, ghosts=True)
+    assert np.array_equal(faint, scene(1e6, window)[0])
+
+
+@pytest.mark.parametrize("centre", [(300.0, 300.0), (300.4, 299.7), (300.5, 300.25)])
+def test_a_disc_is_uniform_and_holds_its_light(camera, scene, centre):
+    beyond = scene(0.0, around(1))[2]
+    one = replace(beyond.ghosts, way=np.zeros(1), radius=np.array([80.0]), light=np.array([1e-3]))
+    image = np.zeros((600, 600))
+    window = Window(0, 600, 0, 600)
+    flux = np.full(4, 2.5e8)
+    [(total, box)] = add_beyond(image, window, camera.chips[9], *centre, flux, Beyond(None, one), 0, 64.0)
+    assert total == pytest.approx(1e6, rel=5e-5) and image.sum() == pytest.approx(total)
+    r = np.hypot(np.arange(600) - centre[0], np.arange(600)[:, None] - centre[1])
+    assert image[r < 79.5] == pytest.approx(1e6 / np.pi / 80.0**2, rel=1e-4) and not image[r > 80.5].any()
+    assert box[1] - box[0] in (161, 162)
+
+
+def test_table_and_fade(scene):
+    """The table read between its nodes against the profile: 3e-5; fade and box share add to one."""
+    wing = scene(0.0, around(1))[2].wing
+    image = np.zeros((1, 5000))
+    add_beyond(image, Window(0, 5000, 0, 1), None, 0.0, 0.0, np.full(4, 0.25), Beyond(wing), 1e4, 64.0)
+    r = np.arange(62, 5000)
+    assert image[0, 62:] == pytest.approx(wing.profile(r).mean(axis=0), rel=3e-5)
+    assert step(np.array([0, 45, 53.0, 61, 99]), 45, 61) == pytest.approx([1, 1, 0.5, 0, 0])
+    kept, table = box_share(256, 2), wing_table(wing, np.full(4, 0.25), 64.0, 1e4)
+    assert kept[128, 128] == 1 and kept[0, 0] == 0 and table[0] == 0
+
+
+def test_the_layer_switches_wings_and_ghosts(camera, make_pointing, psf_r):
+    """obs_param wings, ghosts of scie_obs: light goes with each; the core stays."""
+    wcs = ChipWCS(camera.chips[9], make_pointing())
+    window = around(300)
+    table = objects(wcs, X, Y, wing=np.full(1, 5000.0), rate=1e8)
+
+    def light(**param):
+        state = SimpleNamespace(
+            chip=camera.chips[9], pointing=make_pointing(exptime=EXPTIME), image=np.zeros(window.shape, np.float32),
+            window=window, catalog=table, wcs=wcs, psf=psf_r, truth=None,
+        )  # fmt: skip
+        scie_obs.apply(state, scie_obs.Param(**param), None)
+        return state.image.sum(dtype=float) / (1e8 * EXPTIME), state.image[300, 300]
+
+    (both, peak), (no_ghosts, _), (no_wings, _), (neither, bare) = (
+        light(wings=wings, ghosts=ghosts) for wings, ghosts in ((1, 1), (1, 0), (0, 1), (0, 0))
+    )
+    assert both > no_ghosts and no_wings > neither
+    assert no_ghosts - neither == pytest.approx(0.021, abs=0.003)  # between the box and 300 px
+    assert both - no_ghosts == pytest.approx(no_wings - neither, rel=1e-3)
+    assert peak == pytest.approx(bare, rel=1e-5)
