@@ -28,6 +28,7 @@ class Camera:
     detector: Detector
     keywords: list[dict[str, Any]]  # level-0 header entries of level0_keywords.yaml; empty without the file
     psf: dict[str, Any]  # psf.yaml; empty without the file
+    sky: dict[str, Any]  # sky.yaml; empty without the file
     folder: Path
     digest: str
 
@@ -50,7 +51,7 @@ def load_camera(folder):
     detector = _detector(folder / "detector.yaml")
     filters = _filters(folder / "filters.yaml")
     telescope, orbit = load_telescope(folder / "telescope.yaml")
-    keywords, psf = folder / "level0_keywords.yaml", folder / "psf.yaml"
+    keywords, psf, sky = (folder / f"{name}.yaml" for name in ("level0_keywords", "psf", "sky"))
     return Camera(
         chips=_chips(folder / "chips.yaml", filters, detector, telescope),
         filters=filters,
@@ -59,6 +60,7 @@ def load_camera(folder):
         detector=detector,
         keywords=_only_list(keywords) if keywords.exists() else [],
         psf=read_data(psf) if psf.exists() else {},
+        sky=read_data(sky) if sky.exists() else {},
         folder=folder,
         digest=folder_digest(folder),
     )
