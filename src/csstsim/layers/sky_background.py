@@ -1,7 +1,7 @@
 """Sky background and stray light (paper, Appendix B item 2).
 
-Adds the expected sky of the band to every pixel: the filter's constant, or the model of csstsim.sky.background, the mean
-of the exposure's three thirds at their middles. Left out so far: flat field and shutter.
+Adds the expected sky of the band to every pixel: the filter's constant, or the model of csstsim.sky.background, mean of
+the middles of the exposure's thirds. Left out so far: flat field and shutter.
 """
 
 import numpy as np
@@ -26,13 +26,13 @@ class Param(LayerParam):
 
     exptime: float | None = Field(None, gt=0, le=1e5, description="exposure time [s]; null = the pointing's")
     enable_straylight_model: bool = Field(
-        False, description="true = zodiacal light, earthshine, Sun, Moon, planets and stars from outside the field, at the "
+        False, description="true = zodiacal light, earthshine, Sun, Moon, planets and stars outside the field, at the "
         "exposure's time and place; false = the filter's constant `sky`",
     )  # fmt: skip
 
 
 def apply(state, param, rng):
-    """Add the sky [e-] to state.image, in place; rates, and angles to Sun, Moon and limb at the start, go to the header.
+    """Add the sky [e-] to state.image, in place; rates, and angles to Sun, Moon and limb at the start, to the header.
 
     Raises InputError if the model is asked for and the telescope looks at the Earth or beside the Sun.
     """

@@ -112,22 +112,20 @@ def grid_mean(values):
 
 def add_grid(image, values):
     """Add to `image` (float32), in place, the bilinear expansion of values at `lines_of_sight`."""
-    _expand(image, values.reshape(NODES, NODES))
+    ny, nx = image.shape
+    v, u = (np.linspace(0.0, NODES - 1, n) if n > 1 else np.zeros(1) for n in (ny, nx))
+    rows = np.minimum(v.astype(int), NODES - 2)
+    columns = np.minimum(u.astype(int), NODES - 2)
+    starts = np.searchsorted(columns, np.arange(NODES))
+    _expand(image, values.reshape(NODES, NODES), rows, v - rows, starts, (u - columns).astype(np.float32))
 
 
 @numba.njit(cache=True)
-def _expand(image, grid):
-    ny, nx = image.shape
-    cells = grid.shape[0] - 1
-    step = max(nx - 1, 1) / cells
-    for y in range(ny):
-        v = cells * y / max(ny - 1, 1)
-        i = min(int(v), cells - 1)
-        v -= i
-        for j in range(cells):
-            left = (1 - v) * grid[i, j] + v * grid[i + 1, j]
-            right = (1 - v) * grid[i, j + 1] + v * grid[i + 1, j + 1]
-            slope = (right - left) / step
-            base = left - slope * (j * step)
-            for x in range(int(np.ceil(j * step)), nx if j == cells - 1 else int(np.ceil((j + 1) * step))):
-                image[y, x] += np.float32(base + slope * x)
+def _expand(image, grid, rows, v, starts, u):
+    for y in range(image.shape[0]):
+        line = (1 - v[y]) * grid[rows[y]] + v[y] * grid[rows[y] + 1]
+        for j in range(len(starts) - 1):
+            left, step = np.float32(line[j]), np.float32(line[j + 1] - line[j])
+            part, place = image[y, starts[j] : starts[j + 1]], u[starts[j] : starts[j + 1]]
+            for x in range(len(part)):
+                part[x] += left + step * place[x]
