@@ -23,7 +23,7 @@ from csstsim.sky.spectra import band, blackbody_over_sun, magnitude_ratio, pixel
 from csstsim.sky.transmittance import angles, total
 
 COMPONENTS = ("zodiacal", "earth", "sun", "moon", "planets", "stars")
-NODES = 9  # a side; a star 0.3 deg off the chip varies by 1e-2 of its light between bilinear nodes and the law
+NODES = 5  # a side; between them, light of a star 0.3 deg off the chip is bilinear to 2%
 
 
 def sky_electrons(filter_, exptime):
@@ -58,7 +58,7 @@ def sky_components(rates, axes, sights, moment, numbers):
     """
     place = np.asarray(moment[1], dtype=float)
     radius = np.degrees(earth_radius(place))
-    limb = float(angle(axes[2], -place)) - radius
+    limb = float(angle(axes[2], -place) - radius)
     if limb < 0:
         raise InputError(
             "the telescope looks at the Earth", key="limb angle [deg]", value=round(limb, 2), allowed="> 0"

@@ -33,13 +33,12 @@ def total(sources, sights, door_azimuth, numbers):
     Unit vectors in the telescope's frame (csstsim.sky.frame); door_azimuth [deg].
     """
     zenith, azimuth = angles(sources)
-    door = numbers.door
-    seen = sources[None, :, :]
-    direct = np.where(
-        zenith < 90.0,
-        transmittance(angle(sights[:, None, :], seen), azimuth_from(sights, sources), numbers), 0.0,
-    )  # fmt: skip
-    direct *= 1.0 - shade(zenith, azimuth, door_azimuth, door)
+    door, front = numbers.door, zenith < 90.0
+    open_ = 1.0 - shade(zenith[front], azimuth[front], door_azimuth, door)
+    ahead = sources[front]
+    direct = np.zeros((len(sights), len(sources)))
+    slant = angle(sights[:, None, :], ahead[None, :, :])
+    direct[:, front] = open_ * transmittance(slant, azimuth_from(sights, ahead), numbers)
     slant, turn = np.radians([zenith_angle(door), door_azimuth])
     middle = np.array([[np.sin(slant) * np.sin(turn), np.sin(slant) * np.cos(turn), np.cos(slant)]])
     off_door = transmittance(angle(sights, middle), azimuth_from(sights, middle)[:, 0], numbers)
