@@ -7,7 +7,7 @@ The model's components [e-/s/px], on a coarse grid of lines of sight over the wi
                                       door, unless the Earth is in front
 
 Left out: scattered light and ghosts of objects in the field, which are not background; starlight below the star list
-and zodiacal light from outside the field (0.2% of the diffuse sky scatters in); airglow, dark above the orbit but
+and zodiacal light from outside the field (0.1% of the diffuse sky scatters in); airglow, dark above the orbit but
 for lines shortward of the bands.
 """
 
