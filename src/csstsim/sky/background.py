@@ -34,8 +34,8 @@ def sky_electrons(filter_, exptime):
 def band_rates(filter_, telescope, pixel_um, numbers):
     """Return what each source gives in a band [e-/s/px], {name: float or array}, for `sky_components`.
 
-    zodiacal (2,): of I = 1 in the law's two colours; the others at transmittance 1: sun at 1 au; earth: that Sun off the
-    Earth's albedo, to be multiplied with `earthshine`; stars (n,).
+    zodiacal (2,): of I = 1 in the law's two colours; the others at transmittance 1: sun at 1 au; earth: that Sun off
+    the Earth's albedo, to be multiplied with `earthshine`; stars (n,).
     """
     wave, pixel = filter_.wavelength, (1e-6 * pixel_um) ** 2
     sun = sunlight(wave, numbers)
