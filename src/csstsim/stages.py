@@ -231,7 +231,7 @@ def _blank(run, job, objects=None):
     camera = run.camera
     return State(
         chip=job.chip, filter=camera.filters[job.chip.filter], telescope=camera.telescope, pointing=job.pointing,
-        catalog=objects, window=job.window, wcs=job.wcs, image=np.zeros(job.window.shape, np.float32),
+        catalog=objects, window=job.window, wcs=job.wcs, image=np.zeros(job.window.shape, np.float32), sky=camera.sky,
     )  # fmt: skip
 
 

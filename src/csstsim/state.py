@@ -30,3 +30,4 @@ class State:
     unit: str = "electron"
     header: dict = field(default_factory=dict)
     truth: Any = None
+    sky: Any = None  # sky.yaml as instrument.load.read_data gives it, for the stray-light model

@@ -93,7 +93,8 @@ def select_objects(
 
     catalog: a CatalogBase; wcs: optics.wcs.ChipWCS; observer: ephemeris.Observer; window: instrument.chip.Window;
     exptime in s; noise: Noise; rotated: turn intrinsic ellipticities by 90 degrees (the paper's twin campaign, in
-    which nothing else differs); beyond: optics.beyond.Beyond or None; box: half the side of the stored PSF [pixel]. ra, dec become the apparent direction. Added:
+    which nothing else differs); beyond: optics.beyond.Beyond or None; box: half the side of the stored PSF [pixel].
+    ra, dec become the apparent direction. Added:
     ra_orig, dec_orig (the catalogue's, J2000), ra_epoch, dec_epoch (ICRS at the epoch, what a measurement can know),
     x, y (0-based pixel), mag (this filter), flux0..3 (electron / s, magnified), reach (pixel, half the side of the
     stamp), lost (fraction of a galaxy's light that may lie beyond it), wing (pixel, radius of the light beyond the

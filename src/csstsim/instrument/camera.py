@@ -30,6 +30,7 @@ class Camera:
     psf: dict[str, Any]  # psf.yaml; empty without the file
     scatter: dict[str, Any]  # scatter.yaml; empty without the file
     ghosts: dict[str, Any]  # ghosts.yaml; empty without the file
+    sky: dict[str, Any]  # sky.yaml; empty without the file
     folder: Path
     digest: str
 
@@ -53,7 +54,7 @@ def load_camera(folder):
     filters = _filters(folder / "filters.yaml")
     telescope, orbit = load_telescope(folder / "telescope.yaml")
     keywords = folder / "level0_keywords.yaml"
-    optional = {name: folder / f"{name}.yaml" for name in ("psf", "scatter", "ghosts")}
+    optional = {name: folder / f"{name}.yaml" for name in ("psf", "scatter", "ghosts", "sky")}
     return Camera(
         chips=_chips(folder / "chips.yaml", filters, detector, telescope),
         filters=filters,

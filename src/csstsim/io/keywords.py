@@ -16,7 +16,11 @@ from csstsim.io.fits import card, remark
 from csstsim.units import EARTH_GM_KM3_S2, EARTH_RADIUS_KM
 
 STAGES = ("select", "render", "readout", "level0")
-_FROM_LAYERS = ("gain", "bias", "read_noise", "clipped_high", "clipped_low")  # absent if the layer is
+_FROM_LAYERS = (
+    "gain", "bias", "read_noise", "clipped_high", "clipped_low",
+    "sky_rate", "sky_zodiacal", "sky_earth", "sky_sun", "sky_moon", "sky_planets", "sky_stars",
+    "sun_angle", "moon_angle", "limb_angle", "limb_sun_angle",
+)  # absent if the layer is  # fmt: skip
 # What of a recipe (campaign.OpenCampaign.recipe) stands under which keyword; a reader checks them.
 RECIPE = {"campaign": "CAMPHASH", "camera": "CAMHASH", "layers": "LAYHASH", "exposure": "EXPHASH"}
 _KEYS = {"hdu", "block", "keyword", "constant", "from", "repeat", "comment"}

@@ -1,12 +1,19 @@
 """Sky background and stray light (paper, Appendix B item 2).
 
-Adds the expected sky of the band to every pixel. Left out so far: the stray-light model, flat field and shutter.
+Adds the expected sky of the band to every pixel: the filter's constant, or the model of csstsim.sky.background, mean of
+the middles of the exposure's thirds. Left out so far: flat field and shutter.
 """
 
+import numpy as np
 from pydantic import Field
 
+from csstsim.io.keywords import orbit_after
 from csstsim.layers.param import LayerParam
-from csstsim.sky.background import sky_electrons
+from csstsim.sky import background
+from csstsim.sky.bodies import exposure_angles
+from csstsim.sky.frame import telescope_axes
+from csstsim.sky.numbers import sky_numbers
+from csstsim.units import DAY_S
 
 STAGE = "render"
 UNITS = ("electron", "electron")
@@ -18,11 +25,43 @@ class Param(LayerParam):
     """obs_param of `sky_background`."""
 
     exptime: float | None = Field(None, gt=0, le=1e5, description="exposure time [s]; null = the pointing's")
+    enable_straylight_model: bool = Field(
+        False, description="true = zodiacal light, earthshine, Sun, Moon, planets and stars outside the field, at the "
+        "exposure's time and place; false = the filter's constant `sky`",
+    )  # fmt: skip
 
 
 def apply(state, param, rng):
-    """Add the sky [e-] to state.image, in place; the rate goes to the header."""
-    exptime = state.pointing.exptime if param.exptime is None else param.exptime
-    state.image += sky_electrons(state.filter, exptime)
-    state.header["sky_rate"] = state.filter.sky
+    """Add the sky [e-] to state.image, in place; rates, and angles to Sun, Moon and limb at the start, to the header.
+
+    Raises InputError if the model is asked for and the telescope looks at the Earth or beside the Sun.
+    """
+    pointing = state.pointing
+    exptime = pointing.exptime if param.exptime is None else param.exptime
+    if param.enable_straylight_model:
+        parts = _components(state, exptime)
+        rate = sum(parts.values())
+        background.add_grid(state.image, exptime * rate)
+        state.header |= {f"sky_{name}": background.grid_mean(part) for name, part in parts.items()}
+        state.header["sky_rate"] = background.grid_mean(rate)
+    else:
+        state.image += background.sky_electrons(state.filter, exptime)
+        state.header["sky_rate"] = state.filter.sky
+    place = pointing.mjd, pointing.sat_position, pointing.sat_velocity
+    angles = exposure_angles(pointing.ra, pointing.dec, *place)
+    state.header |= {f"{name}_angle": value for name, value in angles.items()}
     return state
+
+
+def _components(state, exptime):
+    """Return {component: e-/s/px at the grid's nodes}, the mean over the exposure."""
+    pointing, telescope, numbers = state.pointing, state.telescope, sky_numbers(state.sky)
+    rates = background.band_rates(state.filter, telescope, state.chip.detector.pixel_um, numbers)
+    axes = telescope_axes(pointing.ra, pointing.dec, pointing.pa, telescope.parity)
+    sights = background.lines_of_sight(state.wcs, state.window)
+    thirds = []
+    for after in exptime * np.array([1, 3, 5]) / 6:
+        place = orbit_after(pointing.sat_position, pointing.sat_velocity, after)
+        moment = pointing.mjd + after / DAY_S, *place
+        thirds.append(background.sky_components(rates, axes, sights, moment, numbers))
+    return {name: sum(third[name] for third in thirds) / 3 for name in background.COMPONENTS}

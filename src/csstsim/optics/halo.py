@@ -71,7 +71,7 @@ class Wing:
             return np.exp(np.interp(-np.log(level), -profile, np.log(_RADII)))
 
     def cells(self, count, per_pixel):
-        """Return the halo's integrals over cells, `per_pixel` to a pixel, (4, count, count), about the array's middle."""
+        """Return the halo's integrals over cells, `per_pixel` to a pixel, (4, count, count), about its middle."""
         axis = (np.arange(count) - (count - 1) / 2)[:, None] + np.array([-_GAUSS, _GAUSS])
         square = (axis.ravel() / per_pixel) ** 2
         value = self.halo(np.sqrt(square + square[:, None]))

@@ -12,8 +12,8 @@ box of 64 px), per filter in psf.yaml, where 2 cannot reach the accuracy goal (b
 
 Cost: 12 to 21 CPU-ms per PSF, 44 to 76 CPU-s a set of 30 x 30 nodes (benchmarks/psf_quality.py --bands).
 The scattered halo (optics.halo) is added to the centred images before they are written; the wing beyond the box and
-the ghosts are described in the file's attributes. Left out: polarisation, pupil vignetting over the field, diffusion that
-depends on wavelength, the 1 degree turn of the grating chips against the pupil.
+the ghosts are described in the file's attributes. Left out: polarisation, pupil vignetting over the field, diffusion
+that depends on wavelength, the 1 degree turn of the grating chips against the pupil.
 """
 
 import numpy as np
@@ -109,14 +109,14 @@ def chip_optics(chip, filter, psf_params, wavefront, oversampling, cells=CELLS):
 
 
 def make_psf(
-    path, chip, filter, telescope, psf_params, grid, *, camera_digest, oversampling="auto", provenance=None, cells=CELLS,
-    beyond=None,
+    path, chip, filter, telescope, psf_params, grid, *, camera_digest, oversampling="auto", provenance=None,
+    cells=CELLS, beyond=None,
 ):  # fmt: skip
     """Compute the PSFs of a chip and write them to `path` (layout: optics.psf_file).
 
     `psf_params` is Camera.psf, `grid` the number of nodes along a side (>= 2), `camera_digest` Camera.digest,
     `oversampling` the cells along a pixel ("auto": psf.yaml's for the filter), `provenance` a JSON-like mapping kept in
-    the file, `cells` the (even) cells along the box, `beyond` an optics.beyond.Beyond, whose halo is added to the images.
+    the file, `cells` the (even) cells along the box, `beyond` an optics.beyond.Beyond, whose halo is added.
     """
     if grid < 2:
         raise InputError("too few nodes to span a chip", key="psf.grid", value=grid, allowed=">= 2")

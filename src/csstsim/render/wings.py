@@ -42,8 +42,8 @@ def add_beyond(image, window, chip, x, y, flux, beyond, wing_px, half):
     """Add an object's wing, if `wing_px` > 0, and its ghosts, if bright enough; return [(electrons, box), ...].
 
     image: float64, of `window`, changed in place; x, y: chip pixels, flux: (4,) electrons; beyond:
-    optics.beyond.Beyond; half: side of the PSF's box [px]. Boxes are (x0, x1, y0, y1) on the chip, half-open; what misses the
-    window is not listed.
+    optics.beyond.Beyond; half: side of the PSF's box [px]. Boxes are (x0, x1, y0, y1) on the chip, half-open; what
+    misses the window is not listed.
     """
     parts = []
     if wing_px > 0:

@@ -1,8 +1,131 @@
-"""Sky background: one constant per band (paper section 5.5.1; zodiacal light, earthshine and the rest come
-as a stray-light model later). The rate is the filter's `sky`, e-/s/px, from config/instrument/filters.yaml.
+"""Sky background (paper, section 5.5.1): one constant per band, or the sum of what the model knows.
+
+The model's components [e-/s/px], on a coarse grid of lines of sight over the window, expanded bilinearly:
+
+    zodiacal                          of the field itself (csstsim.sky.zodiacal)
+    earth, sun, moon, planets, stars  from outside the field, through the point-source transmittance, past the aperture
+                                      door, unless the Earth is in front
+
+Left out: scattered light and ghosts of objects in the field, which are not background; starlight below the star list
+and zodiacal light from outside the field (0.1% of the diffuse sky scatters in); airglow, dark above the orbit but
+for lines shortward of the bands.
 """
+
+import numba
+import numpy as np
+
+from csstsim.errors import InputError
+from csstsim.sky import zodiacal
+from csstsim.sky.bodies import bodies, earth_radius
+from csstsim.sky.earthshine import earthshine
+from csstsim.sky.frame import angle, helioecliptic, unit
+from csstsim.sky.spectra import band, blackbody_over_sun, magnitude_ratio, pixel_etendue, sunlight
+from csstsim.sky.transmittance import angles, total
+
+COMPONENTS = ("zodiacal", "earth", "sun", "moon", "planets", "stars")
+NODES = 5  # a side; between them, light of a star 0.3 deg off the chip is bilinear to 2%
 
 
 def sky_electrons(filter_, exptime):
-    """Return the expected sky in one pixel [e-] for an exposure of `exptime` seconds."""
+    """Return the expected nominal sky in one pixel [e-] for an exposure of `exptime` seconds."""
     return filter_.sky * exptime
+
+
+def band_rates(filter_, telescope, pixel_um, numbers):
+    """Return what each source gives in a band [e-/s/px], {name: float or array}, for `sky_components`.
+
+    zodiacal (2,): of I = 1 in the law's two colours; the others at transmittance 1: sun at 1 au; earth: that Sun off
+    the Earth's albedo, to be multiplied with `earthshine`; stars (n,).
+    """
+    wave, pixel = filter_.wavelength, (1e-6 * pixel_um) ** 2
+    sun = sunlight(wave, numbers)
+    earth = numbers.albedo * np.interp(wave, *numbers.earth_spectrum.T)
+    shapes = [band(filter_, blackbody_over_sun(wave, kelvin, numbers)) for kelvin in numbers.stars[:, 3]]
+    return {
+        "zodiacal": pixel_etendue(telescope) * band(filter_, zodiacal.spectrum(wave, numbers)),
+        "sun": pixel * band(filter_, sun),
+        "earth": pixel * band(filter_, sun * earth),
+        "stars": pixel * np.array(shapes) * magnitude_ratio(numbers.stars[:, 2], numbers),
+    }
+
+
+def sky_components(rates, axes, sights, moment, numbers):
+    """Return {component: (m,) e-/s/px} for lines of sight (m, 3), unit vectors on GCRS axes.
+
+    rates: of `band_rates`; axes: sky.frame.telescope_axes; moment: (UTC MJD, position [km], velocity [km/s]) of the
+    spacecraft, geocentric GCRS; numbers: SkyNumbers. Raises InputError if the Earth is in the way, or the Sun is closer
+    than the table of zodiacal light reaches.
+    """
+    place = np.asarray(moment[1], dtype=float)
+    radius = np.degrees(earth_radius(place))
+    limb = float(angle(axes[2], -place) - radius)
+    if limb < 0:
+        raise InputError(
+            "the telescope looks at the Earth", key="limb angle [deg]", value=round(limb, 2), allowed="> 0"
+        )
+    sky = bodies(*moment, numbers)
+    longitude, latitude = helioecliptic(sights, sky.sun)
+    level = zodiacal.intensity(longitude, latitude, numbers)
+    share = zodiacal.mixture(zodiacal.elongation(longitude, latitude), numbers)
+
+    own, sights = (np.einsum("ij,nj->ni", axes, v) for v in (np.array([sky.sun]), sights))
+    door_azimuth = angles(own)[1][0]
+
+    def stray(directions, weights, field=True):
+        """Light of point sources: those behind the Earth, and those in the field if `field`, are left out."""
+        seen = np.einsum("ij,nj->ni", axes, directions)
+        weights = np.where(angle(directions, -place) > radius, weights, 0.0)
+        if field:
+            weights = np.where(_in_field(seen, numbers.field), 0.0, weights)
+        return np.einsum("mn,n->m", total(seen, sights, door_azimuth, numbers), weights)
+
+    planets = rates["sun"] * magnitude_ratio(sky.planet_magnitudes, numbers)
+    moon = rates["sun"] * magnitude_ratio([sky.moon_magnitude], numbers)
+    return {
+        "zodiacal": np.einsum("k,km,m->m", rates["zodiacal"], share, level),
+        "earth": rates["earth"] / sky.sun_au**2 * earthshine(place, sky.sun, axes, sights, door_azimuth, numbers),
+        "sun": stray(sky.sun[None], np.array([rates["sun"] / sky.sun_au**2]), field=False),
+        "moon": stray(sky.moon[None], moon, field=False),
+        "planets": stray(sky.planets, planets),
+        "stars": stray(unit(*numbers.stars[:, :2].T), rates["stars"]),
+    }
+
+
+def _in_field(seen, field):
+    x, y, z = seen.T
+    tangent = np.tan(np.radians(field))
+    return (z > 0) & (np.abs(x) < tangent[0] * z) & (np.abs(y) < tangent[1] * z)
+
+
+def lines_of_sight(wcs, window):
+    """Return (NODES^2, 3): unit vectors of the grid over the window's pixel centres, rows along x."""
+    x, y = np.meshgrid(np.linspace(window.x0, window.x1 - 1, NODES), np.linspace(window.y0, window.y1 - 1, NODES))
+    return unit(*wcs.pixel_to_world(x.ravel(), y.ravel()))
+
+
+def grid_mean(values):
+    """Return the mean of the plane that `add_grid` makes of the values at `lines_of_sight`."""
+    end = np.ones(NODES)
+    end[[0, -1]] = 0.5
+    return float(np.einsum("i,j,ij->", end, end, values.reshape(NODES, NODES)) / (NODES - 1) ** 2)
+
+
+def add_grid(image, values):
+    """Add to `image` (float32), in place, the bilinear expansion of values at `lines_of_sight`."""
+    ny, nx = image.shape
+    v, u = (np.linspace(0.0, NODES - 1, n) if n > 1 else np.zeros(1) for n in (ny, nx))
+    rows = np.minimum(v.astype(int), NODES - 2)
+    columns = np.minimum(u.astype(int), NODES - 2)
+    starts = np.searchsorted(columns, np.arange(NODES))
+    _expand(image, values.reshape(NODES, NODES), rows, v - rows, starts, (u - columns).astype(np.float32))
+
+
+@numba.njit(cache=True)
+def _expand(image, grid, rows, v, starts, u):
+    for y in range(image.shape[0]):
+        line = (1 - v[y]) * grid[rows[y]] + v[y] * grid[rows[y] + 1]
+        for j in range(len(starts) - 1):
+            left, step = np.float32(line[j]), np.float32(line[j + 1] - line[j])
+            part, place = image[y, starts[j] : starts[j + 1]], u[starts[j] : starts[j + 1]]
+            for x in range(len(part)):
+                part[x] += left + step * place[x]

@@ -1,0 +1,171 @@
+"""The sky model beside HST, the nominal sky and its own cost: python benchmarks/sky.py
+
+Prints tables and draws docs/figures/sky_bands.png, sky_earthshine.png and sky_moon.png. Everything is for chip centres
+and the shipped numbers (config/instrument/sky.yaml).
+"""
+
+import time
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from csstsim.config import SHIPPED
+from csstsim.instrument.camera import load_camera
+from csstsim.instrument.pointing import Pointing
+from csstsim.layers import sky_background
+from csstsim.optics.wcs import ChipWCS
+from csstsim.sky.background import band_rates
+from csstsim.sky.bodies import earth_radius
+from csstsim.sky.earthshine import earthshine
+from csstsim.sky.frame import telescope_axes, unit
+from csstsim.sky.numbers import sky_numbers
+from csstsim.sky.spectra import V_BAND, magnitude_ratio, solar_continuum
+from csstsim.sky.transmittance import angles, total
+from csstsim.sky.zodiacal import REFERENCE, elongation, intensity, mixture
+from csstsim.state import State
+from csstsim.units import ARCSEC_PER_RAD
+
+FIGURES = Path(__file__).parents[1] / "docs" / "figures"
+CAMERA = load_camera(SHIPPED / "instrument")
+NUMBERS = sky_numbers(CAMERA.sky)
+RATES = {name: band_rates(f, CAMERA.telescope, CAMERA.detector.pixel_um, NUMBERS) for name, f in CAMERA.filters.items()}
+COLOURS = dict(zip(CAMERA.filters, plt.cm.turbo(np.linspace(0.05, 0.95, len(CAMERA.filters))), strict=True))
+PLACE = np.array([6778.137, 0.0, 0.0])  # km, zenith at ra 0, dec 0
+HST_LIMB = np.array([24.0, 38.0, 50.0])
+HST_TIMES = np.array([2.0, 1.0, 0.5])  # of "high": STIS handbook, section 6.5
+HST_OVER_ZODI = 2.58e-18 / 5.34e-18 * 10 ** (0.4 * (22.7 - 22.1))  # "high" over zodiacal light of V 22.7, at 5500 A
+LIMBS = np.array([10.0, 15, 20, 24, 30, 38, 44, 50, 60, 70, 80, 90, 100])
+
+
+def zodiacal(name, longitude, latitude):
+    """e-/s/px."""
+    shares = mixture(elongation(longitude, latitude), NUMBERS)
+    return np.einsum("k,k...->...", RATES[name]["zodiacal"], shares) * intensity(longitude, latitude, NUMBERS)
+
+
+def reference_zodi(name):
+    """e-/s/px of V = 22.7 in the colour of large elongations, by the Sun's V."""
+    colour = 1.0 + NUMBERS.zodiacal["colour"][1, 2] * np.log10(V_BAND / REFERENCE)
+    over_sun = 10 ** (-0.4 * (22.7 - NUMBERS.sun_magnitude)) * ARCSEC_PER_RAD**2  # sr-1
+    level = over_sun * solar_continuum(REFERENCE, NUMBERS) / colour * 1e8
+    return RATES[name]["zodiacal"][1] * level
+
+
+def earth(name, limb, sun_zenith):
+    """e-/s/px with the Sun `sun_zenith` deg from the zenith, opposite to the limb looked over."""
+    axes = telescope_axes(-(180.0 - np.degrees(earth_radius(PLACE)) - limb), 0.0, 0.0)
+    sun = unit(sun_zenith, 0.0)
+    door = angles(axes @ sun)[1]
+    return RATES[name]["earth"] * earthshine(PLACE, sun, axes, np.array([[0, 0, 1.0]]), door, NUMBERS)[0]
+
+
+def moon(name, away, magnitude):
+    """e-/s/px of a Moon `away` deg off the axis, not in the door's shade."""
+    direction = np.array([[np.sin(np.radians(away)), 0.0, np.cos(np.radians(away))]])
+    light = RATES[name]["sun"] * magnitude_ratio(magnitude, NUMBERS)
+    return light * total(direction, np.array([[0, 0, 1.0]]), -90.0, NUMBERS)[0, 0]
+
+
+def bands():
+    latitude = np.arange(0.0, 90.1, 3.0)
+    print("\nzodiacal light, e-/s/px, 90 deg from the Sun in longitude; nominal sky of filters.yaml")
+    print(f"{'band':5}" + "".join(f"{b:>8.0f}" for b in latitude[::5]) + "   nominal")
+    figure, axes = plt.subplots(1, 2, figsize=(10, 3.8))
+    for name, filter_ in CAMERA.filters.items():
+        away = zodiacal(name, 90.0, latitude)
+        print(f"{name:5}" + "".join(f"{v:8.4f}" for v in away[::5]) + f"{filter_.sky:10.4f}")
+        axes[0].semilogy(latitude, away, color=COLOURS[name], label=name, ls="--" if name[0] == "G" else "-")
+        axes[0].plot(91.5, filter_.sky, "<", color=COLOURS[name], ms=5)
+    for longitude in (20, 45, 60, 90, 135, 180):
+        axes[1].semilogy(
+            latitude,
+            zodiacal("r", float(longitude), latitude),
+            label=f"{longitude}",
+            color=plt.cm.plasma(longitude / 220),
+        )
+    axes[0].set(
+        xlabel="ecliptic latitude [deg]",
+        ylabel="zodiacal light [e-/s/px]",
+        title="90 deg from the Sun; triangles: nominal sky",
+    )
+    axes[1].set(xlabel="ecliptic latitude [deg]", title="r, by longitude from the Sun [deg]")
+    axes[0].legend(ncol=2, fontsize=7)
+    axes[1].legend(fontsize=7)
+    save(figure, "sky_bands")
+
+
+def limb():
+    print("\nearthshine over zodiacal light of V 22.7, r, by limb angle [deg]; rows: the Sun's zenith angle")
+    print(f"{'':8}" + "".join(f"{x:9.0f}" for x in LIMBS))
+    figure, axis = plt.subplots(figsize=(6, 4))
+    for sun_zenith in (0.0, 45.0, 70.0, 85.0, 100.0):
+        level = np.array([earth("r", x, sun_zenith) for x in LIMBS]) / reference_zodi("r")
+        print(f"{sun_zenith:<8.0f}" + "".join(f"{v:9.3g}" for v in level))
+        if level[0] > 0:
+            axis.semilogy(
+                LIMBS, level, color=plt.cm.viridis(sun_zenith / 100), label=f"Sun {sun_zenith:.0f} deg from the zenith"
+            )
+    hst = HST_OVER_ZODI * HST_TIMES
+    noon = np.array([earth("r", x, 0.0) for x in HST_LIMB]) / reference_zodi("r")
+    print("model, Sun overhead, over HST at 24, 38, 50 deg:", np.round(noon / hst, 2))
+    axis.semilogy(HST_LIMB, hst, "ks-", label='HST, bright limb (STIS "high" at 38 deg)')
+    axis.fill_between(HST_LIMB, 1.5 * hst, 2 * hst, color="0.8", label="1.5 to 2 times HST")
+    axis.set(xlabel="limb angle [deg]", ylabel="earthshine / zodiacal light of V 22.7, r", ylim=(1e-4, 100))
+    axis.legend(fontsize=7)
+    save(figure, "sky_earthshine")
+
+
+def moonlight():
+    away = np.linspace(5, 90, 120)
+    figure, axis = plt.subplots(figsize=(6, 4))
+    print("\nmoonlight over zodiacal light of V 22.7, r; full (-12.7), half (-10.0)")
+    for label, magnitude in (("full Moon", -12.73), ("half Moon", -10.0)):
+        level = np.array([moon("r", x, magnitude) for x in away]) / reference_zodi("r")
+        print(
+            f"{label:10}",
+            "".join(
+                f"  {x:.0f} deg {moon('r', x, magnitude) / reference_zodi('r'):.2g}" for x in (10.0, 20.0, 40.0, 60.0)
+            ),
+        )
+        axis.semilogy(away, level, label=label)
+    axis.semilogy([40, 60, 60, 90], [1, 1, 0.1, 0.1], "k:", label="upper bounds expected of CSST")
+    axis.axvspan(5, 40, color="0.9", label="within the survey's Moon limit")
+    axis.set(xlabel="angle to the Moon [deg]", ylabel="moonlight / zodiacal light of V 22.7, r", xlim=(5, 90))
+    axis.legend(fontsize=7)
+    save(figure, "sky_moon")
+
+
+def cost():
+    chip = CAMERA.chips[9]
+    pointing = Pointing(
+        "1", "SCIE", 60.0, -40.0, -113.4, "2027-06-26T20:35:58", 150.0, (2596.0, 4496.0, -4357.0), (6.0, 3.0, -2.1)
+    )
+    print("\nCPU s of the layer on a whole chip (9216 x 9232), first with compilation or its cache")
+    for model in (False, True, True, True):
+        state = State(
+            chip, CAMERA.filters[chip.filter], CAMERA.telescope, pointing, None, chip.full_window,
+            ChipWCS(chip, pointing), np.zeros(chip.full_window.shape, np.float32), sky=CAMERA.sky,
+        )  # fmt: skip
+        state.image += 1.0
+        start = time.process_time()
+        sky_background.apply(state, sky_background.Param(enable_straylight_model=model), None)
+        print(f"model {model!s:5}: {time.process_time() - start:.3f}")
+    print(
+        {key: float(f"{value:.3g}") for key, value in state.header.items()},
+        "max / min over the chip",
+        state.image.max() / state.image.min(),
+    )
+
+
+def save(figure, name):
+    figure.tight_layout()
+    figure.savefig(FIGURES / f"{name}.png", dpi=90)
+    plt.close(figure)
+
+
+if __name__ == "__main__":
+    bands()
+    limb()
+    moonlight()
+    cost()

@@ -1,0 +1,94 @@
+"""Where the Sun, the Moon and the bright planets stand for the spacecraft, and how bright they are.
+
+The Sun as catalog.ephemeris has it; the Moon from ERFA's moon98 (Meeus 1998, 10"), shifted by the spacecraft's
+parallax; planets from plan94, within arcminutes. Directions are geometric: light time and aberration (20") are nothing
+to stray light. V magnitudes by distance and phase angle, as polynomials of sky.yaml.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from csstsim.catalog.ephemeris import mjd_tt, observer
+from csstsim.sky.frame import angle, unit
+from csstsim.units import AU_KM, EARTH_RADIUS_KM
+
+_MJD_ZERO = 2_400_000.5
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies:
+    """Unit vectors from the spacecraft, GCRS: the Sun (3,), the Moon (3,), planets (n, 3); V magnitudes."""
+
+    sun: np.ndarray
+    sun_au: float
+    moon: np.ndarray
+    moon_magnitude: float
+    planets: np.ndarray
+    planet_magnitudes: np.ndarray
+
+
+def bodies(mjd, position, velocity, numbers):
+    """Return the Bodies at `mjd` (UTC) for a spacecraft at `position` [km], `velocity` [km/s], geocentric GCRS."""
+    import erfa
+
+    tt = mjd_tt(mjd)
+    sun, sun_au = _sun(mjd, position, velocity)
+    moon = _moon(tt, position)
+    distance, phase = np.linalg.norm(moon), angle(-moon, sun_au * AU_KM * sun - moon)
+    law = numbers.moon
+    moon_magnitude = law["magnitude"] + _polynomial(law["phase"], phase)
+    moon_magnitude += 5.0 * math.log10(distance / law["distance_km"] * sun_au)
+    planets, magnitudes = [], []
+    for number, bright, *phase_law, largest in numbers.planets:
+        from_sun = erfa.plan94(_MJD_ZERO, tt, int(number))["p"]
+        seen = from_sun + sun_au * sun
+        near, far = np.linalg.norm(seen), np.linalg.norm(from_sun)
+        planets.append(seen / near)
+        turn = min(angle(seen, from_sun), largest)
+        magnitudes.append(bright + 5.0 * math.log10(near * far) + _polynomial(phase_law, turn))
+    return Bodies(sun, sun_au, moon / distance, float(moon_magnitude), np.array(planets), np.array(magnitudes))
+
+
+def exposure_angles(ra, dec, mjd, position, velocity):
+    """Return {"sun", "moon", "limb", "limb_sun"} [deg] of a boresight at ra, dec [deg].
+
+    sun, moon: angles between them and the boresight; limb: from the Earth's limb, negative if the Earth is in the way;
+    limb_sun: the Sun's height over the nearest point of that limb, negative by night.
+    """
+    boresight, place = unit(ra, dec), np.array(position, dtype=float)
+    sun, _ = _sun(mjd, position, velocity)
+    zenith = place / np.linalg.norm(place)
+    across = boresight - (boresight @ zenith) * zenith
+    across /= max(np.linalg.norm(across), 1e-300)
+    radius = earth_radius(place)
+    limb = np.sin(radius) * zenith + np.cos(radius) * across  # of the Earth's surface, seen from its centre
+    return {
+        "sun": float(angle(boresight, sun)),
+        "moon": float(angle(boresight, _moon(mjd_tt(mjd), position))),
+        "limb": float(angle(boresight, -place) - np.degrees(radius)),
+        "limb_sun": float(90.0 - angle(limb, sun)),
+    }
+
+
+def earth_radius(place):
+    """Return the angular radius of the Earth [rad] at `place` [km]."""
+    return math.asin(min(EARTH_RADIUS_KM / float(np.linalg.norm(place)), 1.0))
+
+
+def _sun(mjd, position, velocity):
+    astrom = observer(mjd, tuple(position), tuple(velocity)).astrom
+    return -np.array(astrom["eh"]), float(astrom["em"])
+
+
+def _moon(tt, position):
+    """The Moon from the spacecraft [km]."""
+    import erfa
+
+    return erfa.moon98(_MJD_ZERO, tt)["p"] * AU_KM - np.array(position, dtype=float)
+
+
+def _polynomial(coefficients, x):
+    """Terms from the first power on."""
+    return sum(c * x ** (k + 1) for k, c in enumerate(coefficients))

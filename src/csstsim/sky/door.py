@@ -1,0 +1,53 @@
+"""The aperture door: a flap on the rim that shades the tube, and whose lit inside shines into it.
+
+In the plane through boresight and hinge the rim reaches from -R to R and the door from the hinge at R to
+(R + D sin d, D cos d), opened by d beyond parallel to the boresight. A beam from zenith angle t on the door's side
+leaves in shade the share (D cos d tan t - D sin d) / 2R of the aperture (0 to 1). The inside, a Lambert surface of
+small albedo, is one source as seen from the aperture's centre. The door is turned to the Sun (nominal roll). Left out:
+diffraction at the edge, the door's round outline, light that the tube's wall sends back.
+"""
+
+import math
+
+import numpy as np
+
+
+def shade(zenith, azimuth, door_azimuth, door):
+    """Return the share (0..1) of the aperture in the door's shade, for beams from zenith, azimuth [deg], any shape."""
+    slant, side, turn = np.radians(zenith), np.cos(np.radians(azimuth - door_azimuth)), _turn(door)
+    front = (side > math.cos(math.radians(door.half_width_deg))) & (slant < math.pi / 2)
+    reach = door.length_m * math.cos(turn) * np.tan(np.where(front, slant, 0.0)) * side - door.length_m * math.sin(turn)
+    return np.where(front, np.clip(reach / (2 * door.tube_radius_m), 0.0, 1.0), 0.0)
+
+
+def scattered(zenith, azimuth, door_azimuth, door):
+    """Return the door's irradiance of the aperture over that of the beam (normal to it), for beams on the inside.
+
+    The far rim shades the door's foot from a beam that comes from behind the aperture's plane.
+    """
+    slant, side, turn = np.radians(zenith), np.cos(np.radians(azimuth - door_azimuth)), _turn(door)
+    onto = np.maximum(math.sin(turn) * np.cos(slant) - math.cos(turn) * np.sin(slant) * side, 0.0)
+    below = np.maximum(-np.cos(slant), 0.0)
+    foot = 2 * door.tube_radius_m * below / np.maximum(np.sin(slant), 1e-9)
+    lit = np.clip(1.0 - foot / (door.length_m * math.cos(turn)), 0.0, 1.0)
+    return door.albedo / math.pi * solid_angle(door) * onto * lit
+
+
+def zenith_angle(door):
+    """Return the zenith angle [deg] of the door's middle, from the aperture's centre."""
+    return math.degrees(math.atan2(*_middle(door)))
+
+
+def solid_angle(door):
+    """Return the door's solid angle [sr] from the aperture's centre, as of a small surface at its middle."""
+    area = 2 * door.tube_radius_m * door.length_m
+    return area * door.tube_radius_m * math.cos(_turn(door)) / math.hypot(*_middle(door)) ** 3
+
+
+def _middle(door):
+    half, turn = door.length_m / 2, _turn(door)
+    return door.tube_radius_m + half * math.sin(turn), half * math.cos(turn)
+
+
+def _turn(door):
+    return math.radians(door.opening_deg - 90.0)

@@ -1,0 +1,47 @@
+"""Earthshine: the sunlit Earth as segments, each a source for the point-source transmittance (paper, section 5.5.1).
+
+Segments divide the disc that the spacecraft sees, in rings about the nadir. Each is a Lambert surface under the Sun's
+height there: its irradiance of the aperture is albedo / pi E_sun cos(Sun's zenith angle) times its solid angle. The
+night side is dark: no airglow, cities or moonlit clouds. Left out: the Earth's flattening, clouds that differ from
+place to place, the glint on the oceans, twilight in the atmosphere.
+"""
+
+import math
+
+import numpy as np
+
+from csstsim.sky.bodies import earth_radius
+from csstsim.sky.transmittance import total
+from csstsim.units import EARTH_RADIUS_KM
+
+
+def segments(place, sun, rings):
+    """Return directions (n, 3) from `place` [km] and weights (n,) of the lit segments, on the axes of `place`.
+
+    A weight is solid angle [sr] times the cosine of the Sun's zenith angle there, over pi: times albedo, it is the
+    segment's irradiance over the Sun's. sun: unit vector.
+    """
+    distance, radius = float(np.linalg.norm(place)), earth_radius(place)
+    edges, many = np.linspace(0.0, radius, rings + 1), 3 * rings // 2
+    nadir = 0.5 * (edges[1:] + edges[:-1])
+    turn = 2 * math.pi * (np.arange(many) + 0.5) / many
+    down = -place / distance
+    side = np.cross(down, [1.0, 0.0, 0.0] if abs(down[0]) < 0.7 else [0.0, 1.0, 0.0])
+    side /= np.linalg.norm(side)
+    round_ = np.cos(turn)[:, None] * side + np.sin(turn)[:, None] * np.cross(down, side)
+    seen = np.cos(nadir)[:, None, None] * down + np.sin(nadir)[:, None, None] * round_
+    reach = distance * np.cos(nadir) - np.sqrt(np.maximum(EARTH_RADIUS_KM**2 - (distance * np.sin(nadir)) ** 2, 0.0))
+    ground = (place + reach[:, None, None] * seen) / EARTH_RADIUS_KM
+    height = np.sum(ground * sun, axis=-1)
+    weight = np.diff(-np.cos(edges))[:, None] * (2 * math.pi / many) * height / math.pi
+    lit = height > 0
+    return seen[lit], weight[lit]
+
+
+def earthshine(place, sun, axes, sights, door_azimuth, numbers):
+    """Return (m,): the focal plane's irradiance by the Earth over the Sun's at 1 au, for a white Earth.
+
+    place [km], sun: GCRS; axes: sky.frame.telescope_axes; sights (m, 3) in that frame.
+    """
+    seen, weight = segments(np.asarray(place, dtype=float), sun, numbers.rings)
+    return np.einsum("mn,n->m", total(np.einsum("ij,nj->ni", axes, seen), sights, door_azimuth, numbers), weight)

@@ -1,0 +1,56 @@
+"""The point-source transmittance (PST): the focal plane's irradiance over that of a beam, normal to it (paper, 5.5.1).
+
+A matrix over zenith angle and azimuth, interpolated bilinearly in log PST over log zenith angle and azimuth. The zenith
+angle is the source's from the pixel's line of sight, so stray light varies over a chip. Nothing enters from behind the
+aperture's plane but by way of the door. `total` adds both ways in.
+"""
+
+import numpy as np
+
+from csstsim.sky.door import scattered, shade, zenith_angle
+from csstsim.sky.frame import angle
+
+
+def transmittance(zenith, azimuth, numbers):
+    """Return PST at zenith, azimuth [deg], any one shape; below the first zenith angle as there, beyond the last 0."""
+    first, log = numbers.azimuth[0], np.log(numbers.transmittance)
+    log = np.column_stack([log, log[:, 0]])
+    i, u = _cell(np.log(numbers.zenith), np.log(np.maximum(zenith, numbers.zenith[0])))
+    j, v = _cell(np.append(numbers.azimuth, first + 360.0), (np.asarray(azimuth) - first) % 360.0 + first)
+    near, far = (1 - v) * log[i, j] + v * log[i, j + 1], (1 - v) * log[i + 1, j] + v * log[i + 1, j + 1]
+    return np.where(np.asarray(zenith) > numbers.zenith[-1], 0.0, np.exp((1 - u) * near + u * far))
+
+
+def _cell(nodes, x):
+    """Return the cell of rising `nodes` that holds x, and the place (0..1) in it, within the nodes' range."""
+    i = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, len(nodes) - 2)
+    return i, np.clip((x - nodes[i]) / (nodes[i + 1] - nodes[i]), 0.0, 1.0)
+
+
+def total(sources, sights, door_azimuth, numbers):
+    """Return (m, n): the transmittance from sources (n, 3) to lines of sight (m, 3), past the door and off it.
+
+    Unit vectors in the telescope's frame (csstsim.sky.frame); door_azimuth [deg].
+    """
+    zenith, azimuth = angles(sources)
+    door, front = numbers.door, zenith < 90.0
+    open_ = 1.0 - shade(zenith[front], azimuth[front], door_azimuth, door)
+    ahead = sources[front]
+    direct = np.zeros((len(sights), len(sources)))
+    slant = angle(sights[:, None, :], ahead[None, :, :])
+    direct[:, front] = open_ * transmittance(slant, azimuth_from(sights, ahead), numbers)
+    slant, turn = np.radians([zenith_angle(door), door_azimuth])
+    middle = np.array([[np.sin(slant) * np.sin(turn), np.sin(slant) * np.cos(turn), np.cos(slant)]])
+    off_door = transmittance(angle(sights, middle), azimuth_from(sights, middle)[:, 0], numbers)
+    return direct + off_door[:, None] * scattered(zenith, azimuth, door_azimuth, door)
+
+
+def angles(v):
+    """Return zenith angle and azimuth [deg] of vectors (..., 3) in the telescope's frame."""
+    return angle(v, np.array([0.0, 0.0, 1.0])), np.degrees(np.arctan2(v[..., 0], v[..., 1]))
+
+
+def azimuth_from(sights, sources):
+    """Return (m, n) [deg]: azimuths of sources (n, 3) as seen from lines of sight (m, 3) near the boresight."""
+    step = sources[None, :, :2] - sights[:, None, :2]
+    return np.degrees(np.arctan2(step[..., 0], step[..., 1]))

@@ -1,0 +1,82 @@
+"""The sky layer with the constant and with the model: what it adds, what it says, what it refuses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from readout_state import dark_layers, flat_state, run, small_camera
+
+from csstsim.errors import InputError
+from csstsim.io.level0 import write_level0
+from csstsim.layers import sky_background
+from csstsim.sky.background import COMPONENTS
+
+HIGH = (2596.0, 4496.0, -4357.0)  # km; POINTING's field (60, -40) is in its zenith
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    return small_camera(tmp_path_factory.mktemp("mini"))
+
+
+def lit(camera, model=True, exptime=None, **fields):
+    state = flat_state(camera, **({"sat_position": HIGH, "sat_velocity": (6.0, 3.0, -2.1)} | fields))
+    state.sky = camera.sky
+    param = sky_background.Param(enable_straylight_model=model, exptime=exptime)
+    return sky_background.apply(state, param, None)
+
+
+def test_off_is_the_constant(small):
+    state = lit(small, model=False)
+    assert (state.image == np.float32(0.207 * 150.0)).all()
+    assert state.header["sky_rate"] == 0.207
+    assert "sky_zodiacal" not in state.header
+    assert state.header["limb_angle"] > 20
+
+
+@pytest.mark.parametrize("chip", [9, 1, 12])  # r, GI, NUV
+def test_on_adds_its_components(small, chip):
+    state = lit(small, chip=chip)
+    header = state.header
+    assert header["sky_rate"] == pytest.approx(sum(header[f"sky_{name}"] for name in COMPONENTS))
+    assert state.image.mean(dtype=float) == pytest.approx(150.0 * header["sky_rate"], rel=1e-4)
+    assert 0.3 < header["sky_rate"] / state.filter.sky < 3
+    assert header["sky_zodiacal"] > 0.5 * header["sky_rate"]
+    assert np.ptp(state.image) > 0
+
+
+def test_adds_to_what_is_there_in_proportion_to_time(small):
+    once, twice = lit(small, exptime=1.0), lit(small, exptime=2.0)
+    assert twice.image.mean(dtype=float) == pytest.approx(2 * once.image.mean(dtype=float), rel=1e-3)
+    full = flat_state(small, 100.0, sat_position=HIGH, sat_velocity=(6.0, 3.0, -2.1))
+    full.sky = small.sky
+    sky_background.apply(full, sky_background.Param(enable_straylight_model=True, exptime=1.0), None)
+    assert np.allclose(full.image, 100.0 + once.image, atol=1e-5)
+
+
+def test_a_window_sees_the_chips_sky(camera):
+    """The same pixels in a window of their own: the grids' difference is below 1e-5 of the sky."""
+    whole, part = lit(camera), lit(camera, window=(3000, 3100, 8000, 8050))
+    assert np.allclose(whole.image[8000:8050, 3000:3100], part.image, rtol=1e-5)
+
+
+def test_faults(small):
+    with pytest.raises(InputError, match="looks at the Earth"):
+        lit(small, sat_position=tuple(-x for x in HIGH))
+    state = flat_state(small, sat_position=HIGH)
+    with pytest.raises(InputError, match="no numbers"):
+        sky_background.apply(state, sky_background.Param(enable_straylight_model=True), None)
+
+
+@pytest.mark.parametrize("model", [True, False])
+def test_level0_header(small, tmp_path, model):
+    from astropy.io import fits
+
+    state = lit(small, model=model)
+    header = state.header
+    state = run(replace(state), dark_layers())
+    write_level0(tmp_path / "x.fits", state, small.keywords, {})
+    found = fits.getheader(tmp_path / "x.fits")
+    assert found["SKYRATE"] == pytest.approx(header["sky_rate"])
+    assert ("SKYZODI" in found) is model and ("SKYEARTH" in found) is model
+    assert 0 < found["SUNANGL0"] < 180 and found["LIMBANG0"] == pytest.approx(header["limb_angle"])

@@ -1,0 +1,216 @@
+"""The sum: the reference sky of the bands, units by synphot, what hides what, the expansion over the chip."""
+
+import numpy as np
+import pytest
+from sky_places import AHEAD, PLACE, camera, numbers, sun_at, towards_limb
+from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement, units
+
+from csstsim.errors import InputError
+from csstsim.instrument.pointing import mjd_utc
+from csstsim.sky import background
+from csstsim.sky.background import COMPONENTS, NODES, add_grid, band_rates, grid_mean, sky_components
+from csstsim.sky.bodies import bodies
+from csstsim.sky.frame import angle, telescope_axes, unit
+from csstsim.sky.spectra import band, blackbody_over_sun, magnitude_ratio, photons, solar_continuum, sunlight
+from csstsim.sky.zodiacal import spectrum
+
+CAMERA, N = camera(), numbers()
+PREDICTED = {
+    "NUV": 0.003,
+    "u": 0.021,
+    "g": 0.169,
+    "r": 0.232,
+    "i": 0.228,
+    "z": 0.129,
+    "y": 0.041,
+    "GU": 0.016,
+    "GV": 0.18,
+    "GI": 0.26,
+}
+MJD = mjd_utc("2027-06-26T20:35:58")
+VELOCITY = (0.0, 7.668, 0.0)
+
+
+def rates(name):
+    return band_rates(CAMERA.filters[name], CAMERA.telescope, 10.0, N)
+
+
+def v_level(spectrum_5500):
+    """V mag / arcsec2 of photon / s / m2 / A / arcsec2 at 5500 A, by the Sun's V."""
+    return N.sun_magnitude - 2.5 * np.log10(spectrum_5500 / photons(solar_continuum(5500.0, N), 5500.0))
+
+
+@pytest.mark.parametrize("name", PREDICTED)
+def test_reference_sky(name):
+    """Zodiacal light of V = 22.7 and half of HST's high earthshine (2.58e-18 at 5500 A): 15%, NUV 0.001 e-/s/px."""
+    rate, telescope = rates(name), CAMERA.telescope
+    wave = np.array([5500.0])
+    continuum = spectrum(wave, N)[1, 0] * photons(solar_continuum(5500.0, N), 5500.0) / sunlight(wave, N)[0]
+    zodiacal = rate["zodiacal"][1] * 10 ** (-0.4 * (22.7 - v_level(continuum)))
+    pixel = telescope.area_m2 * telescope.pixel_scale**2
+    white = pixel * photons(0.5 * 2.58e-17, 5500.0) / (1e-10 * photons(solar_continuum(5500.0, N), 5500.0) * N.albedo)
+    tolerance = 0.001 if name == "NUV" else 0.15 * PREDICTED[name]
+    assert zodiacal + white * rate["earth"] == pytest.approx(PREDICTED[name], abs=tolerance)
+
+
+@pytest.mark.parametrize("name", ["NUV", "r", "GI"])
+def test_units_by_synphot(name):
+    """Zodiacal light at the ecliptic pole as flam through synphot's own integral: 0.1%."""
+    filter_, telescope = CAMERA.filters[name], CAMERA.telescope
+    wave, photon = filter_.wavelength, 77.0 * spectrum(filter_.wavelength, N)[1]
+    flam = photon / photons(1.0, wave) * 0.1
+    source = SourceSpectrum(Empirical1D, points=wave, lookup_table=flam * units.FLAM)
+    response = SpectralElement(Empirical1D, points=wave, lookup_table=filter_.throughput)
+    counts = Observation(source, response, binset=wave).countrate(area=1e4 * telescope.area_m2).value
+    assert 77.0 * rates(name)["zodiacal"][1] == pytest.approx(counts * telescope.pixel_scale**2, rel=1e-3)
+
+
+def test_stray_light_by_hand():
+    """A monochromatic band: Sun's photons in 1 angstrom on 100 um2, times its throughput."""
+
+    class Line:
+        wavelength, throughput = np.array([5999.5, 6000.0, 6000.5]), np.full(3, 0.5)
+
+    found = band_rates(Line, CAMERA.telescope, 10.0, N)
+    watts = np.interp(6000.0, *N.solar_spectrum.T) * 1e-4  # W m-2 A-1
+    energy = 6.62607015e-34 * 2.99792458e8 / 6000e-10
+    assert found["sun"] == pytest.approx(0.5 * watts / energy * 1e-10, rel=1e-3)
+
+
+def test_stars_have_their_v_and_a_solar_one_the_suns_light():
+    wave = np.array([4000.0, 5500.0, 8000.0])
+    hot, cold, sun = (blackbody_over_sun(wave, kelvin, N) for kelvin in (20000.0, 3500.0, 5777.0))
+    assert hot[1] == cold[1] == sun[1]
+    assert hot[0] > sun[0] > cold[0] and hot[2] < sun[2] < cold[2]
+    r = CAMERA.filters["r"]
+    assert band(r, blackbody_over_sun(r.wavelength, 5777.0, N)) == pytest.approx(
+        band(r, sunlight(r.wavelength, N)), rel=0.05
+    )
+    assert magnitude_ratio([N.sun_magnitude, N.sun_magnitude + 5], N) == pytest.approx([1.0, 0.01])
+
+
+def sky_at(axes, name="r", place=PLACE, mjd=MJD, sights=None):
+    sights = axes[2][None] if sights is None else sights
+    parts = sky_components(rates(name), axes, sights, (mjd, tuple(place), VELOCITY), N)
+    assert tuple(parts) == COMPONENTS
+    return {key: value[0] for key, value in parts.items()}
+
+
+def boresight(direction):
+    return telescope_axes(np.degrees(np.arctan2(direction[1], direction[0])), np.degrees(np.arcsin(direction[2])), 0.0)
+
+
+def over(direction):
+    """A spacecraft over the point that has `direction` in its zenith."""
+    return 6778.137 * direction / np.linalg.norm(direction)
+
+
+SKY = bodies(MJD, PLACE, VELOCITY, N)
+POLE = unit(270.0, 66.5607)  # of the ecliptic
+
+
+def test_ecliptic_pole():
+    parts = sky_at(boresight(POLE), place=over(POLE - SKY.sun))
+    assert parts["zodiacal"] == pytest.approx(77.0 * rates("r")["zodiacal"][1], rel=1e-4)
+
+
+def test_antisun_at_midnight():
+    """Over the midnight point, looking out: gegenschein, no Earth, no Sun."""
+    parts = sky_at(boresight(-SKY.sun), place=over(-SKY.sun))
+    assert parts["zodiacal"] == pytest.approx(230.0 * rates("r")["zodiacal"][1], rel=1e-3)
+    assert parts["earth"] == parts["sun"] == 0.0
+    assert parts["stars"] < 0.01 * parts["zodiacal"]
+
+
+def test_sun_in_and_out_of_the_doors_shade():
+    """60 deg away: shaded. 25 deg away: a blaze, that of the law; behind the Earth: none."""
+    across = np.cross(SKY.sun, POLE)
+    across /= np.linalg.norm(across)
+
+    def sun(away, place):
+        a = np.radians(away)
+        return sky_at(boresight(np.cos(a) * SKY.sun + np.sin(a) * across), place=place)["sun"]
+
+    day, night = over(across), over(across - SKY.sun)
+    assert angle(SKY.sun, -day) == pytest.approx(90.0) and angle(SKY.sun, -night) == pytest.approx(45.0)
+    assert sun(60.0, day) == 0.0
+    door = N.door
+    turn, low = np.radians([door.opening_deg - 90.0, 25.0])
+    shaded = door.length_m * (np.cos(turn) * np.tan(low) - np.sin(turn)) / (2 * door.tube_radius_m)
+    open_ = sun(25.0, day) / (rates("r")["sun"] / SKY.sun_au**2) / (1 - shaded)
+    assert N.transmittance[8].min() <= open_ <= N.transmittance[8].max()  # the row of 25 deg
+    assert sun(35.0, night) == 0.0
+
+
+def test_moon_hidden_by_the_earth_and_falling_with_angle():
+    """Full Moon of 2027-07-18: brighter nearer, gone when the Earth stands before it."""
+    mjd = mjd_utc("2027-07-18T15:45:00")
+    moon = bodies(mjd, PLACE, VELOCITY, N).moon
+    across = np.cross(moon, POLE)
+    across /= np.linalg.norm(across)
+    at = [boresight(np.cos(a) * moon + np.sin(a) * across) for a in np.radians([20.0, 30.0, 40.0, 60.0])]
+    levels = [sky_at(axes, place=over(across + moon), mjd=mjd)["moon"] for axes in at]
+    assert (np.diff(levels) < 0).all() and levels[-1] > 0
+    behind = over(across - moon)
+    assert angle(moon, -behind) < 70
+    assert sky_at(boresight(across), place=behind, mjd=mjd)["moon"] == 0.0
+
+
+def test_stars_in_the_field_are_not_stray_light():
+    """Vega (ra 279.23, dec 38.78) on the axis, and 1 deg off it."""
+    place = over(unit(279.23, 38.78))
+    on, off = (sky_at(telescope_axes(279.23, 38.78 + step, 0.0), place=place)["stars"] for step in (0.0, 1.0))
+    vega = np.flatnonzero(np.abs(N.stars[:, 2] - 0.03) < 0.005)[0]
+    assert off == pytest.approx(1e-3 * rates("r")["stars"][vega], rel=0.2)
+    assert on < 1e-3 * off
+
+
+def test_faults():
+    with pytest.raises(InputError, match="looks at the Earth"):
+        sky_at(towards_limb(-1.0))
+    with pytest.raises(InputError, match="too close to the Sun"):
+        sky_at(boresight(SKY.sun), place=over(SKY.sun))
+
+
+def test_gradient_points_at_the_sun():
+    """Zodiacal light at 45 deg in the ecliptic: brighter on the Sun's side of a 0.2 deg chip, by percents."""
+    across = np.cross(POLE, SKY.sun)
+    across -= (across @ POLE) * POLE
+    sights = np.array(
+        [
+            np.cos(np.radians(a)) * SKY.sun + np.sin(np.radians(a)) * across / np.linalg.norm(across)
+            for a in (44.9, 45.1)
+        ]
+    )
+    axes = boresight(sights.mean(axis=0) / np.linalg.norm(sights.mean(axis=0)))
+    parts = sky_components(rates("r"), axes, sights, (MJD, tuple(over(sights[0])), VELOCITY), N)["zodiacal"]
+    assert 1.003 < parts[0] / parts[1] < 1.03
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 7), (5, 1), (3, 4), (64, 256), (100, 33)])
+def test_expansion(shape):
+    """Against numpy's linear interpolation along one axis and then the other; float32 of 1e-6."""
+    values = np.random.default_rng(8).uniform(1, 2, NODES**2)
+    image = np.full(shape, 10.0, np.float32)
+    add_grid(image, values)
+    nodes = np.linspace(0, 1, NODES)
+    y, x = (np.linspace(0, 1, n) if n > 1 else np.zeros(1) for n in shape)
+    along = np.array([np.interp(x, nodes, row) for row in values.reshape(NODES, NODES)])
+    expected = 10.0 + np.array([np.interp(y, nodes, column) for column in along.T]).T
+    assert np.allclose(image, expected, rtol=1e-6)
+
+
+def test_mean_of_the_grid():
+    values = np.random.default_rng(9).uniform(1, 2, NODES**2)
+    image = np.zeros((NODES * 40, NODES * 40), np.float32)
+    add_grid(image, values)
+    assert grid_mean(values) == pytest.approx(image.mean(dtype=float), rel=2e-3)
+    assert grid_mean(np.full(NODES**2, 0.7)) == pytest.approx(0.7)
+
+
+def test_uniform_grid_is_uniform():
+    image = np.zeros((50, 70), np.float32)
+    add_grid(image, np.full(NODES**2, 0.3))
+    assert (image == np.float32(0.3)).all()
+    assert background.sky_electrons(CAMERA.filters["g"], 150.0) == pytest.approx(24.6)
+    assert AHEAD.shape == (1, 3) and sun_at(0.0)[0] == 1.0
