@@ -7,8 +7,8 @@ default loses 0.5% of the light. Here light may be lost only where this chip's n
   of the object's own noise. The wing is that of an unobscured circular pupil (Born & Wolf, section 8.5.2),
   surface brightness lambda / (pi^3 D r^3), four times over for aberrations;
 * light beyond the box of the stored PSF (32 or 64 px): out to where the wing falls below a thousandth of a pixel's
-  noise, for every kind of object; a wing is a table look-up, not a Fourier transform, and that far out even an ideal filter over
-  all that is lost sees no more than 1.3e-3 r [px] sigma;
+  noise, for every kind of object; a wing is a table look-up, not a Fourier transform, and that far out even an ideal
+  filter over all that is lost sees no more than 1.3e-3 r [px] sigma;
 * galaxies: out to where the fraction of light beyond is max(1e-4, min(5e-3, 0.02 sigma_F / F)), from the closed form of
   the enclosed light of Sersic n = 1 and n = 4 drawn out to circles of the longest axis (so never too small), plus
   the reach of a point source of that flux.
