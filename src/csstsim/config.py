@@ -192,6 +192,9 @@ class PsfConfig(Model):
     """The PSF set made for the campaign."""
 
     grid: int = Field(30, ge=2, le=60, description="nodes along each side of a chip; 30 is the release value")
+    interpolation: Literal["idw", "bilinear", "bicubic"] = Field(
+        "bilinear", description="between nodes: of the nearest, of the four of the cell, of the 4 x 4 around it"
+    )
     beta: float = Field(2.0, gt=0, description="inverse-distance weighting: power of the distance")
     neighbours: int = Field(4, ge=1, description="inverse-distance weighting: number of nodes")
 

@@ -261,5 +261,6 @@ def open_psf(run, job):
     config = run.config.psf
     return PsfSet(
         run.paths.psf(job.chip.id), chip=job.chip.id, filter=job.chip.filter, grid=config.grid,
-        camera_digest=run.camera.digest, beta=config.beta, neighbours=config.neighbours,
+        camera_digest=run.camera.digest,
+        method=config.interpolation, beta=config.beta, neighbours=config.neighbours,
     )  # fmt: skip
