@@ -30,7 +30,8 @@ from csstsim.optics.wavefront import load_wavefront
 ROOT = Path(__file__).parents[1]
 STORE = ROOT / "results" / "psf_interpolation"
 FIGURES = ROOT / "docs" / "figures"
-CHIPS = {"NUV": 12, "u": 14, "g": 8, "r": 9, "i": 7, "z": 11, "y": 6, "GU": 4, "GV": 5, "GI": 1}  # most varied of a band
+# The chip of each band over which the wavefront varies most
+CHIPS = {"NUV": 12, "u": 14, "g": 8, "r": 9, "i": 7, "z": 11, "y": 6, "GU": 4, "GV": 5, "GI": 1}
 CELLS = 64  # 32 px
 WINDOW_PX = 3.0
 TRUTH = 20
@@ -158,7 +159,7 @@ def measure(optics, grids):
     r, e1, e2 = moments(truth, WINDOW_PX)
     print(f"\n{optics.band}, chip {optics.chip.id}: R {r.min():.3f} to {r.max():.3f} px^2, e1 {e1.min():+.4f} to "
           f"{e1.max():+.4f}, e2 {e2.min():+.4f} to {e2.max():+.4f} (3 px window)")  # fmt: skip
-    print("1e-5               | size: mean, largest; e: mean, largest (3 px window) | the same, 32 px box     | residual")
+    print("in 1e-5            | size: mean, largest; e: mean, largest |  the same in a box of 32 px         | residual")
     rows = []
     for name, grid, kept, (index, weight, _), images in cases(optics, grids):
         found = compare(truth, mixed(index, weight, images))

@@ -16,6 +16,8 @@ jumps at the border of that cell. Outside the grid they take the nearest place o
 nothing is extrapolated. Positions outside the convex hull of the live nodes are flagged, whatever the method.
 """
 
+from itertools import pairwise
+
 import numpy as np
 
 from csstsim.errors import InputError
@@ -69,8 +71,8 @@ class Interpolator:
         if method == "idw":
             return self._idw(x, y)
         index, weight = self._tensor(_STENCIL[method], x, y)
-        bad = self._dead[index].any(axis=1)
-        if bad.any():
+        if self._dead.any():
+            bad = self._dead[index].any(axis=1)
             instead = self._mix(_SIMPLER[method], x[bad], y[bad])
             k = max(index.shape[1], instead[0].shape[1])
             index, weight = _widen(index, weight, k)
@@ -93,7 +95,8 @@ class Interpolator:
         (column, wx), (row, wy) = (_lagrange(axis, at, width) for axis, at in zip(self._axes, (x, y), strict=True))
         index = self._grid[row.T[:, :, None], column.T[:, None, :]]
         weight = wy.T[:, :, None] * wx.T[:, None, :]
-        return index.reshape(x.size, -1), weight.reshape(x.size, -1)
+        shape = x.size, len(row) * len(column)
+        return index.reshape(shape), weight.reshape(shape)
 
 
 def _lagrange(nodes, x, width):
@@ -145,7 +148,7 @@ def _half_planes(points):
             while len(chain) > 1 and _turn(chain[-2], chain[-1], p) <= 0:
                 chain.pop()
             chain.append(p)
-        for (x0, y0), (x1, y1) in zip(chain, chain[1:], strict=False):
+        for (x0, y0), (x1, y1) in pairwise(chain):
             a, b = (y1 - y0) / np.hypot(x1 - x0, y1 - y0), (x0 - x1) / np.hypot(x1 - x0, y1 - y0)
             planes.append((a, b, a * x0 + b * y0))
     return planes

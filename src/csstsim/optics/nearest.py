@@ -1,4 +1,4 @@
-"""The nearest nodes of a position: nodes are looked at in the order of their distance in y, until none can be nearer."""
+"""The nearest nodes of a position. Nodes are looked at by their distance in y, until no other can be nearer."""
 
 import numpy as np
 from numba import njit
