@@ -1,7 +1,7 @@
 """Interpolation of the PSF between nodes against direct optics: the paper's validation (section 5.1.2), and its cost.
 
     python benchmarks/psf_interpolation.py NUV r y              # a table for each band
-    python benchmarks/psf_interpolation.py NUV r y --figures    # also docs/figures/psf_interpolation.png, ...
+    python benchmarks/psf_interpolation.py NUV r y --paper --costs --figures
 
 Truth: the optics computed at 20 x 20 places of a chip, one at random in each cell of a 20 x 20 grid so that no
 grid of nodes is favoured. Against it: the same places interpolated from grids of nodes. Images are compared as a
@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
-from csstsim.config import SHIPPED
+from csstsim.config import SHIPPED, PsfConfig
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.interpolation import Interpolator
 from csstsim.optics.psf import CELLS_PER_PIXEL, Diffraction, blur, mosaic_position, node_positions, node_psf
@@ -54,7 +54,6 @@ class Optics:
     def __init__(self, camera, band):
         self.camera, self.band, self.chip = camera, band, camera.chips[CHIPS[band]]
         STORE.mkdir(parents=True, exist_ok=True)
-        self.cpu = np.nan
 
     def _compute(self, xy):
         cell = self.camera.telescope.pixel_scale / CELLS_PER_PIXEL
@@ -62,10 +61,8 @@ class Optics:
         waves = self.camera.filters[self.band].psf_wavelength
         optics = [Diffraction(w, self.camera.telescope.diameter_m, cell, wavefront, CELLS) for w in waves]
         kernel = blur(self.camera.psf, cell, self.camera.detector.pixel_um / CELLS_PER_PIXEL)
-        start = time.process_time()
-        images = [node_psf(optics, c, kernel)[0] for c in wavefront.coefficients(*mosaic_position(self.chip, *xy.T))]
-        self.cpu = (time.process_time() - start) / len(xy) / len(waves)
-        return np.asarray(images, np.float32)
+        coefficients = wavefront.coefficients(*mosaic_position(self.chip, *xy.T))
+        return np.asarray([node_psf(optics, row, kernel)[0] for row in coefficients], np.float32)
 
     def __call__(self, xy):
         """Return the images (n, 4, cells, cells) at chip pixels xy (n, 2)."""
@@ -84,7 +81,7 @@ def truth_positions(chip):
 
 
 def moments(images, window_px):
-    """Return (R (px^2), e1, e2), each (n,), of images (n, k, k) of what a pixel sees on the 5 um lattice.
+    """Return (R (px^2), e1, e2, x, y (px)), each (n,), of images (n, k, k) of what a pixel sees on the 5 um lattice.
 
     About the centroid under the same window: Gaussian of `window_px` (sigma), none if infinite.
     """
@@ -101,7 +98,7 @@ def moments(images, window_px):
     q11, q12, q22 = (
         np.einsum("nij,ni,nj->n", images, wy * dy**k, wx * dx ** (2 - k), optimize=True) / total for k in range(3)
     )
-    return np.stack([q11 + q22, (q11 - q22) / (q11 + q22), 2 * q12 / (q11 + q22)])
+    return np.stack([q11 + q22, (q11 - q22) / (q11 + q22), 2 * q12 / (q11 + q22), *centre])
 
 
 def seen(images):
@@ -115,8 +112,9 @@ def compare(truth, made):
     for name, window in (("", WINDOW_PX), (" box", np.inf)):
         true, got = moments(truth, window), moments(made, window)
         found["size" + name] = got[0] / true[0] - 1
-        found["e" + name] = got[1:] - true[1:]
-        found["relative e" + name] = np.hypot(*got[1:]) / np.hypot(*true[1:]) - 1
+        found["e" + name] = got[1:3] - true[1:3]
+        found["relative e" + name] = np.hypot(*got[1:3]) / np.hypot(*true[1:3]) - 1
+        found["place" + name] = np.hypot(*(got[3:] - true[3:]))
     found["residual"] = np.abs(made - truth).max(axis=(1, 2)) / truth.max(axis=(1, 2))
     return found
 
@@ -156,10 +154,12 @@ def mixed(index, weight, images):
 def measure(optics, grids):
     """Print the table of a band and return its rows: (method, grid, images kept, errors)."""
     truth = seen(optics(truth_positions(optics.chip)))
-    r, e1, e2 = moments(truth, WINDOW_PX)
+    r, e1, e2, _, _ = moments(truth, WINDOW_PX)
     print(f"\n{optics.band}, chip {optics.chip.id}: R {r.min():.3f} to {r.max():.3f} px^2, e1 {e1.min():+.4f} to "
           f"{e1.max():+.4f}, e2 {e2.min():+.4f} to {e2.max():+.4f} (3 px window)")  # fmt: skip
-    print("in 1e-5            | size: mean, largest; e: mean, largest |  the same in a box of 32 px         | residual")
+    print(
+        "in 1e-5            | size: mean, largest; e: mean, largest |  the same in a box of 32 px         | residual | mas"
+    )
     rows = []
     for name, grid, kept, (index, weight, _), images in cases(optics, grids):
         found = compare(truth, mixed(index, weight, images))
@@ -169,21 +169,141 @@ def measure(optics, grids):
             size, e = found["size" + window], found["e" + window]
             parts = size.mean(), np.abs(size).max(), np.abs(e.mean(axis=1)).max(), np.abs(e).max()
             text += " |" + "".join(f"{1e5 * part:9.2f}" for part in parts)
-        print(f"{name:9s} {grid:3d} {kept:4d}{text} |{1e5 * found['residual'].max():9.2f}", flush=True)
+        print(
+            f"{name:9s} {grid:3d} {kept:4d}{text} |{1e5 * found['residual'].max():9.2f} |"
+            f"{74 * found['place'].max():9.5f}",
+            flush=True,
+        )
     return rows
+
+
+def report_costs(camera, bands):
+    """Print what a set costs to make and to keep, and what a PSF at a place costs."""
+    cell = camera.telescope.pixel_scale / CELLS_PER_PIXEL
+    wavefront, kernel = load_wavefront(camera.psf), blur(camera.psf, cell, camera.detector.pixel_um / CELLS_PER_PIXEL)
+    print("\nmade, four wavelengths of 256 x 256 cells: CPU-s a node", end="")
+    for band in bands:
+        optics = [
+            Diffraction(w, camera.telescope.diameter_m, cell, wavefront) for w in camera.filters[band].psf_wavelength
+        ]
+        start = time.process_time()
+        for x in (0, 10000, 20000):
+            node_psf(optics, wavefront.coefficients(x, -x), kernel)
+        print(f"  {band} {(time.process_time() - start) / 3:.2f}", end="")
+    print("\nkept: 1.05 MB a node")
+    rng = np.random.default_rng(8)
+    images = rng.random((36, 4, 256, 256), dtype=np.float32)
+    x, y = rng.uniform(0, 9215, (2, 76000))
+    for grid in (10, PAPER_GRID):
+        nodes = node_positions(camera.chips[9], grid)
+        for name, options in METHODS.items():
+            mixture = Interpolator(nodes, **options)
+            index, weight, _ = mixture(x[:40], y[:40])  # compiled
+            start = time.process_time()
+            mixture(x, y)
+            weights = time.process_time() - start
+            start = time.process_time()
+            for i, w in zip(index % 36, weight, strict=True):
+                sum(share * images[node] for node, share in zip(i, np.float32(w), strict=True))
+            cpu = (time.process_time() - start) / len(index)
+            print(
+                f"{name:9s} {grid:2d}: weights of 76,000 places {weights:.3f} CPU-s; a PSF at a place {1e3 * cpu:.1f} ms"
+            )
+
+
+def figure_paper(optics, grid):
+    """Draw the paper's figure for a band: one PSF, interpolated, the residual; PDFs of the errors."""
+    import matplotlib.pyplot as plt
+
+    chip, xy = optics.chip, truth_positions(optics.chip)
+    truth = seen(optics(xy))
+    shown = [("idw 2 4", PAPER_GRID), ("idw 2 4", grid), ("bilinear", grid), ("bicubic", grid)]
+    made = {}
+    for name, size in shown:
+        nodes = node_positions(chip, size)
+        index, weight, _ = Interpolator(nodes, **METHODS[name])(*xy.T)
+        made[name, size] = mixed(index, weight, seen(optics(nodes)))
+    fig, axes = plt.subplots(2, 4, figsize=(13, 6.4), layout="constrained")
+    one, inner = 210, slice(10, -10)
+    side = dict(extent=[-11, 11, -11, 11], origin="lower", interpolation="nearest")
+    picture = axes[0, 0].imshow(np.log10(truth[one, inner, inner]), cmap="magma", **side)
+    axes[0, 0].set_title(f"direct optics, {optics.band}: log10 share in a pixel", fontsize=9)
+    fig.colorbar(picture, ax=axes[0, 0], shrink=0.85)
+    for ax, (name, size) in zip(axes[0, 1:], (shown[0], shown[1], shown[2]), strict=True):
+        share = (made[name, size][one] / truth[one] - 1)[inner, inner]
+        limit = np.abs(share).max()
+        picture = ax.imshow(share, cmap="RdBu_r", vmin=-limit, vmax=limit, **side)
+        ax.set_title(f"interpolated / direct - 1: {name}, {size} x {size}", fontsize=9)
+        fig.colorbar(picture, ax=ax, shrink=0.85, format="%.0e")
+    for ax in axes[0]:
+        ax.set_xlabel("px")
+    kinds = [
+        ("relative e", "relative error of |e|", None),
+        ("size", "relative error of R", 1e-3),
+        ("e", "error of e1, e2", 1e-4),
+    ]
+    for ax, (key, label, goal) in zip(axes[1, :3], kinds, strict=True):
+        for (name, size), images in made.items():
+            error = np.abs(compare(truth, images)[key]).ravel()
+            bins = np.geomspace(1e-8, 2e-2, 60)
+            ax.hist(
+                np.clip(error, 1.1e-8, None), bins, histtype="step", density=False, label=f"{name}, {size} x {size}"
+            )
+        if goal:
+            ax.axvline(goal, color="k", ls="--", lw=1)
+        ax.set(xscale="log", xlabel=label, ylabel="places (of 400)" if key != "e" else "places (of 400), twice")
+    axes[1, 0].legend(fontsize=7)
+    for name, size in made:
+        error = compare(truth, made[name, size])["size"]
+        axes[1, 3].hist(error * 1e4, np.linspace(-3, 3, 61), histtype="step", density=True)
+    axes[1, 3].set(xlabel="relative error of R / 1e-4", ylabel="PDF", yscale="log")
+    fig.savefig(FIGURES / "psf_interpolation.png", dpi=75)
+
+
+def figure_grids(rows):
+    """Draw error against grid: `rows` {band: rows of measure}."""
+    import matplotlib.pyplot as plt
+
+    fig, axes = plt.subplots(
+        2, len(rows), figsize=(3.6 * len(rows), 6), sharex=True, sharey="row", layout="constrained"
+    )
+    names = ("idw 2 4", "bilinear", "bicubic", "poly 2", "poly 3")
+    for column, (band, found) in zip(axes.T, rows.items(), strict=True):
+        for ax, key, goal in zip(column, ("size", "e"), (1e-3, 1e-4), strict=True):
+            for name in names:
+                line = [(grid, np.abs(errors[key]).max()) for method, grid, _, errors in found if method == name]
+                ax.plot(*zip(*line, strict=True), "o-", ms=3, lw=1, label=name)
+            ax.axhline(goal, color="k", ls="--", lw=1)
+            ax.set(xscale="log", yscale="log")
+        column[0].set_title(f"{band}, chip {CHIPS[band]}")
+        column[1].set_xlabel("nodes along a side of the chip")
+        column[1].set_xticks(
+            [2, 3, 4, 6, 8, 10, 15, 30], labels=["2", "3", "4", "6", "8", "10", "15", "30"], minor=False
+        )
+        column[1].minorticks_off()
+    axes[0, 0].set_ylabel("largest |dR / R| of 400 places")
+    axes[1, 0].set_ylabel("largest |de| of 400 places")
+    axes[0, 0].set_ylim(1e-7, 1e-2)
+    axes[1, 0].set_ylim(1e-7, 1e-2)
+    axes[0, -1].legend(fontsize=7)
+    fig.savefig(FIGURES / "psf_speed_accuracy.png", dpi=75)
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("bands", nargs="+", choices=CHIPS)
     parser.add_argument("--paper", action="store_true", help="also the paper's grid of 30 x 30")
+    parser.add_argument("--costs", action="store_true", help="also CPU seconds and memory")
+    parser.add_argument("--figures", action="store_true", help="draw docs/figures/psf_*.png (with --paper)")
     options = parser.parse_args()
     camera = load_camera(SHIPPED / "instrument")
     grids = (*GRIDS, PAPER_GRID) if options.paper else GRIDS
-    for band in options.bands:
-        optics = Optics(camera, band)
-        measure(optics, grids)
-        print(f"direct: {optics.cpu:.3f} CPU-s a PSF", flush=True)
+    rows = {band: measure(Optics(camera, band), grids) for band in options.bands}
+    if options.costs:
+        report_costs(camera, options.bands)
+    if options.figures:
+        figure_paper(Optics(camera, "r"), PsfConfig().grid)
+        figure_grids(rows)
 
 
 if __name__ == "__main__":

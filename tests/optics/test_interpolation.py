@@ -73,7 +73,7 @@ def test_polynomials_are_reproduced_up_to_the_edges(method, size, degree):
 
 def test_bilinear_is_scipys_on_uneven_rows_and_columns():
     rng = np.random.default_rng(2)
-    x, y = np.sort(rng.uniform(0, 9000, 5)), np.sort(rng.uniform(0, 9000, 7))
+    x, y = np.cumsum(rng.uniform(500, 1500, 5)), np.cumsum(rng.uniform(300, 1100, 7))
     nodes = np.stack([np.tile(x, 7), np.repeat(y, 5)], axis=1)
     field = rng.normal(size=35)
     at = rng.uniform(x[0], x[-1], 200), rng.uniform(y[0], y[-1], 200)
@@ -81,6 +81,18 @@ def test_bilinear_is_scipys_on_uneven_rows_and_columns():
     assert value(Interpolator(nodes), field, *at) == pytest.approx(peer, abs=1e-12)
     shuffled = rng.permutation(35)  # nodes in any order
     assert value(Interpolator(nodes[shuffled]), field[shuffled], *at) == pytest.approx(peer, abs=1e-12)
+
+
+def test_a_bent_grid_is_a_grid_within_a_twentieth_of_a_cell():
+    nodes = grid(10)
+    bend = 40 * np.sin(nodes[::, ::-1] / 3000)  # px, of cells of 1024
+    field = nodes[:, 0] / SIDE_X
+    x, y = places(200)
+    mixture = Interpolator(nodes + bend)
+    assert np.abs(value(mixture, (nodes + bend)[:, 0] / SIDE_X, x, y) - x / SIDE_X).max() < 2 * 40 / SIDE_X
+    assert value(mixture, field, x, y) == pytest.approx(value(Interpolator(nodes), field, x, y), abs=2 * 40 / SIDE_X)
+    with pytest.raises(InputError, match="no grid"):
+        Interpolator(nodes + 2 * bend)
 
 
 def test_error_falls_with_the_power_that_is_said():

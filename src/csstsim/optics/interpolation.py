@@ -10,10 +10,12 @@
 `idw` and `bilinear` are convex mixtures: no weight is negative, so the photons of a PSF are exactly those of its
 nodes, drawn in proportion to the weights. `bicubic` is not, and its sums may dip below zero where the PSF is dark.
 
-The last two need the nodes on a grid of rows and columns (spacings may differ). Dead nodes are never used: where
-`bicubic` would meet one it is `bilinear`, where `bilinear` would, `idw` of the nearest live nodes; the PSF then
-jumps at the border of that cell. Outside the grid they take the nearest place of its edge, `idw` its nearest nodes:
-nothing is extrapolated. Positions outside the convex hull of the live nodes are flagged, whatever the method.
+The last two need the nodes on a grid of rows and columns. Their distances may differ, up to fourfold, and a node may
+be off its line by 5% of them: it is taken as on it, which adds at most as much of the difference between two nodes.
+Dead nodes are never used: where `bicubic` would meet one it is `bilinear`, where `bilinear` would, `idw` of the
+nearest live nodes; the PSF then jumps at the border of that cell. Outside the grid they take the nearest place of its
+edge, `idw` its nearest nodes: nothing is extrapolated. Positions outside the convex hull of the live nodes are
+flagged, whatever the method.
 """
 
 from itertools import pairwise
@@ -25,6 +27,9 @@ from csstsim.errors import InputError
 METHODS = ("idw", "bilinear", "bicubic")
 _SIMPLER = {"bilinear": "idw", "bicubic": "bilinear"}  # what stands in beside a dead node
 _STENCIL = {"bilinear": 2, "bicubic": 4}  # nodes along an axis
+_SAME_LINE_PX = 1.0  # nodes that differ by less in x (y) stand in one column (row)
+_UNEVEN = 4  # largest distance of two neighbouring lines, in smallest ones
+_OFF_LINE = 0.05  # of the distance of two lines: how far a node may be from its line
 _ON_NODE_PX = 1e-6  # nearer than this is at the node, or on the hull
 
 
@@ -125,13 +130,24 @@ def _widen(index, weight, k):
 
 def _rows_and_columns(nodes_xy, method, file):
     """Return ((x of the columns, y of the rows), node index (rows, columns)). InputError if they are no grid."""
-    (x, column), (y, row) = (np.unique(axis, return_inverse=True) for axis in nodes_xy.T)
+    (x, column), (y, row) = (_lines(axis) for axis in nodes_xy.T)
     index = np.full((y.size, x.size), -1)
     index[row, column] = np.arange(len(nodes_xy))
-    if x.size * y.size != len(nodes_xy) or (index < 0).any():
+    off = [np.abs(at - line[i]).max() / np.diff(line).min(initial=np.inf) for at, line, i in
+           zip(nodes_xy.T, (x, y), (column, row), strict=True)]  # fmt: skip
+    if x.size * y.size != len(nodes_xy) or (index < 0).any() or max(off) > _OFF_LINE:
         message = f"the nodes form no grid of rows and columns, as psf.interpolation {method} needs; idw does not"
         raise InputError(message, file=file, key="nodes_xy")
     return (x, y), index
+
+
+def _lines(at):
+    """Return (place of each line of nodes, line of each node) of coordinates (m,)."""
+    order = np.argsort(at, kind="stable")
+    line = np.empty(at.size, int)
+    gap = np.diff(at[order], prepend=at[order[0]])
+    line[order] = np.cumsum(gap > max(gap.max() / _UNEVEN, _SAME_LINE_PX))
+    return np.array([np.median(at[line == i]) for i in range(line.max() + 1)]), line
 
 
 def _half_planes(points):
