@@ -158,7 +158,7 @@ def test_between_and_on_doubled_nodes():
 
 @pytest.mark.parametrize("method", ["bilinear", "bicubic"])
 def test_scattered_and_doubled_nodes_are_no_grid(method):
-    for nodes in (np.stack(places(9), axis=1), np.vstack([grid(3), grid(3)[4]]), np.diag([1.0, 2.0]), grid(3)[:8]):
+    for nodes in (np.stack(places(9), axis=1), np.vstack([grid(3), grid(3)[4]]), np.diag([100.0, 200.0]), grid(3)[:8]):
         with pytest.raises(InputError, match=rf"set\.h5: nodes_xy: the nodes form no grid.*{method}"):
             Interpolator(nodes, method, file="set.h5")
 
