@@ -23,8 +23,7 @@ import numpy as np
 from csstsim.config import SHIPPED, PsfConfig
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.interpolation import Interpolator
-from csstsim.optics.psf import CELLS_PER_PIXEL, Diffraction, blur, mosaic_position, node_positions, node_psf
-from csstsim.optics.psf_file import pixel_response
+from csstsim.optics.psf import chip_coefficients, chip_optics, node_positions, node_psf, oversampling_of, pixel_response
 from csstsim.optics.wavefront import load_wavefront
 
 ROOT = Path(__file__).parents[1]
@@ -32,7 +31,7 @@ STORE = ROOT / "results" / "psf_interpolation"
 FIGURES = ROOT / "docs" / "figures"
 # The chip of each band over which the wavefront varies most
 CHIPS = {"NUV": 12, "u": 14, "g": 8, "r": 9, "i": 7, "z": 11, "y": 6, "GU": 4, "GV": 5, "GI": 1}
-CELLS = 64  # 32 px
+OVERSAMPLING, CELLS = 2, 64  # a box of 32 px
 WINDOW_PX = 3.0
 TRUTH = 20
 GRIDS = (2, 3, 4, 5, 6, 8, 10, 15)
@@ -56,13 +55,12 @@ class Optics:
         STORE.mkdir(parents=True, exist_ok=True)
 
     def _compute(self, xy):
-        cell = self.camera.telescope.pixel_scale / CELLS_PER_PIXEL
-        wavefront = load_wavefront(self.camera.psf)
-        waves = self.camera.filters[self.band].psf_wavelength
-        optics = [Diffraction(w, self.camera.telescope.diameter_m, cell, wavefront, CELLS) for w in waves]
-        kernel = blur(self.camera.psf, cell, self.camera.detector.pixel_um / CELLS_PER_PIXEL)
-        coefficients = wavefront.coefficients(*mosaic_position(self.chip, *xy.T))
-        return np.asarray([node_psf(optics, row, kernel)[0] for row in coefficients], np.float32)
+        params = self.camera.psf
+        wavefront = load_wavefront(params)
+        filter_ = self.camera.filters[self.band]
+        optics, kernel = chip_optics(self.chip, filter_, params, wavefront, OVERSAMPLING, CELLS)
+        coefficients = chip_coefficients(wavefront, params, self.chip, *xy.T)
+        return np.asarray([node_psf(optics, row, kernel, OVERSAMPLING)[0] for row in coefficients], np.float32)
 
     def __call__(self, xy):
         """Return the images (n, 4, cells, cells) at chip pixels xy (n, 2)."""
@@ -85,7 +83,7 @@ def moments(images, window_px):
 
     About the centroid under the same window: Gaussian of `window_px` (sigma), none if infinite.
     """
-    axis = (np.arange(images.shape[-1]) - (images.shape[-1] - 1) / 2) / CELLS_PER_PIXEL
+    axis = (np.arange(images.shape[-1]) - (images.shape[-1] - 1) / 2) / OVERSAMPLING
     centre = np.zeros((2, len(images)))
     for _ in range(30):
         wx, wy = (np.exp(-0.5 * ((axis - c[:, None]) / window_px) ** 2) for c in centre)
@@ -103,7 +101,7 @@ def moments(images, window_px):
 
 def seen(images):
     """Return what a 10 um pixel sees, mean of the wavelengths, of images (n, 4, cells, cells)."""
-    return pixel_response(images.mean(axis=1, dtype=np.float64))
+    return pixel_response(images.mean(axis=1, dtype=np.float64), OVERSAMPLING)
 
 
 def compare(truth, made):
@@ -179,17 +177,16 @@ def measure(optics, grids):
 
 def report_costs(camera, bands):
     """Print what a set costs to make and to keep, and what a PSF at a place costs."""
-    cell = camera.telescope.pixel_scale / CELLS_PER_PIXEL
-    wavefront, kernel = load_wavefront(camera.psf), blur(camera.psf, cell, camera.detector.pixel_um / CELLS_PER_PIXEL)
+    wavefront = load_wavefront(camera.psf)
     print("\nmade, four wavelengths of 256 x 256 cells: CPU-s a node", end="")
     for band in bands:
-        optics = [
-            Diffraction(w, camera.telescope.diameter_m, cell, wavefront) for w in camera.filters[band].psf_wavelength
-        ]
+        chip, oversampling = camera.chips[CHIPS[band]], oversampling_of(band, camera.psf)
+        optics, kernel = chip_optics(chip, camera.filters[band], camera.psf, wavefront, oversampling)
+        rows = chip_coefficients(wavefront, camera.psf, chip, *node_positions(chip, 2).T)
         start = time.process_time()
-        for x in (0, 10000, 20000):
-            node_psf(optics, wavefront.coefficients(x, -x), kernel)
-        print(f"  {band} {(time.process_time() - start) / 3:.2f}", end="")
+        for row in rows:
+            node_psf(optics, row, kernel, oversampling)
+        print(f"  {band} {(time.process_time() - start) / 4:.3f}", end="")
     print("\nkept: 1.05 MB a node")
     rng = np.random.default_rng(8)
     images = rng.random((36, 4, 256, 256), dtype=np.float32)

@@ -189,9 +189,18 @@ class AstrometryConfig(Model):
 
 
 class PsfConfig(Model):
-    """The PSF set made for the campaign."""
+    """The PSF set made for the campaign, or brought to it."""
 
     grid: int = Field(30, ge=2, le=60, description="nodes along each side of a chip; 30 is the release value")
+    oversampling: Literal["auto", 2, 4] = Field(
+        "auto", description="cells along the side of a pixel; 'auto': psf.yaml's for the filter"
+    )
+    library: FilePath | None = Field(
+        None, description="folder of an external set, psfCube_{chip}.h5 (optics/psf_c9.py), taken instead of making one"
+    )
+    library_sample: Literal["cell_integral", "point"] = Field(
+        "cell_integral", description="what a sample of the external set means"
+    )
     interpolation: Literal["idw", "bilinear", "bicubic"] = Field(
         "bilinear", description="between nodes: of the nearest, of the four of the cell, of the 4 x 4 around it"
     )

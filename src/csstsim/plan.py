@@ -12,7 +12,7 @@ CPU_S_PER_OBJECT = 0.13  # reference renderer: mean object of the demo
 CPU_S_PER_MPIX = 0.9  # readout 0.13, Level-0 0.05, measure 0.73
 CPU_S_PER_JOB = 12.0  # start-up of the four stages and of measure, selection
 CPU_S_PER_BRICK = 15.0  # truth
-CPU_S_PER_PSF = 0.1  # one node at one wavelength: 0.17 in NUV, 0.03 in z
+CPU_S_PER_PSF = 0.02  # one node at one wavelength
 BYTES_PER_NODE = 4 * 256 * 256 * 4
 
 

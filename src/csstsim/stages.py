@@ -38,14 +38,18 @@ def truth(run, pix):
 
 
 def psf(run, chip_id):
-    """Make the PSF set of one chip."""
+    """Make the PSF set of one chip, or take it from the campaign's library."""
     from csstsim.optics.psf import make_psf
+    from csstsim.optics.psf_c9 import convert
 
-    chip, camera = run.camera.chips[chip_id], run.camera
-    make_psf(
-        run.paths.psf(chip_id), chip, camera.filters[chip.filter], camera.telescope, camera.psf, run.config.psf.grid,
-        camera_digest=camera.digest,
-    )  # fmt: skip
+    chip, camera, config = run.camera.chips[chip_id], run.camera, run.config.psf
+    path, filter_, digests = run.paths.psf(chip_id), camera.filters[chip.filter], {"camera_digest": camera.digest}
+    if config.library:
+        convert(config.library, path, chip, filter_, sample=config.library_sample, **digests)
+    else:
+        make_psf(
+            path, chip, filter_, camera.telescope, camera.psf, config.grid, oversampling=config.oversampling, **digests
+        )
 
 
 def select(run, job):
@@ -256,11 +260,15 @@ def check_recipe(path, meta, recipe):
 
 def open_psf(run, job):
     """Return the checked PsfSet of a job's chip, with the campaign's interpolation."""
-    from csstsim.optics.psf_file import PsfSet
+    from csstsim.optics.psf import PsfSet, oversampling_of
 
-    config = run.config.psf
+    config, chip, own = run.config.psf, job.chip, {}
+    if not config.library:
+        own = {
+            "grid": config.grid,
+            "oversampling": oversampling_of(chip.filter, run.camera.psf, config.oversampling),
+        }
     return PsfSet(
-        run.paths.psf(job.chip.id), chip=job.chip.id, filter=job.chip.filter, grid=config.grid,
-        camera_digest=run.camera.digest,
-        method=config.interpolation, beta=config.beta, neighbours=config.neighbours,
+        run.paths.psf(chip.id), chip=chip.id, filter=chip.filter, camera_digest=run.camera.digest,
+        method=config.interpolation, beta=config.beta, neighbours=config.neighbours, **own,
     )  # fmt: skip

@@ -26,6 +26,8 @@ def integral(edges, sigma=SIGMA):
 class GaussianPsf:
     """Stands for optics.psf_file.PsfSet: the same Gaussian everywhere, 5 um cells."""
 
+    oversampling = 2
+
     def at(self, x, y):
         line = integral((np.arange(257) - 128) * 0.5)
         return np.repeat((LIGHT * np.outer(line, line))[None], 4, axis=0)

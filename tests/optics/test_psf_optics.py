@@ -121,7 +121,7 @@ def test_jitter_and_diffusion_convolve_with_gaussians():
 def test_pixel_response_is_the_exact_integral_over_a_pixel():
     optics = Diffraction(4500.0, 2.0, CELL, load_wavefront(PARAMS), 64)
     transfer = optics.transfer(np.full(12, 5.0))
-    table = pixel_response(optics.image(transfer, np.sinc))
+    table = pixel_response(optics.image(transfer, np.sinc), 2)
     direct = optics.image(transfer, lambda f: 2 * np.sinc(2 * f), centre=(-0.5, -0.5))  # samples at whole cells
     assert table.shape == (63, 63)
     assert table == pytest.approx(direct[1:, 1:], abs=3e-5 * table.max())  # the pupil's envelope over a pixel
@@ -140,11 +140,11 @@ def test_node_is_centred_and_keeps_the_shift(shipped_node):
     optics, coefficients, kernel, images, tilt = shipped_node
     assert images.shape == (4, 64, 64)
     assert (images >= 0).all()
-    centre = windowed_centroid(pixel_response(images.mean(axis=0)), 3.0)
+    centre = windowed_centroid(pixel_response(images.mean(axis=0), 2), 3.0)
     assert np.hypot(*centre) / 2 < 1e-4  # px
     assert np.hypot(*tilt) > 0.01  # coma moves it: the test would not notice otherwise
     raw = np.mean([o.image(o.transfer(coefficients), kernel) for o in optics], axis=0)
-    assert np.array(windowed_centroid(pixel_response(raw), 3.0)) / 2 == pytest.approx(tilt, abs=1e-3)
+    assert np.array(windowed_centroid(pixel_response(raw, 2), 3.0)) / 2 == pytest.approx(tilt, abs=1e-3)
 
 
 def test_a_detector_measures_the_true_place_at_every_pixel_phase(shipped_node):

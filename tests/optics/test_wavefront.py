@@ -1,5 +1,7 @@
 """The wavefront: Zernike convention against GalSim, the mirror screen's statistics, the shipped error budget."""
 
+from dataclasses import replace
+
 import galsim
 import numpy as np
 import pytest
@@ -54,6 +56,22 @@ def test_screen_has_the_rms_asked_no_tilt_and_normal_heights():
     assert abs(np.mean(standard**4) - 3) < 5 * np.sqrt(96 / modes)
 
 
+def test_shipped_mirror_is_0603_waves_with_normal_heights(params):
+    """Paper 5.1.1; heights of what lies above 6 cycles a pupil: the few lowest modes hold most of the rms."""
+    screen = load_wavefront(params, parts=("mirror",)).screen
+    assert np.std(screen(GRID, GRID)[DISC]) / 632.8 == pytest.approx(0.0603, abs=3e-4)  # waves
+    high = np.hypot(screen.mode, screen.mode[:, None]) / 2 > 6
+    height = replace(screen, amplitude=np.where(high, screen.amplitude, 0), plane=np.zeros(3))(GRID, GRID)[DISC]
+    standard = (height - height.mean()) / height.std()
+    power = np.abs(screen.amplitude[high]) ** 2
+    modes = power.sum() ** 2 / (power**2).sum() * np.pi / 16  # independent ones on the disc
+    assert modes > 50
+    assert abs(np.mean(standard**3)) < 5 * np.sqrt(15 / modes)
+    assert abs(np.mean(standard**4) - 3) < 5 * np.sqrt(96 / modes)
+    # The middle of the distribution: share within 1 sigma, 0.683 +- 5 sigma
+    assert np.mean(np.abs(standard) < 1) == pytest.approx(0.683, abs=5 * np.sqrt(0.22 / modes))
+
+
 @pytest.mark.parametrize("slope", [2.0, 4.0])
 def test_screen_spectrum_falls_with_the_slope(slope):
     screen = mirror_screen(30.0, slope, (1, 20))
@@ -76,10 +94,10 @@ def test_screen_is_one_surface_however_it_is_sampled():
 
 def test_coefficients_are_a_quadratic_of_the_place(params):
     own = {**params, "field_scale": 100.0, "static": [], "design": [[5, 1, 2, 3, 4, 5, 6], [7, 0, 0, 0, 0, 0, 1]]}
-    wavefront = load_wavefront(own)
-    assert wavefront.noll == (5, 7)
-    assert wavefront.coefficients(200.0, -100.0) == pytest.approx([1 + 4 - 3 + 16 - 10 + 6, 1.0])
-    assert wavefront.coefficients(np.zeros((2, 3)), np.zeros((2, 3))).shape == (2, 3, 2)
+    wavefront = load_wavefront(own | {"filter_figure": {"noll": [7, 6]}})
+    assert wavefront.noll == (4, 5, 6, 7)  # the telescope's, and what chips add to: defocus and the filters' figure
+    assert wavefront.coefficients(200.0, -100.0) == pytest.approx([0, 1 + 4 - 3 + 16 - 10 + 6, 0, 1.0])
+    assert wavefront.coefficients(np.zeros((2, 3)), np.zeros((2, 3))).shape == (2, 3, 4)
 
 
 def test_shipped_budget_is_19_nm_design_and_45_nm_static(params):

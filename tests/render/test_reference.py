@@ -16,7 +16,7 @@ WINDOW = Window(4000, 4400, 5000, 5300)
 SIGMA_PX = 1.5  # window of the centroid
 CENTROID_PX = 0.005  # what rendering may move a star's light
 FLUX = 1e-3  # relative, the project's goal
-PIXEL = 3e-4  # of the peak: what the quintic interpolation of a lattice at 2x costs
+PIXEL = 3e-4  # of the peak: what GalSim's transform of the lattice costs
 
 
 def objects(wcs, x, y, obj_type=STAR, reach=64, rate=100.0, **columns):
@@ -62,9 +62,12 @@ def test_star_has_its_light_where_it_stands(scene, psf_r, phase):
 
 
 def test_star_is_the_psf_integrated_over_pixels(scene, psf_r):
-    """At phase 0 the pixels are sums of 2 x 2 cells: no interpolation, so equal to rounding."""
+    """At phase 0 the pixels are sums of whole cells: no interpolation, so equal to rounding."""
     image, _ = scene(x=4200, y=5150)
-    table = pixel_response(psf_r.at(4200, 5150).mean(axis=0))[127 % 2 :: 2, 127 % 2 :: 2] * 100 * EXPTIME
+    step = psf_r.oversampling
+    response = pixel_response(psf_r.at(4200, 5150).mean(axis=0), step)
+    on_star = response.shape[0] // 2 % step
+    table = response[on_star::step, on_star::step] * 100 * EXPTIME
     half = table.shape[0] // 2
     cut = image[150 - half : 150 + half + 1, 200 - half : 200 + half + 1]
     assert np.abs(cut - table).max() < 2e-6 * table.max()
@@ -74,15 +77,18 @@ def test_galaxy_matches_its_transform_by_hand(scene, psf_r):
     """Exponential disk: (1 + (k r_d)^2)^-1.5 times the PSF's transform, by numpy alone."""
     size = 0.5  # arcsec, half-light
     image, _ = scene(x=4200, y=5150, obj_type=GALAXY, reach=100, size_disk=size, rate=1000.0)
-    response = np.zeros((1024, 1024))
-    response[:255, :255] = pixel_response(psf_r.at(4200, 5150).mean(axis=0))
-    response = np.roll(response, (-127, -127), axis=(0, 1))
-    k = 2 * np.pi * np.fft.fftfreq(1024, d=0.5)  # rad / px
+    step, wide = psf_r.oversampling, 512 * psf_r.oversampling
+    response = np.zeros((wide, wide))
+    table = pixel_response(psf_r.at(4200, 5150).mean(axis=0), step)
+    response[: len(table), : len(table)] = table
+    response = np.roll(response, (-(len(table) // 2),) * 2, axis=(0, 1))
+    k = 2 * np.pi * np.fft.fftfreq(wide, d=1 / step)  # rad / px
     disk = size / 1.6783469900166605 / 0.074  # px
     transform = (1 + (k[:, None] ** 2 + k**2) * disk**2) ** -1.5
     hand = np.fft.ifft2(np.fft.fft2(response) * transform).real * 1000 * EXPTIME
     half = 60
-    hand = np.roll(hand, (2 * half, 2 * half), axis=(0, 1))[: 4 * half + 1 : 2, : 4 * half + 1 : 2]
+    cells = slice(None, 2 * step * half + 1, step)
+    hand = np.roll(hand, (step * half, step * half), axis=(0, 1))[cells, cells]
     cut = image[150 - half : 150 + half + 1, 200 - half : 200 + half + 1]
     assert np.abs(cut - hand).max() < PIXEL * hand.max()
     assert cut.sum(dtype=float) == pytest.approx(hand.sum(), rel=FLUX)

@@ -57,23 +57,24 @@ class PsfModel:
 def psf_model(psf, origin, shape, *, cell_px=CELL_PX):
     """Build the `PsfModel` of a frame.
 
-    `psf.at(x, y)` -> (sub-bands, 256, 256) cell integrals (fraction of all the light per 5 um cell, PSF
-    centre at the corner of cells 127|128); sub-bands are averaged with equal weights. `origin` (x0, y0) and
+    `psf.at(x, y)` -> (sub-bands, n, n) cell integrals (fraction of all the light per cell, `psf.oversampling` cells
+    along the side of a pixel, PSF centre at the middle of the array); sub-bands are averaged with equal weights. `origin` (x0, y0) and
     `shape` (ny, nx) are the frame's place on the chip, px.
     """
     from scipy.ndimage import gaussian_filter, spline_filter
 
-    from csstsim.optics.psf_file import pixel_response
+    from csstsim.optics.psf_file import half_pixels, pixel_response
 
     cells = math.ceil(max(shape) / cell_px)
     step = shape[1] / cells, shape[0] / cells
     plain, blurred, n_eff = [], [], []
     for row in range(cells):
         for column in range(cells):
-            cube = psf.at(origin[0] + (column + 0.5) * step[0] - 0.5, origin[1] + (row + 0.5) * step[1] - 0.5)
+            fine = psf.at(origin[0] + (column + 0.5) * step[0] - 0.5, origin[1] + (row + 0.5) * step[1] - 0.5)
+            cube = half_pixels(fine, psf.oversampling)
             middle = cube.shape[-1] // 2
             wide = slice(middle - _MARGIN - 12, middle + _MARGIN + 12)  # 12 beyond: the filters forget their edge
-            table = pixel_response(np.mean(cube[:, wide, wide], axis=0, dtype=np.float64))
+            table = pixel_response(np.mean(cube[:, wide, wide], axis=0, dtype=np.float64), 2)
             keep = slice(11, 12 + 2 * _MARGIN)
             for image, into in ((table, plain), (gaussian_filter(table, 2.0 * BLUR), blurred)):
                 into.append(spline_filter(image, order=3)[keep, keep])

@@ -10,8 +10,10 @@ HDF5, one file a chip, n = grid^2 nodes, four wavelengths:
 | /tilt        | (n, 2) float64               | px: shift (x, y) taken out when the node was centred            |
 | /flux        | (n, 4) float64               | sum of each image; NaN marks a dead node, which is never used   |
 
-Attributes: format, sample ("cell_integral"), cell_um, cell_arcsec, chip, filter, grid, camera_digest, version,
-provenance (JSON). The centre of the PSF is the middle of the array: the corner shared by cells 127 and 128.
+Attributes: format, sample ("cell_integral"), cell_um, cell_arcsec, oversampling (cells along the side of a pixel, even),
+chip, filter, grid, camera_digest, version, provenance (JSON). The centre of the PSF is the middle of the array: the corner
+shared by cells 127 and 128 of 256. HDF5's own checksums guard attributes, names and the small datasets; an image is guarded by
+its flux.
 
 Between nodes the PSF is a weighted sum of nodes: optics.interpolation.
 """
@@ -28,23 +30,36 @@ from csstsim.atomic import atomic_path
 from csstsim.errors import InputError
 from csstsim.optics.interpolation import Interpolator
 
-FORMAT = 1
+FORMAT = 2
 WAVELENGTHS = 4
 _ATTRIBUTES = (
-    *("format", "sample", "cell_um", "cell_arcsec", "chip", "filter", "grid"),
+    *("format", "sample", "cell_um", "cell_arcsec", "oversampling", "chip", "filter", "grid"),
     *("camera_digest", "version", "provenance"),
 )
 _DATASETS = ("nodes_xy", "wavelength", "tilt", "flux")  # and image
+_VERSIONS = ("v110", "v110")  # HDF5 1.10 or newer reads it; older layouts have no checksums in their headers
 
 
-def pixel_response(image):
-    """Return the integrals over a 10 um pixel on the 5 um lattice, (..., n-1, n-1), of cell integrals (..., n, n).
+def pixel_response(image, oversampling):
+    """Return the integrals over a 10 um pixel on the lattice of cells, (..., n-m+1, n-m+1), of cell integrals (..., n, n).
 
-    Sums of 2 x 2 cells, hence exact: sample [i, j] is the fraction of a star's light caught by a pixel whose
-    centre lies ((j, i) - (n-2)/2) cells from the star. For n = 256 the sample [127, 127] is a pixel centred on
-    the star. Read it as point samples of PSF * pixel (draw with no further pixel).
+    `oversampling` m (even) cells make the side of a pixel. Sums of m x m cells, hence exact: sample [i, j] is the
+    fraction of a star's light caught by a pixel whose centre lies ((j, i) - (n-m)/2) cells from the star; the middle
+    sample is a pixel centred on the star. Read it as point samples of PSF * pixel (draw with no further pixel).
     """
-    return image[..., 1:, 1:] + image[..., 1:, :-1] + image[..., :-1, 1:] + image[..., :-1, :-1]
+    for axis in (-1, -2):
+        windows = np.lib.stride_tricks.sliding_window_view(image, oversampling, axis=axis)
+        image = windows.sum(axis=-1)
+    return image
+
+
+def half_pixels(image, oversampling):
+    """Return cell integrals (..., n, n) summed, exactly, to cells of half a pixel, about the middle of the array."""
+    step = oversampling // 2
+    size = image.shape[-1] // (2 * step) * 2
+    edge = (image.shape[-1] - size * step) // 2
+    inner = image[..., edge : edge + size * step, edge : edge + size * step]
+    return inner.reshape(*image.shape[:-2], size, step, size, step).sum(axis=(-3, -1))
 
 
 def write_psf(path, nodes, wavelength, images, *, cells, about, provenance):
@@ -53,26 +68,33 @@ def write_psf(path, nodes, wavelength, images, *, cells, about, provenance):
     `about` holds the attributes that say which chip this is; `provenance` is a JSON-like mapping.
     """
     tilt, flux = np.empty((len(nodes), 2)), np.empty((len(nodes), WAVELENGTHS))
-    with atomic_path(path) as temporary, h5py.File(temporary, "w") as file:
+    with atomic_path(path) as temporary, h5py.File(temporary, "w", libver=_VERSIONS) as file:
         store = file.create_dataset("image", (len(nodes), WAVELENGTHS, cells, cells), np.float32)
         for i, (image, shift) in enumerate(images):
             stored = np.asarray(image, np.float32)
             store[i], tilt[i], flux[i] = stored, shift, stored.sum(axis=(1, 2), dtype=np.float64)
         named = {"nodes_xy": nodes, "wavelength": wavelength, "tilt": tilt, "flux": flux}
         for name, data in named.items():
-            file[name] = np.asarray(data, np.float64)
-        file.attrs.update(about)
-        file.attrs.update({"format": FORMAT, "sample": "cell_integral", "version": __version__})
-        file.attrs["provenance"] = json.dumps(provenance, sort_keys=True)
+            file.create_dataset(name, data=np.asarray(data, np.float64), fletcher32=True)
+        about = about | {"format": FORMAT, "sample": "cell_integral", "version": __version__}
+        about["provenance"] = json.dumps(provenance, sort_keys=True)
+        for name, value in about.items():  # text of fixed length: the other kind lies where no checksum reaches
+            file.attrs[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
+
+
+def _plain(value):
+    """Return an attribute as Python's own number or text."""
+    value = value.item() if isinstance(value, np.generic) else value
+    return value.decode() if isinstance(value, bytes) else value
 
 
 @contextmanager
-def _intact(path):
+def intact(path):
     """Turn what damaged metadata makes of h5py or of the checks into an InputError."""
     try:
         yield
     except OSError as exc:
-        reason = os.strerror(exc.errno) if exc.errno else "truncated, or not HDF5"
+        reason = os.strerror(exc.errno) if exc.errno else "truncated, damaged, or not HDF5"
         raise InputError(f"cannot read the PSF file: {reason}", file=path) from exc
     except (AttributeError, LookupError, RuntimeError, TypeError, ValueError, MemoryError) as exc:
         raise InputError(f"the PSF file is damaged: {type(exc).__name__} {exc}", file=path) from exc
@@ -82,27 +104,31 @@ class PsfSet:
     """The PSFs of one chip, read as needed from a memory-mapped file.
 
     Attributes: `nodes_xy` (n, 2) px, `image` (n, 4, cells, cells) float32 memory map, `wavelength` (4,) angstrom,
-    `tilt` (n, 2) px, `flux` (n, 4), `dead` (n,) bool, `scale` arcsec per cell, `attributes` (dict).
+    `tilt` (n, 2) px, `flux` (n, 4), `dead` (n,) bool, `scale` arcsec per cell, `oversampling` cells along the side of a
+    pixel, `attributes` (dict).
     """
 
-    def __init__(self, path, *, chip=None, filter=None, grid=None, camera_digest=None, **interpolation):
-        """Open and check a PSF file; what is given of chip (id), filter (name), grid and digest must match.
+    def __init__(
+        self, path, *, chip=None, filter=None, grid=None, oversampling=None, camera_digest=None, **interpolation
+    ):
+        """Open and check a PSF file; what is given of chip (id), filter (name), grid, sampling and digest must match.
 
         `interpolation`: method, beta, neighbours of optics.interpolation.Interpolator.
         Raises InputError for a missing, truncated or foreign file, wrong shapes, and what does not match.
         """
         self.path = path
-        with _intact(path):
+        with intact(path):
             data, offset, shape = self._read()
             self.nodes_xy, self.wavelength, self.tilt, self.flux = (
                 data[k] for k in ("nodes_xy", "wavelength", "tilt", "flux")
             )
             expected = {"format": FORMAT, "sample": "cell_integral", "chip": chip, "filter": filter, "grid": grid}
-            for name, value in (expected | {"camera_digest": camera_digest}).items():
+            expected |= {"oversampling": oversampling, "camera_digest": camera_digest}
+            for name, value in expected.items():
                 if value is not None and self.attributes[name] != value:
                     raise InputError("does not fit", file=path, key=name, value=self.attributes[name], allowed=value)
             self._check(shape)
-            self.scale = float(self.attributes["cell_arcsec"])
+            self.scale, self.oversampling = float(self.attributes["cell_arcsec"]), self.attributes["oversampling"]
         self.dead = ~np.isfinite(self.flux).all(axis=1)
         self._seen = np.zeros(len(self.nodes_xy), bool)
         self._mixture = Interpolator(self.nodes_xy, dead=self.dead, file=path, **interpolation)
@@ -113,7 +139,7 @@ class PsfSet:
 
     def _read(self):
         with h5py.File(self.path, "r") as file:
-            self.attributes = {k: v.item() if isinstance(v, np.generic) else v for k, v in file.attrs.items()}
+            self.attributes = {name: _plain(value) for name, value in file.attrs.items()}
             missing = [k for k in _ATTRIBUTES if k not in self.attributes]
             missing += [k for k in (*_DATASETS, "image") if k not in file]
             if missing:
@@ -138,6 +164,16 @@ class PsfSet:
                 raise InputError("wrong shape", file=self.path, key=name, value=got, allowed=allowed)
         if cells % 2:
             raise InputError("the number of cells must be even", file=self.path, key="image", value=cells)
+        if type(self.attributes["oversampling"]) is not int or self.attributes["oversampling"] not in range(
+            2, cells, 2
+        ):
+            raise InputError(
+                "bad sampling",
+                file=self.path,
+                key="oversampling",
+                value=self.attributes["oversampling"],
+                allowed="2, 4",
+            )
         for name in ("nodes_xy", "wavelength"):
             if not np.isfinite(getattr(self, name)).all():
                 raise InputError("holds a value that is not finite", file=self.path, key=name)

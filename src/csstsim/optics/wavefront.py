@@ -10,8 +10,8 @@ Modelled, in nm of optical path, the same at every wavelength (the train is mirr
 Piston and tilt are excluded: a shift of the image belongs to the distortion model. The numbers are in
 config/instrument/psf.yaml. Zernike order and sign: Noll (1976, JOSA 66, 207), coefficient = rms over the disc.
 
-Left out: footprint walk on the mirrors away from the pupil, figure of the filters, chip tilt and height,
-drift of the wavefront in time.
+What differs from chip to chip (filter, place of the detector) is added by optics.chip_errors. Left out: footprint
+walk on the mirrors away from the pupil, drift of the wavefront in time.
 """
 
 import math
@@ -130,6 +130,14 @@ def number(params, *keys):
     return float(value)
 
 
+def filter_noll(params):
+    """Return the Noll indices of the filters' figure. Raises InputError unless they are distinct and above 3."""
+    noll = (params.get("filter_figure") or {}).get("noll")
+    if not isinstance(noll, list) or not noll or not all(type(j) is int and j > 3 for j in noll):
+        raise InputError("bad list", file="psf.yaml", key="filter_figure.noll", value=noll, allowed="Noll indices >= 4")
+    return sorted(set(noll))
+
+
 def load_wavefront(params, *, parts=("design", "static", "mirror")):
     """Return the `Wavefront` described by the mapping `params` (psf.yaml, unwrapped).
 
@@ -149,6 +157,8 @@ def load_wavefront(params, *, parts=("design", "static", "mirror")):
     if not 1 / _SCREEN_PERIOD <= low < high:
         allowed = f"{1 / _SCREEN_PERIOD} <= cycles_min < cycles_max"
         raise InputError("bad range", file="psf.yaml", key="mirror", value=(low, high), allowed=allowed)
+    for noll in (4, *filter_noll(params)):  # what chips add (optics.chip_errors)
+        total.setdefault(noll, np.zeros(TERMS))
     screen = mirror_screen(rms if "mirror" in parts else 0.0, slope, (low, high))
     noll = tuple(sorted(total))
     return Wavefront(noll, np.array([total[j] for j in noll]).reshape(-1, TERMS), number(params, "field_scale"), screen)

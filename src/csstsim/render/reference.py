@@ -7,8 +7,8 @@ its position, in four sub-bands. Where the paper's letter is not followed (desig
   convolution: the same image as four draws added, by linearity;
 - the stamp is bounded by the scene's noise (catalog.select, `reach`), not by folding_threshold = 5e-8;
 - shapes go through full 2 x 2 matrices: intrinsic shear, lensing, then d(pixel)/d(sky);
-- a stored PSF sample is the integral over a 5 um cell: 2 x 2 cells make the exact integral over a pixel,
-  so objects are drawn with GalSim's `no_pixel` on that pixel-integrated PSF.
+- a stored PSF sample is the integral over a cell, 2 or 4 to the side of a pixel: their sums make the exact integral over
+  a pixel, so objects are drawn with GalSim's `no_pixel` on that pixel-integrated PSF.
 All light goes to the expectation plane; Poisson noise comes once, in `poisson_and_dark`.
 """
 
@@ -43,7 +43,8 @@ FOLDING_LOOSE = (5e-3, 5e-2, 0.3)
 FFT_LOOSE = 8192
 REACH_FFT = 1000  # px: half the largest stamp, so that its FFT (half-pixel steps) fits the maximum
 NEGATIVE_LIMIT = 1e-4  # fraction of an object's light in negative pixels above which clipping is flagged
-PSF_STEP_PX = 0.5  # the stored PSF lattice: 5 um cells in 10 um pixels
+# Beyond 1 cycle a pixel, jitter, diffusion and the pixel leave under 1e-4 of any PSF, however fine its lattice.
+PSF_MAXK = 2 * np.pi
 
 _UNDRAWN = BAD_VALUE | STRONG_LENSING
 
@@ -75,7 +76,7 @@ def draw_objects(image, window, objects, wcs, psf, exptime):
             mixture = sum(
                 w * np.tensordot(flux[i], psf.node(n), axes=1) for n, w in zip(index[i], weight[i], strict=True)
             )
-            profile = partial(_profile, objects, i, mixture, jacobian[i])
+            profile = partial(_profile, objects, i, mixture, psf.oversampling, jacobian[i])
             stamp, flag = _draw(profile, objects["x"][i], objects["y"][i], min(int(objects["reach"][i]), REACH_FFT))
             flag |= TRUNCATED_STAMP if objects["reach"][i] > REACH_FFT else 0
             seen = galsim.BoundsI() if flag & TOO_LARGE else stamp.bounds & scene.bounds
@@ -95,22 +96,22 @@ def draw_objects(image, window, objects, wcs, psf, exptime):
     )  # fmt: skip
 
 
-def _profile(objects, i, mixture, jacobian, folding=None):
+def _profile(objects, i, mixture, oversampling, jacobian, folding=None):
     """Return the GSObject of one object in pixels, pixel response included; `mixture` is its PSF in electrons.
 
     `folding` loosens what the galaxy's own profile asks of the FFT.
     """
-    response = pixel_response(mixture)
+    response, step = pixel_response(mixture, oversampling), 1 / oversampling  # px
     # A sample is the light that falls in a pixel centred there: surface brightness per pixel, in pixel units.
     point = galsim.InterpolatedImage(
         galsim.ImageD(response),
-        scale=PSF_STEP_PX,
+        scale=step,
         normalization="sb",
         x_interpolant="quintic",
         gsparams=galsim.GSParams(**GSPARAMS),
-        # Known, so that GalSim need not search: the lattice's Nyquist frequency and the table's size.
-        _force_maxk=np.pi / PSF_STEP_PX,
-        _force_stepk=2 * np.pi / (response.shape[0] * PSF_STEP_PX),
+        # Known, so that GalSim need not search
+        _force_maxk=PSF_MAXK,
+        _force_stepk=2 * np.pi / (response.shape[0] * step),
     )
     if objects["obj_type"][i] != GALAXY:
         return point

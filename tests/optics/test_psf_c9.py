@@ -1,0 +1,127 @@
+"""An external library: files written in cycle 9's layout read back as what they were made from."""
+
+import json
+import shutil
+
+import h5py
+import numpy as np
+import pytest
+
+from csstsim.errors import InputError
+from csstsim.optics.chip_errors import chip_coefficients, mosaic_position
+from csstsim.optics.psf import PsfSet, chip_optics, make_psf, node_psf
+from csstsim.optics.psf_c9 import convert
+from csstsim.optics.wavefront import load_wavefront
+
+
+@pytest.fixture(scope="module")
+def chip(camera):
+    """One with two cells to a pixel, as in the library."""
+    return next(c for c in camera.chips.values() if c.filter == "z")
+
+
+@pytest.fixture(scope="module")
+def own(camera, chip, tmp_path_factory):
+    """Our own 2 x 2 set."""
+    path = tmp_path_factory.mktemp("own") / "own.h5"
+    make_psf(path, chip, camera.filters["z"], camera.telescope, camera.psf, 2, camera_digest=camera.digest)
+    return PsfSet(path)
+
+
+def write_library(folder, chip, images, nodes, *, mm=True, wavelength=None, first=0, order=None):
+    """Write images (n, 4, cells, cells) at chip pixels (n, 2) in the layout of the library."""
+    places = np.stack(mosaic_position(chip, *nodes.T), axis=-1) / 100.0 if mm else nodes  # 10 um pixels
+    with h5py.File(folder / f"psfCube_{chip.id}.h5", "w") as file:
+        for i in range(4):
+            for j, k in enumerate(order if order is not None else range(len(images))):
+                group = file.create_group(f"w_{i}/psf_{j + first}")
+                group["psfMat"] = images[k, i].astype(np.float64)
+                group["image_x" if mm else "x"], group["image_y" if mm else "y"] = places[k]
+            if wavelength is not None:
+                file[f"w_{i}"].attrs["wavelength"] = wavelength[i]
+
+
+def read(folder, chip, camera, sample="cell_integral"):
+    convert(folder, folder / "psf.h5", chip, camera.filters["z"], sample=sample, camera_digest="d")
+    return PsfSet(folder / "psf.h5", chip=chip.id, filter="z", camera_digest="d")
+
+
+@pytest.mark.parametrize("options", [{}, {"mm": False, "first": 1, "order": [2, 3, 1, 0]}])
+def test_cell_integrals_come_back_as_they_were(own, chip, camera, tmp_path, options):
+    write_library(tmp_path, chip, np.array(own.image), own.nodes_xy, **options)
+    psf = read(tmp_path, chip, camera)
+    assert psf.oversampling == 2
+    assert psf.attributes["grid"] == 2
+    assert psf.nodes_xy == pytest.approx(own.nodes_xy, abs=1e-6)  # in our order again
+    expected = own.image / own.image.sum(axis=(2, 3), keepdims=True)
+    assert np.abs(psf.image - expected).max() < 1e-4 * expected.max()  # of centring
+    assert psf.tilt == pytest.approx(0.0, abs=1e-4)  # px: it was centred
+    assert psf.flux == pytest.approx(1.0, abs=1e-6)
+    about = json.loads(psf.attributes["provenance"])
+    assert about["library"] == f"psfCube_{chip.id}.h5"
+    assert about["read_as"].startswith("cell_integral; places: ")
+    assert "the filter's" in about["read_as"]
+    assert len(about["library_sha256"]) == 64
+
+
+def test_point_samples_become_cell_integrals_and_are_centred(own, chip, camera, tmp_path):
+    """Brightness at the cells' middles from the optics themselves, off centre, against integrals from the optics."""
+    wavefront = load_wavefront(camera.psf)
+    optics, integral = chip_optics(chip, camera.filters["z"], camera.psf, wavefront, 2)
+
+    def point(f):
+        return integral(f) / np.sinc(f)
+
+    rows = chip_coefficients(wavefront, camera.psf, chip, *own.nodes_xy.T)
+    points, moved = [], np.array([0.31, -0.2])  # cells
+    for row in rows:
+        tilt = node_psf(optics, row, integral)[1]
+        points.append([o.image(o.transfer(row), point, 2 * tilt - moved) for o in optics])
+    write_library(tmp_path, chip, np.array(points), own.nodes_xy, wavelength=own.wavelength / 10)
+    psf = read(tmp_path, chip, camera, "point")
+    assert psf.wavelength == pytest.approx(own.wavelength)
+    assert psf.tilt == pytest.approx(np.tile(moved / 2, (4, 1)), abs=2e-4)  # px
+    expected = own.image / own.image.sum(axis=(2, 3), keepdims=True)
+    assert np.abs(psf.image - expected).max() < 1e-4 * expected.max()
+    wrong = read(tmp_path, chip, camera, "cell_integral")
+    assert np.abs(wrong.image - expected).max() > 0.02 * expected.max(), "the two readings differ, and it shows"
+
+
+def test_unfit_libraries_are_refused(own, chip, camera, tmp_path):
+    name = rf"psfCube_{chip.id}\.h5"
+    with pytest.raises(InputError, match=rf"{name}: cannot read the PSF file: No such file"):
+        read(tmp_path, chip, camera)
+    write_library(tmp_path, chip, np.array(own.image), own.nodes_xy)
+    good = tmp_path / f"psfCube_{chip.id}.h5"
+    shutil.copy(good, tmp_path / "kept")
+
+    def spoil(change, message):
+        shutil.copy(tmp_path / "kept", good)
+        with h5py.File(good, "r+") as file:
+            change(file)
+        with pytest.raises(InputError, match=message):
+            read(tmp_path, chip, camera)
+        assert not (tmp_path / "psf.h5").exists()
+
+    def drop(path):
+        return lambda file: file.__delitem__(path)
+
+    def put(path, value):
+        def change(file):
+            del file[path]
+            file[path] = value
+
+        return change
+
+    spoil(drop("w_3"), "w_0 ... w_3: not four wavelengths")
+    spoil(drop("w_2/psf_3"), "not four wavelengths with the same places")
+    spoil(drop("w_0/psf_1/image_x"), "psf_<j>: no places; allowed: image_x, image_y or x, y")
+    spoil(put("w_0/psf_1/image_x", 4000.0), rf"not on chip {chip.id}")
+    spoil(put("w_0/psf_1/image_x", np.nan), rf"not on chip {chip.id}")
+    spoil(put("w_1/psf_2/psfMat", np.zeros((256, 256))), "psf_2/psfMat: .*with light")
+    spoil(put("w_0/psf_0/psfMat", np.ones((100, 100))), "psfMat: unknown sampling .*allowed: 256, 512")
+    spoil(lambda file: [file[f"w_{i}"].__delitem__("psf_0") for i in range(4)], "no square grid")
+    spoil(lambda file: [file.__delitem__(f"w_{i}") for i in range(4)], "w_0: not a PSF library")
+    good.write_bytes(good.read_bytes()[:5000])
+    with pytest.raises(InputError, match=name):
+        read(tmp_path, chip, camera)
