@@ -30,9 +30,11 @@ ROOT = Path(__file__).parents[1]
 STORE = ROOT / "results" / "psf_interpolation"
 FIGURES = ROOT / "docs" / "figures"
 # The chip of each band over which the wavefront varies most
-CHIPS = {"NUV": 12, "u": 14, "g": 8, "r": 9, "i": 7, "z": 11, "y": 6, "GU": 4, "GV": 5, "GI": 1}
+CHIPS = {"NUV": 18, "u": 14, "g": 23, "r": 9, "i": 24, "z": 11, "y": 16, "GU": 3, "GV": 2, "GI": 30}
 OVERSAMPLING, CELLS = 2, 64  # a box of 32 px
 WINDOW_PX = 3.0
+MAS_PER_PX = 74
+SHOWN = 210  # which of the 400 places the figure shows
 TRUTH = 20
 GRIDS = (2, 3, 4, 5, 6, 8, 10, 15)
 PAPER_GRID = 30
@@ -152,26 +154,21 @@ def mixed(index, weight, images):
 def measure(optics, grids):
     """Print the table of a band and return its rows: (method, grid, images kept, errors)."""
     truth = seen(optics(truth_positions(optics.chip)))
-    r, e1, e2, _, _ = moments(truth, WINDOW_PX)
-    print(f"\n{optics.band}, chip {optics.chip.id}: R {r.min():.3f} to {r.max():.3f} px^2, e1 {e1.min():+.4f} to "
-          f"{e1.max():+.4f}, e2 {e2.min():+.4f} to {e2.max():+.4f} (3 px window)")  # fmt: skip
+    r, e1, e2, _, _ = (f"{row.min():.4f} to {row.max():.4f}" for row in moments(truth, WINDOW_PX))
+    print(f"\n{optics.band}, chip {optics.chip.id}: R {r} px^2, e1 {e1}, e2 {e2} (3 px window)")
     print(
-        "in 1e-5            | size: mean, largest; e: mean, largest |  the same in a box of 32 px         | residual | mas"
+        "in 1e-5            | dR/R mean     most  de mean     most | box: the same                     | residual | mas"
     )
     rows = []
     for name, grid, kept, (index, weight, _), images in cases(optics, grids):
         found = compare(truth, mixed(index, weight, images))
         rows.append((name, grid, kept, found))
-        text = ""
-        for window in ("", " box"):
-            size, e = found["size" + window], found["e" + window]
-            parts = size.mean(), np.abs(size).max(), np.abs(e.mean(axis=1)).max(), np.abs(e).max()
-            text += " |" + "".join(f"{1e5 * part:9.2f}" for part in parts)
-        print(
-            f"{name:9s} {grid:3d} {kept:4d}{text} |{1e5 * found['residual'].max():9.2f} |"
-            f"{74 * found['place'].max():9.5f}",
-            flush=True,
-        )
+        parts = []
+        for size, e in ((found["size" + window], found["e" + window]) for window in ("", " box")):
+            parts.append((size.mean(), np.abs(size).max(), np.abs(e.mean(axis=1)).max(), np.abs(e).max()))
+        parts.append([found["residual"].max()])
+        text = " |".join("".join(f"{1e5 * number:9.2f}" for number in part) for part in parts)
+        print(f"{name:9s} {grid:3d} {kept:4d} |{text} |{MAS_PER_PX * found['place'].max():8.4f}", flush=True)
     return rows
 
 
@@ -203,86 +200,79 @@ def report_costs(camera, bands):
             for i, w in zip(index % 36, weight, strict=True):
                 sum(share * images[node] for node, share in zip(i, np.float32(w), strict=True))
             cpu = (time.process_time() - start) / len(index)
-            print(
-                f"{name:9s} {grid:2d}: weights of 76,000 places {weights:.3f} CPU-s; a PSF at a place {1e3 * cpu:.1f} ms"
-            )
+            print(f"{name:9s} {grid:2d}: 76,000 places {weights:.3f} CPU-s; a PSF mixed {1e3 * cpu:.1f} ms")
 
 
 def figure_paper(optics, grid):
-    """Draw the paper's figure for a band: one PSF, interpolated, the residual; PDFs of the errors."""
+    """Draw the paper's figure for a band: one PSF, what interpolation makes of it, and the errors of 400 places."""
     import matplotlib.pyplot as plt
 
     chip, xy = optics.chip, truth_positions(optics.chip)
     truth = seen(optics(xy))
-    shown = [("idw 2 4", PAPER_GRID), ("idw 2 4", grid), ("bilinear", grid), ("bicubic", grid)]
     made = {}
-    for name, size in shown:
+    for name, size in (("idw 2 4", PAPER_GRID), ("idw 2 4", grid), ("bilinear", grid), ("bicubic", 4)):
         nodes = node_positions(chip, size)
         index, weight, _ = Interpolator(nodes, **METHODS[name])(*xy.T)
-        made[name, size] = mixed(index, weight, seen(optics(nodes)))
-    fig, axes = plt.subplots(2, 4, figsize=(13, 6.4), layout="constrained")
-    one, inner = 210, slice(10, -10)
-    side = dict(extent=[-11, 11, -11, 11], origin="lower", interpolation="nearest")
-    picture = axes[0, 0].imshow(np.log10(truth[one, inner, inner]), cmap="magma", **side)
-    axes[0, 0].set_title(f"direct optics, {optics.band}: log10 share in a pixel", fontsize=9)
-    fig.colorbar(picture, ax=axes[0, 0], shrink=0.85)
-    for ax, (name, size) in zip(axes[0, 1:], (shown[0], shown[1], shown[2]), strict=True):
-        share = (made[name, size][one] / truth[one] - 1)[inner, inner]
-        limit = np.abs(share).max()
-        picture = ax.imshow(share, cmap="RdBu_r", vmin=-limit, vmax=limit, **side)
-        ax.set_title(f"interpolated / direct - 1: {name}, {size} x {size}", fontsize=9)
-        fig.colorbar(picture, ax=ax, shrink=0.85, format="%.0e")
-    for ax in axes[0]:
+        made[f"{name}, {size} x {size}"] = mixed(index, weight, seen(optics(nodes)))
+    fig, axes = plt.subplots(2, 4, figsize=(13, 6.2), layout="constrained")
+    inner = slice(15, -15)
+    place = {"extent": [-8.25, 8.25, -8.25, 8.25], "origin": "lower", "interpolation": "nearest"}
+    images = [(np.log10(truth[SHOWN, inner, inner]), f"{optics.band}, direct: log10 of the share in a pixel", {})]
+    for name in list(made)[:3]:
+        off = (made[name][SHOWN] / truth[SHOWN] - 1)[inner, inner]
+        limit = np.abs(off).max()
+        images.append((off, f"{name} / direct - 1", {"cmap": "RdBu_r", "vmin": -limit, "vmax": limit}))
+    for ax, (image, title, style) in zip(axes[0], images, strict=True):
+        fig.colorbar(ax.imshow(image, **place, **style), ax=ax, shrink=0.85)
+        ax.set_title(title, fontsize=9)
         ax.set_xlabel("px")
-    kinds = [
+    errors = {name: compare(truth, images) for name, images in made.items()}
+    panels = [
+        ("size", "relative error of R = Q11 + Q22", 1e-3),
         ("relative e", "relative error of |e|", None),
-        ("size", "relative error of R", 1e-3),
         ("e", "error of e1, e2", 1e-4),
     ]
-    for ax, (key, label, goal) in zip(axes[1, :3], kinds, strict=True):
-        for (name, size), images in made.items():
-            error = np.abs(compare(truth, images)[key]).ravel()
-            bins = np.geomspace(1e-8, 2e-2, 60)
+    for ax, (key, label, goal) in zip(axes[1, 1:], panels, strict=True):
+        for name, found in errors.items():
+            off = np.log10(np.abs(found[key]).ravel() + 1e-9)
             ax.hist(
-                np.clip(error, 1.1e-8, None), bins, histtype="step", density=False, label=f"{name}, {size} x {size}"
+                10**off,
+                np.geomspace(1e-8, 1e-2, 49),
+                weights=np.full(off.size, 8 / off.size),
+                histtype="step",
+                label=name,
             )
         if goal:
             ax.axvline(goal, color="k", ls="--", lw=1)
-        ax.set(xscale="log", xlabel=label, ylabel="places (of 400)" if key != "e" else "places (of 400), twice")
-    axes[1, 0].legend(fontsize=7)
-    for name, size in made:
-        error = compare(truth, made[name, size])["size"]
-        axes[1, 3].hist(error * 1e4, np.linspace(-3, 3, 61), histtype="step", density=True)
-    axes[1, 3].set(xlabel="relative error of R / 1e-4", ylabel="PDF", yscale="log")
+        ax.set(xscale="log", xlabel=label, ylabel="PDF of log10")
+    axes[1, 1].legend(fontsize=7, loc="upper left")
+    for name, found in errors.items():
+        axes[1, 0].hist(1e4 * found["size"], np.linspace(-4, 4, 65), histtype="step", density=True, label=name)
+    axes[1, 0].set(xlabel="relative error of R / 1e-4", ylabel="PDF", yscale="log")
     fig.savefig(FIGURES / "psf_interpolation.png", dpi=75)
 
 
 def figure_grids(rows):
-    """Draw error against grid: `rows` {band: rows of measure}."""
+    """Draw the largest errors against what is kept: `rows` {band: rows of measure}."""
     import matplotlib.pyplot as plt
 
-    fig, axes = plt.subplots(
-        2, len(rows), figsize=(3.6 * len(rows), 6), sharex=True, sharey="row", layout="constrained"
-    )
-    names = ("idw 2 4", "bilinear", "bicubic", "poly 2", "poly 3")
+    fig, axes = plt.subplots(2, len(rows), figsize=(3.4 * len(rows), 6), sharex=True, sharey=True, layout="constrained")
     for column, (band, found) in zip(axes.T, rows.items(), strict=True):
         for ax, key, goal in zip(column, ("size", "e"), (1e-3, 1e-4), strict=True):
-            for name in names:
-                line = [(grid, np.abs(errors[key]).max()) for method, grid, _, errors in found if method == name]
+            for name in ("idw 2 4", "bilinear", "bicubic"):
+                line = [(size, np.abs(errors[key]).max()) for method, size, _, errors in found if method == name]
                 ax.plot(*zip(*line, strict=True), "o-", ms=3, lw=1, label=name)
+            for name, marker in (("poly 2", "^"), ("poly 3", "s"), ("poly 4", "D")):
+                line = [np.abs(e[key]).max() for method, size, _, e in found if method == name and size == 6]
+                ax.plot(6, line, marker, ms=4, color="0.5", label=f"{name} of 6 x 6")
             ax.axhline(goal, color="k", ls="--", lw=1)
-            ax.set(xscale="log", yscale="log")
         column[0].set_title(f"{band}, chip {CHIPS[band]}")
-        column[1].set_xlabel("nodes along a side of the chip")
-        column[1].set_xticks(
-            [2, 3, 4, 6, 8, 10, 15, 30], labels=["2", "3", "4", "6", "8", "10", "15", "30"], minor=False
-        )
-        column[1].minorticks_off()
-    axes[0, 0].set_ylabel("largest |dR / R| of 400 places")
+        column[1].set_xlabel("nodes along a side (squared: MB a chip)")
+    axes[0, 0].set(xscale="log", yscale="log", ylim=(1e-7, 2e-2), ylabel="largest |dR / R| of 400 places")
+    axes[0, 0].set_xticks([2, 3, 4, 6, 10, 15, 30], labels=["2", "3", "4", "6", "10", "15", "30"])
+    axes[0, 0].minorticks_off()
     axes[1, 0].set_ylabel("largest |de| of 400 places")
-    axes[0, 0].set_ylim(1e-7, 1e-2)
-    axes[1, 0].set_ylim(1e-7, 1e-2)
-    axes[0, -1].legend(fontsize=7)
+    axes[0, 0].legend(fontsize=7)
     fig.savefig(FIGURES / "psf_speed_accuracy.png", dpi=75)
 
 
