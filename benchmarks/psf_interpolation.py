@@ -180,6 +180,7 @@ def report_costs(camera, bands):
         chip, oversampling = camera.chips[CHIPS[band]], oversampling_of(band, camera.psf)
         optics, kernel = chip_optics(chip, camera.filters[band], camera.psf, wavefront, oversampling)
         rows = chip_coefficients(wavefront, camera.psf, chip, *node_positions(chip, 2).T)
+        node_psf(optics, rows[0], kernel, oversampling)  # compiled
         start = time.process_time()
         for row in rows:
             node_psf(optics, row, kernel, oversampling)
@@ -217,7 +218,7 @@ def figure_paper(optics, grid):
     fig, axes = plt.subplots(2, 4, figsize=(13, 6.2), layout="constrained")
     inner = slice(15, -15)
     place = {"extent": [-8.25, 8.25, -8.25, 8.25], "origin": "lower", "interpolation": "nearest"}
-    images = [(np.log10(truth[SHOWN, inner, inner]), f"{optics.band}, direct: log10 of the share in a pixel", {})]
+    images = [(np.log10(truth[SHOWN, inner, inner]), f"{optics.band}, direct: log10 of light in a pixel", {})]
     for name in list(made)[:3]:
         off = (made[name][SHOWN] / truth[SHOWN] - 1)[inner, inner]
         limit = np.abs(off).max()
@@ -245,9 +246,10 @@ def figure_paper(optics, grid):
         if goal:
             ax.axvline(goal, color="k", ls="--", lw=1)
         ax.set(xscale="log", xlabel=label, ylabel="PDF of log10")
+    axes[1, 1].set_ylim(0, 4.2)
     axes[1, 1].legend(fontsize=7, loc="upper left")
     for name, found in errors.items():
-        axes[1, 0].hist(1e4 * found["size"], np.linspace(-4, 4, 65), histtype="step", density=True, label=name)
+        axes[1, 0].hist(1e4 * found["size"], np.linspace(-6, 6, 97), histtype="step", density=True, label=name)
     axes[1, 0].set(xlabel="relative error of R / 1e-4", ylabel="PDF", yscale="log")
     fig.savefig(FIGURES / "psf_interpolation.png", dpi=75)
 

@@ -3,18 +3,20 @@
 import json
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 
-from csstsim.config import SHIPPED
+from csstsim.config import SHIPPED, PsfConfig
 from csstsim.errors import InputError
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.chip_errors import chip_coefficients
 from csstsim.optics.interpolation import METHODS, Interpolator
 from csstsim.optics.psf import Diffraction, PsfSet, blur, make_psf, node_psf, pixel_response
 from csstsim.optics.wavefront import load_wavefront
+from csstsim.stages import open_psf
 
 GRID, CELLS = 3, 32
 
@@ -111,6 +113,18 @@ def test_between_nodes_it_is_the_weighted_sum(made):
     assert psf.weights(np.full((2, 3), x), y)[0].shape == (2, 3, 9)
     with pytest.raises(ValueError, match="not finite"):
         psf.weights(np.nan, 1.0)
+
+
+def test_the_campaign_chooses_the_interpolation(made, camera):
+    for given, k, convex in [
+        ({}, 4, True),
+        ({"interpolation": "bicubic"}, 9, False),
+        ({"interpolation": "idw", "neighbours": 3}, 3, True),
+    ]:
+        config = SimpleNamespace(psf=PsfConfig(grid=GRID, **given))
+        run = SimpleNamespace(config=config, camera=camera, paths=SimpleNamespace(psf=lambda chip: made))
+        psf = open_psf(run, SimpleNamespace(chip=camera.chips[8]))
+        assert (psf.weights(5.0, 5.0)[0].size, psf.convex) == (k, convex)
 
 
 def test_convex_mixtures_stay_between_their_nodes(made):
