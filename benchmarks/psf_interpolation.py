@@ -218,7 +218,7 @@ def figure_paper(optics, grid):
     fig, axes = plt.subplots(2, 4, figsize=(13, 6.2), layout="constrained")
     inner = slice(15, -15)
     place = {"extent": [-8.25, 8.25, -8.25, 8.25], "origin": "lower", "interpolation": "nearest"}
-    images = [(np.log10(truth[SHOWN, inner, inner]), f"{optics.band}, direct: log10 of light in a pixel", {})]
+    images = [(np.log10(truth[SHOWN, inner, inner]), f"{optics.band}, direct: log10 of light", {})]
     for name in list(made)[:3]:
         off = (made[name][SHOWN] / truth[SHOWN] - 1)[inner, inner]
         limit = np.abs(off).max()

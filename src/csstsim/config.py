@@ -192,7 +192,7 @@ class PsfConfig(Model):
     """The PSF set made for the campaign, or brought to it."""
 
     grid: int = Field(
-        10, ge=2, le=60, description="nodes along each side of a chip; with bilinear, 10 takes half of the error allowed"
+        10, ge=2, le=60, description="nodes along each side of a chip: 10 do for bilinear, idw needs the paper's 30"
     )
     oversampling: Literal["auto", 2, 4] = Field(
         "auto", description="cells along the side of a pixel; 'auto': psf.yaml's for the filter"
