@@ -6,7 +6,10 @@ import shutil
 import h5py
 import numpy as np
 import pytest
+from mini_campaign import write_campaign
 
+from csstsim import stages
+from csstsim.campaign import OpenCampaign
 from csstsim.errors import InputError
 from csstsim.optics.chip_errors import chip_coefficients, mosaic_position
 from csstsim.optics.psf import PsfSet, chip_optics, make_psf, node_psf
@@ -125,3 +128,20 @@ def test_unfit_libraries_are_refused(own, chip, camera, tmp_path):
     good.write_bytes(good.read_bytes()[:5000])
     with pytest.raises(InputError, match=name):
         read(tmp_path, chip, camera)
+
+
+def test_a_campaign_takes_its_library(own, tmp_path):
+    path = write_campaign(
+        tmp_path, psf={"grid": 7, "library": str(tmp_path), "library_sample": "cell_integral"}
+    )  # `grid` is of sets made here
+    run = OpenCampaign(path)
+    chip, job = run.camera.chips[9], run.jobs[0]
+    with pytest.raises(InputError, match=r"psfCube_9\.h5: cannot read"):
+        stages.psf(run, 9)
+    corners = np.array([[0.0, 0.0], [127.0, 0.0], [0.0, 127.0], [127.0, 127.0]])
+    write_library(tmp_path, chip, np.array(own.image), corners, mm=False)
+    stages.psf(run, 9)
+    psf = stages.open_psf(run, job)
+    assert psf.nodes_xy == pytest.approx(corners)
+    assert psf.image.shape == (4, 4, 256, 256)
+    assert psf.attributes["filter"] == "r"

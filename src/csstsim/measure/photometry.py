@@ -58,8 +58,8 @@ def psf_model(psf, origin, shape, *, cell_px=CELL_PX):
     """Build the `PsfModel` of a frame.
 
     `psf.at(x, y)` -> (sub-bands, n, n) cell integrals (fraction of all the light per cell, `psf.oversampling` cells
-    along the side of a pixel, PSF centre at the middle of the array); sub-bands are averaged with equal weights. `origin` (x0, y0) and
-    `shape` (ny, nx) are the frame's place on the chip, px.
+    along the side of a pixel, PSF centre at the middle of the array); sub-bands are averaged with equal weights.
+    `origin` (x0, y0) and `shape` (ny, nx) are the frame's place on the chip, px.
     """
     from scipy.ndimage import gaussian_filter, spline_filter
 

@@ -1,11 +1,11 @@
 """An external PSF library in the layout of CSST's cycle 9, turned into a PSF file of ours.
 
-One HDF5 file a chip, `psfCube_{chip}.h5`, with a group a wavelength, `w_<i>` (four), in it a group a place, `psf_<j>`, and
-in that `psfMat`, 256 x 256 samples of 5 um (that much is public; 512 x 512 of 2.5 um is taken too). Assumed, because no
-public text says it:
+One HDF5 file a chip, `psfCube_{chip}.h5`, with a group a wavelength, `w_<i>` (four), in it a group a place,
+`psf_<j>`, and in that `psfMat`, 256 x 256 samples of 5 um (that much is public; 512 x 512 of 2.5 um is taken too).
+Assumed, because no public text says it:
 
-* place: datasets or attributes of `psf_<j>`: `image_x`, `image_y` in mm from the boresight along the mosaic's axes, else
-  `x`, `y` in 0-based pixels of the chip. The places fill a square grid.
+* place: datasets or attributes of `psf_<j>`: `image_x`, `image_y` in mm from the boresight along the mosaic's axes,
+  else `x`, `y` in 0-based pixels of the chip. The places fill a square grid.
 * wavelength: `wavelength` of `psf_<j>` or of `w_<i>`, in um, nm or angstrom as its size tells; else the filter's own.
 * psfMat is [y, x], and all the light of the star: it is divided by its sum.
 * what a sample means is for the campaign to say: "cell_integral", or "point", the brightness at the middle of a cell,
@@ -111,9 +111,8 @@ def _positions(places, chip, source):
     limit = np.array([chip.detector.nx, chip.detector.ny]) + _MARGIN_PX
     bad = ~((xy > -_MARGIN_PX) & (xy < limit)).all(axis=1)
     if bad.any():
-        raise InputError(
-            f"not on chip {chip.id}, read as {unit}", file=source, key="psf_<j>", value=xy[bad][0].tolist()
-        )
+        outside = xy[bad][0].tolist()
+        raise InputError(f"not on chip {chip.id}, read as {unit}", file=source, key="psf_<j>", value=outside)
     return xy, unit
 
 

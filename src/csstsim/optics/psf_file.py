@@ -10,10 +10,10 @@ HDF5, one file a chip, n = grid^2 nodes, four wavelengths:
 | /tilt        | (n, 2) float64               | px: shift (x, y) taken out when the node was centred            |
 | /flux        | (n, 4) float64               | sum of each image; NaN marks a dead node, which is never used   |
 
-Attributes: format, sample ("cell_integral"), cell_um, cell_arcsec, oversampling (cells along the side of a pixel, even),
-chip, filter, grid, camera_digest, version, provenance (JSON). The centre of the PSF is the middle of the array: the corner
-shared by cells 127 and 128 of 256. HDF5's own checksums guard attributes, names and the small datasets; an image is guarded by
-its flux.
+Attributes: format, sample ("cell_integral"), cell_um, cell_arcsec, oversampling (cells along the side of a pixel,
+even), chip, filter, grid, camera_digest, version, provenance (JSON). The centre of the PSF is the middle of the array:
+the corner shared by cells 127 and 128 of 256. HDF5's own checksums guard attributes, names and the small datasets; an
+image is guarded by its flux.
 
 Between nodes the PSF is a weighted sum of nodes: optics.interpolation.
 """
@@ -41,7 +41,7 @@ _VERSIONS = ("v110", "v110")  # HDF5 1.10 or newer reads it; older layouts have 
 
 
 def pixel_response(image, oversampling):
-    """Return the integrals over a 10 um pixel on the lattice of cells, (..., n-m+1, n-m+1), of cell integrals (..., n, n).
+    """Return the integrals over 10 um pixels on the lattice of cells, (..., n-m+1, n-m+1), of cells (..., n, n).
 
     `oversampling` m (even) cells make the side of a pixel. Sums of m x m cells, hence exact: sample [i, j] is the
     fraction of a star's light caught by a pixel whose centre lies ((j, i) - (n-m)/2) cells from the star; the middle
@@ -164,16 +164,9 @@ class PsfSet:
                 raise InputError("wrong shape", file=self.path, key=name, value=got, allowed=allowed)
         if cells % 2:
             raise InputError("the number of cells must be even", file=self.path, key="image", value=cells)
-        if type(self.attributes["oversampling"]) is not int or self.attributes["oversampling"] not in range(
-            2, cells, 2
-        ):
-            raise InputError(
-                "bad sampling",
-                file=self.path,
-                key="oversampling",
-                value=self.attributes["oversampling"],
-                allowed="2, 4",
-            )
+        step = self.attributes["oversampling"]
+        if type(step) is not int or step not in range(2, cells, 2):
+            raise InputError("bad sampling", file=self.path, key="oversampling", value=step, allowed="2, 4")
         for name in ("nodes_xy", "wavelength"):
             if not np.isfinite(getattr(self, name)).all():
                 raise InputError("holds a value that is not finite", file=self.path, key=name)

@@ -7,8 +7,8 @@ its position, in four sub-bands. Where the paper's letter is not followed (desig
   convolution: the same image as four draws added, by linearity;
 - the stamp is bounded by the scene's noise (catalog.select, `reach`), not by folding_threshold = 5e-8;
 - shapes go through full 2 x 2 matrices: intrinsic shear, lensing, then d(pixel)/d(sky);
-- a stored PSF sample is the integral over a cell, 2 or 4 to the side of a pixel: their sums make the exact integral over
-  a pixel, so objects are drawn with GalSim's `no_pixel` on that pixel-integrated PSF.
+- a stored PSF sample is the integral over a cell, 2 or 4 to the side of a pixel: their sums make the exact integral
+  over a pixel, so objects are drawn with GalSim's `no_pixel` on that pixel-integrated PSF.
 All light goes to the expectation plane; Poisson noise comes once, in `poisson_and_dark`.
 """
 
