@@ -193,7 +193,9 @@ class AstrometryConfig(Model):
 class PsfConfig(Model):
     """The PSF set made for the campaign, or brought to it."""
 
-    grid: int = Field(30, ge=2, le=60, description="nodes along each side of a chip; 30 is the release value")
+    grid: int = Field(
+        10, ge=2, le=60, description="nodes along each side of a chip: 10 do for bilinear, idw needs the paper's 30"
+    )
     oversampling: Literal["auto", 2, 4] = Field(
         "auto", description="cells along the side of a pixel; 'auto': psf.yaml's for the filter"
     )
@@ -202,6 +204,9 @@ class PsfConfig(Model):
     )
     library_sample: Literal["cell_integral", "point"] = Field(
         "cell_integral", description="what a sample of the external set means"
+    )
+    interpolation: Literal["idw", "bilinear", "bicubic"] = Field(
+        "bilinear", description="the PSF between nodes, from the nearest, from the cell's four, from 4 x 4 around it"
     )
     beta: float = Field(2.0, gt=0, description="inverse-distance weighting: power of the distance")
     neighbours: int = Field(4, ge=1, description="inverse-distance weighting: number of nodes")

@@ -283,5 +283,5 @@ def open_psf(run, job):
         }
     return PsfSet(
         run.paths.psf(chip.id), chip=chip.id, filter=chip.filter, camera_digest=run.camera.digest,
-        beta=config.beta, neighbours=config.neighbours, **own,
+        method=config.interpolation, beta=config.beta, neighbours=config.neighbours, **own,
     )  # fmt: skip

@@ -3,17 +3,20 @@
 import json
 import shutil
 from dataclasses import replace
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 
-from csstsim.config import SHIPPED
+from csstsim.config import SHIPPED, PsfConfig
 from csstsim.errors import InputError
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.chip_errors import chip_coefficients
+from csstsim.optics.interpolation import METHODS, Interpolator
 from csstsim.optics.psf import Diffraction, PsfSet, blur, make_psf, node_psf, pixel_response
 from csstsim.optics.wavefront import load_wavefront
+from csstsim.stages import open_psf
 
 GRID, CELLS = 3, 32
 
@@ -89,79 +92,60 @@ def test_grating_chip_turns_about_its_centre(camera, tmp_path):
 
 
 def test_at_a_node_it_is_the_node(made):
-    psf = PsfSet(made)
-    for i, (x, y) in enumerate(psf.nodes_xy):
+    for method in METHODS:
+        psf = PsfSet(made, method=method)
+        for i, (x, y) in enumerate(psf.nodes_xy):
+            assert np.array_equal(psf.at(x, y), psf.node(i).astype(float))
+
+
+def test_between_nodes_it_is_the_weighted_sum(made):
+    x, y = 3000.2, 7000.7
+    for method, k in (("idw", 5), ("bilinear", 4), ("bicubic", 9)):
+        psf = PsfSet(made, method=method, beta=1.5, neighbours=5)
+        mixture = Interpolator(psf.nodes_xy, method, beta=1.5, neighbours=5)
         index, weight, outside = psf.weights(x, y)
-        assert (index[0], weight[0], weight[1:].any(), bool(outside)) == (i, 1.0, False, False)
-        assert np.array_equal(psf.at(x, y), psf.node(i).astype(float))
-
-
-def test_weights_are_equation_3_of_the_nearest_and_convex(made):
-    rng = np.random.default_rng(3)
-    x, y = rng.uniform(-0.5, 9215.5, 200), rng.uniform(-0.5, 9231.5, 200)
-    for beta, neighbours in ((2.0, 4), (1.0, 3), (6.5, 1)):
-        psf = PsfSet(made, beta=beta, neighbours=neighbours)
-        index, weight, outside = psf.weights(x, y)
-        distance = np.hypot(psf.nodes_xy[:, 0] - x[:, None], psf.nodes_xy[:, 1] - y[:, None])
-        nearest = np.argsort(distance, axis=1)[:, :neighbours]
-        power = np.take_along_axis(distance, nearest, 1) ** -beta
-        assert np.array_equal(index, nearest)
-        assert weight == pytest.approx(power / power.sum(axis=1, keepdims=True), rel=1e-12)
-        assert not outside.any()
-    psf, x0, y0 = PsfSet(made), x[0], y[0]
-    index, weight, _ = psf.weights(x0, y0)
-    expected = np.tensordot(weight, psf.image[index].astype(float), axes=1)
-    assert psf.at(x0, y0) == pytest.approx(expected, abs=1e-12)
-    lowest, highest = psf.image[index].min(axis=0), psf.image[index].max(axis=0)
-    assert ((psf.at(x0, y0) >= lowest - 1e-9) & (psf.at(x0, y0) <= highest + 1e-9)).all()
-    assert pixel_response(psf.at(x0, y0), 4).shape == (4, CELLS - 3, CELLS - 3)
-
-
-def test_weights_mirror_with_the_position(made):
-    psf = PsfSet(made)
-    rng = np.random.default_rng(4)
-    x, y = rng.uniform(0, 4000, 50), rng.uniform(0, 9000, 50)
-    index, weight, _ = psf.weights(x, y)
-    mirrored, same, _ = psf.weights(9215 - x, y)
-    column, row = index % GRID, index // GRID
-    assert np.array_equal(mirrored, row * GRID + GRID - 1 - column)
-    assert same == pytest.approx(weight, abs=1e-9)
-    cell_middle = psf.weights(2303.5, 2307.5)  # four nodes at one distance
-    assert sorted(cell_middle[0]) == [0, 1, 3, 4]
-    assert cell_middle[1] == pytest.approx(0.25, abs=1e-12)
-
-
-def test_shapes_of_no_one_and_many_positions(made):
-    psf = PsfSet(made)
-    for shape in ((), (0,), (1,), (7,), (2, 3)):
-        index, weight, outside = psf.weights(np.full(shape, 100.0), np.full(shape, 5.0))
-        assert index.shape == weight.shape == (*shape, 4)
-        assert outside.shape == shape
-    assert PsfSet(made, neighbours=40).weights(5.0, 5.0)[0].shape == (9,)
+        for got, expected in zip((index, weight, outside), mixture(x, y), strict=True):
+            assert np.array_equal(got, expected)
+        assert (index.shape, bool(outside), psf.convex) == ((k,), False, method != "bicubic")
+        expected = np.tensordot(weight, psf.image[index].astype(float), axes=1)
+        assert psf.at(x, y) == pytest.approx(expected, abs=1e-12)
+    assert pixel_response(psf.at(x, y), 4).shape == (4, CELLS - 3, CELLS - 3)
+    assert psf.weights(np.full((2, 3), x), y)[0].shape == (2, 3, 9)
     with pytest.raises(ValueError, match="not finite"):
         psf.weights(np.nan, 1.0)
 
 
-def test_outside_the_hull_is_flagged_and_still_convex(made):
-    psf = PsfSet(made)
-    x = np.array([-0.4, -0.6, 9215.4, 9216.0, 5000.0, -3000.0])
-    y = np.array([0.0, 0.0, 9231.0, 9231.0, 9300.0, -3000.0])
-    _, weight, outside = psf.weights(x, y)
-    assert outside.tolist() == [False, True, False, True, True, True]
-    assert weight.sum(axis=1) == pytest.approx(1.0, abs=1e-12)
+def test_the_campaign_chooses_the_interpolation(made, camera):
+    for given, k, convex in [
+        ({}, 4, True),
+        ({"interpolation": "bicubic"}, 9, False),
+        ({"interpolation": "idw", "neighbours": 3}, 3, True),
+    ]:
+        config = SimpleNamespace(psf=PsfConfig(grid=GRID, **given))
+        run = SimpleNamespace(config=config, camera=camera, paths=SimpleNamespace(psf=lambda chip: made))
+        psf = open_psf(run, SimpleNamespace(chip=camera.chips[8]))
+        assert (psf.weights(5.0, 5.0)[0].size, psf.convex) == (k, convex)
+
+
+def test_convex_mixtures_stay_between_their_nodes(made):
+    for method in ("idw", "bilinear"):
+        psf = PsfSet(made, method=method)
+        index, _, _ = psf.weights(1000.0, 2000.0)
+        lowest, highest = psf.image[index].min(axis=0), psf.image[index].max(axis=0)
+        assert ((psf.at(1000.0, 2000.0) >= lowest - 1e-9) & (psf.at(1000.0, 2000.0) <= highest + 1e-9)).all()
 
 
 def test_dead_node_is_never_used(copy):
     with h5py.File(copy, "r+") as file:
         file["image"][4, 2, 3, 3] = np.nan
         file["flux"][4, 2] = np.nan
-    psf = PsfSet(copy, neighbours=9)
-    assert psf.dead.nonzero()[0].tolist() == [4]
-    x, y = psf.nodes_xy[4]
-    index, weight, outside = psf.weights(x, y)
-    assert index.shape == (8,) and 4 not in index and not outside
-    assert weight.sum() == pytest.approx(1.0)
-    assert np.isfinite(psf.at(x, y)).all()
+    for method in METHODS:
+        psf = PsfSet(copy, method=method, neighbours=9)
+        assert psf.dead.nonzero()[0].tolist() == [4]
+        index, weight, outside = psf.weights(*psf.nodes_xy[4])
+        assert 4 not in index and not outside
+        assert weight.sum() == pytest.approx(1.0)
+        assert np.isfinite(psf.at(*psf.nodes_xy[4])).all()
 
 
 def test_damaged_node_is_an_error_when_it_is_used(copy):
@@ -232,8 +216,9 @@ def test_wrong_content(copy):
         change(name, good[name])
     PsfSet(copy)
     change("nodes_xy", np.stack([np.arange(9.0), np.arange(9.0)], axis=1))
-    with pytest.raises(InputError, match="one line"):
-        PsfSet(copy).weights(1.0, 2.0)
+    with pytest.raises(InputError, match=r"copy\.h5: nodes_xy: the nodes form no grid of rows and columns"):
+        PsfSet(copy)
+    assert PsfSet(copy, method="idw").weights([4.0, 4.0], [4.0, 5.0])[2].tolist() == [False, True]
 
 
 @pytest.mark.parametrize(

@@ -15,9 +15,7 @@ even), chip, filter, grid, camera_digest, version, provenance (JSON). The centre
 the corner shared by cells 127 and 128 of 256. HDF5's own checksums guard attributes, names and the small datasets; an
 image is guarded by its flux.
 
-Between nodes the PSF is the inverse-distance mean of the nearest ones (paper, equation 3): a convex mixture.
-At a node it is the node. Outside the nodes' convex hull the same mean is used (the nearest nodes, no
-extrapolation) and the position is flagged.
+Between nodes the PSF is a weighted sum of nodes: optics.interpolation.
 """
 
 import json
@@ -30,6 +28,7 @@ import numpy as np
 from csstsim import __version__
 from csstsim.atomic import atomic_path
 from csstsim.errors import InputError
+from csstsim.optics.interpolation import Interpolator
 
 FORMAT = 2
 WAVELENGTHS = 4
@@ -39,8 +38,6 @@ _ATTRIBUTES = (
 )
 _DATASETS = ("nodes_xy", "wavelength", "tilt", "flux")  # and image
 _VERSIONS = ("v110", "v110")  # HDF5 1.10 or newer reads it; older layouts have no checksums in their headers
-_ON_NODE_PX = 1e-6  # nearer than this is at the node; distances that differ by less are equal
-_SPARE = 4  # candidates beyond the wanted neighbours, to order ties on a square grid
 
 
 def pixel_response(image, oversampling):
@@ -112,14 +109,14 @@ class PsfSet:
     """
 
     def __init__(
-        self, path, *, chip=None, filter=None, grid=None, oversampling=None, camera_digest=None, beta=2.0, neighbours=4
+        self, path, *, chip=None, filter=None, grid=None, oversampling=None, camera_digest=None, **interpolation
     ):
         """Open and check a PSF file; what is given of chip (id), filter (name), grid, sampling and digest must match.
 
-        `beta` (> 0) and `neighbours` (>= 1) are the power and the number of nodes of the interpolation.
+        `interpolation`: method, beta, neighbours of optics.interpolation.Interpolator.
         Raises InputError for a missing, truncated or foreign file, wrong shapes, and what does not match.
         """
-        self.path, self.beta, self.neighbours = path, beta, neighbours
+        self.path = path
         with intact(path):
             data, offset, shape = self._read()
             self.nodes_xy, self.wavelength, self.tilt, self.flux = (
@@ -133,9 +130,8 @@ class PsfSet:
             self._check(shape)
             self.scale, self.oversampling = float(self.attributes["cell_arcsec"]), self.attributes["oversampling"]
         self.dead = ~np.isfinite(self.flux).all(axis=1)
-        self._alive = np.flatnonzero(~self.dead)
         self._seen = np.zeros(len(self.nodes_xy), bool)
-        self._search = None
+        self._mixture = Interpolator(self.nodes_xy, dead=self.dead, file=path, **interpolation)
         try:
             self.image = np.memmap(path, np.float32, "r", offset, shape)
         except ValueError as exc:
@@ -177,6 +173,11 @@ class PsfSet:
         if np.isfinite(self.flux).all(axis=1).sum() < 3:
             raise InputError("fewer than three nodes are alive", file=self.path, key="flux")
 
+    @property
+    def convex(self):
+        """Whether no weight is ever negative, so that photons can be drawn from the nodes."""
+        return self._mixture.convex
+
     def node(self, index):
         """Return the images of one node, (4, cells, cells) float32. Raises InputError if they are damaged."""
         image = self.image[index]
@@ -192,43 +193,13 @@ class PsfSet:
     def weights(self, x, y):
         """Return (index, weight, outside_hull) of the nodes that make the PSF at pixel positions x, y.
 
-        For scalars the shapes are (k,), (k,), (); for arrays of N positions (N, k), (N, k), (N,), where k is
-        `neighbours` or the number of live nodes if that is less. Weights (equation 3 of the paper, power `beta`)
-        are >= 0 and sum to 1. Nodes at equal distance are taken in the order of their index.
+        For scalars the shapes are (k,), (k,), (); for arrays of N positions (N, k), (N, k), (N,). Weights sum to 1,
+        and none is negative if `convex` (optics.interpolation).
         """
-        points = np.stack(np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float)), axis=-1)
-        if not np.isfinite(points).all():
-            raise ValueError("a PSF was asked for at a position that is not finite")
-        tree, hull = self._geometry()
-        flat = points.reshape(-1, 2)
-        k = min(self.neighbours, self._alive.size)
-        candidates = np.arange(1, min(k + _SPARE, self._alive.size) + 1)
-        distance, found = tree.query(flat, candidates)
-        order = np.lexsort((found, np.round(distance / _ON_NODE_PX)), axis=1)[:, :k]
-        distance, found = np.take_along_axis(distance, order, 1), np.take_along_axis(found, order, 1)
-        # Relative to the nearest, so that no power overflows
-        on_node = distance[:, :1] < _ON_NODE_PX
-        ratio = np.where(on_node, 1.0, distance[:, :1]) / np.where(on_node, 1.0, distance)
-        weight = np.where(on_node, np.arange(k) == 0, ratio**self.beta)
-        weight = weight / weight.sum(axis=1, keepdims=True)
-        outside = (flat @ hull[:, :2].T + hull[:, 2] > _ON_NODE_PX).any(axis=1)
-        shape = points.shape[:-1]
-        return self._alive[found].reshape(*shape, k), weight.reshape(*shape, k), outside.reshape(shape)
+        return self._mixture(x, y)
 
     def at(self, x, y):
         """Return the PSF at one pixel position, (4, cells, cells) float64 cell integrals."""
         index, weight, _ = self.weights(float(x), float(y))
-        used = weight > 0
+        used = weight != 0
         return sum(w * self.node(i).astype(np.float64) for i, w in zip(index[used], weight[used], strict=True))
-
-    def _geometry(self):
-        """Search tree and convex hull (outward half-planes) of the live nodes, made once."""
-        if self._search is None:
-            from scipy.spatial import ConvexHull, QhullError, cKDTree
-
-            live = self.nodes_xy[self._alive]
-            try:
-                self._search = cKDTree(live), ConvexHull(live).equations
-            except QhullError as exc:
-                raise InputError("the live nodes lie on one line", file=self.path, key="nodes_xy") from exc
-        return self._search
