@@ -50,8 +50,16 @@ def psf(run, chip_id):
     else:
         make_psf(
             path, chip, filter_, camera.telescope, camera.psf, config.grid, oversampling=config.oversampling,
-            beyond=beyond_box(camera, filter_), **digests,
+            beyond=beyond_box(camera, filter_), nodes_uv=_nodes_uv(camera, chip, config.grid), **digests,
         )  # fmt: skip
+
+
+def _nodes_uv(camera, chip, grid):
+    """Where on the sky the nodes of a chip's PSF set lie; None for a camera without a description of its distortion."""
+    from csstsim.optics.focal_plane import load_focal_plane, samples
+
+    file = camera.folder / "distortion.yaml"
+    return samples(load_focal_plane(file), chip, grid)[:, :2] if file.exists() else None
 
 
 def select(run, job):

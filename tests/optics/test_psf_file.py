@@ -13,9 +13,12 @@ from csstsim.config import SHIPPED, PsfConfig
 from csstsim.errors import InputError
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.chip_errors import chip_coefficients
+from csstsim.optics.distortion import load_distortion
+from csstsim.optics.focal_plane import load_focal_plane, samples
 from csstsim.optics.interpolation import METHODS, Interpolator
 from csstsim.optics.psf import Diffraction, PsfSet, blur, make_psf, node_psf, pixel_response
 from csstsim.optics.wavefront import load_wavefront
+from csstsim.optics.wcs import ChipWCS
 from csstsim.stages import open_psf
 
 GRID, CELLS = 3, 32
@@ -32,6 +35,7 @@ def made(camera, tmp_path_factory):
     path = tmp_path_factory.mktemp("psf") / "chip_08.h5"
     chip = camera.chips[8]
     options = {"camera_digest": camera.digest, "provenance": {"seed": 7}, "cells": CELLS}
+    options["nodes_uv"] = samples(load_focal_plane(SHIPPED / "instrument" / "distortion.yaml"), chip, GRID)[:, :2]
     make_psf(path, chip, camera.filters[chip.filter], camera.telescope, camera.psf, GRID, **options)
     return path
 
@@ -39,6 +43,16 @@ def made(camera, tmp_path_factory):
 @pytest.fixture
 def copy(made, tmp_path):
     return shutil.copy(made, tmp_path / "copy.h5")
+
+
+def test_nodes_say_where_on_the_sky_their_light_comes_from(made, camera, make_pointing):
+    """u, v at position angle 0, read by the distorted WCS, is the node's pixel."""
+    psf, pointing = PsfSet(made), replace(make_pointing(), ra=10.0, dec=0.0, pa=0.0)
+    field = load_distortion(SHIPPED / "instrument" / "distortion.fits")
+    wcs = ChipWCS(camera.chips[8], pointing, field)
+    xi, eta = np.radians(psf.nodes_uv.T)  # on the tangent plane of a boresight on the equator
+    ra, dec = 10.0 + np.degrees(np.arctan(xi)), np.degrees(np.arctan(eta * np.cos(np.arctan(xi))))
+    np.testing.assert_allclose(np.transpose(wcs.world_to_pixel(ra, dec)), psf.nodes_xy, atol=1e-3)
 
 
 def test_file_says_what_it_holds(made, camera):

@@ -110,13 +110,14 @@ def chip_optics(chip, filter, psf_params, wavefront, oversampling, cells=CELLS):
 
 def make_psf(
     path, chip, filter, telescope, psf_params, grid, *, camera_digest, oversampling="auto", provenance=None,
-    cells=CELLS, beyond=None,
+    cells=CELLS, beyond=None, nodes_uv=None,
 ):  # fmt: skip
     """Compute the PSFs of a chip and write them to `path` (layout: optics.psf_file).
 
     `psf_params` is Camera.psf, `grid` the number of nodes along a side (>= 2), `camera_digest` Camera.digest,
     `oversampling` the cells along a pixel ("auto": psf.yaml's for the filter), `provenance` a JSON-like mapping kept in
-    the file, `cells` the (even) cells along the box, `beyond` an optics.beyond.Beyond, whose halo is added.
+    the file, `cells` the (even) cells along the box, `beyond` an optics.beyond.Beyond, whose halo is added,
+    `nodes_uv` (grid^2, 2) what optics.focal_plane.samples has for the nodes.
     """
     if grid < 2:
         raise InputError("too few nodes to span a chip", key="psf.grid", value=grid, allowed=">= 2")
@@ -138,4 +139,7 @@ def make_psf(
     if beyond is not None:
         about |= beyond.attributes()
         images = ((beyond.wing.add_to(image, oversampling), tilt) for image, tilt in images)
-    write_psf(path, nodes, filter.psf_wavelength, images, cells=cells, about=about, provenance=provenance or {})
+    write_psf(
+        path, nodes, filter.psf_wavelength, images, cells=cells, about=about, provenance=provenance or {},
+        nodes_uv=nodes_uv,
+    )  # fmt: skip

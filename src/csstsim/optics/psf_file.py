@@ -2,13 +2,15 @@
 
 HDF5, one file a chip, n = grid^2 nodes, four wavelengths:
 
-| dataset      | shape, type                  | content                                                         |
-|--------------|------------------------------|-----------------------------------------------------------------|
-| /nodes_xy    | (n, 2) float64               | chip pixel (x, y), 0-based, x fastest |
-| /image       | (n, 4, cells, cells) float32 | cell integrals [y, x], contiguous: mappable |
-| /wavelength  | (4,) float64                 | angstrom                                                        |
-| /tilt        | (n, 2) float64               | px: shift (x, y) taken out when the node was centred            |
-| /flux        | (n, 4) float64               | sum of each image; NaN marks a dead node, which is never used   |
+| dataset     | shape, type                  | content                                                           |
+|-------------|------------------------------|-------------------------------------------------------------------|
+| /nodes_xy   | (n, 2) float64               | chip pixel (x, y) where the light falls, 0-based, x fastest        |
+| /nodes_uv   | (n, 2) float64               | deg: where it comes from, intermediate world coordinates at       |
+|             |                              | position angle 0, for distortion models; NaN: not known           |
+| /image      | (n, 4, cells, cells) float32 | cell integrals [y, x], contiguous: mappable                       |
+| /wavelength | (4,) float64                 | angstrom                                                          |
+| /tilt       | (n, 2) float64               | px: shift (x, y) taken out when the node was centred              |
+| /flux       | (n, 4) float64               | sum of each image; NaN marks a dead node, which is never used     |
 
 Attributes: format, sample ("cell_integral"), cell_um, cell_arcsec, oversampling (cells along the side of a pixel,
 even), chip, filter, grid, camera_digest, version, provenance (JSON). The centre of the PSF is the middle of the array:
@@ -36,7 +38,7 @@ _ATTRIBUTES = (
     *("format", "sample", "cell_um", "cell_arcsec", "oversampling", "chip", "filter", "grid"),
     *("camera_digest", "version", "provenance"),
 )
-_DATASETS = ("nodes_xy", "wavelength", "tilt", "flux")  # and image
+_DATASETS = ("nodes_xy", "nodes_uv", "wavelength", "tilt", "flux")  # and image
 _VERSIONS = ("v110", "v110")  # HDF5 1.10 or newer reads it; older layouts have no checksums in their headers
 
 
@@ -62,10 +64,10 @@ def half_pixels(image, oversampling):
     return inner.reshape(*image.shape[:-2], size, step, size, step).sum(axis=(-3, -1))
 
 
-def write_psf(path, nodes, wavelength, images, *, cells, about, provenance):
+def write_psf(path, nodes, wavelength, images, *, cells, about, provenance, nodes_uv=None):
     """Write a PSF file. `images` yields, node by node, (image (4, cells, cells), tilt (2,)).
 
-    `about` holds the attributes that say which chip this is; `provenance` is a JSON-like mapping.
+    `about` holds the attributes that say which chip this is; `provenance` is a JSON-like mapping; `nodes_uv` (n, 2).
     """
     tilt, flux = np.empty((len(nodes), 2)), np.empty((len(nodes), WAVELENGTHS))
     with atomic_path(path) as temporary, h5py.File(temporary, "w", libver=_VERSIONS) as file:
@@ -73,7 +75,8 @@ def write_psf(path, nodes, wavelength, images, *, cells, about, provenance):
         for i, (image, shift) in enumerate(images):
             stored = np.asarray(image, np.float32)
             store[i], tilt[i], flux[i] = stored, shift, stored.sum(axis=(1, 2), dtype=np.float64)
-        named = {"nodes_xy": nodes, "wavelength": wavelength, "tilt": tilt, "flux": flux}
+        nodes_uv = np.full_like(nodes, np.nan, dtype=float) if nodes_uv is None else nodes_uv
+        named = {"nodes_xy": nodes, "nodes_uv": nodes_uv, "wavelength": wavelength, "tilt": tilt, "flux": flux}
         for name, data in named.items():
             file.create_dataset(name, data=np.asarray(data, np.float64), fletcher32=True)
         about = about | {"format": FORMAT, "sample": "cell_integral", "version": __version__}
@@ -103,9 +106,9 @@ def intact(path):
 class PsfSet:
     """The PSFs of one chip, read as needed from a memory-mapped file.
 
-    Attributes: `nodes_xy` (n, 2) px, `image` (n, 4, cells, cells) float32 memory map, `wavelength` (4,) angstrom,
-    `tilt` (n, 2) px, `flux` (n, 4), `dead` (n,) bool, `scale` arcsec per cell, `oversampling` cells along the side of a
-    pixel, `attributes` (dict).
+    Attributes: `nodes_xy` (n, 2) px, `nodes_uv` (n, 2) deg, `image` (n, 4, cells, cells) float32 memory map,
+    `wavelength` (4,) angstrom, `tilt` (n, 2) px, `flux` (n, 4), `dead` (n,) bool, `scale` arcsec per cell,
+    `oversampling` cells along the side of a pixel, `attributes` (dict).
     """
 
     def __init__(
@@ -119,9 +122,7 @@ class PsfSet:
         self.path = path
         with intact(path):
             data, offset, shape = self._read()
-            self.nodes_xy, self.wavelength, self.tilt, self.flux = (
-                data[k] for k in ("nodes_xy", "wavelength", "tilt", "flux")
-            )
+            self.nodes_xy, self.nodes_uv, self.wavelength, self.tilt, self.flux = (data[k] for k in _DATASETS)
             expected = {"format": FORMAT, "sample": "cell_integral", "chip": chip, "filter": filter, "grid": grid}
             expected |= {"oversampling": oversampling, "camera_digest": camera_digest}
             for name, value in expected.items():
@@ -154,6 +155,7 @@ class PsfSet:
         cells = shape[-1]
         wanted = {
             "nodes_xy": (self.nodes_xy.shape, (n, 2)),
+            "nodes_uv": (self.nodes_uv.shape, (n, 2)),
             "image": (shape, (n, WAVELENGTHS, cells, cells)),
             "wavelength": (self.wavelength.shape, (WAVELENGTHS,)),
             "tilt": (self.tilt.shape, (n, 2)),
