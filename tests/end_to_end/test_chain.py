@@ -82,8 +82,13 @@ def test_bright_stars_stand_where_the_truth_and_the_header_say(tmp_path, band, l
 
 
 def test_electrons_are_the_synthetic_photometry_times_the_enclosed_light(tmp_path):
-    """Three spectra: drawn electrons against synphot's count rate and the PSF's own sum."""
-    path = write_scene(tmp_path, "Spectra", [64.2, 64.0, 63.7], [64.0, 64.4, 63.5], mag=0.0)
+    """Three spectra: drawn electrons against synphot's count rate and the PSF's own sum; no light beyond its box."""
+    shipped = (SHIPPED / "observations" / "science.yaml").read_text()
+    boxed = shipped.replace("field_dist: true", "wings: false, ghosts: false")
+    (tmp_path / "science.yaml").write_text(boxed)
+    assert boxed != shipped
+    observations = {"SCIE": str(tmp_path / "science.yaml")}
+    path = write_scene(tmp_path, "Spectra", [64.2, 64.0, 63.7], [64.0, 64.4, 63.5], 0.0, observations=observations)
     for stage in ("psf", "select", "render"):
         run(stage, path, *(["--obsid", "10100000001"] if stage != "psf" else []), "--chip", 9)
     campaign = OpenCampaign(path)
