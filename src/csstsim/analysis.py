@@ -15,6 +15,8 @@ def measure(run, job):
     from csstsim.io.level0 import read_level0
     from csstsim.measure.calibrate import calibrate
     from csstsim.measure.catalogue import measure_frame
+    from csstsim.optics.response import response_map
+    from csstsim.rng import Streams
 
     path, detector = run.paths.level0(job.pointing, job.chip.id), run.camera.detector
     file = read_level0(path, verify=True)
@@ -25,12 +27,19 @@ def measure(run, job):
                 "made by another campaign; remove it", file=path, key=keyword, value=file.header0.get(keyword),
                 allowed=recipe[name],
             )  # fmt: skip
+    filter_ = run.camera.filters[job.chip.filter]
+    streams = Streams(run.config.seed, job.pointing.obsid, job.chip.id, "measure")
+    response = response_map(
+        job.chip, job.window, filter_, job.pointing.exptime, run.camera.leds, streams.camera,
+        **run.steps[job.pointing.type].losses,
+    )  # fmt: skip
     calibrated = calibrate(
-        file.frame(), file.readout, file.gain, adc_max=detector.adc_max, full_well=detector.full_well
-    )
+        file.frame(), file.readout, file.gain, adc_max=detector.adc_max, full_well=detector.full_well,
+        response=response,
+    )  # fmt: skip
     table = measure_frame(
         calibrated, open_psf(run, job), job.wcs, file.observer, chip=job.chip,
-        filter=run.camera.filters[job.chip.filter], telescope=run.camera.telescope, pointing=job.pointing,
+        filter=filter_, telescope=run.camera.telescope, pointing=job.pointing,
         window=job.window,
     )  # fmt: skip
     table.write(run.paths.measure(*job.key), table.meta | {"recipe": recipe})

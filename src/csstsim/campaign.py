@@ -64,6 +64,14 @@ class OpenCampaign:
             obsid: replace(p, exptime=asked.get(p.type, p.exptime)) for obsid, p in self.pointings.items()
         }
 
+        shortest = 2 * self.camera.telescope.shutter_time
+        for p in self._selected_pointings():
+            if self.steps[p.type].losses["shutter"] and p.exptime < shortest:
+                raise InputError(
+                    f"exposure {p.obsid} is too short for the shutter: turn shutter_effect off",
+                    file=self.steps[p.type].file, key="exptime", value=p.exptime, allowed=f">= {shortest} s",
+                )  # fmt: skip
+
     def _observation_file(self, kind):
         path = self.config.observation_file(kind)
         if kind not in self.config.observations and not path.exists():

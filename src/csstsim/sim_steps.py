@@ -70,7 +70,16 @@ class SimSteps:
             self.steps.append(Step(keyword, name if uses[name] == 1 else f"{name}#{uses[name]}", module, checked))
         self._check_order()
         self.exptime = self._exptime()
-        self.field_dist = any(getattr(step.param, "field_dist", False) for step in self.steps)
+        self.field_dist = self._asked("field_dist")
+
+    def _asked(self, option):
+        """Whether a layer has this option on."""
+        return any(getattr(step.param, option, False) for step in self.steps)
+
+    @property
+    def losses(self):
+        """{flat, shutter}: which losses light of this list meets (optics.response)."""
+        return {"flat": self._asked("flat_fielding"), "shutter": self._asked("shutter_effect")}
 
     def _error(self, message, keyword, value=None, allowed=None):
         return InputError(message, file=self.file, key=f"layers.{keyword}", value=value, allowed=allowed)

@@ -30,4 +30,5 @@ class State:
     unit: str = "electron"
     header: dict = field(default_factory=dict)
     truth: Any = None
+    leds: Any = None  # leds.yaml as instrument.load.read_data gives it, for flat fields and lamps
     sky: Any = None  # sky.yaml as instrument.load.read_data gives it, for the stray-light model

@@ -9,6 +9,8 @@ from readout_state import dark_layers, flat_state, run, small_camera
 from csstsim.errors import InputError
 from csstsim.io.level0 import write_level0
 from csstsim.layers import sky_background
+from csstsim.optics.response import response_map
+from csstsim.rng import Streams
 from csstsim.sky.background import COMPONENTS
 
 HIGH = (2596.0, 4496.0, -4357.0)  # km; POINTING's field (60, -40) is in its zenith
@@ -19,11 +21,29 @@ def small(tmp_path_factory):
     return small_camera(tmp_path_factory.mktemp("mini"))
 
 
-def lit(camera, model=True, exptime=None, **fields):
+STREAMS = Streams(5, "1", 9, "sky_background")
+PLAIN = {"flat_fielding": False, "shutter_effect": False}
+
+
+def lit(camera, model=True, exptime=None, losses=PLAIN, **fields):
     state = flat_state(camera, **({"sat_position": HIGH, "sat_velocity": (6.0, 3.0, -2.1)} | fields))
-    state.sky = camera.sky
-    param = sky_background.Param(enable_straylight_model=model, exptime=exptime)
-    return sky_background.apply(state, param, None)
+    state.sky, state.leds = camera.sky, camera.leds
+    param = sky_background.Param(enable_straylight_model=model, exptime=exptime, **losses)
+    return sky_background.apply(state, param, STREAMS)
+
+
+@pytest.mark.parametrize("model", [False, True])
+@pytest.mark.parametrize("flat", [False, True])
+@pytest.mark.parametrize("shutter", [False, True])
+def test_losses_multiply_the_sky_and_nothing_else(small, model, flat, shutter):
+    whole = lit(small, model)
+    state = lit(small, model, losses={"flat_fielding": flat, "shutter_effect": shutter})
+    share = response_map(
+        state.chip, state.window, state.filter, 150.0, small.leds, STREAMS.camera, flat=flat, shutter=shutter
+    )
+    share = 1.0 if share is None else share
+    np.testing.assert_allclose(state.image, whole.image * share, rtol=1e-6)
+    assert state.header == whole.header
 
 
 def test_off_is_the_constant(small):
@@ -50,7 +70,7 @@ def test_adds_to_what_is_there_in_proportion_to_time(small):
     assert twice.image.mean(dtype=float) == pytest.approx(2 * once.image.mean(dtype=float), rel=1e-3)
     full = flat_state(small, 100.0, sat_position=HIGH, sat_velocity=(6.0, 3.0, -2.1))
     full.sky = small.sky
-    sky_background.apply(full, sky_background.Param(enable_straylight_model=True, exptime=1.0), None)
+    sky_background.apply(full, sky_background.Param(enable_straylight_model=True, exptime=1.0, **PLAIN), STREAMS)
     assert np.allclose(full.image, 100.0 + once.image, atol=1e-5)
 
 
@@ -65,7 +85,7 @@ def test_faults(small):
         lit(small, sat_position=tuple(-x for x in HIGH))
     state = flat_state(small, sat_position=HIGH)
     with pytest.raises(InputError, match="no numbers"):
-        sky_background.apply(state, sky_background.Param(enable_straylight_model=True), None)
+        sky_background.apply(state, sky_background.Param(enable_straylight_model=True, **PLAIN), STREAMS)
 
 
 @pytest.mark.parametrize("model", [True, False])

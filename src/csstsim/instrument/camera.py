@@ -31,6 +31,7 @@ class Camera:
     scatter: dict[str, Any]  # scatter.yaml; empty without the file
     ghosts: dict[str, Any]  # ghosts.yaml; empty without the file
     sky: dict[str, Any]  # sky.yaml; empty without the file
+    leds: dict[str, Any]  # leds.yaml; empty without the file
     folder: Path
     digest: str
 
@@ -54,7 +55,7 @@ def load_camera(folder):
     filters = _filters(folder / "filters.yaml")
     telescope, orbit = load_telescope(folder / "telescope.yaml")
     keywords = folder / "level0_keywords.yaml"
-    optional = {name: folder / f"{name}.yaml" for name in ("psf", "scatter", "ghosts", "sky")}
+    optional = {name: folder / f"{name}.yaml" for name in ("psf", "scatter", "ghosts", "sky", "leds")}
     return Camera(
         chips=_chips(folder / "chips.yaml", filters, detector, telescope),
         filters=filters,

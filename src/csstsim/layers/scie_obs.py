@@ -1,7 +1,7 @@
 """Scientific objects exposure (paper, Appendix B item 1; sections 4.1, 5.3).
 
 Renders the chip's objects into the image of expected electrons and keeps what was drawn as truth.
-Left out so far: flat fielding and shutter switches; slitless dispersion.
+Left out so far: slitless dispersion.
 """
 
 from pydantic import Field
@@ -9,6 +9,7 @@ from pydantic import Field
 from csstsim.errors import InputError
 from csstsim.layers.param import LayerParam
 from csstsim.optics.beyond import Beyond, read_beyond
+from csstsim.optics.response import response_map
 from csstsim.render.reference import draw_objects
 
 STAGE = "render"
@@ -21,6 +22,8 @@ class Param(LayerParam):
     """obs_param of `scie_obs`."""
 
     exptime: float | None = Field(None, gt=0, le=1e5, description="exposure time [s]; null = the pointing's")
+    flat_fielding: bool = Field(True, description="vignetting and internal flat: the reversal of the flat correction")
+    shutter_effect: bool = Field(True, description="columns far from the middle miss the shutter's opening and closing")
     # The WCS of the job (campaign.py) has it: selection, rendering and measuring share one map.
     field_dist: bool = Field(True, description="field distortion: moves objects and changes their shapes")
     wings: bool = Field(True, description="light of bright objects beyond the stored PSF's box")
@@ -36,5 +39,11 @@ def apply(state, param, rng):
     exptime = state.pointing.exptime if param.exptime is None else param.exptime
     there = read_beyond(state.psf)
     beyond = Beyond(there.wing if param.wings else None, there.ghosts if param.ghosts else None)
-    state.truth = draw_objects(state.image, state.window, state.catalog, state.wcs, state.psf, exptime, beyond)
+    response = response_map(
+        state.chip, state.window, state.filter, exptime, state.leds, rng.camera,
+        flat=param.flat_fielding, shutter=param.shutter_effect,
+    )  # fmt: skip
+    state.truth = draw_objects(
+        state.image, state.window, state.catalog, state.wcs, state.psf, exptime, beyond, response
+    )
     return state

@@ -1,7 +1,8 @@
 """Sky background and stray light (paper, Appendix B item 2).
 
 Adds the expected sky of the band to every pixel: the filter's constant, or the model of csstsim.sky.background, mean of
-the middles of the exposure's thirds. Left out so far: flat field and shutter.
+the middles of the exposure's thirds. The light meets the same flat field and
+shutter as that of the objects. Left out: change of the sky's share between columns while the shutter moves.
 """
 
 import numpy as np
@@ -9,6 +10,7 @@ from pydantic import Field
 
 from csstsim.io.keywords import orbit_after
 from csstsim.layers.param import LayerParam
+from csstsim.optics.response import response_map
 from csstsim.sky import background
 from csstsim.sky.bodies import exposure_angles
 from csstsim.sky.frame import telescope_axes
@@ -25,6 +27,8 @@ class Param(LayerParam):
     """obs_param of `sky_background`."""
 
     exptime: float | None = Field(None, gt=0, le=1e5, description="exposure time [s]; null = the pointing's")
+    flat_fielding: bool = Field(True, description="vignetting and internal flat: the reversal of the flat correction")
+    shutter_effect: bool = Field(True, description="columns far from the middle miss the shutter's opening and closing")
     enable_straylight_model: bool = Field(
         False, description="true = zodiacal light, earthshine, Sun, Moon, planets and stars outside the field, at the "
         "exposure's time and place; false = the filter's constant `sky`",
@@ -41,12 +45,18 @@ def apply(state, param, rng):
     if param.enable_straylight_model:
         parts = _components(state, exptime)
         rate = sum(parts.values())
-        background.add_grid(state.image, exptime * rate)
+        sky = np.zeros_like(state.image)
+        background.add_grid(sky, exptime * rate)
         state.header |= {f"sky_{name}": background.grid_mean(part) for name, part in parts.items()}
         state.header["sky_rate"] = background.grid_mean(rate)
     else:
-        state.image += background.sky_electrons(state.filter, exptime)
+        sky = background.sky_electrons(state.filter, exptime)
         state.header["sky_rate"] = state.filter.sky
+    response = response_map(
+        state.chip, state.window, state.filter, exptime, state.leds, rng.camera,
+        flat=param.flat_fielding, shutter=param.shutter_effect,
+    )  # fmt: skip
+    state.image += sky if response is None else np.multiply(sky, response, dtype=np.float32)
     place = pointing.mjd, pointing.sat_position, pointing.sat_velocity
     angles = exposure_angles(pointing.ra, pointing.dec, *place)
     state.header |= {f"{name}_angle": value for name, value in angles.items()}

@@ -1,9 +1,9 @@
 """Level-0 frame to electrons: overscan, gain, saturation; the first step of the measurement.
 
 The bias of each readout channel is the robust mean of its own serial overscan (bias + read noise only),
-and its read noise the robust scatter there. What is left out, so that the measurement sees what the
-simulator put in: flat field, dark, nonlinearity and charge-transfer corrections (the dark current and the
-sky go into the background of `measure.detect`).
+and its read noise the robust scatter there. Electrons are divided by the flat field and shutter that their light has
+met. What is left out, so that the measurement sees what the simulator put in: dark, nonlinearity and charge-transfer
+corrections (the dark current and the sky go into the background of `measure.detect`).
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,8 @@ OVERSCAN_SKIP = 4
 class Calibrated:
     """Active image in electrons, sky and dark included.
 
-    `electrons` float32 (ny, nx); `saturated` bool (ny, nx); `bias` (DN) and `read_noise` (electron) per
+    `electrons` float32 (ny, nx), before any loss to flat field and shutter, of which `response` (ny, nx) was counted
+    (None: all); `saturated` bool (ny, nx); `bias` (DN) and `read_noise` (electron) per
     readout channel in the frame, {channel: value}.
     """
 
@@ -29,21 +30,25 @@ class Calibrated:
     bias: dict
     read_noise: dict
     readout: object
+    response: object = None
 
     def sigma(self):
         """Return the noise of each pixel, electron (ny, nx): own Poisson noise (>= 0) and read noise in quadrature."""
-        variance = np.maximum(self.electrons, np.float32(0.0))
+        counted = self.electrons if self.response is None else self.electrons * self.response
+        variance = np.maximum(counted, np.float32(0.0))
         for block in self.readout.blocks:
             variance[block.image] += np.float32(self.read_noise[block.channel] ** 2)
-        return np.sqrt(variance, out=variance)
+        sigma = np.sqrt(variance, out=variance)
+        return sigma if self.response is None else np.divide(sigma, self.response, out=sigma)
 
 
-def calibrate(frame, readout, gain, *, adc_max=65535, full_well=None):
+def calibrate(frame, readout, gain, *, adc_max=65535, full_well=None, response=None):
     """Turn a raw frame into electrons.
 
     `frame`: uint16 DN of shape `readout.shape`; `readout`: detector.channels.ReadoutFrame of its window;
     `gain`: {channel: electron/DN}, channels as in the Level-0 keywords GAINnn. A pixel is saturated at
-    `adc_max` DN or from `full_well` electrons. Returns `Calibrated`. Raises InputError when the frame does
+    `adc_max` DN or from `full_well` electrons; `response`: share of the light that was counted. Returns `Calibrated`.
+    Raises InputError when the frame does
     not have the readout's shape or a channel's gain is missing or not positive.
     """
     if frame.shape != readout.shape:
@@ -63,7 +68,9 @@ def calibrate(frame, readout, gain, *, adc_max=65535, full_well=None):
         saturated[block.image] = raw >= adc_max
     if full_well is not None:
         saturated |= electrons >= full_well
-    return Calibrated(electrons, saturated, bias, read_noise, readout)
+    if response is not None:
+        electrons /= response
+    return Calibrated(electrons, saturated, bias, read_noise, readout, response)
 
 
 def overscan_level(overscan, *, from_right=False, clip=4.0):

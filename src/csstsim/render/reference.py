@@ -54,12 +54,12 @@ NOTHING = Beyond()
 _UNDRAWN = BAD_VALUE | STRONG_LENSING
 
 
-def draw_objects(image, window, objects, wcs, psf, exptime, beyond=NOTHING):
+def draw_objects(image, window, objects, wcs, psf, exptime, beyond=NOTHING, response=None):
     """Draw a chip's objects into `image` [expected e-] and return the table with what was drawn.
 
     image: float32 (window.ny, window.nx), changed in place. objects: ObjectTable from catalog.select.
     wcs: optics.wcs.ChipWCS. psf: optics.psf.PsfSet. exptime in s. beyond: optics.beyond.Beyond, what is drawn
-    outside the PSF's box (by default nothing).
+    outside the PSF's box (by default nothing). response: (ny, nx) share of the light that is counted, or None: all.
     Added columns: electrons (nominal), drawn (put on the window, float64 sum of the float32 pixels'
     increments), fraction (with ghosts, which come on top, it may exceed 1), method, stamp, x0 x1 y0 y1 (bounding box on
     the chip, half-open), ms (CPU).
@@ -80,6 +80,8 @@ def draw_objects(image, window, objects, wcs, psf, exptime, beyond=NOTHING):
     core = box_share(cells, psf.oversampling)
     drawn, ms, box = np.zeros(count), np.zeros(count, np.float32), np.zeros((4, count), np.int32)
     method = np.full(count, "none", dtype="U9")
+    if response is None:
+        response = np.broadcast_to(np.ones((), np.float32), window.shape)
     scene = galsim.ImageD(np.zeros(window.shape), xmin=window.x0, ymin=window.y0)
     for i in progress(range(count), "drawing objects"):
         start = time.process_time()
@@ -95,11 +97,22 @@ def draw_objects(image, window, objects, wcs, psf, exptime, beyond=NOTHING):
             seen = galsim.BoundsI() if flag & TOO_LARGE else stamp.bounds & scene.bounds
             parts = []
             if seen.isDefined():
-                scene[seen] += stamp[seen]
-                parts.append((stamp[seen].array.sum(), (seen.xmin, seen.xmax + 1, seen.ymin, seen.ymax + 1)))
+                x0, x1, y0, y1 = seen.xmin, seen.xmax + 1, seen.ymin, seen.ymax + 1
+                counted = stamp[seen].array * response[y0 - window.y0 : y1 - window.y0, x0 - window.x0 : x1 - window.x0]
+                scene[seen].array[:] += counted
+                parts.append((counted.sum(), (x0, x1, y0, y1)))
             if not flag & TOO_LARGE:
                 parts += add_beyond(
-                    scene.array, window, wcs.chip, objects["x"][i], objects["y"][i], flux[i], beyond, wing_px[i], half
+                    scene.array,
+                    response,
+                    window,
+                    wcs.chip,
+                    objects["x"][i],
+                    objects["y"][i],
+                    flux[i],
+                    beyond,
+                    wing_px[i],
+                    half,
                 )
             flags[i] |= flag | (0 if parts or flag & TOO_LARGE else OFF_CHIP)
             if parts:

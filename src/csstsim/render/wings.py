@@ -38,38 +38,39 @@ def wing_table(wing, flux, half, reach):
     return np.einsum("b,br->r", flux, wing.profile(np.maximum(r, inner))) * shown
 
 
-def add_beyond(image, window, chip, x, y, flux, beyond, wing_px, half):
+def add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px, half):
     """Add an object's wing, if `wing_px` > 0, and its ghosts, if bright enough; return [(electrons, box), ...].
 
-    image: float64, of `window`, changed in place; x, y: chip pixels, flux: (4,) electrons; beyond:
+    image: float64, of `window`, changed in place; response: share of the light that is counted, of the same shape;
+    x, y: chip pixels, flux: (4,) electrons; beyond:
     optics.beyond.Beyond; half: side of the PSF's box [px]. Boxes are (x0, x1, y0, y1) on the chip, half-open; what
     misses the window is not listed.
     """
     parts = []
     if wing_px > 0:
         table = wing_table(beyond.wing, flux, half, wing_px)
-        parts.append(_on_window(_add_radial, image, window, x, y, wing_px, table))
+        parts.append(_on_window(_add_radial, image, response, window, x, y, wing_px, table))
     if beyond.ghosts is not None and beyond.ghosts.visible(flux.sum()):
         ghosts = beyond.ghosts
         for (gx, gy), radius, light in zip(ghosts.centres(chip, x, y), ghosts.radius, ghosts.light, strict=True):
             # The integral of the soft disc; its sum over pixels is within 5e-5 of it for radii above 40 px
             level = light * flux.sum() / (math.pi * (radius**2 + 1 / 12))
-            parts.append(_on_window(_add_soft_disc, image, window, gx, gy, radius + 0.5, level))
+            parts.append(_on_window(_add_soft_disc, image, response, window, gx, gy, radius + 0.5, level))
     return [part for part in parts if part is not None]
 
 
-def _on_window(add, image, window, x, y, reach, what):
+def _on_window(add, image, response, window, x, y, reach, what):
     """Call `add` on the pixels of the window within `reach` of x, y; return (electrons, box), or None if none is."""
     x0, x1 = max(math.ceil(x - reach), window.x0), min(math.floor(x + reach) + 1, window.x1)
     y0, y1 = max(math.ceil(y - reach), window.y0), min(math.floor(y + reach) + 1, window.y1)
     if x0 >= x1 or y0 >= y1:
         return None
-    view = image[y0 - window.y0 : y1 - window.y0, x0 - window.x0 : x1 - window.x0]
-    return add(view, float(x - x0), float(y - y0), float(reach), what), (x0, x1, y0, y1)
+    cut = slice(y0 - window.y0, y1 - window.y0), slice(x0 - window.x0, x1 - window.x0)
+    return add(image[cut], response[cut], float(x - x0), float(y - y0), float(reach), what), (x0, x1, y0, y1)
 
 
 @numba.njit(cache=True)
-def _add_radial(image, x, y, reach, table):
+def _add_radial(image, response, x, y, reach, table):
     """Add the table's value at sqrt(r) around pixel position x, y of `image`; return the sum."""
     total = 0.0
     for row in range(image.shape[0]):
@@ -79,7 +80,7 @@ def _add_radial(image, x, y, reach, table):
         for column in range(max(0, math.ceil(x - half)), min(image.shape[1], math.floor(x + half) + 1)):
             u = math.sqrt(math.sqrt(dy2 + (column - x) ** 2)) * _STEPS
             k = int(u)
-            value = table[k] + (u - k) * (table[k + 1] - table[k])
+            value = (table[k] + (u - k) * (table[k + 1] - table[k])) * response[row, column]
             image[row, column] += value
             line += value
         total += line
@@ -87,14 +88,14 @@ def _add_radial(image, x, y, reach, table):
 
 
 @numba.njit(cache=True)
-def _add_soft_disc(image, x, y, reach, level):
+def _add_soft_disc(image, response, x, y, reach, level):
     """Add a uniform disc whose edge falls from `level` to 0 over the pixel that ends at `reach`; return the sum."""
     total = 0.0
     for row in range(image.shape[0]):
         for column in range(image.shape[1]):
             inside = reach - math.sqrt((column - x) ** 2 + (row - y) ** 2)
             if inside > 0.0:
-                value = level * min(inside, 1.0)
+                value = level * min(inside, 1.0) * response[row, column]
                 image[row, column] += value
                 total += value
     return total

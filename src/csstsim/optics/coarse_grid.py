@@ -1,0 +1,37 @@
+"""Smooth maps over a chip: values on a coarse grid, bilinear between.
+
+The grid spans the chip's active pixels whatever the window, so a window sees the pixels of the whole chip.
+"""
+
+import numba
+import numpy as np
+
+
+def grid_pixels(chip, nodes):
+    """Return x, y (nodes, nodes): pixel positions of a chip's grid, rows along x, first and last on pixel centres."""
+    detector = chip.detector
+    return np.meshgrid(np.linspace(0, detector.nx - 1, nodes), np.linspace(0, detector.ny - 1, nodes))
+
+
+def expand(grid, chip, window):
+    """Return the bilinear map (window.ny, window.nx), float32, of a chip's grid (nodes, nodes)."""
+    detector, nodes = chip.detector, len(grid)
+    u = np.arange(window.x0, window.x1) * ((nodes - 1) / max(detector.nx - 1, 1))
+    v = np.arange(window.y0, window.y1) * ((nodes - 1) / max(detector.ny - 1, 1))
+    out = np.empty(window.shape, np.float32)
+    _bilinear(np.asarray(grid, dtype=float), u, v, out)
+    return out
+
+
+@numba.njit(cache=True)
+def _bilinear(grid, u, v, out):
+    last = len(grid) - 2
+    columns = np.minimum(u.astype(np.int64), last)
+    part = (u - columns).astype(np.float32)
+    for y in range(len(v)):
+        row = min(int(v[y]), last)
+        t = v[y] - row
+        line = ((1 - t) * grid[row] + t * grid[row + 1]).astype(np.float32)
+        for x in range(len(u)):
+            j = columns[x]
+            out[y, x] = line[j] + (line[j + 1] - line[j]) * part[x]

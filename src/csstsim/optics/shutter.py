@@ -1,0 +1,47 @@
+"""The shutter: two leaves that turn like a double door, and the exposure each column of the focal plane gets.
+
+A leaf turns from 0 to 90 deg in t_s with a sinusoidal acceleration (paper, equation 14); integrated twice,
+
+    A(t) = pi / (2 t_s) (t - t_s / (2 pi) sin(2 pi t / t_s)).
+
+The leaves hang on bearings a distance 2 L apart in x, meet at the middle when closed, and cover what lies nearer to the
+bearing than L cos A. So the middle is open from the first moment to the last, the bearing only while both leaves are at
+rest: what lies at distance d from its bearing misses 2 t(d), L cos A(t) = d, of the exposure, which counts from the
+start of the opening to the end of the closing. With tau = 2 pi t / t_s that is tau - sin tau = 4 arccos(d / L).
+
+Left out: the height of the leaves above the detectors, whose shadow's edge is wide but moves the same for all columns.
+"""
+
+import numpy as np
+
+from csstsim.errors import InputError
+from csstsim.optics.wcs import chip_plane
+
+_HALVINGS = 60
+
+
+def deficit(x_mm, telescope):
+    """Return what positions x [mm from the middle] miss of an exposure [s]: 0 in the middle, 2 t_s at a bearing."""
+    half = telescope.shutter_span_mm / 2
+    angle = np.arccos(np.clip(1 - np.abs(np.asarray(x_mm, float)) / half, 0.0, 1.0))
+    low, high = np.zeros_like(angle), np.full_like(angle, 2 * np.pi)
+    for _ in range(_HALVINGS):  # tau - sin tau rises, but is flat at both ends
+        middle = 0.5 * (low + high)
+        below = middle - np.sin(middle) < 4 * angle
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return telescope.shutter_time * (low + high) / (2 * np.pi)
+
+
+def exposed(chip, window, exptime):
+    """Return (window.nx,) float64: the share of `exptime` [s] that each column of a chip's window is exposed.
+
+    Grating chips are turned by 1 deg; their columns are taken where they cross the chip's middle. Raises InputError for
+    an exposure shorter than opening and closing take.
+    """
+    shortest = 2 * chip.telescope.shutter_time
+    if exptime < shortest:
+        raise InputError("too short for the shutter", key="exptime", value=exptime, allowed=f">= {shortest} s")
+    rotation, origin = chip_plane(chip)
+    x = np.arange(window.x0, window.x1) - origin[0]
+    across = rotation[0, 0] * x + rotation[0, 1] * ((chip.detector.ny - 1) / 2 - origin[1])
+    return 1 - deficit(across * chip.detector.pixel_um * 1e-3, chip.telescope) / exptime

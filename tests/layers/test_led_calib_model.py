@@ -1,0 +1,93 @@
+"""LED exposures: the light of the lamps, what a wrong list says, and that the flat comes back out."""
+
+import numpy as np
+import pytest
+from readout_state import flat_state, run, small_camera
+
+from csstsim.config import SHIPPED
+from csstsim.errors import InputError
+from csstsim.instrument.filter import GRID
+from csstsim.layers import led_calib_model
+from csstsim.optics.flat import FlatField
+from csstsim.optics.led import load_leds
+from csstsim.rng import Streams
+from csstsim.sim_steps import SimSteps
+
+STREAMS = Streams(5, "1", 9, "led_calib_model")
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    return small_camera(tmp_path_factory.mktemp("mini"))
+
+
+def lit(camera, types, times, chip=9):
+    state = flat_state(camera, chip=chip)
+    state.leds = camera.leds
+    param = led_calib_model.Param(LED_TYPE=types, LED_TIME=times)
+    return led_calib_model.apply(state, param, STREAMS)
+
+
+def test_light_of_lamps_adds_in_proportion_to_time(small):
+    one, two, both = (
+        lit(small, *x).image for x in ((["590"], [7.0]), (["670"], [20.0]), (["590", "670"], [7.0, 20.0]))
+    )
+    np.testing.assert_allclose(both, one + two, rtol=1e-6)
+    np.testing.assert_allclose(lit(small, ["590"], [14.0]).image, 2 * one, rtol=1e-6)
+    expected = 7.0 * load_leds(small.leds)["590"].electrons(small.filters["r"])
+    assert one.mean(dtype=float) == pytest.approx(expected, rel=0.1)  # the flat is 1 within some per cent
+
+
+def test_a_filter_shuts_lamps_out(small):
+    assert not lit(small, ["275"], [30.0]).image.any()  # r
+    assert lit(small, ["275"], [30.0], chip=12).image.min() > 1000  # NUV
+
+
+def test_header_says_what_was_lit_and_what_was_guessed(small):
+    header = lit(small, ["760", "880"], [1.0, 2.5]).header
+    assert header["led_type"] == "760,880" and header["led_time"] == "1,2.5" and header["led_guessed"] == "880"
+    assert lit(small, ["1050"], [1.0]).header["led_guessed"] == "none"
+
+
+@pytest.mark.parametrize(
+    ("types", "times", "match"),
+    [(["555"], [1.0], "LED_TYPE.*555.*275, 310"), (["590"], [151.0], "longer than the exposure")],
+)
+def test_unknown_lamps_and_long_times_are_refused(small, types, times, match):
+    with pytest.raises(InputError, match=match):
+        lit(small, types, times)
+
+
+@pytest.mark.parametrize(
+    ("types", "times", "match"),
+    [
+        (["590"], [1.0, 2.0], "1 lamps, LED_TIME 2 times"), (["590", "590"], [1.0, 2.0], "twice"),
+        (["590"], [-1.0], "within 0"), ([], [], "at least 1"), (["590"], [float("nan")], "finite"),
+    ],
+)  # fmt: skip
+def test_impossible_lists_are_refused(types, times, match):
+    with pytest.raises(ValueError, match=match):
+        led_calib_model.Param(LED_TYPE=types, LED_TIME=times)
+
+
+@pytest.mark.parametrize("chip", [9, 12, 15])  # r, NUV, y
+def test_a_flat_exposure_divided_by_the_model_flat_is_flat_within_noise(small, chip):
+    """Through the shipped list up to Poisson noise; chi2 of all pixels within 5 sigma of their number."""
+    steps = SimSteps(SHIPPED / "observations" / "led_flat.yaml", "FLAT")
+    state = flat_state(small, chip=chip)
+    state.leds = small.leds
+    state = run(state, [step for step in steps if step.name in ("led_calib_model", "poisson_and_dark")], seed=5)
+    field, leds = FlatField(small.leds, STREAMS.camera), load_leds(small.leds)
+    param = next(step.param for step in steps if step.name == "led_calib_model")
+    model = np.zeros(state.image.shape)
+    for name, seconds in zip(param.LED_TYPE, param.LED_TIME, strict=True):
+        seen = leds[name].line * state.filter.at(GRID)
+        if seen.any():
+            flat = field.led_map(state.chip, state.window, GRID, seen)
+            model += seconds * leds[name].electrons(state.filter) * flat
+    level = state.image.mean(dtype=float)
+    assert level > 5000
+    ratio = (state.image - state.header["dark_electrons"]) / model
+    chi2 = ((ratio - 1) ** 2 * model).sum()
+    assert abs(chi2 - model.size) < 5 * np.sqrt(2 * model.size)
+    assert abs(ratio.mean() - 1) < 5 / np.sqrt(model.sum())

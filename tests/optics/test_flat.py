@@ -1,0 +1,136 @@
+"""Vignetting and internal flats: bounds, smoothness, reproducibility, wavelengths."""
+
+from copy import deepcopy
+from functools import partial
+
+import numpy as np
+import pytest
+
+from csstsim.errors import InputError
+from csstsim.instrument.chip import Window
+from csstsim.instrument.filter import GRID
+from csstsim.optics.coarse_grid import expand, grid_pixels
+from csstsim.optics.flat import FlatField, _mosaic, check_flat
+from csstsim.optics.led import load_leds
+from csstsim.optics.response import response_map
+from csstsim.optics.wcs import chip_plane
+from csstsim.rng import stream
+
+EXPANSION = 1e-5  # relative: bilinear grid against the polynomials
+
+
+def flats(camera, seed=3):
+    return FlatField(camera.leds, partial(stream, seed, "camera"))
+
+
+def test_vignetting_is_a_quadratic_polynomial_with_its_maximum_near_the_boresight(camera):
+    rng = np.random.default_rng(1)
+    x, y = rng.uniform(-29758, 29758, 500), rng.uniform(-24876, 24876, 500)
+    for seed in range(20):
+        value = flats(camera, seed).vignetting(x, y)
+        basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1) / np.array([1, 1e4, 1e4, 1e8, 1e8, 1e8])
+        fit, *_ = np.linalg.lstsq(basis, value, rcond=None)
+        np.testing.assert_allclose(basis @ fit, value, atol=1e-12)
+        assert value.max() <= 1 and value.min() > 1 - 0.05 * 1.5
+        assert flats(camera, seed).vignetting(0.0, 0.0) > 0.9995
+
+
+def test_internal_flat_is_one_on_average_with_the_asked_spread(camera):
+    values = []
+    for seed in range(40):
+        field = flats(camera, seed)
+        for j in (0, 5, 11):
+            chips = [field.internal(chip, *_mosaic(chip), np.eye(12)[j]).mean() for chip in camera.chips.values()]
+            values.append([np.mean(chips) - 1, np.std(chips)])
+    mean, spread = np.array(values).T
+    assert abs(mean.mean()) < 5 * mean.std() / np.sqrt(len(mean)) and mean.std() < 0.02
+    # chips average the pattern (0.02 rms, less inside a chip) and have levels of 0.01: 5 sigma of 120 draws
+    assert 0.012 < spread.mean() < 0.026
+
+
+def test_wavelengths_near_each_other_look_alike(camera):
+    chip = camera.chips[9]
+    near, far = [], []
+    for seed in range(30):
+        a, b, c = (flats(camera, seed).internal(chip, *_mosaic(chip), np.eye(12)[j]).ravel() for j in (5, 6, 11))
+        near.append(np.std(a - b))
+        far.append(np.std(a - c))
+    assert np.mean(near) < 0.4 * np.mean(far)  # 505 and 525 nm; 505 and 1050 nm
+
+
+def test_maps_are_the_polynomials_and_windows_cuts_of_the_chip(camera):
+    chip, filter_, field = camera.chips[30], camera.filters["GI"], flats(camera)
+    whole = Window(0, 9216, 5000, 5040)
+    made = field.external_map(chip, whole, filter_)
+    rotation, origin = chip_plane(chip)  # turned by 1 deg
+    x, y = np.meshgrid(np.arange(0, 9216, 97), [5000, 5039])
+    place = [r[0] * (x - origin[0]) + r[1] * (y - origin[1]) for r in rotation]
+    weights = field.weights(filter_.wavelength, filter_.throughput)
+    direct = field.vignetting(*place) * field.internal(chip, *place, weights)
+    np.testing.assert_allclose(made[[0, 39]][:, ::97], direct, rtol=EXPANSION)
+    cut = field.external_map(chip, Window(4000, 4100, 5010, 5020), filter_)
+    np.testing.assert_array_equal(cut, made[10:20, 4000:4100])
+
+
+def test_seeds_and_chips(camera):
+    chip, filter_, window = camera.chips[9], camera.filters["r"], Window(0, 50, 0, 50)
+    a, b, c = (flats(camera, seed).external_map(chip, window, filter_) for seed in (3, 3, 4))
+    np.testing.assert_array_equal(a, b)
+    assert np.abs(a - c).max() > 1e-3
+
+
+def test_weights_are_of_the_throughput(camera):
+    field = flats(camera)
+    for name in ("NUV", "r", "y"):
+        weights = field.weights(camera.filters[name].wavelength, camera.filters[name].throughput)
+        mean = np.average(camera.filters[name].wavelength / 10, weights=camera.filters[name].throughput)
+        assert weights.sum() == pytest.approx(1) and (weights >= 0).all()
+        inside = np.clip(mean, 275, 1050)
+        assert weights @ field.wavelengths == pytest.approx(inside, abs=4.0)  # nm; NUV reaches below 275
+    at_880 = field.weights(GRID, load_leds(camera.leds)["880"].line)
+    assert set(np.flatnonzero(at_880 > 1e-6)) <= {9, 10, 11}  # 760, 940 and, by its width, 1050
+
+
+def test_a_lamp_gives_its_photons_through_the_filter(camera):
+    led, filter_ = load_leds(camera.leds)["670"], camera.filters["r"]
+    assert led.electrons(filter_) == pytest.approx(2000 * filter_.at(6700.0), rel=0.02)  # the band is flat there
+    assert led.electrons(camera.filters["NUV"]) == 0
+
+
+def test_bilinear_expansion_is_exact_for_planes(camera):
+    chip = camera.chips[9]
+    x, y = grid_pixels(chip, 5)
+    out = expand(1 + 1e-5 * x - 2e-5 * y, chip, Window(9000, 9216, 9000, 9232))
+    row, column = np.mgrid[9000:9232, 9000:9216]
+    np.testing.assert_allclose(out, 1 + 1e-5 * column - 2e-5 * row, rtol=3e-7)
+
+
+def test_nothing_asked_is_no_map(camera):
+    chip, window = camera.chips[9], Window(0, 10, 0, 10)
+    ask = partial(response_map, chip, window, camera.filters["r"], 150.0, camera.leds, partial(stream, 1, "camera"))
+    assert ask(flat=False, shutter=False) is None
+    both, flat, shutter = ask(flat=True, shutter=True), ask(flat=True, shutter=False), ask(flat=False, shutter=True)
+    np.testing.assert_allclose(both, flat * shutter, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("flat", "wavelengths"), [500, 400]), (("flat", "order"), 0), (("flat", "correlation"), 0.0),
+        (("vignetting", "corner"), [0.05, 0.03]), (("half_mosaic",), [0, 1]), (("flat", "pattern_rms"), "x"),
+    ],
+)  # fmt: skip
+def test_bad_numbers_are_refused(camera, path, value):
+    numbers = deepcopy(camera.leds)
+    inner = numbers
+    for key in path[:-1]:
+        inner = inner[key]
+    inner[path[-1]] = value
+    with pytest.raises(InputError, match=r"leds.yaml"):
+        check_flat(numbers)
+
+
+@pytest.mark.parametrize("row", [["x", 10, 1], ["500", 0, 1], ["500", 10, -1], ["500", 10], ["99", 10, 1]])
+def test_bad_lamps_are_refused(row):
+    with pytest.raises(InputError, match="bad row"):
+        load_leds({"leds": [row]})

@@ -1,0 +1,64 @@
+"""The shutter's exposure profile: its law of motion, its limits, its symmetry."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from csstsim.errors import InputError
+from csstsim.optics.shutter import deficit, exposed
+from csstsim.optics.wcs import chip_plane
+
+TIME_S = 1e-5  # what the exposure of a column may be off
+
+
+def test_middle_and_bearing(camera):
+    """The paper's figure: nothing is missed in the middle, twice the shutter's time at the bearings."""
+    t, half = camera.telescope.shutter_time, camera.telescope.shutter_span_mm / 2
+    np.testing.assert_allclose(deficit([0.0, half, -half], camera.telescope), [0.0, 2 * t, 2 * t], atol=TIME_S)
+
+
+def test_profile_follows_equation_14_integrated_by_steps(camera):
+    """Leapfrog of the paper's acceleration, edge at L cos A: it passes a place at half of what that misses."""
+    t_s, half = camera.telescope.shutter_time, camera.telescope.shutter_span_mm / 2
+    time = np.linspace(0, t_s, 400_001)
+    step = time[1]
+    speed = np.cumsum(np.pi**2 / t_s**2 * np.sin(2 * np.pi * (time + step / 2) / t_s)) * step
+    angle = np.concatenate([[0.0], np.cumsum(speed[:-1]) * step])
+    assert angle[-1] == pytest.approx(np.pi / 2, abs=1e-5)
+    place = half - half * np.cos(angle)  # from the middle
+    x = np.linspace(5.0, half - 5.0, 50)
+    np.testing.assert_allclose(deficit(x, camera.telescope), 2 * np.interp(x, place, time), atol=2e-5)
+
+
+def test_it_is_symmetric_and_falls_to_the_sides(camera):
+    x = np.linspace(0, 367, 500)
+    missed = deficit(x, camera.telescope)
+    assert (np.diff(missed) > 0).all()
+    np.testing.assert_array_equal(missed, deficit(-x, camera.telescope))
+
+
+def test_chips_see_their_part_of_it(camera):
+    shares = {n: exposed(camera.chips[n], camera.chips[n].full_window, 150.0) for n in camera.chips}
+    for number, share in shares.items():
+        assert share.shape == (9216,) and (share > 1 - 2.6 / 150).all() and (share < 1).all(), number
+        outward = np.sign(camera.chips[number].xc) * np.diff(share)
+        assert (outward < 0).all()
+    chip = camera.chips[9]
+    _, origin = chip_plane(chip)
+    where = (4000 - origin[0]) * 0.01
+    assert shares[9][4000] == pytest.approx(1 - deficit(where, camera.telescope) / 150, abs=1e-12)
+
+
+def test_long_exposures_lose_nothing_and_short_ones_are_refused(camera):
+    chip = camera.chips[6]
+    assert exposed(chip, chip.full_window, 1e9).min() > 1 - 1e-8
+    assert exposed(chip, chip.full_window, 2.6).min() >= 0
+    with pytest.raises(InputError, match="too short for the shutter"):
+        exposed(chip, chip.full_window, 2.5)
+
+
+def test_a_window_has_the_columns_of_the_whole_chip(camera):
+    chip = camera.chips[6]
+    window = replace(chip.full_window, x0=100, x1=300)
+    np.testing.assert_array_equal(exposed(chip, window, 150.0), exposed(chip, chip.full_window, 150.0)[100:300])
