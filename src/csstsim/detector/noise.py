@@ -86,7 +86,7 @@ def thin(counted, weight, maximum, rng):
 
 @numba.njit(cache=True)
 def _thin(counted, weight, scale, most, rng):
-    """Of all electrons in order a share `most` are candidates, geometric gaps apart; (1 - weight scale) / most are lost."""
+    """A share `most` of the electrons are candidates, geometric gaps apart; (1 - weight scale) / most of them go."""
     per_gap = 1.0 / np.log1p(-most)  # -0 if every electron is a candidate
     gap = int(np.log(1.0 - rng.random()) * per_gap)
     for row in range(counted.shape[0]):
