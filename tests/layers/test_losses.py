@@ -1,0 +1,75 @@
+"""Flat field and shutter of scie_obs: each switch multiplies the light by its map and touches nothing else."""
+
+import numpy as np
+import pytest
+from mini_campaign import write_scene
+
+from csstsim import stages
+from csstsim.campaign import OpenCampaign
+from csstsim.instrument.chip import Window
+from csstsim.layers import scie_obs
+from csstsim.optics.response import response_map, response_maximum
+from csstsim.rng import Streams, stream
+
+STREAMS = Streams(5, "10100000001", 9, "scie_obs")
+SWITCHES = [(False, True), (True, False), (True, True)]
+
+
+@pytest.fixture(scope="module")
+def draw(tmp_path_factory):
+    """Return draw(flat, shutter) -> State after scie_obs, of a star and two galaxies; camera noise of one seed."""
+    folder = tmp_path_factory.mktemp("losses")
+    run = OpenCampaign(write_scene(folder, "Pair", [40.3, 90.1, 20.0], [50.2, 70.6, 110.0], mag=20.0))
+    job = run.job("10100000001", 9)
+    stages.psf(run, 9)
+    objects, psf = stages._objects(run, job), stages.open_psf(run, job)
+
+    def made(flat, shutter):
+        state = stages._blank(run, job, objects)
+        state.psf = psf
+        return scie_obs.apply(state, scie_obs.Param(flat_fielding=flat, shutter_effect=shutter), STREAMS)
+
+    return made
+
+
+@pytest.mark.parametrize(("flat", "shutter"), SWITCHES)
+def test_objects_lose_what_the_map_says_and_nothing_else_changes(draw, flat, shutter):
+    plain, state = draw(False, False), draw(flat, shutter)
+    share = response_map(
+        state.chip, state.window, state.filter, 150.0, state.leds, STREAMS.camera, flat=flat, shutter=shutter
+    )
+    assert np.abs(share - 1).max() > 1e-3
+    np.testing.assert_allclose(state.image, plain.image * share, rtol=1e-5)
+    assert state.truth["drawn"].sum() == pytest.approx(state.image.sum(dtype=float), rel=1e-6)
+    assert state.header == plain.header
+    for name in plain.truth.names:
+        if name not in ("drawn", "fraction", "ms"):
+            np.testing.assert_array_equal(state.truth[name], plain.truth[name], err_msg=name)
+
+
+@pytest.mark.parametrize(("flat", "shutter"), SWITCHES)
+def test_no_pixel_is_above_the_declared_maximum(camera, flat, shutter):
+    for seed in range(5):
+        for number in (6, 9, 26):
+            chip = camera.chips[number]
+            ask = camera.filters[chip.filter], 150.0, camera.leds, Streams(seed, "", number, "").camera
+            highest = response_maximum(chip, ask[0], *ask[2:], flat=flat, shutter=shutter)
+            for window in (Window(0, 9216, 0, 40), Window(9100, 9216, 0, 9232), Window(4000, 4300, 4000, 4300)):
+                assert response_map(chip, window, *ask, flat=flat, shutter=shutter).max() <= highest
+            assert highest < 1.15
+
+
+def test_light_counted_and_thinned_is_poisson_of_the_light_expected(camera):
+    """Drawn with the declared maximum, thinned by the map: per pixel mean = variance = light x map, 5 sigma."""
+    from csstsim.detector.noise import thin
+
+    chip, filter_, window = camera.chips[26], camera.filters["GV"], Window(0, 600, 0, 600)
+    ask = camera.leds, STREAMS.camera
+    share = response_map(chip, window, filter_, 150.0, *ask, flat=True, shutter=True)
+    highest = response_maximum(chip, filter_, *ask, flat=True, shutter=True)
+    counted = stream(5, "photons").poisson(20.0 * highest, window.shape).astype(np.int32)
+    thin(counted, share, highest, stream(5, "thin"))
+    left = 20.0 * share.astype(float)
+    z = (counted - left) / np.sqrt(left)
+    assert abs(z.mean()) < 5 / np.sqrt(z.size)
+    assert abs((z**2).mean() - 1) < 5 * np.sqrt((2 + 1 / left.mean()) / z.size)
