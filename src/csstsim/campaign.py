@@ -57,7 +57,7 @@ class OpenCampaign:
         self.pointings = {p.obsid: p for p in load_survey_table(self.config.survey_table, self.camera.orbit)}
         self._check_selection()
         types = sorted({p.type for p in self._selected_pointings()})
-        self.steps = {kind: SimSteps(self._observation_file(kind), kind) for kind in types}
+        self.steps = {kind: SimSteps(self.config.observation_file(kind), kind) for kind in types}
         # One exposure time: where the layers ask for another than the table's, it is the exposure's everywhere.
         asked = {kind: steps.exptime for kind, steps in self.steps.items() if steps.exptime is not None}
         self.pointings = {
@@ -71,15 +71,6 @@ class OpenCampaign:
                     f"exposure {p.obsid} is too short for the shutter: turn shutter_effect off",
                     file=self.steps[p.type].file, key="exptime", value=p.exptime, allowed=f">= {shortest} s",
                 )  # fmt: skip
-
-    def _observation_file(self, kind):
-        path = self.config.observation_file(kind)
-        if kind not in self.config.observations and not path.exists():
-            raise InputError(
-                "no layer list is shipped for this type yet: name one under observations, or leave the type out",
-                file=self.file, key="select.types", value=kind,
-            )  # fmt: skip
-        return path
 
     def _check_selection(self):
         select = self.config.select

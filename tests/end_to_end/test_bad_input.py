@@ -57,7 +57,6 @@ def test_survey_table_without_a_column(tmp_path):
         ({"window": {"x0": 9, "x1": 3, "y0": 0, "y1": 10}}, ["campaign.yaml", "window", "x0 = 9"]),
         ({"window": "region"}, ["campaign.yaml", "window", "select.region"]),
         ({"seed": -1}, ["campaign.yaml", "seed", "-1"]),
-        ({"select": {"types": ["FLAT"]}}, ["campaign.yaml", "select.types", "FLAT", "observations"]),
         ({"survey_table": "/nowhere.csv"}, ["/nowhere.csv"]),
         ({"catalog": {"kind": "nosuch.module:Class"}}, ["catalog.kind", "nosuch"]),
         ({"catalog": {"kind": "mini_campaign:write_campaign"}}, ["catalog.kind", "write_campaign", "Stars"]),
