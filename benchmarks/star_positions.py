@@ -28,7 +28,7 @@ from csstsim.units import ab_photon_density
 
 ROOT = Path(__file__).parents[1]
 OBSID = "10101000001"
-ELECTRONS = 2.9e5  # S/N 520 with sky and read noise; a quarter of it falls in one pixel at most
+ELECTRONS = 2.7e5  # S/N 519 against all noise; in one pixel at most 68,000, below the digitiser's limit
 APART = 100.0  # px, between stars
 
 
@@ -86,10 +86,11 @@ def measured(scratch, count, number):
     nearest = np.array([np.argmin(np.hypot(found["x"] - a, found["y"] - b)) for a, b in zip(x, y, strict=True)])
     found = found.take(nearest)
     off = np.stack([found["x"] - x, found["y"] - y]) * run.camera.telescope.pixel_scale * 1000
-    matched = np.hypot(*off) < 74  # mas, a pixel
-    good = matched & (found["snr"] > 500)
-    print(f"{matched.sum()} of {count} stars found, median S/N {np.median(found['snr'][matched]):.0f}")
-    print(f"{good.sum()} of {count} stars with S/N > 500 (others saturated or beside one)")
+    good = np.hypot(*off) < 74  # mas, a pixel
+    flux = truth["electrons"][good]
+    print(
+        f"{good.sum()} of {count} stars found, S/N {np.median(flux / np.sqrt(flux + 16 * found.meta['rms'] ** 2)):.0f}"
+    )
     return x[good], y[good], off[:, good]
 
 
