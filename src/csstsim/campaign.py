@@ -66,6 +66,7 @@ class OpenCampaign:
 
         shortest = 2 * self.camera.telescope.shutter_time
         for p in self._selected_pointings():
+            self.steps[p.type].check(self.camera, p)
             if self.steps[p.type].losses["shutter"] and p.exptime < shortest:
                 raise InputError(
                     f"exposure {p.obsid} is too short for the shutter: turn shutter_effect off",

@@ -9,6 +9,7 @@ each layer is a module of csstsim.layers (or a user's own, by dotted path) with
     FRAME          what it takes and gives: "active" pixels or the "readout" with prescan and overscan (may be left out:
                    works on either)
     EXPOSURES      exposure types it belongs in (may be left out: any)
+    check          check(param, camera, pointing): InputError for what only they can tell (may be left out)
 """
 
 import importlib
@@ -80,6 +81,14 @@ class SimSteps:
     def losses(self):
         """{flat, shutter}: which losses light of this list meets (optics.response)."""
         return {"flat": self._asked("flat_fielding"), "shutter": self._asked("shutter_effect")}
+
+    def check(self, camera, pointing):
+        """Let each layer check its parameters against the camera and an exposure. Raises InputError."""
+        for step in self.steps:
+            try:
+                getattr(step.module, "check", lambda *_: None)(step.param, camera, pointing)
+            except InputError as exc:
+                raise InputError(str(exc), file=self.file, key=f"layers.{step.keyword}") from None
 
     def _error(self, message, keyword, value=None, allowed=None):
         return InputError(message, file=self.file, key=f"layers.{keyword}", value=value, allowed=allowed)

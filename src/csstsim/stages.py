@@ -173,9 +173,12 @@ def _level0(run, job, state, timer):
     from csstsim.catalog.table import ObjectTable
     from csstsim.io.level0 import write_level0
     from csstsim.io.truth import write_truth
+    from csstsim.optics import shutter
 
     steps = run.steps[job.pointing.type]
     state = steps.run(state, "level0", run.config.seed)
+    if steps.losses["shutter"]:
+        state.header |= shutter.moments(job.pointing, state.telescope)
     state.header.setdefault("stages", []).append(timer.entry())
     provenance = {
         "recipe": run.recipe(job),

@@ -1,4 +1,4 @@
-"""Shot noise and readout noise of pixels (paper, Appendix B, items 5 and 14).
+"""Shot noise, readout noise and losses of counted electrons in pixels (paper, Appendix B, items 1 to 3, 5 and 13).
 
 Poisson numbers below TABLE_MAX are drawn exactly by splitting the mean: Poisson(m) = Poisson(a) + Poisson(m - a)
 with a = floor(16 m) / 16, the first from a table of its distribution function (40 random bits), the second, of
@@ -68,6 +68,36 @@ def add_gaussian(image, sigma, rng):
         rng.standard_normal(dtype=np.float32, out=noise)
         noise *= np.float32(sigma)
         image[rows] += noise
+
+
+def thin(counted, weight, maximum, rng):
+    """Keep each counted electron with probability weight / maximum, in place: what a loss does to Poisson numbers.
+
+    `counted` int32 (ny, nx), drawn from `maximum` times the light there would be without the loss; `weight` float32
+    (ny, nx), 0 to `maximum`. Poisson numbers stay Poisson: mean = variance. Cost goes with the electrons lost.
+    Raises ValueError, before any draw, for weights outside their range.
+    """
+    low, high = float(np.min(weight)), float(np.max(weight))
+    if not 0 <= low <= high <= maximum < np.inf:
+        raise ValueError(f"weights from {low} to {high} are not within 0 to their maximum, {maximum}")
+    if low < maximum:
+        _thin(counted, weight, 1.0 / maximum, 1.0 - low / maximum, rng)
+
+
+@numba.njit(cache=True)
+def _thin(counted, weight, scale, most, rng):
+    """A share `most` of the electrons are candidates, geometric gaps apart; (1 - weight scale) / most of them go."""
+    per_gap = 1.0 / np.log1p(-most)  # -0 if every electron is a candidate
+    gap = int(np.log(1.0 - rng.random()) * per_gap)
+    for row in range(counted.shape[0]):
+        for column in range(counted.shape[1]):
+            left = counted[row, column]
+            while gap < left:
+                left -= gap + 1
+                if rng.random() * most < 1.0 - weight[row, column] * scale:
+                    counted[row, column] -= 1
+                gap = int(np.log(1.0 - rng.random()) * per_gap)
+            gap -= left
 
 
 def _blocks(image):

@@ -19,8 +19,9 @@ STAGES = ("select", "render", "readout", "level0")
 _FROM_LAYERS = (
     "gain", "bias", "read_noise", "clipped_high", "clipped_low",
     "sky_rate", "sky_zodiacal", "sky_earth", "sky_sun", "sky_moon", "sky_planets", "sky_stars",
+    "shutter_open_0", "shutter_open_1", "shutter_close_0", "shutter_close_1",
+    "led_flag", "led_type", "led_time", "led_guessed",
     "sun_angle", "moon_angle", "limb_angle", "limb_sun_angle",
-    "led_type", "led_time", "led_guessed",
 )  # absent if the layer is  # fmt: skip
 # What of a recipe (campaign.OpenCampaign.recipe) stands under which keyword; a reader checks them.
 RECIPE = {"campaign": "CAMPHASH", "camera": "CAMHASH", "layers": "LAYHASH", "exposure": "EXPHASH"}

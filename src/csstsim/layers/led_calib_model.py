@@ -1,6 +1,8 @@
 """LED illuminations (paper, Appendix B item 16; section 5.5.5): flat exposures with the calibration lamps.
 
-The lamps are inside: their light meets the internal flat, neither vignetting nor shutter. Light of several lamps adds.
+The lamps are inside, behind the closed shutter: their light is timed by themselves and meets the internal flat, but
+neither the shutter nor the vignetting, which the paper applies to exposures with the shutter open. Light of several
+lamps adds; a chip sees what its filter passes.
 Left out: warming up and ageing of the lamps, fringes.
 """
 
@@ -36,29 +38,41 @@ class Param(LayerParam):
         return self
 
 
+def check(param, camera, pointing):
+    """Raise InputError for an unknown lamp, or lamps lit for longer than the exposure."""
+    _lamps(param, camera.leds, pointing)
+
+
+def _lamps(param, numbers, pointing):
+    """Return the Led of each entry of LED_TYPE, checked."""
+    known, seconds = load_leds(numbers), sum(param.LED_TIME)
+    if seconds > pointing.exptime:
+        message, allowed = f"longer than exposure {pointing.obsid}", f"<= {pointing.exptime} s in all"
+        raise InputError(message, key="LED_TIME", value=seconds, allowed=allowed)
+    for name in param.LED_TYPE:
+        if name not in known:
+            raise InputError("unknown lamp", key="LED_TYPE", value=name, allowed=", ".join(known))
+    return [known[name] for name in param.LED_TYPE]
+
+
 def apply(state, param, rng):
     """Add the lamps' light [e-] to state.image, in place; lamps and times go to the header.
 
-    Raises InputError for an unknown lamp, or lamps lit for longer than the exposure.
+    Raises InputError as `check` does.
     """
-    leds, exptime = load_leds(state.leds), state.pointing.exptime
-    if sum(param.LED_TIME) > exptime:
-        raise InputError(
-            "longer than the exposure", key="LED_TIME", value=sum(param.LED_TIME), allowed=f"<= {exptime} s"
-        )
     check_flat(state.leds)
-    flats = FlatField(state.leds, rng.camera)
-    for name, seconds in zip(param.LED_TYPE, param.LED_TIME, strict=True):
-        if name not in leds:
-            raise InputError("unknown lamp", key="LED_TYPE", value=name, allowed=", ".join(leds))
-        electrons = seconds * leds[name].electrons(state.filter)
-        if electrons > 0:
-            seen = leds[name].line * state.filter.at(GRID)
-            state.image += np.float32(electrons) * flats.led_map(state.chip, state.window, GRID, seen)
-    guessed = [name for name in param.LED_TYPE if not np.isin(float(name), flats.wavelengths)]
+    lit, flats = _lamps(param, state.leds, state.pointing), FlatField(state.leds, rng.camera)
+    light = sum(seconds * led.rate * led.line for led, seconds in zip(lit, param.LED_TIME, strict=True))
+    light = light * state.filter.at(GRID)  # electron / pixel / angstrom at flat 1
+    electrons = np.trapezoid(light, GRID)
+    if electrons > 0:
+        flat = flats.led_map(state.chip, state.window, GRID, light)
+        flat *= np.float32(electrons)
+        state.image += flat
     state.header |= {
-        "led_type": ",".join(param.LED_TYPE),
-        "led_time": ",".join(f"{seconds:g}" for seconds in param.LED_TIME),
-        "led_guessed": ",".join(guessed) or "none",
+        "led_flag": True,
+        "led_type": list(param.LED_TYPE),
+        "led_time": list(param.LED_TIME),
+        "led_guessed": ",".join(led.name for led in lit if float(led.name) not in flats.wavelengths) or "none",
     }
     return state

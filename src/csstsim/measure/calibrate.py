@@ -41,6 +41,14 @@ class Calibrated:
         sigma = np.sqrt(variance, out=variance)
         return sigma if self.response is None else np.divide(sigma, self.response, out=sigma)
 
+    def counted(self, x, y):
+        """Return the share of light that was counted at frame positions (n,) [px], the nearest pixel's."""
+        if self.response is None:
+            return np.ones(np.shape(x))
+        ny, nx = self.response.shape
+        row, column = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in ((y, ny), (x, nx)))
+        return self.response[row, column].astype(float)
+
 
 def calibrate(frame, readout, gain, *, adc_max=65535, full_well=None, response=None):
     """Turn a raw frame into electrons.

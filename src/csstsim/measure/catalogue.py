@@ -60,8 +60,8 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     level = float(np.median(calibrated.electrons[::8, ::8]))
     kernel = model.kernel()
     passes = detect(calibrated.electrons, kernel, saturated=calibrated.saturated)
-    found = combine(passes, _fit(passes, passes.hot, calibrated.saturated, model, window), kernel)
-    table = _sources(found, calibrated.saturated, model, window)
+    found = combine(passes, _fit(passes, passes.hot, calibrated, model, window), kernel)
+    table = _sources(found, calibrated, model, window)
     table["ra_apparent"], table["dec_apparent"] = wcs.pixel_to_world(table["x"], table["y"])
     table["ra"], table["dec"] = icrs(table["ra_apparent"], table["dec_apparent"], observer)
     table["pos_err"] = table["fwhm"] / FWHM_TO_SIGMA / np.maximum(table["snr"], 1.0) * telescope.pixel_scale
@@ -84,18 +84,19 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     return ObjectTable({name: columns[name] for name in COLUMNS}, info)
 
 
-def _fit(frame, sources, saturated, model, window):
+def _fit(frame, sources, calibrated, model, window):
     cell = model.cell(sources.x + window.x0, sources.y + window.y0)
+    counted = calibrated.counted(sources.x, sources.y)
     return fit_sources(
-        frame.image, frame.rms, saturated, sources.x, sources.y, cell,
+        frame.image, frame.rms, calibrated.saturated, sources.x, sources.y, counted, cell,
         model.coefficients, model.blurred, sources.half_light,
     )  # fmt: skip
 
 
-def _sources(found, saturated, model, window):
+def _sources(found, calibrated, model, window):
     x, y = found.x + window.x0, found.y + window.y0
-    flux, error, chi2, spread, spread_error, e1, e2, bad = _fit(found, found, saturated, model, window).T
-    kron, kron_error, kron_failed = kron_flux(found)
+    flux, error, chi2, spread, spread_error, e1, e2, bad = _fit(found, found, calibrated, model, window).T
+    kron, kron_error, kron_failed = kron_flux(found, calibrated.counted(found.x, found.y))
     snr = np.where(error > 0, np.nan_to_num(flux) / np.where(error > 0, error, 1.0), 0.0)
     column, row = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in ((found.x, window.nx), (found.y, window.ny)))
     flags = (

@@ -118,10 +118,11 @@ def _sample(table, half):
 
 
 @numba.njit(cache=True)
-def fit_sources(image, rms, saturated, x, y, cell, coefficients, blurred, half_light):
+def fit_sources(image, rms, saturated, x, y, counted, cell, coefficients, blurred, half_light):
     """Fit one PSF to each source; positions in the frame's own pixels.
 
-    `image`, `rms` float32 and `saturated` bool (ny, nx); the rest (n,) and the tables of `PsfModel`.
+    `image`, `rms` float32 and `saturated` bool (ny, nx); the rest (n,) and the tables of `PsfModel`. `counted`: share
+    of each source's light that made electrons; `image` is divided by it, so a source's own variance is flux / counted.
     Returns (n, 8): flux, flux error (electron), reduced chi2, spread, spread error, e1, e2 (windowed
     moments, pixel axes, (Mxx - Myy) / (Mxx + Myy) and 2 Mxy / (Mxx + Myy)), saturated pixels within CORE.
     NaN where no pixel is left or a ratio has no meaning.
@@ -167,7 +168,7 @@ def fit_sources(image, rms, saturated, x, y, cell, coefficients, blurred, half_l
                 row, col = iy + r - HALF, ix + c - HALF
                 if row < 0 or row >= ny or col < 0 or col >= nx or saturated[row, col]:
                     continue
-                variance = float(rms[row, col]) ** 2 + max(flux * p[r, c], 0.0)
+                variance = float(rms[row, col]) ** 2 + max(flux * p[r, c], 0.0) / counted[k]
                 noise += p[r, c] ** 2 * variance
                 spread_noise += (g[r, c] - ratio * p[r, c]) ** 2 * variance
                 chi2 += (image[row, col] - flux * p[r, c]) ** 2 / variance
@@ -183,8 +184,11 @@ def fit_sources(image, rms, saturated, x, y, cell, coefficients, blurred, half_l
     return result
 
 
-def kron_flux(found):
-    """Return (flux, error, failed) of `detect.Detections` in Kron apertures, electron; failed: minimum circle used."""
+def kron_flux(found, counted):
+    """Return (flux, error, failed) of `detect.Detections` in Kron apertures, electron; failed: minimum circle used.
+
+    `counted` (n,) as in `fit_sources`.
+    """
     import sep
 
     image, x, y, a, b = found.image, found.x, found.y, found.a, found.b
@@ -200,4 +204,4 @@ def kron_flux(found):
     flux, error, _ = sep.sum_ellipse(
         image, x, y, axis_a, axis_b, theta, 1.0, err=found.rms, gain=1.0, subpix=5, **others
     )
-    return flux, error, failed
+    return flux, np.sqrt(error**2 + np.maximum(flux, 0.0) * (1 / counted - 1)), failed

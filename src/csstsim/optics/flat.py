@@ -89,11 +89,15 @@ class FlatField:
         hats = [np.interp(np.asarray(wave) / 10, self.wavelengths, row) for row in np.eye(len(self.wavelengths))]
         return np.array([np.trapezoid(response * hat, wave) for hat in hats]) / total
 
-    def external_map(self, chip, window, filter):
-        """Return (ny, nx) float32: what light from the sky meets, external x internal flat of the filter."""
+    def external_grid(self, chip, filter):
+        """Return (NODES, NODES): what light from the sky meets, external x internal flat of the filter."""
         x, y = _mosaic(chip)
         internal = self.internal(chip, x, y, self.weights(filter.wavelength, filter.throughput))
-        return expand(self.vignetting(x, y) * internal, chip, window)
+        return self.vignetting(x, y) * internal
+
+    def external_map(self, chip, window, filter):
+        """Return (ny, nx) float32: the external grid, bilinear between its nodes."""
+        return expand(self.external_grid(chip, filter), chip, window)
 
     def led_map(self, chip, window, wave, response):
         """Return (ny, nx) float32: the internal flat for a response of its own, as of one LED through a filter."""

@@ -28,10 +28,6 @@ class Led:
         sigma = 10 * self.fwhm / _FWHM
         return np.exp(-0.5 * ((GRID - 10 * float(self.name)) / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
 
-    def electrons(self, filter):
-        """Return electrons / s / pixel at flat 1 behind a filter."""
-        return self.rate * np.trapezoid(self.line * filter.at(GRID), GRID)
-
 
 def load_leds(numbers, file="leds.yaml"):
     """Return {name: Led} of Camera.leds. Raises InputError."""
