@@ -1,12 +1,13 @@
 """The flat field of the focal plane (paper, section 5.5.5): external vignetting and the internal flats of the LEDs.
 
     external   1 - q(x, y), q a quadratic polynomial >= 0 that vanishes near the boresight
-    internal   for each LED: level of the detector x (1 + smooth pattern of low order), 1 on average; linear between the
+    internal   for each LED: level of the detector x (1 + smooth pattern), 1 on average over the mosaic; the pattern is a
+               sum of cosines of low order, which unlike polynomials do not run away in the corners; linear between the
                wavelengths of the LEDs, so a band's flat is a mean of theirs with weights from its throughput
 
 The paper's internal flats are laboratory images that are not public: the patterns here are drawn, once a campaign seed,
 with the rms, order and correlation between wavelengths of config/instrument/leds.yaml. They are exact on a grid of
-NODES^2 points a chip and bilinear between, to 3e-6. Left out: structure below some cm, the coatings of the filters.
+NODES^2 points a chip and bilinear between, to 5e-6. Left out: structure below some cm, the coatings of the filters.
 """
 
 from dataclasses import dataclass
@@ -44,15 +45,15 @@ class FlatField:
 
     @cached_property
     def _modes(self):
-        """Coefficients (n, J) of Legendre products and detector levels (n, 6 columns, 5 rows), by wavelength."""
+        """Coefficients (n, J) of the shapes and detector levels (n, 6 columns, 5 rows), by wavelength."""
         flat = self.numbers["flat"]
         gap = np.subtract.outer(np.log(self.wavelengths), np.log(self.wavelengths)) / flat["correlation"]
         alike = np.linalg.cholesky(np.exp(-0.5 * gap**2) + 1e-9 * np.eye(len(gap)))
         orders = _orders(flat["order"])
         draw = self.camera("internal flat")
         pattern = np.einsum("ij,jk->ik", alike, draw.standard_normal((len(gap), len(orders))))
-        # A Legendre product has mean square 1 / ((2i + 1) (2j + 1)); all orders get an equal part of the variance.
-        size = np.sqrt([(2 * i + 1) * (2 * j + 1) / len(orders) for i, j in orders])
+        # A cosine has mean square 1/2; all orders get an equal part of the variance.
+        size = np.sqrt([(4 if i and j else 2) / len(orders) for i, j in orders])
         levels = np.einsum("ij,jcr->icr", alike, draw.standard_normal((len(gap), 6, 5)))
         levels = 1 + flat["detector_rms"] * levels
         return flat["pattern_rms"] * pattern * size, levels / levels.mean(axis=(1, 2), keepdims=True)
@@ -76,10 +77,8 @@ class FlatField:
     def internal(self, chip, x, y, weights):
         """Return the internal flat of a chip at mosaic positions, for weights (n,) of the wavelengths that sum to 1."""
         pattern, levels = self._modes
-        u, v = self._unit(x, y)
-        orders = _orders(self.numbers["flat"]["order"])
-        shapes = np.array([np.polynomial.legendre.legval(u, _one(i)) * np.polynomial.legendre.legval(v, _one(j))
-                           for i, j in orders])  # fmt: skip
+        u, v = (0.5 * np.pi * (1 + w) for w in self._unit(x, y))  # 0 to pi over the mosaic
+        shapes = np.array([np.cos(i * u) * np.cos(j * v) for i, j in _orders(self.numbers["flat"]["order"])])
         flats = 1 + np.einsum("nj,j...->n...", pattern, shapes)
         return np.einsum("n,n...->...", weights * levels[:, chip.column - 1, chip.row - 1], flats)
 
@@ -131,7 +130,3 @@ def _mosaic(chip):
 
 def _orders(order):
     return [(i, j) for i in range(order + 1) for j in range(order + 1 - i) if i + j > 0]
-
-
-def _one(k):
-    return [0.0] * k + [1.0]

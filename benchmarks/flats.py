@@ -1,0 +1,199 @@
+"""Shutter, vignetting, internal flats and lamps: what they are with the shipped numbers, and what they cost.
+
+    python benchmarks/flats.py [--seed 9] [--figures docs/figures]
+
+Prints the response (vignetting x internal flat x shutter, 150 s) of each band, how a grating chip's turn and the coarse
+grid limit it, the electrons of the shipped LED list in each band, and CPU time of each part on a full chip. Draws the
+vignetting, the flats of the lamps and the shutter's motion and profile.
+"""
+
+import argparse
+import time
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.config import SHIPPED
+from csstsim.detector.noise import thin
+from csstsim.instrument.camera import load_camera
+from csstsim.instrument.chip import Window
+from csstsim.layers import led_calib_model
+from csstsim.optics.coarse_grid import grid_pixels
+from csstsim.optics.flat import FlatField
+from csstsim.optics.response import response_map, response_maximum
+from csstsim.optics.shutter import deficit, exposed
+from csstsim.optics.wcs import chip_plane
+from csstsim.rng import Streams, stream
+from csstsim.sim_steps import SimSteps
+from csstsim.state import State
+
+EXPTIME = 150.0
+BOTH = {"flat": True, "shutter": True}
+
+
+def places(chip, nodes=24):
+    """Return mosaic positions x, y [px from the boresight] of a grid over a chip."""
+    rotation, origin = chip_plane(chip)
+    x, y = grid_pixels(chip, nodes)
+    return [row[0] * (x - origin[0]) + row[1] * (y - origin[1]) for row in rotation]
+
+
+def report_response(camera, seed):
+    print(f"response in 150 s, seed {seed}: all pixels of the band's chips (every 16th)")
+    print("band   mean    min    max   declared maximum")
+    for name, filter_ in camera.filters.items():
+        values, highest = [], 0.0
+        for chip in (c for c in camera.chips.values() if c.filter == name):
+            ask = chip, filter_, camera.leds, partial(stream, seed, "camera")
+            full = response_map(chip, chip.full_window, filter_, EXPTIME, *ask[2:], **BOTH)
+            values.append(full[::16, ::16].ravel())
+            highest = max(highest, response_maximum(*ask, **BOTH))
+        values = np.concatenate(values)
+        print(f"{name:4s} {values.mean():6.4f} {values.min():6.4f} {values.max():6.4f} {highest:9.4f}")
+
+
+def report_limits(camera, seed):
+    chip = camera.chips[30]
+    rotation, origin = chip_plane(chip)
+    x = np.arange(0, 9216, 32.0)
+    column = exposed(chip, chip.full_window, EXPTIME)[::32]
+    off = [
+        np.abs(1 - deficit(0.01 * (rotation[0, 0] * (x - origin[0]) + rotation[0, 1] * (y - origin[1])),
+                           camera.telescope) / EXPTIME - column).max() for y in (0, 9231)
+    ]  # fmt: skip
+    print(f"shutter by columns on a grating chip turned by 1 deg: off by up to {max(off):.1e}")
+    field, filter_ = FlatField(camera.leds, partial(stream, seed, "camera")), camera.filters["GI"]
+    made = field.external_map(chip, Window(0, 9216, 4600, 4700), filter_)[50]
+    place = [row[0] * (np.arange(9216) - origin[0]) + row[1] * (4650 - origin[1]) for row in rotation]
+    weights = field.weights(filter_.wavelength, filter_.throughput)
+    direct = field.vignetting(*place) * field.internal(chip, *place, weights)
+    print(f"grid of 65 x 65 nodes: off by up to {np.abs(made / direct - 1).max():.1e}")
+
+
+def report_lamps(camera, seed):
+    [layer] = SimSteps(SHIPPED / "observations" / "led_flat.yaml", "FLAT").stage("render")
+    print("electrons of config/observations/led_flat.yaml, mean of a chip")
+    for name in camera.filters:
+        state = blank(camera, next(c for c in camera.chips.values() if c.filter == name), Window(0, 9216, 4600, 4610))
+        layer.module.apply(state, layer.param, Streams(seed, "1", state.chip.id, layer.name))
+        print(f"{name:4s} {state.image.mean(dtype=float):8.0f}")
+
+
+def blank(camera, chip, window):
+    pointing = type("Exposure", (), {"exptime": EXPTIME, "obsid": "1"})
+    return State(chip, camera.filters[chip.filter], camera.telescope, pointing, None, window, None,
+                 np.zeros(window.shape, np.float32), leds=camera.leds)  # fmt: skip
+
+
+def report_cost(camera, seed):
+    chip = camera.chips[9]
+    window, filter_, streams = chip.full_window, camera.filters["r"], Streams(seed, "1", 9, "x")
+    param = led_calib_model.Param(LED_TYPE=["590", "670"], LED_TIME=[10.0, 10.0])
+    counted = stream(seed, "photons").poisson(1.0, window.shape).astype(np.int32)  # 8.5e7 electrons
+    state = blank(camera, chip, window)
+    ask = camera.leds, streams.camera
+    share = response_map(chip, window, filter_, EXPTIME, *ask, **BOTH)
+    highest = response_maximum(chip, filter_, *ask, **BOTH)
+    image = np.full(window.shape, 31.0, np.float32)
+    parts = {
+        "response map, flat and shutter": lambda: response_map(chip, window, filter_, EXPTIME, *ask, **BOTH),
+        "image x map": lambda: np.multiply(image, share, out=image),
+        "led_calib_model": lambda: led_calib_model.apply(state, param, streams),
+        "thinning of 8.5e7 counted electrons": lambda: thin(counted, share, highest, stream(seed, "thin")),
+    }
+    print("CPU seconds on a chip of 9216 x 9232, best of 3")
+    for name, part in parts.items():
+        times = []
+        for _ in range(3):
+            start = time.process_time()
+            part()
+            times.append(time.process_time() - start)
+        print(f"{min(times):6.2f}  {name}")
+
+
+def draw(camera, seed, folder):
+    import matplotlib
+
+    matplotlib.use("agg")
+    import matplotlib.pyplot as plt
+
+    field = FlatField(camera.leds, partial(stream, seed, "camera"))
+
+    def show(axis, values, low, high, label=False):
+        for chip in camera.chips.values():
+            image = axis.imshow(
+                values(chip), origin="lower", vmin=low, vmax=high, cmap="viridis", aspect="equal",
+                extent=[chip.xc - 4608, chip.xc + 4608, chip.yc - 4616, chip.yc + 4616],
+            )  # fmt: skip
+            if label:
+                axis.text(
+                    chip.xc, chip.yc, f"{chip.id}\n{chip.filter}", ha="center", va="center", fontsize=7, color="w"
+                )
+        axis.set(xlim=(-30500, 30500), ylim=(-25500, 25500), xticks=[], yticks=[])
+        return image
+
+    figure, axes = plt.subplots(1, 2, figsize=(10, 4), constrained_layout=True)
+    image = show(axes[0], lambda chip: field.vignetting(*places(chip)), 0.95, 1.0, label=True)
+    figure.colorbar(image, ax=axes[0], shrink=0.8)
+    axes[0].set_title(f"external flat: vignetting, seed {seed}", fontsize=9)
+
+    def response(chip):
+        filter_ = camera.filters[chip.filter]
+        ask = chip, chip.full_window, filter_, EXPTIME, camera.leds, partial(stream, seed, "camera")
+        return response_map(*ask, **BOTH)[::384, ::384]
+
+    image = show(axes[1], response, 0.92, 1.04)
+    figure.colorbar(image, ax=axes[1], shrink=0.8)
+    axes[1].set_title("vignetting x internal flat of the band x shutter, 150 s", fontsize=9)
+    save(figure, folder / "flat_field.png")
+
+    figure, axes = plt.subplots(3, 4, figsize=(8, 5.4), constrained_layout=True)
+    for axis, row, wavelength in zip(axes.flat, np.eye(len(field.wavelengths)), field.wavelengths, strict=True):
+        image = show(axis, lambda chip, row=row: field.internal(chip, *places(chip, 12), row), 0.93, 1.07)
+        axis.set_title(f"{wavelength:.0f} nm", fontsize=9)
+    figure.colorbar(image, ax=axes, shrink=0.7, label="internal flat")
+    save(figure, folder / "flat_leds.png")
+
+    t_s, half = camera.telescope.shutter_time, camera.telescope.shutter_span_mm / 2
+    t = np.linspace(0, t_s, 300)
+    figure, axes = plt.subplots(1, 3, figsize=(11, 3.3), constrained_layout=True)
+    motion = {
+        "acceleration [rad/s$^2$]": np.pi**2 / t_s**2 * np.sin(2 * np.pi * t / t_s),
+        "velocity [rad/s]": np.pi / (2 * t_s) * (1 - np.cos(2 * np.pi * t / t_s)),
+        "angle [rad]": np.pi / (2 * t_s) * (t - t_s / (2 * np.pi) * np.sin(2 * np.pi * t / t_s)),
+    }
+    for name, values in motion.items():
+        axes[0].plot(t, values, label=name)
+    axes[0].set(xlabel="time from the start of opening [s]")
+    axes[0].legend(fontsize=7)
+    axes[1].plot(half * (1 - np.cos(motion["angle [rad]"])), t)
+    axes[1].set(xlabel="distance of the leaf's edge from the middle [mm]", ylabel="time it passes [s]")
+    x = np.linspace(-half, half, 4001)
+    axes[2].plot(x / 0.01, deficit(x, camera.telescope))
+    spans = {(chip.xc - 4608, chip.xc + 4608, chip.kind) for chip in camera.chips.values()}
+    for left, right, kind in sorted(spans):
+        axes[2].axvspan(left, right, ymax=0.04, color="C1" if kind == "imaging" else "C2", alpha=0.5, lw=0)
+    axes[2].set(xlabel="mosaic x [pixel]", ylabel="missed of the exposure [s]", ylim=(0, 2.7))
+    axes[2].set_title("orange: imaging chips, green: slitless", fontsize=8)
+    save(figure, folder / "shutter.png")
+
+
+def save(figure, path):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=75)
+    print(path, path.stat().st_size // 1000, "kB")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seed", type=int, default=9)
+    parser.add_argument("--figures", type=Path)
+    options = parser.parse_args()
+    camera = load_camera(SHIPPED / "instrument")
+    report_response(camera, options.seed)
+    report_limits(camera, options.seed)
+    report_lamps(camera, options.seed)
+    report_cost(camera, options.seed)
+    if options.figures:
+        draw(camera, options.seed, options.figures)
