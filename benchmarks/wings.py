@@ -179,7 +179,8 @@ def report_joins(scene):
         there = model[np.abs(r - 0.83 * scene.box) < 1].mean()
         print(
             f"{mag:4d} {reach:8.0f} {there:12.3g} / {np.sqrt(there + scene.noise):<9.3g}"
-            f" {boxed[scene.box, 1] / sky:13.2g} {excess / sky:16.1e} ({texture * electrons / sky:.1e}) {mean / sky:12.1e} {end / sky:9.1e}"
+            f" {boxed[scene.box, 1] / sky:13.2g}"
+            f" {excess / sky:16.1e} ({texture * electrons / sky:.1e}) {mean / sky:12.1e} {end / sky:9.1e}"
         )
 
 
