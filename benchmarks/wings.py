@@ -14,21 +14,22 @@ from pathlib import Path
 
 import numpy as np
 
-from csstsim.catalog.reach import POINT_MAX, wing_reach
+from csstsim.catalog.reach import wing_reach
 from csstsim.catalog.select import Noise
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.beyond import Beyond, beyond_box, read_beyond
-from csstsim.optics.psf import CELLS_PER_PIXEL, Diffraction, blur, make_psf, pixel_response
-from csstsim.optics.psf_file import PsfSet
+from csstsim.optics.psf import Diffraction, PsfSet, blur, make_psf, pixel_response
 from csstsim.optics.wavefront import load_wavefront
 from csstsim.optics.wcs import ChipWCS
 from csstsim.render.reference import draw_objects
+from csstsim.render.wings import FADE
 
 SHIPPED = Path(__file__).resolve().parents[1] / "config" / "instrument"
 CHIP, EXPTIME = 9, 150.0
+CELLS_PER_PIXEL = 2  # of the direct optics here
 CENTRE = 4600.2, 4500.4  # px
 LASER = 6328.0  # angstrom
 MAGNITUDES = (5, 8, 12, 15, 18, 20)
@@ -39,7 +40,7 @@ def diffraction(camera, wavelength, cells=1024):
     wavefront, cell = load_wavefront(camera.psf), camera.telescope.pixel_scale / CELLS_PER_PIXEL
     optics = Diffraction(wavelength, camera.telescope.diameter_m, cell, wavefront, cells)
     kernel = blur(camera.psf, cell, camera.detector.pixel_um / CELLS_PER_PIXEL)
-    image = pixel_response(optics.image(optics.transfer(wavefront.coefficients(0, 0)), kernel))
+    image = pixel_response(optics.image(optics.transfer(wavefront.coefficients(0, 0)), kernel), CELLS_PER_PIXEL)
     axis = (np.arange(cells - 1) - (cells - 2) / 2) / 2
     return np.hypot(axis, axis[:, None]), image
 
@@ -77,7 +78,7 @@ def report_anchors(camera):
     for name, band in camera.filters.items():
         wing = beyond_box(camera, band).wing
         halo = halo_alone(wing).beyond(10.0).mean()
-        rest = ", ".join(f"{wing.beyond(float(k)).mean():.4f} beyond {k}" for k in (10, 64, 1000, 10000))
+        rest = ", ".join(f"{wing.beyond(float(k)).mean():.4f} beyond {k}" for k in (10, 32, 64, 1000, 10000))
         print(f"  {name:4s} halo alone {halo:.4f} beyond 10; both {rest}")
 
 
@@ -92,6 +93,8 @@ class Scene:
             beyond=beyond_box(camera, self.filter),
         )  # fmt: skip
         self.psf = PsfSet(path)
+        self.box = self.psf.image.shape[-1] // (2 * self.psf.oversampling)  # px, half its side
+        self.fade = tuple(round(part * self.box) for part in FADE)
         self.beyond = read_beyond(self.psf)
         self.wcs = ChipWCS(
             self.chip, Pointing("1", "SCIE", 60.0, -40.0, 0.0, "2027-06-26T20:35:58", EXPTIME, None, None)
@@ -106,8 +109,8 @@ class Scene:
         columns = {f"flux{i}": np.array([electrons / EXPTIME / 4]) for i in range(4)}
         table = ObjectTable.complete(columns | {
             "id": np.arange(1), "obj_type": np.zeros(1, int), "ra": ra, "dec": dec, "ra_orig": ra, "dec_orig": dec,
-            "x": np.array([centre[0]]), "y": np.array([centre[1]]), "reach": np.full(1, POINT_MAX), "lost": np.zeros(1),
-            "wing": np.where(wing > POINT_MAX, wing, 0.0),
+            "x": np.array([centre[0]]), "y": np.array([centre[1]]), "reach": np.full(1, self.box), "lost": np.zeros(1),
+            "wing": np.where(wing > self.box, wing, 0.0),
         })  # fmt: skip
         image = np.zeros(window.shape, np.float32)
         return image, draw_objects(image, window, table, self.wcs, self.psf, EXPTIME, beyond or self.beyond)
@@ -152,8 +155,9 @@ def optics_texture(scene, inner, outer):
 def report_joins(scene):
     print("\nedges: largest second differences along x, less those of the smooth profile, in units of the sky's noise")
     print("(texture: rings and speckles that the optics have there without any join; mean: of rings 1 px wide)")
-    print(" mag  wing px  light there / own noise  hard box: step  fade 45-61 px: texture (optics)  mean    wing's end")
-    inner, outer = 45, 61
+    inner, outer = scene.fade
+    fade = f"fade {inner}-{outer} px"
+    print(f" mag  wing px  light there / own noise  hard box: step  {fade}: texture (optics)  mean    wing's end")
     texture = optics_texture(scene, inner, outer)
     sky = np.sqrt(scene.noise)
     smooth = replace(scene.beyond, ghosts=None)
@@ -161,7 +165,7 @@ def report_joins(scene):
         window = around(90)
         r = distances(window)
         image, truth = scene.draw(mag, window, beyond=smooth)
-        boxed, _ = scene.draw(mag, around(64), beyond=Beyond())
+        boxed, _ = scene.draw(mag, around(scene.box), beyond=Beyond())
         electrons, reach = truth["electrons"][0], float(truth["wing"][0])
         model = electrons * smooth.wing.profile(np.maximum(r, 1.0)).mean(axis=0)
         joint = ((r > inner) & (r < outer))[:, 1:-1]
@@ -172,9 +176,10 @@ def report_joins(scene):
         strip = Window(window.x0, round(CENTRE[0] + reach) + 20, round(CENTRE[1]), round(CENTRE[1]) + 1)
         line, _ = scene.draw(mag, strip, beyond=smooth)
         end = second_difference(line.astype(float))[:, 90 + int(0.7 * reach) :].max()
-        there = model[(r > 52) & (r < 54)].mean()
+        there = model[np.abs(r - 0.83 * scene.box) < 1].mean()
         print(
-            f"{mag:4d} {reach:8.0f} {there:12.3g} / {np.sqrt(there + scene.noise):<9.3g} {boxed[64, 1] / sky:13.2g}"
+            f"{mag:4d} {reach:8.0f} {there:12.3g} / {np.sqrt(there + scene.noise):<9.3g}"
+            f" {boxed[scene.box, 1] / sky:13.2g}"
             f" {excess / sky:16.1e} ({texture * electrons / sky:.1e}) {mean / sky:12.1e} {end / sky:9.1e}"
         )
 
@@ -185,7 +190,7 @@ def report_cost(scene):
     print("\nCPU-s of one star on the full chip")
     for mag in (*MAGNITUDES, 23):
         truth = scene.draw(mag, window)[1]
-        print(f"  mag {mag:2d}: {truth['ms'][0] / 1000:.4f} s, reach {max(truth['wing'][0], 64):.0f} px")
+        print(f"  mag {mag:2d}: {truth['ms'][0] / 1000:.4f} s, reach {max(truth['wing'][0], scene.box):.0f} px")
 
 
 def draw_profile(camera, scene, path):
@@ -206,7 +211,7 @@ def draw_profile(camera, scene, path):
     axes[0].loglog(grid, wing.halo(grid).mean(axis=0) / peak, label="halo")
     axes[0].loglog(grid, (wing.profile(grid) - wing.halo(grid)).mean(axis=0) / peak, label="mean diffraction wing")
     axes[0].loglog([10, 100], [1e-4, 1e-6], "r*", ms=10, label="Wei et al. 2025, scattered light")
-    axes[0].axvspan(45, 61, color="0.85", label="box fades into wing")
+    axes[0].axvspan(*scene.fade, color="0.85", label="box fades into wing")
     axes[0].set(xlabel="radius [px]", ylabel="light per pixel / peak", ylim=(1e-13, 2), xlim=(1, 1e4))
     axes[0].legend(fontsize=7)
     radii = np.geomspace(1, 1e4, 100)

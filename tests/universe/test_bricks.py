@@ -130,7 +130,7 @@ def test_errors_name_the_file_of_the_universe(tmp_path):
         load_universe(folder).check()
     galaxies.write_text(text, encoding="utf-8")
     stars = folder / "stars.yaml"
-    stars.write_text(stars.read_text().replace("[12.0, 28.0]", "[28.0, 12.0]"))
+    stars.write_text(stars.read_text().replace("[5.0, 28.0]", "[28.0, 5.0]"))
     with pytest.raises(InputError, match=r"stars.yaml: limits: .*two rising numbers"):
         load_universe(folder).check()
     galaxies.unlink()

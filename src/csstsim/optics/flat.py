@@ -1,9 +1,9 @@
 """The flat field of the focal plane (paper, section 5.5.5): external vignetting and the internal flats of the LEDs.
 
     external   1 - q(x, y), q a quadratic polynomial >= 0 that vanishes near the boresight
-    internal   for each LED: level of the detector x (1 + smooth pattern), 1 on average over the mosaic; a pattern is a
-               sum of cosines of low order, which unlike polynomials do not run away in the corners; linear between the
-               wavelengths of the LEDs, so a band's flat is a mean of theirs with weights from its throughput
+    internal   for each LED: level of the detector x (1 + smooth pattern), 1 on average over the mosaic; the pattern is
+               a sum of cosines of low order, which unlike polynomials do not run away in the corners; linear between
+               the wavelengths of the LEDs, so a band's flat is a mean of theirs with weights from its throughput
 
 The paper's internal flats are laboratory images that are not public: the patterns here are drawn, once a campaign seed,
 with the rms, order and correlation between wavelengths of config/instrument/leds.yaml. They are exact on a grid of
