@@ -8,6 +8,7 @@ shutter as that of the objects. Left out: change of the sky's share between colu
 import numpy as np
 from pydantic import Field
 
+from csstsim.errors import InputError
 from csstsim.io.keywords import orbit_after
 from csstsim.layers.param import LayerParam
 from csstsim.optics.response import response_map
@@ -33,6 +34,19 @@ class Param(LayerParam):
         False, description="true = zodiacal light, earthshine, Sun, Moon, planets and stars outside the field, at the "
         "exposure's time and place; false = the filter's constant `sky`",
     )  # fmt: skip
+
+
+def check(param, camera, pointing):
+    """Raise InputError if the model is asked for and the camera has no numbers for it, or the Earth is in the way."""
+    if not param.enable_straylight_model:
+        return
+    sky_numbers(camera.sky)
+    place = pointing.mjd, pointing.sat_position, pointing.sat_velocity
+    limb = exposure_angles(pointing.ra, pointing.dec, *place)["limb"]
+    if limb < 0:
+        raise InputError(
+            f"exposure {pointing.obsid} looks at the Earth", key="limb angle [deg]", value=round(limb, 2), allowed="> 0"
+        )
 
 
 def apply(state, param, rng):
