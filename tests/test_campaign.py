@@ -1,9 +1,12 @@
 """What a campaign selects, and its plan."""
 
+import functools
+import operator
 import sys
 
 import numpy as np
 import pytest
+import yaml
 from click.testing import CliRunner
 from mini_campaign import write_campaign
 
@@ -18,6 +21,7 @@ from csstsim.errors import InputError
 from csstsim.instrument.chip import Window
 from csstsim.optics.wcs import ChipWCS
 from csstsim.plan import plan
+from csstsim.sim_steps import SimSteps
 
 
 def centre(campaign, obsid="10100000001", chip=9, x=64.0, y=64.0):
@@ -152,3 +156,42 @@ def test_the_ephemeris_is_part_of_the_recipe_and_must_be_there(tmp_path, monkeyp
                                           astrometry={"ephemeris": "de440"}))  # fmt: skip
     with pytest.raises(InputError, match="install csstsim"):
         _ = missing.jobs
+
+
+@pytest.mark.parametrize(
+    "file, keys, value, message",
+    [
+        ("scatter.yaml", ("terms", "values", 0, 0), 1.2, "scatter.yaml: terms: the halo takes all the light"),
+        ("leds.yaml", ("half_mosaic", "value", 0), 0, "leds.yaml: half_mosaic.*: a number is out of range"),
+        ("telescope.yaml", ("telescope", "shutter_time", "value"), -1.3, "shutter_time: out of range"),
+        (
+            "telescope.yaml",
+            ("telescope", "shutter_span_mm", "value"),
+            2.0,
+            "shutter_span_mm: the leaves do not cover chip 9",
+        ),
+    ],
+)
+def test_numbers_of_the_optics_are_checked_before_any_work(tmp_path, file, keys, value, message):
+    campaign = write_campaign(tmp_path, select={"types": ["SCIE"], "chips": [9]})
+    path = OpenCampaign(campaign).camera.folder / file
+    content = yaml.safe_load(path.read_text())
+    *above, last = keys
+    functools.reduce(operator.getitem, above, content)[last] = value
+    path.write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match=message):
+        OpenCampaign(campaign)
+
+
+@pytest.mark.parametrize("option", ["flat_fielding", "shutter_effect"])
+def test_layers_that_differ_in_a_loss_are_refused(tmp_path, option):
+    observation = tmp_path / "differs.yaml"
+    text = (SHIPPED / "observations" / "science.yaml").read_text()
+    assert "sky_background:" in text
+    layers = yaml.safe_load(text)
+    for entry in layers["layers"]:
+        if "sky_background" in entry:
+            entry["sky_background"] = (entry["sky_background"] or {}) | {option: False}
+    observation.write_text(yaml.safe_dump(layers))
+    with pytest.raises(InputError, match=f"layers differ in {option}"):
+        SimSteps(observation, "SCIE")

@@ -19,6 +19,7 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.io.paths import Paths
 from csstsim.io.survey_table import load_survey_table
+from csstsim.optics import shutter
 from csstsim.optics.distortion import load_distortion
 from csstsim.optics.wcs import ChipWCS
 from csstsim.sim_steps import SimSteps
@@ -64,14 +65,19 @@ class OpenCampaign:
             obsid: replace(p, exptime=asked.get(p.type, p.exptime)) for obsid, p in self.pointings.items()
         }
 
-        shortest = 2 * self.camera.telescope.shutter_time
         for p in self._selected_pointings():
             self.steps[p.type].check(self.camera, p)
-            if self.steps[p.type].losses["shutter"] and p.exptime < shortest:
-                raise InputError(
-                    f"exposure {p.obsid} is too short for the shutter: turn shutter_effect off",
-                    file=self.steps[p.type].file, key="exptime", value=p.exptime, allowed=f">= {shortest} s",
-                )  # fmt: skip
+        for p in {(p.type, p.exptime): p for p in self._selected_pointings()}.values():
+            self._check_shutter(p)
+
+    def _check_shutter(self, pointing):
+        steps = self.steps[pointing.type]
+        for chip in self._selected_chips() if steps.losses["shutter"] else ():
+            try:
+                shutter.check(chip, pointing.exptime)
+            except InputError as exc:
+                message = f"exposure {pointing.obsid}: {exc}; or turn shutter_effect off"
+                raise InputError(message, file=steps.file) from None
 
     def _check_selection(self):
         select = self.config.select

@@ -50,7 +50,8 @@ class SimSteps:
 
     kind: the exposure type the list is for (None: any). Raises InputError for an unknown keyword or parameter, a
     layer of csstsim given twice or in the wrong kind of exposure, a stage that goes backwards, a layer whose unit or
-    frame is not what the one before it leaves, a list that does not end in a file, or two exposure times.
+    frame is not what the one before it leaves, a list that does not end in a file, two exposure times, or losses that
+    differ between layers.
     """
 
     def __init__(self, file, kind=None):
@@ -72,10 +73,19 @@ class SimSteps:
         self._check_order()
         self.exptime = self._exptime()
         self.field_dist = self._asked("field_dist")
+        for option in ("flat_fielding", "shutter_effect"):
+            self._check_agree(option)
 
     def _asked(self, option):
         """Whether a layer has this option on."""
         return any(getattr(step.param, option, False) for step in self.steps)
+
+    def _check_agree(self, option):
+        """Light of objects and sky goes through the same glass and shutter; a measurement divides by one loss."""
+        asked = {step.keyword: getattr(step.param, option) for step in self.steps if hasattr(step.param, option)}
+        if len(set(asked.values())) > 1:
+            *_, last = asked
+            raise self._error(f"layers differ in {option}", f"{last}.{option}", asked[last], "the same for all")
 
     @property
     def losses(self):

@@ -100,7 +100,8 @@ def test_a_drawn_galaxy_is_drawn_out(camera, make_pointing, psf_r):
         ra, dec = (np.atleast_1d(v) for v in wcs.pixel_to_world(4250.0, 5250.0))
         columns = {
             "obj_type": [GALAXY], "ra": ra, "dec": dec, "ra_orig": ra, "dec_orig": dec, "x": [4250.0], "y": [5250.0],
-            "size_disk": [1.5], "reach": [240], "lost": [1e-4], **{f"flux{i}": [1000.0] for i in range(4)},
+            "size_disk": [1.5], "reach": [240], "lost": [1e-4], "wing": [0.0],
+            **{f"flux{i}": [1000.0] for i in range(4)},
         }  # fmt: skip
         table = ObjectTable.complete({"id": np.zeros(1, int)} | {k: np.asarray(v) for k, v in columns.items()})
         image = np.zeros(window.shape, np.float32)

@@ -8,7 +8,7 @@ import pytest
 from test_reference import EXPTIME, objects
 
 from csstsim.catalog.flags import OFF_CHIP, TRUNCATED_STAMP
-from csstsim.catalog.reach import wing_reach
+from csstsim.catalog.reach import WING_MIN, wing_reach
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs
@@ -194,3 +194,14 @@ def test_the_layer_switches_wings_and_ghosts(camera, make_pointing, psf_r):
     assert no_ghosts - neither == pytest.approx(0.034, abs=0.003)  # between the box (32 px) and 300 px
     assert both - no_ghosts == pytest.approx(no_wings - neither, rel=1e-3)
     assert peak == pytest.approx(bare, rel=1e-5)
+
+
+def test_the_shortest_wing_brings_more_than_the_box_alone(camera, make_pointing, psf_r):
+    """Light drawn rises with the wing's reach, beginning where it is shortest (catalog.reach.WING_MIN)."""
+    wcs, half = ChipWCS(camera.chips[9], make_pointing()), psf_r.image.shape[-1] / 2 / psf_r.oversampling
+    drawn = []
+    for reach in (0.0, WING_MIN * half, 1.6 * half, 2 * half, 3 * half):
+        table = objects(wcs, X, Y, reach=64, wing=reach)
+        image = np.zeros(around(200).shape, np.float32)
+        drawn += draw_objects(image, around(200), table, wcs, psf_r, EXPTIME, read_beyond(psf_r))["fraction"].tolist()
+    assert (np.diff(drawn) > 0).all()

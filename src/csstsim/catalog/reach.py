@@ -21,6 +21,7 @@ from csstsim.universe.lensing import magnification
 
 POINT_MIN, POINT_MAX = 16, 64  # pixel; no stored PSF goes on beyond 64
 REACH_MAX = 2048  # pixel
+WING_MIN = 1.5  # boxes: a wing ends in a taper over its last quarter, which must not begin inside the square box
 WING_MAX = 16384  # pixel: from anywhere within REACH_MAX of a chip to its far corner
 B_1, B_4 = 1.678347, 7.669249  # Sersic b_n: half the light within the half-light radius (Ciotti & Bertin 1999)
 _WING_SAFETY = 4.0

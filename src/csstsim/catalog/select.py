@@ -16,7 +16,16 @@ from csstsim.catalog.astrometry import apparent, at_epoch
 from csstsim.catalog.base import Region
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.photometry import rate_to_mag
-from csstsim.catalog.reach import POINT_MAX, POINT_MIN, REACH_MAX, WING_MAX, galaxy_radius, point_reach, wing_reach
+from csstsim.catalog.reach import (
+    POINT_MAX,
+    POINT_MIN,
+    REACH_MAX,
+    WING_MAX,
+    WING_MIN,
+    galaxy_radius,
+    point_reach,
+    wing_reach,
+)
 from csstsim.catalog.table import BANDS, GALAXY, STAR
 from csstsim.catalog.usable import unusable
 from csstsim.universe.lensing import magnification
@@ -120,7 +129,7 @@ def select_objects(
     reach, lost = _reach(table, extended & ~bad, electrons, variance, beyond_px, box, filter, telescope)
     truncated = (reach > REACH_MAX) | (beyond_px > WING_MAX)
     reach = np.ceil(np.minimum(reach, REACH_MAX)).astype(np.int32)
-    wing = np.where(beyond_px > box, np.minimum(beyond_px, WING_MAX), 0.0)
+    wing = np.where(beyond_px > box, np.clip(beyond_px, WING_MIN * box, WING_MAX), 0.0)
     flags = table["flags"] | np.where(bad, BAD_VALUE, 0) | np.where(truncated, TRUNCATED_STAMP, 0)
     flags |= np.where(~star & ~thin & ~bad, STRONG_LENSING, 0)
     farthest = np.maximum.reduce([reach, wing, ghosts_px])

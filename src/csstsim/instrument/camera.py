@@ -93,6 +93,7 @@ def load_telescope(path):
     if telescope.parity not in (1, -1):
         raise InputError("unknown parity", file=path, key="telescope.parity", value=telescope.parity, allowed="1, -1")
     _positive(telescope, ("diameter_m", "focal_length_m", "pixel_scale", "shutter_span_mm"), path)
+    _positive(telescope, ("shutter_time",), path, or_zero=True)
     orbit = build(Orbit, data.get("orbit"), path, "orbit")
     try:
         parse_utc(orbit.epoch)

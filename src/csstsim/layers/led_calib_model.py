@@ -39,7 +39,8 @@ class Param(LayerParam):
 
 
 def check(param, camera, pointing):
-    """Raise InputError for an unknown lamp, or lamps lit for longer than the exposure."""
+    """Raise InputError for numbers that make no flat, an unknown lamp, or lamps lit for longer than the exposure."""
+    check_flat(camera.leds)
     _lamps(param, camera.leds, pointing)
 
 
@@ -60,7 +61,6 @@ def apply(state, param, rng):
 
     Raises InputError as `check` does.
     """
-    check_flat(state.leds)
     lit, flats = _lamps(param, state.leds, state.pointing), FlatField(state.leds, rng.camera)
     light = sum(seconds * led.rate * led.line for led, seconds in zip(lit, param.LED_TIME, strict=True))
     light = light * state.filter.at(GRID)  # electron / pixel / angstrom at flat 1

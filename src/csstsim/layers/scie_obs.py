@@ -4,11 +4,14 @@ Renders the chip's objects into the image of expected electrons and keeps what w
 Left out so far: slitless dispersion.
 """
 
+from functools import cache
+
 from pydantic import Field
 
 from csstsim.errors import InputError
 from csstsim.layers.param import LayerParam
-from csstsim.optics.beyond import Beyond, read_beyond
+from csstsim.optics.beyond import Beyond, beyond_box, read_beyond
+from csstsim.optics.flat import check_flat
 from csstsim.optics.response import response_map
 from csstsim.render.reference import draw_objects
 
@@ -28,6 +31,20 @@ class Param(LayerParam):
     field_dist: bool = Field(True, description="field distortion: moves objects and changes their shapes")
     wings: bool = Field(True, description="light of bright objects beyond the stored PSF's box")
     ghosts: bool = Field(True, description="reflections of bright stars between filter and detector")
+
+
+def check(param, camera, pointing):
+    """Raise InputError if the camera's numbers for the flat, the scattered light or the ghosts are wrong."""
+    if param.flat_fielding:
+        check_flat(camera.leds)
+    _check_beyond(camera)
+
+
+@cache
+def _check_beyond(camera):
+    for filter in camera.filters.values():
+        if filter.kind == "imaging":
+            beyond_box(camera, filter)
 
 
 def apply(state, param, rng):

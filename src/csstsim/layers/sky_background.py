@@ -11,6 +11,7 @@ from pydantic import Field
 from csstsim.errors import InputError
 from csstsim.io.keywords import orbit_after
 from csstsim.layers.param import LayerParam
+from csstsim.optics.flat import check_flat
 from csstsim.optics.response import response_map
 from csstsim.sky import background
 from csstsim.sky.bodies import exposure_angles
@@ -37,7 +38,9 @@ class Param(LayerParam):
 
 
 def check(param, camera, pointing):
-    """Raise InputError if the model is asked for and the camera has no numbers for it, or the Earth is in the way."""
+    """Raise InputError if the camera's numbers for the flat or the model are wrong, or the Earth is in the way."""
+    if param.flat_fielding:
+        check_flat(camera.leds)
     if not param.enable_straylight_model:
         return
     sky_numbers(camera.sky)

@@ -76,7 +76,10 @@ def _interpolated(mesh, middle, shape):
 
 
 def binned(image):
-    """Sums of BIN x BIN pixels; a last odd row or column is left out."""
+    """Sums of BIN x BIN pixels; a last odd row or column is left out, an only one repeated."""
+    image = np.repeat(
+        np.repeat(image, BIN if len(image) == 1 else 1, axis=0), BIN if image.shape[1] == 1 else 1, axis=1
+    )
     ny, nx = (n // BIN * BIN for n in image.shape)
     return image[:ny, :nx].reshape(ny // BIN, BIN, nx // BIN, BIN).sum(axis=(1, 3), dtype=np.float32)
 

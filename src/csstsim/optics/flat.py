@@ -118,7 +118,7 @@ def check_flat(numbers, file="leds.yaml"):
     except (KeyError, TypeError, IndexError, ValueError) as exc:
         raise InputError(f"a number is missing or wrong: {type(exc).__name__} {exc}", file=file) from None
     if not good:
-        raise InputError("a number is out of range", file=file, key="flat, vignetting")
+        raise InputError("a number is out of range", file=file, key="half_mosaic, flat, vignetting")
 
 
 def _mosaic(chip):

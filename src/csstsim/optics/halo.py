@@ -99,7 +99,9 @@ def make_wing(scatter, wavelength, telescope):
     rows = scatter.get("terms") or []
     reference = scatter.get("reference", 1.0)
     for row in rows:
-        good = isinstance(row, list) and len(row) == 4 and np.isfinite(row).all()
+        good = (
+            isinstance(row, list) and len(row) == 4 and all(isinstance(v, int | float) and np.isfinite(v) for v in row)
+        )
         if not (good and row[0] >= 0 and row[1] > 0 and row[2] > 2):
             allowed = "share >= 0, knee > 0 arcsec, slope > 2, power"
             raise InputError("bad row", file="scatter.yaml", key="terms", value=row, allowed=allowed)
@@ -111,7 +113,7 @@ def make_wing(scatter, wavelength, telescope):
             "the halo takes all the light",
             file="scatter.yaml",
             key="terms",
-            value=share.sum(axis=1).max(),
+            value=float(share.sum(axis=1).max()),
             allowed="< 1",
         )
     airy = wavelength * 1e-10 / telescope.diameter_m * ARCSEC_PER_RAD / telescope.pixel_scale

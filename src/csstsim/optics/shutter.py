@@ -52,10 +52,23 @@ def exposed(chip, window, exptime):
     2e-5 of 150 s. Raises InputError for
     an exposure shorter than opening and closing take.
     """
-    shortest = 2 * chip.telescope.shutter_time
+    check(chip, exptime)
+    return 1 - deficit(_across_mm(chip, np.arange(window.x0, window.x1)), chip.telescope) / exptime
+
+
+def check(chip, exptime):
+    """Raise InputError for an exposure [s] shorter than the shutter's way, or leaves that do not cover the chip."""
+    shortest, span = 2 * chip.telescope.shutter_time, chip.telescope.shutter_span_mm
     if exptime < shortest:
         raise InputError("too short for the shutter", key="exptime", value=exptime, allowed=f">= {shortest} s")
+    needed = 2 * np.abs(_across_mm(chip, np.array([0, chip.detector.nx - 1]))).max()
+    if span < needed:
+        message, allowed = f"the leaves do not cover chip {chip.id}", f">= {needed:.1f}"
+        raise InputError(message, file="telescope.yaml", key="shutter_span_mm", value=span, allowed=allowed)
+
+
+def _across_mm(chip, columns):
+    """Return mosaic x [mm] of a chip's columns, where they cross its middle row."""
     rotation, origin = chip_plane(chip)
-    x = np.arange(window.x0, window.x1) - origin[0]
-    across = rotation[0, 0] * x + rotation[0, 1] * ((chip.detector.ny - 1) / 2 - origin[1])
-    return 1 - deficit(across * chip.detector.pixel_um * 1e-3, chip.telescope) / exptime
+    row = (chip.detector.ny - 1) / 2 - origin[1]
+    return (rotation[0, 0] * (columns - origin[0]) + rotation[0, 1] * row) * chip.detector.pixel_um * 1e-3
