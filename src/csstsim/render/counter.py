@@ -40,13 +40,10 @@ def low(bits):
     return (np.float64(bits & _LOW32) + 0.5) * _UNIT32
 
 
-@numba.njit(cache=True)
+@numba.vectorize(["uint64(uint64, int64)"], cache=True)
 def object_keys(base, ids):
-    """Return (n,) uint64 keys of integer ids under a base key (uint64)."""
-    keys = np.empty(len(ids), np.uint64)
-    for i in range(len(ids)):
-        keys[i] = word(base, np.uint64(ids[i]))
-    return keys
+    """Return (n,) uint64 keys of integer ids under a base key (uint64, scalar or (n,))."""
+    return word(base, np.uint64(ids))
 
 
 @numba.njit(cache=True)
