@@ -59,17 +59,22 @@ def _spline_integral(t):
 def _sum_cells(cells, first_y, taps_y, first_x, taps_x, step, stamp):
     """Fill `stamp` with sums of taps over cells, those of a pixel beginning `step` after its neighbour's."""
     ny, nx = cells.shape
-    line = np.empty(nx)
+    taps = len(taps_x)
+    first = max(-first_x, 0)  # zeros before the cells, and as many as it takes behind them
+    line = np.zeros(first + max(nx, first_x + step * stamp.shape[1] + taps))
+    inner = line[first : first + nx]
     for row in range(stamp.shape[0]):
-        line[:] = 0.0
-        for j in range(len(taps_y)):
+        inner[:] = 0.0
+        for j in range(taps):
             y = first_y + row * step + j
             if 0 <= y < ny:
+                weight = taps_y[j]
+                source = cells[y]
                 for x in range(nx):
-                    line[x] += taps_y[j] * cells[y, x]
+                    inner[x] += weight * source[x]
         for column in range(stamp.shape[1]):
-            at = first_x + column * step
+            at = first + first_x + column * step
             total = 0.0
-            for i in range(max(0, -at), min(len(taps_x), nx - at)):
+            for i in range(taps):
                 total += taps_x[i] * line[at + i]
             stamp[row, column] = total

@@ -23,6 +23,11 @@ _NODES_KEPT = 128  # a row or more of the finest grids; 1 MB each
 _TRANSFORMS_KEPT = 64
 
 
+def last_frequency(size, per_pixel):
+    """Return J, the largest j that is kept of a period of `size` pixels."""
+    return int(min(FREQUENCY_MAX, per_pixel / 2) * size)
+
+
 class Mixer:
     """The nodes of a PsfSet as spline coefficients and as transforms, the last used ones kept."""
 
@@ -52,8 +57,8 @@ class Mixer:
         node (k,), share (k, 4): electrons from each node and sub-band; first, last: cells (row, column), half-open.
         """
         last = (self.cells, self.cells) if last is None else last
-        cut = (slice(None), *(slice(*pair) for pair in zip(first, last, strict=True)))
-        return _mixed([self.coefficients(k)[cut] for k in node[share.any(axis=1)].tolist()], share)
+        parts = [self.coefficients(k) for k in node[share.any(axis=1)].tolist()]
+        return _mixed(parts, share, first, (last[0] - first[0], last[1] - first[1]))
 
     def light(self, node, share, core=None):
         """Return the electrons of an object within the box, times `core` (cells, cells) if given."""
@@ -64,9 +69,8 @@ class Mixer:
     def mixed_transforms(self, node, share, size, last):
         """Return the same as a transform, like `transform`'s, from those of the nodes."""
         middle = last_frequency(size, self.per_pixel)
-        cut = (slice(None), slice(middle - last, middle + last + 1), slice(last + 1))
-        parts = [self.transforms(k, size)[cut].view(np.float32) for k in node[share.any(axis=1)].tolist()]
-        return _mixed(parts, share).view(np.complex64)
+        parts = [self.transforms(k, size).view(np.float32) for k in node[share.any(axis=1)].tolist()]
+        return _mixed(parts, share, (middle - last, 0), (2 * last + 1, 2 * (last + 1))).view(np.complex64)
 
 
 def _envelope(transforms):
@@ -80,16 +84,11 @@ def _envelope(transforms):
     return np.maximum.accumulate(largest[::-1])[::-1][: len(BINS)]
 
 
-def _mixed(parts, share):
-    out = np.zeros(parts[0].shape[1:], np.float32)
+def _mixed(parts, share, first, shape):
+    out = np.zeros(shape, np.float32)
     for part, light in zip(parts, share[share.any(axis=1)].astype(np.float32), strict=True):
-        _add(out, part, light)
+        _add(out, part, light, *first)
     return out
-
-
-def last_frequency(size, per_pixel):
-    """Return J, the largest j that is kept of a period of `size` pixels."""
-    return int(min(FREQUENCY_MAX, per_pixel / 2) * size)
 
 
 def transform(cells, size, per_pixel, last):
@@ -109,14 +108,17 @@ def transform(cells, size, per_pixel, last):
 
 
 @numba.njit(cache=True)
-def _add(out, parts, share):
+def _add(out, parts, share, first_row, first_column):
+    """Add the sub-bands of parts (4, rows, columns), from a first row and column on."""
     a, b, c, d = share
+    last_column = first_column + out.shape[1]
     for row in range(out.shape[0]):
-        for column in range(out.shape[1]):
-            out[row, column] += (
-                a * parts[0, row, column] + b * parts[1, row, column]
-                + c * parts[2, row, column] + d * parts[3, row, column]
-            )  # fmt: skip
+        at = first_row + row
+        one, two = parts[0, at, first_column:last_column], parts[1, at, first_column:last_column]
+        three, four = parts[2, at, first_column:last_column], parts[3, at, first_column:last_column]
+        line = out[row]
+        for column in range(len(line)):
+            line[column] += a * one[column] + b * two[column] + c * three[column] + d * four[column]
 
 
 @numba.njit(cache=True)
