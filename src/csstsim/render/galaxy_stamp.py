@@ -16,7 +16,7 @@ import numpy as np
 import scipy.fft
 
 from csstsim.render.octaves import first_of, nodes, read
-from csstsim.render.psf_mixture import BINS, last_frequency, transform
+from csstsim.render.psf_mixture import BINS, transform
 from csstsim.render.sersic import K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, cut_for, extent
 from csstsim.render.sersic import tables as sersic_tables
 
@@ -89,7 +89,7 @@ def galaxy_stamp(mixer, scene, plan, i, share, bounds, *, core=None, many=False)
     both = [sersic_tables(sersic[c, 0], cut[c]) if light[c] > 0 else _NONE for c in range(2)]
     inner, outer = (np.stack(t) for t in zip(*both, strict=True))
     frequency = _cutoff(sersic, light, matrix, inner, mixer.envelope)
-    last = min(int(frequency * size) + 1, last_frequency(size, mixer.per_pixel))
+    last = min(int(frequency * size) + 1, size)
     x0, x1, y0, y1 = bounds
     stamp = np.zeros((y1 - y0, x1 - x0))
     first_x, first_y = round(x) - half, round(y) - half
