@@ -1,0 +1,122 @@
+"""The PSF at an object's place, as cells or as a transform: the sum over nodes and sub-bands of weight x electrons.
+
+The transform is that of the PSF integrated over the pixel, sampled every half pixel (sums of spline coefficients,
+render.point_stamp), so up to 1 cycle a pixel: beyond, the optics, jitter, diffusion and the pixel leave under 1e-4 of
+any band. It is wanted at the frequencies j / size of an image that repeats itself after `size` pixels.
+"""
+
+from functools import cached_property, lru_cache
+
+import numba
+import numpy as np
+import scipy.fft
+
+from csstsim.render.pixel_sums import pixel_sums
+from csstsim.render.psf_table import spline_coefficients
+from csstsim.render.wings import box_share
+
+BINS = np.geomspace(1e-4, 1.0, 64)  # cycles a pixel
+_NODES_KEPT = 128  # a row or more of the finest grids; 1 MB each
+_TRANSFORMS_KEPT = 64
+
+
+class Mixer:
+    """The nodes of a PsfSet as spline coefficients and as transforms, the last used ones kept."""
+
+    def __init__(self, psf):
+        self.per_pixel, self.cells, self._flux = psf.oversampling, psf.image.shape[-1], psf.flux
+
+        @lru_cache(_NODES_KEPT)
+        def coefficients(node):
+            return np.stack([spline_coefficients(image)[0].astype(np.float32) for image in psf.node(node)])
+
+        @lru_cache(_TRANSFORMS_KEPT)
+        def transforms(node, size):
+            return np.stack([transform(c, size, self.per_pixel, size) for c in coefficients(node)])
+
+        self.coefficients, self.transforms = coefficients, transforms
+        self.envelope = _envelope(transforms(int(np.flatnonzero(~psf.dead)[0]), 2 * self.cells // self.per_pixel))
+
+    @cached_property
+    def core(self):
+        """Return the share of each cell that counts where a wing brings the rest, (cells, cells) float32."""
+        return box_share(self.cells, self.per_pixel).astype(np.float32)
+
+    def mixed_cells(self, node, share, first=(0, 0), last=None):
+        """Return the mixture of one object, float32 (rows, columns) of spline coefficients in electrons.
+
+        node (k,), share (k, 4): electrons from each node and sub-band; first, last: cells (row, column), half-open.
+        """
+        last = (self.cells, self.cells) if last is None else last
+        parts = [self.coefficients(k) for k in node[share.any(axis=1)].tolist()]
+        return _mixed(parts, share, first, (last[0] - first[0], last[1] - first[1]))
+
+    def light(self, node, share, core=None):
+        """Return the electrons of an object within the box, times `core` (cells, cells) if given."""
+        if core is not None:
+            return float((self.mixed_cells(node, share) * core).sum(dtype=np.float64))
+        return sum(float(row @ self._flux[k]) for k, row in zip(node.tolist(), share, strict=True))
+
+    def mixed_transforms(self, node, share, size, last):
+        """Return the same as a transform, like `transform`'s, from those of the nodes."""
+        parts = [self.transforms(k, size).view(np.float32) for k in node[share.any(axis=1)].tolist()]
+        return _mixed(parts, share, (size - last, 0), (2 * last + 1, 2 * (last + 1))).view(np.complex64)
+
+
+def _envelope(transforms):
+    """Return the largest modulus of transforms (4, 2 J + 1, J + 1) of light 1 at or beyond each of BINS."""
+    last = transforms.shape[2] - 1
+    f = np.hypot(np.arange(-last, last + 1)[:, None], np.arange(last + 1)) / last
+    modulus = np.abs(transforms).max(axis=0)
+    at = np.searchsorted(BINS, f.ravel())
+    largest = np.zeros(len(BINS) + 1)
+    np.maximum.at(largest, at, modulus.ravel())
+    return np.maximum.accumulate(largest[::-1])[::-1][: len(BINS)]
+
+
+def _mixed(parts, share, first, shape):
+    out = np.zeros(shape, np.float32)
+    for part, light in zip(parts, share[share.any(axis=1)].astype(np.float32), strict=True):
+        _add(out, part, light, *first)
+    return out
+
+
+def transform(cells, size, per_pixel, last):
+    """Return the transform, complex64 (2 last + 1, last + 1): rows j_y = -last..last, columns j_x = 0..last <= size.
+
+    cells: (n, n) float32 spline coefficients, the star in their middle, which is the origin of the result.
+    """
+    reach = len(cells) // per_pixel + 2  # half pixels
+    start = len(cells) / 2 - 0.5 * per_pixel * (reach + 1)
+    samples = pixel_sums(cells, start, start, per_pixel, per_pixel // 2, np.empty((2 * reach + 1,) * 2, np.float32))
+    period = 2 * size
+    if period < len(samples):
+        samples = _folded(samples, period)
+    columns = scipy.fft.rfft(samples, period, axis=1)[:, : last + 1]
+    rows = np.arange(-last, last + 1)
+    turn = (0.5 * np.exp(1j * np.pi * rows * (reach / size))).astype(np.complex64)
+    return scipy.fft.fft(columns, period, axis=0, overwrite_x=True)[rows] * turn[:, None] * turn[last:]
+
+
+@numba.njit(cache=True)
+def _add(out, parts, share, first_row, first_column):
+    """Add the sub-bands of parts (4, rows, columns), from a first row and column on."""
+    a, b, c, d = share
+    last_column = first_column + out.shape[1]
+    for row in range(out.shape[0]):
+        at = first_row + row
+        one, two = parts[0, at, first_column:last_column], parts[1, at, first_column:last_column]
+        three, four = parts[2, at, first_column:last_column], parts[3, at, first_column:last_column]
+        line = out[row]
+        for column in range(len(line)):
+            line[column] += a * one[column] + b * two[column] + c * three[column] + d * four[column]
+
+
+@numba.njit(cache=True)
+def _folded(cells, period):
+    """Return the cells summed modulo `period`."""
+    out = np.zeros((period, period), np.float32)
+    for row in range(len(cells)):
+        for column in range(len(cells)):
+            out[row % period, column % period] += cells[row, column]
+    return out
