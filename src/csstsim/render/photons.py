@@ -75,7 +75,7 @@ def _check(scene, table, maximum):
 
 @numba.njit(cache=True)
 def _shoot(image, objects, psf, results, order):
-    counted, response, maximum = image
+    counted, _, maximum = image
     x, y, matrix, light, sersic, electrons, index, weight, keys = objects
     share, sides = psf[1], psf[2]
     on_window, beyond, box = results
