@@ -27,8 +27,9 @@ _WINGS2 = 6.5  # px^2: the same of the box, with the curvature of the split (mea
 _RHO = np.geomspace(0.02, 200.0, 48)  # r_e
 _START_PX = 20.0  # the outer part begins no nearer
 _EXTENT_MAX = 224.0  # px: half the side of the inner part
-_TAIL = 1e-3  # of the peak: what the frequencies left out may add up to
+_TAIL = 3e-4  # of the peak: what the frequencies left out may add up to
 SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point
+_ANGLES = np.arange(8) * np.pi / 16  # from a galaxy's short axis
 _K2_FIRST, _R2_FIRST = first_of(K2_LOW), first_of(R2_LOW)
 _NONE = np.zeros(len(nodes(K2_LOW, K2_HIGH))), np.zeros(len(nodes(R2_LOW, R2_HIGH)))
 _SIZES = np.array([*range(48, 128, 16), *range(128, 256, 32), *range(256, 705, 64)])
@@ -121,25 +122,23 @@ def _cutoff(sersic, light, matrix, tables, envelope):
     p, q = matrix[0, 0] ** 2 + matrix[1, 0] ** 2, matrix[0, 1] ** 2 + matrix[1, 1] ** 2
     r = matrix[0, 0] * matrix[0, 1] + matrix[1, 0] * matrix[1, 1]
     middle, spread = 0.5 * (p + q), np.sqrt(0.25 * (p - q) ** 2 + r * r)
-    short, long = max(middle - spread, 0.0), middle + spread
-    power = np.zeros((2, len(BINS)))  # along the short and the long axis of the galaxy
+    power = np.zeros(len(BINS))  # light per bin of the logarithm of frequency; never too little, from the short axis on
     line = np.empty(1)
     bits = line.view(np.int64)
     for j in range(len(BINS)):
-        k2 = (2 * np.pi * BINS[j]) ** 2
-        for axis in range(2):
+        for angle in _ANGLES:
+            k2 = (2 * np.pi * BINS[j]) ** 2 * max(middle - spread * np.cos(2 * angle), 0.0)
             for c in range(2):
                 if light[c] > 0:
-                    line[0] = k2 * (short if axis == 0 else long) * sersic[c, 2] ** 2
-                    power[axis, j] += light[c] * abs(read(tables[c], _K2_FIRST, bits[0]))
-    peak = 0.0
-    for j in range(len(BINS)):
-        peak += envelope[j] * np.sqrt(power[0, j] * power[1, j]) * BINS[j] ** 2
-    tail, j = 0.0, len(BINS) - 1
-    while j > 0 and tail <= _TAIL * peak:
-        tail += envelope[j] * np.sqrt(power[0, j] * power[1, j]) * BINS[j] ** 2
+                    line[0] = k2 * sersic[c, 2] ** 2
+                    power[j] += light[c] * abs(read(tables[c], _K2_FIRST, bits[0]))
+        power[j] *= envelope[j] * BINS[j] ** 2
+    left = _TAIL * power.sum()
+    j = len(BINS) - 1
+    while j > 0 and left >= power[j]:
+        left -= power[j]
         j -= 1
-    return BINS[min(j + 2, len(BINS) - 1)]
+    return BINS[min(j + 1, len(BINS) - 1)]
 
 
 @numba.njit(cache=True)
