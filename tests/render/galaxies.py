@@ -13,7 +13,7 @@ WINDOW_PX = 3.0  # of the moments
 
 def scene_of(psf, x, y, electrons=1e5, index=1.0, size=0.3, matrix=None, bulge=0.0, bulge_size=0.3):
     """Return a Scene of n objects at x, y (n,); index 0 makes points. Other values: the same for all, or (n,)."""
-    x, y = np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
+    x, y = (np.array(v, float) for v in np.broadcast_arrays(np.atleast_1d(x), np.atleast_1d(y)))
     n = len(x)
     index, size, bulge = (np.broadcast_to(np.asarray(v, float), n) for v in (index, size, bulge))
     sersic = np.zeros((n, 2, 3))

