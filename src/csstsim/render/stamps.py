@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from csstsim.catalog.flags import NEGATIVE_CLIPPED, OFF_CHIP, OUTSIDE_PSF_HULL
+from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED, OFF_CHIP, OUTSIDE_PSF_HULL
 from csstsim.optics.beyond import Beyond
 from csstsim.render.galaxy_stamp import galaxy_stamp, plan_galaxies
 from csstsim.render.point_stamp import point_stamp
@@ -64,7 +64,7 @@ def draw_scene(image, window, scene, reach, wing_px, psf, beyond=NOTHING, respon
             core = mixer.core if wing_px[i] > 0 else None
             if galaxy[i]:
                 stamp = galaxy_stamp(mixer, scene, plan, i, light, bounds, core=core, many=many[i])
-                out.flags[i] |= _clip_negative(stamp)
+                out.flags[i] |= _clip_negative(stamp) | (FFT_REDUCED if plan.rough[i] else 0)
             else:
                 stamp = point_stamp(mixer, scene.node[i], light, x, y, bounds, core=core)
             x0, x1, y0, y1 = bounds

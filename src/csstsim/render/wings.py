@@ -4,8 +4,9 @@ The box is faded out, the wing (optics.halo) faded in over the same ring, 0.7 to
 step with two continuous derivatives; at its far end the wing is faded out over its last quarter. How far a wing reaches
 comes with the object (catalog.reach).
 
-A wing is read from a table in r^2 (render.octaves): 3e-5 of the value for slopes to -3. Its value at a pixel's centre
-stands for the pixel: 4e-4 at 45 px, less beyond. Cost: benchmarks/wings.py.
+A wing is read from a table in r^2 (render.octaves): 3e-5 of the value for slopes to -3. Beyond 256 px it is read every
+8th pixel of a row, with the cubic through four such values between: 1e-5. Its value at a pixel's centre stands for the
+pixel: 4e-4 at 45 px, less beyond. Cost: benchmarks/wings.py.
 """
 
 import math
@@ -19,6 +20,13 @@ FADE = 0.7, 0.95  # of the box's half side
 _TAPER = 0.75  # of the wing's reach
 _LOW = 0  # octave of r^2 [px^2] where tables begin
 _FIRST = first_of(_LOW)
+_NEAR_PX = 256.0  # radius within which every pixel is read from the table
+_BLOCK = 8  # px between values read beyond
+_AT = np.arange(_BLOCK) / _BLOCK
+_CUBIC = np.stack([  # weights of four values, at -1, 0, 1, 2, at each place between 0 and 1
+    -_AT * (_AT - 1) * (_AT - 2) / 6, (_AT + 1) * (_AT - 1) * (_AT - 2) / 2,
+    -(_AT + 1) * _AT * (_AT - 2) / 2, (_AT + 1) * _AT * (_AT - 1) / 6,
+])  # fmt: skip
 
 
 def step(r, inner, outer):
@@ -44,10 +52,9 @@ def wing_table(wing, flux, half, reach):
 def add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px, half):
     """Add an object's wing, if `wing_px` > 0, and its ghosts, if bright enough; return [(electrons, box), ...].
 
-    image: float32 or float64, of `window`, changed in place; response: share of the light that is counted, of the same shape;
-    x, y: chip pixels, flux: (4,) electrons; beyond:
-    optics.beyond.Beyond; half: side of the PSF's box [px]. Boxes are (x0, x1, y0, y1) on the chip, half-open; what
-    misses the window is not listed.
+    image: float32 or float64, of `window`, changed in place; response: share of the light that is counted, of the same
+    shape; x, y: chip pixels, flux: (4,) electrons; beyond: optics.beyond.Beyond; half: side of the PSF's box [px].
+    Boxes are (x0, x1, y0, y1) on the chip, half-open; what misses the window is not listed.
     """
     parts = []
     if wing_px > 0:
@@ -75,22 +82,60 @@ def _on_window(add, image, response, window, x, y, reach, what):
 @numba.njit(cache=True)
 def _add_radial(image, response, x, y, reach, table):
     """Add the table's value at r^2 around pixel position x, y of `image`; return the sum."""
+    columns = image.shape[1]
     total = 0.0
-    square = np.empty(image.shape[1])
+    square, value, sums = np.empty(columns + 1), np.empty(columns + _BLOCK), np.empty(_BLOCK)
     bits = square.view(np.int64)
     for row in range(image.shape[0]):
         dy2 = (row - y) ** 2
-        half = math.sqrt(max(reach**2 - dy2, 0.0))
-        first, last = max(0, math.ceil(x - half)), min(image.shape[1], math.floor(x + half) + 1)
-        for column in range(first, last):
+        half, near = math.sqrt(max(reach**2 - dy2, 0.0)), math.sqrt(max(_NEAR_PX**2 - dy2, 0.0))
+        first, last = max(0, math.ceil(x - half)), min(columns, math.floor(x + half) + 1)
+        if first >= last:
+            continue
+        left = min(max(math.ceil(x - near), first), last)
+        right = min(max(math.floor(x + near) + 1, left), last)
+        _coarse(value, first, left, x, dy2, table)
+        for column in range(left, right):
             square[column] = dy2 + (column - x) ** 2
-        line = 0.0
-        for column in range(first, last):
-            value = read(table, _FIRST, bits[column]) * response[row, column]
-            image[row, column] += value
-            line += value
-        total += line
+        for column in range(left, right):
+            value[column] = read(table, _FIRST, bits[column])
+        _coarse(value, right, last, x, dy2, table)
+        shown, line, seen = value[first:last], image[row, first:last], response[row, first:last]
+        for column in range(len(shown)):
+            shown[column] *= seen[column]
+            line[column] += shown[column]
+        sums[:] = 0.0
+        whole = len(shown) // _BLOCK * _BLOCK
+        for column in range(0, whole, _BLOCK):
+            for k in range(_BLOCK):
+                sums[k] += shown[column + k]
+        for column in range(whole, len(shown)):
+            sums[0] += shown[column]
+        total += sums.sum()
     return total
+
+
+@numba.njit(cache=True)
+def _coarse(value, first, last, x, dy2, table):
+    """Fill value[first:last] of a row from table values _BLOCK apart."""
+    if first >= last:
+        return
+    place = np.empty(1)
+    bits = place.view(np.int64)
+    before = here = after = 0.0
+    for block in range(-3, (last - first + _BLOCK - 1) // _BLOCK):
+        place[0] = dy2 + (first + (block + 2) * _BLOCK - x) ** 2
+        beyond = read(table, _FIRST, bits[0])
+        if block >= 0:
+            start = first + block * _BLOCK
+            for k in range(min(_BLOCK, len(value) - start)):
+                value[start + k] = (
+                    _CUBIC[0, k] * before + _CUBIC[1, k] * here + _CUBIC[2, k] * after + _CUBIC[3, k] * beyond
+                )
+            if beyond <= 0.0:  # where the wing ends, a cubic dips by rounding
+                for k in range(min(_BLOCK, len(value) - start)):
+                    value[start + k] = max(value[start + k], 0.0)
+        before, here, after = here, after, beyond
 
 
 @numba.njit(cache=True)
