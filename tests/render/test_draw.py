@@ -22,7 +22,8 @@ def scene_of(x, y, electrons):
     """Points of given light."""
     n = len(x)
     return Scene(
-        np.arange(n), np.asarray(x, float), np.asarray(y, float), np.repeat(np.asarray(electrons, float)[:, None] / 4, 4, 1),
+        np.arange(n), np.asarray(x, float), np.asarray(y, float),
+        np.repeat(np.asarray(electrons, float)[:, None] / 4, 4, 1),
         np.tile([1.0, 0.0], (n, 1)), np.zeros((n, 2, 3)), np.tile(np.eye(2), (n, 1, 1)), np.zeros((n, 1), int),
         np.ones((n, 1)), np.zeros(n, bool),
     )  # fmt: skip
@@ -78,8 +79,8 @@ def test_a_noise_free_image_has_nothing_counted_and_is_the_reference(draw):
 
 
 def test_preview_spreads_what_nobody_would_see(draw):
-    image, counted, drawn = draw([4100.0, 4120.0], [4090.0, 4100.0], "preview", flux0=rate(np.array([5.0, 1e4])), **{
-        f"flux{i}": np.zeros(2) for i in (1, 2, 3)})  # fmt: skip
+    dark = {f"flux{i}": np.zeros(2) for i in (1, 2, 3)}
+    image, _, drawn = draw([4100.0, 4120.0], [4090.0, 4100.0], "preview", flux0=rate(np.array([5.0, 1e4])), **dark)
     assert list(drawn["method"]) == ["unresolved", "photons"]
     assert drawn["flags"][0] == SKIPPED_FAINT and image.sum(dtype=float) == pytest.approx(5.0, rel=1e-6)
 
