@@ -10,6 +10,7 @@ box (benchmarks/stamps.py has the size of that).
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numba
 import numpy as np
@@ -17,8 +18,7 @@ import scipy.fft
 
 from csstsim.render.octaves import first_of, nodes, read
 from csstsim.render.psf_mixture import BINS, transform
-from csstsim.render.sersic import CUT_NONE, K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, cut_for, extent
-from csstsim.render.sersic import tables as sersic_tables
+from csstsim.render.sersic import CUT_NONE, K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, cut_for, extent, tables
 
 _WORST = 3e-4  # of the peak: what blurring may change in the outer part ...
 _ROUGH = 3e-3  # of the peak: above which it is flagged
@@ -26,7 +26,7 @@ _LOCAL = 0.05  # ... where it is more than this of what is there
 _CORE2 = 1.5  # px^2: half the variance of the PSF's core and the pixel
 _WINGS2 = 6.5  # px^2: the same of the box, with the curvature of the split (measured: benchmarks/stamps.py)
 _RHO = np.geomspace(0.02, 200.0, 48)  # r_e
-_START_PX = 20.0  # the outer part begins no nearer
+_START_PX = 14.0  # the outer part begins no nearer
 _EXTENT_MAX = 448.0  # px: half the side of the inner part
 _TAIL = 3e-4  # of the peak: what the frequencies left out may add up to
 SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point
@@ -52,7 +52,7 @@ def plan_galaxies(scene, reach, box, rows):
     The outer part, which the PSF leaves as it is, begins where that is wrong by less than _WORST of the peak: for the
     PSF's core, whose variance meets the curvature of the profile on its long axis, where it is thinnest (across,
     exp(-b rho^(1/n)) has b / n rho^(1/n - 2) over the square of the short half-light radius), and for its wings, which
-    meet that of the split itself; nowhere within 20 px.
+    meet that of the split itself; nowhere within 14 px.
     """
     there = (scene.light > 0) & rows[:, None]
     n, b, size = np.moveaxis(np.where(there[..., None], scene.sersic, 1.0), -1, 0)
@@ -82,7 +82,7 @@ def plan_galaxies(scene, reach, box, rows):
         ends[i, c] = extent(n[i, c])
     end = (np.minimum(cut, ends) * wide).max(axis=1, where=there, initial=0.0)
     half = np.minimum(reach, np.ceil(end + box)).astype(int)
-    wanted = np.maximum(half + np.maximum(box, end + box / 2) + 1, 2 * half + 2)
+    wanted = np.maximum(half + np.maximum(box, end + box / 4) + 1, 2 * half + 2)
     sizes = _SIZES[np.minimum(np.searchsorted(_SIZES, wanted), len(_SIZES) - 1)]
     return Plan(cut, half, np.where(rows, sizes, 0), rough)
 
@@ -96,8 +96,7 @@ def galaxy_stamp(mixer, scene, plan, i, share, bounds, *, core=None, many=False)
     """
     node, light, sersic, matrix = scene.node[i], scene.light[i], scene.sersic[i], scene.matrix[i]
     x, y, cut, half, size = scene.x[i], scene.y[i], plan.cut[i], plan.half[i], int(plan.size[i])
-    both = [sersic_tables(sersic[c, 0], cut[c]) if light[c] > 0 else _NONE for c in range(2)]
-    inner, outer = (np.stack(t) for t in zip(*both, strict=True))
+    inner, outer = _component_tables(*(key for c in range(2) for key in (sersic[c, 0] * (light[c] > 0), cut[c])))
     frequency = _cutoff(sersic, light, matrix, inner, mixer.envelope)
     last = min(int(frequency * size) + 1, size)
     x0, x1, y0, y1 = bounds
@@ -120,6 +119,13 @@ def galaxy_stamp(mixer, scene, plan, i, share, bounds, *, core=None, many=False)
         electrons = mixer.light(node, share, core)
         _add_outer(stamp, sersic, light, matrix, outer, cut, x - x0, y - y0, electrons)
     return stamp
+
+
+@lru_cache(256)
+def _component_tables(disk, disk_cut, bulge, bulge_cut):
+    """Return (inner (2, m), outer (2, l)): the tables of render.sersic of two indices and cuts; index 0: zeros."""
+    both = [tables(*key) if key[0] > 0 else _NONE for key in ((disk, disk_cut), (bulge, bulge_cut))]
+    return tuple(np.stack(parts) for parts in zip(*both, strict=True))
 
 
 @numba.njit(cache=True)
