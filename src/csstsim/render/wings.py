@@ -14,6 +14,7 @@ import math
 import numba
 import numpy as np
 
+from csstsim.render.far_wings import NEAR
 from csstsim.render.octaves import first_of, nodes, read
 
 FADE = 0.7, 0.95  # of the box's half side
@@ -21,6 +22,7 @@ _TAPER = 0.75  # of the wing's reach
 _LOW = 0  # octave of r^2 [px^2] where tables begin
 _FIRST = first_of(_LOW)
 _NEAR_PX = 256.0  # radius within which every pixel is read from the table
+_LONG = 3  # NEAR: shorter wings are drawn here whole
 _BLOCK = 8  # px between values read beyond
 _AT = np.arange(_BLOCK) / _BLOCK
 _CUBIC = np.stack([  # weights of four values, at -1, 0, 1, 2, at each place between 0 and 1
@@ -43,22 +45,31 @@ def box_share(cells, per_pixel):
 
 def wing_table(wing, flux, half, reach):
     """Return the wing per pixel on octaves of r^2. flux: (4,) electrons; half: of the box [px]; reach in px."""
-    r = np.sqrt(nodes(_LOW, math.ceil(2 * math.log2(reach)) + 1))
+    r = np.sqrt(nodes(_LOW, _octaves(reach)))
     inner, outer = (f * half for f in FADE)
     shown = (1 - step(r, inner, outer)) * step(r, _TAPER * reach, reach)
     return np.einsum("b,br->r", flux, wing.profile(np.maximum(r, inner))) * shown
 
 
-def add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px, half):
+def _octaves(reach):
+    return math.ceil(2 * math.log2(reach)) + 1
+
+
+def add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px, half, far=None):
     """Add an object's wing, if `wing_px` > 0, and its ghosts, if bright enough; return [(electrons, box), ...].
 
     image: float32 or float64, of `window`, changed in place; response: share of the light that is counted, of the same
     shape; x, y: chip pixels, flux: (4,) electrons; beyond: optics.beyond.Beyond; half: side of the PSF's box [px].
-    Boxes are (x0, x1, y0, y1) on the chip, half-open; what misses the window is not listed.
+    Boxes are (x0, x1, y0, y1) on the chip, half-open; what misses the window is not listed. `far`: a FarWings that takes
+    the part of a long wing that is far from the object, or None: all of it is drawn here.
     """
     parts = []
     if wing_px > 0:
         table = wing_table(beyond.wing, flux, half, wing_px)
+        if far is not None and wing_px > _LONG * NEAR:
+            near = step(np.sqrt(nodes(_LOW, _octaves(wing_px))), NEAR, 2 * NEAR)
+            parts.append(far.add(x, y, wing_px, table * (1 - near), _FIRST))
+            table, wing_px = table * near, 2 * NEAR
         parts.append(_on_window(_add_radial, image, response, window, x, y, wing_px, table))
     if beyond.ghosts is not None and beyond.ghosts.visible(flux.sum()):
         ghosts = beyond.ghosts
