@@ -60,8 +60,8 @@ def add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px, half,
 
     image: float32 or float64, of `window`, changed in place; response: share of the light that is counted, of the same
     shape; x, y: chip pixels, flux: (4,) electrons; beyond: optics.beyond.Beyond; half: side of the PSF's box [px].
-    Boxes are (x0, x1, y0, y1) on the chip, half-open; what misses the window is not listed. `far`: a FarWings that takes
-    the part of a long wing that is far from the object, or None: all of it is drawn here.
+    Boxes are (x0, x1, y0, y1) on the chip, half-open; what misses the window is not listed. `far`: a FarWings that
+    takes the part of a long wing that is far from the object, or None: all of it is drawn here.
     """
     parts = []
     if wing_px > 0:
