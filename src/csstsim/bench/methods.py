@@ -1,0 +1,111 @@
+"""The ways to draw an object that csstsim has, each as a Method; peers.py has the others'.
+
+A Method's `prepare(setting, case)` does what is done once for many objects (a PSF looked up, a table made) and returns
+`draw(copies)`, which is what is timed: it draws that many of the object and returns the sum [electron], (ny, nx). To
+plug in another, write a prepare and add it to METHODS.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from csstsim.bench import peers
+from csstsim.catalog.table import ObjectTable
+from csstsim.render.counter import object_keys
+from csstsim.render.photons import shoot
+from csstsim.render.reference import draw_objects
+from csstsim.render.stamps import point_stamp
+
+STARS, GALAXIES, ALL = "stars", "galaxies", "stars, galaxies"
+
+
+@dataclass(frozen=True)
+class Method:
+    """`random`: electrons are drawn; `most`: of them in a go, beyond which cost is taken as proportional to light.
+
+    `peer`: another code, or the paper's way; `preset`: one of the policy's, which chooses among the rest.
+    """
+
+    name: str
+    prepare: Callable
+    draws: str = ALL
+    random: bool = False
+    most: float = np.inf
+    peer: bool = False
+    preset: bool = False
+
+    def can(self, case):
+        return (STARS if case.star else GALAXIES) in self.draws
+
+
+def standard(setting, case):
+    """Return the image everything is compared with: the reference renderer, the whole window its stamp."""
+    wide = case.row.with_columns(reach=np.array([case.half], np.int32), lost=np.array([1e-4]))
+    return _reference(setting, replace(case, row=wide))(1)
+
+
+def _reference(setting, case):
+    def draw(copies):
+        image = np.zeros(case.window.shape, np.float32)
+        rows = case.row.take(np.zeros(copies, int))
+        draw_objects(image, case.window, rows, setting.wcs, setting.psf, setting.exptime)
+        return image.astype(float)
+
+    return draw
+
+
+def _photons(setting, case):
+    table, window, scene = setting.table, case.window, case.scene
+    bits = [int(np.log2(n)) for n in (table.inner.shape[-1] ** 0.5, table.cells)]
+    base = np.uint64(case.row["id"][0] + 1)
+
+    def draw(copies):
+        many = scene.take(np.zeros(copies, int))
+        counted = np.zeros(window.shape, np.int32)
+        on_window, beyond, box = np.zeros(copies), np.zeros(copies), np.zeros((copies, 4), np.int64)
+        shoot(
+            counted, window.x0, window.y0, many.x, many.y, many.matrix, many.light, many.sersic, many.electrons,
+            many.node, many.weight, object_keys(base, np.arange(copies)), table.inner, table.outer, table.share, *bits,
+            table.per_pixel, on_window, beyond, box,
+        )  # fmt: skip
+        return counted.astype(float)
+
+    return draw
+
+
+def _point_stamp(setting, case):
+    scene, reach = case.scene, int(min(case.row["reach"][0], case.half))
+
+    def draw(copies):
+        image = np.zeros(case.window.shape)
+        for _ in range(copies):
+            mixture = sum(
+                w * np.einsum("f,fij->ij", scene.electrons[0], setting.table.coefficients[n])
+                for n, w in zip(scene.node[0], scene.weight[0], strict=True)
+            )
+            stamp, x0, y0 = point_stamp(mixture, scene.x[0], scene.y[0], reach, setting.table.per_pixel)
+            x, y = x0 - case.window.x0, y0 - case.window.y0
+            image[y : y + len(stamp), x : x + len(stamp)] += stamp
+        return image
+
+    return draw
+
+
+def brighter(case, electrons):
+    """Return the case with so many electrons instead of its own."""
+    factor = electrons / case.electrons
+    columns = {name: case.row[name] * factor for name in ("flux0", "flux1", "flux2", "flux3")}
+    scene = replace(case.scene, electrons=case.scene.electrons * factor)
+    return replace(case, row=ObjectTable(case.row).with_columns(**columns), scene=scene, electrons=electrons)
+
+
+METHODS = (
+    Method("reference", _reference),
+    Method("photons", _photons, random=True),
+    Method("point stamp", _point_stamp, STARS),
+    Method("GalSim FFT, as the paper", peers.paper, peer=True),
+    Method("GalSim FFT, PSF reused", peers.fft, peer=True),
+    Method("GalSim photons, PSF reused", peers.photons, random=True, most=1e6, peer=True),
+    # UFIG
+)
