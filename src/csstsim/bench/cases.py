@@ -1,7 +1,8 @@
 """The objects of a benchmark: a designed grid of extremes, then a seeded random sample between them.
 
-Flux 10 to 1e7 electrons, half-light radius 0.05" to 5" (bulges to 1.5"), ellipticity |e| = (a - b) / (a + b) to 0.8. Every other object stands within half a pixel of a node of the PSF set, where what a
-renderer gets wrong is its own; the others stand anywhere, where the interpolation between nodes adds to it.
+Flux 10 to 1e7 electrons, half-light radius 0.05" to 5" (bulges to 1.5"), ellipticity |e| = (a - b) / (a + b) to 0.8.
+Every other object stands within half a pixel of a node of the PSF set, where what a renderer gets wrong is its own; the
+others stand anywhere, where the interpolation between nodes adds to it.
 """
 
 from dataclasses import dataclass

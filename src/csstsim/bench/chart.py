@@ -5,12 +5,12 @@ from matplotlib.figure import Figure
 
 from csstsim.atomic import atomic_path
 
-FAINT = 1e4  # electrons
+FAINT, MIDDLE, BRIGHT = 1e2, 1e4, 1e6  # electrons
 PANELS = (
-    ("stars below 10$^4$ e$^-$", "star", 0.0, FAINT),
-    ("stars, 10$^4$ to 10$^7$ e$^-$", "star", FAINT, np.inf),
-    ("galaxies below 10$^4$ e$^-$", "galaxy", 0.0, FAINT),
-    ("galaxies, 10$^4$ to 10$^7$ e$^-$", "galaxy", FAINT, np.inf),
+    ("stars, 10$^2$ to 10$^4$ e$^-$", "star", FAINT, MIDDLE),
+    ("stars, 10$^4$ to 10$^6$ e$^-$", "star", MIDDLE, BRIGHT),
+    ("galaxies, 10$^2$ to 10$^4$ e$^-$", "galaxy", FAINT, MIDDLE),
+    ("galaxies, 10$^4$ to 10$^6$ e$^-$", "galaxy", MIDDLE, BRIGHT),
 )
 OURS, PEERS, PRESET = "#0b6e99", "#b5542d", "#1a7a3c"
 

@@ -5,8 +5,11 @@ Moments are weighted with a Gaussian about the centroid, of 3 px or of the half-
     x = sum w I x / sum w I,  Qij = sum w I dx_i dx_j / sum w I,  size^2 = Qxx + Qyy,  e = (Qxx - Qyy, 2 Qxy) / size^2
 
 An image of N random electrons has a moment's error from each electron's part in it. An ideal filter sees an error d
-with significance sqrt(sum d^2 / variance), the `visible` error in noise units. The part of random electrons in that sum is
-known and taken off, so that many realisations are not needed to see a bias.
+with significance sqrt(sum d^2 / variance), the `visible` error in noise units; what random electrons add to that sum is
+known and taken off, so that not many realisations are needed to see a bias.
+
+The box of the stored PSF ends sharply, where in an exposure a wing takes over: pixels on its edge are left out of
+the worst pixel and of the visible error.
 """
 
 from dataclasses import dataclass
@@ -15,6 +18,7 @@ import numpy as np
 
 WINDOW_PX = 3.0
 NAMES = ("flux", "x_mas", "y_mas", "e1", "e2", "size2", "pixel", "visible")
+EDGE_PX = 1.5  # of the PSF's box, on each side
 _STEPS, _SETTLED_PX = 300, 1e-9
 
 
@@ -55,17 +59,20 @@ def moments(image, sigma=WINDOW_PX):
     return Moments(np.array([total, x, y, e1, e2, size2]), np.array([np.sqrt(total), *spread]))
 
 
-def errors(image, truth, variance, electrons, drawn=np.inf, *, sigma=WINDOW_PX, mas_per_px=74.0):
+def errors(image, truth, variance, electrons, drawn=np.inf, *, box=np.inf, sigma=WINDOW_PX, mas_per_px=74.0):
     """Return (errors, statistical errors of them), each (8,), in the order of NAMES, of an image per unit of light.
 
-    variance: of a pixel without the object [e-^2]; electrons: of the object; drawn: electrons the image was made of.
+    variance: of a pixel without the object [e-^2]; electrons: of the object; drawn: electrons the image was made of;
+    box: half the side of the PSF's box [px].
     Flux, size2: relative; pixel: largest difference over the peak; visible: in noise units, at `electrons`.
     """
     got, wanted = moments(image, sigma), moments(truth, sigma)
     scale = np.array([1 / wanted.value[0], mas_per_px, mas_per_px, 1.0, 1.0, 1 / wanted.value[5]])
-    difference = image - truth
+    axis = np.abs(np.arange(len(image)) - (len(image) - 1) / 2)
+    judged = np.abs(np.maximum(axis, axis[:, None]) - box) > EDGE_PX
+    difference = np.where(judged, image - truth, 0.0)
     noise2 = electrons * np.maximum(truth, 0) + variance
-    shot = electrons**2 / drawn * np.maximum(truth, 0) / noise2
+    shot = electrons**2 / drawn * np.maximum(truth, 0) / noise2 * judged
     seen = (electrons**2 * difference**2 / noise2).sum() - shot.sum()
     peak = np.abs(difference).argmax()
     values = [*(got.value - wanted.value) * scale, np.abs(difference).max() / truth.max(), np.sqrt(max(seen, 0.0))]

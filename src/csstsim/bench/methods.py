@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from csstsim.bench import peers
+from csstsim.bench import peers, ufig
 from csstsim.catalog.table import ObjectTable
 from csstsim.render.counter import object_keys
 from csstsim.render.photons import shoot
@@ -104,8 +104,8 @@ METHODS = (
     Method("reference", _reference),
     Method("photons", _photons, random=True),
     Method("point stamp", _point_stamp, STARS),
-    Method("GalSim FFT, as the paper", peers.paper, peer=True),
-    Method("GalSim FFT, PSF reused", peers.fft, peer=True),
-    Method("GalSim photons, PSF reused", peers.photons, random=True, most=1e6, peer=True),
-    # UFIG
+    Method("GalSim as the paper", peers.paper, peer=True),
+    Method("GalSim FFT", peers.fft, peer=True),
+    Method("GalSim photons", peers.photons, random=True, most=1e6, peer=True),
+    *([Method("UFig", ufig.prepare, random=True, peer=True)] if ufig.THERE else []),
 )

@@ -3,12 +3,9 @@
 * `paper`: GalSim as the paper describes it (sections 4.1, 5.3): for each object and sub-band the PSF interpolated to
   its place, its cells read as samples of a continuous PSF, an InterpolatedImage, a convolution, a draw.
 * `fft`, `photons`: GalSim with one PSF object a node, used for all objects nearest to it.
-* `ufig`: a Moffat PSF is all it can carry; here the one whose core and width are nearest to the object's PSF.
 
 GalSim's own defaults hold everywhere (folding_threshold 5e-3).
 """
-
-import importlib.util
 
 import galsim
 import numpy as np
@@ -88,8 +85,3 @@ def photons(setting, case):
     point = _interpolated(_nearest(setting, case), setting.psf.oversampling)
     rng = galsim.BaseDeviate(int(case.row["id"][0]) + 1)
     return _drawer(case, [_convolved(case.scene, point)], method="phot", rng=rng)
-
-
-def ufig_there():
-    """Whether UFig can be imported."""
-    return importlib.util.find_spec("ufig") is not None

@@ -48,7 +48,9 @@ def row(method, setting, case, direct, reference, seconds, electrons):
         image, cost, drawn = np.full_like(direct, np.nan), np.nan, 0
     judged = {}
     if drawn:
-        how = {"sigma": max(WINDOW_PX, size), "mas_per_px": 1000 * setting.camera.telescope.pixel_scale}
+        box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
+        scale = 1000 * setting.camera.telescope.pixel_scale
+        how = {"box": box, "sigma": max(WINDOW_PX, size), "mas_per_px": scale}
         for name, wanted in (("standard", reference), ("direct", direct)):
             judged[name], chance = errors(image, wanted, setting.variance, case.electrons, drawn, **how)
         judged["chance"] = chance

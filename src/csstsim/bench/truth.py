@@ -1,13 +1,14 @@
 """The independent truth: an object's light on its pixels from direct optics, no stored PSF and no GalSim in it.
 
 The optics at the object's own place make a PSF of 8 x 8 cells to a pixel, in the box of the stored one. Sums over
-pixels on that lattice hold every frequency the optics pass, so the image's transform is theirs times the profile's. The transform of a circular Sersic profile, index n >= 1, is taken along the imaginary axis, where nothing oscillates
-(contour of the Hankel integral turned by 90 degrees, H0(1)(ix) = 2 K0(x) / (i pi)):
+pixels on that lattice hold every frequency the optics pass, so the image's transform is theirs times the profile's.
+The profile's (circular Sersic, index n >= 1) is taken along the imaginary axis, where nothing oscillates (the contour of
+the Hankel integral turned by 90 degrees, H0(1)(ix) = 2 K0(x) / (i pi)):
 
     S(k) = 2 / (pi N) int_0^inf exp(-b t^(1/n) cos(pi/2n)) sin(b t^(1/n) sin(pi/2n)) K0(k t) t dt
 
-with N = n b^(-2n) Gamma(2n); for n = 1 the known (1 + (k/b)^2)^(-3/2). A transform repeats the object every `period` pixels; the repeats next to the
-window, which are as smooth as the profile's own wings, are taken off.
+with N = n b^(-2n) Gamma(2n); for n = 1 the known (1 + (k/b)^2)^(-3/2). A transform repeats the object every `period`
+pixels; the repeats next to the window, which are as smooth as the profile's own wings, are taken off.
 """
 
 import math
@@ -45,7 +46,8 @@ class Truth:
         setting, m = self._setting, CELLS_PER_PIXEL
         coefficients = chip_coefficients(self._wavefront, setting.camera.psf, setting.chip, x, y)
         images, _ = node_psf(self._optics[0], coefficients, self._optics[1], m)
-        return pixel_response(np.tensordot(SHARES, setting.beyond.wing.add_to(images, m), axes=1), m)
+        cells = np.tensordot(SHARES, setting.beyond.wing.add_to(images, m), axes=1)
+        return pixel_response(np.pad(cells, m), m)  # with the pixels that are only partly in the box
 
     def __call__(self, case):
         """Return the light on each pixel of the case's window, of an object of unit flux, float64."""
