@@ -2,8 +2,8 @@
 
 The optics at the object's own place make a PSF of 8 x 8 cells to a pixel, in the box of the stored one. Sums over
 pixels on that lattice hold every frequency the optics pass, so the image's transform is theirs times the profile's.
-The profile's (circular Sersic, index n >= 1) is taken along the imaginary axis, where nothing oscillates (the contour of
-the Hankel integral turned by 90 degrees, H0(1)(ix) = 2 K0(x) / (i pi)):
+The profile's (circular Sersic, index n >= 1) is taken along the imaginary axis, where nothing oscillates (the contour
+of the Hankel integral turned by 90 degrees, H0(1)(ix) = 2 K0(x) / (i pi)):
 
     S(k) = 2 / (pi N) int_0^inf exp(-b t^(1/n) cos(pi/2n)) sin(b t^(1/n) sin(pi/2n)) K0(k t) t dt
 

@@ -53,18 +53,19 @@ def prepare(setting, case):
 
 
 def _moffat(setting, scene):
-    """Return (FWHM [px], beta, share of all light in it) of the Moffat profile nearest to the object's PSF."""
+    """Return (FWHM [px], beta, light) of the Moffat profile of the light in the PSF's box nearest to it."""
     electrons = scene.electrons[0] / scene.electrons[0].sum()
     cells = sum(
         w * np.tensordot(electrons, setting.psf.node(n).astype(float), axes=1)
         for n, w in zip(scene.node[0], scene.weight[0], strict=True)
     )
+    total = cells.sum()
     axis = (np.arange(len(cells)) - (len(cells) - 1) / 2) / setting.psf.oversampling
     r2 = axis**2 + axis[:, None] ** 2
 
     def residual(p):
         alpha2 = p[0] ** 2 / (4 * (2 ** (1 / p[1]) - 1))
-        density = p[2] * (p[1] - 1) / (np.pi * alpha2) * (1 + r2 / alpha2) ** -p[1]
+        density = total * (p[1] - 1) / (np.pi * alpha2) * (1 + r2 / alpha2) ** -p[1]
         return (density / setting.psf.oversampling**2 - cells).ravel()
 
-    return least_squares(residual, (1.8, 3.0, 1.0), bounds=((0.3, 1.05, 0.1), (10, 20, 2))).x
+    return *least_squares(residual, (1.8, 3.0), bounds=((0.3, 1.05), (10, 20))).x, total
