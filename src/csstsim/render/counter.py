@@ -1,7 +1,8 @@
 """Random numbers for compiled loops: a counter and a key give a number, so objects may be drawn in any order.
 
 word(key, counter) is SplitMix64 (Steele, Lea & Flood 2014, OOPSLA) with the key mixed in twice, so that two keys
-never walk the same sequence. `object_keys` makes a key of each object's id. Functions that need several numbers take
+never walk the same sequence. `object_keys` makes a key of each object's id: equal ids have equal keys, hence equal
+numbers, so whoever has two objects of one id must give them different ones. Functions that need several numbers take
 the counter and return it advanced.
 """
 
@@ -15,8 +16,10 @@ _MIX1, _MIX2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _ONE = np.uint64(1)
 _S27, _S30, _S31, _S32 = (np.uint64(s) for s in (27, 30, 31, 32))
 _LOW32 = np.uint64(0xFFFFFFFF)
-_UNIT32 = 2.0**-32
+_S11 = np.uint64(11)
+_UNIT32, _UNIT53 = 2.0**-32, 2.0**-53
 _INVERSION_MAX = 10.0  # mean, above which rejection is the faster
+_INVERSION_LAST = 100  # where rounding must not let the search run on: P(more) < 1e-60
 
 
 @numba.njit(inline="always")
@@ -40,6 +43,12 @@ def low(bits):
     return (np.float64(bits & _LOW32) + 0.5) * _UNIT32
 
 
+@numba.njit(inline="always")
+def unit(bits):
+    """Return a uniform number in (0, 1) of 53 bits."""
+    return (np.float64(bits >> _S11) + 0.5) * _UNIT53
+
+
 @numba.njit(cache=True)
 def object_keys(base, ids):
     """Return (n,) uint64 keys of integer ids under a base key (uint64)."""
@@ -57,10 +66,10 @@ def poisson(mean, key, counter):
     """
     if mean < _INVERSION_MAX:
         p = math.exp(-mean)
-        u = high(word(key, counter))
+        u = unit(word(key, counter))
         counter += _ONE
         k = 0
-        while u > p and k < 1000:
+        while u > p and k < _INVERSION_LAST:
             u -= p
             k += 1
             p *= mean / k

@@ -7,70 +7,183 @@ of k with probability c_k and a B_2 variate (three uniforms); stamps are sums of
 are the same density. Coefficients below zero, of which a smooth PSF has hardly any, count as zero and the rest make up
 for them; `negative` says how much that was.
 
-Alias tables (Walker 1977; Vose 1991): 16 bits of probability and 16 bits of index in a word; the middle of a PSF, which
-takes 99% of the photons, has a table of its own that stays in cache.
+Alias tables (Walker 1977; Vose 1991, IEEE TSE 17, 972): 16 bits of probability and 16 bits of index in a word; the
+middle of a PSF, which takes 96% of the photons, has a table of its own that stays in cache. What rounding takes from a
+cell its alias gets: the middle's light is exact, a cell's to 2^-17 of the mean cell's.
+
+On disk: HDF5, the two tables contiguous, hence mappable; /share and /negative as below. The coefficients are not kept
+(they would double the file): `node_coefficients` makes them in milliseconds. The file names the PSF set it was made of
+by a digest of its attributes, nodes and fluxes.
 """
 
+import hashlib
+import math
 from dataclasses import dataclass
 
+import h5py
 import numba
 import numpy as np
-import scipy.ndimage
 
-INNER_PX = 16  # half the side of the middle, in pixel
+from csstsim.atomic import atomic_path
+from csstsim.errors import InputError
+from csstsim.optics.psf_file import WAVELENGTHS, PsfSet, intact
+
+INNER_PX = 8  # half the side of the middle, in pixel
+FORMAT = 1
+_MAX_CELLS = 256  # to a side: an alias is a number of 16 bits
+_POLE = np.sqrt(3.0) - 2.0  # of the cubic B-spline's prefilter
+_HORIZON = 28  # cells after which the pole's power is below 1e-16
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class PsfTable:
-    """Sampling tables of n nodes and 4 sub-bands. `cells` to a side, `per_pixel` cells to a pixel."""
+    """Sampling tables of the n nodes of a PsfSet. A table has 2^bits cells to a side, row by row, the first at the
+    first cell of the middle or of the box."""
 
-    coefficients: np.ndarray  # (n, 4, cells, cells) float32: c >= 0 as a share of a star's light
-    inner: np.ndarray  # (n, 4, side^2) uint32 alias tables of the middle
-    outer: np.ndarray  # (n, 4, cells^2) uint32, the middle of weight zero
+    psf: PsfSet
+    inner: np.ndarray  # (n, 4, 4^inner_bits) uint32 alias tables of the middle
+    outer: np.ndarray  # (n, 4, 4^outer_bits) uint32, the middle of weight zero
     share: np.ndarray  # (n, 4, 2) light of middle and rest; what is missing to 1 lies outside the box
     negative: np.ndarray  # (n, 4) light of the coefficients that were below zero
-    per_pixel: int
+
+    @property
+    def per_pixel(self):
+        """Cells to a pixel, along a side."""
+        return self.psf.oversampling
 
     @property
     def cells(self):
-        return self.coefficients.shape[-1]
+        """Cells to a side of the box."""
+        return self.psf.image.shape[-1]
+
+    def node_coefficients(self, node):
+        """Return (4, cells, cells) float64: c >= 0 of a live node, as a share of a star's light."""
+        return np.stack([spline_coefficients(image)[0] for image in self.psf.node(node)])
 
 
 def make_table(psf, nodes=None):
-    """Return the PsfTable of a PsfSet; `nodes` (indices) are made, the others stay zero (None: all live ones)."""
-    per_pixel = psf.oversampling
-    count, bands, cells = len(psf.nodes_xy), *psf.image.shape[1:3]
-    side = 2 * INNER_PX * per_pixel
-    table = PsfTable(
-        np.zeros((count, bands, cells, cells), np.float32), np.zeros((count, bands, side * side), np.uint32),
-        np.zeros((count, bands, cells * cells), np.uint32), np.zeros((count, bands, 2)), np.zeros((count, bands)),
-        per_pixel,
-    )  # fmt: skip
-    for node in np.flatnonzero(~psf.dead) if nodes is None else nodes:
-        for band, image in enumerate(psf.node(node)):
-            c, table.negative[node, band] = spline_coefficients(image)
-            table.coefficients[node, band] = c
-            _fill(c, side, table.inner[node, band], table.outer[node, band], table.share[node, band])
-    return table
+    """Return the PsfTable of a PsfSet in memory; `nodes` (indices) are made, others stay zero (None: all live ones)."""
+    arrays = {name: np.zeros(*layout) for name, layout in _layout(psf).items()}
+    for node, values in _live(psf, nodes):
+        for name, value in values.items():
+            arrays[name][node] = value
+    for values in arrays.values():
+        values.flags.writeable = False  # as a mapped file is
+    return PsfTable(psf, **arrays)
+
+
+def write_tables(path, psf):
+    """Write the tables of all live nodes of a PsfSet to `path`, node by node; dead nodes stay zero."""
+    with atomic_path(path) as temporary, h5py.File(temporary, "w", libver=("v110", "v110")) as file:
+        file.attrs["format"], file.attrs["digest"] = FORMAT, np.bytes_(_digest(psf))
+        for name, layout in _layout(psf).items():
+            file.create_dataset(name, *layout)
+        for node, values in _live(psf):
+            for name, value in values.items():
+                file[name][node] = value
+
+
+def read_tables(path, psf):
+    """Return the PsfTable of a PsfSet from its file, the large arrays mapped, not read.
+
+    Raises InputError if the file is missing, damaged, of another format, or made of another PSF set.
+    """
+    with intact(path), h5py.File(path, "r") as file:
+        for name, mine in (("format", FORMAT), ("digest", np.bytes_(_digest(psf)))):
+            if name not in file.attrs or file.attrs[name] != mine:
+                message = "not the tables of this PSF set; remove the file and they are made anew"
+                raise InputError(message, file=path, key=name)
+        arrays, layout = {}, _layout(psf)
+        for name, (shape, dtype) in layout.items():
+            data = file[name]
+            if data.shape != shape or data.dtype != dtype:
+                raise InputError("wrong shape or type", file=path, key=name, value=data.shape, allowed=shape)
+            big = name in ("inner", "outer")
+            arrays[name] = np.memmap(path, dtype, "r", data.id.get_offset(), shape) if big else data[()]
+            arrays[name].flags.writeable = False
+    return PsfTable(psf, **arrays)
 
 
 def spline_coefficients(image):
     """Return (c >= 0, light below zero) of one image of cell integrals (cells, cells); sums are the image's."""
-    c = scipy.ndimage.spline_filter(image.astype(np.float64), order=3, mode="mirror")
-    below = -np.minimum(c, 0).sum()
+    c = image.astype(np.float64)
+    for _ in range(2):
+        _prefilter(c)
+        c = np.ascontiguousarray(c.T)
+    below = np.maximum(-c, 0).sum()
     total = image.sum(dtype=np.float64)
     c = np.maximum(c, 0)
     return (c * (total / c.sum()) if total > 0 else c), below
 
 
-def _fill(c, side, inner, outer, share):
-    first = (len(c) - side) // 2
-    middle = slice(first, first + side)
-    rest = c.copy()
+def _bits(psf):
+    """Return the powers of two of the sides of inner and outer tables."""
+    cells = psf.image.shape[-1]
+    if cells > _MAX_CELLS:
+        raise InputError("too many cells for photons", file=psf.path, key="image", value=cells, allowed=_MAX_CELLS)
+    inner = min(2 * INNER_PX * psf.oversampling, cells)
+    return inner.bit_length() - 1, (cells - 1).bit_length()
+
+
+def _layout(psf):
+    n, (inner, outer) = len(psf.nodes_xy), _bits(psf)
+    return {
+        "inner": ((n, WAVELENGTHS, 4**inner), np.dtype(np.uint32)),
+        "outer": ((n, WAVELENGTHS, 4**outer), np.dtype(np.uint32)),
+        "share": ((n, WAVELENGTHS, 2), np.dtype(np.float64)),
+        "negative": ((n, WAVELENGTHS), np.dtype(np.float64)),
+    }
+
+
+def _digest(psf):
+    parts = repr(sorted(psf.attributes.items())), INNER_PX, *(a.tobytes() for a in (psf.nodes_xy, psf.flux))
+    return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+def _live(psf, nodes=None):
+    """Yield (node, {name: its rows of the tables})."""
+    for node in np.flatnonzero(~psf.dead) if nodes is None else nodes:
+        rows = {name: np.zeros(shape[1:], dtype) for name, (shape, dtype) in _layout(psf).items()}
+        for band, image in enumerate(psf.node(node)):
+            c, rows["negative"][band] = spline_coefficients(image)
+            rows["share"][band] = _fill(c, *_bits(psf), rows["inner"][band], rows["outer"][band])
+        yield node, rows
+
+
+def _fill(c, inner_bits, outer_bits, inner, outer):
+    """Fill the tables of one image; return the light of middle and rest."""
+    first = (len(c) - (1 << inner_bits)) // 2
+    middle = slice(first, first + (1 << inner_bits))
+    weight = np.ascontiguousarray(c[middle, middle]).ravel()
+    _alias(weight, inner)
+    rest = np.zeros((1 << outer_bits,) * 2)
+    rest[: len(c), : len(c)] = c
     rest[middle, middle] = 0
-    share[:] = c[middle, middle].sum(), rest.sum()
-    _alias(np.ascontiguousarray(c[middle, middle]).ravel(), inner)
     _alias(rest.ravel(), outer)
+    return weight.sum(), rest.sum()
+
+
+@numba.njit(cache=True)
+def _prefilter(c):
+    """Turn samples of a cubic spline into its coefficients, along axis 0, mirrored at the ends, in place."""
+    n, width = c.shape
+    power = _POLE
+    start = c[0].copy()
+    for i in range(1, _HORIZON):
+        mirrored = c[min(i % (2 * n - 2), 2 * n - 2 - i % (2 * n - 2))]
+        for j in range(width):
+            start[j] += power * mirrored[j]
+        power *= _POLE
+    c[0] = start
+    for i in range(1, n):
+        for j in range(width):
+            c[i, j] += _POLE * c[i - 1, j]
+    for j in range(width):
+        c[n - 1, j] = _POLE / (_POLE * _POLE - 1) * (c[n - 1, j] + _POLE * c[n - 2, j])
+    for i in range(n - 2, -1, -1):
+        for j in range(width):
+            c[i, j] = _POLE * (c[i + 1, j] - c[i, j])
+    c *= 6
 
 
 @numba.njit(cache=True)
@@ -93,8 +206,9 @@ def _alias(weight, table):
     while ns > 0 and nl > 0:
         ns -= 1
         i, j = small[ns], large[nl - 1]
-        table[i] = (np.uint32(min(scaled[i] * 65536.0 + 0.5, 65535.0)) << np.uint32(16)) | np.uint32(j)
-        scaled[j] -= 1.0 - scaled[i]
+        kept = min(math.floor(scaled[i] * 65536.0 + 0.5), 65535.0)
+        table[i] = (np.uint32(kept) << np.uint32(16)) | np.uint32(j)
+        scaled[j] -= 1.0 - kept / 65536.0
         if scaled[j] < 1.0:
             nl -= 1
             small[ns] = j
