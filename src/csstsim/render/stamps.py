@@ -1,59 +1,124 @@
-"""Stamps: the expected light of a point on its pixels, without noise.
+"""Stamps: the expected light of objects on their pixels, without noise, added to a plane of expected electrons.
 
-The PSF's spline density (render.psf_table) is integrated over pixels at the object's sub-pixel place: a short separable
-sum, exact, no transform.
+Points: render.point_stamp. Galaxies: render.galaxy_stamp. Light beyond the box of the PSF: render.wings. What is off
+the window is not computed, but for the transforms of galaxies that reach into it.
 """
+
+import time
+from dataclasses import dataclass
 
 import numba
 import numpy as np
 
+from csstsim.catalog.flags import NEGATIVE_CLIPPED, OFF_CHIP, OUTSIDE_PSF_HULL
+from csstsim.optics.beyond import Beyond
+from csstsim.render.galaxy_stamp import galaxy_stamp, plan_galaxies
+from csstsim.render.point_stamp import point_stamp
+from csstsim.render.psf_mixture import Mixer
+from csstsim.render.wings import add_beyond
 
-def point_stamp(mixture, x, y, reach, per_pixel):
-    """Return (stamp, column, row): light of a point at x, y on (2 reach + 1)^2 pixels whose first is column, row.
+NOTHING = Beyond()
+_NEGATIVE_LIMIT = 1e-4  # of an object's light, in negative pixels, above which clipping is flagged
+_MANY = 8  # galaxies with a size of transform and PSF nodes in common, above which nodes are transformed, not galaxies
+_SIZE_KEPT = 160  # px, period of the largest transforms that are kept
 
-    mixture: (cells, cells) spline coefficients of the PSF, in electrons.
+
+@dataclass(frozen=True)
+class Drawn:
+    """What was drawn of n objects."""
+
+    drawn: np.ndarray  # (n,) float64, electrons put on the window
+    box: np.ndarray  # (n, 4) int64: x0, x1, y0, y1 of the pixels touched, half-open, on the chip; zeros: none
+    flags: np.ndarray  # (n,) int32, catalog.flags
+    ms: np.ndarray  # (n,) float32, CPU
+
+
+def draw_scene(image, window, scene, reach, wing_px, psf, beyond=NOTHING, response=None, chip=None):
+    """Draw the objects of a Scene into `image` (float32 or float64, window.shape, expected e-); return Drawn.
+
+    reach (n,): px, half the side of each stamp; wing_px (n,): px, reach of the light beyond the PSF's box, 0 for none;
+    psf: PsfSet, or the Mixer of one; beyond: optics.beyond.Beyond; response: share of the light that is counted,
+    window.shape, or None: all; chip: instrument.chip.Chip, for the ghosts. Points come first, then galaxies by size of
+    transform, both by their PSF nodes: the same scene gives the same bits.
     """
-    column, row = round(x) - reach, round(y) - reach
-    half = len(mixture) / 2
-    first_x, taps_x = _taps((column - 0.5 - x) * per_pixel + half, per_pixel)
-    first_y, taps_y = _taps((row - 0.5 - y) * per_pixel + half, per_pixel)
-    stamp = np.zeros((2 * reach + 1, 2 * reach + 1))
-    _decimate(mixture, first_x, taps_x, first_y, taps_y, per_pixel, stamp)
-    return stamp, column, row
+    n, mixer = len(scene), psf if isinstance(psf, Mixer) else Mixer(psf)
+    out = Drawn(np.zeros(n), np.zeros((n, 4), np.int64), np.zeros(n, np.int32), np.zeros(n, np.float32))
+    response = np.broadcast_to(np.ones((), np.float32), window.shape) if response is None else response
+    half_box = mixer.cells / 2 / mixer.per_pixel
+    reach, wing_px = np.asarray(reach, int), np.asarray(wing_px, float)
+    out.flags[scene.outside] |= OUTSIDE_PSF_HULL
+    lit = scene.electrons.sum(axis=1) > 0
+    galaxy = ((scene.sersic[:, :, 0] > 0) & (scene.light > 0)).any(axis=1)
+    plan = plan_galaxies(scene, reach, half_box, lit & galaxy)
+    share = scene.weight[:, :, None] * scene.electrons[:, None, :]
+    group = np.column_stack([plan.size, scene.node])
+    order = np.lexsort(group.T[::-1])
+    _, which, members = np.unique(group, axis=0, return_inverse=True, return_counts=True)
+    many = (members[which.ravel()] > _MANY) & (plan.size <= _SIZE_KEPT)
+    for i in order[lit[order]]:
+        start = time.process_time()
+        x, y, light, flux = scene.x[i], scene.y[i], share[i], scene.electrons[i]
+        parts = []
+        bounds = _visible(x, y, reach[i], window)
+        if bounds:
+            core = mixer.core if wing_px[i] > 0 else None
+            if galaxy[i]:
+                stamp = galaxy_stamp(mixer, scene, plan, i, light, bounds, core=core, many=many[i])
+                out.flags[i] |= _clip_negative(stamp)
+            else:
+                stamp = point_stamp(mixer, scene.node[i], light, x, y, bounds, core=core)
+            x0, x1, y0, y1 = bounds
+            cut = slice(y0 - window.y0, y1 - window.y0), slice(x0 - window.x0, x1 - window.x0)
+            parts.append((_put(image[cut], stamp, response[cut]), bounds))
+        if wing_px[i] > 0 or beyond.ghosts is not None:
+            parts += add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px[i], half_box)
+        if parts:
+            out.drawn[i] = sum(light for light, _ in parts)
+            x0, x1, y0, y1 = np.transpose([bounds for _, bounds in parts])
+            out.box[i] = x0.min(), x1.max(), y0.min(), y1.max()
+        else:
+            out.flags[i] |= OFF_CHIP
+        out.ms[i] = 1000 * (time.process_time() - start)
+    return out
 
 
-def _taps(start, per_pixel):
-    """Return (first cell, weights): the part of each cell's spline that falls in a pixel that begins at `start`."""
-    first = int(np.floor(start)) - 1
-    offset = start - (first + 0.5 + np.arange(per_pixel + 3))  # of the pixel's left edge from each spline's centre
-    return first, _spline_integral(offset + per_pixel) - _spline_integral(offset)
-
-
-def _spline_integral(t):
-    """Return the integral of the quadratic B-spline from -3/2 to t."""
-    t = np.clip(t, -1.5, 1.5)
-    left, right = (t + 1.5) ** 3 / 6, 1 - (1.5 - t) ** 3 / 6
-    return np.where(t < -0.5, left, np.where(t > 0.5, right, 0.5 + t * (0.75 - t * t / 3)))
+def _visible(x, y, reach, window):
+    """Return (x0, x1, y0, y1) of the stamp's pixels on the window, or None."""
+    column, row = round(x), round(y)
+    x0, x1 = max(column - reach, window.x0), min(column + reach + 1, window.x1)
+    y0, y1 = max(row - reach, window.y0), min(row + reach + 1, window.y1)
+    return (x0, x1, y0, y1) if x0 < x1 and y0 < y1 else None
 
 
 @numba.njit(cache=True)
-def _decimate(cells, first_x, taps_x, first_y, taps_y, step, stamp):
-    ny, nx = cells.shape
-    size = len(stamp)
-    line = np.empty(size)
-    for row in range(size):
-        base = first_y + row * step
-        for j in range(len(taps_y)):
-            y = base + j
-            if y < 0 or y >= ny:
-                continue
-            for column in range(size):
-                total = 0.0
-                at = first_x + column * step
-                for i in range(len(taps_x)):
-                    x = at + i
-                    if 0 <= x < nx:
-                        total += taps_x[i] * cells[y, x]
-                line[column] = total
-            for column in range(size):
-                stamp[row, column] += taps_y[j] * line[column]
+def _put(image, stamp, response):
+    """Add a stamp times the response; return the sum of what was added."""
+    total = 0.0
+    for row in range(stamp.shape[0]):
+        line = 0.0
+        for column in range(stamp.shape[1]):
+            value = stamp[row, column] * response[row, column]
+            image[row, column] += value
+            line += value
+        total += line
+    return total
+
+
+@numba.njit(cache=True)
+def _clip(stamp):
+    """Set what is below zero to zero, the light staying the same; return (light, what was below zero)."""
+    total = below = 0.0
+    for value in stamp.flat:
+        total += value
+        below -= min(value, 0.0)
+    if below > 0:
+        scale = max(total, 0.0) / (total + below)
+        for row in range(stamp.shape[0]):
+            for column in range(stamp.shape[1]):
+                stamp[row, column] = max(stamp[row, column], 0.0) * scale
+    return total, below
+
+
+def _clip_negative(stamp):
+    total, below = _clip(stamp)
+    return NEGATIVE_CLIPPED if below > _NEGATIVE_LIMIT * abs(total) else 0
