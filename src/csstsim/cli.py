@@ -164,7 +164,7 @@ def bench(output, quick, band, methods, objects, seed):
     \b
     Needs no campaign. Writes a table and the speed-accuracy chart:
       csstsim bench --quick
-      csstsim bench --methods "photons,point stamp,GalSim" --filter i --output results/bench_i
+      csstsim bench --methods "photons,stamps,GalSim" --filter i --output results/bench_i
     """
     from csstsim.bench.command import bench as run
 

@@ -64,7 +64,8 @@ def errors(image, truth, variance, electrons, drawn=np.inf, *, box=np.inf, sigma
 
     variance: of a pixel without the object [e-^2]; electrons: of the object; drawn: electrons the image was made of;
     box: half the side of the PSF's box [px].
-    Flux, size2: relative; pixel: largest difference over the peak; visible: in noise units, at `electrons`.
+    Flux, size2: relative; pixel: largest difference over the peak; visible: in noise units, at `electrons`; below zero if
+    there is less than chance makes.
     """
     got, wanted = moments(image, sigma), moments(truth, sigma)
     scale = np.array([1 / wanted.value[0], mas_per_px, mas_per_px, 1.0, 1.0, 1 / wanted.value[5]])
@@ -72,10 +73,12 @@ def errors(image, truth, variance, electrons, drawn=np.inf, *, box=np.inf, sigma
     judged = np.abs(np.maximum(axis, axis[:, None]) - box) > EDGE_PX
     difference = np.where(judged, image - truth, 0.0)
     noise2 = electrons * np.maximum(truth, 0) + variance
+    seen = (electrons**2 * difference**2 / noise2).sum()
+    # Of a Poisson number n of mean m, (n - m)^2 - n is 0 on average, its variance 2 m^2
+    seen -= (electrons**2 / drawn * image / noise2 * judged).sum()
     shot = electrons**2 / drawn * np.maximum(truth, 0) / noise2 * judged
-    seen = (electrons**2 * difference**2 / noise2).sum() - shot.sum()
     peak = np.abs(difference).argmax()
-    values = [*(got.value - wanted.value) * scale, np.abs(difference).max() / truth.max(), np.sqrt(max(seen, 0.0))]
+    values = [*(got.value - wanted.value) * scale, np.abs(difference).max() / truth.max(), np.sign(seen) * np.sqrt(abs(seen))]
     chance = [
         *wanted.spread * np.abs(scale) / np.sqrt(drawn),
         np.sqrt(max(truth.flat[peak], 0.0) / drawn) / truth.max(),

@@ -13,11 +13,9 @@ import numpy as np
 from csstsim.bench import peers, ufig
 from csstsim.catalog.table import ObjectTable
 from csstsim.render.counter import object_keys
-from csstsim.render.photons import shoot
+from csstsim.render.photons import shoot_scene
 from csstsim.render.reference import draw_objects
-from csstsim.render.stamps import point_stamp
-
-STARS, GALAXIES, ALL = "stars", "galaxies", "stars, galaxies"
+from csstsim.render.stamps import draw_scene
 
 
 @dataclass(frozen=True)
@@ -29,14 +27,10 @@ class Method:
 
     name: str
     prepare: Callable
-    draws: str = ALL
     random: bool = False
     most: float = np.inf
     peer: bool = False
     preset: bool = False
-
-    def can(self, case):
-        return (STARS if case.star else GALAXIES) in self.draws
 
 
 def standard(setting, case):
@@ -56,37 +50,23 @@ def _reference(setting, case):
 
 
 def _photons(setting, case):
-    table, window, scene = setting.table, case.window, case.scene
-    bits = [int(np.log2(n)) for n in (table.inner.shape[-1] ** 0.5, table.cells)]
     base = np.uint64(case.row["id"][0] + 1)
 
     def draw(copies):
-        many = scene.take(np.zeros(copies, int))
-        counted = np.zeros(window.shape, np.int32)
-        on_window, beyond, box = np.zeros(copies), np.zeros(copies), np.zeros((copies, 4), np.int64)
-        shoot(
-            counted, window.x0, window.y0, many.x, many.y, many.matrix, many.light, many.sersic, many.electrons,
-            many.node, many.weight, object_keys(base, np.arange(copies)), table.inner, table.outer, table.share, *bits,
-            table.per_pixel, on_window, beyond, box,
-        )  # fmt: skip
+        counted = np.zeros(case.window.shape, np.int32)
+        keys = object_keys(base, np.arange(copies))
+        shoot_scene(counted, case.window, case.scene.take(np.zeros(copies, int)), keys, setting.table)
         return counted.astype(float)
 
     return draw
 
 
-def _point_stamp(setting, case):
-    scene, reach = case.scene, int(min(case.row["reach"][0], case.half))
-
+def _stamps(setting, case):
     def draw(copies):
-        image = np.zeros(case.window.shape)
-        for _ in range(copies):
-            mixture = sum(
-                w * np.einsum("f,fij->ij", scene.electrons[0], setting.table.coefficients[n])
-                for n, w in zip(scene.node[0], scene.weight[0], strict=True)
-            )
-            stamp, x0, y0 = point_stamp(mixture, scene.x[0], scene.y[0], reach, setting.table.per_pixel)
-            x, y = x0 - case.window.x0, y0 - case.window.y0
-            image[y : y + len(stamp), x : x + len(stamp)] += stamp
+        image, reach = np.zeros(case.window.shape), np.repeat(case.row["reach"], copies)
+        draw_scene(
+            image, case.window, case.scene.take(np.zeros(copies, int)), reach, np.zeros(copies), setting.mixer
+        )  # fmt: skip
         return image
 
     return draw
@@ -103,7 +83,7 @@ def brighter(case, electrons):
 METHODS = (
     Method("reference", _reference),
     Method("photons", _photons, random=True),
-    Method("point stamp", _point_stamp, STARS),
+    Method("stamps", _stamps),
     Method("GalSim as the paper", peers.paper, peer=True),
     Method("GalSim FFT", peers.fft, peer=True),
     Method("GalSim photons", peers.photons, random=True, most=1e6, peer=True),

@@ -13,7 +13,8 @@ from csstsim.optics.beyond import beyond_box
 from csstsim.optics.psf import make_psf
 from csstsim.optics.psf_file import PsfSet
 from csstsim.optics.wcs import ChipWCS
-from csstsim.render.psf_table import make_table
+from csstsim.render.psf_mixture import Mixer
+from csstsim.render.psf_table import read_tables, write_tables
 
 EXPTIME = 150.0  # s
 GRID = 10  # nodes along a side, a campaign's default
@@ -30,7 +31,8 @@ class Setting:
     chip: Any
     filter: Any
     psf: Any  # optics.psf_file.PsfSet
-    table: Any  # render.psf_table.PsfTable of the same set
+    table: Any  # render.psf_table.PsfTable of the same set, for photons
+    mixer: Any  # render.psf_mixture.Mixer of the same set, for stamps
     beyond: Any  # optics.beyond.Beyond: its halo is in the PSF set
     wcs: Any
     exptime: float
@@ -50,11 +52,13 @@ def make_setting(folder, band):
     beyond = beyond_box(camera, filter_)
     path = Path(folder) / f"psf_{band}_{camera.digest}.h5"
     if not path.exists():
-        make_psf(
-            path, chip, filter_, camera.telescope, camera.psf, GRID, camera_digest=camera.digest, beyond=beyond
-        )  # fmt: skip
+        make_psf(path, chip, filter_, camera.telescope, camera.psf, GRID, camera_digest=camera.digest, beyond=beyond)
     psf = PsfSet(path, chip=chip.id, camera_digest=camera.digest)
+    tables = path.with_suffix(".tables.h5")
+    if not tables.exists():
+        write_tables(tables, psf)
     noise = Noise(filter_.sky, camera.detector.dark, camera.detector.read_noise)
     return Setting(
-        camera, chip, filter_, psf, make_table(psf), beyond, ChipWCS(chip, POINTING), EXPTIME, noise.variance(EXPTIME)
-    )
+        camera, chip, filter_, psf, read_tables(tables, psf), Mixer(psf), beyond, ChipWCS(chip, POINTING), EXPTIME,
+        noise.variance(EXPTIME),
+    )  # fmt: skip

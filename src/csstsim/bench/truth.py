@@ -27,7 +27,7 @@ from csstsim.units import ARCSEC_PER_RAD
 
 CELLS_PER_PIXEL = 8
 _REPEATS = 2  # on each side
-_LOG_K = np.linspace(math.log(1e-6), math.log(1e6), 1201)
+_LOG_K = np.linspace(math.log(1e-6), math.log(1e6), 361)
 
 
 class Truth:
@@ -110,7 +110,7 @@ def sersic_transform(k, index, b):
 @cache
 def _table(index, b):
     """Return the transform as a spline in log k."""
-    log_t = np.linspace(math.log(1e-12), math.log(1e7), 3001)
+    log_t = np.linspace(math.log(1e-12), math.log(1e7), 1501)
     t = np.exp(log_t)
     root, turn = b * t ** (1 / index), math.pi / (2 * index)
     f = np.exp(-root * math.cos(turn)) * np.sin(root * math.sin(turn)) * t * t  # one t of dt

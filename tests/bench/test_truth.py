@@ -1,0 +1,68 @@
+"""The independent truth against pixel integrals of the optics, closed forms and GalSim."""
+
+from dataclasses import replace
+
+import galsim
+import numpy as np
+import pytest
+
+from csstsim.bench import setting as setting_module
+from csstsim.bench.cases import SHARES, make_cases
+from csstsim.bench.measures import errors
+from csstsim.bench.methods import standard
+from csstsim.bench.truth import Truth, _table, sersic_transform
+from csstsim.optics.beyond import Beyond
+from csstsim.optics.chip_errors import chip_coefficients
+from csstsim.optics.psf import centre_of, chip_optics
+from csstsim.optics.wavefront import load_wavefront
+
+PEAK = 2e-5  # of the peak: numbers of the optics in single precision, on other lattices
+K = np.geomspace(1e-3, 300, 40)
+
+
+@pytest.fixture(scope="module")
+def setting(tmp_path_factory):
+    """A set of 3 x 3 nodes in the r band."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(setting_module, "GRID", 3)
+        yield setting_module.make_setting(tmp_path_factory.mktemp("bench"), "r")
+
+
+def test_transform_of_an_exponential_along_the_turned_contour():
+    b = 1.678347
+    assert _table(1.0, b)(np.log(K)) == pytest.approx((1 + (K / b) ** 2) ** -1.5, abs=1e-7)
+
+
+def test_transform_of_a_bulge_is_galsims():
+    profile = galsim.DeVaucouleurs(half_light_radius=1.0, gsparams=galsim.GSParams(kvalue_accuracy=1e-9))
+    theirs = np.array([profile.kValue(k, 0).real for k in K])
+    assert sersic_transform(K, 4.0, 7.669249) == pytest.approx(theirs, abs=1e-6)
+
+
+def test_a_star_is_the_optics_integrated_over_pixels(setting):
+    """One cell a pixel, shifted to the star's place: no interpolation. The halo is left out of both."""
+    wing = setting.beyond.wing
+    bare = replace(setting, beyond=Beyond(replace(wing, share=np.zeros_like(wing.share)), None))
+    case = make_cases(setting, 2)[0]
+    got = Truth(bare)(case)
+    camera, wavefront = setting.camera, load_wavefront(setting.camera.psf)
+    (optics, kernel) = chip_optics(setting.chip, setting.filter, camera.psf, wavefront, 1, 64)
+    x, y = case.scene.x[0], case.scene.y[0]
+    coefficients = chip_coefficients(wavefront, camera.psf, setting.chip, x, y)
+    transfers = [o.transfer(coefficients) for o in optics]
+    centre = centre_of(optics, transfers, kernel, 1)
+    shift = centre - 0.5 - np.array([x - round(x), y - round(y)])
+    wanted = sum(s * o.image(t, kernel, shift) for s, o, t in zip(SHARES, optics, transfers, strict=True))
+    inner = slice(case.half - 30, case.half + 31)
+    assert np.abs(got[inner, inner] - wanted[2:63, 2:63]).max() < PEAK * wanted.max()
+
+
+def test_a_galaxy_is_the_references_where_a_node_is(setting):
+    cases = make_cases(setting, 40, seed=2, largest=0.6)
+    case = next(c for c in cases if not c.star and c.at_node and 0 < c.row["bulge_frac"][0] < 1)
+    direct = Truth(setting)(case)
+    (flux, x, y, e1, e2, size2, *_), _ = errors(standard(setting, case) / case.electrons, direct, 80.0, 1e4)
+    assert abs(flux) < 5e-4
+    assert max(abs(x), abs(y)) < 0.01  # mas
+    assert max(abs(e1), abs(e2)) < 2e-5
+    assert abs(size2) < 2e-5
