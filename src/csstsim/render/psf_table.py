@@ -8,10 +8,10 @@ are the same density. Coefficients below zero, of which a smooth PSF has hardly 
 for them; `negative` says how much that was.
 
 Alias tables (Walker 1977; Vose 1991, IEEE TSE 17, 972): 16 bits of probability and 16 bits of index in a word; the
-middle of a PSF, which takes 96% of the photons, has a table of its own that stays in cache. What rounding takes from a
-cell its alias gets: the middle's light is exact, a cell's to 2^-17 of the mean cell's.
+middle of a PSF, which takes 96% of the photons, has a table of its own that stays in cache. Rounding moves at most
+2^-17 of a mean cell's light between a cell and its alias.
 
-On disk: HDF5, the two tables contiguous, hence mappable; /share and /negative as below. The coefficients are not kept
+On disk: HDF5, /words contiguous, hence mappable, /share and /negative as below. The coefficients are not kept
 (they would double the file): `node_coefficients` makes them in milliseconds. The file names the PSF set it was made of
 by a digest of its attributes, nodes and fluxes.
 """
@@ -38,13 +38,17 @@ _HORIZON = 28  # cells after which the pole's power is below 1e-16
 @dataclass(frozen=True, eq=False)
 class PsfTable:
     """Sampling tables of the n nodes of a PsfSet. A table has 2^bits cells to a side, row by row, the first at the
-    first cell of the middle or of the box."""
+    first cell of the middle (inner) or of the box (outer)."""
 
     psf: PsfSet
-    inner: np.ndarray  # (n, 4, 4^inner_bits) uint32 alias tables of the middle
-    outer: np.ndarray  # (n, 4, 4^outer_bits) uint32, the middle of weight zero
+    words: np.ndarray  # (n, 4, 4^inner + 4^outer) uint32: alias table of the middle, then that of all, the middle zero
     share: np.ndarray  # (n, 4, 2) light of middle and rest; what is missing to 1 lies outside the box
     negative: np.ndarray  # (n, 4) light of the coefficients that were below zero
+
+    @property
+    def bits(self):
+        """Powers of two of the sides of the inner and the outer table."""
+        return _bits(self.psf)
 
     @property
     def per_pixel(self):
@@ -98,8 +102,8 @@ def read_tables(path, psf):
             data = file[name]
             if data.shape != shape or data.dtype != dtype:
                 raise InputError("wrong shape or type", file=path, key=name, value=data.shape, allowed=shape)
-            big = name in ("inner", "outer")
-            arrays[name] = np.memmap(path, dtype, "r", data.id.get_offset(), shape) if big else data[()]
+            mapped = name == "words"
+            arrays[name] = np.memmap(path, dtype, "r", data.id.get_offset(), shape) if mapped else data[()]
             arrays[name].flags.writeable = False
     return PsfTable(psf, **arrays)
 
@@ -128,8 +132,7 @@ def _bits(psf):
 def _layout(psf):
     n, (inner, outer) = len(psf.nodes_xy), _bits(psf)
     return {
-        "inner": ((n, WAVELENGTHS, 4**inner), np.dtype(np.uint32)),
-        "outer": ((n, WAVELENGTHS, 4**outer), np.dtype(np.uint32)),
+        "words": ((n, WAVELENGTHS, 4**inner + 4**outer), np.dtype(np.uint32)),
         "share": ((n, WAVELENGTHS, 2), np.dtype(np.float64)),
         "negative": ((n, WAVELENGTHS), np.dtype(np.float64)),
     }
@@ -146,20 +149,20 @@ def _live(psf, nodes=None):
         rows = {name: np.zeros(shape[1:], dtype) for name, (shape, dtype) in _layout(psf).items()}
         for band, image in enumerate(psf.node(node)):
             c, rows["negative"][band] = spline_coefficients(image)
-            rows["share"][band] = _fill(c, *_bits(psf), rows["inner"][band], rows["outer"][band])
+            rows["share"][band] = _fill(c, *_bits(psf), rows["words"][band])
         yield node, rows
 
 
-def _fill(c, inner_bits, outer_bits, inner, outer):
+def _fill(c, inner_bits, outer_bits, words):
     """Fill the tables of one image; return the light of middle and rest."""
     first = (len(c) - (1 << inner_bits)) // 2
     middle = slice(first, first + (1 << inner_bits))
     weight = np.ascontiguousarray(c[middle, middle]).ravel()
-    _alias(weight, inner)
+    _alias(weight, words[: len(weight)])
     rest = np.zeros((1 << outer_bits,) * 2)
     rest[: len(c), : len(c)] = c
     rest[middle, middle] = 0
-    _alias(rest.ravel(), outer)
+    _alias(rest.ravel(), words[len(weight) :])
     return weight.sum(), rest.sum()
 
 
