@@ -16,7 +16,7 @@ import numpy as np
 import scipy.fft
 
 from csstsim.render.octaves import first_of, nodes, read
-from csstsim.render.psf_mixture import BINS, last_frequency, transform
+from csstsim.render.psf_mixture import BINS, transform
 from csstsim.render.sersic import K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, cut_for, extent
 from csstsim.render.sersic import tables as sersic_tables
 
@@ -27,7 +27,7 @@ _WINGS2 = 6.5  # px^2: the same of the box, with the curvature of the split (mea
 _RHO = np.geomspace(0.02, 200.0, 48)  # r_e
 _START_PX = 20.0  # the outer part begins no nearer
 _EXTENT_MAX = 224.0  # px: half the side of the inner part
-_TAIL = 2e-4  # of the peak: what the frequencies left out may add up to
+_TAIL = 1e-3  # of the peak: what the frequencies left out may add up to
 SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point
 _K2_FIRST, _R2_FIRST = first_of(K2_LOW), first_of(R2_LOW)
 _NONE = np.zeros(len(nodes(K2_LOW, K2_HIGH))), np.zeros(len(nodes(R2_LOW, R2_HIGH)))
@@ -89,7 +89,7 @@ def galaxy_stamp(mixer, scene, plan, i, share, bounds, *, core=None, many=False)
     both = [sersic_tables(sersic[c, 0], cut[c]) if light[c] > 0 else _NONE for c in range(2)]
     inner, outer = (np.stack(t) for t in zip(*both, strict=True))
     frequency = _cutoff(sersic, light, matrix, inner, mixer.envelope)
-    last = min(int(frequency * size) + 1, last_frequency(size, mixer.per_pixel))
+    last = min(int(frequency * size) + 1, size)
     x0, x1, y0, y1 = bounds
     stamp = np.zeros((y1 - y0, x1 - x0))
     first_x, first_y = round(x) - half, round(y) - half
@@ -144,39 +144,42 @@ def _cutoff(sersic, light, matrix, tables, envelope):
 
 @numba.njit(cache=True)
 def _convolved(mixture, sersic, light, matrix, tables, x, y, size):
-    """Return the folded transform, (size, size // 2 + 1) complex128, of the inner part at x, y from the first pixel.
+    """Return the folded transform, (size, size // 2 + 1) complex64, of the inner part at x, y from the first pixel.
 
     mixture: the PSF's, of psf_mixture.transform.
     """
-    last = mixture.shape[1] - 1
+    last, half = mixture.shape[1] - 1, size // 2
     step = 2 * np.pi / size
-    out = np.zeros((size, size // 2 + 1), np.complex128)
-    turn_x = np.exp(-1j * step * x * np.arange(last + 1))
-    lines = np.empty((2, last + 1))
-    bits = lines.view(np.int64)
+    out = np.zeros((size, half + 1), np.complex64)
+    turn_x = np.exp(-1j * step * x * np.arange(last + 1)).astype(np.complex64)
+    turn_y = np.exp(-1j * step * y * np.arange(-last, last + 1)).astype(np.complex64)
+    m00, m01, m10, m11 = step * matrix[0, 0], step * matrix[0, 1], step * matrix[1, 0], step * matrix[1, 1]
+    line, value, term = np.empty(last + 1), np.empty(last + 1, np.float32), np.empty(last + 1, np.complex64)
+    bits = line.view(np.int64)
     for row in range(2 * last + 1):
         j_y = row - last
         count = int(np.sqrt(last * last - j_y * j_y)) + 1
+        value[:] = 0.0
+        for c in range(2):
+            if light[c] > 0:
+                r_e, part, table = sersic[c, 2], light[c], tables[c]
+                a, p = m00 * r_e, m10 * j_y * r_e
+                b, q = m01 * r_e, m11 * j_y * r_e
+                for column in range(count):
+                    line[column] = (a * column + p) ** 2 + (b * column + q) ** 2
+                for column in range(count):
+                    value[column] += part * read(table, _K2_FIRST, bits[column])
+        turn = turn_y[row]
         for column in range(count):
-            k_x, k_y = step * column, step * j_y
-            p, q = matrix[0, 0] * k_x + matrix[1, 0] * k_y, matrix[0, 1] * k_x + matrix[1, 1] * k_y
-            for c in range(2):
-                lines[c, column] = (p * p + q * q) * sersic[c, 2] ** 2
-        turn_y = np.exp(-1j * step * y * j_y)
-        to_y = j_y % size
-        back_y = (-j_y) % size
-        for column in range(count):
-            value = 0.0
-            for c in range(2):
-                if light[c] > 0:
-                    value += light[c] * read(tables[c], _K2_FIRST, bits[c, column])
-            term = mixture[row, column] * turn_y * turn_x[column] * value
-            to = column % size
-            if to <= size // 2:
-                out[to_y, to] += term
-            back = (size - to) % size
-            if column > 0 and back <= size // 2:
-                out[back_y, back] += np.conj(term)
+            term[column] = mixture[row, column] * (turn * turn_x[column]) * value[column]
+        # Each term stands for itself and, conjugated, for its opposite; kept are columns up to half the period
+        there, back = out[j_y % size], out[-j_y % size]
+        for column in range(min(count, half + 1)):
+            there[column] += term[column]
+        for column in range(half, min(count, size + 1)):
+            back[size - column] += np.conj(term[column])
+        for column in range(size, count):
+            there[column - size] += term[column]
     return out
 
 

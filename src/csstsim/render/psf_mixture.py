@@ -1,9 +1,8 @@
 """The PSF at an object's place, as cells or as a transform: the sum over nodes and sub-bands of weight x electrons.
 
-A node's spline coefficients (render.psf_table), transformed, times sinc^3 (a quadratic B-spline) and sinc (the pixel)
-are the transform of the pixel-integrated PSF. It is wanted at the frequencies j / size cycles a pixel of an image that
-repeats itself after `size` pixels, up to 1.25 cycles a pixel (1 where two cells make a pixel): beyond, the optics,
-jitter, diffusion and the pixel leave nothing of it.
+The transform is that of the PSF integrated over the pixel, sampled every half pixel (sums of spline coefficients,
+render.point_stamp), so up to 1 cycle a pixel: beyond, the optics, jitter, diffusion and the pixel leave under 1e-4 of
+any band. It is wanted at the frequencies j / size of an image that repeats itself after `size` pixels.
 """
 
 from functools import cached_property, lru_cache
@@ -12,13 +11,11 @@ import numba
 import numpy as np
 import scipy.fft
 
+from csstsim.render.pixel_sums import pixel_sums
 from csstsim.render.psf_table import spline_coefficients
 from csstsim.render.wings import box_share
 
-FREQUENCY_MAX = 1.25  # cycles a pixel
-
-
-BINS = np.geomspace(1e-4, FREQUENCY_MAX, 64)  # cycles a pixel
+BINS = np.geomspace(1e-4, 1.0, 64)  # cycles a pixel
 _NODES_KEPT = 128  # a row or more of the finest grids; 1 MB each
 _TRANSFORMS_KEPT = 64
 
@@ -35,8 +32,7 @@ class Mixer:
 
         @lru_cache(_TRANSFORMS_KEPT)
         def transforms(node, size):
-            last = last_frequency(size, self.per_pixel)
-            return np.stack([transform(c, size, self.per_pixel, last) for c in coefficients(node)])
+            return np.stack([transform(c, size, self.per_pixel, size) for c in coefficients(node)])
 
         self.coefficients, self.transforms = coefficients, transforms
         self.envelope = _envelope(transforms(int(np.flatnonzero(~psf.dead)[0]), 2 * self.cells // self.per_pixel))
@@ -52,8 +48,8 @@ class Mixer:
         node (k,), share (k, 4): electrons from each node and sub-band; first, last: cells (row, column), half-open.
         """
         last = (self.cells, self.cells) if last is None else last
-        cut = (slice(None), *(slice(*pair) for pair in zip(first, last, strict=True)))
-        return _mixed([self.coefficients(k)[cut] for k in node[share.any(axis=1)].tolist()], share)
+        parts = [self.coefficients(k) for k in node[share.any(axis=1)].tolist()]
+        return _mixed(parts, share, first, (last[0] - first[0], last[1] - first[1]))
 
     def light(self, node, share, core=None):
         """Return the electrons of an object within the box, times `core` (cells, cells) if given."""
@@ -63,16 +59,14 @@ class Mixer:
 
     def mixed_transforms(self, node, share, size, last):
         """Return the same as a transform, like `transform`'s, from those of the nodes."""
-        middle = last_frequency(size, self.per_pixel)
-        cut = (slice(None), slice(middle - last, middle + last + 1), slice(last + 1))
-        parts = [self.transforms(k, size)[cut].view(np.float32) for k in node[share.any(axis=1)].tolist()]
-        return _mixed(parts, share).view(np.complex64)
+        parts = [self.transforms(k, size).view(np.float32) for k in node[share.any(axis=1)].tolist()]
+        return _mixed(parts, share, (size - last, 0), (2 * last + 1, 2 * (last + 1))).view(np.complex64)
 
 
 def _envelope(transforms):
     """Return the largest modulus of transforms (4, 2 J + 1, J + 1) of light 1 at or beyond each of BINS."""
     last = transforms.shape[2] - 1
-    f = np.hypot(np.arange(-last, last + 1)[:, None], np.arange(last + 1)) / last * FREQUENCY_MAX
+    f = np.hypot(np.arange(-last, last + 1)[:, None], np.arange(last + 1)) / last
     modulus = np.abs(transforms).max(axis=0)
     at = np.searchsorted(BINS, f.ravel())
     largest = np.zeros(len(BINS) + 1)
@@ -80,43 +74,42 @@ def _envelope(transforms):
     return np.maximum.accumulate(largest[::-1])[::-1][: len(BINS)]
 
 
-def _mixed(parts, share):
-    out = np.zeros(parts[0].shape[1:], np.float32)
+def _mixed(parts, share, first, shape):
+    out = np.zeros(shape, np.float32)
     for part, light in zip(parts, share[share.any(axis=1)].astype(np.float32), strict=True):
-        _add(out, part, light)
+        _add(out, part, light, *first)
     return out
 
 
-def last_frequency(size, per_pixel):
-    """Return J, the largest j that is kept of a period of `size` pixels."""
-    return int(min(FREQUENCY_MAX, per_pixel / 2) * size)
-
-
 def transform(cells, size, per_pixel, last):
-    """Return the transform, complex64 (2 last + 1, last + 1): rows j_y = -last..last, columns j_x = 0..last.
+    """Return the transform, complex64 (2 last + 1, last + 1): rows j_y = -last..last, columns j_x = 0..last <= size.
 
     cells: (n, n) float32 spline coefficients, the star in their middle, which is the origin of the result.
     """
-    period, middle = size * per_pixel, len(cells) // 2
-    if period < len(cells):
-        cells = _folded(cells, period)
-    columns = scipy.fft.rfft(cells, period, axis=1)[:, : last + 1]
+    reach = len(cells) // per_pixel + 2  # half pixels
+    start = len(cells) / 2 - 0.5 * per_pixel * (reach + 1)
+    samples = pixel_sums(cells, start, start, per_pixel, per_pixel // 2, np.empty((2 * reach + 1,) * 2, np.float32))
+    period = 2 * size
+    if period < len(samples):
+        samples = _folded(samples, period)
+    columns = scipy.fft.rfft(samples, period, axis=1)[:, : last + 1]
     rows = np.arange(-last, last + 1)
-    f = rows / period  # cycles a cell
-    turn = np.exp(2j * np.pi * f * (middle - 0.5)) * np.sinc(f) ** 3 * np.sinc(f * per_pixel)
-    turn = turn.astype(np.complex64)
+    turn = (0.5 * np.exp(1j * np.pi * rows * (reach / size))).astype(np.complex64)
     return scipy.fft.fft(columns, period, axis=0, overwrite_x=True)[rows] * turn[:, None] * turn[last:]
 
 
 @numba.njit(cache=True)
-def _add(out, parts, share):
+def _add(out, parts, share, first_row, first_column):
+    """Add the sub-bands of parts (4, rows, columns), from a first row and column on."""
     a, b, c, d = share
+    last_column = first_column + out.shape[1]
     for row in range(out.shape[0]):
-        for column in range(out.shape[1]):
-            out[row, column] += (
-                a * parts[0, row, column] + b * parts[1, row, column]
-                + c * parts[2, row, column] + d * parts[3, row, column]
-            )  # fmt: skip
+        at = first_row + row
+        one, two = parts[0, at, first_column:last_column], parts[1, at, first_column:last_column]
+        three, four = parts[2, at, first_column:last_column], parts[3, at, first_column:last_column]
+        line = out[row]
+        for column in range(len(line)):
+            line[column] += a * one[column] + b * two[column] + c * three[column] + d * four[column]
 
 
 @numba.njit(cache=True)

@@ -4,8 +4,8 @@ The box is faded out, the wing (optics.halo) faded in over the same ring, 0.7 to
 step with two continuous derivatives; at its far end the wing is faded out over its last quarter. How far a wing reaches
 comes with the object (catalog.reach).
 
-A wing is read from a table in sqrt(r), 64 steps to 1, linear between: 3e-5 of the value for slopes to -3. Its value
-at a pixel's centre stands for the pixel: 4e-4 at 45 px, less beyond. Cost: benchmarks/wings.py.
+A wing is read from a table in r^2 (render.octaves): 3e-5 of the value for slopes to -3. Its value at a pixel's centre
+stands for the pixel: 4e-4 at 45 px, less beyond. Cost: benchmarks/wings.py.
 """
 
 import math
@@ -13,9 +13,12 @@ import math
 import numba
 import numpy as np
 
+from csstsim.render.octaves import first_of, nodes, read
+
 FADE = 0.7, 0.95  # of the box's half side
 _TAPER = 0.75  # of the wing's reach
-_STEPS = 64
+_LOW = 0  # octave of r^2 [px^2] where tables begin
+_FIRST = first_of(_LOW)
 
 
 def step(r, inner, outer):
@@ -31,8 +34,8 @@ def box_share(cells, per_pixel):
 
 
 def wing_table(wing, flux, half, reach):
-    """Return the wing per pixel on a grid of sqrt(r). flux: (4,) electrons; half: of the box [px]; reach in px."""
-    r = np.square(np.arange(math.ceil(math.sqrt(reach) * _STEPS) + 2) / _STEPS)
+    """Return the wing per pixel on octaves of r^2. flux: (4,) electrons; half: of the box [px]; reach in px."""
+    r = np.sqrt(nodes(_LOW, math.ceil(2 * math.log2(reach)) + 1))
     inner, outer = (f * half for f in FADE)
     shown = (1 - step(r, inner, outer)) * step(r, _TAPER * reach, reach)
     return np.einsum("b,br->r", flux, wing.profile(np.maximum(r, inner))) * shown
@@ -41,7 +44,7 @@ def wing_table(wing, flux, half, reach):
 def add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px, half):
     """Add an object's wing, if `wing_px` > 0, and its ghosts, if bright enough; return [(electrons, box), ...].
 
-    image: float64, of `window`, changed in place; response: share of the light that is counted, of the same shape;
+    image: float32 or float64, of `window`, changed in place; response: share of the light that is counted, of the same shape;
     x, y: chip pixels, flux: (4,) electrons; beyond:
     optics.beyond.Beyond; half: side of the PSF's box [px]. Boxes are (x0, x1, y0, y1) on the chip, half-open; what
     misses the window is not listed.
@@ -71,16 +74,19 @@ def _on_window(add, image, response, window, x, y, reach, what):
 
 @numba.njit(cache=True)
 def _add_radial(image, response, x, y, reach, table):
-    """Add the table's value at sqrt(r) around pixel position x, y of `image`; return the sum."""
+    """Add the table's value at r^2 around pixel position x, y of `image`; return the sum."""
     total = 0.0
+    square = np.empty(image.shape[1])
+    bits = square.view(np.int64)
     for row in range(image.shape[0]):
         dy2 = (row - y) ** 2
         half = math.sqrt(max(reach**2 - dy2, 0.0))
+        first, last = max(0, math.ceil(x - half)), min(image.shape[1], math.floor(x + half) + 1)
+        for column in range(first, last):
+            square[column] = dy2 + (column - x) ** 2
         line = 0.0
-        for column in range(max(0, math.ceil(x - half)), min(image.shape[1], math.floor(x + half) + 1)):
-            u = math.sqrt(math.sqrt(dy2 + (column - x) ** 2)) * _STEPS
-            k = int(u)
-            value = (table[k] + (u - k) * (table[k + 1] - table[k])) * response[row, column]
+        for column in range(first, last):
+            value = read(table, _FIRST, bits[column]) * response[row, column]
             image[row, column] += value
             line += value
         total += line
