@@ -242,7 +242,12 @@ class Campaign(Model):
     catalog: CatalogConfig = CatalogConfig()
     astrometry: AstrometryConfig = AstrometryConfig()
     psf: PsfConfig = PsfConfig()
-    fidelity: Literal["reference"] = Field("reference", description="rendering preset (render/)")
+    fidelity: Literal["preview", "standard", "noise_free", "reference"] = Field(
+        "standard",
+        description="how objects are drawn (config/render.yaml): 'standard', to a tenth of each object's own noise; "
+        "'preview', to all of it; 'noise_free', as 'standard' but all light as expectation, none as counted photons; "
+        "'reference', GalSim one by one, some 1000 times slower",
+    )
     validation: ValidateConfig = ValidateConfig()
 
     def observation_file(self, exposure_type):

@@ -48,6 +48,11 @@ class Streams:
         """Fixed for one readout channel (1..16) of the chip."""
         return stream(self.seed, "channel", self.chip_id, channel, name)
 
+    def exposure_key(self, name):
+        """Return 64 bits (numpy.uint64), as `exposure`, for the counters of compiled loops (render.counter)."""
+        words = ("exposure", self.obsid, self.chip_id, self.keyword, name)
+        return np.uint64(int.from_bytes(_digest(self.seed, words)[:8], "little"))
+
     def camera(self, name):
         """Fixed for the whole camera."""
         return stream(self.seed, "camera", name)

@@ -139,7 +139,11 @@ def render(run, job):
 def _render(run, job, objects):
     state = _blank(run, job, objects)
     if job.pointing.type == "SCIE":
-        state.psf = open_psf(run, job)
+        state.psf, state.fidelity = open_psf(run, job), run.config.fidelity
+        if state.fidelity != "reference":
+            from csstsim.render.psf_table import open_tables
+
+            state.tables = open_tables(run.paths.psf_tables(job.chip.id), state.psf)
         state.header["truth_hash"] = objects.meta["truth_hash"]
         state.header["psf_hash"] = digest(state.psf.attributes)
     return run.steps[job.pointing.type].run(state, "render", run.config.seed)

@@ -27,6 +27,8 @@ class State:
     image: np.ndarray
     counted: np.ndarray | None = None
     psf: Any = None  # optics.psf.PsfSet, or None for exposures without objects
+    tables: Any = None  # render.psf_table.PsfTable of `psf`; None for the reference renderer
+    fidelity: str = "standard"  # the campaign's: how objects are drawn
     unit: str = "electron"
     header: dict = field(default_factory=dict)
     truth: Any = None

@@ -1,6 +1,7 @@
 """Scientific objects exposure (paper, Appendix B item 1; sections 4.1, 5.3).
 
-Renders the chip's objects into the image of expected electrons and keeps what was drawn as truth.
+Draws the chip's objects, as the campaign's `fidelity` asks: expected electrons into the image, electrons drawn one by one
+into the counted plane; what was drawn of each is kept as truth.
 Left out so far: slitless dispersion.
 """
 
@@ -8,12 +9,12 @@ from functools import cache
 
 from pydantic import Field
 
+from csstsim.catalog.select import Noise
 from csstsim.errors import InputError
 from csstsim.layers.param import LayerParam
 from csstsim.optics.beyond import Beyond, beyond_box, read_beyond
 from csstsim.optics.flat import check_flat
-from csstsim.optics.response import response_map
-from csstsim.render.reference import draw_objects
+from csstsim.optics.response import response_map, response_maximum
 
 STAGE = "render"
 UNITS = ("electron", "electron")
@@ -56,11 +57,21 @@ def apply(state, param, rng):
     exptime = state.pointing.exptime if param.exptime is None else param.exptime
     there = read_beyond(state.psf)
     beyond = Beyond(there.wing if param.wings else None, there.ghosts if param.ghosts else None)
-    response = response_map(
-        state.chip, state.window, state.filter, exptime, state.leds, rng.camera,
-        flat=param.flat_fielding, shutter=param.shutter_effect,
+    losses = {"flat": param.flat_fielding, "shutter": param.shutter_effect}
+    response = response_map(state.chip, state.window, state.filter, exptime, state.leds, rng.camera, **losses)
+    scene = (state.image, state.window, state.catalog, state.wcs, state.psf, exptime)
+    if state.fidelity == "reference":
+        from csstsim.render import reference
+
+        state.truth = reference.draw_objects(*scene, beyond, response)
+        return state
+    from csstsim.render.draw import draw_objects  # numba: seconds that checking a campaign need not pay
+
+    detector = state.chip.detector
+    state.truth, state.counted = draw_objects(
+        *scene, tables=state.tables, beyond=beyond, response=response,
+        maximum=response_maximum(state.chip, state.filter, state.leds, rng.camera, **losses),
+        variance=Noise(state.filter.sky, detector.dark, detector.read_noise).variance(exptime),
+        key=rng.exposure_key("photons"), fidelity=state.fidelity,
     )  # fmt: skip
-    state.truth = draw_objects(
-        state.image, state.window, state.catalog, state.wcs, state.psf, exptime, beyond, response
-    )
     return state

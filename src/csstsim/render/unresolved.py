@@ -1,0 +1,75 @@
+"""The light of objects too faint to be drawn one by one: spread smoothly, none of it lost.
+
+An object's electrons are shared among the four nearest points of a mesh of MESH pixels by nearness, and the mesh is laid
+on the window bilinearly: what an object gives is a pyramid two meshes wide about its place. Light and its first moments
+stay, and so does all that is larger than the mesh.
+"""
+
+import numba
+import numpy as np
+
+MESH = 64
+
+
+def add_unresolved(image, window, scene, response):
+    """Add the light of a Scene to `image` (ny, nx); return ((n,) electrons that fell on the window, (n, 4) boxes)."""
+    electrons = scene.electrons.sum(axis=1)
+    # Mesh point k stands at pixel (k - 1) MESH of the window; objects beyond the outer points give nothing to it
+    u, v = ((at - first) / MESH + 1 for at, first in ((scene.x, window.x0), (scene.y, window.y0)))
+    ny, nx = (n // MESH + 4 for n in window.shape)
+    mesh, on_window = np.zeros((ny, nx)), np.zeros(len(scene))
+    level = np.zeros((ny, nx))  # light that a mesh point of unit light puts on the window
+    _scatter(mesh, u, v, electrons / MESH**2)
+    _spread(image, mesh, response)
+    _collect(level, response)
+    _gather(on_window, level, u, v, electrons / MESH**2)
+    x, y = (np.floor(at).astype(int) - 1 for at in (u, v))
+    edges = [(x - 1, x + 2, window.nx), (y - 1, y + 2, window.ny)]
+    box = np.stack([np.clip(k * MESH, 0, n) for low, high, n in edges for k in (low, high)], axis=1)
+    return on_window, box + np.array([window.x0, window.x0, window.y0, window.y0])
+
+
+@numba.njit(cache=True)
+def _scatter(mesh, u, v, light):
+    for i in range(len(u)):
+        column, row = int(np.floor(u[i])), int(np.floor(v[i]))
+        if 0 <= column < mesh.shape[1] - 1 and 0 <= row < mesh.shape[0] - 1:
+            a, b = u[i] - column, v[i] - row
+            mesh[row, column] += (1 - a) * (1 - b) * light[i]
+            mesh[row, column + 1] += a * (1 - b) * light[i]
+            mesh[row + 1, column] += (1 - a) * b * light[i]
+            mesh[row + 1, column + 1] += a * b * light[i]
+
+
+@numba.njit(cache=True)
+def _gather(out, mesh, u, v, light):
+    for i in range(len(u)):
+        column, row = int(np.floor(u[i])), int(np.floor(v[i]))
+        if 0 <= column < mesh.shape[1] - 1 and 0 <= row < mesh.shape[0] - 1:
+            a, b = u[i] - column, v[i] - row
+            near = (1 - a) * mesh[row, column] + a * mesh[row, column + 1]
+            far = (1 - a) * mesh[row + 1, column] + a * mesh[row + 1, column + 1]
+            out[i] = ((1 - b) * near + b * far) * light[i]
+
+
+@numba.njit(cache=True)
+def _spread(image, mesh, response):
+    for y in range(image.shape[0]):
+        row, b = y // MESH + 1, (y % MESH) / MESH
+        for x in range(image.shape[1]):
+            column, a = x // MESH + 1, (x % MESH) / MESH
+            near = (1 - a) * mesh[row, column] + a * mesh[row, column + 1]
+            far = (1 - a) * mesh[row + 1, column] + a * mesh[row + 1, column + 1]
+            image[y, x] += ((1 - b) * near + b * far) * response[y, x]
+
+
+@numba.njit(cache=True)
+def _collect(level, response):
+    for y in range(response.shape[0]):
+        row, b = y // MESH + 1, (y % MESH) / MESH
+        for x in range(response.shape[1]):
+            column, a = x // MESH + 1, (x % MESH) / MESH
+            level[row, column] += (1 - a) * (1 - b) * response[y, x]
+            level[row, column + 1] += a * (1 - b) * response[y, x]
+            level[row + 1, column] += (1 - a) * b * response[y, x]
+            level[row + 1, column + 1] += a * b * response[y, x]
