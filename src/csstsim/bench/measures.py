@@ -64,8 +64,8 @@ def errors(image, truth, variance, electrons, drawn=np.inf, *, box=np.inf, sigma
 
     variance: of a pixel without the object [e-^2]; electrons: of the object; drawn: electrons the image was made of;
     box: half the side of the PSF's box [px].
-    Flux, size2: relative; pixel: largest difference over the peak; visible: in noise units, at `electrons`; below zero if
-    there is less than chance makes.
+    Flux, size2: relative; pixel: largest difference over the peak; visible: in noise units, at `electrons`, below zero
+    if there is less than chance makes.
     """
     got, wanted = moments(image, sigma), moments(truth, sigma)
     scale = np.array([1 / wanted.value[0], mas_per_px, mas_per_px, 1.0, 1.0, 1 / wanted.value[5]])
@@ -78,7 +78,11 @@ def errors(image, truth, variance, electrons, drawn=np.inf, *, box=np.inf, sigma
     seen -= (electrons**2 / drawn * image / noise2 * judged).sum()
     shot = electrons**2 / drawn * np.maximum(truth, 0) / noise2 * judged
     peak = np.abs(difference).argmax()
-    values = [*(got.value - wanted.value) * scale, np.abs(difference).max() / truth.max(), np.sign(seen) * np.sqrt(abs(seen))]
+    values = [
+        *(got.value - wanted.value) * scale,
+        np.abs(difference).max() / truth.max(),
+        np.sign(seen) * np.sqrt(abs(seen)),
+    ]
     chance = [
         *wanted.spread * np.abs(scale) / np.sqrt(drawn),
         np.sqrt(max(truth.flat[peak], 0.0) / drawn) / truth.max(),
