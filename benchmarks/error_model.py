@@ -5,9 +5,9 @@
 Truth is the reference renderer on the same PSF set, its stamp wide enough for anything (bench.methods.standard). The
 coefficients of stamps are a quantile regression (97%, none negative) of visible error / S/N; photons are drawn from the
 same density as points' stamps, so they share `psf`. Fitted numbers are printed for config/render.yaml; the test is of
-those in the file: at most 5% of objects may exceed their bound. A photon image of 2e7 electrons has an error of its own,
-so an object exceeds only if its squared error is more than two of those above the bound's; and pooled over all objects
-squared error over squared bound must be below 1.
+those in the file: at most 5% of objects may exceed their bound. A photon image of 2e7 electrons has an error of its
+own, so an object exceeds only if its squared error is more than two of those above the bound's; and pooled over all
+objects squared error over squared bound must be below 1.
 """
 
 import argparse
@@ -38,7 +38,7 @@ def sample(setting, count, seed):
         snr = (case.electrons / noise(case.scene, np.array([case.electrons]), setting.variance))[0]
         seen = {}
         for name, method in methods.items():
-            image, _, drawn = measured(method, setting, case, SECONDS if method.random else 0.0, ELECTRONS)
+            image, _, drawn = measured(method, setting, case, SECONDS if name == "photons" else 0.0, ELECTRONS)
             value, chance = errors(image, wanted, setting.variance, case.electrons, drawn, box=box)
             seen[name] = value[-1] / snr, chance[-1] / snr
         rows.append((case, snr, seen))
@@ -72,9 +72,7 @@ def main():
     points = fit(x[star][:, :2], seen[star])
     rest = fit(x[~star][:, 2:], np.maximum(seen[~star] - points[0], 0.0))
     for name, value in zip(TERMS, (*points, *rest), strict=True):
-        print(
-            f"stamp {name:6s} {value:.2e}   in the file: stamp {numbers['stamp'][name]}, photons {numbers['photons'][name]}"
-        )
+        print(f"stamp {name:6s} {value:.2e}; in the file {numbers['stamp'][name]}, photons {numbers['photons'][name]}")
     print("fresh sample:  method  kind      n  exceed  share   squared error / squared bound, pooled")
     fresh = sample(setting, args.objects, 12)
     for method in NAMES:

@@ -38,7 +38,7 @@ def measure(run, job):
         response=response,
     )  # fmt: skip
     table = measure_frame(
-        calibrated, open_psf(run, job), job.wcs, file.observer, chip=job.chip,
+        calibrated, open_psf(run, job.chip), job.wcs, file.observer, chip=job.chip,
         filter=filter_, telescope=run.camera.telescope, pointing=job.pointing,
         window=job.window,
     )  # fmt: skip

@@ -38,7 +38,7 @@ def truth(run, pix):
 
 
 def psf(run, chip_id):
-    """Make the PSF set of one chip, or take it from the campaign's library."""
+    """Make the PSF set of one chip, or take it from the campaign's library; then the tables photons are drawn from."""
     from csstsim.optics.beyond import beyond_box
     from csstsim.optics.psf import make_psf
     from csstsim.optics.psf_c9 import convert
@@ -52,6 +52,13 @@ def psf(run, chip_id):
             path, chip, filter_, camera.telescope, camera.psf, config.grid, oversampling=config.oversampling,
             beyond=beyond_box(camera, filter_), nodes_uv=_nodes_uv(camera, chip, config.grid), **digests,
         )  # fmt: skip
+    _psf_tables(run, chip)
+
+
+def _psf_tables(run, chip):
+    from csstsim.render.psf_table import write_tables
+
+    write_tables(run.paths.psf_tables(chip.id), open_psf(run, chip))
 
 
 def _nodes_uv(camera, chip, grid):
@@ -139,14 +146,16 @@ def render(run, job):
 def _render(run, job, objects):
     state = _blank(run, job, objects)
     if job.pointing.type == "SCIE":
-        state.psf, state.fidelity = open_psf(run, job), run.config.fidelity
+        state.psf, state.fidelity = open_psf(run, job.chip), run.config.fidelity
         if state.fidelity != "reference":
-            from csstsim.render.psf_table import open_tables
+            from csstsim.render.psf_table import read_tables
 
-            state.tables = open_tables(run.paths.psf_tables(job.chip.id), state.psf)
+            state.tables = read_tables(run.paths.psf_tables(job.chip.id), state.psf)
         state.header["truth_hash"] = objects.meta["truth_hash"]
         state.header["psf_hash"] = digest(state.psf.attributes)
-    return run.steps[job.pointing.type].run(state, "render", run.config.seed)
+    state = run.steps[job.pointing.type].run(state, "render", run.config.seed)
+    state.forget()
+    return state
 
 
 def readout(run, job):
@@ -213,7 +222,14 @@ def chip(run, job, say=print):
         objects = _objects(run, job)
         header["stages"].append(timer.entry())
         _say_selected(objects, say)
-        _make_missing({run.paths.psf(job.chip.id): partial(psf, run, job.chip.id)}, say)
+        number = job.chip.id
+        _make_missing(
+            {
+                run.paths.psf(number): partial(psf, run, number),
+                run.paths.psf_tables(number): partial(_psf_tables, run, job.chip),
+            },
+            say,
+        )
     timer = Timer("render")
     state = _render(run, job, objects)
     state.header |= header
@@ -287,11 +303,11 @@ def _psf_box(run, chip):
     return BOX_PX / 2 if config.library else own
 
 
-def open_psf(run, job):
-    """Return the checked PsfSet of a job's chip, with the campaign's interpolation."""
+def open_psf(run, chip):
+    """Return the checked PsfSet of a chip, with the campaign's interpolation."""
     from csstsim.optics.psf import PsfSet, oversampling_of
 
-    config, chip, own = run.config.psf, job.chip, {}
+    config, own = run.config.psf, {}
     if not config.library:
         own = {
             "grid": config.grid,

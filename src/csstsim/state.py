@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from csstsim.optics.response import response_map
+
 
 @dataclass
 class State:
@@ -34,3 +36,18 @@ class State:
     truth: Any = None
     leds: Any = None  # leds.yaml as instrument.load.read_data gives it, for flat fields and lamps
     sky: Any = None  # sky.yaml as instrument.load.read_data gives it, for the stray-light model
+    _response: tuple = (None, None)  # what `response` gave last
+
+    def response(self, exptime, camera, *, flat, shutter):
+        """Return optics.response.response_map of this chip and window, made once for all layers that ask the same."""
+        wanted = exptime, flat, shutter
+        if self._response[0] != wanted:
+            made = response_map(
+                self.chip, self.window, self.filter, exptime, self.leds, camera, flat=flat, shutter=shutter
+            )
+            self._response = wanted, made
+        return self._response[1]
+
+    def forget(self):
+        """Drop what is kept only to save time."""
+        self._response = None, None

@@ -94,7 +94,7 @@ def test_electrons_are_the_synthetic_photometry_times_the_enclosed_light(tmp_pat
     campaign = OpenCampaign(path)
     job = campaign.job("10100000001", 9)
     drawn = ObjectTable.read(campaign.paths.stage("10100000001", 9, "drawn.parquet"))
-    psf = open_psf(campaign, job)
+    psf = open_psf(campaign, job.chip)
     filter_ = campaign.camera.filters["r"]
     band = SpectralElement(Empirical1D, points=filter_.wavelength, lookup_table=filter_.throughput)
     area = campaign.camera.telescope.area_m2 * u.m**2

@@ -22,7 +22,7 @@ def draw(tmp_path_factory):
     run = OpenCampaign(write_scene(folder, "Pair", [40.3, 90.1, 20.0], [50.2, 70.6, 110.0], mag=20.0))
     job = run.job("10100000001", 9)
     stages.psf(run, 9)
-    objects, psf = stages._objects(run, job), stages.open_psf(run, job)
+    objects, psf = stages._objects(run, job), stages.open_psf(run, job.chip)
 
     def made(flat, shutter):
         state = stages._blank(run, job, objects)

@@ -141,7 +141,7 @@ def test_a_campaign_takes_its_library(own, tmp_path):
     corners = np.array([[0.0, 0.0], [127.0, 0.0], [0.0, 127.0], [127.0, 127.0]])
     write_library(tmp_path, chip, np.array(own.image), corners, mm=False)
     stages.psf(run, 9)
-    psf = stages.open_psf(run, job)
+    psf = stages.open_psf(run, job.chip)
     assert psf.nodes_xy == pytest.approx(corners)
     assert psf.image.shape == (4, 4, 256, 256)
     assert psf.attributes["filter"] == "r"

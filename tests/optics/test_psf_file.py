@@ -137,7 +137,7 @@ def test_the_campaign_chooses_the_interpolation(made, camera):
     ]:
         config = SimpleNamespace(psf=PsfConfig(grid=GRID, **given))
         run = SimpleNamespace(config=config, camera=camera, paths=SimpleNamespace(psf=lambda chip: made))
-        psf = open_psf(run, SimpleNamespace(chip=camera.chips[8]))
+        psf = open_psf(run, camera.chips[8])
         assert (psf.weights(5.0, 5.0)[0].size, psf.convex) == (k, convex)
 
 

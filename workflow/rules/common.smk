@@ -57,6 +57,7 @@ def objects_of(wildcards):
     return [
         f"{OUT}/chips/{wildcards.obsid}_{wildcards.chip}/select.parquet",
         f"{OUT}/psf/chip_{wildcards.chip}.h5",
+        f"{OUT}/psf/chip_{wildcards.chip}_tables.h5",
     ]
 
 

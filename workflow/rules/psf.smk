@@ -1,6 +1,7 @@
 rule psf:
     output:
         f"{OUT}/psf/chip_{{chip}}.h5",
+        f"{OUT}/psf/chip_{{chip}}_tables.h5",
     log:
         f"{OUT}/logs/psf/{{chip}}.log",
     benchmark:

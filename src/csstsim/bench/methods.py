@@ -12,6 +12,8 @@ import numpy as np
 
 from csstsim.bench import peers, ufig
 from csstsim.catalog.table import ObjectTable
+from csstsim.optics.beyond import Beyond
+from csstsim.render import draw as engine
 from csstsim.render.counter import object_keys
 from csstsim.render.photons import shoot_scene
 from csstsim.render.reference import draw_objects
@@ -21,6 +23,8 @@ from csstsim.render.stamps import draw_scene
 @dataclass(frozen=True)
 class Method:
     """`random`: electrons are drawn; `most`: of them in a go, beyond which cost is taken as proportional to light.
+
+    An image of integers is always taken as drawn at random.
 
     `peer`: another code, or the paper's way; `preset`: one of the policy's, which chooses among the rest.
     """
@@ -56,7 +60,7 @@ def _photons(setting, case):
         counted = np.zeros(case.window.shape, np.int32)
         keys = object_keys(base, np.arange(copies))
         shoot_scene(counted, case.window, case.scene.take(np.zeros(copies, int)), keys, setting.table)
-        return counted.astype(float)
+        return counted
 
     return draw
 
@@ -72,6 +76,22 @@ def _stamps(setting, case):
     return draw
 
 
+def _preset(fidelity):
+    def prepare(setting, case):
+        def draw(copies):
+            image = np.zeros(case.window.shape, np.float32)
+            _, counted = engine.draw_objects(
+                image, case.window, case.row.take(np.zeros(copies, int)), setting.wcs, setting.psf, setting.exptime,
+                tables=setting.table, beyond=Beyond(), response=None, maximum=1.0, variance=setting.variance,
+                key=np.uint64(case.row["id"][0] + 1), fidelity=fidelity,
+            )  # fmt: skip
+            return image.astype(float) if counted is None else counted
+
+        return draw
+
+    return prepare
+
+
 def brighter(case, electrons):
     """Return the case with so many electrons instead of its own."""
     factor = electrons / case.electrons
@@ -82,8 +102,9 @@ def brighter(case, electrons):
 
 METHODS = (
     Method("reference", _reference),
-    Method("photons", _photons, random=True),
+    Method("photons", _photons),
     Method("stamps", _stamps),
+    *(Method(name, _preset(name), preset=True) for name in ("preview", "standard", "noise_free")),
     Method("GalSim as the paper", peers.paper, peer=True),
     Method("GalSim FFT", peers.fft, peer=True),
     Method("GalSim photons", peers.photons, random=True, most=1e6, peer=True),

@@ -66,15 +66,15 @@ def measured(method, setting, case, seconds, electrons):
     """Return (image of an object of unit light, CPU seconds an object, electrons drawn; infinite if none is random)."""
     used = min(case.electrons, method.most)
     draw = method.prepare(setting, brighter(case, used))
-    image, took = _timed(draw, 1)
-    copies = 1
+    copies, (image, took) = 1, _timed(draw, 1)
+    random = method.random or image.dtype.kind == "i"
     wanted = seconds / max(took, 1e-9)
-    if method.random:
+    if random:
         wanted = max(wanted, min(electrons / used, TOO_LONG * wanted))
     if wanted > 1:
         copies = int(np.ceil(wanted))
         image, took = _timed(draw, copies)
-    drawn = copies * used if method.random else np.inf
+    drawn = copies * used if random else np.inf
     return image / (copies * used), took / copies * case.electrons / used, drawn
 
 

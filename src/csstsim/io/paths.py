@@ -1,6 +1,6 @@
 """Where each product of a campaign lies: the one place that knows (the CLI and the workflow both ask here).
 
-    truth/Norder=8/Dir=D/Npix=P.parquet         psf/chip_08.h5
+    truth/Norder=8/Dir=D/Npix=P.parquet         psf/chip_08.h5 chip_08_tables.h5
     chips/{obsid}_{chip}/select.parquet render.fits drawn.parquet readout.fits
     level0/{obsid}/{stem}.fits {stem}.truth.parquet
     measure/{obsid}_{chip}.parquet
@@ -32,6 +32,9 @@ class Paths:
 
     def psf(self, chip_id):
         return self.output / "psf" / f"chip_{chip_id:02d}.h5"
+
+    def psf_tables(self, chip_id):
+        return self.output / "psf" / f"chip_{chip_id:02d}_tables.h5"
 
     def stage(self, obsid, chip_id, name):
         """Intermediate of a chip: 'select.parquet', 'render.fits', 'drawn.parquet' or 'readout.fits'."""

@@ -1,7 +1,7 @@
 """Scientific objects exposure (paper, Appendix B item 1; sections 4.1, 5.3).
 
-Draws the chip's objects, as the campaign's `fidelity` asks: expected electrons into the image, electrons drawn one by one
-into the counted plane; what was drawn of each is kept as truth.
+Draws the chip's objects, as the campaign's `fidelity` asks: expected electrons into the image, electrons drawn one by
+one into the counted plane; what was drawn of each is kept as truth.
 Left out so far: slitless dispersion.
 """
 
@@ -14,7 +14,7 @@ from csstsim.errors import InputError
 from csstsim.layers.param import LayerParam
 from csstsim.optics.beyond import Beyond, beyond_box, read_beyond
 from csstsim.optics.flat import check_flat
-from csstsim.optics.response import response_map, response_maximum
+from csstsim.optics.response import response_maximum
 
 STAGE = "render"
 UNITS = ("electron", "electron")
@@ -58,7 +58,7 @@ def apply(state, param, rng):
     there = read_beyond(state.psf)
     beyond = Beyond(there.wing if param.wings else None, there.ghosts if param.ghosts else None)
     losses = {"flat": param.flat_fielding, "shutter": param.shutter_effect}
-    response = response_map(state.chip, state.window, state.filter, exptime, state.leds, rng.camera, **losses)
+    response = state.response(exptime, rng.camera, **losses)
     scene = (state.image, state.window, state.catalog, state.wcs, state.psf, exptime)
     if state.fidelity == "reference":
         from csstsim.render import reference

@@ -12,7 +12,6 @@ from csstsim.errors import InputError
 from csstsim.io.keywords import orbit_after
 from csstsim.layers.param import LayerParam
 from csstsim.optics.flat import check_flat
-from csstsim.optics.response import response_map
 from csstsim.sky import background
 from csstsim.sky.bodies import exposure_angles
 from csstsim.sky.frame import telescope_axes
@@ -69,11 +68,11 @@ def apply(state, param, rng):
     else:
         sky = background.sky_electrons(state.filter, exptime)
         state.header["sky_rate"] = state.filter.sky
-    response = response_map(
-        state.chip, state.window, state.filter, exptime, state.leds, rng.camera,
-        flat=param.flat_fielding, shutter=param.shutter_effect,
-    )  # fmt: skip
-    state.image += sky if response is None else np.multiply(sky, response, dtype=np.float32)
+    response = state.response(exptime, rng.camera, flat=param.flat_fielding, shutter=param.shutter_effect)
+    if response is None:
+        state.image += sky
+    else:
+        background.add_product(state.image, np.broadcast_to(np.asarray(sky, np.float32), state.image.shape), response)
     place = pointing.mjd, pointing.sat_position, pointing.sat_velocity
     angles = exposure_angles(pointing.ra, pointing.dec, *place)
     state.header |= {f"{name}_angle": value for name, value in angles.items()}

@@ -28,10 +28,12 @@ def _bilinear(grid, u, v, out):
     last = len(grid) - 2
     columns = np.minimum(u.astype(np.int64), last)
     part = (u - columns).astype(np.float32)
+    first = np.searchsorted(columns, np.arange(last + 2))  # of each cell's pixels
     for y in range(len(v)):
         row = min(int(v[y]), last)
         t = v[y] - row
         line = ((1 - t) * grid[row] + t * grid[row + 1]).astype(np.float32)
-        for x in range(len(u)):
-            j = columns[x]
-            out[y, x] = line[j] + (line[j + 1] - line[j]) * part[x]
+        for j in range(last + 1):
+            here, rise = line[j], line[j + 1] - line[j]
+            for x in range(first[j], first[j + 1]):
+                out[y, x] = here + rise * part[x]

@@ -19,7 +19,9 @@ from csstsim.render.unresolved import add_unresolved
 _UNDRAWN = BAD_VALUE | STRONG_LENSING
 
 
-def draw_objects(image, window, objects, wcs, psf, exptime, *, tables, beyond, response, maximum, variance, key, fidelity):
+def draw_objects(
+    image, window, objects, wcs, psf, exptime, *, tables, beyond, response, maximum, variance, key, fidelity
+):
     """Draw a chip's objects; return (table with what was drawn, counted electrons or None).
 
     image: float32 (window.ny, window.nx), expected electrons, changed in place; counted: int32 of that shape. objects:
@@ -39,9 +41,7 @@ def draw_objects(image, window, objects, wcs, psf, exptime, *, tables, beyond, r
     scene = make_scene(part, wcs, psf, exptime)
     flags[rows[scene.outside]] |= OUTSIDE_PSF_HULL
     wing = part["wing"] if beyond.wing is not None else np.zeros(len(rows))
-    choice = policy.choose(
-        scene, part["reach"], wing, variance, fidelity, convex=psf.convex, maximum=maximum
-    )
+    choice = policy.choose(scene, part["reach"], wing, variance, fidelity, convex=psf.convex, maximum=maximum)
     keys = _keys(key, scene.ids)
     drawn, ms, error = np.zeros(count), np.zeros(count, np.float32), np.zeros(count, np.float32)
     box, stamp = np.zeros((count, 4), np.int32), np.zeros(count, np.int32)
@@ -57,9 +57,7 @@ def draw_objects(image, window, objects, wcs, psf, exptime, *, tables, beyond, r
             drawn[at], box[at] = add_unresolved(image, window, some, full)
             flags[at] |= SKIPPED_FAINT
         elif kind == policy.STAMP:
-            result = draw_scene(
-                image, window, some, part["reach"][mine], wing[mine], tables, beyond, response, wcs.chip
-            )
+            result = draw_scene(image, window, some, part["reach"][mine], wing[mine], psf, beyond, response, wcs.chip)
             drawn[at], box[at], ms[at] = result.drawn, result.box, result.ms
             flags[at] |= result.flags | np.where(wing[mine] < part["wing"][mine], TRUNCATED_STAMP, 0)
             stamp[at] = 2 * np.maximum(part["reach"][mine], np.ceil(wing[mine])) + 1
@@ -86,4 +84,7 @@ def _keys(base, ids):
     place = np.arange(len(ids))
     again = np.empty(len(ids), np.int64)
     again[order] = place - np.maximum.accumulate(np.where(first, place, 0))
-    return object_keys(object_keys(base, ids), again)
+    keys = object_keys(base, ids)
+    for i in np.flatnonzero(again):
+        keys[i] = object_keys(keys[i], again[i : i + 1])[0]
+    return keys

@@ -24,6 +24,7 @@ from csstsim.render.error_model import predicted
 NONE, UNRESOLVED, PHOTONS, STAMP = range(4)
 METHODS = np.array(["none", "unresolved", "photons", "stamp"])
 FILE = SHIPPED / "render.yaml"
+PHOTONS_MAX = 1e8  # electrons: a second; more would at length not fit the counted plane's integers
 _PSF_HALF_LIGHT = 1.2  # pixel
 _GAUSSIAN = 4 * np.pi / (2 * np.log(2))  # effective number of pixels / half-light radius^2 of a Gaussian
 
@@ -51,7 +52,7 @@ def choose(scene, reach, wing, variance, fidelity, *, convex, maximum=1.0):
     cost = np.stack(costs(scene, reach, wing, electrons * maximum, numbers["cost"]), axis=1)
     error = np.stack([predicted(m, scene, reach, snr, numbers["error"]) for m in ("photons", "stamp")], axis=1)
     allowed = np.ones_like(cost, bool)
-    allowed[:, 0] = convex and fidelity != "noise_free"
+    allowed[:, 0] = (electrons * maximum < PHOTONS_MAX) & convex & (fidelity != "noise_free")
     good = allowed & (error <= preset["eps"])
     best = np.where(
         good.any(axis=1), np.where(good, cost, np.inf).argmin(axis=1), np.where(allowed, error, np.inf).argmin(axis=1)

@@ -129,3 +129,11 @@ def _expand(image, grid, rows, v, starts, u):
             part, place = image[y, starts[j] : starts[j + 1]], u[starts[j] : starts[j + 1]]
             for x in range(len(part)):
                 part[x] += left + step * place[x]
+
+
+@numba.njit(cache=True)
+def add_product(image, sky, response):
+    """Add sky * response to `image`, all (ny, nx) float32, in place, without another frame of memory."""
+    for y in range(image.shape[0]):
+        for x in range(image.shape[1]):
+            image[y, x] += sky[y, x] * response[y, x]
