@@ -10,7 +10,7 @@ from csstsim.bench.methods import brighter, standard
 from csstsim.bench.truth import Truth
 from csstsim.progress import progress
 
-TOO_LONG = 20.0  # times the wanted CPU seconds, after which no more electrons are drawn
+TOO_LONG = 5.0  # times the wanted CPU seconds, after which no more electrons are drawn
 
 
 def sweep(setting, cases, methods, *, seconds, electrons):
