@@ -15,13 +15,10 @@ def run(*options):
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("bench")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("csstsim.bench.setting.GRID", 3)
-        result = run("--quick", "--objects", "4", "--methods", "photons,stamps", "--output", str(folder))
+def folder(bench_folder):
+    result = run("--quick", "--objects", "4", "--methods", "photons,stamps", "--output", str(bench_folder))
     assert result.exit_code == 0, result.output
-    return folder
+    return bench_folder
 
 
 def read(path):

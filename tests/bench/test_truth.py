@@ -6,10 +6,10 @@ import galsim
 import numpy as np
 import pytest
 
-from csstsim.bench import setting as setting_module
 from csstsim.bench.cases import SHARES, make_cases
 from csstsim.bench.measures import errors
 from csstsim.bench.methods import standard
+from csstsim.bench.setting import make_setting
 from csstsim.bench.truth import Truth, sersic_transform
 from csstsim.optics.beyond import Beyond
 from csstsim.optics.chip_errors import chip_coefficients
@@ -22,11 +22,8 @@ K = np.geomspace(1e-3, 100, 40)  # radian per r_e; beyond, GalSim has an asympto
 
 
 @pytest.fixture(scope="module")
-def setting(tmp_path_factory):
-    """A set of 3 x 3 nodes in the r band."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(setting_module, "GRID", 3)
-        yield setting_module.make_setting(tmp_path_factory.mktemp("bench"), "r")
+def setting(bench_folder):
+    return make_setting(bench_folder, "r")
 
 
 @pytest.mark.parametrize("n", [1.0, 1.5, 2.5, 4.0])
