@@ -15,6 +15,7 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
 from csstsim.layers import sky_background
 from csstsim.optics.wcs import ChipWCS
+from csstsim.rng import Streams
 from csstsim.sky.background import band_rates
 from csstsim.sky.bodies import earth_radius
 from csstsim.sky.earthshine import earthshine
@@ -145,11 +146,11 @@ def cost():
     for model in (False, True, True, True):
         state = State(
             chip, CAMERA.filters[chip.filter], CAMERA.telescope, pointing, None, chip.full_window,
-            ChipWCS(chip, pointing), np.zeros(chip.full_window.shape, np.float32), sky=CAMERA.sky,
+            ChipWCS(chip, pointing), np.zeros(chip.full_window.shape, np.float32), sky=CAMERA.sky, leds=CAMERA.leds,
         )  # fmt: skip
         state.image += 1.0
         start = time.process_time()
-        sky_background.apply(state, sky_background.Param(enable_straylight_model=model), None)
+        sky_background.apply(state, sky_background.Param(enable_straylight_model=model), Streams(1, "1", 9, "sky"))
         print(f"model {model!s:5}: {time.process_time() - start:.3f}")
     print(
         {key: float(f"{value:.3g}") for key, value in state.header.items()},

@@ -93,6 +93,9 @@ class OpenCampaign:
                 "unknown filter", file=self.file, key="select.filters", value=unknown[0],
                 allowed=", ".join(self.camera.filters),
             )  # fmt: skip
+        library = self.config.psf.library
+        if library is not None and not library.is_dir():
+            raise InputError("no such folder", file=self.file, key="psf.library", value=library)
         detector = self.camera.detector
         window = self.config.window
         if isinstance(window, PixelWindow) and (window.x1 > detector.nx or window.y1 > detector.ny):

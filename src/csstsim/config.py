@@ -67,7 +67,12 @@ def input_error(exc, model, file, key=()):
     if fault["type"] == "missing":
         return InputError(f"required key is missing{more}", file=file, key=where)
     message = fault["msg"].removeprefix("Value error, ")
-    return InputError(message[0].lower() + message[1:] + more, file=file, key=where, value=fault["input"])
+    return InputError(_in_a_line(message) + more, file=file, key=where, value=fault["input"])
+
+
+def _in_a_line(message):
+    """Return a message without its capital; a name in capitals stays."""
+    return message if message[1:2].isupper() else message[0].lower() + message[1:]
 
 
 def _known_keys(model, loc):
@@ -215,7 +220,9 @@ class PsfConfig(Model):
 class ValidateConfig(Model):
     """Thresholds of the report's gates; null = the gate is only reported."""
 
-    completeness_min: float | None = Field(0.95, ge=0, le=1, description="point sources found at S/N above snr_min")
+    completeness_min: float | None = Field(
+        0.95, ge=0, le=1, description="point sources found at S/N above snr_min; two sigma of chance are forgiven"
+    )
     snr_min: float = Field(5.0, gt=0, description="S/N (from truth) above which completeness is judged")
     mag_bias_max: float | None = Field(0.02, gt=0, description="|median magnitude residual| of stars at S/N > 20 [mag]")
 

@@ -26,7 +26,7 @@ def draw(tmp_path_factory):
 
     def made(flat, shutter):
         state = stages._blank(run, job, objects)
-        state.psf = psf
+        state.psf, state.fidelity = psf, "noise_free"
         return scie_obs.apply(state, scie_obs.Param(flat_fielding=flat, shutter_effect=shutter), STREAMS)
 
     return made

@@ -193,7 +193,7 @@ def test_truncated_file(copy, share):
     ],
 )
 def test_file_of_another_chip_or_camera(made, key, value, allowed):
-    with pytest.raises(InputError, match=rf"chip_08\.h5: {key}: does not fit .*{allowed}"):
+    with pytest.raises(InputError, match=rf"chip_08\.h5: {key}: made for another campaign; remove it .*{allowed}"):
         PsfSet(made, **{key: value})
 
 
@@ -273,7 +273,9 @@ def test_every_byte_outside_the_images_is_guarded(copy):
 def test_point_samples_are_not_read_as_cell_integrals(copy):
     with h5py.File(copy, "r+") as file:
         file.attrs["sample"] = "point"
-    with pytest.raises(InputError, match=r"sample: does not fit .*'point'.*allowed: cell_integral"):
+    with pytest.raises(
+        InputError, match=r"sample: made for another campaign; remove it .*'point'.*allowed: cell_integral"
+    ):
         PsfSet(copy)
 
 

@@ -1,7 +1,6 @@
 """Bright stars on a chip: conservation of light, no edge, stars on and off its edge, ghosts."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,6 +16,7 @@ from csstsim.optics.wcs import ChipWCS
 from csstsim.render.reference import draw_objects
 from csstsim.render.wings import add_beyond, box_share, step, wing_table
 from csstsim.rng import Streams
+from csstsim.state import State
 
 VARIANCE = 60.0  # e-^2, of a pixel in r
 SKY = np.sqrt(VARIANCE)
@@ -179,9 +179,10 @@ def test_the_layer_switches_wings_and_ghosts(camera, make_pointing, psf_r):
     table = objects(wcs, X, Y, wing=np.full(1, 5000.0), rate=1e8)
 
     def light(**param):
-        state = SimpleNamespace(
+        state = State(
             chip=camera.chips[9], pointing=make_pointing(exptime=EXPTIME), image=np.zeros(window.shape, np.float32),
-            window=window, catalog=table, wcs=wcs, psf=psf_r, truth=None, filter=camera.filters["r"], leds=camera.leds,
+            window=window, catalog=table, wcs=wcs, psf=psf_r, filter=camera.filters["r"], telescope=camera.telescope,
+            leds=camera.leds, fidelity="noise_free",
         )  # fmt: skip
         losses = {"flat_fielding": False, "shutter_effect": False}
         scie_obs.apply(state, scie_obs.Param(**param, **losses), Streams(1, "1", 9, "scie_obs"))

@@ -7,7 +7,7 @@ Left out: warming up and ageing of the lamps, fringes.
 """
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
@@ -23,6 +23,8 @@ EXPOSURES = ("FLAT",)
 
 class Param(LayerParam):
     """obs_param of `led_calib_model`."""
+
+    model_config = ConfigDict(coerce_numbers_to_str=True)  # a lamp's name need not be quoted
 
     LED_TYPE: list[str] = Field(["670"], min_length=1, description="lamps in the order they are lit: wavelengths in nm")
     LED_TIME: list[float] = Field([10.0], min_length=1, description="seconds each of them is lit")

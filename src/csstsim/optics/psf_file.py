@@ -127,7 +127,13 @@ class PsfSet:
             expected |= {"oversampling": oversampling, "camera_digest": camera_digest}
             for name, value in expected.items():
                 if value is not None and self.attributes[name] != value:
-                    raise InputError("does not fit", file=path, key=name, value=self.attributes[name], allowed=value)
+                    raise InputError(
+                        "made for another campaign; remove it",
+                        file=path,
+                        key=name,
+                        value=self.attributes[name],
+                        allowed=value,
+                    )
             self._check(shape)
             self.scale, self.oversampling = float(self.attributes["cell_arcsec"]), self.attributes["oversampling"]
         self.dead = ~np.isfinite(self.flux).all(axis=1)

@@ -16,8 +16,8 @@ _MIX1, _MIX2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _ONE = np.uint64(1)
 _S27, _S30, _S31, _S32 = (np.uint64(s) for s in (27, 30, 31, 32))
 _LOW32 = np.uint64(0xFFFFFFFF)
-_S11 = np.uint64(11)
-_UNIT32, _UNIT53 = 2.0**-32, 2.0**-53
+_S12 = np.uint64(12)
+_UNIT32, _UNIT52 = 2.0**-32, 2.0**-52
 _INVERSION_MAX = 10.0  # mean, above which rejection is the faster
 _INVERSION_LAST = 100  # where rounding must not let the search run on: P(more) < 1e-60
 
@@ -45,8 +45,8 @@ def low(bits):
 
 @numba.njit(inline="always")
 def unit(bits):
-    """Return a uniform number in (0, 1) of 53 bits."""
-    return (np.float64(bits >> _S11) + 0.5) * _UNIT53
+    """Return a uniform number in (0, 1) of 52 bits (one more would round to 1)."""
+    return (np.float64(bits >> _S12) + 0.5) * _UNIT52
 
 
 @numba.njit(cache=True)

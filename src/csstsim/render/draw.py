@@ -25,9 +25,9 @@ def draw_objects(
     """Draw a chip's objects; return (table with what was drawn, counted electrons or None).
 
     image: float32 (window.ny, window.nx), expected electrons, changed in place; counted: int32 of that shape. objects:
-    ObjectTable from catalog.select. tables: psf_table.PsfTable of `psf` (PsfSet). beyond: optics.beyond.Beyond. response:
-    (ny, nx) float32 share of light that is counted, nowhere above `maximum`, or None: all. variance: of a pixel
-    without objects [e-^2]. key: uint64 of the exposure's random numbers; fidelity: a preset of config/render.yaml.
+    ObjectTable from catalog.select. tables: psf_table.PsfTable of `psf` (PsfSet). beyond: optics.beyond.Beyond.
+    response: (ny, nx) float32 share of light that is counted, nowhere above `maximum`, or None: all. variance: of a
+    pixel without objects [e-^2]. key: uint64 of the exposure's random numbers; fidelity: of config/render.yaml.
 
     Added columns: electrons (nominal), drawn (put on the window: whole electrons for photons, the sum of expected ones
     otherwise), fraction, method (render.policy), error (predicted, in units of the object's own noise), stamp (side,

@@ -3,13 +3,14 @@
 Disk and bulge are Sersic profiles under one 2 x 2 matrix. Each is split (render.sersic): the inner part is multiplied
 with the PSF's transform (render.psf_mixture) at the frequencies of a small periodic image, folded onto those of
 its pixels, which is what taking samples means, and transformed back; the outer part, so smooth that the PSF hardly
-changes it, is added in real space. So no transform is larger than 640 pixels and no wing wraps round.
+changes it, is added in real space. So no transform is larger than 1280 pixels and no wing wraps round.
 
 Where the split lies: `plan`. Left out: what the PSF does to the outer part beyond taking its light out of the
 box (benchmarks/stamps.py has the size of that).
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numba
 import numpy as np
@@ -17,21 +18,22 @@ import scipy.fft
 
 from csstsim.render.octaves import first_of, nodes, read
 from csstsim.render.psf_mixture import BINS, transform
-from csstsim.render.sersic import K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, cut_for, extent
-from csstsim.render.sersic import tables as sersic_tables
+from csstsim.render.sersic import CUT_NONE, K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, cut_for, extent, tables
 
 _WORST = 3e-4  # of the peak: what blurring may change in the outer part ...
+_ROUGH = 3e-3  # of the peak: above which it is flagged
 _LOCAL = 0.05  # ... where it is more than this of what is there
 _CORE2 = 1.5  # px^2: half the variance of the PSF's core and the pixel
 _WINGS2 = 6.5  # px^2: the same of the box, with the curvature of the split (measured: benchmarks/stamps.py)
 _RHO = np.geomspace(0.02, 200.0, 48)  # r_e
-_START_PX = 20.0  # the outer part begins no nearer
-_EXTENT_MAX = 224.0  # px: half the side of the inner part
-_TAIL = 1e-3  # of the peak: what the frequencies left out may add up to
+_START_PX = 14.0  # the outer part begins no nearer
+_EXTENT_MAX = 448.0  # px: half the side of the inner part
+_TAIL = 3e-4  # of the peak: what the frequencies left out may add up to
 SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point
+_ANGLES = np.arange(8) * np.pi / 16  # from a galaxy's short axis
 _K2_FIRST, _R2_FIRST = first_of(K2_LOW), first_of(R2_LOW)
 _NONE = np.zeros(len(nodes(K2_LOW, K2_HIGH))), np.zeros(len(nodes(R2_LOW, R2_HIGH)))
-_SIZES = np.array([*range(48, 128, 16), *range(128, 256, 32), *range(256, 705, 64)])
+_SIZES = np.array([*range(48, 128, 16), *range(128, 256, 32), *range(256, 512, 64), *range(512, 1281, 128)])
 
 
 @dataclass(frozen=True)
@@ -41,6 +43,7 @@ class Plan:
     cut: np.ndarray  # (n, 2) r_e of each component; inf: no outer part
     half: np.ndarray  # (n,) px, half the side of the square the inner part is wanted on
     size: np.ndarray  # (n,) px, period of the transform
+    rough: np.ndarray  # (n,) bool: long and thin beyond what is promised
 
 
 def plan_galaxies(scene, reach, box, rows):
@@ -49,7 +52,7 @@ def plan_galaxies(scene, reach, box, rows):
     The outer part, which the PSF leaves as it is, begins where that is wrong by less than _WORST of the peak: for the
     PSF's core, whose variance meets the curvature of the profile on its long axis, where it is thinnest (across,
     exp(-b rho^(1/n)) has b / n rho^(1/n - 2) over the square of the short half-light radius), and for its wings, which
-    meet that of the split itself; nowhere within 20 px.
+    meet that of the split itself; nowhere within 14 px.
     """
     there = (scene.light > 0) & rows[:, None]
     n, b, size = np.moveaxis(np.where(there[..., None], scene.sersic, 1.0), -1, 0)
@@ -62,19 +65,26 @@ def plan_galaxies(scene, reach, box, rows):
         level = np.exp(b * (centre[..., None] ** (1 / n) - _RHO ** (1 / n)))
     core = b / n * _RHO ** (1 / n - 2) * _CORE2 / short**2
     wrong = np.maximum(np.minimum(core * level, core * _WORST / _LOCAL), _WINGS2 / (_RHO * short) ** 2 * level)
+    n, b, short = n[..., 0], b[..., 0], short[..., 0]
     start = _RHO[np.minimum((wrong > _WORST).sum(axis=-1), len(_RHO) - 1)]
     radius = 2 * np.maximum(start, _START_PX / wide)
-    radius = np.minimum(radius, np.minimum(2 * reach[:, None], _EXTENT_MAX) / wide)
-    n = n[..., 0]
+    most = np.minimum(2 * reach[:, None], _EXTENT_MAX) / wide
+    # Too long for a transform: the better of a split that is too near, and, where the profile is smooth, of none
+    capped = (radius > most) & (2 * reach[:, None] > _EXTENT_MAX)
+    last = np.maximum((0.5 * most[..., None] > _RHO).sum(axis=-1) - 1, 0)
+    near = np.take_along_axis(wrong, last[..., None], axis=-1)[..., 0]
+    bare = b / n * short ** (-1 / n) * _CORE2  # the curvature one pixel from the centre
+    radius = np.where(capped & (bare < near), CUT_NONE, np.minimum(radius, most))
+    rough = (capped & there & (np.minimum(near, bare) > _ROUGH)).any(axis=1)
     cut, ends = np.full(n.shape, np.inf), np.zeros(n.shape)
     for i, c in np.argwhere(there).tolist():
         cut[i, c] = cut_for(n[i, c], radius[i, c])
         ends[i, c] = extent(n[i, c])
     end = (np.minimum(cut, ends) * wide).max(axis=1, where=there, initial=0.0)
     half = np.minimum(reach, np.ceil(end + box)).astype(int)
-    wanted = np.maximum(half + np.maximum(box, end + box / 2) + 1, 2 * half + 2)
+    wanted = np.maximum(half + np.maximum(box, end + box / 4) + 1, 2 * half + 2)
     sizes = _SIZES[np.minimum(np.searchsorted(_SIZES, wanted), len(_SIZES) - 1)]
-    return Plan(cut, half, np.where(rows, sizes, 0))
+    return Plan(cut, half, np.where(rows, sizes, 0), rough)
 
 
 def galaxy_stamp(mixer, scene, plan, i, share, bounds, *, core=None, many=False):
@@ -86,8 +96,7 @@ def galaxy_stamp(mixer, scene, plan, i, share, bounds, *, core=None, many=False)
     """
     node, light, sersic, matrix = scene.node[i], scene.light[i], scene.sersic[i], scene.matrix[i]
     x, y, cut, half, size = scene.x[i], scene.y[i], plan.cut[i], plan.half[i], int(plan.size[i])
-    both = [sersic_tables(sersic[c, 0], cut[c]) if light[c] > 0 else _NONE for c in range(2)]
-    inner, outer = (np.stack(t) for t in zip(*both, strict=True))
+    inner, outer = _component_tables(*(key for c in range(2) for key in (sersic[c, 0] * (light[c] > 0), cut[c])))
     frequency = _cutoff(sersic, light, matrix, inner, mixer.envelope)
     last = min(int(frequency * size) + 1, size)
     x0, x1, y0, y1 = bounds
@@ -112,6 +121,13 @@ def galaxy_stamp(mixer, scene, plan, i, share, bounds, *, core=None, many=False)
     return stamp
 
 
+@lru_cache(256)
+def _component_tables(disk, disk_cut, bulge, bulge_cut):
+    """Return (inner (2, m), outer (2, l)): the tables of render.sersic of two indices and cuts; index 0: zeros."""
+    both = [tables(*key) if key[0] > 0 else _NONE for key in ((disk, disk_cut), (bulge, bulge_cut))]
+    return tuple(np.stack(parts) for parts in zip(*both, strict=True))
+
+
 @numba.njit(cache=True)
 def _cutoff(sersic, light, matrix, tables, envelope):
     """Return the frequency [cycles a pixel] beyond which all that is left out stays below _TAIL of the peak.
@@ -121,25 +137,23 @@ def _cutoff(sersic, light, matrix, tables, envelope):
     p, q = matrix[0, 0] ** 2 + matrix[1, 0] ** 2, matrix[0, 1] ** 2 + matrix[1, 1] ** 2
     r = matrix[0, 0] * matrix[0, 1] + matrix[1, 0] * matrix[1, 1]
     middle, spread = 0.5 * (p + q), np.sqrt(0.25 * (p - q) ** 2 + r * r)
-    short, long = max(middle - spread, 0.0), middle + spread
-    power = np.zeros((2, len(BINS)))  # along the short and the long axis of the galaxy
+    power = np.zeros(len(BINS))  # light per bin of the logarithm of frequency; never too little, from the short axis on
     line = np.empty(1)
     bits = line.view(np.int64)
     for j in range(len(BINS)):
-        k2 = (2 * np.pi * BINS[j]) ** 2
-        for axis in range(2):
+        for angle in _ANGLES:
+            k2 = (2 * np.pi * BINS[j]) ** 2 * max(middle - spread * np.cos(2 * angle), 0.0)
             for c in range(2):
                 if light[c] > 0:
-                    line[0] = k2 * (short if axis == 0 else long) * sersic[c, 2] ** 2
-                    power[axis, j] += light[c] * abs(read(tables[c], _K2_FIRST, bits[0]))
-    peak = 0.0
-    for j in range(len(BINS)):
-        peak += envelope[j] * np.sqrt(power[0, j] * power[1, j]) * BINS[j] ** 2
-    tail, j = 0.0, len(BINS) - 1
-    while j > 0 and tail <= _TAIL * peak:
-        tail += envelope[j] * np.sqrt(power[0, j] * power[1, j]) * BINS[j] ** 2
+                    line[0] = k2 * sersic[c, 2] ** 2
+                    power[j] += light[c] * abs(read(tables[c], _K2_FIRST, bits[0]))
+        power[j] *= envelope[j] * BINS[j] ** 2
+    left = _TAIL * power.sum()
+    j = len(BINS) - 1
+    while j > 0 and left >= power[j]:
+        left -= power[j]
         j -= 1
-    return BINS[min(j + 2, len(BINS) - 1)]
+    return BINS[min(j + 1, len(BINS) - 1)]
 
 
 @numba.njit(cache=True)
@@ -193,7 +207,7 @@ def _add_outer(stamp, sersic, light, matrix, tables, cut, x, y, electrons):
         if not (light[c] > 0 and np.isfinite(cut[c])):
             continue
         r_e = sersic[c, 2]
-        inside = (0.5 * cut[c]) ** 2
+        inside = (0.5 * cut[c]) ** 2 if cut[c] > CUT_NONE else -1.0
         level = electrons * light[c] / (r_e * r_e * abs(determinant))
         a, b = matrix[1, 1] / (determinant * r_e), -matrix[0, 1] / (determinant * r_e)
         d, e = -matrix[1, 0] / (determinant * r_e), matrix[0, 0] / (determinant * r_e)

@@ -7,8 +7,8 @@
 | `unresolved` | expected | objects below the preset's floor in S/N: their light, spread smoothly        |
 | `none`       |          | what cannot be drawn (flags say why), or has no light                        |
 
-The choice hangs on nominal light, the stored PSF and config/render.yaml alone: never on a random number or a clock. When no
-method is good enough the most accurate one is taken, and the truth table's `error` says what it is.
+The choice hangs on nominal light, the stored PSF and config/render.yaml alone: never on a random number or a clock.
+When no method is good enough the most accurate one is taken, and the truth table's `error` says what it is.
 """
 
 from dataclasses import dataclass

@@ -1,7 +1,7 @@
 """The PSF at an object's place, as cells or as a transform: the sum over nodes and sub-bands of weight x electrons.
 
 The transform is that of the PSF integrated over the pixel, sampled every half pixel (sums of spline coefficients,
-render.point_stamp), so up to 1 cycle a pixel: beyond, the optics, jitter, diffusion and the pixel leave under 1e-4 of
+render.pixel_sums), so up to 1 cycle a pixel: beyond, the optics, jitter, diffusion and the pixel leave under 1e-4 of
 any band. It is wanted at the frequencies j / size of an image that repeats itself after `size` pixels.
 """
 

@@ -8,8 +8,8 @@ are the same density. Coefficients below zero, of which a smooth PSF has hardly 
 for them; `negative` says how much that was.
 
 Alias tables (Walker 1977; Vose 1991, IEEE TSE 17, 972): 16 bits of probability and 16 bits of index in a word; the
-middle of a PSF, which takes 96% of the photons, has a table of its own that stays in cache. Rounding moves at most
-2^-17 of a mean cell's light between a cell and its alias.
+middle of a PSF, which takes 96% of the photons, has a table of its own that stays in cache. Rounding, by up to
+2^-17 of a mean cell's light, is passed on from cell to cell; the last one keeps the sum, of order 1e-7 of the light.
 
 On disk: HDF5, /words contiguous, hence mappable, /share and /negative as below. The coefficients are not kept
 (they would double the file): `node_coefficients` makes them in milliseconds. The file names the PSF set it was made of

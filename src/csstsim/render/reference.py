@@ -124,7 +124,8 @@ def draw_objects(image, window, objects, wcs, psf, exptime, beyond=NOTHING, resp
     image += scene.array.astype(np.float32)
     fraction = np.divide(drawn, electrons, out=np.zeros(count), where=electrons > 0)
     return objects.with_columns(
-        flags=flags, electrons=electrons, drawn=drawn, fraction=fraction, method=method, error=np.zeros(count, np.float32),
+        flags=flags, electrons=electrons, drawn=drawn, fraction=fraction, method=method,
+        error=np.zeros(count, np.float32),
         stamp=2 * np.maximum(np.minimum(objects["reach"], REACH_FFT), np.ceil(wing_px)).astype(np.int32) + 1,
         x0=box[0], x1=box[1], y0=box[2], y1=box[3], ms=ms,
     )  # fmt: skip

@@ -26,10 +26,11 @@ from csstsim.render.scene import sersic_b
 
 K2_LOW, K2_HIGH = -28, 28  # octaves of (k r_e)^2
 R2_LOW, R2_HIGH = -16, 36  # octaves of (r / r_e)^2
+CUT_NONE = 2.0**-10  # r_e: a cut within the first node, so that all of the profile is outer
 _STEPS_CUT = 4  # cuts to an octave
 _LOG_R = np.linspace(-20.0, 18.0, 4096)
 _STEP = _LOG_R[1] - _LOG_R[0]
-_NEGLIGIBLE = 3e-5  # of the light: beyond the radius that leaves so much, a profile ends
+_NEGLIGIBLE = 5e-5  # of the light: beyond the radius that leaves so much, a profile ends
 
 
 @lru_cache(1024)

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from csstsim.catalog.flags import NEGATIVE_CLIPPED, OFF_CHIP, OUTSIDE_PSF_HULL
+from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED, OFF_CHIP, OUTSIDE_PSF_HULL
 from csstsim.optics.beyond import Beyond
+from csstsim.render.far_wings import FarWings
 from csstsim.render.galaxy_stamp import galaxy_stamp, plan_galaxies
 from csstsim.render.point_stamp import point_stamp
 from csstsim.render.psf_mixture import Mixer
@@ -46,6 +47,7 @@ def draw_scene(image, window, scene, reach, wing_px, psf, beyond=NOTHING, respon
     response = np.broadcast_to(np.ones((), np.float32), window.shape) if response is None else response
     half_box = mixer.cells / 2 / mixer.per_pixel
     reach, wing_px = np.asarray(reach, int), np.asarray(wing_px, float)
+    far = FarWings(window, response)
     out.flags[scene.outside] |= OUTSIDE_PSF_HULL
     lit = scene.electrons.sum(axis=1) > 0
     galaxy = ((scene.sersic[:, :, 0] > 0) & (scene.light > 0)).any(axis=1)
@@ -64,14 +66,14 @@ def draw_scene(image, window, scene, reach, wing_px, psf, beyond=NOTHING, respon
             core = mixer.core if wing_px[i] > 0 else None
             if galaxy[i]:
                 stamp = galaxy_stamp(mixer, scene, plan, i, light, bounds, core=core, many=many[i])
-                out.flags[i] |= _clip_negative(stamp)
+                out.flags[i] |= _clip_negative(stamp) | (FFT_REDUCED if plan.rough[i] else 0)
             else:
                 stamp = point_stamp(mixer, scene.node[i], light, x, y, bounds, core=core)
             x0, x1, y0, y1 = bounds
             cut = slice(y0 - window.y0, y1 - window.y0), slice(x0 - window.x0, x1 - window.x0)
             parts.append((_put(image[cut], stamp, response[cut]), bounds))
         if wing_px[i] > 0 or beyond.ghosts is not None:
-            parts += add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px[i], half_box)
+            parts += add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px[i], half_box, far)
         if parts:
             out.drawn[i] = sum(light for light, _ in parts)
             x0, x1, y0, y1 = np.transpose([bounds for _, bounds in parts])
@@ -79,6 +81,7 @@ def draw_scene(image, window, scene, reach, wing_px, psf, beyond=NOTHING, respon
         else:
             out.flags[i] |= OFF_CHIP
         out.ms[i] = 1000 * (time.process_time() - start)
+    far.lay(image)
     return out
 
 

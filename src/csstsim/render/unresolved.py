@@ -1,8 +1,8 @@
 """The light of objects too faint to be drawn one by one: spread smoothly, none of it lost.
 
-An object's electrons are shared among the four nearest points of a mesh of MESH pixels by nearness, and the mesh is laid
-on the window bilinearly: what an object gives is a pyramid two meshes wide about its place. Light and its first moments
-stay, and so does all that is larger than the mesh.
+An object's electrons are shared among the four nearest points of a mesh of MESH pixels by nearness, and the mesh is
+laid on the window bilinearly: what an object gives is a pyramid two meshes wide about its place. Light and its first
+moments stay, and so does all that is larger than the mesh.
 """
 
 import numba

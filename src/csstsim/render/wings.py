@@ -4,8 +4,9 @@ The box is faded out, the wing (optics.halo) faded in over the same ring, 0.7 to
 step with two continuous derivatives; at its far end the wing is faded out over its last quarter. How far a wing reaches
 comes with the object (catalog.reach).
 
-A wing is read from a table in r^2 (render.octaves): 3e-5 of the value for slopes to -3. Its value at a pixel's centre
-stands for the pixel: 4e-4 at 45 px, less beyond. Cost: benchmarks/wings.py.
+A wing is read from a table in r^2 (render.octaves): 3e-5 of the value for slopes to -3. Beyond 256 px it is read every
+8th pixel of a row, with the cubic through four such values between: 1e-5. Its value at a pixel's centre stands for the
+pixel: 4e-4 at 45 px, less beyond. Cost: benchmarks/wings.py.
 """
 
 import math
@@ -13,12 +14,21 @@ import math
 import numba
 import numpy as np
 
+from csstsim.render.far_wings import NEAR
 from csstsim.render.octaves import first_of, nodes, read
 
 FADE = 0.7, 0.95  # of the box's half side
 _TAPER = 0.75  # of the wing's reach
 _LOW = 0  # octave of r^2 [px^2] where tables begin
 _FIRST = first_of(_LOW)
+_NEAR_PX = 256.0  # radius within which every pixel is read from the table
+_LONG = 3  # NEAR: shorter wings are drawn here whole
+_BLOCK = 8  # px between values read beyond
+_AT = np.arange(_BLOCK) / _BLOCK
+_CUBIC = np.stack([  # weights of four values, at -1, 0, 1, 2, at each place between 0 and 1
+    -_AT * (_AT - 1) * (_AT - 2) / 6, (_AT + 1) * (_AT - 1) * (_AT - 2) / 2,
+    -(_AT + 1) * _AT * (_AT - 2) / 2, (_AT + 1) * _AT * (_AT - 1) / 6,
+])  # fmt: skip
 
 
 def step(r, inner, outer):
@@ -35,23 +45,31 @@ def box_share(cells, per_pixel):
 
 def wing_table(wing, flux, half, reach):
     """Return the wing per pixel on octaves of r^2. flux: (4,) electrons; half: of the box [px]; reach in px."""
-    r = np.sqrt(nodes(_LOW, math.ceil(2 * math.log2(reach)) + 1))
+    r = np.sqrt(nodes(_LOW, _octaves(reach)))
     inner, outer = (f * half for f in FADE)
     shown = (1 - step(r, inner, outer)) * step(r, _TAPER * reach, reach)
     return np.einsum("b,br->r", flux, wing.profile(np.maximum(r, inner))) * shown
 
 
-def add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px, half):
+def _octaves(reach):
+    return math.ceil(2 * math.log2(reach)) + 1
+
+
+def add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px, half, far=None):
     """Add an object's wing, if `wing_px` > 0, and its ghosts, if bright enough; return [(electrons, box), ...].
 
-    image: float32 or float64, of `window`, changed in place; response: share of the light that is counted, of the same shape;
-    x, y: chip pixels, flux: (4,) electrons; beyond:
-    optics.beyond.Beyond; half: side of the PSF's box [px]. Boxes are (x0, x1, y0, y1) on the chip, half-open; what
-    misses the window is not listed.
+    image: float32 or float64, of `window`, changed in place; response: share of the light that is counted, of the same
+    shape; x, y: chip pixels, flux: (4,) electrons; beyond: optics.beyond.Beyond; half: side of the PSF's box [px].
+    Boxes are (x0, x1, y0, y1) on the chip, half-open; what misses the window is not listed. `far`: a FarWings that takes
+    the part of a long wing that is far from the object, or None: all of it is drawn here.
     """
     parts = []
     if wing_px > 0:
         table = wing_table(beyond.wing, flux, half, wing_px)
+        if far is not None and wing_px > _LONG * NEAR:
+            near = step(np.sqrt(nodes(_LOW, _octaves(wing_px))), NEAR, 2 * NEAR)
+            parts.append(far.add(x, y, wing_px, table * (1 - near), _FIRST))
+            table, wing_px = table * near, 2 * NEAR
         parts.append(_on_window(_add_radial, image, response, window, x, y, wing_px, table))
     if beyond.ghosts is not None and beyond.ghosts.visible(flux.sum()):
         ghosts = beyond.ghosts
@@ -75,22 +93,60 @@ def _on_window(add, image, response, window, x, y, reach, what):
 @numba.njit(cache=True)
 def _add_radial(image, response, x, y, reach, table):
     """Add the table's value at r^2 around pixel position x, y of `image`; return the sum."""
+    columns = image.shape[1]
     total = 0.0
-    square = np.empty(image.shape[1])
+    square, value, sums = np.empty(columns + 1), np.empty(columns + _BLOCK), np.empty(_BLOCK)
     bits = square.view(np.int64)
     for row in range(image.shape[0]):
         dy2 = (row - y) ** 2
-        half = math.sqrt(max(reach**2 - dy2, 0.0))
-        first, last = max(0, math.ceil(x - half)), min(image.shape[1], math.floor(x + half) + 1)
-        for column in range(first, last):
+        half, near = math.sqrt(max(reach**2 - dy2, 0.0)), math.sqrt(max(_NEAR_PX**2 - dy2, 0.0))
+        first, last = max(0, math.ceil(x - half)), min(columns, math.floor(x + half) + 1)
+        if first >= last:
+            continue
+        left = min(max(math.ceil(x - near), first), last)
+        right = min(max(math.floor(x + near) + 1, left), last)
+        _coarse(value, first, left, x, dy2, table)
+        for column in range(left, right):
             square[column] = dy2 + (column - x) ** 2
-        line = 0.0
-        for column in range(first, last):
-            value = read(table, _FIRST, bits[column]) * response[row, column]
-            image[row, column] += value
-            line += value
-        total += line
+        for column in range(left, right):
+            value[column] = read(table, _FIRST, bits[column])
+        _coarse(value, right, last, x, dy2, table)
+        shown, line, seen = value[first:last], image[row, first:last], response[row, first:last]
+        for column in range(len(shown)):
+            shown[column] *= seen[column]
+            line[column] += shown[column]
+        sums[:] = 0.0
+        whole = len(shown) // _BLOCK * _BLOCK
+        for column in range(0, whole, _BLOCK):
+            for k in range(_BLOCK):
+                sums[k] += shown[column + k]
+        for column in range(whole, len(shown)):
+            sums[0] += shown[column]
+        total += sums.sum()
     return total
+
+
+@numba.njit(cache=True)
+def _coarse(value, first, last, x, dy2, table):
+    """Fill value[first:last] of a row from table values _BLOCK apart."""
+    if first >= last:
+        return
+    place = np.empty(1)
+    bits = place.view(np.int64)
+    before = here = after = 0.0
+    for block in range(-3, (last - first + _BLOCK - 1) // _BLOCK):
+        place[0] = dy2 + (first + (block + 2) * _BLOCK - x) ** 2
+        beyond = read(table, _FIRST, bits[0])
+        if block >= 0:
+            start = first + block * _BLOCK
+            for k in range(min(_BLOCK, len(value) - start)):
+                value[start + k] = (
+                    _CUBIC[0, k] * before + _CUBIC[1, k] * here + _CUBIC[2, k] * after + _CUBIC[3, k] * beyond
+                )
+            if beyond <= 0.0:  # where the wing ends, a cubic dips by rounding
+                for k in range(min(_BLOCK, len(value) - start)):
+                    value[start + k] = max(value[start + k], 0.0)
+        before, here, after = here, after, beyond
 
 
 @numba.njit(cache=True)

@@ -1,0 +1,210 @@
+"""Stamps: CPU time and error of each beside GalSim's, the time of a chip of faint galaxies, the time of a bright wing.
+
+    python benchmarks/stamps.py [--count 4000]
+
+One run, one core. Per case: stamps (render.stamps), an object by itself (its own mixture transformed) and in company
+(the nodes' transforms kept; small sizes only), tables warm; GalSim with the PSF object reused (a lower bound: one
+place, one colour) and rebuilt for each object (render.reference, the paper's way with the sub-bands summed);
+differences of stamps from render.reference: flux, centroid, weighted size^2 and ellipticity (Gaussian of 3 px), worst
+pixel over the peak. Then `count` galaxies with the sizes and reaches of faint ones, spread over a chip with 10 x 10
+nodes, as in a noise-free chip, and the wings of bright stars.
+"""
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+import galsim
+import numpy as np
+from psf_sampling import moments
+
+from csstsim.catalog.reach import POINT_MIN, galaxy_radius
+from csstsim.catalog.table import GALAXY, STAR, ObjectTable
+from csstsim.instrument.camera import load_camera
+from csstsim.instrument.chip import Window
+from csstsim.instrument.pointing import Pointing
+from csstsim.optics.beyond import Beyond, beyond_box, read_beyond
+from csstsim.optics.psf import PsfSet, make_psf
+from csstsim.optics.psf_file import pixel_response
+from csstsim.optics.wcs import ChipWCS
+from csstsim.render.psf_mixture import Mixer
+from csstsim.render.reference import GSPARAMS, PSF_MAXK, draw_objects
+from csstsim.render.scene import make_scene
+from csstsim.render.stamps import draw_scene
+
+SHIPPED = Path(__file__).resolve().parents[1] / "config" / "instrument"
+CHIP, EXPTIME, RATE = 9, 150.0, 1000.0
+CENTRE = 4600.3, 4500.4  # px
+CASES = {  # name: (half of the stamp, columns)
+    "star": (16, {}),
+    "star ": (32, {}),
+    'disk 0.3"': (40, {"size_disk": 0.3}),
+    'bulge 0.3"': (60, {"size_bulge": 0.3, "bulge_frac": 1.0}),
+    'both 0.3", e = 0.4': (60, {"size_disk": 0.3, "size_bulge": 0.2, "bulge_frac": 0.3, "e1": 0.3, "e2": 0.26}),
+    'both 1"': (100, {"size_disk": 1.0, "size_bulge": 0.5, "bulge_frac": 0.3, "e1": 0.2}),
+    'disk 1", e = 0.9': (200, {"size_disk": 1.0, "e2": 0.9}),
+    'both 3"': (500, {"size_disk": 3.0, "size_bulge": 1.5, "bulge_frac": 0.3, "e1": 0.2}),
+}
+
+
+_COMPANY = 20
+
+
+def table_of(wcs, x, y, reach, columns, rate=RATE):
+    """Return an ObjectTable as catalog.select leaves it."""
+    x, y = np.broadcast_arrays(np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float)))
+    ra, dec = wcs.pixel_to_world(x, y)
+    n = len(x)
+    fill = {name: np.broadcast_to(np.asarray(value, float), n).copy() for name, value in columns.items()}
+    kind = GALAXY if columns else STAR
+    return ObjectTable.complete(fill | {f"flux{i}": np.full(n, rate / 4) for i in range(4)} | {
+        "id": np.arange(n), "obj_type": np.full(n, kind), "ra": ra, "dec": dec, "ra_orig": ra, "dec_orig": dec,
+        "x": x.copy(), "y": y.copy(), "reach": np.broadcast_to(reach, n).copy(), "lost": np.full(n, 1e-3),
+        "wing": np.zeros(n),
+    })  # fmt: skip
+
+
+def cpu(call, least=0.3):
+    """Return the CPU seconds of a call, the median of as many as fill `least` seconds."""
+    call()
+    times = []
+    while sum(times) < least and len(times) < 50:
+        start = time.process_time()
+        call()
+        times.append(time.process_time() - start)
+    return float(np.median(times))
+
+
+def reused(psf, table, half):
+    """Return a call that draws with one PSF object, made beforehand."""
+    step = 1 / psf.oversampling
+    response = pixel_response(psf.at(*CENTRE).mean(axis=0), psf.oversampling)
+    params = galsim.GSParams(**GSPARAMS)
+    point = galsim.InterpolatedImage(
+        galsim.ImageD(response), scale=step, normalization="sb", x_interpolant="quintic", gsparams=params,
+        _force_maxk=PSF_MAXK, _force_stepk=2 * np.pi / (response.shape[0] * step),
+    )  # fmt: skip
+    parts = [(galsim.Exponential, "size_disk", 1 - table["bulge_frac"][0])]
+    parts.append((galsim.DeVaucouleurs, "size_bulge", table["bulge_frac"][0]))
+    loose = galsim.GSParams(**(GSPARAMS | {"maximum_fft_size": 8192}), folding_threshold=5e-3)
+    image = galsim.ImageD(2 * half + 1, 2 * half + 1)
+
+    def draw():
+        profile = point
+        if table["obj_type"][0] == GALAXY:
+            galaxy = galsim.Add(
+                [
+                    k(half_light_radius=float(table[s][0]) / 0.074, flux=float(f), gsparams=loose)
+                    for k, s, f in parts
+                    if f
+                ]
+            )
+            galaxy = galaxy.shear(g1=float(table["e1"][0]), g2=float(table["e2"][0]))
+            profile = galsim.Convolve(galaxy, point, gsparams=loose, propagate_gsparams=False)
+        profile.drawImage(image, scale=1.0, method="no_pixel")
+
+    return draw
+
+
+def report_cases(psf, wcs):
+    mixer = Mixer(psf)
+    print(
+        "                           CPU ms: stamps          GalSim, PSF      differences of stamps from the reference"
+    )
+    print(
+        "                     half    alone   company   reused   rebuilt   flux      mas      size^2   e        worst"
+    )
+    for name, (half, columns) in CASES.items():
+        table = table_of(wcs, *CENTRE, half, columns)
+        scene = make_scene(table, wcs, psf, EXPTIME)
+        x, y = (round(c) for c in CENTRE)
+        window = Window(x - half, x + half + 1, y - half, y + half + 1)
+        ours, theirs = np.zeros(window.shape), np.zeros(window.shape, np.float32)
+        draw_objects(theirs, window, table, wcs, psf, EXPTIME)
+        theirs = theirs.astype(float)
+        draw_scene(ours, window, scene, [half], [0.0], mixer)
+        off = moments(ours) - moments(theirs)
+        off[[0, 3]] /= moments(theirs)[[0, 3]]
+        other = np.zeros(window.shape, np.float32)
+        other, many = np.zeros(window.shape, np.float32), scene.take(np.zeros(_COMPANY, int))
+        alone, company = (
+            min(
+                np.median(draw_scene(other, window, s, np.full(len(s), half), np.zeros(len(s)), mixer).ms)
+                for _ in range(5)
+            )
+            for s in (scene, many)
+        )
+        galsim_reused = 1e3 * cpu(reused(psf, table, half))
+        rebuilt = 1e3 * cpu(lambda w=window, t=table, o=other: draw_objects(o, w, t, wcs, psf, EXPTIME))
+        print(
+            f"{name:20s} {half:5d} {alone:9.2f} {company:9.2f} {galsim_reused:9.2f} {rebuilt:9.1f}   "
+            f"{off[0]:9.1e} {74 * np.abs(off[1:3]).max():8.1e} {off[3]:8.1e} {np.abs(off[4:]).max():8.1e} "
+            f"{np.abs(ours - theirs).max() / theirs.max():8.1e}",
+            flush=True,
+        )
+
+
+def report_chip(psf, wcs, chip, count):
+    """Many faint galaxies: sizes 0.1 to 1 arcsec, axis ratios, bulges; reaches as catalog.select has them."""
+    rng = np.random.default_rng(1)
+    size, angle, e = 0.25 * np.exp(0.45 * rng.normal(size=count)), rng.uniform(0, 7, count), rng.uniform(0, 0.6, count)
+    columns = {
+        "size_disk": size, "size_bulge": 0.6 * size, "bulge_frac": rng.beta(1, 3, count) * (rng.random(count) > 0.3),
+        "e1": e * np.cos(angle), "e2": e * np.sin(angle),
+    }  # fmt: skip
+    table = table_of(wcs, *rng.uniform(0, 9200, (2, count)), 1, columns, rate=2.0)
+    radius, _ = galaxy_radius(table, np.full(count, 2.0 * EXPTIME), 60.0, wcs.chip.telescope.pixel_scale)
+    reach = np.ceil(POINT_MIN + radius).astype(int)
+    scene, window = make_scene(table, wcs, psf, EXPTIME), chip.full_window
+    image = np.zeros(window.shape, np.float32)
+    draw_scene(image, window, scene.take(np.arange(50)), reach[:50], np.zeros(50), psf)
+    start = time.process_time()
+    drawn = draw_scene(image, window, scene, reach, np.zeros(count), psf)
+    seconds = time.process_time() - start
+    print(
+        f"\n{count} faint galaxies, reach {np.percentile(reach, [5, 50, 95])} px: {seconds:.2f} CPU-s,"
+        f" {1e3 * seconds / count:.3f} ms each (median {np.median(drawn.ms):.3f}), PSF nodes prepared within it"
+    )
+    points = table_of(wcs, *rng.uniform(0, 9200, (2, count)), POINT_MIN, {}, rate=2.0)
+    scene = make_scene(points, wcs, psf, EXPTIME)
+    start = time.process_time()
+    draw_scene(image, window, scene, np.full(count, POINT_MIN), np.zeros(count), psf)
+    print(f"{count} stars of reach {POINT_MIN}: {1e3 * (time.process_time() - start) / count:.3f} ms each")
+
+
+def report_wing(psf, wcs, chip):
+    beyond, window, mixer = Beyond(read_beyond(psf).wing), chip.full_window, Mixer(psf)
+    image, response = np.zeros(window.shape, np.float32) + 1, np.ones(window.shape, np.float32)
+    for reach in (200.0, 1000.0, 5000.0):
+        table = table_of(wcs, *CENTRE, 32, {}, rate=1e7)
+        scene = make_scene(table, wcs, psf, EXPTIME)
+        seconds = cpu(
+            lambda s=scene, r=reach: draw_scene(image, window, s, [32], [r], mixer, beyond, response, chip), least=1.0
+        )
+        area = min(np.pi * reach**2, window.nx * window.ny)
+        print(f"a star with a wing of {reach:6.0f} px: {seconds:.4f} CPU-s, {1e9 * seconds / area:.1f} ns/px")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--instrument", default=SHIPPED, help="folder of the camera's data files")
+    parser.add_argument("--count", type=int, default=4000, help="faint galaxies")
+    args = parser.parse_args()
+    camera = load_camera(args.instrument)
+    chip, filter_ = camera.chips[CHIP], camera.filters["r"]
+    wcs = ChipWCS(chip, Pointing("1", "SCIE", 60.0, -40.0, 0.0, "2027-06-26T20:35:58", EXPTIME, None, None))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "psf.h5"
+        make_psf(
+            path, chip, filter_, camera.telescope, camera.psf, 10, camera_digest=camera.digest,
+            beyond=beyond_box(camera, filter_),
+        )  # fmt: skip
+        psf = PsfSet(path)
+        report_cases(psf, wcs)
+        report_chip(psf, wcs, chip, args.count)
+        report_wing(psf, wcs, chip)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,87 @@
+"""A star's residual against direct optics integrated over the pixel: stamps, photons' density, reference; every band.
+
+    python benchmarks/star_residual.py [--bands NUV g] [--cells 2 4]
+
+Truth: optics (mean of the band's four wavelengths) integrated over 10 um pixels, the star at 16 places in a pixel, at
+three places of the field. Table: the same optics in cells, as a PSF set stores it, 2 or 4 to a pixel; "*" marks what
+psf.yaml takes for the band. Stamps: sums of the spline coefficients, which are also the density photons are drawn from
+(render.psf_table); "below 0" is the light of the coefficients that were clipped. Reference: GalSim's quintic
+through the pixel sums. "rms": of the difference, over that of the truth (a fit's residual), and over the truth's peak;
+"worst": pixel, over the peak; the largest of the 48 each. 49 x 49 pixels. Goal: rms below 1e-3 of the peak.
+
+Last line of a band: the two against each other, which is what methods without direct optics at hand can see.
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from psf_sampling import BOX, HALF, STEPS, mean_image, quintic
+
+from csstsim.instrument.camera import load_camera
+from csstsim.optics.chip_errors import chip_coefficients
+from csstsim.optics.psf import chip_optics, oversampling_of
+from csstsim.optics.psf_file import pixel_response
+from csstsim.optics.wavefront import load_wavefront
+from csstsim.render.pixel_sums import pixel_sums
+from csstsim.render.psf_table import spline_coefficients
+
+SHIPPED = Path(__file__).resolve().parents[1] / "config" / "instrument"
+PLACES = (4607.5, 4615.5), (0.0, 9231.0), (9215.0, 2000.0)
+
+
+def stamp(coefficients, m, x, y):
+    """Return the sums of coefficients over the pixels of a star at x, y from the middle pixel's centre."""
+    first = (len(coefficients) / 2 - (HALF + 0.5 + c) * m for c in (y, x))
+    return pixel_sums(coefficients, *first, m, m, np.empty((2 * HALF + 1,) * 2))
+
+
+def differences(got, wanted):
+    """Return rms over rms, rms over peak, worst over peak."""
+    off = got - wanted
+    rms = np.sqrt(np.mean(off**2))
+    return rms / np.sqrt(np.mean(wanted**2)), rms / wanted.max(), np.abs(off).max() / wanted.max()
+
+
+def measure(camera, name, cells):
+    """Return ({reader: (3,)}, light below zero) for a band: the largest differences over places."""
+    wavefront, filter_ = load_wavefront(camera.psf), camera.filters[name]
+    chip = next(c for c in camera.chips.values() if c.filter == name)
+    direct, stored = (chip_optics(chip, filter_, camera.psf, wavefront, m, BOX * m) for m in (1, cells))
+    cut = slice(BOX // 2 - HALF, BOX // 2 + HALF + 1)
+    rows, below = {"stamps, photons": [], "reference": [], "the two": []}, 0.0
+    for place in PLACES:
+        zernikes = chip_coefficients(wavefront, camera.psf, chip, *place)
+        image = mean_image(*stored, zernikes)
+        coefficients, negative = spline_coefficients(image)
+        below, response = max(below, negative), pixel_response(image, cells)
+        for x, y in np.stack(np.meshgrid(STEPS, STEPS), axis=-1).reshape(-1, 2):
+            truth = mean_image(*direct, zernikes, (-0.5 - x, -0.5 - y))[cut, cut]
+            ours, theirs = stamp(coefficients.astype(np.float32), cells, x, y), quintic(response, 1 / cells, x, y)
+            rows["stamps, photons"].append(differences(ours, truth))
+            rows["reference"].append(differences(theirs, truth))
+            rows["the two"].append(differences(ours, theirs))
+    return {key: np.max(value, axis=0) for key, value in rows.items()}, below
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--instrument", default=SHIPPED, help="folder of the camera's data files")
+    parser.add_argument("--bands", nargs="*", help="default: the seven imaging bands")
+    parser.add_argument("--cells", nargs="*", type=int, default=(2, 4), help="cells to a pixel")
+    args = parser.parse_args()
+    camera = load_camera(args.instrument)
+    print("band cells  reader            rms/rms  rms/peak  worst/peak  below 0")
+    for name in args.bands or [n for n, f in camera.filters.items() if f.kind == "imaging"]:
+        used = oversampling_of(name, camera.psf)
+        for cells in args.cells:
+            rows, below = measure(camera, name, cells)
+            for reader, (relative, rms, worst) in rows.items():
+                mark = "*" if cells == used else " "
+                print(
+                    f"{name:4s} {cells:3d}{mark}  {reader:16s} {relative:9.1e} {rms:9.1e} {worst:10.1e} {below:10.1e}"
+                )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,51 @@
+"""Light spread smoothly: none is lost, it stays where it belongs, and the account of each object is what was added."""
+
+import numpy as np
+import pytest
+from test_draw import scene_of
+
+from csstsim.instrument.chip import Window
+from csstsim.render.unresolved import MESH, add_unresolved
+
+WINDOW = Window(1000, 1700, 500, 1111)
+ALL = np.ones(WINDOW.shape, np.float32)
+
+
+def spread(x, y, electrons, response=ALL):
+    image = np.zeros(WINDOW.shape)
+    return image, *add_unresolved(image, WINDOW, scene_of(x, y, electrons), response)
+
+
+@pytest.mark.parametrize("x, y", [(1350.0, 800.0), (1313.37, 777.77), (1320.0, 820.0), (1128.0, 628.0)])
+def test_light_and_first_moments_stay(x, y):
+    image, drawn, box = spread([x], [y], [1e4])
+    assert image.sum() == pytest.approx(1e4, rel=1e-12) and drawn == pytest.approx([1e4], rel=1e-12)
+    rows, columns = np.indices(image.shape)
+    assert (image * columns).sum() / 1e4 + WINDOW.x0 == pytest.approx(x, abs=1e-6)
+    assert (image * rows).sum() / 1e4 + WINDOW.y0 == pytest.approx(y, abs=1e-6)
+    inside = np.zeros(image.shape, bool)
+    inside[box[0, 2] - WINDOW.y0 : box[0, 3] - WINDOW.y0, box[0, 0] - WINDOW.x0 : box[0, 1] - WINDOW.x0] = True
+    assert not image[~inside].any()
+
+
+def test_what_each_gives_adds_up_at_the_edges_and_under_losses():
+    rng = np.random.default_rng(3)
+    x, y = rng.uniform(WINDOW.x0 - 300, WINDOW.x1 + 300, 500), rng.uniform(WINDOW.y0 - 300, WINDOW.y1 + 300, 500)
+    response = rng.uniform(0.5, 1.0, WINDOW.shape).astype(np.float32)
+    image, drawn, _ = spread(x, y, rng.uniform(0, 100, 500), response)
+    assert image.sum() == pytest.approx(drawn.sum(), rel=1e-10)
+    far = (x < WINDOW.x0 - 2 * MESH) | (y > WINDOW.y1 + 2 * MESH)
+    assert far.any() and not drawn[far].any() and (drawn[WINDOW.contains(x, y)] > 0).all()
+
+
+def test_no_object_no_light():
+    image, drawn, box = spread([], [], [])
+    assert not image.any() and drawn.shape == (0,) and box.shape == (0, 4)
+
+
+def test_a_field_of_objects_is_as_flat_as_their_number_allows():
+    """One object a pixel on a grid is a level sky away from the window's edge, to rounding."""
+    x, y = (v.ravel() for v in np.meshgrid(np.arange(900.0, 1800.0, 16), np.arange(400.0, 1200.0, 16)))
+    image, *_ = spread(x, y, np.full(x.size, 256.0))
+    inner = image[2 * MESH : -2 * MESH, 2 * MESH : -2 * MESH]
+    assert np.ptp(inner) < 1e-9 and inner.mean() == pytest.approx(1.0, rel=1e-9)
