@@ -152,6 +152,26 @@ def check(run):
 
 
 @main.command()
+@click.option("--output", type=click.Path(), default="results/bench", show_default=True, help="Folder of the results.")
+@click.option("--quick", is_flag=True, help="Few and small objects: two minutes of CPU time.")
+@click.option("--filter", "band", default="r", show_default=True, help="Imaging filter.")
+@click.option("--methods", help="Names, or beginnings of names, with commas between [default: all].")
+@click.option("--objects", type=click.IntRange(2, 100_000), help="How many, half of them stars [default: 640].")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the sample of objects.")
+def bench(output, quick, band, methods, objects, seed):
+    """Measure speed and accuracy of every way to draw an object, against GalSim and against direct optics.
+
+    \b
+    Needs no campaign. Writes a table and the speed-accuracy chart:
+      csstsim bench --quick
+      csstsim bench --methods "photons,stamps,GalSim" --filter i --output results/bench_i
+    """
+    from csstsim.bench.command import bench as run
+
+    run(output, band, methods, quick, objects, seed, say=click.echo)
+
+
+@main.command()
 def layers():
     """List the layers an observation file may name, with their parameters."""
     from csstsim.sim_steps import known_layers

@@ -1,0 +1,99 @@
+"""The error model behind the policy (render/error_model.py): fitted on one sample of objects, tested on a fresh one.
+
+    python benchmarks/error_model.py [--objects 160] [--output results/bench]
+
+Truth is the reference renderer on the same PSF set, its stamp wide enough for anything (bench.methods.standard). The
+coefficients of stamps are 97% quantiles (regression, none negative) of visible error / S/N; photons are drawn from the
+same density as points' stamps, so they share `psf`. Fitted numbers are printed for config/render.yaml; the test is of
+those in the file: at most 5% of objects may exceed their bound. A photon image of 2e7 electrons has an error of its
+own, so an object exceeds only if its squared error is more than two of those above the bound's; and pooled over all
+objects squared error over squared bound must be below 1.
+"""
+
+import argparse
+
+import numpy as np
+from scipy.optimize import linprog
+
+from csstsim.bench.cases import make_cases
+from csstsim.bench.measures import errors
+from csstsim.bench.methods import METHODS, standard
+from csstsim.bench.setting import make_setting
+from csstsim.bench.sweep import measured
+from csstsim.render.error_model import TERMS, predicted, terms
+from csstsim.render.policy import load_numbers, noise
+
+QUANTILE = 0.97
+ELECTRONS, SECONDS = 2e7, 0.3
+LARGEST = 2.5  # arcsec
+NAMES = {"photons": "photons", "stamp": "stamps"}  # the policy's, the benchmark's
+
+
+def sample(setting, count, seed):
+    """Return [(case, S/N, {method: (visible error, its chance), both over S/N})]."""
+    methods = {mine: next(m for m in METHODS if m.name == name) for mine, name in NAMES.items()}
+    box, rows = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling, []
+    for case in make_cases(setting, count, seed, LARGEST):
+        wanted = standard(setting, case) / case.electrons
+        snr = (case.electrons / noise(case.scene, np.array([case.electrons]), setting.variance))[0]
+        seen = {}
+        for name, method in methods.items():
+            image, _, drawn = measured(method, setting, case, SECONDS if name == "photons" else 0.0, ELECTRONS)
+            value, chance = errors(image, wanted, setting.variance, case.electrons, drawn, box=box)
+            seen[name] = value[-1] / snr, chance[-1] / snr
+        rows.append((case, snr, seen))
+    return rows
+
+
+def columns(rows, method, numbers):
+    """Return (terms (n, 4), bound / S/N, visible error / S/N, chance / S/N, whether a star)."""
+    x = np.concatenate([terms(case.scene, case.row["reach"], np.array([snr]), numbers) for case, snr, _ in rows])
+    bound = [
+        predicted(method, case.scene, case.row["reach"], np.array([snr]), numbers)[0] / snr for case, snr, _ in rows
+    ]
+    seen, chance = np.array([seen[method] for _, _, seen in rows]).T
+    return x, np.array(bound), seen, chance, np.array([case.star for case, _, _ in rows])
+
+
+def fit(x, y):
+    """Return non-negative coefficients of the linear quantile regression of y (n,) on x (n, k)."""
+    n, k = x.shape
+    weights = np.r_[np.zeros(k), np.full(n, QUANTILE), np.full(n, 1 - QUANTILE)]
+    return linprog(weights, A_eq=np.hstack([x, np.eye(n), -np.eye(n)]), b_eq=y).x[:k]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--objects", type=int, default=160, help="in each sample, half of them stars")
+    parser.add_argument("--output", default="results/bench", help="folder of the PSF set, as of csstsim bench")
+    args = parser.parse_args()
+    setting, numbers = make_setting(args.output, "r"), load_numbers()["error"]
+    x, _, seen, _, star = columns(sample(setting, args.objects, 11), "stamp", numbers)
+    whole = star & (x[:, 1] == x[star, 1].min())  # stars whose stamp is the box
+    psf = np.quantile(seen[whole], QUANTILE)
+    left = np.maximum(seen - psf, 0.0)
+    points, rest = fit(x[star & ~whole][:, 1:2], left[star & ~whole]), fit(x[~star][:, 2:], left[~star])
+    for name, value in zip(TERMS, (psf, *points, *rest), strict=True):
+        print(f"stamp {name:6s} {value:.2e}; in the file {numbers['stamp'][name]}, photons {numbers['photons'][name]}")
+    print("fresh sample:  method  kind      n  exceed  share   squared error / squared bound, pooled")
+    fresh = sample(setting, args.objects, 12)
+    for method in NAMES:
+        _, bound, seen, chance, star = columns(fresh, method, numbers)
+        signed = np.sign(seen) * seen**2
+        over = signed > bound**2 + 2 * chance**2
+        for kind, mine in (("stars", star), ("galaxies", ~star)):
+            ratio = signed[mine] / bound[mine] ** 2
+            error = chance[mine] ** 2 / bound[mine] ** 2
+            weight = 1 / (error**2 + 0.01)
+            pooled, pooled_error = (
+                np.average(ratio, weights=weight),
+                np.sqrt((weight**2 * error**2).sum()) / weight.sum(),
+            )
+            print(
+                f"               {method:7s} {kind:8s} {mine.sum():3d} {over[mine].sum():5d}  {over[mine].mean():6.1%}"
+                f"   {pooled:.2f} +- {pooled_error:.2f}"
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,112 @@
+"""The ways to draw an object that csstsim has, each as a Method; peers.py has the others'.
+
+A Method's `prepare(setting, case)` does what is done once for many objects (a PSF looked up, a table made) and returns
+`draw(copies)`, which is what is timed: it draws that many of the object and returns the sum [electron], (ny, nx). To
+plug in another, write a prepare and add it to METHODS.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from csstsim.bench import peers, ufig
+from csstsim.catalog.table import ObjectTable
+from csstsim.optics.beyond import Beyond
+from csstsim.render import draw as engine
+from csstsim.render.counter import object_keys
+from csstsim.render.photons import shoot_scene
+from csstsim.render.reference import draw_objects
+from csstsim.render.stamps import draw_scene
+
+
+@dataclass(frozen=True)
+class Method:
+    """`random`: electrons are drawn; `most`: of them in a go, beyond which cost is taken as proportional to light.
+
+    An image of integers is always taken as drawn at random.
+
+    `peer`: another code, or the paper's way; `preset`: one of the policy's, which chooses among the rest.
+    """
+
+    name: str
+    prepare: Callable
+    random: bool = False
+    most: float = np.inf
+    peer: bool = False
+    preset: bool = False
+
+
+def standard(setting, case):
+    """Return the image everything is compared with: the reference renderer, the whole window its stamp."""
+    wide = case.row.with_columns(reach=np.array([case.half], np.int32), lost=np.array([1e-4]))
+    return _reference(setting, replace(case, row=wide))(1)
+
+
+def _reference(setting, case):
+    def draw(copies):
+        image = np.zeros(case.window.shape, np.float32)
+        rows = case.row.take(np.zeros(copies, int))
+        draw_objects(image, case.window, rows, setting.wcs, setting.psf, setting.exptime)
+        return image.astype(float)
+
+    return draw
+
+
+def _photons(setting, case):
+    base = np.uint64(case.row["id"][0] + 1)
+
+    def draw(copies):
+        counted = np.zeros(case.window.shape, np.int32)
+        keys = object_keys(base, np.arange(copies))
+        shoot_scene(counted, case.window, case.scene.take(np.zeros(copies, int)), keys, setting.table)
+        return counted
+
+    return draw
+
+
+def _stamps(setting, case):
+    def draw(copies):
+        image, reach = np.zeros(case.window.shape), np.repeat(case.row["reach"], copies)
+        draw_scene(
+            image, case.window, case.scene.take(np.zeros(copies, int)), reach, np.zeros(copies), setting.mixer
+        )  # fmt: skip
+        return image
+
+    return draw
+
+
+def _preset(fidelity):
+    def prepare(setting, case):
+        def draw(copies):
+            image = np.zeros(case.window.shape, np.float32)
+            _, counted = engine.draw_objects(
+                image, case.window, case.row.take(np.zeros(copies, int)), setting.wcs, setting.psf, setting.exptime,
+                tables=setting.table, beyond=Beyond(), response=None, maximum=1.0, variance=setting.variance,
+                key=np.uint64(case.row["id"][0] + 1), fidelity=fidelity,
+            )  # fmt: skip
+            return image.astype(float) if counted is None else counted
+
+        return draw
+
+    return prepare
+
+
+def brighter(case, electrons):
+    """Return the case with so many electrons instead of its own."""
+    factor = electrons / case.electrons
+    columns = {name: case.row[name] * factor for name in ("flux0", "flux1", "flux2", "flux3")}
+    scene = replace(case.scene, electrons=case.scene.electrons * factor)
+    return replace(case, row=ObjectTable(case.row).with_columns(**columns), scene=scene, electrons=electrons)
+
+
+METHODS = (
+    Method("reference", _reference),
+    Method("photons", _photons),
+    Method("stamps", _stamps),
+    *(Method(name, _preset(name), preset=True) for name in ("preview", "standard", "noise_free")),
+    Method("GalSim as the paper", peers.paper, peer=True),
+    Method("GalSim FFT", peers.fft, peer=True),
+    Method("GalSim photons", peers.photons, random=True, most=1e6, peer=True),
+    *([Method("UFig", ufig.prepare, random=True, peer=True)] if ufig.THERE else []),
+)

@@ -1,0 +1,87 @@
+"""Other codes, and the paper's way, as `prepare(setting, case) -> draw(copies)` (see methods.py).
+
+* `paper`: GalSim as the paper describes it (sections 4.1, 5.3): for each object and sub-band the PSF interpolated to
+  its place, its cells read as samples of a continuous PSF, an InterpolatedImage, a convolution, a draw.
+* `fft`, `photons`: GalSim with one PSF object a node, used for all objects nearest to it.
+
+GalSim's own defaults hold everywhere (folding_threshold 5e-3).
+"""
+
+import galsim
+import numpy as np
+
+from csstsim.optics.psf_file import pixel_response
+
+BANDS = 4
+
+
+def _galaxy(scene):
+    """Return the object's profile in pixels, of unit flux; None for a point."""
+    kinds = (galsim.Exponential, galsim.DeVaucouleurs)
+    parts = [
+        kind(half_light_radius=size, flux=light)
+        for kind, light, (index, _, size) in zip(kinds, scene.light[0], scene.sersic[0], strict=True)
+        if light > 0 and index > 0
+    ]
+    return galsim.Sum(parts).transform(*scene.matrix[0].ravel()).withFlux(1.0) if parts else None
+
+
+def _interpolated(cells, per_pixel):
+    return galsim.InterpolatedImage(
+        galsim.ImageD(cells), scale=1 / per_pixel, flux=cells.sum(), x_interpolant="quintic"
+    )
+
+
+def _drawer(case, profiles, **how):
+    """Return a draw that adds the profiles (functions of nothing: making them is part of the cost)."""
+    scene, window = case.scene, case.window
+    bounds = galsim.BoundsI(window.x0, window.x1 - 1, window.y0, window.y1 - 1)
+    centre = galsim.PositionD(scene.x[0], scene.y[0])
+
+    def draw(copies):
+        image = galsim.ImageD(bounds, init_value=0)
+        for _ in range(copies):
+            for profile in profiles:
+                profile().drawImage(image, scale=1.0, center=centre, add_to_image=True, **how)
+        return image.array
+
+    return draw
+
+
+def paper(setting, case):
+    scene, per_pixel = case.scene, setting.psf.oversampling
+
+    def profile(band):
+        cells = sum(w * setting.psf.node(n)[band] for n, w in zip(scene.node[0], scene.weight[0], strict=True))
+        point = _interpolated(cells, per_pixel) * scene.electrons[0, band]
+        galaxy = _galaxy(scene)
+        return point if galaxy is None else galsim.Convolve(galaxy, point)
+
+    return _drawer(case, [lambda band=band: profile(band) for band in range(BANDS)])
+
+
+def _nearest(setting, case):
+    """Return the cells of the node nearest to the object, summed over the sub-bands, in electrons."""
+    scene = case.scene
+    away = np.hypot(*(setting.psf.nodes_xy - (scene.x[0], scene.y[0])).T)
+    return np.tensordot(scene.electrons[0], setting.psf.node(away.argmin()).astype(float), axes=1)
+
+
+def fft(setting, case):
+    per_pixel = setting.psf.oversampling
+    response = pixel_response(_nearest(setting, case), per_pixel)
+    point = galsim.InterpolatedImage(
+        galsim.ImageD(response), scale=1 / per_pixel, normalization="sb", x_interpolant="quintic"
+    )
+    return _drawer(case, [_convolved(case.scene, point)], method="no_pixel")
+
+
+def _convolved(scene, point):
+    galaxy = _galaxy(scene)
+    return (lambda: point) if galaxy is None else lambda: galsim.Convolve(_galaxy(scene), point)
+
+
+def photons(setting, case):
+    point = _interpolated(_nearest(setting, case), setting.psf.oversampling)
+    rng = galsim.BaseDeviate(int(case.row["id"][0]) + 1)
+    return _drawer(case, [_convolved(case.scene, point)], method="phot", rng=rng)

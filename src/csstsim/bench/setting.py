@@ -1,0 +1,64 @@
+"""Where a benchmark takes place: one chip of the shipped camera, its PSF set, an exposure, and the noise of a pixel."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from csstsim.catalog.select import Noise
+from csstsim.config import SHIPPED
+from csstsim.errors import InputError
+from csstsim.instrument.camera import load_camera
+from csstsim.instrument.pointing import Pointing
+from csstsim.optics.beyond import beyond_box
+from csstsim.optics.psf import make_psf
+from csstsim.optics.psf_file import PsfSet
+from csstsim.optics.wcs import ChipWCS
+from csstsim.render.psf_mixture import Mixer
+from csstsim.render.psf_table import read_tables, write_tables
+
+EXPTIME = 150.0  # s
+GRID = 10  # nodes along a side, a campaign's default
+POINTING = Pointing(
+    "10100000001", "SCIE", 60.0, -40.0, -113.4333, "2027-06-26T20:35:58", EXPTIME, (6778.0, 0.0, 0.0), (0.0, 7.0, 3.0)
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """What every method is given."""
+
+    camera: Any
+    chip: Any
+    filter: Any
+    psf: Any  # optics.psf_file.PsfSet
+    table: Any  # render.psf_table.PsfTable of the same set, for photons
+    mixer: Any  # render.psf_mixture.Mixer of the same set, for stamps
+    beyond: Any  # optics.beyond.Beyond: its halo is in the PSF set
+    wcs: Any
+    exptime: float
+    variance: float  # of a pixel without the object [electron^2]: sky, dark current, read noise
+
+
+def make_setting(folder, band):
+    """Return the Setting of a filter (name); its PSF set is made in `folder`, or taken from there.
+
+    The set's file carries the digest of the camera in its name, so another camera's is never taken. Raises InputError.
+    """
+    camera = load_camera(SHIPPED / "instrument")
+    imaging = {chip.filter: chip for chip in reversed(camera.imaging_chips)}
+    if band not in imaging:
+        raise InputError("unknown filter", key="--filter", value=band, allowed=", ".join(camera.filters))
+    chip, filter_ = imaging[band], camera.filters[band]
+    beyond = beyond_box(camera, filter_)
+    path = Path(folder) / f"psf_{band}_{camera.digest}.h5"
+    if not path.exists():
+        make_psf(path, chip, filter_, camera.telescope, camera.psf, GRID, camera_digest=camera.digest, beyond=beyond)
+    psf = PsfSet(path, chip=chip.id, camera_digest=camera.digest)
+    tables = path.with_suffix(".tables.h5")
+    if not tables.exists():
+        write_tables(tables, psf)
+    noise = Noise(filter_.sky, camera.detector.dark, camera.detector.read_noise)
+    return Setting(
+        camera, chip, filter_, psf, read_tables(tables, psf), Mixer(psf), beyond, ChipWCS(chip, POINTING), EXPTIME,
+        noise.variance(EXPTIME),
+    )  # fmt: skip

@@ -1,0 +1,71 @@
+"""UFig (Berge et al. 2013; Fischbacher et al. 2024), if it is installed: electrons shot through a round Moffat PSF.
+
+A Moffat PSF is what UFig carries; here it is the one nearest to the object's own, by least squares on its cells. Its
+compiled loops are called as its plugins call them, with the matrix of our catalogue for a galaxy's shape.
+"""
+
+import importlib.util
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from csstsim.rng import stream
+
+THERE = all(importlib.util.find_spec(name) for name in ("ufig", "ivy", "cosmic_toolbox"))
+_SUPPRESSION = -7.5  # of a flexion that is zero
+
+
+def prepare(setting, case):
+    from ufig import rendering_util
+    from ufig.config import common
+    from ufig.plugins.gamma_interpolation_table import load_intrinsicTable
+    from ufig.plugins.render_galaxies_flexion import integrate_image
+    from ufig.plugins.render_stars_photon import integrate_image_phot
+
+    scene, window = case.scene, case.window
+    precision = common.gammaprecision, common.gammaprecisionhigh, common.sersicprecision
+    light = np.array([1.0]) if case.star else scene.light[0]
+    fwhm, beta, caught = _moffat(setting, scene)
+    rng = stream(1, "bench", "ufig", int(case.row["id"][0]))
+    table = load_intrinsicTable(precision[2], *precision[:2])
+
+    def draw(copies):
+        image = np.zeros(window.shape)
+        number = rng.poisson(case.electrons * caught * light, (copies, light.size)).reshape(-1, 1)
+        n = len(number)
+        buffer = rng.integers(0, 1 << 32, 44497).astype(np.uint32)
+        # A pixel of UFig begins where its number says
+        x, y = (np.full(n, at[0] - start + 0.5) for at, start in ((scene.x, window.x0), (scene.y, window.y0)))
+        none = np.zeros((n, 1))
+        psf = (
+            np.full((n, 1), beta), rendering_util.compute_ellip_matrices(np.full(n, fwhm), np.zeros(n), np.zeros(n)),
+            np.zeros((n, 2, 2, 2)), none, none, none, _SUPPRESSION, False,
+        )  # fmt: skip
+        if case.star:
+            integrate_image_phot(buffer, image, x, y, number, *psf)
+        else:
+            index = np.tile(scene.sersic[0, :, 0], copies)
+            shape = np.tile(scene.matrix[0] * scene.sersic[0, :, 2, None, None], (copies, 1, 1))
+            integrate_image(buffer, *precision, table, image, x, y, number, index, shape, *psf)
+        return image
+
+    return draw
+
+
+def _moffat(setting, scene):
+    """Return (FWHM [px], beta, light) of the Moffat profile of the light in the PSF's box nearest to it."""
+    electrons = scene.electrons[0] / scene.electrons[0].sum()
+    cells = sum(
+        w * np.tensordot(electrons, setting.psf.node(n).astype(float), axes=1)
+        for n, w in zip(scene.node[0], scene.weight[0], strict=True)
+    )
+    total = cells.sum()
+    axis = (np.arange(len(cells)) - (len(cells) - 1) / 2) / setting.psf.oversampling
+    r2 = axis**2 + axis[:, None] ** 2
+
+    def residual(p):
+        alpha2 = p[0] ** 2 / (4 * (2 ** (1 / p[1]) - 1))
+        density = total * (p[1] - 1) / (np.pi * alpha2) * (1 + r2 / alpha2) ** -p[1]
+        return (density / setting.psf.oversampling**2 - cells).ravel()
+
+    return *least_squares(residual, (1.8, 3.0), bounds=((0.3, 1.05), (10, 20))).x, total

@@ -1,0 +1,75 @@
+"""`csstsim bench` on a tiny set: tables and chart are written; what it cannot do is refused in one line."""
+
+import csv
+
+import pytest
+from click.testing import CliRunner
+
+from csstsim.bench.chart import pareto
+from csstsim.bench.measures import NAMES
+from csstsim.cli import main
+
+
+def run(*options):
+    return CliRunner().invoke(main, ["bench", *options])
+
+
+@pytest.fixture(scope="module")
+def folder(bench_folder):
+    result = run("--quick", "--objects", "4", "--methods", "photons,stamps", "--output", str(bench_folder))
+    assert result.exit_code == 0, result.output
+    return bench_folder
+
+
+def read(path):
+    with open(path, newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_every_object_and_method_has_a_row(folder):
+    rows = read(folder / "cases.csv")
+    assert sorted((row["method"], row["object"]) for row in rows) == [
+        (method, str(i)) for method in ("photons", "stamps") for i in range(4)
+    ]
+    assert all(float(row["cpu_s"]) > 0 for row in rows)
+    assert {f"{name}_{which}" for name in NAMES for which in ("standard", "direct", "chance")} <= set(rows[0])
+
+
+def test_methods_draw_what_direct_optics_say(folder):
+    """At a node: 5 of their statistical errors, or the accuracy goals where nothing is random."""
+    for row in read(folder / "cases.csv"):
+        if row["at_node"] == "True":
+            for name, goal in (("x_mas", 1.0), ("y_mas", 1.0), ("size2", 1e-3), ("e1", 1e-3), ("e2", 1e-3)):
+                assert abs(float(row[f"{name}_direct"])) < goal + 5 * float(row[f"{name}_chance"]), (row, name)
+
+
+def test_summary_and_chart_are_written(folder):
+    assert {row["against"] for row in read(folder / "speed_accuracy.csv")} >= {"reference", "direct optics, on nodes"}
+    assert (folder / "speed_accuracy.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("options", "named"),
+    [
+        (("--methods", "photons,abacus"), "abacus"),
+        (("--filter", "w"), "--filter"),
+        (("--filter", "GI"), "--filter"),
+        (("--objects", "0"), "--objects"),
+        (("--objects", "two"), "--objects"),
+    ],
+)
+def test_bad_options_are_refused(tmp_path, options, named):
+    result = run("--output", str(tmp_path), *options)
+    assert result.exit_code == 2
+    assert named in result.output
+    assert "Traceback" not in result.output
+
+
+def test_front_holds_what_nothing_beats():
+    found = {
+        "slow": (3.0, 0.1, False),
+        "fast": (1.0, 1.0, False),
+        "worse": (2.0, 2.0, False),
+        "even": (4.0, 0.1, False),
+    }
+    assert pareto(found) == ["fast", "slow"]

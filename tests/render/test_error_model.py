@@ -1,0 +1,73 @@
+"""The predicted error: what must hold of any such bound, whatever its coefficients."""
+
+import numpy as np
+import pytest
+
+from csstsim.config import SHIPPED
+from csstsim.instrument.load import read_data
+from csstsim.render.error_model import predicted
+from csstsim.render.scene import Scene, sersic_b
+
+NUMBERS = read_data(SHIPPED / "render.yaml")["error"]
+PER_ARCSEC = 1 / 0.074  # px
+
+
+def scene(index, radius, bulge=0.0):
+    """n galaxies of a Sersic index and half-light radius [arcsec] and a share of n = 4; index 0: points."""
+    index, radius = np.broadcast_arrays(np.atleast_1d(np.asarray(index, float)), np.asarray(radius, float))
+    n = len(index)
+    sersic = np.zeros((n, 2, 3))
+    there = index > 0
+    sersic[there, 0] = np.stack([index, sersic_b(np.maximum(index, 0.3)), radius], axis=1)[there]
+    sersic[there, 1] = np.stack([np.full(n, 4.0), np.full(n, sersic_b(4.0)), radius], axis=1)[there]
+    none, light = np.zeros(n), np.stack([np.full(n, 1 - bulge), np.full(n, bulge)], axis=1)
+    matrix = np.broadcast_to(np.eye(2) * PER_ARCSEC, (n, 2, 2))
+    return Scene(
+        np.arange(n),
+        none,
+        none,
+        np.ones((n, 4)),
+        light,
+        sersic,
+        matrix,
+        np.zeros((n, 1), int),
+        np.ones((n, 1)),
+        none > 0,
+    )
+
+
+def bound(method, objects, snr, reach=32):
+    n = len(objects)
+    return predicted(method, objects, np.full(n, reach), np.broadcast_to(np.asarray(snr, float), n), NUMBERS)
+
+
+@pytest.mark.parametrize("method", ["photons", "stamp"])
+@pytest.mark.parametrize("index", [0.0, 0.3, 1.0, 4.0, 6.2])
+def test_rises_with_flux_from_nothing(method, index):
+    snr = np.r_[0.0, np.geomspace(1e-3, 1e5, 50)]
+    values = bound(method, scene(np.full(51, index), 0.3), snr)
+    assert values[0] == 0
+    assert (np.diff(values) > 0).all()
+
+
+@pytest.mark.parametrize("method", ["photons", "stamp"])
+def test_a_vanishing_galaxy_is_a_point_in_a_stamp_of_any_size(method):
+    star = bound(method, scene([0.0], 0.0), 50.0, reach=10**9)
+    assert bound(method, scene([1.0], 1e-9), 50.0) == pytest.approx(star, rel=1e-6)
+
+
+def test_steeper_profiles_are_no_better():
+    values = bound("stamp", scene([0.3, 1.0, 2.0, 3.0, 4.0, 5.0, 6.2], 1.0), 100.0)
+    assert values[0] == values[1]
+    assert (np.diff(values[1:]) > 0).all()
+
+
+def test_components_count_by_their_light():
+    disk, bulge, both = (bound("stamp", scene([1.0], 0.5, share), 80.0)[0] for share in (0.0, 1.0, 0.25))
+    assert both == pytest.approx(0.75 * disk + 0.25 * bulge, rel=1e-12)
+
+
+def test_smaller_stamps_of_points_are_worse_and_photons_have_none():
+    points = scene([0.0], 0.0)
+    assert bound("stamp", points, 10.0, reach=16) > bound("stamp", points, 10.0, reach=32)
+    assert bound("photons", points, 10.0, reach=16) == bound("photons", points, 10.0, reach=32)
