@@ -75,7 +75,10 @@ def draw_chart(path, rows, methods, note):
     lines = ["     ".join(part) for part in (numbered[:middle], numbered[middle:])]
     figure.suptitle(
         "\n".join(
-            [*lines, f"{note}. Blue: methods, green: presets, red: peers. Filled: nothing is both faster and better; v: upper limit"]
+            [
+                *lines,
+                f"{note}. Blue: methods, green: presets, red: peers. Filled: nothing is both faster and better; v: upper limit",
+            ]
         ),
         size=9.5,
     )

@@ -3,7 +3,7 @@
 Within NEAR px of a star its wing is drawn pixel by pixel (render.wings); between NEAR and twice that it fades over to
 the mesh, by the same step that joins box and wing. The mesh of MESH px holds the sum of all stars' wings, is turned
 into coefficients of a cubic spline and evaluated at each pixel. That keeps 5e-5 of a wing, 4e-4 where the fade begins
-and ends, 5e-4 in the taper of the shortest wing.
+and ends, and less than that in the taper of the shortest wing.
 
 Cost: a star's area / MESH^2, and one pass over the chip for all stars; a star of r = 6, whose wing covers the chip,
 costs 20 ms instead of 0.5 s.
