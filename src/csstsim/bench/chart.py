@@ -73,14 +73,7 @@ def draw_chart(path, rows, methods, note):
     middle = len(names) // 2 + 1
     numbered = [f"{i} {name}" for i, name in enumerate(names, 1)]
     lines = ["     ".join(part) for part in (numbered[:middle], numbered[middle:])]
-    figure.suptitle(
-        "\n".join(
-            [
-                *lines,
-                f"{note}. Blue: methods, green: presets, red: peers. Filled: nothing is both faster and better; v: upper limit",
-            ]
-        ),
-        size=9.5,
-    )
+    key = "Blue: methods, green: presets, red: peers. Filled: nothing is both faster and better; v: upper limit"
+    figure.suptitle("\n".join([*lines, f"{note}. {key}"]), size=9.5)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=110)
