@@ -104,7 +104,7 @@ def test_one_star_anywhere_on_the_sky(pick, camera, ra, dec):
 
 
 def test_stamps_decide_who_is_in(pick):
-    faint, bright = 16, 64  # pixel: reach of a faint and of a bright star
+    faint, bright = 32, 64  # pixel: reach of a faint and of a bright star
     x0 = WINDOW.x0 - 0.5
     table = pick([
         (x0 - faint + 0.1, 3200, star(27, id=1)), (x0 - faint - 0.1, 3200, star(27, id=2)),

@@ -25,7 +25,16 @@ def drawn(folder, flat, shutter):
     layers[0]["scie_obs"] |= {"flat_fielding": flat, "shutter_effect": shutter}
     layers[1]["sky_background"] |= {"flat_fielding": flat, "shutter_effect": shutter}
     (folder / "science.yaml").write_text(yaml.safe_dump({"layers": layers}))
-    path = write_scene(folder, "Stars", X, Y, 17.0, chip=CHIP, observations={"SCIE": str(folder / "science.yaml")})
+    path = write_scene(
+        folder,
+        "Stars",
+        X,
+        Y,
+        17.0,
+        chip=CHIP,
+        fidelity="noise_free",
+        observations={"SCIE": str(folder / "science.yaml")},
+    )
     run = OpenCampaign(path)
     for stage in ("psf", "select", "render"):
         obsid = ["--obsid", OBSID] if stage != "psf" else []

@@ -80,7 +80,8 @@ def test_a_noise_free_image_has_nothing_counted_and_is_the_reference(draw):
 
 def test_preview_spreads_what_nobody_would_see(draw):
     dark = {f"flux{i}": np.zeros(2) for i in (1, 2, 3)}
-    image, _, drawn = draw([4100.0, 4120.0], [4090.0, 4100.0], "preview", flux0=rate(np.array([5.0, 1e4])), **dark)
+    dark |= {"flux0": rate(np.array([5.0, 1e4])), "window": Window(3900, 4300, 3900, 4300)}
+    image, _, drawn = draw([4100.0, 4120.0], [4090.0, 4100.0], "preview", **dark)
     assert list(drawn["method"]) == ["unresolved", "photons"]
     assert drawn["flags"][0] == SKIPPED_FAINT and image.sum(dtype=float) == pytest.approx(5.0, rel=1e-6)
 

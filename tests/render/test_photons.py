@@ -9,6 +9,7 @@ from scipy.interpolate import BSpline
 
 from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.instrument.chip import Window
+from csstsim.optics.beyond import read_beyond
 from csstsim.optics.psf import PsfSet, pixel_response
 from csstsim.optics.psf_file import write_psf
 from csstsim.optics.wcs import ChipWCS
@@ -358,3 +359,18 @@ def test_arrays_that_do_not_fit_are_refused(psf_r, table_r):
         shoot(scene, table_r, response=np.ones((3, 3), np.float32))
     with pytest.raises(ValueError, match="at most"):
         shoot(scene, table_r, response=np.full(WINDOW.shape, 1.1, np.float32))
+
+
+def test_light_beyond_the_box_follows_the_wing(psf_r, table_r):
+    """2e6 electrons of a star with its wing: outside the box, rings of the closed form; none lost; 5 sigma."""
+    wing, n = read_beyond(psf_r).wing, 2e6
+    window, scene = Window(0, 2001, 0, 2001), make(psf_r, 1000.0, 1000.0, n)
+    counted = np.zeros(window.shape, np.int32)
+    on_window, beyond, box = shoot_scene(counted, window, scene, np.array([3], np.uint64), table_r, wing=wing)
+    r = np.hypot(*(np.indices(window.shape) - 1000.0))
+    for inner, outer in ((50, 80), (80, 150), (150, 400), (400, 900)):
+        share = (wing.beyond(inner) - wing.beyond(outer)).mean()
+        assert abs(counted[(r >= inner) & (r < outer)].sum() - n * share) < 5 * np.sqrt(n * share) + 5e-3 * n * share
+    left = wing.beyond(1000 * np.sqrt(4 / np.pi)).mean()  # beyond a circle of the window's area
+    assert on_window[0] == counted.sum() == pytest.approx(n * (1 - left), abs=5 * np.sqrt(n) + 0.1 * n * left)
+    assert beyond[0] == pytest.approx(n * (1 - psf_r.flux.mean()), rel=0.02) and box[0, 1] - box[0, 0] > 1500

@@ -20,6 +20,9 @@ from csstsim.units import ARCSEC_PER_RAD
 from csstsim.universe.lensing import magnification
 
 POINT_MIN, POINT_MAX = 16, 64  # pixel; no stored PSF goes on beyond 64
+STAR_MIN = (
+    32  # pixel: with less, a faint star's stamp loses 1% of its light; noise hides that star by star, not on average
+)
 REACH_MAX = 2048  # pixel
 WING_MIN = 1.5  # boxes: a wing ends in a taper over its last quarter, which must not begin inside the square box
 WING_MAX = 16384  # pixel: from anywhere within REACH_MAX of a chip to its far corner

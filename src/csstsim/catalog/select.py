@@ -20,6 +20,7 @@ from csstsim.catalog.reach import (
     POINT_MAX,
     POINT_MIN,
     REACH_MAX,
+    STAR_MIN,
     WING_MAX,
     WING_MIN,
     galaxy_radius,
@@ -183,7 +184,7 @@ def _beyond(beyond, electrons, variance, chip):
 def _reach(table, extended, electrons, variance, beyond_px, box, filter, telescope):
     """Return (reach [pixel], lost: fraction of a galaxy's light that may lie beyond its stamp)."""
     reach = point_reach(electrons, variance, filter, telescope, box)
-    reach = np.where(extended, reach, np.clip(beyond_px, reach, box))
+    reach = np.where(extended, reach, np.clip(np.maximum(beyond_px, STAR_MIN), reach, box))
     lost = np.zeros(len(reach), np.float32)
     reach[electrons <= 0] = POINT_MIN
     if extended.any():

@@ -40,8 +40,18 @@ def draw_objects(
     part = objects.take(rows)
     scene = make_scene(part, wcs, psf, exptime)
     flags[rows[scene.outside]] |= OUTSIDE_PSF_HULL
+    flags[rows[(beyond.wing is None) & (part["wing"] > 0)]] |= TRUNCATED_STAMP
     wing = part["wing"] if beyond.wing is not None else np.zeros(len(rows))
-    choice = policy.choose(scene, part["reach"], wing, variance, fidelity, convex=psf.convex, maximum=maximum)
+    choice = policy.choose(
+        scene,
+        part["reach"],
+        wing,
+        variance,
+        fidelity,
+        convex=psf.convex,
+        maximum=maximum,
+        ghosts=beyond.ghosts is not None and beyond.ghosts.visible(scene.electrons.sum(axis=1)),
+    )
     keys = _keys(key, scene.ids)
     drawn, ms, error = np.zeros(count), np.zeros(count, np.float32), np.zeros(count, np.float32)
     box, stamp = np.zeros((count, 4), np.int32), np.zeros(count, np.int32)
@@ -59,11 +69,13 @@ def draw_objects(
         elif kind == policy.STAMP:
             result = draw_scene(image, window, some, part["reach"][mine], wing[mine], psf, beyond, response, wcs.chip)
             drawn[at], box[at], ms[at] = result.drawn, result.box, result.ms
-            flags[at] |= result.flags | np.where(wing[mine] < part["wing"][mine], TRUNCATED_STAMP, 0)
+            flags[at] |= result.flags
             stamp[at] = 2 * np.maximum(part["reach"][mine], np.ceil(wing[mine])) + 1
         else:
             counted = np.zeros(window.shape, np.int32)
-            drawn[at], _, box[at] = shoot_scene(counted, window, some, keys[mine], tables, response, maximum)
+            drawn[at], _, box[at] = shoot_scene(
+                counted, window, some, keys[mine], tables, response, maximum, beyond.wing
+            )
         if kind != policy.STAMP:
             work, _ = policy.costs(some, 0, 0, some.electrons.sum(axis=1), policy.load_numbers()["cost"])
             ms[at] = 1000 * (time.process_time() - start) * work / work.sum()

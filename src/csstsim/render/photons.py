@@ -9,13 +9,14 @@ twice and nothing is left to a later Poisson step.
 Losses: numbers are drawn for `maximum` times the light, and an electron on a pixel is kept with probability
 response / maximum. A thinned Poisson number is Poisson, so mean = variance holds for every pixel.
 
-Left out: electrons beyond the box of the PSF, which are counted.
+Electrons beyond the PSF's box follow the radial wing (optics.halo), all of it: none is lost because noise hides it.
 """
 
 import numba
 import numpy as np
 
 from csstsim.render.counter import high, low, poisson, word
+from csstsim.render.octaves import first_of, nodes, read
 from csstsim.render.radius import RINGED, gamma, ring
 
 _ONE, _TWO = np.uint64(1), np.uint64(2)
@@ -28,14 +29,17 @@ _REST = 2 * np.pi / 2.0**32
 _DISK, _BULGE = RINGED
 _MANY = 300.0  # electrons above which numbers are drawn for each (component, sub-band, node)
 _BATCH = 512  # electrons drawn at a time, and the most that are chosen one by one: P(more) < 1e-25
+_RAREST = -10  # octave of the share of the wing's light that ends its table, 1000 boxes out
+_TAIL_FIRST = first_of(_RAREST)
 _STRIP = 64  # px: objects of a node are drawn in strips, so that their pixels are in cache
 
 
-def shoot_scene(counted, window, scene, keys, table, response=None, maximum=1.0):
+def shoot_scene(counted, window, scene, keys, table, response=None, maximum=1.0, wing=None):
     """Draw the objects of a Scene into `counted` (int32, window.shape), changed in place.
 
     keys: (n,) uint64, all different (counter.object_keys). table: PsfTable with the tables of all nodes of the scene.
-    response: (ny, nx) share of the light that is counted, at most `maximum`; None: all of it.
+    response: (ny, nx) share of the light that is counted, at most `maximum`; None: all of it. wing: optics.halo.Wing,
+    where electrons beyond the PSF's box go, or None: nowhere.
     Returns on_window (n,) int64, electrons counted; beyond (n,) int64, electrons, of `maximum` times the light, that
     fell outside the PSF's box; box (n, 4) int64, x0, x1, y0, y1 of the chip's pixels reached, half-open, 0 if none.
     The result does not depend on the order of the objects. Raises ValueError for arrays that do not fit, a response
@@ -55,9 +59,18 @@ def shoot_scene(counted, window, scene, keys, table, response=None, maximum=1.0)
     objects = scene.x - window.x0, scene.y - window.y0, *(np.ascontiguousarray(a, np.float64) for a in floats)
     objects += np.ascontiguousarray(scene.node), np.ascontiguousarray(scene.weight), keys
     psf = table.words.reshape(-1), table.share, table.bits, table.cells, table.per_pixel
-    _shoot((counted, response, float(maximum)), objects, psf, (on_window, beyond, box), order)
+    tail = np.empty(0) if wing is None else _tail(wing, table.cells / table.per_pixel / 2)
+    _shoot((counted, response, float(maximum)), objects, psf, tail, (on_window, beyond, box), order)
     box[on_window > 0] += np.array([window.x0, window.x0, window.y0, window.y0])
     return on_window, beyond, box
+
+
+def _tail(wing, half):
+    """Return the radii [px] beyond which a share u of the light outside radius `half` lies, on octaves of u to 1."""
+    r = np.geomspace(half, half * 2.0**-_RAREST, 4096)
+    share = wing.beyond(r).mean(axis=0)
+    share /= share[0]
+    return np.exp(np.interp(np.log(nodes(_RAREST, 0)), np.log(share[::-1]), np.log(r[::-1])))
 
 
 def _check(scene, table, maximum):
@@ -74,11 +87,11 @@ def _check(scene, table, maximum):
 
 
 @numba.njit(cache=True)
-def _shoot(image, objects, psf, results, order):
+def _shoot(image, objects, psf, tail, results, order):
     counted, _, maximum = image
     x, y, matrix, light, sersic, electrons, index, weight, keys = objects
     share, sides = psf[1], psf[2]
-    on_window, beyond, box = results
+    on_window, _, box = results
     work = np.empty(_BATCH, np.int64), np.empty(_BATCH), np.empty(_BATCH)
     sums = np.empty(4 + index.shape[1])
     for i in order:
@@ -93,8 +106,8 @@ def _shoot(image, objects, psf, results, order):
             if mean < _MANY:
                 number, counter = poisson(mean, key, counter)
                 count, counter = _choose(min(number, _BATCH), bands, nodes, index[i], share, sides, key, counter, work)
-                beyond[i] += number - count
                 counter = _draw(count, place, image, psf, results, work, key, counter)
+                counter = _draw_beyond(number - count, place, image, psf, tail, results, work, key, counter)
                 continue
             lost = 0.0
             for k in range(index.shape[1]):
@@ -109,7 +122,7 @@ def _shoot(image, objects, psf, results, order):
                             counter = _draw(count, place, image, psf, results, work, key, counter)
                             number -= count
             number, counter = poisson(lost, key, counter)
-            beyond[i] += number
+            counter = _draw_beyond(number, place, image, psf, tail, results, work, key, counter)
         if on_window[i] == 0:
             box[i] = 0
 
@@ -164,6 +177,40 @@ def _draw(count, place, image, psf, results, work, key, counter):
         after = _from_profile(count, matrix, sersic, px, py, key, after)
     _count(count, x, y, px, py, image, results, i, key, counter)
     return after
+
+
+@numba.njit(cache=True)
+def _draw_beyond(number, place, image, psf, tail, results, work, key, counter):
+    """Draw electrons of the wing beyond the PSF's box, and count that they are; return the counter."""
+    x, y, matrix, sersic, i = place
+    _, px, py = work
+    results[1][i] += number
+    half = 0.5 * psf[3] / psf[4]
+    while number > 0 and tail.size > 0:
+        count = min(number, _BATCH)
+        after = _from_wing(count, tail, half, px, py, key, counter + _TWO * np.uint64(count))
+        if sersic[0] > 0:
+            after = _from_profile(count, matrix, sersic, px, py, key, after)
+        _count(count, x, y, px, py, image, results, i, key, counter)
+        counter = after
+        number -= count
+    return counter
+
+
+@numba.njit(cache=True)
+def _from_wing(count, tail, half, px, py, key, counter):
+    """Set px, py [pixel] to places of the wing outside the square of this half side; return the counter."""
+    share = np.empty(1)
+    bits = share.view(np.int64)
+    for j in range(count):
+        px[j] = py[j] = 0.0
+        while abs(px[j]) < half and abs(py[j]) < half:
+            draw = word(key, counter)
+            counter += _ONE
+            share[0] = high(draw)
+            r, angle = read(tail, _TAIL_FIRST, bits[0]), 2 * np.pi * low(draw)
+            px[j], py[j] = r * np.cos(angle), r * np.sin(angle)
+    return counter
 
 
 @numba.njit(cache=True)

@@ -8,7 +8,8 @@
 | `none`       |          | what cannot be drawn (flags say why), or has no light                        |
 
 The choice hangs on nominal light, the stored PSF and config/render.yaml alone: never on a random number or a clock.
-When no method is good enough the most accurate one is taken, and the truth table's `error` says what it is.
+When no method is good enough, as for the brightest, it is the cheapest of those within three times the most accurate;
+the truth table's `error` says what it is.
 """
 
 from dataclasses import dataclass
@@ -24,7 +25,9 @@ from csstsim.render.error_model import predicted
 NONE, UNRESOLVED, PHOTONS, STAMP = range(4)
 METHODS = np.array(["none", "unresolved", "photons", "stamp"])
 FILE = SHIPPED / "render.yaml"
+WING_NEAR = 192.0  # px: further out a wing costs next to nothing (render.far_wings)
 PHOTONS_MAX = 1e8  # electrons: a second; more would at length not fit the counted plane's integers
+_AS_GOOD = 3.0
 _PSF_HALF_LIGHT = 1.2  # pixel
 _GAUSSIAN = 4 * np.pi / (2 * np.log(2))  # effective number of pixels / half-light radius^2 of a Gaussian
 
@@ -38,25 +41,27 @@ class Choice:
     snr: np.ndarray  # (n,)
 
 
-def choose(scene, reach, wing, variance, fidelity, *, convex, maximum=1.0):
+def choose(scene, reach, wing, variance, fidelity, *, convex, maximum=1.0, ghosts=False):
     """Return the `Choice` for a Scene.
 
     reach, wing: (n,) pixel, of stamp and wing; variance: of one pixel without the object [e-^2]; fidelity: a preset of
     config/render.yaml; convex: whether the PSF's mixture can be drawn from; maximum: of the losses, by which photons
-    are more than the light.
+    are more than the light; ghosts: (n,) whether the object has ghosts, which no photons are drawn for.
     """
     numbers = load_numbers()
     preset = numbers["presets"][fidelity]
     electrons = scene.electrons.sum(axis=1)
     snr = electrons / noise(scene, electrons, variance)
     cost = np.stack(costs(scene, reach, wing, electrons * maximum, numbers["cost"]), axis=1)
-    error = np.stack([predicted(m, scene, reach, snr, numbers["error"]) for m in ("photons", "stamp")], axis=1)
+    # A wing takes over where a point's stamp ends
+    shown = np.maximum(reach, wing)
+    error = np.stack([predicted(m, scene, shown, snr, numbers["error"]) for m in ("photons", "stamp")], axis=1)
     allowed = np.ones_like(cost, bool)
     allowed[:, 0] = (electrons * maximum < PHOTONS_MAX) & convex & (fidelity != "noise_free")
-    good = allowed & (error <= preset["eps"])
-    best = np.where(
-        good.any(axis=1), np.where(good, cost, np.inf).argmin(axis=1), np.where(allowed, error, np.inf).argmin(axis=1)
-    )
+    allowed[:, 0] &= ~np.broadcast_to(ghosts, electrons.shape)
+    least = np.where(allowed, error, np.inf).min(axis=1)
+    good = allowed & (error <= np.maximum(preset["eps"], _AS_GOOD * least)[:, None])
+    best = np.where(good, cost, np.inf).argmin(axis=1)
     method = np.where(best == 0, PHOTONS, STAMP).astype(np.int8)
     faint = snr < preset["floor"]
     method[faint], method[electrons <= 0] = UNRESOLVED, NONE
@@ -81,7 +86,7 @@ def costs(scene, reach, wing, electrons, cost):
     photons = cost["photon_object"] + electrons * np.where(galaxy, cost["photon_galaxy"], cost["photon_star"])
     pixels = (2.0 * reach + 1) ** 2
     stamp = np.where(galaxy, cost["stamp_galaxy"] + cost["stamp_pixel"] * pixels, cost["stamp_star"])
-    return photons, stamp + cost["wing_pixel"] * np.pi * np.asarray(wing, float) ** 2
+    return photons, stamp + cost["wing_pixel"] * np.pi * np.minimum(wing, WING_NEAR) ** 2
 
 
 @cache

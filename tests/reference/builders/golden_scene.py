@@ -33,7 +33,7 @@ def statistics(folder):
 
         def watched(state, param, rng, apply=apply, name=step.name):
             state = apply(state, param, rng)
-            found[name] = summary(state.image)
+            found[name] = summary(state.image if state.counted is None else state.image + state.counted)
             return state
 
         step.module.apply = watched
