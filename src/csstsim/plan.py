@@ -8,12 +8,12 @@ import numpy as np
 
 from csstsim.catalog.astrometry import apparent
 
-CPU_S_PER_OBJECT = 0.13  # reference renderer: mean object of the demo
+CPU_S_PER_OBJECT = {"preview": 1e-4, "standard": 1e-4, "noise_free": 2e-3, "reference": 0.13}
 CPU_S_PER_MPIX = 0.9  # readout 0.13, Level-0 0.05, measure 0.73
 CPU_S_PER_JOB = 12.0  # start-up of the four stages and of measure, selection
 CPU_S_PER_BRICK = 15.0  # truth
 CPU_S_PER_PSF = 0.02  # one node at one wavelength
-BYTES_PER_NODE = 4 * 256 * 256 * 4
+BYTES_PER_NODE = 4 * (256 * 256 + 256 * 256 + 128 * 128) * 4  # images, and the tables photons are drawn from
 
 
 def plan(run):
@@ -46,7 +46,7 @@ def plan(run):
         "largest intermediates (a job)": 8 * max(job.window.nx * job.window.ny for job in jobs),
     }
     cpu = (
-        (objects or 0.0) * CPU_S_PER_OBJECT + pixels / 1e6 * CPU_S_PER_MPIX + len(jobs) * CPU_S_PER_JOB
+        (objects or 0.0) * CPU_S_PER_OBJECT[config.fidelity] + pixels / 1e6 * CPU_S_PER_MPIX + len(jobs) * CPU_S_PER_JOB
         + len(truth) * CPU_S_PER_BRICK + 4 * nodes * CPU_S_PER_PSF
     )  # fmt: skip
     return counts, disk, cpu
