@@ -1,5 +1,5 @@
 # Two commands on a bare Debian machine with python3, git and make:
-#   make run    set up .venv, then simulate the demo campaign end to end
+#   make run    set up .venv, then simulate the demo campaign and one full chip end to end
 #   make test   set up .venv, then every check and test
 PYTHON ?= python3
 BIN := .venv/bin
@@ -9,6 +9,7 @@ export PATH := $(CURDIR)/$(BIN):$(PATH)
 
 run: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/campaign.yaml
+	snakemake --profile profiles/default --config campaign=config/full_chip.yaml
 
 test: .venv/ready
 	ruff check .

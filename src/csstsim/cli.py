@@ -121,14 +121,21 @@ def report(run):
 @obsid_opt
 @chip_opt
 @click.option("--output", type=click.Path(), help="Folder for the products [default: the campaign's].")
-def chip(run, obsid, chip_id):
+@click.option("--profile", is_flag=True, help="Say where the CPU time went: layers, methods, functions.")
+def chip(run, obsid, chip_id, profile):
     """Run one chip in memory, from catalogue to Level-0 file.
 
     Truth bricks and the PSF set that are missing are made first, in the output folder.
     """
     from csstsim import stages
 
-    stages.chip(run, run.job(obsid, chip_id), say=click.echo)
+    job = run.job(obsid, chip_id)
+    if profile:
+        from csstsim.profile import profiled
+
+        profiled(lambda: stages.chip(run, job, say=click.echo), say=click.echo)
+    else:
+        stages.chip(run, job, say=click.echo)
 
 
 @main.command()

@@ -209,10 +209,11 @@ def _level0(run, job, state, timer):
     drawn = state.truth if state.truth is not None else ObjectTable.complete({})
     write_truth(truth_path, drawn, job, {"recipe": run.recipe(job), "level0": path.name})
     write_level0(path, state, run.camera.keywords, provenance)
+    state.header["timing"] = provenance["timing"]
 
 
 def chip(run, job, say=print):
-    """Run one job in memory, its missing truth bricks and PSF set made first."""
+    """Run one job in memory, its missing truth bricks and PSF set made first; return its State at the end."""
     from csstsim.catalog.table import ObjectTable
 
     header, objects = {"stages": []}, None
@@ -244,6 +245,7 @@ def chip(run, job, say=print):
     for name, wall, cpu in [*header["stages"][:-1], timer.entry()]:  # level0 now with its writing
         say(f"{name}: {wall:.1f} s, {cpu:.1f} CPU-s")
     say(f"{run.paths.level0(job.pointing, job.chip.id)} and its truth table")
+    return state
 
 
 def _bricks(run, job):
