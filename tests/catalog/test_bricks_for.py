@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from csstsim.catalog.select import BRICK_MARGIN_DEG, bricks_for, region_for
-from csstsim.optics.wcs import ChipWCS
+from csstsim.optics.wcs import ChipWCS, gnomonic
 
 PLACES = {
     "common": (60.0, -40.0),
@@ -65,3 +65,31 @@ def test_fast_enough_for_a_workflow(camera, make_pointing):
     for _ in range(50):
         bricks_for(*footprint)
     assert (time.process_time() - start) / 50 < 0.01  # s; 0.4 ms when written
+
+
+@pytest.mark.parametrize("dec", [0.0, -40.0, 89.9, -89.95])
+@pytest.mark.parametrize("ra", [0.0, 123.4])
+def test_a_region_holds_what_lies_between_its_corners(ra, dec):
+    """A square of half a degree about a place: each point against its plane coordinates there; poles and RA wrap."""
+    rng, half = np.random.default_rng(4), np.radians(0.25)
+    middle = np.array([ra, dec])
+    offsets = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
+    corners = np.array([on_sky(middle, *offset) for offset in offsets])
+    region = region_for(*corners.T, margin_deg=0.0)
+    xi, eta = rng.uniform(-2 * half, 2 * half, (2, 500))
+    places = np.array([on_sky(middle, *point) for point in zip(xi, eta, strict=True)])
+    inside = (np.abs(xi) < half) & (np.abs(eta) < half)
+    assert inside.sum() > 50 and np.array_equal(region.contains(*places.T), inside)
+    back = gnomonic(middle, *places.T)
+    assert np.allclose(back, (xi, eta), atol=1e-12)
+
+
+def on_sky(middle, xi, eta):
+    """Return ra, dec [deg] of a point of the plane that touches the sky at `middle`."""
+    ra, dec = np.radians(middle)
+    east, north = (
+        np.array([-np.sin(ra), np.cos(ra), 0]),
+        np.array([-np.sin(dec) * np.cos(ra), -np.sin(dec) * np.sin(ra), np.cos(dec)]),
+    )
+    v = np.array([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)]) + xi * east + eta * north
+    return np.degrees(np.arctan2(v[1], v[0])) % 360, np.degrees(np.arctan2(v[2], np.hypot(v[0], v[1])))

@@ -75,6 +75,22 @@ class Region:
     dec: tuple[float, ...]
     bricks: tuple[int, ...]
 
+    def contains(self, ra, dec):
+        """Whether places [deg, arrays] lie between the corners, which bound a convex polygon."""
+        corners, places = unit_vectors(self.ra, self.dec), unit_vectors(ra, dec)
+        inside = np.ones(len(places), bool)
+        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+            normal = np.cross(a, b)
+            normal *= np.sign(np.einsum("i,i->", normal, corners.mean(axis=0)))
+            inside &= np.einsum("ni,i->n", places, normal) >= 0
+        return inside
+
+
+def unit_vectors(ra, dec):
+    """Return (n, 3) unit vectors of places [deg]."""
+    ra, dec = np.radians(ra), np.radians(dec)
+    return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
+
 
 class CatalogBase(ABC):
     """Objects of a region of the sky and their spectra."""

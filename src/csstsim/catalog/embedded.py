@@ -69,7 +69,7 @@ class SceneCatalog(CatalogBase):
 
 
 class EmbeddedCatalog(SceneCatalog):
-    """The bricks of a region.
+    """The objects of a region, from its bricks.
 
     options: `brick_file` (brick number -> path) and what the bricks must have been made for: `seed`, `universe`
     (numbers.Universe), `camera`, `lensing`. Raises InputError for a missing, damaged or foreign brick.
@@ -83,5 +83,9 @@ class EmbeddedCatalog(SceneCatalog):
     def _load(self):
         brick_file = self.options["brick_file"]
         key = {name: self.options[name] for name in ("seed", "universe", "camera", "lensing")}
-        bricks = [read_brick(brick_file(pix), brick_meta(pix=pix, **key)) for pix in self.region.bricks]
-        self._set(ObjectTable.concat(bricks), [brick.meta for brick in bricks])
+        parts, records = [], []
+        for pix in self.region.bricks:
+            brick = read_brick(brick_file(pix), brick_meta(pix=pix, **key))
+            parts.append(brick.take(self.region.contains(brick["ra"], brick["dec"])))
+            records.append(brick.meta)
+        self._set(ObjectTable.concat(parts), records)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from csstsim.catalog.astrometry import apparent, at_epoch
-from csstsim.catalog.base import Region
+from csstsim.catalog.base import Region, unit_vectors
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.photometry import rate_to_mag
 from csstsim.catalog.reach import (
@@ -58,22 +58,17 @@ def bricks_for(footprint_ra, footprint_dec, margin_deg=BRICK_MARGIN_DEG):
     """
     import healpy
 
-    vertices = _grow(_unit(footprint_ra, footprint_dec), np.radians(margin_deg))
+    vertices = _grow(unit_vectors(footprint_ra, footprint_dec), np.radians(margin_deg))
     return np.sort(healpy.query_polygon(NSIDE, vertices, inclusive=True, fact=16, nest=True))
 
 
 def region_for(footprint_ra, footprint_dec, margin_deg=BRICK_MARGIN_DEG):
     """Return the `Region` a catalogue is asked for: the footprint with its margin, and its bricks."""
-    grown = _grow(_unit(footprint_ra, footprint_dec), np.radians(margin_deg))
+    grown = _grow(unit_vectors(footprint_ra, footprint_dec), np.radians(margin_deg))
     ra = np.degrees(np.arctan2(grown[:, 1], grown[:, 0])) % 360.0
     dec = np.degrees(np.arctan2(grown[:, 2], np.hypot(grown[:, 0], grown[:, 1])))
     bricks = bricks_for(footprint_ra, footprint_dec, margin_deg)
     return Region(tuple(ra.tolist()), tuple(dec.tolist()), tuple(bricks.tolist()))
-
-
-def _unit(ra, dec):
-    ra, dec = np.radians(ra), np.radians(dec)
-    return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
 
 
 def _grow(vertices, margin):
