@@ -13,7 +13,7 @@ CPU_S_PER_MPIX = 0.9  # readout 0.13, Level-0 0.05, measure 0.73
 CPU_S_PER_JOB = 12.0  # start-up of the four stages and of measure, selection
 CPU_S_PER_BRICK = 15.0  # truth
 CPU_S_PER_PSF = 0.02  # one node at one wavelength
-BYTES_PER_NODE = 4 * (256 * 256 + 256 * 256 + 128 * 128) * 4  # images, and the tables photons are drawn from
+BYTES_PER_NODE = 4 * (256 * 256 + 256 * 256 + 64 * 64) * 4  # images, and the tables photons are drawn from
 
 
 def plan(run):
