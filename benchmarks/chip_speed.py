@@ -1,0 +1,157 @@
+"""A full r-band chip of the standard scene, from its catalogue to the electrons image; the paper's way beside it.
+
+    python benchmarks/standard_scene.py            # first: the catalogue
+    python benchmarks/chip_speed.py [--counts 1000 10000 76638 300000 1000000] [--sample 60]
+
+For each number of objects (drawn from the scene's with places of their own, all over the chip; 76,638 is the scene
+itself) the CPU seconds of selection (reading, photometry, astrometry, distortion) and of the render stage (PSF tables,
+policy, objects, sky), the least of three runs after one that compiles, and the largest private memory. Then the paper's
+way (GalSim, a PSF object for each object and sub-band; csstsim.bench.peers) on a sample of the same objects, spread
+over their brightness, extrapolated to all; the brightest 0.2%, which the paper would draw in stamps of up to 27,756 px,
+are left out of both its sample and its sum.
+"""
+
+import argparse
+import threading
+import time
+from pathlib import Path
+
+import galsim
+import numpy as np
+import yaml
+
+from csstsim import stages
+from csstsim.bench import peers
+from csstsim.bench.cases import Case
+from csstsim.campaign import OpenCampaign
+from csstsim.catalog.astrometry import at_j2000, icrs
+from csstsim.catalog.table import STAR, ObjectTable
+from csstsim.config import SHIPPED
+from csstsim.instrument.chip import Window
+from csstsim.render.scene import make_scene
+from csstsim.rng import stream
+
+galsim.errors.raise_fft_size_error = True
+FOLDER = Path("results/standard_scene")
+BRIGHTEST = 0.002
+HALF_MAX = 200  # px: half the side of the paper's stamps in the sample
+
+
+class PrivateMemory(threading.Thread):
+    """Watches the largest anonymous memory of this process: what it shares with nobody and no file [GB]."""
+
+    def __init__(self):
+        super().__init__(daemon=True)
+        self.largest, self._end = 0.0, threading.Event()
+
+    def run(self):
+        while not self._end.wait(0.02):
+            for line in Path("/proc/self/status").read_text().splitlines():
+                if line.startswith("RssAnon"):
+                    self.largest = max(self.largest, int(line.split()[1]) / 1e6)
+
+    def __exit__(self, *_):
+        self._end.set()
+        self.join()
+
+    def __enter__(self):
+        self.start()
+        return self
+
+
+def campaign(count, scene, template):
+    """Write a campaign of `count` objects of the scene; return it opened."""
+    file = FOLDER / f"objects_{count}.parquet"
+    if not file.exists():
+        resampled(count, scene, template).write(file, {"product": "standard scene, resampled"})
+    content = yaml.safe_load((SHIPPED / "standard_scene.yaml").read_text())
+    content["catalog"]["options"]["file"] = str(file)
+    path = FOLDER / f"scene_{count}.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return OpenCampaign(path)
+
+
+def resampled(count, scene, job):
+    if count == len(scene):
+        return scene
+    rng, window = stream(1, "chip speed", count), job.window
+    table = scene.take(rng.choice(len(scene), count, replace=count > len(scene)))
+    x, y = rng.uniform(window.x0, window.x1 - 1, count), rng.uniform(window.y0, window.y1 - 1, count)
+    motion = {
+        name: np.where(table["obj_type"] == STAR, table[name], 0.0) for name in ("pmra", "pmdec", "parallax", "rv")
+    }
+    ra, dec = at_j2000(*icrs(*job.wcs.pixel_to_world(x, y), job.observer), job.observer, **motion)
+    return table.with_columns(ra=ra, dec=dec, id=np.arange(count))
+
+
+def measured(run, runs=4):
+    """Return (CPU s of select, of render, GB, State): the least of all runs but the first."""
+    best, job = (np.inf, np.inf), run.jobs[0]
+    for i in range(runs):
+        with PrivateMemory() as memory:
+            start = time.process_time()
+            objects = stages._objects(run, job)
+            middle = time.process_time()
+            state = stages._render(run, job, objects)
+            spent = middle - start, time.process_time() - middle
+        if i:
+            best = min(best, spent, key=sum)
+    return *best, memory.largest, state
+
+
+def paper_seconds(state, psf, exptime, sample):
+    """Return (mean CPU s an object, its standard error, number of objects it stands for)."""
+    truth = state.truth
+    order = np.argsort(truth["electrons"])
+    order = order[truth["electrons"][order] > 0]
+    order = order[: int(len(order) * (1 - BRIGHTEST))]
+    seconds = []
+    setting = type("Setting", (), {"psf": psf})
+    for i in order[np.linspace(0, len(order) - 1, sample).astype(int)]:
+        row = truth.take([i])
+        x, y, half = round(row["x"][0]), round(row["y"][0]), min(int(row["reach"][0]), HALF_MAX)
+        window = Window(x - half, x + half + 1, y - half, y + half + 1)
+        case = Case(row, make_scene(row, state.wcs, psf, exptime), window, float(row["electrons"][0]), False)
+        draw = peers.paper(setting, case)
+        start = time.process_time()
+        draw(1)
+        seconds.append(time.process_time() - start)
+    return np.mean(seconds), np.std(seconds) / np.sqrt(len(seconds)), len(order)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--counts", type=int, nargs="+", default=[1000, 10_000, 76_638, 300_000, 1_000_000])
+    parser.add_argument("--sample", type=int, default=60, help="objects drawn the paper's way")
+    options = parser.parse_args()
+    template = OpenCampaign(SHIPPED / "standard_scene.yaml")
+    job, scene = template.jobs[0], ObjectTable.read(FOLDER / "objects.parquet")
+    number = job.chip.id
+    for path, make in (
+        (template.paths.psf(number), lambda: stages.psf(template, number)),
+        (template.paths.psf_tables(number), lambda: stages._psf_tables(template, job.chip)),
+    ):
+        if not path.exists():
+            make()
+    print("| objects | select, CPU s | render, CPU s | both | GB private |\n|---|---|---|---|---|")
+    both = []
+    for count in options.counts:
+        select, render, memory, state = measured(campaign(count, scene, job))
+        both.append(select + render)
+        print(f"| {count} | {select:.2f} | {render:.2f} | {both[-1]:.2f} | {memory:.2f} |", flush=True)
+        if count == len(scene):
+            mean, error, stands = paper_seconds(state, stages.open_psf(template, job.chip), 150.0, options.sample)
+            light = state.truth
+            for method in np.unique(light["method"]):
+                mine = light["method"] == method
+                print(f"  {method}: {mine.sum()} objects, {light['ms'][mine].sum() / 1000:.2f} CPU-s")
+            print(
+                f"  the paper's way: {mean:.3f} +- {error:.3f} CPU-s an object, "
+                f"{mean * stands:.0f} +- {error * stands:.0f} for {stands} of them: {mean * stands / both[-1]:.0f} times csstsim's whole chip"
+            )
+    slopes = np.diff(np.log(both)) / np.diff(np.log(options.counts))
+    print("exponent of cost against number of objects, from one row to the next:", np.round(slopes, 2))
+
+
+if __name__ == "__main__":
+    main()
