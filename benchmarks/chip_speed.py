@@ -147,7 +147,8 @@ def main():
                 print(f"  {method}: {mine.sum()} objects, {light['ms'][mine].sum() / 1000:.2f} CPU-s")
             print(
                 f"  the paper's way: {mean:.3f} +- {error:.3f} CPU-s an object, "
-                f"{mean * stands:.0f} +- {error * stands:.0f} for {stands} of them: {mean * stands / both[-1]:.0f} times csstsim's whole chip"
+                f"{mean * stands:.0f} +- {error * stands:.0f} for {stands} of them, "
+                f"{mean * stands / both[-1]:.0f} times csstsim's whole chip"
             )
     slopes = np.diff(np.log(both)) / np.diff(np.log(options.counts))
     print("exponent of cost against number of objects, from one row to the next:", np.round(slopes, 2))
