@@ -26,7 +26,7 @@ def test_none_and_one(expose, fidelity):
 @pytest.mark.parametrize("fidelity", FIDELITIES)
 def test_duplicate_ids(expose, fidelity):
     """Twins of one id are each drawn, with electrons of their own."""
-    n = 100 if fidelity == "noise_free" else 1000
+    n = 30 if fidelity == "noise_free" else 1000
     got = expose(np.full(n, X), Y, fidelity, id=np.zeros(n, int), electrons=1e3)
     assert len(got.table) == n
     assert got.table["drawn"].mean() == pytest.approx(958.4, abs=5 * np.sqrt(958.4 / 1000) + 1)
@@ -43,9 +43,9 @@ def test_ids_at_the_ends_of_their_range(expose, ids):
 @pytest.mark.parametrize("fidelity", FIDELITIES)
 def test_the_order_of_a_catalogue_does_not_matter(expose, fidelity):
     """Counted electrons to the bit, expected ones to the rounding of float32 sums."""
-    n = 60 if fidelity == "noise_free" else 300
+    n = 20 if fidelity == "noise_free" else 100
     x, y, columns = crowd(n)
-    columns |= {"id": np.arange(n), "electrons": np.geomspace(1, 1e7, n)}
+    columns |= {"id": np.arange(n), "electrons": np.geomspace(1, 1e6, n)}
     one = expose(x, y, fidelity, **columns)
     other = expose(x[::-1], y[::-1], fidelity, **{name: column[::-1] for name, column in columns.items()})
     if one.counted is not None:
@@ -64,7 +64,7 @@ def drawn_elsewhere(psf, fidelity, count, **environment):
 def test_the_same_bits_in_another_process_with_other_threads(expose, psf_r, fidelity):
     """Both planes and every column of the truth but the time it took."""
     threads = 2 if numba.config.NUMBA_NUM_THREADS == 1 else 1
-    count = 60 if fidelity == "noise_free" else 2000
+    count = 30 if fidelity == "noise_free" else 2000
     names = ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
     other = drawn_elsewhere(psf_r, fidelity, count, **dict.fromkeys(names, str(threads)))
     x, y, columns = crowd(count, window=ARCMIN2)
