@@ -5,9 +5,10 @@
 Galaxies (disk, bulge; |e| = 0.4) over half-light radius and light, by both methods; stamps of stars over reach and
 light; stamps of galaxies of 1e5 electrons over Sersic index and half-light radius. All at a node of the PSF set, in r,
 150 s. Truth is the reference renderer on the same PSF set; for the plane of indices direct optics (bench.truth). Errors
-are in units of the object's own noise (bench.measures, `visible`). Photons are drawn as `--electrons` electrons; grey:
-chance hides their error. Writes docs/figures/stability.png and prints how often an error is above eps, or above the
-bound that the policy states, where the policy chooses that method.
+are in units of the object's own noise (bench.measures, `visible`). Photons are drawn as `--electrons` electrons; their
+maps are upper limits, the root of the squared error and two of its standard deviations: bright objects' are chance's.
+Writes docs/figures/stability.png and prints how often an error is above eps, or above the bound that the policy states,
+where the policy chooses that method.
 """
 
 import argparse
@@ -129,9 +130,7 @@ def measure(setting, electrons):
 
 def panel(axis, x, y, error, title, labels, chosen=None, chance=0.0):
     """Draw one map: colour, the boundary where the error passes eps, rings where the policy chooses the method."""
-    hidden = error**2 * np.sign(error) < 2 * np.square(chance)
-    shown = np.ma.masked_where(hidden & (chance > 0), np.maximum(error, 1e-4))
-    axis.set_facecolor("0.75")
+    shown = np.sqrt(np.maximum(error * np.abs(error), 1e-8) + 2 * np.square(chance))
     mesh = axis.pcolormesh(x, y, shown, norm=LogNorm(1e-3, 10), cmap="viridis", shading="nearest")
     axis.contour(x, y, np.log(shown / EPS), levels=[0.0], colors="white", linewidths=2)
     if chosen is not None:
@@ -160,7 +159,8 @@ def draw(found, path):
     axes, light, radius = figure.subplots(3, 2), "electrons", "half-light radius [arcsec]"
     for row, name in zip(axes, ("disks", "bulges"), strict=False):
         for axis, (kind, (error, chance, chosen, _)) in zip(row, found[name].items(), strict=True):
-            panel(axis, LIGHT, SIZES, error, f"{policy.METHODS[kind]}: {name}", (light, radius), chosen, chance)
+            title = f"{policy.METHODS[kind]}: {name}" + (", upper limits" if chance.any() else "")
+            panel(axis, LIGHT, SIZES, error, title, (light, radius), chosen, chance)
     chosen = np.broadcast_to(REACHES[:, None] >= STAR_MIN, found["stars"].shape)
     panel(axes[2, 0], LIGHT, REACHES, found["stars"], "stamp: stars", (light, "reach [pixel]"), chosen)
     title = "stamp: galaxies of 1e5 electrons"
