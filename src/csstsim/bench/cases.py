@@ -50,7 +50,7 @@ def make_cases(setting, count, seed=1, largest=SIZE[1]):
     """Return `count` Cases, half of them stars; no half-light radius is above `largest` [arcsec]."""
     rng = stream(seed, "bench", "cases")
     shapes = _stars(rng, count - count // 2) + _galaxies(rng, count // 2, largest)
-    return [_case(setting, rng, i, **shape) for i, shape in enumerate(shapes)]
+    return [make_case(setting, rng, i, **shape) for i, shape in enumerate(shapes)]
 
 
 def _stars(rng, count):
@@ -78,7 +78,8 @@ def _galaxies(rng, count, largest):
     return shapes
 
 
-def _case(setting, rng, i, electrons, bulge=0.0, size=0.0, e=0.0):
+def make_case(setting, rng, i, electrons, bulge=0.0, size=0.0, e=0.0):
+    """Return the Case of a galaxy, or, without a size [arcsec], of a star; one of even number i is at a node."""
     x, y = _place(setting, rng, i % 2 == 0)
     turn = rng.uniform(0, 2 * np.pi)
     ra, dec = setting.wcs.pixel_to_world(x, y)

@@ -79,7 +79,7 @@ def plan_galaxies(scene, reach, box, rows):
     cut, ends = np.full(n.shape, np.inf), np.zeros(n.shape)
     for i, c in np.argwhere(there).tolist():
         cut[i, c] = cut_for(n[i, c], radius[i, c])
-        ends[i, c] = extent(n[i, c])
+        ends[i, c] = extent(n[i, c]) if cut[i, c] > CUT_NONE else 0.0
     end = (np.minimum(cut, ends) * wide).max(axis=1, where=there, initial=0.0)
     half = np.minimum(reach, np.ceil(end + box)).astype(int)
     wanted = np.maximum(half + np.maximum(box, end + box / 4) + 1, 2 * half + 2)

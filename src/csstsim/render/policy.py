@@ -21,6 +21,7 @@ from csstsim.config import SHIPPED
 from csstsim.errors import InputError
 from csstsim.instrument.load import read_data
 from csstsim.render.error_model import predicted
+from csstsim.render.unresolved import MESH
 
 NONE, UNRESOLVED, PHOTONS, STAMP = range(4)
 METHODS = np.array(["none", "unresolved", "photons", "stamp"])
@@ -63,7 +64,8 @@ def choose(scene, reach, wing, variance, fidelity, *, convex, maximum=1.0, ghost
     good = allowed & (error <= np.maximum(preset["eps"], _AS_GOOD * least)[:, None])
     best = np.where(good, cost, np.inf).argmin(axis=1)
     method = np.where(best == 0, PHOTONS, STAMP).astype(np.int8)
-    faint = snr < preset["floor"]
+    # What is larger than the mesh of the smooth background would be drawn together by it, and stand out
+    faint = (snr < preset["floor"]) & (half_light_px2(scene) < (MESH / 2) ** 2)
     method[faint], method[electrons <= 0] = UNRESOLVED, NONE
     error = np.take_along_axis(error, best[:, None], 1)[:, 0]
     return Choice(method, np.where(faint, snr, error), snr)

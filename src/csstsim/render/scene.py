@@ -34,19 +34,21 @@ class Scene:
 
 
 def make_scene(objects, wcs, psf, exptime):
-    """Return the Scene of an ObjectTable as catalog.select leaves it (all of its rows must be drawable)."""
+    """Return the Scene of an ObjectTable as catalog.select leaves it (all of its rows must be drawable).
+
+    What an object makes no use of, a point's shape or the size of a component without light, may be anything there.
+    """
     flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1) * exptime
     galaxy = objects["obj_type"] == GALAXY
     bulge = np.where(galaxy, objects["bulge_frac"].astype(float), 0.0)
-    sersic = np.zeros((len(objects), 2, 3))
-    for i, (index, size) in enumerate(((DISK, "size_disk"), (BULGE, "size_bulge"))):
-        sersic[galaxy, i] = np.stack(
-            np.broadcast_arrays(index, sersic_b(index), objects[size][galaxy].astype(float)), axis=-1
-        )
+    light, sersic = np.stack([1 - bulge, bulge], axis=1), np.zeros((len(objects), 2, 3))
+    for i, (index, name) in enumerate(((DISK, "size_disk"), (BULGE, "size_bulge"))):
+        size = np.where(light[:, i] > 0, objects[name].astype(float), 0.0)
+        sersic[galaxy, i] = np.stack(np.broadcast_arrays(index, sersic_b(index), size[galaxy]), axis=-1)
     node, weight, outside = psf.weights(objects["x"], objects["y"])
     return Scene(
         objects["id"].astype(np.int64), objects["x"].astype(float), objects["y"].astype(float), flux,
-        np.stack([1 - bulge, bulge], axis=1), sersic, shape_matrix(objects, wcs), node.astype(np.int64), weight,
+        light, sersic, shape_matrix(objects, wcs), node.astype(np.int64), weight,
         outside,
     )  # fmt: skip
 
@@ -60,10 +62,11 @@ def shape_matrix(objects, wcs):
     """Return (n, 2, 2): intrinsic shear, then lensing, both of the sky, then d(pixel) / d(arcsec).
 
     Shapes refer to east and north at the catalogue's place. Aberration carries them along unturned; east at the
-    apparent place, up to 26" off, is another direction near a pole.
+    apparent place, up to 26" off, is another direction near a pole. A point has no shape, whatever its columns say.
     """
     jacobian = wcs.jacobian(objects["ra_orig"], objects["dec_orig"], seen=(objects["ra"], objects["dec"]))
-    e1, e2, kappa, gamma1, gamma2 = (objects[name].astype(float) for name in ("e1", "e2", "kappa", "gamma1", "gamma2"))
+    galaxy, names = objects["obj_type"] == GALAXY, ("e1", "e2", "kappa", "gamma1", "gamma2")
+    e1, e2, kappa, gamma1, gamma2 = (np.where(galaxy, objects[name].astype(float), 0.0) for name in names)
     shear = np.array([[1 + e1, e2], [e2, 1 - e1]]) / np.sqrt(1 - e1**2 - e2**2)
     # The lens maps the image to the source by [[1 - k - g1, -g2], [-g2, 1 - k + g1]]; light goes the other way
     determinant = (1 - kappa) ** 2 - gamma1**2 - gamma2**2

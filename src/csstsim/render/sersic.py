@@ -25,8 +25,8 @@ from csstsim.render.octaves import nodes
 from csstsim.render.scene import sersic_b
 
 K2_LOW, K2_HIGH = -28, 28  # octaves of (k r_e)^2
-R2_LOW, R2_HIGH = -16, 36  # octaves of (r / r_e)^2
-CUT_NONE = 2.0**-10  # r_e: a cut within the first node, so that all of the profile is outer
+R2_LOW, R2_HIGH = -32, 36  # octaves of (r / r_e)^2
+CUT_NONE = 2.0**-10  # r_e: a cut not above this has nothing within, all of the profile is outer
 _STEPS_CUT = 4  # cuts to an octave
 _LOG_R = np.linspace(-20.0, 18.0, 4096)
 _STEP = _LOG_R[1] - _LOG_R[0]
@@ -43,7 +43,7 @@ def cut_for(index, radius):
     """Return the smallest cut [r_e] not below `radius`, of a few to the octave, or inf: the profile ends before."""
     if radius >= extent(index):
         return np.inf
-    return float(2.0 ** (np.ceil(_STEPS_CUT * np.log2(radius)) / _STEPS_CUT))
+    return float(2.0 ** (np.ceil(_STEPS_CUT * np.log2(max(radius, CUT_NONE))) / _STEPS_CUT))
 
 
 @lru_cache(512)
@@ -70,5 +70,7 @@ def brightness(r, index):
 
 
 def _inside(r, cut):
+    if cut <= CUT_NONE:
+        return np.zeros_like(r)
     t = np.clip(2 * r / cut - 1, 0.0, 1.0) if np.isfinite(cut) else np.zeros_like(r)
     return 1 - t**3 * (10 - 15 * t + 6 * t * t)

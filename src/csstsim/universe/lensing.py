@@ -14,7 +14,7 @@ def magnification(kappa, gamma1, gamma2):
     kappa, gamma1, gamma2 = (np.asarray(v, dtype=float) for v in (kappa, gamma1, gamma2))
     gamma2_total = gamma1**2 + gamma2**2
     inverse = (1 - kappa) ** 2 - gamma2_total
-    valid = (kappa < 1) & (inverse > 0)  # with kappa < 1, mu > 0 is |g| < 1
+    valid = (kappa < 1) & (inverse > 0) & np.isfinite(inverse)  # with kappa < 1, mu > 0 is |g| < 1
     return np.divide(1.0, inverse, out=np.ones(np.shape(inverse)), where=valid), valid
 
 
