@@ -98,9 +98,10 @@ def test_bias_finds_what_was_put_in(make_setting):
         shear.bias(np.full(80, np.nan), true[:80])
 
 
+@pytest.mark.slow
 def test_a_campaign_of_rotated_shapes_cancels_shape_noise(camera, make_setting, make_pointing, observe, tmp_path):
-    """Galaxies of the embedded sky and their twins through select, drawn and measured: what is left of each pair is
-    lensing, a tenth of the shapes."""
+    """Galaxies of the embedded sky and their twins through select, drawn and measured: what is left of each pair is its
+    lensing, to 4e-3 (HSM's own), and to 1% of the shapes in the mean square."""
     setting, craft, window = make_setting(), observe(make_pointing()), Window(4000, 5000, 3000, 4000)
     catalog = embedded_catalog(tmp_path, region_for(*icrs(*setting.wcs.footprint(window), craft)))
     options = (catalog, setting.wcs, craft, window, camera.filters["r"], camera.telescope, 150.0, Noise(0.2, 0.02, 5.0))
@@ -109,10 +110,11 @@ def test_a_campaign_of_rotated_shapes_cancels_shape_noise(camera, make_setting, 
     used = (pair[0]["obj_type"] == GALAXY) & (pair[0]["size_disk"] > 0.25) & (e > 0.1) & (e < 0.6)
     rows = np.flatnonzero(used & (pair[0]["flags"] == 0))[:30]
     reach = np.full(len(rows), HALF, np.int32)
-    found = [shear.measure(setting, table.take(rows).with_columns(reach=reach), shear.stamps) for table in pair]
-    assert len(rows) > 10 and np.isfinite(found).all()
-    assert (abs(np.mean(found, axis=0)) < 0.06).all()
-    assert np.sqrt(np.mean(abs(np.mean(found, axis=0)) ** 2)) < 0.1 * np.sqrt(np.mean(abs(found[0]) ** 2))
+    twins = [table.take(rows).with_columns(reach=reach) for table in pair]
+    found = np.array([shear.measure(setting, table, shear.stamps) for table in twins])
+    left = found.mean(axis=0) - np.mean([shear.true_shapes(table) for table in twins], axis=0)
+    assert len(rows) > 10 and (abs(left) < 4e-3).all()
+    assert np.sqrt(np.mean(abs(left) ** 2)) < 0.01 * np.sqrt(np.mean(abs(found) ** 2))
 
 
 def limits(one):
