@@ -4,8 +4,8 @@
 
 Galaxies with half-light radii of 0.2" to 0.6" all over the r-band chip, each in eight versions. Photons are shared
 equally by all images. What is measured is kept in the folder, in parts of 20 galaxies: an interrupted run goes on where
-it stopped, and more --shapes with as many photons an image add to it. Other code, another folder. About 17 to 30
-CPU-minutes for 3e10 photons, and 0.4 CPU-s an image for the reference. --quick: 20 galaxies, 2e8 photons, a minute.
+it stopped, and more --shapes with as many photons an image add to it. Other code, another folder. 20 CPU-minutes for
+3e10 photons, 3 of them for the reference. --quick: 20 galaxies, 2e8 photons, a minute.
 """
 
 import argparse
@@ -43,19 +43,19 @@ def run(folder, shapes, electrons, seed):
             path = folder / f"shear_{name}{light}_{seed}_{part}.npy"
             found[name] = measured(path, lambda table=table, draw=draw: measure(setting, table, draw))
         parts.append(found)
-    all_ = {name: np.concatenate([found[name] for found in parts])[: shapes * VERSIONS] for name in parts[0]}
-    return all_.pop("true"), all_
+    joined = {name: np.concatenate([found[name] for found in parts])[: shapes * VERSIONS] for name in parts[0]}
+    return joined.pop("true"), joined
 
 
 def report(true, found):
     """Print m and c of each method, and of each minus the reference."""
-    print(f"{'':22s} {'m1 / 1e-3':>17s} {'m2 / 1e-3':>17s} {'c1 / 1e-4':>17s} {'c2 / 1e-4':>17s} {'HSM failed':>10s}")
+    print(f"{'':22s} {'m1 / 1e-3':>19s} {'m2 / 1e-3':>19s} {'c1 / 1e-4':>19s} {'c2 / 1e-4':>19s} {'HSM failed':>10s}")
     standard = found["reference"]
     rows = [(name, bias(shapes, true), shapes) for name, shapes in found.items()]
     rows += [(f"{name} - reference", bias(found[name], true, standard), found[name]) for name in ("stamps", "photons")]
     for name, one, shapes in rows:
         values = [*zip(1e3 * one.m, 1e3 * one.m_error, strict=True), *zip(1e4 * one.c, 1e4 * one.c_error, strict=True)]
-        print(f"{name:22s}", *(f"{v:8.3f} +- {error:5.3f}" for v, error in values), f"{np.isnan(shapes).sum():10d}")
+        print(f"{name:22s}", *(f"{v:8.4f} +- {error:7.4f}" for v, error in values), f"{np.isnan(shapes).sum():10d}")
 
 
 def main():
