@@ -201,21 +201,32 @@ def _integrate(
                     light = rest[j] * w0 + slope * (w1 - left * w0)
                     if grid[start] < blue:
                         middle = 0.5 * (nodes[j] + nodes[min(j + 1, len(nodes) - 1)])
-                        reaching = 0
-                        while reaching < len(edges) and middle < edges[reaching]:
-                            reaching += 1
-                        across = per_step / max(last - 1 - start, 1)
-                        tilt = (clear[reaching, last - 1] - clear[reaching, start]) * across
-                        gas = clear[reaching, start] + tilt * (centre - start * step)
-                        if middle < LYMAN_LIMIT:
-                            one = continuum_depth(start, reach, continuum, limits)
-                            fall = (continuum_depth(last - 1, reach, continuum, limits) - one) * across
-                            through = np.exp(-one - fall * (centre - start * step))
-                            gas, tilt = gas * through, (tilt - gas * fall) * through
+                        gas, tilt = _gas(middle, start, last, centre, step, reach, edges, clear, continuum, limits)
                         light = light * gas + tilt * slope * (running[last, 2] - running[start, 2] - centre * w1)
                     total += height * light
             out[n, b] = total
     return out
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _gas(middle, start, last, centre, step, reach, edges, clear, continuum, limits):
+    """Return the intergalactic transmission at `centre`, and its slope, on the samples start:last of the grid.
+
+    A line through the first and the last of them. `middle`: their wavelength in the galaxy's frame; `centre`: on from
+    the grid's first wavelength; `clear`: the lines' transmission where the first 0, 1, ... of `edges` reach.
+    """
+    reaching = 0
+    while reaching < len(edges) and middle < edges[reaching]:
+        reaching += 1
+    across, on = 1.0 / step / max(last - 1 - start, 1), centre - start * step
+    tilt = (clear[reaching, last - 1] - clear[reaching, start]) * across
+    gas = clear[reaching, start] + tilt * on
+    if middle < LYMAN_LIMIT:
+        one = continuum_depth(start, reach, continuum, limits)
+        fall = (continuum_depth(last - 1, reach, continuum, limits) - one) * across
+        through = np.exp(-one - fall * on)
+        gas, tilt = gas * through, (tilt - gas * fall) * through
+    return gas, tilt
 
 
 @numba.njit(cache=True, error_model="numpy")
