@@ -25,7 +25,7 @@ BANDS = ("nuv", "u", "g", "r", "i", "z", "y", "GU", "GV", "GI")
 
 
 def grouped(file, root, ra, dec, columns):
-    """Append columns to /root/<NSIDE-128 ring pixel>/ of an HDF5 file."""
+    """Append columns to the groups `root`, one for each NSIDE-128 ring pixel, of an HDF5 file."""
     pixels = healpy.ang2pix(128, ra, dec, lonlat=True)
     for pixel in np.unique(pixels):
         for name, values in columns.items():
