@@ -102,18 +102,8 @@ def draw_objects(image, window, objects, wcs, psf, exptime, beyond=NOTHING, resp
                 scene[seen].array[:] += counted
                 parts.append((counted.sum(), (x0, x1, y0, y1)))
             if not flag & TOO_LARGE:
-                parts += add_beyond(
-                    scene.array,
-                    response,
-                    window,
-                    wcs.chip,
-                    objects["x"][i],
-                    objects["y"][i],
-                    flux[i],
-                    beyond,
-                    wing_px[i],
-                    half,
-                )
+                at = objects["x"][i], objects["y"][i]
+                parts += add_beyond(scene.array, response, window, wcs.chip, *at, flux[i], beyond, wing_px[i], half)
             flags[i] |= flag | (0 if parts or flag & TOO_LARGE else OFF_CHIP)
             if parts:
                 drawn[i] = sum(light for light, _ in parts)
