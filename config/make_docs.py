@@ -9,7 +9,8 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from csstsim.config import Campaign, Model, Observation
+from csstsim.config import Campaign, Observation
+from csstsim.model import Model
 from csstsim.sim_steps import known_layers
 
 HERE = Path(__file__).parent

@@ -19,8 +19,9 @@ from dataclasses import dataclass
 from types import ModuleType
 
 import csstsim.layers
-from csstsim.config import load_observation, validate
+from csstsim.config import load_observation
 from csstsim.errors import CsstsimError, InputError
+from csstsim.model import validate
 from csstsim.rng import Streams
 
 STAGES = ("render", "readout", "level0")

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from embedded_sky import brick, key
 
-from csstsim.config import CatalogConfig, Lensing, validate
+from csstsim.config import CatalogConfig, Lensing
 from csstsim.errors import InputError
+from csstsim.model import validate
 from csstsim.universe.bricks import make_brick
 from csstsim.universe.lensing import lens, magnification
 

@@ -1,6 +1,6 @@
 """What the parameters (obs_param) of every layer share. The paper's Appendix B names them."""
 
-from csstsim.config import Model
+from csstsim.model import Model
 
 
 class LayerParam(Model):
