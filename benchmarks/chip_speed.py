@@ -20,7 +20,7 @@ import galsim
 import numpy as np
 import yaml
 
-from csstsim import stages
+from csstsim import prepare, stages
 from csstsim.bench import peers
 from csstsim.bench.cases import Case
 from csstsim.campaign import OpenCampaign
@@ -128,8 +128,8 @@ def main():
     job, scene = template.jobs[0], ObjectTable.read(FOLDER / "objects.parquet")
     number = job.chip.id
     for path, make in (
-        (template.paths.psf(number), lambda: stages.psf(template, number)),
-        (template.paths.psf_tables(number), lambda: stages._psf_tables(template, job.chip)),
+        (template.paths.psf(number), lambda: prepare.psf(template, number)),
+        (template.paths.psf_tables(number), lambda: prepare.psf_tables(template, job.chip)),
     ):
         if not path.exists():
             make()
@@ -140,7 +140,7 @@ def main():
         both.append(select + render)
         print(f"| {count} | {select:.2f} | {render:.2f} | {both[-1]:.2f} | {memory:.2f} |", flush=True)
         if count == len(scene):
-            mean, error, stands = paper_seconds(state, stages.open_psf(template, job.chip), 150.0, options.sample)
+            mean, error, stands = paper_seconds(state, prepare.open_psf(template, job.chip), 150.0, options.sample)
             light = state.truth
             for method in np.unique(light["method"]):
                 mine = light["method"] == method

@@ -6,7 +6,8 @@ import os
 
 from csstsim import __version__
 from csstsim.errors import InputError
-from csstsim.stages import check_recipe, open_psf
+from csstsim.prepare import open_psf
+from csstsim.stages import check_recipe
 
 
 def measure(run, job):

@@ -87,7 +87,7 @@ def brick_command(module, name, text):
     main.command(name)(stage(brick_opt(command)))
 
 
-brick_command("csstsim.stages", "truth", "Make one brick of the embedded True Universe.")
+brick_command("csstsim.prepare", "truth", "Make one brick of the embedded True Universe.")
 job_command("csstsim.stages", "select", "Find the objects that reach a chip, with positions and electrons per second.")
 job_command("csstsim.stages", "render", "Draw the objects and the sky: expected electrons.")
 job_command("csstsim.stages", "readout", "Turn electrons into DN: noise, overscan, bias, gain.")
@@ -102,9 +102,9 @@ brick_command("csstsim.analysis", "validate", "Compare a merged brick with the t
 @chip_opt
 def psf(run, chip_id):
     """Make the PSF set of one chip."""
-    from csstsim import stages
+    from csstsim import prepare
 
-    stages.psf(run, chip_id)
+    prepare.psf(run, chip_id)
 
 
 @main.command()

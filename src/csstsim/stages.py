@@ -5,12 +5,12 @@ own, and gives its products that recipe on. Nothing appears under its name befor
 """
 
 import time
-from functools import partial
 
 import numpy as np
 
 from csstsim.config import digest
 from csstsim.errors import InputError
+from csstsim.prepare import for_job, open_psf, psf_box
 from csstsim.state import State
 
 
@@ -22,51 +22,6 @@ class Timer:
 
     def entry(self):
         return [self.stage, time.perf_counter() - self.wall, time.process_time() - self.cpu]
-
-
-def truth(run, pix):
-    """Make one brick of the embedded universe."""
-    from csstsim.universe.bricks import write_brick
-
-    if not run.embedded:
-        raise InputError(
-            "the campaign brings its own catalogue", file=run.file, key="catalog.kind", value=run.config.catalog.kind
-        )
-    run.open_truth()
-    write_brick(run.paths.truth(pix), pix, **run.universe_key())
-    print(run.paths.truth(pix))
-
-
-def psf(run, chip_id):
-    """Make the PSF set of one chip, or take it from the campaign's library; then the tables photons are drawn from."""
-    from csstsim.optics.beyond import beyond_box
-    from csstsim.optics.psf import make_psf
-    from csstsim.optics.psf_c9 import convert
-
-    chip, camera, config = run.camera.chips[chip_id], run.camera, run.config.psf
-    path, filter_, digests = run.paths.psf(chip_id), camera.filters[chip.filter], {"camera_digest": camera.digest}
-    if config.library:
-        convert(config.library, path, chip, filter_, sample=config.library_sample, **digests)
-    else:
-        make_psf(
-            path, chip, filter_, camera.telescope, camera.psf, config.grid, oversampling=config.oversampling,
-            beyond=beyond_box(camera, filter_), nodes_uv=_nodes_uv(camera, chip, config.grid), **digests,
-        )  # fmt: skip
-    _psf_tables(run, chip)
-
-
-def _psf_tables(run, chip):
-    from csstsim.render.psf_table import write_tables
-
-    write_tables(run.paths.psf_tables(chip.id), open_psf(run, chip))
-
-
-def _nodes_uv(camera, chip, grid):
-    """Where on the sky the nodes of a chip's PSF set lie; None for a camera without a description of its distortion."""
-    from csstsim.optics.focal_plane import load_focal_plane, samples
-
-    file = camera.folder / "distortion.yaml"
-    return samples(load_focal_plane(file), chip, grid)[:, :2] if file.exists() else None
 
 
 def select(run, job):
@@ -121,7 +76,7 @@ def _objects(run, job):
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
     return select_objects(
         catalog, job.wcs, job.observer, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit,
-        rotated=config.shapes == "rotated90", beyond=beyond_box(camera, filter_), box=_psf_box(run, job.chip),
+        rotated=config.shapes == "rotated90", beyond=beyond_box(camera, filter_), box=psf_box(run, job.chip),
     )  # fmt: skip
 
 
@@ -218,19 +173,11 @@ def chip(run, job, say=print):
 
     header, objects = {"stages": []}, None
     if job.pointing.type == "SCIE":
-        _make_missing({run.paths.truth(pix): partial(truth, run, pix) for pix in _bricks(run, job)}, say)
+        for_job(run, job, say)
         timer = Timer("select")
         objects = _objects(run, job)
         header["stages"].append(timer.entry())
         _say_selected(objects, say)
-        number = job.chip.id
-        _make_missing(
-            {
-                run.paths.psf(number): partial(psf, run, number),
-                run.paths.psf_tables(number): partial(_psf_tables, run, job.chip),
-            },
-            say,
-        )
     timer = Timer("render")
     state = _render(run, job, objects)
     state.header |= header
@@ -246,18 +193,6 @@ def chip(run, job, say=print):
         say(f"{name}: {wall:.1f} s, {cpu:.1f} CPU-s")
     say(f"{run.paths.level0(job.pointing, job.chip.id)} and its truth table")
     return state
-
-
-def _bricks(run, job):
-    return run.truth_bricks(job) if run.embedded else ()
-
-
-def _make_missing(wanted, say):
-    """Make the files of {path: what makes it} that are not there, having said so."""
-    for path, make in wanted.items():
-        if not path.exists():
-            say(f"missing, made first: {path}")
-            make()
 
 
 def _blank(run, job, objects=None):
@@ -293,29 +228,3 @@ def check_recipe(path, meta, recipe):
         raise InputError(
             "made for another campaign; remove it", file=path, key="recipe", value=meta.get("recipe"), allowed=recipe
         )
-
-
-def _psf_box(run, chip):
-    """Half the side of a chip's stored PSF [pixel]."""
-    from csstsim.optics.psf import CELLS, oversampling_of
-    from csstsim.optics.psf_c9 import BOX_PX
-
-    config = run.config.psf
-    own = CELLS / 2 / oversampling_of(chip.filter, run.camera.psf, config.oversampling)
-    return BOX_PX / 2 if config.library else own
-
-
-def open_psf(run, chip):
-    """Return the checked PsfSet of a chip, with the campaign's interpolation."""
-    from csstsim.optics.psf import PsfSet, oversampling_of
-
-    config, own = run.config.psf, {}
-    if not config.library:
-        own = {
-            "grid": config.grid,
-            "oversampling": oversampling_of(chip.filter, run.camera.psf, config.oversampling),
-        }
-    return PsfSet(
-        run.paths.psf(chip.id), chip=chip.id, filter=chip.filter, camera_digest=run.camera.digest,
-        method=config.interpolation, beta=config.beta, neighbours=config.neighbours, **own,
-    )  # fmt: skip

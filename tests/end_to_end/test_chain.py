@@ -24,7 +24,7 @@ from csstsim.io.frames import load_frame
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth
 from csstsim.measure.calibrate import calibrate
-from csstsim.stages import open_psf
+from csstsim.prepare import open_psf
 
 BANDS = {"NUV": 12, "u": 14, "g": 8, "r": 9, "i": 7, "z": 11, "y": 6}
 CENTROID_PX = 0.02

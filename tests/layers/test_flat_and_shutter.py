@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mini_campaign import write_scene
 
-from csstsim import stages
+from csstsim import prepare, stages
 from csstsim.campaign import OpenCampaign
 from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs
@@ -21,8 +21,8 @@ def draw(tmp_path_factory):
     folder = tmp_path_factory.mktemp("losses")
     run = OpenCampaign(write_scene(folder, "Pair", [40.3, 90.1, 20.0], [50.2, 70.6, 110.0], mag=20.0))
     job = run.job("10100000001", 9)
-    stages.psf(run, 9)
-    objects, psf = stages._objects(run, job), stages.open_psf(run, job.chip)
+    prepare.psf(run, 9)
+    objects, psf = stages._objects(run, job), prepare.open_psf(run, job.chip)
 
     def made(flat, shutter):
         state = stages._blank(run, job, objects)

@@ -19,7 +19,7 @@ from csstsim.optics.interpolation import METHODS, Interpolator
 from csstsim.optics.psf import Diffraction, PsfSet, blur, make_psf, node_psf, pixel_response
 from csstsim.optics.wavefront import load_wavefront
 from csstsim.optics.wcs import ChipWCS
-from csstsim.stages import open_psf
+from csstsim.prepare import open_psf
 
 GRID, CELLS = 3, 32
 

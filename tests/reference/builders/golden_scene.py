@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from mini_campaign import write_scene
 
-from csstsim import stages
+from csstsim import prepare, stages
 from csstsim.campaign import OpenCampaign
 
 GOLDEN = Path(__file__).parents[1] / "golden_scene.json"
@@ -25,7 +25,7 @@ def statistics(folder):
     """Draw a star and two galaxies layer by layer; return {layer: {statistic: value}}."""
     run = OpenCampaign(write_scene(folder, "Pair", [40.3, 90.1, 20.0], [50.2, 70.6, 110.0], mag=20.0))
     job = run.job(OBSID, CHIP)
-    stages.psf(run, CHIP)
+    prepare.psf(run, CHIP)
     stages.select(run, job)
     steps, found = run.steps["SCIE"], {}
     for step in steps:
