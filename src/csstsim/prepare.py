@@ -51,14 +51,18 @@ def _nodes_uv(camera, chip, grid):
     return samples(load_focal_plane(file), chip, grid)[:, :2] if file.exists() else None
 
 
-def for_job(run, job, say):
-    """Make the truth bricks, the PSF set and its tables a job needs, where they are missing."""
-    number = job.chip.id
-    bricks = run.truth_bricks(job) if run.embedded else ()
-    wanted = {run.paths.truth(pix): partial(truth, run, pix) for pix in bricks} | {
-        run.paths.psf(number): partial(psf, run, number),
-        run.paths.psf_tables(number): partial(psf_tables, run, job.chip),
-    }
+def missing_bricks(run, job, say):
+    """Make the bricks of the embedded universe a job needs, where they are missing."""
+    _make({run.paths.truth(pix): partial(truth, run, pix) for pix in run.truth_bricks(job)}, say)
+
+
+def missing_psf(run, chip, say):
+    """Make a chip's PSF set and its tables, where they are missing."""
+    paths = run.paths.psf(chip.id), run.paths.psf_tables(chip.id)
+    _make(dict(zip(paths, (partial(psf, run, chip.id), partial(psf_tables, run, chip)), strict=True)), say)
+
+
+def _make(wanted, say):
     for path, make in wanted.items():
         if not path.exists():
             say(f"missing, made first: {path}")

@@ -10,7 +10,7 @@ import numpy as np
 
 from csstsim.config import digest
 from csstsim.errors import InputError
-from csstsim.prepare import for_job, open_psf, psf_box
+from csstsim.prepare import missing_bricks, missing_psf, open_psf, psf_box
 from csstsim.state import State
 
 
@@ -173,11 +173,13 @@ def chip(run, job, say=print):
 
     header, objects = {"stages": []}, None
     if job.pointing.type == "SCIE":
-        for_job(run, job, say)
+        if run.embedded:
+            missing_bricks(run, job, say)
         timer = Timer("select")
         objects = _objects(run, job)
         header["stages"].append(timer.entry())
         _say_selected(objects, say)
+        missing_psf(run, job.chip, say)
     timer = Timer("render")
     state = _render(run, job, objects)
     state.header |= header
