@@ -17,7 +17,7 @@ test: .venv/ready
 	lint-imports
 	snakefmt --check Snakefile workflow
 	python workflow/lint.py --config campaign=config/campaign.yaml
-	pytest
+	pytest -n 2 --dist loadfile
 
 format: .venv/ready
 	ruff check --fix .
