@@ -88,6 +88,7 @@ def measured(run, runs=4):
     """Return (CPU s of select, of render, GB, State): the least of all runs but the first."""
     best, job = (np.inf, np.inf), run.jobs[0]
     for i in range(runs):
+        state = None  # what the run before left is not this one's memory
         with PrivateMemory() as memory:
             start = time.process_time()
             objects = stages._objects(run, job)

@@ -105,7 +105,7 @@ def _add(mesh, weight, u, v, reach, table, first):
 @numba.njit(cache=True)
 def _spread(image, mesh, response, spline):
     """Add the spline at each pixel, times the response."""
-    line = np.empty(mesh.shape[1])
+    line, value = np.empty(mesh.shape[1]), np.empty(MESH)
     for y in range(image.shape[0]):
         row, phase = y // MESH + _MARGIN - 1, y % MESH
         for j in range(len(line)):
@@ -116,32 +116,29 @@ def _spread(image, mesh, response, spline):
         for x in range(0, image.shape[1], MESH):
             j = x // MESH + _MARGIN - 1
             a, b, c, d = line[j], line[j + 1], line[j + 2], line[j + 3]
-            for k in range(min(MESH, image.shape[1] - x)):
-                value = spline[0, k] * a + spline[1, k] * b + spline[2, k] * c + spline[3, k] * d
-                image[y, x + k] += max(value, 0.0) * response[y, x + k]  # a spline dips by 1e-8 where all wings end
+            for k in range(MESH):
+                value[k] = spline[0, k] * a + spline[1, k] * b + spline[2, k] * c + spline[3, k] * d
+            part, seen = image[y, x : x + MESH], response[y, x : x + MESH]
+            for k in range(len(part)):
+                part[k] += max(value[k], 0.0) * seen[k]  # a spline dips by 1e-8 where all wings end
 
 
 @numba.njit(cache=True)
 def _collect(weight, response, spline):
     """Add up the response that each mesh point's spline meets: the transpose of `_spread`."""
-    line = np.zeros(weight.shape[1])
-    for y in range(response.shape[0]):
-        row, phase = y // MESH + _MARGIN - 1, y % MESH
-        line[:] = 0.0
-        for x in range(0, response.shape[1], MESH):
-            j = x // MESH + _MARGIN - 1
-            a = b = c = d = 0.0
-            for k in range(min(MESH, response.shape[1] - x)):
-                seen = response[y, x + k]
-                a += spline[0, k] * seen
-                b += spline[1, k] * seen
-                c += spline[2, k] * seen
-                d += spline[3, k] * seen
-            line[j] += a
-            line[j + 1] += b
-            line[j + 2] += c
-            line[j + 3] += d
+    ny, nx = response.shape
+    sums = np.empty((4, -(-nx // MESH) * MESH))
+    for first in range(0, ny, MESH):
+        sums[:] = 0.0
+        for y in range(first, min(first + MESH, ny)):
+            for i in range(4):
+                share, line, seen = spline[i, y - first], sums[i, :nx], response[y]
+                for x in range(nx):
+                    line[x] += share * seen[x]
+        row = first // MESH + _MARGIN - 1
         for i in range(4):
-            share = spline[i, phase]
-            for j in range(len(line)):
-                weight[row + i, j] += share * line[j]
+            for x in range(0, nx, MESH):
+                part, j = sums[i, x : x + MESH], x // MESH + _MARGIN - 1
+                for m in range(4):
+                    for k in range(MESH):
+                        weight[row + i, j + m] += spline[m, k] * part[k]

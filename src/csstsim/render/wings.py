@@ -10,6 +10,7 @@ pixel: 4e-4 at 45 px, less beyond. Cost: benchmarks/wings.py.
 """
 
 import math
+from functools import lru_cache
 
 import numba
 import numpy as np
@@ -45,10 +46,30 @@ def box_share(cells, per_pixel):
 
 def wing_table(wing, flux, half, reach):
     """Return the wing per pixel on octaves of r^2. flux: (4,) electrons; half: of the box [px]; reach in px."""
-    r = np.sqrt(nodes(_LOW, _octaves(reach)))
+    octaves = _octaves(reach)
+    r, table = _radii(octaves), flux @ _shown(wing, half, octaves)
+    end = np.searchsorted(r, _TAPER * reach)
+    table[end:] *= step(r[end:], _TAPER * reach, reach)
+    return table
+
+
+@lru_cache
+def _radii(octaves):
+    return np.sqrt(nodes(_LOW, octaves))
+
+
+@lru_cache
+def _shown(wing, half, octaves):
+    """Return the wing of each sub-band, (4, nodes), faded in where the box is faded out."""
+    r = _radii(octaves)
     inner, outer = (f * half for f in FADE)
-    shown = (1 - step(r, inner, outer)) * step(r, _TAPER * reach, reach)
-    return np.einsum("b,br->r", flux, wing.profile(np.maximum(r, inner))) * shown
+    return wing.profile(np.maximum(r, inner)) * (1 - step(r, inner, outer))
+
+
+@lru_cache
+def _near(octaves):
+    """Return the part of a long wing that is drawn here, not by the FarWings."""
+    return step(_radii(octaves), NEAR, 2 * NEAR)
 
 
 def _octaves(reach):
@@ -67,7 +88,7 @@ def add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px, half,
     if wing_px > 0:
         table = wing_table(beyond.wing, flux, half, wing_px)
         if far is not None and wing_px > _LONG * NEAR:
-            near = step(np.sqrt(nodes(_LOW, _octaves(wing_px))), NEAR, 2 * NEAR)
+            near = _near(_octaves(wing_px))
             parts.append(far.add(x, y, wing_px, table * (1 - near), _FIRST))
             table, wing_px = table * near, 2 * NEAR
         parts.append(_on_window(_add_radial, image, response, window, x, y, wing_px, table))
