@@ -15,8 +15,10 @@ class State:
     `image` is float32, changed in place: expected electrons until `poisson_and_dark`, then charge, then DN
     (units in `unit`). Before `prescan_overscan` its shape is that of `window`; after it, that of the
     window's readout frame (detector.channels). `counted` holds electrons that are already Poisson
-    (int32, same shape) or None; `poisson_and_dark` merges it. `header` gathers what layers add to the
-    Level-0 header as {name: value}, JSON-like values only; `truth` is the table of drawn objects.
+    (int32, same shape) or None; `poisson_and_dark` merges it. `mask`, if the layers' list asks for one, is uint8 of the
+    image's shape (detector.mask). `trailed` is charge that trails behind each half into its parallel overscan.
+    `header` gathers what layers add to the Level-0 header as {name: value}, JSON-like values only; `truth` is the table
+    of drawn objects.
     """
 
     chip: Any  # instrument.chip.Chip
@@ -28,6 +30,8 @@ class State:
     wcs: Any  # optics.wcs.ChipWCS
     image: np.ndarray
     counted: np.ndarray | None = None
+    mask: np.ndarray | None = None
+    trailed: tuple | None = None  # (lower, upper), float32 (parallel_overscan, nx of the window), first row read first
     psf: Any = None  # optics.psf.PsfSet, or None for exposures without objects
     tables: Any = None  # render.psf_table.PsfTable of `psf`; None for the reference renderer
     fidelity: str = "standard"  # the campaign's: how objects are drawn
