@@ -93,6 +93,11 @@ class SimSteps:
         """{flat, shutter}: which losses light of this list meets (optics.response)."""
         return {"flat": self._asked("flat_fielding"), "shutter": self._asked("shutter_effect")}
 
+    @property
+    def mask(self):
+        """Whether a truth mask is to be kept."""
+        return self._asked("mask")
+
     def check(self, camera, pointing):
         """Let each layer check its parameters against the camera and an exposure. Raises InputError."""
         for step in self.steps:

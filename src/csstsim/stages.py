@@ -91,7 +91,7 @@ def render(run, job):
         objects = ObjectTable.read(path)
         check_recipe(path, objects.meta, run.recipe(job))
     state = _render(run, job, objects)
-    planes = {"image": state.image, "counted": state.counted}
+    planes = {"image": state.image, "counted": state.counted, "mask": state.mask}
     state.header["stages"] = [*(objects.meta["stages"] if objects is not None else []), timer.entry()]
     drawn = state.truth if state.truth is not None else ObjectTable.complete({})
     drawn.write(run.paths.stage(*job.key, "drawn.parquet"), drawn.meta | {"recipe": run.recipe(job)})
@@ -121,7 +121,9 @@ def readout(run, job):
     state = _state_before(run, job, "render")
     state = run.steps[job.pointing.type].run(state, "readout", run.config.seed)
     state.header.setdefault("stages", []).append(timer.entry())
-    save_frame(run.paths.stage(*job.key, "readout.fits"), {"image": state.image}, _meta(run, job, state))
+    save_frame(
+        run.paths.stage(*job.key, "readout.fits"), {"image": state.image, "mask": state.mask}, _meta(run, job, state)
+    )
 
 
 def level0(run, job):
@@ -199,10 +201,11 @@ def chip(run, job, say=print):
 
 def _blank(run, job, objects=None):
     camera = run.camera
+    mask = np.zeros(job.window.shape, np.uint8) if run.steps[job.pointing.type].mask else None
     return State(
         chip=job.chip, filter=camera.filters[job.chip.filter], telescope=camera.telescope, pointing=job.pointing,
-        catalog=objects, window=job.window, wcs=job.wcs, image=np.zeros(job.window.shape, np.float32), sky=camera.sky,
-        leds=camera.leds,
+        catalog=objects, window=job.window, wcs=job.wcs, image=np.zeros(job.window.shape, np.float32), mask=mask,
+        sky=camera.sky, leds=camera.leds,
     )  # fmt: skip
 
 
@@ -214,7 +217,7 @@ def _state_before(run, job, stage):
     if run.has_stage(job.pointing, stage):
         path = run.paths.stage(*job.key, f"{stage}.fits")
         planes, meta = load_frame(path, {"recipe": run.recipe(job), "stage": stage})
-        state.image, state.counted = planes["image"], planes.get("counted")
+        state.image, state.counted, state.mask = planes["image"], planes.get("counted"), planes.get("mask", state.mask)
         state.unit, state.header = meta["unit"], meta["header"]
     return state
 

@@ -13,6 +13,7 @@ from readout_state import dark_layers, flat_state, run, small_camera
 from csstsim.catalog.ephemeris import observer
 from csstsim.config import SHIPPED
 from csstsim.detector.channels import LAYOUTS
+from csstsim.detector.mask import BITS, BLED, CLIPPED, HOT, SATURATED
 from csstsim.errors import InputError
 from csstsim.io.keywords import header_cards, orbit_after
 from csstsim.io.level0 import REQUIRED, read_level0, write_level0
@@ -41,6 +42,30 @@ def made(camera, path, layout, provenance=PROVENANCE, **fields):
     state = run(flat_state(camera, 300.0, **fields), dark_layers())
     write_level0(path, state, camera.keywords, provenance, layout)
     return state
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("window", [None, (100, 170, 10, 50)])
+def test_mask_lies_as_the_image_does(small, tmp_path, layout, window):
+    """A pixel of 3 bits, one that the digits clip, and the header's own words for them."""
+    state = flat_state(small, 300.0, window=window)
+    state.mask = np.zeros(state.image.shape, np.uint8)
+    state.mask[3, 5] = SATURATED | BLED | HOT
+    state.image[7, 2] = 1e6
+    state = run(state, dark_layers())
+    write_level0(tmp_path / "x.fits", state, small.keywords, PROVENANCE, layout)
+    with fits.open(tmp_path / "x.fits", checksum=True) as hdus:
+        assert [hdu.name for hdu in hdus] == ["PRIMARY", "IMAGE", "MASK"]
+        assert hdus[0].header["NEXTEND"] == 2
+        mask, image = hdus["MASK"].data, hdus["IMAGE"].data
+        assert mask.dtype == np.uint8
+        assert (image[mask == CLIPPED] == 65535).all()
+        assert {hdus["MASK"].header[f"BIT{i}"]: 1 << i for i in range(7)} == BITS
+    expected = np.zeros(state.window.shape, np.uint8)
+    expected[3, 5], expected[7, 2] = SATURATED | BLED | HOT, CLIPPED
+    file = read_level0(tmp_path / "x.fits", verify=True)
+    assert np.array_equal(file.mask(), expected)
+    assert (mask != 0).sum() == 2
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)

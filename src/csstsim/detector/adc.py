@@ -2,13 +2,16 @@
 
 import numpy as np
 
+from csstsim.detector.mask import CLIPPED
+
 _ROWS = 64
 
 
-def digitise(image, adc_max=65535):
+def digitise(image, adc_max=65535, mask=None):
     """Return (uint16 image, pixels held at adc_max, pixels held at 0) of float32 DN.
 
-    Rounds to nearest (ties to even), never wraps. Raises ValueError if a value is not finite.
+    Rounds to nearest (ties to even), never wraps. `mask`: uint8 of the image's shape that gets CLIPPED where a value
+    is held, or None. Raises ValueError if a value is not finite.
     """
     if not 0 < adc_max <= 65535:
         raise ValueError(f"adc_max = {adc_max} does not fit 16 bits")
@@ -18,8 +21,11 @@ def digitise(image, adc_max=65535):
         rows = slice(start, start + _ROWS)
         value = np.rint(image[rows])
         bad += value.size - int(np.count_nonzero(np.isfinite(value)))
-        high += int(np.count_nonzero(value > adc_max))
-        low += int(np.count_nonzero(value < 0))
+        above, below = value > adc_max, value < 0
+        high += int(np.count_nonzero(above))
+        low += int(np.count_nonzero(below))
+        if mask is not None:
+            mask[rows][above | below] |= CLIPPED
         if not bad:
             digits[rows] = np.clip(value, 0, adc_max, out=value)
     if bad:

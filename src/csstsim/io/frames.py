@@ -1,7 +1,7 @@
 """Intermediate frames between the stages of a chip: named planes and a dictionary, in one FITS file.
 
-One image extension a plane (float32, int32, uint16; bit-exact), then META, the dictionary as JSON bytes. Every HDU
-carries DATASUM and CHECKSUM, which reading verifies, and the file appears under its name only when complete.
+One image extension a plane (float32, int32, uint16, uint8; bit-exact), then META, the dictionary as JSON bytes. Each
+HDU carries DATASUM and CHECKSUM, which reading verifies, and the file appears under its name only when complete.
 """
 
 import json
@@ -12,7 +12,7 @@ from csstsim.atomic import atomic_path
 from csstsim.errors import InputError
 from csstsim.io.fits import open_fits, read_pixels, verify_hdu, write_hdus
 
-DTYPES = ("float32", "int32", "uint16")
+DTYPES = ("float32", "int32", "uint16", "uint8")
 META = "META"
 
 

@@ -138,6 +138,7 @@ def _detector(state, layout):
     detector, window = state.chip.detector, state.window
     return {
         "chip_label": state.chip.label, "filter": state.chip.filter, "layout": layout,
+        "extensions": 1 if state.mask is None else 2,
         "temperature": detector.temperature, "readout_time": detector.readout_time, "adc_max": detector.adc_max,
         "pixel_scale": state.telescope.pixel_scale, "pixel_um": detector.pixel_um,
         "detector_size": f"{detector.nx} x {detector.ny}", "channels": detector.channels_x * detector.channels_y,

@@ -1,6 +1,7 @@
 """Level-0 files: the raw product of one chip in one exposure (paper, section 4.4 and Appendix B item 15).
 
-HDU 0 holds keywords only; IMAGE holds DN as uint16 in one of the layouts of csstsim.detector.channels, always of the
+HDU 0 holds keywords only; MASK, if quantization_and_output was asked for it, has the bits of csstsim.detector.mask,
+laid as the image is; IMAGE holds DN as uint16 in one of the layouts of csstsim.detector.channels, always of the
 whole detector: pixels outside a windowed readout are 0 and READX0..READY1 state the window. The keywords come from
 level0_keywords.yaml. The world coordinates without letter belong to the assembled active frame (9216 x 9232);
 those with letters A, B, ... are the same for the stored pixels of channels 1, 2, ... All are linear: where the primary
@@ -18,9 +19,10 @@ import numpy as np
 from csstsim.atomic import atomic_path
 from csstsim.catalog.ephemeris import observer
 from csstsim.detector.channels import LAYOUTS, ReadoutFrame
+from csstsim.detector.mask import BITS
 from csstsim.errors import InputError
 from csstsim.instrument.chip import Window
-from csstsim.io.fits import card, open_fits, remark, verify_hdu, write_hdus
+from csstsim.io.fits import card, open_fits, read_pixels, remark, verify_hdu, write_hdus
 from csstsim.io.keywords import header_cards, header_values
 from csstsim.io.paths import level0_stem
 from csstsim.optics.sip import sip_header
@@ -47,8 +49,16 @@ def write_level0(path, state, keywords, provenance, layout=None):
     values = header_values(state, provenance, level0_stem(state.pointing, state.chip.id), layout)
     primary = header_cards(keywords, values, 0)
     image = header_cards(keywords, values, 1) + wcs_cards(state.wcs, frame, layout, state.header.get("sip"))
+    hdus = [("", primary, None), ("IMAGE", image, frame.to_stored(state.image, layout))]
+    if state.mask is not None:
+        hdus.append(("MASK", mask_cards(), frame.to_stored(state.mask, layout)))
     with atomic_path(path) as temporary:
-        write_hdus(temporary, [("", primary, None), ("IMAGE", image, frame.to_stored(state.image, layout))])
+        write_hdus(temporary, hdus)
+
+
+def mask_cards():
+    """Return the cards that say what the bits of MASK mean."""
+    return [card(f"BIT{value.bit_length() - 1}", name, f"value {value}") for name, value in BITS.items()]
 
 
 def wcs_cards(wcs, frame, layout, sip=False):
@@ -153,6 +163,12 @@ class Level0:
     def frame(self):
         """Return the readout frame: uint16, shape `readout.shape`, lying as the silicon does."""
         return _unsigned(self.readout.from_stored(self._stored, self.layout))
+
+    def mask(self):
+        """Return the truth mask of the active pixels of the window, uint8 (detector.mask), or None."""
+        with open_fits(self.path) as file:
+            stored = read_pixels(file["MASK"], self.path) if "MASK" in file else None
+        return None if stored is None else self.readout.active(self.readout.from_stored(stored, self.layout))
 
     def assembled(self, full=False):
         """Return the active pixels of the window (or of the chip, 0 outside the window), uint16, chip coordinates."""

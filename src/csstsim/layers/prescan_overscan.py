@@ -17,11 +17,14 @@ class Param(LayerParam):
 
 
 def apply(state, param, rng):
-    """Replace state.image by its readout frame (a larger array, hence a copy).
+    """Replace state.image, and state.mask, by their readout frames (larger arrays, hence copies).
 
     Raises ValueError if electrons are still in state.counted, which only poisson_and_dark merges.
     """
     if state.counted is not None:
         raise ValueError("counted electrons were not merged: poisson_and_dark must come before prescan_overscan")
-    state.image = ReadoutFrame.of(state.chip.detector, state.window).embed(state.image)
+    frame = ReadoutFrame.of(state.chip.detector, state.window)
+    state.image = frame.embed(state.image)
+    if state.mask is not None:
+        state.mask = frame.embed(state.mask)
     return state

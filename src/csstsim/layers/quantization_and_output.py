@@ -22,6 +22,10 @@ class Param(LayerParam):
     layout: Literal["channels", "mosaic"] = Field(
         "channels", description="arrangement on disk: 16 channels side by side, or the 2 x 8 mosaic as the silicon lies"
     )
+    mask: bool = Field(
+        False,
+        description="a MASK extension beside IMAGE: which pixels are saturated, hit by cosmic rays, defective, ...",
+    )
     sip: bool = Field(
         False, description="header: the assembled frame's WCS has the field distortion as SIP polynomials; else linear"
     )
@@ -32,6 +36,6 @@ def apply(state, param, rng):
 
     Raises ValueError if a value is not finite.
     """
-    state.image, high, low = digitise(state.image, state.chip.detector.adc_max)
+    state.image, high, low = digitise(state.image, state.chip.detector.adc_max, state.mask)
     state.header |= {"clipped_high": high, "clipped_low": low, "layout": param.layout, "sip": param.sip}
     return state
