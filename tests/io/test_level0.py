@@ -68,6 +68,27 @@ def test_mask_lies_as_the_image_does(small, tmp_path, layout, window):
     assert (mask != 0).sum() == 2
 
 
+@pytest.mark.parametrize("window", [None, (100, 170, 10, 50)])
+def test_compressed_is_the_same(small, tmp_path, window):
+    """To the bit, pixels, mask and header; read by our reader and by astropy."""
+    state = flat_state(small, 300.0, window=window)
+    state.mask = np.zeros(state.image.shape, np.uint8)
+    state.mask[3, 5] = HOT
+    state = run(state, dark_layers())
+    for name, asked in (("plain", False), ("packed", True)):
+        state.header["compress"] = asked
+        write_level0(tmp_path / f"{name}.fits", state, small.keywords, PROVENANCE, "channels")
+    plain, packed = (read_level0(tmp_path / f"{name}.fits", verify=True) for name in ("plain", "packed"))
+    assert np.array_equal(plain.frame(), packed.frame())
+    assert np.array_equal(plain.assembled(), packed.assembled())
+    assert np.array_equal(plain.mask(), packed.mask())
+    keys = set(plain.header) - VOLATILE - {"DATASUM", "XTENSION"}
+    assert {key: plain.header[key] for key in keys} == {key: packed.header[key] for key in keys}
+    with fits.open(tmp_path / "plain.fits") as one, fits.open(tmp_path / "packed.fits", checksum=True) as two:
+        assert isinstance(two["IMAGE"], fits.CompImageHDU)
+        assert np.array_equal(one["IMAGE"].data, two["IMAGE"].data)
+
+
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_header(small, tmp_path, layout):
     state = made(small, tmp_path / "x.fits", layout)

@@ -22,7 +22,7 @@ from csstsim.detector.channels import LAYOUTS, ReadoutFrame
 from csstsim.detector.mask import BITS
 from csstsim.errors import InputError
 from csstsim.instrument.chip import Window
-from csstsim.io.fits import card, open_fits, read_pixels, remark, verify_hdu, write_hdus
+from csstsim.io.fits import card, compress, image_header, open_fits, read_pixels, remark, verify_hdu, write_hdus
 from csstsim.io.keywords import header_cards, header_values
 from csstsim.io.paths import level0_stem
 from csstsim.optics.sip import sip_header
@@ -54,6 +54,8 @@ def write_level0(path, state, keywords, provenance, layout=None):
         hdus.append(("MASK", mask_cards(), frame.to_stored(state.mask, layout)))
     with atomic_path(path) as temporary:
         write_hdus(temporary, hdus)
+        if state.header.get("compress"):
+            compress(temporary)
 
 
 def mask_cards():
@@ -125,7 +127,7 @@ class Level0:
     header: dict[str, Any]
     readout: ReadoutFrame
     layout: str
-    data_start: int
+    data_start: int | None  # byte in the file; None if compressed
 
     @property
     def window(self):
@@ -139,6 +141,10 @@ class Level0:
 
     @cached_property
     def _stored(self):
+        """DN as on disk, less 32768: mapped, or, if compressed, read whole."""
+        if self.data_start is None:
+            with open_fits(self.path) as file:
+                return (read_pixels(file["IMAGE"], self.path) ^ np.uint16(0x8000)).view(np.int16)
         shape = self.readout.stored_shape(self.layout)
         return np.memmap(self.path, ">i2", mode="r", offset=self.data_start, shape=shape)
 
@@ -224,8 +230,9 @@ def read_level0(path, verify=False):
                     verify_hdu(hdu, path)
             if "IMAGE" not in file:
                 raise InputError("not a Level-0 file: it has no IMAGE extension", file=path)
-            header0, header = file[0].read_header(), file["IMAGE"].read_header()
-            data_start = file["IMAGE"].get_offsets()["data_start"]
+            image = file["IMAGE"]
+            header0, header = file[0].read_header(), image_header(image)
+            data_start = None if image.is_compressed() else image.get_offsets()["data_start"]
     except (OSError, ValueError) as exc:  # also bytes that are no text
         raise InputError(f"a header is damaged: {type(exc).__name__}", file=path) from exc
     missing = [name for name in REQUIRED if name not in header]

@@ -26,6 +26,10 @@ class Param(LayerParam):
         False,
         description="a MASK extension beside IMAGE: which pixels are saturated, hit by cosmic rays, defective, ...",
     )
+    compress: bool = Field(
+        False,
+        description="lossless tile compression (RICE, FITS 4.0 section 10) of the file's images: a third of the size",
+    )
     sip: bool = Field(
         False, description="header: the assembled frame's WCS has the field distortion as SIP polynomials; else linear"
     )
@@ -37,5 +41,6 @@ def apply(state, param, rng):
     Raises ValueError if a value is not finite.
     """
     state.image, high, low = digitise(state.image, state.chip.detector.adc_max, state.mask)
-    state.header |= {"clipped_high": high, "clipped_low": low, "layout": param.layout, "sip": param.sip}
+    state.header |= {"clipped_high": high, "clipped_low": low, "layout": param.layout, "sip": param.sip,
+        "compress": param.compress}  # fmt: skip
     return state
