@@ -1,6 +1,6 @@
 """The error model behind the policy (render/error_model.py): fitted on one sample of objects, tested on a fresh one.
 
-    python benchmarks/error_model.py [--objects 160] [--output results/bench]
+    python benchmarks/error_model.py [--objects 160] [--filter r] [--output results/bench]
 
 Truth is the reference renderer on the same PSF set, its stamp wide enough for anything (bench.methods.standard). The
 coefficients of stamps are 97% quantiles (regression, none negative) of visible error / S/N; photons are drawn from the
@@ -21,7 +21,8 @@ from csstsim.bench.methods import METHODS, standard
 from csstsim.bench.setting import make_setting
 from csstsim.bench.sweep import measured
 from csstsim.render.error_model import TERMS, predicted, terms
-from csstsim.render.policy import load_numbers, noise
+from csstsim.render.numbers import load_numbers
+from csstsim.render.policy import noise
 
 QUANTILE = 0.97
 ELECTRONS, SECONDS = 2e7, 0.3
@@ -45,11 +46,12 @@ def sample(setting, count, seed):
     return rows
 
 
-def columns(rows, method, numbers):
-    """Return (terms (n, 4), bound / S/N, visible error / S/N, chance / S/N, whether a star)."""
+def columns(rows, method, numbers, cells):
+    """Return (terms (n, 3), bound / S/N, visible error / S/N, chance / S/N, whether a star)."""
     x = np.concatenate([terms(case.scene, case.row["reach"], np.array([snr]), numbers) for case, snr, _ in rows])
     bound = [
-        predicted(method, case.scene, case.row["reach"], np.array([snr]), numbers)[0] / snr for case, snr, _ in rows
+        predicted(method, case.scene, case.row["reach"], np.array([snr]), numbers, cells)[0] / snr
+        for case, snr, _ in rows
     ]
     seen, chance = np.array([seen[method] for _, _, seen in rows]).T
     return x, np.array(bound), seen, chance, np.array([case.star for case, _, _ in rows])
@@ -66,19 +68,22 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--objects", type=int, default=160, help="in each sample, half of them stars")
     parser.add_argument("--output", default="results/bench", help="folder of the PSF set, as of csstsim bench")
+    parser.add_argument("--filter", default="r", help="imaging filter")
     args = parser.parse_args()
-    setting, numbers = make_setting(args.output, "r"), load_numbers()["error"]
-    x, _, seen, _, star = columns(sample(setting, args.objects, 11), "stamp", numbers)
-    whole = star & (x[:, 1] == x[star, 1].min())  # stars whose stamp is the box
+    setting, numbers = make_setting(args.output, args.filter), load_numbers().error
+    cells = setting.psf.oversampling
+    x, _, seen, _, star = columns(sample(setting, args.objects, 11), "stamp", numbers, cells)
+    whole = star & (x[:, 0] == x[star, 0].min())  # stars whose stamp is the box
     psf = np.quantile(seen[whole], QUANTILE)
     left = np.maximum(seen - psf, 0.0)
-    points, rest = fit(x[star & ~whole][:, 1:2], left[star & ~whole]), fit(x[~star][:, 2:], left[~star])
-    for name, value in zip(TERMS, (psf, *points, *rest), strict=True):
-        print(f"stamp {name:6s} {value:.2e}; in the file {numbers['stamp'][name]}, photons {numbers['photons'][name]}")
+    points, rest = fit(x[star & ~whole][:, :1], left[star & ~whole]), fit(x[~star][:, 1:], left[~star])
+    print(f"psf of {cells} cells {psf:.2e}; in the file {numbers.psf[cells]}")
+    for name, value in zip(TERMS, (*points, *rest), strict=True):
+        print(f"stamp {name:6s} {value:.2e}; in the file {getattr(numbers.stamp, name)}")
     print("fresh sample:  method  kind      n  exceed  share   squared error / squared bound, pooled")
     fresh = sample(setting, args.objects, 12)
     for method in NAMES:
-        _, bound, seen, chance, star = columns(fresh, method, numbers)
+        _, bound, seen, chance, star = columns(fresh, method, numbers, cells)
         signed = np.sign(seen) * seen**2
         over = signed > bound**2 + 2 * chance**2
         for kind, mine in (("stars", star), ("galaxies", ~star)):

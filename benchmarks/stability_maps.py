@@ -27,6 +27,7 @@ from csstsim.bench.truth import Truth
 from csstsim.catalog.reach import STAR_MIN
 from csstsim.render import policy
 from csstsim.render.counter import object_keys
+from csstsim.render.numbers import load_numbers
 from csstsim.render.photons import shoot_scene
 from csstsim.render.scene import sersic_b
 from csstsim.render.stamps import draw_scene
@@ -39,7 +40,7 @@ INDICES = np.array([1.0, 1.5, 2.2, 3.0, 4.0, 5.0, 6.2])
 SMALL = np.geomspace(0.05, 1.5, 6)  # arcsec, of the plane of indices
 MIDDLE = 1e5  # electrons, of the same
 E = 0.4
-EPS = policy.load_numbers()["presets"]["standard"]["eps"]
+EPS = load_numbers().presets["standard"].eps
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "stability.png"
 
 
@@ -73,7 +74,13 @@ def stamp(setting, case, reach=None):
 def choice_of(setting, case):
     """Return (method, stated bound) of the policy."""
     made = policy.choose(
-        case.scene, case.row["reach"], np.zeros(1), setting.variance, "standard", convex=setting.psf.convex
+        case.scene,
+        case.row["reach"],
+        np.zeros(1),
+        setting.variance,
+        "standard",
+        convex=setting.psf.convex,
+        per_pixel=setting.psf.oversampling,
     )
     return made.method[0], made.error[0]
 

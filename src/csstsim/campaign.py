@@ -22,6 +22,7 @@ from csstsim.io.survey_table import load_survey_table
 from csstsim.optics import shutter
 from csstsim.optics.distortion import load_distortion
 from csstsim.optics.wcs import ChipWCS
+from csstsim.render.numbers import load_numbers
 from csstsim.sim_steps import SimSteps
 
 MERGE_MARGIN_DEG = 2.0 / 3600.0  # a merged brick takes detections up to 2" beyond its border
@@ -55,6 +56,7 @@ class OpenCampaign:
         self.config = load_campaign(file)
         self.paths = Paths(output or self.config.output)
         self.camera = load_camera(self.config.instrument_folder)
+        self.rendering = load_numbers()
         self.pointings = {p.obsid: p for p in load_survey_table(self.config.survey_table, self.camera.orbit)}
         self._check_selection()
         types = sorted({p.type for p in self._selected_pointings()})
@@ -236,7 +238,9 @@ class OpenCampaign:
     def recipe(self, job):
         """Return {name: digest} of everything that decides this job's pixels; recorded in each product."""
         return {
-            "campaign": digest([self.config.digest(), self.universe.digest if self.embedded else None]),
+            "campaign": digest(
+                [self.config.digest(), self.rendering.model_dump(), self.universe.digest if self.embedded else None]
+            ),
             "camera": self.camera.digest,
             "layers": digest(self.steps[job.pointing.type].describe()),
             "exposure": digest([str(job.pointing), str(job.window), job.chip.id]),

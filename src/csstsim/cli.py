@@ -131,8 +131,12 @@ def chip(run, obsid, chip_id, profile):
 
     job = run.job(obsid, chip_id)
     if profile:
+        from csstsim import prepare
         from csstsim.profile import profiled
 
+        if run.embedded:
+            prepare.missing_bricks(run, job, click.echo)
+        prepare.missing_psf(run, job.chip, click.echo)
         profiled(lambda: stages.chip(run, job, say=click.echo), say=click.echo)
     else:
         stages.chip(run, job, say=click.echo)
@@ -163,7 +167,7 @@ def check(run):
 @click.option("--quick", is_flag=True, help="Few and small objects: two minutes of CPU time.")
 @click.option("--filter", "band", default="r", show_default=True, help="Imaging filter.")
 @click.option("--methods", help="Names, or beginnings of names, with commas between [default: all].")
-@click.option("--objects", type=click.IntRange(2, 100_000), help="How many, half of them stars [default: 640].")
+@click.option("--objects", type=click.IntRange(2, 100_000), help="How many, half of them stars [default: 320].")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the sample of objects.")
 def bench(output, quick, band, methods, objects, seed):
     """Measure speed and accuracy of every way to draw an object, against GalSim and against direct optics.

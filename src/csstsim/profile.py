@@ -22,7 +22,7 @@ def profiled(make, say):
         say(f"{name:<28} {cpu:>7.2f}")
     if len(state.truth or ()):
         _say_methods(state.truth, say)
-    say("\nfunction                                                      calls  own s")
+    say("\nfunction                                                      calls  wall s")
     for place, calls, own in _functions(profiler):
         say(f"{place:<58} {calls:>8} {own:>6.2f}")
 

@@ -78,12 +78,14 @@ def test_a_noise_free_image_has_nothing_counted_and_is_the_reference(draw):
     assert drawn["drawn"] == pytest.approx(truth["drawn"], rel=1e-3)
 
 
-def test_preview_spreads_what_nobody_would_see(draw):
+def test_preview_spreads_what_nobody_would_see(draw, psf_r):
     dark = {f"flux{i}": np.zeros(2) for i in (1, 2, 3)}
     dark |= {"flux0": rate(np.array([5.0, 1e4])), "window": Window(3900, 4300, 3900, 4300)}
     image, _, drawn = draw([4100.0, 4120.0], [4090.0, 4100.0], "preview", **dark)
     assert list(drawn["method"]) == ["unresolved", "photons"]
-    assert drawn["flags"][0] == SKIPPED_FAINT and image.sum(dtype=float) == pytest.approx(5.0, rel=1e-6)
+    (nodes,), (weight,), _ = psf_r.weights([4100.0], [4090.0])
+    box = weight @ psf_r.flux[nodes, 0]  # no wing was asked for
+    assert drawn["flags"][0] == SKIPPED_FAINT and image.sum(dtype=float) == pytest.approx(5.0 * box, rel=1e-6)
 
 
 @pytest.mark.parametrize("fidelity", ["preview", "standard", "noise_free"])
@@ -166,11 +168,11 @@ def test_the_choice_is_by_cost_within_the_allowed_error():
     scene = scene_of(np.zeros(40), np.zeros(40), np.geomspace(1, 1e10, 40))
     fidelity = {"standard": None, "noise_free": None}
     for name in fidelity:
-        fidelity[name] = policy.choose(scene, np.full(40, 32), np.zeros(40), VARIANCE, name, convex=True)
+        fidelity[name] = policy.choose(scene, np.full(40, 32), np.zeros(40), VARIANCE, name, convex=True, per_pixel=4)
     method = fidelity["standard"].method
     assert method[0] == policy.PHOTONS and method[-1] == policy.STAMP and (np.diff(method) >= 0).all()
     assert (fidelity["noise_free"].method == policy.STAMP).all()
-    stamps = policy.choose(scene, np.full(40, 32), np.zeros(40), VARIANCE, "standard", convex=False)
+    stamps = policy.choose(scene, np.full(40, 32), np.zeros(40), VARIANCE, "standard", convex=False, per_pixel=4)
     assert (stamps.method == policy.STAMP).all()  # a mixture with negative weights cannot be drawn from
 
 
@@ -189,3 +191,21 @@ def test_the_table_keeps_its_columns(draw):
     assert isinstance(drawn, ObjectTable) and set(truth.names) == set(drawn.names)
     for name in truth.names:
         assert truth[name].dtype.kind == drawn[name].dtype.kind, name
+
+
+@pytest.mark.parametrize("columns", [{}, {"obj_type": GALAXY, "size_disk": 0.4}], ids=["stars", "galaxies"])
+def test_faint_objects_shine_beyond_the_box_whatever_draws_them(draw, camera, make_pointing, psf_r, columns):
+    """2e5 electrons on 1401 pixels a side: all but what is beyond 450 +- 60 px (0.6%); photons go further, 5 sigma."""
+    window, beyond = Window(3400, 4801, 3400, 4801), Beyond(read_beyond(psf_r).wing)
+    columns, place = columns | {"rate": rate(2e5), "reach": 60}, ([4100.3], [4100.1])
+    image, _, stamp = draw(*place, "noise_free", window=window, beyond=beyond, **columns)
+    assert image.sum(dtype=float) == pytest.approx(stamp["drawn"][0], rel=1e-4)
+    far = beyond.wing.beyond(np.array([390.0, 512.0])).mean(axis=0)
+    assert 1 - far[0] - 1e-3 < stamp["fraction"][0] < 1 - far[1] + 1e-3
+    wcs = ChipWCS(camera.chips[9], make_pointing())
+    wanted = np.zeros(window.shape, np.float32)
+    truth = reference.draw_objects(wanted, window, objects(wcs, *place, **columns), wcs, psf_r, EXPTIME, beyond)
+    assert stamp["fraction"][0] == pytest.approx(truth["fraction"][0], abs=1e-3)
+    _, _, photons = draw(*place, "standard", window=window, beyond=beyond, **columns)
+    lost = beyond.wing.beyond(np.array([700.0, 990.0])).mean(axis=0)
+    assert 1 - lost[0] - 5 / np.sqrt(2e5) < photons["fraction"][0] < 1 - lost[1] + 5 / np.sqrt(2e5)

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from csstsim.config import SHIPPED
-from csstsim.instrument.load import read_data
 from csstsim.render.error_model import predicted
+from csstsim.render.numbers import load_numbers
 from csstsim.render.scene import Scene, sersic_b
 
-NUMBERS = read_data(SHIPPED / "render.yaml")["error"]
+NUMBERS = load_numbers().error
 PER_ARCSEC = 1 / 0.074  # px
 
 
@@ -36,9 +35,9 @@ def scene(index, radius, bulge=0.0):
     )
 
 
-def bound(method, objects, snr, reach=32):
+def bound(method, objects, snr, reach=32, cells=4):
     n = len(objects)
-    return predicted(method, objects, np.full(n, reach), np.broadcast_to(np.asarray(snr, float), n), NUMBERS)
+    return predicted(method, objects, np.full(n, reach), np.broadcast_to(np.asarray(snr, float), n), NUMBERS, cells)
 
 
 @pytest.mark.parametrize("method", ["photons", "stamp"])
@@ -71,3 +70,8 @@ def test_smaller_stamps_of_points_are_worse_and_photons_have_none():
     points = scene([0.0], 0.0)
     assert bound("stamp", points, 10.0, reach=16) > bound("stamp", points, 10.0, reach=32)
     assert bound("photons", points, 10.0, reach=16) == bound("photons", points, 10.0, reach=32)
+
+
+@pytest.mark.parametrize("method", ["photons", "stamp"])
+def test_coarser_cells_are_worse(method):
+    assert bound(method, scene([0.0], 0.0), 10.0, cells=2) > bound(method, scene([0.0], 0.0), 10.0, cells=4)

@@ -10,7 +10,7 @@ from itertools import product
 
 import numpy as np
 
-from csstsim.catalog.reach import galaxy_radius, point_reach
+from csstsim.catalog.reach import STAR_MIN, galaxy_radius, point_reach
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.render.scene import Scene, make_scene
@@ -95,6 +95,8 @@ def make_case(setting, rng, i, electrons, bulge=0.0, size=0.0, e=0.0):
     if size:
         radius, lost = galaxy_radius(table, flux, setting.variance, setting.camera.telescope.pixel_scale)
         reach = reach + radius
+    else:
+        reach = np.maximum(reach, STAR_MIN)
     reach = np.ceil(reach).astype(np.int32)
     table = table.with_columns(reach=reach, lost=lost)
     half = int(np.clip(reach[0] + MARGIN, HALF_MIN, HALF_MAX))

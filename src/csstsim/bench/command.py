@@ -13,7 +13,7 @@ from csstsim.errors import InputError
 
 FULL = {"seconds": 0.2, "electrons": 3e7}
 QUICK = {"seconds": 0.01, "electrons": 1e6}
-OBJECTS, OBJECTS_QUICK, LARGEST_QUICK = 640, 24, 0.5  # number, number, arcsec
+OBJECTS, OBJECTS_QUICK, LARGEST_QUICK = 320, 24, 0.5  # number, number, arcsec
 
 
 def chosen(names):

@@ -81,7 +81,7 @@ def _preset(fidelity):
         def draw(copies):
             image = np.zeros(case.window.shape, np.float32)
             _, counted = engine.draw_objects(
-                image, case.window, case.row.take(np.zeros(copies, int)), setting.wcs, setting.psf, setting.exptime,
+                image, case.window, case.row.take(np.zeros(copies, int)), setting.wcs, setting.mixer, setting.exptime,
                 tables=setting.table, beyond=Beyond(), response=None, maximum=1.0, variance=setting.variance,
                 key=np.uint64(case.row["id"][0] + 1), fidelity=fidelity,
             )  # fmt: skip

@@ -47,7 +47,7 @@ def make_setting(folder, band):
     camera = load_camera(SHIPPED / "instrument")
     imaging = {chip.filter: chip for chip in reversed(camera.imaging_chips)}
     if band not in imaging:
-        raise InputError("unknown filter", key="--filter", value=band, allowed=", ".join(camera.filters))
+        raise InputError("unknown filter", key="--filter", value=band, allowed=", ".join(imaging))
     chip, filter_ = imaging[band], camera.filters[band]
     beyond = beyond_box(camera, filter_)
     path = Path(folder) / f"psf_{band}_{camera.digest}.h5"

@@ -47,11 +47,13 @@ def _line(method, kind, against, rows, which):
 
     drawn = column("drawn")
     weight = np.where(np.isinf(drawn), 1.0, drawn)
-    seen = np.maximum(column(f"visible_{which}"), column("visible_chance"))
+    visible, chance = column(f"visible_{which}"), column("visible_chance")
+    seen = np.maximum(visible, chance)
     line = {
         "method": method, "kind": kind, "against": against, "objects": len(rows),
         "cpu_us": 1e6 * float(np.median(column("cpu_s"))), "visible_median": float(np.median(seen)),
-        "visible_95": float(np.percentile(seen, 95)), "pixel_median": float(np.median(column(f"pixel_{which}"))),
+        "visible_95": float(np.percentile(seen, 95)), "limit": bool(np.median(visible) < 2 * np.median(chance)),
+        "pixel_median": float(np.median(column(f"pixel_{which}"))),
     }  # fmt: skip
     for name in GOALS:
         values = column(f"{name}_{which}")
@@ -66,7 +68,8 @@ def _line(method, kind, against, rows, which):
 def text(lines):
     """Return the summary as lines to print; a bias beyond its goal by more than two of its errors is marked with !."""
     out = [
-        "bias +- its error: flux, size^2 relative; x in mas; e1. visible: error in units of the object's noise",
+        "bias +- its error: flux, size^2 relative; x in mas; e1; ! where it is beyond its goal by two errors.",
+        "visible: error in units of the object's noise, median and 95%; < where chance alone would show as much.",
         f"{'method':20s} {'kind':7s} {'against':13s} {'n':>3s} {'CPU us':>9s} {'visible':>8s} {'95%':>8s}"
         + "".join(f"{name:>18s} " for name in SHOWN),
     ]
@@ -79,6 +82,7 @@ def text(lines):
             cells.append(f" {bias:+8.1e}+-{error:7.1e}{'!' if abs(bias) - 2 * error > GOALS[name] else ' '}")
         out.append(
             f"{line['method']:20s} {line['kind']:7s} {line['against'][:13]:13s} {line['objects']:3d} "
-            f"{line['cpu_us']:9.3g} {line['visible_median']:8.2g} {line['visible_95']:8.2g}" + "".join(cells)
+            f"{line['cpu_us']:9.3g} {'<' if line['limit'] else ' '}{line['visible_median']:7.2g} {line['visible_95']:8.2g}"
+            + "".join(cells)
         )
     return out

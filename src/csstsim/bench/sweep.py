@@ -10,6 +10,7 @@ from csstsim.bench.methods import brighter, standard
 from csstsim.bench.truth import Truth
 from csstsim.progress import progress
 
+SLOW = 1.0  # CPU seconds of one object, beside which its set-up does not count
 TOO_LONG = 5.0  # times the wanted CPU seconds, after which no more electrons are drawn
 
 
@@ -67,12 +68,15 @@ def measured(method, setting, case, seconds, electrons):
     used = min(case.electrons, method.most)
     draw = method.prepare(setting, brighter(case, used))
     copies, (image, took) = 1, _timed(draw, 1)
+    if took < SLOW:  # the first draw sets up what is kept
+        image, took = _timed(draw, 1)
     random = method.random or image.dtype.kind == "i"
-    wanted = seconds / max(took, 1e-9)
-    if random:
-        wanted = max(wanted, min(electrons / used, TOO_LONG * wanted))
-    if wanted > 1:
-        copies = int(np.ceil(wanted))
+    while took < seconds:
+        copies *= int(np.ceil(np.clip(1.2 * seconds / max(took, 1e-9), 2, 10)))
+        image, took = _timed(draw, copies)
+    enough = min(electrons / used, TOO_LONG * seconds / took * copies) if random else 0
+    if enough > copies:
+        copies = int(np.ceil(enough))
         image, took = _timed(draw, copies)
     drawn = copies * used if random else np.inf
     return image / (copies * used), took / copies * case.electrons / used, drawn

@@ -4,7 +4,8 @@ An error that is a share of an object's light is seen with that share of its S/N
 
     bound = S/N (psf + cut / reach [points] + (disk or bulge) min(r / size, 1) sqrt(1 + S/N / bright) [galaxies])
 
-* psf: the density between the stored cells, common to photons and stamps;
+* psf: the density between the stored cells, common to photons and stamps; ten times larger with 2 cells to a pixel
+  than with 4;
 * cut: light beyond the stamp of a point, whose wing leaves a share of 1 / reach;
 * disk, bulge: how a profile of Sersic index 1 or 4 is split and transformed (other indices linearly between and beyond,
   none below a disk's), r its half-light radius in pixels. In bright objects the far parts, where that is wrong, stand
@@ -17,26 +18,28 @@ reference renderer: fitted on one sample and tested on another by benchmarks/err
 
 import numpy as np
 
-TERMS = ("psf", "cut", "disk", "bulge")
+TERMS = ("cut", "disk", "bulge")  # of stamps
 
 
-def predicted(method, scene, reach, snr, numbers):
+def predicted(method, scene, reach, snr, numbers, per_pixel):
     """Return the bound (n,) of the error of `method` ("photons", "stamp"), in units of each object's noise.
 
     scene: render.scene.Scene; reach (n,): half the side of the stamp [px]; snr (n,): light over noise, by policy.noise;
-    numbers: `error` of config/render.yaml.
+    numbers: render.numbers.Error; per_pixel: stored cells of the PSF to a pixel.
     """
-    share = terms(scene, reach, snr, numbers)
-    return snr * sum(share[:, i] * numbers[method][name] for i, name in enumerate(TERMS))
+    share = np.full(len(scene), numbers.psf[4 if per_pixel >= 4 else 2])
+    if method == "stamp":
+        share += terms(scene, reach, snr, numbers) @ [getattr(numbers.stamp, name) for name in TERMS]
+    return snr * share
 
 
 def terms(scene, reach, snr, numbers):
-    """Return what the coefficients TERMS are multiplied with, (n, 4)."""
+    """Return what the coefficients TERMS are multiplied with, (n, 3)."""
     index, radius = scene.sersic[:, :, 0], scene.sersic[:, :, 2]
     there = np.where(index > 0, scene.light, 0.0)
     r = radius * np.sqrt(np.abs(np.linalg.det(scene.matrix)))[:, None]  # px
-    split = there * np.minimum(r / numbers["size"], 1.0) * np.sqrt(1 + np.asarray(snr) / numbers["bright"])[:, None]
+    split = there * np.minimum(r / numbers.size, 1.0) * np.sqrt(1 + np.asarray(snr) / numbers.bright)[:, None]
     steep = np.maximum((index - 1) / 3, 0.0)
     cut = np.where(there.any(axis=1), 0.0, 1 / np.maximum(reach, 1))
     disk, bulge = (split * np.maximum(1 - steep, 0.0)).sum(axis=1), (split * steep).sum(axis=1)
-    return np.stack([np.ones(len(r)), cut, disk, bulge], axis=1)
+    return np.stack([cut, disk, bulge], axis=1)

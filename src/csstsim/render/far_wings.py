@@ -99,7 +99,7 @@ def _add(mesh, weight, u, v, reach, table, first):
             value = read(table, first, bits[0])
             mesh[row, column] += value
             total += value * weight[row, column]
-    return total
+    return max(total, 0.0)  # beside the window, where the splines below zero outweigh the rest
 
 
 @numba.njit(cache=True)

@@ -90,14 +90,14 @@ def plan_galaxies(scene, reach, box, rows):
 def galaxy_stamp(mixer, scene, plan, i, share, bounds, *, core=None, many=False):
     """Return the light of a Scene's galaxy i on the pixels of `bounds` (x0, x1, y0, y1; half-open), float64.
 
-    mixer: psf_mixture.Mixer; share (k, 4): electrons from each PSF node and sub-band; core: (cells, cells) share of
+    mixer: psf_mixture.Mixer; share (k, 4): electrons from each PSF node and sub-band; core: Mixer.core, the share of
     each cell that counts, or None: all; many: whether many galaxies share size and nodes, so that it pays to keep the
     nodes' transforms. Below zero it may be by what is left out.
     """
     node, light, sersic, matrix = scene.node[i], scene.light[i], scene.sersic[i], scene.matrix[i]
     x, y, cut, half, size = scene.x[i], scene.y[i], plan.cut[i], plan.half[i], int(plan.size[i])
     inner, outer = _component_tables(*(key for c in range(2) for key in (sersic[c, 0] * (light[c] > 0), cut[c])))
-    frequency = _cutoff(sersic, light, matrix, inner, mixer.envelope)
+    frequency = _cutoff(sersic, light, matrix, inner, mixer.envelope(node, share))
     last = min(int(frequency * size) + 1, size)
     x0, x1, y0, y1 = bounds
     stamp = np.zeros((y1 - y0, x1 - x0))
@@ -105,8 +105,8 @@ def galaxy_stamp(mixer, scene, plan, i, share, bounds, *, core=None, many=False)
     low_x, high_x = max(x0, first_x), min(x1, first_x + 2 * half + 1)
     low_y, high_y = max(y0, first_y), min(y1, first_y + 2 * half + 1)
     if low_x < high_x and low_y < high_y:
-        if many and core is None:
-            mixture = mixer.mixed_transforms(node, share, size, last)
+        if many:
+            mixture = mixer.mixed_transforms(node, share, size, last, core is not None)
         else:
             cells = mixer.mixed_cells(node, share)
             mixture = transform(cells if core is None else cells * core, size, mixer.per_pixel, last)

@@ -82,6 +82,7 @@ def _check(scene, table, maximum):
             raise ValueError(f"a value of {name} is negative: it has no photons")
     if (maximum * scene.electrons.sum(axis=1) >= 2**31).any():
         raise ValueError("an object has more electrons than counted can hold")
+    table.verify(scene.node[scene.weight > 0])
     if not (table.share[scene.node[scene.weight > 0]].sum(axis=(1, 2)) > 0).all():
         raise ValueError("a PSF node has no tables")
 

@@ -13,19 +13,15 @@ the truth table's `error` says what it is.
 """
 
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
-from csstsim.config import SHIPPED
-from csstsim.errors import InputError
-from csstsim.instrument.load import read_data
 from csstsim.render.error_model import predicted
+from csstsim.render.numbers import load_numbers
 from csstsim.render.unresolved import MESH
 
 NONE, UNRESOLVED, PHOTONS, STAMP = range(4)
 METHODS = np.array(["none", "unresolved", "photons", "stamp"])
-FILE = SHIPPED / "render.yaml"
 WING_NEAR = 192.0  # px: further out a wing costs next to nothing (render.far_wings)
 PHOTONS_MAX = 1e8  # electrons: a second; more would at length not fit the counted plane's integers
 _AS_GOOD = 3.0
@@ -42,30 +38,32 @@ class Choice:
     snr: np.ndarray  # (n,)
 
 
-def choose(scene, reach, wing, variance, fidelity, *, convex, maximum=1.0, ghosts=False):
+def choose(scene, reach, wing, variance, fidelity, *, convex, per_pixel, maximum=1.0, ghosts=False):
     """Return the `Choice` for a Scene.
 
     reach, wing: (n,) pixel, of stamp and wing; variance: of one pixel without the object [e-^2]; fidelity: a preset of
-    config/render.yaml; convex: whether the PSF's mixture can be drawn from; maximum: of the losses, by which photons
-    are more than the light; ghosts: (n,) whether the object has ghosts, which no photons are drawn for.
+    config/render.yaml; convex: whether the PSF's mixture can be drawn from; per_pixel: its cells to a pixel; maximum:
+    of the losses, by which photons are more than the light; ghosts: (n,) whether the object has ghosts, which no
+    photons are drawn for.
     """
     numbers = load_numbers()
-    preset = numbers["presets"][fidelity]
+    preset = numbers.presets[fidelity]
     electrons = scene.electrons.sum(axis=1)
     snr = electrons / noise(scene, electrons, variance)
-    cost = np.stack(costs(scene, reach, wing, electrons * maximum, numbers["cost"]), axis=1)
+    cost = np.stack(costs(scene, reach, wing, electrons * maximum, numbers.cost), axis=1)
     # A wing takes over where a point's stamp ends
     shown = np.maximum(reach, wing)
-    error = np.stack([predicted(m, scene, shown, snr, numbers["error"]) for m in ("photons", "stamp")], axis=1)
+    error = [predicted(m, scene, shown, snr, numbers.error, per_pixel) for m in ("photons", "stamp")]
+    error = np.stack(error, axis=1)
     allowed = np.ones_like(cost, bool)
     allowed[:, 0] = (electrons * maximum < PHOTONS_MAX) & convex & (fidelity != "noise_free")
     allowed[:, 0] &= ~np.broadcast_to(ghosts, electrons.shape)
     least = np.where(allowed, error, np.inf).min(axis=1)
-    good = allowed & (error <= np.maximum(preset["eps"], _AS_GOOD * least)[:, None])
+    good = allowed & (error <= np.maximum(preset.eps, _AS_GOOD * least)[:, None])
     best = np.where(good, cost, np.inf).argmin(axis=1)
     method = np.where(best == 0, PHOTONS, STAMP).astype(np.int8)
     # What is larger than the mesh of the smooth background would be drawn together by it, and stand out
-    faint = (snr < preset["floor"]) & (half_light_px2(scene) < (MESH / 2) ** 2)
+    faint = (snr < preset.floor) & (half_light_px2(scene) < (MESH / 2) ** 2)
     method[faint], method[electrons <= 0] = UNRESOLVED, NONE
     error = np.take_along_axis(error, best[:, None], 1)[:, 0]
     return Choice(method, np.where(faint, snr, error), snr)
@@ -83,19 +81,9 @@ def half_light_px2(scene):
 
 
 def costs(scene, reach, wing, electrons, cost):
-    """Return (photons, stamp): CPU ns of each object, (n,)."""
+    """Return (photons, stamp): CPU ns of each object, (n,). cost: render.numbers.Cost."""
     galaxy = (scene.sersic[:, :, 0] > 0).any(axis=1)
-    photons = cost["photon_object"] + electrons * np.where(galaxy, cost["photon_galaxy"], cost["photon_star"])
+    photons = cost.photon_object + electrons * np.where(galaxy, cost.photon_galaxy, cost.photon_star)
     pixels = (2.0 * reach + 1) ** 2
-    stamp = np.where(galaxy, cost["stamp_galaxy"] + cost["stamp_pixel"] * pixels, cost["stamp_star"])
-    return photons, stamp + cost["wing_pixel"] * np.pi * np.minimum(wing, WING_NEAR) ** 2
-
-
-@cache
-def load_numbers(file=FILE):
-    """Return the numbers of config/render.yaml. Raises InputError."""
-    numbers = read_data(file)
-    for section in ("presets", "cost", "error"):
-        if not isinstance(numbers.get(section), dict):
-            raise InputError("required key is missing", file=file, key=section)
-    return numbers
+    stamp = np.where(galaxy, cost.stamp_galaxy + cost.stamp_pixel * pixels, cost.stamp_star)
+    return photons, stamp + cost.wing_pixel * np.pi * np.minimum(wing, WING_NEAR) ** 2

@@ -24,18 +24,26 @@ class Mixer:
     """The nodes of a PsfSet as spline coefficients and as transforms, the last used ones kept."""
 
     def __init__(self, psf):
-        self.per_pixel, self.cells, self._flux = psf.oversampling, psf.image.shape[-1], psf.flux
+        self.psf, self.per_pixel, self.cells, self._flux = psf, psf.oversampling, psf.image.shape[-1], psf.flux
 
         @lru_cache(_NODES_KEPT)
         def coefficients(node):
             return np.stack([spline_coefficients(image)[0].astype(np.float32) for image in psf.node(node)])
 
         @lru_cache(_TRANSFORMS_KEPT)
-        def transforms(node, size):
-            return np.stack([transform(c, size, self.per_pixel, size) for c in coefficients(node)])
+        def transforms(node, size, cored=False):
+            core = self.core if cored else np.float32(1)
+            return np.stack([transform(c * core, size, self.per_pixel, size) for c in coefficients(node)])
 
-        self.coefficients, self.transforms = coefficients, transforms
-        self.envelope = _envelope(transforms(int(np.flatnonzero(~psf.dead)[0]), 2 * self.cells // self.per_pixel))
+        @lru_cache(_NODES_KEPT)
+        def envelope(node):
+            return _envelope(transforms(node, 2 * self.cells // self.per_pixel))
+
+        self.coefficients, self.transforms, self._envelope = coefficients, transforms, envelope
+
+    def envelope(self, node, share):
+        """Return the largest modulus of an object's transforms at or beyond each of BINS, of light 1."""
+        return np.max([self._envelope(k) for k in node[share.any(axis=1)].tolist()], axis=0)
 
     @cached_property
     def core(self):
@@ -57,9 +65,9 @@ class Mixer:
             return float((self.mixed_cells(node, share) * core).sum(dtype=np.float64))
         return sum(float(row @ self._flux[k]) for k, row in zip(node.tolist(), share, strict=True))
 
-    def mixed_transforms(self, node, share, size, last):
-        """Return the same as a transform, like `transform`'s, from those of the nodes."""
-        parts = [self.transforms(k, size).view(np.float32) for k in node[share.any(axis=1)].tolist()]
+    def mixed_transforms(self, node, share, size, last, cored=False):
+        """Return the same, times `core` if `cored`, as a transform, like `transform`'s, from those of the nodes."""
+        parts = [self.transforms(k, size, cored).view(np.float32) for k in node[share.any(axis=1)].tolist()]
         return _mixed(parts, share, (size - last, 0), (2 * last + 1, 2 * (last + 1))).view(np.complex64)
 
 

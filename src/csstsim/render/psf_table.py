@@ -11,14 +11,16 @@ Alias tables (Walker 1977; Vose 1991, IEEE TSE 17, 972): 16 bits of probability 
 middle of a PSF, which takes 96% of the photons, has a table of its own that stays in cache. Rounding, by up to
 2^-17 of a mean cell's light, is passed on from cell to cell; the last one keeps the sum, of order 1e-7 of the light.
 
-On disk: HDF5, /words contiguous, hence mappable, /share and /negative as below. The coefficients are not kept
+On disk: HDF5, /words contiguous, hence mappable, /share, /negative and /crc as below. The coefficients are not kept
 (they would double the file): `node_coefficients` makes them in milliseconds. The file names the PSF set it was made of
 by a digest of its attributes, nodes and fluxes.
 """
 
 import hashlib
 import math
-from dataclasses import dataclass
+import zlib
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import h5py
 import numba
@@ -29,9 +31,10 @@ from csstsim.errors import InputError
 from csstsim.optics.psf_file import WAVELENGTHS, PsfSet, intact
 
 INNER_PX = 8  # half the side of the middle, in pixel
-FORMAT = 1
+FORMAT = 2
 _MAX_CELLS = 256  # to a side: an alias is a number of 16 bits
 _POLE = np.sqrt(3.0) - 2.0  # of the cubic B-spline's prefilter
+_AGAIN = "remove the file, then run csstsim psf again"
 _HORIZON = 28  # cells after which the pole's power is below 1e-16
 
 
@@ -44,6 +47,9 @@ class PsfTable:
     words: np.ndarray  # (n, 4, 4^inner + 4^outer) uint32: alias table of the middle, then that of all, the middle zero
     share: np.ndarray  # (n, 4, 2) light of middle and rest; what is missing to 1 lies outside the box
     negative: np.ndarray  # (n, 4) light of the coefficients that were below zero
+    crc: np.ndarray  # (n,) uint32 CRC-32 of a node's words
+    path: Path | None = None  # of the file, if there is one
+    verified: set = field(default_factory=set)  # nodes whose words were compared with their CRC
 
     @property
     def bits(self):
@@ -59,6 +65,15 @@ class PsfTable:
     def cells(self):
         """Cells to a side of the box."""
         return self.psf.image.shape[-1]
+
+    def verify(self, nodes):
+        """Compare the words of nodes that are used for the first time with their CRC. Raises InputError."""
+        if self.path is None:
+            return
+        for node in set(np.unique(nodes).tolist()) - self.verified:
+            if zlib.crc32(self.words[node]) != self.crc[node]:
+                raise InputError(f"damaged at node {node}; {_AGAIN}", file=self.path, key="words")
+            self.verified.add(node)
 
     def node_coefficients(self, node):
         """Return (4, cells, cells) float64: c >= 0 of a live node, as a share of a star's light."""
@@ -95,8 +110,7 @@ def read_tables(path, psf):
     with intact(path), h5py.File(path, "r") as file:
         for name, mine in (("format", FORMAT), ("digest", np.bytes_(_digest(psf)))):
             if name not in file.attrs or file.attrs[name] != mine:
-                message = "not the tables of this PSF set; remove the file and they are made anew"
-                raise InputError(message, file=path, key=name)
+                raise InputError(f"not the tables of this PSF set; {_AGAIN}", file=path, key=name)
         arrays, layout = {}, _layout(psf)
         for name, (shape, dtype) in layout.items():
             data = file[name]
@@ -105,7 +119,10 @@ def read_tables(path, psf):
             mapped = name == "words"
             arrays[name] = np.memmap(path, dtype, "r", data.id.get_offset(), shape) if mapped else data[()]
             arrays[name].flags.writeable = False
-    return PsfTable(psf, **arrays)
+    wrong = np.abs(arrays["share"].sum(axis=2) - psf.flux) > 1e-6
+    if (~(arrays["share"] >= 0) | wrong[:, :, None])[~psf.dead].any():
+        raise InputError(f"the light of a node is not that of the PSF set; {_AGAIN}", file=path, key="share")
+    return PsfTable(psf, **arrays, path=Path(path))
 
 
 def spline_coefficients(image):
@@ -135,6 +152,7 @@ def _layout(psf):
         "words": ((n, WAVELENGTHS, 4**inner + 4**outer), np.dtype(np.uint32)),
         "share": ((n, WAVELENGTHS, 2), np.dtype(np.float64)),
         "negative": ((n, WAVELENGTHS), np.dtype(np.float64)),
+        "crc": ((n,), np.dtype(np.uint32)),
     }
 
 
@@ -150,6 +168,7 @@ def _live(psf, nodes=None):
         for band, image in enumerate(psf.node(node)):
             c, rows["negative"][band] = spline_coefficients(image)
             rows["share"][band] = _fill(c, *_bits(psf), rows["words"][band])
+        rows["crc"] = zlib.crc32(rows["words"])
         yield node, rows
 
 

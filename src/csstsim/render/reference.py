@@ -33,7 +33,7 @@ from csstsim.catalog.table import GALAXY
 from csstsim.optics.beyond import Beyond
 from csstsim.optics.psf_file import pixel_response
 from csstsim.progress import progress
-from csstsim.render.wings import add_beyond, box_share
+from csstsim.render.wings import FAINT_REACH, add_beyond, box_share
 
 galsim.errors.raise_fft_size_error = True  # GalSim 2.8 only warns, then takes all memory
 
@@ -61,8 +61,8 @@ def draw_objects(image, window, objects, wcs, psf, exptime, beyond=NOTHING, resp
     wcs: optics.wcs.ChipWCS. psf: optics.psf.PsfSet. exptime in s. beyond: optics.beyond.Beyond, what is drawn
     outside the PSF's box (by default nothing). response: (ny, nx) share of the light that is counted, or None: all.
     Added columns: electrons (nominal), drawn (put on the window, float64 sum of the float32 pixels'
-    increments), fraction (with ghosts, which come on top, it may exceed 1), method, stamp, x0 x1 y0 y1 (bounding box on
-    the chip, half-open), ms (CPU).
+    increments), fraction (with ghosts, which come on top, it may exceed 1), method, snr and error (NaN: not asked for),
+    stamp, x0 x1 y0 y1 (bounding box on the chip, half-open), ms (CPU).
     """
     count = len(objects)
     flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1) * exptime
@@ -75,7 +75,7 @@ def draw_objects(image, window, objects, wcs, psf, exptime, beyond=NOTHING, resp
     index, weight, outside = psf.weights(np.where(drawable, objects["x"], 0.0), np.where(drawable, objects["y"], 0.0))
     flags[drawable & outside] |= OUTSIDE_PSF_HULL
     cells, half = psf.image.shape[-1], psf.image.shape[-1] / 2 / psf.oversampling
-    wing_px = objects["wing"] if beyond.wing else np.zeros(count)
+    wing_px = np.where(objects["wing"] > 0, objects["wing"], FAINT_REACH) if beyond.wing else np.zeros(count)
     flags[drawable & (wing_px < objects["wing"])] |= TRUNCATED_STAMP
     core = box_share(cells, psf.oversampling)
     drawn, ms, box = np.zeros(count), np.zeros(count, np.float32), np.zeros((4, count), np.int32)
@@ -102,11 +102,13 @@ def draw_objects(image, window, objects, wcs, psf, exptime, beyond=NOTHING, resp
                 scene[seen].array[:] += counted
                 parts.append((counted.sum(), (x0, x1, y0, y1)))
             if not flag & TOO_LARGE:
-                at = objects["x"][i], objects["y"][i]
-                parts += add_beyond(scene.array, response, window, wcs.chip, *at, flux[i], beyond, wing_px[i], half)
+                at, own = (objects["x"][i], objects["y"][i]), objects["wing"][i] > 0
+                wing = wing_px[i] if own or parts else 0.0
+                more = add_beyond(scene.array, response, window, wcs.chip, *at, flux[i], beyond, wing, half)
+                drawn[i] = sum(light for light, _ in parts + more)
+                parts += more if own else []  # of faint objects the box is that of the stamp, as in render.stamps
             flags[i] |= flag | (0 if parts or flag & TOO_LARGE else OFF_CHIP)
             if parts:
-                drawn[i] = sum(light for light, _ in parts)
                 x0, x1, y0, y1 = np.transpose([bounds for _, bounds in parts])
                 box[:, i] = x0.min(), x1.max(), y0.min(), y1.max()
                 method[i] = "reference"
@@ -115,7 +117,7 @@ def draw_objects(image, window, objects, wcs, psf, exptime, beyond=NOTHING, resp
     fraction = np.divide(drawn, electrons, out=np.zeros(count), where=electrons > 0)
     return objects.with_columns(
         flags=flags, electrons=electrons, drawn=drawn, fraction=fraction, method=method,
-        error=np.zeros(count, np.float32),
+        snr=np.full(count, np.nan, np.float32), error=np.full(count, np.nan, np.float32),
         stamp=2 * np.maximum(np.minimum(objects["reach"], REACH_FFT), np.ceil(wing_px)).astype(np.int32) + 1,
         x0=box[0], x1=box[1], y0=box[2], y1=box[3], ms=ms,
     )  # fmt: skip

@@ -16,7 +16,7 @@ from csstsim.render.far_wings import FarWings
 from csstsim.render.galaxy_stamp import galaxy_stamp, plan_galaxies
 from csstsim.render.point_stamp import point_stamp
 from csstsim.render.psf_mixture import Mixer
-from csstsim.render.wings import add_beyond
+from csstsim.render.wings import add_beyond, add_faint
 
 NOTHING = Beyond()
 _NEGATIVE_LIMIT = 1e-4  # of an object's light, in negative pixels, above which clipping is flagged
@@ -26,7 +26,7 @@ _SIZE_KEPT = 160  # px, period of the largest transforms that are kept
 
 @dataclass(frozen=True)
 class Drawn:
-    """What was drawn of n objects."""
+    """What was drawn of n objects; the wings of faint ones are in `drawn`, not in `box`."""
 
     drawn: np.ndarray  # (n,) float64, electrons put on the window
     box: np.ndarray  # (n, 4) int64: x0, x1, y0, y1 of the pixels touched, half-open, on the chip; zeros: none
@@ -63,7 +63,7 @@ def draw_scene(image, window, scene, reach, wing_px, psf, beyond=NOTHING, respon
         parts = []
         bounds = _visible(x, y, reach[i], window)
         if bounds:
-            core = mixer.core if wing_px[i] > 0 else None
+            core = mixer.core if beyond.wing is not None else None
             if galaxy[i]:
                 stamp = galaxy_stamp(mixer, scene, plan, i, light, bounds, core=core, many=many[i])
                 out.flags[i] |= _clip_negative(stamp) | (FFT_REDUCED if plan.rough[i] else 0)
@@ -76,6 +76,8 @@ def draw_scene(image, window, scene, reach, wing_px, psf, beyond=NOTHING, respon
             parts += add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px[i], half_box, far)
         if parts:
             out.drawn[i] = sum(light for light, _ in parts)
+            if bounds and wing_px[i] == 0 and beyond.wing is not None:
+                out.drawn[i] += add_faint(far, x, y, flux, beyond.wing, half_box)
             x0, x1, y0, y1 = np.transpose([bounds for _, bounds in parts])
             out.box[i] = x0.min(), x1.max(), y0.min(), y1.max()
         else:

@@ -2,7 +2,8 @@
 
 The box is faded out, the wing (optics.halo) faded in over the same ring, 0.7 to 0.95 of the box's half side, by a
 step with two continuous derivatives; at its far end the wing is faded out over its last quarter. How far a wing reaches
-comes with the object (catalog.reach).
+comes with the object (catalog.reach). Objects whose own wing hides in the noise have one of FAINT_REACH, on the mesh of
+render.far_wings alone: what they put beyond the box, 3 to 5% of their light, is a smooth haze, but not nothing.
 
 A wing is read from a table in r^2 (render.octaves): 3e-5 of the value for slopes to -3. Beyond 256 px it is read every
 8th pixel of a row, with the cubic through four such values between: 1e-5. Its value at a pixel's centre stands for the
@@ -20,6 +21,7 @@ from csstsim.render.octaves import first_of, nodes, read
 
 FADE = 0.7, 0.95  # of the box's half side
 _TAPER = 0.75  # of the wing's reach
+FAINT_REACH = 512.0  # px; beyond lies 0.5% of the light
 _LOW = 0  # octave of r^2 [px^2] where tables begin
 _FIRST = first_of(_LOW)
 _NEAR_PX = 256.0  # radius within which every pixel is read from the table
@@ -99,6 +101,26 @@ def add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px, half,
             level = light * flux.sum() / (math.pi * (radius**2 + 1 / 12))
             parts.append(_on_window(_add_soft_disc, image, response, window, gx, gy, radius + 0.5, level))
     return [part for part in parts if part is not None]
+
+
+def add_faint(far, x, y, flux, wing, half):
+    """Add the wing of a faint object to the mesh of a FarWings; return the electrons on the window."""
+    added = far.add(x, y, FAINT_REACH, flux @ _haze(wing, half), _FIRST)
+    return added[0] if added else 0.0
+
+
+@lru_cache
+def _haze(wing, half):
+    """Return a faint object's wing in each sub-band, (4, nodes), of the light of the wing that its box leaves out.
+
+    It is faded in from the middle on, not over the box's ring, which is too narrow for the mesh.
+    """
+    r = _radii(_octaves(FAINT_REACH))
+    taper = step(r, _TAPER * FAINT_REACH, FAINT_REACH)
+    outer = FADE[1] * half
+    smooth = wing.profile(np.maximum(r, FADE[0] * half)) * (1 - step(r, 0.0, outer)) * taper
+    wanted = np.trapezoid(_shown(wing, half, _octaves(FAINT_REACH)) * taper * r, r, axis=1)
+    return smooth * (wanted / np.trapezoid(smooth * r, r, axis=1))[:, None]
 
 
 def _on_window(add, image, response, window, x, y, reach, what):
