@@ -82,7 +82,7 @@ def text(lines):
             cells.append(f" {bias:+8.1e}+-{error:7.1e}{'!' if abs(bias) - 2 * error > GOALS[name] else ' '}")
         out.append(
             f"{line['method']:20s} {line['kind']:7s} {line['against'][:13]:13s} {line['objects']:3d} "
-            f"{line['cpu_us']:9.3g} {'<' if line['limit'] else ' '}{line['visible_median']:7.2g} {line['visible_95']:8.2g}"
-            + "".join(cells)
+            f"{line['cpu_us']:9.3g} {'<' if line['limit'] else ' '}{line['visible_median']:7.2g} "
+            f"{line['visible_95']:8.2g}" + "".join(cells)
         )
     return out
