@@ -202,7 +202,7 @@ def _blank(run, job, objects=None):
     return State(
         chip=job.chip, filter=camera.filters[job.chip.filter], telescope=camera.telescope, pointing=job.pointing,
         catalog=objects, window=job.window, wcs=job.wcs, image=np.zeros(job.window.shape, np.float32), sky=camera.sky,
-        leds=camera.leds,
+        leds=camera.leds, prnu=run.steps[job.pointing.type].losses["prnu"],
     )  # fmt: skip
 
 
