@@ -32,6 +32,7 @@ class State:
     counted: np.ndarray | None = None
     mask: np.ndarray | None = None
     trailed: tuple | None = None  # (lower, upper), float32 (parallel_overscan, nx of the window), first row read first
+    cosmic_rays: tuple | None = None  # (flat indices in the window, electrons) to be written, if asked for
     psf: Any = None  # optics.psf.PsfSet, or None for exposures without objects
     tables: Any = None  # render.psf_table.PsfTable of `psf`; None for the reference renderer
     fidelity: str = "standard"  # the campaign's: how objects are drawn

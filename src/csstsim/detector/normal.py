@@ -64,6 +64,14 @@ def normal_row(key, y, x0, halves, out, start, step):
             out[x] = math.copysign(_tail(word(~key, pixel_counter(x0 + x, y))), out[x])
 
 
+@numba.njit(inline="always")
+def normal(half, key, start, step):
+    """Return the number of 32 bits (uint32); key: of words for the tail, used by nothing else."""
+    cell = half >> _PLACE_BITS
+    z = np.float64(start[cell] + step[cell] * np.float32(np.int32(half & _PLACE_MASK)))
+    return math.copysign(_tail(key), z) if abs(z) >= _BEYOND else z
+
+
 @numba.njit
 def _tail(key):
     """Return a normal number from beyond TAIL."""
