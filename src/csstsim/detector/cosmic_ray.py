@@ -71,7 +71,7 @@ def deposit(shape, tracks, diffusion, key):
 
 
 def boxes(tracks, margin):
-    """Return x0, y0, x1, y1 (int64, half-open): the pixels within `margin` px of each track's ends, a frame of its own."""
+    """Return x0, y0, x1, y1 (int64, half-open) around each track's ends, `margin` px wider."""
     ends = [np.stack([a, a + d]) for a, d in ((tracks.x, tracks.dx), (tracks.y, tracks.dy))]
     low = (np.floor(end.min(axis=0) - margin).astype(np.int64) for end in ends)
     high = (np.ceil(end.max(axis=0) + margin).astype(np.int64) + 1 for end in ends)

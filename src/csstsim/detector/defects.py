@@ -6,9 +6,9 @@
             noise of column_noise times the background's own, sqrt(background + read noise^2)
 
 Places, rates and u are the chip's for good; noise is new in each exposure. A bad column reaches from the seam of the
-halves towards the amplifier, as a defect spoils what is read through it. `numbers` is instrument.defects.Defects; rng are
-numpy Generators. All draws are those of the whole chip, so that a window has the chip's. A charge is never below 0.
-Left out: hot pixels during readout, clusters, and defects of the amplifiers.
+halves towards the amplifier, as a defect spoils what is read through it. All draws are those of the whole chip, so that
+a window has the chip's. A charge is never below 0. Left out: hot pixels during readout, clusters, and defects of the
+amplifiers. Below, `numbers` is instrument.defects.Defects; rng are numpy Generators.
 """
 
 import numpy as np

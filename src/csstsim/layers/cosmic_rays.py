@@ -2,7 +2,7 @@
 
 The rays strike while the chip is exposed and, as a row waits for half of the readout on average, through
 half of that; so a bias has some, too. Their electrons go where counted ones are, to which poisson_and_dark adds the
-shot noise of everything else; that layer must follow.
+shot noise of everything else; that layer must follow. Left out: see csstsim.detector.cosmic_ray.
 """
 
 from pydantic import Field

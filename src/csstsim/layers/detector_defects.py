@@ -1,6 +1,7 @@
 """Hot pixels, dead pixels and invalid columns (paper, Appendix B item 7; sections 5.5.7 and 5.5.8).
 
 Fixed to the silicon, in every kind of exposure. The background of their values is that of the image as it comes.
+Left out: see csstsim.detector.defects.
 """
 
 from pydantic import Field
