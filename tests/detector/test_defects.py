@@ -64,7 +64,7 @@ def test_dead_pixels(numbers):
 
 
 def test_columns(numbers):
-    """500 chips: 1 to 5 per half, each as often (chi-square); 5-95% of the columns, 10-70% of the rows, from the seam."""
+    """500 chips: 1 to 5 per half, each as often (chi-square); 5-95% of columns, 10-70% of rows, from the seam."""
     counts, places, lengths, levels = [], [], [], []
     for seed in range(500):
         found = defects.columns(4616, 9216, numbers, stream(4, "columns", seed))

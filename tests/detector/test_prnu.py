@@ -17,7 +17,7 @@ def response(shape, x0=0, y0=0, rms=0.01, key=KEY):
 
 
 def test_a_normal_distribution_held_at_its_bounds():
-    """3e6 pixels: mean, rms (5 sigma), shape (KS, p > 1e-5); some 20 are held at +-4.5 sigma; neighbours independent."""
+    """3e6 pixels: mean, rms (5 sigma), shape (KS, p > 1e-5); some 20 held at +-4.5 sigma; neighbours apart."""
     z = (response((1500, 2000)).astype(float) - 1) / 0.01
     assert abs(z.mean()) < 5 / np.sqrt(z.size)
     assert abs(z.std() - 1) < 5 / np.sqrt(2 * z.size)
