@@ -20,6 +20,7 @@ from csstsim.rng import stream
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "cosmic_rays.png"
 THRESHOLDS = np.array([1, 2, 5, 10, 20, 50, 100, 200, 500, 1000])  # e-
 SIGMAS = (0.2, 0.4, 0.6)  # px; the first is the paper's
+SHOWN = (300, 300)
 KEY = np.uint64(1)
 
 
@@ -40,21 +41,20 @@ def main():
     for i, threshold in enumerate(THRESHOLDS):
         line = f"{threshold:8d}{1e3 * before[i] / size:10.4f}"
         print(line + "".join(f"{1e3 * n[i] / size:10.4f}{n[i] / before[i]:7.3f}" for n in after.values()))
-    picture(shape, draw_tracks(shape, 100 * seconds, rays, stream(1, "shapes")), found, before, after)
+    picture(rays, seconds, draw_tracks(shape, 100 * seconds, rays, stream(1, "shapes")), before, after)
 
 
 def above(electrons):
     return np.array([np.count_nonzero(electrons >= threshold) for threshold in THRESHOLDS])
 
 
-def picture(shape, tracks, found, before, after):
+def picture(rays, seconds, tracks, before, after):
     figure, axes = plt.subplots(2, 2, figsize=(9, 7.4))
-    image = np.zeros(shape, np.int32)
-    image.reshape(-1)[found[0]] = found[1]
-    y, x = np.unravel_index(np.argmax(image), shape)
-    y, x = min(max(y, 150), shape[0] - 150), min(max(x, 150), shape[1] - 150)
-    axes[0, 0].imshow(np.arcsinh(image[y - 150 : y + 150, x - 150 : x + 150]), cmap="magma", origin="lower")
-    axes[0, 0].set(title="300 x 300 px of a chip, 150 s", xlabel="px", ylabel="px")
+    image, many = np.zeros(SHOWN, np.int32), draw_tracks(SHOWN, 20 * seconds, rays, stream(1, "picture"))
+    pixel, electrons, _ = deposit(SHOWN, many, rays.diffusion, KEY)
+    image.reshape(-1)[pixel] = electrons
+    axes[0, 0].imshow(np.arcsinh(image), cmap="magma", origin="lower")
+    axes[0, 0].set(title=f"{SHOWN[1]} x {SHOWN[0]} px, as of 20 exposures of 150 s", xlabel="px", ylabel="px")
     for sigma, counts in after.items():
         axes[0, 1].semilogx(THRESHOLDS, counts / before, "o-", ms=3, label=f"diffusion {sigma} px")
     axes[0, 1].set(title="pixels struck, after / before diffusion", xlabel="charge from [e-]", ylim=(0, None))

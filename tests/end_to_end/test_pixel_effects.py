@@ -54,7 +54,9 @@ def test_the_files_say_what_was_done(tmp_path):
     assert rays.shape == job.window.shape and rays.dtype == np.int32
     assert header["CRCHARGE"] == rays.sum() and header["CRCOUNT"] == (rays >= 5).sum()
     assert header["PRNURMS"] == run.camera.detector.prnu
-    assert header["DEFLEVEL"] == pytest.approx(150 * (run.camera.filters["r"].sky + 0.02), rel=0.2)  # wings of the stars
+    assert header["DEFLEVEL"] == pytest.approx(
+        150 * (run.camera.filters["r"].sky + 0.02), rel=0.2
+    )  # wings of the stars
     assert header["NHOT"] + header["NDEAD"] == round(5e-5 * 128 * 128) and 2 <= header["NBADCOL"] <= 10
 
 
