@@ -30,9 +30,10 @@ def measure(run, job):
             )  # fmt: skip
     filter_ = run.camera.filters[job.chip.filter]
     streams = Streams(run.config.seed, job.pointing.obsid, job.chip.id, "measure")
-    response = response_map(
+    losses = run.steps[job.pointing.type].losses
+    response = response_map(  # without the pixels' response: a flat that knows each pixel must be measured, not known
         job.chip, job.window, filter_, job.pointing.exptime, run.camera.leds, streams.camera,
-        **run.steps[job.pointing.type].losses,
+        flat=losses["flat"], shutter=losses["shutter"],
     )  # fmt: skip
     calibrated = calibrate(
         file.frame(), file.readout, file.gain, adc_max=detector.adc_max, full_well=detector.full_well,

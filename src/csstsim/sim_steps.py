@@ -9,6 +9,8 @@ each layer is a module of csstsim.layers (or a user's own, by dotted path) with
     FRAME          what it takes and gives: "active" pixels or the "readout" with prescan and overscan (may be left out:
                    works on either)
     EXPOSURES      exposure types it belongs in (may be left out: any)
+    AFTER          layers that must not come after it (may be left out)
+    BEFORE         layers of which one must come after it (may be left out)
     check          check(param, camera, pointing): InputError for what only they can tell (may be left out)
 """
 
@@ -90,8 +92,9 @@ class SimSteps:
 
     @property
     def losses(self):
-        """{flat, shutter}: which losses light of this list meets (optics.response)."""
-        return {"flat": self._asked("flat_fielding"), "shutter": self._asked("shutter_effect")}
+        """{flat, shutter, prnu}: which losses light of this list meets (optics.response)."""
+        prnu = any(step.name == "prnu_effect" for step in self.steps)
+        return {"flat": self._asked("flat_fielding"), "shutter": self._asked("shutter_effect"), "prnu": prnu}
 
     @property
     def mask(self):
@@ -111,7 +114,8 @@ class SimSteps:
 
     def _check_order(self):
         stage, unit, frame = 0, "electron", "active"
-        for step in self.steps:
+        names = [step.name for step in self.steps]
+        for number, step in enumerate(self.steps, start=1):
             here, (takes, gives) = STAGES.index(step.module.STAGE), step.module.UNITS
             if here < stage:
                 message = f"a layer of stage '{step.module.STAGE}' cannot follow one of stage '{STAGES[stage]}'"
@@ -123,6 +127,12 @@ class SimSteps:
             if wants != frame:
                 message = f"works on the {wants} pixels, but the layers before it leave the {frame} ones"
                 raise self._error(message, step.keyword, allowed="prescan_overscan turns active into readout, once")
+            early = [name for name in getattr(step.module, "AFTER", ()) if name in names[number:]]
+            if early:
+                raise self._error(f"must come after {early[0]}", step.keyword)
+            needed = getattr(step.module, "BEFORE", ())
+            if needed and not set(needed) & set(names[number:]):
+                raise self._error(f"must be followed by {' or '.join(needed)}", step.keyword)
             stage, unit, frame = here, gives, leaves
         if (STAGES[stage], unit, frame) != ("level0", "DN", "readout"):
             needed = {"prescan_overscan": frame == "active", "gain": unit != "DN", "quantization_and_output": True}

@@ -118,12 +118,29 @@ def readout(run, job):
     from csstsim.io.frames import save_frame
 
     timer = Timer("readout")
-    state = _state_before(run, job, "render")
-    state = run.steps[job.pointing.type].run(state, "readout", run.config.seed)
+    state = _readout(run, job, _state_before(run, job, "render"))
     state.header.setdefault("stages", []).append(timer.entry())
     save_frame(
         run.paths.stage(*job.key, "readout.fits"), {"image": state.image, "mask": state.mask}, _meta(run, job, state)
     )
+
+
+def _readout(run, job, state):
+    state = run.steps[job.pointing.type].run(state, "readout", run.config.seed)
+    if state.cosmic_rays is not None:
+        _save_cosmic(run, job, state)
+    return state
+
+
+def _save_cosmic(run, job, state):
+    """Write the electrons of cosmic rays alone (int32, the window's active pixels) beside the Level-0 file."""
+    from csstsim.io.frames import save_frame
+
+    (pixel, electrons), plane = state.cosmic_rays, np.zeros(job.window.shape, np.int32)
+    plane.reshape(-1)[pixel] = electrons
+    path = run.paths.level0_cosmic(job.pointing, job.chip.id)
+    save_frame(path, {"cosmic": plane}, {"recipe": run.recipe(job), "unit": "electron"})
+    state.cosmic_rays = None
 
 
 def level0(run, job):
@@ -189,7 +206,7 @@ def chip(run, job, say=print):
     if state.truth is None:
         state.truth = ObjectTable.complete({})
     timer = Timer("readout")
-    state = run.steps[job.pointing.type].run(state, "readout", run.config.seed)
+    state = _readout(run, job, state)
     header["stages"].append(timer.entry())
     timer = Timer("level0")
     _level0(run, job, state, timer)
@@ -205,7 +222,7 @@ def _blank(run, job, objects=None):
     return State(
         chip=job.chip, filter=camera.filters[job.chip.filter], telescope=camera.telescope, pointing=job.pointing,
         catalog=objects, window=job.window, wcs=job.wcs, image=np.zeros(job.window.shape, np.float32), mask=mask,
-        sky=camera.sky, leds=camera.leds,
+        sky=camera.sky, leds=camera.leds, prnu=run.steps[job.pointing.type].losses["prnu"],
     )  # fmt: skip
 
 

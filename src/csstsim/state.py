@@ -32,23 +32,29 @@ class State:
     counted: np.ndarray | None = None
     mask: np.ndarray | None = None
     trailed: tuple | None = None  # (lower, upper), float32 (parallel_overscan, nx of the window), first row read first
+    cosmic_rays: tuple | None = None  # (flat indices in the window, electrons) to be written, if asked for
     psf: Any = None  # optics.psf.PsfSet, or None for exposures without objects
     tables: Any = None  # render.psf_table.PsfTable of `psf`; None for the reference renderer
     fidelity: str = "standard"  # the campaign's: how objects are drawn
     unit: str = "electron"
     header: dict = field(default_factory=dict)
     truth: Any = None
+    prnu: bool = False  # light meets the pixels' response (PRNU_effect is in the list)
     leds: Any = None  # leds.yaml as instrument.load.read_data gives it, for flat fields and lamps
     sky: Any = None  # sky.yaml as instrument.load.read_data gives it, for the stray-light model
     _response: tuple = (None, None)  # what `response` gave last
 
-    def response(self, exptime, camera, *, flat, shutter):
-        """Return optics.response.response_map of this chip and window, made once for all layers that ask the same."""
+    def response(self, exptime, rng, *, flat, shutter):
+        """Return optics.response.response_map of this chip and window, made once for all layers that ask the same.
+
+        rng: the asking layer's rng.Streams.
+        """
         wanted = exptime, flat, shutter
         if self._response[0] != wanted:
             made = response_map(
-                self.chip, self.window, self.filter, exptime, self.leds, camera, flat=flat, shutter=shutter
-            )
+                self.chip, self.window, self.filter, exptime, self.leds, rng.camera, flat=flat, shutter=shutter,
+                prnu=rng.chip_key("prnu") if self.prnu else None,
+            )  # fmt: skip
             self._response = wanted, made
         return self._response[1]
 

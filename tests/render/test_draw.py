@@ -128,7 +128,7 @@ def test_mean_is_variance_for_all_methods_together(draw):
         image, counted, drawn = draw(
             [4090.3, 4110.0, 4100.0], [4090.0, 4108.5, 4100.0], key=k, window=window, **columns
         )
-        add_poisson(image, np.random.default_rng(k), dark=20.0, counted=counted)
+        add_poisson(image, np.uint64(k), dark=20.0, counted=counted)
         planes.append(image)
     assert set(drawn["method"]) == {"photons", "stamp"}
     mean, variance = np.mean(planes, axis=0), np.var(planes, axis=0, ddof=1)

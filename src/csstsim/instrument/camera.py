@@ -8,8 +8,10 @@ import numpy as np
 
 from csstsim.errors import InputError
 from csstsim.instrument.chip import Chip, Detector
+from csstsim.instrument.cosmic_rays import load_cosmic_rays
+from csstsim.instrument.defects import load_defects
 from csstsim.instrument.filter import GRID, Filter, sample_curve
-from csstsim.instrument.load import build, folder_digest, read_data
+from csstsim.instrument.load import build, folder_digest, read_data, read_sections
 from csstsim.instrument.orbit import Orbit
 from csstsim.instrument.pointing import parse_utc
 from csstsim.instrument.telescope import Telescope
@@ -70,8 +72,11 @@ def load_camera(folder):
 
 
 def _detector(path):
-    sections = [section for section in read_data(path).values() if isinstance(section, dict)]
-    detector = build(Detector, {key: value for section in sections for key, value in section.items()}, path)
+    effects = {
+        "cosmic_rays": load_cosmic_rays(path.with_name("cosmic_rays.yaml")),
+        "defects": load_defects(path.with_name("defects.yaml")),
+    }
+    detector = build(Detector, read_sections(path), path, **effects)
     for axis in ("x", "y"):
         n, channels, size = (getattr(detector, name) for name in (f"n{axis}", f"channels_{axis}", f"channel_n{axis}"))
         if min(n, channels, size) < 1 or channels * size != n:
@@ -82,7 +87,7 @@ def _detector(path):
     if detector.channels_y != 2:
         raise InputError("half the rows read out to each side", file=path, key="channels_y", allowed="2")
     _positive(detector, ("gain", "adc_max", "pixel_um", "full_well"), path)
-    _positive(detector, (f.name for f in fields(Detector)), path, or_zero=True)
+    _positive(detector, (f.name for f in fields(Detector) if f.name not in effects), path, or_zero=True)
     return detector
 
 

@@ -5,6 +5,8 @@ Left out: chip tilts, height differences and the other sensors of the focal plan
 
 from dataclasses import dataclass
 
+from csstsim.instrument.cosmic_rays import CosmicRays
+from csstsim.instrument.defects import Defects
 from csstsim.instrument.telescope import Telescope
 
 
@@ -60,6 +62,8 @@ class Detector:
     prnu: float
     readout_time: float
     temperature: float
+    cosmic_rays: CosmicRays | None = None  # None: no such file in the instrument folder
+    defects: Defects | None = None
 
     @property
     def channels(self):

@@ -31,6 +31,12 @@ def read_data(path):
     return _unwrap(read_yaml(path), Path(path), key="", covered=False)
 
 
+def read_sections(path):
+    """Return {key: value} of a data file whose sections are only for the reader, as `read_data` reads it."""
+    sections = [section for section in read_data(path).values() if isinstance(section, dict)]
+    return {key: value for section in sections for key, value in section.items()}
+
+
 def _unwrap(node, path, key, covered):
     if isinstance(node, dict):
         covered = _check(node, path, key) or covered

@@ -2,7 +2,7 @@
 
     truth/Norder=8/Dir=D/Npix=P.parquet         psf/chip_08.h5 chip_08_tables.h5
     chips/{obsid}_{chip}/select.parquet render.fits drawn.parquet readout.fits
-    level0/{obsid}/{stem}.fits {stem}.truth.parquet
+    level0/{obsid}/{stem}.fits {stem}.truth.parquet {stem}.cosmic.fits
     measure/{obsid}_{chip}.parquet
     merge/Norder=8/Dir=D/Npix=P.parquet  validate/{P}.json  report/index.html
 
@@ -45,6 +45,10 @@ class Paths:
 
     def level0_truth(self, pointing, chip_id):
         return self.level0(pointing, chip_id).with_suffix(".truth.parquet")
+
+    def level0_cosmic(self, pointing, chip_id):
+        """The electrons of cosmic rays alone, if cosmic_rays was asked to save them (io.frames, plane `cosmic`)."""
+        return self.level0(pointing, chip_id).with_suffix(".cosmic.fits")
 
     def measure(self, obsid, chip_id):
         return self.output / "measure" / f"{obsid}_{chip_id:02d}.parquet"

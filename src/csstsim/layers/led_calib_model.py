@@ -1,7 +1,8 @@
 """LED illuminations (paper, Appendix B item 16; section 5.5.5): flat exposures with the calibration lamps.
 
 The lamps are inside, behind the closed shutter: their light is timed by themselves and meets the internal flat, but
-neither the shutter nor the vignetting, which the paper applies to exposures with the shutter open. Light of several
+neither the shutter nor the vignetting, which the paper applies to exposures with the shutter open. It also meets the
+response of the pixels, where the list has PRNU_effect. Light of several
 lamps adds; a chip sees what its filter passes.
 Left out: warming up and ageing of the lamps, fringes.
 """
@@ -9,6 +10,7 @@ Left out: warming up and ageing of the lamps, fringes.
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
+from csstsim.detector import prnu
 from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
 from csstsim.layers.param import LayerParam
@@ -70,6 +72,9 @@ def apply(state, param, rng):
     if electrons > 0:
         flat = flats.led_map(state.chip, state.window, GRID, light)
         flat *= np.float32(electrons)
+        if state.prnu:
+            window = state.window
+            prnu.multiply(flat, window.x0, window.y0, state.chip.detector.prnu, rng.chip_key("prnu"))
         state.image += flat
     state.header |= {
         "led_flag": True,

@@ -22,13 +22,13 @@ class Param(LayerParam):
 def apply(state, param, rng):
     """Turn expected electrons into counted ones, in place; merges and drops state.counted.
 
-    Raises ValueError if an expected value is negative or not finite.
+    Raises ValueError if an expected value is negative, beyond 1e9 or not finite.
     """
     from csstsim.detector.noise import add_poisson  # numba: half a second that checking a campaign need not pay
 
     exptime = state.pointing.exptime if param.exptime is None else param.exptime
     dark = state.chip.detector.dark * exptime
-    add_poisson(state.image, rng.exposure("shot"), dark=dark, counted=state.counted)
+    add_poisson(state.image, rng.exposure_key("shot"), dark=dark, counted=state.counted)
     state.counted = None
     state.header["dark_electrons"] = dark
     return state

@@ -19,6 +19,6 @@ def apply(state, param, rng):
     from csstsim.detector.noise import add_gaussian  # numba: half a second that checking a campaign need not pay
 
     detector = state.chip.detector
-    add_gaussian(state.image, detector.read_noise, rng.exposure("read"))
+    add_gaussian(state.image, detector.read_noise, rng.exposure_key("read"))
     state.header["read_noise"] = [detector.read_noise] * (detector.channels_x * detector.channels_y)
     return state

@@ -58,7 +58,7 @@ def apply(state, param, rng):
     there = read_beyond(state.psf)
     beyond = Beyond(there.wing if param.wings else None, there.ghosts if param.ghosts else None)
     losses = {"flat": param.flat_fielding, "shutter": param.shutter_effect}
-    response = state.response(exptime, rng.camera, **losses)
+    response = state.response(exptime, rng, **losses)
     scene = (state.image, state.window, state.catalog, state.wcs, state.psf, exptime)
     if state.fidelity == "reference":
         from csstsim.render import reference

@@ -68,7 +68,7 @@ def apply(state, param, rng):
     else:
         sky = background.sky_electrons(state.filter, exptime)
         state.header["sky_rate"] = state.filter.sky
-    response = state.response(exptime, rng.camera, flat=param.flat_fielding, shutter=param.shutter_effect)
+    response = state.response(exptime, rng, flat=param.flat_fielding, shutter=param.shutter_effect)
     if response is None:
         state.image += sky
     else:

@@ -10,8 +10,8 @@ from dataclasses import replace
 import numpy as np
 
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, OUTSIDE_PSF_HULL, SKIPPED_FAINT, STRONG_LENSING, TRUNCATED_STAMP
+from csstsim.counter import object_keys
 from csstsim.render import policy
-from csstsim.render.counter import object_keys
 from csstsim.render.numbers import load_numbers
 from csstsim.render.photons import shoot_scene
 from csstsim.render.psf_mixture import Mixer

@@ -1,0 +1,81 @@
+"""Cosmic rays on one chip of 150 s: pixels struck before and after diffusion, lengths, energies, cost, and a picture.
+
+python benchmarks/cosmic_rays.py        writes docs/figures/cosmic_rays.png
+"""
+
+import time
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+
+matplotlib.use("agg")
+import matplotlib.pyplot as plt
+
+from csstsim.config import SHIPPED
+from csstsim.detector.cosmic_ray import deposit, draw_tracks
+from csstsim.instrument.camera import load_camera
+from csstsim.rng import stream
+
+FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "cosmic_rays.png"
+THRESHOLDS = np.array([1, 2, 5, 10, 20, 50, 100, 200, 500, 1000])  # e-
+SIGMAS = (0.2, 0.4, 0.6)  # px; the first is the paper's
+SHOWN = (300, 300)
+KEY = np.uint64(1)
+
+
+def main():
+    detector = load_camera(SHIPPED / "instrument").detector
+    rays, shape = detector.cosmic_rays, (detector.ny, detector.nx)
+    seconds = 150 + detector.readout_time / 2
+    deposit((9, 9), draw_tracks((9, 9), 1e4, rays, stream(1, "compile")), 0.2, KEY)
+    start = time.process_time()
+    tracks = draw_tracks(shape, seconds, rays, stream(1, "benchmark"))
+    found = deposit(shape, tracks, rays.diffusion, KEY)
+    print(f"{time.process_time() - start:.3f} CPU s for {found[2]} tracks, {found[1].sum():.3g} e-, on a chip")
+
+    before = above(deposit(shape, tracks, 0.0, KEY)[1])
+    size = shape[0] * shape[1]
+    after = {sigma: above(deposit(shape, tracks, sigma, KEY)[1]) for sigma in SIGMAS}
+    print(f"{'e- from':>8}{'before':>10}" + "".join(f"{f'{s} px':>10}{'ratio':>7}" for s in SIGMAS) + "   permille")
+    for i, threshold in enumerate(THRESHOLDS):
+        line = f"{threshold:8d}{1e3 * before[i] / size:10.4f}"
+        print(line + "".join(f"{1e3 * n[i] / size:10.4f}{n[i] / before[i]:7.3f}" for n in after.values()))
+    picture(rays, seconds, draw_tracks(shape, 100 * seconds, rays, stream(1, "shapes")), before, after)
+
+
+def above(electrons):
+    return np.array([np.count_nonzero(electrons >= threshold) for threshold in THRESHOLDS])
+
+
+def picture(rays, seconds, tracks, before, after):
+    figure, axes = plt.subplots(2, 2, figsize=(9, 7.4))
+    image, many = np.zeros(SHOWN, np.int32), draw_tracks(SHOWN, 20 * seconds, rays, stream(1, "picture"))
+    pixel, electrons, _ = deposit(SHOWN, many, rays.diffusion, KEY)
+    image.reshape(-1)[pixel] = electrons
+    axes[0, 0].imshow(np.arcsinh(image), cmap="magma", origin="lower")
+    axes[0, 0].set(title=f"{SHOWN[1]} x {SHOWN[0]} px, as of 20 exposures of 150 s", xlabel="px", ylabel="px")
+    for sigma, counts in after.items():
+        axes[0, 1].semilogx(THRESHOLDS, counts / before, "o-", ms=3, label=f"diffusion {sigma} px")
+    axes[0, 1].set(title="pixels struck, after / before diffusion", xlabel="charge from [e-]", ylim=(0, None))
+    axes[0, 1].axhspan(2, 3, color="0.9", label="paper's expectation")
+    axes[0, 1].legend(fontsize=8)
+    length, n = np.hypot(tracks.dx, tracks.dy), len(tracks.x)
+    edges = np.arange(0, 102, 2.0)
+    axes[1, 0].hist(length, edges, weights=np.full(n, 1 / n / 2), log=True, color="C0", label=f"{n} tracks")
+    axes[1, 0].step([0, 20, 20, 100, 100], [0.95 / 20] * 2 + [0.05 / 80] * 2 + [1e-5], "k--", label="paper")
+    axes[1, 0].set(xlabel="length [px]", ylabel="density [1/px]", ylim=(1e-4, 0.1))
+    axes[1, 0].legend(fontsize=8)
+    grid, sigma = np.linspace(2, 4.6, 105), 0.6 / np.sqrt(8 * np.log(2))
+    axes[1, 1].hist(np.log10(tracks.electrons), grid, density=True, color="C0")
+    density = np.exp(-0.5 * ((grid - 3.3) / sigma) ** 2) / sigma / np.sqrt(2 * np.pi)
+    axes[1, 1].plot(grid, density, "k--", label="paper: N(3.3, FWHM 0.6)")
+    axes[1, 1].set(xlabel="log10 of a track's electrons", ylabel="density")
+    axes[1, 1].legend(fontsize=8)
+    figure.tight_layout()
+    figure.savefig(FIGURE, dpi=80)
+    print(FIGURE)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,53 @@
+"""Whole-frame noise: ns of CPU per pixel beside numpy's, in one run.
+
+    python benchmarks/frame_noise.py [--rows 1024]
+
+Frames of the chip's width; the best of five, numba compiled before. numpy draws what the kernels add in place.
+"""
+
+import argparse
+import time
+
+import numpy as np
+
+from csstsim.detector.noise import add_gaussian, add_poisson
+from csstsim.rng import stream
+
+WIDTH, REPEATS, KEY = 9216, 5, np.uint64(20271)
+
+
+def cost(work, pixels):
+    """Return ns of CPU per pixel of work(), the best of REPEATS."""
+    best = np.inf
+    for _ in range(REPEATS + 1):
+        start = time.process_time()
+        work()
+        best = min(best, time.process_time() - start)
+    return 1e9 * best / pixels
+
+
+def main(rows):
+    rng = stream(1, "frame noise")
+    frame, expected = np.zeros((rows, WIDTH), np.float32), np.zeros((rows, WIDTH), np.float32)
+
+    def ours(mean):
+        frame[...] = mean
+        add_poisson(frame, KEY)
+
+    copy = cost(lambda: np.copyto(frame, expected), frame.size)
+    print(f"{'':34}{'csstsim':>10}{'numpy':>10}  ns/pixel")
+    here = cost(lambda: add_gaussian(frame, 5.0, KEY), frame.size)
+    there = cost(lambda: rng.standard_normal(frame.shape, np.float32), frame.size)
+    print(f"{'Gaussian, float32':34}{here:10.2f}{there:10.2f}")
+    ramp = np.linspace(0.95, 1.05, frame.size, dtype=np.float32).reshape(frame.shape)
+    for mean in (0.1, 4.0, 40.0, 120.0, 1e3, 1e4):
+        expected[...] = mean * ramp
+        here = cost(lambda: ours(expected), frame.size) - copy
+        there = cost(lambda: rng.poisson(expected), frame.size)
+        print(f"{f'Poisson, mean {mean:g} +- 5%':34}{here:10.2f}{there:10.2f}")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--rows", type=int, default=1024)
+    main(parser.parse_args().rows)

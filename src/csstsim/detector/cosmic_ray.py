@@ -1,0 +1,106 @@
+"""Cosmic rays (paper, section 5.5.6): straight tracks in the plane of the chip, in whole electrons.
+
+A track enters anywhere, also beside the frame, goes in any direction, and leaves its electrons at equal steps; each of
+them then diffuses by a Gaussian. Length and charge do not depend on each other (paper). The electrons that
+a pixel gets are a fact, not an expectation: they must not be given shot noise. None is lost but beyond the edges.
+Left out: straggling along the track, delta rays, and that rows near the amplifiers are read sooner.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from csstsim.counter import word
+from csstsim.detector.normal import normal, normal_table
+
+_BATCH = 256  # tracks; bounds the work space
+_FARTHEST = 9  # sigma; no normal number of 52 bits lies beyond
+_FWHM = np.sqrt(8 * np.log(2))  # of a Gaussian, in sigma
+_S32 = np.uint64(32)
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """Arrays of a value per track: entry x, y and way dx, dy [px, in the frame, pixel centres at integers], e-."""
+
+    x: np.ndarray
+    y: np.ndarray
+    dx: np.ndarray
+    dy: np.ndarray
+    electrons: np.ndarray
+
+
+def draw_tracks(shape, seconds, rays, rng):
+    """Return the Tracks of a frame of `shape` (ny, nx) exposed for so long; also such as only pass beside it.
+
+    rays: instrument.cosmic_rays.CosmicRays; rng: numpy Generator.
+    """
+    margin = rays.long_max + np.ceil(_FARTHEST * rays.diffusion)
+    height, width = (n + 2 * margin for n in shape)
+    n = rng.poisson(rays.rate * seconds * height * width)
+    x, y = rng.uniform(0, width, n) - margin - 0.5, rng.uniform(0, height, n) - margin - 0.5
+    long, length = rng.random(n) < rays.long_share, rng.random(n)
+    length = np.where(long, rays.short_max + (rays.long_max - rays.short_max) * length, rays.short_max * length)
+    angle = rng.uniform(0, 2 * np.pi, n)
+    electrons = 10 ** rng.normal(rays.log_energy, rays.log_energy_fwhm / _FWHM, n)
+    return Tracks(x, y, length * np.cos(angle), length * np.sin(angle), np.rint(electrons).astype(np.int64))
+
+
+def deposit(shape, tracks, diffusion, key):
+    """Return (pixel, electrons, hits): flat indices of the struck pixels, rising, what each got, tracks that struck.
+
+    shape: (ny, nx); diffusion: Gaussian sigma [px]; key: uint64 for the diffusion of every electron.
+    """
+    margin = np.ceil(_FARTHEST * diffusion)
+    x0, y0, x1, y1 = boxes(tracks, margin)
+    area = (x1 - x0) * (y1 - y0)
+    pixels, electrons, hits = [np.empty(0, np.int64)], [np.empty(0, np.int32)], 0
+    for first in range(0, len(area), _BATCH):
+        part = slice(first, first + _BATCH)
+        room = int(area[part].sum())
+        pixel, charge = np.empty(room, np.int64), np.empty(room, np.int32)
+        work = np.zeros(int(area[part].max()), np.int32)
+        way = (a[part] for a in (tracks.x, tracks.y, tracks.dx, tracks.dy, tracks.electrons, x0, y0, x1, y1))
+        used, struck = _deposit(shape, *way, diffusion, key, first, work, pixel, charge, *normal_table())
+        pixels.append(pixel[:used].copy())
+        electrons.append(charge[:used].copy())
+        hits += struck
+    pixel, inverse = np.unique(np.concatenate(pixels), return_inverse=True)
+    return pixel, np.bincount(inverse, np.concatenate(electrons), len(pixel)).astype(np.int32), hits
+
+
+def boxes(tracks, margin):
+    """Return x0, y0, x1, y1 (int64, half-open) around each track's ends, `margin` px wider."""
+    ends = [np.stack([a, a + d]) for a, d in ((tracks.x, tracks.dx), (tracks.y, tracks.dy))]
+    low = (np.floor(end.min(axis=0) - margin).astype(np.int64) for end in ends)
+    high = (np.ceil(end.max(axis=0) + margin).astype(np.int64) + 1 for end in ends)
+    return *low, *high
+
+
+@numba.njit(cache=True)
+def _deposit(shape, x, y, dx, dy, n, x0, y0, x1, y1, diffusion, key, first, work, pixel, charge, start, step):
+    """Fill pixel and charge with what each track leaves; return how many entries, and of how many tracks."""
+    ny, nx = shape
+    used = struck = 0
+    for t in range(len(x)):
+        if x1[t] <= 0 or y1[t] <= 0 or x0[t] >= nx or y0[t] >= ny:
+            continue
+        own, width = word(key, np.uint64(first + t)), x1[t] - x0[t]
+        tail = word(~key, np.uint64(first + t))
+        for j in range(n[t]):
+            bits, along = word(own, np.uint64(j)), (j + 0.5) / n[t]
+            u = x[t] + dx[t] * along + diffusion * normal(np.uint32(bits), word(tail, np.uint64(2 * j)), start, step)
+            v = y[t] + dy[t] * along
+            v += diffusion * normal(np.uint32(bits >> _S32), word(tail, np.uint64(2 * j + 1)), start, step)
+            work[(int(np.floor(v + 0.5)) - y0[t]) * width + int(np.floor(u + 0.5)) - x0[t]] += 1
+        before = used
+        for row in range(y0[t], y1[t]):
+            for column in range(x0[t], x1[t]):
+                at = (row - y0[t]) * width + column - x0[t]
+                if work[at] and 0 <= row < ny and 0 <= column < nx:
+                    pixel[used], charge[used] = row * nx + column, work[at]
+                    used += 1
+                work[at] = 0
+        struck += used > before
+    return used, struck

@@ -1,0 +1,79 @@
+"""Defective pixels and bad columns (paper, sections 5.5.7 and 5.5.8).
+
+    hot     what is there + Poisson(rate x exposure time), rate ~ Gamma / hot_time
+    dead    u x background + N(0, dead_noise), u uniform in 0 to dead_max
+    column  (1 - u)(low_factor background + low_offset) + u (high_factor background + high_offset), u uniform, with
+            noise of column_noise times the background's own, sqrt(background + read noise^2)
+
+Places, rates and u are the chip's for good; noise is new in each exposure. A bad column reaches from the seam of the
+halves towards the amplifier, as a defect spoils what is read through it. All draws are those of the whole chip, so that
+a window has the chip's. A charge is never below 0. Left out: hot pixels during readout, clusters, and defects of the
+amplifiers. Below, `numbers` is instrument.defects.Defects; rng are numpy Generators.
+"""
+
+import numpy as np
+
+_SAMPLE = 1_000_000  # pixels that give the background
+_CLIP = 5.0  # robust sigma
+
+
+def background(image):
+    """Return the mean [e-] of an image's pixels but those of objects and defects; not below 0.
+
+    Raises ValueError if the image holds NaN or infinite values.
+    """
+    if not np.isfinite(image.sum(dtype=float)):
+        raise ValueError(f"{np.count_nonzero(~np.isfinite(image))} pixel(s) of the image are not finite")
+    some = image.reshape(-1)[:: max(image.size // _SAMPLE, 1) | 1].astype(float)
+    middle = np.median(some)
+    away = np.abs(some - middle)
+    kept = some[away <= _CLIP * max(1.4826 * np.median(away), 1.0)]  # at least the step of whole electrons
+    return max(float(kept.mean()), 0.0)
+
+
+def places(shape, numbers, rng):
+    """Return (hot, dead): flat indices of a chip's defective pixels, shape (ny, nx); none is both."""
+    pixels = shape[0] * shape[1]
+    chosen = rng.choice(pixels, round(numbers.defective * pixels), replace=False)
+    hot = round(numbers.hot_share * len(chosen))
+    return chosen[:hot], chosen[hot:]
+
+
+def hot_charge(count, seconds, numbers, rng_chip, rng):
+    """Return (count,) electrons that hot pixels gather: shot noise new, rates for good (and at least hot_min)."""
+    rate = rng_chip.gamma(numbers.hot_shape, numbers.hot_scale, count) / numbers.hot_time
+    return rng.poisson(np.maximum(rate, numbers.hot_min) * seconds)
+
+
+def dead_charge(count, level, numbers, rng_chip, rng):
+    """Return (count,) electrons of dead pixels under a background `level`."""
+    share = rng_chip.uniform(0, numbers.dead_max, count)
+    return np.maximum(share * level + numbers.dead_noise * rng.standard_normal(count), 0.0)
+
+
+def columns(half_rows, nx, numbers, rng):
+    """Return a chip's bad columns as (column, first row, end, u), rows half-open and of the chip."""
+    first, end = int(numbers.columns_from * nx), max(int(numbers.columns_to * nx), int(numbers.columns_from * nx) + 1)
+    found = []
+    for half in range(2):
+        count = min(rng.integers(numbers.columns_min, numbers.columns_max + 1), end - first)
+        for column in first + rng.choice(end - first, count, replace=False):
+            length = round(rng.uniform(numbers.length_min, numbers.length_max) * half_rows)
+            rows = (half_rows - length, half_rows) if half == 0 else (half_rows, half_rows + length)
+            found.append((int(column), *rows, rng.random()))
+    return found
+
+
+def column_charge(rows, u, level, read_noise, numbers, rng):
+    """Return (rows,) electrons of a bad column, so that it has its noise once the readout has added its own."""
+    low = numbers.low_factor * level + numbers.low_offset
+    high = numbers.high_factor * level + numbers.high_offset
+    sigma = np.sqrt(numbers.column_noise**2 * (level + read_noise**2) - read_noise**2)
+    return np.maximum((1 - u) * low + u * high + sigma * rng.standard_normal(rows), 0.0)
+
+
+def inside(index, nx, window):
+    """Return (which, y, x): which flat indices of a chip `nx` wide lie in a window, and where in it."""
+    y, x = index // nx - window.y0, index % nx - window.x0
+    which = (y >= 0) & (y < window.ny) & (x >= 0) & (x < window.nx)
+    return which, y[which], x[which]

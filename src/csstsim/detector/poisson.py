@@ -1,0 +1,109 @@
+"""Poisson numbers of pixels: like those of csstsim.detector.normal, a pixel's own whatever is drawn before it.
+
+Below TABLE_MAX the mean is split: Poisson(m) = Poisson(a) + Poisson(m - a) with a = floor(16 m) / 16. The first is one
+look into an alias table (Walker 1977, ACM TOMS 3, 253) with 40 bits of the pixel's word, the second, of mean below
+1/16, an inversion with the other 24. Larger means are drawn by rejection (csstsim.counter.poisson). The finite bits
+move no probability by more than 1e-7.
+"""
+
+from functools import cache
+
+import numba
+import numpy as np
+
+from csstsim.counter import poisson, word
+from csstsim.detector.normal import pixel_counter
+
+TABLE_MAX = 128  # electrons; the sky of a 250 s exposure and the wings of objects lie below
+_LARGEST = np.float32(127.99)
+_STEPS = np.float32(16)  # tabulated means per electron
+_CELLS = 256  # P(256 or more) at mean 128 is 1e-22
+_S8, _S24, _S56 = np.uint64(8), np.uint64(24), np.uint64(56)
+_SHARE_MASK, _REST_MASK = np.uint64((1 << 32) - 1), np.uint64((1 << 24) - 1)
+_REST_UNIT = np.float32(2.0**-24)
+_ALWAYS = np.float32(2)
+_REST_MAX = 20  # P(more) of a mean below 1/16 is 1e-43
+_ZERO = np.uint64(0)
+
+
+@cache
+def alias_tables():
+    """Return (share, other), uint32 and uint8: cell 256 i + n, of mean i / 16, gives n in share of 2^32, else other."""
+    mean = np.arange(int(TABLE_MAX * _STEPS)) / float(_STEPS)
+    probability = np.exp(-mean)
+    parts = np.empty((len(mean), _CELLS), np.int64)
+    for n in range(_CELLS):
+        parts[:, n] = np.rint(probability * 2.0**40)
+        probability *= mean / (n + 1)
+    parts[np.arange(len(mean)), mean.astype(int)] += 2**40 - parts.sum(axis=1)  # whole parts: the same on any machine
+    share, other = (np.empty(parts.shape, kind) for kind in (np.uint32, np.uint8))
+    for row in range(len(mean)):
+        _fill_alias(parts[row], share[row], other[row])
+    return share.ravel(), other.ravel()
+
+
+@numba.njit(cache=True)
+def _fill_alias(parts, share, other):
+    """Deal 2^40 parts into 256 cells of 2^32 that hold one or two outcomes each."""
+    size = 2**32
+    small, large = np.empty(_CELLS, np.int64), np.empty(_CELLS, np.int64)
+    n_small = n_large = 0
+    for n in range(_CELLS):
+        if parts[n] < size:
+            small[n_small] = n
+            n_small += 1
+        else:
+            large[n_large] = n
+            n_large += 1
+    while n_small:
+        n_small -= 1
+        poor, rich = small[n_small], large[n_large - 1]
+        share[poor], other[poor] = parts[poor], rich
+        parts[rich] -= size - parts[poor]
+        if parts[rich] < size:
+            n_large -= 1
+            small[n_small] = rich
+            n_small += 1
+    for i in range(n_large):  # full cells: what is left holds 2^32 exactly
+        share[large[i]], other[large[i]] = 0, large[i]
+
+
+@numba.njit(cache=True)
+def poisson_row(means, dark, key, y, words, over, counts, share, other):
+    """Fill `counts` (n,) int32 with Poisson numbers of mean means + dark [>= 0, finite], columns 0 to n - 1 of row y.
+
+    means: (n,) float32; dark: float32; words, over: (n,) uint64 and float32, work space; share, other: alias_tables().
+    Four loops rather than one, because the first three are then done several pixels at a time.
+    """
+    counter = pixel_counter(0, y)
+    for x in range(len(means)):
+        words[x] = word(key, counter + np.uint64(x))
+    for x in range(len(means)):
+        table = np.uint64(np.int32(min(means[x] + dark, _LARGEST) * _STEPS))
+        cell = words[x] >> _S56
+        at = (table << _S8) | cell
+        counts[x] = np.int32(cell) if (words[x] >> _S24) & _SHARE_MASK < share[at] else np.int32(other[at])
+    for x in range(len(means)):  # exp(-rest) >= 1 - rest: where rest + u < 1 there is no event
+        mean = means[x] + dark
+        rest = mean - np.floor(mean * _STEPS) / _STEPS
+        u = np.float32(np.int32(words[x] & _REST_MASK)) * _REST_UNIT
+        over[x] = rest + u if mean < TABLE_MAX else _ALWAYS
+    for x in range(len(means)):
+        if over[x] >= 1:
+            mean = means[x] + dark
+            if mean < TABLE_MAX:
+                rest = np.float64(mean - np.floor(mean * _STEPS) / _STEPS)
+                counts[x] += _invert(rest, np.float64(words[x] & _REST_MASK) * _REST_UNIT)
+            else:
+                counts[x] = poisson(np.float64(mean), word(~key, counter + np.uint64(x)), _ZERO)[0]
+
+
+@numba.njit
+def _invert(mean, u):
+    p = np.exp(-mean)
+    k = 0
+    while u >= p and k < _REST_MAX:
+        u -= p
+        k += 1
+        p *= mean / k
+    return k

@@ -1,0 +1,59 @@
+"""Cosmic ray accumulation (paper, Appendix B item 4; section 5.5.6).
+
+The rays strike while the chip is exposed and, as a row waits for half of the readout on average, through
+half of that; so a bias has some, too. Their electrons go where counted ones are, to which poisson_and_dark adds the
+shot noise of everything else; that layer must follow. Left out: see csstsim.detector.cosmic_ray.
+"""
+
+from pydantic import Field
+
+from csstsim.errors import InputError
+from csstsim.layers.param import LayerParam
+
+STAGE = "readout"
+UNITS = ("electron", "electron")
+FRAME = ("active", "active")
+BEFORE = ("poisson_and_dark",)
+
+
+class Param(LayerParam):
+    """obs_param of `cosmic_rays`."""
+
+    exptime: float | None = Field(None, ge=0, le=1e5, description="exposure time [s]; null = the pointing's")
+    save_cosmic_image: bool = Field(False, description="true: write the rays' electrons beside the Level-0 file")
+
+
+def check(param, camera, pointing):
+    """Raise InputError if the camera has no numbers for cosmic rays."""
+    if camera.detector.cosmic_rays is None:
+        raise InputError("the layer cosmic_rays needs this file", file=camera.folder / "cosmic_rays.yaml")
+
+
+def apply(state, param, rng):
+    """Add the rays' electrons to state.counted (made if there is none), in place; numbers go to the header.
+
+    Raises ValueError if the image is not of the active pixels.
+    """
+    import numpy as np
+
+    from csstsim.detector import mask
+    from csstsim.detector.cosmic_ray import deposit, draw_tracks
+
+    detector, shape = state.chip.detector, state.window.shape
+    if state.image.shape != shape:
+        raise ValueError(f"an image of shape {state.image.shape}; the window's is {shape}")
+    rays, exptime = detector.cosmic_rays, state.pointing.exptime if param.exptime is None else param.exptime
+    tracks = draw_tracks(shape, exptime + detector.readout_time / 2, rays, rng.exposure("tracks"))
+    pixel, electrons, hits = deposit(shape, tracks, rays.diffusion, rng.exposure_key("diffusion"))
+    if state.counted is None:
+        state.counted = np.zeros(shape, np.int32)
+    state.counted.reshape(-1)[pixel] += electrons
+    marked = pixel[electrons >= rays.marked_from]
+    if state.mask is not None:
+        state.mask.reshape(-1)[marked] |= mask.COSMIC_RAY
+    if param.save_cosmic_image:
+        state.cosmic_rays = pixel, electrons
+    state.header |= {
+        "cosmic_tracks": hits, "cosmic_pixels": len(marked), "cosmic_electrons": int(electrons.sum(dtype=np.int64)),
+    }  # fmt: skip
+    return state

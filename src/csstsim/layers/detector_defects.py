@@ -1,0 +1,87 @@
+"""Hot pixels, dead pixels and invalid columns (paper, Appendix B item 7; sections 5.5.7 and 5.5.8).
+
+Fixed to the silicon, in every kind of exposure. The background of their values is that of the image as it comes.
+Left out: see csstsim.detector.defects.
+"""
+
+from pydantic import Field
+
+from csstsim.errors import InputError
+from csstsim.layers.param import LayerParam
+
+STAGE = "readout"
+UNITS = ("electron", "electron")
+FRAME = ("active", "active")
+
+
+class Param(LayerParam):
+    """obs_param of `detector_defects`."""
+
+    hot_pixels: bool = Field(True, description="pixels whose dark current is above 0.1 e-/s")
+    dead_pixels: bool = Field(True, description="pixels that count at most 70% of the background")
+    bad_columns: bool = Field(True, description="columns brighter and noisier than the background")
+
+
+def check(param, camera, pointing):
+    """Raise InputError if the camera has no numbers for defects."""
+    if camera.detector.defects is None:
+        raise InputError("the layer detector_defects needs this file", file=camera.folder / "defects.yaml")
+
+
+def apply(state, param, rng):
+    """Put the defects into state.image, in place; how many there are in the window goes to the header.
+
+    Raises ValueError if electrons are still in state.counted, or if the image holds values that are not finite.
+    """
+    from csstsim.detector.defects import background
+
+    if state.counted is not None:
+        raise ValueError("counted electrons were not merged: poisson_and_dark must come before detector_defects")
+    level = background(state.image)
+    state.header |= {"hot_pixels": 0, "dead_pixels": 0, "bad_columns": 0, "defects_level": level}
+    if param.hot_pixels or param.dead_pixels:
+        _pixels(state, param, level, rng)
+    if param.bad_columns:
+        _columns(state, level, rng)
+    return state
+
+
+def _pixels(state, param, level, rng):
+    from csstsim.detector import defects, mask
+
+    detector, numbers = state.chip.detector, state.chip.detector.defects
+    hot, dead = defects.places((detector.ny, detector.nx), numbers, rng.chip("defective pixels"))
+    if param.hot_pixels:
+        draws = rng.chip("hot pixels"), rng.exposure("hot pixels")
+        charge = defects.hot_charge(len(hot), state.pointing.exptime, numbers, *draws)
+        which, y, x = defects.inside(hot, detector.nx, state.window)
+        state.image[y, x] += charge[which]
+        _mark(state, (y, x), mask.HOT)
+        state.header["hot_pixels"] = len(y)
+    if param.dead_pixels:
+        draws = rng.chip("dead pixels"), rng.exposure("dead pixels")
+        charge = defects.dead_charge(len(dead), level, numbers, *draws)
+        which, y, x = defects.inside(dead, detector.nx, state.window)
+        state.image[y, x] = charge[which]
+        _mark(state, (y, x), mask.DEAD)
+        state.header["dead_pixels"] = len(y)
+
+
+def _columns(state, level, rng):
+    from csstsim.detector import defects, mask
+
+    detector, numbers, window = state.chip.detector, state.chip.detector.defects, state.window
+    noise = rng.exposure("bad columns")
+    for column, first, end, u in defects.columns(detector.channel_ny, detector.nx, numbers, rng.chip("bad columns")):
+        charge = defects.column_charge(end - first, u, level, detector.read_noise, numbers, noise)
+        low, high = max(first, window.y0), min(end, window.y1)
+        if window.x0 <= column < window.x1 and low < high:
+            place = slice(low - window.y0, high - window.y0), column - window.x0
+            state.image[place] = charge[low - first : high - first]
+            _mark(state, place, mask.BAD_COLUMN)
+            state.header["bad_columns"] += 1
+
+
+def _mark(state, place, bit):
+    if state.mask is not None:
+        state.mask[place] |= bit

@@ -1,0 +1,37 @@
+"""Pixel response non-uniformity (paper, Appendix B item 3).
+
+The layer asks for it; light meets it where it is drawn, as it meets flat field and shutter (optics.response): photons
+are accepted or lost one by one, so mean = variance stays, and the truth counts what is left. What stands in the list
+after the light has been drawn is this layer's record in the header. The map is the chip's and lasts
+(detector.prnu); its rms is the detector's. Left out: laboratory maps.
+"""
+
+from csstsim.errors import InputError
+from csstsim.layers.param import LayerParam
+
+STAGE = "render"
+UNITS = ("electron", "electron")
+FRAME = ("active", "active")
+EXPOSURES = ("SCIE", "FLAT")
+AFTER = ("scie_obs", "sky_background", "led_calib_model")
+
+
+class Param(LayerParam):
+    """obs_param of `PRNU_effect`: none; the rms is the detector's."""
+
+
+def check(param, camera, pointing):
+    """Raise InputError if the detector's rms makes a pixel's response negative."""
+    from csstsim.detector.prnu import CLIP
+
+    rms = camera.detector.prnu
+    if not 0 <= rms < 1 / CLIP:
+        raise InputError("out of range", file="detector.yaml", key="prnu", value=rms, allowed=f"0 to 1 / {CLIP}")
+
+
+def apply(state, param, rng):
+    """Record the rms in the header. Raises ValueError if the light was drawn without it."""
+    if not state.prnu:
+        raise ValueError("the light was drawn without PRNU: State.prnu is not set")
+    state.header["prnu_rms"] = state.chip.detector.prnu
+    return state
