@@ -23,12 +23,12 @@ import galsim
 import numpy as np
 
 from csstsim.config import SHIPPED
+from csstsim.counter import object_keys
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.optics.beyond import beyond_box
 from csstsim.optics.psf import PsfSet, make_psf
 from csstsim.optics.psf_file import write_psf
-from csstsim.render.counter import object_keys
 from csstsim.render.photons import shoot_scene
 from csstsim.render.psf_table import make_table, read_tables, write_tables
 from csstsim.render.scene import Scene, sersic_b

@@ -25,8 +25,8 @@ from csstsim.bench.methods import brighter, standard
 from csstsim.bench.setting import make_setting
 from csstsim.bench.truth import Truth
 from csstsim.catalog.reach import STAR_MIN
+from csstsim.counter import object_keys
 from csstsim.render import policy
-from csstsim.render.counter import object_keys
 from csstsim.render.photons import shoot_scene
 from csstsim.render.scene import sersic_b
 from csstsim.render.stamps import draw_scene

@@ -49,7 +49,7 @@ class Streams:
         return stream(self.seed, "channel", self.chip_id, channel, name)
 
     def exposure_key(self, name):
-        """Return 64 bits (numpy.uint64), as `exposure`, for the counters of compiled loops (render.counter)."""
+        """Return 64 bits (numpy.uint64), as `exposure`, for the counters of compiled loops (csstsim.counter)."""
         words = ("exposure", self.obsid, self.chip_id, self.keyword, name)
         return np.uint64(int.from_bytes(_digest(self.seed, words)[:8], "little"))
 

@@ -8,12 +8,12 @@ import pytest
 from scipy.interpolate import BSpline
 
 from csstsim.catalog.table import STAR, ObjectTable
+from csstsim.counter import object_keys
 from csstsim.instrument.chip import Window
 from csstsim.optics.beyond import read_beyond
 from csstsim.optics.psf import PsfSet, pixel_response
 from csstsim.optics.psf_file import write_psf
 from csstsim.optics.wcs import ChipWCS
-from csstsim.render.counter import object_keys
 from csstsim.render.photons import shoot_scene
 from csstsim.render.psf_table import make_table
 from csstsim.render.reference import PSF_MAXK, draw_objects

@@ -6,7 +6,7 @@ import pytest
 from scipy import stats
 from scipy.special import gammainc, gammaincinv, gammaln
 
-from csstsim.render.counter import word
+from csstsim.counter import word
 from csstsim.render.radius import RINGED, RINGS, gamma, ring
 
 RANDOM = 200_000  # draws

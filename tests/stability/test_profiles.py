@@ -11,7 +11,7 @@ from exposure import FIDELITIES, WINDOW, X, Y, inside, scene_of, shaped, stamp_b
 
 from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED, OFF_CHIP, TRUNCATED_STAMP
 from csstsim.catalog.table import GALAXY
-from csstsim.render.counter import object_keys
+from csstsim.counter import object_keys
 from csstsim.render.photons import shoot_scene
 from csstsim.render.stamps import draw_scene
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from csstsim.bench import peers, ufig
 from csstsim.catalog.table import ObjectTable
+from csstsim.counter import object_keys
 from csstsim.optics.beyond import Beyond
 from csstsim.render import draw as engine
-from csstsim.render.counter import object_keys
 from csstsim.render.photons import shoot_scene
 from csstsim.render.reference import draw_objects
 from csstsim.render.stamps import draw_scene

@@ -18,9 +18,9 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from csstsim.catalog.table import GALAXY, ObjectTable
+from csstsim.counter import object_keys
 from csstsim.instrument.chip import Window
 from csstsim.optics.psf_file import pixel_response
-from csstsim.render.counter import object_keys
 from csstsim.render.photons import shoot_scene
 from csstsim.render.reference import draw_objects
 from csstsim.render.scene import make_scene

@@ -9,8 +9,8 @@ import time
 import numpy as np
 
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, OUTSIDE_PSF_HULL, SKIPPED_FAINT, STRONG_LENSING, TRUNCATED_STAMP
+from csstsim.counter import object_keys
 from csstsim.render import policy
-from csstsim.render.counter import object_keys
 from csstsim.render.photons import shoot_scene
 from csstsim.render.scene import make_scene
 from csstsim.render.stamps import draw_scene

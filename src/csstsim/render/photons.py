@@ -15,7 +15,7 @@ Electrons beyond the PSF's box follow the radial wing (optics.halo), all of it: 
 import numba
 import numpy as np
 
-from csstsim.render.counter import high, low, poisson, word
+from csstsim.counter import high, low, poisson, word
 from csstsim.render.octaves import first_of, nodes, read
 from csstsim.render.radius import RINGED, gamma, ring
 

@@ -15,7 +15,7 @@ import numba
 import numpy as np
 from scipy.special import gammainc, gammaincc, gammainccinv, gammaincinv, gammaln
 
-from csstsim.render.counter import high, low, word
+from csstsim.counter import high, low, word
 
 RINGED = (1.0, 4.0)  # Sersic indices that have rings
 _STEPS, _OCTAVES = 32, 32  # rings to a factor of 2 in light, and such factors

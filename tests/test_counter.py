@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from csstsim.render.counter import high, low, object_keys, poisson, unit, word
+from csstsim.counter import high, low, object_keys, poisson, unit, word
 
 SIGMA = 5.0
 WORDS = 2**16
