@@ -50,7 +50,13 @@ class Streams:
 
     def exposure_key(self, name):
         """Return 64 bits (numpy.uint64), as `exposure`, for the counters of compiled loops (csstsim.counter)."""
-        words = ("exposure", self.obsid, self.chip_id, self.keyword, name)
+        return self._key("exposure", self.obsid, self.chip_id, self.keyword, name)
+
+    def chip_key(self, name):
+        """Return 64 bits (numpy.uint64), as `chip`, for the counters of compiled loops."""
+        return self._key("chip", self.chip_id, name)
+
+    def _key(self, *words):
         return np.uint64(int.from_bytes(_digest(self.seed, words)[:8], "little"))
 
     def camera(self, name):

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from csstsim.errors import InputError
-from csstsim.instrument.chip import Chip, Detector
+from csstsim.instrument.chip import Chip, Detector, Traps
 from csstsim.instrument.filter import GRID, Filter, sample_curve
 from csstsim.instrument.load import build, folder_digest, read_data
 from csstsim.instrument.orbit import Orbit
@@ -51,7 +51,7 @@ def load_camera(folder):
     folder = Path(folder)
     if not folder.is_dir():
         raise InputError("no such instrument folder", file=folder)
-    detector = _detector(folder / "detector.yaml")
+    detector = _detector(folder / "detector.yaml", _traps(folder / "cti.yaml"))
     filters = _filters(folder / "filters.yaml")
     telescope, orbit = load_telescope(folder / "telescope.yaml")
     keywords = folder / "level0_keywords.yaml"
@@ -69,9 +69,30 @@ def load_camera(folder):
     )
 
 
-def _detector(path):
+def _traps(path):
+    """Read cti.yaml; None if there is none. Raises InputError."""
+    if not path.exists():
+        return None
+    data = read_data(path)
+    species = data.get("species")
+    lists = [species.get(name) if isinstance(species, dict) else None for name in ("density", "timescale")]
+    if not all(isinstance(numbers, list) for numbers in lists) or len(lists[0]) != len(lists[1]):
+        raise InputError("density and timescale must be lists of one length", file=path, key="species", value=species)
+    for name, numbers in zip(("density", "timescale"), lists, strict=True):
+        for number in numbers:
+            if not isinstance(number, int | float) or not 0 < number <= 1e6:
+                raise InputError("out of range", file=path, key=f"species.{name}", value=number, allowed="0 to 1e6")
+    density, timescale = (tuple(map(float, numbers)) for numbers in lists)
+    traps = build(Traps, data.get("well"), path, "well", density=density, timescale=timescale)
+    _positive(traps, ("beta", "full_well"), path)
+    _positive(traps, ("notch",), path, or_zero=True)
+    return traps
+
+
+def _detector(path, traps):
     sections = [section for section in read_data(path).values() if isinstance(section, dict)]
-    detector = build(Detector, {key: value for section in sections for key, value in section.items()}, path)
+    numbers = {key: value for section in sections for key, value in section.items()}
+    detector = build(Detector, numbers, path, traps=traps)
     for axis in ("x", "y"):
         n, channels, size = (getattr(detector, name) for name in (f"n{axis}", f"channels_{axis}", f"channel_n{axis}"))
         if min(n, channels, size) < 1 or channels * size != n:
@@ -82,7 +103,7 @@ def _detector(path):
     if detector.channels_y != 2:
         raise InputError("half the rows read out to each side", file=path, key="channels_y", allowed="2")
     _positive(detector, ("gain", "adc_max", "pixel_um", "full_well"), path)
-    _positive(detector, (f.name for f in fields(Detector)), path, or_zero=True)
+    _positive(detector, (f.name for f in fields(Detector) if f.name != "traps"), path, or_zero=True)
     return detector
 
 

@@ -36,6 +36,17 @@ class Window:
 
 
 @dataclass(frozen=True)
+class Traps:
+    """Charge traps met along a column: the well's shape and, of each species, density and timescale (cti.yaml)."""
+
+    beta: float
+    full_well: float
+    notch: float
+    density: tuple[float, ...]
+    timescale: tuple[float, ...]
+
+
+@dataclass(frozen=True)
 class Detector:
     """What the 30 chips have in common; units in config/instrument/detector.yaml."""
 
@@ -60,6 +71,7 @@ class Detector:
     prnu: float
     readout_time: float
     temperature: float
+    traps: Traps | None  # None without the file
 
     @property
     def channels(self):

@@ -17,7 +17,7 @@ from csstsim.units import EARTH_GM_KM3_S2, EARTH_RADIUS_KM
 
 STAGES = ("select", "render", "readout", "level0")
 _FROM_LAYERS = (
-    "gain", "bias", "read_noise", "clipped_high", "clipped_low",
+    "gain", "bias", "read_noise", "clipped_high", "clipped_low", "cti_density", "cti_trapped",
     "sky_rate", "sky_zodiacal", "sky_earth", "sky_sun", "sky_moon", "sky_planets", "sky_stars",
     "shutter_open_0", "shutter_open_1", "shutter_close_0", "shutter_close_1",
     "led_flag", "led_type", "led_time", "led_guessed",
