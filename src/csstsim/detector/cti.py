@@ -22,12 +22,11 @@ import numba
 import numpy as np
 
 from csstsim.counter import unit, word
+from csstsim.detector.packets import add, first_reaching, nth_below, padded, search_room, set_up
 from csstsim.detector.traps import buffers, draw_traps
 
 COLUMNS = 64  # worked on at once: their packets fit the cache
 LARGEST = 2.0**30  # electrons in a pixel
-_BLOCK, _SUPER = 5, 9  # log2 of the packets in a block and in a super-block
-_SPAN = 1 << _BLOCK
 _TILE = 16  # rows: of as many cache lines
 
 
@@ -75,10 +74,9 @@ def _transfer(image, flip, lead, n_rows, fill, trail, keys, x0, density, timesca
     """All columns, COLUMNS at a time. -1 after the last packet: below any trap's level."""
     nx = image.shape[1]
     n_packets = n_rows + len(trail)
-    padded = (((n_packets - 1) >> _SUPER) + 1) << _SUPER
-    packets = np.empty((COLUMNS, padded + _SPAN), np.int32)
+    packets = np.empty((COLUMNS, padded(n_packets)), np.int32)
     head = np.empty(n_rows, np.int32)
-    bounds = _bounds(padded)
+    search = search_room(packets.shape[1])
     trapped = 0
     for first in range(0, nx, COLUMNS):
         n = min(COLUMNS, nx - first)
@@ -89,7 +87,7 @@ def _transfer(image, flip, lead, n_rows, fill, trail, keys, x0, density, timesca
         for c in range(n):
             column = np.uint64(x0 + first + c)
             own = word(keys[0], column), word(keys[1], column)
-            trapped += _column(packets[c], n_packets, own, density, timescale, well, head, room, bounds)
+            trapped += _column(packets[c], n_packets, own, density, timescale, well, head, room, search)
         _exchange(image, flip, first, packets[:n, lead:], True)
         for y in range(len(trail)):
             for c in range(n):
@@ -114,136 +112,42 @@ def _exchange(image, flip, first, packets, back):
 
 
 @numba.njit(cache=True)
-def _column(packets, n_packets, keys, density, timescale, well, head, room, bounds):
+def _column(packets, n_packets, keys, density, timescale, well, head, room, search):
     """Follow each trap of a column, far rows first; return the electrons left in traps."""
-    level, tau, words, next_ = room
+    level, tau, own, next_ = room
     n_rows = len(head)
     fullest = 0
     for k in range(n_rows):
         fullest = max(fullest, packets[k])
-    draw_traps(keys[0], density, timescale, well, fullest, head, level, tau, words, next_)
-    _set_bounds(packets, bounds)
+    draw_traps(keys[0], density, timescale, well, fullest, head, level, tau, own, next_)
+    table, words, small = search
+    base = set_up(packets, table, small)
     trapped, reach = 0, 0
     for row in range(n_rows - 1, -1, -1):
         reach = max(reach, packets[row])  # no packet from here on is fuller: a release never passes its trap's level
         trap = head[row]
         while trap >= 0:
             if level[trap] <= reach:
-                trapped += _follow(packets, bounds, row, n_packets, level[trap], tau[trap], keys[1], words[trap])
+                trapped += _follow(
+                    packets, table, words, small, base, row, n_packets, level[trap], tau[trap], keys[1], own[trap]
+                )
             trap = next_[trap]
     return trapped
 
 
 @numba.njit(inline="always")
-def _follow(packets, bounds, k, n_packets, level, tau, key, own):
+def _follow(charge, table, words, small, base, k, n_packets, level, tau, key, own):
     """Lead one trap through packets k, k + 1, ...; return the electrons it ends with, 0 or 1."""
     captures = np.uint64(0)
     while True:
-        k = _reaching(packets, bounds, k, level)
+        k = first_reaching(charge, table, words, base, k, level)
         if k >= n_packets:
             return 0
-        _add(packets, bounds, k, -1)
+        add(charge, table, small, base, k, -1)
         wait = int(-tau * math.log(unit(word(key, own + captures)))) + 1
         captures += np.uint64(1)
-        k = _below(packets, bounds, k + 1, level, wait)
+        k = nth_below(charge, table, words, base, k + 1, level, wait)
         if k >= n_packets:
             return 1
-        _add(packets, bounds, k, 1)
+        add(charge, table, small, base, k, 1)
         k += 1
-
-
-@numba.njit(inline="always")
-def _reaching(packets, bounds, k, level):
-    """Return the first packet at or after k that reaches `level`, or the end."""
-    most, _, most_super, _ = bounds
-    end = len(most) << _BLOCK
-    while k < end:
-        if most_super[k >> _SUPER] < level:
-            k = ((k >> _SUPER) + 1) << _SUPER
-        elif most[k >> _BLOCK] < level:
-            k = ((k >> _BLOCK) + 1) << _BLOCK
-        else:
-            stop = ((k >> _BLOCK) + 1) << _BLOCK
-            while k < stop:
-                if packets[k] >= level:
-                    return k
-                k += 1
-    return end
-
-
-@numba.njit(inline="always")
-def _below(packets, bounds, k, level, count):
-    """Return the count-th packet at or after k that is below `level`, or the end or later."""
-    most, least, most_super, least_super = bounds
-    end = len(most) << _BLOCK
-    while k < end:
-        block, super_block = k >> _BLOCK, k >> _SUPER
-        if least_super[super_block] >= level:
-            k = (super_block + 1) << _SUPER
-        elif most_super[super_block] < level:
-            here = ((super_block + 1) << _SUPER) - k
-            if count <= here:
-                return k + count - 1
-            count -= here
-            k += here
-        elif least[block] >= level:
-            k = (block + 1) << _BLOCK
-        elif most[block] < level:
-            here = ((block + 1) << _BLOCK) - k
-            if count <= here:
-                return k + count - 1
-            count -= here
-            k += here
-        else:
-            here = 0
-            for i in range(_SPAN):
-                here += packets[k + i] < level
-            if here < count:
-                count -= here
-                k += _SPAN
-            else:
-                while True:
-                    if packets[k] < level:
-                        count -= 1
-                        if count == 0:
-                            return k
-                    k += 1
-    return end
-
-
-@numba.njit(cache=True)
-def _bounds(n):
-    """Return room for the most and the least charge in blocks and super-blocks of n packets."""
-    blocks, supers = n >> _BLOCK, n >> _SUPER
-    return (
-        np.empty(blocks, np.int32),
-        np.empty(blocks, np.int32),
-        np.empty(supers, np.int32),
-        np.empty(supers, np.int32),
-    )
-
-
-@numba.njit(cache=True)
-def _set_bounds(packets, bounds):
-    most, least, most_super, least_super = bounds
-    most_super[:], least_super[:] = -1, np.iinfo(np.int32).max
-    for block in range(len(most)):
-        top = bottom = packets[block << _BLOCK]
-        for i in range(1, _SPAN):
-            value = packets[(block << _BLOCK) + i]
-            top, bottom = max(top, value), min(bottom, value)
-        most[block], least[block] = top, bottom
-        super_block = block >> (_SUPER - _BLOCK)
-        most_super[super_block] = max(most_super[super_block], top)
-        least_super[super_block] = min(least_super[super_block], bottom)
-
-
-@numba.njit(inline="always")
-def _add(packets, bounds, k, electrons):
-    """Change a packet; the bounds stay bounds, though not the closest ones."""
-    most, least, most_super, least_super = bounds
-    packets[k] += electrons
-    value, block, super_block = packets[k], k >> _BLOCK, k >> _SUPER
-    most[block], least[block] = max(most[block], value), min(least[block], value)
-    most_super[super_block] = max(most_super[super_block], value)
-    least_super[super_block] = min(least_super[super_block], value)

@@ -32,7 +32,7 @@ def buffers(density, n_rows):
     """
     mean = float(np.sum(density)) * n_rows
     size = int(mean + 12 * np.sqrt(mean) + 64)
-    return np.empty(size, np.int64), np.empty(size), np.empty(size, np.uint64), np.empty(size, np.int32)
+    return np.empty(size, np.int32), np.empty(size), np.empty(size, np.uint64), np.empty(size, np.int32)
 
 
 @numba.njit(cache=True)
