@@ -1,16 +1,15 @@
 """Charge transfer inefficiency of the parallel transfer (paper, section 5.5.4): stochastic and exact, event by event.
 
 Packet k of a half's column meets the traps of rows k, k - 1, ... 0 on its way to the amplifier. An empty trap whose
-level (detector.traps) the packet reaches takes one electron at once; a filled trap above the packet lets its electron
-go with probability 1 - exp(-1 / tau), independently at each transfer. Traps of one pixel act one after another, so that
-no electron is taken twice. After the last row come empty packets, the parallel overscan.
+level (detector.traps) the packet reaches takes one electron at once; a filled trap whose level it does not reach lets
+its electron go with probability 1 - exp(-1 / tau), independently at each transfer. Traps of one pixel act one after
+another, so that no electron is taken twice. After the last row come empty packets, the parallel overscan.
 
-A trap row sees the packets in their order, and a packet sees the rows from far to near; therefore "row by row from far
+A row of traps sees the packets in their order, and a packet sees the rows from far to near; hence "row by row from far
 to near, packet by packet in each" is the same process as the clock's "transfer by transfer", and one trap may be
-followed through all packets at once. Between two events of a trap nothing happens to it, and its next event is found
-without visiting each packet: the next packet that reaches its level when it is empty; when it is filled, the G-th packet
-below its level, G = 1 + floor(tau x Exp(1)) being a geometric number. Bounds on the charge in blocks of packets skip
-most of either search.
+followed through all packets at once. Between its events a trap changes nothing, and the next event is found without
+visiting each packet: for an empty trap the next packet that reaches its level; for a filled one the n-th packet below
+its level, n = 1 + floor(tau x Exp(1)) being the geometric number of trials until it lets go (detector.packets).
 
 Traps start empty: a trap meets its own pixel's packet first, so this is the equilibrium reached in an exposure much
 longer than tau. Left out: serial transfer, capture that takes time, charge injection, the structure of clock phases.

@@ -1,4 +1,4 @@
-"""Traps of a column of pixels: how many, where, and above which charge they lie (paper, section 5.5.4; Massey et al. 2014).
+"""Traps of a column of pixels: how many, where, and from which charge on they act (paper, section 5.5.4).
 
 A packet of N electrons fills the share V = [max(N - notch, 0) / full_well]^beta of its pixel. The number of traps of a
 species in a pixel is Poisson with mean rho; each has a watermark u, uniform in 0..1, and feels the packet if u < V,
@@ -13,7 +13,7 @@ a window sees the traps of the whole chip.
 import numba
 import numpy as np
 
-from csstsim.counter import high, low, poisson, word
+from csstsim.counter import low, poisson, word
 
 EDGES = np.array([0.0, *2.0 ** np.arange(-6.0, 1.0)])  # of the strata; part of what a key means
 _STRATUM = np.uint64(32)  # bits for the number of a trap in its stratum

@@ -28,4 +28,7 @@ def apply(state, param, rng):
     state.image = frame.embed(state.image)
     if state.mask is not None:
         state.mask = frame.embed(state.mask)
+    if state.trailed is not None:
+        frame.lay_trails(state.image, state.trailed)
+        state.trailed = None
     return state
