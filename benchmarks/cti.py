@@ -7,7 +7,8 @@
 2. What a spot loses and trails, for 500, 5000 and 30000 e- over 3 rows, 147 and 4000 rows from the amplifier: this
    program, its limit of many small electrons (mean field), a linear model, arcticpy (if installed; tests/cti_peer.py).
    The spread of the errors against CPU time goes to docs/figures/cti_speed_accuracy.png.
-3. Input, output and trail of a stamp 147 and 4000 rows from the amplifier: docs/figures/cti_trails.png.
+3. What arcticpy does with the traps of a packet's own first rows (docs/detector_cti.md).
+4. Input, output and trail of a stamp 147 and 4000 rows from the amplifier: docs/figures/cti_trails.png. Last, two whole chips.
 """
 
 import argparse
@@ -165,53 +166,84 @@ def costs(columns):
     return seconds[SKY]
 
 
-def accuracy(columns, seconds):
-    """Print losses and trails by method; return {name: (s/chip, rms and largest relative error)}."""
+def by_arctic(express, scan):
+    """arcticpy's method; scan: its `overscan_start` just behind the spot."""
+    return lambda column, row=None: arctic(
+        column, DENSITY, TAU, WELL, express, **({"overscan_start": row + 3} if scan else {})
+    )
+
+
+def ways(columns, seconds):
+    """Return {name: (CPU s for a half-column, method for spot_change)}."""
     image = scene(np.random.default_rng(5), min(columns, 128), SKY)
-    per_column = {
-        "exact, event by event": seconds,
-        "mean field (30 x)": cpu(
-            lambda part: transfer(part, 30 * DENSITY, TAU, (WELL[0], 30 * WELL[1], 0.0), KEYS), 30 * image[:, :16], 1
-        ) / 16,
-        "linear": cpu(linear, image) / image.shape[1],
-    }  # fmt: skip
-    methods = {
-        "exact, event by event": stochastic(3000),
-        "mean field (30 x)": stochastic(100, 30),
-        "linear": linear_column,
+
+    def each(work, n=FEW):
+        return cpu(work, image[:, :n], 1) / n
+
+    many = (WELL[0], 30 * WELL[1], 30 * WELL[2])
+    found = {
+        "exact, event by event": (seconds, stochastic(3000)),
+        "mean field": (each(lambda part: transfer(30 * part, 30 * DENSITY, TAU, many, KEYS)), stochastic(100, 30)),
+        "linear": (each(linear, image.shape[1]), linear_column),
     }
     if importlib.util.find_spec("arcticpy"):
         for express in (1, 2, 5):
-            for name, more in ((f"arcticpy {express}", {}), (f"arcticpy {express}, overscan_start", {"start": True})):
-                methods[name] = lambda column, row, express=express, more=more: arctic(
-                    column, DENSITY, TAU, WELL, express, **({"overscan_start": row + 3} if more else {})
-                )
-                per_column[name] = (
-                    cpu(lambda part, express=express: [arctic(c, DENSITY, TAU, WELL, express) for c in part.T], few, 1)
-                    / 8
-                )
+            method = by_arctic(express, False)
+            found[f"arcticpy {express}"] = each(method, 64), method
+            found[f"arcticpy {express}, overscan_start"] = found[f"arcticpy {express}"][0], by_arctic(express, True)
+    return found
+
+
+def accuracy(columns, seconds):
+    """Print losses and trails by method; return {name: (s/chip, rms relative error)}."""
     reference, found = None, {}
     print(f"\nspot over 3 rows, sky {SKY} e-: electrons added to the spot | rows 1-8, 9-48, 49-198 behind it")
-    for name, method in methods.items():
+    for name, (cost, method) in ways(columns, seconds).items():
         parts = np.array([spot_change(method, *spot) for spot in SPOTS])
         reference = parts if reference is None else reference
         error = parts / reference - 1
-        found[name] = per_column[name] * HALF_COLUMNS, np.sqrt((error**2).mean()), abs(error).max()
-        print(
-            f"{name}: {found[name][0]:.1f} s/chip; against the first, rms {found[name][1]:.2%}, most {found[name][2]:.1%}"
-        )
+        found[name] = cost * HALF_COLUMNS, np.sqrt((error**2).mean())
+        print(f"{name}: {found[name][0]:.1f} s/chip; against the first, rms {found[name][1]:.2%}", end="")
+        print(f", most {abs(error).max():.1%}", flush=True)
         for (flux, row), part in zip(SPOTS, parts, strict=True):
             print(f"   {flux:6d} e- at {row:4d}: {part[0]:9.2f} |" + "".join(f"{value:9.2f}" for value in part[1:]))
     return found
 
 
+def first_transfers():
+    """Print a spot of 5000 e- on no sky, 60 rows from the amplifier: arcticpy with and without emptied traps."""
+    column = np.zeros(160, np.float32)
+    column[60:63] = 5000
+
+    def say(name, moved):
+        change = moved - column
+        parts = "".join(f"{change[60 + a : 60 + b].sum():9.2f}" for a, b in ((0, 3), (3, 11), (11, 51), (51, 100)))
+        print(f"{name:50s}{parts}   all {change.sum():7.2f}")
+
+    print("\nspot 60 rows from the amplifier, no sky: electrons added to the spot, rows 1-8, 9-48, 49-97 behind it")
+    say("this program, 20000 columns", stochastic(1000)(column, 50))
+    for empty in (False, True):
+        moved = arctic(column, DENSITY, TAU, WELL, 0, empty_traps_for_first_transfers=empty)
+        say(f"arcticpy 0, empty_traps_for_first_transfers={empty}", moved)
+
+
+def chip(sky=SKY):
+    """Print the cost of a whole chip, both halves; columns of `scene` repeated."""
+    image = np.tile(scene(np.random.default_rng(2), 256, sky), (2, HALF_COLUMNS // 512))
+    start = time.process_time()
+    for half in range(2):
+        rows = image[half * ROWS : (half + 1) * ROWS]
+        transfer(rows, DENSITY, TAU, WELL, KEYS, flip=bool(half), overscan=OVERSCAN)
+    print(f"\na whole chip of {image.shape}, sky {sky} e-: {time.process_time() - start:.2f} CPU s")
+
+
 def chart(found, file):
     figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
-    for name, (seconds, rms, _) in found.items():
-        exact_one = rms == 0
-        axes.plot(seconds, max(rms, 1e-3), "k*" if exact_one else "o", ms=13 if exact_one else 6)
-        label = "exact: this program" if exact_one else name
-        axes.annotate(label, (seconds, max(rms, 1e-3)), xytext=(6, 4), textcoords="offset points", fontsize=7)
+    for name, (seconds, rms) in found.items():
+        place = seconds, rms or 1e-3
+        axes.plot(*place, "o" if rms else "k*", ms=6 if rms else 13)
+        label = name if rms else "this program: exact (0; errors are against it)"
+        axes.annotate(label, place, xytext=(5, 3), textcoords="offset points", fontsize=7, rotation=30 * (rms > 0))
     axes.set(
         xscale="log", yscale="log", xlabel="CPU s per chip, sky 40 e$^-$",
         ylabel="rms relative error of spot losses and trails", xlim=(1, 1e3), ylim=(7e-4, 2),
@@ -253,7 +285,11 @@ def main():
     columns = parser.parse_args().columns
     figures = ROOT / "docs" / "figures"
     chart(accuracy(columns, costs(columns)), figures / "cti_speed_accuracy.png")
+    if importlib.util.find_spec("arcticpy"):
+        first_transfers()
     trails(figures / "cti_trails.png")
+    for sky in (4, SKY):
+        chip(sky)
 
 
 if __name__ == "__main__":

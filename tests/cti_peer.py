@@ -27,18 +27,18 @@ def spot_column(row, spot=True):
 
 
 def arctic(column, density, timescale, well, express=5, **roe):
-    """Return `column` (float64) after arcticpy's parallel transfer; roe: keywords of its ROE."""
+    """Return `column`, or columns (ny, nx), as float64 after arcticpy's parallel transfer; roe: keywords of its ROE."""
     import arcticpy as ac
 
     beta, full_well, notch = well
-    species = zip(density, timescale, strict=True)
+    species = [ac.TrapInstantCapture(density=d, release_timescale=t) for d, t in zip(density, timescale, strict=True)]
     return np.asarray(
         ac.add_cti(
-            column[:, None].astype(float), parallel_roe=ac.ROE([1.0], **roe), parallel_express=express, verbosity=0,
+            column.reshape(len(column), -1).astype(float), parallel_roe=ac.ROE([1.0], **roe), parallel_express=express, verbosity=0,
             parallel_ccd=ac.CCD(full_well_depth=full_well, well_fill_power=beta, well_notch_depth=notch),
-            parallel_traps=[ac.TrapInstantCapture(density=d, release_timescale=t) for d, t in species],
+            parallel_traps=species,
         )
-    )[:, 0]  # fmt: skip
+    ).reshape(column.shape)  # fmt: skip
 
 
 def arctic_spot(row, density, timescale, well):
