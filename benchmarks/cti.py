@@ -8,7 +8,8 @@
    program, its limit of many small electrons (mean field), a linear model, arcticpy (if installed; tests/cti_peer.py).
    The spread of the errors against CPU time goes to docs/figures/cti_speed_accuracy.png.
 3. What arcticpy does with the traps of a packet's own first rows (docs/detector_cti.md).
-4. Input, output and trail of a stamp 147 and 4000 rows from the amplifier: docs/figures/cti_trails.png. Last, two whole chips.
+4. Input, output and trail of a stamp 147 and 4000 rows from the amplifier: docs/figures/cti_trails.png.
+5. Two whole chips.
 """
 
 import argparse
