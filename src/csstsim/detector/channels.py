@@ -202,6 +202,12 @@ class ReadoutFrame:
             frame[block.active] = image[block.image]
         return frame
 
+    def lay_trails(self, frame, trailed):
+        """Put `trailed` = (lower, upper), (parallel_overscan, nx of the window), first row read first, into `frame`."""
+        for block in self.blocks:
+            rows = trailed[block.half][:, block.image[1]]
+            frame[block.parallel_overscan] = rows[::-1] if block.flip_y else rows
+
     def active(self, frame):
         """Return the active pixels of `frame` as one image (shape of the window): the inverse of `embed`."""
         x0, x1, y0, y1 = self.window

@@ -15,6 +15,7 @@ from csstsim.instrument.load import build, folder_digest, read_data, read_sectio
 from csstsim.instrument.orbit import Orbit
 from csstsim.instrument.pointing import parse_utc
 from csstsim.instrument.telescope import Telescope
+from csstsim.instrument.traps import load_traps
 
 KINDS = ("imaging", "slitless")
 
@@ -75,6 +76,7 @@ def _detector(path):
     effects = {
         "cosmic_rays": load_cosmic_rays(path.with_name("cosmic_rays.yaml")),
         "defects": load_defects(path.with_name("defects.yaml")),
+        "traps": load_traps(path.with_name("cti.yaml")),
     }
     detector = build(Detector, read_sections(path), path, **effects)
     for axis in ("x", "y"):

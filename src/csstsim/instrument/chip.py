@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from csstsim.instrument.cosmic_rays import CosmicRays
 from csstsim.instrument.defects import Defects
 from csstsim.instrument.telescope import Telescope
+from csstsim.instrument.traps import Traps
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ class Detector:
     temperature: float
     cosmic_rays: CosmicRays | None = None  # None: no such file in the instrument folder
     defects: Defects | None = None
+    traps: Traps | None = None
 
     @property
     def channels(self):

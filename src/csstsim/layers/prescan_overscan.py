@@ -1,7 +1,8 @@
 """Prescan and overscan sections (paper, Appendix B item 11).
 
 The active pixels of the window are laid into the readout frame of csstsim.detector.channels; the added pixels hold
-no charge. Left out: charge that trails into the overscan, which the charge transfer layer will bring.
+no charge, but for what a charge transfer layer left to trail behind each half into its parallel overscan.
+Left out: charge that trails into the serial overscan.
 """
 
 from csstsim.detector.channels import ReadoutFrame
@@ -27,4 +28,7 @@ def apply(state, param, rng):
     state.image = frame.embed(state.image)
     if state.mask is not None:
         state.mask = frame.embed(state.mask)
+    if state.trailed is not None:
+        frame.lay_trails(state.image, state.trailed)
+        state.trailed = None
     return state
