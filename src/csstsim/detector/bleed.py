@@ -113,7 +113,7 @@ def _excess(charge, full_well, share):
 
 @numba.njit(cache=True)
 def _grow(line, full_well, share, runs, count, p):
-    """Grow a run from the saturated pixel p until both ends have room; it may swallow runs below. Return their number."""
+    """Grow a run from the saturated pixel p until both ends have room, swallowing runs; return how many there are."""
     start, end = p - 1, p + 1
     excess = moment = _excess(line[p], full_well, share)
     while True:

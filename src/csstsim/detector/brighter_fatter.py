@@ -28,8 +28,8 @@ _RING = 2 * _PAD + 1
 def move_charge(image, kernel, limit):
     """Move charge between neighbouring pixels of `image` (ny, nx; electrons, float32), in place.
 
-    `kernel` (3, 3): the quadrant K[dy, dx] of the 5 x 5 kernel [per e-]; `limit`: full well [e-]. Raises ValueError if a
-    pixel is negative or not finite (the image is then spoilt) or the kernel is no finite (3, 3).
+    `kernel` (3, 3): the quadrant K[dy, dx] of the 5 x 5 kernel [per e-]; `limit`: full well [e-]. Raises ValueError if
+    a pixel is negative or not finite (the image is then spoilt) or the kernel is no finite (3, 3).
     """
     kernel = np.asarray(kernel, np.float32)
     if kernel.shape != (_PAD + 1, _PAD + 1) or not np.isfinite(kernel).all() or not limit > 0:

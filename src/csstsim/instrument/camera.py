@@ -71,7 +71,9 @@ def load_camera(folder):
 
 def _detector(path):
     sections = [section for section in read_data(path).values() if isinstance(section, dict)]
-    detector = build(Detector, {key: value for section in sections for key, value in section.items()}, path)
+    moved = path.with_name("brighter_fatter.yaml")
+    numbers = {key: value for section in sections for key, value in section.items()}
+    detector = build(Detector, numbers, path, brighter_fatter=read_data(moved) if moved.exists() else {})
     for axis in ("x", "y"):
         n, channels, size = (getattr(detector, name) for name in (f"n{axis}", f"channels_{axis}", f"channel_n{axis}"))
         if min(n, channels, size) < 1 or channels * size != n:
@@ -82,7 +84,11 @@ def _detector(path):
     if detector.channels_y != 2:
         raise InputError("half the rows read out to each side", file=path, key="channels_y", allowed="2")
     _positive(detector, ("gain", "adc_max", "pixel_um", "full_well"), path)
-    _positive(detector, (f.name for f in fields(Detector)), path, or_zero=True)
+    signed = "nonlinearity_quadratic", "nonlinearity_cubic", "brighter_fatter"
+    _positive(detector, (f.name for f in fields(Detector) if f.name not in signed), path, or_zero=True)
+    for name in ("bloom_row_share", "nonlinearity_spread"):
+        if getattr(detector, name) > 1:
+            raise InputError("out of range", file=path, key=name, value=getattr(detector, name), allowed="0..1")
     return detector
 
 

@@ -3,7 +3,8 @@
 Left out: chip tilts, height differences and the other sensors of the focal plane.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 from csstsim.instrument.telescope import Telescope
 
@@ -56,10 +57,15 @@ class Detector:
     read_noise: float
     dark: float
     full_well: float
+    bloom_row_share: float
     adc_max: int
     prnu: float
+    nonlinearity_quadratic: float
+    nonlinearity_cubic: float
+    nonlinearity_spread: float
     readout_time: float
     temperature: float
+    brighter_fatter: dict[str, Any] = field(hash=False)  # brighter_fatter.yaml; empty without the file
 
     @property
     def channels(self):
