@@ -15,7 +15,6 @@ Quadrants are indexed [dy, dx]: rows along the columns of the chip (parallel), c
 import numpy as np
 
 SIZE = 3  # of the quadrant of K
-_REACH = 5  # lags of a covariance between two pixels that each see 7 x 7: not beyond 6; 0..5 hold all but the corners
 
 
 def unfold(quadrant):
@@ -54,15 +53,10 @@ def all_areas(areas):
 
 
 def predict(areas, mean):
-    """Return the covariances (6, 6) [e-^2] of a flat of `mean` electrons by lag, [0, 0] the variance."""
+    """Return the covariances (7, 7) [e-^2] of a flat of `mean` electrons by lag, [0, 0] the variance; zero beyond."""
     k = unfold(all_areas(areas) / 2)
-    size = len(k)
-    padded = np.pad(k, size)
-    square = np.array([
-        [np.sum(padded[size:-size, size:-size] * np.roll(padded, (dy, dx), (0, 1))[size:-size, size:-size])
-         for dx in range(_REACH + 1)] for dy in range(_REACH + 1)
-    ])  # fmt: skip
-    cov = mean**3 * square
+    lags = range(len(k))
+    cov = mean**3 * np.array([[np.sum(k[dy:, dx:] * k[: len(k) - dy, : len(k) - dx]) for dx in lags] for dy in lags])
     cov[: SIZE + 1, : SIZE + 1] += 2 * mean**2 * k[SIZE:, SIZE:]
     cov[0, 0] += mean
     return cov
