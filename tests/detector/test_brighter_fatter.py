@@ -9,14 +9,14 @@ from csstsim.detector.brighter_fatter import move_charge
 from csstsim.rng import stream
 
 AREAS = np.array([[-1.6e-6, 0.7e-7, 2e-8], [2.1e-7, 7e-8, 2e-8], [4e-8, 2e-8, 1.6e-8]])
-KERNEL = bfe_fit.kernel(AREAS)
+KERNEL, SKEW = bfe_fit.kernel(AREAS)
 FULL_WELL = 90_000.0
 ULP = 0.008  # e-: float32 at full well
 
 
-def moved(image, kernel=KERNEL, limit=FULL_WELL):
+def moved(image, kernel=KERNEL, skew=SKEW):
     image = np.array(image, np.float32, order="C")
-    move_charge(image, kernel, limit)
+    move_charge(image, kernel, skew, FULL_WELL)
     return image
 
 
@@ -31,13 +31,14 @@ def scene(shape=(50, 70), seed=1):
 
 def plain(image):
     """The module's equations in double precision on whole arrays."""
-    phi = convolve(np.minimum(image.astype(float), FULL_WELL), bfe_fit.unfold(KERNEL), mode="nearest")
+    push = np.minimum(image.astype(float), FULL_WELL)
+    phi = convolve(push, bfe_fit.unfold(KERNEL), mode="nearest")
     out = image.astype(float)
     for axis in (0, 1):
         n = image.shape[axis]
         padded = np.pad(image.astype(float), [(1, 1) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
         before, p, q, after = (np.take(padded, range(i, i + n - 1), axis) for i in range(4))
-        shift = -np.diff(phi, axis=axis)
+        shift = -np.diff(phi + (SKEW, -SKEW)[axis] * push, axis=axis)
         density = np.where(shift > 0, 5 * p + 2 * q - before, 5 * q + 2 * p - after) / 6
         flux = np.clip(shift * np.clip(density, np.minimum(p, q), np.maximum(p, q)), -q / 8, p / 8)
         out -= np.diff(np.insert(np.insert(flux, 0, 0, axis), n, 0, axis), axis=axis)
@@ -62,21 +63,21 @@ def test_charge_is_conserved_and_never_negative():
 def test_mirrored_images_give_mirrored_bits():
     image = scene()
     after = moved(image)
-    for flip in (np.flipud, np.fliplr, np.rot90):
-        kernel = KERNEL.T if flip is np.rot90 else KERNEL
-        if flip is not np.rot90:
-            assert np.array_equal(flip(moved(flip(image), kernel)), after)
-        else:
-            assert np.abs(moved(flip(image), kernel) - flip(after)).max() < 16 * ULP * image.max() / FULL_WELL
+    for flip in (np.flipud, np.fliplr):
+        assert np.array_equal(flip(moved(flip(image))), after)
+    assert np.array_equal(np.rot90(moved(np.rot90(image, 2)), 2), after)
+    turned = moved(image.T, KERNEL.T, -SKEW).T
+    assert np.abs(turned - after).max() < 16 * ULP * image.max() / FULL_WELL
 
 
 def test_one_charge_gives_to_its_four_neighbours():
-    """A lone charge Q gives (K00 - K01) 5/6 Q^2 through each boundary, and nothing further out."""
+    """A lone charge Q gives (K00 - K01 +- skew) 5/6 Q^2 through each boundary, and nothing further out."""
     charge = 50_000.0
     image = np.zeros((9, 9))
     image[4, 4] = charge
     after = moved(image)
-    up, right = (KERNEL[0, 0] - KERNEL[1, 0]) * charge**2 * 5 / 6, (KERNEL[0, 0] - KERNEL[0, 1]) * charge**2 * 5 / 6
+    up = (KERNEL[0, 0] - KERNEL[1, 0] + SKEW) * charge**2 * 5 / 6
+    right = (KERNEL[0, 0] - KERNEL[0, 1] - SKEW) * charge**2 * 5 / 6
     wanted = image.copy()
     wanted[3:6:2, 4], wanted[4, 3:6:2] = up, right
     wanted[4, 4] -= 2 * (up + right)
@@ -103,7 +104,7 @@ def test_a_step_at_full_well_neither_rings_nor_turns_negative(low, axis, strengt
     image = np.full((30, 30), low)
     image[:, 15:] = FULL_WELL
     image = image if axis else image.T
-    after = moved(image, strength * KERNEL)
+    after = moved(image, strength * KERNEL, strength * SKEW)
     across = after[7] if axis else after[:, 7]
     assert (np.diff(across) >= 0).all()
     assert after.min() >= low and after.max() <= FULL_WELL
@@ -111,7 +112,7 @@ def test_a_step_at_full_well_neither_rings_nor_turns_negative(low, axis, strengt
     assert across[14] - low > 0.005 * strength * (FULL_WELL - low)  # the edge does soften
     again = np.array(image, np.float32, order="C")
     for _ in range(50):
-        move_charge(again, strength * KERNEL, FULL_WELL)
+        move_charge(again, strength * KERNEL, strength * SKEW, FULL_WELL)
     assert again.min() >= 0 and again.max() <= FULL_WELL
     assert (np.diff(again[7] if axis else again[:, 7]) >= 0).all()
 
@@ -131,7 +132,7 @@ def test_charge_far_above_full_well_pushes_as_a_full_well():
 def test_no_pixel_gives_more_than_it_has():
     """A kernel a hundred times too strong: the limiter acts, charge stays and no pixel is negative."""
     image = scene((100, 100), 3)
-    after = moved(image, 100 * KERNEL)
+    after = moved(image, 100 * KERNEL, 100 * SKEW)
     assert after.min() >= 0
     assert abs(after.sum(dtype=float) / image.sum(dtype=float) - 1) < 1e-6
 
@@ -154,12 +155,13 @@ def test_impossible_charge_is_counted_and_refused(bad, place):
     image = np.ones((12, 9), np.float32)
     image[place] = image[5, 5] = bad
     with pytest.raises(ValueError, match=r"2 pixel\(s\) is negative or not finite"):
-        move_charge(image, KERNEL, FULL_WELL)
+        move_charge(image, KERNEL, SKEW, FULL_WELL)
 
 
 def test_impossible_kernels_are_refused():
     image = np.ones((4, 4), np.float32)
-    for kernel, limit in ((np.ones((2, 2)), 1.0), (np.full((3, 3), np.nan), 1.0), (KERNEL, 0.0), (KERNEL, np.nan)):
+    nan, wrong = np.nan, (np.ones((2, 2)), np.full((3, 3), np.nan))
+    for numbers in (*((kernel, 0, 1) for kernel in wrong), (KERNEL, nan, 1), (KERNEL, 0, 0), (KERNEL, 0, nan)):
         with pytest.raises(ValueError, match="limit"):
-            move_charge(image, kernel, limit)
+            move_charge(image, *numbers)
     assert (image == 1).all()

@@ -65,8 +65,8 @@ def test_brighter_fatter_moves_with_the_cameras_numbers(small, window):
     state = scene(small, window)
     wanted = state.image.copy()
     numbers = small.detector.brighter_fatter
-    kernel = bfe_fit.kernel(numbers["scale"] * np.array(numbers["areas"]))
-    move_charge(wanted, kernel, small.detector.full_well)
+    kernel, skew = bfe_fit.kernel(numbers["scale"] * np.array(numbers["areas"]))
+    move_charge(wanted, kernel, skew, small.detector.full_well)
     before = state.image.copy()
     state = brighter_fatter.apply(state, brighter_fatter.Param(), RNG)
     assert np.array_equal(state.image, wanted) and not np.array_equal(before, wanted)

@@ -3,13 +3,15 @@
 A charge changes the area of the pixels around it by a[dy, dx] of a pixel per electron (Astier et al. 2019, A&A 629,
 A36). Moved charge (detector.brighter_fatter) is, in a flat of mean mu, mu (k * Q) with k the discrete Laplacian of K:
 
-    k = laplacian(K) = a / 2
+    k = laplacian(K) + skew (second difference along y - along x) = a / 2
     C = mu delta + 2 k mu^2 + (k correlated with k) mu^3        for Poisson flats, exact but for terms of order 1 / mu
 
-K is zero beyond its 5 x 5, so 9 areas in a quadrant give its 9 values, without freedom, and what the 5 x 5 areas lack
-to sum to zero lies on the ring around them. Real flats have 2/3 (a * a) for the last term, ours 1/4: the areas fitted
-are those that serve the kernel, and differ by some per cent of themselves at 50,000 e-.
-Quadrants are indexed [dy, dx]: rows along the columns of the chip (parallel), columns along its rows (serial).
+K is zero beyond its 5 x 5, so the 9 areas of a quadrant give its 9 values, and what the 5 x 5 areas lack to sum to zero
+lies on the ring around them. The potential of a charge is round and only a pixel's own boundaries move the easier the
+lower their barriers, so the difference of a[1, 0] and a[0, 1] is the skew and their mean goes into K. Real flats have
+2/3 (a * a) for the last term, ours 1/4: the areas fitted are those that serve the kernel, different by some per cent of
+themselves at 50,000 e-. Quadrants are indexed [dy, dx]: rows along the columns of the chip (parallel), columns along
+its rows (serial).
 """
 
 import numpy as np
@@ -38,18 +40,25 @@ def laplacian(quadrant):
 
 
 def kernel(areas):
-    """Return K (3, 3) [per e-] for areas a (3, 3) [per e-]. Raises ValueError for another shape or not finite."""
-    areas = np.asarray(areas, float)
+    """Return (K (3, 3), skew) [per e-] of areas a (3, 3) [per e-]. Raises ValueError for another shape or not finite."""
+    areas = np.array(areas, float)
     if areas.shape != (SIZE, SIZE) or not np.isfinite(areas).all():
         raise ValueError(f"areas of shape {areas.shape}; need a finite ({SIZE}, {SIZE})")
+    skew = (areas[1, 0] - areas[0, 1]) / 4
+    areas[1, 0] -= 2 * skew
+    areas[0, 1] += 2 * skew
     units = np.eye(SIZE**2).reshape(-1, SIZE, SIZE)
     matrix = np.stack([laplacian(unit)[:SIZE, :SIZE].ravel() for unit in units], axis=1)
-    return np.linalg.solve(matrix, areas.ravel() / 2).reshape(SIZE, SIZE)
+    return np.linalg.solve(matrix, areas.ravel() / 2).reshape(SIZE, SIZE), skew
 
 
 def all_areas(areas):
     """Return the (4, 4) areas that the kernel of (3, 3) areas has: those given, and the ring that makes the sum 0."""
-    return 2 * laplacian(kernel(areas))
+    potential, skew = kernel(areas)
+    every = 2 * laplacian(potential)
+    every[1, 0] += 2 * skew
+    every[0, 1] -= 2 * skew
+    return every
 
 
 def predict(areas, mean):

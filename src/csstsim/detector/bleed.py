@@ -83,10 +83,11 @@ def _spill_all(image, full_well, row_share, mask, in_row, in_column):
                     if mask.size:
                         mask[y, x] |= SATURATED
             if row_share > 0:
-                lost += _spill(image[y], full_well, row_share, mask[y], here[:number], runs)
+                # ::1, a stride like the columns': compiled once for both
+                lost += _spill(image[y, ::1], full_well, row_share, mask[y, ::1], here[:number], runs)
     for x in range(nx):
         if in_column[x]:
-            marks = mask[:, x] if mask.size else mask[0]
+            marks = mask[:, x] if mask.size else mask[0, ::1]
             lost += _spill(image[:, x], full_well, 1.0, marks, rows[start[x] : start[x + 1]], runs)
     return lost
 

@@ -1,15 +1,17 @@
 """Brighter-fatter effect (paper, section 5.5.3): charge in the pixels pushes the boundaries between them.
 
     potential   phi = K * min(Q, limit)                         5 x 5 kernel, even in x and y
-    moved       F(p -> q) = (phi_p - phi_q) D                   through the boundary of two neighbouring pixels
+    shift       s = phi_p - phi_q +- skew (Q_p - Q_q)           of the boundary of two neighbours: + along y, - along x
+    moved       F(p -> q) = s D                                 through it
     density     D = (5 giver + 2 taker - behind) / 6            at the boundary, held between giver and taker
 
 The shift of a boundary is the difference of a potential of the charges around (the curl-free field of Coulton et al.
-2018, AJ 155, 258), what crosses it the shift times the charge there (Antilogus et al. 2014, JINST 9 C03048; their mean
-of the two pixels leaves a dip behind a step edge, the third-order density does not). What leaves a pixel enters
-another, so charge is conserved to float32's rounding. K comes from the covariances of flats (detector.bfe_fit) and
-holds half the final shift, the mean while charge gathers. Charge is moved as a mean: pixels keep fractions of
-electrons, because rounding them would add 1/12 e-^2 of noise that flats do not show.
+2018, AJ 155, 258) and, as a pixel's own boundaries move more easily along columns than across the channel stops, a part
+from its two pixels alone; all charges at most `limit`. What crosses it is the shift times the charge there (Antilogus
+et al. 2014, JINST 9 C03048; their mean of the two pixels leaves a dip behind a step edge, the third-order density does
+not). What leaves a pixel enters another, so charge is conserved to float32's rounding. K and skew come from the
+covariances of flats (detector.bfe_fit) and hold half the final shift, the mean while charge gathers. Charge is moved as
+a mean: pixels keep fractions of electrons, because rounding them would add 1/12 e-^2 of noise that flats do not show.
 
 Two limits hold it stable whatever the image: a pixel pushes with no more than `limit` (its full well) and gives no
 more than 1/DONOR of its charge through one boundary, so none turns negative. Nothing crosses the image's border, where
@@ -27,23 +29,23 @@ _PAD = 2  # reach of the kernel
 _RING = 2 * _PAD + 1
 
 
-def move_charge(image, kernel, limit):
+def move_charge(image, kernel, skew, limit):
     """Move charge between neighbouring pixels of `image` (ny, nx; electrons, float32), in place.
 
-    `kernel` (3, 3): the quadrant K[dy, dx] of the 5 x 5 kernel [per e-]; `limit`: full well [e-]. Raises ValueError if
-    a pixel is negative or not finite (the image is then spoilt) or the kernel is no finite (3, 3).
+    `kernel` (3, 3): the quadrant K[dy, dx] of the 5 x 5 kernel [per e-], `skew` [per e-]; `limit`: full well [e-].
+    Raises ValueError if a pixel is negative or not finite (the image is then spoilt) or the kernel is no finite (3, 3).
     """
     kernel = np.ascontiguousarray(kernel, np.float32)
-    if kernel.shape != (_PAD + 1, _PAD + 1) or not np.isfinite(kernel).all() or not limit > 0:
-        raise ValueError(f"kernel of shape {kernel.shape}, limit {limit}; need a finite (3, 3) and a positive limit")
+    if kernel.shape != (_PAD + 1, _PAD + 1) or not np.isfinite(kernel.sum() + skew) or not limit > 0:
+        raise ValueError(f"kernel {kernel.shape}, skew {skew}, limit {limit}; need finite (3, 3) and a positive limit")
     if image.size:
-        bad = _move(image, kernel, np.float32(limit))
+        bad = _move(image, kernel, np.float32(skew), np.float32(limit))
         if bad:
             raise ValueError(f"the charge of {bad} pixel(s) is negative or not finite")
 
 
 @numba.njit(cache=True)
-def _move(image, kernel, limit):
+def _move(image, kernel, skew, limit):
     """Go up the rows; a row is changed when its boundary with the next is known. Return the number of bad pixels."""
     ny, nx = image.shape
     charge = np.empty((_RING, nx + 2 * _PAD), np.float32)  # the rows around, as they were
@@ -61,12 +63,16 @@ def _move(image, kernel, limit):
         if -1 <= y < ny - 1:
             _potential(push, y + 1, kernel, columns, phi_above)
         if y >= 0:
-            here = charge[y % _RING]
-            _flow(phi[:-1], phi[1:], here[1:], here[2:], here[3:], here[4:], right[1:])
+            here, pushing = charge[y % _RING], push[y % _RING]
+            _flow(phi[:-1], phi[1:], -skew, pushing[2:], pushing[3:], here[1:], here[2:], here[3:], here[4:], right[1:])
             right[nx] = 0
             if y + 1 < ny:
-                below, above, above2 = charge[(y - 1) % _RING], charge[(y + 1) % _RING], charge[(y + 2) % _RING]
-                _flow(phi, phi_above, below[2:], here[2:], above[2:], above2[2:], up)
+                next_, third = (y + 1) % _RING, charge[(y + 2) % _RING]
+                first, second = charge[(y - 1) % _RING], charge[next_]
+                _flow(
+                    phi, phi_above, skew, pushing[2:], push[next_][2:],
+                    first[2:], here[2:], second[2:], third[2:], up,
+                )  # fmt: skip
             else:
                 up[:] = 0
             row = image[y]
@@ -78,11 +84,11 @@ def _move(image, kernel, limit):
 
 
 @numba.njit(cache=True)
-def _flow(phi_p, phi_q, before, p, q, after, flux):
+def _flow(phi_p, phi_q, skew, push_p, push_q, before, p, q, after, flux):
     """Fill flux (as long as phi_p, or longer) with the charge that moves from p to q, two of four pixels in a line."""
     five, two, sixth, most = np.float32(5), np.float32(2), np.float32(1 / 6), np.float32(1 / DONOR)
     for x in range(len(phi_p)):
-        shift, one, other = phi_p[x] - phi_q[x], p[x], q[x]
+        shift, one, other = (phi_p[x] - phi_q[x]) + skew * (push_p[x] - push_q[x]), p[x], q[x]
         forth, back = five * one + two * other - before[x], five * other + two * one - after[x]
         density = sixth * (forth if shift > 0 else back)
         density = min(max(density, min(one, other)), max(one, other))

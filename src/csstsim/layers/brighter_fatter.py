@@ -26,18 +26,18 @@ def check(param, camera, pointing):
 
 
 def _kernel(detector):
-    """Return the kernel (3, 3) [per e-]. Raises InputError as `check`."""
+    """Return (kernel (3, 3), skew) [per e-]. Raises InputError as `check`."""
     numbers = detector.brighter_fatter
     try:
-        kernel = bfe_fit.kernel(float(numbers["scale"]) * np.array(numbers["areas"], float))
+        kernel, skew = bfe_fit.kernel(float(numbers["scale"]) * np.array(numbers["areas"], float))
     except (KeyError, TypeError, ValueError):
         allowed = "areas (3 x 3 numbers) and scale"
         raise InputError("not usable", key="brighter_fatter.yaml", value=numbers or None, allowed=allowed) from None
-    shift = detector.full_well * np.abs(bfe_fit.unfold(kernel)).sum()
+    shift = detector.full_well * (np.abs(bfe_fit.unfold(kernel)).sum() + abs(skew))
     if not shift < _STABLE:
         message, allowed = "boundaries move too far at full well", f"less than {_STABLE} pixels"
         raise InputError(message, key="brighter_fatter.yaml", value=shift, allowed=allowed)
-    return kernel
+    return kernel, skew
 
 
 def apply(state, param, rng):
@@ -50,6 +50,6 @@ def apply(state, param, rng):
     if state.counted is not None:
         raise ValueError("counted electrons were not merged: poisson_and_dark must come before brighter_fatter")
     detector = state.chip.detector
-    move_charge(state.image, _kernel(detector), detector.full_well)
+    move_charge(state.image, *_kernel(detector), detector.full_well)
     state.header["bfe_area"] = float(detector.brighter_fatter["scale"] * detector.brighter_fatter["areas"][0][0])
     return state
