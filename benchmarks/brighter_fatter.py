@@ -169,11 +169,13 @@ def draw(found, areas, measured, folder):
     import matplotlib.pyplot as plt
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), constrained_layout=True)
+    styles = dict(zip([name for name in found if name != "no effect"], ("o", "s", "-"), strict=True))
     for axis, colour in ((0, "C0"), (1, "C3")):
-        label = rf"$\sigma_{'xy'[axis]}$"
-        for (name, values), style in zip(found.items(), (":", "o", "s", "-"), strict=True):
-            open_ = {"mfc": "none"} if style == "s" else {}
-            left.plot(FLUXES / 1e5, values.mean(1)[:, axis], style, color=colour, label=f"{label} {name}", **open_)
+        for name, style in styles.items():
+            growth = (found[name] - found["no effect"]).mean(1)[:, axis]  # the photons' own scatter taken off
+            hollow = {"mfc": "none", "ms": 8} if style == "s" else {}
+            label = rf"$\sigma_{'xy'[axis]}$ {name}"
+            left.plot(FLUXES / 1e5, np.sqrt(SIGMA**2 + 1 / 12) + growth, style, color=colour, label=label, **hollow)
     left.set(xlabel="flux [10$^5$ e$^-$]", ylabel="width [pixel]")
     left.legend(fontsize=7)
     means, cov, errors = measured

@@ -40,7 +40,7 @@ def laplacian(quadrant):
 
 
 def kernel(areas):
-    """Return (K (3, 3), skew) [per e-] of areas a (3, 3) [per e-]. Raises ValueError for another shape or not finite."""
+    """Return (K (3, 3), skew) [per e-] of areas (3, 3) [per e-]. Raises ValueError for another shape or not finite."""
     areas = np.array(areas, float)
     if areas.shape != (SIZE, SIZE) or not np.isfinite(areas).all():
         raise ValueError(f"areas of shape {areas.shape}; need a finite ({SIZE}, {SIZE})")

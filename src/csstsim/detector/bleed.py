@@ -105,7 +105,7 @@ def _spill(line, full_well, share, marks, saturated, runs):
     return lost
 
 
-@numba.njit(inline="always")
+@numba.njit(cache=True)
 def _excess(charge, full_well, share):
     """Return what a pixel has to give (> 0), or minus its room."""
     excess = charge - full_well
@@ -145,7 +145,7 @@ def _grow(line, full_well, share, runs, count, p):
         return count + 1
 
 
-@numba.njit(inline="always")
+@numba.njit(cache=True)
 def _up(run):
     """Return what a run gives to its upper end."""
     return run.moment / (run.end - run.start)
