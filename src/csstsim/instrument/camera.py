@@ -73,10 +73,12 @@ def load_camera(folder):
 
 
 def _detector(path):
+    moved = path.with_name("brighter_fatter.yaml")
     effects = {
         "cosmic_rays": load_cosmic_rays(path.with_name("cosmic_rays.yaml")),
         "defects": load_defects(path.with_name("defects.yaml")),
         "traps": load_traps(path.with_name("cti.yaml")),
+        "brighter_fatter": read_data(moved) if moved.exists() else {},
     }
     detector = build(Detector, read_sections(path), path, **effects)
     for axis in ("x", "y"):
@@ -89,7 +91,11 @@ def _detector(path):
     if detector.channels_y != 2:
         raise InputError("half the rows read out to each side", file=path, key="channels_y", allowed="2")
     _positive(detector, ("gain", "adc_max", "pixel_um", "full_well"), path)
-    _positive(detector, (f.name for f in fields(Detector) if f.name not in effects), path, or_zero=True)
+    signed = {"nonlinearity_quadratic", "nonlinearity_cubic", *effects}
+    _positive(detector, (f.name for f in fields(Detector) if f.name not in signed), path, or_zero=True)
+    for name in ("bloom_row_share", "nonlinearity_spread"):
+        if getattr(detector, name) > 1:
+            raise InputError("out of range", file=path, key=name, value=getattr(detector, name), allowed="0..1")
     return detector
 
 

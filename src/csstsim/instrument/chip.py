@@ -3,7 +3,8 @@
 Left out: chip tilts, height differences and the other sensors of the focal plane.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 from csstsim.instrument.cosmic_rays import CosmicRays
 from csstsim.instrument.defects import Defects
@@ -59,13 +60,18 @@ class Detector:
     read_noise: float
     dark: float
     full_well: float
+    bloom_row_share: float
     adc_max: int
     prnu: float
+    nonlinearity_quadratic: float
+    nonlinearity_cubic: float
+    nonlinearity_spread: float
     readout_time: float
     temperature: float
     cosmic_rays: CosmicRays | None = None  # None: no such file in the instrument folder
     defects: Defects | None = None
     traps: Traps | None = None
+    brighter_fatter: dict[str, Any] = field(default_factory=dict, hash=False)  # brighter_fatter.yaml
 
     @property
     def channels(self):

@@ -1,0 +1,219 @@
+"""Brighter-fatter effect: spots against GalSim's SiliconSensor, photon transfer of flats, and what charge layers cost.
+
+    python benchmarks/brighter_fatter.py [--seed 4] [--figures docs/figures]
+
+Spots: sigma_x, sigma_y of a Gaussian against flux, as in the paper's figure. The peer is SiliconSensor lsst_e2v_50_8 (a
+CCD250 of 100 um, 10 um pixels) without diffusion, which does not depend on flux. The kernel beside it is made of the
+areas that sensor itself gives the pixels around a charge, as flats would show them; so the two should agree. Third, the
+shipped kernel.
+Photon transfer: variance and covariances of pairs of simulated flats, what the fit predicts, and the areas fitted back.
+Costs: CPU seconds on 9216 x 9232 pixels, best of 3; numpy and scipy on a quarter of them, times four.
+"""
+
+import argparse
+import time
+from pathlib import Path
+
+import galsim
+import numpy as np
+from scipy.ndimage import convolve
+
+from csstsim.config import SHIPPED
+from csstsim.detector import bfe_fit
+from csstsim.detector.bleed import bleed
+from csstsim.detector.brighter_fatter import move_charge
+from csstsim.detector.nonlinearity import bend
+from csstsim.instrument.camera import load_camera
+from csstsim.rng import galsim_seed, stream
+
+SENSOR = "lsst_e2v_50_8"
+SIDE, SIGMA, SPOTS = 21, 0.9, 10  # pixels, pixels, averaged for each flux
+FLUXES = np.array([25_000, 100_000, 200_000, 300_000, 400_000, 500_000])
+LEVELS = np.array([1000.0, 10_000.0, 25_000.0, 50_000.0, 75_000.0])
+FLAT = 1500  # pixels a side
+
+
+def sensor_areas():
+    """Return the (3, 3) areas [per e-] of SiliconSensor: of the pixels around one charged pixel, sides averaged."""
+    charge, n = 50_000.0, 15
+    image = galsim.ImageF(n, n, scale=1.0, init_value=0.0)
+    sensor = galsim.SiliconSensor(name=SENSOR, rng=galsim.BaseDeviate(1))
+    before = sensor.calculate_pixel_areas(image).array.astype(float)
+    image.array[n // 2, n // 2] = charge
+    after = sensor.calculate_pixel_areas(image).array.astype(float)
+    middle = slice(n // 2 - 2, n // 2 + 3)
+    return bfe_fit.fold(((after - before) / before.mean() / charge)[middle, middle])
+
+
+def widths(image):
+    """Return (sigma_x, sigma_y) [pixels], unweighted."""
+    image, total = image.astype(float), image.sum(dtype=float)
+    axes = np.mgrid[: image.shape[0], : image.shape[1]][::-1]
+    return [np.sqrt((image * (axis - (image * axis).sum() / total) ** 2).sum() / total) for axis in axes]
+
+
+def spots(kernels, full_well, seed):
+    """Return {name: (fluxes, spots, 2)}: (sigma_x, sigma_y) of the same photons."""
+    names = ["no effect", SENSOR, *kernels]
+    found = {name: np.empty((len(FLUXES), SPOTS, 2)) for name in names}
+    for i, flux in enumerate(FLUXES):
+        for spot in range(SPOTS):
+            rng = galsim.BaseDeviate(galsim_seed(seed, "spot", flux, spot))
+            shot = galsim.Gaussian(sigma=SIGMA, flux=float(flux)).shoot(int(flux), rng)
+            silicon = galsim.SiliconSensor(name=SENSOR, rng=rng, nrecalc=2000, diffusion_factor=0.0)
+            images = [galsim.ImageF(SIDE, SIDE, scale=1.0, init_value=0.0) for _ in range(2)]
+            for image, sensor in zip(images, (galsim.Sensor(), silicon), strict=True):
+                image.setCenter(0, 0)
+                sensor.accumulate(shot, image)
+            arrays = [image.array for image in images]
+            for kernel in kernels.values():
+                arrays.append(arrays[0].copy())
+                move_charge(arrays[-1], *kernel, full_well)
+            for name, array in zip(names, arrays, strict=True):
+                found[name][i, spot] = widths(array)
+    return found
+
+
+def report_spots(found):
+    growth = {name: values - found["no effect"] for name, values in found.items() if name != "no effect"}
+    print(f"growth of sigma_x, sigma_y [1e-3 pixel] of a spot of {found['no effect'].mean():.3f} pixels, {SPOTS} each")
+    print("      flux  peak  " + "".join(f"{name:>28s}" for name in growth))
+    for i, flux in enumerate(FLUXES):
+        cells = [
+            f"{x:8.2f} {y:6.2f} +- {e:5.2f}  "
+            for x, y, e in (
+                (*(1e3 * g[i].mean(0)), 1e3 * g[i].std(0).max() / np.sqrt(SPOTS - 1)) for g in growth.values()
+            )
+        ]
+        print(f"{flux:10.0f} {flux * 0.166:6.0f}" + "".join(f"{cell:>28s}" for cell in cells))
+    slope = {name: (g.mean(1) * FLUXES[:, None]).sum(0) / (FLUXES**2.0).sum() for name, g in growth.items()}
+    for name, value in slope.items():
+        ratio = value / slope[SENSOR]
+        print(f"{name}: slope {value[0]:.3g} {value[1]:.3g} pixel/e-, {ratio[0]:.3f} {ratio[1]:.3f} of {SENSOR}'s")
+
+
+def transfer(areas, full_well, seed):
+    """Return (means, covariances, errors) of pairs of flats; prints them beside the prediction."""
+    kernel, measured = bfe_fit.kernel(areas), []
+    print(f"pairs of flats, {FLAT} x {FLAT}: covariance / mean by lag (dy, dx); in brackets the prediction")
+    for level in LEVELS:
+        pair = [stream(seed, "flat", level, i).poisson(level, (FLAT, FLAT)).astype(np.float32) for i in range(2)]
+        for image in pair:
+            move_charge(image, *kernel, full_well)
+        measured.append(bfe_fit.measure(*pair))
+        mean, cov, errors = measured[-1]
+        wanted = bfe_fit.predict(areas, level)
+        print(f"{mean:9.1f} " + "  ".join(
+            f"({dy},{dx}) {cov[dy, dx] / mean:8.5f} +- {errors[dy, dx] / mean:.5f} [{wanted[dy, dx] / level:8.5f}]"
+            for dy, dx in ((0, 0), (1, 0), (0, 1), (1, 1))
+        ))  # fmt: skip
+    return [np.array(part) for part in zip(*measured, strict=True)]
+
+
+def report_fit(areas, measured):
+    fitted, errors = bfe_fit.fit(*measured)
+    print("areas [1e-8 per e-]: put in, fitted, error")
+    for dy in range(3):
+        print("   ".join(" ".join(f"{1e8 * v:8.2f}" for v in table[dy]) for table in (areas, fitted, errors)))
+
+
+def numpy_moved(image, kernel, skew, limit):
+    """Move charge with whole-array numpy and scipy (single precision, as move_charge)."""
+    push = np.minimum(image, np.float32(limit))
+    phi, out = convolve(push, bfe_fit.unfold(kernel).astype(np.float32), mode="nearest"), image.copy()
+    for axis, own in ((0, skew), (1, -skew)):
+        n = image.shape[axis]
+        padded = np.pad(image, [(1, 1) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
+        parts = [slice(i, i + n - 1) for i in range(4)]
+        before, p, q, after = (padded[part] if axis == 0 else padded[:, part] for part in parts)
+        shift = -np.diff(phi + np.float32(own) * push, axis=axis)
+        density = np.where(shift > 0, 5 * p + 2 * q - before, 5 * q + 2 * p - after) / 6
+        flux = np.clip(shift * np.clip(density, np.minimum(p, q), np.maximum(p, q)), -q / 8, p / 8)
+        low, high = (slice(None, -1), slice(1, None)) if axis == 0 else (np.s_[:, :-1], np.s_[:, 1:])
+        out[low] -= flux
+        out[high] += flux
+    return out
+
+
+def cpu(work, image):
+    times = []
+    for _ in range(3):
+        given = image.copy()
+        start = time.process_time()
+        work(given)
+        times.append(time.process_time() - start)
+    return min(times)
+
+
+def report_cost(kernel, full_well, seed):
+    rng = stream(seed, "cost")
+    image = rng.poisson(40.0, (9232, 9216)).astype(np.float32)
+    for x, y in zip(rng.integers(0, 9210, 2000), rng.integers(0, 9210, 2000), strict=True):
+        image[y : y + 5, x : x + 5] = 3e5
+    quarter, numbers = image[:2308].copy(), (*kernel, full_well)
+    five = bfe_fit.unfold(kernel[0]).astype(np.float32)
+    print("CPU seconds on a chip of 9216 x 9232 with 2000 cores of 5 x 5 pixels of 3e5 e-")
+    print(f"{cpu(lambda i: move_charge(i, *numbers), image):6.2f}  brighter_fatter")
+    print(f"{4 * cpu(lambda i: numpy_moved(i, *numbers), quarter):6.2f}    numpy and scipy, the same")
+    print(f"{4 * cpu(lambda i: convolve(i, five), quarter):6.2f}    scipy.ndimage.convolve, 5 x 5 alone")
+    print(f"{cpu(lambda i: bleed(i, full_well, 0.01), image):6.2f}  blooming")
+    print(f"{cpu(lambda i: bend(i, -5e-7, 0.0, full_well), image):6.2f}  nonlinearity")
+    polynomial = 4 * cpu(lambda i: i + i**2 * np.float32(-5e-7) + i**3 * np.float32(1e-20), quarter)
+    print(f"{polynomial:6.2f}    numpy, the polynomial alone")
+
+
+def draw(found, areas, measured, folder):
+    import matplotlib
+
+    matplotlib.use("agg")
+    import matplotlib.pyplot as plt
+
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10, 4), constrained_layout=True)
+    styles = dict(zip([name for name in found if name != "no effect"], ("o", "s", "-"), strict=True))
+    for axis, colour in ((0, "C0"), (1, "C3")):
+        for name, style in styles.items():
+            growth = (found[name] - found["no effect"]).mean(1)[:, axis]  # the photons' own scatter taken off
+            hollow = {"mfc": "none", "ms": 8} if style == "s" else {}
+            label = rf"$\sigma_{'xy'[axis]}$ {name}"
+            left.plot(FLUXES / 1e5, np.sqrt(SIGMA**2 + 1 / 12) + growth, style, color=colour, label=label, **hollow)
+    left.set(xlabel="flux [10$^5$ e$^-$]", ylabel="width [pixel]")
+    left.legend(fontsize=7)
+    means, cov, errors = measured
+    levels = np.linspace(0, LEVELS[-1], 50)[1:]
+    wanted = np.array([bfe_fit.predict(areas, level) / level for level in levels])
+    for i, (dy, dx) in enumerate(((1, 0), (0, 1), (1, 1), (0, 0))):
+        minus = 1.0 if (dy, dx) == (0, 0) else 0.0
+        label = "variance - 1" if minus else f"lag ({dy}, {dx})"
+        right.errorbar(
+            means / 1e3, 100 * (cov[:, dy, dx] / means - minus), 100 * errors[:, dy, dx] / means, fmt=".", color=f"C{i}"
+        )
+        right.plot(levels / 1e3, 100 * (wanted[:, dy, dx] - minus), color=f"C{i}", label=label)
+    right.set(xlabel="mean of the flat [10$^3$ e$^-$]", ylabel="covariance / mean [%] (rows, columns)")
+    right.legend(fontsize=7)
+    path = folder / "brighter_fatter.png"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(path, dpi=90)
+    print(path, path.stat().st_size // 1000, "kB")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seed", type=int, default=4)
+    parser.add_argument("--figures", type=Path)
+    options = parser.parse_args()
+    detector = load_camera(SHIPPED / "instrument").detector
+    areas = detector.brighter_fatter["scale"] * np.array(detector.brighter_fatter["areas"])
+    own = sensor_areas()
+    print(f"areas of {SENSOR} [1e-8 per e-]:\n{(1e8 * own).round(2)}\nshipped:\n{(1e8 * areas).round(2)}")
+    kernels = {"kernel of its areas": bfe_fit.kernel(own), "shipped kernel": bfe_fit.kernel(areas)}
+    found = spots(kernels, detector.full_well, options.seed)
+    report_spots(found)
+    measured = transfer(areas, detector.full_well, options.seed)
+    report_fit(areas, measured)
+    report_cost(kernels["shipped kernel"], detector.full_well, options.seed)
+    if options.figures:
+        draw(found, areas, measured, options.figures)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,172 @@
+"""Blooming (paper, Appendix B item 9): charge above the full well spills into its neighbours, both ways alike.
+
+Along a line of pixels it is the divisible sandpile (Levine & Peres 2009, Potential Analysis 30, 1): a pixel above the
+full well keeps a full well and gives half of the rest to either neighbour, until none is above. The outcome does not
+depend on the order, and has a closed form: saturated runs of pixels, each with a pixel at either end that takes
+
+    at the upper end  sum e_m (m - i) / (j - i),   at the lower end  sum e_m (j - m) / (j - i)
+
+for a run between i and j with excesses e_m = Q_m - full well (a random walk's chances to leave on either side). Runs
+grow until their ends are not above the full well, and merge where they meet: time is linear in the pixels filled.
+
+A share of each excess spills along its row first, the rest and what that leaves along the column. Columns run through
+the middle of the chip: its halves differ only in the clocks, so charge bleeds across. What reaches a border leaves the
+image (into the registers at the upper and lower one) and is counted, so all charge is accounted for.
+Left out: wells that differ, the trail of charge in the serial register, blooming while the image is read out.
+"""
+
+import numba
+import numpy as np
+
+from csstsim.detector.mask import BLED, SATURATED
+
+# A run of saturated pixels between `start` and `end`: sum of excesses e_m, and of e_m (m - start).
+_RUN = np.dtype([("start", np.int64), ("end", np.int64), ("excess", np.float64), ("moment", np.float64)])
+
+
+def bleed(image, full_well, row_share=0.0, mask=None):
+    """Spill the charge of `image` (ny, nx; electrons, float32) above `full_well` [e-], in place.
+
+    `row_share` 0..1: part of each excess that goes along its row. `mask` (uint8, same shape) or None gets SATURATED
+    where charge was above the full well, BLED where it came from other pixels. Returns (saturated pixels, electrons
+    that left through the borders). Charge is conserved to float32's rounding of each run's two ends; negative pixels
+    are wells with more room. Raises ValueError, nothing changed, if a pixel is not finite, the full well is not
+    positive or the share out of range.
+    """
+    if not full_well > 0 or not 0 <= row_share <= 1:
+        raise ValueError(f"full well {full_well}, row share {row_share}; need more than 0, and 0..1")
+    in_row, in_column, bad = _search(image, full_well)
+    if bad:
+        raise ValueError(f"the charge of {bad} pixel(s) is not finite")
+    number = int(in_row.sum())
+    if not number:
+        return 0, 0.0
+    marks = np.zeros((image.shape[0], 0), np.uint8) if mask is None else mask
+    return number, _spill_all(image, float(full_well), float(row_share), marks, in_row, in_column)
+
+
+@numba.njit(cache=True)
+def _search(image, full_well):
+    """Return (saturated pixels of each row, of each column, pixels that are not finite)."""
+    ny, nx = image.shape
+    in_row, in_column = np.zeros(ny, np.int64), np.zeros(nx, np.int64)
+    bad = 0
+    for y in range(ny):
+        for x in range(nx):
+            in_row[y] += not image[y, x] <= full_well
+            bad += image[y, x] == -np.inf
+        if in_row[y]:
+            for x in range(nx):
+                in_column[x] += not image[y, x] <= full_well
+                bad += not image[y, x] < np.inf
+    return in_row, in_column, bad
+
+
+@numba.njit(cache=True)
+def _spill_all(image, full_well, row_share, mask, in_row, in_column):
+    """Rows, then columns; return what left. `mask` may have no columns."""
+    ny, nx = image.shape
+    lost, runs = 0.0, np.empty(max(ny, nx) // 2 + 1, _RUN)
+    start = np.zeros(nx + 1, np.int64)
+    start[1:] = np.cumsum(in_column)
+    rows, found = np.empty(start[-1], np.int32), start[:-1].copy()  # saturated rows, column after column
+    here = np.empty(nx, np.int32)
+    for y in range(ny):
+        if in_row[y]:
+            number = 0
+            for x in range(nx):
+                if image[y, x] > full_well:
+                    here[number] = x
+                    number += 1
+                    rows[found[x]] = y
+                    found[x] += 1
+                    if mask.size:
+                        mask[y, x] |= SATURATED
+            if row_share > 0:
+                # ::1, a stride like the columns': compiled once for both
+                lost += _spill(image[y, ::1], full_well, row_share, mask[y, ::1], here[:number], runs)
+    for x in range(nx):
+        if in_column[x]:
+            marks = mask[:, x] if mask.size else mask[0, ::1]
+            lost += _spill(image[:, x], full_well, 1.0, marks, rows[start[x] : start[x + 1]], runs)
+    return lost
+
+
+@numba.njit(cache=True)
+def _spill(line, full_well, share, marks, saturated, runs):
+    """Spill a share of each excess of a line, whose saturated pixels are given, rising; return what left."""
+    count = 0
+    for p in saturated:
+        if count == 0 or p >= runs[count - 1].end:
+            count = _grow(line, full_well, share, runs, count, p)
+    lost = 0.0
+    for run in range(count):
+        lost += _fill(line, full_well, share, marks, runs[run])
+    return lost
+
+
+@numba.njit(cache=True)
+def _excess(charge, full_well, share):
+    """Return what a pixel has to give (> 0), or minus its room."""
+    excess = charge - full_well
+    return excess * share if excess > 0 else excess
+
+
+@numba.njit(cache=True)
+def _grow(line, full_well, share, runs, count, p):
+    """Grow a run from the saturated pixel p until both ends have room, swallowing runs; return how many there are."""
+    start, end = p - 1, p + 1
+    excess = moment = _excess(line[p], full_well, share)
+    while True:
+        up = moment / (end - start)
+        if end < len(line):
+            more = _excess(line[end], full_well, share)
+            if more + up > 0:
+                moment += more * (end - start)
+                excess += more
+                end += 1
+                continue
+        if start >= 0:
+            touches = count > 0 and runs[count - 1].end == start
+            below = _up(runs[count - 1]) if touches else 0.0
+            more = _excess(line[start], full_well, share)
+            if more + below + (excess - up) > 0:
+                reach = start - runs[count - 1].start if touches else 1
+                excess += more
+                moment += excess * reach
+                start -= reach
+                if touches:
+                    count -= 1
+                    excess += runs[count].excess
+                    moment += runs[count].moment
+                continue
+        run = runs[count]
+        run.start, run.end, run.excess, run.moment = start, end, excess, moment
+        return count + 1
+
+
+@numba.njit(cache=True)
+def _up(run):
+    """Return what a run gives to its upper end."""
+    return run.moment / (run.end - run.start)
+
+
+@numba.njit(cache=True)
+def _fill(line, full_well, share, marks, run):
+    """Fill the pixels of a run and give its ends their parts; return what goes beyond the line."""
+    start, end, up = run.start, run.end, _up(run)
+    down = run.excess - up
+    for p in range(start + 1, end):
+        source = line[p] > full_well
+        line[p] = full_well + (1.0 - share) * (line[p] - full_well) if source else full_well
+        if marks.size and not marks[p] & SATURATED:
+            marks[p] |= BLED
+    lost = 0.0
+    for p, part in ((start, down), (end, up)):
+        if 0 <= p < len(line):
+            line[p] += part
+            if marks.size and part > 0:
+                marks[p] |= BLED
+        else:
+            lost += part
+    return lost

@@ -1,0 +1,125 @@
+"""Brighter-fatter effect (paper, section 5.5.3): charge in the pixels pushes the boundaries between them.
+
+    potential   phi = K * min(Q, limit)                         5 x 5 kernel, even in x and y
+    shift       s = phi_p - phi_q +- skew (Q_p - Q_q)           of the boundary of two neighbours: + along y, - along x
+    moved       F(p -> q) = s D                                 through it
+    density     D = (5 giver + 2 taker - behind) / 6            at the boundary, held between giver and taker
+
+The shift of a boundary is the difference of a potential of the charges around (the curl-free field of Coulton et al.
+2018, AJ 155, 258) and, as a pixel's own boundaries move more easily along columns than across the channel stops, a part
+from its two pixels alone; all charges at most `limit`. What crosses it is the shift times the charge there (Antilogus
+et al. 2014, JINST 9 C03048; their mean of the two pixels leaves a dip behind a step edge, the third-order density does
+not). What leaves a pixel enters another, so charge is conserved to float32's rounding. K and skew come from the
+covariances of flats (detector.bfe_fit) and hold half the final shift, the mean while charge gathers. Charge is moved as
+a mean: pixels keep fractions of electrons, because rounding them would add 1/12 e-^2 of noise that flats do not show.
+
+Two limits hold it stable whatever the image: a pixel pushes with no more than `limit` (its full well) and gives no
+more than 1/DONOR of its charge through one boundary, so none turns negative. Nothing crosses the image's border, where
+the outermost pixels are repeated as neighbours: a flat stays flat. A window lacks its neighbours: pixels further than 3
+from its border are those of the whole chip.
+Left out: change of the shifts with colour and depth, and that electrons move one by one (beside a saturated star, where
+shifts are a few per cent of a pixel, noise is smoothed as much).
+"""
+
+import numba
+import numpy as np
+
+DONOR = 8.0  # more than the four boundaries, so that rounding cannot take a pixel below zero
+_PAD = 2  # reach of the kernel
+_RING = 2 * _PAD + 1
+
+
+def move_charge(image, kernel, skew, limit):
+    """Move charge between neighbouring pixels of `image` (ny, nx; electrons, float32), in place.
+
+    `kernel` (3, 3): the quadrant K[dy, dx] of the 5 x 5 kernel [per e-], `skew` [per e-]; `limit`: full well [e-].
+    Raises ValueError if a pixel is negative or not finite (the image is then spoilt) or the kernel is no finite (3, 3).
+    """
+    kernel = np.ascontiguousarray(kernel, np.float32)
+    if kernel.shape != (_PAD + 1, _PAD + 1) or not np.isfinite(kernel.sum() + skew) or not limit > 0:
+        raise ValueError(f"kernel {kernel.shape}, skew {skew}, limit {limit}; need finite (3, 3) and a positive limit")
+    if image.size:
+        bad = _move(image, kernel, np.float32(skew), np.float32(limit))
+        if bad:
+            raise ValueError(f"the charge of {bad} pixel(s) is negative or not finite")
+
+
+@numba.njit(cache=True)
+def _move(image, kernel, skew, limit):
+    """Go up the rows; a row is changed when its boundary with the next is known. Return the number of bad pixels."""
+    ny, nx = image.shape
+    charge = np.empty((_RING, nx + 2 * _PAD), np.float32)  # the rows around, as they were
+    push = np.empty_like(charge)
+    columns = np.empty((_PAD + 1, nx + 2 * _PAD), np.float32)
+    phi, phi_above = np.empty(nx, np.float32), np.empty(nx, np.float32)
+    up, up_below = np.zeros(nx, np.float32), np.zeros(nx, np.float32)
+    right = np.zeros(nx + 1, np.float32)
+    bad = 0
+    for y in range(-_RING, ny):
+        new = y + 1 + _PAD
+        ring = new % _RING
+        found = _load(image[min(max(new, 0), ny - 1)], limit, charge[ring], push[ring])
+        bad += found * (0 <= new < ny)
+        if -1 <= y < ny - 1:
+            _potential(push, y + 1, kernel, columns, phi_above)
+        if y >= 0:
+            here, pushing = charge[y % _RING], push[y % _RING]
+            _flow(phi[:-1], phi[1:], -skew, pushing[2:], pushing[3:], here[1:], here[2:], here[3:], here[4:], right[1:])
+            right[nx] = 0
+            if y + 1 < ny:
+                next_, third = (y + 1) % _RING, charge[(y + 2) % _RING]
+                first, second = charge[(y - 1) % _RING], charge[next_]
+                _flow(
+                    phi, phi_above, skew, pushing[2:], push[next_][2:],
+                    first[2:], here[2:], second[2:], third[2:], up,
+                )  # fmt: skip
+            else:
+                up[:] = 0
+            row = image[y]
+            for x in range(nx):
+                row[x] = (row[x] + (right[x] - right[x + 1])) + (up_below[x] - up[x])
+            up, up_below = up_below, up
+        phi, phi_above = phi_above, phi
+    return bad
+
+
+@numba.njit(cache=True)
+def _flow(phi_p, phi_q, skew, push_p, push_q, before, p, q, after, flux):
+    """Fill flux (as long as phi_p, or longer) with the charge that moves from p to q, two of four pixels in a line."""
+    five, two, sixth, most = np.float32(5), np.float32(2), np.float32(1 / 6), np.float32(1 / DONOR)
+    for x in range(len(phi_p)):
+        shift, one, other = (phi_p[x] - phi_q[x]) + skew * (push_p[x] - push_q[x]), p[x], q[x]
+        forth, back = five * one + two * other - before[x], five * other + two * one - after[x]
+        density = sixth * (forth if shift > 0 else back)
+        density = min(max(density, min(one, other)), max(one, other))
+        flux[x] = max(min(shift * density, most * one), -most * other)
+
+
+@numba.njit(cache=True)
+def _load(row, limit, charge, push):
+    """Fill a row of the rings, its ends repeated; return the number of bad pixels."""
+    nx, bad = len(row), 0
+    for x in range(nx):
+        value = row[x]
+        bad += not (value >= 0) & (value < np.inf)
+        charge[x + _PAD] = value
+        push[x + _PAD] = min(value, limit)
+    for padded in (charge, push):
+        padded[:_PAD] = padded[_PAD]
+        padded[nx + _PAD :] = padded[nx + _PAD - 1]
+    return bad
+
+
+@numba.njit(cache=True)
+def _potential(ring, y, kernel, columns, phi):
+    """Fill phi (nx,) of row y: along columns first, then along the row; mirrored images give mirrored bits."""
+    here = ring[y % _RING]
+    near_below, near_above = ring[(y - 1) % _RING], ring[(y + 1) % _RING]
+    far_below, far_above = ring[(y - 2) % _RING], ring[(y + 2) % _RING]
+    for dx in range(_PAD + 1):
+        k0, k1, k2, column = kernel[0, dx], kernel[1, dx], kernel[2, dx], columns[dx]
+        for x in range(len(here)):
+            column[x] = k0 * here[x] + (k1 * (near_below[x] + near_above[x]) + k2 * (far_below[x] + far_above[x]))
+    middle, near, far = columns[0], columns[1], columns[2]
+    for x in range(len(phi)):
+        phi[x] = middle[x + 2] + ((near[x + 1] + near[x + 3]) + (far[x] + far[x + 4]))

@@ -1,0 +1,37 @@
+"""Pixel saturation and bleeding (paper, Appendix B item 9): charge above the full well spills along columns and rows.
+
+Half of the excess goes either way, to the nearest pixels with room; columns run through the middle of the chip; what
+reaches the window's border leaves it and is counted (csstsim.detector.bleed). Left out: wells that differ.
+"""
+
+from pydantic import Field
+
+from csstsim.layers.param import LayerParam
+
+STAGE = "readout"
+UNITS = ("electron", "electron")
+FRAME = ("active", "active")
+
+
+class Param(LayerParam):
+    """obs_param of `blooming`."""
+
+    row_share: float | None = Field(
+        None, ge=0, le=1, description="part of each excess that goes along its row; null = the detector's"
+    )
+
+
+def apply(state, param, rng):
+    """Spill state.image, in place; saturated pixels and electrons that left go to the header, bits into state.mask.
+
+    Raises ValueError if counted electrons were not merged or a pixel is not finite.
+    """
+    from csstsim.detector.bleed import bleed  # numba: half a second that checking a campaign need not pay
+
+    if state.counted is not None:
+        raise ValueError("counted electrons were not merged: poisson_and_dark must come before blooming")
+    detector = state.chip.detector
+    share = detector.bloom_row_share if param.row_share is None else param.row_share
+    number, lost = bleed(state.image, detector.full_well, share, state.mask)
+    state.header |= {"saturated": number, "bloom_lost": lost}
+    return state

@@ -1,0 +1,59 @@
+"""Charge-to-voltage nonlinearity (paper, Appendix B item 8): a third-order polynomial of the charge.
+
+It stands where the list puts it: on the active pixels (the paper's order) or on the readout frame (the default, as the
+amplifier comes after the charge has moved). Above the full well it goes on straight. One polynomial for the chip, or
+one a channel, scaled within the detector's `nonlinearity_spread`. Left out: what the amplifier remembers.
+"""
+
+from pydantic import Field
+
+from csstsim.detector.channels import ReadoutFrame
+from csstsim.detector.cubic import lowest_slope
+from csstsim.errors import InputError
+from csstsim.layers.param import LayerParam
+
+STAGE = "readout"
+UNITS = ("electron", "electron")
+
+
+class Param(LayerParam):
+    """obs_param of `nonlinearity`."""
+
+    nonlinearity_16channel: bool = Field(
+        False, description="true: one polynomial per readout channel; false: one for the chip"
+    )
+
+
+def check(param, camera, pointing):
+    """Raise InputError if the signal does not rise up to the full well, for any channel there may be."""
+    detector = camera.detector
+    spread = detector.nonlinearity_spread if param.nonlinearity_16channel else 0.0
+    for scale in (1 - spread, 1 + spread):
+        pair = scale * detector.nonlinearity_quadratic, scale * detector.nonlinearity_cubic
+        if not lowest_slope(*pair, detector.full_well) > 0:
+            raise InputError(
+                f"the signal falls with charge within 0..{detector.full_well:g} e-", key="nonlinearity", value=pair,
+                allowed="quadratic, cubic with 1 + 2 quadratic x + 3 cubic x^2 > 0 over that range",
+            )  # fmt: skip
+
+
+def apply(state, param, rng):
+    """Replace charge by signal in state.image, in place; (quadratic, cubic) of all channels go to the header.
+
+    Raises ValueError if a pixel is not finite or the signal does not rise up to the full well.
+    """
+    from csstsim.detector.nonlinearity import bend  # numba: half a second that checking a campaign need not pay
+
+    detector = state.chip.detector
+    frame = ReadoutFrame.of(detector, state.window)
+    scales = [1.0] * frame.n_channels
+    if param.nonlinearity_16channel:
+        draws = [rng.channel(i + 1, "nonlinearity") for i in range(frame.n_channels)]
+        scales = [1 + detector.nonlinearity_spread * draw.uniform(-1.0, 1.0) for draw in draws]
+    pairs = [[scale * detector.nonlinearity_quadratic, scale * detector.nonlinearity_cubic] for scale in scales]
+    active = state.image.shape == state.window.shape
+    for block in frame.blocks:
+        part = state.image[block.image if active else block.whole]
+        bend(part, *pairs[block.channel - 1], detector.full_well)
+    state.header["nonlinearity"] = pairs
+    return state

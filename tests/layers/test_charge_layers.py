@@ -1,0 +1,194 @@
+"""Charge in the pixel as layers: what they hand to their kernels, their headers, masks, order and refusals."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import yaml
+from readout_state import flat_state, run, small_camera
+
+from csstsim.detector import bfe_fit
+from csstsim.detector.bleed import bleed
+from csstsim.detector.brighter_fatter import move_charge
+from csstsim.detector.mask import BLED, SATURATED
+from csstsim.errors import InputError
+from csstsim.layers import blooming, brighter_fatter, nonlinearity, prescan_overscan
+from csstsim.rng import Streams, stream
+from csstsim.sim_steps import SimSteps
+
+RNG = Streams(3, "1", 9, "layer")
+LAYERS = {layer.__name__.rpartition(".")[2]: layer for layer in (brighter_fatter, blooming, nonlinearity)}
+END = ["bias", "readout_noise", "gain", "quantization_and_output"]
+ORDERS = {
+    "default": ["poisson_and_dark", "brighter_fatter", "blooming", "prescan_overscan", "nonlinearity", *END],
+    "paper": ["poisson_and_dark", "brighter_fatter", "nonlinearity", "blooming", "prescan_overscan", *END],
+}
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    return small_camera(tmp_path_factory.mktemp("mini"))
+
+
+def scene(camera, window=None, **detector):
+    """A state with counted sky and a few saturated pixels; `detector` replaces its numbers."""
+    state = flat_state(camera, window=window)
+    state.chip = replace(state.chip, detector=replace(state.chip.detector, **detector))
+    x, y = np.meshgrid(np.arange(256), np.arange(64))
+    whole = stream(2, "scene").poisson(40.0, (64, 256)) + 400_000.0 * ((x % 37 == 5) & (y % 23 == 9))
+    window = state.window
+    state.image = whole[window.y0 : window.y1, window.x0 : window.x1].astype(np.float32)
+    return state
+
+
+def camera_with(camera, **detector):
+    return replace(camera, detector=replace(camera.detector, **detector))
+
+
+def order(tmp_path, names):
+    path = tmp_path / "order.yaml"
+    path.write_text(yaml.safe_dump({"layers": [{name: {}} for name in names]}), encoding="utf-8")
+    return SimSteps(path, "DARK")
+
+
+@pytest.mark.parametrize("name", ORDERS)
+def test_both_orders_run(small, tmp_path, name):
+    steps = order(tmp_path, ORDERS[name])
+    steps.check(small, flat_state(small).pointing)
+    state = run(scene(small), steps)
+    assert state.image.dtype == np.uint16 and state.image.max() > 60_000
+    assert {"bfe_area", "saturated", "bloom_lost", "nonlinearity"} <= state.header.keys()
+
+
+@pytest.mark.parametrize("window", [None, (30, 200, 3, 50)])
+def test_brighter_fatter_moves_with_the_cameras_numbers(small, window):
+    state = scene(small, window)
+    wanted = state.image.copy()
+    numbers = small.detector.brighter_fatter
+    kernel, skew = bfe_fit.kernel(numbers["scale"] * np.array(numbers["areas"]))
+    move_charge(wanted, kernel, skew, small.detector.full_well)
+    before = state.image.copy()
+    state = brighter_fatter.apply(state, brighter_fatter.Param(), RNG)
+    assert np.array_equal(state.image, wanted) and not np.array_equal(before, wanted)
+    assert state.header["bfe_area"] == pytest.approx(-1.56e-6)
+
+
+def test_spots_widen_by_a_per_cent_or_two(camera):
+    """A star of 1.7 px FWHM filling its middle pixel: width^2 grows with flux; 1 to 2% in FWHM is what papers find."""
+    y, x = np.mgrid[-10:11, -10:11]
+    profile = np.exp(-(x**2 + y**2) / (2 * 0.75**2))
+    growth = []
+    for peak in (9000.0, 45_000.0, 90_000.0):
+        state = flat_state(camera, window=(0, 21, 0, 21))
+        state.image = (peak * profile).astype(np.float32)
+        after = brighter_fatter.apply(state, brighter_fatter.Param(), RNG).image.astype(float)
+        for axis in (x, y):
+            width = [np.sqrt((image * axis**2).sum() / image.sum()) for image in (peak * profile, after)]
+            growth.append(width[1] / width[0] - 1)
+    growth = np.array(growth).reshape(3, 2)
+    assert np.allclose(growth[1:] / growth[0], [[5, 5], [10, 10]], rtol=0.05)  # in proportion to the flux
+    assert (growth[2] > 0.01).all() and (growth[2] < 0.03).all()
+
+
+def test_blooming_spills_and_marks(small):
+    state = scene(small)
+    wanted, state.mask = state.image.copy(), np.full(state.image.shape, 128, np.uint8)
+    mask = state.mask.copy()
+    number, lost = bleed(wanted, small.detector.full_well, small.detector.bloom_row_share, mask)
+    before = state.image.copy()
+    state = blooming.apply(state, blooming.Param(), RNG)
+    assert np.array_equal(state.image, wanted) and np.array_equal(state.mask, mask)
+    assert (state.header["saturated"], state.header["bloom_lost"]) == (number, lost)
+    assert number == (before > 90_000).sum() > 0
+    assert ((state.mask & SATURATED > 0) == (before > 90_000)).all()
+    assert ((state.mask & BLED > 0) == ((state.image > before) & (before <= 90_000))).all()
+    assert (state.mask & 128).all()
+    unmasked = blooming.apply(scene(small), blooming.Param(), RNG)
+    assert unmasked.mask is None and np.array_equal(unmasked.image, wanted)
+    straight = blooming.apply(scene(small), blooming.Param(row_share=0), RNG)
+    assert np.array_equal(straight.image[:, :5], scene(small).image[:, :5])
+    assert not np.array_equal(wanted[:, :5], scene(small).image[:, :5])
+
+
+@pytest.mark.parametrize("many", [True, False])
+@pytest.mark.parametrize("window", [None, (30, 200, 3, 50)])
+def test_nonlinearity_in_either_frame(small, window, many):
+    param = nonlinearity.Param(nonlinearity_16channel=many)
+    before = nonlinearity.apply(scene(small, window), param, RNG)
+    after = nonlinearity.apply(prescan_overscan.apply(scene(small, window), prescan_overscan.Param(), RNG), param, RNG)
+    assert before.header == after.header
+    before = prescan_overscan.apply(before, prescan_overscan.Param(), RNG)
+    assert np.array_equal(before.image, after.image)
+    pairs = np.array(before.header["nonlinearity"])
+    assert pairs.shape == (16, 2) and len(np.unique(pairs[:, 0])) == (16 if many else 1)
+    assert (np.abs(pairs[:, 0] / -5e-7 - 1) <= 0.1).all()
+
+
+def test_one_polynomial_a_channel(small):
+    state = flat_state(small, 50_000.0)
+    state = nonlinearity.apply(state, nonlinearity.Param(nonlinearity_16channel=True), RNG)
+    lower = state.image[:32].reshape(32, 8, 32)
+    for i, (quadratic, _) in enumerate(state.header["nonlinearity"][:8]):
+        assert (lower[:, i] == np.float32(50_000 + quadratic * 2.5e9)).all()
+
+
+def test_curves_that_fall_are_refused_in_check(small, tmp_path):
+    steps, pointing = order(tmp_path, ORDERS["default"]), flat_state(small).pointing
+    bad = camera_with(small, nonlinearity_quadratic=-6e-6)
+    with pytest.raises(InputError, match=r"falls with charge within 0\.\.90000 e-") as error:
+        steps.check(bad, pointing)
+    assert "layers.nonlinearity" in str(error.value)
+    edge = camera_with(small, nonlinearity_quadratic=-5.3e-6)
+    nonlinearity.check(nonlinearity.Param(), edge, pointing)
+    with pytest.raises(InputError, match="falls"):
+        nonlinearity.check(nonlinearity.Param(nonlinearity_16channel=True), edge, pointing)
+
+
+AREAS = [[-2e-6, 0, 0], [0, 0, 0], [0, 0, 0]]
+
+
+@pytest.mark.parametrize("numbers", [
+    {}, {"areas": AREAS}, {"areas": AREAS[:2], "scale": 1.0}, {"areas": AREAS, "scale": "strong"},
+    {"areas": [["a", 0, 0], *AREAS[1:]], "scale": 1.0}, {"areas": AREAS, "scale": 10.0},
+])  # fmt: skip
+def test_unusable_areas_are_refused_in_check(small, numbers):
+    with pytest.raises(InputError, match=r"brighter_fatter\.yaml"):
+        brighter_fatter.check(brighter_fatter.Param(), camera_with(small, brighter_fatter=numbers), None)
+
+
+def test_a_share_beyond_one_is_refused():
+    for share in (-0.1, 1.1):
+        with pytest.raises(ValueError, match="row_share"):
+            blooming.Param(row_share=share)
+
+
+@pytest.mark.parametrize("name", ["brighter_fatter", "blooming"])
+def test_forgotten_counted_electrons_are_refused(small, name):
+    state = flat_state(small)
+    state.counted = np.ones(state.image.shape, np.int32)
+    with pytest.raises(ValueError, match="poisson_and_dark must come before"):
+        LAYERS[name].apply(state, LAYERS[name].Param(), RNG)
+
+
+@pytest.mark.parametrize("name", LAYERS)
+@pytest.mark.parametrize("window", [None, (31, 32, 40, 41)])
+@pytest.mark.parametrize("level", [0.0, 2e5])
+def test_empty_and_full_images(small, name, window, level):
+    """All zero stays so; all saturated: uniform, at the full well after blooming, on the tangent after nonlinearity."""
+    state = LAYERS[name].apply(flat_state(small, level, window=window), LAYERS[name].Param(), RNG)
+    wanted = {"brighter_fatter": level, "blooming": min(level, 9e4), "nonlinearity": level and 85_950 + 0.91 * 1.1e5}
+    assert np.abs(state.image - wanted[name]).max() < 0.02
+
+
+@pytest.mark.parametrize("name", LAYERS)
+def test_nan_is_counted_and_refused_and_negative_has_an_outcome(small, name):
+    state = flat_state(small, 100.0)
+    state.image[5, 7:9] = np.nan
+    with pytest.raises(ValueError, match=r"2 pixel\(s\)"):
+        LAYERS[name].apply(state, LAYERS[name].Param(), RNG)
+    state = flat_state(small, -3.0)
+    if name == "brighter_fatter":
+        with pytest.raises(ValueError, match="negative"):
+            LAYERS[name].apply(state, LAYERS[name].Param(), RNG)
+    else:
+        assert (LAYERS[name].apply(state, LAYERS[name].Param(), RNG).image == -3).all()
