@@ -49,7 +49,7 @@ def box_share(cells, per_pixel):
 def wing_table(wing, flux, half, reach):
     """Return the wing per pixel on octaves of r^2. flux: (4,) electrons; half: of the box [px]; reach in px."""
     octaves = _octaves(reach)
-    r, table = _radii(octaves), flux @ _shown(wing, half, octaves)
+    r, table = _radii(octaves), np.einsum("b,br->r", flux, _shown(wing, half, octaves))  # no BLAS: bits
     end = np.searchsorted(r, _TAPER * reach)
     table[end:] *= step(r[end:], _TAPER * reach, reach)
     return table
@@ -105,7 +105,7 @@ def add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px, half,
 
 def add_faint(far, x, y, flux, wing, half):
     """Add the wing of a faint object to the mesh of a FarWings; return the electrons on the window."""
-    added = far.add(x, y, FAINT_REACH, flux @ _haze(wing, half), _FIRST)
+    added = far.add(x, y, FAINT_REACH, np.einsum("b,br->r", flux, _haze(wing, half)), _FIRST)
     return added[0] if added else 0.0
 
 
