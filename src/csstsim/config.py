@@ -185,7 +185,7 @@ class Campaign(Model):
         "standard",
         description="how objects are drawn (config/render.yaml): 'standard', to a tenth of each object's own noise; "
         "'preview', to all of it; 'noise_free', as 'standard' but all light as expectation, none as counted photons; "
-        "'reference', GalSim one by one, some 1000 times slower",
+        "'reference', GalSim one by one, 0.1 CPU-seconds an object",
     )
     validation: ValidateConfig = ValidateConfig()
 
