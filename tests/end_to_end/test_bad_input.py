@@ -98,8 +98,8 @@ def test_a_bad_catalogue_fails_before_any_work(tmp_path):
 @pytest.mark.parametrize(
     "layers, words",
     [
-        ([{"biass": {}}], ["science.yaml", "unknown layer", "biass", "bias, gain"]),
-        ([{"CTE_effect": {}}], ["science.yaml", "unknown layer", "CTE_effect"]),
+        ([{"biass": {}}], ["science.yaml", "unknown layer", "biass", "bias, blooming"]),
+        ([{"CTI_effect": {}}], ["science.yaml", "unknown layer", "CTI_effect"]),
         ([{"bias": {"bias_17channel": True}}], ["science.yaml", "bias_17channel", "bias_16channel"]),
         ([OVER, {"gain": {}}, {"bias": {}}], ["science.yaml", "bias", "DN"]),
         ([OVER, {"sky_background": {}}], ["science.yaml", "sky_background", "render"]),
