@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+import yaml
 from mini import mini_camera
 
 from csstsim.config import SHIPPED
@@ -18,6 +19,11 @@ POINTING = {
     "time": "2027-06-26T20:35:58", "exptime": 150.0,
     "sat_position": (6778.137, 0.0, 0.0), "sat_velocity": (0.0, 5.743, 5.09),
 }  # fmt: skip
+
+
+EFFECTS = (
+    "prnu_effect", "cosmic_rays", "brighter_fatter", "detector_defects", "blooming", "cte_effect", "nonlinearity",
+)  # fmt: skip
 
 
 @cache
@@ -37,8 +43,19 @@ def flat_state(camera, level=0.0, *, window=None, chip=9, **pointing):
 
 
 def dark_layers(off=()):
-    """Return the steps of the shipped dark exposure (every readout layer there is), some switched off."""
+    """Return the steps of the shipped dark exposure, some switched off."""
     return [step for step in SimSteps(SHIPPED / "observations" / "dark.yaml") if step.name not in off]
+
+
+def plain_layers(off=()):
+    """Return those of them that leave a flat image flat but for noise and the levels of channels."""
+    return dark_layers(off=(*EFFECTS, *off))
+
+
+def plain_list(kind):
+    """Return a shipped layer list ("science", "bias", ...) without EFFECTS, as its YAML says it."""
+    layers = yaml.safe_load((SHIPPED / "observations" / f"{kind}.yaml").read_text())["layers"]
+    return [layer for layer in layers if next(iter(layer)).lower() not in EFFECTS]
 
 
 def run(state, steps, seed=11):

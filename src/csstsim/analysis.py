@@ -36,8 +36,8 @@ def measure(run, job):
         flat=losses["flat"], shutter=losses["shutter"],
     )  # fmt: skip
     calibrated = calibrate(
-        file.frame(), file.readout, file.gain, adc_max=detector.adc_max, full_well=detector.full_well,
-        response=response,
+        file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
+        full_well=detector.full_well, response=response,
     )  # fmt: skip
     table = measure_frame(
         calibrated, open_psf(run, job.chip), job.wcs, file.observer, chip=job.chip,

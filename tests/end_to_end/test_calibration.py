@@ -5,6 +5,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 from mini_campaign import write_campaign, write_scene
+from readout_state import plain_list
 
 from csstsim.campaign import OpenCampaign
 from csstsim.catalog.table import ObjectTable
@@ -31,11 +32,21 @@ def run(*arguments):
     assert result.exit_code == 0, result.output
 
 
+def _calibration(folder):
+    """Return the campaign of the table, its lists without effects that a mean and a variance do not describe."""
+    lists = {}
+    for kind, name in (("BIAS", "bias"), ("DARK", "dark"), ("FLAT", "led_flat")):
+        lists[kind] = str(folder / f"{name}.yaml")
+        (folder / f"{name}.yaml").write_text(yaml.safe_dump({"layers": plain_list(name)}))
+    select = {"types": ["BIAS", "DARK", "FLAT"], "chips": [CHIP]}
+    return OpenCampaign(write_campaign(folder, TABLE, select=select, observations=lists))
+
+
 @pytest.fixture(scope="module")
 def frames(tmp_path_factory):
     """(campaign, {type: [Level0, ...]}) of every exposure of the table on one chip."""
     folder = tmp_path_factory.mktemp("calibration")
-    campaign = OpenCampaign(write_campaign(folder, TABLE, select={"types": ["BIAS", "DARK", "FLAT"], "chips": [CHIP]}))
+    campaign = _calibration(folder)
     found = {}
     for pointing in campaign.pointings.values():
         run("chip", campaign.file, "--obsid", pointing.obsid, "--chip", CHIP)

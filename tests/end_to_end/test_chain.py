@@ -6,11 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sep
+import yaml
 from astropy import units as u
 from astropy.io import fits
 from astropy.wcs import WCS
 from click.testing import CliRunner
 from mini_campaign import spectrum, write_campaign, write_scene
+from readout_state import plain_list
 from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement
 from synphot.units import PHOTLAM
 
@@ -83,10 +85,9 @@ def test_bright_stars_stand_where_the_truth_and_the_header_say(tmp_path, band, l
 
 def test_electrons_are_the_synthetic_photometry_times_the_enclosed_light(tmp_path):
     """Three spectra: drawn electrons against synphot's count rate and the PSF's own sum; no light beyond its box."""
-    shipped = (SHIPPED / "observations" / "science.yaml").read_text()
-    boxed = shipped.replace("field_dist: true", "wings: false, ghosts: false")
-    (tmp_path / "science.yaml").write_text(boxed)
-    assert boxed != shipped
+    layers = plain_list("science")
+    layers[0]["scie_obs"] |= {"wings": False, "ghosts": False}
+    (tmp_path / "science.yaml").write_text(yaml.safe_dump({"layers": layers}))
     observations = {"SCIE": str(tmp_path / "science.yaml")}
     path = write_scene(tmp_path, "Spectra", [64.2, 64.0, 63.7], [64.0, 64.4, 63.5], 0.0, observations=observations)
     for stage in ("psf", "select", "render"):

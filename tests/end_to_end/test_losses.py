@@ -5,11 +5,11 @@ import pytest
 import yaml
 from click.testing import CliRunner
 from mini_campaign import write_scene
+from readout_state import plain_list
 
 from csstsim.campaign import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 from csstsim.cli import main
-from csstsim.config import SHIPPED
 from csstsim.io.frames import load_frame
 from csstsim.optics.response import response_map
 from csstsim.rng import Streams
@@ -21,7 +21,7 @@ X, Y = [40.2, 90.0, 64.5], [50.3, 80.1, 20.0]
 def drawn(folder, flat, shutter):
     """Render three stars without sky; return the campaign, the image and the drawn table."""
     folder.mkdir()
-    layers = yaml.safe_load((SHIPPED / "observations" / "science.yaml").read_text())["layers"]
+    layers = plain_list("science")
     layers[0]["scie_obs"] |= {"flat_fielding": flat, "shutter_effect": shutter}
     layers[1]["sky_background"] |= {"flat_fielding": flat, "shutter_effect": shutter}
     (folder / "science.yaml").write_text(yaml.safe_dump({"layers": layers}))

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from astropy.io import fits
 from astropy.time import Time
-from readout_state import dark_layers, flat_state, run, small_camera
+from readout_state import flat_state, plain_layers, run, small_camera
 
 from csstsim.catalog.ephemeris import observer
 from csstsim.config import SHIPPED
@@ -39,7 +39,7 @@ def small(tmp_path_factory):
 
 
 def made(camera, path, layout, provenance=PROVENANCE, **fields):
-    state = run(flat_state(camera, 300.0, **fields), dark_layers())
+    state = run(flat_state(camera, 300.0, **fields), plain_layers())
     write_level0(path, state, camera.keywords, provenance, layout)
     return state
 
@@ -52,7 +52,7 @@ def test_mask_lies_as_the_image_does(small, tmp_path, layout, window):
     state.mask = np.zeros(state.image.shape, np.uint8)
     state.mask[3, 5] = SATURATED | BLED | HOT
     state.image[7, 2] = 1e6
-    state = run(state, dark_layers())
+    state = run(state, plain_layers())
     write_level0(tmp_path / "x.fits", state, small.keywords, PROVENANCE, layout)
     with fits.open(tmp_path / "x.fits", checksum=True) as hdus:
         assert [hdu.name for hdu in hdus] == ["PRIMARY", "IMAGE", "MASK"]
@@ -74,7 +74,7 @@ def test_compressed_is_the_same(small, tmp_path, window):
     state = flat_state(small, 300.0, window=window)
     state.mask = np.zeros(state.image.shape, np.uint8)
     state.mask[3, 5] = HOT
-    state = run(state, dark_layers())
+    state = run(state, plain_layers())
     for name, asked in (("plain", False), ("packed", True)):
         state.header["compress"] = asked
         write_level0(tmp_path / f"{name}.fits", state, small.keywords, PROVENANCE, "channels")
@@ -247,14 +247,14 @@ def test_damaged_headers_are_input_errors(small, tmp_path):
 
 
 def test_undigitised_states_are_refused(small, tmp_path):
-    state = run(flat_state(small), dark_layers(off=["quantization_and_output"]))
+    state = run(flat_state(small), plain_layers(off=["quantization_and_output"]))
     with pytest.raises(ValueError, match="quantization_and_output is missing"):
         write_level0(tmp_path / "x.fits", state, small.keywords, PROVENANCE)
     assert not list(tmp_path.iterdir())
 
 
 def test_layers_left_out_leave_their_keywords_out(small, tmp_path):
-    state = run(flat_state(small), dark_layers(off=["readout_noise", "bias"]))
+    state = run(flat_state(small), plain_layers(off=["readout_noise", "bias"]))
     write_level0(tmp_path / "x.fits", state, small.keywords, {})
     header = fits.getheader(tmp_path / "x.fits", "IMAGE")
     assert "GAIN01" in header and "RON01" not in header and "DETBIA01" not in header

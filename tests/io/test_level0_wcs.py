@@ -6,7 +6,7 @@ import pytest
 from astropy.coordinates import angular_separation
 from astropy.io import fits
 from astropy.wcs import WCS
-from readout_state import dark_layers, flat_state, run, small_camera
+from readout_state import flat_state, plain_layers, run, small_camera
 
 from csstsim.detector.channels import LAYOUTS, ReadoutFrame
 from csstsim.io.level0 import write_level0
@@ -32,7 +32,7 @@ def separation(one, other):
 @pytest.mark.parametrize("fields", POINTINGS, ids=range(len(POINTINGS)))
 def test_every_channel(small, tmp_path, layout, fields):
     """Each stored active pixel has, by its channel's WCS, the sky of the chip pixel whose value it holds."""
-    state = run(flat_state(small, **fields), dark_layers())
+    state = run(flat_state(small, **fields), plain_layers())
     write_level0(tmp_path / "x.fits", state, small.keywords, {}, layout)
     header = fits.getheader(tmp_path / "x.fits", "IMAGE")
     detector = state.chip.detector
@@ -55,7 +55,7 @@ def test_every_channel(small, tmp_path, layout, fields):
 
 @pytest.mark.parametrize("fields", POINTINGS, ids=range(len(POINTINGS)))
 def test_assembled_frame(small, tmp_path, fields):
-    state = run(flat_state(small, **fields), dark_layers())
+    state = run(flat_state(small, **fields), plain_layers())
     path = tmp_path / "x.fits"
     write_level0(path, state, small.keywords, {})
     header = fits.getheader(path, "IMAGE")

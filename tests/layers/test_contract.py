@@ -88,10 +88,11 @@ def test_another_layer_switched_off_changes_nothing_here(small, name, off):
     """What a layer makes of the same input is the same bits, whatever ran before it."""
     upto = READOUT[READOUT.index(name) :]
     added = []
-    for missing in ((), (off,)):
+    # Rays leave counted electrons, which poisson_and_dark alone merges
+    for missing in ((), (off, "cosmic_rays") if off == "poisson_and_dark" else (off,)):
         state = run(flat_state(small, 80.0), dark_layers(off=[*upto, *missing]))
         state.image[...] = 100.0
+        state.header.clear()
         added.append(run(state, step_of(name)))
     assert np.array_equal(added[0].image, added[1].image)
-    for key in added[0].header.keys() & added[1].header.keys():
-        assert added[0].header[key] == added[1].header[key]
+    assert added[0].header == added[1].header

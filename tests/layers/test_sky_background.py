@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from readout_state import dark_layers, flat_state, run, small_camera
+from readout_state import flat_state, plain_layers, run, small_camera
 
 from csstsim.errors import InputError
 from csstsim.io.level0 import write_level0
@@ -103,7 +103,7 @@ def test_level0_header(small, tmp_path, model):
 
     state = lit(small, model=model)
     header = state.header
-    state = run(replace(state), dark_layers())
+    state = run(replace(state), plain_layers())
     write_level0(tmp_path / "x.fits", state, small.keywords, {})
     found = fits.getheader(tmp_path / "x.fits")
     assert found["SKYRATE"] == pytest.approx(header["sky_rate"])

@@ -136,7 +136,16 @@ class Level0:
     @cached_property
     def gain(self):
         """{channel: e-/DN}; empty if the file does not state it."""
-        names = {n: f"GAIN{n:02d}" for n in range(1, self.readout.n_channels + 1)}
+        return self._per_channel("GAIN")
+
+    @cached_property
+    def nonlinearity(self):
+        """{channel: (quadratic [1/e-], cubic [1/e-^2])}; empty if the file does not state it."""
+        quadratic, cubic = self._per_channel("NLQ"), self._per_channel("NLC")
+        return {n: (quadratic[n], cubic[n]) for n in quadratic.keys() & cubic.keys()}
+
+    def _per_channel(self, prefix):
+        names = {n: f"{prefix}{n:02d}" for n in range(1, self.readout.n_channels + 1)}
         return {n: self._number(self.header, name) for n, name in names.items() if name in self.header}
 
     @cached_property

@@ -38,7 +38,7 @@ def check(param, camera, pointing):
 
 
 def apply(state, param, rng):
-    """Replace charge by signal in state.image, in place; (quadratic, cubic) of all channels go to the header.
+    """Replace charge by signal in state.image, in place; coefficients of all channels go to the header.
 
     Raises ValueError if a pixel is not finite or the signal does not rise up to the full well.
     """
@@ -55,5 +55,5 @@ def apply(state, param, rng):
     for block in frame.blocks:
         part = state.image[block.image if active else block.whole]
         bend(part, *pairs[block.channel - 1], detector.full_well)
-    state.header["nonlinearity"] = pairs
+    state.header["nonlinearity_quadratic"], state.header["nonlinearity_cubic"] = map(list, zip(*pairs, strict=True))
     return state

@@ -1,8 +1,8 @@
-"""Level-0 frame to electrons: overscan, gain, saturation; the first step of the measurement.
+"""Level-0 frame to electrons: overscan, gain, nonlinearity, saturation; the first step of the measurement.
 
 The bias of each readout channel is the robust mean of its own serial overscan (bias + read noise only),
 and its read noise the robust scatter there. Electrons are divided by the flat field and shutter that their light has
-met. What is left out, so that the measurement sees what the simulator put in: dark, nonlinearity and charge-transfer
+met. What is left out, so that the measurement sees what the simulator put in: dark and charge-transfer
 corrections (the dark current and the sky go into the background of `measure.detect`).
 """
 
@@ -10,10 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from csstsim.detector.cubic import straighten
 from csstsim.errors import InputError
 
 # Deferred and bloomed charge leaks into the first overscan columns; they are not pure bias.
 OVERSCAN_SKIP = 4
+_ROWS = 64
 
 
 @dataclass(frozen=True)
@@ -50,11 +52,12 @@ class Calibrated:
         return self.response[row, column].astype(float)
 
 
-def calibrate(frame, readout, gain, *, adc_max=65535, full_well=None, response=None):
+def calibrate(frame, readout, gain, *, nonlinearity=None, adc_max=65535, full_well=None, response=None):
     """Turn a raw frame into electrons.
 
     `frame`: uint16 DN of shape `readout.shape`; `readout`: detector.channels.ReadoutFrame of its window;
-    `gain`: {channel: electron/DN}, channels as in the Level-0 keywords GAINnn. A pixel is saturated at
+    `gain`: {channel: electron/DN}, channels as in the Level-0 keywords GAINnn; `nonlinearity`:
+    {channel: (quadratic, cubic)}, undone up to `full_well`, where the file states it. A pixel is saturated at
     `adc_max` DN or from `full_well` electrons; `response`: share of the light that was counted. Returns `Calibrated`.
     Raises InputError when the frame does
     not have the readout's shape or a channel's gain is missing or not positive.
@@ -73,12 +76,22 @@ def calibrate(frame, readout, gain, *, adc_max=65535, full_well=None, response=N
         bias[block.channel], read_noise[block.channel] = level, scatter * factor
         raw = frame[block.active]
         electrons[block.image] = (raw - np.float32(level)) * np.float32(factor)
+        if nonlinearity and full_well:
+            _straighten(electrons[block.image], *nonlinearity[block.channel], full_well)
         saturated[block.image] = raw >= adc_max
     if full_well is not None:
         saturated |= electrons >= full_well
     if response is not None:
         electrons /= response
     return Calibrated(electrons, saturated, bias, read_noise, readout, response)
+
+
+def _straighten(electrons, quadratic, cubic, limit):
+    """Undo the nonlinearity, in place, some rows at a time."""
+    if quadratic or cubic:
+        for first in range(0, len(electrons), _ROWS):
+            rows = electrons[first : first + _ROWS]
+            rows[:] = straighten(rows, quadratic, cubic, limit)
 
 
 def overscan_level(overscan, *, from_right=False, clip=4.0):
