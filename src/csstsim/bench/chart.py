@@ -12,7 +12,7 @@ PANELS = (
     ("galaxies, 10$^2$ to 10$^4$ e$^-$", "galaxy", FAINT, MIDDLE),
     ("galaxies, 10$^4$ to 10$^6$ e$^-$", "galaxy", MIDDLE, BRIGHT),
 )
-_NEAR = 0.6, 0.12  # decades of cost and error within which labels would overlap
+_NEAR, _LONG = (0.25, 0.12), 1.6  # decades: of cost and error, where methods share a label; of cost, how long one is
 OURS, PEERS, PRESET = "#0b6e99", "#b5542d", "#1a7a3c"
 
 
@@ -69,12 +69,12 @@ def draw_chart(path, rows, methods, note):
             axis.scatter(
                 cost, error, s=size, marker=marker, facecolor=filled, edgecolor=_colour(method), lw=1.5, zorder=3
             )
-        for names, place in _labels(found):
-            colour = _colour(kinds[names[0]])
-            axis.annotate(", ".join(names), place, (8, 6), textcoords="offset points", color=colour, size=9)
+        for names, place, free in _labels(found):
+            how = {"textcoords": "offset points", "color": _colour(kinds[names[0]]), "size": 9}
+            axis.annotate(", ".join(names), place, (8 if free else -9, 6), ha="left" if free else "right", **how)
         if found:
             costs, seen = (np.array([point[i] for point in every]) for i in (0, 1))
-            axis.set_xlim(costs.min() / 3, costs.max() * 20)
+            axis.set_xlim(costs.min() / 50, costs.max() * 100)
             seen = np.array([point[1] for point in found.values()])
             axis.set_ylim(min(seen.min() / 3, 0.03), max(seen.max() * 3, 1.0))
         axis.grid(color="0.9", lw=0.5)
@@ -94,7 +94,8 @@ def _colour(method):
 
 
 def _labels(found):
-    """Return [(names, place)]: methods that share a place in the chart share a label."""
+    """Return [(names, place, free)]: methods that share a place in the chart share a label; it stands to the left where
+    it would run into the next one's, not `free`."""
     groups = []
     for name, (cost, error, _) in sorted(found.items(), key=lambda item: item[1][0]):
         for names, place in groups:
@@ -103,4 +104,9 @@ def _labels(found):
                 break
         else:
             groups.append(([name], (cost, error)))
-    return groups
+    places = np.log10([place for _, place in groups])
+    free = [
+        not ((places[:, 0] > x) & (places[:, 0] < x + _LONG) & (np.abs(places[:, 1] - y) < _NEAR[1])).any()
+        for x, y in places
+    ]
+    return [(*group, room) for group, room in zip(groups, free, strict=True)]
