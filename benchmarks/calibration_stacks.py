@@ -37,7 +37,7 @@ LIMIT = 5.0  # sigma
 CHIP = 9
 LAMPS = ["590", "670"]
 SECONDS = (1.0, 2.5, 5.0, 8.0, 11.0, 15.0, 19.0)  # each of the lamps; 2960 e- per second
-EACH = {"BIAS": 6, "DARK": 6, "FLAT": 2}  # frames; of flats, at each level
+EACH = {"BIAS": 6, "DARK": 6, "FLAT": 4}  # frames; of flats, at each level
 EXPTIME = {"BIAS": 0, "DARK": 150, "FLAT": 40}
 SKIP = 5  # columns of the overscan beside the active ones
 BAD, HOT, DEAD = 20.0, 8.0, 0.8  # DN of a column in the bias; sigma of a pixel in the dark; of the flat around
@@ -137,9 +137,7 @@ def stack(frames, noise):
     """
     combiner = ccdproc.Combiner(frames)
     level = noise(np.median([f.data for f in frames], axis=0))
-    combiner.sigma_clipping(
-        low_thresh=1e3, high_thresh=estimate.RAY, func=np.median, dev_func=lambda data, axis: level
-    )
+    combiner.sigma_clipping(low_thresh=1e3, high_thresh=estimate.RAY, func=np.median, dev_func=lambda data, axis: level)
     rays = np.stack([ndimage.binary_dilation(mask, estimate.GROW) for mask in combiner.data_arr.mask])
     combiner.data_arr.mask = rays
     average = combiner.average_combine()
@@ -182,21 +180,24 @@ def reduce_channel(c, bias, dark, noise, spoilt):
     dead = (total < DEAD * np.nanmedian(total)) & ~spoilt
     good = ~(still | dead)
     raw = c.raw("BIAS")
-    charge = [
-        sum((frame.data - level)[ray & ~still].sum() for frame, ray in zip(frames, rays, strict=True))
-        for frames, rays, level in ((biases, bias_rays, 0.0), (darks, dark_rays, np.nanmedian(dark.data)))
-    ]
+    level, scan = np.nanmedian(dark.data), raw[0][c.overscan].size
+    # what the rays left, nothing elsewhere
+    seen = [np.where(ray & ~still, frame.data - level, 0.0) for frame, ray in zip(darks, dark_rays, strict=True)]
+    charge = sum(map(np.sum, seen)) + sum(b.data[r & ~still].sum() for b, r in zip(biases, bias_rays, strict=True))
     return {
         "overscan": mean_of([r[c.overscan] for r in raw], np.ones_like(raw[0][c.overscan], bool)),
         "active": mean_of([r[c.active] for r in raw], good & ~bias_rays),
         "bias": mean_of([b.data for b in biases], good & ~bias_rays),
         "dark": mean_of([d.data + bias.data for d in darks], good & ~dark_rays),
-        "hot": hot, "dead": dead, "charge": sum(charge), "searched": (~still).sum(),
-    } | reduce_light(flats, good, noise, raw[0][c.overscan].size) | reduce_trail(behind)  # fmt: skip
+        "hot": hot, "dead": dead, "charge": charge, "searched": (~still).sum(),
+    } | reduce_light(flats, good, noise, seen, scan) | reduce_trail(behind, noise, scan)  # fmt: skip
 
 
-def reduce_light(flats, good, noise, scan):
-    """Return linearity, photon transfer and response of a channel's flats (n, ny, nx), two at each level, DN."""
+def reduce_light(flats, good, noise, seen, scan):
+    """Return linearity, photon transfer and response of a channel's flats (n, ny, nx), two of a level one by one, in DN.
+
+    seen: rays of the darks, as in `faint_rays`; scan: pixels of an overscan.
+    """
     pairs = [(*flats[i : i + 2], estimate.struck_of_pair(*flats[i : i + 2], ~good)) for i in range(0, len(flats), 2)]
     kept = [good & ~rays for *_, rays in pairs]
     levels = [mean_of(pair[:2], np.stack([ok, ok])) for pair, ok in zip(pairs, kept, strict=True)]
@@ -210,20 +211,36 @@ def reduce_light(flats, good, noise, scan):
     slope = 1 + linear * (2 * q + 3 * c * linear)
     variance = [np.var((straight[2 * i] - straight[2 * i + 1])[ok]) / 2 for i, ok in enumerate(kept)]
     spread = np.sqrt([straight[2 * i][ok].var() for i, ok in enumerate(kept)])
+    rays = np.array([faint_rays(seen, estimate.RAY * np.sqrt(2 * v), noise, good) for v in variance])
     return {
         "linearity": (q, c), "linearity errors": np.sqrt(np.diag(covariance)), "level": linear, "spread": spread,
-        "variance": np.array(variance) - noise**2 / slope**2, "number": np.array([ok.sum() for ok in kept]),
+        "variance": np.array(variance) - noise**2 / slope**2, "rays": rays, "number": np.array([ok.sum() for ok in kept]),
         "pattern": estimate.pattern_rms(sum(straight[::2]), sum(straight[1::2]), np.all(kept, axis=0)),
     }  # fmt: skip
 
 
-def reduce_trail(behind):
+def faint_rays(seen, cut, noise, good):
+    """Return the variance [DN^2] that rays too faint for `cut` [DN] leave in a flat, from those seen in the darks.
+
+    seen: (ny, nx) charge of the rays of each dark, 0 elsewhere. They are taken out as those of the flats are.
+    """
+    left = 0.0
+    for charge in seen:
+        faint = (charge != 0) & ~ndimage.binary_dilation(charge > cut, estimate.GROW)
+        left += (charge[faint] ** 2 - noise**2).sum()
+    readout = 20.0  # s that a row waits on average
+    return left / (good.sum() * len(seen)) * (EXPTIME["FLAT"] + readout) / (EXPTIME["DARK"] + readout)
+
+
+def reduce_trail(behind, noise, scan):
     """Return the mean [DN] of each row of the parallel overscan of all flats, and the error of their sum.
 
-    behind (n, rows, columns). The error is from the columns' sums: each has its own number of traps.
+    behind (n, rows, columns). The error is from the columns' sums, as each has its own number of traps, and from
+    the zero of each frame.
     """
-    mean = np.mean(behind, axis=0)
-    return {"trail": mean.mean(axis=1), "trail error": mean.sum(axis=0).std() / np.sqrt(mean.shape[1])}
+    mean, rows = np.mean(behind, axis=0), len(behind[0])
+    error = np.hypot(mean.sum(axis=0).std() / np.sqrt(mean.shape[1]), rows * noise / np.sqrt(scan * len(behind)))
+    return {"trail": mean.mean(axis=1), "trail error": error}
 
 
 def bad_columns(c, bias):
@@ -250,8 +267,11 @@ def reduce(frames):
 def compare(channels, found, camera):
     """Return a list of Row, and the photon transfer (gains, area, its error)."""
     n = len(channels)
-    means, variances, numbers = (np.stack([f[k] for f in found], axis=1) for k in ("level", "variance", "number"))
-    fitted, covariance = estimate.photon_transfer(means, variances, numbers)
+    means, variances, numbers, rays = (
+        np.stack([f[k] for f in found], axis=1) for k in ("level", "variance", "number", "rays")
+    )
+    # rays are the same everywhere: one number from all channels is less noisy
+    fitted, covariance = estimate.photon_transfer(means, variances - rays.mean(axis=1, keepdims=True), numbers)
     errors = np.sqrt(np.diag(covariance))
     rows = []
     for c, f, gain, error in zip(channels, found, fitted[:n], errors[:n], strict=True):
@@ -344,7 +364,9 @@ def main(options):
     show(rows)
     if options.figures:
         draw(rows, found, area, options.figures)
-    print(f"CPU seconds: {made - began:.0f} to make {len(frames)} frames, {time.process_time() - made:.0f} to reduce them")
+    print(
+        f"CPU seconds: {made - began:.0f} to make {len(frames)} frames, {time.process_time() - made:.0f} to reduce them"
+    )
     bad = [row for row in rows if not abs(sigmas(row)) <= LIMIT]
     for row in bad:
         print(f"OFF by more than {LIMIT:g} sigma: {row.quantity}, channel {row.channel}")
