@@ -1,12 +1,13 @@
-"""Stacks of bias, dark and LED-flat frames, every layer of the detector on, reduced with ccdproc: do they give back, for
-each channel, what the camera's files say?
+"""Stacks of bias, dark and LED-flat frames, every layer of the detector on, reduced with ccdproc: do they give back
+what the camera's files say of each channel?
 
     pip install -e ".[bench]"
     python benchmarks/calibration_stacks.py [--rows 512] [--figures docs/figures]
 
-Frames of chip 9, all its columns and `rows` rows on either side of the seam, are made by `csstsim chip`; from each file the
-reduction takes IMAGE and the keywords of its geometry, nothing else. It prints, for each quantity and channel, what was
-configured and what was found, and ends with 1 if anything is off by more than LIMIT sigma.
+Frames of chip 9, all its columns and `rows` rows on either side of the seam, are made by `csstsim chip`; from each file
+the reduction (stack_reduction.py) takes IMAGE and the keywords of its geometry, nothing else. It prints, for each
+quantity and channel, what was configured and what was found, and ends with 1 if anything is off by more than LIMIT
+sigma. Results: docs/detector_calibration.md.
 """
 
 import argparse
@@ -16,17 +17,11 @@ import time
 from collections import namedtuple
 from pathlib import Path
 
-import ccdproc
 import numpy as np
 import yaml
-from astropy import units as u
 from astropy.io import fits
-from astropy.modeling.models import Polynomial1D
-from astropy.nddata import CCDData
-from scipy import ndimage
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
-import stack_estimates as estimate
+from stack_figure import draw
+from stack_reduction import EACH, EXPTIME, SECONDS, WAITS, estimate, reduce
 
 from csstsim.cli import main as csstsim
 from csstsim.config import SHIPPED
@@ -36,20 +31,12 @@ from csstsim.instrument.camera import load_camera
 LIMIT = 5.0  # sigma
 CHIP = 9
 LAMPS = ["590", "670"]
-SECONDS = (1.0, 2.5, 5.0, 8.0, 11.0, 15.0, 19.0)  # each of the lamps; 2960 e- per second
-EACH = {"BIAS": 6, "DARK": 6, "FLAT": 4}  # frames; of flats, at each level
-EXPTIME = {"BIAS": 0, "DARK": 150, "FLAT": 40}
-SKIP = 5  # columns of the overscan beside the active ones
-BAD, HOT, DEAD = 20.0, 8.0, 0.8  # DN of a column in the bias; sigma of a pixel in the dark; of the flat around
 
 Row = namedtuple("Row", "quantity unit channel configured found error")
 
 
-# --- frames ----------------------------------------------------------------------------------------------------------
-
-
 def make_frames(folder, rows):
-    """Yield (kind, seconds of light, IMAGE header, pixels from the window's first row on, MASK or None), file by file."""
+    """Yield (kind, seconds of light, IMAGE header, pixels from the window's first row on, MASK or None) of frames."""
     for number, (kind, seconds) in enumerate([("BIAS", 0.0), ("DARK", 0.0), *(("FLAT", s) for s in SECONDS)]):
         table = folder / "table.csv"
         obsids = [f"103000{number:02d}{n:03d}" for n in range(EACH[kind])]
@@ -89,198 +76,35 @@ def layers(folder, kind, seconds):
     return path
 
 
-# --- reduction of a channel --------------------------------------------------------------------------------------------
-
-
-class Channel:
-    """The frames of one channel, its amplifier at the lower left, as ccdproc takes them."""
-
-    def __init__(self, frames, number):
-        self.frames, self.number, self.header = frames, number, frames[-1][2]
-        pre, over, after = (self.header[k] for k in ("PSCAN1", "OSCAN1", "OSCAN2"))
-        self.width = frames[0][3].shape[1] // self.header["NCHAN"]
-        self.rows = len(frames[0][3]) - after
-        self.active = np.s_[: self.rows, pre : self.width - over]
-        self.behind = np.s_[self.rows :, pre : self.width - over]
-        self.overscan = np.s_[:, self.width - over + SKIP :]
-
-    def own(self, pixels):
-        return pixels[:, (self.number - 1) * self.width : self.number * self.width]
-
-    def raw(self, kind):
-        return [self.own(f[3]).astype(float) for f in self.frames if f[0] == kind]
-
-    def value(self, prefix):
-        return self.header[f"{prefix}{self.number:02d}"]
-
-    def reduced(self, kind):
-        """Return CCDData of each frame, overscan subtracted (one constant), with its parallel overscan."""
-        section = f"[{self.width - self.header['OSCAN1'] + SKIP + 1}:{self.width},:]"
-        return [
-            ccdproc.subtract_overscan(CCDData(raw, unit="adu"), fits_section=section, model=Polynomial1D(0))
-            for raw in self.raw(kind)
-        ]
-
-    def trim(self, ccd):
-        y, x = self.active
-        return ccdproc.trim_image(ccd, fits_section=f"[{x.start + 1}:{x.stop},1:{y.stop}]")
-
-    def truth(self, bit):
-        [marks] = [f[4] for f in self.frames if f[4] is not None][:1]
-        return (self.own(marks)[self.active] & bit) > 0
-
-
-def stack(frames, noise):
-    """Return (average of CCDData without cosmic rays, masks of the rays (n, ny, nx)).
-
-    noise(median) [DN]: of a pixel of one frame. Rays are grown, as what their electrons diffuse into is below the clip.
-    """
-    combiner = ccdproc.Combiner(frames)
-    level = noise(np.median([f.data for f in frames], axis=0))
-    combiner.sigma_clipping(low_thresh=1e3, high_thresh=estimate.RAY, func=np.median, dev_func=lambda data, axis: level)
-    rays = np.stack([ndimage.binary_dilation(mask, estimate.GROW) for mask in combiner.data_arr.mask])
-    combiner.data_arr.mask = rays
-    average = combiner.average_combine()
-    # struck in each frame: a hot pixel's neighbour, say
-    return CCDData(np.where(average.mask, np.nan, average.data), unit="adu"), rays
-
-
-def mean_of(frames, good):
-    """Return (mean, variance within a frame, number) of pixels `good`, the same in all frames or one array each."""
-    values = [frame[ok] for frame, ok in zip(frames, np.broadcast_to(good, np.shape(frames)), strict=True)]
-    number = sum(map(len, values))
-    mean = sum(v.sum() for v in values) / number
-    return mean, sum(((v - v.mean()) ** 2).sum() for v in values) / number, number
-
-
-def masters(c):
-    """Return (bias, dark) of a channel, each (master, frames, rays), and the noise of a pixel [DN]."""
-    noise = np.mean([raw[c.overscan].std() for raw in c.raw("BIAS")])
-    biases = [c.trim(ccd) for ccd in c.reduced("BIAS")]
-    bias, bias_rays = stack(biases, lambda middle: noise)
-    darks = [ccdproc.subtract_bias(c.trim(ccd), bias) for ccd in c.reduced("DARK")]
-    # the master bias' own noise is the same in all of them, and falls out of what is beyond their median
-    dark, dark_rays = stack(darks, lambda middle: np.sqrt(noise**2 + np.maximum(middle, 0)))
-    return (bias, biases, bias_rays), (dark, darks, dark_rays), noise
-
-
-def reduce_channel(c, bias, dark, noise, spoilt):
-    """Return what the frames of a channel give, in DN, as a dictionary; spoilt (nx,): columns bad in either half."""
-    (bias, biases, bias_rays), (dark, darks, dark_rays) = bias, dark
-    spread = np.sqrt((noise**2 + np.nanmedian(dark.data)) / EACH["DARK"] + noise**2 / EACH["BIAS"])
-    hot = (dark.data - np.nanmedian(dark.data) > HOT * spread) & ~spoilt
-    still = ndimage.binary_dilation(hot, estimate.GROW) | spoilt | np.isnan(bias.data + dark.data)
-    flats, behind = [], []
-    for ccd in c.reduced("FLAT"):
-        behind.append(ccd.data[c.behind][:, ~spoilt])
-        flat = ccdproc.subtract_bias(c.trim(ccd), bias)
-        flats.append(ccdproc.subtract_dark(
-            flat, dark, dark_exposure=EXPTIME["DARK"] * u.s, data_exposure=EXPTIME["FLAT"] * u.s, scale=True).data)  # fmt: skip
-    total = np.sum(flats, axis=0)
-    dead = (total < DEAD * np.nanmedian(total)) & ~spoilt
-    good = ~(still | dead)
-    raw = c.raw("BIAS")
-    level, scan = np.nanmedian(dark.data), raw[0][c.overscan].size
-    # what the rays left, nothing elsewhere
-    seen = [np.where(ray & ~still, frame.data - level, 0.0) for frame, ray in zip(darks, dark_rays, strict=True)]
-    charge = sum(map(np.sum, seen)) + sum(b.data[r & ~still].sum() for b, r in zip(biases, bias_rays, strict=True))
-    return {
-        "overscan": mean_of([r[c.overscan] for r in raw], np.ones_like(raw[0][c.overscan], bool)),
-        "active": mean_of([r[c.active] for r in raw], good & ~bias_rays),
-        "bias": mean_of([b.data for b in biases], good & ~bias_rays),
-        "dark": mean_of([d.data + bias.data for d in darks], good & ~dark_rays),
-        "hot": hot, "dead": dead, "charge": charge, "searched": (~still).sum(),
-    } | reduce_light(flats, good, noise, seen, scan) | reduce_trail(behind, noise, scan)  # fmt: skip
-
-
-def reduce_light(flats, good, noise, seen, scan):
-    """Return linearity, photon transfer and response of a channel's flats (n, ny, nx), two of a level one by one, in DN.
-
-    seen: rays of the darks, as in `faint_rays`; scan: pixels of an overscan.
-    """
-    pairs = [(*flats[i : i + 2], estimate.struck_of_pair(*flats[i : i + 2], ~good)) for i in range(0, len(flats), 2)]
-    kept = [good & ~rays for *_, rays in pairs]
-    levels = [mean_of(pair[:2], np.stack([ok, ok])) for pair, ok in zip(pairs, kept, strict=True)]
-    halves = [np.var((one - two)[ok]) / 2 for (one, two, _), ok in zip(pairs, kept, strict=True)]
-    errors = [np.sqrt(v / number + noise**2 / scan / 2) for v, (_, _, number) in zip(halves, levels, strict=True)]
-    means = np.array([mean for mean, *_ in levels])
-    shape = 1 + levels[0][1] / means[0] ** 2 - halves[0] / means[0] ** 2
-    (q, c), covariance = estimate.linearity(np.repeat(SECONDS, EACH["FLAT"] // 2), means, errors, shape)
-    straight = [estimate.straightened(flat, q, c) for flat in flats]
-    linear = np.array([(straight[2 * i][ok].mean() + straight[2 * i + 1][ok].mean()) / 2 for i, ok in enumerate(kept)])
-    slope = 1 + linear * (2 * q + 3 * c * linear)
-    variance = [np.var((straight[2 * i] - straight[2 * i + 1])[ok]) / 2 for i, ok in enumerate(kept)]
-    spread = np.sqrt([straight[2 * i][ok].var() for i, ok in enumerate(kept)])
-    rays = np.array([faint_rays(seen, estimate.RAY * np.sqrt(2 * v), noise, good) for v in variance])
-    return {
-        "linearity": (q, c), "linearity errors": np.sqrt(np.diag(covariance)), "level": linear, "spread": spread,
-        "variance": np.array(variance) - noise**2 / slope**2, "rays": rays, "number": np.array([ok.sum() for ok in kept]),
-        "pattern": estimate.pattern_rms(sum(straight[::2]), sum(straight[1::2]), np.all(kept, axis=0)),
-    }  # fmt: skip
-
-
-def faint_rays(seen, cut, noise, good):
-    """Return the variance [DN^2] that rays too faint for `cut` [DN] leave in a flat, from those seen in the darks.
-
-    seen: (ny, nx) charge of the rays of each dark, 0 elsewhere. They are taken out as those of the flats are.
-    """
-    left = 0.0
-    for charge in seen:
-        faint = (charge != 0) & ~ndimage.binary_dilation(charge > cut, estimate.GROW)
-        left += (charge[faint] ** 2 - noise**2).sum()
-    readout = 20.0  # s that a row waits on average
-    return left / (good.sum() * len(seen)) * (EXPTIME["FLAT"] + readout) / (EXPTIME["DARK"] + readout)
-
-
-def reduce_trail(behind, noise, scan):
-    """Return the mean [DN] of each row of the parallel overscan of all flats, and the error of their sum.
-
-    behind (n, rows, columns). The error is from the columns' sums, as each has its own number of traps, and from
-    the zero of each frame.
-    """
-    mean, rows = np.mean(behind, axis=0), len(behind[0])
-    error = np.hypot(mean.sum(axis=0).std() / np.sqrt(mean.shape[1]), rows * noise / np.sqrt(scan * len(behind)))
-    return {"trail": mean.mean(axis=1), "trail error": error}
-
-
-def bad_columns(c, bias):
-    """Return (nx,) bool: columns whose last 400 rows, next to the seam, stand out of the master bias."""
-    return np.nanmedian(bias.data[-400:], axis=0) > BAD
-
-
-def reduce(frames):
-    """Return the channels and what was found in each."""
-    channels = [Channel(frames, number) for number in range(1, frames[0][2]["NCHAN"] + 1)]
-    first = [masters(c) for c in channels]
-    bad = [bad_columns(c, bias[0]) for c, (bias, _, _) in zip(channels, first, strict=True)]
-    found = []
-    for c, (bias, dark, noise), own, other in zip(channels, first, bad, bad[::-1], strict=True):
-        # full columns bloom through the seam, and along rows
-        spoilt = ndimage.binary_dilation(own | other, np.ones(3, bool))
-        found.append(reduce_channel(c, bias, dark, noise, spoilt) | {"bad": own, "spoilt": spoilt})
-    return channels, found
-
-
-# --- what was configured beside what was found ---------------------------------------------------------------------------
-
-
 def compare(channels, found, camera):
-    """Return a list of Row, and the photon transfer (gains, area, its error)."""
-    n = len(channels)
-    means, variances, numbers, rays = (
-        np.stack([f[k] for f in found], axis=1) for k in ("level", "variance", "number", "rays")
-    )
-    # rays are the same everywhere: one number from all channels is less noisy
-    fitted, covariance = estimate.photon_transfer(means, variances - rays.mean(axis=1, keepdims=True), numbers)
+    """Return a list of Row, and the area of the brighter-fatter effect [1/e-]."""
+    n, detector = len(channels), camera.detector
+    means, numbers = (np.stack([f[k] for f in found], axis=1) for k in ("level", "number"))
+    # what is not the channels' own: rays that no frame shows, the same everywhere, and noise that the traps smooth
+    rays = np.mean([f["rays"] for f in found], axis=0)
+    for f in found:
+        f["variance"] = (f["variance"] - rays) / (1 - smoothed(f["level"] * detector.gain, channels[0], detector))
+    fitted, covariance = estimate.photon_transfer(means, np.stack([f["variance"] for f in found], axis=1), numbers)
     errors = np.sqrt(np.diag(covariance))
     rows = []
     for c, f, gain, error in zip(channels, found, fitted[:n], errors[:n], strict=True):
         f["gain"], f["relative"] = gain, error / gain
         parts = [*levels(c, f, camera), *light(c, f, fitted[n]), *counts(c, f, camera)]
         rows += [Row(*part[:2], c.number, *part[2:]) for part in parts]
-    push = camera.detector.brighter_fatter
+    push = detector.brighter_fatter
     rows.append(Row("pixel's own area", "1/e-", "all", push["scale"] * push["areas"][0][0], fitted[n], errors[n]))
     return rows, fitted[n]
+
+
+def traps_of(c, detector):
+    """Return the traps as stack_estimates takes them: density, timescale, well, rows of a half."""
+    traps = detector.traps
+    density, well = c.header["CTIDENS"] * np.array(traps.density), (traps.beta, traps.full_well, traps.notch)
+    return density, traps.timescale, well, detector.channel_ny
+
+
+def smoothed(electrons, c, detector):
+    return np.array([estimate.smoothed(mu, *traps_of(c, detector)) for mu in electrons])
 
 
 def levels(c, f, camera):
@@ -315,16 +139,14 @@ def light(c, f, area):
 def counts(c, f, camera):
     """Yield the same of trails, rays and defects. Of defects, `found` is what is there less what is not."""
     detector, gain = camera.detector, f["gain"]
-    traps, rays = detector.traps, detector.cosmic_rays
-    density, well = c.header["CTIDENS"] * np.array(traps.density), (traps.beta, traps.full_well, traps.notch)
-    behind = detector.channel_ny, detector.parallel_overscan
-    trails = [estimate.trail(x * gain, s * gain, density, traps.timescale, well, *behind)
-              for x, s in zip(f["level"], f["spread"], strict=True)]  # fmt: skip
+    rays = detector.cosmic_rays
+    behind = *traps_of(c, detector), detector.parallel_overscan
+    trails = [estimate.trail(x * gain, s * gain, *behind) for x, s in zip(f["level"], f["spread"], strict=True)]
     f["trail wanted"] = np.mean(trails, axis=0)
     yield "trail of flats", "e-", f["trail wanted"].sum(), f["trail"].sum() * gain, f["trail error"] * gain
     sigma = np.log(10) * rays.log_energy_fwhm / np.sqrt(8 * np.log(2))
     charge = 10**rays.log_energy * np.exp(sigma**2 / 2)  # mean of a ray
-    waited = f["searched"] * sum(EACH[k] * (EXPTIME[k] + detector.readout_time / 2) for k in ("BIAS", "DARK"))
+    waited = f["searched"] * sum(EACH[k] * (EXPTIME[k] + WAITS) for k in ("BIAS", "DARK"))
     error = rays.rate * np.exp(sigma**2 / 2) / np.sqrt(rays.rate * waited)
     yield "cosmic rays", "1/s/px", rays.rate, f["charge"] * gain / charge / waited, error
     for name, bit in (("hot", bits.HOT), ("dead", bits.DEAD)):

@@ -127,3 +127,19 @@ def trail(level, spread, density, timescale, well, n_rows, rows):
         filled = n_rows * rho * quad(full, 0, 1, points=(edge,), limit=400)[0]
         out += filled * (1 - stay) * stay ** np.arange(rows)
     return out
+
+
+def smoothed(level, density, timescale, well, n_rows):
+    """Return the share of a flat's shot noise that traps take away; arguments as of `trail`.
+
+    A packet x above a trap's level, z sigma over the mean, loses an electron to it if it is empty, one below gets one
+    if it is full and lets go. With f the chance to be full, which no packet to come knows of, the covariance of x and
+    its change is -sigma phi(z) [1 - f exp(-1 / tau)]; twice that, of all traps.
+    """
+    beta, full_well, notch = well
+    z = np.linspace(-8, 8, 1601)
+    reached = norm.sf(z)
+    slope = beta * ((level - notch) / full_well) ** beta / (level - notch)  # of the share of a pixel with charge
+    stay = np.exp(-1 / np.array(timescale))[:, None]
+    full = reached / (1 - (1 - reached) * stay)
+    return 2 * n_rows * slope * np.sum(density * np.trapezoid(norm.pdf(z) * (1 - full * stay), z, axis=1))
