@@ -2,7 +2,7 @@
 
 import matplotlib
 import numpy as np
-import stack_estimates as estimate
+from stack_reduction import estimate
 
 matplotlib.use("agg")
 from matplotlib import pyplot as plt
@@ -23,6 +23,8 @@ def draw(rows, found, area, folder):
         middle = np.mean([row.configured for row in mine])
         axis.set_title(f"{name}: {middle:.4g} {mine[0].unit}", fontsize=9)
         axis.tick_params(labelsize=7)
+        axis.set_xticks([1, 4, 8, 12, 16])
+        axis.set_xlabel("channel", fontsize=7)
         axis.set_ylabel(f"found - configured [{mine[0].unit}]" if mine[0].unit else "found - configured", fontsize=7)
     axes = [figure.add_subplot(grid[2, 4 * k : 4 * k + 4]) for k in range(3)]
     draw_transfer(axes[:2], rows, found, area)
@@ -50,8 +52,7 @@ def draw_transfer(axes, rows, found, area):
     axes[1].set(xlabel="mean [e-]", ylabel="variance x configured gain / mean", title="the same over the line")
     axes[0].legend(fontsize=7)
     for axis in axes:
-        axis.title.set_fontsize(9)
-        axis.tick_params(labelsize=7)
+        small(axis)
 
 
 def draw_trail(axis, found):
@@ -63,6 +64,12 @@ def draw_trail(axis, found):
         number, np.mean([f["trail wanted"] for f in found], axis=0), "k", lw=0.8, label="from the traps' densities"
     )
     axis.set(xlabel="row of the parallel overscan", ylabel="electrons", title="trail behind the flats")
-    axis.title.set_fontsize(9)
-    axis.tick_params(labelsize=7)
     axis.legend(fontsize=7)
+    small(axis)
+
+
+def small(axis):
+    axis.title.set_fontsize(9)
+    for label in (axis.xaxis.label, axis.yaxis.label):
+        label.set_fontsize(8)
+    axis.tick_params(labelsize=7)

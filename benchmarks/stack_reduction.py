@@ -16,7 +16,6 @@ import stack_estimates as estimate
 SECONDS = (1.0, 2.5, 5.0, 8.0, 11.0, 15.0, 19.0)  # each of two lamps is lit; 2960 e- per second
 EACH = {"BIAS": 6, "DARK": 6, "FLAT": 4}  # frames; of flats, at each level
 EXPTIME = {"BIAS": 0, "DARK": 150, "FLAT": 40}  # s
-WAITS = 20.0  # s that a row waits for its readout, on average
 SKIP = 5  # columns of the overscan beside the active ones
 BAD, HOT, DEAD = 20.0, 8.0, 0.8  # DN of a column in the bias; sigma of a pixel in the dark; of the flat around
 
@@ -32,6 +31,7 @@ class Channel:
         self.active = np.s_[: self.rows, pre : self.width - over]
         self.behind = np.s_[self.rows :, pre : self.width - over]
         self.overscan = np.s_[:, self.width - over + SKIP :]
+        self.waits = self.header["READTIME"] / 2  # s that a row waits to be read, on average
 
     def own(self, pixels):
         return pixels[:, (self.number - 1) * self.width : self.number * self.width]
@@ -113,19 +113,24 @@ def reduce_channel(c, bias, dark, noise, spoilt):
     # what the rays left, nothing elsewhere
     seen = [np.where(ray & ~still, frame.data - level, 0.0) for frame, ray in zip(darks, dark_rays, strict=True)]
     charge = sum(map(np.sum, seen)) + sum(b.data[r & ~still].sum() for b, r in zip(biases, bias_rays, strict=True))
+    waited = (EXPTIME["FLAT"] + c.waits) / (EXPTIME["DARK"] + c.waits)
+
+    def faint(cut):
+        return waited * faint_rays(seen, cut, noise) / good.sum()
+
     return {
         "overscan": mean_of([r[c.overscan] for r in raw], np.ones_like(raw[0][c.overscan], bool)),
         "active": mean_of([r[c.active] for r in raw], good & ~bias_rays),
         "bias": mean_of([b.data for b in biases], good & ~bias_rays),
         "dark": mean_of([d.data + bias.data for d in darks], good & ~dark_rays),
         "hot": hot, "dead": dead, "charge": charge, "searched": (~still).sum(),
-    } | reduce_light(flats, good, noise, seen, scan) | reduce_trail(behind, noise, scan)  # fmt: skip
+    } | reduce_light(flats, good, noise, faint, scan) | reduce_trail(behind, noise, scan)  # fmt: skip
 
 
-def reduce_light(flats, good, noise, seen, scan):
+def reduce_light(flats, good, noise, faint, scan):
     """Return linearity, photon transfer and response of a channel's flats (n, ny, nx), two by two of one level, in DN.
 
-    seen: rays of the darks, as in `faint_rays`; scan: pixels of an overscan.
+    faint(cut [DN]): variance that undetected rays leave; scan: pixels of an overscan.
     """
     pairs = [(*flats[i : i + 2], estimate.struck_of_pair(*flats[i : i + 2], ~good)) for i in range(0, len(flats), 2)]
     kept = [good & ~rays for *_, rays in pairs]
@@ -140,7 +145,7 @@ def reduce_light(flats, good, noise, seen, scan):
     slope = 1 + linear * (2 * q + 3 * c * linear)
     variance = [np.var((straight[2 * i] - straight[2 * i + 1])[ok]) / 2 for i, ok in enumerate(kept)]
     spread = np.sqrt([straight[2 * i][ok].var() for i, ok in enumerate(kept)])
-    rays = np.array([faint_rays(seen, estimate.RAY * np.sqrt(2 * v), noise, good) for v in variance])
+    rays = np.array([faint(estimate.RAY * np.sqrt(2 * v)) for v in variance])
     return {
         "linearity": (q, c), "linearity errors": np.sqrt(np.diag(covariance)), "level": linear, "spread": spread,
         "variance": np.array(variance) - noise**2 / slope**2, "rays": rays,
@@ -149,8 +154,8 @@ def reduce_light(flats, good, noise, seen, scan):
     }  # fmt: skip
 
 
-def faint_rays(seen, cut, noise, good):
-    """Return the variance [DN^2] that rays too faint for `cut` [DN] leave in a flat, from those seen in the darks.
+def faint_rays(seen, cut, noise):
+    """Return the square of the charge [DN^2], a frame, of rays too faint for `cut` [DN], from those seen in the darks.
 
     seen: (ny, nx) charge of the rays of each dark, 0 elsewhere. They are taken out as those of the flats are.
     """
@@ -158,8 +163,8 @@ def faint_rays(seen, cut, noise, good):
     for charge in seen:
         found = charge + cut / estimate.RAY * rng.standard_normal(charge.shape) > cut
         faint = (charge != 0) & ~ndimage.binary_dilation(found & (charge != 0), estimate.GROW)
-        left += (charge[faint] ** 2 - noise**2).sum()
-    return left / (good.sum() * len(seen)) * (EXPTIME["FLAT"] + WAITS) / (EXPTIME["DARK"] + WAITS)
+        left += (charge[faint] ** 2 - noise**2).sum() / len(seen)
+    return left
 
 
 def reduce_trail(behind, noise, scan):

@@ -16,8 +16,8 @@ ROWS, KEYS = 4616, (np.uint64(3), np.uint64(4))
 def test_trail_and_noise_of_a_flat(level, seen):
     """Rows far from the amplifier, a fifth of the paper's traps; 5 sigma of the columns' scatter.
 
-    The trail may lack what is in traps that its own first packet reaches. The noise lost within 5%: its closed form is of
-    first order, and it is itself known to 2% from so many pixels.
+    The trail may lack what is in traps that its own first packet reaches. The noise lost within 5%: its closed form is
+    of first order, and it is itself known to 2% from so many pixels.
     """
     before = stream(1, "flat", level).poisson(level, (seen, 512)).astype(np.float32)
     image = before.copy()
