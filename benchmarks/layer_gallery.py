@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 from layer_cells import GALLERY
-from layer_stamp import NX, STEPS, find_stamp
+from layer_stamp import STEPS, find_stamp
 from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import AsinhNorm, Normalize
@@ -36,9 +36,9 @@ def draw(stamp, names, path):
         _draw_cell(figure, lambda x, y, corner=corner: (corner + np.array([x, -y])) / size, stamp, name)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    picture = np.asarray(canvas.buffer_rgba())[..., :3] | 3  # 64 greys: with the colours, a palette holds all
     path.parent.mkdir(parents=True, exist_ok=True)
-    picture.quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
+    Image.fromarray(picture).quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
     print(path, path.stat().st_size // 1000, "kB")
 
 
@@ -52,6 +52,7 @@ def _draw_cell(figure, place, stamp, name):
     figure.text(*place(0, 22), step.keyword, size=10.5, weight="bold")
     figure.text(*place(3 * PANEL + 2 * GAP, 22), number, size=9, ha="right")
     figure.text(*place(0, 37), f"{step.module.STAGE}: {cell.what}", size=8.5, color="0.3")
+    before, after, difference = (image[cell.part] for image in (before, after, difference))
     units = [UNITS[unit] for unit in step.module.UNITS]
     grey = _norm(*cell.grey), "gray"
     _draw_panel(figure, place, 0, before, *grey, f"before [{units[0]}]")
@@ -63,10 +64,11 @@ def _draw_cell(figure, place, stamp, name):
 
 def _draw_panel(figure, place, column, image, norm, colours, title):
     """Draw an image in a whole number of the picture's pixels to one of its own, in the middle of its column."""
-    left, (height, width) = column * (PANEL + GAP), np.array(image.shape) * (2 if image.shape[1] == NX else 1)
+    left, (height, width) = column * (PANEL + GAP), np.array(image.shape) * (PANEL // max(image.shape))
     figure.text(*place(left + PANEL / 2, TOP - 4), title, size=8, ha="center")
     axes = _axes(figure, place, left + (PANEL - width) // 2, TOP + (PANEL - height) // 2, width, height)
-    axes.set_axis_off()
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set(linewidth=0.5, color="0.6")
     return axes.imshow(image, norm=norm, cmap=colormaps[colours].resampled(SHADES), origin="lower")
 
 

@@ -1,8 +1,9 @@
 """A stamp of a chip that shows every layer: objects, the chip's own defects, two channels, and cosmic rays.
 
 It lies across the edge of two readout channels, far from their amplifiers, at the first place (campaign seeds, then
-edges) with a hot and a dead pixel and a bad column; its exposure is the first that enough cosmic rays strike. Layers are
-run as a campaign runs them, with the parameters of the shipped lists in the paper's order and for the irradiated device.
+edges) with a hot and a dead pixel and a bad column; its exposure is the first that enough cosmic rays strike. Layers
+are run as a campaign runs them, with the parameters of the shipped lists: science_paper.yaml, hence the irradiated
+device, and led_flat.yaml for the lamps.
 """
 
 from dataclasses import dataclass, replace
@@ -22,12 +23,12 @@ from csstsim.state import State
 
 NX, NY = 94, 96  # with the prescan and overscan between the channels, and above, 192 x 180
 FIRST_ROW = 3000  # from here to the seam of the halves
-INSIDE = 10  # px, from the stamp's border to the defects and to the edge of the channels
-STRUCK = 60  # pixels of the stamp, by cosmic rays
+INSIDE, EDGE_INSIDE = 10, 30  # px, from the stamp's border to the defects, and to the edge of the channels
+TRACKS = 3  # of cosmic rays in the stamp
 OBJECTS = [  # x, y in the stamp [px], electrons, half-light radius [arcsec], e1, e2
-    (30, 40, 5e6, 0, 0, 0), (63, 76, 1.2e5, 0, 0, 0), (77, 22, 1.5e4, 0, 0, 0), (12, 82, 6e3, 0, 0, 0),
-    (58, 12, 3e3, 0, 0, 0), (52, 52, 2e4, 0.5, 0.4, 0.3), (82, 48, 4e3, 0.3, -0.2, 0.3), (38, 84, 5e3, 0.35, 0.1, -0.4),
-    (12, 12, 4e3, 0.4, -0.3, -0.1),
+    (32, 40, 5e6, 0, 0, 0), (66, 74, 1.2e5, 0, 0, 0), (80, 20, 1.5e4, 0, 0, 0), (23, 80, 6e3, 0, 0, 0),
+    (62, 10, 3e3, 0, 0, 0), (54, 50, 3e4, 0.5, 0.4, 0.3), (83, 46, 8e3, 0.3, -0.2, 0.3), (44, 84, 1e4, 0.35, 0.1, -0.4),
+    (22, 13, 8e3, 0.4, -0.3, -0.1),
 ]  # fmt: skip
 _LISTS = [SimSteps(SHIPPED / "observations" / f"{name}.yaml") for name in ("led_flat", "science_paper")]
 STEPS = {step.name: step for steps in _LISTS for step in steps}  # of two lists with a layer the last counts
@@ -93,12 +94,12 @@ def find_stamp(setting):
     places = ((seed, _defective(setting, seed, edge)) for seed in count(1) for edge in edges)
     seed, window = next(place for place in places if place[1])
     stamps = (Stamp(setting, window, seed, str(obsid)) for obsid in count(int(POINTING.obsid)))
-    return next(stamp for stamp in stamps if stamp.run(("cosmic_rays",)).header["cosmic_pixels"] >= STRUCK)
+    return next(stamp for stamp in stamps if stamp.run(("cosmic_rays",)).header["cosmic_tracks"] >= TRACKS)
 
 
 def _defective(setting, seed, edge):
     """Return a Window across this edge with all kinds of defects, or None."""
-    strip = Window(edge - NX + INSIDE, edge + NX - INSIDE, FIRST_ROW, setting.chip.detector.channel_ny)
+    strip = Window(edge - NX + EDGE_INSIDE, edge + NX - EDGE_INSIDE, FIRST_ROW, setting.chip.detector.channel_ny)
     marks = Stamp(setting, strip, seed, POINTING.obsid).run(("detector_defects",)).mask
     kinds = [marks & bit > 0 for bit in (mask.HOT, mask.DEAD, mask.BAD_COLUMN)]
     if not all(kind.any() for kind in kinds):
