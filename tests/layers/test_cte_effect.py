@@ -34,8 +34,8 @@ def test_charge_is_conserved_and_trails_away_from_the_amplifiers(small):
     state = with_spots(small)
     before = state.image.copy()
     state = cte_effect.apply(state, MANY, RNG)
-    trailed = sum(trail.sum() for trail in state.trailed)
-    assert [trail.shape for trail in state.trailed] == [(4, 256)] * 2
+    trailed = sum(trail.sum() for trail in state.trailed.parallel)
+    assert [trail.shape for trail in state.trailed.parallel] == [(4, 256)] * 2
     assert before.sum() == state.image.sum() + trailed + state.header["cti_trapped"]
     assert state.header["cti_density"] == 20
     change = (state.image - before).mean(1)
@@ -46,7 +46,7 @@ def test_charge_is_conserved_and_trails_away_from_the_amplifiers(small):
 
 def test_the_trail_lies_in_the_overscan_first_row_read_first(small):
     state = cte_effect.apply(with_spots(small), MANY, RNG)
-    lower, upper = state.trailed
+    lower, upper = state.trailed.parallel
     state = prescan_overscan.apply(state, prescan_overscan.Param(), RNG)
     frame = ReadoutFrame.of(small.detector, None)
     assert state.trailed is None
@@ -70,9 +70,9 @@ def test_a_window_has_the_traps_of_the_chip(small, window):
     part = cte_effect.apply(with_spots(small, window=window), MANY, RNG)
     whole = cte_effect.apply(whole, MANY, RNG)
     assert np.array_equal(part.image, whole.image[y0:y1, x0:x1])
-    for half, (rows, trail) in enumerate(zip(((0, 32), (32, 64)), part.trailed, strict=True)):
+    for half, (rows, trail) in enumerate(zip(((0, 32), (32, 64)), part.trailed.parallel, strict=True)):
         if y0 < rows[1] and y1 > rows[0]:
-            assert np.array_equal(trail, whole.trailed[half][:, x0:x1])
+            assert np.array_equal(trail, whole.trailed.parallel[half][:, x0:x1])
         else:
             assert trail.shape == (4, x1 - x0) and not trail.any()
 
