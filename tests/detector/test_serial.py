@@ -90,7 +90,7 @@ def test_the_prescan_holds_traps():
 
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_window_is_a_part_of_the_channel(turned):
-    """With the median charge around it the channel gives, bit for bit, what the window alone does; views may be given."""
+    """With the median charge around it the channel gives, bit for bit, what the window alone does; a view will do."""
     lead, nx, n_columns = 30, 61, 200
     part = scene(np.random.default_rng(4), (40, nx), 20)
     channel = np.full((40, n_columns), np.median(part), np.float32)

@@ -2,6 +2,7 @@
 
 The active pixels of the window are laid into the readout frame of csstsim.detector.channels; the added pixels hold
 no charge, but for what a charge transfer layer left to trail into the overscan.
+Left out: charge that arises in the registers (dark current, clock-induced charge).
 """
 
 from csstsim.detector.channels import ReadoutFrame
