@@ -272,9 +272,16 @@ def serial(sky_levels=(4, 40, 200)):
     for flux in (500, 5000, 30000):
         spot = sky.copy()
         spot[1000:1003] = flux
-        change = mean(spot) - mean(sky)
-        parts = [change[1000 + a : 1000 + b].sum() for a, b in ((0, 3), (3, 5), (5, 11), (11, 51))]
-        print(f"spot {flux} e- over columns 1000-1002: spot, 1-2, 3-8, 9-48 behind:", np.round(parts, 2))
+        found = {"this program": mean(spot) - mean(sky)}
+        if importlib.util.find_spec("arcticpy"):
+            how = {"overscan_start": PRESCAN + 1003}
+            rows = (np.pad(row, (PRESCAN, SERIAL_OVERSCAN)) for row in (spot, sky))
+            moved = [arctic(row, *REGISTER, REGISTER_WELL, **how)[PRESCAN:] for row in rows]
+            found["arcticpy 5"] = moved[0] - moved[1] - np.pad(spot - sky, (0, SERIAL_OVERSCAN))
+        print(f"spot {flux} e- over columns 1000-1002: spot, 1-2, 3-8, 9-48 behind")
+        for name, change in found.items():
+            parts = [change[1000 + a : 1000 + b].sum() for a, b in ((0, 3), (3, 5), (5, 11), (11, 51))]
+            print(f"   {name:12s}", np.round(parts, 2))
     for level in (1000, 20000):
         scan = mean(np.full(CHANNEL, level, np.float32))[CHANNEL:]
         eper = scan.sum() / level / (PRESCAN + CHANNEL)
