@@ -116,22 +116,36 @@ def rows_only(camera):
     return replace(camera, chips={n: replace(chip, detector=detector) for n, chip in camera.chips.items()})
 
 
+def behind_and_before(rows, slot):
+    """What a channel reads after and before its middle column: the left four are read to the left, the others right."""
+    left, right = rows[:, 32 * slot : 32 * slot + 16], rows[:, 32 * slot + 17 : 32 * slot + 32]
+    return (right, left) if slot < 4 else (left, right)
+
+
 def test_each_channel_is_read_towards_its_own_amplifier(small):
-    """One bright column in the middle of each channel: the left four trail to the right, the right four to the left."""
+    """One bright column in the middle of each channel trails away from the amplifier, one register for all rows."""
     state = flat_state(rows_only(small))
     state.image[:, 16::32] = 20000
     state = cte_effect.apply(state, cte_effect.Param(serial=True), RNG)
-    lost = {}
-    for y in (slice(0, 32), slice(32, 64)):
+    lost = set()
+    for rows in (state.image[:32], state.image[32:]):
         for slot in range(8):
-            x = 32 * slot + 16
-            right, left = state.image[y, x + 1 : 32 * slot + 32], state.image[y, 32 * slot : x]
-            behind, before = (right, left) if slot < 4 else (left, right)
+            behind, before = behind_and_before(rows, slot)
             assert behind.sum() > 0 and not before.any()
-            assert np.ptp(state.image[y, x]) == 0  # one register for all rows
-            lost[y.start, slot] = 20000 - state.image[0, x]
-    assert len(set(lost.values())) > 4  # each its own
+            assert np.ptp(rows[:, 32 * slot + 16]) == 0
+            lost.add(20000 - rows[0, 32 * slot + 16])
+    assert len(lost) > 4  # each register its own
     assert state.header["cti_trapped"] == 0 < state.header["cti_serial_trapped"]
+
+
+def test_the_parallel_overscan_is_read_like_the_rows_before_it(small):
+    state = flat_state(small)
+    state.image[:, 16::32] = 20000
+    state = cte_effect.apply(state, cte_effect.Param(density_scale=200, serial=True), RNG)
+    for rows in state.trailed.parallel:
+        for slot in range(8):
+            behind, before = behind_and_before(rows, slot)
+            assert behind.sum() > 0 and not before.any()
 
 
 def test_serial_trails_lie_in_the_overscan(small):
