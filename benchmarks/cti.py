@@ -1,6 +1,6 @@
 """Charge transfer inefficiency: cost, accuracy and the cost of other ways, and the paper's figure of two stamps.
 
-    python benchmarks/cti.py [--columns 512]
+    python benchmarks/cti.py [--columns 512 | --serial]
 
 1. CPU time per half-column and per chip (least of three) at 4, 40 and 200 e- of sky, on columns with a chip's density
    of objects and cosmic rays; beside it, on fewer columns, each packet visited by each trap.
@@ -10,6 +10,7 @@
 3. What arcticpy does with the traps of a packet's own first rows (docs/detector_cti.md).
 4. Input, output and trail of a stamp 147 and 4000 rows from the amplifier: docs/figures/cti_trails.png.
 5. Two whole chips.
+6. Rows through their registers (all that --serial does): cost of a chip; what a spot and a flat field leave behind.
 """
 
 import argparse
@@ -29,6 +30,7 @@ from cti_peer import arctic
 
 from csstsim.counter import unit, word
 from csstsim.detector.cti import transfer
+from csstsim.detector.serial import transfer_rows
 from csstsim.detector.traps import buffers, draw_traps
 from csstsim.instrument.load import read_data
 
@@ -39,6 +41,10 @@ ROOT = Path(__file__).resolve().parents[1]
 CTI = read_data(ROOT / "config" / "instrument" / "cti.yaml")
 WELL = tuple(CTI["well"][name] for name in ("beta", "full_well", "notch"))
 DENSITY, TAU = (np.array(CTI["species"][name]) for name in ("density", "timescale"))
+REGISTER = tuple(CTI["serial"]["species"][name] for name in ("density", "timescale"))
+REGISTER_WELL = tuple(CTI["serial"]["well"][name] for name in ("beta", "full_well", "notch"))
+EUCLID = (0.0442, 0.1326, 3.9782), (0.8, 4.0, 20.0)  # serial species in PyAutoCTI's examples
+PRESCAN, CHANNEL, SERIAL_OVERSCAN = 27, 1152, 71
 KEYS = np.uint64(1), np.uint64(2)
 ROWS, OVERSCAN, HALF_COLUMNS, CHIP = 4616, 84, 18432, 9216 * 9232
 OBJECTS, RAYS, ELECTRONS = 76638, 5801, 60  # of a chip; the faintest object's electrons
@@ -238,6 +244,50 @@ def chip(sky=SKY):
     print(f"\na whole chip of {image.shape}, sky {sky} e-: {time.process_time() - start:.2f} CPU s")
 
 
+def along_rows(image, species=REGISTER, register=1):
+    keys = np.uint64(register), np.uint64(2)
+    return transfer_rows(image, *species, REGISTER_WELL, keys, prescan=PRESCAN, overscan=SERIAL_OVERSCAN)
+
+
+def serial(sky_levels=(4, 40, 200)):
+    """Print the cost of a chip's rows, and what trails behind a spot and a flat field, mean of 1000 registers."""
+    along_rows(np.ones((1, 9), np.float32))
+    print("\nrows through their registers, CPU s a chip: densities of cti.yaml, of PyAutoCTI's examples")
+    for sky in sky_levels:
+        image = scene(np.random.default_rng(sky), CHANNEL, sky)
+        rows = 16 * (ROWS + OVERSCAN) / ROWS
+        seconds = [rows * cpu(lambda part, s=s: along_rows(part, s), image) for s in (REGISTER, EUCLID)]
+        print("sky {:3d} e-: {:6.2f} {:6.2f}".format(sky, *seconds), flush=True)
+
+    def mean(row):
+        """What 1000 registers change in a row and its overscan."""
+        total = np.zeros(CHANNEL + SERIAL_OVERSCAN)
+        for register in range(1000):
+            image = np.repeat(row[None], 4, 0)
+            trail, _ = along_rows(image, register=register)
+            total += np.hstack([image - row, trail]).mean(0, dtype=float) / 1000
+        return total
+
+    sky = np.full(CHANNEL, SKY, np.float32)
+    for flux in (500, 5000, 30000):
+        spot = sky.copy()
+        spot[1000:1003] = flux
+        found = {"this program": mean(spot) - mean(sky)}
+        if importlib.util.find_spec("arcticpy"):
+            how = {"overscan_start": PRESCAN + 1003}
+            rows = (np.pad(row, (PRESCAN, SERIAL_OVERSCAN)) for row in (spot, sky))
+            moved = [arctic(row, *REGISTER, REGISTER_WELL, **how)[PRESCAN:] for row in rows]
+            found["arcticpy 5"] = moved[0] - moved[1] - np.pad(spot - sky, (0, SERIAL_OVERSCAN))
+        print(f"spot {flux} e- over columns 1000-1002: spot, 1-2, 3-8, 9-48 behind")
+        for name, change in found.items():
+            parts = [change[1000 + a : 1000 + b].sum() for a, b in ((0, 3), (3, 5), (5, 11), (11, 51))]
+            print(f"   {name:12s}", np.round(parts, 2))
+    for level in (1000, 20000):
+        scan = mean(np.full(CHANNEL, level, np.float32))[CHANNEL:]
+        eper = scan.sum() / level / (PRESCAN + CHANNEL)
+        print(f"flat {level} e-: overscan columns 1-5", np.round(scan[:5], 2), f"EPER {eper:.1e} per transfer")
+
+
 def chart(found, file):
     figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
     for name, (seconds, rms) in found.items():
@@ -283,7 +333,11 @@ def trails(file):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--columns", type=int, default=512)
-    columns = parser.parse_args().columns
+    parser.add_argument("--serial", action="store_true", help="the sixth section only")
+    given = parser.parse_args()
+    if given.serial:
+        return serial()
+    columns = given.columns
     figures = ROOT / "docs" / "figures"
     chart(accuracy(columns, costs(columns)), figures / "cti_speed_accuracy.png")
     if importlib.util.find_spec("arcticpy"):
@@ -291,6 +345,7 @@ def main():
     trails(figures / "cti_trails.png")
     for sky in (4, SKY):
         chip(sky)
+    serial()
 
 
 if __name__ == "__main__":
