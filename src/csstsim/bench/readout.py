@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 
 from csstsim.bench.arctic import THERE, arctic
+from csstsim.bench.cti import speed_accuracy
 from csstsim.bench.setting import EXPTIME, POINTING
 from csstsim.config import SHIPPED
 from csstsim.instrument.camera import load_camera
@@ -35,7 +36,10 @@ _COLUMNS = 32  # that arcticpy is given
 
 
 def readout(folder, say, skies=SKIES):
-    """Say, for each sky [electron / pixel], the CPU seconds of each layer, of writing the file, and of the peers."""
+    """Say, for each sky [electron / pixel], the CPU seconds of each layer, of writing the file, and of the peers.
+
+    Then speed against accuracy of charge transfer (csstsim.bench.cti), with a chart in `folder`.
+    """
     camera = load_camera(SHIPPED / "instrument")
     steps = _steps()
     folder.mkdir(parents=True, exist_ok=True)
@@ -49,6 +53,8 @@ def readout(folder, say, skies=SKIES):
         for layer, seconds in (took | {"all": sum(took.values())}).items():
             beside = ", ".join(f"{name} {value:.1f}" for name, value in others.get(layer, {}).items())
             say(f"| {layer} | {seconds:.2f} | {1e9 * seconds / pixels:.1f} | {beside} |")
+    speed_accuracy(folder / "cti_speed_accuracy.png", say)
+    say(f"{folder}/cti_speed_accuracy.png")
 
 
 def _steps():
