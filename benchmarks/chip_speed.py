@@ -12,7 +12,6 @@ draw in stamps of up to 27,756 px, are left out of both its sample and its sum.
 """
 
 import argparse
-import threading
 import time
 from pathlib import Path
 
@@ -23,6 +22,7 @@ import yaml
 from csstsim import prepare, stages
 from csstsim.bench import peers
 from csstsim.bench.cases import Case
+from csstsim.bench.memory import PrivateMemory
 from csstsim.campaign import OpenCampaign
 from csstsim.catalog.astrometry import at_j2000, icrs
 from csstsim.catalog.table import STAR, ObjectTable
@@ -36,28 +36,6 @@ FOLDER = Path("results/standard_scene")
 BRIGHTEST = 0.002
 MANY = 200_000  # objects, from which one run is long enough
 HALF_MAX = 200  # px: half the side of the paper's stamps in the sample
-
-
-class PrivateMemory(threading.Thread):
-    """Watches the largest anonymous memory of this process: what it shares with nobody and no file [GB]."""
-
-    def __init__(self):
-        super().__init__(daemon=True)
-        self.largest, self._end = 0.0, threading.Event()
-
-    def run(self):
-        while not self._end.wait(0.02):
-            for line in Path("/proc/self/status").read_text().splitlines():
-                if line.startswith("RssAnon"):
-                    self.largest = max(self.largest, int(line.split()[1]) / 1e6)
-
-    def __exit__(self, *_):
-        self._end.set()
-        self.join()
-
-    def __enter__(self):
-        self.start()
-        return self
 
 
 def campaign(count, scene, template):

@@ -1,11 +1,11 @@
-"""A spot in a column as arcticpy (Massey et al. 2014) moves it, for the tests and benchmarks/cti.py.
+"""A spot in a column as arcticpy moves it (csstsim.bench.arctic), for the tests.
 
-arcticpy 2.6 needs GSL and a compiler: apt-get install libgsl-dev g++ make; pip install cython numpy;
-pip install --no-build-isolation --no-deps arcticpy. How its default differs from the paper's process, and why
-`overscan_start` is set: docs/detector_cti.md.
+Why `overscan_start` is set: docs/detector_cti.md.
 """
 
 import numpy as np
+
+from csstsim.bench.arctic import arctic
 
 SKY, SPOT, SPOT_ROWS, BEHIND = 40, 5000, 3, 198
 COLUMN_ROWS = ((0, 3), (3, 11), (11, 51), (51, 201))  # the spot and three parts of its trail, rows from its first
@@ -24,22 +24,6 @@ def spot_column(row, spot=True):
     if spot:
         column[row : row + SPOT_ROWS] = SPOT
     return column
-
-
-def arctic(column, density, timescale, well, express=5, **roe):
-    """Return `column`, or columns (ny, nx), as float64 after arcticpy's parallel transfer; roe: keywords of its ROE."""
-    import arcticpy as ac
-
-    beta, full_well, notch = well
-    species = [ac.TrapInstantCapture(density=d, release_timescale=t) for d, t in zip(density, timescale, strict=True)]
-    return np.asarray(
-        ac.add_cti(
-            column.reshape(len(column), -1).astype(float), parallel_roe=ac.ROE([1.0], **roe),
-            parallel_express=express, verbosity=0,
-            parallel_ccd=ac.CCD(full_well_depth=full_well, well_fill_power=beta, well_notch_depth=notch),
-            parallel_traps=species,
-        )
-    ).reshape(column.shape)  # fmt: skip
 
 
 def arctic_spot(row, density, timescale, well):

@@ -7,6 +7,7 @@ import functools
 import importlib
 import sys
 import traceback
+from pathlib import Path
 
 import click
 
@@ -169,17 +170,25 @@ def check(run):
 @click.option("--methods", help="Names, or beginnings of names, with commas between [default: all].")
 @click.option("--objects", type=click.IntRange(2, 100_000), help="How many, half of them stars [default: 320].")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the sample of objects.")
-def bench(output, quick, band, methods, objects, seed):
+@click.option("--readout", is_flag=True, help="The layers after the objects instead: what each costs on a whole chip.")
+def bench(output, quick, band, methods, objects, seed, readout):
     """Measure speed and accuracy of every way to draw an object, against GalSim and against direct optics.
 
     \b
     Needs no campaign. Writes a table and the speed-accuracy chart:
       csstsim bench --quick
       csstsim bench --methods "photons,stamps,GalSim" --filter i --output results/bench_i
+    A whole chip's readout, layer by layer, beside numpy, GalSim and arcticpy:
+      csstsim bench --readout
     """
-    from csstsim.bench.command import bench as run
+    if readout:
+        from csstsim.bench.readout import readout as run
 
-    run(output, band, methods, quick, objects, seed, say=click.echo)
+        run(Path(output), say=click.echo)
+    else:
+        from csstsim.bench.command import bench as run
+
+        run(output, band, methods, quick, objects, seed, say=click.echo)
 
 
 @main.command()

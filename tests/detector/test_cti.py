@@ -2,65 +2,15 @@
 
 import numpy as np
 import pytest
+from cti_clock import DENSITY, KEYS, TAU, WELL, clocked, scene, traps_of, wait_of
 from cti_peer import COLUMN_ROWS, SKY, TAILS, arctic_spot, spot_column
 from scipy.stats import chi2_contingency, chisquare, poisson
 
-from csstsim.counter import unit, word
+from csstsim.counter import word
 from csstsim.detector.cti import transfer
-from csstsim.detector.traps import buffers, draw_traps, volume
+from csstsim.detector.traps import volume
 
-DENSITY, TAU = (0.025, 0.105, 0.655), (1.22, 14.02, 84.74)  # paper, section 5.5.4
-WELL = (0.492, 85200.0, 0.0)
-KEYS = np.uint64(20), np.uint64(21)
 SIGMA5 = 5.7e-7  # probability beyond 5 sigma
-
-
-def traps_of(key, n_rows, density=DENSITY, well=WELL, fullest=1e9):
-    """The traps of a column as (row, level, tau, word), in the order in which they act: far rows first."""
-    head, room = np.empty(n_rows, np.int32), buffers(density, n_rows)
-    draw_traps(key, np.array(density), np.array(TAU), well, fullest, head, *room)
-    level, tau, words, next_ = room
-    found = []
-    for row in range(n_rows):
-        here, trap = [], head[row]
-        while trap >= 0:
-            here.append((row, int(level[trap]), tau[trap], words[trap]))
-            trap = next_[trap]
-        found.append(here)
-    return found
-
-
-def clocked(packets, rows, wait):
-    """Transfer by transfer: at time t row j holds packet j + t, and its traps act one after another.
-
-    packets: list of electrons, overscan included; wait(trap, n): transfers, among those at which the packet is below
-    the trap's level, until it lets its n-th electron go. Returns (packets, electrons left in traps).
-    """
-    packets, filled, taken = list(packets), {}, {}
-    for time in range(len(packets)):
-        for row in range(min(len(rows), len(packets) - time)):
-            for number, trap in enumerate(rows[row]):
-                name, k = (row, number), row + time
-                if name not in filled:
-                    if packets[k] >= trap[1]:
-                        packets[k] -= 1
-                        filled[name] = wait(trap, taken.get(name, 0))
-                        taken[name] = taken.get(name, 0) + 1
-                elif packets[k] < trap[1]:
-                    filled[name] -= 1
-                    if filled[name] == 0:
-                        packets[k] += 1
-                        del filled[name]
-    return packets, len(filled)
-
-
-def scene(rng, shape, sky):
-    """Poisson sky with some bright pixels and one saturated."""
-    image = rng.poisson(sky, shape).astype(np.float32)
-    bright = rng.random(shape) < 0.01
-    image[bright] += np.rint(10 ** rng.uniform(1, 4.5, bright.sum()))
-    image[shape[0] // 2, 0] = 90000
-    return image
 
 
 @pytest.mark.parametrize("sky", [0.5, 4, 40])
@@ -75,11 +25,7 @@ def test_event_by_event_is_transfer_by_transfer(sky, n_rows, times):
     for column in range(3):
         own = [np.uint64(word(key, np.uint64(5 + column))) for key in KEYS]
         packets = [int(n) for n in image[:, column]] + [0] * overscan
-
-        def wait(trap, n, key=own[1]):
-            return int(-trap[2] * np.log(unit(np.uint64(word(key, trap[3] + np.uint64(n)))))) + 1
-
-        moved, left = clocked(packets, traps_of(own[0], n_rows, density, fullest=max(packets)), wait)
+        moved, left = clocked(packets, traps_of(own[0], n_rows, density, fullest=max(packets)), wait_of(own[1]))
         assert np.array_equal(np.concatenate([out[:, column], trail[:, column]]), moved)
         total += left
     assert total == trapped
@@ -197,7 +143,9 @@ def test_against_arctic(row):
 
 def test_arctic_numbers():
     """The numbers above are arcticpy's."""
-    pytest.importorskip("arcticpy", reason="arcticpy is not installed: it needs GSL and a compiler (cti_peer.py)")
+    pytest.importorskip(
+        "arcticpy", reason="arcticpy is not installed: it needs GSL and a compiler (csstsim.bench.arctic)"
+    )
     for row, parts in TAILS.items():
         assert arctic_spot(row, DENSITY, TAU, WELL) == pytest.approx(list(parts), abs=0.02)
 

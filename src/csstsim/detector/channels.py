@@ -50,6 +50,11 @@ class Block:
         """Rows and columns of the whole block, prescan and overscan included."""
         return self.rows, self.cols
 
+    @property
+    def as_read(self):
+        """Slices that turn a region of the block so that its first row and column are those read first, or back."""
+        return tuple(slice(None, None, -1 if flip else 1) for flip in (self.flip_y, self.flip_x))
+
 
 @dataclass(frozen=True)
 class ReadoutFrame:
@@ -201,12 +206,6 @@ class ReadoutFrame:
         for block in self.blocks:
             frame[block.active] = image[block.image]
         return frame
-
-    def lay_trails(self, frame, trailed):
-        """Put `trailed` = (lower, upper), (parallel_overscan, nx of the window), first row read first, into `frame`."""
-        for block in self.blocks:
-            rows = trailed[block.half][:, block.image[1]]
-            frame[block.parallel_overscan] = rows[::-1] if block.flip_y else rows
 
     def active(self, frame):
         """Return the active pixels of `frame` as one image (shape of the window): the inverse of `embed`."""

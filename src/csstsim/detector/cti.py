@@ -1,4 +1,4 @@
-"""Charge transfer inefficiency of the parallel transfer (paper, section 5.5.4): stochastic and exact, event by event.
+"""Charge transfer inefficiency (paper, section 5.5.4): stochastic and exact, event by event; here along columns.
 
 Packet k of a half's column meets the traps of rows k, k - 1, ... 0 on its way to the amplifier. An empty trap whose
 level (detector.traps) the packet reaches takes one electron at once; a filled trap whose level it does not reach lets
@@ -12,7 +12,8 @@ visiting each packet: for an empty trap the next packet that reaches its level; 
 its level, n = 1 + floor(tau x Exp(1)) being the geometric number of trials until it lets go (detector.packets).
 
 Traps start empty: a trap meets its own pixel's packet first, so this is the equilibrium reached in an exposure much
-longer than tau. Left out: serial transfer, capture that takes time, charge injection, the structure of clock phases.
+longer than tau. Left out: capture that takes time, charge injection, the structure of clock phases.
+Rows go on through their register: detector.serial.
 """
 
 import math
@@ -48,14 +49,19 @@ def transfer(image, density, timescale, well, keys, *, flip=False, lead=0, n_row
         return trail, 0
     if not 0 <= lead <= n_rows - ny:
         raise ValueError(f"{ny} rows, {lead} from the amplifier, of a half of {n_rows}")
-    bad = image.size - _count_good(image)
-    if bad:
-        raise ValueError(f"the charge of {bad} pixel(s) is not finite or above {LARGEST:.0f} electrons")
+    check_charge(image)
     fill = max(int(np.median(image)), 0) if ny < n_rows else 0
     density, timescale = np.array(density, np.float64), np.array(timescale, np.float64)
     room = buffers(density, n_rows)
     trapped = _transfer(image, flip, lead, n_rows, fill, trail, keys, x0, density, timescale, well, room)
     return trail, trapped
+
+
+def check_charge(image):
+    """Raise ValueError for values that are not finite or above LARGEST."""
+    bad = image.size - _count_good(image)
+    if bad:
+        raise ValueError(f"the charge of {bad} pixel(s) is not finite or above {LARGEST:.0f} electrons")
 
 
 @numba.njit(cache=True)
@@ -103,32 +109,47 @@ def _exchange(image, flip, first, packets, back):
             for k in range(start, min(start + _TILE, ny)):
                 y = ny - 1 - k if flip else k
                 value = image[y, first + c]
-                whole = np.int32(max(value, np.float32(0)))
                 if back:
-                    image[y, first + c] = value + np.float32(packets[c, k] - whole)
+                    image[y, first + c] = value + np.float32(packets[c, k] - whole(value))
                 else:
-                    packets[c, k] = whole
+                    packets[c, k] = whole(value)
+
+
+@numba.njit(inline="always")
+def whole(charge):
+    """Return the whole electrons in a pixel, none below 0."""
+    return np.int32(max(charge, np.float32(0)))
 
 
 @numba.njit(cache=True)
 def _column(packets, n_packets, keys, density, timescale, well, head, room, search):
-    """Follow each trap of a column, far rows first; return the electrons left in traps."""
+    """Draw a column's traps and follow them; return the electrons left in traps."""
     level, tau, own, next_ = room
-    n_rows = len(head)
     fullest = 0
-    for k in range(n_rows):
+    for k in range(len(head)):
         fullest = max(fullest, packets[k])
     draw_traps(keys[0], density, timescale, well, fullest, head, level, tau, own, next_)
+    return follow_all(packets, n_packets, keys[1], head, room, search)
+
+
+@numba.njit(cache=True)
+def follow_all(packets, n_packets, key, head, room, search):
+    """Follow each trap of a line, far ones first; return the electrons left in traps.
+
+    packets: int32, changed in place, `n_packets` and -1 to the padded length (detector.packets). key: uint64 of the
+    releases. head, room: traps as detector.traps.draw_traps leaves them. search: detector.packets.search_room.
+    """
+    level, tau, own, next_ = room
     table, words, small = search
     base = set_up(packets, table, small)
     trapped, reach = 0, 0
-    for row in range(n_rows - 1, -1, -1):
+    for row in range(len(head) - 1, -1, -1):
         reach = max(reach, packets[row])  # no packet from here on is fuller: a release never passes its trap's level
         trap = head[row]
         while trap >= 0:
             if level[trap] <= reach:
                 trapped += _follow(
-                    packets, table, words, small, base, row, n_packets, level[trap], tau[trap], keys[1], own[trap]
+                    packets, table, words, small, base, row, n_packets, level[trap], tau[trap], key, own[trap]
                 )
             trap = next_[trap]
     return trapped

@@ -1,8 +1,8 @@
 """Prescan and overscan sections (paper, Appendix B item 11).
 
 The active pixels of the window are laid into the readout frame of csstsim.detector.channels; the added pixels hold
-no charge, but for what a charge transfer layer left to trail behind each half into its parallel overscan.
-Left out: charge that trails into the serial overscan.
+no charge, but for what a charge transfer layer left to trail into the overscan.
+Left out: charge that arises in the registers (dark current, clock-induced charge).
 """
 
 from csstsim.detector.channels import ReadoutFrame
@@ -29,6 +29,6 @@ def apply(state, param, rng):
     if state.mask is not None:
         state.mask = frame.embed(state.mask)
     if state.trailed is not None:
-        frame.lay_trails(state.image, state.trailed)
+        state.trailed.lay(state.image, frame)
         state.trailed = None
     return state

@@ -25,7 +25,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from csstsim.errors import InputError
-from csstsim.optics.psf import mosaic_position
+from csstsim.optics.chip_errors import mosaic_position
 
 
 @dataclass(frozen=True, eq=False)

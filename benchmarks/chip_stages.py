@@ -1,0 +1,81 @@
+"""One full-depth chip with every layer, from the catalogue to the Level-0 file on disk: CPU seconds by stage, memory.
+
+    python benchmarks/chip_stages.py [--filters r NUV]
+
+Runs `csstsim chip` on the demo's field with the layers of science.yaml and the paper's density of traps, twice: truth
+bricks, PSF sets and compiled kernels are made by the first run, the second one counts. Start-up is what the process
+takes beside its stages: interpreter, imports, checks of the campaign.
+"""
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import yaml
+
+from csstsim.bench.memory import PrivateMemory
+from csstsim.campaign import OpenCampaign
+
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "results" / "chip_stages"
+PAPER = 14_760  # CPU s a chip: 300,000 CPU-hours for 73,260 files (paper, section 5.6)
+
+
+def campaign():
+    """Write the campaign: the demo's exposures of whole chips, all layers; return its file."""
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    observation = yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())
+    for layer in observation["layers"]:
+        if "CTE_effect" in layer:
+            layer["CTE_effect"]["density_scale"] = 1.0
+    (FOLDER / "science.yaml").write_text(yaml.safe_dump(observation, sort_keys=False))
+    content = yaml.safe_load((ROOT / "config/full_chip.yaml").read_text())
+    content |= {"name": "chip_stages", "output": str(FOLDER), "select": {"types": ["SCIE"]}}
+    content["observations"] = {"SCIE": str(FOLDER / "science.yaml")}
+    file = FOLDER / "campaign.yaml"
+    file.write_text(yaml.safe_dump(content, sort_keys=False))
+    return file
+
+
+def jobs(run, filters):
+    """Yield (filter, obsid, chip) of the exposure of each filter that meets the demo's field."""
+    demo = OpenCampaign(ROOT / "config/campaign.yaml")
+    for name in filters:
+        job = next(job for job in demo.jobs if job.chip.filter == name)
+        yield name, job.pointing.obsid, job.chip.id
+
+
+def measured(file, obsid, chip):
+    """Run the chip; return ({stage: CPU s}, all CPU s, GB, what it said)."""
+    command = [Path(sys.executable).parent / "csstsim", "chip", file, "--obsid", obsid, "--chip", chip]
+    process = subprocess.Popen([str(part) for part in command], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    with PrivateMemory(process.pid) as memory:
+        said = process.stdout.read()
+        _, status, used = os.wait4(process.pid, 0)
+    if status:
+        sys.exit(f"csstsim chip failed: {said}")
+    stages = {name: float(cpu) for name, cpu in re.findall(r"^(\w+): [\d.]+ s, ([\d.]+) CPU-s$", said, re.MULTILINE)}
+    return stages, used.ru_utime + used.ru_stime, memory.largest, said
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--filters", nargs="+", default=["r", "NUV"])
+    file = campaign()
+    run = OpenCampaign(file)
+    for band, obsid, chip in jobs(run, parser.parse_args().filters):
+        measured(file, obsid, chip)
+        stages, total, memory, said = measured(file, obsid, chip)
+        print(f"\n{band}, chip {chip}: {re.search(r'^[0-9]+ objects', said, re.MULTILINE)[0]}")
+        print("| stage | CPU s |\n|---|---|")
+        for name, cpu in (stages | {"start-up": total - sum(stages.values()), "all": total}).items():
+            print(f"| {name} | {cpu:.1f} |")
+        print(f"| the paper's mean over its files, with spectra | {PAPER} ({PAPER / total:.0f} times) |")
+        print(f"{memory:.2f} GB private memory", flush=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,32 @@
+"""`csstsim bench --readout`: every layer of the shipped exposure is timed, and each peer does a layer's work."""
+
+import numpy as np
+
+from csstsim.bench import readout
+from csstsim.config import SHIPPED
+from csstsim.instrument.camera import load_camera
+from csstsim.sim_steps import SimSteps
+
+SHAPE = 64, 128  # of a peers' frame: enough to see that they run
+
+
+def test_every_layer_is_timed_and_the_file_is_gone(tmp_path):
+    camera = load_camera(SHIPPED / "instrument")
+    took = readout._seconds(readout._state(camera, 4.0, readout._WARM), readout._steps(), camera, tmp_path)
+    layers = [step.name for step in SimSteps(SHIPPED / "observations" / "science.yaml", "SCIE")]
+    assert [*took] == [*layers[1:], readout.WRITE]
+    assert took["cte_effect"] > 0
+    assert not list(tmp_path.iterdir())
+
+
+def test_traps_are_the_papers():
+    [cte] = [step.param for step in readout._steps().steps if step.name == "cte_effect"]
+    assert cte.density_scale == 1.0
+
+
+def test_peers_work_and_stand_beside_a_layer_of_ours(monkeypatch):
+    monkeypatch.setattr(readout, "_CHANNEL", SHAPE)
+    monkeypatch.setattr(readout, "_SENSOR", 8)
+    others = readout._others(40.0, load_camera(SHIPPED / "instrument"))
+    assert others.keys() <= {step.name for step in readout._steps().steps} | {readout.WRITE}
+    assert all(np.isfinite([*peers.values()]).all() for peers in others.values())
