@@ -14,6 +14,7 @@ def measure(run, job):
     """Detect and measure the sources of a Level-0 file."""
     from csstsim.io.keywords import RECIPE
     from csstsim.io.level0 import read_level0
+    from csstsim.measure.bad_pixels import known_defects
     from csstsim.measure.calibrate import calibrate
     from csstsim.measure.catalogue import measure_frame
     from csstsim.optics.response import response_map
@@ -30,14 +31,16 @@ def measure(run, job):
             )  # fmt: skip
     filter_ = run.camera.filters[job.chip.filter]
     streams = Streams(run.config.seed, job.pointing.obsid, job.chip.id, "measure")
-    losses = run.steps[job.pointing.type].losses
+    steps = run.steps[job.pointing.type]
+    losses = steps.losses
     response = response_map(  # without the pixels' response: a flat that knows each pixel must be measured, not known
         job.chip, job.window, filter_, job.pointing.exptime, run.camera.leds, streams.camera,
         flat=losses["flat"], shutter=losses["shutter"],
     )  # fmt: skip
+    bad = known_defects(detector, job.window, streams) if steps.has("detector_defects") else None
     calibrated = calibrate(
         file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
-        full_well=detector.full_well, response=response,
+        full_well=detector.full_well, response=response, bad=bad,
     )  # fmt: skip
     table = measure_frame(
         calibrated, open_psf(run, job.chip), job.wcs, file.observer, chip=job.chip,

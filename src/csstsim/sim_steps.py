@@ -90,11 +90,15 @@ class SimSteps:
             *_, last = asked
             raise self._error(f"layers differ in {option}", f"{last}.{option}", asked[last], "the same for all")
 
+    def has(self, name):
+        """Whether a layer of csstsim, by its lower-case keyword, is in the list."""
+        return any(step.name == name for step in self.steps)
+
     @property
     def losses(self):
         """{flat, shutter, prnu}: which losses light of this list meets (optics.response)."""
-        prnu = any(step.name == "prnu_effect" for step in self.steps)
-        return {"flat": self._asked("flat_fielding"), "shutter": self._asked("shutter_effect"), "prnu": prnu}
+        flat, shutter = self._asked("flat_fielding"), self._asked("shutter_effect")
+        return {"flat": flat, "shutter": shutter, "prnu": self.has("prnu_effect")}
 
     @property
     def mask(self):

@@ -157,5 +157,8 @@ def test_a_kron_flux_alone_is_no_source_unless_the_psf_sees_it():
     dim = table([150.0], [2.0], snr=1.0, flux=3000.0)  # Kron S/N 47: a neighbour's light
     seen = table([150.0], [2.0], snr=3.0, flux=3000.0)
     assert len(merge_brick(pix, [dim])[0]) == 0 and len(merge_brick(pix, [seen])[0]) == 1
-    uncentred = seen.with_columns(flags=np.array([32], np.int32))
-    assert len(merge_brick(pix, [uncentred])[0]) == 0
+    for flag in (32, 64, 128):  # not centred, sharp, bad pixels: none of them stands alone
+        doubtful = seen.with_columns(flags=np.array([flag], np.int32))
+        assert len(merge_brick(pix, [doubtful])[0]) == 0
+    sources, found = merge_brick(pix, [seen, doubtful.with_columns(obsid=np.array(["2"]))])
+    assert len(sources) == 1 and len(found) == 2  # beside a good one it counts

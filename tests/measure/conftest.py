@@ -52,12 +52,12 @@ def add_noise(image, seed, sky=SKY):
     return (rng.poisson(image + sky) + rng.normal(0.0, READ_NOISE, image.shape)).astype(np.float32)
 
 
-def measure(electrons, *, origin=(0, 0), saturated=None, kind="imaging", exposure="SCIE"):
+def measure(electrons, *, origin=(0, 0), saturated=None, bad=None, kind="imaging", exposure="SCIE"):
     ny, nx = electrons.shape
-    if saturated is None:
-        saturated = np.zeros(electrons.shape, bool)
+    saturated, bad = (np.zeros(electrons.shape, bool) if mask is None else mask for mask in (saturated, bad))
     return measure_frame(
-        Calibrated(electrons.astype(np.float32), saturated, {}, {}, None), GaussianPsf(), FlatSky(), CRAFT,
+        Calibrated(electrons.astype(np.float32), saturated, {}, {1: READ_NOISE}, None, bad), GaussianPsf(), FlatSky(),
+        CRAFT,
         chip=SimpleNamespace(id=8, kind=kind), filter=SimpleNamespace(name="g", zeropoint=lambda telescope: 26.3),
         telescope=SimpleNamespace(pixel_scale=0.074),
         pointing=SimpleNamespace(type=exposure, exptime=150.0, obsid="10100000001"),
@@ -69,7 +69,7 @@ def measure(electrons, *, origin=(0, 0), saturated=None, kind="imaging", exposur
 def fabricate():
     return SimpleNamespace(
         add_stars=add_stars, add_noise=add_noise, measure=measure, psf=GaussianPsf(), SIGMA=SIGMA, LIGHT=LIGHT,
-        SKY=SKY, VARIANCE=SKY + READ_NOISE**2,
+        SKY=SKY, READ_NOISE=READ_NOISE, VARIANCE=SKY + READ_NOISE**2,
     )  # fmt: skip
 
 

@@ -29,7 +29,7 @@ SNR_ALONE = 5.0  # a single detection of this S/N is a source
 KRON_PSF_MIN = 2.5  # below, a Kron aperture holds but noise or a neighbour's light
 VISITS_ALONE = 3  # as are detections in this many frames; chance makes three agree a few times a brick
 SNR_PAIR = 6.3  # two noise peaks at the threshold of detection make 5.3
-NOT_CENTRED = 32  # of the measured flags (measure.catalogue)
+NOT_CENTRED, SHARP, BAD_PIXELS = 32, 64, 128  # of the measured flags (measure.catalogue)
 
 DETECTION_COLUMNS = (
     "obsid", "chip", "filter", "number", "ra", "dec", "pos_err", "flux_psf", "flux_psf_err", "flux_kron",
@@ -80,13 +80,13 @@ def merge_brick(pix, tables, *, tolerance=TOLERANCE, margin=MARGIN):
 
 
 def _credible(found, source, count):
-    """Mask of the sources (count,) that stand by the S/N of a detection or by their number of detections."""
-    centred = (found["flags"].astype(int) & NOT_CENTRED) == 0
-    psf = np.where(centred, np.maximum(found["snr"].astype(float), 0.0), 0.0)
+    """Mask of the sources (count,) that stand by the S/N of a good detection or by their number of those."""
+    good = (found["flags"].astype(int) & (NOT_CENTRED | BAD_PIXELS)) == 0
+    psf = np.where(good, np.maximum(found["snr"].astype(float), 0.0), 0.0)
     kron = found["flux_kron"] / np.where(found["flux_kron_err"] > 0, found["flux_kron_err"], np.inf)
     best = np.zeros(count)
     np.maximum.at(best, source, np.where(psf >= KRON_PSF_MIN, np.fmax(psf, kron), psf))
-    visits, joint = np.bincount(source, centred, count), np.bincount(source, psf**2, count) ** 0.5
+    visits, joint = np.bincount(source, good, count), np.bincount(source, psf**2, count) ** 0.5
     return (best >= SNR_ALONE) | (visits >= VISITS_ALONE) | ((visits >= 2) & (joint >= SNR_PAIR))
 
 
@@ -94,6 +94,7 @@ def _gather(pix, tables, margin):
     parts = []
     for table in tables:
         near = near_brick(pix, table["ra"], table["dec"], margin) if len(table) else np.zeros(0, bool)
+        near &= (table["flags"] & SHARP) == 0  # a cosmic ray or a defect
         if near.any():
             parts.append({name: np.asarray(table[name])[near] for name in DETECTION_COLUMNS})
     empty = {name: np.zeros(0, str if name in ("obsid", "filter") else float) for name in DETECTION_COLUMNS}

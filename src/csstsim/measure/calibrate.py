@@ -23,7 +23,7 @@ class Calibrated:
     """Active image in electrons, sky and dark included.
 
     `electrons` float32 (ny, nx), before any loss to flat field and shutter, of which `response` (ny, nx) was counted
-    (None: all); `saturated` bool (ny, nx); `bias` (DN) and `read_noise` (electron) per
+    (None: all); `saturated`, `bad` (known defects) bool (ny, nx); `bias` (DN) and `read_noise` (electron) per
     readout channel in the frame, {channel: value}.
     """
 
@@ -32,6 +32,7 @@ class Calibrated:
     bias: dict
     read_noise: dict
     readout: object
+    bad: np.ndarray
     response: object = None
 
     def sigma(self):
@@ -52,13 +53,14 @@ class Calibrated:
         return self.response[row, column].astype(float)
 
 
-def calibrate(frame, readout, gain, *, nonlinearity=None, adc_max=65535, full_well=None, response=None):
+def calibrate(frame, readout, gain, *, nonlinearity=None, adc_max=65535, full_well=None, response=None, bad=None):
     """Turn a raw frame into electrons.
 
     `frame`: uint16 DN of shape `readout.shape`; `readout`: detector.channels.ReadoutFrame of its window;
     `gain`: {channel: electron/DN}, channels as in the Level-0 keywords GAINnn; `nonlinearity`:
     {channel: (quadratic, cubic)}, undone up to `full_well`, where the file states it. A pixel is saturated at
-    `adc_max` DN or from `full_well` electrons; `response`: share of the light that was counted. Returns `Calibrated`.
+    `adc_max` DN or from `full_well` electrons; `response`: share of the light that was counted; `bad`:
+    known defects, or None. Returns `Calibrated`.
     Raises InputError when the frame does
     not have the readout's shape or a channel's gain is missing or not positive.
     """
@@ -83,7 +85,8 @@ def calibrate(frame, readout, gain, *, nonlinearity=None, adc_max=65535, full_we
         saturated |= electrons >= full_well
     if response is not None:
         electrons /= response
-    return Calibrated(electrons, saturated, bias, read_noise, readout, response)
+    bad = np.zeros(electrons.shape, bool) if bad is None else bad
+    return Calibrated(electrons, saturated, bias, read_noise, readout, bad, response)
 
 
 def _straighten(electrons, quadratic, cubic, limit):

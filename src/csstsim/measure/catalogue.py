@@ -11,13 +11,14 @@ import numpy as np
 from csstsim.catalog.astrometry import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.errors import InputError
+from csstsim.measure.bad_pixels import cosmic_rays, fill
 from csstsim.measure.combine import combine
 from csstsim.measure.detect import FWHM_TO_SIGMA, detect
 from csstsim.measure.photometry import fit_sources, kron_flux, psf_model
 
 # Bits of `flags`.
 BLENDED, TRUNCATED, SATURATED, NEGATIVE_FLUX = 1, 2, 4, 8
-KRON_FAILED, NOT_CENTRED, SHARP = 16, 32, 64
+KRON_FAILED, NOT_CENTRED, SHARP, BAD_PIXELS = 16, 32, 64, 128
 FLAGS = {
     BLENDED: "deblended from another source",
     TRUNCATED: "reaches the edge of the frame",
@@ -26,6 +27,7 @@ FLAGS = {
     KRON_FAILED: "no Kron radius: the smallest aperture was used",
     NOT_CENTRED: "windowed position failed: x, y are the isophotal barycentre",
     SHARP: "sharper than the PSF by 5 sigma: cosmic ray or defect",
+    BAD_PIXELS: "defects or cosmic rays within 3 px; they are left out of the fit",
 }
 STAR_SPREAD = 0.01  # spread of a star: PSF interpolation and centring errors, beside its noise (x 2.5)
 
@@ -59,9 +61,10 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     model = psf_model(psf, (window.x0, window.y0), window.shape)
     level = float(np.median(calibrated.electrons[::8, ::8]))
     kernel = model.kernel()
-    passes = detect(calibrated.electrons, kernel, saturated=calibrated.saturated)
-    found = combine(passes, _fit(passes, passes.hot, calibrated, model, window), kernel)
-    table = _sources(found, calibrated, model, window)
+    unusable = _unusable(calibrated, model)
+    passes = detect(calibrated.electrons, kernel, saturated=unusable > 0)
+    found = combine(passes, _fit(passes, passes.hot, calibrated, unusable, model, window), kernel)
+    table = _sources(found, calibrated, unusable, model, window)
     table["ra_apparent"], table["dec_apparent"] = wcs.pixel_to_world(table["x"], table["y"])
     table["ra"], table["dec"] = icrs(table["ra_apparent"], table["dec_apparent"], observer)
     table["pos_err"] = table["fwhm"] / FWHM_TO_SIGMA / np.maximum(table["snr"], 1.0) * telescope.pixel_scale
@@ -84,25 +87,37 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     return ObjectTable({name: columns[name] for name in COLUMNS}, info)
 
 
-def _fit(frame, sources, calibrated, model, window):
+def _unusable(calibrated, model):
+    """Return uint8 (ny, nx): 1 where saturated, 2 where a defect or a cosmic ray is; the latter are filled."""
+    out, bad = calibrated.saturated.astype(np.uint8), calibrated.bad
+    read_noise = np.mean(list(calibrated.read_noise.values())) if calibrated.read_noise else 0.0
+    rays = cosmic_rays(calibrated.electrons, calibrated.saturated, bad, read_noise, model)
+    bad = rays | bad
+    fill(calibrated.electrons, bad)
+    return np.bitwise_or(out, 2 * bad.astype(np.uint8), out=out)
+
+
+def _fit(frame, sources, calibrated, unusable, model, window):
     cell = model.cell(sources.x + window.x0, sources.y + window.y0)
     counted = calibrated.counted(sources.x, sources.y)
     return fit_sources(
-        frame.image, frame.rms, calibrated.saturated, sources.x, sources.y, counted, cell,
+        frame.image, frame.rms, unusable, sources.x, sources.y, counted, cell,
         model.coefficients, model.blurred, sources.half_light,
     )  # fmt: skip
 
 
-def _sources(found, calibrated, model, window):
+def _sources(found, calibrated, unusable, model, window):
     x, y = found.x + window.x0, found.y + window.y0
-    flux, error, chi2, spread, spread_error, e1, e2, bad = _fit(found, found, calibrated, model, window).T
+    flux, error, chi2, spread, spread_error, e1, e2, why = _fit(found, found, calibrated, unusable, model, window).T
+    why = why.astype(int)
     kron, kron_error, kron_failed = kron_flux(found, calibrated.counted(found.x, found.y))
     snr = np.where(error > 0, np.nan_to_num(flux) / np.where(error > 0, error, 1.0), 0.0)
     column, row = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in ((found.x, window.nx), (found.y, window.ny)))
     flags = (
         BLENDED * ((found.sep_flag & 1) != 0)
         | TRUNCATED * ((found.sep_flag & 2) != 0)
-        | SATURATED * (bad > 0)
+        | SATURATED * ((why & 1) > 0)
+        | BAD_PIXELS * ((why & 2) > 0)
         | NEGATIVE_FLUX * ~((flux > 0) & (kron > 0))
         | KRON_FAILED * kron_failed
         | NOT_CENTRED * found.window_failed

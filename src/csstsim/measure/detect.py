@@ -14,8 +14,7 @@ above 5, at the price of 85 false detections a megapixel of pure noise, of S/N b
 pixels it takes most sources of S/N 5 to 10 for wings of their neighbours, and many faint galaxies.
 
 The background is taken twice: with a fine mesh to find the sources, then with a coarse one with the cold
-sources masked, because a mesh of a few arcseconds takes the outskirts of galaxies for sky. Left out:
-cosmic-ray rejection (sharp sources are flagged by `measure.photometry`).
+sources masked, because a mesh of a few arcseconds takes the outskirts of galaxies for sky.
 """
 
 from dataclasses import dataclass

@@ -21,7 +21,7 @@ import numba
 import numpy as np
 
 HALF = 10  # px; the stamp is 21 x 21
-CORE = 3  # px; saturation outside the core leaves the fit usable
+CORE = 3  # px; unusable pixels outside the core leave the fit as it is
 BLUR = 0.5  # px
 CELL_PX = 576  # the PSF is taken as constant over parts of the frame of at most this size
 KRON_FACTOR, KRON_MIN_RADIUS = 2.5, 3.5  # Source Extractor's PHOT_AUTOPARAMS; the radius in px
@@ -48,6 +48,18 @@ class PsfModel:
         column = np.clip((np.asarray(x) - self.origin[0]) // self.step[0], 0, self.cells - 1).astype(np.int64)
         row = np.clip((np.asarray(y) - self.origin[1]) // self.step[1], 0, self.cells - 1).astype(np.int64)
         return row * self.cells + column
+
+    def smallest_pairs(self, offsets):
+        """Return (4,): of a star at any of `offsets` (n,) px from its pixel in x and y, the least share, to its pixel,
+        of the mean of the pixels left and right, above and below, and along both diagonals."""
+        stamp, least = np.empty((3, 3)), np.full(4, np.inf)
+        for table in self.coefficients:
+            for dy in offsets:
+                for dx in offsets:
+                    _stamp(table, dx, dy, 1, stamp)
+                    pairs = stamp + stamp[::-1, ::-1]
+                    least = np.minimum(least, 0.5 * pairs[[1, 2, 2, 2], [2, 1, 2, 0]] / stamp[1, 1])
+        return least
 
     def kernel(self, half=3):
         """Return the centred PSF of the middle cell on (2 half + 1)^2 pixels: the detection kernel."""
@@ -118,13 +130,14 @@ def _sample(table, half):
 
 
 @numba.njit(cache=True)
-def fit_sources(image, rms, saturated, x, y, counted, cell, coefficients, blurred, half_light):
+def fit_sources(image, rms, unusable, x, y, counted, cell, coefficients, blurred, half_light):
     """Fit one PSF to each source; positions in the frame's own pixels.
 
-    `image`, `rms` float32 and `saturated` bool (ny, nx); the rest (n,) and the tables of `PsfModel`. `counted`: share
-    of each source's light that made electrons; `image` is divided by it, so a source's own variance is flux / counted.
+    `image`, `rms` float32 and `unusable` uint8 (ny, nx), bits that say why, 0 for good; the rest (n,) and the tables
+    of `PsfModel`. `counted`: share of each source's light that made electrons; `image` is divided by it, so a source's
+    own variance is flux / counted.
     Returns (n, 8): flux, flux error (electron), reduced chi2, spread, spread error, e1, e2 (windowed
-    moments, pixel axes, (Mxx - Myy) / (Mxx + Myy) and 2 Mxy / (Mxx + Myy)), saturated pixels within CORE.
+    moments, pixel axes, (Mxx - Myy) / (Mxx + Myy) and 2 Mxy / (Mxx + Myy)), the bits of `unusable` within CORE.
     NaN where no pixel is left or a ratio has no meaning.
     """
     ny, nx = image.shape
@@ -142,8 +155,9 @@ def fit_sources(image, rms, saturated, x, y, counted, cell, coefficients, blurre
                 row, col = iy + r - HALF, ix + c - HALF
                 if row < 0 or row >= ny or col < 0 or col >= nx:
                     continue
-                if saturated[row, col]:
-                    bad += abs(r - HALF) <= CORE and abs(c - HALF) <= CORE
+                if unusable[row, col]:
+                    if abs(r - HALF) <= CORE and abs(c - HALF) <= CORE:
+                        bad |= unusable[row, col]
                     continue
                 d = float(image[row, col])
                 pp += p[r, c] ** 2
@@ -166,7 +180,7 @@ def fit_sources(image, rms, saturated, x, y, counted, cell, coefficients, blurre
         for r in range(side):
             for c in range(side):
                 row, col = iy + r - HALF, ix + c - HALF
-                if row < 0 or row >= ny or col < 0 or col >= nx or saturated[row, col]:
+                if row < 0 or row >= ny or col < 0 or col >= nx or unusable[row, col]:
                     continue
                 variance = float(rms[row, col]) ** 2 + max(flux * p[r, c], 0.0) / counted[k]
                 noise += p[r, c] ** 2 * variance

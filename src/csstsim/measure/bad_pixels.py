@@ -1,0 +1,104 @@
+"""Pixels not to be measured: the defects that calibration frames show, and cosmic rays found in the frame itself.
+
+A ray is sharper than the PSF: a pixel that stands out, and against which the mean of two opposite neighbours is less
+than a star anywhere within the pixel would leave there (the test of SDSS's photo and of LSST; Bosch et al. 2018, PASJ
+70, S5), with room for noise. Neighbours of what is found are then tried with a lower threshold, without the pixels
+already found, until nothing is added; and a pixel more on all sides has the faint rim. Left out: rays beneath bright
+objects.
+"""
+
+import math
+
+import numba
+import numpy as np
+
+from csstsim.detector import defects
+
+SIGMA, NEIGHBOUR_SIGMA = 5.0, 2.5  # of a first pixel above the sky, of one beside a found one
+NOISE = 2.5  # sigma, of a first pixel and of the mean of its pair, in favour of a star
+SHARE = 0.7  # of a star's smallest ratio of pair to pixel: the PSF is not known better
+NEAR = 3  # px: of a saturated core, around which light is sharper than it was
+_PLACES = np.linspace(-0.5, 0.5, 5)  # px: of a star within its pixel
+
+
+def known_defects(detector, window, rng):
+    """Return bool (ny, nx): hot and dead pixels and bad columns in `window`, as layer detector_defects has them.
+
+    rng: rng.Streams of the chip.
+    """
+    out = np.zeros(window.shape, bool)
+    for pixels in defects.places((detector.ny, detector.nx), detector.defects, rng.chip("defective pixels")):
+        _, y, x = defects.inside(pixels, detector.nx, window)
+        out[y, x] = True
+    for column, first, end, _ in defects.columns(
+        detector.channel_ny, detector.nx, detector.defects, rng.chip("bad columns")
+    ):
+        if window.x0 <= column < window.x1:
+            out[max(first - window.y0, 0) : max(end - window.y0, 0), column - window.x0] = True
+    return out
+
+
+def cosmic_rays(electrons, saturated, known, read_noise, model):
+    """Return bool (ny, nx): pixels struck by cosmic rays, or hot.
+
+    electrons: float32 (ny, nx), sky included; saturated, known: bool (ny, nx), not judged, nor what is within NEAR of
+    the former; read_noise: electrons; model: photometry.PsfModel.
+    """
+    from scipy.ndimage import binary_dilation
+
+    left_out = known | (binary_dilation(saturated, iterations=NEAR) if saturated.any() else saturated)
+    found = np.zeros(electrons.shape, bool)
+    sky = float(np.median(electrons[::8, ::8]))
+    _find(electrons, left_out, sky, read_noise**2, SHARE * model.smallest_pairs(_PLACES), found)
+    return binary_dilation(found, np.ones((3, 3), bool))
+
+
+@numba.njit(cache=True)
+def _find(electrons, left_out, sky, read_variance, pairs, found):
+    """Round after round; first anywhere, then beside what is found. `pairs` (4,): right, up, and the diagonals."""
+    ny, nx = electrons.shape
+    added, first = 1, True
+    while added:
+        added = 0
+        for y in range(1, ny - 1):
+            for x in range(1, nx - 1):
+                value = electrons[y, x] - sky
+                variance = max(electrons[y, x], 0.0) + read_variance
+                least, doubt = (SIGMA, NOISE) if first else (NEIGHBOUR_SIGMA, 0.0)
+                if value * abs(value) < least**2 * variance or found[y, x] or left_out[y, x]:
+                    continue
+                if not first and not found[y - 1 : y + 2, x - 1 : x + 2].any():
+                    continue
+                value -= doubt * math.sqrt(variance)
+                for k in range(4):
+                    dy, dx = min(k, 1), 1 - k if k < 2 else 5 - 2 * k
+                    total, noise, n = 0.0, 0.0, 0
+                    for side in (-1, 1):
+                        v, u = y + side * dy, x + side * dx
+                        if not (found[v, u] or left_out[v, u]):
+                            total += electrons[v, u] - sky
+                            noise += max(electrons[v, u], 0.0) + read_variance
+                            n += 1
+                    if n and value > (total + doubt * math.sqrt(noise)) / n / pairs[k]:
+                        found[y, x] = True
+                        added += 1
+                        break
+        first = False
+
+
+@numba.njit(cache=True)
+def fill(electrons, bad):
+    """Give `bad` pixels, in place, the mean of the others in the smallest square around them that has any."""
+    ny, nx = electrons.shape
+    for y in range(ny):
+        for x in range(nx):
+            reach, n, total = 0, 0, 0.0
+            while bad[y, x] and n == 0 and reach < max(ny, nx):
+                reach += 1
+                for v in range(max(y - reach, 0), min(y + reach + 1, ny)):
+                    for u in range(max(x - reach, 0), min(x + reach + 1, nx)):
+                        if not bad[v, u]:
+                            total += electrons[v, u]
+                            n += 1
+            if n:
+                electrons[y, x] = total / n

@@ -1,0 +1,120 @@
+"""Defects and cosmic rays that `measure` leaves out: found, filled, flagged; stars are not taken for them."""
+
+import numpy as np
+import pytest
+from readout_state import flat_state, run, small_camera
+from scipy.special import erf
+
+from csstsim.config import SHIPPED
+from csstsim.detector import mask
+from csstsim.measure import bad_pixels, catalogue
+from csstsim.measure.photometry import psf_model
+from csstsim.rng import Streams, stream
+from csstsim.sim_steps import SimSteps
+
+N = 600
+
+
+@pytest.fixture(scope="module")
+def model(fabricate):
+    return psf_model(fabricate.psf, (0, 0), (N, N))
+
+
+def looked(fabricate, model, image):
+    none = np.zeros(image.shape, bool)
+    return bad_pixels.cosmic_rays(image, none, none, fabricate.READ_NOISE, model)
+
+
+def test_smallest_pairs_are_those_of_the_gaussian(fabricate, model):
+    """Star and pixel pair in one dimension have a closed form; it is least for a star on the middle of its pixel."""
+    edges = 0.5 * (1 + erf(np.arange(-1.5, 2.0) / (fabricate.SIGMA * np.sqrt(2))))
+    pair, middle = np.diff(edges)[:2]
+    pair /= middle
+    found = model.smallest_pairs(np.linspace(-0.5, 0.5, 5))
+    assert found == pytest.approx([pair, pair, pair**2, pair**2], rel=0.01)  # of splines
+
+
+def test_stars_are_no_cosmic_rays(fabricate, model):
+    rng = stream(40, "stars")
+    line = np.arange(20, N - 20, 20)
+    x, y = (v.ravel() + rng.uniform(-0.5, 0.5, line.size**2) for v in np.meshgrid(line, line))
+    flux = 10.0 ** rng.uniform(2.0, 5.5, x.size)
+    image = np.zeros((N, N))
+    fabricate.add_stars(image, x, y, flux)
+    found = looked(fabricate, model, fabricate.add_noise(image, 41))
+    hit = found[np.rint(y).astype(int), np.rint(x).astype(int)]
+    assert x.size == 784
+    assert hit.sum() <= 4  # half a per cent: faint ones with a noise peak of 5 sigma
+    assert not hit[flux > 2000].any()
+
+
+def test_rays_are_found_and_their_light_is_gone(fabricate, model):
+    """Straight tracks of 500 to 5000 e-: 95% of the pixels above 5 sigma, and what is left is noise."""
+    rng, noisy, rays = stream(42, "rays"), fabricate.add_noise(np.zeros((N, N)), 43), np.zeros((N, N))
+    for _ in range(120):
+        length, turn = rng.uniform(0, 15), rng.uniform(0, np.pi)
+        place = rng.uniform(20, N - 20, 2)[:, None] + np.outer(
+            (np.sin(turn), np.cos(turn)), np.arange(0, length + 0.1, 0.1)
+        )
+        where = np.rint(place + rng.normal(0, 0.2, place.shape)).astype(int)  # diffusion
+        np.add.at(rays, tuple(where), 10 ** rng.uniform(2.7, 3.7) / place.shape[1])
+    image = noisy + rays.astype(np.float32)
+    found = looked(fabricate, model, image)
+    strong = rays > 5 * np.sqrt(fabricate.VARIANCE)
+    assert strong.sum() > 300
+    assert found[strong].mean() > 0.95
+    assert found.mean() < 9 * (rays > 0).mean()  # a pixel more on all sides
+    bad_pixels.fill(image, found)
+    assert abs(image[found].mean() - fabricate.SKY) < 5 * np.sqrt(fabricate.VARIANCE / 9) / np.sqrt(found.sum() / 20)
+    table = fabricate.measure(noisy + rays.astype(np.float32))
+    good = (table["flags"] & (catalogue.BAD_PIXELS | catalogue.SHARP | catalogue.NOT_CENTRED)) == 0
+    clean = fabricate.measure(noisy.copy())
+    assert (table["snr"][good] > 5).sum() <= (clean["snr"] > 5).sum() + 3  # of 120 rays
+
+
+def test_a_star_beside_a_ray_keeps_its_flux_and_says_so(fabricate):
+    image = np.zeros((200, 200))
+    fabricate.add_stars(image, [60.2, 140.1], [60.4, 139.8], [30000.0, 30000.0])
+    noisy = fabricate.add_noise(image, 44)
+    struck = noisy.copy()
+    struck[50:71, 63] += 3000.0
+    clean, table = fabricate.measure(noisy), fabricate.measure(struck)
+    row = int(np.argmin(np.hypot(table["x"] - 60.2, table["y"] - 60.4)))
+    assert table["flags"][row] & catalogue.BAD_PIXELS
+    assert table["flux_psf"][row] == pytest.approx(30000.0, abs=5 * table["flux_psf_err"][row] + 600)  # 2% of centring
+    assert (clean["flags"][clean["snr"] > 100] == 0).all()
+
+
+def test_known_defects_are_those_of_the_layer(tmp_path):
+    camera = small_camera(tmp_path)
+    steps = [step for step in SimSteps(SHIPPED / "observations" / "dark.yaml") if step.name == "detector_defects"]
+    for window in (None, (30, 100, 20, 90)):
+        state = flat_state(camera, 40.0, window=window)
+        state.mask = np.zeros(state.image.shape, np.uint8)
+        run(state, steps, seed=11)
+        known = bad_pixels.known_defects(
+            state.chip.detector, state.window, Streams(11, "any", state.chip.id, "measure")
+        )
+        assert known.any() or window
+        assert np.array_equal(known, state.mask & (mask.HOT | mask.DEAD | mask.BAD_COLUMN) > 0)
+
+
+def test_fill():
+    image = np.arange(25, dtype=np.float32).reshape(5, 5)
+    bad = np.zeros((5, 5), bool)
+    bad[2, 2] = bad[0, 0] = True
+    filled = image.copy()
+    bad_pixels.fill(filled, bad)
+    assert filled[2, 2] == 12.0 and filled[0, 0] == pytest.approx((1 + 5 + 6) / 3)
+    assert np.array_equal(filled[~bad], image[~bad])
+    bad[:] = True
+    bad_pixels.fill(image, bad)  # nothing to fill it from
+    assert image[4, 4] == 24.0
+    bad[:, :4] = False
+    bad_pixels.fill(filled, bad)
+    assert np.isfinite(filled).all()
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (2, 5), (3, 3)])
+def test_small_frames_have_no_rays(fabricate, model, shape):
+    assert not looked(fabricate, model, np.full(shape, 50.0, np.float32)).any()
