@@ -18,9 +18,10 @@ import yaml
 
 from csstsim.bench.memory import PrivateMemory
 from csstsim.campaign import OpenCampaign
+from csstsim.instrument.camera import load_camera
 
 ROOT = Path(__file__).parents[1]
-FOLDER = ROOT / "results" / "chip_stages"
+FOLDER = ROOT / "results" / "chip_stages" / load_camera(ROOT / "config/instrument").digest  # of what it was made from
 PAPER = 14_760  # CPU s a chip: 300,000 CPU-hours for 73,260 files (paper, section 5.6)
 
 

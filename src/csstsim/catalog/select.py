@@ -56,19 +56,26 @@ def bricks_for(footprint_ra, footprint_dec, margin_deg=BRICK_MARGIN_DEG):
     Corners in order round the polygon [deg]; RA wrap and poles need no care. Some bricks that only come close
     may be among them, none that touches is missing.
     """
-    import healpy
-
-    vertices = _grow(unit_vectors(footprint_ra, footprint_dec), np.radians(margin_deg))
-    return np.sort(healpy.query_polygon(NSIDE, vertices, inclusive=True, fact=16, nest=True))
+    return _bricks(*_grown(footprint_ra, footprint_dec, margin_deg))
 
 
 def region_for(footprint_ra, footprint_dec, margin_deg=BRICK_MARGIN_DEG):
     """Return the `Region` a catalogue is asked for: the footprint with its margin, and its bricks."""
-    grown = _grow(unit_vectors(footprint_ra, footprint_dec), np.radians(margin_deg))
+    ra, dec = _grown(footprint_ra, footprint_dec, margin_deg)
+    return Region(tuple(ra.tolist()), tuple(dec.tolist()), tuple(_bricks(ra, dec).tolist()))
+
+
+def _bricks(ra, dec):
+    import hpgeom  # not healpy, which takes more than a second to import
+
+    return np.sort(hpgeom.query_polygon(NSIDE, ra, dec, inclusive=True, fact=16))
+
+
+def _grown(ra, dec, margin_deg):
+    """Return the corners [deg] of a footprint grown by a margin."""
+    grown = _grow(unit_vectors(ra, dec), np.radians(margin_deg))
     ra = np.degrees(np.arctan2(grown[:, 1], grown[:, 0])) % 360.0
-    dec = np.degrees(np.arctan2(grown[:, 2], np.hypot(grown[:, 0], grown[:, 1])))
-    bricks = bricks_for(footprint_ra, footprint_dec, margin_deg)
-    return Region(tuple(ra.tolist()), tuple(dec.tolist()), tuple(bricks.tolist()))
+    return ra, np.degrees(np.arctan2(grown[:, 2], np.hypot(grown[:, 0], grown[:, 1])))
 
 
 def _grow(vertices, margin):
