@@ -270,3 +270,27 @@ def test_embedded_load_sed_is_the_papers_table(sky):
         assert (sed["WAVELENGTH"][0], sed["WAVELENGTH"][-1]) == (2000.0, 11000.0)
         np.testing.assert_array_equal(sed["FLUX"], catalog.load_seds([row])[0])
         assert catalog.load_norm_filt(catalog.objs[row]) is None
+
+
+def test_what_magnitudes_rule_out_would_not_have_been_there(camera, sky):
+    """With `rate_bound` the same rows, from half as many spectra; and no rate is above its bound."""
+    catalog, wcs, craft = sky
+    options = wcs, craft, WINDOW, camera.filters["r"], camera.telescope, 150.0, NOISE
+    summed = []
+    with pytest.MonkeyPatch.context() as patch:
+        load = catalog.load_fluxes
+        patch.setattr(catalog, "load_fluxes", lambda rows, *how: summed.append(len(rows)) or load(rows, *how))
+        quick = select_objects(catalog, *options)
+        rows = np.arange(len(catalog.table))
+        bound = catalog.rate_bound(rows, *options[3:5])
+        assert (load(rows, *options[3:5]).sum(axis=1) <= bound + 1e-6).all()  # electron / s
+        assert catalog.rate_bound(rows, camera.filters["GV"], camera.telescope) is None
+        patch.setattr(catalog, "rate_bound", lambda *_: None)
+        every = select_objects(catalog, *options)
+    assert summed[0] < 0.5 * summed[1]
+    assert quick.meta["dropped"] == every.meta["dropped"]
+    for name in every.names:
+        if name.startswith("flux"):  # the mean dust of all is taken first, hence other last bits
+            assert quick[name] == pytest.approx(every[name], rel=1e-7)
+        else:
+            assert np.array_equal(quick[name], every[name])

@@ -145,6 +145,13 @@ class CatalogBase(ABC):
         """Return (len(rows), 4) electrons / s in the filter's sub-bands, before lensing magnification."""
         return load_fluxes(self.load_seds, rows, filter, telescope)
 
+    def rate_bound(self, rows, filter, telescope):
+        """Return (len(rows),) electrons / s that no row's `load_fluxes` exceeds, or None if that is not known.
+
+        It spares `load_fluxes` for objects that cannot reach a chip.
+        """
+        return None
+
     def _load_on_grid(self, obj):
         with users_code(f"{name_of(self)}.load_sed, object {obj.id}"):
             table = self.load_sed(obj)

@@ -80,6 +80,13 @@ class EmbeddedCatalog(SceneCatalog):
         self.universe = self.options["universe"]
         self._load()
 
+    def rate_bound(self, rows, filter, telescope):
+        """Return what the brick's magnitude says, and 5%; None where it has none (gratings)."""
+        name = f"mag_{filter.name.lower()}"
+        if name not in self._table:
+            return None
+        return 1.05 * 10.0 ** (0.4 * (filter.zeropoint(telescope) - self._table[name][rows]))
+
     def _load(self):
         brick_file = self.options["brick_file"]
         key = {name: self.options[name] for name in ("seed", "universe", "camera", "lensing")}

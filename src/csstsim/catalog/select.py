@@ -116,27 +116,28 @@ def select_objects(
     """
     everything = catalog.table
     rows, places = near(everything, wcs, observer, window)
-    table, x, y = everything.take(rows), places["x"], places["y"]
+    table = everything.take(rows)
+    optics = noise.variance(exptime), beyond, box, wcs.chip, filter, telescope
+    bound = catalog.rate_bound(rows, filter, telescope)
+    if bound is not None:  # spectra of what cannot reach the window need not be summed
+        electrons = bound * _magnification(table)[0] * exptime
+        reach, _, wing, ghosts, _ = _extent(table, unusable(table, electrons[:, None]), electrons, *optics)
+        far = np.maximum.reduce([reach, wing, ghosts])
+        could = _touches(places["x"], places["y"], far, window) | ~np.isfinite(places["x"] + electrons)
+        rows, table, places = rows[could], table.take(could), {name: v[could] for name, v in places.items()}
     if rotated:
         table = table.with_columns(e1=-table["e1"], e2=-table["e2"])
-    mu, thin = magnification(*(table[name] for name in ("kappa", "gamma1", "gamma2")))
-    extended, star = table["obj_type"] == GALAXY, table["obj_type"] == STAR
-    mu = np.where(star, 1.0, mu)
+    (mu, thin), star = _magnification(table), table["obj_type"] == STAR
     flux = catalog.load_fluxes(rows, filter, telescope) * mu[:, None]
     bad = unusable(table, flux)
     flux[bad] = 0.0
     rate = flux.sum(axis=1)
     mag = np.where(bad, np.nan, rate_to_mag(rate, filter, telescope))
-    electrons, variance = rate * exptime, noise.variance(exptime)
-    beyond_px, ghosts_px = _beyond(beyond, electrons, variance, wcs.chip)
-    reach, lost = _reach(table, extended & ~bad, electrons, variance, beyond_px, box, filter, telescope)
-    truncated = (reach > REACH_MAX) | (beyond_px > WING_MAX)
-    reach = np.ceil(np.minimum(reach, REACH_MAX)).astype(np.int32)
-    wing = np.where(beyond_px > box, np.clip(beyond_px, WING_MIN * box, WING_MAX), 0.0)
+    reach, lost, wing, ghosts, truncated = _extent(table, bad, rate * exptime, *optics)
     flags = table["flags"] | np.where(bad, BAD_VALUE, 0) | np.where(truncated, TRUNCATED_STAMP, 0)
     flags |= np.where(~star & ~thin & ~bad, STRONG_LENSING, 0)
-    farthest = np.maximum.reduce([reach, wing, ghosts_px])
-    touches = _touches(x, y, np.where(bad, 0, farthest), window) | ~np.isfinite(table["ra"] + table["dec"])
+    far = np.where(bad, 0, np.maximum.reduce([reach, wing, ghosts]))
+    touches = _touches(places["x"], places["y"], far, window) | ~np.isfinite(table["ra"] + table["dec"])
     faint = mag > (np.inf if mag_limit is None else mag_limit)
     chosen = table.with_columns(
         ra_orig=table["ra"], dec_orig=table["dec"], **places, mag=mag.astype(np.float32),
@@ -173,6 +174,23 @@ def _touches(x, y, reach, window):
     """Whether the square [x +- reach] meets a pixel of the window; False for NaN."""
     in_x = (x + reach >= window.x0 - 0.5) & (x - reach < window.x1 - 0.5)
     return in_x & (y + reach >= window.y0 - 0.5) & (y - reach < window.y1 - 0.5)
+
+
+def _magnification(table):
+    """Return (mu, thin): magnification of each object, 1 for stars, and whether the lens is weak enough."""
+    mu, thin = magnification(*(table[name] for name in ("kappa", "gamma1", "gamma2")))
+    return np.where(table["obj_type"] == STAR, 1.0, mu), thin
+
+
+def _extent(table, bad, electrons, variance, beyond, box, chip, filter, telescope):
+    """Return how far light goes [pixel]: reach, lost, wing (see `select_objects`), ghosts, and whether it was cut."""
+    beyond_px, ghosts = _beyond(beyond, electrons, variance, chip)
+    extended = (table["obj_type"] == GALAXY) & ~bad
+    reach, lost = _reach(table, extended, electrons, variance, beyond_px, box, filter, telescope)
+    truncated = (reach > REACH_MAX) | (beyond_px > WING_MAX)
+    reach = np.ceil(np.minimum(reach, REACH_MAX)).astype(np.int32)
+    wing = np.where(beyond_px > box, np.clip(beyond_px, WING_MIN * box, WING_MAX), 0.0)
+    return reach, lost, wing, ghosts, truncated
 
 
 def _beyond(beyond, electrons, variance, chip):
