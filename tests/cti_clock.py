@@ -3,7 +3,7 @@
 import numpy as np
 
 from csstsim.counter import unit, word
-from csstsim.detector.traps import buffers, draw_traps
+from csstsim.detector.traps import buffers, draw_traps, volume
 
 DENSITY, TAU = (0.025, 0.105, 0.655), (1.22, 14.02, 84.74)  # paper, section 5.5.4
 WELL = (0.492, 85200.0, 0.0)
@@ -13,7 +13,8 @@ KEYS = np.uint64(20), np.uint64(21)
 def traps_of(key, n_rows, density=DENSITY, timescale=TAU, well=WELL, fullest=1e9):
     """The traps of a line as (row, level, tau, word), in the order in which they act: far rows first."""
     head, room = np.empty(n_rows, np.int32), buffers(density, n_rows)
-    draw_traps(key, np.array(density), np.array(timescale), well, fullest, head, *room)
+    share = np.full(n_rows, volume(fullest, *well))
+    draw_traps(key, np.array(density), np.array(timescale), well, share, head, *room)
     level, tau, words, next_ = room
     found = []
     for row in range(n_rows):

@@ -80,7 +80,7 @@ def _transfer(image, flip, lead, n_rows, fill, trail, keys, x0, density, timesca
     nx = image.shape[1]
     n_packets = n_rows + len(trail)
     packets = np.empty((COLUMNS, padded(n_packets)), np.int32)
-    head = np.empty(n_rows, np.int32)
+    fullest, head = np.empty(n_rows), np.empty(n_rows, np.int32)
     search = search_room(packets.shape[1])
     trapped = 0
     for first in range(0, nx, COLUMNS):
@@ -92,7 +92,7 @@ def _transfer(image, flip, lead, n_rows, fill, trail, keys, x0, density, timesca
         for c in range(n):
             column = np.uint64(x0 + first + c)
             own = word(keys[0], column), word(keys[1], column)
-            trapped += _column(packets[c], n_packets, own, density, timescale, well, head, room, search)
+            trapped += _column(packets[c], n_packets, own, density, timescale, well, fullest, head, room, search)
         _exchange(image, flip, first, packets[:n, lead:], True)
         for y in range(len(trail)):
             for c in range(n):
@@ -122,13 +122,16 @@ def whole(charge):
 
 
 @numba.njit(cache=True)
-def _column(packets, n_packets, keys, density, timescale, well, head, room, search):
+def _column(packets, n_packets, keys, density, timescale, well, fullest, head, room, search):
     """Draw a column's traps and follow them; return the electrons left in traps."""
-    level, tau, own, next_ = room
-    fullest = 0
-    for k in range(len(head)):
-        fullest = max(fullest, packets[k])
-    draw_traps(keys[0], density, timescale, well, fullest, head, level, tau, own, next_)
+    beta, full_well, notch = well
+    most, share = 0, 0.0
+    for k in range(len(head) - 1, -1, -1):
+        if packets[k] > most:
+            most = packets[k]
+            share = (max(most - notch, 0.0) / full_well) ** beta
+        fullest[k] = share
+    draw_traps(keys[0], density, timescale, well, fullest, head, *room)
     return follow_all(packets, n_packets, keys[1], head, room, search)
 
 

@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 from csstsim.counter import word
-from csstsim.detector.cti import LARGEST, check_charge, follow_all, whole
+from csstsim.detector.cti import check_charge, follow_all, whole
 from csstsim.detector.packets import padded, search_room
 from csstsim.detector.traps import buffers, draw_traps
 
@@ -44,7 +44,7 @@ def transfer_rows(image, density, timescale, well, keys, *, prescan=0, lead=0, n
     fill = max(int(np.median(image)), 0) if nx < n_columns else 0
     density, timescale = np.array(density, np.float64), np.array(timescale, np.float64)
     head, room = np.empty(prescan + n_columns, np.int32), buffers(density, prescan + n_columns)
-    draw_traps(keys[0], density, timescale, well, LARGEST, head, *room)
+    draw_traps(keys[0], density, timescale, well, np.ones(len(head)), head, *room)
     return trail, _transfer_rows(image, prescan, prescan + lead, fill, trail, keys[1], row0, head, room)
 
 

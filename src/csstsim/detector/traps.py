@@ -5,9 +5,10 @@ species in a pixel is Poisson with mean rho; each has a watermark u, uniform in 
 that is if N reaches its level, floor(notch + full_well u^(1 / beta)) + 1 electrons.
 
 The same traps are drawn here as one Poisson process in (row, watermark): numbers in strata of the watermark, then a
-row and a watermark for each. Strata above the fullest packet of an image are never drawn, which is what makes it cheap
-to draw a chip's traps again for each exposure. All follows from one key for each column: nothing is kept on disk, and
-a window sees the traps of the whole chip.
+row and a watermark for each. Strata above the fullest packet of an image are never drawn, and of the others only traps
+that a packet of their row, or of one behind it, reaches get a level: so it is cheap to draw a chip's traps again for
+each exposure. All follows from one key for each column: nothing is kept on disk, and a window sees the traps of the
+whole chip.
 """
 
 import numba
@@ -37,20 +38,20 @@ def buffers(density, n_rows):
 
 @numba.njit(cache=True)
 def draw_traps(key, density, timescale, well, fullest, head, level, tau, words, next_):
-    """Draw the traps of a column that a packet of up to `fullest` electrons may feel; return their number.
+    """Draw the traps of a column that packets may feel; return their number.
 
     key: uint64 of the column; density, timescale: of each species [traps/pixel, transfers]; well: (beta, full_well,
-    notch). Written to: head (n_rows,) int32, the first trap of each row, and next_, the one after it, -1 at the end;
+    notch); fullest (n_rows,): the share of a pixel that the fullest packet of a row and of those behind it fills,
+    falling. Written to: head (n_rows,) int32, the first trap of each row, and next_, the one after it, -1 at the end;
     level [electrons], tau [transfers], words (uint64, the trap's own random bits).
     """
     beta, full_well, notch = well
     n_rows = np.uint64(len(head))
-    top = (max(fullest - notch, 0.0) / full_well) ** beta
     head[:] = -1
     n = 0
     for stratum in range(len(EDGES) - 1):
         bottom, width = EDGES[stratum], EDGES[stratum + 1] - EDGES[stratum]
-        if bottom >= top:
+        if bottom >= fullest[0]:
             break
         for species in range(len(density)):
             own = word(key, np.uint64(stratum * len(density) + species))
@@ -58,8 +59,8 @@ def draw_traps(key, density, timescale, well, fullest, head, level, tau, words, 
             for i in range(min(count, len(level) - n)):
                 bits = word(own, (_ONE << _STRATUM) + np.uint64(i))
                 watermark = bottom + width * low(bits)
-                if watermark < top:
-                    row = ((bits >> _STRATUM) * n_rows) >> _STRATUM
+                row = ((bits >> _STRATUM) * n_rows) >> _STRATUM
+                if watermark < fullest[row]:
                     level[n] = int(notch + full_well * watermark ** (1.0 / beta)) + 1
                     tau[n] = timescale[species]
                     words[n] = bits
