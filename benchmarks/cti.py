@@ -62,9 +62,7 @@ def every_packet(image, density, timescale, well, head, room):
     level, tau, own, next_ = room
     for x in range(image.shape[1]):
         column = image[:, x]
-        draw_traps(
-            word(np.uint64(1), np.uint64(x)), density, timescale, well, np.ones(len(head)), head, level, tau, own, next_
-        )
+        draw_traps(word(np.uint64(1), np.uint64(x)), density, timescale, well, np.ones(len(head)), head, *room)
         for row in range(len(head) - 1, -1, -1):
             trap = head[row]
             while trap >= 0:

@@ -50,7 +50,9 @@ def readout(folder, say, skies=SKIES):
         took = _seconds(state, steps, camera, folder)
         say(f"\nsky of {sky:g} electrons, {pixels / 1e6:.0f} million pixels, one core")
         say("| layer | csstsim, CPU s | ns / pixel | others, CPU s |\n|---|---|---|---|")
-        for layer, seconds in (took | {"all": sum(took.values())}).items():
+        light = {step.name for step in steps if step.module.STAGE == "render"}
+        took["readout and file"] = sum(seconds for layer, seconds in took.items() if layer not in light)
+        for layer, seconds in took.items():
             beside = ", ".join(f"{name} {value:.1f}" for name, value in others.get(layer, {}).items())
             say(f"| {layer} | {seconds:.2f} | {1e9 * seconds / pixels:.1f} | {beside} |")
     speed_accuracy(folder / "cti_speed_accuracy.png", say)
