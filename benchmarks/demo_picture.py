@@ -3,7 +3,8 @@
     python benchmarks/demo_picture.py
 
 Left: g, r, i of the first position angle, resampled to the sky's frame of the r exposure (nearest pixel), asinh
-stretch. Right: the windowed r-band readout, with the four channels' bias, gain, prescan and overscan.
+stretch, defects and cosmic rays filled as `measure` does. Right: the windowed r-band readout, with the four channels'
+bias, gain, prescan and overscan.
 """
 
 from pathlib import Path
@@ -11,9 +12,12 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from csstsim.analysis import calibrated_frame
 from csstsim.campaign import OpenCampaign
 from csstsim.io.level0 import read_level0
-from csstsim.measure.calibrate import calibrate
+from csstsim.measure.bad_pixels import mend
+from csstsim.measure.photometry import psf_model
+from csstsim.prepare import open_psf
 
 ROOT = Path(__file__).parents[1]
 TARGET = ROOT / "docs" / "figures" / "demo.png"
@@ -21,9 +25,10 @@ SIDE = 1300  # px of the field shown
 
 
 def electrons(run, job):
-    """Calibrated image of a job less its median, electrons / s."""
-    file = read_level0(run.paths.level0(job.pointing, job.chip.id))
-    image = calibrate(file.frame(), file.readout, file.gain).electrons
+    """Calibrated image of a job less its median, electrons / s; defects and cosmic rays filled."""
+    _, calibrated = calibrated_frame(run, job)
+    image = calibrated.electrons
+    mend(calibrated, psf_model(open_psf(run, job.chip), (job.window.x0, job.window.y0), image.shape))
     return (image - np.median(image)) / job.pointing.exptime
 
 

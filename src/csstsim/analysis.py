@@ -12,11 +12,24 @@ from csstsim.stages import check_recipe
 
 def measure(run, job):
     """Detect and measure the sources of a Level-0 file."""
+    from csstsim.measure.catalogue import measure_frame
+
+    file, calibrated = calibrated_frame(run, job)
+    table = measure_frame(
+        calibrated, open_psf(run, job.chip), job.wcs, file.observer, chip=job.chip,
+        filter=run.camera.filters[job.chip.filter], telescope=run.camera.telescope, pointing=job.pointing,
+        window=job.window,
+    )  # fmt: skip
+    table.write(run.paths.measure(*job.key), table.meta | {"recipe": run.recipe(job)})
+    print(f"{len(table)} sources, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")
+
+
+def calibrated_frame(run, job):
+    """Return (io.level0.Level0, measure.calibrate.Calibrated) of a job's file. Raises InputError."""
     from csstsim.io.keywords import RECIPE
     from csstsim.io.level0 import read_level0
     from csstsim.measure.bad_pixels import known_defects
     from csstsim.measure.calibrate import calibrate
-    from csstsim.measure.catalogue import measure_frame
     from csstsim.optics.response import response_map
     from csstsim.rng import Streams
 
@@ -29,26 +42,17 @@ def measure(run, job):
                 "made by another campaign; remove it", file=path, key=keyword, value=file.header0.get(keyword),
                 allowed=recipe[name],
             )  # fmt: skip
-    filter_ = run.camera.filters[job.chip.filter]
     streams = Streams(run.config.seed, job.pointing.obsid, job.chip.id, "measure")
-    steps = run.steps[job.pointing.type]
-    losses = steps.losses
+    steps, filter_ = run.steps[job.pointing.type], run.camera.filters[job.chip.filter]
     response = response_map(  # without the pixels' response: a flat that knows each pixel must be measured, not known
         job.chip, job.window, filter_, job.pointing.exptime, run.camera.leds, streams.camera,
-        flat=losses["flat"], shutter=losses["shutter"],
+        flat=steps.losses["flat"], shutter=steps.losses["shutter"],
     )  # fmt: skip
     bad = known_defects(detector, job.window, streams) if steps.has("detector_defects") else None
-    calibrated = calibrate(
+    return file, calibrate(
         file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
         full_well=detector.full_well, response=response, bad=bad,
     )  # fmt: skip
-    table = measure_frame(
-        calibrated, open_psf(run, job.chip), job.wcs, file.observer, chip=job.chip,
-        filter=filter_, telescope=run.camera.telescope, pointing=job.pointing,
-        window=job.window,
-    )  # fmt: skip
-    table.write(run.paths.measure(*job.key), table.meta | {"recipe": recipe})
-    print(f"{len(table)} sources, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")
 
 
 def merge(run, pix):

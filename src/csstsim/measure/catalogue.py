@@ -11,7 +11,7 @@ import numpy as np
 from csstsim.catalog.astrometry import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.errors import InputError
-from csstsim.measure.bad_pixels import cosmic_rays, fill
+from csstsim.measure.bad_pixels import BAD, FULL, mend
 from csstsim.measure.combine import combine
 from csstsim.measure.detect import FWHM_TO_SIGMA, detect
 from csstsim.measure.photometry import fit_sources, kron_flux, psf_model
@@ -61,7 +61,7 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     model = psf_model(psf, (window.x0, window.y0), window.shape)
     level = float(np.median(calibrated.electrons[::8, ::8]))
     kernel = model.kernel()
-    unusable = _unusable(calibrated, model)
+    unusable = mend(calibrated, model)
     passes = detect(calibrated.electrons, kernel, saturated=unusable > 0)
     found = combine(passes, _fit(passes, passes.hot, calibrated, unusable, model, window), kernel)
     table = _sources(found, calibrated, unusable, model, window)
@@ -87,16 +87,6 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     return ObjectTable({name: columns[name] for name in COLUMNS}, info)
 
 
-def _unusable(calibrated, model):
-    """Return uint8 (ny, nx): 1 where saturated, 2 where a defect or a cosmic ray is; the latter are filled."""
-    out, bad = calibrated.saturated.astype(np.uint8), calibrated.bad
-    read_noise = np.mean(list(calibrated.read_noise.values())) if calibrated.read_noise else 0.0
-    rays = cosmic_rays(calibrated.electrons, calibrated.saturated, bad, read_noise, model)
-    bad = rays | bad
-    fill(calibrated.electrons, bad)
-    return np.bitwise_or(out, 2 * bad.astype(np.uint8), out=out)
-
-
 def _fit(frame, sources, calibrated, unusable, model, window):
     cell = model.cell(sources.x + window.x0, sources.y + window.y0)
     counted = calibrated.counted(sources.x, sources.y)
@@ -116,8 +106,8 @@ def _sources(found, calibrated, unusable, model, window):
     flags = (
         BLENDED * ((found.sep_flag & 1) != 0)
         | TRUNCATED * ((found.sep_flag & 2) != 0)
-        | SATURATED * ((why & 1) > 0)
-        | BAD_PIXELS * ((why & 2) > 0)
+        | SATURATED * ((why & FULL) > 0)
+        | BAD_PIXELS * ((why & BAD) > 0)
         | NEGATIVE_FLUX * ~((flux > 0) & (kron > 0))
         | KRON_FAILED * kron_failed
         | NOT_CENTRED * found.window_failed
