@@ -19,6 +19,7 @@ SIGMA, NEIGHBOUR_SIGMA = 5.0, 2.5  # of a first pixel above the sky, of one besi
 NOISE = 2.5  # sigma, of a first pixel and of the mean of its pair, in favour of a star
 SHARE = 0.7  # of a star's smallest ratio of pair to pixel: the PSF is not known better
 NEAR = 3  # px: of a saturated core, around which light is sharper than it was
+FAR = 8  # px
 _PLACES = np.linspace(-0.5, 0.5, 5)  # px: of a star within its pixel
 
 
@@ -99,19 +100,31 @@ def _find(electrons, left_out, sky, read_variance, pairs, found):
         first = False
 
 
-@numba.njit(cache=True)
 def fill(electrons, bad):
-    """Give `bad` pixels, in place, the mean of the others in the smallest square around them that has any."""
+    """Give `bad` pixels, in place, the mean of the others in the smallest square around them that has any.
+
+    Beyond FAR pixels it is the median of a sample of the others; nothing is done if there are none.
+    """
+    others = electrons[::8, ::8][~bad[::8, ::8]]
+    if others.size == 0:
+        others = electrons[~bad]
+    if others.size:
+        _fill(electrons, bad, np.float32(np.median(others)))
+
+
+@numba.njit(cache=True)
+def _fill(electrons, bad, level):
     ny, nx = electrons.shape
     for y in range(ny):
         for x in range(nx):
+            if not bad[y, x]:
+                continue
             reach, n, total = 0, 0, 0.0
-            while bad[y, x] and n == 0 and reach < max(ny, nx):
+            while n == 0 and reach < FAR:
                 reach += 1
                 for v in range(max(y - reach, 0), min(y + reach + 1, ny)):
                     for u in range(max(x - reach, 0), min(x + reach + 1, nx)):
                         if not bad[v, u]:
                             total += electrons[v, u]
                             n += 1
-            if n:
-                electrons[y, x] = total / n
+            electrons[y, x] = total / n if n else level
