@@ -48,7 +48,8 @@ def calibrated_frame(run, job):
         job.chip, job.window, filter_, job.pointing.exptime, run.camera.leds, streams.camera,
         flat=steps.losses["flat"], shutter=steps.losses["shutter"],
     )  # fmt: skip
-    bad = known_defects(detector, job.window, streams) if steps.has("detector_defects") else None
+    layer = steps.step("detector_defects")
+    bad = known_defects(detector, job.window, layer.param, streams) if layer else None
     return file, calibrate(
         file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
         full_well=detector.full_well, response=response, bad=bad,

@@ -63,14 +63,29 @@ class OpenCampaign:
         self.steps = {kind: SimSteps(self.config.observation_file(kind), kind) for kind in types}
         # One exposure time: where the layers ask for another than the table's, it is the exposure's everywhere.
         asked = {kind: steps.exptime for kind, steps in self.steps.items() if steps.exptime is not None}
+        for kind, exptime in asked.items():
+            if exptime == 0 and kind != "BIAS":
+                file = self.steps[kind].file
+                raise InputError("zero exposure time", file=file, key="exptime", value=0, allowed="0 for BIAS only")
         self.pointings = {
             obsid: replace(p, exptime=asked.get(p.type, p.exptime)) for obsid, p in self.pointings.items()
         }
 
+        self._check_photons()
         for p in self._selected_pointings():
             self.steps[p.type].check(self.camera, p)
         for p in {(p.type, p.exptime): p for p in self._selected_pointings()}.values():
             self._check_shutter(p)
+
+    def _check_photons(self):
+        """Photons and rays are counted apart from the image until poisson_and_dark merges them."""
+        drawn = self.config.fidelity in ("preview", "standard")
+        for steps in self.steps.values():
+            if drawn and steps.step("scie_obs") and not steps.step("poisson_and_dark"):
+                raise InputError(
+                    f"fidelity {self.config.fidelity} draws photons, and no layer counts them", file=steps.file,
+                    key="layers", allowed="poisson_and_dark in the list, or fidelity noise_free or reference",
+                )  # fmt: skip
 
     def _check_shutter(self, pointing):
         steps = self.steps[pointing.type]

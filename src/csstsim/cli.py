@@ -170,7 +170,11 @@ def check(run):
 @click.option("--methods", help="Names, or beginnings of names, with commas between [default: all].")
 @click.option("--objects", type=click.IntRange(2, 100_000), help="How many, half of them stars [default: 320].")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the sample of objects.")
-@click.option("--readout", is_flag=True, help="The layers after the objects instead: what each costs on a whole chip.")
+@click.option(
+    "--readout",
+    is_flag=True,
+    help="Cost of the layers after the objects instead; with --output only.",
+)
 def bench(output, quick, band, methods, objects, seed, readout):
     """Measure speed and accuracy of every way to draw an object, against GalSim and against direct optics.
 
@@ -182,6 +186,8 @@ def bench(output, quick, band, methods, objects, seed, readout):
       csstsim bench --readout
     """
     if readout:
+        if quick or methods or objects:
+            raise click.UsageError("--readout goes with --output only")
         from csstsim.bench.readout import readout as run
 
         run(Path(output), say=click.echo)
@@ -196,6 +202,7 @@ def layers():
     """List the layers an observation file may name, with their parameters."""
     from csstsim.sim_steps import known_layers
 
+    click.echo("Keywords of the paper, as known here; in a file, capitals make no difference.\n")
     for name in known_layers():
         module = importlib.import_module(f"csstsim.layers.{name}")
         click.echo(f"{name}  [{module.STAGE}, {' -> '.join(module.UNITS)}]\n    {module.__doc__.splitlines()[0]}")

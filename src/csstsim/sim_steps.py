@@ -90,15 +90,15 @@ class SimSteps:
             *_, last = asked
             raise self._error(f"layers differ in {option}", f"{last}.{option}", asked[last], "the same for all")
 
-    def has(self, name):
-        """Whether a layer of csstsim, by its lower-case keyword, is in the list."""
-        return any(step.name == name for step in self.steps)
+    def step(self, name):
+        """Return the Step of a layer of csstsim, by its lower-case keyword, or None."""
+        return next((step for step in self.steps if step.name == name), None)
 
     @property
     def losses(self):
         """{flat, shutter, prnu}: which losses light of this list meets (optics.response)."""
         flat, shutter = self._asked("flat_fielding"), self._asked("shutter_effect")
-        return {"flat": flat, "shutter": shutter, "prnu": self.has("prnu_effect")}
+        return {"flat": flat, "shutter": shutter, "prnu": self.step("prnu_effect") is not None}
 
     @property
     def mask(self):

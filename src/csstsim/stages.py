@@ -127,6 +127,7 @@ def readout(run, job):
 
 def _readout(run, job, state):
     state = run.steps[job.pointing.type].run(state, "readout", run.config.seed)
+    run.paths.level0_cosmic(job.pointing, job.chip.id).unlink(missing_ok=True)  # of another layer list
     if state.cosmic_rays is not None:
         _save_cosmic(run, job, state)
     return state
@@ -202,7 +203,8 @@ def chip(run, job, say=print):
     timer = Timer("render")
     state = _render(run, job, objects)
     state.header |= header
-    header["stages"].append(timer.entry())
+    if run.has_stage(job.pointing, "render"):
+        header["stages"].append(timer.entry())
     if state.truth is None:
         state.truth = ObjectTable.complete({})
     timer = Timer("readout")

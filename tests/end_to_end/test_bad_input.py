@@ -104,7 +104,7 @@ def test_a_bad_catalogue_fails_before_any_work(tmp_path):
         ([OVER, {"gain": {}}, {"bias": {}}], ["science.yaml", "bias", "DN"]),
         ([OVER, {"sky_background": {}}], ["science.yaml", "sky_background", "render"]),
         ([{"bias": {}}, OVER], ["science.yaml", "bias", "readout pixels", "prescan_overscan"]),
-        ([OVER, {"poisson_and_dark": {}}], ["science.yaml", "poisson_and_dark", "active pixels"]),
+        ([OVER, {"poisson_and_dark": {}}], ["science.yaml", "prescan_overscan", "must come after poisson_and_dark"]),
         ([OVER, {"bias": {}}, {"Bias": {}}], ["science.yaml", "Bias", "twice"]),
         ([OVER, {"gain": {}}], ["science.yaml", "quantization_and_output", "missing"]),
         ([{"poisson_and_dark": {}}], ["science.yaml", "prescan_overscan", "missing"]),
@@ -186,3 +186,26 @@ def test_level0_file_of_another_campaign_is_not_measured(tmp_path):
     CliRunner().invoke(main, ["chip", str(path), "--obsid", "10100000001", "--chip", "9"])
     other = write_campaign(tmp_path, seed=4)
     assert "CAMPHASH" in refused("measure", other, "--obsid", "10100000001", "--chip", 9)
+
+
+@pytest.mark.parametrize("fidelity, fine", [("standard", False), ("preview", False), ("noise_free", True)])
+def test_photons_that_nothing_counts(tmp_path, fidelity, fine):
+    names = ["scie_obs", "prescan_overscan", "gain", "quantization_and_output"]
+    (tmp_path / "silent.yaml").write_text(yaml.safe_dump({"layers": [{name: {}} for name in names]}))
+    path = write_campaign(tmp_path, fidelity=fidelity, observations={"SCIE": str(tmp_path / "silent.yaml")})
+    if fine:
+        assert OpenCampaign(path).jobs
+    else:
+        line = refused("plan", path)
+        assert "silent.yaml" in line and "poisson_and_dark" in line and "noise_free" in line
+
+
+@pytest.mark.parametrize("key, value", [("gain_spread", 1.5), ("adc_max", 70000)])
+def test_detector_numbers_that_no_file_can_hold(tmp_path, key, value):
+    path = write_campaign(tmp_path)
+    file = OpenCampaign(path).camera.folder / "detector.yaml"
+    numbers = yaml.safe_load(file.read_text())
+    next(part for part in numbers.values() if key in part)[key]["value"] = value
+    file.write_text(yaml.safe_dump(numbers))
+    line = refused("plan", path)
+    assert "detector.yaml" in line and key in line and str(value) in line

@@ -3,6 +3,7 @@
 import re
 import shutil
 import subprocess
+import time
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from csstsim.config import SHIPPED
 from csstsim.detector.channels import LAYOUTS
 from csstsim.detector.mask import BITS, BLED, CLIPPED, HOT, SATURATED
 from csstsim.errors import InputError
+from csstsim.io.fits import open_fits
 from csstsim.io.keywords import header_cards, orbit_after
 from csstsim.io.level0 import REQUIRED, read_level0, write_level0
 from csstsim.io.paths import level0_stem
@@ -84,6 +86,11 @@ def test_compressed_is_the_same(small, tmp_path, window):
     assert np.array_equal(plain.mask(), packed.mask())
     keys = set(plain.header) - VOLATILE - {"DATASUM", "XTENSION"}
     assert {key: plain.header[key] for key in keys} == {key: packed.header[key] for key in keys}
+    time.sleep(1.1)  # nothing in the extensions says when they were written
+    write_level0(tmp_path / "again.fits", state, small.keywords, PROVENANCE, "channels")
+    with open_fits(tmp_path / "packed.fits") as file:
+        first = file["IMAGE"].get_offsets()["header_start"]
+    assert (tmp_path / "again.fits").read_bytes()[first:] == (tmp_path / "packed.fits").read_bytes()[first:]
     with fits.open(tmp_path / "plain.fits") as one, fits.open(tmp_path / "packed.fits", checksum=True) as two:
         assert isinstance(two["IMAGE"], fits.CompImageHDU)
         assert np.array_equal(one["IMAGE"].data, two["IMAGE"].data)

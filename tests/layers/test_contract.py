@@ -4,10 +4,12 @@ import importlib
 
 import numpy as np
 import pytest
+import yaml
 from readout_state import dark_layers, flat_state, run, small_camera
 
+from csstsim.errors import InputError
 from csstsim.layers.param import LayerParam
-from csstsim.sim_steps import STAGES, known_layers
+from csstsim.sim_steps import STAGES, SimSteps, known_layers
 
 READOUT = [step.name for step in dark_layers()]
 
@@ -96,3 +98,27 @@ def test_another_layer_switched_off_changes_nothing_here(small, name, off):
         added.append(run(state, step_of(name)))
     assert np.array_equal(added[0].image, added[1].image)
     assert added[0].header == added[1].header
+
+
+CHARGE = ("brighter_fatter", "detector_defects", "blooming", "CTE_effect", "nonlinearity")
+
+
+@pytest.mark.parametrize("moved", CHARGE)
+@pytest.mark.parametrize("before", ["poisson_and_dark", "cosmic_rays"])
+def test_charge_is_counted_before_it_moves(tmp_path, moved, before):
+    """Else noise would be drawn twice, or never meet the layer; with rays and without them."""
+    for rays in (True, False):
+        names = ["cosmic_rays"] * rays + ["poisson_and_dark", "prescan_overscan", "gain", "quantization_and_output"]
+        if before not in names:
+            continue
+        names.insert(names.index(before), moved)
+        (tmp_path / "list.yaml").write_text(yaml.safe_dump({"layers": [{name: {}} for name in names]}))
+        with pytest.raises(InputError, match=f"{moved}: must come after poisson_and_dark"):
+            SimSteps(tmp_path / "list.yaml", "DARK")
+
+
+def test_bias_is_added_to_the_voltage(tmp_path):
+    names = ["poisson_and_dark", "prescan_overscan", "bias", "nonlinearity", "gain", "quantization_and_output"]
+    (tmp_path / "list.yaml").write_text(yaml.safe_dump({"layers": [{name: {}} for name in names]}))
+    with pytest.raises(InputError, match="bias: must come after nonlinearity"):
+        SimSteps(tmp_path / "list.yaml", "DARK")

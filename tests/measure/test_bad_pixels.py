@@ -1,5 +1,7 @@
 """Defects and cosmic rays that `measure` leaves out: found, filled, flagged; stars are not taken for them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from readout_state import flat_state, run, small_camera
@@ -85,17 +87,18 @@ def test_a_star_beside_a_ray_keeps_its_flux_and_says_so(fabricate):
     assert (clean["flags"][clean["snr"] > 100] == 0).all()
 
 
-def test_known_defects_are_those_of_the_layer(tmp_path):
+@pytest.mark.parametrize("off", ["nothing", "hot_pixels", "dead_pixels", "bad_columns"])
+def test_known_defects_are_those_of_the_layer(tmp_path, off):
     camera = small_camera(tmp_path)
-    steps = [step for step in SimSteps(SHIPPED / "observations" / "dark.yaml") if step.name == "detector_defects"]
+    [step] = [step for step in SimSteps(SHIPPED / "observations" / "dark.yaml") if step.name == "detector_defects"]
+    step = replace(step, param=step.param.model_copy(update={off: False}))
+    rng = Streams(11, "any", 9, "measure")
     for window in (None, (30, 100, 20, 90)):
         state = flat_state(camera, 40.0, window=window)
         state.mask = np.zeros(state.image.shape, np.uint8)
-        run(state, steps, seed=11)
-        known = bad_pixels.known_defects(
-            state.chip.detector, state.window, Streams(11, "any", state.chip.id, "measure")
-        )
-        assert known.any() or window
+        run(state, [step], seed=11)
+        known = bad_pixels.known_defects(state.chip.detector, state.window, step.param, rng)
+        assert known.any() or window or off == "bad_columns"
         assert np.array_equal(known, state.mask & (mask.HOT | mask.DEAD | mask.BAD_COLUMN) > 0)
 
 

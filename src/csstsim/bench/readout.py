@@ -53,8 +53,12 @@ def readout(folder, say, skies=SKIES):
         light = {step.name for step in steps if step.module.STAGE == "render"}
         took["readout and file"] = sum(seconds for layer, seconds in took.items() if layer not in light)
         for layer, seconds in took.items():
+            if layer == "prnu_effect":
+                continue
             beside = ", ".join(f"{name} {value:.1f}" for name, value in others.get(layer, {}).items())
             say(f"| {layer} | {seconds:.2f} | {1e9 * seconds / pixels:.1f} | {beside} |")
+    if not THERE:
+        say("\narcticpy is not installed (csstsim.bench.arctic says how): nothing stands beside cte_effect")
     speed_accuracy(folder / "cti_speed_accuracy.png", say)
     say(f"{folder}/cti_speed_accuracy.png")
 

@@ -10,30 +10,39 @@ import numpy as np
 from csstsim.detector.normal import normal_row, normal_table
 from csstsim.detector.poisson import alias_tables, poisson_row
 
-MOST = 1e9  # expected electrons in a pixel: four orders beyond the full well, and what whole numbers of 32 bits hold
+MOST = 1e9  # expected electrons drawn as whole numbers of 32 bits
 
 
 def add_poisson(image, key, *, dark=0.0, counted=None):
     """Replace expected electrons by counted ones, in place: image = counted + Poisson(image + dark).
 
     `image` float32 (ny, nx), `dark` in electrons (scalar), `counted` int32 of the same shape that are Poisson already,
-    or None; `key` uint64 (rng.Streams.exposure_key). Raises ValueError, before any draw, if an expected value is
-    negative, above MOST or not finite.
+    or None; `key` uint64 (rng.Streams.exposure_key). A mean m above MOST gets m + (n - MOST) sqrt(m / MOST), n of mean
+    MOST. Raises ValueError, before any draw, if an expected value is negative or not finite.
     """
-    bad = _impossible(image, np.float32(dark))
+    bad, far = _impossible(image, np.float32(dark))
     if bad:
-        raise ValueError(f"the expected electrons of {bad} pixel(s) are negative, above {MOST:g} or not finite")
-    none = np.zeros((0, 0), np.int32)
-    _add_poisson(image, none if counted is None else counted, np.float32(dark), key, *alias_tables())
+        raise ValueError(f"the expected electrons of {bad} pixel(s) are negative or not finite")
+    counted = np.zeros((0, 0), np.int32) if counted is None else counted
+    bright = np.nonzero(image + np.float32(dark) > MOST) if far else ()
+    means = image[bright].astype(float) + dark if far else None
+    if far:
+        image[bright] = MOST - dark
+    _add_poisson(image, counted, np.float32(dark), key, *alias_tables())
+    if far:
+        others = counted[bright] if counted.size else 0.0
+        image[bright] = means + (image[bright] - others - MOST) * np.sqrt(means / MOST) + others
 
 
 @numba.njit(cache=True)
 def _impossible(image, dark):
-    bad = 0
+    """Return how many expected values cannot be, and how many are above MOST."""
+    bad = far = 0
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):
-            bad += not (0 <= image[y, x] + dark <= MOST)
-    return bad
+            bad += not (0 <= image[y, x] + dark < np.inf)
+            far += image[y, x] + dark > MOST
+    return bad, far
 
 
 @numba.njit(cache=True)

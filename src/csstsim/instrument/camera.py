@@ -93,9 +93,11 @@ def _detector(path):
     _positive(detector, ("gain", "adc_max", "pixel_um", "full_well"), path)
     signed = {"nonlinearity_quadratic", "nonlinearity_cubic", *effects}
     _positive(detector, (f.name for f in fields(Detector) if f.name not in signed), path, or_zero=True)
-    for name in ("bloom_row_share", "nonlinearity_spread"):
-        if getattr(detector, name) > 1:
-            raise InputError("out of range", file=path, key=name, value=getattr(detector, name), allowed="0..1")
+    for name, most in (
+        ("bloom_row_share", 1), ("nonlinearity_spread", 1), ("gain_spread", 0.5), ("adc_max", 65535), ("channels_x", 13)
+    ):  # fmt: skip
+        if getattr(detector, name) > most:
+            raise InputError("out of range", file=path, key=name, value=getattr(detector, name), allowed=f"0..{most}")
     return detector
 
 

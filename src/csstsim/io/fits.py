@@ -202,6 +202,22 @@ def compress(path):
             tile = (1, hdu.data.shape[1])
             hdus.append(fits.CompImageHDU(hdu.data, hdu.header, compression_type="RICE_1", tile_shape=tile))
     fits.HDUList(hdus).writeto(path, overwrite=True, checksum=True)
+    _reseal(path)
+
+
+def _reseal(path):
+    """Give every header the checksum cards of this module: astropy's have the time in their comments."""
+    with open_fits(path) as file:
+        places = [(hdu.get_offsets()["header_start"], hdu.get_offsets()["data_start"]) for hdu in file]
+    with open(path, "r+b") as raw:
+        for start, stop in places:
+            raw.seek(start)
+            text = raw.read(stop - start).decode()
+            cards = [text[i : i + 80] for i in range(0, len(text), 80)]
+            cards = cards[: cards.index("END".ljust(80))]
+            datasum = next(int(text[11:].split("'")[0]) for text in cards if text.startswith("DATASUM "))
+            raw.seek(start)
+            raw.write(_sealed_header([c for c in cards if not c.startswith(("CHECKSUM", "DATASUM "))], datasum))
 
 
 def image_header(hdu):

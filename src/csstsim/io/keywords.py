@@ -19,7 +19,7 @@ STAGES = ("select", "render", "readout", "level0")
 _FROM_LAYERS = (
     "gain", "bias", "read_noise", "clipped_high", "clipped_low", "prnu_rms",
     "cosmic_tracks", "cosmic_pixels", "cosmic_electrons", "hot_pixels", "dead_pixels", "bad_columns", "defects_level",
-    "cti_density", "cti_trapped", "cti_serial_trapped", "saturated", "bloom_lost",
+    "dark_electrons", "bfe_area", "cti_density", "cti_trapped", "cti_serial_trapped", "saturated", "bloom_lost",
     "nonlinearity_quadratic", "nonlinearity_cubic",
     "sky_rate", "sky_zodiacal", "sky_earth", "sky_sun", "sky_moon", "sky_planets", "sky_stars",
     "shutter_open_0", "shutter_open_1", "shutter_close_0", "shutter_close_1",

@@ -12,6 +12,7 @@ from csstsim.layers.param import LayerParam
 STAGE = "readout"
 UNITS = ("electron", "electron")
 FRAME = ("readout", "readout")
+AFTER = ("nonlinearity",)
 
 
 class Param(LayerParam):

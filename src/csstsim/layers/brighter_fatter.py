@@ -13,6 +13,7 @@ from csstsim.layers.param import LayerParam
 STAGE = "readout"
 UNITS = ("electron", "electron")
 FRAME = ("active", "active")
+AFTER = ("poisson_and_dark",)
 _STABLE = 0.25  # of a pixel: boundaries that move more are no small shift, and the kernel's limiter would act on them
 
 

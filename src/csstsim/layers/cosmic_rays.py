@@ -8,7 +8,7 @@ shot noise of everything else; that layer must follow. Left out: see csstsim.det
 from pydantic import Field
 
 from csstsim.errors import InputError
-from csstsim.layers.param import LayerParam
+from csstsim.layers.param import EXPTIME, LayerParam
 
 STAGE = "readout"
 UNITS = ("electron", "electron")
@@ -19,7 +19,7 @@ BEFORE = ("poisson_and_dark",)
 class Param(LayerParam):
     """obs_param of `cosmic_rays`."""
 
-    exptime: float | None = Field(None, ge=0, le=1e5, description="exposure time [s]; null = the pointing's")
+    exptime: float | None = Field(None, ge=0, le=1e5, description=EXPTIME)
     save_cosmic_image: bool = Field(False, description="true: write the rays' electrons beside the Level-0 file")
 
 

@@ -12,6 +12,7 @@ from csstsim.layers.param import LayerParam
 STAGE = "readout"
 UNITS = ("electron", "electron")
 FRAME = ("active", "active")
+AFTER = ("poisson_and_dark",)
 
 
 class Param(LayerParam):

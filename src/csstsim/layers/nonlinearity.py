@@ -14,6 +14,7 @@ from csstsim.layers.param import LayerParam
 
 STAGE = "readout"
 UNITS = ("electron", "electron")
+AFTER = ("poisson_and_dark",)
 
 
 class Param(LayerParam):

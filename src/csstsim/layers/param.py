@@ -2,6 +2,8 @@
 
 from csstsim.model import Model
 
+EXPTIME = "exposure time [s], of the whole exposure: one for all layers of a list; null = the pointing's"
+
 
 class LayerParam(Model):
     """Base of every layer's Param: frozen, typed, and an unknown key is an error."""

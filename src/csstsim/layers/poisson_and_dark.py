@@ -6,7 +6,7 @@ are Poisson already and must not be drawn again. Left out: warm pixels (detector
 
 from pydantic import Field
 
-from csstsim.layers.param import LayerParam
+from csstsim.layers.param import EXPTIME, LayerParam
 
 STAGE = "readout"
 UNITS = ("electron", "electron")
@@ -16,7 +16,7 @@ FRAME = ("active", "active")
 class Param(LayerParam):
     """obs_param of `poisson_and_dark`."""
 
-    exptime: float | None = Field(None, ge=0, le=1e5, description="exposure time [s]; null = the pointing's")
+    exptime: float | None = Field(None, ge=0, le=1e5, description=EXPTIME)
 
 
 def apply(state, param, rng):

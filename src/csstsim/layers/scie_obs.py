@@ -11,7 +11,7 @@ from pydantic import Field
 
 from csstsim.catalog.select import Noise
 from csstsim.errors import InputError
-from csstsim.layers.param import LayerParam
+from csstsim.layers.param import EXPTIME, LayerParam
 from csstsim.optics.beyond import Beyond, beyond_box, read_beyond
 from csstsim.optics.flat import check_flat
 from csstsim.optics.response import response_maximum
@@ -25,7 +25,7 @@ EXPOSURES = ("SCIE",)
 class Param(LayerParam):
     """obs_param of `scie_obs`."""
 
-    exptime: float | None = Field(None, gt=0, le=1e5, description="exposure time [s]; null = the pointing's")
+    exptime: float | None = Field(None, gt=0, le=1e5, description=EXPTIME)
     flat_fielding: bool = Field(True, description="vignetting and internal flat: the reversal of the flat correction")
     shutter_effect: bool = Field(True, description="columns far from the middle miss the shutter's opening and closing")
     # The WCS of the job (campaign.py) has it: selection, rendering and measuring share one map.

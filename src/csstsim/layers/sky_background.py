@@ -10,7 +10,7 @@ from pydantic import Field
 
 from csstsim.errors import InputError
 from csstsim.io.keywords import orbit_after
-from csstsim.layers.param import LayerParam
+from csstsim.layers.param import EXPTIME, LayerParam
 from csstsim.optics.flat import check_flat
 from csstsim.sky import background
 from csstsim.sky.bodies import exposure_angles
@@ -27,7 +27,7 @@ EXPOSURES = ("SCIE",)
 class Param(LayerParam):
     """obs_param of `sky_background`."""
 
-    exptime: float | None = Field(None, gt=0, le=1e5, description="exposure time [s]; null = the pointing's")
+    exptime: float | None = Field(None, gt=0, le=1e5, description=EXPTIME)
     flat_fielding: bool = Field(True, description="vignetting and internal flat: the reversal of the flat correction")
     shutter_effect: bool = Field(True, description="columns far from the middle miss the shutter's opening and closing")
     enable_straylight_model: bool = Field(

@@ -35,19 +35,20 @@ def mend(calibrated, model):
     return FULL * calibrated.saturated.astype(np.uint8) | BAD * bad.astype(np.uint8)
 
 
-def known_defects(detector, window, rng):
+def known_defects(detector, window, param, rng):
     """Return bool (ny, nx): hot and dead pixels and bad columns in `window`, as layer detector_defects has them.
 
-    rng: rng.Streams of the chip.
+    param: the layer's; rng: rng.Streams of the chip.
     """
     out = np.zeros(window.shape, bool)
-    for pixels in defects.places((detector.ny, detector.nx), detector.defects, rng.chip("defective pixels")):
-        _, y, x = defects.inside(pixels, detector.nx, window)
-        out[y, x] = True
+    pixels = defects.places((detector.ny, detector.nx), detector.defects, rng.chip("defective pixels"))
+    for some, there in zip(pixels, (param.hot_pixels, param.dead_pixels), strict=True):
+        _, y, x = defects.inside(some, detector.nx, window)
+        out[y, x] = there
     for column, first, end, _ in defects.columns(
         detector.channel_ny, detector.nx, detector.defects, rng.chip("bad columns")
     ):
-        if window.x0 <= column < window.x1:
+        if param.bad_columns and window.x0 <= column < window.x1:
             out[max(first - window.y0, 0) : max(end - window.y0, 0), column - window.x0] = True
     return out
 

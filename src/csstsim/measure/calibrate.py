@@ -105,6 +105,8 @@ def overscan_level(overscan, *, from_right=False, clip=4.0):
     rounding to whole DN (a median would be off by up to half a DN).
     """
     skip = OVERSCAN_SKIP if overscan.shape[1] > 2 * OVERSCAN_SKIP else 0
+    if not overscan.size:
+        raise InputError("a channel without serial overscan has no bias level", key="overscan", value=0, allowed="> 0")
     pixels = overscan[:, : overscan.shape[1] - skip] if from_right else overscan[:, skip:]
     pixels = pixels.astype(np.float64).ravel()
     centre = np.median(pixels)
