@@ -3,6 +3,7 @@
 Largest differences over the whole sky [microarcsecond] for one spacecraft state, and CPU seconds for 200,000 objects.
 """
 
+import argparse
 import time
 
 import erfa
@@ -89,4 +90,5 @@ def by_astropy(ra, dec, parallax):
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     main()

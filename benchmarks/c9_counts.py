@@ -5,6 +5,7 @@
 One truth brick is made at each field's first exposure; its counts are scaled to the area of a chip.
 """
 
+import argparse
 import time
 
 import healpy
@@ -54,4 +55,5 @@ def main():
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     main()

@@ -3,6 +3,7 @@
 python benchmarks/cosmic_rays.py        writes docs/figures/cosmic_rays.png
 """
 
+import argparse
 import time
 from pathlib import Path
 
@@ -78,4 +79,5 @@ def picture(rays, seconds, tracks, before, after):
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     main()

@@ -7,6 +7,7 @@ stretch, defects and cosmic rays filled as `measure` does. Right: the windowed r
 bias, gain, prescan and overscan.
 """
 
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -67,4 +68,5 @@ def main():
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     main()

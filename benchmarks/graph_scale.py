@@ -3,6 +3,7 @@
 python benchmarks/graph_scale.py [campaign ...]        default: config/campaign.yaml config/c9_w1.yaml
 """
 
+import argparse
 import os
 import re
 import resource
@@ -39,6 +40,7 @@ def dry_run(campaign):
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     print("| campaign | jobs | wall s | CPU s | memory MB |\n|---|---|---|---|---|")
     for name in sys.argv[1:] or ("config/campaign.yaml", "config/c9_w1.yaml"):
         jobs, wall, cpu, memory = dry_run(name)

@@ -4,6 +4,7 @@ Prints tables and draws docs/figures/sky_bands.png, sky_earthshine.png and sky_m
 and the shipped numbers (config/instrument/sky.yaml).
 """
 
+import argparse
 import time
 from pathlib import Path
 
@@ -166,6 +167,7 @@ def save(figure, name):
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     bands()
     limb()
     moonlight()

@@ -3,12 +3,16 @@
 import sys
 from pathlib import Path
 
-import ccdproc
 import numpy as np
 from astropy import units as u
 from astropy.modeling.models import Polynomial1D
 from astropy.nddata import CCDData
 from scipy import ndimage
+
+try:
+    import ccdproc
+except ImportError:
+    sys.exit('this needs ccdproc: pip install -e ".[bench]"')
 
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
 import stack_estimates as estimate

@@ -5,6 +5,7 @@
 Counts are expectations for V without extinction; the other figures show drawn bricks, at l = 90 deg unless said.
 """
 
+import argparse
 import sys
 import time
 from functools import partial
@@ -112,4 +113,5 @@ def main(folder="docs/figures"):
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     main(*sys.argv[1:])
