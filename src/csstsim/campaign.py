@@ -153,8 +153,13 @@ class OpenCampaign:
 
     def job(self, obsid, chip_id):
         """Return one job of the campaign. Raises InputError if the campaign does not select it."""
-        if obsid not in {p.obsid for p in self._selected_pointings()}:
-            raise InputError("not an exposure of this campaign", file=self.file, key="obsid", value=obsid)
+        obsids = [p.obsid for p in self._selected_pointings()]
+        if obsid not in obsids:
+            more = ", ..." if len(obsids) > 3 else ""
+            allowed = f"{', '.join(obsids[:3])}{more} of {self.config.survey_table}"
+            raise InputError(
+                "not an exposure of this campaign", file=self.file, key="obsid", value=obsid, allowed=allowed
+            )
         chips = {chip.id: chip for chip in self._selected_chips()}
         if chip_id not in chips:
             raise InputError(
