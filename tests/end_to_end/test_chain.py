@@ -145,7 +145,8 @@ def test_stages_by_file_equal_the_chip_in_memory(tmp_path):
 
 def test_truth_adds_up_to_the_image(tmp_path):
     """Electrons said to be drawn are those in the plane, before the sky, to 1e-6."""
-    layers = [{name: {}} for name in ("scie_obs", "prescan_overscan", "gain", "quantization_and_output")]
+    names = "scie_obs", "poisson_and_dark", "prescan_overscan", "gain", "quantization_and_output"
+    layers = [{name: {}} for name in names]
     (tmp_path / "science.yaml").write_text(str({"layers": layers}))
     path = write_campaign(tmp_path, observations={"SCIE": str(tmp_path / "science.yaml")})
     campaign = OpenCampaign(path)
