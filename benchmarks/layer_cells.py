@@ -7,7 +7,10 @@ import numpy as np
 from layer_stamp import OBJECTS
 
 from csstsim.bench.setting import EXPTIME
+from csstsim.config import SHIPPED
+from csstsim.instrument.camera import load_camera
 
+DETECTOR = load_camera(SHIPPED / "instrument").detector
 LIGHT = ("scie_obs", "sky_background")
 CHARGE = (*LIGHT, "poisson_and_dark")
 FRAME = (*CHARGE, "prescan_overscan")
@@ -85,7 +88,7 @@ GALLERY = {
     "bias": Cell(
         FRAME, "an offset for each channel",
         lambda b, a, d, h: "{:.1f} and {:.1f} e\u207b".format(*h["bias"]), (0, None, 800), (None, 10),
-        "after \u2212 before \u2212 500 [e\u207b]", lambda before, after: after - before - 500,
+        f"after \u2212 before \u2212 {DETECTOR.bias:g} [e\u207b]", lambda before, after: after - before - DETECTOR.bias,
     ),
     "readout_noise": Cell(
         FRAME, "Gaussian noise in every pixel that is read",
@@ -94,7 +97,7 @@ GALLERY = {
     "gain": Cell(
         FRAME, "electrons become DN, a factor for each channel",
         lambda b, a, d, h: "{:.3f} and {:.3f} e\u207b/DN".format(*h["gain"]), (0, 20, 3e3), (0.1, 1e3),
-        "1.1 after \u2212 before [e\u207b]", lambda before, after: 1.1 * after - before,
+        f"{DETECTOR.gain:g} after \u2212 before [e\u207b]", lambda before, after: DETECTOR.gain * after - before,
     ),
     "quantization_and_output": Cell(
         (*FRAME, "gain"), "whole numbers of 16 bits, 0 to 65535",

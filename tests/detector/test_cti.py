@@ -8,6 +8,7 @@ from scipy.stats import chi2_contingency, chisquare, poisson
 
 from csstsim.counter import word
 from csstsim.detector.cti import transfer
+from csstsim.detector.serial import transfer_rows
 from csstsim.detector.traps import volume
 
 SIGMA5 = 5.7e-7  # probability beyond 5 sigma
@@ -190,13 +191,14 @@ def test_extreme_images():
         assert trapped == {50.0: trapped, 0.0: 0, 90000.0: traps}[charge]
 
 
+@pytest.mark.parametrize("move", [transfer, transfer_rows])
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e10])
-def test_values_that_are_no_charge_are_refused(bad):
+def test_values_that_are_no_charge_are_refused(bad, move):
     image = np.full((20, 30), 7, np.float32)
     image[3, 4:6] = bad
     before = image.copy()
     with pytest.raises(ValueError, match=r"2 pixel\(s\) is not finite or above"):
-        transfer(image, DENSITY, TAU, WELL, KEYS)
+        move(image, DENSITY, TAU, WELL, KEYS)
     assert np.array_equal(image, before, equal_nan=True)
 
 
@@ -230,5 +232,5 @@ def test_a_window_is_a_part_of_the_half(flip):
     wanted = transfer(half, DENSITY, TAU, WELL, KEYS, overscan=9, flip=flip, x0=3)
     given = transfer(part, DENSITY, TAU, WELL, KEYS, overscan=9, flip=flip, x0=3, lead=lead, n_rows=n_rows)
     assert np.array_equal(part, half[rows]) and np.array_equal(given[0], wanted[0]) and given[1] == wanted[1]
-    with pytest.raises(ValueError, match="of a half of 200"):
+    with pytest.raises(ValueError, match="of a line of 200"):
         transfer(part, DENSITY, TAU, WELL, KEYS, lead=120, n_rows=200)

@@ -47,21 +47,24 @@ def transfer(image, density, timescale, well, keys, *, flip=False, lead=0, n_row
     trail = np.zeros((overscan, nx), np.float32)
     if image.size == 0:
         return trail, 0
-    if not 0 <= lead <= n_rows - ny:
-        raise ValueError(f"{ny} rows, {lead} from the amplifier, of a half of {n_rows}")
-    check_charge(image)
-    fill = max(int(np.median(image)), 0) if ny < n_rows else 0
+    fill = checked_fill(image, ny, lead, n_rows)
     density, timescale = np.array(density, np.float64), np.array(timescale, np.float64)
     room = buffers(density, n_rows)
     trapped = _transfer(image, flip, lead, n_rows, fill, trail, keys, x0, density, timescale, well, room)
     return trail, trapped
 
 
-def check_charge(image):
-    """Raise ValueError for values that are not finite or above LARGEST."""
+def checked_fill(image, n, lead, length):
+    """Return the charge of the packets of a line of `length` that an image of `n`, `lead` from its end, leaves out.
+
+    Raises ValueError if it does not fit, and for values that are not finite or above LARGEST.
+    """
+    if not 0 <= lead <= length - n:
+        raise ValueError(f"{n} pixels, {lead} from the end, of a line of {length}")
     bad = image.size - _count_good(image)
     if bad:
         raise ValueError(f"the charge of {bad} pixel(s) is not finite or above {LARGEST:.0f} electrons")
+    return max(int(np.median(image)), 0) if n < length else 0
 
 
 @numba.njit(cache=True)

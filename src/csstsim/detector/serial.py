@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 from csstsim.counter import word
-from csstsim.detector.cti import check_charge, follow_all, whole
+from csstsim.detector.cti import checked_fill, follow_all, whole
 from csstsim.detector.packets import padded, search_room
 from csstsim.detector.traps import buffers, draw_traps
 
@@ -38,10 +38,7 @@ def transfer_rows(image, density, timescale, well, keys, *, prescan=0, lead=0, n
     trail = np.zeros((ny, overscan), np.float32)
     if image.size == 0:
         return trail, 0
-    if not 0 <= lead <= n_columns - nx:
-        raise ValueError(f"{nx} columns, {lead} from the prescan, of a channel of {n_columns}")
-    check_charge(image)
-    fill = max(int(np.median(image)), 0) if nx < n_columns else 0
+    fill = checked_fill(image, nx, lead, n_columns)
     density, timescale = np.array(density, np.float64), np.array(timescale, np.float64)
     head, room = np.empty(prescan + n_columns, np.int32), buffers(density, prescan + n_columns)
     draw_traps(keys[0], density, timescale, well, np.ones(len(head)), head, *room)

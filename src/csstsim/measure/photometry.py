@@ -176,16 +176,7 @@ def fit_sources(image, rms, unusable, x, y, counted, cell, coefficients, blurred
             continue
         flux = pd / pp
         ratio = gd / pd if pd != 0.0 else 0.0
-        noise, spread_noise, chi2 = 0.0, 0.0, 0.0
-        for r in range(side):
-            for c in range(side):
-                row, col = iy + r - HALF, ix + c - HALF
-                if row < 0 or row >= ny or col < 0 or col >= nx or unusable[row, col]:
-                    continue
-                variance = float(rms[row, col]) ** 2 + max(flux * p[r, c], 0.0) / counted[k]
-                noise += p[r, c] ** 2 * variance
-                spread_noise += (g[r, c] - ratio * p[r, c]) ** 2 * variance
-                chi2 += (image[row, col] - flux * p[r, c]) ** 2 / variance
+        noise, spread_noise, chi2 = _variances(image, rms, unusable, iy, ix, p, g, flux, ratio, counted[k])
         result[k, 0] = flux
         result[k, 1] = math.sqrt(noise) / pp
         result[k, 2] = chi2 / max(n - 1, 1)
@@ -196,6 +187,23 @@ def fit_sources(image, rms, unusable, x, y, counted, cell, coefficients, blurred
             result[k, 5] = (mxx - myy) / (mxx + myy)
             result[k, 6] = 2.0 * mxy / (mxx + myy)
     return result
+
+
+@numba.njit(cache=True)
+def _variances(image, rms, unusable, iy, ix, p, g, flux, ratio, counted):
+    """Return the sums behind a fit's flux error, spread error and chi2."""
+    ny, nx = image.shape
+    noise, spread_noise, chi2 = 0.0, 0.0, 0.0
+    for r in range(len(p)):
+        for c in range(len(p)):
+            row, col = iy + r - HALF, ix + c - HALF
+            if row < 0 or row >= ny or col < 0 or col >= nx or unusable[row, col]:
+                continue
+            variance = float(rms[row, col]) ** 2 + max(flux * p[r, c], 0.0) / counted
+            noise += p[r, c] ** 2 * variance
+            spread_noise += (g[r, c] - ratio * p[r, c]) ** 2 * variance
+            chi2 += (image[row, col] - flux * p[r, c]) ** 2 / variance
+    return noise, spread_noise, chi2
 
 
 def kron_flux(found, counted):

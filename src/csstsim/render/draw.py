@@ -50,16 +50,9 @@ def draw_objects(
     flags[rows[(beyond.wing is None) & (part["wing"] > 0)]] |= TRUNCATED_STAMP
     wing = part["wing"] if beyond.wing is not None else np.zeros(len(rows))
     choice = policy.choose(
-        scene,
-        part["reach"],
-        wing,
-        variance,
-        fidelity,
-        convex=psf.convex,
-        per_pixel=psf.oversampling,
-        maximum=maximum,
+        scene, part["reach"], wing, variance, fidelity, convex=psf.convex, per_pixel=psf.oversampling, maximum=maximum,
         ghosts=beyond.ghosts is not None and beyond.ghosts.visible(scene.electrons.sum(axis=1)),
-    )
+    )  # fmt: skip
     keys = _keys(key, scene.ids)
     drawn, ms, error, snr = np.zeros(count), *(np.zeros(count, np.float32) for _ in range(3))
     snr[rows] = choice.snr

@@ -133,22 +133,8 @@ def _range(weights):
 
 @numba.njit(cache=True, error_model="numpy")
 def _integrate(
-    z,
-    coefficients,
-    dust,
-    moments,
-    ranges,
-    nodes,
-    basis,
-    curve,
-    cuts,
-    grid,
-    edges,
-    depths,
-    continuum,
-    limits,
-    powers,
-):
+    z, coefficients, dust, moments, ranges, nodes, basis, curve, cuts, grid, edges, depths, continuum, limits, powers
+):  # fmt: skip
     """Sum spectrum x weight over the samples of the grid, cell by cell of the rest-frame nodes.
 
     In a cell the spectrum is a line, so its sum against the weights follows from the running sums of w, w lambda and
