@@ -1,9 +1,9 @@
-"""How many cosmic rays `measure` finds, and how many stars it takes for one; beside L.A.Cosmic if astroscrappy is there.
+"""How many cosmic rays `measure` finds, how many stars it takes for one; beside astroscrappy if it is installed.
 
     python benchmarks/cosmic_ray_rejection.py [--filters NUV r y]      # pip install astroscrappy for the second column
 
 The demo's window in each filter, made by `csstsim chip` with its truth mask. Found: of the pixels of rays 5 sigma or
-more above the sky, not on defects, before the found ones grow by a pixel. Stars: those of S/N above 20 without a ray or
+more above the sky, not on defects. Stars: those of S/N above 20 without a ray or
 a saturated pixel within 3 px that have a found pixel within 1 px.
 """
 
