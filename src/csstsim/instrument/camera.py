@@ -1,6 +1,7 @@
 """The camera: every data file of an instrument folder, read and checked as one frozen object."""
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from csstsim.instrument.chip import Chip, Detector
 from csstsim.instrument.cosmic_rays import load_cosmic_rays
 from csstsim.instrument.defects import load_defects
 from csstsim.instrument.filter import GRID, Filter, sample_curve
+from csstsim.instrument.grating import load_gratings
 from csstsim.instrument.load import build, folder_digest, read_data, read_sections
 from csstsim.instrument.orbit import Orbit
 from csstsim.instrument.pointing import parse_utc
@@ -47,6 +49,15 @@ class Camera:
     def slitless_chips(self):
         """Chips behind the gratings, by number."""
         return [chip for chip in self.chips.values() if chip.kind == "slitless"]
+
+    @cached_property
+    def gratings(self):
+        """{chip id: instrument.grating.Gratings} of the slitless chips. Raises InputError."""
+        file = self.folder / "gratings.yaml"
+        if not file.exists():
+            raise InputError("the instrument folder has no gratings", file=file)
+        chips = {chip.id: chip for chip in self.slitless_chips}
+        return load_gratings(self.folder / "gratings", read_data(file), chips, self.filters, self.telescope)
 
 
 def load_camera(folder):

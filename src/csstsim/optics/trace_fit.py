@@ -1,0 +1,93 @@
+"""Fits traces to sampled trajectories: equations 1 to 4 of the paper, as aXe's coefficients.
+
+For each order, by linear least squares over all positions and wavelengths,
+
+    y = a0 + a1 x,   lambda = alpha0 + alpha1 L,   L = x sqrt(1 + a1^2)
+
+with x, y from the direct image at m, n, and each coefficient quadratic in m, n. Where the light of an order lands in
+nearly one place (the zeroth), lambda of L is degenerate: there the fit is x = l0(m, n) + l1 lambda with one l1, no less
+than a thousandth of a pixel over the band, and the trace has no slope.
+"""
+
+import csv
+
+import numpy as np
+
+from csstsim.errors import InputError
+from csstsim.instrument.axe import BEAMS, field_terms
+
+_SHORT = 5.0  # px, of an order's length, below which it is an image rather than a spectrum
+_LEAST = 1e-3  # px over the band
+COLUMNS = ("order", "m", "n", "wavelength", "x", "y")
+
+
+def fit_traces(samples):
+    """Return {order: coefficients as instrument.axe has them, with "extent"} of samples {order: (k, 5)}.
+
+    Rows of samples: m, n [0-based px], lambda [angstrom], x, y [px] where that light lands. Raises ValueError where the
+    positions do not determine a quadratic, or a spectrum has fewer than two wavelengths.
+    """
+    return {order: _fit(np.asarray(rows, float), order) for order, rows in samples.items()}
+
+
+def _fit(rows, order):
+    m, n, wave, x, y = rows.T
+    dx, dy, terms = x - m, y - n, field_terms(m, n)
+    scale = np.abs(terms).max(axis=0)
+    terms = terms / np.where(scale > 0, scale, 1.0)
+
+    def solve(columns, values):
+        found, _, rank, _ = np.linalg.lstsq(columns, values)
+        if rank < columns.shape[1]:
+            raise ValueError(f"order {order:+d}: the samples do not determine the coefficients")
+        return found
+
+    zero = np.zeros(6)
+    each = np.unique(rows[:, :2], axis=0, return_inverse=True)[1].ravel()
+    length = np.bincount(each, dx) / np.bincount(each)
+    if np.abs(dx - length[each]).max() < _SHORT / 2:
+        found = solve(np.column_stack([terms, wave]), dx)
+        band = wave.max() - wave.min()
+        slope = found[6] if abs(found[6]) * band >= _LEAST else _LEAST / band
+        l0 = solve(terms, dx - slope * wave) / scale
+        alpha1 = np.array([1.0 / slope, *zero[1:]])
+        a0, a1, alpha0 = solve(terms, dy) / scale, zero, -l0 / slope
+    else:
+        both = solve(np.column_stack([terms, terms * dx[:, None]]), dy)
+        a0, a1 = both[:6] / scale, both[6:] / scale
+        path = dx * np.sqrt(1.0 + (field_terms(m, n) @ a1) ** 2)
+        both = solve(np.column_stack([terms, terms * path[:, None]]), wave)
+        alpha0, alpha1 = both[:6] / scale, both[6:] / scale
+    extent = float(np.floor(dx.min())), float(np.ceil(dx.max()))
+    return {"extent": extent, "xoff": zero, "yoff": zero, "a0": a0, "a1": a1, "alpha0": alpha0, "alpha1": alpha1}
+
+
+def residuals(fitted, rows):
+    """Return (k,) px between where light lands by one order's coefficients and by its samples."""
+    m, n, wave, x, y = np.asarray(rows, float).T
+    a0, a1, alpha0, alpha1 = (field_terms(m, n) @ fitted[name] for name in ("a0", "a1", "alpha0", "alpha1"))
+    dx = (wave - alpha0) / (alpha1 * np.sqrt(1.0 + a1 * a1))
+    return np.hypot(m + dx - x, n + a0 + a1 * dx - y)
+
+
+def read_trajectories(path):
+    """Return {order: (k, 5)} of a CSV table with the columns COLUMNS. Raises InputError."""
+    try:
+        with open(path, newline="") as file:
+            rows = list(csv.DictReader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as exc:
+        raise InputError(f"cannot be read: {exc}", file=path) from None
+    missing = [name for name in COLUMNS if not rows or name not in rows[0]]
+    if missing:
+        raise InputError("column is missing", file=path, key=missing[0], allowed=", ".join(COLUMNS))
+    out = {}
+    for number, row in enumerate(rows, 2):
+        try:
+            order, *values = int(row["order"]), *(float(row[name]) for name in COLUMNS[1:])
+        except (TypeError, ValueError):
+            raise InputError("not a number", file=path, key=f"line {number}", value=list(row.values())) from None
+        if order not in BEAMS.values() or not np.isfinite(values).all():
+            raise InputError("out of range", file=path, key=f"line {number}", value=[order, *values],
+                             allowed=f"orders {sorted(BEAMS.values())}, finite numbers")  # fmt: skip
+        out.setdefault(order, []).append(values)
+    return {order: np.array(rows) for order, rows in sorted(out.items())}
