@@ -225,6 +225,7 @@ def _blank(run, job, objects=None):
         chip=job.chip, filter=camera.filters[job.chip.filter], telescope=camera.telescope, pointing=job.pointing,
         catalog=objects, window=job.window, wcs=job.wcs, image=np.zeros(job.window.shape, np.float32), mask=mask,
         sky=camera.sky, leds=camera.leds, prnu=run.steps[job.pointing.type].losses["prnu"],
+        gratings=camera.gratings.get(job.chip.id) if job.chip.kind == "slitless" else None,
     )  # fmt: skip
 
 

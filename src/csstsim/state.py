@@ -41,7 +41,8 @@ class State:
     truth: Any = None
     prnu: bool = False  # light meets the pixels' response (PRNU_effect is in the list)
     leds: Any = None  # leds.yaml as instrument.load.read_data gives it, for flat fields and lamps
-    sky: Any = None  # sky.yaml as instrument.load.read_data gives it, for the stray-light model
+    gratings: Any = None  # instrument.grating.Gratings of a slitless chip
+    sky: Any = None  # sky.yaml as instrument.load.read_data gives it, for the stray-light model and the sky's colour
     _response: tuple = (None, None)  # what `response` gave last
 
     def response(self, exptime, rng, *, flat, shutter):
