@@ -15,7 +15,7 @@ from csstsim.layers.param import EXPTIME, LayerParam
 from csstsim.optics.flat import check_flat
 from csstsim.sky import background
 from csstsim.sky.bodies import exposure_angles
-from csstsim.sky.dispersed import disperse, nominal_parts, sky_spectrum
+from csstsim.sky.dispersed import disperse, nominal_spectrum, sky_spectrum
 from csstsim.sky.frame import telescope_axes
 from csstsim.sky.numbers import sky_numbers
 from csstsim.units import DAY_S
@@ -65,8 +65,11 @@ def apply(state, param, rng):
     sky, rate, means = _model(state, exptime) if param.enable_straylight_model else _constant(state, exptime)
     if state.gratings is not None:
         numbers = sky_numbers(state.sky)
-        shape = sky_spectrum(state.filter, means or nominal_parts(state.filter, numbers), angles["sun"], numbers)
-        disperse(sky, state.gratings, state.window, shape)
+        if param.enable_straylight_model:
+            spectrum = sky_spectrum(state.filter, means, angles["sun"], numbers)
+        else:
+            spectrum = nominal_spectrum(state.filter, numbers)
+        disperse(sky, state.gratings, state.window, spectrum)
         all_orders = float(sky.mean(dtype=float)) / (exptime * rate)
         rate, means = rate * all_orders, {name: mean * all_orders for name, mean in means.items()}
     state.header |= {"sky_rate": rate} | {f"sky_{name}": mean for name, mean in means.items()}
