@@ -130,7 +130,7 @@ def test_a_window_has_the_pixels_of_the_chip():
 
 @pytest.mark.parametrize("chip", SLITLESS)
 def test_level_and_direction(chip):
-    """A row's level by the shifts in the middle of the chip alone; at the split orders 1 and 2 double, and 16 px of 0."""
+    """A level by the shifts in the middle of the chip alone; at the split orders 1 and 2 double, and 0 on 16 px."""
     gratings, spectrum, nx = CAMERA.gratings[chip], nominal(chip), CAMERA.chips[chip].detector.nx
     middle = Window(0, nx, 4600, 4601)
     sky, expected = np.ones(middle.shape, np.float32), 0.0

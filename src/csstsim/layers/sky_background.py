@@ -70,8 +70,8 @@ def apply(state, param, rng):
         else:
             spectrum = nominal_spectrum(state.filter, numbers)
         disperse(sky, state.gratings, state.window, spectrum)
-        all_orders = float(sky.mean(dtype=float)) / (exptime * rate)
-        rate, means = rate * all_orders, {name: mean * all_orders for name, mean in means.items()}
+        first, rate = rate, float(sky.mean(dtype=float)) / exptime
+        means = {name: mean * rate / first for name, mean in means.items()}
     state.header |= {"sky_rate": rate} | {f"sky_{name}": mean for name, mean in means.items()}
     response = state.response(exptime, rng, flat=param.flat_fielding, shutter=param.shutter_effect)
     if response is None:
