@@ -42,7 +42,7 @@ class State:
     prnu: bool = False  # light meets the pixels' response (PRNU_effect is in the list)
     leds: Any = None  # leds.yaml as instrument.load.read_data gives it, for flat fields and lamps
     gratings: Any = None  # instrument.grating.Gratings of a slitless chip
-    sky: Any = None  # sky.yaml as instrument.load.read_data gives it, for the stray-light model and the sky's colour
+    sky: Any = None  # sky.yaml as instrument.load.read_data gives it, for the stray-light model
     _response: tuple = (None, None)  # what `response` gave last
 
     def response(self, exptime, rng, *, flat, shutter):
