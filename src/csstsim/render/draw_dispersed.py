@@ -117,9 +117,10 @@ def _tables(objects, rows, part, scene, choice, visits, result, flags, disperser
     stamp[rows[slabs]] = 2 * np.maximum(part["reach"], np.ceil(wing))[slabs] + 1
     lit = result.box[..., 1] > 0
     low, high = np.full((count, 2), np.iinfo(np.int32).max), np.zeros((count, 2), np.int64)
-    for v, o in np.argwhere(lit).tolist():
-        x0, x1, y0, y1 = result.box[v, o]
-        low[at[v]], high[at[v]] = np.minimum(low[at[v]], (x0, y0)), np.maximum(high[at[v]], (x1, y1))
+    v, o = np.nonzero(lit)
+    box = result.box[v, o]
+    np.minimum.at(low, at[v], box[:, ::2])
+    np.maximum.at(high, at[v], box[:, 1::2])
     low[high[:, 0] == 0] = 0
     off = (drawn == 0) & np.isin(np.arange(count), rows) & (method != "photons")
     flags[off] |= OFF_CHIP

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from csstsim.render.error_model import predicted
+from csstsim.render.line_wings import LINE_STEP
 from csstsim.render.numbers import load_numbers
 from csstsim.render.unresolved import MESH
-from csstsim.render.wings import LINE_STEP
 
 NONE, UNRESOLVED, PHOTONS, STAMP = range(4)
 METHODS = np.array(["none", "unresolved", "photons", "stamp"])

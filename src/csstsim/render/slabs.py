@@ -3,7 +3,7 @@
 An object in light of one wavelength is a stamp (render.point_stamp, render.galaxy_stamp), the mixture of those at the
 four wavelengths of the PSF set. Its spectrum's bins are dealt out to slabs `1 / per_px` of a pixel apart along x, each
 bin to four of them by the cubic through them, so that light, centroid and width of a line stay. A slab is the stamp of
-its sub-pixel phase times its light; mixture of wavelengths and height of the trace are those of the middle of 8 px.
+its sub-pixel phase times its light; mixture of wavelengths and height of the trace are those of the middle of 16 px.
 Slabs need not be denser than the image is sharp: `per_px` falls with the object's size (SLABS of them to its half-light
 radius). Light beyond the PSF's box is added every 16 px (render.wings). What falls beyond a grating's piece is cut off
 the stamps, by the share of each pixel. Left out: ghosts of dispersed light.
@@ -19,15 +19,15 @@ from csstsim.catalog.flags import FFT_REDUCED, OUTSIDE_PSF_HULL
 from csstsim.optics.beyond import Beyond
 from csstsim.render.far_wings import FarWings
 from csstsim.render.galaxy_stamp import galaxy_stamp, plan_galaxies
-from csstsim.render.point_stamp import point_stamp
+from csstsim.render.line_wings import add_line, points_of
+from csstsim.render.point_stamp import cells_stamp
 from csstsim.render.psf_mixture import Mixer
-from csstsim.render.wings import LINE_STEP, add_spectrum
 
 NOTHING = Beyond()
 PER_PX = 4  # slabs to a pixel of a point's spectrum
 SLABS = 8.0  # to the half-light radius of a galaxy
 _HEIGHT = 4  # heights of the trace in a pixel between which stamps are interpolated
-_BLOCK = 8  # px of the trace that share a mixture of wavelengths and a height
+_BLOCK = 16  # px of the trace that share a mixture of wavelengths and a height
 _SIDE = 2  # px that a slab's four neighbours may lie beyond a block
 
 
@@ -83,10 +83,9 @@ def draw_spectra(
             if beyond.wing is not None:
                 wing = wing_px[i] * np.cbrt(min(light.sum() / scene.electrons[i].sum(), 1.0)) if wing_px[i] > 0 else 0.0
                 wing = wing if wing > 1.5 * half else 0.0
-                seen = wing > 0 or parts
-                if seen:
-                    points = _points(x, y, light * mixture)
-                    parts += add_spectrum(image, response, window, *points, beyond.wing, wing, half, far)
+                if wing > 0 or parts:
+                    points = points_of(x, y, light * mixture)
+                    parts.append(add_line(image, response, window, *points, beyond.wing, wing, half, far))
             out.drawn[v, o] = sum(electrons for electrons, _ in parts)
             boxes = [box for _, box in parts if box is not None]
             if boxes:
@@ -108,23 +107,34 @@ class _Stamps:
         self._core, self._side, self._made = core, side, {}
         self.galaxy = bool(plan.size[0])
 
-    def get(self, band, column, row):
-        """Return (rows, columns) float32: the object `column` / density, `row` / _HEIGHT px from a pixel's centre."""
-        key = band, column, row
-        if key not in self._made:
-            self._made[key] = self._make(band, column / self.density, row / _HEIGHT).astype(np.float32)
-        return self._made[key]
+    def phases(self, band):
+        """Return (density, _HEIGHT, rows, columns) float32: the object column / density, row / _HEIGHT px from a
+        pixel's centre."""
+        if band not in self._made:
+            size = 2 * self.reach + 1
+            made = np.empty((self.density, _HEIGHT, size, size), np.float32)
+            cells = None if self.galaxy else self.mixer.mixed_cells(self.scene.node[0], self._share(band))
+            if cells is not None and self._core is not None:
+                cells *= self._core
+            for column in range(self.density):
+                for row in range(_HEIGHT):
+                    made[column, row] = self._make(band, column / self.density, row / _HEIGHT, cells)
+            self._made[band] = made
+        return self._made[band]
 
-    def _make(self, band, x, y):
-        bounds = (-self.reach, self.reach + 1) * 2
+    def _share(self, band):
         share = np.zeros((len(self.scene.node[0]), 4))
         share[:, band] = self.scene.weight[0]
+        return share
+
+    def _make(self, band, x, y, cells):
+        bounds = (-self.reach, self.reach + 1) * 2
         if self.galaxy:
             there = replace(self.scene, x=np.array([x]), y=np.array([y]))
-            stamp = galaxy_stamp(self.mixer, there, self.plan, 0, share, bounds, core=self._core)
+            stamp = galaxy_stamp(self.mixer, there, self.plan, 0, self._share(band), bounds, core=self._core)
             stamp = np.maximum(stamp, 0.0) * (stamp.sum() / max(np.maximum(stamp, 0.0).sum(), 1e-300))
         else:
-            stamp = point_stamp(self.mixer, self.scene.node[0], share, x, y, bounds, core=self._core)
+            stamp = cells_stamp(cells, self.mixer.per_pixel, x, y, bounds)
         if self._side is not None:
             pixels = np.arange(bounds[0], bounds[1])
             x0, x1, y0, y1 = self._side
@@ -140,13 +150,23 @@ class _Stamps:
         out = np.zeros((self.density, size + 2, size), np.float32)
         place = height * _HEIGHT
         first = int(np.floor(place)) - 1
-        for k, share in enumerate(_cubic(place - first - 1)):
-            pixel, phase = divmod(first + k, _HEIGHT)
-            for band in np.flatnonzero(weights):
-                factor = np.float32(share * weights[band])
-                for column in range(self.density):
-                    out[column, 1 + pixel : 1 + pixel + size] += factor * self.get(int(band), column, phase)
+        cubic = np.array(_cubic(place - first - 1))
+        for band in np.flatnonzero(weights).tolist():
+            _mix(out, self.phases(band), (weights[band] * cubic).astype(np.float32), first)
         return out
+
+
+@numba.njit(cache=True)
+def _mix(out, phases, shares, first):
+    """Add phases (density, heights, size, size) of four heights from `first` on, times shares, to `out`."""
+    density, heights, size, _ = phases.shape
+    for column in range(density):
+        for k in range(4):
+            pixel, phase, share = (first + k) // heights, (first + k) % heights, shares[k]
+            for row in range(size):
+                line, stamp = out[column, 1 + pixel + row], phases[column, phase, row]
+                for x in range(size):
+                    line[x] += share * stamp[x]
 
 
 def _inside(places, low, high):
@@ -158,17 +178,6 @@ def _cubic(t):
     """Return the weights of four values, at -1, 0, 1, 2, of the cubic through them at t within 0..1."""
     a, b, c = t + 1, t - 1, t - 2
     return -t * b * c / 6, a * b * c / 2, -a * t * c / 2, a * t * b / 6
-
-
-def _points(x, y, light):
-    """Return ((m, 2) places, (m, 4) light): the spectrum as points at most LINE_STEP apart."""
-    which = np.floor((x - x.min()) / LINE_STEP).astype(int)
-    total = light.sum(axis=0)
-    sums = np.stack([np.bincount(which, band) for band in light], axis=1)
-    lit = sums.sum(axis=1)
-    used = lit > 0
-    places = np.stack([np.bincount(which, total * v)[used] / lit[used] for v in (x, y)], axis=1)
-    return places, sums[used]
 
 
 def _add_slabs(image, response, window, x, y, light, mixture, stamps):

@@ -23,14 +23,12 @@ FADE = 0.7, 0.95  # of the box's half side
 _TAPER = 0.75  # of the wing's reach
 FAINT_REACH = 512.0  # px; beyond lies 0.5% of the light
 _LOW = 0  # octave of r^2 [px^2] where tables begin
-_FIRST = first_of(_LOW)
+FIRST = first_of(_LOW)
 _NEAR_PX = 256.0  # radius within which every pixel is read from the table
-LINE_STEP = 16.0  # px between points that stand for a spectrum; boxes fade from 22 px on
-_POINTS_FAR = 4
 _LONG = 4  # NEAR: shorter wings are drawn here whole
-_BLOCK = 8  # px between values read beyond
-_AT = np.arange(_BLOCK) / _BLOCK
-_CUBIC = np.stack([  # weights of four values, at -1, 0, 1, 2, at each place between 0 and 1
+BLOCK = 8  # px between values read beyond
+_AT = np.arange(BLOCK) / BLOCK
+CUBIC = np.stack([  # weights of four values, at -1, 0, 1, 2, at each place between 0 and 1
     -_AT * (_AT - 1) * (_AT - 2) / 6, (_AT + 1) * (_AT - 1) * (_AT - 2) / 2,
     -(_AT + 1) * _AT * (_AT - 2) / 2, (_AT + 1) * _AT * (_AT - 1) / 6,
 ])  # fmt: skip
@@ -49,11 +47,11 @@ def box_share(cells, per_pixel):
 
 
 def wing_table(wing, flux, half, reach):
-    """Return the wing per pixel on octaves of r^2. flux: (4,) electrons; half: of the box [px]; reach in px."""
-    octaves = _octaves(reach)
-    r, table = _radii(octaves), np.einsum("b,br->r", flux, _shown(wing, half, octaves))  # no BLAS: bits
+    """Return the wing per pixel on octaves of r^2. flux: (..., 4) electrons; half: of the box [px]; reach in px."""
+    octaves = octaves_of(reach)
+    r, table = _radii(octaves), np.einsum("...b,br->...r", flux, shown(wing, half, octaves))  # no BLAS: bits
     end = np.searchsorted(r, _TAPER * reach)
-    table[end:] *= step(r[end:], _TAPER * reach, reach)
+    table[..., end:] *= step(r[end:], _TAPER * reach, reach)
     return table
 
 
@@ -63,7 +61,7 @@ def _radii(octaves):
 
 
 @lru_cache
-def _shown(wing, half, octaves):
+def shown(wing, half, octaves):
     """Return the wing of each sub-band, (4, nodes), faded in where the box is faded out."""
     r = _radii(octaves)
     inner, outer = (f * half for f in FADE)
@@ -71,12 +69,12 @@ def _shown(wing, half, octaves):
 
 
 @lru_cache
-def _near(octaves):
+def near_part(octaves):
     """Return the part of a long wing that is drawn here, not by the FarWings."""
     return step(_radii(octaves), NEAR, 2 * NEAR)
 
 
-def _octaves(reach):
+def octaves_of(reach):
     return math.ceil(2 * math.log2(reach)) + 1
 
 
@@ -92,8 +90,8 @@ def add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px, half,
     if wing_px > 0:
         table = wing_table(beyond.wing, flux, half, wing_px)
         if far is not None and wing_px > _LONG * NEAR:
-            near = _near(_octaves(wing_px))
-            parts.append(far.add(x, y, wing_px, table * (1 - near), _FIRST))
+            near = near_part(octaves_of(wing_px))
+            parts.append(far.add(x, y, wing_px, table * (1 - near), FIRST))
             table, wing_px = table * near, 2 * NEAR
         parts.append(_on_window(_add_radial, image, response, window, x, y, wing_px, table))
     if beyond.ghosts is not None and beyond.ghosts.visible(flux.sum()):
@@ -105,34 +103,9 @@ def add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px, half,
     return [part for part in parts if part is not None]
 
 
-def add_spectrum(image, response, window, places, flux, wing, wing_px, half, far):
-    """Add the wings of a spectrum, as of points along it; return [(electrons, box), ...] as `add_beyond` does.
-
-    places (m, 2): x, y [px] of points no more than LINE_STEP apart; flux (m, 4): electrons. wing_px = 0: the wings of a
-    faint object. The far parts, smooth, are those of every few points together.
-    """
-    parts, near_px = [], 2 * NEAR
-    for first in range(0, len(places), _POINTS_FAR):
-        some = slice(first, first + _POINTS_FAR)
-        light = flux[some].sum(axis=0)
-        x, y = (np.einsum("m,mk->k", flux[some].sum(axis=1), places[some]) / light.sum()).tolist()
-        if wing_px == 0:
-            added = add_faint(far, x, y, light, wing, half)
-            parts.append((added, None))
-            continue
-        whole = wing_px <= near_px
-        near = 1.0 if whole else _near(_octaves(wing_px))
-        if not whole:
-            parts.append(far.add(x, y, wing_px, wing_table(wing, light, half, wing_px) * (1 - near), _FIRST))
-        for (x, y), light in zip(places[some].tolist(), flux[some], strict=True):
-            table = wing_table(wing, light, half, wing_px) * near
-            parts.append(_on_window(_add_radial, image, response, window, x, y, min(wing_px, near_px), table))
-    return [part for part in parts if part is not None]
-
-
 def add_faint(far, x, y, flux, wing, half):
     """Add the wing of a faint object to the mesh of a FarWings; return the electrons on the window."""
-    added = far.add(x, y, FAINT_REACH, np.einsum("b,br->r", flux, _haze(wing, half)), _FIRST)
+    added = far.add(x, y, FAINT_REACH, np.einsum("b,br->r", flux, _haze(wing, half)), FIRST)
     return added[0] if added else 0.0
 
 
@@ -142,11 +115,11 @@ def _haze(wing, half):
 
     It is faded in from the middle on, not over the box's ring, which is too narrow for the mesh.
     """
-    r = _radii(_octaves(FAINT_REACH))
+    r = _radii(octaves_of(FAINT_REACH))
     taper = step(r, _TAPER * FAINT_REACH, FAINT_REACH)
     outer = FADE[1] * half
     smooth = wing.profile(np.maximum(r, FADE[0] * half)) * (1 - step(r, 0.0, outer)) * taper
-    wanted = np.trapezoid(_shown(wing, half, _octaves(FAINT_REACH)) * taper * r, r, axis=1)
+    wanted = np.trapezoid(shown(wing, half, octaves_of(FAINT_REACH)) * taper * r, r, axis=1)
     return smooth * (wanted / np.trapezoid(smooth * r, r, axis=1))[:, None]
 
 
@@ -165,7 +138,7 @@ def _add_radial(image, response, x, y, reach, table):
     """Add the table's value at r^2 around pixel position x, y of `image`; return the sum."""
     columns = image.shape[1]
     total = 0.0
-    square, value, sums = np.empty(columns + 1), np.empty(columns + _BLOCK), np.empty(_BLOCK)
+    square, value, sums = np.empty(columns + 1), np.empty(columns + BLOCK), np.empty(BLOCK)
     bits = square.view(np.int64)
     for row in range(image.shape[0]):
         dy2 = (row - y) ** 2
@@ -179,16 +152,16 @@ def _add_radial(image, response, x, y, reach, table):
         for column in range(left, right):
             square[column] = dy2 + (column - x) ** 2
         for column in range(left, right):
-            value[column] = read(table, _FIRST, bits[column])
+            value[column] = read(table, FIRST, bits[column])
         _coarse(value, right, last, x, dy2, table)
         shown, line, seen = value[first:last], image[row, first:last], response[row, first:last]
         for column in range(len(shown)):
             shown[column] *= seen[column]
             line[column] += shown[column]
         sums[:] = 0.0
-        whole = len(shown) // _BLOCK * _BLOCK
-        for column in range(0, whole, _BLOCK):
-            for k in range(_BLOCK):
+        whole = len(shown) // BLOCK * BLOCK
+        for column in range(0, whole, BLOCK):
+            for k in range(BLOCK):
                 sums[k] += shown[column + k]
         for column in range(whole, len(shown)):
             sums[0] += shown[column]
@@ -198,23 +171,23 @@ def _add_radial(image, response, x, y, reach, table):
 
 @numba.njit(cache=True)
 def _coarse(value, first, last, x, dy2, table):
-    """Fill value[first:last] of a row from table values _BLOCK apart."""
+    """Fill value[first:last] of a row from table values BLOCK apart."""
     if first >= last:
         return
     place = np.empty(1)
     bits = place.view(np.int64)
     before = here = after = 0.0
-    for block in range(-3, (last - first + _BLOCK - 1) // _BLOCK):
-        place[0] = dy2 + (first + (block + 2) * _BLOCK - x) ** 2
-        beyond = read(table, _FIRST, bits[0])
+    for block in range(-3, (last - first + BLOCK - 1) // BLOCK):
+        place[0] = dy2 + (first + (block + 2) * BLOCK - x) ** 2
+        beyond = read(table, FIRST, bits[0])
         if block >= 0:
-            start = first + block * _BLOCK
-            for k in range(min(_BLOCK, len(value) - start)):
+            start = first + block * BLOCK
+            for k in range(min(BLOCK, len(value) - start)):
                 value[start + k] = (
-                    _CUBIC[0, k] * before + _CUBIC[1, k] * here + _CUBIC[2, k] * after + _CUBIC[3, k] * beyond
+                    CUBIC[0, k] * before + CUBIC[1, k] * here + CUBIC[2, k] * after + CUBIC[3, k] * beyond
                 )
             if beyond <= 0.0:  # where the wing ends, a cubic dips by rounding
-                for k in range(min(_BLOCK, len(value) - start)):
+                for k in range(min(BLOCK, len(value) - start)):
                     value[start + k] = max(value[start + k], 0.0)
         before, here, after = here, after, beyond
 

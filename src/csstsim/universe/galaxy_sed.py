@@ -187,7 +187,7 @@ def _integrate(
                     centre = w1 / w0
                     sample = max(min(int(centre * per_step), last - 2), start)
                     beyond = (centre * per_step - sample) * (last - start > 1)  # no step across a cut
-                    height = exponential(-more * (curve[sample] + beyond * (curve[sample + 1] - curve[sample])))
+                    height = _exp(-more * (curve[sample] + beyond * (curve[sample + 1] - curve[sample])))
                     light = rest[j] * w0 + slope * (w1 - left * w0)
                     if grid[start] < blue:
                         middle = 0.5 * (nodes[j] + nodes[min(j + 1, len(nodes) - 1)])
@@ -220,7 +220,7 @@ def _gas(middle, start, last, centre, step, reach, edges, clear, continuum, limi
 
 
 @numba.njit(cache=True, error_model="numpy")
-def exponential(x):
+def _exp(x):
     """exp(x); by its series where that is exact to 1e-9, as it is for galaxies behind nearly the same dust."""
     return 1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))) if abs(x) < 0.01 else np.exp(x)
 
