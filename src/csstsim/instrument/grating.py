@@ -147,8 +147,8 @@ def _check_traces(grating, piece, file):
                 raise InputError("must be of one sign on " + where, file=file, key=key, value=span)
             first = first or span[0]
             if number * first * span[0] < 0:
-                raise InputError(f"the wrong way for order {number:+d}", file=file, key=key, value=span,
-                                 allowed="as the first order if positive (beams A to E: +1, 0, +2, -1, -2)")  # fmt: skip
+                raise InputError(f"wrong sign of order {number:+d}", file=file, key=key, value=span,
+                                 allowed="beams A to E are +1, 0, +2, -1, -2")  # fmt: skip
             far = _reach(grating.orders[number], piece)
             if not far < _FAR:
                 raise InputError(f"sends light too far on {where}", file=file, key=f"BEAM{letters[number]}",
