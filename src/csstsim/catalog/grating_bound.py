@@ -14,7 +14,7 @@ import numpy as np
 
 SPILL = 0.003  # of a flat spectrum's electrons
 MARGIN = 1.05  # also magnitudes' own error, 2e-3
-_BLOCK = 10  # samples of filter.GRID (5 angstrom) that one constraint covers
+_BLOCK = 4  # samples of filter.GRID (2 angstrom) that one constraint covers
 
 
 @lru_cache(maxsize=16)
