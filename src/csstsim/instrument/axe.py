@@ -65,10 +65,9 @@ def read_axe(path):
     for key in ("XOFF", "YOFF", "REFX", "REFY"):
         if key in entries and _numbers(entries, key, (1,), path)[0] != 0:
             raise InputError("pixels count from the chip's corner", file=path, key=key, allowed="0, or left out")
-    orders = {order: _beam(entries, beam, path) for beam, order in BEAMS.items() if f"BEAM{beam}" in entries}
-    if 1 not in orders:
+    if "BEAMA" not in entries:
         raise InputError("the first order is missing", file=path, key="BEAMA")
-    return orders
+    return {order: _beam(entries, beam, path) for beam, order in BEAMS.items() if f"BEAM{beam}" in entries}
 
 
 def _words(entries, key, path):
@@ -97,7 +96,7 @@ def _beam(entries, beam, path):
     for (key, degree), allowed in zip(degrees.items(), ((0, 1), (1,)), strict=True):
         if degree not in allowed:
             raise InputError("traces and dispersion are linear here (paper, equations 1 and 2)", file=path, key=key,
-                             value=degree, allowed=" or ".join(map(str, allowed)))  # fmt: skip
+                             value=float(degree), allowed=" or ".join(map(str, allowed)))  # fmt: skip
     extent = _numbers(entries, f"BEAM{beam}", (2,), path)
     if not extent[0] < extent[1]:
         raise InputError("must rise", file=path, key=f"BEAM{beam}", value=extent.tolist())

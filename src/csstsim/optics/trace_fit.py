@@ -64,16 +64,23 @@ def _fit(rows, order):
         path = dx * np.sqrt(1.0 + (field_terms(m, n) @ a1) ** 2)
         both = solve(np.column_stack([terms, terms * path[:, None]]), wave)
         alpha0, alpha1 = both[:6] / scale, both[6:] / scale
-    extent = float(np.floor(dx.min())), float(np.ceil(dx.max()))
-    return {"extent": extent, "xoff": zero, "yoff": zero, "a0": a0, "a1": a1, "alpha0": alpha0, "alpha1": alpha1}
+    found = {"xoff": zero, "yoff": zero, "a0": a0, "a1": a1, "alpha0": alpha0, "alpha1": alpha1}
+    both = np.concatenate([dx, _along(found, m, n, wave)[0]])
+    return found | {"extent": (float(np.floor(both.min())), float(np.ceil(both.max())))}
 
 
 def residuals(fitted, rows):
     """Return (k,) px between where light lands by one order's coefficients and by its samples."""
     m, n, wave, x, y = np.asarray(rows, float).T
+    dx, dy = _along(fitted, m, n, wave)
+    return np.hypot(m + dx - x, n + dy - y)
+
+
+def _along(fitted, m, n, wave):
+    """Return dx, dy [px] from direct images at m, n of their light of wavelength `wave`."""
     a0, a1, alpha0, alpha1 = (field_terms(m, n) @ fitted[name] for name in ("a0", "a1", "alpha0", "alpha1"))
     dx = (wave - alpha0) / (alpha1 * np.sqrt(1.0 + a1 * a1))
-    return np.hypot(m + dx - x, n + a0 + a1 * dx - y)
+    return dx, a0 + a1 * dx
 
 
 def read_trajectories(path):
