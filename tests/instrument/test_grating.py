@@ -35,13 +35,15 @@ def test_two_gratings_a_chip(camera):
         for grating, piece, sign in ((left, to_left, 1), (right, to_right, -1)):
             x, y = places(piece)
             for order in grating.orders.values():
-                _, q, r, s = order.lines(x, y).T
+                p, q, r, s = order.lines(x, y).T
                 ends = np.array(order.range)
                 if order.number:
                     dispersion = sign * order.number / q  # of all orders the first one's, to 3% over the piece
                     assert dispersion == pytest.approx(DISPERSION[chip.filter], rel=0.03)
                 else:
                     assert (sign * q > 0).all() and np.abs(q).max() * np.ptp(ends) < 1.1  # px, the whole band
+                light = p[:, None] + q[:, None] * ends
+                assert order.extent[0] <= light.min() and light.max() <= order.extent[1]  # what extraction relies on
                 # Along the chip's rows, to 10 px: the turn by one degree is the chip's
                 assert np.abs(r[:, None] + s[:, None] * ends).max() < 10
 
