@@ -197,6 +197,34 @@ def bench(output, quick, band, methods, objects, seed, readout):
         run(output, band, methods, quick, objects, seed, say=click.echo)
 
 
+@main.command("fit-grating")
+@click.argument("samples", type=click.Path())
+@click.option("--output", required=True, type=click.Path(), help="The aXe configuration to write, NAME.conf.")
+@click.option("--sensitivity", "stem", help="STEM of the sensitivities it names: STEM_p1.fits, ... [default: NAME].")
+def fit_grating(samples, output, stem):
+    """Fit a grating's traces and dispersion to trajectories of ray tracing: equations 1 to 4 of the paper.
+
+    \b
+    SAMPLES is a CSV table, one row a ray, with a heading:
+      order,m,n,wavelength,x,y
+    order       -2, -1, 0, 1 or 2; the first is needed
+    m, n        0-based pixel of the direct image, which is where light would land without the grating
+    wavelength  angstrom
+    x, y        0-based pixel on which that light lands
+
+    The paper samples 10 x 10 positions over the grating's piece of the chip and 8 wavelengths; 3 x 3 positions and
+    2 wavelengths are the least. Dispersion runs along x. Printed: residuals in px of the file written.
+
+    \b
+    To try it, with the trajectories behind a shipped grating:
+      python tests/instrument/build_gratings.py --samples GI1 > samples.csv
+      csstsim fit-grating samples.csv --output results/GI1.conf --sensitivity GI
+    """
+    from csstsim.optics.trace_fit import fit_file, fit_report
+
+    click.echo("\n".join(fit_report(fit_file(samples, output, stem))))
+
+
 @main.command()
 def layers():
     """List the layers an observation file may name, with their parameters."""

@@ -1,11 +1,13 @@
 """Builder of config/instrument/gratings/: the 24 aXe configurations and the sensitivities they name.
 
     python tests/instrument/build_gratings.py [config/instrument]
+    python tests/instrument/build_gratings.py --samples GI1 > samples.csv     what `csstsim fit-grating` takes
 
 Traces are fitted (csstsim.optics.trace_fit) to 10 x 10 x 8 samples of what gratings.yaml describes
 (csstsim.optics.grating_rays); sensitivities are filters.yaml's throughput times the orders' efficiency.
 """
 
+import csv
 import sys
 from pathlib import Path
 
@@ -14,12 +16,12 @@ from astropy.io import fits
 
 from csstsim.atomic import atomic_path
 from csstsim.config import SHIPPED
-from csstsim.instrument.axe import axe_text
+from csstsim.instrument.axe import axe_text, sensitivity_file
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.grating import sensitivity
 from csstsim.instrument.load import read_data
 from csstsim.optics.grating_rays import trajectories
-from csstsim.optics.trace_fit import fit_traces, residuals
+from csstsim.optics.trace_fit import COLUMNS, fit_traces, residuals
 
 STEP = 10  # samples of the filter's grid: 5 angstrom
 ABOUT = """Grating {name} of the CSST Survey Camera, chip {chip}, {side} of column {split}: csstsim.
@@ -31,41 +33,48 @@ Builder: tests/instrument/build_gratings.py"""
 
 def build(folder):
     """Write the files of an instrument folder; return {grating: {order: worst residual in px}}."""
-    folder = Path(folder)
+    folder, worst = Path(folder), {}
     camera, numbers = load_camera(folder), read_data(folder / "gratings.yaml")
-    pupil, worst = read_data(folder / "ghosts.yaml")["geometry"]["pupil_distance"], {}
     (folder / "gratings").mkdir(exist_ok=True)
-    for number, row in numbers["chips"].items():
-        chip = camera.chips[number]
-        for side, samples in sampled(chip, row, camera, numbers, pupil).items():
-            fitted, name = fit_traces(samples), row[side]
-            worst[name] = {order: residuals(fitted[order], rows).max() for order, rows in samples.items()}
-            for order, one in fitted.items():
-                one["sensitivity"] = f"{chip.filter}_{_label(order)}.fits"
-            about = ABOUT.format(name=name, chip=number, side=side, split=row["split"],
-                                 worst=", ".join(f"{k:+d}: {v:.2f}" for k, v in worst[name].items()))  # fmt: skip
-            with atomic_path(folder / "gratings" / f"{name}.conf") as temporary:
-                temporary.write_text(axe_text(fitted, about.splitlines()))
+    for name, (chip, side, split, samples) in described(camera, numbers).items():
+        fitted = fit_traces(samples)
+        worst[name] = {order: residuals(fitted[order], rows).max() for order, rows in samples.items()}
+        for order, one in fitted.items():
+            one["sensitivity"] = sensitivity_file(chip.filter, order)
+        about = ABOUT.format(name=name, chip=chip.id, side=side, split=split,
+                             worst=", ".join(f"{k:+d}: {v:.2f}" for k, v in worst[name].items()))  # fmt: skip
+        with atomic_path(folder / "gratings" / f"{name}.conf") as temporary:
+            temporary.write_text(axe_text(fitted, about.splitlines()))
     for name in numbers["dispersion"]:
         for order, share in numbers["efficiency"].items():
-            _write_sensitivity(
-                folder / "gratings" / f"{name}_{_label(order)}.fits", camera, camera.filters[name], share
-            )
+            path = folder / "gratings" / sensitivity_file(name, order)
+            _write_sensitivity(path, camera, camera.filters[name], share)
     return worst
 
 
-def sampled(chip, row, camera, numbers, pupil):
-    """Return {side: samples of trajectories} of a chip's two gratings."""
-    nx, ny, (left, right, low, high) = chip.detector.nx, chip.detector.ny, row["reach"]
-    line, y = row["split"] - 0.5, (-0.5 - low, ny - 0.5 + high)
-    spans = {"left": (-0.5 - left, line, *y), "right": (line, nx - 0.5 + right, *y)}
-    signs = {"left": numbers["direction"], "right": -numbers["direction"]}
-    filter_ = camera.filters[chip.filter]
-    return {side: trajectories(chip, spans[side], signs[side], filter_, numbers, pupil) for side in spans}
+def described(camera, numbers):
+    """Return {grating: (chip, side, split column, samples of trajectories)} of gratings.yaml's description."""
+    pupil, out = camera.ghosts["geometry"]["pupil_distance"], {}
+    for number, row in numbers["chips"].items():
+        chip, line = camera.chips[number], row["split"] - 0.5
+        nx, ny, (left, right, low, high) = chip.detector.nx, chip.detector.ny, row["reach"]
+        spans = {"left": (-0.5 - left, line), "right": (line, nx - 0.5 + right)}
+        signs = {"left": numbers["direction"], "right": -numbers["direction"]}
+        for side, span in spans.items():
+            piece = *span, -0.5 - low, ny - 0.5 + high
+            samples = trajectories(chip, piece, signs[side], camera.filters[chip.filter], numbers, pupil)
+            out[row[side]] = chip, side, row["split"], samples
+    return out
 
 
-def _label(order):
-    return f"{'m' if order < 0 else 'p'}{abs(order)}"
+def print_samples(name):
+    """Print the trajectories of a shipped grating as CSV."""
+    folder = SHIPPED / "instrument"
+    samples = described(load_camera(folder), read_data(folder / "gratings.yaml"))[name][-1]
+    writer = csv.writer(sys.stdout, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for order, rows in samples.items():
+        writer.writerows([order, *(f"{v:.5f}" for v in row)] for row in rows)
 
 
 def _write_sensitivity(path, camera, filter_, share):
@@ -83,5 +92,8 @@ def _write_sensitivity(path, camera, filter_, share):
 
 
 if __name__ == "__main__":
+    if sys.argv[1:2] == ["--samples"]:
+        print_samples(sys.argv[2])
+        sys.exit()
     for grating, orders in build(*(sys.argv[1:] or [SHIPPED / "instrument"])).items():
         print(grating, ", ".join(f"{order:+d}: {px:.3f} px" for order, px in orders.items()))

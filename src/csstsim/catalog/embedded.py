@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.catalog.base import CatalogBase
+from csstsim.catalog.grating_bound import MARGIN, grating_rate
 from csstsim.catalog.mock_object import MockObjects
 from csstsim.catalog.photometry import subband_weights
 from csstsim.catalog.table import ObjectTable
@@ -87,11 +88,18 @@ class EmbeddedCatalog(SceneCatalog):
         self._load()
 
     def rate_bound(self, rows, filter, telescope):
-        """Return what the brick's magnitude says, and 5%; None where it has none (gratings)."""
-        name = f"mag_{filter.name.lower()}"
-        if name not in self._table:
-            return None
-        return 1.05 * 10.0 ** (0.4 * (filter.zeropoint(telescope) - self._table[name][rows]))
+        """Return what the brick's magnitude says, and 5%; of a grating, those of the bands that cover it; else None."""
+
+        def column(band):
+            return f"mag_{band.name.lower()}"
+
+        def rates(band):
+            return 10.0 ** (0.4 * (band.zeropoint(telescope) - self._table[column(band)][rows]))
+
+        if column(filter) in self._table:
+            return MARGIN * rates(filter)
+        bands = tuple(band for band in self.options["camera"].filters.values() if column(band) in self._table)
+        return grating_rate(filter, bands, rates)
 
     def _load(self):
         brick_file = self.options["brick_file"]

@@ -32,59 +32,88 @@ def field_terms(m, n):
     return np.stack([np.ones_like(m), m, n, m * m, m * n, n * n], axis=-1)
 
 
+def field_range(coefficient, x0, x1, y0, y1):
+    """Return (least, most) of a coefficient's six terms over direct images x0..x1, y0..y1, exactly."""
+    _, b, c, d, e, f = coefficient
+    with np.errstate(divide="ignore", invalid="ignore"):
+        low, high = -(b + e * np.array([y0, y1])) / (2 * d), -(c + e * np.array([x0, x1])) / (2 * f)
+        inner = np.array([e * c - 2 * f * b, e * b - 2 * d * c]) / (4 * d * f - e * e)
+    # Corners, where edges are level, and where the whole is; what lies outside is moved to the rim and does no harm
+    m = np.nan_to_num(np.array([x0, x1, x0, x1, *low, x0, x1, inner[0]])).clip(x0, x1)
+    n = np.nan_to_num(np.array([y0, y0, y1, y1, y0, y1, *high, inner[1]])).clip(y0, y1)
+    values = field_terms(m, n) @ coefficient
+    return float(values.min()), float(values.max())
+
+
 def read_axe(path):
     """Return {order: {"extent": (first, last), "sensitivity": file, coefficient: (6,) array}} of a .conf file.
 
-    Raises InputError for an unreadable file, a beam that is not described in full, or one that is no straight line.
+    Beams beyond E and keys of no use here are passed over. Raises InputError for an unreadable file, a beam that is not
+    described in full, a key of ours given twice, or a trace that is no straight line.
     """
     path = Path(path)
     try:
-        lines = path.read_text().splitlines()
+        lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as exc:
-        raise InputError(f"cannot be read: {exc}", file=path) from None
+        raise InputError(f"cannot be read: {getattr(exc, 'strerror', None) or 'not UTF-8 text'}", file=path) from None
     entries = {}
     for line in lines:
         key, *values = line.split(";")[0].split("#")[0].split() or [""]
-        if key in entries:
-            raise InputError("given twice", file=path, key=key)
-        if key:
-            entries[key] = values
-    orders = {order: _beam(entries, beam, path) for beam, order in BEAMS.items() if f"BEAM{beam}" in entries}
-    if 1 not in orders:
+        if key.startswith("BEAM_"):
+            raise InputError("a beam of grismconf's form, not of aXe's", file=path, key=key, allowed="BEAMA to BEAME")
+        entries.setdefault(key, []).append(values)
+    for key in ("XOFF", "YOFF", "REFX", "REFY"):
+        if key in entries and _numbers(entries, key, (1,), path)[0] != 0:
+            raise InputError("pixels count from the chip's corner", file=path, key=key, allowed="0, or left out")
+    if "BEAMA" not in entries:
         raise InputError("the first order is missing", file=path, key="BEAMA")
-    return orders
+    return {order: _beam(entries, beam, path) for beam, order in BEAMS.items() if f"BEAM{beam}" in entries}
+
+
+def _words(entries, key, path):
+    given = entries.get(key, [])
+    if len(given) > 1:
+        raise InputError("given twice", file=path, key=key, value=[" ".join(words) for words in given])
+    if not given or not given[0]:
+        raise InputError("required key is missing", file=path, key=key)
+    return given[0]
+
+
+def _numbers(entries, key, counts, path):
+    words = _words(entries, key, path)
+    try:
+        values = np.array(words, dtype=float)
+    except ValueError:
+        raise InputError("must be numbers", file=path, key=key, value=" ".join(words)) from None
+    if len(values) not in counts or not np.isfinite(values).all():
+        allowed = f"{' or '.join(map(str, counts))} finite numbers"
+        raise InputError("cannot be used", file=path, key=key, value=values.tolist(), allowed=allowed)
+    return values
 
 
 def _beam(entries, beam, path):
-    def numbers(key, counts):
-        values = entries.get(key)
-        if values is None:
-            raise InputError("required key is missing", file=path, key=key)
-        try:
-            values = np.array(values, dtype=float)
-        except ValueError:
-            raise InputError("must be numbers", file=path, key=key, value=" ".join(values)) from None
-        if len(values) not in counts or not np.isfinite(values).all():
-            raise InputError("must be finite", file=path, key=key, value=values.tolist(), allowed=f"{counts} numbers")
-        return values
-
-    for key in (f"DYDX_ORDER_{beam}", f"DISP_ORDER_{beam}"):
-        if numbers(key, (1,))[0] != 1:
+    degrees = {key: _numbers(entries, key, (1,), path)[0] for key in (f"DYDX_ORDER_{beam}", f"DISP_ORDER_{beam}")}
+    for (key, degree), allowed in zip(degrees.items(), ((0, 1), (1,)), strict=True):
+        if degree not in allowed:
             raise InputError("traces and dispersion are linear here (paper, equations 1 and 2)", file=path, key=key,
-                             value=entries[key][0], allowed="1")  # fmt: skip
-    extent = numbers(f"BEAM{beam}", (2,))
+                             value=float(degree), allowed=" or ".join(map(str, allowed)))  # fmt: skip
+    extent = _numbers(entries, f"BEAM{beam}", (2,), path)
     if not extent[0] < extent[1]:
         raise InputError("must rise", file=path, key=f"BEAM{beam}", value=extent.tolist())
     found = {"extent": tuple(extent.tolist())}
     for name, pattern in COEFFICIENTS.items():
-        values = numbers(pattern.format(beam), (1, 3, 6))
+        level = name == "a1" and degrees[f"DYDX_ORDER_{beam}"] == 0
+        values = np.zeros(1) if level else _numbers(entries, pattern.format(beam), (1, 3, 6), path)
         found[name] = np.concatenate([values, np.zeros(6 - len(values))])
     if not found["alpha1"].any():
-        raise InputError("no dispersion at all: give it a tiny one", file=path, key=f"DLDP_{beam}_1", value=0)
-    sensitivity = entries.get(f"SENSITIVITY_{beam}")
-    if not sensitivity:
-        raise InputError("required key is missing", file=path, key=f"SENSITIVITY_{beam}")
-    return found | {"sensitivity": sensitivity[0]}
+        raise InputError("no dispersion at all: give it a tiny one, that is a great number of angstrom per pixel",
+                         file=path, key=f"DLDP_{beam}_1", value=0)  # fmt: skip
+    return found | {"sensitivity": _words(entries, f"SENSITIVITY_{beam}", path)[0]}
+
+
+def sensitivity_file(stem, order):
+    """Return the name of an order's sensitivity file: STEM_p1.fits, STEM_m2.fits."""
+    return f"{stem}_{'m' if order < 0 else 'p'}{abs(order)}.fits"
 
 
 def axe_text(orders, comments=()):

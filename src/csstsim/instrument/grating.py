@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.errors import InputError
-from csstsim.instrument.axe import COEFFICIENTS, field_terms, read_axe
+from csstsim.instrument.axe import BEAMS, COEFFICIENTS, field_range, field_terms, read_axe
 from csstsim.instrument.filter import GRID
 from csstsim.units import C_A_S, H_J_S
 
 _AGREE = 0.01  # of the peak: first order's sensitivity against the filter curve, which magnitudes rest on
+_FAR = 20_000  # px, twice a chip: light that lands further from its direct image is a slip in a coefficient
 _ERG_CM2 = 1e-3  # erg / cm2 in J / m2
 
 
@@ -31,7 +32,7 @@ class Order:
 
     def lines(self, x, y):
         """Return (n, 4): p, q, r, s of dx = p + q lambda, dy = r + s lambda [px from the direct image at x, y]."""
-        xoff, yoff, a0, a1, alpha0, alpha1 = np.einsum("ck,...k->c...", self.coefficients, field_terms(x, y))
+        xoff, yoff, a0, a1, alpha0, alpha1 = self.coefficients_at(x, y).values()
         q = 1.0 / (alpha1 * np.sqrt(1.0 + a1 * a1))
         p = xoff - alpha0 * q
         return np.stack([p, q, yoff + a0 + a1 * (p - xoff), a1 * q], axis=-1)
@@ -80,29 +81,37 @@ class Gratings:
     @cached_property
     def reach(self):
         """How far from its direct image light may land, along x or y [px]."""
-        x0, x1, y0, y1 = self.bounds
-        x, y = (v.ravel() for v in np.meshgrid(np.linspace(x0, x1, 5), np.linspace(y0, y1, 5)))
-        far = 0.0
-        for order in (order for grating, _ in self.pieces for order in grating.orders.values()):
-            p, q, r, s = order.lines(x, y).T
-            far = max(far, *(np.abs([p + q * wave, r + s * wave]).max() for wave in order.range))
-        return float(far)
+        return max(_reach(order, piece) for grating, piece in self.pieces for order in grating.orders.values())
+
+
+def _reach(order, piece):
+    x0, x1, y0, y1 = piece
+    x, y = (v.ravel() for v in np.meshgrid(np.linspace(x0, x1, 5), np.linspace(y0, y1, 5)))
+    p, q, r, s = order.lines(x, y).T
+    return float(max(np.abs([p + q * wave, r + s * wave]).max() for wave in order.range))
 
 
 def load_gratings(folder, data, chips, filters, telescope):
     """Return {chip id: Gratings} of the spectroscopic `chips` {id: Chip}.
 
     folder: of the .conf files; data: gratings.yaml as instrument.load.read_data gives it. Raises InputError for a
-    missing chip or file, or sensitivities that are not those of the filter curves.
+    missing chip or file, traces that turn round within a piece, or sensitivities that are not those of the filters.
     """
-    file, read, out = Path(folder).with_name("gratings.yaml"), {}, {}
-    rows = data.get("chips")
+    folder, read, out = Path(folder), {}, {}
+    file, rows = folder.with_name("gratings.yaml"), data.get("chips")
+    if not isinstance(rows, dict):
+        raise InputError("must be a mapping of chips", file=file, key="chips", value=rows)
+    for number in set(rows) - set(chips):
+        raise InputError("no chip behind gratings", file=file, key="chips", value=number, allowed=sorted(chips))
     for number, chip in chips.items():
-        row, key = rows.get(number) if isinstance(rows, dict) else None, f"chips.{number}"
+        row, key = rows.get(number), f"chips.{number}"
         bounds = _bounds(row, chip, file, key)
-        for name in {row["left"], row["right"]} - set(read):
-            read[name] = load_grating(Path(folder) / f"{name}.conf", filters[chip.filter], telescope)
-        out[number] = Gratings(read[row["left"]], read[row["right"]], float(row["split"]), bounds)
+        for name in {(row["left"], chip.filter), (row["right"], chip.filter)} - set(read):
+            read[name] = load_grating(folder / f"{name[0]}.conf", filters[chip.filter], telescope)
+        two = (read[row[side], chip.filter] for side in ("left", "right"))
+        out[number] = Gratings(*two, float(row["split"]), bounds)
+        for grating, piece in out[number].pieces:
+            _check_traces(grating, piece, folder / f"{grating.name}.conf")
     return out
 
 
@@ -110,20 +119,47 @@ def _bounds(row, chip, file, key):
     keys = {"left", "right", "split", "reach"}
     if not isinstance(row, dict) or set(row) != keys:
         raise InputError("two gratings are needed", file=file, key=key, value=row, allowed=", ".join(sorted(keys)))
-    nx, ny, reach = chip.detector.nx, chip.detector.ny, row["reach"]
-    good = isinstance(reach, list) and len(reach) == 4 and all(isinstance(v, int | float) and v >= 0 for v in reach)
-    if not good:
-        raise InputError("must be four lengths [px]", file=file, key=f"{key}.reach", value=reach)
-    if not (isinstance(row["split"], int) and 0 < row["split"] < nx):
-        raise InputError("must be a column", file=file, key=f"{key}.split", value=row["split"], allowed=f"1..{nx - 1}")
+    for side in ("left", "right"):
+        if not (isinstance(row[side], str) and row[side]):
+            raise InputError("must be the name of a .conf file", file=file, key=f"{key}.{side}", value=row[side])
+    nx, ny, reach, split = chip.detector.nx, chip.detector.ny, row["reach"], row["split"]
+    if not (isinstance(reach, list) and len(reach) == 4 and all(_is_length(v) for v in reach)):
+        raise InputError("must be four lengths", file=file, key=f"{key}.reach", value=reach, allowed=f"0..{_FAR} px")
+    if not (type(split) is int and 0 < split < nx):
+        raise InputError("must be a column", file=file, key=f"{key}.split", value=split, allowed=f"1..{nx - 1}")
     return -0.5 - reach[0], nx - 0.5 + reach[1], -0.5 - reach[2], ny - 0.5 + reach[3]
+
+
+def _is_length(value):
+    return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= _FAR
+
+
+def _check_traces(grating, piece, file):
+    """Raise InputError unless each order disperses one way all over the piece: its own sign's, as against the first."""
+    letters, first = {order: beam for beam, order in BEAMS.items()}, 0.0
+    where = "direct images at x {:g}..{:g}, y {:g}..{:g}".format(*piece)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        for number in sorted(grating.orders, key=lambda k: k != 1):  # the first before the others
+            key = f"DLDP_{letters[number]}_1"
+            alpha1 = grating.orders[number].coefficients[list(COEFFICIENTS).index("alpha1")]
+            span = field_range(alpha1, *piece)
+            if not span[0] * span[1] > 0:
+                raise InputError("must be of one sign on " + where, file=file, key=key, value=span)
+            first = first or span[0]
+            if number * first * span[0] < 0:
+                raise InputError(f"wrong sign of order {number:+d}", file=file, key=key, value=span,
+                                 allowed="beams A to E are +1, 0, +2, -1, -2")  # fmt: skip
+            far = _reach(grating.orders[number], piece)
+            if not far < _FAR:
+                raise InputError(f"sends light too far on {where}", file=file, key=f"BEAM{letters[number]}",
+                                 value=far, allowed=f"up to {_FAR} px")  # fmt: skip
 
 
 def load_grating(path, filter, telescope):
     """Return the Grating of an aXe configuration file. Raises InputError."""
     path, orders = Path(path), {}
     for number, one in sorted(read_axe(path).items()):
-        throughput = _throughput(path.with_name(one["sensitivity"]), telescope)
+        throughput = _throughput(path.parent / one["sensitivity"], telescope)
         table = np.stack([one[name] for name in COEFFICIENTS])
         orders[number] = Order(number, one["extent"], table, throughput)
     worst = np.abs(orders[1].throughput - filter.throughput).max() / filter.throughput.max()
@@ -141,14 +177,20 @@ def _throughput(path, telescope):
     import fitsio
 
     try:
-        table = fitsio.read(str(path), ext=1)
+        table = fitsio.read(str(path), ext=1, upper=True)
         wave, sensitivity = (np.asarray(table[name], float) for name in ("WAVELENGTH", "SENSITIVITY"))
-    except (OSError, ValueError, KeyError) as exc:
-        raise InputError(f"cannot be read as a sensitivity: {str(exc).strip().splitlines()[-1]}", file=path) from None
-    fine = len(wave) > 1 and (np.diff(wave) > 0).all() and (sensitivity >= 0).all() and np.isfinite(sensitivity).all()
-    if not fine or not (sensitivity > 0).any():
-        raise InputError("wavelengths must rise and sensitivities be 0 or more, not all 0", file=path)
-    return np.interp(GRID, wave, sensitivity / _per_throughput(wave, telescope), left=0.0, right=0.0)
+    except (OSError, ValueError, KeyError, IndexError, TypeError) as exc:
+        why = (str(exc).strip().splitlines() or [type(exc).__name__])[-1]
+        raise InputError(f"cannot be read as a sensitivity: {why}", file=path) from None
+    fine = wave.ndim == 1 and len(wave) > 1 and np.isfinite(wave).all() and np.isfinite(sensitivity).all()
+    if not fine or wave[0] <= 0 or (np.diff(wave) <= 0).any() or (sensitivity < 0).any():
+        raise InputError("wavelengths must rise and sensitivities be 0 or more, all finite", file=path)
+    throughput = np.interp(GRID, wave, sensitivity / _per_throughput(wave, telescope), left=0.0, right=0.0)
+    most = float(throughput.max())
+    if not 0 < most <= 1:
+        raise InputError(f"electrons per photon at {GRID[0]:.0f}-{GRID[-1]:.0f} A cannot be", file=path,
+                         key="SENSITIVITY", value=most, allowed="a peak above 0, up to 1")  # fmt: skip
+    return throughput
 
 
 def sensitivity(wavelength, throughput, telescope):

@@ -1,0 +1,43 @@
+"""The bound of what an object can give through a grating; objects of a brick: test_select."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from csstsim.catalog.grating_bound import SPILL, band_shares, grating_rate
+from csstsim.instrument.filter import GRID
+
+
+def imaging(camera):
+    return tuple(band for band in camera.filters.values() if band.kind == "imaging")
+
+
+@pytest.mark.parametrize("name", ["GU", "GV", "GI"])
+def test_bands_cover_the_curve(camera, name):
+    """At each wavelength but GU's blue end, with at most 3.5 times the electrons of a flat spectrum."""
+    filter = camera.filters[name]
+    cover = sum(c * band.throughput for band, c in band_shares(filter, imaging(camera)))
+    short = np.maximum(filter.throughput - cover, 0.0)
+    assert short.sum() <= SPILL * filter.throughput.sum()
+    assert (GRID[short > 0] < 2484).all()
+    assert cover.sum() < 3.5 * filter.throughput.sum()
+
+
+def test_without_light_or_magnitude(camera):
+    """No light in any band: none through the grating. A magnitude that is not known: no bound."""
+    bands = imaging(camera)
+    dark = grating_rate(camera.filters["GV"], bands, lambda band: np.zeros(2))
+    assert (dark == 0).all()
+    unknown = grating_rate(camera.filters["GV"], bands, lambda band: np.array([np.nan, 1.0]) if band.name == "g" else 1)
+    assert np.isnan(unknown[0]) and np.isfinite(unknown[1])
+
+
+def test_bands_that_do_not_cover(camera):
+    only_r = tuple(band for band in imaging(camera) if band.name == "r")
+    assert band_shares(camera.filters["GV"], only_r) is None
+    assert grating_rate(camera.filters["GV"], only_r, lambda band: np.ones(1)) is None
+    filter = camera.filters["r"]  # a "grating" of half the r band's curve
+    half = dataclasses.replace(filter, kind="slitless", throughput=filter.throughput / 2)
+    ((band, share),) = band_shares(half, only_r)
+    assert band.name == "r" and 0.5 <= share < 0.62  # the foot of an edge counts for more within a constraint

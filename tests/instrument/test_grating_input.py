@@ -1,0 +1,130 @@
+"""Gratings from files of one's own: what cannot be used is refused in a line that says what, where and what may be."""
+
+import shutil
+
+import numpy as np
+import pytest
+from astropy.io import fits
+
+from csstsim.config import SHIPPED
+from csstsim.errors import InputError
+from csstsim.instrument.grating import load_gratings
+
+ROW = {"left": "GI2", "right": "GI1", "split": 3685, "reach": [654, 1600, 1600, 449]}
+
+
+@pytest.fixture
+def load(camera, tmp_path):
+    """Return a function that loads chip 1's two gratings from a folder of their files, after `change(folder, data)`."""
+    folder = tmp_path / "gratings"
+    folder.mkdir()
+    for name in ("GI1.conf", "GI2.conf", *(f"GI_{order}.fits" for order in ("m2", "m1", "p0", "p1", "p2"))):
+        shutil.copy(SHIPPED / "instrument" / "gratings" / name, folder)
+
+    def loaded(change):
+        data = {"chips": {1: dict(ROW)}}
+        change(folder, data)
+        return load_gratings(folder, data, {1: camera.chips[1]}, camera.filters, camera.telescope)[1]
+
+    return loaded
+
+
+def edit(name, old, new):
+    """Return a change that replaces the beginning of a line of a .conf file by another line."""
+
+    def change(folder, data):
+        path = folder / name
+        lines = path.read_text().splitlines()
+        assert any(line.startswith(old) for line in lines)
+        path.write_text("\n".join(new if line.startswith(old) else line for line in lines))
+
+    return change
+
+
+def table(name="GI_p1.fits", **columns):
+    """Return a change that writes a sensitivity with other columns."""
+
+    def change(folder, data):
+        old = fits.getdata(folder / name)
+        new = {key: np.asarray(old[key], float) for key in ("WAVELENGTH", "SENSITIVITY")} | columns
+        arrays = {key: v(old) if callable(v) else v for key, v in new.items()}
+        listed = [fits.Column(key, "D", array=v) for key, v in arrays.items() if v is not None]
+        fits.BinTableHDU.from_columns(listed).writeto(folder / name, overwrite=True)
+
+    return change
+
+
+def file(name, content):
+    return lambda folder, data: (folder / name).write_bytes(content(folder / name))
+
+
+def row(**keys):
+    return lambda folder, data: data["chips"][1].update(keys)
+
+
+def image(folder, data):
+    fits.HDUList([fits.PrimaryHDU(), fits.ImageHDU(np.ones((4, 4)))]).writeto(folder / "GI_p1.fits", overwrite=True)
+
+
+BAD = {
+    "no chips": (lambda f, d: d.update(chips=None), "gratings.yaml: chips: must be a mapping"),
+    "chip missing": (lambda f, d: d.update(chips={}), "chips.1: two gratings are needed"),
+    "imaging chip": (lambda f, d: d["chips"].update({9: dict(ROW)}), "no chip behind gratings (got 9); allowed: [1]"),
+    "one grating": (lambda f, d: d["chips"][1].pop("right"), "chips.1: two gratings are needed"),
+    "row is a list": (lambda f, d: d["chips"].update({1: ["GI2", "GI1"]}), "chips.1: two gratings are needed"),
+    "name is a list": (row(left=["GI2"]), "chips.1.left: must be the name"),
+    "name is a number": (row(right=2), "chips.1.right: must be the name"),
+    "no such grating": (row(right="GI9"), "GI9.conf: cannot be read: No such file"),
+    "split outside": (row(split=9216), "chips.1.split: must be a column (got 9216); allowed: 1..9215"),
+    "split between": (row(split=3685.5), "chips.1.split: must be a column"),
+    "split is true": (row(split=True), "chips.1.split: must be a column"),
+    "reach too short": (row(reach=[1, 2, 3]), "chips.1.reach: must be four lengths"),
+    "reach nan": (row(reach=[1, 2, 3, float("nan")]), "chips.1.reach: must be four lengths"),
+    "reach infinite": (row(reach=[1, 2, 3, float("inf")]), "chips.1.reach: must be four lengths"),
+    "turns round in the piece": (edit("GI1.conf", "DLDP_A_1", "DLDP_A_1 -8.4 0 0 0 0 1e-7"),
+                                 "GI1.conf: DLDP_A_1: must be of one sign"),
+    "vanishes in a corner": (edit("GI1.conf", "DLDP_A_1", "DLDP_A_1 -10815.5 1 0"), "DLDP_A_1: must be of one sign"),
+    "wrong side": (edit("GI1.conf", "DLDP_D_1", "DLDP_D_1 -8.5"), "DLDP_D_1: wrong sign of order -1"),
+    "far away": (edit("GI1.conf", "DLDP_E_1", "DLDP_E_1 0.1"), "BEAME: sends light too far"),
+    "astronomically far": (edit("GI1.conf", "XOFF_A", "XOFF_A 1e300 1e306 0"), "BEAMA: sends light too far"),
+    "other filter": (edit("GI1.conf", "SENSITIVITY_A", "SENSITIVITY_A GI_m1.fits"), "is not the throughput of GI"),
+    "no sensitivity": (edit("GI1.conf", "SENSITIVITY_A", "SENSITIVITY_A a/b/none.fits"), "none.fits: cannot be read"),
+    "folder": (edit("GI1.conf", "SENSITIVITY_A", "SENSITIVITY_A ."), "cannot be read as a sensitivity"),
+    "text": (file("GI_p1.fits", lambda p: b"1 2 3\n"), "GI_p1.fits: cannot be read as a sensitivity"),
+    "empty": (file("GI_p1.fits", lambda p: b""), "GI_p1.fits: cannot be read as a sensitivity"),
+    "cut short": (file("GI_p1.fits", lambda p: p.read_bytes()[:9000]), "GI_p1.fits"),
+    "cut in the header": (file("GI_p1.fits", lambda p: p.read_bytes()[:4000]), "GI_p1.fits: cannot be read"),
+    "image": (image, "GI_p1.fits: cannot be read as a sensitivity"),
+    "no column": (table(SENSITIVITY=None), "GI_p1.fits: cannot be read as a sensitivity"),
+    "not a number": (table(SENSITIVITY=lambda t: np.where(t["WAVELENGTH"] > 8e3, np.nan, t["SENSITIVITY"])), "finite"),
+    "negative": (table(SENSITIVITY=lambda t: -1.0 * t["SENSITIVITY"]), "sensitivities be 0 or more"),
+    "falling": (table(WAVELENGTH=lambda t: t["WAVELENGTH"][::-1]), "wavelengths must rise"),
+    "nanometres": (table(WAVELENGTH=lambda t: t["WAVELENGTH"] / 10), "electrons per photon at 2000-11000 A cannot be"),
+    "zero": (table(SENSITIVITY=lambda t: 0.0 * t["SENSITIVITY"]), "a peak above 0, up to 1"),
+    "zeroth order zero": (table("GI_p0.fits", SENSITIVITY=lambda t: 0.0 * t["SENSITIVITY"]), "GI_p0.fits"),
+    "too much": (table("GI_p2.fits", SENSITIVITY=lambda t: 1e3 * t["SENSITIVITY"]), "a peak above 0, up to 1"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("change, message", BAD.values(), ids=BAD)
+def test_bad_input(load, change, message):
+    with pytest.raises(InputError) as error:
+        load(change)
+    assert message in str(error.value)
+
+
+def test_an_order_may_be_missing_from_one(load):
+    """GI1 without its order -2: GI2 keeps it."""
+
+    def without(folder, data):
+        path = folder / "GI1.conf"
+        path.write_text(path.read_text().partition("# Order -2")[0])
+
+    two = load(without)
+    assert sorted(two.right.orders) == [-1, 0, 1, 2]
+    assert two.numbers == [-2, -1, 0, 1, 2]
+    assert 2500 < two.reach < 2600  # px, of the second order
+
+
+def test_small_letters_in_a_table(load):
+    assert load(table(WAVELENGTH=None, wavelength=lambda t: t["WAVELENGTH"])).numbers == [-2, -1, 0, 1, 2]
