@@ -28,7 +28,7 @@ from csstsim.render.places import (
 
 _ONE, _TWO, _THREE = np.uint64(1), np.uint64(2), np.uint64(3)
 _BATCH = 512
-_GUIDE = 1024  # at most: entries of the table that begins the search for a wavelength
+_GUIDE = 8192  # at most: entries of the table that begins the search for a wavelength
 _AWAY = 1e9  # px: where electrons go that fall beyond a piece
 
 
@@ -56,31 +56,37 @@ def shoot_spectra(
         lines[mine] = np.nan_to_num(disperser.lines(piece, scene.x[at], scene.y[at]))
     rates = disperser.rates
     total = rates.sum(axis=1)
-    shares = np.cumsum(rates, axis=1) / np.where(total > 0, total, 1.0)[:, None]
+    shares = (np.cumsum(rates, axis=1) / np.where(total > 0, total, 1.0)[:, None]).astype(np.float32)
     floats = (scene.matrix, scene.light, scene.sersic, scene.weight)
     objects = scene.x - window.x0, scene.y - window.y0, *(np.ascontiguousarray(a, np.float64) for a in floats)
     objects += (np.ascontiguousarray(scene.node),)
     psf = table.words.reshape(-1), table.share, table.bits, table.cells, table.per_pixel
     tail = np.empty(0) if wing is None else tail_table(wing, table.cells / table.per_pixel / 2)
     sides = disperser.rectangles - np.array([window.x0, window.x0, window.y0, window.y0])
-    light = np.ascontiguousarray(spectra, np.float64), total, shares.transpose(0, 2, 1).copy(), disperser.edges
+    light = np.ascontiguousarray(spectra, np.float64), total, shares.transpose(0, 2, 1).copy()
     _shoot(
-        (counted, response, float(maximum)), objects, light, (*disperser.psf_mixture, lines, sides),
+        (counted, response, float(maximum)), objects, light, (*_wavelengths(disperser), lines, sides),
         np.ascontiguousarray(visits), keys, psf, tail, (drawn, box),
     )  # fmt: skip
     box[drawn > 0] += np.array([window.x0, window.x0, window.y0, window.y0])
     return drawn, box
 
 
+def _wavelengths(disperser):
+    """Return the place of each bin between the PSF set's wavelengths, 0 to 3, and the bins' first edge and step."""
+    lower, upper = disperser.psf_mixture
+    return (lower + upper).astype(np.float32), float(disperser.edges[0]), float(np.diff(disperser.edges[:2])[0])
+
+
 @numba.njit(cache=True)
 def _shoot(image, objects, light, optics, visits, keys, psf, tail, results):
     maximum = image[2]
     x, y, matrix, parts, sersic, weight, index = objects
-    spectra, total, shares, edges = light
-    lower, upper, lines, sides = optics
+    spectra, total, shares = light
+    between, first, step, lines, sides = optics
     drawn, box = results
     bins, orders = spectra.shape[1], drawn.shape[1]
-    running, guide = np.empty(bins + 1), np.empty(_GUIDE + 1, np.int64)
+    running, guide = np.empty(bins + 1), np.empty(_GUIDE + 1, np.uint16)
     floats = np.empty((4, _BATCH))  # px, py and the shifts
     work = np.empty(_BATCH, np.int64), np.empty(_BATCH, np.int64), floats[0], floats[1], floats[2], floats[3]
     sums = np.empty(index.shape[1])
@@ -94,7 +100,7 @@ def _shoot(image, objects, light, optics, visits, keys, psf, tail, results):
             key, counter = keys[v], np.uint64(0)
             entries = _fill(guide, running, maximum)
             nodes = cumulative(weight[i], sums)
-            draw = running, guide[: entries + 1], shares[piece], lower, upper, nodes, index[i], edges, lines[v]
+            draw = running, guide[: entries + 1], shares[piece], between, first, step, nodes, index[i], lines[v]
             for c in range(2):
                 number, counter = poisson(maximum * parts[i, c] * running[bins], key, counter)
                 place = x[i], y[i], matrix[i], sersic[i, c], v, sides[piece], cut == 1
@@ -129,23 +135,23 @@ def _choose(number, draw, psf, work, key, counter):
 
     Those in the box stand at the beginning of the work arrays, those beyond at the end, backwards.
     """
-    running, guide, shares, lower, upper, nodes, index, edges, lines = draw
+    running, guide, shares, between, start, step, nodes, index, lines = draw
     first, order, _, _, shift_x, shift_y = work
     share, sides = psf[1], psf[2]
-    light, entries = running[-1], len(guide) - 1
+    light, entries, last = running[-1], len(guide) - 1, len(running) - 2
     near, far = 0, number
     for _ in range(number):
-        one, two, u = word(key, counter), word(key, counter + _ONE), high(word(key, counter + _TWO))
+        one, two, three = word(key, counter), word(key, counter + _ONE), word(key, counter + _TWO)
         counter += _THREE
         at = high(one)
-        b = guide[np.int64(at * entries)]
+        b = np.int64(guide[np.int64(at * entries)])
         at *= light
-        while running[b + 1] <= at and b < len(running) - 2:
+        while running[b + 1] <= at and b < last:
             b += 1
-        wave = edges[b] + (edges[b + 1] - edges[b]) * (at - running[b]) / max(running[b + 1] - running[b], 1e-300)
         o = pick(shares[b], low(one))
-        f = lower[b] + np.int64(high(two) < upper[b])
-        node = index[pick(nodes, low(two) * nodes[-1])]
+        # The lower of two wavelengths, or the upper one as often as its weight says
+        node, f = index[pick(nodes, low(two) * nodes[-1])], np.int64(between[b] + high(two))
+        wave, u = start + step * (b + low(three)), high(three)
         inner, outer = share[node, f]
         inside = u < inner + outer
         far -= np.int64(not inside)
