@@ -9,6 +9,7 @@ radius). Light beyond the PSF's box is added every 16 px (render.wings). What fa
 the stamps, by the share of each pixel. Left out: ghosts of dispersed light.
 """
 
+import math
 import time
 from dataclasses import dataclass, replace
 
@@ -69,17 +70,22 @@ def draw_spectra(
         start = time.process_time()
         out.flags[v] = (OUTSIDE_PSF_HULL if scene.outside[i] else 0) | (FFT_REDUCED if plan.rough[i] else 0)
         density = int(np.clip(2.0 ** np.floor(np.log2(SLABS / max(wide[i], 1e-3))), 1, per_px))
-        side = disperser.rectangles[piece] - scene.x[i] * _X - scene.y[i] * _Y if cut else None
+        side = disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2) if cut else None
         core = mixer.core if beyond.wing is not None else None
-        one = scene.take(np.array([i]))
-        stamps = _Stamps(mixer, one, plan.take(np.array([i])), reach[i], density, core, side)
         lines = disperser.lines(piece, scene.x[i : i + 1], scene.y[i : i + 1])[0]
+        phases = None
         for o, (p, q, r, s) in enumerate(lines.tolist()):
             light = spectra[i] * disperser.rates[piece, o]
             if not light.sum() > 0:
                 continue
             x, y = scene.x[i] + p + q * centres, scene.y[i] + r + s * centres
-            parts = _add_slabs(image, response, window, x, y, light, mixture, stamps)
+            parts = []
+            if _meets(x, y, reach[i] + 2 * _BLOCK, window):
+                if phases is None:
+                    phases = _phases(mixer, scene, plan, i, int(reach[i]), density, core, side)
+                drawn, box = _add_slabs(image, response, x - window.x0, y - window.y0, light, mixture, phases)
+                if box.any():
+                    parts.append((drawn, box + np.array([window.x0, window.x0, window.y0, window.y0])))
             if beyond.wing is not None:
                 wing = wing_px[i] * np.cbrt(min(light.sum() / scene.electrons[i].sum(), 1.0)) if wing_px[i] > 0 else 0.0
                 wing = wing if wing > 1.5 * half else 0.0
@@ -96,77 +102,41 @@ def draw_spectra(
     return out
 
 
-_X, _Y = np.array([1.0, 1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0, 1.0])
+def _meets(x, y, reach, window):
+    """Whether a stamp of this reach about some of the places x, y meets the window."""
+    across = x.max() + reach >= window.x0 and x.min() - reach < window.x1
+    return across and y.max() + reach >= window.y0 and y.min() - reach < window.y1
 
 
-class _Stamps:
-    """Stamps of one object of light 1 at each wavelength and sub-pixel phase, made when first asked for."""
+def _phases(mixer, scene, plan, i, reach, density, core, side):
+    """Return (4, density, _HEIGHT, size, size) float32: object i in light of each wavelength of the PSF set.
 
-    def __init__(self, mixer, scene, plan, reach, density, core, side):
-        self.mixer, self.scene, self.plan, self.reach, self.density = mixer, scene, plan, int(reach), density
-        self._core, self._side, self._made = core, side, {}
-        self.galaxy = bool(plan.size[0])
-
-    def phases(self, band):
-        """Return (density, _HEIGHT, rows, columns) float32: the object column / density, row / _HEIGHT px from a
-        pixel's centre."""
-        if band not in self._made:
-            size = 2 * self.reach + 1
-            made = np.empty((self.density, _HEIGHT, size, size), np.float32)
-            cells = None if self.galaxy else self.mixer.mixed_cells(self.scene.node[0], self._share(band))
-            if cells is not None and self._core is not None:
-                cells *= self._core
-            for column in range(self.density):
-                for row in range(_HEIGHT):
-                    made[column, row] = self._make(band, column / self.density, row / _HEIGHT, cells)
-            self._made[band] = made
-        return self._made[band]
-
-    def _share(self, band):
-        share = np.zeros((len(self.scene.node[0]), 4))
-        share[:, band] = self.scene.weight[0]
-        return share
-
-    def _make(self, band, x, y, cells):
-        bounds = (-self.reach, self.reach + 1) * 2
-        if self.galaxy:
-            there = replace(self.scene, x=np.array([x]), y=np.array([y]))
-            stamp = galaxy_stamp(self.mixer, there, self.plan, 0, self._share(band), bounds, core=self._core)
-            stamp = np.maximum(stamp, 0.0) * (stamp.sum() / max(np.maximum(stamp, 0.0).sum(), 1e-300))
-        else:
-            stamp = cells_stamp(cells, self.mixer.per_pixel, x, y, bounds)
-        if self._side is not None:
-            pixels = np.arange(bounds[0], bounds[1])
-            x0, x1, y0, y1 = self._side
-            stamp *= _inside(pixels - x, x0, x1) * _inside(pixels - y, y0, y1)[:, None]
-        return stamp
-
-    def block(self, weights, height):
-        """Return (density, rows, columns) stamps in a mixture of wavelengths at a height [px] above a pixel's centre.
-
-        Rows are one more on each side: the cubic through four heights reaches over pixels.
-        """
-        size = 2 * self.reach + 1
-        out = np.zeros((self.density, size + 2, size), np.float32)
-        place = height * _HEIGHT
-        first = int(np.floor(place)) - 1
-        cubic = np.array(_cubic(place - first - 1))
-        for band in np.flatnonzero(weights).tolist():
-            _mix(out, self.phases(band), (weights[band] * cubic).astype(np.float32), first)
-        return out
-
-
-@numba.njit(cache=True)
-def _mix(out, phases, shares, first):
-    """Add phases (density, heights, size, size) of four heights from `first` on, times shares, to `out`."""
-    density, heights, size, _ = phases.shape
-    for column in range(density):
-        for k in range(4):
-            pixel, phase, share = (first + k) // heights, (first + k) % heights, shares[k]
-            for row in range(size):
-                line, stamp = out[column, 1 + pixel + row], phases[column, phase, row]
-                for x in range(size):
-                    line[x] += share * stamp[x]
+    It stands column / density, row / _HEIGHT px from a pixel's centre and has light 1. side: (x0, x1, y0, y1) px from
+    the object beyond which its light is cut off, or None.
+    """
+    size, bounds = 2 * reach + 1, (-reach, reach + 1) * 2
+    out = np.empty((4, density, _HEIGHT, size, size), np.float32)
+    one, own, pixels = scene.take(np.array([i])), plan.take(np.array([i])), np.arange(-reach, reach + 1)
+    for band in range(4):
+        share = np.zeros((len(scene.node[i]), 4))
+        share[:, band] = scene.weight[i]
+        cells = None if plan.size[i] else mixer.mixed_cells(scene.node[i], share)
+        if cells is not None and core is not None:
+            cells *= core
+        for column, row in np.ndindex(density, _HEIGHT):
+            x, y = column / density, row / _HEIGHT
+            if cells is None:
+                there = replace(one, x=np.array([x]), y=np.array([y]))
+                stamp = galaxy_stamp(mixer, there, own, 0, share, bounds, core=core)
+                lit = np.maximum(stamp, 0.0)
+                stamp = lit * (stamp.sum() / max(lit.sum(), 1e-300))
+            else:
+                stamp = cells_stamp(cells, mixer.per_pixel, x, y, bounds)
+            if side is not None:
+                x0, x1, y0, y1 = side
+                stamp *= _inside(pixels - x, x0, x1) * _inside(pixels - y, y0, y1)[:, None]
+            out[band, column, row] = stamp
+    return out
 
 
 def _inside(places, low, high):
@@ -174,83 +144,109 @@ def _inside(places, low, high):
     return np.clip(np.minimum(places + 0.5, high) - np.maximum(places - 0.5, low), 0.0, 1.0)
 
 
+@numba.njit(inline="always")
 def _cubic(t):
     """Return the weights of four values, at -1, 0, 1, 2, of the cubic through them at t within 0..1."""
     a, b, c = t + 1, t - 1, t - 2
     return -t * b * c / 6, a * b * c / 2, -a * t * c / 2, a * t * b / 6
 
 
-def _add_slabs(image, response, window, x, y, light, mixture, stamps):
-    """Add slabs of light (bins,) at x, y [px], block by block; return [(electrons, box), ...] on the window."""
-    reach, density, parts = stamps.reach, stamps.density, []
-    lit = np.flatnonzero(light)
-    block = np.floor_divide(np.rint(x[lit]).astype(int), _BLOCK)
-    reach_x = reach + _SIDE
-    for number in np.unique(block).tolist():
-        left = number * _BLOCK
-        if left + _BLOCK + reach_x < window.x0 or left - reach_x >= window.x1:
-            continue
-        mine = lit[block == number]
-        flux = light[mine]
-        total = flux.sum()
-        height = float((flux * y[mine]).sum() / total)
-        row = round(height)
-        if row + reach + 1 < window.y0 or row - reach - 1 >= window.y1:
-            continue
-        weights = (mixture[:, mine] * flux).sum(axis=1) / total
-        ready = stamps.block(weights, height - row)
-        slabs = _deal((x[mine] - left) * density, flux, (_BLOCK + 2 * _SIDE) * density, _SIDE * density)
-        buffer = np.zeros((2 * reach + 3, _BLOCK + 2 * _SIDE + 2 * reach + 1), np.float32)
-        _stack(buffer, slabs, ready)
-        box = [left - _SIDE - reach, 0, row - reach - 1, 0]
-        box[1], box[3] = box[0] + buffer.shape[1], box[2] + buffer.shape[0]
-        x0, x1 = max(box[0], window.x0), min(box[1], window.x1)
-        y0, y1 = max(box[2], window.y0), min(box[3], window.y1)
-        if x0 >= x1 or y0 >= y1:
-            continue
-        seen = buffer[y0 - box[2] : y1 - box[2], x0 - box[0] : x1 - box[0]]
-        cut = slice(y0 - window.y0, y1 - window.y0), slice(x0 - window.x0, x1 - window.x0)
-        parts.append((_put(image[cut], seen, response[cut]), (x0, x1, y0, y1)))
-    return parts
-
-
 @numba.njit(cache=True)
-def _deal(place, flux, count, first):
-    """Return (count,) slabs: light at `place` [slabs, from number `first` on] dealt out to four by the cubic."""
-    slabs = np.zeros(count, np.float64)
-    for k in range(len(place)):
-        j = int(np.floor(place[k]))
-        t = place[k] - j
-        j += first
-        slabs[j - 1] -= flux[k] * t * (t - 1) * (t - 2) / 6
-        slabs[j] += flux[k] * (t + 1) * (t - 1) * (t - 2) / 2
-        slabs[j + 1] -= flux[k] * (t + 1) * t * (t - 2) / 2
-        slabs[j + 2] += flux[k] * (t + 1) * t * (t - 1) / 6
-    return slabs
+def _add_slabs(image, response, x, y, light, mixture, phases):
+    """Add slabs of light (bins,) at x, y [px of `image`], block by block of x; return (electrons, box on the image).
 
-
-@numba.njit(cache=True)
-def _stack(buffer, slabs, stamps):
-    """Add stamps (density, rows, columns) times slabs (pixels x density) to the buffer (rows, pixels + columns - 1)."""
-    density, rows, columns = stamps.shape
-    for row in range(rows):
-        line = buffer[row]
+    x must rise or fall. The box is x0, x1, y0, y1, half-open; all 0: nothing was added.
+    """
+    bins, density, size = len(x), phases.shape[1], phases.shape[3]
+    reach, pitch = size // 2, size + _BLOCK + 2 * _SIDE
+    stamps = np.zeros((density, (size + 2) * pitch), np.float32)
+    buffer, slabs, weights = np.empty((size + 2) * pitch, np.float32), np.empty((pitch - size) * density), np.empty(4)
+    drawn, box, b = 0.0, np.array([image.shape[1], 0, image.shape[0], 0]), 0
+    while b < bins:
+        block, end = math.floor(x[b] / _BLOCK), b + 1
+        while end < bins and math.floor(x[end] / _BLOCK) == block:
+            end += 1
+        begin, b = b, end
+        total, height, weights[:] = 0.0, 0.0, 0.0
+        for k in range(begin, end):
+            total += light[k]
+            height += light[k] * y[k]
+            for f in range(4):
+                weights[f] += light[k] * mixture[f, k]
+        if not total > 0:
+            continue
+        height /= total
+        row = math.floor(height + 0.5)
+        x0, y0 = block * _BLOCK - _SIDE - reach, row - reach - 1
+        if x0 + pitch <= 0 or x0 >= image.shape[1] or y0 + size + 2 <= 0 or y0 >= image.shape[0]:
+            continue
+        _mix(stamps, phases, weights / total, height - row, pitch)
+        _deal(slabs, x, light, begin, end, block * _BLOCK - _SIDE, density)
+        buffer[:] = 0.0
         for j in range(len(slabs)):
             if slabs[j] != 0.0:
-                light, stamp, part = np.float32(slabs[j]), stamps[j % density, row], line[j // density :]
-                for column in range(columns):
-                    part[column] += light * stamp[column]
+                at = j // density
+                _add(buffer[at:], stamps[j % density, : len(buffer) - at], np.float32(slabs[j]))
+        drawn += _put(image, response, buffer.reshape(size + 2, pitch), x0, y0)
+        box[0], box[1] = min(box[0], max(x0, 0)), max(box[1], min(x0 + pitch, image.shape[1]))
+        box[2], box[3] = min(box[2], max(y0, 0)), max(box[3], min(y0 + size + 2, image.shape[0]))
+    if box[1] == 0:
+        box[:] = 0
+    return drawn, box
 
 
 @numba.njit(cache=True)
-def _put(image, stamp, response):
-    """Add a stamp times the response, nothing below zero; return the sum of what was added."""
+def _mix(stamps, phases, weights, height, pitch):
+    """Fill stamps (density, rows x pitch) with a mixture of wavelengths at a height [px] above a pixel's centre.
+
+    Rows are one more on each side: the cubic through four heights reaches over pixels.
+    """
+    _, density, heights, size, _ = phases.shape
+    stamps[:] = 0.0
+    first = math.floor(height * heights)
+    cubic = _cubic(height * heights - first)
+    for band in range(4):
+        if weights[band] == 0.0:
+            continue
+        for k in range(4):
+            pixel, phase = (first - 1 + k) // heights, (first - 1 + k) % heights
+            share = np.float32(weights[band] * cubic[k])
+            for column in range(density):
+                for row in range(size):
+                    start = (1 + pixel + row) * pitch
+                    _add(stamps[column, start : start + size], phases[band, column, phase, row], share)
+
+
+@numba.njit(cache=True)
+def _deal(slabs, x, light, begin, end, start, density):
+    """Deal light out to slabs, `density` to a pixel from `start` on: each bin to four by the cubic."""
+    slabs[:] = 0.0
+    for k in range(begin, end):
+        place = (x[k] - start) * density
+        j = math.floor(place)
+        before, here, after, beyond = _cubic(place - j)
+        slabs[j - 1] += light[k] * before
+        slabs[j] += light[k] * here
+        slabs[j + 1] += light[k] * after
+        slabs[j + 2] += light[k] * beyond
+
+
+@numba.njit(cache=True)
+def _add(out, values, factor):
+    for k in range(len(values)):
+        out[k] += factor * values[k]
+
+
+@numba.njit(cache=True)
+def _put(image, response, stamp, x0, y0):
+    """Add a stamp whose corner lies at x0, y0 times the response, nothing below zero; return the sum added."""
     total = 0.0
-    for row in range(stamp.shape[0]):
-        line = 0.0
-        for column in range(stamp.shape[1]):
-            value = max(stamp[row, column], np.float32(0.0)) * response[row, column]
-            image[row, column] += value
-            line += value
-        total += line
+    low, high = max(-x0, 0), min(stamp.shape[1], image.shape[1] - x0)
+    for row in range(max(-y0, 0), min(stamp.shape[0], image.shape[0] - y0)):
+        line, seen, shown, sums = image[y0 + row], response[y0 + row], stamp[row], 0.0
+        for column in range(low, high):
+            value = max(shown[column], np.float32(0.0)) * seen[x0 + column]
+            line[x0 + column] += value
+            sums += value
+        total += sums
     return total
