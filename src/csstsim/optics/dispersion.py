@@ -69,11 +69,14 @@ class Disperser:
         lower = np.minimum(place.astype(np.int64), 2)
         return lower, place - lower
 
-    def lines(self, piece, x, y):
-        """Return (n, orders, 4): p, q, r, s at direct images x, y [px]; NaN for an order that the piece lacks."""
-        out = np.full((len(x), len(self.orders), 4), np.nan)
-        for number, order in self._pieces[piece].orders.items():
-            out[:, self.orders.index(number)] = order.lines(x, y)
+    def lines(self, visits, x, y):
+        """Return (v, orders, 4): p, q, r, s of objects at x, y [px] in each of their visits; 0 for a missing order."""
+        out = np.zeros((len(visits), len(self.orders), 4))
+        for piece, grating in enumerate(self._pieces):
+            mine = np.flatnonzero(visits[:, 1] == piece)
+            at = visits[mine, 0]
+            for number, order in grating.orders.items():
+                out[mine, self.orders.index(number)] = order.lines(x[at], y[at])
         return out
 
     def visits(self, x, y, reach):

@@ -14,7 +14,7 @@ thin them (render.photons).
 import numba
 import numpy as np
 
-from csstsim.counter import high, low, poisson, word
+from csstsim.counter import high, low, poisson, unit, word
 from csstsim.render.places import (
     check_scene,
     cumulative,
@@ -26,9 +26,10 @@ from csstsim.render.places import (
     tail_table,
 )
 
-_ONE, _TWO, _THREE = np.uint64(1), np.uint64(2), np.uint64(3)
+_ONE, _TWO, _THREE, _FOUR = (np.uint64(k) for k in (1, 2, 3, 4))
 _BATCH = 512
 _GUIDE = 8192  # at most: entries of the table that begins the search for a wavelength
+_DENSE = 1.0  # electrons a bin above which each bin has its own Poisson number
 _AWAY = 1e9  # px: where electrons go that fall beyond a piece
 
 
@@ -49,11 +50,7 @@ def shoot_spectra(
     response = np.empty((0, 0), np.float32) if response is None else np.ascontiguousarray(response, np.float32)
     orders, count = len(disperser.orders), len(visits)
     drawn, box = np.zeros((count, orders), np.int64), np.zeros((count, orders, 4), np.int64)
-    lines = np.empty((count, orders, 4))
-    for piece in range(2):
-        mine = visits[:, 1] == piece
-        at = visits[mine, 0]
-        lines[mine] = np.nan_to_num(disperser.lines(piece, scene.x[at], scene.y[at]))
+    lines = disperser.lines(visits, scene.x, scene.y)
     rates = disperser.rates
     total = rates.sum(axis=1)
     shares = (np.cumsum(rates, axis=1) / np.where(total > 0, total, 1.0)[:, None]).astype(np.float32)
@@ -102,8 +99,12 @@ def _shoot(image, objects, light, optics, visits, keys, psf, tail, results):
             nodes = cumulative(weight[i], sums)
             draw = running, guide[: entries + 1], shares[piece], between, first, step, nodes, index[i], lines[v]
             for c in range(2):
-                number, counter = poisson(maximum * parts[i, c] * running[bins], key, counter)
                 place = x[i], y[i], matrix[i], sersic[i, c], v, sides[piece], cut == 1
+                mean = maximum * parts[i, c]
+                if mean * running[bins] > _DENSE * bins:
+                    counter = _by_bins(mean, draw, place, image, psf, tail, work, results, key, counter)
+                    continue
+                number, counter = poisson(mean * running[bins], key, counter)
                 while number > 0:
                     count = min(number, _BATCH)
                     near, counter = _choose(count, draw, psf, work, key, counter)
@@ -131,37 +132,69 @@ def _fill(guide, running, maximum):
 
 @numba.njit(cache=True)
 def _choose(number, draw, psf, work, key, counter):
-    """Choose wavelength, order, node and part of the PSF; return (those in its box, counter).
-
-    Those in the box stand at the beginning of the work arrays, those beyond at the end, backwards.
-    """
-    running, guide, shares, between, start, step, nodes, index, lines = draw
-    first, order, _, _, shift_x, shift_y = work
-    share, sides = psf[1], psf[2]
+    """Choose bin, and all that `_assign` does, for each electron; return (those in the PSF's box, counter)."""
+    running, guide = draw[0], draw[1]
     light, entries, last = running[-1], len(guide) - 1, len(running) - 2
     near, far = 0, number
     for _ in range(number):
-        one, two, three = word(key, counter), word(key, counter + _ONE), word(key, counter + _TWO)
-        counter += _THREE
-        at = high(one)
+        at = unit(word(key, counter))
         b = np.int64(guide[np.int64(at * entries)])
         at *= light
         while running[b + 1] <= at and b < last:
             b += 1
-        o = pick(shares[b], low(one))
-        # The lower of two wavelengths, or the upper one as often as its weight says
-        node, f = index[pick(nodes, low(two) * nodes[-1])], np.int64(between[b] + high(two))
-        wave, u = start + step * (b + low(three)), high(three)
-        inner, outer = share[node, f]
-        inside = u < inner + outer
-        far -= np.int64(not inside)
-        slot = near if inside else far
-        near += np.int64(inside)
-        first[slot] = first_word(node, f, np.int64(u >= inner), sides)
-        order[slot] = o
-        shift_x[slot] = lines[o, 0] + lines[o, 1] * wave
-        shift_y[slot] = lines[o, 2] + lines[o, 3] * wave
+        near, far = _assign(b, near, far, draw, psf, work, key, counter + _ONE)
+        counter += _FOUR
     return near, counter
+
+
+@numba.njit(cache=True)
+def _by_bins(mean, draw, place, image, psf, tail, work, results, key, counter):
+    """Draw an object of many electrons, a Poisson number for each bin; return the counter. mean: of light 1."""
+    running = draw[0]
+    near, far = 0, _BATCH
+    for b in range(len(running) - 1):
+        light = mean * (running[b + 1] - running[b])
+        if light <= 0.0:
+            continue
+        number, counter = poisson(light, key, counter)
+        for _ in range(number):
+            near, far = _assign(b, near, far, draw, psf, work, key, counter)
+            counter += _THREE
+            if near == far:
+                counter = _land(near, _BATCH, place, image, psf, tail, work, results, key, counter)
+                near, far = 0, _BATCH
+    # Those beyond the box stand at the end: they close up to the others
+    first, order, _, _, shift_x, shift_y = work
+    count = near + _BATCH - far
+    for j in range(_BATCH - far):
+        for_j, from_j = near + j, far + j
+        first[for_j], order[for_j] = first[from_j], order[from_j]
+        shift_x[for_j], shift_y[for_j] = shift_x[from_j], shift_y[from_j]
+    return _land(near, count, place, image, psf, tail, work, results, key, counter)
+
+
+@numba.njit(inline="always")
+def _assign(b, near, far, draw, psf, work, key, counter):
+    """Give an electron of bin b wavelength, order, node and part of the PSF, by three words; return (near, far).
+
+    Those in the PSF's box stand at the beginning of the work arrays, `near` of them, those beyond from `far` on.
+    """
+    _, _, shares, between, start, step, nodes, index, lines = draw
+    first, order, _, _, shift_x, shift_y = work
+    one, two, three = word(key, counter), word(key, counter + _ONE), word(key, counter + _TWO)
+    o = pick(shares[b], low(one))
+    # The lower of two wavelengths, or the upper one as often as its weight says
+    node, f = index[pick(nodes, low(two) * nodes[-1])], np.int64(between[b] + high(two))
+    wave, u = start + step * (b + low(three)), high(three)
+    inner, outer = psf[1][node, f]
+    inside = u < inner + outer
+    far -= np.int64(not inside)
+    slot = near if inside else far
+    first[slot] = first_word(node, f, np.int64(u >= inner), psf[2])
+    order[slot] = o
+    shift_x[slot] = lines[o, 0] + lines[o, 1] * wave
+    shift_y[slot] = lines[o, 2] + lines[o, 3] * wave
+    return near + np.int64(inside), far
 
 
 @numba.njit(cache=True)

@@ -7,6 +7,7 @@ and order by order.
 
 import time
 
+import numba
 import numpy as np
 
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, OUTSIDE_PSF_HULL, STRONG_LENSING, TRUNCATED_STAMP
@@ -19,7 +20,7 @@ from csstsim.render.psf_mixture import Mixer
 from csstsim.render.scene import make_scene
 from csstsim.render.slabs import draw_spectra
 
-CHUNK = {policy.PHOTONS: 128, policy.STAMP: 2048}  # objects at a time: spectra in cache; few passes for far wings
+CHUNK = {policy.PHOTONS: 512, policy.STAMP: 2048}  # objects at a time: spectra in cache; few passes for far wings
 _UNDRAWN = BAD_VALUE | STRONG_LENSING
 FAINTEST = 1.0  # electron: an order with less, none of which was drawn, has no row in the table of orders
 _STRIP = 64  # px: objects are taken in strips, so that their pixels are in cache
@@ -53,7 +54,7 @@ def draw_dispersed(
     result = _Result(visits, disperser, window)
     counted = np.zeros(window.shape, np.int32) if (choice.method == policy.PHOTONS).any() else None
     keys = object_keys_of(key, scene.ids)
-    own = np.array([word(keys[i], np.uint64(piece)) for i, piece, _ in visits], np.uint64)
+    own = _visit_keys(keys, visits)
     order = np.lexsort((scene.x, np.floor(scene.y / _STRIP), scene.node[:, 0])) if len(rows) else np.zeros(0, int)
     place = np.empty(len(rows), int)
     for kind in (policy.STAMP, policy.PHOTONS):
@@ -97,7 +98,29 @@ class _Result:
         """Note the electrons of visits: (n, bins) light of their objects."""
         for piece in range(2):
             mine = visits[:, 1] == piece
-            self.electrons[at[mine]] = np.einsum("nb,ob->no", light, self._rates[piece])[visits[mine, 0]]
+            self.electrons[at[mine]] = _sums(light, visits[mine, 0], self._rates[piece])
+
+
+@numba.njit(cache=True)
+def _visit_keys(keys, visits):
+    """Return a key for each visit: an object that visits both pieces has two."""
+    out = np.empty(len(visits), np.uint64)
+    for v in range(len(visits)):
+        out[v] = word(keys[visits[v, 0]], np.uint64(visits[v, 1]))
+    return out
+
+
+@numba.njit(cache=True)
+def _sums(light, rows, rates):
+    """Return (len(rows), orders): electrons of each order."""
+    out, orders = np.zeros((len(rows), len(rates))), len(rates)
+    turned = np.ascontiguousarray(rates.T)
+    for k in range(len(rows)):
+        sums, spectrum = out[k], light[rows[k]]
+        for b in range(len(turned)):
+            for o in range(orders):
+                sums[o] += spectrum[b] * turned[b, o]
+    return out
 
 
 def _tables(objects, rows, part, scene, choice, visits, result, flags, disperser, wing):

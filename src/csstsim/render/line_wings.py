@@ -1,7 +1,7 @@
 """Wings of a spectrum: what a line of light adds beyond the box of the stored PSF (render.wings, of one point).
 
 The spectrum stands as points LINE_STEP apart, less than the radius at which boxes fade (22 px). Their wings' sum is
-smooth along and across: near the trace it is read every 8 px of a row and every second row, with cubics between; beyond
+smooth along and across: near the trace it is read every 8 px of every fourth row, with cubics between; beyond
 NEAR to twice that it goes to the mesh of render.far_wings, every few points together.
 """
 
@@ -16,8 +16,7 @@ from csstsim.render.wings import BLOCK, CUBIC, FIRST, add_faint, near_part, octa
 
 LINE_STEP = 16.0  # px
 _FAR_POINTS = 4
-_ROWS = 2  # px between rows that are read
-_MIDDLE = np.array([-1.0, 9.0, 9.0, -1.0]) / 16  # the cubic half-way between rows
+_ROWS = BLOCK // 2  # px between rows that are read
 
 
 def points_of(x, y, light):
@@ -42,19 +41,22 @@ def add_line(image, response, window, places, flux, wing, wing_px, half, far):
     (x0, x1, y0, y1) on the chip, half-open.
     """
     drawn, boxes = 0.0, []
-    whole = wing_px <= 2 * NEAR
-    near = 1.0 if whole or wing_px == 0 else near_part(octaves_of(wing_px))
-    for first in range(0, 0 if whole and wing_px > 0 else len(places), _FAR_POINTS):
-        some = slice(first, first + _FAR_POINTS)
-        light = flux[some].sum(axis=0)
-        x, y = (np.einsum("m,mk->k", flux[some].sum(axis=1), places[some]) / light.sum()).tolist()
-        if wing_px == 0:
-            drawn += add_faint(far, x, y, light, wing, half)
-            continue
-        added = far.add(x, y, wing_px, wing_table(wing, light, half, wing_px) * (1 - near), FIRST)
-        if added:
-            drawn += added[0]
-            boxes.append(added[1])
+    whole = 0 < wing_px <= 2 * NEAR
+    if wing_px > 0:
+        near = 1.0 if whole else near_part(octaves_of(wing_px))
+    if not whole:
+        groups = np.arange(0, len(places), _FAR_POINTS)
+        light = np.add.reduceat(flux, groups)
+        at = np.add.reduceat(flux.sum(axis=1)[:, None] * places, groups) / light.sum(axis=1)[:, None]
+        tables = wing_table(wing, light, half, wing_px) * (1 - near) if wing_px > 0 else None
+        for k, (x, y) in enumerate(at.tolist()):
+            if tables is None:
+                drawn += add_faint(far, x, y, light[k], wing, half)
+                continue
+            added = far.add(x, y, wing_px, tables[k], FIRST)
+            if added:
+                drawn += added[0]
+                boxes.append(added[1])
     if wing_px > 0:
         reach = min(wing_px, 2 * NEAR)
         (x0, y0), (x1, y1) = places.min(axis=0) - reach, places.max(axis=0) + reach
@@ -91,13 +93,12 @@ def _add_near(image, response, places, reach, tables):
                 mesh[row, column] += read(tables[m], FIRST, bits[0])
     line, total = np.empty(columns), 0.0
     for row in range(ny):
-        at, between = row // _ROWS + 1, row % _ROWS
+        at, phase = row // _ROWS + 1, row % _ROWS * (BLOCK // _ROWS)
         for j in range(columns):
-            if between:
-                a, b = _MIDDLE[0] * mesh[at - 1, j] + _MIDDLE[1] * mesh[at, j], _MIDDLE[2] * mesh[at + 1, j]
-                line[j] = a + b + _MIDDLE[3] * mesh[at + 2, j]
-            else:
-                line[j] = mesh[at, j]
+            line[j] = (
+                CUBIC[0, phase] * mesh[at - 1, j] + CUBIC[1, phase] * mesh[at, j] + CUBIC[2, phase] * mesh[at + 1, j]
+                + CUBIC[3, phase] * mesh[at + 2, j]
+            )  # fmt: skip
         for x in range(0, nx, BLOCK):
             j = x // BLOCK + 1
             for k in range(min(BLOCK, nx - x)):

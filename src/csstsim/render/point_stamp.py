@@ -27,10 +27,3 @@ def point_stamp(mixer, node, share, x, y, bounds, core=None):
     if core is not None:
         cells *= core[first[0] : last[0], first[1] : last[1]]
     return pixel_sums(cells, start[0] - first[0], start[1] - first[1], m, m, stamp)
-
-
-def cells_stamp(cells, per_pixel, x, y, bounds):
-    """Return the light of spline coefficients `cells` (cells, cells), a point's at x, y, on the pixels of `bounds`."""
-    x0, x1, y0, y1 = bounds
-    start = (y0 - 0.5 - y) * per_pixel + len(cells) / 2, (x0 - 0.5 - x) * per_pixel + len(cells) / 2
-    return pixel_sums(cells, *start, per_pixel, per_pixel, np.zeros((y1 - y0, x1 - x0)))

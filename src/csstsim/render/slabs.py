@@ -21,7 +21,7 @@ from csstsim.optics.beyond import Beyond
 from csstsim.render.far_wings import FarWings
 from csstsim.render.galaxy_stamp import galaxy_stamp, plan_galaxies
 from csstsim.render.line_wings import add_line, points_of
-from csstsim.render.point_stamp import cells_stamp
+from csstsim.render.pixel_sums import pixel_sums
 from csstsim.render.psf_mixture import Mixer
 
 NOTHING = Beyond()
@@ -66,15 +66,15 @@ def draw_spectra(
     galaxy = ((scene.sersic[:, :, 0] > 0) & (scene.light > 0)).any(axis=1)
     plan = plan_galaxies(scene, reach, half, galaxy)
     wide = np.sqrt((scene.light * scene.sersic[:, :, 2] ** 2).sum(axis=1) * np.abs(np.linalg.det(scene.matrix)))
+    lines = disperser.lines(visits, scene.x, scene.y)
     for v, (i, piece, cut) in enumerate(visits.tolist()):
         start = time.process_time()
         out.flags[v] = (OUTSIDE_PSF_HULL if scene.outside[i] else 0) | (FFT_REDUCED if plan.rough[i] else 0)
         density = int(np.clip(2.0 ** np.floor(np.log2(SLABS / max(wide[i], 1e-3))), 1, per_px))
         side = disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2) if cut else None
         core = mixer.core if beyond.wing is not None else None
-        lines = disperser.lines(piece, scene.x[i : i + 1], scene.y[i : i + 1])[0]
         phases = None
-        for o, (p, q, r, s) in enumerate(lines.tolist()):
+        for o, (p, q, r, s) in enumerate(lines[v].tolist()):
             light = spectra[i] * disperser.rates[piece, o]
             if not light.sum() > 0:
                 continue
@@ -123,20 +123,39 @@ def _phases(mixer, scene, plan, i, reach, density, core, side):
         cells = None if plan.size[i] else mixer.mixed_cells(scene.node[i], share)
         if cells is not None and core is not None:
             cells *= core
-        for column, row in np.ndindex(density, _HEIGHT):
-            x, y = column / density, row / _HEIGHT
-            if cells is None:
-                there = replace(one, x=np.array([x]), y=np.array([y]))
+        if cells is not None:
+            _point_phases(out[band], cells, mixer.per_pixel)
+        else:
+            for column, row in np.ndindex(density, _HEIGHT):
+                there = replace(one, x=np.array([column / density]), y=np.array([row / _HEIGHT]))
                 stamp = galaxy_stamp(mixer, there, own, 0, share, bounds, core=core)
                 lit = np.maximum(stamp, 0.0)
-                stamp = lit * (stamp.sum() / max(lit.sum(), 1e-300))
-            else:
-                stamp = cells_stamp(cells, mixer.per_pixel, x, y, bounds)
-            if side is not None:
-                x0, x1, y0, y1 = side
-                stamp *= _inside(pixels - x, x0, x1) * _inside(pixels - y, y0, y1)[:, None]
-            out[band, column, row] = stamp
+                out[band, column, row] = lit * (stamp.sum() / max(lit.sum(), 1e-300))
+    if side is not None:
+        x0, x1, y0, y1 = side
+        for column, row in np.ndindex(density, _HEIGHT):
+            share = _inside(pixels - row / _HEIGHT, y0, y1)[:, None] * _inside(pixels - column / density, x0, x1)
+            out[:, column, row] *= share.astype(np.float32)
     return out
+
+
+def _point_phases(out, cells, per_pixel):
+    """Fill `out` (density, heights, size, size) with the sums over pixels of a point's cells at each of its phases.
+
+    Phases a whole number of cells apart are sums over the same cells: one pass gives all of them.
+    """
+    density, heights, size, _ = out.shape
+    offsets = [np.arange(count) * per_pixel / count for count in (density, heights)]
+    parts = [np.unique(np.ceil(v) - v) for v in offsets]  # of a cell
+    start, fine = len(cells) / 2 - size / 2 * per_pixel, np.empty((size * per_pixel + per_pixel,) * 2)
+    for part_x in parts[0]:
+        for part_y in parts[1]:
+            pixel_sums(cells, start - per_pixel + part_y, start - per_pixel + part_x, per_pixel, 1, fine)
+            for column, row in np.ndindex(density, heights):
+                x, y = per_pixel - offsets[0][column] - part_x, per_pixel - offsets[1][row] - part_y
+                if x == int(x) and y == int(y):
+                    whole = fine[int(y) :: per_pixel, int(x) :: per_pixel]
+                    out[column, row] = whole[:size, :size]
 
 
 def _inside(places, low, high):
