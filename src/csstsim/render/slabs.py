@@ -214,18 +214,18 @@ def _add_slabs(image, response, x, y, light, mixture, phases):
         _deal(slabs, x, light, mixture, begin, end, block * _BLOCK - _SIDE, density)
         buffer[:] = 0.0
         bands = np.flatnonzero(np.array([slabs[f].any() for f in range(4)]))
-        for first in range(0, len(bands), 2):
-            pair = bands[first : first + 2]
+        for start in range(0, len(bands), 2):
+            pair = bands[start : start + 2]
             for k in range(len(pair)):
                 _raise(stamps[k], phases[pair[k]], height - row, pitch)
             one, two = slabs[pair[0]], slabs[pair[-1]]
             for j in range(slabs.shape[1]):
                 at, phase = j // density, j % density
                 if len(pair) == 1:
-                    _add(buffer[at:], stamps[0, phase, : len(buffer) - at], np.float32(one[j]))
+                    _add(buffer[at:], stamps[0, phase][: len(buffer) - at], np.float32(one[j]))
                 elif one[j] != 0.0 or two[j] != 0.0:
-                    shown = stamps[:, phase, : len(buffer) - at]
-                    _add_two(buffer[at:], shown[0], np.float32(one[j]), shown[1], np.float32(two[j]))
+                    first, second = stamps[0, phase][: len(buffer) - at], stamps[1, phase][: len(buffer) - at]
+                    _add_two(buffer[at:], first, np.float32(one[j]), second, np.float32(two[j]))
         drawn += _put(image, response, buffer.reshape(size + 2, pitch), x0, y0)
         box[0], box[1] = min(box[0], max(x0, 0)), max(box[1], min(x0 + pitch, image.shape[1]))
         box[2], box[3] = min(box[2], max(y0, 0)), max(box[3], min(y0 + size + 2, image.shape[0]))
