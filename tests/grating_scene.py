@@ -69,6 +69,8 @@ def by_hand(disperser, window, x, y, light, order, piece, sigma=SIGMA_PX):
     for f in range(4):
         used = np.flatnonzero(light * share[f] > 0)
         u, v = x + p + q * waves[used], y + r + s * waves[used]
-        along, across = (np.diff(ndtr((edges[:, None] - at) / sigma[f]), axis=0) for edges, at in ((columns, u), (rows, v)))
+        along, across = (
+            np.diff(ndtr((edges[:, None] - at) / sigma[f]), axis=0) for edges, at in ((columns, u), (rows, v))
+        )
         out += across @ ((light * share[f])[used][:, None] * along.T)
     return out
