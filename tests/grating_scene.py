@@ -65,12 +65,15 @@ def by_hand(disperser, window, x, y, light, order, piece, sigma=SIGMA_PX):
     waves, place = 0.5 * (disperser.edges[1:] + disperser.edges[:-1]), disperser.wavelengths
     share = np.array([np.interp(waves, place, row) for row in np.eye(4)])
     out = np.zeros(window.shape)
-    columns, rows = np.arange(window.x0, window.x1 + 1) - 0.5, np.arange(window.y0, window.y1 + 1) - 0.5
     for f in range(4):
         used = np.flatnonzero(light * share[f] > 0)
-        u, v = x + p + q * waves[used], y + r + s * waves[used]
-        along, across = (
-            np.diff(ndtr((edges[:, None] - at) / sigma[f]), axis=0) for edges, at in ((columns, u), (rows, v))
-        )
-        out += across @ ((light * share[f])[used][:, None] * along.T)
+        for some in np.array_split(used, len(used) // 200 + 1) if len(used) else ():
+            u, v = x + p + q * waves[some], y + r + s * waves[some]
+            parts, cut = [], []
+            for at, low, high in ((v, window.y0, window.y1), (u, window.x0, window.x1)):
+                first, last = np.clip([np.floor(at.min()) - 15, np.ceil(at.max()) + 16], low, high).astype(int)
+                edges = np.arange(first, last + 1) - 0.5
+                parts.append(np.diff(ndtr((edges[:, None] - at) / sigma[f]), axis=0))
+                cut.append(slice(first - low, last - low))
+            out[tuple(cut)] += (parts[0] * (light * share[f])[some]) @ parts[1].T
     return out

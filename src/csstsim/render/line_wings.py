@@ -1,9 +1,10 @@
 """Wings of a spectrum: what a line of light adds beyond the box of the stored PSF (render.wings, of one point).
 
 The spectrum stands as points LINE_STEP apart, less than the radius at which boxes fade (22 px). Their wings' sum is
-smooth along and across: near the trace it is read every 8 px of every fourth row, with cubics between; beyond
-NEAR to twice that it goes to the mesh of render.far_wings, every few points together. Where an edge cuts the light
-before it is dispersed, that of each point's wing is softened over the points' distance, so their sum has no steps.
+smooth along and across: near the trace it is read every 8 px of every fourth row, with cubics between, to 4% of its top
+where boxes fade and 1% beyond; beyond NEAR to twice that it goes to the mesh of render.far_wings, every few points
+together. Where an edge cuts the light before it is dispersed, that of each point's wing is softened over the points'
+distance, so their sum has no steps.
 """
 
 import math
@@ -15,8 +16,8 @@ from csstsim.render.far_wings import NEAR, WHOLE, between
 from csstsim.render.octaves import read
 from csstsim.render.wings import BLOCK, CUBIC, FIRST, add_faint, near_part, octaves_of, wing_table
 
-LINE_STEP = 16.0  # px
-_FAR_POINTS = 4
+LINE_STEP = 8.0  # px
+_FAR_POINTS = 8
 _ROWS = BLOCK // 2  # px between rows that are read
 
 

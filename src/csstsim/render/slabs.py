@@ -5,9 +5,9 @@ four wavelengths of the PSF set. Its spectrum's bins are dealt out to slabs `1 /
 bin to four of them by the cubic through them, so that light, centroid and width of a line stay. A slab is the mixture
 of the stamps of its sub-pixel phase at each wavelength of the PSF set, times their light; the height of the trace is
 that of the middle of 16 px. Slabs need not be denser than the image is sharp: `per_px` falls with the size of a
-galaxy's components (`_densities`). Light beyond the PSF's box is added every 16 px (render.line_wings). What falls
-beyond a grating's piece is cut off the stamps, by the share of each pixel, and off the wings. Left out: ghosts of
-dispersed light.
+galaxy's components (`_densities`). Light beyond the PSF's box is added every 8 px (render.line_wings). What falls
+beyond a grating's piece is cut off the cells of a PSF, the pixels of a galaxy, by the share of each, and off the wings.
+Left out: ghosts of dispersed light.
 """
 
 import math
@@ -134,22 +134,21 @@ def _phases(mixer, scene, plan, i, reach, density, core, side):
     for band in range(4):
         share = np.zeros((len(scene.node[i]), 4))
         share[:, band] = scene.weight[i]
-        cells = None if plan.size[i] else mixer.mixed_cells(scene.node[i], share)
-        if cells is not None and core is not None:
-            cells *= core
-        if cells is not None:
+        if not plan.size[i]:
+            cells = mixer.mixed_cells(scene.node[i], share)
+            cells *= 1 if core is None else core
+            if side != WHOLE:
+                cells *= _inside(
+                    (np.arange(mixer.cells) + 0.5 - mixer.cells / 2) / mixer.per_pixel, mixer.per_pixel, side
+                )
             _point_phases(out[band], cells, mixer.per_pixel)
-        else:
-            for column, row in np.ndindex(density, _HEIGHT):
-                there = replace(one, x=np.array([column / density]), y=np.array([row / _HEIGHT]))
-                stamp = galaxy_stamp(mixer, there, own, 0, share, bounds, core=core)
-                lit = np.maximum(stamp, 0.0)
-                out[band, column, row] = lit * (stamp.sum() / max(lit.sum(), 1e-300))
-    if side != WHOLE:
-        x0, x1, y0, y1 = side
+            continue
         for column, row in np.ndindex(density, _HEIGHT):
-            share = _inside(pixels - row / _HEIGHT, y0, y1)[:, None] * _inside(pixels - column / density, x0, x1)
-            out[:, column, row] *= share.astype(np.float32)
+            there = replace(one, x=np.array([column / density]), y=np.array([row / _HEIGHT]))
+            stamp = galaxy_stamp(mixer, there, own, 0, share, bounds, core=core)
+            lit = np.maximum(stamp, 0.0)
+            lit *= stamp.sum() / max(lit.sum(), 1e-300)
+            out[band, column, row] = lit * _inside(pixels, 1, side, column / density, row / _HEIGHT)
     return out
 
 
@@ -172,9 +171,12 @@ def _point_phases(out, cells, per_pixel):
                     out[column, row] = whole[:size, :size]
 
 
-def _inside(places, low, high):
-    """Return the share of pixels about `places` that lies within low..high."""
-    return np.clip(np.minimum(places + 0.5, high) - np.maximum(places - 0.5, low), 0.0, 1.0)
+def _inside(places, per_pixel, side, x=0.0, y=0.0):
+    """Return (n, n): shares of squares, `per_pixel` to a pixel, about places [px] seen from x, y that lie in `side`."""
+    half, shares = 0.5 / per_pixel, []
+    for at, low, high in ((places - x, *side[:2]), (places - y, *side[2:])):
+        shares.append(np.clip((np.minimum(at + half, high) - np.maximum(at - half, low)) * per_pixel, 0.0, 1.0))
+    return (shares[1][:, None] * shares[0]).astype(np.float32)
 
 
 @numba.njit(inline="always")
