@@ -113,7 +113,7 @@ def _densities(scene, per_px):
     wanted = np.where(scene.sersic[:, :, 0] == BULGE, _SLABS[1], _SLABS[0])
     wanted = wanted / np.maximum(chord[:, None] * scene.sersic[:, :, 2], 1e-3)
     mean = (scene.light * np.clip(wanted, 1, per_px)).sum(axis=1)
-    return (2 ** np.ceil(np.log2(mean) - 0.2)).clip(1, per_px).astype(int).tolist()
+    return (2 ** np.round(np.log2(mean))).clip(1, per_px).astype(int).tolist()
 
 
 def _meets(x, y, reach, window):
