@@ -29,7 +29,7 @@ from csstsim.render.scene import BULGE
 NOTHING = Beyond()
 PER_PX = 4  # slabs to a pixel of a point's spectrum
 _SLABS = 8.0, 24.0  # to the half-light radius of a disk, of a bulge, which has a peak
-_HEIGHT = 4  # heights of the trace in a pixel between which stamps are interpolated
+_HEIGHTS = 8, 4  # of the trace in a pixel, between which stamps of points, of galaxies, are interpolated
 _BLOCK = 16  # px of the trace that share a height
 _SIDE = 2  # px that a slab's four neighbours may lie beyond a block
 
@@ -123,13 +123,14 @@ def _meets(x, y, reach, window):
 
 
 def _phases(mixer, scene, plan, i, reach, density, core, side):
-    """Return (4, density, _HEIGHT, size, size) float32: object i in light of each wavelength of the PSF set.
+    """Return (4, density, heights, size, size) float32: object i in light of each wavelength of the PSF set.
 
-    It stands column / density, row / _HEIGHT px from a pixel's centre and has light 1. side: (x0, x1, y0, y1) px from
+    It stands column / density, row / heights px from a pixel's centre and has light 1. side: (x0, x1, y0, y1) px from
     the object beyond which its light is cut off.
     """
     size, bounds = 2 * reach + 1, (-reach, reach + 1) * 2
-    out = np.empty((4, density, _HEIGHT, size, size), np.float32)
+    heights = _HEIGHTS[int(plan.size[i] > 0)]
+    out = np.empty((4, density, heights, size, size), np.float32)
     one, own, pixels = scene.take(np.array([i])), plan.take(np.array([i])), np.arange(-reach, reach + 1)
     for band in range(4):
         share = np.zeros((len(scene.node[i]), 4))
@@ -143,12 +144,12 @@ def _phases(mixer, scene, plan, i, reach, density, core, side):
                 )
             _point_phases(out[band], cells, mixer.per_pixel)
             continue
-        for column, row in np.ndindex(density, _HEIGHT):
-            there = replace(one, x=np.array([column / density]), y=np.array([row / _HEIGHT]))
+        for column, row in np.ndindex(density, heights):
+            there = replace(one, x=np.array([column / density]), y=np.array([row / heights]))
             stamp = galaxy_stamp(mixer, there, own, 0, share, bounds, core=core)
             lit = np.maximum(stamp, 0.0)
             lit *= stamp.sum() / max(lit.sum(), 1e-300)
-            out[band, column, row] = lit * _inside(pixels, 1, side, column / density, row / _HEIGHT)
+            out[band, column, row] = lit * _inside(pixels, 1, side, column / density, row / heights)
     return out
 
 
@@ -231,9 +232,7 @@ def _add_slabs(image, response, x, y, light, mixture, phases):
         drawn += _put(image, response, buffer.reshape(size + 2, pitch), x0, y0)
         box[0], box[1] = min(box[0], max(x0, 0)), max(box[1], min(x0 + pitch, image.shape[1]))
         box[2], box[3] = min(box[2], max(y0, 0)), max(box[3], min(y0 + size + 2, image.shape[0]))
-    if box[1] == 0:
-        box[:] = 0
-    return drawn, box
+    return drawn, box * (box[1] > 0)
 
 
 @numba.njit(cache=True)
