@@ -22,7 +22,7 @@ import numpy as np
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
-from csstsim.measure.line_profile import ACROSS, ALONG, HALF, OFFSETS, between, broadened, mixed, psf_profile
+from csstsim.measure.line_profile import ACROSS, ALONG, OFFSETS, between, broadened, mixed, psf_profile
 from csstsim.measure.local_sky import local_sky
 from csstsim.units import C_A_S, H_J_S
 
@@ -162,9 +162,7 @@ def _extract_one(frame, one, sources, model, psf, wing):
 def _trace(one, model, window):
     """Return (columns, wavelengths, y) of the trace in the window, PAD columns longer than the order."""
     x, y, p, q, r, s = (float(one[name][0]) for name in ("x", "y", "p", "q", "r", "s"))
-    sums = model.cumulative[str(one["grating"][0]), int(one["order"][0])]
-    lit = np.flatnonzero(np.diff(sums))
-    limits = GRID[[lit[0], lit[-1] + 1]]
+    limits = model.limits[model.pairs(one)[0]]
     ends = np.sort(x + p + q * limits)
     first, last = max(np.ceil(ends[0]) - PAD, window.x0), min(np.floor(ends[1]) + PAD + 1, window.x1)
     columns = np.arange(int(first), int(max(first, last)))
@@ -218,7 +216,7 @@ def _measured(cutout, shares, half, read_noise):
     data -= sky.level[:, None]
     base = (np.maximum(sky.level[:, None] + others, 0.0) + read_noise**2 / cutout.response) / cutout.response
     good = cutout.good & (overlap > 0)
-    fit, variance, used = _horne(data, shares, base, cutout.response, good)
+    variance, used = _horne(data, shares, base, cutout.response, good)
     weights = np.where(used, shares / variance, 0.0), np.where(used, overlap, 0.0)
     out = {"sky": sky.level, "flags": _flags(cutout, overlap, used)}
     whole = (used * overlap * shares).sum(axis=1) >= WHOLE * (overlap * shares).sum(axis=1)
@@ -238,7 +236,7 @@ def _measured(cutout, shares, half, read_noise):
 
 
 def _horne(data, shares, base, response, good):
-    """Return (fit (n,), variance, used (n, rows)): the optimal fit, outliers rejected one a column and round."""
+    """Return (variance, used) (n, rows) of the optimal fit, outliers rejected one a column and round."""
     used, fit, variance = good.copy(), np.zeros(len(data)), base
     column = np.arange(len(data))
     for _ in range(ROUNDS):
@@ -255,7 +253,7 @@ def _horne(data, shares, base, response, good):
         if not bad.any():
             break
         used[column[bad], worst[bad]] = False
-    return fit, variance, used
+    return variance, used
 
 
 def _flags(cutout, overlap, used):

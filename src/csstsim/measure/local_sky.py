@@ -6,6 +6,7 @@ in the strips too: what share of it is returned beside the sky, for the extracti
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -33,7 +34,7 @@ def local_sky(data, good, offset, share, inner, width):
     edges = np.linspace(0, n, max(1, round(n / BLOCK)) + 1).astype(int)
     strips = [(side * offset >= inner) & (side * offset < inner + width) for side in (-1, 1)]
     found = np.full((3, len(edges) - 1), np.nan)
-    for k, (first, last) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for k, (first, last) in enumerate(pairwise(edges)):
         part, sides = slice(first, last), []
         for strip in strips:
             used = good[part] & strip[part]

@@ -26,15 +26,20 @@ _FINE, _COARSE = 4, 2  # cells to a column: of one spectrum, of all
 
 @dataclass(frozen=True, eq=False)
 class SpectralModel:
-    """What makes electrons of spectra. `photons` m2 s, area times exposure time; `cumulative` {(grating, order): (n,)
-    angstrom, T summed up to GRID}; `bands` (4,) angstrom, of the profiles; `point` (2 axes, 4, n) profiles of a point;
-    `tables` (2 axes, CLASSES, 2 components, 4, n) of classes of size."""
+    """What makes electrons of spectra, by pair of grating and order.
+
+    photons: m2 s, area times exposure time; names: {(grating, order): pair}; cumulative: (pairs, len(GRID)) angstrom,
+    T summed up to GRID; limits (pairs, 2) angstrom; bands: (4,) angstrom, of the profiles; tables (2 axes, CLASSES,
+    2 components, 4, n): profiles by class of size; kernels (CLASSES, 2, 4, cells, columns): where light lands ALONG.
+    """
 
     photons: float
-    cumulative: dict
+    names: dict
+    cumulative: np.ndarray
+    limits: np.ndarray
     bands: np.ndarray
-    point: np.ndarray
     tables: np.ndarray
+    kernels: np.ndarray
 
     def electrons(self, one, columns, profile, spectrum, edges):
         """Return electrons (len(columns),) of a row of the orders' table, ACROSS all of the trace.
@@ -42,11 +47,9 @@ class SpectralModel:
         one: ObjectTable of one row; columns: consecutive chip columns; profile: (4, n), ALONG; spectrum: (len(edges) -
         1,) photon / s / m2 / angstrom in bins of edges [angstrom].
         """
-        out = np.zeros(len(columns))
-        sums = self.cumulative[str(one["grating"][0]), int(one["order"][0])]
+        out, sums = np.zeros(len(columns)), self.cumulative[self.pairs(one)[0]]
         at, per = float(one["x"][0] + one["p"][0]), float(one["q"][0])
-        kernel = _kernels(profile, _FINE, HALF // 2)
-        spectrum = np.asarray(spectrum, float) * self.photons
+        kernel, spectrum = _kernels(profile, _FINE, HALF // 2), np.asarray(spectrum, float) * self.photons
         _along(sums, np.asarray(edges, float), spectrum, at, per, float(columns[0]), kernel, self.bands, out)
         return out
 
@@ -54,59 +57,55 @@ class SpectralModel:
         """Return float32 `window.shape`: expected electrons of the rows of an orders' table.
 
         shapes: Shapes by row of the truth table; spectra(rows): (len(rows), len(edges) - 1); faintest: electrons of a
-        pixel below which light is left out.
+        pixel below which light is left out, and orders whose mean along the trace is fainter.
         """
-        image = np.zeros(window.shape, np.float32)
-        edges = np.asarray(edges, float)
-        ordered = orders.take(np.argsort(orders["row"], kind="stable"))
-        rows, start = np.unique(ordered["row"], return_index=True)
-        start = np.append(start, len(ordered))
+        image, edges = np.zeros(window.shape, np.float32), np.asarray(edges, float)
+        bounds = np.array([window.x0, window.x1, window.y0])
+        traces = np.stack([orders["x"] + orders["p"], orders["q"], orders["y"] + orders["r"], orders["s"]], axis=1)
+        pairs, sorted_ = self.pairs(orders), np.argsort(orders["row"], kind="stable")
+        rows, start = np.unique(orders["row"][sorted_], return_index=True)
+        owner = np.repeat(np.arange(len(rows)), np.diff(np.append(start, len(sorted_))))
+        size = _class_of(shapes.radius[rows])
         for first in range(0, len(rows), CHUNK):
             last = min(first + CHUNK, len(rows))
-            seds = np.asarray(spectra(rows[first:last]), float) * self.photons
-            for i in range(first, last):
-                part = ordered.take(slice(start[i], start[i + 1]))
-                self._draw(image, part, shapes, rows[i], seds[i - first], edges, window, faintest)
+            seds = np.ascontiguousarray(spectra(rows[first:last]), float) * self.photons
+            mine = (owner >= first) & (owner < last)
+            chosen = sorted_[mine]
+            _draw(
+                image, bounds, owner[mine] - first, pairs[chosen], traces[chosen], seds, edges,
+                shapes.light[rows[first:last]], size[first:last], self.tables[ACROSS], self.kernels, self.cumulative,
+                self.limits, self.bands, faintest,
+            )  # fmt: skip
         return image
 
-    def _draw(self, image, part, shapes, row, spectrum, edges, window, faintest):
-        """Add all orders of one object."""
-        light, radius = shapes.light[row], shapes.radius[row]
-        along, across = (self._of_class(axis, light, radius[axis]) for axis in (ALONG, ACROSS))
-        reach = int(min(_REACH[0] + _REACH[1] * (light * radius[ALONG]).sum(), _REACH[2]))
-        kernel = _kernels(along, _COARSE, reach)
-        for k in range(len(part)):
-            sums = self.cumulative[str(part["grating"][k]), int(part["order"][k])]
-            lit = np.flatnonzero(np.diff(sums))
-            at, per = part["x"][k] + part["p"][k], part["q"][k]
-            ends = np.sort(at + per * GRID[[lit[0], lit[-1] + 1]])
-            first, last = int(max(ends[0] - reach, window.x0)), int(min(ends[1] + reach + 1, window.x1))
-            if last <= first:
-                continue
-            column = np.zeros(last - first)
-            _along(sums, edges, spectrum, at, per, float(first), kernel, self.bands, column)
-            trace = at, per, part["y"][k] + part["r"][k], part["s"][k]
-            _across(image, window.x0, window.y0, column, first, *trace, across, self.bands, faintest)
-
-    def _of_class(self, axis, light, radius):
-        size = np.log(np.maximum(radius, 1e-9) / SMALLEST) / np.log(CLASS)
-        k = np.clip(np.rint(size).astype(int) + 1, 0, CLASSES - 1)
-        table = self.tables[axis]
-        return light[0] * table[k[0], 0] + light[1] * table[k[1], 1]
+    def pairs(self, orders):
+        """Return which grating and order each row of an orders' table has, (n,) in `names`."""
+        found = zip(orders["grating"].tolist(), orders["order"].tolist(), strict=True)
+        return np.array([self.names[pair] for pair in found], int)
 
 
 def make_model(gratings, photons, cells, per_pixel, bands, wing=None):
-    """Return the SpectralModel of a chip. gratings: instrument.grating.Gratings; photons: m2 s; cells (4, n, n),
-    per_pixel, wing: of a PSF, as measure.line_profile.psf_profile takes them; bands: (4,) its wavelengths [angstrom]."""
-    cumulative = {}
-    for grating, _ in gratings.pieces:
-        for number, order in grating.orders.items():
-            steps = 0.5 * (order.throughput[1:] + order.throughput[:-1]) * _STEP
-            cumulative[grating.name, number] = np.concatenate([[0.0], np.cumsum(steps)])
-    point = np.stack([psf_profile(cells, per_pixel, axis, wing) for axis in (ALONG, ACROSS)])
+    """Return the SpectralModel of a chip.
+
+    gratings: instrument.grating.Gratings; photons: m2 s; cells (4, n, n), per_pixel, wing: of a PSF, as
+    measure.line_profile.psf_profile takes them; bands: (4,) its wavelengths [angstrom].
+    """
+    pairs = [(g.name, n, order) for g, _ in gratings.pieces for n, order in g.orders.items()]
+    steps = np.stack([0.5 * (o.throughput[1:] + o.throughput[:-1]) * _STEP for _, _, o in pairs])
+    limits = np.array([GRID[[lit[0], lit[-1] + 1]] for lit in map(np.flatnonzero, steps)])
+    cumulative = np.concatenate([np.zeros((len(pairs), 1)), np.cumsum(steps, axis=1)], axis=1)
+    point = [psf_profile(cells, per_pixel, axis, wing) for axis in (ALONG, ACROSS)]
     sizes = np.concatenate([[0.0], SMALLEST * CLASS ** np.arange(CLASSES - 1)])
-    tables = [[[broadened(p, one, (r, r)) for one in np.eye(2)] for r in sizes] for p in point]
-    return SpectralModel(photons, cumulative, np.asarray(bands, float), point, np.array(tables))
+    tables = np.array([[[broadened(p, one, (r, r)) for one in np.eye(2)] for r in sizes] for p in point])
+    kernels = np.array([[_kernels(one, _COARSE, _REACH[2]) for one in size] for size in tables[ALONG]])
+    names = {(name, number): k for k, (name, number, _) in enumerate(pairs)}
+    return SpectralModel(photons, names, cumulative, limits, np.asarray(bands, float), tables, kernels)
+
+
+def _class_of(radius):
+    """Return the class of size of radii [px]."""
+    size = np.log(np.maximum(radius, 1e-9) / SMALLEST) / np.log(CLASS)
+    return np.clip(np.rint(size).astype(int) + 1, 0, CLASSES - 1)
 
 
 def _kernels(profile, per_column, reach):
@@ -172,6 +171,57 @@ def _along(cumulative, edges, spectrum, at, per, first, kernel, bands, out):
         column = i // per_column - 2 * reach
         for k in range(max(-column, 0), min(width, n - column)):
             out[column + k] += e * ((1.0 - share) * low[k] + share * high[k])
+
+
+@numba.njit(cache=True)
+def _draw(
+    image,
+    bounds,
+    owner,
+    pairs,
+    traces,
+    spectra,
+    edges,
+    light,
+    size,
+    tables,
+    kernels,
+    cumulative,
+    limits,
+    bands,
+    faintest,
+):
+    """Add orders to the image; owner: their object's row of spectra, light (n, 2) and size (n, 2 axes, 2)."""
+    x0, x1, y0 = bounds
+    profile = np.empty(tables.shape[2:])
+    most = kernels.shape[4] // 2
+    before = -1
+    for i in range(len(pairs)):
+        k, pair = owner[i], pairs[i]
+        at, per, middle, slope = traces[i]
+        low, high = at + per * limits[pair, 0], at + per * limits[pair, 1]
+        low, high = min(low, high), max(low, high)
+        if high + most < x0 or low - most > x1:
+            continue
+        total = _counted(limits[pair, 0], limits[pair, 1], cumulative[pair], edges, spectra[k])
+        radius = 0.0
+        for part in range(2):
+            radius += light[k, part] * SMALLEST * CLASS ** (size[k, 0, part] - 1.0) * (size[k, 0, part] > 0)
+        if total <= faintest * max(high - low, 1.0) * (1.0 + radius):
+            continue
+        reach = int(min(_REACH[0] + _REACH[1] * radius, most))
+        first, last = int(max(low - reach, x0)), int(min(high + reach + 1, x1))
+        if last <= first:
+            continue
+        a, b = light[k]
+        if k != before:
+            profile[:] = a * tables[size[k, 1, 0], 0] + b * tables[size[k, 1, 1], 1]
+            part = slice(most - reach, most + reach + 1)
+            kernel = a * kernels[size[k, 0, 0], 0][:, :, part] + b * kernels[size[k, 0, 1], 1][:, :, part]
+            before = k
+        column = np.zeros(last - first)
+        _along(cumulative[pair], edges, spectra[k], at, per, float(first), kernel, bands, column)
+        _across(image, x0, y0, column, first, at, per, middle, slope, profile, bands, faintest)
 
 
 @numba.njit(cache=True)
