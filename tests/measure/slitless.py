@@ -19,7 +19,7 @@ LIGHT = 0.97  # of a star within the PSF's box
 STEP = 0.05  # px
 PHOTONS = math.pi * 150.0  # m2 s
 SKY, READ_NOISE = 20.0, 5.0  # electron
-EDGES = np.arange(2400.0, 10800.0, 4.0)  # of spectra
+EDGES = np.arange(2400.0, 10800.0, 1.5)  # of spectra
 
 
 def below(edges, sigma):
@@ -48,9 +48,25 @@ def orders_of(gratings, x, y, window, rows=None):
                 ends, wave = np.sort(x0 + p + q * np.array(order.range)), order.range
                 if ends[1] < window.x0 - 5 or ends[0] > window.x1 + 5:
                     continue
-                found.append((100 + i, i, number, grating.name, x0, y0, p, q, r, s, 1e6, *wave))
-    names = ("id", "row", "order", "grating", "x", "y", "p", "q", "r", "s", "drawn", "wave_min", "wave_max")
-    types = (np.int64, np.int32, np.int8, str, *[float] * 9)
+                found.append((100 + i, i, number, grating.name, x0, y0, p, q, r, s, 1e6, 1e6, *wave, False))
+    names = (
+        "id",
+        "row",
+        "order",
+        "grating",
+        "x",
+        "y",
+        "p",
+        "q",
+        "r",
+        "s",
+        "electrons",
+        "drawn",
+        "wave_min",
+        "wave_max",
+        "cut",
+    )
+    types = (np.int64, np.int32, np.int8, str, *[float] * 10, bool)
     columns = list(zip(*found, strict=True)) or [()] * len(names)
     return ObjectTable({n: np.array(c, t) for n, c, t in zip(names, columns, types, strict=True)})
 
@@ -75,17 +91,16 @@ def draw(image, window, gratings, orders, spectrum, k, sigma=SIGMA, numbers=None
             image[a - window.y0 : b - window.y0, c - window.x0 : d - window.x0] += part
 
 
-def binned(spectrum):
-    """Return a spectrum of GRID in the bins of EDGES."""
+def binned(spectrum, edges):
+    """Return a spectrum of GRID in bins of `edges`."""
     total = np.concatenate([[0.0], np.cumsum(0.5 * (spectrum[1:] + spectrum[:-1]) * np.diff(GRID))])
-    return np.diff(np.interp(EDGES, GRID, total)) / np.diff(EDGES)
+    return np.diff(np.interp(edges, GRID, total)) / np.diff(edges)
 
 
 def sources_of(spectra, radius=0.0):
     shapes = Shapes.points(len(spectra))
     shapes.radius[...] = radius
-    table = np.array([binned(s) for s in spectra])
-    return Sources(shapes, lambda rows: table[rows], EDGES)
+    return Sources(shapes, lambda rows, edges: np.array([binned(spectra[k], edges) for k in rows]), EDGES)
 
 
 def setting(camera, chip, window, places):

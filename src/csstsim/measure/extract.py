@@ -16,6 +16,7 @@ galaxies (the box sums them; the optimal weights may reject some of a strong one
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from csstsim.measure.line_profile import ACROSS, ALONG, OFFSETS, between, broade
 from csstsim.measure.local_sky import local_sky
 from csstsim.units import C_A_S, H_J_S
 
-MASKED, SATURATED, COSMIC, EDGE, DIM, CONTAMINATED, LOST = (1 << k for k in range(7))
+MASKED, SATURATED, COSMIC, EDGE, DIM, CONTAMINATED, LOST, CUT = (1 << k for k in range(8))
 APERTURE_LIGHT = 0.9  # of the light in the aperture's rows
 LEAST, MOST = 4.0, 20.0  # px, half the aperture
 GAP, STRIP = 4.0, 16.0  # px: from the aperture to a strip of sky, and its width
@@ -34,6 +35,7 @@ PAD = 4  # columns beyond the order's ends: light that the PSF spreads
 DIM_BELOW = 0.05  # of the order's largest electrons per photon: no flux is given
 CONTAMINATED_FROM = 0.1  # of the electrons
 REJECT, PROFILE_ERROR = 5.0, 0.1  # sigma; share by which the profile may be wrong
+FAINTEST = 0.1  # of a pixel's noise: fainter light of others is not modelled
 ROUNDS = 20
 WHOLE = 0.5  # of the aperture's light in pixels that can be used; with less there is no result
 ELEMENT, ELEMENT_ROWS = 3.0, 6.0  # px of a resolution element, for the choice of spectra
@@ -61,16 +63,22 @@ class Frame:
         seen = calibrated.electrons, unusable, calibrated.saturated, calibrated.response
         return cls(window, *seen, noise, others)
 
+    @cached_property
     def noise(self):
         """Return the noise of a pixel of sky [electron]."""
         sample = self.electrons[::8, ::8][~self.unusable[::8, ::8]]
         return float(np.sqrt(max(np.median(sample) if sample.size else 0.0, 0.0) + self.read_noise**2))
 
+    @property
+    def faintest(self):
+        """Electrons of a pixel below which others are not modelled."""
+        return FAINTEST * self.noise
+
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """Whose spectra: `shapes` line_profile.Shapes by row of the truth table; `spectra` (rows) -> (n, bins) photon / s /
-    m2 / angstrom as observed in bins of `edges` [angstrom], or None: neither others nor a model are known."""
+    """Whose spectra: `shapes` line_profile.Shapes by row of the truth table; `spectra` (rows, edges) ->
+    (n, bins) photon / s / m2 / angstrom as observed in bins of `edges` [angstrom]; None: not known."""
 
     shapes: object
     spectra: object = None
@@ -94,7 +102,7 @@ def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,
     resolution element. Frame.others is subtracted where there is one, less the spectrum's own.
     """
     chosen = np.isin(orders["order"], wanted) & (orders["drawn"] > 0)
-    chosen &= predicted_snr(orders, sources.shapes, frame.noise()) >= snr_min
+    chosen &= predicted_snr(orders, sources.shapes, frame.noise) >= snr_min
     parts, counts = [_nothing()], 0
     for k in np.flatnonzero(chosen):
         one = orders.take(slice(k, k + 1))
@@ -149,9 +157,10 @@ def _extract_one(frame, one, sources, model, psf, wing):
     flat = model.electrons(one, columns, along, [1.0], GRID[[0, -1]])
     expected = np.full(len(columns), np.nan)
     if sources.spectra is not None:
-        spectrum = np.asarray(sources.spectra(np.array([row])))[0]
+        spectrum = np.asarray(sources.spectra(np.array([row]), sources.edges))[0]
         expected = model.electrons(one, columns, along, spectrum, sources.edges)
     found |= _fluxes(found, flat, wave)
+    found["flags"] |= CUT if one["cut"][0] else 0
     if cutout.others is None:
         found["contamination"] = np.full(len(columns), np.nan)
     found |= {"column": columns, "y": centre, "wavelength": wave, "sensitivity": flat, "model": expected}
@@ -201,7 +210,7 @@ class _Cutout:
         others = None
         if frame.others is not None:
             here = Window(int(columns[0]), int(columns[-1]) + 1, int(rows[0]), int(rows[-1]) + 1)
-            own = model.image(one, sources.shapes, sources.spectra, sources.edges, here)
+            own = model.image(one, sources.shapes, sources.spectra, sources.edges, here, frame.faintest)
             others = np.where(inside, frame.others[part].T - own.T.astype(float), 0.0)
         data = np.where(good, frame.electrons[part].T.astype(float), 0.0)
         return cls(data, others, rows - centre[:, None], inside, saturated, good, response)

@@ -56,27 +56,35 @@ class SpectralModel:
     def image(self, orders, shapes, spectra, edges, window, faintest=0.0):
         """Return float32 `window.shape`: expected electrons of the rows of an orders' table.
 
-        shapes: Shapes by row of the truth table; spectra(rows): (len(rows), len(edges) - 1); faintest: electrons of a
-        pixel below which light is left out, and orders whose mean along the trace is fainter.
+        shapes: Shapes by row of the truth table; spectra(rows, edges): (len(rows), len(edges) - 1); faintest: electrons
+        of a pixel below which light is left out, and orders whose mean along the trace is fainter.
         """
         image, edges = np.zeros(window.shape, np.float32), np.asarray(edges, float)
+        orders = orders.take(self._seen(orders, shapes, faintest))
+        orders = orders.take(np.argsort(orders["row"], kind="stable"))
         bounds = np.array([window.x0, window.x1, window.y0])
         traces = np.stack([orders["x"] + orders["p"], orders["q"], orders["y"] + orders["r"], orders["s"]], axis=1)
-        pairs, sorted_ = self.pairs(orders), np.argsort(orders["row"], kind="stable")
-        rows, start = np.unique(orders["row"][sorted_], return_index=True)
-        owner = np.repeat(np.arange(len(rows)), np.diff(np.append(start, len(sorted_))))
+        rows, start = np.unique(orders["row"], return_index=True)
+        start = np.append(start, len(orders))
+        pairs, owner, share = self.pairs(orders), np.repeat(np.arange(len(rows)), np.diff(start)), _share(orders)
         size = _class_of(shapes.radius[rows])
         for first in range(0, len(rows), CHUNK):
             last = min(first + CHUNK, len(rows))
-            seds = np.ascontiguousarray(spectra(rows[first:last]), float) * self.photons
-            mine = (owner >= first) & (owner < last)
-            chosen = sorted_[mine]
+            seds = np.ascontiguousarray(spectra(rows[first:last], edges), float) * self.photons
+            mine = slice(start[first], start[last])
             _draw(
-                image, bounds, owner[mine] - first, pairs[chosen], traces[chosen], seds, edges,
+                image, bounds, owner[mine] - first, pairs[mine], traces[mine], share[mine], seds, edges,
                 shapes.light[rows[first:last]], size[first:last], self.tables[ACROSS], self.kernels, self.cumulative,
                 self.limits, self.bands, faintest,
             )  # fmt: skip
         return image
+
+    def _seen(self, orders, shapes, faintest):
+        """Return (n,) bool: orders with a pixel of at least `faintest` electrons, were their light spread evenly."""
+        limits = self.limits[self.pairs(orders)]
+        length = np.maximum(np.abs(orders["q"]) * (limits[:, 1] - limits[:, 0]), 1.0)
+        radius = (shapes.light * shapes.radius[:, ACROSS]).sum(axis=1)[orders["row"]]
+        return orders["electrons"] >= faintest * length * (1 + radius)
 
     def pairs(self, orders):
         """Return which grating and order each row of an orders' table has, (n,) in `names`."""
@@ -100,6 +108,12 @@ def make_model(gratings, photons, cells, per_pixel, bands, wing=None):
     kernels = np.array([[_kernels(one, _COARSE, _REACH[2]) for one in size] for size in tables[ALONG]])
     names = {(name, number): k for k, (name, number, _) in enumerate(pairs)}
     return SpectralModel(photons, names, cumulative, limits, np.asarray(bands, float), tables, kernels)
+
+
+def _share(orders):
+    """Return (n,): what share of an order's light went through its grating; 1 but for objects on the piece's edge."""
+    share = np.clip(orders["drawn"] / np.maximum(orders["electrons"], 1e-9), 0.0, 1.0)
+    return np.where(orders["cut"], share, 1.0)
 
 
 def _class_of(radius):
@@ -175,53 +189,37 @@ def _along(cumulative, edges, spectrum, at, per, first, kernel, bands, out):
 
 @numba.njit(cache=True)
 def _draw(
-    image,
-    bounds,
-    owner,
-    pairs,
-    traces,
-    spectra,
-    edges,
-    light,
-    size,
-    tables,
-    kernels,
-    cumulative,
-    limits,
-    bands,
-    faintest,
-):
+    image, bounds, owner, pairs, traces, shares, spectra, edges, light, size, tables, kernels, cumulative, limits,
+    bands, faintest,
+):  # fmt: skip
     """Add orders to the image; owner: their object's row of spectra, light (n, 2) and size (n, 2 axes, 2)."""
     x0, x1, y0 = bounds
-    profile = np.empty(tables.shape[2:])
-    most = kernels.shape[4] // 2
-    before = -1
+    most, before = kernels.shape[4] // 2, -1
     for i in range(len(pairs)):
         k, pair = owner[i], pairs[i]
+        a, b = light[k]
         at, per, middle, slope = traces[i]
-        low, high = at + per * limits[pair, 0], at + per * limits[pair, 1]
-        low, high = min(low, high), max(low, high)
-        if high + most < x0 or low - most > x1:
-            continue
-        total = _counted(limits[pair, 0], limits[pair, 1], cumulative[pair], edges, spectra[k])
-        radius = 0.0
-        for part in range(2):
-            radius += light[k, part] * SMALLEST * CLASS ** (size[k, 0, part] - 1.0) * (size[k, 0, part] > 0)
-        if total <= faintest * max(high - low, 1.0) * (1.0 + radius):
-            continue
+        ends = at + per * limits[pair]
+        radius = a * _radius(size[k, 0, 0]) + b * _radius(size[k, 0, 1])
         reach = int(min(_REACH[0] + _REACH[1] * radius, most))
-        first, last = int(max(low - reach, x0)), int(min(high + reach + 1, x1))
+        first, last = int(max(ends.min() - reach, x0)), int(min(ends.max() + reach + 1, x1))
         if last <= first:
             continue
-        a, b = light[k]
         if k != before:
-            profile[:] = a * tables[size[k, 1, 0], 0] + b * tables[size[k, 1, 1], 1]
+            profile = a * tables[size[k, 1, 0], 0] + b * tables[size[k, 1, 1], 1]
             part = slice(most - reach, most + reach + 1)
             kernel = a * kernels[size[k, 0, 0], 0][:, :, part] + b * kernels[size[k, 0, 1], 1][:, :, part]
             before = k
         column = np.zeros(last - first)
         _along(cumulative[pair], edges, spectra[k], at, per, float(first), kernel, bands, column)
+        column *= shares[i]
         _across(image, x0, y0, column, first, at, per, middle, slope, profile, bands, faintest)
+
+
+@numba.njit(cache=True)
+def _radius(size):
+    """Return the radius [px] of a class of size."""
+    return SMALLEST * CLASS ** (size - 1.0) if size else 0.0
 
 
 @numba.njit(cache=True)
