@@ -55,12 +55,7 @@ def spectra_of_frame(run, job):
     path, truth, psf = run.paths.level0_orders(job.pointing, job.chip.id), _truth(run, job), open_psf(run, job.chip)
     orders = read_orders(path)
     check_recipe(path, orders.meta, run.recipe(job))
-    bulge = np.where(truth["obj_type"] == GALAXY, truth["bulge_frac"].astype(float), 0.0)
-    sizes = np.where(
-        (truth["obj_type"] == GALAXY)[:, None], np.stack([truth["size_disk"], truth["size_bulge"]], 1), 0.0
-    )
-    shapes = Shapes.of(shape_matrix(truth, job.wcs), np.stack([1 - bulge, bulge], axis=1), sizes)
-    sources = Sources(shapes, object_spectra(run, job, truth), run.disperser(job).edges)
+    sources = Sources(_shapes(truth, job.wcs), object_spectra(run, job, truth), run.disperser(job).edges)
     middle = 0.5 * (job.window.x0 + job.window.x1), 0.5 * (job.window.y0 + job.window.y1)
     wing, photons = read_beyond(psf).wing, run.camera.telescope.area_m2 * job.pointing.exptime
     gratings = run.camera.gratings[job.chip.id]
