@@ -2,12 +2,14 @@
 
     python benchmarks/standard_scene.py                # writes results/standard_scene/objects.parquet
     csstsim chip config/standard_scene.yaml --obsid ... --chip 9      # draws it (obsid: in that file)
+    python benchmarks/standard_scene.py --chip 29      # the same sky on another chip: results/standard_scene/chip_29/
     python benchmarks/standard_scene.py --histogram > benchmarks/standard_scene.csv    # how the counts were made
 
 71,479 galaxies and 5,159 stars (the paper's r-band chip), their numbers per half magnitude in r fixed by
 standard_scene.csv. Objects are drawn from nine truth bricks, each bin's number from those of its brightness (again and
 again where there are too few), and put uniformly on the chip of the campaign's exposure. Stars keep their motions:
-their J2000 places are such that they stand on the chip at the epoch.
+their J2000 places are such that they stand on the chip at the epoch. Around a spectroscopic chip the sky goes on as
+far as its gratings reach, with as many objects more.
 """
 
 import argparse
@@ -16,6 +18,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from csstsim.campaign import OpenCampaign
 from csstsim.catalog.astrometry import at_j2000, icrs
@@ -25,6 +28,9 @@ from csstsim.progress import progress
 from csstsim.rng import stream
 from csstsim.universe.bricks import make_brick
 from csstsim.universe.numbers import load_universe
+
+sys.path.append(str(Path(__file__).resolve().parents[1] / "survey_tables"))
+from make_tables import boresight_for
 
 CAMPAIGN = SHIPPED / "standard_scene.yaml"
 COUNTS = Path(__file__).with_suffix(".csv")
@@ -80,30 +86,57 @@ def draw(table, counts):
     return table.take(np.concatenate(rows))
 
 
-def put(table, job):
-    """Return the table spread over the job's window, with ids of its own."""
-    rng, window, count = stream(SEED, "standard scene", "places"), job.window, len(table)
-    x, y = rng.uniform(window.x0 - 0.5, window.x1 - 0.5, count), rng.uniform(window.y0 - 0.5, window.y1 - 0.5, count)
+def put(table, job, bounds):
+    """Return the table spread over `bounds` (x0, x1, y0, y1) of the job's chip, with ids of its own."""
+    rng, count = stream(SEED, "standard scene", "places"), len(table)
+    x, y = rng.uniform(*bounds[:2], count), rng.uniform(*bounds[2:], count)
     star = table["obj_type"] == STAR
     motion = {name: np.where(star, table[name], 0.0) for name in ("pmra", "pmdec", "parallax", "rv")}
     ra, dec = at_j2000(*icrs(*job.wcs.pixel_to_world(x, y), job.observer), job.observer, **motion)
     return table.with_columns(ra=ra, dec=dec, id=np.arange(1, count + 1))
 
 
+def on_chip(number):
+    """Write the campaign that brings the scene to another chip, the exposure's time and roll kept; return its file."""
+    run = OpenCampaign(CAMPAIGN)
+    pointing, chip, folder = run.jobs[0].pointing, run.camera.chips[number], Path("results/standard_scene")
+    centre = run.jobs[0].wcs.pixel_to_world(*(np.array(run.jobs[0].window.shape[::-1]) / 2))
+    ra, dec = boresight_for(chip, pointing.pa, centre, chip.detector.nx / 2, chip.detector.ny / 2)
+    folder = folder / f"chip_{number:02d}"
+    folder.mkdir(parents=True, exist_ok=True)
+    row = [pointing.obsid, "SCIE", f"{ra:.6f}", f"{dec:.6f}", pointing.pa, pointing.time, pointing.exptime]
+    (folder / "survey.csv").write_text(f"obsid,type,ra,dec,pa,time,exptime\n{','.join(map(str, row))}\n")
+    content = yaml.safe_load(CAMPAIGN.read_text()) | {
+        "name": folder.name, "survey_table": str(folder / "survey.csv"), "output": str(folder)
+    }  # fmt: skip
+    content["select"]["chips"] = [number]
+    content["catalog"]["options"] = {"file": str(folder / "objects.parquet")}
+    file = folder / "campaign.yaml"
+    file.write_text(yaml.safe_dump(content, sort_keys=False))
+    return file
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--histogram", action="store_true", help="print the counts per bin of r, as CSV")
-    parser.add_argument("--output", type=Path, default=Path("results/standard_scene/objects.parquet"))
+    parser.add_argument("--output", type=Path, help="file [default: the campaign's catalogue]")
+    parser.add_argument("--chip", type=int, help="another chip than that of config/standard_scene.yaml")
     options = parser.parse_args()
-    run = OpenCampaign(CAMPAIGN)
+    campaign = CAMPAIGN if options.chip is None else on_chip(options.chip)
+    run = OpenCampaign(campaign)
     table = source(run.camera)
     if options.histogram:
         print("mag_r,galaxies,stars", *(f"{k * STEP},{g},{s}" for k, g, s in histogram(table)), sep="\n")
         return
-    scene = put(draw(table, read_counts()), run.jobs[0])
-    options.output.parent.mkdir(parents=True, exist_ok=True)
-    ObjectTable(scene).write(options.output, {"product": "standard scene", "seed": SEED, "brick": BRICK})
-    print(f"{options.output}: {len(scene)} objects")
+    job, output = run.jobs[0], options.output or Path(run.config.catalog.options["file"])
+    chip = np.array([-0.5, job.window.nx - 0.5, -0.5, job.window.ny - 0.5])
+    bounds = np.array(run.disperser(job).gratings.bounds) if job.chip.kind == "slitless" else chip
+    more = np.prod(np.diff(bounds)[::2]) / np.prod(np.diff(chip)[::2])
+    counts = [row | {name: round(more * row[name]) for name in TOTAL} for row in read_counts()]
+    scene = put(draw(table, counts), job, bounds)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    ObjectTable(scene).write(output, {"product": "standard scene", "seed": SEED, "brick": BRICK})
+    print(f"{output}: {len(scene)} objects; {campaign}, exposure {job.pointing.obsid}, chip {job.chip.id}")
 
 
 if __name__ == "__main__":

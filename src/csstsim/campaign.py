@@ -12,7 +12,7 @@ from pathlib import Path
 from csstsim.catalog.astrometry import apparent, icrs
 from csstsim.catalog.ephemeris import observer
 from csstsim.catalog.open import catalog_class
-from csstsim.catalog.select import bricks_for
+from csstsim.catalog.select import BRICK_MARGIN_DEG, bricks_for
 from csstsim.config import PixelWindow, digest, load_campaign
 from csstsim.errors import InputError
 from csstsim.instrument.camera import load_camera
@@ -20,6 +20,7 @@ from csstsim.instrument.chip import Window
 from csstsim.io.paths import Paths
 from csstsim.io.survey_table import load_survey_table
 from csstsim.optics import shutter
+from csstsim.optics.dispersion import Disperser
 from csstsim.optics.distortion import load_distortion
 from csstsim.optics.wcs import ChipWCS
 from csstsim.render.numbers import load_numbers
@@ -72,6 +73,8 @@ class OpenCampaign:
         }
 
         self._check_photons()
+        if "SCIE" in self.steps and any(chip.kind == "slitless" for chip in self._selected_chips()):
+            _ = self.camera.gratings  # read, and refused if they cannot be used
         for p in self._selected_pointings():
             self.steps[p.type].check(self.camera, p)
         for p in {(p.type, p.exptime): p for p in self._selected_pointings()}.values():
@@ -143,12 +146,6 @@ class OpenCampaign:
         jobs = tuple(job for pair in pairs if (job := self._job(*pair)))
         if not jobs:
             raise InputError("no (exposure, chip) pair is selected", file=self.file, key="select")
-        slitless = [j for j in jobs if j.chip.kind == "slitless" and j.pointing.type == "SCIE"]
-        if slitless:
-            raise InputError(
-                "science exposures of slitless chips cannot be simulated yet", file=self.file, key="select.chips",
-                value=slitless[0].chip.id, allowed="imaging",
-            )  # fmt: skip
         return jobs
 
     def job(self, obsid, chip_id):
@@ -211,6 +208,10 @@ class OpenCampaign:
         """True if exposures of this type have layers in the stage (others skip it)."""
         return bool(self.steps[pointing.type].stage(stage))
 
+    def has_orders(self, job):
+        """True if a job's truth is kept order by order: spectra of objects."""
+        return job.chip.kind == "slitless" and bool(self.steps[job.pointing.type].step("scie_obs"))
+
     @property
     def embedded(self):
         return self.config.catalog.kind == "embedded"
@@ -237,9 +238,22 @@ class OpenCampaign:
         self.universe.check()
         return self.universe
 
+    def disperser(self, job):
+        """Return the optics.dispersion.Disperser of a job's chip, or None for an imaging chip."""
+        chip = job.chip
+        if chip.kind != "slitless":
+            return None
+        return Disperser(self.camera.gratings[chip.id], self.camera.filters[chip.filter], self.camera.telescope)
+
+    def margin_deg(self, job):
+        """Return how far beyond a job's window objects may lie whose light reaches it."""
+        if job.chip.kind != "slitless":
+            return BRICK_MARGIN_DEG
+        return BRICK_MARGIN_DEG + self.camera.gratings[job.chip.id].reach * self.camera.telescope.pixel_scale / 3600.0
+
     def truth_bricks(self, job):
         """Return the truth bricks whose objects may reach a job's window, as a tuple."""
-        return tuple(int(pix) for pix in bricks_for(*job.footprint()))
+        return tuple(int(pix) for pix in bricks_for(*job.footprint(), self.margin_deg(job)))
 
     @cached_property
     def science_jobs(self):

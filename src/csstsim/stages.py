@@ -72,12 +72,28 @@ def _objects(run, job):
     config, camera, exptime = run.config.catalog, run.camera, job.pointing.exptime
     filter_, detector = camera.filters[job.chip.filter], camera.detector
     key = run.universe_key() if run.embedded else {}
-    catalog = open_catalog(config, region_for(*job.footprint()), run.paths.truth, key)
+    catalog = open_catalog(config, region_for(*job.footprint(), run.margin_deg(job)), run.paths.truth, key)
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
     return select_objects(
         catalog, job.wcs, job.observer, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit,
         rotated=config.shapes == "rotated90", beyond=beyond_box(camera, filter_), box=psf_box(run, job.chip),
+        disperser=run.disperser(job),
     )  # fmt: skip
+
+
+def object_spectra(run, job, objects):
+    """Return the catalog.spectra.Spectra of a slitless chip's objects, None for an imaging chip's."""
+    if job.chip.kind != "slitless":
+        return None
+    from csstsim.catalog.spectra import catalog_spectra, embedded_spectra
+
+    if run.embedded:
+        return embedded_spectra(objects, run.universe)
+    from csstsim.catalog.open import open_catalog
+    from csstsim.catalog.select import region_for
+
+    region = region_for(*job.footprint(), run.margin_deg(job))
+    return catalog_spectra(objects, open_catalog(run.config.catalog, region, run.paths.truth, {}))
 
 
 def render(run, job):
@@ -95,6 +111,8 @@ def render(run, job):
     state.header["stages"] = [*(objects.meta["stages"] if objects is not None else []), timer.entry()]
     drawn = state.truth if state.truth is not None else ObjectTable.complete({})
     drawn.write(run.paths.stage(*job.key, "drawn.parquet"), drawn.meta | {"recipe": run.recipe(job)})
+    if state.orders is not None:
+        state.orders.write(run.paths.stage(*job.key, "orders.parquet"), {"recipe": run.recipe(job)})
     save_frame(run.paths.stage(*job.key, "render.fits"), planes, _meta(run, job, state))
 
 
@@ -108,6 +126,7 @@ def _render(run, job, objects):
             state.tables = read_tables(run.paths.psf_tables(job.chip.id), state.psf)
         state.header["truth_hash"] = objects.meta["truth_hash"]
         state.header["psf_hash"] = digest(state.psf.attributes)
+        state.spectra = object_spectra(run, job, objects)
     state = run.steps[job.pointing.type].run(state, "render", run.config.seed)
     state.forget()
     return state
@@ -154,12 +173,17 @@ def level0(run, job):
         path = run.paths.stage(*job.key, "drawn.parquet")
         state.truth = ObjectTable.read(path)
         check_recipe(path, state.truth.meta, run.recipe(job))
+    if run.has_orders(job):
+        path = run.paths.stage(*job.key, "orders.parquet")
+        state.orders = ObjectTable.read(path)
+        check_recipe(path, state.orders.meta, run.recipe(job))
     _level0(run, job, state, timer)
 
 
 def _level0(run, job, state, timer):
     from csstsim.catalog.table import ObjectTable
     from csstsim.io.level0 import write_level0
+    from csstsim.io.orders import write_orders
     from csstsim.io.truth import write_truth
     from csstsim.optics import shutter
 
@@ -183,6 +207,9 @@ def _level0(run, job, state, timer):
     truth_path = run.paths.level0_truth(job.pointing, job.chip.id)
     drawn = state.truth if state.truth is not None else ObjectTable.complete({})
     write_truth(truth_path, drawn, job, {"recipe": run.recipe(job), "level0": path.name})
+    if state.orders is not None:
+        orders = {"recipe": run.recipe(job), "level0": path.name}
+        write_orders(run.paths.level0_orders(job.pointing, job.chip.id), state.orders, orders)
     write_level0(path, state, run.camera.keywords, provenance)
     state.header["timing"] = provenance["timing"]
 
@@ -225,6 +252,7 @@ def _blank(run, job, objects=None):
         chip=job.chip, filter=camera.filters[job.chip.filter], telescope=camera.telescope, pointing=job.pointing,
         catalog=objects, window=job.window, wcs=job.wcs, image=np.zeros(job.window.shape, np.float32), mask=mask,
         sky=camera.sky, leds=camera.leds, prnu=run.steps[job.pointing.type].losses["prnu"],
+        gratings=camera.gratings[job.chip.id] if job.chip.kind == "slitless" and job.pointing.type == "SCIE" else None,
     )  # fmt: skip
 
 

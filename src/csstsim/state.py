@@ -39,8 +39,11 @@ class State:
     unit: str = "electron"
     header: dict = field(default_factory=dict)
     truth: Any = None
+    orders: Any = None  # truth of a slitless chip, order by order (io.orders), or None
     prnu: bool = False  # light meets the pixels' response (PRNU_effect is in the list)
     leds: Any = None  # leds.yaml as instrument.load.read_data gives it, for flat fields and lamps
+    gratings: Any = None  # instrument.grating.Gratings of a slitless chip
+    spectra: Any = None  # catalog.spectra.Spectra of the objects of a slitless chip
     sky: Any = None  # sky.yaml as instrument.load.read_data gives it, for the stray-light model
     _response: tuple = (None, None)  # what `response` gave last
 

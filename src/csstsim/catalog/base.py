@@ -57,7 +57,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.photometry import ab_mag, load_fluxes
+from csstsim.catalog.photometry import ab_mag, bin_means, load_fluxes
 from csstsim.catalog.table import COLUMNS, ObjectTable
 from csstsim.config import digest
 from csstsim.errors import CsstsimError, InputError
@@ -144,6 +144,15 @@ class CatalogBase(ABC):
     def load_fluxes(self, rows, filter, telescope):
         """Return (len(rows), 4) electrons / s in the filter's sub-bands, before lensing magnification."""
         return load_fluxes(self.load_seds, rows, filter, telescope)
+
+    def load_binned(self, rows, edges):
+        """Return (len(rows), len(edges) - 1) photon / s / m2 / angstrom: means over bins of `edges` [angstrom].
+
+        Edges are samples of the paper's grid. What slitless spectra are drawn from; made of `load_seds`.
+        """
+        at = np.searchsorted(GRID, edges)
+        seds = np.asarray(self.load_seds(rows), dtype=float)[:, at[0] : at[-1] + 1]
+        return bin_means(seds, at - at[0])
 
     def rate_bound(self, rows, filter, telescope):
         """Return (len(rows),) electrons / s that no row's `load_fluxes` exceeds, or None if that is not known.

@@ -60,3 +60,10 @@ def ab_mag(sed, wavelength, throughput):
     reference = np.trapezoid(ab_photon_density(wavelength) * throughput, wavelength)
     with np.errstate(divide="ignore", invalid="ignore"):
         return -2.5 * np.log10(counts / reference)
+
+
+def bin_means(spectra, at):
+    """Return (n, len(at) - 1): means of evenly sampled spectra (n, samples), linear between, from sample to sample."""
+    running = np.zeros(spectra.shape)
+    np.cumsum(0.5 * (spectra[:, 1:] + spectra[:, :-1]), axis=1, out=running[:, 1:])
+    return np.diff(running[:, at], axis=1) / np.diff(at)

@@ -27,6 +27,7 @@ from csstsim.catalog.reach import (
     point_reach,
     wing_reach,
 )
+from csstsim.catalog.spectra import ROW
 from csstsim.catalog.table import BANDS, GALAXY, STAR
 from csstsim.catalog.usable import unusable
 from csstsim.universe.lensing import magnification
@@ -99,23 +100,26 @@ def _grow(vertices, margin):
 
 def select_objects(
     catalog, wcs, observer, window, filter, telescope, exptime, noise, mag_limit=None, rotated=False, beyond=None,
-    box=POINT_MAX,
+    box=POINT_MAX, disperser=None,
 ):  # fmt: skip
     """Return the ObjectTable of what reaches `window` of a chip, with the columns the renderer needs.
 
     catalog: a CatalogBase; wcs: optics.wcs.ChipWCS; observer: ephemeris.Observer; window: instrument.chip.Window;
     exptime in s; noise: Noise; rotated: turn intrinsic ellipticities by 90 degrees (the paper's twin campaign, in
-    which nothing else differs); beyond: optics.beyond.Beyond or None; box: half the side of the stored PSF [pixel].
+    which nothing else differs); beyond: optics.beyond.Beyond or None; box: half the side of the stored PSF [pixel];
+    disperser: optics.dispersion.Disperser of a spectroscopic chip, whose light lands elsewhere, or None.
     ra, dec become the apparent direction. Added:
     ra_orig, dec_orig (the catalogue's, J2000), ra_epoch, dec_epoch (ICRS at the epoch, what a measurement can know),
     x, y (0-based pixel), mag (this filter), flux0..3 (electron / s, magnified), reach (pixel, half the side of the
     stamp), lost (fraction of a galaxy's light that may lie beyond it), wing (pixel, radius of the light beyond the
     PSF's box; 0: noise hides it), flags. mag_* are as observed, magnification included. Rows with a value that cannot
-    be used are kept, dark and flagged, if they lie on the window or nobody knows where they lie.
+    be used are kept, dark and flagged, if they lie on the window or nobody knows where they lie. Behind a grating x, y
+    is where light would fall without it, flux0..3 and mag are those of the first order, and a column `catalog_row`
+    says where to find the spectrum (catalog.spectra).
     `meta` gets `dropped` (counts by reason) and `truth_hash`.
     """
     everything = catalog.table
-    rows, places = near(everything, wcs, observer, window)
+    rows, places = near(everything, wcs, observer, window, 0.0 if disperser is None else disperser.gratings.reach)
     table = everything.take(rows)
     optics = noise.variance(exptime), beyond, box, wcs.chip, filter, telescope
     bound = catalog.rate_bound(rows, filter, telescope)
@@ -123,7 +127,7 @@ def select_objects(
         electrons = bound * _magnification(table)[0] * exptime
         reach, _, wing, ghosts, _ = _extent(table, unusable(table, electrons[:, None]), electrons, *optics)
         far = np.maximum.reduce([reach, wing, ghosts])
-        could = _touches(places["x"], places["y"], far, window) | ~np.isfinite(places["x"] + electrons)
+        could = _lands(places, far, window, disperser) | ~np.isfinite(places["x"] + electrons)
         rows, table, places = rows[could], table.take(could), {name: v[could] for name, v in places.items()}
     if rotated:
         table = table.with_columns(e1=-table["e1"], e2=-table["e2"])
@@ -137,13 +141,13 @@ def select_objects(
     flags = table["flags"] | np.where(bad, BAD_VALUE, 0) | np.where(truncated, TRUNCATED_STAMP, 0)
     flags |= np.where(~star & ~thin & ~bad, STRONG_LENSING, 0)
     far = np.where(bad, 0, np.maximum.reduce([reach, wing, ghosts]))
-    touches = _touches(places["x"], places["y"], far, window) | ~np.isfinite(table["ra"] + table["dec"])
+    touches = _lands(places, far, window, disperser) | ~np.isfinite(table["ra"] + table["dec"])
     faint = mag > (np.inf if mag_limit is None else mag_limit)
     chosen = table.with_columns(
         ra_orig=table["ra"], dec_orig=table["dec"], **places, mag=mag.astype(np.float32),
         **{f"mag_{band}": (table[f"mag_{band}"] - 2.5 * np.log10(mu)).astype(np.float32) for band in BANDS},
         **{f"flux{i}": flux[:, i] for i in range(flux.shape[1])}, reach=reach, lost=lost,
-        wing=wing.astype(np.float32), flags=flags.astype(np.int32),
+        wing=wing.astype(np.float32), flags=flags.astype(np.int32), **({} if disperser is None else {ROW: rows}),
     ).take(touches & ~faint)  # fmt: skip
     outside = len(everything) - int(touches.sum())
     chosen.meta = {
@@ -153,8 +157,10 @@ def select_objects(
     return chosen
 
 
-def near(table, wcs, observer, window):
+def near(table, wcs, observer, window, dispersed=0.0):
     """Return the rows that could reach the window, or whose place is unknown, and {name: values} of their places.
+
+    dispersed: how far a grating may send light [pixel].
 
     Places: ra, dec, ra_epoch, dec_epoch [deg], x, y [pixel], as `select_objects` describes them.
     """
@@ -166,7 +172,7 @@ def near(table, wcs, observer, window):
     places = np.full((6, len(table)), np.nan)
     places[:, located] = *seen, *epoch, *wcs.world_to_pixel(*seen)
     nowhere = np.isnan(places[0])
-    rows = np.flatnonzero(_touches(*places[4:], REACH_MAX, window) | nowhere)
+    rows = np.flatnonzero(_touches(*places[4:], REACH_MAX + dispersed, window) | nowhere)
     return rows, dict(zip(("ra", "dec", "ra_epoch", "dec_epoch", "x", "y"), places[:, rows], strict=True))
 
 
@@ -174,6 +180,21 @@ def _touches(x, y, reach, window):
     """Whether the square [x +- reach] meets a pixel of the window; False for NaN."""
     in_x = (x + reach >= window.x0 - 0.5) & (x - reach < window.x1 - 0.5)
     return in_x & (y + reach >= window.y0 - 0.5) & (y - reach < window.y1 - 0.5)
+
+
+def _lands(places, far, window, disperser):
+    """Whether light within `far` (n,) px of where it lands meets the window; False for NaN."""
+    x, y = places["x"], places["y"]
+    if disperser is None:
+        return _touches(x, y, far, window)
+    visits = disperser.visits(x, y, far)
+    x0, x1, y0, y1 = np.moveaxis(disperser.boxes(visits, x, y), -1, 0)
+    grown = far[visits[:, :1]]
+    meets = (x1 + grown >= window.x0 - 0.5) & (x0 - grown < window.x1 - 0.5)
+    meets &= (y1 + grown >= window.y0 - 0.5) & (y0 - grown < window.y1 - 0.5)
+    lands = np.zeros(len(x), bool)
+    lands[visits[meets.any(axis=1), 0]] = True
+    return lands
 
 
 def _magnification(table):

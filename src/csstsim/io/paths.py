@@ -1,8 +1,8 @@
 """Where each product of a campaign lies: the one place that knows (the CLI and the workflow both ask here).
 
     truth/Norder=8/Dir=D/Npix=P.parquet         psf/chip_08.h5 chip_08_tables.h5
-    chips/{obsid}_{chip}/select.parquet render.fits drawn.parquet readout.fits
-    level0/{obsid}/{stem}.fits {stem}.truth.parquet {stem}.cosmic.fits
+    chips/{obsid}_{chip}/select.parquet render.fits drawn.parquet orders.parquet readout.fits
+    level0/{obsid}/{stem}.fits {stem}.truth.parquet {stem}.orders.parquet {stem}.cosmic.fits
     measure/{obsid}_{chip}.parquet  spectra/{obsid}_{chip}.parquet
     merge/Norder=8/Dir=D/Npix=P.parquet  validate/{P}.json  report/index.html
 
@@ -37,7 +37,7 @@ class Paths:
         return self.output / "psf" / f"chip_{chip_id:02d}_tables.h5"
 
     def stage(self, obsid, chip_id, name):
-        """Intermediate of a chip: 'select.parquet', 'render.fits', 'drawn.parquet' or 'readout.fits'."""
+        """Intermediate of a chip: 'select.parquet', 'render.fits', 'drawn.parquet', ..."""
         return self.output / "chips" / f"{obsid}_{chip_id:02d}" / name
 
     def level0(self, pointing, chip_id):
@@ -45,6 +45,10 @@ class Paths:
 
     def level0_truth(self, pointing, chip_id):
         return self.level0(pointing, chip_id).with_suffix(".truth.parquet")
+
+    def level0_orders(self, pointing, chip_id):
+        """The truth of dispersed light, order by order (io.orders), of a spectroscopic chip's science exposure."""
+        return self.level0(pointing, chip_id).with_suffix(".orders.parquet")
 
     def level0_cosmic(self, pointing, chip_id):
         """The electrons of cosmic rays alone, if cosmic_rays was asked to save them (io.frames, plane `cosmic`)."""

@@ -1,8 +1,8 @@
 """Scientific objects exposure (paper, Appendix B item 1; sections 4.1, 5.3).
 
 Draws the chip's objects, as the campaign's `fidelity` asks: expected electrons into the image, electrons drawn one by
-one into the counted plane; what was drawn of each is kept as truth.
-Left out so far: slitless dispersion.
+one into the counted plane; what was drawn of each is kept as truth. On spectroscopic chips their light goes through the
+two gratings (section 4.2), and truth is kept order by order besides. Left out: ghosts of dispersed light.
 """
 
 from functools import cache
@@ -10,9 +10,9 @@ from functools import cache
 from pydantic import Field
 
 from csstsim.catalog.select import Noise
-from csstsim.errors import InputError
 from csstsim.layers.param import EXPTIME, LayerParam
 from csstsim.optics.beyond import Beyond, beyond_box, read_beyond
+from csstsim.optics.dispersion import Disperser
 from csstsim.optics.flat import check_flat
 from csstsim.optics.response import response_maximum
 
@@ -44,34 +44,45 @@ def check(param, camera, pointing):
 @cache
 def _check_beyond(camera):
     for filter in camera.filters.values():
-        if filter.kind == "imaging":
-            beyond_box(camera, filter)
+        beyond_box(camera, filter)
 
 
 def apply(state, param, rng):
     """Draw state.catalog into state.image, in place; state.truth becomes the table of drawn objects."""
-    if state.chip.kind != "imaging":
-        raise InputError(
-            "slitless chips cannot be rendered yet", key="chip", value=state.chip.id, allowed="imaging chips"
-        )
     exptime = state.pointing.exptime if param.exptime is None else param.exptime
     there = read_beyond(state.psf)
     beyond = Beyond(there.wing if param.wings else None, there.ghosts if param.ghosts else None)
     losses = {"flat": param.flat_fielding, "shutter": param.shutter_effect}
     response = state.response(exptime, rng, **losses)
-    scene = (state.image, state.window, state.catalog, state.wcs, state.psf, exptime)
     if state.fidelity == "reference":
-        from csstsim.render import reference
-
-        state.truth = reference.draw_objects(*scene, beyond, response)
+        state.truth = _reference(state, exptime, beyond, response)
         return state
-    from csstsim.render.draw import draw_objects  # numba: seconds that checking a campaign need not pay
-
     detector = state.chip.detector
-    state.truth, state.counted = draw_objects(
-        *scene, tables=state.tables, beyond=beyond, response=response,
-        maximum=response_maximum(state.chip, state.filter, state.leds, rng.camera, **losses),
-        variance=Noise(state.filter.sky, detector.dark, detector.read_noise).variance(exptime),
-        key=rng.exposure_key("photons"), fidelity=state.fidelity,
-    )  # fmt: skip
+    how = {
+        "tables": state.tables, "beyond": beyond, "response": response,
+        "maximum": response_maximum(state.chip, state.filter, state.leds, rng.camera, **losses),
+        "variance": Noise(state.filter.sky, detector.dark, detector.read_noise).variance(exptime),
+        "key": rng.exposure_key("photons"), "fidelity": state.fidelity,
+    }  # fmt: skip
+    place = state.wcs, state.psf, exptime
+    # numba: seconds that checking a campaign need not pay
+    if state.gratings is None:
+        from csstsim.render.draw import draw_objects
+
+        state.truth, state.counted = draw_objects(state.image, state.window, state.catalog, *place, **how)
+    else:
+        from csstsim.render.draw_dispersed import draw_dispersed
+
+        disperser = Disperser(state.gratings, state.filter, state.telescope)
+        state.truth, state.orders, state.counted = draw_dispersed(
+            state.image, state.window, state.catalog, state.spectra, disperser, *place, **how
+        )
     return state
+
+
+def _reference(state, exptime, beyond, response):
+    """Draw by the reference renderer; return the table of drawn objects."""
+    from csstsim.render import reference
+
+    scene = (state.image, state.window, state.catalog, state.wcs, state.psf, exptime)
+    return reference.draw_objects(*scene, beyond, response)

@@ -1,8 +1,9 @@
 """Sky background and stray light (paper, Appendix B item 2).
 
 Adds the expected sky of the band to every pixel: the filter's constant, or the model of csstsim.sky.background, mean of
-the middles of the exposure's thirds. The light meets the same flat field and
-shutter as that of the objects. Left out: change of the sky's share between columns while the shutter moves.
+the middles of the exposure's thirds. Behind gratings that is the sky of a whole first order, and all orders with their
+edges take its place (csstsim.sky.dispersed). The light meets the same flat field and shutter as that of the objects.
+Left out: change of the sky's share between columns while the shutter moves.
 """
 
 import numpy as np
@@ -14,6 +15,7 @@ from csstsim.layers.param import EXPTIME, LayerParam
 from csstsim.optics.flat import check_flat
 from csstsim.sky import background
 from csstsim.sky.bodies import exposure_angles
+from csstsim.sky.dispersed import disperse, nominal_spectrum, sky_spectrum
 from csstsim.sky.frame import telescope_axes
 from csstsim.sky.numbers import sky_numbers
 from csstsim.units import DAY_S
@@ -58,25 +60,40 @@ def apply(state, param, rng):
     """
     pointing = state.pointing
     exptime = pointing.exptime if param.exptime is None else param.exptime
-    if param.enable_straylight_model:
-        parts = _components(state, exptime)
-        rate = sum(parts.values())
-        sky = np.zeros_like(state.image)
-        background.add_grid(sky, exptime * rate)
-        state.header |= {f"sky_{name}": background.grid_mean(part) for name, part in parts.items()}
-        state.header["sky_rate"] = background.grid_mean(rate)
-    else:
-        sky = background.sky_electrons(state.filter, exptime)
-        state.header["sky_rate"] = state.filter.sky
+    place = pointing.mjd, pointing.sat_position, pointing.sat_velocity
+    angles = exposure_angles(pointing.ra, pointing.dec, *place)
+    sky, rate, means = _model(state, exptime) if param.enable_straylight_model else _constant(state, exptime)
+    if state.gratings is not None:
+        numbers = sky_numbers(state.sky)
+        if param.enable_straylight_model:
+            spectrum = sky_spectrum(state.filter, means, angles["sun"], numbers)
+        else:
+            spectrum = nominal_spectrum(state.filter, numbers)
+        disperse(sky, state.gratings, state.window, spectrum)
+        first, rate = rate, float(sky.mean(dtype=float)) / exptime
+        means = {name: mean * rate / first for name, mean in means.items()}
+    state.header |= {"sky_rate": rate} | {f"sky_{name}": mean for name, mean in means.items()}
     response = state.response(exptime, rng, flat=param.flat_fielding, shutter=param.shutter_effect)
     if response is None:
         state.image += sky
     else:
         background.add_product(state.image, np.broadcast_to(np.asarray(sky, np.float32), state.image.shape), response)
-    place = pointing.mjd, pointing.sat_position, pointing.sat_velocity
-    angles = exposure_angles(pointing.ra, pointing.dec, *place)
     state.header |= {f"{name}_angle": value for name, value in angles.items()}
     return state
+
+
+def _constant(state, exptime):
+    """Return the sky [e-], a frame behind gratings and else a number; its rate [e-/s/px]; no components."""
+    sky = background.sky_electrons(state.filter, exptime)
+    return sky if state.gratings is None else np.full_like(state.image, sky), state.filter.sky, {}
+
+
+def _model(state, exptime):
+    """Return the frame of the sky [e-], its mean rate [e-/s/px], and that of its components."""
+    parts = _components(state, exptime)
+    rate, sky = sum(parts.values()), np.zeros_like(state.image)
+    background.add_grid(sky, exptime * rate)
+    return sky, background.grid_mean(rate), {name: background.grid_mean(part) for name, part in parts.items()}
 
 
 def _components(state, exptime):

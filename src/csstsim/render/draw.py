@@ -53,7 +53,7 @@ def draw_objects(
         scene, part["reach"], wing, variance, fidelity, convex=psf.convex, per_pixel=psf.oversampling, maximum=maximum,
         ghosts=beyond.ghosts is not None and beyond.ghosts.visible(scene.electrons.sum(axis=1)),
     )  # fmt: skip
-    keys = _keys(key, scene.ids)
+    keys = object_keys_of(key, scene.ids)
     drawn, ms, error, snr = np.zeros(count), *(np.zeros(count, np.float32) for _ in range(3))
     snr[rows] = choice.snr
     box, stamp = np.zeros((count, 4), np.int32), np.zeros(count, np.int32)
@@ -106,7 +106,7 @@ def _boxed(scene, psf):
     return replace(scene, electrons=scene.electrons * inside)
 
 
-def _keys(base, ids):
+def object_keys_of(base, ids):
     """Return a key for each object: of its id, and, where a catalogue gives an id twice, of which of them it is."""
     order = np.argsort(ids, kind="stable")
     first = np.r_[True, np.diff(ids[order]) != 0]

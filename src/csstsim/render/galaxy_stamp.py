@@ -45,6 +45,10 @@ class Plan:
     size: np.ndarray  # (n,) px, period of the transform
     rough: np.ndarray  # (n,) bool: long and thin beyond what is promised
 
+    def take(self, rows):
+        """Return the plan of the galaxies of an index array, in that order."""
+        return Plan(**{name: values[rows] for name, values in vars(self).items()})
+
 
 def plan_galaxies(scene, reach, box, rows):
     """Return the Plan of a Scene whose objects `rows` (n,) bool are galaxies; reach (n,) px, box: half the PSF's [px].

@@ -29,6 +29,12 @@ class Cost(Model):
     stamp_galaxy: float = Field(ge=0)
     stamp_pixel: float = Field(ge=0, description="a pixel of a galaxy's stamp")
     wing_pixel: float = Field(ge=0)
+    spectrum_object: float = Field(ge=0, description="photons through a grating")
+    spectrum_star: float = Field(ge=0, description="an electron of a star")
+    spectrum_galaxy: float = Field(ge=0)
+    slabs_star: float = Field(ge=0, description="slabs through a grating")
+    slabs_galaxy: float = Field(ge=0)
+    slab_pixel: float = Field(ge=0, description="a pixel of the stamp, for each pixel of the trace")
 
 
 class StampError(Model):

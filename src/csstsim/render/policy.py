@@ -19,6 +19,7 @@ import numpy as np
 from csstsim.render.error_model import predicted
 from csstsim.render.numbers import load_numbers
 from csstsim.render.unresolved import MESH
+from csstsim.render.wings import LINE_STEP
 
 NONE, UNRESOLVED, PHOTONS, STAMP = range(4)
 METHODS = np.array(["none", "unresolved", "photons", "stamp"])
@@ -47,31 +48,62 @@ def choose(scene, reach, wing, variance, fidelity, *, convex, per_pixel, maximum
     photons are drawn for.
     """
     numbers = load_numbers()
-    preset = numbers.presets[fidelity]
     electrons = scene.electrons.sum(axis=1)
     snr = electrons / noise(scene, electrons, variance)
-    cost = np.stack(costs(scene, reach, wing, electrons * maximum, numbers.cost), axis=1)
+    cost = costs(scene, reach, wing, electrons * maximum, numbers.cost)
+    photons = (electrons * maximum < PHOTONS_MAX) & convex & (fidelity != "noise_free") & ~np.asarray(ghosts)
+    choice = _cheapest(scene, reach, wing, snr, cost, photons, numbers, fidelity, per_pixel)
+    # What is larger than the mesh of the smooth background would be drawn together by it, and stand out
+    faint = (snr < numbers.presets[fidelity].floor) & (half_light_px2(scene) < (MESH / 2) ** 2)
+    method = np.where(faint, UNRESOLVED, choice.method)
+    method[electrons <= 0] = NONE
+    return Choice(method, np.where(faint, snr, choice.error), snr)
+
+
+def choose_dispersed(scene, reach, wing, variance, fidelity, disperser, *, convex, per_pixel, maximum=1.0):
+    """Return the `Choice` for a Scene whose light is dispersed: photons or slabs (STAMP), none unresolved.
+
+    As `choose`; scene.electrons are the first order's, disperser an optics.dispersion.Disperser.
+    """
+    numbers = load_numbers()
+    electrons = scene.electrons.sum(axis=1)
+    px = disperser.length
+    snr = electrons / noise(scene, electrons, variance, length=px)
+    cost, galaxy = numbers.cost, _galaxies(scene)
+    orders = disperser.rates.sum(axis=(0, 1, 2)) / disperser.rates[:, disperser.orders.index(1)].sum()
+    shot = cost.spectrum_object + maximum * orders * electrons * np.where(
+        galaxy, cost.spectrum_galaxy, cost.spectrum_star
+    )  # fmt: skip
+    slabs = cost.slab_pixel * px * (2.0 * reach + 1) ** 2 + np.where(galaxy, cost.slabs_galaxy, cost.slabs_star)
+    slabs += cost.wing_pixel * np.pi * np.minimum(wing, WING_NEAR) ** 2 * px / LINE_STEP
+    photons = (electrons * maximum < PHOTONS_MAX) & convex & (fidelity != "noise_free")
+    choice = _cheapest(scene, reach, wing, snr, (shot, slabs), photons, numbers, fidelity, per_pixel)
+    choice.method[electrons <= 0] = NONE
+    return choice
+
+
+def _cheapest(scene, reach, wing, snr, cost, photons, numbers, fidelity, per_pixel):
+    """Return the Choice of the cheapest that is good enough: photons, where `photons` (n,) allows them, or stamps."""
     # A wing takes over where a point's stamp ends
     shown = np.maximum(reach, wing)
     error = [predicted(m, scene, shown, snr, numbers.error, per_pixel) for m in ("photons", "stamp")]
     error = np.stack(error, axis=1)
-    allowed = np.ones_like(cost, bool)
-    allowed[:, 0] = (electrons * maximum < PHOTONS_MAX) & convex & (fidelity != "noise_free")
-    allowed[:, 0] &= ~np.broadcast_to(ghosts, electrons.shape)
+    allowed = np.stack(np.broadcast_arrays(photons, np.ones(len(scene), bool)), axis=1)
     least = np.where(allowed, error, np.inf).min(axis=1)
-    good = allowed & (error <= np.maximum(preset.eps, _AS_GOOD * least)[:, None])
-    best = np.where(good, cost, np.inf).argmin(axis=1)
+    good = allowed & (error <= np.maximum(numbers.presets[fidelity].eps, _AS_GOOD * least)[:, None])
+    best = np.where(good, np.stack(cost, axis=1), np.inf).argmin(axis=1)
     method = np.where(best == 0, PHOTONS, STAMP).astype(np.int8)
-    # What is larger than the mesh of the smooth background would be drawn together by it, and stand out
-    faint = (snr < preset.floor) & (half_light_px2(scene) < (MESH / 2) ** 2)
-    method[faint], method[electrons <= 0] = UNRESOLVED, NONE
-    error = np.take_along_axis(error, best[:, None], 1)[:, 0]
-    return Choice(method, np.where(faint, snr, error), snr)
+    return Choice(method, np.take_along_axis(error, best[:, None], 1)[:, 0], snr)
 
 
-def noise(scene, electrons, variance):
-    """Return the noise of each object's own light and of the pixels it covers [electron], (n,)."""
-    return np.sqrt(electrons + _GAUSSIAN * (_PSF_HALF_LIGHT**2 + half_light_px2(scene)) * variance)
+def noise(scene, electrons, variance, length=0.0):
+    """Return the noise of each object's own light and of the pixels it covers [electron], (n,); length: of a trace."""
+    size2 = _PSF_HALF_LIGHT**2 + half_light_px2(scene)
+    return np.sqrt(electrons + (_GAUSSIAN * size2 + length * np.sqrt(_GAUSSIAN * size2)) * variance)
+
+
+def _galaxies(scene):
+    return (scene.sersic[:, :, 0] > 0).any(axis=1)
 
 
 def half_light_px2(scene):
@@ -82,7 +114,7 @@ def half_light_px2(scene):
 
 def costs(scene, reach, wing, electrons, cost):
     """Return (photons, stamp): CPU ns of each object, (n,). cost: render.numbers.Cost."""
-    galaxy = (scene.sersic[:, :, 0] > 0).any(axis=1)
+    galaxy = _galaxies(scene)
     photons = cost.photon_object + electrons * np.where(galaxy, cost.photon_galaxy, cost.photon_star)
     pixels = (2.0 * reach + 1) ** 2
     stamp = np.where(galaxy, cost.stamp_galaxy + cost.stamp_pixel * pixels, cost.stamp_star)

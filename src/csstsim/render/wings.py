@@ -25,6 +25,8 @@ FAINT_REACH = 512.0  # px; beyond lies 0.5% of the light
 _LOW = 0  # octave of r^2 [px^2] where tables begin
 _FIRST = first_of(_LOW)
 _NEAR_PX = 256.0  # radius within which every pixel is read from the table
+LINE_STEP = 16.0  # px between points that stand for a spectrum; boxes fade from 22 px on
+_POINTS_FAR = 4
 _LONG = 4  # NEAR: shorter wings are drawn here whole
 _BLOCK = 8  # px between values read beyond
 _AT = np.arange(_BLOCK) / _BLOCK
@@ -100,6 +102,31 @@ def add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px, half,
             # The integral of the soft disc; its sum over pixels is within 5e-5 of it for radii above 40 px
             level = light * flux.sum() / (math.pi * (radius**2 + 1 / 12))
             parts.append(_on_window(_add_soft_disc, image, response, window, gx, gy, radius + 0.5, level))
+    return [part for part in parts if part is not None]
+
+
+def add_spectrum(image, response, window, places, flux, wing, wing_px, half, far):
+    """Add the wings of a spectrum, as of points along it; return [(electrons, box), ...] as `add_beyond` does.
+
+    places (m, 2): x, y [px] of points no more than LINE_STEP apart; flux (m, 4): electrons. wing_px = 0: the wings of a
+    faint object. The far parts, smooth, are those of every few points together.
+    """
+    parts, near_px = [], 2 * NEAR
+    for first in range(0, len(places), _POINTS_FAR):
+        some = slice(first, first + _POINTS_FAR)
+        light = flux[some].sum(axis=0)
+        x, y = (np.einsum("m,mk->k", flux[some].sum(axis=1), places[some]) / light.sum()).tolist()
+        if wing_px == 0:
+            added = add_faint(far, x, y, light, wing, half)
+            parts.append((added, None))
+            continue
+        whole = wing_px <= near_px
+        near = 1.0 if whole else _near(_octaves(wing_px))
+        if not whole:
+            parts.append(far.add(x, y, wing_px, wing_table(wing, light, half, wing_px) * (1 - near), _FIRST))
+        for (x, y), light in zip(places[some].tolist(), flux[some], strict=True):
+            table = wing_table(wing, light, half, wing_px) * near
+            parts.append(_on_window(_add_radial, image, response, window, x, y, min(wing_px, near_px), table))
     return [part for part in parts if part is not None]
 
 

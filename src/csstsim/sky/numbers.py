@@ -28,6 +28,7 @@ class SkyNumbers:
     albedo: float
     earth_spectrum: np.ndarray  # (n, 2)
     rings: int
+    nominal_earth: float
     door: Door
     zenith: np.ndarray  # (n,) deg
     azimuth: np.ndarray  # (m,) deg
@@ -45,7 +46,7 @@ def sky_numbers(data, file="sky.yaml"):
     Raises InputError for a missing or malformed entry, and if the file was not there (empty `data`).
     """
     if not data:
-        raise InputError("the instrument folder has no numbers for the stray-light model", file=file)
+        raise InputError("the instrument folder has no numbers of the sky's light", file=file)
     try:
         zodiacal, table, bodies = data["zodiacal"], data["transmittance"], data["bodies"]
         arrays = {k: np.array(zodiacal[k], dtype=float) for k in ("longitude", "latitude", "intensity", "colour")}
@@ -55,6 +56,7 @@ def sky_numbers(data, file="sky.yaml"):
             albedo=float(data["earth"]["albedo"]),
             earth_spectrum=np.array(data["earth"]["spectrum"], dtype=float),
             rings=int(data["earth"]["rings"]),
+            nominal_earth=float(data["earth"]["nominal"]),
             door=build(Door, data["door"], file, "door"),
             zenith=np.array(table["zenith"], dtype=float),
             azimuth=np.array(table["azimuth"], dtype=float),

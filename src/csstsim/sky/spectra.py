@@ -4,8 +4,8 @@
 
 with L in photons and T the throughput, in electrons per photon that enters the aperture. For a radiance (photon / s /
 m2 / angstrom / arcsec2) G is aperture area times the pixel's solid angle; for an irradiance of the focal plane that has
-yet to meet the throughput (transmittance), the pixel's area. A grating's T is its whole first order, which a uniform
-sky fills wherever it is dispersed to.
+yet to meet the throughput (transmittance), the pixel's area. A grating's T is its whole first order;
+csstsim.sky.dispersed has all orders and where they end.
 """
 
 import numpy as np

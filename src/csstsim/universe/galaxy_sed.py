@@ -45,7 +45,7 @@ class GalaxySeds:
         self.wavelength = self.start + self.step * np.arange(self.basis.shape[1])  # angstrom, rest frame
         self._extinction = np.asarray(extinction, dtype=float)
         self._cuts = np.flatnonzero(np.abs(np.diff(self._extinction)) > _JUMP) + 1
-        self._igm, self._forest = igm, Intergalactic(GRID, igm)
+        self.igm, self._forest = igm, Intergalactic(GRID, igm)
         self._cells = {fine: self._make_cells(fine) for fine in (True, False)}
 
     def _make_cells(self, fine):
@@ -54,7 +54,7 @@ class GalaxySeds:
         Those of the basis, cut where the forest's transmission has an edge and finer where it falls off steeply; if not
         `fine`, redward of Lyman alpha only every other one, with the light of its neighbours.
         """
-        lines = [line for line, _ in self._igm["lines"]]
+        lines = [line for line, _ in self.igm["lines"]]
         wave, basis = self.wavelength, self.basis
         if not fine:
             red = np.arange(np.searchsorted(wave, max(lines)) + 2, len(wave) - 1, 2)
@@ -65,6 +65,10 @@ class GalaxySeds:
         steep = np.arange(LYMAN_LIMIT - 90, LYMAN_LIMIT, self.step / 4)
         nodes = np.union1d(wave, [LYMAN_LIMIT, *lines, *steep])
         return nodes, np.array([np.interp(nodes, wave, row) for row in basis])
+
+    def cells(self, fine):
+        """Return nodes [A, rest frame] (n,) and components there (20, n); spectra are lines between them."""
+        return self._cells[fine]
 
     def coefficients(self, mix, dust, lines):
         """Return (n, 20) coefficients of galaxies at 10 pc.
@@ -87,7 +91,7 @@ class GalaxySeds:
         `igm=False` leaves the intergalactic medium out.
         """
         out = np.zeros((len(z), len(wavelength)))
-        forest = self._forest if wavelength is GRID else Intergalactic(wavelength, self._igm)
+        forest = self._forest if wavelength is GRID else Intergalactic(wavelength, self.igm)
         curve = self._extinction if wavelength is GRID else np.interp(wavelength, GRID, self._extinction)
         nodes, basis = self._cells[True]  # where `rates` counts what is below zero as zero
         for i, (redshift, mix) in enumerate(zip(np.asarray(z, dtype=float), coefficients, strict=True)):
@@ -159,7 +163,7 @@ def _integrate(
                 continue
             low = max(np.searchsorted(nodes, grid[begin] / stretch, side="right") - 1, 0)
             high = min(np.searchsorted(nodes, grid[end - 1] / stretch, side="right"), len(nodes) - 1)
-            _combine(rest, low, high + 1, coefficients[n], basis)
+            combine(rest, low, high + 1, coefficients[n], basis)
             running = moments[b]
             cut = np.searchsorted(cuts, begin, side="right")
             total = 0.0
@@ -183,7 +187,7 @@ def _integrate(
                     centre = w1 / w0
                     sample = max(min(int(centre * per_step), last - 2), start)
                     beyond = (centre * per_step - sample) * (last - start > 1)  # no step across a cut
-                    height = _exp(-more * (curve[sample] + beyond * (curve[sample + 1] - curve[sample])))
+                    height = exponential(-more * (curve[sample] + beyond * (curve[sample + 1] - curve[sample])))
                     light = rest[j] * w0 + slope * (w1 - left * w0)
                     if grid[start] < blue:
                         middle = 0.5 * (nodes[j] + nodes[min(j + 1, len(nodes) - 1)])
@@ -216,13 +220,13 @@ def _gas(middle, start, last, centre, step, reach, edges, clear, continuum, limi
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _exp(x):
+def exponential(x):
     """exp(x); by its series where that is exact to 1e-9, as it is for galaxies behind nearly the same dust."""
     return 1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))) if abs(x) < 0.01 else np.exp(x)
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _combine(rest, low, high, coefficients, basis):
+def combine(rest, low, high, coefficients, basis):
     """Put max(0, sum_k c_k P_k) into rest[low:high]; a NaN stays one."""
     part = rest[low:high]  # slices let the compiler see that no index is out of bounds: seven times faster
     part[:] = 0.0

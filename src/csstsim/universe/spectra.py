@@ -24,7 +24,7 @@ def rates(universe, table, weights, fine=True):
     The same light as `spectra` to 1e-4; without `fine`, galaxies to 2e-3 in less time.
     """
     out = np.zeros((len(table), len(weights)))
-    for chosen, some in _kinds(table):
+    for chosen, some in kinds(table):
         if some["obj_type"][0] == STAR:
             part = universe.star_seds.rates(some["teff"], some["logg"], some["feh"], some["av"], weights)
         elif some["obj_type"][0] == GALAXY:
@@ -38,7 +38,7 @@ def rates(universe, table, weights, fine=True):
 def spectra(universe, table):
     """Return (n, 18001) spectra on the paper's grid."""
     out = np.zeros((len(table), len(GRID)))
-    for chosen, some in _kinds(table):
+    for chosen, some in kinds(table):
         scale = some["sed_scale"].astype(float)
         if some["obj_type"][0] == STAR:
             dimming = 10 ** (-0.4 * some["av"].astype(float)[:, None] * universe.extinction)
@@ -50,7 +50,7 @@ def spectra(universe, table):
     return out
 
 
-def _kinds(table):
+def kinds(table):
     """Yield (mask, rows) of the stars, the galaxies and the quasars of a table, where there are any."""
     for kind in (STAR, GALAXY, QUASAR):
         chosen = table["obj_type"] == kind

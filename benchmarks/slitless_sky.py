@@ -1,0 +1,132 @@
+"""The sky through the gratings, its levels, its colour and its cost: python benchmarks/slitless_sky.py
+
+Prints tables and draws docs/figures/slitless_sky.png, for the shipped numbers (config/instrument).
+"""
+
+import argparse
+import time
+from pathlib import Path
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+from csstsim.config import SHIPPED
+from csstsim.instrument.camera import load_camera
+from csstsim.instrument.chip import Window
+from csstsim.instrument.pointing import Pointing
+from csstsim.layers import sky_background
+from csstsim.optics.wcs import ChipWCS
+from csstsim.rng import Streams
+from csstsim.sky.dispersed import disperse, nominal_spectrum, order_rows, sky_spectrum
+from csstsim.sky.numbers import sky_numbers
+from csstsim.state import State
+
+FIGURES = Path(__file__).parents[1] / "docs" / "figures"
+CAMERA = load_camera(SHIPPED / "instrument")
+NUMBERS = sky_numbers(CAMERA.sky)
+SHOWN = 5  # GV
+COLOURS = {-2: "tab:purple", -1: "tab:blue", 0: "tab:red", 1: "tab:green", 2: "tab:orange"}
+ORBIT = (2596.0, 4496.0, -4357.0), (6.0, 3.0, -2.1)
+
+
+def filter_of(chip):
+    return CAMERA.filters[CAMERA.chips[chip].filter]
+
+
+def shares(chip, window, spectrum=None):
+    """Return the sky over a whole first order, (ny, nx)."""
+    out = np.ones(window.shape, np.float32)
+    disperse(
+        out, CAMERA.gratings[chip], window, nominal_spectrum(filter_of(chip), NUMBERS) if spectrum is None else spectrum
+    )
+    return out
+
+
+def blank(chip):
+    chip = CAMERA.chips[chip]
+    pointing = Pointing("1", "SCIE", 60.0, -40.0, -113.4, "2027-06-26T20:35:58", 150.0, *ORBIT)
+    return State(
+        chip, CAMERA.filters[chip.filter], CAMERA.telescope, pointing, None, chip.full_window, ChipWCS(chip, pointing),
+        np.zeros(chip.full_window.shape, np.float32), sky=CAMERA.sky, leds=CAMERA.leds,
+        gratings=CAMERA.gratings[chip.id],
+    )  # fmt: skip
+
+
+def levels():
+    print("sky over a whole first order (filter.sky); the middle 200 columns at the split; CPU s of the map")
+    print(f"{'chip':>4} {'':4}{'e-/s/px':>9}{'mean':>8}{'least':>8}{'most':>8}{'split':>8}{'CPU s':>8}")
+    shares(SHOWN, Window(0, 8, 0, 8))  # compiles
+    for chip in CAMERA.gratings:
+        window, split = CAMERA.chips[chip].full_window, int(CAMERA.gratings[chip].split)
+        start = time.process_time()
+        out = shares(chip, window)
+        cost = time.process_time() - start
+        mean, middle = out.mean(dtype=float), out[:, split - 100 : split + 100].mean(dtype=float)
+        print(f"{chip:4d} {filter_of(chip).name:4}{mean * filter_of(chip).sky:9.4f}{mean:8.3f}", end="")
+        print(f"{out.min():8.3f}{out.max():8.3f}{middle:8.3f}{cost:8.2f}")
+
+
+def colour():
+    """What a spectrum moves: the sky depends on it only where a piece's light ends."""
+    print("\ngreatest difference from the nominal spectrum, of a row of the chip; most at the edges")
+    for chip in (3, SHOWN, 1):
+        row = Window(0, CAMERA.chips[chip].detector.nx, 4600, 4601)
+        nominal = shares(chip, row)
+        for name, parts in (("zodiacal", {"zodiacal": 1.0}), ("earth", {"earth": 1.0}), ("Sun, stars", {"sun": 1.0})):
+            other = shares(chip, row, sky_spectrum(filter_of(chip), parts, 60.0, NUMBERS))
+            ratio, mean = np.abs(other / nominal - 1).max(), other.mean() / nominal.mean() - 1
+            print(f"{filter_of(chip).name} {name:12}{ratio:8.4f}, mean level {mean:9.1e}")
+
+
+def cost():
+    print("\nCPU s of the layer on a whole chip without its response, with gratings and as if there were none")
+    for model, gratings in ((False, True), (False, True), (False, False), (True, True), (True, False)):
+        state = blank(SHOWN)
+        state.image += 1.0
+        state.gratings = state.gratings if gratings else None
+        param = sky_background.Param(enable_straylight_model=model, flat_fielding=False, shutter_effect=False)
+        start = time.process_time()
+        sky_background.apply(state, param, Streams(1, "1", SHOWN, "sky_background"))
+        spent = time.process_time() - start
+        print(f"model {model!s:5} gratings {gratings!s:5} {spent:.2f}  {state.header['sky_rate']:.4f} e-/s/px")
+
+
+def figure():
+    chip, spectrum, gratings = CAMERA.chips[SHOWN], nominal_spectrum(filter_of(SHOWN), NUMBERS), CAMERA.gratings[SHOWN]
+    nx, ny, row = chip.detector.nx, chip.detector.ny, chip.detector.ny // 2
+    out, rate = shares(SHOWN, chip.full_window), filter_of(SHOWN).sky
+    plot, (top, middle, near) = plt.subplots(3, 1, figsize=(8, 9), height_ratios=(1.6, 1.2, 1.2), layout="constrained")
+    drawn = top.imshow(
+        rate * out[::16, ::16], extent=(0, nx, 0, ny), origin="lower", aspect="auto", cmap="magma", vmin=0
+    )
+    plot.colorbar(drawn, ax=top, label="e-/s/px")
+    top.set(title=f"nominal sky of chip {SHOWN} ({chip.filter}), no noise", xlabel="x [px]", ylabel="y [px]")
+    line, x = Window(0, nx, row, row + 1), np.arange(nx)
+    zeroth = 0.0
+    for (grating, piece), style in zip(gratings.pieces, ("-", "--"), strict=True):
+        for number, order in grating.orders.items():
+            values = rate * order_rows(order, piece, np.array([float(row)]), line, spectrum)[0]
+            label, colour = f"{number:+d} {grating.name}" if number else f"0 {grating.name}", COLOURS[number]
+            middle.plot(x, np.where(values > 0, values, np.nan), style, color=colour, label=label)
+            if number == 0:
+                near.step(x, values, style, color=colour, label=label, where="mid")
+                zeroth = zeroth + values
+    middle.plot(x, rate * out[row], color="k", lw=1.5, label="sum")
+    middle.axhline(rate, color="0.6", lw=0.8, ls=":", label="filter.sky")
+    middle.set(title=f"row {row}, by order and piece", yscale="log", ylim=(5e-4, 1), xlim=(0, nx))
+    near.step(x, zeroth, color="k", lw=1, label="sum of the two", where="mid")
+    split = gratings.split
+    near.set(title="zeroth orders at the split", xlim=(split - 30, split + 30), ylim=(0, 2.4 * zeroth[0]))
+    for axis in (middle, near):
+        axis.set(xlabel="x [px]", ylabel="e-/s/px")
+        axis.legend(fontsize=6, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    plot.savefig(FIGURES / "slitless_sky.png", dpi=85)
+    plt.close(plot)
+
+
+if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
+    levels()
+    colour()
+    cost()
+    figure()

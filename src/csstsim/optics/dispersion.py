@@ -1,0 +1,104 @@
+"""Dispersion of a chip's light by its two gratings, as arrays (paper, section 4.2, equations 1 to 4).
+
+Light of wavelength lambda that would fall on x, y without the grating lands in order k at
+
+    x + p + q lambda,   y + r + s lambda         [px]
+
+with p, q, r, s of x, y (instrument.grating.Order.lines). Spectra are means over bins of `edges`, at most a quarter of a
+pixel of the first order wide; an order's electrons in a bin are the mean density times `rates`, which holds the
+throughput's exact integral. The PSF at lambda is the mixture of the two nearest of the four wavelengths of the PSF set,
+linear in lambda; beyond the outer ones it is theirs.
+"""
+
+from functools import cached_property
+
+import numpy as np
+
+from csstsim.instrument.filter import GRID
+
+_BINS_PER_PX = 4  # at least
+_STEP = GRID[1] - GRID[0]
+
+
+class Disperser:
+    """What the two gratings of a chip do to light; `pieces` are 0, left, and 1, right."""
+
+    def __init__(self, gratings, filter, telescope):
+        self.gratings, self.area = gratings, telescope.area_m2
+        self.orders = gratings.numbers
+        self.rectangles = np.array([rectangle for _, rectangle in gratings.pieces])
+        self.wavelengths = filter.psf_wavelength
+        self._pieces = [grating for grating, _ in gratings.pieces]
+
+    @cached_property
+    def edges(self):
+        """(bins + 1,) angstrom: edges of the bins, samples of filter.GRID."""
+        lit = np.any([order.throughput > 0 for piece in self._pieces for order in piece.orders.values()], axis=0)
+        first, last = np.flatnonzero(lit)[[0, -1]]
+        middles = 0.5 * (self.rectangles[:, ::2] + self.rectangles[:, 1::2])
+        pairs = zip(self._pieces, middles, strict=True)
+        per_px = min(1 / abs(piece.orders[1].lines(*middle)[1]) for piece, middle in pairs)  # angstrom
+        step = max(int(per_px / _BINS_PER_PX / _STEP), 1)
+        first = max(first - 1, 0)
+        count = min(-(-(last + 1 - first) // step), (len(GRID) - 1 - first) // step)
+        return GRID[first : first + count * step + 1 : step]
+
+    @cached_property
+    def length(self):
+        """How many pixels the first order of a spectrum is long."""
+        middles = 0.5 * (self.rectangles[:, ::2] + self.rectangles[:, 1::2])
+        pairs = zip(self._pieces, middles, strict=True)
+        return max(abs(g.orders[1].lines(*at)[1]) * np.ptp(g.orders[1].range) for g, at in pairs)
+
+    @cached_property
+    def rates(self):
+        """(2, orders, bins): electron / s of a mean density of 1 photon / s / m2 / angstrom in the bin."""
+        at = np.searchsorted(GRID, self.edges)
+        out = np.zeros((2, len(self.orders), len(self.edges) - 1))
+        for i, piece in enumerate(self._pieces):
+            for number, order in piece.orders.items():
+                t = order.throughput
+                running = np.concatenate([[0.0], np.cumsum(0.5 * (t[1:] + t[:-1]) * _STEP)])
+                out[i, self.orders.index(number)] = self.area * np.diff(running[at])
+        return out
+
+    @cached_property
+    def psf_mixture(self):
+        """(bins,) int64 and (bins,): the lower of two wavelengths of the PSF set, and the weight of the upper one."""
+        place = np.interp(0.5 * (self.edges[1:] + self.edges[:-1]), self.wavelengths, np.arange(4.0))
+        lower = np.minimum(place.astype(np.int64), 2)
+        return lower, place - lower
+
+    def lines(self, piece, x, y):
+        """Return (n, orders, 4): p, q, r, s at direct images x, y [px]; NaN for an order that the piece lacks."""
+        out = np.full((len(x), len(self.orders), 4), np.nan)
+        for number, order in self._pieces[piece].orders.items():
+            out[:, self.orders.index(number)] = order.lines(x, y)
+        return out
+
+    def visits(self, x, y, reach):
+        """Return (object, piece, cut): the pieces that light within `reach` (n,) px of x, y meets.
+
+        `cut`: part of that square lies beyond the piece, so what would land there must be left out.
+        """
+        found = []
+        for piece, (x0, x1, y0, y1) in enumerate(self.rectangles):
+            near = (x + reach > x0) & (x - reach < x1) & (y + reach > y0) & (y - reach < y1)
+            cut = (x - reach < x0) | (x + reach > x1) | (y - reach < y0) | (y + reach > y1)
+            rows = np.flatnonzero(near)
+            found.append(np.stack([rows, np.full(len(rows), piece), cut[rows]], axis=1))
+        return np.concatenate(found).astype(np.int64)
+
+    def boxes(self, visits, x, y):
+        """Return (visits, orders, 4): x0, x1, y0, y1 [px] of where a point's light lands; NaN: no such order."""
+        out = np.full((len(visits), len(self.orders), 4), np.nan)
+        for piece, grating in enumerate(self._pieces):
+            mine = np.flatnonzero(visits[:, 1] == piece)
+            at = visits[mine, 0]
+            for number, order in grating.orders.items():
+                p, q, r, s = order.lines(x[at], y[at]).T
+                ends = np.array(order.range)[:, None]
+                along, across = x[at] + p + q * ends, y[at] + r + s * ends
+                box = np.stack([along.min(axis=0), along.max(axis=0), across.min(axis=0), across.max(axis=0)], axis=1)
+                out[mine, self.orders.index(number)] = box
+        return out

@@ -1,0 +1,178 @@
+"""Drawing the objects of a spectroscopic chip: as render.draw, each object's light sent through the gratings.
+
+The policy's choice (render.policy) rests on the first order's electrons over the pixels that a spectrum covers. Objects
+are taken some at a time, for their spectra are too many to hold. Truth is kept object by object, as on imaging chips,
+and order by order.
+"""
+
+import time
+
+import numpy as np
+
+from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, OUTSIDE_PSF_HULL, STRONG_LENSING, TRUNCATED_STAMP
+from csstsim.catalog.table import ObjectTable
+from csstsim.counter import word
+from csstsim.render import policy
+from csstsim.render.dispersed_photons import shoot_spectra
+from csstsim.render.draw import object_keys_of
+from csstsim.render.psf_mixture import Mixer
+from csstsim.render.scene import make_scene
+from csstsim.render.slabs import draw_spectra
+
+CHUNK = {policy.PHOTONS: 128, policy.STAMP: 2048}  # objects at a time: spectra in cache; few passes for far wings
+_UNDRAWN = BAD_VALUE | STRONG_LENSING
+FAINTEST = 1.0  # electron: an order with less, none of which was drawn, has no row in the table of orders
+_STRIP = 64  # px: objects are taken in strips, so that their pixels are in cache
+
+
+def draw_dispersed(
+    image, window, objects, spectra, disperser, wcs, psf, exptime, *, tables, beyond, response, maximum, variance, key,
+    fidelity,
+):  # fmt: skip
+    """Draw a spectroscopic chip's objects; return (table with what was drawn, table of orders, counted or None).
+
+    As render.draw.draw_objects; spectra: catalog.spectra.Spectra of `objects`; disperser: optics.dispersion.Disperser.
+    `electrons` are those of all orders, `method` is photons or slabs. The table of orders has a row for each object,
+    piece and order of which light may land on the window: io.orders has its columns.
+    """
+    mixer = psf if isinstance(psf, Mixer) else Mixer(psf)
+    psf = mixer.psf
+    flags = objects["flags"].copy()
+    first = np.sum([objects[f"flux{i}"] for i in range(4)], axis=0) * exptime
+    rows = np.flatnonzero((flags & _UNDRAWN == 0) & (first > 0))
+    part = objects.take(rows)
+    scene = make_scene(part, wcs, psf, exptime)
+    flags[rows[scene.outside]] |= OUTSIDE_PSF_HULL
+    flags[rows[(beyond.wing is None) & (part["wing"] > 0)]] |= TRUNCATED_STAMP
+    wing = part["wing"].astype(float) if beyond.wing is not None else np.zeros(len(rows))
+    choice = policy.choose_dispersed(
+        scene, part["reach"], wing, variance, fidelity, disperser, convex=psf.convex, per_pixel=psf.oversampling,
+        maximum=maximum,
+    )  # fmt: skip
+    visits = disperser.visits(scene.x, scene.y, np.maximum(part["reach"], wing))
+    result = _Result(visits, disperser, window)
+    counted = np.zeros(window.shape, np.int32) if (choice.method == policy.PHOTONS).any() else None
+    keys = object_keys_of(key, scene.ids)
+    own = np.array([word(keys[i], np.uint64(piece)) for i, piece, _ in visits], np.uint64)
+    order = np.lexsort((scene.x, np.floor(scene.y / _STRIP), scene.node[:, 0])) if len(rows) else np.zeros(0, int)
+    place = np.empty(len(rows), int)
+    for kind in (policy.STAMP, policy.PHOTONS):
+        mine = order[choice.method[order] == kind]
+        for start in range(0, len(mine), CHUNK[kind]):
+            chunk = mine[start : start + CHUNK[kind]]
+            place[:] = -1
+            place[chunk] = np.arange(len(chunk))
+            at = np.flatnonzero(place[visits[:, 0]] >= 0)
+            some = np.column_stack([place[visits[at, 0]], visits[at, 1:]])
+            light = spectra(rows[chunk], disperser.edges) * exptime
+            result.nominal(at, some, light)
+            begin = time.process_time()
+            if kind == policy.STAMP:
+                drawn = draw_spectra(
+                    image, window, scene.take(chunk), light, some, part["reach"][chunk], wing[chunk], disperser, mixer,
+                    beyond, response,
+                )  # fmt: skip
+                result.drawn[at], result.box[at] = drawn.drawn, drawn.box
+                np.bitwise_or.at(flags, rows[visits[at, 0]], drawn.flags)
+                result.ms[at] = drawn.ms
+            else:
+                result.drawn[at], result.box[at] = shoot_spectra(
+                    counted, window, scene.take(chunk), light, some, disperser, own[at], tables, response, maximum,
+                    beyond.wing,
+                )  # fmt: skip
+                result.ms[at] = 1000 * (time.process_time() - begin) / max(len(at), 1)
+    return *_tables(objects, rows, part, scene, choice, visits, result, flags, disperser, wing), counted
+
+
+class _Result:
+    """What came of each visit, order by order."""
+
+    def __init__(self, visits, disperser, window):
+        self.window = window
+        shape = len(visits), len(disperser.orders)
+        self.electrons, self.drawn, self.box = np.zeros(shape), np.zeros(shape), np.zeros((*shape, 4), np.int64)
+        self.ms, self._rates = np.zeros(len(visits)), disperser.rates
+
+    def nominal(self, at, visits, light):
+        """Note the electrons of visits: (n, bins) light of their objects."""
+        for piece in range(2):
+            mine = visits[:, 1] == piece
+            self.electrons[at[mine]] = np.einsum("nb,ob->no", light, self._rates[piece])[visits[mine, 0]]
+
+
+def _tables(objects, rows, part, scene, choice, visits, result, flags, disperser, wing):
+    """Return (the table of objects, that of their orders)."""
+    count, at = len(objects), rows[visits[:, 0]]
+    drawn, electrons = np.zeros(count), np.zeros(count)
+    np.add.at(drawn, at, result.drawn.sum(axis=1))
+    # Of an object on the line between the pieces both visits name all its light
+    np.maximum.at(electrons, at, result.electrons.sum(axis=1))
+    ms, error, snr = (np.zeros(count, np.float32) for _ in range(3))
+    np.add.at(ms, at, result.ms)
+    error[rows], snr[rows] = choice.error, choice.snr
+    method = np.full(count, policy.METHODS[policy.NONE], dtype="U10")
+    method[rows] = np.where(choice.method == policy.STAMP, "slabs", policy.METHODS[choice.method])
+    stamp = np.zeros(count, np.int32)
+    slabs = choice.method == policy.STAMP
+    stamp[rows[slabs]] = 2 * np.maximum(part["reach"], np.ceil(wing))[slabs] + 1
+    lit = result.box[..., 1] > 0
+    low, high = np.full((count, 2), np.iinfo(np.int32).max), np.zeros((count, 2), np.int64)
+    for v, o in np.argwhere(lit).tolist():
+        x0, x1, y0, y1 = result.box[v, o]
+        low[at[v]], high[at[v]] = np.minimum(low[at[v]], (x0, y0)), np.maximum(high[at[v]], (x1, y1))
+    low[high[:, 0] == 0] = 0
+    off = (drawn == 0) & np.isin(np.arange(count), rows) & (method != "photons")
+    flags[off] |= OFF_CHIP
+    method[off] = policy.METHODS[policy.NONE]
+    fraction = np.divide(drawn, electrons, out=np.zeros(count), where=electrons > 0)
+    table = objects.with_columns(
+        flags=flags, electrons=electrons, drawn=drawn, fraction=fraction, method=method, snr=snr, error=error,
+        stamp=stamp, x0=low[:, 0].astype(np.int32), x1=high[:, 0].astype(np.int32), y0=low[:, 1].astype(np.int32),
+        y1=high[:, 1].astype(np.int32), ms=ms,
+    )  # fmt: skip
+    return table, _orders(objects, at, scene, visits, result, disperser)
+
+
+def _orders(objects, at, scene, visits, result, disperser):
+    """Return the table of orders: rows of the objects table `at` (v,), one row a visit and order."""
+    window = result.window
+    columns = []
+    for piece, (grating, _) in enumerate(disperser.gratings.pieces):
+        for o, number in enumerate(disperser.orders):
+            if number not in grating.orders:
+                continue
+            order = grating.orders[number]
+            mine = np.flatnonzero(
+                (visits[:, 1] == piece) & ((result.drawn[:, o] > 0) | (result.electrons[:, o] >= FAINTEST))
+            )
+            x, y = scene.x[visits[mine, 0]], scene.y[visits[mine, 0]]
+            p, q, r, s = order.lines(x, y).T
+            low, high = _range(p, q, r, s, x, y, window, order.range)
+            lands = np.flatnonzero((low < high) | (result.drawn[mine, o] > 0))
+            mine, box = mine[lands], result.box[mine[lands], o]
+            columns.append({
+                "id": objects["id"][at[mine]], "row": at[mine].astype(np.int32),
+                "order": np.full(len(mine), number, np.int8), "grating": np.full(len(mine), grating.name),
+                "cut": visits[mine, 2].astype(bool), "x": x[lands], "y": y[lands],
+                "p": p[lands], "q": q[lands], "r": r[lands], "s": s[lands],
+                **{name: values for name, values in order.coefficients_at(x[lands], y[lands]).items()},
+                "electrons": result.electrons[mine, o], "drawn": result.drawn[mine, o],
+                **{name: box[:, k].astype(np.int32) for k, name in enumerate(("x0", "x1", "y0", "y1"))},
+                "wave_min": low[lands].astype(np.float32), "wave_max": high[lands].astype(np.float32),
+            })  # fmt: skip
+    table = {name: np.concatenate([part[name] for part in columns]) for name in columns[0]}
+    sort = np.lexsort((table["order"], table["row"]))
+    return ObjectTable({name: values[sort] for name, values in table.items()})
+
+
+def _range(p, q, r, s, x, y, window, limits):
+    """Return the (first, last) wavelengths, within `limits`, whose light lands on the window; first > last: none."""
+    low, high = np.full(len(x), limits[0]), np.full(len(x), limits[1])
+    for at, offset, slope, first, last in ((x, p, q, window.x0, window.x1), (y, r, s, window.y0, window.y1)):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.sort([(edge - 0.5 - at - offset) / slope for edge in (first, last)], axis=0)
+        flat = slope == 0
+        inside = (at + offset >= first - 0.5) & (at + offset < last - 0.5)
+        low = np.maximum(low, np.where(flat, np.where(inside, -np.inf, np.inf), ends[0]))
+        high = np.minimum(high, np.where(flat, np.inf, ends[1]))
+    return low, high

@@ -1,0 +1,178 @@
+"""The sky through a slitless chip's gratings: every order of a uniform background, with its edges.
+
+A piece (instrument.grating.Gratings) sends the light of its rectangle of direct images x, y to X, Y = F(x, y), one
+such map per order k and wavelength. Radiance is uniform, so a pixel gets
+
+    rate = sum over pieces, orders: integral d(lambda) S T_k |dF|^-1 (share of the pixel that F(piece) covers)
+
+with S the spectrum of the sky [photon / s / angstrom and pixel] and |dF| the determinant, 1 to 0.06% in the first
+order and 0.2% in the second. Where a piece ends, an order's light ends over the range of its X - x: ramps of the first
+order's length, steps of the zeroth's.
+Rows are computed exactly where they are nodes and linear in between; along x nothing is sampled. Left out: the PSF
+(a pixel or so of the steps), the gradient of the sky over the way from x to X, and the slope of a piece's lower and
+upper edges along X (a tenth of a pixel, and no row of the chip is near them in the shipped gratings).
+"""
+
+import numba
+import numpy as np
+
+from csstsim.instrument.filter import GRID
+from csstsim.sky import zodiacal
+from csstsim.sky.spectra import V_BAND, band, sunlight
+
+NODE = 1024  # px between rows computed, and between columns where |dF| is: linear to 2e-5 of the sky
+_ITERATIONS = 5  # each gains a factor 500, dF being that close to 1
+
+
+def nominal_spectrum(filter_, numbers):
+    """Return S, as `sky_spectrum`, of the mixture that the nominal sky of filters.yaml is: zodiacal light far from the
+    Sun, and earthshine."""
+    wave, here = filter_.wavelength, np.array([V_BAND])
+    earth = numbers.nominal_earth * np.interp(wave, *numbers.earth_spectrum.T)
+    zodi, zodi_v = (zodiacal.spectrum(at, numbers)[1] / sunlight(at, numbers) for at in (wave, here))
+    shape = sunlight(wave, numbers) * (zodi / zodi_v + earth)
+    return shape / band(filter_, shape)
+
+
+def sky_spectrum(filter_, parts, sun_angle, numbers):
+    """Return S on the filter's grid [1 / angstrom], of which a whole first order counts one electron.
+
+    parts: {component of sky.background: e-/s/px}; sun_angle: of the boresight [deg], which zodiacal light's colour
+    depends on; numbers: SkyNumbers. All but zodiacal light and the Earth are taken as sunlight.
+    """
+    wave = filter_.wavelength
+    sun = sunlight(wave, numbers)
+    colours = {
+        "zodiacal": zodiacal.mixture(sun_angle, numbers) @ zodiacal.spectrum(wave, numbers),
+        "earth": sun * np.interp(wave, *numbers.earth_spectrum.T),
+    }
+    shapes = {name: colours.get(name, sun) for name in parts}
+    return sum(parts[name] * shapes[name] / band(filter_, shapes[name]) for name in parts) / sum(parts.values())
+
+
+def disperse(sky, gratings, window, spectrum):
+    """Multiply `sky` (ny, nx) float32 of a window, in place, by the orders' sum over one whole first order.
+
+    gratings: Gratings of the chip; spectrum: (n,) on filter.GRID, as of `sky_spectrum`.
+    """
+    rows = node_rows(gratings, window)
+    shares = sum(
+        order_rows(order, piece, rows, window, spectrum)
+        for grating, piece in gratings.pieces
+        for order in grating.orders.values()
+    )
+    _multiply(sky, rows - window.y0, np.maximum(shares, 0.0).astype(np.float32))
+
+
+def order_rows(order, piece, rows, window, spectrum):
+    """Return (len(rows), nx): what an order of a piece gives rows of the chip, over one whole first order.
+
+    piece: (x0, x1, y0, y1) of its direct images.
+    """
+    first, last = np.flatnonzero(order.throughput)[[0, -1]]
+    wave, weights = GRID[[first, last]], (GRID[1] - GRID[0]) * (spectrum * order.throughput)[first : last + 1]
+    sides = [_edge(order, x, rows[:, None], wave) - (window.x0 - 0.5) for x in piece[:2]]
+    ends = [edge - (rows[:, None] - 0.5) for edge in _ends(order, piece, wave)]
+    steps = np.zeros((2, len(rows), window.x1 - window.x0))
+    _add_steps(steps, weights, *sides, *ends)
+    nodes, columns = _nodes(window.x0, window.x1), np.arange(window.x0, window.x1)
+    density = _density(order, nodes[:, None], rows[:, None, None], wave)
+    out = np.cumsum(steps, axis=2)
+    for k in range(2):
+        for j in range(len(rows)):
+            out[k, j] *= np.interp(columns, nodes, density[j, :, k])
+    return out.sum(axis=0)
+
+
+def node_rows(gratings, window):
+    """Return the rows to compute: every NODE px, whatever the window, and all that the end of a piece crosses."""
+    regular = _nodes(window.y0, window.y1)
+    rows = set(regular)
+    for grating, piece in gratings.pieces:
+        for order in grating.orders.values():
+            for edge in _ends(order, piece, np.array(order.range)):
+                rows.update(np.arange(np.floor(edge.min() - 0.5), np.ceil(edge.max() + 0.5) + 1))
+    return np.array(sorted(row for row in rows if regular[0] <= row <= regular[-1]))
+
+
+def _nodes(first, beyond):
+    return NODE * np.arange(first // NODE, (beyond - 1) // NODE + 2, dtype=float)
+
+
+def landing(order, x, y, wave):
+    """Return X, Y of direct images at x, y [px] in `wave` [angstrom]."""
+    p, q, r, s = np.moveaxis(order.lines(x, y), -1, 0)
+    return x + p + q * wave, y + r + s * wave
+
+
+def _edge(order, x, rows, wave):
+    """Return (rows, 2): X on `rows` of the light of the line of direct images at x, at the ends of the band."""
+    y = rows + 0.0 * wave
+    for _ in range(_ITERATIONS):
+        y = y + rows - landing(order, x, y, wave)[1]
+    return landing(order, x, y, wave)[0]
+
+
+def _ends(order, piece, wave):
+    """Return [(2,), (2,)]: Y of a piece's lower and upper end, in its middle, at the ends of the band."""
+    x0, x1, *ends = piece
+    return [landing(order, np.full(2, 0.5 * (x0 + x1)), y, wave)[1] for y in ends]
+
+
+def _density(order, columns, rows, wave):
+    """Return |dF|^-1 of the light that lands on columns, rows."""
+    x, y = (v + 0.0 * (columns + rows + wave) for v in (columns, rows))
+    for _ in range(_ITERATIONS):
+        there = landing(order, x, y, wave)
+        x, y = x + columns - there[0], y + rows - there[1]
+    (xx, yx), (xy, yy) = (
+        [0.5 * (b - a) for a, b in zip(landing(order, x - dx, y - dy, wave), landing(order, x + dx, y + dy, wave),
+                                       strict=True)]
+        for dx, dy in ((1.0, 0.0), (0.0, 1.0))
+    )  # fmt: skip
+    return 1.0 / np.abs(xx * yy - xy * yx)
+
+
+@numba.njit(cache=True)
+def _add_steps(out, weights, left, right, low, high):
+    """Add an order's light as differences along x, in place, dealt out between the ends of its band: (2, rows, nx).
+
+    left, right: (rows, 2) where it begins and ends, from the window's left side; low, high: the same in y, from the
+    row's lower side. A wavelength's ends lie between those at the ends of the band, in proportion.
+    """
+    last = max(len(weights) - 1, 1)
+    for j in range(len(left)):
+        for i in range(len(weights)):
+            t = i / last
+            lit = _above(low[j, 0] + t * (low[j, 1] - low[j, 0])) - _above(high[j, 0] + t * (high[j, 1] - high[j, 0]))
+            _add_step(out[:, j], left[j, 0] + t * (left[j, 1] - left[j, 0]), t, weights[i] * lit)
+            _add_step(out[:, j], right[j, 0] + t * (right[j, 1] - right[j, 0]), t, -weights[i] * lit)
+
+
+@numba.njit(cache=True)
+def _above(edge):
+    """Return the share of the pixel 0..1 that is above an edge."""
+    return min(max(1.0 - edge, 0.0), 1.0)
+
+
+@numba.njit(cache=True)
+def _add_step(out, place, t, weight):
+    column = int(np.floor(place))
+    part = place - column  # of the pixel `column` lies before the step
+    for k, share in ((column, 1.0 - part), (column + 1, part)):
+        if k < out.shape[1]:
+            out[0, max(k, 0)] += (1.0 - t) * share * weight
+            out[1, max(k, 0)] += t * share * weight
+
+
+@numba.njit(cache=True)
+def _multiply(image, rows, lines):
+    """Multiply rows of `image` by `lines` (n, nx), given at `rows` (n,) from the image's first; linear in between."""
+    j = 0
+    for y in range(image.shape[0]):
+        while rows[j + 1] < y:
+            j += 1
+        upper = np.float32((y - rows[j]) / (rows[j + 1] - rows[j]))
+        below, above, line = lines[j], lines[j + 1], image[y]
+        for x in range(len(line)):
+            line[x] *= below[x] + upper * (above[x] - below[x])
