@@ -51,10 +51,11 @@ def spectra_of_frame(run, job):
     if not run.has_orders(job):
         chips = ", ".join(str(chip.id) for chip in run.camera.slitless_chips)
         raise InputError("has no spectra", file=run.file, key="chip", value=job.chip.id, allowed=f"{chips}, SCIE")
-    _, calibrated = calibrated_frame(run, job)
+    file, calibrated = calibrated_frame(run, job)
     path, truth, psf = run.paths.level0_orders(job.pointing, job.chip.id), _truth(run, job), open_psf(run, job.chip)
     orders = read_orders(path)
     check_recipe(path, orders.meta, run.recipe(job))
+    truth.meta["truth_hash"] = file.header0.get("TRUTHASH")  # a catalogue is opened again only if it is the same
     sources = Sources(_shapes(truth, job.wcs), object_spectra(run, job, truth), run.disperser(job).edges)
     middle = 0.5 * (job.window.x0 + job.window.x1), 0.5 * (job.window.y0 + job.window.y1)
     wing, photons = read_beyond(psf).wing, run.camera.telescope.area_m2 * job.pointing.exptime

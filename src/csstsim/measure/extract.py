@@ -136,7 +136,7 @@ def _nothing():
 
 
 def _extract_one(frame, one, sources, model, psf, wing):
-    """Return {name: (n,)} of one row of the orders' table; None if none of its columns is on the window."""
+    """Return {name: (n,)} of one row of the orders' table; None if none of its columns can be used."""
     row, window = int(one["row"][0]), frame.window
     columns, wave, centre = _trace(one, model, window)
     if len(columns) == 0:
@@ -154,6 +154,8 @@ def _extract_one(frame, one, sources, model, psf, wing):
     band, share = mixed(wave, model.bands)
     shares = between(across, band, share, cutout.offset - 0.5, cutout.offset + 0.5)
     found = _measured(cutout, shares, half, frame.read_noise)
+    if (found["flags"] & LOST).all():
+        return None
     flat = model.electrons(one, columns, along, [1.0], GRID[[0, -1]])
     expected = np.full(len(columns), np.nan)
     if sources.spectra is not None:

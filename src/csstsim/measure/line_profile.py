@@ -66,7 +66,7 @@ def _wing_below(wing, half):
     place[-1] = HALF
     first = np.where(place < half, half, 1e-3)  # of the half line along which the wing is summed
     steps = np.geomspace(first, _WING, 200, axis=1)
-    density = 2 * np.trapezoid(wing.profile(np.hypot(place[:, None], steps)), steps, axis=2)
+    density = 2 * np.trapezoid(wing.profile(np.hypot(place[:, None], steps)), steps)
     middle = 0.5 * (OFFSETS[1:] + OFFSETS[:-1])
     each = np.stack([np.interp(np.abs(middle), place, band) for band in density]) / PER_PX
     return np.concatenate([np.zeros((4, 1)), np.cumsum(each, axis=1)], axis=1)
