@@ -14,6 +14,7 @@ from csstsim.instrument.filter import GRID
 from csstsim.measure import extract
 from csstsim.measure.extract import extract_spectra
 from csstsim.measure.line_profile import ACROSS, OFFSETS, Shapes, broadened, psf_profile
+from csstsim.optics.beyond import read_beyond
 from csstsim.units import ab_photon_density
 
 LINES = {"GU": 3500.0, "GV": 5200.0, "GI": 8000.0}
@@ -254,3 +255,22 @@ def test_flux_of_an_ab_star(camera, star):
     nu = 2.99792458e18 / table["wavelength"]
     f_nu = table["flux_erg"] * table["wavelength"] / nu
     assert np.abs(-2.5 * np.log10(f_nu[lit]) - 48.6 - 20.0).max() < 0.011
+
+
+def test_collapsed_psf_has_all_the_light_of_box_and_wing(psf_r):
+    """Against pixels summed in two dimensions, out to where the profile is summed."""
+    wing = read_beyond(psf_r).wing
+    cells = psf_r.at(4000.0, 4000.0)
+    profile = psf_profile(cells, psf_r.oversampling, ACROSS, wing)
+    half = cells.shape[-1] / 2 / psf_r.oversampling
+    x, y = np.arange(-511.5, 512), np.arange(-63.5, 64)
+    light = wing.profile(np.hypot(x, y[:, None]))
+    light[:, (np.abs(y)[:, None] < half) & (np.abs(x) < half)] = 0.0
+    total = cells.sum(axis=(1, 2)) + light.sum(axis=(1, 2))
+    assert profile[:, -1] == pytest.approx(total, abs=5e-4)
+    assert (np.diff(profile, axis=1) > -1e-5).all()
+    inner = np.abs(y) < 10
+    rows = slice(int((half - 10) * psf_r.oversampling), int((half + 10) * psf_r.oversampling))
+    middle = np.searchsorted(OFFSETS, [-10.0, 10.0])
+    share = cells[:, rows].sum(axis=(1, 2)) + light[:, inner].sum(axis=(1, 2))
+    assert profile[:, middle[1]] - profile[:, middle[0]] == pytest.approx(share, abs=2e-4)
