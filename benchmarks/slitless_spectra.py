@@ -58,7 +58,7 @@ def draw_cutouts(truth, frame, orders, rows, path):
     lines = [Line2D([], [], color=c, label=f"order {n:+d}" if n else "order 0") for n, c in COLOURS.items()]
     lines.append(Line2D([], [], color="k", ls="--", label="of others"))
     figure.legend(handles=lines, ncols=6, loc="outside lower center", fontsize=8, frameon=False)
-    figure.savefig(path, dpi=60)
+    figure.savefig(path, dpi=56)
 
 
 def summary(truth, table):
