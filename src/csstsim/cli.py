@@ -94,6 +94,7 @@ job_command("csstsim.stages", "render", "Draw the objects and the sky: expected 
 job_command("csstsim.stages", "readout", "Turn electrons into DN: noise, overscan, bias, gain.")
 job_command("csstsim.stages", "level0", "Digitise and write the Level-0 file and its truth table.")
 job_command("csstsim.analysis", "measure", "Detect and measure the sources of a Level-0 file.")
+job_command("csstsim.analysis", "extract", "Extract the spectra of a spectroscopic chip's Level-0 file.")
 brick_command("csstsim.analysis", "merge", "Merge the measurements of a brick: one row per source, all bands.")
 brick_command("csstsim.analysis", "validate", "Compare a merged brick with the truth.")
 

@@ -81,7 +81,7 @@ def _objects(run, job):
     )  # fmt: skip
 
 
-def _spectra(run, job, objects):
+def object_spectra(run, job, objects):
     """Return the catalog.spectra.Spectra of a slitless chip's objects, None for an imaging chip's."""
     if job.chip.kind != "slitless":
         return None
@@ -126,7 +126,7 @@ def _render(run, job, objects):
             state.tables = read_tables(run.paths.psf_tables(job.chip.id), state.psf)
         state.header["truth_hash"] = objects.meta["truth_hash"]
         state.header["psf_hash"] = digest(state.psf.attributes)
-        state.spectra = _spectra(run, job, objects)
+        state.spectra = object_spectra(run, job, objects)
     state = run.steps[job.pointing.type].run(state, "render", run.config.seed)
     state.forget()
     return state

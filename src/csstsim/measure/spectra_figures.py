@@ -1,0 +1,90 @@
+"""Figures of extracted spectra: against the truth, and their pixels with the traces of all orders over them."""
+
+import numpy as np
+
+from csstsim.measure.extract import CUT, DIM, LOST
+
+COLOURS = {1: "#D55E00", 0: "#0072B2", 2: "#009E73", -1: "#CC79A7", -2: "#E69F00"}  # Okabe & Ito (2008), by order
+OURS, TRUE = "#0072B2", "#D55E00"
+ROWS = 30  # px of a cutout, either side of the trace
+MARKED = 2.0  # electrons a pixel of its trace that an order needs to be marked
+
+
+def usable(table, row, least=200):
+    """Return the rows of one object's spectrum in a table of measure.extract; None: under `least` good columns."""
+    mine = np.flatnonzero(table["row"] == row)
+    good = (table["flags"][mine] & (DIM | LOST | CUT) == 0).sum()
+    return mine if good >= least else None
+
+
+def line_strength(table, mine):
+    """Return how many sigma the strongest line of a spectrum's model stands above its continuum."""
+    good = mine[table["flags"][mine] & (DIM | LOST) == 0]
+    shape = table["model"][good] / table["sensitivity"][good]
+    width = 25  # px
+    pad = np.pad(shape, width, mode="edge")
+    continuum = np.median(np.lib.stride_tricks.sliding_window_view(pad, 2 * width + 1), axis=1)
+    return float(np.nanmax((shape - continuum) * table["sensitivity"][good] / table["electrons_err"][good]))
+
+
+def spectrum_panels(axes, table, mine, title):
+    """Draw one spectrum into two axes: electrons extracted and true, and their difference in sigma."""
+    part = table.take(mine)
+    wave, good = part["wavelength"], part["flags"] & (LOST | CUT) == 0
+    above, below = axes
+    above.errorbar(wave[good], part["electrons"][good], part["electrons_err"][good], fmt=".", ms=2, lw=0.5,
+                   color=OURS, label="extracted (optimal)")  # fmt: skip
+    above.plot(wave, part["model"], color=TRUE, lw=1, label="input spectrum x throughput, at the resolution")
+    above.plot(wave, part["contamination"], color="0.5", lw=1, label="subtracted light of others")
+    above.set_ylabel("electron / column")
+    above.set_title(title, fontsize=10)
+    above.legend(fontsize=7, frameon=False)
+    pull = (part["electrons"] - part["model"]) / part["electrons_err"]
+    below.axhspan(-1, 1, color="0.9", lw=0)
+    below.plot(wave[good], pull[good], ".", ms=2, color=OURS)
+    below.set_ylim(-5, 5)
+    below.set_ylabel("difference [sigma]")
+    below.set_xlabel("wavelength [angstrom]")
+    shown = good & (part["flags"] & DIM == 0)
+    below.text(0.01, 0.06, f"mean {pull[shown].mean():+.2f}, width {pull[shown].std():.2f}", fontsize=7,
+               transform=below.transAxes)  # fmt: skip
+
+
+def cutout_panel(axis, frame, orders, row, title, order=1):
+    """Draw the pixels about one object's spectrum, and the traces of every order of every object there.
+
+    frame: measure.extract.Frame; orders: table of io.orders; row: of the truth table. The object's own traces are
+    lines, those of others dashed; a zeroth order is a ring.
+    """
+    window = frame.window
+    k = int(np.flatnonzero((orders["row"] == row) & (orders["order"] == order))[0])
+    lit = np.array([orders["wave_min"][k], orders["wave_max"][k]])
+    ends, height = _ends(orders, k, lit)
+    x0, x1 = max(int(ends.min()) - 60, window.x0), min(int(ends.max()) + 60, window.x1)
+    y0, y1 = max(int(height.mean()) - ROWS, window.y0), min(int(height.mean()) + ROWS, window.y1)
+    image = frame.electrons[y0 - window.y0 : y1 - window.y0, x0 - window.x0 : x1 - window.x0]
+    level, spread = np.nanmedian(image), frame.noise
+    axis.imshow(image, origin="lower", cmap="gray_r", vmin=level - 3 * spread, vmax=level + 12 * spread, aspect="auto",
+                extent=(x0 - 0.5, x1 - 0.5, y0 - 0.5, y1 - 0.5), interpolation="nearest")  # fmt: skip
+    for k in np.flatnonzero(np.isfinite(orders["wave_min"] + orders["wave_max"])):
+        ends, height = _ends(orders, k, np.array([orders["wave_min"][k], orders["wave_max"][k]]))
+        off = ends.max() < x0 or ends.min() > x1 or height.max() < y0 or height.min() > y1
+        mean = orders["drawn"][k] / max(np.ptp(ends), 1.0)
+        if off or not mean > MARKED:
+            continue
+        style = {"color": COLOURS[int(orders["order"][k])], "lw": 0.8}
+        if np.ptp(ends) < 5:
+            axis.plot(ends.mean(), height.mean(), "o", ms=8, mfc="none", mec=style["color"])
+            continue
+        own = orders["row"][k] == row
+        for shift in (-6, 6):  # beside the light, not over it
+            axis.plot(ends, height + shift, ls="-" if own else "--", alpha=1.0 if own else 0.6, **style)
+    axis.set_xlim(x0 - 0.5, x1 - 0.5)
+    axis.set_ylim(y0 - 0.5, y1 - 0.5)
+    axis.set_title(title, fontsize=10)
+    axis.set_ylabel("y [px]")
+
+
+def _ends(orders, k, wave):
+    return (orders["x"][k] + orders["p"][k] + orders["q"][k] * wave,
+            orders["y"][k] + orders["r"][k] + orders["s"][k] * wave)  # fmt: skip
