@@ -3,62 +3,21 @@
     python benchmarks/slitless_spectra.py CAMPAIGN --obsid 10100000001 --chip 2
 
 Takes the star with the most light and the galaxy whose emission line stands out most. Writes
-docs/figures/slitless_spectra.png and slitless_cutouts.png, and prints how all spectra compare with the truth.
+docs/figures/slitless_spectra.png and prints how all spectra compare with the truth.
 """
 
 import argparse
 from pathlib import Path
 
-import matplotlib
 import numpy as np
 
 from csstsim.analysis import spectra_of_frame
 from csstsim.campaign import OpenCampaign
-from csstsim.catalog.table import STAR, TYPES
+from csstsim.catalog.table import TYPES
 from csstsim.measure.extract import CUT, DIM, LOST, extract_spectra
-from csstsim.measure.spectra_figures import COLOURS, cutout_panel, line_strength, spectrum_panels, usable
+from csstsim.measure.spectra_figures import spectra_figure
 
-matplotlib.use("agg")
-from matplotlib import pyplot as plt
-from matplotlib.lines import Line2D
-
-FIGURES = Path(__file__).resolve().parents[1] / "docs" / "figures"
-
-
-def chosen(truth, table):
-    """Return rows of the truth table: the star with the most light, the galaxy with the strongest line."""
-    spectra = {int(row): usable(table, row) for row in np.unique(table["row"])}
-    spectra = {row: mine for row, mine in spectra.items() if mine is not None}
-    stars = {r: table["model"][m].sum() for r, m in spectra.items() if truth["obj_type"][r] == STAR}
-    others = {r: line_strength(table, m) for r, m in spectra.items() if truth["obj_type"][r] != STAR}
-    return [max(some, key=some.get) for some in (stars, others) if some]
-
-
-def title(truth, row):
-    kind = TYPES[truth["obj_type"][row]]
-    text = f"{kind}, {truth['mag'][row]:.2f} mag"
-    if kind == "galaxy":
-        text += f", z = {truth['z'][row]:.3f}, half-light radius {truth['size_disk'][row]:.2f} arcsec"
-    return text
-
-
-def draw_spectra(truth, table, rows, path):
-    figure, axes = plt.subplots(2, len(rows), figsize=(6.5 * len(rows), 5.5), sharex="col", squeeze=False,
-                                height_ratios=(2.2, 1), layout="constrained")  # fmt: skip
-    for column, row in zip(axes.T, rows, strict=True):
-        spectrum_panels(column, table, usable(table, row), title(truth, row))
-    figure.savefig(path, dpi=80)
-
-
-def draw_cutouts(truth, frame, orders, rows, path):
-    figure, axes = plt.subplots(len(rows), 1, figsize=(10, 2.6 * len(rows)), squeeze=False, layout="constrained")
-    for axis, row in zip(axes[:, 0], rows, strict=True):
-        cutout_panel(axis, frame, orders, row, title(truth, row))
-    axes[-1, 0].set_xlabel("x [px]")
-    lines = [Line2D([], [], color=c, label=f"order {n:+d}" if n else "order 0") for n, c in COLOURS.items()]
-    lines.append(Line2D([], [], color="k", ls="--", label="of others"))
-    figure.legend(handles=lines, ncols=6, loc="outside lower center", fontsize=8, frameon=False)
-    figure.savefig(path, dpi=56)
+FIGURE = Path(__file__).resolve().parents[1] / "docs" / "figures" / "slitless_spectra.png"
 
 
 def summary(truth, table):
@@ -85,16 +44,13 @@ def main():
     parser.add_argument("campaign")
     parser.add_argument("--obsid", required=True)
     parser.add_argument("--chip", type=int, required=True)
-    parser.add_argument("--figures", type=Path, default=FIGURES)
+    parser.add_argument("--figure", type=Path, default=FIGURE)
     options = parser.parse_args()
     run = OpenCampaign(options.campaign)
     truth, frame, orders, *others = spectra_of_frame(run, run.job(options.obsid, options.chip))
     table = extract_spectra(frame, orders, *others)
     summary(truth, table)
-    rows = chosen(truth, table)
-    options.figures.mkdir(parents=True, exist_ok=True)
-    draw_spectra(truth, table, rows, options.figures / "slitless_spectra.png")
-    draw_cutouts(truth, frame, orders, rows, options.figures / "slitless_cutouts.png")
+    options.figure.write_bytes(spectra_figure(truth, frame, orders, table, dpi=70))
 
 
 if __name__ == "__main__":

@@ -29,11 +29,17 @@ def measure(run, job):
 
 
 def extract(run, job):
-    """Extract the first-order spectra of a Level-0 file of a spectroscopic chip."""
+    """Extract the first-order spectra of a Level-0 file of a spectroscopic chip, and draw some of them."""
+    from csstsim.atomic import atomic_path
     from csstsim.measure.extract import extract_spectra
+    from csstsim.measure.spectra_figures import spectra_figure
 
-    table = extract_spectra(*spectra_of_frame(run, job)[1:])
-    table.write(run.paths.spectra(*job.key), table.meta | {"recipe": run.recipe(job)})
+    truth, frame, orders, *others = spectra_of_frame(run, job)
+    table = extract_spectra(frame, orders, *others)
+    path = run.paths.spectra(*job.key)
+    with atomic_path(path.with_suffix(".png")) as temporary:
+        temporary.write_bytes(spectra_figure(truth, frame, orders, table))
+    table.write(path, table.meta | {"recipe": run.recipe(job)})
     print(f"{table.meta['spectra']} spectra of S/N {table.meta['snr_min']:g} and more in a resolution element")
 
 
@@ -192,7 +198,8 @@ def report(run):
         exposures=[_exposure(p) for p in {job.pointing.obsid: job.pointing for job in run.jobs}.values()],
         files=[(path.name, os.path.relpath(path, page.parent)) for path in files],
         figures=figures,
-        sky_map=sky_map([(j.chip.filter.lower(), *j.footprint()) for j in run.science_jobs], list(run.merge_bricks)),
+        spectra=[_spectra(run, job) for job in run.slitless_jobs],
+        sky_map=sky_map([(j.chip.filter.lower(), *j.footprint()) for j in run.imaging_jobs], list(run.merge_bricks)),
         provenance={
             "csstsim": __version__, "campaign file": run.file, "campaign digest": run.config.digest(),
             "camera digest": run.camera.digest, "seed": run.config.seed,
@@ -202,8 +209,19 @@ def report(run):
     print(page)
 
 
+def _spectra(run, job):
+    """Return (title, PNG bytes) of a spectroscopic frame for the report."""
+    from csstsim.catalog.table import ObjectTable
+
+    path = run.paths.spectra(*job.key)
+    meta = ObjectTable.read(path).meta
+    check_recipe(path, meta, run.recipe(job))
+    name = f"exposure {job.pointing.obsid}, chip {job.chip.id} ({job.chip.filter}): {meta['spectra']} spectra extracted"
+    return name, path.with_suffix(".png").read_bytes()
+
+
 def _summary(run):
-    science = run.science_jobs
+    science = run.imaging_jobs + run.slitless_jobs
     return {
         "name": run.config.name,
         "exposures": len({job.pointing.obsid for job in run.jobs}),

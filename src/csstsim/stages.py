@@ -40,10 +40,11 @@ def check_catalog(run, say):
     from csstsim.catalog.select import near, region_for
 
     source = run.open_truth()
-    if run.embedded or not run.science_jobs:
+    jobs = run.imaging_jobs or run.slitless_jobs
+    if run.embedded or not jobs:
         return
-    job = run.science_jobs[0]
-    report = check(source, run.config.catalog.options, region_for(*job.footprint()), run.camera)
+    job = jobs[0]
+    report = check(source, run.config.catalog.options, region_for(*job.footprint(), run.margin_deg(job)), run.camera)
     say(f"{run.config.catalog.kind}: {report}")
     reach = len(near(report.table, job.wcs, job.observer, job.window)[0])
     say(f"{reach} of them are near what chip {job.chip.id} sees in exposure {job.pointing.obsid}")

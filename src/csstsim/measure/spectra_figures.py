@@ -1,13 +1,72 @@
 """Figures of extracted spectra: against the truth, and their pixels with the traces of all orders over them."""
 
+import io
+
+import matplotlib
 import numpy as np
 
+from csstsim.catalog.table import STAR, TYPES
 from csstsim.measure.extract import CUT, DIM, LOST
+
+matplotlib.use("agg")
+from matplotlib import pyplot as plt
+from matplotlib.lines import Line2D
 
 COLOURS = {1: "#D55E00", 0: "#0072B2", 2: "#009E73", -1: "#CC79A7", -2: "#E69F00"}  # Okabe & Ito (2008), by order
 OURS, TRUE = "#0072B2", "#D55E00"
 ROWS = 30  # px of a cutout, either side of the trace
 MARKED = 2.0  # electrons a pixel of its trace that an order needs to be marked
+
+
+def spectra_figure(truth, frame, orders, table, dpi=90):
+    """Return the PNG bytes of a frame's figure: of its star with the most light and its galaxy with the strongest line,
+    the spectra extracted and true, and the pixels they come from.
+
+    truth: table of io.truth; frame: measure.extract.Frame; orders: of io.orders; table: of measure.extract.
+    """
+    rows = chosen(truth, table)
+    if not rows:
+        figure = plt.figure(figsize=(6, 1))
+        figure.text(0.5, 0.5, "no spectrum is bright enough to be shown", ha="center", va="center")
+        return _png(figure, dpi)
+    figure = plt.figure(figsize=(max(6.5 * len(rows), 10), 5.5 + 2.4 * len(rows)), layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=(5.5, 2.4 * len(rows)))
+    axes = above.subplots(2, len(rows), sharex="col", squeeze=False, height_ratios=(2.2, 1))
+    for column, row in zip(axes.T, rows, strict=True):
+        spectrum_panels(column, table, usable(table, row), title(truth, row))
+    cutouts = below.subplots(len(rows), 1, squeeze=False)[:, 0]
+    for axis, row in zip(cutouts, rows, strict=True):
+        cutout_panel(axis, frame, orders, row, title(truth, row))
+    cutouts[-1].set_xlabel("x [px]")
+    lines = [Line2D([], [], color=c, label=f"order {n:+d}" if n else "order 0") for n, c in COLOURS.items()]
+    lines.append(Line2D([], [], color="k", ls="--", label="of others"))
+    below.legend(handles=lines, ncols=6, loc="outside lower center", fontsize=8, frameon=False)
+    return _png(figure, dpi)
+
+
+def _png(figure, dpi):
+    data = io.BytesIO()
+    figure.savefig(data, format="png", dpi=dpi)
+    plt.close(figure)
+    return data.getvalue()
+
+
+def chosen(truth, table):
+    """Return rows of the truth table: the star with the most light, the galaxy with the strongest line."""
+    spectra = {int(row): usable(table, row) for row in np.unique(table["row"])}
+    spectra = {row: mine for row, mine in spectra.items() if mine is not None}
+    stars = {r: table["model"][m].sum() for r, m in spectra.items() if truth["obj_type"][r] == STAR}
+    others = {r: line_strength(table, m) for r, m in spectra.items() if truth["obj_type"][r] != STAR}
+    return [max(some, key=some.get) for some in (stars, others) if some]
+
+
+def title(truth, row):
+    """Return what a panel says of an object."""
+    kind = TYPES[truth["obj_type"][row]]
+    text = f"{kind}, {truth['mag'][row]:.2f} mag"
+    if kind == "galaxy":
+        text += f", z = {truth['z'][row]:.3f}, half-light radius {truth['size_disk'][row]:.2f} arcsec"
+    return text
 
 
 def usable(table, row, least=200):
