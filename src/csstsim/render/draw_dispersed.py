@@ -154,11 +154,12 @@ def _tables(objects, rows, part, scene, choice, visits, result, flags, disperser
         stamp=stamp, x0=low[:, 0].astype(np.int32), x1=high[:, 0].astype(np.int32), y0=low[:, 1].astype(np.int32),
         y1=high[:, 1].astype(np.int32), ms=ms,
     )  # fmt: skip
-    return table, _orders(objects, at, scene, visits, result, disperser)
+    cut = disperser.cut(visits, scene.x, scene.y, part["reach"])
+    return table, _orders(objects, at, scene, visits, cut, result, disperser)
 
 
-def _orders(objects, at, scene, visits, result, disperser):
-    """Return the table of orders: rows of the objects table `at` (v,), one row a visit and order."""
+def _orders(objects, at, scene, visits, cut, result, disperser):
+    """Return the table of orders: one row a visit and order; `at` (v,) rows of the objects table, `cut` (v,) bool."""
     window = result.window
     columns = []
     for piece, (grating, _) in enumerate(disperser.gratings.pieces):
@@ -177,7 +178,7 @@ def _orders(objects, at, scene, visits, result, disperser):
             columns.append({
                 "id": objects["id"][at[mine]], "row": at[mine].astype(np.int32),
                 "order": np.full(len(mine), number, np.int8), "grating": np.full(len(mine), grating.name),
-                "cut": visits[mine, 2].astype(bool), "x": x[lands], "y": y[lands],
+                "cut": cut[mine], "x": x[lands], "y": y[lands],
                 "p": p[lands], "q": q[lands], "r": r[lands], "s": s[lands],
                 **{name: values for name, values in order.coefficients_at(x[lands], y[lands]).items()},
                 "electrons": result.electrons[mine, o], "drawn": result.drawn[mine, o],
