@@ -31,6 +31,7 @@ SIGMA, WIDTH = 2.0, 400.0  # angstrom: of the line, and its equivalent width
 MAG = {"star": 17.5, "galaxy": 17.0}
 APART = 300.0  # px along y between the star and the galaxy of a place
 HALF = 9  # columns of the line
+EDGE = 250.0  # px from the edges of a piece: beyond it, no stamp is cut
 
 
 class Lines(CatalogBase):
@@ -68,7 +69,7 @@ def places(gratings, chip):
     for grating, (x0, x1, *_) in gratings.pieces:
         p, q, *_ = grating.orders[1].lines(chip.detector.nx / 2, chip.detector.ny / 2)
         ends = p + q * np.array(grating.orders[1].range)
-        low, high = max(x0, -min(ends.min(), 0), 0.0) + 60, min(x1, chip.detector.nx - max(ends.max(), 0)) - 60
+        low, high = max(x0, -min(ends.min(), 0), 0.0) + EDGE, min(x1, chip.detector.nx - max(ends.max(), 0)) - EDGE
         out += [
             (x, y + 37.3 * k)
             for k, x in enumerate(np.linspace(low, high, 3) + np.array([0.13, 0.41, 0.77]))
