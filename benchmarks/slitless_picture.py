@@ -13,6 +13,7 @@ from pathlib import Path
 
 import matplotlib
 import numpy as np
+from PIL import Image
 
 from csstsim.analysis import calibrated_frame
 from csstsim.campaign import OpenCampaign
@@ -60,7 +61,9 @@ def main():
     ny, nx = (n // BIN * BIN for n in image.shape)
     coarse = image[:ny, :nx].reshape(ny // BIN, BIN, nx // BIN, BIN).mean(axis=(1, 3))
     sky = np.median(coarse)
-    figure, (whole, inset) = plt.subplots(2, 1, figsize=(7.2, 9.2), height_ratios=(7, 1.7), layout="constrained")
+    figure, (whole, inset) = plt.subplots(
+        2, 1, figsize=(7.2, 9.2), height_ratios=(7, 1.7), layout="constrained", dpi=75
+    )
     whole.imshow(coarse, norm=LogNorm(0.6 * sky, 12 * sky), cmap="magma", origin="lower", extent=(0, nx, 0, ny))
     whole.set_title(f"{job.chip.filter}, chip {job.chip.id}: electrons of 150 s, the standard scene", fontsize=10)
     whole.set_xlabel("x [px]")
@@ -77,7 +80,10 @@ def main():
         inset.annotate(NAMES[order], at, (0, -22), textcoords="offset points", color="w", ha="center", arrowprops=arrow)
     inset.set_xlabel("x [px]")
     whole.add_patch(Rectangle((x0, y0), x1 - x0, 2 * ROWS, fill=False, ec="w", lw=1))
-    figure.savefig(FIGURE, dpi=75)
+    figure.set_dpi(75)
+    figure.canvas.draw()
+    picture = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB")
+    picture.quantize(96).save(FIGURE, optimize=True)
     print(FIGURE)
 
 

@@ -27,7 +27,7 @@ from csstsim.units import C_A_S, H_J_S, ab_photon_density
 ROOT = Path(__file__).resolve().parents[1]
 OBSID = "10100000001"
 LINE = {"GU": 3400.0, "GV": 5000.0, "GI": 8000.0}  # angstrom
-SIGMA, WIDTH = 2.0, 400.0  # angstrom: of the line, and its equivalent width
+SIGMA, WIDTH = 2.0, 200.0  # angstrom: of the line, and its equivalent width
 MAG = {"star": 17.5, "galaxy": 17.0}
 APART = 300.0  # px along y between the star and the galaxy of a place
 HALF = 9  # columns of the line

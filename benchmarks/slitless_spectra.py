@@ -7,9 +7,11 @@ docs/figures/slitless_spectra.png and prints how all spectra compare with the tr
 """
 
 import argparse
+import io
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from csstsim.analysis import spectra_of_frame
 from csstsim.campaign import OpenCampaign
@@ -50,7 +52,8 @@ def main():
     truth, frame, orders, *others = spectra_of_frame(run, run.job(options.obsid, options.chip))
     table = extract_spectra(frame, orders, *others)
     summary(truth, table)
-    options.figure.write_bytes(spectra_figure(truth, frame, orders, table, dpi=70))
+    picture = Image.open(io.BytesIO(spectra_figure(truth, frame, orders, table, dpi=70))).convert("RGB")
+    picture.quantize(64).save(options.figure, optimize=True)
 
 
 if __name__ == "__main__":

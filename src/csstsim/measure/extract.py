@@ -103,6 +103,7 @@ def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,
     """
     chosen = np.isin(orders["order"], wanted) & (orders["drawn"] > 0)
     chosen &= predicted_snr(orders, sources.shapes, frame.noise) >= snr_min
+    chosen &= _largest(orders)  # of an object at the line between two gratings, the other has some light, no spectrum
     parts, counts = [_nothing()], 0
     for k in np.flatnonzero(chosen):
         one = orders.take(slice(k, k + 1))
@@ -112,6 +113,16 @@ def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,
             counts += 1
     columns = {name: np.concatenate([part[name] for part in parts]) for name in COLUMNS}
     return ObjectTable(columns, {"spectra": counts, "snr_min": float(snr_min), "orders": [int(n) for n in wanted]})
+
+
+def _largest(orders):
+    """Return (n,) bool: the row of each object and order with the most light."""
+    order = np.lexsort((-orders["drawn"], orders["order"], orders["row"]))
+    first = np.ones(len(order), bool)
+    first[1:] = (np.diff(orders["row"][order]) != 0) | (np.diff(orders["order"][order]) != 0)
+    largest = np.empty(len(order), bool)
+    largest[order] = first
+    return largest
 
 
 COLUMNS = {

@@ -6,7 +6,7 @@ import matplotlib
 import numpy as np
 
 from csstsim.catalog.table import STAR, TYPES
-from csstsim.measure.extract import CUT, DIM, LOST
+from csstsim.measure.extract import CONTAMINATED, CUT, DIM, LOST, SATURATED
 
 matplotlib.use("agg")
 from matplotlib import pyplot as plt
@@ -52,7 +52,10 @@ def _png(figure, dpi):
 
 
 def chosen(truth, table):
-    """Return rows of the truth table: the star with the most light, the galaxy with the strongest line."""
+    """Return rows of the truth table: the star with the most light, the galaxy with the strongest line.
+
+    Both unsaturated and alone over most of their length.
+    """
     spectra = {int(row): usable(table, row) for row in np.unique(table["row"])}
     spectra = {row: mine for row, mine in spectra.items() if mine is not None}
     stars = {r: table["model"][m].sum() for r, m in spectra.items() if truth["obj_type"][r] == STAR}
@@ -72,7 +75,7 @@ def title(truth, row):
 def usable(table, row, least=200):
     """Return the rows of one object's spectrum in a table of measure.extract; None: under `least` good columns."""
     mine = np.flatnonzero(table["row"] == row)
-    good = (table["flags"][mine] & (DIM | LOST | CUT) == 0).sum()
+    good = (table["flags"][mine] & (DIM | LOST | CUT | SATURATED | CONTAMINATED) == 0).sum()
     return mine if good >= least else None
 
 
@@ -81,9 +84,10 @@ def line_strength(table, mine):
     good = mine[table["flags"][mine] & (DIM | LOST) == 0]
     shape = table["model"][good] / table["sensitivity"][good]
     width = 25  # px
-    pad = np.pad(shape, width, mode="edge")
-    continuum = np.median(np.lib.stride_tricks.sliding_window_view(pad, 2 * width + 1), axis=1)
-    return float(np.nanmax((shape - continuum) * table["sensitivity"][good] / table["electrons_err"][good]))
+    inner = slice(width, -width)
+    continuum = np.median(np.lib.stride_tricks.sliding_window_view(shape, 2 * width + 1), axis=1)
+    excess = (shape[inner] - continuum) * table["sensitivity"][good][inner] / table["electrons_err"][good][inner]
+    return float(np.nanmax(excess))
 
 
 def spectrum_panels(axes, table, mine, title):
