@@ -66,6 +66,9 @@ def draw_dispersed(
             at = np.flatnonzero(place[visits[:, 0]] >= 0)
             some = np.column_stack([place[visits[at, 0]], visits[at, 1:]])
             light = spectra(rows[chunk], disperser.edges) * exptime
+            bad = ~(np.isfinite(light) & (light >= 0)).all(axis=1)
+            light[bad], flags[rows[chunk[bad]]] = 0.0, flags[rows[chunk[bad]]] | BAD_VALUE
+            choice.method[chunk[bad]] = policy.NONE
             result.nominal(at, some, light)
             begin = time.process_time()
             if kind == policy.STAMP:
@@ -145,7 +148,7 @@ def _tables(objects, rows, part, scene, choice, visits, result, flags, disperser
     np.minimum.at(low, at[v], box[:, ::2])
     np.maximum.at(high, at[v], box[:, 1::2])
     low[high[:, 0] == 0] = 0
-    off = (drawn == 0) & np.isin(np.arange(count), rows) & (method != "photons")
+    off = (drawn == 0) & (method == "slabs")
     flags[off] |= OFF_CHIP
     method[off] = policy.METHODS[policy.NONE]
     fraction = np.divide(drawn, electrons, out=np.zeros(count), where=electrons > 0)

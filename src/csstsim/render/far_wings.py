@@ -21,6 +21,7 @@ from csstsim.render.octaves import read
 
 MESH = 8  # px
 NEAR = 96.0  # px
+WHOLE = -math.inf, math.inf, -math.inf, math.inf  # of a wing that no edge cuts
 _MARGIN = 14  # mesh points beyond the window; the spline's ends, taken as zero, are felt 0.27^14 = 1e-8 inside
 _POLE = math.sqrt(3.0) - 2.0
 _PHASE = np.arange(MESH) / MESH
@@ -38,8 +39,11 @@ class FarWings:
         shape = tuple(-(-n // MESH) + 2 * _MARGIN + 3 for n in window.shape)
         self._mesh, self._weight = np.zeros(shape), None
 
-    def add(self, x, y, reach, table, first):
-        """Add a wing, a table (render.octaves) in r^2, to the mesh; return (electrons, box), None if it misses."""
+    def add(self, x, y, reach, table, first, side=WHOLE, soft=1.0):
+        """Add a wing, a table (render.octaves) in r^2, to the mesh; return (electrons, box), None if it misses.
+
+        side: (x0, x1, y0, y1) px from the star beyond which the wing is cut off, over `soft` px.
+        """
         box = []
         for at, low, high in ((x, self.window.x0, self.window.x1), (y, self.window.y0, self.window.y1)):
             box += [max(math.ceil(at - reach), low), min(math.floor(at + reach) + 1, high)]
@@ -50,7 +54,8 @@ class FarWings:
             _collect(self._weight, self._response, _SPLINE)
             _coefficients(self._weight)
         u, v = ((at - low) / MESH + _MARGIN for at, low in ((x, self.window.x0), (y, self.window.y0)))
-        return _add(self._mesh, self._weight, u, v, reach / MESH, table, first), tuple(box)
+        edges = tuple(edge / MESH for edge in side)
+        return _add(self._mesh, self._weight, u, v, reach / MESH, table, first, edges, soft / MESH), tuple(box)
 
     def lay(self, image):
         """Add the wings to `image`."""
@@ -85,18 +90,26 @@ def _along(mesh):
             mesh[k, j] -= ratio[k] * mesh[k + 1, j]
 
 
+@numba.njit(inline="always")
+def between(at, low, high, soft):
+    """Return 1 for a place between low and high, 0 beyond, a ramp over `soft` about each."""
+    return min(max((at - low) / soft + 0.5, 0.0), 1.0) * min(max((high - at) / soft + 0.5, 0.0), 1.0)
+
+
 @numba.njit(cache=True)
-def _add(mesh, weight, u, v, reach, table, first):
+def _add(mesh, weight, u, v, reach, table, first, side, soft):
     """Add a radial table around mesh position u, v; return the sum of what was added, weighted."""
     ny, nx = mesh.shape
-    place, total = np.empty(1), 0.0
+    place, total, across = np.empty(1), 0.0, np.empty(nx)
+    for column in range(nx):
+        across[column] = between(column - u, side[0], side[1], soft)
     bits = place.view(np.int64)
     for row in range(max(0, math.ceil(v - reach)), min(ny, math.floor(v + reach) + 1)):
         dy2 = (row - v) ** 2
-        half = math.sqrt(max(reach**2 - dy2, 0.0))
+        half, inside = math.sqrt(max(reach**2 - dy2, 0.0)), between(row - v, side[2], side[3], soft)
         for column in range(max(0, math.ceil(u - half)), min(nx, math.floor(u + half) + 1)):
             place[0] = (dy2 + (column - u) ** 2) * MESH**2
-            value = read(table, first, bits[0])
+            value = read(table, first, bits[0]) * inside * across[column]
             mesh[row, column] += value
             total += value * weight[row, column]
     return max(total, 0.0)  # beside the window, where the splines below zero outweigh the rest

@@ -1,8 +1,10 @@
 """Wings of a spectrum: what a line of light adds beyond the box of the stored PSF (render.wings, of one point).
 
 The spectrum stands as points LINE_STEP apart, less than the radius at which boxes fade (22 px). Their wings' sum is
-smooth along and across: near the trace it is read every 8 px of every fourth row, with cubics between; beyond
-NEAR to twice that it goes to the mesh of render.far_wings, every few points together.
+smooth along and across: near the trace it is read every 8 px of every fourth row, with cubics between, to 4% of its top
+where boxes fade and 1% beyond; beyond NEAR to twice that it goes to the mesh of render.far_wings, every few points
+together. Where an edge cuts the light before it is dispersed, that of each point's wing is softened over the points'
+distance, so their sum has no steps.
 """
 
 import math
@@ -10,12 +12,12 @@ import math
 import numba
 import numpy as np
 
-from csstsim.render.far_wings import NEAR
+from csstsim.render.far_wings import NEAR, WHOLE, between
 from csstsim.render.octaves import read
 from csstsim.render.wings import BLOCK, CUBIC, FIRST, add_faint, near_part, octaves_of, wing_table
 
-LINE_STEP = 16.0  # px
-_FAR_POINTS = 4
+LINE_STEP = 8.0  # px
+_FAR_POINTS = 8
 _ROWS = BLOCK // 2  # px between rows that are read
 
 
@@ -33,27 +35,29 @@ def points_of(x, y, light):
     return places, sums[used]
 
 
-def add_line(image, response, window, places, flux, wing, wing_px, half, far):
+def add_line(image, response, window, places, flux, wing, wing_px, half, far, side=WHOLE):
     """Add the wings of a spectrum; return (electrons, box or None).
 
     image, response: window.shape; places (m, 2), flux (m, 4): of `points_of`; wing: optics.halo.Wing; wing_px: its
-    reach, 0: that of a faint object, on the mesh alone; half: side of the PSF's box [px]; far: FarWings. The box is
-    (x0, x1, y0, y1) on the chip, half-open.
+    reach, 0: that of a faint object, on the mesh alone; half: side of the PSF's box [px]; far: FarWings; side:
+    (x0, x1, y0, y1) px from each place beyond which its wing is cut off. The box is (x0, x1, y0, y1) on the chip,
+    half-open.
     """
     drawn, boxes = 0.0, []
     whole = 0 < wing_px <= 2 * NEAR
     if wing_px > 0:
         near = 1.0 if whole else near_part(octaves_of(wing_px))
     if not whole:
+        soft = _FAR_POINTS * LINE_STEP
         groups = np.arange(0, len(places), _FAR_POINTS)
         light = np.add.reduceat(flux, groups)
         at = np.add.reduceat(flux.sum(axis=1)[:, None] * places, groups) / light.sum(axis=1)[:, None]
         tables = wing_table(wing, light, half, wing_px) * (1 - near) if wing_px > 0 else None
         for k, (x, y) in enumerate(at.tolist()):
             if tables is None:
-                drawn += add_faint(far, x, y, light[k], wing, half)
+                drawn += add_faint(far, x, y, light[k], wing, half, side, soft)
                 continue
-            added = far.add(x, y, wing_px, tables[k], FIRST)
+            added = far.add(x, y, wing_px, tables[k], FIRST, side, soft)
             if added:
                 drawn += added[0]
                 boxes.append(added[1])
@@ -66,7 +70,7 @@ def add_line(image, response, window, places, flux, wing, wing_px, half, far):
             cut = slice(box[2] - window.y0, box[3] - window.y0), slice(box[0] - window.x0, box[1] - window.x0)
             tables = wing_table(wing, flux, half, wing_px) * near
             corner = np.array([box[0], box[2]], float)
-            drawn += _add_near(image[cut], response[cut], places - corner, reach, tables)
+            drawn += _add_near(image[cut], response[cut], places - corner, reach, tables, side)
             boxes.append(tuple(box))
     if not boxes:
         return drawn, None
@@ -75,7 +79,7 @@ def add_line(image, response, window, places, flux, wing, wing_px, half, far):
 
 
 @numba.njit(cache=True)
-def _add_near(image, response, places, reach, tables):
+def _add_near(image, response, places, reach, tables, side):
     """Add the tables' values around places (m, 2), pixel positions of `image`; return the sum."""
     ny, nx = image.shape
     columns, rows = nx // BLOCK + 4, ny // _ROWS + 4  # mesh point 1 stands at pixel 0
@@ -85,12 +89,14 @@ def _add_near(image, response, places, reach, tables):
     for m in range(len(places)):
         x, y = places[m]
         for row in range(rows):
-            dy2 = ((row - 1) * _ROWS - y) ** 2
+            dy = (row - 1) * _ROWS - y
+            dy2, inside = dy * dy, between(dy, side[2], side[3], LINE_STEP)
             half = math.sqrt(max(reach * reach - dy2, 0.0))
             first = max(0, math.ceil((x - half) / BLOCK) + 1)
             for column in range(first, min(columns, math.floor((x + half) / BLOCK) + 2)):
-                place[0] = dy2 + ((column - 1) * BLOCK - x) ** 2
-                mesh[row, column] += read(tables[m], FIRST, bits[0])
+                dx = (column - 1) * BLOCK - x
+                place[0] = dy2 + dx * dx
+                mesh[row, column] += read(tables[m], FIRST, bits[0]) * inside * between(dx, side[0], side[1], LINE_STEP)
     line, total = np.empty(columns), 0.0
     for row in range(ny):
         at, phase = row // _ROWS + 1, row % _ROWS * (BLOCK // _ROWS)

@@ -2,11 +2,12 @@
 
 An object in light of one wavelength is a stamp (render.point_stamp, render.galaxy_stamp), the mixture of those at the
 four wavelengths of the PSF set. Its spectrum's bins are dealt out to slabs `1 / per_px` of a pixel apart along x, each
-bin to four of them by the cubic through them, so that light, centroid and width of a line stay. A slab is the stamp of
-its sub-pixel phase times its light; mixture of wavelengths and height of the trace are those of the middle of 16 px.
-Slabs need not be denser than the image is sharp: `per_px` falls with the object's size (SLABS of them to its half-light
-radius). Light beyond the PSF's box is added every 16 px (render.wings). What falls beyond a grating's piece is cut off
-the stamps, by the share of each pixel. Left out: ghosts of dispersed light.
+bin to four of them by the cubic through them, so that light, centroid and width of a line stay. A slab is the mixture
+of the stamps of its sub-pixel phase at each wavelength of the PSF set, times their light; the height of the trace is
+that of the middle of 16 px. Slabs need not be denser than the image is sharp: `per_px` falls with the size of a
+galaxy's components (`_densities`). Light beyond the PSF's box is added every 8 px (render.line_wings). What falls
+beyond a grating's piece is cut off the cells of a PSF, the pixels of a galaxy, by the share of each, and off the wings.
+Left out: ghosts of dispersed light.
 """
 
 import math
@@ -18,17 +19,18 @@ import numpy as np
 
 from csstsim.catalog.flags import FFT_REDUCED, OUTSIDE_PSF_HULL
 from csstsim.optics.beyond import Beyond
-from csstsim.render.far_wings import FarWings
+from csstsim.render.far_wings import WHOLE, FarWings
 from csstsim.render.galaxy_stamp import galaxy_stamp, plan_galaxies
 from csstsim.render.line_wings import add_line, points_of
 from csstsim.render.pixel_sums import pixel_sums
 from csstsim.render.psf_mixture import Mixer
+from csstsim.render.scene import BULGE
 
 NOTHING = Beyond()
 PER_PX = 4  # slabs to a pixel of a point's spectrum
-SLABS = 8.0  # to the half-light radius of a galaxy
+_SLABS = 8.0, 24.0  # to the half-light radius of a disk, of a bulge, which has a peak
 _HEIGHT = 4  # heights of the trace in a pixel between which stamps are interpolated
-_BLOCK = 16  # px of the trace that share a mixture of wavelengths and a height
+_BLOCK = 16  # px of the trace that share a height
 _SIDE = 2  # px that a slab's four neighbours may lie beyond a block
 
 
@@ -65,13 +67,13 @@ def draw_spectra(
     mixture[lower, np.arange(len(lower))], mixture[lower + 1, np.arange(len(lower))] = 1 - upper, upper
     galaxy = ((scene.sersic[:, :, 0] > 0) & (scene.light > 0)).any(axis=1)
     plan = plan_galaxies(scene, reach, half, galaxy)
-    wide = np.sqrt((scene.light * scene.sersic[:, :, 2] ** 2).sum(axis=1) * np.abs(np.linalg.det(scene.matrix)))
+    density = _densities(scene, per_px)
     lines = disperser.lines(visits, scene.x, scene.y)
     for v, (i, piece, cut) in enumerate(visits.tolist()):
         start = time.process_time()
         out.flags[v] = (OUTSIDE_PSF_HULL if scene.outside[i] else 0) | (FFT_REDUCED if plan.rough[i] else 0)
-        density = int(np.clip(2.0 ** np.floor(np.log2(SLABS / max(wide[i], 1e-3))), 1, per_px))
-        side = disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2) if cut else None
+        side = tuple(disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2)) if cut else WHOLE
+        lit = max(side[0], -side[1], side[2], -side[3]) < reach[i] + 1
         core = mixer.core if beyond.wing is not None else None
         phases = None
         for o, (p, q, r, s) in enumerate(lines[v].tolist()):
@@ -80,9 +82,9 @@ def draw_spectra(
                 continue
             x, y = scene.x[i] + p + q * centres, scene.y[i] + r + s * centres
             parts = []
-            if _meets(x, y, reach[i] + 2 * _BLOCK, window):
+            if lit and _meets(x, y, reach[i] + 2 * _BLOCK, window):
                 if phases is None:
-                    phases = _phases(mixer, scene, plan, i, int(reach[i]), density, core, side)
+                    phases = _phases(mixer, scene, plan, i, int(reach[i]), density[i], core, side)
                 drawn, box = _add_slabs(image, response, x - window.x0, y - window.y0, light, mixture, phases)
                 if box.any():
                     parts.append((drawn, box + np.array([window.x0, window.x0, window.y0, window.y0])))
@@ -91,7 +93,7 @@ def draw_spectra(
                 wing = wing if wing > 1.5 * half else 0.0
                 if wing > 0 or parts:
                     points = points_of(x, y, light * mixture)
-                    parts.append(add_line(image, response, window, *points, beyond.wing, wing, half, far))
+                    parts.append(add_line(image, response, window, *points, beyond.wing, wing, half, far, side))
             out.drawn[v, o] = sum(electrons for electrons, _ in parts)
             boxes = [box for _, box in parts if box is not None]
             if boxes:
@@ -100,6 +102,18 @@ def draw_spectra(
         out.ms[v] = 1000 * (time.process_time() - start)
     far.lay(image)
     return out
+
+
+def _densities(scene, per_px):
+    """Return the slabs to a pixel of each object, a list of powers of two: what its components want, by their light.
+
+    A component wants _SLABS to its half-light radius as the dispersion cuts it, along x through the centre.
+    """
+    chord = np.abs(np.linalg.det(scene.matrix)) / np.hypot(scene.matrix[:, 1, 0], scene.matrix[:, 1, 1])
+    wanted = np.where(scene.sersic[:, :, 0] == BULGE, _SLABS[1], _SLABS[0])
+    wanted = wanted / np.maximum(chord[:, None] * scene.sersic[:, :, 2], 1e-3)
+    mean = (scene.light * np.clip(wanted, 1, per_px)).sum(axis=1)
+    return (2 ** np.round(np.log2(mean))).clip(1, per_px).astype(int).tolist()
 
 
 def _meets(x, y, reach, window):
@@ -112,7 +126,7 @@ def _phases(mixer, scene, plan, i, reach, density, core, side):
     """Return (4, density, _HEIGHT, size, size) float32: object i in light of each wavelength of the PSF set.
 
     It stands column / density, row / _HEIGHT px from a pixel's centre and has light 1. side: (x0, x1, y0, y1) px from
-    the object beyond which its light is cut off, or None.
+    the object beyond which its light is cut off.
     """
     size, bounds = 2 * reach + 1, (-reach, reach + 1) * 2
     out = np.empty((4, density, _HEIGHT, size, size), np.float32)
@@ -120,22 +134,21 @@ def _phases(mixer, scene, plan, i, reach, density, core, side):
     for band in range(4):
         share = np.zeros((len(scene.node[i]), 4))
         share[:, band] = scene.weight[i]
-        cells = None if plan.size[i] else mixer.mixed_cells(scene.node[i], share)
-        if cells is not None and core is not None:
-            cells *= core
-        if cells is not None:
+        if not plan.size[i]:
+            cells = mixer.mixed_cells(scene.node[i], share)
+            cells *= 1 if core is None else core
+            if side != WHOLE:
+                cells *= _inside(
+                    (np.arange(mixer.cells) + 0.5 - mixer.cells / 2) / mixer.per_pixel, mixer.per_pixel, side
+                )
             _point_phases(out[band], cells, mixer.per_pixel)
-        else:
-            for column, row in np.ndindex(density, _HEIGHT):
-                there = replace(one, x=np.array([column / density]), y=np.array([row / _HEIGHT]))
-                stamp = galaxy_stamp(mixer, there, own, 0, share, bounds, core=core)
-                lit = np.maximum(stamp, 0.0)
-                out[band, column, row] = lit * (stamp.sum() / max(lit.sum(), 1e-300))
-    if side is not None:
-        x0, x1, y0, y1 = side
+            continue
         for column, row in np.ndindex(density, _HEIGHT):
-            share = _inside(pixels - row / _HEIGHT, y0, y1)[:, None] * _inside(pixels - column / density, x0, x1)
-            out[:, column, row] *= share.astype(np.float32)
+            there = replace(one, x=np.array([column / density]), y=np.array([row / _HEIGHT]))
+            stamp = galaxy_stamp(mixer, there, own, 0, share, bounds, core=core)
+            lit = np.maximum(stamp, 0.0)
+            lit *= stamp.sum() / max(lit.sum(), 1e-300)
+            out[band, column, row] = lit * _inside(pixels, 1, side, column / density, row / _HEIGHT)
     return out
 
 
@@ -158,9 +171,12 @@ def _point_phases(out, cells, per_pixel):
                     out[column, row] = whole[:size, :size]
 
 
-def _inside(places, low, high):
-    """Return the share of pixels about `places` that lies within low..high."""
-    return np.clip(np.minimum(places + 0.5, high) - np.maximum(places - 0.5, low), 0.0, 1.0)
+def _inside(places, per_pixel, side, x=0.0, y=0.0):
+    """Return (n, n): shares of squares, `per_pixel` to a pixel, about places [px] seen from x, y that lie in `side`."""
+    half, shares = 0.5 / per_pixel, []
+    for at, low, high in ((places - x, *side[:2]), (places - y, *side[2:])):
+        shares.append(np.clip((np.minimum(at + half, high) - np.maximum(at - half, low)) * per_pixel, 0.0, 1.0))
+    return (shares[1][:, None] * shares[0]).astype(np.float32)
 
 
 @numba.njit(inline="always")
@@ -178,20 +194,18 @@ def _add_slabs(image, response, x, y, light, mixture, phases):
     """
     bins, density, size = len(x), phases.shape[1], phases.shape[3]
     reach, pitch = size // 2, size + _BLOCK + 2 * _SIDE
-    stamps = np.zeros((density, (size + 2) * pitch), np.float32)
-    buffer, slabs, weights = np.empty((size + 2) * pitch, np.float32), np.empty((pitch - size) * density), np.empty(4)
+    stamps = np.zeros((2, density, (size + 2) * pitch), np.float32)
+    buffer, slabs = np.empty((size + 2) * pitch, np.float32), np.empty((4, (pitch - size) * density))
     drawn, box, b = 0.0, np.array([image.shape[1], 0, image.shape[0], 0]), 0
     while b < bins:
         block, end = math.floor(x[b] / _BLOCK), b + 1
         while end < bins and math.floor(x[end] / _BLOCK) == block:
             end += 1
         begin, b = b, end
-        total, height, weights[:] = 0.0, 0.0, 0.0
+        total, height = 0.0, 0.0
         for k in range(begin, end):
             total += light[k]
             height += light[k] * y[k]
-            for f in range(4):
-                weights[f] += light[k] * mixture[f, k]
         if not total > 0:
             continue
         height /= total
@@ -199,13 +213,21 @@ def _add_slabs(image, response, x, y, light, mixture, phases):
         x0, y0 = block * _BLOCK - _SIDE - reach, row - reach - 1
         if x0 + pitch <= 0 or x0 >= image.shape[1] or y0 + size + 2 <= 0 or y0 >= image.shape[0]:
             continue
-        _mix(stamps, phases, weights / total, height - row, pitch)
-        _deal(slabs, x, light, begin, end, block * _BLOCK - _SIDE, density)
+        _deal(slabs, x, light, mixture, begin, end, block * _BLOCK - _SIDE, density)
         buffer[:] = 0.0
-        for j in range(len(slabs)):
-            if slabs[j] != 0.0:
-                at = j // density
-                _add(buffer[at:], stamps[j % density, : len(buffer) - at], np.float32(slabs[j]))
+        bands = np.flatnonzero(np.array([slabs[f].any() for f in range(4)]))
+        for start in range(0, len(bands), 2):
+            pair = bands[start : start + 2]
+            for k in range(len(pair)):
+                _raise(stamps[k], phases[pair[k]], height - row, pitch)
+            one, two = slabs[pair[0]], slabs[pair[-1]]
+            for j in range(slabs.shape[1]):
+                at, phase = j // density, j % density
+                if len(pair) == 1:
+                    _add(buffer[at:], stamps[0, phase][: len(buffer) - at], np.float32(one[j]))
+                elif one[j] != 0.0 or two[j] != 0.0:
+                    first, second = stamps[0, phase][: len(buffer) - at], stamps[1, phase][: len(buffer) - at]
+                    _add_two(buffer[at:], first, np.float32(one[j]), second, np.float32(two[j]))
         drawn += _put(image, response, buffer.reshape(size + 2, pitch), x0, y0)
         box[0], box[1] = min(box[0], max(x0, 0)), max(box[1], min(x0 + pitch, image.shape[1]))
         box[2], box[3] = min(box[2], max(y0, 0)), max(box[3], min(y0 + size + 2, image.shape[0]))
@@ -215,45 +237,51 @@ def _add_slabs(image, response, x, y, light, mixture, phases):
 
 
 @numba.njit(cache=True)
-def _mix(stamps, phases, weights, height, pitch):
-    """Fill stamps (density, rows x pitch) with a mixture of wavelengths at a height [px] above a pixel's centre.
+def _raise(stamps, phases, height, pitch):
+    """Fill stamps (density, rows x pitch) with those of one wavelength at a height [px] above a pixel's centre.
 
     Rows are one more on each side: the cubic through four heights reaches over pixels.
     """
-    _, density, heights, size, _ = phases.shape
+    density, heights, size, _ = phases.shape
     stamps[:] = 0.0
     first = math.floor(height * heights)
     cubic = _cubic(height * heights - first)
-    for band in range(4):
-        if weights[band] == 0.0:
-            continue
-        for k in range(4):
-            pixel, phase = (first - 1 + k) // heights, (first - 1 + k) % heights
-            share = np.float32(weights[band] * cubic[k])
-            for column in range(density):
-                for row in range(size):
-                    start = (1 + pixel + row) * pitch
-                    _add(stamps[column, start : start + size], phases[band, column, phase, row], share)
+    for k in range(4):
+        pixel, phase = (first - 1 + k) // heights, (first - 1 + k) % heights
+        for column in range(density):
+            for row in range(size):
+                start = (1 + pixel + row) * pitch
+                _add(stamps[column, start : start + size], phases[column, phase, row], np.float32(cubic[k]))
 
 
 @numba.njit(cache=True)
-def _deal(slabs, x, light, begin, end, start, density):
-    """Deal light out to slabs, `density` to a pixel from `start` on: each bin to four by the cubic."""
+def _deal(slabs, x, light, mixture, begin, end, start, density):
+    """Deal light out to slabs (4, ...) of each wavelength of the PSF set, `density` to a pixel from `start` on.
+
+    Each bin goes to four of them by the cubic.
+    """
     slabs[:] = 0.0
     for k in range(begin, end):
         place = (x[k] - start) * density
         j = math.floor(place)
-        before, here, after, beyond = _cubic(place - j)
-        slabs[j - 1] += light[k] * before
-        slabs[j] += light[k] * here
-        slabs[j + 1] += light[k] * after
-        slabs[j + 2] += light[k] * beyond
+        cubic = _cubic(place - j)
+        for f in range(4):
+            part = light[k] * mixture[f, k]
+            if part > 0.0:
+                for i in range(4):
+                    slabs[f, j - 1 + i] += part * cubic[i]
 
 
 @numba.njit(cache=True)
 def _add(out, values, factor):
     for k in range(len(values)):
         out[k] += factor * values[k]
+
+
+@numba.njit(cache=True)
+def _add_two(out, first, one, second, two):
+    for k in range(len(first)):
+        out[k] += one * first[k] + two * second[k]
 
 
 @numba.njit(cache=True)

@@ -16,7 +16,7 @@ from functools import lru_cache
 import numba
 import numpy as np
 
-from csstsim.render.far_wings import NEAR
+from csstsim.render.far_wings import NEAR, WHOLE
 from csstsim.render.octaves import first_of, nodes, read
 
 FADE = 0.7, 0.95  # of the box's half side
@@ -103,9 +103,9 @@ def add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px, half,
     return [part for part in parts if part is not None]
 
 
-def add_faint(far, x, y, flux, wing, half):
-    """Add the wing of a faint object to the mesh of a FarWings; return the electrons on the window."""
-    added = far.add(x, y, FAINT_REACH, np.einsum("b,br->r", flux, _haze(wing, half)), FIRST)
+def add_faint(far, x, y, flux, wing, half, side=WHOLE, soft=1.0):
+    """Add a faint object's wing to the mesh of a FarWings, cut as its `add` does; return what the window has of it."""
+    added = far.add(x, y, FAINT_REACH, np.einsum("b,br->r", flux, _haze(wing, half)), FIRST, side, soft)
     return added[0] if added else 0.0
 
 

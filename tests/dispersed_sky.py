@@ -1,0 +1,67 @@
+"""A user's catalogue, of the paper's four methods alone, behind a grating."""
+
+import numpy as np
+from astropy.table import Table
+from grating_scene import GV, disperser_of
+
+from csstsim.catalog.astrometry import icrs
+from csstsim.catalog.base import CatalogBase, Region
+from csstsim.catalog.mock_object import MockObject
+from csstsim.catalog.select import Noise, select_objects
+from csstsim.catalog.spectra import catalog_spectra
+from csstsim.instrument.chip import Window
+from csstsim.instrument.filter import GRID
+from csstsim.optics.beyond import Beyond
+from csstsim.optics.wcs import ChipWCS
+from csstsim.render.draw_dispersed import draw_dispersed
+from csstsim.units import ab_photon_density
+
+EXPTIME, NOISE = 150.0, Noise(sky=0.2, dark=0.02, read_noise=5.0)
+EVERYWHERE = Window(-6000, 16000, -6000, 16000)
+
+
+class Flat(CatalogBase):
+    """MockObjects of the options: flat f_nu at AB magnitude `ab`; `dip`: a value of their spectra at 5000 A."""
+
+    def __init__(self, options, region=None):
+        super().__init__(options, region or Region((), (), ()))
+        self._load()
+
+    def _load(self):
+        self.objs.extend(self.options["objects"])
+
+    def load_sed(self, obj):
+        flux = ab_photon_density(GRID, obj.ab)
+        if hasattr(obj, "dip"):
+            flux[np.abs(GRID - 5000) < 1] = obj.dip
+        return Table({"WAVELENGTH": GRID, "FLUX": flux})
+
+    def load_norm_filt(self, obj):
+        return None
+
+
+class Sky:
+    """Objects at pixels of chip 29: selected, their spectra, drawn."""
+
+    def __init__(self, camera, pointing, observer, psf, objects):
+        self.camera, self.psf, self.observer = camera, psf, observer
+        self.wcs, self.disperser = ChipWCS(camera.chips[GV], pointing), disperser_of(camera, GV)
+        placed = []
+        for x, y, values in objects:
+            ra, dec = icrs(*self.wcs.pixel_to_world(x, y), observer)
+            placed.append(MockObject(**({"ra": float(ra), "dec": float(dec), "type": "star"} | values)))
+        self.catalog = Flat({"objects": placed})
+
+    def select(self, window=EVERYWHERE, **how):
+        place = self.wcs, self.observer, window, self.camera.filters["GV"], self.camera.telescope, EXPTIME, NOISE
+        return select_objects(self.catalog, *place, box=16, disperser=self.disperser, **how)
+
+    def draw(self, objects, window, fidelity="noise_free", tables=None, key=5, dtype=np.float32, beyond=None, **how):
+        """Return (image, table, orders, counted)."""
+        image = np.zeros(window.shape, dtype)
+        result = draw_dispersed(
+            image, window, objects, catalog_spectra(objects, self.catalog), self.disperser, self.wcs, self.psf, EXPTIME,
+            tables=tables, beyond=beyond or Beyond(), response=how.get("response"), maximum=how.get("maximum", 1.0),
+            variance=NOISE.variance(EXPTIME), key=np.uint64(key), fidelity=fidelity,
+        )  # fmt: skip
+        return image, *result

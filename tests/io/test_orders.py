@@ -1,0 +1,40 @@
+"""The table of orders on disk: FITS pixels there, 0-based ones here, and nothing else changed."""
+
+import numpy as np
+import pytest
+
+from csstsim.catalog.table import ObjectTable
+from csstsim.errors import InputError
+from csstsim.io.orders import read_orders, write_orders
+
+
+@pytest.fixture
+def orders():
+    return ObjectTable({
+        "id": np.array([7, 7, 9]), "row": np.arange(3, dtype=np.int32), "order": np.array([-2, 1, 0], np.int8),
+        "grating": np.array(["GV6", "GV6", "GV5"]), "cut": np.array([False, True, False]),
+        "x": np.array([0.0, -1500.25, 9215.5]), "y": np.array([1.5, 0.0, 9231.0]), "p": np.array([1.0, 2.0, 3.0]),
+        "wave_min": np.array([3790.5, 4000.0, 5000.0], np.float32),
+    })  # fmt: skip
+
+
+def test_fits_pixels_on_disk_and_back(orders, tmp_path):
+    path = tmp_path / "orders.parquet"
+    write_orders(path, orders, {"recipe": "abc"})
+    on_disk = ObjectTable.read(path)
+    assert on_disk["xImage"].tolist() == [1.0, -1499.25, 9216.5] and "x" not in on_disk
+    back = read_orders(path)
+    assert back.meta == {"recipe": "abc"}
+    assert set(back.names) == set(orders.names)
+    for name in orders:
+        assert back[name].tolist() == orders[name].tolist()
+        if name != "grating":
+            assert back[name].dtype == orders[name].dtype
+
+
+def test_no_rows_and_no_file(orders, tmp_path):
+    path = tmp_path / "orders.parquet"
+    write_orders(path, orders.take(np.zeros(0, int)), {})
+    assert len(read_orders(path)) == 0 and set(read_orders(path).names) == set(orders.names)
+    with pytest.raises(InputError, match=r"nothing\.parquet"):
+        read_orders(tmp_path / "nothing.parquet")

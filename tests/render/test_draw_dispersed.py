@@ -1,0 +1,176 @@
+"""A spectroscopic chip's objects drawn: what the tables of objects and of orders say is what the pixels hold."""
+
+import numpy as np
+import pytest
+from dispersed_sky import EXPTIME, Sky
+from grating_scene import SPLIT, gaussian_psf
+
+from csstsim.catalog.flags import OFF_CHIP, TRUNCATED_STAMP
+from csstsim.catalog.spectra import catalog_spectra
+from csstsim.instrument.chip import Window
+from csstsim.optics.beyond import Beyond, beyond_box
+from csstsim.render import draw_dispersed as engine
+from csstsim.render import policy
+from csstsim.render.psf_table import make_table
+
+WINDOW = Window(4000, 7000, 4700, 5000)
+
+
+@pytest.fixture(scope="module")
+def psf(tmp_path_factory):
+    return gaussian_psf(tmp_path_factory.mktemp("psf") / "g.h5")
+
+
+@pytest.fixture(scope="module")
+def tables(psf):
+    return make_table(psf)
+
+
+@pytest.fixture(scope="module")
+def sky(camera, make_pointing, observe, psf):
+    """16 stars and galaxies of magnitude 18 to 23 about the window, and two on the split."""
+    rng = np.random.default_rng(3)
+    objects = []
+    for k in range(16):
+        shape = (
+            {"type": "galaxy", "size_disk": 0.15, "size_bulge": 0.1, "bulge_frac": 0.2, "e1": 0.2} if k % 3 == 0 else {}
+        )
+        objects.append((rng.uniform(3000, 8000), rng.uniform(4690, 5010), {"id": k, "ab": rng.uniform(18, 23)} | shape))
+    objects += [(SPLIT - 1.0, 4800.0, {"id": 50, "ab": 18.0}), (SPLIT + 3.0, 4900.0, {"id": 51, "ab": 19.0} | shape)]
+    return Sky(camera, make_pointing(), observe(make_pointing()), psf, objects)
+
+
+@pytest.mark.parametrize("fidelity", ["noise_free", "standard"])
+def test_tables_hold_what_was_drawn(sky, tables, fidelity):
+    """Whole electrons exactly, expected ones to 1e-6; boxes contain every pixel that is not empty."""
+    objects = sky.select(WINDOW)
+    image, drawn, orders, counted = sky.draw(objects, WINDOW, fidelity, tables)
+    total = image.sum(dtype=float) + (0 if counted is None else counted.sum())
+    assert (counted is None) == (fidelity == "noise_free")
+    assert drawn["drawn"].sum() == pytest.approx(total, rel=1e-6)
+    if counted is not None:
+        assert set(drawn["method"]) >= {"photons"}
+        assert drawn["drawn"][drawn["method"] == "photons"].sum() == counted.sum()
+    by_row = np.bincount(orders["row"], orders["drawn"], len(objects))
+    # Orders of less than an electron, none of it drawn as a whole, have no row
+    assert np.abs(by_row - drawn["drawn"]).max() < 1.0
+    assert by_row[drawn["method"] == "photons"].tolist() == drawn["drawn"][drawn["method"] == "photons"].tolist()
+    inside = np.zeros(WINDOW.shape, bool)
+    for x0, x1, y0, y1 in zip(*(orders[name] for name in ("x0", "x1", "y0", "y1")), strict=True):
+        inside[max(y0 - WINDOW.y0, 0) : y1 - WINDOW.y0, max(x0 - WINDOW.x0, 0) : x1 - WINDOW.x0] = True
+    assert image[~inside].sum(dtype=float) < 1.0
+    assert counted is None or counted[~inside].sum() == 0
+    lit = drawn["x1"] > 0
+    assert (drawn["x0"][lit] >= WINDOW.x0).all() and (drawn["x1"][lit] <= WINDOW.x1).all()
+    assert drawn["fraction"] == pytest.approx(drawn["drawn"] / drawn["electrons"])
+
+
+def test_orders_say_where_light_lands(sky, tables, camera):
+    objects = sky.select(WINDOW)
+    _, _, orders, _ = sky.draw(objects, WINDOW)
+    rows = list(zip(orders["row"], orders["order"], strict=True))
+    assert rows == sorted(rows)
+    gratings = camera.gratings[29]
+    light = catalog_spectra(objects, sky.catalog)(np.arange(len(objects)), sky.disperser.edges) * EXPTIME
+    for k in range(len(orders)):
+        row, number = orders["row"][k], orders["order"][k]
+        piece = int(orders["grating"][k] == gratings.right.name)
+        assert orders["grating"][k] in (gratings.left.name, gratings.right.name)
+        order = (gratings.left, gratings.right)[piece].orders[number]
+        assert orders["id"][k] == objects["id"][row] and orders["x"][k] == objects["x"][row]
+        p, q, r, s = (orders[name][k] for name in "pqrs")
+        assert order.lines(orders["x"][k], orders["y"][k]) == pytest.approx([p, q, r, s])
+        electrons = light[row] @ sky.disperser.rates[piece, sky.disperser.orders.index(number)]
+        assert orders["electrons"][k] == pytest.approx(electrons, rel=1e-9)
+        # aXe's form of the same trace
+        wave = 5500.0
+        along = (wave - orders["alpha0"][k]) / orders["alpha1"][k] / np.hypot(1, orders["a1"][k])
+        assert p + q * wave == pytest.approx(orders["xoff"][k] + along, abs=1e-9)
+        assert r + s * wave == pytest.approx(orders["yoff"][k] + orders["a0"][k] + orders["a1"][k] * along, abs=1e-9)
+        low, high = orders["wave_min"][k], orders["wave_max"][k]
+        if low < high:  # the centre of the trace lands
+            assert order.range[0] - 1 <= low < high <= order.range[1] + 1
+            for wave in (low, high):
+                x, y = orders["x"][k] + p + q * wave, orders["y"][k] + r + s * wave
+                assert WINDOW.x0 - 0.6 < x < WINDOW.x1 - 0.4 and WINDOW.y0 - 0.6 < y < WINDOW.y1 - 0.4
+    two = [row for row in range(len(objects)) if len(set(orders["grating"][orders["row"] == row])) == 2]
+    assert set(objects["id"][two]) >= {50, 51} and orders["cut"][np.isin(orders["row"], two)].all()
+    # Of both pieces together all light of the object is drawn, once
+    first = orders["row"] == np.flatnonzero(objects["id"] == 50)[0]
+    first &= orders["order"] == 0
+    assert orders["drawn"][first].sum() == pytest.approx(orders["electrons"][first][0], rel=2e-3)
+
+
+def test_photons_and_slabs_draw_one_scene(sky, tables):
+    """All by slabs against all by photons: chi^2 over squares of 10 px of the chip, and object by object."""
+    objects = sky.select(WINDOW)
+    image, expected, *_ = sky.draw(objects, WINDOW)
+    counted, drawn = None, None
+    _, drawn, _, counted = sky.draw(objects, WINDOW, "standard", tables)
+    assert (drawn["method"] == "photons").all()
+    squares = [a.reshape(30, 10, 300, 10).sum(axis=(1, 3)) for a in (image, counted)]
+    used = squares[0] > 20
+    chi2 = ((squares[1] - squares[0])[used] ** 2 / squares[0][used]).sum()
+    assert used.sum() > 300 and abs(chi2 - used.sum()) < 5 * np.sqrt(2 * used.sum())
+    # The light of galaxies beyond their stamps: `lost`, five in a thousand at most
+    error = 5 * np.sqrt(expected["drawn"] + 1) + 0.01 * expected["drawn"]
+    assert (np.abs(drawn["drawn"] - expected["drawn"]) < error).all()
+
+
+def test_chunks_and_company_change_no_bit_of_photons(sky, tables, monkeypatch):
+    objects = sky.select(WINDOW)
+    _, drawn, orders, counted = sky.draw(objects, WINDOW, "standard", tables)
+    monkeypatch.setitem(engine.CHUNK, policy.PHOTONS, 5)
+    _, again, orders_again, counted_again = sky.draw(objects, WINDOW, "standard", tables)
+    assert (counted == counted_again).all() and (drawn["drawn"] == again["drawn"]).all()
+    assert (orders["drawn"] == orders_again["drawn"]).all()
+    turned = np.random.default_rng(1).permutation(len(objects))
+    _, other, _, counted_turned = sky.draw(objects.take(turned), WINDOW, "standard", tables)
+    assert (counted == counted_turned).all() and (other["drawn"] == drawn["drawn"][turned]).all()
+    small = Window(4300, 5000, 4750, 4850)
+    _, _, _, counted_small = sky.draw(objects, small, "standard", tables)
+    assert (counted_small == counted[50:150, 300:1000]).all()
+    _, _, _, different = sky.draw(objects, WINDOW, "standard", tables, key=6)
+    assert (different != counted).any()
+
+
+def test_losses_reach_both_planes(sky, tables):
+    response = np.full(WINDOW.shape, 0.8, np.float32)
+    objects = sky.select(WINDOW)
+    whole, drawn, *_ = sky.draw(objects, WINDOW)
+    image, less, *_ = sky.draw(objects, WINDOW, response=response)
+    assert image.sum(dtype=float) == pytest.approx(0.8 * whole.sum(dtype=float), rel=1e-5)
+    assert less["drawn"] == pytest.approx(0.8 * drawn["drawn"], rel=1e-4, abs=1e-6)
+    counted = sky.draw(objects, WINDOW, "standard", tables, response=response)[3]
+    assert abs(counted.sum() - image.sum(dtype=float)) < 5 * np.sqrt(counted.sum()) + 2e-3 * counted.sum()
+
+
+def test_bright_ones_are_slabs_with_wings(camera, make_pointing, observe, psf, tables):
+    """Magnitude 10: slabs in a standard run; what it draws is in its table, wings on the mesh too."""
+    there = Sky(camera, make_pointing(), observe(make_pointing()), psf, [(4500.0, 4850.0, {"id": 1, "ab": 10.0})])
+    beyond = Beyond(beyond_box(camera, camera.filters["GV"]).wing)
+    objects = there.select(WINDOW, beyond=beyond)
+    image, drawn, orders, counted = there.draw(objects, WINDOW, "standard", tables, beyond=beyond)
+    assert drawn["method"][0] == "slabs" and counted is None
+    assert drawn["drawn"][0] == pytest.approx(image.sum(dtype=float), rel=1e-5)
+    assert drawn["stamp"][0] > 2 * drawn["wing"][0] > 500
+    _, bare, *_ = there.draw(objects, WINDOW, "standard", tables)
+    assert bare["flags"][0] & TRUNCATED_STAMP and not drawn["flags"][0] & TRUNCATED_STAMP
+    # Its wing meets the other grating, and each order has a row of each whose light may land
+    assert set(zip(orders["grating"], orders["order"], strict=True)) >= {("GV6", k) for k in (-1, 0, 1, 2)}
+    assert orders["drawn"][orders["grating"] == "GV5"].sum() < 0.01 * drawn["drawn"][0]
+
+
+def test_nothing_to_draw(sky, tables):
+    objects = sky.select(WINDOW)
+    for fidelity in ("noise_free", "standard"):
+        image, drawn, orders, counted = sky.draw(objects.take(np.zeros(0, int)), WINDOW, fidelity, tables)
+        assert len(drawn) == 0 and len(orders) == 0 and counted is None and not image.any()
+        assert {"id", "row", "order", "grating", "p", "electrons", "drawn", "wave_min"} <= set(orders.names)
+    away = Window(0, 50, 0, 50)
+    image, drawn, orders, counted = sky.draw(objects, away)
+    assert not image.any() and (drawn["flags"] & OFF_CHIP > 0).all() and (drawn["method"] == "none").all()
+    assert len(orders) == 0
+    dark = objects.with_columns(**{f"flux{i}": np.zeros(len(objects)) for i in range(4)})
+    image, drawn, orders, _ = sky.draw(dark, WINDOW)
+    assert not image.any() and (drawn["method"] == "none").all() and len(orders) == 0
