@@ -20,7 +20,7 @@ from csstsim.catalog.flags import FFT_REDUCED, OUTSIDE_PSF_HULL
 from csstsim.optics.beyond import Beyond
 from csstsim.render.far_wings import FarWings
 from csstsim.render.galaxy_stamp import galaxy_stamp, plan_galaxies
-from csstsim.render.line_wings import add_line, points_of
+from csstsim.render.line_wings import add_line, order_wing, points_of
 from csstsim.render.pixel_sums import pixel_sums
 from csstsim.render.psf_mixture import Mixer
 
@@ -60,9 +60,7 @@ def draw_spectra(
     reach = np.asarray(reach, int)
     half = mixer.cells / 2 / mixer.per_pixel
     far, centres = FarWings(window, response), 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
-    mixture = np.zeros((4, len(centres)))
-    lower, upper = disperser.psf_mixture
-    mixture[lower, np.arange(len(lower))], mixture[lower + 1, np.arange(len(lower))] = 1 - upper, upper
+    mixture = disperser.psf_weights
     galaxy = ((scene.sersic[:, :, 0] > 0) & (scene.light > 0)).any(axis=1)
     plan = plan_galaxies(scene, reach, half, galaxy)
     wide = np.sqrt((scene.light * scene.sersic[:, :, 2] ** 2).sum(axis=1) * np.abs(np.linalg.det(scene.matrix)))
@@ -80,15 +78,14 @@ def draw_spectra(
                 continue
             x, y = scene.x[i] + p + q * centres, scene.y[i] + r + s * centres
             parts = []
-            if _meets(x, y, reach[i] + 2 * _BLOCK, window):
+            if meets(x, y, reach[i] + 2 * _BLOCK, window):
                 if phases is None:
                     phases = _phases(mixer, scene, plan, i, int(reach[i]), density, core, side)
                 drawn, box = _add_slabs(image, response, x - window.x0, y - window.y0, light, mixture, phases)
                 if box.any():
                     parts.append((drawn, box + np.array([window.x0, window.x0, window.y0, window.y0])))
             if beyond.wing is not None:
-                wing = wing_px[i] * np.cbrt(min(light.sum() / scene.electrons[i].sum(), 1.0)) if wing_px[i] > 0 else 0.0
-                wing = wing if wing > 1.5 * half else 0.0
+                wing = order_wing(wing_px[i], light.sum() / scene.electrons[i].sum(), half)
                 if wing > 0 or parts:
                     points = points_of(x, y, light * mixture)
                     parts.append(add_line(image, response, window, *points, beyond.wing, wing, half, far))
@@ -102,7 +99,7 @@ def draw_spectra(
     return out
 
 
-def _meets(x, y, reach, window):
+def meets(x, y, reach, window):
     """Whether a stamp of this reach about some of the places x, y meets the window."""
     across = x.max() + reach >= window.x0 and x.min() - reach < window.x1
     return across and y.max() + reach >= window.y0 and y.min() - reach < window.y1
@@ -134,7 +131,7 @@ def _phases(mixer, scene, plan, i, reach, density, core, side):
     if side is not None:
         x0, x1, y0, y1 = side
         for column, row in np.ndindex(density, _HEIGHT):
-            share = _inside(pixels - row / _HEIGHT, y0, y1)[:, None] * _inside(pixels - column / density, x0, x1)
+            share = inside(pixels - row / _HEIGHT, y0, y1)[:, None] * inside(pixels - column / density, x0, x1)
             out[:, column, row] *= share.astype(np.float32)
     return out
 
@@ -158,7 +155,7 @@ def _point_phases(out, cells, per_pixel):
                     out[column, row] = whole[:size, :size]
 
 
-def _inside(places, low, high):
+def inside(places, low, high):
     """Return the share of pixels about `places` that lies within low..high."""
     return np.clip(np.minimum(places + 0.5, high) - np.maximum(places - 0.5, low), 0.0, 1.0)
 
