@@ -125,17 +125,21 @@ def draw_objects(image, window, objects, wcs, psf, exptime, beyond=NOTHING, resp
 
 def point(mixture, oversampling):
     """Return the GSObject in pixels, pixel response included, of a point whose PSF's cells (n, n) are `mixture`."""
-    response, step = pixel_response(mixture, oversampling), 1 / oversampling  # px
     # A sample is the light that falls in a pixel centred there: surface brightness per pixel, in pixel units.
+    return lattice(galsim.ImageD(pixel_response(mixture, oversampling)), 1 / oversampling, "sb")
+
+
+def lattice(image, step, normalization):
+    """Return the GSObject of an image, pixel response included, known every `step` px."""
     return galsim.InterpolatedImage(
-        galsim.ImageD(response),
+        image,
         scale=step,
-        normalization="sb",
+        normalization=normalization,
         x_interpolant="quintic",
         gsparams=galsim.GSParams(**GSPARAMS),
         # Known, so that GalSim need not search
         _force_maxk=PSF_MAXK,
-        _force_stepk=2 * np.pi / (response.shape[0] * step),
+        _force_stepk=2 * np.pi / (image.array.shape[0] * step),
     )
 
 

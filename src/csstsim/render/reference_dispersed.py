@@ -7,10 +7,11 @@ bin of its spectrum,
 
 O_k in light of the k-th wavelength of the PSF set and u of optics.dispersion. To GalSim it is one convolution: O_k with
 a sum of shifted delta functions, and with a box as long as a bin, in which its light is even. So there is no grid of
-sub-pixel phases, no slab, and the only interpolation is GalSim's of the PSF. Drawn some pixels of the trace at a time;
-profiles, accuracy and the pixel are those of render.reference. At the edge of a grating's piece the object's own image
-is cut, by the share of each pixel, on a lattice of a quarter of a pixel. Wings are render.line_wings'. Left out:
-ghosts of dispersed light.
+sub-pixel phases, no slab, and the only interpolation is GalSim's of the PSF, or of O_k, on a lattice of a quarter of a
+pixel: galaxies of up to LATTICE px are drawn on it first, for their folding would make each transform as large as that
+of a galaxy alone. Drawn some pixels of the trace at a time; profiles, accuracy and the pixel are those of
+render.reference. At the edge of a grating's piece O_k is cut, by the share of each pixel. Wings are
+render.line_wings'. Left out: ghosts of dispersed light.
 """
 
 import time
@@ -27,13 +28,14 @@ from csstsim.render import policy
 from csstsim.render.draw_dispersed import Work, tables_of
 from csstsim.render.far_wings import FarWings
 from csstsim.render.line_wings import add_line, order_wing, points_of
-from csstsim.render.reference import REACH_FFT, convolved, fill, galaxy_profile, point
+from csstsim.render.reference import REACH_FFT, convolved, fill, galaxy_profile, lattice, point
 from csstsim.render.slabs import inside, meets
 from csstsim.render.wings import box_share
 
 NOTHING = Beyond()
 _BLOCK = 32  # px of the trace drawn together
-_FINE = 4  # points to a pixel of the lattice of an image that is cut
+LATTICE = 128  # px: half the side of the largest image that is drawn on the lattice first, if it need not be cut
+_FINE = 4  # points of the lattice to a pixel
 _THIN = 1e-3  # of a pixel: the width of a spectrum's light across
 
 
@@ -114,14 +116,15 @@ def _profiles(objects, i, jacobian, cells, oversampling, reach, side):
         parts = [point(cells[band], oversampling)]
         if objects["obj_type"][i] == GALAXY:
             parts.append(galaxy_profile(objects, i, jacobian, folding).withFlux(1.0))
-        if side is None:
+        if side is None and (len(parts) == 1 or reach > LATTICE):
             return parts
         axis = np.arange(-reach * _FINE, reach * _FINE + 1) / _FINE
         whole = galsim.ImageD(len(axis), len(axis))
         convolved(parts, folding).drawImage(whole, scale=1 / _FINE, method="no_pixel")
-        x0, x1, y0, y1 = side
-        whole.array[:] *= inside(axis, y0, y1)[:, None] * inside(axis, x0, x1)
-        return [galsim.InterpolatedImage(whole, scale=1 / _FINE, x_interpolant="quintic")]
+        if side is not None:
+            x0, x1, y0, y1 = side
+            whole.array[:] *= inside(axis, y0, y1)[:, None] * inside(axis, x0, x1)
+        return [lattice(whole, 1 / _FINE, "flux")]
 
     return profile
 
