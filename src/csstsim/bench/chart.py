@@ -56,8 +56,8 @@ def draw_chart(path, tables):
     figure.supylabel("error against direct optics [the object's own noise]")
     figure.suptitle(
         "Medians of objects of 10 to 10$^7$ e$^-$ on nodes of the PSF set. Blue: methods, green: presets, red: peers;\n"
-        "filled and joined: nothing is both faster and better. Triangles: upper limits, set by the number of electrons\n"
-        "drawn. Grey: what the standard preset allows, a tenth of the object's own noise.", size=9.5,
+        "filled and joined: nothing is both faster and better. Triangles: upper limits, set by the number of\n"
+        "electrons drawn. Grey: what the standard preset allows, a tenth of the object's own noise.", size=9.5,
     )  # fmt: skip
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=100)

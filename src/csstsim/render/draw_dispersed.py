@@ -65,7 +65,7 @@ def draw_dispersed(
             if kind == policy.STAMP:
                 drawn = draw_spectra(
                     image, window, scene.take(chunk), light, some, part["reach"][chunk], wing[chunk], disperser, mixer,
-                    beyond, response,
+                    beyond, response, choice.per_px[chunk],
                 )  # fmt: skip
                 result.drawn[at], result.box[at] = drawn.drawn, drawn.box
                 np.bitwise_or.at(work.flags, rows[visits[at, 0]], drawn.flags)

@@ -4,9 +4,10 @@ An object in light of one wavelength is a stamp (render.point_stamp, render.gala
 four wavelengths of the PSF set. Its spectrum's bins are dealt out to slabs `1 / per_px` of a pixel apart along x, each
 bin to four of them by the cubic through them, so that light, centroid and width of a line stay. A slab is the stamp of
 its sub-pixel phase times its light; mixture of wavelengths and height of the trace are those of the middle of 16 px.
-Slabs need not be denser than the image is sharp: `per_px` falls with the object's size (SLABS of them to its half-light
-radius). Light beyond the PSF's box is added every 16 px (render.wings). What falls beyond a grating's piece is cut off
-the stamps, by the share of each pixel. Left out: ghosts of dispersed light.
+Slabs need not be denser than the image is sharp: `densities` fall with the size of a galaxy (SLABS of them to a
+disk's half-light radius, eight times as many to a bulge's, whose cusp is narrow). Light beyond the PSF's box is added
+every 16 px (render.wings). What falls beyond a grating's piece is cut off the stamps, by the share of each pixel. Left
+out: ghosts of dispersed light.
 """
 
 import math
@@ -26,7 +27,7 @@ from csstsim.render.psf_mixture import Mixer
 
 NOTHING = Beyond()
 PER_PX = 4  # slabs to a pixel of a point's spectrum
-SLABS = 8.0  # to the half-light radius of a galaxy
+SLABS = 8.0  # to the half-light radius of a disk
 _HEIGHT = 4  # heights of the trace in a pixel between which stamps are interpolated
 _BLOCK = 16  # px of the trace that share a mixture of wavelengths and a height
 _SIDE = 2  # px that a slab's four neighbours may lie beyond a block
@@ -49,7 +50,8 @@ def draw_spectra(
 
     spectra: (n, bins) mean densities [photon / s / m2 / angstrom] times the exposure time [s]; visits: of
     Disperser.visits for these objects; reach (n,): px, half the side of each stamp; wing_px (n,): px, reach of the
-    light beyond the PSF's box, 0: hidden; psf: PsfSet, or the Mixer of one; per_px: slabs to a pixel, of points.
+    light beyond the PSF's box, 0: hidden; psf: PsfSet, or the Mixer of one; per_px: slabs to a pixel, of points, one
+    number or (n,).
     """
     mixer, count, orders = psf if isinstance(psf, Mixer) else Mixer(psf), len(visits), len(disperser.orders)
     out = Drawn(
@@ -63,12 +65,12 @@ def draw_spectra(
     mixture = disperser.psf_weights
     galaxy = ((scene.sersic[:, :, 0] > 0) & (scene.light > 0)).any(axis=1)
     plan = plan_galaxies(scene, reach, half, galaxy)
-    wide = np.sqrt((scene.light * scene.sersic[:, :, 2] ** 2).sum(axis=1) * np.abs(np.linalg.det(scene.matrix)))
+    density_of = densities(scene, per_px).tolist()
     lines = disperser.lines(visits, scene.x, scene.y)
     for v, (i, piece, cut) in enumerate(visits.tolist()):
         start = time.process_time()
         out.flags[v] = (OUTSIDE_PSF_HULL if scene.outside[i] else 0) | (FFT_REDUCED if plan.rough[i] else 0)
-        density = int(np.clip(2.0 ** np.floor(np.log2(SLABS / max(wide[i], 1e-3))), 1, per_px))
+        density = density_of[i]
         side = disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2) if cut else None
         core = mixer.core if beyond.wing is not None else None
         phases = None
@@ -97,6 +99,15 @@ def draw_spectra(
         out.ms[v] = 1000 * (time.process_time() - start)
     far.lay(image)
     return out
+
+
+def densities(scene, per_px):
+    """Return (n,) int: slabs to a pixel of each object of a Scene; per_px, a number or (n,), of points."""
+    index, radius = scene.sersic[:, :, 0], scene.sersic[:, :, 2]
+    stretch = np.sqrt(np.abs(np.linalg.det(scene.matrix)))[:, None]
+    sharp = (scene.light * index**1.5 / np.maximum(radius * stretch, 1e-3)).sum(axis=1)  # 1 / px; 0 for a point
+    wanted = np.where(sharp > 0, SLABS * sharp, per_px)
+    return np.clip(2.0 ** np.floor(np.log2(wanted)), 1, per_px).astype(int)
 
 
 def meets(x, y, reach, window):
