@@ -69,6 +69,14 @@ class Disperser:
         lower = np.minimum(place.astype(np.int64), 2)
         return lower, place - lower
 
+    @cached_property
+    def psf_weights(self):
+        """(4, bins): weights of the PSF set's wavelengths, the same as a matrix."""
+        out, (lower, upper) = np.zeros((4, len(self.edges) - 1)), self.psf_mixture
+        bins = np.arange(len(lower))
+        out[lower, bins], out[lower + 1, bins] = 1 - upper, upper
+        return out
+
     def lines(self, visits, x, y):
         """Return (v, orders, 4): p, q, r, s of objects at x, y [px] in each of their visits; 0 for a missing order."""
         out = np.zeros((len(visits), len(self.orders), 4))
