@@ -105,7 +105,8 @@ def draw_spectra(
 def densities(scene, per_px):
     """Return the slabs to a pixel of each object, (n,) powers of two: what its components want, by their light.
 
-    per_px: of points, and the most; a number or (n,). A component wants _SLABS to its half-light radius as the dispersion cuts it, along x through the centre.
+    per_px: of points, and the most; a number or (n,). A component wants _SLABS to its half-light radius as the
+    dispersion cuts it, along x through the centre.
     """
     chord = np.abs(np.linalg.det(scene.matrix)) / np.hypot(scene.matrix[:, 1, 0], scene.matrix[:, 1, 1])
     wanted = np.where(scene.sersic[:, :, 0] == BULGE, _SLABS[1], _SLABS[0])
