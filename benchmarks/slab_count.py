@@ -24,7 +24,7 @@ from csstsim.rng import stream
 SHAPES = {
     "star": {},
     "galaxy, n = 1, 0.2 arcsec": {"size": 0.2, "e": 0.3},
-    "galaxy, n = 4, 0.4 arcsec": {"size": 0.4, "bulge": 1.0, "e": 0.3},
+    "galaxy, n = 4, 0.1 arcsec": {"size": 0.1, "bulge": 1.0, "e": 0.3},
 }
 COUNTS, ELECTRONS, PHOTONS, SECONDS = (1, 2, 4, 8, 16), 1e6, 3e7, 0.05
 COLOURS = "#0b6e99", "#1a7a3c", "#b5542d"

@@ -33,7 +33,7 @@ class Cost(Model):
     spectrum_star: float = Field(ge=0, description="an electron of a star")
     spectrum_galaxy: float = Field(ge=0)
     slabs_star: float = Field(ge=0, description="slabs through a grating")
-    slabs_galaxy: float = Field(ge=0)
+    slabs_galaxy: float = Field(ge=0, description="more for a galaxy, for each slab to a pixel")
     slab_pixel: float = Field(ge=0, description="a pixel of the stamp, for each slab")
 
 

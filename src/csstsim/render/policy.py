@@ -77,8 +77,8 @@ def choose_dispersed(scene, reach, wing, variance, fidelity, disperser, *, conve
         galaxy, cost.spectrum_galaxy, cost.spectrum_star
     )  # fmt: skip
     per_px = slab_counts(snr, numbers.error, numbers.presets[fidelity].eps, per_pixel)
-    slabs = cost.slab_pixel * px * densities(scene, per_px) * (2.0 * reach + 1) ** 2
-    slabs += np.where(galaxy, cost.slabs_galaxy, cost.slabs_star)
+    slab = cost.slab_pixel * px * (2.0 * reach + 1) ** 2 + np.where(galaxy, cost.slabs_galaxy, 0.0)
+    slabs = cost.slabs_star + densities(scene, per_px) * slab
     slabs += cost.wing_pixel * np.pi * np.minimum(wing, WING_NEAR) ** 2 * px / LINE_STEP
     photons = (electrons * maximum < PHOTONS_MAX) & convex & (fidelity != "noise_free")
     choice = _cheapest(scene, reach, wing, snr, (shot, slabs), photons, numbers, fidelity, per_pixel)
