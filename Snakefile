@@ -7,6 +7,7 @@ include: "workflow/rules/truth.smk"
 include: "workflow/rules/psf.smk"
 include: "workflow/rules/chip.smk"
 include: "workflow/rules/bricks.smk"
+include: "workflow/rules/spectra.smk"
 include: "workflow/rules/report.smk"
 
 

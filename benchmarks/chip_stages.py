@@ -26,14 +26,19 @@ RUNS = 3
 PAPER = 14_760  # CPU s a chip: 300,000 CPU-hours for 73,260 files (paper, section 5.6)
 
 
+def observation():
+    """Return the shipped science exposure with the paper's density of traps."""
+    content = yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())
+    for layer in content["layers"]:
+        if "CTE_effect" in layer:
+            layer["CTE_effect"]["density_scale"] = 1.0
+    return content
+
+
 def campaign():
     """Write the campaign: the demo's exposures of whole chips, all layers; return its file."""
     FOLDER.mkdir(parents=True, exist_ok=True)
-    observation = yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())
-    for layer in observation["layers"]:
-        if "CTE_effect" in layer:
-            layer["CTE_effect"]["density_scale"] = 1.0
-    (FOLDER / "science.yaml").write_text(yaml.safe_dump(observation, sort_keys=False))
+    (FOLDER / "science.yaml").write_text(yaml.safe_dump(observation(), sort_keys=False))
     content = yaml.safe_load((ROOT / "config/full_chip.yaml").read_text())
     content |= {"name": "chip_stages", "output": str(FOLDER), "select": {"types": ["SCIE"]}}
     content["observations"] = {"SCIE": str(FOLDER / "science.yaml")}

@@ -35,7 +35,7 @@ def electrons(run, job):
 
 def main():
     run = OpenCampaign(ROOT / "config" / "campaign.yaml", ROOT / "results" / "demo")
-    jobs = {job.chip.filter: job for job in reversed(run.science_jobs)}
+    jobs = {job.chip.filter: job for job in reversed(run.imaging_jobs)}
     base = jobs["r"]
     mid_x, mid_y = (base.window.x0 + base.window.x1) / 2, (base.window.y0 + base.window.y1) / 2
     grid = np.arange(SIDE) - SIDE / 2

@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 
 from csstsim.bench.cases import make_case
 from csstsim.bench.measures import errors
-from csstsim.bench.methods import brighter, standard
+from csstsim.bench.methods import standard
 from csstsim.bench.setting import make_setting
 from csstsim.bench.truth import Truth
 from csstsim.catalog.reach import STAR_MIN
@@ -59,7 +59,7 @@ def visible(setting, case, image, truth, drawn=np.inf):
 def photons(setting, case, electrons):
     """Return the image of unit light on the case's window, drawn of `electrons` electrons."""
     counted = np.zeros(case.window.shape, np.int32)
-    bright = brighter(case, electrons).scene
+    bright = case.brighter(electrons).scene
     shoot_scene(counted, case.window, bright, object_keys(np.uint64(1), np.zeros(1, int)), setting.table)
     return counted / electrons
 

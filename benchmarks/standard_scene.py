@@ -2,7 +2,7 @@
 
     python benchmarks/standard_scene.py                # writes results/standard_scene/objects.parquet
     csstsim chip config/standard_scene.yaml --obsid ... --chip 9      # draws it (obsid: in that file)
-    python benchmarks/standard_scene.py --chip 29      # the same sky on another chip: results/standard_scene/chip_29/
+    python benchmarks/standard_scene.py --chip 29 1 3  # the same sky on other chips: results/standard_scene/chip_29 ...
     python benchmarks/standard_scene.py --histogram > benchmarks/standard_scene.csv    # how the counts were made
 
 71,479 galaxies and 5,159 stars (the paper's r-band chip), their numbers per half magnitude in r fixed by
@@ -120,15 +120,21 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--histogram", action="store_true", help="print the counts per bin of r, as CSV")
     parser.add_argument("--output", type=Path, help="file [default: the campaign's catalogue]")
-    parser.add_argument("--chip", type=int, help="another chip than that of config/standard_scene.yaml")
+    parser.add_argument("--chip", type=int, nargs="+", help="other chips than that of config/standard_scene.yaml")
     options = parser.parse_args()
-    campaign = CAMPAIGN if options.chip is None else on_chip(options.chip)
-    run = OpenCampaign(campaign)
-    table = source(run.camera)
+    campaigns = [CAMPAIGN] if options.chip is None else [on_chip(number) for number in options.chip]
+    table = source(OpenCampaign(campaigns[0]).camera)
     if options.histogram:
         print("mag_r,galaxies,stars", *(f"{k * STEP},{g},{s}" for k, g, s in histogram(table)), sep="\n")
         return
-    job, output = run.jobs[0], options.output or Path(run.config.catalog.options["file"])
+    for campaign in campaigns:
+        write_scene(table, campaign, options.output)
+
+
+def write_scene(table, campaign, output=None):
+    """Write the catalogue of a campaign's one job: rows of `table`, put where its light comes from."""
+    run = OpenCampaign(campaign)
+    job, output = run.jobs[0], output or Path(run.config.catalog.options["file"])
     chip = np.array([-0.5, job.window.nx - 0.5, -0.5, job.window.ny - 0.5])
     bounds = np.array(run.disperser(job).gratings.bounds) if job.chip.kind == "slitless" else chip
     more = np.prod(np.diff(bounds)[::2]) / np.prod(np.diff(chip)[::2])

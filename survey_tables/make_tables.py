@@ -34,6 +34,7 @@ FIELDS = {
 DEMO_TARGET = (60.1172, -40.0330)  # the middle of HEALPix brick 550615, so that one truth brick serves the demo
 DEMO_CHIPS = (12, 14, 8, 9, 7, 11, 6)  # one for each of NUV u g r i z y
 DEMO_DITHER = 200.0  # px
+DEMO_SPECTRA = 29, 2500.0  # chip, a GV one, and column: its left grating then spreads all spectra over the chip
 
 # What a slot must satisfy; the first keeps the bright Earth's limb at least 55 deg away (400 km orbit).
 ZENITH_MAX, SUN_MIN, MOON_MIN = 55.0, 50.0, 40.0  # deg
@@ -93,9 +94,9 @@ def wide_field(camera, name, prefix):
 
 
 def demo(camera):
-    """Return 14 exposures that bring one target to a chip of each imaging band, twice, a quarter turn apart."""
+    """Return 15 exposures of one target: on a chip of each imaging band, twice, a quarter turn apart; on a GV chip."""
     exposures = []
-    times = slots(camera, *DEMO_TARGET, datetime(2027, 11, 20, tzinfo=UTC), 2 * len(DEMO_CHIPS))
+    times = slots(camera, *DEMO_TARGET, datetime(2027, 11, 20, tzinfo=UTC), 2 * len(DEMO_CHIPS) + 1)
     for pa in (PA, PA + 90.0):
         for chip_id in DEMO_CHIPS:
             chip = camera.chips[chip_id]
@@ -105,7 +106,9 @@ def demo(camera):
             y = (chip.detector.ny - 1) / 2 + DEMO_DITHER * np.sin(angle)
             ra, dec = boresight_for(chip, pa, DEMO_TARGET, x, y)
             exposures.append(_pointing(ra, dec, pa, obsid=f"10100{i + 1:06d}", time=_iso(times[i])))
-    return exposures
+    chip, column = camera.chips[DEMO_SPECTRA[0]], DEMO_SPECTRA[1]
+    ra, dec = boresight_for(chip, PA, DEMO_TARGET, column, (chip.detector.ny - 1) / 2)
+    return [*exposures, _pointing(ra, dec, PA, obsid=f"10100{len(times):06d}", time=_iso(times[-1]))]
 
 
 def boresight_for(chip, pa, target, x, y):
@@ -154,7 +157,7 @@ def write(path, exposures, comment):
 def make_all(folder, camera):
     """Write all tables into `folder`."""
     write(folder / "calibration.csv", calibration(), "bias, dark and LED flat exposures")
-    write(folder / "demo.csv", demo(camera), "one target, seven bands, two position angles each")
+    write(folder / "demo.csv", demo(camera), "one target, seven bands, two position angles each; one GV chip")
     for number, name in enumerate(FIELDS, start=1):
         ra, dec, count, _ = FIELDS[name]
         comment = f"{name.upper()}: 5 deg2 around ra {ra:g}, dec {dec:g}; {count} exposures (paper, Table 2)"

@@ -23,8 +23,8 @@ def mini_camera(tmp_path, **geometry):
     """Write an instrument folder `tmp_path`/instrument and return its path.
 
     16 channels of 32 x 32 active pixels unless `geometry` says otherwise; chip centres shrink with the chip's sides,
-    the optics' distortion (distortion.yaml, not the model fitted to it) with the width, so that its slopes stay; the
-    pixel scale, filters and every other file are the shipped ones.
+    the optics' distortion (distortion.yaml, not the model fitted to it) with the width, so that its slopes stay; so do
+    spectra; the pixel scale, filters and every other file are the shipped ones.
     """
     folder = Path(tmp_path) / "instrument"
     for source in INSTRUMENT.rglob("*"):
@@ -50,7 +50,30 @@ def mini_camera(tmp_path, **geometry):
                 data["optics"][name] = (np.array(px) * wanted["nx"] / shape["nx"]).tolist()
 
     _edit(folder / "distortion.yaml", shrink_optics)
+    scale = [wanted[name] / shape[name] for name in ("nx", "ny")]
+
+    def shrink_gratings(data):
+        for row in data["chips"]["values"].values():
+            row["split"] = max(int(row["split"] * scale[0]), 1)
+            row["reach"] = [round(v * s, 3) for v, s in zip(row["reach"], np.repeat(scale, 2).tolist(), strict=True)]
+
+    _edit(folder / "gratings.yaml", shrink_gratings)
+    for path in (folder / "gratings").glob("*.conf"):
+        path.write_text("\n".join(_shrunk(line, *scale) for line in path.read_text().splitlines()) + "\n")
     return folder
+
+
+def _shrunk(line, x, y):
+    """Return a line of an aXe configuration for a chip smaller by x along rows and y along columns."""
+    key, *values = line.split() or [""]
+    length = {"BEAM": x, "XOFF": x, "YOFF": x, "DLDP": 1.0, "DYDX": 1.0}.get(key[:4])
+    if length is None or "ORDER" in key:
+        return line
+    if key.startswith(("DLDP", "DYDX")):
+        length = {("DYDX", "0"): x, ("DLDP", "1"): 1 / x}.get((key[:4], key[-1]), 1.0)
+    terms = 1.0 / np.array([1.0, x, y, x * x, x * y, y * y])
+    scaled = np.array(values, float) * length * (1.0 if key.startswith("BEAM") else terms[: len(values)])
+    return " ".join([key, *(f"{v:.9g}" for v in scaled)])
 
 
 def _edit(path, change):

@@ -35,8 +35,8 @@ def test_pairs_follow_the_table_and_the_chips(tmp_path):
     assert [job.key for job in campaign.jobs] == [
         (obsid, chip) for obsid in ("10100000001", "10100000002", "10300000001") for chip in (8, 9)
     ]
-    assert {job.chip.id for job in campaign.science_jobs} == {8, 9}
-    assert len(campaign.science_jobs) == 4  # the bias frame is not measured
+    assert {job.chip.id for job in campaign.imaging_jobs} == {8, 9}
+    assert len(campaign.imaging_jobs) == 4  # the bias frame is not measured
 
 
 def test_a_filter_or_an_obsid_narrows_the_selection(tmp_path):

@@ -3,8 +3,12 @@
 import csv
 import json
 import os
+from dataclasses import replace
+
+import numpy as np
 
 from csstsim import __version__
+from csstsim.catalog.table import GALAXY
 from csstsim.errors import InputError
 from csstsim.prepare import open_psf
 from csstsim.stages import check_recipe
@@ -22,6 +26,61 @@ def measure(run, job):
     )  # fmt: skip
     table.write(run.paths.measure(*job.key), table.meta | {"recipe": run.recipe(job)})
     print(f"{len(table)} sources, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")
+
+
+def extract(run, job):
+    """Extract the first-order spectra of a Level-0 file of a spectroscopic chip, and draw some of them."""
+    from csstsim.atomic import atomic_path
+    from csstsim.measure.extract import extract_spectra
+    from csstsim.measure.spectra_figures import spectra_figure
+
+    truth, frame, orders, *others = spectra_of_frame(run, job)
+    table = extract_spectra(frame, orders, *others)
+    path = run.paths.spectra(*job.key)
+    with atomic_path(path.with_suffix(".png")) as temporary:
+        temporary.write_bytes(spectra_figure(truth, frame, orders, table))
+    table.write(path, table.meta | {"recipe": run.recipe(job)})
+    print(f"{table.meta['spectra']} spectra of S/N {table.meta['snr_min']:g} and more in a resolution element")
+
+
+def spectra_of_frame(run, job):
+    """Return (truth, *what measure.extract.extract_spectra takes) of a job's Level-0 file and its tables.
+
+    Raises InputError, also for a chip without a grating.
+    """
+    from csstsim.io.orders import read_orders
+    from csstsim.measure.extract import Frame, Sources
+    from csstsim.measure.spectral_model import make_model
+    from csstsim.optics.beyond import read_beyond
+    from csstsim.stages import object_spectra
+
+    if not run.has_orders(job):
+        chips = ", ".join(str(chip.id) for chip in run.camera.slitless_chips)
+        raise InputError("has no spectra", file=run.file, key="chip", value=job.chip.id, allowed=f"{chips}, SCIE")
+    file, calibrated = calibrated_frame(run, job)
+    path, truth, psf = run.paths.level0_orders(job.pointing, job.chip.id), _truth(run, job), open_psf(run, job.chip)
+    orders = read_orders(path)
+    check_recipe(path, orders.meta, run.recipe(job))
+    truth.meta["truth_hash"] = file.header0.get("TRUTHASH")  # a catalogue is opened again only if it is the same
+    sources = Sources(_shapes(truth, job.wcs), object_spectra(run, job, truth), run.disperser(job).edges)
+    middle = 0.5 * (job.window.x0 + job.window.x1), 0.5 * (job.window.y0 + job.window.y1)
+    wing, photons = read_beyond(psf).wing, run.camera.telescope.area_m2 * job.pointing.exptime
+    gratings = run.camera.gratings[job.chip.id]
+    model = make_model(gratings, photons, psf.at(*middle), psf.oversampling, psf.wavelength, wing)
+    frame = Frame.of(calibrated, job.window)
+    others = model.image(orders, sources.shapes, sources.spectra, sources.edges, job.window, frame.faintest)
+    return truth, replace(frame, others=others), orders, sources, model, psf, wing
+
+
+def _shapes(truth, wcs):
+    """Return the measure.line_profile.Shapes of the objects of a truth table."""
+    from csstsim.measure.line_profile import Shapes
+    from csstsim.render.scene import shape_matrix
+
+    galaxy = truth["obj_type"] == GALAXY
+    bulge = np.where(galaxy, truth["bulge_frac"].astype(float), 0.0)
+    sizes = np.where(galaxy[:, None], np.stack([truth["size_disk"], truth["size_bulge"]], axis=1), 0.0)
+    return Shapes.of(shape_matrix(truth, wcs), np.stack([1 - bulge, bulge], axis=1), sizes)
 
 
 def calibrated_frame(run, job):
@@ -139,7 +198,8 @@ def report(run):
         exposures=[_exposure(p) for p in {job.pointing.obsid: job.pointing for job in run.jobs}.values()],
         files=[(path.name, os.path.relpath(path, page.parent)) for path in files],
         figures=figures,
-        sky_map=sky_map([(j.chip.filter.lower(), *j.footprint()) for j in run.science_jobs], list(run.merge_bricks)),
+        spectra=[_spectra(run, job) for job in run.slitless_jobs],
+        sky_map=sky_map([(j.chip.filter.lower(), *j.footprint()) for j in run.imaging_jobs], list(run.merge_bricks)),
         provenance={
             "csstsim": __version__, "campaign file": run.file, "campaign digest": run.config.digest(),
             "camera digest": run.camera.digest, "seed": run.config.seed,
@@ -149,8 +209,19 @@ def report(run):
     print(page)
 
 
+def _spectra(run, job):
+    """Return (title, PNG bytes) of a spectroscopic frame for the report."""
+    from csstsim.catalog.table import ObjectTable
+
+    path = run.paths.spectra(*job.key)
+    meta = ObjectTable.read(path).meta
+    check_recipe(path, meta, run.recipe(job))
+    name = f"exposure {job.pointing.obsid}, chip {job.chip.id} ({job.chip.filter}): {meta['spectra']} spectra extracted"
+    return name, path.with_suffix(".png").read_bytes()
+
+
 def _summary(run):
-    science = run.science_jobs
+    science = run.imaging_jobs + run.slitless_jobs
     return {
         "name": run.config.name,
         "exposures": len({job.pointing.obsid for job in run.jobs}),

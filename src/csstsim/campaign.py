@@ -200,9 +200,23 @@ class OpenCampaign:
             return None
         if wanted != "region":
             return window
-        x0, y0 = (max(math.floor(v - radius), 0) for v in (x, y))
-        x1, y1 = (min(math.ceil(v + radius) + 1, n) for v, n in ((x, full.x1), (y, full.y1)))
+        left, right, down, up = self._spectra_px(chip, x, y)
+        x0, y0 = (max(math.floor(v), 0) for v in (x + left - radius, y + down - radius))
+        x1, y1 = (min(math.ceil(v) + 1, n) for v, n in ((x + right + radius, full.x1), (y + up + radius, full.y1)))
         return Window(x0, x1, y0, y1) if x1 > x0 and y1 > y0 else None
+
+    def _spectra_px(self, chip, x, y):
+        """Return how far the zeroth and first order of an object at x, y lie from it: left, right, down, up [px]."""
+        if chip.kind != "slitless":
+            return 0.0, 0.0, 0.0, 0.0
+        gratings = self.camera.gratings[chip.id]
+        grating = gratings.pieces[int(x >= gratings.split - 0.5)][0]
+        ends = [(0.0, 0.0)]
+        for number in (0, 1):
+            p, q, r, s = grating.orders[number].lines(x, y) if number in grating.orders else (0.0,) * 4
+            ends += [(p + q * wave, r + s * wave) for wave in grating.orders[1].range]
+        along, across = zip(*ends, strict=True)
+        return min(along), max(along), min(across), max(across)
 
     def has_stage(self, pointing, stage):
         """True if exposures of this type have layers in the stage (others skip it)."""
@@ -256,15 +270,20 @@ class OpenCampaign:
         return tuple(int(pix) for pix in bricks_for(*job.footprint(), self.margin_deg(job)))
 
     @cached_property
-    def science_jobs(self):
+    def imaging_jobs(self):
         """The jobs that are measured: science exposures of imaging chips."""
         return tuple(j for j in self.jobs if j.pointing.type == "SCIE" and j.chip.kind == "imaging")
+
+    @cached_property
+    def slitless_jobs(self):
+        """The jobs of which spectra are extracted: science exposures of spectroscopic chips."""
+        return tuple(j for j in self.jobs if self.has_orders(j))
 
     @cached_property
     def merge_bricks(self):
         """Map each brick touched by a measured window to its jobs."""
         bricks = {}
-        for job in self.science_jobs:
+        for job in self.imaging_jobs:
             for pix in bricks_for(*job.footprint(EDGE_PX), MERGE_MARGIN_DEG):
                 bricks.setdefault(int(pix), []).append(job)
         return dict(sorted(bricks.items()))

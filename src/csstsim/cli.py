@@ -94,6 +94,7 @@ job_command("csstsim.stages", "render", "Draw the objects and the sky: expected 
 job_command("csstsim.stages", "readout", "Turn electrons into DN: noise, overscan, bias, gain.")
 job_command("csstsim.stages", "level0", "Digitise and write the Level-0 file and its truth table.")
 job_command("csstsim.analysis", "measure", "Detect and measure the sources of a Level-0 file.")
+job_command("csstsim.analysis", "extract", "Extract the spectra of a spectroscopic chip's Level-0 file.")
 brick_command("csstsim.analysis", "merge", "Merge the measurements of a brick: one row per source, all bands.")
 brick_command("csstsim.analysis", "validate", "Compare a merged brick with the truth.")
 
@@ -166,28 +167,38 @@ def check(run):
 @main.command()
 @click.option("--output", type=click.Path(), default="results/bench", show_default=True, help="Folder of the results.")
 @click.option("--quick", is_flag=True, help="Few and small objects: two minutes of CPU time.")
-@click.option("--filter", "band", default="r", show_default=True, help="Imaging filter.")
+@click.option("--filter", "band", default="r", show_default=True, help="Filter; with a grating spectra are drawn.")
 @click.option("--methods", help="Names, or beginnings of names, with commas between [default: all].")
-@click.option("--objects", type=click.IntRange(2, 100_000), help="How many, half of them stars [default: 320].")
+@click.option(
+    "--objects", type=click.IntRange(2, 100_000), help="How many, half of them stars [default: 320; spectra 40]."
+)
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the sample of objects.")
 @click.option(
     "--readout",
     is_flag=True,
     help="Cost of the layers after the objects instead; with --output only.",
 )
-def bench(output, quick, band, methods, objects, seed, readout):
+@click.option("--chart", multiple=True, type=click.Path(), help="A table of an earlier run, to draw instead; repeat.")
+def bench(output, quick, band, methods, objects, seed, readout, chart):
     """Measure speed and accuracy of every way to draw an object, against GalSim and against direct optics.
 
     \b
     Needs no campaign. Writes a table and the speed-accuracy chart:
       csstsim bench --quick
       csstsim bench --methods "photons,stamps,GalSim" --filter i --output results/bench_i
+      csstsim bench --filter GV --output results/bench_GV
+    Tables of several runs in one chart:
+      csstsim bench --chart docs/speed_accuracy.csv --chart docs/speed_accuracy_GV.csv
     A whole chip's readout, layer by layer, beside numpy, GalSim and arcticpy:
       csstsim bench --readout
     """
-    if readout:
-        if quick or methods or objects:
-            raise click.UsageError("--readout goes with --output only")
+    if (readout or chart) and (quick or methods or objects or (readout and chart)):
+        raise click.UsageError("--readout and --chart go with --output only")
+    if chart:
+        from csstsim.bench.command import chart as draw
+
+        draw(output, chart, say=click.echo)
+    elif readout:
         from csstsim.bench.readout import readout as run
 
         run(Path(output), say=click.echo)

@@ -10,6 +10,7 @@ from csstsim.catalog.astrometry import apparent
 
 CPU_S_PER_OBJECT = {"preview": 1e-4, "standard": 1e-4, "noise_free": 2e-3, "reference": 0.13}
 CPU_S_PER_MPIX, CPU_S_PER_MPIX_MEASURED = 0.12, 0.73  # readout and Level-0; measure
+CPU_S_PER_MPIX_DISPERSED = 0.5  # photons and slabs through a grating; extraction
 CPU_S_PER_STAGE, CPU_S_PER_SELECTION = 2.0, 3.0  # start-up of a process; reading bricks
 CPU_S_PER_BRICK = 15.0  # truth
 CPU_S_PER_PSF = 0.02  # one node at one wavelength
@@ -19,8 +20,8 @@ BYTES_PER_NODE = 4 * (256 * 256 + 256 * 256 + 64 * 64) * 4  # images, and the ta
 def plan(run):
     """Return the plan as {name: number or string}. run: campaign.OpenCampaign."""
     jobs, config, camera = run.jobs, run.config, run.camera
-    science = run.science_jobs
-    pixels, measured = (sum(job.window.nx * job.window.ny for job in part) for part in (jobs, science))
+    imaging, science = run.imaging_jobs, run.imaging_jobs + run.slitless_jobs
+    pixels, measured = (sum(job.window.nx * job.window.ny for job in part) for part in (jobs, imaging))
     truth = {pix for job in science for pix in run.truth_bricks(job)} if run.embedded else set()
     chips = {job.chip.id for job in jobs if job.pointing.type == "SCIE"}
     nodes = len(chips) * config.psf.grid**2
@@ -47,11 +48,16 @@ def plan(run):
     }
     cpu = (
         (objects or 0.0) * CPU_S_PER_OBJECT[config.fidelity] + pixels / 1e6 * CPU_S_PER_MPIX
-        + measured / 1e6 * CPU_S_PER_MPIX_MEASURED
+        + measured / 1e6 * CPU_S_PER_MPIX_MEASURED + _spectra_cpu(run)
         + (stages + 2 * len(science)) * CPU_S_PER_STAGE + len(science) * CPU_S_PER_SELECTION
         + len(truth) * CPU_S_PER_BRICK + 4 * nodes * CPU_S_PER_PSF
     )  # fmt: skip
     return counts, disk, cpu
+
+
+def _spectra_cpu(run):
+    """CPU seconds that spectroscopic chips take beside what imaging ones do."""
+    return sum(job.window.nx * job.window.ny for job in run.slitless_jobs) / 1e6 * CPU_S_PER_MPIX_DISPERSED
 
 
 def _listed(bricks):

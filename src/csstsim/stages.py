@@ -40,10 +40,11 @@ def check_catalog(run, say):
     from csstsim.catalog.select import near, region_for
 
     source = run.open_truth()
-    if run.embedded or not run.science_jobs:
+    jobs = run.imaging_jobs or run.slitless_jobs
+    if run.embedded or not jobs:
         return
-    job = run.science_jobs[0]
-    report = check(source, run.config.catalog.options, region_for(*job.footprint()), run.camera)
+    job = jobs[0]
+    report = check(source, run.config.catalog.options, region_for(*job.footprint(), run.margin_deg(job)), run.camera)
     say(f"{run.config.catalog.kind}: {report}")
     reach = len(near(report.table, job.wcs, job.observer, job.window)[0])
     say(f"{reach} of them are near what chip {job.chip.id} sees in exposure {job.pointing.obsid}")
@@ -81,7 +82,7 @@ def _objects(run, job):
     )  # fmt: skip
 
 
-def _spectra(run, job, objects):
+def object_spectra(run, job, objects):
     """Return the catalog.spectra.Spectra of a slitless chip's objects, None for an imaging chip's."""
     if job.chip.kind != "slitless":
         return None
@@ -126,7 +127,7 @@ def _render(run, job, objects):
             state.tables = read_tables(run.paths.psf_tables(job.chip.id), state.psf)
         state.header["truth_hash"] = objects.meta["truth_hash"]
         state.header["psf_hash"] = digest(state.psf.attributes)
-        state.spectra = _spectra(run, job, objects)
+        state.spectra = object_spectra(run, job, objects)
     state = run.steps[job.pointing.type].run(state, "render", run.config.seed)
     state.forget()
     return state

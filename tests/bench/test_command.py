@@ -53,7 +53,8 @@ def test_summary_and_chart_are_written(folder):
     [
         (("--methods", "photons,abacus"), "abacus"),
         (("--filter", "w"), "--filter"),
-        (("--filter", "GI"), "--filter"),
+        (("--chart", "absent.csv"), "absent.csv"),
+        (("--chart", "absent.csv", "--quick"), "--chart"),
         (("--objects", "0"), "--objects"),
         (("--objects", "two"), "--objects"),
     ],

@@ -46,13 +46,27 @@ def test_survey_table_without_a_column(tmp_path):
 
 
 @pytest.mark.parametrize(
+    "change, words",
+    [
+        (lambda folder: (folder / "GI1.conf").unlink(), ["GI1.conf", "No such file"]),
+        (lambda folder: (folder / "GI_p0.fits").write_bytes(b"no FITS"), ["GI_p0.fits", "sensitivity"]),
+        (lambda folder: folder.with_name("gratings.yaml").unlink(), ["gratings.yaml", "no gratings"]),
+    ],
+)
+def test_gratings_are_read_before_any_work(tmp_path, change, words):
+    path = write_campaign(tmp_path, select={"types": ["SCIE"], "chips": [1]})
+    change(tmp_path / "instrument" / "gratings")
+    line = refused("check", path)
+    assert all(word in line for word in words), line
+
+
+@pytest.mark.parametrize(
     "changes, words",
     [
         ({"colour": 1}, ["campaign.yaml", "colour", "unknown key", "survey_table"]),
         ({"select": {"chips": [31]}}, ["campaign.yaml", "select.chips", "31", "30"]),
         ({"select": {"filters": ["q"]}}, ["campaign.yaml", "select.filters", "'q'", "NUV"]),
         ({"select": {"obsids": ["42"]}}, ["campaign.yaml", "select.obsids", "42"]),
-        ({"select": {"types": ["SCIE"], "chips": [1]}}, ["campaign.yaml", "select.chips", "1", "imaging"]),
         ({"window": {"x0": 0, "x1": 4000, "y0": 0, "y1": 10}}, ["campaign.yaml", "window", "4000", "128"]),
         ({"window": {"x0": 9, "x1": 3, "y0": 0, "y1": 10}}, ["campaign.yaml", "window", "x0 = 9"]),
         ({"window": "region"}, ["campaign.yaml", "window", "select.region"]),

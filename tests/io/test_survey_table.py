@@ -17,7 +17,7 @@ TABLES = INSTRUMENT.parents[1] / "survey_tables"
 HEADER = "obsid,type,ra,dec,pa,time,exptime"
 ROW = "10100000001,SCIE,60.0,-40.0,-113.4333,2027-11-20T01:08:00,150"
 STATE = ",sat_x,sat_y,sat_z,sat_vx,sat_vy,sat_vz"
-SHIPPED = {"demo": 14, "calibration": 11, "w1": 226, "w2": 228, "w3": 261, "w4": 266, "w5": 240}
+SHIPPED = {"demo": 15, "calibration": 11, "w1": 226, "w2": 228, "w3": 261, "w4": 266, "w5": 240}
 FIELDS = {"w1": (30, -48), "w2": (170, -23), "w3": (180, 60), "w4": (240, 30), "w5": (300, -60), "demo": (60, -40)}
 
 

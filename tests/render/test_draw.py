@@ -10,7 +10,7 @@ from csstsim.instrument.chip import Window
 from csstsim.optics.beyond import Beyond, read_beyond
 from csstsim.optics.wcs import ChipWCS
 from csstsim.render import policy, reference
-from csstsim.render.draw import _keys, draw_objects
+from csstsim.render.draw import draw_objects, object_keys_of
 from csstsim.render.psf_table import make_table
 from csstsim.render.scene import Scene
 
@@ -160,8 +160,8 @@ def test_an_object_is_drawn_alike_whatever_else_there_is(draw):
 
 
 def test_twins_of_one_id_are_not_drawn_alike():
-    keys = _keys(np.uint64(7), np.array([5, 5, 6, 5, 6]))
-    assert len(set(keys.tolist())) == 5 and keys[0] == _keys(np.uint64(7), np.array([5]))[0]
+    keys = object_keys_of(np.uint64(7), np.array([5, 5, 6, 5, 6]))
+    assert len(set(keys.tolist())) == 5 and keys[0] == object_keys_of(np.uint64(7), np.array([5]))[0]
 
 
 def test_the_choice_is_by_cost_within_the_allowed_error():

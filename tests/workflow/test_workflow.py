@@ -14,6 +14,7 @@ import pytest
 from mini_campaign import write_campaign
 
 from csstsim.campaign import OpenCampaign
+from csstsim.catalog.table import ObjectTable
 
 ROOT = Path(__file__).resolve().parents[2]
 # What may differ between two runs of one campaign: dates, timings, and the checksum over them (all in HDU 0).
@@ -41,7 +42,7 @@ def snakemake(campaign, *arguments):
 
 def make(folder):
     folder.mkdir()
-    return write_campaign(folder, select={"chips": [9, 8]})
+    return write_campaign(folder, select={"chips": [9, 29]})  # r, and a grating
 
 
 def level0_targets(campaign):
@@ -50,7 +51,7 @@ def level0_targets(campaign):
 
 
 def content(campaign):
-    """Every Level-0 pixel and header card that must not vary, by file name."""
+    """Every Level-0 pixel, header card that must not vary and column of the truth of orders, by file name."""
     found = {}
     for path in sorted((campaign.parent / "out" / "level0").rglob("*.fits")):
         with fitsio.FITS(path) as file:
@@ -61,6 +62,10 @@ def content(campaign):
                 if record["name"] not in VARYING and not str(record["name"]).startswith(TIMINGS)
             ]
             found[path.name] = (cards, file["IMAGE"].read().tobytes())
+        orders = path.with_suffix(".orders.parquet")
+        if orders.exists():
+            table = ObjectTable.read(orders)
+            found[orders.name] = {name: table[name].tolist() for name in table.names}
     return found
 
 
@@ -74,10 +79,13 @@ def undisturbed(tmp_path_factory):
 
 def test_the_whole_chain_makes_what_it_promises(undisturbed):
     run = OpenCampaign(undisturbed)
-    assert len(content(undisturbed)) == len(run.jobs) == 6  # two science exposures and a bias, two chips
+    assert len(content(undisturbed)) == len(run.jobs) + 2 == 8  # two science exposures and a bias, two chips; orders
     assert run.paths.report.exists()
     for pix in run.merge_bricks:
         assert run.paths.merge(pix).exists() and run.paths.validate(pix).exists()
+    assert len(run.slitless_jobs) == 2
+    for job in run.slitless_jobs:
+        assert run.paths.spectra(*job.key).exists() and run.paths.level0_orders(job.pointing, job.chip.id).exists()
     left = [p.name for p in (run.paths.output / "chips").rglob("*") if p.is_file()]
     assert not left, "intermediates are dropped"
 
@@ -99,7 +107,7 @@ def test_a_killed_and_resumed_campaign_gives_the_same_bits(undisturbed, tmp_path
     finally:
         if process.poll() is None:
             process.kill()
-    assert len(content(campaign)) < 6
+    assert len(content(campaign)) < 8
     snakemake(campaign, "--cores", "1", "--rerun-incomplete", *level0_targets(campaign))
     assert content(campaign) == content(undisturbed)
 

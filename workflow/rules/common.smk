@@ -12,6 +12,14 @@ except CsstsimError as error:
     raise WorkflowError(str(error)) from None
 OUT = str(RUN.paths.output)
 
+# The (exposure, chip) pairs whose truth is kept order by order, as patterns; no pair: patterns that nothing meets.
+SPECTRA_OBSID = (
+    "|".join(sorted({j.pointing.obsid for j in RUN.slitless_jobs})) or "none"
+)
+SPECTRA_CHIP = (
+    "|".join(sorted({f"{j.chip.id:02d}" for j in RUN.slitless_jobs})) or "none"
+)
+
 # One thread a process: parallelism is over chips. Hidden BLAS threads would fight over the cores.
 shell.prefix(
     f"export CAMPAIGN={shlex.quote(str(CAMPAIGN))} "
@@ -92,6 +100,20 @@ def level0_of(wildcards):
     return str(RUN.paths.level0(job.pointing, job.chip.id))
 
 
+def truth_of_level0(wildcards):
+    """The truth beside a spectroscopic chip's Level-0 file: of objects, and of their orders."""
+    job = JOBS[wildcards.obsid, wildcards.chip]
+    place = job.pointing, job.chip.id
+    return [
+        str(RUN.paths.level0_truth(*place)),
+        str(RUN.paths.level0_orders(*place)),
+    ]
+
+
+def spectra(wildcards=None):
+    return [str(RUN.paths.spectra(*job.key)) for job in RUN.slitless_jobs]
+
+
 def measured_on(wildcards):
     return [
         str(RUN.paths.measure(*job.key)) for job in RUN.merge_bricks[int(wildcards.pix)]
@@ -118,7 +140,8 @@ def level0_files(wildcards=None):
 
 
 def targets():
-    return [*level0_files(), *([str(RUN.paths.report)] if RUN.science_jobs else [])]
+    seen = RUN.imaging_jobs or RUN.slitless_jobs
+    return [*level0_files(), *([str(RUN.paths.report)] if seen else [])]
 
 
 def summary():
@@ -126,9 +149,12 @@ def summary():
     lines = [
         f"\n{RUN.config.name}: {len(RUN.jobs)} Level-0 files with their truth in {OUT}/level0/"
     ]
-    if RUN.science_jobs:
+    if RUN.imaging_jobs:
         lines.append(
             f"merged catalogues of {len(RUN.merge_bricks)} bricks in {OUT}/merge/"
         )
+    if RUN.slitless_jobs:
+        lines.append(f"spectra of {len(RUN.slitless_jobs)} chips in {OUT}/spectra/")
+    if RUN.imaging_jobs or RUN.slitless_jobs:
         lines.append(f"open the report: {RUN.paths.report.resolve().as_uri()}")
     return "\n".join(lines)

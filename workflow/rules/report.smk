@@ -1,6 +1,7 @@
 rule report:
     input:
         validated_bricks,
+        spectra,
         level0_files,
     output:
         f"{OUT}/report/index.html",

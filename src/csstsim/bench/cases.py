@@ -5,7 +5,7 @@ Every other object stands within half a pixel of a node of the PSF set, where wh
 others stand anywhere, where the interpolation between nodes adds to it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
@@ -45,12 +45,31 @@ class Case:
     def star(self):
         return self.row["obj_type"][0] == STAR
 
+    def about(self):
+        """Return {column: value} of what the object is."""
+        return {
+            "object": int(self.row["id"][0]), "kind": "star" if self.star else "galaxy", "electrons": self.electrons,
+            "half_light": float(self.row["size_disk"][0]), "bulge": float(self.row["bulge_frac"][0]),
+            "e": float(np.hypot(self.row["e1"], self.row["e2"])[0]), "reach": int(self.row["reach"][0]),
+            "at_node": self.at_node,
+        }  # fmt: skip
 
-def make_cases(setting, count, seed=1, largest=SIZE[1]):
-    """Return `count` Cases, half of them stars; no half-light radius is above `largest` [arcsec]."""
+    def brighter(self, electrons):
+        """Return the case with so many electrons instead of its own."""
+        factor = electrons / self.electrons
+        columns = {name: self.row[name] * factor for name in ("flux0", "flux1", "flux2", "flux3")}
+        scene = replace(self.scene, electrons=self.scene.electrons * factor)
+        return replace(self, row=ObjectTable(self.row).with_columns(**columns), scene=scene, electrons=electrons)
+
+
+def make_cases(setting, count, seed=1, largest=SIZE[1], make=None):
+    """Return `count` Cases, half of them stars, each by `make` (by default make_case).
+
+    No half-light radius is above `largest` [arcsec].
+    """
     rng = stream(seed, "bench", "cases")
     shapes = _stars(rng, count - count // 2) + _galaxies(rng, count // 2, largest)
-    return [make_case(setting, rng, i, **shape) for i, shape in enumerate(shapes)]
+    return [(make or make_case)(setting, rng, i, **shape) for i, shape in enumerate(shapes)]
 
 
 def _stars(rng, count):
@@ -80,14 +99,27 @@ def _galaxies(rng, count, largest):
 
 def make_case(setting, rng, i, electrons, bulge=0.0, size=0.0, e=0.0):
     """Return the Case of a galaxy, or, without a size [arcsec], of a star; one of even number i is at a node."""
-    x, y = _place(setting, rng, i % 2 == 0)
+    table = make_row(setting, rng, i, *place(setting, rng, i % 2 == 0), SHARES, electrons, bulge, size, e)
+    half = half_of(table)
+    column, row = (round(float(table[name][0])) for name in "xy")
+    window = Window(column - half, column + half + 1, row - half, row + half + 1)
+    return Case(table, make_scene(table, setting.wcs, setting.psf, setting.exptime), window, electrons, i % 2 == 0)
+
+
+def half_of(table, most=HALF_MAX):
+    """Return half the side of the window of a table's one object [px]."""
+    return int(np.clip(table["reach"][0] + MARGIN, HALF_MIN, most))
+
+
+def make_row(setting, rng, i, x, y, shares, electrons, bulge=0.0, size=0.0, e=0.0):
+    """Return the table of one object at chip pixel x, y, turned at random; shares (4,): of its light, by sub-band."""
     turn = rng.uniform(0, 2 * np.pi)
     ra, dec = setting.wcs.pixel_to_world(x, y)
     columns = {
         "id": i, "obj_type": GALAXY if size else STAR, "ra": ra, "dec": dec, "ra_orig": ra, "dec_orig": dec, "x": x,
         "y": y, "bulge_frac": bulge, "size_disk": size, "size_bulge": min(size, BULGE_MAX), "e1": e * np.cos(turn),
         "e2": e * np.sin(turn), "wing": 0.0,
-    } | {f"flux{k}": electrons * share / setting.exptime for k, share in enumerate(SHARES)}  # fmt: skip
+    } | {f"flux{k}": electrons * share / setting.exptime for k, share in enumerate(shares)}  # fmt: skip
     table = ObjectTable.complete({name: np.atleast_1d(value) for name, value in columns.items()})
     box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
     flux = np.array([electrons])
@@ -97,15 +129,10 @@ def make_case(setting, rng, i, electrons, bulge=0.0, size=0.0, e=0.0):
         reach = reach + radius
     else:
         reach = np.maximum(reach, STAR_MIN)
-    reach = np.ceil(reach).astype(np.int32)
-    table = table.with_columns(reach=reach, lost=lost)
-    half = int(np.clip(reach[0] + MARGIN, HALF_MIN, HALF_MAX))
-    column, row = round(x), round(y)
-    window = Window(column - half, column + half + 1, row - half, row + half + 1)
-    return Case(table, make_scene(table, setting.wcs, setting.psf, setting.exptime), window, electrons, i % 2 == 0)
+    return table.with_columns(reach=np.ceil(reach).astype(np.int32), lost=lost)
 
 
-def _place(setting, rng, at_node):
+def place(setting, rng, at_node):
     """Return x, y: within half a pixel of a node that is not at the chip's edge, or anywhere else."""
     nodes, detector = setting.psf.nodes_xy, setting.chip.detector
     if not at_node:

@@ -1,42 +1,31 @@
-"""The speed-accuracy chart: cost against visible error, the Pareto front drawn, presets and peers marked."""
+"""The speed-accuracy chart: cost against visible error, the Pareto front drawn, presets and peers marked.
+
+It is drawn from the summaries of runs (bench.summary), a column a filter: imaging and dispersed light side by side on
+the same axes.
+"""
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from csstsim.atomic import atomic_path
 
-FAINT, MIDDLE, BRIGHT = 1e2, 1e4, 1e6  # electrons
-PANELS = (
-    ("stars, 10$^2$ to 10$^4$ e$^-$", "star", FAINT, MIDDLE),
-    ("stars, 10$^4$ to 10$^6$ e$^-$", "star", MIDDLE, BRIGHT),
-    ("galaxies, 10$^2$ to 10$^4$ e$^-$", "galaxy", FAINT, MIDDLE),
-    ("galaxies, 10$^4$ to 10$^6$ e$^-$", "galaxy", MIDDLE, BRIGHT),
-)
-_NEAR, _LONG = (0.25, 0.12), 1.6  # decades: of cost and error, where methods share a label; of cost, how long one is
+ON_NODES = "direct optics, on nodes"
+KINDS = {"star": "stars", "galaxy": "galaxies"}
+_NEAR, _LONG = (0.3, 0.13), 1.7  # decades: of cost and error, where methods share a label; of cost, how long one is
+_OWN, _PRESETS = ("reference", "photons", "stamps", "slabs"), ("preview", "standard", "noise_free")
 OURS, PEERS, PRESET = "#0b6e99", "#b5542d", "#1a7a3c"
 
 
-def points(rows, kind, low, high):
+def points(lines, kind):
     """Return {method: (CPU seconds, visible error, whether that is an upper limit)}: medians over objects on nodes.
 
     A limit: what is seen is less than twice what chance alone would show.
     """
-    found = {}
-    for method in dict.fromkeys(row["method"] for row in rows):
-        if mine := _chosen(rows, method, kind, low, high):
-            seen, chance = (np.array([row[f"visible_{w}"] for row in mine]) for w in ("direct", "chance"))
-            error = float(np.median(np.maximum(seen, chance)))
-            cost = float(np.median([row["cpu_s"] for row in mine]))
-            found[method] = cost, max(error, 1e-6), bool(np.median(seen) < 2 * np.median(chance))
-    return found
-
-
-def _chosen(rows, method, kind, low, high):
-    return [
-        row for row in rows
-        if (row["method"], row["kind"]) == (method, kind) and low <= row["electrons"] < high
-        and row["at_node"] and row["drawn"] > 0
-    ]  # fmt: skip
+    return {
+        line["method"]: (1e-6 * line["cpu_us"], max(line["visible_median"], 1e-6), line["limit"])
+        for line in lines
+        if (line["kind"], line["against"]) == (kind, ON_NODES) and np.isfinite(line["visible_median"])
+    }
 
 
 def pareto(found):
@@ -49,48 +38,59 @@ def pareto(found):
     return front
 
 
-def draw_chart(path, rows, methods, note):
-    """Write the chart (PNG). `methods`: the bench.methods.Method whose rows these are; `note`: a line below it."""
-    figure = Figure(figsize=(12, 9), layout="constrained")
-    kinds = {method.name: method for method in methods}
-    every = [point for _, *limits in PANELS for point in points(rows, *limits).values()]
-    for axis, (title, *limits) in zip(figure.subplots(2, 2, sharex=True).flat, PANELS, strict=True):
-        found = points(rows, *limits)
-        front = pareto(found)
-        number = max((len(_chosen(rows, name, *limits)) for name in found), default=0)
-        axis.set(xscale="log", yscale="log", title=f"{title} ({number} objects)")
-        axis.axhspan(1e-7, 0.1, color="0.95", zorder=0)
-        axis.plot(*np.array([found[name][:2] for name in front]).reshape(-1, 2).T, color="0.6", lw=1.2, zorder=1)
-        for name, (cost, error, limit) in found.items():
-            method = kinds[name]
-            marker = "v" if limit else "s" if method.peer else "*" if method.preset else "o"
-            filled = _colour(method) if name in front else "white"
-            size = 170 if marker == "*" else 75
-            axis.scatter(
-                cost, error, s=size, marker=marker, facecolor=filled, edgecolor=_colour(method), lw=1.5, zorder=3
-            )
-        for names, place, free in _labels(found):
-            how = {"textcoords": "offset points", "color": _colour(kinds[names[0]]), "size": 9}
-            axis.annotate(", ".join(names), place, (8 if free else -9, 6), ha="left" if free else "right", **how)
-        if found:
-            costs, seen = (np.array([point[i] for point in every]) for i in (0, 1))
-            axis.set_xlim(costs.min() / 50, costs.max() * 100)
-            seen = np.array([point[1] for point in found.values()])
-            axis.set_ylim(min(seen.min() / 3, 0.03), max(seen.max() * 3, 1.0))
-        axis.grid(color="0.9", lw=0.5)
+def draw_chart(path, tables):
+    """Write the chart (PNG). tables: lists of bench.summary.summarise, a filter each."""
+    figure = Figure(figsize=(2 + 5.2 * len(tables), 9), layout="constrained")
+    axes = figure.subplots(2, len(tables), sharex=True, sharey="row", squeeze=False)
+    every = [point for lines in tables for kind in KINDS for point in points(lines, kind).values()]
+    costs = np.array([cost for cost, _, _ in every] or [1.0])
+    for row, kind in zip(axes, KINDS, strict=True):
+        seen = np.array([p[1] for lines in tables for p in points(lines, kind).values()] or [1.0])
+        for axis, lines in zip(row, tables, strict=True):
+            number = max((int(x["objects"]) for x in lines if (x["kind"], x["against"]) == (kind, ON_NODES)), default=0)
+            axis.set(xscale="log", yscale="log", title=f"{KINDS[kind]}, {lines[0]['filter']} ({number} objects)")
+            _panel(axis, points(lines, kind))
+        row[0].set_ylim(min(seen.min() / 3, 0.03), max(seen.max() * 3, 1.0))
+    axes[0, 0].set_xlim(costs.min() / 8, costs.max() * 30)
     figure.supxlabel("CPU seconds an object (one core)")
     figure.supylabel("error against direct optics [the object's own noise]")
     figure.suptitle(
-        f"{note}. Medians of objects on nodes of the PSF set. Blue: methods, green: presets, red: peers; filled and "
-        "joined: nothing is both faster and better.\nTriangles: upper limits, set by the number of electrons drawn. "
-        "Grey: what the standard preset allows, a tenth of the object's own noise.", size=9.5,
+        "Medians of objects of 10 to 10$^7$ e$^-$ on nodes of the PSF set. Blue: methods, green: presets, red: peers;\n"
+        "filled and joined: nothing is both faster and better. Triangles: upper limits, set by the number of\n"
+        "electrons drawn. Grey: what the standard preset allows, a tenth of the object's own noise.", size=9.5,
     )  # fmt: skip
     with atomic_path(path) as temporary:
-        figure.savefig(temporary, dpi=110)
+        figure.savefig(temporary, dpi=100)
+
+
+def _panel(axis, found):
+    """Draw the methods of one panel."""
+    front = pareto(found)
+    axis.axhspan(1e-7, 0.1, color="0.95", zorder=0)
+    axis.plot(*np.array([found[name][:2] for name in front]).reshape(-1, 2).T, color="0.6", lw=1.2, zorder=1)
+    for name, (cost, error, limit) in found.items():
+        colour = _colour(name)
+        marker = "v" if limit else {OURS: "o", PEERS: "s", PRESET: "*"}[colour]
+        filled, size = colour if name in front else "white", 170 if marker == "*" else 75
+        axis.scatter(cost, error, s=size, marker=marker, facecolor=filled, edgecolor=colour, lw=1.5, zorder=3)
+    for names, place, free in _labels(found):
+        how = {"textcoords": "offset points", "color": _colour(names[0]), "size": 9}
+        axis.annotate(_joined(names), place, (8 if free else -9, 6), ha="left" if free else "right", **how)
+    axis.grid(color="0.9", lw=0.5)
 
 
 def _colour(method):
-    return PEERS if method.peer else PRESET if method.preset else OURS
+    return OURS if method.startswith(_OWN) else PRESET if method in _PRESETS else PEERS
+
+
+def _joined(names):
+    """Return the names in a line, what they begin with said once: slabs 1, 2."""
+    out = []
+    for name in names:
+        stem, _, number = name.rpartition(" ")
+        said = any(other.rpartition(" ")[0] == stem for other in names[: names.index(name)])
+        out.append(number if stem and number.isdigit() and said else name)
+    return ", ".join(out)
 
 
 def _labels(found):

@@ -3,28 +3,27 @@
 import time
 from pathlib import Path
 
-from csstsim.bench.cases import make_cases
 from csstsim.bench.chart import draw_chart
-from csstsim.bench.methods import METHODS
 from csstsim.bench.setting import make_setting
-from csstsim.bench.summary import summarise, text, write
+from csstsim.bench.summary import read, summarise, text, write
 from csstsim.bench.sweep import sweep
 from csstsim.errors import InputError
 
 FULL = {"seconds": 0.2, "electrons": 3e7}
 QUICK = {"seconds": 0.01, "electrons": 1e6}
-OBJECTS, OBJECTS_QUICK, LARGEST_QUICK = 320, 24, 0.5  # number, number, arcsec
+OBJECTS, OBJECTS_SLITLESS, OBJECTS_QUICK = 320, 40, 24
+LARGEST, LARGEST_QUICK = 5.0, 0.5  # arcsec
 
 
-def chosen(names):
+def chosen(names, methods):
     """Return the Methods whose names begin with these (comma-separated text), or all. Raises InputError."""
     if not names:
-        return METHODS
+        return methods
     found = []
     for name in (part.strip() for part in names.split(",")):
-        same = [method for method in METHODS if name and method.name.lower().startswith(name.lower())]
+        same = [method for method in methods if name and method.name.lower().startswith(name.lower())]
         if not same:
-            allowed = ", ".join(f'"{method.name}"' for method in METHODS)
+            allowed = ", ".join(f'"{method.name}"' for method in methods)
             raise InputError("unknown method", key="--methods", value=name, allowed=allowed)
         found += [method for method in same if method not in found]
     return tuple(found)
@@ -32,18 +31,35 @@ def chosen(names):
 
 def bench(folder, band, names, quick, objects, seed, say):
     """Run the benchmark into `folder`: cases.csv (every object and method), speed_accuracy.csv and .png."""
-    methods, folder = chosen(names), Path(folder)
-    start = time.process_time()
+    folder, start = Path(folder), time.process_time()
     setting = make_setting(folder, band)
+    if setting.disperser is None:
+        from csstsim.bench.imaging import IMAGING as kind
+    else:
+        from csstsim.bench.slitless import SLITLESS as kind
+    methods = chosen(names, kind.methods)
     say(f"chip {setting.chip.id}, {band} band: PSF set and tables ready, {time.process_time() - start:.0f} CPU s")
-    how = {"largest": LARGEST_QUICK} if quick else {}
-    cases = make_cases(setting, objects or (OBJECTS_QUICK if quick else OBJECTS), seed, **how)
-    rows = sweep(setting, cases, methods, **(QUICK if quick else FULL))
-    lines = summarise(rows)
+    full = OBJECTS if setting.disperser is None else OBJECTS_SLITLESS
+    count, largest = objects or (OBJECTS_QUICK if quick else full), LARGEST_QUICK if quick else LARGEST
+    cases = kind.make_cases(setting, count, seed, largest)
+    rows = sweep(kind, setting, cases, methods, **(QUICK if quick else FULL))
+    lines = summarise(rows, kind, band)
     write(folder / "cases.csv", rows)
     write(folder / "speed_accuracy.csv", lines)
-    note = f"{band} band, {setting.exptime:.0f} s, {len(cases)} objects"
-    draw_chart(folder / "speed_accuracy.png", rows, methods, note)
-    for line in text(lines):
+    draw_chart(folder / "speed_accuracy.png", [lines])
+    for line in text(lines, kind):
         say(line)
     say(f"{time.process_time() - start:.0f} CPU s in all; {folder}/speed_accuracy.png, speed_accuracy.csv, cases.csv")
+
+
+def chart(folder, tables, say):
+    """Draw the tables (paths of speed_accuracy.csv) of several runs as one chart. Raises InputError."""
+    found = []
+    for path in tables:
+        try:
+            found.append(read(path))
+            _ = [(line["filter"], line["cpu_us"] + line["visible_median"], line["limit"]) for line in found[-1]]
+        except (OSError, KeyError, TypeError, UnicodeDecodeError) as exc:
+            raise InputError(f"is no table of csstsim bench: {exc}", file=path) from None
+    draw_chart(Path(folder) / "speed_accuracy.png", found)
+    say(f"{folder}/speed_accuracy.png")

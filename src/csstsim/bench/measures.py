@@ -72,20 +72,26 @@ def errors(image, truth, variance, electrons, drawn=np.inf, *, box=np.inf, sigma
     axis = np.abs(np.arange(len(image)) - (len(image) - 1) / 2)
     judged = np.abs(np.maximum(axis, axis[:, None]) - box) > EDGE_PX
     difference = np.where(judged, image - truth, 0.0)
-    noise2 = electrons * np.maximum(truth, 0) + variance
-    seen = (electrons**2 * difference**2 / noise2).sum()
-    # Of a Poisson number n of mean m, (n - m)^2 - n is 0 on average, its variance 2 m^2
-    seen -= (electrons**2 / drawn * image / noise2 * judged).sum()
-    shot = electrons**2 / drawn * np.maximum(truth, 0) / noise2 * judged
+    seen, chance_seen = visible(image, truth, variance, electrons, drawn, judged)
     peak = np.abs(difference).argmax()
     values = [
         *(got.value - wanted.value) * scale,
         np.abs(difference).max() / truth.max(),
-        np.sign(seen) * np.sqrt(abs(seen)),
+        seen,
     ]
     chance = [
         *wanted.spread * np.abs(scale) / np.sqrt(drawn),
         np.sqrt(max(truth.flat[peak], 0.0) / drawn) / truth.max(),
-        (2 * (shot**2).sum()) ** 0.25,
+        chance_seen,
     ]
     return np.array(values), np.array(chance)
+
+
+def visible(image, truth, variance, electrons, drawn, judged=True):
+    """Return (visible error, what chance alone would show) over the pixels that are `judged`; see `errors`."""
+    noise2 = electrons * np.maximum(truth, 0) + variance
+    seen = (electrons**2 * (image - truth) ** 2 / noise2 * judged).sum()
+    # Of a Poisson number n of mean m, (n - m)^2 - n is 0 on average, its variance 2 m^2
+    seen -= (electrons**2 / drawn * image / noise2 * judged).sum()
+    shot = electrons**2 / drawn * np.maximum(truth, 0) / noise2 * judged
+    return np.sign(seen) * np.sqrt(abs(seen)), (2 * (shot**2).sum()) ** 0.25

@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from csstsim.bench import peers, ufig
-from csstsim.catalog.table import ObjectTable
 from csstsim.counter import object_keys
 from csstsim.optics.beyond import Beyond
 from csstsim.render import draw as engine
@@ -90,14 +89,6 @@ def _preset(fidelity):
         return draw
 
     return prepare
-
-
-def brighter(case, electrons):
-    """Return the case with so many electrons instead of its own."""
-    factor = electrons / case.electrons
-    columns = {name: case.row[name] * factor for name in ("flux0", "flux1", "flux2", "flux3")}
-    scene = replace(case.scene, electrons=case.scene.electrons * factor)
-    return replace(case, row=ObjectTable(case.row).with_columns(**columns), scene=scene, electrons=electrons)
 
 
 METHODS = (

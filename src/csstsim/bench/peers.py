@@ -15,7 +15,7 @@ from csstsim.optics.psf_file import pixel_response
 BANDS = 4
 
 
-def _galaxy(scene):
+def galaxy_of(scene):
     """Return the object's profile in pixels, of unit flux; None for a point."""
     kinds = (galsim.Exponential, galsim.DeVaucouleurs)
     parts = [
@@ -26,7 +26,7 @@ def _galaxy(scene):
     return galsim.Sum(parts).transform(*scene.matrix[0].ravel()).withFlux(1.0) if parts else None
 
 
-def _interpolated(cells, per_pixel):
+def interpolated(cells, per_pixel):
     return galsim.InterpolatedImage(
         galsim.ImageD(cells), scale=1 / per_pixel, flux=cells.sum(), x_interpolant="quintic"
     )
@@ -53,8 +53,8 @@ def paper(setting, case):
 
     def profile(band):
         cells = sum(w * setting.psf.node(n)[band] for n, w in zip(scene.node[0], scene.weight[0], strict=True))
-        point = _interpolated(cells, per_pixel) * scene.electrons[0, band]
-        galaxy = _galaxy(scene)
+        point = interpolated(cells, per_pixel) * scene.electrons[0, band]
+        galaxy = galaxy_of(scene)
         return point if galaxy is None else galsim.Convolve(galaxy, point)
 
     return _drawer(case, [lambda band=band: profile(band) for band in range(BANDS)])
@@ -77,11 +77,11 @@ def fft(setting, case):
 
 
 def _convolved(scene, point):
-    galaxy = _galaxy(scene)
-    return (lambda: point) if galaxy is None else lambda: galsim.Convolve(_galaxy(scene), point)
+    galaxy = galaxy_of(scene)
+    return (lambda: point) if galaxy is None else lambda: galsim.Convolve(galaxy_of(scene), point)
 
 
 def photons(setting, case):
-    point = _interpolated(_nearest(setting, case), setting.psf.oversampling)
+    point = interpolated(_nearest(setting, case), setting.psf.oversampling)
     rng = galsim.BaseDeviate(int(case.row["id"][0]) + 1)
     return _drawer(case, [_convolved(case.scene, point)], method="phot", rng=rng)

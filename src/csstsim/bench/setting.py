@@ -10,6 +10,7 @@ from csstsim.errors import InputError
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.beyond import beyond_box
+from csstsim.optics.dispersion import Disperser
 from csstsim.optics.psf import make_psf
 from csstsim.optics.psf_file import PsfSet
 from csstsim.optics.wcs import ChipWCS
@@ -37,6 +38,7 @@ class Setting:
     wcs: Any
     exptime: float
     variance: float  # of a pixel without the object [electron^2]: sky, dark current, read noise
+    disperser: Any = None  # optics.dispersion.Disperser of a spectroscopic chip
 
 
 def make_setting(folder, band):
@@ -45,10 +47,11 @@ def make_setting(folder, band):
     The set's file carries the digest of the camera in its name, so another camera's is never taken. Raises InputError.
     """
     camera = load_camera(SHIPPED / "instrument")
-    imaging = {chip.filter: chip for chip in reversed(camera.imaging_chips)}
-    if band not in imaging:
-        raise InputError("unknown filter", key="--filter", value=band, allowed=", ".join(imaging))
-    chip, filter_ = imaging[band], camera.filters[band]
+    chips = {chip.filter: chip for chip in reversed(camera.chips.values())}
+    if band not in chips:
+        raise InputError("unknown filter", key="--filter", value=band, allowed=", ".join(chips))
+    chip, filter_ = chips[band], camera.filters[band]
+    disperser = Disperser(camera.gratings[chip.id], filter_, camera.telescope) if chip.kind == "slitless" else None
     beyond = beyond_box(camera, filter_)
     path = Path(folder) / f"psf_{band}_{camera.digest}.h5"
     if not path.exists():
@@ -60,5 +63,5 @@ def make_setting(folder, band):
     noise = Noise(filter_.sky, camera.detector.dark, camera.detector.read_noise)
     return Setting(
         camera, chip, filter_, psf, read_tables(tables, psf), Mixer(psf), beyond, ChipWCS(chip, POINTING), EXPTIME,
-        noise.variance(EXPTIME),
+        noise.variance(EXPTIME), disperser,
     )  # fmt: skip

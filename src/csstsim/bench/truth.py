@@ -57,44 +57,46 @@ class Truth:
         highest = int(self._highest * period)
         kx, ky = np.arange(highest + 1) / period, np.arange(-highest, highest + 1) / period  # cycles a pixel
         lattice = (np.arange(len(response)) - len(response) // 2) / CELLS_PER_PIXEL
-        transform = _waves(ky, -lattice) @ response @ _waves(kx, -lattice).T / CELLS_PER_PIXEL**2
-        transform *= self._profile(scene, kx, ky)
+        transform = waves(ky, -lattice) @ response @ waves(kx, -lattice).T / CELLS_PER_PIXEL**2
+        transform *= profile(scene, kx, ky)
         offset = scene.x[0] - case.window.x0 - half, scene.y[0] - case.window.y0 - half
         pixels = np.arange(-half, half + 1)
         twice = np.where(kx > 0, 2.0, 1.0)  # the half of the plane that is left out
-        image = (_waves(ky, pixels - offset[1]).T @ transform @ (twice[:, None] * _waves(kx, pixels - offset[0]))).real
-        return image / period**2 - self._repeats(scene, pixels, offset, period) * response[::8, ::8].sum()
-
-    @staticmethod
-    def _profile(scene, kx, ky):
-        total = 0.0
-        for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
-            if light > 0 and index > 0:
-                m = scene.matrix[0]
-                q = np.hypot(m[0, 0] * kx + m[1, 0] * ky[:, None], m[0, 1] * kx + m[1, 1] * ky[:, None])
-                total = total + light * sersic_transform(2 * np.pi * q * radius, index, b)
-            elif light > 0:
-                total = total + light
-        return total
-
-    @staticmethod
-    def _repeats(scene, pixels, offset, period):
-        total = np.zeros((pixels.size, pixels.size))
-        back = np.linalg.inv(scene.matrix[0])
-        for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
-            if light <= 0 or index == 0:
-                continue
-            level = light * abs(np.linalg.det(back)) / (2 * np.pi * radius**2 * index * b ** (-2 * index))
-            for i in range(-_REPEATS, _REPEATS + 1):
-                for j in range(-_REPEATS, _REPEATS + 1):
-                    if (i, j) != (0, 0):
-                        dx, dy = pixels - offset[0] - i * period, (pixels - offset[1] - j * period)[:, None]
-                        r = np.hypot(back[0, 0] * dx + back[0, 1] * dy, back[1, 0] * dx + back[1, 1] * dy) / radius
-                        total += level / gamma(2 * index) * np.exp(-b * r ** (1 / index))
-        return total
+        image = (waves(ky, pixels - offset[1]).T @ transform @ (twice[:, None] * waves(kx, pixels - offset[0]))).real
+        return image / period**2 - repeats(scene, pixels, pixels, offset, period) * response[::8, ::8].sum()
 
 
-def _waves(k, x):
+def profile(scene, kx, ky):
+    """Return the transform of a Scene's one object, 1 at 0, at kx, ky [cycles a pixel]: (ky, kx)."""
+    total = 0.0
+    for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
+        if light > 0 and index > 0:
+            m = scene.matrix[0]
+            q = np.hypot(m[0, 0] * kx + m[1, 0] * ky[:, None], m[0, 1] * kx + m[1, 1] * ky[:, None])
+            total = total + light * sersic_transform(2 * np.pi * q * radius, index, b)
+        elif light > 0:
+            total = total + light
+    return total
+
+
+def repeats(scene, x, y, offset, period):
+    """Return the light at pixels x, y of what a transform repeats every `period` pixels about `offset` (x, y)."""
+    total = np.zeros((y.size, x.size))
+    back = np.linalg.inv(scene.matrix[0])
+    for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
+        if light <= 0 or index == 0:
+            continue
+        level = light * abs(np.linalg.det(back)) / (2 * np.pi * radius**2 * index * b ** (-2 * index))
+        for i in range(-_REPEATS, _REPEATS + 1):
+            for j in range(-_REPEATS, _REPEATS + 1):
+                if (i, j) != (0, 0):
+                    dx, dy = x - offset[0] - i * period, (y - offset[1] - j * period)[:, None]
+                    r = np.hypot(back[0, 0] * dx + back[0, 1] * dy, back[1, 0] * dx + back[1, 1] * dy) / radius
+                    total += level / gamma(2 * index) * np.exp(-b * r ** (1 / index))
+    return total
+
+
+def waves(k, x):
     """Return exp(2 pi i k x), (len(k), len(x))."""
     return np.exp(2j * np.pi * k[:, None] * x)
 

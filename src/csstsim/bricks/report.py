@@ -15,7 +15,7 @@ VERDICT = {True: ("pass", "pass"), False: ("FAIL", "fail"), None: ("not judged",
 
 
 def write_report(
-    path, summary, results, *, exposures=(), files=(), figures=None, sky_map=None, provenance=None, times=()
+    path, summary, results, *, exposures=(), files=(), figures=None, sky_map=None, spectra=(), provenance=None, times=()
 ):
     """Write the report to `path`; all text is escaped.
 
@@ -24,6 +24,7 @@ def write_report(
     exposures    list of mappings with equal keys: one row each
     files        list of (label, link relative to the page) of the Level-0 files
     figures      {brick: PNG bytes}; sky_map: PNG bytes
+    spectra      list of (title, PNG bytes) of spectroscopic frames
     provenance   {label: value}: version, hashes, seed
     times        list of mappings (step, jobs, wall s, CPU s, ...): one row each
     """
@@ -31,11 +32,12 @@ def write_report(
 
     with atomic_path(path) as temporary:
         temporary.write_text(
-            page(summary, results, exposures, files, figures or {}, sky_map, provenance or {}, times), encoding="utf-8"
+            page(summary, results, exposures, files, figures or {}, sky_map, spectra, provenance or {}, times),
+            encoding="utf-8",
         )
 
 
-def page(summary, results, exposures, files, figures, sky_map, provenance, times):
+def page(summary, results, exposures, files, figures, sky_map, spectra, provenance, times):
     """Return the page as text; arguments as in `write_report`."""
     gates = [(result["brick"], gate) for result in results for gate in result["gates"]]
     failed = sum(gate["passed"] is False for _, gate in gates)
@@ -52,6 +54,7 @@ def page(summary, results, exposures, files, figures, sky_map, provenance, times
         _section("Gates", _gates(gates)),
         _section("Bands", _bands(results)),
         *(_brick(result, figures.get(result["brick"])) for result in results),
+        _section("Spectra", "".join(_image(png, name) for name, png in spectra)),
         _section("Exposures", _rows(exposures)),
         _section("Level-0 files", _files(files)),
         _section("Run time", _rows(times)),

@@ -4,7 +4,7 @@
 |---|---|
 | id, row | the object, and its row in the truth table (io.truth) |
 | order, grating | -2 to 2, GI1 ... |
-| cut | the object may have light beyond the piece's edge: `electrons` is of all of it, `drawn` of this piece's |
+| cut | its stamp reaches beyond the piece's edge: `electrons` is of all its light, `drawn` of this piece's |
 | xImage, yImage | where its light would fall without the grating, FITS pixels (centre of the first at 1) |
 | p, q, r, s | light of lambda [angstrom] lands at x + p + q lambda, y + r + s lambda [px] |
 | xoff, yoff, a0, a1, alpha0, alpha1 | the same as aXe has it (instrument.axe): the trace's polynomials at x, y |

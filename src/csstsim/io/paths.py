@@ -3,7 +3,7 @@
     truth/Norder=8/Dir=D/Npix=P.parquet         psf/chip_08.h5 chip_08_tables.h5
     chips/{obsid}_{chip}/select.parquet render.fits drawn.parquet orders.parquet readout.fits
     level0/{obsid}/{stem}.fits {stem}.truth.parquet {stem}.orders.parquet {stem}.cosmic.fits
-    measure/{obsid}_{chip}.parquet
+    measure/{obsid}_{chip}.parquet  spectra/{obsid}_{chip}.parquet
     merge/Norder=8/Dir=D/Npix=P.parquet  validate/{P}.json  report/index.html
 
 Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256).
@@ -56,6 +56,9 @@ class Paths:
 
     def measure(self, obsid, chip_id):
         return self.output / "measure" / f"{obsid}_{chip_id:02d}.parquet"
+
+    def spectra(self, obsid, chip_id):
+        return self.output / "spectra" / f"{obsid}_{chip_id:02d}.parquet"
 
     def validate(self, pix):
         return self.output / "validate" / f"{pix}.json"

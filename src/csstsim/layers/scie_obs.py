@@ -55,7 +55,7 @@ def apply(state, param, rng):
     losses = {"flat": param.flat_fielding, "shutter": param.shutter_effect}
     response = state.response(exptime, rng, **losses)
     if state.fidelity == "reference":
-        state.truth = _reference(state, exptime, beyond, response)
+        _reference(state, exptime, beyond, response)
         return state
     detector = state.chip.detector
     how = {
@@ -81,8 +81,15 @@ def apply(state, param, rng):
 
 
 def _reference(state, exptime, beyond, response):
-    """Draw by the reference renderer; return the table of drawn objects."""
-    from csstsim.render import reference
+    """Draw by the reference renderer, tables of what was drawn included."""
+    place = state.wcs, state.psf, exptime, beyond, response
+    if state.gratings is None:
+        from csstsim.render.reference import draw_objects
 
-    scene = (state.image, state.window, state.catalog, state.wcs, state.psf, exptime)
-    return reference.draw_objects(*scene, beyond, response)
+        state.truth = draw_objects(state.image, state.window, state.catalog, *place)
+    else:
+        from csstsim.render.reference_dispersed import draw_objects
+
+        disperser = Disperser(state.gratings, state.filter, state.telescope)
+        scene = state.image, state.window, state.catalog, state.spectra, disperser
+        state.truth, state.orders = draw_objects(*scene, *place)

@@ -69,6 +69,14 @@ class Disperser:
         lower = np.minimum(place.astype(np.int64), 2)
         return lower, place - lower
 
+    @cached_property
+    def psf_weights(self):
+        """(4, bins): weights of the PSF set's wavelengths, the same as a matrix."""
+        out, (lower, upper) = np.zeros((4, len(self.edges) - 1)), self.psf_mixture
+        bins = np.arange(len(lower))
+        out[lower, bins], out[lower + 1, bins] = 1 - upper, upper
+        return out
+
     def lines(self, visits, x, y):
         """Return (v, orders, 4): p, q, r, s of objects at x, y [px] in each of their visits; 0 for a missing order."""
         out = np.zeros((len(visits), len(self.orders), 4))
@@ -86,11 +94,17 @@ class Disperser:
         """
         found = []
         for piece, (x0, x1, y0, y1) in enumerate(self.rectangles):
-            near = (x + reach > x0) & (x - reach < x1) & (y + reach > y0) & (y - reach < y1)
-            cut = (x - reach < x0) | (x + reach > x1) | (y - reach < y0) | (y + reach > y1)
-            rows = np.flatnonzero(near)
-            found.append(np.stack([rows, np.full(len(rows), piece), cut[rows]], axis=1))
-        return np.concatenate(found).astype(np.int64)
+            rows = np.flatnonzero((x + reach > x0) & (x - reach < x1) & (y + reach > y0) & (y - reach < y1))
+            found.append(np.stack([rows, np.full(len(rows), piece), np.zeros(len(rows))], axis=1))
+        visits = np.concatenate(found).astype(np.int64)
+        visits[:, 2] = self.cut(visits, x, y, reach)
+        return visits
+
+    def cut(self, visits, x, y, reach):
+        """Return (v,) bool: part of the square of half side `reach` (n,) px about the object lies beyond the piece."""
+        (x0, x1, y0, y1), at = self.rectangles[visits[:, 1]].T, visits[:, 0]
+        x, y, reach = x[at], y[at], reach[at]
+        return (x - reach < x0) | (x + reach > x1) | (y - reach < y0) | (y + reach > y1)
 
     def boxes(self, visits, x, y):
         """Return (visits, orders, 4): x0, x1, y0, y1 [px] of where a point's light lands; NaN: no such order."""

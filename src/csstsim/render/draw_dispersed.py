@@ -38,20 +38,14 @@ def draw_dispersed(
     """
     mixer = psf if isinstance(psf, Mixer) else Mixer(psf)
     psf = mixer.psf
-    flags = objects["flags"].copy()
-    first = np.sum([objects[f"flux{i}"] for i in range(4)], axis=0) * exptime
-    rows = np.flatnonzero((flags & _UNDRAWN == 0) & (first > 0))
-    part = objects.take(rows)
-    scene = make_scene(part, wcs, psf, exptime)
-    flags[rows[scene.outside]] |= OUTSIDE_PSF_HULL
-    flags[rows[(beyond.wing is None) & (part["wing"] > 0)]] |= TRUNCATED_STAMP
-    wing = part["wing"].astype(float) if beyond.wing is not None else np.zeros(len(rows))
+    work = Work(objects, wcs, psf, exptime, disperser, beyond, window)
+    rows, part, scene, wing, visits, result = (
+        work.rows, work.part, work.scene, work.wing, work.visits, work.result,
+    )  # fmt: skip
     choice = policy.choose_dispersed(
         scene, part["reach"], wing, variance, fidelity, disperser, convex=psf.convex, per_pixel=psf.oversampling,
         maximum=maximum,
     )  # fmt: skip
-    visits = disperser.visits(scene.x, scene.y, np.maximum(part["reach"], wing))
-    result = _Result(visits, disperser, window)
     counted = np.zeros(window.shape, np.int32) if (choice.method == policy.PHOTONS).any() else None
     keys = object_keys_of(key, scene.ids)
     own = _visit_keys(keys, visits)
@@ -67,17 +61,17 @@ def draw_dispersed(
             some = np.column_stack([place[visits[at, 0]], visits[at, 1:]])
             light = spectra(rows[chunk], disperser.edges) * exptime
             bad = ~(np.isfinite(light) & (light >= 0)).all(axis=1)
-            light[bad], flags[rows[chunk[bad]]] = 0.0, flags[rows[chunk[bad]]] | BAD_VALUE
+            light[bad], work.flags[rows[chunk[bad]]] = 0.0, work.flags[rows[chunk[bad]]] | BAD_VALUE
             choice.method[chunk[bad]] = policy.NONE
             result.nominal(at, some, light)
             begin = time.process_time()
             if kind == policy.STAMP:
                 drawn = draw_spectra(
                     image, window, scene.take(chunk), light, some, part["reach"][chunk], wing[chunk], disperser, mixer,
-                    beyond, response,
+                    beyond, response, choice.per_px[chunk],
                 )  # fmt: skip
                 result.drawn[at], result.box[at] = drawn.drawn, drawn.box
-                np.bitwise_or.at(flags, rows[visits[at, 0]], drawn.flags)
+                np.bitwise_or.at(work.flags, rows[visits[at, 0]], drawn.flags)
                 result.ms[at] = drawn.ms
             else:
                 result.drawn[at], result.box[at] = shoot_spectra(
@@ -85,7 +79,23 @@ def draw_dispersed(
                     beyond.wing,
                 )  # fmt: skip
                 result.ms[at] = 1000 * (time.process_time() - begin) / max(len(at), 1)
-    return *_tables(objects, rows, part, scene, choice, visits, result, flags, disperser, wing), counted
+    return *tables_of(work, choice), counted
+
+
+class Work:
+    """What there is to draw: the rows that can be, their Scene, the pieces they visit, and what comes of it."""
+
+    def __init__(self, objects, wcs, psf, exptime, disperser, beyond, window):
+        self.objects, self.disperser, self.flags = objects, disperser, objects["flags"].copy()
+        first = np.sum([objects[f"flux{i}"] for i in range(4)], axis=0) * exptime
+        self.rows = np.flatnonzero((self.flags & _UNDRAWN == 0) & (first > 0))
+        self.part = objects.take(self.rows)
+        self.scene = make_scene(self.part, wcs, psf, exptime)
+        self.flags[self.rows[self.scene.outside]] |= OUTSIDE_PSF_HULL
+        self.flags[self.rows[(beyond.wing is None) & (self.part["wing"] > 0)]] |= TRUNCATED_STAMP
+        self.wing = self.part["wing"].astype(float) if beyond.wing is not None else np.zeros(len(self.rows))
+        self.visits = disperser.visits(self.scene.x, self.scene.y, np.maximum(self.part["reach"], self.wing))
+        self.result = _Result(self.visits, disperser, window)
 
 
 class _Result:
@@ -126,8 +136,11 @@ def _sums(light, rows, rates):
     return out
 
 
-def _tables(objects, rows, part, scene, choice, visits, result, flags, disperser, wing):
-    """Return (the table of objects, that of their orders)."""
+def tables_of(work, choice, slabs="slabs"):
+    """Return (the table of objects, that of their orders); `slabs`: the method's name where STAMP was chosen."""
+    objects, rows, part, flags, visits, result = (
+        work.objects, work.rows, work.part, work.flags, work.visits, work.result,
+    )  # fmt: skip
     count, at = len(objects), rows[visits[:, 0]]
     drawn, electrons = np.zeros(count), np.zeros(count)
     np.add.at(drawn, at, result.drawn.sum(axis=1))
@@ -137,10 +150,10 @@ def _tables(objects, rows, part, scene, choice, visits, result, flags, disperser
     np.add.at(ms, at, result.ms)
     error[rows], snr[rows] = choice.error, choice.snr
     method = np.full(count, policy.METHODS[policy.NONE], dtype="U10")
-    method[rows] = np.where(choice.method == policy.STAMP, "slabs", policy.METHODS[choice.method])
+    method[rows] = np.where(choice.method == policy.STAMP, slabs, policy.METHODS[choice.method])
     stamp = np.zeros(count, np.int32)
-    slabs = choice.method == policy.STAMP
-    stamp[rows[slabs]] = 2 * np.maximum(part["reach"], np.ceil(wing))[slabs] + 1
+    drawn_as = choice.method == policy.STAMP
+    stamp[rows[drawn_as]] = 2 * np.maximum(part["reach"], np.ceil(work.wing))[drawn_as] + 1
     lit = result.box[..., 1] > 0
     low, high = np.full((count, 2), np.iinfo(np.int32).max), np.zeros((count, 2), np.int64)
     v, o = np.nonzero(lit)
@@ -148,7 +161,7 @@ def _tables(objects, rows, part, scene, choice, visits, result, flags, disperser
     np.minimum.at(low, at[v], box[:, ::2])
     np.maximum.at(high, at[v], box[:, 1::2])
     low[high[:, 0] == 0] = 0
-    off = (drawn == 0) & (method == "slabs")
+    off = (drawn == 0) & (method == slabs)
     flags[off] |= OFF_CHIP
     method[off] = policy.METHODS[policy.NONE]
     fraction = np.divide(drawn, electrons, out=np.zeros(count), where=electrons > 0)
@@ -157,11 +170,12 @@ def _tables(objects, rows, part, scene, choice, visits, result, flags, disperser
         stamp=stamp, x0=low[:, 0].astype(np.int32), x1=high[:, 0].astype(np.int32), y0=low[:, 1].astype(np.int32),
         y1=high[:, 1].astype(np.int32), ms=ms,
     )  # fmt: skip
-    return table, _orders(objects, at, scene, visits, result, disperser)
+    cut = work.disperser.cut(visits, work.scene.x, work.scene.y, part["reach"])
+    return table, _orders(objects, at, work.scene, visits, cut, result, work.disperser)
 
 
-def _orders(objects, at, scene, visits, result, disperser):
-    """Return the table of orders: rows of the objects table `at` (v,), one row a visit and order."""
+def _orders(objects, at, scene, visits, cut, result, disperser):
+    """Return the table of orders: one row a visit and order; `at` (v,) rows of the objects table, `cut` (v,) bool."""
     window = result.window
     columns = []
     for piece, (grating, _) in enumerate(disperser.gratings.pieces):
@@ -180,7 +194,7 @@ def _orders(objects, at, scene, visits, result, disperser):
             columns.append({
                 "id": objects["id"][at[mine]], "row": at[mine].astype(np.int32),
                 "order": np.full(len(mine), number, np.int8), "grating": np.full(len(mine), grating.name),
-                "cut": visits[mine, 2].astype(bool), "x": x[lands], "y": y[lands],
+                "cut": cut[mine], "x": x[lands], "y": y[lands],
                 "p": p[lands], "q": q[lands], "r": r[lands], "s": s[lands],
                 **{name: values for name, values in order.coefficients_at(x[lands], y[lands]).items()},
                 "electrons": result.electrons[mine, o], "drawn": result.drawn[mine, o],

@@ -35,6 +35,12 @@ def points_of(x, y, light):
     return places, sums[used]
 
 
+def order_wing(wing_px, share, half):
+    """Return the reach [px] of an order's wing, of this share of the light whose wing reaches wing_px; 0: hidden."""
+    reach = wing_px * np.cbrt(min(share, 1.0)) if wing_px > 0 else 0.0
+    return reach if reach > 1.5 * half else 0.0
+
+
 def add_line(image, response, window, places, flux, wing, wing_px, half, far, side=WHOLE):
     """Add the wings of a spectrum; return (electrons, box or None).
 

@@ -33,8 +33,8 @@ class Cost(Model):
     spectrum_star: float = Field(ge=0, description="an electron of a star")
     spectrum_galaxy: float = Field(ge=0)
     slabs_star: float = Field(ge=0, description="slabs through a grating")
-    slabs_galaxy: float = Field(ge=0)
-    slab_pixel: float = Field(ge=0, description="a pixel of the stamp, for each pixel of the trace")
+    slabs_galaxy: float = Field(ge=0, description="more for a galaxy, for each slab to a pixel")
+    slab_pixel: float = Field(ge=0, description="a pixel of the stamp, for each slab")
 
 
 class StampError(Model):
@@ -52,6 +52,7 @@ class Error(Model):
     bright: float = Field(gt=0)
     psf: dict[Literal[2, 4], float] = Field(min_length=2, description="share of S/N, by cells of the PSF to a pixel")
     stamp: StampError
+    slabs: dict[Literal[1, 2, 4, 8], float] = Field(min_length=4, description="share of S/N, by slabs to a pixel")
 
 
 class Numbers(Model):

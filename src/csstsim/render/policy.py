@@ -12,13 +12,14 @@ When no method is good enough, as for the brightest, it is the cheapest of those
 the truth table's `error` says what it is.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from csstsim.render.error_model import predicted
 from csstsim.render.line_wings import LINE_STEP
 from csstsim.render.numbers import load_numbers
+from csstsim.render.slabs import densities
 from csstsim.render.unresolved import MESH
 
 NONE, UNRESOLVED, PHOTONS, STAMP = range(4)
@@ -37,6 +38,7 @@ class Choice:
     method: np.ndarray  # (n,) int8
     error: np.ndarray  # (n,) predicted, in units of the object's own noise
     snr: np.ndarray  # (n,)
+    per_px: np.ndarray | None = None  # (n,) slabs to a pixel of a point's spectrum, where light is dispersed
 
 
 def choose(scene, reach, wing, variance, fidelity, *, convex, per_pixel, maximum=1.0, ghosts=False):
@@ -74,12 +76,22 @@ def choose_dispersed(scene, reach, wing, variance, fidelity, disperser, *, conve
     shot = cost.spectrum_object + maximum * orders * electrons * np.where(
         galaxy, cost.spectrum_galaxy, cost.spectrum_star
     )  # fmt: skip
-    slabs = cost.slab_pixel * px * (2.0 * reach + 1) ** 2 + np.where(galaxy, cost.slabs_galaxy, cost.slabs_star)
+    per_px = slab_counts(snr, numbers.error, numbers.presets[fidelity].eps, per_pixel)
+    slab = cost.slab_pixel * px * (2.0 * reach + 1) ** 2 + np.where(galaxy, cost.slabs_galaxy, 0.0)
+    slabs = cost.slabs_star + densities(scene, per_px) * slab
     slabs += cost.wing_pixel * np.pi * np.minimum(wing, WING_NEAR) ** 2 * px / LINE_STEP
     photons = (electrons * maximum < PHOTONS_MAX) & convex & (fidelity != "noise_free")
     choice = _cheapest(scene, reach, wing, snr, (shot, slabs), photons, numbers, fidelity, per_pixel)
     choice.method[electrons <= 0] = NONE
-    return choice
+    return replace(choice, per_px=per_px)
+
+
+def slab_counts(snr, numbers, eps, per_pixel):
+    """Return (n,) the fewest slabs to a pixel whose own error is below eps; no more than 4 where the PSF's is not."""
+    counts = np.array(sorted(numbers.slabs))
+    share = np.array([numbers.slabs[count] for count in counts])
+    enough = counts[np.minimum((snr[:, None] * share > eps).sum(axis=1), len(counts) - 1)]
+    return np.where(snr * numbers.psf[4 if per_pixel >= 4 else 2] > eps, np.minimum(enough, 4), enough)
 
 
 def _cheapest(scene, reach, wing, snr, cost, photons, numbers, fidelity, per_pixel):

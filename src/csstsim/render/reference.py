@@ -123,31 +123,44 @@ def draw_objects(image, window, objects, wcs, psf, exptime, beyond=NOTHING, resp
     )  # fmt: skip
 
 
+def point(mixture, oversampling):
+    """Return the GSObject in pixels, pixel response included, of a point whose PSF's cells (n, n) are `mixture`."""
+    # A sample is the light that falls in a pixel centred there: surface brightness per pixel, in pixel units.
+    return lattice(galsim.ImageD(pixel_response(mixture, oversampling)), 1 / oversampling, "sb")
+
+
+def lattice(image, step, normalization):
+    """Return the GSObject of an image, pixel response included, known every `step` px."""
+    return galsim.InterpolatedImage(
+        image,
+        scale=step,
+        normalization=normalization,
+        x_interpolant="quintic",
+        gsparams=galsim.GSParams(**GSPARAMS),
+        # Known, so that GalSim need not search
+        _force_maxk=PSF_MAXK,
+        _force_stepk=2 * np.pi / (image.array.shape[0] * step),
+    )
+
+
+def convolved(parts, folding=None):
+    """Return the GSObjects convolved; `folding` not None: with a larger transform than usual."""
+    limit = {"maximum_fft_size": FFT_LOOSE} if folding else {}
+    return galsim.Convolve(parts, gsparams=galsim.GSParams(**(GSPARAMS | limit)), propagate_gsparams=False)
+
+
 def _profile(objects, i, mixture, oversampling, jacobian, folding=None):
     """Return the GSObject of one object in pixels, pixel response included; `mixture` is its PSF in electrons.
 
     `folding` loosens what the galaxy's own profile asks of the FFT.
     """
-    response, step = pixel_response(mixture, oversampling), 1 / oversampling  # px
-    # A sample is the light that falls in a pixel centred there: surface brightness per pixel, in pixel units.
-    point = galsim.InterpolatedImage(
-        galsim.ImageD(response),
-        scale=step,
-        normalization="sb",
-        x_interpolant="quintic",
-        gsparams=galsim.GSParams(**GSPARAMS),
-        # Known, so that GalSim need not search
-        _force_maxk=PSF_MAXK,
-        _force_stepk=2 * np.pi / (response.shape[0] * step),
-    )
+    star = point(mixture, oversampling)
     if objects["obj_type"][i] != GALAXY:
-        return point
-    galaxy = _galaxy(objects, i, jacobian, folding).withFlux(1.0)
-    limit = {"maximum_fft_size": FFT_LOOSE} if folding else {}
-    return galsim.Convolve(galaxy, point, gsparams=galsim.GSParams(**(GSPARAMS | limit)), propagate_gsparams=False)
+        return star
+    return convolved([galaxy_profile(objects, i, jacobian, folding).withFlux(1.0), star], folding)
 
 
-def _galaxy(objects, i, jacobian, folding):
+def galaxy_profile(objects, i, jacobian, folding):
     """Return the galaxy's profile in pixels: intrinsic shape, lensing and local WCS as matrices."""
     share, e1, e2, lost = (float(objects[key][i]) for key in ("bulge_frac", "e1", "e2", "lost"))
     kappa, gamma1, gamma2 = (float(objects[key][i]) for key in ("kappa", "gamma1", "gamma2"))
@@ -171,17 +184,22 @@ def _draw(profile, x, y, reach):
     """
     column, row = round(x), round(y)
     image = galsim.ImageD(galsim.BoundsI(column - reach, column + reach, row - reach, row + reach))
+    return image, fill(image, profile, x, y)
+
+
+def fill(image, profile, x, y):
+    """Fill a GalSim image with `profile(folding=...)`, its origin at pixel position x, y; return flags."""
     for folding, flag in ((None, 0), *((f, FFT_REDUCED) for f in FOLDING_LOOSE)):
         try:
             profile(folding=folding).drawImage(image, scale=1.0, method="no_pixel", center=galsim.PositionD(x, y))
         except galsim.GalSimFFTSizeError:
             continue
-        return image, flag | _clip_negative(image)
+        return flag | clip_negative(image)
     image.setZero()
-    return image, TOO_LARGE
+    return TOO_LARGE
 
 
-def _clip_negative(image):
+def clip_negative(image):
     """Set the ripples below zero to zero and take their sum from the rest, so that the light stays the same."""
     negative = np.minimum(image.array, 0).sum()
     if negative == 0:

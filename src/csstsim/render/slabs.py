@@ -5,7 +5,7 @@ four wavelengths of the PSF set. Its spectrum's bins are dealt out to slabs `1 /
 bin to four of them by the cubic through them, so that light, centroid and width of a line stay. A slab is the mixture
 of the stamps of its sub-pixel phase at each wavelength of the PSF set, times their light; the height of the trace is
 that of the middle of 16 px. Slabs need not be denser than the image is sharp: `per_px` falls with the size of a
-galaxy's components (`_densities`). Light beyond the PSF's box is added every 8 px (render.line_wings). What falls
+galaxy's components (`densities`). Light beyond the PSF's box is added every 8 px (render.line_wings). What falls
 beyond a grating's piece is cut off the cells of a PSF, the pixels of a galaxy, by the share of each, and off the wings.
 Left out: ghosts of dispersed light.
 """
@@ -21,7 +21,7 @@ from csstsim.catalog.flags import FFT_REDUCED, OUTSIDE_PSF_HULL
 from csstsim.optics.beyond import Beyond
 from csstsim.render.far_wings import WHOLE, FarWings
 from csstsim.render.galaxy_stamp import galaxy_stamp, plan_galaxies
-from csstsim.render.line_wings import add_line, points_of
+from csstsim.render.line_wings import add_line, order_wing, points_of
 from csstsim.render.pixel_sums import pixel_sums
 from csstsim.render.psf_mixture import Mixer
 from csstsim.render.scene import BULGE
@@ -51,7 +51,8 @@ def draw_spectra(
 
     spectra: (n, bins) mean densities [photon / s / m2 / angstrom] times the exposure time [s]; visits: of
     Disperser.visits for these objects; reach (n,): px, half the side of each stamp; wing_px (n,): px, reach of the
-    light beyond the PSF's box, 0: hidden; psf: PsfSet, or the Mixer of one; per_px: slabs to a pixel, of points.
+    light beyond the PSF's box, 0: hidden; psf: PsfSet, or the Mixer of one; per_px: slabs to a pixel, of points, one
+    number or (n,).
     """
     mixer, count, orders = psf if isinstance(psf, Mixer) else Mixer(psf), len(visits), len(disperser.orders)
     out = Drawn(
@@ -62,12 +63,10 @@ def draw_spectra(
     reach = np.asarray(reach, int)
     half = mixer.cells / 2 / mixer.per_pixel
     far, centres = FarWings(window, response), 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
-    mixture = np.zeros((4, len(centres)))
-    lower, upper = disperser.psf_mixture
-    mixture[lower, np.arange(len(lower))], mixture[lower + 1, np.arange(len(lower))] = 1 - upper, upper
+    mixture = disperser.psf_weights
     galaxy = ((scene.sersic[:, :, 0] > 0) & (scene.light > 0)).any(axis=1)
     plan = plan_galaxies(scene, reach, half, galaxy)
-    density = _densities(scene, per_px)
+    density = densities(scene, per_px)
     lines = disperser.lines(visits, scene.x, scene.y)
     for v, (i, piece, cut) in enumerate(visits.tolist()):
         start = time.process_time()
@@ -82,15 +81,14 @@ def draw_spectra(
                 continue
             x, y = scene.x[i] + p + q * centres, scene.y[i] + r + s * centres
             parts = []
-            if lit and _meets(x, y, reach[i] + 2 * _BLOCK, window):
+            if lit and meets(x, y, reach[i] + 2 * _BLOCK, window):
                 if phases is None:
-                    phases = _phases(mixer, scene, plan, i, int(reach[i]), density[i], core, side)
+                    phases = _phases(mixer, scene, plan, i, int(reach[i]), int(density[i]), core, side)
                 drawn, box = _add_slabs(image, response, x - window.x0, y - window.y0, light, mixture, phases)
                 if box.any():
                     parts.append((drawn, box + np.array([window.x0, window.x0, window.y0, window.y0])))
             if beyond.wing is not None:
-                wing = wing_px[i] * np.cbrt(min(light.sum() / scene.electrons[i].sum(), 1.0)) if wing_px[i] > 0 else 0.0
-                wing = wing if wing > 1.5 * half else 0.0
+                wing = order_wing(wing_px[i], light.sum() / scene.electrons[i].sum(), half)
                 if wing > 0 or parts:
                     points = points_of(x, y, light * mixture)
                     parts.append(add_line(image, response, window, *points, beyond.wing, wing, half, far, side))
@@ -104,19 +102,21 @@ def draw_spectra(
     return out
 
 
-def _densities(scene, per_px):
-    """Return the slabs to a pixel of each object, a list of powers of two: what its components want, by their light.
+def densities(scene, per_px):
+    """Return the slabs to a pixel of each object, (n,) powers of two: what its components want, by their light.
 
-    A component wants _SLABS to its half-light radius as the dispersion cuts it, along x through the centre.
+    per_px: of points, and the most; a number or (n,). A component wants _SLABS to its half-light radius as the
+    dispersion cuts it, along x through the centre.
     """
     chord = np.abs(np.linalg.det(scene.matrix)) / np.hypot(scene.matrix[:, 1, 0], scene.matrix[:, 1, 1])
     wanted = np.where(scene.sersic[:, :, 0] == BULGE, _SLABS[1], _SLABS[0])
     wanted = wanted / np.maximum(chord[:, None] * scene.sersic[:, :, 2], 1e-3)
-    mean = (scene.light * np.clip(wanted, 1, per_px)).sum(axis=1)
-    return (2 ** np.round(np.log2(mean))).clip(1, per_px).astype(int).tolist()
+    most = np.broadcast_to(per_px, len(scene))
+    mean = (scene.light * np.clip(wanted, 1, most[:, None])).sum(axis=1)
+    return np.clip(2 ** np.round(np.log2(mean)), 1, most).astype(int)
 
 
-def _meets(x, y, reach, window):
+def meets(x, y, reach, window):
     """Whether a stamp of this reach about some of the places x, y meets the window."""
     across = x.max() + reach >= window.x0 and x.min() - reach < window.x1
     return across and y.max() + reach >= window.y0 and y.min() - reach < window.y1
@@ -172,12 +172,16 @@ def _point_phases(out, cells, per_pixel):
                     out[column, row] = whole[:size, :size]
 
 
+def inside(places, low, high, per_pixel=1):
+    """Return the shares of pixels, or cells `per_pixel` to a pixel, about `places` [px] that lie within low..high."""
+    half = 0.5 / per_pixel
+    return np.clip((np.minimum(places + half, high) - np.maximum(places - half, low)) * per_pixel, 0.0, 1.0)
+
+
 def _inside(places, per_pixel, side, x=0.0, y=0.0):
-    """Return (n, n): shares of squares, `per_pixel` to a pixel, about places [px] seen from x, y that lie in `side`."""
-    half, shares = 0.5 / per_pixel, []
-    for at, low, high in ((places - x, *side[:2]), (places - y, *side[2:])):
-        shares.append(np.clip((np.minimum(at + half, high) - np.maximum(at - half, low)) * per_pixel, 0.0, 1.0))
-    return (shares[1][:, None] * shares[0]).astype(np.float32)
+    """Return (n, n) float32: the shares of squares about places [px], seen from x, y, that lie in `side`."""
+    across, along = inside(places - y, *side[2:], per_pixel), inside(places - x, *side[:2], per_pixel)
+    return (across[:, None] * along).astype(np.float32)
 
 
 @numba.njit(inline="always")

@@ -1,0 +1,95 @@
+"""Error and cost of slabs against their number to a pixel, photons beside them: docs/figures/slab_count.png.
+
+    python benchmarks/slab_count.py [--filter GV] [--output results/bench_GV] [--figure docs/figures/slab_count.png]
+
+Error: the visible error against the reference renderer on the same PSF set over the object's S/N, objects of 1e6
+electrons on a node. Numbers are forced; large rings: what render.slabs gives at most (four, less for large objects).
+Photons are drawn until chance alone would show a few thousandths of S/N.
+"""
+
+import argparse
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from csstsim.bench.measures import visible
+from csstsim.bench.methods import Method
+from csstsim.bench.setting import make_setting
+from csstsim.bench.spectrum_cases import make_spectrum_case
+from csstsim.bench.spectrum_methods import METHODS, slabs, standard
+from csstsim.bench.sweep import measured, significance
+from csstsim.render import slabs as engine
+from csstsim.rng import stream
+
+SHAPES = {
+    "star": {},
+    "galaxy, n = 1, 0.2 arcsec": {"size": 0.2, "e": 0.3},
+    "galaxy, n = 4, 0.1 arcsec": {"size": 0.1, "bulge": 1.0, "e": 0.3},
+}
+COUNTS, ELECTRONS, PHOTONS, SECONDS = (1, 2, 4, 8, 16), 1e6, 3e7, 0.05
+COLOURS = "#0b6e99", "#1a7a3c", "#b5542d"
+LINES = {"flat": "--", "lines": "-"}
+
+
+def forced(per_px):
+    """Return the Method of slabs, so many to a pixel whatever the object's size."""
+    inner = slabs(per_px)
+
+    def prepare(setting, case):
+        draw = inner(setting, case)
+
+        def forced_draw(copies):
+            as_it_is, engine.SLABS = engine.SLABS, 1e9
+            try:
+                return draw(copies)
+            finally:
+                engine.SLABS = as_it_is
+
+        return forced_draw
+
+    return Method(f"slabs {per_px}", prepare)
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--filter", default="GV")
+    parser.add_argument("--output", default="results/bench_GV", help="folder of the PSF set, as of csstsim bench")
+    parser.add_argument("--figure", default="docs/figures/slab_count.png")
+    args = parser.parse_args()
+    setting = make_setting(args.output, args.filter)
+    photons = next(method for method in METHODS if method.name == "photons")
+    figure = Figure(figsize=(11, 4.6), layout="constrained")
+    error_axis, cost_axis = figure.subplots(1, 2)
+    for (name, shape), colour in zip(SHAPES.items(), COLOURS, strict=True):
+        for spectrum, style in LINES.items():
+            case = make_spectrum_case(setting, stream(7, "slab_count"), 0, ELECTRONS, spectrum=spectrum, **shape)
+            wanted = standard(setting, case) / case.electrons
+            snr, found = significance(wanted, case, setting), []
+            for method in (*map(forced, COUNTS), photons):
+                image, took, drawn = measured(method, setting, case, SECONDS, PHOTONS)
+                seen, chance = visible(image, wanted, setting.variance, case.electrons, drawn)
+                found.append((max(seen, chance if np.isfinite(drawn) else 0.0) / snr, took))
+            errors, costs = np.array(found).T
+            used = COUNTS.index(int(engine.densities(case.scene, engine.PER_PX)[0]))
+            label = f"{name}, {spectrum}"
+            print(f"{label:36s} S/N {snr:5.0f}: " + ", ".join(f"{e:.1e} ({t:.3f} s)" for e, t in found), flush=True)
+            for axis, values in ((error_axis, errors), (cost_axis, costs)):
+                axis.plot(COUNTS, values[:-1], style, color=colour, marker="o", ms=4, label=label)
+                axis.plot(COUNTS[used], values[used], "o", ms=11, mfc="none", color=colour)
+                axis.plot(26, values[-1], "v" if axis is error_axis else "*", ms=8, color=colour,
+                          mfc=colour if spectrum == "lines" else "white")  # fmt: skip
+    for axis, title in ((error_axis, "visible error against the reference / S/N"), (cost_axis, "CPU s an object")):
+        axis.set(xscale="log", yscale="log", xlabel="slabs to a pixel of the trace", title=title)
+        axis.set_xticks([*COUNTS, 26], [*map(str, COUNTS), "photons"])
+        axis.minorticks_off()
+        axis.grid(color="0.9", lw=0.5)
+    cost_axis.legend(fontsize=8)
+    figure.suptitle(
+        "Objects of 10$^6$ e$^-$. Rings: as many as are used. Photons: triangles are upper limits, set by chance.",
+        size=9.5,
+    )
+    figure.savefig(args.figure, dpi=100)
+
+
+if __name__ == "__main__":
+    main()

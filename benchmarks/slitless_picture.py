@@ -1,0 +1,91 @@
+"""A GV chip like the paper's figure: the frame in a logarithmic stretch, an inset with the orders of a star.
+
+    python benchmarks/standard_scene.py --chip 29
+    csstsim chip results/standard_scene/chip_29/campaign.yaml --obsid 10101000001 --chip 29
+    python benchmarks/slitless_picture.py            # docs/figures/slitless.png
+
+Electrons of the Level-0 file, overscan and gain taken out, means of 8 x 8 pixels. The inset follows the star of some
+1e7 electrons whose orders 0, 1 and 2 all lie on the chip.
+"""
+
+import argparse
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+from PIL import Image
+
+from csstsim.analysis import calibrated_frame
+from csstsim.campaign import OpenCampaign
+from csstsim.io.orders import read_orders
+
+matplotlib.use("agg")
+from matplotlib import pyplot as plt
+from matplotlib.colors import LogNorm
+from matplotlib.patches import Rectangle
+
+ROOT = Path(__file__).resolve().parents[1]
+CAMPAIGN = ROOT / "results" / "standard_scene" / "chip_29" / "campaign.yaml"
+FIGURE = ROOT / "docs" / "figures" / "slitless.png"
+BIN, ROWS = 8, 110
+ELECTRONS = 1e7
+NAMES = {0: "order 0", 1: "order +1", 2: "order +2"}
+
+
+def star(orders):
+    """Return {order: (x0, x1, y)} of the star whose orders lie on the chip and whose light is nearest to ELECTRONS."""
+    chosen = {}
+    for row in np.unique(orders["row"][(orders["order"] == 1) & (orders["electrons"] > ELECTRONS / 4)]):
+        mine = np.flatnonzero(orders["row"] == row)
+        found = {int(orders["order"][k]): k for k in mine if orders["order"][k] in NAMES}
+        if set(found) == set(NAMES) and all(orders["drawn"][k] > 0.9 * orders["electrons"][k] for k in found.values()):
+            chosen[row] = found
+    first = {row: abs(np.log(orders["electrons"][found[1]] / ELECTRONS)) for row, found in chosen.items()}
+    found = chosen[min(first, key=first.get)]
+    out = {}
+    for order, k in found.items():
+        wave = np.array([orders["wave_min"][k], orders["wave_max"][k]])
+        ends = np.sort(orders["x"][k] + orders["p"][k] + orders["q"][k] * wave)
+        out[order] = *ends, orders["y"][k] + orders["r"][k] + orders["s"][k] * wave.mean()
+    return out
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--campaign", type=Path, default=CAMPAIGN)
+    run = OpenCampaign(parser.parse_args().campaign)
+    job = run.slitless_jobs[0]
+    _, calibrated = calibrated_frame(run, job)
+    image = np.maximum(calibrated.electrons, 1.0)
+    places = star(read_orders(run.paths.level0_orders(job.pointing, job.chip.id)))
+    ny, nx = (n // BIN * BIN for n in image.shape)
+    coarse = image[:ny, :nx].reshape(ny // BIN, BIN, nx // BIN, BIN).mean(axis=(1, 3))
+    sky = np.median(coarse)
+    figure, (whole, inset) = plt.subplots(
+        2, 1, figsize=(7.2, 9.2), height_ratios=(7, 1.7), layout="constrained", dpi=75
+    )
+    whole.imshow(coarse, norm=LogNorm(0.6 * sky, 12 * sky), cmap="magma", origin="lower", extent=(0, nx, 0, ny))
+    whole.set_title(f"{job.chip.filter}, chip {job.chip.id}: electrons of 150 s, the standard scene", fontsize=10)
+    whole.set_xlabel("x [px]")
+    whole.set_ylabel("y [px]")
+    ends, heights = [v for place in places.values() for v in place[:2]], [place[2] for place in places.values()]
+    x0, x1 = max(int(min(ends)) - 80, 0), min(int(max(ends)) + 80, nx)
+    y0 = int(np.clip(np.mean(heights) - ROWS, 0, ny - 2 * ROWS))
+    part = image[y0 : y0 + 2 * ROWS, x0:x1]
+    inset.imshow(part, norm=LogNorm(0.5 * sky, 100 * sky), cmap="magma", origin="lower", aspect="auto",
+                 extent=(x0, x1, y0, y0 + 2 * ROWS), interpolation="antialiased")  # fmt: skip
+    arrow = {"color": "w", "width": 0.5, "headwidth": 4}
+    for order, (left, right, y) in places.items():
+        at = (left + right) / 2, y - 12
+        inset.annotate(NAMES[order], at, (0, -22), textcoords="offset points", color="w", ha="center", arrowprops=arrow)
+    inset.set_xlabel("x [px]")
+    whole.add_patch(Rectangle((x0, y0), x1 - x0, 2 * ROWS, fill=False, ec="w", lw=1))
+    figure.set_dpi(75)
+    figure.canvas.draw()
+    picture = Image.fromarray(np.asarray(figure.canvas.buffer_rgba())).convert("RGB")
+    picture.quantize(96).save(FIGURE, optimize=True)
+    print(FIGURE)
+
+
+if __name__ == "__main__":
+    main()

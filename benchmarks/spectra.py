@@ -1,0 +1,135 @@
+"""Cost of light through a grating, and what the number of slabs costs in accuracy: the numbers of config/render.yaml.
+
+    python benchmarks/spectra.py [--filter GV] [--output results/bench_GV]
+
+* photons: ns an electron of all orders (stars, galaxies), and ns an object of none to speak of;
+* slabs: a fit  constant + slab_pixel x slabs x (2 reach + 1)^2  over stamps of several sizes, at most four to a pixel;
+* the paper's way and GalSim's slabs (bench.spectrum_peers), in the same run;
+* error of 1, 2, 4 and 8 slabs to a pixel against 16, visible error over S/N: the largest over places in a pixel. Of
+  galaxies, that of as many as render.slabs gives them.
+"""
+
+import argparse
+import time
+from dataclasses import replace
+
+import numpy as np
+
+from csstsim.bench import spectrum_peers
+from csstsim.bench.measures import visible
+from csstsim.bench.setting import make_setting
+from csstsim.bench.spectrum_cases import make_spectrum_case
+from csstsim.bench.spectrum_methods import METHODS, PER_PX, slabs
+from csstsim.bench.sweep import measured, significance
+from csstsim.counter import object_keys
+from csstsim.render import slabs as engine
+from csstsim.render.dispersed_photons import shoot_spectra
+from csstsim.render.slabs import draw_spectra
+from csstsim.rng import stream
+
+SHAPES = {
+    "star": {},
+    "galaxy n = 1": {"size": 0.3, "e": 0.3},
+    "galaxy n = 4": {"size": 0.3, "bulge": 1.0, "e": 0.3},
+}
+BRIGHT, MANY, PLACES, FINEST = 1e5, 300, 4, 16
+REACHES = (32, 48, 80, 128)
+
+
+def cpu(function, repeats=5):
+    function()
+    best = np.inf
+    for _ in range(repeats):
+        start = time.process_time()
+        function()
+        best = min(best, time.process_time() - start)
+    return best
+
+
+def copies(case, count):
+    """Return (Scene, light, visits) of that many of the object."""
+    visits = np.repeat(case.visits, count, axis=0)
+    visits[:, 0] = np.arange(count)
+    return case.scene.take(np.zeros(count, int)), np.repeat(case.light[None], count, axis=0), visits
+
+
+def photons(setting, case, count):
+    """Return CPU ns an object of photons of all orders."""
+    counted, keys = np.zeros(case.window.shape, np.int32), object_keys(np.uint64(1), np.arange(count))
+    some = copies(case, count)
+    took = cpu(lambda: shoot_spectra(counted, case.window, *some, setting.disperser, keys, setting.table))
+    return 1e9 * took / count
+
+
+def slab_costs(setting, case):
+    """Return (constant, ns a pixel of the stamp for each slab)."""
+    image, one = np.zeros(case.window.shape), copies(case, 1)
+    count = setting.disperser.length * engine.densities(case.scene, engine.PER_PX)[0]
+    pixels = np.array([count * (2.0 * reach + 1) ** 2 for reach in REACHES])
+    took = [
+        1e9 * cpu(
+            lambda reach=reach: draw_spectra(
+                image, case.window, *one, np.array([reach]), np.zeros(1), setting.disperser, setting.mixer
+            ), 3,
+        )
+        for reach in REACHES
+    ]  # fmt: skip
+    slope, constant = np.polyfit(pixels, took, 1)
+    return constant, slope
+
+
+def finest_of(setting, case):
+    """Return the image, of unit light, of FINEST slabs to a pixel, whatever the object's size."""
+    as_it_is, engine.SLABS = engine.SLABS, 1e9
+    try:
+        return slabs(FINEST)(setting, case)(1) / case.electrons
+    finally:
+        engine.SLABS = as_it_is
+
+
+def shares(setting, spectrum, shape):
+    """Return {per_px: largest visible error over S/N}."""
+    out = dict.fromkeys(PER_PX, 0.0)
+    for place in range(PLACES):
+        case = make_spectrum_case(setting, stream(place, "spectra"), 0, BRIGHT, spectrum=spectrum, **shape)
+        finest = finest_of(setting, case)
+        snr = significance(finest, case, setting)
+        for per_px in PER_PX:
+            image = slabs(per_px)(setting, case)(1) / case.electrons
+            seen, _ = visible(image, finest, setting.variance, case.electrons, np.inf)
+            out[per_px] = max(out[per_px], seen / snr)
+    return out
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--filter", default="GV")
+    parser.add_argument("--output", default="results/bench_GV", help="folder of the PSF set, as of csstsim bench")
+    parser.add_argument("--no-peers", dest="peers", action="store_false", help="GalSim takes minutes")
+    args = parser.parse_args()
+    setting = make_setting(args.output, args.filter)
+    rates = setting.disperser.rates[0].sum(axis=1)
+    orders = rates.sum() / rates[setting.disperser.orders.index(1)]
+    peers = {"as the paper": spectrum_peers.paper, "GalSim slabs 1": spectrum_peers.slabs(1)}
+    for name, shape in SHAPES.items():
+        case = make_spectrum_case(setting, stream(1, "spectra"), 0, BRIGHT, spectrum="flat", **shape)
+        nothing = photons(setting, case.brighter(1e-3), MANY)
+        each = photons(setting, case, 3) / (BRIGHT * orders)
+        few = photons(setting, case.brighter(100.0), MANY)
+        print(f"{name}: photons {each:.1f} ns / e- of {BRIGHT:.0e}; {nothing:.0f} ns an object of none, ", end="")
+        print(f"{few:.0f} ns of 100 e- in the first order ({orders * 100:.0f} in all)")
+        constant, slope = slab_costs(setting, case)
+        print(f"    slabs {constant / 1e6:.1f} ms + {slope:.2f} ns a pixel of each slab")
+        for peer, prepare in peers.items() if args.peers else ():
+            method = replace(METHODS[0], name=peer, prepare=prepare)
+            _, took, _ = measured(method, setting, case, 0.0, 0)
+            print(f"    {peer}: {1e3 * took:.0f} ms")
+    print("visible error over S/N, slabs to a pixel " + ", ".join(map(str, PER_PX)))
+    for name, shape in SHAPES.items():
+        for spectrum in ("flat", "lines"):
+            found = shares(setting, spectrum, shape)
+            print(f"    {name}, {spectrum}: " + ", ".join(f"{value:.1e}" for value in found.values()))
+
+
+if __name__ == "__main__":
+    main()

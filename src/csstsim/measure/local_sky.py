@@ -1,0 +1,62 @@
+"""Sky beside a spectrum: clipped means of a strip on either side of the trace, per block of columns.
+
+The mean of the two sides is that of a sky sloping across the trace at the trace; between blocks it is linear. A side of
+which less than USABLE can be used (the window's edge, a saturated neighbour) is left out. The object's own far light is
+in the strips too: what share of it is returned beside the sky, for the extraction to allow for.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+BLOCK = 48  # columns
+CLIP, ROUNDS = 4.0, 3  # robust sigma about the median
+USABLE = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class Sky:
+    """By column, (n,): `level` electron / px, `variance` of it, `own` share of the object's light in a strip's px."""
+
+    level: np.ndarray
+    variance: np.ndarray
+    own: np.ndarray
+
+
+def local_sky(data, good, offset, share, inner, width):
+    """Return the Sky of a cutout; NaN where no strip can be used.
+
+    data (n columns, rows) electrons; good: bool; offset: rows from the trace [px]; share: of the object's light in each
+    pixel; the strips are at |offset| from `inner` to `inner` + `width`.
+    """
+    n = len(data)
+    edges = np.linspace(0, n, max(1, round(n / BLOCK)) + 1).astype(int)
+    strips = [(side * offset >= inner) & (side * offset < inner + width) for side in (-1, 1)]
+    found = np.full((3, len(edges) - 1), np.nan)
+    for k, (first, last) in enumerate(pairwise(edges)):
+        part, sides = slice(first, last), []
+        for strip in strips:
+            used = good[part] & strip[part]
+            if used.sum() >= max(USABLE * (last - first) * width, 2):
+                kept = _kept(data[part][used])
+                values = data[part][used][kept]
+                sides.append((values.mean(), values.var() / len(values), share[part][used][kept].mean()))
+        if sides:
+            level, variance, own = np.mean(sides, axis=0)
+            found[:, k] = level, variance / len(sides), own
+    there = np.isfinite(found[0])
+    if not there.any():
+        return Sky(*np.full((3, n), np.nan))
+    middle = 0.5 * (edges[1:] + edges[:-1] - 1)[there]
+    return Sky(*(np.interp(np.arange(n), middle, values[there]) for values in found))
+
+
+def _kept(values):
+    """Return bool: within CLIP robust sigma about the median."""
+    kept = np.ones(len(values), bool)
+    for _ in range(ROUNDS):
+        centre = np.median(values[kept])
+        sigma = 1.4826 * np.median(np.abs(values[kept] - centre)) + 0.5  # at least about a DN of rounding
+        kept = np.abs(values - centre) <= CLIP * sigma
+    return kept
