@@ -39,11 +39,11 @@ def forced(per_px):
         draw = inner(setting, case)
 
         def forced_draw(copies):
-            as_it_is, engine.SLABS = engine.SLABS, 1e9
+            as_it_is, engine._SLABS = engine._SLABS, (1e9, 1e9)
             try:
                 return draw(copies)
             finally:
-                engine.SLABS = as_it_is
+                engine._SLABS = as_it_is
 
         return forced_draw
 

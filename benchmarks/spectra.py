@@ -80,11 +80,11 @@ def slab_costs(setting, case):
 
 def finest_of(setting, case):
     """Return the image, of unit light, of FINEST slabs to a pixel, whatever the object's size."""
-    as_it_is, engine.SLABS = engine.SLABS, 1e9
+    as_it_is, engine._SLABS = engine._SLABS, (1e9, 1e9)
     try:
         return slabs(FINEST)(setting, case)(1) / case.electrons
     finally:
-        engine.SLABS = as_it_is
+        engine._SLABS = as_it_is
 
 
 def shares(setting, spectrum, shape):

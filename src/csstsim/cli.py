@@ -170,7 +170,7 @@ def check(run):
 @click.option("--filter", "band", default="r", show_default=True, help="Filter; with a grating spectra are drawn.")
 @click.option("--methods", help="Names, or beginnings of names, with commas between [default: all].")
 @click.option(
-    "--objects", type=click.IntRange(2, 100_000), help="How many, half of them stars [default: 320; spectra 40]."
+    "--objects", type=click.IntRange(2, 100_000), help="How many, half of them stars [default: 320; spectra 24]."
 )
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the sample of objects.")
 @click.option(

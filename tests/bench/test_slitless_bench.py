@@ -22,10 +22,11 @@ FLUX, ACROSS_PX, SIZE2 = 1e-3, 1e-3, 2e-3  # direct optics against the reference
 
 @pytest.fixture(scope="module", autouse=True)
 def small():
-    """Few nodes, low windows, direct optics at eight wavelengths."""
+    """Few nodes, small objects, low windows, direct optics at eight wavelengths."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bench_setting, "GRID", 3)
         patch.setattr(spectrum_cases, "HALF_MAX", 36)
+        patch.setattr(spectrum_cases, "LARGEST", 0.15)
         patch.setattr(spectrum_truth, "NODES", 8)
         yield
 

@@ -11,7 +11,7 @@ from csstsim.errors import InputError
 
 FULL = {"seconds": 0.2, "electrons": 3e7}
 QUICK = {"seconds": 0.01, "electrons": 1e6}
-OBJECTS, OBJECTS_SLITLESS, OBJECTS_QUICK = 320, 40, 24
+OBJECTS, OBJECTS_SLITLESS, OBJECTS_QUICK = 320, 24, 24
 LARGEST, LARGEST_QUICK = 5.0, 0.5  # arcsec
 
 

@@ -21,7 +21,7 @@ from csstsim.units import C_A_S, H_J_S
 
 SPECTRA = ("flat", "hot", "cool", "lines")
 LINES, SIGMA_A, CONTINUUM = 3, 2.0, 0.1
-LARGEST = 1.0  # arcsec, half-light radius: the reference takes minutes for larger ones
+LARGEST = 0.5  # arcsec, half-light radius: stamps of bright bulges that are larger take minutes
 HALF_MAX = 96  # px
 FROM_SPLIT = 400  # px
 _COOL = H_J_S * C_A_S / (1.380649e-23 * 3500.0)  # h c / k T [angstrom]

@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 import scipy.fft
 
-from csstsim.bench.truth import CELLS_PER_PIXEL, profile, repeats, waves
+from csstsim.bench.truth import CELLS_PER_PIXEL, brightness, profile, repeats, waves
 from csstsim.instrument.filter import GRID
 from csstsim.optics.beyond import beyond_box
 from csstsim.optics.chip_errors import chip_coefficients
@@ -99,6 +99,8 @@ class SpectrumTruth:
         at = np.average(x, weights=light), np.average(y, weights=light)
         caught = sum(t[len(ky) // 2, 0].real * w.sum() for t, w in zip(transforms, weights, strict=True))
         out[:, columns] += image - caught * repeats(scene, columns, rows, at, period)
+        far = np.setdiff1d(np.arange(out.shape[1]), columns)  # where a profile is as the PSF leaves it
+        out[:, far] += caught * brightness(scene, far, rows, at)
 
 
 def _transform(response, period, highest):

@@ -81,18 +81,20 @@ def profile(scene, kx, ky):
 
 def repeats(scene, x, y, offset, period):
     """Return the light at pixels x, y of what a transform repeats every `period` pixels about `offset` (x, y)."""
-    total = np.zeros((y.size, x.size))
-    back = np.linalg.inv(scene.matrix[0])
+    shifts = range(-_REPEATS, _REPEATS + 1)
+    places = [(offset[0] + i * period, offset[1] + j * period) for i in shifts for j in shifts if (i, j) != (0, 0)]
+    return sum(brightness(scene, x, y, place) for place in places)
+
+
+def brightness(scene, x, y, place):
+    """Return the profile of a Scene's one object, of unit light, at pixels x, y about `place`; a point has none."""
+    total, back = np.zeros((y.size, x.size)), np.linalg.inv(scene.matrix[0])
+    dx, dy = x - place[0], (y - place[1])[:, None]
     for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
-        if light <= 0 or index == 0:
-            continue
-        level = light * abs(np.linalg.det(back)) / (2 * np.pi * radius**2 * index * b ** (-2 * index))
-        for i in range(-_REPEATS, _REPEATS + 1):
-            for j in range(-_REPEATS, _REPEATS + 1):
-                if (i, j) != (0, 0):
-                    dx, dy = x - offset[0] - i * period, (y - offset[1] - j * period)[:, None]
-                    r = np.hypot(back[0, 0] * dx + back[0, 1] * dy, back[1, 0] * dx + back[1, 1] * dy) / radius
-                    total += level / gamma(2 * index) * np.exp(-b * r ** (1 / index))
+        if light > 0 and index > 0:
+            level = light * abs(np.linalg.det(back)) / (2 * np.pi * radius**2 * index * b ** (-2 * index))
+            r = np.hypot(back[0, 0] * dx + back[0, 1] * dy, back[1, 0] * dx + back[1, 1] * dy) / radius
+            total += level / gamma(2 * index) * np.exp(-b * r ** (1 / index))
     return total
 
 
