@@ -18,7 +18,7 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.optics.dispersion import Disperser
 from csstsim.optics.psf import PsfSet, make_psf
-from csstsim.render import slabs
+from csstsim.render import phases, slabs
 from csstsim.render.dispersed_photons import shoot_spectra
 from csstsim.render.psf_table import make_table
 from csstsim.render.scene import Scene, sersic_b
@@ -46,12 +46,12 @@ def main():
 
 
 def measure(disperser, psf):
-    mean, rows = slabs._densities, {}
+    mean, rows = slabs.densities, {}
     print("object  spectrum   slabs/px   rms, mean and worst    sigma, worst   CPU ms")
     for name, galaxy in (("star", False), ("galaxy", True)):
         for kind, spectrum in spectra(disperser).items():
             for count in COUNTS:
-                slabs._densities = lambda scene, per_px: [per_px]
+                slabs.densities = lambda scene, per_px: np.array([per_px])
                 errors = [compare(disperser, psf, place, galaxy, spectrum, count) for place in PLACES]
                 rms, sigma, ms = np.transpose(errors)
                 rows[name, kind, count] = rms.max()
@@ -59,7 +59,7 @@ def measure(disperser, psf):
                     f"{name:7s} {kind:9s} {count:6d}     {rms.mean():9.1e} {rms.max():9.1e} {sigma.max():13.2f}"
                     f" {np.median(ms):12.0f}"
                 )
-    slabs._densities = mean
+    slabs.densities = mean
     return rows
 
 
@@ -82,11 +82,11 @@ def scene_of(psf, place, galaxy):
 
 
 def image_of(disperser, psf, scene, spectrum, count, heights=None, reach=None):
-    reach, usual = np.array([reach or (31 if scene.sersic[0, 0, 0] == 0 else 60)]), slabs._HEIGHTS
-    visits, slabs._HEIGHTS = disperser.visits(scene.x, scene.y, reach.astype(float)), heights or usual
+    reach, usual = np.array([reach or (31 if scene.sersic[0, 0, 0] == 0 else 60)]), phases.HEIGHTS
+    visits, phases.HEIGHTS = disperser.visits(scene.x, scene.y, reach.astype(float)), heights or usual
     image, start = np.zeros(WINDOW.shape), time.process_time()
     slabs.draw_spectra(image, WINDOW, scene, spectrum[None], visits, reach, np.zeros(1), disperser, psf, per_px=count)
-    slabs._HEIGHTS = usual
+    phases.HEIGHTS = usual
     return image, 1e3 * (time.process_time() - start)
 
 
