@@ -29,10 +29,12 @@ def campaign(number):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--chips", type=int, nargs="+", default=[29, 1, 3])
-    for number in parser.parse_args().chips:
+    parser.add_argument("--runs", type=int, default=RUNS)
+    options = parser.parse_args()
+    for number in options.chips:
         file = campaign(number)
         job = OpenCampaign(file).jobs[0]
-        runs = [measured(file, *map(str, job.key)) for _ in range(RUNS + 1)][1:]
+        runs = [measured(file, *map(str, job.key)) for _ in range(options.runs + 1)][1:]
         stages, total, memory, said = min(runs, key=lambda run: run[1])
         objects = next(line.split()[0] for line in said.splitlines() if "objects reach" in line)
         parts = ", ".join(f"{name} {cpu:.1f}" for name, cpu in stages.items())
