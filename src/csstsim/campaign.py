@@ -200,23 +200,11 @@ class OpenCampaign:
             return None
         if wanted != "region":
             return window
-        left, right, down, up = self._spectra_px(chip, x, y)
+        slitless = chip.kind == "slitless"
+        left, right, down, up = self.camera.gratings[chip.id].span(x, y) if slitless else (0.0,) * 4
         x0, y0 = (max(math.floor(v), 0) for v in (x + left - radius, y + down - radius))
         x1, y1 = (min(math.ceil(v) + 1, n) for v, n in ((x + right + radius, full.x1), (y + up + radius, full.y1)))
         return Window(x0, x1, y0, y1) if x1 > x0 and y1 > y0 else None
-
-    def _spectra_px(self, chip, x, y):
-        """Return how far the zeroth and first order of an object at x, y lie from it: left, right, down, up [px]."""
-        if chip.kind != "slitless":
-            return 0.0, 0.0, 0.0, 0.0
-        gratings = self.camera.gratings[chip.id]
-        grating = gratings.pieces[int(x >= gratings.split - 0.5)][0]
-        ends = [(0.0, 0.0)]
-        for number in (0, 1):
-            p, q, r, s = grating.orders[number].lines(x, y) if number in grating.orders else (0.0,) * 4
-            ends += [(p + q * wave, r + s * wave) for wave in grating.orders[1].range]
-        along, across = zip(*ends, strict=True)
-        return min(along), max(along), min(across), max(across)
 
     def has_stage(self, pointing, stage):
         """True if exposures of this type have layers in the stage (others skip it)."""

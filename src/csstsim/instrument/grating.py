@@ -78,6 +78,16 @@ class Gratings:
         """Orders of either grating, rising."""
         return sorted(set(self.left.orders) | set(self.right.orders))
 
+    def span(self, x, y):
+        """Return how far the zeroth and first order of an object at x, y lie from it: left, right, down, up [px]."""
+        grating = self.pieces[int(x >= self.split - 0.5)][0]
+        ends = [(0.0, 0.0)]
+        for order in (grating.orders[number] for number in (0, 1) if number in grating.orders):
+            p, q, r, s = order.lines(x, y)
+            ends += [(p + q * wave, r + s * wave) for wave in order.range]
+        along, across = zip(*ends, strict=True)
+        return min(along), max(along), min(across), max(across)
+
     @cached_property
     def reach(self):
         """How far from its direct image light may land, along x or y [px]."""

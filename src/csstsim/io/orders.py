@@ -10,7 +10,7 @@
 | xoff, yoff, a0, a1, alpha0, alpha1 | the same as aXe has it (instrument.axe): the trace's polynomials at x, y |
 | electrons, drawn | of the whole order; put on the window |
 | x0, x1, y0, y1 | box of what was drawn, half-open, a numpy slice of the full frame; zeros: nothing |
-| wave_min, wave_max | angstrom, what lands on the window |
+| wave_min, wave_max | angstrom, what of the trace lands on the window; NaN: nothing, at most a stamp's edge or a wing |
 
 An order of less than an electron, none of which was drawn, has no row.
 """

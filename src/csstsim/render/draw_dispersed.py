@@ -207,7 +207,7 @@ def _orders(objects, at, scene, visits, cut, result, disperser):
 
 
 def _range(p, q, r, s, x, y, window, limits):
-    """Return the (first, last) wavelengths, within `limits`, whose light lands on the window; first > last: none."""
+    """Return the (first, last) wavelengths, within `limits`, whose light lands on the window; NaN: none."""
     low, high = np.full(len(x), limits[0]), np.full(len(x), limits[1])
     for at, offset, slope, first, last in ((x, p, q, window.x0, window.x1), (y, r, s, window.y0, window.y1)):
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -216,4 +216,5 @@ def _range(p, q, r, s, x, y, window, limits):
         inside = (at + offset >= first - 0.5) & (at + offset < last - 0.5)
         low = np.maximum(low, np.where(flat, np.where(inside, -np.inf, np.inf), ends[0]))
         high = np.minimum(high, np.where(flat, np.inf, ends[1]))
-    return low, high
+    none = ~(low <= high)
+    return np.where(none, np.nan, low), np.where(none, np.nan, high)

@@ -28,8 +28,9 @@ from csstsim.render import policy
 from csstsim.render.draw_dispersed import Work, tables_of
 from csstsim.render.far_wings import FarWings
 from csstsim.render.line_wings import add_line, order_wing, points_of
+from csstsim.render.phases import inside
 from csstsim.render.reference import REACH_FFT, convolved, fill, galaxy_profile, lattice, point
-from csstsim.render.slabs import inside, meets
+from csstsim.render.slabs import meets
 from csstsim.render.wings import box_share
 
 NOTHING = Beyond()

@@ -12,7 +12,7 @@ Left out: ghosts of dispersed light.
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numba
 import numpy as np
@@ -20,16 +20,15 @@ import numpy as np
 from csstsim.catalog.flags import FFT_REDUCED, OUTSIDE_PSF_HULL
 from csstsim.optics.beyond import Beyond
 from csstsim.render.far_wings import WHOLE, FarWings
-from csstsim.render.galaxy_stamp import galaxy_stamp, plan_galaxies
+from csstsim.render.galaxy_stamp import plan_galaxies
 from csstsim.render.line_wings import add_line, order_wing, points_of
-from csstsim.render.pixel_sums import pixel_sums
+from csstsim.render.phases import make_phases
 from csstsim.render.psf_mixture import Mixer
 from csstsim.render.scene import BULGE
 
 NOTHING = Beyond()
 PER_PX = 4  # slabs to a pixel of a point's spectrum
 _SLABS = 8.0, 24.0  # to the half-light radius of a disk, of a bulge, which has a peak
-_HEIGHT = 4  # heights of the trace in a pixel between which stamps are interpolated
 _BLOCK = 16  # px of the trace that share a height
 _SIDE = 2  # px that a slab's four neighbours may lie beyond a block
 
@@ -83,7 +82,7 @@ def draw_spectra(
             parts = []
             if lit and meets(x, y, reach[i] + 2 * _BLOCK, window):
                 if phases is None:
-                    phases = _phases(mixer, scene, plan, i, int(reach[i]), int(density[i]), core, side)
+                    phases = make_phases(mixer, scene, plan, i, int(reach[i]), int(density[i]), core, side)
                 drawn, box = _add_slabs(image, response, x - window.x0, y - window.y0, light, mixture, phases)
                 if box.any():
                     parts.append((drawn, box + np.array([window.x0, window.x0, window.y0, window.y0])))
@@ -120,67 +119,6 @@ def meets(x, y, reach, window):
     """Whether a stamp of this reach about some of the places x, y meets the window."""
     across = x.max() + reach >= window.x0 and x.min() - reach < window.x1
     return across and y.max() + reach >= window.y0 and y.min() - reach < window.y1
-
-
-def _phases(mixer, scene, plan, i, reach, density, core, side):
-    """Return (4, density, _HEIGHT, size, size) float32: object i in light of each wavelength of the PSF set.
-
-    It stands column / density, row / _HEIGHT px from a pixel's centre and has light 1. side: (x0, x1, y0, y1) px from
-    the object beyond which its light is cut off.
-    """
-    size, bounds = 2 * reach + 1, (-reach, reach + 1) * 2
-    out = np.empty((4, density, _HEIGHT, size, size), np.float32)
-    one, own, pixels = scene.take(np.array([i])), plan.take(np.array([i])), np.arange(-reach, reach + 1)
-    for band in range(4):
-        share = np.zeros((len(scene.node[i]), 4))
-        share[:, band] = scene.weight[i]
-        if not plan.size[i]:
-            cells = mixer.mixed_cells(scene.node[i], share)
-            cells *= 1 if core is None else core
-            if side != WHOLE:
-                cells *= _inside(
-                    (np.arange(mixer.cells) + 0.5 - mixer.cells / 2) / mixer.per_pixel, mixer.per_pixel, side
-                )
-            _point_phases(out[band], cells, mixer.per_pixel)
-            continue
-        for column, row in np.ndindex(density, _HEIGHT):
-            there = replace(one, x=np.array([column / density]), y=np.array([row / _HEIGHT]))
-            stamp = galaxy_stamp(mixer, there, own, 0, share, bounds, core=core)
-            lit = np.maximum(stamp, 0.0)
-            lit *= stamp.sum() / max(lit.sum(), 1e-300)
-            out[band, column, row] = lit * _inside(pixels, 1, side, column / density, row / _HEIGHT)
-    return out
-
-
-def _point_phases(out, cells, per_pixel):
-    """Fill `out` (density, heights, size, size) with the sums over pixels of a point's cells at each of its phases.
-
-    Phases a whole number of cells apart are sums over the same cells: one pass gives all of them.
-    """
-    density, heights, size, _ = out.shape
-    offsets = [np.arange(count) * per_pixel / count for count in (density, heights)]
-    parts = [np.unique(np.ceil(v) - v) for v in offsets]  # of a cell
-    start, fine = len(cells) / 2 - size / 2 * per_pixel, np.empty((size * per_pixel + per_pixel,) * 2)
-    for part_x in parts[0]:
-        for part_y in parts[1]:
-            pixel_sums(cells, start - per_pixel + part_y, start - per_pixel + part_x, per_pixel, 1, fine)
-            for column, row in np.ndindex(density, heights):
-                x, y = per_pixel - offsets[0][column] - part_x, per_pixel - offsets[1][row] - part_y
-                if x == int(x) and y == int(y):
-                    whole = fine[int(y) :: per_pixel, int(x) :: per_pixel]
-                    out[column, row] = whole[:size, :size]
-
-
-def inside(places, low, high, per_pixel=1):
-    """Return the shares of pixels, or cells `per_pixel` to a pixel, about `places` [px] that lie within low..high."""
-    half = 0.5 / per_pixel
-    return np.clip((np.minimum(places + half, high) - np.maximum(places - half, low)) * per_pixel, 0.0, 1.0)
-
-
-def _inside(places, per_pixel, side, x=0.0, y=0.0):
-    """Return (n, n) float32: the shares of squares about places [px], seen from x, y, that lie in `side`."""
-    across, along = inside(places - y, *side[2:], per_pixel), inside(places - x, *side[:2], per_pixel)
-    return (across[:, None] * along).astype(np.float32)
 
 
 @numba.njit(inline="always")
@@ -235,9 +173,7 @@ def _add_slabs(image, response, x, y, light, mixture, phases):
         drawn += _put(image, response, buffer.reshape(size + 2, pitch), x0, y0)
         box[0], box[1] = min(box[0], max(x0, 0)), max(box[1], min(x0 + pitch, image.shape[1]))
         box[2], box[3] = min(box[2], max(y0, 0)), max(box[3], min(y0 + size + 2, image.shape[0]))
-    if box[1] == 0:
-        box[:] = 0
-    return drawn, box
+    return drawn, box * (box[1] > 0)
 
 
 @numba.njit(cache=True)
