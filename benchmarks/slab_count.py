@@ -83,7 +83,7 @@ def main():
         axis.set_xticks([*COUNTS, 26], [*map(str, COUNTS), "photons"])
         axis.minorticks_off()
         axis.grid(color="0.9", lw=0.5)
-    cost_axis.legend(fontsize=8)
+    error_axis.legend(fontsize=8, loc="upper right")
     figure.suptitle(
         "Objects of 10$^6$ e$^-$. Rings: as many as are used. Photons: triangles are upper limits, set by chance.",
         size=9.5,
