@@ -60,19 +60,24 @@ def moments(image):
 
 @pytest.mark.parametrize("line", [None, (5500.0, 5501.0), (3850.0, 3851.0)])
 def test_a_star_is_the_sum_over_its_spectrum(psf, disperser, line):
-    """Pixel by pixel 5e-4 of the rms, light 1e-6, order by order a centroid of 2e-5 px and a variance of 1e-4 px^2."""
+    """Pixel by pixel 5e-4 of the rms; the first order's light 1e-6, centroid 2e-5 px and variance 1e-4 px^2.
+
+    Faint orders have fewer slabs: light 1e-3, centroid 1e-3 px, variance 1e-2 px^2.
+    """
     spectrum = spectrum_of(disperser, 1e6, *line) if line else spectrum_of(disperser, 1e6)
     image, out = draw(scene_of(psf, X, Y), spectrum, disperser, psf)
     assert rms(image, whole(disperser, spectrum)) < 5e-4
     assert out.drawn.sum() == pytest.approx(image.sum(), rel=1e-9)
     for o, (x0, x1, y0, y1) in enumerate(out.box[0]):
         light = spectrum * disperser.rates[0, o]
-        assert out.drawn[0, o] == pytest.approx(light.sum(), rel=1e-6 if x0 > WINDOW.x0 else 1e-4)
+        loose = 1 if disperser.orders[o] == 1 else 50
+        assert out.drawn[0, o] == pytest.approx(light.sum(), rel=loose * (1e-6 if x0 > WINDOW.x0 else 1e-4))
         cut = slice(y0 - WINDOW.y0, y1 - WINDOW.y0), slice(x0 - WINDOW.x0, x1 - WINDOW.x0)
         found, wanted = moments(image[cut]), moments(by_hand(disperser, WINDOW, X, Y, light, o, 0)[cut])
-        assert np.abs(np.subtract(found, wanted))[:2].max() < 2e-5
+        assert np.abs(np.subtract(found, wanted))[:2].max() < loose * 2e-5
         # Across, that of a Gaussian to 15 px; along, of up to 1000 px, twice the length times the centroid's
-        assert abs(found[3] - wanted[3]) < 1e-4 and abs(found[2] - wanted[2]) < 1e-4 + 1e-7 * wanted[2]
+        assert abs(found[3] - wanted[3]) < loose * 1e-4
+        assert abs(found[2] - wanted[2]) < loose * (1e-4 + 1e-7 * wanted[2])
     lit = np.zeros(WINDOW.shape, bool)
     for x0, x1, y0, y1 in out.box[0]:
         lit[y0 - WINDOW.y0 : y1 - WINDOW.y0, x0 - WINDOW.x0 : x1 - WINDOW.x0] = True

@@ -5,9 +5,9 @@ four wavelengths of the PSF set. Its spectrum's bins are dealt out to slabs `1 /
 bin to four of them by the cubic through them, so that light, centroid and width of a line stay. A slab is the mixture
 of the stamps of its sub-pixel phase at each wavelength of the PSF set, times their light; the height of the trace is
 that of the middle of 16 px. Slabs need not be denser than the image is sharp: `per_px` falls with the size of a
-galaxy's components (`densities`). Light beyond the PSF's box is added every 8 px (render.line_wings). What falls
-beyond a grating's piece is cut off the cells of a PSF, the pixels of a galaxy, by the share of each, and off the wings.
-Left out: ghosts of dispersed light.
+galaxy's components (`densities`), and for faint orders. Light beyond the PSF's box is added every 8 px
+(render.line_wings). What falls beyond a grating's piece is cut off the cells of a PSF, the pixels of a galaxy, by the
+share of each, and off the wings. Left out: ghosts of dispersed light.
 """
 
 import math
@@ -22,6 +22,7 @@ from csstsim.optics.beyond import Beyond
 from csstsim.render.far_wings import WHOLE, FarWings
 from csstsim.render.galaxy_stamp import plan_galaxies
 from csstsim.render.line_wings import add_line, order_wing, points_of
+from csstsim.render.numbers import load_numbers
 from csstsim.render.phases import make_phases
 from csstsim.render.psf_mixture import Mixer
 from csstsim.render.scene import BULGE
@@ -73,7 +74,7 @@ def draw_spectra(
         side = tuple(disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2)) if cut else WHOLE
         lit = max(side[0], -side[1], side[2], -side[3]) < reach[i] + 1
         core = mixer.core if beyond.wing is not None else None
-        phases = None
+        phases, brightest = None, np.einsum("ob,b->o", disperser.rates[piece], spectra[i]).max()
         for o, (p, q, r, s) in enumerate(lines[v].tolist()):
             light = spectra[i] * disperser.rates[piece, o]
             if not light.sum() > 0:
@@ -83,7 +84,8 @@ def draw_spectra(
             if lit and meets(x, y, reach[i] + 2 * _BLOCK, window):
                 if phases is None:
                     phases = make_phases(mixer, scene, plan, i, int(reach[i]), int(density[i]), core, side)
-                drawn, box = _add_slabs(image, response, x - window.x0, y - window.y0, light, mixture, phases)
+                some = phases[:, :: _sparser(int(density[i]), light.sum() / brightest)]
+                drawn, box = _add_slabs(image, response, x - window.x0, y - window.y0, light, mixture, some)
                 if box.any():
                     parts.append((drawn, box + np.array([window.x0, window.x0, window.y0, window.y0])))
             if beyond.wing is not None:
@@ -113,6 +115,15 @@ def densities(scene, per_px):
     most = np.broadcast_to(per_px, len(scene))
     mean = (scene.light * np.clip(wanted, 1, most[:, None])).sum(axis=1)
     return np.clip(2 ** np.round(np.log2(mean)), 1, most).astype(int)
+
+
+def _sparser(density, share):
+    """Return by how much fewer slabs, two to a pixel at least, a faint order of this share of the light may have."""
+    errors = load_numbers().error.slabs
+    step = 1
+    while density // (2 * step) >= 2 and errors.get(density // (2 * step), np.inf) * share <= errors.get(density, 0.0):
+        step *= 2
+    return step
 
 
 def meets(x, y, reach, window):
