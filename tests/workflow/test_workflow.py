@@ -65,7 +65,7 @@ def content(campaign):
         orders = path.with_suffix(".orders.parquet")
         if orders.exists():
             table = ObjectTable.read(orders)
-            found[orders.name] = {name: table[name].tolist() for name in table.names}
+            found[orders.name] = {n: table[n].astype(str).tolist() for n in table.names}  # NaN is not itself
     return found
 
 
