@@ -7,7 +7,8 @@ Light of wavelength lambda that would fall on x, y without the grating lands in 
 with p, q, r, s of x, y (instrument.grating.Order.lines). Spectra are means over bins of `edges`, at most a quarter of a
 pixel of the first order wide; an order's electrons in a bin are the mean density times `rates`, which holds the
 throughput's exact integral. The PSF at lambda is the mixture of the two nearest of the four wavelengths of the PSF set,
-linear in lambda; beyond the outer ones it is theirs.
+linear in lambda; beyond the outer ones it is theirs. Objects too faint for a line's place to be seen to a pixel make do
+with the bins of `Disperser.coarse`.
 """
 
 from functools import cached_property
@@ -16,19 +17,25 @@ import numpy as np
 
 from csstsim.instrument.filter import GRID
 
-_BINS_PER_PX = 4  # at least
+_BINS_PER_PX = 4, 1  # at least, of a pixel of the first order; in `coarse`
 _STEP = GRID[1] - GRID[0]
 
 
 class Disperser:
     """What the two gratings of a chip do to light; `pieces` are 0, left, and 1, right."""
 
-    def __init__(self, gratings, filter, telescope):
+    def __init__(self, gratings, filter, telescope, bins_per_px=_BINS_PER_PX[0]):
+        self._made_of, self._bins_per_px = (gratings, filter, telescope), bins_per_px
         self.gratings, self.area = gratings, telescope.area_m2
         self.orders = gratings.numbers
         self.rectangles = np.array([rectangle for _, rectangle in gratings.pieces])
         self.wavelengths = filter.psf_wavelength
         self._pieces = [grating for grating, _ in gratings.pieces]
+
+    @cached_property
+    def coarse(self):
+        """The same with few bins, for faint objects."""
+        return Disperser(*self._made_of, _BINS_PER_PX[1])
 
     @cached_property
     def edges(self):
@@ -38,7 +45,7 @@ class Disperser:
         middles = 0.5 * (self.rectangles[:, ::2] + self.rectangles[:, 1::2])
         pairs = zip(self._pieces, middles, strict=True)
         per_px = min(1 / abs(piece.orders[1].lines(*middle)[1]) for piece, middle in pairs)  # angstrom
-        step = max(int(per_px / _BINS_PER_PX / _STEP), 1)
+        step = max(int(per_px / self._bins_per_px / _STEP), 1)
         first = max(first - 1, 0)
         count = min(-(-(last + 1 - first) // step), (len(GRID) - 1 - first) // step)
         return GRID[first : first + count * step + 1 : step]

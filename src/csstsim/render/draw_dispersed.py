@@ -20,7 +20,8 @@ from csstsim.render.psf_mixture import Mixer
 from csstsim.render.scene import make_scene
 from csstsim.render.slabs import draw_spectra
 
-CHUNK = {policy.PHOTONS: 512, policy.STAMP: 2048}  # objects at a time: spectra in cache; few passes for far wings
+# Objects at a time, by method and whether bins are coarse: spectra in cache; few passes for far wings
+CHUNK = {(policy.STAMP, False): 2048, (policy.PHOTONS, False): 512, (policy.PHOTONS, True): 2048}
 _UNDRAWN = BAD_VALUE | STRONG_LENSING
 FAINTEST = 1.0  # electron: an order with less, none of which was drawn, has no row in the table of orders
 _STRIP = 64  # px: objects are taken in strips, so that their pixels are in cache
@@ -51,19 +52,20 @@ def draw_dispersed(
     own = _visit_keys(keys, visits)
     order = np.lexsort((scene.x, np.floor(scene.y / _STRIP), scene.node[:, 0])) if len(rows) else np.zeros(0, int)
     place = np.empty(len(rows), int)
-    for kind in (policy.STAMP, policy.PHOTONS):
-        mine = order[choice.method[order] == kind]
-        for start in range(0, len(mine), CHUNK[kind]):
-            chunk = mine[start : start + CHUNK[kind]]
+    for (kind, coarse), size in CHUNK.items():
+        mine = order[(choice.method[order] == kind) & (choice.coarse[order] == coarse)]
+        optics = disperser.coarse if coarse else disperser
+        for start in range(0, len(mine), size):
+            chunk = mine[start : start + size]
             place[:] = -1
             place[chunk] = np.arange(len(chunk))
             at = np.flatnonzero(place[visits[:, 0]] >= 0)
             some = np.column_stack([place[visits[at, 0]], visits[at, 1:]])
-            light = spectra(rows[chunk], disperser.edges) * exptime
+            light = spectra(rows[chunk], optics.edges) * exptime
             bad = ~(np.isfinite(light) & (light >= 0)).all(axis=1)
             light[bad], work.flags[rows[chunk[bad]]] = 0.0, work.flags[rows[chunk[bad]]] | BAD_VALUE
             choice.method[chunk[bad]] = policy.NONE
-            result.nominal(at, some, light)
+            result.nominal(at, some, light, optics.rates)
             begin = time.process_time()
             if kind == policy.STAMP:
                 drawn = draw_spectra(
@@ -75,7 +77,7 @@ def draw_dispersed(
                 result.ms[at] = drawn.ms
             else:
                 result.drawn[at], result.box[at] = shoot_spectra(
-                    counted, window, scene.take(chunk), light, some, disperser, own[at], tables, response, maximum,
+                    counted, window, scene.take(chunk), light, some, optics, own[at], tables, response, maximum,
                     beyond.wing,
                 )  # fmt: skip
                 result.ms[at] = 1000 * (time.process_time() - begin) / max(len(at), 1)
@@ -105,13 +107,13 @@ class _Result:
         self.window = window
         shape = len(visits), len(disperser.orders)
         self.electrons, self.drawn, self.box = np.zeros(shape), np.zeros(shape), np.zeros((*shape, 4), np.int64)
-        self.ms, self._rates = np.zeros(len(visits)), disperser.rates
+        self.ms = np.zeros(len(visits))
 
-    def nominal(self, at, visits, light):
-        """Note the electrons of visits: (n, bins) light of their objects."""
+    def nominal(self, at, visits, light, rates):
+        """Note the electrons of visits: (n, bins) light of their objects, rates of a Disperser of the same bins."""
         for piece in range(2):
             mine = visits[:, 1] == piece
-            self.electrons[at[mine]] = _sums(light, visits[mine, 0], self._rates[piece])
+            self.electrons[at[mine]] = _sums(light, visits[mine, 0], rates[piece])
 
 
 @numba.njit(cache=True)

@@ -2,8 +2,8 @@
 
 The spectrum stands as points LINE_STEP apart, less than the radius at which boxes fade (22 px). Their wings' sum is
 smooth along and across: near the trace it is read every 8 px of every fourth row, with cubics between, to 4% of its top
-where boxes fade and 1% beyond; beyond NEAR to twice that it goes to the mesh of render.far_wings, every few points
-together. Where an edge cuts the light before it is dispersed, that of each point's wing is softened over the points'
+where boxes fade and 1% beyond; beyond half of NEAR it goes over to the mesh of render.far_wings, three points together,
+then eight. Where an edge cuts the light before it is dispersed, that of each point's wing is softened over the points'
 distance, so their sum has no steps.
 """
 
@@ -13,11 +13,13 @@ import numba
 import numpy as np
 
 from csstsim.render.far_wings import NEAR, WHOLE, between
-from csstsim.render.octaves import read
-from csstsim.render.wings import BLOCK, CUBIC, FIRST, add_faint, near_part, octaves_of, wing_table
+from csstsim.render.octaves import BITS, read
+from csstsim.render.wings import BLOCK, CUBIC, FIRST, add_faint, ending, near_part, octaves_of, shown
 
 LINE_STEP = 8.0  # px
 _FAR_POINTS = 8
+_TIERS = (1, 0.5 * NEAR), (3, NEAR), (_FAR_POINTS, math.inf)  # points together, px from which the next tier takes over
+_LONG = 3  # such radii: shorter wings are left to one tier
 _ROWS = BLOCK // 2  # px between rows that are read
 
 
@@ -49,45 +51,68 @@ def add_line(image, response, window, places, flux, wing, wing_px, half, far, si
     (x0, x1, y0, y1) px from each place beyond which its wing is cut off. The box is (x0, x1, y0, y1) on the chip,
     half-open.
     """
-    drawn, boxes = 0.0, []
-    whole = 0 < wing_px <= 2 * NEAR
-    if wing_px > 0:
-        near = 1.0 if whole else near_part(octaves_of(wing_px))
-    if not whole:
+    if wing_px <= 0:
+        at, light = _together(places, flux, _FAR_POINTS)
         soft = _FAR_POINTS * LINE_STEP
-        groups = np.arange(0, len(places), _FAR_POINTS)
-        light = np.add.reduceat(flux, groups)
-        at = np.add.reduceat(flux.sum(axis=1)[:, None] * places, groups) / light.sum(axis=1)[:, None]
-        tables = wing_table(wing, light, half, wing_px) * (1 - near) if wing_px > 0 else None
-        for k, (x, y) in enumerate(at.tolist()):
-            if tables is None:
-                drawn += add_faint(far, x, y, light[k], wing, half, side, soft)
-                continue
-            added = far.add(x, y, wing_px, tables[k], FIRST, side, soft)
-            if added:
-                drawn += added[0]
-                boxes.append(added[1])
-    if wing_px > 0:
-        reach = min(wing_px, 2 * NEAR)
-        (x0, y0), (x1, y1) = places.min(axis=0) - reach, places.max(axis=0) + reach
-        box = [max(math.ceil(x0), window.x0), min(math.floor(x1) + 1, window.x1)]
-        box += [max(math.ceil(y0), window.y0), min(math.floor(y1) + 1, window.y1)]
-        if box[0] < box[1] and box[2] < box[3]:
-            cut = slice(box[2] - window.y0, box[3] - window.y0), slice(box[0] - window.x0, box[1] - window.x0)
-            tables = wing_table(wing, flux, half, wing_px) * near
-            corner = np.array([box[0], box[2]], float)
-            drawn += _add_near(image[cut], response[cut], places - corner, reach, tables, side)
-            boxes.append(tuple(box))
+        return sum(add_faint(far, *xy, bands, wing, half, side, soft) for xy, bands in zip(at, light, strict=True)), None
+    drawn, boxes, octaves, taken = 0.0, [], octaves_of(wing_px), 0.0
+    for points, radius in _TIERS:
+        reach = wing_px if wing_px < _LONG * radius else 2 * radius
+        until = near_part(octaves, radius) if reach < wing_px else 1.0
+        at, light = _together(places, flux, points)
+        tables = _tables(wing, light, half, wing_px, until - taken, octaves_of(reach))
+        if points == 1:
+            added = [_near(image, response, window, at, tables, reach, side)]
+        else:
+            soft = points * LINE_STEP
+            added = [far.add(*xy, reach, table, FIRST, side, soft) for xy, table in zip(at, tables, strict=True)]
+        for electrons, box in filter(None, added):
+            drawn += electrons
+            boxes.append(box)
+        taken = until
+        if reach == wing_px:
+            break
     if not boxes:
         return drawn, None
     x0, x1, y0, y1 = np.transpose(boxes)
     return drawn, (x0.min(), x1.max(), y0.min(), y1.max())
 
 
+def _together(places, flux, points):
+    """Return places and light of so many points together."""
+    if points == 1:
+        return places, flux
+    groups = np.arange(0, len(places), points)
+    light, weight = np.add.reduceat(flux, groups), flux.sum(axis=1)[:, None]
+    return np.add.reduceat(weight * places, groups) / np.add.reduceat(weight, groups), light
+
+
+def _tables(wing, flux, half, wing_px, share, octaves):
+    """Return the tables (m, nodes) of wings of flux (m, 4), as `wing_table`, times a share (nodes,), up to `octaves`."""
+    profile = shown(wing, half, octaves_of(wing_px)) * share
+    end, taper = ending(wing_px)
+    profile[:, end:] *= taper
+    nodes = (octaves << BITS) + 1
+    return np.einsum("mb,br->mr", flux, profile[:, :nodes])  # no BLAS: bits
+
+
+def _near(image, response, window, places, tables, reach, side):
+    """Add the tables' values around places on the chip, pixel by pixel; return (electrons, box), None if they miss."""
+    (x0, y0), (x1, y1) = places.min(axis=0) - reach, places.max(axis=0) + reach
+    box = max(math.ceil(x0), window.x0), min(math.floor(x1) + 1, window.x1)
+    box += max(math.ceil(y0), window.y0), min(math.floor(y1) + 1, window.y1)
+    if box[0] >= box[1] or box[2] >= box[3]:
+        return None
+    cut = box[0] - window.x0, box[1] - window.x0, box[2] - window.y0, box[3] - window.y0
+    corner = np.array([box[0], box[2]], float)
+    return _add_near(image, response, cut, places - corner, reach, tables, side), box
+
+
 @numba.njit(cache=True)
-def _add_near(image, response, places, reach, tables, side):
-    """Add the tables' values around places (m, 2), pixel positions of `image`; return the sum."""
-    ny, nx = image.shape
+def _add_near(image, response, box, places, reach, tables, side):
+    """Add the tables' values around places (m, 2), seen from the corner of a box of pixels; return the sum."""
+    x0, x1, y0, y1 = box
+    ny, nx = y1 - y0, x1 - x0
     columns, rows = nx // BLOCK + 4, ny // _ROWS + 4  # mesh point 1 stands at pixel 0
     mesh = np.zeros((rows, columns))
     place = np.empty(1)
@@ -103,7 +128,7 @@ def _add_near(image, response, places, reach, tables, side):
                 dx = (column - 1) * BLOCK - x
                 place[0] = dy2 + dx * dx
                 mesh[row, column] += read(tables[m], FIRST, bits[0]) * inside * between(dx, side[0], side[1], LINE_STEP)
-    line, total = np.empty(columns), 0.0
+    line, values, sums = np.empty(columns), np.empty(columns * BLOCK), np.zeros(BLOCK)
     for row in range(ny):
         at, phase = row // _ROWS + 1, row % _ROWS * (BLOCK // _ROWS)
         for j in range(columns):
@@ -111,15 +136,20 @@ def _add_near(image, response, places, reach, tables, side):
                 CUBIC[0, phase] * mesh[at - 1, j] + CUBIC[1, phase] * mesh[at, j] + CUBIC[2, phase] * mesh[at + 1, j]
                 + CUBIC[3, phase] * mesh[at + 2, j]
             )  # fmt: skip
-        for x in range(0, nx, BLOCK):
-            j = x // BLOCK + 1
-            for k in range(min(BLOCK, nx - x)):
+        seen, lit = response[y0 + row, x0:x1], image[y0 + row, x0:x1]
+        for j in range(columns - 3):
+            part = values[j * BLOCK : (j + 1) * BLOCK]
+            for k in range(BLOCK):
                 value = (
-                    CUBIC[0, k] * line[j - 1] + CUBIC[1, k] * line[j] + CUBIC[2, k] * line[j + 1]
-                    + CUBIC[3, k] * line[j + 2]
+                    CUBIC[0, k] * line[j] + CUBIC[1, k] * line[j + 1] + CUBIC[2, k] * line[j + 2]
+                    + CUBIC[3, k] * line[j + 3]
                 )  # fmt: skip
-                if value > 0.0:
-                    value *= response[row, x + k]
-                    image[row, x + k] += value
-                    total += value
-    return total
+                part[k] = max(value, 0.0)
+        values[nx:] = 0.0
+        for x in range(nx):
+            values[x] *= seen[x]
+            lit[x] += values[x]
+        for x in range(0, nx, BLOCK):
+            for k in range(BLOCK):
+                sums[k] += values[x + k]
+    return sums.sum()

@@ -53,6 +53,7 @@ class Error(Model):
     psf: dict[Literal[2, 4], float] = Field(min_length=2, description="share of S/N, by cells of the PSF to a pixel")
     stamp: StampError
     slabs: dict[Literal[1, 2, 4, 8], float] = Field(min_length=4, description="share of S/N, by slabs to a pixel")
+    bins: float = Field(gt=0, description="share of S/N, of a spectrum in bins of a pixel")
 
 
 class Numbers(Model):

@@ -50,7 +50,7 @@ def _point_phases(out, cells, per_pixel):
     density, heights, size, _ = out.shape
     offsets = [np.arange(count) * per_pixel / count for count in (density, heights)]
     parts = [np.unique(np.ceil(v) - v) for v in offsets]  # of a cell
-    start, fine = len(cells) / 2 - size / 2 * per_pixel, np.empty((size * per_pixel + per_pixel,) * 2)
+    start, fine = len(cells) / 2 - size / 2 * per_pixel, np.empty((size * per_pixel + per_pixel,) * 2, np.float32)
     for part_x in parts[0]:
         for part_y in parts[1]:
             pixel_sums(cells, start - per_pixel + part_y, start - per_pixel + part_x, per_pixel, 1, fine)

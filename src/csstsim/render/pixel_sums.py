@@ -32,6 +32,14 @@ def pixel_sums(cells, start_y, start_x, per_pixel, step, out):
                 source = cells[y]
                 for x in range(nx):
                     inner[x] += weight * source[x]
+        if step == 1:  # neighbours in `line` give neighbours in `out`: whole rows, tap by tap
+            sums = out[row]
+            sums[:] = 0.0
+            for i in range(taps):
+                weight, part = taps_x[i], line[before + first_x + i : before + first_x + i + len(sums)]
+                for column in range(len(sums)):
+                    sums[column] += weight * part[column]
+            continue
         for column in range(out.shape[1]):
             at = before + first_x + column * step
             total = np.float32(0.0)

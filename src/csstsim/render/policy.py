@@ -39,6 +39,7 @@ class Choice:
     error: np.ndarray  # (n,) predicted, in units of the object's own noise
     snr: np.ndarray  # (n,)
     per_px: np.ndarray | None = None  # (n,) slabs to a pixel of a point's spectrum, where light is dispersed
+    coarse: np.ndarray | None = None  # (n,) whether Disperser.coarse has bins enough
 
 
 def choose(scene, reach, wing, variance, fidelity, *, convex, per_pixel, maximum=1.0, ghosts=False):
@@ -83,7 +84,8 @@ def choose_dispersed(scene, reach, wing, variance, fidelity, disperser, *, conve
     photons = (electrons * maximum < PHOTONS_MAX) & convex & (fidelity != "noise_free")
     choice = _cheapest(scene, reach, wing, snr, (shot, slabs), photons, numbers, fidelity, per_pixel)
     choice.method[electrons <= 0] = NONE
-    return replace(choice, per_px=per_px)
+    coarse = (choice.method == PHOTONS) & (snr * numbers.error.bins <= numbers.presets[fidelity].eps)
+    return replace(choice, per_px=per_px, coarse=coarse)
 
 
 def slab_counts(snr, numbers, eps, per_pixel):

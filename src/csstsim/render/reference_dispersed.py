@@ -61,7 +61,7 @@ def draw_objects(image, window, objects, spectra, disperser, wcs, psf, exptime, 
         start = time.process_time()
         i, piece, cut = work.visits[v].tolist()
         light = spectra(work.rows[i : i + 1], disperser.edges) * exptime
-        result.nominal(np.array([v]), np.array([[0, piece, cut]]), light)
+        result.nominal(np.array([v]), np.array([[0, piece, cut]]), light, disperser.rates)
         nodes = sum(w * psf.node(n) for n, w in zip(scene.node[i], scene.weight[i], strict=True)) * core
         side = disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2) if cut else None
         profiles = _profiles(part, i, jacobian[i], nodes, psf.oversampling, reach[i], side)

@@ -59,7 +59,7 @@ def draw_spectra(
         np.zeros((count, orders)), np.zeros((count, orders, 4), np.int64), np.zeros(count, np.int32),
         np.zeros(count, np.float32),
     )  # fmt: skip
-    response = np.broadcast_to(np.ones((), np.float32), window.shape) if response is None else response
+    response = np.ones(window.shape, np.float32) if response is None else response
     reach = np.asarray(reach, int)
     half = mixer.cells / 2 / mixer.per_pixel
     far, centres = FarWings(window, response), 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
@@ -84,7 +84,7 @@ def draw_spectra(
             if lit and meets(x, y, reach[i] + 2 * _BLOCK, window):
                 if phases is None:
                     phases = make_phases(mixer, scene, plan, i, int(reach[i]), int(density[i]), core, side)
-                some = phases[:, :: _sparser(int(density[i]), light.sum() / brightest)]
+                some = np.ascontiguousarray(phases[:, :: _sparser(int(density[i]), light.sum() / brightest)])
                 drawn, box = _add_slabs(image, response, x - window.x0, y - window.y0, light, mixture, some)
                 if box.any():
                     parts.append((drawn, box + np.array([window.x0, window.x0, window.y0, window.y0])))
@@ -146,9 +146,11 @@ def _add_slabs(image, response, x, y, light, mixture, phases):
     x must rise or fall. The box is x0, x1, y0, y1, half-open; all 0: nothing was added.
     """
     bins, density, size = len(x), phases.shape[1], phases.shape[3]
-    reach, pitch = size // 2, size + _BLOCK + 2 * _SIDE
-    stamps = np.zeros((2, density, (size + 2) * pitch), np.float32)
-    buffer, slabs = np.empty((size + 2) * pitch, np.float32), np.empty((4, (pitch - size) * density))
+    reach, wide = size // 2, _BLOCK + 2 * _SIDE
+    rows, pitch = size + 2, size + wide
+    buffer, stamps = np.empty((rows, pitch), np.float32), np.empty((4 * density, size), np.float32)
+    slabs = np.empty((4, wide * density))
+    factors, used, cubic = np.empty((4 * density, wide), np.float32), np.empty(4, np.int64), np.empty(4, np.float32)
     drawn, box, b = 0.0, np.array([image.shape[1], 0, image.shape[0], 0]), 0
     while b < bins:
         block, end = math.floor(x[b] / _BLOCK), b + 1
@@ -164,45 +166,64 @@ def _add_slabs(image, response, x, y, light, mixture, phases):
         height /= total
         row = math.floor(height + 0.5)
         x0, y0 = block * _BLOCK - _SIDE - reach, row - reach - 1
-        if x0 + pitch <= 0 or x0 >= image.shape[1] or y0 + size + 2 <= 0 or y0 >= image.shape[0]:
+        if x0 + pitch <= 0 or x0 >= image.shape[1] or y0 + rows <= 0 or y0 >= image.shape[0]:
             continue
         _deal(slabs, x, light, mixture, begin, end, block * _BLOCK - _SIDE, density)
+        bands = 0
+        for f in range(4):
+            if slabs[f].any():
+                for phase in range(density):
+                    factors[bands * density + phase] = slabs[f, phase::density]
+                used[bands] = f
+                bands += 1
+        heights = phases.shape[2]
+        first = math.floor((height - row) * heights)
+        cubic[:] = _cubic((height - row) * heights - first)
         buffer[:] = 0.0
-        bands = np.flatnonzero(np.array([slabs[f].any() for f in range(4)]))
-        for start in range(0, len(bands), 2):
-            pair = bands[start : start + 2]
-            for k in range(len(pair)):
-                _raise(stamps[k], phases[pair[k]], height - row, pitch)
-            one, two = slabs[pair[0]], slabs[pair[-1]]
-            for j in range(slabs.shape[1]):
-                at, phase = j // density, j % density
-                if len(pair) == 1:
-                    _add(buffer[at:], stamps[0, phase][: len(buffer) - at], np.float32(one[j]))
-                elif one[j] != 0.0 or two[j] != 0.0:
-                    first, second = stamps[0, phase][: len(buffer) - at], stamps[1, phase][: len(buffer) - at]
-                    _add_two(buffer[at:], first, np.float32(one[j]), second, np.float32(two[j]))
-        drawn += _put(image, response, buffer.reshape(size + 2, pitch), x0, y0)
+        for line in range(rows):
+            _raise(stamps, phases, used[:bands], cubic, first, line - 1)
+            _lay(buffer[line], stamps[: bands * density], factors[: bands * density])
+        drawn += _put(image, response, buffer, x0, y0)
         box[0], box[1] = min(box[0], max(x0, 0)), max(box[1], min(x0 + pitch, image.shape[1]))
-        box[2], box[3] = min(box[2], max(y0, 0)), max(box[3], min(y0 + size + 2, image.shape[0]))
+        box[2], box[3] = min(box[2], max(y0, 0)), max(box[3], min(y0 + rows, image.shape[0]))
     return drawn, box * (box[1] > 0)
 
 
 @numba.njit(cache=True)
-def _raise(stamps, phases, height, pitch):
-    """Fill stamps (density, rows x pitch) with those of one wavelength at a height [px] above a pixel's centre.
+def _raise(stamps, phases, bands, cubic, first, row):
+    """Fill stamps (bands x density, size) with one row of those that stand `first` heights, and a part, up.
 
-    Rows are one more on each side: the cubic through four heights reaches over pixels.
+    The part is in `cubic`, the weights of four heights; the row may lie beyond the stamp, where nothing is.
     """
-    density, heights, size, _ = phases.shape
+    _, density, heights, size, _ = phases.shape
     stamps[:] = 0.0
-    first = math.floor(height * heights)
-    cubic = _cubic(height * heights - first)
     for k in range(4):
-        pixel, phase = (first - 1 + k) // heights, (first - 1 + k) % heights
-        for column in range(density):
-            for row in range(size):
-                start = (1 + pixel + row) * pitch
-                _add(stamps[column, start : start + size], phases[column, phase, row], np.float32(cubic[k]))
+        at, phase = row - (first - 1 + k) // heights, (first - 1 + k) % heights
+        if not 0 <= at < size:
+            continue
+        factor = cubic[k]
+        for band in range(len(bands)):
+            for column in range(density):
+                stamp, values = stamps[band * density + column], phases[bands[band], column, phase, at]
+                for j in range(size):
+                    stamp[j] += factor * values[j]
+
+
+@numba.njit(cache=True, fastmath={"contract"})
+def _lay(line, stamps, factors):
+    """Add stamps (n, size) to a line at each of its first places, times factors (n, places); four at a time."""
+    count, size = stamps.shape
+    for at in range(factors.shape[1]):
+        out = line[at : at + size]
+        for k in range(0, count - 3, 4):
+            a, b, c, d = factors[k, at], factors[k + 1, at], factors[k + 2, at], factors[k + 3, at]
+            one, two, three, four = stamps[k], stamps[k + 1], stamps[k + 2], stamps[k + 3]
+            if a != 0.0 or b != 0.0 or c != 0.0 or d != 0.0:
+                for j in range(size):
+                    out[j] += a * one[j] + b * two[j] + c * three[j] + d * four[j]
+        for k in range(count - count % 4, count):
+            for j in range(size):
+                out[j] += factors[k, at] * stamps[k, j]
 
 
 @numba.njit(cache=True)
@@ -221,18 +242,6 @@ def _deal(slabs, x, light, mixture, begin, end, start, density):
             if part > 0.0:
                 for i in range(4):
                     slabs[f, j - 1 + i] += part * cubic[i]
-
-
-@numba.njit(cache=True)
-def _add(out, values, factor):
-    for k in range(len(values)):
-        out[k] += factor * values[k]
-
-
-@numba.njit(cache=True)
-def _add_two(out, first, one, second, two):
-    for k in range(len(first)):
-        out[k] += one * first[k] + two * second[k]
 
 
 @numba.njit(cache=True)

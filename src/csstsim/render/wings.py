@@ -49,10 +49,17 @@ def box_share(cells, per_pixel):
 def wing_table(wing, flux, half, reach):
     """Return the wing per pixel on octaves of r^2. flux: (..., 4) electrons; half: of the box [px]; reach in px."""
     octaves = octaves_of(reach)
-    r, table = _radii(octaves), np.einsum("...b,br->...r", flux, shown(wing, half, octaves))  # no BLAS: bits
-    end = np.searchsorted(r, _TAPER * reach)
-    table[..., end:] *= step(r[end:], _TAPER * reach, reach)
+    table = np.einsum("...b,br->...r", flux, shown(wing, half, octaves))  # no BLAS: bits
+    end, taper = ending(reach)
+    table[..., end:] *= taper
     return table
+
+
+def ending(reach):
+    """Return the first node of the tables at which a wing is faded out, and by what, from there on."""
+    r = _radii(octaves_of(reach))
+    end = np.searchsorted(r, _TAPER * reach)
+    return end, step(r[end:], _TAPER * reach, reach)
 
 
 @lru_cache
@@ -69,9 +76,9 @@ def shown(wing, half, octaves):
 
 
 @lru_cache
-def near_part(octaves):
-    """Return the part of a long wing that is drawn here, not by the FarWings."""
-    return step(_radii(octaves), NEAR, 2 * NEAR)
+def near_part(octaves, near=NEAR):
+    """Return the part of a long wing that is drawn here, not by the FarWings: all up to `near` px, none at twice."""
+    return step(_radii(octaves), near, 2 * near)
 
 
 def octaves_of(reach):
