@@ -120,7 +120,8 @@ def test_photons_and_slabs_draw_one_scene(sky, tables):
 def test_chunks_and_company_change_no_bit_of_photons(sky, tables, monkeypatch):
     objects = sky.select(WINDOW)
     _, drawn, orders, counted = sky.draw(objects, WINDOW, "standard", tables)
-    monkeypatch.setitem(engine.CHUNK, policy.PHOTONS, 5)
+    for coarse in (False, True):
+        monkeypatch.setitem(engine.CHUNK, (policy.PHOTONS, coarse), 5)
     _, again, orders_again, counted_again = sky.draw(objects, WINDOW, "standard", tables)
     assert (counted == counted_again).all() and (drawn["drawn"] == again["drawn"]).all()
     assert (orders["drawn"] == orders_again["drawn"]).all()

@@ -26,10 +26,13 @@ from csstsim.render.places import (
     tail_table,
 )
 
-_ONE, _TWO, _THREE, _FOUR = (np.uint64(k) for k in (1, 2, 3, 4))
+_ONE, _TWO, _FOUR = (np.uint64(k) for k in (1, 2, 4))
+_S26, _S36 = np.uint64(26), np.uint64(36)  # a word in three: 26, 10 and 28 bits
+_LOW26, _LOW10 = np.uint64((1 << 26) - 1), np.uint64((1 << 10) - 1)
+_UNIT26, _UNIT10, _UNIT28 = 2.0**-26, 2.0**-10, 2.0**-28
 _BATCH = 512
 _GUIDE = 8192  # at most: entries of the table that begins the search for a wavelength
-_DENSE = 1.0  # electrons a bin above which each bin has its own Poisson number
+_DENSE = 8.0  # electrons a bin above which each bin has its own Poisson numbers
 _AWAY = 1e9  # px: where electrons go that fall beyond a piece
 
 
@@ -149,22 +152,43 @@ def _choose(number, draw, psf, work, key, counter):
 
 @numba.njit(cache=True)
 def _by_bins(mean, draw, place, image, psf, tail, work, results, key, counter):
-    """Draw an object of many electrons, a Poisson number for each bin; return the counter. mean: of light 1."""
-    running = draw[0]
-    near, far = 0, _BATCH
-    for b in range(len(running) - 1):
-        light = mean * (running[b + 1] - running[b])
-        if light <= 0.0:
-            continue
-        number, counter = poisson(light, key, counter)
-        for _ in range(number):
-            near, far = _assign(b, near, far, draw, psf, work, key, counter)
-            counter += _THREE
-            if near == far:
-                counter = _land(near, _BATCH, place, image, psf, tail, work, results, key, counter)
-                near, far = 0, _BATCH
-    # Those beyond the box stand at the end: they close up to the others
+    """Draw an object of many electrons node by node and PSF wavelength by wavelength; return the counter.
+
+    Each bin has a Poisson number. mean: electrons of light 1.
+    """
+    running, _, shares, between, start, step, nodes, index, lines = draw
     first, order, _, _, shift_x, shift_y = work
+    near, far, before = 0, _BATCH, 0.0
+    for k in range(len(index)):
+        weight, before = mean * (nodes[k] - before) / nodes[-1], nodes[k]
+        for f in range(4 if weight > 0.0 else 0):
+            node = index[k]
+            inner, outer = psf[1][node, f, 0], psf[1][node, f, 1]
+            word_inner, word_outer = first_word(node, f, 0, psf[2]), first_word(node, f, 1, psf[2])
+            for b in range(len(between)):
+                light = weight * (1.0 - abs(between[b] - f)) * (running[b + 1] - running[b])
+                if light <= 0.0:
+                    continue
+                number, counter = poisson(light, key, counter)
+                share = shares[b]
+                for _ in range(number):
+                    bits = word(key, counter)
+                    counter += _ONE
+                    u = (np.float64(np.int64(bits >> _S36)) + 0.5) * _UNIT28
+                    o = pick(share, (np.float64(np.int64(bits & _LOW26)) + 0.5) * _UNIT26)
+                    wave = start + step * (b + (np.float64(np.int64((bits >> _S26) & _LOW10)) + 0.5) * _UNIT10)
+                    inside = u < inner + outer
+                    far -= np.int64(not inside)
+                    slot = near if inside else far
+                    near += np.int64(inside)
+                    first[slot] = word_inner if u < inner else word_outer
+                    order[slot] = o
+                    shift_x[slot] = lines[o, 0] + lines[o, 1] * wave
+                    shift_y[slot] = lines[o, 2] + lines[o, 3] * wave
+                    if near == far:
+                        counter = _land(near, _BATCH, place, image, psf, tail, work, results, key, counter)
+                        near, far = 0, _BATCH
+    # Those beyond the box stand at the end: they close up to the others
     count = near + _BATCH - far
     for j in range(_BATCH - far):
         for_j, from_j = near + j, far + j
