@@ -13,8 +13,8 @@ import numba
 import numpy as np
 
 from csstsim.render.far_wings import NEAR, WHOLE, between
-from csstsim.render.octaves import BITS, read
-from csstsim.render.wings import BLOCK, CUBIC, FIRST, add_faint, ending, near_part, octaves_of, shown
+from csstsim.render.octaves import BITS, first_of, read
+from csstsim.render.wings import BLOCK, CUBIC, FADE, add_faint, ending, near_part, octaves_of, shown
 
 LINE_STEP = 8.0  # px
 _FAR_POINTS = 8
@@ -55,21 +55,23 @@ def add_line(image, response, window, places, flux, wing, wing_px, half, far, si
         at, light = _together(places, flux, _FAR_POINTS)
         soft = _FAR_POINTS * LINE_STEP
         return sum(add_faint(far, *xy, bands, wing, half, side, soft) for xy, bands in zip(at, light, strict=True)), None
-    drawn, boxes, octaves, taken = 0.0, [], octaves_of(wing_px), 0.0
+    drawn, boxes, octaves, taken, inner = 0.0, [], octaves_of(wing_px), 0.0, FADE[0] * half
     for points, radius in _TIERS:
         reach = wing_px if wing_px < _LONG * radius else 2 * radius
         until = near_part(octaves, radius) if reach < wing_px else 1.0
         at, light = _together(places, flux, points)
-        tables = _tables(wing, light, half, wing_px, until - taken, octaves_of(reach))
+        low = math.floor(2 * math.log2(inner))  # octave of r^2 below which this tier has nothing
+        tables = _tables(wing, light, half, wing_px, until - taken, low, octaves_of(reach))
+        first = first_of(low)
         if points == 1:
-            added = [_near(image, response, window, at, tables, reach, side)]
+            added = [_near(image, response, window, at, tables, first, reach, side)]
         else:
             soft = points * LINE_STEP
-            added = [far.add(*xy, reach, table, FIRST, side, soft) for xy, table in zip(at, tables, strict=True)]
+            added = [far.add(*xy, reach, table, first, side, soft) for xy, table in zip(at, tables, strict=True)]
         for electrons, box in filter(None, added):
             drawn += electrons
             boxes.append(box)
-        taken = until
+        taken, inner = until, radius
         if reach == wing_px:
             break
     if not boxes:
@@ -87,16 +89,15 @@ def _together(places, flux, points):
     return np.add.reduceat(weight * places, groups) / np.add.reduceat(weight, groups), light
 
 
-def _tables(wing, flux, half, wing_px, share, octaves):
-    """Return the tables (m, nodes) of wings of flux (m, 4), as `wing_table`, times a share (nodes,), up to `octaves`."""
+def _tables(wing, flux, half, wing_px, share, low, high):
+    """Return the tables (m, nodes) of wings of flux (m, 4), as `wing_table`, times a share; octaves `low` to `high`."""
     profile = shown(wing, half, octaves_of(wing_px)) * share
     end, taper = ending(wing_px)
     profile[:, end:] *= taper
-    nodes = (octaves << BITS) + 1
-    return np.einsum("mb,br->mr", flux, profile[:, :nodes])  # no BLAS: bits
+    return np.einsum("mb,br->mr", flux, profile[:, low << BITS : (high << BITS) + 1])  # no BLAS: bits
 
 
-def _near(image, response, window, places, tables, reach, side):
+def _near(image, response, window, places, tables, first, reach, side):
     """Add the tables' values around places on the chip, pixel by pixel; return (electrons, box), None if they miss."""
     (x0, y0), (x1, y1) = places.min(axis=0) - reach, places.max(axis=0) + reach
     box = max(math.ceil(x0), window.x0), min(math.floor(x1) + 1, window.x1)
@@ -105,11 +106,11 @@ def _near(image, response, window, places, tables, reach, side):
         return None
     cut = box[0] - window.x0, box[1] - window.x0, box[2] - window.y0, box[3] - window.y0
     corner = np.array([box[0], box[2]], float)
-    return _add_near(image, response, cut, places - corner, reach, tables, side), box
+    return _add_near(image, response, cut, places - corner, reach, tables, first, side), box
 
 
 @numba.njit(cache=True)
-def _add_near(image, response, box, places, reach, tables, side):
+def _add_near(image, response, box, places, reach, tables, first_node, side):
     """Add the tables' values around places (m, 2), seen from the corner of a box of pixels; return the sum."""
     x0, x1, y0, y1 = box
     ny, nx = y1 - y0, x1 - x0
@@ -127,7 +128,7 @@ def _add_near(image, response, box, places, reach, tables, side):
             for column in range(first, min(columns, math.floor((x + half) / BLOCK) + 2)):
                 dx = (column - 1) * BLOCK - x
                 place[0] = dy2 + dx * dx
-                mesh[row, column] += read(tables[m], FIRST, bits[0]) * inside * between(dx, side[0], side[1], LINE_STEP)
+                mesh[row, column] += read(tables[m], first_node, bits[0]) * inside * between(dx, side[0], side[1], LINE_STEP)
     line, values, sums = np.empty(columns), np.empty(columns * BLOCK), np.zeros(BLOCK)
     for row in range(ny):
         at, phase = row // _ROWS + 1, row % _ROWS * (BLOCK // _ROWS)
