@@ -26,12 +26,12 @@ RUNS = 3
 PAPER = 14_760  # CPU s a chip: 300,000 CPU-hours for 73,260 files (paper, section 5.6)
 
 
-def observation():
-    """Return the shipped science exposure with the paper's density of traps."""
+def observation(traps=1.0):
+    """Return the shipped science exposure with the paper's density of traps, times a factor; None: as shipped."""
     content = yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())
     for layer in content["layers"]:
-        if "CTE_effect" in layer:
-            layer["CTE_effect"]["density_scale"] = 1.0
+        if "CTE_effect" in layer and traps is not None:
+            layer["CTE_effect"]["density_scale"] = traps
     return content
 
 

@@ -29,6 +29,18 @@ def test_bins_hold_all_electrons_and_are_a_quarter_pixel(camera, chip):
 
 
 @pytest.mark.parametrize("chip", SLITLESS)
+def test_coarse_bins_are_a_pixel_and_hold_the_same_electrons(camera, chip):
+    fine = disperser_of(camera, chip)
+    coarse = fine.coarse
+    assert coarse.rates.sum(axis=2) == pytest.approx(fine.rates.sum(axis=2), rel=1e-9)
+    q = max(abs(piece.orders[1].lines(4608.0, 4616.0)[1]) for piece, _ in fine.gratings.pieces)
+    assert 0.9 < q * np.diff(coarse.edges[:2])[0] <= 1.02
+    assert coarse.lines(np.array([[0, 0, 0]]), np.array([4000.0]), np.array([4000.0])) == pytest.approx(
+        fine.lines(np.array([[0, 0, 0]]), np.array([4000.0]), np.array([4000.0]))
+    )
+
+
+@pytest.mark.parametrize("chip", SLITLESS)
 def test_the_psf_is_linear_between_its_wavelengths_and_held_beyond(camera, chip):
     disperser = disperser_of(camera, chip)
     lower, upper = disperser.psf_mixture

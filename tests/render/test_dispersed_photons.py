@@ -75,7 +75,7 @@ def test_every_pixel_of_all_orders(psf, table, disperser, electrons):
 
 def test_both_ways_of_drawing_have_one_distribution(psf, table, disperser):
     """400 spectra just below and just above the change, in 50 px of the trace: means and variances are the light's."""
-    repeats, limit = 400, len(disperser.edges) - 1
+    repeats, limit = 400, dispersed_photons._DENSE * (len(disperser.edges) - 1)
     window = Window(4300, 4800, 4840, 4860)  # the first order, most of its rows
     unit = spectrum_of(disperser, 1.0)
     total, scene = disperser.rates[0].sum(axis=0) @ unit, scene_of(psf, X, Y)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from dispersed_sky import EXPTIME, Sky
 from grating_scene import SPLIT, gaussian_psf
+from scipy.special import erf
 
 from csstsim.catalog.flags import OFF_CHIP, TRUNCATED_STAMP
 from csstsim.catalog.spectra import catalog_spectra
@@ -11,6 +12,7 @@ from csstsim.instrument.chip import Window
 from csstsim.optics.beyond import Beyond, beyond_box
 from csstsim.render import draw_dispersed as engine
 from csstsim.render import policy
+from csstsim.render.numbers import load_numbers
 from csstsim.render.psf_table import make_table
 
 WINDOW = Window(4000, 7000, 4700, 5000)
@@ -115,6 +117,43 @@ def test_photons_and_slabs_draw_one_scene(sky, tables):
     # The light of galaxies beyond their stamps: `lost`, five in a thousand at most
     error = 5 * np.sqrt(expected["drawn"] + 1) + 0.01 * expected["drawn"]
     assert (np.abs(drawn["drawn"] - expected["drawn"]) < error).all()
+
+
+def test_the_error_of_coarse_bins_is_a_closed_form():
+    """A line anywhere in a bin of a pixel, drawn spread over it: rms against a Gaussian PSF of sigma 0.75 px."""
+    x, sigma = np.linspace(-10, 10, 20001), 0.75
+    point = np.exp(-0.5 * (x / sigma) ** 2)
+    spread = sigma * np.sqrt(np.pi / 2) * (erf((x + 0.5) / sigma / np.sqrt(2)) - erf((x - 0.5) / sigma / np.sqrt(2)))
+    # The mean over places of (point - spread)^2 is point^2 - spread^2, spread being the mean of the points
+    error = np.sqrt(1 - (spread**2).sum() / (point**2).sum())
+    assert load_numbers().error.bins == pytest.approx(error, rel=0.01)
+
+
+def test_faint_objects_in_coarse_bins(camera, make_pointing, observe, psf, tables, monkeypatch):
+    """Three hundred stars of 26.6 mag, S/N 0.36 each, by photons in bins of a pixel against slabs in bins of a quarter.
+
+    chi^2 over squares of 10 px within 5 sigma; the brighter star among them keeps its fine bins.
+    """
+    crowd = [(5100.0 + 0.4 * k, 4850.0, {"id": k, "ab": 26.6}) for k in range(300)]
+    bright = (5500.0, 4900.0, {"id": 5000, "ab": 20.0})
+    sky = Sky(camera, make_pointing(), observe(make_pointing()), psf, [*crowd, bright])
+    objects, bins = sky.select(WINDOW), {}
+    real = engine.shoot_spectra
+
+    def noted(counted, window, scene, light, *rest, **how):
+        bins.update(dict.fromkeys(scene.ids.tolist(), light.shape[1]))
+        return real(counted, window, scene, light, *rest, **how)
+
+    monkeypatch.setattr(engine, "shoot_spectra", noted)
+    image, *_ = sky.draw(objects, WINDOW)
+    _, drawn, _, counted = sky.draw(objects, WINDOW, "standard", tables)
+    assert (drawn["method"] == "photons").all() and drawn["snr"][:300].max() < 0.1 / load_numbers().error.bins
+    fine, coarse = (len(d.edges) - 1 for d in (sky.disperser, sky.disperser.coarse))
+    assert bins.pop(5000) == fine and set(bins.values()) == {coarse} and fine > 3 * coarse
+    squares = [a.reshape(30, 10, 300, 10).sum(axis=(1, 3)) for a in (image, counted)]
+    used = squares[0] > 20
+    chi2 = ((squares[1] - squares[0])[used] ** 2 / squares[0][used]).sum()
+    assert used.sum() > 100 and abs(chi2 - used.sum()) < 5 * np.sqrt(2 * used.sum())
 
 
 def test_chunks_and_company_change_no_bit_of_photons(sky, tables, monkeypatch):

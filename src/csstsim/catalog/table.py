@@ -188,9 +188,7 @@ def write_parquet(path, table, meta):
     # Real numbers seldom repeat: a dictionary of them costs more time than all the rest, and a third more room
     repeating = [field.name for field in table.schema if not pa.types.is_floating(field.type)]
     with atomic_path(path) as temporary:
-        pq.write_table(
-            table.replace_schema_metadata(about), temporary, compression="zstd", use_dictionary=repeating
-        )
+        pq.write_table(table.replace_schema_metadata(about), temporary, compression="zstd", use_dictionary=repeating)
 
 
 def _checksum(values):

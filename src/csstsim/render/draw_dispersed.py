@@ -40,48 +40,60 @@ def draw_dispersed(
     mixer = psf if isinstance(psf, Mixer) else Mixer(psf)
     psf = mixer.psf
     work = Work(objects, wcs, psf, exptime, disperser, beyond, window)
-    rows, part, scene, wing, visits, result = (
-        work.rows, work.part, work.scene, work.wing, work.visits, work.result,
-    )  # fmt: skip
+    scene, wing, visits, result = work.scene, work.wing, work.visits, work.result
     choice = policy.choose_dispersed(
-        scene, part["reach"], wing, variance, fidelity, disperser, convex=psf.convex, per_pixel=psf.oversampling,
+        scene, work.part["reach"], wing, variance, fidelity, disperser, convex=psf.convex, per_pixel=psf.oversampling,
         maximum=maximum,
     )  # fmt: skip
     counted = np.zeros(window.shape, np.int32) if (choice.method == policy.PHOTONS).any() else None
-    keys = object_keys_of(key, scene.ids)
-    own = _visit_keys(keys, visits)
-    order = np.lexsort((scene.x, np.floor(scene.y / _STRIP), scene.node[:, 0])) if len(rows) else np.zeros(0, int)
-    place = np.empty(len(rows), int)
+    own = _visit_keys(object_keys_of(key, scene.ids), visits)
+    for kind, optics, chunk in _chunks(scene, choice, disperser):
+        at, some = _visits_of(chunk, visits, len(scene))
+        light = _light(work, choice, chunk, spectra, optics, exptime)
+        result.nominal(at, some, light, optics.rates)
+        begin = time.process_time()
+        if kind == policy.STAMP:
+            drawn = draw_spectra(
+                image, window, scene.take(chunk), light, some, work.part["reach"][chunk], wing[chunk], optics, mixer,
+                beyond, response, choice.per_px[chunk],
+            )  # fmt: skip
+            result.drawn[at], result.box[at], result.ms[at] = drawn.drawn, drawn.box, drawn.ms
+            np.bitwise_or.at(work.flags, work.rows[visits[at, 0]], drawn.flags)
+            continue
+        result.drawn[at], result.box[at] = shoot_spectra(
+            counted, window, scene.take(chunk), light, some, optics, own[at], tables, response, maximum, beyond.wing
+        )
+        result.ms[at] = 1000 * (time.process_time() - begin) / max(len(at), 1)
+    return *tables_of(work, choice), counted
+
+
+def _chunks(scene, choice, disperser):
+    """Yield (method, Disperser with bins enough, objects) of some objects at a time, those of one strip together."""
+    if len(scene) == 0:
+        return
+    order = np.lexsort((scene.x, np.floor(scene.y / _STRIP), scene.node[:, 0]))
     for (kind, coarse), size in CHUNK.items():
         mine = order[(choice.method[order] == kind) & (choice.coarse[order] == coarse)]
-        optics = disperser.coarse if coarse else disperser
         for start in range(0, len(mine), size):
-            chunk = mine[start : start + size]
-            place[:] = -1
-            place[chunk] = np.arange(len(chunk))
-            at = np.flatnonzero(place[visits[:, 0]] >= 0)
-            some = np.column_stack([place[visits[at, 0]], visits[at, 1:]])
-            light = spectra(rows[chunk], optics.edges) * exptime
-            bad = ~(np.isfinite(light) & (light >= 0)).all(axis=1)
-            light[bad], work.flags[rows[chunk[bad]]] = 0.0, work.flags[rows[chunk[bad]]] | BAD_VALUE
-            choice.method[chunk[bad]] = policy.NONE
-            result.nominal(at, some, light, optics.rates)
-            begin = time.process_time()
-            if kind == policy.STAMP:
-                drawn = draw_spectra(
-                    image, window, scene.take(chunk), light, some, part["reach"][chunk], wing[chunk], disperser, mixer,
-                    beyond, response, choice.per_px[chunk],
-                )  # fmt: skip
-                result.drawn[at], result.box[at] = drawn.drawn, drawn.box
-                np.bitwise_or.at(work.flags, rows[visits[at, 0]], drawn.flags)
-                result.ms[at] = drawn.ms
-            else:
-                result.drawn[at], result.box[at] = shoot_spectra(
-                    counted, window, scene.take(chunk), light, some, optics, own[at], tables, response, maximum,
-                    beyond.wing,
-                )  # fmt: skip
-                result.ms[at] = 1000 * (time.process_time() - begin) / max(len(at), 1)
-    return *tables_of(work, choice), counted
+            yield kind, disperser.coarse if coarse else disperser, mine[start : start + size]
+
+
+def _visits_of(chunk, visits, count):
+    """Return the visits of a chunk of `count` objects, and what they are with the objects' places in the chunk."""
+    place = np.full(count, -1)
+    place[chunk] = np.arange(len(chunk))
+    at = np.flatnonzero(place[visits[:, 0]] >= 0)
+    return at, np.column_stack([place[visits[at, 0]], visits[at, 1:]])
+
+
+def _light(work, choice, chunk, spectra, optics, exptime):
+    """Return a chunk's (n, bins) spectra times the exposure time; bad ones are dark, flagged and not drawn."""
+    light = spectra(work.rows[chunk], optics.edges) * exptime
+    bad = ~(np.isfinite(light) & (light >= 0)).all(axis=1)
+    light[bad] = 0.0
+    work.flags[work.rows[chunk[bad]]] |= BAD_VALUE
+    choice.method[chunk[bad]] = policy.NONE
+    return light
 
 
 class Work:

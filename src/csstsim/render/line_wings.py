@@ -54,7 +54,8 @@ def add_line(image, response, window, places, flux, wing, wing_px, half, far, si
     if wing_px <= 0:
         at, light = _together(places, flux, _FAR_POINTS)
         soft = _FAR_POINTS * LINE_STEP
-        return sum(add_faint(far, *xy, bands, wing, half, side, soft) for xy, bands in zip(at, light, strict=True)), None
+        parts = [add_faint(far, *xy, bands, wing, half, side, soft) for xy, bands in zip(at, light, strict=True)]
+        return sum(parts), None
     drawn, boxes, octaves, taken, inner = 0.0, [], octaves_of(wing_px), 0.0, FADE[0] * half
     for points, radius in _TIERS:
         reach = wing_px if wing_px < _LONG * radius else 2 * radius
@@ -128,7 +129,8 @@ def _add_near(image, response, box, places, reach, tables, first_node, side):
             for column in range(first, min(columns, math.floor((x + half) / BLOCK) + 2)):
                 dx = (column - 1) * BLOCK - x
                 place[0] = dy2 + dx * dx
-                mesh[row, column] += read(tables[m], first_node, bits[0]) * inside * between(dx, side[0], side[1], LINE_STEP)
+                cut = inside * between(dx, side[0], side[1], LINE_STEP)
+                mesh[row, column] += read(tables[m], first_node, bits[0]) * cut
     line, values, sums = np.empty(columns), np.empty(columns * BLOCK), np.zeros(BLOCK)
     for row in range(ny):
         at, phase = row // _ROWS + 1, row % _ROWS * (BLOCK // _ROWS)
