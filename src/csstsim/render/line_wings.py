@@ -2,7 +2,7 @@
 
 The spectrum stands as points LINE_STEP apart, less than the radius at which boxes fade (22 px). Their wings' sum is
 smooth along and across: near the trace it is read every 8 px of every fourth row, with cubics between, to 4% of its top
-where boxes fade and 1% beyond; beyond half of NEAR it goes over to the mesh of render.far_wings, three points together,
+where boxes fade and 1% beyond; beyond half of LINE_NEAR it goes over to the mesh of render.far_wings, three points together,
 then eight. Where an edge cuts the light before it is dispersed, that of each point's wing is softened over the points'
 distance, so their sum has no steps.
 """
@@ -17,8 +17,13 @@ from csstsim.render.octaves import BITS, first_of, read
 from csstsim.render.wings import BLOCK, CUBIC, FADE, add_faint, ending, near_part, octaves_of, shown
 
 LINE_STEP = 8.0  # px
+LINE_NEAR = NEAR  # px: all of a wing beyond is on the mesh
 _FAR_POINTS = 8
-_TIERS = (1, 0.5 * NEAR), (3, NEAR), (_FAR_POINTS, math.inf)  # points together, px from which the next tier takes over
+_TIERS = (
+    (1, 0.5 * LINE_NEAR),
+    (3, LINE_NEAR),
+    (_FAR_POINTS, math.inf),
+)  # points together, px from which the next tier takes over
 _LONG = 3  # such radii: shorter wings are left to one tier
 _ROWS = BLOCK // 2  # px between rows that are read
 

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from csstsim.render.error_model import predicted
-from csstsim.render.line_wings import LINE_STEP
+from csstsim.render.line_wings import LINE_NEAR, LINE_STEP
 from csstsim.render.numbers import load_numbers
 from csstsim.render.slabs import densities
 from csstsim.render.unresolved import MESH
@@ -80,7 +80,7 @@ def choose_dispersed(scene, reach, wing, variance, fidelity, disperser, *, conve
     per_px = slab_counts(snr, numbers.error, numbers.presets[fidelity].eps, per_pixel)
     slab = cost.slab_pixel * px * (2.0 * reach + 1) ** 2 + np.where(galaxy, cost.slabs_galaxy, 0.0)
     slabs = cost.slabs_star + densities(scene, per_px) * slab
-    slabs += cost.wing_pixel * np.pi * np.minimum(wing, WING_NEAR) ** 2 * px / LINE_STEP
+    slabs += cost.wing_pixel * np.pi * np.minimum(wing, LINE_NEAR) ** 2 * px / LINE_STEP
     photons = (electrons * maximum < PHOTONS_MAX) & convex & (fidelity != "noise_free")
     choice = _cheapest(scene, reach, wing, snr, (shot, slabs), photons, numbers, fidelity, per_pixel)
     choice.method[electrons <= 0] = NONE
