@@ -2,9 +2,9 @@
 
 The spectrum stands as points LINE_STEP apart, less than the radius at which boxes fade (22 px). Their wings' sum is
 smooth along and across: near the trace it is read every 8 px of every fourth row, with cubics between, to 4% of its top
-where boxes fade and 1% beyond; beyond half of LINE_NEAR it goes over to the mesh of render.far_wings, three points together,
-then eight. Where an edge cuts the light before it is dispersed, that of each point's wing is softened over the points'
-distance, so their sum has no steps.
+where boxes fade and 1% beyond; beyond half of LINE_NEAR it goes over to the mesh of render.far_wings, three points
+together, then eight. Where an edge cuts the light before it is dispersed, that of each point's wing is softened over
+the points' distance, so their sum has no steps.
 """
 
 import math
