@@ -55,7 +55,7 @@ def draw_dispersed(
         if kind == policy.STAMP:
             drawn = draw_spectra(
                 image, window, scene.take(chunk), light, some, work.part["reach"][chunk], wing[chunk], optics, mixer,
-                beyond, response, choice.per_px[chunk],
+                beyond, response, allowed=choice.allowed[chunk],
             )  # fmt: skip
             result.drawn[at], result.box[at], result.ms[at] = drawn.drawn, drawn.box, drawn.ms
             np.bitwise_or.at(work.flags, work.rows[visits[at, 0]], drawn.flags)

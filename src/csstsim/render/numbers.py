@@ -52,7 +52,10 @@ class Error(Model):
     bright: float = Field(gt=0)
     psf: dict[Literal[2, 4], float] = Field(min_length=2, description="share of S/N, by cells of the PSF to a pixel")
     stamp: StampError
-    slabs: dict[Literal[1, 2, 4, 8], float] = Field(min_length=4, description="share of S/N, by slabs to a pixel")
+    slabs: dict[Literal[1, 2, 4, 8], float] = Field(
+        min_length=4, description="share of S/N of lines, by slabs to a pixel"
+    )
+    slabs_flat: dict[Literal[1, 2, 4, 8], float] = Field(min_length=4, description="the same, of a flat spectrum")
     bins: float = Field(gt=0, description="share of S/N, of a spectrum in bins of a pixel")
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from csstsim.render.error_model import predicted
 from csstsim.render.line_wings import LINE_NEAR, LINE_STEP
 from csstsim.render.numbers import load_numbers
+from csstsim.render.slab_counts import allowed_error, fewest
 from csstsim.render.slabs import densities
 from csstsim.render.unresolved import MESH
 
@@ -28,6 +29,7 @@ WING_NEAR = 192.0  # px: further out a wing costs next to nothing (render.far_wi
 PHOTONS_MAX = 1e8  # electrons: a second; more would at length not fit the counted plane's integers
 _AS_GOOD = 3.0
 _PSF_HALF_LIGHT = 1.2  # pixel
+_USUAL = 0.01  # roughness of a spectrum (render.slab_counts)
 _GAUSSIAN = 4 * np.pi / (2 * np.log(2))  # effective number of pixels / half-light radius^2 of a Gaussian
 
 
@@ -38,7 +40,7 @@ class Choice:
     method: np.ndarray  # (n,) int8
     error: np.ndarray  # (n,) predicted, in units of the object's own noise
     snr: np.ndarray  # (n,)
-    per_px: np.ndarray | None = None  # (n,) slabs to a pixel of a point's spectrum, where light is dispersed
+    allowed: np.ndarray | None = None  # (n,) share of S/N that slabs may be wrong by, where light is dispersed
     coarse: np.ndarray | None = None  # (n,) whether Disperser.coarse has bins enough
 
 
@@ -77,23 +79,15 @@ def choose_dispersed(scene, reach, wing, variance, fidelity, disperser, *, conve
     shot = cost.spectrum_object + maximum * orders * electrons * np.where(
         galaxy, cost.spectrum_galaxy, cost.spectrum_star
     )  # fmt: skip
-    per_px = slab_counts(snr, numbers.error, numbers.presets[fidelity].eps, per_pixel)
+    allowed = allowed_error(snr, per_pixel, numbers.presets[fidelity].eps)
     slab = cost.slab_pixel * px * (2.0 * reach + 1) ** 2 + np.where(galaxy, cost.slabs_galaxy, 0.0)
-    slabs = cost.slabs_star + densities(scene, per_px) * slab
+    slabs = cost.slabs_star + densities(scene, fewest(_USUAL, allowed)) * slab
     slabs += cost.wing_pixel * np.pi * np.minimum(wing, LINE_NEAR) ** 2 * px / LINE_STEP
     photons = (electrons * maximum < PHOTONS_MAX) & convex & (fidelity != "noise_free")
     choice = _cheapest(scene, reach, wing, snr, (shot, slabs), photons, numbers, fidelity, per_pixel)
     choice.method[electrons <= 0] = NONE
     coarse = (choice.method == PHOTONS) & (snr * numbers.error.bins <= numbers.presets[fidelity].eps)
-    return replace(choice, per_px=per_px, coarse=coarse)
-
-
-def slab_counts(snr, numbers, eps, per_pixel):
-    """Return (n,) the fewest slabs to a pixel whose own error is below eps; no more than 4 where the PSF's is not."""
-    counts = np.array(sorted(numbers.slabs))
-    share = np.array([numbers.slabs[count] for count in counts])
-    enough = counts[np.minimum((snr[:, None] * share > eps).sum(axis=1), len(counts) - 1)]
-    return np.where(snr * numbers.psf[4 if per_pixel >= 4 else 2] > eps, np.minimum(enough, 4), enough)
+    return replace(choice, allowed=allowed, coarse=coarse)
 
 
 def _cheapest(scene, reach, wing, snr, cost, photons, numbers, fidelity, per_pixel):

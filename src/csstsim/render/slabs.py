@@ -4,10 +4,10 @@ An object in light of one wavelength is a stamp (render.point_stamp, render.gala
 four wavelengths of the PSF set. Its spectrum's bins are dealt out to slabs `1 / per_px` of a pixel apart along x, each
 bin to four of them by the cubic through them, so that light, centroid and width of a line stay. A slab is the mixture
 of the stamps of its sub-pixel phase at each wavelength of the PSF set, times their light; the height of the trace is
-that of the middle of 16 px. Slabs need not be denser than the image is sharp: `per_px` falls with the size of a
-galaxy's components (`densities`), and for faint orders. Light beyond the PSF's box is added every 8 px
-(render.line_wings). What falls beyond a grating's piece is cut off the cells of a PSF, the pixels of a galaxy, by the
-share of each, and off the wings. Left out: ghosts of dispersed light.
+that of the middle of 16 px. Slabs need not be denser than the image is sharp, so their number falls with the size of a
+galaxy's components (`densities`), nor than the spectrum is uneven and the order bright (render.slab_counts). Light
+beyond the PSF's box is added every 8 px (render.line_wings). What falls beyond a grating's piece is cut off the cells
+of a PSF, the pixels of a galaxy, by the share of each, and off the wings. Left out: ghosts of dispersed light.
 """
 
 import math
@@ -22,10 +22,10 @@ from csstsim.optics.beyond import Beyond
 from csstsim.render.far_wings import WHOLE, FarWings
 from csstsim.render.galaxy_stamp import plan_galaxies
 from csstsim.render.line_wings import add_line, order_wing, points_of
-from csstsim.render.numbers import load_numbers
 from csstsim.render.phases import make_phases
 from csstsim.render.psf_mixture import Mixer
 from csstsim.render.scene import BULGE
+from csstsim.render.slab_counts import fewest_by_order, roughness
 
 NOTHING = Beyond()
 PER_PX = 4  # slabs to a pixel of a point's spectrum
@@ -45,14 +45,15 @@ class Drawn:
 
 
 def draw_spectra(
-    image, window, scene, spectra, visits, reach, wing_px, disperser, psf, beyond=NOTHING, response=None, per_px=PER_PX
-):
+    image, window, scene, spectra, visits, reach, wing_px, disperser, psf, beyond=NOTHING, response=None, per_px=PER_PX,
+    allowed=None,
+):  # fmt: skip
     """Draw the orders of a Scene's objects into `image` (float32 or float64, window.shape, expected e-); return Drawn.
 
     spectra: (n, bins) mean densities [photon / s / m2 / angstrom] times the exposure time [s]; visits: of
     Disperser.visits for these objects; reach (n,): px, half the side of each stamp; wing_px (n,): px, reach of the
     light beyond the PSF's box, 0: hidden; psf: PsfSet, or the Mixer of one; per_px: slabs to a pixel, of points, one
-    number or (n,).
+    number or (n,); allowed (n,): share of S/N that they may be wrong by, which gives their number instead.
     """
     mixer, count, orders = psf if isinstance(psf, Mixer) else Mixer(psf), len(visits), len(disperser.orders)
     out = Drawn(
@@ -63,18 +64,23 @@ def draw_spectra(
     reach = np.asarray(reach, int)
     half = mixer.cells / 2 / mixer.per_pixel
     far, centres = FarWings(window, response), 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
-    mixture = disperser.psf_weights
+    mixture, first = disperser.psf_weights, disperser.orders.index(1)
     galaxy = ((scene.sersic[:, :, 0] > 0) & (scene.light > 0)).any(axis=1)
     plan = plan_galaxies(scene, reach, half, galaxy)
-    density = densities(scene, per_px)
     lines = disperser.lines(visits, scene.x, scene.y)
+    counts = np.broadcast_to(per_px, (orders, len(scene))).T
+    if allowed is not None and count:
+        short = abs(lines[0, :, 1]) < 0.9 * abs(lines[0, first, 1])
+        electrons = np.einsum("nb,ob->no", spectra, disperser.rates[0])
+        counts = fewest_by_order(electrons, roughness(spectra * disperser.rates[0, first]), short, allowed)
+    density = densities(scene, counts.max(axis=1))
     for v, (i, piece, cut) in enumerate(visits.tolist()):
         start = time.process_time()
         out.flags[v] = (OUTSIDE_PSF_HULL if scene.outside[i] else 0) | (FFT_REDUCED if plan.rough[i] else 0)
         side = tuple(disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2)) if cut else WHOLE
         lit = max(side[0], -side[1], side[2], -side[3]) < reach[i] + 1
         core = mixer.core if beyond.wing is not None else None
-        phases, brightest = None, np.einsum("ob,b->o", disperser.rates[piece], spectra[i]).max()
+        phases = None
         for o, (p, q, r, s) in enumerate(lines[v].tolist()):
             light = spectra[i] * disperser.rates[piece, o]
             if not light.sum() > 0:
@@ -84,7 +90,8 @@ def draw_spectra(
             if lit and meets(x, y, reach[i] + 2 * _BLOCK, window):
                 if phases is None:
                     phases = make_phases(mixer, scene, plan, i, int(reach[i]), int(density[i]), core, side)
-                some = np.ascontiguousarray(phases[:, :: _sparser(int(density[i]), light.sum() / brightest)])
+                step = max(int(density[i]) // int(counts[i, o]), 1)
+                some = np.ascontiguousarray(phases[:, ::step])
                 drawn, box = _add_slabs(image, response, x - window.x0, y - window.y0, light, mixture, some)
                 if box.any():
                     parts.append((drawn, box + np.array([window.x0, window.x0, window.y0, window.y0])))
@@ -115,15 +122,6 @@ def densities(scene, per_px):
     most = np.broadcast_to(per_px, len(scene))
     mean = (scene.light * np.clip(wanted, 1, most[:, None])).sum(axis=1)
     return np.clip(2 ** np.round(np.log2(mean)), 1, most).astype(int)
-
-
-def _sparser(density, share):
-    """Return by how much fewer slabs, two to a pixel at least, a faint order of this share of the light may have."""
-    errors = load_numbers().error.slabs
-    step = 1
-    while density // (2 * step) >= 2 and errors.get(density // (2 * step), np.inf) * share <= errors.get(density, 0.0):
-        step *= 2
-    return step
 
 
 def meets(x, y, reach, window):
