@@ -91,7 +91,7 @@ def draw_spectra(
                 if phases is None:
                     phases = make_phases(mixer, scene, plan, i, int(reach[i]), int(density[i]), core, side)
                 step = max(int(density[i]) // int(counts[i, o]), 1)
-                some = np.ascontiguousarray(phases[:, ::step])
+                some = _padded(phases[:, ::step])
                 drawn, box = _add_slabs(image, response, x - window.x0, y - window.y0, light, mixture, some)
                 if box.any():
                     parts.append((drawn, box + np.array([window.x0, window.x0, window.y0, window.y0])))
@@ -130,6 +130,13 @@ def meets(x, y, reach, window):
     return across and y.max() + reach >= window.y0 and y.min() - reach < window.y1
 
 
+def _padded(phases):
+    """Return phases (4, density, heights, size, size) with zeros at the end of each row: room to be laid further on."""
+    out = np.zeros((*phases.shape[:4], phases.shape[3] + _BLOCK + 2 * _SIDE), np.float32)
+    out[..., : phases.shape[4]] = phases
+    return out
+
+
 @numba.njit(inline="always")
 def _cubic(t):
     """Return the weights of four values, at -1, 0, 1, 2, of the cubic through them at t within 0..1."""
@@ -141,12 +148,12 @@ def _cubic(t):
 def _add_slabs(image, response, x, y, light, mixture, phases):
     """Add slabs of light (bins,) at x, y [px of `image`], block by block of x; return (electrons, box on the image).
 
-    x must rise or fall. The box is x0, x1, y0, y1, half-open; all 0: nothing was added.
+    phases: of `_padded`; x must rise or fall. The box is x0, x1, y0, y1, half-open; all 0: nothing was added.
     """
     bins, density, size = len(x), phases.shape[1], phases.shape[3]
     reach, wide = size // 2, _BLOCK + 2 * _SIDE
-    rows, pitch = size + 2, size + wide
-    buffer, stamps = np.empty((rows, pitch), np.float32), np.empty((4 * density, size), np.float32)
+    rows, pitch = size + 2, phases.shape[4]
+    buffer, stamps = np.empty(rows * pitch, np.float32), np.empty((4 * density, rows * pitch), np.float32)
     slabs = np.empty((4, wide * density))
     factors, used, cubic = np.empty((4 * density, wide), np.float32), np.empty(4, np.int64), np.empty(4, np.float32)
     drawn, box, b = 0.0, np.array([image.shape[1], 0, image.shape[0], 0]), 0
@@ -177,51 +184,53 @@ def _add_slabs(image, response, x, y, light, mixture, phases):
         heights = phases.shape[2]
         first = math.floor((height - row) * heights)
         cubic[:] = _cubic((height - row) * heights - first)
+        _raise(stamps[: bands * density], phases, used[:bands], cubic, first)
         buffer[:] = 0.0
-        for line in range(rows):
-            _raise(stamps, phases, used[:bands], cubic, first, line - 1)
-            _lay(buffer[line], stamps[: bands * density], factors[: bands * density])
-        drawn += _put(image, response, buffer, x0, y0)
+        _lay(buffer, stamps[: bands * density], factors[: bands * density])
+        drawn += _put(image, response, buffer.reshape(rows, pitch), x0, y0)
         box[0], box[1] = min(box[0], max(x0, 0)), max(box[1], min(x0 + pitch, image.shape[1]))
         box[2], box[3] = min(box[2], max(y0, 0)), max(box[3], min(y0 + rows, image.shape[0]))
     return drawn, box * (box[1] > 0)
 
 
 @numba.njit(cache=True)
-def _raise(stamps, phases, bands, cubic, first, row):
-    """Fill stamps (bands x density, size) with one row of those that stand `first` heights, and a part, up.
+def _raise(stamps, phases, bands, cubic, first):
+    """Fill stamps (bands x density, rows x pitch) with those that stand `first` heights, and a part, up.
 
-    The part is in `cubic`, the weights of four heights; the row may lie beyond the stamp, where nothing is.
+    The part is in `cubic`, the weights of four heights; rows are one more on each side than a stamp has.
     """
-    _, density, heights, size, _ = phases.shape
+    _, density, heights, size, pitch = phases.shape
     stamps[:] = 0.0
-    for k in range(4):
-        at, phase = row - (first - 1 + k) // heights, (first - 1 + k) % heights
-        if not 0 <= at < size:
-            continue
-        factor = cubic[k]
-        for band in range(len(bands)):
-            for column in range(density):
-                stamp, values = stamps[band * density + column], phases[bands[band], column, phase, at]
-                for j in range(size):
-                    stamp[j] += factor * values[j]
+    for band in range(len(bands)):
+        for column in range(density):
+            for k in range(4):
+                pixel, phase = (first - 1 + k) // heights, (first - 1 + k) % heights
+                values, factor = phases[bands[band], column, phase].reshape(size * pitch), cubic[k]
+                out = stamps[band * density + column, (1 + pixel) * pitch :]
+                for j in range(len(values)):
+                    out[j] += factor * values[j]
 
 
-@numba.njit(cache=True, fastmath={"contract"})
-def _lay(line, stamps, factors):
-    """Add stamps (n, size) to a line at each of its first places, times factors (n, places); four at a time."""
-    count, size = stamps.shape
+@numba.njit(cache=True)
+def _lay(out, stamps, factors):
+    """Add stamps (n, pixels) times factors (n, places), moved on by 0, 1, ... pixels; four at a time."""
+    count, pixels = stamps.shape
     for at in range(factors.shape[1]):
-        out = line[at : at + size]
+        part, last = out[at:], pixels - at
         for k in range(0, count - 3, 4):
             a, b, c, d = factors[k, at], factors[k + 1, at], factors[k + 2, at], factors[k + 3, at]
             one, two, three, four = stamps[k], stamps[k + 1], stamps[k + 2], stamps[k + 3]
             if a != 0.0 or b != 0.0 or c != 0.0 or d != 0.0:
-                for j in range(size):
-                    out[j] += a * one[j] + b * two[j] + c * three[j] + d * four[j]
-        for k in range(count - count % 4, count):
-            for j in range(size):
-                out[j] += factors[k, at] * stamps[k, j]
+                for j in range(last):
+                    part[j] += a * one[j] + b * two[j] + c * three[j] + d * four[j]
+        for k in range(count - count % 4, count - 1, 2):
+            a, b, one, two = factors[k, at], factors[k + 1, at], stamps[k], stamps[k + 1]
+            for j in range(last):
+                part[j] += a * one[j] + b * two[j]
+        if count % 2:
+            a, one = factors[count - 1, at], stamps[count - 1]
+            for j in range(last):
+                part[j] += a * one[j]
 
 
 @numba.njit(cache=True)
@@ -245,13 +254,18 @@ def _deal(slabs, x, light, mixture, begin, end, start, density):
 @numba.njit(cache=True)
 def _put(image, response, stamp, x0, y0):
     """Add a stamp whose corner lies at x0, y0 times the response, nothing below zero; return the sum added."""
-    total = 0.0
+    total, lanes = 0.0, np.zeros(8)
     low, high = max(-x0, 0), min(stamp.shape[1], image.shape[1] - x0)
     for row in range(max(-y0, 0), min(stamp.shape[0], image.shape[0] - y0)):
-        line, seen, shown, sums = image[y0 + row], response[y0 + row], stamp[row], 0.0
-        for column in range(low, high):
-            value = max(shown[column], np.float32(0.0)) * seen[x0 + column]
-            line[x0 + column] += value
-            sums += value
-        total += sums
-    return total
+        shown = stamp[row, low:high]
+        line, seen = image[y0 + row, x0 + low : x0 + high], response[y0 + row, x0 + low : x0 + high]
+        for column in range(len(shown)):
+            shown[column] = max(shown[column], np.float32(0.0)) * seen[column]
+            line[column] += shown[column]
+        whole = len(shown) // 8 * 8
+        for column in range(0, whole, 8):
+            for k in range(8):
+                lanes[k] += shown[column + k]
+        for column in range(whole, len(shown)):
+            total += shown[column]
+    return total + lanes.sum()
