@@ -48,7 +48,7 @@ def spectra_of_frame(run, job):
 
     Raises InputError, also for a chip without a grating.
     """
-    from csstsim.io.orders import read_orders
+    from csstsim.io.orders import check_orders, read_orders
     from csstsim.measure.extract import Frame, Sources
     from csstsim.measure.spectral_model import make_model
     from csstsim.optics.beyond import read_beyond
@@ -56,16 +56,19 @@ def spectra_of_frame(run, job):
 
     if not run.has_orders(job):
         chips = ", ".join(str(chip.id) for chip in run.camera.slitless_chips)
-        raise InputError("has no spectra", file=run.file, key="chip", value=job.chip.id, allowed=f"{chips}, SCIE")
+        raise InputError(
+            "has no spectra", file=run.file, key="chip", value=job.chip.id, allowed=f"{chips}, in SCIE exposures"
+        )
     file, calibrated = calibrated_frame(run, job)
     path, truth, psf = run.paths.level0_orders(job.pointing, job.chip.id), _truth(run, job), open_psf(run, job.chip)
+    gratings = run.camera.gratings[job.chip.id]
     orders = read_orders(path)
     check_recipe(path, orders.meta, run.recipe(job))
+    check_orders(path, orders, len(truth), gratings)
     truth.meta["truth_hash"] = file.header0.get("TRUTHASH")  # a catalogue is opened again only if it is the same
     sources = Sources(_shapes(truth, job.wcs), object_spectra(run, job, truth), run.disperser(job).edges)
     middle = 0.5 * (job.window.x0 + job.window.x1), 0.5 * (job.window.y0 + job.window.y1)
     wing, photons = read_beyond(psf).wing, run.camera.telescope.area_m2 * job.pointing.exptime
-    gratings = run.camera.gratings[job.chip.id]
     model = make_model(gratings, photons, psf.at(*middle), psf.oversampling, psf.wavelength, wing)
     frame = Frame.of(calibrated, job.window)
     others = model.image(orders, sources.shapes, sources.spectra, sources.edges, job.window, frame.faintest)

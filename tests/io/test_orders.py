@@ -5,7 +5,7 @@ import pytest
 
 from csstsim.catalog.table import ObjectTable
 from csstsim.errors import InputError
-from csstsim.io.orders import read_orders, write_orders
+from csstsim.io.orders import check_orders, read_orders, write_orders
 
 
 @pytest.fixture
@@ -14,6 +14,8 @@ def orders():
         "id": np.array([7, 7, 9]), "row": np.arange(3, dtype=np.int32), "order": np.array([-2, 1, 0], np.int8),
         "grating": np.array(["GV6", "GV6", "GV5"]), "cut": np.array([False, True, False]),
         "x": np.array([0.0, -1500.25, 9215.5]), "y": np.array([1.5, 0.0, 9231.0]), "p": np.array([1.0, 2.0, 3.0]),
+        "q": np.full(3, 0.14), "r": np.zeros(3), "s": np.full(3, 1e-3), "electrons": np.full(3, 9.0),
+        "drawn": np.full(3, 8.0),
         "wave_min": np.array([3790.5, 4000.0, 5000.0], np.float32),
     })  # fmt: skip
 
@@ -38,3 +40,31 @@ def test_no_rows_and_no_file(orders, tmp_path):
     assert len(read_orders(path)) == 0 and set(read_orders(path).names) == set(orders.names)
     with pytest.raises(InputError, match=r"nothing\.parquet"):
         read_orders(tmp_path / "nothing.parquet")
+
+
+@pytest.mark.parametrize("name", ["q", "row", "xImage"])
+def test_a_column_is_missing(orders, tmp_path, name):
+    path = tmp_path / "orders.parquet"
+    write_orders(path, orders, {})
+    table = ObjectTable.read(path)
+    ObjectTable({other: table[other] for other in table.names if other != name}).write(path, {})
+    with pytest.raises(InputError, match=f"{name}.*column needed"):
+        read_orders(path)
+
+
+def test_a_place_is_not_a_number(orders, tmp_path):
+    path = tmp_path / "orders.parquet"
+    write_orders(path, orders.with_columns(p=np.array([1.0, np.nan, 3.0])), {})
+    with pytest.raises(InputError, match="p: not finite"):
+        read_orders(path)
+
+
+@pytest.mark.parametrize("change", [{"row": 3}, {"row": -1}, {"grating": "XX9"}, {"order": 7}])
+def test_orders_of_another_chip_or_table(orders, camera, change):
+    gratings = camera.gratings[29]
+    good = orders.with_columns(grating=np.full(3, gratings.left.name))
+    check_orders("orders.parquet", good, 3, gratings)
+    ((name, value),) = change.items()
+    bad = good.with_columns(**{name: np.array([good[name][0], value, good[name][2]])})
+    with pytest.raises(InputError, match=r"orders\.parquet.*no such"):
+        check_orders("orders.parquet", bad, 3, gratings)

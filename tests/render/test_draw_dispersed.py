@@ -6,7 +6,7 @@ from dispersed_sky import EXPTIME, Sky
 from grating_scene import SPLIT, gaussian_psf
 from scipy.special import erf
 
-from csstsim.catalog.flags import OFF_CHIP, TRUNCATED_STAMP
+from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, TRUNCATED_STAMP
 from csstsim.catalog.spectra import catalog_spectra
 from csstsim.instrument.chip import Window
 from csstsim.optics.beyond import Beyond, beyond_box
@@ -214,3 +214,13 @@ def test_nothing_to_draw(sky, tables):
     dark = objects.with_columns(**{f"flux{i}": np.zeros(len(objects)) for i in range(4)})
     image, drawn, orders, _ = sky.draw(dark, WINDOW)
     assert not image.any() and (drawn["method"] == "none").all() and len(orders) == 0
+
+
+@pytest.mark.parametrize("fidelity", ["standard", "noise_free"])
+def test_light_that_nobody_announced_is_flagged(sky, tables, fidelity, monkeypatch):
+    """Spectra 1e18 times as bright as the fluxes that the objects were selected by: none is drawn, all are flagged."""
+    objects, real = sky.select(WINDOW), catalog_spectra(sky.select(WINDOW), sky.catalog)
+    monkeypatch.setattr("dispersed_sky.catalog_spectra", lambda *_: lambda rows, edges: 1e18 * real(rows, edges))
+    image, drawn, _, counted = sky.draw(objects, WINDOW, fidelity, tables)
+    assert not image.any() and (counted is None or not counted.any())
+    assert (drawn["flags"] & BAD_VALUE > 0).all() and (drawn["method"] == "none").all()

@@ -6,7 +6,7 @@ import pytest
 from csstsim.instrument.chip import Window
 from csstsim.optics.beyond import Beyond, beyond_box
 from csstsim.render.far_wings import FarWings
-from csstsim.render.line_wings import LINE_STEP, add_line, points_of
+from csstsim.render.line_wings import LINE_STEP, add_line, order_wing, points_of
 from csstsim.render.wings import add_beyond
 
 WINDOW = Window(2800, 4200, 4300, 5400)
@@ -115,3 +115,11 @@ def test_a_window_and_the_response(spectrum, beyond):
     assert drawn == pytest.approx(seen.sum(), rel=1e-5)
     nothing, drawn, box = draw(spectrum, beyond, 150.0, window=Window(0, 100, 0, 100))
     assert not nothing.any() and drawn == 0 and box is None
+
+
+def test_a_brighter_order_loses_no_light(spectrum, beyond):
+    """From hidden to long wings light beyond the box grows: at most a tenth of a wing is lost from one to the next."""
+    reaches = [order_wing(300.0, share, HALF) for share in (1e-5, 1e-3, 5e-3, 0.03, 0.3, 1.0)] + [1500.0]
+    assert reaches[0] == 0 and reaches[-2] > 3 * HALF
+    light = [draw(spectrum, beyond, reach)[1] for reach in reaches]
+    assert (np.diff(light) > -0.1 * light[0]).all()

@@ -186,6 +186,8 @@ def _throughput(path, telescope):
     """Return electrons per photon on GRID of an aXe sensitivity file."""
     import fitsio
 
+    if not path.is_file():
+        raise InputError("no such file; the grating's .conf names it", file=path)
     try:
         table = fitsio.read(str(path), ext=1, upper=True)
         wave, sensitivity = (np.asarray(table[name], float) for name in ("WAVELENGTH", "SENSITIVITY"))

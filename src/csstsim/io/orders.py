@@ -15,7 +15,12 @@
 An order of less than an electron, none of which was drawn, has no row.
 """
 
+import numpy as np
+
 from csstsim.catalog.table import ObjectTable
+from csstsim.errors import InputError
+
+_NEEDED = ("id", "row", "order", "grating", "cut", "xImage", "yImage", "p", "q", "r", "s", "electrons", "drawn")
 
 
 def write_orders(path, orders, metadata):
@@ -25,7 +30,28 @@ def write_orders(path, orders, metadata):
 
 
 def read_orders(path):
-    """Return the table of orders with 0-based x, y. Raises InputError."""
+    """Return the table of orders with 0-based x, y. Raises InputError, also for a place that is not finite."""
     table = ObjectTable.read(path)
+    missing = [name for name in _NEEDED if name not in table]
+    if missing:
+        raise InputError("column needed", file=path, key=missing[0])
+    for name in ("xImage", "yImage", "p", "q", "r", "s"):
+        if not np.isfinite(table[name]).all():
+            raise InputError("not finite", file=path, key=name)
     columns = {name: table[name] for name in table.names if name not in ("xImage", "yImage")}
     return ObjectTable(columns | {"x": table["xImage"] - 1.0, "y": table["yImage"] - 1.0}, table.meta)
+
+
+def check_orders(path, orders, count, gratings):
+    """Raise InputError if the orders read from `path` are not of `count` objects and instrument.grating.Gratings."""
+    known = {(piece.name, number) for piece, _ in gratings.pieces for number in piece.orders}
+    places = zip(orders["grating"].tolist(), orders["order"].tolist(), strict=True)
+    strange = next((place for place in places if place not in known), None)
+    if strange is not None:
+        raise InputError("no such order of this chip's gratings", file=path, key="grating, order", value=strange)
+    outside = (orders["row"] < 0) | (orders["row"] >= count)
+    if outside.any():
+        value = int(orders["row"][outside][0])
+        raise InputError(
+            "no such object in the truth table", file=path, key="row", value=value, allowed=f"0 to {count - 1}"
+        )

@@ -24,6 +24,7 @@ from csstsim.render.slabs import draw_spectra
 CHUNK = {(policy.STAMP, False): 2048, (policy.PHOTONS, False): 512, (policy.PHOTONS, True): 2048}
 _UNDRAWN = BAD_VALUE | STRONG_LENSING
 FAINTEST = 1.0  # electron: an order with less, none of which was drawn, has no row in the table of orders
+_MOST = 1e15  # electrons of an object
 _STRIP = 64  # px: objects are taken in strips, so that their pixels are in cache
 
 
@@ -49,7 +50,9 @@ def draw_dispersed(
     own = _visit_keys(object_keys_of(key, scene.ids), visits)
     for kind, optics, chunk in _chunks(scene, choice, disperser):
         at, some = _visits_of(chunk, visits, len(scene))
-        light = _light(work, choice, chunk, spectra, optics, exptime)
+        light = _light(
+            work, choice, chunk, spectra, optics, exptime, policy.PHOTONS_MAX if kind == policy.PHOTONS else _MOST
+        )
         result.nominal(at, some, light, optics.rates)
         begin = time.process_time()
         if kind == policy.STAMP:
@@ -86,10 +89,15 @@ def _visits_of(chunk, visits, count):
     return at, np.column_stack([place[visits[at, 0]], visits[at, 1:]])
 
 
-def _light(work, choice, chunk, spectra, optics, exptime):
-    """Return a chunk's (n, bins) spectra times the exposure time; bad ones are dark, flagged and not drawn."""
+def _light(work, choice, chunk, spectra, optics, exptime, most):
+    """Return a chunk's (n, bins) spectra times the exposure time; bad ones are dark, flagged and not drawn.
+
+    Bad: negative, not finite, or of more than `most` electrons, which selection's fluxes did not announce.
+    """
     light = spectra(work.rows[chunk], optics.edges) * exptime
     bad = ~(np.isfinite(light) & (light >= 0)).all(axis=1)
+    with np.errstate(over="ignore", invalid="ignore"):
+        bad |= ~(np.einsum("nb,b->n", light, optics.rates.sum(axis=1).max(axis=0)) <= most)
     light[bad] = 0.0
     work.flags[work.rows[chunk[bad]]] |= BAD_VALUE
     choice.method[chunk[bad]] = policy.NONE

@@ -14,7 +14,7 @@ import numpy as np
 
 from csstsim.render.far_wings import NEAR, WHOLE, between
 from csstsim.render.octaves import BITS, first_of, read
-from csstsim.render.wings import BLOCK, CUBIC, FADE, add_faint, ending, near_part, octaves_of, shown
+from csstsim.render.wings import BLOCK, CUBIC, FADE, FAINT_REACH, add_faint, ending, near_part, octaves_of, shown
 
 LINE_STEP = 8.0  # px
 LINE_NEAR = NEAR  # px: all of a wing beyond is on the mesh
@@ -43,9 +43,12 @@ def points_of(x, y, light):
 
 
 def order_wing(wing_px, share, half):
-    """Return the reach [px] of an order's wing, of this share of the light whose wing reaches wing_px; 0: hidden."""
+    """Return the reach [px] of an order's wing, of this share of the light whose wing reaches wing_px; 0: hidden.
+
+    A wing that shows goes on as far as the haze of those that do not, so that no order loses light by being brighter.
+    """
     reach = wing_px * np.cbrt(min(share, 1.0)) if wing_px > 0 else 0.0
-    return reach if reach > 1.5 * half else 0.0
+    return max(reach, FAINT_REACH) if reach > 1.5 * half else 0.0
 
 
 def add_line(image, response, window, places, flux, wing, wing_px, half, far, side=WHOLE):
