@@ -163,6 +163,14 @@ def _check_traces(grating, piece, file):
             if not far < _FAR:
                 raise InputError(f"sends light too far on {where}", file=file, key=f"BEAM{letters[number]}",
                                  value=far, allowed=f"up to {_FAR} px")  # fmt: skip
+            order = grating.orders[number]
+            p, q, *_ = order.lines(0.5 * (piece[0] + piece[1]), 0.5 * (piece[2] + piece[3]))
+            middle = float(p + q * (GRID @ order.throughput) / order.throughput.sum())
+            if not order.extent[0] <= middle <= order.extent[1]:
+                raise InputError(
+                    f"the middle of the order's light lands elsewhere (is DLDP in px and angstrom?), {where}",
+                    file=file, key=f"BEAM{letters[number]}", value=middle, allowed=f"{order.extent} px",
+                )  # fmt: skip
 
 
 def load_grating(path, filter, telescope):
