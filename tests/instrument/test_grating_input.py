@@ -88,7 +88,7 @@ BAD = {
     "far away": (edit("GI1.conf", "DLDP_E_1", "DLDP_E_1 0.1"), "BEAME: sends light too far"),
     "astronomically far": (edit("GI1.conf", "XOFF_A", "XOFF_A 1e300 1e306 0"), "BEAMA: sends light too far"),
     "other filter": (edit("GI1.conf", "SENSITIVITY_A", "SENSITIVITY_A GI_m1.fits"), "is not the throughput of GI"),
-    "dispersion in nanometres": (edit("GI1.conf", "DLDP_A_1", "DLDP_A_1 -0.84449406"), "BEAMA: the middle of the order's light"),
+    "nanometres a pixel": (edit("GI1.conf", "DLDP_A_1", "DLDP_A_1 -0.84449406"), "BEAMA: the middle of the order"),
     "a point": (edit("GI1.conf", "DLDP_A_1", "DLDP_A_1 -1e9"), "BEAMA: the middle of the order's light"),
     "another extent": (edit("GI1.conf", "BEAMA", "BEAMA 5 6"), "BEAMA: the middle of the order's light"),
     "no sensitivity": (edit("GI1.conf", "SENSITIVITY_A", "SENSITIVITY_A a/b/none.fits"), "none.fits: no such file"),

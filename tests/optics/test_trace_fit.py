@@ -157,3 +157,11 @@ def test_command_writes_conf_only(tmp_path):
 def test_bad_table_read_alone(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_trajectories(tmp_path)
+
+
+@pytest.mark.parametrize("stem", ["../a b", "a b", "a/b"])
+def test_sensitivities_have_plain_names(tmp_path, stem):
+    write(tmp_path / "s.csv", samples(KNOWN))
+    result = run(tmp_path / "s.csv", "--output", tmp_path / "s.conf", "--sensitivity", stem)
+    assert result.exit_code == 2 and "sensitivity: must be a name" in result.output
+    assert not (tmp_path / "s.conf").exists()

@@ -10,6 +10,7 @@ than a thousandth of a pixel over the band, and the trace has no slope.
 """
 
 import csv
+import re
 from pathlib import Path
 
 import numpy as np
@@ -119,6 +120,9 @@ def fit_file(samples, output, stem=None):
     output, rows = Path(output), read_trajectories(samples)
     if output.suffix != ".conf":
         raise InputError("must end in .conf", file=output)
+    stem = stem or output.stem
+    if not re.fullmatch(r"[\w.+-]+", stem):
+        raise InputError("must be a name", key="sensitivity", value=stem, allowed="letters, digits, _ . + -")
     if 1 not in rows:
         raise InputError("the first order is missing", file=samples, key="order", value=list(rows))
     try:
@@ -126,7 +130,7 @@ def fit_file(samples, output, stem=None):
     except ValueError as exc:
         raise InputError(str(exc), file=samples) from None
     for order, one in fitted.items():
-        one["sensitivity"] = sensitivity_file(stem or output.stem, order)
+        one["sensitivity"] = sensitivity_file(stem, order)
     about = [f"Grating {output.stem}, fitted to {Path(samples).name}", "Pixels count from 0"]
     with atomic_path(output) as temporary:
         temporary.write_text(axe_text(fitted, about), encoding="utf-8")
