@@ -64,15 +64,13 @@ def draw_spectra(
     reach = np.asarray(reach, int)
     half = mixer.cells / 2 / mixer.per_pixel
     far, centres = FarWings(window, response), 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
-    mixture, first = disperser.psf_weights, disperser.orders.index(1)
+    mixture = disperser.psf_weights
     galaxy = ((scene.sersic[:, :, 0] > 0) & (scene.light > 0)).any(axis=1)
     plan = plan_galaxies(scene, reach, half, galaxy)
     lines = disperser.lines(visits, scene.x, scene.y)
     counts = np.broadcast_to(per_px, (orders, len(scene))).T
     if allowed is not None and count:
-        short = abs(lines[0, :, 1]) < 0.9 * abs(lines[0, first, 1])
-        electrons = np.einsum("nb,ob->no", spectra, disperser.rates[0])
-        counts = fewest_by_order(electrons, roughness(spectra * disperser.rates[0, first]), short, allowed)
+        counts = _counts(spectra, disperser, lines[0, :, 1], allowed)
     density = densities(scene, counts.max(axis=1))
     for v, (i, piece, cut) in enumerate(visits.tolist()):
         start = time.process_time()
@@ -108,6 +106,13 @@ def draw_spectra(
         out.ms[v] = 1000 * (time.process_time() - start)
     far.lay(image)
     return out
+
+
+def _counts(spectra, disperser, q, allowed):
+    """Return (n, orders) slabs to a pixel of points; q (orders,): px an angstrom, of one visit."""
+    first, rates = disperser.orders.index(1), disperser.rates.max(axis=0)  # an order may be missing on one piece
+    electrons = np.einsum("nb,ob->no", spectra, rates)
+    return fewest_by_order(electrons, roughness(spectra * rates[first]), np.abs(q) < 0.9 * np.abs(q[first]), allowed)
 
 
 def densities(scene, per_px):
