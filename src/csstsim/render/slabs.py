@@ -99,13 +99,16 @@ def draw_spectra(
                     points = points_of(x, y, light * mixture)
                     parts.append(add_line(image, response, window, *points, beyond.wing, wing, half, far, side))
             out.drawn[v, o] = sum(electrons for electrons, _ in parts)
-            boxes = [box for _, box in parts if box is not None]
-            if boxes:
-                x0, x1, y0, y1 = np.transpose(boxes)
-                out.box[v, o] = x0.min(), x1.max(), y0.min(), y1.max()
+            out.box[v, o] = _around([box for _, box in parts if box is not None])
         out.ms[v] = 1000 * (time.process_time() - start)
     far.lay(image)
     return out
+
+
+def _around(boxes):
+    """Return the box (x0, x1, y0, y1) around some; zeros: there is none."""
+    x0, x1, y0, y1 = np.transpose(boxes) if boxes else np.zeros((4, 1), int)
+    return x0.min(), x1.max(), y0.min(), y1.max()
 
 
 def _counts(spectra, disperser, q, allowed):
