@@ -16,7 +16,7 @@ from csstsim.bench.spectrum_measures import NAMES, derivative, errors
 from csstsim.cli import main
 from csstsim.rng import stream
 
-METHODS = "photons,slabs 4"
+METHODS = "photons,slabs 4,standard"
 FLUX, ACROSS_PX, SIZE2 = 1e-3, 1e-3, 2e-3  # direct optics against the reference
 
 

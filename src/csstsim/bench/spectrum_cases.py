@@ -59,9 +59,7 @@ def make_spectrum_case(setting, rng, i, electrons, bulge=0.0, size=0.0, e=0.0, s
         x, y = place(setting, rng, i % 2 == 0)
     density, lines = density_of(spectrum, rng, disperser)
     piece = int(x > disperser.gratings.split)
-    bins = np.searchsorted(GRID, disperser.edges)
-    running = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1])) * (GRID[1] - GRID[0])])
-    light = np.diff(running[bins]) / np.diff(disperser.edges)
+    light = means(density, disperser.edges)
     first = light * disperser.rates[piece, disperser.orders.index(1)]
     factor = electrons / first.sum()
     shares = disperser.psf_weights @ first / first.sum()
@@ -72,6 +70,12 @@ def make_spectrum_case(setting, rng, i, electrons, bulge=0.0, size=0.0, e=0.0, s
     return SpectrumCase(
         table, scene, window, electrons, i % 2 == 0, spectrum, density * factor, light * factor, lines, visits
     )
+
+
+def means(density, edges):
+    """Return the (bins,) means of a density on filter.GRID over bins whose edges [angstrom] are on it."""
+    running = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1])) * (GRID[1] - GRID[0])])
+    return np.diff(running[np.searchsorted(GRID, edges)]) / np.diff(edges)
 
 
 def trace_window(disperser, visits, scene, half):

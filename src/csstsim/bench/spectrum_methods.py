@@ -4,6 +4,7 @@ import numpy as np
 
 from csstsim.bench import spectrum_peers as peers
 from csstsim.bench.methods import Method
+from csstsim.bench.spectrum_cases import means
 from csstsim.counter import object_keys
 from csstsim.optics.beyond import Beyond
 from csstsim.render import reference_dispersed
@@ -31,7 +32,7 @@ def _drawn_by_reference(setting, case, rows):
 
 def _spectra(setting, case):
     """Return the case's spectrum as catalog.spectra.Spectra gives those of a table."""
-    return lambda rows, edges: np.repeat(case.light[None] / setting.exptime, len(rows), axis=0)
+    return lambda rows, edges: np.repeat(means(case.density, edges)[None] / setting.exptime, len(rows), axis=0)
 
 
 def _reference(setting, case):
