@@ -16,7 +16,7 @@ from csstsim.bench.spectrum_measures import NAMES, derivative, errors
 from csstsim.cli import main
 from csstsim.rng import stream
 
-METHODS = "photons,slabs 4,standard"
+METHODS = "photons,slabs 4"
 FLUX, ACROSS_PX, SIZE2 = 1e-3, 1e-3, 2e-3  # direct optics against the reference
 
 
@@ -115,6 +115,15 @@ def test_measures_find_known_errors(setting, lines):
     wider = truth + 0.5 * 0.03 * derivative(along, 1)
     got = dict(zip(NAMES, errors(setting, case, wider, truth, np.inf)[0], strict=True))
     assert got["line_width2"] == pytest.approx(0.03, rel=1e-6) and abs(got["flux"]) < 1e-6
+
+
+def test_the_preset_draws_a_faint_object_as_photons_do(setting):
+    """It takes bins of a pixel: 2000 of 5 electrons have as many as bins of a quarter have, within 5 sigma."""
+    case = make_spectrum_case(setting, stream(4, "test"), 0, 5.0, size=0.1)
+    methods = [method for method in SLITLESS.methods if method.name in ("photons", "standard")]
+    drawn = {method.name: method.prepare(setting, case)(2000).sum() for method in methods}
+    assert abs(drawn["standard"] - drawn["photons"]) < 5 * np.sqrt(2 * drawn["photons"])
+    assert drawn["photons"] == pytest.approx(1e4, rel=0.1)
 
 
 def test_chance_is_the_scatter_of_random_electrons(setting, lines):

@@ -6,12 +6,14 @@ the same axes.
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from csstsim.atomic import atomic_path
 
 ON_NODES = "direct optics, on nodes"
 KINDS = {"star": "stars", "galaxy": "galaxies"}
-_NEAR, _LONG = (0.3, 0.13), 1.7  # decades: of cost and error, where methods share a label; of cost, how long one is
+_NEAR = 0.3, 0.13  # decades of cost and error: where methods of a colour share a label
+_OFFSETS = [(x, y) for y in (6, -15, 20, -29, 34, -43) for x in (8, -8)]  # points: where a label may stand, best first
 _OWN, _PRESETS = ("reference", "photons", "stamps", "slabs"), ("preview", "standard", "noise_free")
 OURS, PEERS, PRESET = "#0b6e99", "#b5542d", "#1a7a3c"
 
@@ -59,6 +61,11 @@ def draw_chart(path, tables):
         "filled and joined: nothing is both faster and better. Triangles: upper limits, set by the number of\n"
         "electrons drawn. Grey: what the standard preset allows, a tenth of the object's own noise.", size=9.5,
     )  # fmt: skip
+    figure.draw_without_rendering()  # the layout, without which no place in the figure is known
+    for row, kind in zip(axes, KINDS, strict=True):
+        for axis, lines in zip(row, tables, strict=True):
+            if found := points(lines, kind):
+                _label(axis, found)
     with atomic_path(path) as temporary:
         figure.savefig(temporary, dpi=100)
 
@@ -73,9 +80,6 @@ def _panel(axis, found):
         marker = "v" if limit else {OURS: "o", PEERS: "s", PRESET: "*"}[colour]
         filled, size = colour if name in front else "white", 170 if marker == "*" else 75
         axis.scatter(cost, error, s=size, marker=marker, facecolor=filled, edgecolor=colour, lw=1.5, zorder=3)
-    for names, place, free in _labels(found):
-        how = {"textcoords": "offset points", "color": _colour(names[0]), "size": 9}
-        axis.annotate(_joined(names), place, (8 if free else -9, 6), ha="left" if free else "right", **how)
     axis.grid(color="0.9", lw=0.5)
 
 
@@ -93,20 +97,33 @@ def _joined(names):
     return ", ".join(out)
 
 
-def _labels(found):
-    """Return [(names, place, free)]: methods that share a place in the chart share a label; it stands to the left where
-    it would run into the next one's, not `free`."""
+def _groups(found):
+    """Return [(names, place)]: methods of a colour that share a place in the chart share a label."""
     groups = []
     for name, (cost, error, _) in sorted(found.items(), key=lambda item: item[1][0]):
         for names, place in groups:
-            if abs(np.log10(cost / place[0])) < _NEAR[0] and abs(np.log10(error / place[1])) < _NEAR[1]:
+            near = np.abs(np.log10([cost / place[0], error / place[1]])) < _NEAR
+            if near.all() and _colour(name) == _colour(names[0]):
                 names.append(name)
                 break
         else:
             groups.append(([name], (cost, error)))
-    places = np.log10([place for _, place in groups])
-    free = [
-        not ((places[:, 0] > x) & (places[:, 0] < x + _LONG) & (np.abs(places[:, 1] - y) < _NEAR[1])).any()
-        for x, y in places
-    ]
-    return [(*group, room) for group, room in zip(groups, free, strict=True)]
+    return groups
+
+
+def _label(axis, found):
+    """Write the names beside the methods: each where it meets the fewest points, other names and the panel's edge."""
+    points = axis.transData.transform([place[:2] for place in found.values()])
+    taken = [Bbox.from_bounds(x - 7, y - 7, 14, 14) for x, y in points]
+    for names, place in _groups(found):
+        tries = []
+        for x, y in _OFFSETS:
+            how = {"textcoords": "offset points", "color": _colour(names[0]), "size": 9}
+            text = axis.annotate(_joined(names), place, (x, y), ha="left" if x > 0 else "right", **how)
+            box = text.get_window_extent()
+            text.remove()
+            outside = not (axis.bbox.contains(*box.min) and axis.bbox.contains(*box.max))
+            tries.append((box.count_overlaps(taken) + 2 * outside, len(tries), text, box))
+        *_, text, box = min(tries, key=lambda item: item[:2])
+        axis.add_artist(text)
+        taken.append(box)
