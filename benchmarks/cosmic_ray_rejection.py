@@ -17,7 +17,7 @@ import yaml
 from scipy.ndimage import maximum_filter
 
 from csstsim import prepare, stages
-from csstsim.analysis import calibrated_frame
+from csstsim.calibration import calibrated_frame
 from csstsim.campaign import OpenCampaign
 from csstsim.detector.mask import COSMIC_RAY
 from csstsim.io.truth import read_truth

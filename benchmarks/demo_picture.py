@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from csstsim.analysis import calibrated_frame
+from csstsim.calibration import calibrated_frame
 from csstsim.campaign import OpenCampaign
 from csstsim.io.level0 import read_level0
 from csstsim.measure.bad_pixels import mend

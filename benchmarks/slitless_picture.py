@@ -15,7 +15,7 @@ import matplotlib
 import numpy as np
 from PIL import Image
 
-from csstsim.analysis import calibrated_frame
+from csstsim.calibration import calibrated_frame
 from csstsim.campaign import OpenCampaign
 from csstsim.io.orders import read_orders
 

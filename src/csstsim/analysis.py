@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from csstsim import __version__
+from csstsim.calibration import calibrated_frame
 from csstsim.catalog.table import GALAXY
 from csstsim.errors import InputError
 from csstsim.prepare import open_psf
@@ -24,7 +25,7 @@ def measure(run, job):
         filter=run.camera.filters[job.chip.filter], telescope=run.camera.telescope, pointing=job.pointing,
         window=job.window,
     )  # fmt: skip
-    table.write(run.paths.measure(*job.key), table.meta | {"recipe": run.recipe(job)})
+    table.write(run.paths.measure(*job.key), table.meta | {"recipe": run.measure_recipe(job)})
     print(f"{len(table)} sources, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")
 
 
@@ -39,7 +40,7 @@ def extract(run, job):
     path = run.paths.spectra(*job.key)
     with atomic_path(path.with_suffix(".png")) as temporary:
         temporary.write_bytes(spectra_figure(truth, frame, orders, table))
-    table.write(path, table.meta | {"recipe": run.recipe(job)})
+    table.write(path, table.meta | {"recipe": run.measure_recipe(job)})
     print(f"{table.meta['spectra']} spectra of S/N {table.meta['snr_min']:g} and more in a resolution element")
 
 
@@ -86,38 +87,6 @@ def _shapes(truth, wcs):
     return Shapes.of(shape_matrix(truth, wcs), np.stack([1 - bulge, bulge], axis=1), sizes)
 
 
-def calibrated_frame(run, job):
-    """Return (io.level0.Level0, measure.calibrate.Calibrated) of a job's file. Raises InputError."""
-    from csstsim.io.keywords import RECIPE
-    from csstsim.io.level0 import read_level0
-    from csstsim.measure.bad_pixels import known_defects
-    from csstsim.measure.calibrate import calibrate
-    from csstsim.optics.response import response_map
-    from csstsim.rng import Streams
-
-    path, detector = run.paths.level0(job.pointing, job.chip.id), run.camera.detector
-    file = read_level0(path, verify=True)
-    recipe = run.recipe(job)
-    for name, keyword in RECIPE.items():
-        if file.header0.get(keyword) != recipe[name]:
-            raise InputError(
-                "made by another campaign; remove it", file=path, key=keyword, value=file.header0.get(keyword),
-                allowed=recipe[name],
-            )  # fmt: skip
-    streams = Streams(run.config.seed, job.pointing.obsid, job.chip.id, "measure")
-    steps, filter_ = run.steps[job.pointing.type], run.camera.filters[job.chip.filter]
-    response = response_map(  # without the pixels' response: a flat that knows each pixel must be measured, not known
-        job.chip, job.window, filter_, job.pointing.exptime, run.camera.leds, streams.camera,
-        flat=steps.losses["flat"], shutter=steps.losses["shutter"],
-    )  # fmt: skip
-    layer = steps.step("detector_defects")
-    bad = known_defects(detector, job.window, layer.param, streams) if layer else None
-    return file, calibrate(
-        file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
-        full_well=detector.full_well, response=response, bad=bad,
-    )  # fmt: skip
-
-
 def merge(run, pix):
     """Merge the measurements of a brick: one row per source."""
     from csstsim.bricks.merge import merge_brick, write_merged
@@ -158,7 +127,7 @@ def _measured(run, job):
 
     path = run.paths.measure(*job.key)
     table = ObjectTable.read(path)
-    check_recipe(path, table.meta, run.recipe(job))
+    check_recipe(path, table.meta, run.measure_recipe(job))
     return table
 
 
@@ -218,7 +187,7 @@ def _spectra(run, job):
 
     path = run.paths.spectra(*job.key)
     meta = ObjectTable.read(path).meta
-    check_recipe(path, meta, run.recipe(job))
+    check_recipe(path, meta, run.measure_recipe(job))
     name = f"exposure {job.pointing.obsid}, chip {job.chip.id} ({job.chip.filter}): {meta['spectra']} spectra extracted"
     return name, path.with_suffix(".png").read_bytes()
 

@@ -27,6 +27,7 @@ from csstsim.render.numbers import load_numbers
 from csstsim.sim_steps import SimSteps
 
 MERGE_MARGIN_DEG = 2.0 / 3600.0  # a merged brick takes detections up to 2" beyond its border
+CALIBRATIONS, FEWEST_CALIBRATIONS = ("BIAS", "DARK", "FLAT"), 3  # exposures of each: with two a ray is not told
 EDGE_PX = 3.0  # field distortion bends a chip's edges on the sky: by up to 2.4 px off the line between the corners
 
 
@@ -73,6 +74,7 @@ class OpenCampaign:
         }
 
         self._check_photons()
+        self._check_masters()
         if "SCIE" in self.steps and any(chip.kind == "slitless" for chip in self._selected_chips()):
             _ = self.camera.gratings  # read, and refused if they cannot be used
         for p in self._selected_pointings():
@@ -88,6 +90,20 @@ class OpenCampaign:
                 raise InputError(
                     f"fidelity {self.config.fidelity} draws photons, and no layer counts them", file=steps.file,
                     key="layers", allowed="poisson_and_dark in the list, or fidelity noise_free or reference",
+                )  # fmt: skip
+
+    def masters(self, chip_id):
+        """Return the file of a chip's master calibration frames, that its exposures are measured with."""
+        return Paths(self.config.measurement.masters).masters(chip_id)
+
+    def _check_masters(self):
+        chips = self._selected_chips() if self.config.measurement.calibration == "frames" else ()
+        for chip in chips if "SCIE" in self.steps else ():
+            if not self.masters(chip.id).is_file():
+                raise InputError(
+                    f"no {self.masters(chip.id).relative_to(self.config.measurement.masters)} there", file=self.file,
+                    key="measurement.masters", value=self.config.measurement.masters,
+                    allowed="output of a finished campaign of bias, dark and flat exposures (config/calibration.yaml)",
                 )  # fmt: skip
 
     def _check_shutter(self, pointing):
@@ -268,6 +284,18 @@ class OpenCampaign:
         return tuple(j for j in self.jobs if self.has_orders(j))
 
     @cached_property
+    def calibration_jobs(self):
+        """Map each chip with bias, dark and lamp exposures enough for master frames to its jobs."""
+        chips = {}
+        for job in self.jobs:
+            if job.pointing.type != "SCIE" and job.window == job.chip.full_window:
+                chips.setdefault(job.chip.id, []).append(job)
+        return {
+            chip: jobs for chip, jobs in chips.items()
+            if min(sum(job.pointing.type == kind for job in jobs) for kind in CALIBRATIONS) >= FEWEST_CALIBRATIONS
+        }  # fmt: skip
+
+    @cached_property
     def merge_bricks(self):
         """Map each brick touched by a measured window to its jobs."""
         bricks = {}
@@ -287,6 +315,10 @@ class OpenCampaign:
             "exposure": digest([str(job.pointing), str(job.window), job.chip.id]),
         }
 
+    def measure_recipe(self, job):
+        """Return {name: digest} of everything that decides a job's measurements."""
+        return self.recipe(job) | {"measurement": digest(self.config.measurement.model_dump(mode="json"))}
+
     def brick_recipe(self, pix):
         """Return the digest of everything that decides a merged brick: the recipes of the frames on it."""
-        return digest([self.recipe(job) for job in self.merge_bricks[pix]])
+        return digest([self.measure_recipe(job) for job in self.merge_bricks[pix]])

@@ -93,6 +93,7 @@ job_command("csstsim.stages", "select", "Find the objects that reach a chip, wit
 job_command("csstsim.stages", "render", "Draw the objects and the sky: expected electrons.")
 job_command("csstsim.stages", "readout", "Turn electrons into DN: noise, overscan, bias, gain.")
 job_command("csstsim.stages", "level0", "Digitise and write the Level-0 file and its truth table.")
+job_command("csstsim.calibration", "calibrate", "Write the calibrated image of a Level-0 file: SCI, ERR, DQ in e-/s.")
 job_command("csstsim.analysis", "measure", "Detect and measure the sources of a Level-0 file.")
 job_command("csstsim.analysis", "extract", "Extract the spectra of a spectroscopic chip's Level-0 file.")
 brick_command("csstsim.analysis", "merge", "Merge the measurements of a brick: one row per source, all bands.")
@@ -107,6 +108,16 @@ def psf(run, chip_id):
     from csstsim import prepare
 
     prepare.psf(run, chip_id)
+
+
+@main.command()
+@stage
+@chip_opt
+def masters(run, chip_id):
+    """Make the master frames of one chip from bias, dark and lamp exposures."""
+    from csstsim import calibration
+
+    calibration.masters(run, chip_id)
 
 
 @main.command()

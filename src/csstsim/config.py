@@ -149,6 +149,29 @@ class PsfConfig(Model):
     neighbours: int = Field(4, ge=1, description="inverse-distance weighting: number of nodes")
 
 
+class MeasurementConfig(Model):
+    """How Level-0 files are calibrated before sources are measured."""
+
+    calibration: Literal["truth", "frames"] = Field(
+        "truth",
+        description="'truth': the maps and traps of the simulation itself; 'frames': masters made of bias, dark and "
+        "lamp exposures (csstsim masters), and traps of the same density",
+    )
+    masters: FilePath | None = Field(
+        None, description="output folder of the campaign that made the masters; for calibration: frames"
+    )
+    cti_passes: int = Field(3, ge=0, le=20, description="passes of the correction of charge transfer; 0: left as it is")
+    keep_calibrated: bool = Field(
+        False, description="calibrated images (electrons/s, errors, quality) are among the campaign's products"
+    )
+
+    @model_validator(mode="after")
+    def _masters_where_used(self):
+        if (self.calibration == "frames") != (self.masters is not None):
+            raise ValueError("masters belongs to calibration: frames, and must be given there")
+        return self
+
+
 class ValidateConfig(Model):
     """Thresholds of the report's gates; null = the gate is only reported."""
 
@@ -187,6 +210,7 @@ class Campaign(Model):
         "'preview', to all of it; 'noise_free', as 'standard' but all light as expectation, none as counted photons; "
         "'reference', GalSim one by one, 0.1 CPU-seconds an object",
     )
+    measurement: MeasurementConfig = MeasurementConfig()
     validation: ValidateConfig = ValidateConfig()
 
     def observation_file(self, exposure_type):

@@ -1,7 +1,28 @@
+rule calibrate:
+    input:
+        level0_of,
+        f"{OUT}/psf/chip_{{chip}}.h5",
+        masters_of,
+    output:
+        f"{OUT}/calibrated/{{obsid}}_{{chip}}.fits",
+    log:
+        f"{OUT}/logs/calibrate/{{obsid}}_{{chip}}.log",
+    benchmark:
+        f"{OUT}/benchmarks/calibrate/{{obsid}}_{{chip}}.tsv"
+    resources:
+        mem_mb=3000,
+        runtime=20,
+    params:
+        how=MEASUREMENT,
+    shell:
+        'csstsim calibrate "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
+
+
 rule measure:
     input:
         level0_of,
         f"{OUT}/psf/chip_{{chip}}.h5",
+        masters_of,
     output:
         f"{OUT}/measure/{{obsid}}_{{chip}}.parquet",
     log:
@@ -11,6 +32,8 @@ rule measure:
     resources:
         mem_mb=3000,
         runtime=20,
+    params:
+        how=MEASUREMENT,
     shell:
         'csstsim measure "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
 

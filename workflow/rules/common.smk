@@ -11,6 +11,7 @@ try:
 except CsstsimError as error:
     raise WorkflowError(str(error)) from None
 OUT = str(RUN.paths.output)
+MEASUREMENT = RUN.config.measurement.model_dump(mode="json")
 
 # The (exposure, chip) pairs whose truth is kept order by order, as patterns; no pair: patterns that nothing meets.
 SPECTRA_OBSID = (
@@ -100,6 +101,19 @@ def level0_of(wildcards):
     return str(RUN.paths.level0(job.pointing, job.chip.id))
 
 
+def masters_of(wildcards):
+    """The master frames a chip is measured with, of another campaign."""
+    if RUN.config.measurement.calibration != "frames":
+        return []
+    return str(RUN.masters(int(wildcards.chip)))
+
+
+def calibration_frames_of(wildcards):
+    """The bias, dark and lamp exposures of a chip."""
+    jobs = RUN.calibration_jobs[int(wildcards.chip)]
+    return [str(RUN.paths.level0(job.pointing, job.chip.id)) for job in jobs]
+
+
 def truth_of_level0(wildcards):
     """The truth beside a spectroscopic chip's Level-0 file: of objects, and of their orders."""
     job = JOBS[wildcards.obsid, wildcards.chip]
@@ -141,7 +155,11 @@ def level0_files(wildcards=None):
 
 def targets():
     seen = RUN.imaging_jobs or RUN.slitless_jobs
-    return [*level0_files(), *([str(RUN.paths.report)] if seen else [])]
+    found = [*level0_files(), *([str(RUN.paths.report)] if seen else [])]
+    found += [str(RUN.paths.masters(chip)) for chip in RUN.calibration_jobs]
+    if RUN.config.measurement.keep_calibrated:
+        found += [str(RUN.paths.calibrated(*job.key)) for job in RUN.imaging_jobs]
+    return found
 
 
 def summary():

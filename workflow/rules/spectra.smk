@@ -32,6 +32,7 @@ rule extract:
         level0_of,
         truth_of_level0,
         f"{OUT}/psf/chip_{{chip}}.h5",
+        masters_of,
     output:
         f"{OUT}/spectra/{{obsid}}_{{chip}}.parquet",
         f"{OUT}/spectra/{{obsid}}_{{chip}}.png",
@@ -42,5 +43,7 @@ rule extract:
     resources:
         mem_mb=4000,
         runtime=20,
+    params:
+        how=MEASUREMENT,
     shell:
         'csstsim extract "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'

@@ -34,6 +34,11 @@ class Window:
         """(ny, nx), as of the numpy image."""
         return self.ny, self.nx
 
+    @property
+    def slices(self):
+        """Of the window in an image of the whole chip."""
+        return slice(self.y0, self.y1), slice(self.x0, self.x1)
+
     def contains(self, x, y):
         """Whether positions (pixel, pixel centres at integers; float or arrays) fall on a pixel of the window."""
         return (x >= self.x0 - 0.5) & (x < self.x1 - 0.5) & (y >= self.y0 - 0.5) & (y < self.y1 - 0.5)

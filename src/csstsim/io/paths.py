@@ -3,7 +3,7 @@
     truth/Norder=8/Dir=D/Npix=P.parquet         psf/chip_08.h5 chip_08_tables.h5
     chips/{obsid}_{chip}/select.parquet render.fits drawn.parquet orders.parquet readout.fits
     level0/{obsid}/{stem}.fits {stem}.truth.parquet {stem}.orders.parquet {stem}.cosmic.fits
-    measure/{obsid}_{chip}.parquet  spectra/{obsid}_{chip}.parquet
+    masters/chip_08.fits  calibrated/{obsid}_{chip}.fits  measure/{obsid}_{chip}.parquet  spectra/{obsid}_{chip}.parquet
     merge/Norder=8/Dir=D/Npix=P.parquet  validate/{P}.json  report/index.html
 
 Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256).
@@ -53,6 +53,12 @@ class Paths:
     def level0_cosmic(self, pointing, chip_id):
         """The electrons of cosmic rays alone, if cosmic_rays was asked to save them (io.frames, plane `cosmic`)."""
         return self.level0(pointing, chip_id).with_suffix(".cosmic.fits")
+
+    def masters(self, chip_id):
+        return self.output / "masters" / f"chip_{chip_id:02d}.fits"
+
+    def calibrated(self, obsid, chip_id):
+        return self.output / "calibrated" / f"{obsid}_{chip_id:02d}.fits"
 
     def measure(self, obsid, chip_id):
         return self.output / "measure" / f"{obsid}_{chip_id:02d}.parquet"

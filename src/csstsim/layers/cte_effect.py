@@ -47,26 +47,30 @@ def apply(state, param, rng):
     """
     if state.counted is not None:
         raise ValueError("counted electrons were not merged: poisson_and_dark must come before CTE_effect")
-    halves, trapped = _along_columns(state, param.density_scale, rng)
-    state.header |= {"cti_density": param.density_scale, "cti_trapped": trapped}
-    channels = {}
-    if param.serial:
-        channels, state.header["cti_serial_trapped"] = _along_rows(state, halves, param.density_scale, rng)
-    state.trailed = Trails(halves, channels)
+    state.trailed, header = transfer(state.image, state.chip.detector, state.window, param, rng)
+    state.header |= {"cti_density": param.density_scale} | header
     return state
 
 
-def _along_columns(state, scale, rng):
-    """Transfer both halves to their registers; return (Trails.parallel, electrons left in traps)."""
-    from csstsim.detector.cti import transfer  # numba: half a second that checking a campaign need not pay
+def transfer(image, detector, window, param, rng):
+    """Move the charge of a window's image, in place; return (Trails, header entries). rng: rng.Streams of the layer."""
+    halves, trapped = _along_columns(image, detector, window, param.density_scale, rng)
+    header, channels = {"cti_trapped": trapped}, {}
+    if param.serial:
+        channels, header["cti_serial_trapped"] = _along_rows(image, detector, window, halves, param.density_scale, rng)
+    return Trails(halves, channels), header
 
-    detector, window = state.chip.detector, state.window
+
+def _along_columns(image, detector, window, scale, rng):
+    """Transfer both halves to their registers; return (Trails.parallel, electrons left in traps)."""
+    from csstsim.detector import cti  # numba: half a second that checking a campaign need not pay
+
     traps, n_rows = detector.traps, detector.channel_ny
     trailed, trapped = [], 0
     for half in range(2):
         low, high = (min(max(y, half * n_rows), (half + 1) * n_rows) for y in (window.y0, window.y1))
-        trail, left = transfer(
-            state.image[low - window.y0 : high - window.y0] if low < high else state.image[:0],
+        trail, left = cti.transfer(
+            image[low - window.y0 : high - window.y0] if low < high else image[:0],
             scale * np.array(traps.density), traps.timescale, (traps.beta, traps.full_well, traps.notch),
             (rng.chip_key(f"traps {half}"), rng.exposure_key(f"release {half}")),
             flip=bool(half), lead=detector.ny - high if half else low, n_rows=n_rows,
@@ -77,28 +81,27 @@ def _along_columns(state, scale, rng):
     return tuple(trailed), trapped
 
 
-def _along_rows(state, halves, scale, rng):
+def _along_rows(image, detector, window, halves, scale, rng):
     """Transfer each channel's rows, and those of its parallel overscan in `halves`, to its amplifier.
 
     Returns (Trails.serial, electrons left in traps).
     """
     from csstsim.detector.serial import transfer_rows
 
-    detector, (x0, y0) = state.chip.detector, (state.window.x0, state.window.y0)
-    traps = detector.traps.serial
+    traps, x0, y0 = detector.traps.serial, window.x0, window.y0
     trailed, trapped = {}, 0
-    for block in ReadoutFrame.of(detector, state.window).blocks:
+    for block in ReadoutFrame.of(detector, window).blocks:
         rows, cols = block.image
         lead = (-(x0 + cols.stop) if block.flip_x else x0 + cols.start) % detector.channel_nx
         row0 = (-(y0 + rows.stop) if block.flip_y else y0 + rows.start) % detector.channel_ny
         keys = rng.chip_key(f"serial traps {block.channel}"), rng.exposure_key(f"serial release {block.channel}")
         trails = []
-        for image, first in (
-            (state.image[block.image][block.as_read], row0),
+        for part, first in (
+            (image[block.image][block.as_read], row0),
             (halves[block.half][:, cols][:, block.as_read[1]], detector.channel_ny),
         ):
             trail, left = transfer_rows(
-                image, scale * np.array(traps.density), traps.timescale, (traps.beta, traps.full_well, traps.notch),
+                part, scale * np.array(traps.density), traps.timescale, (traps.beta, traps.full_well, traps.notch),
                 keys, prescan=detector.prescan, lead=lead, n_columns=detector.channel_nx, overscan=detector.overscan,
                 row0=first,
             )  # fmt: skip

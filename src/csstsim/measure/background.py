@@ -42,7 +42,7 @@ def masked_background(image, mask, box=SECOND_BOX):
     if not np.isfinite(level).any():
         return None
     middle = (0.5 * (rows[1:] + rows[:-1] - 1), 0.5 * (columns[1:] + columns[:-1] - 1))
-    level, rms = (_interpolated(_filled(values), middle, image.shape) for values in (level, rms))
+    level, rms = (interpolated(_filled(values), middle, image.shape) for values in (level, rms))
     return level, np.maximum(rms, FLOOR)
 
 
@@ -64,7 +64,7 @@ def _filled(mesh):
     return median_filter(mesh[tuple(near)], 3, mode="nearest")
 
 
-def _interpolated(mesh, middle, shape):
+def interpolated(mesh, middle, shape):
     """Bilinear between the meshes' middles, constant beyond the outer ones."""
     rows, columns = (np.arange(n) for n in shape)
     wide = np.array([np.interp(columns, middle[1], line) for line in mesh])

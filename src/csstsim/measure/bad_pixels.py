@@ -14,7 +14,7 @@ import numpy as np
 
 from csstsim.detector import defects
 
-FULL, BAD = np.uint8(1), np.uint8(2)  # bits of `mend`
+FULL, BAD, RAY = np.uint8(1), np.uint8(2), np.uint8(4)  # bits of `mend`
 SIGMA, NEIGHBOUR_SIGMA = 5.0, 2.5  # of a first pixel above the sky, of one beside a found one
 NOISE = 2.5  # sigma, of a first pixel and of the mean of its pair, in favour of a star
 SHARE = 0.7  # of a star's smallest ratio of pair to pixel: the PSF is not known better
@@ -26,13 +26,16 @@ _PLACES = np.linspace(-0.5, 0.5, 5)  # px: of a star within its pixel
 def mend(calibrated, model):
     """Fill defects and cosmic rays of `calibrated.electrons` (calibrate.Calibrated), in place.
 
-    Returns uint8 (ny, nx), why a pixel is not to be used: bits FULL (saturated) and BAD. model: photometry.PsfModel.
+    Returns uint8 (ny, nx), why a pixel is not to be used: bits FULL (saturated), BAD (defect) and RAY. model:
+    photometry.PsfModel.
     """
     read_noise = float(np.mean(list(calibrated.read_noise.values())))
     rays = cosmic_rays(calibrated.electrons, calibrated.saturated, calibrated.bad, read_noise, model)
-    bad = rays | calibrated.bad
-    fill(calibrated.electrons, bad)
-    return FULL * calibrated.saturated.astype(np.uint8) | BAD * bad.astype(np.uint8)
+    fill(calibrated.electrons, rays | calibrated.bad)
+    why = FULL * calibrated.saturated.astype(np.uint8)
+    why |= BAD * calibrated.bad.astype(np.uint8)
+    why |= RAY * rays.astype(np.uint8)
+    return why
 
 
 def known_defects(detector, window, param, rng):

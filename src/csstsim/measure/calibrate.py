@@ -1,9 +1,8 @@
-"""Level-0 frame to electrons: overscan, gain, nonlinearity, saturation; the first step of the measurement.
+"""Level-0 frame to electrons: overscan, gain, nonlinearity, charge transfer, flat; the first step of the measurement.
 
-The bias of each readout channel is the robust mean of its own serial overscan (bias + read noise only),
-and its read noise the robust scatter there. Electrons are divided by the flat field and shutter that their light has
-met. What is left out, so that the measurement sees what the simulator put in: dark and charge-transfer
-corrections (the dark current and the sky go into the background of `measure.detect`).
+The bias of each readout channel is the robust mean of its own serial overscan (bias + read noise only), and its read
+noise the robust scatter there. Charge is moved back to where the light came (measure.cti), then divided by the flat
+field and shutter that the light has met. Dark current and sky go into the background of `measure.detect`.
 """
 
 from dataclasses import dataclass
@@ -53,14 +52,18 @@ class Calibrated:
         return self.response[row, column].astype(float)
 
 
-def calibrate(frame, readout, gain, *, nonlinearity=None, adc_max=65535, full_well=None, response=None, bad=None):
+def calibrate(
+    frame, readout, gain, *, nonlinearity=None, adc_max=65535, full_well=None, response=None, bad=None, offset=None,
+    undo=None,
+):  # fmt: skip
     """Turn a raw frame into electrons.
 
     `frame`: uint16 DN of shape `readout.shape`; `readout`: detector.channels.ReadoutFrame of its window;
     `gain`: {channel: electron/DN}, channels as in the Level-0 keywords GAINnn; `nonlinearity`:
     {channel: (quadratic, cubic)}, undone up to `full_well`, where the file states it. A pixel is saturated at
     `adc_max` DN or from `full_well` electrons; `response`: share of the light that was counted; `bad`:
-    known defects, or None. Returns `Calibrated`.
+    known defects, or None; `offset`: {channel: electrons} of a bias beside the overscan's; `undo`: electrons (ny, nx)
+    -> the charge before its transfer, or None. Returns `Calibrated`.
     Raises InputError when the frame does
     not have the readout's shape or a channel's gain is missing or not positive.
     """
@@ -76,13 +79,15 @@ def calibrate(frame, readout, gain, *, nonlinearity=None, adc_max=65535, full_we
             raise InputError("no usable gain", key=f"GAIN{block.channel:02d}", value=factor, allowed="> 0 e-/DN")
         level, scatter = overscan_level(frame[block.serial_overscan], from_right=block.flip_x)
         bias[block.channel], read_noise[block.channel] = level, scatter * factor
-        raw = frame[block.active]
-        electrons[block.image] = (raw - np.float32(level)) * np.float32(factor)
+        raw, zero = frame[block.active], level + (offset or {}).get(block.channel, 0.0) / factor
+        electrons[block.image] = (raw - np.float32(zero)) * np.float32(factor)
         if nonlinearity and full_well:
             _straighten(electrons[block.image], *nonlinearity[block.channel], full_well)
         saturated[block.image] = raw >= adc_max
     if full_well is not None:
         saturated |= electrons >= full_well
+    if undo is not None:
+        electrons = undo(electrons)
     if response is not None:
         electrons /= response
     bad = np.zeros(electrons.shape, bool) if bad is None else bad

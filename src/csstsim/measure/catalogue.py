@@ -11,7 +11,7 @@ import numpy as np
 from csstsim.catalog.astrometry import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.errors import InputError
-from csstsim.measure.bad_pixels import BAD, FULL, mend
+from csstsim.measure.bad_pixels import BAD, FULL, RAY, mend
 from csstsim.measure.combine import combine
 from csstsim.measure.detect import FWHM_TO_SIGMA, detect
 from csstsim.measure.photometry import fit_sources, kron_flux, psf_model
@@ -107,7 +107,7 @@ def _sources(found, calibrated, unusable, model, window):
         BLENDED * ((found.sep_flag & 1) != 0)
         | TRUNCATED * ((found.sep_flag & 2) != 0)
         | SATURATED * ((why & FULL) > 0)
-        | BAD_PIXELS * ((why & BAD) > 0)
+        | BAD_PIXELS * ((why & (BAD | RAY)) > 0)
         | NEGATIVE_FLUX * ~((flux > 0) & (kron > 0))
         | KRON_FAILED * kron_failed
         | NOT_CENTRED * found.window_failed

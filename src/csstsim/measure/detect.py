@@ -80,7 +80,7 @@ def detect(electrons, kernel, *, saturated=None, threshold=THRESHOLD):
     # Crowded 85 Mpx frames overflow sep's defaults (3e5 pixels above threshold, 1024 parts of one object).
     sep.set_extract_pixstack(max(1_000_000, electrons.size // 8))
     sep.set_sub_object_limit(8192)
-    rms = _subtract_background(electrons, saturated)
+    rms = subtract_background(electrons, saturated)
     found, segments = _cold_pass(binned(electrons), binned(rms) / np.float32(BIN))
     segments = full_size(segments, electrons.shape)
     cold = _sources(electrons, found, segments, BIN, np.inf)
@@ -91,7 +91,7 @@ def detect(electrons, kernel, *, saturated=None, threshold=THRESHOLD):
     return Passes(electrons, rms, segments, cold, _sources(electrons, found, segments, 1, HOT_WINDOW))
 
 
-def _subtract_background(electrons, saturated):
+def subtract_background(electrons, saturated):
     """Take the background off in place, masking sources; return its noise map, electron (ny, nx)."""
     from scipy.ndimage import binary_dilation
 

@@ -1,0 +1,160 @@
+"""Level-0 files to calibrated images, and calibration exposures to the masters they need: `measurement` in a campaign.
+
+calibration: truth     the maps the simulator used: flat field, shutter, pixel response, defects, each trap
+calibration: frames    masters of `csstsim masters` for pixel response and defects; flat field and shutter as above, for
+                       those of a sky survey come from its own stars; traps of the right density, but others
+"""
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from csstsim import __version__
+from csstsim.campaign import CALIBRATIONS, FEWEST_CALIBRATIONS
+from csstsim.errors import InputError
+from csstsim.rng import Streams
+
+
+def calibrated_frame(run, job):
+    """Return (io.level0.Level0, measure.calibrate.Calibrated) of a job's file. Raises InputError."""
+    from csstsim.measure.calibrate import calibrate as to_electrons
+
+    file, streams = _level0(run, job), Streams(run.config.seed, job.pointing.obsid, job.chip.id, "measure")
+    steps, detector = run.steps[job.pointing.type], run.camera.detector
+    from_frames = run.config.measurement.calibration == "frames"
+    response, bad, offset = (_by_masters if from_frames else _by_truth)(run, job, streams)
+    return file, to_electrons(
+        file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
+        full_well=detector.full_well, response=response, bad=bad, offset=offset,
+        undo=_undo_transfer(run, job, steps, replace(streams, chip_id=-job.chip.id) if from_frames else streams),
+    )  # fmt: skip
+
+
+def calibrate(run, job):
+    """Write the calibrated image of an imaging chip's science exposure."""
+    from csstsim.io.calibrated import write_calibrated
+    from csstsim.measure.bad_pixels import mend
+    from csstsim.measure.detect import subtract_background
+    from csstsim.measure.photometry import psf_model
+    from csstsim.prepare import open_psf
+
+    if job.chip.kind != "imaging" or job.pointing.type != "SCIE":
+        raise InputError(
+            "only science exposures of imaging chips have calibrated images", file=run.file, key="chip",
+            value=f"{job.chip.id} ({job.chip.filter}) in {job.pointing.type}",
+        )  # fmt: skip
+    file, frame = calibrated_frame(run, job)
+    quality = mend(frame, psf_model(open_psf(run, job.chip), (job.window.x0, job.window.y0), job.window.shape))
+    image, error, rate = frame.electrons, frame.sigma(), 1.0 / job.pointing.exptime
+    background = float(np.median(image))
+    subtract_background(image, quality > 0)
+    background -= float(np.median(image))
+    image *= rate
+    error *= rate
+    path, filter_ = run.paths.calibrated(*job.key), run.camera.filters[job.chip.filter]
+    write_calibrated(
+        path, file, job.wcs, (image, error, quality), background=background * rate,
+        zeropoint=filter_.zeropoint(run.camera.telescope), read_noise=float(np.mean(list(frame.read_noise.values()))),
+        settings=run.config.measurement.model_dump(mode="json"),
+    )  # fmt: skip
+    print(f"{path}: {100 * (quality > 0).mean():.3f}% of the pixels are flagged")
+
+
+def _level0(run, job):
+    from csstsim.io.keywords import RECIPE
+    from csstsim.io.level0 import read_level0
+
+    path, recipe = run.paths.level0(job.pointing, job.chip.id), run.recipe(job)
+    file = read_level0(path, verify=True)
+    for name, keyword in RECIPE.items():
+        if file.header0.get(keyword) != recipe[name]:
+            raise InputError(
+                "made by another campaign; remove it", file=path, key=keyword, value=file.header0.get(keyword),
+                allowed=recipe[name],
+            )  # fmt: skip
+    return file
+
+
+def _response(run, job, streams, prnu):
+    from csstsim.optics.response import response_map
+
+    losses, filter_ = run.steps[job.pointing.type].losses, run.camera.filters[job.chip.filter]
+    return response_map(
+        job.chip, job.window, filter_, job.pointing.exptime, run.camera.leds, streams.camera,
+        flat=losses["flat"], shutter=losses["shutter"],
+        prnu=streams.chip_key("prnu") if prnu and losses["prnu"] else None,
+    )  # fmt: skip
+
+
+def _by_truth(run, job, streams):
+    from csstsim.measure.bad_pixels import known_defects
+
+    layer = run.steps[job.pointing.type].step("detector_defects")
+    bad = known_defects(run.camera.detector, job.window, layer.param, streams) if layer else None
+    return _response(run, job, streams, prnu=True), bad, None
+
+
+def _by_masters(run, job, streams):
+    from csstsim.io.frames import load_frame
+
+    planes, meta = load_frame(run.masters(job.chip.id), _masters_recipe(run, job.chip.id))
+    part, response = job.window.slices, _response(run, job, streams, prnu=False)
+    flat = np.ascontiguousarray(planes["flat"][part])
+    offset = {int(channel): value for channel, value in meta["offset"].items()}
+    return flat if response is None else flat * response, planes["bad"][part] > 0, offset
+
+
+def _undo_transfer(run, job, steps, streams):
+    """Return a function that undoes charge transfer in an image, or None. streams: rng.Streams of its traps."""
+    layer, passes = steps.step("cte_effect"), run.config.measurement.cti_passes
+    if layer is None or layer.param.density_scale == 0 or passes == 0:
+        return None
+    from csstsim.layers.cte_effect import transfer
+    from csstsim.measure.cti import undo_transfer
+
+    def forward(image):
+        transfer(image, run.camera.detector, job.window, layer.param, streams)
+
+    return lambda electrons: undo_transfer(electrons, forward, passes)
+
+
+def masters(run, chip_id):
+    """Make the master calibration frames of a chip from the campaign's bias, dark and lamp exposures."""
+    from csstsim.io.frames import save_frame
+    from csstsim.measure.masters import make_masters
+
+    if chip_id not in run.calibration_jobs:
+        raise InputError(
+            "no whole calibration frames enough of this chip", file=run.file, key="chip", value=chip_id,
+            allowed=f"{FEWEST_CALIBRATIONS} of each {', '.join(CALIBRATIONS)}",
+        )  # fmt: skip
+    jobs = run.calibration_jobs[chip_id]
+    exposures = {kind: map(partial(_raw, run), [j for j in jobs if j.pointing.type == kind]) for kind in CALIBRATIONS}
+    seconds = {job.pointing.exptime for job in jobs if job.pointing.type == "DARK"}
+    if len(seconds) > 1:
+        raise InputError("dark exposures differ in time", file=run.file, key="exptime", value=sorted(seconds))
+    made = make_masters(exposures, *seconds)
+    meta = {
+        "product": "master calibration frames", "csstsim": __version__, "dark [e-/s]": made.dark, "offset": made.offset,
+        "exposures": [job.pointing.obsid for job in jobs], "recipes": [run.recipe(job) for job in jobs],
+    }  # fmt: skip
+    path = run.paths.masters(chip_id)
+    save_frame(path, {"flat": made.flat, "bad": made.bad.astype(np.uint8)}, meta | _masters_recipe(run, chip_id))
+    print(f"{path}: {100 * made.bad.mean():.3f}% of the pixels are bad, dark {made.dark:.4f} e-/s")
+
+
+def _masters_recipe(run, chip_id):
+    """Return what the detector is drawn from: masters of another do not fit."""
+    return {"camera": run.camera.digest, "seed": run.config.seed, "chip": chip_id}
+
+
+def _raw(run, job):
+    """Return a calibration exposure in electrons, as Calibrated."""
+    from csstsim.measure.calibrate import calibrate as to_electrons
+
+    file, detector = _level0(run, job), run.camera.detector
+    return to_electrons(
+        file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
+        full_well=detector.full_well,
+    )  # fmt: skip

@@ -1,0 +1,45 @@
+"""Calibrated images: SCI and ERR [e-/s, float32] and DQ (bits, uint8) of a Level-0 file's window, one FITS file.
+
+SCI has no bias, background, flat field or shutter in it and its charge is where the light came; BACKMED is the median
+of the background taken off. ERR is a pixel's own noise: shot noise of all its electrons and read noise. The world
+coordinates have the field distortion as SIP polynomials; directions are apparent, as in Level-0.
+"""
+
+from csstsim.atomic import atomic_path
+from csstsim.io.fits import card, remark, write_hdus
+from csstsim.optics.sip import sip_header
+
+# of the Level-0 file's primary header: what was exposed, and with which state of the spacecraft
+KEPT = (
+    "TELESCOP", "INSTRUME", "DETECTOR", "FILTER", "OBJECT", "OBSID", "RADESYS", "POSKIND", "EPHEM", "LDPLANET",
+    "DATE-OBS", "DATE-END", "EXPSTART", "EXPEND", "EXPTIME", "RA_PNT0", "DEC_PNT0", "POS_ANG0", "POSI0_X", "POSI0_Y",
+    "POSI0_Z", "VELO0_X", "VELO0_Y", "VELO0_Z", "SIMVER", "SIMSEED", "CAMPHASH", "CAMHASH", "LAYHASH", "EXPHASH",
+)  # fmt: skip
+DQ = {1: "saturated", 2: "defect, known from calibration", 4: "cosmic ray"}
+
+
+def write_calibrated(path, file, wcs, planes, *, background, zeropoint, read_noise, settings):
+    """Write a calibrated image.
+
+    file: io.level0.Level0; wcs: its ChipWCS; planes: (SCI, ERR, DQ) of its window; background [e-/s]; zeropoint: AB
+    magnitude of 1 e-/s; read_noise: e-; settings: {name: value} of the campaign's `measurement`, for HISTORY.
+    """
+    primary = [card(name, file.header0[name]) for name in KEPT if name in file.header0]
+    primary += [remark("HISTORY", f" calibrated from {file.path.name}"), remark("HISTORY", f" {settings}")]
+    linear, window = sip_header(wcs), file.window
+    linear |= {"CRPIX1": linear["CRPIX1"] - window.x0, "CRPIX2": linear["CRPIX2"] - window.y0}
+    place = [card(key, value) for key, value in linear.items()]
+    place += [
+        card("WINX0", window.x0 + 1, "first column, on the chip, counted from 1"),
+        card("WINY0", window.y0 + 1, "first row, on the chip"),
+    ]
+    unit = card("BUNIT", "electron/s")
+    science = [
+        unit, *place, card("BACKMED", background, "[electron/s] median background taken off"),
+        card("MAGZERO", zeropoint, "AB magnitude of 1 electron/s"), card("RDNOISE", read_noise, "[electron] rms"),
+    ]  # fmt: skip
+    bits = [card(f"BIT{bit.bit_length() - 1}", name, f"value {bit}") for bit, name in DQ.items()]
+    image, error, quality = planes
+    with atomic_path(path) as temporary:
+        hdus = [("SCI", science, image), ("ERR", [unit, *place], error), ("DQ", [*place, *bits], quality)]
+        write_hdus(temporary, [("", primary, None), *hdus])

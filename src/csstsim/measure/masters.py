@@ -1,0 +1,104 @@
+"""Master calibration frames of a chip, from its bias, dark and lamp exposures: what a real pipeline has.
+
+flat    response of each pixel, 1 on average: the mean of the lamps' exposures over its own large scales (medians of
+        BOX px, bilinear between). The lamps do not shine as the sky does, so larger scales are not theirs to tell.
+bad     pixels whose dark charge stands out (hot), or whose flat does (dead pixels, bad columns)
+dark    mean charge of a good pixel [e-/s], of the chip
+
+Exposures are averaged pixel by pixel without what a cosmic ray left in one of them. A channel's bias level is its own
+overscan's in each exposure; the bias exposures say what is left of it.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numba
+import numpy as np
+
+from csstsim.errors import InputError
+from csstsim.measure.background import interpolated
+
+BOX = 64  # px
+RAY_SIGMA = 5.0  # above the median of the exposures
+HOT_SIGMA = 5.0  # of a pixel's dark charge
+ODD = 0.1  # of a flat's level: pixels further off are bad (PRNU: 0.01 rms)
+FAINTEST = 100.0  # e-
+
+
+@dataclass(frozen=True)
+class Masters:
+    """flat (ny, nx) float32; bad (ny, nx) bool; dark [e-/s]; offset {channel: e-}, left of the bias."""
+
+    flat: np.ndarray
+    bad: np.ndarray
+    dark: float
+    offset: dict
+
+
+def make_masters(exposures, exptime):
+    """Return the Masters of a chip.
+
+    exposures: {"BIAS", "DARK", "FLAT": iterable of calibrate.Calibrated}, all their pixels; exptime: s, of the dark
+    exposures. Raises InputError for lamps that hardly light the chip.
+    """
+    level, _, readout = _mean("BIAS", exposures)
+    offset = {block.channel: float(np.median(level[block.image])) for block in readout.blocks}
+    level, noise, _ = _mean("DARK", exposures)
+    bad, rate = _hot(level, noise)
+    lit, _, _ = _mean("FLAT", exposures)
+    large = _large_scales(lit)
+    if not large.min() > FAINTEST:
+        raise InputError(
+            "the lamps hardly light this chip", key="FLAT", value=float(large.min()), allowed=f"> {FAINTEST} e-"
+        )
+    lit /= large
+    bad |= np.abs(lit - 1) > ODD
+    lit[bad] = 1.0
+    return Masters(lit, bad, rate / exptime, offset)
+
+
+def _mean(kind, exposures):
+    """Return (mean (ny, nx) float32 of exposures of a kind without cosmic rays, read noise of one, readout)."""
+    images, noise = [], []
+    for frame in exposures[kind]:
+        images.append(frame.electrons)
+        noise += frame.read_noise.values()
+        readout = frame.readout
+    noise = float(np.mean(noise))
+    return _average(tuple(images), np.float32(noise)), noise, readout
+
+
+@numba.njit(cache=True)
+def _average(images, read_noise):
+    """Mean of a tuple of images, of values at most RAY_SIGMA above their median."""
+    ny, nx = images[0].shape
+    out, values = np.empty((ny, nx), np.float32), np.empty(len(images), np.float32)
+    for y in range(ny):
+        for x in range(nx):
+            for k in range(len(images)):
+                values[k] = images[k][y, x]
+            values.sort()
+            middle = values[(len(values) - 1) // 2]  # the lower one of two: rays only add
+            limit = middle + RAY_SIGMA * np.sqrt(max(middle, np.float32(0)) + read_noise**2)
+            total, count = 0.0, 0
+            for value in values:
+                if value <= limit:
+                    total += value
+                    count += 1
+            out[y, x] = total / count
+    return out
+
+
+def _hot(charge, read_noise):
+    """Return (pixels that stand out, mean charge of the others)."""
+    middle = float(np.median(charge))
+    bad = charge > middle + HOT_SIGMA * np.sqrt(max(middle, 0.0) + read_noise**2)
+    return bad, float(charge[~bad].mean(dtype=float))
+
+
+def _large_scales(image):
+    """Return the medians of boxes of an image, bilinear between their middles."""
+    edges = [np.linspace(0, n, max(1, round(n / BOX)) + 1).astype(int) for n in image.shape]
+    rows, columns = (list(pairwise(e)) for e in edges)
+    mesh = np.array([[np.median(image[a:b, c:d]) for c, d in columns] for a, b in rows])
+    return interpolated(mesh, [0.5 * (e[1:] + e[:-1] - 1) for e in edges], image.shape)

@@ -1,0 +1,15 @@
+# Master calibration frames of a chip, for the campaigns that name this one in measurement.masters.
+rule masters:
+    input:
+        calibration_frames_of,
+    output:
+        f"{OUT}/masters/chip_{{chip}}.fits",
+    log:
+        f"{OUT}/logs/masters/{{chip}}.log",
+    benchmark:
+        f"{OUT}/benchmarks/masters/{{chip}}.tsv"
+    resources:
+        mem_mb=4000,
+        runtime=20,
+    shell:
+        'csstsim masters "$CAMPAIGN" --chip {wildcards.chip} > {log:q} 2>&1'
