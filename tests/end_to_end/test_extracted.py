@@ -42,7 +42,7 @@ def test_flux_of_stars_through_both_gratings(campaign):
         assert result.exit_code == 0, result.output
     run = OpenCampaign(campaign)
     table = ObjectTable.read(run.paths.spectra(OBSID, 2))
-    assert table.meta["recipe"] == run.recipe(run.job(OBSID, 2)) and table.meta["spectra"] == 2
+    assert table.meta["recipe"] == run.measure_recipe(run.job(OBSID, 2)) and table.meta["spectra"] == 2
     for star in (0, 1):
         good = (table["id"] == star) & (table["flags"] & (extract.DIM | extract.LOST) == 0)
         assert good.sum() > 330
