@@ -218,6 +218,9 @@ def bench(output, quick, band, methods, objects, seed, readout, chart):
 @click.option("--truth", is_flag=True, help="Mark the brightest true objects, from the .truth.parquet beside FILE.")
 @click.option("--truth-table", type=click.Path(), help="... from this table.")
 @click.option("--limit", type=click.IntRange(1), default=100, show_default=True, help="How many objects to mark.")
+@click.option(
+    "--size", type=click.IntRange(200, 4000), default=900, show_default=True, help="Of the image in the PNG, px."
+)
 @click.option("--subtract-overscan", is_flag=True, help="Take the overscan's level off each channel of a Level-0 file.")
 def show(file, output, **options):
     """Make a picture of a FITS file: Level-0, a frame of the render or readout stage, or calibrated.

@@ -9,24 +9,24 @@ from csstsim.quicklook.marks import draw_marks, legend_title
 from csstsim.quicklook.sky_grid import draw_grid
 from csstsim.quicklook.stretch import make_norm, ticks
 
-SIDE = 900  # px of the longer side of the image in the figure; more pixels than these are averaged
-INSET_SIDE = 450
+SIDE = 900  # px of the longer side of the image in the figure, twice that of the inset; more pixels are averaged
 DPI = 100
 BAD = "#7A1F1F"  # pixels without a value
 FRAME = "#D55E00"
-LEFT, RIGHT, BOTTOM, TOP, INSET_RIGHT, LEAST_WIDTH = 0.9, 2.7, 1.0, 1.25, 1.3, 8.0  # inch
+LEFT, RIGHT, BOTTOM, TOP, INSET_RIGHT, LEAST_WIDTH = 0.9, 2.85, 1.0, 1.25, 1.3, 8.0  # inch
 
 
-def draw(picture, bounds, stretch, limits=None, marks=None, inset=None):
+def draw(picture, bounds, stretch, limits=None, marks=None, inset=None, side=SIDE):
     """Return the matplotlib Figure of the part `bounds` (x0, x1, y0, y1, half-open) of a Picture.
 
-    marks: rows of a truth table, or None; inset: bounds of a part to be shown beside it, larger, or None.
+    marks: rows of a truth table, or None; inset: bounds of a part to be shown beside it, larger, or None;
+    side: pixels of the figure along the longer side of the image, half as many along the inset's.
     """
     from astropy.visualization.wcsaxes import WCSAxes
     from matplotlib.figure import Figure
 
-    width, height = _inches(bounds, SIDE)
-    beside = _inches(inset, INSET_SIDE) if inset else (0.0, 0.0)
+    width, height = _inches(bounds, side)
+    beside = _inches(inset, side // 2) if inset else (0.0, 0.0)
     page = Page(
         max(LEFT + width + RIGHT + (beside[0] + INSET_RIGHT if inset else 0.0), LEAST_WIDTH),
         BOTTOM + max(height, beside[1]) + TOP,
@@ -34,16 +34,16 @@ def draw(picture, bounds, stretch, limits=None, marks=None, inset=None):
     figure = Figure(figsize=(page.width, page.height), dpi=DPI)
     axes = WCSAxes(figure, page.part(LEFT, BOTTOM, width, height), wcs=None)
     figure.add_axes(axes)
-    shown = _image(axes, picture, bounds, stretch, limits)
+    shown = _image(axes, picture, bounds, side, stretch, limits)
     _pixel_labels(axes, picture.on_chip)
-    _bar(figure, page.part(LEFT + width + 1.0, BOTTOM, 0.18, height), shown, picture.unit)
+    _bar(figure, page.part(LEFT + width + 1.15, BOTTOM, 0.18, height), shown, picture.unit)
     if picture.wcs is not None:
         draw_grid(axes, picture.wcs, picture.header.get("POSKIND") == "APPARENT")
     if inset:
         _outline(axes, inset)
         x, y = LEFT + width + RIGHT, BOTTOM + (max(height, beside[1]) - beside[1]) / 2
         closer = figure.add_axes(page.part(x, y, *beside))
-        shown = _inset(closer, picture, inset, stretch, limits)
+        shown = _inset(closer, picture, inset, side // 2, stretch, limits)
         _bar(figure, page.part(x + beside[0] + 0.15, y, 0.18, beside[1]), shown, picture.unit)
     if marks is not None:
         draw_marks(axes, marks)
@@ -67,25 +67,31 @@ class Page:
         return [x / self.width, y / self.height, width / self.width, height / self.height]
 
 
+def _scale(bounds, side):
+    """Return (step, zoom): chip pixels averaged along each axis, and figure pixels that each mean gets along each."""
+    longer = max(bounds[1] - bounds[0], bounds[3] - bounds[2])
+    step = -(-longer // side)
+    return step, side // -(-longer // step)
+
+
 def _inches(bounds, side):
-    """Return (width, height) of the image, its longer side `side` px and the shorter not less than a quarter of it."""
-    x0, x1, y0, y1 = bounds
-    longer = max(x1 - x0, y1 - y0)
-    return tuple(max(n / longer, 0.25) * side / DPI for n in (x1 - x0, y1 - y0))
+    """Return (width, height) of the image: whole figure pixels to a mean, not narrower than a quarter of `side`."""
+    step, zoom = _scale(bounds, side)
+    return tuple(max(n / step * zoom, side / 4) / DPI for n in (bounds[1] - bounds[0], bounds[3] - bounds[2]))
 
 
-def _image(axes, picture, bounds, stretch, limits):
-    """Show the pixels of `bounds`, averaged to what the axes can hold, in coordinates of chip pixels."""
+def _image(axes, picture, bounds, side, stretch, limits):
+    """Show the pixels of `bounds`, averaged to `side` px or fewer, in coordinates of chip pixels."""
     from matplotlib import colormaps
 
     x0, x1, y0, y1 = bounds
-    step = max(1, -(-max(x1 - x0, y1 - y0) // SIDE))
+    step, _ = _scale(bounds, side)
     means = block_mean(picture.part(bounds), step)
     reach = np.array([x0, x0 + step * means.shape[1], y0, y0 + step * means.shape[0]]) - 0.5
     norm = make_norm(means, stretch, limits, file=picture.path)
     shown = axes.imshow(
-        means, origin="lower", extent=reach, aspect="auto", interpolation="antialiased" if step > 1 else "nearest",
-        cmap=colormaps["gray"].with_extremes(under=BAD, bad=BAD), norm=norm,
+        means, origin="lower", extent=reach, aspect="auto", interpolation="nearest",
+        cmap=colormaps["gray"].with_extremes(bad=BAD), norm=norm,
     )  # fmt: skip
     axes.set(xlim=(x0 - 0.5, x1 - 0.5), ylim=(y0 - 0.5, y1 - 0.5))
     return shown
@@ -112,11 +118,11 @@ def _outline(axes, bounds):
     axes.add_patch(Rectangle((x0 - 0.5, y0 - 0.5), x1 - x0, y1 - y0, fill=False, ec=FRAME, lw=1.6))
 
 
-def _inset(axes, picture, bounds, stretch, limits):
+def _inset(axes, picture, bounds, side, stretch, limits):
     """Show `bounds` on axes of its own, with limits of its own: single pixels are noisier than means of many."""
     from matplotlib.ticker import MaxNLocator
 
-    shown = _image(axes, picture, bounds, stretch, limits)
+    shown = _image(axes, picture, bounds, side, stretch, limits)
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_locator(MaxNLocator(5, integer=True))
     axes.spines[:].set(color=FRAME, linewidth=1.6)

@@ -138,7 +138,7 @@ def _other(path):
         why = str(exc).splitlines()[0] if str(exc) else type(exc).__name__
         raise InputError(f"not a readable FITS file: {why}", file=path, allowed=ALLOWED) from None
     name = found.name
-    kind = {"SCI": "calibrated", "": "image"}.get(name, f"extension {name}")
+    kind = {"SCI": "calibrated", "PRIMARY": "image", "": "image"}.get(name, f"extension {name}")
     return Picture(path, image, kind, str(header.get("BUNIT", "")), header, origin, wcs=wcs)
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from csstsim.atomic import atomic_path
 from csstsim.errors import InputError
-from csstsim.quicklook.figure import DPI, draw
+from csstsim.quicklook.figure import DPI, SIDE, draw
 from csstsim.quicklook.marks import brightest, load_marks
 from csstsim.quicklook.picture import read_picture
 
@@ -13,11 +13,12 @@ PNG = b"\x89PNG\r\n\x1a\n"
 
 def show(
     path, output=None, *, stretch="asinh", limits=None, region=None, inset=None, truth=False, truth_table=None,
-    limit=100, subtract_overscan=False,
+    limit=100, size=SIDE, subtract_overscan=False,
 ):  # fmt: skip
     """Write a PNG of the file `path` to `output` (default: beside it, .png) and return its path.
 
-    limits: (low, high) in the file's unit; region: x0, x1, y0, y1, half-open; inset: x, y, size. Pixels count from 0.
+    limits: (low, high) in the file's unit; region: x0, x1, y0, y1, half-open; inset: x, y, size. Pixels count from 0;
+    size: pixels of the picture along the longer side.
     Raises InputError for a file that cannot be shown, an option that does not fit it, or an output that is no PNG.
     """
     path = Path(path)
@@ -26,7 +27,7 @@ def show(
     bounds = _region(picture, region) if region else picture.bounds
     part = _inset(path, bounds, inset) if inset else None
     marks = _marks(picture, bounds, truth_table, limit) if truth or truth_table else None
-    figure = draw(picture, bounds, stretch, limits, marks, part)
+    figure = draw(picture, bounds, stretch, limits, marks, part, size)
     with atomic_path(target) as temporary:
         figure.savefig(temporary, dpi=DPI)
     return target

@@ -83,20 +83,28 @@ def _moved(sip, crpix):
 def draw_grid(axes, wcs, apparent):
     """Draw the grid of `wcs` over WCSAxes in chip pixels; labels at the top and on the right."""
     lon, lat = overlay = axes.get_coords_overlay(wcs)
-    overlay.grid(color=GRID_COLOUR, alpha=0.45, linewidth=0.7)
-    lon_side, lat_side = ("t", "r") if _along_x(wcs, axes) else ("r", "t")
+    overlay.grid(color=GRID_COLOUR, alpha=0.8, linewidth=0.8)
+    lon_side, lat_side = _sides(wcs, axes)
     kind = " (apparent)" if apparent else ""
     for coordinate, side, name in ((lon, lon_side, "RA"), (lat, lat_side, "Dec")):
         coordinate.set_ticks_position(side)
         coordinate.set_ticklabel_position(side)
-        coordinate.set_axislabel_position(side)
+        coordinate.set_axislabel_position(side[0])
         coordinate.set_axislabel(name + kind)
         coordinate.set_ticklabel(exclude_overlapping=True, size=8)
 
 
-def _along_x(wcs, axes):
-    """Whether right ascension changes along x more than along y, in the middle of what is shown."""
-    x, y = np.mean(axes.get_xlim()), np.mean(axes.get_ylim())
+def _sides(wcs, axes):
+    """Return the sides with the labels of right ascension and of declination: those that more of their lines cross."""
+    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+    x, y = (x0 + x1) / 2, (y0 + y1) / 2
+    corners, _ = wcs.all_pix2world([x0, x1, x1, x0, x0], [y0, y0, y1, y1, y0], 0)
+    if abs(_wrapped(np.diff(corners)).sum()) > 180.0:  # once around: a pole is within
+        return "tr", "r"
     ra, _ = wcs.all_pix2world([x, x + 1, x], [y, y, y + 1], 0)
-    step = np.abs((ra[1:] - ra[0] + 180.0) % 360.0 - 180.0)
-    return bool(step[0] >= step[1])
+    along_x, along_y = np.abs(_wrapped(ra[1:] - ra[0]))
+    return ("t", "r") if along_x >= along_y else ("r", "t")
+
+
+def _wrapped(degrees):
+    return (degrees + 180.0) % 360.0 - 180.0

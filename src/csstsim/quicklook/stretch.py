@@ -7,7 +7,8 @@ from csstsim.errors import InputError
 STRETCHES = ("asinh", "log", "linear")
 BELOW = 2.0  # sigma under the background that are black
 LEAST_ABOVE = 10.0  # sigma over the background that are white, or more
-BRIGHT = 99.9  # percentile of the pixels that is white under asinh and log, if it is higher
+BRIGHT = 99.9  # percentile of the pixels that is white under asinh and log, if it is higher ...
+MOST_ABOVE = {"asinh": 1000.0, "log": np.inf}  # ... but not beyond so many sigma
 SOFT = 3.0  # sigma up to which asinh and log are linear
 
 
@@ -15,10 +16,10 @@ def robust_limits(values, stretch):
     """Return (low, high, sigma) for finite `values` (any shape): black, white, and the background's scatter."""
     level = np.median(values)
     sigma = _scatter(values, level)
-    high = level + LEAST_ABOVE * sigma
-    if stretch != "linear":
-        high = max(high, np.percentile(values, BRIGHT))
-    return float(level - BELOW * sigma), float(high), float(sigma)
+    above = LEAST_ABOVE
+    if stretch in MOST_ABOVE:
+        above = np.clip((np.percentile(values, BRIGHT) - level) / sigma, LEAST_ABOVE, MOST_ABOVE[stretch])
+    return float(level - BELOW * sigma), float(level + above * sigma), float(sigma)
 
 
 def _scatter(values, level):
@@ -45,8 +46,8 @@ def make_norm(image, stretch, limits=None, *, file=None):
         low, high = limits
     soft = float(np.clip(SOFT * sigma / (high - low), 1e-4, 1.0))
     shape = {"asinh": lambda: AsinhStretch(soft), "log": lambda: LogStretch(1 / soft), "linear": LinearStretch}
-    # clip: what is below the limits is black; NaN alone takes the colour "under"
-    return ImageNormalize(vmin=low, vmax=high, stretch=shape[stretch](), clip=True, invalid=-1.0)
+    # not clipped: clipping would also give pixels without a value a grey
+    return ImageNormalize(vmin=low, vmax=high, stretch=shape[stretch](), clip=False)
 
 
 def ticks(norm, count=7):
