@@ -216,17 +216,21 @@ def bench(output, quick, band, methods, objects, seed, readout, chart):
 @click.option("--region", nargs=4, type=int, metavar="X0 X1 Y0 Y1", help="Show this part only; X1, Y1 are beyond it.")
 @click.option("--inset", nargs=3, type=int, metavar="X Y SIZE", help="Show SIZE px about X, Y larger; cut at the edge.")
 @click.option("--truth", is_flag=True, help="Mark the brightest true objects, from the .truth.parquet beside FILE.")
-@click.option("--truth-table", type=click.Path(), help="... from this table.")
+@click.option("--truth-table", type=click.Path(), help="... from this table instead.")
 @click.option("--limit", type=click.IntRange(1), default=100, show_default=True, help="How many objects to mark.")
 @click.option(
-    "--size", type=click.IntRange(200, 4000), default=900, show_default=True, help="Of the image in the PNG, px."
+    "--size",
+    type=click.IntRange(200, 4000),
+    default=900,
+    show_default=True,
+    help="Longer side of the image in the PNG, px.",
 )
 @click.option("--subtract-overscan", is_flag=True, help="Take the overscan's level off each channel of a Level-0 file.")
 def show(file, output, **options):
     """Make a picture of a FITS file: Level-0, a frame of the render or readout stage, or calibrated.
 
-    Pixels are the chip's and count from 0, as in the truth tables of csstsim; large frames are averaged to the
-    picture's pixels. Right ascension and declination are drawn where the file says what they are.
+    Pixels are the chip's and count from 0 (xImage of the truth from 1); large frames are averaged to the picture's
+    pixels. Right ascension and declination are drawn where the file says what they are.
 
     \b
     A raw chip, its sixteen channels levelled, with the 40 brightest objects and a closer look at one place:

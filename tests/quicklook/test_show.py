@@ -209,6 +209,15 @@ def test_a_large_frame_is_averaged(calibrated):
     assert np.allclose(shown.get_extent(), (-0.5, 499.5, -0.5, 1199.5))
 
 
+@pytest.mark.parametrize("shape, pixels", [((30, 40), 7), ((300, 300), 1), ((301, 301), 1), ((1200, 900), 1)])
+def test_a_mean_is_drawn_on_whole_pixels_of_the_picture(calibrated, shape, pixels):
+    """Figure pixels along a mean of 1, 1, 2 and 4 chip pixels, where 300 are to be had."""
+    picture = read_picture(calibrated(np.random.default_rng(1).normal(size=shape)))
+    axes = draw(picture, picture.bounds, "asinh", side=300).axes[0]
+    step = -(-max(shape) // 300)
+    assert np.allclose(axes.get_window_extent().size, np.array(shape[::-1]) / step * pixels)
+
+
 def test_a_calibrated_window_counts_its_pixels_on_the_chip(calibrated):
     cards = {"READX0": 101, "READX1": 140, "READY0": 11, "READY1": 40}
     picture = read_picture(calibrated(NOISE, **cards))

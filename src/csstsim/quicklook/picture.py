@@ -103,7 +103,7 @@ def _frame(path):
             raise InputError("holds no image", file=path, allowed=ALLOWED)
         image = next(iter(planes.values()))
     if "counted" in planes:
-        image = np.add(image, planes["counted"], dtype=np.float32)
+        np.add(image, planes["counted"], out=image, casting="same_kind")
     header = dict(meta.get("exposure") or {})
     if not header and (found := _CHIP_FOLDER.fullmatch(path.resolve().parent.name)):
         header = {"OBSID": found[1], "DETECTOR": found[2]}
