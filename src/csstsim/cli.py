@@ -219,6 +219,41 @@ def bench(output, quick, band, methods, objects, seed, readout, chart):
         run(output, band, methods, quick, objects, seed, say=click.echo)
 
 
+@main.command()
+@click.argument("file", type=click.Path())
+@click.option("--output", type=click.Path(), help="The PNG to write [default: beside FILE, its name with .png].")
+@click.option("--stretch", type=click.Choice(["asinh", "log", "linear"]), default="asinh", show_default=True)
+@click.option("--limits", nargs=2, type=float, metavar="LOW HIGH", help="Black and white [default: by the background].")
+@click.option("--region", nargs=4, type=int, metavar="X0 X1 Y0 Y1", help="Show this part only; X1, Y1 are beyond it.")
+@click.option("--inset", nargs=3, type=int, metavar="X Y SIZE", help="Show SIZE px about X, Y larger; cut at the edge.")
+@click.option("--truth", is_flag=True, help="Mark the brightest true objects, from the .truth.parquet beside FILE.")
+@click.option("--truth-table", type=click.Path(), help="... from this table instead.")
+@click.option("--limit", type=click.IntRange(1), default=100, show_default=True, help="How many objects to mark.")
+@click.option(
+    "--size",
+    type=click.IntRange(200, 4000),
+    default=900,
+    show_default=True,
+    help="Longer side of the image in the PNG, px.",
+)
+@click.option("--subtract-overscan", is_flag=True, help="Take the overscan's level off each channel of a Level-0 file.")
+def show(file, output, **options):
+    """Make a picture of a FITS file: Level-0, a frame of the render or readout stage, or calibrated.
+
+    Pixels are the chip's and count from 0 (xImage of the truth from 1); large frames are averaged to the picture's
+    pixels. Right ascension and declination are drawn where the file says what they are.
+
+    \b
+    A raw chip, its sixteen channels levelled, with the 40 brightest objects and a closer look at one place:
+      csstsim show CSST_..._09_L0_V01.fits --subtract-overscan --truth --limit 40 --inset 4500 4700 150
+    A part of what was drawn, before the detector, faint light first:
+      csstsim show results/demo/chips/10100000004_09/render.fits --stretch log --region 3968 4368 3968 4368
+    """
+    from csstsim.quicklook.show import show as run
+
+    click.echo(run(file, output, **options))
+
+
 @main.command("fit-grating")
 @click.argument("samples", type=click.Path())
 @click.option("--output", required=True, type=click.Path(), help="The aXe configuration to write, NAME.conf.")

@@ -272,7 +272,19 @@ def _state_before(run, job, stage):
 
 def _meta(run, job, state):
     stage = state.header["stages"][-1][0]
-    return {"recipe": run.recipe(job), "stage": stage, "unit": state.unit, "header": state.header}
+    frame = {"recipe": run.recipe(job), "stage": stage, "unit": state.unit, "header": state.header}
+    return frame | {"exposure": _exposure(run, job)}
+
+
+def _exposure(run, job):
+    """Return what a frame is of, by the names that the Level-0 header will have, so that it can be shown alone."""
+    pointing, window = job.pointing, job.window
+    return job.wcs.header() | {
+        "OBSID": pointing.obsid, "FILETYPE": pointing.type, "DETECTOR": f"{job.chip.id:02d}", "FILTER": job.chip.filter,
+        "EXPTIME": pointing.exptime, "RA_OBJ": pointing.ra, "DEC_OBJ": pointing.dec, "POS_ANG0": pointing.pa,
+        "POSKIND": "APPARENT", "FLDDIST": job.wcs.distortion is not None, "CAMHASH": run.camera.digest,
+        "READX0": window.x0 + 1, "READX1": window.x1, "READY0": window.y0 + 1, "READY1": window.y1,
+    }  # fmt: skip
 
 
 def check_recipe(path, meta, recipe):

@@ -30,8 +30,10 @@ def write_calibrated(path, file, wcs, planes, *, background, zeropoint, read_noi
     linear |= {"CRPIX1": linear["CRPIX1"] - window.x0, "CRPIX2": linear["CRPIX2"] - window.y0}
     place = [card(key, value) for key, value in linear.items()]
     place += [
-        card("WINX0", window.x0 + 1, "first column, on the chip, counted from 1"),
-        card("WINY0", window.y0 + 1, "first row, on the chip"),
+        card("READX0", window.x0 + 1, "first column, on the chip, counted from 1"),
+        card("READX1", window.x1, "last column"),
+        card("READY0", window.y0 + 1, "first row"),
+        card("READY1", window.y1, "last row"),
     ]
     unit = card("BUNIT", "electron/s")
     science = [

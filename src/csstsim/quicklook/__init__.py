@@ -1,0 +1,1 @@
+"""Pictures of a file: reading -> reducing -> stretching -> drawing; what `csstsim show` does."""

@@ -1,0 +1,20 @@
+"""A large image brought to a picture's pixels: means of square blocks."""
+
+import numpy as np
+
+
+def block_mean(image, step):
+    """Return the means of `step` x `step` blocks of a 2-D image, float32; blocks at the far edges may be smaller.
+
+    Pixels that are not finite are left out; a block of nothing else is NaN. Strips of `step` rows are taken one after
+    another, so that no second copy of a large image is made.
+    """
+    starts = np.arange(0, image.shape[1], step)
+    means = np.empty((-(-image.shape[0] // step), starts.size), np.float32)
+    for row in range(means.shape[0]):
+        strip = np.asarray(image[row * step : (row + 1) * step], np.float64)
+        good = np.isfinite(strip)
+        total = np.add.reduceat(np.where(good, strip, 0.0).sum(axis=0), starts)
+        count = np.add.reduceat(good.sum(axis=0), starts)
+        means[row] = np.divide(total, count, out=np.full(starts.size, np.nan), where=count > 0)
+    return means

@@ -1,0 +1,137 @@
+"""The picture itself: image, colour bar, grid, marks, inset."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from csstsim.quicklook.blocks import block_mean
+from csstsim.quicklook.marks import draw_marks, legend_title
+from csstsim.quicklook.sky_grid import draw_grid
+from csstsim.quicklook.stretch import make_norm, ticks
+
+SIDE = 900  # px of the longer side of the image in the figure, twice that of the inset; more pixels are averaged
+DPI = 100
+BAD = "#7A1F1F"  # pixels without a value
+FRAME = "#D55E00"
+LEFT, RIGHT, BOTTOM, TOP, INSET_RIGHT, LEAST_WIDTH = 0.9, 2.85, 1.0, 1.25, 1.3, 8.0  # inch
+
+
+def draw(picture, bounds, stretch, limits=None, marks=None, inset=None, side=SIDE):
+    """Return the matplotlib Figure of the part `bounds` (x0, x1, y0, y1, half-open) of a Picture.
+
+    marks: rows of a truth table, or None; inset: bounds of a part to be shown beside it, larger, or None;
+    side: pixels of the figure along the longer side of the image, half as many along the inset's.
+    """
+    from astropy.visualization.wcsaxes import WCSAxes
+    from matplotlib.figure import Figure
+
+    width, height = _inches(bounds, side)
+    beside = _inches(inset, side // 2) if inset else (0.0, 0.0)
+    page = Page(
+        max(LEFT + width + RIGHT + (beside[0] + INSET_RIGHT if inset else 0.0), LEAST_WIDTH),
+        BOTTOM + max(height, beside[1]) + TOP,
+    )
+    figure = Figure(figsize=(page.width, page.height), dpi=DPI)
+    axes = WCSAxes(figure, page.part(LEFT, BOTTOM, width, height), wcs=None)
+    figure.add_axes(axes)
+    shown = _image(axes, picture, bounds, side, stretch, limits)
+    _pixel_labels(axes, picture.on_chip)
+    _bar(figure, page.part(LEFT + width + 1.15, BOTTOM, 0.18, height), shown, picture.unit)
+    if picture.wcs is not None:
+        draw_grid(axes, picture.wcs, picture.header.get("POSKIND") == "APPARENT")
+    if inset:
+        _outline(axes, inset)
+        x, y = LEFT + width + RIGHT, BOTTOM + (max(height, beside[1]) - beside[1]) / 2
+        closer = figure.add_axes(page.part(x, y, *beside))
+        shown = _inset(closer, picture, inset, side // 2, stretch, limits)
+        _bar(figure, page.part(x + beside[0] + 0.15, y, 0.18, beside[1]), shown, picture.unit)
+    if marks is not None:
+        draw_marks(axes, marks)
+        if inset:
+            draw_marks(closer, marks)
+        _legend(figure, axes, legend_title(marks, picture.header.get("FILTER")))
+    figure.text(LEFT / page.width, 1 - 0.12 / page.height, picture.title, va="top", fontsize=10)
+    figure.text(0.99, 0.06 / page.height, picture.remark, ha="right", fontsize=7)
+    return figure
+
+
+@dataclass(frozen=True)
+class Page:
+    """The figure's size in inches."""
+
+    width: float
+    height: float
+
+    def part(self, x, y, width, height):
+        """Return a rectangle given in inches from the lower left as matplotlib takes it, in fractions."""
+        return [x / self.width, y / self.height, width / self.width, height / self.height]
+
+
+def _scale(bounds, side):
+    """Return (step, zoom): chip pixels averaged along each axis, and figure pixels that each mean gets along each."""
+    longer = max(bounds[1] - bounds[0], bounds[3] - bounds[2])
+    step = -(-longer // side)
+    return step, side // -(-longer // step)
+
+
+def _inches(bounds, side):
+    """Return (width, height) of the image: whole figure pixels to a mean, not narrower than a quarter of `side`."""
+    step, zoom = _scale(bounds, side)
+    return tuple(max(n / step * zoom, side / 4) / DPI for n in (bounds[1] - bounds[0], bounds[3] - bounds[2]))
+
+
+def _image(axes, picture, bounds, side, stretch, limits):
+    """Show the pixels of `bounds`, averaged to `side` px or fewer, in coordinates of chip pixels."""
+    from matplotlib import colormaps
+
+    x0, x1, y0, y1 = bounds
+    step, _ = _scale(bounds, side)
+    means = block_mean(picture.part(bounds), step)
+    reach = np.array([x0, x0 + step * means.shape[1], y0, y0 + step * means.shape[0]]) - 0.5
+    norm = make_norm(means, stretch, limits, file=picture.path)
+    shown = axes.imshow(
+        means, origin="lower", extent=reach, aspect="auto", interpolation="nearest",
+        cmap=colormaps["gray"].with_extremes(bad=BAD), norm=norm,
+    )  # fmt: skip
+    axes.set(xlim=(x0 - 0.5, x1 - 0.5), ylim=(y0 - 0.5, y1 - 0.5))
+    return shown
+
+
+def _pixel_labels(axes, on_chip):
+    for coordinate, name, side in zip(axes.coords, "xy", "bl", strict=True):
+        coordinate.set_axislabel(f"{name} [px]" if on_chip else f"{name} [px of the frame]")
+        coordinate.set_ticks_position(side)
+
+
+def _bar(figure, rectangle, shown, unit):
+    bar = figure.colorbar(shown, cax=figure.add_axes(rectangle))
+    values, labels = ticks(shown.norm)
+    bar.set_ticks(values, labels=labels)
+    bar.ax.minorticks_off()
+    bar.set_label(unit or "no unit is given")
+
+
+def _outline(axes, bounds):
+    from matplotlib.patches import Rectangle
+
+    x0, x1, y0, y1 = bounds
+    axes.add_patch(Rectangle((x0 - 0.5, y0 - 0.5), x1 - x0, y1 - y0, fill=False, ec=FRAME, lw=1.6))
+
+
+def _inset(axes, picture, bounds, side, stretch, limits):
+    """Show `bounds` on axes of its own, with limits of its own: single pixels are noisier than means of many."""
+    from matplotlib.ticker import MaxNLocator
+
+    shown = _image(axes, picture, bounds, side, stretch, limits)
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(MaxNLocator(5, integer=True))
+    axes.spines[:].set(color=FRAME, linewidth=1.6)
+    axes.set_title("inset", fontsize=9, color=FRAME)
+    return shown
+
+
+def _legend(figure, axes, title):
+    figure.legend(
+        *axes.get_legend_handles_labels(), title=title, loc="lower left", bbox_to_anchor=(0.01, 0.005), ncols=3,
+        fontsize=8, title_fontsize=8, facecolor="0.25", labelcolor="w",
+    ).get_title().set_color("w")  # fmt: skip

@@ -1,0 +1,63 @@
+"""The brightest true objects marked on a picture. Colours are Okabe & Ito's (2008); shapes differ as well."""
+
+import numpy as np
+
+from csstsim.catalog.table import TYPES
+from csstsim.errors import InputError
+from csstsim.io.truth import read_truth
+
+STYLES = {"star": ("o", "#E69F00"), "galaxy": ("s", "#56B4E9"), "quasar": ("D", "#CC79A7")}
+PLURALS = {"star": "stars", "galaxy": "galaxies", "quasar": "quasars"}
+GRATINGS = ("GU", "GV", "GI")
+_SIZE = 7.0  # points
+
+
+def load_marks(path, table=None):
+    """Return the truth beside the file `path`, or that of the file `table`.
+
+    Raises InputError if there is none or it lacks what is drawn.
+    """
+    source = path.with_suffix(".truth.parquet") if table is None else table
+    if not source.is_file():
+        raise InputError(
+            "no truth table is beside the file", file=source, key="--truth",
+            allowed="the .truth.parquet of a Level-0 file; --truth-table names one elsewhere",
+        )  # fmt: skip
+    truth = read_truth(source)
+    missing = [name for name in ("obj_type", "electrons") if name not in truth]
+    if missing and len(truth):
+        raise InputError("the truth table lacks a column", file=source, key=missing[0])
+    return truth
+
+
+def brightest(truth, bounds, limit):
+    """Return the rows of the `limit` objects with the most electrons in `bounds` (x0, x1, y0, y1), brightest first."""
+    if not len(truth):
+        return truth
+    x0, x1, y0, y1 = bounds
+    x, y, electrons = (np.asarray(truth[name], float) for name in ("x", "y", "electrons"))
+    inside = (x >= x0 - 0.5) & (x < x1 - 0.5) & (y >= y0 - 0.5) & (y < y1 - 0.5) & (electrons > 0)
+    rows = np.flatnonzero(inside)
+    return truth.take(rows[np.argsort(-electrons[rows], kind="stable")[:limit]])
+
+
+def draw_marks(axes, chosen):
+    """Mark the rows of a truth table on axes of chip pixels, with a legend below."""
+    for number, name in enumerate(TYPES):
+        rows = chosen.take(chosen["obj_type"] == number) if len(chosen) else chosen
+        if not len(rows) and name == "quasar":
+            continue  # most frames have none
+        marker, colour = STYLES[name]
+        x, y = (rows["x"], rows["y"]) if len(rows) else ([], [])
+        label = f"{len(rows)} {name if len(rows) == 1 else PLURALS[name]}"
+        axes.plot(x, y, marker, ms=_SIZE, mfc="none", mec=colour, mew=1.2, label=label)
+
+
+def legend_title(chosen, filter_):
+    """Return what the legend says of the rows marked on an image in a filter or behind a grating."""
+    if not len(chosen):
+        return "truth: no object is here"
+    magnitudes = chosen["mag"][np.isfinite(chosen["mag"])]
+    faintest = f", to {magnitudes.max():.1f} mag" if magnitudes.size else ""
+    where = ", where light would fall without the grating" if filter_ in GRATINGS else ""
+    return f"truth, brightest {len(chosen)}{faintest}{where}"

@@ -1,0 +1,74 @@
+"""`csstsim show`: check what is asked for, draw it, write the PNG."""
+
+from pathlib import Path
+
+from csstsim.atomic import atomic_path
+from csstsim.errors import InputError
+from csstsim.quicklook.figure import DPI, SIDE, draw
+from csstsim.quicklook.marks import brightest, load_marks
+from csstsim.quicklook.picture import read_picture
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+def show(
+    path, output=None, *, stretch="asinh", limits=None, region=None, inset=None, truth=False, truth_table=None,
+    limit=100, size=SIDE, subtract_overscan=False,
+):  # fmt: skip
+    """Write a PNG of the file `path` to `output` (default: beside it, .png) and return its path.
+
+    limits: (low, high) in the file's unit; region: x0, x1, y0, y1, half-open; inset: x, y, size. Pixels count from 0;
+    size: pixels of the picture along the longer side.
+    Raises InputError for a file that cannot be shown, an option that does not fit it, or an output that is no PNG.
+    """
+    path = Path(path)
+    target = _target(path, output)
+    picture = read_picture(path, subtract_overscan)
+    bounds = _region(picture, region) if region else picture.bounds
+    part = _inset(path, bounds, inset) if inset else None
+    marks = _marks(picture, bounds, truth_table, limit) if truth or truth_table else None
+    figure = draw(picture, bounds, stretch, limits, marks, part, size)
+    with atomic_path(target) as temporary:
+        figure.savefig(temporary, dpi=DPI)
+    return target
+
+
+def _target(path, output):
+    """Return where the PNG goes; a file that stands there and is no PNG is not overwritten."""
+    target = Path(output) if output is not None else path.with_suffix(".png")
+    if target.suffix.lower() != ".png":
+        raise InputError("not the name of a PNG", file=target, key="--output", allowed="a name that ends with .png")
+    if target.exists():
+        with open(target, "rb") as file:
+            if file.read(len(PNG)) != PNG:
+                raise InputError("is there already and is no PNG", file=target, key="--output", allowed="another name")
+    return target
+
+
+def _region(picture, region):
+    x0, x1, y0, y1 = region
+    left, right, low, high = picture.bounds
+    if not (left <= x0 < x1 <= right and low <= y0 < y1 <= high):
+        allowed = f"X0 < X1 within {left} to {right}, Y0 < Y1 within {low} to {high}"
+        raise InputError("not a part of the image", file=picture.path, key="--region", value=region, allowed=allowed)
+    return region
+
+
+def _inset(path, bounds, inset):
+    """Return the bounds of an inset, cut at the edges of what is shown."""
+    x, y, size = inset
+    x0, x1, y0, y1 = bounds
+    if size < 1 or not (x0 <= x < x1 and y0 <= y < y1):
+        allowed = f"X from {x0} to {x1 - 1}, Y from {y0} to {y1 - 1}, SIZE from 1"
+        raise InputError("not in what is shown", file=path, key="--inset", value=inset, allowed=allowed)
+    left, low = x - size // 2, y - size // 2
+    return max(left, x0), min(left + size, x1), max(low, y0), min(low + size, y1)
+
+
+def _marks(picture, bounds, table, limit):
+    if not picture.on_chip:
+        raise InputError(
+            "the pixels of the frame are not the chip's, so the truth has no place on it", file=picture.path,
+            key="--truth", allowed="a Level-0, render-stage or calibrated file",
+        )  # fmt: skip
+    return brightest(load_marks(picture.path, None if table is None else Path(table)), bounds, limit)

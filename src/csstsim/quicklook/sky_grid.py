@@ -1,0 +1,110 @@
+"""Right ascension and declination on a picture: which WCS holds, and its lines and labels.
+
+A Level-0 file's WCS is linear, and where FLDDIST is T the light lies up to 214 px beside it. If the file was made with
+the shipped camera (CAMHASH) the distortion is known and the lines go where the light does; else the header's are drawn
+and the picture says so.
+"""
+
+import re
+import warnings
+from types import SimpleNamespace
+
+import numpy as np
+
+_KEYWORD = re.compile(
+    r"WCSAXES|(CTYPE|CUNIT|CRVAL|CRPIX)[12]|CD[12]_[12]|LONPOLE|LATPOLE|RADESYS|(A|B|AP|BP)_(ORDER|\d_\d)"
+)
+GRID_COLOUR = "#E0C060"
+LINEAR = "grid: the header's linear WCS, beside which field distortion moves the light"
+
+
+def exposure_wcs(header):
+    """Return (astropy WCS of 0-based chip pixels or None, remark or '') from the keywords of a csstsim exposure.
+
+    header: those of HDU 0 and 1 of a Level-0 file together; frames between the stages carry the same names.
+    """
+    if header.get("FILETYPE", "SCIE") != "SCIE":
+        return None, ""  # bias, dark and flat frames carry a direction that means nothing
+    if header.get("FLDDIST") is not True or "SIP" in str(header.get("CTYPE1")):
+        return header_wcs(header), ""
+    true = _distorted(header)
+    return (header_wcs(header), LINEAR) if true is None else (header_wcs(true), "")
+
+
+def _distorted(header):
+    """Return the TAN-SIP header of the exposure if its camera is the shipped one, else None."""
+    from csstsim.config import SHIPPED
+    from csstsim.instrument.camera import load_camera
+    from csstsim.optics.distortion import load_distortion
+    from csstsim.optics.sip import sip_header
+    from csstsim.optics.wcs import ChipWCS
+
+    camera = load_camera(SHIPPED / "instrument")
+    if header.get("CAMHASH") != camera.digest:
+        return None
+    pointing = SimpleNamespace(ra=header["RA_OBJ"], dec=header["DEC_OBJ"], pa=header["POS_ANG0"])
+    distortion = load_distortion(camera.folder / "distortion.fits")
+    return sip_header(ChipWCS(camera.chips[int(header["DETECTOR"])], pointing, distortion))
+
+
+def header_wcs(header, origin=(0, 0)):
+    """Return the astropy WCS of FITS keywords (mapping), or None if they give no celestial one.
+
+    origin: the 0-based chip pixel of the array's first; the WCS returned is that of chip pixels.
+    """
+    from astropy.io.fits import Header
+    from astropy.wcs import WCS, FITSFixedWarning
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FITSFixedWarning)
+        try:
+            wcs = WCS(header if isinstance(header, Header) else Header(_main(header)))
+        except (ValueError, KeyError, MemoryError):  # what wcslib raises for keywords that do not fit together
+            return None
+    if wcs.naxis != 2 or not wcs.has_celestial:
+        return None
+    wcs.wcs.crpix += origin
+    if wcs.sip is not None:  # its polynomials count from CRPIX as it was
+        wcs.sip = _moved(wcs.sip, wcs.wcs.crpix)
+    return wcs
+
+
+def _main(header):
+    """Return the keywords of the WCS without letter: those of channels would only take time."""
+    return {key: value for key, value in header.items() if _KEYWORD.fullmatch(key)}
+
+
+def _moved(sip, crpix):
+    from astropy.wcs import Sip
+
+    return Sip(sip.a, sip.b, sip.ap, sip.bp, crpix)
+
+
+def draw_grid(axes, wcs, apparent):
+    """Draw the grid of `wcs` over WCSAxes in chip pixels; labels at the top and on the right."""
+    lon, lat = overlay = axes.get_coords_overlay(wcs)
+    overlay.grid(color=GRID_COLOUR, alpha=0.8, linewidth=0.8)
+    lon_side, lat_side = _sides(wcs, axes)
+    kind = " (apparent)" if apparent else ""
+    for coordinate, side, name in ((lon, lon_side, "RA"), (lat, lat_side, "Dec")):
+        coordinate.set_ticks_position(side)
+        coordinate.set_ticklabel_position(side)
+        coordinate.set_axislabel_position(side[0])
+        coordinate.set_axislabel(name + kind)
+        coordinate.set_ticklabel(exclude_overlapping=True, size=8)
+
+
+def _sides(wcs, axes):
+    """Return the sides with the labels of right ascension and of declination: those that more of their lines cross."""
+    (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
+    x, y = (x0 + x1) / 2, (y0 + y1) / 2
+    corners, _ = wcs.all_pix2world([x0, x1, x1, x0, x0], [y0, y0, y1, y1, y0], 0)
+    if abs(_wrapped(np.diff(corners)).sum()) > 180.0:  # once around: a pole is within
+        return "tr", "r"
+    ra, _ = wcs.all_pix2world([x, x + 1, x], [y, y, y + 1], 0)
+    along_x, along_y = np.abs(_wrapped(ra[1:] - ra[0]))
+    return ("t", "r") if along_x >= along_y else ("r", "t")
+
+
+def _wrapped(degrees):
+    return (degrees + 180.0) % 360.0 - 180.0

@@ -1,0 +1,57 @@
+"""From pixel values to grey levels: limits that follow the background and its noise, and three stretches."""
+
+import numpy as np
+
+from csstsim.errors import InputError
+
+STRETCHES = ("asinh", "log", "linear")
+BELOW = 2.0  # sigma under the background that are black
+LEAST_ABOVE = 10.0  # sigma over the background that are white, or more
+BRIGHT = 99.9  # percentile of the pixels that is white under asinh and log, if it is higher ...
+MOST_ABOVE = {"asinh": 1000.0, "log": np.inf}  # ... but not beyond so many sigma
+SOFT = 3.0  # sigma up to which asinh and log are linear
+
+
+def robust_limits(values, stretch):
+    """Return (low, high, sigma) for finite `values` (any shape): black, white, and the background's scatter."""
+    level = np.median(values)
+    sigma = _scatter(values, level)
+    above = LEAST_ABOVE
+    if stretch in MOST_ABOVE:
+        above = np.clip((np.percentile(values, BRIGHT) - level) / sigma, LEAST_ABOVE, MOST_ABOVE[stretch])
+    return float(level - BELOW * sigma), float(level + above * sigma), float(sigma)
+
+
+def _scatter(values, level):
+    """Return the background's scatter, above zero also where most or all pixels have one value."""
+    spreads = (1.4826 * np.median(np.abs(values - level)), np.ptp(np.percentile(values, (0.1, 99.9))), np.ptp(values))
+    floor = 1e-6 * abs(level)  # what float32 cannot tell apart is no scatter
+    return next((s for s in spreads if s > floor), 0.01 * abs(level) or 1.0)
+
+
+def make_norm(image, stretch, limits=None, *, file=None):
+    """Return the matplotlib norm of an image (NaN allowed) with one of STRETCHES; `limits` (low, high) or robust ones.
+
+    Raises InputError if no pixel is finite or the limits are not low < high.
+    """
+    from astropy.visualization import AsinhStretch, ImageNormalize, LinearStretch, LogStretch
+
+    values = image[np.isfinite(image)].astype(np.float64)
+    if not values.size:
+        raise InputError("no pixel of the part to be shown has a finite value", file=file)
+    low, high, sigma = robust_limits(values, stretch)
+    if limits is not None:
+        if not (np.isfinite(limits).all() and limits[0] < limits[1]):
+            raise InputError("no range", file=file, key="--limits", value=tuple(limits), allowed="LOW < HIGH")
+        low, high = limits
+    soft = float(np.clip(SOFT * sigma / (high - low), 1e-4, 1.0))
+    shape = {"asinh": lambda: AsinhStretch(soft), "log": lambda: LogStretch(1 / soft), "linear": LinearStretch}
+    # not clipped: clipping would also give pixels without a value a grey
+    return ImageNormalize(vmin=low, vmax=high, stretch=shape[stretch](), clip=False)
+
+
+def ticks(norm, count=7):
+    """Return (values, labels) at even distances of grey, for a colour bar; as few digits as keep them apart."""
+    values = np.asarray(norm.inverse(np.linspace(0.0, 1.0, count)), float)
+    digits = max(0, int(np.ceil(-np.log10(np.diff(values).min()))) + 1)
+    return values, [f"{value:.{digits}f}" if digits < 6 else f"{value:.6g}" for value in values]

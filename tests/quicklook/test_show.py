@@ -1,0 +1,268 @@
+"""csstsim show: every kind of file, every option, and what is refused."""
+
+import numpy as np
+import pytest
+from astropy.io import fits
+from astropy.table import Table
+from click.testing import CliRunner
+from matplotlib.colors import to_rgb
+from matplotlib.image import imread
+
+from csstsim.cli import main
+from csstsim.io.frames import load_frame, save_frame
+from csstsim.io.level0 import read_level0
+from csstsim.quicklook.figure import BAD, draw
+from csstsim.quicklook.marks import STYLES
+from csstsim.quicklook.picture import read_picture
+
+NOISE = np.random.default_rng(2).normal(0.2, 0.05, (30, 40)).astype(np.float32)
+
+
+def show(*arguments):
+    """Run the command; return the PNG's pixels (rows, columns, RGBA)."""
+    result = CliRunner().invoke(main, ["show", *map(str, arguments)], catch_exceptions=False)
+    assert result.exit_code == 0, result.output
+    return imread(result.output.strip())
+
+
+def refused(*arguments):
+    """Run a command that must be refused; return its one line."""
+    result = CliRunner().invoke(main, ["show", *map(str, arguments)])
+    lines = result.stderr.strip().splitlines()
+    assert result.exit_code == 2, (result.output, result.exception)
+    assert len(lines) == 1 and lines[0].startswith("csstsim: error: "), lines
+    return lines[0]
+
+
+@pytest.mark.parametrize("stretch", ["asinh", "log", "linear"])
+@pytest.mark.parametrize("kind", ["level0", "render", "readout", "calibrated"])
+def test_every_kind_of_file_under_every_stretch(tmp_path, exposure, level0, calibrated, kind, stretch):
+    run, job = exposure
+    path = {"level0": level0, "calibrated": calibrated(NOISE)}.get(kind) or run.paths.stage(*job.key, f"{kind}.fits")
+    pixels = show(path, "--output", tmp_path / "a.png", "--stretch", stretch, "--size", 300)
+    assert pixels.shape[0] > 300 and np.ptp(pixels[..., 0]) == 1.0
+    picture = read_picture(path)
+    unit = {"level0": "DN", "readout": "DN", "render": "electron", "calibrated": "e-/s"}[kind]
+    assert picture.unit == unit
+    first, second = picture.title.splitlines()
+    assert first.startswith("exposure 10100000001, chip ") and "9, r, 150 s, " in first and second == path.name
+    assert (picture.wcs is None) == (kind == "readout")
+
+
+def test_pixels_are_those_of_the_files(exposure, level0):
+    run, job = exposure
+    assert np.array_equal(read_picture(level0).image, read_level0(level0).assembled())
+    path = run.paths.stage(*job.key, "render.fits")
+    planes, _ = load_frame(path)
+    picture = read_picture(path)
+    assert np.allclose(picture.image, planes["image"].astype(float) + planes["counted"], rtol=1e-6) and picture.on_chip
+    readout = read_picture(run.paths.stage(*job.key, "readout.fits"))
+    assert readout.image.shape > (128, 128) and not readout.on_chip
+
+
+def test_a_frame_between_stages_says_of_itself_what_the_level0_header_says(exposure, level0):
+    run, job = exposure
+    frame = read_picture(run.paths.stage(*job.key, "render.fits")).header
+    header = read_picture(level0).header
+    assert frame == {name: header[name] for name in frame}
+
+
+def test_a_frame_that_says_nothing_of_itself_is_known_by_its_folder(tmp_path):
+    path = tmp_path / "10100000001_07" / "render.fits"
+    save_frame(path, {"image": NOISE}, {"stage": "render", "unit": "electron"})
+    picture = read_picture(path)
+    assert picture.title.startswith("exposure 10100000001, chip 07, render stage") and not picture.on_chip
+    assert show(path).size
+
+
+def test_a_windowed_readout_keeps_the_chips_pixels(tmp_path, windowed):
+    picture = read_picture(windowed)
+    assert picture.bounds == (20, 70, 30, 110) and picture.wcs is None
+    assert np.array_equal(picture.part((25, 26, 40, 42))[:, 0], read_level0(windowed).assembled(full=True)[40:42, 25])
+    figure = draw(picture, (30, 50, 40, 60), "linear")
+    assert np.allclose(figure.axes[0].get_xlim(), (29.5, 49.5))
+    assert np.array_equal(figure.axes[0].images[0].get_array(), picture.image[10:30, 10:30])
+
+
+def test_overscan_levels_the_channels(windowed):
+    """Bias differs by 10 DN from channel to channel; after it the medians agree within the noise (5 DN / sqrt 50)."""
+    raw, levelled = (read_picture(windowed, subtract).image for subtract in (False, True))
+    channels = [np.s_[:34, 12:28], np.s_[:34, 28:44], np.s_[34:, 12:28], np.s_[34:, 28:44]]
+    assert np.ptp([np.median(raw[c]) for c in channels]) > 4
+    assert np.abs([np.median(levelled[c]) for c in channels]).max() < 2.5
+
+
+def test_truth_is_marked_where_it_is(tmp_path, level0):
+    """The star and the brighter of the galaxies, each with its marker and colour, on light."""
+    from csstsim.quicklook.marks import brightest, load_marks
+
+    picture = read_picture(level0)
+    marks = brightest(load_marks(level0), picture.bounds, 100)
+    figure = draw(picture, picture.bounds, "asinh", marks=marks)
+    lines = {line.get_label(): line for line in figure.axes[0].lines if line.get_marker() in "os"}
+    assert set(lines) == {"1 star", "2 galaxies"}
+    star, galaxies = lines["1 star"], lines["2 galaxies"]
+    assert np.allclose(star.get_xydata(), [[30, 40]], atol=0.01)
+    assert np.allclose(sorted(galaxies.get_xydata().tolist()), [[60, 60], [90, 95]], atol=0.01)
+    assert (star.get_marker(), star.get_mec()) == STYLES["star"] != STYLES["galaxy"]
+    drawn = show(level0, "--output", tmp_path / "a.png", "--truth", "--limit", 2)
+    for kind in ("star", "galaxy"):
+        assert (np.abs(drawn[..., :3] - to_rgb(STYLES[kind][1])).max(axis=-1) < 0.02).any()
+
+
+def test_truth_from_elsewhere_on_a_calibrated_file(tmp_path, level0, calibrated):
+    path = calibrated(np.random.default_rng(1).normal(size=(128, 128)))
+    assert "calibrated.truth.parquet: --truth: no truth table" in refused(path, "--truth")
+    table = level0.with_suffix(".truth.parquet")
+    show(path, "--truth-table", table)
+    assert "no truth table" in refused(path, "--truth-table", tmp_path / "nosuch.parquet")
+    assert "not a readable parquet file" in refused(path, "--truth-table", path)
+
+
+def test_a_readout_frame_has_no_place_for_the_truth(exposure):
+    run, job = exposure
+    assert "--truth" in refused(run.paths.stage(*job.key, "readout.fits"), "--truth")
+
+
+def test_pixels_without_a_value_have_a_colour_of_their_own(calibrated):
+    image = NOISE.copy()
+    path = calibrated(image)
+    bad = to_rgb(BAD)
+
+    def count(pixels):
+        return (np.abs(pixels[..., :3] - bad).max(axis=-1) < 0.01).sum()
+
+    for stretch in ("asinh", "log", "linear"):
+        assert count(show(path, "--stretch", stretch, "--size", 400)) == 0
+        image[10:20, 10:20] = np.nan
+        assert count(show(calibrated(image), "--stretch", stretch, "--size", 400)) > 0.8 * 100 * 10**2
+        path = calibrated(NOISE)
+    assert "finite" in refused(calibrated(np.full((5, 5), np.nan)))
+
+
+@pytest.mark.parametrize("stretch", ["asinh", "log", "linear"])
+@pytest.mark.parametrize("value", [0.0, 7.0])
+def test_a_constant_frame_is_one_grey(calibrated, value, stretch):
+    picture = read_picture(calibrated(np.full((6, 9), value)))
+    figure = draw(picture, picture.bounds, stretch)
+    greys = figure.axes[0].images[0].norm(figure.axes[0].images[0].get_array())
+    assert np.ptp(greys) == 0 and 0 < greys[0, 0] < 1
+
+
+def test_one_pixel_is_a_region(calibrated):
+    path = calibrated(NOISE)
+    show(path, "--region", 39, 40, 29, 30, "--inset", 39, 29, 1)
+    picture = read_picture(path)
+    assert draw(picture, (39, 40, 29, 30), "asinh").axes[0].images[0].get_array().tolist() == [[NOISE[29, 39]]]
+
+
+@pytest.mark.parametrize(
+    "region", [(0, 41, 0, 30), (-1, 5, 0, 5), (5, 5, 0, 5), (9, 3, 0, 5), (50, 60, 0, 5), (0, 5, 30, 31)]
+)
+def test_a_region_outside_is_refused(calibrated, region):
+    line = refused(calibrated(NOISE), "--region", *region)
+    assert "--region" in line and "0 to 40" in line and "0 to 30" in line
+
+
+@pytest.mark.parametrize(
+    "inset, shown",
+    [((20, 15, 10), (15, 25, 10, 20)), ((0, 29, 10), (0, 5, 24, 30)), ((5, 5, 999), (0, 40, 0, 30))],
+)
+def test_an_inset_is_cut_at_the_edge(calibrated, inset, shown):
+    from csstsim.quicklook.show import _inset
+
+    picture = read_picture(calibrated(NOISE))
+    assert _inset(picture.path, picture.bounds, inset) == shown
+    figure = draw(picture, picture.bounds, "asinh", inset=shown)
+    closer = next(axes for axes in figure.axes if axes.get_title() == "inset")
+    x0, x1, y0, y1 = shown
+    assert np.array_equal(closer.images[0].get_array(), NOISE[y0:y1, x0:x1])
+    outline = figure.axes[0].patches[-1]
+    assert outline.get_xy() == (x0 - 0.5, y0 - 0.5) and (outline.get_width(), outline.get_height()) == (
+        x1 - x0,
+        y1 - y0,
+    )
+
+
+@pytest.mark.parametrize("inset", [(40, 5, 4), (5, -1, 4), (5, 5, 0)])
+def test_an_inset_outside_is_refused(calibrated, inset):
+    assert "--inset" in refused(calibrated(NOISE), "--inset", *inset)
+    assert "--inset" in refused(calibrated(NOISE), "--region", 10, 20, 10, 20, "--inset", 5, 15, 4)
+
+
+def test_limits_and_overscan_that_do_not_fit(calibrated):
+    assert "LOW < HIGH" in refused(calibrated(NOISE), "--limits", 5, 5)
+    assert "--subtract-overscan" in refused(calibrated(NOISE), "--subtract-overscan")
+
+
+def test_limits_are_taken(calibrated):
+    picture = read_picture(calibrated(NOISE))
+    norm = draw(picture, picture.bounds, "log", (0.1, 0.6)).axes[0].images[0].norm
+    assert (norm.vmin, norm.vmax) == (0.1, 0.6)
+
+
+def test_a_large_frame_is_averaged(calibrated):
+    image = np.random.default_rng(1).normal(size=(1200, 500))
+    picture = read_picture(calibrated(image))
+    shown = draw(picture, picture.bounds, "asinh", side=300).axes[0].images[0]
+    assert np.allclose(shown.get_array(), image.reshape(300, 4, 125, 4).mean(axis=(1, 3)), atol=1e-6)
+    assert np.allclose(shown.get_extent(), (-0.5, 499.5, -0.5, 1199.5))
+
+
+@pytest.mark.parametrize("shape, pixels", [((30, 40), 7), ((300, 300), 1), ((301, 301), 1), ((1200, 900), 1)])
+def test_a_mean_is_drawn_on_whole_pixels_of_the_picture(calibrated, shape, pixels):
+    """Figure pixels along a mean of 1, 1, 2 and 4 chip pixels, where 300 are to be had."""
+    picture = read_picture(calibrated(np.random.default_rng(1).normal(size=shape)))
+    axes = draw(picture, picture.bounds, "asinh", side=300).axes[0]
+    step = -(-max(shape) // 300)
+    assert np.allclose(axes.get_window_extent().size, np.array(shape[::-1]) / step * pixels)
+
+
+def test_a_calibrated_window_counts_its_pixels_on_the_chip(calibrated):
+    cards = {"READX0": 101, "READX1": 140, "READY0": 11, "READY1": 40}
+    picture = read_picture(calibrated(NOISE, **cards))
+    assert picture.bounds == (100, 140, 10, 40)
+    assert np.allclose(picture.wcs.all_pix2world(119.5, 24.5, 0), (60.0, -40.0))  # CRPIX (20.5, 15.5) of the array
+
+
+def test_files_that_cannot_be_shown(tmp_path, level0):
+    text = tmp_path / "text.fits"
+    text.write_text("no FITS")
+    table = tmp_path / "table.fits"
+    Table({"a": [1]}).write(table)
+    cube = tmp_path / "cube.fits"
+    fits.PrimaryHDU(np.zeros((2, 3, 4))).writeto(cube)
+    cut = tmp_path / "cut.fits"
+    cut.write_bytes(level0.read_bytes()[:-5000])
+    for path, word in (
+        (tmp_path / "nosuch.fits", "no such file"), (tmp_path, "no such file"), (text, "not a readable FITS file"),
+        (table, "no extension holds a 2-d image"), (cube, "no extension holds a 2-d image"), (cut, "cut short"),
+    ):  # fmt: skip
+        line = refused(path)
+        assert str(path) in line and word in line
+        assert not path.with_suffix(".png").exists()
+
+
+def test_any_fits_image_is_shown(tmp_path):
+    path = tmp_path / "plain.fits"
+    fits.PrimaryHDU(np.arange(12, dtype=np.int16).reshape(3, 4)).writeto(path)
+    assert show(path).size
+    assert read_picture(path).title == "image\nplain.fits"
+    fits.HDUList([fits.PrimaryHDU(), fits.CompImageHDU(NOISE, name="SCI")]).writeto(path, overwrite=True)
+    assert read_picture(path).image.shape == NOISE.shape
+
+
+def test_where_the_png_goes(tmp_path, calibrated):
+    path = calibrated(NOISE)
+    show(path)
+    first = path.with_suffix(".png").read_bytes()
+    show(path, "--stretch", "linear")
+    assert path.with_suffix(".png").read_bytes() != first  # a PNG may be replaced
+    other = tmp_path / "notes.png"
+    other.write_text("not a PNG")
+    assert "is no PNG" in refused(path, "--output", other) and other.read_text() == "not a PNG"
+    assert "ends with .png" in refused(path, "--output", path)
+    assert refused(path, "--output", tmp_path / "calibrated.fits" / "a.png")
+    folder = tmp_path / "folder.png"
+    folder.mkdir()
+    assert str(folder) in refused(path, "--output", folder)
