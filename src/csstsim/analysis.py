@@ -14,6 +14,8 @@ from csstsim.errors import InputError
 from csstsim.prepare import open_psf
 from csstsim.stages import check_recipe
 
+LIMIT_SECONDS = 150.0  # of filters.yaml's limiting magnitudes
+
 
 def measure(run, job):
     """Detect and measure the sources of a Level-0 file."""
@@ -108,7 +110,8 @@ def validate(run, pix):
     from csstsim.bricks.validate import Frame, validate_brick
     from csstsim.catalog.table import ObjectTable
 
-    frames = [Frame(_truth(run, job), _measured(run, job)) for job in _jobs_on(run, pix)]
+    seam = run.camera.detector.channel_ny
+    frames = [Frame(_truth(run, job), _measured(run, job), seam, _depth(run, job)) for job in _jobs_on(run, pix)]
     merged = ObjectTable.read(run.paths.merge(pix))
     check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
     result, arrays = validate_brick(pix, merged, frames, run.config.validation)
@@ -120,6 +123,11 @@ def validate(run, pix):
         temporary.write_text(json.dumps(result, indent=1) + "\n")
     for gate in result["gates"]:
         print(gate)
+
+
+def _depth(run, job):
+    """Return the 5-sigma magnitude expected of an exposure: the filter's, stated for LIMIT_SECONDS."""
+    return run.camera.filters[job.chip.filter].limiting_mag + 1.25 * np.log10(job.pointing.exptime / LIMIT_SECONDS)
 
 
 def _measured(run, job):

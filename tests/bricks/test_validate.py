@@ -57,7 +57,7 @@ def make_frame(band, seed, *, shift=0.0, keep=1.0, side=45, obsid="1"):
         "filter": "NUV" if band == "nuv" else band, "exptime": 150.0, "zeropoint": ZEROPOINT, "rms": RMS,
         "n_eff": N_EFF, "depth_5sigma": 26.0, "window": [0, int(x.max()) + 50, 0, int(y.max()) + 50],
     }  # fmt: skip
-    return Frame(truth, ObjectTable(full, info).take(found))
+    return Frame(truth, ObjectTable(full, info).take(found), seam=10_000)
 
 
 def run(frames, **limits):

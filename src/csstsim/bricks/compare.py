@@ -38,29 +38,34 @@ def half_light(truth):
     return np.where(truth["obj_type"] == GALAXY, np.nan_to_num(size), 0.0)
 
 
+def wider(truth, n_eff):
+    """Return by how much more pixels an object covers than a point source, (n,)."""
+    return 1.0 + 9.0 * (truth["half_light"] / PIXEL) ** 2 / n_eff
+
+
 def reach(truth):
     """Return the match radius of true objects, arcsec."""
     return np.maximum(MATCH_ARCSEC, 0.5 * (truth["half_light"] if "half_light" in truth else half_light(truth)))
 
 
-def purity(sources, truths):
-    """Fraction of the merged sources with a true object of the frames within the match radius; None without sources.
+def real(sources, truths):
+    """Return a mask of the merged sources with a true object of the frames within the match radius.
 
     True objects fainter than the campaign's limit do not exist in the scene: all light has a true object.
     """
     from scipy.spatial import cKDTree
 
+    out = np.zeros(len(sources), bool)
     if len(sources) == 0:
-        return None
-    real = np.zeros(len(sources), bool)
+        return out
     tree = cKDTree(to_vectors(sources["ra"], sources["dec"]))
     for truth in truths:
         if len(truth):
             near = tree.query_ball_point(
                 to_vectors(truth["ra_epoch"], truth["dec_epoch"]), np.radians(reach(truth) / 3600.0)
             )
-            real[np.concatenate(near).astype(int)] = True
-    return float(real.mean())
+            out[np.concatenate(near).astype(int)] = True
+    return out
 
 
 def magnitudes(band, truth, sources, match, infos):
@@ -72,26 +77,46 @@ def magnitudes(band, truth, sources, match, infos):
         source = match[rows]
         given, got = truth[f"mag_{band}"][rows].astype(float), sources[f"{prefix}mag_{band}"][source]
         # S/N from the true magnitude, so that the selection does not follow the noise of the measured one.
-        wider = 1.0 + 9.0 * (truth["half_light"][rows] / PIXEL) ** 2 / np.median([info["n_eff"] for info in infos])
-        snr = 10.0 ** (-0.4 * (given - 23.9)) / (sources[f"flux_err_{band}"][source] * np.sqrt(wider))
+        area = wider(truth, np.median([info["n_eff"] for info in infos]))[rows]
+        light = 10.0 ** (-0.4 * (given - 23.9))
+        snr = light / (sources[f"flux_err_{band}"][source] * np.sqrt(area))
         good = np.isfinite(given) & np.isfinite(got) & ((sources["flags"][source] & SATURATED) == 0)
         bright = good & (snr > SNR_BRIGHT) & (snr < SNR_MAX)
         arrays[name] = given[good], (got - given)[good]
-        numbers[name] = spread((got - given)[bright])
+        pull = (sources[f"{prefix}flux_{band}"][source] - light) / sources[f"{prefix}flux_err_{band}"][source]
+        numbers[name] = spread((got - given)[bright]) | {"pull": spread(pull[bright])}
     return arrays, numbers
 
 
-def astrometry(truth, sources, match, bands):
-    """Residuals of the merged positions of bright isolated point sources, measured minus true, mas."""
+def counts(band, truth, sources, match, real, edges, limit):
+    """Return the number counts of a band, true and measured, {edges, in, out, excess, n}.
+
+    In: the true objects; out: the sources that are theirs (`match`), and those that are nobody's (not `real`), stars
+    counted by PSF, others by Kron magnitude. excess: out / in - 1 of those brighter than `limit`; n: their number, in.
+    """
+    mine = ~np.asarray(real)
+    mine[match[match >= 0]] = True
+    star = np.asarray(sources["star"]) > 0.5
+    got = np.where(star, sources[f"mag_{band}"], sources[f"kron_mag_{band}"])[mine]
+    given = truth[f"mag_{band}"].astype(float)
+    n, out = int((given < limit).sum()), int((got < limit).sum())
+    return {
+        "edges": list(map(float, edges)), "in": np.histogram(given, edges)[0].tolist(),
+        "out": np.histogram(got, edges)[0].tolist(), "excess": out / n - 1 if n else None, "n": n,
+    }  # fmt: skip
+
+
+def astrometry(truth, sources, match, bands, snr_min=SNR_BRIGHT):
+    """Return residuals (east, north) of the merged positions of isolated point sources above an S/N, out - in, mas."""
     rows = np.flatnonzero((truth["obj_type"] != GALAXY) & ~truth["blended"].astype(bool) & (match >= 0))
     source = match[rows]
     snr = [np.nan_to_num(sources[f"flux_{b}"][source] / sources[f"flux_err_{b}"][source]) for b in bands]
-    good = (np.max(snr, axis=0, initial=0.0) > SNR_BRIGHT) & ((sources["flags"][source] & SATURATED) == 0)
+    good = (np.max(snr, axis=0, initial=0.0) > snr_min) & ((sources["flags"][source] & SATURATED) == 0)
     rows, source = rows[good], source[good]
     east = (sources["ra"][source] - truth["ra_epoch"][rows] + 180.0) % 360.0 - 180.0
     east = east * np.cos(np.radians(truth["dec_epoch"][rows])) * 3.6e6
     north = (sources["dec"][source] - truth["dec_epoch"][rows]) * 3.6e6
-    return {"east": spread(east), "north": spread(north)}
+    return east, north
 
 
 def colours(truth, sources, match):

@@ -1,34 +1,42 @@
 """Compare a brick's measurements with its truth: the checks of the paper's section 6, as numbers and gates.
 
-Completeness of point sources against their true S/N, magnitudes out minus in (PSF for stars, Kron for
-galaxies), astrometric residuals, and the u-g, g-r colours of input and output. The true S/N is that of
-optimal photometry, F / sqrt(F + n_eff rms^2), with F the electrons of the truth and the frame's own noise.
-Completeness counts every exposure of a source by itself; the rest is judged on the merged catalogue.
+Of each exposure by itself (bricks.trials): completeness against true S/N and magnitude, light and places along the way
+of the charge. Of the merged catalogue (bricks.compare): magnitudes out minus in (PSF for stars, Kron for galaxies),
+those in units of their errors (pulls), places, colours, number counts.
 Blended and (nearly) saturated sources are left out; a figure from fewer than `FEW` sources judges nothing.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from csstsim.bricks import compare
+from csstsim.bricks.gates import FEW, at_least, at_most, between
 from csstsim.bricks.healpix import brick_of, from_vectors, to_vectors
+from csstsim.bricks.trials import joined, limit, trials
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, STRONG_LENSING
-from csstsim.catalog.table import BANDS, GALAXY, ObjectTable
+from csstsim.catalog.table import BANDS, ObjectTable
 
 SNR_EDGES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 15, 20, 50, 100, 500)
+BIAS_EDGES = (5, 10, 20, 50, 100, 200, 500)  # S/N, of places and light along the way of the charge
+MAG_EDGES = np.arange(16.0, 29.1, 0.5)
 EDGE = 12  # px; sources nearer to the frame's edge are not judged
-MATCH_PX = 2.5  # truth and detection in one frame
+SNR_SHARP = 50.0  # above it positions are judged one by one
 IN_FRAME = 0.9  # of an object's light in the window; less is not judged
-FEW = 20
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One measured Level-0 file: its truth (io.truth.read_truth) and its measured table (measure.catalogue)."""
+    """One measured Level-0 file: its truth (io.truth.read_truth) and its measured table (measure.catalogue).
+
+    seam: first row of the chip's upper half; depth: AB magnitude of 5 sigma that is expected of it, or None.
+    """
 
     truth: ObjectTable
     measured: ObjectTable
+    seam: int
+    depth: float | None = None
 
     @property
     def info(self):
@@ -44,51 +52,92 @@ def validate_brick(pix, sources, frames, config):
 
     `sources`: merged ObjectTable (or mapping) of the brick; `frames`: iterable of `Frame`; `config`:
     config.ValidateConfig. `result` is JSON-like: per band completeness, magnitude residuals (mag), depth;
-    astrometry (mas); gates [{name, band, value, threshold, n, passed}], passed None when nothing can be said.
-    `arrays` holds what bricks.figures draws.
+    astrometry (mas); gates (bricks.gates). `arrays` holds what bricks.figures draws.
     """
-    trials = {band: [] for band in BANDS}
-    infos = {band: [] for band in BANDS}
+    tried, infos, depths = ({band: [] for band in BANDS} for _ in range(3))
     kept, everything = [], []
     for frame in frames:
         everything.append(frame.truth)
         infos[frame.band].append(frame.info)
+        depths[frame.band].append(frame.depth)
         truth = _usable(pix, frame)
         if len(truth):
-            trials[frame.band].append(_trial(truth, frame))
+            tried[frame.band].append(trials(truth, frame))
             kept.append(truth)
-    truth = _unique(kept)
+    truth, real = _unique(kept), compare.real(sources, everything)
     match = compare.match(truth, sources)
     bands, curves, residuals, gates = {}, {}, {}, []
-    for band in BANDS:
-        if not infos[band]:
-            continue
-        snr, found = np.concatenate(trials[band], axis=1) if trials[band] else np.zeros((2, 0))
-        curves[band] = completeness(snr, found > 0, SNR_EDGES)
+    seen = [band for band in BANDS if infos[band]]
+    for band in seen:
+        table = joined(tried[band])
         residuals[band], numbers = compare.magnitudes(band, truth, sources, match, infos[band])
-        judged = (snr > config.snr_min) & (snr < compare.SNR_MAX)
-        fraction = float(found[judged].mean()) if judged.any() else None
-        depth = [info["depth_5sigma"] for info in infos[band]]
-        zeropoint = [info["zeropoint"] - 2.5 * np.log10(info["exptime"]) for info in infos[band]]
-        n, seen = (counts.tolist() for counts in curves[band])
-        bands[band] = numbers | {
-            "frames": len(infos[band]), "depth_5sigma": float(np.median(depth)), "completeness": fraction,
-            "zeropoint": float(np.median(zeropoint)), "point_sources": int(judged.sum()),
-            "completeness_curve": {"snr": list(SNR_EDGES), "n": n, "found": seen},
-        }  # fmt: skip
-        star = numbers["star"]
-        gates += [
-            _gate("completeness", band, fraction, config.completeness_min, int(judged.sum()), at_least=True),
-            _gate("magnitude bias of stars", band, star["median"], config.mag_bias_max, star["n"]),
-        ]
+        bands[band] = numbers | _of_exposures(table, infos[band], config)
+        limit_mag = bands[band]["depth_5sigma"] - 2.5 * np.log10(compare.SNR_BRIGHT / 5.0)
+        bands[band]["counts"] = compare.counts(band, truth, sources, match, real, MAG_EDGES, limit_mag)
+        points = ~table["galaxy"].astype(bool)
+        curves[band] = completeness(table["snr"][points], table["found"][points] > 0, SNR_EDGES)
+        gates += _gates(band, bands[band], depths[band], config)
+    east, north = compare.astrometry(truth, sources, match, bands)
+    bright = compare.spread(np.hypot(*compare.astrometry(truth, sources, match, bands, SNR_SHARP)))
+    pure = float(real.mean()) if len(real) else None
+    gates += [
+        at_most("position residual at S/N > 50 [mas]", "all", bright["median"], config.astrometry_max, bright["n"]),
+        at_least("purity", "all", pure, config.purity_min, len(sources)),
+    ]
     result = {
-        "brick": int(pix), "sources": len(sources), "purity": compare.purity(sources, everything),
+        "brick": int(pix), "sources": len(sources), "purity": pure,
         "left_out": getattr(sources, "meta", {}).get("left_out"), "truth": len(truth),
-        "frames": sum(map(len, infos.values())),
-        "bands": bands, "astrometry_mas": compare.astrometry(truth, sources, match, bands), "gates": gates,
+        "frames": sum(map(len, infos.values())), "bands": bands,
+        "astrometry_mas": {"east": compare.spread(east), "north": compare.spread(north)}, "radial_mas": bright,
+        "gates": gates,
     }  # fmt: skip
     colour = compare.colours(truth, sources, match)
     return result, {"completeness": curves, "residual": residuals, "colour": colour}
+
+
+def _of_exposures(table, infos, config):
+    """Return the numbers of a band's single exposures; table: bricks.trials of all of them."""
+    galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
+    points = ~galaxy
+    judged = points & (table["snr"] > config.snr_min) & (table["snr"] < compare.SNR_MAX)
+    n, seen = completeness(table["snr"][points], found[points], SNR_EDGES)
+    zeropoint = [info["zeropoint"] - 2.5 * np.log10(info["exptime"]) for info in infos]
+    return {
+        "frames": len(infos), "depth_5sigma": float(np.median([info["depth_5sigma"] for info in infos])),
+        "completeness": float(found[judged].mean()) if judged.any() else None,
+        "zeropoint": float(np.median(zeropoint)), "point_sources": int(judged.sum()),
+        "completeness_curve": {"snr": list(SNR_EDGES), "n": n.tolist(), "found": seen.tolist()},
+        "half_found": {
+            "star": limit(table["mag"][points], found[points]), "galaxy": limit(table["mag"][galaxy], found[galaxy]),
+        },
+        "transfer": [_transfer(table, *bin) for bin in pairwise(BIAS_EDGES)],
+    }  # fmt: skip
+
+
+def _transfer(table, low, high):
+    """Return the biases of point sources of a bin of true S/N: place along the columns, and across them; light."""
+    some = (table["snr"] >= low) & (table["snr"] < high) & (table["sound"] > 0) & ~table["galaxy"].astype(bool)
+    named = {"deferred_mas": table["deferred_mas"], "across_mas": table["across_mas"], "light": table["light"] - 1}
+    return {"snr": [low, high]} | {name: compare.spread(values[some]) for name, values in named.items()}
+
+
+def _gates(band, numbers, depths, config):
+    """Return the gates of a band."""
+    star, counts, n = numbers["star"], numbers["counts"], numbers["point_sources"]
+    expected = [depth for depth in depths if depth is not None]
+    off = numbers["depth_5sigma"] - float(np.median(expected)) if expected else None
+    # The worst bin, less what chance makes of it
+    bias = [part[name] for part in numbers["transfer"] for name in ("deferred_mas", "across_mas")]
+    bias = [max(abs(part["median"]) - 2 * part["error"], 0.0) for part in bias if part["n"] >= FEW]
+    pull = star["pull"]
+    return [
+        at_least("completeness", band, numbers["completeness"], config.completeness_min, n),
+        at_most("magnitude bias of stars", band, star["median"], config.mag_bias_max, star["n"]),
+        between("width of stars' pulls", band, pull["sigma"], config.pull_width, pull["n"]),
+        at_most("position bias, any S/N [mas]", band, max(bias, default=None), config.position_bias_max, n),
+        at_most("depth less the expected [mag]", band, off, config.depth_off_max, FEW),
+        at_most("number counts, out / in - 1", band, counts["excess"], config.counts_max, counts["n"]),
+    ]
 
 
 def completeness(snr, found, edges):
@@ -129,20 +178,6 @@ def blended(x, y, electrons):
     return mask
 
 
-def _trial(truth, frame):
-    """(true S/N, found 0 or 1) of the isolated point sources of one frame, (2, n)."""
-    from scipy.spatial import cKDTree
-
-    points = truth.take((truth["obj_type"] != GALAXY) & ~truth["blended"])
-    electrons = points["electrons"].astype(float)
-    snr = electrons / np.sqrt(electrons + frame.info["n_eff"] * frame.info["rms"] ** 2)
-    if len(points) == 0 or len(frame.measured) == 0:
-        return np.stack([snr, np.zeros(len(points))])
-    tree = cKDTree(np.column_stack([frame.measured["x"], frame.measured["y"]]))
-    distance, _ = tree.query(np.column_stack([points["x"], points["y"]]))
-    return np.stack([snr, distance < MATCH_PX])
-
-
 def _unique(tables):
     """One row per object of the truth of several frames, by id; blended anywhere is blended, `ra_epoch` is the mean."""
     names = ("id", "obj_type", "ra_epoch", "dec_epoch", "blended", "half_light", *(f"mag_{band}" for band in BANDS))
@@ -155,12 +190,3 @@ def _unique(tables):
     ra, dec = from_vectors(np.stack([np.bincount(which, v) for v in vectors.T], axis=1))
     table = ObjectTable({name: values[first] for name, values in columns.items()})
     return table.with_columns(blended=anywhere, ra_epoch=ra, dec_epoch=dec)
-
-
-def _gate(name, band, value, threshold, n, *, at_least=False):
-    passed = None
-    if value is not None and threshold is not None and n >= FEW:
-        # A fraction of n that truly is at the threshold falls short by chance: two sigma of it are forgiven
-        chance = 2 * np.sqrt(threshold * (1 - threshold) / n) if at_least else 0.0
-        passed = bool(value + chance >= threshold) if at_least else bool(abs(value) <= threshold)
-    return {"name": name, "band": band, "value": value, "threshold": threshold, "n": n, "passed": passed}

@@ -1,0 +1,43 @@
+"""Gates: a number, its threshold, and whether it passes; None where it cannot be judged.
+
+A gate is {name, band, value, threshold, n, passed}. It is not judged without a threshold, without a value, or from
+fewer than FEW sources.
+"""
+
+import numpy as np
+
+FEW = 20
+
+
+def at_most(name, band, value, threshold, n):
+    """Gate of a number that may be of either sign and at most `threshold` in size."""
+    return _gate(name, band, value, threshold, n, lambda: abs(value) <= threshold)
+
+
+def at_least(name, band, value, threshold, n):
+    """Gate of a fraction of n.
+
+    One that truly is at the threshold falls short by chance: two sigma of it are forgiven.
+    """
+    return _gate(
+        name, band, value, threshold, n, lambda: value + 2 * np.sqrt(threshold * (1 - threshold) / n) >= threshold
+    )
+
+
+def between(name, band, value, limits, n):
+    """Gate of a number within `limits` (low, high), two sigma of the chance in a width of n values forgiven."""
+    threshold = None if limits is None else f"{limits[0]:g} to {limits[1]:g}"
+
+    def passes():
+        chance = 2 * 1.17 * value / np.sqrt(n)  # of a width from the median deviation: 1.17 / sqrt(n)
+        return limits[0] - chance <= value <= limits[1] + chance
+
+    return _gate(name, band, value, threshold, n, passes)
+
+
+def _gate(name, band, value, threshold, n, passes):
+    judged = value is not None and threshold is not None and n >= FEW
+    return {
+        "name": name, "band": band, "value": value, "threshold": threshold, "n": n,
+        "passed": bool(passes()) if judged else None,
+    }  # fmt: skip

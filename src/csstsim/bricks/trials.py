@@ -1,0 +1,74 @@
+"""What one frame's measurement did with each isolated true object: found or not, and how far off (bricks.validate).
+
+The S/N is that of the truth in optimal photometry, F / sqrt(F + n_eff rms^2), with F the electrons and the frame's own
+noise; a galaxy covers more pixels (bricks.compare). `deferred_mas` is the residual along the columns, positive away
+from the amplifier: the way in which charge transfer displaces; `transfers` the rows to the amplifier.
+"""
+
+import numpy as np
+
+from csstsim.bricks.compare import PIXEL, SATURATED, wider
+from csstsim.catalog.table import GALAXY, ObjectTable
+
+MATCH_PX = 2.5  # truth and detection in one frame
+COLUMNS = ("galaxy", "snr", "mag", "found", "sound", "across_mas", "deferred_mas", "transfers", "light")
+
+
+def trials(truth, frame):
+    """Return an ObjectTable of COLUMNS, a row an isolated object of `truth` (bricks.validate usable rows of `frame`).
+
+    sound: found and not saturated; light: measured electrons (PSF) over true ones; NaN where not found.
+    """
+    truth = truth.take(~truth["blended"])
+    electrons, galaxy = truth["electrons"].astype(float), truth["obj_type"] == GALAXY
+    area = frame.info["n_eff"] * wider(truth, frame.info["n_eff"])
+    row = _nearest(truth, frame.measured)
+    found = row >= 0
+    out = {
+        "galaxy": galaxy, "snr": electrons / np.sqrt(electrons + area * frame.info["rms"] ** 2),
+        "mag": truth[f"mag_{frame.band}"].astype(float), "found": found, "sound": found.copy(),
+    }  # fmt: skip
+    upper = truth["y"] > frame.seam - 0.5
+    out["transfers"] = np.where(upper, 2 * frame.seam - 1 - truth["y"], truth["y"])
+    for name in ("across_mas", "deferred_mas", "light"):
+        out[name] = np.full(len(truth), np.nan)
+    at, measured = row[found], frame.measured
+    if found.any():
+        out["sound"][found] = (measured["flags"][at] & SATURATED) == 0
+        scale = 1000 * PIXEL
+        out["across_mas"][found] = scale * (measured["x"][at] - truth["x"][found])
+        away = np.where(upper[found], -1.0, 1.0)
+        out["deferred_mas"][found] = scale * away * (measured["y"][at] - truth["y"][found])
+        out["light"][found] = measured["flux_psf"][at] / electrons[found]
+    return ObjectTable(out)
+
+
+def _nearest(truth, measured):
+    """Return the row of the detection nearest to each object, -1 without one within reach."""
+    from scipy.spatial import cKDTree
+
+    if len(truth) == 0 or len(measured) == 0:
+        return np.full(len(truth), -1)
+    tree = cKDTree(np.column_stack([measured["x"], measured["y"]]))
+    distance, row = tree.query(np.column_stack([truth["x"], truth["y"]]))
+    return np.where(distance < np.maximum(MATCH_PX, 0.5 * truth["half_light"] / PIXEL), row, -1)
+
+
+def joined(tables):
+    """Return one table of several frames' trials."""
+    return ObjectTable({name: np.concatenate([table[name] for table in tables] or [np.zeros(0)]) for name in COLUMNS})
+
+
+def limit(mag, found, share=0.5, step=0.25, fewest=10):
+    """Return the magnitude at which `share` are found; None if the bins of `fewest` and more do not cross it."""
+    if not len(mag):
+        return None
+    edges = np.arange(np.floor(mag.min()), mag.max() + step, step)
+    n, seen = (np.histogram(some, edges)[0] for some in (mag, mag[found]))
+    good = n >= fewest
+    middle, fraction = 0.5 * (edges[1:] + edges[:-1])[good], seen[good] / n[good]
+    cross = np.flatnonzero((fraction[:-1] >= share) & (fraction[1:] < share))
+    if not len(cross):
+        return None
+    k = cross[-1]
+    return float(middle[k] + (middle[k + 1] - middle[k]) * (fraction[k] - share) / (fraction[k] - fraction[k + 1]))
