@@ -120,13 +120,13 @@ def calibrated_frame(run, job):
 
 def merge(run, pix):
     """Merge the measurements of a brick: one row per source."""
-    from csstsim.bricks.merge import merge_brick, write_merged
+    from csstsim.bricks.merge import DETECTION_COLUMNS, merge_brick, write_merged
 
-    tables = [_measured(run, job) for job in _jobs_on(run, pix)]
-    sources, detections = merge_brick(pix, tables)
+    jobs = _jobs_on(run, pix)
+    sources, detections = merge_brick(pix, (_measured(run, job, DETECTION_COLUMNS) for job in jobs))
     metadata = {
         "product": "merged brick", "csstsim": __version__, "campaign": run.config.name, "brick": pix,
-        "recipe": run.brick_recipe(pix), "frames": len(tables),
+        "recipe": run.brick_recipe(pix), "frames": len(jobs),
     }  # fmt: skip
     write_merged(run.paths.merge(pix), sources, detections, metadata)
     print(f"{len(sources)} sources from {len(detections)} detections")
@@ -153,11 +153,11 @@ def validate(run, pix):
         print(gate)
 
 
-def _measured(run, job):
+def _measured(run, job, columns=None):
     from csstsim.catalog.table import ObjectTable
 
     path = run.paths.measure(*job.key)
-    table = ObjectTable.read(path)
+    table = ObjectTable.read(path, columns)
     check_recipe(path, table.meta, run.recipe(job))
     return table
 

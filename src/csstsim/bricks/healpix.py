@@ -56,6 +56,10 @@ def near_brick(pix, ra, dec, margin):
     v = to_vectors(ra, dec)
     # The half-diagonal of a brick is below 0.3 deg; further out nothing needs a closer look.
     rest = np.flatnonzero(~near & (v @ centre > np.cos(np.radians(0.3 + margin))))
+    # Nor does what eight margins towards the centre do not bring in: no corner is that sharp.
+    inward = centre - v[rest]
+    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+    rest = rest[brick_of(*from_vectors(v[rest] + 8 * np.radians(margin) * inward)) == pix]
     # Any two axes across the line of sight will do; the second cross product is safe at the poles.
     helper = np.where(np.abs(v[rest, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     first = np.cross(v[rest], helper)
