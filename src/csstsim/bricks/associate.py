@@ -1,10 +1,11 @@
 """Which detections are of one source: seeds, brightest first, and each detection with the nearest seed it agrees with.
 
-Two detections of different frames agree when they lie within `N_SIGMA` times their joint error, where the error of each
-is its own and a floor in quadrature, and never more than `CAP` apart. A detection that agrees with no brighter seed is a
-seed. Every detection then goes to a seed it agrees with, the one fewest sigma away first, and a seed takes one
-detection of a frame; what finds no place is associated anew, among itself. So nothing is chained: all detections of a
-source agree with its brightest one. The work is linear in the number of detections of a given density.
+Two detections of different frames agree when they lie within `N_SIGMA` times their joint error, where the error of
+each is its own and a floor in quadrature, and never more than `CAP` apart. A detection that agrees with no brighter
+seed is a seed. Every other goes to a seed it agrees with, the likeliest pairs (Gaussian density of the joint error, so
+that an uncertain seed does not draw in what belongs to a sharp one) first, and a seed takes one detection of a frame;
+what finds no place is associated anew, among itself. So nothing is chained: all detections of a source agree with its
+seed. The work is linear in the number of detections, at a given density.
 """
 
 import numba
@@ -12,12 +13,12 @@ import numpy as np
 
 ARCSEC = np.pi / 180.0 / 3600.0
 FLOOR = 0.010  # arcsec: residuals of the astrometry, months of a slow star's motion
-N_SIGMA = 7.0  # quoted errors are those of bright stars; close to the noise positions scatter by half as much again
-CAP = 0.22  # arcsec, 3 px: beyond, two peaks of one frame are told apart whatever their S/N
+N_SIGMA = 8.0  # four of the true scatter, which close to the noise is twice the quoted one
+CAP = 0.4  # arcsec: what a faint galaxy's noise may do; beyond it lies the next source
 
 
 def associate(vectors, error, frame, *, floor=FLOOR, n_sigma=N_SIGMA, cap=CAP):
-    """Return the source number (n,) of each detection; sources are numbered by their brightest detections.
+    """Return the source number (n,) of each detection; sources are numbered in the order of their seeds.
 
     Detections are in order of brightness, within a few degrees: unit vectors (n, 3), `error` arcsec on an axis, all
     finite and positive, `frame` a number (two detections of one frame are two sources).
@@ -38,12 +39,12 @@ def associate(vectors, error, frame, *, floor=FLOOR, n_sigma=N_SIGMA, cap=CAP):
 
 
 def _share_out(pair, frame):
-    """Return (detection, seed) of those that find a place, best agreement first, a seed taking one of a frame."""
-    detection, seed, _ = pair
+    """Return (detections, seeds) of those that find a place, likeliest first; a seed takes one of a frame."""
+    detection, seed = pair
     _, slot = np.unique(seed * (frame.max(initial=0) + 1) + frame[detection], return_inverse=True)
     taken, by = [detection[:0]], [seed[:0]]
     while len(detection):
-        # Pairs are in order of agreement: one that is the first of its detection and of its slot has no rival
+        # Pairs are in order of likelihood: one that is the first of its detection and of its slot has no rival
         row = np.arange(len(detection))
         won = (_first(detection) == row) & (_first(slot) == row)
         taken.append(detection[won])
@@ -68,14 +69,14 @@ def _marked(number, mark):
 
 
 def _agreeing(key, order, width, cell, seed, *place):
-    """Return (detection, seed, sigma apart) of all pairs that agree, in order of their agreement."""
+    """Return (detections, seeds) of all pairs that agree, likeliest first."""
     of_seed = seed[order]
     grid = key[of_seed], order[of_seed], width, cell
     size = _pairs(*grid, seed, *place, *_room(0))
-    pairs = _room(size)
+    detections, seeds, rarity = pairs = _room(size)
     _pairs(*grid, seed, *place, *pairs)
-    best = np.lexsort((*pairs[1::-1], pairs[2]))
-    return tuple(part[best] for part in pairs)
+    order = np.lexsort((seeds, detections, rarity))
+    return detections[order], seeds[order]
 
 
 def _room(size):
@@ -116,8 +117,11 @@ def _seeds(key, order, width, cell, vectors, sigma, frame, n_sigma, cap):
 
 
 @numba.njit(cache=True)
-def _pairs(key, order, width, cell, seed, vectors, sigma, frame, n_sigma, cap, detections, seeds, apart):
-    """Write the pairs of a detection and a seed that agree as far as there is room; return how many there are."""
+def _pairs(key, order, width, cell, seed, vectors, sigma, frame, n_sigma, cap, detections, seeds, rarity):
+    """Write the pairs of a detection and a seed that agree as far as there is room; return how many there are.
+
+    `rarity`: minus twice the logarithm of the density of their joint error, but for a constant.
+    """
     count = 0
     for i in range(len(vectors)):
         for line in (-width, 0, width):
@@ -127,7 +131,8 @@ def _pairs(key, order, width, cell, seed, vectors, sigma, frame, n_sigma, cap, d
                 distance = _apart(vectors, sigma, i, j, cap)
                 if frame[j] != frame[i] and distance <= n_sigma:
                     if count < len(seeds):
-                        detections[count], seeds[count], apart[count] = i, j, distance
+                        detections[count], seeds[count] = i, j
+                        rarity[count] = distance**2 + 2.0 * np.log(sigma[i] ** 2 + sigma[j] ** 2)
                     count += 1
                 start += 1
     return count

@@ -94,7 +94,7 @@ def _credible(found, source, count):
 
 
 def _gather(pix, tables, margin):
-    """Return (found, counts): the usable detections in reach of a brick, brightest first; how many others there were."""
+    """Return (found, counts): the usable detections in reach of a brick, brightest first; how many others."""
     counts = dict.fromkeys(("near", "sharp", "no_error", "repeated", "no_position"), 0)
     parts = [{name: np.zeros(0, kind) for name, kind in DETECTION_COLUMNS.items()}]
     for table in tables:
