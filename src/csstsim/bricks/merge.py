@@ -23,6 +23,7 @@ from csstsim.catalog.table import BANDS, ObjectTable, write_parquet
 MARGIN = 2.0  # arcsec; a detection and the mean of its source are never further apart than twice `associate.CAP`
 ERROR_MIN = 1e-4  # arcsec: no single detection has all the weight of a position
 ERROR_MAX = 10.0  # arcsec: a position that is not known, like one without an error
+SNR_MAX = 1e9  # no measurement is better; beyond, or NaN, it counts as 0
 AB_MICROJANSKY = 23.9  # AB magnitude of 1 microjansky
 SNR_ALONE = 5.0  # a single detection of this S/N is a source
 KRON_PSF_MIN = 2.5  # below, a Kron aperture holds but noise or a neighbour's light
@@ -85,12 +86,11 @@ def _credible(found, source, count):
     """Mask of the sources (count,) that stand by the S/N of a good detection or by their number of those."""
     good = (found["flags"] & (NOT_CENTRED | BAD_PIXELS)) == 0
     psf = np.where(good, np.maximum(found["snr"], 0.0), 0.0)
-    measured = np.isfinite(found["flux_kron"]) & (found["flux_kron_err"] > 0)
-    kron = np.where(measured, found["flux_kron"], 0.0) / np.where(measured, found["flux_kron_err"], 1.0)
-    best = np.zeros(count)
-    np.maximum.at(best, source, np.where(psf >= KRON_PSF_MIN, np.maximum(psf, kron), psf))
+    error = found["flux_kron_err"]
+    seen = np.isfinite(found["flux_kron"]) & (error > 0) & (found["flux_kron"] / SNR_ALONE >= error)
+    alone = (psf >= SNR_ALONE) | (seen & (psf >= KRON_PSF_MIN))
     visits, joint = np.bincount(source, good, count), np.bincount(source, psf**2, count) ** 0.5
-    return (best >= SNR_ALONE) | (visits >= VISITS_ALONE) | ((visits >= 2) & (joint >= SNR_PAIR))
+    return (np.bincount(source, alone, count) > 0) | (visits >= VISITS_ALONE) | ((visits >= 2) & (joint >= SNR_PAIR))
 
 
 def _gather(pix, tables, margin):
@@ -112,7 +112,7 @@ def _gather(pix, tables, margin):
     found = ObjectTable({name: np.concatenate([part[name] for part in parts]) for name in DETECTION_COLUMNS})
     _, frame = np.unique(found["obsid"], return_inverse=True)
     frame = frame * 2**16 + found["chip"]
-    snr = np.nan_to_num(found["snr"], nan=0.0, posinf=0.0, neginf=0.0)
+    snr = np.where(np.abs(found["snr"]) < SNR_MAX, found["snr"], 0.0)
     found = found.with_columns(frame=frame, snr=snr, filter=np.char.lower(found["filter"]))
     # One fixed order, brightest first: nothing below depends on how the input came.
     found = found.take(np.lexsort((found["dec"], found["ra"], found["number"], frame, -snr)))
@@ -121,6 +121,7 @@ def _gather(pix, tables, margin):
     return found.take(np.sort(first)), counts
 
 
+@np.errstate(all="ignore")  # a number that is no measurement ends as NaN or infinity, in its own row
 def _photometry(found, count):
     source, band = found["source"], found["filter"]
     to_flux = 10.0 ** (0.4 * (AB_MICROJANSKY - found["zeropoint"]))  # microjansky per electron
@@ -146,8 +147,7 @@ def _photometry(found, count):
 
 def _weighted_mean(source, flux, error, count):
     """Inverse-variance mean and its error per source, whatever the flux's sign; NaN where nothing is usable."""
-    with np.errstate(all="ignore"):
-        weight = np.where(error > 0, error, np.inf) ** -2.0
+    weight = np.where(error > 0, error, np.inf) ** -2.0
     good = np.isfinite(flux) & np.isfinite(weight) & (weight > 0)
     weight = weight[good]
     total = np.bincount(source[good], weight, count)
