@@ -181,8 +181,9 @@ def _jobs_on(run, pix):
 
 
 def report(run):
-    """Write the report of a campaign: one self-contained web page."""
+    """Write the report of a campaign, one self-contained web page, and what makes its merged bricks a catalogue."""
     from csstsim.bricks.figures import sky_map
+    from csstsim.bricks.hats import write_catalogue
     from csstsim.bricks.report import write_report
 
     page, results, figures = run.paths.report, [], {}
@@ -195,6 +196,9 @@ def report(run):
             raise InputError(f"cannot read the validation of a brick: {exc}", file=path) from None
         check_recipe(path, result, run.brick_recipe(pix))
         results.append(result)
+    if run.merge_bricks:
+        merged = {pix: run.paths.merge(pix) for pix in run.merge_bricks}
+        write_catalogue(run.paths.merge_catalogue, run.config.name, merged)
     files = [run.paths.level0(job.pointing, job.chip.id) for job in run.jobs]
     write_report(
         page, _summary(run), results,
