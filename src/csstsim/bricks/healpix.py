@@ -47,8 +47,8 @@ def from_vectors(vectors):
 def near_brick(pix, ra, dec, margin):
     """Return a mask of the positions in brick `pix` or within `margin` (deg) of its border.
 
-    A position outside is near when one of 16 directions at `margin`, or at half of it, leads into the brick:
-    only a sliver thinner than 4 % of the margin can hide between two directions at a corner.
+    A position outside is near when one of 16 directions at `margin`, or at half of it, leads into the brick: at the
+    outer quarter of the margin the tip of a corner can hide between two directions.
     """
     ra, dec = np.asarray(ra, float), np.asarray(dec, float)
     near = brick_of(ra, dec) == pix
