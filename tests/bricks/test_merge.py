@@ -213,6 +213,15 @@ def test_the_file_links_sources_to_detections(tmp_path):
         assert len(keys) == line["n_detections"] and {by_key[key] for key in keys} == {row}
 
 
+def test_links_of_more_text_than_one_chunk_holds(tmp_path):
+    """Twenty megabytes of obsid, as two million detections have."""
+    sources, _ = merge_brick(int(healpix.brick_of(150.0, 2.0)), [table([150.0], [2.0])])
+    many = table(np.full(50_000, 150.0), np.full(50_000, 2.0), obsid="1" * 400)
+    write_merged(tmp_path / "a.parquet", sources, many.with_columns(source=np.zeros(50_000, np.int64)), {})
+    read = pq.read_table(tmp_path / "a.parquet", partitioning=None)
+    assert len(read["detection_obsid"][0]) == 50_000 and read["detection_obsid"][0][-1].as_py() == "1" * 400
+
+
 def test_noise_peaks_are_left_out_and_counted(tmp_path):
     """By hand: what each rule keeps. S/N of the frames -> kept."""
     cases = [((4.0,), False), ((5.1,), True), ((4.0, 4.0), False), ((4.6, 4.6), True), ((3.9, 3.9, 3.9), True)]

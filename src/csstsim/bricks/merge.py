@@ -168,5 +168,8 @@ def write_merged(path, sources, detections, metadata):
     columns = {name: pa.array(sources[name]) for name in sources.names}
     kinds = {"obsid": pa.string(), "chip": pa.int16(), "filter": pa.string(), "number": pa.int32()}
     for name, kind in kinds.items():
-        columns[f"detection_{name}"] = pa.ListArray.from_arrays(offsets, pa.array(detections[name], kind))
+        values = pa.array(detections[name], kind)
+        if isinstance(values, pa.ChunkedArray):  # of text longer than 16 MB in all
+            values = values.combine_chunks()
+        columns[f"detection_{name}"] = pa.ListArray.from_arrays(offsets, values)
     write_parquet(path, pa.table(columns), sources.meta | metadata)
