@@ -7,9 +7,9 @@ is in exactly one brick, with all its detections. The result does not depend on 
 A source is kept when a detection has S/N >= `SNR_ALONE` (PSF, or Kron of a peak that the PSF sees with
 `KRON_PSF_MIN`), or `VISITS_ALONE` frames have it, or two frames have it with a joint PSF S/N >= `SNR_PAIR`;
 detections without a windowed position do not count. The threshold of `measure.detect` is lower, for
-completeness, and lets noise peaks pass. Measured on the demo (14 frames of 3.8 Mpx): of 8057 linked groups 240
-are kept, and no more than 18 of those have no true object. The number left out is in `meta` and in
-the file ("left_out"), as is what became of every detection ("detections").
+completeness, and lets noise peaks pass. Measured on the demo (14 frames of 3.8 Mpx): of 8656 sources 315 are kept, of
+which 56 % have a true object. The number left out is in `meta` and in the file ("left_out"), as is what became of
+every detection ("detections").
 Left out: forced photometry in the bands without a detection (NaN), and motion: positions are ICRS at each exposure's
 epoch, so a star that moves by more than the tolerance between exposures becomes two sources.
 """
