@@ -76,7 +76,7 @@ class Stars(CatalogBase):
 
 
 class Movers(Stars):
-    """Every other star moves, as fast as a merge can follow for half a year, and is near."""
+    """Every other star moves, faster than a merge follows for half a year, and is near."""
 
     def _load(self):
         super()._load()

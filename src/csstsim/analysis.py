@@ -91,13 +91,13 @@ def _shapes(truth, wcs):
 
 def merge(run, pix):
     """Merge the measurements of a brick: one row per source."""
-    from csstsim.bricks.merge import merge_brick, write_merged
+    from csstsim.bricks.merge import DETECTION_COLUMNS, merge_brick, write_merged
 
-    tables = [_measured(run, job) for job in _jobs_on(run, pix)]
-    sources, detections = merge_brick(pix, tables)
+    jobs = _jobs_on(run, pix)
+    sources, detections = merge_brick(pix, (_measured(run, job, DETECTION_COLUMNS) for job in jobs))
     metadata = {
         "product": "merged brick", "csstsim": __version__, "campaign": run.config.name, "brick": pix,
-        "recipe": run.brick_recipe(pix), "frames": len(tables),
+        "recipe": run.brick_recipe(pix), "frames": len(jobs),
     }  # fmt: skip
     write_merged(run.paths.merge(pix), sources, detections, metadata)
     print(f"{len(sources)} sources from {len(detections)} detections")
@@ -130,11 +130,11 @@ def _depth(run, job):
     return run.camera.filters[job.chip.filter].limiting_mag + 1.25 * np.log10(job.pointing.exptime / LIMIT_SECONDS)
 
 
-def _measured(run, job):
+def _measured(run, job, columns=None):
     from csstsim.catalog.table import ObjectTable
 
     path = run.paths.measure(*job.key)
-    table = ObjectTable.read(path)
+    table = ObjectTable.read(path, columns)
     check_recipe(path, table.meta, run.measure_recipe(job))
     return table
 
@@ -158,8 +158,9 @@ def _jobs_on(run, pix):
 
 
 def report(run):
-    """Write the report of a campaign: one self-contained web page."""
+    """Write the report of a campaign, one self-contained web page, and what makes its merged bricks a catalogue."""
     from csstsim.bricks.figures import sky_map
+    from csstsim.bricks.hats import write_catalogue
     from csstsim.bricks.report import write_report
 
     page, results, figures = run.paths.report, [], {}
@@ -172,6 +173,9 @@ def report(run):
             raise InputError(f"cannot read the validation of a brick: {exc}", file=path) from None
         check_recipe(path, result, run.brick_recipe(pix))
         results.append(result)
+    if run.merge_bricks:
+        merged = {pix: run.paths.merge(pix) for pix in run.merge_bricks}
+        write_catalogue(run.paths.merge_catalogue, run.config.name, merged)
     files = [run.paths.level0(job.pointing, job.chip.id) for job in run.jobs]
     write_report(
         page, _summary(run), results,

@@ -42,6 +42,24 @@ def test_near_brick_takes_the_brick_and_a_margin(pix):
         assert (near == expected).all(), push
 
 
+@pytest.mark.parametrize("pix", [0, 21845, 65535, 131071, 123456, 555555, 786431, WRAP, POLE])
+def test_near_brick_around_corners_however_sharp(pix):
+    """Random points around the four corners, against their distance to 16,384 points of the border, 0.2" apart."""
+    from scipy.spatial import cKDTree
+
+    margin = 2.0 / 3600.0
+    border = healpix.to_vectors(*healpix.brick_corners(pix, step=4096))
+    corners = np.repeat(border[::4096], 100, axis=0)
+    points = corners + np.radians(1.5 * margin) * stream(pix, "corners").normal(size=corners.shape)
+    ra, dec = healpix.from_vectors(points)
+    points = healpix.to_vectors(ra, dec)
+    distance = np.degrees(cKDTree(border).query(points)[0]) / margin
+    outside, near = healpix.brick_of(ra, dec) != pix, healpix.near_brick(pix, ra, dec, margin)
+    assert near[~outside].all() and not near[outside & (distance > 1.01)].any()
+    assert near[distance < 0.7].all()  # a corner's tip may hide between two directions further out
+    assert (near & outside).sum() > 50
+
+
 def test_coverage_by_known_quadrilaterals():
     pix = int(healpix.brick_of(40.0, 30.0))
     corners = healpix.brick_corners(pix)

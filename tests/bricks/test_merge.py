@@ -1,4 +1,4 @@
-"""Merging: order, ownership at borders, corners, RA 0 and a pole, photometry of repeated visits."""
+"""Merging: photometry of repeated visits, pairs, what is credible, rows that are no measurement, the file."""
 
 import healpy
 import numpy as np
@@ -6,27 +6,12 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from measured_table import ARCSEC, table
 
 from csstsim.bricks import healpix
-from csstsim.bricks.merge import DETECTION_COLUMNS, merge_brick, write_merged
-from csstsim.catalog.table import ObjectTable
+from csstsim.bricks.merge import merge_brick, write_merged
+from csstsim.catalog.table import BANDS, ObjectTable
 from csstsim.rng import stream
-
-ARCSEC = 1.0 / 3600.0
-
-
-def table(ra, dec, *, obsid="1", chip=8, band="g", flux=1000.0, snr=20.0, pos_err=0.01, zeropoint=30.0):
-    n = len(ra)
-    columns = {
-        "obsid": np.full(n, obsid), "chip": np.full(n, chip, np.int16), "filter": np.full(n, band),
-        "number": np.arange(n, dtype=np.int32), "ra": np.asarray(ra, float), "dec": np.asarray(dec, float),
-        "pos_err": np.full(n, pos_err), "flux_psf": np.broadcast_to(flux, n).astype(float),
-        "flux_psf_err": np.full(n, 50.0), "flux_kron": np.broadcast_to(flux, n) * 0.95,
-        "flux_kron_err": np.full(n, 60.0), "zeropoint": np.full(n, zeropoint),
-        "snr": np.broadcast_to(snr, n).astype(float),
-        "star": np.ones(n, bool), "flags": np.full(n, 1 if obsid == "1" else 2, np.int32),
-    }  # fmt: skip
-    return ObjectTable({name: columns[name] for name in DETECTION_COLUMNS})
 
 
 def visits(ra, dec, seed, count=4, scatter=0.02):
@@ -40,43 +25,6 @@ def visits(ra, dec, seed, count=4, scatter=0.02):
         snr = rng.uniform(5, 50, len(ra))
         frames.append(table(*healpix.from_vectors(moved), obsid=str(k + 1), chip=8 + k, band=band, snr=snr))
     return frames
-
-
-def places():
-    """Around (RA, Dec) where bricks meet or coordinates wrap: a corner of four, RA 0, both poles, mid-brick."""
-    ra, dec = healpix.brick_corners(123456)
-    return [(ra[0], dec[0]), (0.0, 0.0), (0.0, 20.123), (45.0, 90.0), (10.0, -90.0), (200.3, -35.2)]
-
-
-@pytest.mark.parametrize("place", places())
-@settings(max_examples=8, deadline=None)
-@given(seed=st.integers(0, 10**6))
-def test_every_source_is_in_one_brick_and_nothing_depends_on_order(place, seed):
-    rng = stream(seed, "sky")
-    # 30 sources on a jittered lattice, 1.5 arcsec apart, over the meeting point
-    lattice = np.stack(np.meshgrid(np.arange(6) - 2.5, np.arange(5) - 2.0), axis=-1).reshape(-1, 2) * 1.5
-    lattice += rng.uniform(-0.3, 0.3, lattice.shape)
-    centre = healpix.to_vectors(*place)
-    east = np.cross([0, 0, 1.0], centre) if abs(place[1]) < 89 else np.array([1.0, 0, 0])
-    east /= np.linalg.norm(east)
-    sky = centre + np.radians(lattice * ARCSEC) @ np.stack([east, np.cross(centre, east)])
-    frames = visits(*healpix.from_vectors(sky), seed)
-    everything = np.concatenate([healpix.brick_of(frame["ra"], frame["dec"]) for frame in frames])
-    bricks = np.unique(everything)
-    merged = {pix: merge_brick(pix, frames) for pix in bricks}
-    assert sum(len(sources) for sources, _ in merged.values()) == 30
-    assert sum(len(found) for _, found in merged.values()) == 120
-    shuffled = [frame.take(rng.permutation(len(frame))) for frame in frames]
-    shuffled = [shuffled[k] for k in rng.permutation(len(frames))]
-    for pix, (sources, found) in merged.items():
-        assert (healpix.brick_of(sources["ra"], sources["dec"]) == pix).all()
-        assert (sources["n_detections"] == 4).all()
-        again = merge_brick(pix, shuffled)
-        assert again[0] == sources and again[1] == found  # bit by bit
-    positions = np.concatenate([healpix.to_vectors(s["ra"], s["dec"]) for s, _ in merged.values()])
-    unit = sky / np.linalg.norm(sky, axis=1, keepdims=True)
-    nearest = np.linalg.norm(positions[:, None] - unit[None], axis=2).min(axis=1)
-    assert np.degrees(nearest).max() / ARCSEC < 0.06  # arcsec: 4 visits of 0.02 per axis, 6 sigma
 
 
 def test_photometry_of_two_visits_is_the_weighted_mean():
@@ -98,6 +46,70 @@ def test_photometry_of_two_visits_is_the_weighted_mean():
     assert sources["source_id"][0] >> 20 == pix
 
 
+@settings(max_examples=30, deadline=None)
+@given(
+    st.lists(st.tuples(st.floats(-300, 3000), st.floats(1, 500), st.sampled_from(BANDS)), min_size=1, max_size=12),
+    st.lists(st.sampled_from([np.nan, np.inf, -np.inf, 0.0, -5.0]), max_size=3),
+)
+def test_fluxes_are_inverse_variance_means_of_all_that_was_measured(visits, unusable):
+    """Against the sums written out; negative fluxes count, unusable errors and fluxes do not."""
+    pix = int(healpix.brick_of(150.0, 2.0))
+    tables = [
+        table([150.0], [2.0], obsid=str(k), band=band, flux=flux, zeropoint=23.9).with_columns(
+            flux_psf_err=np.array([error])
+        )
+        for k, (flux, error, band) in enumerate(visits)
+    ]
+    for k, value in enumerate(unusable):
+        odd = table([150.0], [2.0], obsid=f"odd{k}", band="g", zeropoint=23.9)
+        tables.append(odd.with_columns(flux_psf_err=np.array([value])))
+        nothing = table([150.0], [2.0], obsid=f"not{k}", band="g", flux=np.nan if value <= 0 else value)
+        tables.append(nothing)
+    sources, _ = merge_brick(pix, tables)
+    assert len(sources) == 1
+    for band in BANDS:
+        flux, error = (np.array([v[part] for v in visits if v[2] == band]) for part in (0, 1))
+        extra = 2 * len(unusable) if band == "g" else 0
+        assert sources[f"n_{band}"][0] == len(flux) + extra  # detections, measured or not
+        if len(flux) == 0:
+            assert np.isnan(sources[f"flux_{band}"][0]) and np.isnan(sources[f"flux_err_{band}"][0])
+            continue
+        mean, sigma = (flux / error**2).sum() / (error**-2.0).sum(), (error**-2.0).sum() ** -0.5
+        assert sources[f"flux_{band}"][0] == pytest.approx(mean, rel=1e-9, abs=1e-6 * sigma)
+        assert sources[f"flux_err_{band}"][0] == pytest.approx(sigma, rel=1e-9)
+        assert np.isnan(sources[f"mag_{band}"][0]) == (sources[f"flux_{band}"][0] <= 0)
+
+
+def test_faint_fluxes_have_no_bias_and_the_quoted_error():
+    """2000 sources of S/N 0.5 a visit, four visits: a third of the fluxes are negative. 5 sigma."""
+    rng = stream(12, "faint")
+    pix = int(healpix.brick_of(150.0, 2.0))
+    ra, dec = 150.0 + (np.arange(2000) % 50) * 3 * ARCSEC, 2.0 + (np.arange(2000) // 50) * 3 * ARCSEC
+    frames = [
+        table(ra, dec, obsid=str(k), flux=25.0 + 50.0 * rng.normal(size=2000), zeropoint=23.9) for k in range(4)
+    ]  # the error of `table` is 50
+    flux = np.concatenate([merge_brick(p, frames)[0]["flux_g"] for p in np.unique(healpix.brick_of(ra, dec))])
+    assert len(flux) == 2000 and (flux < 0).mean() > 0.1 and pix in np.unique(healpix.brick_of(ra, dec))
+    assert flux.mean() == pytest.approx(25.0, abs=5 * 25.0 / np.sqrt(2000))
+    assert flux.std() == pytest.approx(25.0, rel=5 / np.sqrt(2 * 2000))
+
+
+def test_star_votes_flags_and_counts():
+    pix = int(healpix.brick_of(150.0, 2.0))
+    one, two, three = (
+        table([150.0], [2.0], obsid=str(k), band=band, snr=snr).with_columns(
+            star=np.array([star]), flags=np.array([flags], np.int32)
+        )
+        for k, (band, snr, star, flags) in enumerate(
+            [("g", 30.0, True, 1), ("g", 10.0, False, 4), ("y", -3.0, True, 1)]
+        )
+    )
+    sources, _ = merge_brick(pix, [one, two, three])
+    assert sources["star"][0] == pytest.approx((30 + 1) / 41)  # the least vote is that of S/N 1
+    assert sources["flags"][0] == 5 and sources["n_detections"][0] == 3
+    assert (sources["n_g"][0], sources["n_y"][0], sources["n_u"][0]) == (2, 1, 0)
+
+
 def test_two_sources_of_one_frame_are_not_merged():
     """A pair 0.2 arcsec apart, resolved in every frame, stays a pair, each with its own detections."""
     pair = healpix.to_vectors(np.array([150.0, 150.0 + 0.2 * ARCSEC]), np.array([0.5, 0.5]))
@@ -106,6 +118,73 @@ def test_two_sources_of_one_frame_are_not_merged():
     assert len(sources) == 2 and (sources["n_detections"] == 3).all()
     assert (np.diff(found["number"].reshape(2, 3), axis=1) == 0).all()
     assert (sources["ra"].max() - sources["ra"].min()) / ARCSEC == pytest.approx(0.2, abs=0.03)
+
+
+HOSTILE = {
+    "ra": (np.nan, np.inf, -np.inf), "dec": (np.nan, np.inf, 90.1, -1e300),
+    "pos_err": (np.nan, np.inf, 0.0, -0.01, 1e300),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("column", "value"), [(name, value) for name, values in HOSTILE.items() for value in values])
+def test_rows_without_a_position_or_its_error_are_counted_not_merged(column, value):
+    good = table([150.0, 150.001], [2.0, 2.0])
+    bad = table([150.0, 150.001], [2.0, 2.0], obsid="2")
+    values = bad[column].copy()
+    values[0] = value
+    with np.errstate(all="raise"):
+        sources, found = merge_brick(int(healpix.brick_of(150.0, 2.0)), [good, bad.with_columns(**{column: values})])
+    assert len(sources) == 2 and sorted(sources["n_detections"]) == [1, 2] and len(found) == 3
+    fate = sources.meta["detections"]
+    assert fate["no_error"] == (column == "pos_err") and fate["no_position"] == (column != "pos_err")
+    assert fate["near"] == 3 + fate["no_error"] == fate["merged"] + fate["no_error"]
+    assert all(np.isfinite(sources[name]).all() for name in ("ra", "dec", "pos_err", "star"))
+
+
+@pytest.mark.parametrize("column", ["snr", "flux_psf", "flux_psf_err", "flux_kron", "flux_kron_err", "zeropoint"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 0.0, 1e-320, 1e308])
+def test_a_hostile_number_stays_where_it_is(column, value):
+    """It may cost its own row's flux or vote; position, counts and the other visits' fluxes stay."""
+    good, bad = (table([150.0], [2.0], obsid=obsid) for obsid in "12")
+    pix = int(healpix.brick_of(150.0, 2.0))
+    sources, found = merge_brick(pix, [good, bad.with_columns(**{column: np.array([value])})])
+    assert len(sources) == 1 and len(found) == 2 and sources["n_g"][0] == 2
+    assert 0.0 <= sources["star"][0] <= 1.0 and sources["ra"][0] == pytest.approx(150.0)
+    if not np.isfinite(value):
+        for name in ("flux_g", "kron_flux_g"):
+            assert sources[name][0] == pytest.approx(merge_brick(pix, [good])[0][name][0])
+
+
+def test_every_detection_is_accounted_for():
+    """One of each fate, by hand."""
+    pix = int(healpix.brick_of(150.0, 2.0))
+    ra, dec = healpix.brick_corners(pix)
+    corner = float(ra[0]), float(dec[0])  # the northern one: what lies beyond belongs to others
+    beyond = table([corner[0]], [corner[1] + ARCSEC], obsid="9")
+    far = table([corner[0]], [corner[1] + 3 * ARCSEC], obsid="9")
+    sharp = table([150.0], [2.0], obsid="2").with_columns(flags=np.array([64], np.int32))
+    faint = table([150.001], [2.0], obsid="3", snr=4.0, flux=0.0)
+    kept, lost = table([150.0], [2.0]), table([np.nan], [2.0], obsid="4")
+    broken = table([150.0], [2.0], obsid="5", pos_err=np.nan)
+    sources, found = merge_brick(pix, [kept, beyond, far, sharp, faint, lost, broken, kept, kept])
+    assert len(sources) == len(found) == 1 and sources.meta["left_out"] == 1
+    assert sources.meta["detections"] == {
+        "near": 7, "merged": 1, "repeated": 2, "sharp": 1, "no_error": 1, "elsewhere": 1, "left_out": 1,
+        "no_position": 1,
+    }  # fmt: skip
+
+
+def test_rows_all_alike():
+    """In frames of their own: one source; twins in each of two frames, at one place: two sources."""
+    pix = int(healpix.brick_of(150.0, 2.0))
+    many = [table([150.0], [2.0], obsid=str(k)) for k in range(50)]
+    assert merge_brick(pix, many)[0]["n_detections"].tolist() == [50]
+    twins = [table([150.0, 150.0], [2.0, 2.0], obsid=str(k)) for k in range(2)]
+    sources, _ = merge_brick(pix, twins)
+    assert sources["n_detections"].tolist() == [2, 2] and len(set(sources["source_id"])) == 2
+    assert sources.meta["detections"]["repeated"] == 0
+    alone, _ = merge_brick(pix, [table([150.0] * 300, [2.0] * 300)])  # three hundred in one frame
+    assert alone["n_detections"].tolist() == [1] * 300
 
 
 def test_no_detection_gives_an_empty_table_with_every_column(tmp_path):
@@ -132,6 +211,15 @@ def test_the_file_links_sources_to_detections(tmp_path):
     for row, line in enumerate(read.to_pylist()):
         keys = list(zip(line["detection_obsid"], line["detection_chip"], line["detection_number"], strict=True))
         assert len(keys) == line["n_detections"] and {by_key[key] for key in keys} == {row}
+
+
+def test_links_of_more_text_than_one_chunk_holds(tmp_path):
+    """Twenty megabytes of obsid, as two million detections have."""
+    sources, _ = merge_brick(int(healpix.brick_of(150.0, 2.0)), [table([150.0], [2.0])])
+    many = table(np.full(50_000, 150.0), np.full(50_000, 2.0), obsid="1" * 400)
+    write_merged(tmp_path / "a.parquet", sources, many.with_columns(source=np.zeros(50_000, np.int64)), {})
+    read = pq.read_table(tmp_path / "a.parquet", partitioning=None)
+    assert len(read["detection_obsid"][0]) == 50_000 and read["detection_obsid"][0][-1].as_py() == "1" * 400
 
 
 def test_noise_peaks_are_left_out_and_counted(tmp_path):

@@ -115,16 +115,18 @@ def test_places_agree_between_the_seasons_but_for_what_moved(campaign):
     assert np.abs(moved - np.array([[124.0], [-74.0]])).max() < 25.0 and np.abs(moved).min() > 40.0
 
 
-def test_every_star_is_one_merged_source(campaign):
+def test_a_star_at_rest_is_one_merged_source_and_a_fast_one_is_two(campaign):
+    """The fast ones are 0.15 arcsec away after half a year: more than errors and slow motion explain at this S/N."""
     merged = [ObjectTable.read(campaign.paths.merge(pix)) for pix in campaign.merge_bricks]
     ra, dec, seen = (np.concatenate([table[name] for table in merged]) for name in ("ra", "dec", "n_detections"))
     truth, *_ = products(campaign, OBSIDS[0])
     for star in range(16):
-        off = np.hypot((ra - truth["ra_epoch"][star]) * np.cos(np.radians(dec)), dec - truth["dec_epoch"][star])
-        near = off * 3600 < 0.3
-        assert near.sum() == 1 and seen[near] == 2
+        off = np.hypot((ra - truth["ra_epoch"][star]) * np.cos(np.radians(dec)), dec - truth["dec_epoch"][star]) * 3600
+        near = off < 0.3
         if truth["id"][star] % 2 == 0:
-            assert off[near] * 3600 / SCALE < PLACE_PX
+            assert seen[near].tolist() == [2] and off[near] / SCALE < PLACE_PX
+        else:
+            assert seen[near].tolist() == [1, 1] and off[near].min() / SCALE < PLACE_PX
 
 
 def test_validation_compares_places_at_the_epoch(campaign):

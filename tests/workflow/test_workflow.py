@@ -83,6 +83,7 @@ def test_the_whole_chain_makes_what_it_promises(undisturbed):
     assert run.paths.report.exists()
     for pix in run.merge_bricks:
         assert run.paths.merge(pix).exists() and run.paths.validate(pix).exists()
+    assert {p.name for p in run.paths.merge_catalogue.iterdir()} == {"dataset", "hats.properties", "partition_info.csv"}
     assert len(run.slitless_jobs) == 2
     for job in run.slitless_jobs:
         assert run.paths.spectra(*job.key).exists() and run.paths.level0_orders(job.pointing, job.chip.id).exists()

@@ -42,7 +42,7 @@ rule merge:
     input:
         measured_on,
     output:
-        f"{OUT}/merge/Norder=8/Dir={{dir}}/Npix={{pix}}.parquet",
+        f"{OUT}/merge/dataset/Norder=8/Dir={{dir}}/Npix={{pix}}.parquet",
     log:
         f"{OUT}/logs/merge/{{dir}}_{{pix}}.log",
     benchmark:

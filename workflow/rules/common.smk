@@ -149,6 +149,15 @@ def validated_bricks(wildcards=None):
     return [str(RUN.paths.validate(pix)) for pix in RUN.merge_bricks]
 
 
+def merged_bricks(wildcards=None):
+    return [str(RUN.paths.merge(pix)) for pix in RUN.merge_bricks]
+
+
+def catalogue():
+    """What tells of all merged bricks, where there are any."""
+    return [f"{OUT}/merge/hats.properties"] if RUN.merge_bricks else []
+
+
 def level0_files(wildcards=None):
     return [str(RUN.paths.level0(job.pointing, job.chip.id)) for job in RUN.jobs]
 

@@ -1,10 +1,12 @@
 rule report:
     input:
+        merged_bricks,
         validated_bricks,
         spectra,
         level0_files,
     output:
         f"{OUT}/report/index.html",
+        catalogue(),
     log:
         f"{OUT}/logs/report.log",
     benchmark:

@@ -47,8 +47,8 @@ def from_vectors(vectors):
 def near_brick(pix, ra, dec, margin):
     """Return a mask of the positions in brick `pix` or within `margin` (deg) of its border.
 
-    A position outside is near when one of 16 directions at `margin`, or at half of it, leads into the brick:
-    only a sliver thinner than 4 % of the margin can hide between two directions at a corner.
+    A position outside is near when one of 16 directions at `margin`, or at half of it, leads into the brick: at the
+    outer quarter of the margin the tip of a corner can hide between two directions.
     """
     ra, dec = np.asarray(ra, float), np.asarray(dec, float)
     near = brick_of(ra, dec) == pix
@@ -56,6 +56,10 @@ def near_brick(pix, ra, dec, margin):
     v = to_vectors(ra, dec)
     # The half-diagonal of a brick is below 0.3 deg; further out nothing needs a closer look.
     rest = np.flatnonzero(~near & (v @ centre > np.cos(np.radians(0.3 + margin))))
+    # Nor does what eight margins towards the centre do not bring in: no corner is that sharp.
+    inward = centre - v[rest]
+    inward /= np.linalg.norm(inward, axis=1, keepdims=True)
+    rest = rest[brick_of(*from_vectors(v[rest] + 8 * np.radians(margin) * inward)) == pix]
     # Any two axes across the line of sight will do; the second cross product is safe at the poles.
     helper = np.where(np.abs(v[rest, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
     first = np.cross(v[rest], helper)

@@ -1,153 +1,127 @@
 """Merge the detections of all exposures, chips and bands in one brick into one row per source (paper, section 6).
 
-Detections closer than `TOLERANCE` are linked, and a linked group is one source; where a group holds two
-detections of one frame, which are two sources, it is split around its brightest detections. The position
-is the mean weighted with the inverse variance, and the brick that holds it owns the source: each brick
-works on its detections plus a margin, so every source is in exactly one brick. The result does not
-depend on the order of the input.
+`bricks.associate` says which detections are of one source. The position is the mean weighted with the inverse
+variance, and the brick that holds it owns the source: each brick works on its detections plus a margin, so every source
+is in exactly one brick, with all its detections. The result does not depend on the order of the input.
 
 A source is kept when a detection has S/N >= `SNR_ALONE` (PSF, or Kron of a peak that the PSF sees with
 `KRON_PSF_MIN`), or `VISITS_ALONE` frames have it, or two frames have it with a joint PSF S/N >= `SNR_PAIR`;
 detections without a windowed position do not count. The threshold of `measure.detect` is lower, for
-completeness, and lets noise peaks pass. Measured on the demo (14 frames of 3.8 Mpx): of 8057 linked groups 240
-are kept, and no more than 18 of those have no true object. The number left out is in `meta` and in
-the file ("left_out").
+completeness, and lets noise peaks pass. Measured on the demo (14 frames of 3.8 Mpx): of 8656 sources 315 are kept, of
+which 56 % have a true object. The number left out is in `meta` and in the file ("left_out"), as is what became of
+every detection ("detections").
 Left out: forced photometry in the bands without a detection (NaN), and motion: positions are ICRS at each exposure's
 epoch, so a star that moves by more than the tolerance between exposures becomes two sources.
 """
 
 import numpy as np
 
+from csstsim.bricks.associate import associate
 from csstsim.bricks.healpix import brick_of, from_vectors, hats_index, near_brick, to_vectors
 from csstsim.catalog.table import BANDS, ObjectTable, write_parquet
 
-TOLERANCE = 0.22  # arcsec, 3 px: 5 sigma of the windowed position at the detection limit
-MARGIN = 2.0  # arcsec
+MARGIN = 2.0  # arcsec; a detection and the mean of its source are never further apart than twice `associate.CAP`
+ERROR_MIN = 1e-4  # arcsec: no single detection has all the weight of a position
+ERROR_MAX = 10.0  # arcsec: a position that is not known, like one without an error
+SNR_MAX = 1e9  # no measurement is better; beyond, or NaN, it counts as 0
 AB_MICROJANSKY = 23.9  # AB magnitude of 1 microjansky
-ARCSEC = np.pi / 180.0 / 3600.0
 SNR_ALONE = 5.0  # a single detection of this S/N is a source
 KRON_PSF_MIN = 2.5  # below, a Kron aperture holds but noise or a neighbour's light
 VISITS_ALONE = 3  # as are detections in this many frames; chance makes three agree a few times a brick
 SNR_PAIR = 6.3  # two noise peaks at the threshold of detection make 5.3
 NOT_CENTRED, SHARP, BAD_PIXELS = 32, 64, 128  # of the measured flags (measure.catalogue)
 
-DETECTION_COLUMNS = (
-    "obsid", "chip", "filter", "number", "ra", "dec", "pos_err", "flux_psf", "flux_psf_err", "flux_kron",
-    "flux_kron_err", "zeropoint", "snr", "star", "flags",
-)  # fmt: skip
+DETECTION_COLUMNS = {
+    "obsid": str, "chip": np.int64, "filter": str, "number": np.int64, "ra": float, "dec": float, "pos_err": float,
+    "flux_psf": float, "flux_psf_err": float, "flux_kron": float, "flux_kron_err": float, "zeropoint": float,
+    "snr": float, "star": bool, "flags": np.int32,
+}  # fmt: skip
 
 
-def merge_brick(pix, tables, *, tolerance=TOLERANCE, margin=MARGIN):
+def merge_brick(pix, tables, *, margin=MARGIN):
     """Return (sources, detections) of brick `pix`.
 
-    `tables`: iterable of measured tables (measure.catalogue columns); those without a row in the brick or
-    its margin cost nothing. `sources`: ObjectTable, one row per source the brick owns, in the order of
-    `_healpix_29`: source_id, ra, dec (deg), pos_err (arcsec), for each band B flux_B, flux_err_B (PSF) and
+    `tables`: iterable of measured tables (measure.catalogue columns), looked at one by one; nothing is kept of those
+    without a row in the brick or its margin (arcsec). `sources`: ObjectTable, one row per source the brick owns, in the
+    order of `_healpix_29`: source_id, ra, dec (deg), pos_err (arcsec), for each band B flux_B, flux_err_B (PSF) and
     kron_flux_B, kron_flux_err_B in microjansky, mag_B, mag_err_B, kron_mag_B, kron_mag_err_B (AB; NaN where
     there is no positive flux), n_B; n_detections, star (0..1, S/N-weighted vote), flags (bits of any detection).
-    `sources.meta` has the number of sources left out.
+    `sources.meta` has the number of sources left out and what became of every detection.
     `detections`: ObjectTable of DETECTION_COLUMNS and `source` (row in `sources`), sorted by it.
     """
-    found = _gather(pix, tables, margin / 3600.0)
+    found, fate = _gather(pix, tables, margin / 3600.0)
     vectors = to_vectors(found["ra"], found["dec"])
-    source = _group(vectors, found, tolerance * ARCSEC)
+    source = associate(vectors, found["pos_err"], found["frame"])
     count = int(source.max(initial=-1)) + 1
-    weight = 1.0 / np.maximum(found["pos_err"].astype(float), 1e-4) ** 2
+    weight = np.maximum(found["pos_err"], ERROR_MIN) ** -2.0
     mean = np.stack([np.bincount(source, weight * vectors[:, axis], count) for axis in range(3)], axis=1)
     ra, dec = from_vectors(mean)
     inside = brick_of(ra, dec) == pix
     credible = _credible(found, source, count)
     owned = np.flatnonzero(inside & credible)
-    index = hats_index(ra[owned], dec[owned])
-    owned = owned[np.lexsort((dec[owned], ra[owned], index))]
+    index = hats_index(ra, dec)
+    owned = owned[np.lexsort((dec[owned], ra[owned], index[owned]))]
     rank = np.full(count, -1)
     rank[owned] = np.arange(len(owned))
     keep = np.flatnonzero(rank[source] >= 0)
     keep = keep[np.argsort(rank[source[keep]], kind="stable")]
-    detections = found.take(keep).with_columns(source=rank[source[keep]])
+    columns = {name: found[name][keep] for name in DETECTION_COLUMNS}
+    detections = ObjectTable(columns | {"source": rank[source[keep]]})
     columns = {
-        "_healpix_29": hats_index(ra[owned], dec[owned]),
-        "source_id": pix * 2**20 + np.arange(len(owned), dtype=np.int64),
-        "ra": ra[owned], "dec": dec[owned],
-        "pos_err": np.bincount(source, weight, count)[owned] ** -0.5,
+        "_healpix_29": index[owned], "source_id": pix * 2**20 + np.arange(len(owned), dtype=np.int64),
+        "ra": ra[owned], "dec": dec[owned], "pos_err": np.bincount(source, weight, count)[owned] ** -0.5,
     }  # fmt: skip
-    columns |= _photometry(detections, len(owned))
-    left_out = {
+    fate |= {
+        "merged": len(keep), "elsewhere": int((~inside)[source].sum()),
+        "left_out": int((inside & ~credible)[source].sum()),
+    }  # fmt: skip
+    meta = {
         "left_out": int((inside & ~credible).sum()), "snr_alone": SNR_ALONE, "visits_alone": VISITS_ALONE,
-        "snr_pair": SNR_PAIR,
+        "snr_pair": SNR_PAIR, "detections": fate,
     }  # fmt: skip
-    return ObjectTable(columns, left_out), detections
+    return ObjectTable(columns | _photometry(detections, len(owned)), meta), detections
 
 
 def _credible(found, source, count):
     """Mask of the sources (count,) that stand by the S/N of a good detection or by their number of those."""
-    good = (found["flags"].astype(int) & (NOT_CENTRED | BAD_PIXELS)) == 0
-    psf = np.where(good, np.maximum(found["snr"].astype(float), 0.0), 0.0)
-    kron = found["flux_kron"] / np.where(found["flux_kron_err"] > 0, found["flux_kron_err"], np.inf)
-    best = np.zeros(count)
-    np.maximum.at(best, source, np.where(psf >= KRON_PSF_MIN, np.fmax(psf, kron), psf))
+    good = (found["flags"] & (NOT_CENTRED | BAD_PIXELS)) == 0
+    psf = np.where(good, np.maximum(found["snr"], 0.0), 0.0)
+    error = found["flux_kron_err"]
+    seen = np.isfinite(found["flux_kron"]) & (error > 0) & (found["flux_kron"] / SNR_ALONE >= error)
+    alone = (psf >= SNR_ALONE) | (seen & (psf >= KRON_PSF_MIN))
     visits, joint = np.bincount(source, good, count), np.bincount(source, psf**2, count) ** 0.5
-    return (best >= SNR_ALONE) | (visits >= VISITS_ALONE) | ((visits >= 2) & (joint >= SNR_PAIR))
+    return (np.bincount(source, alone, count) > 0) | (visits >= VISITS_ALONE) | ((visits >= 2) & (joint >= SNR_PAIR))
 
 
 def _gather(pix, tables, margin):
-    parts = []
+    """Return (found, counts): the usable detections in reach of a brick, brightest first; how many others."""
+    counts = dict.fromkeys(("near", "sharp", "no_error", "repeated", "no_position"), 0)
+    parts = [{name: np.zeros(0, kind) for name, kind in DETECTION_COLUMNS.items()}]
     for table in tables:
-        near = near_brick(pix, table["ra"], table["dec"], margin) if len(table) else np.zeros(0, bool)
-        near &= (table["flags"] & SHARP) == 0  # a cosmic ray or a defect
-        if near.any():
-            parts.append({name: np.asarray(table[name])[near] for name in DETECTION_COLUMNS})
-    empty = {name: np.zeros(0, str if name in ("obsid", "filter") else float) for name in DETECTION_COLUMNS}
-    parts = parts or [empty | {name: np.zeros(0, np.int64) for name in ("chip", "number", "flags")}]
+        placed = np.isfinite(table["ra"]) & (np.abs(table["dec"]) <= 90.0)  # NaN compares false
+        near = np.flatnonzero(placed)
+        near = near[near_brick(pix, table["ra"][near], table["dec"][near], margin)]
+        sharp = (table["flags"][near] & SHARP) != 0  # a cosmic ray or a defect
+        known = (table["pos_err"][near] > 0) & (table["pos_err"][near] < ERROR_MAX)
+        counts["no_position"] += int((~placed).sum())
+        counts["near"] += len(near)
+        counts["sharp"] += int(sharp.sum())
+        counts["no_error"] += int((~known & ~sharp).sum())
+        near = near[known & ~sharp]
+        parts.append({name: np.asarray(table[name][near], kind) for name, kind in DETECTION_COLUMNS.items()})
     found = ObjectTable({name: np.concatenate([part[name] for part in parts]) for name in DETECTION_COLUMNS})
-    found = found.with_columns(obsid=found["obsid"].astype(str), filter=np.char.lower(found["filter"].astype(str)))
+    _, frame = np.unique(found["obsid"], return_inverse=True)
+    frame = frame * 2**16 + found["chip"]
+    snr = np.where(np.abs(found["snr"]) < SNR_MAX, found["snr"], 0.0)
+    found = found.with_columns(frame=frame, snr=snr, filter=np.char.lower(found["filter"]))
     # One fixed order, brightest first: nothing below depends on how the input came.
-    return found.take(np.lexsort((found["number"], found["chip"], found["obsid"], -found["snr"].astype(float))))
+    found = found.take(np.lexsort((found["dec"], found["ra"], found["number"], frame, -snr)))
+    first = np.unique(found["frame"] * 2**32 + found["number"], return_index=True)[1]  # a detection is given once
+    counts["repeated"] = len(found) - len(first)
+    return found.take(np.sort(first)), counts
 
 
-def _group(vectors, found, radius):
-    """Return the source number (n,) of each detection; sources are numbered by their brightest detection."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    n = len(vectors)
-    if n == 0:
-        return np.zeros(0, np.int64)
-    pairs = cKDTree(vectors).query_pairs(2.0 * np.sin(radius / 2.0), output_type="ndarray")
-    graph = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    _, label = connected_components(graph, directed=False)
-    _, frame = np.unique(np.char.add(np.char.add(found["obsid"], "/"), found["chip"].astype(str)), return_inverse=True)
-    label = _split_repeated(label.astype(np.int64), frame, vectors)
-    _, first, label = np.unique(label, return_index=True, return_inverse=True)
-    return np.argsort(np.argsort(first))[label]
-
-
-def _split_repeated(label, frame, vectors):
-    """Split the groups in which one frame occurs twice; detections are in order of brightness."""
-    order = np.lexsort((frame, label))
-    repeated = (np.diff(label[order]) == 0) & (np.diff(frame[order]) == 0)
-    fresh = label.max() + 1
-    by_label = np.argsort(label, kind="stable")
-    bounds = np.searchsorted(label[by_label], np.arange(fresh + 1))
-    for group in np.unique(label[order][1:][repeated]):
-        rest = by_label[bounds[group] : bounds[group + 1]]
-        while len(rest):
-            # The brightest takes the nearest detection of every other frame.
-            distance = np.linalg.norm(vectors[rest] - vectors[rest[0]], axis=1)
-            near = np.lexsort((distance, frame[rest]))
-            near = near[np.r_[True, np.diff(frame[rest][near]) != 0]]
-            near = near[(frame[rest[near]] != frame[rest[0]]) | (near == 0)]
-            # ... unless that one lies closer to another bright detection of this frame.
-            rivals = vectors[rest[frame[rest] == frame[rest[0]]]]
-            closest = np.linalg.norm(vectors[rest[near], None] - rivals, axis=2).min(axis=1)
-            mine = near[distance[near] <= closest]
-            label[rest[mine]] = fresh
-            fresh += 1
-            rest = np.delete(rest, mine)
-    return label
-
-
+@np.errstate(all="ignore")  # a number that is no measurement ends as NaN or infinity, in its own row
 def _photometry(found, count):
     source, band = found["source"], found["filter"]
     to_flux = 10.0 ** (0.4 * (AB_MICROJANSKY - found["zeropoint"]))  # microjansky per electron
@@ -163,18 +137,19 @@ def _photometry(found, count):
             columns |= {f"{prefix}flux_{name}": mean, f"{prefix}flux_err_{name}": sigma}
             columns[f"{prefix}mag_{name}"] = np.where(positive, AB_MICROJANSKY - 2.5 * np.log10(safe), np.nan)
             columns[f"{prefix}mag_err_{name}"] = np.where(positive, 2.5 / np.log(10.0) * sigma / safe, np.nan)
-    votes = np.maximum(found["snr"].astype(float), 1.0)
+    votes = np.maximum(found["snr"], 1.0)
     flags = np.zeros(count, np.int32)
-    np.bitwise_or.at(flags, source, found["flags"].astype(np.int32))
+    np.bitwise_or.at(flags, source, found["flags"])
     star = np.bincount(source, votes * found["star"], count) / np.bincount(source, votes, count)
     total = np.bincount(source, minlength=count).astype(np.int32)
     return columns | {"n_detections": total, "star": star, "flags": flags}
 
 
 def _weighted_mean(source, flux, error, count):
-    """Inverse-variance mean and its error per source; NaN where nothing is usable."""
-    good = np.isfinite(flux) & (error > 0)
-    weight = 1.0 / error[good] ** 2
+    """Inverse-variance mean and its error per source, whatever the flux's sign; NaN where nothing is usable."""
+    weight = np.where(error > 0, error, np.inf) ** -2.0
+    good = np.isfinite(flux) & np.isfinite(weight) & (weight > 0)
+    weight = weight[good]
     total = np.bincount(source[good], weight, count)
     some = total > 0
     mean = np.bincount(source[good], weight * flux[good], count) / np.where(some, total, 1.0)
@@ -193,5 +168,8 @@ def write_merged(path, sources, detections, metadata):
     columns = {name: pa.array(sources[name]) for name in sources.names}
     kinds = {"obsid": pa.string(), "chip": pa.int16(), "filter": pa.string(), "number": pa.int32()}
     for name, kind in kinds.items():
-        columns[f"detection_{name}"] = pa.ListArray.from_arrays(offsets, pa.array(detections[name], kind))
+        values = pa.array(detections[name], kind)
+        if isinstance(values, pa.ChunkedArray):  # of text longer than 16 MB in all
+            values = values.combine_chunks()
+        columns[f"detection_{name}"] = pa.ListArray.from_arrays(offsets, values)
     write_parquet(path, pa.table(columns), sources.meta | metadata)

@@ -4,9 +4,9 @@
     chips/{obsid}_{chip}/select.parquet render.fits drawn.parquet orders.parquet readout.fits
     level0/{obsid}/{stem}.fits {stem}.truth.parquet {stem}.orders.parquet {stem}.cosmic.fits
     masters/chip_08.fits  calibrated/{obsid}_{chip}.fits  measure/{obsid}_{chip}.parquet  spectra/{obsid}_{chip}.parquet
-    merge/Norder=8/Dir=D/Npix=P.parquet  validate/{P}.json  report/index.html
+    merge/dataset/Norder=8/Dir=D/Npix=P.parquet  merge/hats.properties  validate/{P}.json  report/index.html
 
-Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256).
+Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256); bricks.hats makes merge/ a catalogue.
 """
 
 from pathlib import Path
@@ -28,7 +28,12 @@ class Paths:
         return self._hats("truth", pix)
 
     def merge(self, pix):
-        return self._hats("merge", pix)
+        return self._hats("merge/dataset", pix)
+
+    @property
+    def merge_catalogue(self):
+        """The folder of the merged bricks and of the files about all of them."""
+        return self.output / "merge"
 
     def psf(self, chip_id):
         return self.output / "psf" / f"chip_{chip_id:02d}.h5"

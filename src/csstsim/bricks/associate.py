@@ -1,0 +1,149 @@
+"""Which detections are of one source: seeds, brightest first, and each detection with the nearest seed it agrees with.
+
+Two detections of different frames agree when they lie within `N_SIGMA` times their joint error, where the error of
+each is its own and a floor in quadrature, and never more than `CAP` apart. A detection that agrees with no brighter
+seed is a seed. Every other goes to a seed it agrees with, the likeliest pairs (Gaussian density of the joint error, so
+that an uncertain seed does not draw in what belongs to a sharp one) first, and a seed takes one detection of a frame;
+what finds no place is associated anew, among itself. So nothing is chained: all detections of a source agree with its
+seed. The work is linear in the number of detections, at a given density.
+"""
+
+import numba
+import numpy as np
+
+ARCSEC = np.pi / 180.0 / 3600.0
+FLOOR = 0.010  # arcsec: residuals of the astrometry, months of a slow star's motion
+N_SIGMA = 8.0  # four of the true scatter, which close to the noise is twice the quoted one
+CAP = 0.4  # arcsec: what a faint galaxy's noise may do; beyond it lies the next source
+
+
+def associate(vectors, error, frame, *, floor=FLOOR, n_sigma=N_SIGMA, cap=CAP):
+    """Return the source number (n,) of each detection; sources are numbered in the order of their seeds.
+
+    Detections are in order of brightness, within a few degrees: unit vectors (n, 3), `error` arcsec on an axis, all
+    finite and positive, `frame` a number (two detections of one frame are two sources).
+    """
+    sigma = np.hypot(error, floor) * ARCSEC
+    seed_of = np.full(len(vectors), -1)
+    left = np.arange(len(vectors))
+    while len(left):
+        place = vectors[left], sigma[left], frame[left], n_sigma, cap * ARCSEC
+        grid = _grid(vectors[left], cap * ARCSEC)
+        seed = _seeds(*grid, *place)
+        seed_of[left[seed]] = left[seed]
+        pair = _agreeing(*grid, seed, *place)
+        taken, by = _share_out(pair, frame[left])
+        seed_of[left[taken]] = left[by]
+        left = left[seed_of[left] < 0]
+    return np.unique(seed_of, return_inverse=True)[1]
+
+
+def _share_out(pair, frame):
+    """Return (detections, seeds) of those that find a place, likeliest first; a seed takes one of a frame."""
+    detection, seed = pair
+    _, slot = np.unique(seed * (frame.max(initial=0) + 1) + frame[detection], return_inverse=True)
+    taken, by = [detection[:0]], [seed[:0]]
+    while len(detection):
+        # Pairs are in order of likelihood: one that is the first of its detection and of its slot has no rival
+        row = np.arange(len(detection))
+        won = (_first(detection) == row) & (_first(slot) == row)
+        taken.append(detection[won])
+        by.append(seed[won])
+        rest = ~(_marked(detection, won) | _marked(slot, won))
+        detection, seed, slot = detection[rest], seed[rest], slot[rest]
+    return np.concatenate(taken), np.concatenate(by)
+
+
+def _first(number):
+    """Return for each row the first row that has its number."""
+    first = np.full(number.max() + 1, len(number))
+    np.minimum.at(first, number, np.arange(len(number)))
+    return first[number]
+
+
+def _marked(number, mark):
+    """Return a mask of the rows whose number any marked row has."""
+    some = np.zeros(number.max() + 1, bool)
+    some[number[mark]] = True
+    return some[number]
+
+
+def _agreeing(key, order, width, cell, seed, *place):
+    """Return (detections, seeds) of all pairs that agree, likeliest first."""
+    of_seed = seed[order]
+    grid = key[of_seed], order[of_seed], width, cell
+    size = _pairs(*grid, seed, *place, *_room(0))
+    detections, seeds, rarity = pairs = _room(size)
+    _pairs(*grid, seed, *place, *pairs)
+    order = np.lexsort((seeds, detections, rarity))
+    return detections[order], seeds[order]
+
+
+def _room(size):
+    return np.empty(size, np.int64), np.empty(size, np.int64), np.empty(size)
+
+
+def _grid(vectors, size):
+    """Return (sorted keys, their detections, cells in a line, cell of each) of a grid of cells `size` radians wide."""
+    centre = vectors.mean(axis=0)
+    axis = np.eye(3)[np.abs(centre).argmin()]
+    first = np.cross(centre, axis)
+    first /= np.linalg.norm(first)
+    plane = np.stack([vectors @ first, vectors @ np.cross(centre / np.linalg.norm(centre), first)], axis=1)
+    # Foreshortened lengths are never longer: neighbours within `size` are in neighbouring cells
+    cell = np.floor(plane / size).astype(np.int64)
+    cell += 1 - cell.min(axis=0)
+    width = int(cell[:, 1].max()) + 2
+    cell = cell[:, 0] * width + cell[:, 1]
+    order = np.argsort(cell, kind="stable")
+    return cell[order], order, width, cell
+
+
+@numba.njit(cache=True)
+def _seeds(key, order, width, cell, vectors, sigma, frame, n_sigma, cap):
+    """Return a mask of the detections that agree with no seed before them."""
+    seed = np.zeros(len(vectors), np.bool_)
+    for i in range(len(vectors)):
+        alone = True
+        for line in (-width, 0, width):
+            start = np.searchsorted(key, cell[i] + line - 1)
+            while alone and start < len(key) and key[start] <= cell[i] + line + 1:
+                j = order[start]
+                if seed[j] and frame[j] != frame[i]:
+                    alone = _apart(vectors, sigma, i, j, cap) > n_sigma
+                start += 1
+        seed[i] = alone
+    return seed
+
+
+@numba.njit(cache=True)
+def _pairs(key, order, width, cell, seed, vectors, sigma, frame, n_sigma, cap, detections, seeds, rarity):
+    """Write the pairs of a detection and a seed that agree as far as there is room; return how many there are.
+
+    `rarity`: minus twice the logarithm of the density of their joint error, but for a constant.
+    """
+    count = 0
+    for i in range(len(vectors)):
+        for line in (-width, 0, width):
+            start = np.searchsorted(key, cell[i] + line - 1)
+            while not seed[i] and start < len(key) and key[start] <= cell[i] + line + 1:
+                j = order[start]
+                distance = _apart(vectors, sigma, i, j, cap)
+                if frame[j] != frame[i] and distance <= n_sigma:
+                    if count < len(seeds):
+                        detections[count], seeds[count] = i, j
+                        rarity[count] = distance**2 + 2.0 * np.log(sigma[i] ** 2 + sigma[j] ** 2)
+                    count += 1
+                start += 1
+    return count
+
+
+@numba.njit(cache=True)
+def _apart(vectors, sigma, i, j, cap):
+    """Distance of two detections in units of their joint error; infinite beyond the cap."""
+    square = 0.0
+    for axis in range(3):
+        square += (vectors[i, axis] - vectors[j, axis]) ** 2
+    if square > cap**2:
+        return np.inf
+    return np.sqrt(square / (sigma[i] ** 2 + sigma[j] ** 2))

@@ -1,0 +1,80 @@
+"""The catalogue of all merged bricks, read back as the HATS layout asks: by its own files and nothing else."""
+
+import csv
+
+import healpy
+import numpy as np
+import pyarrow.dataset as ds
+import pyarrow.parquet as pq
+import pytest
+from measured_table import table
+
+from csstsim.bricks.hats import write_catalogue
+from csstsim.bricks.merge import merge_brick, write_merged
+from csstsim.errors import InputError
+from csstsim.io.paths import Paths
+from csstsim.rng import stream
+
+
+@pytest.fixture
+def catalogue(tmp_path):
+    """(paths, bricks): two bricks with 30 and 50 sources far from each other, and one without."""
+    paths, bricks, rng = Paths(tmp_path), {}, stream(1, "hats")
+    for pix, count in ((550615, 30), (0, 50), (786431, 0)):
+        ra, dec = healpy.pix2ang(256, pix, nest=True, lonlat=True)
+        found = table(ra + rng.uniform(-0.05, 0.05, count), dec + rng.uniform(-0.05, 0.05, count))
+        write_merged(paths.merge(pix), *merge_brick(pix, [found]), {"brick": pix})
+        bricks[pix] = paths.merge(pix)
+    write_catalogue(paths.merge_catalogue, "demo", bricks)
+    return paths, bricks
+
+
+def properties(paths):
+    lines = (paths.merge_catalogue / "hats.properties").read_text().splitlines()
+    return dict(line.split("=", 1) for line in lines if not line.startswith("#"))
+
+
+def test_partitions_properties_and_rows_agree(catalogue):
+    paths, _ = catalogue
+    about = properties(paths)
+    with (paths.merge_catalogue / "partition_info.csv").open() as file:
+        listed = [(int(row["Norder"]), int(row["Npix"])) for row in csv.DictReader(file)]
+    assert listed == [(8, 0), (8, 550615), (8, 786431)]
+    schema = pq.read_schema(paths.merge_catalogue / "dataset" / "_common_metadata")
+    total, index = 0, about["hats_col_healpix"]
+    for order, pix in listed:
+        folder = paths.merge_catalogue / "dataset" / f"Norder={order}" / f"Dir={pix // 10_000 * 10_000}"
+        part = pq.read_table(folder / f"Npix={pix}{about['hats_npix_suffix']}", partitioning=None)
+        assert part.schema.remove_metadata().equals(schema)
+        number = part[index].to_numpy()
+        ra, dec = (part[about[f"hats_col_{axis}"]].to_numpy() for axis in ("ra", "dec"))
+        assert (np.diff(number) >= 0).all() and (number >> 2 * (29 - order) == pix).all()
+        deep = 2 ** int(about["hats_col_healpix_order"])
+        assert (healpy.ang2pix(deep, ra, dec, nest=True, lonlat=True) == number).all()
+        total += part.num_rows
+    assert total == int(about["hats_nrows"]) == 80 and int(about["hats_max_rows"]) == 50
+    assert about["obs_collection"] == "demo" and about["dataproduct_type"] == "object"
+    assert float(about["moc_sky_fraction"]) == pytest.approx(3 / 786432)
+
+
+def test_the_whole_folder_reads_as_one_dataset(catalogue):
+    paths, _ = catalogue
+    whole = ds.dataset(paths.merge_catalogue / "dataset", partitioning="hive").to_table()
+    known = pq.read_metadata(paths.merge_catalogue / "dataset" / "_metadata")
+    assert whole.num_rows == known.num_rows == 80 and set(whole["source_id"].to_numpy() >> 20) == {0, 550615}
+
+
+def test_written_again_it_is_the_same(catalogue):
+    paths, bricks = catalogue
+    files = [paths.merge_catalogue / name for name in ("hats.properties", "partition_info.csv")]
+    before = [file.read_bytes() for file in files]
+    write_catalogue(paths.merge_catalogue, "demo", dict(reversed(bricks.items())))
+    assert [file.read_bytes() for file in files] == before
+
+
+def test_a_missing_or_damaged_brick_is_one_clear_line(catalogue):
+    paths, bricks = catalogue
+    bricks[0].write_bytes(bricks[0].read_bytes()[:1000])
+    for path in (bricks[0], paths.merge(1)):
+        with pytest.raises(InputError, match=path.name):
+            write_catalogue(paths.merge_catalogue, "demo", {0: path})
