@@ -5,6 +5,7 @@ rule report:
         level0_files,
     output:
         f"{OUT}/report/index.html",
+        f"{OUT}/report/verdict.json",
     log:
         f"{OUT}/logs/report.log",
     benchmark:
