@@ -2,6 +2,7 @@
 
 import base64
 import html
+import math
 from typing import NamedTuple
 
 LONGEST = 40  # rows shown at once; longer tables are folded
@@ -43,18 +44,30 @@ def inline(value, digits=4):
 
 
 def table(head, rows, name="rows"):
-    """Return a table of `rows` of values, folded under "N `name`" if it is long; "" without rows."""
+    """Return a table of `rows` of values, folded under "N `name`" if it is long; "" without rows.
+
+    Columns that hold nothing but numbers are set to the right.
+    """
     if not rows:
         return ""
-    top = "".join(f"<th>{text(title)}</th>" for title in head)
-    body = "".join(f"<tr>{''.join(map(_cell, row))}</tr>" for row in rows)
-    whole = f'<div class="wide"><table><thead><tr>{top}</tr></thead><tbody>{body}</tbody></table></div>'
+    styles = [' class="n"' if all(map(_is_number, column)) else "" for column in zip(*rows, strict=True)]
+    top = _row("th", styles, map(text, head))
+    body = "".join(_row("td", styles, map(inline, row)) for row in rows)
+    whole = f'<div class="wide"><table><thead>{top}</thead><tbody>{body}</tbody></table></div>'
     return whole if len(rows) <= LONGEST else folded(f"{len(rows)} {name}", whole)
 
 
-def _cell(value):
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return f'<td class="n">{text(value)}</td>' if number else f"<td>{inline(value)}</td>"
+def _row(tag, styles, cells):
+    marked = (f"<{tag}{style}>{cell}</{tag}>" for style, cell in zip(styles, cells, strict=True))
+    return f"<tr>{''.join(marked)}</tr>"
+
+
+def _is_number(value):
+    """Whether a value is read as a number: also one already written out, and a figure that is missing."""
+    try:
+        return value is None or (not isinstance(value, bool) and math.isfinite(float(value)))
+    except (TypeError, ValueError):
+        return False
 
 
 def mappings(rows, name="rows"):
