@@ -82,12 +82,9 @@ def test_gates_may_miss_or_add_keys_and_figures(tmp_path):
 
 def test_500_bricks_and_3000_files_make_a_small_page_that_folds(tmp_path):
     bands = ("nuv", "u", "g", "r", "i", "z", "y")
-    results = [
-        result(
-            k, [gate("completeness", b, k % 100 != 7) for b in bands] + [gate("bias", b, None) for b in bands], bands
-        )
-        for k in range(500)
-    ]
+    some = (("bias", None), ("depth", False)), (("bias", None), ("depth", True))
+    gates = [[gate(name, b, passed) for name, passed in pair for b in bands] for pair in some]
+    results = [result(k, gates[k % 100 != 7], bands) for k in range(500)]
     files = tuple(Link(f"{k % 30:02d} r", f"../level0/101/CSST_MSC_MS_WIDE_{k:030d}_L0_V01.fits") for k in range(30))
     text = page(tmp_path, results, exposures=[{"obsid": k, "Level-0 of chip": files} for k in range(100)])
     reader = Reader(text)

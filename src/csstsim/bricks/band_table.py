@@ -1,5 +1,6 @@
 """Tables of a brick's numbers by band, for the report."""
 
+from csstsim.bricks.figures import band_label
 from csstsim.bricks.markup import table
 
 
@@ -9,7 +10,7 @@ def band_table(result):
     for band, numbers in result["bands"].items():
         star, galaxy = numbers["star"], numbers["galaxy"]
         rows.append((
-            band, numbers["frames"], _fixed(numbers["zeropoint"]), _fixed(numbers["depth_5sigma"]),
+            band_label(band), numbers["frames"], _fixed(numbers["zeropoint"]), _fixed(numbers["depth_5sigma"]),
             _fixed(numbers["completeness"], 3), numbers["point_sources"], _fixed(star["median"], 4),
             _spread(star), star["n"],
             _fixed(galaxy["median"], 3), _spread(galaxy), galaxy["n"],
@@ -26,7 +27,7 @@ def band_numbers(result):
     columns = {band: dict(_leaves(numbers)) for band, numbers in result["bands"].items()}
     names = list(dict.fromkeys(name for column in columns.values() for name in column))
     rows = [(name, *(column.get(name) for column in columns.values())) for name in names]
-    return table(("number", *columns), rows, "numbers")
+    return table(("number", *map(band_label, columns)), rows, "numbers")
 
 
 def _leaves(mapping, prefix=""):

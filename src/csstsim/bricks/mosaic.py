@@ -11,7 +11,7 @@ import numpy as np
 
 from csstsim.bricks.figures import BAND_COLOURS, band_label
 from csstsim.bricks.markup import data_url, text
-from csstsim.bricks.thumbnail import binned, busiest, png, step_for, stretch
+from csstsim.bricks.thumbnail import MOST, binned, busiest, png, step_for, stretch
 from csstsim.optics.wcs import mosaic_cd
 
 COLOURS = BAND_COLOURS | {"y": "#FFFFFF"}  # the figures' black would not show on black
@@ -50,15 +50,15 @@ class Exposure:
     detail: Picture | None
 
 
-def take_exposure(title, pa, files):
-    """Return the Exposure of `files`: iterable of (Chip, open io.level0.Level0)."""
+def take_exposure(title, pa, files, most=MOST):
+    """Return the Exposure of `files`: iterable of (Chip, open io.level0.Level0); pictures are `most` pixels wide."""
     pictures, best = [], (-1.0, None)
     for chip, file in files:
-        step = step_for(file.window)
+        step = step_for(file.window, most)
         greys = stretch(binned(file, file.window, step))
         pictures.append(Picture(chip, file.window, step, png(greys)))
         if step > 1 and (liveliness := float(greys.std())) > best[0]:
-            best = liveliness, (chip, file, busiest(greys, file.window, step))
+            best = liveliness, (chip, file, busiest(greys, file.window, step, most))
     detail = None
     if best[1]:
         chip, file, window = best[1]
@@ -72,8 +72,7 @@ def mosaic(chips, exposures):
     (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
     edge = 0.01 * (x1 - x0)
     box = (x0 - edge, y0 - edge, x1 - x0 + 2 * edge, y1 - y0 + 2 * edge)
-    used = {p.chip.id for exposure in exposures for p in exposure.pictures}
-    outlines = "".join(_outline(chip, chip.full_window, "chip" if chip.id in used else "chip idle") for chip in chips)
+    outlines = "".join(_outline(chip, chip.full_window, "idle") for chip in chips)
     names = "".join(_chip_label(chip) for chip in chips)
     groups = "".join(_group(exposure, number) for number, exposure in enumerate(exposures))
     options = "".join(f'<option value="{n}">{text(e.title)}</option>' for n, e in enumerate(exposures))
@@ -100,7 +99,8 @@ def _group(exposure, number):
     if detail:
         data += f' data-detail="{_box(_corners(detail.chip, detail.window))}"'
     shown = "".join(_picture(picture) for picture in (*exposure.pictures, *([detail] if detail else [])))
-    frames = "".join(_outline(p.chip, p.window, "window") + _window_label(p) for p in exposure.pictures)
+    frames = "".join(_outline(p.chip, p.chip.full_window, "chip") for p in exposure.pictures)
+    frames += "".join(_outline(p.chip, p.window, "window") + _window_label(p) for p in exposure.pictures)
     frames += _outline(detail.chip, detail.window, "cutout") if detail else ""
     return f'<g class="exposure" data-number="{number}"{_hidden(number)} {data}>{shown}{frames}</g>'
 
@@ -138,7 +138,7 @@ def _window_label(picture):
     window = picture.window
     if 2 * max(window.shape) > max(picture.chip.detector.nx, picture.chip.detector.ny):
         return ""
-    return _label(picture.chip, *_place(picture.chip, window.x0, window.y1), 0.07 * min(window.shape))
+    return _label(picture.chip, *_place(picture.chip, window.x0, window.y1), 0.05 * min(window.shape))
 
 
 def _label(chip, x, y, size):

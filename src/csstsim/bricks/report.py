@@ -4,6 +4,7 @@ from importlib.resources import files as package_files
 
 from csstsim.bricks import verdict as verdicts
 from csstsim.bricks.band_table import band_numbers, band_table
+from csstsim.bricks.figures import band_label
 from csstsim.bricks.markup import (
     LONGEST,
     Link,
@@ -131,10 +132,12 @@ def _brick_table(results, links):
         row = {
             "brick": Link(str(pix), f"#brick-{pix}"),
             "verdict": Verdict(False if counts["fail"] else True if counts["pass"] else None),
-            "gates": verdicts.tally(counts), "frames": result["frames"], "sources": result["sources"],
+            **{f"gates: {name}": n for name, n in counts.items()},
+            "frames": result["frames"], "sources": result["sources"],
             "true objects": result["truth"], "purity": result["purity"],
         }  # fmt: skip
-        row |= {f"completeness {band}": result["bands"].get(band, {}).get("completeness") for band in bands}
+        for band in bands:
+            row[f"complete in {band_label(band)}"] = result["bands"].get(band, {}).get("completeness")
         rows.append(row | ({"files": links[pix]} if pix in links else {}))
     return mappings(rows, "bricks")
 

@@ -60,7 +60,7 @@ def headline(verdict):
     counts = verdict["counts"]
     if verdict["passed"] is None:
         return "No gate could be judged: too few sources, or no thresholds."
-    judged, word = counts["pass"] + counts["fail"], "pass" if verdict["passed"] else "FAIL"
+    judged, word = counts["pass"] + counts["fail"], "PASS" if verdict["passed"] else "FAIL"
     return f"{word}: {counts['pass']} of {judged} judged gates pass; {counts['not judged']} could not be judged."
 
 
