@@ -24,7 +24,7 @@ NAMED = 10  # failing gates named at the top
 UNFOLDED = 4  # brick sections shown open
 # Nothing may be fetched, whatever a name in the tables holds.
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
-GATE = {"brick": "brick", "name": "gate", "band": "band", "value": "value", "threshold": "threshold", "n": "sources"}
+GATE = {"name": "gate", "band": "band", "value": "value", "threshold": "threshold", "n": "sources"}
 
 
 def write_report(
@@ -96,22 +96,22 @@ def _gates(gates):
     """Counts by gate, the failing gates, then the rest; a gate may have more keys than those known here."""
     if not gates:
         return ""
-    keys = dict(GATE) | {key: key for gate in gates for key in gate if key not in ("passed", *GATE)}
+    keys = dict(GATE) | {key: key for gate in gates for key in gate if key not in ("brick", "passed", *GATE)}
     counts = [(name, *counts.values()) for name, counts in verdicts.by_name(gates).items()]
 
     def rows(some):
         return [
             [
                 Link(str(gate["brick"]), f"#brick-{gate['brick']}"),
-                *(gate.get(key) for key in list(keys)[1:]),
                 Verdict(gate["passed"]),
+                *(gate.get(key) for key in keys),
             ]
             for gate in some
         ]
 
     failing = [gate for gate in gates if gate["passed"] is False]
     others = gates[len(failing) :]  # they are sorted
-    head = (*keys.values(), "verdict")
+    head = ("brick", "verdict", *keys.values())
     note = "A gate with too few sources, or without a threshold, is not judged."
     few = len(gates) <= LONGEST
     listed = table(head, rows(gates)) if few else table(head, rows(failing), "failing gates")
