@@ -107,6 +107,23 @@ def test_corners_lie_on_the_plane_as_on_the_sky(small):
         assert np.allclose(-y, there[1] + eight.yc - eight.detector.ny / 2 + 0.5, atol=1.0)
 
 
+def test_outlines_and_images_are_drawn_on_their_corners(small, tmp_path):
+    """SVG's rotate(angle, cx, cy) is clockwise on the screen, whose y points down."""
+    window = (10, 200, 5, 60)
+    for number in (8, 29, 1):
+        chip = small.chips[number]
+        file = level0(small, tmp_path / f"{number}.fits", chip=number, window=window)
+        reader = Reader(mosaic([chip], [take_exposure("x", 0.0, [(chip, file)])]))
+        for drawn, expected in (("window", file.window), ("chip", chip.full_window), (None, file.window)):
+            (found,) = (a for tag, a in reader.tags if tag in ("rect", "image") and a.get("class") == drawn)
+            x, y, width, height = (float(found[key]) for key in ("x", "y", "width", "height"))
+            turn = [float(v) for v in re.findall(r"[-\d.]+", found.get("transform", "0 0 0"))]
+            angle, centre = np.radians(turn[0]), np.array(turn[1:])
+            matrix = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+            places = np.array([(x + i * width, y + (1 - j) * height) for i in (0, 1) for j in (0, 1)])
+            assert np.allclose((places - centre) @ matrix.T + centre, _corners(chip, expected), atol=0.1)
+
+
 def test_mosaic_of_30_chips_and_of_calibration(small, tmp_path):
     files = [(chip, level0(small, tmp_path / f"{chip.id}.fits", chip=chip.id)) for chip in small.chips.values()]
     one = take_exposure("science", -113.4333, files)

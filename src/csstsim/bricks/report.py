@@ -6,7 +6,6 @@ from csstsim.bricks import verdict as verdicts
 from csstsim.bricks.band_table import band_numbers, band_table
 from csstsim.bricks.figures import band_label
 from csstsim.bricks.markup import (
-    LONGEST,
     Link,
     Verdict,
     folded,
@@ -98,25 +97,16 @@ def _gates(gates):
         return ""
     keys = dict(GATE) | {key: key for gate in gates for key in gate if key not in ("brick", "passed", *GATE)}
     counts = [(name, *counts.values()) for name, counts in verdicts.by_name(gates).items()]
-
-    def rows(some):
-        return [
-            [
-                Link(str(gate["brick"]), f"#brick-{gate['brick']}"),
-                Verdict(gate["passed"]),
-                *(gate.get(key) for key in keys),
-            ]
-            for gate in some
-        ]
-
-    failing = [gate for gate in gates if gate["passed"] is False]
-    others = gates[len(failing) :]  # they are sorted
+    rows = [
+        (Link(str(gate["brick"]), f"#brick-{gate['brick']}"), Verdict(gate["passed"]), *(gate.get(key) for key in keys))
+        for gate in gates
+    ]
     head = ("brick", "verdict", *keys.values())
+    failing = sum(gate["passed"] is False for gate in gates)  # they come first
+    listed = table(head, rows[:failing], "gates that fail")
+    listed += table(head, rows[failing:], "gates that pass or could not be judged")
     note = "A gate with too few sources, or without a threshold, is not judged."
-    few = len(gates) <= LONGEST
-    listed = table(head, rows(gates)) if few else table(head, rows(failing), "failing gates")
-    rest = "" if few else folded(f"{len(others)} gates that pass or could not be judged", table(head, rows(others)))
-    return table(("gate", *verdicts.NAMES.values()), counts) + listed + rest + paragraph(note)
+    return table(("gate", *verdicts.NAMES.values()), counts) + listed + paragraph(note)
 
 
 def _counts(result):

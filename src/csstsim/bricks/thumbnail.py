@@ -32,10 +32,8 @@ def binned(file, window, step):
             continue
         level = np.median(channel.serial_overscan) if channel.serial_overscan.size else 0.0
         part = channel.active[y0 - c.y0 : y1 - c.y0, x0 - c.x0 : x1 - c.x0]
-        (rows, i), (columns, j) = (
-            _starts(y0 - window.y0, y1 - window.y0, step),
-            _starts(x0 - window.x0, x1 - window.x0, step),
-        )
+        rows, i = _starts(y0 - window.y0, y1 - window.y0, step)
+        columns, j = _starts(x0 - window.x0, x1 - window.x0, step)
         sums = np.add.reduceat(np.add.reduceat(part, rows, axis=0, dtype=np.int64), columns, axis=1)
         n = np.outer(np.diff(rows, append=y1 - y0), np.diff(columns, append=x1 - x0))
         place = slice(i, i + len(rows)), slice(j, j + len(columns))
