@@ -122,14 +122,15 @@ def _brick_table(results, links):
         row = {
             "brick": Link(str(pix), f"#brick-{pix}"),
             "verdict": Verdict(False if counts["fail"] else True if counts["pass"] else None),
-            **{f"gates: {name}": n for name, n in counts.items()},
+            "gates pass / fail / not judged": " / ".join(map(str, counts.values())),
             "frames": result["frames"], "sources": result["sources"],
             "true objects": result["truth"], "purity": result["purity"],
         }  # fmt: skip
         for band in bands:
-            row[f"complete in {band_label(band)}"] = result["bands"].get(band, {}).get("completeness")
+            row[band_label(band)] = result["bands"].get(band, {}).get("completeness")
         rows.append(row | ({"files": links[pix]} if pix in links else {}))
-    return mappings(rows, "bricks")
+    note = "A column headed by a band has the completeness of point sources in it." if rows else ""
+    return paragraph(note) + mappings(rows, "bricks")
 
 
 def _bricks(results, figures, links):
