@@ -71,7 +71,7 @@ def sky_map(footprints, bricks, pointings=()):
     near.set_title(f"Windows and bricks around RA {centre[0]:.4f}, Dec {centre[1]:+.4f} deg (ICRS)", fontsize=10)
     for axes in far:
         axes.plot(*_offsets(*np.transpose(pointings), centre), "+", color=BLACK, ms=9, mew=1.5, zorder=4)
-        axes.set_title(f"Boresights (+) of {len(pointings)} pointings", fontsize=10)
+        axes.set_title(f"Boresights (+): {len(pointings)}", fontsize=10)
     if footprints:
         (far or [near])[0].legend(title="filter", fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
     return _png(figure)

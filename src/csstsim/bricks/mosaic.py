@@ -52,12 +52,13 @@ class Exposure:
 
 def take_exposure(title, pa, files, most=MOST):
     """Return the Exposure of `files`: iterable of (Chip, open io.level0.Level0); pictures are `most` pixels wide."""
-    pictures, best = [], (-1.0, None)
+    pictures, best = [], ((False, -1.0), None)
     for chip, file in files:
         step = step_for(file.window, most)
         greys = stretch(binned(file, file.window, step))
         pictures.append(Picture(chip, file.window, step, png(greys)))
-        if step > 1 and (liveliness := float(greys.std())) > best[0]:
+        liveliness = chip.kind == "imaging", float(greys.std())  # an image before spectra
+        if step > 1 and liveliness > best[0]:
             best = liveliness, (chip, file, busiest(greys, file.window, step, most))
     detail = None
     if best[1]:

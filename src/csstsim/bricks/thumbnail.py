@@ -30,7 +30,7 @@ def binned(file, window, step):
         y0, y1 = max(c.y0, window.y0), min(c.y1, window.y1)
         if x0 >= x1 or y0 >= y1:
             continue
-        level = np.median(channel.serial_overscan) if channel.serial_overscan.size else 0.0
+        level = _level(channel.serial_overscan)
         part = channel.active[y0 - c.y0 : y1 - c.y0, x0 - c.x0 : x1 - c.x0]
         rows, i = _starts(y0 - window.y0, y1 - window.y0, step)
         columns, j = _starts(x0 - window.x0, x1 - window.x0, step)
@@ -40,6 +40,15 @@ def binned(file, window, step):
         total[place] += (sums - level * n) * (channel.gain or 1.0)
         pixels[place] += n
     return np.divide(total, pixels, out=np.full(shape, np.nan), where=pixels > 0)
+
+
+def _level(overscan):
+    """Return the mean of an overscan region [DN] without outliers; a median of whole DN would leave steps."""
+    if not overscan.size:
+        return 0.0
+    middle = np.median(overscan)
+    distance = np.abs(overscan - middle)
+    return overscan[distance <= 4 * max(1.4826 * np.median(distance), 1.0)].mean()
 
 
 def _starts(first, last, step):
