@@ -66,7 +66,8 @@ def sky_map(footprints, bricks, pointings=()):
                 style = {"ha": "center", "va": "center", "fontsize": 7, "color": "#444444", "zorder": 3}
                 axes.annotate(str(pix), (x.mean(), y.mean()), **style)
         _windows(axes, footprints, centre)
-        axes.set(aspect="equal", xlabel="offset east [deg]", ylabel="offset north [deg]")
+        axes.set(xlabel="offset east [deg]", ylabel="offset north [deg]")
+        axes.set_aspect("equal", adjustable="datalim")  # a lone boresight would make a sliver
         axes.invert_xaxis()  # east to the left
     near.set_title(f"Windows and bricks around RA {centre[0]:.4f}, Dec {centre[1]:+.4f} deg (ICRS)", fontsize=10)
     for axes in far:
