@@ -1,8 +1,6 @@
-"""After Level-0: measure each frame, merge and validate each brick, write the report (paper, section 6)."""
+"""After Level-0: measure each frame, merge and validate each brick (paper, section 6)."""
 
-import csv
 import json
-import os
 from dataclasses import replace
 
 import numpy as np
@@ -155,93 +153,3 @@ def _jobs_on(run, pix):
             allowed=", ".join(map(str, run.merge_bricks)) or "none",
         )  # fmt: skip
     return run.merge_bricks[pix]
-
-
-def report(run):
-    """Write the report of a campaign, one self-contained web page, and what makes its merged bricks a catalogue."""
-    from csstsim.bricks.figures import sky_map
-    from csstsim.bricks.hats import write_catalogue
-    from csstsim.bricks.report import write_report
-
-    page, results, figures = run.paths.report, [], {}
-    for pix in run.merge_bricks:
-        path = run.paths.validate(pix)
-        try:
-            result = json.loads(path.read_text())
-            figures[pix] = path.with_suffix(".png").read_bytes()
-        except (OSError, ValueError) as exc:
-            raise InputError(f"cannot read the validation of a brick: {exc}", file=path) from None
-        check_recipe(path, result, run.brick_recipe(pix))
-        results.append(result)
-    if run.merge_bricks:
-        merged = {pix: run.paths.merge(pix) for pix in run.merge_bricks}
-        write_catalogue(run.paths.merge_catalogue, run.config.name, merged)
-    files = [run.paths.level0(job.pointing, job.chip.id) for job in run.jobs]
-    write_report(
-        page, _summary(run), results,
-        exposures=[_exposure(p) for p in {job.pointing.obsid: job.pointing for job in run.jobs}.values()],
-        files=[(path.name, os.path.relpath(path, page.parent)) for path in files],
-        figures=figures,
-        spectra=[_spectra(run, job) for job in run.slitless_jobs],
-        sky_map=sky_map([(j.chip.filter.lower(), *j.footprint()) for j in run.imaging_jobs], list(run.merge_bricks)),
-        provenance={
-            "csstsim": __version__, "campaign file": run.file, "campaign digest": run.config.digest(),
-            "camera digest": run.camera.digest, "seed": run.config.seed,
-        },
-        times=_times(run.paths.output / "benchmarks"),
-    )  # fmt: skip
-    print(page)
-
-
-def _spectra(run, job):
-    """Return (title, PNG bytes) of a spectroscopic frame for the report."""
-    from csstsim.catalog.table import ObjectTable
-
-    path = run.paths.spectra(*job.key)
-    meta = ObjectTable.read(path).meta
-    check_recipe(path, meta, run.measure_recipe(job))
-    name = f"exposure {job.pointing.obsid}, chip {job.chip.id} ({job.chip.filter}): {meta['spectra']} spectra extracted"
-    return name, path.with_suffix(".png").read_bytes()
-
-
-def _summary(run):
-    science = run.imaging_jobs + run.slitless_jobs
-    return {
-        "name": run.config.name,
-        "exposures": len({job.pointing.obsid for job in run.jobs}),
-        "Level-0 files": len(run.jobs),
-        "filters": ", ".join(f for f in run.camera.filters if any(job.chip.filter == f for job in science)),
-        "bricks": len(run.merge_bricks),
-        "faintest magnitude drawn": run.config.catalog.mag_limit or "the whole truth",
-        "rendering": run.config.fidelity,
-    }
-
-
-def _exposure(pointing):
-    return {
-        "obsid": pointing.obsid, "type": pointing.type, "ra [deg]": f"{pointing.ra:.6f}",
-        "dec [deg]": f"{pointing.dec:.6f}", "pa [deg]": f"{pointing.pa:.4f}",
-        "start [UTC]": pointing.time, "exposure [s]": pointing.exptime,
-    }  # fmt: skip
-
-
-def _times(folder):
-    """Sum Snakemake's benchmark files by rule: jobs, wall and CPU seconds, largest memory."""
-    rows = []
-    for rule in sorted(path for path in folder.glob("*") if path.is_dir()):
-        runs = [row for path in rule.glob("*.tsv") for row in csv.DictReader(path.open(), delimiter="\t")]
-        if runs:
-            rows.append({
-                "step": rule.name, "jobs": len(runs), "wall [s]": round(sum(_number(r["s"]) for r in runs), 1),
-                "CPU [s]": round(sum(_number(r["cpu_time"]) for r in runs), 1),
-                "largest memory [MB]": round(max(_number(r["max_rss"]) for r in runs)),
-            })  # fmt: skip
-    return rows
-
-
-def _number(text):
-    """A figure of a benchmark file; a job too short for Snakemake to sample has 'NA'."""
-    try:
-        return float(text)
-    except ValueError:
-        return 0.0

@@ -1,6 +1,7 @@
 """The command line: parse, call, exit. One sub-command a rule of the workflow, plus plan, chip and check.
 
-Exit codes: 0 done; 2 the input cannot be used (one line says what, where and what is allowed).
+Exit codes: 0 done; 2 the input cannot be used (one line says what, where and what is allowed);
+1 a gate fails, of `report --strict` only.
 """
 
 import functools
@@ -122,11 +123,13 @@ def masters(run, chip_id):
 
 @main.command()
 @stage
-def report(run):
-    """Write the report: one web page with the validation of every brick."""
-    from csstsim import analysis
+@click.option("--strict", is_flag=True, help="End with exit code 1 if a gate fails.")
+def report(run, strict):
+    """Write the report: one web page with the validation of every brick, and the verdict on its gates as JSON."""
+    from csstsim import campaign_report
 
-    analysis.report(run)
+    if campaign_report.report(run)["passed"] is False and strict:
+        sys.exit(1)
 
 
 @main.command()

@@ -1,7 +1,6 @@
-"""Validation against fabricated truth whose completeness, bias and scatter are known; the figures and the report."""
+"""Validation against fabricated truth whose completeness, bias and scatter are known; the figures."""
 
 import json
-from html.parser import HTMLParser
 
 import healpy
 import numpy as np
@@ -10,7 +9,6 @@ import pytest
 from csstsim.bricks import healpix
 from csstsim.bricks.figures import brick_figure, sky_map
 from csstsim.bricks.merge import merge_brick
-from csstsim.bricks.report import write_report
 from csstsim.bricks.validate import Frame, blended, completeness, validate_brick
 from csstsim.catalog.table import BANDS, ObjectTable
 from csstsim.config import ValidateConfig
@@ -150,59 +148,17 @@ def test_colours_out_follow_colours_in():
     assert np.allclose(np.median(got, axis=1), 0.5, atol=0.03)
 
 
-class Reader(HTMLParser):
-    """Collects text and checks that tags close in order."""
-
-    def __init__(self):
-        super().__init__()
-        self.open, self.text, self.tags = [], [], []
-
-    def handle_starttag(self, tag, attrs):
-        self.tags.append((tag, dict(attrs)))
-        if tag not in ("meta", "img"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.text.append(data)
-
-
-def test_the_report_is_one_page_with_the_gates_and_escapes_text(tmp_path):
-    result, arrays = run([make_frame("g", 7, shift=0.05), make_frame("r", 7)])
-    corners = healpix.brick_corners(PIX)
-    evil = '<script>alert("x")</script>'
-    path = tmp_path / "report" / "index.html"
-    write_report(
-        path, {"name": evil, "seed": 3}, [json.loads(json.dumps(result))], figures={PIX: brick_figure(result, arrays)},
-        sky_map=sky_map([("g", *corners)], [PIX]), exposures=[{"obsid": evil, "exptime": 150.0}],
-        files=[(evil, f"../level0/{evil}.fits")], provenance={"version": evil}, times=[{"step": "select", "wall": 1.0}],
-    )  # fmt: skip
-    text = path.read_text(encoding="utf-8")
-    reader = Reader()
-    reader.feed(text)
-    reader.close()
-    assert reader.open == [] and "<script" not in text.lower()
-    words = " ".join(reader.text)
-    assert "magnitude bias of stars" in words and "FAIL" in words and "3 of 4 judged gates pass" in words
-    assert words.count(evil) >= 5  # as text, where it was put
-    images = [attrs["src"] for tag, attrs in reader.tags if tag == "img"]
-    assert len(images) == 2 and all(src.startswith("data:image/png;base64,") for src in images)
-    links = [attrs["href"] for tag, attrs in reader.tags if tag == "a"]
-    assert links == [f"../level0/{evil}.fits"]
-
-
-def test_an_empty_report_and_an_empty_sky(tmp_path):
-    write_report(tmp_path / "index.html", {"name": "none"}, [])
-    assert "No gate could be judged" in (tmp_path / "index.html").read_text()
+def test_sky_map_of_nothing_at_a_pole_and_across_ra_zero():
     assert sky_map([], []).startswith(b"\x89PNG")
-
-
-def test_sky_map_at_a_pole_and_across_ra_zero():
     for place in ((0.0, 0.0), (30.0, 90.0)):
         pix = int(healpix.brick_of(*place))
-        assert sky_map([("nuv", *healpix.brick_corners(pix))], [pix]).startswith(b"\x89PNG")
+        corners = healpix.brick_corners(pix)
+        assert sky_map([("nuv", *corners), ("gv", *corners)], [pix], [place]).startswith(b"\x89PNG")
+
+
+def test_sky_map_of_opposite_fields():
+    footprints = [("g", *healpix.brick_corners(int(healpix.brick_of(ra, 0.0)))) for ra in (10.0, 190.0)]
+    assert sky_map(footprints, [], [(10.0, 0.0), (190.0, 0.0)]).startswith(b"\x89PNG")
 
 
 def test_frame_reads_its_band_from_the_measured_table():

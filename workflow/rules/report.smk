@@ -7,6 +7,7 @@ rule report:
     output:
         f"{OUT}/report/index.html",
         catalogue(),
+        f"{OUT}/report/verdict.json",
     log:
         f"{OUT}/logs/report.log",
     benchmark:

@@ -16,6 +16,8 @@ BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, BLACK = (
 )  # fmt: skip
 BAND_COLOURS = dict(zip(BANDS, (PURPLE, BLUE, SKY, GREEN, ORANGE, VERMILION, BLACK), strict=True))
 MAX_POINTS = 3000  # drawn per panel and kind; more only blacken it
+MAX_NUMBERED = 40  # bricks whose numbers the sky map has room for
+GRATING_DASHES = {"gu": ":", "gv": "--", "gi": "-."}
 FEWEST = 3  # sources a bin needs to be drawn
 
 
@@ -46,32 +48,45 @@ def brick_figure(result, arrays, *, threshold=None, snr_min=None):
     return _png(figure)
 
 
-def sky_map(footprints, bricks):
+def sky_map(footprints, bricks, pointings=()):
     """Return the PNG bytes of the sky map: bricks and the windows on them, in degrees from their centre.
 
-    `footprints`: [(band, ra[4], dec[4])], corners in order; `bricks`: pixel numbers.
+    `footprints`: [(band or grating, ra[4], dec[4])], corners in order; `bricks`: pixel numbers; `pointings`:
+    [(ra, dec)] of the boresights, which a second panel shows (far from the windows of a small region).
     """
-    figure = _figure((9.0, 7.5))
-    axes = figure.add_subplot()
+    figure = _figure((15.0, 7.0) if pointings else (9.0, 7.5))
+    near, *far = figure.subplots(1, 2 if pointings else 1, squeeze=False)[0]
     corners = [brick_corners(pix) for pix in bricks]
     centre = _centre([(ra, dec) for _, ra, dec in footprints] + corners)
-    for pix, (ra, dec) in zip(bricks, corners, strict=True):
-        x, y = _tangent(ra, dec, centre)
-        axes.fill(x, y, facecolor="#f2f2f2", edgecolor="#999999", lw=0.8, zorder=1)
-        axes.annotate(str(pix), (x.mean(), y.mean()), ha="center", va="center", fontsize=7, color="#444444", zorder=3)
+    for axes in (near, *far):
+        for pix, (ra, dec) in zip(bricks, corners, strict=True):
+            x, y = _offsets(ra, dec, centre)
+            axes.fill(x, y, facecolor="#f2f2f2", edgecolor="#999999", lw=0.8, zorder=1)
+            if axes is near and len(bricks) <= MAX_NUMBERED:
+                style = {"ha": "center", "va": "center", "fontsize": 7, "color": "#444444", "zorder": 3}
+                axes.annotate(str(pix), (x.mean(), y.mean()), **style)
+        _windows(axes, footprints, centre)
+        axes.set(xlabel="offset east [deg]", ylabel="offset north [deg]")
+        axes.set_aspect("equal", adjustable="datalim")  # a lone boresight would make a sliver
+        axes.invert_xaxis()  # east to the left
+    near.set_title(f"Windows and bricks around RA {centre[0]:.4f}, Dec {centre[1]:+.4f} deg (ICRS)", fontsize=10)
+    for axes in far:
+        axes.plot(*_offsets(*np.transpose(pointings), centre), "+", color=BLACK, ms=9, mew=1.5, zorder=4)
+        axes.set_title(f"Boresights (+): {len(pointings)}", fontsize=10)
+    if footprints:
+        (far or [near])[0].legend(title="filter", fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
+    return _png(figure)
+
+
+def _windows(axes, footprints, centre):
+    """Draw the outlines of windows: bands by colour, gratings grey, by their dashes."""
     seen = set()
     for band, ra, dec in footprints:
-        x, y = _tangent(ra, dec, centre)
-        label = band_label(band) if band not in seen else None
+        label = band_label(band) if band in BANDS else band.upper()
+        style = {"lw": 1.2, "ls": GRATING_DASHES.get(band, "-"), "label": None if band in seen else label}
         seen.add(band)
-        colour = BAND_COLOURS.get(band, BLACK)
-        axes.fill(x, y, facecolor="none", edgecolor=colour, lw=1.2, label=label, zorder=2)
-    axes.set(aspect="equal", xlabel="offset east [deg]", ylabel="offset north [deg]")
-    axes.set_title(f"Windows and bricks around RA {centre[0]:.4f}, Dec {centre[1]:+.4f} deg (ICRS)", fontsize=10)
-    axes.invert_xaxis()  # east to the left
-    if seen:
-        axes.legend(title="filter", fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
-    return _png(figure)
+        colour = BAND_COLOURS.get(band, "#666666")
+        axes.fill(*_offsets(ra, dec, centre), facecolor="none", edgecolor=colour, zorder=2, **style)
 
 
 def _completeness(axes, curves, threshold, snr_min):
@@ -192,12 +207,16 @@ def _centre(polygons):
     return float(ra[0]), float(dec[0])
 
 
-def _tangent(ra, dec, centre):
-    """Gnomonic offsets east, north of `centre`, degrees: no trouble at RA 0 or at a pole."""
+def _offsets(ra, dec, centre):
+    """Offsets east, north of `centre`, degrees, of Lambert's equal-area projection.
+
+    It has no trouble at RA 0, at a pole or on the far side of the sky.
+    """
     ra, dec, ra0, dec0 = (np.radians(v) for v in (ra, dec, *centre))
     depth = np.sin(dec) * np.sin(dec0) + np.cos(dec) * np.cos(dec0) * np.cos(ra - ra0)
     north = np.sin(dec) * np.cos(dec0) - np.cos(dec) * np.sin(dec0) * np.cos(ra - ra0)
-    return np.degrees(np.cos(dec) * np.sin(ra - ra0) / depth), np.degrees(north / depth)
+    stretch = np.degrees(np.sqrt(2.0 / np.maximum(1.0 + depth, 1e-12)))
+    return stretch * np.cos(dec) * np.sin(ra - ra0), stretch * north
 
 
 def _figure(size):

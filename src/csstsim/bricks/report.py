@@ -1,161 +1,168 @@
-"""The report of a campaign: one self-contained page of HTML, figures embedded, no scripts, no network."""
+"""The report of a campaign: one self-contained page of HTML, figures, style and script embedded, no network."""
 
-import base64
-import html
+from importlib.resources import files as package_files
 
-STYLE = """
-body{font:15px/1.5 system-ui,sans-serif;max-width:72rem;margin:2rem auto;padding:0 1rem;color:#1a1a1a}
-h1{font-size:1.6rem}h2{font-size:1.2rem;margin-top:2.2rem;border-bottom:1px solid #ccc}
-table{border-collapse:collapse;margin:.8rem 0;font-size:.9rem}th,td{padding:.25rem .7rem;text-align:left;
-border-bottom:1px solid #ddd}th{background:#f2f2f2}td.n{text-align:right;font-variant-numeric:tabular-nums}
-img{max-width:100%;height:auto}.pass{color:#00674c}.fail{color:#b03a00;font-weight:bold}.none{color:#666}
-figure{margin:1rem 0}figcaption{color:#555;font-size:.85rem}code{font-size:.85em;overflow-wrap:anywhere}
-"""
-VERDICT = {True: ("pass", "pass"), False: ("FAIL", "fail"), None: ("not judged", "none")}
+from csstsim.bricks import verdict as verdicts
+from csstsim.bricks.band_table import band_numbers, band_table
+from csstsim.bricks.figures import band_label
+from csstsim.bricks.markup import (
+    Link,
+    Verdict,
+    folded,
+    image,
+    inline,
+    mappings,
+    pairs,
+    paragraph,
+    section,
+    table,
+    text,
+)  # fmt: skip
+
+NAMED = 10  # failing gates named at the top
+UNFOLDED = 4  # brick sections shown open
+# Nothing may be fetched, whatever a name in the tables holds.
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+GATE = {"name": "gate", "band": "band", "value": "value", "threshold": "threshold", "n": "sources"}
 
 
 def write_report(
-    path, summary, results, *, exposures=(), files=(), figures=None, sky_map=None, spectra=(), provenance=None, times=()
-):
+    path, summary, results, *, exposures=(), files=(), figures=None, sky_map=None, mosaic="", spectra=(), links=None,
+    provenance=None, times=(),
+):  # fmt: skip
     """Write the report to `path`; all text is escaped.
 
     summary      {label: value} of the campaign, shown first; key 'name' is the title
     results      list of validate_brick results (JSON-like)
-    exposures    list of mappings with equal keys: one row each
-    files        list of (label, link relative to the page) of the Level-0 files
+    exposures    list of mappings: one row each; values may be markup.Link or tuples of them
+    files        list of (label, link relative to the page): other files of the campaign
     figures      {brick: PNG bytes}; sky_map: PNG bytes
-    spectra      list of (title, PNG bytes) of spectroscopic frames
+    mosaic       HTML of the focal plane (bricks.mosaic)
+    spectra      list of (title, PNG bytes or None, *Links) of spectroscopic frames
+    links        {brick: (Link, ...)}: its files
     provenance   {label: value}: version, hashes, seed
     times        list of mappings (step, jobs, wall s, CPU s, ...): one row each
     """
     from csstsim.atomic import atomic_path
 
-    with atomic_path(path) as temporary:
-        temporary.write_text(
-            page(summary, results, exposures, files, figures or {}, sky_map, spectra, provenance or {}, times),
-            encoding="utf-8",
-        )
-
-
-def page(summary, results, exposures, files, figures, sky_map, spectra, provenance, times):
-    """Return the page as text; arguments as in `write_report`."""
-    gates = [(result["brick"], gate) for result in results for gate in result["gates"]]
-    failed = sum(gate["passed"] is False for _, gate in gates)
-    judged = sum(gate["passed"] is not None for _, gate in gates)
-    verdict = f"{judged - failed} of {judged} judged gates pass; {len(gates) - judged} could not be judged."
-    if judged == 0:
-        verdict = "No gate could be judged: too few sources, or no thresholds."
     name = summary.get("name", "campaign")
-    parts = [
-        f"<h1>csstsim report: {_text(name)}</h1>",
-        f'<p class="{"fail" if failed else "pass" if judged else "none"}">{verdict}</p>',
-        _pairs({key: value for key, value in summary.items() if key != "name"}),
-        _section("Sky", _image(sky_map, "Measured windows, by filter, and the NSIDE-256 bricks they touch")),
-        _section("Gates", _gates(gates)),
-        _section("Bands", _bands(results)),
-        *(_brick(result, figures.get(result["brick"])) for result in results),
-        _section("Spectra", "".join(_image(png, name) for name, png in spectra)),
-        _section("Exposures", _rows(exposures)),
-        _section("Level-0 files", _files(files)),
-        _section("Run time", _rows(times)),
-        _section("Provenance", _pairs(provenance)),
+    judged = verdicts.judge(results)
+    results = sorted(results, key=lambda result: -_counts(result)["fail"])  # stable: then by number, as they came
+    links = links or {}
+    sections = [
+        ("summary", "Summary", pairs({key: value for key, value in summary.items() if key != "name"})),
+        ("gates", "Gates", _gates(judged["gates"])),
+        ("sky", "Sky", image(sky_map, "Windows by filter, the NSIDE-256 bricks they touch, and the pointings")),
+        ("plane", "Focal plane", mosaic),
+        ("bricks", "Bricks", _brick_table(results, links)),
+        ("validation", "Validation by brick", _bricks(results, figures or {}, links)),
+        ("spectra", "Spectra", _spectra(spectra)),
+        ("exposures", "Exposures and Level-0 files", mappings(exposures, "exposures")),
+        ("files", "Files", table(("file",), [(Link(*file),) for file in files], "files")),
+        ("times", "Run time by rule", mappings(times)),
+        ("provenance", "Provenance", pairs(provenance or {})),
     ]
-    head = f'<meta charset="utf-8"><title>{_text(name)} - csstsim report</title><style>{STYLE}</style>'
-    return f'<!DOCTYPE html>\n<html lang="en"><head>{head}</head><body>\n{"".join(parts)}\n</body></html>\n'
+    with atomic_path(path) as temporary:
+        temporary.write_text(_page(name, judged, sections), encoding="utf-8")
 
 
-def _text(value, digits=4):
-    """Escaped text of a value; floats to `digits` significant figures, None as a dash."""
-    if value is None:
-        return "-"
-    if isinstance(value, float):
-        return html.escape(f"{value:.{digits}g}")
-    return html.escape(str(value))
+def _page(name, judged, sections):
+    contents = " ".join(inline(Link(title, f"#{key}")) for key, title, body in sections if body)
+    body = "".join(section(*part) for part in sections)
+    here = package_files("csstsim.bricks")
+    style, script = (here.joinpath(file).read_text(encoding="utf-8") for file in ("report.css", "report.js"))
+    return (
+        f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">'
+        f"<title>{text(name)} - csstsim report</title>\n<style>\n{style}</style></head>\n"
+        f"<body><h1>csstsim report: {text(name)}</h1>{_headline(judged)}<nav>{contents}</nav>\n{body}"
+        f"<script>\n{script}</script></body></html>\n"
+    )
 
 
-def _cell(value):
-    number = isinstance(value, (int, float)) and not isinstance(value, bool)
-    return f'<td class="n">{_text(value)}</td>' if number else f"<td>{_text(value)}</td>"
-
-
-def _table(head, rows):
-    if not rows:
-        return ""
-    top = "".join(f"<th>{_text(title)}</th>" for title in head)
-    return f"<table><tr>{top}</tr>{''.join(f'<tr>{row}</tr>' for row in rows)}</table>"
-
-
-def _section(title, body):
-    return f"<h2>{_text(title)}</h2>{body}\n" if body else ""
-
-
-def _pairs(mapping):
-    rows = (f"<tr><th>{_text(key)}</th><td>{_text(value, 10)}</td></tr>" for key, value in mapping.items())
-    return f"<table>{''.join(rows)}</table>" if mapping else ""
-
-
-def _rows(mappings):
-    mappings = list(mappings)
-    return _table(mappings[0], ["".join(map(_cell, row.values())) for row in mappings]) if mappings else ""
-
-
-def _image(png, caption):
-    if png is None:
-        return ""
-    data = base64.b64encode(png).decode("ascii")
-    text = _text(caption)
-    return f'<figure><img alt="{text}" src="data:image/png;base64,{data}"><figcaption>{text}</figcaption></figure>'
+def _headline(judged):
+    """The verdict, and by name the gates that fail."""
+    style = {True: "pass", False: "fail", None: "none"}[judged["passed"]]
+    failing = [gate for gate in judged["gates"] if gate["passed"] is False]
+    items = [inline(Link(verdicts.sentence(gate), f"#brick-{gate['brick']}")) for gate in failing[:NAMED]]
+    items += [inline(Link(f"and {len(failing) - NAMED} more", "#gates"))] if len(failing) > NAMED else []
+    named = f"<ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>" if items else ""
+    return paragraph(verdicts.headline(judged), f"verdict {style}") + named
 
 
 def _gates(gates):
-    rows = []
-    for brick, gate in gates:
-        word, style = VERDICT[gate["passed"]]
-        cells = "".join(map(_cell, (brick, gate["name"], gate["band"], gate["value"], gate["threshold"], gate["n"])))
-        rows.append(f'{cells}<td class="{style}">{word}</td>')
-    note = "<p>A gate with too few sources, or without a threshold, is not judged.</p>"
-    return _table(("brick", "gate", "band", "value", "threshold", "sources", "verdict"), rows) + (note if rows else "")
+    """Counts by gate, the failing gates, then the rest; a gate may have more keys than those known here."""
+    if not gates:
+        return ""
+    keys = dict(GATE) | {key: key for gate in gates for key in gate if key not in ("brick", "passed", *GATE)}
+    counts = [(name, *counts.values()) for name, counts in verdicts.by_name(gates).items()]
+    rows = [
+        (Link(str(gate["brick"]), f"#brick-{gate['brick']}"), Verdict(gate["passed"]), *(gate.get(key) for key in keys))
+        for gate in gates
+    ]
+    head = ("brick", "verdict", *keys.values())
+    failing = sum(gate["passed"] is False for gate in gates)  # they come first
+    listed = table(head, rows[:failing], "gates that fail")
+    listed += table(head, rows[failing:], "gates that pass or could not be judged")
+    note = "A gate with too few sources, or without a threshold, is not judged."
+    return table(("gate", *verdicts.NAMES.values()), counts) + listed + paragraph(note)
 
 
-def _bands(results):
+def _counts(result):
+    return verdicts.count(result["gates"])
+
+
+def _brick_table(results, links):
+    """One row a brick, failing ones first."""
+    bands = list(dict.fromkeys(band for result in results for band in result["bands"]))
     rows = []
     for result in results:
-        for band, numbers in result["bands"].items():
-            star, galaxy = numbers["star"], numbers["galaxy"]
-            values = (
-                result["brick"], band, numbers["frames"], _fixed(numbers["zeropoint"]), _fixed(numbers["depth_5sigma"]),
-                _fixed(numbers["completeness"], 3), numbers["point_sources"], _fixed(star["median"], 4),
-                _spread(star), star["n"],
-                _fixed(galaxy["median"], 3), _spread(galaxy), galaxy["n"],
-            )  # fmt: skip
-            rows.append("".join(map(_cell, values)))
-    head = (
-        "brick", "band", "frames", "zero point [AB, 1 e-/s]", "5 sigma depth [AB]", "completeness", "point sources",
-        "stars: out - in [mag]", "scatter", "stars", "galaxies: out - in [mag]", "scatter", "galaxies",
-    )  # fmt: skip
-    return _table(head, rows)
+        counts, pix = _counts(result), result["brick"]
+        row = {
+            "brick": Link(str(pix), f"#brick-{pix}"),
+            "verdict": Verdict(False if counts["fail"] else True if counts["pass"] else None),
+            "gates pass / fail / not judged": " / ".join(map(str, counts.values())),
+            "frames": result["frames"], "sources": result["sources"],
+            "true objects": result["truth"], "purity": result["purity"],
+        }  # fmt: skip
+        for band in bands:
+            row[band_label(band)] = result["bands"].get(band, {}).get("completeness")
+        rows.append(row | ({"files": links[pix]} if pix in links else {}))
+    note = "A column headed by a band has the completeness of point sources in it." if rows else ""
+    return paragraph(note) + mappings(rows, "bricks")
 
 
-def _fixed(value, digits=2):
-    return None if value is None else f"{value:.{digits}f}"
+def _bricks(results, figures, links):
+    """A section a brick; of many, all but a few folded."""
+    parts = []
+    for place, result in enumerate(results):
+        pix = result["brick"]
+        body = _brick(result, figures.get(pix), links.get(pix, ()))
+        if place >= UNFOLDED:
+            body = folded(verdicts.tally(_counts(result)), body)
+        parts.append(section(f"brick-{pix}", f"Brick {pix}", body, level=3))
+    return "".join(parts)
 
 
-def _spread(numbers):
-    return _fixed(numbers["sigma"], 3) if numbers["n"] >= 3 else None  # of one or two sources it says nothing
-
-
-def _brick(result, png):
+def _brick(result, png, links):
     residual = result["astrometry_mas"]
     if residual["east"]["n"]:
-        east, north = (f"{part['median']:+.1f} (scatter {part['sigma']:.1f})" for part in residual.values())
+        east, north = (f"{residual[k]['median']:+.1f} (scatter {residual[k]['sigma']:.1f})" for k in ("east", "north"))
         place = f"Positions out - in: east {east}, north {north} mas from {residual['east']['n']} bright stars."
     else:
         place = "Positions: no bright star to judge."
     count = f"{result['sources']} merged sources; {result['truth']} true objects on {result['frames']} frames."
-    return _section(
-        f"Brick {result['brick']}", f"<p>{count} {place}</p>" + _image(png, f"Validation of brick {result['brick']}")
+    return (
+        paragraph(f"{count} {place}")
+        + paragraph(links)
+        + band_table(result)
+        + image(png, f"Validation of brick {result['brick']}")
+        + folded("all numbers by band", band_numbers(result))
     )
 
 
-def _files(files):
-    return "".join(f'<div><a href="{_text(link)}"><code>{_text(label)}</code></a></div>' for label, link in files)
+def _spectra(spectra):
+    shown = [image(png, title) + paragraph(tuple(links)) for title, png, *links in spectra if png is not None]
+    rest = [(title, tuple(links)) for title, png, *links in spectra if png is None]
+    return "".join(shown) + table(("not shown here", "files"), rest, "more")

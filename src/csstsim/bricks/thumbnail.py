@@ -1,0 +1,100 @@
+"""Thumbnails of Level-0 files for the report: electrons above each channel's overscan, block-averaged, stretched.
+
+A quick look and no calibration: nonlinearity, flat field and defects stay as they were read.
+"""
+
+import io
+
+import numpy as np
+
+MOST = 384  # pixels along a thumbnail's longer side
+BLACK, WHITE = -3.0, 30.0  # sigma about the background where the grey scale begins, and ends at least
+SOFT = 3.0  # sigma; the asinh stretch is linear below
+
+
+def step_for(window, most=MOST):
+    """Return the block side [px] with which `window` (instrument.chip.Window) fits in `most` blocks."""
+    return -(-max(window.shape) // most)
+
+
+def binned(file, window, step):
+    """Return mean electrons of step x step blocks of `window`, float64; blocks at the far edges may be smaller.
+
+    `file`: an open io.level0.Level0. Of pixels that were not read the mean is NaN.
+    """
+    shape = tuple(-(-n // step) for n in window.shape)
+    total, pixels = np.zeros(shape), np.zeros(shape)
+    for channel in file.channels():
+        c = channel.window
+        x0, x1 = max(c.x0, window.x0), min(c.x1, window.x1)
+        y0, y1 = max(c.y0, window.y0), min(c.y1, window.y1)
+        if x0 >= x1 or y0 >= y1:
+            continue
+        level = _level(channel.serial_overscan)
+        part = channel.active[y0 - c.y0 : y1 - c.y0, x0 - c.x0 : x1 - c.x0]
+        rows, i = _starts(y0 - window.y0, y1 - window.y0, step)
+        columns, j = _starts(x0 - window.x0, x1 - window.x0, step)
+        sums = np.add.reduceat(np.add.reduceat(part, rows, axis=0, dtype=np.int64), columns, axis=1)
+        n = np.outer(np.diff(rows, append=y1 - y0), np.diff(columns, append=x1 - x0))
+        place = slice(i, i + len(rows)), slice(j, j + len(columns))
+        total[place] += (sums - level * n) * (channel.gain or 1.0)
+        pixels[place] += n
+    return np.divide(total, pixels, out=np.full(shape, np.nan), where=pixels > 0)
+
+
+def _level(overscan):
+    """Return the mean of an overscan region [DN] without outliers; a median of whole DN would leave steps."""
+    if not overscan.size:
+        return 0.0
+    middle = np.median(overscan)
+    distance = np.abs(overscan - middle)
+    return overscan[distance <= 4 * max(1.4826 * np.median(distance), 1.0)].mean()
+
+
+def _starts(first, last, step):
+    """Return (where blocks begin in [first, last), counted from first; the number of the first block)."""
+    edges = np.arange(first // step * step, last, step)
+    return np.maximum(edges, first) - first, first // step
+
+
+def stretch(image):
+    """Return uint8 greys of an image: asinh of its distance from the background, in units of the noise.
+
+    Background and noise are the median and its scatter; NaN is black. White is the brightest thousandth.
+    """
+    good = np.isfinite(image)
+    if not good.any():
+        return np.zeros(image.shape, np.uint8)
+    values = image[good]
+    level = np.median(values)
+    noise = 1.4826 * np.median(np.abs(values - level)) or values.std() or 1.0
+    high = max(WHITE, float(np.quantile(values, 0.999) - level) / noise)
+    low, high = np.arcsinh(BLACK / SOFT), np.arcsinh(high / SOFT)
+    scaled = (np.arcsinh((np.where(good, image, -np.inf) - level) / noise / SOFT) - low) / (high - low)
+    return np.rint(255.0 * np.clip(scaled, 0.0, 1.0)).astype(np.uint8)
+
+
+def busiest(greys, window, step, most=MOST):
+    """Return the Window of `most` px a side, within `window`, where its thumbnail (uint8) has the most light."""
+    from scipy.ndimage import uniform_filter
+
+    side = max(most // step, 1)
+    light = uniform_filter(greys.astype(float), side, mode="constant")
+    row, column = np.unravel_index(light.argmax(), light.shape)
+    x0, x1 = _around(window.x0 + column * step, window.x0, window.x1, most)
+    y0, y1 = _around(window.y0 + row * step, window.y0, window.y1, most)
+    return type(window)(x0, x1, y0, y1)
+
+
+def _around(middle, low, high, most):
+    start = int(max(min(middle - most // 2, high - most), low))
+    return start, min(start + most, high)
+
+
+def png(greys):
+    """Return the bytes of a grey PNG; the first row is the lowest, as pixels of a chip lie."""
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.fromarray(np.ascontiguousarray(greys[::-1])).save(stream, "png", optimize=True)
+    return stream.getvalue()

@@ -1,0 +1,80 @@
+"""The verdict on a campaign: the gates of all its bricks, failing ones first, and how many pass."""
+
+import json
+import math
+
+from csstsim.atomic import atomic_path
+
+ORDER = (False, None, True)  # what matters first
+NAMES = {True: "pass", False: "fail", None: "not judged"}
+
+
+def judge(results):
+    """Return {passed, counts, gates} of validate_brick results.
+
+    `gates`: each gate as in the result, with its brick, failing ones first, then those not judged; `counts`
+    {"pass": n, "fail": n, "not judged": n}; `passed`: False if a gate fails, None if none was judged.
+    """
+    gates = [{"brick": result["brick"], **gate} for result in results for gate in result["gates"]]
+    gates.sort(key=lambda gate: ORDER.index(gate["passed"]))  # stable: bricks and gates keep their order
+    counts = count(gates)
+    passed = False if counts["fail"] else True if counts["pass"] else None
+    return {"passed": passed, "counts": counts, "gates": gates}
+
+
+def count(gates):
+    """Return {"pass": n, "fail": n, "not judged": n}."""
+    return {name: sum(gate["passed"] is passed for gate in gates) for passed, name in NAMES.items()}
+
+
+def by_name(gates):
+    """Return {gate's name: counts}, those with the most failures first."""
+    names = dict.fromkeys(gate["name"] for gate in gates)
+    counts = {name: count([gate for gate in gates if gate["name"] == name]) for name in names}
+    return dict(sorted(counts.items(), key=lambda item: -item[1]["fail"]))
+
+
+def write_verdict(path, verdict, **about):
+    """Write the verdict as JSON, `about` (campaign's name, version) first; figures that are not finite become null."""
+    gates = [{key: _finite(value) for key, value in gate.items()} for gate in verdict["gates"]]
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(about | verdict | {"gates": gates}, indent=1, allow_nan=False) + "\n")
+
+
+def _finite(value):
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def lines(verdict):
+    """Yield what is printed: each failing gate in full, then each gate's counts, then the whole."""
+    for gate in verdict["gates"]:
+        if gate["passed"] is False:
+            yield f"FAIL {sentence(gate)}"
+    for name, counts in by_name(verdict["gates"]).items():
+        yield f"{'FAIL' if counts['fail'] else 'pass' if counts['pass'] else '-'} {name}: {tally(counts)}"
+    yield headline(verdict)
+
+
+def headline(verdict):
+    """Return the verdict in a sentence."""
+    counts = verdict["counts"]
+    if verdict["passed"] is None:
+        return "No gate could be judged: too few sources, or no thresholds."
+    judged, word = counts["pass"] + counts["fail"], "PASS" if verdict["passed"] else "FAIL"
+    return f"{word}: {counts['pass']} of {judged} judged gates pass; {counts['not judged']} could not be judged."
+
+
+def sentence(gate):
+    """Return where a gate stands: brick, name, band and figures."""
+    words = [f"brick {gate['brick']}, {gate['name']}"]
+    words += [str(gate["band"])] if gate.get("band") else []
+    return ", ".join(words) + f": {_figure(gate.get('value'))} against {_figure(gate.get('threshold'))}"
+
+
+def tally(counts):
+    """Return counts in words."""
+    return ", ".join(f"{n} {name}" for name, n in counts.items())
+
+
+def _figure(value):
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

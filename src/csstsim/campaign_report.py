@@ -1,0 +1,182 @@
+"""The report of a campaign, from its products: the page, and the verdict beside it as JSON."""
+
+import csv
+import json
+import os
+from urllib.parse import quote
+
+from csstsim import __version__
+from csstsim.bricks import verdict as verdicts
+from csstsim.bricks.markup import Link
+from csstsim.errors import InputError
+from csstsim.stages import check_recipe
+
+EMBEDDED = 5_000_000  # bytes of figures of bricks and spectra in the page; of the rest, links
+THUMBNAILS = 30  # chips in the focal plane, but always a whole exposure
+
+
+def report(run):
+    """Write report/index.html and verdict.json of a campaign, and what makes its merged bricks a HATS catalogue.
+
+    Prints the gates; returns the verdict (bricks.verdict).
+
+    Raises InputError if a product is missing or is another campaign's.
+    """
+    from csstsim.bricks.figures import sky_map
+    from csstsim.bricks.hats import write_catalogue
+    from csstsim.bricks.report import write_report
+
+    page, results = run.paths.report, [_validation(run, pix) for pix in run.merge_bricks]
+    verdict, budget = verdicts.judge(results), Budget(EMBEDDED)
+    worst_first = sorted(results, key=lambda result: -verdicts.count(result["gates"])["fail"])
+    pngs = {result["brick"]: run.paths.validate(result["brick"]).with_suffix(".png") for result in worst_first}
+    science = [job for job in run.jobs if job.pointing.type == "SCIE"]
+    verdicts.write_verdict(page.with_name("verdict.json"), verdict, campaign=run.config.name, csstsim=__version__)
+    write_report(
+        page, _summary(run), results,
+        exposures=_exposures(run),
+        files=[("verdict on the gates, JSON", "verdict.json")],
+        figures={pix: png for pix, path in pngs.items() if (png := budget.read(path))},
+        links={pix: _brick_links(run, pix, path) for pix, path in pngs.items()},
+        sky_map=sky_map(
+            [(job.chip.filter.lower(), *job.footprint()) for job in science], list(run.merge_bricks),
+            sorted({(job.pointing.ra, job.pointing.dec) for job in science}),
+        ) if science else None,
+        mosaic=_mosaic(run),
+        spectra=[_spectra(run, job, budget) for job in run.slitless_jobs],
+        provenance={
+            "csstsim": __version__, "campaign file": run.file, "campaign digest": run.config.digest(),
+            "camera digest": run.camera.digest, "seed": run.config.seed,
+        },
+        times=_times(run.paths.output / "benchmarks"),
+    )  # fmt: skip
+    if run.merge_bricks:
+        merged = {pix: run.paths.merge(pix) for pix in run.merge_bricks}
+        write_catalogue(run.paths.merge_catalogue, run.config.name, merged)
+    print("\n".join([*verdicts.lines(verdict), str(page)]))
+    return verdict
+
+
+class Budget:
+    """Reads figures while there is room for them in the page."""
+
+    def __init__(self, size):
+        self.left = size
+
+    def read(self, path):
+        """Return a file's bytes, or None when there is no room left. Raises InputError if it is missing."""
+        try:
+            self.left -= path.stat().st_size
+            return path.read_bytes() if self.left >= 0 else None
+        except OSError as exc:
+            raise InputError(f"cannot read a figure: {exc}", file=path) from None
+
+
+def _validation(run, pix):
+    path = run.paths.validate(pix)
+    try:
+        result = json.loads(path.read_text())
+    except (OSError, ValueError) as exc:
+        raise InputError(f"cannot read the validation of a brick: {exc}", file=path) from None
+    check_recipe(path, result, run.brick_recipe(pix))
+    return result
+
+
+def _link(run, label, path):
+    return Link(label, quote(os.path.relpath(path, run.paths.report.parent)))
+
+
+def _brick_links(run, pix, png):
+    return (
+        _link(run, "merged catalogue", run.paths.merge(pix)),
+        _link(run, "validation", run.paths.validate(pix)),
+        _link(run, "figure", png),
+    )
+
+
+def _spectra(run, job, budget):
+    """Return (title, PNG bytes or None, *Links) of a spectroscopic frame for the report."""
+    from csstsim.catalog.table import ObjectTable
+
+    path = run.paths.spectra(*job.key)
+    meta, figure = ObjectTable.read(path).meta, path.with_suffix(".png")
+    check_recipe(path, meta, run.measure_recipe(job))
+    title = (
+        f"exposure {job.pointing.obsid}, chip {job.chip.id} ({job.chip.filter}): {meta['spectra']} spectra extracted"
+    )
+    return title, budget.read(figure), _link(run, "spectra", path), _link(run, "figure", figure)
+
+
+def _mosaic(run):
+    """Return the focal plane of the exposures with the most chips, science before calibration."""
+    from csstsim.bricks.mosaic import mosaic, take_exposure
+    from csstsim.io.level0 import read_level0
+
+    taken, exposures = 0, []
+    for jobs in sorted(_by_exposure(run), key=lambda jobs: (jobs[0].pointing.type != "SCIE", -len(jobs))):
+        if exposures and taken + len(jobs) > THUMBNAILS:
+            break
+        taken += len(jobs)
+        pointing, filters = jobs[0].pointing, ", ".join(dict.fromkeys(job.chip.filter for job in jobs))
+        title = f"{pointing.obsid} ({pointing.type}, {pointing.exptime:g} s, {filters})"
+        files = ((job.chip, read_level0(run.paths.level0(pointing, job.chip.id))) for job in jobs)
+        exposures.append(take_exposure(title, pointing.pa, files))
+    return mosaic(list(run.camera.chips.values()), exposures)
+
+
+def _by_exposure(run):
+    """Return the jobs as a list of lists, one an exposure."""
+    exposures = {}
+    for job in run.jobs:
+        exposures.setdefault(job.pointing.obsid, []).append(job)
+    return list(exposures.values())
+
+
+def _summary(run):
+    science = run.imaging_jobs + run.slitless_jobs
+    return {
+        "name": run.config.name,
+        "exposures": len(_by_exposure(run)),
+        "Level-0 files": len(run.jobs),
+        "filters": ", ".join(f for f in run.camera.filters if any(job.chip.filter == f for job in science)),
+        "bricks": len(run.merge_bricks),
+        "faintest magnitude drawn": run.config.catalog.mag_limit or "the whole truth",
+        "rendering": run.config.fidelity,
+    }
+
+
+def _exposures(run):
+    return [
+        {
+            "obsid": jobs[0].pointing.obsid, "type": jobs[0].pointing.type, "ra [deg]": f"{jobs[0].pointing.ra:.6f}",
+            "dec [deg]": f"{jobs[0].pointing.dec:.6f}", "pa [deg]": f"{jobs[0].pointing.pa:.4f}",
+            "start [UTC]": jobs[0].pointing.time, "exposure [s]": jobs[0].pointing.exptime,
+            "Level-0 of chip": tuple(
+                _link(run, f"{job.chip.label} {job.chip.filter}", run.paths.level0(job.pointing, job.chip.id))
+                for job in jobs
+            ),
+        }
+        for jobs in _by_exposure(run)
+    ]  # fmt: skip
+
+
+def _times(folder):
+    """Sum Snakemake's benchmark files by rule: jobs, wall and CPU seconds, largest memory."""
+    rows = []
+    for rule in sorted(path for path in folder.glob("*") if path.is_dir()):
+        runs = [row for path in rule.glob("*.tsv") for row in csv.DictReader(path.open(), delimiter="\t")]
+        if runs:
+            rows.append({
+                "step": rule.name, "jobs": len(runs), "wall [s]": round(sum(_number(r["s"]) for r in runs), 1),
+                "CPU [s]": round(sum(_number(r["cpu_time"]) for r in runs), 1),
+                "largest memory [MB]": round(max(_number(r["max_rss"]) for r in runs)),
+            })  # fmt: skip
+    return rows
+
+
+def _number(text):
+    """A figure of a benchmark file; a job too short for Snakemake to sample has 'NA'."""
+    try:
+        return float(text)
+    except ValueError:
+        return 0.0
