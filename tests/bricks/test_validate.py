@@ -1,6 +1,7 @@
 """Validation against fabricated truth whose completeness, bias and scatter are known; the figures."""
 
 import json
+from dataclasses import replace
 
 import healpy
 import numpy as np
@@ -16,14 +17,15 @@ from csstsim.rng import stream
 
 PIX = 123456
 SCALE = 0.074 / 3600.0
+DEPTH = ("depth less the expected [mag]",)  # known without sources
 RMS, N_EFF, ZEROPOINT = 7.7, 9.0, 31.5
 
 
-def make_frame(band, seed, *, shift=0.0, keep=1.0, side=45, obsid="1"):
+def make_frame(band, seed, *, shift=0.0, keep=1.0, side=45, obsid="1", scatter=20.0):
     """A frame of stars and galaxies on a lattice 50 px apart: magnitudes off by `shift`, `keep` of the faint found.
 
     Measured fluxes carry the noise of optimal photometry; sources with true S/N < 8 are kept with
-    probability `keep`.
+    probability `keep`. Places scatter by `scatter` mas.
     """
     rng = stream(seed, "validate", band)
     x, y = (50.0 + 50.0 * v.ravel() for v in np.meshgrid(np.arange(side), np.arange(side)))
@@ -42,20 +44,20 @@ def make_frame(band, seed, *, shift=0.0, keep=1.0, side=45, obsid="1"):
     })  # fmt: skip
     found = np.flatnonzero((electrons / error > 8) | (rng.uniform(size=n) < keep))
     flux = (electrons + error * rng.normal(size=n)) * 10.0 ** (-0.4 * shift)
-    noise = 0.02 / 3600.0 * rng.normal(size=(2, n))  # 20 mas
+    noise = scatter / 3.6e6 * rng.normal(size=(2, n))
     full = {
         "obsid": np.full(n, obsid), "chip": np.full(n, 8 + BANDS.index(band)), "filter": np.full(n, band),
         "number": np.arange(n),
         "ra": ra + noise[0] / np.cos(np.radians(dec)), "dec": dec + noise[1], "pos_err": np.full(n, 0.02),
         "flux_psf": flux, "flux_psf_err": error, "flux_kron": flux, "flux_kron_err": error,
         "zeropoint": np.full(n, ZEROPOINT), "snr": flux / error, "star": kind == 0, "flags": np.zeros(n, np.int32),
-        "x": x + 0.3, "y": y,
+        "x": x - noise[0] / SCALE, "y": y + noise[1] / SCALE,
     }  # fmt: skip
     info = {
         "filter": "NUV" if band == "nuv" else band, "exptime": 150.0, "zeropoint": ZEROPOINT, "rms": RMS,
         "n_eff": N_EFF, "depth_5sigma": 26.0, "window": [0, int(x.max()) + 50, 0, int(y.max()) + 50],
     }  # fmt: skip
-    return Frame(truth, ObjectTable(full, info).take(found), seam=10_000)
+    return Frame(truth, ObjectTable(full, info).take(found), seam=10_000, depth=26.0)
 
 
 def run(frames, **limits):
@@ -64,7 +66,12 @@ def run(frames, **limits):
 
 
 def gate(result, name, band):
-    return next(g for g in result["gates"] if g["name"].startswith(name) and g["band"] == band)
+    return next(g for g in result["gates"] if name in g["name"] and g["band"] == band)
+
+
+def failing(result):
+    """Return {(name, band)} of the gates that fail."""
+    return {(g["name"], g["band"]) for g in result["gates"] if g["passed"] is False}
 
 
 def test_completeness_counts():
@@ -118,10 +125,71 @@ def test_a_shift_of_the_magnitudes_fails_in_its_band_only(shift, passed):
 
 
 def test_no_threshold_or_few_sources_judge_nothing():
-    result, _ = run([make_frame("g", 4)], completeness_min=None, mag_bias_max=None)
-    assert [g["passed"] for g in result["gates"]] == [None, None]
+    off = dict.fromkeys(name for name in ValidateConfig.model_fields if name != "snr_min")
+    result, _ = run([make_frame("g", 4)], **off)
+    assert {g["passed"] for g in result["gates"]} == {None} and len(result["gates"]) == 8
     result, _ = run([make_frame("g", 4, side=4)])
-    assert [g["passed"] for g in result["gates"]] == [None, None] and result["gates"][0]["n"] > 0
+    assert {g["passed"] for g in result["gates"] if g["name"] not in DEPTH} == {None}
+    assert gate(result, "completeness", "g")["n"] > 0
+
+
+def changed(frame, **columns):
+    """Return a frame with other measured columns."""
+    return replace(frame, measured=frame.measured.with_columns(**columns))
+
+
+FAULTS = {
+    "a gain 5% too high": (
+        lambda f: changed(f, flux_psf=1.05 * f.measured["flux_psf"]),
+        {("magnitude bias of stars", "g"), ("width of stars' pulls", "g")},
+    ),
+    "a WCS one pixel off": (
+        lambda f: changed(f, dec=f.measured["dec"] + SCALE), {("position residual at S/N > 50 [mas]", "all")},
+    ),
+    "places that follow the charge": (
+        lambda f: changed(f, y=f.measured["y"] + 0.05), {("position bias, any S/N [mas]", "g")},
+    ),
+    "errors half as large": (
+        lambda f: changed(f, flux_psf_err=0.5 * f.measured["flux_psf_err"]), {("width of stars' pulls", "g")},
+    ),
+    "errors twice as large": (
+        lambda f: changed(f, flux_psf_err=2 * f.measured["flux_psf_err"]), {("width of stars' pulls", "g")},
+    ),
+    "twice the noise": (
+        lambda f: replace(f, depth=f.depth + 0.75), {("depth less the expected [mag]", "g")},
+    ),
+    "a frame without sources": (
+        lambda f: replace(f, measured=f.measured.take(slice(0, 0))),
+        {("completeness", "g"), ("number counts, out / in - 1", "g")},
+    ),
+    "a third of the sources lost": (
+        lambda f: replace(f, measured=f.measured.take(np.arange(len(f.measured)) % 3 > 0)),
+        {("completeness", "g"), ("number counts, out / in - 1", "g")},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_fails_its_gates_and_no_other(fault):
+    broken, gates = FAULTS[fault]
+    frame, other = (make_frame(band, 5, scatter=3.0) for band in "gr")
+    assert failing(run([broken(frame), other])[0]) == gates
+    assert failing(run([frame, other])[0]) == set()
+
+
+def test_limits_and_transfer_are_those_put_in():
+    """Half of all found at the magnitude of S/N 8; the lag of the upper half has the other sign."""
+    frame = make_frame("g", 6, keep=0.0)
+    lag = 0.1 * np.where(frame.measured["y"] > 1000, -1, 1)
+    result, _ = run([replace(changed(frame, y=frame.measured["y"] + lag), seam=1000)])
+    numbers = result["bands"]["g"]
+    eight = 0.5 * 8 * (8 + np.sqrt(64 + 4 * N_EFF * RMS**2))
+    assert numbers["half_found"]["star"] == pytest.approx(ZEROPOINT - 2.5 * np.log10(eight), abs=0.25)
+    for part in numbers["transfer"]:
+        if part["deferred_mas"]["n"] > 10:
+            assert part["deferred_mas"]["median"] == pytest.approx(7.4, abs=5 * part["deferred_mas"]["error"])
+            assert abs(part["across_mas"]["median"]) < 5 * part["across_mas"]["error"]
+            assert abs(part["light"]["median"]) < 5 * part["light"]["error"]
 
 
 @pytest.mark.parametrize("part", ["truth", "measured", "both", "no frame"])
@@ -129,7 +197,7 @@ def test_nothing_to_compare_is_no_crash(part):
     frame = make_frame("g", 5)
     truth = frame.truth.take(slice(0, 0)) if part in ("truth", "both") else frame.truth
     measured = frame.measured.take(slice(0, 0)) if part in ("measured", "both") else frame.measured
-    result, arrays = run([] if part == "no frame" else [Frame(truth, measured)])
+    result, arrays = run([] if part == "no frame" else [Frame(truth, measured, 10_000)])
     json.dumps(result, allow_nan=False)
     if part == "no frame":  # the emptiest of the figures; the report's test draws a full one
         assert brick_figure(result, arrays).startswith(b"\x89PNG")
@@ -170,9 +238,10 @@ def test_purity_counts_sources_without_a_true_object():
     frame = make_frame("g", 9)
     empty = run([frame])[0]
     assert empty["purity"] == 1.0 and empty["left_out"] >= 0
-    lost = Frame(frame.truth.take(slice(0, None, 2)), frame.measured)  # half of the true objects never existed
-    assert run([lost])[0]["purity"] == pytest.approx(0.5, abs=0.02)
-    assert run([Frame(frame.truth, frame.measured.take(slice(0, 0)))])[0]["purity"] is None
+    lost = replace(frame, truth=frame.truth.take(slice(0, None, 2)))  # half of the true objects never existed
+    result = run([lost])[0]
+    assert result["purity"] == pytest.approx(0.5, abs=0.02) and ("purity", "all") in failing(result)
+    assert run([Frame(frame.truth, frame.measured.take(slice(0, 0)), frame.seam)])[0]["purity"] is None
 
 
 def test_wide_galaxies_match_further_off_and_their_noise_is_that_of_their_area():
@@ -181,7 +250,7 @@ def test_wide_galaxies_match_further_off_and_their_noise_is_that_of_their_area()
     wide = frame.truth.with_columns(size_disk=size, size_bulge=size, bulge_frac=np.zeros(len(size)))
     away = frame.measured.with_columns(dec=frame.measured["dec"] + 0.225 / 3600.0)  # scatter 0.02
     pairs = (frame.truth, frame.measured), (frame.truth, away), (wide, away)
-    near, lost, moved = (run([Frame(truth, measured)])[0] for truth, measured in pairs)
+    near, lost, moved = (run([Frame(truth, measured, 10_000)])[0] for truth, measured in pairs)
     count = [result["bands"]["g"]["galaxy"]["n"] for result in (near, lost, moved)]
     assert 0 < count[2] < 0.3 * count[0] and count[1] < 0.2 * count[0]
     assert 0.5 < moved["purity"] < 0.67 and lost["purity"] < 0.2  # 2 of 3 are galaxies

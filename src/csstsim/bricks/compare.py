@@ -101,8 +101,8 @@ def counts(band, truth, sources, match, real, edges, limit):
     given = truth[f"mag_{band}"].astype(float)
     n, out = int((given < limit).sum()), int((got < limit).sum())
     return {
-        "edges": list(map(float, edges)), "in": np.histogram(given, edges)[0].tolist(),
-        "out": np.histogram(got, edges)[0].tolist(), "excess": out / n - 1 if n else None, "n": n,
+        "edges": list(map(float, edges)), "in": np.histogram(given[np.isfinite(given)], edges)[0].tolist(),
+        "out": np.histogram(got[np.isfinite(got)], edges)[0].tolist(), "excess": out / n - 1 if n else None, "n": n,
     }  # fmt: skip
 
 

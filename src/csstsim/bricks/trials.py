@@ -61,8 +61,10 @@ def joined(tables):
 
 def limit(mag, found, share=0.5, step=0.25, fewest=10):
     """Return the magnitude at which `share` are found; None if the bins of `fewest` and more do not cross it."""
-    if not len(mag):
+    known = np.isfinite(mag)
+    if not known.any():
         return None
+    mag, found = mag[known], found[known]
     edges = np.arange(np.floor(mag.min()), mag.max() + step, step)
     n, seen = (np.histogram(some, edges)[0] for some in (mag, mag[found]))
     good = n >= fewest

@@ -4,7 +4,8 @@
     chips/{obsid}_{chip}/select.parquet render.fits drawn.parquet orders.parquet readout.fits
     level0/{obsid}/{stem}.fits {stem}.truth.parquet {stem}.orders.parquet {stem}.cosmic.fits
     masters/chip_08.fits  calibrated/{obsid}_{chip}.fits  measure/{obsid}_{chip}.parquet  spectra/{obsid}_{chip}.parquet
-    merge/dataset/Norder=8/Dir=D/Npix=P.parquet  merge/hats.properties  validate/{P}.json  report/index.html verdict.json
+    merge/dataset/Norder=8/Dir=D/Npix=P.parquet  merge/hats.properties  validate/{P}.json
+    report/index.html verdict.json
 
 Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256); bricks.hats makes merge/ a catalogue.
 """
