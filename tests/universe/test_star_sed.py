@@ -66,16 +66,11 @@ def test_colours_of_real_dwarfs_from_3500_to_10000_kelvin(seds):
     assert np.abs(error["U-B"]).max() < 0.08  # mag; Johnson's U has no agreed passband (Bessell & Murphy 2012)
 
 
-# Covey et al. 2007, AJ 134, 2398, table 3: g-i, g-r, r-i, i-z of the SDSS locus (dispersion 0.03 mag)
-LOCUS = [[0.4, 0.30, 0.10, 0.01], [0.6, 0.44, 0.16, 0.04], [1.0, 0.73, 0.27, 0.12], [1.4, 1.02, 0.38, 0.20],
-         [1.8, 1.26, 0.54, 0.29], [2.2, 1.41, 0.79, 0.43], [2.6, 1.41, 1.18, 0.62]]  # fmt: skip
-
-
 def test_stellar_locus_of_sdss(seds):
     m = magnitudes(dwarfs(seds, np.geomspace(9000, 2800, 200)), [f"sdss2010-{b}" for b in "griz"])
     g_i = m["g"] - m["i"]
     assert (np.diff(g_i) > 0).all()  # one colour, one star: nothing folds back at the seam of the grids
-    for colour, *expected in LOCUS:
+    for colour, *expected in np.loadtxt(SHIPPED / "curves" / "sdss_locus.csv", delimiter=",", skiprows=2):
         ours = [np.interp(colour, g_i, m[blue] - m[red]) for blue, red in ("gr", "ri", "iz")]
         np.testing.assert_allclose(ours, expected, atol=0.05)
 

@@ -119,16 +119,18 @@ def astrometry(truth, sources, match, bands, snr_min=SNR_BRIGHT):
     return east, north
 
 
-def colours(truth, sources, match):
-    """True and measured (u-g, g-r) of the same sources: matched, unblended, S/N > SNR_COLOUR in u, g and r.
+def colours(truth, sources, match, bands="ugr", snr_min=SNR_COLOUR, kind=None):
+    """Return the colours of the same sources, true and measured: {input, output (2, n), galaxy (n,)}.
 
-    The S/N is that of the magnitude that is used: PSF of stars and quasars, Kron of galaxies.
+    Matched, unblended, S/N > `snr_min` in the three bands; kind: "star" leaves galaxies out. The S/N is that of the
+    magnitude that is used: PSF of stars and quasars, Kron of galaxies.
     """
     rows = np.flatnonzero(~truth["blended"].astype(bool) & (match >= 0)) if len(truth) else np.zeros(0, int)
     source, galaxy = match[rows], truth["obj_type"][rows] == GALAXY if len(rows) else np.zeros(0, bool)
     good = (np.asarray(sources["flags"])[source] & SATURATED) == 0
+    good &= ~galaxy if kind == "star" else True
     given, got = [], []
-    for band in "ugr":
+    for band in bands:
         snr, mag = (
             np.where(galaxy, *(values[source] for values in pair))
             for pair in (
@@ -136,7 +138,7 @@ def colours(truth, sources, match):
                 [sources[f"{p}mag_{band}"] for p in ("kron_", "")],
             )
         )
-        good &= np.nan_to_num(snr) > SNR_COLOUR
+        good &= np.nan_to_num(snr) > snr_min
         given.append(truth[f"mag_{band}"][rows].astype(float) if len(rows) else np.zeros(0))
         got.append(mag)
     good &= np.isfinite(given).all(axis=0) & np.isfinite(got).all(axis=0)

@@ -1,45 +1,36 @@
-"""Figures of the validation: one page a brick, and the sky map of the report (paper, section 6).
-
-Colours are Okabe & Ito's (2008), told apart by colour-blind readers; stars and galaxies differ in marker too.
-"""
+"""Figures of the validation: one page a brick, and the sky map of the report (paper, section 6)."""
 
 import io
 
 import numpy as np
 
+from csstsim.bricks import exposure_panels
 from csstsim.bricks.healpix import brick_corners
+from csstsim.bricks.style import BAND_COLOURS, BAND_MARKERS, BLACK, BLUE, FEWEST, ORANGE, band_label, legend_or_note
 from csstsim.bricks.validate import SNR_EDGES
 from csstsim.catalog.table import BANDS
 
-BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, BLACK = (
-    "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000",
-)  # fmt: skip
-BAND_COLOURS = dict(zip(BANDS, (PURPLE, BLUE, SKY, GREEN, ORANGE, VERMILION, BLACK), strict=True))
 MAX_POINTS = 3000  # drawn per panel and kind; more only blacken it
 MAX_NUMBERED = 40  # bricks whose numbers the sky map has room for
 GRATING_DASHES = {"gu": ":", "gv": "--", "gi": "-."}
-FEWEST = 3  # sources a bin needs to be drawn
-
-
-def band_label(band):
-    """Return the band as it is written in text: NUV, u, g, ..."""
-    return band.upper() if band == "nuv" else band
 
 
 def brick_figure(result, arrays, *, threshold=None, snr_min=None):
-    """Return the PNG bytes of a brick: completeness, colours, magnitudes out minus in, one panel a band.
+    """Return the PNG bytes of a brick: completeness, colours, magnitudes out - in, one panel a band; single exposures.
 
     `result`, `arrays`: as bricks.validate.validate_brick returns them; `threshold`, `snr_min`: the
     completeness gate, drawn when given.
     """
-    figure = _figure((13.0, 10.5))
-    grid = figure.add_gridspec(3, 4, height_ratios=(1.25, 1, 1))
-    _completeness(figure.add_subplot(grid[0, :2]), arrays["completeness"], threshold, snr_min)
-    _colours(figure.add_subplot(grid[0, 2:]), arrays["colour"])
+    figure = _figure((13.0, 18.0))
+    grid = figure.add_gridspec(5, 12, height_ratios=(1.25, 1, 1, 1.1, 1.1))
+    _completeness(figure.add_subplot(grid[0, :6]), arrays["completeness"], threshold, snr_min)
+    _colours(figure.add_subplot(grid[0, 6:]), arrays["colour"])
     for number, band in enumerate(BANDS):
-        axes = figure.add_subplot(grid[1 + number // 4, number % 4])
+        axes = figure.add_subplot(grid[1 + number // 4, 3 * (number % 4) : 3 * (number % 4) + 3])
         _residuals(axes, band, arrays["residual"].get(band), result["bands"].get(band))
-    _legend(figure.add_subplot(grid[2, 3]))
+    _legend(figure.add_subplot(grid[2, 9:]))
+    for number, draw in enumerate(exposure_panels.PANELS):
+        draw(figure.add_subplot(grid[3 + number // 3, 4 * (number % 3) : 4 * (number % 3) + 4]), result, arrays)
     purity = "" if result["purity"] is None else f" ({100.0 * result['purity']:.0f} % with a true object)"
     figure.suptitle(
         f"Brick {result['brick']} (NSIDE 256, nested): {result['sources']} merged sources{purity}, "
@@ -104,7 +95,7 @@ def _completeness(axes, curves, threshold, snr_min):
         error = np.maximum([fraction - (mid - half), mid + half - fraction], 0.0)
         shift = 1.02 ** (place - (len(drawn) - 1) / 2)  # bands side by side
         axes.errorbar(
-            middle[good] * shift, fraction, error, color=BAND_COLOURS[band], marker="osD^v<>"[place], ms=4, lw=1.2,
+            middle[good] * shift, fraction, error, color=BAND_COLOURS[band], marker=BAND_MARKERS[band], ms=4, lw=1.2,
             capsize=2, label=f"{band_label(band)} ({n.sum()})",
         )  # fmt: skip
     if threshold is not None:
@@ -116,7 +107,7 @@ def _completeness(axes, curves, threshold, snr_min):
     axes.set_xticks(ticks, [str(tick) for tick in ticks])
     axes.minorticks_off()
     axes.set_title("Completeness of isolated point sources", fontsize=10)
-    _legend_or_note(axes, drawn, "no point sources", title="filter (sources)")
+    legend_or_note(axes, drawn, "no point sources", title="filter (sources)")
 
 
 def _colours(axes, colour):
@@ -144,7 +135,7 @@ def _colours(axes, colour):
             )
     axes.set(xlim=(-1.5, 4.0), ylim=(-1.0, 2.5), xlabel="u - g [AB mag]", ylabel="g - r [AB mag]")
     axes.set_title("Colours of the same sources, true and measured, at S/N > 10 in u, g, r", fontsize=10)
-    _legend_or_note(axes, len(x1), "no source with S/N > 10 in u, g and r", loc="upper left")
+    legend_or_note(axes, len(x1), "no source with S/N > 10 in u, g and r", loc="upper left")
 
 
 def _residuals(axes, band, arrays, numbers):
@@ -188,13 +179,6 @@ def _legend(axes):
         loc="center", fontsize=9, frameon=False, title="Magnitudes out - in, isolated sources.\n"
         "Numbers: median and its error\nat S/N > 20 (sources)", title_fontsize=9,
     )  # fmt: skip
-
-
-def _legend_or_note(axes, anything, note, **keywords):
-    if anything:
-        axes.legend(fontsize=8, title_fontsize=8, **({"loc": "lower right"} | keywords))
-    else:
-        axes.text(0.5, 0.5, note, ha="center", transform=axes.transAxes, color="#444444")
 
 
 def _centre(polygons):

@@ -66,10 +66,10 @@ def validate_brick(pix, sources, frames, config):
             kept.append(truth)
     truth, real = _unique(kept), compare.real(sources, everything)
     match = compare.match(truth, sources)
-    bands, curves, residuals, gates = {}, {}, {}, []
+    bands, curves, residuals, tables, gates = {}, {}, {}, {}, []
     seen = [band for band in BANDS if infos[band]]
     for band in seen:
-        table = joined(tried[band])
+        table = tables[band] = joined(tried[band])
         residuals[band], numbers = compare.magnitudes(band, truth, sources, match, infos[band])
         bands[band] = numbers | _of_exposures(table, infos[band], config)
         limit_mag = bands[band]["depth_5sigma"] - 2.5 * np.log10(compare.SNR_BRIGHT / 5.0)
@@ -91,8 +91,11 @@ def validate_brick(pix, sources, frames, config):
         "astrometry_mas": {"east": compare.spread(east), "north": compare.spread(north)}, "radial_mas": bright,
         "gates": gates,
     }  # fmt: skip
-    colour = compare.colours(truth, sources, match)
-    return result, {"completeness": curves, "residual": residuals, "colour": colour}
+    return result, {
+        "completeness": curves, "residual": residuals, "trials": tables,
+        "colour": compare.colours(truth, sources, match),
+        "locus": compare.colours(truth, sources, match, "gri", compare.SNR_BRIGHT, "star"),
+    }  # fmt: skip
 
 
 def _of_exposures(table, infos, config):
