@@ -55,7 +55,8 @@ def make_frame(band, seed, *, shift=0.0, keep=1.0, side=45, obsid="1", scatter=2
     }  # fmt: skip
     info = {
         "filter": "NUV" if band == "nuv" else band, "exptime": 150.0, "zeropoint": ZEROPOINT, "rms": RMS,
-        "n_eff": N_EFF, "depth_5sigma": 26.0, "window": [0, int(x.max()) + 50, 0, int(y.max()) + 50],
+        "n_eff": N_EFF, "depth_5sigma": 26.0, "depth_aperture": 26.0,
+        "window": [0, int(x.max()) + 50, 0, int(y.max()) + 50],
     }  # fmt: skip
     return Frame(truth, ObjectTable(full, info).take(found), seam=10_000, depth=26.0)
 

@@ -83,8 +83,7 @@ def magnitudes(band, truth, sources, match, infos):
         good = np.isfinite(given) & np.isfinite(got) & ((sources["flags"][source] & SATURATED) == 0)
         bright = good & (snr > SNR_BRIGHT) & (snr < SNR_MAX)
         arrays[name] = given[good], (got - given)[good]
-        pull = (sources[f"{prefix}flux_{band}"][source] - light) / sources[f"{prefix}flux_err_{band}"][source]
-        numbers[name] = spread((got - given)[bright]) | {"pull": spread(pull[bright])}
+        numbers[name] = spread((got - given)[bright])
     return arrays, numbers
 
 
@@ -92,14 +91,16 @@ def counts(band, truth, sources, match, real, edges, limit):
     """Return the number counts of a band, true and measured, {edges, in, out, excess, n}.
 
     In: the true objects; out: the sources that are theirs (`match`), and those that are nobody's (not `real`), stars
-    counted by PSF, others by Kron magnitude. excess: out / in - 1 of those brighter than `limit`; n: their number, in.
+    counted by PSF, others by Kron magnitude. excess: sources over true objects, less 1, brighter than `limit`: true
+    magnitude where there is one, so that lost and false sources are counted, not errors of magnitudes; n: objects.
     """
-    mine = ~np.asarray(real)
-    mine[match[match >= 0]] = True
     star = np.asarray(sources["star"]) > 0.5
-    got = np.where(star, sources[f"mag_{band}"], sources[f"kron_mag_{band}"])[mine]
-    given = truth[f"mag_{band}"].astype(float)
-    n, out = int((given < limit).sum()), int((got < limit).sum())
+    measured = np.where(star, sources[f"mag_{band}"], sources[f"kron_mag_{band}"])
+    false, given, found = ~np.asarray(real), truth[f"mag_{band}"].astype(float), np.unique(match[match >= 0])
+    got = measured[np.union1d(found, np.flatnonzero(false))]
+    n = int((given < limit).sum())
+    seen = np.append(np.asarray(sources[f"n_{band}"]) > 0, False)[match]  # in this band; the last for no match
+    out = len(np.unique(match[seen & (given < limit)])) + int((measured[false] < limit).sum())
     return {
         "edges": list(map(float, edges)), "in": np.histogram(given[np.isfinite(given)], edges)[0].tolist(),
         "out": np.histogram(got[np.isfinite(got)], edges)[0].tolist(), "excess": out / n - 1 if n else None, "n": n,

@@ -11,13 +11,27 @@ from csstsim.bricks.compare import PIXEL, SATURATED, wider
 from csstsim.catalog.table import GALAXY, ObjectTable
 
 MATCH_PX = 2.5  # truth and detection in one frame
-COLUMNS = ("galaxy", "snr", "mag", "found", "sound", "across_mas", "deferred_mas", "transfers", "light")
+COLUMNS = (
+    "galaxy",
+    "snr",
+    "mag",
+    "found",
+    "sound",
+    "across_mas",
+    "deferred_mas",
+    "transfers",
+    "light",
+    "pull",
+    "lonely",
+)
+LONELY = 0.3  # of an object's noise: the light of all its neighbours, with less they do not widen its pull
 
 
 def trials(truth, frame):
     """Return an ObjectTable of COLUMNS, a row an isolated object of `truth` (bricks.validate usable rows of `frame`).
 
-    sound: found and not saturated; light: measured electrons (PSF) over true ones; NaN where not found.
+    sound: found and not saturated; light: measured electrons (PSF) over true ones, pull: their difference over the
+    stated error; NaN where not found. lonely: neighbours' light does not matter to the pull.
     """
     truth = truth.take(~truth["blended"])
     electrons, galaxy = truth["electrons"].astype(float), truth["obj_type"] == GALAXY
@@ -29,8 +43,9 @@ def trials(truth, frame):
         "mag": truth[f"mag_{frame.band}"].astype(float), "found": found, "sound": found.copy(),
     }  # fmt: skip
     upper = truth["y"] > frame.seam - 0.5
+    out["lonely"] = truth["crowd"] < LONELY * electrons / out["snr"]
     out["transfers"] = np.where(upper, 2 * frame.seam - 1 - truth["y"], truth["y"])
-    for name in ("across_mas", "deferred_mas", "light"):
+    for name in ("across_mas", "deferred_mas", "light", "pull"):
         out[name] = np.full(len(truth), np.nan)
     at, measured = row[found], frame.measured
     if found.any():
@@ -40,6 +55,7 @@ def trials(truth, frame):
         away = np.where(upper[found], -1.0, 1.0)
         out["deferred_mas"][found] = scale * away * (measured["y"][at] - truth["y"][found])
         out["light"][found] = measured["flux_psf"][at] / electrons[found]
+        out["pull"][found] = (measured["flux_psf"][at] - electrons[found]) / measured["flux_psf_err"][at]
     return ObjectTable(out)
 
 

@@ -1,8 +1,8 @@
 """Compare a brick's measurements with its truth: the checks of the paper's section 6, as numbers and gates.
 
-Of each exposure by itself (bricks.trials): completeness against true S/N and magnitude, light and places along the way
-of the charge. Of the merged catalogue (bricks.compare): magnitudes out minus in (PSF for stars, Kron for galaxies),
-those in units of their errors (pulls), places, colours, number counts.
+Of each exposure by itself (bricks.trials): completeness against true S/N and magnitude, light in units of its error
+(pulls), light and places along the way of the charge. Of the merged catalogue (bricks.compare): magnitudes out minus in
+(PSF for stars, Kron for galaxies), places, colours, number counts.
 Blended and (nearly) saturated sources are left out; a figure from fewer than `FEW` sources judges nothing.
 """
 
@@ -21,6 +21,7 @@ from csstsim.catalog.table import BANDS, ObjectTable
 SNR_EDGES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 15, 20, 50, 100, 500)
 BIAS_EDGES = (5, 10, 20, 50, 100, 200, 500)  # S/N, of places and light along the way of the charge
 MAG_EDGES = np.arange(16.0, 29.1, 0.5)
+NEAR = 12.0  # px: neighbours count
 EDGE = 12  # px; sources nearer to the frame's edge are not judged
 SNR_SHARP = 50.0  # above it positions are judged one by one
 IN_FRAME = 0.9  # of an object's light in the window; less is not judged
@@ -30,7 +31,8 @@ IN_FRAME = 0.9  # of an object's light in the window; less is not judged
 class Frame:
     """One measured Level-0 file: its truth (io.truth.read_truth) and its measured table (measure.catalogue).
 
-    seam: first row of the chip's upper half; depth: AB magnitude of 5 sigma that is expected of it, or None.
+    seam: first row of the chip's upper half; depth: AB magnitude of 5 sigma that is expected of it, in the aperture of
+    80% of a point's light, or None.
     """
 
     truth: ObjectTable
@@ -103,16 +105,19 @@ def _of_exposures(table, infos, config):
     galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
     points = ~galaxy
     judged = points & (table["snr"] > config.snr_min) & (table["snr"] < compare.SNR_MAX)
+    bright = (table["snr"] > compare.SNR_BRIGHT) & (table["snr"] < compare.SNR_MAX)
     n, seen = completeness(table["snr"][points], found[points], SNR_EDGES)
     zeropoint = [info["zeropoint"] - 2.5 * np.log10(info["exptime"]) for info in infos]
     return {
-        "frames": len(infos), "depth_5sigma": float(np.median([info["depth_5sigma"] for info in infos])),
+        "frames": len(infos),
+        **{name: float(np.median([info[name] for info in infos])) for name in ("depth_5sigma", "depth_aperture")},
         "completeness": float(found[judged].mean()) if judged.any() else None,
         "zeropoint": float(np.median(zeropoint)), "point_sources": int(judged.sum()),
         "completeness_curve": {"snr": list(SNR_EDGES), "n": n.tolist(), "found": seen.tolist()},
         "half_found": {
             "star": limit(table["mag"][points], found[points]), "galaxy": limit(table["mag"][galaxy], found[galaxy]),
         },
+        "pull": compare.spread(table["pull"][points & (table["lonely"] > 0) & (table["sound"] > 0) & bright]),
         "transfer": [_transfer(table, *bin) for bin in pairwise(BIAS_EDGES)],
     }  # fmt: skip
 
@@ -128,11 +133,11 @@ def _gates(band, numbers, depths, config):
     """Return the gates of a band."""
     star, counts, n = numbers["star"], numbers["counts"], numbers["point_sources"]
     expected = [depth for depth in depths if depth is not None]
-    off = numbers["depth_5sigma"] - float(np.median(expected)) if expected else None
+    off = numbers["depth_aperture"] - float(np.median(expected)) if expected else None
     # The worst bin, less what chance makes of it
     bias = [part[name] for part in numbers["transfer"] for name in ("deferred_mas", "across_mas")]
     bias = [max(abs(part["median"]) - 2 * part["error"], 0.0) for part in bias if part["n"] >= FEW]
-    pull = star["pull"]
+    pull = numbers["pull"]
     return [
         at_least("completeness", band, numbers["completeness"], config.completeness_min, n),
         at_most("magnitude bias of stars", band, star["median"], config.mag_bias_max, star["n"]),
@@ -155,7 +160,9 @@ def _usable(pix, frame):
     if len(truth) == 0:
         return truth
     near = blended(truth["x"], truth["y"], truth["electrons"])
-    truth = truth.with_columns(blended=near, half_light=compare.half_light(truth))
+    truth = truth.with_columns(
+        blended=near, half_light=compare.half_light(truth), crowd=crowd(truth["x"], truth["y"], truth["electrons"])
+    )
     inside = (truth["x"] > x0 + EDGE) & (truth["x"] < x1 - EDGE) & (truth["y"] > y0 + EDGE) & (truth["y"] < y1 - EDGE)
     inside = inside & (truth["electrons"] > 0)
     if "fraction" in truth:  # of photons it is what came, not what was to be expected
@@ -167,18 +174,29 @@ def _usable(pix, frame):
 def blended(x, y, electrons):
     """Return a mask of the objects with a neighbour that matters.
 
-    One of more than 10 % of their flux within 12 px, or of more than 100 times within 40 px (wings).
+    One of more than 10 % of their flux within NEAR, or of more than 100 times within 40 px (wings).
     """
     from scipy.spatial import cKDTree
 
     mask = np.zeros(len(x), bool)
     tree = cKDTree(np.column_stack([x, y]))
     pairs = tree.query_pairs(40.0, output_type="ndarray")
-    near = np.hypot(*(v[pairs[:, 0]] - v[pairs[:, 1]] for v in (x, y))) < 12.0
+    near = np.hypot(*(v[pairs[:, 0]] - v[pairs[:, 1]] for v in (x, y))) < NEAR
     for one, other in ((0, 1), (1, 0)):
         a, b = pairs[:, one], pairs[:, other]
         mask[a[electrons[b] > np.where(near, 0.1, 100.0) * electrons[a]]] = True
     return mask
+
+
+def crowd(x, y, electrons):
+    """Return the electrons of all others within NEAR of each object."""
+    from scipy.spatial import cKDTree
+
+    out = np.zeros(len(x))
+    pairs = cKDTree(np.column_stack([x, y])).query_pairs(NEAR, output_type="ndarray")
+    for one, other in ((0, 1), (1, 0)):
+        np.add.at(out, pairs[:, one], electrons[pairs[:, other]])
+    return out
 
 
 def _unique(tables):
