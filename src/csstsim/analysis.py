@@ -7,6 +7,7 @@ import numpy as np
 
 from csstsim import __version__
 from csstsim.calibration import calibrated_frame
+from csstsim.campaign import OpenCampaign
 from csstsim.catalog.table import GALAXY
 from csstsim.errors import InputError
 from csstsim.prepare import open_psf
@@ -153,3 +154,70 @@ def _jobs_on(run, pix):
             allowed=", ".join(map(str, run.merge_bricks)) or "none",
         )  # fmt: skip
     return run.merge_bricks[pix]
+
+
+def shear(files, output, say):
+    """Print m and c of finished twin campaigns (bricks.shear), write them as JSON; return whether no gate fails.
+
+    Raises InputError for campaigns that are not pairs, or too few galaxies.
+    """
+    from csstsim.atomic import atomic_path
+    from csstsim.bricks.markup import VERDICT
+    from csstsim.bricks.shear import calibration, judge, pair_means
+
+    runs = [OpenCampaign(file) for file in files]
+    shears, means = [], []
+    for lensing, twins in _twins(runs).items():
+        means.append(pair_means(*(_shapes_on(run) for run in twins)))
+        kappa, *gamma = lensing
+        shears.append([value / (1 - kappa) for value in gamma])
+        say(f"g = {shears[-1][0]:+.4f}, {shears[-1][1]:+.4f}: {len(means[-1])} galaxies in both twins")
+    try:
+        fits = calibration(shears, means)
+    except ValueError as exc:
+        raise InputError(str(exc), file=runs[0].file, key="catalog") from None
+    limits = runs[0].config.validation
+    gates = judge(fits, limits.shear_m_max, limits.shear_c_max)
+    for gate in gates:
+        name, axis = gate["name"].split()[1]
+        if gate["value"] is not None:
+            error, verdict = fits[int(axis) - 1][f"{name}_err"], VERDICT[gate["passed"]][0]
+            say(f"{gate['name']} = {gate['value']:+.4f} +- {error:.4f}, at most {gate['threshold']}: {verdict}")
+    if output:
+        with atomic_path(output) as temporary:
+            temporary.write_text(json.dumps({"fits": fits, "gates": gates}, indent=1) + "\n")
+    return not any(gate["passed"] is False for gate in gates)
+
+
+def _twins(runs):
+    """Return {(kappa, gamma1, gamma2): (campaign, the one with shapes turned)}."""
+    found = {}
+    for run in runs:
+        catalog = run.config.catalog
+        if catalog.lensing.field != "constant":
+            raise InputError(
+                "no constant shear", file=run.file, key="catalog.lensing.field", value=catalog.lensing.field,
+                allowed="constant",
+            )  # fmt: skip
+        key = catalog.lensing.kappa, catalog.lensing.gamma1, catalog.lensing.gamma2
+        found.setdefault(key, {})[catalog.shapes] = run
+    for pair in found.values():
+        first, *rest = pair.values()
+        if not rest or [job.key for job in first.imaging_jobs] != [job.key for job in rest[0].imaging_jobs]:
+            raise InputError(
+                "has no twin of the same exposures and shear", file=first.file, key="catalog.shapes",
+                value=first.config.catalog.shapes, allowed="normal and rotated90, one of each",
+            )  # fmt: skip
+    return {key: (pair["normal"], pair["rotated90"]) for key, pair in found.items()}
+
+
+def _shapes_on(run):
+    """Return bricks.shear.shapes of each measured frame of a campaign."""
+    from csstsim.bricks.shear import shapes
+    from csstsim.bricks.validate import Frame, usable
+
+    seam, out = run.camera.detector.channel_ny, []
+    for job in run.imaging_jobs:
+        frame = Frame(_truth(run, job), _measured(run, job), seam)
+        out.append(shapes(frame, usable(frame)))
+    return out

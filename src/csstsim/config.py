@@ -195,6 +195,8 @@ class ValidateConfig(Model):
         0.3, gt=0, description="|5-sigma depth of an exposure less the filter's limiting magnitude| [mag]"
     )
     counts_max: float | None = Field(0.1, gt=0, description="|sources / true objects - 1| brighter than S/N 20")
+    shear_m_max: float | None = Field(0.05, gt=0, description="|m| of `csstsim shear`; 5 sigma are forgiven")
+    shear_c_max: float | None = Field(2e-3, gt=0, description="|c| of `csstsim shear`; 5 sigma are forgiven")
 
     @field_validator("pull_width")
     @classmethod

@@ -36,7 +36,7 @@ def trials(truth, frame):
     truth = truth.take(~truth["blended"])
     electrons, galaxy = truth["electrons"].astype(float), truth["obj_type"] == GALAXY
     area = frame.info["n_eff"] * wider(truth, frame.info["n_eff"])
-    row = _nearest(truth, frame.measured)
+    row = nearest(truth, frame.measured)
     found = row >= 0
     out = {
         "galaxy": galaxy, "snr": electrons / np.sqrt(electrons + area * frame.info["rms"] ** 2),
@@ -59,7 +59,7 @@ def trials(truth, frame):
     return ObjectTable(out)
 
 
-def _nearest(truth, measured):
+def nearest(truth, measured):
     """Return the row of the detection nearest to each object, -1 without one within reach."""
     from scipy.spatial import cKDTree
 

@@ -1,0 +1,83 @@
+"""Shear from twin campaigns (paper, section 5.3.1): the same galaxies under a known constant shear, as they are and
+with their intrinsic shapes turned by 90 degrees. The mean of a galaxy's two shapes is the shear; shape noise cancels.
+
+    mean shape = (1 + m) g + c
+
+over campaigns of different g, for each component. m and c are those of the whole chain, from the universe to the
+measured shapes, so a shape estimator's own are in them. A galaxy counts if both twins find it, alone and resolved: what
+one orientation alone finds would be a selection by shape.
+"""
+
+import numpy as np
+
+from csstsim.bricks.trials import nearest
+from csstsim.catalog.table import GALAXY
+
+RESOLVED = 0.3  # least resolution (1 - PSF size^2 / size^2)
+SNR_MIN = 10.0
+BAD = 1 | 2 | 4 | 8 | 128  # flags of measure.catalogue: blended, cut, saturated, negative, bad pixels
+LARGEST = 1.5  # of a shape: noise makes longer ones
+CHANCE = 5.0  # sigma forgiven
+
+
+def shapes(frame, truth):
+    """Return {object id: (g1, g2)} of the sound, resolved, lone galaxies of a validate.Frame; truth: usable rows."""
+    truth = truth.take((truth["obj_type"] == GALAXY) & ~truth["blended"])
+    measured, row = frame.measured, nearest(truth, frame.measured)
+    truth, row = truth.take(row >= 0), row[row >= 0]
+    g = np.stack([measured["g1"][row], measured["g2"][row]], axis=1)
+    good = (measured["snr"][row] > SNR_MIN) & (measured["resolution"][row] > RESOLVED)
+    good &= ((measured["flags"][row] & BAD) == 0) & np.isfinite(g).all(axis=1) & (np.hypot(*g.T) < LARGEST)
+    return dict(zip(truth["id"][good].tolist(), g[good], strict=True))
+
+
+def pair_means(first, second):
+    """Return (n, 2): the mean shapes of the galaxies that both of two lists of `shapes` have, frame by frame.
+
+    A galaxy seen in several frames counts once, with its mean: its frames share its shape.
+    """
+    found = {}
+    for a, b in zip(first, second, strict=True):
+        for name in a.keys() & b.keys():
+            found.setdefault(name, []).append(0.5 * (a[name] + b[name]))
+    return np.array([np.mean(found[name], axis=0) for name in sorted(found)]).reshape(-1, 2)
+
+
+def calibration(shears, means):
+    """Return [{component, m, m_err, c, c_err, n}] from (k, 2) input shears and k arrays (n, 2) of `pair_means`.
+
+    m is None where all shears of a component are the same. Raises ValueError for fewer than two galaxies somewhere.
+    """
+    if min(map(len, means)) < 2:
+        raise ValueError("fewer than two galaxies that both twins measure")
+    out = []
+    for axis in range(2):
+        g = np.array([shear[axis] for shear in shears])
+        y = np.array([values[:, axis].mean() for values in means])
+        weight = np.array([len(values) / values[:, axis].var(ddof=1) for values in means])
+        fit = {"component": axis + 1, "m": None, "m_err": None, "n": sum(map(len, means))}
+        if np.ptp(g) > 0:
+            design = np.stack([g, np.ones(len(g))])
+            covariance = np.linalg.inv(np.einsum("ik,jk,k->ij", design, design, weight))
+            slope, offset = np.einsum("ij,jk,k,k->i", covariance, design, weight, y)
+            m_err, c_err = np.sqrt(np.diag(covariance))
+            fit |= {"m": float(slope - 1), "m_err": float(m_err), "c": float(offset), "c_err": float(c_err)}
+        else:
+            fit |= {"c": float(np.average(y - g, weights=weight)), "c_err": float(weight.sum() ** -0.5)}
+        out.append(fit)
+    return out
+
+
+def judge(fits, m_max, c_max):
+    """Return gates (bricks.gates form) of m and c: within their limit and CHANCE of their errors."""
+    gates = []
+    for fit in fits:
+        for name, limit in (("m", m_max), ("c", c_max)):
+            value = fit[name]
+            judged = value is not None and limit is not None
+            passed = bool(abs(value) <= limit + CHANCE * fit[f"{name}_err"]) if judged else None
+            gates.append({
+                "name": f"shear {name}{fit['component']}", "band": "all", "value": value, "threshold": limit,
+                "n": fit["n"], "passed": passed,
+            })  # fmt: skip
+    return gates

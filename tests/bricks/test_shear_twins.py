@@ -1,0 +1,61 @@
+"""Shear of twins: intrinsic shapes cancel, m and c put in come out, what one twin alone has does not count."""
+
+import numpy as np
+import pytest
+
+from csstsim.bricks.shear import calibration, judge, pair_means
+
+SHEARS = [(0.03, 0.0), (-0.03, 0.0), (0.0, 0.03), (0.0, -0.03)]
+
+
+def twins(shear, m, c, n=4000, noise=0.05, seed=1):
+    """Lists of shapes of both twins, in two frames; exact lensing of complex ellipticities."""
+    rng = np.random.default_rng(seed)
+    source = 0.25 * (rng.normal(size=n) + 1j * rng.normal(size=n))
+    source = source[abs(source) < 0.8]
+    g = complex(*shear)
+    out = []
+    for turn in (1, -1):
+        seen = (turn * source + g) / (1 + np.conj(g) * turn * source)
+        frames = []
+        for _ in range(2):
+            e = np.stack([(1 + m) * seen.real + c, seen.imag], axis=1) + noise * rng.normal(size=(len(seen), 2))
+            frames.append(dict(enumerate(e)))
+        out.append(frames)
+    return out
+
+
+def fitted(m, c):
+    means = [pair_means(*twins(shear, m, c, seed=k)) for k, shear in enumerate(SHEARS)]
+    return calibration(SHEARS, means)
+
+
+@pytest.mark.parametrize(("m", "c"), [(0.0, 0.0), (0.1, 0.005), (-0.2, -0.01)])
+def test_m_and_c_come_out(m, c):
+    """Within 5 sigma; errors of noise alone, a tenth of those with shape noise."""
+    first, second = fitted(m, c)
+    assert abs(first["m"] - m) < 5 * first["m_err"] and abs(first["c"] - c) < 5 * first["c_err"]
+    assert abs(second["m"]) < 5 * second["m_err"] and abs(second["c"]) < 5 * second["c_err"]
+    assert first["c_err"] < 0.1 * 0.25 / np.sqrt(len(SHEARS) * 4000) * 5
+
+
+def test_gates_fail_when_m_or_c_is_beyond_them():
+    good = judge(fitted(0.0, 0.0), 0.02, 1e-3)
+    assert [gate["passed"] for gate in good] == [True] * 4
+    bad = judge(fitted(0.2, 0.02), 0.02, 1e-3)
+    assert {gate["name"] for gate in bad if not gate["passed"]} == {"shear m1", "shear c1"}
+    assert {gate["passed"] for gate in judge(fitted(0.0, 0.0), None, None)} == {None}
+
+
+def test_only_galaxies_of_both_twins_count_once():
+    one, two = {1: np.array([0.2, 0.0]), 2: np.array([9.0, 9.0])}, {1: np.array([-0.1, 0.1]), 3: np.array([9.0, 9.0])}
+    means = pair_means([one, one], [two, two])
+    assert means == pytest.approx(np.array([[0.05, 0.05]]))
+    assert pair_means([], []).shape == (0, 2)
+
+
+def test_one_shear_gives_c_alone_and_too_few_are_refused():
+    fits = calibration([(0.03, 0.0)], [pair_means(*twins((0.03, 0.0), 0.0, 0.0))])
+    assert fits[0]["m"] is None and abs(fits[0]["c"]) < 5 * fits[0]["c_err"]
+    with pytest.raises(ValueError, match="fewer than two"):
+        calibration([(0.03, 0.0)], [np.zeros((1, 2))])
