@@ -162,8 +162,8 @@ def shear(files, output, say):
     Raises InputError for campaigns that are not pairs, or too few galaxies.
     """
     from csstsim.atomic import atomic_path
-    from csstsim.bricks.markup import VERDICT
     from csstsim.bricks.shear import calibration, judge, pair_means
+    from csstsim.bricks.verdict import NAMES
 
     runs = [OpenCampaign(file) for file in files]
     shears, means = [], []
@@ -181,7 +181,7 @@ def shear(files, output, say):
     for gate in gates:
         name, axis = gate["name"].split()[1]
         if gate["value"] is not None:
-            error, verdict = fits[int(axis) - 1][f"{name}_err"], VERDICT[gate["passed"]][0]
+            error, verdict = fits[int(axis) - 1][f"{name}_err"], NAMES[gate["passed"]]
             say(f"{gate['name']} = {gate['value']:+.4f} +- {error:.4f}, at most {gate['threshold']}: {verdict}")
     if output:
         with atomic_path(output) as temporary:
