@@ -155,7 +155,10 @@ def completeness(snr, found, edges):
 
 
 def usable(frame):
-    """Return the truth of a frame that lies well inside it, with columns blended, half_light and crowd."""
+    """Return the truth of a frame that lies well inside it, with columns blended, half_light and crowd.
+
+    Where a catalogue does not give the magnitude of the frame's band, it is that of the electrons.
+    """
     truth, (x0, x1, y0, y1) = frame.truth, frame.info["window"]
     truth = truth.take((truth["flags"] & (OFF_CHIP | STRONG_LENSING | BAD_VALUE)) == 0)
     if len(truth) == 0:
@@ -164,6 +167,10 @@ def usable(frame):
     truth = truth.with_columns(
         blended=near, half_light=compare.half_light(truth), crowd=crowd(truth["x"], truth["y"], truth["electrons"])
     )
+    name = f"mag_{frame.band}"
+    with np.errstate(divide="ignore"):
+        magnitude = frame.info["zeropoint"] - 2.5 * np.log10(truth["electrons"])
+    truth = truth.with_columns(**{name: np.where(np.isnan(truth[name]), magnitude, truth[name])})
     inside = (truth["x"] > x0 + EDGE) & (truth["x"] < x1 - EDGE) & (truth["y"] > y0 + EDGE) & (truth["y"] < y1 - EDGE)
     inside = inside & (truth["electrons"] > 0)
     if "fraction" in truth:  # of photons it is what came, not what was to be expected
@@ -200,7 +207,10 @@ def crowd(x, y, electrons):
 
 
 def _unique(tables):
-    """One row per object of the truth of several frames, by id; blended anywhere is blended, `ra_epoch` is the mean."""
+    """One row per object of the truth of several frames, by id; blended anywhere is blended, `ra_epoch` is the mean.
+
+    A magnitude that one frame's table lacks is another's.
+    """
     names = ("id", "obj_type", "ra_epoch", "dec_epoch", "blended", "half_light", *(f"mag_{band}" for band in BANDS))
     if not tables:
         return ObjectTable({name: np.zeros(0, bool if name == "blended" else float) for name in names})
@@ -210,4 +220,6 @@ def _unique(tables):
     vectors = to_vectors(columns["ra_epoch"], columns["dec_epoch"])
     ra, dec = from_vectors(np.stack([np.bincount(which, v) for v in vectors.T], axis=1))
     table = ObjectTable({name: values[first] for name, values in columns.items()})
+    for name in (f"mag_{band}" for band in BANDS):
+        np.fmax.at(table[name], which, columns[name])
     return table.with_columns(blended=anywhere, ra_epoch=ra, dec_epoch=dec)

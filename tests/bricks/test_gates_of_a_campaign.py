@@ -1,0 +1,83 @@
+"""A campaign that is right passes its gates; one with a fault in the chain fails the gate of that fault, by name."""
+
+import json
+
+import numpy as np
+import pytest
+import yaml
+from mini_campaign import write_scene
+from report_page import done
+
+from csstsim.campaign import OpenCampaign
+from csstsim.io.level0 import Level0
+from csstsim.optics.wcs import ChipWCS
+
+SIDE, STEP, MAG = 384, 62, 21.5  # px; S/N 130
+
+
+def stars(folder, read_noise=5.0):
+    """Write a campaign of 36 stars on an r chip with this read noise; make its frame; return the campaign's file."""
+    x, y = (v.ravel() for v in np.meshgrid(np.arange(36, SIDE, STEP), np.arange(36, SIDE, STEP)))
+    side = SIDE // 8, SIDE // 2
+    geometry = {"nx": SIDE, "ny": SIDE, "channel_nx": side[0], "channel_ny": side[1]}
+    shift = np.random.default_rng(4).uniform(-0.5, 0.5, (2, x.size))  # of the star in its pixel
+    file = write_scene(folder, "Stars", x + shift[0], y + shift[1], MAG, geometry=geometry)
+    path = OpenCampaign(file).config.instrument_folder / "detector.yaml"
+    numbers = yaml.safe_load(path.read_text())
+    numbers["charge"]["read_noise"]["value"] = read_noise
+    path.write_text(yaml.safe_dump(numbers))
+    for job in OpenCampaign(file).jobs:
+        done("chip", file, "--obsid", job.pointing.obsid, "--chip", job.chip.id)
+    return file
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    return stars(tmp_path_factory.mktemp("gates"))
+
+
+def verdict(file):
+    """Measure again and judge; return {(gate, band)} of failing gates, number of judged ones."""
+    run = OpenCampaign(file)
+    for job in run.imaging_jobs:
+        done("measure", file, "--obsid", job.pointing.obsid, "--chip", job.chip.id)
+    for pix in run.merge_bricks:
+        done("merge", file, "--brick", pix)
+        done("validate", file, "--brick", pix)
+    output = done("report", file)
+    found = json.loads((run.paths.report.with_name("verdict.json")).read_text())
+    failing = {(gate["name"], gate["band"]) for gate in found["gates"] if gate["passed"] is False}
+    assert all(name in output for name, _ in failing)
+    return failing, found["counts"]
+
+
+def test_without_a_fault_nothing_fails(campaign):
+    failing, counts = verdict(campaign)
+    assert failing == set() and counts["pass"] >= 5
+
+
+def test_a_gain_wrong_by_5_percent(campaign, monkeypatch):
+    right = Level0.gain.func
+    monkeypatch.setattr(Level0, "gain", property(lambda file: {n: 1.05 * g for n, g in right(file).items()}))
+    failing, _ = verdict(campaign)
+    assert ("magnitude bias of stars", "r") in failing
+
+
+def test_a_wcs_one_pixel_off(campaign, monkeypatch):
+    right = ChipWCS.pixel_to_world
+    monkeypatch.setattr(ChipWCS, "pixel_to_world", lambda wcs, x, y: right(wcs, np.asarray(x) + 1.0, y))
+    failing, _ = verdict(campaign)
+    assert ("position residual at S/N > 50 [mas]", "all") in failing
+
+
+def test_a_chip_that_was_not_read(campaign, monkeypatch):
+    right = Level0.frame
+    monkeypatch.setattr(Level0, "frame", lambda file: np.full_like(right(file), 454))
+    failing, _ = verdict(campaign)
+    assert ("completeness", "r") in failing
+
+
+def test_twice_the_noise(tmp_path):
+    """7.7 electrons of sky and readout become 16."""
+    failing, _ = verdict(stars(tmp_path, read_noise=15.0))
+    assert ("depth less the expected [mag]", "r") in failing
