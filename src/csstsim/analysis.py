@@ -62,7 +62,7 @@ def spectra_of_frame(run, job):
             "has no spectra", file=run.file, key="chip", value=job.chip.id, allowed=f"{chips}, in SCIE exposures"
         )
     file, calibrated = calibrated_frame(run, job)
-    path, truth, psf = run.paths.level0_orders(job.pointing, job.chip.id), _truth(run, job), open_psf(run, job.chip)
+    path, truth, psf = run.paths.level0_orders(job.pointing, job.chip.id), truth_of(run, job), open_psf(run, job.chip)
     gratings = run.camera.gratings[job.chip.id]
     orders = read_orders(path)
     check_recipe(path, orders.meta, run.recipe(job))
@@ -110,7 +110,7 @@ def validate(run, pix):
     from csstsim.catalog.table import ObjectTable
 
     seam = run.camera.detector.channel_ny
-    frames = [Frame(_truth(run, job), _measured(run, job), seam, _depth(run, job)) for job in _jobs_on(run, pix)]
+    frames = [Frame(truth_of(run, job), _measured(run, job), seam, _depth(run, job)) for job in _jobs_on(run, pix)]
     merged = ObjectTable.read(run.paths.merge(pix))
     check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
     result, arrays = validate_brick(pix, merged, frames, run.config.validation)
@@ -138,7 +138,8 @@ def _measured(run, job, columns=None):
     return table
 
 
-def _truth(run, job):
+def truth_of(run, job):
+    """Return the truth table beside a job's Level-0 file (io.truth.read_truth). Raises InputError."""
     from csstsim.io.truth import read_truth
 
     path = run.paths.level0_truth(job.pointing, job.chip.id)
@@ -218,6 +219,6 @@ def _shapes_on(run):
 
     seam, out = run.camera.detector.channel_ny, []
     for job in run.imaging_jobs:
-        frame = Frame(_truth(run, job), _measured(run, job), seam)
+        frame = Frame(truth_of(run, job), _measured(run, job), seam)
         out.append(shapes(frame, usable(frame)))
     return out
