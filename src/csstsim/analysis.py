@@ -9,11 +9,14 @@ from csstsim import __version__
 from csstsim.calibration import calibrated_frame
 from csstsim.campaign import OpenCampaign
 from csstsim.catalog.table import GALAXY
+from csstsim.config import SHIPPED
 from csstsim.errors import InputError
 from csstsim.prepare import open_psf
 from csstsim.stages import check_recipe
+from csstsim.yaml_file import read_yaml
 
-LIMIT_SECONDS = 150.0  # of filters.yaml's limiting magnitudes
+LIMITS = SHIPPED / "limits.yaml"
+LIMIT_SECONDS = 150.0  # of the limiting magnitudes there and in filters.yaml
 
 
 def measure(run, job):
@@ -125,8 +128,12 @@ def validate(run, pix):
 
 
 def _depth(run, job):
-    """Return the 5-sigma magnitude expected of an exposure: the filter's, stated for LIMIT_SECONDS."""
-    return run.camera.filters[job.chip.filter].limiting_mag + 1.25 * np.log10(job.pointing.exptime / LIMIT_SECONDS)
+    """Return (low, high): the 5-sigma magnitudes known of the filter, scaled to the exposure's time, or None."""
+    computed = read_yaml(LIMITS)["computed"]["values"].get(job.chip.filter)
+    if computed is None:
+        return None
+    stated = run.camera.filters[job.chip.filter].limiting_mag
+    return tuple(np.sort([stated, computed]) + 1.25 * np.log10(job.pointing.exptime / LIMIT_SECONDS))
 
 
 def _measured(run, job, columns=None):

@@ -192,7 +192,9 @@ class ValidateConfig(Model):
         "chance are forgiven",
     )
     depth_off_max: float | None = Field(
-        0.3, gt=0, description="|5-sigma depth of an exposure less the filter's limiting magnitude| [mag]"
+        0.3,
+        gt=0,
+        description="5-sigma depth of an exposure beyond the range of the filter's published limiting magnitudes [mag]",
     )
     counts_max: float | None = Field(0.1, gt=0, description="|sources / true objects - 1| brighter than S/N 20")
     shear_m_max: float | None = Field(0.05, gt=0, description="|m| of `csstsim shear`; 5 sigma are forgiven")

@@ -80,4 +80,4 @@ def test_a_chip_that_was_not_read(campaign, monkeypatch):
 def test_twice_the_noise(tmp_path):
     """7.7 electrons of sky and readout become 16."""
     failing, _ = verdict(stars(tmp_path, read_noise=15.0))
-    assert ("depth less the expected [mag]", "r") in failing
+    assert ("depth beyond the published limits [mag]", "r") in failing

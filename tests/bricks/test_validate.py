@@ -17,7 +17,7 @@ from csstsim.rng import stream
 
 PIX = 123456
 SCALE = 0.074 / 3600.0
-DEPTH = ("depth less the expected [mag]",)  # known without sources
+DEPTH = ("depth beyond the published limits [mag]",)  # known without sources
 RMS, N_EFF, ZEROPOINT = 7.7, 9.0, 31.5
 
 
@@ -55,10 +55,10 @@ def make_frame(band, seed, *, shift=0.0, keep=1.0, side=45, obsid="1", scatter=2
     }  # fmt: skip
     info = {
         "filter": "NUV" if band == "nuv" else band, "exptime": 150.0, "zeropoint": ZEROPOINT, "rms": RMS,
-        "n_eff": N_EFF, "depth_5sigma": 26.0, "depth_aperture": 26.0,
+        "n_eff": N_EFF, "depth_5sigma": 26.0,
         "window": [0, int(x.max()) + 50, 0, int(y.max()) + 50],
     }  # fmt: skip
-    return Frame(truth, ObjectTable(full, info).take(found), seam=10_000, depth=26.0)
+    return Frame(truth, ObjectTable(full, info).take(found), seam=10_000, depth=(25.9, 26.1))
 
 
 def run(frames, **limits):
@@ -157,7 +157,7 @@ FAULTS = {
         lambda f: changed(f, flux_psf_err=2 * f.measured["flux_psf_err"]), {("width of stars' pulls", "g")},
     ),
     "twice the noise": (
-        lambda f: replace(f, depth=f.depth + 0.75), {("depth less the expected [mag]", "g")},
+        lambda f: replace(f, depth=(26.65, 26.85)), {("depth beyond the published limits [mag]", "g")},
     ),
     "a frame without sources": (
         lambda f: replace(f, measured=f.measured.take(slice(0, 0))),

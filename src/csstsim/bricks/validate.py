@@ -31,14 +31,14 @@ IN_FRAME = 0.9  # of an object's light in the window; less is not judged
 class Frame:
     """One measured Level-0 file: its truth (io.truth.read_truth) and its measured table (measure.catalogue).
 
-    seam: first row of the chip's upper half; depth: AB magnitude of 5 sigma that is expected of it, in the aperture of
-    80% of a point's light, or None.
+    seam: first row of the chip's upper half; depth: (low, high) AB magnitudes of 5 sigma, what published limits allow it,
+    or None.
     """
 
     truth: ObjectTable
     measured: ObjectTable
     seam: int
-    depth: float | None = None
+    depth: tuple | None = None
 
     @property
     def info(self):
@@ -111,7 +111,7 @@ def _of_exposures(table, infos, config):
     zeropoint = [info["zeropoint"] - 2.5 * np.log10(info["exptime"]) for info in infos]
     return {
         "frames": len(infos),
-        **{name: float(np.median([info[name] for info in infos])) for name in ("depth_5sigma", "depth_aperture")},
+        "depth_5sigma": float(np.median([info["depth_5sigma"] for info in infos])),
         "completeness": float(found[judged].mean()) if judged.any() else None,
         "zeropoint": float(np.median(zeropoint)), "point_sources": int(judged.sum()),
         "completeness_curve": {"snr": list(SNR_EDGES), "n": n.tolist(), "found": seen.tolist()},
@@ -134,7 +134,10 @@ def _gates(band, numbers, depths, config):
     """Return the gates of a band."""
     star, counts, n = numbers["star"], numbers["counts"], numbers["point_sources"]
     expected = [depth for depth in depths if depth is not None]
-    off = numbers["depth_aperture"] - float(np.median(expected)) if expected else None
+    depth, off = numbers["depth_5sigma"], None
+    if expected:
+        low, high = np.median(expected, axis=0)
+        off = float(depth - np.clip(depth, low, high))
     # The worst bin, less what chance makes of it
     bias = [part[name] for part in numbers["transfer"] for name in ("deferred_mas", "across_mas")]
     bias = [max(abs(part["median"]) - 2 * part["error"], 0.0) for part in bias if part["n"] >= FEW]
@@ -144,7 +147,7 @@ def _gates(band, numbers, depths, config):
         at_most("magnitude bias of stars", band, star["median"], config.mag_bias_max, star["n"]),
         between("width of stars' pulls", band, pull["sigma"], config.pull_width, pull["n"]),
         at_most("position bias, any S/N [mas]", band, max(bias, default=None), config.position_bias_max, n),
-        at_most("depth less the expected [mag]", band, off, config.depth_off_max, FEW),
+        at_most("depth beyond the published limits [mag]", band, off, config.depth_off_max, FEW),
         at_most("number counts, out / in - 1", band, counts["excess"], config.counts_max, counts["n"]),
     ]
 

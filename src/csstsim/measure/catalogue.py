@@ -11,11 +11,10 @@ import numpy as np
 from csstsim.catalog.astrometry import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.errors import InputError
-from csstsim.measure.aperture import aperture_depth
 from csstsim.measure.bad_pixels import BAD, FULL, RAY, mend
 from csstsim.measure.combine import combine
 from csstsim.measure.detect import FWHM_TO_SIGMA, detect
-from csstsim.measure.photometry import HALF, fit_sources, kron_flux, psf_model
+from csstsim.measure.photometry import fit_sources, kron_flux, psf_model
 
 # Bits of `flags`.
 BLENDED, TRUNCATED, SATURATED, NEGATIVE_FLUX = 1, 2, 4, 8
@@ -50,8 +49,7 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     `observer`: catalog.ephemeris.Observer.
     The columns are `COLUMNS`, by decreasing S/N; x, y chip pixels (0-based, whole chip), `pos_err`
     arcsec, fluxes electrons, `fwhm` px, `theta` rad from +x to +y, `zeropoint` the AB magnitude of 1 electron.
-    `meta` holds the facts of the frame: background and rms in electrons, n_eff px, depth_5sigma AB, window;
-    depth_aperture and ee80_px of measure.aperture.
+    `meta` holds the facts of the frame: background and rms in electrons, n_eff px, depth_5sigma AB, window.
     Raises InputError for anything but an imaging science frame.
     """
     if chip.kind != "imaging" or pointing.type != "SCIE":
@@ -80,11 +78,9 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     columns = {name: np.asarray(table[name])[order].astype(kind) for name, kind in COLUMNS.items() if name != "number"}
     columns["number"] = np.arange(n, dtype=np.int32)
     rms, n_eff = float(np.median(found.rms[::8, ::8])), float(np.median(model.n_eff))
-    depth, radius = aperture_depth(model.kernel(HALF), rms**2)
     info = {
         "obsid": pointing.obsid, "chip": chip.id, "filter": filter.name, "exptime": pointing.exptime,
         "zeropoint": float(zeropoint), "background": level, "rms": rms, "n_eff": n_eff,
-        "depth_aperture": float(zeropoint - 2.5 * np.log10(depth)), "ee80_px": radius,
         "depth_5sigma": float(zeropoint - 2.5 * np.log10(point_source_flux(5.0, rms**2, n_eff))), "sources": n,
         "window": [window.x0, window.x1, window.y0, window.y1],
     }  # fmt: skip
