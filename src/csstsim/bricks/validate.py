@@ -31,8 +31,8 @@ IN_FRAME = 0.9  # of an object's light in the window; less is not judged
 class Frame:
     """One measured Level-0 file: its truth (io.truth.read_truth) and its measured table (measure.catalogue).
 
-    seam: first row of the chip's upper half; depth: (low, high) AB magnitudes of 5 sigma, what published limits allow it,
-    or None.
+    seam: first row of the chip's upper half; depth: (low, high) AB magnitudes of 5 sigma, the published ones, or
+    None.
     """
 
     truth: ObjectTable
