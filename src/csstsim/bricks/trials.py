@@ -15,7 +15,7 @@ COLUMNS = ("galaxy", "snr", "mag", "found", "sound", "across_mas", "deferred_mas
 
 
 def trials(truth, frame):
-    """Return an ObjectTable of COLUMNS, a row an isolated object of `truth` (bricks.validate usable rows of `frame`).
+    """Return an ObjectTable of COLUMNS, a row an isolated object of `truth` (bricks.validate.usable rows of `frame`).
 
     sound: found and not saturated; light: measured electrons (PSF) over true ones; NaN where not found.
     """

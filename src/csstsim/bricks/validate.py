@@ -60,7 +60,8 @@ def validate_brick(pix, sources, frames, config):
         everything.append(frame.truth)
         infos[frame.band].append(frame.info)
         depths[frame.band].append(frame.depth)
-        truth = _usable(pix, frame)
+        truth = usable(frame)
+        truth = truth.take(brick_of(truth["ra_epoch"], truth["dec_epoch"]) == pix) if len(truth) else truth
         if len(truth):
             tried[frame.band].append(trials(truth, frame))
             kept.append(truth)
@@ -145,8 +146,8 @@ def completeness(snr, found, edges):
     return np.histogram(snr, edges)[0], np.histogram(snr[found], edges)[0]
 
 
-def _usable(pix, frame):
-    """The truth of a frame that lies in the brick and well inside the frame, with a `blended` column."""
+def usable(frame):
+    """Return the truth of a Frame that lies well inside it, with columns `blended` and `half_light` [arcsec]."""
     truth, (x0, x1, y0, y1) = frame.truth, frame.info["window"]
     truth = truth.take((truth["flags"] & (OFF_CHIP | STRONG_LENSING | BAD_VALUE)) == 0)
     if len(truth) == 0:
@@ -157,8 +158,7 @@ def _usable(pix, frame):
     inside = inside & (truth["electrons"] > 0)
     if "fraction" in truth:  # of photons it is what came, not what was to be expected
         inside = inside & ((truth["fraction"] > IN_FRAME) | (truth["method"] == "photons"))
-    truth = truth.take(inside)
-    return truth.take(brick_of(truth["ra_epoch"], truth["dec_epoch"]) == pix) if len(truth) else truth
+    return truth.take(inside)
 
 
 def blended(x, y, electrons):
