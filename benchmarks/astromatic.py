@@ -3,7 +3,7 @@
 1. source-extractor finds the brighter sources with a Gaussian kernel and cuts a vignette of each.
 2. psfex makes a PSF model of those that look like stars, linear in x and y.
 3. source-extractor finds all sources with that model as the kernel, threshold and deblending those of `measure.detect`,
-   and fits the model to them.
+   and fits the model (FLUX_PSF) in a window as large as the isophote, 3 px at least.
 
 The background is its own, on a mesh as wide as ours. Pixels with a defect or a cosmic ray have no weight. The noise map
 is that of the background: ERR less the light of the sources, for source-extractor adds their shot noise by itself, and
@@ -33,7 +33,7 @@ _VIGNETTE = 45  # px, side: psfex's model and room to shift it
 _UNUSABLE = np.float32(1e31)  # an rms above 1e30: no weight
 _FIRST = ("X_IMAGE", "Y_IMAGE", "FLUX_RADIUS", "FLUX_APER(1)", "FLUXERR_APER(1)", "ELONGATION", "SNR_WIN", "FLAGS",
           "IMAFLAGS_ISO", f"VIGNET({_VIGNETTE},{_VIGNETTE})")  # fmt: skip
-_SECOND = ("XWIN_IMAGE", "YWIN_IMAGE", "FLUX_PSF", "FLUXERR_PSF", "FLUX_AUTO", "FLUXERR_AUTO", "FLAGS", "IMAFLAGS_ISO")
+_SECOND = "XWIN_IMAGE", "YWIN_IMAGE", "FLUX_PSF", "FLUXERR_PSF", "FLUX_AUTO", "IMAFLAGS_ISO"
 _SETTINGS = {
     "CATALOG_TYPE": "FITS_LDAC", "THRESH_TYPE": "RELATIVE", "DEBLEND_NTHRESH": DEBLEND_LEVELS,
     "DEBLEND_MINCONT": HOT_CONTRAST, "CLEAN": "N", "WEIGHT_TYPE": "MAP_RMS", "WEIGHT_IMAGE": "rms.fits",
@@ -52,10 +52,10 @@ _PSFEX = {
 class Extracted:
     """What the programs made of a frame.
 
-    table: ObjectTable with columns x, y (whole chip, 0-based px), flux_psf (of the light in APERTURE), flux_kron
-    [electron], snr, flags (SATURATED of measure.catalogue or 0); psf: their model in the middle of the frame as pixels
-    see it, share of the light in APERTURE per px^2 on steps of half a px; stars: how many it is made of; cpu: seconds
-    by program.
+    table: ObjectTable with columns x, y (whole chip, 0-based px), flux_psf (the factor of the model; 0 where its fit
+    failed), flux_kron [electron], snr (of flux_psf), flags (SATURATED of measure.catalogue or 0); psf: their model in
+    the middle of the frame as pixels see it, per px^2 on steps of half a px, about 1 within APERTURE; stars: how many
+    it is made of; cpu: seconds by program.
     """
 
     table: ObjectTable
@@ -90,7 +90,7 @@ def extract(calibrated, folder, exptime, background=SECOND_BOX):
         "x": found["XWIN_IMAGE"] - 2.0 + header["READX0"],  # both count from 1
         "y": found["YWIN_IMAGE"] - 2.0 + header["READY0"],
         "flux_psf": found["FLUX_PSF"] * exptime, "flux_kron": found["FLUX_AUTO"] * exptime,
-        "snr": found["FLUX_PSF"] / np.maximum(found["FLUXERR_PSF"], 1e-30),
+        "snr": found["FLUX_PSF"] / np.maximum(found["FLUXERR_PSF"], np.float32(1e-30)),
         "flags": np.where(found["IMAFLAGS_ISO"] & FULL, SATURATED, 0),
     }  # fmt: skip
     table = ObjectTable({name: np.array(values, np.float64) for name, values in columns.items()})

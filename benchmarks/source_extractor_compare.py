@@ -76,7 +76,7 @@ def numbers(code):
     tried, kron = joined(code.tried), magnitudes(np.concatenate(code.kron))
     snr, real = np.concatenate(code.snr), np.concatenate(code.real)
     rows = {"detections": f"{len(snr)}", "of S/N > 5 as it says": f"{(snr > 5).sum()}"}
-    for name, some in (("purity of all", snr > -np.inf), ("of S/N > 5 as it says", snr > 5)):
+    for name, some in (("all", snr > -np.inf), ("of S/N > 5 as it says", snr > 5)):
         rows["purity, " + name] = f"{100 * real[some].mean():.1f}%" if some.any() else "-"
     for low, high in (*pairwise(EDGES), JUDGED):
         some = chosen(tried, (low, high))
