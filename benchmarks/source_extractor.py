@@ -47,14 +47,14 @@ OBSIDS = [
 ]  # its field, r and i, twice
 
 
-def default_campaign(output, side):
+def default_campaign(output, side, obsids=OBSIDS):
     """Write the campaign of the default frames, `side` px wide, whose charge transfer is perfect; return its file."""
     output.mkdir(parents=True, exist_ok=True)
     content = {
         "schema_version": 1, "name": "source_extractor", "survey_table": "survey_tables/demo.csv",
         "output": str(output.resolve()), "seed": 1,
         "select": {
-            "types": ["SCIE"], "obsids": OBSIDS, "filters": ["r", "i"],
+            "types": ["SCIE"], "obsids": obsids, "filters": ["r", "i"],
             "region": FIELD | {"radius": round(0.5 * side * PIXEL / 60, 4)},
         },
         "window": "region", "observations": {"SCIE": "examples/quarter_brick/science_no_cti.yaml"},
@@ -87,7 +87,8 @@ def our_psf(run, job):
 def encircled(psf, radius):
     """Return the share of the light within `radius` px, of a PSF per px^2 on steps of half a px."""
     axis = 0.5 * (np.arange(len(psf)) - len(psf) // 2)
-    return float(psf[np.hypot(axis[:, None], axis) < radius].sum() / 4.0)
+    inside = np.clip((radius - np.hypot(axis[:, None], axis)) / 0.5 + 0.5, 0.0, 1.0)  # of each sample's cell
+    return float((psf * inside).sum() / 4.0)
 
 
 def compare_frame(run, job, ours, theirs):
@@ -105,7 +106,8 @@ def compare_frame(run, job, ours, theirs):
     modelled, share = (encircled(model, 0.5 * astromatic.APERTURE) for model in (extracted.psf, psf))
     print(
         f"{job.pointing.obsid} chip {job.chip.id} {job.chip.filter}: {job.window.nx} x {job.window.ny} px; psfex took "
-        f"{extracted.stars} stars; light within {0.5 * astromatic.APERTURE:g} px: {modelled:.4f} in its model, {share:.4f} in our PSF",
+        f"{extracted.stars} stars; light within {0.5 * astromatic.APERTURE:g} px: "
+        f"{modelled:.4f} in its model, {share:.4f} in our PSF",
         flush=True,
     )
     truth, seam = read_truth(run.paths.level0_truth(job.pointing, job.chip.id)), run.camera.detector.channel_ny

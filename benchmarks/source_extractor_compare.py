@@ -142,7 +142,7 @@ def draw(path, bands):
     """Write the figure (PNG): completeness and residuals of both codes. bands: {filter: (Code, Code, ...)}."""
     figure = Figure(figsize=(4.6 * len(bands), 6.4), layout="constrained")
     axes = figure.subplots(2, len(bands), sharey="row", squeeze=False)
-    edges = np.geomspace(2.0, 30.0, 13)
+    edges = np.array([1.5, 2, 3, 4, 5, 6, 8, 10, 13, 17, 22, 30])
     for column, (band, codes) in zip(axes.T, bands.items(), strict=True):
         for code, name, colour, marker in zip(codes, CODES, ("#0b6e99", "#b5542d"), "ox", strict=False):
             tried = joined(code.tried)
@@ -157,9 +157,13 @@ def draw(path, bands):
             residual = magnitudes(tried["light"])[some]
             column[1].plot(tried["snr"][some], residual, marker, color=colour, ms=3, mew=0.8, alpha=0.6, label=name)
         column[0].axvline(JUDGED[0], color="0.7", lw=0.8)
-        column[0].set(xscale="log", xlabel="true S/N", title=f"{band}", ylim=(0, 1.05))
+        column[0].set(xscale="log", xlabel="true S/N", title=band, ylim=(0, 1.05), xlim=(1.5, 30))
+        column[0].set_xticks([2, 3, 5, 10, 20], [2, 3, 5, 10, 20])
+        column[0].minorticks_off()
         column[1].axhspan(-ZEROPOINT_OFF, ZEROPOINT_OFF, color="0.9", zorder=0)
         column[1].set(xscale="log", xlabel="true S/N", ylim=(-0.4, 0.4))
+        column[1].set_xticks([5, 10, 20, 50, 100, 200, 500], [5, 10, 20, 50, 100, 200, 500])
+        column[1].minorticks_off()
     axes[0, 0].set_ylabel("share of isolated point sources found")
     axes[1, 0].set_ylabel("PSF magnitude, measured - true")
     axes[0, 0].legend()
