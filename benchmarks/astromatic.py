@@ -14,13 +14,13 @@ import os
 import shutil
 import subprocess
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from astropy.io import fits
 from scipy.ndimage import map_coordinates, zoom
 
 from csstsim.catalog.table import ObjectTable
+from csstsim.errors import InputError
 from csstsim.measure.background import SECOND_BOX
 from csstsim.measure.bad_pixels import FULL
 from csstsim.measure.catalogue import SATURATED
@@ -28,6 +28,7 @@ from csstsim.measure.detect import DEBLEND_LEVELS, HOT_CONTRAST, THRESHOLD
 
 PROGRAMS = "source-extractor", "psfex"
 APERTURE = 12.0  # px, diameter, within which psfex normalises its model
+FEWEST_STARS = 5  # of a PSF model
 _STEP, _STEPS = 0.5, 41  # px and number of samples of psfex's model: light within 10 px
 _VIGNETTE = 45  # px, side: psfex's model and room to shift it
 _UNUSABLE = np.float32(1e31)  # an rms above 1e30: no weight
@@ -69,19 +70,23 @@ def missing():
     return [name for name in PROGRAMS if shutil.which(name) is None]
 
 
-def extract(calibrated, folder, exptime, background=SECOND_BOX):
+def extract(calibrated, folder, exptime):
     """Return the `Extracted` of a calibrated image (io.calibrated), working in `folder`.
 
-    exptime: seconds; background: side of the mesh [px] of the background taken off, None for none.
+    exptime: seconds. Raises InputError for a frame with too few stars.
     """
     header = _write_planes(calibrated, folder, exptime)
-    settings = _SETTINGS | {"GAIN": exptime, "BACK_SIZE": background or SECOND_BOX}
-    settings |= {"BACK_TYPE": "AUTO" if background else "MANUAL"}
+    settings = _SETTINGS | {"GAIN": exptime, "BACK_SIZE": SECOND_BOX}
     axis = np.arange(-3, 4) / 0.9
     gauss = np.exp(-0.5 * (axis[:, None] ** 2 + axis**2))
     cpu = {"source-extractor, vignettes": _find(folder, "first", gauss, 5.0, 3, _FIRST, settings)}
     cpu["psfex"] = _run(folder, "psfex", "first.cat", _PSFEX)
     psf, about = _middle(folder / "first.psf")
+    if about["ACCEPTED"] < FEWEST_STARS:
+        raise InputError(
+            "too few bright stars for psfex", file=calibrated, key="stars", value=about["ACCEPTED"],
+            allowed=f"{FEWEST_STARS} or more; take a larger window",
+        )  # fmt: skip
     kernel = map_coordinates(psf, np.indices((7, 7)) / _STEP + _STEPS // 2 - 3 / _STEP, order=3)
     fitted = settings | {"PSF_NAME": "first.psf"}
     cpu["source-extractor, all sources"] = _find(folder, "second", kernel, THRESHOLD, 1, _SECOND, fitted)
@@ -148,5 +153,5 @@ def _run(folder, program, file, settings):
 
 def _middle(path):
     """Return (PSF in the middle of the frame per px^2, header) of a psfex file: there the polynomials are constants."""
-    with fits.open(Path(path)) as file:
+    with fits.open(path) as file:
         return file[1].data["PSF_MASK"][0][0].astype(float), file[1].header

@@ -31,7 +31,7 @@ from csstsim.bricks.compare import PIXEL
 from csstsim.bricks.validate import Frame, usable
 from csstsim.campaign import OpenCampaign
 from csstsim.catalog.table import STAR, ObjectTable
-from csstsim.errors import CsstsimError
+from csstsim.errors import CsstsimError, InputError
 from csstsim.io.truth import read_truth
 from csstsim.optics.psf_file import half_pixels, pixel_response
 from csstsim.prepare import open_psf
@@ -39,25 +39,21 @@ from csstsim.prepare import open_psf
 ROOT = Path(__file__).parents[1]
 FIGURE = ROOT / "docs" / "figures" / "source_extractor.png"
 FIELD = {"ra": 60.1172, "dec": -40.0330}  # the demo's
-OBSIDS = [
-    "10100000004",
-    "10100000005",
-    "10100000011",
-    "10100000012",
-]  # its field, r and i, twice
+OBSIDS = [f"101000000{number}" for number in ("04", "05", "11", "12")]  # its field, in r and i, twice
 
 
 def default_campaign(output, side, obsids=OBSIDS):
     """Write the campaign of the default frames, `side` px wide, whose charge transfer is perfect; return its file."""
     output.mkdir(parents=True, exist_ok=True)
     content = {
-        "schema_version": 1, "name": "source_extractor", "survey_table": "survey_tables/demo.csv",
+        "schema_version": 1, "name": "source_extractor", "survey_table": str(ROOT / "survey_tables/demo.csv"),
         "output": str(output.resolve()), "seed": 1,
         "select": {
             "types": ["SCIE"], "obsids": obsids, "filters": ["r", "i"],
             "region": FIELD | {"radius": round(0.5 * side * PIXEL / 60, 4)},
         },
-        "window": "region", "observations": {"SCIE": "examples/quarter_brick/science_no_cti.yaml"},
+        "window": "region",
+        "observations": {"SCIE": str(ROOT / "examples/quarter_brick/science_no_cti.yaml")},
     }  # fmt: skip
     path = output / "campaign.yaml"
     path.write_text("# Written by benchmarks/source_extractor.py\n" + yaml.safe_dump(content, sort_keys=False))
@@ -135,10 +131,11 @@ def main():
     if absent := astromatic.missing():
         print(f"{', '.join(absent)}: not installed; apt-get install source-extractor psfex", file=sys.stderr)
         sys.exit(2)
-    os.chdir(ROOT)  # a campaign's paths are relative to it
     try:
         run = OpenCampaign(given.campaign or default_campaign(given.output, given.side))
         jobs = [job for job in run.jobs if job.chip.kind == "imaging" and job.pointing.type == "SCIE"]
+        if not jobs:
+            raise InputError("no science frame of an imaging chip", file=run.file, key="select")
         bands = {}
         for job in jobs:
             ours, theirs, header = bands.setdefault(job.chip.filter, (Code(), Code(), []))

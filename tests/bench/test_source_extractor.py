@@ -111,17 +111,27 @@ def test_absent_programs_are_named(tmp_path):
     assert done.stderr == "source-extractor, psfex: not installed; apt-get install source-extractor psfex\n"
 
 
-@pytest.mark.slow
-def test_the_programs_agree_on_a_small_window(scripts, tmp_path):
-    """An r window of 2500 px of the demo's field, full depth, from the sky to the verdict: two CPU-minutes."""
+def run(scripts, folder, side):
+    """Run the comparison on an r window of the demo's field, `side` px wide."""
     if absent := scripts.programs.missing():
         pytest.skip(f"not installed: {', '.join(absent)}")
-    campaign = scripts.command.default_campaign(tmp_path, 2500, scripts.command.OBSIDS[:1])
-    figure = tmp_path / "figure.png"
-    done = subprocess.run(
-        [sys.executable, BENCHMARKS / "source_extractor.py", "--campaign", campaign, "--figure", figure],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    campaign = scripts.command.default_campaign(folder, side, scripts.command.OBSIDS[:1])
+    line = [sys.executable, BENCHMARKS / "source_extractor.py", "--campaign", campaign]
+    line += ["--figure", folder / "figure.png"]
+    return subprocess.run(line, cwd=folder, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.slow
+def test_the_programs_agree_on_a_small_window(scripts, tmp_path):
+    """Full depth, from the sky to the verdict: a CPU-minute."""
+    done = run(scripts, tmp_path, 2500)
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count(": the same") == 3
-    assert figure.stat().st_size > 10_000
+    assert (tmp_path / "figure.png").stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_a_window_without_stars_is_one_line(scripts, tmp_path):
+    done = run(scripts, tmp_path, 400)
+    assert done.returncode == 2
+    assert "too few bright stars for psfex (got " in done.stderr.splitlines()[-1]
