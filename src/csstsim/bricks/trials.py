@@ -28,7 +28,7 @@ LONELY = 0.3  # of an object's noise: the light of all its neighbours, with less
 
 
 def trials(truth, frame):
-    """Return an ObjectTable of COLUMNS, a row an isolated object of `truth` (bricks.validate usable rows of `frame`).
+    """Return an ObjectTable of COLUMNS, a row an isolated object of `truth` (bricks.validate.usable rows of `frame`).
 
     sound: found and not saturated; light: measured electrons (PSF) over true ones, pull: their difference over the
     stated error; NaN where not found. lonely: neighbours' light does not matter to the pull.

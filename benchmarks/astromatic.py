@@ -1,0 +1,157 @@
+"""Run source-extractor and psfex on a calibrated image, for benchmarks/source_extractor.py; settings of our own.
+
+1. source-extractor finds the brighter sources with a Gaussian kernel and cuts a vignette of each.
+2. psfex makes a PSF model of those that look like stars, linear in x and y.
+3. source-extractor finds all sources with that model as the kernel, threshold and deblending those of `measure.detect`,
+   and fits the model (FLUX_PSF) in a window as large as the isophote, 3 px at least.
+
+The background is its own, on a mesh as wide as ours. Pixels with a defect or a cosmic ray have no weight. The noise map
+is that of the background: ERR less the light of the sources, for source-extractor adds their shot noise by itself, and
+weights with the noise of a pixel's own light in them make fluxes too faint.
+"""
+
+import os
+import shutil
+import subprocess
+from dataclasses import dataclass
+
+import numpy as np
+from astropy.io import fits
+from scipy.ndimage import map_coordinates, zoom
+
+from csstsim.catalog.table import ObjectTable
+from csstsim.errors import InputError
+from csstsim.measure.background import SECOND_BOX
+from csstsim.measure.bad_pixels import FULL
+from csstsim.measure.catalogue import SATURATED
+from csstsim.measure.detect import DEBLEND_LEVELS, HOT_CONTRAST, THRESHOLD
+
+PROGRAMS = "source-extractor", "psfex"
+APERTURE = 12.0  # px, diameter, within which psfex normalises its model
+FEWEST_STARS = 5  # of a PSF model
+_STEP, _STEPS = 0.5, 41  # px and number of samples of psfex's model: light within 10 px
+_VIGNETTE = 45  # px, side: psfex's model and room to shift it
+_UNUSABLE = np.float32(1e31)  # an rms above 1e30: no weight
+_FIRST = ("X_IMAGE", "Y_IMAGE", "FLUX_RADIUS", "FLUX_APER(1)", "FLUXERR_APER(1)", "ELONGATION", "SNR_WIN", "FLAGS",
+          "IMAFLAGS_ISO", f"VIGNET({_VIGNETTE},{_VIGNETTE})")  # fmt: skip
+_SECOND = "XWIN_IMAGE", "YWIN_IMAGE", "FLUX_PSF", "FLUXERR_PSF", "FLUX_AUTO", "IMAFLAGS_ISO"
+_SETTINGS = {
+    "CATALOG_TYPE": "FITS_LDAC", "THRESH_TYPE": "RELATIVE", "DEBLEND_NTHRESH": DEBLEND_LEVELS,
+    "DEBLEND_MINCONT": HOT_CONTRAST, "CLEAN": "N", "WEIGHT_TYPE": "MAP_RMS", "WEIGHT_IMAGE": "rms.fits",
+    "RESCALE_WEIGHTS": "N", "FLAG_IMAGE": "flag.fits", "PHOT_APERTURES": APERTURE, "SATUR_LEVEL": 1e9,
+    "MEMORY_OBJSTACK": 65_000, "MEMORY_PIXSTACK": 5_000_000, "PIXEL_SCALE": 0.074, "VERBOSE_TYPE": "QUIET",
+    "STARNNW_NAME": "/usr/share/source-extractor/default.nnw",
+}  # fmt: skip
+_PSFEX = {
+    "PSF_SIZE": f"{_STEPS},{_STEPS}", "PSF_SAMPLING": _STEP, "BASIS_TYPE": "PIXEL", "PSFVAR_DEGREES": 1,
+    "SAMPLE_FWHMRANGE": "1.0,4.0", "SAMPLE_MINSN": 50, "SAMPLE_IMAFLAGMASK": "0xff", "CHECKPLOT_DEV": "NULL",
+    "CHECKPLOT_TYPE": "NONE", "CHECKIMAGE_TYPE": "NONE", "WRITE_XML": "N", "VERBOSE_TYPE": "QUIET",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Extracted:
+    """What the programs made of a frame.
+
+    table: ObjectTable with columns x, y (whole chip, 0-based px), flux_psf (the factor of the model; 0 where its fit
+    failed), flux_kron [electron], snr (of flux_psf), flags (SATURATED of measure.catalogue or 0); psf: their model in
+    the middle of the frame as pixels see it, per px^2 on steps of half a px, about 1 within APERTURE; stars: how many
+    it is made of; cpu: seconds by program.
+    """
+
+    table: ObjectTable
+    psf: np.ndarray
+    stars: int
+    cpu: dict
+
+
+def missing():
+    """Return the programs that are not there."""
+    return [name for name in PROGRAMS if shutil.which(name) is None]
+
+
+def extract(calibrated, folder, exptime):
+    """Return the `Extracted` of a calibrated image (io.calibrated), working in `folder`.
+
+    exptime: seconds. Raises InputError for a frame with too few stars.
+    """
+    header = _write_planes(calibrated, folder, exptime)
+    settings = _SETTINGS | {"GAIN": exptime, "BACK_SIZE": SECOND_BOX}
+    axis = np.arange(-3, 4) / 0.9
+    gauss = np.exp(-0.5 * (axis[:, None] ** 2 + axis**2))
+    cpu = {"source-extractor, vignettes": _find(folder, "first", gauss, 5.0, 3, _FIRST, settings)}
+    cpu["psfex"] = _run(folder, "psfex", "first.cat", _PSFEX)
+    psf, about = _middle(folder / "first.psf")
+    if about["ACCEPTED"] < FEWEST_STARS:
+        raise InputError(
+            "too few bright stars for psfex", file=calibrated, key="stars", value=about["ACCEPTED"],
+            allowed=f"{FEWEST_STARS} or more; take a larger window",
+        )  # fmt: skip
+    kernel = map_coordinates(psf, np.indices((7, 7)) / _STEP + _STEPS // 2 - 3 / _STEP, order=3)
+    fitted = settings | {"PSF_NAME": "first.psf"}
+    cpu["source-extractor, all sources"] = _find(folder, "second", kernel, THRESHOLD, 1, _SECOND, fitted)
+    found = fits.getdata(folder / "second.cat", 2)
+    columns = {
+        "x": found["XWIN_IMAGE"] - 2.0 + header["READX0"],  # both count from 1
+        "y": found["YWIN_IMAGE"] - 2.0 + header["READY0"],
+        "flux_psf": found["FLUX_PSF"] * exptime, "flux_kron": found["FLUX_AUTO"] * exptime,
+        "snr": found["FLUX_PSF"] / np.maximum(found["FLUXERR_PSF"], np.float32(1e-30)),
+        "flags": np.where(found["IMAFLAGS_ISO"] & FULL, SATURATED, 0),
+    }  # fmt: skip
+    table = ObjectTable({name: np.array(values, np.float64) for name, values in columns.items()})
+    return Extracted(table.with_columns(flags=columns["flags"].astype(np.int32)), psf, about["ACCEPTED"], cpu)
+
+
+def fwhm(psf, step):
+    """Return the full width at half maximum [px] of a PSF on steps of `step` px: diameter of the area above half."""
+    fine = 16
+    middle = len(psf) // 2
+    part = slice(middle - round(4 / step), middle + round(4 / step) + 1)
+    zoomed = zoom(np.asarray(psf[part, part], float), fine, order=3, grid_mode=True, mode="nearest")
+    return 2.0 * np.sqrt((zoomed > 0.5 * zoomed.max()).sum() / np.pi) * step / fine
+
+
+def _write_planes(calibrated, folder, exptime):
+    """Write the image, the noise of its background and its flags; return the header of SCI."""
+    with fits.open(calibrated) as file:
+        science, error, quality = (file[name].data for name in ("SCI", "ERR", "DQ"))
+        header = file["SCI"].header
+    variance = error**2 - science / exptime
+    usual = np.median(variance)  # what the pixel response leaves of bright stars is kept within bounds
+    rms = np.sqrt(np.clip(variance, 0.5 * usual, 2.0 * usual))
+    rms[(quality & ~FULL) > 0] = _UNUSABLE
+    for name, plane in (("image", science), ("rms", rms.astype(np.float32)), ("flag", quality)):
+        fits.writeto(folder / f"{name}.fits", plane)
+    return header
+
+
+def _find(folder, name, kernel, threshold, area, columns, settings):
+    """Run source-extractor with a kernel and a threshold on the S/N in it; return its CPU seconds."""
+    kernel = kernel / kernel.sum()
+    rows = "\n".join(" ".join(f"{value:.7f}" for value in row) for row in kernel)
+    (folder / f"{name}.conv").write_text(f"CONV NORM\n{rows}\n")
+    (folder / f"{name}.param").write_text("\n".join(columns) + "\n")
+    # Its threshold is in units of the noise before the smoothing
+    level = threshold * np.sqrt((kernel**2).sum())
+    settings = settings | {
+        "CATALOG_NAME": f"{name}.cat", "PARAMETERS_NAME": f"{name}.param", "FILTER_NAME": f"{name}.conv",
+        "DETECT_THRESH": level, "ANALYSIS_THRESH": level, "DETECT_MINAREA": area,
+    }  # fmt: skip
+    return _run(folder, "source-extractor", "image.fits", settings)
+
+
+def _run(folder, program, file, settings):
+    """Run a program with settings {key: value} in `folder`; return its CPU seconds. RuntimeError says what it said."""
+    (folder / "settings").write_text("".join(f"{key} {value}\n" for key, value in settings.items()))
+    with (folder / "said").open("w") as said:
+        process = subprocess.Popen([program, file, "-c", "settings"], cwd=folder, stdout=said, stderr=said)
+        _, process.returncode, used = os.wait4(process.pid, 0)
+    if process.returncode:
+        raise RuntimeError(f"{program}: {(folder / 'said').read_text()[-1000:]}")
+    return used.ru_utime + used.ru_stime
+
+
+def _middle(path):
+    """Return (PSF in the middle of the frame per px^2, header) of a psfex file: there the polynomials are constants."""
+    with fits.open(path) as file:
+        return file[1].data["PSF_MASK"][0][0].astype(float), file[1].header

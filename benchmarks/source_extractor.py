@@ -1,0 +1,151 @@
+"""Our measurement beside source-extractor and psfex on the same calibrated frames: completeness, zero point, places.
+
+    apt-get install source-extractor psfex
+    python benchmarks/source_extractor.py                      # r and i windows of the demo's field, full depth
+    python benchmarks/source_extractor.py --campaign FILE      # the imaging science frames of a campaign
+
+Level-0 files that are missing are made; each frame is calibrated and measured (`csstsim calibrate`, `measure`), then
+found and measured anew by the two programs (benchmarks/astromatic.py). Both catalogues are compared with the truth in
+the way of `csstsim validate`: isolated objects, S/N of the truth. Magnitudes are those of the light measured over the
+true electrons: 0 means all of it. psfex's model ends 10 px from a star, beyond which much light is: FLUX_PSF times the
+light of its model within 6 px, over the share that our PSF has there, is all light.
+
+Exit code 1 if completeness above S/N 5 differs by more than 2% and two sigma of what only one of them finds, or a zero
+point by more than 0.02 mag; 2 if the input cannot be used or the programs are not there.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import astromatic
+import numpy as np
+import yaml
+from astropy.io import fits
+from source_extractor_compare import Code, draw, report
+
+from csstsim.bricks.compare import PIXEL
+from csstsim.bricks.validate import Frame, usable
+from csstsim.campaign import OpenCampaign
+from csstsim.catalog.table import STAR, ObjectTable
+from csstsim.errors import CsstsimError, InputError
+from csstsim.io.truth import read_truth
+from csstsim.optics.psf_file import half_pixels, pixel_response
+from csstsim.prepare import open_psf
+
+ROOT = Path(__file__).parents[1]
+FIGURE = ROOT / "docs" / "figures" / "source_extractor.png"
+FIELD = {"ra": 60.1172, "dec": -40.0330}  # the demo's
+OBSIDS = [f"101000000{number}" for number in ("04", "05", "11", "12")]  # its field, in r and i, twice
+
+
+def default_campaign(output, side, obsids=OBSIDS):
+    """Write the campaign of the default frames, `side` px wide, whose charge transfer is perfect; return its file."""
+    output.mkdir(parents=True, exist_ok=True)
+    content = {
+        "schema_version": 1, "name": "source_extractor", "survey_table": str(ROOT / "survey_tables/demo.csv"),
+        "output": str(output.resolve()), "seed": 1,
+        "select": {
+            "types": ["SCIE"], "obsids": obsids, "filters": ["r", "i"],
+            "region": FIELD | {"radius": round(0.5 * side * PIXEL / 60, 4)},
+        },
+        "window": "region",
+        "observations": {"SCIE": str(ROOT / "examples/quarter_brick/science_no_cti.yaml")},
+    }  # fmt: skip
+    path = output / "campaign.yaml"
+    path.write_text("# Written by benchmarks/source_extractor.py\n" + yaml.safe_dump(content, sort_keys=False))
+    return path
+
+
+def csstsim(command, run, job):
+    """Run a csstsim command on a job; return its CPU seconds."""
+    line = [Path(sys.executable).parent / "csstsim", command, run.file, "--obsid", job.pointing.obsid]
+    process = subprocess.Popen([*map(str, line), "--chip", str(job.chip.id)], stdout=sys.stderr)
+    _, process.returncode, used = os.wait4(process.pid, 0)
+    if process.returncode:
+        sys.exit(process.returncode)
+    return used.ru_utime + used.ru_stime
+
+
+def our_psf(run, job):
+    """Return our PSF in the middle of the window as a pixel sees it, share of all light per px^2 on steps of half a px.
+
+    The mean of its sub-bands, as `measure` takes it.
+    """
+    psf, window = open_psf(run, job.chip), job.window
+    cells = psf.at(0.5 * (window.x0 + window.x1 - 1), 0.5 * (window.y0 + window.y1 - 1))
+    return pixel_response(half_pixels(cells, psf.oversampling).mean(axis=0, dtype=np.float64), 2)
+
+
+def encircled(psf, radius):
+    """Return the share of the light within `radius` px, of a PSF per px^2 on steps of half a px."""
+    axis = 0.5 * (np.arange(len(psf)) - len(psf) // 2)
+    inside = np.clip((radius - np.hypot(axis[:, None], axis)) / 0.5 + 0.5, 0.0, 1.0)  # of each sample's cell
+    return float((psf * inside).sum() / 4.0)
+
+
+def compare_frame(run, job, ours, theirs):
+    """Measure a job's frame with both codes and add what they made of it.
+
+    Returns by how much MAGZERO is off, of each star, mag.
+    """
+    if not run.paths.level0_truth(job.pointing, job.chip.id).is_file():
+        csstsim("chip", run, job)
+    cpu = {"calibrate": csstsim("calibrate", run, job), "measure": csstsim("measure", run, job)}
+    exptime, calibrated = job.pointing.exptime, run.paths.calibrated(*job.key)
+    with tempfile.TemporaryDirectory() as folder:
+        extracted = astromatic.extract(calibrated, Path(folder), exptime)
+    psf = our_psf(run, job)
+    modelled, share = (encircled(model, 0.5 * astromatic.APERTURE) for model in (extracted.psf, psf))
+    print(
+        f"{job.pointing.obsid} chip {job.chip.id} {job.chip.filter}: {job.window.nx} x {job.window.ny} px; psfex took "
+        f"{extracted.stars} stars; light within {0.5 * astromatic.APERTURE:g} px: "
+        f"{modelled:.4f} in its model, {share:.4f} in our PSF",
+        flush=True,
+    )
+    truth, seam = read_truth(run.paths.level0_truth(job.pointing, job.chip.id)), run.camera.detector.channel_ny
+    measured = ObjectTable.read(run.paths.measure(*job.key))
+    found = extracted.table
+    found = found.with_columns(flux_psf=found["flux_psf"] * modelled / share)
+    frames = Frame(truth, measured, seam), Frame(truth, ObjectTable(dict(found), measured.meta), seam)
+    judged = usable(frames[0])
+    ours.add(judged, frames[0], astromatic.fwhm(psf, 0.5), cpu)
+    theirs.add(judged, frames[1], astromatic.fwhm(extracted.psf, 0.5), extracted.cpu)
+    star = judged["obj_type"] == STAR
+    given = fits.getval(calibrated, "MAGZERO", "SCI") - 2.5 * np.log10(judged["electrons"][star] / exptime)
+    return given - judged[f"mag_{frames[0].band}"][star]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--campaign", type=Path, help="A campaign's file [default: one of the demo's field].")
+    parser.add_argument(
+        "--output", type=Path, default=ROOT / "results" / "source_extractor", help="... and its folder."
+    )
+    parser.add_argument("--side", type=int, default=4000, help="... side of its windows, px.")
+    parser.add_argument("--figure", type=Path, default=FIGURE)
+    given = parser.parse_args()
+    if absent := astromatic.missing():
+        print(f"{', '.join(absent)}: not installed; apt-get install source-extractor psfex", file=sys.stderr)
+        sys.exit(2)
+    try:
+        run = OpenCampaign(given.campaign or default_campaign(given.output, given.side))
+        jobs = [job for job in run.jobs if job.chip.kind == "imaging" and job.pointing.type == "SCIE"]
+        if not jobs:
+            raise InputError("no science frame of an imaging chip", file=run.file, key="select")
+        bands = {}
+        for job in jobs:
+            ours, theirs, header = bands.setdefault(job.chip.filter, (Code(), Code(), []))
+            header.extend(compare_frame(run, job, ours, theirs))
+    except CsstsimError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
+    draw(given.figure, bands)
+    sys.exit(int(any([report(band, *codes) for band, codes in bands.items()])))
+
+
+if __name__ == "__main__":
+    main()
