@@ -107,7 +107,7 @@ def test_point_source_flux_inverts_snr():
 
 def test_psf_model_interpolates_the_pixel_integral(fabricate):
     """Against the closed form of a Gaussian integrated over pixels, at sub-pixel shifts."""
-    from csstsim.measure.photometry import _stamp
+    from csstsim.measure.photometry import draw_psf
 
     model = psf_model(fabricate.psf, (0, 0), (100, 700), cell_px=350)
     assert model.coefficients.shape[0] == 4
@@ -115,7 +115,7 @@ def test_psf_model_interpolates_the_pixel_integral(fabricate):
     size = 2 * HALF + 1
     for dx, dy in ((0.0, 0.0), (0.25, -0.25), (0.48, 0.1), (-0.37, 0.49)):
         stamp, exact = np.empty((size, size)), np.zeros((size, size))
-        _stamp(model.coefficients[0], dx, dy, HALF, stamp)
+        draw_psf(model.coefficients[0], dx, dy, HALF, stamp)
         fabricate.add_stars(exact, [HALF + dx], [HALF + dy], [1.0], half=HALF)
         assert np.abs(stamp - exact).max() < 2e-3 * exact.max()
         assert (stamp * exact).sum() / (exact**2).sum() == pytest.approx(1.0, abs=1e-3)

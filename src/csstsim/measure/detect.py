@@ -40,7 +40,8 @@ class Sources:
 
     `x`, `y` windowed positions; `a`, `b`, `theta` (rad, from +x to +y) the isophotal ellipse; `half_light`
     radius; `sep_flag` the extraction flags of sep; `window_failed` bool: x, y are barycentres; `segment`
-    the number of the cold segment in `Passes.segments` the source lies on, 0 for none; `flux` within the isophote.
+    the number of the cold segment in `Passes.segments` the source lies on, 0 for none; `flux` within the isophote;
+    `window` sigma of the position's window.
     """
 
     x: np.ndarray
@@ -53,6 +54,7 @@ class Sources:
     window_failed: np.ndarray
     segment: np.ndarray
     flux: np.ndarray
+    window: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -140,4 +142,5 @@ def _sources(image, found, segments, scale, window):
     x, y = np.where(failed, x, wx), np.where(failed, y, wy)
     row, column = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in zip((y, x), image.shape, strict=True))
     theta, flag = np.nan_to_num(found["theta"]), found["flag"]
-    return Sources(x, y, a, b, theta, half_light, flag, failed, segments[row, column], found["flux"].astype(float))
+    segment, flux = segments[row, column], found["flux"].astype(float)
+    return Sources(x, y, a, b, theta, half_light, flag, failed, segment, flux, sigma)
