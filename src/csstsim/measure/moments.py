@@ -27,9 +27,9 @@ from csstsim.measure.photometry import HALF, draw_psf
 
 SMOOTH = 1.0  # px
 REACH = 5.0  # sigma of the widened weight; beyond it the weight is below 4e-6
-CONVERGED = 1e-6  # of the size, last step
-MAX_STEPS = 100
-MAX_SIGMA = 40.0  # px; what grows beyond has run into its surroundings
+CONVERGED = 1e-5  # of the size, last step
+MAX_STEPS = 40
+MAX_GROWTH = 4.0  # of sigma from where it starts; what grows beyond has run into its surroundings
 MIN_USABLE = 0.5  # least share of the fitted, weighted light on usable pixels
 RESOLUTION_MIN = 0.1  # below it a correction is noise and errors of the PSF model
 ROUND = 1.1774  # half-light radius / sigma of a Gaussian
@@ -144,6 +144,7 @@ def adaptive_moments(image, unusable, segments, number, x, y, sigma, smooth, gau
     """
     means = np.empty(6)
     gauss[0], gauss[1], gauss[2], gauss[3], gauss[4] = x, y, sigma * sigma, 0.0, sigma * sigma
+    largest = (MAX_GROWTH * sigma) ** 4
     for _ in range(MAX_STEPS):
         light, amplitude, share = _sums(image, unusable, segments, number, gauss, smooth, means)
         if not (light > 0.0 and share >= MIN_USABLE):
@@ -162,14 +163,18 @@ def adaptive_moments(image, unusable, segments, number, x, y, sigma, smooth, gau
         gauss[0] += 2.0 * dx
         gauss[1] += 2.0 * dy
         gauss[2], gauss[3], gauss[4] = new_xx, new_xy, new_yy
-        if math.hypot(gauss[0] - x, gauss[1] - y) > 1.0 + sigma or new_xx * new_yy - new_xy**2 > MAX_SIGMA**4:
+        if math.hypot(gauss[0] - x, gauss[1] - y) > 1.0 + sigma or new_xx * new_yy - new_xy**2 > largest:
             break
     return 0.0, 0.0, 0.0
 
 
 @numba.njit(cache=True)
-def _distortion_error(rms, unusable, segments, number, counted, gauss, smooth, light, amplitude):
-    """Return the error of e1 and e2 (root of the mean square of both): noise of the pixels through the last step."""
+def _distortion_error(rms, unusable, segments, number, counted, gauss, smooth, fit):
+    """Return the error of e1 and e2 (root of the mean square of both), of the noise of the pixels.
+
+    `fit`: of adaptive_moments. A quadrupole q of the moments makes the Gaussian's own larger by 4 q / (1 - kurtosis).
+    """
+    kurtosis, light, amplitude = fit
     x, y, xx, xy, yy = gauss
     ny, nx = rms.shape
     s2 = smooth * smooth
@@ -191,7 +196,7 @@ def _distortion_error(rms, unusable, segments, number, counted, gauss, smooth, l
             r2 = u * u + v * v
             one, two = u * u - v * v - e1 * r2 + one_0, 2.0 * u * v - e2 * r2 + two_0
             total += w * w * (float(rms[row, col]) ** 2 + source / counted) * (one * one + two * two)
-    return 4.0 / (size * light) * math.sqrt(0.5 * total)
+    return 4.0 / ((1.0 - kurtosis) * size * light) * math.sqrt(0.5 * total) if kurtosis < 1.0 else math.inf
 
 
 @numba.njit(cache=True)
@@ -211,21 +216,17 @@ def measure_shapes(image, rms, unusable, segments, number, x, y, half_light, cou
         dx, dy = x[k] - round(x[k]), y[k] - round(y[k])
         draw_psf(coefficients[cell[k]], dx, dy, HALF, stamp)
         start = math.hypot(0.8, SMOOTH)
-        kurtosis, light, _ = adaptive_moments(stamp, clear, alone, 0, HALF + dx, HALF + dy, start, SMOOTH, gauss)
-        if light > 0.0:
+        fit = adaptive_moments(stamp, clear, alone, 0, HALF + dx, HALF + dy, start, SMOOTH, gauss)
+        if fit[1] > 0.0:
             _write(gauss, result[k, 7:])
-            result[k, 10] = kurtosis
+            result[k, 10] = fit[0]
         start = math.hypot(max(half_light[k] / ROUND, 0.8), SMOOTH)
-        kurtosis, light, amplitude = adaptive_moments(
-            image, unusable, segments, number[k], x[k], y[k], start, SMOOTH, gauss
-        )
-        if light > 0.0:
+        fit = adaptive_moments(image, unusable, segments, number[k], x[k], y[k], start, SMOOTH, gauss)
+        if fit[1] > 0.0:
             result[k, :2] = gauss[:2]
             _write(gauss, result[k, 2:])
-            result[k, 5] = kurtosis
-            result[k, 6] = _distortion_error(
-                rms, unusable, segments, number[k], counted[k], gauss, SMOOTH, light, amplitude
-            )
+            result[k, 5] = fit[0]
+            result[k, 6] = _distortion_error(rms, unusable, segments, number[k], counted[k], gauss, SMOOTH, fit)
     return result
 
 
