@@ -39,7 +39,9 @@ def moments(image, smooth=0.0, place=PLACE, guess=2.0, unusable=None, segments=N
     unusable = np.zeros(image.shape, np.uint8) if unusable is None else unusable
     segments = np.zeros(image.shape, np.int32) if segments is None else segments
     gauss = np.empty(5)
-    kurtosis, light, _ = adaptive_moments(image, unusable, segments, 7, *place, math.hypot(guess, smooth), smooth, gauss)
+    kurtosis, light, _ = adaptive_moments(
+        image, unusable, segments, 7, *place, math.hypot(guess, smooth), smooth, gauss
+    )
     if light == 0.0:
         return None
     x, y, xx, xy, yy = gauss
@@ -131,7 +133,9 @@ def test_pixels_that_cannot_be_used_count_as_the_gaussian(why, smooth):
     ours = moments(image, smooth, place, 2.0, np.ascontiguousarray(unusable), np.ascontiguousarray(segments))
     expected = moments(gaussian(2.5, 0.3, -0.2), smooth)
     expected[:2] = place
-    same(ours, expected)
+    same(
+        ours, expected, 1e-3 if why == "corner" else RELATIVE
+    )  # with a third of the light missing, last steps are slow
 
 
 def test_what_has_no_moments_fails():
@@ -165,7 +169,7 @@ def test_the_correction_is_galsims(name):
     assert (e.real[0], e.imag[0]) == pytest.approx((theirs.corrected_e1, theirs.corrected_e2), abs=2 * RELATIVE)
 
 
-@pytest.mark.parametrize(("name", "bias"), [("disc", 0.01), ("small", 0.02), ("bulge", 0.06), ("thin", 0.01)])
+@pytest.mark.parametrize(("name", "bias"), [("disc", 0.002), ("small", 0.02), ("bulge", 0.02), ("thin", 0.002)])
 def test_what_the_correction_leaves_of_the_shape(name, bias):
     """Without noise; `bias` relative to |e|: what a kurtosis alone does not know of a profile. Exact for Gaussians."""
     e, _, resolution = without_psf(shapes_of(picture(galsim.Convolve(GALAXIES[name], PSF)), PSF))

@@ -140,8 +140,8 @@ def _sources(found, calibrated, unusable, model, window):
 def _shapes(found, counted, unusable, model, cell):
     """Return the columns of shapes; `e`, complex, is the distortion without the PSF on pixel axes."""
     shapes = measure_shapes(
-        found.image, found.rms, unusable, found.segments, found.segment, found.x, found.y, found.half_light, counted,
-        cell, model.coefficients,
+        found.image, found.rms, unusable, found.segments, found.segment, found.x, found.y,
+        np.sqrt(found.a * found.b), counted, cell, model.coefficients,
     )  # fmt: skip
     _, _, sigma, e1, e2, _, _, psf_sigma, psf_e1, psf_e2, _ = shapes.T
     e, error, resolution = without_psf(shapes)

@@ -1,8 +1,9 @@
-"""Errors of windowed positions: the noise of the pixels, passed on to the place where the weighted offsets cancel.
+"""Windowed positions, where the weighted offsets of the pixels cancel, and their errors.
 
-The position is where sum(w (r - r0) d) = 0, with a Gaussian w of sigma `window` about r0 itself (detect). To first
-order noise n in the pixels moves it by sum(w dx n) / sum(w (1 - dx^2 / window^2) m), with m the source without noise:
-the PSF for what was found as a point, the image itself for an extended source.
+The position is where sum(w (r - r0) d) = 0, with a Gaussian w of sigma `window` about r0 itself: Source Extractor's
+XWIN, YWIN, as `sep.winpos` has them, at a tenth of its cost, since the weight is a product of a row's and a column's.
+To first order noise n in the pixels moves it by sum(w dx n) / sum(w (1 - dx^2 / window^2) m), with m the source without
+noise: the PSF for what was found as a point, the image itself for an extended source.
 """
 
 import math
@@ -13,6 +14,46 @@ import numpy as np
 from csstsim.measure.photometry import HALF, draw_psf
 
 REACH = 4.0  # window sigma: where the window ends
+STEP = 1e-4  # px, half of the last step
+MAX_STEPS = 16
+
+
+@numba.njit(cache=True)
+def windowed_positions(image, x, y, window):
+    """Return (x, y, failed), each (n,), px, from a first guess `x`, `y`; `window` (n,) px.
+
+    failed: no positive light in the window, where the search ended. `image` float32 (ny, nx).
+    """
+    ny, nx = image.shape
+    new_x, new_y, failed = x.copy(), y.copy(), np.zeros(x.size, np.bool_)
+    columns = np.empty(nx)
+    for k in range(x.size):
+        inverse, reach = -0.5 * window[k] ** -2, REACH * window[k]
+        for _ in range(MAX_STEPS):
+            light, along_x, along_y = 0.0, 0.0, 0.0
+            first, last = max(math.ceil(new_x[k] - reach), 0), min(math.floor(new_x[k] + reach) + 1, nx)
+            for u in range(first, last):
+                columns[u] = math.exp(inverse * (u - new_x[k]) ** 2)
+            for v in range(max(math.ceil(new_y[k] - reach), 0), min(math.floor(new_y[k] + reach) + 1, ny)):
+                dy = v - new_y[k]
+                half = math.sqrt(max(reach * reach - dy * dy, 0.0))
+                row, row_x = 0.0, 0.0
+                for u in range(max(math.ceil(new_x[k] - half), first), min(math.floor(new_x[k] + half) + 1, last)):
+                    w = columns[u] * image[v, u]
+                    row += w
+                    row_x += w * (u - new_x[k])
+                weight = math.exp(inverse * dy * dy)
+                light += weight * row
+                along_x += weight * row_x
+                along_y += weight * row * dy
+            if not light > 0.0:
+                failed[k] = True
+                break
+            new_x[k] += 2.0 * along_x / light
+            new_y[k] += 2.0 * along_y / light
+            if along_x**2 + along_y**2 < (STEP * light) ** 2:
+                break
+    return new_x, new_y, failed
 
 
 @numba.njit(cache=True)

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from csstsim.measure.background import BIN, MASK_MAX, binned, crude_background, full_size, masked_background
+from csstsim.measure.centroid import windowed_positions
 from csstsim.optics.psf import WINDOW_PX
 
 THRESHOLD = 3.75  # of the matched-filter S/N
@@ -136,9 +137,9 @@ def _sources(image, found, segments, scale, window):
     half_light = np.where(np.isfinite(half_light) & (half_light > 0.5), half_light, 0.5)
     # Never narrower than the window the PSF nodes are centred in: coma would shift a star by 0.01-0.03 px otherwise.
     sigma = np.maximum(2.0 * np.minimum(half_light, window) / FWHM_TO_SIGMA, WINDOW_PX)
-    wx, wy, flag = sep.winpos(image, x, y, sigma)
+    wx, wy, failed = windowed_positions(image, x, y, sigma)
     # The window may slide to a brighter neighbour or to nowhere: a source is not further off than its own size.
-    failed = ~(np.hypot(wx - x, wy - y) < 1.0 + 2.0 * a / scale) | ((flag & sep.APER_NONPOSITIVE) != 0)
+    failed |= ~(np.hypot(wx - x, wy - y) < 1.0 + 2.0 * a / scale)
     x, y = np.where(failed, x, wx), np.where(failed, y, wy)
     row, column = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in zip((y, x), image.shape, strict=True))
     theta, flag = np.nan_to_num(found["theta"]), found["flag"]

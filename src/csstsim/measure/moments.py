@@ -28,11 +28,11 @@ from csstsim.measure.photometry import HALF, draw_psf
 SMOOTH = 1.0  # px
 REACH = 5.0  # sigma of the widened weight; beyond it the weight is below 4e-6
 CONVERGED = 1e-5  # of the size, last step
-MAX_STEPS = 40
+MAX_STEPS = 100
 MAX_GROWTH = 4.0  # of sigma from where it starts; what grows beyond has run into its surroundings
 MIN_USABLE = 0.5  # least share of the fitted, weighted light on usable pixels
 RESOLUTION_MIN = 0.1  # below it a correction is noise and errors of the PSF model
-ROUND = 1.1774  # half-light radius / sigma of a Gaussian
+SIZE_MIN = 0.8  # px: about a star's, to start with
 
 
 @numba.njit(cache=True)
@@ -200,11 +200,11 @@ def _distortion_error(rms, unusable, segments, number, counted, gauss, smooth, f
 
 
 @numba.njit(cache=True)
-def measure_shapes(image, rms, unusable, segments, number, x, y, half_light, counted, cell, coefficients):
+def measure_shapes(image, rms, unusable, segments, number, x, y, size, counted, cell, coefficients):
     """Measure sources and the PSF at their places; all lengths px.
 
     `image`, `rms` float32, `unusable` uint8, `segments` int32 (ny, nx); `number` (n,) of each source's own segment;
-    `x`, `y`, `half_light` (n,) where and how large it is taken to be at first; `counted`, `cell`, `coefficients` as
+    `x`, `y`, `size` (n,) where it is and its sigma at first; `counted`, `cell`, `coefficients` as
     in photometry.fit_sources.
     Returns (n, 11): x, y, sigma, e1, e2, kurtosis, error of e, then sigma, e1, e2, kurtosis of the PSF; NaN: failed.
     """
@@ -215,12 +215,12 @@ def measure_shapes(image, rms, unusable, segments, number, x, y, half_light, cou
     for k in range(x.size):
         dx, dy = x[k] - round(x[k]), y[k] - round(y[k])
         draw_psf(coefficients[cell[k]], dx, dy, HALF, stamp)
-        start = math.hypot(0.8, SMOOTH)
+        start = math.hypot(SIZE_MIN, SMOOTH)
         fit = adaptive_moments(stamp, clear, alone, 0, HALF + dx, HALF + dy, start, SMOOTH, gauss)
         if fit[1] > 0.0:
             _write(gauss, result[k, 7:])
             result[k, 10] = fit[0]
-        start = math.hypot(max(half_light[k] / ROUND, 0.8), SMOOTH)
+        start = math.hypot(max(size[k], SIZE_MIN), SMOOTH)
         fit = adaptive_moments(image, unusable, segments, number[k], x[k], y[k], start, SMOOTH, gauss)
         if fit[1] > 0.0:
             result[k, :2] = gauss[:2]
