@@ -14,7 +14,7 @@ from csstsim.rng import stream
 N_BRICKS = 12 * 256**2
 POLE, SOUTH, WRAP = (int(healpix.brick_of(*place)) for place in ((45.0, 90.0), (10.0, -90.0), (0.0, 0.0)))
 EIGHT_NEIGHBOURS, SEVEN = 123456, 65535  # SEVEN: at a corner where only three bricks meet
-FRAMES, SCATTER = 5, 0.03  # arcsec on an axis
+FRAMES, SCATTER, ERROR = 5, 0.02, 0.025  # arcsec on an axis; the error as measured
 
 
 def border_sources(pix, rng):
@@ -32,7 +32,7 @@ def detections(sky, rng):
         seen = np.flatnonzero(rng.uniform(size=len(sky)) < (1.0 if k < 2 else 0.7))
         moved = sky[seen] + np.radians(SCATTER * ARCSEC) * rng.normal(size=(len(seen), 3))
         snr = rng.uniform(5, 9, len(seen))
-        found = table(*healpix.from_vectors(moved), obsid=str(k), band="ugriz"[k], snr=snr, pos_err=0.02)
+        found = table(*healpix.from_vectors(moved), obsid=str(k), band="ugriz"[k], snr=snr, pos_err=ERROR)
         tables.append(found.with_columns(number=seen.astype(np.int32)))  # which source it truly is
     return tables
 

@@ -70,7 +70,13 @@ def test_stars_are_called_stars_and_shapes_are_round(star_field):
     assert np.mean((table["flags"][use] & catalogue.SHARP) > 0) < 0.002
     bright = row[found & (snr > 100)]
     for e in ("e1", "e2"):
-        assert abs(np.median(table[e][bright])) < 0.01
+        assert abs(np.median(table[f"hsm_{e}"][bright])) < 0.01
+        assert np.abs(table[f"psf_{e}"]).max() < 1e-3
+    # The PSF and a pixel, smoothed with 1 px: measured and modelled alike, so that nothing is left to resolve
+    assert np.median(table["hsm_sigma"][bright]) == pytest.approx(np.sqrt(0.95**2 + 1 / 12 + 1.0), rel=5e-3)
+    assert np.ptp(table["psf_sigma"]) < 2e-3 and abs(np.median(table["resolution"][bright])) < 0.01
+    assert np.isnan(table["g1"][bright]).mean() > 0.95
+    assert np.mean((table["flags"][use] & catalogue.NO_SHAPE) > 0) < 0.02
     # the noise map is 1-2 % high: sources below the threshold are in it
     assert np.median(table["chi2"][bright]) == pytest.approx(1.0, abs=0.04)
 

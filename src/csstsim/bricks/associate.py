@@ -13,7 +13,7 @@ import numpy as np
 
 ARCSEC = np.pi / 180.0 / 3600.0
 FLOOR = 0.010  # arcsec: residuals of the astrometry, months of a slow star's motion
-N_SIGMA = 8.0  # four of the true scatter, which close to the noise is twice the quoted one
+N_SIGMA = 5.0  # in two dimensions 4e-6 of the true pairs are further apart
 CAP = 0.4  # arcsec: what a faint galaxy's noise may do; beyond it lies the next source
 
 

@@ -12,13 +12,15 @@ from csstsim.catalog.astrometry import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.errors import InputError
 from csstsim.measure.bad_pixels import BAD, FULL, RAY, mend
+from csstsim.measure.centroid import position_errors
 from csstsim.measure.combine import combine
-from csstsim.measure.detect import FWHM_TO_SIGMA, detect
+from csstsim.measure.detect import detect
+from csstsim.measure.moments import measure_shapes, on_sky, reduced, without_psf
 from csstsim.measure.photometry import fit_sources, kron_flux, psf_model
 
 # Bits of `flags`.
 BLENDED, TRUNCATED, SATURATED, NEGATIVE_FLUX = 1, 2, 4, 8
-KRON_FAILED, NOT_CENTRED, SHARP, BAD_PIXELS = 16, 32, 64, 128
+KRON_FAILED, NOT_CENTRED, SHARP, BAD_PIXELS, NO_SHAPE = 16, 32, 64, 128, 256
 FLAGS = {
     BLENDED: "deblended from another source",
     TRUNCATED: "reaches the edge of the frame",
@@ -28,6 +30,7 @@ FLAGS = {
     NOT_CENTRED: "windowed position failed: x, y are the isophotal barycentre",
     SHARP: "sharper than the PSF by 5 sigma: cosmic ray or defect",
     BAD_PIXELS: "defects or cosmic rays within 3 px; they are left out of the fit",
+    NO_SHAPE: "adaptive moments failed: hsm_sigma, hsm_e1, hsm_e2, resolution, g1, g2, g_err are NaN",
 }
 STAR_SPREAD = 0.01  # spread of a star: PSF interpolation and centring errors, beside its noise (x 2.5)
 
@@ -36,9 +39,11 @@ COLUMNS = {
     "ra": np.float64, "dec": np.float64, "ra_apparent": np.float64, "dec_apparent": np.float64, "pos_err": np.float32,
     "flux_psf": np.float64, "flux_psf_err": np.float64, "mag_psf": np.float64, "mag_psf_err": np.float64,
     "flux_kron": np.float64, "flux_kron_err": np.float64, "mag_kron": np.float64, "mag_kron_err": np.float64,
-    "snr": np.float32, "fwhm": np.float32, "a": np.float32, "b": np.float32, "theta": np.float32, "e1": np.float32,
-    "e2": np.float32, "chi2": np.float32, "spread": np.float32, "spread_err": np.float32, "star": bool,
-    "zeropoint": np.float64, "rms": np.float32, "flags": np.int32,
+    "snr": np.float32, "fwhm": np.float32, "a": np.float32, "b": np.float32, "theta": np.float32,
+    "hsm_sigma": np.float32, "hsm_e1": np.float32, "hsm_e2": np.float32, "psf_sigma": np.float32, "psf_e1": np.float32,
+    "psf_e2": np.float32, "resolution": np.float32, "g1": np.float32, "g2": np.float32, "g_err": np.float32,
+    "chi2": np.float32, "spread": np.float32, "spread_err": np.float32, "star": bool, "zeropoint": np.float64,
+    "rms": np.float32, "flags": np.int32,
 }  # fmt: skip
 
 
@@ -48,7 +53,11 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     `calibrated`: measure.calibrate.Calibrated of `window`; `psf`: PsfSet of the chip; `wcs`: ChipWCS;
     `observer`: catalog.ephemeris.Observer.
     The columns are `COLUMNS`, by decreasing S/N; x, y chip pixels (0-based, whole chip), `pos_err`
-    arcsec, fluxes electrons, `fwhm` px, `theta` rad from +x to +y, `zeropoint` the AB magnitude of 1 electron.
+    arcsec on an axis, fluxes electrons, `fwhm` px, `theta` rad from +x to +y, `zeropoint` the AB magnitude of 1
+    electron. Adaptive moments (measure.moments), NaN where they failed: `hsm_sigma`, `psf_sigma` px, `hsm_e1` ... of
+    source and PSF distortions (a2 - b2)/(a2 + b2) on pixel axes; `g1`, `g2` without the PSF, (a - b)/(a + b), axis 1
+    along +RA (east), 2 towards north, as the truth's e1, e2 sheared by its g1, g2; `g_err` on an axis; these three are
+    NaN also where the source is not resolved (`resolution`, 0 for a star, 1 for a large galaxy).
     `meta` holds the facts of the frame: background and rms in electrons, n_eff px, depth_5sigma AB, window.
     Raises InputError for anything but an imaging science frame.
     """
@@ -67,7 +76,9 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     table = _sources(found, calibrated, unusable, model, window)
     table["ra_apparent"], table["dec_apparent"] = wcs.pixel_to_world(table["x"], table["y"])
     table["ra"], table["dec"] = icrs(table["ra_apparent"], table["dec_apparent"], observer)
-    table["pos_err"] = table["fwhm"] / FWHM_TO_SIGMA / np.maximum(table["snr"], 1.0) * telescope.pixel_scale
+    seen = table["ra_apparent"], table["dec_apparent"]
+    table["g1"], table["g2"] = _sky_shapes(table.pop("e"), wcs.jacobian(table["ra"], table["dec"], seen=seen))
+    table["pos_err"] = table.pop("pos_err_px") * telescope.pixel_scale
     for kind in ("psf", "kron"):
         magnitudes = magnitude(table[f"flux_{kind}"], table[f"flux_{kind}_err"], zeropoint)
         table[f"mag_{kind}"], table[f"mag_{kind}_err"] = magnitudes
@@ -91,18 +102,18 @@ def _fit(frame, sources, calibrated, unusable, model, window):
     cell = model.cell(sources.x + window.x0, sources.y + window.y0)
     counted = calibrated.counted(sources.x, sources.y)
     return fit_sources(
-        frame.image, frame.rms, unusable, sources.x, sources.y, counted, cell,
-        model.coefficients, model.blurred, sources.half_light,
-    )  # fmt: skip
+        frame.image, frame.rms, unusable, sources.x, sources.y, counted, cell, model.coefficients, model.blurred
+    )
 
 
 def _sources(found, calibrated, unusable, model, window):
     x, y = found.x + window.x0, found.y + window.y0
-    flux, error, chi2, spread, spread_error, e1, e2, why = _fit(found, found, calibrated, unusable, model, window).T
-    why = why.astype(int)
-    kron, kron_error, kron_failed = kron_flux(found, calibrated.counted(found.x, found.y))
+    flux, error, chi2, spread, spread_error, why = _fit(found, found, calibrated, unusable, model, window).T
+    why, counted = why.astype(int), calibrated.counted(found.x, found.y)
+    kron, kron_error, kron_failed = kron_flux(found, counted)
     snr = np.where(error > 0, np.nan_to_num(flux) / np.where(error > 0, error, 1.0), 0.0)
     column, row = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in ((found.x, window.nx), (found.y, window.ny)))
+    shapes = _shapes(found, counted, unusable, model, model.cell(x, y))
     flags = (
         BLENDED * ((found.sep_flag & 1) != 0)
         | TRUNCATED * ((found.sep_flag & 2) != 0)
@@ -112,13 +123,37 @@ def _sources(found, calibrated, unusable, model, window):
         | KRON_FAILED * kron_failed
         | NOT_CENTRED * found.window_failed
         | SHARP * (spread < -STAR_SPREAD - 5.0 * spread_error)
+        | NO_SHAPE * np.isnan(shapes["hsm_sigma"])
     )
-    return {
+    return shapes | {
         "x": x, "y": y, "flux_psf": flux, "flux_psf_err": error, "flux_kron": kron, "flux_kron_err": kron_error,
-        "snr": snr, "fwhm": 2.0 * found.half_light, "a": found.a, "b": found.b, "theta": found.theta, "e1": e1,
-        "e2": e2, "chi2": chi2, "spread": spread, "spread_err": spread_error, "rms": found.rms[row, column],
+        "snr": snr, "fwhm": 2.0 * found.half_light, "a": found.a, "b": found.b, "theta": found.theta, "chi2": chi2,
+        "spread": spread, "spread_err": spread_error, "rms": found.rms[row, column],
         "star": spread < STAR_SPREAD + 2.5 * spread_error, "flags": flags,
+        "pos_err_px": position_errors(
+            found.image, found.rms, found.x, found.y, found.window, found.extended,
+            np.maximum(np.nan_to_num(flux), np.nan_to_num(error)), counted, model.cell(x, y), model.coefficients,
+        ),
     }  # fmt: skip
+
+
+def _shapes(found, counted, unusable, model, cell):
+    """Return the columns of shapes; `e`, complex, is the distortion without the PSF on pixel axes."""
+    shapes = measure_shapes(
+        found.image, found.rms, unusable, found.segments, found.segment, found.x, found.y,
+        np.sqrt(found.a * found.b), counted, cell, model.coefficients,
+    )  # fmt: skip
+    _, _, sigma, e1, e2, _, _, psf_sigma, psf_e1, psf_e2, _ = shapes.T
+    e, error, resolution = without_psf(shapes)
+    return {
+        "hsm_sigma": sigma, "hsm_e1": e1, "hsm_e2": e2, "psf_sigma": psf_sigma, "psf_e1": psf_e1, "psf_e2": psf_e2,
+        "resolution": resolution, "e": e, "g_err": error / (1.0 + np.sqrt(1.0 - np.abs(e) ** 2)),
+    }  # fmt: skip
+
+
+def _sky_shapes(e, jacobian):
+    g = reduced(on_sky(e, jacobian))
+    return g.real, g.imag
 
 
 def magnitude(flux, error, zeropoint):

@@ -36,7 +36,7 @@ class Detections(Sources):
 def combine(passes, fit, kernel):
     """Return the `Detections` of `passes` (detect.Passes).
 
-    `fit` (n, 8): photometry.fit_sources of `passes.hot`; `kernel`: the PSF, normalised or not, odd side.
+    `fit` (n, 6): photometry.fit_sources of `passes.hot`; `kernel`: the PSF, normalised or not, odd side.
     """
     hot, cold = passes.hot, passes.cold
     flux, spread, spread_error = (np.nan_to_num(fit[:, k]) for k in (0, 3, 4))

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from csstsim.measure.background import BIN, MASK_MAX, binned, crude_background, full_size, masked_background
+from csstsim.measure.centroid import windowed_positions
 from csstsim.optics.psf import WINDOW_PX
 
 THRESHOLD = 3.75  # of the matched-filter S/N
@@ -40,7 +41,8 @@ class Sources:
 
     `x`, `y` windowed positions; `a`, `b`, `theta` (rad, from +x to +y) the isophotal ellipse; `half_light`
     radius; `sep_flag` the extraction flags of sep; `window_failed` bool: x, y are barycentres; `segment`
-    the number of the cold segment in `Passes.segments` the source lies on, 0 for none; `flux` within the isophote.
+    the number of the cold segment in `Passes.segments` the source lies on, 0 for none; `flux` within the isophote;
+    `window` sigma of the position's window.
     """
 
     x: np.ndarray
@@ -53,6 +55,7 @@ class Sources:
     window_failed: np.ndarray
     segment: np.ndarray
     flux: np.ndarray
+    window: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -134,10 +137,11 @@ def _sources(image, found, segments, scale, window):
     half_light = np.where(np.isfinite(half_light) & (half_light > 0.5), half_light, 0.5)
     # Never narrower than the window the PSF nodes are centred in: coma would shift a star by 0.01-0.03 px otherwise.
     sigma = np.maximum(2.0 * np.minimum(half_light, window) / FWHM_TO_SIGMA, WINDOW_PX)
-    wx, wy, flag = sep.winpos(image, x, y, sigma)
+    wx, wy, failed = windowed_positions(image, x, y, sigma)
     # The window may slide to a brighter neighbour or to nowhere: a source is not further off than its own size.
-    failed = ~(np.hypot(wx - x, wy - y) < 1.0 + 2.0 * a / scale) | ((flag & sep.APER_NONPOSITIVE) != 0)
+    failed |= ~(np.hypot(wx - x, wy - y) < 1.0 + 2.0 * a / scale)
     x, y = np.where(failed, x, wx), np.where(failed, y, wy)
     row, column = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in zip((y, x), image.shape, strict=True))
     theta, flag = np.nan_to_num(found["theta"]), found["flag"]
-    return Sources(x, y, a, b, theta, half_light, flag, failed, segments[row, column], found["flux"].astype(float))
+    segment, flux = segments[row, column], found["flux"].astype(float)
+    return Sources(x, y, a, b, theta, half_light, flag, failed, segment, flux, sigma)

@@ -1,17 +1,16 @@
-"""PSF and Kron photometry, shapes and star/galaxy separation of detected sources.
+"""PSF and Kron photometry and star/galaxy separation of detected sources.
 
 PSF photometry (paper, section 6: stars) is the linear least-squares amplitude of the pixel-integrated PSF
 at the windowed position, with weights uniform over the stamp: F = sum(p d) / sum(p^2), where p is the
 fraction of ALL the light in each pixel, so F is the total flux though the stamp is finite. Its variance
 is sum(p^2 (rms^2 + F p)) / sum(p^2)^2. Kron photometry (Kron 1980; galaxies) is Source Extractor's
 automatic aperture (2.5 Kron radii, at least 3.5 px), without the isophotes of other sources. The same stamp
-gives the reduced chi2 of the PSF fit, moments weighted with a Gaussian of the source's own size, and the spread
-(as SPREAD_MODEL, Desai et al. 2012):
+gives the reduced chi2 of the PSF fit and the spread (as SPREAD_MODEL, Desai et al. 2012):
 
     spread = (g.d) / (p.d) - (g.p) / (p.p),   g = PSF blurred by a Gaussian of sigma `BLUR`
 
 0 for a point source, positive for an extended one, negative for a cosmic-ray hit.
-Left out: simultaneous fits of neighbours, PSF correction of shapes.
+Left out: simultaneous fits of neighbours.
 """
 
 import math
@@ -56,7 +55,7 @@ class PsfModel:
         for table in self.coefficients:
             for dy in offsets:
                 for dx in offsets:
-                    _stamp(table, dx, dy, 1, stamp)
+                    draw_psf(table, dx, dy, 1, stamp)
                     pairs = stamp + stamp[::-1, ::-1]
                     least = np.minimum(least, 0.5 * pairs[[1, 2, 2, 2], [2, 1, 2, 0]] / stamp[1, 1])
         return least
@@ -104,7 +103,7 @@ def _weights(t, out):
 
 
 @numba.njit(cache=True)
-def _stamp(table, dx, dy, half, out):
+def draw_psf(table, dx, dy, half, out):
     """Fill `out` (2 half + 1)^2 with the PSF at pixel offsets -half..half from a source at (dx, dy), |dx| <= 0.5."""
     centre = table.shape[0] // 2
     wx, wy = np.empty(4), np.empty(4)
@@ -125,31 +124,29 @@ def _stamp(table, dx, dy, half, out):
 
 def _sample(table, half):
     out = np.empty((2 * half + 1, 2 * half + 1))
-    _stamp(table, 0.0, 0.0, half, out)
+    draw_psf(table, 0.0, 0.0, half, out)
     return out
 
 
 @numba.njit(cache=True)
-def fit_sources(image, rms, unusable, x, y, counted, cell, coefficients, blurred, half_light):
+def fit_sources(image, rms, unusable, x, y, counted, cell, coefficients, blurred):
     """Fit one PSF to each source; positions in the frame's own pixels.
 
     `image`, `rms` float32 and `unusable` uint8 (ny, nx), bits that say why, 0 for good; the rest (n,) and the tables
     of `PsfModel`. `counted`: share of each source's light that made electrons; `image` is divided by it, so a source's
     own variance is flux / counted.
-    Returns (n, 8): flux, flux error (electron), reduced chi2, spread, spread error, e1, e2 (windowed
-    moments, pixel axes, (Mxx - Myy) / (Mxx + Myy) and 2 Mxy / (Mxx + Myy)), the bits of `unusable` within CORE.
+    Returns (n, 6): flux, flux error (electron), reduced chi2, spread, spread error, the bits of `unusable` within CORE.
     NaN where no pixel is left or a ratio has no meaning.
     """
     ny, nx = image.shape
     side = 2 * HALF + 1
-    result = np.full((x.size, 8), np.nan)
+    result = np.full((x.size, 6), np.nan)
     p, g = np.empty((side, side)), np.empty((side, side))
     for k in range(x.size):
         ix, iy = round(x[k]), round(y[k])
-        _stamp(coefficients[cell[k]], x[k] - ix, y[k] - iy, HALF, p)
-        _stamp(blurred[cell[k]], x[k] - ix, y[k] - iy, HALF, g)
-        window = -0.5 / max(half_light[k] / 1.1774, 0.8) ** 2  # 1.1774 = half-light radius / sigma of a Gaussian
-        pp, pd, gd, gp, weight, mxx, myy, mxy, n, bad = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0
+        draw_psf(coefficients[cell[k]], x[k] - ix, y[k] - iy, HALF, p)
+        draw_psf(blurred[cell[k]], x[k] - ix, y[k] - iy, HALF, g)
+        pp, pd, gd, gp, n, bad = 0.0, 0.0, 0.0, 0.0, 0, 0
         for r in range(side):
             for c in range(side):
                 row, col = iy + r - HALF, ix + c - HALF
@@ -164,14 +161,8 @@ def fit_sources(image, rms, unusable, x, y, counted, cell, coefficients, blurred
                 pd += p[r, c] * d
                 gd += g[r, c] * d
                 gp += g[r, c] * p[r, c]
-                dx, dy = col - x[k], row - y[k]
-                w = math.exp(window * (dx * dx + dy * dy)) * d
-                weight += w
-                mxx += w * dx * dx
-                myy += w * dy * dy
-                mxy += w * dx * dy
                 n += 1
-        result[k, 7] = bad
+        result[k, 5] = bad
         if pp <= 0.0:
             continue
         flux = pd / pp
@@ -183,9 +174,6 @@ def fit_sources(image, rms, unusable, x, y, counted, cell, coefficients, blurred
         if pd > 0.0:
             result[k, 3] = ratio - gp / pp
             result[k, 4] = math.sqrt(spread_noise) / pd
-        if weight > 0.0 and mxx + myy > 0.0:
-            result[k, 5] = (mxx - myy) / (mxx + myy)
-            result[k, 6] = 2.0 * mxy / (mxx + myy)
     return result
 
 

@@ -1,0 +1,112 @@
+"""`csstsim measure` on a full-depth r chip with every layer: CPU seconds by part, memory, sources.
+
+    python benchmarks/measure_chip.py
+
+The chip is that of chip_stages.py, made first if it is not there. Of three runs, after one that compiles the kernels,
+the cheapest counts. A part's time is without that of the parts within it; start-up and the rest are what remains.
+"""
+
+import argparse
+import functools
+import importlib
+import json
+import os
+import subprocess
+import sys
+import time
+
+from chip_stages import campaign, jobs, measured
+
+from csstsim.bench.memory import PrivateMemory
+from csstsim.campaign import OpenCampaign
+from csstsim.catalog.table import ObjectTable
+
+RUNS = 3
+LIMITS = 60.0, 3.0  # CPU s, GB
+PARTS = {
+    "calibrate": ["csstsim.analysis:calibrated_frame"],
+    "charge transfer correction": ["csstsim.measure.cti:undo_transfer"],
+    "PSF": ["csstsim.analysis:open_psf", "csstsim.measure.catalogue:psf_model"],
+    "cosmic rays": ["csstsim.measure.catalogue:mend"],
+    "background": ["csstsim.measure.detect:subtract_background"],
+    "detection": ["csstsim.measure.catalogue:detect"],
+    "windowed positions, radii": ["csstsim.measure.detect:_sources"],
+    "combine": ["csstsim.measure.catalogue:combine"],
+    "PSF photometry": ["csstsim.measure.catalogue:fit_sources"],
+    "Kron photometry": ["csstsim.measure.catalogue:kron_flux"],
+    "position errors": ["csstsim.measure.catalogue:position_errors"],
+    "moments": ["csstsim.measure.catalogue:_shapes", "csstsim.measure.catalogue:_sky_shapes"],
+    "astrometry": [
+        "csstsim.measure.catalogue:icrs", "csstsim.optics.wcs:ChipWCS.pixel_to_world",
+        "csstsim.optics.wcs:ChipWCS.jacobian",
+    ],
+    "writing": ["csstsim.catalog.table:ObjectTable.write"],
+}  # fmt: skip
+
+
+def timed(arguments):
+    """Run `csstsim` in this process with its parts timed; print {part: CPU s} as the last line."""
+    from csstsim.cli import main
+
+    spent, within = dict.fromkeys(PARTS, 0.0), [0.0]
+
+    def clocked(function, part):
+        @functools.wraps(function)
+        def call(*args, **options):
+            within.append(0.0)
+            start = time.process_time()
+            try:
+                return function(*args, **options)
+            finally:
+                all_of_it = time.process_time() - start
+                spent[part] += all_of_it - within.pop()
+                within[-1] += all_of_it
+
+        return call
+
+    for part, places in PARTS.items():
+        for place in places:
+            module, _, name = place.partition(":")
+            *owners, name = name.split(".")
+            owner = functools.reduce(getattr, owners, importlib.import_module(module))
+            setattr(owner, name, clocked(getattr(owner, name), part))
+    main(arguments, standalone_mode=False)
+    print(json.dumps(spent))
+
+
+def measure(file, obsid, chip):
+    """Run the measurement; return (all CPU s, {part: CPU s}, GB)."""
+    command = [sys.executable, __file__, "--timed", "measure", file, "--obsid", obsid, "--chip", chip]
+    process = subprocess.Popen([str(part) for part in command], stdout=subprocess.PIPE, text=True)
+    with PrivateMemory(process.pid) as memory:
+        said = process.stdout.read()
+        _, status, used = os.wait4(process.pid, 0)
+    if status:
+        sys.exit("csstsim measure failed")
+    return used.ru_utime + used.ru_stime, json.loads(said.splitlines()[-1]), memory.largest
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--timed", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
+    if arguments := parser.parse_args().timed:
+        return timed(arguments)
+    file = campaign()
+    run = OpenCampaign(file)
+    band, obsid, chip = next(jobs(run, ["r"]))
+    job = run.job(obsid, chip)
+    if not run.paths.level0(job.pointing, chip).exists():
+        measured(file, obsid, chip)
+    measure(file, obsid, chip)
+    total, parts, memory = min((measure(file, obsid, chip) for _ in range(RUNS)), key=lambda run: run[0])
+    sources = len(ObjectTable.read(run.paths.measure(*job.key), ["x"]))
+    print(f"{band}, chip {chip}: {sources} sources\n| part | CPU s |\n|---|---|")
+    for name, cpu in (parts | {"start-up and the rest": total - sum(parts.values()), "all": total}).items():
+        print(f"| {name} | {cpu:.1f} |")
+    print(f"{memory:.2f} GB private memory")
+    for name, value, limit in zip(("CPU s", "GB"), (total, memory), LIMITS, strict=True):
+        print(f"{'within' if value <= limit else 'ABOVE'} {limit:g} {name}")
+
+
+if __name__ == "__main__":
+    main()

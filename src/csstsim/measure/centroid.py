@@ -1,0 +1,93 @@
+"""Windowed positions, where the weighted offsets of the pixels cancel, and their errors.
+
+The position is where sum(w (r - r0) d) = 0, with a Gaussian w of sigma `window` about r0 itself: Source Extractor's
+XWIN, YWIN, as `sep.winpos` has them, at a tenth of its cost, since the weight is a product of a row's and a column's.
+To first order noise n in the pixels moves it by sum(w dx n) / sum(w (1 - dx^2 / window^2) m), with m the source without
+noise: the PSF for what was found as a point, the image itself for an extended source.
+"""
+
+import math
+
+import numba
+import numpy as np
+
+from csstsim.measure.photometry import HALF, draw_psf
+
+REACH = 4.0  # window sigma: where the window ends
+STEP = 1e-4  # px, half of the last step
+MAX_STEPS = 16
+
+
+@numba.njit(cache=True)
+def windowed_positions(image, x, y, window):
+    """Return (x, y, failed), each (n,), px, from a first guess `x`, `y`; `window` (n,) px.
+
+    failed: no positive light in the window, where the search ended. `image` float32 (ny, nx).
+    """
+    ny, nx = image.shape
+    new_x, new_y, failed = x.copy(), y.copy(), np.zeros(x.size, np.bool_)
+    columns = np.empty(nx)
+    for k in range(x.size):
+        inverse, reach = -0.5 * window[k] ** -2, REACH * window[k]
+        for _ in range(MAX_STEPS):
+            light, along_x, along_y = 0.0, 0.0, 0.0
+            first, last = max(math.ceil(new_x[k] - reach), 0), min(math.floor(new_x[k] + reach) + 1, nx)
+            for u in range(first, last):
+                columns[u] = math.exp(inverse * (u - new_x[k]) ** 2)
+            for v in range(max(math.ceil(new_y[k] - reach), 0), min(math.floor(new_y[k] + reach) + 1, ny)):
+                dy = v - new_y[k]
+                half = math.sqrt(max(reach * reach - dy * dy, 0.0))
+                row, row_x = 0.0, 0.0
+                for u in range(max(math.ceil(new_x[k] - half), first), min(math.floor(new_x[k] + half) + 1, last)):
+                    w = columns[u] * image[v, u]
+                    row += w
+                    row_x += w * (u - new_x[k])
+                weight = math.exp(inverse * dy * dy)
+                light += weight * row
+                along_x += weight * row_x
+                along_y += weight * row * dy
+            if not light > 0.0:
+                failed[k] = True
+                break
+            new_x[k] += 2.0 * along_x / light
+            new_y[k] += 2.0 * along_y / light
+            if along_x**2 + along_y**2 < (STEP * light) ** 2:
+                break
+    return new_x, new_y, failed
+
+
+@numba.njit(cache=True)
+def position_errors(image, rms, x, y, window, extended, flux, counted, cell, coefficients):
+    """Return the error (n,) of x and y (root of the mean square of both), px; infinite if the source has no light.
+
+    `image`, `rms` float32 (ny, nx); `x`, `y`, `window` (n,) px of the frame; `flux` electron, of the PSF fit, taken
+    for points; the rest as in photometry.fit_sources.
+    """
+    ny, nx = image.shape
+    error = np.full(x.size, np.inf)
+    stamp = np.empty((2 * HALF + 1, 2 * HALF + 1))
+    for k in range(x.size):
+        column, row = round(x[k]), round(y[k])
+        draw_psf(coefficients[cell[k]], x[k] - column, y[k] - row, HALF, stamp)
+        inverse, reach = window[k] ** -2, REACH * window[k]
+        noise, pull_x, pull_y = 0.0, 0.0, 0.0
+        for v in range(max(math.ceil(y[k] - reach), 0), min(math.floor(y[k] + reach) + 1, ny)):
+            for u in range(max(math.ceil(x[k] - reach), 0), min(math.floor(x[k] + reach) + 1, nx)):
+                dx, dy = u - x[k], v - y[k]
+                r2 = dx * dx + dy * dy
+                if r2 > reach * reach:
+                    continue
+                if extended[k]:
+                    light = float(image[v, u])
+                elif abs(u - column) <= HALF and abs(v - row) <= HALF:
+                    light = flux[k] * stamp[v - row + HALF, u - column + HALF]
+                else:
+                    light = 0.0
+                w = math.exp(-0.5 * inverse * r2)
+                noise += w * w * r2 * (float(rms[v, u]) ** 2 + max(light, 0.0) / counted[k])
+                pull_x += w * (1.0 - inverse * dx * dx) * light
+                pull_y += w * (1.0 - inverse * dy * dy) * light
+        pull = 0.5 * (pull_x + pull_y)
+        if pull > 0.0:
+            error[k] = math.sqrt(0.5 * noise) / pull
+    return error

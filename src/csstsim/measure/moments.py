@@ -1,0 +1,281 @@
+"""Shapes: adaptive moments of sources and of the PSF beneath them, and ellipticities with the PSF taken out.
+
+Adaptive moments (Bernstein & Jarvis 2002, AJ 123, 583; Hirata & Seljak 2003, MNRAS 343, 459: "HSM"): the elliptical
+Gaussian whose weighted second moments are half its own, which is also its least-squares fit to the image. Shapes are
+distortions, e1 = (Mxx - Myy)/(Mxx + Myy), e2 = 2 Mxy/(Mxx + Myy), |e| = (a2 - b2)/(a2 + b2), and sigma = det(M)^(1/4).
+
+The pixels sample a star too coarsely: its adaptive Gaussian collapses onto one of them. So all moments, of source and
+PSF alike, are those of the image smoothed with a round Gaussian of SMOOTH px. No image is smoothed: with the weight
+widened from M to V = M + SMOOTH^2, the smoothed image has the mean offset K r and the moments K C K + SMOOTH^2 K,
+K = M V^-1, if r and C are those of the pixels.
+
+A pixel that cannot be used (saturated, bad, on another source's isophote, off the frame) counts as the fitted Gaussian
+itself. The PSF is drawn and measured at the source's place within its pixel.
+
+The correction is that of Bernstein & Jarvis with the kurtosis terms of Hirata & Seljak: in the frame where the PSF is
+round, e is divided by the resolution R = 1 - T_psf/T (1 - p)(1 + o)/((1 + p)(1 - o)), with T = Mxx + Myy, and
+p, o = <rho^4>/2 - 1 of PSF and source, 0 for a Gaussian. Exact for Gaussians. Left out: the light of neighbours
+without an isophote, re-Gaussianisation, noise bias.
+"""
+
+import math
+
+import numba
+import numpy as np
+
+from csstsim.measure.photometry import HALF, draw_psf
+
+SMOOTH = 1.0  # px
+REACH = 5.0  # sigma of the widened weight; beyond it the weight is below 4e-6
+CONVERGED = 1e-5  # of the size, last step
+MAX_STEPS = 100
+MAX_GROWTH = 4.0  # of sigma from where it starts; what grows beyond has run into its surroundings
+MIN_USABLE = 0.5  # least share of the fitted, weighted light on usable pixels
+RESOLUTION_MIN = 0.1  # below it a correction is noise and errors of the PSF model
+SIZE_MIN = 0.8  # px: about a star's, to start with
+
+
+@numba.njit(cache=True)
+def _inverse(xx, xy, yy):
+    """Return the inverse of a symmetric matrix; such matrices are tuples (xx, xy, yy)."""
+    det = xx * yy - xy * xy
+    return yy / det, -xy / det, xx / det
+
+
+@numba.njit(cache=True)
+def _product(a, b):
+    """Return the product of symmetric matrices with common axes, symmetric too."""
+    return a[0] * b[0] + a[1] * b[1], a[0] * b[1] + a[1] * b[2], a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(cache=True)
+def _matrices(gauss, smooth):
+    """Return (V^-1, K, inverse of the pixels' own Gaussian), each (xx, xy, yy), of `gauss` (5,): x, y, Mxx, Mxy, Myy.
+
+    The own Gaussian is M without the smoothing, as far as that leaves three tenths of the short axis squared.
+    """
+    xx, xy, yy = gauss[2], gauss[3], gauss[4]
+    s2 = smooth * smooth
+    wide = _inverse(xx + s2, xy, yy + s2)
+    short = 0.5 * (xx + yy) - math.hypot(0.5 * (xx - yy), xy)
+    t = min(s2, 0.7 * short)
+    return wide, (1.0 - s2 * wide[0], -s2 * wide[1], 1.0 - s2 * wide[2]), _inverse(xx - t, xy, yy - t)
+
+
+@numba.njit(cache=True)
+def _trace(a, b):
+    """Return the trace of the product of two symmetric matrices."""
+    return a[0] * b[0] + 2.0 * a[1] * b[1] + a[2] * b[2]
+
+
+@numba.njit(cache=True)
+def _quadratic(m, dx, dy):
+    return m[0] * dx * dx + 2.0 * m[1] * dx * dy + m[2] * dy * dy
+
+
+@numba.njit(cache=True)
+def _sums(image, unusable, segments, number, gauss, smooth, out):
+    """Fill `out` (6,): means of dx, dy, dx^2, dx dy, dy^2, (r K V^-1 r)^2 with the widened weight.
+
+    Returns (light, amplitude, usable share); light: sum of weight times image, amplitude: of the own Gaussian.
+    """
+    x, y = gauss[0], gauss[1]
+    ny, nx = image.shape
+    inverse, k, own = _matrices(gauss, smooth)
+    square = _product(k, inverse)
+    reach_x = REACH * math.sqrt(gauss[2] + smooth * smooth)
+    reach_y = REACH * math.sqrt(gauss[4] + smooth * smooth)
+    seen, missing = np.zeros(7), np.zeros(7)
+    for row in range(math.ceil(y - reach_y), math.floor(y + reach_y) + 1):
+        for col in range(math.ceil(x - reach_x), math.floor(x + reach_x) + 1):
+            dx, dy = col - x, row - y
+            rho2 = _quadratic(inverse, dx, dy)
+            if rho2 > REACH**2:
+                continue
+            light, sums = math.exp(-0.5 * rho2), seen
+            good = 0 <= row < ny and 0 <= col < nx and not unusable[row, col]
+            if good and (segments[row, col] == number or segments[row, col] <= 0):
+                light *= image[row, col]
+            else:
+                light *= math.exp(-0.5 * _quadratic(own, dx, dy))
+                sums = missing
+            sums[0] += light
+            sums[1] += light * dx
+            sums[2] += light * dy
+            sums[3] += light * dx * dx
+            sums[4] += light * dx * dy
+            sums[5] += light * dy * dy
+            sums[6] += light * _quadratic(square, dx, dy) ** 2
+    both = inverse[0] + own[0], inverse[1] + own[1], inverse[2] + own[2]
+    complete = 2.0 * math.pi / math.sqrt(both[0] * both[2] - both[1] ** 2)
+    share = 1.0 - missing[0] / complete
+    amplitude = seen[0] / (complete - missing[0]) if share > 0.0 else 0.0
+    light = seen[0] + amplitude * missing[0]
+    for i in range(6):
+        out[i] = (seen[i + 1] + amplitude * missing[i + 1]) / light if light > 0.0 else 0.0
+    return light, amplitude, share
+
+
+@numba.njit(cache=True)
+def _smoothed(means, gauss, smooth):
+    """Return (dx, dy, xx, xy, yy, kurtosis) of the smoothed image about `gauss`, from the pixels' `means` (6,)."""
+    s2 = smooth * smooth
+    inverse, k, _ = _matrices(gauss, smooth)
+    dx, dy = k[0] * means[0] + k[1] * means[1], k[1] * means[0] + k[2] * means[1]
+    c = means[2], means[3], means[4]
+    xx = k[0] * k[0] * c[0] + 2.0 * k[0] * k[1] * c[1] + k[1] * k[1] * c[2]
+    xy = k[0] * k[1] * c[0] + (k[0] * k[2] + k[1] * k[1]) * c[1] + k[1] * k[2] * c[2]
+    yy = k[1] * k[1] * c[0] + 2.0 * k[1] * k[2] * c[1] + k[2] * k[2] * c[2]
+    # rho^4 of the smoothed light: about each K r stands a Gaussian of covariance s2 K
+    a, b = (s2 * inverse[0], s2 * inverse[1], s2 * inverse[2]), _product(k, inverse)
+    spread = a[0] + a[2]
+    rho4 = means[5] + 2.0 * spread * _trace(b, c) + 4.0 * _trace(_product(a, b), c) + spread**2 + 2.0 * _trace(a, a)
+    return dx, dy, xx + s2 * k[0] - dx * dx, xy + s2 * k[1] - dx * dy, yy + s2 * k[2] - dy * dy, 0.5 * rho4 - 1.0
+
+
+@numba.njit(cache=True)
+def adaptive_moments(image, unusable, segments, number, x, y, sigma, smooth, gauss):
+    """Fit the elliptical Gaussian that starts round at (x, y) px with `sigma` px; `smooth` px lies over all.
+
+    `image` (ny, nx); `unusable` (ny, nx), 0 for good; `segments` (ny, nx), pixels of other sources than `number` are
+    left out. Fills `gauss` (5,) with x, y, Mxx, Mxy, Myy. Returns (<rho^4>/2 - 1, light, amplitude); light, the
+    weighted sum, is 0 where the fit failed: nothing positive there, too few usable pixels, wandered off, too large,
+    not converged.
+    """
+    means = np.empty(6)
+    gauss[0], gauss[1], gauss[2], gauss[3], gauss[4] = x, y, sigma * sigma, 0.0, sigma * sigma
+    largest = (MAX_GROWTH * sigma) ** 4
+    for _ in range(MAX_STEPS):
+        light, amplitude, share = _sums(image, unusable, segments, number, gauss, smooth, means)
+        if not (light > 0.0 and share >= MIN_USABLE):
+            break
+        dx, dy, xx, xy, yy, kurtosis = _smoothed(means, gauss, smooth)
+        if not (xx > 0.0 and yy > 0.0 and xx * yy > xy * xy):
+            break
+        # To first order the error is four times the excess for a Gaussian source; twice the moments is always safe
+        size = gauss[2] + gauss[4]
+        new_xx, new_xy, new_yy = 4.0 * xx - gauss[2], 4.0 * xy - gauss[3], 4.0 * yy - gauss[4]
+        if new_xx + new_yy < 0.3 * size or new_xx * new_yy - new_xy**2 < 0.1 * (new_xx + new_yy) ** 2 / 4.0:
+            new_xx, new_xy, new_yy = 2.0 * xx, 2.0 * xy, 2.0 * yy
+        step = max(abs(new_xx - gauss[2]), abs(new_xy - gauss[3]), abs(new_yy - gauss[4])) / size
+        if max(step, math.hypot(dx, dy) / math.sqrt(size)) < CONVERGED:
+            return kurtosis, light, amplitude
+        gauss[0] += 2.0 * dx
+        gauss[1] += 2.0 * dy
+        gauss[2], gauss[3], gauss[4] = new_xx, new_xy, new_yy
+        if math.hypot(gauss[0] - x, gauss[1] - y) > 1.0 + sigma or new_xx * new_yy - new_xy**2 > largest:
+            break
+    return 0.0, 0.0, 0.0
+
+
+@numba.njit(cache=True)
+def _distortion_error(rms, unusable, segments, number, counted, gauss, smooth, fit):
+    """Return the error of e1 and e2 (root of the mean square of both), of the noise of the pixels.
+
+    `fit`: of adaptive_moments. A quadrupole q of the moments makes the Gaussian's own larger by 4 q / (1 - kurtosis).
+    """
+    kurtosis, light, amplitude = fit
+    x, y, xx, xy, yy = gauss
+    ny, nx = rms.shape
+    s2 = smooth * smooth
+    inverse, (kxx, kxy, kyy), own = _matrices(gauss, smooth)
+    size = xx + yy
+    e1, e2 = (xx - yy) / size, 2.0 * xy / size
+    one_0 = s2 * (kxx - kyy - e1 * (kxx + kyy))
+    two_0 = s2 * (2.0 * kxy - e2 * (kxx + kyy))
+    reach_x, reach_y = REACH * math.sqrt(xx + s2), REACH * math.sqrt(yy + s2)
+    total = 0.0
+    for row in range(max(math.ceil(y - reach_y), 0), min(math.floor(y + reach_y) + 1, ny)):
+        for col in range(max(math.ceil(x - reach_x), 0), min(math.floor(x + reach_x) + 1, nx)):
+            if unusable[row, col] or (segments[row, col] > 0 and segments[row, col] != number):
+                continue
+            dx, dy = col - x, row - y
+            w = math.exp(-0.5 * _quadratic(inverse, dx, dy))
+            source = amplitude * math.exp(-0.5 * _quadratic(own, dx, dy))
+            u, v = kxx * dx + kxy * dy, kxy * dx + kyy * dy
+            r2 = u * u + v * v
+            one, two = u * u - v * v - e1 * r2 + one_0, 2.0 * u * v - e2 * r2 + two_0
+            total += w * w * (float(rms[row, col]) ** 2 + source / counted) * (one * one + two * two)
+    return 4.0 / ((1.0 - kurtosis) * size * light) * math.sqrt(0.5 * total) if kurtosis < 1.0 else math.inf
+
+
+@numba.njit(cache=True)
+def measure_shapes(image, rms, unusable, segments, number, x, y, size, counted, cell, coefficients):
+    """Measure sources and the PSF at their places; all lengths px.
+
+    `image`, `rms` float32, `unusable` uint8, `segments` int32 (ny, nx); `number` (n,) of each source's own segment;
+    `x`, `y`, `size` (n,) where it is and its sigma at first; `counted`, `cell`, `coefficients` as
+    in photometry.fit_sources.
+    Returns (n, 11): x, y, sigma, e1, e2, kurtosis, error of e, then sigma, e1, e2, kurtosis of the PSF; NaN: failed.
+    """
+    result = np.full((x.size, 11), np.nan)
+    stamp = np.empty((2 * HALF + 1, 2 * HALF + 1))
+    clear, alone = np.zeros(stamp.shape, np.uint8), np.zeros(stamp.shape, np.int32)
+    gauss = np.empty(5)
+    for k in range(x.size):
+        dx, dy = x[k] - round(x[k]), y[k] - round(y[k])
+        draw_psf(coefficients[cell[k]], dx, dy, HALF, stamp)
+        start = math.hypot(SIZE_MIN, SMOOTH)
+        fit = adaptive_moments(stamp, clear, alone, 0, HALF + dx, HALF + dy, start, SMOOTH, gauss)
+        if fit[1] > 0.0:
+            _write(gauss, result[k, 7:])
+            result[k, 10] = fit[0]
+        start = math.hypot(max(size[k], SIZE_MIN), SMOOTH)
+        fit = adaptive_moments(image, unusable, segments, number[k], x[k], y[k], start, SMOOTH, gauss)
+        if fit[1] > 0.0:
+            result[k, :2] = gauss[:2]
+            _write(gauss, result[k, 2:])
+            result[k, 5] = fit[0]
+            result[k, 6] = _distortion_error(rms, unusable, segments, number[k], counted[k], gauss, SMOOTH, fit)
+    return result
+
+
+@numba.njit(cache=True)
+def _write(gauss, out):
+    xx, xy, yy = gauss[2:]
+    out[0] = (xx * yy - xy * xy) ** 0.25
+    out[1] = (xx - yy) / (xx + yy)
+    out[2] = 2.0 * xy / (xx + yy)
+
+
+def without_psf(shapes):
+    """Return (distortion, error, resolution): e1 + i e2 (n,) without the PSF, pixel axes, and its error an axis.
+
+    `shapes` (n, 11): of `measure_shapes`. The distortion is NaN
+    unless it is below 1 and the resolution is RESOLUTION_MIN to 1.
+    """
+    _, _, sigma, e1, e2, kurtosis, noise, psf_sigma, psf_e1, psf_e2, psf_kurtosis = shapes.T
+    e, psf = e1 + 1j * e2, psf_e1 + 1j * psf_e2
+    rounded = _sheared(e, -psf)
+    # det(M) does not change with the frame: T = 2 sigma^2 / sqrt(1 - |e|^2) in each
+    ratio = (psf_sigma / sigma) ** 2 * np.sqrt(1.0 - np.abs(rounded) ** 2)
+    resolution = 1.0 - ratio * (1 - psf_kurtosis) / (1 + psf_kurtosis) * (1 + kurtosis) / (1 - kurtosis)
+    resolved = (resolution > RESOLUTION_MIN) & (resolution <= 1.0)  # beyond: negative wings
+    larger = np.where(resolved, rounded / np.where(resolved, resolution, 1.0), np.nan)
+    possible = np.abs(larger) < 1.0
+    e = np.where(possible, _sheared(np.where(possible, larger, 0.0), psf), np.nan)
+    return e, np.where(possible, noise / np.where(resolved, resolution, 1.0), np.nan), resolution
+
+
+@np.errstate(invalid="ignore")  # NaN in, NaN out
+def _sheared(e, by):
+    """Return the distortion of an ellipse of distortion `e` after the shear that makes a circle into `by`, complex."""
+    # M' = S M S with S = (1 + g-matrix); in terms of the reduced shear the law is a Moebius map
+    g, s = reduced(e), reduced(by)
+    g = (g + s) / (1.0 + np.conj(s) * g)
+    return 2.0 * g / (1.0 + np.abs(g) ** 2)
+
+
+@np.errstate(invalid="ignore")  # NaN in, NaN out
+def reduced(e):
+    """Return the ellipticity |g| = (a - b)/(a + b) of distortions |e| = (a2 - b2)/(a2 + b2), complex."""
+    return e / (1.0 + np.sqrt(1.0 - np.abs(e) ** 2))
+
+
+@np.errstate(invalid="ignore")  # NaN in, NaN out
+def on_sky(e, jacobian):
+    """Return distortions (n,) of pixel axes, complex, on axes east and north; `jacobian` (n, 2, 2) d(x, y)/d(e, n)."""
+    shape = np.moveaxis(np.array([[1.0 + e.real, e.imag], [e.imag, 1.0 - e.real]]), -1, 0)
+    inverse = np.linalg.inv(jacobian)
+    sky = inverse @ shape @ np.swapaxes(inverse, -1, -2)
+    return (sky[:, 0, 0] - sky[:, 1, 1] + 2j * sky[:, 0, 1]) / (sky[:, 0, 0] + sky[:, 1, 1])
