@@ -29,7 +29,7 @@ SNR_ALONE = 5.0  # a single detection of this S/N is a source
 KRON_PSF_MIN = 2.5  # below, a Kron aperture holds but noise or a neighbour's light
 VISITS_ALONE = 3  # as are detections in this many frames; chance makes three agree a few times a brick
 SNR_PAIR = 6.3  # two noise peaks at the threshold of detection make 5.3
-NOT_CENTRED, SHARP, BAD_PIXELS = 32, 64, 128  # of the measured flags (measure.catalogue)
+SATURATED, NOT_CENTRED, SHARP, BAD_PIXELS, NO_SHAPE = 4, 32, 64, 128, 256  # of the measured flags (measure.catalogue)
 
 DETECTION_COLUMNS = {
     "obsid": str, "chip": np.int64, "filter": str, "number": np.int64, "ra": float, "dec": float, "pos_err": float,
@@ -88,7 +88,9 @@ def _credible(found, source, count):
     psf = np.where(good, np.maximum(found["snr"], 0.0), 0.0)
     error = found["flux_kron_err"]
     seen = np.isfinite(found["flux_kron"]) & (error > 0) & (found["flux_kron"] / SNR_ALONE >= error)
-    alone = (psf >= SNR_ALONE) | (seen & (psf >= KRON_PSF_MIN))
+    # Nothing of S/N 5 is without a shape but saturated stars and pieces of tracks
+    shaped = (found["flags"] & (NO_SHAPE | SATURATED)) != NO_SHAPE
+    alone = shaped & ((psf >= SNR_ALONE) | (seen & (psf >= KRON_PSF_MIN)))
     visits, joint = np.bincount(source, good, count), np.bincount(source, psf**2, count) ** 0.5
     return (np.bincount(source, alone, count) > 0) | (visits >= VISITS_ALONE) | ((visits >= 2) & (joint >= SNR_PAIR))
 
