@@ -197,6 +197,12 @@ class ValidateConfig(Model):
         description="5-sigma depth of an exposure beyond the range of the filter's published limiting magnitudes [mag]",
     )
     counts_max: float | None = Field(0.1, gt=0, description="|sources / true objects - 1| brighter than S/N 20")
+    psf_size_max: float | None = Field(
+        0.005, gt=0, description="|median size of stars at S/N > 50 over the PSF model, less 1|, smoothed with 1 px"
+    )
+    psf_e_max: float | None = Field(
+        0.005, gt=0, description="|median distortion (e1, e2) of stars at S/N > 50 less the PSF model's|"
+    )
     shear_m_max: float | None = Field(0.05, gt=0, description="|m| of `csstsim shear`; 5 sigma are forgiven")
     shear_c_max: float | None = Field(2e-3, gt=0, description="|c| of `csstsim shear`; 5 sigma are forgiven")
 

@@ -51,6 +51,8 @@ def make_frame(band, seed, *, shift=0.0, keep=1.0, side=45, obsid="1", scatter=2
         "ra": ra + noise[0] / np.cos(np.radians(dec)), "dec": dec + noise[1], "pos_err": np.full(n, 0.02),
         "flux_psf": flux, "flux_psf_err": error, "flux_kron": flux, "flux_kron_err": error,
         "zeropoint": np.full(n, ZEROPOINT), "snr": flux / error, "star": kind == 0, "flags": np.zeros(n, np.int32),
+        "hsm_sigma": 1.5 + 0.01 * rng.normal(size=n), "hsm_e1": 0.02 * rng.normal(size=n),
+        "hsm_e2": 0.02 * rng.normal(size=n), "psf_sigma": np.full(n, 1.5), "psf_e1": np.zeros(n), "psf_e2": np.zeros(n),
         "x": x - noise[0] / SCALE, "y": y + noise[1] / SCALE,
     }  # fmt: skip
     info = {
@@ -128,7 +130,7 @@ def test_a_shift_of_the_magnitudes_fails_in_its_band_only(shift, passed):
 def test_no_threshold_or_few_sources_judge_nothing():
     off = dict.fromkeys(name for name in ValidateConfig.model_fields if name != "snr_min")
     result, _ = run([make_frame("g", 4)], **off)
-    assert {g["passed"] for g in result["gates"]} == {None} and len(result["gates"]) == 8
+    assert {g["passed"] for g in result["gates"]} == {None} and len(result["gates"]) == 11
     result, _ = run([make_frame("g", 4, side=4)])
     assert {g["passed"] for g in result["gates"] if g["name"] not in DEPTH} == {None}
     assert gate(result, "completeness", "g")["n"] > 0
@@ -155,6 +157,12 @@ FAULTS = {
     ),
     "errors twice as large": (
         lambda f: changed(f, flux_psf_err=2 * f.measured["flux_psf_err"]), {("width of stars' pulls", "g")},
+    ),
+    "stars 2% wider than the PSF model": (
+        lambda f: changed(f, hsm_sigma=1.02 * f.measured["hsm_sigma"]), {("star size over PSF model, less 1", "g")},
+    ),
+    "stars longer than the PSF model": (
+        lambda f: changed(f, hsm_e2=f.measured["hsm_e2"] - 0.03), {("star e2 less PSF model", "g")},
     ),
     "twice the noise": (
         lambda f: replace(f, depth=(26.65, 26.85)), {("depth beyond the published limits [mag]", "g")},

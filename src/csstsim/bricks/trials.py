@@ -11,19 +11,11 @@ from csstsim.bricks.compare import PIXEL, SATURATED, wider
 from csstsim.catalog.table import GALAXY, ObjectTable
 
 MATCH_PX = 2.5  # truth and detection in one frame
+SHAPES = "psf_size", "psf_e1", "psf_e2"
 COLUMNS = (
-    "galaxy",
-    "snr",
-    "mag",
-    "found",
-    "sound",
-    "across_mas",
-    "deferred_mas",
-    "transfers",
-    "light",
-    "pull",
-    "lonely",
-)
+    "galaxy", "snr", "mag", "found", "sound", "x", "y", "across_mas", "deferred_mas", "transfers", "light", "pull",
+    "lonely", *SHAPES,
+)  # fmt: skip
 LONELY = 0.3  # of an object's noise: the light of all its neighbours, with less they do not widen its pull
 
 
@@ -31,7 +23,8 @@ def trials(truth, frame):
     """Return an ObjectTable of COLUMNS, a row an isolated object of `truth` (bricks.validate.usable rows of `frame`).
 
     sound: found and not saturated; light: measured electrons (PSF) over true ones, pull: their difference over the
-    stated error; NaN where not found. lonely: neighbours' light does not matter to the pull.
+    stated error; NaN where not found. lonely: neighbours' light does not matter to the pull. psf_size, psf_e1, psf_e2:
+    a star's size over that of the PSF model there, less 1, and its distortion less the model's (measure.moments).
     """
     truth = truth.take(~truth["blended"])
     electrons, galaxy = truth["electrons"].astype(float), truth["obj_type"] == GALAXY
@@ -43,9 +36,10 @@ def trials(truth, frame):
         "mag": truth[f"mag_{frame.band}"].astype(float), "found": found, "sound": found.copy(),
     }  # fmt: skip
     upper = truth["y"] > frame.seam - 0.5
+    out["x"], out["y"] = truth["x"], truth["y"]
     out["lonely"] = truth["crowd"] < LONELY * electrons / out["snr"]
     out["transfers"] = np.where(upper, 2 * frame.seam - 1 - truth["y"], truth["y"])
-    for name in ("across_mas", "deferred_mas", "light", "pull"):
+    for name in ("across_mas", "deferred_mas", "light", "pull", *SHAPES):
         out[name] = np.full(len(truth), np.nan)
     at, measured = row[found], frame.measured
     if found.any():
@@ -56,6 +50,10 @@ def trials(truth, frame):
         out["deferred_mas"][found] = scale * away * (measured["y"][at] - truth["y"][found])
         out["light"][found] = measured["flux_psf"][at] / electrons[found]
         out["pull"][found] = (measured["flux_psf"][at] - electrons[found]) / measured["flux_psf_err"][at]
+        if "hsm_sigma" in measured:  # another code's table has none
+            out["psf_size"][found] = measured["hsm_sigma"][at] / measured["psf_sigma"][at] - 1
+            for axis in ("e1", "e2"):
+                out[f"psf_{axis}"][found] = measured[f"hsm_{axis}"][at] - measured[f"psf_{axis}"][at]
     return ObjectTable(out)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from csstsim.bricks import compare
 from csstsim.bricks.gates import FEW, at_least, at_most, between
 from csstsim.bricks.healpix import brick_of, from_vectors, to_vectors
-from csstsim.bricks.trials import joined, limit, trials
+from csstsim.bricks.trials import SHAPES, joined, limit, trials
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, STRONG_LENSING
 from csstsim.catalog.table import BANDS, ObjectTable
 
@@ -119,8 +119,15 @@ def _of_exposures(table, infos, config):
             "star": limit(table["mag"][points], found[points]), "galaxy": limit(table["mag"][galaxy], found[galaxy]),
         },
         "pull": compare.spread(table["pull"][points & (table["lonely"] > 0) & (table["sound"] > 0) & bright]),
+        "psf": _shapes(table, points & (table["lonely"] > 0) & (table["sound"] > 0) & bright),
         "transfer": [_transfer(table, *bin) for bin in pairwise(BIAS_EDGES)],
     }  # fmt: skip
+
+
+def _shapes(table, stars):
+    """Return {name: spread} of stars' sizes and distortions less those of the PSF model, at SNR_SHARP and more."""
+    some = stars & (table["snr"] > SNR_SHARP)
+    return {name: compare.spread(table[name][some & np.isfinite(table[name])]) for name in SHAPES}
 
 
 def _transfer(table, low, high):
@@ -141,12 +148,15 @@ def _gates(band, numbers, depths, config):
     # The worst bin, less what chance makes of it
     bias = [part[name] for part in numbers["transfer"] for name in ("deferred_mas", "across_mas")]
     bias = [max(abs(part["median"]) - 2 * part["error"], 0.0) for part in bias if part["n"] >= FEW]
-    pull = numbers["pull"]
+    pull, (size, e1, e2) = numbers["pull"], (numbers["psf"][name] for name in SHAPES)
     return [
         at_least("completeness", band, numbers["completeness"], config.completeness_min, n),
         at_most("magnitude bias of stars", band, star["median"], config.mag_bias_max, star["n"]),
         between("width of stars' pulls", band, pull["sigma"], config.pull_width, pull["n"]),
         at_most("position bias, any S/N [mas]", band, max(bias, default=None), config.position_bias_max, n),
+        at_most("star size over PSF model, less 1", band, size["median"], config.psf_size_max, size["n"]),
+        at_most("star e1 less PSF model", band, e1["median"], config.psf_e_max, e1["n"]),
+        at_most("star e2 less PSF model", band, e2["median"], config.psf_e_max, e2["n"]),
         at_most("depth beyond the published limits [mag]", band, off, config.depth_off_max, FEW),
         at_most("number counts, out / in - 1", band, counts["excess"], config.counts_max, counts["n"]),
     ]
