@@ -44,6 +44,21 @@ def test_psf_flux_is_unbiased_and_its_error_is_right(star_field, low, high):
     assert abs(np.median(table["flux_psf"][row[use]] / flux[use]) - 1.0) < 5e-3
 
 
+def test_aperture_flux_is_that_of_all_the_light(star_field):
+    """As of the PSF: 4 px hold 99.99% of this Gaussian; of lone stars, whose circles have no other's light."""
+    x, y, *_ = star_field
+    flux, snr, found, row, table = matched(star_field)
+    distance, _ = cKDTree(np.column_stack([x, y])).query(np.column_stack([x, y]), k=2)
+    use = found & (snr > 20) & (distance[:, 1] > 12)
+    assert use.sum() > 100
+    pull = (table["flux_aper"][row[use]] - flux[use]) / table["flux_aper_err"][row[use]]
+    assert abs(np.median(pull)) < 5 * 1.25 / np.sqrt(use.sum()) + 0.1
+    assert 0.85 < 1.4826 * np.median(abs(pull - np.median(pull))) < 1.15
+    assert (
+        np.median(table["flux_aper_err"][row[use]] / table["flux_psf_err"][row[use]]) > 1.0
+    )  # weights of the PSF are the best
+
+
 def test_positions_and_magnitudes(star_field):
     x, y, flux, snr, table = star_field
     _, _, found, row, _ = matched(star_field)

@@ -16,7 +16,7 @@ from csstsim.measure.centroid import position_errors
 from csstsim.measure.combine import combine
 from csstsim.measure.detect import detect
 from csstsim.measure.moments import measure_shapes, on_sky, reduced, without_psf
-from csstsim.measure.photometry import fit_sources, kron_flux, psf_model
+from csstsim.measure.photometry import APERTURE, aperture_flux, fit_sources, kron_flux, psf_model
 
 # Bits of `flags`.
 BLENDED, TRUNCATED, SATURATED, NEGATIVE_FLUX = 1, 2, 4, 8
@@ -39,6 +39,7 @@ COLUMNS = {
     "obsid": str, "chip": np.int16, "filter": str, "number": np.int32, "x": np.float64, "y": np.float64,
     "ra": np.float64, "dec": np.float64, "ra_apparent": np.float64, "dec_apparent": np.float64, "pos_err": np.float32,
     "flux_psf": np.float64, "flux_psf_err": np.float64, "mag_psf": np.float64, "mag_psf_err": np.float64,
+    "flux_aper": np.float64, "flux_aper_err": np.float64, "mag_aper": np.float64, "mag_aper_err": np.float64,
     "flux_kron": np.float64, "flux_kron_err": np.float64, "mag_kron": np.float64, "mag_kron_err": np.float64,
     "snr": np.float32, "fwhm": np.float32, "a": np.float32, "b": np.float32, "theta": np.float32,
     "hsm_sigma": np.float32, "hsm_e1": np.float32, "hsm_e2": np.float32, "psf_sigma": np.float32, "psf_e1": np.float32,
@@ -54,7 +55,8 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     `calibrated`: measure.calibrate.Calibrated of `window`; `psf`: PsfSet of the chip; `wcs`: ChipWCS;
     `observer`: catalog.ephemeris.Observer.
     The columns are `COLUMNS`, by decreasing S/N; x, y chip pixels (0-based, whole chip), `pos_err`
-    arcsec on an axis, fluxes electrons, `fwhm` px, `theta` rad from +x to +y, `zeropoint` the AB magnitude of 1
+    arcsec on an axis, fluxes electrons (`flux_aper`: in 4 px, as if all the light were a point's), `fwhm` px, `theta`
+    rad from +x to +y, `zeropoint` the AB magnitude of 1
     electron. Adaptive moments (measure.moments), NaN where they failed: `hsm_sigma`, `psf_sigma` px, `hsm_e1` ... of
     source and PSF distortions (a2 - b2)/(a2 + b2) on pixel axes; `g1`, `g2` without the PSF, (a - b)/(a + b), axis 1
     along +RA (east), 2 towards north, as the truth's e1, e2 sheared by its g1, g2; `g_err` on an axis; these three are
@@ -80,7 +82,7 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     seen = table["ra_apparent"], table["dec_apparent"]
     table["g1"], table["g2"] = _sky_shapes(table.pop("e"), wcs.jacobian(table["ra"], table["dec"], seen=seen))
     table["pos_err"] = table.pop("pos_err_px") * telescope.pixel_scale
-    for kind in ("psf", "kron"):
+    for kind in ("psf", "aper", "kron"):
         magnitudes = magnitude(table[f"flux_{kind}"], table[f"flux_{kind}_err"], zeropoint)
         table[f"mag_{kind}"], table[f"mag_{kind}_err"] = magnitudes
     n = len(table["x"])
@@ -114,7 +116,9 @@ def _sources(found, calibrated, unusable, model, window):
     kron, kron_error, kron_failed = kron_flux(found, counted)
     snr = np.where(error > 0, np.nan_to_num(flux) / np.where(error > 0, error, 1.0), 0.0)
     column, row = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in ((found.x, window.nx), (found.y, window.ny)))
-    shapes = _shapes(found, counted, unusable, model, model.cell(x, y))
+    cell = model.cell(x, y)
+    shapes = _shapes(found, counted, unusable, model, cell)
+    aperture, aperture_error = aperture_flux(found, counted, model.enclosed(APERTURE)[cell])
     flags = (
         BLENDED * ((found.sep_flag & 1) != 0)
         | TRUNCATED * ((found.sep_flag & 2) != 0)
@@ -128,12 +132,13 @@ def _sources(found, calibrated, unusable, model, window):
     )
     return shapes | {
         "x": x, "y": y, "flux_psf": flux, "flux_psf_err": error, "flux_kron": kron, "flux_kron_err": kron_error,
+        "flux_aper": aperture, "flux_aper_err": aperture_error,
         "snr": snr, "fwhm": 2.0 * found.half_light, "a": found.a, "b": found.b, "theta": found.theta, "chi2": chi2,
         "spread": spread, "spread_err": spread_error, "rms": found.rms[row, column],
         "star": spread < STAR_SPREAD + 2.5 * spread_error, "flags": flags,
         "pos_err_px": position_errors(
             found.image, found.rms, found.x, found.y, found.window, found.extended,
-            np.maximum(np.nan_to_num(flux), np.nan_to_num(error)), counted, model.cell(x, y), model.coefficients,
+            np.maximum(np.nan_to_num(flux), np.nan_to_num(error)), counted, cell, model.coefficients,
         ),
     }  # fmt: skip
 

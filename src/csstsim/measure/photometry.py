@@ -4,7 +4,8 @@ PSF photometry (paper, section 6: stars) is the linear least-squares amplitude o
 at the windowed position, with weights uniform over the stamp: F = sum(p d) / sum(p^2), where p is the
 fraction of ALL the light in each pixel, so F is the total flux though the stamp is finite. Its variance
 is sum(p^2 (rms^2 + F p)) / sum(p^2)^2. Kron photometry (Kron 1980; galaxies) is Source Extractor's
-automatic aperture (2.5 Kron radii, at least 3.5 px), without the isophotes of other sources. The same stamp
+automatic aperture (2.5 Kron radii, at least 3.5 px), without the isophotes of other sources. Aperture photometry is a
+circle of APERTURE, over the share of a point's light that the PSF has in it. The same stamp
 gives the reduced chi2 of the PSF fit and the spread (as SPREAD_MODEL, Desai et al. 2012):
 
     spread = (g.d) / (p.d) - (g.p) / (p.p),   g = PSF blurred by a Gaussian of sigma `BLUR`
@@ -24,6 +25,7 @@ CORE = 3  # px; unusable pixels outside the core leave the fit as it is
 BLUR = 0.5  # px
 CELL_PX = 576  # the PSF is taken as constant over parts of the frame of at most this size
 KRON_FACTOR, KRON_MIN_RADIUS = 2.5, 3.5  # Source Extractor's PHOT_AUTOPARAMS; the radius in px
+APERTURE = 4.0  # px, 0.3 arcsec: radius
 _MARGIN = 2 * HALF + 6  # table steps kept on each side: stamp, rounding (1), spline support (2), spare
 
 
@@ -59,6 +61,13 @@ class PsfModel:
                     pairs = stamp + stamp[::-1, ::-1]
                     least = np.minimum(least, 0.5 * pairs[[1, 2, 2, 2], [2, 1, 2, 0]] / stamp[1, 1])
         return least
+
+    def enclosed(self, radius):
+        """Return (ncell,): the share of a point's light in a circle [px], centred on a pixel."""
+        import sep
+
+        stamps = [_sample(table, HALF) for table in self.coefficients]
+        return np.array([float(sep.sum_circle(stamp, [HALF], [HALF], radius, subpix=5)[0][0]) for stamp in stamps])
 
     def kernel(self, half=3):
         """Return the centred PSF of the middle cell on (2 half + 1)^2 pixels: the detection kernel."""
@@ -194,6 +203,25 @@ def _variances(image, rms, unusable, iy, ix, p, g, flux, ratio, counted):
     return noise, spread_noise, chi2
 
 
+def aperture_flux(found, counted, share):
+    """Return (flux, error) of `detect.Detections` in circles of APERTURE, as of points that have `share` (n,) there.
+
+    `counted` (n,) as in `fit_sources`; electrons. Pixels on the isophote of another source count as in `kron_flux`.
+    """
+    import sep
+
+    flux, error, _ = sep.sum_circle(
+        found.image, found.x, found.y, APERTURE, err=found.rms, gain=1.0, subpix=5, **_others(found)
+    )
+    return flux / share, np.sqrt(error**2 + np.maximum(flux, 0.0) * (1 / counted - 1)) / share
+
+
+def _others(found):
+    """Return sep's arguments: pixels on the isophote of another source count as the mean of the aperture's others."""
+    mine = np.where(found.segment > 0, found.segment, np.iinfo(np.int32).max).astype(np.int32)
+    return {"segmap": found.segments, "seg_id": mine}
+
+
 def kron_flux(found, counted):
     """Return (flux, error, failed) of `detect.Detections` in Kron apertures, electron; failed: minimum circle used.
 
@@ -203,9 +231,7 @@ def kron_flux(found, counted):
 
     image, x, y, a, b = found.image, found.x, found.y, found.a, found.b
     theta = np.clip(found.theta, -np.pi / 2, np.pi / 2)
-    # Pixels on the isophote of another source count as the mean of the aperture's others.
-    mine = np.where(found.segment > 0, found.segment, np.iinfo(np.int32).max).astype(np.int32)
-    others = {"segmap": found.segments, "seg_id": mine}
+    others = _others(found)
     radius, flag = sep.kron_radius(image, x, y, a, b, theta, 6.0, **others)
     failed = ((flag & sep.APER_NONPOSITIVE) != 0) | ~np.isfinite(radius) | (radius <= 0)
     scale = np.where(failed, 0.0, np.minimum(KRON_FACTOR * np.nan_to_num(radius), KRON_FACTOR * 6.0))
