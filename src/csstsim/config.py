@@ -196,7 +196,11 @@ class ValidateConfig(Model):
         gt=0,
         description="5-sigma depth of an exposure beyond the range of the filter's published limiting magnitudes [mag]",
     )
-    counts_max: float | None = Field(0.1, gt=0, description="|sources / true objects - 1| brighter than S/N 20")
+    counts_max: float | None = Field(
+        0.1,
+        gt=0,
+        description="|sources / true objects - 1| brighter than S/N 50 of a point; 2 sigma of chance are forgiven",
+    )
     psf_size_max: float | None = Field(
         0.005, gt=0, description="|median size of stars at S/N > 50 over the PSF model, less 1|, smoothed with 1 px"
     )

@@ -9,9 +9,9 @@ import numpy as np
 FEW = 20
 
 
-def at_most(name, band, value, threshold, n):
-    """Gate of a number that may be of either sign and at most `threshold` in size."""
-    return _gate(name, band, value, threshold, n, lambda: abs(value) <= threshold)
+def at_most(name, band, value, threshold, n, chance=0.0):
+    """Gate of a number that may be of either sign and at most `threshold` in size, `chance` forgiven."""
+    return _gate(name, band, value, threshold, n, lambda: abs(value) <= threshold + chance)
 
 
 def at_least(name, band, value, threshold, n):

@@ -23,7 +23,7 @@ BIAS_EDGES = (5, 10, 20, 50, 100, 200, 500)  # S/N, of places and light along th
 MAG_EDGES = np.arange(16.0, 29.1, 0.5)
 NEAR = 12.0  # px: neighbours count
 EDGE = 12  # px; sources nearer to the frame's edge are not judged
-SNR_SHARP = 50.0  # above it positions are judged one by one
+SNR_SHARP = 50.0  # above it positions, shapes and numbers are judged
 IN_FRAME = 0.9  # of an object's light in the window; less is not judged
 
 
@@ -75,7 +75,7 @@ def validate_brick(pix, sources, frames, config):
         table = tables[band] = joined(tried[band])
         residuals[band], numbers = compare.magnitudes(band, truth, sources, match, infos[band])
         bands[band] = numbers | _of_exposures(table, infos[band], config)
-        limit_mag = bands[band]["depth_5sigma"] - 2.5 * np.log10(compare.SNR_BRIGHT / 5.0)
+        limit_mag = bands[band]["depth_5sigma"] - 2.5 * np.log10(SNR_SHARP / 5.0)
         bands[band]["counts"] = compare.counts(band, truth, sources, match, real, MAG_EDGES, limit_mag)
         points = ~table["galaxy"].astype(bool)
         curves[band] = completeness(table["snr"][points], table["found"][points] > 0, SNR_EDGES)
@@ -140,6 +140,9 @@ def _transfer(table, low, high):
 def _gates(band, numbers, depths, config):
     """Return the gates of a band."""
     star, counts, n = numbers["star"], numbers["counts"], numbers["point_sources"]
+    chance = (
+        2 * np.sqrt(config.counts_max / counts["n"]) if config.counts_max and counts["n"] else 0.0
+    )  # of losing so many
     expected = [depth for depth in depths if depth is not None]
     depth, off = numbers["depth_5sigma"], None
     if expected:
@@ -158,7 +161,7 @@ def _gates(band, numbers, depths, config):
         at_most("star e1 less PSF model", band, e1["median"], config.psf_e_max, e1["n"]),
         at_most("star e2 less PSF model", band, e2["median"], config.psf_e_max, e2["n"]),
         at_most("depth beyond the published limits [mag]", band, off, config.depth_off_max, FEW),
-        at_most("number counts, out / in - 1", band, counts["excess"], config.counts_max, counts["n"]),
+        at_most("number counts, out / in - 1", band, counts["excess"], config.counts_max, counts["n"], chance),
     ]
 
 
