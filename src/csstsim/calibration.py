@@ -56,7 +56,7 @@ def calibrate(run, job):
     write_calibrated(
         path, file, job.wcs, (image, error, quality), background=background * rate,
         zeropoint=filter_.zeropoint(run.camera.telescope), read_noise=float(np.mean(list(frame.read_noise.values()))),
-        settings=run.config.measurement.model_dump(mode="json"),
+        settings=run.measurement,
     )  # fmt: skip
     print(f"{path}: {100 * (quality > 0).mean():.3f}% of the pixels are flagged")
 

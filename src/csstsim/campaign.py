@@ -315,9 +315,14 @@ class OpenCampaign:
             "exposure": digest([str(job.pointing), str(job.window), job.chip.id]),
         }
 
+    @property
+    def measurement(self):
+        """What of the campaign's `measurement` decides measurements, JSON-like: not which products are kept."""
+        return self.config.measurement.model_dump(mode="json", exclude={"keep_calibrated"})
+
     def measure_recipe(self, job):
         """Return {name: digest} of everything that decides a job's measurements."""
-        return self.recipe(job) | {"measurement": digest(self.config.measurement.model_dump(mode="json"))}
+        return self.recipe(job) | {"measurement": digest(self.measurement)}
 
     def brick_recipe(self, pix):
         """Return the digest of everything that decides a merged brick: the recipes of the frames on it."""

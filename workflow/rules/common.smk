@@ -11,7 +11,7 @@ try:
 except CsstsimError as error:
     raise WorkflowError(str(error)) from None
 OUT = str(RUN.paths.output)
-MEASUREMENT = RUN.config.measurement.model_dump(mode="json")
+MEASUREMENT = RUN.measurement
 
 # The (exposure, chip) pairs whose truth is kept order by order, as patterns; no pair: patterns that nothing meets.
 SPECTRA_OBSID = (

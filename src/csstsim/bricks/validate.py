@@ -140,9 +140,8 @@ def _transfer(table, low, high):
 def _gates(band, numbers, depths, config):
     """Return the gates of a band."""
     star, counts, n = numbers["star"], numbers["counts"], numbers["point_sources"]
-    chance = (
-        2 * np.sqrt(config.counts_max / counts["n"]) if config.counts_max and counts["n"] else 0.0
-    )  # of losing so many
+    # Two sigma of losing as many as are allowed to be lost
+    chance = 2 * np.sqrt(config.counts_max / counts["n"]) if config.counts_max and counts["n"] else 0.0
     expected = [depth for depth in depths if depth is not None]
     depth, off = numbers["depth_5sigma"], None
     if expected:
