@@ -10,7 +10,8 @@ import pytest
 from csstsim.bricks import healpix
 from csstsim.bricks.figures import brick_figure, sky_map
 from csstsim.bricks.merge import merge_brick
-from csstsim.bricks.validate import Frame, blended, completeness, validate_brick
+from csstsim.bricks.trials import trials
+from csstsim.bricks.validate import Frame, blended, completeness, usable, validate_brick
 from csstsim.catalog.table import BANDS, ObjectTable
 from csstsim.config import ValidateConfig
 from csstsim.rng import stream
@@ -184,6 +185,17 @@ def test_a_fault_fails_its_gates_and_no_other(fault):
     frame, other = (make_frame(band, 5, scatter=3.0) for band in "gr")
     assert failing(run([broken(frame), other])[0]) == gates
     assert failing(run([frame, other])[0]) == set()
+
+
+def test_trials_take_another_codes_table():
+    """Places and light are enough; what needs errors and shapes is NaN."""
+    frame = make_frame("g", 7)
+    names = "x", "y", "flux_psf", "flags"
+    foreign = ObjectTable({name: frame.measured[name] for name in names}, frame.measured.meta)
+    table = trials(usable(frame), replace(frame, measured=foreign))
+    found = table["found"]
+    assert found.any() and np.isfinite(table["light"][found]).all()
+    assert all(np.isnan(table[name]).all() for name in ("pull", "psf_size", "psf_e1", "psf_e2"))
 
 
 def test_limits_and_transfer_are_those_put_in():

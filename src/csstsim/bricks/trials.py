@@ -49,8 +49,8 @@ def trials(truth, frame):
         away = np.where(upper[found], -1.0, 1.0)
         out["deferred_mas"][found] = scale * away * (measured["y"][at] - truth["y"][found])
         out["light"][found] = measured["flux_psf"][at] / electrons[found]
-        out["pull"][found] = (measured["flux_psf"][at] - electrons[found]) / measured["flux_psf_err"][at]
-        if "hsm_sigma" in measured:  # another code's table has none
+        if "hsm_sigma" in measured:  # another code's table has light and places alone
+            out["pull"][found] = (measured["flux_psf"][at] - electrons[found]) / measured["flux_psf_err"][at]
             out["psf_size"][found] = measured["hsm_sigma"][at] / measured["psf_sigma"][at] - 1
             for axis in ("e1", "e2"):
                 out[f"psf_{axis}"][found] = measured[f"hsm_{axis}"][at] - measured[f"psf_{axis}"][at]
