@@ -202,7 +202,7 @@ def test_errors_are_those_of_the_noise(fabricate, name, snr):
         shapes.append(measure_shapes(
             noisy, np.full(noisy.shape, rms, np.float32), np.zeros(noisy.shape, np.uint8),
             np.zeros(noisy.shape, np.int32), np.zeros(1, np.int32), PLACE[0] * one, PLACE[1] * one,
-            (3.0 if name == "disc" else 1.1) * one, one, np.zeros(1, int), model.coefficients,
+            (3.0 if name == "disc" else 1.1) * one, np.ones(1, bool), one, np.zeros(1, int), model.coefficients,
         )[0])  # fmt: skip
     shapes = np.array(shapes)
     assert np.isfinite(shapes[:, 2]).mean() > 0.97

@@ -7,14 +7,19 @@ aperture). A mean has no such error once the sources are masked. Where they cann
 mode of 2 x 2 sums is taken, whose error is a quarter of that.
 """
 
+import math
+
+import numba
 import numpy as np
 
-BIN = 2  # px
+from csstsim.measure.maps import BIN, interpolated
+
 FIRST_BOX, SECOND_BOX = 64, 256  # px; 4.7 arcsec to find sources and in crowded fields, 19 arcsec with sources masked
 MASK_MAX = 0.4  # of the frame; more masked is crowded
 GOOD_MIN = 0.25  # of the pixels of a mesh; with less it takes the value of its neighbours
 CLIP = 3.5  # sigma; takes 0.3 % off the noise of a Gaussian, corrected below
 CLIP_LOSS = 0.9969
+SAMPLE = 8192  # pixels of a mesh for the first guess
 FLOOR = np.float32(1e-3)  # electron; a noise-free image has rms 0: a floor keeps S/N finite
 
 
@@ -36,7 +41,7 @@ def masked_background(image, mask, box=SECOND_BOX):
     for j in range(ny):
         for i in range(nx):
             part = np.s_[rows[j] : rows[j + 1], columns[i] : columns[i + 1]]
-            values = image[part][~mask[part]].astype(np.float64)
+            values = image[part][~mask[part]]
             if values.size >= max(GOOD_MIN * mask[part].size, 1):
                 level[j, i], rms[j, i] = _clipped(values)
     if not np.isfinite(level).any():
@@ -47,13 +52,30 @@ def masked_background(image, mask, box=SECOND_BOX):
 
 
 def _clipped(values):
-    """Mean and standard deviation within CLIP sigma, twice iterated from the median and its robust scatter."""
-    centre = np.median(values)
-    sigma = 1.4826 * np.median(np.abs(values - centre)) + 0.5  # at least about a DN of rounding
+    """Mean and standard deviation within CLIP sigma, thrice from the median and robust scatter of some of them."""
+    some = values[:: max(values.size // SAMPLE, 1)]
+    centre = float(np.median(some))
+    sigma = 1.4826 * float(np.median(np.abs(some - centre))) + 0.5  # at least about a DN of rounding
     for _ in range(3):
-        kept = values[np.abs(values - centre) <= CLIP * sigma]
-        centre, sigma = kept.mean(), kept.std() / CLIP_LOSS
+        centre, sigma = _moments_within(values, centre, CLIP * sigma)
+        sigma /= CLIP_LOSS
     return centre, sigma
+
+
+@numba.njit(cache=True)
+def _moments_within(values, centre, reach):
+    """Return mean and standard deviation of what is within `reach` of `centre`, NaN of nothing."""
+    n, total, squares = 0, 0.0, 0.0
+    for value in values:
+        away = float(value) - centre
+        if abs(away) <= reach:
+            n += 1
+            total += away
+            squares += away * away
+    if n == 0:
+        return math.nan, math.nan
+    mean = total / n
+    return centre + mean, math.sqrt(max(squares / n - mean * mean, 0.0))
 
 
 def _filled(mesh):
@@ -62,32 +84,6 @@ def _filled(mesh):
 
     near = distance_transform_edt(np.isnan(mesh), return_distances=False, return_indices=True)
     return median_filter(mesh[tuple(near)], 3, mode="nearest")
-
-
-def interpolated(mesh, middle, shape):
-    """Bilinear between the meshes' middles, constant beyond the outer ones."""
-    rows, columns = (np.arange(n) for n in shape)
-    wide = np.array([np.interp(columns, middle[1], line) for line in mesh])
-    place = np.interp(rows, middle[0], np.arange(len(mesh)))
-    low = np.minimum(place.astype(int), max(len(mesh) - 2, 0))
-    share = (place - low)[:, None].astype(np.float32)
-    wide = wide.astype(np.float32)
-    return (1 - share) * wide[low] + share * wide[np.minimum(low + 1, len(mesh) - 1)]
-
-
-def binned(image):
-    """Sums of BIN x BIN pixels; a last odd row or column is left out, an only one repeated."""
-    image = np.repeat(
-        np.repeat(image, BIN if len(image) == 1 else 1, axis=0), BIN if image.shape[1] == 1 else 1, axis=1
-    )
-    ny, nx = (n // BIN * BIN for n in image.shape)
-    return image[:ny, :nx].reshape(ny // BIN, BIN, nx // BIN, BIN).sum(axis=(1, 3), dtype=np.float32)
-
-
-def full_size(small, shape):
-    """Repeat a binned map to the frame's shape; a last odd row or column takes its neighbour's value."""
-    rows, columns = (np.minimum(np.arange(n) // BIN, m - 1) for n, m in zip(shape, small.shape, strict=True))
-    return np.ascontiguousarray(small[rows][:, columns])
 
 
 def _unskewed(level, rms):

@@ -13,6 +13,7 @@ import numba
 import numpy as np
 
 from csstsim.detector import defects
+from csstsim.measure.maps import grown
 
 FULL, BAD, RAY = np.uint8(1), np.uint8(2), np.uint8(4)  # bits of `mend`
 SIGMA, NEIGHBOUR_SIGMA = 5.0, 2.5  # of a first pixel above the sky, of one beside a found one
@@ -62,46 +63,64 @@ def cosmic_rays(electrons, saturated, known, read_noise, model):
     electrons: float32 (ny, nx), sky included; saturated, known: bool (ny, nx), not judged, nor what is within NEAR of
     the former; read_noise: electrons; model: photometry.PsfModel.
     """
-    from scipy.ndimage import binary_dilation
-
-    left_out = known | (binary_dilation(saturated, iterations=NEAR) if saturated.any() else saturated)
-    found = np.zeros(electrons.shape, bool)
+    left_out = known | grown(saturated, NEAR)
     sky = float(np.median(electrons[::8, ::8]))
-    _find(electrons, left_out, sky, read_noise**2, SHARE * model.smallest_pairs(_PLACES), found)
-    return binary_dilation(found, np.ones((3, 3), bool))
+    found = _find(electrons, left_out, sky, read_noise**2, SHARE * model.smallest_pairs(_PLACES))
+    return grown(found, 1, square=True)
 
 
 @numba.njit(cache=True)
-def _find(electrons, left_out, sky, read_variance, pairs, found):
-    """Round after round; first anywhere, then beside what is found. `pairs` (4,): right, up, and the diagonals."""
+def _find(electrons, left_out, sky, read_variance, pairs):
+    """Judge all pixels, then those beside what was found, until nothing is added; return bool (ny, nx).
+
+    pairs (4,): right, up, and the diagonals.
+    """
     ny, nx = electrons.shape
-    added, first = 1, True
-    while added:
-        added = 0
-        for y in range(1, ny - 1):
-            for x in range(1, nx - 1):
-                value = electrons[y, x] - sky
-                variance = max(electrons[y, x], 0.0) + read_variance
-                least, doubt = (SIGMA, NOISE) if first else (NEIGHBOUR_SIGMA, 0.0)
-                if value * abs(value) < least**2 * variance or found[y, x] or left_out[y, x]:
-                    continue
-                if not first and not found[y - 1 : y + 2, x - 1 : x + 2].any():
-                    continue
-                value -= doubt * math.sqrt(variance)
-                for k in range(4):
-                    dy, dx = min(k, 1), 1 - k if k < 2 else 5 - 2 * k
-                    total, noise, n = 0.0, 0.0, 0
-                    for side in (-1, 1):
-                        v, u = y + side * dy, x + side * dx
-                        if not (found[v, u] or left_out[v, u]):
-                            total += electrons[v, u] - sky
-                            noise += max(electrons[v, u], 0.0) + read_variance
-                            n += 1
-                    if n and value > (total + doubt * math.sqrt(noise)) / n / pairs[k]:
-                        found[y, x] = True
-                        added += 1
-                        break
-        first = False
+    found = np.zeros((ny, nx), np.bool_)
+    frontier = [(0, 0) for _ in range(0)]
+    for y in range(1, ny - 1):
+        for x in range(1, nx - 1):
+            if _stands_out(electrons, sky, read_variance, y, x, SIGMA):
+                if _sharp(electrons, found, left_out, sky, read_variance, pairs, y, x, NOISE):
+                    found[y, x] = True
+                    frontier.append((y, x))
+    while len(frontier):
+        beside, frontier = frontier, [(0, 0) for _ in range(0)]
+        for row, column in beside:
+            for y in range(max(row - 1, 1), min(row + 2, ny - 1)):
+                for x in range(max(column - 1, 1), min(column + 2, nx - 1)):
+                    if _stands_out(electrons, sky, read_variance, y, x, NEIGHBOUR_SIGMA):
+                        if _sharp(electrons, found, left_out, sky, read_variance, pairs, y, x, 0.0):
+                            found[y, x] = True
+                            frontier.append((y, x))
+    return found
+
+
+@numba.njit(inline="always")
+def _stands_out(electrons, sky, read_variance, y, x, least):
+    """Return whether a pixel is `least` sigma above the sky."""
+    value = electrons[y, x] - sky
+    return value * abs(value) >= least**2 * (max(electrons[y, x], 0.0) + read_variance)
+
+
+@numba.njit(cache=True)
+def _sharp(electrons, found, left_out, sky, read_variance, pairs, y, x, doubt):
+    """Return whether a pixel not judged yet is sharper than a star, `doubt` sigma in favour of a star."""
+    if found[y, x] or left_out[y, x]:
+        return False
+    value = electrons[y, x] - sky - doubt * math.sqrt(max(electrons[y, x], 0.0) + read_variance)
+    for k in range(4):
+        dy, dx = min(k, 1), 1 - k if k < 2 else 5 - 2 * k
+        total, noise, n = 0.0, 0.0, 0
+        for side in (-1, 1):
+            v, u = y + side * dy, x + side * dx
+            if not (found[v, u] or left_out[v, u]):
+                total += electrons[v, u] - sky
+                noise += max(electrons[v, u], 0.0) + read_variance
+                n += 1
+        if n and value > (total + doubt * math.sqrt(noise)) / n / pairs[k]:
+            return True
+    return False
 
 
 def fill(electrons, bad):

@@ -30,9 +30,10 @@ FLAGS = {
     NOT_CENTRED: "windowed position failed: x, y are the isophotal barycentre",
     SHARP: "sharper than the PSF by 5 sigma, or a line no wider than it: cosmic ray or defect",
     BAD_PIXELS: "defects or cosmic rays within 3 px; they are left out of the fit",
-    NO_SHAPE: "adaptive moments failed: hsm_sigma, hsm_e1, hsm_e2, resolution, g1, g2, g_err are NaN",
+    NO_SHAPE: "S/N below 4, or adaptive moments failed: hsm_sigma, hsm_e1, hsm_e2, resolution, g1, g2, g_err are NaN",
 }
 LINE_E, LINE_WIDTH = 0.4, 0.95  # distortion of a line, at least; its short axis squared over the PSF's, at most
+SHAPE_SNR = 4.0  # least, for a shape: six in seven detections are below it, most of them noise
 STAR_SPREAD = 0.01  # spread of a star: PSF interpolation and centring errors, beside its noise (x 2.5)
 
 COLUMNS = {
@@ -117,7 +118,7 @@ def _sources(found, calibrated, unusable, model, window):
     snr = np.where(error > 0, np.nan_to_num(flux) / np.where(error > 0, error, 1.0), 0.0)
     column, row = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in ((found.x, window.nx), (found.y, window.ny)))
     cell = model.cell(x, y)
-    shapes = _shapes(found, counted, unusable, model, cell)
+    shapes = _shapes(found, snr >= SHAPE_SNR, counted, unusable, model, cell)
     aperture, aperture_error = aperture_flux(found, counted, model.enclosed(APERTURE)[cell])
     flags = (
         BLENDED * ((found.sep_flag & 1) != 0)
@@ -143,11 +144,11 @@ def _sources(found, calibrated, unusable, model, window):
     }  # fmt: skip
 
 
-def _shapes(found, counted, unusable, model, cell):
-    """Return the columns of shapes; `e`, complex, is the distortion without the PSF on pixel axes."""
+def _shapes(found, bright, counted, unusable, model, cell):
+    """Return the columns of shapes of `bright` sources; `e`, complex, is the distortion without the PSF, pixel axes."""
     shapes = measure_shapes(
         found.image, found.rms, unusable, found.segments, found.segment, found.x, found.y,
-        np.sqrt(found.a * found.b), counted, cell, model.coefficients,
+        np.sqrt(found.a * found.b), bright, counted, cell, model.coefficients,
     )  # fmt: skip
     _, _, sigma, e1, e2, _, _, psf_sigma, psf_e1, psf_e2, _ = shapes.T
     e, error, resolution = without_psf(shapes)

@@ -21,8 +21,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from csstsim.measure.background import BIN, MASK_MAX, binned, crude_background, full_size, masked_background
+from csstsim.measure.background import MASK_MAX, crude_background, masked_background
 from csstsim.measure.centroid import windowed_positions
+from csstsim.measure.maps import BIN, binned, full_size, grown
 from csstsim.optics.psf import WINDOW_PX
 
 THRESHOLD = 3.75  # of the matched-filter S/N
@@ -96,12 +97,10 @@ def detect(electrons, kernel, *, saturated=None, threshold=THRESHOLD):
 
 def subtract_background(electrons, saturated):
     """Take the background off in place, masking sources; return its noise map, electron (ny, nx)."""
-    from scipy.ndimage import binary_dilation
-
     small = binned(electrons)
     level, noise = crude_background(small)
     _, segments = _cold_pass(small - level, noise)
-    mask = full_size(binary_dilation(segments > 0, iterations=GROWTH), electrons.shape)
+    mask = full_size(grown(segments > 0, GROWTH), electrons.shape)
     if saturated is not None:
         mask |= saturated
     fine = masked_background(electrons, mask) if mask.mean() <= MASK_MAX else None

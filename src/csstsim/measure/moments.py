@@ -200,12 +200,12 @@ def _distortion_error(rms, unusable, segments, number, counted, gauss, smooth, f
 
 
 @numba.njit(cache=True)
-def measure_shapes(image, rms, unusable, segments, number, x, y, size, counted, cell, coefficients):
+def measure_shapes(image, rms, unusable, segments, number, x, y, size, wanted, counted, cell, coefficients):
     """Measure sources and the PSF at their places; all lengths px.
 
     `image`, `rms` float32, `unusable` uint8, `segments` int32 (ny, nx); `number` (n,) of each source's own segment;
-    `x`, `y`, `size` (n,) where it is and its sigma at first; `counted`, `cell`, `coefficients` as
-    in photometry.fit_sources.
+    `x`, `y`, `size` (n,) where it is and its sigma at first; `wanted` (n,) bool, of the others only the PSF is measured;
+    `counted`, `cell`, `coefficients` as in photometry.fit_sources.
     Returns (n, 11): x, y, sigma, e1, e2, kurtosis, error of e, then sigma, e1, e2, kurtosis of the PSF; NaN: failed.
     """
     result = np.full((x.size, 11), np.nan)
@@ -220,6 +220,8 @@ def measure_shapes(image, rms, unusable, segments, number, x, y, size, counted, 
         if fit[1] > 0.0:
             _write(gauss, result[k, 7:])
             result[k, 10] = fit[0]
+        if not wanted[k]:
+            continue
         start = math.hypot(max(size[k], SIZE_MIN), SMOOTH)
         fit = adaptive_moments(image, unusable, segments, number[k], x[k], y[k], start, SMOOTH, gauss)
         if fit[1] > 0.0:

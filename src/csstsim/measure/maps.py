@@ -1,0 +1,68 @@
+"""Whole-frame maps made from one another in one pass each, without a frame of their own between."""
+
+import numba
+import numpy as np
+
+BIN = 2  # px
+
+
+@numba.njit(cache=True)
+def binned(image):
+    """Return sums of BIN x BIN pixels, float32; a last odd row or column is left out, an only one counts twice."""
+    ny, nx = image.shape
+    out = np.empty((max(ny // BIN, 1), max(nx // BIN, 1)), np.float32)
+    down, right = min(1, ny - 1), min(1, nx - 1)
+    for j in range(out.shape[0]):
+        y = BIN * j
+        for i in range(out.shape[1]):
+            x = BIN * i
+            out[j, i] = image[y, x] + image[y, x + right] + (image[y + down, x] + image[y + down, x + right])
+    return out
+
+
+@numba.njit(cache=True)
+def full_size(small, shape):
+    """Return a binned map (C-contiguous) at the frame's shape; a last odd row or column has its neighbour's value."""
+    out = np.empty(shape, small.dtype)
+    for y in range(shape[0]):
+        line = small[min(y // BIN, small.shape[0] - 1)]
+        for x in range(shape[1]):
+            out[y, x] = line[min(x // BIN, line.size - 1)]
+    return out
+
+
+@numba.njit(cache=True)
+def grown(mask, reach, square=False):
+    """Return `mask`, bool (ny, nx), and all within `reach` px of it, in steps along axes, or in both if `square`."""
+    ny, nx = mask.shape
+    out = mask.copy()
+    for y in range(ny):
+        for x in range(nx):
+            if not mask[y, x]:
+                continue
+            inner = 0 < y < ny - 1 and 0 < x < nx - 1
+            if inner and mask[y - 1, x] and mask[y + 1, x] and mask[y, x - 1] and mask[y, x + 1]:
+                continue  # its neighbours reach further
+            for v in range(max(y - reach, 0), min(y + reach + 1, ny)):
+                wide = reach if square else reach - abs(v - y)
+                out[v, max(x - wide, 0) : min(x + wide + 1, nx)] = True
+    return out
+
+
+def interpolated(mesh, middle, shape):
+    """Return float32 of `shape`, bilinear between the meshes' middles (rows, columns), constant beyond the outer."""
+    columns = np.arange(shape[1])
+    wide = np.array([np.interp(columns, middle[1], line) for line in mesh], np.float32)
+    return _between(wide, np.interp(np.arange(shape[0]), middle[0], np.arange(len(mesh))))
+
+
+@numba.njit(cache=True)
+def _between(lines, place):
+    """Return each row at its `place` between `lines`."""
+    out = np.empty((place.size, lines.shape[1]), np.float32)
+    for y in range(place.size):
+        low = min(int(place[y]), max(len(lines) - 2, 0))
+        high, share = min(low + 1, len(lines) - 1), np.float32(place[y] - low)
+        for x in range(out.shape[1]):
+            out[y, x] = (np.float32(1) - share) * lines[low, x] + share * lines[high, x]
+    return out

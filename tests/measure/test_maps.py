@@ -1,0 +1,49 @@
+"""measure.maps against numpy and scipy, at odd and tiny shapes."""
+
+import numpy as np
+import pytest
+from scipy.interpolate import RegularGridInterpolator
+from scipy.ndimage import binary_dilation
+
+from csstsim.measure.maps import binned, full_size, grown, interpolated
+from csstsim.rng import stream
+
+SHAPES = [(1, 1), (1, 5), (4, 1), (2, 2), (7, 9), (30, 41)]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_binned_and_back(shape):
+    rng = stream(53, "maps", *shape)
+    image = rng.integers(-50, 1000, shape).astype(np.float32)
+    twice = np.repeat(np.repeat(image, 2 if shape[0] == 1 else 1, 0), 2 if shape[1] == 1 else 1, 1)
+    ny, nx = (n // 2 * 2 for n in twice.shape)
+    sums = sum(twice[j:ny:2, i:nx:2] for j in (0, 1) for i in (0, 1))
+    small = binned(image)
+    assert small.dtype == np.float32 and np.array_equal(small, sums)
+    wide = np.repeat(np.repeat(small, 2, 0), 2, 1)
+    wide = np.pad(wide, [(0, max(n - m, 0)) for n, m in zip(shape, wide.shape, strict=True)], mode="edge")
+    assert np.array_equal(full_size(small, shape), wide[: shape[0], : shape[1]])
+
+
+@pytest.mark.parametrize("reach", [1, 2, 3])
+@pytest.mark.parametrize("square", [False, True])
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("share", [0.0, 0.03, 0.5, 0.9, 1.0])
+def test_grown_is_scipys_dilation(shape, reach, square, share):
+    rng = stream(54, "grown", *shape)
+    mask = rng.random(shape) < share
+    element = np.ones((3, 3), bool) if square else None
+    assert np.array_equal(grown(mask, reach, square), binary_dilation(mask, element, iterations=reach))
+
+
+@pytest.mark.parametrize("meshes", [(1, 1), (1, 4), (3, 1), (4, 5)])
+def test_interpolated_is_bilinear_and_held_beyond(meshes):
+    shape, mesh = (40, 60), stream(55, "meshes", *meshes).normal(100.0, 5.0, meshes)
+    middle = [np.linspace(0.1, 0.9, n) * size for n, size in zip(meshes, shape, strict=True)]
+    # scipy wants two points an axis: a single mesh is the same on both
+    points = [np.array([v[0], v[0] + 1.0]) if v.size == 1 else v for v in middle]
+    values = np.repeat(np.repeat(mesh, 2 if meshes[0] == 1 else 1, 0), 2 if meshes[1] == 1 else 1, 1)
+    rows, columns = (np.clip(np.arange(n), p[0], p[-1]) for n, p in zip(shape, points, strict=True))
+    wanted = RegularGridInterpolator(points, values)(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1))
+    found = interpolated(mesh, middle, shape)
+    assert found.dtype == np.float32 and found == pytest.approx(wanted, abs=1e-4)
