@@ -88,6 +88,41 @@ def test_a_star_next_to_a_galaxy_is_its_own_source(fabricate):
         assert (gap < 1.5).mean() > 0.9
 
 
+def test_stars_in_the_halo_of_a_bright_one_are_sources_and_its_spikes_are_not(fabricate):
+    """A halo that falls as r^-2.5 with four spikes of twice its light; stars of S/N 13 and more stand in it."""
+    n = 900
+    y, x = np.mgrid[:n, :n] - 0.5 * n
+    r = np.hypot(x, y) + 3.0
+    spike = 1.0 + 2.0 * np.exp(-0.5 * (np.minimum(abs(x + 0.1 * y), abs(y - 0.1 * x)) / 2.0) ** 2)
+    image = 1.5e6 * r**-2.5 * spike
+    rng, angle = stream(44, "halo"), math.tau * np.arange(12) / 12 + 0.3
+    radius = np.linspace(130.0, 230.0, 12)
+    stars = [0.5 * n + radius * f(angle) + rng.uniform(-0.5, 0.5, 12) for f in (np.cos, np.sin)]
+    fabricate.add_stars(image, *stars, [500.0] * 12)
+    table = fabricate.measure(fabricate.add_noise(image, 45))
+    gap = np.hypot(table["x"][:, None] - stars[0], table["y"][:, None] - stars[1])
+    assert (gap.min(axis=0) < 0.8).all()
+    off = (gap.min(axis=1) > 3.0) & (np.hypot(table["x"] - 0.5 * n, table["y"] - 0.5 * n) > 30.0)
+    assert (off & (table["snr"] > 5.0)).sum() <= 4
+
+
+def test_a_star_away_from_the_middle_of_a_faint_galaxy_keeps_its_place(fabricate):
+    n, step = 480, 80
+    image = np.zeros((n, n))
+    galaxy = galsim.Convolve(
+        galsim.Exponential(half_light_radius=7.0, flux=4000.0), galsim.Gaussian(sigma=fabricate.SIGMA)
+    ).drawImage(nx=61, ny=61, scale=1.0).array  # fmt: skip
+    stars = []
+    for k in range(25):
+        x, y = 80 + step * (k % 5), 80 + step * (k // 5)
+        image[y - 30 : y + 31, x - 30 : x + 31] += galaxy
+        stars.append((x + 6.2 * math.cos(k), y + 6.2 * math.sin(k)))
+    fabricate.add_stars(image, *zip(*stars, strict=True), [900.0] * 25)  # S/N 20 off the galaxy
+    table = fabricate.measure(fabricate.add_noise(image, 46))
+    gap = np.array([np.hypot(table["x"] - x, table["y"] - y).min() for x, y in stars])
+    assert (gap < 0.8).mean() > 0.9
+
+
 def test_the_background_of_whole_numbers_is_the_mean():
     """A gain of 1.6 electron per DN: the mode of the pixels is off by up to an electron, their mean is not."""
     rng = stream(43, "background")

@@ -71,44 +71,32 @@ def cosmic_rays(electrons, saturated, known, read_noise, model):
 
 @numba.njit(cache=True)
 def _find(electrons, left_out, sky, read_variance, pairs):
-    """Judge all pixels, then those beside what was found, until nothing is added; return bool (ny, nx).
-
-    pairs (4,): right, up, and the diagonals.
-    """
+    """Judge all pixels, then those beside each found one; return bool (ny, nx). pairs (4,): right, up, diagonals."""
     ny, nx = electrons.shape
     found = np.zeros((ny, nx), np.bool_)
-    frontier = [(0, 0) for _ in range(0)]
+    beside = [(0, 0) for _ in range(0)]
     for y in range(1, ny - 1):
         for x in range(1, nx - 1):
-            if _stands_out(electrons, sky, read_variance, y, x, SIGMA):
-                if _sharp(electrons, found, left_out, sky, read_variance, pairs, y, x, NOISE):
+            if _is_ray(electrons, found, left_out, sky, read_variance, pairs, y, x, SIGMA, NOISE):
+                found[y, x] = True
+                beside.append((y, x))
+    while len(beside):
+        row, column = beside.pop()
+        for y in range(max(row - 1, 1), min(row + 2, ny - 1)):
+            for x in range(max(column - 1, 1), min(column + 2, nx - 1)):
+                if _is_ray(electrons, found, left_out, sky, read_variance, pairs, y, x, NEIGHBOUR_SIGMA, 0.0):
                     found[y, x] = True
-                    frontier.append((y, x))
-    while len(frontier):
-        beside, frontier = frontier, [(0, 0) for _ in range(0)]
-        for row, column in beside:
-            for y in range(max(row - 1, 1), min(row + 2, ny - 1)):
-                for x in range(max(column - 1, 1), min(column + 2, nx - 1)):
-                    if _stands_out(electrons, sky, read_variance, y, x, NEIGHBOUR_SIGMA):
-                        if _sharp(electrons, found, left_out, sky, read_variance, pairs, y, x, 0.0):
-                            found[y, x] = True
-                            frontier.append((y, x))
+                    beside.append((y, x))
     return found
 
 
-@numba.njit(inline="always")
-def _stands_out(electrons, sky, read_variance, y, x, least):
-    """Return whether a pixel is `least` sigma above the sky."""
-    value = electrons[y, x] - sky
-    return value * abs(value) >= least**2 * (max(electrons[y, x], 0.0) + read_variance)
-
-
 @numba.njit(cache=True)
-def _sharp(electrons, found, left_out, sky, read_variance, pairs, y, x, doubt):
-    """Return whether a pixel not judged yet is sharper than a star, `doubt` sigma in favour of a star."""
-    if found[y, x] or left_out[y, x]:
+def _is_ray(electrons, found, left_out, sky, read_variance, pairs, y, x, least, doubt):
+    """Return whether a new pixel is `least` sigma bright and too sharp, `doubt` sigma in favour of a star."""
+    value, variance = electrons[y, x] - sky, max(electrons[y, x], 0.0) + read_variance
+    if value * abs(value) < least**2 * variance or found[y, x] or left_out[y, x]:
         return False
-    value = electrons[y, x] - sky - doubt * math.sqrt(max(electrons[y, x], 0.0) + read_variance)
+    value -= doubt * math.sqrt(variance)
     for k in range(4):
         dy, dx = min(k, 1), 1 - k if k < 2 else 5 - 2 * k
         total, noise, n = 0.0, 0.0, 0

@@ -6,8 +6,10 @@ The cold segments divide the frame. Off them, every hot source stands. On a segm
   point source (spread) and its PSF holds the light of the segment, it stands as it is. Else it is an extended
   source, with the ellipse, half-light radius and windowed position of the cold pass.
 - Any other hot source stands only if it is a peak in its own right: its PSF flux above the *local* level
-  (PSF and a constant fitted together on the kernel's stamp) is `LOCAL_SNR` times its error and `LOCAL_SHARE` of the
-  own peak's. Noise peaks on a galaxy's disc are no more than noise above their surroundings.
+  (PSF and a constant fitted together on the kernel's stamp) is `LOCAL_SNR` times its error, and it is
+  `LOCAL_SHARE` of the own peak's or its brightest pixel `LOCAL_CONTRAST` times that level. Noise peaks on a
+  galaxy's disc are no more than noise above their surroundings, spikes of a star no more than its halo there.
+- So does an own peak of `APART_SNR` that is `APART` from the place of the extended source it lies on.
 - Without a hot source, the cold source stands alone: low surface brightness.
 """
 
@@ -19,6 +21,8 @@ from csstsim.measure.detect import Sources
 
 LOCAL_SNR = 5.0
 LOCAL_SHARE = 0.02
+LOCAL_CONTRAST = 8.0
+APART, APART_SNR = 1.5, 10.0  # px; local flux over its error
 POINT_SPREAD = 0.01, 2.5  # a star's spread: constant and times its error (as in measure.catalogue)
 EXCESS_SIGMA, EXCESS_SHARE = 3.0, 0.3  # light of a segment beyond its point sources that makes it extended
 
@@ -41,10 +45,11 @@ def combine(passes, fit, kernel):
     hot, cold = passes.hot, passes.cold
     flux, spread, spread_error = (np.nan_to_num(fit[:, k]) for k in (0, 3, 4))
     peak = _own_peaks(hot, cold)  # of each cold source; -1 without
-    local, local_error = local_flux(passes.image, passes.rms, hot.x, hot.y, kernel)
+    local, local_error, level = local_flux(passes.image, passes.rms, hot.x, hot.y, kernel)
     owner = np.where(hot.segment > 0, peak[np.maximum(hot.segment, 1) - 1] if len(peak) else -1, -1)
     main = owner == np.arange(len(hot.x))
-    distinct = (local > LOCAL_SNR * local_error) & (local > LOCAL_SHARE * flux[owner])
+    outstanding = (local > LOCAL_SHARE * flux[owner]) | (local * kernel.max() > LOCAL_CONTRAST * level * kernel.sum())
+    distinct = (local > LOCAL_SNR * local_error) & outstanding
     stands = (hot.segment == 0) | main | distinct
     # Light of the segment that its point sources do not explain.
     inside = stands & (hot.segment > 0)
@@ -55,7 +60,10 @@ def combine(passes, fit, kernel):
     constant, times = POINT_SPREAD
     blurred = spread > constant + times * spread_error
     extended = (peak < 0) | excess | blurred[peak] if len(hot.x) else np.ones(len(cold.x), bool)
-    stands[peak[extended & (peak >= 0)]] = False
+    beneath = np.flatnonzero(extended & (peak >= 0))
+    top = peak[beneath]
+    apart = np.hypot(hot.x[top] - cold.x[beneath], hot.y[top] - cold.y[beneath]) > APART
+    stands[top[~((local[top] > APART_SNR * local_error[top]) & apart)]] = False
     rows = np.flatnonzero(stands), np.flatnonzero(extended)
     columns = {
         f.name: np.concatenate([getattr(part, f.name)[row] for part, row in zip((hot, cold), rows, strict=True)])
@@ -79,9 +87,9 @@ def _own_peaks(hot, cold):
 
 
 def local_flux(image, rms, x, y, kernel):
-    """Return (flux, error) of the kernel fitted with a constant on its stamp at the nearest pixels, electron.
+    """Return (flux, error, level): the kernel fitted with a constant on its stamp at the nearest pixels, electron.
 
-    The flux is that of the kernel's part of the light; pixels off the image count as zero.
+    The flux is that of the kernel's part of the light, the level that of a pixel; pixels off the image count as zero.
     """
     half = kernel.shape[0] // 2
     p = kernel - kernel.mean()
@@ -95,4 +103,5 @@ def local_flux(image, rms, x, y, kernel):
     variance = rms[row, column] ** 2 + np.maximum(data, 0.0)
     norm = np.sum(p**2)
     total = kernel.sum() / norm
-    return (p * data).sum(axis=(1, 2)) * total, np.sqrt((p**2 * variance).sum(axis=(1, 2))) * total
+    flux, error = (p * data).sum(axis=(1, 2)) * total, np.sqrt((p**2 * variance).sum(axis=(1, 2))) * total
+    return flux, error, data.mean(axis=(1, 2)) - flux * kernel.mean() / kernel.sum()

@@ -204,8 +204,8 @@ def measure_shapes(image, rms, unusable, segments, number, x, y, size, wanted, c
     """Measure sources and the PSF at their places; all lengths px.
 
     `image`, `rms` float32, `unusable` uint8, `segments` int32 (ny, nx); `number` (n,) of each source's own segment;
-    `x`, `y`, `size` (n,) where it is and its sigma at first; `wanted` (n,) bool, of the others only the PSF is measured;
-    `counted`, `cell`, `coefficients` as in photometry.fit_sources.
+    `x`, `y`, `size` (n,) where it is and its sigma at first; `wanted` (n,) bool, of the others only the PSF is
+    measured; `counted`, `cell`, `coefficients` as in photometry.fit_sources.
     Returns (n, 11): x, y, sigma, e1, e2, kurtosis, error of e, then sigma, e1, e2, kurtosis of the PSF; NaN: failed.
     """
     result = np.full((x.size, 11), np.nan)
