@@ -4,7 +4,8 @@ import io
 
 import numpy as np
 
-from csstsim.bricks import exposure_panels
+from csstsim.bricks import exposure_panels, psf_panels
+from csstsim.bricks.colour_panel import colours
 from csstsim.bricks.healpix import brick_corners
 from csstsim.bricks.style import BAND_COLOURS, BAND_MARKERS, BLACK, BLUE, FEWEST, ORANGE, band_label, legend_or_note
 from csstsim.bricks.validate import SNR_EDGES
@@ -21,16 +22,18 @@ def brick_figure(result, arrays, *, threshold=None, snr_min=None):
     `result`, `arrays`: as bricks.validate.validate_brick returns them; `threshold`, `snr_min`: the
     completeness gate, drawn when given.
     """
-    figure = _figure((13.0, 18.0))
-    grid = figure.add_gridspec(5, 12, height_ratios=(1.25, 1, 1, 1.1, 1.1))
+    figure = _figure((13.0, 21.5))
+    grid = figure.add_gridspec(6, 12, height_ratios=(1.25, 1, 1, 1.1, 1.1, 1.3))
     _completeness(figure.add_subplot(grid[0, :6]), arrays["completeness"], threshold, snr_min)
-    _colours(figure.add_subplot(grid[0, 6:]), arrays["colour"])
+    colours(figure.add_subplot(grid[0, 6:]), arrays["colour"])
     for number, band in enumerate(BANDS):
         axes = figure.add_subplot(grid[1 + number // 4, 3 * (number % 4) : 3 * (number % 4) + 3])
         _residuals(axes, band, arrays["residual"].get(band), result["bands"].get(band))
     _legend(figure.add_subplot(grid[2, 9:]))
     for number, draw in enumerate(exposure_panels.PANELS):
         draw(figure.add_subplot(grid[3 + number // 3, 4 * (number % 3) : 4 * (number % 3) + 4]), result, arrays)
+    for number, draw in enumerate((psf_panels.size, psf_panels.ellipticity)):
+        draw(figure.add_subplot(grid[5, 6 * number : 6 * number + 6]), arrays)
     purity = "" if result["purity"] is None else f" ({100.0 * result['purity']:.0f} % with a true object)"
     figure.suptitle(
         f"Brick {result['brick']} (NSIDE 256, nested): {result['sources']} merged sources{purity}, "
@@ -108,34 +111,6 @@ def _completeness(axes, curves, threshold, snr_min):
     axes.minorticks_off()
     axes.set_title("Completeness of isolated point sources", fontsize=10)
     legend_or_note(axes, drawn, "no point sources", title="filter (sources)")
-
-
-def _colours(axes, colour):
-    """True and measured colours of the same sources, joined by a line."""
-    (x0, y0), (x1, y1) = colour["input"], colour["output"]
-    shown = slice(None, None, max(1, len(x1) // MAX_POINTS + 1))
-    x0, y0, x1, y1, galaxy = x0[shown], y0[shown], x1[shown], y1[shown], colour["galaxy"][shown]
-    if len(x0) <= 500:  # more only blacken it
-        axes.plot([x0, x1], [y0, y1], color="#999999", lw=0.7, zorder=1)
-    for kind, is_kind, tint, marker in (("star or quasar", ~galaxy, BLUE, "o"), ("galaxy", galaxy, ORANGE, "s")):
-        if is_kind.any():
-            label = f"{kind} ({colour['galaxy'].sum() if kind == 'galaxy' else (~colour['galaxy']).sum()})"
-            axes.plot(x1[is_kind], y1[is_kind], marker, ls="", color=tint, ms=4, label=f"{label}, measured", zorder=2)
-            axes.plot(
-                x0[is_kind],
-                y0[is_kind],
-                marker,
-                ls="",
-                mfc="none",
-                mec=BLACK,
-                mew=0.7,
-                ms=5.5,
-                label=f"{kind}, true",
-                zorder=3,
-            )
-    axes.set(xlim=(-1.5, 4.0), ylim=(-1.0, 2.5), xlabel="u - g [AB mag]", ylabel="g - r [AB mag]")
-    axes.set_title("Colours of the same sources, true and measured, at S/N > 10 in u, g, r", fontsize=10)
-    legend_or_note(axes, len(x1), "no source with S/N > 10 in u, g and r", loc="upper left")
 
 
 def _residuals(axes, band, arrays, numbers):
