@@ -25,7 +25,7 @@ RUNS = 3
 LIMITS = 60.0, 3.0  # CPU s, GB
 PARTS = {
     "calibrate": ["csstsim.analysis:calibrated_frame"],
-    "charge transfer correction": ["csstsim.measure.cti:undo_transfer"],
+    "charge moved back": ["csstsim.measure.undo:undone"],
     "PSF": ["csstsim.analysis:open_psf", "csstsim.measure.catalogue:psf_model"],
     "cosmic rays": ["csstsim.measure.catalogue:mend"],
     "background": ["csstsim.measure.detect:subtract_background"],

@@ -15,6 +15,8 @@ from csstsim.campaign import CALIBRATIONS, FEWEST_CALIBRATIONS
 from csstsim.errors import InputError
 from csstsim.rng import Streams
 
+PUSHES = 2  # passes of the brighter-fatter correction: charge moves by per cents, the second by per cents of those
+
 
 def calibrated_frame(run, job):
     """Return (io.level0.Level0, measure.calibrate.Calibrated) of a job's file. Raises InputError."""
@@ -27,7 +29,7 @@ def calibrated_frame(run, job):
     return file, to_electrons(
         file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
         full_well=detector.full_well, response=response, bad=bad, offset=offset,
-        undo=_undo_transfer(run, job, steps, replace(streams, chip_id=-job.chip.id) if from_frames else streams),
+        undo=_undo(run, job, steps, replace(streams, chip_id=-job.chip.id) if from_frames else streams),
     )  # fmt: skip
 
 
@@ -105,18 +107,29 @@ def _by_masters(run, job, streams):
     return flat if response is None else flat * response, planes["bad"][part] > 0, offset
 
 
-def _undo_transfer(run, job, steps, streams):
-    """Return a function that undoes charge transfer in an image, or None. streams: rng.Streams of its traps."""
-    layer, passes = steps.step("cte_effect"), run.config.measurement.cti_passes
-    if layer is None or layer.param.density_scale == 0 or passes == 0:
-        return None
-    from csstsim.layers.cte_effect import transfer
-    from csstsim.measure.cti import undo_transfer
+def _undo(run, job, steps, streams):
+    """Return a function that moves charge back to where light made it. streams: rng.Streams of the traps."""
+    from csstsim.layers import brighter_fatter, cte_effect
+    from csstsim.measure.undo import undone
 
-    def forward(image):
-        transfer(image, run.camera.detector, job.window, layer.param, streams)
+    detector, passes = run.camera.detector, run.config.measurement.cti_passes
+    traps, spread = steps.step("cte_effect"), steps.step("brighter_fatter")
 
-    return lambda electrons: undo_transfer(electrons, forward, passes)
+    def transfer(image):
+        cte_effect.transfer(image, detector, job.window, traps.param, streams)
+
+    def push(image):
+        below = np.minimum(image, np.float32(0.0))  # of read noise: no charge
+        image -= below
+        brighter_fatter.push(image, detector)
+        image += below
+
+    def undo(electrons):
+        if traps and traps.param.density_scale > 0:
+            electrons = undone(electrons, transfer, passes)
+        return undone(electrons, push, PUSHES) if spread else electrons
+
+    return undo
 
 
 def masters(run, chip_id):

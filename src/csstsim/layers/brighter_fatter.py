@@ -46,11 +46,16 @@ def apply(state, param, rng):
 
     Raises ValueError if counted electrons were not merged, or a pixel is negative or not finite.
     """
-    from csstsim.detector.brighter_fatter import move_charge  # numba: half a second that checking need not pay
-
     if state.counted is not None:
         raise ValueError("counted electrons were not merged: poisson_and_dark must come before brighter_fatter")
     detector = state.chip.detector
-    move_charge(state.image, *_kernel(detector), detector.full_well)
+    push(state.image, detector)
     state.header["bfe_area"] = float(detector.brighter_fatter["scale"] * detector.brighter_fatter["areas"][0][0])
     return state
+
+
+def push(image, detector):
+    """Move the charge of an image (ny, nx), electrons, in place. Raises ValueError as `apply`."""
+    from csstsim.detector.brighter_fatter import move_charge  # numba: half a second that checking need not pay
+
+    move_charge(image, *_kernel(detector), detector.full_well)

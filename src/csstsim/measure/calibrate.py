@@ -1,7 +1,7 @@
-"""Level-0 frame to electrons: overscan, gain, nonlinearity, charge transfer, flat; the first step of the measurement.
+"""Level-0 frame to electrons: overscan, gain, nonlinearity, moved charge, flat; the first step of the measurement.
 
 The bias of each readout channel is the robust mean of its own serial overscan (bias + read noise only), and its read
-noise the robust scatter there. Charge is moved back to where the light came (measure.cti), then divided by the flat
+noise the robust scatter there. Charge is moved back to where the light came (measure.undo), then divided by the flat
 field and shutter that the light has met. Dark current and sky go into the background of `measure.detect`.
 """
 
@@ -63,7 +63,7 @@ def calibrate(
     {channel: (quadratic, cubic)}, undone up to `full_well`, where the file states it. A pixel is saturated at
     `adc_max` DN or from `full_well` electrons; `response`: share of the light that was counted; `bad`:
     known defects, or None; `offset`: {channel: electrons} of a bias beside the overscan's; `undo`: electrons (ny, nx)
-    -> the charge before its transfer, or None. Returns `Calibrated`.
+    -> the charge where light made it, or None. Returns `Calibrated`.
     Raises InputError when the frame does
     not have the readout's shape or a channel's gain is missing or not positive.
     """

@@ -33,7 +33,7 @@ FLAGS = {
     NO_SHAPE: "S/N below 4, or adaptive moments failed: hsm_sigma, hsm_e1, hsm_e2, resolution, g1, g2, g_err are NaN",
 }
 LINE_E, LINE_WIDTH = 0.4, 0.95  # distortion of a line, at least; its short axis squared over the PSF's, at most
-SHAPE_SNR = 4.0  # least, for a shape: six in seven detections are below it, most of them noise
+SHAPE_SNR = 3.0  # least, for a shape: six in seven detections are below it, most of them noise
 STAR_SPREAD = 0.01  # spread of a star: PSF interpolation and centring errors, beside its noise (x 2.5)
 
 COLUMNS = {

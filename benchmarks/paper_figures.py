@@ -1,0 +1,141 @@
+"""The paper's validation figures (section 6: magnitudes, brightness, colours) from our own data.
+
+    snakemake --profile profiles/default --config campaign=examples/ten_images.yaml
+    snakemake --profile profiles/default --config campaign=examples/quarter_brick/no_cti.yaml
+    python benchmarks/paper_figures.py
+
+Ten whole r images, drawn by lot, for magnitudes and counts; a merged brick of seven bands for the colours. Draws
+docs/figures/paper_figures.png and prints what can be read from it.
+"""
+
+import argparse
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from csstsim.analysis import truth_of
+from csstsim.bricks import compare
+from csstsim.bricks.colour_panel import colours
+from csstsim.bricks.style import BLACK, BLUE, ORANGE
+from csstsim.bricks.trials import joined, limit, nearest, trials
+from csstsim.bricks.validate import Frame, _unique, usable
+from csstsim.campaign import OpenCampaign
+from csstsim.catalog.table import GALAXY, ObjectTable
+
+FIGURE = "docs/figures/paper_figures.png"
+EDGES = np.arange(16.0, 29.01, 0.25)
+KINDS = ("stars and quasars", BLUE, "psf"), ("galaxies", ORANGE, "kron")
+
+
+def frames_of(run):
+    """Yield (Frame, its usable truth with measured magnitudes `mag_out`, NaN where not found) of each image."""
+    for job in run.imaging_jobs:
+        frame = Frame(truth_of(run, job), ObjectTable.read(run.paths.measure(*job.key)), run.camera.detector.channel_ny)
+        truth = usable(frame)
+        row = nearest(truth, frame.measured)
+        galaxy = truth["obj_type"] == GALAXY
+        mag = np.where(galaxy, frame.measured["mag_kron"][row], frame.measured["mag_psf"][row])
+        saturated = (frame.measured["flags"][row] & compare.SATURATED) != 0
+        yield frame, truth.with_columns(mag_out=np.where((row >= 0) & ~saturated, mag, np.nan))
+
+
+def magnitudes(axes, truths, band):
+    """Draw measured magnitudes less true ones against true ones, isolated objects, stars and galaxies."""
+    for mine, (kind, tint, light), panel in zip((False, True), KINDS, axes, strict=True):
+        given, off = (
+            np.concatenate([values(t)[(t["obj_type"] == GALAXY) == mine] for t in truths])
+            for values in (lambda t: t[f"mag_{band}"].astype(float), lambda t: t["mag_out"] - t[f"mag_{band}"])
+        )
+        alone = np.concatenate([~t["blended"][(t["obj_type"] == GALAXY) == mine] for t in truths])
+        good = alone & np.isfinite(off)
+        panel.plot(given[good], off[good], ".", color=tint, ms=1.5, alpha=0.3, rasterized=True)
+        which = np.digitize(given[good], EDGES)
+        bins = [(EDGES[k - 1] + 0.125, off[good][which == k]) for k in range(1, len(EDGES)) if (which == k).sum() > 9]
+        x, parts = zip(*bins, strict=True)
+        for share, line in ((50, "-"), (16, ":"), (84, ":")):
+            panel.plot(x, [np.percentile(part, share) for part in parts], line, color=BLACK, lw=1.5)
+        panel.axhline(0.0, color="#666666", lw=0.8)
+        panel.set(xlim=(16, 28), ylim=(-1, 1), xlabel=f"true {band} [AB mag]", ylabel=f"{light} out - in [mag]")
+        panel.set_title(f"{kind}: {good.sum()} isolated ones found, of {len(given)}; median, 16 and 84%", fontsize=10)
+
+
+def distributions(axes, truths, frames, band):
+    """Draw counts by magnitude: true objects, those found, and the measured list as the classifier divides it."""
+    star = np.concatenate([frame.measured["star"] for frame in frames])
+    bright = np.concatenate([frame.measured["snr"] for frame in frames]) > 5.0
+    for mine, (kind, tint, light) in zip((False, True), KINDS, strict=True):
+        given = np.concatenate([t[f"mag_{band}"][(t["obj_type"] == GALAXY) == mine] for t in truths])
+        found = np.concatenate([np.isfinite(t["mag_out"][(t["obj_type"] == GALAXY) == mine]) for t in truths])
+        listed = np.concatenate([frame.measured[f"mag_{light}"] for frame in frames])[(star != mine) & bright]
+        style = {"bins": EDGES, "histtype": "step", "color": tint, "log": True}
+        axes.hist(given, **style, ls="-", lw=1.0, label=f"{kind}, true ({len(given)})")
+        axes.hist(given[found], **style, lw=2.5, label=f"... found ({found.sum()}), by true magnitude")
+        axes.hist(
+            listed[np.isfinite(listed)], **style, ls=":", lw=1.5, label=f"listed as such at S/N > 5 ({len(listed)})"
+        )
+    axes.set(xlim=(16, 29), ylim=(1, None), xlabel=f"{band} [AB mag]", ylabel="objects in 0.25 mag, ten images")
+    axes.set_title("Brightness, input and output", fontsize=10)
+    axes.legend(fontsize=8, loc="upper left")
+
+
+def shares(axes, table, band, depth):
+    """Draw the share found against magnitude, isolated objects; print and return nothing but the picture."""
+    galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
+    for mine, (kind, tint, _) in zip((False, True), KINDS, strict=True):
+        some = galaxy == mine
+        n, seen = (np.histogram(table["mag"][part], EDGES)[0] for part in (some, some & found))
+        good = n > 9
+        axes.plot(EDGES[:-1][good] + 0.125, seen[good] / n[good], "-o", color=tint, ms=3, label=kind)
+        print(f"{kind}: {some.sum()} isolated; half found at {band} = {limit(table['mag'][some], found[some]):.2f}")
+    axes.axvline(depth, color="#666666", ls=":", label="5 sigma of a point source")
+    axes.axhline(0.95, color="#666666", ls="--", lw=1, label="95%")
+    axes.set(xlim=(20, 29), ylim=(0, 1.05), xlabel=f"true {band} [AB mag]", ylabel="share found in one exposure")
+    axes.set_title("Detection", fontsize=10)
+    axes.legend(fontsize=8, loc="lower left")
+    judged = ~galaxy & (table["snr"] > 5.0) & (table["snr"] < compare.SNR_MAX)
+    print(f"point sources of S/N 5 to 500: {100 * found[judged].mean():.2f}% of {judged.sum()} found")
+
+
+def brick_colours(run):
+    """Return bricks.compare.colours of all bricks of a campaign."""
+    parts = []
+    for pix, jobs in run.merge_bricks.items():
+        sources, seam = ObjectTable.read(run.paths.merge(pix)), run.camera.detector.channel_ny
+        tables = (ObjectTable.read(run.paths.measure(*job.key)) for job in jobs)
+        truth = _unique(
+            [usable(Frame(truth_of(run, job), table, seam)) for job, table in zip(jobs, tables, strict=True)]
+        )
+        parts.append(compare.colours(truth, sources, compare.match(truth, sources)))
+    return {name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--images", default="examples/ten_images.yaml")
+    parser.add_argument("--brick", default="examples/quarter_brick/no_cti.yaml")
+    options = parser.parse_args()
+    run = OpenCampaign(options.images)
+    frames, truths = zip(*frames_of(run), strict=True)
+    band = frames[0].band
+    table = joined([trials(truth, frame) for frame, truth in zip(frames, truths, strict=True)])
+    figure = Figure(figsize=(13, 14), layout="constrained")
+    panels = figure.subplots(3, 2)
+    magnitudes(panels[0], truths, band)
+    distributions(panels[1, 0], truths, frames, band)
+    shares(panels[1, 1], table, band, float(np.median([frame.info["depth_5sigma"] for frame in frames])))
+    colour = brick_colours(OpenCampaign(options.brick))
+    colours(panels[2, 0], colour)
+    off = np.hypot(*(colour["output"] - colour["input"]))
+    for mine, (kind, tint, _) in zip((False, True), KINDS, strict=True):
+        some = colour["galaxy"] == mine
+        panels[2, 1].hist(off[some], np.linspace(0, 0.6, 25), histtype="step", color=tint, lw=1.5, label=kind)
+        print(f"colours of {some.sum()} {kind}: median distance, out from in, {np.median(off[some]):.3f} mag")
+    panels[2, 1].set(xlabel="distance of measured from true colours [mag]", ylabel="sources")
+    panels[2, 1].set_title("Colours of the same sources, out - in", fontsize=10)
+    panels[2, 1].legend(fontsize=8)
+    figure.suptitle(f"{len(frames)} whole {band} images; colours of a quarter of a brick")
+    figure.savefig(FIGURE, dpi=100)
+
+
+if __name__ == "__main__":
+    main()
