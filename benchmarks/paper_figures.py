@@ -18,7 +18,7 @@ from csstsim.bricks import compare
 from csstsim.bricks.colour_panel import colours
 from csstsim.bricks.style import BLACK, BLUE, ORANGE
 from csstsim.bricks.trials import joined, limit, nearest, trials
-from csstsim.bricks.validate import Frame, _unique, usable
+from csstsim.bricks.validate import Frame, distinct, usable
 from csstsim.campaign import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
 
@@ -102,7 +102,7 @@ def brick_colours(run):
     for pix, jobs in run.merge_bricks.items():
         sources, seam = ObjectTable.read(run.paths.merge(pix)), run.camera.detector.channel_ny
         tables = (ObjectTable.read(run.paths.measure(*job.key)) for job in jobs)
-        truth = _unique(
+        truth = distinct(
             [usable(Frame(truth_of(run, job), table, seam)) for job, table in zip(jobs, tables, strict=True)]
         )
         parts.append(compare.colours(truth, sources, compare.match(truth, sources)))

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from measured_table import ARCSEC, table
 
 from csstsim.bricks import healpix
+from csstsim.bricks.associate import FLOOR
 from csstsim.bricks.merge import merge_brick, write_merged
 from csstsim.catalog.table import BANDS, ObjectTable
 from csstsim.rng import stream
@@ -238,6 +239,21 @@ def test_noise_peaks_are_left_out_and_counted(tmp_path):
     assert len(found) == 1 + 2 + 3
     write_merged(tmp_path / "a.parquet", sources, found, {"brick": pix})
     assert ObjectTable.read(tmp_path / "a.parquet").meta["left_out"] == 2
+
+
+@pytest.mark.parametrize(("apart", "kept"), [(0.0, True), (2.0, True), (3.5, False)])
+def test_noise_peaks_around_a_place_do_not_speak_for_it(apart, kept):
+    """Three detections at the corners of a triangle, `apart` errors from its middle: all agree with one another."""
+    pix, error = int(healpix.brick_of(150.0, 0.0)), 0.05
+    corners = apart * np.hypot(error, FLOOR) * np.exp(2j * np.pi * np.arange(3) / 3)
+    tables = [
+        table([150.0 + c.real * ARCSEC], [c.imag * ARCSEC], obsid=str(k), snr=4.0, flux=200.0).with_columns(
+            pos_err=np.array([error]), flags=np.zeros(1, np.int32)
+        )
+        for k, c in enumerate(corners)
+    ]
+    sources, _ = merge_brick(pix, tables)
+    assert len(sources) == kept and sources.meta["left_out"] == (not kept)
 
 
 def test_a_kron_flux_alone_is_no_source_unless_the_psf_sees_it():

@@ -6,17 +6,16 @@ is in exactly one brick, with all its detections. The result does not depend on 
 
 A source is kept when a detection has S/N >= `SNR_ALONE` (PSF, or Kron of a peak that the PSF sees with
 `KRON_PSF_MIN`), or `VISITS_ALONE` frames have it, or two frames have it with a joint PSF S/N >= `SNR_PAIR`;
-detections without a windowed position do not count. The threshold of `measure.detect` is lower, for
-completeness, and lets noise peaks pass. Measured on the demo (14 frames of 3.8 Mpx): of 8656 sources 315 are kept, of
-which 56 % have a true object. The number left out is in `meta` and in the file ("left_out"), as is what became of
-every detection ("detections").
+detections without a windowed position do not count, nor for the latter two those beyond `CLOSE_SIGMA` of the
+place. The threshold of `measure.detect` is lower, for completeness, and lets noise peaks pass (docs/merge.md). The
+number left out is in `meta` and in the file ("left_out"), as is what became of every detection ("detections").
 Left out: forced photometry in the bands without a detection (NaN), and motion: positions are ICRS at each exposure's
 epoch, so a star that moves by more than the tolerance between exposures becomes two sources.
 """
 
 import numpy as np
 
-from csstsim.bricks.associate import associate
+from csstsim.bricks.associate import ARCSEC, FLOOR, associate
 from csstsim.bricks.healpix import brick_of, from_vectors, hats_index, near_brick, to_vectors
 from csstsim.catalog.table import BANDS, ObjectTable, write_parquet
 
@@ -28,6 +27,7 @@ AB_MICROJANSKY = 23.9  # AB magnitude of 1 microjansky
 SNR_ALONE = 5.0  # a single detection of this S/N is a source
 KRON_PSF_MIN = 2.5  # below, a Kron aperture holds but noise or a neighbour's light
 VISITS_ALONE = 3  # as are detections in this many frames; chance makes three agree a few times a brick
+CLOSE_SIGMA = 3.0  # of a detection's own error, from the mean place: 1.1 % of true ones are further off
 SNR_PAIR = 6.3  # two noise peaks at the threshold of detection make 5.3
 SATURATED, NOT_CENTRED, SHARP, BAD_PIXELS, NO_SHAPE = 4, 32, 64, 128, 256  # of the measured flags (measure.catalogue)
 
@@ -57,7 +57,9 @@ def merge_brick(pix, tables, *, margin=MARGIN):
     mean = np.stack([np.bincount(source, weight * vectors[:, axis], count) for axis in range(3)], axis=1)
     ra, dec = from_vectors(mean)
     inside = brick_of(ra, dec) == pix
-    credible = _credible(found, source, count)
+    away = np.linalg.norm(vectors - (mean / np.linalg.norm(mean, axis=1)[:, None])[source], axis=1)
+    close = away < CLOSE_SIGMA * np.hypot(found["pos_err"], FLOOR) * ARCSEC
+    credible = _credible(found, source, close, count)
     owned = np.flatnonzero(inside & credible)
     index = hats_index(ra, dec)
     owned = owned[np.lexsort((dec[owned], ra[owned], index[owned]))]
@@ -82,8 +84,8 @@ def merge_brick(pix, tables, *, margin=MARGIN):
     return ObjectTable(columns | _photometry(detections, len(owned)), meta), detections
 
 
-def _credible(found, source, count):
-    """Mask of the sources (count,) that stand by the S/N of a good detection or by their number of those."""
+def _credible(found, source, close, count):
+    """Mask of the sources (count,) that stand by the S/N of a good detection or by their number of `close` ones."""
     good = (found["flags"] & (NOT_CENTRED | BAD_PIXELS)) == 0
     psf = np.where(good, np.maximum(found["snr"], 0.0), 0.0)
     error = found["flux_kron_err"]
@@ -91,7 +93,8 @@ def _credible(found, source, count):
     # Nothing of S/N 5 is without a shape but saturated stars and pieces of tracks
     shaped = (found["flags"] & (NO_SHAPE | SATURATED)) != NO_SHAPE
     alone = shaped & ((psf >= SNR_ALONE) | (seen & (psf >= KRON_PSF_MIN)))
-    visits, joint = np.bincount(source, good, count), np.bincount(source, psf**2, count) ** 0.5
+    psf = np.where(close, psf, 0.0)
+    visits, joint = np.bincount(source, good & close, count), np.bincount(source, psf**2, count) ** 0.5
     return (np.bincount(source, alone, count) > 0) | (visits >= VISITS_ALONE) | ((visits >= 2) & (joint >= SNR_PAIR))
 
 

@@ -67,7 +67,7 @@ def validate_brick(pix, sources, frames, config):
         if len(truth):
             tried[frame.band].append(trials(truth, frame))
             kept.append(truth)
-    truth, real = _unique(kept), compare.real(sources, everything)
+    truth, real = distinct(kept), compare.real(sources, everything)
     match = compare.match(truth, sources)
     bands, curves, residuals, tables, gates = {}, {}, {}, {}, []
     seen = [band for band in BANDS if infos[band]]
@@ -221,7 +221,7 @@ def crowd(x, y, electrons):
     return out
 
 
-def _unique(tables):
+def distinct(tables):
     """One row per object of the truth of several frames, by id; blended anywhere is blended, `ra_epoch` is the mean.
 
     A magnitude that one frame's table lacks is another's.
