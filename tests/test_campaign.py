@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from mini_campaign import write_campaign
 
 from csstsim.bricks.healpix import brick_of, to_vectors
-from csstsim.campaign import MERGE_MARGIN_DEG, Job, OpenCampaign
+from csstsim.campaign import MERGE_MARGIN_DEG, OpenCampaign
 from csstsim.catalog import ephemeris
 from csstsim.catalog.astrometry import apparent, icrs
 from csstsim.catalog.select import bricks_for
@@ -19,6 +19,7 @@ from csstsim.cli import main
 from csstsim.config import SHIPPED
 from csstsim.errors import InputError
 from csstsim.instrument.chip import Window
+from csstsim.job import Job
 from csstsim.optics.wcs import ChipWCS
 from csstsim.plan import plan
 from csstsim.sim_steps import SimSteps

@@ -5,11 +5,11 @@ workflow ask the same object which jobs, bricks and files there are.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
-from csstsim.catalog.astrometry import apparent, icrs
+from csstsim.catalog.astrometry import apparent
 from csstsim.catalog.ephemeris import observer
 from csstsim.catalog.open import catalog_class
 from csstsim.catalog.select import BRICK_MARGIN_DEG, bricks_for
@@ -19,6 +19,7 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.io.paths import Paths
 from csstsim.io.survey_table import load_survey_table
+from csstsim.job import Job
 from csstsim.optics import shutter
 from csstsim.optics.dispersion import Disperser
 from csstsim.optics.distortion import load_distortion
@@ -29,25 +30,6 @@ from csstsim.sim_steps import SimSteps
 MERGE_MARGIN_DEG = 2.0 / 3600.0  # a merged brick takes detections up to 2" beyond its border
 CALIBRATIONS, FEWEST_CALIBRATIONS = ("BIAS", "DARK", "FLAT"), 3  # exposures of each: with two a ray is not told
 EDGE_PX = 3.0  # field distortion bends a chip's edges on the sky: by up to 2.4 px off the line between the corners
-
-
-@dataclass(frozen=True)
-class Job:
-    """One exposure on one chip: the unit of work."""
-
-    pointing: object
-    chip: object
-    window: object
-    wcs: object
-    observer: object  # catalog.ephemeris.Observer, at the start of the exposure
-
-    @property
-    def key(self):
-        return self.pointing.obsid, self.chip.id
-
-    def footprint(self, margin_px=0.0):
-        """Return ra[4], dec[4] of the window's corners, grown by a margin: ICRS at the epoch, not apparent."""
-        return icrs(*self.wcs.footprint(self.window, margin_px), self.observer)
 
 
 class OpenCampaign:
@@ -170,9 +152,8 @@ class OpenCampaign:
         if obsid not in obsids:
             more = ", ..." if len(obsids) > 3 else ""
             allowed = f"{', '.join(obsids[:3])}{more} of {self.config.survey_table}"
-            raise InputError(
-                "not an exposure of this campaign", file=self.file, key="obsid", value=obsid, allowed=allowed
-            )
+            message = "not an exposure of this campaign"
+            raise InputError(message, file=self.file, key="obsid", value=obsid, allowed=allowed)
         chips = {chip.id: chip for chip in self._selected_chips()}
         if chip_id not in chips:
             raise InputError(
@@ -236,11 +217,12 @@ class OpenCampaign:
 
     def universe_key(self):
         """Return what the embedded bricks are made for: {seed, universe, camera, lensing}."""
+        config = self.config
         return {
-            "seed": self.config.seed,
+            "seed": config.seed,
             "universe": self.universe,
             "camera": self.camera,
-            "lensing": self.config.catalog.lensing,
+            "lensing": config.catalog.lensing,
         }
 
     @cached_property

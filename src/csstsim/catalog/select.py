@@ -1,7 +1,7 @@
 """Which objects reach a chip, how bright they are there and how large a stamp they need (paper, section 4.1).
 
 `bricks_for` finds the truth bricks around a footprint; `select_objects` turns a catalogue into the table of one
-chip in one exposure. A footprint is that of the ICRS at the epoch (campaign.Job.footprint), where aberration is undone;
+chip in one exposure. A footprint is that of the ICRS at the epoch (job.Job.footprint), where aberration is undone;
 what an object is drawn at is its apparent direction (catalog.astrometry), with the WCS of the image.
 
 Shapes stay the catalogue's. Aberration is conformal: it shears nothing, only stretches lengths by up to 1.3e-4; the
