@@ -35,7 +35,7 @@ def main():
             good = (table["sound"] > 0) & ~table["galaxy"].astype(bool) & (table["lonely"] > 0)
             for low, high in SNR:
                 some = good & (table["snr"] >= low) & (table["snr"] < high) & np.isfinite(table["psf_size"])
-                if some.any():
+                if some.sum() > 1:
                     figures = [spread(100 * values[some]) for values in (table["light"] - 1, table["psf_size"])]
                     said = " | ".join(f"{figure['median']:+.2f} +- {figure['error']:.2f}" for figure in figures)
                     print(f"| {band} | {calibration.PUSHES} | {low} - {high} | {some.sum()} | {said} |")
