@@ -193,7 +193,8 @@ def shear(files, output, say):
         name, axis = gate["name"].split()[1]
         if gate["value"] is not None:
             error, verdict = fits[int(axis) - 1][f"{name}_err"], NAMES[gate["passed"]]
-            say(f"{gate['name']} = {gate['value']:+.4f} +- {error:.4f}, at most {gate['threshold']}: {verdict}")
+            limit = f"at most {gate['threshold']}, 5 sigma forgiven"
+            say(f"{gate['name']} = {gate['value']:+.4f} +- {error:.4f}, {limit}: {verdict}")
     if output:
         with atomic_path(output) as temporary:
             temporary.write_text(json.dumps({"fits": fits, "gates": gates}, indent=1) + "\n")
