@@ -58,6 +58,20 @@ def test_a_region_keeps_the_pairs_it_touches_and_cuts_their_window(tmp_path):
         campaign.job("10100000001", 8)
 
 
+def test_masters_are_asked_of_the_chips_that_are_read(tmp_path):
+    """Two chips are selected and one lies in the region: masters of that one do."""
+    place = centre(OpenCampaign(write_campaign(tmp_path)))
+    select = {"types": ["SCIE"], "chips": [8, 9], "region": place | {"radius": 0.02}}
+    measurement = {"calibration": "frames", "masters": str(tmp_path / "cal")}
+    campaign = OpenCampaign(write_campaign(tmp_path, select=select, measurement=measurement))
+    for ask in (lambda: campaign.jobs, lambda: campaign.job("10100000001", 9)):
+        with pytest.raises(InputError, match=r"measurement.masters: no .*cal/masters/chip_09.fits; allowed"):
+            ask()
+    campaign.masters(9).parent.mkdir(parents=True)
+    campaign.masters(9).touch()
+    assert {job.chip.id for job in campaign.jobs} == {9} and campaign.job("10100000001", 9)
+
+
 def test_a_region_at_the_chips_corner_is_cut_at_its_edge(tmp_path):
     place = centre(OpenCampaign(write_campaign(tmp_path)), x=-5.0, y=-5.0)
     for radius_px, expected in ((9.5, Window(0, 6, 0, 6)), (6.0, None)):  # the corner is 7.1 px away

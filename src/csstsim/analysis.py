@@ -11,6 +11,7 @@ from csstsim.campaign import OpenCampaign
 from csstsim.catalog.table import GALAXY
 from csstsim.config import SHIPPED
 from csstsim.errors import InputError
+from csstsim.io.paths import made
 from csstsim.prepare import open_psf
 from csstsim.stages import check_recipe
 from csstsim.yaml_file import read_yaml
@@ -110,11 +111,12 @@ def validate(run, pix):
     from csstsim.atomic import atomic_path
     from csstsim.bricks.figures import brick_figure
     from csstsim.bricks.validate import Frame, validate_brick
+    from csstsim.bricks.verdict import NAMES, sentence
     from csstsim.catalog.table import ObjectTable
 
     seam = run.camera.detector.channel_ny
     frames = [Frame(truth_of(run, job), _measured(run, job), seam, _depth(run, job)) for job in _jobs_on(run, pix)]
-    merged = ObjectTable.read(run.paths.merge(pix))
+    merged = ObjectTable.read(made(run.paths.merge(pix), f"merge {run.file} --brick {pix}"))
     check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
     result, arrays = validate_brick(pix, merged, frames, run.config.validation)
     result["recipe"] = run.brick_recipe(pix)
@@ -124,7 +126,8 @@ def validate(run, pix):
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(result, indent=1) + "\n")
     for gate in result["gates"]:
-        print(gate)
+        sources = "" if gate["n"] is None else f", {gate['n']} sources"
+        print(f"{NAMES[gate['passed']]}: {sentence({'brick': pix, **gate})}{sources}")
 
 
 def _depth(run, job):
@@ -139,7 +142,7 @@ def _depth(run, job):
 def _measured(run, job, columns=None):
     from csstsim.catalog.table import ObjectTable
 
-    path = run.paths.measure(*job.key)
+    path = made(run.paths.measure(*job.key), f"measure {run.file} {job.options}")
     table = ObjectTable.read(path, columns)
     check_recipe(path, table.meta, run.measure_recipe(job))
     return table
@@ -149,7 +152,7 @@ def truth_of(run, job):
     """Return the truth table beside a job's Level-0 file (io.truth.read_truth). Raises InputError."""
     from csstsim.io.truth import read_truth
 
-    path = run.paths.level0_truth(job.pointing, job.chip.id)
+    path = made(run.paths.level0_truth(job.pointing, job.chip.id), f"chip {run.file} {job.options}")
     table = read_truth(path)
     check_recipe(path, table.meta, run.recipe(job))
     return table
@@ -190,7 +193,8 @@ def shear(files, output, say):
         name, axis = gate["name"].split()[1]
         if gate["value"] is not None:
             error, verdict = fits[int(axis) - 1][f"{name}_err"], NAMES[gate["passed"]]
-            say(f"{gate['name']} = {gate['value']:+.4f} +- {error:.4f}, at most {gate['threshold']}: {verdict}")
+            limit = f"at most {gate['threshold']}, 5 sigma forgiven"
+            say(f"{gate['name']} = {gate['value']:+.4f} +- {error:.4f}, {limit}: {verdict}")
     if output:
         with atomic_path(output) as temporary:
             temporary.write_text(json.dumps({"fits": fits, "gates": gates}, indent=1) + "\n")

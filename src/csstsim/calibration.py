@@ -13,6 +13,7 @@ import numpy as np
 from csstsim import __version__
 from csstsim.campaign import CALIBRATIONS, FEWEST_CALIBRATIONS
 from csstsim.errors import InputError
+from csstsim.io.paths import made
 from csstsim.rng import Streams
 
 PUSHES = 2  # passes of the brighter-fatter correction: charge moves by per cents, the second by per cents of those
@@ -68,6 +69,7 @@ def _level0(run, job):
     from csstsim.io.level0 import read_level0
 
     path, recipe = run.paths.level0(job.pointing, job.chip.id), run.recipe(job)
+    made(path, f"chip {run.file} {job.options}")
     file = read_level0(path, verify=True)
     for name, keyword in RECIPE.items():
         if file.header0.get(keyword) != recipe[name]:

@@ -56,7 +56,6 @@ class OpenCampaign:
         }
 
         self._check_photons()
-        self._check_masters()
         if "SCIE" in self.steps and any(chip.kind == "slitless" for chip in self._selected_chips()):
             _ = self.camera.gratings  # read, and refused if they cannot be used
         for p in self._selected_pointings():
@@ -78,13 +77,13 @@ class OpenCampaign:
         """Return the file of a chip's master calibration frames, that its exposures are measured with."""
         return Paths(self.config.measurement.masters).masters(chip_id)
 
-    def _check_masters(self):
-        chips = self._selected_chips() if self.config.measurement.calibration == "frames" else ()
-        for chip in chips if "SCIE" in self.steps else ():
-            if not self.masters(chip.id).is_file():
+    def _check_masters(self, jobs):
+        frames = self.config.measurement.calibration == "frames"
+        for chip_id in sorted({job.chip.id for job in jobs if frames and job.pointing.type == "SCIE"}):
+            path = self.masters(chip_id)
+            if not path.is_file():
                 raise InputError(
-                    f"no {self.masters(chip.id).relative_to(self.config.measurement.masters)} there", file=self.file,
-                    key="measurement.masters", value=self.config.measurement.masters,
+                    f"no {path}", file=self.file, key="measurement.masters",
                     allowed="output of a finished campaign of bias, dark and flat exposures (config/calibration.yaml)",
                 )  # fmt: skip
 
@@ -144,6 +143,7 @@ class OpenCampaign:
         jobs = tuple(job for pair in pairs if (job := self._job(*pair)))
         if not jobs:
             raise InputError("no (exposure, chip) pair is selected", file=self.file, key="select")
+        self._check_masters(jobs)
         return jobs
 
     def job(self, obsid, chip_id):
@@ -165,6 +165,7 @@ class OpenCampaign:
             raise InputError(
                 f"chip {chip_id} of exposure {obsid} does not touch select.region", file=self.file, key="select.region"
             )
+        self._check_masters([job])
         return job
 
     def _job(self, pointing, chip):

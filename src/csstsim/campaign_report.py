@@ -9,6 +9,7 @@ from csstsim import __version__
 from csstsim.bricks import verdict as verdicts
 from csstsim.bricks.markup import Link
 from csstsim.errors import InputError
+from csstsim.io.paths import made
 from csstsim.stages import check_recipe
 
 EMBEDDED = 5_000_000  # bytes of figures of bricks and spectra in the page; of the rest, links
@@ -73,7 +74,7 @@ class Budget:
 
 
 def _validation(run, pix):
-    path = run.paths.validate(pix)
+    path = made(run.paths.validate(pix), f"validate {run.file} --brick {pix}")
     try:
         result = json.loads(path.read_text())
     except (OSError, ValueError) as exc:

@@ -19,6 +19,11 @@ class Job:
     def key(self):
         return self.pointing.obsid, self.chip.id
 
+    @property
+    def options(self):
+        """How a command is told of the job."""
+        return f"--obsid {self.pointing.obsid} --chip {self.chip.id}"
+
     def footprint(self, margin_px=0.0):
         """Return ra[4], dec[4] of the window's corners, grown by a margin: ICRS at the epoch, not apparent."""
         return icrs(*self.wcs.footprint(self.window, margin_px), self.observer)

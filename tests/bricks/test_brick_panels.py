@@ -8,7 +8,7 @@ from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
-from csstsim.bricks import colour_panel, psf_panels
+from csstsim.bricks import colour_panel, exposure_panels, psf_panels
 from csstsim.bricks.trials import COLUMNS
 from csstsim.catalog.table import ObjectTable
 from csstsim.rng import stream
@@ -67,9 +67,19 @@ def test_maps_of_shapes_show_what_was_put_in():
     assert np.abs(v[:, half:] - 0.004).max() < 1e-12 and np.abs(u[:, half:]).max() < 1e-12
 
 
-@pytest.mark.parametrize("n", [0, 1, 2, 3])
-def test_maps_of_a_few_stars(n):
+@pytest.mark.parametrize(("n", "drawn"), [(0, False), (2, False), (6, False), (200, True)])
+def test_maps_of_a_few_stars(n, drawn):
+    """Without FEWEST stars in any of 64 cells the panels say so."""
     figure = Figure()
     for axes, draw in zip(figure.subplots(1, 2), (psf_panels.size, psf_panels.ellipticity), strict=True):
         draw(axes, shapes_of(n))
-        assert any("too few" in text.get_text() for text in axes.texts) == (n < psf_panels.FEWEST)
+        assert any("too few" in text.get_text() for text in axes.texts) != drawn
+
+
+@pytest.mark.parametrize("galaxy", [0.0, 1.0])
+def test_a_band_of_one_kind_is_named_in_the_legend(galaxy):
+    """A small field may have galaxies enough to draw, and no stars."""
+    axes, n = Figure().add_subplot(), 20
+    table = {name: np.ones(n) for name in COLUMNS} | {"galaxy": np.full(n, galaxy), "mag": np.full(n, 22.2)}
+    exposure_panels.found_by_magnitude(axes, None, {"trials": {"r": ObjectTable(table)}})
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["r"]

@@ -70,6 +70,20 @@ def test_a_missing_validation_is_one_line(reported):
     finally:
         kept.rename(path)
     assert found.exit_code == 2 and str(path) in found.output and len(found.output.splitlines()) == 1
+    assert f"csstsim validate {file} --brick {path.stem}`" in found.output
+
+
+def test_a_stage_without_the_one_before_it_says_what_makes_that(tmp_path):
+    """A command that the message names leads on to the next one."""
+    file = write_campaign(tmp_path, [POINTINGS[0]], select={"chips": [9]})
+    run = OpenCampaign(file)
+    (job,), (pix, *_) = run.jobs, run.merge_bricks
+    where = f"{file} --obsid {job.pointing.obsid} --chip 9`"
+    merged = command("merge", file, "--brick", pix)
+    measured, calibrated = (command(name, file, *job.options.split()) for name in ("measure", "calibrate"))
+    assert {found.exit_code for found in (merged, measured, calibrated)} == {2}
+    assert f"csstsim measure {where}" in merged.output
+    assert f"csstsim chip {where}" in measured.output and f"csstsim chip {where}" in calibrated.output
 
 
 @pytest.mark.parametrize("kind", ["BIAS", "DARK"])

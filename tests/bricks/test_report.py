@@ -6,6 +6,7 @@ import pytest
 from report_page import Reader
 
 from csstsim.bricks import verdict
+from csstsim.bricks.compare import spread
 from csstsim.bricks.markup import LONGEST, Link, table
 from csstsim.bricks.report import write_report
 
@@ -34,6 +35,17 @@ def result(brick, gates, bands=("g",)):
 def page(path, results, **more):
     write_report(path / "index.html", {"name": "trial", "seed": 3}, results, **more)
     return (path / "index.html").read_text(encoding="utf-8")
+
+
+def test_one_star_has_a_residual_and_no_scatter(tmp_path):
+    alone = result(11, [gate("purity", None, None)])
+    part = spread([0.5])
+    assert part == {"median": 0.5, "error": None, "sigma": None, "n": 1}
+    alone["astrometry_mas"] = {"east": part, "north": part}
+    for numbers in alone["bands"].values():
+        numbers["star"] = part
+    text = page(tmp_path, [alone])
+    assert "east +0.5, north +0.5 mas from 1 bright stars" in text and "fewer than 20 sources" in text
 
 
 def test_failing_gates_are_named_first_and_the_failing_brick_is_the_first_row(tmp_path):

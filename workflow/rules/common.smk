@@ -173,9 +173,16 @@ def targets():
 
 def summary():
     """What the campaign made and where to look, said when it is done."""
+    truth = " with their truth" if "SCIE" in RUN.steps else ""
     lines = [
-        f"\n{RUN.config.name}: {len(RUN.jobs)} Level-0 files with their truth in {OUT}/level0/"
+        f"\n{RUN.config.name}: {len(RUN.jobs)} Level-0 files{truth} in {OUT}/level0/"
     ]
+    if RUN.calibration_jobs:
+        lines.append(f"masters of {len(RUN.calibration_jobs)} chips in {OUT}/masters/")
+    if RUN.config.measurement.keep_calibrated:
+        lines.append(
+            f"calibrated images of {len(RUN.imaging_jobs)} chips in {OUT}/calibrated/"
+        )
     if RUN.imaging_jobs:
         lines.append(
             f"merged catalogues of {len(RUN.merge_bricks)} bricks in {OUT}/merge/"

@@ -148,10 +148,12 @@ def colours(truth, sources, match, bands="ugr", snr_min=SNR_COLOUR, kind=None):
 
 
 def spread(values):
-    """Median, its standard error, robust sigma and count, JSON-like; None without values."""
+    """Median, its standard error, robust sigma and count, JSON-like; None without values, of one no error or sigma."""
     n = len(values)
     if n == 0:
         return {"median": None, "error": None, "sigma": None, "n": 0}
     median = float(np.median(values))
+    if n == 1:
+        return {"median": median, "error": None, "sigma": None, "n": 1}
     sigma = float(1.4826 * np.median(np.abs(values - median)))
     return {"median": median, "error": float(1.2533 * sigma / np.sqrt(n)), "sigma": sigma, "n": n}

@@ -26,7 +26,7 @@ def found_by_magnitude(axes, result, arrays):
             seen = np.histogram(table["mag"][some & found & np.isfinite(table["mag"])], edges)[0]
             good = n >= FEWEST
             if good.any():
-                label = band_label(band) if line == "-" else None
+                label = None if band in drawn else band_label(band)
                 axes.plot(
                     edges[:-1][good] + STEP / 2, seen[good] / n[good], line, color=BAND_COLOURS[band], lw=1.3,
                     label=label, marker=BAND_MARKERS[band] if line == "-" else None, ms=3,

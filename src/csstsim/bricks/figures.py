@@ -123,7 +123,8 @@ def _residuals(axes, band, arrays, numbers):
         _running_median(axes, given, residual, colour)
         stat = numbers[kind] if numbers else {"n": 0}
         if stat["n"]:
-            lines.append(f"{kind}: {1e3 * stat['median']:+.0f} ± {1e3 * stat['error']:.0f} mmag ({stat['n']})")
+            error = "" if stat["error"] is None else f" ± {1e3 * stat['error']:.0f}"
+            lines.append(f"{kind}: {1e3 * stat['median']:+.0f}{error} mmag ({stat['n']})")
     if numbers:
         axes.axvline(numbers["depth_5sigma"], color="#666666", ls=":", lw=1)
     else:

@@ -1,7 +1,7 @@
 """Gates: a number, its threshold, and whether it passes; None where it cannot be judged.
 
 A gate is {name, band, value, threshold, n, passed}. It is not judged without a threshold, without a value, or from
-fewer than FEW sources.
+fewer than FEW sources; n is None where sources have no part in it.
 """
 
 import numpy as np
@@ -36,7 +36,7 @@ def between(name, band, value, limits, n):
 
 
 def _gate(name, band, value, threshold, n, passes):
-    judged = value is not None and threshold is not None and n >= FEW
+    judged = value is not None and threshold is not None and (n is None or n >= FEW)
     return {
         "name": name, "band": band, "value": value, "threshold": threshold, "n": n,
         "passed": bool(passes()) if judged else None,

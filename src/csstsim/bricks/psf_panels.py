@@ -34,7 +34,10 @@ def ellipticity(axes, arrays):
 
 
 def _over_the_chip(arrays):
-    """Return (edges of cells along x and y, their medians of trials.SHAPES), NaN of fewer than FEWEST stars."""
+    """Return (edges of cells along x and y, their medians of trials.SHAPES), NaN of fewer than FEWEST stars.
+
+    (None, (None, None, None)) if no cell has that many.
+    """
     seen = {name: [] for name in ("x", "y", *SHAPES)}
     for table in arrays["trials"].values():
         good = (table["sound"] > 0) & ~table["galaxy"].astype(bool) & (table["lonely"] > 0)
@@ -46,8 +49,10 @@ def _over_the_chip(arrays):
         return None, (None,) * 3
     edges = [np.linspace(seen[name].min(), seen[name].max() + 1.0, CELLS + 1) for name in "xy"]
     cell = np.ravel_multi_index([np.digitize(seen[n], e[1:-1]) for n, e in zip("xy", edges, strict=True)], (CELLS,) * 2)
-    medians = np.full((3, CELLS**2), np.nan)
-    for k in np.flatnonzero(np.bincount(cell) >= FEWEST):
+    medians, full = np.full((3, CELLS**2), np.nan), np.flatnonzero(np.bincount(cell) >= FEWEST)
+    if not len(full):
+        return None, (None,) * 3
+    for k in full:
         medians[:, k] = [np.median(seen[name][cell == k]) for name in SHAPES]
     return edges, medians.reshape(3, CELLS, CELLS)
 

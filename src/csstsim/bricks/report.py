@@ -5,6 +5,7 @@ from importlib.resources import files as package_files
 from csstsim.bricks import verdict as verdicts
 from csstsim.bricks.band_table import band_numbers, band_table
 from csstsim.bricks.figures import band_label
+from csstsim.bricks.gates import FEW
 from csstsim.bricks.markup import (
     Link,
     Verdict,
@@ -105,7 +106,7 @@ def _gates(gates):
     failing = sum(gate["passed"] is False for gate in gates)  # they come first
     listed = table(head, rows[:failing], "gates that fail")
     listed += table(head, rows[failing:], "gates that pass or could not be judged")
-    note = "A gate with too few sources, or without a threshold, is not judged."
+    note = f"A gate with fewer than {FEW} sources, or without a threshold, is not judged."
     return table(("gate", *verdicts.NAMES.values()), counts) + listed + paragraph(note)
 
 
@@ -145,10 +146,15 @@ def _bricks(results, figures, links):
     return "".join(parts)
 
 
+def _residual(numbers):
+    scatter = "" if numbers["sigma"] is None else f" (scatter {numbers['sigma']:.1f})"
+    return f"{numbers['median']:+.1f}{scatter}"
+
+
 def _brick(result, png, links):
     residual = result["astrometry_mas"]
     if residual["east"]["n"]:
-        east, north = (f"{residual[k]['median']:+.1f} (scatter {residual[k]['sigma']:.1f})" for k in ("east", "north"))
+        east, north = (_residual(residual[k]) for k in ("east", "north"))
         place = f"Positions out - in: east {east}, north {north} mas from {residual['east']['n']} bright stars."
     else:
         place = "Positions: no bright star to judge."

@@ -159,7 +159,7 @@ def _gates(band, numbers, depths, config):
         at_most("star size over PSF model, less 1", band, size["median"], config.psf_size_max, size["n"]),
         at_most("star e1 less PSF model", band, e1["median"], config.psf_e_max, e1["n"]),
         at_most("star e2 less PSF model", band, e2["median"], config.psf_e_max, e2["n"]),
-        at_most("depth beyond the published limits [mag]", band, off, config.depth_off_max, FEW),
+        at_most("depth beyond the published limits [mag]", band, off, config.depth_off_max, None),
         at_most("number counts, out / in - 1", band, counts["excess"], config.counts_max, counts["n"], chance),
     ]
 

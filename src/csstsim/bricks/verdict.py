@@ -4,6 +4,7 @@ import json
 import math
 
 from csstsim.atomic import atomic_path
+from csstsim.bricks.gates import FEW
 
 ORDER = (False, None, True)  # what matters first
 NAMES = {True: "pass", False: "fail", None: "not judged"}
@@ -61,7 +62,8 @@ def headline(verdict):
     if verdict["passed"] is None:
         return "No gate could be judged: too few sources, or no thresholds."
     judged, word = counts["pass"] + counts["fail"], "PASS" if verdict["passed"] else "FAIL"
-    return f"{word}: {counts['pass']} of {judged} judged gates pass; {counts['not judged']} could not be judged."
+    why = f" (fewer than {FEW} sources, or no threshold)" if counts["not judged"] else ""
+    return f"{word}: {counts['pass']} of {judged} judged gates pass; {counts['not judged']} could not be judged{why}."
 
 
 def sentence(gate):

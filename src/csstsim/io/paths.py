@@ -12,8 +12,17 @@ Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256); bricks
 
 from pathlib import Path
 
+from csstsim.errors import InputError
+
 # File-name code of each exposure type (facts.md section 4: WIDE in the C9 release; the others by their own name).
 KIND = {"SCIE": "WIDE", "BIAS": "BIAS", "DARK": "DARK", "FLAT": "FLAT"}
+
+
+def made(path, command):
+    """Return the path of a product. Raises InputError, which says what makes it, if there is none."""
+    if not path.is_file():
+        raise InputError(f"not made yet; `csstsim {command}` makes it, snakemake the whole campaign", file=path)
+    return path
 
 
 class Paths:

@@ -30,7 +30,7 @@ FLAGS = {
     NOT_CENTRED: "windowed position failed: x, y are the isophotal barycentre",
     SHARP: "sharper than the PSF by 5 sigma, or a line no wider than it: cosmic ray or defect",
     BAD_PIXELS: "defects or cosmic rays within 3 px; they are left out of the fit",
-    NO_SHAPE: "S/N below 4, or adaptive moments failed: hsm_sigma, hsm_e1, hsm_e2, resolution, g1, g2, g_err are NaN",
+    NO_SHAPE: "S/N below 3, or adaptive moments failed: hsm_sigma, hsm_e1, hsm_e2, resolution, g1, g2, g_err are NaN",
 }
 LINE_E, LINE_WIDTH = 0.4, 0.95  # distortion of a line, at least; its short axis squared over the PSF's, at most
 SHAPE_SNR = 3.0  # least, for a shape: six in seven detections are below it, most of them noise
