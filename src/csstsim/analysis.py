@@ -109,6 +109,7 @@ def validate(run, pix):
     """Compare a merged brick with the truth of the frames on it."""
     from csstsim.atomic import atomic_path
     from csstsim.bricks.figures import brick_figure
+    from csstsim.bricks.result_file import write_result
     from csstsim.bricks.validate import Frame, validate_brick
     from csstsim.catalog.table import ObjectTable
 
@@ -117,12 +118,11 @@ def validate(run, pix):
     merged = ObjectTable.read(run.paths.merge(pix))
     check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
     result, arrays = validate_brick(pix, merged, frames, run.config.validation)
-    result["recipe"] = run.brick_recipe(pix)
+    result |= {"recipe": run.brick_recipe(pix), "limits": run.config.validation.model_dump(mode="json")}
     path, limits = run.paths.validate(pix), run.config.validation
     with atomic_path(path.with_suffix(".png")) as temporary:
         temporary.write_bytes(brick_figure(result, arrays, threshold=limits.completeness_min, snr_min=limits.snr_min))
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(result, indent=1) + "\n")
+    write_result(path, result)
     for gate in result["gates"]:
         print(gate)
 
