@@ -208,15 +208,28 @@ def _twins(runs):
                 allowed="constant",
             )  # fmt: skip
         key = catalog.lensing.kappa, catalog.lensing.gamma1, catalog.lensing.gamma2
-        found.setdefault(key, {})[catalog.shapes] = run
+        pair = found.setdefault(key, {})
+        if catalog.shapes in pair:
+            raise InputError(
+                f"shear and shapes of {pair[catalog.shapes].file}, too", file=run.file, key="catalog.shapes",
+                value=catalog.shapes, allowed="normal and rotated90, one of each",
+            )  # fmt: skip
+        pair[catalog.shapes] = run
     for pair in found.values():
         first, *rest = pair.values()
-        if not rest or [job.key for job in first.imaging_jobs] != [job.key for job in rest[0].imaging_jobs]:
+        if not rest or _but_shapes(first) != _but_shapes(rest[0]):
             raise InputError(
-                "has no twin of the same exposures and shear", file=first.file, key="catalog.shapes",
+                "has no twin of the same seed, camera, exposures and shear", file=first.file, key="catalog.shapes",
                 value=first.config.catalog.shapes, allowed="normal and rotated90, one of each",
             )  # fmt: skip
     return {key: (pair["normal"], pair["rotated90"]) for key, pair in found.items()}
+
+
+def _but_shapes(run):
+    """Return what twins share: all that decides their pixels and measurements but `catalog.shapes`."""
+    config = run.config.model_copy(update={"catalog": run.config.catalog.model_copy(update={"shapes": "normal"})})
+    recipes = [run.measure_recipe(job) | {"campaign": config.digest()} for job in run.imaging_jobs]
+    return run.universe.digest if run.embedded else None, run.rendering, recipes
 
 
 def _shapes_on(run):
