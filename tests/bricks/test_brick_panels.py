@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
 from csstsim.bricks import colour_panel, psf_panels
+from csstsim.bricks.style import legend_or_note
 from csstsim.bricks.trials import COLUMNS
 from csstsim.catalog.table import ObjectTable
 from csstsim.rng import stream
@@ -73,3 +74,11 @@ def test_maps_of_a_few_stars(n):
     for axes, draw in zip(figure.subplots(1, 2), (psf_panels.size, psf_panels.ellipticity), strict=True):
         draw(axes, shapes_of(n))
         assert any("too few" in text.get_text() for text in axes.texts) == (n < psf_panels.FEWEST)
+
+
+def test_a_legend_of_nothing_drawn_is_a_note(recwarn):
+    """Bands there are, but too few sources in each for a line."""
+    axes = Figure().add_subplot()
+    legend_or_note(axes, ["r"], "too few objects")
+    assert axes.get_legend() is None and [text.get_text() for text in axes.texts] == ["too few objects"]
+    assert not recwarn.list

@@ -123,9 +123,9 @@ def test_truth_from_elsewhere_on_a_calibrated_file(tmp_path, level0, calibrated)
 def test_a_table_that_is_not_the_truth_of_this_chip(tmp_path, level0):
     truth = ObjectTable.read(level0.with_suffix(".truth.parquet"))
     other = tmp_path / "other.parquet"
-    truth.with_columns(chip=truth["chip"] + 1).write(other)
+    truth.with_columns(ID_chip=np.full(len(truth), 30)).write(other)
     assert "the truth of another chip" in refused(level0, "--truth-table", other)
-    ObjectTable({name: truth[name] for name in ("id", "obj_type", "ra", "dec")}).write(other)
+    ObjectTable({name: truth[name] for name in ("obj_type", "ra", "dec")}).write(other)
     assert "xImage" in refused(level0, "--truth-table", other)
 
 
