@@ -110,6 +110,7 @@ def validate(run, pix):
     """Compare a merged brick with the truth of the frames on it."""
     from csstsim.atomic import atomic_path
     from csstsim.bricks.figures import brick_figure
+    from csstsim.bricks.result_file import write_result
     from csstsim.bricks.validate import Frame, validate_brick
     from csstsim.bricks.verdict import NAMES, sentence
     from csstsim.catalog.table import ObjectTable
@@ -119,12 +120,11 @@ def validate(run, pix):
     merged = ObjectTable.read(made(run.paths.merge(pix), f"merge {run.file} --brick {pix}"))
     check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
     result, arrays = validate_brick(pix, merged, frames, run.config.validation)
-    result["recipe"] = run.brick_recipe(pix)
+    result |= {"recipe": run.brick_recipe(pix), "limits": run.config.validation.model_dump(mode="json")}
     path, limits = run.paths.validate(pix), run.config.validation
     with atomic_path(path.with_suffix(".png")) as temporary:
         temporary.write_bytes(brick_figure(result, arrays, threshold=limits.completeness_min, snr_min=limits.snr_min))
-    with atomic_path(path) as temporary:
-        temporary.write_text(json.dumps(result, indent=1) + "\n")
+    write_result(path, result)
     for gate in result["gates"]:
         sources = "" if gate["n"] is None else f", {gate['n']} sources"
         print(f"{NAMES[gate['passed']]}: {sentence({'brick': pix, **gate})}{sources}")
@@ -212,15 +212,28 @@ def _twins(runs):
                 allowed="constant",
             )  # fmt: skip
         key = catalog.lensing.kappa, catalog.lensing.gamma1, catalog.lensing.gamma2
-        found.setdefault(key, {})[catalog.shapes] = run
+        pair = found.setdefault(key, {})
+        if catalog.shapes in pair:
+            raise InputError(
+                f"shear and shapes of {pair[catalog.shapes].file}, too", file=run.file, key="catalog.shapes",
+                value=catalog.shapes, allowed="normal and rotated90, one of each",
+            )  # fmt: skip
+        pair[catalog.shapes] = run
     for pair in found.values():
         first, *rest = pair.values()
-        if not rest or [job.key for job in first.imaging_jobs] != [job.key for job in rest[0].imaging_jobs]:
+        if not rest or _but_shapes(first) != _but_shapes(rest[0]):
             raise InputError(
-                "has no twin of the same exposures and shear", file=first.file, key="catalog.shapes",
+                "has no twin of the same seed, camera, exposures and shear", file=first.file, key="catalog.shapes",
                 value=first.config.catalog.shapes, allowed="normal and rotated90, one of each",
             )  # fmt: skip
     return {key: (pair["normal"], pair["rotated90"]) for key, pair in found.items()}
+
+
+def _but_shapes(run):
+    """Return what twins share: all that decides their pixels and measurements but `catalog.shapes`."""
+    config = run.config.model_copy(update={"catalog": run.config.catalog.model_copy(update={"shapes": "normal"})})
+    recipes = [run.measure_recipe(job) | {"campaign": config.digest()} for job in run.imaging_jobs]
+    return run.universe.digest if run.embedded else None, run.rendering, recipes
 
 
 def _shapes_on(run):

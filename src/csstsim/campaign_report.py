@@ -1,7 +1,6 @@
 """The report of a campaign, from its products: the page, and the verdict beside it as JSON."""
 
 import csv
-import json
 import os
 from urllib.parse import quote
 
@@ -13,6 +12,7 @@ from csstsim.io.paths import made
 from csstsim.stages import check_recipe
 
 EMBEDDED = 5_000_000  # bytes of figures of bricks and spectra in the page; of the rest, links
+PNG, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"  # its first and last bytes
 THUMBNAILS = 30  # chips in the focal plane, but always a whole exposure
 
 
@@ -28,11 +28,11 @@ def report(run):
     from csstsim.bricks.report import write_report
 
     page, results = run.paths.report, [_validation(run, pix) for pix in run.merge_bricks]
+    merged = {pix: _merged(run, pix) for pix in run.merge_bricks}
     verdict, budget = verdicts.judge(results), Budget(EMBEDDED)
     worst_first = sorted(results, key=lambda result: -verdicts.count(result["gates"])["fail"])
     pngs = {result["brick"]: run.paths.validate(result["brick"]).with_suffix(".png") for result in worst_first}
     science = [job for job in run.jobs if job.pointing.type == "SCIE"]
-    verdicts.write_verdict(page.with_name("verdict.json"), verdict, campaign=run.config.name, csstsim=__version__)
     write_report(
         page, _summary(run), results,
         exposures=_exposures(run),
@@ -51,8 +51,9 @@ def report(run):
         },
         times=_times(run.paths.output / "benchmarks"),
     )  # fmt: skip
-    if run.merge_bricks:
-        merged = {pix: run.paths.merge(pix) for pix in run.merge_bricks}
+    # After the page, which reads the rest: of what cannot be used nothing is written
+    verdicts.write_verdict(page.with_name("verdict.json"), verdict, campaign=run.config.name, csstsim=__version__)
+    if merged:
         write_catalogue(run.paths.merge_catalogue, run.config.name, merged)
     print("\n".join([*verdicts.lines(verdict), str(page)]))
     return verdict
@@ -65,22 +66,38 @@ class Budget:
         self.left = size
 
     def read(self, path):
-        """Return a file's bytes, or None when there is no room left. Raises InputError if it is missing."""
+        """Return a PNG's bytes, or None when there is no room left. Raises InputError if it is missing or cut."""
         try:
             self.left -= path.stat().st_size
-            return path.read_bytes() if self.left >= 0 else None
+            figure = path.read_bytes() if self.left >= 0 else None
         except OSError as exc:
             raise InputError(f"cannot read a figure: {exc}", file=path) from None
+        if figure is not None and not (figure.startswith(PNG) and figure.endswith(PNG_END)):
+            raise InputError("not a whole PNG; make it again", file=path)
+        return figure
 
 
 def _validation(run, pix):
+    from csstsim.bricks.result_file import read_result
+
     path = made(run.paths.validate(pix), f"validate {run.file} --brick {pix}")
-    try:
-        result = json.loads(path.read_text())
-    except (OSError, ValueError) as exc:
-        raise InputError(f"cannot read the validation of a brick: {exc}", file=path) from None
+    result, limits = read_result(path), run.config.validation.model_dump(mode="json")
     check_recipe(path, result, run.brick_recipe(pix))
+    if result["limits"] != limits:
+        raise InputError(
+            "judged by other thresholds; validate the brick again", file=path, key="limits", value=result["limits"],
+            allowed=limits,
+        )  # fmt: skip
     return result
+
+
+def _merged(run, pix):
+    """Return the path of a merged brick, once it is known to be this campaign's."""
+    from csstsim.catalog.table import ObjectTable
+
+    path = run.paths.merge(pix)
+    check_recipe(path, ObjectTable.read(path, ["source_id"]).meta, run.brick_recipe(pix))
+    return path
 
 
 def _link(run, label, path):
@@ -165,19 +182,20 @@ def _times(folder):
     """Sum Snakemake's benchmark files by rule: jobs, wall and CPU seconds, largest memory."""
     rows = []
     for rule in sorted(path for path in folder.glob("*") if path.is_dir()):
-        runs = [row for path in rule.glob("*.tsv") for row in csv.DictReader(path.open(), delimiter="\t")]
+        texts = [path.read_text(errors="replace") for path in rule.glob("*.tsv")]
+        runs = [row for text in texts for row in csv.DictReader(text.splitlines(), delimiter="\t")]
         if runs:
             rows.append({
-                "step": rule.name, "jobs": len(runs), "wall [s]": round(sum(_number(r["s"]) for r in runs), 1),
-                "CPU [s]": round(sum(_number(r["cpu_time"]) for r in runs), 1),
-                "largest memory [MB]": round(max(_number(r["max_rss"]) for r in runs)),
+                "step": rule.name, "jobs": len(runs), "wall [s]": round(sum(_number(r.get("s")) for r in runs), 1),
+                "CPU [s]": round(sum(_number(r.get("cpu_time")) for r in runs), 1),
+                "largest memory [MB]": round(max(_number(r.get("max_rss")) for r in runs)),
             })  # fmt: skip
     return rows
 
 
 def _number(text):
-    """A figure of a benchmark file; a job too short for Snakemake to sample has 'NA'."""
+    """A figure of a benchmark file; a job too short for Snakemake to sample has 'NA', a line cut short None."""
     try:
         return float(text)
-    except ValueError:
+    except (TypeError, ValueError):
         return 0.0

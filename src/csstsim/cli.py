@@ -1,11 +1,13 @@
 """The command line: parse, call, exit. One sub-command a rule of the workflow, plus plan, chip and check.
 
 Exit codes: 0 done; 2 the input cannot be used (one line says what, where and what is allowed);
-1 a gate fails, of `report --strict` only.
+1 a gate fails, of `report --strict` only; 141 nobody reads the output any more, 143 told to stop, as shells count.
 """
 
 import functools
 import importlib
+import os
+import signal
 import sys
 import traceback
 
@@ -23,11 +25,21 @@ brick_opt = click.option(
 
 
 class Group(click.Group):
-    """A click group whose input errors are one line and exit code 2."""
+    """A click group whose input errors are one line and exit code 2, and which ends without a word when told to."""
+
+    def main(self, *args, **options):
+        signal.signal(signal.SIGTERM, _stop)
+        return super().main(*args, **options)
 
     def invoke(self, ctx):
         try:
-            return super().invoke(ctx)
+            result = super().invoke(ctx)
+            if sys.stdout:  # None if closed before the start
+                sys.stdout.flush()  # at exit its errors could not be caught
+            return result
+        except BrokenPipeError:
+            _forget_output()
+            sys.exit(128 + signal.SIGPIPE)
         except CsstsimError as error:
             if ctx.params.get("verbose"):
                 traceback.print_exception(error)
@@ -38,6 +50,18 @@ class Group(click.Group):
             message = ": ".join(str(part) for part in (error.filename, error.strerror) if part)
         click.echo(f"csstsim: error: {message}", err=True)
         sys.exit(2)
+
+
+def _stop(number, frame):
+    """End as an exception does, so that files half-written are removed (csstsim.atomic)."""
+    sys.exit(128 + number)
+
+
+def _forget_output():
+    """Let what is still to be printed, at exit too, go nowhere."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)
 
 
 @click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 
 from csstsim.bricks import colour_panel, exposure_panels, psf_panels
+from csstsim.bricks.style import legend_or_note
 from csstsim.bricks.trials import COLUMNS
 from csstsim.catalog.table import ObjectTable
 from csstsim.rng import stream
@@ -83,3 +84,11 @@ def test_a_band_of_one_kind_is_named_in_the_legend(galaxy):
     table = {name: np.ones(n) for name in COLUMNS} | {"galaxy": np.full(n, galaxy), "mag": np.full(n, 22.2)}
     exposure_panels.found_by_magnitude(axes, None, {"trials": {"r": ObjectTable(table)}})
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["r"]
+
+
+def test_a_legend_of_nothing_drawn_is_a_note(recwarn):
+    """Bands there are, but too few sources in each for a line."""
+    axes = Figure().add_subplot()
+    legend_or_note(axes, ["r"], "too few objects")
+    assert axes.get_legend() is None and [text.get_text() for text in axes.texts] == ["too few objects"]
+    assert not recwarn.list

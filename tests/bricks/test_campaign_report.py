@@ -1,13 +1,16 @@
 """`csstsim report` on campaigns run through the commands: links, verdict, exit codes, calibration, a missing file."""
 
 import json
+import shutil
 from urllib.parse import unquote
 
 import pytest
 from mini_campaign import POINTINGS, write_campaign
 from report_page import Reader, command, done
 
+from csstsim.bricks.result_file import read_result, write_result
 from csstsim.campaign import OpenCampaign
+from csstsim.catalog.table import ObjectTable
 
 
 def relative_links(page):
@@ -32,9 +35,9 @@ def test_the_verdict_is_printed_and_strict_ends_with_1_only_when_a_gate_fails(re
     assert json.loads(verdict.read_text())["passed"] is not False and "FAIL" not in said
     assert command("report", file, "--strict").exit_code == 0
     before = path.read_text()
-    result = json.loads(before)
+    result = read_result(path)
     result["gates"][0] |= {"value": 0.5, "threshold": 0.95, "passed": False}
-    path.write_text(json.dumps(result))
+    write_result(path, result)
     try:
         assert command("report", file).exit_code == 0
         strict = command("report", file, "--strict")
@@ -84,6 +87,74 @@ def test_a_stage_without_the_one_before_it_says_what_makes_that(tmp_path):
     assert {found.exit_code for found in (merged, measured, calibrated)} == {2}
     assert f"csstsim measure {where}" in merged.output
     assert f"csstsim chip {where}" in measured.output and f"csstsim chip {where}" in calibrated.output
+
+
+def verdict_of(result):
+    """What changes a verdict by one letter."""
+    return result.replace(b'"passed": null', b'"passed": true', 1)
+
+
+@pytest.mark.parametrize(
+    ("product", "change", "words"),
+    [
+        ("validate", lambda raw: raw.replace(b'"bands"', b'"bandz"'), "damaged"),
+        ("validate", verdict_of, "damaged"),
+        ("validate", lambda raw: b"[]", "not the validation of a brick"),
+        ("png", lambda raw: raw[:-1], "not a whole PNG"),
+        ("png", lambda raw: b"", "not a whole PNG"),
+        ("merge", lambda raw: raw[: len(raw) // 2], "parquet"),
+        ("level0", lambda raw: raw[: len(raw) // 2], "cut short"),
+    ],
+)
+def test_nothing_is_written_of_a_damaged_product(reported, product, change, words):
+    file, run, _ = reported
+    pix, job = next(iter(run.merge_bricks)), run.jobs[0]
+    path = {
+        "validate": run.paths.validate(pix), "png": run.paths.validate(pix).with_suffix(".png"),
+        "merge": run.paths.merge(pix), "level0": run.paths.level0(job.pointing, job.chip.id),
+    }[product]  # fmt: skip
+    before, written = path.read_bytes(), [run.paths.report, run.paths.report.with_name("verdict.json")]
+    for made in written:
+        made.unlink()
+    path.write_bytes(change(before))
+    try:
+        found = command("report", file)
+        assert not any(made.exists() for made in written)
+    finally:
+        path.write_bytes(before)
+        done("report", file)
+    assert found.exit_code == 2 and str(path) in found.output and words in found.output
+
+
+def test_a_verdict_by_other_thresholds_or_of_another_brick_is_refused(reported, tmp_path):
+    file, run, _ = reported
+    stricter = file.with_name("stricter.yaml")
+    stricter.write_text(file.read_text() + "validation: {mag_bias_max: 0.001}\n")
+    found = command("report", stricter)
+    assert found.exit_code == 2 and "other thresholds" in found.output
+    path = run.paths.merge(next(iter(run.merge_bricks)))
+    before, table = path.read_bytes(), ObjectTable.read(path)
+    table.write(path, table.meta | {"recipe": "another's"})
+    try:
+        found = command("report", file)
+    finally:
+        path.write_bytes(before)
+    assert found.exit_code == 2 and str(path) in found.output and "another campaign" in found.output
+
+
+def test_a_benchmark_file_cut_short_is_no_matter(reported):
+    file, run, _ = reported
+    folder = run.paths.output / "benchmarks" / "measure"
+    folder.mkdir(parents=True)
+    (folder / "whole.tsv").write_bytes(b"s\tcpu_time\tmax_rss\n2.5\t2.0\t100\n")
+    (folder / "cut.tsv").write_bytes(b"s\tcpu_time\tmax_rss\n1.0")
+    (folder / "odd.tsv").write_bytes(b"\xff\n\xfe\n")
+    try:
+        done("report", file)
+        assert ">3.5<" in run.paths.report.read_text()
+    finally:
+        shutil.rmtree(folder.parent)
+        done("report", file)
 
 
 @pytest.mark.parametrize("kind", ["BIAS", "DARK"])

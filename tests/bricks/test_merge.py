@@ -266,3 +266,12 @@ def test_a_kron_flux_alone_is_no_source_unless_the_psf_sees_it():
         assert len(merge_brick(pix, [doubtful])[0]) == 0
     sources, found = merge_brick(pix, [seen, doubtful.with_columns(obsid=np.array(["2"]))])
     assert len(sources) == 1 and len(found) == 2  # beside a good one it counts
+
+
+@pytest.mark.parametrize(
+    ("snr", "flags", "kept"), [(19.0, 128, 0), (21.0, 128, 1), (21.0, 128 | 32, 0), (21.0, 128 | 256, 0)]
+)
+def test_a_bright_source_is_not_lost_to_a_ray_beside_it(snr, flags, kept):
+    """Of one exposure: what a ray leaves of itself is fainter, not centred, or has no shape."""
+    one = table([150.0], [2.0], snr=snr).with_columns(flags=np.array([flags], np.int32))
+    assert len(merge_brick(int(healpix.brick_of(150.0, 2.0)), [one])[0]) == kept

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from mini_campaign import POINTINGS, write_campaign
+from report_page import command
 
 from csstsim.bricks.shear import calibration, judge, pair_means
 
@@ -59,3 +61,31 @@ def test_one_shear_gives_c_alone_and_too_few_are_refused():
     assert fits[0]["m"] is None and abs(fits[0]["c"]) < 5 * fits[0]["c_err"]
     with pytest.raises(ValueError, match="fewer than two"):
         calibration([(0.03, 0.0)], [np.zeros((1, 2))])
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ([{}, {}], "shear and shapes of"),  # the first of them would not have counted
+        ([{}, {"shapes": "rotated90"}, {}], "shear and shapes of"),
+        ([{}], "has no twin"),
+        ([{}, {"shapes": "rotated90", "seed": 4}], "has no twin"),  # other galaxies by the same numbers
+        ([{}, {"shapes": "rotated90", "mag_limit": 24.0}], "has no twin"),
+        ([{}, {"shapes": "rotated90", "fidelity": "preview"}], "has no twin"),
+        ([{}, {"shapes": "rotated90", "pointings": POINTINGS[1:2]}], "has no twin"),
+        ([{}, {"shapes": "rotated90"}], "not made yet"),  # twins: what they measured is opened
+    ],
+)
+def test_what_are_no_twins_is_refused(tmp_path, changes, words):
+    files = []
+    for k, change in enumerate(changes):
+        change = dict(change)
+        catalog = {"lensing": {"field": "constant", "gamma1": 0.03}, "shapes": change.pop("shapes", "normal")}
+        if "mag_limit" in change:
+            catalog["mag_limit"] = change.pop("mag_limit")
+        (tmp_path / str(k)).mkdir()
+        pointings = change.pop("pointings", POINTINGS[:1])
+        files.append(write_campaign(tmp_path / str(k), pointings, catalog=catalog, **change))
+    found = command("shear", *files)
+    assert found.exit_code == 2 and words in found.output.lower(), found.output
+    assert len(found.output.splitlines()) == 1

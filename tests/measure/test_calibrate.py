@@ -80,3 +80,13 @@ def test_bad_input_is_named():
         calibrate(frame, readout, gain | {3: float("nan")})
     with pytest.raises(InputError, match="shape"):
         calibrate(frame[1:], readout, gain)
+
+
+@pytest.mark.parametrize(("gain", "lines", "key"), [(1e308, (0.0, 0.0), "GAIN"), (1.0, None, "NLQ")])
+def test_what_a_header_may_not_say_of_a_channel(gain, lines, key):
+    frame, readout, gains, _ = make_frame((0, 320, 0, 160), 1)
+    last = readout.blocks[-1].channel
+    nonlinearity = {channel: (0.0, 0.0) for channel in gains} | {last: lines}
+    nonlinearity = {channel: pair for channel, pair in nonlinearity.items() if pair}
+    with pytest.raises(InputError, match=f"{key}{last:02d}"):
+        calibrate(frame, readout, gains | {last: gain}, nonlinearity=nonlinearity, full_well=90_000)

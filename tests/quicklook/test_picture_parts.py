@@ -68,7 +68,7 @@ def test_a_frame_constant_but_for_one_pixel_shows_it():
     assert low < 0 < high and sigma > 0
 
 
-@pytest.mark.parametrize("limits", [(2.0, 2.0), (3.0, 1.0), (np.nan, 1.0), (0.0, np.inf)])
+@pytest.mark.parametrize("limits", [(2.0, 2.0), (3.0, 1.0), (np.nan, 1.0), (0.0, np.inf), (-1e308, 1e308)])
 def test_limits_that_are_no_range(limits):
     with pytest.raises(InputError, match="LOW < HIGH"):
         make_norm(noisy(20), "log", limits)

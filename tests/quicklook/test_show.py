@@ -8,6 +8,7 @@ from click.testing import CliRunner
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
+from csstsim.catalog.table import ObjectTable
 from csstsim.cli import main
 from csstsim.io.frames import load_frame, save_frame
 from csstsim.io.level0 import read_level0
@@ -117,6 +118,15 @@ def test_truth_from_elsewhere_on_a_calibrated_file(tmp_path, level0, calibrated)
     show(path, "--truth-table", table)
     assert "no truth table" in refused(path, "--truth-table", tmp_path / "nosuch.parquet")
     assert "not a readable parquet file" in refused(path, "--truth-table", path)
+
+
+def test_a_table_that_is_not_the_truth_of_this_chip(tmp_path, level0):
+    truth = ObjectTable.read(level0.with_suffix(".truth.parquet"))
+    other = tmp_path / "other.parquet"
+    truth.with_columns(ID_chip=np.full(len(truth), 30)).write(other)
+    assert "the truth of another chip" in refused(level0, "--truth-table", other)
+    ObjectTable({name: truth[name] for name in ("obj_type", "ra", "dec")}).write(other)
+    assert "xImage" in refused(level0, "--truth-table", other)
 
 
 def test_a_readout_frame_has_no_place_for_the_truth(exposure):

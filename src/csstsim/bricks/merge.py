@@ -6,9 +6,10 @@ is in exactly one brick, with all its detections. The result does not depend on 
 
 A source is kept when a detection has S/N >= `SNR_ALONE` (PSF, or Kron of a peak that the PSF sees with
 `KRON_PSF_MIN`), or `VISITS_ALONE` frames have it, or two frames have it with a joint PSF S/N >= `SNR_PAIR`;
-detections without a windowed position do not count, nor for the latter two those beyond `CLOSE_SIGMA` of the
-place. The threshold of `measure.detect` is lower, for completeness, and lets noise peaks pass (docs/merge.md). The
-number left out is in `meta` and in the file ("left_out"), as is what became of every detection ("detections").
+detections without a windowed position do not count, nor for the latter two those beyond `CLOSE_SIGMA` of the place;
+one with bad pixels counts by itself from `SNR_SPOILT` on. The threshold of `measure.detect` is lower, for completeness,
+and lets noise peaks pass (docs/merge.md). The number left out is in `meta` and in the file ("left_out"), as is what
+became of every detection ("detections").
 Left out: forced photometry in the bands without a detection (NaN), and motion: positions are ICRS at each exposure's
 epoch, so a star that moves by more than the tolerance between exposures becomes two sources.
 """
@@ -29,6 +30,7 @@ KRON_PSF_MIN = 2.5  # below, a Kron aperture holds but noise or a neighbour's li
 VISITS_ALONE = 3  # as are detections in this many frames; chance makes three agree a few times a brick
 CLOSE_SIGMA = 3.0  # of a detection's own error, from the mean place: 1.1 % of true ones are further off
 SNR_PAIR = 6.3  # two noise peaks at the threshold of detection make 5.3
+SNR_SPOILT = 20.0  # as SNR_ALONE, beside bad pixels: 31 of 31 of the quarter brick are true, of S/N 10 to 20 half
 SATURATED, NOT_CENTRED, SHARP, BAD_PIXELS, NO_SHAPE = 4, 32, 64, 128, 256  # of the measured flags (measure.catalogue)
 
 DETECTION_COLUMNS = {
@@ -92,7 +94,8 @@ def _credible(found, source, close, count):
     seen = np.isfinite(found["flux_kron"]) & (error > 0) & (found["flux_kron"] / SNR_ALONE >= error)
     # Nothing of S/N 5 is without a shape but saturated stars and pieces of tracks
     shaped = (found["flags"] & (NO_SHAPE | SATURATED)) != NO_SHAPE
-    alone = shaped & ((psf >= SNR_ALONE) | (seen & (psf >= KRON_PSF_MIN)))
+    spoilt = ((found["flags"] & NOT_CENTRED) == 0) & (found["snr"] >= SNR_SPOILT)  # what is left of a ray is fainter
+    alone = shaped & ((psf >= SNR_ALONE) | (seen & (psf >= KRON_PSF_MIN)) | spoilt)
     psf = np.where(close, psf, 0.0)
     visits, joint = np.bincount(source, good & close, count), np.bincount(source, psf**2, count) ** 0.5
     return (np.bincount(source, alone, count) > 0) | (visits >= VISITS_ALONE) | ((visits >= 2) & (joint >= SNR_PAIR))

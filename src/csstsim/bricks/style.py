@@ -19,7 +19,7 @@ def band_label(band):
 
 
 def legend_or_note(axes, anything, note, **keywords):
-    if anything:
+    if anything and axes.get_legend_handles_labels()[1]:  # what there is may be too few to be drawn
         axes.legend(fontsize=8, title_fontsize=8, **({"loc": "lower right"} | keywords))
     else:
         axes.text(0.5, 0.5, note, ha="center", transform=axes.transAxes, color="#444444")

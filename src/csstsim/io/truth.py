@@ -12,6 +12,7 @@ exposure should give.
 import numpy as np
 
 from csstsim.catalog.table import ObjectTable
+from csstsim.errors import InputError
 
 # .cat name: our column
 CAT_COLUMNS = {
@@ -47,7 +48,10 @@ def write_truth(path, drawn, job, metadata):
 
 
 def read_truth(path):
-    """Return the truth table with our column names and 0-based x, y."""
+    """Return the truth table with our column names and 0-based x, y. Raises InputError if it is not one."""
     table = ObjectTable.read(path)
+    missing = [name for name in ("xImage", "yImage") if name not in table]
+    if missing:
+        raise InputError("not a truth table: it lacks a column", file=path, key=missing[0])
     columns = {CAT_COLUMNS.get(name, name): table[name] for name in table.names}
     return ObjectTable(columns | {"x": columns["x"] - 1.0, "y": columns["y"] - 1.0}, table.meta)

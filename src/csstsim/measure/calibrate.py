@@ -14,6 +14,7 @@ from csstsim.errors import InputError
 
 # Deferred and bloomed charge leaks into the first overscan columns; they are not pure bias.
 OVERSCAN_SKIP = 4
+GAIN_MAX = 1000.0  # e-/DN: no silicon holds the charge of 16 bits of more
 _ROWS = 64
 
 
@@ -75,8 +76,11 @@ def calibrate(
     bias, read_noise = {}, {}
     for block in readout.blocks:
         factor = gain.get(block.channel)
-        if factor is None or not factor > 0:
-            raise InputError("no usable gain", key=f"GAIN{block.channel:02d}", value=factor, allowed="> 0 e-/DN")
+        if factor is None or not 0 < factor < GAIN_MAX:
+            allowed = f"> 0, < {GAIN_MAX:g} e-/DN"
+            raise InputError("no usable gain", key=f"GAIN{block.channel:02d}", value=factor, allowed=allowed)
+        if nonlinearity and full_well and block.channel not in nonlinearity:
+            raise InputError("not stated, but those of other channels", key=f"NLQ{block.channel:02d}, NLC")
         level, scatter = overscan_level(frame[block.serial_overscan], from_right=block.flip_x)
         bias[block.channel], read_noise[block.channel] = level, scatter * factor
         raw, zero = frame[block.active], level + (offset or {}).get(block.channel, 0.0) / factor

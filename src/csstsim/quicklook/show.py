@@ -71,4 +71,10 @@ def _marks(picture, bounds, table, limit):
             "the pixels of the frame are not the chip's, so the truth has no place on it", file=picture.path,
             key="--truth", allowed="a Level-0, render-stage or calibrated file",
         )  # fmt: skip
-    return brightest(load_marks(picture.path, None if table is None else Path(table)), bounds, limit)
+    truth = load_marks(picture.path, None if table is None else Path(table))
+    chip = str(picture.header.get("DETECTOR", ""))
+    if "chip" in truth and len(truth) and chip.isdigit() and int(chip) != truth["chip"][0]:
+        raise InputError(
+            "the truth of another chip", file=table, key="--truth-table", value=int(truth["chip"][0]), allowed=int(chip)
+        )
+    return brightest(truth, bounds, limit)

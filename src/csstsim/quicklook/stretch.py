@@ -41,7 +41,7 @@ def make_norm(image, stretch, limits=None, *, file=None):
         raise InputError("no pixel of the part to be shown has a finite value", file=file)
     low, high, sigma = robust_limits(values, stretch)
     if limits is not None:
-        if not (np.isfinite(limits).all() and limits[0] < limits[1]):
+        if not (np.isfinite(limits).all() and 0 < limits[1] - limits[0] < np.inf):  # a difference may overflow
             raise InputError("no range", file=file, key="--limits", value=tuple(limits), allowed="LOW < HIGH")
         low, high = limits
     soft = float(np.clip(SOFT * sigma / (high - low), 1e-4, 1.0))

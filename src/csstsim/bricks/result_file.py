@@ -1,0 +1,31 @@
+"""The validation of a brick as a JSON file, with a checksum: a byte that changed must not change a verdict."""
+
+import json
+import zlib
+
+from csstsim.atomic import atomic_path
+from csstsim.errors import InputError
+
+
+def write_result(path, result):
+    """Write a JSON-like result (bricks.validate.validate_brick) of any keys but `checksum`."""
+    with atomic_path(path) as temporary:
+        temporary.write_text(json.dumps(result | {"checksum": _checksum(result)}, indent=1) + "\n")
+
+
+def read_result(path):
+    """Return what `write_result` was given. Raises InputError if the file is missing, damaged or not one of these."""
+    try:
+        result = json.loads(path.read_text())
+    except (OSError, ValueError) as exc:
+        raise InputError(f"cannot read the validation of a brick: {exc}", file=path) from None
+    checksum = result.pop("checksum", None) if isinstance(result, dict) else None
+    if checksum is None:
+        raise InputError("not the validation of a brick, or an older one; make it again", file=path, key="checksum")
+    if checksum != _checksum(result):
+        raise InputError("damaged; make it again", file=path, key="checksum", value=checksum, allowed=_checksum(result))
+    return result
+
+
+def _checksum(result):
+    return zlib.crc32(json.dumps(result, sort_keys=True).encode())
