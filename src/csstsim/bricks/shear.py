@@ -10,6 +10,7 @@ one orientation alone finds would be a selection by shape.
 
 import numpy as np
 
+from csstsim.bricks.gates import FEW
 from csstsim.bricks.trials import nearest
 from csstsim.catalog.table import GALAXY
 
@@ -69,12 +70,12 @@ def calibration(shears, means):
 
 
 def judge(fits, m_max, c_max):
-    """Return gates (bricks.gates form) of m and c: within their limit and CHANCE of their errors."""
+    """Return gates (bricks.gates form) of m and c: within their limit and CHANCE of their errors, from FEW galaxies."""
     gates = []
     for fit in fits:
         for name, limit in (("m", m_max), ("c", c_max)):
             value = fit[name]
-            judged = value is not None and limit is not None
+            judged = value is not None and limit is not None and fit["n"] >= FEW
             passed = bool(abs(value) <= limit + CHANCE * fit[f"{name}_err"]) if judged else None
             gates.append({
                 "name": f"shear {name}{fit['component']}", "band": "all", "value": value, "threshold": limit,
