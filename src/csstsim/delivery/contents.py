@@ -61,7 +61,8 @@ class Contents:
     @property
     def psf(self):
         """{chip: a frame of it} of the chips that see the sky."""
-        return {frame.chip: frame for frame in reversed(self.frames) if frame.type == "SCIE"}
+        first = {frame.chip: frame for frame in reversed(self.frames) if frame.type == "SCIE"}
+        return dict(sorted(first.items()))
 
     def measure_recipe(self, frame):
         """Return what a frame's measurements must record, or None."""

@@ -77,7 +77,11 @@ def _bricks(contents, seen):
         yield Product("merged brick", merged, YES, partial(shared.merged, merged, pix, recipe, known, seen))
     if contents.bricks:
         folder = paths.merge_catalogue
-        about = [folder / "partition_info.csv", *(folder / "dataset" / n for n in ("_metadata", "_common_metadata"))]
+        about, listed = (
+            [folder / "dataset" / n for n in ("_metadata", "_common_metadata")],
+            folder / "partition_info.csv",
+        )
+        yield Product("merged catalogue", listed, YES, partial(shared.partition, listed, contents.bricks))
         yield from (Product("merged catalogue", path, YES, None) for path in about)
         check = partial(shared.catalogue, folder, contents.bricks, seen)
         yield Product("merged catalogue", folder / "hats.properties", YES, check, tuple(about))

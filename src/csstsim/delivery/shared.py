@@ -104,14 +104,24 @@ def _links(table, frames, seen):
             yield f"a detection of {name} belongs to two sources"
 
 
+def partition(path, bricks):
+    """Check the list of merged bricks in a HATS catalogue."""
+    if _read_text(path).split() != ["Norder,Npix", *(f"8,{pix}" for pix in sorted(bricks))]:
+        yield "does not list the merged bricks"
+
+
+def _read_text(path):
+    try:
+        return path.read_text(encoding="utf-8")
+    except ValueError:
+        raise InputError("holds bytes that are no text", file=path) from None
+
+
 def catalogue(folder, bricks, seen):
-    """Check the files about all merged bricks (bricks.hats): the same bricks, as many rows."""
+    """Check what is said of all merged bricks together (bricks.hats): as many rows as they have."""
     import pyarrow.parquet as pq
 
-    text = (folder / "partition_info.csv").read_text(encoding="utf-8")
-    if text.split() != ["Norder,Npix", *(f"8,{pix}" for pix in sorted(bricks))]:
-        yield "partition_info.csv does not list the merged bricks"
-    lines = (folder / "hats.properties").read_text(encoding="utf-8").splitlines()
+    lines = _read_text(folder / "hats.properties").splitlines()
     properties = dict(line.split("=", 1) for line in lines if "=" in line)
     total = sum(rows for rows, _ in seen.merged.values())
     try:
