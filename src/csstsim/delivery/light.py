@@ -14,8 +14,8 @@ from csstsim.detector.cubic import straighten
 from csstsim.measure.calibrate import overscan_level
 
 SIGMA = 6.0  # one in 1e9 sound files
-# Of all charge: what no line of the budget has. Brighter-fatter pushes charge over a window's edge, charge of columns
-# beyond a window passes its traps, a straight inverse of noisy numbers: 2e-4 at most in sound files (docs/delivery.md).
+# Of all charge, for what no line of the budget has: what traps hold of pixels beyond a window, charge that
+# brighter-fatter moves over its edge, the curve of the nonlinearity over the noise. Sound files have 2e-4.
 UNCOUNTED = 1e-3
 SUMS = 1e-5  # relative, of sums of single precision pixels against a table
 
@@ -41,17 +41,15 @@ def charge_of(file, full_well):
         )
         gain, pixels = file.gain[channel.number], int(counts.sum())
         level, scatter = overscan_level(channel.serial_overscan, from_right=block.flip_x)
-        charge = straighten((np.arange(1 << 16) - level) * gain, *_nonlinearity(file, channel.number), full_well)
-        total += float(counts @ charge)
+        used = np.union1d(np.flatnonzero(counts), top)
+        nonlinearity = file.nonlinearity.get(channel.number, (0.0, 0.0))
+        charge = straighten((used - level) * gain, *nonlinearity, full_well)
+        total += float(counts[used] @ charge)
         noise = max(scatter, 12**-0.5) * gain
         variance += noise**2 * pixels * (1 + pixels / channel.serial_overscan.size)
         clipped += int(counts[top:].sum())
-        at = min(at, float(charge[top]))
+        at = min(at, float(charge[np.searchsorted(used, top)]))
     return Charge(total, variance**0.5, clipped, at)
-
-
-def _nonlinearity(file, channel):
-    return file.nonlinearity.get(channel, (0.0, 0.0))
 
 
 def light_faults(file, truth):
