@@ -1,7 +1,7 @@
 """The command line: parse, call, exit. One sub-command a rule of the workflow, plus plan, chip and check.
 
 Exit codes: 0 done; 2 the input cannot be used (one line says what, where and what is allowed);
-1 a gate fails, of `report --strict` only.
+1 a gate fails (`report --strict`, `shear --strict`), or `verify` finds a fault.
 """
 
 import functools

@@ -71,6 +71,7 @@ ONE = [
     (TRUTH, spoil.column("x1", lambda v: v + 1000), ["boxes beyond the window"]),
     (ORDERS, spoil.column("row", lambda v: v + 1000), ["not among the"]),
     (ORDERS, spoil.column("id", lambda v: v + 1), ["another one in the truth"]),
+    (ORDERS, spoil.column("drawn", lambda v: 1.01 * v), ["do not add up to their light"]),
     (ORDERS, spoil.remove, ["missing (truth of orders)"]),
     ("level0/*/*_09*.cosmic.fits", spoil.flip, ["CHECKSUM"]),
     ("level0/*/*_09*.cosmic.fits", spoil.remove, ["missing (cosmic rays)"]),

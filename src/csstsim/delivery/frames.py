@@ -112,7 +112,7 @@ def _light(frame, table):
 
 
 def orders(path, frame):
-    """Check the truth of dispersed light: recipe, rows that exist, light that adds up to the objects'."""
+    """Check the truth of dispersed light: recipe, rows that exist, electrons drawn that add up to the objects'."""
     table = read_orders(path)
     yield from other_recipe(table.meta.get("recipe"), frame.recipe)
     try:
@@ -124,6 +124,10 @@ def orders(path, frame):
         yield f"has orders of objects that are not among the {len(objects)} of the truth"
     elif (objects["id"][row] != table["id"]).any():
         yield "has orders whose object is another one in the truth"
+    else:
+        apart = np.abs(np.bincount(row, table["drawn"], len(objects)) - objects["drawn"])
+        if not (apart <= 1 + 1e-6 * objects["drawn"]).all():
+            yield f"the orders of {int((apart > 1 + 1e-6 * objects['drawn']).sum())} objects do not add up to their light"
 
 
 def cosmic(path, frame):
