@@ -12,6 +12,9 @@ from csstsim.progress import progress
 
 BESIDE = ("logs", "benchmarks", ".snakemake")  # of the workflow: neither products nor foreign
 
+# What a file of good checksums and wrong content makes of its reader: a column of text, a record that is no number.
+WRONG = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, MemoryError)
+
 
 def verify(run, folder, say, manifest=False):
     """Say each fault of an output folder, a line each, then how many; return their number.
@@ -85,6 +88,8 @@ def _product_faults(product):
         yield str(exc).removeprefix(" ".join(f"{product.path}: ".split()) + " ")
     except OSError as exc:
         yield f"cannot be read: {exc.strerror or exc}"
+    except WRONG as exc:
+        yield f"does not hold together: {type(exc).__name__}: {exc!s:.100}"
 
 
 def _foreign(root, known):
