@@ -32,7 +32,7 @@ def expected(budget):
 @pytest.mark.parametrize(
     "changes",
     [
-        {"layers": {"CTE_effect": {"density_scale": 1.0, "serial": True}}},
+        {"layers": {"CTE_effect": {"density_scale": 100.0, "serial": True}}},
         {"layers": {"CTE_effect": {"density_scale": 1.0}}, "window": {"x0": 30, "x1": 101, "y0": 40, "y1": 90}},
         {"layers": {"quantization_and_output": {"layout": "mosaic", "compress": True, "mask": True}}},
         {"fidelity": "noise_free"},

@@ -31,6 +31,7 @@ def test_sha256sum_reads_the_manifest_of_a_campaign(copied):
     subprocess.run(["sha256sum", "--strict", "--quiet", "-c", HASHES], cwd=folder, check=True)
     rows = [line.split("\t") for line in (folder / SIZES).read_text().splitlines()]
     assert rows[0] == ["path", "bytes", "product"] and len(rows) == 1 + int(said.split(": ")[1].split()[0])
+    assert [row[0] for row in rows[1:]] == sorted(row[0] for row in rows[1:])
     assert all((folder / name).stat().st_size == int(size) for name, size, _ in rows[1:])
     first = [(folder / name).read_bytes() for name in (HASHES, SIZES)]
     done("verify", folder, "--manifest")
