@@ -102,7 +102,7 @@ def _by_truth(run, job, streams):
 def _by_masters(run, job, streams):
     from csstsim.io.frames import load_frame
 
-    planes, meta = load_frame(run.masters(job.chip.id), _masters_recipe(run, job.chip.id))
+    planes, meta = load_frame(run.masters(job.chip.id), masters_recipe(run, job.chip.id))
     part, response = job.window.slices, _response(run, job, streams, prnu=False)
     flat = np.ascontiguousarray(planes["flat"][part])
     offset = {int(channel): value for channel, value in meta["offset"].items()}
@@ -155,11 +155,11 @@ def masters(run, chip_id):
         "exposures": [job.pointing.obsid for job in jobs], "recipes": [run.recipe(job) for job in jobs],
     }  # fmt: skip
     path = run.paths.masters(chip_id)
-    save_frame(path, {"flat": made.flat, "bad": made.bad.astype(np.uint8)}, meta | _masters_recipe(run, chip_id))
+    save_frame(path, {"flat": made.flat, "bad": made.bad.astype(np.uint8)}, meta | masters_recipe(run, chip_id))
     print(f"{path}: {100 * made.bad.mean():.3f}% of the pixels are bad, dark {made.dark:.4f} e-/s")
 
 
-def _masters_recipe(run, chip_id):
+def masters_recipe(run, chip_id):
     """Return what the detector is drawn from: masters of another do not fit."""
     return {"camera": run.camera.digest, "seed": run.config.seed, "chip": chip_id}
 

@@ -1,7 +1,8 @@
 """The command line: parse, call, exit. One sub-command a rule of the workflow, plus plan, chip and check.
 
 Exit codes: 0 done; 2 the input cannot be used (one line says what, where and what is allowed);
-1 a gate fails, of `report --strict` only; 141 nobody reads the output any more, 143 told to stop, as shells count.
+1 a gate fails (`report --strict`, `shear --strict`), or `verify` finds a fault; 141 nobody reads the output any more,
+143 told to stop, as shells count.
 """
 
 import functools

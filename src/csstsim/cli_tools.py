@@ -1,4 +1,4 @@
-"""The commands that are no stage of a campaign: benchmarks, pictures, shear of several campaigns, gratings, layers."""
+"""The commands that are no stage: benchmarks, pictures, shear of several campaigns, verification, gratings, layers."""
 
 import importlib
 import sys
@@ -146,4 +146,37 @@ def shear(campaigns, output, strict):
         sys.exit(1)
 
 
-TOOLS = bench, show, shear, fit_grating, layers
+@click.command()
+@click.argument("campaign", type=click.Path())
+@click.option("--output", type=click.Path(), help="The folder to verify [default: the campaign's].")
+@click.option("--manifest", is_flag=True, help="If all is sound, write MANIFEST.sha256 and MANIFEST.tsv there.")
+def verify(campaign, output, manifest):
+    """Check a campaign's output: every product there, undamaged, made for it; nothing foreign. One line a fault.
+
+    \b
+    CAMPAIGN is a campaign file or, where that is not at hand, an output folder, judged by what its products say:
+      csstsim verify config/campaign.yaml
+      csstsim verify config/campaign.yaml --output /delivered/demo
+      csstsim verify /delivered/demo
+    What a receiver can check without csstsim:
+      csstsim verify config/campaign.yaml --manifest
+      cd results/demo && sha256sum -c MANIFEST.sha256
+
+    Exit codes: 0 sound, 1 faults, 2 nothing that could be verified. docs/delivery.md says what is checked.
+    """
+    from csstsim.delivery.verify import verify as check
+
+    folder = Path(campaign)
+    if folder.is_dir() and output:
+        raise click.UsageError("--output goes with a campaign file")
+    if folder.is_dir():
+        run = None
+    else:
+        from csstsim.campaign import OpenCampaign
+
+        run = OpenCampaign(campaign, output)
+    if check(run, folder, click.echo, manifest):
+        sys.exit(1)
+
+
+TOOLS = bench, show, shear, verify, fit_grating, layers

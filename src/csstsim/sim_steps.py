@@ -159,6 +159,11 @@ class SimSteps:
         """Return the steps of one stage: 'render', 'readout' or 'level0'."""
         return [step for step in self.steps if name == step.module.STAGE]
 
+    @property
+    def shipped(self):
+        """Whether every layer is one of csstsim's."""
+        return all(step.module.__name__.startswith(f"{csstsim.layers.__name__}.") for step in self.steps)
+
     def describe(self):
         """Return the list of {keyword: parameters}."""
         return [step.describe() for step in self.steps]

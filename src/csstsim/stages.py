@@ -129,6 +129,7 @@ def _render(run, job, objects):
         state.header["psf_hash"] = digest(state.psf.attributes)
         state.spectra = object_spectra(run, job, objects)
     state = run.steps[job.pointing.type].run(state, "render", run.config.seed)
+    state.header["light_electrons"] = state.electrons()
     state.forget()
     return state
 
@@ -185,7 +186,7 @@ def _level0(run, job, state, timer):
     from csstsim.catalog.table import ObjectTable
     from csstsim.io.level0 import write_level0
     from csstsim.io.orders import write_orders
-    from csstsim.io.truth import write_truth
+    from csstsim.io.truth import electron_budget, write_truth
     from csstsim.optics import shutter
 
     steps = run.steps[job.pointing.type]
@@ -207,7 +208,10 @@ def _level0(run, job, state, timer):
     path = run.paths.level0(job.pointing, job.chip.id)
     truth_path = run.paths.level0_truth(job.pointing, job.chip.id)
     drawn = state.truth if state.truth is not None else ObjectTable.complete({})
-    write_truth(truth_path, drawn, job, {"recipe": run.recipe(job), "level0": path.name})
+    about = {"recipe": run.recipe(job), "level0": path.name, "full_well": run.camera.detector.full_well}
+    if steps.shipped:  # a layer of the user's own may bring charge that nothing counts
+        about["electrons"] = electron_budget(state.header, job.window.nx * job.window.ny)
+    write_truth(truth_path, drawn, job, about)
     if state.orders is not None:
         orders = {"recipe": run.recipe(job), "level0": path.name}
         write_orders(run.paths.level0_orders(job.pointing, job.chip.id), state.orders, orders)

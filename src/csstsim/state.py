@@ -61,6 +61,10 @@ class State:
             self._response = wanted, made
         return self._response[1]
 
+    def electrons(self):
+        """Return the electrons in both planes, a float64 sum."""
+        return sum(float(plane.sum(dtype=np.float64)) for plane in (self.image, self.counted) if plane is not None)
+
     def forget(self):
         """Drop what is kept only to save time."""
         self._response = None, None

@@ -10,12 +10,17 @@
 Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256); bricks.hats makes merge/ a catalogue.
 """
 
+import re
 from pathlib import Path
 
 from csstsim.errors import InputError
 
 # File-name code of each exposure type (facts.md section 4: WIDE in the C9 release; the others by their own name).
 KIND = {"SCIE": "WIDE", "BIAS": "BIAS", "DARK": "DARK", "FLAT": "FLAT"}
+
+# What lies beside a Level-0 file, by its name with another suffix.
+TRUTH, ORDERS, COSMIC = ".truth.parquet", ".orders.parquet", ".cosmic.fits"
+STEM = re.compile(r"CSST_MSC_MS_([A-Z]+)_\d{14}_\d{14}_(\d{9,14})_(\d{2})_L0_V01")  # kind, obsid, chip
 
 
 def made(path, command):
@@ -59,15 +64,15 @@ class Paths:
         return self.output / "level0" / pointing.obsid / f"{level0_stem(pointing, chip_id)}.fits"
 
     def level0_truth(self, pointing, chip_id):
-        return self.level0(pointing, chip_id).with_suffix(".truth.parquet")
+        return self.level0(pointing, chip_id).with_suffix(TRUTH)
 
     def level0_orders(self, pointing, chip_id):
         """The truth of dispersed light, order by order (io.orders), of a spectroscopic chip's science exposure."""
-        return self.level0(pointing, chip_id).with_suffix(".orders.parquet")
+        return self.level0(pointing, chip_id).with_suffix(ORDERS)
 
     def level0_cosmic(self, pointing, chip_id):
         """The electrons of cosmic rays alone, if cosmic_rays was asked to save them (io.frames, plane `cosmic`)."""
-        return self.level0(pointing, chip_id).with_suffix(".cosmic.fits")
+        return self.level0(pointing, chip_id).with_suffix(COSMIC)
 
     def masters(self, chip_id):
         return self.output / "masters" / f"chip_{chip_id:02d}.fits"

@@ -7,6 +7,9 @@ of the full frame (read_level0(path).assembled(full=True)). ra, dec are the appa
 it gives xImage, yImage); ra_orig, dec_orig the catalogue's place, ICRS at J2000; ra_epoch, dec_epoch the ICRS place at
 the epoch, with proper motion and parallax but without aberration and light deflection: what a measurement of this
 exposure should give.
+
+The file's metadata have the recipe, the Level-0 file's name, full_well [e-] and `electrons`, the budget of all charge
+(`electron_budget`), by which `csstsim verify` holds image and table together.
 """
 
 import numpy as np
@@ -45,6 +48,21 @@ def write_truth(path, drawn, job, metadata):
     ours["size"] = bulge * ours["size_bulge"] + (1 - bulge) * ours["size_disk"]
     columns = {name: ours.pop(our_name, unknown) for name, our_name in CAT_COLUMNS.items()}
     ObjectTable(columns | ours).write(path, metadata)
+
+
+def electron_budget(header, pixels):
+    """Return {name: electrons} of a window of `pixels`, from what the layers put into State.header.
+
+    light (of it `objects`), dark, rays and defects arrive; trapped and bloomed are lost on the way to the amplifiers.
+    `bloomed` is left out where no layer limits a pixel's charge to the full well.
+    """
+    budget = {
+        "objects": header.get("objects_electrons", 0.0), "light": header.get("light_electrons", 0.0),
+        "dark": header.get("dark_electrons", 0.0) * pixels, "rays": float(header.get("cosmic_electrons", 0)),
+        "defects": header.get("defects_electrons", 0.0),
+        "trapped": float(header.get("cti_trapped", 0) + header.get("cti_serial_trapped", 0)),
+    }  # fmt: skip
+    return budget | ({"bloomed": float(header["bloom_lost"])} if "bloom_lost" in header else {})
 
 
 def read_truth(path):

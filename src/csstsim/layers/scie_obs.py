@@ -48,7 +48,17 @@ def _check_beyond(camera):
 
 
 def apply(state, param, rng):
-    """Draw state.catalog into state.image, in place; state.truth becomes the table of drawn objects."""
+    """Draw state.catalog into state.image, in place; state.truth becomes the table of drawn objects.
+
+    What the planes gained goes to the header, so that the table can be held against it.
+    """
+    before = state.electrons()
+    _draw(state, param, rng)
+    state.header["objects_electrons"] = state.electrons() - before
+    return state
+
+
+def _draw(state, param, rng):
     exptime = state.pointing.exptime if param.exptime is None else param.exptime
     there = read_beyond(state.psf)
     beyond = Beyond(there.wing if param.wings else None, there.ghosts if param.ghosts else None)
@@ -56,7 +66,7 @@ def apply(state, param, rng):
     response = state.response(exptime, rng, **losses)
     if state.fidelity == "reference":
         _reference(state, exptime, beyond, response)
-        return state
+        return
     detector = state.chip.detector
     how = {
         "tables": state.tables, "beyond": beyond, "response": response,
@@ -77,7 +87,6 @@ def apply(state, param, rng):
         state.truth, state.orders, state.counted = draw_dispersed(
             state.image, state.window, state.catalog, state.spectra, disperser, *place, **how
         )
-    return state
 
 
 def _reference(state, exptime, beyond, response):

@@ -1,0 +1,101 @@
+"""What an output folder should hold: its frames and bricks, and what each was made from.
+
+Asked of the campaign (`of_campaign`) or, where only the folder is at hand, of its products (delivery.folder).
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from csstsim.config import digest
+from csstsim.io.paths import Paths
+
+YES, NO, MAYBE = "yes", "no", "maybe"  # a product must be there, must not, or may be
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One Level-0 file: which exposure and chip it is of, what it was made from, and what must come with it.
+
+    `recipe`: {name: digest}, None where it is not known; `window`: (x0, x1, y0, y1), or None.
+    """
+
+    obsid: str
+    chip: int
+    filter: str | None
+    type: str
+    level0: Path
+    recipe: dict | None
+    window: tuple | None
+    measured: str
+    extracted: str
+    cosmic: str
+
+    def beside(self, suffix):
+        """Return the file of the same name with TRUTH, ORDERS or COSMIC of io.paths."""
+        return self.level0.with_suffix(suffix)
+
+    @property
+    def key(self):
+        return self.obsid, self.chip
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What a folder should hold.
+
+    bricks, truth: {brick: what its file must record, or None}; measurement: digest of the way of measuring, or None;
+    psf: chips that see the sky; masters: {chip: what its file must record, or None}; calibrated: YES, NO or MAYBE;
+    report: YES or MAYBE; faults: [(path, fault)] met while finding out.
+    """
+
+    paths: Paths
+    frames: tuple
+    bricks: dict
+    truth: dict
+    masters: dict
+    measurement: str | None
+    calibrated: str
+    report: str
+    faults: list = field(default_factory=list)
+
+    @property
+    def psf(self):
+        """{chip: a frame of it} of the chips that see the sky."""
+        first = {frame.chip: frame for frame in reversed(self.frames) if frame.type == "SCIE"}
+        return dict(sorted(first.items()))
+
+    def measure_recipe(self, frame):
+        """Return what a frame's measurements must record, or None."""
+        if frame.recipe is None or self.measurement is None:
+            return None
+        return frame.recipe | {"measurement": self.measurement}
+
+
+def of_campaign(run):
+    """Return the Contents of campaign.OpenCampaign's output folder."""
+    from csstsim.calibration import masters_recipe
+    from csstsim.universe.bricks import brick_meta
+
+    frames = tuple(_frame(run, job) for job in run.jobs)
+    science = [job for job in run.jobs if job.pointing.type == "SCIE"]
+    sky = sorted({pix for job in science for pix in run.truth_bricks(job)}) if run.embedded else ()
+    return Contents(
+        paths=run.paths,
+        frames=frames,
+        bricks={pix: run.brick_recipe(pix) for pix in run.merge_bricks},
+        truth={pix: brick_meta(pix=pix, **run.universe_key()) for pix in sky},
+        masters={chip: masters_recipe(run, chip) for chip in run.calibration_jobs},
+        measurement=digest(run.measurement),
+        calibrated=YES if run.config.measurement.keep_calibrated else MAYBE,
+        report=YES if run.imaging_jobs or run.slitless_jobs else MAYBE,
+    )
+
+
+def _frame(run, job):
+    imaging, window = job.pointing.type == "SCIE" and job.chip.kind == "imaging", job.window
+    rays = run.steps[job.pointing.type].step("cosmic_rays")
+    return Frame(
+        *job.key, job.chip.filter, job.pointing.type, run.paths.level0(job.pointing, job.chip.id), run.recipe(job),
+        (window.x0, window.x1, window.y0, window.y1), YES if imaging else NO, YES if run.has_orders(job) else NO,
+        YES if rays is not None and rays.param.save_cosmic_image else NO,
+    )  # fmt: skip

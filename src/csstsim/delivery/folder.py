@@ -1,0 +1,132 @@
+"""The contents of an output folder without its campaign: what the products themselves say they are.
+
+Names of files say which frames and bricks there are, headers of Level-0 files what they were made from, and those of
+one campaign must agree. What a folder never had it cannot miss: a frame or a truth brick that is gone is told by the
+manifest, or by the campaign.
+"""
+
+import re
+from collections import Counter
+from dataclasses import replace
+
+from csstsim.delivery.contents import MAYBE, NO, YES, Contents, Frame
+from csstsim.errors import InputError
+from csstsim.io.keywords import RECIPE
+from csstsim.io.level0 import read_level0
+from csstsim.io.paths import KIND, STEM, TRUTH, Paths
+
+SPECTROSCOPIC = ("GU", "GV", "GI")
+TYPES = {code: kind for kind, code in KIND.items()}
+
+
+def of_folder(folder):
+    """Return the Contents of a folder. Raises InputError if there is no campaign's output in it."""
+    paths = Paths(folder)
+    if not (paths.output / "level0").is_dir():
+        raise InputError(
+            "not the output of a campaign: it has no folder level0", file=folder,
+            allowed="a campaign file, or an output folder",
+        )  # fmt: skip
+    frames = tuple(_frame(stem, path) for stem, path in _stems(paths.output / "level0"))
+    if not frames:
+        raise InputError("holds no Level-0 file", file=paths.output / "level0")
+    merged = {int(m[1]) for path in _files(paths.merge_catalogue / "dataset") if (m := BRICK.fullmatch(path.name))}
+    judged = {int(path.stem) for path in _files(paths.output / "validate") if NUMBER.fullmatch(path.stem)}
+    listed = _listed(paths.merge_catalogue / "partition_info.csv")
+    truth = {int(m[1]) for path in _files(paths.output / "truth") if (m := BRICK.fullmatch(path.name))}
+    masters = {int(m[1]) for path in _files(paths.output / "masters") if (m := MASTER.fullmatch(path.name))}
+    odd = _odd(frames)
+    return Contents(
+        paths=paths,
+        frames=frames,
+        bricks=dict.fromkeys(sorted(merged | judged | listed)),
+        truth=dict.fromkeys(sorted(truth)),
+        masters=dict.fromkeys(sorted(masters)),
+        measurement=_measurement(paths, frames),
+        calibrated=MAYBE,
+        report=YES if any(frame.type == "SCIE" for frame in frames) else MAYBE,
+        faults=odd,
+    )
+
+
+NUMBER, BRICK, MASTER = (re.compile(text) for text in (r"\d{1,6}", r"Npix=(\d{1,6})\.parquet", r"chip_(\d\d)\.fits"))
+
+
+def _files(folder):
+    """Return the files below a folder, sorted; links to folders are not followed."""
+    return sorted(path for path in folder.rglob("*") if path.is_file())
+
+
+def _stems(folder):
+    """Return [(match of STEM, Level-0 file)]: also where only the truth beside it is left."""
+    found = {}
+    for path in _files(folder):
+        name = path.name.removesuffix(TRUTH).removesuffix(".fits")
+        match = STEM.fullmatch(name)
+        if match and match[1] in TYPES and path.parent.name == match[2] and path.parent.parent == folder:
+            found[path.parent / f"{name}.fits"] = match
+    return [(match, path) for path, match in sorted(found.items())]
+
+
+def _frame(stem, path):
+    """Return the Frame of a Level-0 file: what its header says, or, if that cannot be read, its name alone."""
+    kind, obsid, chip = TYPES[stem[1]], stem[2], int(stem[3])
+    frame = Frame(obsid, chip, None, kind, path, None, None, MAYBE, MAYBE, MAYBE)
+    if kind != "SCIE":
+        frame = replace(frame, measured=NO, extracted=NO)
+    try:
+        if not path.is_file():
+            return frame
+        file = read_level0(path)
+    except (InputError, OSError):
+        return frame  # its own check says what is wrong
+    filter_ = str(file.header0.get("FILTER"))
+    recipe = {name: file.header0.get(keyword) for name, keyword in RECIPE.items()}
+    if kind == "SCIE":
+        spectra = filter_ in SPECTROSCOPIC
+        frame = replace(frame, measured=NO if spectra else YES, extracted=MAYBE if spectra else NO)
+    return replace(frame, filter=filter_, recipe=recipe, window=file.readout.window)
+
+
+def _odd(frames):
+    """Return [(path, fault)] of frames made from another campaign, camera or layer list than most."""
+    faults = []
+    for name in ("campaign", "camera", "layers"):
+        kinds = {}
+        for frame in frames:
+            if frame.recipe is not None:
+                kinds.setdefault(frame.type if name == "layers" else None, []).append(frame)
+        for group in kinds.values():
+            usual = Counter(str(frame.recipe[name]) for frame in group).most_common(1)[0][0]
+            faults += [
+                (frame.level0, f"made for another campaign than most: {name} {frame.recipe[name]!r:.80}, not {usual!r}")
+                for frame in group if str(frame.recipe[name]) != usual
+            ]  # fmt: skip
+    return faults
+
+
+def _measurement(paths, frames):
+    """Return the digest of the way of measuring that the first table records which can be read, or None."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    from csstsim.catalog.table import ObjectTable
+
+    for frame in frames:
+        for path in (paths.measure(*frame.key), paths.spectra(*frame.key)):
+            try:
+                if path.is_file() and pq.read_metadata(path).num_columns:
+                    recipe = ObjectTable.read(path, []).meta.get("recipe")
+                    return recipe.get("measurement") if isinstance(recipe, dict) else None
+            except (InputError, OSError, ValueError, pa.ArrowException):
+                continue
+    return None
+
+
+def _listed(path):
+    """Return the bricks that a HATS catalogue's partition_info.csv names."""
+    try:
+        lines = path.read_text(encoding="utf-8").split()[1:]
+    except (OSError, ValueError):
+        return set()
+    return {int(line[2:]) for line in lines if line.startswith("8,") and NUMBER.fullmatch(line[2:])}

@@ -1,0 +1,188 @@
+"""Checks of the products of one chip in one exposure. Each yields what is wrong, in words; unreadable files raise.
+
+What raises is csstsim.errors.InputError or OSError: delivery.verify makes a fault of it.
+"""
+
+import numpy as np
+
+from csstsim.catalog.table import ObjectTable
+from csstsim.delivery.light import light_faults
+from csstsim.errors import InputError
+from csstsim.io.fits import open_fits, verify_hdu
+from csstsim.io.frames import load_frame
+from csstsim.io.keywords import RECIPE
+from csstsim.io.level0 import read_level0
+from csstsim.io.orders import read_orders
+from csstsim.io.paths import TRUTH
+from csstsim.io.truth import CAT_COLUMNS, read_truth
+
+DRAWN = ("electrons", "drawn", "flags", "x0", "x1", "y0", "y1")  # of a truth table with objects, beside CAT_COLUMNS
+
+
+def other_recipe(found, expected):
+    """Yield where a recorded recipe, a dict or one digest, is not the expected one (None: any will do)."""
+    if expected is None or found == expected:
+        return
+    if not (isinstance(expected, dict) and isinstance(found, dict)):
+        yield f"made for another campaign: recipe {found!r:.80}, not {expected!r:.200}"
+        return
+    for name in sorted(expected.keys() | found.keys()):
+        if found.get(name) != expected.get(name):
+            yield f"made for another campaign: {name} {found.get(name)!r:.80}, not {expected.get(name)!r:.80}"
+
+
+def level0(frame):
+    """Check a Level-0 file: checksums, extensions, that it is of this exposure and chip, recipe, window."""
+    path = frame.level0
+    file = read_level0(path, verify=True)
+    yield from _whole(path, int(file.header0.get("NEXTEND", 1)))
+    head = file.header0
+    wanted = {"OBSID": frame.obsid, "DETECTOR": f"{frame.chip:02d}", "FILETYPE": frame.type, "FILENAME": path.stem}
+    if frame.filter is not None:
+        wanted["FILTER"] = frame.filter
+    for name, value in wanted.items():
+        if str(head.get(name)) != value:
+            yield f"{name} is {head.get(name)!r:.80}, not {value!r}"
+    if frame.recipe is not None:
+        yield from other_recipe({name: head.get(keyword) for name, keyword in RECIPE.items()}, frame.recipe)
+    if frame.window is not None and file.readout.window != frame.window:
+        yield f"its window is {file.readout.window}, not {frame.window}"
+
+
+def _whole(path, extensions):
+    """Yield what is too much or too little in a FITS file of this many extensions."""
+    with open_fits(path) as file:
+        if len(file) != 1 + extensions:
+            yield f"has {len(file) - 1} extensions, not the {extensions} of its header"
+        rest = path.stat().st_size - file[len(file) - 1].get_offsets()["data_end"]
+    if rest:
+        yield f"{rest} bytes follow the end of its last extension"
+
+
+def truth(frame):
+    """Check a truth table: columns, recipe, rows within the window; then the image against it."""
+    path = frame.beside(TRUTH)
+    table = read_truth(path)
+    yield from other_recipe(table.meta.get("recipe"), frame.recipe)
+    if table.meta.get("level0") != frame.level0.name:
+        yield f"is of {table.meta.get('level0')!r:.120}, not of {frame.level0.name}"
+    names = [*CAT_COLUMNS.values(), *(DRAWN if len(table) else ())]
+    missing = [name for name in names if name not in table]
+    if missing:
+        yield f"the table lacks the column {missing[0]}"
+        return
+    yield from _of_frame(table, frame)
+    if len(table):
+        yield from _drawn(table, frame)
+    yield from _light(frame, table)
+
+
+def _of_frame(table, frame):
+    """Yield what is wrong with columns that say of which frame a table's rows are."""
+    wanted = {"chip": frame.chip, "filter": frame.filter, "obsid": frame.obsid}
+    for name, value in wanted.items():
+        if name in table and value is not None and (np.asarray(table[name]) != value).any():
+            yield f"has rows with another {name} than {value}"
+
+
+def _drawn(table, frame):
+    drawn = table["drawn"]
+    if not (np.isfinite(drawn) & (drawn >= 0)).all():
+        yield "column drawn has values that are negative or not finite"
+    lit = drawn > 0
+    if not (np.isfinite(table["x"]) & np.isfinite(table["y"]))[lit].all():
+        yield "objects were drawn whose place is not finite"
+    if frame.window is not None:
+        x0, x1, y0, y1 = frame.window
+        box = [table[name][lit] for name in ("x0", "x1", "y0", "y1")]
+        inside = (box[0] >= x0) & (box[0] < box[1]) & (box[1] <= x1) & (box[2] >= y0) & (box[2] < box[3])
+        if not (inside & (box[3] <= y1)).all():
+            yield f"{int((~(inside & (box[3] <= y1))).sum())} objects were drawn in boxes beyond the window"
+
+
+def _light(frame, table):
+    """Hold the image against the truth, where the budget is known and the image can be read."""
+    if "electrons" not in table.meta:
+        return  # layers of the user's own
+    try:
+        file = read_level0(frame.level0)
+    except (InputError, OSError):
+        return  # a fault of the image, not of the truth
+    yield from light_faults(file, table)
+
+
+def orders(path, frame):
+    """Check the truth of dispersed light: recipe, rows that exist, electrons drawn that add up to the objects'."""
+    table = read_orders(path)
+    yield from other_recipe(table.meta.get("recipe"), frame.recipe)
+    try:
+        objects = read_truth(frame.beside(TRUTH))
+    except InputError:
+        return
+    row = table["row"]
+    if ((row < 0) | (row >= len(objects))).any():
+        yield f"has orders of objects that are not among the {len(objects)} of the truth"
+    elif (objects["id"][row] != table["id"]).any():
+        yield "has orders whose object is another one in the truth"
+    else:
+        off = np.abs(np.bincount(row, table["drawn"], len(objects)) - objects["drawn"]) > 1 + 1e-6 * objects["drawn"]
+        if off.any():
+            yield f"the orders of {int(off.sum())} objects do not add up to their light"
+
+
+def cosmic(path, frame):
+    """Check the image of cosmic rays alone."""
+    planes, meta = load_frame(path)
+    yield from other_recipe(meta.get("recipe"), frame.recipe)
+    if list(planes) != ["cosmic"]:
+        yield f"holds {', '.join(planes) or 'nothing'}, not the plane cosmic"
+
+
+def measured(path, frame, recipe, seen):
+    """Check a measured table: columns, recipe, rows of this frame and within its window; note its rows in `seen`."""
+    from csstsim.measure.catalogue import COLUMNS
+
+    table = ObjectTable.read(path)
+    yield from other_recipe(table.meta.get("recipe"), recipe)
+    missing = [name for name in COLUMNS if name not in table]
+    if missing:
+        yield f"the table lacks the column {missing[0]}"
+        return
+    seen.measured[frame.key] = len(table)
+    yield from _of_frame(table, frame)
+    if table.meta.get("sources") != len(table):
+        yield f"has {len(table)} rows; its record says {table.meta.get('sources')!r:.40}"
+    if (table["number"] != np.arange(len(table))).any():
+        yield "column number does not count the rows"
+    if frame.window is not None:
+        x0, x1, y0, y1 = frame.window  # a windowed position may lie a little beyond the pixels
+        inside = (np.abs(table["x"] - (x0 + x1 - 1) / 2) <= (x1 - x0) / 2 + 5) & (
+            np.abs(table["y"] - (y0 + y1 - 1) / 2) <= (y1 - y0) / 2 + 5
+        )
+        if not inside.all():
+            yield f"{int((~inside).sum())} sources lie beyond the window"
+    if not ((table["ra"] >= 0) & (table["ra"] < 360) & (np.abs(table["dec"]) <= 90)).all():
+        yield "has sources whose ra, dec are no place on the sky"
+
+
+def spectra(path, frame, recipe):
+    """Check a table of extracted spectra."""
+    from csstsim.measure.extract import COLUMNS
+
+    table = ObjectTable.read(path)
+    yield from other_recipe(table.meta.get("recipe"), recipe)
+    missing = [name for name in COLUMNS if name not in table]
+    if missing:
+        yield f"the table lacks the column {missing[0]}"
+
+
+def calibrated(path, frame):
+    """Check a calibrated image: checksums, planes, recipe."""
+    with open_fits(path) as file:
+        for hdu in file:
+            verify_hdu(hdu, path)
+        planes, head = [hdu.get_extname() for hdu in file][1:], file[0].read_header()
+        yield from _whole(path, 3)
+    if planes != ["SCI", "ERR", "DQ"]:
+        yield f"has the extensions {', '.join(planes)}, not SCI, ERR, DQ"
+    yield from other_recipe({name: head.get(keyword) for name, keyword in RECIPE.items()}, frame.recipe)

@@ -1,0 +1,73 @@
+"""The image against its truth: the charge of all pixels, turned back into electrons, against what was put on them.
+
+Charge is conserved: light of objects and sky, dark current, rays and defects, less what stayed in traps or bloomed out
+of the window, reaches the amplifiers. The truth table's metadata keep that budget (io.truth.electron_budget); the image
+is brought back by its own overscan and the gains and nonlinearity of its header. DN are integers, so each channel is a
+histogram, and a whole chip costs a second and some MB.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from csstsim.detector.cubic import straighten
+from csstsim.measure.calibrate import overscan_level
+
+SIGMA = 6.0  # one in 1e9 sound files
+# Of all charge, for what no line of the budget has: what traps hold of pixels beyond a window, charge that
+# brighter-fatter moves over its edge, the curve of the nonlinearity over the noise. Sound files have 2e-4.
+UNCOUNTED = 1e-3
+SUMS = 1e-5  # relative, of sums of single precision pixels against a table
+
+
+@dataclass(frozen=True)
+class Charge:
+    """Electrons read from a window: their number, its standard error by readout and bias, and pixels clipped."""
+
+    electrons: float
+    error: float
+    clipped: int
+    clipped_at: float  # electrons, the least of the channels
+
+
+def charge_of(file, full_well):
+    """Return the Charge of an io.level0.Level0, overscans included, for trails end there. full_well: e-."""
+    total, variance, clipped, at = 0.0, 0.0, 0, np.inf
+    top = int(file.header["SATURATE"])
+    for block, channel in zip(file.readout.blocks, file.channels(), strict=True):
+        counts = sum(
+            np.bincount(part.reshape(-1), minlength=1 << 16)
+            for part in (channel.active, channel.serial_overscan, channel.parallel_overscan)
+        )
+        gain, pixels = file.gain[channel.number], int(counts.sum())
+        level, scatter = overscan_level(channel.serial_overscan, from_right=block.flip_x)
+        used = np.union1d(np.flatnonzero(counts), top)
+        nonlinearity = file.nonlinearity.get(channel.number, (0.0, 0.0))
+        charge = straighten((used - level) * gain, *nonlinearity, full_well)
+        total += float(counts[used] @ charge)
+        noise = max(scatter, 12**-0.5) * gain
+        variance += noise**2 * pixels * (1 + pixels / channel.serial_overscan.size)
+        clipped += int(counts[top:].sum())
+        at = min(at, float(charge[np.searchsorted(used, top)]))
+    return Charge(total, variance**0.5, clipped, at)
+
+
+def light_faults(file, truth):
+    """Yield what does not hold between a Level-0 file and its truth (read_truth's table, with the budget in `meta`)."""
+    budget, full_well = truth.meta["electrons"], truth.meta["full_well"]
+    drawn = float(np.sum(truth["drawn"])) if "drawn" in truth else 0.0
+    if abs(drawn - budget["objects"]) > 1 + SUMS * budget["objects"]:
+        yield f"its objects sum to {drawn:.6g} electrons drawn; the image was given {budget['objects']:.6g}"
+    arrived = sum(budget[name] for name in ("light", "dark", "rays", "defects"))
+    expected = arrived - budget["trapped"] - budget.get("bloomed", 0.0)
+    charge = charge_of(file, full_well)
+    poisson = max(budget["light"] + budget["dark"], 0.0)
+    tolerance = SIGMA * (charge.error**2 + poisson) ** 0.5 + UNCOUNTED * abs(expected)
+    hidden = 0.0  # charge that clipped pixels may have beyond the converter's range
+    if charge.clipped:
+        hidden = charge.clipped * max(full_well - charge.clipped_at, 0.0) if "bloomed" in budget else np.inf
+    if not -tolerance - hidden <= charge.electrons - expected <= tolerance:
+        yield (
+            f"the image holds {charge.electrons:.6g} electrons; its truth, sky, dark current and rays make "
+            f"{expected:.6g} +- {tolerance:.2g}"
+        )

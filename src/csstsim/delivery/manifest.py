@@ -1,0 +1,78 @@
+"""The manifest of a delivery: what a receiver can check without csstsim.
+
+MANIFEST.sha256   hash and path of every product, as `sha256sum -c MANIFEST.sha256` reads it
+MANIFEST.tsv      path, size in bytes and kind of every product, with a heading; its own hash is in the other
+"""
+
+import hashlib
+import re
+
+from csstsim.atomic import atomic_path
+from csstsim.errors import InputError
+from csstsim.progress import progress
+
+HASHES, SIZES = "MANIFEST.sha256", "MANIFEST.tsv"
+_LINE = re.compile(r"([0-9a-f]{64}) [ *]([A-Za-z0-9_.=/-]+)")
+_HEADING = "path\tbytes\tproduct"
+
+
+def write_manifest(folder, kinds):
+    """Write both files about {path below folder: kind of product}, sorted by path. The same files give the same bytes.
+
+    A path holds no character that sha256sum would escape. Raises OSError.
+    """
+    kinds = dict(sorted(kinds.items()))
+    rows = [f"{name}\t{(folder / name).stat().st_size}\t{kind}" for name, kind in kinds.items()]
+    with atomic_path(folder / SIZES) as temporary:
+        temporary.write_text("\n".join([_HEADING, *rows]) + "\n", encoding="ascii")
+    names = [*progress(kinds, "hashing", len(kinds)), SIZES]
+    hashes = {name: _hash(folder / name) for name in names}
+    with atomic_path(folder / HASHES) as temporary:
+        temporary.write_text("".join(f"{value}  {name}\n" for name, value in hashes.items()), encoding="ascii")
+
+
+def _hash(path):
+    """Return the SHA-256 of a file, read a piece at a time."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def manifest_faults(folder, present, expected):
+    """Yield (path, fault) between the manifest in a folder and its products; nothing if there is no manifest.
+
+    present: paths below the folder of the products that are files; expected: of all that must be there.
+    """
+    if not (folder / HASHES).is_file():
+        return
+    try:
+        listed = _read(folder / HASHES)
+    except InputError as exc:
+        yield HASHES, str(exc)
+        return
+    for name in progress(sorted(listed), "checking the manifest", len(listed)):
+        if name != SIZES and name not in present:
+            if name not in expected:  # one that is expected is missed already
+                yield name, f"listed in {HASHES}, but missing" if not (folder / name).exists() else "no product"
+        elif not (folder / name).is_file():
+            yield name, "missing"
+        elif _hash(folder / name) != listed[name]:
+            yield name, f"its SHA-256 is not that of {HASHES}: changed since"
+    for name in sorted(present - listed.keys()):
+        yield name, f"not listed in {HASHES}: newer"
+
+
+def _read(path):
+    """Return {path: SHA-256}. Raises InputError for a line that `write_manifest` does not write."""
+    listed = {}
+    try:
+        lines = path.read_text(encoding="ascii").splitlines()
+    except ValueError:
+        raise InputError("holds bytes that are no text") from None
+    for number, line in enumerate(lines, 1):
+        match = _LINE.fullmatch(line)
+        if not match or match[2].startswith("/") or ".." in match[2].split("/"):
+            raise InputError("not a hash and a path below this folder", key=f"line {number}", value=line[:100])
+        if match[2] in listed:
+            raise InputError("a path is listed twice", key=f"line {number}", value=match[2])
+        listed[match[2]] = match[1]
+    return listed

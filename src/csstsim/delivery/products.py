@@ -1,0 +1,99 @@
+"""Every product of an output folder, with its check, in the order in which they are looked at."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+
+from csstsim.delivery import frames, shared
+from csstsim.delivery.contents import NO, YES
+from csstsim.io.paths import COSMIC, ORDERS, TRUTH
+
+
+@dataclass(frozen=True)
+class Product:
+    """One file: what it is, whether it must be there (YES or MAYBE), and how it is checked.
+
+    `check()` yields faults in words, or raises InputError or OSError; it is called if the file and all of `beside` are
+    there. None: being there is enough.
+    """
+
+    kind: str
+    path: Path
+    need: str
+    check: Callable[[], Iterator[str]] | None
+    beside: tuple = ()
+
+
+@dataclass
+class Seen:
+    """What products told of themselves, for those that refer to them."""
+
+    measured: dict = field(default_factory=dict)  # {(obsid, chip): rows}
+    merged: dict = field(default_factory=dict)  # {brick: (rows, recipe)}
+    gates: dict = field(default_factory=dict)  # {brick: how many}
+
+
+def products(contents):
+    """Return the list of Product of a contents.Contents: those of frames, then what they share."""
+    seen = Seen()
+    found = [product for frame in contents.frames for product in _of_frame(contents, frame, seen)]
+    found += [*_inputs(contents), *_bricks(contents, seen), *_report(contents, seen)]
+    return [product for product in found if product.need != NO]
+
+
+def _of_frame(contents, frame, seen):
+    paths, recipe = contents.paths, contents.measure_recipe(frame)
+    orders, cosmic = frame.beside(ORDERS), frame.beside(COSMIC)
+    measured, spectra, calibrated = (of(*frame.key) for of in (paths.measure, paths.spectra, paths.calibrated))
+    picture = spectra.with_suffix(".png")
+    yield Product("Level-0", frame.level0, YES, partial(frames.level0, frame))
+    yield Product("truth", frame.beside(TRUTH), YES, partial(frames.truth, frame))
+    yield Product("truth of orders", orders, frame.extracted, partial(frames.orders, orders, frame))
+    yield Product("cosmic rays", cosmic, frame.cosmic, partial(frames.cosmic, cosmic, frame))
+    kept = NO if frame.measured == NO else contents.calibrated
+    yield Product("calibrated", calibrated, kept, partial(frames.calibrated, calibrated, frame))
+    yield Product("measured", measured, frame.measured, partial(frames.measured, measured, frame, recipe, seen))
+    yield Product("spectra", spectra, frame.extracted, partial(frames.spectra, spectra, frame, recipe))
+    yield Product("figure of spectra", picture, frame.extracted, partial(shared.picture, picture))
+
+
+def _inputs(contents):
+    paths = contents.paths
+    for chip, record in contents.masters.items():
+        yield Product("masters", paths.masters(chip), YES, partial(shared.masters, paths.masters(chip), record))
+    for chip, frame in contents.psf.items():
+        made, tables = paths.psf(chip), paths.psf_tables(chip)
+        yield Product("PSF set", made, YES, partial(shared.psf, made, frame))
+        yield Product("PSF tables", tables, YES, partial(shared.psf_tables, tables, made, frame), (made,))
+    for pix, record in contents.truth.items():
+        yield Product("truth brick", paths.truth(pix), YES, partial(shared.truth_brick, paths.truth(pix), record))
+
+
+def _bricks(contents, seen):
+    paths, known = contents.paths, {frame.key: frame for frame in contents.frames}
+    for pix, recipe in contents.bricks.items():
+        merged = paths.merge(pix)
+        yield Product("merged brick", merged, YES, partial(shared.merged, merged, pix, recipe, known, seen))
+    if contents.bricks:
+        folder = paths.merge_catalogue
+        about, listed = (
+            [folder / "dataset" / n for n in ("_metadata", "_common_metadata")],
+            folder / "partition_info.csv",
+        )
+        yield Product("merged catalogue", listed, YES, partial(shared.partition, listed, contents.bricks))
+        yield from (Product("merged catalogue", path, YES, None) for path in about)
+        check = partial(shared.catalogue, folder, contents.bricks, seen)
+        yield Product("merged catalogue", folder / "hats.properties", YES, check, tuple(about))
+    for pix, recipe in contents.bricks.items():
+        path = paths.validate(pix)
+        yield Product("validation", path, YES, partial(shared.validation, path, pix, recipe, seen))
+        picture = path.with_suffix(".png")
+        yield Product("figure of validation", picture, YES, partial(shared.picture, picture))
+
+
+def _report(contents, seen):
+    page = contents.paths.report
+    verdict = page.with_name("verdict.json")
+    yield Product("report", page, contents.report, partial(shared.page, page))
+    yield Product("verdict", verdict, contents.report, partial(shared.verdict, verdict, contents.bricks, seen))

@@ -1,0 +1,120 @@
+"""`csstsim verify`: every product of an output folder is there, whole, of this campaign; nothing else is."""
+
+import os
+import stat
+
+from csstsim.delivery.contents import MAYBE, of_campaign
+from csstsim.delivery.folder import of_folder
+from csstsim.delivery.manifest import HASHES, SIZES, manifest_faults, write_manifest
+from csstsim.delivery.products import products
+from csstsim.errors import InputError
+from csstsim.progress import progress
+
+BESIDE = ("logs", "benchmarks", ".snakemake")  # of the workflow: neither products nor foreign
+
+# What a file of good checksums and wrong content makes of its reader: a column of text, a record that is no number.
+WRONG = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, MemoryError)
+
+
+def verify(run, folder, say, manifest=False):
+    """Say each fault of an output folder, a line each, then how many; return their number.
+
+    run: campaign.OpenCampaign, or None: then the `folder` is judged by its own products. `manifest`: write one if there
+    is no fault; otherwise one that is there is checked. Raises InputError if there is nothing to verify.
+    """
+    contents = of_folder(folder) if run is None else of_campaign(run)
+    root = contents.paths.output
+    if not root.is_dir():
+        raise InputError("no such folder: nothing was made yet", file=root)
+    wanted = products(contents)
+    names = {product.path: product.path.relative_to(root).as_posix() for product in wanted}
+    count = 0
+    for name, fault in _all_faults(contents, root, wanted, names, check_manifest=not manifest):
+        count += 1
+        say(printable(f"{name}: {fault}"))
+    present = [product for product in wanted if product.path.is_file()]
+    size = sum(product.path.stat().st_size for product in present)
+    say(f"{root}: {len(present)} products, {size / 1e9:.3g} GB: {'sound' if not count else _faults(count)}")
+    if manifest and not count:
+        write_manifest(root, {names[product.path]: product.kind for product in present})
+        say(f"{root / HASHES} and {SIZES}: for the receiver, `sha256sum -c {HASHES}` in that folder")
+    elif manifest:
+        say("no manifest is written of a folder with faults")
+    return count
+
+
+def _faults(count):
+    return "1 fault" if count == 1 else f"{count} faults"
+
+
+def printable(text):
+    """Return a text on one line, what a terminal would obey written as an escape."""
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def _all_faults(contents, root, wanted, names, *, check_manifest):
+    """Yield (path below the folder, fault)."""
+    for path, fault in contents.faults:
+        yield path.relative_to(root).as_posix(), fault
+    for product in progress(wanted, "verifying", len(wanted)):
+        for fault in _product_faults(product):
+            yield names[product.path], fault
+    yield from _foreign(root, set(names.values()))
+    if check_manifest:
+        present = {names[product.path] for product in wanted if product.path.is_file()}
+        expected = {names[product.path] for product in wanted if product.need != MAYBE}
+        yield from manifest_faults(root, present, expected)
+
+
+def _product_faults(product):
+    """Yield what is wrong with one product, in words."""
+    try:
+        mode = product.path.lstat().st_mode
+    except FileNotFoundError:
+        if product.need != MAYBE:
+            yield f"missing ({product.kind})"
+        return
+    except OSError as exc:
+        yield f"cannot be read: {exc.strerror}"
+        return
+    if not stat.S_ISREG(mode):  # reading a pipe would wait for ever; what a link leads to is not delivered
+        yield "is a link, a folder or a device, not a file"
+        return
+    if product.check is None or not all(path.is_file() for path in product.beside):
+        return
+    try:
+        yield from product.check()
+    except InputError as exc:
+        yield str(exc).removeprefix(" ".join(f"{product.path}: ".split()) + " ")
+    except OSError as exc:
+        yield f"cannot be read: {exc.strerror or exc}"
+    except WRONG as exc:
+        yield f"does not hold together: {type(exc).__name__}: {exc!s:.100}"
+
+
+def _foreign(root, known):
+    """Yield (path, fault) of what is in the folder and no product; a folder of such things once."""
+    folders = {"."} | {name.rsplit("/", depth)[0] for name in known for depth in range(1, name.count("/") + 1)}
+    for place, below, files in os.walk(root):
+        here = os.path.relpath(place, root)
+        prefix = "" if here == "." else here.replace(os.sep, "/") + "/"
+        for name in sorted(files):
+            if prefix + name not in known and prefix + name not in (HASHES, SIZES):
+                yield prefix + name, _why_foreign(prefix + name)
+        for name in sorted(below):
+            path = os.path.join(place, name)
+            if prefix + name in known or (here == "." and name in BESIDE):
+                continue
+            if os.path.islink(path):
+                yield prefix + name, "foreign: a link to a folder, which no delivery holds"
+            elif prefix + name not in folders and any(inside for _, _, inside in os.walk(path)):
+                yield prefix + name, _why_foreign(prefix + name + "/")
+        below[:] = sorted(n for n in below if prefix + n in folders and not (here == "." and n in BESIDE))
+
+
+def _why_foreign(name):
+    if name.startswith("chips/"):
+        return "intermediates of chips: not finished, or made by hand"
+    if name.rsplit("/", 1)[-1].startswith(".") and ".tmp" in name:
+        return "half of a file: its writing was interrupted"
+    return "foreign: no product of this campaign"

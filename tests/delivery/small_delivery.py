@@ -1,0 +1,62 @@
+"""A small campaign run to its report by the commands, with every kind of product but truth bricks and masters."""
+
+import numpy as np
+import yaml
+from click.testing import CliRunner
+from mini_campaign import POINTINGS, write_campaign
+
+from csstsim.campaign import OpenCampaign
+from csstsim.catalog.astrometry import icrs
+from csstsim.cli import main
+from csstsim.config import SHIPPED
+
+CHIPS = (9, 29)  # r, and GV
+
+
+def command(*arguments):
+    """Run a csstsim command; return its click result."""
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def done(*arguments):
+    result = command(*arguments)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def science(folder, **changes):
+    """Write the shipped layer list of science exposures with {layer: parameters} changed; return its file."""
+    layers = yaml.safe_load((SHIPPED / "observations" / "science.yaml").read_text())["layers"]
+    listed = [{name: param | changes.get(name, {})} for layer in layers for name, param in layer.items()]
+    path = folder / "science.yaml"
+    path.write_text(yaml.safe_dump({"layers": listed}))
+    return path
+
+
+def delivery(folder):
+    """Run 25 stars on an r chip, as many on a grating's, and bias frames of both; return the campaign's file."""
+    x, y = (v.ravel() for v in np.meshgrid(np.linspace(12, 116, 5), np.linspace(12, 116, 5)))
+    changes = {
+        "observations": {"SCIE": str(science(folder, cosmic_rays={"save_cosmic_image": True}))},
+        "measurement": {"keep_calibrated": True},
+        "select": {"types": ["SCIE", "BIAS"], "chips": list(CHIPS)},
+    }
+    pointings = POINTINGS[0], POINTINGS[2]
+    jobs = [
+        job for job in OpenCampaign(write_campaign(folder, pointings, **changes)).jobs if job.pointing.type == "SCIE"
+    ]
+    ra, dec = np.concatenate([icrs(*job.wcs.pixel_to_world(x, y), job.observer) for job in jobs], axis=1)
+    options = {"ra": ra.tolist(), "dec": dec.tolist(), "mag": [20.0] * len(ra)}
+    file = write_campaign(folder, pointings, catalog={"kind": "mini_campaign:Stars", "options": options}, **changes)
+    run = OpenCampaign(file)
+    for job in run.jobs:
+        verbs = ["chip"]
+        verbs += ["measure", "calibrate"] if job in run.imaging_jobs else []
+        verbs += ["extract"] if job in run.slitless_jobs else []
+        for verb in verbs:
+            done(verb, file, "--obsid", job.pointing.obsid, "--chip", job.chip.id)
+    for pix in run.merge_bricks:
+        done("merge", file, "--brick", pix)
+        done("validate", file, "--brick", pix)
+    done("report", file)
+    return file

@@ -1,0 +1,231 @@
+"""Every kind of fault, put into a sound campaign, is found and named; a sound one has none."""
+
+import os
+from functools import cache
+
+import numpy as np
+import pytest
+import spoil
+import yaml
+from mini_campaign import POINTINGS, write_campaign
+from small_delivery import command, done
+
+from csstsim.campaign import OpenCampaign
+from csstsim.delivery.verify import verify
+from csstsim.io.paths import Paths
+
+LEVEL0 = "level0/10100000001/*_09_L0_V01.fits"
+TRUTH, ORDERS = "level0/10100000001/*_09*.truth.parquet", "level0/10100000001/*_29*.orders.parquet"
+MEASURED, MERGED, SPECTRA = "measure/*.parquet", "merge/dataset/Norder=8/Dir=550000/Npix=550615.parquet", "spectra/*"
+ALONE = "also without the campaign"
+
+
+def faults(path, *options):
+    """Verify; return the lines about faults. The last line and the exit code must agree with them."""
+    result = command("verify", path, *options)
+    *lines, last = result.output.splitlines()
+    assert result.exit_code == (1 if lines else 0), (result.output, result.exception)
+    assert last.endswith("sound" if not lines else "1 fault" if len(lines) == 1 else f"{len(lines)} faults")
+    return lines
+
+
+@cache
+def opened(file):
+    return OpenCampaign(file)
+
+
+def judged(file, folder, with_campaign):
+    """The same lines without the command line, and the campaign opened once."""
+    run, lines = None, []
+    if with_campaign:
+        run = opened(file)
+        run.paths = Paths(folder)
+    count = verify(run, folder, lines.append)
+    assert count == len(lines) - 1
+    return lines[:-1]
+
+
+def test_a_sound_campaign_has_no_fault(sound):
+    file, folder = sound
+    assert faults(file) == [] and faults(folder) == []
+    for name in ("logs", "benchmarks", ".snakemake"):
+        assert not (folder / name).exists()
+
+
+# what is spoiled, how, the words of the fault; ALONE where it is judged by the folder alone, too
+ONE = [
+    (LEVEL0, spoil.flip, ["damaged", "CHECKSUM"], ALONE),
+    (LEVEL0, spoil.cut, ["cut short"]),
+    (LEVEL0, spoil.append, ["4 bytes follow"]),
+    (LEVEL0, spoil.header(0, "CAMHASH", lambda _: "0" * 16), ["another campaign", "camera", "0000"]),
+    (LEVEL0, spoil.header(0, "EXPHASH", lambda _: "0" * 16), ["another campaign", "exposure", "0000"]),
+    (LEVEL0, spoil.header(0, "OBSID", lambda _: "10100000009"), ["OBSID", "10100000009"]),
+    (LEVEL0, spoil.header(0, "FILTER", lambda _: "i"), ["FILTER", "'i'"]),
+    (LEVEL0, spoil.header(0, "NEXTEND", lambda _: 2), ["1 extensions, not the 2"]),
+    (TRUTH, spoil.scratch, ["parquet"]),
+    (TRUTH, spoil.remove, ["missing (truth)"], ALONE),
+    (TRUTH, spoil.record(lambda meta: meta["recipe"].update(layers="0" * 16)), ["another campaign: layers"], ALONE),
+    (TRUTH, spoil.record(lambda meta: meta.update(recipe=None)), ["another campaign: recipe None"]),
+    (TRUTH, spoil.record(lambda meta: meta.update(level0="other.fits")), ["is of 'other.fits'"]),
+    (TRUTH, spoil.column("ID_chip", lambda v: v + 1), ["another chip than 9"]),
+    (TRUTH, spoil.column("x1", lambda v: v + 1000), ["boxes beyond the window"]),
+    (TRUTH, spoil.record(lambda meta: meta.update(electrons="many")), ["does not hold together"]),
+    (TRUTH, spoil.record(lambda meta: meta.pop("full_well")), ["does not hold together", "full_well"]),
+    (TRUTH, spoil.column("drawn", lambda v: v.astype(str)), ["does not hold together"]),
+    (MERGED, spoil.column("n_detections", lambda v: v.astype(str)), ["not as long as"]),
+    (ORDERS, spoil.column("row", lambda v: v + 1000), ["not among the"]),
+    (ORDERS, spoil.column("id", lambda v: v + 1), ["another one in the truth"]),
+    (ORDERS, spoil.column("drawn", lambda v: 1.01 * v), ["do not add up to their light"]),
+    (ORDERS, spoil.remove, ["missing (truth of orders)"]),
+    ("level0/*/*_09*.cosmic.fits", spoil.flip, ["CHECKSUM"]),
+    ("level0/*/*_09*.cosmic.fits", spoil.remove, ["missing (cosmic rays)"]),
+    ("calibrated/*_09.fits", spoil.flip, ["CHECKSUM"]),
+    ("calibrated/*_09.fits", spoil.remove, ["missing (calibrated)"]),
+    (MEASURED, spoil.remove, ["missing (measured)"], ALONE),
+    (MEASURED, spoil.record(lambda meta: meta.update(sources=3)), ["its record says 3"]),
+    (MEASURED, spoil.record(lambda meta: meta["recipe"].update(camera="x")), ["another campaign: camera 'x'"], ALONE),
+    (MEASURED, spoil.column("obsid", lambda v: np.full(len(v), "7")), ["another obsid"]),
+    (MEASURED, spoil.column("x", lambda v: v + 200.0), ["beyond the window"]),
+    (MEASURED, spoil.column("dec", lambda v: v * np.nan), ["no place on the sky"]),
+    (MEASURED, spoil.column("number", lambda v: v[::-1]), ["does not count the rows"]),
+    ("spectra/*.parquet", spoil.remove, ["missing (spectra)"]),
+    ("spectra/*.parquet", spoil.scratch, ["parquet"]),
+    ("spectra/*.png", spoil.flip, ["PNG"]),
+    (MERGED, spoil.record(lambda meta: meta.update(brick=5)), ["is of brick 5"]),
+    (MERGED, spoil.column("ra", lambda v: v + 1.0), ["another brick"]),
+    (MERGED, spoil.column("n_detections", lambda v: v + 1), ["not as long as n_detections"]),
+    (MERGED, spoil.lists("detection_number", 999), ["beyond the", "rows measured"], ALONE),
+    (MERGED, spoil.lists("detection_chip", 8), ["10100000001_08, which is no frame"], ALONE),
+    (MERGED, spoil.lists("detection_filter", "z"), ["are not in r"]),
+    ("merge/partition_info.csv", spoil.text("8,550615\n", ""), ["does not list the merged bricks"], ALONE),
+    ("merge/hats.properties", spoil.text("hats_nrows=", "hats_nrows=9"), ["hats.properties counts 9"], ALONE),
+    ("merge/dataset/_metadata", spoil.remove, ["missing (merged catalogue)"]),
+    ("validate/550615.json", spoil.cut, ["JSON"]),
+    ("validate/550615.json", spoil.entry(lambda v: v.update(recipe="0")), ["another campaign: recipe '0'"], ALONE),
+    ("validate/550615.json", spoil.entry(lambda v: v.update(brick=4)), ["no validation of brick 550615"]),
+    ("validate/550615.png", spoil.flip, ["PNG"]),
+    ("report/index.html", spoil.cut, ["cut short"]),
+    ("report/verdict.json", spoil.entry(lambda v: v["gates"].pop()), ["make the report again"]),
+    ("report/verdict.json", spoil.remove, ["missing (verdict)"]),
+    ("psf/chip_09.h5", spoil.scratch, ["image"]),
+    ("psf/chip_09_tables.h5", spoil.flip, ["damaged at node"]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ONE)
+def test_one_fault_is_one_line(copied, case):
+    pattern, fault, words, *alone = case
+    file, folder = copied
+    (path,) = folder.glob(pattern)
+    fault(path)
+    for with_campaign in (True, False) if alone else (True,):
+        lines = judged(file, folder, with_campaign)
+        assert len(lines) == 1, lines
+        assert lines[0].startswith(f"{path.relative_to(folder)}: "), lines
+        assert all(word in lines[0] for word in words), lines
+
+
+def test_two_sources_with_one_detection(copied):
+    file, folder = copied
+    (path,) = folder.glob(MERGED)
+    from csstsim.catalog.table import ObjectTable
+
+    spoil.lists("detection_number", int(ObjectTable.read(path)["detection_number"][1][0]))(path)
+    (line,) = judged(file, folder, True)
+    assert "belongs to two sources" in line
+
+
+@pytest.mark.parametrize(
+    ("pattern", "fault", "words"),
+    [
+        (TRUTH, spoil.column("drawn", lambda v: v * 1.001), ["truth.parquet", "objects sum to", "the image was given"]),
+        (TRUTH, spoil.rows(slice(1, None)), ["truth.parquet", "objects sum to"]),
+        (LEVEL0, spoil.pixels(lambda v: np.where(v > 0, np.median(v), 0)), ["truth.parquet", "the image holds"]),
+        (LEVEL0, spoil.pixels(lambda v: np.where(v > 600, 600, v)), ["truth.parquet", "the image holds"]),
+        (LEVEL0, spoil.header(1, "GAIN03", lambda v: 1.3 * v), ["truth.parquet", "the image holds"]),
+    ],
+)
+def test_light_that_is_not_in_the_image(copied, pattern, fault, words):
+    file, folder = copied
+    (path,) = folder.glob(pattern)
+    fault(path)
+    for with_campaign in (True, False):
+        (line,) = judged(file, folder, with_campaign)
+        assert all(word in line for word in words), line
+
+
+def test_what_is_foreign(copied):
+    file, folder = copied
+    (folder / "logs" / "deep").mkdir(parents=True)
+    (folder / "logs" / "deep" / "a.log").write_text("fine")
+    (folder / "empty").mkdir()
+    (folder / "notes.txt").write_text("mine")
+    (folder / "measure" / "evil\n\x1b[31m\udcff.parquet").write_text("")
+    (folder / "old" / "below").mkdir(parents=True)
+    for name in "ab":
+        (folder / "old" / "below" / name).write_text("")
+    (folder / "chips" / "1_09").mkdir(parents=True)
+    (folder / "chips" / "1_09" / "select.parquet").write_text("")
+    (folder / "psf" / ".chip_09.77.tmp.h5").write_text("")
+    (folder / "loop").symlink_to(folder)
+    starts = [
+        "chips: intermediates", "loop: foreign: a link", "measure/evil\\n\\x1b[31m\\udcff.parquet: foreign",
+        "notes.txt: foreign", "old: foreign", "psf/.chip_09.77.tmp.h5: half of a file",
+    ]  # fmt: skip
+    for with_campaign in (True, False):
+        lines = sorted(judged(file, folder, with_campaign))
+        assert len(lines) == len(starts)
+        assert all(line.startswith(start) for line, start in zip(lines, starts, strict=True)), lines
+
+
+def test_products_that_are_no_files(copied):
+    """Reading a pipe would never end; a link delivers nothing."""
+    file, folder = copied
+    pipe, link, place = folder / "report" / "index.html", folder / "psf" / "chip_09.h5", folder / "psf" / "chip_29.h5"
+    pipe.unlink()
+    os.mkfifo(pipe)
+    link.rename(folder.parent / "elsewhere.h5")
+    link.symlink_to(folder.parent / "elsewhere.h5")
+    place.unlink()
+    place.mkdir()
+    lines = judged(file, folder, True)
+    assert [line.split(": ", 1)[0] for line in lines] == ["psf/chip_09.h5", "psf/chip_29.h5", "report/index.html"]
+    assert all("not a file" in line for line in lines)
+
+
+def test_another_campaign(sound, tmp_path):
+    """The seed decides all: every product of the sky and of the chip is another's."""
+    other = tmp_path / "other.yaml"
+    other.write_text(yaml.safe_dump(yaml.safe_load(sound[0].read_text()) | {"seed": 4}))
+    lines = faults(other, "--output", sound[1])
+    assert sum("another campaign" in line for line in lines) >= 10
+    assert all("another campaign" in line for line in lines)
+
+
+def test_frames_of_two_campaigns_in_one_folder(copied):
+    _, folder = copied
+    for path in folder.glob("level0/*/*_29_L0_V01.fits"):
+        spoil.header(0, "CAMPHASH", lambda _: "f" * 16)(path)
+        break
+    assert any("another campaign than most: campaign 'ffffffffffffffff'" in line for line in faults(folder))
+
+
+def test_a_partial_campaign_misses_what_it_has_not(tmp_path):
+    """Truth bricks only, of the embedded Universe: one whole, one damaged; all else is missing, by name."""
+    file = write_campaign(tmp_path, POINTINGS[:1])
+    assert "nothing was made yet" in command("verify", file).output
+    run = OpenCampaign(file)
+    bricks = run.truth_bricks(run.jobs[0])
+    done("truth", file, "--brick", bricks[0])
+    lines = faults(file)
+    missing = [line for line in lines if "missing (" in line]
+    assert missing == lines and sum("missing (truth brick)" in line for line in lines) == len(bricks) - 1
+    assert sum("missing (Level-0)" in line for line in lines) == 1
+    spoil.flip(run.paths.truth(bricks[0]))
+    assert next(line for line in faults(file) if "missing" not in line).startswith("truth/Norder=8/")
+
+
+@pytest.mark.parametrize("make", [lambda p: p / "none.yaml", lambda p: p, lambda p: (p / "level0").mkdir() or p])
+def test_nothing_to_verify(tmp_path, make):
+    result = command("verify", make(tmp_path))
+    assert result.exit_code == 2 and len(result.output.splitlines()) == 1, result.output
