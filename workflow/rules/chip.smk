@@ -1,9 +1,13 @@
-# One chip in four stages; they travel together (group), their intermediates are dropped when used.
+# One chip in four stages, and what measures it after: on a cluster they travel together (group), and what one hands to
+# the next is dropped when used. mem_mb and runtime [min] are twice or more what was measured: docs/slurm.md has it.
+RENDERING = 600 if RUN.config.fidelity == "reference" else 20
+
+
 rule select:
     input:
         truth_of,
     output:
-        temp(f"{OUT}/chips/{{obsid}}_{{chip}}/select.parquet"),
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/select.parquet"),
     log:
         f"{OUT}/logs/select/{{obsid}}_{{chip}}.log",
     benchmark:
@@ -11,8 +15,8 @@ rule select:
     group:
         "chip"
     resources:
-        mem_mb=2500,
-        runtime=20,
+        mem_mb=more(1500),
+        runtime=more(10),
     params:
         recipe=recipe,
     shell:
@@ -23,8 +27,8 @@ rule render:
     input:
         objects_of,
     output:
-        temp(f"{OUT}/chips/{{obsid}}_{{chip}}/render.fits"),
-        temp(f"{OUT}/chips/{{obsid}}_{{chip}}/drawn.parquet"),
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/render.fits"),
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/drawn.parquet"),
     log:
         f"{OUT}/logs/render/{{obsid}}_{{chip}}.log",
     benchmark:
@@ -32,8 +36,8 @@ rule render:
     group:
         "chip"
     resources:
-        mem_mb=3000,
-        runtime=600,
+        mem_mb=more(3000),
+        runtime=more(RENDERING),
     params:
         recipe=recipe,
     shell:
@@ -44,7 +48,7 @@ rule readout:
     input:
         stage_before("render"),
     output:
-        temp(f"{OUT}/chips/{{obsid}}_{{chip}}/readout.fits"),
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/readout.fits"),
     log:
         f"{OUT}/logs/readout/{{obsid}}_{{chip}}.log",
     benchmark:
@@ -52,8 +56,8 @@ rule readout:
     group:
         "chip"
     resources:
-        mem_mb=2500,
-        runtime=20,
+        mem_mb=more(1500),
+        runtime=more(10),
     params:
         recipe=recipe,
     shell:
@@ -74,8 +78,8 @@ rule level0:
     group:
         "chip"
     resources:
-        mem_mb=2500,
-        runtime=10,
+        mem_mb=more(1500),
+        runtime=more(10),
     params:
         recipe=recipe,
     shell:
