@@ -13,7 +13,7 @@ rule calibrate:
         "chip"
     resources:
         mem_mb=more(3500),
-        runtime=more(10),
+        runtime=more(3),
     params:
         how=MEASUREMENT,
     shell:
@@ -35,7 +35,7 @@ rule measure:
         "chip"
     resources:
         mem_mb=more(3500),
-        runtime=more(10),
+        runtime=more(4),
     params:
         how=MEASUREMENT,
     shell:
@@ -55,7 +55,7 @@ rule merge:
         "brick"
     resources:
         mem_mb=more(2500),
-        runtime=more(10),
+        runtime=more(4),
     shell:
         'csstsim merge "$CAMPAIGN" --brick {wildcards.pix} > {log:q} 2>&1'
 
@@ -76,7 +76,7 @@ rule validate:
         "brick"
     resources:
         mem_mb=more(4000),
-        runtime=more(10),
+        runtime=more(4),
     params:
         thresholds=RUN.config.validation.model_dump(mode="json"),
     shell:

@@ -1,6 +1,7 @@
 # One chip in four stages, and what measures it after: on a cluster they travel together (group), and what one hands to
-# the next is dropped when used. mem_mb and runtime [min] are twice or more what was measured: docs/slurm.md has it.
-RENDERING = 600 if RUN.config.fidelity == "reference" else 20
+# the next is dropped when used. mem_mb and runtime [min] leave room above what was measured: docs/slurm.md has it.
+SELECTING = 3 if RUN.embedded else 60  # spectra of a user's catalogue come one by one
+RENDERING = {"noise_free": 30, "reference": 600}.get(RUN.config.fidelity, 4)
 
 
 rule select:
@@ -16,7 +17,7 @@ rule select:
         "chip"
     resources:
         mem_mb=more(1500),
-        runtime=more(10),
+        runtime=more(SELECTING),
     params:
         recipe=recipe,
     shell:
@@ -57,7 +58,7 @@ rule readout:
         "chip"
     resources:
         mem_mb=more(1500),
-        runtime=more(10),
+        runtime=more(2),
     params:
         recipe=recipe,
     shell:
@@ -79,7 +80,7 @@ rule level0:
         "chip"
     resources:
         mem_mb=more(1500),
-        runtime=more(10),
+        runtime=more(2),
     params:
         recipe=recipe,
     shell:

@@ -10,6 +10,6 @@ rule masters:
         f"{OUT}/benchmarks/masters/{{chip}}.tsv"
     resources:
         mem_mb=more(3500),
-        runtime=more(20),
+        runtime=more(8),
     shell:
         'csstsim masters "$CAMPAIGN" --chip {wildcards.chip} > {log:q} 2>&1'

@@ -10,7 +10,7 @@ rule psf:
         "psf"
     resources:
         mem_mb=more(1500),
-        runtime=more(20),
+        runtime=more(5),
     params:
         psf=RUN.config.psf.model_dump(mode="json"),
         camera=RUN.camera.digest,

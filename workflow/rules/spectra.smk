@@ -44,7 +44,7 @@ rule extract:
         "chip"
     resources:
         mem_mb=more(4000),
-        runtime=more(20),
+        runtime=more(4),
     params:
         how=MEASUREMENT,
     shell:

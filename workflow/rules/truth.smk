@@ -9,7 +9,7 @@ rule truth:
         "truth"
     resources:
         mem_mb=more(1500),
-        runtime=more(10),
+        runtime=more(2),
     params:
         key=truth_key(),
     shell:
