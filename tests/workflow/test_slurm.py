@@ -90,7 +90,9 @@ def test_a_cancelled_job_leaves_nothing_and_a_resumed_campaign_has_the_same_bits
     line, environment = command(campaign, *profile(slurm, "--retries", "0", "--group-components", "chip=3", *targets))
     head = subprocess.Popen(line, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
-        jobid = job_of(running("render", head, campaign))
+        environment = running("render", head, campaign).environ()
+        assert {environment[f"{library}_NUM_THREADS"] for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")} == {"1"}
+        jobid = environment["SLURM_JOB_ID"]
         assert list(slurm.on_node().rglob("select.parquet")), "a job at work has intermediates on its node"
         slurm.ask("scancel", jobid)
         assert head.wait(timeout=300) != 0
@@ -114,8 +116,3 @@ def running(verb, head, campaign, seconds=240):
                 return process
         time.sleep(0.02)
     raise AssertionError(f"no csstsim {verb} was started")
-
-
-def job_of(process):
-    """Return the Slurm job that a process belongs to."""
-    return process.environ()["SLURM_JOB_ID"]
