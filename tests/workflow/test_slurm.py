@@ -86,8 +86,8 @@ def test_a_job_short_of_memory_is_tried_again_with_more(slurm, tmp_path):
 
 def test_a_cancelled_job_leaves_nothing_and_a_resumed_campaign_has_the_same_bits(slurm, local, tmp_path):
     campaign = with_prepared(make(tmp_path / "campaign"), local)
-    targets = level0_targets(campaign)
-    line, environment = command(campaign, *profile(slurm, "--retries", "0", "--group-components", "chip=3", *targets))
+    arguments = profile(slurm, *level0_targets(campaign), "--group-components", "chip=3")
+    line, environment = command(campaign, *arguments, "--retries", "0")
     head = subprocess.Popen(line, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         environment = running("render", head, campaign).environ()
@@ -102,7 +102,7 @@ def test_a_cancelled_job_leaves_nothing_and_a_resumed_campaign_has_the_same_bits
     assert slurm.job(jobid)["JobState"] == "CANCELLED"
     assert not list(slurm.on_node().iterdir())
     assert len(content(campaign)) < len(content(local))
-    snakemake(campaign, *profile(slurm, "--group-components", "chip=3", *targets))
+    snakemake(campaign, *arguments)
     assert content(campaign) == content(local)
 
 
