@@ -5,7 +5,7 @@
 include: "workflow/rules/common.smk"
 include: "workflow/rules/truth.smk"
 include: "workflow/rules/psf.smk"
-include: "workflow/rules/chip.smk"
+include: "workflow/rules/chip.smk" if WHOLE_CHIPS else "workflow/rules/stages.smk"
 include: "workflow/rules/masters.smk"
 include: "workflow/rules/bricks.smk"
 include: "workflow/rules/spectra.smk"

@@ -36,10 +36,19 @@ def test_the_whole_chain_makes_what_it_promises(undisturbed):
     assert not left, "intermediates are dropped"
 
 
-def test_two_cores_give_the_same_bits(undisturbed, tmp_path):
+@pytest.mark.parametrize("chips", ["stages", "whole"])
+def test_two_cores_and_whole_chips_give_the_same_bits(undisturbed, tmp_path, chips):
     campaign = make(tmp_path / "two")
-    snakemake(campaign, "--cores", "2", *level0_targets(campaign))
+    snakemake(campaign, f"chips={chips}", "--cores", "2", *level0_targets(campaign))
     assert content(campaign) == content(undisturbed)
+    assert (campaign.parent / "out" / "logs" / "chip").exists() == (chips == "whole")
+
+
+def test_an_unknown_size_of_jobs_is_refused(tmp_path):
+    campaign = make(tmp_path / "odd")
+    line, environment = command(campaign, "chips=halves", "--dry-run")
+    done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode and "chips: halves; allowed: stages, whole" in done.stdout + done.stderr
 
 
 def test_a_killed_and_resumed_campaign_gives_the_same_bits(undisturbed, tmp_path):

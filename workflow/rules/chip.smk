@@ -1,87 +1,34 @@
-# One chip in four stages, and what measures it after: on a cluster they travel together (group), and what one hands to
-# the next is dropped when used. mem_mb and runtime [min] leave room above what was measured: docs/slurm.md has it.
-SELECTING = 3 if RUN.embedded else 60  # spectra of a user's catalogue come one by one
-RENDERING = {"noise_free": 30, "reference": 600}.get(RUN.config.fidelity, 4)
-
-
-rule select:
+# One chip from the catalogue to its files in one process, with nothing handed on by way of the disk: `--config chips=whole`.
+rule chip:
     input:
         truth_of,
-    output:
-        temp(f"{CHIPS}/{{obsid}}_{{chip}}/select.parquet"),
-    log:
-        f"{OUT}/logs/select/{{obsid}}_{{chip}}.log",
-    benchmark:
-        f"{OUT}/benchmarks/select/{{obsid}}_{{chip}}.tsv"
-    group:
-        "chip"
-    resources:
-        mem_mb=more(1500),
-        runtime=more(SELECTING),
-    params:
-        recipe=recipe,
-    shell:
-        'csstsim select "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
-
-
-rule render:
-    input:
-        objects_of,
-    output:
-        temp(f"{CHIPS}/{{obsid}}_{{chip}}/render.fits"),
-        temp(f"{CHIPS}/{{obsid}}_{{chip}}/drawn.parquet"),
-    log:
-        f"{OUT}/logs/render/{{obsid}}_{{chip}}.log",
-    benchmark:
-        f"{OUT}/benchmarks/render/{{obsid}}_{{chip}}.tsv"
-    group:
-        "chip"
-    resources:
-        mem_mb=more(3000),
-        runtime=more(RENDERING),
-    params:
-        recipe=recipe,
-    shell:
-        'csstsim render "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
-
-
-rule readout:
-    input:
-        stage_before("render"),
-    output:
-        temp(f"{CHIPS}/{{obsid}}_{{chip}}/readout.fits"),
-    log:
-        f"{OUT}/logs/readout/{{obsid}}_{{chip}}.log",
-    benchmark:
-        f"{OUT}/benchmarks/readout/{{obsid}}_{{chip}}.tsv"
-    group:
-        "chip"
-    resources:
-        mem_mb=more(1500),
-        runtime=more(2),
-    params:
-        recipe=recipe,
-    shell:
-        'csstsim readout "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
-
-
-rule level0:
-    input:
-        stage_before("readout"),
-        drawn_before,
+        psf_of,
     output:
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.fits",
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.truth.parquet",
     log:
-        f"{OUT}/logs/level0/{{name}}_{{obsid}}_{{chip}}.log",
+        f"{OUT}/logs/chip/{{name}}_{{obsid}}_{{chip}}.log",
     benchmark:
-        f"{OUT}/benchmarks/level0/{{name}}_{{obsid}}_{{chip}}.tsv"
+        f"{OUT}/benchmarks/chip/{{name}}_{{obsid}}_{{chip}}.tsv"
     group:
         "chip"
     resources:
-        mem_mb=more(1500),
-        runtime=more(2),
+        mem_mb=more(3500),
+        runtime=more(SELECTING + RENDERING + 4),
     params:
         recipe=recipe,
     shell:
-        'csstsim level0 "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
+        'csstsim chip "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
+
+
+use rule chip as chip_spectra with:
+    output:
+        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.fits",
+        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.truth.parquet",
+        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.orders.parquet",
+    wildcard_constraints:
+        obsid=SPECTRA_OBSID,
+        chip=SPECTRA_CHIP,
+
+
+ruleorder: chip_spectra > chip

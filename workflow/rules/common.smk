@@ -31,6 +31,9 @@ try:
     JOBS = {(job.pointing.obsid, f"{job.chip.id:02d}"): job for job in RUN.jobs}
 except CsstsimError as error:
     raise WorkflowError(str(error)) from None
+WHOLE_CHIPS = config.get("chips", "stages") == "whole"
+if config.get("chips", "stages") not in ("stages", "whole"):
+    raise WorkflowError(f"chips: {config['chips']}; allowed: stages, whole")
 OUT = str(RUN.paths.output)
 CHIPS = str(RUN.paths.chips)
 MEASUREMENT = RUN.measurement
@@ -50,6 +53,11 @@ shell.prefix(
     + " ".join(f"{library}_NUM_THREADS=1" for library in LIBRARIES)
     + "; "
 )
+
+
+# Minutes of the two stages that depend on the campaign
+SELECTING = 3 if RUN.embedded else 60  # spectra of a user's catalogue come one by one
+RENDERING = {"noise_free": 30, "reference": 600}.get(RUN.config.fidelity, 4)
 
 
 def more(amount):
@@ -88,14 +96,22 @@ def truth_key():
     ]
 
 
-def objects_of(wildcards):
-    """The selected objects and the PSF, for exposures that see the sky."""
+def psf_of(wildcards):
+    """The PSF set of a chip and its tables, for exposures that see the sky."""
     if RUN.pointings[wildcards.obsid].type != "SCIE":
         return []
     return [
-        f"{CHIPS}/{wildcards.obsid}_{wildcards.chip}/select.parquet",
         f"{OUT}/psf/chip_{wildcards.chip}.h5",
         f"{OUT}/psf/chip_{wildcards.chip}_tables.h5",
+    ]
+
+
+def objects_of(wildcards):
+    """The selected objects and the PSF."""
+    psf = psf_of(wildcards)
+    return psf and [
+        f"{CHIPS}/{wildcards.obsid}_{wildcards.chip}/select.parquet",
+        *psf,
     ]
 
 

@@ -1,0 +1,112 @@
+# One chip in four stages, and what measures it after: on a cluster they travel together (group), and what one hands to
+# the next is dropped when used. mem_mb and runtime [min] leave room above what was measured: docs/slurm.md has it.
+rule select:
+    input:
+        truth_of,
+    output:
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/select.parquet"),
+    log:
+        f"{OUT}/logs/select/{{obsid}}_{{chip}}.log",
+    benchmark:
+        f"{OUT}/benchmarks/select/{{obsid}}_{{chip}}.tsv"
+    group:
+        "chip"
+    resources:
+        mem_mb=more(1500),
+        runtime=more(SELECTING),
+    params:
+        recipe=recipe,
+    shell:
+        'csstsim select "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
+
+
+rule render:
+    input:
+        objects_of,
+    output:
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/render.fits"),
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/drawn.parquet"),
+    log:
+        f"{OUT}/logs/render/{{obsid}}_{{chip}}.log",
+    benchmark:
+        f"{OUT}/benchmarks/render/{{obsid}}_{{chip}}.tsv"
+    group:
+        "chip"
+    resources:
+        mem_mb=more(3000),
+        runtime=more(RENDERING),
+    params:
+        recipe=recipe,
+    shell:
+        'csstsim render "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
+
+
+rule readout:
+    input:
+        stage_before("render"),
+    output:
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/readout.fits"),
+    log:
+        f"{OUT}/logs/readout/{{obsid}}_{{chip}}.log",
+    benchmark:
+        f"{OUT}/benchmarks/readout/{{obsid}}_{{chip}}.tsv"
+    group:
+        "chip"
+    resources:
+        mem_mb=more(1500),
+        runtime=more(2),
+    params:
+        recipe=recipe,
+    shell:
+        'csstsim readout "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
+
+
+rule level0:
+    input:
+        stage_before("readout"),
+        drawn_before,
+    output:
+        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.fits",
+        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.truth.parquet",
+    log:
+        f"{OUT}/logs/level0/{{name}}_{{obsid}}_{{chip}}.log",
+    benchmark:
+        f"{OUT}/benchmarks/level0/{{name}}_{{obsid}}_{{chip}}.tsv"
+    group:
+        "chip"
+    resources:
+        mem_mb=more(1500),
+        runtime=more(2),
+    params:
+        recipe=recipe,
+    shell:
+        'csstsim level0 "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
+
+
+# Spectroscopic chips: the same stages with the truth of each order beside.
+use rule render as render_spectra with:
+    output:
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/render.fits"),
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/drawn.parquet"),
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/orders.parquet"),
+    wildcard_constraints:
+        obsid=SPECTRA_OBSID,
+        chip=SPECTRA_CHIP,
+
+
+use rule level0 as level0_spectra with:
+    input:
+        stage_before("readout"),
+        drawn_before,
+        f"{CHIPS}/{{obsid}}_{{chip}}/orders.parquet",
+    output:
+        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.fits",
+        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.truth.parquet",
+        f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.orders.parquet",
+    wildcard_constraints:
+        obsid=SPECTRA_OBSID,
+        chip=SPECTRA_CHIP,
+
+
+ruleorder: render_spectra > render
+ruleorder: level0_spectra > level0
