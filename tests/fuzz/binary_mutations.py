@@ -91,6 +91,8 @@ def _apply_hdf5(data, changes):
         for kind, place in changes:
             names = []
             file.visit(names.append)
+            if not names:
+                break
             name = names[place % len(names)]
             holders = [file, *(file[n] for n in names if n in file)]
             holder = holders[place // 7 % len(holders)]

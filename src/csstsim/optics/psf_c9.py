@@ -137,10 +137,12 @@ def _wavelengths(file, cubes, filter):
 
 def _read(cubes, name, cells, source):
     """Return the images of one place, (4, cells, cells) float64, each of sum 1."""
+    if any(cube[name]["psfMat"].shape != (cells, cells) for cube in cubes):
+        raise InputError("not square images of one size", file=source, key=f"{name}/psfMat")
     images = np.stack([numbers(cube[name], "psfMat", source).astype(float) for cube in cubes])
     total = images.sum(axis=(1, 2))
-    if images.shape[1:] != (cells, cells) or not (np.isfinite(total) & (total > 0)).all():
-        raise InputError("not square images of one size with light in them", file=source, key=f"{name}/psfMat")
+    if not (np.isfinite(total) & (total > 0)).all():
+        raise InputError("not images with light in them", file=source, key=f"{name}/psfMat")
     return images / total[:, None, None]
 
 
