@@ -20,6 +20,8 @@ from csstsim.yaml_file import read_yaml
 
 SHIPPED = Path(__file__).resolve().parents[2] / "config"
 
+# Layouts of campaign files, each with what a file of the one before it needs to become one
+LAYOUTS = {1: "give schema_version: 1, and the keys of config/README.md"}
 CHIP_GROUPS = ("all", "imaging", "slitless")
 ExposureType = Literal["SCIE", "BIAS", "DARK", "FLAT"]
 
@@ -221,7 +223,7 @@ class ValidateConfig(Model):
 class Campaign(Model):
     """What to run: everything that decides the products, and nothing about the machine."""
 
-    schema_version: Literal[1] = Field(1, description="version of this file's layout")
+    schema_version: int = Field(description=f"version of this file's layout: {max(LAYOUTS)}")
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="short name, used in headers")
     survey_table: FilePath = Field(description="pointing table (CSV, survey_tables/README.md)")
     output: FilePath = Field(description="folder that receives everything the campaign makes")
@@ -248,6 +250,17 @@ class Campaign(Model):
     )
     measurement: MeasurementConfig = MeasurementConfig()
     validation: ValidateConfig = ValidateConfig()
+
+    @field_validator("schema_version", mode="after")
+    @classmethod
+    def _this_layout(cls, value):
+        newest = max(LAYOUTS)
+        if 0 <= value < newest:
+            steps = "; ".join(LAYOUTS[number] for number in range(value + 1, newest + 1))
+            raise ValueError(f"an older layout than this csstsim reads, {newest}; to change: {steps}")
+        if value != newest:
+            raise ValueError(f"this csstsim reads layout {newest}; a newer file needs a newer csstsim")
+        return value
 
     def observation_file(self, exposure_type):
         """Return the path of the layer list for 'SCIE', 'BIAS', 'DARK' or 'FLAT'."""

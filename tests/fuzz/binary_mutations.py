@@ -124,7 +124,17 @@ def _spoil_node(file, name, kind, place):
         file.create_dataset(name, other[place // 13 % len(other)], "f8")
     elif kind == "type":
         shape = tuple(min(n, 100) for n in shape)
-        types = ("S5", h5py.string_dtype(), "i1", "c16", [("a", "f8")], h5py.vlen_dtype("f8"), h5py.ref_dtype, "?", ">f2")
+        types = (
+            "S5",
+            h5py.string_dtype(),
+            "i1",
+            "c16",
+            [("a", "f8")],
+            h5py.vlen_dtype("f8"),
+            h5py.ref_dtype,
+            "?",
+            ">f2",
+        )
         file.create_dataset(name, shape, types[place // 13 % len(types)])
     elif kind == "values" and np.prod(shape) < 1e6:
         value = (np.nan, np.inf, -1, 0, 1e30, -1e30)[place // 13 % 6]

@@ -12,7 +12,19 @@ import yaml
 from hypothesis import strategies as st
 
 PLACE = st.integers(0, 2**24)
-NAMES = ("../../escaped", "/tmp/escaped", "a/b", "..", "x\ny", "x\x1b[31my", "\u202ename", "caf\u00e9", "%s{0}", "-rf", "a" * 5000)
+NAMES = (
+    "../../escaped",
+    "/tmp/escaped",
+    "a/b",
+    "..",
+    "x\ny",
+    "x\x1b[31my",
+    "\u202ename",
+    "caf\u00e9",
+    "%s{0}",
+    "-rf",
+    "a" * 5000,
+)
 NUMBERS = (0, -1, 1, 2, 7, 10**12, -(2**63), 2**63, 10**400, 0.5, -0.0, 1e-320, 1e308, -1e308,
            math.nan, math.inf, -math.inf)  # fmt: skip
 ODD = (None, True, False, "", " ", "1:30", "010", [], {}, [[]], [None], {"a": 1}, [1, 2, 3], {"": {}}, "yes", "nan")
@@ -98,7 +110,9 @@ def _places(tree):
 def spoiled_yaml(sound):
     """YAML with values that do not belong, tags that ask for code, doubled keys, bombs, bytes that are no text."""
     tree = spoiled_tree(yaml.safe_load(sound))
-    text = st.tuples(st.sampled_from(("scalar", "line", "double", "front")), PLACE, st.sampled_from((*CODE, bomb(9), bomb(30))))
+    text = st.tuples(
+        st.sampled_from(("scalar", "line", "double", "front")), PLACE, st.sampled_from((*CODE, bomb(9), bomb(30)))
+    )
     return st.one_of(
         tree.map(_dump_yaml), spoiled_bytes(sound),
         st.lists(text, min_size=1, max_size=2).map(lambda changes: _apply_text(sound.decode(), changes)),
@@ -138,7 +152,9 @@ def spoiled_json(sound):
 
 def spoiled_csv(sound):
     """A table with cells that do not belong, rows doubled or dropped."""
-    cell = st.sampled_from((*map(str, NUMBERS[:9] + NUMBERS[10:] + NAMES), "nan", "1e999", '"', '"a,b"', "\u0661\u0662", "", "=1+1"))
+    cell = st.sampled_from(
+        (*map(str, NUMBERS[:9] + NUMBERS[10:] + NAMES), "nan", "1e999", '"', '"a,b"', "\u0661\u0662", "", "=1+1")
+    )
     change = st.tuples(st.sampled_from(("cell", "cell", "drop", "double", "comma")), PLACE, cell | st.text(max_size=15))
     rows = st.lists(change, min_size=1, max_size=3).map(lambda changes: _apply_csv(sound.decode(), changes))
     return rows | spoiled_bytes(sound)

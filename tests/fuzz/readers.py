@@ -170,7 +170,15 @@ def level0(path):
 
     read_level0(path, verify=True)
     file = read_level0(path)
-    _ = file.gain, file.nonlinearity, file.frame(), file.mask(), file.assembled(full=True), list(file.channels()), file.observer
+    _ = (
+        file.gain,
+        file.nonlinearity,
+        file.frame(),
+        file.mask(),
+        file.assembled(full=True),
+        list(file.channels()),
+        file.observer,
+    )
 
 
 def frame(path):

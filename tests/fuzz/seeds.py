@@ -10,7 +10,6 @@ import h5py
 import healpy
 import numpy as np
 from astropy.io import fits
-from astropy.table import Table
 from catalog.test_c9 import write_basis, write_galaxies, write_stars
 from fuzz import readers
 from fuzz.binary_mutations import spoiled_fits, spoiled_hdf5, spoiled_parquet
@@ -112,7 +111,15 @@ def level0(compress=False):
         state.mask = np.zeros(state.image.shape, np.uint8)
         state = run(state, plain_layers())
         state.header["compress"] = compress
-        provenance = {"recipe": {}, "seed": 1, "campaign_name": "x", "layers": [], "stages": [], "ephemeris": "builtin", "planets": False}
+        provenance = {
+            "recipe": {},
+            "seed": 1,
+            "campaign_name": "x",
+            "layers": [],
+            "stages": [],
+            "ephemeris": "builtin",
+            "planets": False,
+        }
         write_level0(folder / "level0.fits", state, camera.keywords, provenance, "channels")
         return folder / "level0.fits"
 
@@ -137,13 +144,17 @@ def spoiled_frame(sound):
             try:
                 return frame(Path(folder), meta).read_bytes()
             except ValueError:  # NaN, which JSON has not
-                return frame(Path(folder), json.loads(json.dumps(meta).replace("NaN", "0").replace("Infinity", "1"))).read_bytes()
+                return frame(
+                    Path(folder), json.loads(json.dumps(meta).replace("NaN", "0").replace("Infinity", "1"))
+                ).read_bytes()
 
     return spoiled_tree(META).map(sealed) | spoiled_fits(sound)
 
 
 def image(folder):
-    header = fits.Header({"CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN", "CRVAL1": 60.0, "CRVAL2": -40.0, "CD1_1": 1e-5, "CD2_2": 1e-5})
+    header = fits.Header(
+        {"CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN", "CRVAL1": 60.0, "CRVAL2": -40.0, "CD1_1": 1e-5, "CD2_2": 1e-5}
+    )
     fits.PrimaryHDU(np.arange(600.0, dtype="f4").reshape(20, 30), header).writeto(folder / "image.fits")
     return folder / "image.fits"
 
@@ -152,8 +163,15 @@ def objects(folder):
     from csstsim.catalog.table import ObjectTable
     from csstsim.universe.bricks import SED_COLUMNS
 
-    columns = {"id": np.arange(5), "ra": np.full(5, 60.0), "dec": np.full(5, -40.0), "name": np.array(["a", "b", "c", "d", "e"])}
-    table = ObjectTable.complete(columns | {name: np.ones(5, "f4") for name in SED_COLUMNS}, {"product": "truth brick", "seed": 3})
+    columns = {
+        "id": np.arange(5),
+        "ra": np.full(5, 60.0),
+        "dec": np.full(5, -40.0),
+        "name": np.array(["a", "b", "c", "d", "e"]),
+    }
+    table = ObjectTable.complete(
+        columns | {name: np.ones(5, "f4") for name in SED_COLUMNS}, {"product": "truth brick", "seed": 3}
+    )
     table.write(folder / "objects.parquet")
     return folder / "objects.parquet"
 
@@ -185,7 +203,9 @@ def orders(folder):
 def validation(folder):
     from csstsim.bricks.result_file import write_result
 
-    write_result(folder / "7.json", {"brick": 7, "recipe": "r", "limits": {}, "gates": [{"name": "x", "passed": True, "n": 3}]})
+    write_result(
+        folder / "7.json", {"brick": 7, "recipe": "r", "limits": {}, "gates": [{"name": "x", "passed": True, "n": 3}]}
+    )
     return folder / "7.json"
 
 
@@ -209,7 +229,7 @@ def _instrument(*names):
 
 
 def _c9_galaxies(folder):
-    return next((p for p in sorted(__import__("pathlib").Path(write_galaxies(folder / "g", *PLACES)).glob("*.h5"))))
+    return next(p for p in sorted(__import__("pathlib").Path(write_galaxies(folder / "g", *PLACES)).glob("*.h5")))
 
 
 PLACES = np.array([60.0, 60.02, 60.01]), np.array([-40.0, -40.01, -39.99])

@@ -45,7 +45,10 @@ def read_stars(files, bricks):
             root = group(h5, "star_catalog", file)
             for pixel in pixels(bricks)[1]:
                 if str(pixel) in root:
-                    yield int(pixel), _columns(group(root, str(pixel), file), dict.fromkeys(STAR_COLUMNS), STAR_OPTIONAL, file)
+                    yield (
+                        int(pixel),
+                        _columns(group(root, str(pixel), file), dict.fromkeys(STAR_COLUMNS), STAR_OPTIONAL, file),
+                    )
 
 
 def read_galaxies(folder, bricks, partial):

@@ -22,7 +22,17 @@ from csstsim.detector.channels import LAYOUTS, ReadoutFrame
 from csstsim.detector.mask import BITS
 from csstsim.errors import InputError
 from csstsim.instrument.chip import Window
-from csstsim.io.fits import card, compress, image_header, open_fits, read_header, read_pixels, remark, verify_hdu, write_hdus
+from csstsim.io.fits import (
+    card,
+    compress,
+    image_header,
+    open_fits,
+    read_header,
+    read_pixels,
+    remark,
+    verify_hdu,
+    write_hdus,
+)
 from csstsim.io.keywords import header_cards, header_values
 from csstsim.io.paths import level0_stem
 from csstsim.optics.sip import sip_header
