@@ -7,6 +7,7 @@ memory asked for without end, code run, a file written elsewhere, a message that
 import importlib
 import multiprocessing
 import os
+import platform
 import resource
 import sys
 import traceback
@@ -69,8 +70,9 @@ class Worker:
 def _serve(pipe, folder):
     """Answer requests until the pipe closes."""
     sys.dont_write_bytecode = True
-    importlib.import_module("fuzz.readers")
-    importlib.import_module("pyarrow.parquet")
+    for name in ("fuzz.readers", "pyarrow.parquet", "healpy", "matplotlib.pyplot"):  # which write caches of their own
+        importlib.import_module(name)
+    platform.processor()  # starts a process when a library first asks
     escaped = []
     sys.addaudithook(lambda event, args: _watch(event, args, folder, escaped))
     have = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
