@@ -9,10 +9,10 @@ from mini_campaign import write_campaign
 
 from csstsim import __version__, analysis, calibration, prepare, stages
 from csstsim.campaign import OpenCampaign
-from csstsim.config import LAYOUTS, load_campaign
+from csstsim.config import load_campaign
 from csstsim.errors import InputError
 from csstsim.io.frames import save_frame
-from csstsim.release import check_release, release
+from csstsim.release import LAYOUTS, check_release, release
 from csstsim.universe.bricks import brick_meta
 
 OTHER = "made by another version of csstsim"

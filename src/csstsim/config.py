@@ -16,12 +16,11 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from csstsim.errors import InputError
 from csstsim.model import FilePath, Model, validate
+from csstsim.release import NEWEST, check_layout
 from csstsim.yaml_file import read_yaml
 
 SHIPPED = Path(__file__).resolve().parents[2] / "config"
 
-# Layouts of campaign files, each with what a file of the one before it needs to become one
-LAYOUTS = {1: "give schema_version: 1, and the keys of config/README.md"}
 CHIP_GROUPS = ("all", "imaging", "slitless")
 ExposureType = Literal["SCIE", "BIAS", "DARK", "FLAT"]
 
@@ -223,7 +222,7 @@ class ValidateConfig(Model):
 class Campaign(Model):
     """What to run: everything that decides the products, and nothing about the machine."""
 
-    schema_version: int = Field(description=f"version of this file's layout: {max(LAYOUTS)}")
+    schema_version: int = Field(description=f"version of this file's layout: {NEWEST}")
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="short name, used in headers")
     survey_table: FilePath = Field(description="pointing table (CSV, survey_tables/README.md)")
     output: FilePath = Field(description="folder that receives everything the campaign makes")
@@ -251,16 +250,7 @@ class Campaign(Model):
     measurement: MeasurementConfig = MeasurementConfig()
     validation: ValidateConfig = ValidateConfig()
 
-    @field_validator("schema_version", mode="after")
-    @classmethod
-    def _this_layout(cls, value):
-        newest = max(LAYOUTS)
-        if 0 <= value < newest:
-            steps = "; ".join(LAYOUTS[number] for number in range(value + 1, newest + 1))
-            raise ValueError(f"an older layout than this csstsim reads, {newest}; to change: {steps}")
-        if value != newest:
-            raise ValueError(f"this csstsim reads layout {newest}; a newer file needs a newer csstsim")
-        return value
+    _layout = field_validator("schema_version")(check_layout)
 
     def observation_file(self, exposure_type):
         """Return the path of the layer list for 'SCIE', 'BIAS', 'DARK' or 'FLAT'."""

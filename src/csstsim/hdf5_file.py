@@ -12,7 +12,7 @@ def group(parent, name, path):
     """Return the group `name` of an h5py group in the file `path`. Raises InputError if it is none."""
     import h5py
 
-    found = parent[name] if name in parent else None
+    found = parent.get(name)
     if not isinstance(found, h5py.Group):
         raise InputError("group is missing", file=path, key=f"{parent.name}/{name}".strip("/"))
     return found
@@ -26,7 +26,7 @@ def numbers(parent, name, path):
     import h5py
 
     key = f"{parent.name}/{name}".strip("/")
-    found = parent[name] if name in parent else None
+    found = parent.get(name)
     if not isinstance(found, h5py.Dataset) or found.shape is None:
         raise InputError("dataset is missing", file=path, key=key)
     if found.dtype.kind not in "iuf":

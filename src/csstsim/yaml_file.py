@@ -53,7 +53,7 @@ def read_yaml(path):
 
 
 def _check_size(text):
-    """Raise YAMLError for text nested too deep (the parser in C would run out of stack and end the process) or too long.
+    """Raise YAMLError for text nested too deep (the parser in C would run out of stack, ending the process) or too long.
 
     What an alias repeats counts again: whoever walks through the data meets it again.
     """
