@@ -53,9 +53,10 @@ def read_yaml(path):
 
 
 def _check_size(text):
-    """Raise YAMLError for text nested too deep (the parser in C would run out of stack, ending the process) or too long.
+    """Raise YAMLError for text nested too deep or of too many values.
 
-    What an alias repeats counts again: whoever walks through the data meets it again.
+    Nested too deep, the parser in C would run out of stack and end the process. What an alias repeats counts again:
+    whoever walks through the data meets it again.
     """
     open_, known = [], {}  # [anchor, values, levels] of collections not yet at their end; (values, levels) of anchors
     for event in yaml.parse(text, Loader=_BASE):

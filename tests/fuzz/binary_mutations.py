@@ -1,6 +1,7 @@
 """How sound FITS, HDF5 and parquet files are spoiled from inside: cards, datasets, columns and what is said of them."""
 
 import io
+import json
 
 import h5py
 import numpy as np
@@ -13,20 +14,72 @@ from csstsim.io.fits import BLOCK, _encode, _fold, _word_sum
 
 CARD = 80
 CARD_VALUES = (
-    "0", "-1", "1", "3", "8", "16", "-64", "999", "1000000000000", "-9223372036854775808", "99999999999999999999999", "1.5", "1E400",
-    "NaN", "T", "F", "", "(1.0, 2.0)", "''", "'x'", "'../../escaped'", "'RICE_1'", "'GZIP_1'", "'BINTABLE'", "'9216 x 9232'",
-    "'1000000 x 1000000'", "'0 x 0'", "'x'*9", "'unclosed", "'caf\u00e9'", "[not a value]",
-)  # fmt: skip
-KEYWORDS = ("NAXIS", "NAXIS1", "NAXIS2", "NAXIS999", "BITPIX", "PCOUNT", "GCOUNT", "TFIELDS", "ZNAXIS1", "ZNAXIS2", "ZCMPTYPE",
-            "ZTILE1", "ZIMAGE", "XTENSION", "EXTNAME", "BZERO", "BSCALE", "END", "CONTINUE", "SIMPLE", "TFORM1", "THEAP")  # fmt: skip
+    "0",
+    "-1",
+    "1",
+    "3",
+    "8",
+    "16",
+    "-64",
+    "999",
+    "1000000000000",
+    "-9223372036854775808",
+    "99999999999999999999999",
+    "1.5",
+    "1E400",
+    "NaN",
+    "T",
+    "F",
+    "",
+    "(1.0, 2.0)",
+    "''",
+    "'x'",
+    "'../../escaped'",
+    "'RICE_1'",
+    "'GZIP_1'",
+    "'BINTABLE'",
+    "'9216 x 9232'",
+    "'1000000 x 1000000'",
+    "'0 x 0'",
+    "'x'*9",
+    "'unclosed",
+    "'caf\u00e9'",
+    "[not a value]",
+)
+KEYWORDS = (
+    "NAXIS",
+    "NAXIS1",
+    "NAXIS2",
+    "NAXIS999",
+    "BITPIX",
+    "PCOUNT",
+    "GCOUNT",
+    "TFIELDS",
+    "ZNAXIS1",
+    "ZNAXIS2",
+    "ZCMPTYPE",
+    "ZTILE1",
+    "ZIMAGE",
+    "XTENSION",
+    "EXTNAME",
+    "BZERO",
+    "BSCALE",
+    "END",
+    "CONTINUE",
+    "SIMPLE",
+    "TFORM1",
+    "THEAP",
+)
 
 
 def spoiled_fits(sound):
     """FITS with cards that lie, are doubled, lost or damaged; half of them with checksums that are right again."""
     change = st.tuples(
-        st.sampled_from(("value", "value", "value", "keyword", "drop", "double", "raw")), PLACE,
-        st.sampled_from(CARD_VALUES), st.sampled_from(KEYWORDS),
-    )  # fmt: skip
+        st.sampled_from(("value", "value", "value", "keyword", "drop", "double", "raw")),
+        PLACE,
+        st.sampled_from(CARD_VALUES),
+        st.sampled_from(KEYWORDS),
+    )
     cards = st.tuples(st.lists(change, min_size=1, max_size=3), st.booleans())
     return cards.map(lambda drawn: _apply_fits(sound, *drawn)) | spoiled_bytes(sound)
 
@@ -50,9 +103,12 @@ def _apply_fits(data, changes, sealed):
         start, _ = (named or cards)[place // 2 % len(named or cards)]
         card = bytes(data[start : start + CARD])
         new = {
-            "value": card[:10] + value.rjust(20).encode("utf-8"), "keyword": keyword.ljust(8).encode() + card[8:],
-            "drop": b"", "double": card, "raw": card[:20] + bytes([place % 256]) + card[21:],
-        }[kind]  # fmt: skip
+            "value": card[:10] + value.rjust(20).encode("utf-8"),
+            "keyword": keyword.ljust(8).encode() + card[8:],
+            "drop": b"",
+            "double": card,
+            "raw": card[:20] + bytes([place % 256]) + card[21:],
+        }[kind]
         data[start : start + CARD] = new[:CARD].ljust(CARD)
         if kind == "double" and len(cards) > 1:
             other = cards[place // 7 % len(cards)][0]
@@ -106,8 +162,24 @@ def _apply_hdf5(data, changes):
 def _spoil_attribute(attrs, kind, place):
     name = list(attrs)[place // 11 % len(attrs)]
     del attrs[name]
-    odd = (0, -1, 61, 2**40, np.nan, np.inf, b"\xff\xfe", "../../escaped", "\x1b[31m", "{}", "[[1]]", np.zeros((3, 3)), h5py.Empty("f"),
-           np.zeros(0), True, np.array([b"a", b"b"]))  # fmt: skip
+    odd = (
+        0,
+        -1,
+        61,
+        2**40,
+        np.nan,
+        np.inf,
+        b"\xff\xfe",
+        "../../escaped",
+        "\x1b[31m",
+        "{}",
+        "[[1]]",
+        np.zeros((3, 3)),
+        h5py.Empty("f"),
+        np.zeros(0),
+        True,
+        np.array([b"a", b"b"]),
+    )
     if kind == "attribute":
         attrs[name] = odd[place // 13 % len(odd)]
 
@@ -169,12 +241,8 @@ def _apply_parquet(table, changes, record):
     for kind, place, name in changes:
         table = _spoil_table(table, kind, place, name)
         if kind == "record":
-            import json
-
             about[_META_KEY] = json.dumps(record).encode("utf-8", "surrogatepass")
     try:
-        import json
-
         sums = {"": _checksum(about[_META_KEY])}
         sums |= {name: _checksum(table[name].to_numpy()) for name in table.column_names}
         about[_SUMS_KEY] = json.dumps(sums).encode()
@@ -203,7 +271,13 @@ def _spoil_table(table, kind, place, name):
     odd = {
         "nulls": (pa.nulls(rows), pa.nulls(rows, pa.float64()), pa.nulls(rows, pa.int64())),
         "values": tuple(pa.array(np.full(rows, v)) for v in (np.nan, np.inf, -1, 1e300, 2**62, -(2**63))),
-        "type": (pa.array(["x"] * rows), pa.array([[1.0]] * rows, pa.list_(pa.float64())), pa.array([{"a": 1}] * rows, pa.struct({"a": pa.int64()})),
-                 pa.array([b"\xff"] * rows, pa.binary()), pa.array([True] * rows), pa.array([0] * rows, pa.timestamp("ns"))),
-    }.get(kind)  # fmt: skip
+        "type": (
+            pa.array(["x"] * rows),
+            pa.array([[1.0]] * rows, pa.list_(pa.float64())),
+            pa.array([{"a": 1}] * rows, pa.struct({"a": pa.int64()})),
+            pa.array([b"\xff"] * rows, pa.binary()),
+            pa.array([True] * rows),
+            pa.array([0] * rows, pa.timestamp("ns")),
+        ),
+    }.get(kind)
     return table if odd is None else table.set_column(at, column, odd[place // 7 % len(odd)])

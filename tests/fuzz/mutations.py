@@ -25,14 +25,46 @@ NAMES = (
     "-rf",
     "a" * 5000,
 )
-NUMBERS = (0, -1, 1, 2, 7, 10**12, -(2**63), 2**63, 10**400, 0.5, -0.0, 1e-320, 1e308, -1e308,
-           math.nan, math.inf, -math.inf)  # fmt: skip
+NUMBERS = (
+    0,
+    -1,
+    1,
+    2,
+    7,
+    10**12,
+    -(2**63),
+    2**63,
+    10**400,
+    0.5,
+    -0.0,
+    1e-320,
+    1e308,
+    -1e308,
+    math.nan,
+    math.inf,
+    -math.inf,
+)
 ODD = (None, True, False, "", " ", "1:30", "010", [], {}, [[]], [None], {"a": 1}, [1, 2, 3], {"": {}}, "yes", "nan")
 CODE = (
-    '!!python/object/apply:os.system ["touch escaped"]', "!!python/name:fuzz_tripwire.run", "!!python/module:fuzz_tripwire",
-    "!!python/object/new:fuzz_tripwire.Run []", "!!binary AAAA", "!!set {a, b}", "!!timestamp 2027-13-45", "2027-01-01",
-    "&a [*a]", "&a {b: *a}", "*nothing", "<<: *nothing", "? [a, b]\n: c", "0x7fffffffffffffffff", "1_000", "!!int x", "@", "%",
-)  # fmt: skip
+    '!!python/object/apply:os.system ["touch escaped"]',
+    "!!python/name:fuzz_tripwire.run",
+    "!!python/module:fuzz_tripwire",
+    "!!python/object/new:fuzz_tripwire.Run []",
+    "!!binary AAAA",
+    "!!set {a, b}",
+    "!!timestamp 2027-13-45",
+    "2027-01-01",
+    "&a [*a]",
+    "&a {b: *a}",
+    "*nothing",
+    "<<: *nothing",
+    "? [a, b]\n: c",
+    "0x7fffffffffffffffff",
+    "1_000",
+    "!!int x",
+    "@",
+    "%",
+)
 
 
 def values():
@@ -114,9 +146,10 @@ def spoiled_yaml(sound):
         st.sampled_from(("scalar", "line", "double", "front")), PLACE, st.sampled_from((*CODE, bomb(9), bomb(30)))
     )
     return st.one_of(
-        tree.map(_dump_yaml), spoiled_bytes(sound),
+        tree.map(_dump_yaml),
+        spoiled_bytes(sound),
         st.lists(text, min_size=1, max_size=2).map(lambda changes: _apply_text(sound.decode(), changes)),
-    )  # fmt: skip
+    )
 
 
 def _dump_yaml(tree):

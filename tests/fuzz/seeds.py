@@ -1,9 +1,9 @@
-"""Sound files for every reader, small, and how each is spoiled."""
+"""Makers of small sound files: each writes one, and what it needs beside it, into a folder and returns its path."""
 
 import json
 import shutil
-from collections.abc import Callable
-from dataclasses import dataclass
+import tempfile
+from pathlib import Path
 from types import SimpleNamespace
 
 import h5py
@@ -12,30 +12,40 @@ import numpy as np
 from astropy.io import fits
 from catalog.test_c9 import write_basis, write_galaxies, write_stars
 from fuzz import readers
-from fuzz.binary_mutations import spoiled_fits, spoiled_hdf5, spoiled_parquet
-from fuzz.mutations import spoiled_bytes, spoiled_csv, spoiled_json, spoiled_tree, spoiled_yaml
+from fuzz.binary_mutations import spoiled_fits
+from fuzz.mutations import spoiled_tree
 from mini import mini_camera
 from readout_state import flat_state, plain_layers, run
 
 from csstsim.config import SHIPPED
 
-META = {"recipe": {"camera": "c", "exposure": "e"}, "stage": "render", "unit": "electron", "header": {"stages": [["render", 1, 2]]},
-        "exposure": {"OBSID": "10100000001", "READX0": 1, "READX1": 20, "READY0": 1, "READY1": 10, "EXPTIME": 150.0,
-                     "CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN", "CRPIX1": 1.0, "CRPIX2": 1.0, "CRVAL1": 60.0, "CRVAL2": -40.0,
-                     "CD1_1": 1e-5, "CD1_2": 0.0, "CD2_1": 0.0, "CD2_2": 1e-5, "POSKIND": "APPARENT", "DETECTOR": "09"}}  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Target:
-    """One reader and a file it reads: `make(folder)` writes sound ones and returns the file to spoil.
-
-    `spoil` makes the strategy of hostile bytes of the sound bytes; `weight` is its share of the examples.
-    """
-
-    make: Callable
-    spoil: Callable
-    function: str
-    weight: float = 1.0
+META = {
+    "recipe": {"camera": "c", "exposure": "e"},
+    "stage": "render",
+    "unit": "electron",
+    "header": {"stages": [["render", 1, 2]]},
+    "exposure": {
+        "OBSID": "10100000001",
+        "READX0": 1,
+        "READX1": 20,
+        "READY0": 1,
+        "READY1": 10,
+        "EXPTIME": 150.0,
+        "CTYPE1": "RA---TAN",
+        "CTYPE2": "DEC--TAN",
+        "CRPIX1": 1.0,
+        "CRPIX2": 1.0,
+        "CRVAL1": 60.0,
+        "CRVAL2": -40.0,
+        "CD1_1": 1e-5,
+        "CD1_2": 0.0,
+        "CD2_1": 0.0,
+        "CD2_2": 1e-5,
+        "POSKIND": "APPARENT",
+        "DETECTOR": "09",
+    },
+}
+PLACES = np.array([60.0, 60.02, 60.01]), np.array([-40.0, -40.01, -39.99])  # ra, dec
 
 
 def shipped(*parts):
@@ -73,9 +83,17 @@ def psf(folder):
     chip = camera.chips[readers.PSF_CHIP]
     filter_ = camera.filters[chip.filter]
     make_psf(
-        path, chip, filter_, camera.telescope, camera.psf, 2, cells=32, camera_digest=camera.digest, provenance={"seed": 1},
+        path,
+        chip,
+        filter_,
+        camera.telescope,
+        camera.psf,
+        2,
+        cells=32,
+        camera_digest=camera.digest,
+        provenance={"seed": 1},
         beyond=beyond_box(camera, filter_),
-    )  # fmt: skip
+    )
     return path
 
 
@@ -136,8 +154,6 @@ def frame(folder, meta=META):
 
 def spoiled_frame(sound):
     """A frame whose record says what it should not, with checksums that are right; or a spoiled FITS file."""
-    import tempfile
-    from pathlib import Path
 
     def sealed(meta):
         with tempfile.TemporaryDirectory() as folder:
@@ -193,9 +209,12 @@ def orders(folder):
 
     gratings = readers.camera().gratings[1]
     columns = {name: np.ones(3) for name in ("x", "y", "p", "q", "r", "s", "electrons", "drawn")} | {
-        "id": np.arange(3), "row": np.arange(3), "order": np.ones(3, "i1"), "grating": np.full(3, gratings.pieces[0][0].name),
+        "id": np.arange(3),
+        "row": np.arange(3),
+        "order": np.ones(3, "i1"),
+        "grating": np.full(3, gratings.pieces[0][0].name),
         "cut": np.zeros(3, bool),
-    }  # fmt: skip
+    }
     write_orders(folder / "orders.parquet", ObjectTable(columns), {"recipe": {"camera": "c"}})
     return folder / "orders.parquet"
 
@@ -216,56 +235,13 @@ def benchmarks(folder):
     return path
 
 
-def _csv(sound):
-    return spoiled_csv(sound)
+def c9_stars(folder):
+    return Path(write_stars(folder / "stars.h5", *PLACES))
 
 
-def _read(name):
-    return f"fuzz.readers:{name}"
+def c9_galaxies(folder):
+    return next(Path(write_galaxies(folder / "galaxies", *PLACES)).glob("*.h5"))
 
 
-def _instrument(*names):
-    return {f"instrument {name}": Target(in_instrument(name), spoiled_yaml, _read("instrument"), 0.4) for name in names}
-
-
-def _c9_galaxies(folder):
-    return next(p for p in sorted(__import__("pathlib").Path(write_galaxies(folder / "g", *PLACES)).glob("*.h5")))
-
-
-PLACES = np.array([60.0, 60.02, 60.01]), np.array([-40.0, -40.01, -39.99])
-TARGETS = {
-    "campaign YAML": Target(shipped("campaign.yaml"), spoiled_yaml, _read("campaign"), 2),
-    "observation YAML": Target(shipped("observations", "science.yaml"), spoiled_yaml, _read("observation"), 2),
-    "survey table CSV": Target(survey_table, spoiled_csv, _read("survey_table"), 2),
-    **_instrument(
-        "detector.yaml", "chips.yaml", "filters.yaml", "telescope.yaml", "cosmic_rays.yaml", "defects.yaml", "cti.yaml", "gratings.yaml",
-        "brighter_fatter.yaml", "psf.yaml", "scatter.yaml", "ghosts.yaml", "sky.yaml", "leds.yaml", "distortion.yaml", "level0_keywords.yaml",
-    ),
-    "instrument aXe .conf": Target(in_instrument("gratings", "GI1.conf"), spoiled_bytes, _read("instrument"), 0.5),
-    "instrument sensitivity FITS": Target(in_instrument("gratings", "GI_p1.fits"), spoiled_fits, _read("instrument"), 0.5),
-    "instrument distortion FITS": Target(in_instrument("distortion.fits"), spoiled_fits, _read("instrument"), 0.5),
-    **{f"universe {name}": Target(in_universe(name), spoiled_yaml, _read("universe"), 0.05)
-       for name in ("cosmology.yaml", "dust.yaml", "galaxies.yaml", "lensing.yaml", "quasars.yaml", "stars.yaml")},
-    "universe star spectra FITS": Target(in_universe("star_spectra.fits"), spoiled_fits, _read("star_spectra"), 0.3),
-    "universe galaxy spectra FITS": Target(in_universe("galaxy_spectra.fits"), spoiled_fits, _read("galaxy_spectra"), 0.3),
-    "dust map FITS": Target(dust, spoiled_fits, _read("dust_map")),
-    "Cycle-9 stars HDF5": Target(lambda folder: write_stars(folder / "stars.h5", *PLACES), spoiled_hdf5, _read("c9_stars")),
-    "Cycle-9 galaxies HDF5": Target(_c9_galaxies, spoiled_hdf5, _read("c9_galaxies")),
-    "Cycle-9 spectra HDF5": Target(lambda folder: write_basis(folder / "basis.h5"), spoiled_hdf5, _read("c9_spectra")),
-    "scene parquet": Target(objects, spoiled_parquet, _read("scene")),
-    "PSF set HDF5": Target(psf, spoiled_hdf5, _read("psf")),
-    "PSF tables HDF5": Target(psf_tables, spoiled_hdf5, _read("psf_tables")),
-    "PSF library HDF5": Target(psf_library, spoiled_hdf5, _read("psf_library"), 0.5),
-    "Level-0 FITS": Target(level0(), spoiled_fits, _read("level0"), 2),
-    "Level-0 FITS, compressed": Target(level0(compress=True), spoiled_fits, _read("level0"), 2),
-    "frame FITS": Target(frame, spoiled_frame, _read("frame"), 2),
-    "picture of a frame": Target(frame, spoiled_frame, _read("picture"), 0.3),
-    "picture of Level-0": Target(level0(), spoiled_fits, _read("picture"), 0.3),
-    "picture of an image": Target(image, spoiled_fits, _read("picture"), 0.3),
-    "table parquet": Target(objects, spoiled_parquet, _read("table")),
-    "truth parquet": Target(truth, spoiled_parquet, _read("truth")),
-    "orders parquet": Target(orders, spoiled_parquet, _read("orders")),
-    "brick parquet": Target(objects, spoiled_parquet, _read("brick")),
-    "validation JSON": Target(validation, spoiled_json, _read("validation")),
-    "benchmark TSV": Target(benchmarks, spoiled_bytes, _read("benchmarks"), 0.5),
-}  # fmt: skip
+def c9_spectra(folder):
+    return Path(write_basis(folder / "basis.h5"))

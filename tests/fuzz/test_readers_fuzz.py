@@ -6,7 +6,7 @@
 import os
 
 import pytest
-from fuzz.seeds import TARGETS
+from fuzz.targets import TARGETS
 from fuzz.trial import tried
 
 SHORT = [name for name in TARGETS if not name.startswith(("universe", "instrument", "picture"))]
