@@ -1,11 +1,12 @@
 # Two commands on a bare Debian machine with python3, git and make:
 #   make run    set up .venv, then simulate the demo campaign and one full chip end to end
 #   make test   set up .venv, then every check and test
+#   make fuzz   set up .venv, then eight minutes of hostile input to every reader, and a table of what came of it
 PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: run test test-slurm format clean
+.PHONY: run test test-slurm fuzz format clean
 
 run: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/campaign.yaml
@@ -23,6 +24,9 @@ test: .venv/ready
 test-slurm: .venv/ready
 	$(BIN)/pip install --quiet --disable-pip-version-check --constraint requirements.lock --editable '.[slurm]'
 	pytest -m slurm -rs --durations=0 tests/workflow/test_slurm.py
+
+fuzz: .venv/ready
+	pytest -m slow tests/fuzz
 
 format: .venv/ready
 	ruff check --fix .

@@ -45,7 +45,7 @@ def make_frames(folder, rows):
         lines = [f"{o},{kind},0,0,0,2027-06-01T00:00:00,{EXPTIME[kind]}" for o in obsids]
         table.write_text("\n".join(["obsid,type,ra,dec,pa,time,exptime", *lines]) + "\n")
         campaign = {
-            "name": "stacks", "survey_table": str(table), "output": str(folder / "out"), "seed": 9,
+            "schema_version": 1, "name": "stacks", "survey_table": str(table), "output": str(folder / "out"), "seed": 9,
             "select": {"types": [kind], "chips": [CHIP]}, "observations": {kind: str(layers(folder, kind, seconds))},
             "window": {"x0": 0, "x1": 9216, "y0": 4616 - rows, "y1": 4616 + rows},
         }  # fmt: skip

@@ -86,6 +86,7 @@ def campaign(folder, number, every):
         layers["layers"] = [layer for layer in layers["layers"] if not {"CTE_effect", "cosmic_rays"} & set(layer)]
     (folder / "science.yaml").write_text(yaml.safe_dump(layers, sort_keys=False))
     content = {
+        "schema_version": 1,
         "name": folder.name, "survey_table": str(ROOT / "survey_tables/demo.csv"), "output": str(folder), "seed": 11,
         "select": {"types": ["SCIE"], "chips": [number], "obsids": [OBSID]}, "psf": {"grid": 10},
         "observations": {"SCIE": str(folder / "science.yaml")},

@@ -38,7 +38,8 @@ def write_campaign(folder, pointings=POINTINGS, geometry=None, **changes):
     (universe / "galaxies.yaml").write_text(yaml.safe_dump(galaxies))
     (folder / "table.csv").write_text("\n".join([HEADER, *pointings]) + "\n")
     campaign = {
-        "name": "mini", "survey_table": str(folder / "table.csv"), "output": str(folder / "out"), "seed": 3,
+        "schema_version": 1, "name": "mini", "seed": 3,
+        "survey_table": str(folder / "table.csv"), "output": str(folder / "out"),
         "instrument": str(instrument), "universe": str(universe),
         "select": {"types": ["SCIE"], "chips": [9]}, "psf": {"grid": 2},
     }  # fmt: skip

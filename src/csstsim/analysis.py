@@ -120,7 +120,11 @@ def validate(run, pix):
     merged = ObjectTable.read(made(run.paths.merge(pix), f"merge {run.file} --brick {pix}"))
     check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
     result, arrays = validate_brick(pix, merged, frames, run.config.validation)
-    result |= {"recipe": run.brick_recipe(pix), "limits": run.config.validation.model_dump(mode="json")}
+    result |= {
+        "csstsim": __version__,
+        "recipe": run.brick_recipe(pix),
+        "limits": run.config.validation.model_dump(mode="json"),
+    }
     path, limits = run.paths.validate(pix), run.config.validation
     with atomic_path(path.with_suffix(".png")) as temporary:
         temporary.write_bytes(brick_figure(result, arrays, threshold=limits.completeness_min, snr_min=limits.snr_min))

@@ -14,6 +14,7 @@ from csstsim import __version__
 from csstsim.campaign import CALIBRATIONS, FEWEST_CALIBRATIONS
 from csstsim.errors import InputError
 from csstsim.io.paths import made
+from csstsim.release import check_release
 from csstsim.rng import Streams
 
 PUSHES = 2  # passes of the brighter-fatter correction: charge moves by per cents, the second by per cents of those
@@ -71,6 +72,7 @@ def _level0(run, job):
     path, recipe = run.paths.level0(job.pointing, job.chip.id), run.recipe(job)
     made(path, f"chip {run.file} {job.options}")
     file = read_level0(path, verify=True)
+    check_release(path, file.header0.get("SIMVER"))
     for name, keyword in RECIPE.items():
         if file.header0.get(keyword) != recipe[name]:
             raise InputError(
@@ -103,6 +105,7 @@ def _by_masters(run, job, streams):
     from csstsim.io.frames import load_frame
 
     planes, meta = load_frame(run.masters(job.chip.id), masters_recipe(run, job.chip.id))
+    check_release(run.masters(job.chip.id), meta.get("csstsim"))
     part, response = job.window.slices, _response(run, job, streams, prnu=False)
     flat = np.ascontiguousarray(planes["flat"][part])
     offset = {int(channel): value for channel, value in meta["offset"].items()}

@@ -24,6 +24,7 @@ from csstsim.optics import shutter
 from csstsim.optics.dispersion import Disperser
 from csstsim.optics.distortion import load_distortion
 from csstsim.optics.wcs import ChipWCS
+from csstsim.release import release
 from csstsim.render.numbers import load_numbers
 from csstsim.sim_steps import SimSteps
 
@@ -290,6 +291,7 @@ class OpenCampaign:
     def recipe(self, job):
         """Return {name: digest} of everything that decides this job's pixels; recorded in each product."""
         return {
+            "csstsim": release(),
             "campaign": digest(
                 [self.config.digest(), self.rendering.model_dump(), self.universe.digest if self.embedded else None]
             ),

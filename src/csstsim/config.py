@@ -16,6 +16,7 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from csstsim.errors import InputError
 from csstsim.model import FilePath, Model, validate
+from csstsim.release import NEWEST, check_layout
 from csstsim.yaml_file import read_yaml
 
 SHIPPED = Path(__file__).resolve().parents[2] / "config"
@@ -221,7 +222,7 @@ class ValidateConfig(Model):
 class Campaign(Model):
     """What to run: everything that decides the products, and nothing about the machine."""
 
-    schema_version: Literal[1] = Field(1, description="version of this file's layout")
+    schema_version: int = Field(description=f"version of this file's layout: {NEWEST}")
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="short name, used in headers")
     survey_table: FilePath = Field(description="pointing table (CSV, survey_tables/README.md)")
     output: FilePath = Field(description="folder that receives everything the campaign makes")
@@ -248,6 +249,8 @@ class Campaign(Model):
     )
     measurement: MeasurementConfig = MeasurementConfig()
     validation: ValidateConfig = ValidateConfig()
+
+    _layout = field_validator("schema_version")(check_layout)
 
     def observation_file(self, exposure_type):
         """Return the path of the layer list for 'SCIE', 'BIAS', 'DARK' or 'FLAT'."""

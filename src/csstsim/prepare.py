@@ -3,6 +3,7 @@
 from functools import partial
 
 from csstsim.errors import InputError
+from csstsim.release import check_release
 
 
 def truth(run, pix):
@@ -79,10 +80,12 @@ def open_psf(run, chip):
             "grid": config.grid,
             "oversampling": oversampling_of(chip.filter, run.camera.psf, config.oversampling),
         }
-    return PsfSet(
+    psf = PsfSet(
         run.paths.psf(chip.id), chip=chip.id, filter=chip.filter, camera_digest=run.camera.digest,
         method=config.interpolation, beta=config.beta, neighbours=config.neighbours, **own,
     )  # fmt: skip
+    check_release(psf.path, psf.attributes["version"])
+    return psf
 
 
 def psf_box(run, chip):

@@ -11,6 +11,7 @@ import numpy as np
 from csstsim.config import digest
 from csstsim.errors import InputError
 from csstsim.prepare import missing_bricks, missing_psf, open_psf, psf_box
+from csstsim.release import check_release
 from csstsim.state import State
 
 
@@ -268,7 +269,8 @@ def _state_before(run, job, stage):
     state = _blank(run, job)
     if run.has_stage(job.pointing, stage):
         path = run.paths.stage(*job.key, f"{stage}.fits")
-        planes, meta = load_frame(path, {"recipe": run.recipe(job), "stage": stage})
+        planes, meta = load_frame(path, {"stage": stage})
+        check_recipe(path, meta, run.recipe(job))
         state.image, state.counted, state.mask = planes["image"], planes.get("counted"), planes.get("mask", state.mask)
         state.unit, state.header = meta["unit"], meta["header"]
     return state
@@ -292,8 +294,8 @@ def _exposure(run, job):
 
 
 def check_recipe(path, meta, recipe):
-    """Refuse a file whose record says it was made from something else than `recipe`."""
-    if meta.get("recipe") != recipe:
-        raise InputError(
-            "made for another campaign; remove it", file=path, key="recipe", value=meta.get("recipe"), allowed=recipe
-        )
+    """Refuse a file whose record says it was made from something else than `recipe`, or by another release."""
+    found = meta.get("recipe")
+    if found != recipe:
+        check_release(path, (found if isinstance(found, dict) else meta).get("csstsim"))
+        raise InputError("made for another campaign; remove it", file=path, key="recipe", value=found, allowed=recipe)

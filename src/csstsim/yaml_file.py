@@ -1,7 +1,9 @@
 """The one way YAML is read: strictly, so that what is run is what was written.
 
-Refused beside what is no YAML: a key given twice, which YAML would let overwrite the first, and anything nested deeper
-than a hundred levels. 1:30 and 010 stay text (YAML 1.1 makes them 90 and 8).
+Refused beside what is no YAML: a key given twice, which YAML would let overwrite the first, tags that would make
+objects, anything nested deeper than a hundred levels, and more than a million values, those that aliases repeat counted
+as often as they stand (ten lines of aliases of aliases make a billion). 1:30 and 010 stay text (YAML 1.1 makes them 90
+and 8).
 """
 
 import re
@@ -10,8 +12,9 @@ from pathlib import Path
 import yaml
 
 from csstsim.errors import InputError
+from csstsim.text_file import read_text
 
-DEPTH = 100
+DEPTH, VALUES = 100, 1_000_000
 _BASE = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml parses ten times faster
 _NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
 _NOT_A_NUMBER = re.compile(r".*:.*|[-+]?0[0-9_]+")
@@ -34,16 +37,9 @@ class _Loader(_BASE):
 def read_yaml(path):
     """Return the mapping in a YAML file; InputError if missing, unreadable or not a mapping."""
     path = Path(path)
+    text = read_text(path)
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as exc:
-        raise InputError(
-            f"cannot read the file: {getattr(exc, 'strerror', None) or 'not UTF-8 text'}", file=path
-        ) from exc
-    except ValueError as exc:
-        raise InputError(f"cannot read the file: {exc}", file=path) from exc
-    try:
-        _check_depth(text)
+        _check_size(text)
         data = yaml.load(text, Loader=_Loader)
     except yaml.YAMLError as exc:
         mark = getattr(exc, "problem_mark", None)
@@ -56,14 +52,32 @@ def read_yaml(path):
     return data
 
 
-def _check_depth(text):
-    """Raise YAMLError for text nested too deep: the parser in C would run out of stack and end the process."""
-    depth = 0
+def _check_size(text):
+    """Raise YAMLError for text nested too deep or of too many values.
+
+    Nested too deep, the parser in C would run out of stack and end the process. What an alias repeats counts again:
+    whoever walks through the data meets it again.
+    """
+    open_, known = [], {}  # [anchor, values, levels] of collections not yet at their end; (values, levels) of anchors
     for event in yaml.parse(text, Loader=_BASE):
         if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
+            open_.append([event.anchor, 1, 0])
+            values, levels = 0, 0
+        elif isinstance(event, yaml.AliasEvent):
+            values, levels = known.get(event.anchor, (VALUES, DEPTH))  # of itself, or of nothing
+        elif isinstance(event, yaml.ScalarEvent):
+            values, levels = known[event.anchor] = 1, 0
         elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
-        if depth > DEPTH:
-            message = f"nested deeper than {DEPTH} levels"
+            anchor, values, levels = open_.pop()
+            levels += 1
+            known[anchor] = values, levels
+        else:
+            continue
+        if open_:
+            open_[-1][1] += values
+            open_[-1][2] = max(open_[-1][2], levels)
+        if len(open_) + levels > DEPTH or values >= VALUES:
+            message = f"more than {VALUES} values, repeated by aliases, or an alias of itself"
+            if values < VALUES:
+                message = f"nested deeper than {DEPTH} levels"
             raise yaml.composer.ComposerError(None, None, message, event.start_mark)

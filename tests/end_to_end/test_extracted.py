@@ -22,6 +22,7 @@ def campaign(tmp_path_factory):
     """A campaign file: a star in front of either grating of chip 2."""
     folder = tmp_path_factory.mktemp("extracted")
     content = {
+        "schema_version": 1,
         "name": "extracted", "survey_table": str(SHIPPED.parent / "survey_tables" / "demo.csv"), "seed": 5,
         "output": str(folder / "out"), "select": {"types": ["SCIE"], "chips": [2, 9], "obsids": [OBSID]},
         "window": {"x0": 3100, "x1": 4300, "y0": 4100, "y1": 4220}, "psf": {"grid": 2},

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.errors import InputError
+from csstsim.hdf5_file import group, numbers
 
 STAR_COLUMNS = ("RA", "DEC", "app_sdss_g", "teff", "grav", "z_met", "AV", "mass")
 STAR_OPTIONAL = ("pmra", "pmdec", "RV", "parallax")
@@ -41,10 +42,13 @@ def read_stars(files, bricks):
     """Yield (pixel, {name: values}) of every pixel under `bricks`; one that is in several files comes several times."""
     for file in files:
         with _open(file) as h5:
-            root = _group(h5, "star_catalog", file)
+            root = group(h5, "star_catalog", file)
             for pixel in pixels(bricks)[1]:
                 if str(pixel) in root:
-                    yield int(pixel), _columns(root[str(pixel)], dict.fromkeys(STAR_COLUMNS), STAR_OPTIONAL, file)
+                    yield (
+                        int(pixel),
+                        _columns(group(root, str(pixel), file), dict.fromkeys(STAR_COLUMNS), STAR_OPTIONAL, file),
+                    )
 
 
 def read_galaxies(folder, bricks, partial):
@@ -57,18 +61,18 @@ def read_galaxies(folder, bricks, partial):
         if partial and not file.exists():
             continue
         with _open(file) as h5:
-            root = _group(h5, "galaxies", file)
+            root = group(h5, "galaxies", file)
             if str(pixel) in root:
-                yield int(pixel), _columns(root[str(pixel)], wanted, (), file)
+                yield int(pixel), _columns(group(root, str(pixel), file), wanted, (), file)
 
 
 def read_array(file, name, ndim):
     """Return dataset `name` of an HDF5 file as float64. Raises InputError if it is not an array of `ndim` axes."""
     with _open(file) as h5:
-        values = _dataset(h5, name, file)
+        values = numbers(h5, name, file)
     if values.ndim != ndim or not np.isfinite(values).all():
         raise InputError(f"must be finite, of {ndim} axes", file=file, key=name, value=values.shape)
-    return values
+    return values.astype(float)
 
 
 @contextmanager
@@ -84,29 +88,14 @@ def _open(file):
         raise InputError(f"cannot read the catalogue: {reason}", file=file) from exc
 
 
-def _group(h5, name, file):
-    if name not in h5:
-        raise InputError("not a Cycle-9 catalogue: group is missing", file=file, key=name)
-    return h5[name]
-
-
-def _columns(group, wanted, optional, file):
+def _columns(pixel, wanted, optional, file):
     """Return {name: values} of a pixel's group; wanted: {name: number of columns, None for one axis}."""
-    wanted = wanted | {name: None for name in optional if name in group}
-    found = {name: _dataset(group, name, file) for name in wanted}
+    wanted = wanted | {name: None for name in optional if name in pixel}
+    found = {name: np.atleast_1d(numbers(pixel, name, file)) for name in wanted}
     count = len(next(iter(found.values())))
     for name, width in wanted.items():
         shape = (count,) if width is None else (count, width)
         if found[name].shape != shape:
-            key = f"{group.name.strip('/')}/{name}"
+            key = f"{pixel.name.strip('/')}/{name}"
             raise InputError("wrong shape", file=file, key=key, value=found[name].shape, allowed=shape)
     return found
-
-
-def _dataset(group, name, file):
-    key = f"{group.name}/{name}".strip("/")
-    if name not in group or not hasattr(group[name], "dtype"):
-        raise InputError("dataset is missing", file=file, key=key)
-    if group[name].dtype.kind not in "iuf":
-        raise InputError("must be numbers", file=file, key=key, value=str(group[name].dtype))
-    return np.atleast_1d(group[name][()])

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.catalog.extinction import odonnell, star_ebv
+from csstsim.damage import reading
 from csstsim.errors import InputError
 
 SFD = "sfd"
@@ -37,7 +38,7 @@ class DustMap:
     def _map(self):
         """Columns (memory-mapped), nside, nested, galactic; most stages want the digest alone and never read them."""
         columns, header = _open(self.path, self._numbers["columns"])
-        galactic_frame = _is_galactic(header.get("COORDSYS") or self._numbers["coordsys"], self.path)
+        galactic_frame = _is_galactic(header["COORDSYS"] or self._numbers["coordsys"], self.path)
         return columns, *_pixelisation(columns[0].size, header, self.path), galactic_frame
 
     @property
@@ -121,33 +122,31 @@ def _sfd_path():
 
 
 def _open(path, wanted):
-    """Return the `wanted` columns (or the only one), memory-mapped, and the header of the map's table."""
+    """Return the `wanted` columns (or the only one), memory-mapped, and what the header of the map's table says."""
     from astropy.io import fits
 
-    try:
-        with fits.open(path, memmap=True) as hdus:
-            table = next((hdu for hdu in hdus if isinstance(hdu, fits.BinTableHDU)), None)
-            if table is None:
-                raise InputError("the dust map has no table", file=path)
-            names = {name.upper(): name for name in table.columns.names}
-            missing = [name for name in wanted if name.upper() not in names]
-            if len(names) == 1:
-                wanted = list(names)
-            elif missing:
-                raise InputError("the dust map lacks a column", file=path, key=missing[0], allowed=", ".join(names))
-            return [table.data.field(names[name.upper()]) for name in wanted], table.header
-    except (OSError, TypeError, ValueError) as exc:
-        raise InputError(f"the dust map cannot be read: {exc}", file=path) from exc
+    with reading(path, "a dust map", strict=False), fits.open(path, memmap=True) as hdus:
+        table = next((hdu for hdu in hdus if isinstance(hdu, fits.BinTableHDU)), None)
+        if table is None:
+            raise InputError("the dust map has no table", file=path)
+        names = {name.upper(): name for name in table.columns.names}
+        missing = [name for name in wanted if name.upper() not in names]
+        if len(names) == 1:
+            wanted = list(names)
+        elif missing:
+            raise InputError("the dust map lacks a column", file=path, key=missing[0], allowed=", ".join(names))
+        about = {key: str(table.header.get(key, "")) for key in ("COORDSYS", "ORDERING", "INDXSCHM")}
+        return [table.data.field(names[name.upper()]) for name in wanted], about
 
 
 def _pixelisation(size, header, path):
     """Return (nside, nested) of a full-sky map of `size` pixels."""
     import healpy
 
-    ordering = str(header.get("ORDERING", "")).strip().upper()
+    ordering = header["ORDERING"].strip().upper()
     if ordering not in ("RING", "NESTED", "NEST"):
         raise InputError("unknown order of pixels", file=path, key="ORDERING", value=ordering, allowed="RING, NESTED")
-    if not healpy.isnpixok(size) or header.get("INDXSCHM", "IMPLICIT").strip() != "IMPLICIT":
+    if not healpy.isnpixok(size) or (header["INDXSCHM"].strip() or "IMPLICIT") != "IMPLICIT":
         raise InputError("not a full-sky HEALPix map", file=path, key="pixels", value=size)
     return healpy.npix2nside(size), ordering != "RING"
 

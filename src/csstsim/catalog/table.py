@@ -17,6 +17,7 @@ STAR, GALAXY, QUASAR = 0, 1, 2
 TYPES = ("star", "galaxy", "quasar")  # by obj_type
 BANDS = ("nuv", "u", "g", "r", "i", "z", "y")
 
+_MOST = 1 << 28  # values in a file: the fullest brick there can be (4 million objects), 2 GB
 _META_KEY, _SUMS_KEY = b"csstsim", b"csstsim_checksums"
 
 # Columns every catalogue has: type and the value where it gives none. NaN means "not known": a galaxy
@@ -152,6 +153,9 @@ class ObjectTable(Mapping):
                 meta = about.get(_META_KEY)
                 names = file.schema_arrow.names if columns is None else list(columns)
                 missing = sorted(set(names) - set(file.schema_arrow.names))
+                twice = [name for name in names if file.schema_arrow.names.count(name) > 1]
+                if twice or file.metadata.num_rows * len(names) > _MOST:
+                    raise InputError("columns given twice, or too many rows", file=path, value=file.metadata.num_rows)
                 table = None if meta is None or missing else file.read(columns=names)
         except (OSError, ValueError, pa.ArrowException) as exc:
             raise InputError(f"not a readable parquet file: {str(exc).splitlines()[0]}", file=path) from None
@@ -163,7 +167,15 @@ class ObjectTable(Mapping):
         sums = _load_meta(path, about.get(_SUMS_KEY, b"{}"))
         if sums.get("") != _checksum(meta) or any(sums.get(name) != _checksum(found[name]) for name in names):
             raise InputError("damaged: a column does not have its recorded checksum; make it again", file=path)
+        check_numbers(path, found, COLUMNS)
         return found
+
+
+def check_numbers(path, table, names):
+    """Raise InputError unless those of the columns `names` that the table of a file has hold one number a row."""
+    for name in names:
+        if name in table and (table[name].dtype.kind not in "biuf" or table[name].ndim != 1):
+            raise InputError("must be numbers", file=path, key=name, value=str(table[name].dtype))
 
 
 def _fit(values, dtype):

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.errors import InputError
+from csstsim.text_file import read_text
 
 BEAMS = {"A": 1, "B": 0, "C": 2, "D": -1, "E": -2}
 TERMS = ("1", "m", "n", "m^2", "m n", "n^2")
@@ -52,10 +53,7 @@ def read_axe(path):
     described in full, a key of ours given twice, or a trace that is no straight line.
     """
     path = Path(path)
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as exc:
-        raise InputError(f"cannot be read: {getattr(exc, 'strerror', None) or 'not UTF-8 text'}", file=path) from None
+    lines = read_text(path).splitlines()
     entries = {}
     for line in lines:
         key, *values = line.split(";")[0].split("#")[0].split() or [""]

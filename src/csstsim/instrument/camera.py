@@ -165,7 +165,7 @@ def _chips(path, filters, detector, telescope):
     for i, row in enumerate(_only_list(path)):
         key = f"chips[{i}]"
         name = row.get("filter") if isinstance(row, dict) else None
-        if name not in filters:
+        if not isinstance(name, str) or name not in filters:
             raise InputError("unknown filter", file=path, key=f"{key}.filter", value=name, allowed=", ".join(filters))
         chip = build(Chip, row, path, key, kind=filters[name].kind, detector=detector, telescope=telescope)
         if chip.id in chips or not 1 <= chip.id <= 30:

@@ -16,6 +16,8 @@ from csstsim.errors import InputError
 BLOCK = 2880
 _LITTLE = sys.byteorder == "little"
 _CHUNK = 1 << 20  # pixels converted at a time
+_MOST = 1 << 28  # pixels of an image that are read: three chips
+_STORED = {8: "u1", 16: "i2", 32: "i4", -32: "f4"}
 _BITPIX = {"uint8": 8, "uint16": 16, "int16": 16, "int32": 32, "float32": -32}
 
 
@@ -163,7 +165,7 @@ def open_fits(path):
     try:
         file = fitsio.FITS(path)
         end = file[len(file) - 1].get_offsets()["data_end"]
-    except (OSError, UnicodeDecodeError) as exc:  # fitsio cannot decode cfitsio's message about damaged bytes
+    except (OSError, ValueError) as exc:  # fitsio cannot decode cfitsio's message about damaged bytes
         why = str(exc).splitlines()[0] if isinstance(exc, OSError) and str(exc) else "a header is damaged"
         raise InputError(f"not a readable FITS file: {why}", file=path) from None
     if end > path.stat().st_size:
@@ -172,18 +174,25 @@ def open_fits(path):
     return file
 
 
+def read_header(hdu, path):
+    """Return an HDU's header {keyword: value}. Raises InputError for one that holds what is no value."""
+    try:
+        return dict(hdu.read_header())
+    except (OSError, ValueError) as exc:  # also bytes that are no text
+        raise InputError(f"a header is damaged: {type(exc).__name__}", file=path) from exc
+
+
 def verify_hdu(hdu, path):
     """Raise InputError if the checksum of an HDU of the file `path` is missing or wrong."""
     name = hdu.get_extname() or "primary"
     offsets = hdu.get_offsets()
-    if "CHECKSUM" not in hdu.read_header():
+    if "CHECKSUM" not in read_header(hdu, path):
         raise InputError("there is no CHECKSUM", file=path, key=f"HDU {name}")
     total = 0
     with open(path, "rb") as file:
         file.seek(offsets["header_start"])
         left = offsets["data_end"] - offsets["header_start"]
-        while left:
-            raw = np.fromfile(file, np.uint8, min(left, _CHUNK * 4))
+        while left and (raw := np.fromfile(file, np.uint8, min(left, _CHUNK * 4))).size:
             total += _word_sum(raw)
             left -= raw.size
     if _fold(total) != 0xFFFFFFFF:
@@ -220,29 +229,50 @@ def _reseal(path):
             raw.write(_sealed_header([c for c in cards if not c.startswith(("CHECKSUM", "DATASUM "))], datasum))
 
 
-def image_header(hdu):
+def image_header(hdu, path):
     """Return an image extension's header {keyword: value}; of a compressed one as it is without compression."""
-    header = dict(hdu.read_header())
+    header = read_header(hdu, path)
     kept = ("BITPIX", "NAXIS", "NAXIS1", "NAXIS2", "PCOUNT")
-    return header | {key: header[f"Z{key}"] for key in kept if hdu.is_compressed()}
+    return header | {key: header[f"Z{key}"] for key in kept if hdu.is_compressed() and f"Z{key}" in header}
 
 
 def read_pixels(hdu, path):
     """Return an image extension's array with its bits as they were written (uint16 where BZERO says so).
 
-    Raises InputError for compressed data that cannot be unpacked.
+    Raises InputError for an image that is not what its header says, or compressed data that cannot be unpacked.
     """
+    header = image_header(hdu, path)
+    shape = [header.get(f"NAXIS{i}") for i in range(_number(header.get("NAXIS")), 0, -1)]
+    stored, size = _STORED.get(header.get("BITPIX")), math.prod(map(_number, shape))
+    if stored is None or not 0 <= size <= _MOST:
+        raise InputError("no image of csstsim's", file=path, key="BITPIX, NAXIS", value=(header.get("BITPIX"), shape))
     if hdu.is_compressed():
+        _check_tiles(read_header(hdu, path), shape, path)
         try:
             return hdu.read()
         except OSError as exc:
             raise InputError(f"cannot be unpacked: {exc}", file=path) from None
-    header = hdu.read_header()
-    shape = [header[f"NAXIS{i}"] for i in range(header["NAXIS"], 0, -1)]
-    stored = {8: "u1", 16: "i2", 32: "i4", -32: "f4"}[header["BITPIX"]]
-    data = np.fromfile(path, f">{stored}", math.prod(shape), offset=hdu.get_offsets()["data_start"])
+    data = np.fromfile(path, f">{stored}", size, offset=hdu.get_offsets()["data_start"])
+    if data.size != size:
+        raise InputError("the FITS file is cut short", file=path)
     data = data.byteswap(inplace=True).view(f"={stored}") if _LITTLE and data.itemsize > 1 else data
-    if header.get("BZERO") == 32768:
+    if header.get("BZERO") == 32768 and stored == "i2":
         data = data.view(np.uint16)
         data ^= np.uint16(0x8000)
     return data.reshape(shape)
+
+
+def _number(value):
+    """Return a length in a header; -1 for what is none."""
+    return value if type(value) is int else -1
+
+
+def _check_tiles(header, shape, path):
+    """Refuse tiles that cfitsio would divide by or run out of, which ends the process."""
+    sides = [_number(header.get(f"ZTILE{i}", 1 if i > 1 else shape[-1])) for i in range(len(shape), 0, -1)]
+    parameters = {header[f"ZNAME{i}"]: header.get(f"ZVAL{i}") for i in range(1, 10) if f"ZNAME{i}" in header}
+    good = all(0 < side <= length for side, length in zip(sides, shape, strict=True))
+    good = good and header.get("NAXIS2") == math.prod(-(-n // side) for n, side in zip(shape, sides, strict=True))
+    good = good and parameters.get("BLOCKSIZE", 32) in (16, 32) and parameters.get("BYTEPIX", 2) in (1, 2, 4)
+    if not good:
+        raise InputError("its tiles do not make up the image", file=path, key="ZTILE, ZNAME", value=(sides, parameters))

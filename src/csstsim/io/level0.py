@@ -22,7 +22,17 @@ from csstsim.detector.channels import LAYOUTS, ReadoutFrame
 from csstsim.detector.mask import BITS
 from csstsim.errors import InputError
 from csstsim.instrument.chip import Window
-from csstsim.io.fits import card, compress, image_header, open_fits, read_pixels, remark, verify_hdu, write_hdus
+from csstsim.io.fits import (
+    card,
+    compress,
+    image_header,
+    open_fits,
+    read_header,
+    read_pixels,
+    remark,
+    verify_hdu,
+    write_hdus,
+)
 from csstsim.io.keywords import header_cards, header_values
 from csstsim.io.paths import level0_stem
 from csstsim.optics.sip import sip_header
@@ -153,7 +163,10 @@ class Level0:
         """DN as on disk, less 32768: mapped, or, if compressed, read whole."""
         if self.data_start is None:
             with open_fits(self.path) as file:
-                return (read_pixels(file["IMAGE"], self.path) ^ np.uint16(0x8000)).view(np.int16)
+                pixels = read_pixels(file["IMAGE"], self.path)
+            if pixels.dtype != np.uint16:
+                raise InputError("DN are not uint16", file=self.path, key="BZERO", value=str(pixels.dtype))
+            return (pixels ^ np.uint16(0x8000)).view(np.int16)
         shape = self.readout.stored_shape(self.layout)
         return np.memmap(self.path, ">i2", mode="r", offset=self.data_start, shape=shape)
 
@@ -240,7 +253,7 @@ def read_level0(path, verify=False):
             if "IMAGE" not in file:
                 raise InputError("not a Level-0 file: it has no IMAGE extension", file=path)
             image = file["IMAGE"]
-            header0, header = file[0].read_header(), image_header(image)
+            header0, header = read_header(file[0], path), image_header(image, path)
             data_start = None if image.is_compressed() else image.get_offsets()["data_start"]
     except (OSError, ValueError) as exc:  # also bytes that are no text
         raise InputError(f"a header is damaged: {type(exc).__name__}", file=path) from exc

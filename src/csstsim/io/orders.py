@@ -17,7 +17,7 @@ An order of less than an electron, none of which was drawn, has no row.
 
 import numpy as np
 
-from csstsim.catalog.table import ObjectTable
+from csstsim.catalog.table import ObjectTable, check_numbers
 from csstsim.errors import InputError
 
 _NEEDED = ("id", "row", "order", "grating", "cut", "xImage", "yImage", "p", "q", "r", "s", "electrons", "drawn")
@@ -35,6 +35,7 @@ def read_orders(path):
     missing = [name for name in _NEEDED if name not in table]
     if missing:
         raise InputError("column needed", file=path, key=missing[0])
+    check_numbers(path, table, set(_NEEDED) - {"grating"})
     for name in ("xImage", "yImage", "p", "q", "r", "s"):
         if not np.isfinite(table[name]).all():
             raise InputError("not finite", file=path, key=name)
@@ -45,7 +46,7 @@ def read_orders(path):
 def check_orders(path, orders, count, gratings):
     """Raise InputError if the orders read from `path` are not of `count` objects and instrument.grating.Gratings."""
     known = {(piece.name, number) for piece, _ in gratings.pieces for number in piece.orders}
-    places = zip(orders["grating"].tolist(), orders["order"].tolist(), strict=True)
+    places = zip(map(str, orders["grating"]), orders["order"].tolist(), strict=True)
     strange = next((place for place in places if place not in known), None)
     if strange is not None:
         raise InputError("no such order of this chip's gratings", file=path, key="grating, order", value=strange)

@@ -13,6 +13,7 @@ from csstsim.config import SHIPPED, ExposureType
 from csstsim.errors import InputError
 from csstsim.instrument.camera import load_telescope
 from csstsim.instrument.pointing import Pointing, parse_utc
+from csstsim.text_file import read_text
 from csstsim.units import EARTH_RADIUS_KM
 
 REQUIRED = ("obsid", "type", "ra", "dec", "pa", "time", "exptime")
@@ -53,13 +54,7 @@ def load_survey_table(path, orbit=None):
 
 def _lines(path):
     """(line number, cells) of every line that is neither blank nor a comment."""
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as exc:
-        raise InputError(
-            f"cannot read the file: {getattr(exc, 'strerror', None) or 'not UTF-8 text'}", file=path
-        ) from exc
-    lines = enumerate(text.splitlines(), start=1)
+    lines = enumerate(read_text(path, "utf-8-sig").splitlines(), start=1)
     kept = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
     return [(number, _cells(path, number, line)) for number, line in kept]
 

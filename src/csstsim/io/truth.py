@@ -14,7 +14,7 @@ The file's metadata have the recipe, the Level-0 file's name, full_well [e-] and
 
 import numpy as np
 
-from csstsim.catalog.table import ObjectTable
+from csstsim.catalog.table import ObjectTable, check_numbers
 from csstsim.errors import InputError
 
 # .cat name: our column
@@ -71,5 +71,6 @@ def read_truth(path):
     missing = [name for name in ("xImage", "yImage") if name not in table]
     if missing:
         raise InputError("not a truth table: it lacks a column", file=path, key=missing[0])
+    check_numbers(path, table, set(CAT_COLUMNS) - {"filter"})
     columns = {CAT_COLUMNS.get(name, name): table[name] for name in table.names}
     return ObjectTable(columns | {"x": columns["x"] - 1.0, "y": columns["y"] - 1.0}, table.meta)

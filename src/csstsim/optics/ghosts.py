@@ -81,7 +81,9 @@ def make_ghosts(params, band, telescope, pixel_um):
     """
     if not params:
         return None
-    lengths = params.get("geometry", {})
+    lengths, reflectances = (params.get(key) for key in ("geometry", "reflectance"))
+    if not (isinstance(lengths, dict) and isinstance(reflectances, dict)):
+        raise InputError("must be mappings", file="ghosts.yaml", key="geometry, reflectance")
     names = ("gap", "thickness", "index", "pupil_distance", "axis_x", "axis_y", "faintest")
     for name in names:
         if not isinstance(lengths.get(name), int | float) or not (lengths[name] > 0 or name.startswith("axis")):
@@ -89,8 +91,9 @@ def make_ghosts(params, band, telescope, pixel_um):
                 "bad length", file="ghosts.yaml", key=f"geometry.{name}", value=lengths.get(name), allowed="> 0"
             )
     gap, thickness, index, pupil, axis_x, axis_y, faintest = (float(lengths[name]) for name in names)
-    reflectance = params.get("reflectance", {}).get(band)
-    if np.shape(reflectance) != (3,) or not all(0 <= r <= 1 for r in reflectance):
+    reflectance = reflectances.get(band)
+    known = isinstance(reflectance, list) and len(reflectance) == 3
+    if not (known and all(isinstance(r, int | float) and 0 <= r <= 1 for r in reflectance)):
         allowed = "three numbers from 0 to 1: detector, filter front, filter back"
         raise InputError(
             "bad reflectance", file="ghosts.yaml", key=f"reflectance.{band}", value=reflectance, allowed=allowed

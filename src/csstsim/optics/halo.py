@@ -96,12 +96,11 @@ def make_wing(scatter, wavelength, telescope):
 
     Raises InputError for a row that is not share, knee, slope, power, or a halo of more than all the light.
     """
-    rows = scatter.get("terms") or []
-    reference = scatter.get("reference", 1.0)
-    for row in rows:
-        good = (
-            isinstance(row, list) and len(row) == 4 and all(isinstance(v, int | float) and np.isfinite(v) for v in row)
-        )
+    rows, reference = scatter.get("terms") or [], scatter.get("reference", 1.0)
+    if not isinstance(reference, int | float) or not 1 <= reference <= 1e6:
+        raise InputError("no wavelength", file="scatter.yaml", key="reference", value=reference, allowed="angstrom")
+    for row in rows if isinstance(rows, list) else [rows]:
+        good = isinstance(row, list) and len(row) == 4 and all(isinstance(v, int | float) and abs(v) < 1e6 for v in row)
         if not (good and row[0] >= 0 and row[1] > 0 and row[2] > 2):
             allowed = "share >= 0, knee > 0 arcsec, slope > 2, power"
             raise InputError("bad row", file="scatter.yaml", key="terms", value=row, allowed=allowed)

@@ -22,6 +22,7 @@ import h5py
 import numpy as np
 
 from csstsim.errors import InputError
+from csstsim.hdf5_file import numbers
 from csstsim.optics.chip_errors import chip_position
 from csstsim.optics.diffraction import windowed_centroid
 from csstsim.optics.psf import WINDOW_PX
@@ -92,7 +93,7 @@ def _places(group, source):
 def _number(node, name):
     """Return the number a group holds as a dataset or attribute, or None."""
     if name in node:
-        return float(np.asarray(node[name]).reshape(()))
+        return float(numbers(node, name, node.file.filename).reshape(()))
     return float(np.asarray(node.attrs[name]).reshape(())) if name in node.attrs else None
 
 
@@ -136,10 +137,12 @@ def _wavelengths(file, cubes, filter):
 
 def _read(cubes, name, cells, source):
     """Return the images of one place, (4, cells, cells) float64, each of sum 1."""
-    images = np.stack([cube[name]["psfMat"][()].astype(float) for cube in cubes])
+    if any(cube[name]["psfMat"].shape != (cells, cells) for cube in cubes):
+        raise InputError("not square images of one size", file=source, key=f"{name}/psfMat")
+    images = np.stack([numbers(cube[name], "psfMat", source).astype(float) for cube in cubes])
     total = images.sum(axis=(1, 2))
-    if images.shape[1:] != (cells, cells) or not (np.isfinite(total) & (total > 0)).all():
-        raise InputError("not square images of one size with light in them", file=source, key=f"{name}/psfMat")
+    if not (np.isfinite(total) & (total > 0)).all():
+        raise InputError("not images with light in them", file=source, key=f"{name}/psfMat")
     return images / total[:, None, None]
 
 

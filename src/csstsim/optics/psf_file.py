@@ -30,6 +30,7 @@ import numpy as np
 from csstsim import __version__
 from csstsim.atomic import atomic_path
 from csstsim.errors import InputError
+from csstsim.hdf5_file import numbers
 from csstsim.optics.interpolation import Interpolator
 
 FORMAT = 2
@@ -154,7 +155,7 @@ class PsfSet:
             image, offset = file["image"], file["image"].id.get_offset()
             if image.dtype != np.dtype("<f4") or offset is None:
                 raise InputError("must be contiguous float32", file=self.path, key="image", value=str(image.dtype))
-            return {k: file[k][()] for k in _DATASETS}, offset, image.shape
+            return {k: numbers(file, k, self.path) for k in _DATASETS}, offset, image.shape
 
     def _check(self, shape):
         n = self.attributes["grid"] ** 2

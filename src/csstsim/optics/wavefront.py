@@ -125,9 +125,13 @@ def number(params, *keys):
     value = params
     for key in keys:
         value = value.get(key) if isinstance(value, dict) else None
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 <= value < math.inf:
+    if not _is_number(value) or value < 0:
         raise InputError("must be a number", file="psf.yaml", key=".".join(keys), value=value, allowed=">= 0")
     return float(value)
+
+
+def _is_number(value):
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e300  # false for NaN
 
 
 def filter_noll(params):
@@ -146,9 +150,10 @@ def load_wavefront(params, *, parts=("design", "static", "mirror")):
     """
     total = {}
     for name in ("design", "static"):
-        for row in params.get(name) or ():
+        rows = params.get(name) or ()
+        for row in rows if isinstance(rows, list | tuple) else [rows]:
             noll = row[0] if isinstance(row, list) and len(row) == TERMS + 1 else None
-            if not isinstance(noll, int) or noll < 4 or not np.all(np.isfinite(row[1:])):
+            if type(noll) is not int or noll < 4 or not all(_is_number(nm) for nm in row[1:]):
                 allowed = f"a Noll index >= 4 and {TERMS} finite numbers (nm)"
                 raise InputError("bad row", file="psf.yaml", key=name, value=row, allowed=allowed)
             weight = 1.0 if name in parts else 0.0

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from csstsim.errors import InputError
-from csstsim.io.fits import open_fits
+from csstsim.io.fits import open_fits, read_header
 from csstsim.io.frames import META, load_frame
 from csstsim.io.level0 import read_level0
 from csstsim.quicklook.sky_grid import exposure_wcs, header_wcs
@@ -64,7 +64,7 @@ def read_picture(path, subtract_overscan=False):
     path = Path(path)
     with open_fits(path) as file:
         names = {hdu.get_extname() for hdu in file}
-        level0 = "IMAGE" in names and "NCHAN" in file["IMAGE"].read_header()
+        level0 = "IMAGE" in names and "NCHAN" in read_header(file["IMAGE"], path)
     if subtract_overscan and not level0:
         raise InputError("has no overscan", file=path, key="--subtract-overscan", allowed="a Level-0 file")
     if META in names:
@@ -143,4 +143,4 @@ def _other(path):
 
 
 def _is_image(hdu):
-    return bool(hdu.is_image) and len(hdu.shape) == 2 and 0 not in hdu.shape
+    return bool(hdu.is_image) and len(getattr(hdu, "shape", ())) == 2 and 0 not in hdu.shape  # a damaged one has none

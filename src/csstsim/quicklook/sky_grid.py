@@ -27,7 +27,10 @@ def exposure_wcs(header):
         return None, ""  # bias, dark and flat frames carry a direction that means nothing
     if header.get("FLDDIST") is not True or "SIP" in str(header.get("CTYPE1")):
         return header_wcs(header), ""
-    true = _distorted(header)
+    try:
+        true = _distorted(header)
+    except (KeyError, TypeError, ValueError):  # of a header that lacks something
+        true = None
     return (header_wcs(header), LINEAR) if true is None else (header_wcs(true), "")
 
 
@@ -59,7 +62,7 @@ def header_wcs(header, origin=(0, 0)):
         warnings.simplefilter("ignore", FITSFixedWarning)
         try:
             wcs = WCS(header if isinstance(header, Header) else Header(_main(header)))
-        except (ValueError, KeyError, MemoryError):  # what wcslib raises for keywords that do not fit together
+        except (ValueError, KeyError, TypeError, AttributeError, MemoryError):  # of keywords that do not fit together
             return None
     if wcs.naxis != 2 or not wcs.has_celestial:
         return None

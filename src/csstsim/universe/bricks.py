@@ -10,10 +10,10 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from csstsim import __version__
 from csstsim.catalog.photometry import rate_to_mag, subband_weights
 from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.errors import InputError
+from csstsim.release import release
 from csstsim.rng import stream
 from csstsim.units import SOLAR_RADIUS_PC
 from csstsim.universe.galaxies import GalaxyPopulation
@@ -59,7 +59,7 @@ def brick_meta(seed, pix, universe, camera, lensing):
     """Return what a brick's content depends on, as recorded in its file."""
     return {
         "product": "truth brick",
-        "csstsim": __version__,
+        "csstsim": release(),
         "seed": seed,
         "brick": pix,
         "universe": universe.digest,

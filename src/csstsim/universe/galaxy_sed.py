@@ -11,6 +11,7 @@ Sums of components that dip below zero, where a spectrum is a thousand times fai
 import numba
 import numpy as np
 
+from csstsim.damage import reading
 from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
 from csstsim.universe.igm import LYMAN_LIMIT, Intergalactic, continuum_depth
@@ -31,16 +32,14 @@ class GalaxySeds:
     def __init__(self, path, igm, extinction):
         from astropy.io import fits
 
-        try:
-            with fits.open(path) as file:
-                self.start, self.step = float(file[0].header["WAVE0"]), float(file[0].header["DWAVE"])
-                self.basis = file["BASIS"].data.astype(float)  # (20, samples)
-                self._stars, self._lines = (file[name].data.astype(float) for name in ("STARS", "LINES"))
-                self._dust = file["DUST"].data.astype(float)
-                self.templates = {name: file["TEMPLATES"].data[name].astype(float) for name in ("surviving", "m300")}
-        except (OSError, KeyError, TypeError, ValueError) as exc:
-            raise InputError(f"not a file of galaxies' spectra: {exc}", file=path) from None
-        if self.basis.shape[0] != COEFFICIENTS or self._stars.shape[2] != COEFFICIENTS:
+        with reading(path, "galaxies' spectra"), fits.open(path) as file:
+            self.start, self.step = float(file[0].header["WAVE0"]), float(file[0].header["DWAVE"])
+            self.basis = file["BASIS"].data.astype(float)  # (20, samples)
+            self._stars, self._lines = (file[name].data.astype(float) for name in ("STARS", "LINES"))
+            self._dust = file["DUST"].data.astype(float)
+            self.templates = {name: file["TEMPLATES"].data[name].astype(float) for name in ("surviving", "m300")}
+            fits_together = self.basis.ndim == 2 and self._stars.shape[2] == self.basis.shape[0] == COEFFICIENTS
+        if not fits_together:
             raise InputError("wrong number of components", file=path, value=self.basis.shape[0], allowed=COEFFICIENTS)
         self.wavelength = self.start + self.step * np.arange(self.basis.shape[1])  # angstrom, rest frame
         self._extinction = np.asarray(extinction, dtype=float)

@@ -18,9 +18,10 @@ from pathlib import Path
 import numpy as np
 from astropy.io import fits
 
+from csstsim.damage import reading
 from csstsim.errors import InputError
 from csstsim.units import C_A_S, H_J_S
-from csstsim.universe.star_sed import KNOTS, Seds, linear, reading
+from csstsim.universe.star_sed import KNOTS, Seds, linear
 
 _J_M2_PER_ERG_CM2 = 1e-3
 _FLOOR = 1e-30  # erg / s / cm2 / angstrom: a flux of zero has no logarithm

@@ -14,15 +14,12 @@ at log g 7 to 9 tied to published photometry of pure-hydrogen atmospheres - come
 build_star_spectra.py. Left out: chromospheres, rotation, alpha enhancement as an axis, helium white dwarfs.
 """
 
-import lzma
-import warnings
-import zlib
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 from numba import njit
 
+from csstsim.damage import reading
 from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
 
@@ -30,18 +27,6 @@ _STEP = 10  # samples of the paper's grid between two knots
 KNOTS = GRID[::_STEP]  # angstrom
 _LN_MAG = 0.4 * np.log(10.0)
 _SOME = 64  # stars at a time: their knots stay in cache
-_DAMAGE = (OSError, EOFError, LookupError, TypeError, ValueError, zlib.error, lzma.LZMAError, UserWarning)
-
-
-@contextmanager
-def reading(path, what):
-    """Turn what a damaged file raises inside into an InputError that names the file."""
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error", UserWarning)  # to astropy a truncated file is worth no more than that
-            yield
-    except _DAMAGE as exc:
-        raise InputError(f"cannot be read as {what}: {exc}", file=Path(path)) from exc
 
 
 class Seds:
@@ -122,7 +107,7 @@ class StarSeds(Seds):
         with reading(path, "star spectra"), fits.open(path, memmap=False) as file:
             nodes = [np.float64(file[name].data) for name in ("THETA", "LOGG", "FEH")]
             coefficients, basis = (np.float64(file[name].data) for name in ("COEFF", "BASIS"))
-        shape = (*map(len, nodes), len(basis) - 1)
+            shape = (*map(len, nodes), len(basis) - 1)
         finite = all(np.isfinite(part).all() for part in (*nodes, coefficients, basis))
         rising = all(len(axis) > 1 and (np.diff(axis) > 0).all() for axis in nodes)
         if coefficients.shape != shape or basis.shape[1:] != KNOTS.shape or not finite or not rising:

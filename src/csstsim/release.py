@@ -1,0 +1,33 @@
+"""Files of other versions of csstsim: campaign files of another layout, products of another release."""
+
+from csstsim import __version__
+from csstsim.errors import InputError
+
+# Layouts of campaign files, each with what a file of the one before it needs to become one
+LAYOUTS = {1: "give schema_version: 1, and the keys of config/README.md"}
+NEWEST = max(LAYOUTS)
+
+
+def check_layout(version):
+    """Return the schema_version of a campaign file. Raises ValueError, which says what to change, for another layout."""
+    if 0 <= version < NEWEST:
+        steps = "; ".join(LAYOUTS[number] for number in range(version + 1, NEWEST + 1))
+        raise ValueError(f"an older layout than this csstsim reads, {NEWEST}; to change: {steps}")
+    if version != NEWEST:
+        raise ValueError(f"this csstsim reads layout {NEWEST}; a newer file needs a newer csstsim")
+    return version
+
+
+def release(version=__version__):
+    """Return the first two numbers of a version: those of one release make the same products, bit by bit."""
+    return ".".join(str(version).split(".")[:2])
+
+
+def check_release(path, version):
+    """Refuse a product that another release (`version`, as it records it; None: it does not say) made."""
+    if version is None or release(version) != release():
+        raise InputError(
+            "made by another version of csstsim, whose products are not mixed with those of this one; remove it and "
+            "make it again, or go on with the version that made it", file=path, key="csstsim", value=version,
+            allowed=f"{release()}.*",
+        )  # fmt: skip

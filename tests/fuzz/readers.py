@@ -1,0 +1,231 @@
+"""The readers that hostile files are given to, as a campaign's own commands call them; each takes a path."""
+
+from functools import cache
+from pathlib import Path
+from types import SimpleNamespace
+
+from csstsim.config import SHIPPED
+
+PSF_CHIP = 9  # r
+LIBRARY_CHIP = 10  # of the external PSF library
+
+
+@cache
+def camera():
+    from csstsim.instrument.camera import load_camera
+
+    return load_camera(SHIPPED / "instrument")
+
+
+def campaign(path):
+    """A campaign file, and its digest, which walks through all of it."""
+    from csstsim.config import load_campaign
+
+    load_campaign(path).digest()
+
+
+def observation(path):
+    """A layer list: its layers, the options they check against camera and exposure."""
+    from readout_state import POINTING
+
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.sim_steps import SimSteps
+
+    SimSteps(path, "SCIE").check(camera(), Pointing(**POINTING))
+
+
+def survey_table(path):
+    from csstsim.io.survey_table import load_survey_table
+
+    load_survey_table(path)
+
+
+def instrument(path):
+    """An instrument folder, given by any file in it: what commands make of its files before and in their work."""
+    from csstsim.instrument.camera import load_camera
+    from csstsim.layers import brighter_fatter
+    from csstsim.optics.beyond import beyond_box
+    from csstsim.optics.distortion import load_distortion
+    from csstsim.optics.flat import check_flat
+    from csstsim.optics.focal_plane import load_focal_plane
+    from csstsim.optics.wavefront import load_wavefront
+    from csstsim.sky.numbers import sky_numbers
+
+    folder = Path(path).parent
+    if folder.name == "gratings":
+        folder = folder.parent
+    made = load_camera(folder)
+    _ = made.gratings
+    filter_ = next(iter(made.filters.values()))
+    load_distortion(folder / "distortion.fits"), load_focal_plane(folder / "distortion.yaml")
+    beyond_box(made, filter_), sky_numbers(made.sky), check_flat(made.leds), load_wavefront(made.psf)
+    brighter_fatter.check(None, made, None)
+    _header(made)
+
+
+def _header(made):
+    """The Level-0 header of the camera's table of keywords."""
+    from readout_state import POINTING
+
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.io.keywords import header_cards, header_values
+    from csstsim.optics.wcs import ChipWCS
+
+    chip, pointing = next(iter(made.chips.values())), Pointing(**POINTING)
+    state = SimpleNamespace(
+        chip=chip, telescope=made.telescope, pointing=pointing, window=chip.full_window, header={}, mask=None,
+        wcs=ChipWCS(chip, pointing),
+    )  # fmt: skip
+    for hdu in (0, 1):
+        header_cards(made.keywords, header_values(state, {}, "x", "channels"), hdu)
+
+
+def universe(path):
+    from csstsim.universe.numbers import load_universe
+
+    load_universe(Path(path).parent).check()
+
+
+def star_spectra(path):
+    from csstsim.universe.star_sed import StarSeds
+
+    StarSeds(path, camera().filters["r"].throughput)
+
+
+def galaxy_spectra(path):
+    from csstsim.instrument.load import read_data
+    from csstsim.universe.galaxy_sed import GalaxySeds
+
+    igm = read_data(SHIPPED / "universe" / "galaxies.yaml")["igm"]
+    GalaxySeds(path, igm, camera().filters["r"].throughput)
+
+
+def dust_map(path):
+    from csstsim.catalog.dust_map import DustMap
+
+    found = DustMap({"map": str(path), "columns": ["EBV"], "coordsys": "galactic"})
+    _ = found.nside, found.digest, found.ebv(10.0, 20.0)
+
+
+def c9_stars(path):
+    from csstsim.catalog.c9_files import read_stars
+
+    list(read_stars([path], _bricks()))
+
+
+def c9_galaxies(path):
+    from csstsim.catalog.c9_files import read_galaxies
+
+    list(read_galaxies(Path(path).parent, _bricks(), partial=True))
+
+
+@cache
+def _bricks():
+    from csstsim.catalog.contract import sky_region
+
+    return sky_region(60.0, -40.0, 0.05).bricks
+
+
+def c9_spectra(path):
+    from csstsim.catalog.c9_files import read_array
+
+    read_array(path, "wavelength", 1), read_array(path, "components", 2)
+
+
+def scene(path):
+    """A table of objects of the embedded universe as a catalogue of the user's."""
+    from csstsim.catalog.embedded import SceneCatalog
+    from csstsim.catalog.open import make_catalog
+
+    make_catalog(SceneCatalog, {"file": str(path)}, None)
+
+
+def psf(path):
+    """A PSF set: opened, its wings, and the PSF at a place."""
+    from csstsim.optics.beyond import read_beyond
+    from csstsim.optics.psf import PsfSet
+
+    found = PsfSet(path, chip=PSF_CHIP)
+    read_beyond(found), found.at(100.0, 2000.0)
+
+
+def psf_tables(path):
+    from csstsim.optics.psf import PsfSet
+    from csstsim.render.psf_table import read_tables
+
+    read_tables(path, PsfSet(Path(path).with_name("psf.h5")))
+
+
+def psf_library(path):
+    from csstsim.optics.psf_c9 import convert
+
+    chip = camera().chips[LIBRARY_CHIP]
+    filter_, made = camera().filters[chip.filter], Path(path).with_name("converted.h5")
+    convert(Path(path).parent, made, chip, filter_, sample="cell_integral", camera_digest="d")
+
+
+def level0(path):
+    """A Level-0 file with and without its checksums: header, pixels, mask, channels, spacecraft."""
+    from csstsim.io.level0 import read_level0
+
+    read_level0(path, verify=True)
+    file = read_level0(path)
+    _ = (
+        file.gain,
+        file.nonlinearity,
+        file.frame(),
+        file.mask(),
+        file.assembled(full=True),
+        list(file.channels()),
+        file.observer,
+    )
+
+
+def frame(path):
+    from csstsim.io.frames import load_frame
+
+    load_frame(path)
+
+
+def picture(path):
+    """Any image that `csstsim show` is asked for, drawn."""
+    from csstsim.quicklook.show import show
+
+    show(path, Path(path).with_name("picture.png"))
+
+
+def table(path):
+    from csstsim.catalog.table import ObjectTable
+
+    ObjectTable.read(path)
+
+
+def truth(path):
+    from csstsim.io.truth import read_truth
+
+    read_truth(path)
+
+
+def orders(path):
+    from csstsim.io.orders import check_orders, read_orders
+
+    check_orders(path, read_orders(path), 3, camera().gratings[1])
+
+
+def brick(path):
+    from csstsim.universe.bricks import read_brick
+
+    read_brick(path, {"seed": 3})
+
+
+def validation(path):
+    from csstsim.bricks.result_file import read_result
+
+    read_result(Path(path))
+
+
+def benchmarks(path):
+    """Snakemake's benchmark files, as the report sums them."""
+    from csstsim.campaign_report import _times
+
+    _times(Path(path).parents[1])

@@ -1,0 +1,247 @@
+"""Makers of small sound files: each writes one, and what it needs beside it, into a folder and returns its path."""
+
+import json
+import shutil
+import tempfile
+from pathlib import Path
+from types import SimpleNamespace
+
+import h5py
+import healpy
+import numpy as np
+from astropy.io import fits
+from catalog.test_c9 import write_basis, write_galaxies, write_stars
+from fuzz import readers
+from fuzz.binary_mutations import spoiled_fits
+from fuzz.mutations import spoiled_tree
+from mini import mini_camera
+from readout_state import flat_state, plain_layers, run
+
+from csstsim.config import SHIPPED
+
+META = {
+    "recipe": {"camera": "c", "exposure": "e"},
+    "stage": "render",
+    "unit": "electron",
+    "header": {"stages": [["render", 1, 2]]},
+    "exposure": {
+        "OBSID": "10100000001",
+        "READX0": 1,
+        "READX1": 20,
+        "READY0": 1,
+        "READY1": 10,
+        "EXPTIME": 150.0,
+        "CTYPE1": "RA---TAN",
+        "CTYPE2": "DEC--TAN",
+        "CRPIX1": 1.0,
+        "CRPIX2": 1.0,
+        "CRVAL1": 60.0,
+        "CRVAL2": -40.0,
+        "CD1_1": 1e-5,
+        "CD1_2": 0.0,
+        "CD2_1": 0.0,
+        "CD2_2": 1e-5,
+        "POSKIND": "APPARENT",
+        "DETECTOR": "09",
+    },
+}
+PLACES = np.array([60.0, 60.02, 60.01]), np.array([-40.0, -40.01, -39.99])  # ra, dec
+
+
+def shipped(*parts):
+    """Return a maker that copies one shipped file."""
+    return lambda folder: shutil.copy(SHIPPED.joinpath(*parts), folder)
+
+
+def in_instrument(*parts):
+    """Return a maker of a small camera's folder that names one of its files."""
+    return lambda folder: mini_camera(folder).joinpath(*parts)
+
+
+def in_universe(name):
+    return lambda folder: shutil.copytree(SHIPPED / "universe", folder / "universe") / name
+
+
+def survey_table(folder):
+    rows = (SHIPPED.parent / "survey_tables" / "demo.csv").read_text().splitlines()
+    path = folder / "table.csv"
+    path.write_text("\n".join(rows[:12]) + "\n")
+    return path
+
+
+def dust(folder):
+    path, ebv = folder / "dust.fits", np.linspace(0.01, 1, healpy.nside2npix(4)).astype("f4")
+    healpy.write_map(path, ebv, coord="G", column_names=["EBV"], dtype="f4")
+    return path
+
+
+def psf(folder):
+    from csstsim.optics.beyond import beyond_box
+    from csstsim.optics.psf import make_psf
+
+    camera, path = readers.camera(), folder / "psf.h5"
+    chip = camera.chips[readers.PSF_CHIP]
+    filter_ = camera.filters[chip.filter]
+    make_psf(
+        path,
+        chip,
+        filter_,
+        camera.telescope,
+        camera.psf,
+        2,
+        cells=32,
+        camera_digest=camera.digest,
+        provenance={"seed": 1},
+        beyond=beyond_box(camera, filter_),
+    )
+    return path
+
+
+def psf_tables(folder):
+    from csstsim.optics.psf import PsfSet
+    from csstsim.render.psf_table import write_tables
+
+    write_tables(folder / "psf_tables.h5", PsfSet(psf(folder)))
+    return folder / "psf_tables.h5"
+
+
+def psf_library(folder):
+    chip = readers.camera().chips[readers.LIBRARY_CHIP]
+    y, x = np.mgrid[:256, :256] - 127.5
+    image = np.exp(-(x**2 + y**2) / 50).astype("f4")
+    path = folder / f"psfCube_{chip.id}.h5"
+    with h5py.File(path, "w") as file:
+        for i in range(4):
+            for j in range(4):
+                group = file.create_group(f"w_{i}/psf_{j}")
+                group.create_dataset("psfMat", data=image, compression="gzip")
+                group["x"], group["y"] = 9000.0 * (j % 2), 9000.0 * (j // 2)
+    return path
+
+
+def level0(compress=False):
+    def make(folder):
+        from csstsim.instrument.camera import load_camera
+        from csstsim.io.level0 import write_level0
+
+        camera = load_camera(mini_camera(folder))
+        state = flat_state(camera, 300.0, window=(0, 256, 0, 64))
+        state.mask = np.zeros(state.image.shape, np.uint8)
+        state = run(state, plain_layers())
+        state.header["compress"] = compress
+        provenance = {
+            "recipe": {},
+            "seed": 1,
+            "campaign_name": "x",
+            "layers": [],
+            "stages": [],
+            "ephemeris": "builtin",
+            "planets": False,
+        }
+        write_level0(folder / "level0.fits", state, camera.keywords, provenance, "channels")
+        return folder / "level0.fits"
+
+    return make
+
+
+def frame(folder, meta=META):
+    from csstsim.io.frames import save_frame
+
+    planes = {"image": np.arange(200, dtype="f4").reshape(10, 20), "counted": np.ones((10, 20), "i4")}
+    save_frame(folder / "frame.fits", planes, meta)
+    return folder / "frame.fits"
+
+
+def spoiled_frame(sound):
+    """A frame whose record says what it should not, with checksums that are right; or a spoiled FITS file."""
+
+    def sealed(meta):
+        with tempfile.TemporaryDirectory() as folder:
+            try:
+                return frame(Path(folder), meta).read_bytes()
+            except ValueError:  # NaN, which JSON has not
+                return frame(
+                    Path(folder), json.loads(json.dumps(meta).replace("NaN", "0").replace("Infinity", "1"))
+                ).read_bytes()
+
+    return spoiled_tree(META).map(sealed) | spoiled_fits(sound)
+
+
+def image(folder):
+    header = fits.Header(
+        {"CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN", "CRVAL1": 60.0, "CRVAL2": -40.0, "CD1_1": 1e-5, "CD2_2": 1e-5}
+    )
+    fits.PrimaryHDU(np.arange(600.0, dtype="f4").reshape(20, 30), header).writeto(folder / "image.fits")
+    return folder / "image.fits"
+
+
+def objects(folder):
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.universe.bricks import SED_COLUMNS
+
+    columns = {
+        "id": np.arange(5),
+        "ra": np.full(5, 60.0),
+        "dec": np.full(5, -40.0),
+        "name": np.array(["a", "b", "c", "d", "e"]),
+    }
+    table = ObjectTable.complete(
+        columns | {name: np.ones(5, "f4") for name in SED_COLUMNS}, {"product": "truth brick", "seed": 3}
+    )
+    table.write(folder / "objects.parquet")
+    return folder / "objects.parquet"
+
+
+def truth(folder):
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.io.truth import write_truth
+
+    drawn = ObjectTable.complete({"id": [1, 2], "ra": [10.0, 11.0], "dec": [1.0, 2.0]})
+    drawn = drawn.with_columns(x=np.array([3.0, 4.0]), y=np.array([5.0, 6.0]), mag=np.array([20.0, 21.0]))
+    job = SimpleNamespace(chip=SimpleNamespace(id=9, filter="r"))
+    write_truth(folder / "truth.parquet", drawn, job, {"recipe": {"camera": "c"}})
+    return folder / "truth.parquet"
+
+
+def orders(folder):
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.io.orders import write_orders
+
+    gratings = readers.camera().gratings[1]
+    columns = {name: np.ones(3) for name in ("x", "y", "p", "q", "r", "s", "electrons", "drawn")} | {
+        "id": np.arange(3),
+        "row": np.arange(3),
+        "order": np.ones(3, "i1"),
+        "grating": np.full(3, gratings.pieces[0][0].name),
+        "cut": np.zeros(3, bool),
+    }
+    write_orders(folder / "orders.parquet", ObjectTable(columns), {"recipe": {"camera": "c"}})
+    return folder / "orders.parquet"
+
+
+def validation(folder):
+    from csstsim.bricks.result_file import write_result
+
+    write_result(
+        folder / "7.json", {"brick": 7, "recipe": "r", "limits": {}, "gates": [{"name": "x", "passed": True, "n": 3}]}
+    )
+    return folder / "7.json"
+
+
+def benchmarks(folder):
+    path = folder / "benchmarks" / "render" / "1.tsv"
+    path.parent.mkdir(parents=True)
+    path.write_text("s\th:m:s\tmax_rss\tcpu_time\n12.5\t0:00:12\t300.5\t11.0\n")
+    return path
+
+
+def c9_stars(folder):
+    return Path(write_stars(folder / "stars.h5", *PLACES))
+
+
+def c9_galaxies(folder):
+    return next(Path(write_galaxies(folder / "galaxies", *PLACES)).glob("*.h5"))
+
+
+def c9_spectra(folder):
+    return Path(write_basis(folder / "basis.h5"))

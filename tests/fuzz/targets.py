@@ -1,0 +1,96 @@
+"""The readers that are tried: which file each is given, and how that file is spoiled."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from fuzz import seeds
+from fuzz.binary_mutations import spoiled_fits, spoiled_hdf5, spoiled_parquet
+from fuzz.mutations import spoiled_bytes, spoiled_csv, spoiled_json, spoiled_yaml
+
+
+@dataclass(frozen=True)
+class Target:
+    """One reader and a file it reads: `make(folder)` writes sound ones and returns the file to spoil.
+
+    `spoil` makes the strategy of hostile bytes of the sound bytes; `weight` is its share of the examples.
+    """
+
+    make: Callable
+    spoil: Callable
+    function: str
+    weight: float = 1.0
+
+
+def _read(name):
+    return f"fuzz.readers:{name}"
+
+
+def _instrument(*names):
+    return {
+        f"instrument {name}": Target(seeds.in_instrument(name), spoiled_yaml, _read("instrument"), 0.4)
+        for name in names
+    }
+
+
+TARGETS = {
+    "campaign YAML": Target(seeds.shipped("campaign.yaml"), spoiled_yaml, _read("campaign"), 2),
+    "observation YAML": Target(seeds.shipped("observations", "science.yaml"), spoiled_yaml, _read("observation"), 2),
+    "survey table CSV": Target(seeds.survey_table, spoiled_csv, _read("survey_table"), 2),
+    **_instrument(
+        "detector.yaml",
+        "chips.yaml",
+        "filters.yaml",
+        "telescope.yaml",
+        "cosmic_rays.yaml",
+        "defects.yaml",
+        "cti.yaml",
+        "gratings.yaml",
+        "brighter_fatter.yaml",
+        "psf.yaml",
+        "scatter.yaml",
+        "ghosts.yaml",
+        "sky.yaml",
+        "leds.yaml",
+        "distortion.yaml",
+        "level0_keywords.yaml",
+    ),
+    "instrument aXe .conf": Target(
+        seeds.in_instrument("gratings", "GI1.conf"), spoiled_bytes, _read("instrument"), 0.5
+    ),
+    "instrument sensitivity FITS": Target(
+        seeds.in_instrument("gratings", "GI_p1.fits"), spoiled_fits, _read("instrument"), 0.5
+    ),
+    "instrument distortion FITS": Target(
+        seeds.in_instrument("distortion.fits"), spoiled_fits, _read("instrument"), 0.5
+    ),
+    **{
+        f"universe {name}": Target(seeds.in_universe(name), spoiled_yaml, _read("universe"), 0.05)
+        for name in ("cosmology.yaml", "dust.yaml", "galaxies.yaml", "lensing.yaml", "quasars.yaml", "stars.yaml")
+    },
+    "universe star spectra FITS": Target(
+        seeds.in_universe("star_spectra.fits"), spoiled_fits, _read("star_spectra"), 0.3
+    ),
+    "universe galaxy spectra FITS": Target(
+        seeds.in_universe("galaxy_spectra.fits"), spoiled_fits, _read("galaxy_spectra"), 0.3
+    ),
+    "dust map FITS": Target(seeds.dust, spoiled_fits, _read("dust_map")),
+    "Cycle-9 stars HDF5": Target(seeds.c9_stars, spoiled_hdf5, _read("c9_stars")),
+    "Cycle-9 galaxies HDF5": Target(seeds.c9_galaxies, spoiled_hdf5, _read("c9_galaxies")),
+    "Cycle-9 spectra HDF5": Target(seeds.c9_spectra, spoiled_hdf5, _read("c9_spectra")),
+    "scene parquet": Target(seeds.objects, spoiled_parquet, _read("scene")),
+    "PSF set HDF5": Target(seeds.psf, spoiled_hdf5, _read("psf")),
+    "PSF tables HDF5": Target(seeds.psf_tables, spoiled_hdf5, _read("psf_tables")),
+    "PSF library HDF5": Target(seeds.psf_library, spoiled_hdf5, _read("psf_library"), 0.5),
+    "Level-0 FITS": Target(seeds.level0(), spoiled_fits, _read("level0"), 2),
+    "Level-0 FITS, compressed": Target(seeds.level0(compress=True), spoiled_fits, _read("level0"), 2),
+    "frame FITS": Target(seeds.frame, seeds.spoiled_frame, _read("frame"), 2),
+    "picture of a frame": Target(seeds.frame, seeds.spoiled_frame, _read("picture"), 0.3),
+    "picture of Level-0": Target(seeds.level0(), spoiled_fits, _read("picture"), 0.3),
+    "picture of an image": Target(seeds.image, spoiled_fits, _read("picture"), 0.3),
+    "table parquet": Target(seeds.objects, spoiled_parquet, _read("table")),
+    "truth parquet": Target(seeds.truth, spoiled_parquet, _read("truth")),
+    "orders parquet": Target(seeds.orders, spoiled_parquet, _read("orders")),
+    "brick parquet": Target(seeds.objects, spoiled_parquet, _read("brick")),
+    "validation JSON": Target(seeds.validation, spoiled_json, _read("validation")),
+    "benchmark TSV": Target(seeds.benchmarks, spoiled_bytes, _read("benchmarks"), 0.5),
+}
