@@ -5,7 +5,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: run test format clean
+.PHONY: run test test-slurm format clean
 
 run: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/campaign.yaml
@@ -18,6 +18,11 @@ test: .venv/ready
 	snakefmt --check Snakefile workflow
 	python workflow/lint.py --config campaign=config/campaign.yaml
 	pytest -n 2 --dist loadfile
+
+# As root, after: apt-get install slurmctld slurmd slurm-client munge
+test-slurm: .venv/ready
+	$(BIN)/pip install --quiet --disable-pip-version-check --constraint requirements.lock --editable '.[slurm]'
+	pytest -m slurm -rs --durations=0 tests/workflow/test_slurm.py
 
 format: .venv/ready
 	ruff check --fix .

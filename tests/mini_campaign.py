@@ -1,6 +1,7 @@
 """A whole campaign small enough for a test: tiny chips, a thin universe or a catalogue of known stars."""
 
 import shutil
+import time
 from pathlib import Path
 
 import numpy as np
@@ -73,6 +74,16 @@ class Stars(CatalogBase):
 
     def load_norm_filt(self, obj):
         return None
+
+
+class Hungry(Stars):
+    """Takes `mb` of memory for three seconds before it loads (option mb)."""
+
+    def _load(self):
+        ballast = np.ones((self.options["mb"], 2**20), np.uint8)
+        time.sleep(3.0)
+        del ballast
+        super()._load()
 
 
 class Movers(Stars):

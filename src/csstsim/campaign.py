@@ -35,10 +35,10 @@ EDGE_PX = 3.0  # field distortion bends a chip's edges on the sky: by up to 2.4 
 class OpenCampaign:
     """A checked campaign. Raises InputError for any fault in its files."""
 
-    def __init__(self, file, output=None):
+    def __init__(self, file, output=None, scratch=None):
         self.file = Path(file)
         self.config = load_campaign(file)
-        self.paths = Paths(output or self.config.output)
+        self.paths = Paths(output or self.config.output, scratch)
         self.camera = load_camera(self.config.instrument_folder)
         self.rendering = load_numbers()
         self.pointings = {p.obsid: p for p in load_survey_table(self.config.survey_table, self.camera.orbit)}

@@ -22,6 +22,10 @@ chip_opt = click.option("--chip", "chip_id", required=True, type=click.IntRange(
 brick_opt = click.option(
     "--brick", "pix", required=True, type=click.IntRange(0, 786431), help="HEALPix NSIDE-256 pixel, nested."
 )
+scratch_opt = click.option(
+    "--scratch", type=click.Path(), envvar="CSSTSIM_SCRATCH",
+    help="Folder of what the chip's stages hand on [default: the campaign's output; or $CSSTSIM_SCRATCH].",
+)  # fmt: skip
 
 
 class Group(click.Group):
@@ -87,19 +91,22 @@ def stage(function):
     def command(campaign, **options):
         from csstsim.campaign import OpenCampaign
 
-        return function(OpenCampaign(campaign, options.pop("output", None)), **options)
+        folders = options.pop("output", None), options.pop("scratch", None)
+        return function(OpenCampaign(campaign, *folders), **options)
 
     return campaign_arg(command)
 
 
-def job_command(module, name, text):
-    """Add the command of a per-chip stage: csstsim NAME CAMPAIGN --obsid X --chip N."""
+def job_command(module, name, text, *more):
+    """Add the command of a per-chip stage: csstsim NAME CAMPAIGN --obsid X --chip N, and more options."""
 
     def command(run, obsid, chip_id):
         getattr(importlib.import_module(module), name)(run, run.job(obsid, chip_id))
 
     command.__doc__ = text
-    main.command(name)(stage(obsid_opt(chip_opt(command))))
+    for option in (chip_opt, obsid_opt, *more):
+        command = option(command)
+    main.command(name)(stage(command))
 
 
 def brick_command(module, name, text):
@@ -113,10 +120,13 @@ def brick_command(module, name, text):
 
 
 brick_command("csstsim.prepare", "truth", "Make one brick of the embedded True Universe.")
-job_command("csstsim.stages", "select", "Find the objects that reach a chip, with positions and electrons per second.")
-job_command("csstsim.stages", "render", "Draw the objects and the sky: expected electrons.")
-job_command("csstsim.stages", "readout", "Turn electrons into DN: noise, overscan, bias, gain.")
-job_command("csstsim.stages", "level0", "Digitise and write the Level-0 file and its truth table.")
+for name, text in {
+    "select": "Find the objects that reach a chip, with positions and electrons per second.",
+    "render": "Draw the objects and the sky: expected electrons.",
+    "readout": "Turn electrons into DN: noise, overscan, bias, gain.",
+    "level0": "Digitise and write the Level-0 file and its truth table.",
+}.items():
+    job_command("csstsim.stages", name, text, scratch_opt)
 job_command("csstsim.calibration", "calibrate", "Write the calibrated image of a Level-0 file: SCI, ERR, DQ in e-/s.")
 job_command("csstsim.analysis", "measure", "Detect and measure the sources of a Level-0 file.")
 job_command("csstsim.analysis", "extract", "Extract the spectra of a spectroscopic chip's Level-0 file.")

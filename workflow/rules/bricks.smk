@@ -9,9 +9,11 @@ rule calibrate:
         f"{OUT}/logs/calibrate/{{obsid}}_{{chip}}.log",
     benchmark:
         f"{OUT}/benchmarks/calibrate/{{obsid}}_{{chip}}.tsv"
+    group:
+        "chip"
     resources:
-        mem_mb=3000,
-        runtime=20,
+        mem_mb=more(3500),
+        runtime=more(3),
     params:
         how=MEASUREMENT,
     shell:
@@ -29,9 +31,11 @@ rule measure:
         f"{OUT}/logs/measure/{{obsid}}_{{chip}}.log",
     benchmark:
         f"{OUT}/benchmarks/measure/{{obsid}}_{{chip}}.tsv"
+    group:
+        "chip"
     resources:
-        mem_mb=3000,
-        runtime=20,
+        mem_mb=more(3500),
+        runtime=more(4),
     params:
         how=MEASUREMENT,
     shell:
@@ -47,9 +51,11 @@ rule merge:
         f"{OUT}/logs/merge/{{dir}}_{{pix}}.log",
     benchmark:
         f"{OUT}/benchmarks/merge/{{dir}}_{{pix}}.tsv"
+    group:
+        "brick"
     resources:
-        mem_mb=4000,
-        runtime=20,
+        mem_mb=more(2500),
+        runtime=more(4),
     shell:
         'csstsim merge "$CAMPAIGN" --brick {wildcards.pix} > {log:q} 2>&1'
 
@@ -66,9 +72,11 @@ rule validate:
         f"{OUT}/logs/validate/{{pix}}.log",
     benchmark:
         f"{OUT}/benchmarks/validate/{{pix}}.tsv"
+    group:
+        "brick"
     resources:
-        mem_mb=4000,
-        runtime=20,
+        mem_mb=more(4000),
+        runtime=more(4),
     params:
         thresholds=RUN.config.validation.model_dump(mode="json"),
     shell:

@@ -1,9 +1,14 @@
-# One chip in four stages; they travel together (group), their intermediates are dropped when used.
+# One chip in four stages, and what measures it after: on a cluster they travel together (group), and what one hands to
+# the next is dropped when used. mem_mb and runtime [min] leave room above what was measured: docs/slurm.md has it.
+SELECTING = 3 if RUN.embedded else 60  # spectra of a user's catalogue come one by one
+RENDERING = {"noise_free": 30, "reference": 600}.get(RUN.config.fidelity, 4)
+
+
 rule select:
     input:
         truth_of,
     output:
-        temp(f"{OUT}/chips/{{obsid}}_{{chip}}/select.parquet"),
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/select.parquet"),
     log:
         f"{OUT}/logs/select/{{obsid}}_{{chip}}.log",
     benchmark:
@@ -11,8 +16,8 @@ rule select:
     group:
         "chip"
     resources:
-        mem_mb=2500,
-        runtime=20,
+        mem_mb=more(1500),
+        runtime=more(SELECTING),
     params:
         recipe=recipe,
     shell:
@@ -23,8 +28,8 @@ rule render:
     input:
         objects_of,
     output:
-        temp(f"{OUT}/chips/{{obsid}}_{{chip}}/render.fits"),
-        temp(f"{OUT}/chips/{{obsid}}_{{chip}}/drawn.parquet"),
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/render.fits"),
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/drawn.parquet"),
     log:
         f"{OUT}/logs/render/{{obsid}}_{{chip}}.log",
     benchmark:
@@ -32,8 +37,8 @@ rule render:
     group:
         "chip"
     resources:
-        mem_mb=3000,
-        runtime=600,
+        mem_mb=more(3000),
+        runtime=more(RENDERING),
     params:
         recipe=recipe,
     shell:
@@ -44,7 +49,7 @@ rule readout:
     input:
         stage_before("render"),
     output:
-        temp(f"{OUT}/chips/{{obsid}}_{{chip}}/readout.fits"),
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/readout.fits"),
     log:
         f"{OUT}/logs/readout/{{obsid}}_{{chip}}.log",
     benchmark:
@@ -52,8 +57,8 @@ rule readout:
     group:
         "chip"
     resources:
-        mem_mb=2500,
-        runtime=20,
+        mem_mb=more(1500),
+        runtime=more(2),
     params:
         recipe=recipe,
     shell:
@@ -74,8 +79,8 @@ rule level0:
     group:
         "chip"
     resources:
-        mem_mb=2500,
-        runtime=10,
+        mem_mb=more(1500),
+        runtime=more(2),
     params:
         recipe=recipe,
     shell:

@@ -1,16 +1,38 @@
 # Opens the campaign (which checks every file of it) and answers the rules' questions. The only Python.
+import atexit
+import os
 import shlex
+import shutil
 
 from csstsim.campaign import OpenCampaign
 from csstsim.errors import CsstsimError
 
 CAMPAIGN = config.get("campaign", "config/campaign.yaml")
+
+
+def node_scratch():
+    """A cluster job's folder on its node's own disk, or None. The head has no such folder: it sees no intermediate."""
+    if "scratch" not in config:
+        return None
+    disk = os.path.expandvars(str(config["scratch"]))
+    if workflow.remote_exec and not os.path.isdir(disk):
+        raise WorkflowError(
+            f"scratch: {config['scratch']}: no such folder on {os.uname().nodename}"
+        )
+    return os.path.join(disk, f"csstsim_{os.environ.get('SLURM_JOB_ID', 'head')}")
+
+
+SCRATCH = node_scratch()
+if SCRATCH and workflow.remote_exec:
+    atexit.register(shutil.rmtree, SCRATCH, ignore_errors=True)
+
 try:
-    RUN = OpenCampaign(CAMPAIGN)
+    RUN = OpenCampaign(CAMPAIGN, scratch=SCRATCH)
     JOBS = {(job.pointing.obsid, f"{job.chip.id:02d}"): job for job in RUN.jobs}
 except CsstsimError as error:
     raise WorkflowError(str(error)) from None
 OUT = str(RUN.paths.output)
+CHIPS = str(RUN.paths.chips)
 MEASUREMENT = RUN.measurement
 
 # The (exposure, chip) pairs whose truth is kept order by order, as patterns; no pair: patterns that nothing meets.
@@ -22,10 +44,17 @@ SPECTRA_CHIP = (
 )
 
 # One thread a process: parallelism is over chips. Hidden BLAS threads would fight over the cores.
+LIBRARIES = "OMP", "OPENBLAS", "MKL", "NUMBA"
 shell.prefix(
-    f"export CAMPAIGN={shlex.quote(str(CAMPAIGN))} "
-    "OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 NUMBA_NUM_THREADS=1; "
+    f"export CAMPAIGN={shlex.quote(str(CAMPAIGN))} CSSTSIM_SCRATCH={shlex.quote(str(RUN.paths.chips.parent))} "
+    + " ".join(f"{library}_NUM_THREADS=1" for library in LIBRARIES)
+    + "; "
 )
+
+
+def more(amount):
+    """A job that failed for memory or time is given twice as much, then thrice."""
+    return lambda wildcards, attempt: amount * attempt
 
 
 wildcard_constraints:
@@ -64,7 +93,7 @@ def objects_of(wildcards):
     if RUN.pointings[wildcards.obsid].type != "SCIE":
         return []
     return [
-        f"{OUT}/chips/{wildcards.obsid}_{wildcards.chip}/select.parquet",
+        f"{CHIPS}/{wildcards.obsid}_{wildcards.chip}/select.parquet",
         f"{OUT}/psf/chip_{wildcards.chip}.h5",
         f"{OUT}/psf/chip_{wildcards.chip}_tables.h5",
     ]
@@ -76,7 +105,7 @@ def stage_before(stage):
     def product(wildcards):
         pointing = RUN.pointings[wildcards.obsid]
         return (
-            f"{OUT}/chips/{wildcards.obsid}_{wildcards.chip}/{stage}.fits"
+            f"{CHIPS}/{wildcards.obsid}_{wildcards.chip}/{stage}.fits"
             if RUN.has_stage(pointing, stage)
             else []
         )
@@ -88,7 +117,7 @@ def drawn_before(wildcards):
     """The table of drawn objects, where there is a render stage."""
     if not RUN.has_stage(RUN.pointings[wildcards.obsid], "render"):
         return []
-    return f"{OUT}/chips/{wildcards.obsid}_{wildcards.chip}/drawn.parquet"
+    return f"{CHIPS}/{wildcards.obsid}_{wildcards.chip}/drawn.parquet"
 
 
 def recipe(wildcards):

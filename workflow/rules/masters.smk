@@ -9,7 +9,7 @@ rule masters:
     benchmark:
         f"{OUT}/benchmarks/masters/{{chip}}.tsv"
     resources:
-        mem_mb=4000,
-        runtime=20,
+        mem_mb=more(3500),
+        runtime=more(8),
     shell:
         'csstsim masters "$CAMPAIGN" --chip {wildcards.chip} > {log:q} 2>&1'

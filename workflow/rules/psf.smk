@@ -6,9 +6,11 @@ rule psf:
         f"{OUT}/logs/psf/{{chip}}.log",
     benchmark:
         f"{OUT}/benchmarks/psf/{{chip}}.tsv"
+    group:
+        "psf"
     resources:
-        mem_mb=1500,
-        runtime=60,
+        mem_mb=more(1500),
+        runtime=more(5),
     params:
         psf=RUN.config.psf.model_dump(mode="json"),
         camera=RUN.camera.digest,

@@ -13,7 +13,7 @@ rule report:
     benchmark:
         f"{OUT}/benchmarks/report.tsv"
     resources:
-        mem_mb=2000,
-        runtime=10,
+        mem_mb=more(2000),
+        runtime=more(10),
     shell:
         'csstsim report "$CAMPAIGN" > {log:q} 2>&1'

@@ -1,9 +1,9 @@
 # Spectroscopic chips: the same stages with the truth of each order beside; spectra along the traces of that truth.
 use rule render as render_spectra with:
     output:
-        temp(f"{OUT}/chips/{{obsid}}_{{chip}}/render.fits"),
-        temp(f"{OUT}/chips/{{obsid}}_{{chip}}/drawn.parquet"),
-        temp(f"{OUT}/chips/{{obsid}}_{{chip}}/orders.parquet"),
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/render.fits"),
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/drawn.parquet"),
+        temp(f"{CHIPS}/{{obsid}}_{{chip}}/orders.parquet"),
     wildcard_constraints:
         obsid=SPECTRA_OBSID,
         chip=SPECTRA_CHIP,
@@ -13,7 +13,7 @@ use rule level0 as level0_spectra with:
     input:
         stage_before("readout"),
         drawn_before,
-        f"{OUT}/chips/{{obsid}}_{{chip}}/orders.parquet",
+        f"{CHIPS}/{{obsid}}_{{chip}}/orders.parquet",
     output:
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.fits",
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.truth.parquet",
@@ -40,9 +40,11 @@ rule extract:
         f"{OUT}/logs/extract/{{obsid}}_{{chip}}.log",
     benchmark:
         f"{OUT}/benchmarks/extract/{{obsid}}_{{chip}}.tsv"
+    group:
+        "chip"
     resources:
-        mem_mb=4000,
-        runtime=20,
+        mem_mb=more(4000),
+        runtime=more(4),
     params:
         how=MEASUREMENT,
     shell:

@@ -5,9 +5,11 @@ rule truth:
         f"{OUT}/logs/truth/{{dir}}_{{pix}}.log",
     benchmark:
         f"{OUT}/benchmarks/truth/{{dir}}_{{pix}}.tsv"
+    group:
+        "truth"
     resources:
-        mem_mb=1500,
-        runtime=10,
+        mem_mb=more(1500),
+        runtime=more(2),
     params:
         key=truth_key(),
     shell:

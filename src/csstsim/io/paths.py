@@ -7,6 +7,7 @@
     merge/dataset/Norder=8/Dir=D/Npix=P.parquet  merge/hats.properties  validate/{P}.json
     report/index.html verdict.json
 
+chips/ holds what a chip's stages hand on; it may lie elsewhere (`scratch`), on a node's own disk.
 Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256); bricks.hats makes merge/ a catalogue.
 """
 
@@ -26,10 +27,11 @@ def made(path, command):
 
 
 class Paths:
-    """The products of one campaign under its output folder."""
+    """The products of one campaign under its output folder, its intermediates under `scratch` if that is given."""
 
-    def __init__(self, output):
+    def __init__(self, output, scratch=None):
         self.output = Path(output)
+        self.chips = Path(scratch or output) / "chips"
 
     def _hats(self, kind, pix, form="{}"):
         return self.output / kind / "Norder=8" / f"Dir={pix // 10000 * 10000}" / f"Npix={form.format(pix)}.parquet"
@@ -53,7 +55,7 @@ class Paths:
 
     def stage(self, obsid, chip_id, name):
         """Intermediate of a chip: 'select.parquet', 'render.fits', 'drawn.parquet', ..."""
-        return self.output / "chips" / f"{obsid}_{chip_id:02d}" / name
+        return self.chips / f"{obsid}_{chip_id:02d}" / name
 
     def level0(self, pointing, chip_id):
         return self.output / "level0" / pointing.obsid / f"{level0_stem(pointing, chip_id)}.fits"

@@ -1,0 +1,118 @@
+"""The Slurm profile on a real Slurm of one node: same bits as local, memory that grows, a job cancelled and resumed."""
+
+import re
+import shutil
+import subprocess
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from mini_campaign import POINTINGS, write_campaign
+from one_node_slurm import OneNodeSlurm, why_not
+from workflow_run import ROOT, command, content, level0_targets, make, snakemake
+
+pytestmark = [pytest.mark.slurm, pytest.mark.skipif(bool(reason := why_not()), reason=str(reason))]
+
+POLLING = (  # without accounting only squeue knows of jobs; a test need not wait as long as a cluster's users
+    "--slurm-status-command", "squeue", "--slurm-init-seconds-before-status-checks", "2",
+    "--seconds-between-status-checks", "2", "--latency-wait", "5",
+)  # fmt: skip
+MADE_FOR_ALL = "truth", "psf"
+
+
+@pytest.fixture(scope="module")
+def slurm(tmp_path_factory):
+    with OneNodeSlurm(tmp_path_factory.mktemp("slurm")) as node:
+        yield node
+
+
+@pytest.fixture(scope="module")
+def local(tmp_path_factory):
+    """The campaign run on this machine, start to finish."""
+    campaign = make(tmp_path_factory.mktemp("local") / "campaign")
+    snakemake(campaign, "--cores", "2")
+    return campaign
+
+
+def profile(node, *arguments):
+    """Arguments after the campaign's: the profile, its scratch disk moved to the test's node."""
+    return f"scratch={node.scratch}", "--workflow-profile", str(ROOT / "profiles/slurm"), *POLLING, *arguments
+
+
+def with_prepared(campaign, local):
+    """Give a campaign the truth bricks and PSF sets of another, which are the same."""
+    for kind in MADE_FOR_ALL:
+        shutil.copytree(local.parent / "out" / kind, campaign.parent / "out" / kind)
+    return campaign
+
+
+def submitted(text):
+    """The Slurm ids in what Snakemake said."""
+    return [int(jobid) for jobid in re.findall(r"SLURM jobid (\d+)", text)]
+
+
+def measured(campaign):
+    """The bytes of every measurement, spectra table and merged brick."""
+    folder = campaign.parent / "out"
+    found = [path for kind in ("measure", "spectra", "merge") for path in (folder / kind).rglob("*.parquet")]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in found}
+
+
+def test_the_profile_gives_the_same_bits_with_a_scratch_nobody_else_sees(slurm, local, tmp_path):
+    campaign = make(tmp_path / "campaign")
+    said = snakemake(campaign, *profile(slurm, "--group-components", "chip=3", "truth=4", "psf=2", "brick=4"))
+    assert content(campaign) == content(local) and measured(campaign) == measured(local)
+    # 36 jobs in six: truth, PSF, two of three chips each, the bricks, the report
+    jobs = [slurm.job(jobid) for jobid in submitted(said)]
+    assert len(jobs) == 6
+    assert {job["NumCPUs"] for job in jobs} == {"1"}
+    # Intermediates went through the node's disk alone, and are gone from it
+    assert not (campaign.parent / "out" / "chips").exists() and not list(slurm.scratch.iterdir())
+    assert not list(slurm.on_node().iterdir())
+
+
+def test_a_job_short_of_memory_is_tried_again_with_more(slurm, tmp_path):
+    catalog = {"kind": "mini_campaign:Hungry", "options": {"ra": [60.0], "dec": [-40.0], "mag": [20.0], "mb": 3600}}
+    campaign = write_campaign(tmp_path, POINTINGS[:1], catalog=catalog)
+    said = snakemake(campaign, *profile(slurm, *level0_targets(campaign)))
+    chip = [slurm.job(jobid) for jobid in submitted(said)[1:]]  # after the PSF's
+    assert [job["MinMemoryNode"] for job in chip] == ["3000M", "6000M"]
+    assert [job["TimeLimit"] for job in chip] == ["01:08:00", "02:16:00"]
+    assert [job["JobState"] for job in chip] == ["FAILED", "COMPLETED"]
+    assert "exceeded memory limit" in Path(chip[0]["StdOut"]).read_text()
+    assert len(content(campaign)) == 1
+
+
+def test_a_cancelled_job_leaves_nothing_and_a_resumed_campaign_has_the_same_bits(slurm, local, tmp_path):
+    campaign = with_prepared(make(tmp_path / "campaign"), local)
+    arguments = profile(slurm, *level0_targets(campaign), "--group-components", "chip=3")
+    line, environment = command(campaign, *arguments, "--retries", "0")
+    head = subprocess.Popen(line, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        environment = running("render", head, campaign).environ()
+        assert {environment[f"{library}_NUM_THREADS"] for library in ("OMP", "OPENBLAS", "MKL", "NUMBA")} == {"1"}
+        jobid = environment["SLURM_JOB_ID"]
+        assert list(slurm.on_node().rglob("select.parquet")), "a job at work has intermediates on its node"
+        slurm.ask("scancel", jobid)
+        assert head.wait(timeout=300) != 0
+    finally:
+        if head.poll() is None:
+            head.kill()
+    assert slurm.job(jobid)["JobState"] == "CANCELLED"
+    assert not list(slurm.on_node().iterdir())
+    assert len(content(campaign)) < len(content(local))
+    snakemake(campaign, *arguments)
+    assert content(campaign) == content(local)
+
+
+def running(verb, head, campaign, seconds=240):
+    """Return the running `csstsim VERB` process of a campaign; `head` must live."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and head.poll() is None:
+        for process in psutil.process_iter(["cmdline"]):
+            words = process.info["cmdline"] or []
+            if verb in words and str(campaign) in words:
+                return process
+        time.sleep(0.02)
+    raise AssertionError(f"no csstsim {verb} was started")

@@ -1,0 +1,65 @@
+"""Running the workflow on a small campaign, and what its products hold: for tests that compare two runs."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import fitsio
+from mini_campaign import write_campaign
+
+from csstsim.campaign import OpenCampaign
+from csstsim.catalog.table import ObjectTable
+
+ROOT = Path(__file__).resolve().parents[1]
+# What may differ between two runs of one campaign: dates, timings, and the checksum over them (all in HDU 0).
+VARYING = {"DATE", "CHECKSUM"}
+TIMINGS = ("CPU_", "WALL_")
+
+
+def command(campaign, *arguments):
+    """The snakemake command line and environment for a campaign, run from the repository's root."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    folders = os.pathsep.join([str(ROOT / "src"), str(ROOT / "tests")])
+    environment = os.environ | {"PATH": path, "PYTHONPATH": folders}
+    line = [
+        sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--directory", str(campaign.parent),
+        "--config", f"campaign={campaign}", *arguments,
+    ]  # fmt: skip
+    return line, environment
+
+
+def snakemake(campaign, *arguments):
+    line, environment = command(campaign, *arguments)
+    done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout + done.stderr
+
+
+def make(folder):
+    folder.mkdir()
+    return write_campaign(folder, select={"chips": [9, 29]})  # r, and a grating
+
+
+def level0_targets(campaign):
+    run = OpenCampaign(campaign)
+    return [str(run.paths.level0(job.pointing, job.chip.id)) for job in run.jobs]
+
+
+def content(campaign):
+    """Every Level-0 pixel, header card that must not vary and column of the truth of orders, by file name."""
+    found = {}
+    for path in sorted((campaign.parent / "out" / "level0").rglob("*.fits")):
+        with fitsio.FITS(path) as file:
+            cards = [
+                (record["name"], record["value"], record["comment"])
+                for hdu in file
+                for record in hdu.read_header().records()
+                if record["name"] not in VARYING and not str(record["name"]).startswith(TIMINGS)
+            ]
+            found[path.name] = (cards, file["IMAGE"].read().tobytes())
+        orders = path.with_suffix(".orders.parquet")
+        if orders.exists():
+            table = ObjectTable.read(orders)
+            found[orders.name] = {n: table[n].astype(str).tolist() for n in table.names}  # NaN is not itself
+    return found
