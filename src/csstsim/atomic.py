@@ -1,7 +1,8 @@
 """Writing files so that a reader never sees half of one: temporary sibling, fsync, rename.
 
-A process that is killed outright, or whose machine dies, leaves its temporary `.name.host.pid.tmp.suffix`. Nothing takes
-that for a product. Who writes the same file next on that host removes it; `remove_left` is for the end of a campaign.
+A process that is killed outright, or whose machine dies, leaves its temporary `.name.host.pid.tmp.suffix`. Nothing
+takes that for a product. Who writes the same file next on that host removes it, and `remove_left` at the end of a
+campaign all of them.
 """
 
 import errno

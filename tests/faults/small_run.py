@@ -19,6 +19,7 @@ from workflow_run import ROOT, TIMINGS, VARYING, command
 from csstsim import analysis, campaign_report, prepare, stages
 from csstsim.campaign import OpenCampaign
 from csstsim.catalog.table import ObjectTable
+from csstsim.io.frames import load_frame
 
 BRICK, OBSID, CHIP = 550615, "10100000001", 9
 RESUME = "--profile", str(ROOT / "profiles" / "default"), "--cores", "1"  # docs/faults.md
@@ -51,10 +52,10 @@ class SmallRun:
         shutil.copytree(self.folder, self.kept)
         self.wanted = self.products()
 
-    def back_before(self, rule, intermediates=False):
+    def back_before(self, rule, intermediates=()):
         """Make the folder what it was before a rule: what it and the later ones made has never been.
 
-        Intermediates made before it are there if asked for; else they have been used and dropped, as temp() does.
+        Of the intermediates made before it those named are there; the others were used and dropped.
         """
         shutil.rmtree(self.folder)
         shutil.copytree(self.kept, self.folder)
@@ -63,7 +64,7 @@ class SmallRun:
         kept = tuple(name for rule in rules[: rules.index(rule)] for name in CHAIN[rule][0])
         for path in self.files():
             name = self.name(path)
-            drop = name.startswith("chips/") and not intermediates
+            drop = name.startswith("chips/") and path.stem not in intermediates
             if drop or (name.startswith(later) and not name.startswith(kept)):
                 path.unlink()
 
@@ -82,6 +83,10 @@ class SmallRun:
     def products(self):
         """Return {name: bytes} of every product, without dates and timings."""
         return {self.name(p): steady(p) for p in self.files() if "chips" not in p.parts and ".tmp" not in p.name}
+
+    def steady_files(self):
+        """Return {name: bytes} of every file, intermediates too; of these the pixels and columns, not the timings."""
+        return {self.name(p): pixels_and_columns(p) if "chips" in p.parts else steady(p) for p in self.files()}
 
     @cached_property
     def opened(self):
@@ -124,10 +129,10 @@ class SmallRun:
         assert sorted(self.products()) == sorted(self.wanted)
         assert self.temporaries() == [] and not list(self.out.glob("chips/*/*"))
 
-    def assert_nothing_wrong(self):
-        """What stands under a product's name is the undisturbed run's to the bit."""
+    def assert_nothing_wrong(self, but=None):
+        """What stands under a product's name is the undisturbed run's to the bit; `but`: a name left out."""
         found = self.products()
-        assert [name for name in found if found[name] != self.wanted.get(name)] == []
+        assert [name for name in found if found[name] != self.wanted.get(name) and name != but] == []
 
 
 def ended(process, seconds=600):
@@ -157,3 +162,12 @@ def steady(path):
         assert found == 1
         return page
     return path.read_bytes()
+
+
+def pixels_and_columns(path):
+    """Return what the next stage takes of an intermediate, as text."""
+    if path.suffix == ".fits":
+        planes, _ = load_frame(path)
+        return repr({name: plane.tobytes() for name, plane in planes.items()})
+    table = ObjectTable.read(path)
+    return repr({name: table[name].tolist() for name in table if name != "ms"})

@@ -38,8 +38,9 @@ def claim(run):
         check_owner(run)
     except OSError as exc:
         raise InputError(f"cannot be written: {os.strerror(exc.errno)}", file=path) from None
-    if not os.access(path.parent, os.W_OK):
-        raise InputError("cannot be written", file=path.parent)
+    for folder in (path.parent, *(entry for entry in path.parent.iterdir() if entry.is_dir())):
+        if not os.access(folder, os.W_OK):
+            raise InputError("cannot be written", file=folder)
 
 
 def _about(run):
