@@ -9,6 +9,7 @@ import shutil
 import socket
 import subprocess
 import time
+from importlib.util import find_spec
 from pathlib import Path
 
 import psutil
@@ -25,6 +26,8 @@ def why_not():
     missing = [name for name in PROGRAMS if shutil.which(name, path=SEARCH) is None]
     if missing:
         return f"{', '.join(missing)} not installed: apt-get install slurmctld slurmd slurm-client munge"
+    if find_spec("snakemake_executor_plugin_slurm") is None:
+        return "snakemake-executor-plugin-slurm not installed: pip install -e '.[slurm]'"
     if os.geteuid() != 0:
         return "only root can start slurmd for all users' jobs and mount a scratch disk"
     if CONF.exists() and not CONF.read_text().startswith(OURS):
