@@ -98,9 +98,9 @@ class SmallRun:
         """Run a rule's stage in this process."""
         CHAIN[rule][1](*self.opened)
 
-    def start(self, *arguments, folder=None, file=None):
+    def start(self, *arguments, folder=None, file=None, profile=RESUME):
         """Start the documented command in a process group of its own; return (process, file of what it says)."""
-        line, environment = command(file or self.file, *RESUME, *arguments)
+        line, environment = command(file or self.file, *arguments, *profile)
         if folder:  # another working directory
             line[line.index("--directory") + 1] = str(folder)
         said = (folder or self.folder) / "said.txt"
