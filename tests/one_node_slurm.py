@@ -89,7 +89,10 @@ class OneNodeSlurm:
         self._start("unshare", "--mount", "sh", "-c", mounted)
 
     def kill_node(self, jobs_too):
-        """kill -9 the node daemon; `jobs_too`: and all that runs there, as when the machine dies."""
+        """kill -9 the node daemon; `jobs_too`: and all that runs there, as when the machine dies.
+
+        Of a machine that died the controller hears nothing for SlurmdTimeout; it is told at once.
+        """
         daemon = self._daemons["unshare"]
         namespace = os.readlink(f"/proc/{daemon.pid}/ns/mnt")
         daemon.kill()
@@ -98,6 +101,8 @@ class OneNodeSlurm:
             with suppress(OSError, psutil.Error):
                 if os.readlink(f"/proc/{process.pid}/ns/mnt") == namespace:
                     process.kill()
+        if jobs_too:
+            self.ask("scontrol", "update", f"nodename={socket.gethostname()}", "state=down", "reason=died")
 
     def on_node(self):
         """Return the scratch disk as the node sees it."""
