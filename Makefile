@@ -6,7 +6,7 @@ PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: run test test-slurm fuzz format clean
+.PHONY: run test test-slurm test-faults fuzz format clean
 
 run: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/campaign.yaml
@@ -28,20 +28,27 @@ test-slurm: .venv/ready
 fuzz: .venv/ready
 	pytest -m slow tests/fuzz
 
+# What is killed, full, read-only or damaged, and resumed. Some faults need root, one a Slurm (as test-slurm)
+test-faults: .venv/ready
+	pytest -m faults -rs tests/faults
+
 format: .venv/ready
 	ruff check --fix .
 	ruff format .
 	snakefmt Snakefile workflow
 
+# A set-up that was cut short is not trusted: pip takes a package without its programs for installed
 .venv/ready: requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
 		|| { echo "csstsim needs Python 3.11 or newer; try: make $(MAKECMDGOALS) PYTHON=python3.11"; exit 1; }
+	@test ! -e .venv/unfinished || { echo "The last set-up was cut short; starting again"; rm -rf .venv; }
+	@mkdir -p .venv && touch .venv/unfinished
 	@test -x $(BIN)/pip || $(PYTHON) -m venv .venv \
 		|| { rm -rf .venv; echo "Python has no ensurepip here. Run: apt-get install python3-venv"; exit 1; }
 	$(BIN)/pip install --quiet --disable-pip-version-check -r requirements.lock
 	@# grismagic, which a test reads the gratings with, asks for jax and does not need it for that
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable . grismagic==0.1.1
-	@touch $@
+	@mv .venv/unfinished $@
 
 clean:
 	rm -rf .venv results

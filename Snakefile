@@ -18,5 +18,11 @@ rule all:
         targets(),
 
 
+onstart:
+    take_folder()
+
+
 onsuccess:
-    print(summary())
+    if workflow.is_main_process:
+        remove_left(OUT)
+        print(summary())

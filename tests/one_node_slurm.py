@@ -9,6 +9,7 @@ import shutil
 import socket
 import subprocess
 import time
+from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -51,8 +52,7 @@ class OneNodeSlurm:
             CONF.parent.mkdir(exist_ok=True)
             CONF.write_text(self._configuration())
             self._start("slurmctld", "-D", "-i")
-            mounted = f'mount -t tmpfs tmpfs "{self.scratch}" && exec slurmd -D -N {socket.gethostname()}'
-            self._start("unshare", "--mount", "sh", "-c", mounted)
+            self.start_node()
             self._wait(lambda: self.ask("sinfo", "--noheader", "--format", "%t") == "idle", "the node to be idle")
         except BaseException:
             self.__exit__()
@@ -82,6 +82,27 @@ class OneNodeSlurm:
         """Return what Slurm keeps of a job, {key: value}."""
         words = self.ask("scontrol", "--oneliner", "show", "job", str(jobid)).split()
         return dict(word.split("=", 1) for word in words if "=" in word)
+
+    def start_node(self):
+        """Start the node daemon, with an empty scratch disk."""
+        mounted = f'mount -t tmpfs tmpfs "{self.scratch}" && exec slurmd -D -N {socket.gethostname()}'
+        self._start("unshare", "--mount", "sh", "-c", mounted)
+
+    def kill_node(self, jobs_too):
+        """kill -9 the node daemon; `jobs_too`: and all that runs there, as when the machine dies.
+
+        Of a machine that died the controller hears nothing for SlurmdTimeout; it is told at once.
+        """
+        daemon = self._daemons["unshare"]
+        namespace = os.readlink(f"/proc/{daemon.pid}/ns/mnt")
+        daemon.kill()
+        daemon.wait()
+        for process in psutil.process_iter() if jobs_too else ():
+            with suppress(OSError, psutil.Error):
+                if os.readlink(f"/proc/{process.pid}/ns/mnt") == namespace:
+                    process.kill()
+        if jobs_too:
+            self.ask("scontrol", "update", f"nodename={socket.gethostname()}", "state=down", "reason=died")
 
     def on_node(self):
         """Return the scratch disk as the node sees it."""

@@ -17,6 +17,7 @@ from csstsim.config import PixelWindow, digest, load_campaign
 from csstsim.errors import InputError
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
+from csstsim.io.owner import check_owner
 from csstsim.io.paths import Paths
 from csstsim.io.survey_table import load_survey_table
 from csstsim.job import Job
@@ -40,6 +41,7 @@ class OpenCampaign:
         self.file = Path(file)
         self.config = load_campaign(file)
         self.paths = Paths(output or self.config.output, scratch)
+        check_owner(self)
         self.camera = load_camera(self.config.instrument_folder)
         self.rendering = load_numbers()
         self.pointings = {p.obsid: p for p in load_survey_table(self.config.survey_table, self.camera.orbit)}

@@ -2,6 +2,7 @@
 
 import csv
 import os
+import zlib
 from urllib.parse import quote
 
 from csstsim import __version__
@@ -12,7 +13,7 @@ from csstsim.io.paths import made
 from csstsim.stages import check_recipe
 
 EMBEDDED = 5_000_000  # bytes of figures of bricks and spectra in the page; of the rest, links
-PNG, PNG_END = b"\x89PNG\r\n\x1a\n", b"IEND\xaeB`\x82"  # its first and last bytes
+PNG = b"\x89PNG\r\n\x1a\n"  # its first bytes
 THUMBNAILS = 30  # chips in the focal plane, but always a whole exposure
 
 
@@ -66,15 +67,26 @@ class Budget:
         self.left = size
 
     def read(self, path):
-        """Return a PNG's bytes, or None when there is no room left. Raises InputError if it is missing or cut."""
+        """Return a PNG's bytes, or None when there is no room left. Raises InputError if it is missing or damaged."""
         try:
             self.left -= path.stat().st_size
             figure = path.read_bytes() if self.left >= 0 else None
         except OSError as exc:
             raise InputError(f"cannot read a figure: {exc}", file=path) from None
-        if figure is not None and not (figure.startswith(PNG) and figure.endswith(PNG_END)):
+        if figure is not None and not _is_png(figure):
             raise InputError("not a whole PNG; make it again", file=path)
         return figure
+
+
+def _is_png(data):
+    """Whether bytes are a whole PNG: its signature, chunks with the checksums they state, the last one IEND."""
+    start, kind = len(PNG), None
+    while len(data) >= start + 12 and kind != b"IEND":
+        size, kind = int.from_bytes(data[start : start + 4]), data[start + 4 : start + 8]
+        content, start = data[start + 4 : start + 8 + size], start + 12 + size
+        if zlib.crc32(content).to_bytes(4) != data[start - 4 : start]:
+            return False
+    return data.startswith(PNG) and kind == b"IEND" and start == len(data)
 
 
 def _validation(run, pix):

@@ -4,8 +4,10 @@ import os
 import shlex
 import shutil
 
+from csstsim.atomic import remove_left
 from csstsim.campaign import OpenCampaign
 from csstsim.errors import CsstsimError
+from csstsim.io.owner import claim
 
 CAMPAIGN = config.get("campaign", "config/campaign.yaml")
 
@@ -37,6 +39,15 @@ if config.get("chips", "stages") not in ("stages", "whole"):
 OUT = str(RUN.paths.output)
 CHIPS = str(RUN.paths.chips)
 MEASUREMENT = RUN.measurement
+
+
+def take_folder():
+    """Before the first job: the output folder is this campaign's, and can be written."""
+    try:
+        claim(RUN)
+    except CsstsimError as error:
+        raise WorkflowError(str(error)) from None
+
 
 # The (exposure, chip) pairs whose truth is kept order by order, as patterns; no pair: patterns that nothing meets.
 SPECTRA_OBSID = (

@@ -1,0 +1,48 @@
+"""Whose an output folder is: one campaign's. Two would take each other's files for their own, or write over them.
+
+`campaign.json` there, written by the workflow, holds the campaign's name and where its file lies, seen from the folder.
+"""
+
+import json
+import os
+
+from csstsim.errors import InputError
+
+FILE = "campaign.json"
+
+
+def check_owner(run):
+    """Raise InputError if the output folder of an open campaign is another's."""
+    path = run.paths.output / FILE
+    try:
+        owner = json.loads(path.read_text())
+    except FileNotFoundError:
+        return
+    except (OSError, ValueError):
+        raise InputError("cannot be read; remove it if no other campaign is at work here", file=path) from None
+    if owner != _about(run):
+        raise InputError(
+            "the folder is another campaign's; give yours another output, or remove this file if that one was renamed",
+            file=path, value=owner, allowed=_about(run),
+        )  # fmt: skip
+
+
+def claim(run):
+    """Make the output folder the campaign's own, once. Raises InputError if it is another's or cannot be written."""
+    path = run.paths.output / FILE
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(path, "x") as file:  # of two that come at once one is first
+            json.dump(_about(run), file, indent=1)
+    except FileExistsError:
+        check_owner(run)
+    except OSError as exc:
+        raise InputError(f"cannot be written: {os.strerror(exc.errno)}", file=path) from None
+    for folder in (path.parent, *(entry for entry in path.parent.iterdir() if entry.is_dir())):
+        if not os.access(folder, os.W_OK):
+            raise InputError("cannot be written", file=folder)
+
+
+def _about(run):
+    folder = run.paths.output.resolve()
+    return {"name": run.config.name, "file": os.path.relpath(run.file.resolve(), folder)}

@@ -1,0 +1,43 @@
+"""kill -9 of a Slurm node's daemon, alone and with all that runs on the node; the daemon comes back."""
+
+import re
+
+import pytest
+from faults.small_run import ended
+from one_node_slurm import OneNodeSlurm, why_not
+from running import running
+from workflow_run import ROOT
+
+pytestmark = [pytest.mark.faults, pytest.mark.skipif(bool(reason := why_not()), reason=str(reason))]
+POLLING = (
+    "--slurm-status-command", "squeue", "--slurm-init-seconds-before-status-checks", "2",
+    "--seconds-between-status-checks", "2", "--latency-wait", "5",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def slurm(tmp_path_factory):
+    with OneNodeSlurm(tmp_path_factory.mktemp("slurm")) as node:
+        yield node
+
+
+@pytest.mark.parametrize("jobs_too", [False, True], ids=["daemon", "node"])
+def test_a_node_daemon_is_killed(small_run, slurm, tell, jobs_too):
+    small_run.back_before("select")
+    profile = "--workflow-profile", str(ROOT / "profiles/slurm"), *POLLING
+    head, said = small_run.start(f"scratch={slurm.scratch}", profile=profile)
+    stage = running("render", head, small_run.file)
+    slurm.kill_node(jobs_too)
+    assert stage.is_running() != jobs_too or not stage.wait(timeout=60)
+    slurm.start_node()
+    for jobid in slurm.ask("squeue", "--noheader", "--states", "PENDING", "--format", "%i").split():
+        slurm.ask("scontrol", "update", f"jobid={jobid}", "starttime=now")  # Slurm waits two minutes with it
+    assert ended(head) == 0, said.read_text()
+    small_run.assert_as_undisturbed()
+    jobs = [slurm.job(jobid) for jobid in re.findall(r"SLURM jobid (\d+)", said.read_text())]
+    assert {(job["JobState"], job["Restarts"]) for job in jobs[:1]} == {("COMPLETED", str(int(jobs_too)))}
+    assert not list(slurm.on_node().iterdir())
+    happened = "Slurm starts the job again" if jobs_too else "the job goes on, the daemon that comes back finds it"
+    tell(
+        "kill -9 of a Slurm node" + (" with its jobs" if jobs_too else "'s daemon"), "render", f"{happened}; no command"
+    )
