@@ -8,9 +8,10 @@ from csstsim.delivery.folder import of_folder
 from csstsim.delivery.manifest import HASHES, SIZES, manifest_faults, write_manifest
 from csstsim.delivery.products import products
 from csstsim.errors import InputError
+from csstsim.io.owner import FILE as OWNER
 from csstsim.progress import progress
 
-BESIDE = ("logs", "benchmarks", ".snakemake")  # of the workflow: neither products nor foreign
+BESIDE = ("logs", "benchmarks", ".snakemake", OWNER)  # of the workflow: neither products nor foreign
 
 # What a file of good checksums and wrong content makes of its reader: a column of text, a record that is no number.
 WRONG = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, MemoryError)
@@ -99,7 +100,7 @@ def _foreign(root, known):
         here = os.path.relpath(place, root)
         prefix = "" if here == "." else here.replace(os.sep, "/") + "/"
         for name in sorted(files):
-            if prefix + name not in known and prefix + name not in (HASHES, SIZES):
+            if prefix + name not in known and prefix + name not in (HASHES, SIZES, *BESIDE):
                 yield prefix + name, _why_foreign(prefix + name)
         for name in sorted(below):
             path = os.path.join(place, name)
