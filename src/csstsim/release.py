@@ -9,7 +9,7 @@ NEWEST = max(LAYOUTS)
 
 
 def check_layout(version):
-    """Return the schema_version of a campaign file. Raises ValueError, which says what to change, for another layout."""
+    """Return a campaign file's schema_version. Raises ValueError, which says what to change, for another layout."""
     if 0 <= version < NEWEST:
         steps = "; ".join(LAYOUTS[number] for number in range(version + 1, NEWEST + 1))
         raise ValueError(f"an older layout than this csstsim reads, {NEWEST}; to change: {steps}")
