@@ -146,6 +146,12 @@ def test_compressed_level0_that_would_end_the_process(tmp_path, refused, card):
     refused("level0", path)
 
 
+def test_a_dust_map_whose_column_has_no_name(tmp_path, refused):
+    path = seeds.dust(tmp_path)
+    _edited(path, ("TTYPE1  = 'EBV     '", "TTYPE1  =          T"))
+    assert "AssertionError" in refused("dust_map", path)
+
+
 def test_a_tile_axis_given_twice(tmp_path, refused):
     """The second time without length: cfitsio divides by it as soon as it opens the file."""
     path = seeds.level0(compress=True)(tmp_path)
@@ -230,6 +236,8 @@ def test_words_in_a_column_of_numbers(tmp_path, refused, reader):
         ("chips.yaml", "filter: GI", "filter: [GI]", "unknown filter"),
         ("psf.yaml", "static:", "static: 7\nmore:", "psf.yaml"),
         ("scatter.yaml", "reference:", "reference: {a: 1}\nmore:", "scatter.yaml"),
+        ("level0_keywords.yaml", "from: version", "from: [version]", "unknown quantity"),
+        ("level0_keywords.yaml", "keyword: SIMVER", "keyword: [SIMVER]", "an entry is"),
         ("ghosts.yaml", "geometry:", "geometry: x\nmore:", "must be mappings"),
     ],
 )
