@@ -9,8 +9,8 @@ from pathlib import Path
 from csstsim.errors import InputError
 
 _DAMAGE = (
-    OSError, EOFError, LookupError, AttributeError, TypeError, ValueError, ArithmeticError, zlib.error, lzma.LZMAError,
-    UserWarning,
+    AssertionError, OSError, EOFError, LookupError, AttributeError, TypeError, ValueError, ArithmeticError, zlib.error,
+    lzma.LZMAError, UserWarning,
 )  # fmt: skip
 
 

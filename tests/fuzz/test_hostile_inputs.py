@@ -146,6 +146,54 @@ def test_compressed_level0_that_would_end_the_process(tmp_path, refused, card):
     refused("level0", path)
 
 
+def test_a_dust_map_whose_column_has_no_name(tmp_path, refused):
+    path = seeds.dust(tmp_path)
+    _edited(path, ("TTYPE1  = 'EBV     '", "TTYPE1  =          T"))
+    assert "AssertionError" in refused("dust_map", path)
+
+
+def test_a_tile_axis_given_twice(tmp_path, refused):
+    """The second time without length: cfitsio divides by it as soon as it opens the file."""
+    path = seeds.level0(compress=True)(tmp_path)
+    text = path.read_bytes().decode("latin-1")
+    at = text.index("ZPCOUNT =")
+    _edited(path, (text[at : at + 80], "ZNAXIS2 =              -1.8E-05"))
+    assert "no length" in refused("level0", path)
+
+
+@pytest.mark.parametrize("kind", ["a mask of another shape", "a table for an image"])
+def test_level0_whose_parts_do_not_fit(tmp_path, refused, kind):
+    import fitsio
+
+    path = seeds.level0()(tmp_path)
+    with fitsio.FITS(path) as file:
+        image = file["IMAGE"].read()
+        header = file["IMAGE"].read_header()
+    with fitsio.FITS(path, "rw", clobber=True) as file:
+        file.write(None)
+        if kind == "a table for an image":
+            file.write({"a": np.arange(3)}, extname="IMAGE")
+        else:
+            file.write(image, header=header, extname="IMAGE")
+            file.write(np.zeros((3, 3), "u1"), extname="MASK")
+        for hdu in file:
+            hdu.write_checksum()
+    refused("level0", path)
+
+
+@pytest.mark.parametrize("meta", [[], 7, None, {"exposure": 7}, {"exposure": [1]}])
+def test_a_frame_whose_record_is_no_record(tmp_path, refused, meta):
+    path = seeds.frame(tmp_path, meta)
+    assert "record cannot be read" in refused("frame", path)
+    refused("picture", path)
+
+
+def test_a_frame_whose_record_is_no_json(tmp_path, refused):
+    path = seeds.frame(tmp_path)
+    _edited(path, ('{"exposure"', "{{exposure'"))
+    assert "record cannot be read" in refused("frame", path)
+
+
 def test_a_frame_whose_header_holds_no_number(tmp_path, refused):
     path = seeds.frame(tmp_path)
     text = path.read_bytes()[2880:5760].decode()
@@ -188,6 +236,8 @@ def test_words_in_a_column_of_numbers(tmp_path, refused, reader):
         ("chips.yaml", "filter: GI", "filter: [GI]", "unknown filter"),
         ("psf.yaml", "static:", "static: 7\nmore:", "psf.yaml"),
         ("scatter.yaml", "reference:", "reference: {a: 1}\nmore:", "scatter.yaml"),
+        ("level0_keywords.yaml", "from: version", "from: [version]", "unknown quantity"),
+        ("level0_keywords.yaml", "keyword: SIMVER", "keyword: [SIMVER]", "an entry is"),
         ("ghosts.yaml", "geometry:", "geometry: x\nmore:", "must be mappings"),
     ],
 )

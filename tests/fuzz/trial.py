@@ -24,7 +24,7 @@ def tried(name, target, folder, *, examples, seconds=float("inf"), random_seed=0
         assert worker(target.function, path) == ("read", ""), "the sound file must be readable"
 
         @settings(max_examples=max(int(examples * target.weight), 4), deadline=None, database=None,
-                  phases=(Phase.generate, Phase.shrink), suppress_health_check=list(HealthCheck))  # fmt: skip
+                  phases=(Phase.generate,), print_blob=False, suppress_health_check=list(HealthCheck))  # fmt: skip
         @given(target.spoil(sound))
         def give(data):
             path.write_bytes(data)

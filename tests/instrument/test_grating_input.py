@@ -74,7 +74,7 @@ BAD = {
     "row is a list": (lambda f, d: d["chips"].update({1: ["GI2", "GI1"]}), "chips.1: two gratings are needed"),
     "name is a list": (row(left=["GI2"]), "chips.1.left: must be the name"),
     "name is a number": (row(right=2), "chips.1.right: must be the name"),
-    "no such grating": (row(right="GI9"), "GI9.conf: cannot be read: No such file"),
+    "no such grating": (row(right="GI9"), "GI9.conf: cannot read the file: No such file"),
     "split outside": (row(split=9216), "chips.1.split: must be a column (got 9216); allowed: 1..9215"),
     "split between": (row(split=3685.5), "chips.1.split: must be a column"),
     "split is true": (row(split=True), "chips.1.split: must be a column"),

@@ -12,6 +12,7 @@ import fitsio
 import numpy as np
 
 from csstsim.errors import InputError
+from csstsim.io.fits_headers import check_headers
 
 BLOCK = 2880
 _LITTLE = sys.byteorder == "little"
@@ -162,6 +163,7 @@ def open_fits(path):
     path = Path(path)
     if not path.is_file():
         raise InputError("no such file", file=path)
+    check_headers(path)
     try:
         file = fitsio.FITS(path)
         end = file[len(file) - 1].get_offsets()["data_end"]
@@ -232,6 +234,8 @@ def _reseal(path):
 def image_header(hdu, path):
     """Return an image extension's header {keyword: value}; of a compressed one as it is without compression."""
     header = read_header(hdu, path)
+    if not hasattr(hdu, "is_compressed"):
+        raise InputError("a table where an image belongs", file=path, key=hdu.get_extname())
     kept = ("BITPIX", "NAXIS", "NAXIS1", "NAXIS2", "PCOUNT")
     return header | {key: header[f"Z{key}"] for key in kept if hdu.is_compressed() and f"Z{key}" in header}
 

@@ -43,7 +43,7 @@ def load_frame(path, expect=None):
             verify_hdu(hdu, path)
             name = hdu.get_extname()
             if name == META:
-                meta = json.loads(read_pixels(hdu, path).tobytes())
+                meta = _record(read_pixels(hdu, path), path)
             elif name:
                 planes[name.lower()] = read_pixels(hdu, path)
     if meta is None:
@@ -55,6 +55,16 @@ def load_frame(path, expect=None):
         else:
             _compare(path, key, meta.get(key), json.loads(json.dumps(wanted)))
     return planes, meta
+
+
+def _record(pixels, path):
+    try:
+        meta = json.loads(pixels.tobytes())
+    except (ValueError, RecursionError):  # also text that is not UTF-8
+        meta = None
+    if not isinstance(meta, dict) or not isinstance(meta.get("exposure", {}), dict | None):
+        raise InputError("damaged: its record cannot be read", file=path, key=META)
+    return meta
 
 
 def _compare(path, key, found, wanted):

@@ -75,9 +75,10 @@ def _check(entry, values, where):
             "not a header entry", value=entry, allowed=f"hdu 0 or 1, and {', '.join(sorted(_KEYS))}", **where
         )
     kinds = [name for name in ("block", "constant", "from") if name in entry]
-    if len(kinds) != 1 or ("keyword" in entry) == ("block" in entry):
+    named = isinstance(entry.get("keyword", ""), str)
+    if len(kinds) != 1 or ("keyword" in entry) == ("block" in entry) or not named:
         raise InputError("an entry is a block, or a keyword with either constant or from", value=entry, **where)
-    if "from" in entry and entry["from"] not in values:
+    if "from" in entry and not (isinstance(entry["from"], str) and entry["from"] in values):
         raise InputError("unknown quantity", value=entry["from"], allowed=", ".join(sorted(values)), **where)
 
 

@@ -196,6 +196,8 @@ class Level0:
         """Return the truth mask of the active pixels of the window, uint8 (detector.mask), or None."""
         with open_fits(self.path) as file:
             stored = read_pixels(file["MASK"], self.path) if "MASK" in file else None
+        if stored is not None and stored.shape != self.readout.stored_shape(self.layout):
+            raise InputError("not of the image's shape", file=self.path, key="MASK", value=stored.shape)
         return None if stored is None else self.readout.active(self.readout.from_stored(stored, self.layout))
 
     def assembled(self, full=False):

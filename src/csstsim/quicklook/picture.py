@@ -134,7 +134,7 @@ def _other(path):
             image, header = found.data, dict(file[0].header) | dict(found.header)
             origin = _window_origin(header, image.shape) or (0, 0)
             wcs = header_wcs(found.header, origin)
-    except (OSError, ValueError, TypeError, fits.VerifyError) as exc:
+    except (OSError, ValueError, TypeError, LookupError, AttributeError, fits.VerifyError) as exc:
         why = str(exc).splitlines()[0] if str(exc) else type(exc).__name__
         raise InputError(f"not a readable FITS file: {why}", file=path, allowed=ALLOWED) from None
     name = found.name
