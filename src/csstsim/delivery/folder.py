@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from csstsim.delivery.contents import MAYBE, NO, YES, Contents, Frame
 from csstsim.errors import InputError
-from csstsim.io.keywords import RECIPE
+from csstsim.io.keywords import recorded_recipe
 from csstsim.io.level0 import read_level0
 from csstsim.io.paths import KIND, STEM, TRUTH, Paths
 
@@ -81,17 +81,16 @@ def _frame(stem, path):
     except (InputError, OSError):
         return frame  # its own check says what is wrong
     filter_ = str(file.header0.get("FILTER"))
-    recipe = {name: file.header0.get(keyword) for name, keyword in RECIPE.items()}
     if kind == "SCIE":
         spectra = filter_ in SPECTROSCOPIC
         frame = replace(frame, measured=NO if spectra else YES, extracted=MAYBE if spectra else NO)
-    return replace(frame, filter=filter_, recipe=recipe, window=file.readout.window)
+    return replace(frame, filter=filter_, recipe=recorded_recipe(file.header0), window=file.readout.window)
 
 
 def _odd(frames):
-    """Return [(path, fault)] of frames made from another campaign, camera or layer list than most."""
+    """Return [(path, fault)] of frames made from another release, campaign, camera or layer list than most."""
     faults = []
-    for name in ("campaign", "camera", "layers"):
+    for name in ("csstsim", "campaign", "camera", "layers"):
         kinds = {}
         for frame in frames:
             if frame.recipe is not None:

@@ -10,7 +10,7 @@ from csstsim.delivery.light import light_faults
 from csstsim.errors import InputError
 from csstsim.io.fits import open_fits, verify_hdu
 from csstsim.io.frames import load_frame
-from csstsim.io.keywords import RECIPE
+from csstsim.io.keywords import recorded_recipe
 from csstsim.io.level0 import read_level0
 from csstsim.io.orders import read_orders
 from csstsim.io.paths import TRUTH
@@ -44,7 +44,7 @@ def level0(frame):
         if str(head.get(name)) != value:
             yield f"{name} is {head.get(name)!r:.80}, not {value!r}"
     if frame.recipe is not None:
-        yield from other_recipe({name: head.get(keyword) for name, keyword in RECIPE.items()}, frame.recipe)
+        yield from other_recipe(recorded_recipe(head), frame.recipe)
     if frame.window is not None and file.readout.window != frame.window:
         yield f"its window is {file.readout.window}, not {frame.window}"
 
@@ -185,4 +185,4 @@ def calibrated(path, frame):
         yield from _whole(path, 3)
     if planes != ["SCI", "ERR", "DQ"]:
         yield f"has the extensions {', '.join(planes)}, not SCI, ERR, DQ"
-    yield from other_recipe({name: head.get(keyword) for name, keyword in RECIPE.items()}, frame.recipe)
+    yield from other_recipe(recorded_recipe(head), frame.recipe)

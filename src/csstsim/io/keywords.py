@@ -13,6 +13,7 @@ from pathlib import Path
 import csstsim
 from csstsim.errors import InputError
 from csstsim.io.fits import card, remark
+from csstsim.release import release
 from csstsim.units import EARTH_GM_KM3_S2, EARTH_RADIUS_KM
 
 STAGES = ("select", "render", "readout", "level0")
@@ -29,6 +30,12 @@ _FROM_LAYERS = (
 # What of a recipe (campaign.OpenCampaign.recipe) stands under which keyword; a reader checks them.
 RECIPE = {"campaign": "CAMPHASH", "camera": "CAMHASH", "layers": "LAYHASH", "exposure": "EXPHASH"}
 _KEYS = {"hdu", "block", "keyword", "constant", "from", "repeat", "comment"}
+
+
+def recorded_recipe(header):
+    """Return the recipe that a primary header of Level-0 or of a calibrated image states; None for what it lacks."""
+    recipe = {name: header.get(keyword) for name, keyword in RECIPE.items()}
+    return recipe | {"csstsim": release(header["SIMVER"]) if "SIMVER" in header else None}
 
 
 def header_cards(entries, values, hdu):
