@@ -12,7 +12,7 @@ from csstsim.campaign import OpenCampaign
 from csstsim.config import load_campaign
 from csstsim.errors import InputError
 from csstsim.io.frames import save_frame
-from csstsim.release import LAYOUTS, check_release, release
+from csstsim.release import LAYOUTS, check_recipe, check_release, release
 from csstsim.universe.bricks import brick_meta
 
 OTHER = "made by another version of csstsim"
@@ -80,6 +80,24 @@ def test_a_stage_refuses_what_another_release_left(made, step, file):
         step(*made)
 
 
+def test_a_frame_of_the_right_recipe_but_without_its_parts(made):
+    from csstsim.io.frames import load_frame
+
+    run, job = made
+    path = run.paths.stage(*job.key, "render.fits")
+    kept = path.read_bytes()
+    planes, meta = load_frame(path)
+    whole = meta | {"recipe": run.recipe(job)}
+    without_unit = {key: value for key, value in whole.items() if key != "unit"}
+    for parts in (({}, whole), (planes, without_unit)):
+        save_frame(path, *parts)
+        with pytest.raises(InputError, match=r"render\.fits: damaged: a frame has"):
+            stages.readout(run, job)
+    save_frame(path, planes, whole)
+    stages.readout(run, job)
+    path.write_bytes(kept)
+
+
 def test_psf_sets_bricks_and_masters(made, tmp_path, monkeypatch):
     run, job = made
     with monkeypatch.context() as patch:
@@ -101,9 +119,9 @@ def test_merged_and_validated_bricks_say_who_made_them(made):
     run, _ = made
     pix = next(iter(run.merge_bricks))
     with pytest.raises(InputError, match=OTHER):
-        stages.check_recipe("7.json", {"csstsim": "99.0.0", "recipe": "0"}, run.brick_recipe(pix))
+        check_recipe("7.json", {"csstsim": "99.0.0", "recipe": "0"}, run.brick_recipe(pix))
     with pytest.raises(InputError, match="another campaign"):
-        stages.check_recipe("7.json", {"csstsim": __version__, "recipe": "0"}, run.brick_recipe(pix))
+        check_recipe("7.json", {"csstsim": __version__, "recipe": "0"}, run.brick_recipe(pix))
 
 
 def test_the_record_is_in_the_files(made):

@@ -13,7 +13,7 @@ from csstsim.config import SHIPPED
 from csstsim.errors import InputError
 from csstsim.io.paths import made
 from csstsim.prepare import open_psf
-from csstsim.stages import check_recipe
+from csstsim.release import check_recipe
 from csstsim.yaml_file import read_yaml
 
 LIMITS = SHIPPED / "limits.yaml"

@@ -10,7 +10,7 @@ from csstsim.bricks import verdict as verdicts
 from csstsim.bricks.markup import Link
 from csstsim.errors import InputError
 from csstsim.io.paths import made
-from csstsim.stages import check_recipe
+from csstsim.release import check_recipe
 
 EMBEDDED = 5_000_000  # bytes of figures of bricks and spectra in the page; of the rest, links
 PNG = b"\x89PNG\r\n\x1a\n"  # its first bytes

@@ -1,4 +1,4 @@
-"""Files of other versions of csstsim: campaign files of another layout, products of another release."""
+"""What is not of here: campaign files of another layout, products of another release or campaign."""
 
 from csstsim import __version__
 from csstsim.errors import InputError
@@ -31,3 +31,11 @@ def check_release(path, version):
             "make it again, or go on with the version that made it", file=path, key="csstsim", value=version,
             allowed=f"{release()}.*",
         )  # fmt: skip
+
+
+def check_recipe(path, meta, recipe):
+    """Refuse a file whose record says it was made from something else than `recipe`, or by another release."""
+    found = meta.get("recipe")
+    if found != recipe:
+        check_release(path, (found if isinstance(found, dict) else meta).get("csstsim"))
+        raise InputError("made for another campaign; remove it", file=path, key="recipe", value=found, allowed=recipe)

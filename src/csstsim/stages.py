@@ -11,7 +11,7 @@ import numpy as np
 from csstsim.config import digest
 from csstsim.errors import InputError
 from csstsim.prepare import missing_bricks, missing_psf, open_psf, psf_box
-from csstsim.release import check_release
+from csstsim.release import check_recipe
 from csstsim.state import State
 
 
@@ -271,6 +271,8 @@ def _state_before(run, job, stage):
         path = run.paths.stage(*job.key, f"{stage}.fits")
         planes, meta = load_frame(path, {"stage": stage})
         check_recipe(path, meta, run.recipe(job))
+        if "image" not in planes or not {"unit", "header"} <= meta.keys():
+            raise InputError("damaged: a frame has the plane image, and unit and header in its record", file=path)
         state.image, state.counted, state.mask = planes["image"], planes.get("counted"), planes.get("mask", state.mask)
         state.unit, state.header = meta["unit"], meta["header"]
     return state
@@ -291,11 +293,3 @@ def _exposure(run, job):
         "POSKIND": "APPARENT", "FLDDIST": job.wcs.distortion is not None, "CAMHASH": run.camera.digest,
         "READX0": window.x0 + 1, "READX1": window.x1, "READY0": window.y0 + 1, "READY1": window.y1,
     }  # fmt: skip
-
-
-def check_recipe(path, meta, recipe):
-    """Refuse a file whose record says it was made from something else than `recipe`, or by another release."""
-    found = meta.get("recipe")
-    if found != recipe:
-        check_release(path, (found if isinstance(found, dict) else meta).get("csstsim"))
-        raise InputError("made for another campaign; remove it", file=path, key="recipe", value=found, allowed=recipe)
