@@ -16,6 +16,7 @@ import click
 
 from csstsim import __version__, cli_tools
 from csstsim.errors import CsstsimError
+from csstsim.job_log import ERROR, job_log
 
 campaign_arg = click.argument("campaign", type=click.Path())
 obsid_opt = click.option("--obsid", required=True, help="Exposure, as in the survey table.")
@@ -53,7 +54,7 @@ class Group(click.Group):
             if error.filename is None and error.errno is None:
                 raise
             message = ": ".join(str(part) for part in (error.filename, error.strerror) if part)
-        click.echo(f"csstsim: error: {message}", err=True)
+        click.echo(f"{ERROR} {message}", err=True)
         sys.exit(2)
 
 
@@ -85,7 +86,7 @@ def main(verbose):
     """
 
 
-def stage(function):
+def of_campaign(function):
     """Open the campaign and pass it on, with this process's imports kept to what the command needs."""
 
     @functools.wraps(function)
@@ -96,6 +97,19 @@ def stage(function):
         return function(OpenCampaign(campaign, *folders), **options)
 
     return campaign_arg(command)
+
+
+def stage(function):
+    """The same for what makes products: where standard output is a log, it says whose and what the job took."""
+
+    @functools.wraps(function)
+    def logged(run, **options):
+        names = {"obsid": "exposure", "chip_id": "chip", "pix": "brick"}
+        what = " ".join(f"{word} {options[key]}" for key, word in names.items() if key in options)
+        with job_log(click.get_current_context().info_name, run.config.name, run.config.digest(), what):
+            return function(run, **options)
+
+    return of_campaign(logged)
 
 
 def job_command(module, name, text, *more):
@@ -193,7 +207,7 @@ def chip(run, obsid, chip_id, profile):
 
 
 @main.command()
-@stage
+@of_campaign
 def plan(run):
     """Print what a campaign would do: exposures, chips, bricks, jobs, disk and CPU. Nothing is run."""
     from csstsim.plan import print_plan
@@ -203,7 +217,7 @@ def plan(run):
 
 
 @main.command()
-@stage
+@of_campaign
 def check(run):
     """Check a campaign's files and say what it would run; try a catalogue of your own on its first exposure."""
     from csstsim import stages
