@@ -1,6 +1,5 @@
 """The report of a campaign, from its products: the page, and the verdict beside it as JSON."""
 
-import csv
 import os
 import zlib
 from urllib.parse import quote
@@ -11,6 +10,7 @@ from csstsim.bricks.markup import Link
 from csstsim.errors import InputError
 from csstsim.io.paths import made
 from csstsim.release import check_recipe
+from csstsim.run_times import run_times
 
 EMBEDDED = 5_000_000  # bytes of figures of bricks and spectra in the page; of the rest, links
 PNG = b"\x89PNG\r\n\x1a\n"  # its first bytes
@@ -50,7 +50,7 @@ def report(run):
             "csstsim": __version__, "campaign file": run.file, "campaign digest": run.config.digest(),
             "camera digest": run.camera.digest, "seed": run.config.seed,
         },
-        times=_times(run.paths.output / "benchmarks"),
+        times=run_times(run),
     )  # fmt: skip
     # After the page, which reads the rest: of what cannot be used nothing is written
     verdicts.write_verdict(page.with_name("verdict.json"), verdict, campaign=run.config.name, csstsim=__version__)
@@ -188,26 +188,3 @@ def _exposures(run):
         }
         for jobs in _by_exposure(run)
     ]  # fmt: skip
-
-
-def _times(folder):
-    """Sum Snakemake's benchmark files by rule: jobs, wall and CPU seconds, largest memory."""
-    rows = []
-    for rule in sorted(path for path in folder.glob("*") if path.is_dir()):
-        texts = [path.read_text(errors="replace") for path in rule.glob("*.tsv")]
-        runs = [row for text in texts for row in csv.DictReader(text.splitlines(), delimiter="\t")]
-        if runs:
-            rows.append({
-                "step": rule.name, "jobs": len(runs), "wall [s]": round(sum(_number(r.get("s")) for r in runs), 1),
-                "CPU [s]": round(sum(_number(r.get("cpu_time")) for r in runs), 1),
-                "largest memory [MB]": round(max(_number(r.get("max_rss")) for r in runs)),
-            })  # fmt: skip
-    return rows
-
-
-def _number(text):
-    """A figure of a benchmark file; a job too short for Snakemake to sample has 'NA', a line cut short None."""
-    try:
-        return float(text)
-    except (TypeError, ValueError):
-        return 0.0

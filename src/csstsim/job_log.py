@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from csstsim import __version__
 
 _START = time.monotonic()  # the commands import this first: nearly the start of the process
-_LAST = re.compile(r"^\w+ done: ([\d.]+) s, CPU ([\d.]+) s, memory (\d+) MB$", re.MULTILINE)
+_LAST = re.compile(r"^\w+ done: (\d{1,9}\.\d) s, CPU (\d{1,9}\.\d) s, memory (\d{1,9}) MB$", re.MULTILINE)
 ERROR = "csstsim: error:"  # how the line begins that a command says instead of the last one
 
 

@@ -226,6 +226,6 @@ def validation(path):
 
 def benchmarks(path):
     """Snakemake's benchmark files, as the report sums them."""
-    from csstsim.campaign_report import _times
+    from csstsim.run_times import measured
 
-    _times(Path(path).parents[1])
+    measured(Path(path).parents[2])
