@@ -1,6 +1,7 @@
-"""The commands that are no stage: benchmarks, pictures, shear of several campaigns, verification, gratings, layers."""
+"""The commands that are no stage: benchmarks, pictures, progress, shear of campaigns, verification, gratings, layers."""
 
 import importlib
+import signal
 import sys
 from pathlib import Path
 
@@ -179,4 +180,28 @@ def verify(campaign, output, manifest):
         sys.exit(1)
 
 
-TOOLS = bench, show, shear, verify, fit_grating, layers
+@click.command()
+@click.argument("campaign", type=click.Path())
+@click.option("--output", type=click.Path(), help="The folder to look into [default: the campaign's].")
+@click.option(
+    "--watch", type=click.FloatRange(1), metavar="SECONDS", help="Look again every so often, until all is made."
+)
+def status(campaign, output, watch):
+    """Say how far a campaign is: products made and wanted, their rate, the time left, disk used, jobs that failed.
+
+    It reads the output folder only, so it can be asked from another shell while Snakemake works, here or on a cluster.
+
+    \b
+      csstsim status config/campaign.yaml
+      csstsim status config/c9_w1.yaml --watch 60
+    """
+    from csstsim.campaign import OpenCampaign
+    from csstsim.status import show as run
+
+    try:
+        run(OpenCampaign(campaign, output), watch, say=click.echo)
+    except KeyboardInterrupt:  # the way to end --watch
+        sys.exit(128 + signal.SIGINT)
+
+
+TOOLS = bench, show, status, shear, verify, fit_grating, layers

@@ -1,6 +1,7 @@
 """What each job of a campaign is expected to cost, before it runs: CPU seconds and memory, by config/costs.yaml.
 
-A cost is a sum of terms, each a number times a quantity of the job; the file says which there are and who measured them.
+A cost is a sum of terms, each a number times a quantity of the job; the file says which there are, and what measured
+them.
 """
 
 from collections import Counter

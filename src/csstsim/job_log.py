@@ -50,7 +50,7 @@ def took(log):
 
 
 def _peak_memory_mb():
-    """Return the largest resident memory. Not getrusage's where it can be helped, which a parent hands on to its child."""
+    """Return the largest resident memory; not that of getrusage, if it can be helped, in which a parent has a share."""
     try:
         with open("/proc/self/status") as file:
             return next(int(line.split()[1]) for line in file if line.startswith("VmHWM:")) / 1024

@@ -1,4 +1,4 @@
-"""What a campaign would do and cost, before anything runs (`csstsim plan`). CPU and memory are those of csstsim.costs."""
+"""What a campaign would do and cost, before anything runs (`csstsim plan`); CPU and memory as csstsim.costs has them."""
 
 import os
 
@@ -77,8 +77,8 @@ def print_plan(run):
     Console().print(_cost_table(costs))
     cpu = sum(cost.cpu_s for jobs in without_whole_chips(costs).values() for cost in jobs.values())
     Console().print(
-        f"CPU, an estimate (config/costs.yaml says of which machine): {_long(cpu)}. Wall time, were every core busy all "
-        f"the time: " + ", ".join(f"{_long(cpu / cores)} on {cores}" for cores in sorted({os.cpu_count() or 1, 64})),
+        f"CPU, an estimate (config/costs.yaml says of which machine): {duration(cpu)}. Wall time, were every core busy "
+        f"all the time: " + ", ".join(f"{duration(cpu / cores)} on {cores}" for cores in sorted({os.cpu_count() or 1, 64})),
         soft_wrap=True, highlight=False,
     )  # fmt: skip
 
@@ -100,7 +100,7 @@ def _cost_table(costs):
     return table
 
 
-def _long(seconds):
+def duration(seconds):
     """Return a span of time as a person says it."""
     hours = seconds / 3600
     return f"{seconds / 60:.1f} min" if hours < 1 else f"{hours:.1f} h" if hours < 100 else f"{hours:,.0f} h"

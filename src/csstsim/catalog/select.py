@@ -86,16 +86,20 @@ def _grow(vertices, margin):
     new corner's direction. Taken as great circles between these corners the polygon holds the small circles.
     """
     centre = vertices.mean(axis=0)
-    normals = np.cross(vertices, np.roll(vertices, -1, axis=0))
-    normals *= np.sign(normals @ centre)[:, None] / np.linalg.norm(normals, axis=1, keepdims=True)
-    corners = []
-    for before, after in zip(np.roll(normals, 1, axis=0), normals, strict=True):
-        # v = a before + b after + c (before x after) with v.before = v.after = -sin m, |v| = 1
-        cosine, along = before @ after, np.cross(before, after)
-        both = -np.sin(margin) / (1 + cosine) * (before + after)
-        along *= np.sign(along @ centre) / np.linalg.norm(along)
-        corners.append(both + np.sqrt(1 - both @ both) * along)
-    return np.array(corners)
+    after = _inward(np.cross(vertices, np.roll(vertices, -1, axis=0)), centre)
+    before = np.roll(after, 1, axis=0)
+    # v = a before + b after + c (before x after) with v.before = v.after = -sin m, |v| = 1
+    both = -np.sin(margin) / (1 + _dot(before, after)) * (before + after)
+    return both + np.sqrt(1 - _dot(both, both)) * _inward(np.cross(before, after), centre)
+
+
+def _inward(vectors, centre):
+    """Return vectors (n, 3) of length 1, on the side of `centre`."""
+    return vectors * np.sign(vectors @ centre)[:, None] / np.sqrt(_dot(vectors, vectors))
+
+
+def _dot(a, b):
+    return np.einsum("ij,ij->i", a, b)[:, None]
 
 
 def select_objects(
