@@ -1,4 +1,4 @@
-"""The commands that are no stage: benchmarks, pictures, progress, shear of campaigns, verification, gratings, layers."""
+"""Commands that are no stage: benchmarks, pictures, progress, shear of campaigns, verification, gratings, layers."""
 
 import importlib
 import signal
@@ -184,7 +184,7 @@ def verify(campaign, output, manifest):
 @click.argument("campaign", type=click.Path())
 @click.option("--output", type=click.Path(), help="The folder to look into [default: the campaign's].")
 @click.option(
-    "--watch", type=click.FloatRange(1), metavar="SECONDS", help="Look again every so often, until all is made."
+    "--watch", type=click.IntRange(1, 86400), metavar="SECONDS", help="Look again every so often, until all is made."
 )
 def status(campaign, output, watch):
     """Say how far a campaign is: products made and wanted, their rate, the time left, disk used, jobs that failed.

@@ -7,7 +7,7 @@ them.
 from collections import Counter
 from dataclasses import dataclass
 from functools import cache
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
@@ -24,7 +24,7 @@ PICTURES = 30  # frames in the report's focal plane, but always a whole exposure
 Quantity = Literal[
     "job", "mpix", "kobject", "preview", "standard", "noise_free", "reference", "image", "frame", "read_mpix", "brick"
 ]
-Terms = dict[Quantity, float]
+Terms = dict[Quantity, Annotated[float, Field(ge=0)]]
 
 
 class Numbers(Model):

@@ -1,4 +1,4 @@
-"""What a campaign would do and cost, before anything runs (`csstsim plan`); CPU and memory as csstsim.costs has them."""
+"""What a campaign would do and cost, before anything runs (`csstsim plan`); CPU and memory are of csstsim.costs."""
 
 import os
 
@@ -76,11 +76,12 @@ def print_plan(run):
     Console().print(table)
     Console().print(_cost_table(costs))
     cpu = sum(cost.cpu_s for jobs in without_whole_chips(costs).values() for cost in jobs.values())
-    Console().print(
-        f"CPU, an estimate (config/costs.yaml says of which machine): {duration(cpu)}. Wall time, were every core busy "
-        f"all the time: " + ", ".join(f"{duration(cpu / cores)} on {cores}" for cores in sorted({os.cpu_count() or 1, 64})),
-        soft_wrap=True, highlight=False,
-    )  # fmt: skip
+    walls = ", ".join(f"{duration(cpu / cores)} on {cores}" for cores in sorted({os.cpu_count() or 1, 64}))
+    for line in (
+        f"CPU, an estimate (config/costs.yaml says of which machine): {duration(cpu)}",
+        f"wall time on cores that are busy all the time: {walls}",
+    ):
+        Console().print(line, soft_wrap=True, highlight=False)
 
 
 def _cost_table(costs):

@@ -123,28 +123,26 @@ def _files(folder, skip=()):
             continue
 
 
-def pace(kinds, now=None):
-    """Return the Pace of the last hour of work, that after its last pause; None if there are not two products of it.
+def pace(kinds):
+    """Return the Pace of the last hour of work, that after its last pause; None if two products never met in one.
 
-    An hour before the last product, whenever that was: a clock that is off, or a night since then, makes no difference.
-    Files of the future are of now.
+    That hour ends with the last product, whenever it was: neither a clock that is off nor a night since then counts.
+    Where work has only begun, and beside a file of the future, the work before tells.
     """
-    now = time.time() if now is None else now
-    made = sorted((min(t, now), kind.name, kind.wanted[path]) for kind in kinds for path, t in kind.made.items())
+    made = sorted((moment, kind.name, kind.wanted[path]) for kind in kinds for path, moment in kind.made.items())
     longest = max((cpu for kind in kinds for cpu in kind.wanted.values()), default=0.0)
-    first = len(made) - 1
-    while first > 0:
-        moment = made[first - 1][0]
-        if made[first][0] - moment > PAUSE + 2 * longest or made[-1][0] - moment > LATELY + 4 * longest:
-            break
-        first -= 1
-    lately = made[first + 1 :]
-    span = made[-1][0] - made[first][0] if made else 0.0
-    cpu = sum(cost for _, _, cost in lately)
-    if span <= 0 or cpu <= 0:
-        return None
-    counts = {kind.name: sum(name == kind.name for _, name, _ in lately) for kind in kinds}
-    return Pace(span, cpu, counts, made[-1][0])
+    end = len(made)
+    while end > 1:
+        first = end - 1
+        while first and made[first][0] - made[first - 1][0] <= PAUSE + 2 * longest:
+            first -= 1
+        start = next(i for i in range(first, end) if made[end - 1][0] - made[i][0] <= LATELY + 4 * longest)
+        lately, span = made[start + 1 : end], made[end - 1][0] - made[start][0]
+        if span > 0 and (cpu := sum(cost for *_, cost in lately)) > 0:
+            counts = {kind.name: sum(name == kind.name for _, name, _ in lately) for kind in kinds}
+            return Pace(span, cpu, counts, made[-1][0])
+        end = first
+    return None
 
 
 def failures(folder):

@@ -11,6 +11,8 @@ from report_page import Reader, command, done
 from csstsim.bricks.result_file import read_result, write_result
 from csstsim.campaign import OpenCampaign
 from csstsim.catalog.table import ObjectTable
+from csstsim.costs import expected
+from csstsim.run_times import run_times
 
 
 def relative_links(page):
@@ -72,7 +74,7 @@ def test_a_missing_validation_is_one_line(reported):
         found = command("report", file)
     finally:
         kept.rename(path)
-    assert found.exit_code == 2 and str(path) in found.output and len(found.output.splitlines()) == 1
+    assert found.exit_code == 2 and str(path) in found.output and len(found.stderr.splitlines()) == 1
     assert f"csstsim validate {file} --brick {path.stem}`" in found.output
 
 
@@ -155,6 +157,43 @@ def test_a_benchmark_file_cut_short_is_no_matter(reported):
     finally:
         shutil.rmtree(folder.parent)
         done("report", file)
+
+
+def test_what_jobs_took_stands_beside_what_was_expected(reported):
+    """Snakemake's figures, and where the job's own log has them, those."""
+    file, run, _ = reported
+    benchmarks, logs = (run.paths.output / name for name in ("benchmarks", "logs"))
+    for rule, figures in {
+        "readout": ("9.0", "4.0", "200"),
+        "measure": ("30.0", "8.0", "100"),
+        "psf": ("0.3", "NA", "NA"),
+    }.items():
+        (benchmarks / rule).mkdir(parents=True)
+        (benchmarks / rule / "1.tsv").write_text("s\tcpu_time\tmax_rss\n" + "\t".join(figures) + "\n")
+        (logs / rule).mkdir(parents=True)
+    (logs / "measure" / "1.log").write_text("measure done: 29.5 s, CPU 20.0 s, memory 300 MB\n")
+    (logs / "readout" / "1.log").write_text("no such line\n")
+    try:
+        rows = {row["step"]: row for row in run_times(run)}
+        done("report", file)
+        assert "all, for a Level-0 file" in run.paths.report.read_text()
+    finally:
+        for folder in (benchmarks, logs):
+            shutil.rmtree(folder)
+        done("report", file)
+    costs = expected(run)
+    measure, readout, psf, whole = (rows[name] for name in ("measure", "readout", "psf", "all, for a Level-0 file"))
+    assert measure["CPU of a job: mean"] == 20.0 and measure["largest"] == 300 and measure["wall [s]"] == 30.0
+    assert readout["CPU of a job: mean"] == 4.0 and readout["largest"] == 200
+    assert psf["CPU of a job: mean"] is None and psf["mean / expected"] is None and psf["wall [s]"] == 0.3
+    should = costs["readout"][run.jobs[0].key]
+    assert readout["mean / expected"] == round(4.0 / should.cpu_s, 2)
+    assert readout["largest / expected"] == round(200 / should.memory_mb, 2)
+    assert whole["CPU [s]"] == 24.0 / len(run.jobs) and whole["wall [s]"] == round(39.3 / len(run.jobs), 1)
+
+
+def test_no_benchmark_files_no_table(reported):
+    assert run_times(reported[1]) == []
 
 
 @pytest.mark.parametrize("kind", ["BIAS", "DARK"])
