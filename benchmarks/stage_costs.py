@@ -1,4 +1,4 @@
-"""CPU and memory of each stage on one full-size r-band chip, printed as a table (the rates of csstsim.plan).
+"""CPU and memory of each stage on one full-size r-band chip, printed as a table (for config/costs.yaml).
 
     python benchmarks/stage_costs.py [--mag-limit 21]
 

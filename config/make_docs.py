@@ -22,6 +22,7 @@ Written by `python config/make_docs.py` from the models; edit those, not this fi
   Paths are relative to the directory a command runs in.
 - An **observation** file (`observations/`) lists the layers an exposure goes through, in order.
 - `instrument/` is the camera as data, `universe/` the embedded universe; every number there has its source.
+- `costs.yaml` has what a job of each rule takes, for `csstsim plan` and `csstsim status`.
 - `curves/` holds response curves of other surveys, for catalogues with magnitudes of theirs.
 
 An unknown key, a wrong type or a value out of range is refused before any work, naming file, key and what is allowed.

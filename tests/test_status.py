@@ -76,6 +76,17 @@ def test_nothing_made_yet_then_some_then_all(run):
     assert "report: 0 of 1" in elsewhere
 
 
+def test_from_within_the_folder_and_with_products_on_another_disk(run, tmp_path, monkeypatch):
+    (tmp_path / "disk" / "measure").mkdir(parents=True)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "measure").symlink_to(tmp_path / "disk" / "measure")
+    monkeypatch.chdir(tmp_path / "out")
+    here = OpenCampaign(run.file, ".")
+    products = wanted(here)
+    touch(products["measured tables"])
+    assert len(look(here, products).kinds[3].made) == len(run.imaging_jobs) > 0
+
+
 def test_a_folder_that_is_a_file_and_one_that_goes_meanwhile(run, tmp_path):
     (tmp_path / "file").write_text("")
     refused = CliRunner().invoke(main, ["status", str(run.file), "--output", str(tmp_path / "file")])

@@ -98,23 +98,27 @@ def wanted(run):
 def look(run, products):
     """Return the Status of a campaign now. products: what `wanted` returned; run: campaign.OpenCampaign."""
     root = str(run.paths.output)
-    files = dict(_files(root, skip={"logs", "benchmarks", ".snakemake"}))
+    found = _files(root, skip={"logs", "benchmarks", ".snakemake"}, links=True)
+    files = {path.removeprefix("./"): about for path, about in found}  # of the folder `.`
     kinds = [
         Kind(name, paths, {path: files[path].st_mtime for path in paths if path in files})
         for name, paths in products.items()
     ]
-    return Status(kinds, pace(kinds), sum(entry.st_size for entry in files.values()), failures(f"{root}/logs"))
+    return Status(kinds, pace(kinds), sum(about.st_size for about in files.values()), failures(f"{root}/logs"))
 
 
-def _files(folder, skip=()):
-    """Yield (path, stat) of the files below a folder; what cannot be read, or goes meanwhile, is left out."""
+def _files(folder, skip=(), links=False):
+    """Yield (path, stat) of the files below a folder; what cannot be read, or goes meanwhile, is left out.
+
+    links: also below links to folders that are in it (products on another disk), but not further down.
+    """
     try:
         entries = list(os.scandir(folder))
     except OSError:
         return
     for entry in entries:
         try:
-            if entry.is_dir(follow_symlinks=False):
+            if entry.is_dir(follow_symlinks=links):
                 if entry.name not in skip:
                     yield from _files(entry.path)
             elif entry.is_file():
