@@ -4,6 +4,7 @@ import pytest
 from mini_campaign import POINTINGS, write_campaign, write_scene
 
 from csstsim.campaign import OpenCampaign
+from csstsim.config import SHIPPED
 from csstsim.costs import FILE, STAGES, Cost, expected, expected_objects, load_costs, without_whole_chips
 from csstsim.errors import InputError
 
@@ -48,6 +49,17 @@ def test_costs_grow_with_pixels_objects_and_fidelity(tmp_path):
     drawn = {key: cost for key, cost in expected(whole)["render"].items() if key in wholes}
     assert drawn and all(expected(poor)["render"][key].cpu_s > cost.cpu_s for key, cost in drawn.items())
     assert expected(poor)["readout"] == expected(whole)["readout"]
+
+
+def test_a_frame_is_shared_out_among_the_bricks_it_touches(monkeypatch):
+    monkeypatch.chdir(SHIPPED.parent)
+    run, numbers = OpenCampaign("examples/ten_images.yaml"), load_costs()["validate"].cpu_s
+    assert len(run.merge_bricks) > 10 * 3
+    on_bricks = sum(
+        (cost.cpu_s - numbers["job"] - numbers["frame"] * len(run.merge_bricks[pix])) / numbers["mpix"]
+        for pix, cost in expected(run)["validate"].items()
+    )
+    assert on_bricks == pytest.approx(10 * WHOLE)
 
 
 def test_objects_of_a_catalogue_of_ones_own_are_not_counted(tmp_path):

@@ -93,6 +93,8 @@ def test_a_folder_that_is_a_file_and_one_that_goes_meanwhile(run, tmp_path):
     assert refused.exit_code == 2 and refused.output.startswith("csstsim: error: ")
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "level0").symlink_to(tmp_path / "out")  # a circle
+    (tmp_path / "out" / "seven").write_text("7 bytes")
+    assert look(OpenCampaign(run.file, tmp_path / "out"), {}).disk == 2 * 7
     (tmp_path / "out" / "psf").symlink_to(tmp_path / "nowhere")
     assert "report: 0 of 1" in said(run.file, "--output", tmp_path / "out")
 
@@ -113,8 +115,9 @@ def test_only_the_last_hour_counts_and_a_night_does_not():
     lately = [now - 60.0 * i for i in range(10)]
     before = [now - 10 * HOUR - 5.0 * i for i in range(100)]
     assert pace([made([*lately, *before])]) == pace([made(lately)])
-    slower, faster = [now - 120.0 * i for i in range(32)], [now - 2 * HOUR - 10.0 * i for i in range(50)]
-    assert pace([made([*slower, *faster])]).cpu == pytest.approx(pace([made(slower)]).cpu, rel=0.1)
+    slower = [now - 120.0 * i for i in range(33)]  # an hour, and the four minutes of four jobs
+    faster = [slower[-1] - 10.0 * i for i in range(1, 500)]
+    assert pace([made([*slower, *faster])]) == pace([made(slower)])
     # an hour's gap of work that never paused: jobs of hours
     hours = pace([made([now - 2 * HOUR * i for i in range(3)], cpu=2 * HOUR)])
     assert hours.cpu / hours.span == pytest.approx(1.0)
