@@ -105,7 +105,11 @@ def print_survey(run, found, cpu):
     chip = run.camera.detector.nx * run.camera.detector.ny * (run.camera.telescope.pixel_scale / 3600) ** 2
     exposures = math.ceil(AREA * VISITS / (2 * chip))  # two chips a filter
     files, area = exposures * CHIPS, 4 * 180**2 / math.pi / (12 * 256**2)
-    kept = {kind: pair for kind, pair in found.items() if kind not in ("truth", "psf", "report", "chips")}
+    kept = {
+        kind: pair
+        for kind, pair in found.items()
+        if kind not in ("truth", "psf", "report", "chips") and "." not in kind.split()[0]
+    }
     print(f"\n| {AREA:,} deg2, {VISITS} visits a filter | |\n|---|---|")
     print(
         f"| exposures | {exposures:,} |\n| Level-0 files | {files / 1e6:.1f} million |\n| bricks | {AREA / area:,.0f} |"

@@ -2,8 +2,8 @@
 
     python benchmarks/release.py [CAMPAIGN] [--every 240] [--seed 1]        default: examples/release.yaml
 
-Every so many seconds (at random, that many in the mean) something is killed with kill -9: a job at work; Snakemake
-with all its jobs; Snakemake alone, whose jobs then end by themselves. Each time the command that started the campaign
+Every so many seconds (at random, that many in the mean) something is killed with kill -9, in turn: a job at work;
+Snakemake with all its jobs; another job; Snakemake alone, whose jobs then end by themselves. Each time the command that started the campaign
 is given again (after --unlock, where Snakemake was killed). At the end: csstsim verify and report --strict, and tables.
 CPU seconds are those of all processes, the killed ones too: this process takes in the orphans (Linux only).
 """
@@ -21,7 +21,7 @@ from pathlib import Path
 import psutil
 
 ROOT = Path(__file__).parents[1]
-KINDS = {"a job": 0.7, "Snakemake and its jobs": 0.15, "Snakemake alone": 0.15}
+KINDS = "a job", "Snakemake and its jobs", "a job", "Snakemake alone"  # in turn
 SUBREAPER = 36  # prctl's PR_SET_CHILD_SUBREAPER: orphans become children of this process
 
 
@@ -72,8 +72,7 @@ def run(campaign, every, dice):
             time.sleep(0.5)
             if time.perf_counter() < due:
                 continue
-            kind = dice.choices(list(KINDS), KINDS.values())[0]
-            if what := kill(kind, process, dice):
+            if what := kill(KINDS[len(kills) % len(KINDS)], process, dice):
                 kills.append((time.perf_counter() - begun, what))
                 print(f"{kills[-1][0]:7.0f} s: kill -9: {what}", flush=True)
                 due += dice.expovariate(1 / every)
