@@ -3,9 +3,10 @@
     python benchmarks/release.py [CAMPAIGN] [--every 240] [--seed 1]        default: examples/release.yaml
 
 Every so many seconds (at random, that many in the mean) something is killed with kill -9, in turn: a job at work;
-Snakemake with all its jobs; another job; Snakemake alone, whose jobs then end by themselves. Each time the command that started the campaign
-is given again (after --unlock, where Snakemake was killed). At the end: csstsim verify and report --strict, and tables.
-CPU seconds are those of all processes, the killed ones too: this process takes in the orphans (Linux only).
+Snakemake with all its jobs; another job; Snakemake alone, whose jobs then end by themselves. Each time the command that
+started the campaign is given again (after --unlock, where Snakemake was killed). At the end: csstsim verify and report
+--strict, and tables. CPU seconds are those of all processes, the killed ones too: this process takes in the orphans
+(Linux only).
 """
 
 import argparse
