@@ -5,7 +5,7 @@
 include: "workflow/rules/common.smk"
 include: "workflow/rules/truth.smk"
 include: "workflow/rules/psf.smk"
-include: "workflow/rules/chip.smk" if WHOLE_CHIPS else "workflow/rules/stages.smk"
+include: f"workflow/rules/{JOB_OF[CHIPS_AS]}.smk"
 include: "workflow/rules/masters.smk"
 include: "workflow/rules/bricks.smk"
 include: "workflow/rules/spectra.smk"

@@ -1,47 +1,88 @@
-"""Time and memory of building the workflow's graph (snakemake --dry-run), printed as a table.
+"""What Snakemake itself takes for a campaign of many exposures: to plan its jobs, and to lead through them.
 
-python benchmarks/graph_scale.py [campaign ...]        default: config/campaign.yaml config/c9_w1.yaml
+    python benchmarks/graph_scale.py [--exposures 1 10 226 1221] [--chips stages whole exposure]
+
+Campaigns of the first so many Cycle-9 exposures (226: W1; 1221: all five fields in one) with all 30 chips: a dry run,
+and then a run in which every job is but noted as done (--touch on files that are not there), so that what is left is
+Snakemake's scheduling. `stages`, `whole`, `exposure`: four jobs a Level-0 file, one, or one for an exposure's 30. Wall
+and CPU seconds, the largest resident memory, jobs a second with planning in it, and the head's CPU seconds a file.
 """
 
 import argparse
+import csv
 import os
 import re
-import resource
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
+import yaml
+
 ROOT = Path(__file__).parents[1]
+CHIPS, MODES = 30, ("stages", "whole", "exposure")
 
 
-def dry_run(campaign):
-    """Return (jobs, wall s, CPU s, largest memory MB so far of any child) of one dry run."""
-    line = [
-        sys.executable,
-        "-m",
-        "snakemake",
-        "--dry-run",
-        "--forceall",
-        "--quiet",
-        "rules",
-        "--config",
-        f"campaign={campaign}",
-    ]
+def campaign(folder, exposures):
+    """Write a campaign of the first so many exposures of W1 to W5 to a folder; return its file."""
+    rows = []
+    for number in range(1, 6):
+        with open(ROOT / f"survey_tables/w{number}.csv") as file:
+            rows += csv.DictReader(line for line in file if not line.startswith("#"))
+    if exposures > len(rows):
+        sys.exit(f"--exposures {exposures}: the five fields have {len(rows)}")
+    with open(folder / "table.csv", "w", newline="") as file:
+        writer = csv.DictWriter(file, rows[0])
+        writer.writeheader()
+        writer.writerows(rows[:exposures])
+    path, select = folder / "campaign.yaml", {"types": ["SCIE"], "chips": "all"}
+    content = {
+        "schema_version": 1,
+        "name": "scale",
+        "survey_table": str(folder / "table.csv"),
+        "output": str(folder / "out"),
+    }
+    path.write_text(yaml.safe_dump(content | {"seed": 1, "select": select}))
+    return path
+
+
+def snakemake(file, chips, *arguments):
+    """Return (wall s, CPU s, largest resident MB, output) of one Snakemake with all its children."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    before, start = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    done = subprocess.run(line, cwd=ROOT, env=os.environ | {"PATH": path}, capture_output=True, text=True, check=False)
-    wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
-    if done.returncode:
-        sys.exit(done.stdout[-2000:] + done.stderr[-2000:])
-    total = re.findall(r"^total +(\d+)$", done.stdout + done.stderr, re.MULTILINE)
-    cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return int(total[0]) if total else 0, wall, cpu, after.ru_maxrss / 1024
+    with tempfile.TemporaryFile("w+") as log:
+        start = time.perf_counter()
+        line = [sys.executable, "-m", "snakemake", *arguments, "--config", f"campaign={file}", f"chips={chips}"]
+        process = subprocess.Popen(line, cwd=ROOT, env=os.environ | {"PATH": path}, stdout=log, stderr=log)
+        _, status, used = os.wait4(process.pid, 0)
+        wall = time.perf_counter() - start
+        log.seek(0)
+        text = log.read()
+    if status:
+        sys.exit(text[-2000:])
+    return wall, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024, text
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--exposures", type=int, nargs="+", default=[1, 10, 226, 1221])
+    parser.add_argument("--chips", nargs="+", choices=MODES, default=MODES)
+    arguments = parser.parse_args()
+    print(
+        "| exposures | chips | jobs | plan: wall s | CPU s | MB | lead: wall s | CPU s | MB | jobs/s | CPU s a file |"
+    )
+    print("|---|---|---|---|---|---|---|---|---|---|---|", flush=True)
+    for exposures in arguments.exposures:
+        for chips in arguments.chips:
+            with tempfile.TemporaryDirectory() as folder:
+                file = campaign(Path(folder), exposures)
+                *plan, text = snakemake(file, chips, "--dry-run", "--quiet", "rules")
+                jobs = int(re.search(r"^total +(\d+)$", text, re.MULTILINE)[1])
+                wall, cpu, memory, _ = snakemake(file, chips, "--touch", "--cores", "8")
+            figures = " | ".join(f"{value:.0f}" for value in (*plan, wall, cpu, memory))
+            rate, each = jobs / wall, cpu / (exposures * CHIPS)
+            print(f"| {exposures} | {chips} | {jobs:,} | {figures} | {rate:.0f} | {each:.2f} |", flush=True)
 
 
 if __name__ == "__main__":
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    print("| campaign | jobs | wall s | CPU s | memory MB |\n|---|---|---|---|---|")
-    for name in sys.argv[1:] or ("config/campaign.yaml", "config/c9_w1.yaml"):
-        jobs, wall, cpu, memory = dry_run(name)
-        print(f"| {name} | {jobs} | {wall:.1f} | {cpu:.1f} | {memory:.0f} |", flush=True)
+    main()

@@ -183,27 +183,29 @@ def report(run, strict):
 @main.command()
 @stage
 @obsid_opt
-@chip_opt
+@click.option(
+    "--chip", "chip_ids", required=True, multiple=True, type=click.IntRange(1, 30), help="Chip number, 1 to 30; repeat."
+)
 @click.option("--output", type=click.Path(), help="Folder for the products [default: the campaign's].")
 @click.option("--profile", is_flag=True, help="Say where the CPU time went: layers, methods, functions.")
-def chip(run, obsid, chip_id, profile):
-    """Run one chip in memory, from catalogue to Level-0 file.
+def chip(run, obsid, chip_ids, profile):
+    """Run chips in memory, from catalogue to Level-0 file, one after the other.
 
-    Truth bricks and the PSF set that are missing are made first, in the output folder.
+    Truth bricks and PSF sets that are missing are made first, in the output folder.
     """
     from csstsim import stages
 
-    job = run.job(obsid, chip_id)
-    if profile:
-        from csstsim import prepare
-        from csstsim.profile import profiled
+    for job in [run.job(obsid, chip_id) for chip_id in dict.fromkeys(chip_ids)]:
+        if profile:
+            from csstsim import prepare
+            from csstsim.profile import profiled
 
-        if run.embedded:
-            prepare.missing_bricks(run, job, click.echo)
-        prepare.missing_psf(run, job.chip, click.echo)
-        profiled(lambda: stages.chip(run, job, say=click.echo), say=click.echo)
-    else:
-        stages.chip(run, job, say=click.echo)
+            if run.embedded:
+                prepare.missing_bricks(run, job, click.echo)
+            prepare.missing_psf(run, job.chip, click.echo)
+            profiled(functools.partial(stages.chip, run, job, say=click.echo), say=click.echo)
+        else:
+            stages.chip(run, job, say=click.echo)
 
 
 @main.command()

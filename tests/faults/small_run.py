@@ -100,7 +100,7 @@ class SmallRun:
 
     def start(self, *arguments, folder=None, file=None, profile=RESUME):
         """Start the documented command in a process group of its own; return (process, file of what it says)."""
-        line, environment = command(file or self.file, *arguments, *profile)
+        line, environment = command(file or self.file, "chips=stages", *arguments, *profile)
         if folder:  # another working directory
             line[line.index("--directory") + 1] = str(folder)
         said = (folder or self.folder) / "said.txt"

@@ -59,13 +59,25 @@ def measured(campaign):
     return {str(path.relative_to(folder)): path.read_bytes() for path in found}
 
 
-def test_the_profile_gives_the_same_bits_with_a_scratch_nobody_else_sees(slurm, local, tmp_path):
+def test_the_profile_gives_the_same_bits(slurm, local, tmp_path):
     campaign = make(tmp_path / "campaign")
-    said = snakemake(campaign, *profile(slurm, "--group-components", "chip=3", "truth=4", "psf=2", "brick=4"))
+    said = snakemake(campaign, *profile(slurm))
     assert content(campaign) == content(local) and measured(campaign) == measured(local)
-    # 36 jobs in six: truth, PSF, two of three chips each, the bricks, the report
+    # truth, PSF, three exposures, the bricks, the report
     jobs = [slurm.job(jobid) for jobid in submitted(said)]
-    assert len(jobs) == 6
+    assert len(jobs) == 7
+    assert {job["NumCPUs"] for job in jobs} == {"1"}
+    assert not (campaign.parent / "out" / "chips").exists() and not list(slurm.on_node().iterdir())
+
+
+def test_stages_hand_on_by_way_of_a_scratch_nobody_else_sees(slurm, local, tmp_path):
+    campaign = with_prepared(make(tmp_path / "campaign"), local)
+    arguments = profile(slurm, "--group-components", "chip=3", "brick=4")
+    said = snakemake(campaign, "chips=stages", *arguments)
+    assert content(campaign) == content(local) and measured(campaign) == measured(local)
+    # two of three chips each, the bricks, the report
+    jobs = [slurm.job(jobid) for jobid in submitted(said)]
+    assert len(jobs) == 4
     assert {job["NumCPUs"] for job in jobs} == {"1"}
     # Intermediates went through the node's disk alone, and are gone from it
     assert not (campaign.parent / "out" / "chips").exists() and not list(slurm.scratch.iterdir())
@@ -75,7 +87,7 @@ def test_the_profile_gives_the_same_bits_with_a_scratch_nobody_else_sees(slurm, 
 def test_a_job_short_of_memory_is_tried_again_with_more(slurm, tmp_path):
     catalog = {"kind": "mini_campaign:Hungry", "options": {"ra": [60.0], "dec": [-40.0], "mag": [20.0], "mb": 3600}}
     campaign = write_campaign(tmp_path, POINTINGS[:1], catalog=catalog)
-    said = snakemake(campaign, *profile(slurm, *level0_targets(campaign)))
+    said = snakemake(campaign, "chips=stages", *profile(slurm, *level0_targets(campaign)))
     chip = [slurm.job(jobid) for jobid in submitted(said)[1:]]  # after the PSF's
     assert [job["MinMemoryNode"] for job in chip] == ["3000M", "6000M"]
     assert [job["TimeLimit"] for job in chip] == ["01:08:00", "02:16:00"]
@@ -86,7 +98,7 @@ def test_a_job_short_of_memory_is_tried_again_with_more(slurm, tmp_path):
 
 def test_a_cancelled_job_leaves_nothing_and_a_resumed_campaign_has_the_same_bits(slurm, local, tmp_path):
     campaign = with_prepared(make(tmp_path / "campaign"), local)
-    arguments = profile(slurm, *level0_targets(campaign), "--group-components", "chip=3")
+    arguments = "chips=stages", *profile(slurm, *level0_targets(campaign), "--group-components", "chip=3")
     line, environment = command(campaign, *arguments, "--retries", "0")
     head = subprocess.Popen(line, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:

@@ -16,9 +16,9 @@ from csstsim.campaign import OpenCampaign
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
-    """One core, start to finish, up to the report."""
+    """One core, start to finish, up to the report, each chip in four stages."""
     campaign = make(tmp_path_factory.mktemp("workflow") / "one")
-    snakemake(campaign, "--cores", "1")
+    snakemake(campaign, "chips=stages", "--cores", "1")
     return campaign
 
 
@@ -36,24 +36,24 @@ def test_the_whole_chain_makes_what_it_promises(undisturbed):
     assert not left, "intermediates are dropped"
 
 
-@pytest.mark.parametrize("chips", ["stages", "whole"])
-def test_two_cores_and_whole_chips_give_the_same_bits(undisturbed, tmp_path, chips):
+@pytest.mark.parametrize(("chips", "log"), [("stages", "level0"), ("whole", "chip"), ("exposure", "exposure")])
+def test_two_cores_and_larger_jobs_give_the_same_bits(undisturbed, tmp_path, chips, log):
     campaign = make(tmp_path / "two")
     snakemake(campaign, f"chips={chips}", "--cores", "2", *level0_targets(campaign))
     assert content(campaign) == content(undisturbed)
-    assert (campaign.parent / "out" / "logs" / "chip").exists() == (chips == "whole")
+    assert (campaign.parent / "out" / "logs" / log).exists()
 
 
 def test_an_unknown_size_of_jobs_is_refused(tmp_path):
     campaign = make(tmp_path / "odd")
     line, environment = command(campaign, "chips=halves", "--dry-run")
     done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode and "chips: halves; allowed: stages, whole" in done.stdout + done.stderr
+    assert done.returncode and "chips: halves; allowed: whole, stages, exposure" in done.stdout + done.stderr
 
 
 def test_a_killed_and_resumed_campaign_gives_the_same_bits(undisturbed, tmp_path):
     campaign = make(tmp_path / "killed")
-    line, environment = command(campaign, "--cores", "1", *level0_targets(campaign))
+    line, environment = command(campaign, "chips=stages", "--cores", "1", *level0_targets(campaign))
     process = subprocess.Popen(line, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         victim = wait_for(process, "render")
@@ -63,7 +63,7 @@ def test_a_killed_and_resumed_campaign_gives_the_same_bits(undisturbed, tmp_path
         if process.poll() is None:
             process.kill()
     assert len(content(campaign)) < 8
-    snakemake(campaign, "--cores", "1", "--rerun-incomplete", *level0_targets(campaign))
+    snakemake(campaign, "chips=stages", "--cores", "1", "--rerun-incomplete", *level0_targets(campaign))
     assert content(campaign) == content(undisturbed)
 
 
@@ -83,10 +83,12 @@ def wait_for(process, verb, seconds=240):
 
 
 def test_calibration_campaign_has_no_sky_stages():
-    done = snakemake(ROOT / "config" / "calibration.yaml", "--dry-run", "--directory", str(ROOT))
-    jobs = set(re.findall(r"^(\w+) +\d+$", done, re.MULTILINE))  # of the table of jobs
-    # Lamps light the flats: no truth, select or psf
-    assert jobs == {"render", "readout", "level0", "masters", "all", "total"}
+    wanted = {"stages": {"render", "readout", "level0"}, "whole": {"chip"}, "exposure": {"exposure_0"}}
+    for chips, rules in wanted.items():
+        done = snakemake(ROOT / "config" / "calibration.yaml", f"chips={chips}", "--dry-run", "--directory", str(ROOT))
+        jobs = set(re.findall(r"^(\w+) +\d+$", done, re.MULTILINE))  # of the table of jobs
+        # Lamps light the flats: no truth, select or psf
+        assert jobs == {*rules, "masters", "all", "total"}
 
 
 def test_bad_campaign_is_one_clear_error(tmp_path):

@@ -3,6 +3,7 @@ import atexit
 import os
 import shlex
 import shutil
+from types import SimpleNamespace
 
 from csstsim.atomic import remove_left
 from csstsim.campaign import OpenCampaign
@@ -33,9 +34,10 @@ try:
     JOBS = {(job.pointing.obsid, f"{job.chip.id:02d}"): job for job in RUN.jobs}
 except CsstsimError as error:
     raise WorkflowError(str(error)) from None
-WHOLE_CHIPS = config.get("chips", "stages") == "whole"
-if config.get("chips", "stages") not in ("stages", "whole"):
-    raise WorkflowError(f"chips: {config['chips']}; allowed: stages, whole")
+JOB_OF = {"whole": "chip", "stages": "stages", "exposure": "exposure"}  # rules
+CHIPS_AS = config.get("chips", "whole")
+if CHIPS_AS not in JOB_OF:
+    raise WorkflowError(f"chips: {CHIPS_AS}; allowed: {', '.join(JOB_OF)}")
 OUT = str(RUN.paths.output)
 CHIPS = str(RUN.paths.chips)
 MEASUREMENT = RUN.measurement
@@ -90,8 +92,8 @@ wildcard_constraints:
 
 
 def truth_of(wildcards):
-    """The truth bricks whose objects may reach a chip's window."""
-    if not RUN.embedded:
+    """The truth bricks whose objects may reach a chip's window, for exposures that see the sky."""
+    if not RUN.embedded or RUN.pointings[wildcards.obsid].type != "SCIE":
         return []
     return [
         str(RUN.paths.truth(pix))
@@ -155,6 +157,37 @@ def drawn_before(wildcards):
 def recipe(wildcards):
     """What decides a chip's pixels: a change here, and not in unrelated keys, reruns the chip."""
     return RUN.recipe(JOBS[wildcards.obsid, wildcards.chip])
+
+
+CHIPS_OF = {}  # obsid: its chips
+for obsid, chip in JOBS:
+    CHIPS_OF.setdefault(obsid, []).append(chip)
+
+
+def of_exposure(function):
+    """What `function` returns for each chip of an exposure, in one list."""
+
+    def gathered(wildcards):
+        found = []
+        for chip in CHIPS_OF[wildcards.obsid]:
+            place = SimpleNamespace(obsid=wildcards.obsid, chip=chip)
+            found += [item for item in function(place) if item not in found]
+        return found
+
+    return gathered
+
+
+def exposures_by_chips():
+    """{((chip, (ending of a product, ...)), ...): [obsid, ...]}: exposures whose files are named alike."""
+    spectra, found = {job.key for job in RUN.slitless_jobs}, {}
+    for obsid, chips in CHIPS_OF.items():
+        orders = [
+            ("orders.parquet",) if JOBS[obsid, chip].key in spectra else ()
+            for chip in chips
+        ]
+        endings = [("fits", "truth.parquet", *more) for more in orders]
+        found.setdefault(tuple(zip(chips, endings)), []).append(obsid)
+    return found
 
 
 def level0_of(wildcards):

@@ -1,0 +1,141 @@
+"""What a finished campaign took, file by file, and what Cycle 9 and 17,500 square degrees would take by that.
+
+    python benchmarks/projection.py [CAMPAIGN] [--cpu S]        default: examples/release.yaml
+
+From the campaign's own benchmark files (docs/slurm.md) and the sizes of its products. `--cpu`: all CPU seconds spent
+on it (benchmarks/release.py knows): what is more than its jobs' is of Snakemake and of jobs that were killed. Give it
+whole chips: cut-outs cost too little. The caveats are printed with the figures.
+"""
+
+import argparse
+import csv
+import math
+import sys
+from pathlib import Path
+
+from csstsim.campaign import OpenCampaign
+
+ROOT = Path(__file__).parents[1]
+MAKING = ("select", "render", "readout", "level0", "chip")  # rules that make a Level-0 file
+FIELDS, SHAPES, CHIPS = 5, 2, 30  # Cycle 9: W1 to W5, galaxies as they are and turned by 90 deg
+FILES, PAPER = 73_260, 300_000  # Cycle 9, CPU hours of the paper, section 6.2
+AREA, VISITS = 17_500, 2  # deg2; how often each place is seen in each of u, g, r, i, z
+
+
+def benchmarks(folder):
+    """Return {rule: [(name of the job, wall s, CPU s, resident MB)]}."""
+    found = {}
+    for path in sorted(folder.glob("*/*.tsv")):
+        with open(path) as file:
+            for row in csv.DictReader(file, delimiter="\t"):
+                numbers = [
+                    float(row[key]) if row[key] not in ("NA", "-") else 0.0 for key in ("s", "cpu_time", "max_rss")
+                ]
+                found.setdefault(path.parent.name, []).append((path.stem, *numbers))
+    return found
+
+
+def sizes(folder):
+    """Return {kind: (files, bytes)} of a campaign's output: by the folder, and level0 by what a file is."""
+    found = {}
+    for path in folder.rglob("*"):
+        if path.is_file():
+            kind = path.relative_to(folder).parts[0]
+            if kind == "level0":
+                kind = f"level0 {''.join(path.suffixes)}"
+            files, size = found.get(kind, (0, 0))
+            found[kind] = files + 1, size + path.stat().st_size
+    return found
+
+
+def per_file(run, jobs):
+    """Return {'imaging': CPU s a Level-0 file, 'spectroscopic': ...}; None where there is no such file."""
+    dispersed = {f"{job.chip.id:02d}" for job in run.slitless_jobs}
+    spent = {True: 0.0, False: 0.0}
+    for rule in MAKING:
+        for name, _, cpu, _ in jobs.get(rule, []):
+            spent[name[-2:] in dispersed] += cpu
+    count = {True: len(run.slitless_jobs), False: len(run.jobs) - len(run.slitless_jobs)}
+    return {word: spent[key] / count[key] if count[key] else None for key, word in
+            ((False, "imaging"), (True, "spectroscopic"))}  # fmt: skip
+
+
+def print_jobs(jobs):
+    print("\n| rule | jobs | wall s, mean | CPU s, mean | CPU s, most | resident MB, most |\n|---|---|---|---|---|---|")
+    for rule, rows in jobs.items():
+        wall, cpu, memory = zip(*[row[1:] for row in rows], strict=True)
+        n = len(rows)
+        print(f"| {rule} | {n} | {sum(wall) / n:.1f} | {sum(cpu) / n:.1f} | {max(cpu):.1f} | {max(memory):.0f} |")
+
+
+def print_cycle9(run, jobs, beside):
+    """Cycle 9 by this campaign's means; `beside`: CPU s a file that are no job's, or None."""
+    mean = {rule: sum(row[2] for row in rows) / len(rows) for rule, rows in jobs.items()}
+    spectra = FILES * len(run.camera.slitless_chips) // CHIPS
+    fields = [OpenCampaign(ROOT / f"config/c9_w{number}.yaml") for number in range(1, FIELDS + 1)]
+    truth = sum(len({pix for job in field.jobs for pix in field.truth_bricks(job)}) for field in fields)
+    merged = SHAPES * sum(len(field.merge_bricks) for field in fields)
+    made = per_file(run, jobs)
+    rows = [
+        ("Level-0 and truth, imaging", FILES - spectra, made["imaging"]),
+        ("Level-0 and truth, spectroscopic", spectra, made["spectroscopic"]),
+        ("truth bricks", truth, mean.get("truth")), ("PSF sets", CHIPS, mean.get("psf")),
+        ("measure", FILES - spectra, mean.get("measure")), ("extract", spectra, mean.get("extract")),
+        ("merge, validate", merged, mean.get("merge", 0) + mean.get("validate", 0)),
+        ("Snakemake, jobs killed", FILES, beside),
+    ]  # fmt: skip
+    print("\n| Cycle 9 | number | CPU s each | CPU hours |\n|---|---|---|---|")
+    total = 0.0
+    for name, number, cpu in rows:
+        total += number * (cpu or 0.0) / 3600
+        print(f"| {name} | {number:,} | {'-' if cpu is None else f'{cpu:.1f}'} | {number * (cpu or 0) / 3600:,.0f} |")
+    level0 = sum(number * (cpu or 0) for _, number, cpu in rows[:2]) / 3600
+    print(f"| all | {FILES:,} | {3600 * total / FILES:.1f} | {total:,.0f} |")
+    print(f"| the paper | {FILES:,} | {3600 * PAPER / FILES:,.0f} | {PAPER:,} |")
+    seen = ", ".join(sorted({job.pointing.obsid for job in run.jobs}))
+    seen = ", ".join(sorted({job.pointing.obsid for job in run.jobs}))
+    print(f"\nFewer than the paper's: Level-0 files alone {PAPER / level0:,.0f} times, all {PAPER / total:,.0f} times.")
+    print("The paper does not say what its hours contain, nor on which cores; a pipeline's calibration is in neither.")
+    print(f"Ours are from {len(run.jobs)} files of {seen}; there are fields with more stars.")
+    return total * 3600 / FILES
+
+
+def print_survey(run, found, cpu):
+    """17,500 square degrees on paper, by bytes, files and CPU s of this campaign a Level-0 file."""
+    chip = run.camera.detector.nx * run.camera.detector.ny * (run.camera.telescope.pixel_scale / 3600) ** 2
+    exposures = math.ceil(AREA * VISITS / (2 * chip))  # two chips a filter
+    files, area = exposures * CHIPS, 4 * 180**2 / math.pi / (12 * 256**2)
+    kept = {
+        kind: pair
+        for kind, pair in found.items()
+        if kind not in ("truth", "psf", "report", "chips") and "." not in kind.split()[0]
+    }
+    print(f"\n| {AREA:,} deg2, {VISITS} visits a filter | |\n|---|---|")
+    print(
+        f"| exposures | {exposures:,} |\n| Level-0 files | {files / 1e6:.1f} million |\n| bricks | {AREA / area:,.0f} |"
+    )
+    for kind, (number, size) in kept.items():
+        share = files / len(run.jobs)
+        print(f"| {kind} | {size * share / 1e12:,.1f} TB, {number * share / 1e6:.1f} million files |")
+    truth = found.get("truth", (1, 0))
+    print(f"| truth bricks | {truth[1] / truth[0] * AREA / area / 1e12:,.1f} TB |")
+    print(f"| CPU hours | {files * cpu / 3600 / 1e6:.2f} million |")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("campaign", nargs="?", default="examples/release.yaml")
+    parser.add_argument("--cpu", type=float, help="all CPU seconds spent on the campaign")
+    arguments = parser.parse_args()
+    run = OpenCampaign(arguments.campaign)
+    jobs = benchmarks(run.paths.output / "benchmarks")
+    if not jobs:
+        sys.exit(f"{run.paths.output}: no benchmarks; run the campaign first")
+    known = sum(row[2] for rows in jobs.values() for row in rows)
+    print_jobs(jobs)
+    beside = None if arguments.cpu is None else (arguments.cpu - known) / len(run.jobs)
+    print_survey(run, sizes(run.paths.output), print_cycle9(run, jobs, beside))
+
+
+if __name__ == "__main__":
+    main()
