@@ -5,7 +5,7 @@ from mini_campaign import POINTINGS, write_campaign, write_scene
 
 from csstsim.campaign import OpenCampaign
 from csstsim.config import SHIPPED
-from csstsim.costs import FILE, STAGES, Cost, expected, expected_objects, load_costs, without_whole_chips
+from csstsim.costs import FILE, INSTEAD, STAGES, Cost, each_once, expected, expected_objects, load_costs
 from csstsim.errors import InputError
 
 WHOLE = 9216 * 9232 / 1e6  # megapixels of a chip
@@ -30,7 +30,12 @@ def test_each_job_of_the_workflow_has_a_cost(tmp_path):
     assert costs["psf"].keys() == {9, 29} and costs["report"].keys() == {None}
     assert "calibrate" not in costs and "masters" not in costs
     assert all(cost.cpu_s > 0 and cost.memory_mb > 100 for jobs in costs.values() for cost in jobs.values())
-    assert costs.keys() - without_whole_chips(costs).keys() == {"chip"}
+    assert costs.keys() - each_once(costs).keys() == set(INSTEAD)
+    assert costs["exposure"].keys() == {obsid for obsid, _ in everything}
+    chips = {key: costs["chip"][key] for key in everything if key[0] == min(everything)[0]}
+    exposure = costs["exposure"][min(everything)[0]]
+    assert max(cost.cpu_s for cost in chips.values()) < exposure.cpu_s < sum(cost.cpu_s for cost in chips.values())
+    assert exposure.memory_mb == max(cost.memory_mb for cost in chips.values())
     kept = campaign(tmp_path, measurement={"keep_calibrated": True})
     assert expected(kept)["calibrate"].keys() == costs["measure"].keys()
 
@@ -69,7 +74,7 @@ def test_objects_of_a_catalogue_of_ones_own_are_not_counted(tmp_path):
 
 def test_calibration_frames_alone_have_neither_psf_nor_report(tmp_path):
     run = OpenCampaign(write_campaign(tmp_path, [POINTINGS[2]], select={"types": ["BIAS"], "chips": [9]}))
-    assert expected(run).keys() == {"readout", "level0", "chip"}
+    assert expected(run).keys() == {"readout", "level0", "chip", "exposure"}
 
 
 def test_the_shipped_figures_are_those_measured_of_a_whole_r_chip():

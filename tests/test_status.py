@@ -9,7 +9,7 @@ from mini_campaign import write_campaign
 
 from csstsim.campaign import OpenCampaign
 from csstsim.cli import main
-from csstsim.costs import expected, without_whole_chips
+from csstsim.costs import each_once, expected
 from csstsim.delivery.contents import YES, of_campaign
 from csstsim.delivery.products import products
 from csstsim.status import FAILURES, Kind, Status, failures, lines, look, pace, wanted
@@ -49,7 +49,7 @@ def test_what_is_wanted_are_products_that_verify_looks_for(run):
     needed = {str(product.path) for product in products(of_campaign(run)) if product.need == YES}
     assert all(set(paths) <= needed for name, paths in kinds.items() if name not in ("PSF sets", "truth bricks"))
     assert list(kinds)[:3] == ["truth bricks", "PSF sets", "Level-0 files"] and "spectra" in kinds
-    jobs = without_whole_chips(expected(run)).values()
+    jobs = each_once(expected(run)).values()
     assert sum(sum(paths.values()) for paths in kinds.values()) == pytest.approx(
         sum(cost.cpu_s for costs in jobs for cost in costs.values())
     )

@@ -104,8 +104,10 @@ def stage(function):
 
     @functools.wraps(function)
     def logged(run, **options):
-        names = {"obsid": "exposure", "chip_id": "chip", "pix": "brick"}
-        what = " ".join(f"{word} {options[key]}" for key, word in names.items() if key in options)
+        names = {"obsid": "exposure", "chip_id": "chip", "chip_ids": "chip", "pix": "brick"}
+        told = [(word, options[key]) for key, word in names.items() if key in options]
+        parts = [(word, *(value if isinstance(value, tuple) else (value,))) for word, value in told]
+        what = " ".join(str(part) for group in parts for part in group)
         with job_log(click.get_current_context().info_name, run.config.name, run.config.digest(), what):
             return function(run, **options)
 

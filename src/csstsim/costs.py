@@ -18,6 +18,7 @@ from csstsim.model import Model, validate
 
 FILE = SHIPPED / "costs.yaml"
 STAGES = ("select", "render", "readout", "level0")  # of a chip; `chip` is all of them in one process
+INSTEAD = (*STAGES, "exposure")  # rules of `--config chips=stages` and `chips=exposure`, which stand for `chip`
 WAVELENGTHS = 4  # of a PSF set
 PICTURES = 30  # frames in the report's focal plane, but always a whole exposure
 
@@ -83,19 +84,31 @@ def load_costs(file=FILE):
 def expected(run):
     """Return {rule: {key: Cost}} of the jobs of a campaign, in the order of the workflow. run: campaign.OpenCampaign.
 
-    Keys are those of jobs (obsid, chip), bricks, chips (psf, masters) or None (report). `chip` stands beside the four
-    STAGES it would replace (`--config chips=whole`). Objects of a catalogue of the user's are not counted.
+    Keys are those of jobs (obsid, chip), bricks, chips (psf, masters), exposures or None (report). INSTEAD stand beside
+    `chip`, which they would replace. Objects of a catalogue of the user's are not counted.
     """
     numbers = load_costs()
     found = {rule: {} for rule in numbers if not rule.endswith("_spectra")}
     for rule, key, quantities in _quantities(run):
         found[rule.removesuffix("_spectra")][key] = numbers[rule].cost(quantities)
+    found["exposure"] = _exposures(found["chip"], numbers["chip"].cpu_s.get("job", 0.0))
     return {rule: costs for rule, costs in found.items() if costs}
 
 
-def without_whole_chips(costs):
-    """Return {rule: {key: Cost}} without `chip`: each job of the workflow once."""
-    return {rule: jobs for rule, jobs in costs.items() if rule != "chip"}
+def _exposures(chips, start):
+    """Return {obsid: Cost} of exposures, a process each, from {(obsid, chip): Cost}; `start`: CPU s of starting one."""
+    found = {}
+    for (obsid, _), cost in chips.items():
+        found.setdefault(obsid, []).append(cost)
+    return {
+        obsid: Cost(sum(cost.cpu_s - start for cost in costs) + start, max(cost.memory_mb for cost in costs))
+        for obsid, costs in found.items()
+    }
+
+
+def each_once(costs):
+    """Return {rule: {key: Cost}} of the workflow as it is by default: each job once, without INSTEAD."""
+    return {rule: jobs for rule, jobs in costs.items() if rule not in INSTEAD}
 
 
 def _quantities(run):

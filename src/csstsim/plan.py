@@ -5,7 +5,7 @@ import os
 import numpy as np
 
 from csstsim.catalog.astrometry import apparent
-from csstsim.costs import expected, expected_objects, megapixels, without_whole_chips
+from csstsim.costs import INSTEAD, each_once, expected, expected_objects, megapixels
 
 BYTES_PER_NODE = 4 * (256 * 256 + 256 * 256 + 64 * 64) * 4  # images, and the tables photons are drawn from
 
@@ -31,7 +31,7 @@ def plan(run):
         "truth bricks": _listed(costs.get("truth", ())),
         "bricks touched": len(run.merge_bricks),
         "bricks fully covered": len(_covered(run)),
-        "jobs": sum(map(len, without_whole_chips(costs).values())),
+        "jobs": sum(map(len, each_once(costs).values())),
     }
     disk = {
         "Level-0": len(jobs) * frame,
@@ -75,9 +75,10 @@ def print_plan(run):
         table.add_row(f"disk: {name}", f"{value / 1e9:,.2f} GB")
     Console().print(table)
     Console().print(_cost_table(costs))
-    cpu = sum(cost.cpu_s for jobs in without_whole_chips(costs).values() for cost in jobs.values())
+    cpu = sum(cost.cpu_s for jobs in each_once(costs).values() for cost in jobs.values())
     walls = ", ".join(f"{duration(cpu / cores)} on {cores}" for cores in sorted({os.cpu_count() or 1, 64}))
     for line in (
+        "(in brackets: other ways to make what `chip` makes, --config chips=stages or exposure)",
         f"CPU, an estimate (config/costs.yaml says of which machine): {duration(cpu)}",
         f"wall time on cores that are busy all the time: {walls}",
     ):
@@ -94,10 +95,9 @@ def _cost_table(costs):
     for rule, jobs in costs.items():
         cpu, memory = sum(cost.cpu_s for cost in jobs.values()), max(cost.memory_mb for cost in jobs.values())
         row = rule, f"{len(jobs):,}", f"{cpu / len(jobs):,.1f}", f"{cpu / 3600:,.2f}", f"{memory:,.0f}"
-        if rule == "chip":
-            table.add_row("(chip: the four in one)", *row[1:], style="dim")
-        else:
-            table.add_row(*row)
+        if rule in INSTEAD:
+            row = f"({rule})", *row[1:]
+        table.add_row(*row, style="dim" if rule in INSTEAD else None)
     return table
 
 

@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from csstsim.costs import STAGES, expected
+from csstsim.costs import expected
 from csstsim.job_log import ERROR
 from csstsim.plan import duration
 
@@ -76,22 +76,20 @@ def wanted(run):
         return paths.level0(jobs[key].pointing, key[1])
 
     kinds = {
-        "truth bricks": (paths.truth, ("truth",)),
-        "PSF sets": (paths.psf, ("psf",)),
-        "Level-0 files": (level0, ("chip", *STAGES)),
-        "masters": (paths.masters, ("masters",)),
-        "calibrated images": (lambda key: paths.calibrated(*key), ("calibrate",)),
-        "measured tables": (lambda key: paths.measure(*key), ("measure",)),
-        "spectra": (lambda key: paths.spectra(*key), ("extract",)),
-        "merged bricks": (paths.merge, ("merge",)),
-        "validated bricks": (paths.validate, ("validate",)),
-        "report": (lambda key: paths.report, ("report",)),
+        "truth bricks": (paths.truth, "truth"),
+        "PSF sets": (paths.psf, "psf"),
+        "Level-0 files": (level0, "chip"),
+        "masters": (paths.masters, "masters"),
+        "calibrated images": (lambda key: paths.calibrated(*key), "calibrate"),
+        "measured tables": (lambda key: paths.measure(*key), "measure"),
+        "spectra": (lambda key: paths.spectra(*key), "extract"),
+        "merged bricks": (paths.merge, "merge"),
+        "validated bricks": (paths.validate, "validate"),
+        "report": (lambda key: paths.report, "report"),
     }
     found = {}
-    for name, (path, rules) in kinds.items():
-        parts = [costs.get(rule, {}) for rule in rules]
-        shares = parts[1:] or parts  # of a chip its stages
-        found[name] = {str(path(key)): sum(part[key].cpu_s for part in shares if key in part) for key in parts[0]}
+    for name, (path, rule) in kinds.items():
+        found[name] = {str(path(key)): cost.cpu_s for key, cost in costs.get(rule, {}).items()}
     return {name: products for name, products in found.items() if products}
 
 
