@@ -2,18 +2,18 @@
 
     python benchmarks/projection.py [CAMPAIGN] [--cpu S]        default: examples/release.yaml
 
-From the campaign's own benchmark files (docs/slurm.md) and the sizes of its products. `--cpu`: all CPU seconds spent
+From the last lines of the campaign's logs and the sizes of its products. `--cpu`: all CPU seconds spent
 on it (benchmarks/release.py knows): what is more than its jobs' is of Snakemake and of jobs that were killed. Give it
 whole chips: cut-outs cost too little. The caveats are printed with the figures.
 """
 
 import argparse
-import csv
 import math
 import sys
 from pathlib import Path
 
 from csstsim.campaign import OpenCampaign
+from csstsim.job_log import took
 
 ROOT = Path(__file__).parents[1]
 MAKING = ("select", "render", "readout", "level0", "chip")  # rules that make a Level-0 file
@@ -22,16 +22,12 @@ FILES, PAPER = 73_260, 300_000  # Cycle 9, CPU hours of the paper, section 6.2
 AREA, VISITS = 17_500, 2  # deg2; how often each place is seen in each of u, g, r, i, z
 
 
-def benchmarks(folder):
-    """Return {rule: [(name of the job, wall s, CPU s, resident MB)]}."""
+def spent(output):
+    """Return {rule: [(name of the job, Took)]} of a campaign's logs."""
     found = {}
-    for path in sorted(folder.glob("*/*.tsv")):
-        with open(path) as file:
-            for row in csv.DictReader(file, delimiter="\t"):
-                numbers = [
-                    float(row[key]) if row[key] not in ("NA", "-") else 0.0 for key in ("s", "cpu_time", "max_rss")
-                ]
-                found.setdefault(path.parent.name, []).append((path.stem, *numbers))
+    for path in sorted((output / "logs").glob("*/*.log")):
+        if said := took(path.read_text(errors="replace")):
+            found.setdefault(path.parent.name, []).append((path.stem, said))
     return found
 
 
@@ -51,26 +47,26 @@ def sizes(folder):
 def per_file(run, jobs):
     """Return {'imaging': CPU s a Level-0 file, 'spectroscopic': ...}; None where there is no such file."""
     dispersed = {f"{job.chip.id:02d}" for job in run.slitless_jobs}
-    spent = {True: 0.0, False: 0.0}
+    total = {True: 0.0, False: 0.0}
     for rule in MAKING:
-        for name, _, cpu, _ in jobs.get(rule, []):
-            spent[name[-2:] in dispersed] += cpu
+        for name, said in jobs.get(rule, []):
+            total[name[-2:] in dispersed] += said.cpu_s
     count = {True: len(run.slitless_jobs), False: len(run.jobs) - len(run.slitless_jobs)}
-    return {word: spent[key] / count[key] if count[key] else None for key, word in
+    return {word: total[key] / count[key] if count[key] else None for key, word in
             ((False, "imaging"), (True, "spectroscopic"))}  # fmt: skip
 
 
 def print_jobs(jobs):
     print("\n| rule | jobs | wall s, mean | CPU s, mean | CPU s, most | resident MB, most |\n|---|---|---|---|---|---|")
     for rule, rows in jobs.items():
-        wall, cpu, memory = zip(*[row[1:] for row in rows], strict=True)
+        wall, cpu, memory = zip(*[(said.wall_s, said.cpu_s, said.memory_mb) for _, said in rows], strict=True)
         n = len(rows)
         print(f"| {rule} | {n} | {sum(wall) / n:.1f} | {sum(cpu) / n:.1f} | {max(cpu):.1f} | {max(memory):.0f} |")
 
 
 def print_cycle9(run, jobs, beside):
     """Cycle 9 by this campaign's means; `beside`: CPU s a file that are no job's, or None."""
-    mean = {rule: sum(row[2] for row in rows) / len(rows) for rule, rows in jobs.items()}
+    mean = {rule: sum(said.cpu_s for _, said in rows) / len(rows) for rule, rows in jobs.items()}
     spectra = FILES * len(run.camera.slitless_chips) // CHIPS
     fields = [OpenCampaign(ROOT / f"config/c9_w{number}.yaml") for number in range(1, FIELDS + 1)]
     truth = sum(len({pix for job in field.jobs for pix in field.truth_bricks(job)}) for field in fields)
@@ -128,10 +124,10 @@ def main():
     parser.add_argument("--cpu", type=float, help="all CPU seconds spent on the campaign")
     arguments = parser.parse_args()
     run = OpenCampaign(arguments.campaign)
-    jobs = benchmarks(run.paths.output / "benchmarks")
+    jobs = spent(run.paths.output)
     if not jobs:
-        sys.exit(f"{run.paths.output}: no benchmarks; run the campaign first")
-    known = sum(row[2] for rows in jobs.values() for row in rows)
+        sys.exit(f"{run.paths.output}: no logs; run the campaign first")
+    known = sum(said.cpu_s for rows in jobs.values() for _, said in rows)
     print_jobs(jobs)
     beside = None if arguments.cpu is None else (arguments.cpu - known) / len(run.jobs)
     print_survey(run, sizes(run.paths.output), print_cycle9(run, jobs, beside))
