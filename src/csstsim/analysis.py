@@ -116,7 +116,7 @@ def validate(run, pix):
     from csstsim.catalog.table import ObjectTable
 
     seam = run.camera.detector.channel_ny
-    frames = [Frame(truth_of(run, job), _measured(run, job), seam, _depth(run, job)) for job in _jobs_on(run, pix)]
+    frames = (Frame(truth_of(run, job), _measured(run, job), seam, _depth(run, job)) for job in _jobs_on(run, pix))
     merged = ObjectTable.read(made(run.paths.merge(pix), f"merge {run.file} --brick {pix}"))
     check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
     result, arrays = validate_brick(pix, merged, frames, run.config.validation)

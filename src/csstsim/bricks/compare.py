@@ -20,12 +20,9 @@ SATURATED = 4  # of the measured flags (measure.catalogue)
 
 def match(truth, sources):
     """Return the row of the nearest merged source of each true object, -1 without one within the match radius."""
-    from scipy.spatial import cKDTree
-
     if len(truth) == 0 or len(sources) == 0:
         return np.full(len(truth), -1)
-    tree = cKDTree(to_vectors(sources["ra"], sources["dec"]))
-    distance, row = tree.query(to_vectors(truth["ra_epoch"], truth["dec_epoch"]))
+    distance, row = tree(sources).query(to_vectors(truth["ra_epoch"], truth["dec_epoch"]))
     return np.where(distance < np.radians(reach(truth) / 3600.0), row, -1)
 
 
@@ -48,24 +45,23 @@ def reach(truth):
     return np.maximum(MATCH_ARCSEC, 0.5 * (truth["half_light"] if "half_light" in truth else half_light(truth)))
 
 
-def real(sources, truths):
-    """Return a mask of the merged sources with a true object of the frames within the match radius.
-
-    True objects fainter than the campaign's limit do not exist in the scene: all light has a true object.
-    """
+def tree(sources):
+    """Return a scipy cKDTree of the places of merged sources."""
     from scipy.spatial import cKDTree
 
-    out = np.zeros(len(sources), bool)
-    if len(sources) == 0:
-        return out
-    tree = cKDTree(to_vectors(sources["ra"], sources["dec"]))
-    for truth in truths:
-        if len(truth):
-            near = tree.query_ball_point(
-                to_vectors(truth["ra_epoch"], truth["dec_epoch"]), np.radians(reach(truth) / 3600.0)
-            )
-            out[np.concatenate(near).astype(int)] = True
-    return out
+    return cKDTree(to_vectors(sources["ra"], sources["dec"]))
+
+
+def near(tree, truth):
+    """Return the rows of the merged sources in `tree` that have one of the true objects within the match radius.
+
+    A source is real if a frame has one: objects fainter than the campaign's limit do not exist in the scene, so all
+    light has a true object.
+    """
+    if tree.n == 0 or len(truth) == 0:
+        return np.zeros(0, int)
+    places = to_vectors(truth["ra_epoch"], truth["dec_epoch"])
+    return np.concatenate(tree.query_ball_point(places, np.radians(reach(truth) / 3600.0))).astype(int)
 
 
 def magnitudes(band, truth, sources, match, infos):

@@ -24,6 +24,8 @@ MAG_EDGES = np.arange(16.0, 29.1, 0.5)
 NEAR = 12.0  # px: neighbours count
 EDGE = 12  # px; sources nearer to the frame's edge are not judged
 SNR_SHARP = 50.0  # above it positions, shapes and numbers are judged
+# Columns of the true objects of a brick
+DISTINCT = ("id", "obj_type", "ra_epoch", "dec_epoch", "blended", "half_light", *(f"mag_{band}" for band in BANDS))
 IN_FRAME = 0.9  # of an object's light in the window; less is not judged
 
 
@@ -57,17 +59,17 @@ def validate_brick(pix, sources, frames, config):
     astrometry (mas); gates (bricks.gates). `arrays` holds what bricks.figures draws.
     """
     tried, infos, depths = ({band: [] for band in BANDS} for _ in range(3))
-    kept, everything = [], []
-    for frame in frames:
-        everything.append(frame.truth)
+    kept, real, tree = [], np.zeros(len(sources), bool), compare.tree(sources)
+    for frame in frames:  # one at a time is in memory; of it what is on the brick is kept
+        real[compare.near(tree, frame.truth)] = True
         infos[frame.band].append(frame.info)
         depths[frame.band].append(frame.depth)
         truth = usable(frame)
         truth = truth.take(brick_of(truth["ra_epoch"], truth["dec_epoch"]) == pix) if len(truth) else truth
         if len(truth):
             tried[frame.band].append(trials(truth, frame))
-            kept.append(truth)
-    truth, real = distinct(kept), compare.real(sources, everything)
+            kept.append(ObjectTable({name: truth[name] for name in DISTINCT}))
+    truth = distinct(kept)
     match = compare.match(truth, sources)
     bands, curves, residuals, tables, gates = {}, {}, {}, {}, []
     seen = [band for band in BANDS if infos[band]]
@@ -226,10 +228,9 @@ def distinct(tables):
 
     A magnitude that one frame's table lacks is another's.
     """
-    names = ("id", "obj_type", "ra_epoch", "dec_epoch", "blended", "half_light", *(f"mag_{band}" for band in BANDS))
     if not tables:
-        return ObjectTable({name: np.zeros(0, bool if name == "blended" else float) for name in names})
-    columns = {name: np.concatenate([table[name] for table in tables]) for name in names}
+        return ObjectTable({name: np.zeros(0, bool if name == "blended" else float) for name in DISTINCT})
+    columns = {name: np.concatenate([table[name] for table in tables]) for name in DISTINCT}
     _, first, which = np.unique(columns["id"], return_index=True, return_inverse=True)
     anywhere = np.bincount(which, columns["blended"]) > 0
     vectors = to_vectors(columns["ra_epoch"], columns["dec_epoch"])
