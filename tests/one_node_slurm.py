@@ -20,6 +20,10 @@ OURS = "# of csstsim's tests"
 PROGRAMS = "munged", "munge", "slurmctld", "slurmd", "sbatch", "srun", "squeue", "scancel", "unshare", "mount"
 SEARCH = os.pathsep.join([os.environ["PATH"], "/usr/sbin", "/sbin"])
 CPUS, WAIT = 2, 60.0  # of the node; s that a daemon is waited for
+POLLING = (  # without accounting only squeue knows of jobs; a test need not wait as long as a cluster's users
+    "--slurm-status-command", "squeue", "--slurm-init-seconds-before-status-checks", "2",
+    "--seconds-between-status-checks", "2", "--latency-wait", "5",
+)  # fmt: skip
 
 
 def why_not():

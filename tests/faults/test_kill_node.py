@@ -4,15 +4,11 @@ import re
 
 import pytest
 from faults.small_run import ended
-from one_node_slurm import OneNodeSlurm, why_not
+from one_node_slurm import POLLING, OneNodeSlurm, why_not
 from running import running
 from workflow_run import ROOT
 
 pytestmark = [pytest.mark.faults, pytest.mark.skipif(bool(reason := why_not()), reason=str(reason))]
-POLLING = (
-    "--slurm-status-command", "squeue", "--slurm-init-seconds-before-status-checks", "2",
-    "--seconds-between-status-checks", "2", "--latency-wait", "5",
-)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -3,21 +3,16 @@
 import re
 import shutil
 import subprocess
-import time
 from pathlib import Path
 
-import psutil
 import pytest
 from mini_campaign import POINTINGS, write_campaign
-from one_node_slurm import OneNodeSlurm, why_not
+from one_node_slurm import POLLING, OneNodeSlurm, why_not
+from running import running
 from workflow_run import ROOT, command, content, level0_targets, make, snakemake
 
 pytestmark = [pytest.mark.slurm, pytest.mark.skipif(bool(reason := why_not()), reason=str(reason))]
 
-POLLING = (  # without accounting only squeue knows of jobs; a test need not wait as long as a cluster's users
-    "--slurm-status-command", "squeue", "--slurm-init-seconds-before-status-checks", "2",
-    "--seconds-between-status-checks", "2", "--latency-wait", "5",
-)  # fmt: skip
 MADE_FOR_ALL = "truth", "psf"
 
 
@@ -116,15 +111,3 @@ def test_a_cancelled_job_leaves_nothing_and_a_resumed_campaign_has_the_same_bits
     assert len(content(campaign)) < len(content(local))
     snakemake(campaign, *arguments)
     assert content(campaign) == content(local)
-
-
-def running(verb, head, campaign, seconds=240):
-    """Return the running `csstsim VERB` process of a campaign; `head` must live."""
-    end = time.monotonic() + seconds
-    while time.monotonic() < end and head.poll() is None:
-        for process in psutil.process_iter(["cmdline"]):
-            words = process.info["cmdline"] or []
-            if verb in words and str(campaign) in words:
-                return process
-        time.sleep(0.02)
-    raise AssertionError(f"no csstsim {verb} was started")
