@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
+from csstsim.campaign_checks import check_masters, check_photons, check_selection, check_shutter
 from csstsim.catalog.astrometry import apparent
 from csstsim.catalog.ephemeris import observer
 from csstsim.catalog.open import catalog_class
@@ -21,7 +22,6 @@ from csstsim.io.owner import check_owner
 from csstsim.io.paths import Paths
 from csstsim.io.survey_table import load_survey_table
 from csstsim.job import Job
-from csstsim.optics import shutter
 from csstsim.optics.dispersion import Disperser
 from csstsim.optics.distortion import load_distortion
 from csstsim.optics.wcs import ChipWCS
@@ -45,7 +45,7 @@ class OpenCampaign:
         self.camera = load_camera(self.config.instrument_folder)
         self.rendering = load_numbers()
         self.pointings = {p.obsid: p for p in load_survey_table(self.config.survey_table, self.camera.orbit)}
-        self._check_selection()
+        check_selection(self)
         types = sorted({p.type for p in self._selected_pointings()})
         self.steps = {kind: SimSteps(self.config.observation_file(kind), kind) for kind in types}
         # One exposure time: where the layers ask for another than the table's, it is the exposure's everywhere.
@@ -58,71 +58,17 @@ class OpenCampaign:
             obsid: replace(p, exptime=asked.get(p.type, p.exptime)) for obsid, p in self.pointings.items()
         }
 
-        self._check_photons()
+        check_photons(self)
         if "SCIE" in self.steps and any(chip.kind == "slitless" for chip in self._selected_chips()):
             _ = self.camera.gratings  # read, and refused if they cannot be used
         for p in self._selected_pointings():
             self.steps[p.type].check(self.camera, p)
         for p in {(p.type, p.exptime): p for p in self._selected_pointings()}.values():
-            self._check_shutter(p)
-
-    def _check_photons(self):
-        """Photons and rays are counted apart from the image until poisson_and_dark merges them."""
-        drawn = self.config.fidelity in ("preview", "standard")
-        for steps in self.steps.values():
-            if drawn and steps.step("scie_obs") and not steps.step("poisson_and_dark"):
-                raise InputError(
-                    f"fidelity {self.config.fidelity} draws photons, and no layer counts them", file=steps.file,
-                    key="layers", allowed="poisson_and_dark in the list, or fidelity noise_free or reference",
-                )  # fmt: skip
+            check_shutter(self, p, self._selected_chips())
 
     def masters(self, chip_id):
         """Return the file of a chip's master calibration frames, that its exposures are measured with."""
         return Paths(self.config.measurement.masters).masters(chip_id)
-
-    def _check_masters(self, jobs):
-        frames = self.config.measurement.calibration == "frames"
-        for chip_id in sorted({job.chip.id for job in jobs if frames and job.pointing.type == "SCIE"}):
-            path = self.masters(chip_id)
-            if not path.is_file():
-                raise InputError(
-                    f"no {path}", file=self.file, key="measurement.masters",
-                    allowed="output of a finished campaign of bias, dark and flat exposures (config/calibration.yaml)",
-                )  # fmt: skip
-
-    def _check_shutter(self, pointing):
-        steps = self.steps[pointing.type]
-        for chip in self._selected_chips() if steps.losses["shutter"] else ():
-            try:
-                shutter.check(chip, pointing.exptime)
-            except InputError as exc:
-                message = f"exposure {pointing.obsid}: {exc}; or turn shutter_effect off"
-                raise InputError(message, file=steps.file) from None
-
-    def _check_selection(self):
-        select = self.config.select
-        unknown = sorted(set(select.obsids or ()) - set(self.pointings))
-        if unknown:
-            raise InputError(
-                "not in the survey table", file=self.file, key="select.obsids", value=unknown[0],
-                allowed=f"the {len(self.pointings)} obsids of {self.config.survey_table}",
-            )  # fmt: skip
-        unknown = sorted(set(select.filters or ()) - set(self.camera.filters))
-        if unknown:
-            raise InputError(
-                "unknown filter", file=self.file, key="select.filters", value=unknown[0],
-                allowed=", ".join(self.camera.filters),
-            )  # fmt: skip
-        library = self.config.psf.library
-        if library is not None and not library.is_dir():
-            raise InputError("no such folder", file=self.file, key="psf.library", value=library)
-        detector = self.camera.detector
-        window = self.config.window
-        if isinstance(window, PixelWindow) and (window.x1 > detector.nx or window.y1 > detector.ny):
-            raise InputError(
-                "beyond the chip", file=self.file, key="window", value=window.model_dump(),
-                allowed=f"x1 <= {detector.nx}, y1 <= {detector.ny}",
-            )  # fmt: skip
 
     def _selected_pointings(self):
         select = self.config.select
@@ -146,7 +92,7 @@ class OpenCampaign:
         jobs = tuple(job for pair in pairs if (job := self._job(*pair)))
         if not jobs:
             raise InputError("no (exposure, chip) pair is selected", file=self.file, key="select")
-        self._check_masters(jobs)
+        check_masters(self, jobs)
         return jobs
 
     def job(self, obsid, chip_id):
@@ -168,7 +114,7 @@ class OpenCampaign:
             raise InputError(
                 f"chip {chip_id} of exposure {obsid} does not touch select.region", file=self.file, key="select.region"
             )
-        self._check_masters([job])
+        check_masters(self, [job])
         return job
 
     def _job(self, pointing, chip):
