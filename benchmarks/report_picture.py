@@ -1,0 +1,31 @@
+"""Make docs/figures/report.png, the focal plane of a report, from the finished release (benchmarks/release.py).
+
+    PYTHONPATH=tests python benchmarks/report_picture.py [CAMPAIGN]     needs chromium and chromedriver
+"""
+
+import argparse
+import tempfile
+import time
+from pathlib import Path
+
+from webdriver import browser
+
+from csstsim.campaign import OpenCampaign
+
+TARGET = Path(__file__).parents[1] / "docs" / "figures" / "report.png"
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("campaign", nargs="?", default="examples/release.yaml")
+    page = OpenCampaign(parser.parse_args().campaign).paths.report
+    with tempfile.TemporaryDirectory() as profile, browser(profile) as window:
+        window.open(page.resolve().as_uri())
+        window.run("document.querySelector('#plane').scrollIntoView()")
+        time.sleep(1)  # s, until it is drawn
+        window.screenshot(TARGET)
+    print(TARGET)
+
+
+if __name__ == "__main__":
+    main()
