@@ -3,6 +3,7 @@
 
 
 include: "workflow/rules/common.smk"
+include: "workflow/rules/targets.smk"
 include: "workflow/rules/truth.smk"
 include: "workflow/rules/psf.smk"
 include: f"workflow/rules/{JOB_OF[CHIPS_AS]}.smk"

@@ -13,6 +13,7 @@ import sys
 from pathlib import Path
 
 from csstsim.campaign import OpenCampaign
+from csstsim.errors import CsstsimError
 from csstsim.job_log import took
 
 ROOT = Path(__file__).parents[1]
@@ -89,7 +90,6 @@ def print_cycle9(run, jobs, beside):
     print(f"| all | {FILES:,} | {3600 * total / FILES:.1f} | {total:,.0f} |")
     print(f"| the paper | {FILES:,} | {3600 * PAPER / FILES:,.0f} | {PAPER:,} |")
     seen = ", ".join(sorted({job.pointing.obsid for job in run.jobs}))
-    seen = ", ".join(sorted({job.pointing.obsid for job in run.jobs}))
     print(f"\nFewer than the paper's: Level-0 files alone {PAPER / level0:,.0f} times, all {PAPER / total:,.0f} times.")
     print("The paper does not say what its hours contain, nor on which cores; a pipeline's calibration is in neither.")
     print(f"Ours are from {len(run.jobs)} files of {seen}; there are fields with more stars.")
@@ -123,10 +123,13 @@ def main():
     parser.add_argument("campaign", nargs="?", default="examples/release.yaml")
     parser.add_argument("--cpu", type=float, help="all CPU seconds spent on the campaign")
     arguments = parser.parse_args()
-    run = OpenCampaign(arguments.campaign)
+    try:
+        run = OpenCampaign(arguments.campaign)
+    except CsstsimError as error:
+        sys.exit(str(error))
     jobs = spent(run.paths.output)
-    if not jobs:
-        sys.exit(f"{run.paths.output}: no logs; run the campaign first")
+    if "exposure" in jobs or not jobs.keys() & set(MAKING):
+        sys.exit(f"{run.paths.output}: no logs of each chip; run the campaign first, not with chips=exposure")
     known = sum(said.cpu_s for rows in jobs.values() for _, said in rows)
     print_jobs(jobs)
     beside = None if arguments.cpu is None else (arguments.cpu - known) / len(run.jobs)

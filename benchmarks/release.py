@@ -22,6 +22,7 @@ from pathlib import Path
 import psutil
 
 ROOT = Path(__file__).parents[1]
+LOG = ROOT / ".snakemake" / "release.log"
 KINDS = "a job", "Snakemake and its jobs", "a job", "Snakemake alone"  # in turn
 SUBREAPER = 36  # prctl's PR_SET_CHILD_SUBREAPER: orphans become children of this process
 
@@ -31,7 +32,7 @@ def snakemake(campaign, *arguments):
     environment = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     line = [sys.executable, "-m", "snakemake", "--profile", "profiles/default", *arguments]
     line += ["--config", f"campaign={campaign}"]
-    with open(ROOT / ".snakemake" / "release.log", "a") as log:
+    with open(LOG, "a") as log:
         return subprocess.Popen(line, cwd=ROOT, env=environment, stdout=log, stderr=log)
 
 
@@ -91,6 +92,11 @@ def main():
     parser.add_argument("--every", type=float, default=240.0, help="seconds between kills, in the mean")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
+    if not (ROOT / arguments.campaign).is_file():
+        parser.error(f"CAMPAIGN: no such file, seen from {ROOT}")
+    if not arguments.every > 0:
+        parser.error("--every: more than 0 s")
+    LOG.parent.mkdir(exist_ok=True)
     if ctypes.CDLL(None, use_errno=True).prctl(SUBREAPER, 1, 0, 0, 0):
         sys.exit("this system has no PR_SET_CHILD_SUBREAPER")
     begun = time.perf_counter()

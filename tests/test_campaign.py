@@ -41,6 +41,13 @@ def test_pairs_follow_the_table_and_the_chips(tmp_path):
     assert len(campaign.imaging_jobs) == 4  # the bias frame is not measured
 
 
+@pytest.mark.parametrize("output", ["file", "file/below"])
+def test_an_output_folder_that_is_a_file_is_refused_by_its_name(tmp_path, output):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=rf"{re.escape(str(tmp_path / output))}: output: is not a folder"):
+        OpenCampaign(write_campaign(tmp_path, output=str(tmp_path / output)))
+
+
 def test_a_filter_or_an_obsid_narrows_the_selection(tmp_path):
     campaign = OpenCampaign(write_campaign(tmp_path, select={"filters": ["r"], "obsids": ["10100000002"]}))
     assert {job.key for job in campaign.jobs} == {("10100000002", 9), ("10100000002", 22)}  # both r chips

@@ -28,7 +28,7 @@ def said(*arguments):
 def test_a_log_begins_with_whose_it_is_and_ends_with_what_it_took(tmp_path):
     file = write_campaign(tmp_path)
     job = OpenCampaign(file).jobs[0]
-    where = "--obsid", job.pointing.obsid, "--chip", 9
+    where = "--obsid", job.pointing.obsid, "--chip", 9, "--chip", 9  # once is enough
     log = tmp_path / "chip.log"
     program = "import sys; from csstsim.cli import main; main(sys.argv[1:])"
     with open(log, "w") as out:

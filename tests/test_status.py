@@ -12,6 +12,7 @@ from csstsim.cli import main
 from csstsim.costs import each_once, expected
 from csstsim.delivery.contents import YES, of_campaign
 from csstsim.delivery.products import products
+from csstsim.plan import duration
 from csstsim.status import FAILURES, Kind, Status, failures, lines, look, pace, wanted
 
 HOUR = 3600.0
@@ -194,3 +195,10 @@ def test_failures_are_in_the_status_while_something_is_missing(run, tmp_path):
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan", "1e9", "soon"])
 def test_watch_is_a_second_at_least(run, seconds):
     assert CliRunner().invoke(main, ["status", str(run.file), f"--watch={seconds}"]).exit_code == 2
+
+
+@pytest.mark.parametrize(
+    ("seconds", "words"), [(0.4, "0 s"), (59, "59 s"), (60, "1.0 min"), (5400, "1.5 h"), (4e6, "1,111 h")]
+)
+def test_a_span_of_time_in_words(seconds, words):
+    assert duration(seconds) == words

@@ -37,11 +37,13 @@ EDGE_PX = 3.0  # field distortion bends a chip's edges on the sky: by up to 2.4 
 class OpenCampaign:
     """A checked campaign. Raises InputError for any fault in its files."""
 
-    def __init__(self, file, output=None, scratch=None):
+    def __init__(self, file, output=None, scratch=None, *, copied=False):
+        """copied: the folder is only read, and may be a copy, which lies elsewhere than its `campaign.json` says."""
         self.file = Path(file)
         self.config = load_campaign(file)
         self.paths = Paths(output or self.config.output, scratch)
-        check_owner(self)
+        if not copied:
+            check_owner(self)
         self.camera = load_camera(self.config.instrument_folder)
         self.rendering = load_numbers()
         self.pointings = {p.obsid: p for p in load_survey_table(self.config.survey_table, self.camera.orbit)}

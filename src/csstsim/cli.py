@@ -186,8 +186,9 @@ def report(run, strict):
 @stage
 @obsid_opt
 @click.option(
-    "--chip", "chip_ids", required=True, multiple=True, type=click.IntRange(1, 30), help="Chip number, 1 to 30; repeat."
-)
+    "--chip", "chip_ids", required=True, multiple=True, type=click.IntRange(1, 30),
+    callback=lambda ctx, option, numbers: tuple(dict.fromkeys(numbers)), help="Chip number, 1 to 30; repeat.",
+)  # fmt: skip
 @click.option("--output", type=click.Path(), help="Folder for the products [default: the campaign's].")
 @click.option("--profile", is_flag=True, help="Say where the CPU time went: layers, methods, functions.")
 def chip(run, obsid, chip_ids, profile):
@@ -197,7 +198,7 @@ def chip(run, obsid, chip_ids, profile):
     """
     from csstsim import stages
 
-    for job in [run.job(obsid, chip_id) for chip_id in dict.fromkeys(chip_ids)]:
+    for job in [run.job(obsid, chip_id) for chip_id in chip_ids]:
         if profile:
             from csstsim import prepare
             from csstsim.profile import profiled

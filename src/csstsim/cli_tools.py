@@ -175,7 +175,7 @@ def verify(campaign, output, manifest):
     else:
         from csstsim.campaign import OpenCampaign
 
-        run = OpenCampaign(campaign, output)
+        run = OpenCampaign(campaign, output, copied=output is not None)
     if check(run, folder, click.echo, manifest):
         sys.exit(1)
 

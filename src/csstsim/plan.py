@@ -103,5 +103,7 @@ def _cost_table(costs):
 
 def duration(seconds):
     """Return a span of time as a person says it."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
     hours = seconds / 3600
     return f"{seconds / 60:.1f} min" if hours < 1 else f"{hours:.1f} h" if hours < 100 else f"{hours:,.0f} h"

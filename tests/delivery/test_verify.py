@@ -52,6 +52,12 @@ def test_a_sound_campaign_has_no_fault(sound):
         assert not (folder / name).exists()
 
 
+def test_a_copy_need_not_lie_where_its_campaign_left_it(copied):
+    file, folder = copied
+    (folder / "campaign.json").write_text('{"name": "mini", "file": "../elsewhere.yaml"}')
+    assert faults(file, "--output", folder) == []
+
+
 # what is spoiled, how, the words of the fault; ALONE where it is judged by the folder alone, too
 ONE = [
     (LEVEL0, spoil.flip, ["damaged", "CHECKSUM"], ALONE),

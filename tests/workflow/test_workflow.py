@@ -36,6 +36,44 @@ def test_the_whole_chain_makes_what_it_promises(undisturbed):
     assert not left, "intermediates are dropped"
 
 
+def test_what_is_removed_from_a_finished_campaign_is_made_again(undisturbed, tmp_path):
+    chip = {"select", "render_spectra", "readout", "level0_spectra"}
+    later = {"measure", "merge", "validate", "report"}
+    after = {
+        "level0/*/*_29_*.orders.parquet": chip | {"extract", "report"},
+        "level0/10300000001/*.truth.parquet": {"readout", "level0", "report"},
+        "measure/*.parquet": later,
+        "merge/dataset/*/*/Npix=*.parquet": later - {"measure"},
+        "merge/partition_info.csv": {"report"},
+        "validate/*.png": {"validate", "report"},
+        "spectra/*.png": {"extract", "report"},
+        "report/verdict.json": {"report"},
+    }  # fmt: skip
+    out = undisturbed.parent / "out"
+    for pattern, rules in after.items():
+        path = next(p for p in sorted(out.rglob("*")) if p.match(str(out / pattern)))
+        path.rename(tmp_path / "removed")
+        try:
+            assert planned(undisturbed, "chips=stages") == rules, path
+        finally:
+            (tmp_path / "removed").rename(path)
+    assert planned(undisturbed, "chips=stages") == set()
+
+
+def planned(campaign, *arguments):
+    """Return the rules that Snakemake would run."""
+    said = snakemake(campaign, *arguments, "--dry-run")
+    return set(re.findall(r"^(\w+) +\d+$", said, re.MULTILINE)) - {"all", "total"}
+
+
+def test_a_slip_in_the_name_of_a_setting_is_refused(tmp_path):
+    line, environment = command(make(tmp_path / "slip"), "campaing=mine.yaml", "--dry-run")
+    done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    assert (
+        done.returncode and "--config campaing: unknown; allowed: campaign, chips, scratch" in done.stdout + done.stderr
+    )
+
+
 @pytest.mark.parametrize(("chips", "log"), [("stages", "level0"), ("whole", "chip"), ("exposure", "exposure")])
 def test_two_cores_and_larger_jobs_give_the_same_bits(undisturbed, tmp_path, chips, log):
     campaign = make(tmp_path / "two")
@@ -85,10 +123,8 @@ def wait_for(process, verb, seconds=240):
 def test_calibration_campaign_has_no_sky_stages():
     wanted = {"stages": {"render", "readout", "level0"}, "whole": {"chip"}, "exposure": {"exposure_0"}}
     for chips, rules in wanted.items():
-        done = snakemake(ROOT / "config" / "calibration.yaml", f"chips={chips}", "--dry-run", "--directory", str(ROOT))
-        jobs = set(re.findall(r"^(\w+) +\d+$", done, re.MULTILINE))  # of the table of jobs
-        # Lamps light the flats: no truth, select or psf
-        assert jobs == {*rules, "masters", "all", "total"}
+        jobs = planned(ROOT / "config" / "calibration.yaml", f"chips={chips}", "--directory", str(ROOT))
+        assert jobs == {*rules, "masters"}  # lamps light the flats: no truth, select or psf
 
 
 def test_bad_campaign_is_one_clear_error(tmp_path):

@@ -1,4 +1,4 @@
-# Opens the campaign (which checks every file of it) and answers the rules' questions. The only Python.
+# Opens the campaign (which checks every file of it) and answers the rules' questions; but for targets.smk the only Python.
 import atexit
 import os
 import shlex
@@ -10,6 +10,10 @@ from csstsim.campaign import OpenCampaign
 from csstsim.errors import CsstsimError
 from csstsim.io.owner import claim
 
+KEYS = "campaign", "chips", "scratch"  # of --config
+for key in config:
+    if key not in KEYS:  # a slip of the pen would run the demo
+        raise WorkflowError(f"--config {key}: unknown; allowed: {', '.join(KEYS)}")
 CAMPAIGN = config.get("campaign", "config/campaign.yaml")
 
 
@@ -249,40 +253,14 @@ def merged_bricks(wildcards=None):
 
 def catalogue():
     """What tells of all merged bricks, where there are any."""
-    return [f"{OUT}/merge/hats.properties"] if RUN.merge_bricks else []
+    about = (
+        "hats.properties",
+        "partition_info.csv",
+        "dataset/_metadata",
+        "dataset/_common_metadata",
+    )
+    return [f"{OUT}/merge/{name}" for name in about] if RUN.merge_bricks else []
 
 
 def level0_files(wildcards=None):
     return [str(RUN.paths.level0(job.pointing, job.chip.id)) for job in RUN.jobs]
-
-
-def targets():
-    seen = RUN.imaging_jobs or RUN.slitless_jobs
-    found = [*level0_files(), *([str(RUN.paths.report)] if seen else [])]
-    found += [str(RUN.paths.masters(chip)) for chip in RUN.calibration_jobs]
-    if RUN.config.measurement.keep_calibrated:
-        found += [str(RUN.paths.calibrated(*job.key)) for job in RUN.imaging_jobs]
-    return found
-
-
-def summary():
-    """What the campaign made and where to look, said when it is done."""
-    truth = " with their truth" if "SCIE" in RUN.steps else ""
-    lines = [
-        f"\n{RUN.config.name}: {len(RUN.jobs)} Level-0 files{truth} in {OUT}/level0/"
-    ]
-    if RUN.calibration_jobs:
-        lines.append(f"masters of {len(RUN.calibration_jobs)} chips in {OUT}/masters/")
-    if RUN.config.measurement.keep_calibrated:
-        lines.append(
-            f"calibrated images of {len(RUN.imaging_jobs)} chips in {OUT}/calibrated/"
-        )
-    if RUN.imaging_jobs:
-        lines.append(
-            f"merged catalogues of {len(RUN.merge_bricks)} bricks in {OUT}/merge/"
-        )
-    if RUN.slitless_jobs:
-        lines.append(f"spectra of {len(RUN.slitless_jobs)} chips in {OUT}/spectra/")
-    if RUN.imaging_jobs or RUN.slitless_jobs:
-        lines.append(f"open the report: {RUN.paths.report.resolve().as_uri()}")
-    return "\n".join(lines)

@@ -24,7 +24,8 @@ for number, (chips, obsids) in enumerate(exposures_by_chips().items()):
             "chip"
         resources:
             mem_mb=more(3500),
-            runtime=more(SELECTING + RENDERING * len(chips)),
+            # Twice what a chip takes, and more where one part of it may be long
+            runtime=more(4 + max(SELECTING, RENDERING) * len(chips)),
         params:
             recipe=of_exposure(lambda wildcards: [recipe(wildcards)]),
             chips=" ".join(f"--chip {int(chip)}" for chip, _ in chips),

@@ -18,6 +18,8 @@ def check_owner(run):
         owner = json.loads(path.read_text())
     except FileNotFoundError:
         return
+    except NotADirectoryError:
+        raise InputError("is not a folder, or lies below a file", file=run.paths.output, key="output") from None
     except (OSError, ValueError):
         raise InputError("cannot be read; remove it if no other campaign is at work here", file=path) from None
     if owner != _about(run):
