@@ -1,6 +1,9 @@
 """`csstsim status`: what is wanted and made, the pace, the time left, jobs that failed."""
 
 import os
+import socket
+import subprocess
+import sys
 import time
 
 import pytest
@@ -181,6 +184,22 @@ def test_failed_jobs_are_named_newest_first(tmp_path):
     for i in range(2 * FAILURES):
         (logs / "psf" / f"{i}.log").write_text("csstsim: error: again\n")
     assert len(failures(str(logs))) == FAILURES and failures(str(tmp_path / "none")) == []
+
+
+def test_a_job_that_was_killed_outright_is_a_failure(tmp_path):
+    gone = subprocess.Popen([sys.executable, "-c", ""])
+    gone.wait()
+    first = "csstsim 0.1.0 chip: campaign demo 0123abcd, exposure 1 chip 9, {} pid {}, 2027-11-20T01:08:00Z\n"
+    here, last = socket.gethostname(), "chip done: 1.0 s, CPU 1.0 s, memory 100 MB\n"
+    for name, text in {
+        "killed": first.format(here, gone.pid) + "drawing\n" * 1000,
+        "done": first.format(here, gone.pid) + last,
+        "at_work": first.format(here, os.getpid()),
+        "elsewhere": first.format(f"not-{here}", gone.pid),
+    }.items():
+        (tmp_path / f"{name}.log").write_text(text)
+    ((path, line),) = failures(str(tmp_path))
+    assert path.endswith("killed.log") and line == f"killed: process {gone.pid} is gone, and left no word"
 
 
 def test_failures_are_in_the_status_while_something_is_missing(run, tmp_path):

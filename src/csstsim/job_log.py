@@ -13,6 +13,7 @@ from datetime import UTC, datetime
 from csstsim import __version__
 
 _START = time.monotonic()  # the commands import this first: nearly the start of the process
+_FIRST = re.compile(r"csstsim \S+ \w+: .*, (\S+) pid (\d{1,9}), \S+Z")
 _LAST = re.compile(r"^\w+ done: (\d{1,9}\.\d) s, CPU (\d{1,9}\.\d) s, memory (\d{1,9}) MB$", re.MULTILINE)
 ERROR = "csstsim: error:"  # how the line begins that a command says instead of the last one
 
@@ -47,6 +48,14 @@ def took(log):
     """Return the Took that a log ends with, or None: the job failed, is at work, or is of an older release."""
     found = _LAST.findall(log)
     return Took(*map(float, found[-1])) if found else None
+
+
+def killed(log):
+    """Return the pid of the process of this host that a log is of, if it is gone and left no last line; or None."""
+    first = _FIRST.match(log)
+    if not first or first[1] != socket.gethostname() or took(log) or os.path.exists(f"/proc/{first[2]}"):
+        return None
+    return int(first[2]) if os.path.exists("/proc/self") else None
 
 
 def _peak_memory_mb():

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from csstsim.costs import expected
-from csstsim.job_log import ERROR
+from csstsim.job_log import ERROR, killed
 from csstsim.plan import duration
 
 LATELY, PAUSE = 3600.0, 900.0  # s: the pace is that of the last hour, after the last pause; jobs of hours look further
@@ -158,13 +158,16 @@ def _complaint(path):
     """Return the line of a log that says why its job failed, or None."""
     try:
         with open(path, "rb") as file:
-            file.seek(max(os.fstat(file.fileno()).st_size - TAIL, 0))
-            text = file.read(TAIL).decode(errors="replace")
+            text = file.readline(TAIL)
+            file.seek(max(os.fstat(file.fileno()).st_size - TAIL, len(text)))
+            text = (text + file.read(TAIL)).decode(errors="replace")
     except OSError:
         return None
     lines = [line for line in text.splitlines() if line.strip()]
     said = [line for line in lines if line.startswith(ERROR)]
     found = said[-1] if said else lines[-1] if CRASH in text else None
+    if found is None and (pid := killed(text)):
+        found = f"killed: process {pid} is gone, and left no word"
     return found and "".join(c if c.isprintable() else "?" for c in found)
 
 

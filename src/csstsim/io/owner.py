@@ -24,7 +24,7 @@ def check_owner(run):
         raise InputError("cannot be read; remove it if no other campaign is at work here", file=path) from None
     if owner != _about(run):
         raise InputError(
-            "the folder is another campaign's; give yours another output, or remove this file if that one was renamed",
+            "the folder is another campaign's; give yours another output, or remove this file if it is that one, moved",
             file=path, value=owner, allowed=_about(run),
         )  # fmt: skip
 
