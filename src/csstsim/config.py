@@ -189,7 +189,7 @@ class ValidateConfig(Model):
     position_bias_max: float | None = Field(
         1.0,
         gt=0,
-        description="|median residual| along or across columns, in any bin of S/N above 5 [mas]; 2 sigma of "
+        description="|median residual| along or across columns, in any bin of S/N above 5 [mas]; 4 sigma of "
         "chance are forgiven",
     )
     depth_off_max: float | None = Field(

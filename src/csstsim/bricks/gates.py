@@ -7,6 +7,8 @@ fewer than FEW sources; n is None where sources have no part in it.
 import numpy as np
 
 FEW = 20
+CHANCE = 2.0  # sigma of chance that are forgiven
+WORST = 4.0  # ... where it is the worst of many values: of the thousands of bins and widths of a release some lie there
 
 
 def at_most(name, band, value, threshold, n, chance=0.0):
@@ -17,20 +19,20 @@ def at_most(name, band, value, threshold, n, chance=0.0):
 def at_least(name, band, value, threshold, n):
     """Gate of a fraction of n.
 
-    One that truly is at the threshold falls short by chance: two sigma of it are forgiven.
+    One that truly is at the threshold falls short by chance: CHANCE sigma of it are forgiven.
     """
     return _gate(
-        name, band, value, threshold, n, lambda: value + 2 * np.sqrt(threshold * (1 - threshold) / n) >= threshold
+        name, band, value, threshold, n, lambda: value + CHANCE * np.sqrt(threshold * (1 - threshold) / n) >= threshold
     )
 
 
 def between(name, band, value, limits, n):
-    """Gate of a number within `limits` (low, high), two sigma of the chance in a width of n values forgiven."""
+    """Gate of a width of n values within `limits` (low, high), WORST sigma of one at a limit forgiven."""
     threshold = None if limits is None else f"{limits[0]:g} to {limits[1]:g}"
 
     def passes():
-        chance = 2 * 1.17 * value / np.sqrt(n)  # of a width from the median deviation: 1.17 / sqrt(n)
-        return limits[0] - chance <= value <= limits[1] + chance
+        chance = WORST * 1.17 / np.sqrt(n)  # of a width from the median deviation: 1.17 / sqrt(n)
+        return limits[0] * (1 - chance) <= value <= limits[1] * (1 + chance)
 
     return _gate(name, band, value, threshold, n, passes)
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from csstsim.bricks import compare
-from csstsim.bricks.gates import FEW, at_least, at_most, between
+from csstsim.bricks.gates import CHANCE, FEW, WORST, at_least, at_most, between
 from csstsim.bricks.healpix import brick_of, from_vectors, to_vectors
 from csstsim.bricks.trials import SHAPES, joined, limit, trials
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, STRONG_LENSING
@@ -58,7 +58,7 @@ def validate_brick(pix, sources, frames, config):
     config.ValidateConfig. `result` is JSON-like: per band completeness, magnitude residuals (mag), depth;
     astrometry (mas); gates (bricks.gates). `arrays` holds what bricks.figures draws.
     """
-    tried, infos, depths = ({band: [] for band in BANDS} for _ in range(3))
+    tried, infos, depths, seen_in = ({band: [] for band in BANDS} for _ in range(4))
     kept, real, tree = [], np.zeros(len(sources), bool), compare.tree(sources)
     for frame in frames:  # one at a time is in memory; of it what is on the brick is kept
         real[compare.near(tree, frame.truth)] = True
@@ -68,6 +68,7 @@ def validate_brick(pix, sources, frames, config):
         truth = truth.take(brick_of(truth["ra_epoch"], truth["dec_epoch"]) == pix) if len(truth) else truth
         if len(truth):
             tried[frame.band].append(trials(truth, frame))
+            seen_in[frame.band].append(truth["id"])
             kept.append(ObjectTable({name: truth[name] for name in DISTINCT}))
     truth = distinct(kept)
     match = compare.match(truth, sources)
@@ -78,7 +79,8 @@ def validate_brick(pix, sources, frames, config):
         residuals[band], numbers = compare.magnitudes(band, truth, sources, match, infos[band])
         bands[band] = numbers | _of_exposures(table, infos[band], config)
         limit_mag = bands[band]["depth_5sigma"] - 2.5 * np.log10(SNR_SHARP / 5.0)
-        bands[band]["counts"] = compare.counts(band, truth, sources, match, real, MAG_EDGES, limit_mag)
+        on = np.isin(truth["id"], np.concatenate(seen_in[band] or [[]]))  # a frame of the band covers part of the brick
+        bands[band]["counts"] = compare.counts(band, truth.take(on), sources, match[on], real, MAG_EDGES, limit_mag)
         points = ~table["galaxy"].astype(bool)
         curves[band] = completeness(table["snr"][points], table["found"][points] > 0, SNR_EDGES)
         gates += _gates(band, bands[band], depths[band], config)
@@ -142,8 +144,8 @@ def _transfer(table, low, high):
 def _gates(band, numbers, depths, config):
     """Return the gates of a band."""
     star, counts, n = numbers["star"], numbers["counts"], numbers["point_sources"]
-    # Two sigma of losing as many as are allowed to be lost
-    chance = 2 * np.sqrt(config.counts_max / counts["n"]) if config.counts_max and counts["n"] else 0.0
+    # Of losing as many as are allowed to be lost
+    chance = CHANCE * np.sqrt(config.counts_max / counts["n"]) if config.counts_max and counts["n"] else 0.0
     expected = [depth for depth in depths if depth is not None]
     depth, off = numbers["depth_5sigma"], None
     if expected:
@@ -151,7 +153,7 @@ def _gates(band, numbers, depths, config):
         off = float(depth - np.clip(depth, low, high))
     # The worst bin, less what chance makes of it
     bias = [part[name] for part in numbers["transfer"] for name in ("deferred_mas", "across_mas")]
-    bias = [max(abs(part["median"]) - 2 * part["error"], 0.0) for part in bias if part["n"] >= FEW]
+    bias = [max(abs(part["median"]) - WORST * part["error"], 0.0) for part in bias if part["n"] >= FEW]
     pull, (size, e1, e2) = numbers["pull"], (numbers["psf"][name] for name in SHAPES)
     return [
         at_least("completeness", band, numbers["completeness"], config.completeness_min, n),
