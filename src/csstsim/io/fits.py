@@ -12,7 +12,7 @@ import fitsio
 import numpy as np
 
 from csstsim.errors import InputError
-from csstsim.io.fits_headers import check_headers
+from csstsim.fits_headers import check_headers
 
 BLOCK = 2880
 _LITTLE = sys.byteorder == "little"

@@ -13,6 +13,7 @@ import numpy as np
 
 from csstsim.damage import reading
 from csstsim.errors import InputError
+from csstsim.fits_headers import check_headers
 from csstsim.instrument.filter import GRID
 from csstsim.universe.igm import LYMAN_LIMIT, Intergalactic, continuum_depth
 
@@ -32,6 +33,7 @@ class GalaxySeds:
     def __init__(self, path, igm, extinction):
         from astropy.io import fits
 
+        check_headers(path)
         with reading(path, "galaxies' spectra"), fits.open(path) as file:
             self.start, self.step = float(file[0].header["WAVE0"]), float(file[0].header["DWAVE"])
             self.basis = file["BASIS"].data.astype(float)  # (20, samples)

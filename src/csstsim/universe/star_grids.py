@@ -20,6 +20,7 @@ from astropy.io import fits
 
 from csstsim.damage import reading
 from csstsim.errors import InputError
+from csstsim.fits_headers import check_headers
 from csstsim.units import C_A_S, H_J_S
 from csstsim.universe.star_sed import KNOTS, Seds, linear
 
@@ -52,6 +53,7 @@ def read_ck04(folder):
 
 
 def _ck04_file(path):
+    check_headers(path)
     with reading(path, "an ATLAS9 spectrum"), fits.open(path, memmap=False) as file:
         teff, feh, table = float(file[0].header["TEFF"]), float(file[0].header["LOG_Z"]), file[1].data
         wave = np.float64(table["WAVELENGTH"])
@@ -92,6 +94,7 @@ def read_packed(path, wavelength="WAVELENGTH_AA", spectra="SPECTRA"):
 
     Without a column feh, [Fe/H] is 0. Raises InputError.
     """
+    check_headers(path)
     with reading(path, "packed spectra"), fits.open(path, memmap=False) as file:
         wave, table = np.float64(file[wavelength].data), file[spectra].data
         feh = np.float64(table["feh"]) if "feh" in table.names else np.zeros(len(table))

@@ -21,6 +21,7 @@ from numba import njit
 
 from csstsim.damage import reading
 from csstsim.errors import InputError
+from csstsim.fits_headers import check_headers
 from csstsim.instrument.filter import GRID
 
 _STEP = 10  # samples of the paper's grid between two knots
@@ -104,6 +105,7 @@ class StarSeds(Seds):
     def __init__(self, path, extinction_curve):
         from astropy.io import fits  # here: half of this module's start-up
 
+        check_headers(path)
         with reading(path, "star spectra"), fits.open(path, memmap=False) as file:
             nodes = [np.float64(file[name].data) for name in ("THETA", "LOGG", "FEH")]
             coefficients, basis = (np.float64(file[name].data) for name in ("COEFF", "BASIS"))

@@ -1,21 +1,25 @@
-"""A FITS file's headers walked through before cfitsio sees them: some values end the process that it runs in."""
+"""A FITS file's headers walked through before a library sees them: some end cfitsio's process, some keep astropy."""
 
 import math
+import os
 import re
 
 from csstsim.errors import InputError
 
 BLOCK, CARD = 2880, 80
-_LENGTH = re.compile(r"(BITPIX|NAXIS\d*|PCOUNT|GCOUNT|ZNAXIS\d*|ZTILE\d+)")
+MOST, FIELDS, AXES = 1 << 28, 999, 999  # values of a packed image; columns and axes, by the standard
+_LENGTH = re.compile(r"(BITPIX|NAXIS\d*|PCOUNT|GCOUNT|TFIELDS|ZNAXIS\d*|ZTILE\d+)")
 _INTEGER = re.compile(r"[+-]?\d{1,18}")
 
 
 def check_headers(path):
-    """Raise InputError for a length that is no whole number, negative, or zero where cfitsio divides by it.
+    """Raise InputError for a length that is no whole number, negative, beyond what is read, or 0 where it divides.
 
-    A file that is no FITS at all, or cut short, is left to cfitsio to refuse.
+    A file that is missing, no FITS at all, or cut short is left to its reader to refuse.
     """
-    size, start = path.stat().st_size, 0
+    if not os.path.isfile(path):
+        return
+    size, start = os.stat(path).st_size, 0
     with open(path, "rb") as file:
         while start < size:
             file.seek(start)
@@ -45,6 +49,7 @@ def _lengths(file, path):
 
 def _length(key, text, path):
     value = int(text) if _INTEGER.fullmatch(text) else None
-    if value is None or (key != "BITPIX" and value < 0) or (key.startswith("Z") and value == 0):
+    most = FIELDS if key == "TFIELDS" else AXES if key.endswith("NAXIS") else MOST if key.startswith("Z") else value
+    if value is None or value > most or (key != "BITPIX" and value < 0) or (key.startswith("Z") and value == 0):
         raise InputError("a header is damaged: no length", file=path, key=key, value=text)
     return value
