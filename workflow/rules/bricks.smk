@@ -75,7 +75,7 @@ rule validate:
     group:
         "brick"
     resources:
-        mem_mb=validating,
+        mem_mb=more(4000),
         runtime=more(4),
     params:
         thresholds=RUN.config.validation.model_dump(mode="json"),

@@ -82,11 +82,6 @@ def more(amount):
     return lambda wildcards, attempt: amount * attempt
 
 
-def validating(wildcards, attempt):
-    """Memory of a brick's validation, which holds the truth and the detections of all of its frames (config/costs.yaml)."""
-    return attempt * max(4000, 500 + 110 * len(RUN.merge_bricks[int(wildcards.pix)]))
-
-
 wildcard_constraints:
     obsid=r"\d{9,14}",
     chip=r"\d{2}",
