@@ -8,6 +8,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from matplotlib.image import imread, imsave
 from webdriver import browser
 
 from csstsim.campaign import OpenCampaign
@@ -23,7 +24,9 @@ def main():
         window.open(page.resolve().as_uri())
         window.run("document.querySelector('#plane').scrollIntoView()")
         time.sleep(1)  # s, until it is drawn
+        right = window.run("return document.querySelector('#plane svg').getBoundingClientRect().right")
         window.screenshot(TARGET)
+    imsave(TARGET, imread(TARGET)[:, : round(right) + 16])
     print(TARGET)
 
 
