@@ -25,10 +25,8 @@ from csstsim.campaign import OpenCampaign
 ROOT = Path(__file__).parents[1]
 CHIPS = [6, 7, 8, 9, 10, 11, 12, 14]  # y, i, g, r, GI, z, NUV, u
 FOLDER = ROOT / "results" / "overhead"
-STARTS, FILES = (
-    2,
-    {"stages": 8, "whole": 8, "exposure": 30},
-)  # Snakemakes and Level-0 files in a Slurm job (profiles/slurm)
+STARTS = 2  # of Snakemake on the node, for each Slurm job: its own, and one for what it has been given
+FILES = {"stages": 8, "whole": 8, "exposure": 30}  # Level-0 files in a Slurm job
 LIMIT = 0.15
 
 

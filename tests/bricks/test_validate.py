@@ -78,6 +78,20 @@ def failing(result):
     return {(g["name"], g["band"]) for g in result["gates"] if g["passed"] is False}
 
 
+def test_counts_are_of_the_objects_in_frames_of_the_band():
+    """r sees all of a field, g a third of it: what g never saw is not lost to it; what it saw and lost is."""
+    r, g = make_frame("r", 3), make_frame("g", 3)
+    part = g.truth["x"] < 750.0
+    seen = g.measured.take(g.measured["x"] < 750.0)
+    seen.meta["window"] = [0, 800, 0, g.info["window"][3]]
+    g = replace(g, truth=g.truth.take(part), measured=seen)
+    result, _ = run([r, g])
+    assert result["bands"]["g"]["counts"]["n"] < 0.5 * result["bands"]["r"]["counts"]["n"]
+    assert abs(gate(result, "number counts", "g")["value"]) < 0.02 and gate(result, "number counts", "g")["passed"]
+    lost, _ = run([r, replace(g, measured=seen.take(np.arange(len(seen)) % 2 == 0))])
+    assert gate(lost, "number counts", "g")["passed"] is False
+
+
 def test_completeness_counts():
     snr, found = np.array([0.5, 1.5, 1.6, 7.0, 7.5, 900.0]), np.array([1, 1, 0, 1, 1, 1], bool)
     n, seen = completeness(snr, found, (1, 2, 5, 10))

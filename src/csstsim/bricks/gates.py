@@ -8,7 +8,7 @@ import numpy as np
 
 FEW = 20
 CHANCE = 2.0  # sigma of chance that are forgiven
-WORST = 4.0  # ... where it is the worst of many values: of the thousands of bins and widths of a release some lie there
+WORST = 4.0  # ... of bins and widths, of which a release has thousands: the worst lies beyond three by chance
 
 
 def at_most(name, band, value, threshold, n, chance=0.0):
