@@ -39,7 +39,7 @@ try:
 except CsstsimError as error:
     raise WorkflowError(str(error)) from None
 JOB_OF = {"whole": "chip", "stages": "stages", "exposure": "exposure"}  # rules
-CHIPS_AS = config.get("chips", "whole")
+CHIPS_AS = str(config.get("chips", "whole"))  # a YAML file may hold anything
 if CHIPS_AS not in JOB_OF:
     raise WorkflowError(f"chips: {CHIPS_AS}; allowed: {', '.join(JOB_OF)}")
 OUT = str(RUN.paths.output)
