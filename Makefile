@@ -16,7 +16,7 @@ test: .venv/ready
 	ruff check .
 	ruff format --check .
 	lint-imports
-	snakefmt --check Snakefile workflow
+	snakefmt --check workflow
 	python workflow/lint.py --config campaign=config/campaign.yaml
 	pytest -n 2 --dist loadfile
 
@@ -35,7 +35,7 @@ test-faults: .venv/ready
 format: .venv/ready
 	ruff check --fix .
 	ruff format .
-	snakefmt Snakefile workflow
+	snakefmt workflow
 
 # A set-up that was cut short is not trusted: pip takes a package without its programs for installed
 .venv/ready: requirements.lock pyproject.toml

@@ -9,7 +9,6 @@ shipped in config/.
 import hashlib
 import json
 import math
-from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
@@ -17,9 +16,10 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 from csstsim.errors import InputError
 from csstsim.model import FilePath, Model, validate
 from csstsim.release import NEWEST, check_layout
+from csstsim.shipped import ROOT
 from csstsim.yaml_file import read_yaml
 
-SHIPPED = Path(__file__).resolve().parents[2] / "config"
+SHIPPED = ROOT / "config"
 
 CHIP_GROUPS = ("all", "imaging", "slitless")
 ExposureType = Literal["SCIE", "BIAS", "DARK", "FLAT"]

@@ -3,6 +3,7 @@ import atexit
 import os
 import shlex
 import shutil
+import sys
 from types import SimpleNamespace
 
 from csstsim.atomic import remove_left
@@ -66,7 +67,8 @@ SPECTRA_CHIP = (
 # One thread a process: parallelism is over chips. Hidden BLAS threads would fight over the cores.
 LIBRARIES = "OMP", "OPENBLAS", "MKL", "NUMBA"
 shell.prefix(
-    f"export CAMPAIGN={shlex.quote(str(CAMPAIGN))} CSSTSIM_SCRATCH={shlex.quote(str(RUN.paths.chips.parent))} "
+    f"export PATH={shlex.quote(os.path.dirname(sys.executable))}:$PATH "  # this csstsim, whatever else is installed
+    + f"CAMPAIGN={shlex.quote(str(CAMPAIGN))} CSSTSIM_SCRATCH={shlex.quote(str(RUN.paths.chips.parent))} "
     + " ".join(f"{library}_NUM_THREADS=1" for library in LIBRARIES)
     + "; "
 )

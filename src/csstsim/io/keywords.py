@@ -8,12 +8,12 @@ import json
 import math
 from datetime import UTC, datetime
 from functools import cache
-from pathlib import Path
 
 import csstsim
 from csstsim.errors import InputError
 from csstsim.io.fits import card, remark
 from csstsim.release import release
+from csstsim.shipped import ROOT
 from csstsim.units import EARTH_GM_KM3_S2, EARTH_RADIUS_KM
 
 STAGES = ("select", "render", "readout", "level0")
@@ -177,7 +177,7 @@ def _simulation(provenance):
 @cache
 def git_commit():
     """Return the commit of the clone that csstsim runs from, or None; reads .git, starts no process."""
-    git = Path(csstsim.__file__).resolve().parents[2] / ".git"
+    git = ROOT / ".git"
     try:
         head = (git / "HEAD").read_text().strip()
         if not head.startswith("ref: "):
