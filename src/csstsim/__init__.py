@@ -1,3 +1,19 @@
-"""csstsim: an open simulator of the CSST Survey Camera."""
+"""csstsim: an open simulator of the CSST Survey Camera. In Python: csstsim.api, whose names are here, too."""
+
+import importlib
 
 __version__ = "0.1.0"
+__all__ = ["Frame", "InputError", "Simulation"]
+
+
+def __getattr__(name):
+    """Import what is asked for when it is asked for: `import csstsim` alone, and the command line, stay quick."""
+    if name in ("Frame", "Simulation"):
+        return getattr(importlib.import_module("csstsim.api"), name)
+    if name == "InputError":
+        return importlib.import_module("csstsim.errors").InputError
+    raise AttributeError(f"module 'csstsim' has no attribute {name!r}")
+
+
+def __dir__():
+    return [*globals(), *__all__]

@@ -37,10 +37,14 @@ EDGE_PX = 3.0  # field distortion bends a chip's edges on the sky: by up to 2.4 
 class OpenCampaign:
     """A checked campaign. Raises InputError for any fault in its files."""
 
-    def __init__(self, file, output=None, scratch=None, *, copied=False):
-        """copied: the folder is only read, and may be a copy, which lies elsewhere than its `campaign.json` says."""
+    def __init__(self, file, output=None, scratch=None, *, copied=False, config=None, layers=None):
+        """Open a campaign.
+
+        copied: the folder is only read, and may be a copy, which lies elsewhere than its `campaign.json` says. config
+        (config.Campaign) and layers ({exposure type: list as config.Observation.layers}) stand for what the files say.
+        """
         self.file = Path(file)
-        self.config = load_campaign(file)
+        self.config = config or load_campaign(file)
         self.paths = Paths(output or self.config.output, scratch)
         if not copied:
             check_owner(self)
@@ -49,7 +53,8 @@ class OpenCampaign:
         self.pointings = {p.obsid: p for p in load_survey_table(self.config.survey_table, self.camera.orbit)}
         check_selection(self)
         types = sorted({p.type for p in self._selected_pointings()})
-        self.steps = {kind: SimSteps(self.config.observation_file(kind), kind) for kind in types}
+        layers = layers or {}
+        self.steps = {kind: SimSteps(self.config.observation_file(kind), kind, layers.get(kind)) for kind in types}
         # One exposure time: where the layers ask for another than the table's, it is the exposure's everywhere.
         asked = {kind: steps.exptime for kind, steps in self.steps.items() if steps.exptime is not None}
         for kind, exptime in asked.items():

@@ -87,6 +87,21 @@ def show(file, output, **options):
     click.echo(run(file, output, **options))
 
 
+@click.command()
+@click.argument("folder", type=click.Path())
+def init(folder):
+    """Write a folder with a campaign that runs as it is, to be changed into your own.
+
+    \b
+      csstsim init mysky && cd mysky
+      csstsim plan campaign.yaml
+      snakemake --cores 2
+    """
+    from csstsim.init import init as run
+
+    run(folder, say=click.echo)
+
+
 @click.command("fit-grating")
 @click.argument("samples", type=click.Path())
 @click.option("--output", required=True, type=click.Path(), help="The aXe configuration to write, NAME.conf.")
@@ -204,4 +219,4 @@ def status(campaign, output, watch):
         sys.exit(128 + signal.SIGINT)
 
 
-TOOLS = bench, show, status, shear, verify, fit_grating, layers
+TOOLS = init, bench, show, status, shear, verify, fit_grating, layers

@@ -6,7 +6,7 @@ from csstsim.errors import InputError
 from csstsim.release import check_release
 
 
-def truth(run, pix):
+def truth(run, pix, say=print):
     """Make one brick of the embedded universe."""
     from csstsim.universe.bricks import write_brick
 
@@ -16,7 +16,7 @@ def truth(run, pix):
         )
     run.open_truth()
     write_brick(run.paths.truth(pix), pix, **run.universe_key())
-    print(run.paths.truth(pix))
+    say(run.paths.truth(pix))
 
 
 def psf(run, chip_id):
@@ -54,7 +54,7 @@ def _nodes_uv(camera, chip, grid):
 
 def missing_bricks(run, job, say):
     """Make the bricks of the embedded universe a job needs, where they are missing."""
-    _make({run.paths.truth(pix): partial(truth, run, pix) for pix in run.truth_bricks(job)}, say)
+    _make({run.paths.truth(pix): partial(truth, run, pix, say) for pix in run.truth_bricks(job)}, say)
 
 
 def missing_psf(run, chip, say):

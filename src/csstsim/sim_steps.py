@@ -51,17 +51,18 @@ class Step:
 class SimSteps:
     """The layers of one kind of exposure, checked before any work.
 
-    kind: the exposure type the list is for (None: any). Raises InputError for an unknown keyword or parameter, a
+    kind: the exposure type the list is for (None: any); layers: the list itself, where it differs from the file's
+    (config.Observation.layers). Raises InputError for an unknown keyword or parameter, a
     layer of csstsim given twice or in the wrong kind of exposure, a stage that goes backwards, a layer whose unit or
     frame is not what the one before it leaves, a list that does not end in a file, two exposure times, or losses that
     differ between layers.
     """
 
-    def __init__(self, file, kind=None):
+    def __init__(self, file, kind=None, layers=None):
         self.file = file
         self.steps = []
         uses = {}
-        for number, entry in enumerate(load_observation(file).layers):
+        for number, entry in enumerate(load_observation(file).layers if layers is None else layers):
             [(keyword, param)] = entry.items()
             name = keyword.lower()
             uses[name] = uses.get(name, 0) + 1

@@ -141,6 +141,7 @@ def readout(run, job):
 
     timer = Timer("readout")
     state = _readout(run, job, _state_before(run, job, "render"))
+    _save_cosmic(run, job, state)
     state.header.setdefault("stages", []).append(timer.entry())
     save_frame(
         run.paths.stage(*job.key, "readout.fits"), {"image": state.image, "mask": state.mask}, _meta(run, job, state)
@@ -148,20 +149,22 @@ def readout(run, job):
 
 
 def _readout(run, job, state):
-    state = run.steps[job.pointing.type].run(state, "readout", run.config.seed)
-    run.paths.level0_cosmic(job.pointing, job.chip.id).unlink(missing_ok=True)  # of another layer list
-    if state.cosmic_rays is not None:
-        _save_cosmic(run, job, state)
-    return state
+    return run.steps[job.pointing.type].run(state, "readout", run.config.seed)
 
 
 def _save_cosmic(run, job, state):
-    """Write the electrons of cosmic rays alone (int32, the window's active pixels) beside the Level-0 file."""
+    """Write the electrons of cosmic rays alone (int32, the window's active pixels), if a layer left them to be written.
+
+    They lie beside the Level-0 file; one of another layer list is removed.
+    """
     from csstsim.io.frames import save_frame
 
+    path = run.paths.level0_cosmic(job.pointing, job.chip.id)
+    path.unlink(missing_ok=True)
+    if state.cosmic_rays is None:
+        return
     (pixel, electrons), plane = state.cosmic_rays, np.zeros(job.window.shape, np.int32)
     plane.reshape(-1)[pixel] = electrons
-    path = run.paths.level0_cosmic(job.pointing, job.chip.id)
     save_frame(path, {"cosmic": plane}, {"recipe": run.recipe(job), "unit": "electron"})
     state.cosmic_rays = None
 
@@ -180,14 +183,11 @@ def level0(run, job):
         path = run.paths.stage(*job.key, "orders.parquet")
         state.orders = ObjectTable.read(path)
         check_recipe(path, state.orders.meta, run.recipe(job))
-    _level0(run, job, state, timer)
+    _write(run, job, *_level0(run, job, state, timer))
 
 
 def _level0(run, job, state, timer):
-    from csstsim.catalog.table import ObjectTable
-    from csstsim.io.level0 import write_level0
-    from csstsim.io.orders import write_orders
-    from csstsim.io.truth import electron_budget, write_truth
+    """Return the State after the level0 stage and its provenance (io.keywords.header_values)."""
     from csstsim.optics import shutter
 
     steps = run.steps[job.pointing.type]
@@ -206,22 +206,62 @@ def _level0(run, job, state, timer):
         "stages": state.header.pop("stages"),
         "timing": state.header.pop("timing", []),
     }
+    return state, provenance
+
+
+def _write(run, job, state, provenance):
+    """Write the Level-0 file with its truth, and that of orders, beside it."""
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.io.level0 import write_level0
+    from csstsim.io.orders import write_orders
+    from csstsim.io.truth import electron_budget, write_truth
+
     path = run.paths.level0(job.pointing, job.chip.id)
     truth_path = run.paths.level0_truth(job.pointing, job.chip.id)
     drawn = state.truth if state.truth is not None else ObjectTable.complete({})
     about = {"recipe": run.recipe(job), "level0": path.name, "full_well": run.camera.detector.full_well}
-    if steps.shipped:  # a layer of the user's own may bring charge that nothing counts
+    if run.steps[job.pointing.type].shipped:  # a layer of the user's own may bring charge that nothing counts
         about["electrons"] = electron_budget(state.header, job.window.nx * job.window.ny)
     write_truth(truth_path, drawn, job, about)
     if state.orders is not None:
         orders = {"recipe": run.recipe(job), "level0": path.name}
         write_orders(run.paths.level0_orders(job.pointing, job.chip.id), state.orders, orders)
     write_level0(path, state, run.camera.keywords, provenance)
-    state.header["timing"] = provenance["timing"]
 
 
 def chip(run, job, say=print):
-    """Run one job in memory, its missing truth bricks and PSF set made first; return its State at the end."""
+    """Run one job in memory, its missing truth bricks and PSF set made first, and write its Level-0 file and truth.
+
+    Returns the State at the end.
+    """
+    state, provenance = simulate(run, job, say)
+    timer = Timer("writing")
+    _save_cosmic(run, job, state)
+    _write(run, job, state, provenance)
+    state.header["timing"] = provenance["timing"]
+    for name, wall, cpu in [*provenance["stages"], timer.entry()]:
+        say(f"{name}: {wall:.1f} s, {cpu:.1f} CPU-s")
+    say(f"{run.paths.level0(job.pointing, job.chip.id)} and its truth table")
+    return state
+
+
+def simulate(run, job, say=print):
+    """Run one job in memory, its missing truth bricks and PSF set made first.
+
+    Returns its State at the end (image: DN, uint16, the window's readout frame) and its provenance, from which
+    io.level0 makes the header.
+    """
+    state, timer = light(run, job, say), Timer("readout")
+    state = _readout(run, job, state)
+    state.header["stages"].append(timer.entry())
+    return _level0(run, job, state, Timer("level0"))
+
+
+def light(run, job, say=print):
+    """Return the State of a job after the render stage: expected and counted electrons of objects and sky, truth.
+
+    Missing truth bricks and a missing PSF set are made first.
+    """
     from csstsim.catalog.table import ObjectTable
 
     header, objects = {"stages": []}, None
@@ -240,14 +280,6 @@ def chip(run, job, say=print):
         header["stages"].append(timer.entry())
     if state.truth is None:
         state.truth = ObjectTable.complete({})
-    timer = Timer("readout")
-    state = _readout(run, job, state)
-    header["stages"].append(timer.entry())
-    timer = Timer("level0")
-    _level0(run, job, state, timer)
-    for name, wall, cpu in [*header["stages"][:-1], timer.entry()]:  # level0 now with its writing
-        say(f"{name}: {wall:.1f} s, {cpu:.1f} CPU-s")
-    say(f"{run.paths.level0(job.pointing, job.chip.id)} and its truth table")
     return state
 
 

@@ -56,9 +56,7 @@ def write_level0(path, state, keywords, provenance, layout=None):
     frame = ReadoutFrame.of(state.chip.detector, state.window)
     if state.image.dtype != np.uint16:
         raise ValueError(f"Level-0 holds uint16; the image is {state.image.dtype}: quantization_and_output is missing")
-    values = header_values(state, provenance, level0_stem(state.pointing, state.chip.id), layout)
-    primary = header_cards(keywords, values, 0)
-    image = header_cards(keywords, values, 1) + wcs_cards(state.wcs, frame, layout, state.header.get("sip"))
+    primary, image = level0_cards(state, keywords, provenance, layout)
     hdus = [("", primary, None), ("IMAGE", image, frame.to_stored(state.image, layout))]
     if state.mask is not None:
         hdus.append(("MASK", mask_cards(), frame.to_stored(state.mask, layout)))
@@ -66,6 +64,14 @@ def write_level0(path, state, keywords, provenance, layout=None):
         write_hdus(temporary, hdus)
         if state.header.get("compress"):
             compress(temporary)
+
+
+def level0_cards(state, keywords, provenance, layout):
+    """Return the cards of HDU 0 and of IMAGE, two lists; arguments as of `write_level0`."""
+    frame = ReadoutFrame.of(state.chip.detector, state.window)
+    values = header_values(state, provenance, level0_stem(state.pointing, state.chip.id), layout)
+    image = header_cards(keywords, values, 1) + wcs_cards(state.wcs, frame, layout, state.header.get("sip"))
+    return header_cards(keywords, values, 0), image
 
 
 def mask_cards():

@@ -25,8 +25,13 @@ _NEEDED = ("id", "row", "order", "grating", "cut", "xImage", "yImage", "p", "q",
 
 def write_orders(path, orders, metadata):
     """Write the table of orders, x and y 0-based as render.draw_dispersed gives them."""
+    orders_table(orders).write(path, metadata)
+
+
+def orders_table(orders):
+    """Return the columns of the file as an ObjectTable, of what render.draw_dispersed gives."""
     columns = {name: orders[name] for name in orders.names if name not in ("x", "y")}
-    ObjectTable(columns | {"xImage": orders["x"] + 1.0, "yImage": orders["y"] + 1.0}).write(path, metadata)
+    return ObjectTable(columns | {"xImage": orders["x"] + 1.0, "yImage": orders["y"] + 1.0})
 
 
 def read_orders(path):

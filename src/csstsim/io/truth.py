@@ -33,6 +33,11 @@ TAKEN = {"chip", "filter", "detA", "dm", "g1", "g2", "size"} | (set(CAT_COLUMNS)
 
 def write_truth(path, drawn, job, metadata):
     """Write the truth of one Level-0 file. drawn: ObjectTable from render; job: job.Job; metadata: {str: str}."""
+    truth_table(drawn, job).write(path, metadata)
+
+
+def truth_table(drawn, job):
+    """Return the truth of one Level-0 file as an ObjectTable. drawn: ObjectTable from render; job: job.Job."""
     count = len(drawn)
     unknown = np.full(count, np.nan, np.float32)
     ours = {f"user_{name}" if name in TAKEN else name: drawn[name] for name in drawn.names}
@@ -47,7 +52,7 @@ def write_truth(path, drawn, job, metadata):
     bulge = ours["bulge_frac"]
     ours["size"] = bulge * ours["size_bulge"] + (1 - bulge) * ours["size_disk"]
     columns = {name: ours.pop(our_name, unknown) for name, our_name in CAT_COLUMNS.items()}
-    ObjectTable(columns | ours).write(path, metadata)
+    return ObjectTable(columns | ours)
 
 
 def electron_budget(header, pixels):

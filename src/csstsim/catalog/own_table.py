@@ -1,0 +1,175 @@
+"""A catalogue from a table: places, magnitudes in one band or more, and shapes; no code needed.
+
+    catalog: {kind: "csstsim.catalog.own_table:TableCatalog", options: {file: objects.csv}}
+
+Columns are those of `catalog.table.COLUMNS` (units there, and in `catalog.base`), and two that spare typing: `type`
+(star, galaxy or quasar; left out: star) and `size` (a galaxy's half-light radius, arcsec, of disk and bulge alike).
+`ra`, `dec` and one of mag_nuv ... mag_y are needed; `id` counts from 1 if left out. Magnitudes are AB, observed,
+through the camera's own bands, before lensing. A spectrum takes the magnitudes of all bands given: its AB magnitude is
+linear in the logarithm of wavelength between their pivots, constant beyond them, and set so that each band has its own.
+One magnitude means a flat spectrum, in f_nu. Spectral lines want a catalogue with `load_sed` (catalog.base).
+"""
+
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.catalog.base import CatalogBase
+from csstsim.catalog.mock_object import MockObjects
+from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, STAR, TYPES, ObjectTable
+from csstsim.config import SHIPPED
+from csstsim.errors import InputError
+from csstsim.fits_headers import check_headers
+from csstsim.instrument.camera import load_camera
+from csstsim.instrument.filter import GRID
+from csstsim.text_file import read_text
+from csstsim.units import ab_photon_density
+
+FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
+MAG_TOLERANCE, PASSES = 1e-4, 30  # of the spectra's magnitudes [mag]; Newton needs three or four
+_OPTIONS = ("file", "columns", "instrument")
+
+
+class TableCatalog(CatalogBase):
+    """Objects of a table.
+
+    options: `file` (.csv, .ecsv or .fits), or `columns`, {name: list of values}; `instrument`, the folder of the camera
+    whose bands are meant (default: the one shipped). Raises InputError for a table that cannot be used.
+    """
+
+    def __init__(self, options, region):
+        super().__init__(options, region)
+        for name in set(self.options) - set(_OPTIONS):
+            raise InputError("unknown key", key="catalog.options", value=name, allowed=", ".join(_OPTIONS))
+        if ("file" in self.options) == ("columns" in self.options):
+            raise InputError("give either file or columns", key="catalog.options")
+        self._load()
+
+    def _load(self):
+        file = self.options.get("file")
+        columns = read_columns(Path(file)) if file else self.options["columns"]
+        self._table = object_table(columns, file or "catalog.options.columns")
+        self.objs = MockObjects(self._table)
+
+    @cached_property
+    def _filters(self):
+        camera = load_camera(Path(self.options.get("instrument") or SHIPPED / "instrument"))
+        filters = {name.lower(): filter_ for name, filter_ in camera.filters.items()}
+        return [filters[band] for band in BANDS]
+
+    def load_seds(self, rows):
+        """Return (len(rows), 18001) spectra [photon / s / m2 / A] on the paper's grid."""
+        table = self._table.take(np.asarray(rows, dtype=int))
+        return colour_spectra(np.stack([table[f"mag_{band}"] for band in BANDS], axis=1), self._filters)
+
+    def load_sed(self, obj):
+        """Return the spectrum of one object: Table of WAVELENGTH [A] and FLUX [photon / s / m2 / A]."""
+        from astropy.table import Table
+
+        mags = np.array([[getattr(obj, f"mag_{band}") for band in BANDS]])
+        return Table({"WAVELENGTH": GRID, "FLUX": colour_spectra(mags, self._filters)[0]})
+
+    def load_norm_filt(self, obj):
+        """Return None: the spectra are absolute."""
+        return None
+
+
+def read_columns(path):
+    """Return {name: values} of a table's file, blanks as NaN. Raises InputError if it is none."""
+    from astropy.table import Table
+
+    if path.suffix.lower() not in FORMATS:
+        raise InputError("a table of unknown kind", file=path, key="catalog.options.file", allowed=", ".join(FORMATS))
+    form = FORMATS[path.suffix.lower()]
+    if form == "fits":
+        check_headers(path)
+    try:
+        table = Table.read(path if form == "fits" else read_text(path), format=form)
+        return {name: np.ma.filled(np.ma.asarray(table[name]), _blank(table[name])) for name in table.colnames}
+    except InputError:
+        raise
+    except Exception as exc:  # astropy's readers raise whatever they meet
+        raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
+
+
+def _blank(column):
+    return np.nan if column.dtype.kind == "f" else "" if column.dtype.kind in "US" else 0
+
+
+def object_table(columns, where):
+    """Return columns as an ObjectTable with ids, types and sizes. Raises InputError, which names `where`."""
+    columns = {name: np.asarray(values) for name, values in columns.items()}
+    lengths = {name: len(values) if values.ndim == 1 else values.shape for name, values in columns.items()}
+    if len(set(lengths.values())) > 1:
+        raise InputError("columns differ in length", file=where, value=str(lengths))
+    given = [f"mag_{band}" for band in BANDS if f"mag_{band}" in columns]
+    for name in ("ra", "dec", *given):
+        if name not in columns:
+            raise InputError("a column is missing", file=where, key=name, allowed="ra, dec, one of mag_nuv to mag_y")
+        if columns[name].dtype.kind not in "iuf":
+            raise InputError("must be numbers", file=where, key=name, value=str(columns[name].dtype))
+    if not given:
+        allowed = ", ".join(f"mag_{band}" for band in BANDS)
+        raise InputError("a column is missing: magnitudes", file=where, key="mag_r", allowed=allowed)
+    count = len(columns["ra"])
+    dark = ~np.isfinite(np.stack([columns[name] for name in given]).astype(float)).any(axis=0)
+    if dark.any():
+        raise InputError(f"row {np.flatnonzero(dark)[0] + 1} has no magnitude", file=where, key=", ".join(given))
+    columns.setdefault("id", np.arange(1, count + 1))
+    if "type" in columns:
+        columns["obj_type"] = _types(columns.pop("type"), where)
+    if "size" in columns:
+        size, galaxy = columns.pop("size"), np.asarray(columns.get("obj_type", np.full(count, STAR))) == GALAXY
+        for part in ("size_disk", "size_bulge"):
+            columns.setdefault(part, np.where(galaxy, size, 0.0))
+    extras = {name if name in COLUMNS else f"user_{name}": values for name, values in columns.items()}
+    try:
+        return ObjectTable.complete(extras)
+    except InputError as error:
+        raise InputError(str(error), file=where) from None
+
+
+def _types(names, where):
+    words = [str(name).strip().lower() for name in names]
+    unknown = sorted(set(words) - set(TYPES))
+    if unknown:
+        raise InputError("unknown type", file=where, key="type", value=unknown[0], allowed=", ".join(TYPES))
+    return np.array([TYPES.index(word) for word in words], np.int8)
+
+
+def colour_spectra(mags, filters):
+    """Return (n, 18001) spectra [photon / s / m2 / A] that have AB magnitudes (n, len(filters)), NaN where not known.
+
+    Raises InputError for colours that no such spectrum has.
+    """
+    mags = np.asarray(mags, dtype=float)
+    spectra = np.zeros((len(mags), len(GRID)))
+    known, kind = np.unique(np.isfinite(mags), axis=0, return_inverse=True)
+    for number, bands in enumerate(known):
+        rows = np.flatnonzero(kind.reshape(-1) == number)
+        spectra[rows] = _through(mags[np.ix_(rows, bands)], [f for f, has in zip(filters, bands, strict=True) if has])
+    return spectra
+
+
+def _through(mags, filters):
+    """The same where every magnitude is known: Newton's method, the magnitudes at the pivots are the unknowns."""
+    order = np.argsort([f.pivot for f in filters])
+    mags, filters = mags[:, order], [filters[i] for i in order]
+    at = np.log(GRID)
+    hats = np.stack([np.interp(at, np.log([f.pivot for f in filters]), row) for row in np.eye(len(filters))])
+    reference = ab_photon_density(GRID)
+    weights = np.stack([f.at(GRID) * reference for f in filters])
+    weights /= weights.sum(axis=1, keepdims=True)
+    slopes = np.einsum("bw,cw->bc", weights, hats)  # of a band's magnitude with a pivot's, for a flat spectrum
+    nodes = mags.copy()
+    for _ in range(PASSES):
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # magnitudes of a slip of the pen
+            light = 10 ** (-0.4 * np.einsum("nb,bw->nw", nodes, hats))
+            off = mags + 2.5 * np.log10(np.einsum("nw,bw->nb", light, weights))
+        if np.abs(off).max(initial=0.0) < MAG_TOLERANCE:
+            return light * reference
+        nodes += np.linalg.solve(slopes, off.T).T
+    bad = np.flatnonzero(~(np.abs(off).max(axis=1) < MAG_TOLERANCE))[0]
+    colours = ", ".join(f"{f.name} {mag:.2f}" for f, mag in zip(filters, mags[bad], strict=True))
+    raise InputError("no smooth spectrum has these magnitudes", key="catalog", value=colours)
