@@ -24,13 +24,11 @@ from csstsim.campaign import OpenCampaign
 from csstsim.catalog.astrometry import at_j2000, icrs
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.config import SHIPPED, Lensing
+from csstsim.optics.aim import aim
 from csstsim.progress import progress
 from csstsim.rng import stream
 from csstsim.universe.bricks import make_brick
 from csstsim.universe.numbers import load_universe
-
-sys.path.append(str(Path(__file__).resolve().parents[1] / "survey_tables"))
-from make_tables import boresight_for
 
 CAMPAIGN = SHIPPED / "standard_scene.yaml"
 COUNTS = Path(__file__).with_suffix(".csv")
@@ -101,10 +99,10 @@ def on_chip(number):
     run = OpenCampaign(CAMPAIGN)
     pointing, chip, folder = run.jobs[0].pointing, run.camera.chips[number], Path("results/standard_scene")
     centre = run.jobs[0].wcs.pixel_to_world(*(np.array(run.jobs[0].window.shape[::-1]) / 2))
-    ra, dec = boresight_for(chip, pointing.pa, centre, chip.detector.nx / 2, chip.detector.ny / 2)
+    there = aim(pointing, chip, centre, (chip.detector.nx / 2, chip.detector.ny / 2))
     folder = folder / f"chip_{number:02d}"
     folder.mkdir(parents=True, exist_ok=True)
-    row = [pointing.obsid, "SCIE", f"{ra:.6f}", f"{dec:.6f}", pointing.pa, pointing.time, pointing.exptime]
+    row = [pointing.obsid, "SCIE", f"{there.ra:.6f}", f"{there.dec:.6f}", pointing.pa, pointing.time, pointing.exptime]
     (folder / "survey.csv").write_text(f"obsid,type,ra,dec,pa,time,exptime\n{','.join(map(str, row))}\n")
     content = yaml.safe_load(CAMPAIGN.read_text()) | {
         "name": folder.name, "survey_table": str(folder / "survey.csv"), "output": str(folder)

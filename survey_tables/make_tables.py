@@ -16,6 +16,7 @@ import numpy as np
 from csstsim.config import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
+from csstsim.optics.aim import aim
 from csstsim.optics.wcs import ChipWCS
 
 PA = -113.4333  # deg, the roll of the published headers
@@ -104,20 +105,11 @@ def demo(camera):
             angle = 2.4 * i
             x = (chip.detector.nx - 1) / 2 + DEMO_DITHER * np.cos(angle)
             y = (chip.detector.ny - 1) / 2 + DEMO_DITHER * np.sin(angle)
-            ra, dec = boresight_for(chip, pa, DEMO_TARGET, x, y)
-            exposures.append(_pointing(ra, dec, pa, obsid=f"10100{i + 1:06d}", time=_iso(times[i])))
+            exposure = _pointing(0.0, 0.0, pa, obsid=f"10100{i + 1:06d}", time=_iso(times[i]))
+            exposures.append(aim(exposure, chip, DEMO_TARGET, (x, y)))
     chip, column = camera.chips[DEMO_SPECTRA[0]], DEMO_SPECTRA[1]
-    ra, dec = boresight_for(chip, PA, DEMO_TARGET, column, (chip.detector.ny - 1) / 2)
-    return [*exposures, _pointing(ra, dec, PA, obsid=f"10100{len(times):06d}", time=_iso(times[-1]))]
-
-
-def boresight_for(chip, pa, target, x, y):
-    """Return the boresight ra, dec that puts `target` on pixel x, y of `chip` at position angle `pa`."""
-    ra, dec = target
-    for _ in range(20):
-        here = ChipWCS(chip, _pointing(ra, dec, pa)).pixel_to_world(x, y)
-        ra, dec = (ra + target[0] - here[0]) % 360.0, dec + target[1] - here[1]
-    return float(ra), float(dec)
+    exposure = _pointing(0.0, 0.0, PA, obsid=f"10100{len(times):06d}", time=_iso(times[-1]))
+    return [*exposures, aim(exposure, chip, DEMO_TARGET, (column, (chip.detector.ny - 1) / 2))]
 
 
 def calibration():

@@ -20,10 +20,12 @@ from typing import Any
 import numpy as np
 
 from csstsim.campaign import OpenCampaign
+from csstsim.catalog.own_table import plain_columns
 from csstsim.config import Campaign, Observation, digest, load_campaign, load_observation
 from csstsim.errors import InputError
 from csstsim.io.paths import Paths
 from csstsim.model import validate
+from csstsim.optics.aim import exposure_of
 from csstsim.release import release
 from csstsim.shipped import ROOT
 
@@ -86,11 +88,11 @@ class Simulation:
             config = validate(Campaign, config.model_dump() | shipped, self._file)
         folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         self._cache = Path(cache or os.environ.get("CSSTSIM_CACHE") or Path(folder) / "csstsim")
-        self._open(config, {})
+        self._open(config, {}, None)
 
-    def _open(self, config, layers):
-        self._layers = layers
-        self._run = OpenCampaign(self._file, copied=True, config=config, layers=layers)
+    def _open(self, config, layers, pointings):
+        self._layers, self._pointings = layers, pointings
+        self._run = OpenCampaign(self._file, copied=True, config=config, layers=layers, pointings=pointings)
         self._run.paths = _Kept(self._cache, self._run)
 
     def replace(self, *, layers=None, catalog=None, **keys):
@@ -103,17 +105,41 @@ class Simulation:
         a campaign file. Raises InputError for an unknown key or layer, or a value that cannot be used.
         """
         config = self._run.config.model_dump()
-        if isinstance(keys.get("window"), tuple | list):
+        if isinstance(keys.get("window"), tuple | list) and len(keys["window"]) == 4:
             keys["window"] = dict(zip(("x0", "x1", "y0", "y1"), keys["window"], strict=True))
         if "window" in keys and "select" not in keys:  # pixels are named: no circle on the sky chooses them
             keys["select"] = config["select"] | ({"region": None} if keys["window"] != "region" else {})
         if catalog is not None:
             keys["catalog"] = _catalog(catalog, config["catalog"])
+        pointings = None if "survey_table" in keys else self._pointings
+        return self._with(config | keys, self._changed(layers) if layers else self._layers, pointings)
+
+    def _with(self, config, layers, pointings):
         made = object.__new__(Simulation)
         made._file, made._cache = self._file, self._cache
-        changed = self._changed(layers) if layers else self._layers
-        made._open(validate(Campaign, config | keys, self._file), changed)
+        made._open(validate(Campaign, config, self._file), layers, pointings)
         return made
+
+    def aim(self, ra, dec, chip=9, *, size=1000, pa=0.0, time="2027-11-20T01:20:00", exptime=150.0):
+        """Return a Simulation of one exposure that has a place on the middle of one chip, and the pixels around it.
+
+        ra, dec [deg, ICRS]; chip 1 to 30 (its filter is the image's); size: side of the window [pixel], None for the whole
+        chip; pa: position angle [deg]; time: ISO UTC; exptime [s]. Raises InputError for values that cannot be used.
+        """
+        camera = self._run.camera
+        if chip not in camera.chips:
+            raise InputError("no such chip", key="chip", value=chip, allowed=f"1 to {max(camera.chips)}")
+        pointing = exposure_of(
+            camera, camera.chips[chip], ra, dec, obsid="10100000001", pa=pa, time=time, exptime=exptime
+        )
+        detector, window = camera.chips[chip].detector, None
+        if size is not None:
+            spans = {axis: (n - size) // 2 for axis, n in (("x", detector.nx), ("y", detector.ny))}
+            window = {f"{axis}{i}": start + i * size for axis, start in spans.items() for i in (0, 1)}
+        select = {"types": ["SCIE"], "chips": [chip]}
+        return self._with(
+            self._run.config.model_dump() | {"select": select, "window": window}, self._layers, [pointing]
+        )
 
     def _changed(self, changes):
         """Return {"SCIE": list of layers} with parameters changed and layers left out."""
@@ -239,7 +265,7 @@ def _catalog(given, before):
     if not hasattr(given, "colnames"):
         allowed = "an astropy Table, a CatalogBase class, a mapping"
         raise InputError("cannot be used", key="catalog", value=type(given).__name__, allowed=allowed)
-    columns = {name: np.ma.filled(np.ma.asarray(given[name]), np.nan).tolist() for name in given.colnames}
+    columns = {name: values.tolist() for name, values in plain_columns(given).items()}
     return kept | {"kind": _TABLE, "options": {"columns": columns}}
 
 

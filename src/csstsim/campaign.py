@@ -37,11 +37,12 @@ EDGE_PX = 3.0  # field distortion bends a chip's edges on the sky: by up to 2.4 
 class OpenCampaign:
     """A checked campaign. Raises InputError for any fault in its files."""
 
-    def __init__(self, file, output=None, scratch=None, *, copied=False, config=None, layers=None):
+    def __init__(self, file, output=None, scratch=None, *, copied=False, config=None, layers=None, pointings=None):
         """Open a campaign.
 
         copied: the folder is only read, and may be a copy, which lies elsewhere than its `campaign.json` says. config
-        (config.Campaign) and layers ({exposure type: list as config.Observation.layers}) stand for what the files say.
+        (config.Campaign), layers ({exposure type: list as config.Observation.layers}) and pointings (instrument.pointing)
+        stand for what the files say.
         """
         self.file = Path(file)
         self.config = config or load_campaign(file)
@@ -50,7 +51,8 @@ class OpenCampaign:
             check_owner(self)
         self.camera = load_camera(self.config.instrument_folder)
         self.rendering = load_numbers()
-        self.pointings = {p.obsid: p for p in load_survey_table(self.config.survey_table, self.camera.orbit)}
+        pointings = pointings or load_survey_table(self.config.survey_table, self.camera.orbit)
+        self.pointings = {p.obsid: p for p in pointings}
         check_selection(self)
         types = sorted({p.type for p in self._selected_pointings()})
         layers = layers or {}

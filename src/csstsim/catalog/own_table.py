@@ -28,6 +28,10 @@ from csstsim.units import ab_photon_density
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
 MAG_TOLERANCE, PASSES = 1e-4, 30  # of the spectra's magnitudes [mag]; Newton needs three or four
+_UNITS = {
+    **dict.fromkeys(("ra", "dec"), "deg"), **dict.fromkeys(("size", "size_disk", "size_bulge"), "arcsec"),
+    **dict.fromkeys(("pmra", "pmdec"), "mas / yr"), "parallax": "mas", "rv": "km / s",
+}  # fmt: skip
 _OPTIONS = ("file", "columns", "instrument")
 
 
@@ -86,15 +90,36 @@ def read_columns(path):
         check_headers(path)
     try:
         table = Table.read(path if form == "fits" else read_text(path), format=form)
-        return {name: np.ma.filled(np.ma.asarray(table[name]), _blank(table[name])) for name in table.colnames}
+        return plain_columns(table)
     except InputError:
         raise
     except Exception as exc:  # astropy's readers raise whatever they meet
         raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
 
 
-def _blank(column):
-    return np.nan if column.dtype.kind == "f" else "" if column.dtype.kind in "US" else 0
+def plain_columns(table):
+    """Return {name: numpy array} of an astropy Table, blanks as NaN or "", units turned into csstsim's.
+
+    Raises InputError for a unit that is not one of what the column holds, or a column of more than numbers and words.
+    """
+    return {name: _plain(name, table[name]) for name in table.colnames}
+
+
+def _plain(name, column):
+    unit, wanted = getattr(column, "unit", None), _UNITS.get(name)
+    if unit is not None and wanted is not None and str(unit) != wanted:
+        try:
+            column = np.ma.filled(np.ma.asarray(column, dtype=float), np.nan) * unit.to(wanted)
+        except (TypeError, ValueError):
+            raise InputError("a unit that does not fit", key=name, value=str(unit), allowed=wanted) from None
+    values = np.ma.asarray(getattr(column, "value", column))
+    if values.dtype.kind not in "biufUS" or values.ndim != 1:
+        raise InputError("must hold one number or word a row", key=name, value=f"{values.dtype}, {values.shape}")
+    if values.dtype.kind == "S":
+        values = values.astype(str)
+    if values.dtype.kind in "biu" and np.ma.is_masked(values):
+        values = values.astype(float)
+    return np.ma.filled(values, {"f": np.nan, "U": ""}.get(values.dtype.kind, 0))
 
 
 def object_table(columns, where):
