@@ -123,8 +123,9 @@ class Simulation:
     def aim(self, ra, dec, chip=9, *, size=1000, pa=0.0, time="2027-11-20T01:20:00", exptime=150.0):
         """Return a Simulation of one exposure that has a place on the middle of one chip, and the pixels around it.
 
-        ra, dec [deg, ICRS]; chip 1 to 30 (its filter is the image's); size: side of the window [pixel], None for the whole
-        chip; pa: position angle [deg]; time: ISO UTC; exptime [s]. Raises InputError for values that cannot be used.
+        ra, dec [deg, ICRS]; chip 1 to 30 (its filter is the image's); size: side of the window [pixel], None for the
+        whole chip; pa: position angle [deg]; time: ISO UTC; exptime [s]. The exposure's obsid is 10100000001.
+        Raises InputError for values that cannot be used.
         """
         camera = self._run.camera
         if chip not in camera.chips:
@@ -136,10 +137,8 @@ class Simulation:
         if size is not None:
             spans = {axis: (n - size) // 2 for axis, n in (("x", detector.nx), ("y", detector.ny))}
             window = {f"{axis}{i}": start + i * size for axis, start in spans.items() for i in (0, 1)}
-        select = {"types": ["SCIE"], "chips": [chip]}
-        return self._with(
-            self._run.config.model_dump() | {"select": select, "window": window}, self._layers, [pointing]
-        )
+        changes = {"select": {"types": ["SCIE"], "chips": [chip]}, "window": window}
+        return self._with(self._run.config.model_dump() | changes, self._layers, [pointing])
 
     def _changed(self, changes):
         """Return {"SCIE": list of layers} with parameters changed and layers left out."""

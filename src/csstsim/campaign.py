@@ -41,8 +41,8 @@ class OpenCampaign:
         """Open a campaign.
 
         copied: the folder is only read, and may be a copy, which lies elsewhere than its `campaign.json` says. config
-        (config.Campaign), layers ({exposure type: list as config.Observation.layers}) and pointings (instrument.pointing)
-        stand for what the files say.
+        (config.Campaign), layers ({exposure type: list as config.Observation.layers}) and pointings (a list of
+        instrument.pointing.Pointing) stand for what the files say.
         """
         self.file = Path(file)
         self.config = config or load_campaign(file)

@@ -89,17 +89,21 @@ def show(file, output, **options):
 
 @click.command()
 @click.argument("folder", type=click.Path())
-def init(folder):
+@click.option("--catalogue", type=click.Path(), help="Table of your objects (.csv, .ecsv, .fits) to point at and draw.")
+def init(folder, catalogue):
     """Write a folder with a campaign that runs as it is, to be changed into your own.
 
     \b
       csstsim init mysky && cd mysky
       csstsim plan campaign.yaml
       snakemake --cores 2
+    With objects of your own, in columns ra, dec (deg, ICRS), mag_r (AB; or mag_nuv ... mag_y), if you like type (star,
+    galaxy, quasar), size (arcsec, half-light radius), e1, e2, z:
+      csstsim init mysky --catalogue objects.csv
     """
     from csstsim.init import init as run
 
-    run(folder, say=click.echo)
+    run(folder, click.echo, catalogue)
 
 
 @click.command("fit-grating")

@@ -7,7 +7,9 @@ Columns are those of `catalog.table.COLUMNS` (units there, and in `catalog.base`
 `ra`, `dec` and one of mag_nuv ... mag_y are needed; `id` counts from 1 if left out. Magnitudes are AB, observed,
 through the camera's own bands, before lensing. A spectrum takes the magnitudes of all bands given: its AB magnitude is
 linear in the logarithm of wavelength between their pivots, constant beyond them, and set so that each band has its own.
-One magnitude means a flat spectrum, in f_nu. Spectral lines want a catalogue with `load_sed` (catalog.base).
+One magnitude means a flat spectrum, in f_nu. Colours that jump (bright in y, dark in z, which holds y's light) have no
+such spectrum: it then goes through the magnitudes at the pivots, and the truth table's `mag` says what was drawn.
+Spectral lines want a catalogue with `load_sed` (catalog.base).
 """
 
 from functools import cached_property
@@ -27,7 +29,7 @@ from csstsim.text_file import read_text
 from csstsim.units import ab_photon_density
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
-MAG_TOLERANCE, PASSES = 1e-4, 30  # of the spectra's magnitudes [mag]; Newton needs three or four
+MAG_TOLERANCE, PASSES = 1e-4, 30  # of the spectra's magnitudes [mag]; Newton's steps, three or four for most
 _UNITS = {
     **dict.fromkeys(("ra", "dec"), "deg"), **dict.fromkeys(("size", "size_disk", "size_bulge"), "arcsec"),
     **dict.fromkeys(("pmra", "pmdec"), "mas / yr"), "parallax": "mas", "rv": "km / s",
@@ -164,37 +166,50 @@ def _types(names, where):
 
 
 def colour_spectra(mags, filters):
-    """Return (n, 18001) spectra [photon / s / m2 / A] that have AB magnitudes (n, len(filters)), NaN where not known.
-
-    Raises InputError for colours that no such spectrum has.
-    """
+    """Return (n, 18001) spectra [photon / s / m2 / A] of AB magnitudes (n, len(filters)), NaN where not known."""
     mags = np.asarray(mags, dtype=float)
     spectra = np.zeros((len(mags), len(GRID)))
     known, kind = np.unique(np.isfinite(mags), axis=0, return_inverse=True)
     for number, bands in enumerate(known):
         rows = np.flatnonzero(kind.reshape(-1) == number)
-        spectra[rows] = _through(mags[np.ix_(rows, bands)], [f for f, has in zip(filters, bands, strict=True) if has])
+        here = sorted((f for f, has in zip(filters, bands, strict=True) if has), key=lambda f: f.pivot)
+        wanted = mags[np.ix_(rows, [filters.index(f) for f in here])]
+        spectra[rows] = _light(_nodes(wanted, here), here, GRID) * ab_photon_density(GRID)
     return spectra
 
 
-def _through(mags, filters):
-    """The same where every magnitude is known: Newton's method, the magnitudes at the pivots are the unknowns."""
-    order = np.argsort([f.pivot for f in filters])
-    mags, filters = mags[:, order], [filters[i] for i in order]
-    at = np.log(GRID)
-    hats = np.stack([np.interp(at, np.log([f.pivot for f in filters]), row) for row in np.eye(len(filters))])
-    reference = ab_photon_density(GRID)
-    weights = np.stack([f.at(GRID) * reference for f in filters])
+def _light(nodes, filters, wave):
+    """Return (n, len(wave)): flux density over that of magnitude 0, of magnitudes (n, bands) at the bands' pivots."""
+    with np.errstate(over="ignore"):  # magnitudes of a slip of the pen
+        return 10 ** (-0.4 * np.einsum("nb,bw->nw", nodes, _hats(filters, wave)))
+
+
+def _hats(filters, wave):
+    """Return (bands, len(wave)): 1 at a band's pivot, 0 at its neighbours', linear in the logarithm of wavelength."""
+    pivots = np.log([f.pivot for f in filters])
+    return np.stack([np.interp(np.log(wave), pivots, row) for row in np.eye(len(filters))])
+
+
+def _nodes(mags, filters):
+    """Return (n, bands) magnitudes at the pivots with which spectra have `mags`, by Newton's method.
+
+    Rows for which there are none keep their magnitudes as those at the pivots.
+    """
+    wave = GRID[::4]  # 2 A: bands are smooth, the magnitudes the same to 1e-5
+    hats, weights = _hats(filters, wave), np.stack([f.at(wave) for f in filters]) * ab_photon_density(wave)
     weights /= weights.sum(axis=1, keepdims=True)
-    slopes = np.einsum("bw,cw->bc", weights, hats)  # of a band's magnitude with a pivot's, for a flat spectrum
-    nodes = mags.copy()
-    for _ in range(PASSES):
-        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # magnitudes of a slip of the pen
-            light = 10 ** (-0.4 * np.einsum("nb,bw->nw", nodes, hats))
-            off = mags + 2.5 * np.log10(np.einsum("nw,bw->nb", light, weights))
-        if np.abs(off).max(initial=0.0) < MAG_TOLERANCE:
-            return light * reference
-        nodes += np.linalg.solve(slopes, off.T).T
-    bad = np.flatnonzero(~(np.abs(off).max(axis=1) < MAG_TOLERANCE))[0]
-    colours = ", ".join(f"{f.name} {mag:.2f}" for f, mag in zip(filters, mags[bad], strict=True))
-    raise InputError("no smooth spectrum has these magnitudes", key="catalog", value=colours)
+    nodes, found = mags.copy(), np.zeros(len(mags), bool)
+    with np.errstate(all="ignore"):  # colours that no spectrum has
+        for _ in range(PASSES):
+            light = _light(nodes, filters, wave)
+            through = np.einsum("nw,bw->nb", light, weights)
+            off = mags + 2.5 * np.log10(through)
+            found = np.abs(off).max(axis=1, initial=0.0) < MAG_TOLERANCE
+            if found.all():
+                break
+            slopes = np.einsum("nw,bw,cw->nbc", light, weights, hats, optimize=True) / through[:, :, None]
+            go = ~found & np.isfinite(slopes).all(axis=(1, 2)) & (np.linalg.cond(np.nan_to_num(slopes)) < 1e6)
+            step = np.linalg.solve(slopes[go], off[go][:, :, None])[:, :, 0]
+            nodes[go] += np.clip(step, -1.0, 1.0)
+    nodes[~found] = mags[~found]
+    return nodes

@@ -1,0 +1,119 @@
+"""A table as a catalogue: magnitudes kept in every band, blanks, units, and what is refused."""
+
+import numpy as np
+import pytest
+from astropy import units as u
+from astropy.table import QTable, Table
+
+from csstsim.catalog.base import Region
+from csstsim.catalog.contract import check, sky_region
+from csstsim.catalog.own_table import TableCatalog, colour_spectra, plain_columns
+from csstsim.catalog.photometry import ab_mag
+from csstsim.catalog.table import BANDS
+from csstsim.errors import InputError
+from csstsim.instrument.filter import GRID
+from csstsim.units import ab_photon_density
+
+MAG = 2e-4  # tolerance of a synthetic magnitude
+REGION = Region((10.0, 11.0, 11.0, 10.0), (0.0, 0.0, 1.0, 1.0), (0,))
+
+
+def columns(**more):
+    return {"ra": [10.0, 10.1], "dec": [0.1, 0.2], "mag_r": [20.0, 21.0]} | more
+
+
+@pytest.fixture
+def filters(camera):
+    by_band = {name.lower(): value for name, value in camera.filters.items()}
+    return [by_band[band] for band in BANDS]
+
+
+def test_one_magnitude_is_a_flat_spectrum(filters):
+    mags = np.full((1, 7), np.nan)
+    mags[0, 3] = 21.5
+    assert np.allclose(colour_spectra(mags, filters)[0], ab_photon_density(GRID, 21.5), rtol=1e-4)
+
+
+def test_every_band_keeps_its_magnitude(filters):
+    """Random colours, bands missing at random: photometry of the spectra, by the independent sum, gives them back."""
+    rng = np.random.default_rng(5)
+    mags = 20.0 + rng.normal(0.0, 0.2, (40, 7)).cumsum(axis=1)
+    mags[rng.random((40, 7)) < 0.4] = np.nan
+    mags = mags[np.isfinite(mags).any(axis=1)]
+    for row, spectrum in zip(mags, colour_spectra(mags, filters), strict=True):
+        for mag, filter_ in zip(row, filters, strict=True):
+            if np.isfinite(mag):
+                assert abs(ab_mag(spectrum, GRID, filter_.at(GRID)) - mag) < MAG
+        assert (spectrum > 0).all()
+
+
+def test_colours_that_jump_go_through_the_pivots(filters):
+    mags = np.array([[20.0, 20.0, 20.0, 20.0, 20.0, 24.0, 15.0], [20.0] * 7, [1e4, -1e4, 0.0, 20.0, 20.0, 20.0, 1e9]])
+    jump, flat, _ = colour_spectra(mags, filters)
+    assert np.allclose(flat, ab_photon_density(GRID, 20.0), rtol=1e-4)
+    at = np.searchsorted(GRID, [f.pivot for f in filters])
+    assert np.allclose(-2.5 * np.log10(jump[at] / ab_photon_density(GRID[at])), mags[0], atol=0.01)
+    assert colour_spectra(np.empty((0, 7)), filters).shape == (0, len(GRID))
+
+
+def test_columns_that_spare_typing():
+    table = TableCatalog({"columns": columns(type=["Galaxy", "star"], size=[0.5, 0.5], e1=[0.1, 0.0])}, REGION).table
+    assert list(table["id"]) == [1, 2] and list(table["obj_type"]) == [1, 0]
+    assert np.allclose(table["size_disk"], [0.5, 0.0]) and np.allclose(table["size_bulge"], [0.5, 0.0])
+    assert not check(TableCatalog, {"columns": columns()}, sky_region(10.0, 0.1, 0.3)).faults
+
+
+@pytest.mark.parametrize("name", ["t.csv", "t.ecsv", "t.fits"])
+def test_files(tmp_path, name):
+    wanted = Table(columns(mag_g=[20.5, np.nan], note=["a", "b"]))
+    wanted.write(tmp_path / name)
+    catalog = TableCatalog({"file": str(tmp_path / name)}, REGION)
+    assert np.allclose(catalog.table["mag_g"], [20.5, np.nan], equal_nan=True)
+    assert list(catalog.table["user_note"]) == ["a", "b"]
+    one = catalog.load_sed(catalog.objs[0])["FLUX"]
+    assert np.array_equal(one, catalog.load_seds([0])[0])
+    again = TableCatalog({"file": str(tmp_path / name)}, REGION)
+    assert catalog.truth_hash == again.truth_hash
+
+
+def test_blank_cells_of_a_csv(tmp_path):
+    (tmp_path / "t.csv").write_text("ra,dec,mag_r,mag_g,type,size\n10,0.1,20,,star,\n10.1,0.2,,21,galaxy,0.4\n")
+    table = TableCatalog({"file": tmp_path / "t.csv"}, REGION).table
+    assert np.isnan(table["mag_g"][0]) and np.isnan(table["mag_r"][1]) and table["size_disk"][1] == np.float32(0.4)
+    assert table["ra"].dtype == float
+
+
+def test_units_are_turned_into_ours():
+    table = QTable(
+        {"ra": [1.0] * u.hourangle, "dec": [30.0] * u.arcmin, "mag_r": [20.0] * u.ABmag, "size": [1.0] * u.arcmin}
+    )
+    plain = plain_columns(table)
+    assert plain["ra"][0] == pytest.approx(15.0) and plain["dec"][0] == 0.5 and plain["size"][0] == pytest.approx(60.0)
+    assert plain["mag_r"][0] == 20.0
+    with pytest.raises(InputError, match="dec: a unit that does not fit"):
+        plain_columns(QTable({"dec": [1.0] * u.m}))
+    with pytest.raises(InputError, match="one number or word a row"):
+        plain_columns(Table({"ra": np.zeros((2, 2))}))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({}, "give either file or columns"),
+        ({"columns": columns(), "file": "x.csv"}, "give either file or columns"),
+        ({"columns": columns(), "fiel": 1}, "unknown key"),
+        ({"columns": {"ra": [1.0], "dec": [1.0]}}, "a column is missing: magnitudes"),
+        ({"columns": {"ra": [1.0], "mag_r": [20.0]}}, "dec: a column is missing"),
+        ({"columns": columns(ra=[1.0])}, "differ in length"),
+        ({"columns": columns(ra=["1h", "2h"])}, "ra: must be numbers"),
+        ({"columns": columns(mag_r=[20.0, np.nan])}, "row 2 has no magnitude"),
+        ({"columns": columns(type=["star", "comet"])}, "unknown type .got 'comet'"),
+        ({"columns": columns(id=[1.5, 2.0])}, "id: does not fit"),
+        ({"file": "objects.txt"}, "a table of unknown kind"),
+        ({"file": "missing.csv"}, "cannot read"),
+        ({"file": "missing.fits"}, "missing.fits"),
+    ],
+)
+def test_what_cannot_be_used_is_refused(options, message):
+    with pytest.raises(InputError, match=message):
+        TableCatalog(options, REGION)

@@ -1,0 +1,64 @@
+"""Pointing at a place: the pixel is hit to 1e-6 px wherever a boresight exists, poles and RA wrap included."""
+
+import math
+
+import pytest
+
+from csstsim.catalog.astrometry import apparent
+from csstsim.catalog.ephemeris import observer
+from csstsim.errors import InputError
+from csstsim.optics.aim import aim, exposure_of
+from csstsim.optics.distortion import load_distortion
+from csstsim.optics.wcs import ChipWCS
+
+PIXEL = 4500.0, 4700.0
+CLOSE = 1e-6  # px
+
+
+@pytest.mark.parametrize("target", [(60.0, -40.0), (0.0, 0.0), (359.99999, 5.0), (10.0, 89.0), (200.0, -89.0)])
+@pytest.mark.parametrize("chip", [1, 6, 9, 30])
+@pytest.mark.parametrize("pa", [-113.4333, 0.0, 90.0])
+def test_the_place_is_on_the_pixel(camera, make_pointing, target, chip, pa):
+    chip = camera.chips[chip]
+    for distortion in (None, load_distortion(camera.folder / "distortion.fits")):
+        found = aim(make_pointing(pa=pa), chip, target, PIXEL, distortion)
+        x, y = ChipWCS(chip, found, distortion).world_to_pixel(*target)
+        assert math.hypot(x - PIXEL[0], y - PIXEL[1]) < CLOSE
+        assert 0 <= found.ra < 360 and found.pa == pa
+
+
+def test_beside_a_pole_a_position_angle_may_have_no_boresight(camera, make_pointing):
+    """Seen from the target at the pole every direction is south: only a chip right above or below has a boresight."""
+    with pytest.raises(ValueError, match="no boresight at position angle"):
+        aim(make_pointing(), camera.chips[9], (0.0, 90.0), PIXEL)
+    at = camera.chips[9]
+    mosaic = math.degrees(math.atan2(*_offset(at, make_pointing)))  # from boresight to pixel, at position angle 0
+    found = aim(make_pointing(pa=-mosaic), at, (0.0, 90.0), PIXEL)
+    x, y = ChipWCS(at, found).world_to_pixel(0.0, 90.0)
+    assert math.hypot(x - PIXEL[0], y - PIXEL[1]) < 1e-4  # px; at this one angle the triangle is degenerate
+
+
+def _offset(chip, make_pointing):
+    ra, dec = ChipWCS(chip, make_pointing(ra=0.0, dec=0.0, pa=0.0)).pixel_to_world(*PIXEL)
+    ra = (float(ra) + 180.0) % 360.0 - 180.0
+    return math.tan(math.radians(ra)), math.tan(math.radians(float(dec))) / math.cos(math.radians(ra))
+
+
+def test_an_exposure_reckons_with_aberration_and_distortion(camera):
+    found = exposure_of(
+        camera, camera.chips[9], 150.0, 2.2, obsid="10100000001", pa=10.0, time="2027-11-20T01:20:00", exptime=150.0
+    )
+    distortion = load_distortion(camera.folder / "distortion.fits")
+    seen = apparent(150.0, 2.2, observer(found.mjd, found.sat_position, found.sat_velocity))
+    x, y = ChipWCS(camera.chips[9], found, distortion).world_to_pixel(*seen)
+    assert math.hypot(x - 4607.5, y - 4615.5) < CLOSE
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"ra": 361.0}, {"dec": -91.0}, {"dec": math.nan}, {"exptime": 0.0}, {"time": "2027-13-01"}, {"pa": math.inf}],
+)
+def test_bad_values_are_refused(camera, wrong):
+    values = {"ra": 1.0, "dec": 1.0, "obsid": "10100000001", "pa": 0.0, "time": "2027-11-20T01:20:00", "exptime": 1.0}
+    with pytest.raises(InputError):
+        exposure_of(camera, camera.chips[9], **(values | wrong))

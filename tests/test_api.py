@@ -1,0 +1,210 @@
+"""The Python surface: the same pixels as the files, copies that leave the original alone, tables as catalogues."""
+
+import importlib
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from astropy.io import fits
+from astropy.table import QTable, Table
+from click.testing import CliRunner
+from mini_campaign import write_campaign
+
+import csstsim
+from csstsim.catalog.base import CatalogBase
+from csstsim.catalog.mock_object import MockObject
+from csstsim.catalog.table import ObjectTable
+from csstsim.cli import main
+from csstsim.errors import InputError
+from csstsim.io.level0 import read_level0
+from csstsim.units import ab_photon_density
+
+OBSID, CHIP = "10100000001", 9
+SIGMA = 5.0
+ROUNDING = 0.2  # electrons: the bias in the header has few digits
+DATES = {"DATE", "CHECKSUM", "DATASUM"}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("api")
+
+
+@pytest.fixture(scope="module")
+def sim(folder):
+    return csstsim.Simulation(write_campaign(folder), cache=folder / "cache")
+
+
+@pytest.fixture(scope="module")
+def frame(sim):
+    return sim.chip(OBSID, CHIP)
+
+
+def one_star(sim, mag=20.0):
+    job = sim._run.job(OBSID, CHIP)
+    ra, dec = (float(v.mean()) for v in job.footprint())
+    return Table({"ra": [ra], "dec": [dec], "mag_r": [mag]})
+
+
+def test_it_gives_what_the_command_writes(sim, frame, folder):
+    line = ["chip", str(folder / "campaign.yaml"), "--obsid", OBSID, "--chip", str(CHIP)]
+    assert CliRunner().invoke(main, line).exit_code == 0
+    [path] = (folder / "out").glob(f"level0/{OBSID}/*.fits")
+    file = read_level0(path)
+    assert np.array_equal(frame.image, file.assembled()) and np.array_equal(frame.raw, file.frame())
+    truth = ObjectTable.read(path.with_suffix(".truth.parquet"))
+    assert list(truth.names) == frame.truth.colnames and len(truth)
+    for name in set(truth.names) - {"ms"}:  # CPU time
+        values = truth[name]
+        same = np.array_equal(values, frame.truth[name], equal_nan=values.dtype.kind == "f")
+        assert same and (values.dtype == object or values.dtype == frame.truth[name].dtype), name
+    with fits.open(path) as hdus:
+        cards = {card.keyword: card.value for hdu in hdus[:2] for card in hdu.header.cards}
+    same = [key for key in frame.header if not key.startswith(("CPU_", "WALL_", "HISTORY", "COMMENT"))]
+    assert {"OBSID", "EXPTIME", "CRVAL1", "GAIN01", "SIMSEED"} <= set(same)
+    assert {key: frame.header[key] for key in set(same) - DATES} == {key: cards[key] for key in set(same) - DATES}
+
+
+def test_the_wcs_is_of_the_windows_pixels(sim, frame):
+    for each in (frame, sim.replace(window=(30, 100, 20, 120)).chip(OBSID, CHIP)):
+        x, y = each.wcs.world_to_pixel_values(each.truth["ra"], each.truth["dec"])
+        near = (np.abs(x) < 1000) & (np.abs(y) < 1000)  # the polynomials are of the chip, not of what lies far beyond
+        assert near.any() and each.image.shape == each.window.shape
+        assert np.abs(x - (each.truth["xImage"] - 1 - each.window.x0))[near].max() < 1e-2  # px
+        assert np.abs(y - (each.truth["yImage"] - 1 - each.window.y0))[near].max() < 1e-2
+
+
+def test_the_same_bits_again_and_a_copy_leaves_the_original_alone(sim, frame):
+    other = sim.replace(seed=4)
+    assert not np.array_equal(other.chip(OBSID, CHIP).image, frame.image)
+    assert sim.config.seed == 3 and np.array_equal(sim.chip(OBSID, CHIP).image, frame.image)
+    assert np.array_equal(other.replace(seed=3).chip(OBSID, CHIP).image, frame.image)
+
+
+def test_layers_are_changed_and_left_out(sim):
+    even = sim.replace(layers={"Bias": {"bias_16channel": False}}, catalog=one_star(sim, 60.0))
+    bare = even.replace(layers={"cosmic_rays": None})  # on top of the change before
+    for changed, rays in ((even, True), (bare, False)):
+        header = changed.chip(OBSID, CHIP).header
+        assert len({header[f"DETBIA{n:02d}"] * header[f"GAIN{n:02d}"] for n in range(1, 17)}) > 0
+        assert [name for entry in changed.layers for name in entry].count("cosmic_rays") == rays
+        assert {"bias_16channel": False}.items() <= next(e["bias"] for e in changed.layers if "bias" in e).items()
+    with pytest.raises(InputError, match=r"layers: not a layer of the list \(got 'bloom'\); allowed: scie_obs"):
+        sim.replace(layers={"bloom": None})
+    with pytest.raises(InputError, match="bias_16chanel"):
+        sim.replace(layers={"bias": {"bias_16chanel": False}})
+
+
+def test_electrons_are_light_and_dark_current(sim):
+    """Sky and dark current of a frame without objects, after bias and gain: within 5 sigma of the mean's own noise."""
+    sim = sim.replace(catalog=one_star(sim, 60.0), layers={"cosmic_rays": None, "detector_defects": None})
+    frame, light = sim.chip(OBSID, CHIP), sim.replace(fidelity="noise_free").light(OBSID, CHIP)
+    dark = sim._run.camera.detector.dark * 150.0
+    expected = light.image.mean() + dark
+    noise = np.sqrt((expected + 25.0) / frame.image.size)  # 25: read noise squared
+    assert (
+        abs(frame.electrons.mean() - expected) < SIGMA * noise + 0.2
+    )  # e-; 0.2: channels' bias, rounded in the header
+    with pytest.raises(ValueError, match="electrons already"):
+        _ = light.electrons
+
+
+def test_light_has_the_electrons_of_the_truth(sim):
+    sim = sim.replace(catalog=one_star(sim, 18.0), fidelity="noise_free")
+    light, empty = sim.light(OBSID, CHIP), sim.replace(catalog=one_star(sim, 60.0)).light(OBSID, CHIP)
+    assert light.header is None and light.raw is None and light.image.dtype == np.float32
+    drawn = float(light.image.sum(dtype=float) - empty.image.sum(dtype=float))
+    assert drawn == pytest.approx(float(light.truth["drawn"][0]), rel=1e-3)
+
+
+def test_a_table_is_a_catalogue(sim):
+    """AB magnitudes are those of the truth, and electrons follow from the zero point."""
+    job = sim._run.job(OBSID, CHIP)
+    filter_, telescope = sim._run.camera.filters["r"], sim._run.camera.telescope
+    frame = sim.replace(catalog=one_star(sim, 19.0)).chip(OBSID, CHIP)
+    rate = 10 ** (-0.4 * (19.0 - filter_.zeropoint(telescope)))
+    assert frame.truth["mag"][0] == pytest.approx(19.0, abs=1e-3)
+    assert frame.truth["electrons"][0] == pytest.approx(rate * job.pointing.exptime, rel=1e-3)
+    units = QTable(one_star(sim, 19.0))
+    units["ra"], units["dec"] = units["ra"].value / 15.0, units["dec"].value * 60.0
+    units["ra"].unit, units["dec"].unit = "hourangle", "arcmin"
+    again = sim.replace(catalog=units).chip(OBSID, CHIP)
+    assert again.truth["xImage"][0] == pytest.approx(frame.truth["xImage"][0], abs=1e-6)
+
+
+class Mine(CatalogBase):
+    """A catalogue class, as one writes it in a notebook."""
+
+    def __init__(self, options, region):
+        super().__init__(options, region)
+        self._load()
+
+    def _load(self):
+        self.objs = [MockObject(id=7, type="star", ra=np.mean(self.region.ra), dec=np.mean(self.region.dec))]
+
+    def load_sed(self, obj):
+        wave = np.linspace(2000.0, 11000.0, 1801)
+        return Table({"WAVELENGTH": wave, "FLUX": ab_photon_density(wave, 20.0)})
+
+    def load_norm_filt(self, obj):
+        return None
+
+
+def test_a_class_is_a_catalogue(sim):
+    assert sim.replace(catalog=Mine).config.catalog.kind == f"{__name__}:Mine"
+    assert list(sim.replace(catalog=Mine, psf={"grid": 2}).light(OBSID, CHIP).truth["obj_ID"]) == [7]
+
+
+def test_a_spectroscopic_chip_has_orders(sim):
+    spectra = sim.replace(select={"types": ["SCIE"], "chips": [29]})
+    frame = spectra.chip(OBSID, 29)
+    assert {"order", "grating", "electrons"} <= set(frame.orders.colnames)
+
+
+def test_aim_puts_a_place_on_the_middle(folder):
+    sim = csstsim.Simulation(cache=folder / "cache")
+    assert len(sim.exposures) == 6 and sim.exposures["chips"][0] == (8,)
+    aimed = sim.aim(0.0, 0.0, chip=24, size=200)
+    table = Table({"ra": [0.0], "dec": [0.0], "mag_i": [20.0]})
+    truth = aimed.replace(catalog=table, psf={"grid": 2}).light("10100000001", 24).truth
+    assert truth["xImage"][0] - 1 == pytest.approx(4607.5, abs=1e-6)
+    assert truth["yImage"][0] - 1 == pytest.approx(4615.5, abs=1e-6)
+    for wrong in ({"chip": 31}, {"dec": 91.0}, {"exptime": 0.0}, {"time": "today"}, {"size": 10_000}):
+        with pytest.raises(InputError):
+            sim.aim(**({"ra": 10.0, "dec": 0.0} | wrong)).chip("10100000001", 9)
+
+
+def test_nothing_is_written_but_the_cache(sim, folder):
+    assert {path.name for path in folder.iterdir() if path.is_dir()} <= {"cache", "out", "instrument", "universe"}
+    kept = {path.suffix for path in (folder / "cache").rglob("*") if path.is_file()}
+    assert kept == {".h5", ".parquet"}
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"seeds": 2}, "unknown key"),
+        ({"window": (0, 1, 2)}, "window"),
+        ({"window": (50, 50, 0, 10)}, "must exceed"),
+        ({"catalog": [1, 2]}, "allowed: an astropy Table"),
+        ({"fidelity": "fast"}, "fidelity"),
+    ],
+)
+def test_what_cannot_be_used_is_refused(sim, change, message):
+    with pytest.raises(InputError, match=message):
+        sim.replace(**change)
+    with pytest.raises(InputError, match="not an exposure"):
+        sim.chip("1", CHIP)
+
+
+def test_the_root_imports_nothing_heavy():
+    code = "import csstsim, sys; print(*sorted({'numpy', 'numba', 'astropy', 'pydantic', 'galsim'} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == ""
+    assert (
+        set(csstsim.__all__) <= set(dir(csstsim))
+        and csstsim.Simulation is importlib.import_module("csstsim.api").Simulation
+    )
+    with pytest.raises(AttributeError, match="no attribute 'simulate'"):
+        _ = csstsim.simulate
