@@ -30,6 +30,7 @@ from csstsim.units import ab_photon_density
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
 MAG_TOLERANCE, PASSES = 1e-4, 30  # of the spectra's magnitudes [mag]; Newton's steps, three or four for most
+FAINTEST = 100.0  # mag; beyond it numbers stand for something else
 _UNITS = {
     **dict.fromkeys(("ra", "dec"), "deg"), **dict.fromkeys(("size", "size_disk", "size_bulge"), "arcsec"),
     **dict.fromkeys(("pmra", "pmdec"), "mas / yr"), "parallax": "mas", "rv": "km / s",
@@ -140,9 +141,13 @@ def object_table(columns, where):
         allowed = ", ".join(f"mag_{band}" for band in BANDS)
         raise InputError("a column is missing: magnitudes", file=where, key="mag_r", allowed=allowed)
     count = len(columns["ra"])
-    dark = ~np.isfinite(np.stack([columns[name] for name in given]).astype(float)).any(axis=0)
-    if dark.any():
-        raise InputError(f"row {np.flatnonzero(dark)[0] + 1} has no magnitude", file=where, key=", ".join(given))
+    mags = np.stack([columns[name] for name in given]).astype(float)
+    for bad, message in (
+        (~np.isfinite(mags).any(axis=0), "has no magnitude"),
+        ((np.abs(mags) > FAINTEST).any(axis=0), f"has a magnitude beyond +-{FAINTEST:g}; leave it blank"),
+    ):
+        if bad.any():
+            raise InputError(f"row {np.flatnonzero(bad)[0] + 1} {message}", file=where, key=", ".join(given))
     columns.setdefault("id", np.arange(1, count + 1))
     if "type" in columns:
         columns["obj_type"] = _types(columns.pop("type"), where)
@@ -180,8 +185,7 @@ def colour_spectra(mags, filters):
 
 def _light(nodes, filters, wave):
     """Return (n, len(wave)): flux density over that of magnitude 0, of magnitudes (n, bands) at the bands' pivots."""
-    with np.errstate(over="ignore"):  # magnitudes of a slip of the pen
-        return 10 ** (-0.4 * np.einsum("nb,bw->nw", nodes, _hats(filters, wave)))
+    return 10 ** (-0.4 * np.einsum("nb,bw->nw", nodes, _hats(filters, wave)))
 
 
 def _hats(filters, wave):
