@@ -61,7 +61,7 @@ def electrons(folder, layers):
 
 
 def test_its_light_is_in_the_file(tmp_path):
-    """A star of magnitude m, seen for pixel_scale / speed seconds in each pixel of its path, within 0.5%; no light beside.
+    """A star of that magnitude seen for pixel_scale / speed in each pixel of its path, within 0.5%; none beside it.
 
     The amplifiers' nonlinearity takes 0.2%; shot noise is 0.05%. Bad columns, which have levels of their own, are off.
     """
