@@ -95,14 +95,17 @@ class ReadoutFrame:
 
     @property
     def n_channels(self):
+        """Number of readout channels of the detector."""
         return self.channels_x * self.channels_y
 
     @property
     def block_nx(self):
+        """Columns [px] of a whole channel as read: prescan, active, overscan."""
         return self.prescan + self.channel_nx + self.overscan
 
     @property
     def block_ny(self):
+        """Rows [px] of a whole channel as read: active, parallel overscan."""
         return self.channel_ny + self.parallel_overscan
 
     @property

@@ -141,6 +141,7 @@ class Level0:
 
     @property
     def window(self):
+        """The Window of active pixels that was read."""
         return Window(*self.readout.window)
 
     @cached_property
