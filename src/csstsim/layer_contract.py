@@ -37,8 +37,8 @@ SOURCE = re.compile(
     r"\b(paper|section|equation|eq\.|appendix|arxiv|doi|1[89]\d\d|20\d\d)\b|https?:|\w\.(yaml|csv|fits|conf)\b", re.I
 )  # a year stands for a reference
 UNIT = re.compile(
-    r"\[[^\]]+\]|%|\be-|\b(electrons?|DN|counts?|photons?|mag|magnitudes?|deg|degrees?|arcsec|arcmin|mas|rad|px|pixels?|mm"
-    r"|um|nm|angstrom|seconds?|km|m2|Hz|bits?|bytes?|rows?|columns?|number|how many|part|share|fraction|ratio|factor"
+    r"\[[^\]]+\]|%|\be-|\b(electrons?|DN|counts?|photons?|mag|magnitudes?|deg|degrees?|arcsec|arcmin|mas|rad|px|pixels?"
+    r"|mm|um|nm|angstrom|seconds?|km|m2|Hz|bits?|bytes?|rows?|columns?|number|how many|part|share|fraction|ratio|factor"
     r"|density|times|dimensionless|probability|seed|index)\b"
 )
 FRAMES = ("active", "readout")

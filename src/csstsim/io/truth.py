@@ -32,7 +32,10 @@ TAKEN = {"chip", "filter", "detA", "dm", "g1", "g2", "size"} | (set(CAT_COLUMNS)
 
 
 def write_truth(path, drawn, job, metadata):
-    """Write the truth of one Level-0 file. drawn: ObjectTable from render; job: job.Job; metadata: {str: str}."""
+    """Write the truth of one Level-0 file, a row an object drawn; x, y [px] from 0 become xImage, yImage from 1.
+
+    drawn: ObjectTable from render; job: job.Job; metadata: {str: str}.
+    """
     count = len(drawn)
     unknown = np.full(count, np.nan, np.float32)
     ours = {f"user_{name}" if name in TAKEN else name: drawn[name] for name in drawn.names}
