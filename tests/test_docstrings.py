@@ -22,8 +22,8 @@ SRC = Path(importlib.util.find_spec("csstsim").origin).parent
 # be missing.
 SURFACE = (
     "api", "catalog/base", "catalog/contract", "catalog/flags", "catalog/mock_object", "catalog/table", "detector",
-    "errors", "io/calibrated", "io/level0", "io/orders", "io/truth", "layer_contract", "layers", "optics/psf", "rng",
-    "sim_steps", "state",
+    "errors", "instrument", "io/calibrated", "io/level0", "io/orders", "io/truth", "layer_contract",
+    "layers", "optics/psf", "optics/wcs", "rng", "sim_steps", "state",
 )  # fmt: skip
 COMING = {"api"}
 # Taken from nowhere: they are csstsim's own ways
@@ -108,7 +108,9 @@ def _lacks(node, text, helpers):
 
 
 def _is_text(node):
-    return any(isinstance(n, ast.JoinedStr) or isinstance(getattr(n, "value", None), str) for n in ast.walk(node))
+    """Whether an operation is one of texts or of paths, not of numbers."""
+    texts = any(isinstance(n, ast.JoinedStr) or isinstance(getattr(n, "value", None), str) for n in ast.walk(node))
+    return texts or (isinstance(node.op, ast.Div) and re.search(r"\b(folder|path|parent)\b", ast.unparse(node.left)))
 
 
 def _raises(function):

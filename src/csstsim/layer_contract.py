@@ -34,7 +34,9 @@ from csstsim.state import State
 
 CHIP = 9
 SOURCE = re.compile(
-    r"\b(paper|section|equation|eq\.|appendix|arxiv|doi|1[89]\d\d|20\d\d)\b|https?:|\w\.(yaml|csv|fits|conf)\b", re.I
+    r"\b(paper|section|equation|eq\.|appendix|arxiv|doi|1[89]\d\d|20\d\d)\b|https?:|source: "
+    r"|\w\.(yaml|csv|fits|conf|md)\b",
+    re.I,
 )  # a year stands for a reference
 UNIT = re.compile(
     r"\[[^\]]+\]|%|\be-|\b(electrons?|DN|counts?|photons?|mag|magnitudes?|deg|degrees?|arcsec|arcmin|mas|rad|px|pixels?"

@@ -82,7 +82,7 @@ class Detector:
 
     @property
     def channels(self):
-        """Number of readout channels."""
+        """The number of readout channels."""
         return self.channels_x * self.channels_y
 
 
