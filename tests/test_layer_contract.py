@@ -34,6 +34,8 @@ FAULTS = {
     "UNITS is": ('("electron", "electron")', '("electron", "volt")'),
     "FRAME is": ('("active", "active")', '"active"'),
     "AFTER is 'bias'": ("KEPT = []", 'AFTER = "bias"'),
+    "BEFORE names 'poison_and_dark'": ("KEPT = []", 'BEFORE = ("mylab.glint", "poison_and_dark")'),
+    "EXPOSURES names 'SCI'": ("KEPT = []", 'EXPOSURES = ("SCI",)'),
     "it must take (state, param, rng)": ("apply(state, param, rng)", "apply(state, param, seed)"),
     "not a class of": ("class Param(LayerParam)", "class Param"),
     "slope has no default": ("0.5, ge=0", "ge=0"),

@@ -18,10 +18,11 @@ import json
 import random
 import re
 import weakref
+from typing import get_args
 
 import numpy as np
 
-from csstsim.config import SHIPPED
+from csstsim.config import SHIPPED, ExposureType
 from csstsim.errors import InputError
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
@@ -29,7 +30,7 @@ from csstsim.instrument.pointing import Pointing
 from csstsim.layers.param import LayerParam
 from csstsim.optics.wcs import ChipWCS
 from csstsim.rng import Streams
-from csstsim.sim_steps import load_layer
+from csstsim.sim_steps import known_layers, load_layer
 from csstsim.state import State
 
 CHIP = 9
@@ -86,15 +87,20 @@ def _documented(module):
 
 
 def _declared_faults(module):
-    """Yield what is wrong with UNITS, FRAME, AFTER and BEFORE."""
+    """Yield what is wrong with UNITS, FRAME, AFTER, BEFORE, EXPOSURES and the form of apply."""
     for name, allowed in (("UNITS", ("electron", "DN")), ("FRAME", FRAMES)):
         value = getattr(module, name, allowed)
         if not isinstance(value, tuple) or len(value) != 2 or not set(value) <= set(allowed):
             yield f"{name} is {value!r}; it must be a pair, what it takes and gives, of {' or '.join(allowed)}"
-    for name in ("AFTER", "BEFORE", "EXPOSURES"):
+    layers = known_layers()
+    for name, allowed in (("AFTER", layers), ("BEFORE", layers), ("EXPOSURES", get_args(ExposureType))):
         value = getattr(module, name, ())
-        if not isinstance(value, tuple) or not all(isinstance(word, str) for word in value):
+        if not isinstance(value, tuple):
             yield f"{name} is {value!r}; it must be a tuple of names"
+            continue
+        unknown = [word for word in value if word not in allowed and "." not in str(word)]
+        if unknown:
+            yield f"{name} names {unknown[0]!r}; known: {', '.join(allowed)}, or a dotted path"
     if list(inspect.signature(module.apply).parameters) != ["state", "param", "rng"]:
         yield f"apply takes {inspect.signature(module.apply)}; it must take (state, param, rng)"
 
@@ -192,13 +198,13 @@ def _image_faults(module, state, before, image):
     """Yield what is wrong with the image a layer leaves; before: a state as the layer found it."""
     from csstsim.detector.channels import ReadoutFrame
 
-    shape, kind = before.image.shape, np.dtype(np.uint16 if module.STAGE == "level0" else np.float32)
+    shape, kinds = before.image.shape, ["float32", "uint16"][: 1 + (module.STAGE == "level0")]
     if getattr(module, "FRAME", FRAMES[:1] * 2) == FRAMES:
         shape = ReadoutFrame.of(state.chip.detector, state.window).shape
     if not isinstance(image, np.ndarray) or image.shape != shape:
         yield f"leaves an image of shape {np.shape(image)}; it must be {shape}"
-    elif image.dtype != kind:
-        yield f"leaves an image of {image.dtype}; it must be {kind}"
+    elif image.dtype.name not in kinds:
+        yield f"leaves an image of {image.dtype}; it must be {' or '.join(kinds)}"
     elif not np.isfinite(image).all():
         yield "leaves pixels that are not finite"
     if state.counted is not None and (state.counted.dtype != np.int32 or state.counted.shape != before.window.shape):

@@ -12,6 +12,8 @@ each layer is a module of csstsim.layers (or a user's own, by dotted path) with
     AFTER          layers that must not come after it (may be left out)
     BEFORE         layers of which one must come after it (may be left out)
     check          check(param, camera, pointing): InputError for what only they can tell (may be left out)
+
+csstsim.layer_contract tries whether a layer keeps to this.
 """
 
 import importlib
