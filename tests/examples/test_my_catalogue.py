@@ -78,7 +78,7 @@ def test_its_own_test_passes_and_can_fail(tmp_path, campaign, monkeypatch):
     data = shutil.copytree(campaign.parent / "data", folder / "examples" / "my_catalogue" / "data")
     (folder / "config").symlink_to(SHIPPED)
     monkeypatch.chdir(folder)
-    test = runpy.run_path(str(EXAMPLE / "test_my_catalogue.py"))["test_contract"]
+    test = runpy.run_path(str(EXAMPLE / "test_csv_catalogue.py"))["test_contract"]
     test()
     table = data / "objects.csv"
     table.write_text(table.read_text().replace("2,star", "1,star", 1))
