@@ -18,6 +18,7 @@ test: .venv/ready
 	lint-imports
 	snakefmt --check workflow
 	python workflow/lint.py --config campaign=config/campaign.yaml
+	python config/make_docs.py --check
 	pytest -n 2 --dist loadfile
 
 # As root, after: apt-get install slurmctld slurmd slurm-client munge

@@ -1,10 +1,11 @@
-"""Write config/README.md and config/schema/*.json from the models: python config/make_docs.py.
+"""Write config/README.md and config/schema/*.json from the models: python config/make_docs.py (--check: only look).
 
-The models in csstsim.config and the layers' Param are the only source; tests/test_config_docs.py forbids drift.
+The models in csstsim.config and the layers' Param are the only source; `make test` forbids drift.
 """
 
 import importlib
 import json
+import sys
 from pathlib import Path
 
 from pydantic import BaseModel
@@ -67,7 +68,14 @@ def documents():
     return files
 
 
+def stale():
+    """Return the paths of what is missing or says something else than the models."""
+    return [path for path, text in documents().items() if not path.exists() or path.read_text() != text]
+
+
 if __name__ == "__main__":
+    if sys.argv[1:] == ["--check"]:
+        sys.exit("\n".join(f"{path} is stale: run python config/make_docs.py" for path in stale()) or 0)
     for path, content in documents().items():
         path.parent.mkdir(exist_ok=True)
         path.write_text(content)

@@ -172,6 +172,7 @@ class OpenCampaign:
 
     @property
     def embedded(self):
+        """Whether objects are those of the embedded universe, not of a catalogue of the user's."""
         return self.config.catalog.kind == "embedded"
 
     def universe_key(self):
@@ -186,6 +187,7 @@ class OpenCampaign:
 
     @cached_property
     def universe(self):
+        """The embedded universe's numbers (universe.numbers.Universe). Raises InputError."""
         from csstsim.universe.numbers import load_universe
 
         return load_universe(self.config.universe_folder)

@@ -259,10 +259,12 @@ class Campaign(Model):
 
     @property
     def instrument_folder(self):
+        """The instrument folder: the campaign's, or the shipped one."""
         return self.instrument or SHIPPED / "instrument"
 
     @property
     def universe_folder(self):
+        """The universe folder: the campaign's, or the shipped one."""
         return self.universe or SHIPPED / "universe"
 
     def digest(self):

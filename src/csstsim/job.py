@@ -17,6 +17,7 @@ class Job:
 
     @property
     def key(self):
+        """(obsid, chip number)."""
         return self.pointing.obsid, self.chip.id
 
     @property

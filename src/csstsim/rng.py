@@ -1,7 +1,7 @@
 """Counter-based random streams named by words (design: the same words give the same numbers, always).
 
-A stream's key is the SHA-256 of "seed/word/word/...", so streams never collide as sums of seeds and
-ids do, and nothing depends on the order of work, on threads or on jobs killed and resumed.
+The generator is Philox (Salmon et al. 2011); a stream's key is the SHA-256 of "seed/word/word/...", so streams never
+collide as sums of seeds and ids do, and nothing depends on the order of work, on threads or on jobs killed and resumed.
 """
 
 import hashlib
@@ -18,12 +18,18 @@ def _digest(seed, key):
 
 
 def stream(seed, *key):
-    """Return a `numpy.random.Generator` (Philox) for this campaign seed and these words."""
+    """Return a `numpy.random.Generator` (Philox) for this campaign seed and these words.
+
+    Raises ValueError for a word with a "/" in it.
+    """
     return np.random.Generator(np.random.Philox(key=int.from_bytes(_digest(seed, key)[:16], "little")))
 
 
 def galsim_seed(seed, *key):
-    """Return a seed for `galsim.BaseDeviate`, never 0 (which GalSim reads as the clock)."""
+    """Return a seed for `galsim.BaseDeviate`, never 0 (which GalSim reads as the clock).
+
+    Raises ValueError as `stream` does.
+    """
     return int.from_bytes(_digest(seed, key)[16:20], "little") % (2**31 - 1) + 1
 
 

@@ -12,6 +12,8 @@ each layer is a module of csstsim.layers (or a user's own, by dotted path) with
     AFTER          layers that must not come after it (may be left out)
     BEFORE         layers of which one must come after it (may be left out)
     check          check(param, camera, pointing): InputError for what only they can tell (may be left out)
+
+csstsim.layer_contract tries whether a layer keeps to this.
 """
 
 import importlib
@@ -66,7 +68,7 @@ class SimSteps:
             [(keyword, param)] = entry.items()
             name = keyword.lower()
             uses[name] = uses.get(name, 0) + 1
-            module = _load_layer(keyword, file)
+            module = load_layer(keyword, file)
             if uses[name] > 1 and "." not in name:
                 raise self._error("given twice", keyword)
             exposures = getattr(module, "EXPOSURES", (kind,))
@@ -191,7 +193,11 @@ class SimSteps:
         return state
 
 
-def _load_layer(keyword, file):
+def load_layer(keyword, file=None):
+    """Return the module of a layer: a keyword of csstsim's, capitals as you like, or a dotted path to your own.
+
+    file: the list that names it, for the message. Raises InputError if there is none, or if it lacks a part.
+    """
     name = keyword.lower()
     if "." not in keyword and name not in known_layers():
         raise InputError("unknown layer", file=file, key="layers", value=keyword, allowed=", ".join(known_layers()))

@@ -22,6 +22,7 @@ class Timer:
         self.stage, self.wall, self.cpu = stage, time.perf_counter(), time.process_time()
 
     def entry(self):
+        """Return [stage, wall s, CPU s] since it began."""
         return [self.stage, time.perf_counter() - self.wall, time.process_time() - self.cpu]
 
 

@@ -31,6 +31,7 @@ class Kind:
 
     @property
     def missing_cpu(self):
+        """CPU seconds expected of the products that are not there."""
         return sum(cpu for path, cpu in self.wanted.items() if path not in self.made)
 
 
@@ -55,10 +56,12 @@ class Status:
 
     @property
     def missing_cpu(self):
+        """CPU seconds expected of the products that are not there, of all kinds."""
         return sum(kind.missing_cpu for kind in self.kinds)
 
     @property
     def done(self):
+        """Whether every product is there."""
         return all(len(kind.made) == len(kind.wanted) for kind in self.kinds)
 
     @property

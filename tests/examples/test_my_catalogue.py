@@ -1,6 +1,7 @@
 """The worked example of a catalogue of one's own runs as its README says."""
 
 import runpy
+import shutil
 import sys
 
 import numpy as np
@@ -69,6 +70,20 @@ def test_it_keeps_the_contract_and_its_magnitudes(campaign):
     mags = np.array([band.get_ab_magnitude(sed, wave) for sed in energy])
     assert mags[:21] == pytest.approx([obj.mag_norm for obj in catalog.objs[:21]], abs=2e-3)
     assert energy[21, GRID == 5500.0].value == pytest.approx(1e-15, rel=1e-3)  # absolute
+
+
+def test_its_own_test_passes_and_can_fail(tmp_path, campaign, monkeypatch):
+    """As `pytest examples/my_catalogue` runs it, from the project's folder."""
+    folder = tmp_path / "project"
+    data = shutil.copytree(campaign.parent / "data", folder / "examples" / "my_catalogue" / "data")
+    (folder / "config").symlink_to(SHIPPED)
+    monkeypatch.chdir(folder)
+    test = runpy.run_path(str(EXAMPLE / "test_csv_catalogue.py"))["test_contract"]
+    test()
+    table = data / "objects.csv"
+    table.write_text(table.read_text().replace("2,star", "1,star", 1))
+    with pytest.raises(AssertionError, match="an id given more than once"):
+        test()
 
 
 @pytest.mark.parametrize(

@@ -43,6 +43,7 @@ class Case:
 
     @property
     def star(self):
+        """Whether it is a star."""
         return self.row["obj_type"][0] == STAR
 
     def about(self):

@@ -42,6 +42,7 @@ def half_column(columns, sky):
 
 
 def exact(image, overscan=0):
+    """Move charge [e-] of `image` (rows, columns), in place, by the exact process; return what trails, and is left."""
     return transfer(image, DENSITY, TAU, WELL, KEYS, overscan=overscan)
 
 
@@ -86,6 +87,7 @@ def linear(image):
 
 
 def spot_column(flux, row):
+    """Return a column [e-, float32] of sky with 3 px of `flux` from `row` on, and the pixels behind them."""
     column = np.full(row + 3 + BEHIND, SKY, np.float32)
     column[row : row + 3] = flux
     return column
@@ -112,6 +114,7 @@ def stochastic(columns, scale=1):
 
 
 def linear_column(column, row):
+    """Return a column [e-] as the linear model leaves it; `row` is taken for the sake of the other methods."""
     image = column[:, None].copy()
     linear(image)
     return image[:, 0]

@@ -12,6 +12,7 @@ class PrivateMemory(threading.Thread):
         self.status, self.largest, self._end = Path(f"/proc/{pid}/status"), 0.0, threading.Event()
 
     def run(self):
+        """Look at the process every 20 ms, until told to end."""
         while not self._end.wait(0.02):
             try:
                 lines = self.status.read_text().splitlines()

@@ -27,6 +27,7 @@ def galaxy_of(scene):
 
 
 def interpolated(cells, per_pixel):
+    """Return the PSF of `cells` (ny, nx), so many per pixel, as GalSim's InterpolatedImage; lengths in px."""
     return galsim.InterpolatedImage(
         galsim.ImageD(cells), scale=1 / per_pixel, flux=cells.sum(), x_interpolant="quintic"
     )
@@ -49,6 +50,7 @@ def _drawer(case, profiles, **how):
 
 
 def paper(setting, case):
+    """Return draw(copies) by the paper's way: a PSF object an object and sub-band."""
     scene, per_pixel = case.scene, setting.psf.oversampling
 
     def profile(band):
@@ -68,6 +70,7 @@ def _nearest(setting, case):
 
 
 def fft(setting, case):
+    """Return draw(copies) by GalSim's FFT, with the nearest node's PSF and the pixel in it."""
     per_pixel = setting.psf.oversampling
     response = pixel_response(_nearest(setting, case), per_pixel)
     point = galsim.InterpolatedImage(
@@ -82,6 +85,7 @@ def _convolved(scene, point):
 
 
 def photons(setting, case):
+    """Return draw(copies) by GalSim's photon shooting, with the nearest node's PSF."""
     point = interpolated(_nearest(setting, case), setting.psf.oversampling)
     rng = galsim.BaseDeviate(int(case.row["id"][0]) + 1)
     return _drawer(case, [_convolved(case.scene, point)], method="phot", rng=rng)

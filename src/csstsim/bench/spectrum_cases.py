@@ -38,9 +38,11 @@ class SpectrumCase(Case):
     visits: np.ndarray  # (1, 3) of Disperser.visits
 
     def about(self):
+        """Return {column: value} of what the object is, its spectrum's name too."""
         return super().about() | {"spectrum": self.spectrum}
 
     def brighter(self, electrons):
+        """Return the same object with a light of `electrons` in all."""
         factor = electrons / self.electrons
         case = super().brighter(electrons)
         return replace(case, density=self.density * factor, light=self.light * factor)

@@ -32,6 +32,7 @@ def _cells(setting, scene, band):
 
 
 def paper(setting, case):
+    """Return draw(copies) by the paper's way: a stamp a sub-band, laid along the trace pixel by pixel."""
     scene, window, per_pixel = case.scene, case.window, setting.psf.oversampling
     reach = int(case.row["reach"][0])
     dx, dy, light = _trace(setting, case)

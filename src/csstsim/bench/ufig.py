@@ -16,6 +16,7 @@ _SUPPRESSION = -7.5  # of a flexion that is zero
 
 
 def prepare(setting, case):
+    """Return draw(copies) by UFig's photons through a Moffat PSF: an image [e-] of the window's shape."""
     from ufig import rendering_util
     from ufig.config import common
     from ufig.plugins.gamma_interpolation_table import load_intrinsicTable

@@ -19,6 +19,7 @@ def band_label(band):
 
 
 def legend_or_note(axes, anything, note, **keywords):
+    """Draw the legend if `anything` was plotted under a label, else write `note` in the middle; keywords: legend's."""
     if anything and axes.get_legend_handles_labels()[1]:  # what there is may be too few to be drawn
         axes.legend(fontsize=8, title_fontsize=8, **({"loc": "lower right"} | keywords))
     else:

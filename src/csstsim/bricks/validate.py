@@ -44,10 +44,12 @@ class Frame:
 
     @property
     def info(self):
+        """What the measured table says of its frame: {name: value}."""
         return self.measured.meta
 
     @property
     def band(self):
+        """The band in lower case, as in columns' names."""
         return self.info["filter"].lower()
 
 

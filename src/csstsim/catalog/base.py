@@ -76,7 +76,7 @@ class Region:
     bricks: tuple[int, ...]
 
     def contains(self, ra, dec):
-        """Whether places [deg, arrays] lie between the corners, which bound a convex polygon."""
+        """Whether places [deg, arrays of one length] lie between the corners, which bound a convex polygon."""
         corners, places = unit_vectors(self.ra, self.dec), unit_vectors(ra, dec)
         inside = np.ones(len(places), bool)
         for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
@@ -114,7 +114,7 @@ class CatalogBase(ABC):
 
     @property
     def table(self):
-        """The objects as an ObjectTable, in the order of `self.objs`."""
+        """The objects as an ObjectTable, in the order of `self.objs`. Raises InputError for what is none."""
         if getattr(self, "_table", None) is None:
             strange = next((obj for obj in self.objs if not isinstance(obj, MockObject)), None)
             if strange is not None:
@@ -138,7 +138,10 @@ class CatalogBase(ABC):
         return total.hexdigest()[:16]
 
     def load_seds(self, rows):
-        """Return (len(rows), 18001) spectra [photon / s / m2 / A] on 2000-11000 A by 0.5 A for rows of `table`."""
+        """Return (len(rows), 18001) spectra [photon / s / m2 / A] on 2000-11000 A by 0.5 A for rows of `table`.
+
+        Raises InputError for what `load_sed` or `load_norm_filt` raise, or give in the wrong form.
+        """
         return np.array([self._load_on_grid(self.objs[row]) for row in rows]).reshape(len(rows), len(GRID))
 
     def load_fluxes(self, rows, filter, telescope):
@@ -224,7 +227,7 @@ def users_code(where):
 def read_columns(table, name, where):
     """Return WAVELENGTH [A] and `name` (FLUX or SENSITIVITY) of what a user's method gave, in csstsim's units.
 
-    `where` begins the message. Raises InputError for anything not of that form.
+    Both are float64 and of one length. `where` begins the message. Raises InputError for anything not of that form.
     """
     try:
         wave = np.round(_plain(table["WAVELENGTH"], "AA"), 6)  # 1100 nm is 11000 A, not a bit less

@@ -49,7 +49,7 @@ class Report:
 
 
 def sky_region(ra, dec, radius):
-    """Return the Region of a circle's bounding square; all in deg, ICRS. Not for a circle that holds a pole."""
+    """Return the Region of a circle's bounding square, by corners; in deg, ICRS. Not for one that holds a pole."""
     import healpy
 
     half = radius / np.cos(np.radians(abs(dec) + radius))

@@ -58,7 +58,8 @@ COLUMNS = {
 class ObjectTable(Mapping):
     """Named columns of equal length; `meta` is a JSON-like dict that travels with the table's files.
 
-    `len(table)` is the number of rows; iteration and `in` are over column names.
+    `len(table)` is the number of rows; iteration and `in` are over column names. Raises ValueError for columns of
+    different length.
     """
 
     def __init__(self, columns, meta=None):
@@ -128,7 +129,7 @@ class ObjectTable(Mapping):
 
     @classmethod
     def concat(cls, tables):
-        """Return the tables one after another; all must have the columns of the first. Metadata of the first."""
+        """Return every row of the tables, in order; all must have the columns of the first. Metadata of the first."""
         tables = list(tables)
         if not tables:
             return cls.complete({})
@@ -143,7 +144,7 @@ class ObjectTable(Mapping):
 
     @classmethod
     def read(cls, path, columns=None):
-        """Read a parquet file written by `write`. Raises InputError for a missing, damaged or foreign file."""
+        """Return the rows of a file by `write`, or some columns. Raises InputError for a damaged or foreign file."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 

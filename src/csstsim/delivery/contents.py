@@ -36,6 +36,7 @@ class Frame:
 
     @property
     def key(self):
+        """(obsid, chip), as of campaign.Job."""
         return self.obsid, self.chip
 
 

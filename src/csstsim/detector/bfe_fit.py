@@ -26,7 +26,7 @@ def unfold(quadrant):
 
 
 def fold(array):
-    """Return the quadrant of an odd-sized square array, the mean of its four mirror images."""
+    """Return the quadrant (n, n) of a (2n - 1, 2n - 1) array, the mean of its mirror images, dimensionless or not."""
     n = len(array) // 2
     mean = (array + array[::-1] + array[:, ::-1] + array[::-1, ::-1]) / 4
     return mean[n:, n:]
@@ -53,7 +53,7 @@ def kernel(areas):
 
 
 def all_areas(areas):
-    """Return the (4, 4) areas that the kernel of (3, 3) areas has: those given, and the ring that makes the sum 0."""
+    """Return the (4, 4) areas [per e-] of the kernel of (3, 3) ones: the same, and the ring that makes the sum 0."""
     potential, skew = kernel(areas)
     every = 2 * laplacian(potential)
     every[1, 0] += 2 * skew
@@ -72,7 +72,7 @@ def predict(areas, mean):
 
 
 def measure(first, second, reach=SIZE):
-    """Return (mean, covariances (reach, reach), standard errors) of two flats (ny, nx) of the same light.
+    """Return (mean [e-], covariances (reach, reach) [e-^2], standard errors) of two equal flats (ny, nx) [e-].
 
     The covariance is half that of the difference, from which all fixed patterns fall out; lags (dy, dx) and (dy, -dx)
     are averaged. Raises ValueError if the two differ in shape or are smaller than twice the reach.
@@ -95,7 +95,7 @@ def measure(first, second, reach=SIZE):
 
 
 def fit(means, covariances, errors):
-    """Return (areas (3, 3), their errors) of flats at levels `means` (n,), from covariances (n, 3, 3) with errors.
+    """Return (areas (3, 3) [per e-], errors) of flats of `means` (n,) [e-], covariances (n, 3, 3) [e-^2] with errors.
 
     Least squares lag by lag on mu^2, the cubic term taken from the areas of the round before.
     """

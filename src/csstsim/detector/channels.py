@@ -95,14 +95,17 @@ class ReadoutFrame:
 
     @property
     def n_channels(self):
+        """Number of readout channels of the detector."""
         return self.channels_x * self.channels_y
 
     @property
     def block_nx(self):
+        """Columns [px] of a whole channel as read: prescan, active, overscan."""
         return self.prescan + self.channel_nx + self.overscan
 
     @property
     def block_ny(self):
+        """Rows [px] of a whole channel as read: active, parallel overscan."""
         return self.channel_ny + self.parallel_overscan
 
     @property
@@ -111,7 +114,7 @@ class ReadoutFrame:
         return len(self.rows), len(self.cols)
 
     def stored_shape(self, layout):
-        """(rows, columns) of the whole detector in 'channels' or 'mosaic' layout, whatever the window."""
+        """(rows, columns) of the whole detector in 'channels' or 'mosaic' layout; ValueError for another."""
         if layout == "channels":
             return self.block_ny, self.block_nx * self.n_channels
         if layout == "mosaic":
@@ -216,7 +219,10 @@ class ReadoutFrame:
         return image
 
     def to_stored(self, frame, layout):
-        """Return the whole detector in `layout`; pixels that were not read out are 0."""
+        """Return the whole detector (`stored_shape`) in `layout`; pixels that were not read out are 0.
+
+        Raises ValueError for a frame that is not of `shape`.
+        """
         if frame.shape != self.shape:
             raise ValueError(f"frame of shape {frame.shape}; the readout gives {self.shape}")
         stored = np.zeros(self.stored_shape(layout), frame.dtype)
@@ -225,7 +231,10 @@ class ReadoutFrame:
         return stored
 
     def from_stored(self, stored, layout):
-        """Return the frame held in a stored array: the inverse of `to_stored`."""
+        """Return the frame (of `shape`) held in a stored array: the inverse of `to_stored`.
+
+        Raises ValueError for an array that is not of `stored_shape`.
+        """
         if stored.shape != self.stored_shape(layout):
             raise ValueError(f"stored array of shape {stored.shape}; expected {self.stored_shape(layout)}")
         frame = np.empty(self.shape, stored.dtype)
@@ -243,7 +252,7 @@ class ReadoutFrame:
                     yield (y_frame, x_frame), self.stored_region(block, (y_mosaic, x_mosaic), layout)
 
     def stored_region(self, block, mosaic_region, layout):
-        """Return the slices of the stored array that hold a region of the mosaic inside `block`."""
+        """Return the slices [px] of the stored array that hold a region of the mosaic inside `block`."""
         if layout == "mosaic":
             return mosaic_region
         self.stored_shape(layout)

@@ -32,7 +32,7 @@ class Tracks:
 
 
 def draw_tracks(shape, seconds, rays, rng):
-    """Return the Tracks of a frame of `shape` (ny, nx) exposed for so long; also such as only pass beside it.
+    """Return the Tracks of a frame of `shape` (ny, nx) exposed for `seconds`; also such as only pass beside it.
 
     rays: instrument.cosmic_rays.CosmicRays; rng: numpy Generator.
     """

@@ -55,7 +55,7 @@ def transfer(image, density, timescale, well, keys, *, flip=False, lead=0, n_row
 
 
 def checked_fill(image, n, lead, length):
-    """Return the charge of the packets of a line of `length` that an image of `n`, `lead` from its end, leaves out.
+    """Return the charge [e-] of the packets of a line of `length` px that an image of `n`, `lead` from its end, lacks.
 
     Raises ValueError if it does not fit, and for values that are not finite or above LARGEST.
     """

@@ -1,4 +1,4 @@
-"""The third-order polynomial of the nonlinearity: where it rises, and its inverse for calibration.
+"""The third-order polynomial of the nonlinearity (paper, Appendix B item 8): where it rises, and its inverse.
 
     f(x) = x + quadratic x^2 + cubic x^3    for 0 <= x <= limit
 
@@ -13,12 +13,12 @@ _NEAR = 1e-9  # of the limit: where the search ends
 
 
 def slope(x, quadratic, cubic):
-    """Return f' at x (scalar or array) within 0..limit."""
+    """Return f', the signal that an electron more gives, at x [e-] (scalar or array) within 0..limit."""
     return 1 + x * (2 * quadratic + 3 * cubic * x)
 
 
 def lowest_slope(quadratic, cubic, limit):
-    """Return the lowest f' within 0..limit: f rises there if it is positive."""
+    """Return the lowest f' within 0..limit [e-]: f rises there if it is positive."""
     places = [0.0, limit]
     if cubic:
         places.append(min(max(-quadratic / (3 * cubic), 0.0), limit))
@@ -33,7 +33,7 @@ def check_rising(quadratic, cubic, limit):
 
 
 def straighten(signal, quadratic, cubic, limit):
-    """Return the charge (float64 [e-]) whose signal is `signal` (array): the inverse of f, to 1e-9 of the limit.
+    """Return the charge [e-] (float64) of `signal` [e-], an array of any shape: the inverse of f, to 1e-9 of the limit.
 
     Newton's steps, and a halving of the bracket wherever one would leave it. Values that are not finite stay. Raises
     ValueError if f does not rise over 0..limit.

@@ -73,7 +73,7 @@ def column_charge(rows, u, level, read_noise, numbers, rng):
 
 
 def inside(index, nx, window):
-    """Return (which, y, x): which flat indices of a chip `nx` wide lie in a window, and where in it."""
+    """Return (which, y, x): which flat indices of a chip of `nx` columns lie in a window, and where in it [px]."""
     y, x = index // nx - window.y0, index % nx - window.x0
     which = (y >= 0) & (y < window.ny) & (x >= 0) & (x < window.nx)
     return which, y[which], x[which]

@@ -1,5 +1,5 @@
-"""A column's packets of charge, arranged for two questions: which is the next that reaches a level, and which is the
-n-th below it. Both are answered without looking at each packet.
+"""A column's packets of charge for detector.cti, arranged for two questions: which is the next that reaches a level, or
+the n-th below it. Both are answered without looking at each packet.
 
 Blocks and super-blocks keep bounds on the charge in them, which skip whatever lies all above or all below the level.
 Where they do not, packets are looked at one by one, or, near the sky level, eight at once: a byte of each packet holds
@@ -38,7 +38,7 @@ def search_room(n):
 
 @numba.njit(cache=True)
 def set_up(charge, table, small):
-    """Prepare the search among `charge` (int32, of padded length, -1 after the last packet); return `base`."""
+    """Prepare the search among `charge` (int32 [e-], of padded length, -1 after the last packet); return `base`."""
     most, least, later = table[_MOST], table[_LEAST], table[_LATER]
     table[_MOST_SUPER], table[_LEAST_SUPER] = -1, np.iinfo(np.int32).max
     total, held = 0, 0
@@ -64,7 +64,7 @@ def set_up(charge, table, small):
 
 @numba.njit(inline="always")
 def add(charge, table, small, base, k, electrons):
-    """Change a packet; the bounds stay bounds, though not the closest ones."""
+    """Add `electrons` to packet k; the bounds stay bounds, though not the closest ones."""
     value = charge[k] + electrons
     charge[k] = value
     small[k] = min(max(value - base, 0), _BYTE_MAX)

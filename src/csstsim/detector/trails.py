@@ -1,4 +1,6 @@
-"""Charge that is read after the pixels it belongs to: from CTE_effect, which finds it, to the overscan it lies in."""
+"""Charge that is read after the pixels it belongs to (paper, Appendix B items 10 and 11): CTE_effect finds it, the
+overscan holds it.
+"""
 
 from dataclasses import dataclass, field
 

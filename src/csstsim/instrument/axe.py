@@ -28,13 +28,13 @@ _NOTHING = np.array([1e-9, 1e-13, 1e-13, 1e-17, 1e-17, 1e-17])  # rounding of a 
 
 
 def field_terms(m, n):
-    """Return (..., 6): the terms of a coefficient at pixels m, n, in aXe's order."""
+    """Return the terms, of shape (m.shape, 6), of a coefficient at pixels m, n (broadcast together), in aXe's order."""
     m, n = np.broadcast_arrays(np.asarray(m, float), np.asarray(n, float))
     return np.stack([np.ones_like(m), m, n, m * m, m * n, n * n], axis=-1)
 
 
 def field_range(coefficient, x0, x1, y0, y1):
-    """Return (least, most) of a coefficient's six terms over direct images x0..x1, y0..y1, exactly."""
+    """Return (least, most) of a coefficient (6,) over direct images x0..x1, y0..y1 [px], exactly."""
     _, b, c, d, e, f = coefficient
     with np.errstate(divide="ignore", invalid="ignore"):
         low, high = -(b + e * np.array([y0, y1])) / (2 * d), -(c + e * np.array([x0, x1])) / (2 * f)
@@ -115,7 +115,7 @@ def sensitivity_file(stem, order):
 
 
 def axe_text(orders, comments=()):
-    """Return the text of a .conf file; `orders` as `read_axe` gives them."""
+    """Return the text of a .conf file; `orders` as `read_axe` gives them, each coefficient (6,)."""
     lines = [f"# {line}" for line in comments]
     for beam, order in BEAMS.items():
         if order not in orders:

@@ -1,4 +1,4 @@
-"""The camera: every data file of an instrument folder, read and checked as one frozen object."""
+"""The camera: every data file of an instrument folder (config/instrument/README.md), read and checked as one object."""
 
 from dataclasses import dataclass, fields
 from functools import cached_property

@@ -23,10 +23,12 @@ class Window:
 
     @property
     def nx(self):
+        """Columns [px]."""
         return self.x1 - self.x0
 
     @property
     def ny(self):
+        """Rows [px]."""
         return self.y1 - self.y0
 
     @property
@@ -80,6 +82,7 @@ class Detector:
 
     @property
     def channels(self):
+        """The number of readout channels."""
         return self.channels_x * self.channels_y
 
 
@@ -109,4 +112,5 @@ class Chip:
 
     @property
     def full_window(self):
+        """The Window of all active pixels."""
         return Window(0, self.detector.nx, 0, self.detector.ny)

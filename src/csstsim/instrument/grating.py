@@ -102,7 +102,7 @@ def _reach(order, piece):
 
 
 def load_gratings(folder, data, chips, filters, telescope):
-    """Return {chip id: Gratings} of the spectroscopic `chips` {id: Chip}.
+    """Return {chip id: Gratings}, two pieces of each [px], of the spectroscopic `chips` {id: Chip}.
 
     folder: of the .conf files; data: gratings.yaml as instrument.load.read_data gives it. Raises InputError for a
     missing chip or file, traces that turn round within a piece, or sensitivities that are not those of the filters.
@@ -174,7 +174,7 @@ def _check_traces(grating, piece, file):
 
 
 def load_grating(path, filter, telescope):
-    """Return the Grating of an aXe configuration file. Raises InputError."""
+    """Return the Grating of an aXe file: coefficients (6,), throughputs [e- / photon]. Raises InputError."""
     path, orders = Path(path), {}
     for number, one in sorted(read_axe(path).items()):
         throughput = _throughput(path.parent / one["sensitivity"], telescope)

@@ -27,6 +27,7 @@ class Orbit:
 
     @property
     def radius_km(self):
+        """Of the orbit, from the centre of the Earth [km]."""
         return EARTH_RADIUS_KM + self.altitude_km
 
     @property
@@ -36,6 +37,7 @@ class Orbit:
 
     @property
     def period_s(self):
+        """Of a revolution [s]."""
         return 2 * math.pi / self.mean_motion
 
     @property

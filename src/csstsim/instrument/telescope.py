@@ -17,4 +17,5 @@ class Telescope:
 
     @property
     def area_m2(self):
+        """Collecting area [m2]."""
         return math.pi * self.diameter_m**2 / 4

@@ -2,7 +2,7 @@
 
 SCI has no bias, background, flat field or shutter in it and its charge is where the light came; BACKMED is the median
 of the background taken off. ERR is a pixel's own noise: shot noise of all its electrons and read noise. The world
-coordinates have the field distortion as SIP polynomials; directions are apparent, as in Level-0.
+coordinates have the field distortion as SIP polynomials (Shupe et al. 2005); directions are apparent, as in Level-0.
 """
 
 from csstsim.atomic import atomic_path

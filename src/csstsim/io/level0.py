@@ -147,6 +147,7 @@ class Level0:
 
     @property
     def window(self):
+        """The Window of active pixels that was read."""
         return Window(*self.readout.window)
 
     @cached_property
@@ -195,11 +196,17 @@ class Level0:
             raise InputError("must be a number", file=self.path, key=name, value=header[name]) from None
 
     def frame(self):
-        """Return the readout frame: uint16, shape `readout.shape`, lying as the silicon does."""
+        """Return the readout frame [DN]: uint16, shape `readout.shape`, lying as the silicon does.
+
+        Raises InputError if a compressed file's DN are not uint16.
+        """
         return _unsigned(self.readout.from_stored(self._stored, self.layout))
 
     def mask(self):
-        """Return the truth mask of the active pixels of the window, uint8 (detector.mask), or None."""
+        """Return the truth mask of the active pixels of the window, uint8 (detector.mask), or None.
+
+        Raises InputError if it is not of the image's shape.
+        """
         with open_fits(self.path) as file:
             stored = read_pixels(file["MASK"], self.path) if "MASK" in file else None
         if stored is not None and stored.shape != self.readout.stored_shape(self.layout):

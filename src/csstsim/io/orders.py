@@ -1,4 +1,4 @@
-"""The truth of dispersed light beside a Level-0 file of a spectroscopic chip: a row for each object and order.
+"""The truth of dispersed light beside a Level-0 file of a spectroscopic chip (paper, section 4.2): a row an order.
 
 | column | what it is |
 |---|---|

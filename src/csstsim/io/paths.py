@@ -42,9 +42,11 @@ class Paths:
         return self.output / kind / "Norder=8" / f"Dir={pix // 10000 * 10000}" / f"Npix={form.format(pix)}.parquet"
 
     def truth(self, pix):
+        """Bricks of the embedded truth, HATS parquet; pix: NSIDE 256, nested."""
         return self._hats("truth", pix)
 
     def merge(self, pix):
+        """A merged brick's table of sources, HATS parquet; pix: NSIDE 256, nested."""
         return self._hats("merge/dataset", pix)
 
     @property
@@ -53,9 +55,11 @@ class Paths:
         return self.output / "merge"
 
     def psf(self, chip_id):
+        """A chip's PSF set, HDF5."""
         return self.output / "psf" / f"chip_{chip_id:02d}.h5"
 
     def psf_tables(self, chip_id):
+        """The tables that photons are drawn from, made of the PSF set, HDF5."""
         return self.output / "psf" / f"chip_{chip_id:02d}_tables.h5"
 
     def stage(self, obsid, chip_id, name):
@@ -63,9 +67,11 @@ class Paths:
         return self.chips / f"{obsid}_{chip_id:02d}" / name
 
     def level0(self, pointing, chip_id):
+        """A chip's Level-0 FITS file."""
         return self.output / "level0" / pointing.obsid / f"{level0_stem(pointing, chip_id)}.fits"
 
     def level0_truth(self, pointing, chip_id):
+        """The table of drawn objects beside the Level-0 file, parquet."""
         return self.level0(pointing, chip_id).with_suffix(TRUTH)
 
     def level0_orders(self, pointing, chip_id):
@@ -77,22 +83,28 @@ class Paths:
         return self.level0(pointing, chip_id).with_suffix(COSMIC)
 
     def masters(self, chip_id):
+        """A chip's master bias, dark and flat, FITS."""
         return self.output / "masters" / f"chip_{chip_id:02d}.fits"
 
     def calibrated(self, obsid, chip_id):
+        """A calibrated frame (SCI, ERR, DQ), FITS."""
         return self.output / "calibrated" / f"{obsid}_{chip_id:02d}.fits"
 
     def measure(self, obsid, chip_id):
+        """The table of what was measured on an imaging frame, parquet."""
         return self.output / "measure" / f"{obsid}_{chip_id:02d}.parquet"
 
     def spectra(self, obsid, chip_id):
+        """The table of extracted spectra of a slitless frame, parquet."""
         return self.output / "spectra" / f"{obsid}_{chip_id:02d}.parquet"
 
     def validate(self, pix):
+        """A brick's validation, JSON; pix: NSIDE 256, nested."""
         return self.output / "validate" / f"{pix}.json"
 
     @property
     def report(self):
+        """The campaign's report, HTML."""
         return self.output / "report" / "index.html"
 
 

@@ -32,12 +32,15 @@ TAKEN = {"chip", "filter", "detA", "dm", "g1", "g2", "size"} | (set(CAT_COLUMNS)
 
 
 def write_truth(path, drawn, job, metadata):
-    """Write the truth of one Level-0 file. drawn: ObjectTable from render; job: job.Job; metadata: {str: str}."""
+    """Write the truth of one Level-0 file; arguments as of `truth_table`, metadata {str: str}."""
     truth_table(drawn, job).write(path, metadata)
 
 
 def truth_table(drawn, job):
-    """Return the truth of one Level-0 file as an ObjectTable. drawn: ObjectTable from render; job: job.Job."""
+    """Return the truth of one Level-0 file as an ObjectTable, a row an object drawn.
+
+    drawn: ObjectTable from render, its x, y [px] from 0 become xImage, yImage from 1; job: job.Job.
+    """
     count = len(drawn)
     unknown = np.full(count, np.nan, np.float32)
     ours = {f"user_{name}" if name in TAKEN else name: drawn[name] for name in drawn.names}

@@ -26,7 +26,7 @@ class Param(LayerParam):
 
 
 def check(param, camera, pointing):
-    """Raise InputError if the signal does not rise up to the full well, for any channel there may be."""
+    """Raise InputError if the signal [e-] does not rise up to the full well, for any channel there may be."""
     detector = camera.detector
     spread = detector.nonlinearity_spread if param.nonlinearity_16channel else 0.0
     for scale in (1 - spread, 1 + spread):

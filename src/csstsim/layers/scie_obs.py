@@ -48,7 +48,7 @@ def _check_beyond(camera):
 
 
 def apply(state, param, rng):
-    """Draw state.catalog into state.image, in place; state.truth becomes the table of drawn objects.
+    """Draw state.catalog into state.image [e-], in place; state.truth becomes the table of drawn objects.
 
     What the planes gained goes to the header, so that the table can be held against it.
     """

@@ -54,7 +54,7 @@ def check(param, camera, pointing):
 
 
 def apply(state, param, rng):
-    """Add the sky [e-] to state.image, in place; rates, and angles to Sun, Moon and limb at the start, to the header.
+    """Add the sky [e-] to state.image, of the window's shape, in place; rates and angles at the start to the header.
 
     Raises InputError if the model is asked for and the telescope looks at the Earth or beside the Sun.
     """

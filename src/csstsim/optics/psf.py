@@ -48,7 +48,10 @@ _CENTRE_STEPS = 50
 
 
 def oversampling_of(filter, psf_params, asked="auto"):
-    """Return the cells along the side of a pixel for a filter (name): `asked` (2 or 4), or psf.yaml's for "auto"."""
+    """Return the cells along the side of a pixel for a filter (name): `asked` (2 or 4), or psf.yaml's for "auto".
+
+    Raises InputError for any other number.
+    """
     table = psf_params.get("oversampling")
     value = asked if asked != "auto" else table.get(filter) if isinstance(table, dict) else None
     if isinstance(value, bool) or value not in OVERSAMPLING:
@@ -70,7 +73,8 @@ def node_psf(optics, coefficients, kernel, oversampling=2):
 def centre_of(optics, transfers, kernel, oversampling):
     """Return the windowed centroid (x, y), in cells, of the mean image as pixels see it.
 
-    Where the first moments in a Gaussian window vanish, the image smoothed by that Gaussian has its peak.
+    Where the first moments in a Gaussian window vanish, the image smoothed by that Gaussian has its peak. Raises
+    InputError if none is found.
     """
     place, sigma = np.zeros(2), WINDOW_PX * oversampling
 
@@ -101,7 +105,10 @@ def node_positions(chip, grid):
 
 
 def chip_optics(chip, filter, psf_params, wavefront, oversampling, cells=CELLS):
-    """Return (one `Diffraction` a wavelength of the filter, kernel of all that blurs, the cell included)."""
+    """Return (one `Diffraction` a wavelength of the filter, kernel of all that blurs, the cell included).
+
+    oversampling: cells along a pixel; cells: along the box, which is cells / oversampling px wide.
+    """
     cell_arcsec, cell_um = chip.telescope.pixel_scale / oversampling, chip.detector.pixel_um / oversampling
     diameter = chip.telescope.diameter_m
     optics = [Diffraction(w, diameter, cell_arcsec, wavefront, cells) for w in filter.psf_wavelength]
@@ -117,7 +124,8 @@ def make_psf(
     `psf_params` is Camera.psf, `grid` the number of nodes along a side (>= 2), `camera_digest` Camera.digest,
     `oversampling` the cells along a pixel ("auto": psf.yaml's for the filter), `provenance` a JSON-like mapping kept in
     the file, `cells` the (even) cells along the box, `beyond` an optics.beyond.Beyond, whose halo is added,
-    `nodes_uv` (grid^2, 2) what optics.focal_plane.samples has for the nodes.
+    `nodes_uv` (grid^2, 2) what optics.focal_plane.samples has for the nodes. Raises InputError for a grid or sampling
+    that cannot be, and a PSF too wide to centre.
     """
     if grid < 2:
         raise InputError("too few nodes to span a chip", key="psf.grid", value=grid, allowed=">= 2")

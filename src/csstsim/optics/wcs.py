@@ -54,7 +54,7 @@ class ChipWCS:
         return x, y
 
     def pixel_to_world(self, x, y):
-        """Return ra (0 <= ra < 360), dec [deg] of 0-based pixels x, y."""
+        """Return ra (0 <= ra < 360), dec [deg] of 0-based pixels x, y, in their shape."""
         if self.distortion:
             x, y = self.distortion.inverse(x, y)
         u = np.asarray(x, dtype=float) - (self.crpix[0] - 1)
@@ -121,7 +121,7 @@ class ChipWCS:
 
 
 def mosaic_cd(pa, telescope):
-    """Return the CD matrix [deg / pixel] of the unturned mosaic at position angle `pa` [deg]."""
+    """Return the CD matrix (2, 2) [deg / pixel] of the unturned mosaic at position angle `pa` [deg]."""
     s = telescope.pixel_scale / 3600.0
     angle = math.radians(pa)
     cd = s * np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
@@ -146,7 +146,7 @@ def chip_plane(chip):
 
 
 def gnomonic(crval, ra, dec):
-    """Return xi, eta [rad] of ra, dec [deg] on the plane that touches the sky at `crval`; NaN from its horizon on."""
+    """Return xi, eta [rad], in the shape of ra, dec [deg], on the plane tangent at `crval`; NaN from its horizon on."""
     east, north, depth, _ = _frame(crval, ra, dec)
     safe = np.where(depth > 0, depth, np.nan)
     return east / safe, north / safe

@@ -1,0 +1,1 @@
+"""Objects drawn into an image of electrons: which method for which object, and the methods."""

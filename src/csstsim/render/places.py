@@ -32,6 +32,7 @@ def tail_table(wing, half):
 
 
 def check_scene(scene, table, maximum):
+    """Raise ValueError for a Scene whose photons cannot be drawn: bad values, nodes without tables, too much light."""
     for name in ("x", "y", "electrons", "light", "sersic", "matrix", "weight"):
         values = getattr(scene, name)
         if not np.isfinite(values).all():
@@ -54,6 +55,7 @@ def first_word(node, f, part, sides):
 
 @numba.njit(inline="always")
 def cumulative(values, sums):
+    """Put the running sums of `values` into `sums`, of the same length, and return it."""
     total = 0.0
     for j in range(len(values)):
         total += values[j]

@@ -82,6 +82,7 @@ def near_part(octaves, near=NEAR):
 
 
 def octaves_of(reach):
+    """Return how many octaves of the squared radius a wing of `reach` [px] spans."""
     return math.ceil(2 * math.log2(reach)) + 1
 
 

@@ -1,0 +1,1 @@
+"""Light that is no object's: zodiacal light, earthshine, and what comes in beside the mirror."""

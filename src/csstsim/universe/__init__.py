@@ -1,0 +1,1 @@
+"""The embedded True Universe, made brick by brick: stars, galaxies, quasars, lensing."""

@@ -35,16 +35,19 @@ class Universe:
 
     @cached_property
     def cosmology(self):
+        """The universe.cosmology.Cosmology of cosmology.yaml."""
         from csstsim.universe.cosmology import Cosmology
 
         return Cosmology(self.numbers["cosmology"])
 
     @cached_property
     def dust(self):
+        """The catalog.dust_map.DustMap of dust.yaml."""
         return DustMap(self.numbers["dust"])
 
     @property
     def r_v(self):
+        """A(V) / E(B - V) of the Milky Way's dust."""
         return self.numbers["dust"]["r_v"]
 
     @cached_property
@@ -54,18 +57,21 @@ class Universe:
 
     @cached_property
     def star_seds(self):
+        """Spectra of stars (universe.star_sed.StarSeds)."""
         from csstsim.universe.star_sed import StarSeds  # numba: most stages only want the digest
 
         return StarSeds(self.folder / "star_spectra.fits", self.extinction)
 
     @cached_property
     def galaxy_seds(self):
+        """Spectra of galaxies (universe.galaxy_sed.GalaxySeds)."""
         from csstsim.universe.galaxy_sed import GalaxySeds
 
         return GalaxySeds(self.folder / "galaxy_spectra.fits", self.numbers["galaxies"]["igm"], self.extinction)
 
     @cached_property
     def quasar_seds(self):
+        """Spectra of quasars (universe.quasar_sed.QuasarSeds)."""
         from csstsim.universe.quasar_sed import QuasarSeds
 
         return QuasarSeds(self.numbers["quasars"], self.numbers["galaxies"]["igm"], self.extinction)

@@ -47,6 +47,7 @@ class TangentGrid:
 
     @property
     def shape(self):
+        """(rows, columns) of points."""
         return 2 * self.rows + 1, 2 * self.columns + 1
 
     @cached_property
@@ -60,6 +61,7 @@ class TangentGrid:
 
     @property
     def centre(self):
+        """(3,) unit vector of the middle."""
         return self.axes[2]
 
     @property
