@@ -126,7 +126,10 @@ def _plain(name, column):
 
 
 def object_table(columns, where):
-    """Return columns as an ObjectTable with ids, types and sizes. Raises InputError, which names `where`."""
+    """Return columns, {name: (n,) values}, as an ObjectTable with ids, types and sizes [arcsec].
+
+    Raises InputError, which names `where`.
+    """
     columns = {name: np.asarray(values) for name, values in columns.items()}
     lengths = {name: len(values) if values.ndim == 1 else values.shape for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
