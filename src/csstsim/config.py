@@ -13,7 +13,7 @@ from typing import Any, Literal
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from csstsim.errors import InputError
+from csstsim.errors import InputError, explained
 from csstsim.model import FilePath, Model, validate
 from csstsim.release import NEWEST, check_layout
 from csstsim.shipped import ROOT
@@ -284,6 +284,7 @@ class Observation(Model):
         return value
 
 
+@explained("campaign")
 def load_campaign(path):
     """Read and check a campaign file. Raises InputError."""
     campaign = validate(Campaign, read_yaml(path), path)
@@ -292,6 +293,7 @@ def load_campaign(path):
     return campaign
 
 
+@explained("observation")
 def load_observation(path):
     """Read and check an observation file (layers' own parameters are checked by SimSteps). Raises InputError."""
     return validate(Observation, read_yaml(path), path)

@@ -22,7 +22,7 @@ from types import ModuleType
 
 import csstsim.layers
 from csstsim.config import load_observation
-from csstsim.errors import CsstsimError, InputError
+from csstsim.errors import CsstsimError, InputError, explained
 from csstsim.model import validate
 from csstsim.rng import Streams
 
@@ -57,6 +57,7 @@ class SimSteps:
     differ between layers.
     """
 
+    @explained("observation")
     def __init__(self, file, kind=None):
         self.file = file
         self.steps = []
@@ -105,6 +106,7 @@ class SimSteps:
         """Whether a truth mask is to be kept."""
         return self._asked("mask")
 
+    @explained("observation")
     def check(self, camera, pointing):
         """Let each layer check its parameters against the camera and an exposure. Raises InputError."""
         for step in self.steps:

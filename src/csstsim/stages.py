@@ -9,7 +9,7 @@ import time
 import numpy as np
 
 from csstsim.config import digest
-from csstsim.errors import InputError
+from csstsim.errors import InputError, explained
 from csstsim.prepare import missing_bricks, missing_psf, open_psf, psf_box
 from csstsim.release import check_recipe
 from csstsim.state import State
@@ -35,6 +35,7 @@ def select(run, job):
     _say_selected(table, print)
 
 
+@explained("catalogue")
 def check_catalog(run, say):
     """Open what the campaign draws from; try a catalogue of the user's on the first science job (catalog.contract)."""
     from csstsim.catalog.contract import check

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from csstsim.errors import InputError
+from csstsim.errors import InputError, explained
 from csstsim.instrument.chip import Chip, Detector
 from csstsim.instrument.cosmic_rays import load_cosmic_rays
 from csstsim.instrument.defects import load_defects
@@ -60,6 +60,7 @@ class Camera:
         return load_gratings(self.folder / "gratings", read_data(file), chips, self.filters, self.telescope)
 
 
+@explained("instrument")
 def load_camera(folder):
     """Read an instrument folder (config/instrument/README.md). Raises InputError naming file, key and value."""
     folder = Path(folder)
