@@ -1,8 +1,9 @@
 """What a campaign's files ask for together and cannot have. run: campaign.OpenCampaign; all raise InputError."""
 
 from csstsim.config import PixelWindow
-from csstsim.errors import InputError, explained
+from csstsim.errors import InputError
 from csstsim.optics import shutter
+from csstsim.pages import explained
 
 
 @explained("campaign")

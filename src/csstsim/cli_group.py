@@ -6,14 +6,13 @@ import signal
 import sys
 import traceback
 from contextlib import contextmanager, nullcontext, redirect_stdout
-from pathlib import Path
 
 import click
 
 from csstsim.errors import CsstsimError
 from csstsim.job_log import ERROR
+from csstsim.pages import told
 from csstsim.progress import hidden
-from csstsim.shipped import ROOT
 
 SECTIONS = {
     "Begin": ("init", "doctor", "check", "plan", "completion"),
@@ -73,15 +72,6 @@ class Group(click.Group):
             message = ": ".join(str(part) for part in (error.filename, error.strerror) if part)
         click.echo(f"{ERROR} {message}", err=True)
         sys.exit(2)
-
-
-def told(error):
-    """Return a CsstsimError as a line, with the page that explains what is allowed, if there is one."""
-    page = error.page
-    if page and (ROOT / page).is_file():
-        file = ROOT / page
-        page = file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file
-    return f"{error}; see {page}" if page else str(error)
 
 
 def _stop(number, frame):

@@ -51,7 +51,7 @@ def _campaign(ctx):
     """Return the campaign's file as a mapping, unchecked; an empty one if there is none."""
     from csstsim.yaml_file import read_yaml
 
-    file = ctx.params.get("campaign")
+    file = ctx.params.get("campaign") or next(iter(ctx.args), None)  # click stops at the option that has no value yet
     try:
         return read_yaml(file) if file else {}
     except InputError:

@@ -13,8 +13,9 @@ from typing import Any, Literal
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from csstsim.errors import InputError, explained
+from csstsim.errors import InputError
 from csstsim.model import FilePath, Model, validate
+from csstsim.pages import explained
 from csstsim.release import NEWEST, check_layout
 from csstsim.shipped import ROOT
 from csstsim.yaml_file import read_yaml

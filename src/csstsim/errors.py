@@ -5,26 +5,14 @@ the value and what is allowed, and the command ends with exit code 2 and no trac
 exception through: it is a bug.
 """
 
-from contextlib import contextmanager
-
 LONGEST = 160  # characters of a key or value in a message
 LINE = 1500  # ... of the whole message
-
-
-# Where is explained what may stand in an input: a page that comes with csstsim, or what to type
-PAGES = {
-    "campaign": "config/README.md",
-    "observation": "config/README.md",
-    "survey table": "survey_tables/README.md",
-    "instrument": "config/instrument/README.md",
-    "catalogue": "`python -m pydoc csstsim.catalog.base`",
-}
 
 
 class CsstsimError(Exception):
     """Base of the errors that end a command with exit code 2 and one line."""
 
-    page = None  # of PAGES
+    page = None  # where is explained what is allowed: csstsim.pages
 
 
 class InputError(CsstsimError):
@@ -38,16 +26,6 @@ class InputError(CsstsimError):
         if allowed is not None:
             text += f"; allowed: {allowed}"
         super().__init__(_in_a_line(text))
-
-
-@contextmanager
-def explained(kind):
-    """Let errors raised in here, about an input of this kind, name its page of PAGES; the innermost decides."""
-    try:
-        yield
-    except CsstsimError as error:
-        error.page = error.page or PAGES[kind]
-        raise
 
 
 def _in_a_line(text):

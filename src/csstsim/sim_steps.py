@@ -22,8 +22,10 @@ from types import ModuleType
 
 import csstsim.layers
 from csstsim.config import load_observation
-from csstsim.errors import CsstsimError, InputError, explained
+from csstsim.errors import CsstsimError, InputError
 from csstsim.model import validate
+from csstsim.pages import explained
+from csstsim.progress import progress
 from csstsim.rng import Streams
 
 STAGES = ("render", "readout", "level0")
@@ -176,7 +178,7 @@ class SimSteps:
         Wall and CPU seconds of each layer are appended to state.header["timing"] as [name, wall, cpu].
         An exception inside a layer is annotated with obsid, chip and layer.
         """
-        for step in self.stage(stage):
+        for step in progress(self.stage(stage), stage):
             wall, cpu = time.perf_counter(), time.process_time()
             streams = Streams(seed, state.pointing.obsid, state.chip.id, step.name)
             try:

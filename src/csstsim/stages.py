@@ -9,7 +9,8 @@ import time
 import numpy as np
 
 from csstsim.config import digest
-from csstsim.errors import InputError, explained
+from csstsim.errors import InputError
+from csstsim.pages import explained
 from csstsim.prepare import missing_bricks, missing_psf, open_psf, psf_box
 from csstsim.release import check_recipe
 from csstsim.state import State

@@ -60,8 +60,9 @@ from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.photometry import ab_mag, bin_means, load_fluxes
 from csstsim.catalog.table import COLUMNS, ObjectTable
 from csstsim.config import digest
-from csstsim.errors import CsstsimError, InputError, explained
+from csstsim.errors import CsstsimError, InputError
 from csstsim.instrument.filter import GRID
+from csstsim.pages import explained
 
 
 @dataclass(frozen=True)

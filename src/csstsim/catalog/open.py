@@ -3,7 +3,8 @@
 import importlib
 
 from csstsim.catalog.base import CatalogBase, name_of, users_code
-from csstsim.errors import InputError, explained
+from csstsim.errors import InputError
+from csstsim.pages import explained
 
 
 def open_catalog(config, region, brick_file, key):

@@ -6,6 +6,7 @@ raised: a broken installation is what this is for.
 
 from csstsim.doctor.finding import PROBLEM, Finding
 from csstsim.errors import CsstsimError
+from csstsim.pages import told
 
 
 def examine(campaign=None):
@@ -30,6 +31,6 @@ def _safely(check, *arguments):
     try:
         yield from check(*arguments)
     except CsstsimError as error:
-        yield Finding(PROBLEM, name, f"{error}; see {error.page}" if error.page else str(error))
+        yield Finding(PROBLEM, name, told(error))
     except Exception as error:  # what a broken library raises
         yield Finding(PROBLEM, name, f"{type(error).__name__}: {error}")

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import get_args
 
 from csstsim.config import SHIPPED, ExposureType
-from csstsim.errors import InputError, explained
+from csstsim.errors import InputError
 from csstsim.instrument.camera import load_telescope
 from csstsim.instrument.pointing import Pointing, parse_utc
+from csstsim.pages import explained
 from csstsim.text_file import read_text
 from csstsim.units import EARTH_RADIUS_KM
 
