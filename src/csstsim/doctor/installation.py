@@ -149,7 +149,9 @@ def numba_cache():
         ending = f".py{sys.version_info.major}{sys.version_info.minor}.nbi"
         count = sum(path.name.endswith(ending) for path in root.rglob("*.nbi"))
         compiled = (
-            f"{count} functions are compiled" if count else "nothing is compiled yet: the first run takes 20 CPU s more"
+            f"{count} function{'s are' if count > 1 else ' is'} compiled"
+            if count
+            else ("nothing is compiled yet: the first run takes 20 CPU s more")
         )
         yield Finding(OK, "numba cache", f"{root}: {compiled}")
 
