@@ -202,11 +202,11 @@ def chip(run, obsid, chip_ids, profile):
             from csstsim.profile import profiled
 
             if run.embedded:
-                prepare.missing_bricks(run, job, click.echo)
-            prepare.missing_psf(run, job.chip, click.echo)
-            profiled(functools.partial(stages.chip, run, job, say=click.echo), say=result)
+                prepare.missing_bricks(run, job, print)
+            prepare.missing_psf(run, job.chip, print)
+            profiled(functools.partial(stages.chip, run, job, say=print), say=result)
         else:
-            stages.chip(run, job, say=click.echo)
+            stages.chip(run, job, say=print)
 
 
 @main.command()
@@ -240,7 +240,7 @@ def check(run):
     """
     from csstsim import stages
 
-    stages.check_catalog(run, say=click.echo)
+    stages.check_catalog(run, say=print)
     click.echo(f"{run.file}: good; {len(run.jobs)} chips of {len({j.pointing.obsid for j in run.jobs})} exposures")
 
 

@@ -135,4 +135,4 @@ def hushed():
 
 def result(text):
     """Print what was asked for, under -q too."""
-    click.echo(text, file=click.get_current_context().meta.get(QUIET))
+    print(text, file=click.get_current_context().meta.get(QUIET))

@@ -47,15 +47,15 @@ def bench(output, quick, band, methods, objects, seed, readout, chart):
     if chart:
         from csstsim.bench.command import chart as draw
 
-        draw(output, chart, say=click.echo)
+        draw(output, chart, say=print)
     elif readout:
         from csstsim.bench.readout import readout as run
 
-        run(Path(output), say=click.echo)
+        run(Path(output), say=print)
     else:
         from csstsim.bench.command import bench as run
 
-        run(output, band, methods, quick, objects, seed, say=click.echo)
+        run(output, band, methods, quick, objects, seed, say=print)
 
 
 @click.command()
@@ -169,7 +169,7 @@ def shear(campaigns, output, strict):
     """
     from csstsim import analysis
 
-    if not analysis.shear(campaigns, output, say=click.echo) and strict:
+    if not analysis.shear(campaigns, output, say=print) and strict:
         sys.exit(1)
 
 
@@ -204,7 +204,7 @@ def verify(campaign, output, manifest):
         from csstsim.campaign import OpenCampaign
 
         run = OpenCampaign(campaign, output, copied=output is not None)
-    if check(run, folder, click.echo, manifest):
+    if check(run, folder, print, manifest):
         sys.exit(1)
 
 
@@ -229,7 +229,7 @@ def status(campaign, output, watch):
     from csstsim.status import show as run
 
     try:
-        run(OpenCampaign(campaign, output), watch, say=click.echo)
+        run(OpenCampaign(campaign, output), watch, say=print)
     except KeyboardInterrupt:  # the way to end --watch
         sys.exit(128 + signal.SIGINT)
 

@@ -14,5 +14,6 @@ def logged(verb, path):
     start = time.perf_counter()
     yield
     if _LOG.isEnabledFor(logging.DEBUG):
-        size, seconds = os.path.getsize(path) / 1e6, time.perf_counter() - start
-        _LOG.debug("%s %s: %.3g MB in %.3f s", verb, path, size, seconds)
+        size, seconds = os.path.getsize(path), time.perf_counter() - start
+        large, unit = (size / 1e6, "MB") if size >= 1e6 else (size / 1e3, "kB")
+        _LOG.debug("%s %s: %.3g %s in %.3f s", verb, path, large, unit, seconds)

@@ -9,7 +9,8 @@ _screen = {"hidden": False, "bars": None}  # one a process: rich draws one set o
 def progress(items, what, total=None):
     """Yield the items; on a terminal, with a bar named `what` on standard error, below those of loops around it.
 
-    total: how many items there are, where they have no length.
+    What is printed meanwhile stands above the bars, with `print`: click.echo knows nothing of them. total: how many
+    items there are, where they have no length.
     """
     if _screen["hidden"] or not (sys.stderr and sys.stderr.isatty()):
         yield from items
@@ -41,9 +42,9 @@ def _bars():
     from rich.console import Console
     from rich.progress import Progress
 
-    # Standard output that goes to a file is not the bars' to redirect to the screen
+    # soft_wrap: a long path that is printed stays one line. Output that goes to a file is not to be drawn on the screen
     redirect = sys.stdout is not None and sys.stdout.isatty()
-    with Progress(console=Console(stderr=True), transient=True, redirect_stdout=redirect) as bars:
+    with Progress(console=Console(stderr=True, soft_wrap=True), transient=True, redirect_stdout=redirect) as bars:
         _screen["bars"] = bars
         try:
             yield bars

@@ -21,34 +21,40 @@ with {how}:
 ORDER = "ac\nad\nbc\nbd\n"
 
 
-def at_a_terminal(how):
-    """Run the loops with standard error at a terminal and standard output in a pipe; return what each got."""
+def at_a_terminal(code, both=False):
+    """Run code with standard error at a terminal, standard output in a pipe or there, too; return what each got."""
     master, slave = pty.openpty()
     process = subprocess.Popen(
-        [sys.executable, "-c", LOOPS.format(how=how)], stdout=subprocess.PIPE, stderr=slave,
+        [sys.executable, "-c", code], stdout=slave if both else subprocess.PIPE, stderr=slave,
         env=os.environ | {"TERM": "xterm", "COLUMNS": "80"}, text=True,
     )  # fmt: skip
     os.close(slave)
-    out, seen = process.stdout.read(), b""
+    out, seen = "" if both else process.stdout.read(), b""
     try:
         while part := os.read(master, 4096):
             seen += part
     except OSError:  # the terminal's other end is closed
         pass
     os.close(master)
-    process.stdout.close()
+    if not both:
+        process.stdout.close()
     assert process.wait() == 0
     return out, seen.decode()
 
 
 def test_bars_at_a_terminal_one_below_the_other():
-    out, seen = at_a_terminal("nullcontext()")
+    out, seen = at_a_terminal(LOOPS.format(how="nullcontext()"))
     assert out == ORDER  # not drawn into the bars, which go elsewhere
     assert "the outer loop" in seen and "the inner loop" in seen
 
 
+def test_what_is_printed_above_the_bars_is_not_broken_into_lines():
+    _, seen = at_a_terminal(LOOPS.format(how="nullcontext()") + "        print('x' * 150)", both=True)
+    assert seen.count("x" * 150 + "\r\n") == 4 and "the inner loop" in seen
+
+
 def test_no_bars_where_they_are_hidden():
-    assert at_a_terminal("hidden()") == (ORDER, "")
+    assert at_a_terminal(LOOPS.format(how="hidden()")) == (ORDER, "")
 
 
 def test_no_bars_in_a_log():
