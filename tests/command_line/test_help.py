@@ -70,3 +70,11 @@ def test_help_gives_each_verb_one_whole_line(columns):
 def test_a_slip_is_answered_with_what_was_meant():
     said = CliRunner().invoke(main, ["statsu"])
     assert said.exit_code == 2 and "'status'" in said.stderr
+
+
+def test_layers_named_are_the_only_ones_told():
+    said = CliRunner().invoke(main, ["layers", "BIAS", "gain"])
+    heads = [line.split()[0] for line in said.output.splitlines() if not line.startswith(" ")]
+    assert said.exit_code == 0 and heads == ["bias", "gain"]
+    wrong = CliRunner().invoke(main, ["layers", "biass"])
+    assert wrong.exit_code == 2 and "biass" in wrong.stderr and "bias, blooming" in wrong.stderr

@@ -49,7 +49,7 @@ def test_bars_at_a_terminal_one_below_the_other():
 
 
 def test_what_is_printed_above_the_bars_is_not_broken_into_lines():
-    _, seen = at_a_terminal(LOOPS.format(how="nullcontext()") + "        print('x' * 150)", both=True)
+    _, seen = at_a_terminal(LOOPS.format(how="nullcontext()") + "            print('x' * 150)", both=True)
     assert seen.count("x" * 150 + "\r\n") == 4 and "the inner loop" in seen
 
 
