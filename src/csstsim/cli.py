@@ -43,7 +43,7 @@ def main():
     A first look, at a campaign file:
       csstsim plan campaign.yaml               what the campaign would do and cost
       csstsim chip campaign.yaml --obsid 10100000004 --chip 9 --output results/one
-      csstsim show FILE --truth                a picture of the FITS file it wrote, objects marked
+      csstsim show FILE --truth                a picture of the file
     All of the campaign:
       snakemake --profile profiles/default --config campaign=campaign.yaml
 
