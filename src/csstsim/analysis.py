@@ -13,6 +13,7 @@ from csstsim.config import SHIPPED
 from csstsim.errors import InputError
 from csstsim.io.paths import made
 from csstsim.prepare import open_psf
+from csstsim.progress import progress
 from csstsim.release import check_recipe
 from csstsim.yaml_file import read_yaml
 
@@ -97,7 +98,7 @@ def merge(run, pix):
     from csstsim.bricks.merge import DETECTION_COLUMNS, merge_brick, write_merged
 
     jobs = _jobs_on(run, pix)
-    sources, detections = merge_brick(pix, (_measured(run, job, DETECTION_COLUMNS) for job in jobs))
+    sources, detections = merge_brick(pix, (_measured(run, job, DETECTION_COLUMNS) for job in progress(jobs, "frames")))
     metadata = {
         "product": "merged brick", "csstsim": __version__, "campaign": run.config.name, "brick": pix,
         "recipe": run.brick_recipe(pix), "frames": len(jobs),
@@ -116,7 +117,8 @@ def validate(run, pix):
     from csstsim.catalog.table import ObjectTable
 
     seam = run.camera.detector.channel_ny
-    frames = (Frame(truth_of(run, job), _measured(run, job), seam, _depth(run, job)) for job in _jobs_on(run, pix))
+    jobs = progress(_jobs_on(run, pix), "frames")
+    frames = (Frame(truth_of(run, job), _measured(run, job), seam, _depth(run, job)) for job in jobs)
     merged = ObjectTable.read(made(run.paths.merge(pix), f"merge {run.file} --brick {pix}"))
     check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
     result, arrays = validate_brick(pix, merged, frames, run.config.validation)
@@ -246,7 +248,7 @@ def _shapes_on(run):
     from csstsim.bricks.validate import Frame, usable
 
     seam, out = run.camera.detector.channel_ny, []
-    for job in run.imaging_jobs:
+    for job in progress(run.imaging_jobs, "frames"):
         frame = Frame(truth_of(run, job), _measured(run, job), seam)
         out.append(shapes(frame, usable(frame)))
     return out

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from csstsim.errors import InputError
+from csstsim.file_log import logged
 
 HOST = socket.gethostname()
 # What the disk, not the program, is at fault for
@@ -34,10 +35,11 @@ def atomic_path(path):
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_dead(path.parent.glob(glob.escape(f".{path.stem}.{HOST}.") + f"*.tmp{path.suffix}"))
-        yield temporary
-        _flush(temporary)
-        os.replace(temporary, path)
-        _flush(path.parent)  # the rename itself
+        with logged("wrote", path):
+            yield temporary
+            _flush(temporary)
+            os.replace(temporary, path)
+            _flush(path.parent)  # the rename itself
     except OSError as exc:
         if exc.errno not in DISK or Path(exc.filename or temporary) not in (temporary, *path.parents):
             raise

@@ -14,6 +14,7 @@ from csstsim import __version__
 from csstsim.campaign import CALIBRATIONS, FEWEST_CALIBRATIONS
 from csstsim.errors import InputError
 from csstsim.io.paths import made
+from csstsim.progress import progress
 from csstsim.release import check_release
 from csstsim.rng import Streams
 
@@ -148,7 +149,10 @@ def masters(run, chip_id):
             allowed=f"{FEWEST_CALIBRATIONS} of each {', '.join(CALIBRATIONS)}",
         )  # fmt: skip
     jobs = run.calibration_jobs[chip_id]
-    exposures = {kind: map(partial(_raw, run), [j for j in jobs if j.pointing.type == kind]) for kind in CALIBRATIONS}
+    exposures = {
+        kind: map(partial(_raw, run), progress([j for j in jobs if j.pointing.type == kind], f"{kind} frames"))
+        for kind in CALIBRATIONS
+    }
     seconds = {job.pointing.exptime for job in jobs if job.pointing.type == "DARK"}
     if len(seconds) > 1:
         raise InputError("dark exposures differ in time", file=run.file, key="exptime", value=sorted(seconds))

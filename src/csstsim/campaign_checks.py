@@ -3,8 +3,10 @@
 from csstsim.config import PixelWindow
 from csstsim.errors import InputError
 from csstsim.optics import shutter
+from csstsim.pages import explained
 
 
+@explained("campaign")
 def check_selection(run):
     """Exposures, filters, window and PSF library of the campaign file exist."""
     select = run.config.select
@@ -32,6 +34,7 @@ def check_selection(run):
         )  # fmt: skip
 
 
+@explained("campaign")
 def check_photons(run):
     """Photons and rays are counted apart from the image until poisson_and_dark merges them."""
     drawn = run.config.fidelity in ("preview", "standard")
@@ -43,6 +46,7 @@ def check_photons(run):
             )  # fmt: skip
 
 
+@explained("campaign")
 def check_shutter(run, pointing, chips):
     """An exposure is not shorter than the shutter can make it, on any of the chips."""
     steps = run.steps[pointing.type]
@@ -54,6 +58,7 @@ def check_shutter(run, pointing, chips):
             raise InputError(message, file=steps.file) from None
 
 
+@explained("campaign")
 def check_masters(run, jobs):
     """The master frames that jobs are to be measured with have been made."""
     frames = run.config.measurement.calibration == "frames"

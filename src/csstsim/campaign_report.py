@@ -9,6 +9,7 @@ from csstsim.bricks import verdict as verdicts
 from csstsim.bricks.markup import Link
 from csstsim.errors import InputError
 from csstsim.io.paths import made
+from csstsim.progress import progress
 from csstsim.release import check_recipe
 from csstsim.run_times import run_times
 
@@ -45,7 +46,7 @@ def report(run):
             sorted({(job.pointing.ra, job.pointing.dec) for job in science}),
         ) if science else None,
         mosaic=_mosaic(run),
-        spectra=[_spectra(run, job, budget) for job in run.slitless_jobs],
+        spectra=[_spectra(run, job, budget) for job in progress(run.slitless_jobs, "spectra")],
         provenance={
             "csstsim": __version__, "campaign file": run.file, "campaign digest": run.config.digest(),
             "camera digest": run.camera.digest, "seed": run.config.seed,
@@ -149,7 +150,7 @@ def _mosaic(run):
         taken += len(jobs)
         pointing, filters = jobs[0].pointing, ", ".join(dict.fromkeys(job.chip.filter for job in jobs))
         title = f"{pointing.obsid} ({pointing.type}, {pointing.exptime:g} s, {filters})"
-        files = ((job.chip, read_level0(run.paths.level0(pointing, job.chip.id))) for job in jobs)
+        files = ((job.chip, read_level0(run.paths.level0(pointing, job.chip.id))) for job in progress(jobs, "frames"))
         exposures.append(take_exposure(title, pointing.pa, files))
     return mosaic(list(run.camera.chips.values()), exposures)
 

@@ -7,20 +7,22 @@ Exit codes: 0 done; 2 the input cannot be used (one line says what, where and wh
 
 import functools
 import importlib
-import os
-import signal
 import sys
-import traceback
 
 import click
 
 from csstsim import __version__, cli_tools
-from csstsim.errors import CsstsimError
-from csstsim.job_log import ERROR, job_log
+from csstsim.cli_group import SWITCHES, Group, hushed, result
+from csstsim.completion import chips_of, obsids_of
+from csstsim.job_log import job_log
+from csstsim.progress import progress
 
 campaign_arg = click.argument("campaign", type=click.Path())
-obsid_opt = click.option("--obsid", required=True, help="Exposure, as in the survey table.")
-chip_opt = click.option("--chip", "chip_id", required=True, type=click.IntRange(1, 30), help="Chip number, 1 to 30.")
+obsid_opt = click.option("--obsid", required=True, shell_complete=obsids_of, help="Exposure, as in the survey table.")
+chip_opt = click.option(
+    "--chip", "chip_id", required=True, type=click.IntRange(1, 30), shell_complete=chips_of,
+    help="Chip number, 1 to 30.",
+)  # fmt: skip
 brick_opt = click.option(
     "--brick", "pix", required=True, type=click.IntRange(0, 786431), help="HEALPix NSIDE-256 pixel, nested."
 )
@@ -30,61 +32,22 @@ scratch_opt = click.option(
 )  # fmt: skip
 
 
-class Group(click.Group):
-    """A click group whose input errors are one line and exit code 2, and which ends without a word when told to."""
-
-    def main(self, *args, **options):
-        """Run the command; from here on SIGTERM ends it without a word."""
-        signal.signal(signal.SIGTERM, _stop)
-        return super().main(*args, **options)
-
-    def invoke(self, ctx):
-        """Run the sub-command and end with its exit code."""
-        try:
-            result = super().invoke(ctx)
-            if sys.stdout:  # None if closed before the start
-                sys.stdout.flush()  # at exit its errors could not be caught
-            return result
-        except BrokenPipeError:
-            _forget_output()
-            sys.exit(128 + signal.SIGPIPE)
-        except CsstsimError as error:
-            if ctx.params.get("verbose"):
-                traceback.print_exception(error)
-            message = str(error)
-        except OSError as error:  # an output folder that is a file or read-only, a full disk
-            if error.filename is None and error.errno is None:
-                raise
-            message = ": ".join(str(part) for part in (error.filename, error.strerror) if part)
-        click.echo(f"{ERROR} {message}", err=True)
-        sys.exit(2)
-
-
-def _stop(number, frame):
-    """End as an exception does, so that files half-written are removed (csstsim.atomic)."""
-    sys.exit(128 + number)
-
-
-def _forget_output():
-    """Let what is still to be printed, at exit too, go nowhere."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, sys.stdout.fileno())
-    os.close(nowhere)
-
-
-@click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(
+    cls=Group, params=SWITCHES, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+)
 @click.version_option(__version__, prog_name="csstsim")
-@click.option("-v", "--verbose", is_flag=True, help="Show the traceback behind an error (of a catalogue of your own).")
-def main(verbose):
+def main():
     """Simulate the CSST Survey Camera: a pointing table in; Level-0 files, truth and catalogues out.
 
     \b
-    A first look:
-      csstsim plan config/campaign.yaml        what a campaign would do and cost
-      csstsim chip config/campaign.yaml --obsid 10100000004 --chip 9 --output results/one
-      snakemake --profile profiles/default --config campaign=config/campaign.yaml
+    A first look, at a campaign file:
+      csstsim plan campaign.yaml               what the campaign would do and cost
+      csstsim chip campaign.yaml --obsid 10100000004 --chip 9 --output results/one
+      csstsim show FILE --truth                a picture of the file
+    All of the campaign:
+      snakemake --profile profiles/default --config campaign=campaign.yaml
 
-    The other commands are the stages of the workflow; each reads and writes the campaign's output folder.
+    `csstsim COMMAND --help` explains a command, with an example. -v and -q stand before or after its name.
     """
 
 
@@ -110,19 +73,20 @@ def stage(function):
         told = [(word, options[key]) for key, word in names.items() if key in options]
         parts = [(word, *(value if isinstance(value, tuple) else (value,))) for word, value in told]
         what = " ".join(str(part) for group in parts for part in group)
-        with job_log(click.get_current_context().info_name, run.config.name, run.config.digest(), what):
+        verb = click.get_current_context().info_name
+        with hushed(), job_log(verb, run.config.name, run.config.digest(), what):
             return function(run, **options)
 
     return of_campaign(logged)
 
 
-def job_command(module, name, text, *more):
+def job_command(module, name, text, *more, example="campaign.yaml --obsid 10100000004 --chip 9"):
     """Add the command of a per-chip stage: csstsim NAME CAMPAIGN --obsid X --chip N, and more options."""
 
     def command(run, obsid, chip_id):
         getattr(importlib.import_module(module), name)(run, run.job(obsid, chip_id))
 
-    command.__doc__ = text
+    command.__doc__ = _with_example(text, name, example)
     for option in (chip_opt, obsid_opt, *more):
         command = option(command)
     main.command(name)(stage(command))
@@ -134,22 +98,29 @@ def brick_command(module, name, text):
     def command(run, pix):
         getattr(importlib.import_module(module), name)(run, pix)
 
-    command.__doc__ = text
+    command.__doc__ = _with_example(text, name, "campaign.yaml --brick 550613")
     main.command(name)(stage(brick_opt(command)))
+
+
+def _with_example(text, name, arguments):
+    return f"{text}\n\n\b\nFor example:\n  csstsim {name} {arguments}"
 
 
 brick_command("csstsim.prepare", "truth", "Make one brick of the embedded True Universe.")
 for name, text in {
-    "select": "Find the objects that reach a chip, with positions and electrons per second.",
+    "select": "Find the objects that reach a chip, and their electrons/s.",
     "render": "Draw the objects and the sky: expected electrons.",
     "readout": "Turn electrons into DN: noise, overscan, bias, gain.",
-    "level0": "Digitise and write the Level-0 file and its truth table.",
+    "level0": "Digitise; write the Level-0 file and its truth table.",
 }.items():
     job_command("csstsim.stages", name, text, scratch_opt)
-job_command("csstsim.calibration", "calibrate", "Write the calibrated image of a Level-0 file: SCI, ERR, DQ in e-/s.")
+job_command("csstsim.calibration", "calibrate", "Write the calibrated image of a Level-0 file, in e-/s.")
 job_command("csstsim.analysis", "measure", "Detect and measure the sources of a Level-0 file.")
-job_command("csstsim.analysis", "extract", "Extract the spectra of a spectroscopic chip's Level-0 file.")
-brick_command("csstsim.analysis", "merge", "Merge the measurements of a brick: one row per source, all bands.")
+job_command(
+    "csstsim.analysis", "extract", "Extract the spectra of a spectroscopic chip's Level-0 file.",
+    example="campaign.yaml --obsid 10100000015 --chip 29",
+)  # fmt: skip
+brick_command("csstsim.analysis", "merge", "Merge the measurements of a brick: a row a source.")
 brick_command("csstsim.analysis", "validate", "Compare a merged brick with the truth.")
 
 
@@ -157,7 +128,12 @@ brick_command("csstsim.analysis", "validate", "Compare a merged brick with the t
 @stage
 @chip_opt
 def psf(run, chip_id):
-    """Make the PSF set of one chip."""
+    """Make the PSF set of one chip.
+
+    \b
+    For example:
+      csstsim psf campaign.yaml --chip 9
+    """
     from csstsim import prepare
 
     prepare.psf(run, chip_id)
@@ -167,7 +143,12 @@ def psf(run, chip_id):
 @stage
 @chip_opt
 def masters(run, chip_id):
-    """Make the master frames of one chip from bias, dark and lamp exposures."""
+    """Make a chip's master frames from bias, dark and lamp exposures.
+
+    \b
+    For example:
+      csstsim masters calibration.yaml --chip 9
+    """
     from csstsim import calibration
 
     calibration.masters(run, chip_id)
@@ -177,7 +158,14 @@ def masters(run, chip_id):
 @stage
 @click.option("--strict", is_flag=True, help="End with exit code 1 if a gate fails.")
 def report(run, strict):
-    """Write the report: one web page with the validation of every brick, and the verdict on its gates as JSON."""
+    """Write the report of a campaign: one web page.
+
+    It has the validation of every brick; the verdict on its gates stands beside it as JSON.
+
+    \b
+    For example:
+      csstsim report campaign.yaml --strict
+    """
     from csstsim import campaign_report
 
     if campaign_report.report(run)["passed"] is False and strict:
@@ -189,34 +177,49 @@ def report(run, strict):
 @obsid_opt
 @click.option(
     "--chip", "chip_ids", required=True, multiple=True, type=click.IntRange(1, 30),
-    callback=lambda ctx, option, numbers: tuple(dict.fromkeys(numbers)), help="Chip number, 1 to 30; repeat.",
+    callback=lambda ctx, option, numbers: tuple(dict.fromkeys(numbers)), shell_complete=chips_of,
+    help="Chip number, 1 to 30; repeat.",
 )  # fmt: skip
 @click.option("--output", type=click.Path(), help="Folder for the products [default: the campaign's].")
 @click.option("--profile", is_flag=True, help="Say where the CPU time went: layers, methods, functions.")
 def chip(run, obsid, chip_ids, profile):
-    """Run chips in memory, from catalogue to Level-0 file, one after the other.
+    """Run chips in memory, from catalogue to Level-0 file.
 
-    Truth bricks and PSF sets that are missing are made first, in the output folder.
+    One after the other. Truth bricks and PSF sets that are missing are made first, in the output folder.
+
+    \b
+    For example:
+      csstsim chip campaign.yaml --obsid 10100000004 --chip 9 --output results/one
+    Two chips, and where the CPU time went:
+      csstsim chip campaign.yaml --obsid 10100000004 --chip 8 --chip 9 --profile
     """
     from csstsim import stages
 
-    for job in [run.job(obsid, chip_id) for chip_id in chip_ids]:
+    jobs = [run.job(obsid, chip_id) for chip_id in chip_ids]
+    for job in progress(jobs, "chips"):
         if profile:
             from csstsim import prepare
             from csstsim.profile import profiled
 
             if run.embedded:
-                prepare.missing_bricks(run, job, click.echo)
-            prepare.missing_psf(run, job.chip, click.echo)
-            profiled(functools.partial(stages.chip, run, job, say=click.echo), say=click.echo)
+                prepare.missing_bricks(run, job, print)
+            prepare.missing_psf(run, job.chip, print)
+            profiled(functools.partial(stages.chip, run, job, say=print), say=result)
         else:
-            stages.chip(run, job, say=click.echo)
+            stages.chip(run, job, say=print)
 
 
 @main.command()
 @of_campaign
 def plan(run):
-    """Print what a campaign would do: exposures, chips, bricks, jobs, disk and CPU. Nothing is run."""
+    """Print what a campaign would do and cost; nothing is run.
+
+    Exposures, chips, bricks, jobs, disk, CPU and memory.
+
+    \b
+    For example:
+      csstsim plan campaign.yaml
+    """
     from csstsim.plan import print_plan
 
     run.open_truth()
@@ -226,10 +229,18 @@ def plan(run):
 @main.command()
 @of_campaign
 def check(run):
-    """Check a campaign's files and say what it would run; try a catalogue of your own on its first exposure."""
+    """Check a campaign's files and say what it would run.
+
+    A catalogue of your own is tried on the first exposure.
+
+    \b
+    For example:
+      csstsim check campaign.yaml
+      csstsim -v check campaign.yaml
+    """
     from csstsim import stages
 
-    stages.check_catalog(run, say=click.echo)
+    stages.check_catalog(run, say=print)
     click.echo(f"{run.file}: good; {len(run.jobs)} chips of {len({j.pointing.obsid for j in run.jobs})} exposures")
 
 

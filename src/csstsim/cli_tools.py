@@ -1,4 +1,4 @@
-"""Commands that are no stage: benchmarks, pictures, progress, shear of campaigns, verification, gratings, layers."""
+"""Commands that are no stage: the installation, benchmarks, pictures, shear, verification, gratings, layers."""
 
 import importlib
 import signal
@@ -6,6 +6,10 @@ import sys
 from pathlib import Path
 
 import click
+
+from csstsim.cli_group import QUIET
+from csstsim.completion import INSTALL, layers_of
+from csstsim.errors import InputError
 
 
 @click.command()
@@ -24,7 +28,9 @@ import click
 )
 @click.option("--chart", multiple=True, type=click.Path(), help="A table of an earlier run, to draw instead; repeat.")
 def bench(output, quick, band, methods, objects, seed, readout, chart):
-    """Measure speed and accuracy of every way to draw an object, against GalSim and against direct optics.
+    """Measure speed and accuracy of every way to draw an object.
+
+    Against GalSim, and against direct optics.
 
     \b
     Needs no campaign. Writes a table and the speed-accuracy chart:
@@ -41,15 +47,15 @@ def bench(output, quick, band, methods, objects, seed, readout, chart):
     if chart:
         from csstsim.bench.command import chart as draw
 
-        draw(output, chart, say=click.echo)
+        draw(output, chart, say=print)
     elif readout:
         from csstsim.bench.readout import readout as run
 
-        run(Path(output), say=click.echo)
+        run(Path(output), say=print)
     else:
         from csstsim.bench.command import bench as run
 
-        run(output, band, methods, quick, objects, seed, say=click.echo)
+        run(output, band, methods, quick, objects, seed, say=print)
 
 
 @click.command()
@@ -71,7 +77,9 @@ def bench(output, quick, band, methods, objects, seed, readout, chart):
 )
 @click.option("--subtract-overscan", is_flag=True, help="Take the overscan's level off each channel of a Level-0 file.")
 def show(file, output, **options):
-    """Make a picture of a FITS file: Level-0, a frame of the render or readout stage, or calibrated.
+    """Make a picture of a FITS file.
+
+    Level-0, a frame of the render or readout stage, or calibrated.
 
     Pixels are the chip's and count from 0 (xImage of the truth from 1); large frames are averaged to the picture's
     pixels. Right ascension and declination are drawn where the file says what they are.
@@ -111,7 +119,9 @@ def init(folder, catalogue):
 @click.option("--output", required=True, type=click.Path(), help="The aXe configuration to write, NAME.conf.")
 @click.option("--sensitivity", "stem", help="STEM of the sensitivities it names: STEM_p1.fits, ... [default: NAME].")
 def fit_grating(samples, output, stem):
-    """Fit a grating's traces and dispersion to trajectories of ray tracing: equations 1 to 4 of the paper.
+    """Fit a grating's traces and dispersion to ray tracing.
+
+    Equations 1 to 4 of the paper, fitted to trajectories.
 
     \b
     SAMPLES is a CSV table, one row a ray, with a heading:
@@ -135,12 +145,26 @@ def fit_grating(samples, output, stem):
 
 
 @click.command()
-def layers():
-    """List the layers an observation file may name, with their parameters."""
+@click.argument("names", metavar="[LAYER]...", nargs=-1, shell_complete=layers_of)
+def layers(names):
+    """List the layers an observation file may name.
+
+    With their parameters; only those named, if any are.
+
+    \b
+    For example:
+      csstsim layers
+      csstsim layers bias cosmic_rays
+    """
     from csstsim.sim_steps import known_layers
 
-    click.echo("Keywords of the paper, as known here; in a file, capitals make no difference.\n")
-    for name in known_layers():
+    known, wanted = known_layers(), [name.lower() for name in names]
+    for name in wanted:
+        if name not in known:
+            raise InputError("unknown layer", value=name, allowed=", ".join(known))
+    if not wanted:
+        click.echo("Keywords of the paper, as known here; in a file, capitals make no difference.\n")
+    for name in wanted or known:
         module = importlib.import_module(f"csstsim.layers.{name}")
         click.echo(f"{name}  [{module.STAGE}, {' -> '.join(module.UNITS)}]\n    {module.__doc__.splitlines()[0]}")
         for key, field in module.Param.model_fields.items():
@@ -152,17 +176,19 @@ def layers():
 @click.option("--output", type=click.Path(), help="JSON file for the numbers and gates.")
 @click.option("--strict", is_flag=True, help="End with exit code 1 if a gate fails.")
 def shear(campaigns, output, strict):
-    """Measure shear, and its m and c, from finished twin campaigns of constant shear.
+    """Measure shear, and its m and c, from twin campaigns.
 
-    Twins are two campaigns that differ in `catalog.shapes` only, normal and rotated90; two pairs or more of different
-    `catalog.lensing` give m, one pair gives c. Limits: `validation.shear_m_max`, `shear_c_max` of the first.
+    They are finished, and of constant shear. Twins differ in `catalog.shapes` only, normal and rotated90; two pairs or
+    more of different `catalog.lensing` give m, one pair gives c. Limits: `validation.shear_m_max`, `shear_c_max` of the
+    first.
 
     \b
+    For example:
       csstsim shear plus.yaml plus_rotated.yaml minus.yaml minus_rotated.yaml
     """
     from csstsim import analysis
 
-    if not analysis.shear(campaigns, output, say=click.echo) and strict:
+    if not analysis.shear(campaigns, output, say=print) and strict:
         sys.exit(1)
 
 
@@ -171,15 +197,17 @@ def shear(campaigns, output, strict):
 @click.option("--output", type=click.Path(), help="The folder to verify [default: the campaign's].")
 @click.option("--manifest", is_flag=True, help="If all is sound, write MANIFEST.sha256 and MANIFEST.tsv there.")
 def verify(campaign, output, manifest):
-    """Check a campaign's output: every product there, undamaged, made for it; nothing foreign. One line a fault.
+    """Check a campaign's output: all there, undamaged, its own.
+
+    Every product there, undamaged, made for it; nothing foreign. One line a fault.
 
     \b
     CAMPAIGN is a campaign file or, where that is not at hand, an output folder, judged by what its products say:
-      csstsim verify config/campaign.yaml
-      csstsim verify config/campaign.yaml --output /delivered/demo
+      csstsim verify campaign.yaml
+      csstsim verify campaign.yaml --output /delivered/demo
       csstsim verify /delivered/demo
     What a receiver can check without csstsim:
-      csstsim verify config/campaign.yaml --manifest
+      csstsim verify campaign.yaml --manifest
       cd results/demo && sha256sum -c MANIFEST.sha256
 
     Exit codes: 0 sound, 1 faults, 2 nothing that could be verified. docs/delivery.md says what is checked.
@@ -195,7 +223,7 @@ def verify(campaign, output, manifest):
         from csstsim.campaign import OpenCampaign
 
         run = OpenCampaign(campaign, output, copied=output is not None)
-    if check(run, folder, click.echo, manifest):
+    if check(run, folder, print, manifest):
         sys.exit(1)
 
 
@@ -206,21 +234,68 @@ def verify(campaign, output, manifest):
     "--watch", type=click.IntRange(1, 86400), metavar="SECONDS", help="Look again every so often, until all is made."
 )
 def status(campaign, output, watch):
-    """Say how far a campaign is: products made and wanted, their rate, the time left, disk used, jobs that failed.
+    """Say how far a campaign is, and what failed.
 
-    It reads the output folder only, so it can be asked from another shell while Snakemake works, here or on a cluster.
+    Products made and wanted, their rate, the time left, disk used, jobs that failed. It reads the output folder only,
+    so it can be asked from another shell while Snakemake works, here or on a cluster.
 
     \b
-      csstsim status config/campaign.yaml
-      csstsim status config/c9_w1.yaml --watch 60
+    For example:
+      csstsim status campaign.yaml
+      csstsim status campaign.yaml --watch 60
     """
     from csstsim.campaign import OpenCampaign
     from csstsim.status import show as run
 
     try:
-        run(OpenCampaign(campaign, output), watch, say=click.echo)
+        run(OpenCampaign(campaign, output), watch, say=print)
     except KeyboardInterrupt:  # the way to end --watch
         sys.exit(128 + signal.SIGINT)
 
 
-TOOLS = init, bench, show, status, shear, verify, fit_grating, layers
+@click.command()
+@click.argument("campaign", required=False, type=click.Path())
+def doctor(campaign):
+    """Check the installation, and a campaign if one is named.
+
+    One line a check: ok, warning or problem, and what to do. Versions, numba's cache, data, disk, memory, threads and
+    optional parts; of a campaign, whether it opens and whether this machine has room for it.
+
+    \b
+    For example:
+      csstsim doctor
+      csstsim doctor campaign.yaml
+
+    Exit code 1 if there is a problem. With -q only warnings and problems are printed.
+    """
+    from csstsim.doctor import examine
+    from csstsim.doctor.finding import OK, PROBLEM
+
+    quiet, worst = QUIET in click.get_current_context().meta, OK
+    for finding in examine(campaign):
+        if finding.verdict != OK or not quiet:
+            click.echo(f"{finding.verdict:<8} {finding.what}: {finding.text}")
+        worst = PROBLEM if PROBLEM in (worst, finding.verdict) else OK
+    if worst == PROBLEM:
+        sys.exit(1)
+
+
+@click.command()
+@click.argument("shell", type=click.Choice(list(INSTALL)))
+def completion(shell):
+    """Print what makes the shell complete csstsim's commands.
+
+    Commands, options, files, the exposures and chips of a campaign, layers. The first lines say how to install it.
+
+    \b
+    For example, in this shell only:
+      eval "$(csstsim completion bash)"
+    To see how to install it:
+      csstsim completion zsh | head
+    """
+    from csstsim.completion import script
+
+    click.echo(script(shell, click.get_current_context().find_root().command))
+
+
+TOOLS = init, bench, show, status, shear, verify, fit_grating, layers, doctor, completion

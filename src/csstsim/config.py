@@ -15,6 +15,7 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from csstsim.errors import InputError
 from csstsim.model import FilePath, Model, validate
+from csstsim.pages import explained
 from csstsim.release import NEWEST, check_layout
 from csstsim.shipped import ROOT
 from csstsim.yaml_file import read_yaml
@@ -286,6 +287,7 @@ class Observation(Model):
         return value
 
 
+@explained("campaign")
 def load_campaign(path):
     """Read and check a campaign file. Raises InputError."""
     campaign = validate(Campaign, read_yaml(path), path)
@@ -294,6 +296,7 @@ def load_campaign(path):
     return campaign
 
 
+@explained("observation")
 def load_observation(path):
     """Read and check an observation file (layers' own parameters are checked by SimSteps). Raises InputError."""
     return validate(Observation, read_yaml(path), path)

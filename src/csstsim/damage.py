@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from csstsim.errors import InputError
+from csstsim.file_log import logged
 
 _DAMAGE = (
     AssertionError, OSError, EOFError, LookupError, AttributeError, TypeError, ValueError, ArithmeticError, zlib.error,
@@ -25,6 +26,7 @@ def reading(path, what, strict=True):
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error" if strict else "ignore", UserWarning)
-            yield
+            with logged("read", path):
+                yield
     except (*_DAMAGE, VerifyError) as exc:
         raise InputError(f"cannot be read as {what}: {type(exc).__name__} {exc}", file=Path(path)) from exc

@@ -12,6 +12,8 @@ LINE = 1500  # ... of the whole message
 class CsstsimError(Exception):
     """Base of the errors that end a command with exit code 2 and one line."""
 
+    page = None  # where is explained what is allowed: csstsim.pages
+
 
 class InputError(CsstsimError):
     """A value in a file, table or command line that cannot be used."""

@@ -3,6 +3,7 @@
 from functools import partial
 
 from csstsim.errors import InputError
+from csstsim.progress import progress
 from csstsim.release import check_release
 
 
@@ -64,10 +65,10 @@ def missing_psf(run, chip, say):
 
 
 def _make(wanted, say):
-    for path, make in wanted.items():
-        if not path.exists():
-            say(f"missing, made first: {path}")
-            make()
+    missing = {path: make for path, make in wanted.items() if not path.exists()}
+    for path in progress(missing, "made first"):
+        say(f"missing, made first: {path}")
+        missing[path]()
 
 
 def open_psf(run, chip):

@@ -1,14 +1,52 @@
 """Progress of long loops, for a person at a terminal; logs stay free of it."""
 
 import sys
+from contextlib import contextmanager
+
+_screen = {"hidden": False, "bars": None}  # one a process: rich draws one set of bars at a time
 
 
 def progress(items, what, total=None):
-    """Yield the items; on a terminal, with a bar named `what` on standard error."""
-    if not sys.stderr.isatty():
+    """Yield the items; on a terminal, with a bar named `what` on standard error, below those of loops around it.
+
+    What is printed meanwhile stands above the bars, with `print`: click.echo knows nothing of them. total: how many
+    items there are, where they have no length.
+    """
+    if _screen["hidden"] or not (sys.stderr and sys.stderr.isatty()):
         yield from items
         return
-    from rich.console import Console
-    from rich.progress import track
+    with _bars() as bars:
+        task = bars.add_task(what, total=total)
+        try:
+            yield from bars.track(items, total=total, task_id=task)
+        finally:
+            bars.remove_task(task)
 
-    yield from track(items, what, total=total, console=Console(stderr=True), transient=True)
+
+@contextmanager
+def hidden():
+    """Show no bars in here."""
+    before, _screen["hidden"] = _screen["hidden"], True
+    try:
+        yield
+    finally:
+        _screen["hidden"] = before
+
+
+@contextmanager
+def _bars():
+    """Yield the rich.progress.Progress on the screen, begun here if there is none."""
+    if _screen["bars"]:
+        yield _screen["bars"]
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    # soft_wrap: a long path that is printed stays one line. Output that goes to a file is not to be drawn on the screen
+    redirect = sys.stdout is not None and sys.stdout.isatty()
+    with Progress(console=Console(stderr=True, soft_wrap=True), transient=True, redirect_stdout=redirect) as bars:
+        _screen["bars"] = bars
+        try:
+            yield bars
+        finally:
+            _screen["bars"] = None

@@ -26,6 +26,8 @@ import csstsim.layers
 from csstsim.config import load_observation
 from csstsim.errors import CsstsimError, InputError
 from csstsim.model import validate
+from csstsim.pages import explained
+from csstsim.progress import progress
 from csstsim.rng import Streams
 
 STAGES = ("render", "readout", "level0")
@@ -60,6 +62,7 @@ class SimSteps:
     differ between layers.
     """
 
+    @explained("observation")
     def __init__(self, file, kind=None, layers=None):
         self.file = file
         self.steps = []
@@ -108,6 +111,7 @@ class SimSteps:
         """Whether a truth mask is to be kept."""
         return self._asked("mask")
 
+    @explained("observation")
     def check(self, camera, pointing):
         """Let each layer check its parameters against the camera and an exposure. Raises InputError."""
         for step in self.steps:
@@ -177,7 +181,7 @@ class SimSteps:
         Wall and CPU seconds of each layer are appended to state.header["timing"] as [name, wall, cpu].
         An exception inside a layer is annotated with obsid, chip and layer.
         """
-        for step in self.stage(stage):
+        for step in progress(self.stage(stage), stage):
             wall, cpu = time.perf_counter(), time.process_time()
             streams = Streams(seed, state.pointing.obsid, state.chip.id, step.name)
             try:

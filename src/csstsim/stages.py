@@ -10,6 +10,7 @@ import numpy as np
 
 from csstsim.config import digest
 from csstsim.errors import InputError
+from csstsim.pages import explained
 from csstsim.prepare import missing_bricks, missing_psf, open_psf, psf_box
 from csstsim.release import check_recipe
 from csstsim.state import State
@@ -36,6 +37,7 @@ def select(run, job):
     _say_selected(table, print)
 
 
+@explained("catalogue")
 def check_catalog(run, say):
     """Open what the campaign draws from; try a catalogue of the user's on the first science job (catalog.contract)."""
     from csstsim.catalog.contract import check

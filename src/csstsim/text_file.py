@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from csstsim.errors import InputError
+from csstsim.file_log import logged
 
 LARGEST = 64_000_000  # bytes; a survey of 73,260 files has a table of 2 MB
 
@@ -13,7 +14,7 @@ def read_text(path, encoding="utf-8"):
     try:
         if path.exists() and not (path.is_file() or path.is_dir()):
             raise InputError("a pipe or device, which might never end", file=path)
-        with path.open("rb") as file:
+        with logged("read", path), path.open("rb") as file:
             content = file.read(LARGEST + 1)
     except OSError as exc:
         raise InputError(f"cannot read the file: {exc.strerror}", file=path) from exc

@@ -62,6 +62,7 @@ from csstsim.catalog.table import COLUMNS, ObjectTable
 from csstsim.config import digest
 from csstsim.errors import CsstsimError, InputError
 from csstsim.instrument.filter import GRID
+from csstsim.pages import explained
 
 
 @dataclass(frozen=True)
@@ -213,15 +214,16 @@ def name_of(catalog):
 @contextmanager
 def users_code(where):
     """Turn what code of the user's raises inside into an InputError of one line: where, what, which line of theirs."""
-    try:
-        yield
-    except CsstsimError:
-        raise
-    except Exception as exc:
-        frames = traceback.extract_tb(exc.__traceback__)[1:]
-        frames = [f for f in frames if "site-packages" not in f.filename and not f.filename.startswith("<")]
-        line = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-        raise InputError(f"{type(exc).__name__}: {exc}{line}", key=where) from exc
+    with explained("catalogue"):
+        try:
+            yield
+        except CsstsimError:
+            raise
+        except Exception as exc:
+            frames = traceback.extract_tb(exc.__traceback__)[1:]
+            frames = [f for f in frames if "site-packages" not in f.filename and not f.filename.startswith("<")]
+            line = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+            raise InputError(f"{type(exc).__name__}: {exc}{line}", key=where) from exc
 
 
 def read_columns(table, name, where):

@@ -4,6 +4,7 @@ import importlib
 
 from csstsim.catalog.base import CatalogBase, name_of, users_code
 from csstsim.errors import InputError
+from csstsim.pages import explained
 
 
 def open_catalog(config, region, brick_file, key):
@@ -20,6 +21,7 @@ def open_catalog(config, region, brick_file, key):
     return make_catalog(catalog_class(config.kind), config.options, region)
 
 
+@explained("catalogue")
 def make_catalog(cls, options, region):
     """Return `cls(options, region)`. Raises InputError for what the user's code raises or leaves out."""
     with users_code(f"{cls.__name__}.__init__"):
@@ -29,6 +31,7 @@ def make_catalog(cls, options, region):
     return catalog
 
 
+@explained("catalogue")
 def catalog_class(kind):
     """Return the CatalogBase class named 'module.path:ClassName'. Raises InputError if there is none."""
     module_name, colon, class_name = kind.partition(":")

@@ -12,6 +12,7 @@ import numpy as np
 
 from csstsim.atomic import atomic_path
 from csstsim.errors import InputError
+from csstsim.file_log import logged
 
 STAR, GALAXY, QUASAR = 0, 1, 2
 TYPES = ("star", "galaxy", "quasar")  # by obj_type
@@ -149,7 +150,7 @@ class ObjectTable(Mapping):
         import pyarrow.parquet as pq
 
         try:
-            with pq.ParquetFile(path) as file:
+            with logged("read", path), pq.ParquetFile(path) as file:
                 about = file.schema_arrow.metadata or {}
                 meta = about.get(_META_KEY)
                 names = file.schema_arrow.names if columns is None else list(columns)

@@ -18,6 +18,7 @@ from csstsim.instrument.orbit import Orbit
 from csstsim.instrument.pointing import parse_utc
 from csstsim.instrument.telescope import Telescope
 from csstsim.instrument.traps import load_traps
+from csstsim.pages import explained
 
 KINDS = ("imaging", "slitless")
 
@@ -60,6 +61,7 @@ class Camera:
         return load_gratings(self.folder / "gratings", read_data(file), chips, self.filters, self.telescope)
 
 
+@explained("instrument")
 def load_camera(folder):
     """Read an instrument folder (config/instrument/README.md). Raises InputError naming file, key and value."""
     folder = Path(folder)

@@ -12,6 +12,7 @@ import fitsio
 import numpy as np
 
 from csstsim.errors import InputError
+from csstsim.file_log import logged
 from csstsim.fits_headers import check_headers
 
 BLOCK = 2880
@@ -165,7 +166,8 @@ def open_fits(path):
         raise InputError("no such file", file=path)
     check_headers(path)
     try:
-        file = fitsio.FITS(path)
+        with logged("opened", path):
+            file = fitsio.FITS(path)
         end = file[len(file) - 1].get_offsets()["data_end"]
     except (OSError, ValueError) as exc:  # fitsio cannot decode cfitsio's message about damaged bytes
         why = str(exc).splitlines()[0] if isinstance(exc, OSError) and str(exc) else "a header is damaged"

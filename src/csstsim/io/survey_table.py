@@ -13,6 +13,7 @@ from csstsim.config import SHIPPED, ExposureType
 from csstsim.errors import InputError
 from csstsim.instrument.camera import load_telescope
 from csstsim.instrument.pointing import Pointing, parse_utc
+from csstsim.pages import explained
 from csstsim.text_file import read_text
 from csstsim.units import EARTH_RADIUS_KM
 
@@ -24,6 +25,7 @@ _MIN_EXPTIME = 1e-3  # s
 _MAX_RADIUS_KM, _MAX_SPEED_KM_S = 50_000.0, 12.0  # beyond these a state is in another unit, not in Earth orbit
 
 
+@explained("survey table")
 def load_survey_table(path, orbit=None):
     """Return the table's exposures, a tuple of Pointing in file order.
 

@@ -30,6 +30,7 @@ import numpy as np
 from csstsim import __version__
 from csstsim.atomic import atomic_path
 from csstsim.errors import InputError
+from csstsim.file_log import logged
 from csstsim.hdf5_file import numbers
 from csstsim.optics.interpolation import Interpolator
 
@@ -96,7 +97,8 @@ def _plain(value):
 def intact(path):
     """Turn what damaged metadata makes of h5py or of the checks into an InputError."""
     try:
-        yield
+        with logged("read", path):
+            yield
     except OSError as exc:
         reason = os.strerror(exc.errno) if exc.errno else "truncated, damaged, or not HDF5"
         raise InputError(f"cannot read the PSF file: {reason}", file=path) from exc

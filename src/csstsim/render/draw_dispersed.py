@@ -13,6 +13,7 @@ import numpy as np
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, OUTSIDE_PSF_HULL, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.table import ObjectTable
 from csstsim.counter import word
+from csstsim.progress import progress
 from csstsim.render import policy
 from csstsim.render.dispersed_photons import shoot_spectra
 from csstsim.render.draw import object_keys_of
@@ -48,7 +49,7 @@ def draw_dispersed(
     )  # fmt: skip
     counted = np.zeros(window.shape, np.int32) if (choice.method == policy.PHOTONS).any() else None
     own = _visit_keys(object_keys_of(key, scene.ids), visits)
-    for kind, optics, chunk in _chunks(scene, choice, disperser):
+    for kind, optics, chunk in progress(_chunks(scene, choice, disperser), "spectra"):
         at, some = _visits_of(chunk, visits, len(scene))
         light = _light(
             work, choice, chunk, spectra, optics, exptime, policy.PHOTONS_MAX if kind == policy.PHOTONS else _MOST

@@ -12,6 +12,7 @@ import numpy as np
 
 from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED, OFF_CHIP, OUTSIDE_PSF_HULL
 from csstsim.optics.beyond import Beyond
+from csstsim.progress import progress
 from csstsim.render.far_wings import FarWings
 from csstsim.render.galaxy_stamp import galaxy_stamp, plan_galaxies
 from csstsim.render.point_stamp import point_stamp
@@ -57,7 +58,7 @@ def draw_scene(image, window, scene, reach, wing_px, psf, beyond=NOTHING, respon
     order = np.lexsort(group.T[::-1])
     _, which, members = np.unique(group, axis=0, return_inverse=True, return_counts=True)
     many = (members[which.ravel()] > _MANY) & (plan.size <= _SIZE_KEPT)
-    for i in order[lit[order]]:
+    for i in progress(order[lit[order]], "stamps"):
         start = time.process_time()
         x, y, light, flux = scene.x[i], scene.y[i], share[i], scene.electrons[i]
         parts = []

@@ -1,0 +1,80 @@
+"""The help: verbs in groups, a line each; every verb has an example, and the examples are commands that parse."""
+
+import shlex
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from csstsim.cli import main
+from csstsim.cli_group import SECTIONS
+
+VERBS = sorted(main.commands)
+
+
+def examples(text):
+    """Return the command lines of csstsim in a help text, as lists of words without `csstsim` and without pipes."""
+    found = []
+    for line in text.splitlines():
+        line = line.strip().removeprefix('eval "$(').removesuffix(')"')
+        if line.startswith("csstsim "):
+            words = shlex.split(line.split("  ")[0].split(" | ")[0])
+            found.append(words[1:])
+    return found
+
+
+def parsed(words):
+    """Parse a command line as click does, without running it; return the verb's name and parameters."""
+    with main.make_context("csstsim", list(words)) as ctx:
+        name, command, rest = main.resolve_command(ctx, [*ctx._protected_args, *ctx.args])
+        with command.make_context(name, rest, parent=ctx) as inner:
+            return name, inner.params
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_every_verb_has_an_example_that_parses(name):
+    lines = examples(main.commands[name].help)
+    assert lines, f"the help of {name} has no example"
+    assert name in {parsed(words)[0] for words in lines}
+
+
+def test_the_groups_help_has_examples_that_parse():
+    lines = examples(main.help)
+    assert {parsed(words)[0] for words in lines if words[0] in VERBS} >= {"plan", "chip", "show"}
+
+
+def test_an_example_with_an_unknown_option_would_be_found():
+    with pytest.raises(click.UsageError):
+        parsed(["plan", "campaign.yaml", "--colour", "red"])
+    with pytest.raises(click.UsageError):
+        parsed(["truth", "campaign.yaml", "--brick", "BRICK"])
+
+
+def test_every_verb_stands_in_one_section():
+    listed = [name for names in SECTIONS.values() for name in names]
+    assert len(listed) == len(set(listed))
+    assert set(VERBS) <= set(listed)
+    assert set(listed) - set(VERBS) <= {"init"}
+
+
+@pytest.mark.parametrize("columns", [80, 200])
+def test_help_gives_each_verb_one_whole_line(columns):
+    lines = CliRunner().invoke(main, ["--help"], terminal_width=columns).output.splitlines()
+    for title, names in SECTIONS.items():
+        start = lines.index(f"{title}:") + 1
+        here = [name for name in names if name in VERBS]
+        assert [line.split()[0] for line in lines[start : start + len(here)]] == here
+        assert not any(line.endswith("...") or len(line) > 80 for line in lines[start : start + len(here)])
+
+
+def test_a_slip_is_answered_with_what_was_meant():
+    said = CliRunner().invoke(main, ["statsu"])
+    assert said.exit_code == 2 and "'status'" in said.stderr
+
+
+def test_layers_named_are_the_only_ones_told():
+    said = CliRunner().invoke(main, ["layers", "BIAS", "gain"])
+    heads = [line.split()[0] for line in said.output.splitlines() if not line.startswith(" ")]
+    assert said.exit_code == 0 and heads == ["bias", "gain"]
+    wrong = CliRunner().invoke(main, ["layers", "biass"])
+    assert wrong.exit_code == 2 and "biass" in wrong.stderr and "bias, blooming" in wrong.stderr

@@ -1,0 +1,104 @@
+"""-v and -q, before the verb and after it; the page an error names."""
+
+import logging
+import re
+
+import pytest
+from click.testing import CliRunner
+from mini_campaign import POINTINGS, write_campaign
+
+from csstsim.cli import main
+from csstsim.pages import PAGES, told
+from csstsim.shipped import ROOT
+
+CHIP = "--obsid", POINTINGS[2].split(",")[0], "--chip", "9"  # a bias frame: the quickest chip
+
+
+def run(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+@pytest.fixture
+def bias(tmp_path):
+    return write_campaign(tmp_path, select={"types": ["BIAS"], "chips": [9]})
+
+
+def test_quiet_prints_nothing_of_a_stage_but_its_errors(bias):
+    loud = run("chip", bias, *CHIP)
+    assert loud.exit_code == 0 and "readout:" in loud.stdout and "chip done:" in loud.stdout
+    for line in (["-q", "chip", bias, *CHIP], ["chip", bias, *CHIP, "-q"], ["chip", "--quiet", bias, *CHIP]):
+        quiet = run(*line)
+        assert (quiet.exit_code, quiet.output) == (0, "")
+    refused = run("-q", "chip", bias, "--obsid", "42", "--chip", 9)
+    assert refused.exit_code == 2 and refused.stdout == "" and "42" in refused.stderr
+
+
+def test_quiet_prints_what_was_asked_for(bias):
+    profile = run("-q", "chip", bias, *CHIP, "--profile").stdout
+    assert "layer" in profile and "function" in profile and "readout:" not in profile
+    assert "bias_16channel" in run("-q", "layers", "bias").stdout
+    assert "jobs" in run("plan", bias, "-q").stdout
+
+
+@pytest.mark.parametrize("before", [True, False])
+def test_verbose_says_what_is_read_and_written_with_its_time(bias, before):
+    said = run(*(["-v"] if before else []), "chip", bias, *CHIP, *([] if before else ["--verbose"]))
+    assert said.exit_code == 0
+    lines = said.stderr.splitlines()
+    read = next(line for line in lines if f" read {bias}: " in line)
+    wrote = next(line for line in lines if " wrote " in line and "_L0_" in line and ".fits" in line)
+    assert lines.index(read) < lines.index(wrote)
+    size = f": {bias.stat().st_size / 1e3:.3g} kB in "
+    assert size in read and all(re.search(r": [\d.]+ [kM]B in \d+\.\d\d\d s$", line) for line in (read, wrote))
+    assert not any(".tmp" in line for line in lines)
+
+
+def test_verbose_ends_with_its_command(bias):
+    assert run("-v", "check", bias).stderr and not run("check", bias).stderr
+    assert logging.getLogger("csstsim.files").handlers == []
+
+
+def test_verbose_shows_the_traceback_behind_an_error(tmp_path):
+    for line in (["-v", "check", tmp_path / "none.yaml"], ["check", tmp_path / "none.yaml", "-v"]):
+        refused = run(*line)
+        assert refused.exit_code == 2 and "Traceback" in refused.stderr
+        assert refused.stderr.splitlines()[-1].startswith("csstsim: error: ")
+    assert "Traceback" not in run("check", tmp_path / "none.yaml").stderr
+
+
+def test_pages_are_there():
+    pages = [page for page in PAGES.values() if not page.startswith("`")]
+    assert pages and all((ROOT / page).is_file() for page in pages)
+
+
+@pytest.mark.parametrize(
+    "changes, page",
+    [
+        ({"colour": 1}, "config/README.md"),
+        ({"select": {"obsids": ["42"]}}, "config/README.md"),
+        ({"survey_table": "/nowhere.csv"}, "survey_tables/README.md"),
+        ({"instrument": "/nowhere"}, "config/instrument/README.md"),
+        ({"observations": {"BIAS": "/nowhere.yaml"}}, "config/README.md"),
+        ({"catalog": {"kind": "nosuch.module:Class"}}, "`python -m pydoc csstsim.catalog.base`"),
+        (
+            {"catalog": {"kind": "mini_campaign:Stars"}, "select": {"types": ["SCIE"], "chips": [9]}},
+            "csstsim.catalog.base`",
+        ),
+    ],
+)
+def test_an_error_names_the_page_that_explains(tmp_path, changes, page, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    file = write_campaign(tmp_path, **({"select": {"types": ["BIAS"], "chips": [9]}} | changes))
+    [line] = run("check", file).stderr.splitlines()
+    assert line.endswith(page if page.endswith("`") else f"; see {ROOT / page}"), line
+
+
+def test_the_page_is_told_from_where_one_stands(monkeypatch):
+    monkeypatch.chdir(ROOT)
+    assert run("check", "/nowhere.yaml").stderr.endswith("; see config/README.md\n")
+
+
+def test_an_error_without_a_page_is_as_it_was():
+    from csstsim.errors import InputError
+
+    assert told(InputError("wrong", file="a.fits")) == "a.fits: wrong"
