@@ -11,7 +11,7 @@ import sys
 
 import click
 
-from csstsim import __version__, cli_tools
+from csstsim import __version__, cli_begin, cli_tools
 from csstsim.cli_group import SWITCHES, Group, hushed, result
 from csstsim.completion import chips_of, obsids_of
 from csstsim.job_log import job_log
@@ -40,12 +40,13 @@ def main():
     """Simulate the CSST Survey Camera: a pointing table in; Level-0 files, truth and catalogues out.
 
     \b
-    A first look, at a campaign file:
-      csstsim plan campaign.yaml               what the campaign would do and cost
-      csstsim chip campaign.yaml --obsid 10100000004 --chip 9 --output results/one
-      csstsim show FILE --truth                a picture of the file
-    All of the campaign:
-      snakemake --profile profiles/default --config campaign=campaign.yaml
+    A first look:
+      csstsim init mysky && cd mysky           a campaign that runs, to be changed
+      csstsim plan campaign.yaml               what it would do and cost
+      csstsim chip campaign.yaml --obsid 10100000004 --chip 9 --output one
+      csstsim show FILE --truth                a picture of the file that was made
+    All of the campaign, from the pointing table to the report:
+      snakemake --cores 2
 
     `csstsim COMMAND --help` explains a command, with an example. -v and -q stand before or after its name.
     """
@@ -244,5 +245,5 @@ def check(run):
     click.echo(f"{run.file}: good; {len(run.jobs)} chips of {len({j.pointing.obsid for j in run.jobs})} exposures")
 
 
-for tool in cli_tools.TOOLS:
+for tool in cli_begin.TOOLS + cli_tools.TOOLS:
     main.add_command(tool)

@@ -33,6 +33,7 @@ class Group(click.Group):
     """A click group whose input errors are one line and exit code 2, and which ends without a word when told to."""
 
     def main(self, *args, **options):
+        """Run the command; from here on SIGTERM ends it without a word."""
         signal.signal(signal.SIGTERM, _stop)
         return super().main(*args, **options)
 
@@ -54,6 +55,7 @@ class Group(click.Group):
                 formatter.write_dl(rows)
 
     def invoke(self, ctx):
+        """Run the sub-command and end with its exit code."""
         try:
             result = super().invoke(ctx)
             if sys.stdout:  # None if closed before the start

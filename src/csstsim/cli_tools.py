@@ -1,4 +1,4 @@
-"""Commands that are no stage: the installation, benchmarks, pictures, shear, verification, gratings, layers."""
+"""Commands that are no stage: benchmarks, pictures, shear, verification, gratings, layers."""
 
 import importlib
 import signal
@@ -7,8 +7,7 @@ from pathlib import Path
 
 import click
 
-from csstsim.cli_group import QUIET
-from csstsim.completion import INSTALL, layers_of
+from csstsim.completion import layers_of
 from csstsim.errors import InputError
 
 
@@ -93,25 +92,6 @@ def show(file, output, **options):
     from csstsim.quicklook.show import show as run
 
     click.echo(run(file, output, **options))
-
-
-@click.command()
-@click.argument("folder", type=click.Path())
-@click.option("--catalogue", type=click.Path(), help="Table of your objects (.csv, .ecsv, .fits) to point at and draw.")
-def init(folder, catalogue):
-    """Write a folder with a campaign that runs as it is, to be changed into your own.
-
-    \b
-      csstsim init mysky && cd mysky
-      csstsim plan campaign.yaml
-      snakemake --cores 2
-    With objects of your own, in columns ra, dec (deg, ICRS), mag_r (AB; or mag_nuv ... mag_y), if you like type (star,
-    galaxy, quasar), size (arcsec, half-light radius), e1, e2, z:
-      csstsim init mysky --catalogue objects.csv
-    """
-    from csstsim.init import init as run
-
-    run(folder, click.echo, catalogue)
 
 
 @click.command("fit-grating")
@@ -253,49 +233,4 @@ def status(campaign, output, watch):
         sys.exit(128 + signal.SIGINT)
 
 
-@click.command()
-@click.argument("campaign", required=False, type=click.Path())
-def doctor(campaign):
-    """Check the installation, and a campaign if one is named.
-
-    One line a check: ok, warning or problem, and what to do. Versions, numba's cache, data, disk, memory, threads and
-    optional parts; of a campaign, whether it opens and whether this machine has room for it.
-
-    \b
-    For example:
-      csstsim doctor
-      csstsim doctor campaign.yaml
-
-    Exit code 1 if there is a problem. With -q only warnings and problems are printed.
-    """
-    from csstsim.doctor import examine
-    from csstsim.doctor.finding import OK, PROBLEM
-
-    quiet, worst = QUIET in click.get_current_context().meta, OK
-    for finding in examine(campaign):
-        if finding.verdict != OK or not quiet:
-            click.echo(f"{finding.verdict:<8} {finding.what}: {finding.text}")
-        worst = PROBLEM if PROBLEM in (worst, finding.verdict) else OK
-    if worst == PROBLEM:
-        sys.exit(1)
-
-
-@click.command()
-@click.argument("shell", type=click.Choice(list(INSTALL)))
-def completion(shell):
-    """Print what makes the shell complete csstsim's commands.
-
-    Commands, options, files, the exposures and chips of a campaign, layers. The first lines say how to install it.
-
-    \b
-    For example, in this shell only:
-      eval "$(csstsim completion bash)"
-    To see how to install it:
-      csstsim completion zsh | head
-    """
-    from csstsim.completion import script
-
-    click.echo(script(shell, click.get_current_context().find_root().command))
-
-
-TOOLS = init, bench, show, status, shear, verify, fit_grating, layers, doctor, completion
+TOOLS = bench, show, status, shear, verify, fit_grating, layers

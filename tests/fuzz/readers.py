@@ -140,6 +140,15 @@ def scene(path):
     make_catalog(SceneCatalog, {"file": str(path)}, None)
 
 
+def own_table(path):
+    """A table of the user's objects: columns, ids, types, and the spectra of its first rows."""
+    from csstsim.catalog.open import make_catalog
+    from csstsim.catalog.own_table import TableCatalog
+
+    catalog = make_catalog(TableCatalog, {"file": str(path)}, None)
+    catalog.load_seds(range(min(len(catalog.table), 3)))
+
+
 def psf(path):
     """A PSF set: opened, its wings, and the PSF at a place."""
     from csstsim.optics.beyond import read_beyond

@@ -10,6 +10,7 @@ import h5py
 import healpy
 import numpy as np
 from astropy.io import fits
+from astropy.table import Table
 from catalog.test_c9 import write_basis, write_galaxies, write_stars
 from fuzz import readers
 from fuzz.binary_mutations import spoiled_fits
@@ -233,6 +234,16 @@ def benchmarks(folder):
     path.parent.mkdir(parents=True)
     path.write_text("s\th:m:s\tmax_rss\tcpu_time\n12.5\t0:00:12\t300.5\t11.0\n")
     return path
+
+
+def own_table(suffix):
+    def make(folder):
+        columns = {"ra": [60.0, 60.01], "dec": [-40.0, -40.01], "mag_r": [20.0, 21.0], "mag_g": [20.5, np.nan]}
+        table = Table(columns | {"type": ["star", "galaxy"], "size": [0.0, 0.5]})
+        table.write(folder / f"objects{suffix}")
+        return folder / f"objects{suffix}"
+
+    return make
 
 
 def c9_stars(folder):
