@@ -54,7 +54,7 @@ the C9 `.cat` files:
 
 $cat
 What the simulator adds; a catalogue's own columns follow as `user_...`, the embedded universe's spectra as
-`sed_scale`, `coeff0` ... `coeff19`:
+`sed_scale`, `coeff0` ... `coeff19`, `_healpix_29`:
 
 $truth
 Bits of `flags`:

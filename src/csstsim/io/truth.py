@@ -48,7 +48,6 @@ ABOUT = {
     **{f"mag_{band}": "AB, magnified" for band in BANDS},
     **{f"flux{i}": "electron / s in the filter's four sub-bands, magnified" for i in range(4)},
     "reach": "px, half the side of the stamp",
-    "catalog_row": "grating chips: row of the catalogue that has the spectrum",
     "lost": "share of a galaxy's light that may lie beyond the stamp",
     "wing": "px, radius of the light beyond the PSF's box; 0: noise hides it",
     "electrons": "nominal electrons of the exposure (grating: of all orders)",
