@@ -27,10 +27,10 @@ highlight_language = "none"  # most blocks are commands; Python is marked as suc
 
 myst_heading_anchors = 4
 nb_execution_mode = "off"
+nb_execution_in_temp = True
 nb_execution_timeout = 1800  # s a cell: a campaign runs in one
 nb_execution_raise_on_error = True
 nb_merge_streams = True  # a command's output is one block
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
-nitpicky = False  # docstrings name things in words; links of pages are checked by MyST

@@ -226,5 +226,12 @@ def point_source_snr(flux, variance, n_eff):
 
 
 def point_source_flux(snr, variance, n_eff):
-    """Return the flux (electron) of a point source of the given S/N: the inverse of `point_source_snr`."""
+    """Return the flux (electron) of a point source of the given S/N: the inverse of `point_source_snr`.
+
+    >>> float(point_source_flux(5.0, 0.0, 16.0))  # without background its own noise is all: snr^2
+    25.0
+    >>> flux = point_source_flux(5.0, 40.0, 16.0)
+    >>> round(float(point_source_snr(flux, 40.0, 16.0)), 9)
+    5.0
+    """
     return 0.5 * snr * (snr + np.sqrt(snr**2 + 4.0 * n_eff * variance))
