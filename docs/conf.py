@@ -15,7 +15,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parent))  # plain_docstrings
 
 project = "csstsim"
-author = "the csstsim contributors"
+author = copyright = "the csstsim contributors"
 extensions = ["myst_nb", "sphinx.ext.autodoc", "plain_docstrings"]
 
 html_theme = "furo"

@@ -12,16 +12,23 @@ _MARKUP = re.compile(r"([\\*|_<>])")
 
 def as_rest(lines):
     """Return reStructuredText lines that show docstring lines (list of str) as they are meant."""
-    out, paragraph = [], []
-    for blank, group in groupby(lines, lambda line: not line.strip()):
-        if blank:
-            continue
-        paragraph = list(group)
-        if any(line.startswith((" ", "\t")) or _TABLE.match(line) for line in paragraph):
-            out += [".. code-block:: text", "", *(f"   {line}" for line in paragraph), ""]
+    paragraphs = [list(group) for blank, group in groupby(lines, lambda line: not line.strip()) if not blank]
+    out = []
+    for verbatim, group in groupby(paragraphs, _is_verbatim):
+        if verbatim:
+            shown = [line for paragraph in group for line in (*paragraph, "")]
+            out += [".. code-block:: text", "", *(f"   {line}".rstrip() for line in shown)]
         else:
-            out += ["".join(map(_inline, re.split(r"(`[^`]+`)", "\n".join(paragraph)))), ""]
-    return "\n".join(out).split("\n")
+            out += [line for paragraph in group for line in (*_prose(paragraph), "")]
+    return out
+
+
+def _is_verbatim(paragraph):
+    return any(line.startswith((" ", "\t", ">>>")) or _TABLE.match(line) for line in paragraph)
+
+
+def _prose(paragraph):
+    return "".join(map(_inline, re.split(r"(`[^`]+`)", "\n".join(paragraph)))).split("\n")
 
 
 def _inline(part):
