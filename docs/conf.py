@@ -12,6 +12,8 @@ Notebooks (docs/tutorials) are not executed here: make tutorials does.
 import sys
 from pathlib import Path
 
+from nbclient import NotebookClient
+
 sys.path.insert(0, str(Path(__file__).parent))  # plain_docstrings
 
 project = "csstsim"
@@ -30,7 +32,7 @@ nb_execution_mode = "off"
 nb_execution_in_temp = True
 nb_execution_timeout = 1800  # s a cell: a campaign runs in one
 nb_execution_raise_on_error = True
-nb_merge_streams = True  # a command's output is one block
+NotebookClient.coalesce_streams = True  # a command's output comes in pieces, cut anywhere
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
