@@ -1,9 +1,10 @@
-"""Write docs/products.md, what every product holds, from the code's own tables: python config/make_products.py.
+"""Write docs/products.md, what every product holds, from the code's own tables: python config/make_products.py (--check).
 
 Each description has one home: beside the columns' types in the module that writes the table, or the comment of a
-keyword in config/instrument/level0_keywords.yaml. tests/test_config_docs.py forbids drift.
+keyword in config/instrument/level0_keywords.yaml. tests/docs/test_products.py forbids drift.
 """
 
+import sys
 from itertools import groupby
 from pathlib import Path
 from string import Template
@@ -166,7 +167,14 @@ def documents():
     return {HERE.parent / "docs" / "products.md": Template(PAGE).substitute(parts)}
 
 
+def stale():
+    """Return the paths of what is missing or says something else than the code."""
+    return [path for path, text in documents().items() if not path.exists() or path.read_text() != text]
+
+
 if __name__ == "__main__":
+    if sys.argv[1:] == ["--check"]:
+        sys.exit("\n".join(f"{path} is stale: run python config/make_products.py" for path in stale()) or 0)
     for path, content in documents().items():
         path.write_text(content)
         print(path)
