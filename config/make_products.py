@@ -1,4 +1,4 @@
-"""Write docs/products.md, what every product holds, from the code's own tables: python config/make_products.py (--check).
+"""Write docs/products.md, what every product holds: python config/make_products.py (--check: only look).
 
 Each description has one home: beside the columns' types in the module that writes the table, or the comment of a
 keyword in config/instrument/level0_keywords.yaml. tests/docs/test_products.py forbids drift.
