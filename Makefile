@@ -1,12 +1,13 @@
 # Two commands on a bare Debian machine with python3, git and make:
 #   make run    set up .venv, then simulate the demo campaign and one full chip end to end
 #   make test   set up .venv, then every check and test
+#   make docs   set up .venv, then the documentation site, results/docs/index.html
 #   make fuzz   set up .venv, then eight minutes of hostile input to every reader, and a table of what came of it
 PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: run test test-slurm test-faults fuzz format clean
+.PHONY: run test docs tutorials test-slurm test-faults fuzz format clean
 
 run: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/campaign.yaml
@@ -20,6 +21,18 @@ test: .venv/ready
 	python workflow/lint.py --config campaign=config/campaign.yaml
 	python config/make_docs.py --check
 	pytest -n 2 --dist loadfile
+	$(MAKE) docs
+
+# A quarter of a minute. A warning is an error, and so is a link that leads nowhere
+docs: .venv/ready
+	sphinx-build -W --keep-going -q -b html docs results/docs
+	python docs/check_links.py results/docs
+
+# Some minutes: what is written as >>> in pages and docstrings, and all notebooks, executed; the site with what they show
+tutorials: .venv/ready
+	pytest --doctest-modules --doctest-glob='*.md' src/csstsim docs
+	sphinx-build -W --keep-going -q -D nb_execution_mode=force -b html docs results/docs
+	python docs/check_links.py results/docs
 
 # As root, after: apt-get install slurmctld slurmd slurm-client munge
 test-slurm: .venv/ready

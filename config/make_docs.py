@@ -29,6 +29,10 @@ Written by `python config/make_docs.py` from the models; edit those, not this fi
 An unknown key, a wrong type or a value out of range is refused before any work, naming file, key and what is allowed.
 Editors that read JSON schemas find them in `schema/`.
 """
+LAYERS = """What each takes and leaves: electrons or DN; the window's active pixels, or the readout frame with prescan
+and overscan. "Not before": layers that must stand before it, where the list has them. Their equations:
+[docs/layers.md](../docs/layers.md).
+"""
 
 
 def rows(model, prefix=""):
@@ -52,11 +56,24 @@ def table(model):
     return "\n".join(lines)
 
 
+def layer_table(modules):
+    """Return the table of all layers {name: module}: what they take, leave, ask for."""
+    lines = ["| layer | stage | unit | pixels | exposures | not before | parameters |", "|---|---|---|---|---|---|---|"]
+    for name, module in modules.items():
+        unit, pixels = (" to ".join(dict.fromkeys(getattr(module, key, ("either",)))) for key in ("UNITS", "FRAME"))
+        exposures, after = (", ".join(getattr(module, key, ())) for key in ("EXPOSURES", "AFTER"))
+        parameters = ", ".join(f"`{key}`" for key in module.Param.model_fields)
+        cells = f"[`{name}`](#{name})", module.STAGE, unit, pixels, exposures or "all", after, parameters
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
 def documents():
     """Return {path: text} of everything generated."""
+    modules = {name: importlib.import_module(f"csstsim.layers.{name}") for name in known_layers()}
     text = [INTRO, "## Campaign", table(Campaign), "", "## Layers of an observation file", ""]
-    for name in known_layers():
-        module = importlib.import_module(f"csstsim.layers.{name}")
+    text += [LAYERS, layer_table(modules), ""]
+    for name, module in modules.items():
         text += [f"### `{name}`", "", module.__doc__.splitlines()[0], ""]
         text += [f"Stage `{module.STAGE}`; {module.UNITS[0]} in, {module.UNITS[1]} out.", ""]
         if module.Param.model_fields:

@@ -17,7 +17,7 @@ def table():
 
 def test_complete_fills_every_column_in_its_type(table):
     assert table.names == (*COLUMNS, "note") and len(table) == 3 and "z" in table
-    for name, (dtype, _) in COLUMNS.items():
+    for name, (dtype, _, _) in COLUMNS.items():
         assert table[name].dtype == dtype and table[name].shape == (3,)
     assert np.isnan(table["mag_g"]).all() and not table["flags"].any()
 

@@ -78,7 +78,7 @@ def test_a_frame_without_sources_gives_an_empty_table_with_every_column(fabricat
     table = fabricate.measure(np.full((100, 120), level))
     assert len(table) == 0
     assert list(table) == list(catalogue.COLUMNS)
-    for name, kind in catalogue.COLUMNS.items():
+    for name, (kind, _) in catalogue.COLUMNS.items():
         assert np.dtype(kind).kind == table[name].dtype.kind, name
 
 

@@ -64,7 +64,7 @@ def test_galaxies_are_as_dense_as_asked():
 
 def test_all_values_are_finite_and_in_range():
     table = brick(COMMON)
-    unknown = {name for name, (_, default) in COLUMNS.items() if np.isnan(default)}
+    unknown = {name for name, (_, default, _) in COLUMNS.items() if np.isnan(default)}
     for name in set(table) - unknown | {"ra", "dec"}:
         assert np.isfinite(table[name]).all(), name
     galaxy = table["obj_type"] == 1

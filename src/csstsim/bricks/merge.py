@@ -40,14 +40,39 @@ DETECTION_COLUMNS = {
 }  # fmt: skip
 
 
+ABOUT = {
+    "_healpix_29": "HEALPix index of order 29, nested; rows are in its order",
+    "source_id": "brick x 2^20 + row",
+    "ra": "deg, ICRS: mean of the detections",
+    "dec": "deg",
+    "pos_err": "arcsec on an axis",
+    "n_detections": "detections in all bands",
+    "star": "0 to 1: the detections' votes, weighted with S/N",
+    "flags": "bits that any detection has (measure.catalogue.FLAGS)",
+    "detection_obsid": "list: exposures of the detections",
+    "detection_chip": "list: their chips",
+    "detection_filter": "list: their filters",
+    "detection_number": "list: their rows in measure/{obsid}_{chip}.parquet",
+}
+ABOUT_BAND = {  # of each band B, small letters
+    "n_B": "detections in the band",
+    "flux_B": "microjansky, PSF photometry",
+    "flux_err_B": "its error",
+    "mag_B": "AB; NaN where the flux is not positive",
+    "mag_err_B": "its error",
+    "kron_flux_B": "microjansky, in the Kron aperture",
+    "kron_flux_err_B": "its error",
+    "kron_mag_B": "AB; NaN where the flux is not positive",
+    "kron_mag_err_B": "its error",
+}
+
+
 def merge_brick(pix, tables, *, margin=MARGIN):
     """Return (sources, detections) of brick `pix`.
 
     `tables`: iterable of measured tables (measure.catalogue columns), looked at one by one; nothing is kept of those
-    without a row in the brick or its margin (arcsec). `sources`: ObjectTable, one row per source the brick owns, in the
-    order of `_healpix_29`: source_id, ra, dec (deg), pos_err (arcsec), for each band B flux_B, flux_err_B (PSF) and
-    kron_flux_B, kron_flux_err_B in microjansky, mag_B, mag_err_B, kron_mag_B, kron_mag_err_B (AB; NaN where
-    there is no positive flux), n_B; n_detections, star (0..1, S/N-weighted vote), flags (bits of any detection).
+    without a row in the brick or its margin (arcsec). `sources`: ObjectTable of ABOUT's columns but the links to
+    detections, one row per source the brick owns, in the order of `_healpix_29`.
     `sources.meta` has the number of sources left out and what became of every detection.
     `detections`: ObjectTable of DETECTION_COLUMNS and `source` (row in `sources`), sorted by it.
     """

@@ -21,38 +21,38 @@ BANDS = ("nuv", "u", "g", "r", "i", "z", "y")
 _MOST = 1 << 28  # values in a file: the fullest brick there can be (4 million objects), 2 GB
 _META_KEY, _SUMS_KEY = b"csstsim", b"csstsim_checksums"
 
-# Columns every catalogue has: type and the value where it gives none. NaN means "not known": a galaxy
+# Columns every catalogue has: type, the value where it gives none, and what it is. NaN means "not known": a galaxy
 # without a size is flagged, one without a parallax is not.
 COLUMNS = {
-    "id": (np.int64, 0),
-    "obj_type": (np.int8, STAR),
-    "ra": (np.float64, np.nan),  # deg, ICRS at J2000; moved by pmra ... parallax if a star
-    "dec": (np.float64, np.nan),
-    "z": (np.float32, 0.0),
-    **{f"mag_{band}": (np.float32, np.nan) for band in BANDS},  # AB, of the catalogue's spectrum
-    "teff": (np.float32, 0.0),  # K
-    "logg": (np.float32, 0.0),  # dex, cm / s2
-    "feh": (np.float32, 0.0),  # dex
-    "pmra": (np.float32, 0.0),  # mas / yr, includes cos(dec)
-    "pmdec": (np.float32, 0.0),
-    "rv": (np.float32, 0.0),  # km / s
-    "parallax": (np.float32, 0.0),  # mas
-    "av": (np.float32, 0.0),  # mag, Milky Way extinction
-    "size_disk": (np.float32, 0.0),  # arcsec, half-light radius (unlensed)
-    "size_bulge": (np.float32, 0.0),
-    "bulge_frac": (np.float32, 0.0),
-    "e1": (np.float32, 0.0),  # |e| = (a - b) / (a + b); axis 1 along +RA (east), axis 2 north
-    "e2": (np.float32, 0.0),
-    "kappa": (np.float32, 0.0),
-    "gamma1": (np.float32, 0.0),
-    "gamma2": (np.float32, 0.0),
-    "stellarmass": (np.float32, np.nan),  # solar masses, of a star
-    "bulgemass": (np.float32, np.nan),  # solar masses of stars, of a galaxy
-    "diskmass": (np.float32, np.nan),
-    "veldisp": (np.float32, np.nan),  # km / s, of a galaxy's stars
-    "gal_type": (np.int8, -1),  # 0 star-forming, 1 quiescent; -1 no galaxy, or not known
-    "host": (np.int64, -1),  # id of the galaxy a quasar lives in
-    "flags": (np.int32, 0),  # catalog.flags
+    "id": (np.int64, 0, "the object's number"),
+    "obj_type": (np.int8, STAR, "0 star, 1 galaxy, 2 quasar"),
+    "ra": (np.float64, np.nan, "deg, ICRS at J2000; moved by pmra ... parallax if a star"),
+    "dec": (np.float64, np.nan, "deg"),
+    "z": (np.float32, 0.0, "redshift"),
+    **{f"mag_{band}": (np.float32, np.nan, "AB, of the catalogue's spectrum") for band in BANDS},
+    "teff": (np.float32, 0.0, "K"),
+    "logg": (np.float32, 0.0, "dex, of cm / s2"),
+    "feh": (np.float32, 0.0, "dex"),
+    "pmra": (np.float32, 0.0, "mas / yr, includes cos(dec)"),
+    "pmdec": (np.float32, 0.0, "mas / yr"),
+    "rv": (np.float32, 0.0, "km / s"),
+    "parallax": (np.float32, 0.0, "mas"),
+    "av": (np.float32, 0.0, "mag, Milky Way extinction"),
+    "size_disk": (np.float32, 0.0, "arcsec, half-light radius (unlensed)"),
+    "size_bulge": (np.float32, 0.0, "arcsec, half-light radius (unlensed)"),
+    "bulge_frac": (np.float32, 0.0, "share of the light in the bulge"),
+    "e1": (np.float32, 0.0, "ellipticity (a - b) / (a + b), unlensed; axis 1 along +RA (east)"),
+    "e2": (np.float32, 0.0, "the same, axis 2 at 45 deg towards north"),
+    "kappa": (np.float32, 0.0, "convergence"),
+    "gamma1": (np.float32, 0.0, "shear, axes of e1"),
+    "gamma2": (np.float32, 0.0, "shear, axes of e2"),
+    "stellarmass": (np.float32, np.nan, "solar masses, of a star"),
+    "bulgemass": (np.float32, np.nan, "solar masses of stars, of a galaxy"),
+    "diskmass": (np.float32, np.nan, "solar masses of stars, of a galaxy"),
+    "veldisp": (np.float32, np.nan, "km / s, of a galaxy's stars"),
+    "gal_type": (np.int8, -1, "0 star-forming, 1 quiescent; -1 no galaxy, or not known"),
+    "host": (np.int64, -1, "id of the galaxy a quasar lives in"),
+    "flags": (np.int32, 0, "bits of csstsim.catalog.flags"),
 }
 
 
@@ -119,7 +119,7 @@ class ObjectTable(Mapping):
         sized = [np.asarray(v) for v in columns.values() if np.ndim(v)]
         count = len(sized[0]) if sized else 0
         full = {}
-        for name, (dtype, default) in COLUMNS.items():
+        for name, (dtype, default, _) in COLUMNS.items():
             try:
                 values = _fit(np.asarray(columns.get(name, default)), np.dtype(dtype))
             except (TypeError, ValueError, OverflowError):

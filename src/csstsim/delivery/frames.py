@@ -167,7 +167,7 @@ def measured(path, frame, recipe, seen):
 
 def spectra(path, frame, recipe):
     """Check a table of extracted spectra."""
-    from csstsim.measure.extract import COLUMNS
+    from csstsim.measure.spectrum_columns import COLUMNS
 
     table = ObjectTable.read(path)
     yield from other_recipe(table.meta.get("recipe"), recipe)

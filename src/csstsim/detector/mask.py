@@ -1,14 +1,24 @@
 """Bits of the truth mask: what happened to the charge of a pixel, known because it was made to happen."""
 
-SATURATED = 1  # charge reached the full well and overflowed
-BLED = 2  # charge overflowed into it
+SATURATED = 1
+BLED = 2
 COSMIC_RAY = 4
 HOT = 8
 DEAD = 16
 BAD_COLUMN = 32
-CLIPPED = 64  # beyond what the digits can say
+CLIPPED = 64
 
 BITS = {
     "SATURATED": SATURATED, "BLED": BLED, "COSMIC_RAY": COSMIC_RAY, "HOT": HOT, "DEAD": DEAD, "BAD_COLUMN": BAD_COLUMN,
     "CLIPPED": CLIPPED,
 }  # fmt: skip
+
+ABOUT = {
+    SATURATED: "charge reached the full well and overflowed",
+    BLED: "charge overflowed into it",
+    COSMIC_RAY: "5 e- or more of a cosmic ray",
+    HOT: "hot pixel",
+    DEAD: "dead pixel",
+    BAD_COLUMN: "in a bad column",
+    CLIPPED: "beyond what the digits can say",
+}

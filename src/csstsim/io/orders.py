@@ -1,17 +1,5 @@
 """The truth of dispersed light beside a Level-0 file of a spectroscopic chip (paper, section 4.2): a row an order.
 
-| column | what it is |
-|---|---|
-| id, row | the object, and its row in the truth table (io.truth) |
-| order, grating | -2 to 2, GI1 ... |
-| cut | its stamp reaches beyond the piece's edge: `electrons` is of all its light, `drawn` of this piece's |
-| xImage, yImage | where its light would fall without the grating, FITS pixels (centre of the first at 1) |
-| p, q, r, s | light of lambda [angstrom] lands at x + p + q lambda, y + r + s lambda [px] |
-| xoff, yoff, a0, a1, alpha0, alpha1 | the same as aXe has it (instrument.axe): the trace's polynomials at x, y |
-| electrons, drawn | of the whole order; put on the window |
-| x0, x1, y0, y1 | box of what was drawn, half-open, a numpy slice of the full frame; zeros: nothing |
-| wave_min, wave_max | angstrom, what of the trace lands on the window; NaN: nothing, at most a stamp's edge or a wing |
-
 An order of less than an electron, none of which was drawn, has no row.
 """
 
@@ -20,6 +8,22 @@ import numpy as np
 from csstsim.catalog.table import ObjectTable, check_numbers
 from csstsim.errors import InputError
 
+COLUMNS = {
+    "id": "the object",
+    "row": "its row in the truth table",
+    "order": "-2 to 2",
+    "grating": "GI1 ...",
+    "cut": "its stamp reaches beyond the piece's edge: `electrons` is of all its light, `drawn` of this piece's",
+    **dict.fromkeys(("p", "q", "r", "s"), "lambda [angstrom] lands at x + p + q lambda, y + r + s lambda [px]"),
+    **dict.fromkeys(("xoff", "yoff", "a0", "a1", "alpha0", "alpha1"), "the trace as aXe has it: polynomials at x, y"),
+    "electrons": "of the whole order",
+    "drawn": "electrons put on the window",
+    **dict.fromkeys(("x0", "x1", "y0", "y1"), "px, box of what was drawn, half-open, full frame; zeros: nothing"),
+    "wave_min": "angstrom, where the trace on the window begins; NaN: nothing, at most a stamp's edge or a wing",
+    "wave_max": "angstrom, where it ends",
+    "xImage": "FITS px (centre of the first at 1), where its light would fall without the grating",
+    "yImage": "the same",
+}
 _NEEDED = ("id", "row", "order", "grating", "cut", "xImage", "yImage", "p", "q", "r", "s", "electrons", "drawn")
 
 

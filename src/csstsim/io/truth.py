@@ -14,7 +14,7 @@ The file's metadata have the recipe, the Level-0 file's name, full_well [e-] and
 
 import numpy as np
 
-from csstsim.catalog.table import ObjectTable, check_numbers
+from csstsim.catalog.table import BANDS, ObjectTable, check_numbers
 from csstsim.errors import InputError
 
 # .cat name: our column
@@ -27,6 +27,39 @@ CAT_COLUMNS = {
     "e1": "e1", "e2": "e2", "kappa": "kappa", "g1": "g1", "g2": "g2", "size": "size", "galType": "gal_type",
     "veldisp": "veldisp",
 }  # fmt: skip
+# What the other columns hold: a Level-0 file's own, in place of what catalog.table.COLUMNS says, or beside it
+ABOUT = {
+    "chip": "chip of the Level-0 file",
+    "filter": "its filter or grating",
+    "x": "FITS px of the assembled frame (centre of the first active pixel at 1)",
+    "y": "the same",
+    "ra": "deg, apparent direction: with the header's WCS it gives xImage, yImage",
+    "dec": "deg, the same",
+    "ra_orig": "deg, the catalogue's place, ICRS at J2000",
+    "dec_orig": "deg, the same",
+    "ra_epoch": "deg, ICRS at the epoch, with proper motion and parallax: what a measurement should give",
+    "dec_epoch": "deg, the same",
+    "mag": "AB in the filter, magnified (grating: of the first order)",
+    "dm": "mag, distance modulus of a star",
+    "detA": "determinant of the lensing Jacobian",
+    "g1": "reduced shear, axis 1 along +RA (east)",
+    "g2": "the same, axis 2 at 45 deg towards north",
+    "size": "arcsec, half-light radii of disk and bulge, weighted with their light",
+    **{f"mag_{band}": "AB, magnified" for band in BANDS},
+    **{f"flux{i}": "electron / s in the filter's four sub-bands, magnified" for i in range(4)},
+    "reach": "px, half the side of the stamp",
+    "lost": "share of a galaxy's light that may lie beyond the stamp",
+    "wing": "px, radius of the light beyond the PSF's box; 0: noise hides it",
+    "electrons": "nominal electrons of the exposure (grating: of all orders)",
+    "drawn": "electrons put into the image",
+    "fraction": "drawn / electrons",
+    "method": "how it was drawn: photons, stamp, unresolved, reference, none",
+    "snr": "predicted S/N of the object",
+    "error": "predicted error of the drawing, in units of the object's own noise",
+    "stamp": "px, side of what was drawn, wing included; 0 for photons",
+    **dict.fromkeys(("x0", "x1", "y0", "y1"), "px, box of what was drawn, half-open, a numpy slice of the full frame"),
+    "ms": "CPU milliseconds",
+}
 # What is made here, and .cat names that are not ours: a catalogue's own column so called gets another name.
 TAKEN = {"chip", "filter", "detA", "dm", "g1", "g2", "size"} | (set(CAT_COLUMNS) - set(CAT_COLUMNS.values()))
 

@@ -36,18 +36,54 @@ LINE_E, LINE_WIDTH = 0.4, 0.95  # distortion of a line, at least; its short axis
 SHAPE_SNR = 3.0  # least, for a shape: six in seven detections are below it, most of them noise
 STAR_SPREAD = 0.01  # spread of a star: PSF interpolation and centring errors, beside its noise (x 2.5)
 
+# Type and meaning of each column; a pixel's middle is at whole numbers, the chip's first at 0
 COLUMNS = {
-    "obsid": str, "chip": np.int16, "filter": str, "number": np.int32, "x": np.float64, "y": np.float64,
-    "ra": np.float64, "dec": np.float64, "ra_apparent": np.float64, "dec_apparent": np.float64, "pos_err": np.float32,
-    "flux_psf": np.float64, "flux_psf_err": np.float64, "mag_psf": np.float64, "mag_psf_err": np.float64,
-    "flux_aper": np.float64, "flux_aper_err": np.float64, "mag_aper": np.float64, "mag_aper_err": np.float64,
-    "flux_kron": np.float64, "flux_kron_err": np.float64, "mag_kron": np.float64, "mag_kron_err": np.float64,
-    "snr": np.float32, "fwhm": np.float32, "a": np.float32, "b": np.float32, "theta": np.float32,
-    "hsm_sigma": np.float32, "hsm_e1": np.float32, "hsm_e2": np.float32, "psf_sigma": np.float32, "psf_e1": np.float32,
-    "psf_e2": np.float32, "resolution": np.float32, "g1": np.float32, "g2": np.float32, "g_err": np.float32,
-    "chi2": np.float32, "spread": np.float32, "spread_err": np.float32, "star": bool, "zeropoint": np.float64,
-    "rms": np.float32, "flags": np.int32,
-}  # fmt: skip
+    "obsid": (str, "exposure"),
+    "chip": (np.int16, "chip"),
+    "filter": (str, "filter"),
+    "number": (np.int32, "row: 0 is the highest S/N"),
+    "x": (np.float64, "px, column on the whole chip, from 0"),
+    "y": (np.float64, "px, row on the whole chip, from 0"),
+    "ra": (np.float64, "deg, ICRS at the epoch of the exposure: aberration and light deflection undone"),
+    "dec": (np.float64, "deg, the same"),
+    "ra_apparent": (np.float64, "deg, apparent direction, that of the image's WCS"),
+    "dec_apparent": (np.float64, "deg, the same"),
+    "pos_err": (np.float32, "arcsec on an axis"),
+    "flux_psf": (np.float64, "electrons of the exposure, fit of the PSF"),
+    "flux_psf_err": (np.float64, "its error"),
+    "mag_psf": (np.float64, "AB; NaN where the flux is not positive"),
+    "mag_psf_err": (np.float64, "its error"),
+    "flux_aper": (np.float64, "electrons within 4 px over the PSF's share there, as if all the light were a point's"),
+    "flux_aper_err": (np.float64, "its error"),
+    "mag_aper": (np.float64, "AB; NaN where the flux is not positive"),
+    "mag_aper_err": (np.float64, "its error"),
+    "flux_kron": (np.float64, "electrons in the Kron ellipse, not corrected for what lies beyond"),
+    "flux_kron_err": (np.float64, "its error"),
+    "mag_kron": (np.float64, "AB; NaN where the flux is not positive"),
+    "mag_kron_err": (np.float64, "its error"),
+    "snr": (np.float32, "flux_psf / flux_psf_err; 0 where there is no error"),
+    "fwhm": (np.float32, "px, twice the half-light radius"),
+    "a": (np.float32, "px, major axis of the isophote's moments, rms"),
+    "b": (np.float32, "px, minor axis"),
+    "theta": (np.float32, "rad, of the major axis from +x to +y"),
+    "hsm_sigma": (np.float32, "px, adaptive moments: det(M)^(1/4)"),
+    "hsm_e1": (np.float32, "distortion (a2 - b2) / (a2 + b2) on pixel axes, along x"),
+    "hsm_e2": (np.float32, "the same, at 45 deg towards +y"),
+    "psf_sigma": (np.float32, "px, adaptive moments of the PSF model there"),
+    "psf_e1": (np.float32, "distortion of the PSF model there"),
+    "psf_e2": (np.float32, "the same"),
+    "resolution": (np.float32, "0 for a star, 1 for a galaxy much larger than the PSF"),
+    "g1": (np.float32, "ellipticity (a - b) / (a + b) without the PSF, axis 1 along +RA (east)"),
+    "g2": (np.float32, "the same, axis 2 at 45 deg towards north"),
+    "g_err": (np.float32, "error of g1, g2, on an axis"),
+    "chi2": (np.float32, "reduced, of the PSF's fit"),
+    "spread": (np.float32, "size beyond the PSF (measure.photometry): 0 for a star"),
+    "spread_err": (np.float32, "its error"),
+    "star": (bool, "no wider than the PSF, within 2.5 sigma"),
+    "zeropoint": (np.float64, "AB magnitude of 1 electron"),
+    "rms": (np.float32, "electrons, noise of the background there"),
+    "flags": (np.int32, "bits, see below"),
+}
 
 
 def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, pointing, window):
@@ -55,13 +91,9 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
 
     `calibrated`: measure.calibrate.Calibrated of `window`; `psf`: PsfSet of the chip; `wcs`: ChipWCS;
     `observer`: catalog.ephemeris.Observer.
-    The columns are `COLUMNS`, by decreasing S/N; x, y chip pixels (0-based, whole chip), `pos_err`
-    arcsec on an axis, fluxes electrons (`flux_aper`: in 4 px, as if all the light were a point's), `fwhm` px, `theta`
-    rad from +x to +y, `zeropoint` the AB magnitude of 1
-    electron. Adaptive moments (measure.moments), NaN where they failed: `hsm_sigma`, `psf_sigma` px, `hsm_e1` ... of
-    source and PSF distortions (a2 - b2)/(a2 + b2) on pixel axes; `g1`, `g2` without the PSF, (a - b)/(a + b), axis 1
-    along +RA (east), 2 towards north, as the truth's e1, e2 sheared by its g1, g2; `g_err` on an axis; these three are
-    NaN also where the source is not resolved (`resolution`, 0 for a star, 1 for a large galaxy).
+    The columns are `COLUMNS`, rows by decreasing S/N. What adaptive moments (measure.moments) give is NaN where they
+    failed; g1, g2, g_err, which compare with the truth's e1, e2 sheared by its g1, g2, also where the source is not
+    resolved.
     `meta` holds the facts of the frame: background and rms in electrons, n_eff px, depth_5sigma AB, window.
     Raises InputError for anything but an imaging science frame.
     """
@@ -90,8 +122,8 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     table |= {"zeropoint": np.full(n, zeropoint), "chip": np.full(n, chip.id)}
     table |= {"obsid": np.full(n, pointing.obsid), "filter": np.full(n, filter.name)}
     order = np.lexsort((table["x"], table["y"], -table["snr"]))
-    columns = {name: np.asarray(table[name])[order].astype(kind) for name, kind in COLUMNS.items() if name != "number"}
-    columns["number"] = np.arange(n, dtype=np.int32)
+    table["number"] = np.argsort(order)
+    columns = {name: np.asarray(table[name])[order].astype(kind) for name, (kind, _) in COLUMNS.items()}
     rms, n_eff = float(np.median(found.rms[::8, ::8])), float(np.median(model.n_eff))
     info = {
         "obsid": pointing.obsid, "chip": chip.id, "filter": filter.name, "exptime": pointing.exptime,
@@ -99,7 +131,7 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
         "depth_5sigma": float(zeropoint - 2.5 * np.log10(point_source_flux(5.0, rms**2, n_eff))), "sources": n,
         "window": [window.x0, window.x1, window.y0, window.y1],
     }  # fmt: skip
-    return ObjectTable({name: columns[name] for name in COLUMNS}, info)
+    return ObjectTable(columns, info)
 
 
 def _fit(frame, sources, calibrated, unusable, model, window):
@@ -194,5 +226,12 @@ def point_source_snr(flux, variance, n_eff):
 
 
 def point_source_flux(snr, variance, n_eff):
-    """Return the flux (electron) of a point source of the given S/N: the inverse of `point_source_snr`."""
+    """Return the flux (electron) of a point source of the given S/N: the inverse of `point_source_snr`.
+
+    >>> float(point_source_flux(5.0, 0.0, 16.0))  # without background its own noise is all: snr^2
+    25.0
+    >>> flux = point_source_flux(5.0, 40.0, 16.0)
+    >>> round(float(point_source_snr(flux, 40.0, 16.0)), 9)
+    5.0
+    """
     return 0.5 * snr * (snr + np.sqrt(snr**2 + 4.0 * n_eff * variance))

@@ -25,9 +25,19 @@ from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.measure.line_profile import ACROSS, ALONG, OFFSETS, between, broadened, mixed, psf_profile
 from csstsim.measure.local_sky import local_sky
+from csstsim.measure.spectrum_columns import (
+    COLUMNS,
+    CONTAMINATED,
+    COSMIC,
+    CUT,
+    DIM,
+    EDGE,
+    LOST,
+    MASKED,
+    SATURATED,
+)
 from csstsim.units import C_A_S, H_J_S
 
-MASKED, SATURATED, COSMIC, EDGE, DIM, CONTAMINATED, LOST, CUT = (1 << k for k in range(8))
 APERTURE_LIGHT = 0.9  # of the light in the aperture's rows
 LEAST, MOST = 4.0, 20.0  # px, half the aperture
 GAP, STRIP = 4.0, 16.0  # px: from the aperture to a strip of sky, and its width
@@ -95,7 +105,7 @@ def predicted_snr(orders, shapes, noise):
 
 
 def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,), snr_min=5.0):
-    """Return the ObjectTable of spectra (COLUMNS below), one row a column of a spectrum.
+    """Return the ObjectTable of spectra (spectrum_columns.COLUMNS), one row a column of a spectrum.
 
     orders: ObjectTable of io.orders; sources: Sources; model: spectral_model.SpectralModel; psf: PsfSet, or what has
     its `at` and `oversampling`; wing: optics.halo.Wing of it or None; wanted: orders; snr_min: predicted S/N per
@@ -125,25 +135,8 @@ def _largest(orders):
     return largest
 
 
-COLUMNS = {
-    "id": np.int64, "row": np.int32, "order": np.int8,
-    "column": np.int32,  # x of the chip, 0-based
-    "y": np.float32,  # of the trace there
-    "wavelength": np.float64,  # angstrom, of the column's middle
-    "electrons": np.float32, "electrons_err": np.float32,  # optimal; of the whole light, others subtracted
-    "box": np.float32, "box_err": np.float32,
-    "flux": np.float32, "flux_err": np.float32,  # photon / s / m2 / angstrom; of the optimal extraction
-    "flux_erg": np.float32,  # erg / s / cm2 / angstrom
-    "contamination": np.float32,  # electrons of others that were subtracted; NaN: not known
-    "model": np.float32,  # electrons that the truth leads one to expect; NaN: not known
-    "sensitivity": np.float32,  # electrons of 1 photon / s / m2 / angstrom
-    "sky": np.float32,  # electron / px
-    "flags": np.int16,
-}  # fmt: skip
-
-
 def _nothing():
-    return {name: np.zeros(0, dtype) for name, dtype in COLUMNS.items()}
+    return {name: np.zeros(0, dtype) for name, (dtype, _) in COLUMNS.items()}
 
 
 def _extract_one(frame, one, sources, model, psf, wing):
@@ -178,7 +171,7 @@ def _extract_one(frame, one, sources, model, psf, wing):
         found["contamination"] = np.full(len(columns), np.nan)
     found |= {"column": columns, "y": centre, "wavelength": wave, "sensitivity": flat, "model": expected}
     found |= {name: np.full(len(columns), one[name][0]) for name in ("id", "row", "order")}
-    return {name: found[name].astype(dtype) for name, dtype in COLUMNS.items()}
+    return {name: found[name].astype(dtype) for name, (dtype, _) in COLUMNS.items()}
 
 
 def _trace(one, model, window):

@@ -6,7 +6,7 @@ import matplotlib
 import numpy as np
 
 from csstsim.catalog.table import STAR, TYPES
-from csstsim.measure.extract import CONTAMINATED, CUT, DIM, LOST, SATURATED
+from csstsim.measure.spectrum_columns import CONTAMINATED, CUT, DIM, LOST, SATURATED
 
 matplotlib.use("agg")
 from matplotlib import pyplot as plt

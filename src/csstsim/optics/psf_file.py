@@ -1,19 +1,7 @@
 """The PSF file of a chip, and what a renderer asks of it: the PSF at any place (paper, section 5.1.2).
 
-HDF5, one file a chip, n = grid^2 nodes, four wavelengths:
-
-| dataset     | shape, type                  | content                                                           |
-|-------------|------------------------------|-------------------------------------------------------------------|
-| /nodes_xy   | (n, 2) float64               | chip pixel (x, y) where the light falls, 0-based, x fastest        |
-| /nodes_uv   | (n, 2) float64               | deg: where it comes from, intermediate world coordinates at       |
-|             |                              | position angle 0, for distortion models; NaN: not known           |
-| /image      | (n, 4, cells, cells) float32 | cell integrals [y, x], contiguous: mappable                       |
-| /wavelength | (4,) float64                 | angstrom                                                          |
-| /tilt       | (n, 2) float64               | px: shift (x, y) taken out when the node was centred              |
-| /flux       | (n, 4) float64               | sum of each image; NaN marks a dead node, which is never used     |
-
-Attributes: format, sample ("cell_integral"), cell_um, cell_arcsec, oversampling (cells along the side of a pixel,
-even), chip, filter, grid, camera_digest, version, provenance (JSON). The centre of the PSF is the middle of the array:
+HDF5, one file a chip, n = grid^2 nodes, four wavelengths: the datasets of DATASETS, the attributes of ATTRIBUTES.
+The centre of the PSF is the middle of the array:
 the corner shared by cells 127 and 128 of 256. HDF5's own checksums guard attributes, names and the small datasets; an
 image is guarded by its flux.
 
@@ -36,11 +24,31 @@ from csstsim.optics.interpolation import Interpolator
 
 FORMAT = 2
 WAVELENGTHS = 4
-_ATTRIBUTES = (
-    *("format", "sample", "cell_um", "cell_arcsec", "oversampling", "chip", "filter", "grid"),
-    *("camera_digest", "version", "provenance"),
-)
-_DATASETS = ("nodes_xy", "nodes_uv", "wavelength", "tilt", "flux")  # and image
+ATTRIBUTES = {
+    "format": "number of this layout",
+    "sample": "cell_integral: a number is the light in its cell",
+    "cell_um": "um, side of a cell",
+    "cell_arcsec": "arcsec, side of a cell",
+    "oversampling": "cells along the side of a pixel, even",
+    "chip": "chip number",
+    "filter": "filter or grating",
+    "grid": "nodes along a side of the chip",
+    "camera_digest": "hash of the camera's data files",
+    "version": "of csstsim",
+    "provenance": "JSON: what made it",
+}
+DATASETS = {
+    "nodes_xy": ("(n, 2) float64", "px, (x, y) where the light falls, from 0, x fastest"),
+    "nodes_uv": (
+        "(n, 2) float64",
+        "deg, where it comes from: intermediate world coordinates at position angle 0; NaN: not known",
+    ),
+    "wavelength": ("(4,) float64", "angstrom"),
+    "tilt": ("(n, 2) float64", "px, shift (x, y) taken out when the node was centred"),
+    "flux": ("(n, 4) float64", "sum of each image; NaN marks a dead node, which is never used"),
+    "image": ("(n, 4, cells, cells) float32", "cell integrals [y, x], contiguous: mappable"),
+}
+_SMALL = tuple(DATASETS)[:-1]  # all but the image are read at once
 _VERSIONS = ("v110", "v110")  # HDF5 1.10 or newer reads it; older layouts have no checksums in their headers
 
 
@@ -125,7 +133,7 @@ class PsfSet:
         self.path = path
         with intact(path):
             data, offset, shape = self._read()
-            self.nodes_xy, self.nodes_uv, self.wavelength, self.tilt, self.flux = (data[k] for k in _DATASETS)
+            self.nodes_xy, self.nodes_uv, self.wavelength, self.tilt, self.flux = (data[k] for k in _SMALL)
             expected = {"format": FORMAT, "sample": "cell_integral", "chip": chip, "filter": filter, "grid": grid}
             expected |= {"oversampling": oversampling, "camera_digest": camera_digest}
             for name, value in expected.items():
@@ -150,14 +158,14 @@ class PsfSet:
     def _read(self):
         with h5py.File(self.path, "r") as file:
             self.attributes = {name: _plain(value) for name, value in file.attrs.items()}
-            missing = [k for k in _ATTRIBUTES if k not in self.attributes]
-            missing += [k for k in (*_DATASETS, "image") if k not in file]
+            missing = [k for k in ATTRIBUTES if k not in self.attributes]
+            missing += [k for k in DATASETS if k not in file]
             if missing:
                 raise InputError("not a PSF file", file=self.path, key=missing[0], value="missing")
             image, offset = file["image"], file["image"].id.get_offset()
             if image.dtype != np.dtype("<f4") or offset is None:
                 raise InputError("must be contiguous float32", file=self.path, key="image", value=str(image.dtype))
-            return {k: numbers(file, k, self.path) for k in _DATASETS}, offset, image.shape
+            return {k: numbers(file, k, self.path) for k in _SMALL}, offset, image.shape
 
     def _check(self, shape):
         n = self.attributes["grid"] ** 2

@@ -1,0 +1,35 @@
+"""What the table of extracted spectra holds: a row is one column of pixels of one spectrum."""
+
+import numpy as np
+
+MASKED, SATURATED, COSMIC, EDGE, DIM, CONTAMINATED, LOST, CUT = (1 << k for k in range(8))
+FLAGS = {
+    MASKED: "a defect in the aperture, left out of the sums",
+    SATURATED: "a saturated pixel in the aperture, left out",
+    COSMIC: "a pixel in the aperture was rejected, as a cosmic ray is",
+    EDGE: "the aperture reaches beyond the window",
+    DIM: "too little throughput: no flux",
+    CONTAMINATED: "light of others is more than a tenth of the electrons",
+    LOST: "less than half of the aperture's light can be used: no result",
+    CUT: "the object lies at the edge of its grating's piece: part of its light goes elsewhere",
+}
+COLUMNS = {
+    "id": (np.int64, "the object"),
+    "row": (np.int32, "its row in the truth table"),
+    "order": (np.int8, "order of the spectrum"),
+    "column": (np.int32, "px, x of the chip, from 0"),
+    "y": (np.float32, "px, of the trace there"),
+    "wavelength": (np.float64, "angstrom, of the column's middle"),
+    "electrons": (np.float32, "optimal extraction: all of the light, that of others subtracted"),
+    "electrons_err": (np.float32, "its error"),
+    "box": (np.float32, "electrons, the same by a box"),
+    "box_err": (np.float32, "its error"),
+    "flux": (np.float32, "photon / s / m2 / angstrom, of the optimal extraction"),
+    "flux_err": (np.float32, "its error"),
+    "flux_erg": (np.float32, "erg / s / cm2 / angstrom"),
+    "contamination": (np.float32, "electrons of others that were subtracted; NaN: not known"),
+    "model": (np.float32, "electrons that the truth leads one to expect; NaN: not known"),
+    "sensitivity": (np.float32, "electrons of 1 photon / s / m2 / angstrom"),
+    "sky": (np.float32, "electron / px"),
+    "flags": (np.int16, "bits, see below"),
+}

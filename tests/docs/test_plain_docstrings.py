@@ -1,0 +1,35 @@
+"""docs/plain_docstrings.py shows docstrings as they are meant: names as code, tables as they stand, no markup else."""
+
+import runpy
+from pathlib import Path
+
+from docutils.core import publish_doctree
+
+MODULE = runpy.run_path(str(Path(__file__).parents[2] / "docs" / "plain_docstrings.py"))
+
+
+def shown(text):
+    """Return (texts of paragraphs, of code in them, of literal blocks) that docutils makes of a docstring."""
+    rest = "\n".join(MODULE["as_rest"](text.split("\n")))
+    tree = publish_doctree(rest, settings_overrides={"report_level": 1, "halt_level": 1})  # any message is an error
+    parts = ("paragraph", "literal", "literal_block")
+    return tuple([node.astext() for node in tree.findall(lambda n, p=part: n.tagname == p)] for part in parts)
+
+
+def test_marks_of_other_languages_are_plain_text():
+    text = "Shape (n, 2), |e| = a*b**2, x_ and _y, <g>, a `name` and `b[0]`.\n\nA second paragraph."
+    paragraphs, code, blocks = shown(text)
+    assert paragraphs == [text.split("\n\n")[0].replace("`", ""), "A second paragraph."]
+    assert code == ["name", "b[0]"] and blocks == []
+
+
+def test_tables_code_and_what_lies_between_stand_as_written():
+    table = "| a | b |\n|---|---|\n| 1 | 2 |"
+    code = "    import x\n\n    class Y:\n        z = 1"
+    paragraphs, _, blocks = shown(f"First.\n\n{code}\n\nThen:\n\n{table}")
+    assert paragraphs == ["First.", "Then:"]
+    assert [block.replace("    ", "") for block in blocks] == [code.replace("    ", ""), table]
+
+
+def test_an_empty_docstring_gives_nothing():
+    assert MODULE["as_rest"]([""]) == []

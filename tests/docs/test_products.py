@@ -1,0 +1,33 @@
+"""docs/products.md says what the code says, and has every column of the tables that are written."""
+
+import re
+import runpy
+from pathlib import Path
+
+from click.testing import CliRunner
+from mini_campaign import write_scene
+
+from csstsim.catalog.table import ObjectTable
+from csstsim.cli import main
+
+ROOT = Path(__file__).parents[2]
+
+
+def told(title):
+    """Return the names in backticks of one section of the page."""
+    text = (ROOT / "docs" / "products.md").read_text()
+    return set(re.findall(r"`([^`\n]+)`", re.split(rf"^## {title}$", text, flags=re.M)[1].split("\n## ")[0]))
+
+
+def test_the_page_has_not_drifted():
+    products = runpy.run_path(str(ROOT / "config" / "make_products.py"))
+    assert not products["stale"](), "run python config/make_products.py"
+
+
+def test_every_column_of_a_truth_table_is_told(tmp_path):
+    campaign = write_scene(tmp_path, "Stars", [30.0, 64.0, 90.0], [40.0, 64.0, 80.0], 20.0)
+    result = CliRunner().invoke(main, ["chip", str(campaign), "--obsid", "10100000001", "--chip", "9"])
+    assert result.exit_code == 0, result.output
+    [file] = tmp_path.rglob("*.truth.parquet")
+    written = {name for name in ObjectTable.read(file).names if not name.startswith("user_")}
+    assert len(written) > 50 and written <= told("Truth")
