@@ -20,8 +20,10 @@ test: .venv/ready
 	snakefmt --check workflow
 	python workflow/lint.py --config campaign=config/campaign.yaml
 	python config/make_docs.py --check
-	pytest -n 2 --dist loadfile
+	python config/make_products.py --check
 	$(MAKE) docs
+	python benchmarks/first_image.py
+	pytest -n 2 --dist loadfile
 
 # A quarter of a minute. A warning is an error, and so is a link that leads nowhere
 docs: .venv/ready
