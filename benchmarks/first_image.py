@@ -89,7 +89,7 @@ def main():
         [image] = sky.glob("one/level0/*/*_L0_V01.fits")
         who.run(
             home / "venv/bin/csstsim", "show", image.relative_to(sky), "--truth", "--subtract-overscan",
-            "--output", "look.png", folder=sky,
+            "--size", "500", "--output", "look.png", folder=sky,
         )  # fmt: skip
         print(f"{who.total:6.1f} s  from pip install to look.png (goal: 300)")
         count = int(who.run("venv/bin/python", "-c", COUNT, image.with_suffix(".truth.parquet"), counted=False))

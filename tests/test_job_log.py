@@ -49,7 +49,7 @@ def test_a_log_begins_with_whose_it_is_and_ends_with_what_it_took(tmp_path):
     assert 100 < end.memory_mb <= used.ru_maxrss / 1024 + 1 and end.wall_s > 0
     # what benchmarks/overhead.py reads is as it was
     stages = re.findall(r"^(\w+): [\d.]+ s, [\d.]+ CPU-s$", text, re.MULTILINE)
-    assert stages == ["select", "render", "readout", "level0"]
+    assert stages == ["select", "render", "readout", "level0", "writing"]
 
 
 def test_commands_that_make_nothing_and_jobs_that_fail(tmp_path):

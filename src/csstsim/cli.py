@@ -41,7 +41,8 @@ def main():
 
     \b
     A first look:
-      csstsim init mysky && cd mysky           a campaign that runs, to be changed
+      csstsim init mysky                       a folder with a campaign that runs
+      cd mysky
       csstsim plan campaign.yaml               what it would do and cost
       csstsim chip campaign.yaml --obsid 10100000004 --chip 9 --output one
       csstsim show FILE --truth                a picture of the file that was made

@@ -16,7 +16,8 @@ def init(folder, catalogue):
 
     \b
     The shipped sky, a small field in g, r and i:
-      csstsim init mysky && cd mysky
+      csstsim init mysky
+      cd mysky
       csstsim plan campaign.yaml
       snakemake --cores 2
     A table of your own objects, and exposures that point at them:

@@ -32,7 +32,7 @@ def python():
     try:
         about = importlib.metadata.metadata("csstsim")
     except importlib.metadata.PackageNotFoundError:
-        yield Finding(PROBLEM, "csstsim", f"{__version__}, not installed: pip install csstsim, or . in its folder")
+        yield Finding(PROBLEM, "csstsim", f"{__version__}, not installed: pip install . in its folder")
         return
     same = about["Version"] == __version__
     yield Finding(
