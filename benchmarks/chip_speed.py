@@ -19,7 +19,7 @@ import galsim
 import numpy as np
 import yaml
 
-from csstsim import prepare, stages
+from csstsim import in_memory, prepare
 from csstsim.bench import peers
 from csstsim.bench.cases import Case
 from csstsim.bench.memory import PrivateMemory
@@ -70,9 +70,9 @@ def measured(run, runs):
         state = None  # what the run before left is not this one's memory
         with PrivateMemory() as memory:
             start = time.process_time()
-            objects = stages._objects(run, job)
+            objects = in_memory.selected(run, job)
             middle = time.process_time()
-            state = stages._render(run, job, objects)
+            state = in_memory.rendered(run, job, objects)
             spent = middle - start, time.process_time() - middle
         if i:
             best = min(best, spent, key=sum)

@@ -55,11 +55,11 @@ def spectra_of_frame(run, job):
 
     Raises InputError, also for a chip without a grating.
     """
+    from csstsim.in_memory import object_spectra
     from csstsim.io.orders import check_orders, read_orders
     from csstsim.measure.extract import Frame, Sources
     from csstsim.measure.spectral_model import make_model
     from csstsim.optics.beyond import read_beyond
-    from csstsim.stages import object_spectra
 
     if not run.has_orders(job):
         chips = ", ".join(str(chip.id) for chip in run.camera.slitless_chips)

@@ -191,8 +191,8 @@ class Simulation:
         from astropy.io.fits import Header
 
         from csstsim.detector.channels import ReadoutFrame
+        from csstsim.in_memory import simulate
         from csstsim.io.level0 import level0_cards
-        from csstsim.stages import simulate
 
         job = self._job(obsid, chip)
         state, provenance = simulate(self._run, job, say=_quiet)
@@ -207,7 +207,7 @@ class Simulation:
         Bright objects and the sky are expectations, faint ones counted electrons, Poisson by birth; with
         `fidelity="noise_free"` all of it is expectation. Raises InputError as `chip`.
         """
-        from csstsim.stages import light
+        from csstsim.in_memory import light
 
         job = self._job(obsid, chip)
         state = light(self._run, job, say=_quiet)

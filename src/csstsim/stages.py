@@ -4,37 +4,22 @@ A stage refuses an input whose recorded recipe (digests of campaign, camera, lay
 own, and gives its products that recipe on. Nothing appears under its name before it is complete.
 """
 
-import time
-
 import numpy as np
 
-from csstsim.config import digest
 from csstsim.errors import InputError
+from csstsim.in_memory import Timer, blank, digitised, rendered, say_selected, selected, simulate
 from csstsim.pages import explained
-from csstsim.prepare import missing_bricks, missing_psf, open_psf, psf_box
 from csstsim.release import check_recipe
-from csstsim.state import State
-
-
-class Timer:
-    """Wall and CPU seconds of a stage, for the provenance of its product."""
-
-    def __init__(self, stage):
-        self.stage, self.wall, self.cpu = stage, time.perf_counter(), time.process_time()
-
-    def entry(self):
-        """Return [stage, wall s, CPU s] since it began."""
-        return [self.stage, time.perf_counter() - self.wall, time.process_time() - self.cpu]
 
 
 def select(run, job):
     """Find the objects that reach a job's window."""
     timer = Timer("select")
-    table = _objects(run, job)
+    table = selected(run, job)
     table.write(
         run.paths.stage(*job.key, "select.parquet"), table.meta | {"recipe": run.recipe(job), "stages": [timer.entry()]}
     )
-    _say_selected(table, print)
+    say_selected(table, print)
 
 
 @explained("catalogue")
@@ -59,48 +44,6 @@ def check_catalog(run, say):
         )  # fmt: skip
 
 
-def _say_selected(table, say):
-    """Say how many objects reach the window, and how many of them will not be drawn, and why."""
-    from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING
-    from csstsim.catalog.usable import why_not_drawn
-
-    say(f"{len(table)} objects reach the window; left out: {table.meta['dropped']}")
-    for reason, count in why_not_drawn(table, table["flags"] & (BAD_VALUE | STRONG_LENSING)).items():
-        say(f"{count} not drawn: {reason}")
-
-
-def _objects(run, job):
-    from csstsim.catalog.open import open_catalog
-    from csstsim.catalog.select import Noise, region_for, select_objects
-    from csstsim.optics.beyond import beyond_box
-
-    config, camera, exptime = run.config.catalog, run.camera, job.pointing.exptime
-    filter_, detector = camera.filters[job.chip.filter], camera.detector
-    key = run.universe_key() if run.embedded else {}
-    catalog = open_catalog(config, region_for(*job.footprint(), run.margin_deg(job)), run.paths.truth, key)
-    noise = Noise(filter_.sky, detector.dark, detector.read_noise)
-    return select_objects(
-        catalog, job.wcs, job.observer, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit,
-        rotated=config.shapes == "rotated90", beyond=beyond_box(camera, filter_), box=psf_box(run, job.chip),
-        disperser=run.disperser(job),
-    )  # fmt: skip
-
-
-def object_spectra(run, job, objects):
-    """Return the catalog.spectra.Spectra of a slitless chip's objects, None for an imaging chip's."""
-    if job.chip.kind != "slitless":
-        return None
-    from csstsim.catalog.spectra import catalog_spectra, embedded_spectra
-
-    if run.embedded:
-        return embedded_spectra(objects, run.universe)
-    from csstsim.catalog.open import open_catalog
-    from csstsim.catalog.select import region_for
-
-    region = region_for(*job.footprint(), run.margin_deg(job))
-    return catalog_spectra(objects, open_catalog(run.config.catalog, region, run.paths.truth, {}))
-
-
 def render(run, job):
     """Run the layers of the render stage: expected electrons, counted electrons, drawn objects."""
     from csstsim.catalog.table import ObjectTable
@@ -111,7 +54,7 @@ def render(run, job):
         path = run.paths.stage(*job.key, "select.parquet")
         objects = ObjectTable.read(path)
         check_recipe(path, objects.meta, run.recipe(job))
-    state = _render(run, job, objects)
+    state = rendered(run, job, objects)
     planes = {"image": state.image, "counted": state.counted, "mask": state.mask}
     state.header["stages"] = [*(objects.meta["stages"] if objects is not None else []), timer.entry()]
     drawn = state.truth if state.truth is not None else ObjectTable.complete({})
@@ -121,38 +64,17 @@ def render(run, job):
     save_frame(run.paths.stage(*job.key, "render.fits"), planes, _meta(run, job, state))
 
 
-def _render(run, job, objects):
-    state = _blank(run, job, objects)
-    if job.pointing.type == "SCIE":
-        state.psf, state.fidelity = open_psf(run, job.chip), run.config.fidelity
-        if state.fidelity != "reference":
-            from csstsim.render.psf_table import read_tables
-
-            state.tables = read_tables(run.paths.psf_tables(job.chip.id), state.psf)
-        state.header["truth_hash"] = objects.meta["truth_hash"]
-        state.header["psf_hash"] = digest(state.psf.attributes)
-        state.spectra = object_spectra(run, job, objects)
-    state = run.steps[job.pointing.type].run(state, "render", run.config.seed)
-    state.header["light_electrons"] = state.electrons()
-    state.forget()
-    return state
-
-
 def readout(run, job):
     """Run the layers of the readout stage: electrons to DN."""
     from csstsim.io.frames import save_frame
 
     timer = Timer("readout")
-    state = _readout(run, job, _state_before(run, job, "render"))
+    state = run.steps[job.pointing.type].run(_state_before(run, job, "render"), "readout", run.config.seed)
     _save_cosmic(run, job, state)
     state.header.setdefault("stages", []).append(timer.entry())
     save_frame(
         run.paths.stage(*job.key, "readout.fits"), {"image": state.image, "mask": state.mask}, _meta(run, job, state)
     )
-
-
-def _readout(run, job, state):
-    return run.steps[job.pointing.type].run(state, "readout", run.config.seed)
 
 
 def _save_cosmic(run, job, state):
@@ -186,30 +108,7 @@ def level0(run, job):
         path = run.paths.stage(*job.key, "orders.parquet")
         state.orders = ObjectTable.read(path)
         check_recipe(path, state.orders.meta, run.recipe(job))
-    _write(run, job, *_level0(run, job, state, timer))
-
-
-def _level0(run, job, state, timer):
-    """Return the State after the level0 stage and its provenance (io.keywords.header_values)."""
-    from csstsim.optics import shutter
-
-    steps = run.steps[job.pointing.type]
-    state = steps.run(state, "level0", run.config.seed)
-    if steps.losses["shutter"]:
-        state.header |= shutter.moments(job.pointing, state.telescope)
-    state.header.setdefault("stages", []).append(timer.entry())
-    provenance = {
-        "recipe": run.recipe(job),
-        "seed": run.config.seed,
-        "campaign_name": run.config.name,
-        **run.config.astrometry.model_dump(),
-        "layers": steps.describe(),
-        "truth_hash": state.header.pop("truth_hash", "none"),
-        "psf_hash": state.header.pop("psf_hash", "none"),
-        "stages": state.header.pop("stages"),
-        "timing": state.header.pop("timing", []),
-    }
-    return state, provenance
+    _write(run, job, *digitised(run, job, state, timer))
 
 
 def _write(run, job, state, provenance):
@@ -248,60 +147,11 @@ def chip(run, job, say=print):
     return state
 
 
-def simulate(run, job, say=print):
-    """Run one job in memory, its missing truth bricks and PSF set made first.
-
-    Returns its State at the end (image: DN, uint16, the window's readout frame) and its provenance, from which
-    io.level0 makes the header.
-    """
-    state, timer = light(run, job, say), Timer("readout")
-    state = _readout(run, job, state)
-    state.header["stages"].append(timer.entry())
-    return _level0(run, job, state, Timer("level0"))
-
-
-def light(run, job, say=print):
-    """Return the State of a job after the render stage: expected and counted electrons of objects and sky, truth.
-
-    Missing truth bricks and a missing PSF set are made first.
-    """
-    from csstsim.catalog.table import ObjectTable
-
-    header, objects = {"stages": []}, None
-    if job.pointing.type == "SCIE":
-        if run.embedded:
-            missing_bricks(run, job, say)
-        timer = Timer("select")
-        objects = _objects(run, job)
-        header["stages"].append(timer.entry())
-        _say_selected(objects, say)
-        missing_psf(run, job.chip, say)
-    timer = Timer("render")
-    state = _render(run, job, objects)
-    state.header |= header
-    if run.has_stage(job.pointing, "render"):
-        header["stages"].append(timer.entry())
-    if state.truth is None:
-        state.truth = ObjectTable.complete({})
-    return state
-
-
-def _blank(run, job, objects=None):
-    camera = run.camera
-    mask = np.zeros(job.window.shape, np.uint8) if run.steps[job.pointing.type].mask else None
-    return State(
-        chip=job.chip, filter=camera.filters[job.chip.filter], telescope=camera.telescope, pointing=job.pointing,
-        catalog=objects, window=job.window, wcs=job.wcs, image=np.zeros(job.window.shape, np.float32), mask=mask,
-        sky=camera.sky, leds=camera.leds, prnu=run.steps[job.pointing.type].losses["prnu"],
-        gratings=camera.gratings[job.chip.id] if job.chip.kind == "slitless" and job.pointing.type == "SCIE" else None,
-    )  # fmt: skip
-
-
 def _state_before(run, job, stage):
     """Return the state the given stage left on disk, or a blank one if this exposure has no such stage."""
     from csstsim.io.frames import load_frame
 
-    state = _blank(run, job)
+    state = blank(run, job)
     if run.has_stage(job.pointing, stage):
         path = run.paths.stage(*job.key, f"{stage}.fits")
         planes, meta = load_frame(path, {"stage": stage})

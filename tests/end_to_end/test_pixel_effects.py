@@ -5,7 +5,7 @@ import pytest
 import yaml
 from mini_campaign import POINTINGS, write_scene
 
-from csstsim import prepare, stages
+from csstsim import in_memory, prepare, stages
 from csstsim.campaign import OpenCampaign
 from csstsim.config import SHIPPED
 from csstsim.io.frames import load_frame
@@ -82,10 +82,10 @@ def test_photons_keep_their_numbers_without_prnu(tmp_path):
     run = scene(tmp_path / "scene", "SCIE", mag=23.0)
     [job] = run.jobs
     prepare.psf(run, CHIP)
-    objects, psf, found = stages._objects(run, job), prepare.open_psf(run, job.chip), []
+    objects, psf, found = in_memory.selected(run, job), prepare.open_psf(run, job.chip), []
     [step, *_] = run.steps["SCIE"].stage("render")
     for prnu in (True, False):
-        state = stages._blank(run, job, objects)
+        state = in_memory.blank(run, job, objects)
         assert state.prnu
         state.prnu, state.psf, state.tables = prnu, psf, read_tables(run.paths.psf_tables(CHIP), psf)
         found.append(step.module.apply(state, step.param, Streams(3, OBSID, CHIP, step.name)))

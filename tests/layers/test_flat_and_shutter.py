@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mini_campaign import write_scene
 
-from csstsim import prepare, stages
+from csstsim import in_memory, prepare
 from csstsim.campaign import OpenCampaign
 from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs
@@ -22,10 +22,10 @@ def draw(tmp_path_factory):
     run = OpenCampaign(write_scene(folder, "Pair", [40.3, 90.1, 20.0], [50.2, 70.6, 110.0], mag=20.0))
     job = run.job("10100000001", 9)
     prepare.psf(run, 9)
-    objects, psf = stages._objects(run, job), prepare.open_psf(run, job.chip)
+    objects, psf = in_memory.selected(run, job), prepare.open_psf(run, job.chip)
 
     def made(flat, shutter):
-        state = stages._blank(run, job, objects)
+        state = in_memory.blank(run, job, objects)
         state.psf, state.fidelity = psf, "noise_free"
         return scie_obs.apply(state, scie_obs.Param(flat_fielding=flat, shutter_effect=shutter), STREAMS)
 
