@@ -21,8 +21,8 @@ SRC = Path(importlib.util.find_spec("csstsim").origin).parent
 # What an extension, a notebook or a reader of the files meets; a folder stands for its modules.
 SURFACE = (
     "api", "catalog/base", "catalog/contract", "catalog/flags", "catalog/mock_object", "catalog/own_table",
-    "catalog/table", "detector", "errors", "instrument", "io/calibrated", "io/level0", "io/orders", "io/truth",
-    "layer_contract", "layers", "optics/psf", "optics/wcs", "rng", "sim_steps", "state",
+    "catalog/table", "detector", "errors", "instrument", "io/calibrated", "io/level0", "io/level0_cards", "io/orders",
+    "io/truth", "layer_contract", "layers", "optics/psf", "optics/wcs", "rng", "sim_steps", "state",
 )  # fmt: skip
 # Taken from nowhere: they are csstsim's own ways
 NO_SOURCE = {"catalog/contract", "catalog/flags", "detector/mask", "errors", "layer_contract"}

@@ -192,7 +192,7 @@ class Simulation:
 
         from csstsim.detector.channels import ReadoutFrame
         from csstsim.in_memory import simulate
-        from csstsim.io.level0 import level0_cards
+        from csstsim.io.level0_cards import level0_cards
 
         job = self._job(obsid, chip)
         state, provenance = simulate(self._run, job, say=_quiet)

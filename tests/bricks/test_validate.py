@@ -13,8 +13,8 @@ from csstsim.bricks.merge import merge_brick
 from csstsim.bricks.trials import trials
 from csstsim.bricks.validate import Frame, blended, completeness, usable, validate_brick
 from csstsim.catalog.table import BANDS, ObjectTable
-from csstsim.config import ValidateConfig
 from csstsim.rng import stream
+from csstsim.thresholds import ValidateConfig
 
 PIX = 123456
 SCALE = 0.074 / 3600.0

@@ -57,7 +57,7 @@ def validate_brick(pix, sources, frames, config):
     """Return (result, arrays) of brick `pix`.
 
     `sources`: merged ObjectTable (or mapping) of the brick; `frames`: iterable of `Frame`; `config`:
-    config.ValidateConfig. `result` is JSON-like: per band completeness, magnitude residuals (mag), depth;
+    thresholds.ValidateConfig. `result` is JSON-like: per band completeness, magnitude residuals (mag), depth;
     astrometry (mas); gates (bricks.gates). `arrays` holds what bricks.figures draws.
     """
     tried, infos, depths, seen_in = ({band: [] for band in BANDS} for _ in range(4))

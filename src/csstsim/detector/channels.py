@@ -188,20 +188,13 @@ class ReadoutFrame:
         y_low, y_high = _overlap(self.window[2:], half, self.channel_ny, half * self.channel_ny - y0)
         x_low, x_high = _overlap(self.window[:2], slot, self.channel_nx, slot * self.channel_nx - x0)
         return Block(
-            channel=number + 1,
-            half=half,
-            slot=slot,
+            channel=number + 1, half=half, slot=slot, flip_x=mirrored, flip_y=half == 1,
             rows=slice(min(y_active.start, y_scan.start), max(y_active.stop, y_scan.stop)),
             cols=slice(x_left.start, x_right.stop),
-            active=(y_active, x_active),
-            prescan=(y_active, x_pre),
-            serial_overscan=(y_active, x_over),
-            parallel_overscan=(y_scan, x_active),
-            image=(slice(y_low, y_high), slice(x_low, x_high)),
-            flip_x=mirrored,
-            flip_y=half == 1,
+            active=(y_active, x_active), prescan=(y_active, x_pre), serial_overscan=(y_active, x_over),
+            parallel_overscan=(y_scan, x_active), image=(slice(y_low, y_high), slice(x_low, x_high)),
             stored_x0=number * self.block_nx,
-        )
+        )  # fmt: skip
 
     def embed(self, image):
         """Return a frame with the active `image` (shape of the window) in place and zeros around it."""

@@ -1,0 +1,61 @@
+"""The header of a Level-0 file: keywords of level0_keywords.yaml, world coordinates, bits of the mask (io.level0)."""
+
+from csstsim.detector.channels import ReadoutFrame
+from csstsim.detector.mask import BITS
+from csstsim.io.fits import card, remark
+from csstsim.io.keywords import header_cards, header_values
+from csstsim.io.paths import level0_stem
+from csstsim.optics.sip import sip_header
+
+
+def level0_cards(state, keywords, provenance, layout):
+    """Return the cards of HDU 0 and of IMAGE, two lists; arguments as of `io.level0.write_level0`."""
+    frame = ReadoutFrame.of(state.chip.detector, state.window)
+    values = header_values(state, provenance, level0_stem(state.pointing, state.chip.id), layout)
+    image = header_cards(keywords, values, 1) + wcs_cards(state.wcs, frame, layout, state.header.get("sip"))
+    return header_cards(keywords, values, 0), image
+
+
+def mask_cards():
+    """Return the cards that say what the bits of MASK mean."""
+    return [card(f"BIT{value.bit_length() - 1}", name, f"value {value}") for name, value in BITS.items()]
+
+
+def wcs_cards(wcs, frame, layout, sip=False):
+    """Return the cards of the assembled frame's WCS and of one alternate WCS per channel.
+
+    `wcs`: the ChipWCS. In a channel's block, chip x = x0 + sx X with sx = +-1 (mirroring), so CRPIX' = sx (CRPIX - x0)
+    in 0-based pixels and the CD columns change sign. With `sip` the assembled frame's has the field distortion and
+    there are no alternates: readers (astropy) would apply the polynomials to those, too.
+    """
+    whole = ReadoutFrame.of(frame, None)
+    cards = [remark("COMMENT", " WCS of the assembled active frame (DETSIZE), not of the stored array")]
+    cards += [
+        remark("COMMENT", " Its directions are apparent: aberration and light deflection at the spacecraft"),
+        remark("COMMENT", " (EXPSTART, POSI0_*, VELO0_* of the primary header) are in them; axes as ICRS"),
+    ]
+    if sip and wcs.distortion:
+        cards.append(remark("COMMENT", " Field distortion is in this WCS, as SIP polynomials"))
+        return cards + [card(key, value) for key, value in sip_header(wcs).items()]
+    if wcs.distortion:
+        cards.append(remark("COMMENT", " Field distortion is in the image, but not in this linear WCS"))
+    linear = wcs.header()
+    cards += [card(key, value) for key, value in linear.items()]
+    for block in whole.blocks:
+        cards.append(remark("COMMENT", f" WCS {_letter(block)}: the stored pixels of channel {block.channel}"))
+        cards += [card(key + _letter(block), value) for key, value in channel_wcs(linear, whole, block, layout).items()]
+    return cards
+
+
+def _letter(block):
+    return chr(ord("A") + block.channel - 1)
+
+
+def channel_wcs(wcs, frame, block, layout):
+    """Return the chip's WCS {keyword: value} as the stored pixels of one channel see it."""
+    changed = dict(wcs)
+    for axis, (start, step) in enumerate(frame.stored_axis(block, layout), start=1):
+        changed[f"CRPIX{axis}"] = step * (wcs[f"CRPIX{axis}"] - 1 - start) + 1
+        for i in (1, 2):
+            changed[f"CD{i}_{axis}"] = step * wcs[f"CD{i}_{axis}"]
+    return changed
