@@ -14,8 +14,8 @@ def examine(campaign=None):
     from csstsim.doctor import installation, machine
 
     for check in (
-        installation.python, installation.libraries, installation.extras, installation.programs, installation.data,
-        installation.numba_cache, installation.transforms, machine.threads,
+        installation.python, installation.libraries, installation.extras, installation.data, installation.numba_cache,
+        machine.threads,
     ):  # fmt: skip
         yield from _safely(check)
     if campaign is None:
