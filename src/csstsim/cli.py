@@ -203,9 +203,7 @@ def chip(run, obsid, chip_ids, profile):
             from csstsim import prepare
             from csstsim.profile import profiled
 
-            if run.embedded:
-                prepare.missing_bricks(run, job, print)
-            prepare.missing_psf(run, job.chip, print)
+            prepare.missing(run, job, print)
             profiled(functools.partial(stages.chip, run, job, say=print), say=result)
         else:
             stages.chip(run, job, say=print)

@@ -5,7 +5,7 @@ import time
 import numpy as np
 
 from csstsim.config import digest
-from csstsim.prepare import missing_bricks, missing_psf, open_psf, psf_box
+from csstsim.prepare import missing, open_psf, psf_box
 from csstsim.state import State
 
 
@@ -39,15 +39,13 @@ def light(run, job, say=print):
     """
     from csstsim.catalog.table import ObjectTable
 
+    missing(run, job, say)
     header, objects = {"stages": []}, None
     if job.pointing.type == "SCIE":
-        if run.embedded:
-            missing_bricks(run, job, say)
         timer = Timer("select")
         objects = selected(run, job)
         header["stages"].append(timer.entry())
         say_selected(objects, say)
-        missing_psf(run, job.chip, say)
     timer = Timer("render")
     state = rendered(run, job, objects)
     state.header |= header

@@ -53,22 +53,18 @@ def _nodes_uv(camera, chip, grid):
     return samples(load_focal_plane(file), chip, grid)[:, :2] if file.exists() else None
 
 
-def missing_bricks(run, job, say):
-    """Make the bricks of the embedded universe a job needs, where they are missing."""
-    _make({run.paths.truth(pix): partial(truth, run, pix, say) for pix in run.truth_bricks(job)}, say)
-
-
-def missing_psf(run, chip, say):
-    """Make a chip's PSF set and its tables, where they are missing."""
-    paths = run.paths.psf(chip.id), run.paths.psf_tables(chip.id)
-    _make(dict(zip(paths, (partial(psf, run, chip.id), partial(psf_tables, run, chip)), strict=True)), say)
-
-
-def _make(wanted, say):
-    missing = {path: make for path, make in wanted.items() if not path.exists()}
-    for path in progress(missing, "made first"):
-        say(f"missing, made first: {path}")
-        missing[path]()
+def missing(run, job, say):
+    """Make what a job of the sky needs and is not there: bricks of the embedded universe, the chip's PSF set."""
+    if job.pointing.type != "SCIE":
+        return
+    bricks, chip = run.truth_bricks(job) if run.embedded else (), job.chip
+    wanted = {run.paths.truth(pix): partial(truth, run, pix, say) for pix in bricks}
+    wanted[run.paths.psf(chip.id)] = partial(psf, run, chip.id)
+    wanted[run.paths.psf_tables(chip.id)] = partial(psf_tables, run, chip)
+    for path in progress([path for path in wanted if not path.exists()], "made first"):
+        if not path.exists():  # tables come with a new PSF set
+            say(f"missing, made first: {path}")
+            wanted[path]()
 
 
 def open_psf(run, chip):
