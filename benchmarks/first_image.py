@@ -3,8 +3,8 @@
     python benchmarks/first_image.py [--keep FOLDER]
 
 The wheel is built from this clone and installed, with requirements.lock as constraints, into a bare virtual environment
-outside of it. Then, with nothing but that environment on the path: a table of ten objects, `csstsim init --catalogue`,
-`csstsim check`, `csstsim chip`, `csstsim show`, and the dry run of the whole workflow in that folder. Fails if a step
+outside of it. Then, with nothing but that environment on the path: `csstsim doctor`, a table of ten objects,
+`csstsim init --catalogue`, `csstsim check`, `csstsim chip`, `csstsim show`, and the dry run of the whole workflow in that folder. Fails if a step
 fails, if a file of the clone is used, or if an object of the table is not in the truth. Compiled code, PSF and all are
 made anew; what pip downloads may come from its cache.
 """
@@ -78,6 +78,7 @@ def main():
         places = who.run("venv/bin/python", "-c", LOOK, counted=False).split()
         if any(not place.startswith(str(home)) for place in places):
             sys.exit(f"files of the clone are used: {places}")
+        who.run("venv/bin/csstsim", "doctor")
         (home / "objects.csv").write_text(OBJECTS)
         who.run("venv/bin/csstsim", "init", "mysky", "--catalogue", "objects.csv")
         sky = home / "mysky"

@@ -49,7 +49,6 @@ class Group(click.Group):
             rows = [
                 (name.ljust(width), self.commands[name].get_short_help_str(formatter.width - width - 4))
                 for name in names
-                if name in self.commands
             ]
             with formatter.section(title):
                 formatter.write_dl(rows)

@@ -52,14 +52,14 @@ def init(folder, say, catalogue=None):
 
 def _aimed(file, content):
     """Return {name: bytes} of what differs for a catalogue of the user's: the table, the campaign, the pointings."""
-    from csstsim.catalog.own_table import object_table, read_columns
+    from csstsim.catalog.own_table import object_table, read_table
     from csstsim.config import SHIPPED
     from csstsim.instrument.camera import load_camera
     from csstsim.optics.aim import exposure_of
 
     if file.name in content:
         raise InputError("the name is taken by another file of the folder", file=file)
-    table = object_table(read_columns(file), file)
+    table = object_table(read_table(file), file)
     ra, dec, radius = _circle(file, table)
     camera, rows = load_camera(SHIPPED / "instrument"), ["obsid,type,ra,dec,pa,time,exptime"]
     for number, (chip, time) in enumerate(AIMED.items(), start=1):

@@ -6,8 +6,9 @@ from astropy import units as u
 from astropy.table import QTable, Table
 
 from csstsim.catalog.base import Region
+from csstsim.catalog.colours import colour_spectra
 from csstsim.catalog.contract import check, sky_region
-from csstsim.catalog.own_table import TableCatalog, colour_spectra, plain_columns
+from csstsim.catalog.own_table import TableCatalog, plain_columns
 from csstsim.catalog.photometry import ab_mag
 from csstsim.catalog.table import BANDS
 from csstsim.errors import InputError

@@ -5,11 +5,8 @@
 Columns are those of `catalog.table.COLUMNS` (units there, and in `catalog.base`), and two that spare typing: `type`
 (star, galaxy or quasar; left out: star) and `size` (a galaxy's half-light radius, arcsec, of disk and bulge alike).
 `ra`, `dec` and one of mag_nuv ... mag_y are needed; `id` counts from 1 if left out. Magnitudes are AB, observed,
-through the camera's own bands, before lensing. A spectrum takes the magnitudes of all bands given: its AB magnitude is
-linear in the logarithm of wavelength between their pivots, constant beyond them, and set so that each band has its own.
-One magnitude means a flat spectrum, in f_nu. Colours that jump (bright in y, dark in z, which holds y's light) have no
-such spectrum: it then goes through the magnitudes at the pivots, and the truth table's `mag` says what was drawn.
-Spectral lines want a catalogue with `load_sed` (catalog.base).
+through the camera's own bands, before lensing. Spectra are smooth ones that have all magnitudes given, as
+catalog.colours says; lines want a catalogue with `load_sed` (catalog.base).
 """
 
 from functools import cached_property
@@ -18,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.catalog.base import CatalogBase
+from csstsim.catalog.colours import colour_spectra
 from csstsim.catalog.mock_object import MockObjects
 from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, STAR, TYPES, ObjectTable
 from csstsim.config import SHIPPED
@@ -26,10 +24,8 @@ from csstsim.fits_headers import check_headers
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.text_file import read_text
-from csstsim.units import ab_photon_density
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
-MAG_TOLERANCE, PASSES = 1e-4, 30  # of the spectra's magnitudes [mag]; Newton's steps, three or four for most
 FAINTEST = 100.0  # mag; beyond it numbers stand for something else
 _UNITS = {
     **dict.fromkeys(("ra", "dec"), "deg"), **dict.fromkeys(("size", "size_disk", "size_bulge"), "arcsec"),
@@ -55,7 +51,7 @@ class TableCatalog(CatalogBase):
 
     def _load(self):
         file = self.options.get("file")
-        columns = read_columns(Path(file)) if file else self.options["columns"]
+        columns = read_table(Path(file)) if file else self.options["columns"]
         self._table = object_table(columns, file or "catalog.options.columns")
         self.objs = MockObjects(self._table)
 
@@ -82,7 +78,7 @@ class TableCatalog(CatalogBase):
         return None
 
 
-def read_columns(path):
+def read_table(path):
     """Return {name: values} of a table's file, blanks as NaN. Raises InputError if it is none."""
     from astropy.table import Table
 
@@ -171,52 +167,3 @@ def _types(names, where):
     if unknown:
         raise InputError("unknown type", file=where, key="type", value=unknown[0], allowed=", ".join(TYPES))
     return np.array([TYPES.index(word) for word in words], np.int8)
-
-
-def colour_spectra(mags, filters):
-    """Return (n, 18001) spectra [photon / s / m2 / A] of AB magnitudes (n, len(filters)), NaN where not known."""
-    mags = np.asarray(mags, dtype=float)
-    spectra = np.zeros((len(mags), len(GRID)))
-    known, kind = np.unique(np.isfinite(mags), axis=0, return_inverse=True)
-    for number, bands in enumerate(known):
-        rows = np.flatnonzero(kind.reshape(-1) == number)
-        here = sorted((f for f, has in zip(filters, bands, strict=True) if has), key=lambda f: f.pivot)
-        wanted = mags[np.ix_(rows, [filters.index(f) for f in here])]
-        spectra[rows] = _light(_nodes(wanted, here), here, GRID) * ab_photon_density(GRID)
-    return spectra
-
-
-def _light(nodes, filters, wave):
-    """Return (n, len(wave)): flux density over that of magnitude 0, of magnitudes (n, bands) at the bands' pivots."""
-    return 10 ** (-0.4 * np.einsum("nb,bw->nw", nodes, _hats(filters, wave)))
-
-
-def _hats(filters, wave):
-    """Return (bands, len(wave)): 1 at a band's pivot, 0 at its neighbours', linear in the logarithm of wavelength."""
-    pivots = np.log([f.pivot for f in filters])
-    return np.stack([np.interp(np.log(wave), pivots, row) for row in np.eye(len(filters))])
-
-
-def _nodes(mags, filters):
-    """Return (n, bands) magnitudes at the pivots with which spectra have `mags`, by Newton's method.
-
-    Rows for which there are none keep their magnitudes as those at the pivots.
-    """
-    wave = GRID[::4]  # 2 A: bands are smooth, the magnitudes the same to 1e-5
-    hats, weights = _hats(filters, wave), np.stack([f.at(wave) for f in filters]) * ab_photon_density(wave)
-    weights /= weights.sum(axis=1, keepdims=True)
-    nodes, found = mags.copy(), np.zeros(len(mags), bool)
-    with np.errstate(all="ignore"):  # colours that no spectrum has
-        for _ in range(PASSES):
-            light = _light(nodes, filters, wave)
-            through = np.einsum("nw,bw->nb", light, weights)
-            off = mags + 2.5 * np.log10(through)
-            found = np.abs(off).max(axis=1, initial=0.0) < MAG_TOLERANCE
-            if found.all():
-                break
-            slopes = np.einsum("nw,bw,cw->nbc", light, weights, hats, optimize=True) / through[:, :, None]
-            go = ~found & np.isfinite(slopes).all(axis=(1, 2)) & (np.linalg.cond(np.nan_to_num(slopes)) < 1e6)
-            step = np.linalg.solve(slopes[go], off[go][:, :, None])[:, :, 0]
-            nodes[go] += np.clip(step, -1.0, 1.0)
-    nodes[~found] = mags[~found]
-    return nodes
