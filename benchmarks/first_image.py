@@ -4,9 +4,9 @@
 
 The wheel is built from this clone and installed, with requirements.lock as constraints, into a bare virtual environment
 outside of it. Then, with nothing but that environment on the path: `csstsim doctor`, a table of ten objects,
-`csstsim init --catalogue`, `csstsim check`, `csstsim chip`, `csstsim show`, and the dry run of the whole workflow in that folder. Fails if a step
-fails, if a file of the clone is used, or if an object of the table is not in the truth. Compiled code, PSF and all are
-made anew; what pip downloads may come from its cache.
+`csstsim init --catalogue`, `csstsim check`, `csstsim chip`, `csstsim show`, and the dry run of the whole workflow in
+that folder. Fails if a step fails, if a file of the clone is used, or if an object of the table is not in the truth.
+Compiled code, PSF and all are made anew; what pip downloads may come from its cache.
 """
 
 import argparse

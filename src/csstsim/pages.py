@@ -27,7 +27,7 @@ def explained(kind):
 
 def told(error):
     """Return a CsstsimError as a line, with the page that explains what is allowed, if there is one."""
-    page, file = error.page, ROOT / str(error.page)
-    if file.is_file():
+    page = error.page
+    if page and (file := ROOT / page).is_file():
         page = file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file
     return f"{error}; see {page}" if page else str(error)
