@@ -46,14 +46,9 @@ class Stranger:
 
     def run(self, *line, folder=None, counted=True):
         """Run a command, print its seconds if they are counted, return what it printed; end if it fails."""
-        start = time.perf_counter()
+        start, line = time.perf_counter(), [str(word) for word in line]
         done = subprocess.run(
-            list(map(str, line)),
-            cwd=folder or self.home,
-            env=self.environment,
-            capture_output=True,
-            text=True,
-            check=False,
+            line, cwd=folder or self.home, env=self.environment, capture_output=True, text=True, check=False
         )
         seconds = time.perf_counter() - start
         if done.returncode:
