@@ -1,11 +1,15 @@
 """The Python surface: the same pixels as the files, copies that leave the original alone, tables as catalogues."""
 
+import copy
 import importlib
+import pickle
+import shutil
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+import yaml
 from astropy.io import fits
 from astropy.table import QTable, Table
 from click.testing import CliRunner
@@ -14,8 +18,10 @@ from mini_campaign import write_campaign
 import csstsim
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.mock_object import MockObject
+from csstsim.catalog.own_table import KIND
 from csstsim.catalog.table import ObjectTable
 from csstsim.cli import main
+from csstsim.config import SHIPPED
 from csstsim.errors import InputError
 from csstsim.io.level0 import read_level0
 from csstsim.units import ab_photon_density
@@ -75,6 +81,19 @@ def test_the_wcs_is_of_the_windows_pixels(sim, frame):
         assert np.abs(y - (each.truth["yImage"] - 1 - each.window.y0))[near].max() < 1e-2
 
 
+def test_it_travels_to_other_processes(sim):
+    """Pickled, deep-copied: the same bits; neither its options nor its campaign can be changed from outside."""
+    catalog = {
+        "kind": KIND,
+        "options": {"columns": {name: list(one_star(sim)[name]) for name in ("ra", "dec", "mag_r")}},
+    }
+    star = sim.replace(catalog=catalog, seed=8)
+    image = star.chip(OBSID, CHIP).image
+    columns["mag_r"][0] = star.config.catalog.options["columns"]["mag_r"][0] = 14.0
+    for other in (star, pickle.loads(pickle.dumps(star)), copy.deepcopy(star)):
+        assert np.array_equal(other.chip(OBSID, CHIP).image, image)
+
+
 def test_the_same_bits_again_and_a_copy_leaves_the_original_alone(sim, frame):
     star = sim.replace(catalog=one_star(sim))
     other, before = star.replace(seed=4), star.chip(OBSID, CHIP).image
@@ -91,6 +110,8 @@ def test_layers_are_changed_and_left_out(sim):
         assert np.ptp([header[f"DETBIA{n:02d}"] * header[f"GAIN{n:02d}"] for n in range(1, 17)]) < ROUNDING
         assert ("CRCOUNT" in header) == rays
         assert {"bias_16channel": False}.items() <= next(e["bias"] for e in changed.layers if "bias" in e).items()
+    with pytest.raises(InputError, match=r"allowed: \{keyword: \{parameter: value\}, or None\}"):
+        sim.replace(layers={"bias": False})
     with pytest.raises(InputError, match=r"layers: not a layer of the list \(got 'bloom'\); allowed: scie_obs"):
         sim.replace(layers={"bloom": None})
     with pytest.raises(InputError, match="bias_16chanel"):
@@ -162,6 +183,31 @@ def test_a_spectroscopic_chip_has_orders(sim):
     assert {"order", "grating", "electrons"} <= set(frame.orders.colnames)
 
 
+def test_new_observations_undo_changed_layers(sim, tmp_path):
+    """Layers are changed in the list that is in force, and a new list is taken as it is."""
+    file = tmp_path / "list.yaml"
+    text = (SHIPPED / "observations" / "science.yaml").read_text()
+    file.write_text("".join(line for line in text.splitlines(True) if "- cosmic_rays" not in line))
+    bare = sim.replace(layers={"gain": {"gain_16channel": False}}).replace(observations={"SCIE": file})
+    both = sim.replace(observations={"SCIE": file}, layers={"gain": {"gain_16channel": False}})
+    for found, channels in ((bare, True), (both, False)):
+        layers = {name: param for entry in found.layers for name, param in entry.items()}
+        assert "cosmic_rays" not in layers and layers["gain"]["gain_16channel"] == channels
+
+
+def test_magnitudes_are_of_the_campaigns_own_bands(sim, tmp_path):
+    """A camera with another r: a table's magnitude is that in this r."""
+    folder = shutil.copytree(sim.config.instrument, tmp_path / "camera")
+    filters = yaml.safe_load((folder / "filters.yaml").read_text())
+    nodes = filters["r"]["nodes"]
+    nodes["values"] = [node for node in nodes["values"] if node[0] < 6300] + [[6310, 0.0]]
+    (folder / "filters.yaml").write_text(yaml.safe_dump(filters))
+    table = one_star(sim, 20.0)
+    table["mag_g"], table["mag_i"] = [22.0], [18.0]
+    other = sim.replace(instrument=folder, catalog=table)
+    assert other.light(OBSID, CHIP).truth["mag"][0] == pytest.approx(20.0, abs=2e-3)
+
+
 def test_aim_puts_a_place_on_the_middle(folder):
     sim = csstsim.Simulation(cache=folder / "cache")
     assert len(sim.exposures) == 6 and sim.exposures["chips"][0] == (8,)
@@ -170,7 +216,20 @@ def test_aim_puts_a_place_on_the_middle(folder):
     truth = aimed.replace(catalog=table, psf={"grid": 2}).light("10100000001", 24).truth
     assert truth["xImage"][0] - 1 == pytest.approx(4607.5, abs=1e-6)
     assert truth["yImage"][0] - 1 == pytest.approx(4615.5, abs=1e-6)
-    for wrong in ({"chip": 31}, {"dec": 91.0}, {"exptime": 0.0}, {"time": "today"}, {"size": 10_000}):
+    bent = sim.replace(layers={"scie_obs": {"field_dist": False}}).aim(10.0, 20.0, chip=24, size=200)
+    table["ra"], table["dec"] = [10.0], [20.0]
+    truth = bent.replace(catalog=table, psf={"grid": 2}).light("10100000001", 24).truth
+    assert truth["xImage"][0] - 1 == pytest.approx(4607.5, abs=1e-6)
+    for wrong in (
+        {"size": "x"},
+        {"ra": "10h"},
+        {"size": 0},
+        {"chip": 31},
+        {"dec": 91.0},
+        {"exptime": 0.0},
+        {"time": "today"},
+        {"size": 10_000},
+    ):
         with pytest.raises(InputError):
             sim.aim(**({"ra": 10.0, "dec": 0.0} | wrong)).chip("10100000001", 9)
 
@@ -185,7 +244,10 @@ def test_nothing_is_written_but_the_cache(sim, folder):
     ("change", "message"),
     [
         ({"seeds": 2}, "unknown key"),
-        ({"window": (0, 1, 2)}, "window"),
+        ({"window": (0, 1, 2)}, "window: must be four numbers"),
+        ({"window": (0, 1.5, 0, 2)}, "must be a whole number"),
+        ({"window": "region"}, "'region' needs select.region"),
+        ({"catalog": type("Local", (), {})}, "derived from CatalogBase"),
         ({"window": (50, 50, 0, 10)}, "must exceed"),
         ({"catalog": [1, 2]}, "allowed: an astropy Table"),
         ({"fidelity": "fast"}, "fidelity"),
@@ -196,6 +258,19 @@ def test_what_cannot_be_used_is_refused(sim, change, message):
         sim.replace(**change)
     with pytest.raises(InputError, match="not an exposure"):
         sim.chip("1", CHIP)
+
+
+def test_a_cache_that_cannot_be(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"cache: cannot be made: .*CSSTSIM_CACHE"):
+        csstsim.Simulation(cache=tmp_path / "file" / "cache")
+
+
+def test_faint_objects_of_a_table_are_drawn(folder):
+    """The starter's mag_limit, 25.5, is not that of one's own table."""
+    sim = csstsim.Simulation(cache=folder / "cache").aim(10.0, 0.0, size=64)
+    table = Table({"ra": [10.0], "dec": [0.0], "mag_r": [28.0]})
+    assert len(sim.replace(catalog=table, psf={"grid": 2}).light(OBSID, 9).truth) == 1
 
 
 def test_the_root_imports_nothing_heavy():

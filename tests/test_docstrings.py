@@ -20,7 +20,7 @@ from csstsim.layer_contract import SOURCE, UNIT
 SRC = Path(importlib.util.find_spec("csstsim").origin).parent
 # What an extension, a notebook or a reader of the files meets; a folder stands for its modules.
 SURFACE = (
-    "api", "catalog/base", "catalog/contract", "catalog/flags", "catalog/mock_object", "catalog/own_table",
+    "api", "frame", "catalog/base", "catalog/contract", "catalog/flags", "catalog/mock_object", "catalog/own_table",
     "catalog/table", "detector", "errors", "instrument", "io/calibrated", "io/level0", "io/level0_cards", "io/orders",
     "io/truth", "layer_contract", "layers", "optics/psf", "optics/wcs", "rng", "sim_steps", "state",
 )  # fmt: skip

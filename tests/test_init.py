@@ -65,14 +65,39 @@ def test_nothing_is_written_over(init, tmp_path):
     assert (tmp_path / "mysky/campaign.yaml").read_text() == "mine"
 
 
+@pytest.mark.parametrize("name", ["a: b.csv", "#x.csv", "x{}, y.csv", '"q".csv', "back\\1.csv", "été *&!.csv"])
+def test_any_name_of_a_table(init, tmp_path, name):
+    (tmp_path / name).write_text(OBJECTS)
+    assert init("--catalogue", name).exit_code == 0
+    assert OpenCampaign("campaign.yaml").config.catalog.options == {"file": name}
+
+
+def test_another_table_is_another_recipe(init):
+    """A changed cell of the user's table, or a changed line of a layer, makes the chips again."""
+    assert init("--catalogue", "objects.csv").exit_code == 0
+    recipes = []
+    for text in (OBJECTS, OBJECTS.replace("20,star", "21,star")):
+        Path("objects.csv").write_text(text)
+        run = OpenCampaign("campaign.yaml")
+        recipes.append(run.recipe(run.jobs[0]))
+    assert recipes[0]["campaign"] != recipes[1]["campaign"] and recipes[0]["layers"] == recipes[1]["layers"]
+
+
+def test_a_folder_half_made_is_taken_away(init, tmp_path):
+    (tmp_path / "mysky").mkdir()
+    (tmp_path / "mysky/profiles").write_text("a file where a folder is wanted")
+    result = init()
+    assert result.exit_code == 2 and [path.name for path in (tmp_path / "mysky").iterdir()] == ["profiles"]
+
+
 @pytest.mark.parametrize(
     ("table", "message"),
     [
-        ("ra,dec\n1,2\n", "a column is missing: magnitudes"),
+        ("ra,dec\n1,2\n", "a column is missing"),
         ("ra,dec,mag_r\n", "no objects"),
         ("ra,dec,mag_r\n10,0,20\n10,1,20\n", "too far apart"),
-        ("ra,dec,mag_r\n10,,20\n", "one without a place"),
-        ("", "not a table that can be read"),
+        ("ra,dec,mag_r\n10,,20\n", "row 1 cannot be drawn: ra or dec is no place"),
+        ("", "the table is empty"),
     ],
 )
 def test_a_table_that_cannot_be_used_leaves_no_folder(init, tmp_path, table, message):

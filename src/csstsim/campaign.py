@@ -5,12 +5,15 @@ workflow ask the same object which jobs, bricks and files there are.
 """
 
 import math
+import sys
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
 from csstsim.campaign_checks import check_masters, check_photons, check_selection, check_shutter
+from csstsim.catalog import own_table
 from csstsim.catalog.astrometry import apparent
+from csstsim.catalog.base import users_code
 from csstsim.catalog.ephemeris import observer
 from csstsim.catalog.open import catalog_class
 from csstsim.catalog.select import BRICK_MARGIN_DEG, bricks_for
@@ -25,6 +28,7 @@ from csstsim.job import Job
 from csstsim.optics.dispersion import Disperser
 from csstsim.optics.distortion import load_distortion
 from csstsim.optics.wcs import ChipWCS
+from csstsim.own_code import file_digest, module_digest
 from csstsim.release import release
 from csstsim.render.numbers import load_numbers
 from csstsim.sim_steps import SimSteps
@@ -45,7 +49,7 @@ class OpenCampaign:
         instrument.pointing.Pointing) stand for what the files say.
         """
         self.file = Path(file)
-        self.config = config or load_campaign(file)
+        self.config = _own_bands(config or load_campaign(file))
         self.paths = Paths(output or self.config.output, scratch)
         if not copied:
             check_owner(self)
@@ -251,13 +255,28 @@ class OpenCampaign:
         """Return {name: digest} of everything that decides this job's pixels; recorded in each product."""
         return {
             "csstsim": release(),
-            "campaign": digest(
-                [self.config.digest(), self.rendering.model_dump(), self.universe.digest if self.embedded else None]
-            ),
+            "campaign": self._campaign_digest,
             "camera": self.camera.digest,
-            "layers": digest(self.steps[job.pointing.type].describe()),
+            "layers": self.steps[job.pointing.type].digest,
             "exposure": digest([str(job.pointing), str(job.window), job.chip.id]),
         }
+
+    @cached_property
+    def _campaign_digest(self):
+        sky = self.universe.digest if self.embedded else self._own_catalogue()
+        return digest([self.config.digest(), self.rendering.model_dump(), sky])
+
+    def _own_catalogue(self):
+        """Return the digests of the user's catalogue: its module, and the files it says it hangs on."""
+        config = self.config.catalog
+        cls = catalog_class(config.kind)
+        with users_code(f"{config.kind}.files"):
+            files = cls.files(config.options)
+        try:
+            return [module_digest(sys.modules[cls.__module__]), *map(file_digest, files)]
+        except OSError as exc:
+            message = f"cannot read the file: {exc.strerror}"
+            raise InputError(message, file=exc.filename, key="catalog.options") from None
 
     @property
     def measurement(self):
@@ -271,3 +290,12 @@ class OpenCampaign:
     def brick_recipe(self, pix):
         """Return the digest of everything that decides a merged brick: the recipes of the frames on it."""
         return digest([self.measure_recipe(job) for job in self.merge_bricks[pix]])
+
+
+def _own_bands(config):
+    """Return the campaign with its camera's folder told to a table's catalogue, whose magnitudes are of its bands."""
+    options = config.catalog.options
+    if config.catalog.kind != own_table.KIND or config.instrument is None or "instrument" in options:
+        return config
+    catalog = config.catalog.model_copy(update={"options": options | {"instrument": str(config.instrument)}})
+    return config.model_copy(update={"catalog": catalog})

@@ -245,7 +245,12 @@ class Observation(Model):
 @explained("campaign")
 def load_campaign(path):
     """Read and check a campaign file. Raises InputError."""
-    campaign = validate(Campaign, read_yaml(path), path)
+    return make_campaign(read_yaml(path), path)
+
+
+def make_campaign(data, path):
+    """Return the Campaign of a mapping; errors name `path`. Raises InputError."""
+    campaign = validate(Campaign, data, path)
     if campaign.window == "region" and campaign.select.region is None:
         raise InputError("'region' needs select.region", file=path, key="window", value="region")
     return campaign

@@ -1,6 +1,9 @@
 """`csstsim init DIR`: a folder with a campaign that runs as it is, to be changed into one's own."""
 
+import json
+import os
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +34,8 @@ def init(folder, say, catalogue=None):
     catalogue: a table of objects (csstsim.catalog.own_table) to copy there, too, and to point at. Raises InputError for
     a folder that has one of the files, or a table that cannot be used.
     """
+    if not str(folder):
+        raise InputError("give the folder to be made", key="FOLDER", value=folder)
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file; give the folder to be made", file=folder)
@@ -39,20 +44,26 @@ def init(folder, say, catalogue=None):
     if catalogue:
         content |= _aimed(Path(catalogue), content)
         meanings[Path(catalogue).name] = "your objects"
-    there = [name for name in content if (folder / name).exists()]
+    there = [name for name in content if os.path.lexists(folder / name)]
     if there:
         raise InputError("is there already, and nothing was written; give another folder", file=folder / there[0])
+    try:
+        for name in meanings:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            with atomic_path(folder / name) as temporary:
+                Path(temporary).write_bytes(content[name])
+    except BaseException:  # a full disk, Ctrl-C: half a folder would be refused the next time
+        for name in meanings:
+            (folder / name).unlink(missing_ok=True)
+        raise
     for name, meaning in meanings.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        with atomic_path(folder / name) as temporary:
-            Path(temporary).write_bytes(content[name])
         say(f"{folder / name}  {meaning}")
-    say(f"\nNext:  cd {folder}\n       csstsim plan campaign.yaml\n       snakemake --cores 2")
+    say(f"\nNext:  cd {shlex.quote(str(folder))}\n       csstsim plan campaign.yaml\n       snakemake --cores 2")
 
 
 def _aimed(file, content):
     """Return {name: bytes} of what differs for a catalogue of the user's: the table, the campaign, the pointings."""
-    from csstsim.catalog.own_table import object_table, read_table
+    from csstsim.catalog.object_table import object_table, read_table
     from csstsim.config import SHIPPED
     from csstsim.instrument.camera import load_camera
     from csstsim.optics.aim import exposure_of
@@ -67,10 +78,11 @@ def _aimed(file, content):
         p = exposure_of(camera, camera.chips[chip], ra, dec, obsid=obsid, pa=PA, time=time, exptime=EXPTIME)
         rows.append(f"{obsid},SCIE,{p.ra:.6f},{p.dec:.6f},{PA},{time},{EXPTIME:g}")
     text, changed = content["campaign.yaml"].decode(), 0
+    name = json.dumps(file.name, ensure_ascii=False)  # a scalar of YAML, whatever is in it
     region = f"region: {{ra: {ra:.6f}, dec: {dec:.6f}, radius: {radius:.2f}}}"
-    own = f'catalog:\n  kind: "csstsim.catalog.own_table:TableCatalog"\n  options: {{file: {file.name}}}\npsf:'
+    own = f'catalog:\n  kind: "csstsim.catalog.own_table:TableCatalog"\n  options: {{file: {name}}}\npsf:'
     for pattern, new in ((r"region: \{[^}]*\}", region), (r"(?s)catalog:.*?psf:", own)):
-        text, count = re.subn(pattern, new, text, count=1)
+        text, count = re.subn(pattern, lambda found, new=new: new, text, count=1)
         changed += count
     if changed != 2:
         raise ValueError("config/starter/campaign.yaml: region and catalog are not where they are looked for")

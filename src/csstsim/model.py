@@ -43,7 +43,7 @@ def validate(model, data, file, key=()):
 
 def input_error(exc, model, file, key=()):
     """Turn a pydantic ValidationError into an InputError about its first fault."""
-    fault = exc.errors()[0]
+    fault = min(exc.errors(), key=lambda e: e["type"] != "extra_forbidden")  # a key misspelt is missing, too
     where = ".".join(str(part) for part in (*key, *fault["loc"]))
     more = f" (and {exc.error_count() - 1} more)" if exc.error_count() > 1 else ""
     if fault["type"] == "extra_forbidden":

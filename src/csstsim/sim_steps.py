@@ -20,12 +20,14 @@ import importlib
 import pkgutil
 import time
 from dataclasses import dataclass
+from functools import cached_property
 from types import ModuleType
 
 import csstsim.layers
-from csstsim.config import load_observation
+from csstsim.config import digest, load_observation
 from csstsim.errors import CsstsimError, InputError
 from csstsim.model import validate
+from csstsim.own_code import module_digest
 from csstsim.pages import explained
 from csstsim.progress import progress
 from csstsim.rng import Streams
@@ -169,7 +171,17 @@ class SimSteps:
     @property
     def shipped(self):
         """Whether every layer is one of csstsim's."""
-        return all(step.module.__name__.startswith(f"{csstsim.layers.__name__}.") for step in self.steps)
+        return not self._own
+
+    @property
+    def _own(self):
+        """The modules of the user's own layers."""
+        return [s.module for s in self.steps if not s.module.__name__.startswith(f"{csstsim.layers.__name__}.")]
+
+    @cached_property
+    def digest(self):
+        """16 hex digits of the layers, their parameters and the files of the user's own: other ones, other pixels."""
+        return digest([self.describe(), *map(module_digest, self._own)])
 
     def describe(self):
         """Return the list of {keyword: parameters}."""

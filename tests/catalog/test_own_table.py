@@ -8,7 +8,8 @@ from astropy.table import QTable, Table
 from csstsim.catalog.base import Region
 from csstsim.catalog.colours import colour_spectra
 from csstsim.catalog.contract import check, sky_region
-from csstsim.catalog.own_table import TableCatalog, plain_columns
+from csstsim.catalog.object_table import plain_columns
+from csstsim.catalog.own_table import TableCatalog
 from csstsim.catalog.photometry import ab_mag
 from csstsim.catalog.table import BANDS
 from csstsim.errors import InputError
@@ -84,6 +85,14 @@ def test_blank_cells_of_a_csv(tmp_path):
     assert table["ra"].dtype == float
 
 
+def test_a_table_out_of_excel(tmp_path):
+    (tmp_path / "t.csv").write_bytes("\ufeffra,dec,mag_r\r\n10,0.1,20\r\n".encode())
+    assert len(TableCatalog({"file": tmp_path / "t.csv"}, REGION).table) == 1
+    (tmp_path / "t.csv").write_text("ra;dec;mag_r\n10;0.1;20\n")
+    with pytest.raises(InputError, match=r"ra: a column is missing; needed: .* found: ra;dec;mag_r"):
+        TableCatalog({"file": tmp_path / "t.csv"}, REGION)
+
+
 def test_units_are_turned_into_ours():
     table = QTable(
         {"ra": [1.0] * u.hourangle, "dec": [30.0] * u.arcmin, "mag_r": [20.0] * u.ABmag, "size": [1.0] * u.arcmin}
@@ -93,6 +102,11 @@ def test_units_are_turned_into_ours():
     assert plain["mag_r"][0] == 20.0
     with pytest.raises(InputError, match="dec: a unit that does not fit"):
         plain_columns(QTable({"dec": [1.0] * u.m}))
+    for wrong in (u.Jy, u.STmag):
+        with pytest.raises(InputError, match="mag_r: a unit that does not fit"):
+            plain_columns(QTable({"mag_r": [1.0] * wrong}))
+    with pytest.raises(InputError, match="e1: a unit that does not fit"):
+        plain_columns(QTable({"e1": [1.0] * u.deg}))
     with pytest.raises(InputError, match="one number or word a row"):
         plain_columns(Table({"ra": np.zeros((2, 2))}))
 
@@ -103,12 +117,23 @@ def test_units_are_turned_into_ours():
         ({}, "give either file or columns"),
         ({"columns": columns(), "file": "x.csv"}, "give either file or columns"),
         ({"columns": columns(), "fiel": 1}, "unknown key"),
-        ({"columns": {"ra": [1.0], "dec": [1.0]}}, "a column is missing: magnitudes"),
+        ({"columns": {"ra": [1.0], "dec": [1.0]}}, "mag_r: a column is missing"),
         ({"columns": {"ra": [1.0], "mag_r": [20.0]}}, "dec: a column is missing"),
         ({"columns": columns(ra=[1.0])}, "differ in length"),
         ({"columns": columns(ra=["1h", "2h"])}, "ra: must be numbers"),
         ({"columns": columns(mag_r=[20.0, np.nan])}, "row 2 has no magnitude"),
         ({"columns": columns(mag_r=[20.0, 999.0])}, "row 2 has a magnitude beyond"),
+        ({"columns": columns(mag_g=[99.0, 20.0])}, "row 1 has a magnitude beyond"),
+        ({"columns": columns(mag_g=[20.0, -99.0])}, "row 2 has a magnitude beyond"),
+        ({"columns": columns(typ=["star", "star"])}, "typ: is type meant"),
+        ({"columns": columns(mag_G=[20.0, 20.0])}, "mag_G: is mag_g meant"),
+        ({"columns": {"RA": [1.0], "DEC": [1.0], "mag_r": [20.0]}}, "RA: is ra meant"),
+        ({"columns": columns(size=[0.5, 0.5])}, "a column type is missing"),
+        ({"columns": columns(type=["galaxy", "star"])}, "row 1 cannot be drawn: a galaxy without size_disk"),
+        ({"columns": columns(id=[3, 3])}, "row 2 cannot be drawn: its id is that of another row"),
+        ({"columns": columns(ra=[10.0, 510.0])}, "row 2 cannot be drawn: ra is not within"),
+        ({"columns": columns(dec=[95.0, 1.0])}, "row 1 cannot be drawn: ra or dec is no place"),
+        ({"columns": columns(e1=["0.1", "junk"])}, "e1: must be numbers .got 'junk'"),
         ({"columns": columns(type=["star", "comet"])}, "unknown type .got 'comet'"),
         ({"columns": columns(id=[1.5, 2.0])}, "id: does not fit"),
         ({"file": "objects.txt"}, "a table of unknown kind"),

@@ -113,6 +113,14 @@ class CatalogBase(ABC):
     def load_norm_filt(self, obj):
         """Return None, or the Table (WAVELENGTH, SENSITIVITY) through which the spectrum has AB `obj.mag_norm`."""
 
+    @classmethod
+    def files(cls, options):
+        """Return the paths of files, of those named in `options`, of which a changed content means other chips.
+
+        They are read to the end for each campaign that is opened; leave out what is too large for that.
+        """
+        return ()
+
     @property
     def table(self):
         """The objects as an ObjectTable, in the order of `self.objs`. Raises InputError for what is none."""

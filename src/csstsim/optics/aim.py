@@ -29,17 +29,22 @@ def aim(pointing, chip, target, pixel, distortion=None):
     middle, half = math.atan2(a, b), math.acos(min(height, 1.0)) if abs(height) < 1.0 + 1e-15 else math.nan
     found = [math.degrees(angle) for angle in (middle - half, middle + half) if abs(angle) <= math.pi / 2]
     if not found:
-        raise ValueError(f"no boresight at position angle {pointing.pa} puts {target} on pixel {pixel}, chip {chip.id}")
+        where = f"{ra:.4f}, {dec:.4f} on chip {chip.id}"
+        raise ValueError(f"no boresight at position angle {pointing.pa:g} puts {where}, near a pole: try another angle")
     dec_b = min(found, key=lambda angle: abs(angle - dec))
     return replace(pointing, ra=(ra - float(_seen(pointing, dec_b, chip, pixel, distortion)[0])) % 360.0, dec=dec_b)
 
 
-def exposure_of(camera, chip, ra, dec, *, obsid, pa, time, exptime):
+def exposure_of(camera, chip, ra, dec, *, obsid, pa, time, exptime, distorted=True, **astrometry):
     """Return the Pointing of a science exposure that has ra, dec (ICRS, deg) on the middle of a chip.
 
-    camera: instrument.camera.Camera; pa [deg], time (ISO UTC), exptime [s] as in a survey table. Aberration and field
-    distortion are reckoned with. Raises InputError for values that cannot be used.
+    camera: instrument.camera.Camera; pa [deg], time (ISO UTC), exptime [s] as in a survey table; distorted: light meets
+    the field distortion; astrometry: as config.AstrometryConfig. Raises InputError for values that cannot be used.
     """
+    try:
+        ra, dec, pa, exptime = (float(value) for value in (ra, dec, pa, exptime))
+    except (TypeError, ValueError):
+        raise InputError("must be numbers", key="ra, dec, pa, exptime", value=(ra, dec, pa, exptime)) from None
     in_range = 0 <= ra <= 360 and -90 <= dec <= 90 and -360 <= pa <= 360 and 0 < exptime < math.inf
     if not in_range:
         allowed = "ra 0..360, dec -90..90, pa -360..360 [deg], exptime above 0 [s]"
@@ -47,10 +52,12 @@ def exposure_of(camera, chip, ra, dec, *, obsid, pa, time, exptime):
     try:
         mjd_utc(time)
         state = camera.orbit.state(time)
-        pointing = Pointing(obsid, "SCIE", float(ra), float(dec), float(pa), time, float(exptime), *state)
-        target = apparent(ra, dec, observer(pointing.mjd, *state))
+        pointing = Pointing(obsid, "SCIE", ra, dec, pa, time, exptime, *state)
+        target = tuple(map(float, apparent(ra, dec, observer(pointing.mjd, *state, **astrometry))))
         middle = (chip.detector.nx - 1) / 2, (chip.detector.ny - 1) / 2
-        return aim(pointing, chip, target, middle, load_distortion(camera.folder / "distortion.fits"))
+        return aim(
+            pointing, chip, target, middle, load_distortion(camera.folder / "distortion.fits") if distorted else None
+        )
     except ValueError as exc:
         raise InputError(str(exc), key="ra, dec, time") from None
 

@@ -1,0 +1,170 @@
+"""Reading and checking a user's table of objects: columns, units, blanks, numbers that stand for nothing.
+
+Every fault is an InputError that names the table, the column and the row: nothing of the table is left out, or taken
+for something else, without a word.
+"""
+
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, STAR, TYPES, ObjectTable
+from csstsim.catalog.usable import STRONGLY_LENSED, reasons
+from csstsim.errors import InputError
+from csstsim.fits_headers import check_headers
+from csstsim.text_file import read_text
+
+FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
+MAGNITUDES = tuple(f"mag_{band}" for band in BANDS)
+BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
+_KNOWN = {*COLUMNS, "type", "size"}
+_TYPED = {"ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2", *MAGNITUDES}  # by hand
+_UNITS = {
+    **dict.fromkeys(("ra", "dec"), "deg"), **dict.fromkeys(("size", "size_disk", "size_bulge"), "arcsec"),
+    **dict.fromkeys(("pmra", "pmdec"), "mas / yr"), "parallax": "mas", "rv": "km / s", "teff": "K", "av": "mag",
+}  # fmt: skip
+
+
+def read_table(path):
+    """Return {name: (n,) values} of a table's file, blanks as NaN or "". Raises InputError if it is none."""
+    from astropy.table import Table
+
+    path = Path(path)
+    if path.suffix.lower() not in FORMATS:
+        raise InputError("a table of unknown kind", file=path, key="catalog.options.file", allowed=", ".join(FORMATS))
+    form = FORMATS[path.suffix.lower()]
+    if form == "fits":
+        check_headers(path)
+    else:
+        lines = read_text(path, "utf-8-sig").splitlines()  # with Excel's mark at the beginning, or without
+        if not any(line.strip() for line in lines):
+            raise InputError("the table is empty: no heading", file=path)
+    try:
+        return plain_columns(Table.read(path if form == "fits" else lines, format=form), path)
+    except InputError:
+        raise
+    except Exception as exc:  # astropy's readers raise whatever they meet
+        raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
+
+
+def plain_columns(table, where="catalog"):
+    """Return {name: (n,) values} of an astropy Table, blanks as NaN or "", units turned into csstsim's.
+
+    Raises InputError for a unit that is not one of what the column holds, or a column of more than numbers and words.
+    """
+    return {name: _plain(name, table[name], where) for name in table.colnames}
+
+
+def _plain(name, column, where):
+    unit = getattr(column, "unit", None)
+    if unit is not None and name in _KNOWN:
+        column = _converted(name, column, unit, where)
+    values = np.ma.asarray(getattr(column, "value", column))
+    if values.dtype.kind not in "biufUS" or values.ndim != 1:
+        value = f"{values.dtype}, {values.shape}"
+        raise InputError("must hold one number or word a row", file=where, key=name, value=value)
+    if values.dtype.kind == "S":
+        values = values.astype(str)
+    if values.dtype.kind in "biu" and np.ma.is_masked(values):
+        values = values.astype(float)
+    return np.ma.filled(values, {"f": np.nan, "U": ""}.get(values.dtype.kind, 0))
+
+
+def _converted(name, column, unit, where):
+    """Return a column's values in csstsim's unit. Magnitudes are not converted: AB ones are asked for."""
+    wanted = "mag(AB)" if name in MAGNITUDES else _UNITS.get(name, "")
+    if str(unit) == wanted or (name in MAGNITUDES and str(unit) == "mag"):
+        return column
+    try:
+        if name in MAGNITUDES:
+            raise ValueError
+        return np.ma.filled(np.ma.asarray(column, dtype=float), np.nan) * unit.to(wanted)
+    except (TypeError, ValueError, AttributeError):
+        fault = {"key": name, "value": str(unit), "allowed": wanted or "a plain number"}
+        raise InputError("a unit that does not fit", file=where, **fault) from None
+
+
+def object_table(columns, where):
+    """Return columns, {name: (n,) values}, as an ObjectTable with ids, types and sizes [arcsec], all rows to be drawn.
+
+    Raises InputError, which names `where`, the column and the row.
+    """
+    columns = {name: np.asarray(values) for name, values in columns.items()}
+    _check_columns(columns, where)
+    count = len(columns["ra"])
+    columns.setdefault("id", np.arange(1, count + 1))
+    if "type" in columns:
+        columns["obj_type"] = _types(columns.pop("type"), where)
+    if "size" in columns:
+        size, galaxy = columns.pop("size"), np.asarray(columns.get("obj_type", np.full(count, STAR))) == GALAXY
+        for part in ("size_disk", "size_bulge"):
+            columns.setdefault(part, np.where(galaxy, size, 0.0))
+    for name in set(columns) & {"e1", "e2", "bulge_frac", "z", "size_disk", "size_bulge", "kappa", "gamma1", "gamma2"}:
+        columns[name] = np.nan_to_num(columns[name], nan=COLUMNS[name][1])  # a blank cell is what the column lacks
+    known = {name if name in COLUMNS else f"user_{name}": values for name, values in columns.items()}
+    try:
+        table = ObjectTable.complete(known)
+    except InputError as error:
+        raise InputError(str(error), file=where) from None
+    _check_rows(table, where)
+    return table
+
+
+def _check_columns(columns, where):
+    lengths = {name: len(values) if values.ndim == 1 else values.shape for name, values in columns.items()}
+    if len(set(lengths.values())) > 1:
+        raise InputError("columns differ in length", file=where, value=str(lengths))
+    for name in columns:
+        meant = get_close_matches(name.lower(), _TYPED - set(columns), 1, 0.8) if name not in _KNOWN else ()
+        if meant:
+            raise InputError(f"is {meant[0]} meant? Give it that name, or one less like it", file=where, key=name)
+    if "size" in columns and not {"type", "obj_type"} & set(columns):
+        raise InputError("sizes are of galaxies: a column type is missing", file=where, key="size")
+    given = [name for name in MAGNITUDES if name in columns]
+    missing = next((name for name in ("ra", "dec") if name not in columns), None if given else "mag_r")
+    if missing:
+        needed = f"ra, dec and one of {', '.join(MAGNITUDES)}"
+        found = ", ".join(columns)
+        raise InputError(f"a column is missing; needed: {needed}; found: {found}", file=where, key=missing)
+    for name in _KNOWN & set(columns) - {"type"}:
+        if columns[name].dtype.kind not in "iuf":
+            word = next((str(v) for v in columns[name] if not _number(v)), str(columns[name][:1]))
+            raise InputError("must be numbers", file=where, key=name, value=word)
+    mags = np.stack([columns[name] for name in given]).astype(float)
+    with np.errstate(invalid="ignore"):
+        odd = (mags < BRIGHTEST) | (mags > FAINTEST)
+    for bad, message in (
+        (~np.isfinite(mags).any(axis=0), "has no magnitude"),
+        (odd.any(axis=0), f"has a magnitude beyond {BRIGHTEST:g} to {FAINTEST:g}; leave the cell blank"),
+    ):
+        if bad.any():
+            raise InputError(f"row {np.flatnonzero(bad)[0] + 1} {message}", file=where, key=", ".join(given))
+
+
+def _check_rows(table, where):
+    """Raise InputError for the first row that could not be drawn, or an id that another row has."""
+    faults = {reason: mask for reason, mask in reasons(table).items() if reason != STRONGLY_LENSED}
+    with np.errstate(invalid="ignore"):
+        faults["ra is not within -180..360"] = ~((table["ra"] >= -180) & (table["ra"] <= 360))
+    _, first = np.unique(table["id"], return_index=True)
+    faults["its id is that of another row"] = ~np.isin(np.arange(len(table)), first)
+    for reason, mask in faults.items():
+        if mask.any():
+            raise InputError(f"row {np.flatnonzero(mask)[0] + 1} cannot be drawn: {reason}", file=where)
+
+
+def _number(value):
+    try:
+        float(value)
+    except ValueError:
+        return False
+    return True
+
+
+def _types(names, where):
+    words = [str(name).strip().lower() for name in names]
+    unknown = sorted(set(words) - set(TYPES))
+    if unknown:
+        raise InputError("unknown type", file=where, key="type", value=unknown[0], allowed=", ".join(TYPES))
+    return np.array([TYPES.index(word) for word in words], np.int8)

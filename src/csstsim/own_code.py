@@ -1,0 +1,19 @@
+"""Code of the user's own, layers and catalogues: which text of it made a product."""
+
+import hashlib
+from pathlib import Path
+
+
+def file_digest(path):
+    """Return 16 hex digits of a file's content. Raises OSError if it cannot be read."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()[:16]
+
+
+def module_digest(module):
+    """Return 16 hex digits of the file of an imported module, or None: csstsim's own, or typed in."""
+    if module.__name__.startswith("csstsim."):
+        return None  # the release stands for it
+    try:
+        return file_digest(module.__file__)
+    except (AttributeError, TypeError, OSError):
+        return None
