@@ -1,6 +1,5 @@
 """Commands that are no stage: benchmarks, pictures, shear, verification, gratings, layers."""
 
-import importlib
 import signal
 import sys
 from pathlib import Path
@@ -8,7 +7,6 @@ from pathlib import Path
 import click
 
 from csstsim.completion import layers_of
-from csstsim.errors import InputError
 
 
 @click.command()
@@ -129,23 +127,20 @@ def fit_grating(samples, output, stem):
 def layers(names):
     """List the layers an observation file may name.
 
-    With their parameters; only those named, if any are.
+    With their parameters; only those named, if any are, also of your own by dotted path.
 
     \b
     For example:
       csstsim layers
       csstsim layers bias cosmic_rays
     """
-    from csstsim.sim_steps import known_layers
+    from csstsim.sim_steps import known_layers, load_layer
 
-    known, wanted = known_layers(), [name.lower() for name in names]
-    for name in wanted:
-        if name not in known:
-            raise InputError("unknown layer", value=name, allowed=", ".join(known))
-    if not wanted:
+    if not names:
         click.echo("Keywords of the paper, as known here; in a file, capitals make no difference.\n")
-    for name in wanted or known:
-        module = importlib.import_module(f"csstsim.layers.{name}")
+    for name in names or known_layers():
+        module = load_layer(name)
+        name = name if "." in name else name.lower()
         click.echo(f"{name}  [{module.STAGE}, {' -> '.join(module.UNITS)}]\n    {module.__doc__.splitlines()[0]}")
         for key, field in module.Param.model_fields.items():
             click.echo(f"      {key} = {field.default}: {field.description}")

@@ -226,6 +226,11 @@ def load_layer(keyword, file=None):
     missing = [part for part in ("Param", "apply", "STAGE", "UNITS") if not hasattr(module, part)]
     if missing:
         raise InputError(f"the layer's module lacks {', '.join(missing)}", file=file, key="layers", value=keyword)
+    for part in ("UNITS", "FRAME"):
+        pair = getattr(module, part, ("", ""))
+        if not (isinstance(pair, tuple | list) and len(pair) == 2 and all(isinstance(word, str) for word in pair)):
+            allowed = "a pair: what it takes, what it leaves"
+            raise InputError("not of that form", file=file, key=f"layers.{keyword}.{part}", value=pair, allowed=allowed)
     if module.STAGE not in STAGES:
         raise InputError(
             "unknown stage", file=file, key=f"layers.{keyword}.STAGE", value=module.STAGE, allowed=", ".join(STAGES)
