@@ -50,6 +50,8 @@ FAULTS = {
     "leaves an image of float64": ("    return", "    state.image = state.image.astype(float)\n    return"),
     "not finite": ("    return", "    state.image *= np.float32(1e5) / (state.image.max() > 1e3)\n    return"),
     "leaves counted electrons of float64": ("    return", "    state.counted = np.zeros((64, 64))\n    return"),
+    "a plain array in C order": ("    return", "    state.image = np.asfortranarray(state.image)\n    return"),
+    "changes state.wcs": ("    return", "    state.wcs = None\n    return"),
     "keeps a reference": ("    return", "    KEPT.append(state.image[:2])\n    return"),
     "header 'slope' is float32": ("= param.slope\n", "= np.float32(param.slope)\n"),
     "header 'slope' is float nan": ("= param.slope\n", "= float('nan')\n"),
@@ -73,6 +75,12 @@ def test_fault_is_found(words):
     faults = check_layer(layer(*FAULTS[words]))
     assert any(words in fault for fault in faults), faults
     assert len(faults) == len(set(faults)) <= 2, faults
+
+
+def test_what_is_applied_is_a_function():
+    spoilt = layer()
+    spoilt.apply = type("Applied", (), {"__doc__": "Not a function."})
+    assert any("apply is type" in fault for fault in check_layer(spoilt))
 
 
 def test_python_random_numbers_are_global_too():

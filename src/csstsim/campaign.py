@@ -5,7 +5,6 @@ workflow ask the same object which jobs, bricks and files there are.
 """
 
 import math
-import sys
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -13,9 +12,8 @@ from pathlib import Path
 from csstsim.campaign_checks import check_masters, check_photons, check_selection, check_shutter
 from csstsim.catalog import own_table
 from csstsim.catalog.astrometry import apparent
-from csstsim.catalog.base import users_code
 from csstsim.catalog.ephemeris import observer
-from csstsim.catalog.open import catalog_class
+from csstsim.catalog.open import catalog_class, own_digests
 from csstsim.catalog.select import BRICK_MARGIN_DEG, bricks_for
 from csstsim.config import PixelWindow, digest, load_campaign
 from csstsim.errors import InputError
@@ -28,7 +26,7 @@ from csstsim.job import Job
 from csstsim.optics.dispersion import Disperser
 from csstsim.optics.distortion import load_distortion
 from csstsim.optics.wcs import ChipWCS
-from csstsim.own_code import file_digest, module_digest
+from csstsim.pages import explained
 from csstsim.release import release
 from csstsim.render.numbers import load_numbers
 from csstsim.sim_steps import SimSteps
@@ -104,7 +102,8 @@ class OpenCampaign:
         pairs = ((p, chip) for p in self._selected_pointings() for chip in self._selected_chips())
         jobs = tuple(job for pair in pairs if (job := self._job(*pair)))
         if not jobs:
-            raise InputError("no (exposure, chip) pair is selected", file=self.file, key="select")
+            with explained("campaign"):
+                raise InputError("no (exposure, chip) pair is selected", file=self.file, key="select")
         check_masters(self, jobs)
         return jobs
 
@@ -263,20 +262,8 @@ class OpenCampaign:
 
     @cached_property
     def _campaign_digest(self):
-        sky = self.universe.digest if self.embedded else self._own_catalogue()
+        sky = self.universe.digest if self.embedded else own_digests(self.config.catalog)
         return digest([self.config.digest(), self.rendering.model_dump(), sky])
-
-    def _own_catalogue(self):
-        """Return the digests of the user's catalogue: its module, and the files it says it hangs on."""
-        config = self.config.catalog
-        cls = catalog_class(config.kind)
-        with users_code(f"{config.kind}.files"):
-            files = cls.files(config.options)
-        try:
-            return [module_digest(sys.modules[cls.__module__]), *map(file_digest, files)]
-        except OSError as exc:
-            message = f"cannot read the file: {exc.strerror}"
-            raise InputError(message, file=exc.filename, key="catalog.options") from None
 
     @property
     def measurement(self):

@@ -7,6 +7,7 @@ a file that cannot be read offers nothing.
 import csv
 
 from csstsim.errors import InputError
+from csstsim.text_file import read_text
 
 INSTALL = {
     "bash": 'eval "$(csstsim completion bash)"    # at the end of ~/.bashrc; bash 4.4 or newer',
@@ -20,14 +21,13 @@ def obsids_of(ctx, param, incomplete):
     campaign = _campaign(ctx)
     select, found = campaign.get("select") or {}, []
     try:
-        with open(str(campaign.get("survey_table")), encoding="utf-8") as file:
-            rows = csv.DictReader(line for line in file if not line.lstrip().startswith("#"))
-            for row in rows:
-                obsid, kind = (row.get(name) or "" for name in ("obsid", "type"))
-                wanted = kind in select.get("types", [kind]) and obsid in map(str, select.get("obsids") or [obsid])
-                if wanted and obsid.startswith(incomplete):
-                    found.append(obsid)
-    except (OSError, ValueError, TypeError, AttributeError, csv.Error):  # a campaign of the wrong form, too
+        lines = read_text(str(campaign.get("survey_table"))).splitlines()  # of a file: a pipe would never end
+        for row in csv.DictReader(line for line in lines if not line.lstrip().startswith("#")):
+            obsid, kind = (row.get(name) or "" for name in ("obsid", "type"))
+            wanted = kind in select.get("types", [kind]) and obsid in map(str, select.get("obsids") or [obsid])
+            if wanted and obsid.startswith(incomplete):
+                found.append(obsid)
+    except (InputError, ValueError, TypeError, AttributeError, csv.Error):  # a campaign of the wrong form, too
         return []
     return found
 
@@ -36,7 +36,7 @@ def chips_of(ctx, param, incomplete):
     """Return the numbers of the chips that the campaign lists, or of all, that begin with `incomplete`."""
     select = _campaign(ctx).get("select")
     chips = select.get("chips") if isinstance(select, dict) else None
-    listed = chips if isinstance(chips, list) else range(1, 31)
+    listed = [chip for chip in chips if isinstance(chip, int)] if isinstance(chips, list) else range(1, 31)
     return [str(chip) for chip in listed if str(chip).startswith(incomplete)]
 
 

@@ -45,6 +45,7 @@ UNIT = re.compile(
     r"|density|times|dimensionless|probability|seed|index)\b"
 )
 FRAMES = ("active", "readout")
+EXPOSURES_OWN = "pointing", "chip", "window", "filter", "telescope", "wcs"  # a layer finds them as they stay
 SHAPES = (64, 64), (48, 80)  # (ny, nx), px
 
 
@@ -90,7 +91,7 @@ def _declared_faults(module):
     """Yield what is wrong with UNITS, FRAME, AFTER, BEFORE, EXPOSURES and the form of apply."""
     for name, allowed in (("UNITS", ("electron", "DN")), ("FRAME", FRAMES)):
         value = getattr(module, name, allowed)
-        if not isinstance(value, tuple) or len(value) != 2 or not set(value) <= set(allowed):
+        if not isinstance(value, tuple) or len(value) != 2 or any(word not in allowed for word in value):
             yield f"{name} is {value!r}; it must be a pair, what it takes and gives, of {' or '.join(allowed)}"
     layers = known_layers()
     for name, allowed in (("AFTER", layers), ("BEFORE", layers), ("EXPOSURES", get_args(ExposureType))):
@@ -101,7 +102,9 @@ def _declared_faults(module):
         unknown = [word for word in value if word not in allowed and "." not in str(word)]
         if unknown:
             yield f"{name} names {unknown[0]!r}; known: {', '.join(allowed)}, or a dotted path"
-    if list(inspect.signature(module.apply).parameters) != ["state", "param", "rng"]:
+    if not inspect.isfunction(module.apply):
+        yield f"apply is {type(module.apply).__name__}; it must be a function of (state, param, rng)"
+    elif list(inspect.signature(module.apply).parameters) != ["state", "param", "rng"]:
         yield f"apply takes {inspect.signature(module.apply)}; it must take (state, param, rng)"
 
 
@@ -168,6 +171,7 @@ def _run_faults(module, param, make):
     results = []
     for seed in (1, 1, 2):
         state = make()
+        whose = {name: getattr(state, name) for name in EXPOSURES_OWN}
         rng = _Watched(seed, state.pointing.obsid, state.chip.id, module.__name__.lower())
         try:
             result = module.apply(state, param, rng)
@@ -177,6 +181,10 @@ def _run_faults(module, param, make):
         if not isinstance(result, State):
             yield f"apply returned {type(result).__name__}; it must return the state"
             return
+        for name, value in whose.items():
+            if getattr(result, name) is not value:
+                yield f"changes state.{name}, which is the exposure's"
+                return
         results.append((result.image, result.header))
     (image, header), (again, header_again), (other, _) = results
     yield from _image_faults(module, state, make(), image)
@@ -207,6 +215,10 @@ def _image_faults(module, state, before, image):
         yield f"leaves an image of {image.dtype}; it must be {' or '.join(kinds)}"
     elif not np.isfinite(image).all():
         yield "leaves pixels that are not finite"
+    elif type(image) is not np.ndarray or not (
+        image.flags.c_contiguous and image.flags.writeable and image.dtype.isnative
+    ):
+        yield "leaves an image that is not a plain array in C order, native bytes, to be written on"
     if state.counted is not None and (state.counted.dtype != np.int32 or state.counted.shape != before.window.shape):
         yield f"leaves counted electrons of {state.counted.dtype}, {state.counted.shape}; int32, {before.window.shape}"
 

@@ -1,7 +1,9 @@
 """What a shell is offered: click's own completion, with the exposures and chips of the campaign."""
 
+import os
 import shutil
 import subprocess
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -9,7 +11,7 @@ from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
 from csstsim.cli import main
-from csstsim.completion import INSTALL
+from csstsim.completion import INSTALL, chips_of, obsids_of
 from csstsim.sim_steps import known_layers
 
 TABLE = """# a remark
@@ -97,3 +99,11 @@ def test_the_script_says_how_to_install_it(shell):
     assert "_CSSTSIM_COMPLETE" in said.output and INSTALL[shell] in said.output
     if shutil.which(shell):
         assert subprocess.run([shell, "-n"], input=said.output, text=True, check=False).returncode == 0
+
+
+def test_a_survey_table_that_is_a_pipe_offers_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo("table.csv")
+    (tmp_path / "campaign.yaml").write_text("survey_table: table.csv\nselect: {chips: [9, [1], null]}\n")
+    context = SimpleNamespace(params={"campaign": "campaign.yaml"}, args=[])
+    assert obsids_of(context, None, "") == [] and chips_of(context, None, "") == ["9"]

@@ -1,9 +1,11 @@
 """Opening the True Universe a campaign names: the embedded bricks, or a class of the user's."""
 
 import importlib
+import sys
 
 from csstsim.catalog.base import CatalogBase, name_of, users_code
 from csstsim.errors import InputError
+from csstsim.own_code import file_digest, module_digest
 from csstsim.pages import explained
 
 
@@ -56,3 +58,18 @@ def catalog_class(kind):
         allowed = ", ".join(classes) or None
         raise InputError("not a CatalogBase class of that module", key="catalog.kind", value=kind, allowed=allowed)
     return found
+
+
+def own_digests(config):
+    """Return the digests of a catalogue of the user's: of its module, and of the files it says it hangs on.
+
+    config: config.CatalogConfig. Raises InputError for a file that cannot be read.
+    """
+    cls = catalog_class(config.kind)
+    with users_code(f"{config.kind}.files"):
+        files = cls.files(config.options)
+    try:
+        return [module_digest(sys.modules[cls.__module__]), *map(file_digest, files)]
+    except OSError as exc:
+        message = f"cannot read the file: {exc.strerror}"
+        raise InputError(message, file=exc.filename, key="catalog.options") from None

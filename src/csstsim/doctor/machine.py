@@ -27,6 +27,7 @@ def threads():
     """Cores that this process may use, and the variables that say how many threads libraries start."""
     have, told = cores(), {name: os.environ[name] for name in THREADS if name in os.environ}
     for name, value in told.items():
+        value = value.split(",")[0].strip()  # OpenMP's list: the first is of the outermost level
         if not value.isdecimal() or int(value) == 0:
             yield Finding(PROBLEM, "threads", f"{name}={value} is no number of threads: export {name}=1, or unset it")
         elif int(value) > have:

@@ -5,8 +5,8 @@ the catalogue knows no such quantity; then everything the simulator adds, and co
 xImage, yImage follow the header's WCS (FITS: centre of the first active pixel at 1); x0, x1, y0, y1 are a numpy slice
 of the full frame (read_level0(path).assembled(full=True)). ra, dec are the apparent direction (with the header's WCS
 it gives xImage, yImage where that has the distortion, `sip: true`); ra_orig, dec_orig the catalogue's place, ICRS at
-J2000; ra_epoch, dec_epoch the ICRS place at the epoch, with proper motion and parallax but without aberration and light deflection: what a measurement of this
-exposure should give.
+J2000; ra_epoch, dec_epoch the ICRS place at the epoch, with proper motion and parallax but without aberration and
+light deflection: what a measurement of this exposure should give.
 
 The file's metadata have the recipe, the Level-0 file's name, full_well [e-] and `electrons`, the budget of all charge
 (`electron_budget`), by which `csstsim verify` holds image and table together.
