@@ -5,7 +5,7 @@ import time
 import numpy as np
 
 from csstsim.config import digest
-from csstsim.prepare import missing, open_psf, psf_box
+from csstsim.prepare import missing_bricks, missing_psf, open_psf, psf_box
 from csstsim.state import State
 
 
@@ -39,13 +39,14 @@ def light(run, job, say=print):
     """
     from csstsim.catalog.table import ObjectTable
 
-    missing(run, job, say)
     header, objects = {"stages": []}, None
     if job.pointing.type == "SCIE":
+        missing_bricks(run, job, say)
         timer = Timer("select")
         objects = selected(run, job)
         header["stages"].append(timer.entry())
         say_selected(objects, say)
+        missing_psf(run, job, say)  # after the catalogue of the user's, which may not open
     timer = Timer("render")
     state = rendered(run, job, objects)
     state.header |= header

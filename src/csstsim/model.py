@@ -1,5 +1,6 @@
 """How a YAML file becomes a typed model: the base of all models, and one clear error for the first fault."""
 
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated
 
@@ -43,7 +44,10 @@ def validate(model, data, file, key=()):
 
 def input_error(exc, model, file, key=()):
     """Turn a pydantic ValidationError into an InputError about its first fault."""
-    fault = min(exc.errors(), key=lambda e: e["type"] != "extra_forbidden")  # a key misspelt is missing, too
+    fault = exc.errors()[0]
+    if fault["type"] == "missing":  # as a key is that was misspelt
+        extra = {str(e["loc"][-1]): e for e in exc.errors() if e["type"] == "extra_forbidden"}
+        fault = next((extra[key] for key in get_close_matches(str(fault["loc"][-1]), extra, 1)), fault)
     where = ".".join(str(part) for part in (*key, *fault["loc"]))
     more = f" (and {exc.error_count() - 1} more)" if exc.error_count() > 1 else ""
     if fault["type"] == "extra_forbidden":

@@ -55,12 +55,28 @@ def _nodes_uv(camera, chip, grid):
 
 def missing(run, job, say):
     """Make what a job of the sky needs and is not there: bricks of the embedded universe, the chip's PSF set."""
-    if job.pointing.type != "SCIE":
-        return
-    bricks, chip = run.truth_bricks(job) if run.embedded else (), job.chip
-    wanted = {run.paths.truth(pix): partial(truth, run, pix, say) for pix in bricks}
-    wanted[run.paths.psf(chip.id)] = partial(psf, run, chip.id)
-    wanted[run.paths.psf_tables(chip.id)] = partial(psf_tables, run, chip)
+    missing_bricks(run, job, say)
+    missing_psf(run, job, say)
+
+
+def missing_bricks(run, job, say):
+    """Make the bricks of the embedded universe that a job needs and are not there."""
+    if run.embedded and job.pointing.type == "SCIE":
+        _make({run.paths.truth(pix): partial(truth, run, pix, say) for pix in run.truth_bricks(job)}, say)
+
+
+def missing_psf(run, job, say):
+    """Make the PSF set of a job of the sky and its tables, if they are not there."""
+    chip, paths = job.chip, run.paths
+    if job.pointing.type == "SCIE":
+        sets = {
+            paths.psf(chip.id): partial(psf, run, chip.id),
+            paths.psf_tables(chip.id): partial(psf_tables, run, chip),
+        }
+        _make(sets, say)
+
+
+def _make(wanted, say):
     for path in progress([path for path in wanted if not path.exists()], "made first"):
         if not path.exists():  # tables come with a new PSF set
             say(f"missing, made first: {path}")

@@ -100,6 +100,12 @@ OVER = {"prescan_overscan": {}}
 END = [OVER, {"gain": {}}, {"quantization_and_output": {}}]
 
 
+def test_a_key_misspelt_is_named_not_the_one_it_leaves_missing(tmp_path):
+    path = write_campaign(tmp_path)
+    path.write_text(path.read_text().replace("seed:", "sead:"))
+    assert "sead: unknown key (and 1 more)" in refused("check", path)
+
+
 def test_a_bad_catalogue_fails_before_any_work(tmp_path):
     """`chip` opens the catalogue before it makes the PSF; `plan` names it too."""
     path = write_campaign(tmp_path, catalog={"kind": "mini_campaign:Stars"})
