@@ -204,6 +204,8 @@ def test_magnitudes_are_of_the_campaigns_own_bands(sim, tmp_path):
     table["mag_g"], table["mag_i"] = [22.0], [18.0]
     other = sim.replace(instrument=folder, catalog=table)
     assert other.light(OBSID, CHIP).truth["mag"][0] == pytest.approx(20.0, abs=2e-3)
+    back = other.replace(instrument=sim.config.instrument)
+    assert back.light(OBSID, CHIP).truth["mag"][0] == pytest.approx(20.0, abs=2e-3)
 
 
 def test_aim_puts_a_place_on_the_middle(folder):

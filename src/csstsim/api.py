@@ -62,14 +62,14 @@ class Simulation:
         self._open(config, {}, None)
 
     def __getstate__(self):
-        return self._file, self._cache, self._run.config, self._layers, self._pointings
+        return self._file, self._cache, self._config, self._layers, self._pointings
 
     def __setstate__(self, state):
         self._file, self._cache, *opened = state
         self._open(*opened)
 
     def _open(self, config, layers, pointings):
-        self._layers, self._pointings = layers, pointings
+        self._config, self._layers, self._pointings = config, layers, pointings  # as given: a copy is made of these
         self._run = OpenCampaign(self._file, copied=True, config=config, layers=layers, pointings=pointings)
         self._run.paths = _Kept(self._cache, self._run)
 
@@ -83,7 +83,7 @@ class Simulation:
         csstsim.catalog.own_table; all of its objects are drawn, whatever mag_limit was), a CatalogBase class of yours,
         or the mapping of a campaign file. Raises InputError for what is unknown or cannot be used.
         """
-        config = self._run.config.model_dump()
+        config = self._config.model_dump()
         if isinstance(keys.get("window"), tuple | list | np.ndarray):
             keys["window"] = _window(keys["window"])
         if "window" in keys and "select" not in keys:  # pixels are named: no circle on the sky chooses them
@@ -114,7 +114,7 @@ class Simulation:
             raise InputError("no such chip", key="chip", value=chip, allowed=f"1 to {max(camera.chips)}")
         pointing = exposure_of(
             camera, camera.chips[chip], ra, dec, obsid="10100000001", pa=pa, time=time, exptime=exptime,
-            distorted=science is None or science.field_dist, **self._run.config.astrometry.model_dump(),
+            distorted=science is None or science.field_dist, **self._config.astrometry.model_dump(),
         )  # fmt: skip
         detector, window = camera.chips[chip].detector, None
         if size is not None:
@@ -124,12 +124,12 @@ class Simulation:
             spans = {axis: (n - size) // 2 for axis, n in (("x", detector.nx), ("y", detector.ny))}
             window = {f"{axis}{i}": start + i * size for axis, start in spans.items() for i in (0, 1)}
         changes = {"select": {"types": ["SCIE"], "chips": [chip]}, "window": window}
-        return self._with(self._run.config.model_dump() | changes, self._layers, [pointing])
+        return self._with(self._config.model_dump() | changes, self._layers, [pointing])
 
     @property
     def config(self):
         """The campaign as csstsim.config.Campaign: every key, a copy."""
-        return self._run.config.model_copy(deep=True)
+        return self._config.model_copy(deep=True)
 
     @property
     def layers(self):
