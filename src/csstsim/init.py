@@ -47,14 +47,16 @@ def init(folder, say, catalogue=None):
     there = [name for name in content if os.path.lexists(folder / name)]
     if there:
         raise InputError("is there already, and nothing was written; give another folder", file=folder / there[0])
+    written = []
     try:
         for name in meanings:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             with atomic_path(folder / name) as temporary:
                 Path(temporary).write_bytes(content[name])
+            written.append(folder / name)
     except BaseException:  # a full disk, Ctrl-C: half a folder would be refused the next time
-        for name in meanings:
-            (folder / name).unlink(missing_ok=True)
+        for path in written:
+            path.unlink()
         raise
     for name, meaning in meanings.items():
         say(f"{folder / name}  {meaning}")
