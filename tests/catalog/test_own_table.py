@@ -85,6 +85,13 @@ def test_blank_cells_of_a_csv(tmp_path):
     assert table["ra"].dtype == float
 
 
+def test_other_surveys_columns_travel_on():
+    """Near-infrared magnitudes, errors, flags: no slips of the pen, though like names that csstsim has."""
+    other = {key: [1.0, 2.0] for key in ("mag_k", "mag_j", "mag_r_err", "flag", "name", "e")}
+    table = TableCatalog({"columns": columns(**other)}, REGION).table
+    assert {f"user_{name}" for name in other} <= set(table.names)
+
+
 def test_a_table_out_of_excel(tmp_path):
     (tmp_path / "t.csv").write_bytes("\ufeffra,dec,mag_r\r\n10,0.1,20\r\n".encode())
     assert len(TableCatalog({"file": tmp_path / "t.csv"}, REGION).table) == 1

@@ -18,6 +18,7 @@ from csstsim.text_file import read_text
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
 MAGNITUDES = tuple(f"mag_{band}" for band in BANDS)
 BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
+LIKE = 0.81  # from here on a name is taken for a slip: typ is, mag_k, a band that csstsim has not, is none
 _KNOWN = {*COLUMNS, "type", "size"}
 _TYPED = {"ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2", *MAGNITUDES}  # by hand
 _UNITS = {
@@ -116,7 +117,7 @@ def _check_columns(columns, where):
     if len(set(lengths.values())) > 1:
         raise InputError("columns differ in length", file=where, value=str(lengths))
     for name in columns:
-        meant = get_close_matches(name.lower(), _TYPED - set(columns), 1, 0.8) if name not in _KNOWN else ()
+        meant = get_close_matches(name.lower(), _TYPED - set(columns), 1, LIKE) if name not in _KNOWN else ()
         if meant:
             raise InputError(f"is {meant[0]} meant? Give it that name, or one less like it", file=where, key=name)
     if "size" in columns and not {"type", "obj_type"} & set(columns):
