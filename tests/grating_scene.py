@@ -19,10 +19,10 @@ def disperser_of(camera, chip):
     return Disperser(camera.gratings[chip], filter, camera.telescope)
 
 
-def gaussian_psf(path, sigma=SIGMA_PX, about=()):
-    """Write and return a PsfSet of round Gaussians, the same at all four nodes."""
+def gaussian_psf(path, sigma=SIGMA_PX, about=(), light=1.0):
+    """Write and return a PsfSet of round Gaussians of so much light, the same at all four nodes."""
     edges = (np.arange(CELLS + 1) - CELLS / 2) / PER_PX
-    image = np.stack([np.outer(line, line) for line in (np.diff(ndtr(edges / s)) for s in sigma)])
+    image = light * np.stack([np.outer(line, line) for line in (np.diff(ndtr(edges / s)) for s in sigma)])
     header = {
         "cell_um": 10 / PER_PX, "cell_arcsec": PIXEL / PER_PX, "oversampling": PER_PX, "chip": 29, "filter": "GU",
         "grid": 2, "camera_digest": "none",

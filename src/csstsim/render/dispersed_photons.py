@@ -262,10 +262,8 @@ def _count(count, x, y, px, py, shift_x, shift_y, order, image, results, v, key,
         u, w = px[j] + shift_x[j] + x, py[j] + shift_y[j] + y
         if u >= 0 and w >= 0 and u < nx and w < ny:
             column, row = np.int64(u), np.int64(w)
-            kept = 1
-            if response.size > 0:
-                bits = word(key, counter + _TWO * np.uint64(j))
-                kept = np.int64(high(bits) * maximum < response[row, column])
+            seen = response[row, column] if response.size > 0 else np.float32(1.0)
+            kept = np.int64(high(word(key, counter + _TWO * np.uint64(j))) * maximum < seen)
             counted[row, column] += kept
             o = order[j]
             drawn[v, o] += kept

@@ -115,8 +115,9 @@ class Work:
         self.part = objects.take(self.rows)
         self.scene = make_scene(self.part, wcs, psf, exptime)
         self.flags[self.rows[self.scene.outside]] |= OUTSIDE_PSF_HULL
-        self.flags[self.rows[(beyond.wing is None) & (self.part["wing"] > 0)]] |= TRUNCATED_STAMP
-        self.wing = self.part["wing"].astype(float) if beyond.wing is not None else np.zeros(len(self.rows))
+        wings = beyond is not None and beyond.wing is not None
+        self.flags[self.rows[(self.part["wing"] > 0) & (not wings)]] |= TRUNCATED_STAMP
+        self.wing = self.part["wing"] * np.float64(wings)
         self.visits = disperser.visits(self.scene.x, self.scene.y, np.maximum(self.part["reach"], self.wing))
         self.result = _Result(self.visits, disperser, window)
 

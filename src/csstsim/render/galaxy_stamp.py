@@ -27,6 +27,7 @@ _CORE2 = 1.5  # px^2: half the variance of the PSF's core and the pixel
 _WINGS2 = 6.5  # px^2: the same of the box, with the curvature of the split (measured: benchmarks/stamps.py)
 _RHO = np.geomspace(0.02, 200.0, 48)  # r_e
 _START_PX = 14.0  # the outer part begins no nearer
+_ROWS = 64
 _EXTENT_MAX = 448.0  # px: half the side of the inner part
 _TAIL = 3e-4  # of the peak: what the frequencies left out may add up to
 SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point
@@ -91,38 +92,56 @@ def plan_galaxies(scene, reach, box, rows):
     return Plan(cut, half, np.where(rows, sizes, 0), rough)
 
 
-def galaxy_stamp(mixer, scene, plan, i, share, bounds, *, core=None, many=False):
-    """Return the light of a Scene's galaxy i on the pixels of `bounds` (x0, x1, y0, y1; half-open), float64.
+def galaxy_stamp(mixer, scene, plan, i, share, reach, bounds, *, core=None, many=False):
+    """Return (stamp, light): a Scene's galaxy i on the pixels of `bounds`, float64, and the light of its whole stamp.
 
-    mixer: psf_mixture.Mixer; share (k, 4): electrons from each PSF node and sub-band; core: Mixer.core, the share of
-    each cell that counts, or None: all; many: whether many galaxies share size and nodes, so that it pays to keep the
-    nodes' transforms. Below zero it may be by what is left out.
+    mixer: psf_mixture.Mixer; share (k, 4): electrons from each PSF node and sub-band; reach: px, half the side of the
+    whole stamp; bounds: (x0, x1, y0, y1), half-open, the part of it that is wanted, or None; core: Mixer.core, the
+    share of each cell that counts, or None: all; many: whether many galaxies share size and nodes, so that it pays to
+    keep the nodes' transforms. Below zero it may be by what is left out.
     """
     node, light, sersic, matrix = scene.node[i], scene.light[i], scene.sersic[i], scene.matrix[i]
     x, y, cut, half, size = scene.x[i], scene.y[i], plan.cut[i], plan.half[i], int(plan.size[i])
     inner, outer = _component_tables(*(key for c in range(2) for key in (sersic[c, 0] * (light[c] > 0), cut[c])))
     frequency = _cutoff(sersic, light, matrix, inner, mixer.envelope(node, share))
     last = min(int(frequency * size) + 1, size)
-    x0, x1, y0, y1 = bounds
+    x0, x1, y0, y1 = (0, 0, 0, 0) if bounds is None else bounds
     stamp = np.zeros((y1 - y0, x1 - x0))
     first_x, first_y = round(x) - half, round(y) - half
+    if many:
+        mixture = mixer.mixed_transforms(node, share, size, last, core is not None)
+    else:
+        cells = mixer.mixed_cells(node, share)
+        mixture = transform(cells if core is None else cells * core, size, mixer.per_pixel, last)
+    folded = _convolved(mixture, sersic, light, matrix, inner, x - first_x, y - first_y, size)
+    image = scipy.fft.irfft2(folded, s=(size, size), overwrite_x=True)[: 2 * half + 1, : 2 * half + 1]
+    whole = image.sum(dtype=np.float64)
     low_x, high_x = max(x0, first_x), min(x1, first_x + 2 * half + 1)
     low_y, high_y = max(y0, first_y), min(y1, first_y + 2 * half + 1)
     if low_x < high_x and low_y < high_y:
-        if many:
-            mixture = mixer.mixed_transforms(node, share, size, last, core is not None)
-        else:
-            cells = mixer.mixed_cells(node, share)
-            mixture = transform(cells if core is None else cells * core, size, mixer.per_pixel, last)
-        folded = _convolved(mixture, sersic, light, matrix, inner, x - first_x, y - first_y, size)
-        image = scipy.fft.irfft2(folded, s=(size, size), overwrite_x=True)
         stamp[low_y - y0 : high_y - y0, low_x - x0 : high_x - x0] = image[
             low_y - first_y : high_y - first_y, low_x - first_x : high_x - first_x
         ]
     if np.isfinite(cut).any():
-        electrons = mixer.light(node, share, core)
-        _add_outer(stamp, sersic, light, matrix, outer, cut, x - x0, y - y0, electrons)
-    return stamp
+        smooth = sersic, light, matrix, outer, cut
+        electrons = mixer.light(node, share, core is not None)
+        before = stamp.sum()
+        _add_outer(stamp, *smooth, x - x0, y - y0, electrons)
+        if stamp.shape == (2 * reach + 1, 2 * reach + 1):
+            whole += stamp.sum() - before
+        else:
+            whole += _outer_light(smooth, x - round(x) + reach, y - round(y) + reach, 2 * reach + 1, electrons)
+    return stamp, whole
+
+
+def _outer_light(smooth, x, y, side, electrons):
+    """Return the light of the outer parts on a square of `side` px, some rows at a time."""
+    total = 0.0
+    for row in range(0, side, _ROWS):
+        strip = np.zeros((min(_ROWS, side - row), side))
+        _add_outer(strip, *smooth, x, y - row, electrons)
+        total += strip.sum()
+    return total
 
 
 @lru_cache(256)

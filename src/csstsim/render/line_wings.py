@@ -1,10 +1,10 @@
-"""Wings of a spectrum: what a line of light adds beyond the box of the stored PSF (render.wings, of one point).
+"""What a line of light adds beyond the stamps along it (render.wings has that of one point).
 
 The spectrum stands as points LINE_STEP apart, less than the radius at which boxes fade (22 px). Their wings' sum is
 smooth along and across: near the trace it is read every 8 px of every fourth row, with cubics between, to 4% of its top
-where boxes fade and 1% beyond; beyond half of LINE_NEAR it goes over to the mesh of render.far_wings, three points
-together, then eight. Where an edge cuts the light before it is dispersed, that of each point's wing is softened over
-the points' distance, so their sum has no steps.
+where boxes fade and 1% beyond; further out it goes over to the meshes of render.far_wings, the more points together the
+further. Where an edge cuts the light before it is dispersed, that of each point's wing is softened over the points'
+distance, so their sum has no steps.
 """
 
 import math
@@ -12,20 +12,23 @@ import math
 import numba
 import numpy as np
 
-from csstsim.render.far_wings import NEAR, WHOLE, between
-from csstsim.render.octaves import BITS, first_of, read
-from csstsim.render.wings import BLOCK, CUBIC, FADE, FAINT_REACH, add_faint, ending, near_part, octaves_of, shown
+from csstsim.render.far_wings import OVER, WHOLE, between
+from csstsim.render.octaves import read
+from csstsim.render.wings import NEAR, ring_within, tables, wing_beyond, wing_share
 
 LINE_STEP = 8.0  # px
-LINE_NEAR = NEAR  # px: all of a wing beyond is on the mesh
-_FAR_POINTS = 8
-_TIERS = (
-    (1, 0.5 * LINE_NEAR),
-    (3, LINE_NEAR),
-    (_FAR_POINTS, math.inf),
-)  # points together, px from which the next tier takes over
-_LONG = 3  # such radii: shorter wings are left to one tier
+LINE_NEAR = NEAR[0]  # px: from here to twice that the meshes take over
+# Edges [px] of the annuli about a point, to twice each of which the next takes over; points together in each annulus,
+# and the mesh it is on: of a wing that shows (the first annulus is drawn pixel by pixel), and of a haze
+_SHOWN = (LINE_NEAR, 2 * LINE_NEAR, *OVER), (1, 3, 8, 16, 32, 64, 128), (None, 0, 0, 1, 2, 3, 4)
+_HAZE = OVER, (8, 16, 32, 64, 128), (0, 1, 2, 3, 4)
+BLOCK = 8  # px between values that are read
 _ROWS = BLOCK // 2  # px between rows that are read
+_AT = np.arange(BLOCK) / BLOCK
+CUBIC = np.stack([  # weights of four values, at -1, 0, 1, 2, at each place between 0 and 1
+    -_AT * (_AT - 1) * (_AT - 2) / 6, (_AT + 1) * (_AT - 1) * (_AT - 2) / 2,
+    -(_AT + 1) * _AT * (_AT - 2) / 2, (_AT + 1) * _AT * (_AT - 1) / 6,
+])  # fmt: skip
 
 
 def points_of(x, y, light):
@@ -43,50 +46,57 @@ def points_of(x, y, light):
 
 
 def order_wing(wing_px, share, half):
-    """Return the reach [px] of an order's wing, of this share of the light whose wing reaches wing_px; 0: hidden.
+    """Return the radius [px] at which noise hides an order's wing, of this share of the light whose wing has wing_px.
 
-    A wing that shows goes on as far as the haze of those that do not, so that no order loses light by being brighter.
+    0: it hides all of it. half: side of the PSF's box [px].
     """
-    reach = wing_px * np.cbrt(min(share, 1.0)) if wing_px > 0 else 0.0
-    return max(reach, FAINT_REACH) if reach > 1.5 * half else 0.0
+    reach = wing_px * np.cbrt(min(share, 1.0))
+    return reach if reach > 1.5 * half else 0.0
 
 
-def add_line(image, response, window, places, flux, wing, wing_px, half, far, side=WHOLE):
-    """Add the wings of a spectrum; return (electrons, box or None).
+def add_line(image, response, window, places, flux, inside, drawn, wing, wing_px, half, meshes, side=WHOLE):
+    """Add what the stamps along a spectrum leave out of its light; return (electrons on the window, box or None).
 
-    image, response: window.shape; places (m, 2), flux (m, 4): of `points_of`; wing: optics.halo.Wing; wing_px: its
-    reach, 0: that of a faint object, on the mesh alone; half: side of the PSF's box [px]; far: FarWings; side:
-    (x0, x1, y0, y1) px from each place beyond which its wing is cut off. The box is (x0, x1, y0, y1) on the chip,
-    half-open.
+    image, response: window.shape; places (m, 2), flux (m, 4): of `points_of`, all the spectrum's electrons; inside,
+    drawn (4,): shares of them, by wavelength of the PSF set, in the PSF's box, but for what fades into the wing, and in
+    stamps; wing: optics.halo.Wing, which has the rest, or None; wing_px: radius [px] at which noise hides it, 0:
+    everywhere; half: side of the PSF's box [px]; meshes: FarWings; side: (x0, x1, y0, y1) px from each place beyond
+    which light is cut off. The box, x0, x1, y0, y1 on the chip, half-open, is that of the wing as far as it shows.
     """
-    if wing_px <= 0:
-        at, light = _together(places, flux, _FAR_POINTS)
-        soft = _FAR_POINTS * LINE_STEP
-        parts = [add_faint(far, *xy, bands, wing, half, side, soft) for xy, bands in zip(at, light, strict=True)]
-        return sum(parts), None
-    drawn, boxes, octaves, taken, inner = 0.0, [], octaves_of(wing_px), 0.0, FADE[0] * half
-    for points, radius in _TIERS:
-        reach = wing_px if wing_px < _LONG * radius else 2 * radius
-        until = near_part(octaves, radius) if reach < wing_px else 1.0
+    missing, added, box = inside - drawn, 0.0, None
+    if wing is not None and len(places):
+        far, shown = wing_beyond(wing, half, wing_px > 0), wing_beyond(wing, half)
+        total = flux.sum(axis=0)
+        share = wing_share(total, (total * inside).sum(), shown.light)
+        added = _add(image, response, window, places, flux * share, far, _SHOWN if wing_px > 0 else _HAZE, meshes, side)
+        missing = missing + share * (shown.light - far.light)
+        box = _box(window, places, wing_px) if wing_px > 0 else None
+    return added + _add(image, response, window, places, flux * missing, ring_within(half), _HAZE, meshes, side), box
+
+
+def _add(image, response, window, places, flux, far, annuli, meshes, side):
+    """Add light of a Far about each place; return the electrons on the window."""
+    edges, together, levels = annuli
+    drawn = 0.0
+    for (profile, first, reach), points, level in zip(tables(far, edges), together, levels, strict=True):
+        if not reach:
+            continue
         at, light = _together(places, flux, points)
-        low = math.floor(2 * math.log2(inner))  # octave of r^2 below which this tier has nothing
-        tables = _tables(wing, light, half, wing_px, until - taken, low, octaves_of(reach))
-        first = first_of(low)
-        if points == 1:
-            added = [_near(image, response, window, at, tables, first, reach, side)]
-        else:
-            soft = points * LINE_STEP
-            added = [far.add(*xy, reach, table, first, side, soft) for xy, table in zip(at, tables, strict=True)]
-        for electrons, box in filter(None, added):
-            drawn += electrons
-            boxes.append(box)
-        taken, inner = until, radius
-        if reach == wing_px:
-            break
-    if not boxes:
-        return drawn, None
-    x0, x1, y0, y1 = np.transpose(boxes)
-    return drawn, (x0.min(), x1.max(), y0.min(), y1.max())
+        lines = np.einsum("mb,br->mr", light, profile)  # no BLAS: bits
+        if level is None:
+            drawn += _near(image, response, window, at, lines, first, reach, side)
+            continue
+        soft = points * LINE_STEP
+        drawn += sum(meshes.add(level, *xy, reach, line, first, side, soft) for xy, line in zip(at, lines, strict=True))
+    return drawn
+
+
+def _box(window, places, reach):
+    """Return (x0, x1, y0, y1) of the window's pixels within `reach` of the places along both axes, or None."""
+    (x0, y0), (x1, y1) = places.min(axis=0) - reach, places.max(axis=0) + reach
+    box = max(math.ceil(x0), window.x0), min(math.floor(x1) + 1, window.x1)
+    box += max(math.ceil(y0), window.y0), min(math.floor(y1) + 1, window.y1)
+    return box if box[0] < box[1] and box[2] < box[3] else None
 
 
 def _together(places, flux, points):
@@ -94,32 +104,25 @@ def _together(places, flux, points):
     if points == 1:
         return places, flux
     groups = np.arange(0, len(places), points)
-    light, weight = np.add.reduceat(flux, groups), flux.sum(axis=1)[:, None]
-    return np.add.reduceat(weight * places, groups) / np.add.reduceat(weight, groups), light
+    weight = np.abs(flux).sum(axis=1)[:, None]
+    total = np.add.reduceat(weight, groups)
+    weight = np.where(np.repeat(total, np.diff(np.append(groups, len(places))), axis=0) > 0, weight, 1.0)
+    places = np.add.reduceat(weight * places, groups) / np.add.reduceat(weight, groups)
+    return places, np.add.reduceat(flux, groups)
 
 
-def _tables(wing, flux, half, wing_px, share, low, high):
-    """Return the tables (m, nodes) of wings of flux (m, 4), as `wing_table`, times a share; octaves `low` to `high`."""
-    profile = shown(wing, half, octaves_of(wing_px)) * share
-    end, taper = ending(wing_px)
-    profile[:, end:] *= taper
-    return np.einsum("mb,br->mr", flux, profile[:, low << BITS : (high << BITS) + 1])  # no BLAS: bits
-
-
-def _near(image, response, window, places, tables, first, reach, side):
-    """Add the tables' values around places on the chip, pixel by pixel; return (electrons, box), None if they miss."""
-    (x0, y0), (x1, y1) = places.min(axis=0) - reach, places.max(axis=0) + reach
-    box = max(math.ceil(x0), window.x0), min(math.floor(x1) + 1, window.x1)
-    box += max(math.ceil(y0), window.y0), min(math.floor(y1) + 1, window.y1)
-    if box[0] >= box[1] or box[2] >= box[3]:
-        return None
+def _near(image, response, window, places, lines, first, reach, side):
+    """Add the tables' values around places on the chip, pixel by pixel; return the electrons on the window."""
+    box = _box(window, places, reach)
+    if box is None:
+        return 0.0
     cut = box[0] - window.x0, box[1] - window.x0, box[2] - window.y0, box[3] - window.y0
     corner = np.array([box[0], box[2]], float)
-    return _add_near(image, response, cut, places - corner, reach, tables, first, side), box
+    return _add_near(image, response, cut, places - corner, reach, lines, first, side)
 
 
 @numba.njit(cache=True)
-def _add_near(image, response, box, places, reach, tables, first_node, side):
+def _add_near(image, response, box, places, reach, lines, first_node, side):
     """Add the tables' values around places (m, 2), seen from the corner of a box of pixels; return the sum."""
     x0, x1, y0, y1 = box
     ny, nx = y1 - y0, x1 - x0
@@ -138,7 +141,7 @@ def _add_near(image, response, box, places, reach, tables, first_node, side):
                 dx = (column - 1) * BLOCK - x
                 place[0] = dy2 + dx * dx
                 cut = inside * between(dx, side[0], side[1], LINE_STEP)
-                mesh[row, column] += read(tables[m], first_node, bits[0]) * cut
+                mesh[row, column] += read(lines[m], first_node, bits[0]) * cut
     line, values, sums = np.empty(columns), np.empty(columns * BLOCK), np.zeros(BLOCK)
     for row in range(ny):
         at, phase = row // _ROWS + 1, row % _ROWS * (BLOCK // _ROWS)

@@ -7,6 +7,7 @@ import numpy as np
 from csstsim.render.far_wings import WHOLE
 from csstsim.render.galaxy_stamp import galaxy_stamp
 from csstsim.render.pixel_sums import pixel_sums
+from csstsim.render.point_stamp import point_stamp
 
 HEIGHTS = 8, 4  # of the trace in a pixel, between which stamps of points, of galaxies, are interpolated
 
@@ -35,11 +36,28 @@ def make_phases(mixer, scene, plan, i, reach, density, core, side):
             continue
         for column, row in np.ndindex(density, heights):
             there = replace(one, x=np.array([column / density]), y=np.array([row / heights]))
-            stamp = galaxy_stamp(mixer, there, own, 0, share, bounds, core=core)
+            stamp, _ = galaxy_stamp(mixer, there, own, 0, share, reach, bounds, core=core)
             lit = np.maximum(stamp, 0.0)
             lit *= stamp.sum() / max(lit.sum(), 1e-300)
             out[band, column, row] = lit * _inside(pixels, 1, side, column / density, row / heights)
     return out
+
+
+def light_inside(mixer, scene, plan, i, reach, core):
+    """Return (2, 4): of object i in light 1 of each wavelength of the PSF set, what is in the PSF's box and its stamp.
+
+    As make_phases; in the box but for what fades into the wing, if there is a `core`.
+    """
+    one, own, light = scene.take(np.array([i])), plan.take(np.array([i])), np.empty((2, 4))
+    for band in range(4):
+        share = np.zeros((len(scene.node[i]), 4))
+        share[:, band] = scene.weight[i]
+        if plan.size[i]:
+            _, drawn = galaxy_stamp(mixer, one, own, 0, share, reach, None, core=core)
+        else:
+            _, drawn = point_stamp(mixer, one.node[0], share, one.x[0], one.y[0], reach, None, core=core)
+        light[:, band] = mixer.light(one.node[0], share, core is not None), drawn
+    return light
 
 
 def _point_phases(out, cells, per_pixel):

@@ -162,10 +162,8 @@ def _count(count, x, y, px, py, image, results, i, key, counter):
         u, v = px[j] + x, py[j] + y
         if u >= 0 and v >= 0 and u < nx and v < ny:
             column, row = np.uint64(np.int64(u)), np.uint64(np.int64(v))
-            kept = 1
-            if response.size > 0:
-                bits = word(key, counter + _TWO * np.uint64(j))
-                kept = np.int64(high(bits) * maximum < response[row, column])
+            seen = response[row, column] if response.size > 0 else np.float32(1.0)
+            kept = np.int64(high(word(key, counter + _TWO * np.uint64(j))) * maximum < seen)
             counted[row, column] += kept
             hit += kept
             x0, x1 = min(x0, np.int64(column)), max(x1, np.int64(column))

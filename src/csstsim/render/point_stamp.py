@@ -10,12 +10,24 @@ import numpy as np
 from csstsim.render.pixel_sums import pixel_sums
 
 
-def point_stamp(mixer, node, share, x, y, bounds, core=None):
-    """Return the light of a point at x, y on the pixels of `bounds` (x0, x1, y0, y1; half-open), float64.
+def point_stamp(mixer, node, share, x, y, reach, bounds, core=None):
+    """Return (stamp, light): a point at x, y on the pixels of `bounds`, float64, and the light of its whole stamp.
 
-    mixer: psf_mixture.Mixer; node (k,), share (k, 4): electrons from each node and sub-band; core: (cells, cells) share
-    of each cell that counts, or None: all.
+    mixer: psf_mixture.Mixer; node (k,), share (k, 4): electrons from each node and sub-band; reach: px, half the side
+    of the whole stamp; bounds: (x0, x1, y0, y1), half-open, the part of it that is wanted, or None; core: (cells,
+    cells) share of each cell that counts, or None: all.
     """
+    column, row = round(x), round(y)
+    whole = column - reach, column + reach + 1, row - reach, row + reach + 1
+    stamp = _pixels(mixer, node, share, x, y, whole, core)
+    light = stamp.sum()
+    if bounds is None:
+        return stamp[:0, :0], light
+    return stamp[bounds[2] - whole[2] : bounds[3] - whole[2], bounds[0] - whole[0] : bounds[1] - whole[0]], light
+
+
+def _pixels(mixer, node, share, x, y, bounds, core):
+    """Return the light of a point on the pixels of `bounds`."""
     m, (x0, x1, y0, y1) = mixer.per_pixel, bounds
     stamp = np.zeros((y1 - y0, x1 - x0))
     start = (y0 - 0.5 - y) * m + mixer.cells / 2, (x0 - 0.5 - x) * m + mixer.cells / 2

@@ -36,10 +36,15 @@ class Mixer:
             return np.stack([transform(c * core, size, self.per_pixel, size) for c in coefficients(node)])
 
         @lru_cache(_NODES_KEPT)
+        def core_flux(node):
+            return (coefficients(node) * self.core).sum(axis=(1, 2), dtype=np.float64)
+
+        @lru_cache(_NODES_KEPT)
         def envelope(node):
             return _envelope(transforms(node, 2 * self.cells // self.per_pixel))
 
         self.coefficients, self.transforms, self._envelope = coefficients, transforms, envelope
+        self._core_flux = core_flux
 
     def envelope(self, node, share):
         """Return the largest modulus of an object's transforms at or beyond each of BINS, of light 1."""
@@ -59,11 +64,10 @@ class Mixer:
         parts = [self.coefficients(k) for k in node[share.any(axis=1)].tolist()]
         return _mixed(parts, share, first, (last[0] - first[0], last[1] - first[1]))
 
-    def light(self, node, share, core=None):
-        """Return the electrons of an object within the box, times `core` (cells, cells) if given."""
-        if core is not None:
-            return float((self.mixed_cells(node, share) * core).sum(dtype=np.float64))
-        return sum(float(row @ self._flux[k]) for k, row in zip(node.tolist(), share, strict=True))
+    def light(self, node, share, cored):
+        """Return the electrons of an object within the box, `cored`: without those that fade into the wing."""
+        flux = self._core_flux if cored else self._flux.__getitem__
+        return sum(float((row * flux(k)).sum()) for k, row in zip(node.tolist(), share, strict=True) if row.any())
 
     def mixed_transforms(self, node, share, size, last, cored=False):
         """Return the same, times `core` if `cored`, as a transform, like `transform`'s, from those of the nodes."""

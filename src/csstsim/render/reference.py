@@ -9,10 +9,12 @@ its position, in four sub-bands. Where the paper's letter is not followed (desig
 - shapes go through full 2 x 2 matrices: intrinsic shear, lensing, then d(pixel)/d(sky);
 - a stored PSF sample is the integral over a cell, 2 or 4 to the side of a pixel: their sums make the exact integral
   over a pixel, so objects are drawn with GalSim's `no_pixel` on that pixel-integrated PSF.
-Light beyond the box of the stored PSF is added by render.wings.
+Light that a stamp does not hold is added by render.wings: beyond the box of the stored PSF the wing, pixel by pixel as
+far as it shows, and at least to NEAR px.
 All light goes to the expectation plane; Poisson noise comes once, in `poisson_and_dark`.
 """
 
+import math
 import time
 from functools import partial
 
@@ -30,10 +32,10 @@ from csstsim.catalog.flags import (
     TRUNCATED_STAMP,
 )
 from csstsim.catalog.table import GALAXY
-from csstsim.optics.beyond import Beyond
 from csstsim.optics.psf_file import pixel_response
 from csstsim.progress import progress
-from csstsim.render.wings import FAINT_REACH, add_beyond, box_share
+from csstsim.render.far_wings import FarWings
+from csstsim.render.wings import add_far, add_ghosts, box_on_window, box_share
 
 galsim.errors.raise_fft_size_error = True  # GalSim 2.8 only warns, then takes all memory
 
@@ -44,22 +46,22 @@ FOLDING_MIN, FOLDING_MAX = 1e-4, 5e-3
 # ... and, with a flag, for objects whose FFT would not fit, these in turn.
 FOLDING_LOOSE = (5e-3, 5e-2, 0.3)
 FFT_LOOSE = 8192
+NEAR = 512.0  # px
 REACH_FFT = 1000  # px: half the largest stamp, so that its FFT (half-pixel steps) fits the maximum
 NEGATIVE_LIMIT = 1e-4  # fraction of an object's light in negative pixels above which clipping is flagged
 SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point, and GalSim would draw nothing
 # Beyond 1 cycle a pixel, jitter, diffusion and the pixel leave under 1e-4 of any PSF, however fine its lattice.
 PSF_MAXK = 2 * np.pi
 
-NOTHING = Beyond()
 _UNDRAWN = BAD_VALUE | STRONG_LENSING
 
 
-def draw_objects(image, window, objects, wcs, psf, exptime, beyond=NOTHING, response=None):
+def draw_objects(image, window, objects, wcs, psf, exptime, beyond=None, response=None):
     """Draw a chip's objects into `image` [expected e-] and return the table with what was drawn.
 
     image: float32 (window.ny, window.nx), changed in place. objects: ObjectTable from catalog.select.
     wcs: optics.wcs.ChipWCS. psf: optics.psf.PsfSet. exptime in s. beyond: optics.beyond.Beyond, what is drawn
-    outside the PSF's box (by default nothing). response: (ny, nx) share of the light that is counted, or None: all.
+    outside its stamp; None: nothing. response: (ny, nx) share of the light that is counted, or None: all.
     Added columns: electrons (nominal), drawn (put on the window, float64 sum of the float32 pixels'
     increments), fraction (with ghosts, which come on top, it may exceed 1), method, snr and error (NaN: not asked for),
     stamp, x0 x1 y0 y1 (bounding box on the chip, half-open), ms (CPU).
@@ -75,24 +77,26 @@ def draw_objects(image, window, objects, wcs, psf, exptime, beyond=NOTHING, resp
     index, weight, outside = psf.weights(np.where(drawable, objects["x"], 0.0), np.where(drawable, objects["y"], 0.0))
     flags[drawable & outside] |= OUTSIDE_PSF_HULL
     cells, half = psf.image.shape[-1], psf.image.shape[-1] / 2 / psf.oversampling
-    wing_px = np.where(objects["wing"] > 0, objects["wing"], FAINT_REACH) if beyond.wing else np.zeros(count)
+    wing, ghosts = (None, None) if beyond is None else (beyond.wing, beyond.ghosts)
+    wing_px = objects["wing"] if wing is not None else np.zeros(count)
     flags[drawable & (wing_px < objects["wing"])] |= TRUNCATED_STAMP
-    core = box_share(cells, psf.oversampling)
+    least = 0 if beyond is None else math.ceil(half)  # a stamp holds all of the box
+    core = box_share(cells, psf.oversampling) if wing is not None else 1.0
     drawn, ms, box = np.zeros(count), np.zeros(count, np.float32), np.zeros((4, count), np.int32)
     method = np.full(count, "none", dtype="U9")
     if response is None:
         response = np.broadcast_to(np.ones((), np.float32), window.shape)
     scene = galsim.ImageD(np.zeros(window.shape), xmin=window.x0, ymin=window.y0)
+    far = FarWings(window, response)
     for i in progress(range(count), "drawing objects"):
         start = time.process_time()
         if drawable[i]:
-            mixture = sum(
+            cells_of = sum(
                 w * np.tensordot(flux[i], psf.node(n), axes=1) for n, w in zip(index[i], weight[i], strict=True)
             )
-            if wing_px[i]:
-                mixture *= core
-            profile = partial(_profile, objects, i, mixture, psf.oversampling, jacobian[i])
-            stamp, flag = _draw(profile, objects["x"][i], objects["y"][i], min(int(objects["reach"][i]), REACH_FFT))
+            profile = partial(_profile, objects, i, cells_of * core, psf.oversampling, jacobian[i])
+            at, reach = (objects["x"][i], objects["y"][i]), min(max(int(objects["reach"][i]), least), REACH_FFT)
+            stamp, flag = _draw(profile, *at, reach)
             flag |= TRUNCATED_STAMP if objects["reach"][i] > REACH_FFT else 0
             seen = galsim.BoundsI() if flag & TOO_LARGE else stamp.bounds & scene.bounds
             parts = []
@@ -102,23 +106,29 @@ def draw_objects(image, window, objects, wcs, psf, exptime, beyond=NOTHING, resp
                 scene[seen].array[:] += counted
                 parts.append((counted.sum(), (x0, x1, y0, y1)))
             if not flag & TOO_LARGE:
-                at, own = (objects["x"][i], objects["y"][i]), objects["wing"][i] > 0
-                wing = wing_px[i] if own or parts else 0.0
-                more = add_beyond(scene.array, response, window, wcs.chip, *at, flux[i], beyond, wing, half)
-                drawn[i] = sum(light for light, _ in parts + more)
-                parts += more if own else []  # of faint objects the box is that of the stamp, as in render.stamps
+                shown = box_on_window(window, *at, wing_px[i]) if wing_px[i] > 0 else None
+                parts += [(0.0, shown)] if shown else []
+                if ghosts is not None:
+                    parts += add_ghosts(scene.array, response, window, wcs.chip, *at, electrons[i], ghosts)
+                drawn[i] = sum(light for light, _ in parts)
+                if parts and beyond is not None:
+                    drawn[i] += add_far(
+                        scene.array, response, window, *at, flux[i], (cells_of * core).sum(), stamp.array.sum(), wing,
+                        wing_px[i], half, far, near=max(float(wing_px[i]), NEAR),
+                    )  # fmt: skip
             flags[i] |= flag | (0 if parts or flag & TOO_LARGE else OFF_CHIP)
             if parts:
                 x0, x1, y0, y1 = np.transpose([bounds for _, bounds in parts])
                 box[:, i] = x0.min(), x1.max(), y0.min(), y1.max()
                 method[i] = "reference"
         ms[i] = 1000 * (time.process_time() - start)
+    far.lay(scene.array)
     image += scene.array.astype(np.float32)
     fraction = np.divide(drawn, electrons, out=np.zeros(count), where=electrons > 0)
     return objects.with_columns(
         flags=flags, electrons=electrons, drawn=drawn, fraction=fraction, method=method,
         snr=np.full(count, np.nan, np.float32), error=np.full(count, np.nan, np.float32),
-        stamp=2 * np.maximum(np.minimum(objects["reach"], REACH_FFT), np.ceil(wing_px)).astype(np.int32) + 1,
+        stamp=2 * np.maximum(np.clip(objects["reach"], least, REACH_FFT), np.ceil(wing_px)).astype(np.int32) + 1,
         x0=box[0], x1=box[1], y0=box[2], y1=box[3], ms=ms,
     )  # fmt: skip
 

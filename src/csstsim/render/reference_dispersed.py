@@ -14,6 +14,7 @@ render.reference. At the edge of a grating's piece O_k is cut, by the share of e
 render.line_wings'. Left out: ghosts of dispersed light.
 """
 
+import math
 import time
 from functools import cache, partial
 
@@ -22,25 +23,24 @@ import numpy as np
 
 from csstsim.catalog.flags import TOO_LARGE, TRUNCATED_STAMP
 from csstsim.catalog.table import GALAXY
-from csstsim.optics.beyond import Beyond
 from csstsim.progress import progress
 from csstsim.render import policy
 from csstsim.render.draw_dispersed import Work, tables_of
-from csstsim.render.far_wings import FarWings
+from csstsim.render.far_wings import WHOLE, FarWings
+from csstsim.render.galaxy_stamp import plan_galaxies
 from csstsim.render.line_wings import add_line, order_wing, points_of
-from csstsim.render.phases import inside
+from csstsim.render.phases import inside, light_inside
+from csstsim.render.psf_mixture import Mixer
 from csstsim.render.reference import REACH_FFT, convolved, fill, galaxy_profile, lattice, point
 from csstsim.render.slabs import meets
-from csstsim.render.wings import box_share
 
-NOTHING = Beyond()
 _BLOCK = 32  # px of the trace drawn together
 LATTICE = 128  # px: half the side of the largest image that is drawn on the lattice first, if it need not be cut
 _FINE = 4  # points of the lattice to a pixel
 _THIN = 1e-3  # of a pixel: the width of a spectrum's light across
 
 
-def draw_objects(image, window, objects, spectra, disperser, wcs, psf, exptime, beyond=NOTHING, response=None):
+def draw_objects(image, window, objects, spectra, disperser, wcs, psf, exptime, beyond=None, response=None):
     """Draw a spectroscopic chip's objects into `image` [expected e-]; return (table of objects, table of orders).
 
     image: float32 (window.ny, window.nx), changed in place; the rest and the tables are render.draw_dispersed's. snr
@@ -53,8 +53,12 @@ def draw_objects(image, window, objects, spectra, disperser, wcs, psf, exptime, 
     jacobian = wcs.jacobian(part["ra_orig"], part["dec_orig"], seen=(part["ra"], part["dec"]))
     reach = np.minimum(part["reach"].astype(int), REACH_FFT)
     work.flags[work.rows[part["reach"] > REACH_FFT]] |= TRUNCATED_STAMP
-    cells = psf.image.shape[-1]
-    core = box_share(cells, psf.oversampling) if beyond.wing is not None else 1.0
+    half, mixer = psf.image.shape[-1] / 2 / psf.oversampling, Mixer(psf)
+    wing = None if beyond is None else beyond.wing
+    core = mixer.core if wing is not None else None
+    if beyond is not None and wing is None:  # then a stamp holds all there is of a point
+        reach = np.maximum(reach, math.ceil(half))
+    plan = plan_galaxies(scene, reach, half, part["obj_type"] == GALAXY)
     plane, far = np.zeros(window.shape), FarWings(window, response)
     lines = disperser.lines(work.visits, scene.x, scene.y)
     for v in progress(range(len(work.visits)), "drawing objects"):
@@ -62,17 +66,20 @@ def draw_objects(image, window, objects, spectra, disperser, wcs, psf, exptime, 
         i, piece, cut = work.visits[v].tolist()
         light = spectra(work.rows[i : i + 1], disperser.edges) * exptime
         result.nominal(np.array([v]), np.array([[0, piece, cut]]), light, disperser.rates)
-        nodes = sum(w * psf.node(n) for n, w in zip(scene.node[i], scene.weight[i], strict=True)) * core
+        nodes = sum(w * psf.node(n) for n, w in zip(scene.node[i], scene.weight[i], strict=True))
+        nodes = nodes if core is None else nodes * core
+        held = light_inside(mixer, scene, plan, i, reach[i], core)
         side = disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2) if cut else None
         profiles = _profiles(part, i, jacobian[i], nodes, psf.oversampling, reach[i], side)
         for o, line in enumerate(lines[v]):
             of_order = light[0] * disperser.rates[piece, o]
-            wing = order_wing(work.wing[i], of_order.sum() / scene.electrons[i].sum(), cells / 2 / psf.oversampling)
+            share = of_order.sum() / scene.electrons[i].sum() if wing is not None else 0.0
+            shown = order_wing(work.wing[i], share, half)
             trace = _Trace(scene.x[i], scene.y[i], line, of_order, disperser)
             parts, flag = _draw_order(plane, response, window, profiles, trace, reach[i])
-            if beyond.wing is not None and of_order.sum() > 0 and (wing > 0 or parts):
-                points = points_of(trace.x, trace.y, of_order * disperser.psf_weights)
-                more = beyond.wing, wing, cells / 2 / psf.oversampling, far
+            if beyond is not None and of_order.sum() > 0 and (parts or shown > 0):
+                points = *points_of(trace.x, trace.y, of_order * disperser.psf_weights), *held
+                more = wing, shown, half, far, WHOLE if side is None else tuple(side)
                 parts.append(add_line(plane, response, window, *points, *more))
             work.flags[work.rows[i]] |= flag
             result.drawn[v, o] = sum(electrons for electrons, _ in parts)

@@ -18,16 +18,14 @@ import numba
 import numpy as np
 
 from csstsim.catalog.flags import FFT_REDUCED, OUTSIDE_PSF_HULL
-from csstsim.optics.beyond import Beyond
 from csstsim.render.far_wings import WHOLE, FarWings
 from csstsim.render.galaxy_stamp import plan_galaxies
 from csstsim.render.line_wings import add_line, order_wing, points_of
-from csstsim.render.phases import make_phases
+from csstsim.render.phases import light_inside, make_phases
 from csstsim.render.psf_mixture import Mixer
 from csstsim.render.scene import BULGE
 from csstsim.render.slab_counts import fewest_by_order, roughness
 
-NOTHING = Beyond()
 PER_PX = 4  # slabs to a pixel of a point's spectrum
 _SLABS = 8.0, 24.0  # to the half-light radius of a disk, of a bulge, which has a peak
 _BLOCK = 16  # px of the trace that share a height
@@ -45,15 +43,16 @@ class Drawn:
 
 
 def draw_spectra(
-    image, window, scene, spectra, visits, reach, wing_px, disperser, psf, beyond=NOTHING, response=None, per_px=PER_PX,
+    image, window, scene, spectra, visits, reach, wing_px, disperser, psf, beyond=None, response=None, per_px=PER_PX,
     allowed=None,
 ):  # fmt: skip
     """Draw the orders of a Scene's objects into `image` (float32 or float64, window.shape, expected e-); return Drawn.
 
     spectra: (n, bins) mean densities [photon / s / m2 / angstrom] times the exposure time [s]; visits: of
-    Disperser.visits for these objects; reach (n,): px, half the side of each stamp; wing_px (n,): px, reach of the
-    light beyond the PSF's box, 0: hidden; psf: PsfSet, or the Mixer of one; per_px: slabs to a pixel, of points, one
-    number or (n,); allowed (n,): share of S/N that they may be wrong by, which gives their number instead.
+    Disperser.visits for these objects; reach (n,): px, half the side of each stamp; wing_px (n,): px, how far the light
+    beyond the PSF's box shows, 0: hidden; psf: PsfSet, or the Mixer of one; beyond: optics.beyond.Beyond, or None:
+    stamps alone, whatever they leave out; per_px: slabs to a pixel, of points, one number or (n,); allowed (n,): share
+    of S/N that they may be wrong by, which gives their number instead.
     """
     mixer, count, orders = psf if isinstance(psf, Mixer) else Mixer(psf), len(visits), len(disperser.orders)
     out = Drawn(
@@ -61,8 +60,10 @@ def draw_spectra(
         np.zeros(count, np.float32),
     )  # fmt: skip
     response = np.ones(window.shape, np.float32) if response is None else response
-    reach = np.asarray(reach, int)
-    half = mixer.cells / 2 / mixer.per_pixel
+    reach, half = np.asarray(reach, int), mixer.cells / 2 / mixer.per_pixel
+    wing = None if beyond is None else beyond.wing
+    if beyond is not None and wing is None:  # then a stamp holds all there is of a point
+        reach = np.maximum(reach, math.ceil(half))
     far, centres = FarWings(window, response), 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
     mixture = disperser.psf_weights
     galaxy = ((scene.sersic[:, :, 0] > 0) & (scene.light > 0)).any(axis=1)
@@ -72,13 +73,13 @@ def draw_spectra(
     if allowed is not None and count:
         counts = _counts(spectra, disperser, lines[0, :, 1], allowed)
     density = densities(scene, counts.max(axis=1))
+    core = mixer.core if wing is not None else None
     for v, (i, piece, cut) in enumerate(visits.tolist()):
         start = time.process_time()
         out.flags[v] = (OUTSIDE_PSF_HULL if scene.outside[i] else 0) | (FFT_REDUCED if plan.rough[i] else 0)
         side = tuple(disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2)) if cut else WHOLE
         lit = max(side[0], -side[1], side[2], -side[3]) < reach[i] + 1
-        core = mixer.core if beyond.wing is not None else None
-        phases = None
+        phases = held = None
         for o, (p, q, r, s) in enumerate(lines[v].tolist()):
             light = spectra[i] * disperser.rates[piece, o]
             if not light.sum() > 0:
@@ -93,11 +94,13 @@ def draw_spectra(
                 drawn, box = _add_slabs(image, response, x - window.x0, y - window.y0, light, mixture, some)
                 if box.any():
                     parts.append((drawn, box + np.array([window.x0, window.x0, window.y0, window.y0])))
-            if beyond.wing is not None:
-                wing = order_wing(wing_px[i], light.sum() / scene.electrons[i].sum(), half)
-                if wing > 0 or parts:
-                    points = points_of(x, y, light * mixture)
-                    parts.append(add_line(image, response, window, *points, beyond.wing, wing, half, far, side))
+            share = light.sum() / scene.electrons[i].sum() if wing is not None else 0.0
+            shown = order_wing(wing_px[i], share, half)
+            if beyond is not None and (parts or shown > 0):
+                if held is None:
+                    held = light_inside(mixer, scene, plan, i, reach[i], core)
+                points = *points_of(x, y, light * mixture), *held
+                parts.append(add_line(image, response, window, *points, wing, shown, half, far, side))
             out.drawn[v, o] = sum(electrons for electrons, _ in parts)
             out.box[v, o] = _around([box for _, box in parts if box is not None])
         out.ms[v] = 1000 * (time.process_time() - start)

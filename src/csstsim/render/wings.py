@@ -1,37 +1,41 @@
-"""What bright stars add beyond the box of the stored PSF: a radial wing out to the chip's size, and ghosts.
+"""Light far from an object: what its stamp leaves out, laid about it as the PSF's wing, and ghosts.
 
-The box is faded out, the wing (optics.halo) faded in over the same ring, 0.7 to 0.95 of the box's half side, by a
-step with two continuous derivatives; at its far end the wing is faded out over its last quarter. How far a wing reaches
-comes with the object (catalog.reach). Objects whose own wing hides in the noise have one of FAINT_REACH, on the mesh of
-render.far_wings alone: what they put beyond the box, 3 to 5% of their light, is a smooth haze, but not nothing.
+The box of the stored PSF is faded out, the wing (optics.halo) faded in over the same ring, 0.7 to 0.95 of the box's
+half side, by a step with two continuous derivatives. A wing has no end: every object's goes on over the whole chip,
+bright or faint, so that no choice of method loses light. What then is still missing of the object's light, because its
+stamp is smaller than the box or the box differs from the wing where they join, is laid between core and edge of the box
+as a smooth ring.
 
-A wing is read from a table in r^2 (render.octaves): 3e-5 of the value for slopes to -3. Beyond 256 px it is read every
-8th pixel of a row, with the cubic through four such values between: 1e-5. Its value at a pixel's centre stands for the
-pixel: 4e-4 at 45 px, less beyond. Cost: benchmarks/wings.py.
+Whether noise hides a wing (catalog.reach) decides how it is drawn. One that shows is drawn pixel by pixel near the
+object, up to 48 to 192 px, and on the meshes of render.far_wings beyond. A hidden one is a haze, on the meshes alone:
+it is faded in from the middle on, not over the box's ring, which is too narrow for a mesh.
+
+A wing is read from a table in r^2 (render.octaves): 3e-5 of the value for slopes to -3. Its value at a pixel's centre
+stands for the pixel: 4e-4 at 45 px, less beyond. Cost: benchmarks/wings.py.
 """
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numba
 import numpy as np
 
-from csstsim.render.far_wings import NEAR, WHOLE
-from csstsim.render.octaves import first_of, nodes, read
+from csstsim.render.far_wings import OVER
+from csstsim.render.octaves import BITS, first_of, nodes, read
 
 FADE = 0.7, 0.95  # of the box's half side
-_TAPER = 0.75  # of the wing's reach
-FAINT_REACH = 512.0  # px; beyond lies 0.5% of the light
-_LOW = 0  # octave of r^2 [px^2] where tables begin
-FIRST = first_of(_LOW)
-_NEAR_PX = 256.0  # radius within which every pixel is read from the table
-_LONG = 4  # NEAR: shorter wings are drawn here whole
-BLOCK = 8  # px between values read beyond
-_AT = np.arange(BLOCK) / BLOCK
-CUBIC = np.stack([  # weights of four values, at -1, 0, 1, 2, at each place between 0 and 1
-    -_AT * (_AT - 1) * (_AT - 2) / 6, (_AT + 1) * (_AT - 1) * (_AT - 2) / 2,
-    -(_AT + 1) * _AT * (_AT - 2) / 2, (_AT + 1) * _AT * (_AT - 1) / 6,
-])  # fmt: skip
+NEAR = 48.0, 96.0  # px: from here to twice that the meshes take over, of short wings and of others
+_OCTAVES = 32  # of r^2 [px^2] in a table: to 65,536 px, from any object to any chip's far corner
+_RADII = np.sqrt(nodes(0, _OCTAVES))
+
+
+@dataclass(frozen=True, eq=False)
+class Far:
+    """Light per pixel on the nodes of a table, by sub-band, for an object of light 1 in each."""
+
+    profile: np.ndarray  # (4, nodes)
+    light: np.ndarray  # (4,) all of it
 
 
 def step(r, inner, outer):
@@ -46,158 +50,156 @@ def box_share(cells, per_pixel):
     return step(np.hypot(axis, axis[:, None]), *(f * cells / 2 / per_pixel for f in FADE))
 
 
-def wing_table(wing, flux, half, reach):
-    """Return the wing per pixel on octaves of r^2. flux: (..., 4) electrons; half: of the box [px]; reach in px."""
-    octaves = octaves_of(reach)
-    table = np.einsum("...b,br->...r", flux, shown(wing, half, octaves))  # no BLAS: bits
-    end, taper = ending(reach)
-    table[..., end:] *= taper
-    return table
-
-
-def ending(reach):
-    """Return the first node of the tables at which a wing is faded out, and by what, from there on."""
-    r = _radii(octaves_of(reach))
-    end = np.searchsorted(r, _TAPER * reach)
-    return end, step(r[end:], _TAPER * reach, reach)
-
-
 @lru_cache
-def _radii(octaves):
-    return np.sqrt(nodes(_LOW, octaves))
+def wing_beyond(wing, half, shows=True):
+    """Return the Far of a wing (optics.halo.Wing) beyond a box of half side `half` [px].
 
-
-@lru_cache
-def shown(wing, half, octaves):
-    """Return the wing of each sub-band, (4, nodes), faded in where the box is faded out."""
-    r = _radii(octaves)
+    shows: whether it is faded in where the box is faded out; else from the middle on, as a haze.
+    """
     inner, outer = (f * half for f in FADE)
-    return wing.profile(np.maximum(r, inner)) * (1 - step(r, inner, outer))
+    profile = wing.profile(np.maximum(_RADII, inner)) * (1 - step(_RADII, inner if shows else 0.0, outer))
+    return Far(profile, _light(profile) + wing.beyond(_RADII[-1]))
 
 
 @lru_cache
-def near_part(octaves, near=NEAR):
-    """Return the part of a long wing that is drawn here, not by the FarWings: all up to `near` px, none at twice."""
-    return step(_radii(octaves), near, 2 * near)
+def ring_within(half):
+    """Return the Far of a smooth ring within a box of half side `half` [px], of light 1: nothing in the middle."""
+    widest = FADE[0] * half
+    ring = (1 - step(_RADII, 0.0, widest)) * step(_RADII, widest, half)
+    return Far(np.tile(ring / _light(ring[None]), (4, 1)), np.ones(4))
 
 
-def octaves_of(reach):
-    """Return how many octaves of the squared radius a wing of `reach` [px] spans."""
-    return math.ceil(2 * math.log2(reach)) + 1
+def _light(profile):
+    """Return the integrals over the plane of profiles (k, nodes), even within the first node."""
+    return np.trapezoid(2 * np.pi * _RADII * profile, _RADII, axis=1) + np.pi * profile[:, 0] * _RADII[0] ** 2
 
 
-def add_beyond(image, response, window, chip, x, y, flux, beyond, wing_px, half, far=None):
-    """Add an object's wing, if `wing_px` > 0, and its ghosts, if bright enough; return [(electrons, box), ...].
+def near_of(wing_px):
+    """Return the radius [px] from which the meshes take over a wing that shows up to wing_px; 0: they take all."""
+    return 0.0 if wing_px <= 0 else NEAR[int(wing_px >= 2 * NEAR[1])]
+
+
+@lru_cache
+def tables(far, radii):
+    """Return [(table (4, n) on octaves of r^2, number of its first node, its reach [px]), ...], one to each annulus.
+
+    radii: the annuli's edges, from each of which to twice that one fades over to the next; 0: at once. Where edges are
+    not in order an annulus may be empty: its reach is 0.
+    """
+    out, before = [], np.zeros(len(_RADII))
+    for edge in (*radii, math.inf):
+        until = np.ones(len(_RADII)) if edge == math.inf else step(_RADII, edge, 2 * edge) if edge else before
+        until = np.maximum(before, until)
+        lit = np.flatnonzero(until > before)
+        if not lit.size:
+            out.append((np.zeros((4, 2)), 0, 0.0))
+            continue
+        low, high = lit[0] >> BITS, -(-(lit[-1] + 1) >> BITS)
+        part = slice(low << BITS, (high << BITS) + 1)
+        table = np.ascontiguousarray((far.profile * (until - before))[:, part])
+        out.append((table, first_of(int(low)), float(_RADII[min(lit[-1] + 1, len(_RADII) - 1)])))
+        before = until
+    return out
+
+
+def add_far(image, response, window, x, y, flux, inside, drawn, wing, wing_px, half, meshes, near=None):
+    """Add what an object's stamp leaves out of its light, about x, y [chip pixel]; return the electrons on the window.
 
     image: float32 or float64, of `window`, changed in place; response: share of the light that is counted, of the same
-    shape; x, y: chip pixels, flux: (4,) electrons; beyond: optics.beyond.Beyond; half: side of the PSF's box [px].
-    Boxes are (x0, x1, y0, y1) on the chip, half-open; what misses the window is not listed. `far`: a FarWings that
-    takes the part of a long wing that is far from the object, or None: all of it is drawn here.
+    shape; flux (4,): all the object's electrons; inside: those in the PSF's box, but for what fades into the wing;
+    drawn: those that its stamp holds; wing: optics.halo.Wing, which has the rest, or None; wing_px: radius [px] at
+    which noise hides it, 0: everywhere; half: side of the PSF's box [px]; meshes: a FarWings; near: px from which they
+    take over, None: as noise allows.
     """
+    missing, added = inside - drawn, 0.0
+    if wing is not None:
+        near = near_of(wing_px) if near is None else near
+        far, shown = wing_beyond(wing, half, near > 0), wing_beyond(wing, half)
+        flux = flux * wing_share(flux, inside, shown.light)
+        added = _add(image, response, window, x, y, flux, far, near, meshes)
+        missing += (flux * (shown.light - far.light)).sum()
+    [(ring, octave, _)] = tables(ring_within(half), ())
+    part = _on_window(_add_radial, image, response, window, x, y, half, missing * ring[0], octave)
+    return added + (part[0] if part else 0.0)
+
+
+def wing_share(flux, inside, light):
+    """Return by how much the light beyond the box, which is what the box does not hold, exceeds the wing's own.
+
+    flux: electrons; inside: those in the box; light: of the wing, for each electron.
+    """
+    return np.maximum(np.sum(flux) - inside, 0.0) / np.sum(flux * light)
+
+
+def _add(image, response, window, x, y, flux, far, near, meshes):
+    """Add light of a Far, times flux (4,), on the meshes from `near` [px] on; return the electrons on the window."""
+    first, *others = tables(far, (near, *OVER))
+    drawn = 0.0
+    if near:
+        table, octave, reach = first
+        part = _on_window(_add_radial, image, response, window, x, y, reach, _mixed(flux, table), octave)
+        drawn += part[0] if part else 0.0
+    for level, (table, octave, reach) in enumerate(others):
+        if reach:
+            drawn += meshes.add(level, x, y, reach, _mixed(flux, table), octave)
+    return drawn
+
+
+def _mixed(flux, table):
+    return np.einsum("b,br->r", flux, table)  # no BLAS: bits
+
+
+def add_ghosts(image, response, window, chip, x, y, electrons, ghosts):
+    """Add an object's ghosts (optics.ghosts.Ghosts), if it is bright enough; return [(electrons, box), ...].
+
+    As `add_wing`; boxes are (x0, x1, y0, y1) on the chip, half-open; what misses the window is not listed.
+    """
+    if not ghosts.visible(electrons):
+        return []
     parts = []
-    if wing_px > 0:
-        table = wing_table(beyond.wing, flux, half, wing_px)
-        if far is not None and wing_px > _LONG * NEAR:
-            near = near_part(octaves_of(wing_px))
-            parts.append(far.add(x, y, wing_px, table * (1 - near), FIRST))
-            table, wing_px = table * near, 2 * NEAR
-        parts.append(_on_window(_add_radial, image, response, window, x, y, wing_px, table))
-    if beyond.ghosts is not None and beyond.ghosts.visible(flux.sum()):
-        ghosts = beyond.ghosts
-        for (gx, gy), radius, light in zip(ghosts.centres(chip, x, y), ghosts.radius, ghosts.light, strict=True):
-            # The integral of the soft disc; its sum over pixels is within 5e-5 of it for radii above 40 px
-            level = light * flux.sum() / (math.pi * (radius**2 + 1 / 12))
-            parts.append(_on_window(_add_soft_disc, image, response, window, gx, gy, radius + 0.5, level))
+    for (gx, gy), radius, light in zip(ghosts.centres(chip, x, y), ghosts.radius, ghosts.light, strict=True):
+        # The integral of the soft disc; its sum over pixels is within 5e-5 of it for radii above 40 px
+        level = light * electrons / (math.pi * (radius**2 + 1 / 12))
+        parts.append(_on_window(_add_soft_disc, image, response, window, gx, gy, radius + 0.5, level))
     return [part for part in parts if part is not None]
 
 
-def add_faint(far, x, y, flux, wing, half, side=WHOLE, soft=1.0):
-    """Add a faint object's wing to the mesh of a FarWings, cut as its `add` does; return what the window has of it."""
-    added = far.add(x, y, FAINT_REACH, np.einsum("b,br->r", flux, _haze(wing, half)), FIRST, side, soft)
-    return added[0] if added else 0.0
-
-
-@lru_cache
-def _haze(wing, half):
-    """Return a faint object's wing in each sub-band, (4, nodes), of the light of the wing that its box leaves out.
-
-    It is faded in from the middle on, not over the box's ring, which is too narrow for the mesh.
-    """
-    r = _radii(octaves_of(FAINT_REACH))
-    taper = step(r, _TAPER * FAINT_REACH, FAINT_REACH)
-    outer = FADE[1] * half
-    smooth = wing.profile(np.maximum(r, FADE[0] * half)) * (1 - step(r, 0.0, outer)) * taper
-    wanted = np.trapezoid(shown(wing, half, octaves_of(FAINT_REACH)) * taper * r, r, axis=1)
-    return smooth * (wanted / np.trapezoid(smooth * r, r, axis=1))[:, None]
-
-
-def _on_window(add, image, response, window, x, y, reach, what):
-    """Call `add` on the pixels of the window within `reach` of x, y; return (electrons, box), or None if none is."""
+def box_on_window(window, x, y, reach):
+    """Return (x0, x1, y0, y1) of the window's pixels within `reach` of x, y along both axes, or None."""
     x0, x1 = max(math.ceil(x - reach), window.x0), min(math.floor(x + reach) + 1, window.x1)
     y0, y1 = max(math.ceil(y - reach), window.y0), min(math.floor(y + reach) + 1, window.y1)
-    if x0 >= x1 or y0 >= y1:
+    return (x0, x1, y0, y1) if x0 < x1 and y0 < y1 else None
+
+
+def _on_window(add, image, response, window, x, y, reach, *what):
+    """Call `add` on the pixels of the window within `reach` of x, y; return (electrons, box), or None if none is."""
+    box = box_on_window(window, x, y, reach)
+    if box is None:
         return None
+    x0, x1, y0, y1 = box
     cut = slice(y0 - window.y0, y1 - window.y0), slice(x0 - window.x0, x1 - window.x0)
-    return add(image[cut], response[cut], float(x - x0), float(y - y0), float(reach), what), (x0, x1, y0, y1)
+    return add(image[cut], response[cut], float(x - x0), float(y - y0), float(reach), *what), box
 
 
 @numba.njit(cache=True)
-def _add_radial(image, response, x, y, reach, table):
+def _add_radial(image, response, x, y, reach, table, first):
     """Add the table's value at r^2 around pixel position x, y of `image`; return the sum."""
     columns = image.shape[1]
     total = 0.0
-    square, value, sums = np.empty(columns + 1), np.empty(columns + BLOCK), np.empty(BLOCK)
+    square = np.empty(columns)
     bits = square.view(np.int64)
     for row in range(image.shape[0]):
-        dy2 = (row - y) ** 2
-        half, near = math.sqrt(max(reach**2 - dy2, 0.0)), math.sqrt(max(_NEAR_PX**2 - dy2, 0.0))
-        first, last = max(0, math.ceil(x - half)), min(columns, math.floor(x + half) + 1)
-        if first >= last:
-            continue
-        left = min(max(math.ceil(x - near), first), last)
-        right = min(max(math.floor(x + near) + 1, left), last)
-        _coarse(value, first, left, x, dy2, table)
-        for column in range(left, right):
+        dy2, line = (row - y) ** 2, 0.0
+        half = math.sqrt(max(reach**2 - dy2, 0.0))
+        begin, end = max(0, math.ceil(x - half)), min(columns, math.floor(x + half) + 1)
+        for column in range(begin, end):
             square[column] = dy2 + (column - x) ** 2
-        for column in range(left, right):
-            value[column] = read(table, FIRST, bits[column])
-        _coarse(value, right, last, x, dy2, table)
-        shown, line, seen = value[first:last], image[row, first:last], response[row, first:last]
-        for column in range(len(shown)):
-            shown[column] *= seen[column]
-            line[column] += shown[column]
-        sums[:] = 0.0
-        whole = len(shown) // BLOCK * BLOCK
-        for column in range(0, whole, BLOCK):
-            for k in range(BLOCK):
-                sums[k] += shown[column + k]
-        for column in range(whole, len(shown)):
-            sums[0] += shown[column]
-        total += sums.sum()
+        for column in range(begin, end):
+            value = read(table, first, bits[column]) * response[row, column]
+            image[row, column] += value
+            line += value
+        total += line
     return total
-
-
-@numba.njit(cache=True)
-def _coarse(value, first, last, x, dy2, table):
-    """Fill value[first:last] of a row from table values BLOCK apart."""
-    if first >= last:
-        return
-    place = np.empty(1)
-    bits = place.view(np.int64)
-    before = here = after = 0.0
-    for block in range(-3, (last - first + BLOCK - 1) // BLOCK):
-        place[0] = dy2 + (first + (block + 2) * BLOCK - x) ** 2
-        beyond = read(table, FIRST, bits[0])
-        if block >= 0:
-            start = first + block * BLOCK
-            for k in range(min(BLOCK, len(value) - start)):
-                value[start + k] = (
-                    CUBIC[0, k] * before + CUBIC[1, k] * here + CUBIC[2, k] * after + CUBIC[3, k] * beyond
-                )
-            if beyond <= 0.0:  # where the wing ends, a cubic dips by rounding
-                for k in range(min(BLOCK, len(value) - start)):
-                    value[start + k] = max(value[start + k], 0.0)
-        before, here, after = here, after, beyond
 
 
 @numba.njit(cache=True)
