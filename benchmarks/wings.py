@@ -3,7 +3,7 @@
     python benchmarks/wings.py [--figures docs/figures]
 
 Prints, for r unless said otherwise: the diffraction image against the closed form of its wing, the anchors of the halo
-and what it takes in each band, the light of a star summed over a large image, the joins of box, wing and taper in
+and what it takes in each band, the light of a star summed over a large image, the join of box and wing in
 units of noise at magnitudes 5 to 20, CPU time of a star against magnitude. Draws the profile and a 5th-magnitude star.
 """
 
@@ -157,7 +157,7 @@ def report_joins(scene):
     print("(texture: rings and speckles that the optics have there without any join; mean: of rings 1 px wide)")
     inner, outer = scene.fade
     fade = f"fade {inner}-{outer} px"
-    print(f" mag  wing px  light there / own noise  hard box: step  {fade}: texture (optics)  mean    wing's end")
+    print(f" mag  wing px  light there / own noise  hard box: step  {fade}: texture (optics)  mean")
     texture = optics_texture(scene, inner, outer)
     sky = np.sqrt(scene.noise)
     smooth = replace(scene.beyond, ghosts=None)
@@ -173,14 +173,11 @@ def report_joins(scene):
         bins = r.astype(int).ravel()
         rings = np.bincount(bins, (image - model).ravel()) / np.bincount(bins)
         mean = second_difference(rings[None, inner - 3 : outer + 3]).max()
-        strip = Window(window.x0, round(CENTRE[0] + reach) + 20, round(CENTRE[1]), round(CENTRE[1]) + 1)
-        line, _ = scene.draw(mag, strip, beyond=smooth)
-        end = second_difference(line.astype(float))[:, 90 + int(0.7 * reach) :].max()
         there = model[np.abs(r - 0.83 * scene.box) < 1].mean()
         print(
             f"{mag:4d} {reach:8.0f} {there:12.3g} / {np.sqrt(there + scene.noise):<9.3g}"
             f" {boxed[scene.box, 1] / sky:13.2g}"
-            f" {excess / sky:16.1e} ({texture * electrons / sky:.1e}) {mean / sky:12.1e} {end / sky:9.1e}"
+            f" {excess / sky:16.1e} ({texture * electrons / sky:.1e}) {mean / sky:12.1e}"
         )
 
 

@@ -13,7 +13,6 @@ from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.photometry import rate_to_mag, subband_fluxes
-from csstsim.catalog.reach import WING_MAX
 from csstsim.catalog.select import Noise, region_for, select_objects
 from csstsim.catalog.table import BANDS, COLUMNS
 from csstsim.config import Lensing
@@ -136,7 +135,7 @@ def test_wings_and_ghosts_bring_bright_stars_from_outside(pick, camera):
     ghostless = pick(stars, beyond=replace(whole, ghosts=None))
     assert list(ghostless["id"]) == [1, 3, 5, 7]
     huge = pick([(4100, 3200, star(-5, id=8))], beyond=whole)
-    assert huge["wing"][0] == WING_MAX and huge["flags"][0] & TRUNCATED_STAMP
+    assert huge["wing"][0] > 1e4 and not huge["flags"][0] & TRUNCATED_STAMP  # a wing has no end
 
 
 def test_object_behind_the_sky_is_outside(pick):

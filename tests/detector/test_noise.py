@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from csstsim.detector.noise import add_gaussian, add_poisson, thin
+from csstsim.detector.noise import add_gaussian, add_poisson
 from csstsim.detector.normal import EDGE, TAIL, normal_row, normal_table
 from csstsim.detector.poisson import TABLE_MAX, alias_tables
-from csstsim.rng import Streams, stream
+from csstsim.rng import Streams
 
 N = 400_000
 MEANS = [0.001, 0.01, 0.0625, 0.999, 1.0, 3.03, 15.0, 40.51, 127.99, 128.0, 1000.0, 1e6]
@@ -194,57 +194,6 @@ def test_memory_does_not_grow_with_the_frame():
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 40e6
-
-
-@pytest.mark.parametrize(("mean", "low", "high", "maximum"), [
-    (0.3, 0.93, 1.04, 1.05), (40.0, 0.93, 1.04, 1.05), (9.0, 0.0, 1.0, 1.0), (300.0, 0.98, 1.0, 1.0), (5, 0.5, 0.5, 0.5)
-])  # fmt: skip
-def test_thinned_poisson_numbers_are_poisson_of_the_light_that_is_left(mean, low, high, maximum):
-    """Mean and variance of the pixels' standardised residuals, 5 sigma; drawn with `maximum` times the light."""
-    weight = np.linspace(low, high, N, dtype=np.float32).reshape(400, -1)
-    rng = stream(8, "thin", mean, low)
-    counted = rng.poisson(mean * maximum, weight.shape).astype(np.int32)
-    thin(counted, weight, maximum, rng)
-    left = mean * weight.astype(float)
-    assert (counted >= 0).all() and not counted[left == 0].any()
-    kept = left > 0
-    z = (counted - left)[kept] / np.sqrt(left[kept])
-    assert abs(z.mean()) < 5 / np.sqrt(N)
-    assert abs((z**2).mean() - 1) < 5 * np.sqrt((2 + 1 / left[kept]).mean() / N)
-    assert abs(np.mean(z[1:] * z[:-1])) < 5 / np.sqrt(N)  # neighbours stay independent
-
-
-def test_thinning_is_binomial():
-    """Chi-square of 60,000 pixels of 12 electrons against scipy's binomial; p > 1e-5."""
-    counted = np.full((200, 300), 12, np.int32)
-    thin(counted, np.full(counted.shape, 0.7, np.float32), 1.0, stream(9, "binomial"))
-    observed = np.bincount(counted.ravel(), minlength=13)
-    expected = stats.binom.pmf(np.arange(13), 12, float(np.float32(0.7))) * counted.size
-    rare = expected < 10
-    pooled = [np.r_[v[~rare], v[rare].sum()] for v in (observed, expected)]
-    assert stats.chisquare(*pooled).pvalue > 1e-5
-
-
-def test_thinning_at_its_limits():
-    """Weight 0 leaves none, the maximum leaves all, empty pixels stay empty; the same seed gives the same bits."""
-    counted = np.array([[0, 1, 300_000, 7]], np.int32)
-    for value, left in ((0.0, 0), (2.0, counted)):
-        found = counted.copy()
-        thin(found, np.full(counted.shape, value, np.float32), 2.0, stream(1, "limits"))
-        assert (found == left).all()
-    a, b = (np.full((50, 50), 30, np.int32) for _ in range(2))
-    for found in (a, b):
-        thin(found, np.full(found.shape, 0.9, np.float32), 1.0, stream(2, "bits"))
-    assert np.array_equal(a, b) and a.sum() < 75_000
-
-
-@pytest.mark.parametrize("bad", [-0.1, 1.1, np.nan, np.inf])
-def test_weights_out_of_range_are_refused_before_any_draw(bad):
-    counted, weight = np.full((4, 4), 9, np.int32), np.full((4, 4), 0.5, np.float32)
-    weight[2, 1] = bad
-    with pytest.raises(ValueError, match="maximum"):
-        thin(counted, weight, 1.0, stream(3, "bad"))
-    assert (counted == 9).all()
 
 
 def test_means_beyond_whole_numbers_of_32_bits():

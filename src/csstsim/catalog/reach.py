@@ -1,14 +1,15 @@
 """How large a stamp an object needs: half the side of the square that keeps what the noise would show.
 
+What a stamp does not hold is not lost, but laid about it more smoothly than it is (render.wings).
+
 The paper asks GalSim for folding_threshold = 5e-8 on bright and large objects, which is a stamp of 27,756 pixels; its
-default loses 0.5% of the light. Here light may be lost only where this chip's noise hides it:
+default loses 0.5% of the light. Here a stamp may end only where this chip's noise hides the rest:
 
 * point sources: out to where the wing falls below a tenth of a pixel's noise and the light beyond is less than a tenth
   of the object's own noise. The wing is that of an unobscured circular pupil (Born & Wolf, section 8.5.2),
   surface brightness lambda / (pi^3 D r^3), four times over for aberrations;
-* light beyond the box of the stored PSF (32 or 64 px): out to where the wing falls below a thousandth of a pixel's
-  noise, for every kind of object; a wing is a table look-up, not a Fourier transform, and that far out even an ideal
-  filter over all that is lost sees no more than 1.3e-3 r [px] sigma;
+* light beyond the box of the stored PSF (32 or 64 px): the wing shows out to where it falls below a thousandth of a
+  pixel's noise, for every kind of object; even an ideal filter over all beyond sees no more than 1.3e-3 r [px] sigma;
 * galaxies: out to where the fraction of light beyond is max(1e-4, min(5e-3, 0.02 sigma_F / F)), from the closed form of
   the enclosed light of Sersic n = 1 and n = 4 drawn out to circles of the longest axis (so never too small), plus
   the reach of a point source of that flux.
@@ -24,8 +25,6 @@ STAR_MIN = (
     32  # pixel: with less, a faint star's stamp loses 1% of its light; noise hides that star by star, not on average
 )
 REACH_MAX = 2048  # pixel
-WING_MIN = 1.5  # boxes: a wing ends in a taper over its last quarter, which must not begin inside the square box
-WING_MAX = 16384  # pixel: from anywhere within REACH_MAX of a chip to its far corner
 B_1, B_4 = 1.678347, 7.669249  # Sersic b_n: half the light within the half-light radius (Ciotti & Bertin 1999)
 _WING_SAFETY = 4.0
 _HIDDEN = 0.1  # part of the noise that lost light may reach

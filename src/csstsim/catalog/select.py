@@ -21,8 +21,6 @@ from csstsim.catalog.reach import (
     POINT_MIN,
     REACH_MAX,
     STAR_MIN,
-    WING_MAX,
-    WING_MIN,
     galaxy_radius,
     point_reach,
     wing_reach,
@@ -112,14 +110,13 @@ def select_objects(
     exptime in s; noise: Noise; rotated: turn intrinsic ellipticities by 90 degrees (the paper's twin campaign, in
     which nothing else differs); beyond: optics.beyond.Beyond or None; box: half the side of the stored PSF [pixel];
     disperser: optics.dispersion.Disperser of a spectroscopic chip, whose light lands elsewhere, or None.
-    ra, dec become the apparent direction. Added:
-    ra_orig, dec_orig (the catalogue's, J2000), ra_epoch, dec_epoch (ICRS at the epoch, what a measurement can know),
-    x, y (0-based pixel), mag (this filter), flux0..3 (electron / s, magnified), reach (pixel, half the side of the
-    stamp), lost (fraction of a galaxy's light that may lie beyond it), wing (pixel, radius of the light beyond the
-    PSF's box; 0: noise hides it), flags. mag_* are as observed, magnification included. Rows with a value that cannot
-    be used are kept, dark and flagged, if they lie on the window or nobody knows where they lie. Behind a grating x, y
-    is where light would fall without it, flux0..3 and mag are those of the first order, and a column `catalog_row`
-    says where to find the spectrum (catalog.spectra).
+    ra, dec become the apparent direction. Added: ra_orig, dec_orig (the catalogue's, J2000), ra_epoch, dec_epoch (ICRS
+    at the epoch, what a measurement can know), x, y (0-based pixel), mag (this filter), flux0..3 (electron / s,
+    magnified), reach (pixel, half the side of the stamp), lost (fraction of a galaxy's light that may lie beyond it),
+    wing (pixel, radius at which noise hides the light beyond the PSF's box; 0: it hides all of it), flags. mag_* are as
+    observed, magnification included. Rows with a value that cannot be used are kept, dark and flagged, if they lie on
+    the window or nobody knows where they lie. Behind a grating x, y is where light would fall without it, flux0..3 and
+    mag are those of the first order, and a column `catalog_row` says where to find the spectrum (catalog.spectra).
     `meta` gets `dropped` (counts by reason) and `truth_hash`.
     """
     everything = catalog.table
@@ -212,9 +209,9 @@ def _extent(table, bad, electrons, variance, beyond, box, chip, filter, telescop
     beyond_px, ghosts = _beyond(beyond, electrons, variance, chip)
     extended = (table["obj_type"] == GALAXY) & ~bad
     reach, lost = _reach(table, extended, electrons, variance, beyond_px, box, filter, telescope)
-    truncated = (reach > REACH_MAX) | (beyond_px > WING_MAX)
+    truncated = reach > REACH_MAX
     reach = np.ceil(np.minimum(reach, REACH_MAX)).astype(np.int32)
-    wing = np.where(beyond_px > box, np.clip(beyond_px, WING_MIN * box, WING_MAX), 0.0)
+    wing = np.where(beyond_px > box, beyond_px, 0.0)
     return reach, lost, wing, ghosts, truncated
 
 

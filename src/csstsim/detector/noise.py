@@ -1,4 +1,4 @@
-"""Shot noise, readout noise and losses of counted electrons in pixels (paper, Appendix B, items 1 to 3, 5 and 13).
+"""Shot noise and readout noise in pixels (paper, Appendix B, items 5 and 13).
 
 The numbers of a frame are those of its pixels (csstsim.detector.poisson, normal) and of one key: they do not depend on
 the frame's height, on the order of work or on threads. A frame that is part of another has numbers of its own.
@@ -75,33 +75,3 @@ def _add_gaussian(image, sigma, key, start, step):
         normal_row(key, y, 0, halves, noise, start, step)
         for x in range(width):
             image[y, x] += sigma * noise[x]
-
-
-def thin(counted, weight, maximum, rng):
-    """Keep each counted electron with probability weight / maximum, in place: what a loss does to Poisson numbers.
-
-    `counted` int32 (ny, nx), drawn from `maximum` times the light there would be without the loss; `weight` float32
-    (ny, nx), 0 to `maximum`. Poisson numbers stay Poisson: mean = variance. Cost goes with the electrons lost.
-    Raises ValueError, before any draw, for weights outside their range.
-    """
-    low, high = float(np.min(weight)), float(np.max(weight))
-    if not 0 <= low <= high <= maximum < np.inf:
-        raise ValueError(f"weights from {low} to {high} are not within 0 to their maximum, {maximum}")
-    if low < maximum:
-        _thin(counted, weight, 1.0 / maximum, 1.0 - low / maximum, rng)
-
-
-@numba.njit(cache=True)
-def _thin(counted, weight, scale, most, rng):
-    """A share `most` of the electrons are candidates, geometric gaps apart; (1 - weight scale) / most of them go."""
-    per_gap = 1.0 / np.log1p(-most)  # -0 if every electron is a candidate
-    gap = int(np.log(1.0 - rng.random()) * per_gap)
-    for row in range(counted.shape[0]):
-        for column in range(counted.shape[1]):
-            left = counted[row, column]
-            while gap < left:
-                left -= gap + 1
-                if rng.random() * most < 1.0 - weight[row, column] * scale:
-                    counted[row, column] -= 1
-                gap = int(np.log(1.0 - rng.random()) * per_gap)
-            gap -= left

@@ -51,7 +51,7 @@ def order_wing(wing_px, share, half):
     0: it hides all of it. half: side of the PSF's box [px].
     """
     reach = wing_px * np.cbrt(min(share, 1.0))
-    return reach if reach > 1.5 * half else 0.0
+    return reach if reach > half else 0.0
 
 
 def add_line(image, response, window, places, flux, inside, drawn, wing, wing_px, half, meshes, side=WHOLE):
