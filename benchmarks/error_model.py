@@ -63,12 +63,10 @@ def bright(setting, numbers):
         seen = errors(image, wanted, setting.variance, electrons, drawn, box=box)[0][-1]
         bound = predicted("stamp", case.scene, case.row["reach"], snr, numbers, setting.psf.oversampling)[0]
         found.setdefault((electrons, bulge), []).append(bound / seen)
-        print(
-            f'{electrons:.0e} e-, bulge {bulge}, {size}", |e| {e}: S/N {snr[0]:.0f}, seen {seen:.3f}, bound {bound:.3f}'
-        )
-    for (electrons, bulge), ratio in sorted(found.items()):
         about = f'{electrons:.0e} e-, bulge {bulge}, {size}", |e| {e}: S/N {snr[0]:.0f}'
         print(f"{about}, seen {seen:.3f}, bound {bound:.3f}")
+    for (electrons, bulge), ratio in sorted(found.items()):
+        print(f"{electrons:.0e} e-, bulge {bulge}: bound over visible error {min(ratio):.2f} to {max(ratio):.2f}")
 
 
 def columns(rows, method, numbers, cells):
