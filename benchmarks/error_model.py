@@ -1,6 +1,7 @@
 """The error model behind the policy (render/error_model.py): fitted on one sample of objects, tested on a fresh one.
 
     python benchmarks/error_model.py [--objects 160] [--filter r] [--output results/bench]
+    python benchmarks/error_model.py --bright       # bound over visible error of bright galaxies, drawn as stamps
 
 Truth is the reference renderer on the same PSF set, its stamp wide enough for anything (bench.methods.standard). The
 coefficients of stamps are 97% quantiles (regression, none negative) of visible error / S/N; photons are drawn from the
@@ -11,11 +12,12 @@ objects squared error over squared bound must be below 1.
 """
 
 import argparse
+from itertools import product
 
 import numpy as np
 from scipy.optimize import linprog
 
-from csstsim.bench.cases import make_cases
+from csstsim.bench.cases import BULGE_MAX, make_case, make_cases
 from csstsim.bench.measures import errors
 from csstsim.bench.methods import METHODS, standard
 from csstsim.bench.setting import make_setting
@@ -23,6 +25,7 @@ from csstsim.bench.sweep import measured
 from csstsim.render.error_model import TERMS, predicted, terms
 from csstsim.render.numbers import load_numbers
 from csstsim.render.policy import noise
+from csstsim.rng import stream
 
 QUANTILE = 0.97
 ELECTRONS, SECONDS = 2e7, 0.3
@@ -44,6 +47,26 @@ def sample(setting, count, seed):
             seen[name] = value[-1] / snr, chance[-1] / snr
         rows.append((case, snr, seen))
     return rows
+
+
+def bright(setting, numbers):
+    """Print, for each number of electrons and profile, S/N and the range of bound over visible error of stamps."""
+    rng, stamps = stream(3, "bright"), next(m for m in METHODS if m.name == NAMES["stamp"])
+    box, found = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling, {}
+    shapes = product((0.1, 0.3, 0.6, 1.0, 2.0), (0.0, 1.0), (0.0, 0.5), (1e6, 3e7, 2e8))
+    for i, (size, bulge, e, electrons) in enumerate(shapes):
+        if size > BULGE_MAX and bulge:
+            continue
+        case = make_case(setting, rng, 2 * i, electrons, bulge, size, e)
+        snr = electrons / noise(case.scene, np.array([electrons]), setting.variance)
+        wanted, (image, _, drawn) = standard(setting, case) / electrons, measured(stamps, setting, case, 0.0, 0.0)
+        seen = errors(image, wanted, setting.variance, electrons, drawn, box=box)[0][-1]
+        bound = predicted("stamp", case.scene, case.row["reach"], snr, numbers, setting.psf.oversampling)[0]
+        found.setdefault((electrons, bulge), []).append(bound / seen)
+        about = f'{electrons:.0e} e-, bulge {bulge}, {size}", |e| {e}: S/N {snr[0]:.0f}'
+        print(f"{about}, seen {seen:.3f}, bound {bound:.3f}")
+    for (electrons, bulge), ratio in sorted(found.items()):
+        print(f"{electrons:.0e} e-, bulge {bulge}: bound over visible error {min(ratio):.2f} to {max(ratio):.2f}")
 
 
 def columns(rows, method, numbers, cells):
@@ -69,8 +92,11 @@ def main():
     parser.add_argument("--objects", type=int, default=160, help="in each sample, half of them stars")
     parser.add_argument("--output", default="results/bench", help="folder of the PSF set, as of csstsim bench")
     parser.add_argument("--filter", default="r", help="imaging filter")
+    parser.add_argument("--bright", action="store_true", help="bright galaxies instead")
     args = parser.parse_args()
     setting, numbers = make_setting(args.output, args.filter), load_numbers().error
+    if args.bright:
+        return bright(setting, numbers)
     cells = setting.psf.oversampling
     x, _, seen, _, star = columns(sample(setting, args.objects, 11), "stamp", numbers, cells)
     whole = star & (x[:, 0] == x[star, 0].min())  # stars whose stamp is the box

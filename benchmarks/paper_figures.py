@@ -17,7 +17,7 @@ from csstsim.analysis import truth_of
 from csstsim.bricks import compare
 from csstsim.bricks.colour_panel import colours
 from csstsim.bricks.style import BLACK, BLUE, ORANGE
-from csstsim.bricks.trials import joined, limit, nearest, trials
+from csstsim.bricks.trials import joined, limit, matched, trials
 from csstsim.bricks.validate import Frame, distinct, usable
 from csstsim.campaign import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
@@ -32,7 +32,7 @@ def frames_of(run):
     for job in run.imaging_jobs:
         frame = Frame(truth_of(run, job), ObjectTable.read(run.paths.measure(*job.key)), run.camera.detector.channel_ny)
         truth = usable(frame)
-        row = nearest(truth, frame.measured)
+        row = matched(truth, frame.measured)
         galaxy = truth["obj_type"] == GALAXY
         mag = np.where(galaxy, frame.measured["mag_kron"][row], frame.measured["mag_psf"][row])
         saturated = (frame.measured["flags"][row] & compare.SATURATED) != 0

@@ -5,11 +5,10 @@ from itertools import pairwise
 
 import numpy as np
 from matplotlib.figure import Figure
-from scipy.spatial import cKDTree
 
 from csstsim.atomic import atomic_path
-from csstsim.bricks.compare import PIXEL, half_light, spread
-from csstsim.bricks.trials import MATCH_PX, joined, trials
+from csstsim.bricks.compare import spread
+from csstsim.bricks.trials import joined, matched, trials
 from csstsim.bricks.validate import EDGE, Frame
 
 CODES = "csstsim", "source-extractor"
@@ -47,16 +46,14 @@ class Code:
 
 
 def detections(frame):
-    """Return (S/N it says, whether a true object is within reach), of each detection well inside the frame."""
+    """Return (S/N it says, whether it is a true object's), of each detection well inside the frame."""
     truth, table, (x0, x1, y0, y1) = frame.truth, frame.measured, frame.info["window"]
     inside = (table["x"] > x0 + EDGE) & (table["x"] < x1 - EDGE)
     table = table.take(inside & (table["y"] > y0 + EDGE) & (table["y"] < y1 - EDGE))
     real = np.zeros(len(table), bool)
     if len(table):
-        tree = cKDTree(np.column_stack([table["x"], table["y"]]))
-        reach = np.maximum(MATCH_PX, 0.5 * half_light(truth) / PIXEL)
-        near = tree.query_ball_point(np.column_stack([truth["x"], truth["y"]]), reach)
-        real[np.concatenate([np.zeros(0), *near]).astype(int)] = True
+        row = matched(truth, table)
+        real[row[row >= 0]] = True
     return table["snr"], real
 
 

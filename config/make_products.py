@@ -68,7 +68,9 @@ $flags
 $orders
 ## Truth bricks
 
-`truth/Norder=8/Dir=.../Npix=....parquet`; also what a catalogue of your own may give. Bricks have besides `sed_scale`,
+`truth/dataset/Norder=8/Dir=.../Npix=....parquet`; also what a catalogue of your own may give. `csstsim report` writes
+the files that make `truth/` a HATS catalogue, of all bricks (`lsdb.open_catalog("results/demo/truth")`). A brick's
+rows are stars, galaxies, then quasars. Bricks have besides `sed_scale`,
 `coeff0` ... `coeff19` (spectra) and `_healpix_29`.
 
 $bricks

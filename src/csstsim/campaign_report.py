@@ -19,7 +19,7 @@ THUMBNAILS = 30  # chips in the focal plane, but always a whole exposure
 
 
 def report(run):
-    """Write report/index.html and verdict.json of a campaign, and what makes its merged bricks a HATS catalogue.
+    """Write report/index.html and verdict.json of a campaign, and what makes HATS catalogues of its bricks.
 
     Prints the gates; returns the verdict (bricks.verdict).
 
@@ -57,6 +57,9 @@ def report(run):
     verdicts.write_verdict(page.with_name("verdict.json"), verdict, campaign=run.config.name, csstsim=__version__)
     if merged:
         write_catalogue(run.paths.merge_catalogue, run.config.name, merged)
+    sky = {pix: run.paths.truth(pix) for job in science for pix in run.truth_bricks(job)} if run.embedded else {}
+    if sky and all(path.is_file() for path in sky.values()):  # they may be removed when the campaign is done
+        write_catalogue(run.paths.truth_catalogue, f"{run.config.name} truth", sky)
     print("\n".join([*verdicts.lines(verdict), str(page)]))
     return verdict
 

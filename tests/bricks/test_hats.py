@@ -8,12 +8,15 @@ import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 import pytest
 from measured_table import table
+from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.bricks.hats import write_catalogue
 from csstsim.bricks.merge import merge_brick, write_merged
+from csstsim.campaign import OpenCampaign
 from csstsim.errors import InputError
 from csstsim.io.paths import Paths
 from csstsim.rng import stream
+from csstsim.universe.bricks import read_brick, write_brick
 
 
 @pytest.fixture
@@ -78,3 +81,27 @@ def test_a_missing_or_damaged_brick_is_one_clear_line(catalogue):
     for path in (bricks[0], paths.merge(1)):
         with pytest.raises(InputError, match=path.name):
             write_catalogue(paths.merge_catalogue, "demo", {0: path})
+
+
+def test_truth_bricks_are_a_catalogue_too(tmp_path):
+    """Bricks as the universe writes them, and the table `hats` and the report's files need: every row, one schema."""
+    run = OpenCampaign(write_campaign(tmp_path, POINTINGS[:1]))
+    paths = Paths(tmp_path / "sky")
+    bricks = {pix: paths.truth(pix) for pix in (550615, 7)}
+    for pix, path in bricks.items():
+        write_brick(path, pix, **run.universe_key())
+    write_catalogue(paths.truth_catalogue, "sky truth", bricks)
+    whole = ds.dataset(paths.truth_catalogue / "dataset", partitioning="hive").to_table()
+    about = dict(
+        line.split("=", 1) for line in (paths.truth_catalogue / "hats.properties").read_text().splitlines()[1:]
+    )
+    assert whole.num_rows == int(about["hats_nrows"]) == sum(len(read_brick(path)) for path in bricks.values())
+    assert set(whole["_healpix_29"].to_numpy() >> 42) == {7, 550615}
+    assert (paths.truth_catalogue / "partition_info.csv").read_text().split() == ["Norder,Npix", "8,7", "8,550615"]
+    try:
+        from hats import read_hats
+        from hats.io.validation import is_valid_catalog
+    except ImportError:
+        return  # a peer reader, not a dependency
+    assert is_valid_catalog(paths.truth_catalogue, strict=True)
+    assert len(read_hats(paths.truth_catalogue).get_healpix_pixels()) == 2

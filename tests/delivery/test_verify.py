@@ -103,7 +103,7 @@ ONE = [
     (MERGED, spoil.lists("detection_number", 999), ["beyond the", "rows measured"], ALONE),
     (MERGED, spoil.lists("detection_chip", 8), ["10100000001_08, which is no frame"], ALONE),
     (MERGED, spoil.lists("detection_filter", "z"), ["are not in r"]),
-    ("merge/partition_info.csv", spoil.text("8,550615\n", ""), ["does not list the merged bricks"], ALONE),
+    ("merge/partition_info.csv", spoil.text("8,550615\n", ""), ["does not list the bricks"], ALONE),
     ("merge/hats.properties", spoil.text("hats_nrows=", "hats_nrows=9"), ["hats.properties counts 9"], ALONE),
     ("merge/dataset/_metadata", spoil.remove, ["missing (merged catalogue)"]),
     ("validate/550615.json", spoil.cut, ["JSON"]),
@@ -228,7 +228,7 @@ def test_a_partial_campaign_misses_what_it_has_not(tmp_path):
     assert missing == lines and sum("missing (truth brick)" in line for line in lines) == len(bricks) - 1
     assert sum("missing (Level-0)" in line for line in lines) == 1
     spoil.flip(run.paths.truth(bricks[0]))
-    assert next(line for line in faults(file) if "missing" not in line).startswith("truth/Norder=8/")
+    assert next(line for line in faults(file) if "missing" not in line).startswith("truth/dataset/Norder=8/")
 
 
 @pytest.mark.parametrize("make", [lambda p: p / "none.yaml", lambda p: p, lambda p: (p / "level0").mkdir() or p])

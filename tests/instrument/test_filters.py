@@ -1,12 +1,16 @@
 """Throughput, zero points and sub-bands against published statistics and independent photometry codes."""
 
 import os
+import re
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from mini import INSTRUMENT
 
+from csstsim.instrument.axe import sensitivity_file
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID, sample_curve
 
@@ -102,6 +106,64 @@ def test_curve_is_scipys_pchip():
     inside = GRID[(x[0] <= GRID) & (x[-1] >= GRID)]
     assert np.allclose(sample_curve(np.stack([x, y], 1), inside), PchipInterpolator(x, y)(inside), rtol=0, atol=1e-13)
     assert sample_curve(np.stack([x, y], 1), np.array([2000.0, 10999.0])).tolist() == [0.0, 0.0]
+
+
+def stated(steps, secants):
+    """The slopes that the words in the head of filters.yaml give, node by node."""
+    slopes = [0.0]
+    for (h1, h2), (s1, s2) in zip(pairwise(steps), pairwise(secants), strict=True):
+        slopes.append((3 * h1 + 3 * h2) / ((h1 + 2 * h2) / s1 + (2 * h1 + h2) / s2) if s1 * s2 > 0 else 0.0)
+    return [*slopes, 0.0]
+
+
+def read_me_code():
+    """The function `throughput` of config/instrument/README.md, which is the page docs/instrument.md."""
+    text = (INSTRUMENT / "README.md").read_text()
+    scope = {}
+    exec(re.search(r"```python\n(.*?)```", text, re.DOTALL)[1], scope)
+    return scope["throughput"]
+
+
+@pytest.mark.parametrize("band", [*TABLE_B, *GRATING_ZP])
+def test_a_stranger_rebuilds_the_curve_from_the_words(camera, band):
+    """From the head of filters.yaml, and from the page's lines."""
+    from scipy.interpolate import CubicHermiteSpline
+
+    ours = camera.filters[band].throughput
+    wave, theirs = read_me_code()(band, INSTRUMENT / "filters.yaml")
+    assert np.array_equal(wave, GRID) and np.abs(theirs - ours).max() < 1e-12
+    x, y = np.array(yaml.safe_load((INSTRUMENT / "filters.yaml").read_text())[band]["nodes"]["values"], float).T
+    inside = (x[0] <= GRID) & (x[-1] >= GRID)
+    by_words = CubicHermiteSpline(x, y, stated(np.diff(x), np.diff(y) / np.diff(x)))(GRID)
+    assert np.abs(np.where(inside, by_words, 0.0) - ours).max() < 1e-12
+    between = GRID[:-1] + 0.2
+    assert camera.filters[band].at(between) == pytest.approx(0.6 * ours[:-1] + 0.4 * ours[1:], abs=1e-12)
+
+
+def test_what_the_page_says_of_scipys_own_end_slopes(camera):
+    """1.0% of a band's light at most."""
+    from scipy.interpolate import PchipInterpolator
+
+    off = []
+    for band, entry in yaml.safe_load((INSTRUMENT / "filters.yaml").read_text()).items():
+        x, y = np.array(entry["nodes"]["values"], float).T
+        theirs = np.where((x[0] <= GRID) & (x[-1] >= GRID), PchipInterpolator(x, y)(GRID), 0.0)
+        off.append(abs(theirs.sum() / camera.filters[band].throughput.sum() - 1))
+    assert 0.0095 < max(off) < 0.0105
+
+
+@pytest.mark.parametrize("grating", GRATING_ZP)
+def test_a_gratings_first_order_is_every_tenth_sample(camera, grating):
+    """The sensitivity file, e-/s/A for a flux of 1 erg/s/cm2/A, over photons in the aperture; float32."""
+    from astropy.io import fits
+
+    table = fits.getdata(INSTRUMENT / "gratings" / sensitivity_file(grating, 1))
+    wave, theirs = read_me_code()(grating, INSTRUMENT / "filters.yaml")
+    at = np.searchsorted(wave, table["WAVELENGTH"].astype(float))
+    assert np.array_equal(wave[at], table["WAVELENGTH"]) and set(np.diff(at)) == {10}
+    assert theirs[: at[0] - 10].max() == theirs[at[-1] + 10 :].max() == 0.0
+    photons = 1e4 * camera.telescope.area_m2 * wave[at] * 1e-10 / (6.62607015e-34 * 299792458.0) * 1e-7
+    assert table["SENSITIVITY"] / photons == pytest.approx(theirs[at], rel=1e-6, abs=1e-12)
 
 
 def test_two_nodes_make_a_curve():

@@ -49,6 +49,37 @@ def test_rises_with_flux_from_nothing(method, index):
     assert (np.diff(values) > 0).all()
 
 
+# Visible errors of stamps of bright galaxies against the reference renderer: `benchmarks/error_model.py --bright`
+BRIGHT = [  # n, half-light radius [arcsec], S/N, smallest and largest of round and elongated
+    (1.0, 0.1, 5477, 5.61, 6.50), (1.0, 0.1, 14142, 29.5, 31.8), (1.0, 0.3, 5476, 7.76, 7.80),
+    (1.0, 0.3, 14142, 31.9, 32.0), (1.0, 0.6, 5474, 7.33, 10.9), (1.0, 0.6, 14141, 26.3, 34.7),
+    (1.0, 1.0, 5468, 7.84, 11.6), (1.0, 1.0, 14139, 27.5, 38.5), (4.0, 0.1, 5477, 12.0, 14.5),
+    (4.0, 0.1, 14142, 36.0, 45.4), (4.0, 0.3, 5476, 21.2, 31.2), (4.0, 0.3, 14142, 62.2, 85.3),
+    (4.0, 0.6, 5474, 30.0, 32.7), (4.0, 0.6, 14141, 81.4, 88.8), (4.0, 1.0, 5468, 28.5, 30.8),
+    (4.0, 1.0, 14139, 77.3, 83.3),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("index", "radius", "snr", "least", "most"), BRIGHT)
+def test_bright_galaxies_bound_is_what_is_seen_within_a_factor_of_three(index, radius, snr, least, most):
+    value = bound("stamp", scene([index], radius), float(snr), reach=100)[0]
+    assert most < value < 3.0 * least
+
+
+@pytest.mark.parametrize(("cells", "most"), [(4, 2e4), (2, 7e3)])
+@pytest.mark.parametrize("index", [1.0, 4.0])
+def test_the_far_parts_end_decides_no_method(cells, most, index):
+    """Without it each galaxy finds stamps good or not as with it: choices, and pixels, stay."""
+    snr, radius = (v.ravel() for v in np.meshgrid(np.geomspace(0.1, most, 400), np.geomspace(0.01, 3.0, 60)))
+    objects, reach = scene(np.full(snr.size, index), radius), np.full(snr.size, 64)
+    least = predicted("photons", objects, reach, snr, NUMBERS, cells)
+    good = [
+        predicted("stamp", objects, reach, snr, numbers, cells) <= np.maximum(0.1, 3.0 * least)
+        for numbers in (NUMBERS, NUMBERS.model_copy(update={"far": np.inf}))
+    ]
+    assert np.array_equal(*good) and (good[0].any() and (cells == 2 or not good[0].all()))
+
+
 @pytest.mark.parametrize("method", ["photons", "stamp"])
 def test_a_vanishing_galaxy_is_a_point_in_a_stamp_of_any_size(method):
     star = bound(method, scene([0.0], 0.0), 50.0, reach=10**9)

@@ -1,6 +1,6 @@
 rule truth:
     output:
-        f"{OUT}/truth/Norder=8/Dir={{dir}}/Npix={{pix}}.parquet",
+        f"{OUT}/truth/dataset/Norder=8/Dir={{dir}}/Npix={{pix}}.parquet",
     log:
         f"{OUT}/logs/truth/{{dir}}_{{pix}}.log",
     benchmark:

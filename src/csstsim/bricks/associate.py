@@ -11,6 +11,8 @@ seed. The work is linear in the number of detections, at a given density.
 import numba
 import numpy as np
 
+from csstsim.bricks.match import share_out
+
 ARCSEC = np.pi / 180.0 / 3600.0
 FLOOR = 0.010  # arcsec: residuals of the astrometry, months of a slow star's motion
 N_SIGMA = 5.0  # in two dimensions 4e-6 of the true pairs are further apart
@@ -42,30 +44,8 @@ def _share_out(pair, frame):
     """Return (detections, seeds) of those that find a place, likeliest first; a seed takes one of a frame."""
     detection, seed = pair
     _, slot = np.unique(seed * (frame.max(initial=0) + 1) + frame[detection], return_inverse=True)
-    taken, by = [detection[:0]], [seed[:0]]
-    while len(detection):
-        # Pairs are in order of likelihood: one that is the first of its detection and of its slot has no rival
-        row = np.arange(len(detection))
-        won = (_first(detection) == row) & (_first(slot) == row)
-        taken.append(detection[won])
-        by.append(seed[won])
-        rest = ~(_marked(detection, won) | _marked(slot, won))
-        detection, seed, slot = detection[rest], seed[rest], slot[rest]
-    return np.concatenate(taken), np.concatenate(by)
-
-
-def _first(number):
-    """Return for each row the first row that has its number."""
-    first = np.full(number.max() + 1, len(number))
-    np.minimum.at(first, number, np.arange(len(number)))
-    return first[number]
-
-
-def _marked(number, mark):
-    """Return a mask of the rows whose number any marked row has."""
-    some = np.zeros(number.max() + 1, bool)
-    some[number[mark]] = True
-    return some[number]
+    taken = share_out(detection, slot)
+    return detection[taken], seed[taken]
 
 
 def _agreeing(key, order, width, cell, seed, *place):

@@ -1,13 +1,14 @@
 """Merged sources against true objects: matches, purity, magnitudes, positions, colours (for `bricks.validate`).
 
 The S/N of a galaxy takes n_eff + 9 r_e^2 px: 8 pi h^2 of a face-on exponential disc, h = r_e / 1.678 (9.06 r_e^2 of a
-Gaussian). Places are compared at the epoch of observation (`ra_epoch`: ICRS, proper motion and parallax in it). Purity
-is the fraction of the merged sources with a true object, of any kind, within the match radius.
+Gaussian). Places are compared at the epoch of observation (`ra_epoch`: ICRS, proper motion and parallax in it), and
+matched one to one (bricks.match). Purity is the fraction of the merged sources that are a true object's, of any kind.
 """
 
 import numpy as np
 
 from csstsim.bricks.healpix import to_vectors
+from csstsim.bricks.match import one_to_one
 from csstsim.catalog.table import GALAXY
 
 SNR_MAX = 500.0  # brighter sources come near saturation
@@ -19,11 +20,9 @@ SATURATED = 4  # of the measured flags (measure.catalogue)
 
 
 def match(truth, sources):
-    """Return the row of the nearest merged source of each true object, -1 without one within the match radius."""
-    if len(truth) == 0 or len(sources) == 0:
-        return np.full(len(truth), -1)
-    distance, row = tree(sources).query(to_vectors(truth["ra_epoch"], truth["dec_epoch"]))
-    return np.where(distance < np.radians(reach(truth) / 3600.0), row, -1)
+    """Return the row of the merged source that is each true object's (bricks.match), -1 without one within reach."""
+    places, others = (to_vectors(truth["ra_epoch"], truth["dec_epoch"]), to_vectors(sources["ra"], sources["dec"]))
+    return one_to_one(places, others, np.radians(reach(truth) / 3600.0))
 
 
 def half_light(truth):
@@ -45,23 +44,14 @@ def reach(truth):
     return np.maximum(MATCH_ARCSEC, 0.5 * (truth["half_light"] if "half_light" in truth else half_light(truth)))
 
 
-def tree(sources):
-    """Return a scipy cKDTree of the places of merged sources."""
-    from scipy.spatial import cKDTree
+def real(truth, sources):
+    """Return the rows of the merged sources that are a true object's.
 
-    return cKDTree(to_vectors(sources["ra"], sources["dec"]))
-
-
-def near(tree, truth):
-    """Return the rows of the merged sources in `tree` that have one of the true objects within the match radius.
-
-    A source is real if a frame has one: objects fainter than the campaign's limit do not exist in the scene, so all
-    light has a true object.
+    A source is real if it is so in a frame: objects fainter than the campaign's limit do not exist in the scene, so all
+    light has a true object. Of two sources made of one object's light one is real.
     """
-    if tree.n == 0 or len(truth) == 0:
-        return np.zeros(0, int)
-    places = to_vectors(truth["ra_epoch"], truth["dec_epoch"])
-    return np.concatenate(tree.query_ball_point(places, np.radians(reach(truth) / 3600.0))).astype(int)
+    row = match(truth, sources)
+    return row[row >= 0]
 
 
 def magnitudes(band, truth, sources, match, infos):

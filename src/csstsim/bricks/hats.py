@@ -1,4 +1,4 @@
-"""What makes the folder of merged bricks a HATS catalogue, which `hats` and `lsdb` open: the files about all of them.
+"""What makes a folder of bricks, merged or true, a HATS catalogue that `hats` and `lsdb` open: the files about all.
 
 hats.properties  partition_info.csv  dataset/_metadata _common_metadata Norder=8/Dir=D/Npix=P.parquet
 """
@@ -9,6 +9,7 @@ from csstsim.bricks.healpix import HATS_ORDER, NSIDE
 from csstsim.catalog.table import ObjectTable
 
 ORDER = 8
+ABOUT = "hats.properties", "partition_info.csv", "dataset/_metadata", "dataset/_common_metadata"
 STANDARD = {"hats_version": "v1.0", "hats_release_date": "2025-08-22"}  # of the layout's description
 
 

@@ -11,7 +11,7 @@ one orientation alone finds would be a selection by shape.
 import numpy as np
 
 from csstsim.bricks.gates import FEW
-from csstsim.bricks.trials import nearest
+from csstsim.bricks.trials import matched
 from csstsim.catalog.table import GALAXY
 
 RESOLVED = 0.3  # least resolution (1 - PSF size^2 / size^2)
@@ -24,7 +24,7 @@ CHANCE = 5.0  # sigma forgiven
 def shapes(frame, truth):
     """Return {object id: (g1, g2)} of the sound, resolved, lone galaxies of a validate.Frame; truth: usable rows."""
     truth = truth.take((truth["obj_type"] == GALAXY) & ~truth["blended"])
-    measured, row = frame.measured, nearest(truth, frame.measured)
+    measured, row = frame.measured, matched(truth, frame.measured)
     truth, row = truth.take(row >= 0), row[row >= 0]
     g = np.stack([measured["g1"][row], measured["g2"][row]], axis=1)
     good = (measured["snr"][row] > SNR_MIN) & (measured["resolution"][row] > RESOLVED)

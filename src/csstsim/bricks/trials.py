@@ -7,7 +7,8 @@ from the amplifier: the way in which charge transfer displaces; `transfers` the 
 
 import numpy as np
 
-from csstsim.bricks.compare import PIXEL, SATURATED, wider
+from csstsim.bricks.compare import PIXEL, SATURATED, half_light, wider
+from csstsim.bricks.match import one_to_one
 from csstsim.catalog.table import GALAXY, ObjectTable
 
 MATCH_PX = 2.5  # truth and detection in one frame
@@ -29,7 +30,7 @@ def trials(truth, frame):
     truth = truth.take(~truth["blended"])
     electrons, galaxy = truth["electrons"].astype(float), truth["obj_type"] == GALAXY
     area = frame.info["n_eff"] * wider(truth, frame.info["n_eff"])
-    row = nearest(truth, frame.measured)
+    row = matched(truth, frame.measured)
     found = row >= 0
     out = {
         "galaxy": galaxy, "snr": electrons / np.sqrt(electrons + area * frame.info["rms"] ** 2),
@@ -57,15 +58,10 @@ def trials(truth, frame):
     return ObjectTable(out)
 
 
-def nearest(truth, measured):
-    """Return the row of the detection nearest to each object, -1 without one within reach."""
-    from scipy.spatial import cKDTree
-
-    if len(truth) == 0 or len(measured) == 0:
-        return np.full(len(truth), -1)
-    tree = cKDTree(np.column_stack([measured["x"], measured["y"]]))
-    distance, row = tree.query(np.column_stack([truth["x"], truth["y"]]))
-    return np.where(distance < np.maximum(MATCH_PX, 0.5 * truth["half_light"] / PIXEL), row, -1)
+def matched(truth, measured):
+    """Return the row of the detection that is each object's (bricks.match), -1 without one within reach."""
+    places, others = (np.column_stack([table["x"], table["y"]]) for table in (truth, measured))
+    return one_to_one(places, others, np.maximum(MATCH_PX, 0.5 * half_light(truth) / PIXEL))
 
 
 def joined(tables):

@@ -61,9 +61,9 @@ def validate_brick(pix, sources, frames, config):
     astrometry (mas); gates (bricks.gates). `arrays` holds what bricks.figures draws.
     """
     tried, infos, depths, seen_in = ({band: [] for band in BANDS} for _ in range(4))
-    kept, real, tree = [], np.zeros(len(sources), bool), compare.tree(sources)
+    kept, real = [], np.zeros(len(sources), bool)
     for frame in frames:  # one at a time is in memory; of it what is on the brick is kept
-        real[compare.near(tree, frame.truth)] = True
+        real[compare.real(frame.truth, sources)] = True
         infos[frame.band].append(frame.info)
         depths[frame.band].append(frame.depth)
         truth = usable(frame)

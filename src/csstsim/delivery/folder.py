@@ -33,7 +33,8 @@ def of_folder(folder):
     merged = {int(m[1]) for path in _files(paths.merge_catalogue / "dataset") if (m := BRICK.fullmatch(path.name))}
     judged = {int(path.stem) for path in _files(paths.output / "validate") if NUMBER.fullmatch(path.stem)}
     listed = _listed(paths.merge_catalogue / "partition_info.csv")
-    truth = {int(m[1]) for path in _files(paths.output / "truth") if (m := BRICK.fullmatch(path.name))}
+    truth = {int(m[1]) for path in _files(paths.truth_catalogue) if (m := BRICK.fullmatch(path.name))}
+    truth |= _listed(paths.truth_catalogue / "partition_info.csv")
     masters = {int(m[1]) for path in _files(paths.output / "masters") if (m := MASTER.fullmatch(path.name))}
     odd = _odd(frames)
     return Contents(

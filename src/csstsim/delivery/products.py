@@ -5,8 +5,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
+from csstsim.bricks.hats import ABOUT
 from csstsim.delivery import frames, shared
-from csstsim.delivery.contents import NO, YES
+from csstsim.delivery.contents import MAYBE, NO, YES
 from csstsim.io.paths import COSMIC, ORDERS, TRUTH
 
 
@@ -68,6 +69,10 @@ def _inputs(contents):
         yield Product("PSF tables", tables, YES, partial(shared.psf_tables, tables, made, frame), (made,))
     for pix, record in contents.truth.items():
         yield Product("truth brick", paths.truth(pix), YES, partial(shared.truth_brick, paths.truth(pix), record))
+    for name in ABOUT if contents.truth else ():  # with the report, if all bricks were there
+        path = paths.truth_catalogue / name
+        check = partial(shared.partition, path, contents.truth) if path.suffix == ".csv" else None
+        yield Product("truth catalogue", path, MAYBE, check)
 
 
 def _bricks(contents, seen):

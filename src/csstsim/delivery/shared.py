@@ -105,9 +105,9 @@ def _links(table, frames, seen):
 
 
 def partition(path, bricks):
-    """Check the list of merged bricks in a HATS catalogue."""
+    """Check the list of bricks in a HATS catalogue."""
     if _read_text(path).split() != ["Norder,Npix", *(f"8,{pix}" for pix in sorted(bricks))]:
-        yield "does not list the merged bricks"
+        yield "does not list the bricks"
 
 
 def _read_text(path):

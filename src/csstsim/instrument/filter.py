@@ -1,8 +1,8 @@
 """Filters: end-to-end throughput, its four PSF sub-bands, and the photometry that follows from it.
 
-A curve is the monotone cubic (PCHIP: Fritsch & Butland 1984) through the nodes of filters.yaml, sampled over
-2000-11000 A in steps of 0.5 A. Throughput is electrons per photon entering the aperture: optics, filter or grating
-(1st order), quantum efficiency.
+A curve is the cubic of Hermite through the nodes of filters.yaml with the slopes of PCHIP (Fritsch & Butland 1984)
+within and a slope of 0 at both ends, sampled over 2000-11000 A in steps of 0.5 A. Throughput is electrons per photon
+entering the aperture: optics, filter or grating (1st order), quantum efficiency.
 
 Sub-bands split the integral of T dlambda into four equal parts (the paper, section 5.1, has four wavelengths a band;
 how they are chosen is ours). The PSF of each is computed at its mean wavelength weighted with T.
@@ -87,7 +87,10 @@ def _cumulative(y, x):
 
 
 def sample_curve(nodes, grid=GRID):
-    """Return the monotone cubic through `nodes`, (m, 2) of increasing (angstrom, T), on `grid`; zero outside them."""
+    """Return the monotone cubic with flat ends through `nodes`, (m, 2) of rising (angstrom, T), on `grid`.
+
+    Zero outside them.
+    """
     x, y = np.asarray(nodes, dtype=float).T
     slope = _pchip_slopes(x, y)
     k = np.clip(np.searchsorted(x, grid, side="right") - 1, 0, len(x) - 2)

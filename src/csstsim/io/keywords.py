@@ -10,8 +10,10 @@ from datetime import UTC, datetime
 from functools import cache
 
 import csstsim
+from csstsim.detector.channels import ReadoutFrame
 from csstsim.errors import InputError
 from csstsim.io.fits import card, remark
+from csstsim.io.sections import section_lists
 from csstsim.release import release
 from csstsim.shipped import ROOT
 from csstsim.units import EARTH_GM_KM3_S2, EARTH_RADIUS_KM
@@ -65,9 +67,9 @@ def header_cards(entries, values, hdu):
         if keyword == "HISTORY":
             cards += [remark("HISTORY", f" {line}") for line in value]
             continue
-        many = (
-            [(f"{keyword}{i + 1:02d}", v) for i, v in enumerate(value)] if entry.get("repeat") else [(keyword, value)]
-        )
+        many = [(keyword, value)]
+        if entry.get("repeat"):
+            many = [(f"{keyword}{i + 1:02d}", v) for i, v in enumerate(value) if v is not None]
         try:
             cards += [card(name, v, comment) for name, v in many]
         except ValueError as exc:
@@ -147,12 +149,15 @@ def _motion(y):
 
 def _detector(state, layout):
     detector, window = state.chip.detector, state.window
+    lists = section_lists(ReadoutFrame.of(detector, window), layout)
     return {
+        "data_section": lists["DATASEC"], "trim_section": lists["TRIMSEC"], "bias_section": lists["BIASSEC"],
+        "chip_section": lists["DETSEC"],
         "chip_label": state.chip.label, "filter": state.chip.filter, "layout": layout,
         "extensions": 1 if state.mask is None else 2,
         "temperature": detector.temperature, "readout_time": detector.readout_time, "adc_max": detector.adc_max,
         "pixel_scale": state.telescope.pixel_scale, "pixel_um": detector.pixel_um,
-        "detector_size": f"{detector.nx} x {detector.ny}", "channels": detector.channels_x * detector.channels_y,
+        "detector_size": f"[1:{detector.nx},1:{detector.ny}]", "channels": detector.channels_x * detector.channels_y,
         "prescan": detector.prescan, "overscan": detector.overscan, "parallel_overscan": detector.parallel_overscan,
         "window_x_first": window.x0 + 1, "window_x_last": window.x1,
         "window_y_first": window.y0 + 1, "window_y_last": window.y1,

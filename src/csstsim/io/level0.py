@@ -6,9 +6,11 @@ whole detector: pixels outside a windowed readout are 0 and READX0..READY1 state
 level0_keywords.yaml. The world coordinates without letter belong to the assembled active frame (9216 x 9232);
 those with letters A, B, ... are the same for the stored pixels of channels 1, 2, ... All are linear: where the primary
 header's FLDDIST is T, light lies up to 200 px beside them. quantization_and_output's `sip` writes the first with the
-distortion in it, and no letters.
+distortion in it, and no letters. Where each channel's pixels lie: io.sections; each as an extension of its own, with
+its own WCS: Level0.extensions.
 """
 
+import re
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -31,6 +33,7 @@ from csstsim.io.fits import (
     write_hdus,
 )
 from csstsim.io.level0_cards import level0_cards, mask_cards
+from csstsim.io.sections import stored_slices
 
 # The keywords of IMAGE that reading needs; level0_keywords.yaml must keep them.
 REQUIRED = (
@@ -39,6 +42,7 @@ REQUIRED = (
 # ... and those of HDU 0 that make ICRS places of apparent ones.
 STATE = ("EXPSTART", "POSI0_X", "POSI0_Y", "POSI0_Z", "VELO0_X", "VELO0_Y", "VELO0_Z")
 EPHEMERIS = ("EPHEM", "LDPLANET")
+_SIZE = re.compile(r"(?:\[1:)?(\d+)(?:,1:| x )(\d+)\]?")  # also as files before the sections had it: 9216 x 9232
 
 
 def write_level0(path, state, keywords, provenance, layout=None):
@@ -185,11 +189,19 @@ class Level0:
 
     def _region(self, block, region):
         """Return a region of a block (contiguous on the chip) from disk."""
-        rows, cols = self.readout.rows[region[0]], self.readout.cols[region[1]]
-        mosaic = tuple(slice(int(i[0]), int(i[-1]) + 1) if i.size else slice(0, 0) for i in (rows, cols))
-        if not (rows.size and cols.size):
-            return np.zeros((rows.size, cols.size), np.uint16)
-        return _unsigned(self._stored[self.readout.stored_region(block, mosaic, self.layout)])
+        shape = tuple(part.stop - part.start for part in region)
+        if not all(shape):
+            return np.zeros(shape, np.uint16)
+        return _unsigned(self._stored[stored_slices(self.readout, block, region, self.layout)])
+
+    def extensions(self):
+        """Return an astropy HDUList with an extension a channel that was read, as ds9 and ccdproc take a mosaic.
+
+        io.level0_extensions says what is in them; `.writeto(path)` makes a file.
+        """
+        from csstsim.io.level0_extensions import extensions
+
+        return extensions(self)
 
 
 def _unsigned(stored):
@@ -222,11 +234,11 @@ def read_level0(path, verify=False):
         raise InputError("unknown layout", file=path, key="LAYOUT", value=layout, allowed=", ".join(LAYOUTS))
     try:
         readout = _readout(header)
-        shape = (header["NAXIS2"], header["NAXIS1"])
+        shape, wanted = (header["NAXIS2"], header["NAXIS1"]), readout.stored_shape(layout)
     except (AttributeError, KeyError, TypeError, ValueError) as exc:
         raise InputError(f"the header's geometry does not hold together: {exc}", file=path) from None
-    if header["BITPIX"] != 16 or shape != readout.stored_shape(layout):
-        allowed = f"BITPIX 16 and {readout.stored_shape(layout)}"
+    if header["BITPIX"] != 16 or shape != wanted:
+        allowed = f"BITPIX 16 and {wanted}"
         raise InputError(
             "not the pixels that the header describes", file=path, value=(header["BITPIX"], shape), allowed=allowed
         )
@@ -234,7 +246,7 @@ def read_level0(path, verify=False):
 
 
 def _readout(header):
-    nx, ny = (int(n) for n in header["DETSIZE"].split("x"))
+    nx, ny = (int(n) for n in _SIZE.fullmatch(header["DETSIZE"]).groups())
     channels_x = header["NCHAN"] // 2
     return ReadoutFrame(
         window=(header["READX0"] - 1, header["READX1"], header["READY0"] - 1, header["READY1"]),

@@ -36,14 +36,16 @@ def wcs_cards(wcs, frame, layout, sip=False):
     ]
     if sip and wcs.distortion:
         cards.append(remark("COMMENT", " Field distortion is in this WCS, as SIP polynomials"))
-        return cards + [card(key, value) for key, value in sip_header(wcs).items()]
+        whole_frame = sip_header(wcs) | {"WCSNAME": "assembled frame"}
+        return cards + [card(key, value) for key, value in whole_frame.items()]
     if wcs.distortion:
         cards.append(remark("COMMENT", " Field distortion is in the image, but not in this linear WCS"))
     linear = wcs.header()
-    cards += [card(key, value) for key, value in linear.items()]
+    cards += [card(key, value) for key, value in linear.items()] + [card("WCSNAME", "assembled frame")]
     for block in whole.blocks:
         cards.append(remark("COMMENT", f" WCS {_letter(block)}: the stored pixels of channel {block.channel}"))
         cards += [card(key + _letter(block), value) for key, value in channel_wcs(linear, whole, block, layout).items()]
+        cards.append(card("WCSNAME" + _letter(block), f"channel {block.channel}"))
     return cards
 
 

@@ -1,6 +1,6 @@
 """Where each product of a campaign lies: the one place that knows (the CLI and the workflow both ask here).
 
-    truth/Norder=8/Dir=D/Npix=P.parquet         psf/chip_08.h5 chip_08_tables.h5
+    truth/dataset/Norder=8/Dir=D/Npix=P.parquet  truth/hats.properties  psf/chip_08.h5 chip_08_tables.h5
     chips/{obsid}_{chip}/select.parquet render.fits drawn.parquet orders.parquet readout.fits
     level0/{obsid}/{stem}.fits {stem}.truth.parquet {stem}.orders.parquet {stem}.cosmic.fits
     masters/chip_08.fits  calibrated/{obsid}_{chip}.fits  measure/{obsid}_{chip}.parquet  spectra/{obsid}_{chip}.parquet
@@ -8,7 +8,7 @@
     report/index.html verdict.json
 
 chips/ holds what a chip's stages hand on; it may lie elsewhere (`scratch`), on a node's own disk.
-Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256); bricks.hats makes merge/ a catalogue.
+Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256), of which bricks.hats makes catalogues.
 """
 
 import re
@@ -43,7 +43,12 @@ class Paths:
 
     def truth(self, pix):
         """Bricks of the embedded truth, HATS parquet; pix: NSIDE 256, nested."""
-        return self._hats("truth", pix)
+        return self._hats("truth/dataset", pix)
+
+    @property
+    def truth_catalogue(self):
+        """The folder of the truth bricks and of the files about all of them."""
+        return self.output / "truth"
 
     def merge(self, pix):
         """A merged brick's table of sources, HATS parquet; pix: NSIDE 256, nested."""

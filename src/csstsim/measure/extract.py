@@ -5,12 +5,11 @@ Wavelengths are those of the pixel columns themselves, lambda(X) = (X - x - p) /
 electrons of a pixel less those of others (measure.spectral_model) and the sky (measure.local_sky), P the share of the
 object's light there (measure.line_profile), V its variance and W a weight,
 
-    e(X) = sum W d / sum W (P - P_sky),     W = overlap with the aperture (box),  W = P / V (optimal)
+    e(X) = sum W d / sum W P,     W = overlap with the aperture (box),  W = P / V (optimal)
 
 over the pixels that can be used. The denominator is the aperture correction: it makes e all of the light, whatever is
-missing (edges, defects) and whatever far light of the object the sky strips took away (P_sky). Pixels that are more
-than REJECT sigma off the fit are taken out one by one (cosmic rays). Flux is e over what a spectrum of 1 photon / s /
-m2 / angstrom leaves in the same column, the line profile included.
+missing (edges, defects). Pixels that are more than REJECT sigma off the fit are taken out one by one (cosmic rays).
+Flux is e over what a spectrum of 1 photon / s / m2 / angstrom leaves in the same column, the line profile included.
 Left out: the PSF's change along the trace, light of a trace beyond the ends of another's order, tilted lines of tilted
 galaxies (the box sums them; the optimal weights may reject some of a strong one).
 """
@@ -24,7 +23,7 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.measure.line_profile import ACROSS, ALONG, OFFSETS, between, broadened, mixed, psf_profile
-from csstsim.measure.local_sky import local_sky
+from csstsim.measure.local_sky import sky_less_own
 from csstsim.measure.spectrum_columns import (
     COLUMNS,
     CONTAMINATED,
@@ -36,6 +35,7 @@ from csstsim.measure.spectrum_columns import (
     MASKED,
     SATURATED,
 )
+from csstsim.measure.spectrum_trust import untrusted
 from csstsim.units import C_A_S, H_J_S
 
 APERTURE_LIGHT = 0.9  # of the light in the aperture's rows
@@ -160,6 +160,7 @@ def _extract_one(frame, one, sources, model, psf, wing):
     found = _measured(cutout, shares, half, frame.read_noise)
     if (found["flags"] & LOST).all():
         return None
+    found["flags"] |= untrusted(found, along)
     flat = model.electrons(one, columns, along, [1.0], GRID[[0, -1]])
     expected = np.full(len(columns), np.nan)
     if sources.spectra is not None:
@@ -226,8 +227,10 @@ def _measured(cutout, shares, half, read_noise):
     """Return {name: (n,)}: electrons, box, their errors, contamination, sky, flags."""
     others = np.zeros_like(cutout.data) if cutout.others is None else cutout.others
     data = cutout.data - others
-    sky = local_sky(data, cutout.good, cutout.offset, shares, half + GAP, STRIP)
     overlap = np.clip(np.minimum(cutout.offset + 0.5, half) - np.maximum(cutout.offset - 0.5, -half), 0.0, 1.0)
+    aperture = np.where(cutout.good, overlap, 0.0)
+    known = (aperture * shares).sum(axis=1) >= WHOLE * (overlap * shares).sum(axis=1)
+    sky = sky_less_own(data, cutout.good, cutout.offset, shares, aperture, known, half + GAP, STRIP)
     data -= sky.level[:, None]
     base = (np.maximum(sky.level[:, None] + others, 0.0) + read_noise**2 / cutout.response) / cutout.response
     good = cutout.good & (overlap > 0)
@@ -237,11 +240,11 @@ def _measured(cutout, shares, half, read_noise):
     whole = (used * overlap * shares).sum(axis=1) >= WHOLE * (overlap * shares).sum(axis=1)
     lost = ~whole | ~np.isfinite(sky.level)
     for name, weight in zip(("electrons", "box"), weights, strict=True):
-        total = (weight * (shares - sky.own[:, None])).sum(axis=1)
+        total = (weight * shares).sum(axis=1)
         total = np.where(lost | ~(total > 0), np.nan, total)
         out[name] = (weight * data).sum(axis=1) / total
         noise = (weight**2 * variance).sum(axis=1) + weight.sum(axis=1) ** 2 * sky.variance
-        out[f"{name}_err"] = np.sqrt(noise) / total
+        out[f"{name}_err"] = np.sqrt(noise) / (total - weight.sum(axis=1) * sky.own)
         if name == "electrons":
             out["contamination"] = (weight * others).sum(axis=1) / total
     out["flags"] |= np.where(lost, LOST, 0)

@@ -2,7 +2,7 @@
 
 The mean of the two sides is that of a sky sloping across the trace at the trace; between blocks it is linear. A side of
 which less than USABLE can be used (the window's edge, a saturated neighbour) is left out. The object's own far light is
-in the strips too: what share of it is returned beside the sky, for the extraction to allow for.
+in the strips too, and that of a bright column in the sky of dim ones: `sky_less_own` takes it out.
 """
 
 from dataclasses import dataclass
@@ -13,6 +13,7 @@ import numpy as np
 BLOCK = 48  # columns
 CLIP, ROUNDS = 4.0, 3  # robust sigma about the median
 USABLE = 0.25
+OWN_ROUNDS = 4  # of the object's own light in the strips, a few per cent, and of that of what is left
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +51,22 @@ def local_sky(data, good, offset, share, inner, width):
         return Sky(*np.full((3, n), np.nan))
     middle = 0.5 * (edges[1:] + edges[:-1] - 1)[there]
     return Sky(*(np.interp(np.arange(n), middle, values[there]) for values in found))
+
+
+def sky_less_own(data, good, offset, share, aperture, known, inner, width):
+    """Return the Sky, as `local_sky`, less the light of the object itself that lies in the strips.
+
+    The light that the aperture's pixels, weighted with `aperture` (as data), find with the sky so far is taken out of
+    the strips, and the sky found again. known (n,): columns of which it is; others have that between their neighbours.
+    """
+    light, column = np.zeros(len(data)), np.arange(len(data))
+    total = (aperture * share).sum(axis=1)[known]
+    for _ in range(OWN_ROUNDS):
+        sky = local_sky(data - light[:, None] * share, good, offset, share, inner, width)
+        if known.any() and np.isfinite(sky.level).all():
+            found = (aperture * (data - sky.level[:, None])).sum(axis=1)[known] / total
+            light = np.interp(column, column[known], found)
+    return sky
 
 
 def _kept(values):

@@ -6,7 +6,7 @@ import matplotlib
 import numpy as np
 
 from csstsim.catalog.table import STAR, TYPES
-from csstsim.measure.spectrum_columns import CONTAMINATED, CUT, DIM, LOST, SATURATED
+from csstsim.measure.spectrum_columns import BESIDE, CONTAMINATED, CUT, DIM, LOST, SATURATED, UNEVEN
 
 matplotlib.use("agg")
 from matplotlib import pyplot as plt
@@ -75,7 +75,7 @@ def title(truth, row):
 def usable(table, row, least=200):
     """Return the rows of one object's spectrum in a table of measure.extract; None: under `least` good columns."""
     mine = np.flatnonzero(table["row"] == row)
-    good = (table["flags"][mine] & (DIM | LOST | CUT | SATURATED | CONTAMINATED) == 0).sum()
+    good = (table["flags"][mine] & (DIM | LOST | CUT | SATURATED | CONTAMINATED | BESIDE | UNEVEN) == 0).sum()
     return mine if good >= least else None
 
 
@@ -120,7 +120,9 @@ def cutout_panel(axis, frame, orders, row, title, order=1):
     lines, those of others dashed; a zeroth order is a ring.
     """
     window = frame.window
-    k = int(np.flatnonzero((orders["row"] == row) & (orders["order"] == order))[0])
+    # of a bright object's two gratings, one has only light of its wing, without a trace
+    mine = np.flatnonzero((orders["row"] == row) & (orders["order"] == order))
+    k = int(mine[np.argmax(orders["drawn"][mine])])
     lit = np.array([orders["wave_min"][k], orders["wave_max"][k]])
     ends, height = _ends(orders, k, lit)
     x0, x1 = max(int(ends.min()) - 60, window.x0), min(int(ends.max()) + 60, window.x1)

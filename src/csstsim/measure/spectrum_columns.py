@@ -2,7 +2,7 @@
 
 import numpy as np
 
-MASKED, SATURATED, COSMIC, EDGE, DIM, CONTAMINATED, LOST, CUT = (1 << k for k in range(8))
+MASKED, SATURATED, COSMIC, EDGE, DIM, CONTAMINATED, LOST, CUT, BESIDE, UNEVEN = (1 << k for k in range(10))
 FLAGS = {
     MASKED: "a defect in the aperture, left out of the sums",
     SATURATED: "a saturated pixel in the aperture, left out",
@@ -12,6 +12,8 @@ FLAGS = {
     CONTAMINATED: "light of others is more than a tenth of the electrons",
     LOST: "less than half of the aperture's light can be used: no result",
     CUT: "the object lies at the edge of its grating's piece: part of its light goes elsewhere",
+    BESIDE: "3 columns or less from a saturated one (charge leaks along rows), 63 from one that is lost (its wings)",
+    UNEVEN: "wings from brighter columns, at the spectrum's ends and lines, may be off by more than the error",
 }
 COLUMNS = {
     "id": (np.int64, "the object"),

@@ -50,6 +50,7 @@ class Error(Model):
 
     size: float = Field(gt=0)
     bright: float = Field(gt=0)
+    far: float = Field(gt=0)
     psf: dict[Literal[2, 4], float] = Field(min_length=2, description="share of S/N, by cells of the PSF to a pixel")
     stamp: StampError
     slabs: dict[Literal[1, 2, 4, 8], float] = Field(

@@ -1,0 +1,47 @@
+"""One to one: each object to at most one other, those that suit each other best first.
+
+Every pair within reach is a candidate. Of the candidates in order of preference (of places: the closest first, ties in
+the order of rows) each is taken whose two members are still free. So a pair that is not taken has a member that
+sits in a pair of at least its preference, and the result does not hang on threads or on the order of a search.
+"""
+
+import numba
+import numpy as np
+
+
+def one_to_one(places, others, reach):
+    """Return for each place the row of the other that is its own, -1 without one, (n,) int.
+
+    places (n, d) and others (m, d) are points, reach (n,) the largest distance of each place's partner, in the same
+    unit. The time is that of the candidates: linear in n and m at a given density.
+    """
+    from scipy.spatial import cKDTree
+
+    row = np.full(len(places), -1)
+    if len(places) == 0 or len(others) == 0:
+        return row
+    near = cKDTree(others).query_ball_point(places, reach)
+    first = np.repeat(np.arange(len(places)), [len(rows) for rows in near])
+    second = np.concatenate([np.zeros(0, int), *filter(None, near)]).astype(int)
+    distance = np.linalg.norm(places[first] - others[second], axis=1)
+    order = np.lexsort((second, first, distance))
+    first, second = first[order], second[order]
+    taken = share_out(first, second)
+    row[first[taken]] = second[taken]
+    return row
+
+
+@numba.njit(cache=True)
+def share_out(first, second):
+    """Return a mask of the pairs (first[k], second[k]), best first, whose members no better pair that is taken has.
+
+    first and second (k,) are numbers from 0.
+    """
+    taken = np.zeros(len(first), np.bool_)
+    if len(first) > 0:
+        free_first, free_second = np.ones(first.max() + 1, np.bool_), np.ones(second.max() + 1, np.bool_)
+        for k in range(len(first)):
+            if free_first[first[k]] and free_second[second[k]]:
+                free_first[first[k]] = free_second[second[k]] = False
+                taken[k] = True
+    return taken

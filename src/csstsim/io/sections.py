@@ -1,0 +1,44 @@
+"""Where the pixels of a channel lie, as IRAF, ds9 and ccdproc have it: `[x0:x1,y0:y1]`, from 1, both ends included.
+
+DATASEC  the active pixels that were read, in the stored array; TRIMSEC is the same
+BIASSEC  the serial overscan beside them
+CCDSEC   where they lie on the chip
+DETSEC   the same, from high to low along an axis on which the stored pixels are mirrored
+"""
+
+
+def sections(readout, block, layout, first=0):
+    """Return {keyword: section} of a channel (detector.channels.Block of ReadoutFrame `readout`) in a stored layout.
+
+    first: the stored column that counts as the first. Without overscan there is no BIASSEC.
+    """
+    data = stored_slices(readout, block, block.active, layout)
+    bias = stored_slices(readout, block, block.serial_overscan, layout) if readout.overscan else None
+    x0, _, y0, _ = readout.window
+    chip = [slice(part.start + start, part.stop + start) for part, start in zip(block.image, (y0, x0), strict=True)]
+    found = {"DATASEC": _text(data, first), "TRIMSEC": _text(data, first)}
+    found |= {"BIASSEC": _text(bias, first)} if bias else {}
+    return found | {"CCDSEC": _text(chip), "DETSEC": _text(chip, turned=[part.step == -1 for part in data])}
+
+
+def section_lists(readout, layout):
+    """Return {keyword: [section of channel 1, 2, ...]}; None for a channel that was not read."""
+    found = {block.channel: sections(readout, block, layout) for block in readout.blocks}
+    names = "DATASEC", "TRIMSEC", "BIASSEC", "CCDSEC", "DETSEC"
+    return {name: [found.get(n, {}).get(name) for n in range(1, readout.n_channels + 1)] for name in names}
+
+
+def stored_slices(readout, block, region, layout):
+    """Return the slices of the stored array that hold a region of a block, contiguous on the chip and not empty."""
+    rows, cols = readout.rows[region[0]], readout.cols[region[1]]
+    mosaic = tuple(slice(int(index[0]), int(index[-1]) + 1) for index in (rows, cols))
+    return readout.stored_region(block, mosaic, layout)
+
+
+def _text(slices, first=0, turned=(False, False)):
+    spans = []
+    for part, turn, lead in zip(slices, turned, (0, first), strict=True):
+        start, end, step = part.indices(2**31)
+        low, high = sorted((start + 1 - lead, end - step + 1 - lead))
+        spans.append(f"{high}:{low}" if turn else f"{low}:{high}")
+    return f"[{spans[1]},{spans[0]}]"
