@@ -79,14 +79,14 @@ def test_every_product_has_the_bits_of_one_thread(folder, of_one_thread, names, 
 
 def test_each_stage_writes_its_products_on_one_thread(tmp_path, monkeypatch, several):
     """Seen from within, at each write: small campaigns have few sums that are long enough to be cut among threads."""
-    seen, flush = {}, atomic._flush
+    seen, flush, stage = {}, atomic._flush, None
 
     def noted(path):
         seen.setdefault(stage, set()).update(threads()[library] for library in several)
         flush(path)
 
-    monkeypatch.setattr(atomic, "_flush", noted)
     sky, lamps = all_products.science(tmp_path / "sky"), all_products.exposures(tmp_path / "lamps")
+    monkeypatch.setattr(atomic, "_flush", noted)
     with redirect_stdout(StringIO()):
         for stage, call in (*all_products.chain(sky), *all_products.calibration_chain(lamps)):
             call()

@@ -11,7 +11,7 @@ import threading
 from contextlib import ContextDecorator
 
 import numpy as np  # noqa: F401  its library must be there to be limited
-from threadpoolctl import threadpool_limits
+from threadpoolctl import OpenBLASController, threadpool_limits
 
 
 class _OneThread(ContextDecorator):
@@ -27,14 +27,26 @@ class _OneThread(ContextDecorator):
     def __enter__(self):
         with self._lock:
             if self._inside == 0:
-                self._limits = threadpool_limits(1)
+                self._limits = self._set(lambda: threadpool_limits(1))
             self._inside += 1
 
     def __exit__(self, *error):
         with self._lock:
             self._inside -= 1
             if self._inside == 0:
-                self._limits.restore_original_limits()
+                self._set(self._limits.restore_original_limits)
+
+    @staticmethod
+    def _set(change):
+        """Return change(), from whichever thread of Python: threadpoolctl else heeds the first that ever set a number.
+
+        A script that limits its libraries in the main thread and makes chips in others would not be limited here.
+        """
+        OpenBLASController.clear_controlling_thread(force=True)
+        try:
+            return change()
+        finally:
+            OpenBLASController.clear_controlling_thread(force=True)
 
 
 one_thread = _OneThread()
