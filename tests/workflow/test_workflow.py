@@ -85,7 +85,12 @@ FILES = {
 }
 
 
-@pytest.mark.parametrize("key", KEYS)
+# The others go the same ways, and tests/test_recipe.py has what those hand on
+QUICK = "catalog.lensing", "psf.grid", "fidelity", "measurement.cti_passes", "validation.snr_min"
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in (*KEYS, *FILES) if name not in QUICK]
+
+
+@pytest.mark.parametrize("key", [*QUICK, *(param for param in SLOW if param.values[0] in KEYS)])
 def test_what_a_changed_key_of_a_finished_campaign_makes_again(undisturbed, key):
     """Snakemake's own decision, by the parameters and inputs of each rule, and no rule more."""
     value, rules = KEYS[key]
@@ -95,7 +100,7 @@ def test_what_a_changed_key_of_a_finished_campaign_makes_again(undisturbed, key)
     assert planned_with(undisturbed, undisturbed, yaml.safe_dump(data)) == rules
 
 
-@pytest.mark.parametrize("file", FILES)
+@pytest.mark.parametrize("file", [param for param in SLOW if param.values[0] in FILES])
 def test_what_a_changed_file_of_a_finished_campaign_makes_again(undisturbed, file):
     path = undisturbed.parent / file
     old, new, rules = FILES[file]
