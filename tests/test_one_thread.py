@@ -14,6 +14,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from csstsim import atomic
+from csstsim.cli_group import SECTIONS
 from csstsim.one_thread import one_thread
 
 THREADS = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"
@@ -92,6 +93,11 @@ def test_each_stage_writes_its_products_on_one_thread(tmp_path, monkeypatch, sev
             call()
             assert threads() | several == threads(), f"{stage} keeps the threads of its caller"
     assert seen == {stage: {1} for stage in STAGES}
+
+
+def test_no_stage_is_left_out():
+    """A new one belongs into all_products.chain and into STAGES."""
+    assert {*SECTIONS["Stages of the workflow, one job each"], "chip", "report"} == STAGES
 
 
 def test_what_is_made_in_memory_is_made_on_one_thread(tmp_path, monkeypatch, several):
