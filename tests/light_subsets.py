@@ -32,14 +32,14 @@ OBSID = "10100000001"
 CHIPS = {"r": 9, "NUV": 7, "y": 6, "GV": 29}
 FIDELITIES = "standard", "noise_free", "preview", "reference"
 KINDS = {"star": {}, "disk": {"size": 0.3, "bulge_frac": 0.0}, "bulge": {"size": 0.2, "bulge_frac": 1.0}}
-COUNTS = {13.0: 1, 17.0: 2, 19.0: 6, 20.5: 12, 21.5: 30, 23.0: 60, 24.5: 120, 26.5: 300}  # objects, by magnitude
+COUNTS = {13.0: 1, 17.0: 2, 19.0: 4, 20.5: 8, 21.5: 20, 23.0: 40, 24.5: 80, 26.5: 160}  # objects, by magnitude
+SPECTRA = 20, 1  # objects at most behind a grating, and by the reference, which takes many seconds for each
 OPTIONS = "flat_fielding", "shutter_effect", "field_dist", "wings", "ghosts"
 LAYERS = "sky_background", "PRNU_effect"
 # A detector without faults
 IDEAL = dict.fromkeys(("cosmic_rays", "brighter_fatter", "detector_defects", "blooming", "CTE_effect", "nonlinearity"))
 CAMERA = load_camera(SHIPPED / "instrument")
 DARK, GAIN = CAMERA.detector.dark * 150.0, 1.1  # electrons of an exposure, electrons a DN
-_SLOW = 4  # objects at most, where each takes GalSim seconds
 _WELL = 6e4  # electrons: the converter's range
 
 
@@ -104,8 +104,8 @@ def _simulation(subset, fidelity, cache, objects=None):
 def _objects(subset):
     rng = np.random.default_rng(int(10 * subset.mag))
     count = COUNTS[subset.mag]
-    if subset.band == "GV" and subset.fidelity == "reference":
-        count = min(count, _SLOW)
+    if subset.band == "GV":
+        count = min(count, SPECTRA[subset.fidelity == "reference"])
     x, y = rng.uniform(-200, 200, (2, count))
     if subset.band == "GV":
         x -= 700  # their first orders lie on the window

@@ -123,6 +123,20 @@ class Pair(Stars):
         ]
 
 
+class Twins(Pair):
+    """A star and galaxies, one of a magnitude more, the others of 3.5, so faint that electrons are drawn one by one.
+
+    The last two have one id.
+    """
+
+    def _load(self):
+        super()._load()
+        for i, obj in enumerate(self.objs):
+            kind = "star" if i == 0 else "galaxy"
+            changes = {"mag": obj.mag + (0.0, 1.0, 3.5, 3.5)[i], "id": min(i, len(self.objs) - 2)}
+            self.objs[i] = MockObject(type=kind, **(obj.values | changes))
+
+
 def spectrum(kind):
     """Photon density [photon / s / m2 / angstrom] on GRID of one of the three spectra."""
     if kind == 0:

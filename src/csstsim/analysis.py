@@ -12,6 +12,7 @@ from csstsim.catalog.table import GALAXY
 from csstsim.config import SHIPPED
 from csstsim.errors import InputError
 from csstsim.io.paths import made
+from csstsim.one_thread import one_thread
 from csstsim.prepare import open_psf
 from csstsim.progress import progress
 from csstsim.release import check_recipe
@@ -21,6 +22,7 @@ LIMITS = SHIPPED / "limits.yaml"
 LIMIT_SECONDS = 150.0  # of the limiting magnitudes there and in filters.yaml
 
 
+@one_thread
 def measure(run, job):
     """Detect and measure the sources of a Level-0 file."""
     from csstsim.measure.catalogue import measure_frame
@@ -35,6 +37,7 @@ def measure(run, job):
     print(f"{len(table)} sources, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")
 
 
+@one_thread
 def extract(run, job):
     """Extract the first-order spectra of a Level-0 file of a spectroscopic chip, and draw some of them."""
     from csstsim.atomic import atomic_path
@@ -93,6 +96,7 @@ def _shapes(truth, wcs):
     return Shapes.of(shape_matrix(truth, wcs), np.stack([1 - bulge, bulge], axis=1), sizes)
 
 
+@one_thread
 def merge(run, pix):
     """Merge the measurements of a brick: one row per source."""
     from csstsim.bricks.merge import DETECTION_COLUMNS, merge_brick, write_merged
@@ -107,6 +111,7 @@ def merge(run, pix):
     print(f"{len(sources)} sources from {len(detections)} detections")
 
 
+@one_thread
 def validate(run, pix):
     """Compare a merged brick with the truth of the frames on it."""
     from csstsim.atomic import atomic_path
@@ -173,6 +178,7 @@ def _jobs_on(run, pix):
     return run.merge_bricks[pix]
 
 
+@one_thread
 def shear(files, output, say):
     """Print m and c of finished twin campaigns (bricks.shear), write them as JSON; return whether no gate fails.
 

@@ -14,6 +14,7 @@ from csstsim import __version__
 from csstsim.campaign import CALIBRATIONS, FEWEST_CALIBRATIONS
 from csstsim.errors import InputError
 from csstsim.io.paths import made
+from csstsim.one_thread import one_thread
 from csstsim.progress import progress
 from csstsim.release import check_release
 from csstsim.rng import Streams
@@ -36,6 +37,7 @@ def calibrated_frame(run, job):
     )  # fmt: skip
 
 
+@one_thread
 def calibrate(run, job):
     """Write the calibrated image of an imaging chip's science exposure."""
     from csstsim.io.calibrated import write_calibrated
@@ -138,6 +140,7 @@ def _undo(run, job, steps, streams):
     return undo
 
 
+@one_thread
 def masters(run, chip_id):
     """Make the master calibration frames of a chip from the campaign's bias, dark and lamp exposures."""
     from csstsim.io.frames import save_frame

@@ -9,6 +9,7 @@ from csstsim.bricks import verdict as verdicts
 from csstsim.bricks.markup import Link
 from csstsim.errors import InputError
 from csstsim.io.paths import made
+from csstsim.one_thread import one_thread
 from csstsim.progress import progress
 from csstsim.release import check_recipe
 from csstsim.run_times import run_times
@@ -18,6 +19,7 @@ PNG = b"\x89PNG\r\n\x1a\n"  # its first bytes
 THUMBNAILS = 30  # chips in the focal plane, but always a whole exposure
 
 
+@one_thread
 def report(run):
     """Write report/index.html and verdict.json of a campaign, and what makes HATS catalogues of its bricks.
 

@@ -5,6 +5,7 @@ import time
 import numpy as np
 
 from csstsim.config import digest
+from csstsim.one_thread import one_thread
 from csstsim.prepare import missing_bricks, missing_psf, open_psf, psf_box
 from csstsim.state import State
 
@@ -20,6 +21,7 @@ class Timer:
         return [self.stage, time.perf_counter() - self.wall, time.process_time() - self.cpu]
 
 
+@one_thread
 def simulate(run, job, say=print):
     """Run one job in memory, its missing truth bricks and PSF set made first.
 
@@ -32,6 +34,7 @@ def simulate(run, job, say=print):
     return digitised(run, job, state, Timer("level0"))
 
 
+@one_thread
 def light(run, job, say=print):
     """Return the State of a job after the render stage: expected and counted electrons of objects and sky, truth.
 

@@ -3,10 +3,12 @@
 from functools import partial
 
 from csstsim.errors import InputError
+from csstsim.one_thread import one_thread
 from csstsim.progress import progress
 from csstsim.release import check_release
 
 
+@one_thread
 def truth(run, pix, say=print):
     """Make one brick of the embedded universe."""
     from csstsim.universe.bricks import write_brick
@@ -20,6 +22,7 @@ def truth(run, pix, say=print):
     say(run.paths.truth(pix))
 
 
+@one_thread
 def psf(run, chip_id):
     """Make the PSF set of one chip, or take it from the campaign's library; then the tables photons are drawn from."""
     from csstsim.optics.beyond import beyond_box
@@ -38,6 +41,7 @@ def psf(run, chip_id):
     psf_tables(run, chip)
 
 
+@one_thread
 def psf_tables(run, chip):
     """Make the tables photons are drawn from, of a PSF set that is there."""
     from csstsim.render.psf_table import write_tables

@@ -8,10 +8,12 @@ import numpy as np
 
 from csstsim.errors import InputError
 from csstsim.in_memory import Timer, blank, digitised, rendered, say_selected, selected, simulate
+from csstsim.one_thread import one_thread
 from csstsim.pages import explained
 from csstsim.release import check_recipe
 
 
+@one_thread
 def select(run, job):
     """Find the objects that reach a job's window."""
     timer = Timer("select")
@@ -44,6 +46,7 @@ def check_catalog(run, say):
         )  # fmt: skip
 
 
+@one_thread
 def render(run, job):
     """Run the layers of the render stage: expected electrons, counted electrons, drawn objects."""
     from csstsim.catalog.table import ObjectTable
@@ -64,6 +67,7 @@ def render(run, job):
     save_frame(run.paths.stage(*job.key, "render.fits"), planes, _meta(run, job, state))
 
 
+@one_thread
 def readout(run, job):
     """Run the layers of the readout stage: electrons to DN."""
     from csstsim.io.frames import save_frame
@@ -94,6 +98,7 @@ def _save_cosmic(run, job, state):
     state.cosmic_rays = None
 
 
+@one_thread
 def level0(run, job):
     """Run the layers of the level0 stage and write the Level-0 file with its truth beside it."""
     from csstsim.catalog.table import ObjectTable
@@ -131,6 +136,7 @@ def _write(run, job, state, provenance):
     write_level0(path, state, run.camera.keywords, provenance)
 
 
+@one_thread
 def chip(run, job, say=print):
     """Run one job in memory, its missing truth bricks and PSF set made first, and write its Level-0 file and truth.
 

@@ -8,7 +8,7 @@ from readout_state import flat_state, plain_layers, run, small_camera
 
 from csstsim.config import SHIPPED
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.layers import bias, gain, poisson_and_dark, prescan_overscan, quantization_and_output
+from csstsim.layers import bias, gain, nonlinearity, poisson_and_dark, prescan_overscan, quantization_and_output
 from csstsim.rng import Streams, stream
 from csstsim.sim_steps import SimSteps
 
@@ -81,17 +81,52 @@ def test_bias_and_gain_per_channel_or_chip(small, window):
         }
 
 
-def test_spread_of_the_channels(camera):
-    """480 channels of 30 chips: uniform, so the standard deviation is spread / sqrt(3) (5 sigma, sqrt(0.8 / 4 / n))."""
-    values = {"bias": [], "gain": []}
-    for chip in camera.chips:
-        for channel in range(1, 17):
-            for name, all_values in values.items():
-                all_values.append(Streams(5, "1", chip, "x").channel(channel, name).uniform(-1, 1))
-    for draws in values.values():
-        assert len(set(draws)) == 480
+def test_spread_of_the_channels(small):
+    """480 channels of 30 chips: uniform, so the standard deviation is spread / sqrt(3) (5 sigma, sqrt(0.2 / n)).
+
+    As the layers draw them: no two channels are alike, and bias, gain and nonlinearity know nothing of each other.
+    """
+    detector, drawn = small.detector, []
+    for chip in small.chips:
+        rng = Streams(5, "1", chip, "x")
+        state = prescan_overscan.apply(flat_state(small, 0.0, chip=chip), prescan_overscan.Param(), rng)
+        state = nonlinearity.apply(state, nonlinearity.Param(nonlinearity_16channel=True), rng)
+        state = gain.apply(bias.apply(state, bias.Param(), rng), gain.Param(), rng)
+        drawn.append(
+            [
+                (np.array(state.header["bias"]) - detector.bias) / detector.bias_spread,
+                (np.array(state.header["gain"]) / detector.gain - 1) / detector.gain_spread,
+                (np.array(state.header["nonlinearity_quadratic"]) / detector.nonlinearity_quadratic - 1)
+                / detector.nonlinearity_spread,
+            ]
+        )
+    values = np.concatenate(drawn, axis=1)
+    assert values.shape == (3, 480) and (abs(values) <= 1 + 1e-9).all()
+    for draws in values:
+        assert len(set(np.round(draws, 9))) == 480
+        assert abs(np.mean(draws)) < 5 / np.sqrt(3 * 480)
         assert abs(np.std(draws) * np.sqrt(3) - 1) < 5 * np.sqrt(0.2 / 480)
-    assert abs(np.corrcoef(values["bias"], values["gain"])[0, 1]) < 5 / np.sqrt(480)
+    assert (abs(np.corrcoef(values)[np.triu_indices(3, 1)]) < 5 / np.sqrt(480)).all()
+
+
+def test_a_channel_keeps_its_levels_and_a_chip_its_own(small):
+    """From exposure to exposure the same; of another chip or seed others; read noise and dark the other way round."""
+
+    def levels(seed, obsid, chip):
+        state = run(flat_state(small, 100.0, chip=chip, obsid=obsid), plain_layers(), seed=seed)
+        return np.concatenate([state.header["bias"], state.header["gain"]]), state.image
+
+    first, image = levels(5, "1", 9)
+    again, other_image = levels(5, "2", 9)
+    assert np.array_equal(first, again)
+    # Per pixel two exposures differ by the noise of both, whatever the levels: their correlation is 0 within 5 sigma
+    frame = ReadoutFrame.of(small.detector, None)
+    for block in frame.blocks:
+        one, other = (part[block.active].astype(float).ravel() for part in (image, other_image))
+        assert abs(np.corrcoef(one, other)[0, 1]) < 5 / np.sqrt(one.size)
+    assert (
+        not np.intersect1d(first, levels(5, "1", 10)[0]).size and not np.intersect1d(first, levels(6, "1", 9)[0]).size
+    )
 
 
 def test_digitising_counts_what_it_clips(small):

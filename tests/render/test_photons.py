@@ -374,3 +374,17 @@ def test_light_beyond_the_box_follows_the_wing(psf_r, table_r):
     left = wing.beyond(1000 * np.sqrt(4 / np.pi)).mean()  # beyond a circle of the window's area
     assert on_window[0] == counted.sum() == pytest.approx(n * (1 - left), abs=5 * np.sqrt(n) + 0.1 * n * left)
     assert beyond[0] == pytest.approx(n * (1 - psf_r.flux.mean()), rel=0.02) and box[0, 1] - box[0, 0] > 1500
+
+
+def test_losses_take_electrons_whatever_their_place(psf_r, table_r):
+    """The loss has the half of a word that the place has not: half the light everywhere is the same image, thinned.
+
+    1.2e6 electrons; chi2 of the pixels with 25 and more of them, 5 sigma.
+    """
+    scene = make(psf_r, *CENTRE, 1.2e6)
+    whole = shoot(scene, table_r)[0].astype(float)
+    kept = shoot(scene, table_r, base=2, response=np.full(WINDOW.shape, 0.5, np.float32))[0]
+    seen = whole > 25
+    n = seen.sum()
+    chi2 = ((kept - whole / 2)[seen] ** 2 / (whole / 2 + whole / 4)[seen]).sum()
+    assert n > 500 and abs(chi2 / n - 1) < 5 * np.sqrt(2 / n)

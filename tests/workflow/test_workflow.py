@@ -8,6 +8,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+import yaml
 from mini_campaign import write_campaign
 from workflow_run import ROOT, command, content, level0_targets, make, snakemake
 
@@ -58,6 +59,63 @@ def test_what_is_removed_from_a_finished_campaign_is_made_again(undisturbed, tmp
         finally:
             (tmp_path / "removed").rename(path)
     assert planned(undisturbed, "chips=stages") == set()
+
+
+CHIP = {"select", "render", "render_spectra", "readout", "level0", "level0_spectra"}
+AFTER = {"measure", "extract", "merge", "validate", "report"}
+# One key of each section of the campaign file, and the rules that run again
+KEYS = {
+    "seed": (4, {"truth"} | CHIP | AFTER),
+    "select": ({"chips": [9]}, {"report"}),  # a chip less to report of
+    "window": ({"x0": 0, "x1": 100, "y0": 0, "y1": 128}, CHIP | AFTER),
+    "catalog.mag_limit": (22.0, CHIP | AFTER),
+    "catalog.lensing": ({"field": "none"}, {"truth"} | CHIP | AFTER),
+    "astrometry.planets": (True, CHIP | AFTER),
+    "psf.grid": (3, {"psf"} | CHIP | AFTER),
+    "fidelity": ("preview", CHIP | AFTER),
+    "measurement.cti_passes": (1, AFTER),
+    "measurement.keep_calibrated": (True, {"calibrate"}),
+    "validation.snr_min": (6.0, {"validate", "report"}),
+}
+# A file that the campaign names: a text, and what stands there instead
+FILES = {
+    "table.csv": (",150\n", ",151\n", CHIP | AFTER),
+    "instrument/psf.yaml": ("\n", "\n# a word\n", {"truth", "psf"} | CHIP | AFTER),
+    "universe/stars.yaml": ("\n", "\n# a word\n", {"truth"} | CHIP | AFTER),
+}
+
+
+# The others go the same ways, and tests/test_recipe.py has what those hand on
+QUICK = "catalog.lensing", "psf.grid", "fidelity", "measurement.cti_passes", "validation.snr_min"
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in (*KEYS, *FILES) if name not in QUICK]
+
+
+@pytest.mark.parametrize("key", [*QUICK, *(param for param in SLOW if param.values[0] in KEYS)])
+def test_what_a_changed_key_of_a_finished_campaign_makes_again(undisturbed, key):
+    """Snakemake's own decision, by the parameters and inputs of each rule, and no rule more."""
+    value, rules = KEYS[key]
+    data = yaml.safe_load(undisturbed.read_text())
+    section, _, name = key.partition(".")
+    data[section] = (data.get(section) or {}) | {name: value} if name else value
+    assert planned_with(undisturbed, undisturbed, yaml.safe_dump(data)) == rules
+
+
+@pytest.mark.parametrize("file", [param for param in SLOW if param.values[0] in FILES])
+def test_what_a_changed_file_of_a_finished_campaign_makes_again(undisturbed, file):
+    path = undisturbed.parent / file
+    old, new, rules = FILES[file]
+    assert planned_with(undisturbed, path, path.read_text().replace(old, new)) == rules
+
+
+def planned_with(campaign, path, text):
+    """Return the rules that would run if this text stood in a file of the campaign."""
+    before = path.read_text()
+    assert text != before
+    path.write_text(text)
+    try:
+        return planned(campaign, "chips=stages", "--profile", str(ROOT / "profiles" / "default"))
+    finally:
+        path.write_text(before)
 
 
 def planned(campaign, *arguments):

@@ -21,6 +21,7 @@ import numpy as np
 
 from csstsim.atomic import atomic_path
 from csstsim.errors import InputError
+from csstsim.one_thread import one_thread
 from csstsim.optics.wcs import chip_plane, mosaic_cd
 
 MARGIN_PX = 2600.0  # beyond the chip; light of objects up to 2048 px off, moved by up to 214 px, may reach it
@@ -81,6 +82,7 @@ def chip_layout(chip):
     return tuple(map(float, (chip.detector.nx, chip.detector.ny, chip.xc, chip.yc, chip.rotation)))
 
 
+@one_thread
 def fit(samples, chips, cells=CELLS, chip_cells=CELLS, margin=MARGIN_PX):
     """Return the FieldDistortion fitted to samples.
 

@@ -18,6 +18,7 @@ import numpy as np
 from csstsim.atomic import atomic_path
 from csstsim.errors import InputError
 from csstsim.instrument.axe import BEAMS, axe_text, field_terms, read_axe, sensitivity_file
+from csstsim.one_thread import one_thread
 
 _SHORT = 5.0  # px, of an order's length, below which it is an image rather than a spectrum
 _LEAST = 1e-3  # px over the band
@@ -111,6 +112,7 @@ def read_trajectories(path):
     return {order: np.array(rows) for order, rows in sorted(out.items())}
 
 
+@one_thread
 def fit_file(samples, output, stem=None):
     """Fit the trajectories of a CSV file, write a .conf; return {order: (k,) residuals [px] of the file written}.
 

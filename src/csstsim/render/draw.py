@@ -115,5 +115,5 @@ def object_keys_of(base, ids):
     again[order] = place - np.maximum.accumulate(np.where(first, place, 0))
     keys = object_keys(base, ids)
     for i in np.flatnonzero(again):
-        keys[i] = object_keys(keys[i], again[i : i + 1])[0]
+        keys[i] = object_keys(~keys[i], again[i : i + 1])[0]  # the words of the key itself are the first one's
     return keys

@@ -1,0 +1,52 @@
+"""One thread for the libraries below numpy while a product is made, so that its bits do not hang on their number.
+
+OpenBLAS, MKL and the like cut a matrix product among threads, and a sum cut elsewhere is rounded elsewhere: a PSF of
+two threads is not that of one in 2% of its cells. Environment variables would have to be set before numpy is loaded,
+which a notebook has done long ago. So every function that makes a product is decorated with `one_thread`.
+
+It limits what is loaded by then: numpy's library always is, and products take nothing else of several threads.
+"""
+
+import threading
+from contextlib import ContextDecorator
+
+import numpy as np  # noqa: F401  its library must be there to be limited
+from threadpoolctl import OpenBLASController, threadpool_limits
+
+
+class _OneThread(ContextDecorator):
+    """A context and a decorator: `with one_thread:`, `@one_thread`.
+
+    The number is the whole process's. Of several that are inside at once, in turn or side by side, the first limits
+    and the last gives back what was set before.
+    """
+
+    def __init__(self):
+        self._lock, self._inside, self._limits = threading.Lock(), 0, None
+
+    def __enter__(self):
+        with self._lock:
+            if self._inside == 0:
+                self._limits = self._set(lambda: threadpool_limits(1))
+            self._inside += 1
+
+    def __exit__(self, *error):
+        with self._lock:
+            self._inside -= 1
+            if self._inside == 0:
+                self._set(self._limits.restore_original_limits)
+
+    @staticmethod
+    def _set(change):
+        """Return change(), from whichever thread of Python: threadpoolctl else heeds the first that ever set a number.
+
+        A script that limits its libraries in the main thread and makes chips in others would not be limited here.
+        """
+        OpenBLASController.clear_controlling_thread(force=True)
+        try:
+            return change()
+        finally:
+            OpenBLASController.clear_controlling_thread(force=True)
+
+
+one_thread = _OneThread()
