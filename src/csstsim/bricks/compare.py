@@ -87,20 +87,41 @@ def counts(band, truth, sources, match, real, edges, limit):
     """Return the number counts of a band, true and measured, {edges, in, out, excess, n}.
 
     In: the true objects; out: the sources that are theirs (`match`), and those that are nobody's (not `real`), stars
-    counted by PSF, others by Kron magnitude. excess: sources over true objects, less 1, brighter than `limit`: true
-    magnitude where there is one, so that lost and false sources are counted, not errors of magnitudes; n: objects.
+    counted by PSF, others by Kron magnitude. excess: the share of the isolated true objects brighter than `limit` that
+    have a source in the band, less 1, and false sources brighter than it over all such objects. Blends do not count:
+    where two objects melt into one, their number says nothing of a fault. Magnitudes are true ones where there are any,
+    so that errors of magnitudes do not count either. n: isolated objects.
     """
     star = np.asarray(sources["star"]) > 0.5
     measured = np.where(star, sources[f"mag_{band}"], sources[f"kron_mag_{band}"])
     false, given, found = ~np.asarray(real), truth[f"mag_{band}"].astype(float), np.unique(match[match >= 0])
     got = measured[np.union1d(found, np.flatnonzero(false))]
-    n = int((given < limit).sum())
+    bright = given < limit
+    alone = bright & ~truth["blended"].astype(bool)
     seen = np.append(np.asarray(sources[f"n_{band}"]) > 0, False)[match]  # in this band; the last for no match
-    out = len(np.unique(match[seen & (given < limit)])) + int((measured[false] < limit).sum())
+    n, more = int(alone.sum()), int((measured[false] < limit).sum())
     return {
         "edges": list(map(float, edges)), "in": np.histogram(given[np.isfinite(given)], edges)[0].tolist(),
-        "out": np.histogram(got[np.isfinite(got)], edges)[0].tolist(), "excess": out / n - 1 if n else None, "n": n,
+        "out": np.histogram(got[np.isfinite(got)], edges)[0].tolist(),
+        "excess": float((seen & alone).sum() / n - 1 + more / bright.sum()) if n else None, "n": n,
     }  # fmt: skip
+
+
+def twice(truth, sources, match):
+    """Return (share, n): sources too many at the places of n isolated true objects that have one, a share of n.
+
+    Within the match radius as many sources are right as there are true objects, faint ones too.
+    """
+    rows = np.flatnonzero(~truth["blended"].astype(bool) & (match >= 0))
+    if len(rows) == 0:
+        return None, 0
+    from scipy.spatial import cKDTree
+
+    places, reaches = to_vectors(truth["ra_epoch"], truth["dec_epoch"]), np.radians(reach(truth) / 3600.0)[rows]
+    true, found = (
+        some.query_ball_point(places[rows], reaches, return_length=True) for some in (cKDTree(places), tree(sources))
+    )
+    return float(np.maximum(found - true, 0).sum() / len(rows)), len(rows)
 
 
 def astrometry(truth, sources, match, bands, snr_min=SNR_BRIGHT):
