@@ -76,6 +76,11 @@ class ValidateConfig(Model):
         description="|share of isolated true objects with a source, and false sources, - 1| brighter than S/N 50 of a "
         "point; 2 sigma of chance are forgiven",
     )
+    lost_max: float | None = Field(
+        0.02,
+        gt=0,
+        description="isolated objects that an exposure found at S/N above 20 without a merged source; 2 sigma forgiven",
+    )
     twice_max: float | None = Field(
         0.02, gt=0, description="sources too many at isolated true objects, a share of these; 2 sigma are forgiven"
     )

@@ -15,9 +15,10 @@ SHAPES = "psf_size", "psf_e1", "psf_e2"
 # What needs more of the measured table than light and places: NaN of another code's
 OWN = ("pull", *SHAPES, "mag_off", "mag_err", "east_mas", "north_mas", "place_err", "g1", "g2")
 FOUND = ("across_mas", "deferred_mas", "light", "header_east", "header_north", "true_g1", "true_g2", *OWN)
-COLUMNS = ("galaxy", "snr", "mag", "found", "sound", "full", "x", "y", "transfers", "lonely", *FOUND)
+COLUMNS = ("galaxy", "snr", "mag", "found", "sound", "clean", "full", "x", "y", "transfers", "lonely", *FOUND)
 RESOLVED = 0.3  # least resolution (1 - PSF size^2 / size^2) of a galaxy whose shape is judged
 SHAPELESS = 1 | 2 | 4 | 8 | 128  # flags of measure.catalogue: blended, cut, saturated, negative, bad pixels
+DOUBTFUL = 4 | 32 | 64 | 128 | 256  # flags with which a merge may leave a single detection out
 PEAK = 2.0  # brightest pixel of a star on it, of its light / n_eff: exact of a Gaussian
 SURELY = 2.0  # such a peak over the full well: also with the star on a pixel's corner
 LONELY = 0.3  # of an object's noise: the light of all its neighbours, with less they do not widen its pull
@@ -26,8 +27,8 @@ LONELY = 0.3  # of an object's noise: the light of all its neighbours, with less
 def trials(truth, frame):
     """Return an ObjectTable of COLUMNS, a row an isolated object of `truth` (bricks.validate.usable rows of `frame`).
 
-    sound: found and not saturated; full: so bright that it must be. lonely: neighbours' light does not matter to the
-    pull. Of what was found, else NaN:
+    sound: found and not saturated; clean: found without a flag of DOUBTFUL; full: so bright that it must be saturated;
+    lonely: neighbours' light does not matter to the pull. Of what was found, else NaN:
     light: measured electrons (PSF) over true ones, pull: their difference over the stated error; mag_off: PSF magnitude
     less the true one, mag_err its error; east_mas, north_mas: ICRS place less the true one at the epoch, place_err its
     error on an axis; header_east, header_north [px]: the measured pixel through the header's WCS, less the true
@@ -43,6 +44,7 @@ def trials(truth, frame):
     out = {
         "galaxy": galaxy, "snr": electrons / np.sqrt(electrons + area * frame.info["rms"] ** 2),
         "mag": truth[f"mag_{frame.band}"].astype(float), "found": found, "sound": found.copy(),
+        "clean": found.copy(),
     }  # fmt: skip
     upper = truth["y"] > frame.seam - 0.5
     out["x"], out["y"] = truth["x"], truth["y"]
@@ -55,6 +57,7 @@ def trials(truth, frame):
     if found.any():
         at, measured, truth = row[found], frame.measured, truth.take(found)
         out["sound"][found] = (measured["flags"][at] & SATURATED) == 0
+        out["clean"][found] = (measured["flags"][at] & DOUBTFUL) == 0
         scale = 1000 * PIXEL
         out["across_mas"][found] = scale * (measured["x"][at] - truth["x"])
         away = np.where(upper[found], -1.0, 1.0)

@@ -63,7 +63,7 @@ def validate_brick(pix, sources, frames, config):
     astrometry (mas); gates (bricks.gates). `arrays` holds what bricks.figures draws.
     """
     tried, infos, judged, seen_in = ({band: [] for band in BANDS} for _ in range(4))
-    kept, real, tree = [], np.zeros(len(sources), bool), compare.tree(sources)
+    kept, held, real, tree = [], [], np.zeros(len(sources), bool), compare.tree(sources)
     for frame in frames:  # one at a time is in memory; of it what is on the brick is kept
         real[compare.near(tree, frame.truth)] = True
         infos[frame.band].append(frame.info)
@@ -73,6 +73,8 @@ def validate_brick(pix, sources, frames, config):
         judged[frame.band] += frame_gates(table, frame, config)
         if len(truth):
             tried[frame.band].append(table)
+            good = (table["clean"] > 0) & (table["snr"] > compare.SNR_COUNT) & (table["snr"] < compare.SNR_MAX)
+            held.append(truth["id"][~truth["blended"]][good])
             seen_in[frame.band].append(truth["id"])
             kept.append(ObjectTable({name: truth[name] for name in DISTINCT}))
     truth = distinct(kept)
@@ -83,26 +85,23 @@ def validate_brick(pix, sources, frames, config):
         table = tables[band] = joined(tried[band])
         residuals[band], numbers = compare.magnitudes(band, truth, sources, match, infos[band])
         bands[band] = numbers | _of_exposures(table, infos[band], config)
-        limit_mag = bands[band]["depth_5sigma"] - 2.5 * np.log10(SNR_SHARP / 5.0)
         on = np.isin(truth["id"], np.concatenate(seen_in[band] or [[]]))  # a frame of the band covers part of the brick
-        bands[band]["counts"] = compare.counts(band, truth.take(on), sources, match[on], real, MAG_EDGES, limit_mag)
+        bands[band]["counts"] = compare.counts(band, truth.take(on), sources, match[on], real, MAG_EDGES, infos[band])
         points = ~table["galaxy"].astype(bool)
         curves[band] = completeness(table["snr"][points], table["found"][points] > 0, SNR_EDGES)
         gates += of_exposures(judged[band]) + _gates(band, bands[band], config)
     east, north = compare.astrometry(truth, sources, match, bands)
     bright = compare.spread(np.hypot(*compare.astrometry(truth, sources, match, bands, SNR_SHARP)))
-    pure, (double, n) = float(real.mean()) if len(real) else None, compare.twice(truth, sources, match)
+    pure = float(real.mean()) if len(real) else None
+    double, n = compare.twice(truth, sources, match)
     gates += [
         at_most("position residual at S/N > 50 [mas]", "all", bright["median"], config.astrometry_max, bright["n"]),
         at_least("purity", "all", pure, config.purity_min, len(sources)),
-        at_most(
-            "sources counted twice",
-            "all",
-            double,
-            config.twice_max,
-            n,
-            CHANCE * np.sqrt(config.twice_max / n) if config.twice_max and n else 0.0,
+        *(
+            _share_at_most(f"{kind} found in an exposure, lost in the merge", *share, config.lost_max)
+            for kind, share in compare.lost(truth, match, held).items()
         ),
+        _share_at_most("sources counted twice", double, n, config.twice_max),
     ]
     result = {
         "brick": int(pix), "sources": len(sources), "purity": pure,
@@ -155,16 +154,20 @@ def _transfer(table, low, high):
 def _gates(band, numbers, config):
     """Return the gates of a band that are of all its exposures together."""
     star, counts, n = numbers["star"], numbers["counts"], numbers["point_sources"]
-    # Of losing as many as are allowed to be lost
-    chance = CHANCE * np.sqrt(config.counts_max / counts["n"]) if config.counts_max and counts["n"] else 0.0
     # The worst bin, less what chance makes of it
     bias = [part[name] for part in numbers["transfer"] for name in ("deferred_mas", "across_mas")]
     bias = [max(abs(part["median"]) - WORST * part["error"], 0.0) for part in bias if part["n"] >= FEW]
     return [
         at_most("magnitude bias of stars", band, star["median"], config.mag_bias_max, star["n"]),
         at_most("position bias, any S/N [mas]", band, max(bias, default=None), config.position_bias_max, n),
-        at_most("number counts, out / in - 1", band, counts["excess"], config.counts_max, counts["n"], chance),
+        _share_at_most("number counts, out / in - 1", counts["excess"], counts["n"], config.counts_max)
+        | {"band": band},
     ]
+
+
+def _share_at_most(name, share, n, most):
+    """Return the gate of a share of n that is at most `most`, what chance adds to that forgiven."""
+    return at_most(name, "all", share, most, n, CHANCE * np.sqrt(most / n) if most and n else 0.0)
 
 
 def completeness(snr, found, edges):
