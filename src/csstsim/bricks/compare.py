@@ -116,7 +116,7 @@ def counts(band, truth, sources, match, real, edges, infos):
 
 
 def lost(truth, match, held):
-    """Return {"stars", "galaxies": (share, n)}: of n that exposures found (`held`: lists of ids) those without source."""
+    """Return {"stars", "galaxies": (share, n)}: the share without a source of n found in exposures (`held`: ids)."""
     found, out = np.isin(truth["id"], np.concatenate(held or [[]])), {}
     galaxy = truth["obj_type"] == GALAXY
     for name, kind in (("stars", found & ~galaxy), ("galaxies", found & galaxy)):

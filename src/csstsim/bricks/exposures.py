@@ -14,13 +14,13 @@ from csstsim.bricks.trials import SHAPES
 SNR_SHARP = 50.0  # above it places and shapes of stars are judged
 SNR_SHAPE = 20.0  # above it galaxies' shapes
 CLIP = 4.0  # sigma, of means
-FLOOR_MAG, FLOOR_MAS, FLOOR_PX = 0.01, 1.0, 0.01  # of a star, beside its stated error: no few stars are the mean
+FLOOR_MAG, FLOOR_MAS, FLOOR_PX = 0.005, 1.0, 0.01  # of a star, beside its stated error: no few stars are the mean
 SHAPE_MAX = 1.5  # of a measured shape: noise makes longer ones
 
 
 def frame_gates(table, frame, limits):
     """Return the gates of a frame. table: bricks.trials of it; frame: bricks.validate.Frame; limits: ValidateConfig."""
-    where = {"exposure": str(frame.info.get("obsid", "")), "chip": frame.info.get("chip")}
+    where = {"exposure": frame.info.get("obsid"), "chip": frame.info.get("chip")}
     of = _Gates(frame.band, where)
     return (
         _found(table, limits, of)
