@@ -9,7 +9,10 @@ class ValidateConfig(Model):
     """Thresholds of the report's gates; null = the gate is only reported."""
 
     completeness_min: float | None = Field(
-        0.95, ge=0, le=1, description="point sources found at S/N above snr_min; two sigma of chance are forgiven"
+        0.95,
+        ge=0,
+        le=1,
+        description="isolated point sources found at S/N above snr_min in an exposure; two sigma are forgiven",
     )
     galaxy_completeness_min: float | None = Field(
         0.9, ge=0, le=1, description="isolated galaxies found at S/N above galaxy_snr_min in an exposure; two sigma of "
@@ -53,7 +56,10 @@ class ValidateConfig(Model):
         description="5-sigma depth of an exposure beyond the range of the filter's published limiting magnitudes [mag]",
     )
     noise_off_max: float | None = Field(
-        0.1, gt=0, description="|noise of the background over that of sky, dark, readout and rounding, less 1|"
+        0.2,
+        gt=0,
+        description="|noise of the background over that of sky, dark, readout and rounding, less 1|; undoing the "
+        "paper's charge transfer adds up to 0.12",
     )
     level_off_max: float | None = Field(
         0.02,
@@ -85,10 +91,14 @@ class ValidateConfig(Model):
         0.02, gt=0, description="sources too many at isolated true objects, a share of these; 2 sigma are forgiven"
     )
     psf_size_max: float | None = Field(
-        0.005, gt=0, description="|median size of stars at S/N > 50 over the PSF model, less 1|, smoothed with 1 px"
+        0.005,
+        gt=0,
+        description="|median size of an exposure's stars at S/N > 50 over the PSF model, less 1|; 4 sigma are forgiven",
     )
     psf_e_max: float | None = Field(
-        0.005, gt=0, description="|median distortion (e1, e2) of stars at S/N > 50 less the PSF model's|"
+        0.005,
+        gt=0,
+        description="|median distortion (e1, e2) of stars at S/N > 50 less the PSF model's| in an exposure; 4 sigma forgiven",
     )
     shape_max: float | None = Field(
         0.25,

@@ -45,7 +45,7 @@ def campaign(tmp_path_factory):
 
 
 def verdict(file, second=nullcontext):
-    """Measure again, exposure SECOND in a context, and judge; return {(gate, band)} of failing gates, and the counts."""
+    """Measure again, exposure SECOND in a context, and judge; return {(gate, band)} that fail, and the counts."""
     run = OpenCampaign(file)
     for job in run.imaging_jobs:
         with second() if job.pointing.obsid == SECOND else nullcontext():
