@@ -56,10 +56,7 @@ class ValidateConfig(Model):
         description="5-sigma depth of an exposure beyond the range of the filter's published limiting magnitudes [mag]",
     )
     noise_off_max: float | None = Field(
-        0.2,
-        gt=0,
-        description="|noise of the background over that of sky, dark, readout and rounding, less 1|; undoing the "
-        "paper's charge transfer adds up to 0.12",
+        0.1, gt=0, description="|noise of the background over that of sky, dark, readout and rounding, less 1|; 4 sigma"
     )
     level_off_max: float | None = Field(
         0.02,
@@ -98,7 +95,7 @@ class ValidateConfig(Model):
     psf_e_max: float | None = Field(
         0.005,
         gt=0,
-        description="|median distortion (e1, e2) of stars at S/N > 50 less the PSF model's| in an exposure; 4 sigma forgiven",
+        description="|median distortion (e1, e2) of stars at S/N > 50 less the PSF model's|; 4 sigma are forgiven",
     )
     shape_max: float | None = Field(
         0.25,
