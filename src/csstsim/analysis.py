@@ -120,10 +120,13 @@ def validate(run, pix):
     from csstsim.bricks.validate import Frame, validate_brick
     from csstsim.bricks.verdict import NAMES, sentence
     from csstsim.catalog.table import ObjectTable
+    from csstsim.frame_facts import frame_facts
 
     seam = run.camera.detector.channel_ny
-    jobs = progress(_jobs_on(run, pix), "frames")
-    frames = (Frame(truth_of(run, job), _measured(run, job), seam, _depth(run, job)) for job in jobs)
+    frames = (
+        Frame(truth_of(run, job), _measured(run, job), seam, _depth(run, job), frame_facts(run, job))
+        for job in progress(_jobs_on(run, pix), "frames")
+    )
     merged = ObjectTable.read(made(run.paths.merge(pix), f"merge {run.file} --brick {pix}"))
     check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
     result, arrays = validate_brick(pix, merged, frames, run.config.validation)

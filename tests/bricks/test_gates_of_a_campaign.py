@@ -1,10 +1,12 @@
 """A campaign that is right passes its gates; one with a fault in the chain fails the gate of that fault, by name."""
 
 import json
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 import yaml
+from faulty_chain import FAULTS
 from mini_campaign import write_scene
 from report_page import done
 
@@ -12,16 +14,22 @@ from csstsim.campaign import OpenCampaign
 from csstsim.io.level0 import Level0
 from csstsim.optics.wcs import ChipWCS
 
+SECOND = "10100000002"
 SIDE, STEP, MAG = 384, 62, 21.5  # px; S/N 130
 
 
-def stars(folder, read_noise=5.0):
-    """Write a campaign of 36 stars on an r chip with this read noise; make its frame; return the campaign's file."""
+def stars(folder, read_noise=5.0, again=()):
+    """Write a campaign of 36 stars on an r chip with this read noise; make its frames; return the campaign's file.
+
+    again: more exposures of the same place, (obsid, start).
+    """
     x, y = (v.ravel() for v in np.meshgrid(np.arange(36, SIDE, STEP), np.arange(36, SIDE, STEP)))
     side = SIDE // 8, SIDE // 2
     geometry = {"nx": SIDE, "ny": SIDE, "channel_nx": side[0], "channel_ny": side[1]}
     shift = np.random.default_rng(4).uniform(-0.5, 0.5, (2, x.size))  # of the star in its pixel
     file = write_scene(folder, "Stars", x + shift[0], y + shift[1], MAG, geometry=geometry)
+    with (folder / "table.csv").open("a") as table:
+        table.writelines(f"{obsid},SCIE,60.0,-40.0,-113.4333,{start},150\n" for obsid, start in again)
     path = OpenCampaign(file).config.instrument_folder / "detector.yaml"
     numbers = yaml.safe_load(path.read_text())
     numbers["charge"]["read_noise"]["value"] = read_noise
@@ -36,11 +44,12 @@ def campaign(tmp_path_factory):
     return stars(tmp_path_factory.mktemp("gates"))
 
 
-def verdict(file):
-    """Measure again and judge; return {(gate, band)} of failing gates, number of judged ones."""
+def verdict(file, second=nullcontext):
+    """Measure again, exposure SECOND in a context, and judge; return {(gate, band)} that fail, and the counts."""
     run = OpenCampaign(file)
     for job in run.imaging_jobs:
-        done("measure", file, "--obsid", job.pointing.obsid, "--chip", job.chip.id)
+        with second() if job.pointing.obsid == SECOND else nullcontext():
+            done("measure", file, "--obsid", job.pointing.obsid, "--chip", job.chip.id)
     for pix in run.merge_bricks:
         done("merge", file, "--brick", pix)
         done("validate", file, "--brick", pix)
@@ -81,3 +90,33 @@ def test_twice_the_noise(tmp_path):
     """7.7 electrons of sky and readout become 16."""
     failing, _ = verdict(stars(tmp_path, read_noise=15.0))
     assert ("depth beyond the published limits [mag]", "r") in failing
+
+
+ONE_OF_TWO = (
+    "noise doubled in one of two exposures", "header's WCS 0.3 px off", "GAIN of the header 2% wrong",
+    "code's WCS 0.3 px off in one of four exposures",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def twice(tmp_path_factory):
+    return stars(tmp_path_factory.mktemp("twice"), again=[(SECOND, "2027-11-20T01:09:00")])
+
+
+def test_two_exposures_without_a_fault(twice):
+    failing, counts = verdict(twice)
+    assert failing == set() and counts["pass"] >= 15
+
+
+@pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault.words in ONE_OF_TWO], ids=lambda f: f.words)
+def test_one_of_two_exposures_is_wrong(twice, fault):
+    run = OpenCampaign(twice)
+    path = run.paths.level0(run.pointings[SECOND], 9)
+    right = path.read_bytes()
+    try:
+        with fault.context() if fault.stage == "chip" else nullcontext():
+            done("chip", twice, "--obsid", SECOND, "--chip", 9)
+        failing, _ = verdict(twice, fault.context if fault.stage == "measure" else nullcontext)
+    finally:
+        path.write_bytes(right)
+    assert (fault.gate, "r") in failing

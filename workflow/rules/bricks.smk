@@ -65,6 +65,7 @@ rule validate:
         merged,
         measured_on,
         truth_tables_on,
+        level0_on,
     output:
         f"{OUT}/validate/{{pix}}.json",
         f"{OUT}/validate/{{pix}}.png",

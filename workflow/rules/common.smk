@@ -229,6 +229,13 @@ def measured_on(wildcards):
     ]
 
 
+def level0_on(wildcards):
+    return [
+        str(RUN.paths.level0(job.pointing, job.chip.id))
+        for job in RUN.merge_bricks[int(wildcards.pix)]
+    ]
+
+
 def truth_tables_on(wildcards):
     return [
         str(RUN.paths.level0_truth(job.pointing, job.chip.id))

@@ -13,6 +13,7 @@ from csstsim.catalog.table import GALAXY
 
 SNR_MAX = 500.0  # brighter sources come near saturation
 SNR_BRIGHT = 20.0  # magnitude and position residuals are judged above this
+SNR_COUNT = 20.0  # in one exposure: number counts, and what a merged brick must hold
 SNR_COLOUR = 10.0  # measured, of each of u, g, r
 MATCH_ARCSEC = 0.2  # truth and merged source; for galaxies at least half the half-light radius
 PIXEL = 0.074  # arcsec
@@ -73,24 +74,62 @@ def magnitudes(band, truth, sources, match, infos):
     return arrays, numbers
 
 
-def counts(band, truth, sources, match, real, edges, limit):
+def true_snr(band, truth, infos):
+    """Return the S/N of true objects in an exposure of the band, (n,): bricks.trials' with the exposures' medians."""
+    zeropoint, n_eff, rms = (np.median([info[name] for info in infos]) for name in ("zeropoint", "n_eff", "rms"))
+    electrons = 10.0 ** (-0.4 * (truth[f"mag_{band}"].astype(float) - zeropoint))
+    return electrons / np.sqrt(electrons + n_eff * wider(truth, n_eff) * rms**2)
+
+
+def counts(band, truth, sources, match, real, edges, infos):
     """Return the number counts of a band, true and measured, {edges, in, out, excess, n}.
 
     In: the true objects; out: the sources that are theirs (`match`), and those that are nobody's (not `real`), stars
-    counted by PSF, others by Kron magnitude. excess: sources over true objects, less 1, brighter than `limit`: true
-    magnitude where there is one, so that lost and false sources are counted, not errors of magnitudes; n: objects.
+    counted by PSF, others by Kron magnitude. excess: the share of the isolated true objects of S/N above SNR_COUNT
+    (`true_snr`) that have a source in the band, less 1, and false sources of that measured S/N over all such objects.
+    Blends do not count: where two objects melt into one, their number says nothing of a fault. n: isolated objects.
     """
     star = np.asarray(sources["star"]) > 0.5
     measured = np.where(star, sources[f"mag_{band}"], sources[f"kron_mag_{band}"])
     false, given, found = ~np.asarray(real), truth[f"mag_{band}"].astype(float), np.unique(match[match >= 0])
     got = measured[np.union1d(found, np.flatnonzero(false))]
-    n = int((given < limit).sum())
+    bright = np.nan_to_num(true_snr(band, truth, infos)) > SNR_COUNT
+    alone = bright & ~truth["blended"].astype(bool)
     seen = np.append(np.asarray(sources[f"n_{band}"]) > 0, False)[match]  # in this band; the last for no match
-    out = len(np.unique(match[seen & (given < limit)])) + int((measured[false] < limit).sum())
+    more = np.nan_to_num(sources[f"flux_{band}"] / sources[f"flux_err_{band}"])[false] > SNR_COUNT
+    n = int(alone.sum())
     return {
         "edges": list(map(float, edges)), "in": np.histogram(given[np.isfinite(given)], edges)[0].tolist(),
-        "out": np.histogram(got[np.isfinite(got)], edges)[0].tolist(), "excess": out / n - 1 if n else None, "n": n,
+        "out": np.histogram(got[np.isfinite(got)], edges)[0].tolist(),
+        "excess": float((seen & alone).sum() / n - 1 + more.sum() / bright.sum()) if n else None, "n": n,
     }  # fmt: skip
+
+
+def lost(truth, match, held):
+    """Return {"stars", "galaxies": (share, n)}: the share without a source of n found in exposures (`held`: ids)."""
+    found, out = np.isin(truth["id"], np.concatenate(held or [[]])), {}
+    galaxy = truth["obj_type"] == GALAXY
+    for name, kind in (("stars", found & ~galaxy), ("galaxies", found & galaxy)):
+        out[name] = (float((match[kind] < 0).mean()) if kind.any() else None), int(kind.sum())
+    return out
+
+
+def twice(truth, sources, match):
+    """Return (share, n): sources too many at the places of n isolated true objects that have one, a share of n.
+
+    Within the match radius as many sources are right as there are true objects, faint ones too.
+    """
+    rows = np.flatnonzero(~truth["blended"].astype(bool) & (match >= 0))
+    if len(rows) == 0:
+        return None, 0
+    from scipy.spatial import cKDTree
+
+    places, reaches = to_vectors(truth["ra_epoch"], truth["dec_epoch"]), np.radians(reach(truth) / 3600.0)[rows]
+    true, found = (
+        cKDTree(some).query_ball_point(places[rows], reaches, return_length=True)
+        for some in (places, to_vectors(sources["ra"], sources["dec"]))
+    )
+    return float(np.maximum(found - true, 0).sum() / len(rows)), len(rows)
 
 
 def astrometry(truth, sources, match, bands, snr_min=SNR_BRIGHT):

@@ -11,12 +11,10 @@ one orientation alone finds would be a selection by shape.
 import numpy as np
 
 from csstsim.bricks.gates import FEW
-from csstsim.bricks.trials import matched
+from csstsim.bricks.trials import RESOLVED, SHAPELESS, matched
 from csstsim.catalog.table import GALAXY
 
-RESOLVED = 0.3  # least resolution (1 - PSF size^2 / size^2)
 SNR_MIN = 10.0
-BAD = 1 | 2 | 4 | 8 | 128  # flags of measure.catalogue: blended, cut, saturated, negative, bad pixels
 LARGEST = 1.5  # of a shape: noise makes longer ones
 CHANCE = 5.0  # sigma forgiven
 
@@ -28,7 +26,7 @@ def shapes(frame, truth):
     truth, row = truth.take(row >= 0), row[row >= 0]
     g = np.stack([measured["g1"][row], measured["g2"][row]], axis=1)
     good = (measured["snr"][row] > SNR_MIN) & (measured["resolution"][row] > RESOLVED)
-    good &= ((measured["flags"][row] & BAD) == 0) & np.isfinite(g).all(axis=1) & (np.hypot(*g.T) < LARGEST)
+    good &= ((measured["flags"][row] & SHAPELESS) == 0) & np.isfinite(g).all(axis=1) & (np.hypot(*g.T) < LARGEST)
     return dict(zip(truth["id"][good].tolist(), g[good], strict=True))
 
 

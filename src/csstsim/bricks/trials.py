@@ -13,19 +13,29 @@ from csstsim.catalog.table import GALAXY, ObjectTable
 
 MATCH_PX = 2.5  # truth and detection in one frame
 SHAPES = "psf_size", "psf_e1", "psf_e2"
-COLUMNS = (
-    "galaxy", "snr", "mag", "found", "sound", "x", "y", "across_mas", "deferred_mas", "transfers", "light", "pull",
-    "lonely", *SHAPES,
-)  # fmt: skip
+# What needs more of the measured table than light and places: NaN of another code's
+OWN = ("pull", *SHAPES, "mag_off", "mag_err", "east_mas", "north_mas", "place_err", "g1", "g2")
+FOUND = ("across_mas", "deferred_mas", "light", "header_east", "header_north", "true_g1", "true_g2", *OWN)
+COLUMNS = ("galaxy", "snr", "mag", "found", "sound", "clean", "full", "x", "y", "transfers", "lonely", *FOUND)
+RESOLVED = 0.3  # least resolution (1 - PSF size^2 / size^2) of a galaxy whose shape is judged
+SHAPELESS = 1 | 2 | 4 | 8 | 128  # flags of measure.catalogue: blended, cut, saturated, negative, bad pixels
+DOUBTFUL = 4 | 32 | 64 | 128 | 256  # flags with which a merge may leave a single detection out
+PEAK = 2.0  # brightest pixel of a star on it, of its light / n_eff: exact of a Gaussian
+SURELY = 2.0  # such a peak over the full well: also with the star on a pixel's corner
 LONELY = 0.3  # of an object's noise: the light of all its neighbours, with less they do not widen its pull
 
 
 def trials(truth, frame):
     """Return an ObjectTable of COLUMNS, a row an isolated object of `truth` (bricks.validate.usable rows of `frame`).
 
-    sound: found and not saturated; light: measured electrons (PSF) over true ones, pull: their difference over the
-    stated error; NaN where not found. lonely: neighbours' light does not matter to the pull. psf_size, psf_e1, psf_e2:
-    a star's size over that of the PSF model there, less 1, and its distortion less the model's (measure.moments).
+    sound: found and not saturated; clean: found without a flag of DOUBTFUL; full: so bright that it must be saturated;
+    lonely: neighbours' light does not matter to the pull. Of what was found, else NaN:
+    light: measured electrons (PSF) over true ones, pull: their difference over the stated error; mag_off: PSF magnitude
+    less the true one, mag_err its error; east_mas, north_mas: ICRS place less the true one at the epoch, place_err its
+    error on an axis; header_east, header_north [px]: the measured pixel through the header's WCS, less the true
+    apparent place. psf_size, psf_e1, psf_e2: a star's size over that of the PSF model there, less 1, and its distortion
+    less the model's (measure.moments). true_g1, true_g2: a galaxy's sheared shape, g1, g2: the measured one, where it
+    is resolved.
     """
     truth = truth.take(~truth["blended"])
     electrons, galaxy = truth["electrons"].astype(float), truth["obj_type"] == GALAXY
@@ -35,27 +45,67 @@ def trials(truth, frame):
     out = {
         "galaxy": galaxy, "snr": electrons / np.sqrt(electrons + area * frame.info["rms"] ** 2),
         "mag": truth[f"mag_{frame.band}"].astype(float), "found": found, "sound": found.copy(),
+        "clean": found.copy(),
     }  # fmt: skip
     upper = truth["y"] > frame.seam - 0.5
     out["x"], out["y"] = truth["x"], truth["y"]
     out["lonely"] = truth["crowd"] < LONELY * electrons / out["snr"]
     out["transfers"] = np.where(upper, 2 * frame.seam - 1 - truth["y"], truth["y"])
-    for name in ("across_mas", "deferred_mas", "light", "pull", *SHAPES):
+    peak = electrons * PEAK / frame.info["n_eff"]
+    out["full"] = ~galaxy & (peak > SURELY * frame.facts.full_well if frame.facts else np.zeros(len(truth), bool))
+    for name in FOUND:
         out[name] = np.full(len(truth), np.nan)
-    at, measured = row[found], frame.measured
     if found.any():
+        at, measured, truth = row[found], frame.measured, truth.take(found)
         out["sound"][found] = (measured["flags"][at] & SATURATED) == 0
+        out["clean"][found] = (measured["flags"][at] & DOUBTFUL) == 0
         scale = 1000 * PIXEL
-        out["across_mas"][found] = scale * (measured["x"][at] - truth["x"][found])
+        out["across_mas"][found] = scale * (measured["x"][at] - truth["x"])
         away = np.where(upper[found], -1.0, 1.0)
-        out["deferred_mas"][found] = scale * away * (measured["y"][at] - truth["y"][found])
+        out["deferred_mas"][found] = scale * away * (measured["y"][at] - truth["y"])
         out["light"][found] = measured["flux_psf"][at] / electrons[found]
         if "hsm_sigma" in measured:  # another code's table has light and places alone
-            out["pull"][found] = (measured["flux_psf"][at] - electrons[found]) / measured["flux_psf_err"][at]
-            out["psf_size"][found] = measured["hsm_sigma"][at] / measured["psf_sigma"][at] - 1
-            for axis in ("e1", "e2"):
-                out[f"psf_{axis}"][found] = measured[f"hsm_{axis}"][at] - measured[f"psf_{axis}"][at]
+            values = _own(truth, measured, at, out["mag"][found], electrons[found])
+            values |= _by_header(truth, measured, at, frame.facts)
+            for name in values:
+                out[name][found] = values[name]
     return ObjectTable(out)
+
+
+def _own(truth, measured, at, mag, electrons):
+    """Return {column: values} of OWN, and true shapes, of objects `truth` found in rows `at` of the measured table."""
+    galaxy = truth["obj_type"] == GALAXY
+    east, north = offsets(measured["ra"][at], measured["dec"][at], truth["ra_epoch"], truth["dec_epoch"])
+    out = {
+        "pull": (measured["flux_psf"][at] - electrons) / measured["flux_psf_err"][at],
+        "psf_size": measured["hsm_sigma"][at] / measured["psf_sigma"][at] - 1,
+        **{f"psf_{axis}": measured[f"hsm_{axis}"][at] - measured[f"psf_{axis}"][at] for axis in ("e1", "e2")},
+        "east_mas": 1000 * east, "north_mas": 1000 * north, "place_err": 1000 * measured["pos_err"][at],
+    }  # fmt: skip
+    if "mag_psf" in measured:
+        out |= {"mag_off": measured["mag_psf"][at] - mag, "mag_err": measured["mag_psf_err"][at]}
+    if "g1" in measured and {"e1", "e2", "g1", "g2"} <= set(truth):
+        e, g = (truth[f"{name}1"] + 1j * truth[f"{name}2"].astype(float) for name in "eg")
+        true = np.where(galaxy, (e + g) / (1 + np.conj(g) * e), np.nan)
+        resolved = galaxy & (measured["resolution"][at] > RESOLVED) & ((measured["flags"][at] & SHAPELESS) == 0)
+        out |= {"true_g1": true.real, "true_g2": true.imag}
+        out |= {name: np.where(resolved, measured[name][at], np.nan) for name in ("g1", "g2")}
+    return out
+
+
+def _by_header(truth, measured, at, facts):
+    """Return {header_east, header_north} [px]; empty without a WCS in the header."""
+    if facts is None or facts.wcs is None or "ra" not in truth:
+        return {}
+    seen = facts.wcs.pixel_to_world(measured["x"][at], measured["y"][at])
+    east, north = offsets(*seen, truth["ra"], truth["dec"])
+    return {"header_east": east / PIXEL, "header_north": north / PIXEL}
+
+
+def offsets(ra, dec, true_ra, true_dec):
+    """Return (east, north) of small differences of places in deg, arcsec."""
+    east = (np.asarray(ra) - true_ra + 180.0) % 360.0 - 180.0
+    return east * np.cos(np.radians(true_dec)) * 3600.0, (np.asarray(dec) - true_dec) * 3600.0
 
 
 def matched(truth, measured):

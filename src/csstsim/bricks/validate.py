@@ -3,7 +3,8 @@
 Of each exposure by itself (bricks.trials): completeness against true S/N and magnitude, light in units of its error
 (pulls), light and places along the way of the charge. Of the merged catalogue (bricks.compare): magnitudes out minus in
 (PSF for stars, Kron for galaxies), places, colours, number counts.
-Blended and (nearly) saturated sources are left out; a figure from fewer than `FEW` sources judges nothing.
+Blended and (nearly) saturated sources are left out; a figure from fewer than `FEW` sources judges nothing. Gates of
+single exposures are those of bricks.exposures.
 """
 
 from dataclasses import dataclass
@@ -12,7 +13,8 @@ from itertools import pairwise
 import numpy as np
 
 from csstsim.bricks import compare
-from csstsim.bricks.gates import CHANCE, FEW, WORST, at_least, at_most, between
+from csstsim.bricks.exposures import SNR_SHARP, bright_points, frame_gates, judged_points
+from csstsim.bricks.gates import CHANCE, FEW, WORST, at_least, at_most, of_exposures
 from csstsim.bricks.healpix import brick_of, from_vectors, to_vectors
 from csstsim.bricks.trials import SHAPES, joined, limit, trials
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, STRONG_LENSING
@@ -23,7 +25,6 @@ BIAS_EDGES = (5, 10, 20, 50, 100, 200, 500)  # S/N, of places and light along th
 MAG_EDGES = np.arange(16.0, 29.1, 0.5)
 NEAR = 12.0  # px: neighbours count
 EDGE = 12  # px; sources nearer to the frame's edge are not judged
-SNR_SHARP = 50.0  # above it positions, shapes and numbers are judged
 # Columns of the true objects of a brick
 DISTINCT = ("id", "obj_type", "ra_epoch", "dec_epoch", "blended", "half_light", *(f"mag_{band}" for band in BANDS))
 IN_FRAME = 0.9  # of an object's light in the window; less is not judged
@@ -34,13 +35,14 @@ class Frame:
     """One measured Level-0 file: its truth (io.truth.read_truth) and its measured table (measure.catalogue).
 
     seam: first row of the chip's upper half; depth: (low, high) AB magnitudes of 5 sigma, the published ones, or
-    None.
+    None; facts: bricks.facts.Facts, without which neither pixels nor header are judged.
     """
 
     truth: ObjectTable
     measured: ObjectTable
     seam: int
     depth: tuple | None = None
+    facts: object = None
 
     @property
     def info(self):
@@ -60,16 +62,19 @@ def validate_brick(pix, sources, frames, config):
     thresholds.ValidateConfig. `result` is JSON-like: per band completeness, magnitude residuals (mag), depth;
     astrometry (mas); gates (bricks.gates). `arrays` holds what bricks.figures draws.
     """
-    tried, infos, depths, seen_in = ({band: [] for band in BANDS} for _ in range(4))
-    kept, real = [], np.zeros(len(sources), bool)
+    tried, infos, judged, seen_in = ({band: [] for band in BANDS} for _ in range(4))
+    kept, held, real = [], [], np.zeros(len(sources), bool)
     for frame in frames:  # one at a time is in memory; of it what is on the brick is kept
         real[compare.real(frame.truth, sources)] = True
         infos[frame.band].append(frame.info)
-        depths[frame.band].append(frame.depth)
         truth = usable(frame)
         truth = truth.take(brick_of(truth["ra_epoch"], truth["dec_epoch"]) == pix) if len(truth) else truth
+        table = trials(truth, frame) if len(truth) else joined([])
+        judged[frame.band] += frame_gates(table, frame, config)
         if len(truth):
-            tried[frame.band].append(trials(truth, frame))
+            tried[frame.band].append(table)
+            good = (table["clean"] > 0) & (table["snr"] > compare.SNR_COUNT) & (table["snr"] < compare.SNR_MAX)
+            held.append(truth["id"][~truth["blended"]][good])
             seen_in[frame.band].append(truth["id"])
             kept.append(ObjectTable({name: truth[name] for name in DISTINCT}))
     truth = distinct(kept)
@@ -80,18 +85,23 @@ def validate_brick(pix, sources, frames, config):
         table = tables[band] = joined(tried[band])
         residuals[band], numbers = compare.magnitudes(band, truth, sources, match, infos[band])
         bands[band] = numbers | _of_exposures(table, infos[band], config)
-        limit_mag = bands[band]["depth_5sigma"] - 2.5 * np.log10(SNR_SHARP / 5.0)
         on = np.isin(truth["id"], np.concatenate(seen_in[band] or [[]]))  # a frame of the band covers part of the brick
-        bands[band]["counts"] = compare.counts(band, truth.take(on), sources, match[on], real, MAG_EDGES, limit_mag)
+        bands[band]["counts"] = compare.counts(band, truth.take(on), sources, match[on], real, MAG_EDGES, infos[band])
         points = ~table["galaxy"].astype(bool)
         curves[band] = completeness(table["snr"][points], table["found"][points] > 0, SNR_EDGES)
-        gates += _gates(band, bands[band], depths[band], config)
+        gates += of_exposures(judged[band]) + _gates(band, bands[band], config)
     east, north = compare.astrometry(truth, sources, match, bands)
     bright = compare.spread(np.hypot(*compare.astrometry(truth, sources, match, bands, SNR_SHARP)))
     pure = float(real.mean()) if len(real) else None
+    double, n = compare.twice(truth, sources, match)
     gates += [
         at_most("position residual at S/N > 50 [mas]", "all", bright["median"], config.astrometry_max, bright["n"]),
         at_least("purity", "all", pure, config.purity_min, len(sources)),
+        *(
+            _share_at_most(f"{kind} found in an exposure, lost in the merge", *share, config.lost_max)
+            for kind, share in compare.lost(truth, match, held).items()
+        ),
+        _share_at_most("sources counted twice", double, n, config.twice_max),
     ]
     result = {
         "brick": int(pix), "sources": len(sources), "purity": pure,
@@ -110,9 +120,7 @@ def validate_brick(pix, sources, frames, config):
 def _of_exposures(table, infos, config):
     """Return the numbers of a band's single exposures; table: bricks.trials of all of them."""
     galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
-    points = ~galaxy
-    judged = points & (table["snr"] > config.snr_min) & (table["snr"] < compare.SNR_MAX)
-    bright = (table["snr"] > compare.SNR_BRIGHT) & (table["snr"] < compare.SNR_MAX)
+    points, judged, bright = ~galaxy, judged_points(table, config), bright_points(table)
     n, seen = completeness(table["snr"][points], found[points], SNR_EDGES)
     zeropoint = [info["zeropoint"] - 2.5 * np.log10(info["exptime"]) for info in infos]
     return {
@@ -124,8 +132,8 @@ def _of_exposures(table, infos, config):
         "half_found": {
             "star": limit(table["mag"][points], found[points]), "galaxy": limit(table["mag"][galaxy], found[galaxy]),
         },
-        "pull": compare.spread(table["pull"][points & (table["lonely"] > 0) & (table["sound"] > 0) & bright]),
-        "psf": _shapes(table, points & (table["lonely"] > 0) & (table["sound"] > 0) & bright),
+        "pull": compare.spread(table["pull"][bright]),
+        "psf": _shapes(table, bright),
         "transfer": [_transfer(table, *bin) for bin in pairwise(BIAS_EDGES)],
     }  # fmt: skip
 
@@ -143,31 +151,23 @@ def _transfer(table, low, high):
     return {"snr": [low, high]} | {name: compare.spread(values[some]) for name, values in named.items()}
 
 
-def _gates(band, numbers, depths, config):
-    """Return the gates of a band."""
+def _gates(band, numbers, config):
+    """Return the gates of a band that are of all its exposures together."""
     star, counts, n = numbers["star"], numbers["counts"], numbers["point_sources"]
-    # Of losing as many as are allowed to be lost
-    chance = CHANCE * np.sqrt(config.counts_max / counts["n"]) if config.counts_max and counts["n"] else 0.0
-    expected = [depth for depth in depths if depth is not None]
-    depth, off = numbers["depth_5sigma"], None
-    if expected:
-        low, high = np.median(expected, axis=0)
-        off = float(depth - np.clip(depth, low, high))
     # The worst bin, less what chance makes of it
     bias = [part[name] for part in numbers["transfer"] for name in ("deferred_mas", "across_mas")]
     bias = [max(abs(part["median"]) - WORST * part["error"], 0.0) for part in bias if part["n"] >= FEW]
-    pull, (size, e1, e2) = numbers["pull"], (numbers["psf"][name] for name in SHAPES)
     return [
-        at_least("completeness", band, numbers["completeness"], config.completeness_min, n),
         at_most("magnitude bias of stars", band, star["median"], config.mag_bias_max, star["n"]),
-        between("width of stars' pulls", band, pull["sigma"], config.pull_width, pull["n"]),
         at_most("position bias, any S/N [mas]", band, max(bias, default=None), config.position_bias_max, n),
-        at_most("star size over PSF model, less 1", band, size["median"], config.psf_size_max, size["n"]),
-        at_most("star e1 less PSF model", band, e1["median"], config.psf_e_max, e1["n"]),
-        at_most("star e2 less PSF model", band, e2["median"], config.psf_e_max, e2["n"]),
-        at_most("depth beyond the published limits [mag]", band, off, config.depth_off_max, None),
-        at_most("number counts, out / in - 1", band, counts["excess"], config.counts_max, counts["n"], chance),
+        _share_at_most("number counts, out / in - 1", counts["excess"], counts["n"], config.counts_max)
+        | {"band": band},
     ]
+
+
+def _share_at_most(name, share, n, most):
+    """Return the gate of a share of n that is at most `most`, what chance adds to that forgiven."""
+    return at_most(name, "all", share, most, n, CHANCE * np.sqrt(most / n) if most and n else 0.0)
 
 
 def completeness(snr, found, edges):

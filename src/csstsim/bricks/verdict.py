@@ -67,10 +67,11 @@ def headline(verdict):
 
 
 def sentence(gate):
-    """Return where a gate stands: brick, name, band and figures."""
-    words = [f"brick {gate['brick']}, {gate['name']}"]
-    words += [str(gate["band"])] if gate.get("band") else []
-    return ", ".join(words) + f": {_figure(gate.get('value'))} against {_figure(gate.get('threshold'))}"
+    """Return what a gate says of which brick, exposure, chip and readout channel, in a plain sentence."""
+    where = [f"{name} {gate[name]}" for name in ("brick", "exposure", "chip", "channel") if gate.get(name) is not None]
+    band = f" in {gate['band']}" if gate.get("band") else ""
+    value, threshold = _figure(gate.get("value")), _figure(gate.get("threshold"))
+    return f"{', '.join(where)}: {gate['name']}{band} is {value} against {threshold}"
 
 
 def tally(counts):

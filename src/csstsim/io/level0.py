@@ -99,15 +99,16 @@ class Level0:
     @cached_property
     def gain(self):
         """{channel: e-/DN}; empty if the file does not state it."""
-        return self._per_channel("GAIN")
+        return self.per_channel("GAIN")
 
     @cached_property
     def nonlinearity(self):
         """{channel: (quadratic [1/e-], cubic [1/e-^2])}; empty if the file does not state it."""
-        quadratic, cubic = self._per_channel("NLQ"), self._per_channel("NLC")
+        quadratic, cubic = self.per_channel("NLQ"), self.per_channel("NLC")
         return {n: (quadratic[n], cubic[n]) for n in quadratic.keys() & cubic.keys()}
 
-    def _per_channel(self, prefix):
+    def per_channel(self, prefix):
+        """Return {channel: value} of the keywords PREFIXnn of IMAGE that the file states. Raises InputError."""
         names = {n: f"{prefix}{n:02d}" for n in range(1, self.readout.n_channels + 1)}
         return {n: self._number(self.header, name) for n, name in names.items() if name in self.header}
 

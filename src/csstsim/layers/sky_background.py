@@ -82,6 +82,14 @@ def apply(state, param, rng):
     return state
 
 
+def mean_rate(state, param):
+    """Return the sky of an imaging chip [e-/s/px] ahead of all losses, mean over the window; state as in `apply`."""
+    if not param.enable_straylight_model:
+        return state.filter.sky
+    exptime = state.pointing.exptime if param.exptime is None else param.exptime
+    return sum(background.grid_mean(part) for part in _components(state, exptime).values())
+
+
 def _constant(state, exptime):
     """Return the sky [e-], a frame behind gratings and else a number; its rate [e-/s/px]; no components."""
     sky = background.sky_electrons(state.filter, exptime)

@@ -13,6 +13,7 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.errors import InputError
 from csstsim.measure.bad_pixels import BAD, FULL, RAY, mend
 from csstsim.measure.centroid import position_errors
+from csstsim.measure.channel_figures import block_means, channel_figures
 from csstsim.measure.combine import combine
 from csstsim.measure.detect import detect
 from csstsim.measure.moments import measure_shapes, on_sky, reduced, without_psf
@@ -94,7 +95,8 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     The columns are `COLUMNS`, rows by decreasing S/N. What adaptive moments (measure.moments) give is NaN where they
     failed; g1, g2, g_err, which compare with the truth's e1, e2 sheared by its g1, g2, also where the source is not
     resolved.
-    `meta` holds the facts of the frame: background and rms in electrons, n_eff px, depth_5sigma AB, window.
+    `meta` holds the facts of the frame: background and rms in electrons, n_eff px, depth_5sigma AB, window, channels
+    (measure.channel_figures).
     Raises InputError for anything but an imaging science frame.
     """
     if chip.kind != "imaging" or pointing.type != "SCIE":
@@ -107,6 +109,7 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     level = float(np.median(calibrated.electrons[::8, ::8]))
     kernel = model.kernel()
     unusable = mend(calibrated, model)
+    before = block_means(calibrated.electrons, calibrated.readout)
     passes = detect(calibrated.electrons, kernel, saturated=unusable > 0)
     found = combine(passes, _fit(passes, passes.hot, calibrated, unusable, model, window), kernel)
     table = _sources(found, calibrated, unusable, model, window)
@@ -130,6 +133,7 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
         "zeropoint": float(zeropoint), "background": level, "rms": rms, "n_eff": n_eff,
         "depth_5sigma": float(zeropoint - 2.5 * np.log10(point_source_flux(5.0, rms**2, n_eff))), "sources": n,
         "window": [window.x0, window.x1, window.y0, window.y1],
+        "channels": channel_figures(calibrated, before, passes.image, passes.rms),
     }  # fmt: skip
     return ObjectTable(columns, info)
 

@@ -1,0 +1,192 @@
+"""Gates of one exposure of one chip: what its stars, galaxies, pixels and header say, each with the chip's name.
+
+A median over exposures hides one that is wrong; so each is judged, and bricks.gates.of_exposures keeps those that fail.
+Chance of the mean of an exposure is forgiven at WORST sigma, because a release has thousands of them.
+"""
+
+import numpy as np
+
+from csstsim.bricks.compare import PIXEL, SNR_BRIGHT, SNR_MAX, spread
+from csstsim.bricks.facts import header_off, pixels_off
+from csstsim.bricks.gates import WORST, at_least, at_most, between
+from csstsim.bricks.trials import SHAPES
+
+SNR_SHARP = 50.0  # above it places and shapes of stars are judged
+SNR_SHAPE = 20.0  # above it galaxies' shapes
+CLIP = 4.0  # sigma, of means
+FLOOR_MAG, FLOOR_MAS, FLOOR_PX = 0.005, 1.0, 0.01  # of a star, beside its stated error: no few stars are the mean
+SHAPE_MAX = 1.5  # of a measured shape: noise makes longer ones
+
+
+def frame_gates(table, frame, limits):
+    """Return the gates of a frame. table: bricks.trials of it; frame: bricks.validate.Frame; limits: ValidateConfig."""
+    where = {"exposure": frame.info.get("obsid"), "chip": frame.info.get("chip")}
+    of = _Gates(frame.band, where)
+    return (
+        _found(table, limits, of)
+        + _stars(table, limits, of)
+        + _shapes(table, limits, of)
+        + _depth(frame, limits, of)
+        + (_pixels(frame, limits, of) + _header(frame.facts, limits, of) if frame.facts else [])
+    )
+
+
+class _Gates:
+    """The gates of bricks.gates with band, exposure and chip filled in."""
+
+    def __init__(self, band, where):
+        self.band, self.where = band, where
+
+    def at_most(self, name, value, threshold, n, chance=0.0, **more):
+        return at_most(name, self.band, value, threshold, n, chance, **self.where, **more)
+
+    def at_least(self, name, value, threshold, n):
+        return at_least(name, self.band, value, threshold, n, **self.where)
+
+    def between(self, name, value, limits, n):
+        return between(name, self.band, value, limits, n, **self.where)
+
+    def worst(self, name, found, threshold):
+        """Return the gate of the (channel, value, chance) nearest to failing; none of nothing."""
+        gates = [
+            self.at_most(name, value, threshold, None, WORST * chance, **({"channel": n} if n else {}))
+            for n, value, chance in found
+        ]
+        return [max(gates, key=lambda gate: gate["margin"] or 0.0)] if gates else []
+
+
+def _found(table, limits, of):
+    """Completeness of points and of galaxies, and the saturated stars' flag."""
+    galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
+    points = judged_points(table, limits)
+    some = galaxy & (table["snr"] > limits.galaxy_snr_min) & (table["snr"] < SNR_MAX)
+    full = (table["full"] > 0) & found
+    return [
+        of.at_least("completeness", _share(found[points]), limits.completeness_min, int(points.sum())),
+        of.at_least("completeness of galaxies", _share(found[some]), limits.galaxy_completeness_min, int(some.sum())),
+        of.at_least(
+            "saturated stars with the flag", _share(table["sound"][full] == 0), limits.saturated_min, int(full.sum())
+        ),
+    ]
+
+
+def judged_points(table, limits):
+    """Return the mask of the points of bricks.trials whose completeness is judged."""
+    return (table["galaxy"] == 0) & (table["snr"] > limits.snr_min) & (table["snr"] < SNR_MAX)
+
+
+def bright_points(table):
+    """Return the mask of the stars of bricks.trials whose light is judged: found, sound, without neighbours' light."""
+    bright = (table["snr"] > SNR_BRIGHT) & (table["snr"] < SNR_MAX)
+    return bright & (table["galaxy"] == 0) & (table["lonely"] > 0) & (table["sound"] > 0)
+
+
+def _stars(table, limits, of):
+    stars = bright_points(table)
+    sharp = stars & (table["snr"] > SNR_SHARP)
+    pull = spread(_finite(table["pull"][stars]))
+    off, sigma, n = clipped_mean(table["mag_off"][stars], table["mag_err"][stars], FLOOR_MAG)
+    gates = [
+        of.between("width of stars' pulls", pull["sigma"], limits.pull_width, pull["n"]),
+        of.at_most("zero point of an exposure [mag]", off, limits.zeropoint_max, n, WORST * sigma),
+    ]
+    error = table["place_err"][sharp]
+    places = {
+        "place of an exposure [mas]": ("east_mas", "north_mas", error, FLOOR_MAS, limits.place_max),
+        "place by the header's WCS [px]": (
+            "header_east",
+            "header_north",
+            error / (1000 * PIXEL),
+            FLOOR_PX,
+            limits.wcs_max,
+        ),
+    }
+    for name, (east, north, error, floor, limit) in places.items():
+        (x, sigma_x, n), (y, sigma_y, _) = (clipped_mean(table[axis][sharp], error, floor) for axis in (east, north))
+        value = None if n == 0 else float(np.hypot(x, y))
+        gates.append(of.at_most(name, value, limit, n, WORST * max(sigma_x, sigma_y)))
+    return gates
+
+
+def _shapes(table, limits, of):
+    """Stars' sizes and distortions less the PSF model's, and how galaxies' shapes follow the true ones."""
+    stars = bright_points(table) & (table["snr"] > SNR_SHARP)
+    allowed = limits.psf_size_max, limits.psf_e_max, limits.psf_e_max
+    names = "star size over PSF model, less 1", "star e1 less PSF model", "star e2 less PSF model"
+    gates = []
+    for name, column, limit in zip(names, SHAPES, allowed, strict=True):
+        off = spread(_finite(table[column][stars]))
+        gates.append(of.at_most(name, off["median"], limit, off["n"], WORST * (off["error"] or 0.0)))
+    slope, sigma, n = shape_slope(table)
+    off = None if slope is None else float(abs(slope - 1))
+    return [*gates, of.at_most("galaxies' shapes, measured over true, less 1", off, limits.shape_max, n, WORST * sigma)]
+
+
+def shape_slope(table):
+    """Return (slope, error on an axis, n): complex slope of galaxies' measured shapes on the true ones.
+
+    1 where they agree; a turn by an angle a is a factor exp(2 i a), a sign of one component that is wrong makes the
+    slope nearly zero.
+    """
+    some = (table["galaxy"] > 0) & (table["snr"] > SNR_SHAPE) & (table["snr"] < SNR_MAX)
+    true, got = (table[f"{name}1"][some] + 1j * table[f"{name}2"][some] for name in ("true_g", "g"))
+    good = np.isfinite(true) & np.isfinite(got) & (np.abs(got) < SHAPE_MAX)
+    true, got, n = true[good], got[good], int(good.sum())
+    weight = float(np.sum(np.abs(true) ** 2))
+    if n < 2 or weight == 0:
+        return None, 0.0, n
+    slope = np.sum(got * np.conj(true)) / weight
+    scatter = np.sum(np.abs(got - slope * true) ** 2) / (2 * (n - 1))
+    return slope, float(np.sqrt(scatter / weight)), n
+
+
+def _depth(frame, limits, of):
+    if frame.depth is None:
+        return []
+    off = float(frame.info["depth_5sigma"] - np.clip(frame.info["depth_5sigma"], *frame.depth))
+    return [of.at_most("depth beyond the published limits [mag]", off, limits.depth_off_max, None)]
+
+
+def _pixels(frame, limits, of):
+    found = pixels_off(frame.info.get("channels", ()), frame.facts, frame.truth)
+    return (
+        of.worst("background over sky and dark, less 1", found["level"], limits.level_off_max)
+        + of.worst("noise over that of sky, dark and readout, less 1", found["noise"], limits.noise_off_max)
+        + of.worst("read noise of the overscan over the camera's, less 1", found["read_noise"], limits.read_noise_max)
+        + of.worst("bias of the overscan less the header's [DN]", found["bias"], limits.bias_max)
+    )
+
+
+def _header(facts, limits, of):
+    found = header_off(facts)
+    return (
+        of.worst("header: gain over the camera's, less 1", found["gain"], limits.header_max)
+        + of.worst("header: exposure time over the campaign's, less 1", found["exptime"], limits.header_max)
+        + of.worst("header: read noise over the camera's, less 1", found["read_noise"], limits.header_max)
+    )
+
+
+def clipped_mean(values, errors, floor):
+    """Return (mean, its error, n) of values weighted with errors and `floor` in quadrature; (None, 0, 0) of nothing.
+
+    Values beyond CLIP of their own sigma, or of the values' scatter where that is wider, off the median are left out.
+    The error is that of the scatter about the mean, so also where the stated ones are too small.
+    """
+    good = np.isfinite(values) & np.isfinite(errors)
+    values, sigma = values[good], np.hypot(errors[good], floor)
+    if len(values) == 0:
+        return None, 0.0, 0
+    pull = (values - np.median(values)) / sigma
+    kept = np.abs(pull) < CLIP * max(1.0, 1.4826 * np.median(np.abs(pull)))
+    values, weight = values[kept], sigma[kept] ** -2.0
+    mean = float(np.average(values, weights=weight))
+    stated, scatter = weight.sum() ** -0.5, np.sqrt(np.sum(weight**2 * (values - mean) ** 2)) / weight.sum()
+    return mean, float(max(stated, scatter)), len(values)
+
+
+def _share(mask):
+    return float(np.mean(mask)) if len(mask) else None
+
+
+def _finite(values):
+    return values[np.isfinite(values)]

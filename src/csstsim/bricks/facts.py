@@ -1,0 +1,149 @@
+"""What a campaign expects of a frame, and what the header of its Level-0 file says (made by csstsim.frame_facts).
+
+Pixels are judged against the former: the background's level is sky and dark current, its noise theirs and that of
+reading and rounding. The header is judged against both: its numbers against the campaign's, its world coordinates
+against where stars are found.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+LEAST = 256**2  # px: with fewer the background has less than one mesh (measure.background), and is not judged
+FAINT = 5.0  # S/N of objects whose light is background
+OUTSIDE = 0.02  # of the other objects' light may lie beyond what is masked: 1% of that of saturated stars does
+ROUNDING = 12**-0.5  # rms of rounding, of a step
+
+
+@dataclass(frozen=True)
+class HeaderWCS:
+    """The world coordinates that a header states: TAN, or TAN-SIP; 0-based pixels of the whole chip.
+
+    distortion: that of the chip (optics.distortion), where light lies beside a linear WCS; else None.
+    """
+
+    cards: dict
+    distortion: Any = None
+
+    @cached_property
+    def _wcs(self):
+        from astropy.io.fits import Header
+        from astropy.wcs import WCS
+
+        return WCS(Header(self.cards))
+
+    def pixel_to_world(self, x, y):
+        """Return the apparent ra, dec [deg] of pixels x, y (n,)."""
+        if self.distortion is not None:
+            x, y = self.distortion.inverse(x, y)
+        return self._wcs.all_pix2world(x, y, 0)
+
+
+@dataclass(frozen=True)
+class Facts:
+    """Expected of one frame, and stated by its file.
+
+    exptime [s]; sky [e- in a pixel, ahead of all losses], None where a layer of the user's own may bring light; dark
+    [e- in a pixel]; read_noise, full_well [e-]; gain {channel: e-/DN}; header {exptime, gain, read_noise, bias}, the
+    latter three {channel: e-/DN, e-, DN}, None or empty where it states none; wcs: HeaderWCS or None.
+    """
+
+    exptime: float
+    sky: float | None
+    dark: float
+    read_noise: float
+    full_well: float
+    gain: dict
+    header: dict = field(default_factory=dict)
+    wcs: Any = None
+
+    def level(self, response):
+        """Return the expected background [e- in a pixel] once the counted share `response` was divided out."""
+        return self.sky + self.dark / response
+
+    def noise(self, response, channel):
+        """Return its expected noise [e- rms in a pixel]: of sky, dark current, readout and rounding to whole DN."""
+        rounding = self.gain.get(channel, 0.0) * ROUNDING
+        return np.sqrt(self.sky * response + self.dark + self.read_noise**2 + rounding**2) / response
+
+
+def pixels_off(channels, facts, truth):
+    """Return {name: list of (channel or None, value, chance)} of a frame's channels (measure.channel_figures).
+
+    level, noise: over what is expected, less 1, of channels of LEAST px, and of the whole frame (channel None);
+    read_noise: the overscan's over the camera's, less 1; bias: the overscan's less the header's, DN. chance: one sigma.
+    Of the light of objects (`truth`: io.truth.read_truth) OUTSIDE and all of FAINT ones may be in the level.
+    """
+    out = {"level": [], "noise": [], "read_noise": [], "bias": []}
+    pixels = np.array([_size(part["window"]) for part in channels])
+    parts = list(zip(channels, pixels, _wings(channels, pixels, truth), strict=True))
+    for part, n, light in [*_whole(parts), *parts] if facts.sky is not None else ():
+        if n < LEAST:
+            continue
+        expected = facts.level(part["response"])
+        sigma = np.hypot(part["noise"] / np.sqrt(n), facts.read_noise / np.sqrt(part["overscan"]))
+        beyond = part["level"] - expected
+        beyond = min(beyond, 0.0) + max(beyond - light, 0.0)
+        out["level"].append((part["channel"], float(beyond / expected), float(sigma / expected)))
+        noise = facts.noise(part["response"], part["channel"] or channels[0]["channel"])
+        out["noise"].append((part["channel"], float(part["noise"] / noise - 1), float((2 * n) ** -0.5)))
+    for part in channels:
+        n, count = part["channel"], part["overscan"]
+        expected = np.hypot(facts.read_noise, facts.gain.get(n, 0.0) * ROUNDING)
+        if expected > 0:
+            out["read_noise"].append((n, float(part["read_noise"] / expected - 1), (2 * count) ** -0.5))
+        if n in facts.header.get("bias", {}):
+            sigma = np.hypot(part["read_noise"] / facts.gain.get(n, 1.0), ROUNDING) / np.sqrt(count)
+            out["bias"].append((n, float(part["bias"] - facts.header["bias"][n]), float(sigma)))
+    return out
+
+
+def _size(window):
+    x0, x1, y0, y1 = window
+    return (x1 - x0) * (y1 - y0)
+
+
+def _wings(channels, pixels, truth):
+    """Return (n,): light of objects [e- in a pixel] that may be in the level of each channel, unmasked.
+
+    A channel has the wings of its own objects, and as much of all the frame's; what lies beside the window is taken to
+    be in the channel next to it.
+    """
+    if not channels or "drawn" not in truth:
+        return np.zeros(len(channels))
+    drawn = np.nan_to_num(truth["drawn"].astype(float))
+    light = np.where(truth["snr"] < FAINT, 1.0, OUTSIDE) * np.maximum(drawn, 0.0)
+    windows = np.array([part["window"] for part in channels])
+    x = np.clip(truth["x"], windows[:, 0].min(), windows[:, 1].max() - 1)
+    y = np.clip(truth["y"], windows[:, 2].min(), windows[:, 3].max() - 1)
+    own = [
+        light[(x >= x0 - 0.5) & (x < x1 - 0.5) & (y >= y0 - 0.5) & (y < y1 - 0.5)].sum() for x0, x1, y0, y1 in windows
+    ]
+    return np.array(own) / pixels + light.sum() / pixels.sum()
+
+
+def _whole(parts):
+    """Return [(figures, pixels, light)] of all channels together: means weighted with pixels; none of none."""
+    if not parts:
+        return []
+    channels, pixels, light = zip(*parts, strict=True)
+    names = "level", "noise", "response"
+    means = {name: float(np.average([part[name] for part in channels], weights=pixels)) for name in names}
+    overscan = sum(part["overscan"] for part in channels)
+    return [(means | {"channel": None, "overscan": overscan}, sum(pixels), float(np.average(light, weights=pixels)))]
+
+
+def header_off(facts):
+    """Return {name: list of (channel or None, value, 0)} of what the header states, over the campaign's, less 1."""
+    header, out = facts.header, {"exptime": [], "gain": [], "read_noise": []}
+    if header.get("exptime") is not None and facts.exptime > 0:
+        out["exptime"].append((None, header["exptime"] / facts.exptime - 1, 0.0))
+    for n, value in header.get("gain", {}).items():
+        if n in facts.gain:
+            out["gain"].append((n, value / facts.gain[n] - 1, 0.0))
+    for n, value in header.get("read_noise", {}).items():
+        if facts.read_noise > 0:
+            out["read_noise"].append((n, value / facts.read_noise - 1, 0.0))
+    return out

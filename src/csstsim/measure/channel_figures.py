@@ -1,0 +1,39 @@
+"""What a frame's pixels say of each readout channel: bias, read noise, level and noise of the background.
+
+Beside them stands the share of light that was counted, by which noise and dark current grew when it was divided out.
+"""
+
+import numpy as np
+
+SAMPLE = 8  # every eighth pixel each way: medians of maps that vary over hundreds of pixels
+
+
+def block_means(image, readout):
+    """Return {channel: mean} of an image (ny, nx) over the active pixels of each channel; empty without a readout."""
+    blocks = readout.blocks if readout is not None else ()
+    return {block.channel: float(image[block.image].mean(dtype=np.float64)) for block in blocks}
+
+
+def channel_figures(calibrated, before, image, rms):
+    """Return a list of {channel, window, bias [DN], read_noise, level, noise [e-], response, overscan}, JSON-like.
+
+    calibrated: measure.calibrate.Calibrated; before: `block_means` ahead of the background's subtraction, so that level
+    is the mean of what was subtracted; image, rms: (ny, nx) without background, its noise. level and noise are those of
+    light before it met flat field and shutter.
+    """
+    if calibrated.readout is None:
+        return []
+    after, out = block_means(image, calibrated.readout), []
+    x0, _, y0, _ = calibrated.readout.window
+    for block in calibrated.readout.blocks:
+        (rows, columns), over = block.image, block.serial_overscan
+        part = slice(rows.start, rows.stop, SAMPLE), slice(columns.start, columns.stop, SAMPLE)
+        share = 1.0 if calibrated.response is None else float(np.median(calibrated.response[part]))
+        n = block.channel
+        out.append({
+            "channel": int(n), "window": [x0 + columns.start, x0 + columns.stop, y0 + rows.start, y0 + rows.stop],
+            "bias": calibrated.bias[n], "read_noise": calibrated.read_noise[n],
+            "level": before[n] - after[n], "noise": float(np.median(rms[part])), "response": share,
+            "overscan": (over[0].stop - over[0].start) * (over[1].stop - over[1].start),
+        })  # fmt: skip
+    return out

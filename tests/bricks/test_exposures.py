@@ -1,0 +1,254 @@
+"""One exposure of four is wrong: its own gate fails and names it; whatever the others say, and however few they are."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from astropy.wcs import WCS
+from fabricated_frame import PIX, SCALE, make_frame
+
+from csstsim.bricks.exposures import clipped_mean, shape_slope
+from csstsim.bricks.facts import LEAST, Facts, HeaderWCS
+from csstsim.bricks.gates import FEW, LARGEST, at_least, at_most, between, of_exposures
+from csstsim.bricks.merge import merge_brick
+from csstsim.bricks.trials import joined, trials
+from csstsim.bricks.validate import usable, validate_brick
+from csstsim.bricks.verdict import judge, sentence
+from csstsim.catalog.table import GALAXY, ObjectTable
+from csstsim.rng import stream
+from csstsim.thresholds import ValidateConfig
+
+EXPTIME, SKY, DARK, READ_NOISE, GAIN, RESPONSE = 150.0, 31.0, 3.0, 5.0, 1.1, 0.95
+CHANNELS = 5, 6
+SIDE = 2300  # px of the fabricated frame
+GALAXIES = "galaxies' shapes, measured over true, less 1"
+LEVEL, NOISE = "background over sky and dark, less 1", "noise over that of sky, dark and readout, less 1"
+OVERSCAN, BIAS = "read noise of the overscan over the camera's, less 1", "bias of the overscan less the header's [DN]"
+
+
+def header_wcs(frame, shift=0.0):
+    """Return the HeaderWCS that the lattice of a fabricated frame lies on, its reference `shift` px beside."""
+    x, y = frame.truth["x"], frame.truth["y"]
+    cards = {
+        "CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN", "CRVAL1": float(frame.truth["ra_epoch"].mean()),
+        "CRVAL2": float(frame.truth["dec_epoch"].mean()), "CRPIX1": float(x.mean()) + 1 + shift,
+        "CRPIX2": float(y.mean()) + 1, "CD1_1": SCALE, "CD1_2": 0.0, "CD2_1": 0.0, "CD2_2": SCALE,
+    }  # fmt: skip
+    return HeaderWCS(cards)
+
+
+def whole_frame(obsid, seed, sky=3):
+    """A fabricated frame with pixels' figures, a header and galaxies' shapes, all as they should be."""
+    frame = make_frame("g", seed, obsid=obsid, scatter=3.0, sky=sky)
+    rng, n = stream(sky, "shapes"), len(frame.truth)
+    wcs = header_wcs(frame)
+    galaxy = frame.truth["obj_type"] == GALAXY
+    ra, dec = WCS(dict(wcs.cards)).all_pix2world(frame.truth["x"], frame.truth["y"], 0)
+    shape = 0.25 * rng.standard_normal((2, n)).clip(-2, 2) * galaxy
+    truth = frame.truth.with_columns(
+        e1=shape[0], e2=shape[1], g1=np.full(n, 0.02), g2=np.full(n, -0.01), ra=ra, dec=dec, drawn=np.zeros(n),
+        snr=np.full(n, 100.0),
+    )  # fmt: skip
+    rows = frame.measured["number"]
+    e, g = shape[0] + 1j * shape[1], 0.02 - 0.01j
+    rng = stream(seed, "noise of shapes")
+    seen = (e + g) / (1 + np.conj(g) * e) + 0.05 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+    measured = frame.measured.with_columns(
+        g1=seen.real[rows], g2=seen.imag[rows], resolution=np.where(galaxy, 0.8, 0.0)[rows]
+    )
+    facts = Facts(
+        exptime=EXPTIME, sky=SKY, dark=DARK, read_noise=READ_NOISE, full_well=9e4, gain=dict.fromkeys(CHANNELS, GAIN),
+        header={"exptime": EXPTIME, "gain": dict.fromkeys(CHANNELS, GAIN), "bias": dict.fromkeys(CHANNELS, 454.0),
+                "read_noise": dict.fromkeys(CHANNELS, READ_NOISE)},
+        wcs=wcs,
+    )  # fmt: skip
+    measured.meta["channels"] = [channel(facts, n, k) for k, n in enumerate(CHANNELS)]
+    return replace(frame, truth=truth, measured=measured, facts=facts)
+
+
+def channel(facts, number, place, **wrong):
+    half = SIDE // 2
+    return {
+        "channel": number, "window": [place * half, (place + 1) * half, 0, SIDE], "bias": 454.0,
+        "read_noise": np.hypot(READ_NOISE, GAIN / np.sqrt(12)), "level": facts.level(RESPONSE),
+        "noise": facts.noise(RESPONSE, number), "response": RESPONSE, "overscan": 20_000,
+    } | wrong  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def frames():
+    return [whole_frame(str(k), 30 + k) for k in range(1, 5)]
+
+
+def gates(frames):
+    sources, _ = merge_brick(PIX, [frame.measured for frame in frames])
+    return validate_brick(PIX, sources, frames, ValidateConfig())[0]["gates"]
+
+
+def measured(frame, **columns):
+    return replace(frame, measured=frame.measured.with_columns(**columns))
+
+
+def in_channel(frame, **factors):
+    """Return a frame whose second channel has figures that are wrong by factors."""
+    table = frame.measured.take(slice(None))
+    first, second = frame.info["channels"]
+    table.meta["channels"] = [first, second | {name: second[name] * factor for name, factor in factors.items()}]
+    return replace(frame, measured=table)
+
+
+def header(frame, **changes):
+    return replace(frame, facts=replace(frame.facts, header=frame.facts.header | changes))
+
+
+def lost(frame, kind, share):
+    """Return a frame whose table lost a share of the galaxies (kind 1) or stars (0)."""
+    of_kind = frame.truth["obj_type"][frame.measured["number"]] == kind
+    keep = ~of_kind | (stream(2, "lost").uniform(size=len(of_kind)) > share)
+    return replace(frame, measured=frame.measured.take(keep))
+
+
+FAULTS = {
+    "noise twice as large": (lambda f: in_channel(f, noise=2.0), NOISE),
+    "sky 5% too bright": (lambda f: in_channel(f, level=1.05), LEVEL),
+    "a channel without light": (lambda f: in_channel(f, level=0.0), LEVEL),
+    "read noise 20% larger": (lambda f: in_channel(f, read_noise=1.2), OVERSCAN),
+    "a true gain 2% off": (lambda f: in_channel(f, bias=1 / 1.02), BIAS),
+    "GAIN 2% off": (lambda f: header(f, gain={5: GAIN, 6: 1.02 * GAIN}), "header: gain over the camera's, less 1"),
+    "RON 2% off": (
+        lambda f: header(f, read_noise={5: 5.0, 6: 5.1}), "header: read noise over the camera's, less 1",
+    ),
+    "EXPTIME 1 s off": (lambda f: header(f, exptime=149.0), "header: exposure time over the campaign's, less 1"),
+    "header's WCS 0.3 px off": (
+        lambda f: replace(f, facts=replace(f.facts, wcs=header_wcs(f, 0.3))), "place by the header's WCS [px]",
+    ),
+    "code's WCS 0.3 px off": (
+        lambda f: measured(f, dec=f.measured["dec"] + 0.3 * SCALE), "place of an exposure [mas]",
+    ),
+    "zero point 2% off": (
+        lambda f: measured(f, mag_psf=f.measured["mag_psf"] + 0.0217), "zero point of an exposure [mag]",
+    ),
+    "stars 2% too wide": (
+        lambda f: measured(f, hsm_sigma=1.02 * f.measured["hsm_sigma"]), "star size over PSF model, less 1",
+    ),
+    "sign of g2": (lambda f: measured(f, g2=-f.measured["g2"]), GALAXIES),
+    "position angle 15 degrees off": (
+        lambda f: measured(f, g1=turned(f).real, g2=turned(f).imag), GALAXIES,
+    ),
+    "a quarter of the galaxies": (lambda f: lost(f, GALAXY, 0.25), "completeness of galaxies"),
+    "a fifth of the stars": (lambda f: lost(f, 0, 0.2), "completeness"),
+}  # fmt: skip
+
+
+def turned(frame):
+    return (frame.measured["g1"] + 1j * frame.measured["g2"]) * np.exp(2j * np.radians(15.0))
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_one_exposure_of_four_fails_its_gate_and_is_named(frames, fault):
+    wrong, name = FAULTS[fault]
+    found = gates([frames[0], wrong(frames[1]), *frames[2:]])
+    failing = [gate for gate in found if gate["passed"] is False and "exposure" in gate]
+    assert {gate["name"] for gate in failing} == {name}
+    assert all(gate["exposure"] == "2" and gate["margin"] > 1.5 for gate in failing)
+    (said,) = {sentence(gate) for gate in judge([{"brick": PIX, "gates": failing}])["gates"]}
+    assert said.startswith(f"brick {PIX}, exposure 2, chip 10") and f": {name} in g is " in said
+    if "channel" in fault or "gain" in fault.lower():
+        assert "channel 6" in said
+
+
+def test_without_a_fault_none_fails_in_ten_seeds():
+    for seed in range(10):
+        found = gates([whole_frame(str(k), 100 + 10 * seed + k, seed) for k in range(2)])
+        assert not [gate for gate in found if gate["passed"] is False]
+
+
+def test_wings_of_objects_are_no_sky(frames):
+    """A bright star lifts the level by 1% of its light; nothing else may."""
+    lit = in_channel(frames[0], level=1.05)
+    light = 0.05 * frames[0].info["channels"][1]["level"] * SIDE * SIDE / 2
+    star = np.where(np.arange(len(lit.truth)) == np.argmax(lit.truth["x"]), light / 0.015, 0.0)
+    found = {gate["name"]: gate for gate in gates([replace(lit, truth=lit.truth.with_columns(drawn=star))])}
+    assert found[LEVEL]["passed"] is True
+    found = {gate["name"]: gate for gate in gates([replace(lit, truth=lit.truth.with_columns(drawn=0.1 * star))])}
+    assert found[LEVEL]["passed"] is False
+
+
+def test_pixels_too_few_and_sky_unknown_judge_nothing(frames):
+    frame = in_channel(frames[0], level=2.0)
+    unknown = replace(frame, facts=replace(frame.facts, sky=None))
+    assert not {gate["name"] for gate in gates([unknown])} & {LEVEL, NOISE}
+    small = frame.measured.take(slice(None))
+    side = int(np.sqrt(LEAST)) // 2
+    small.meta["channels"] = [part | {"window": [0, side, 0, side]} for part in frame.info["channels"]]
+    assert not {gate["name"] for gate in gates([replace(frame, measured=small)])} & {LEVEL, NOISE}
+
+
+def test_header_without_numbers_is_not_judged(frames):
+    bare = replace(frames[0], facts=replace(frames[0].facts, header={}, wcs=None))
+    found = {gate["name"]: gate for gate in gates([bare])}
+    assert found["place by the header's WCS [px]"]["passed"] is None
+    assert not any(name.startswith("header:") for name in found) and BIAS not in found
+
+
+def test_saturated_stars_lose_their_flag(frames):
+    """Stars of twice the full well carry the flag; there must be FEW of them to judge."""
+    frame = replace(frames[0], facts=replace(frames[0].facts, full_well=2e3))
+    table = trials(usable(frame), frame)
+    some = table["full"] > 0
+    assert some.sum() > FEW and (frame.truth["obj_type"][0] == 0)
+    name = "saturated stars with the flag"
+    flagged = measured(frame, flags=np.full(len(frame.measured), 4, np.int32))
+    found = {gate["name"]: gate for gate in gates([flagged])}
+    assert found[name]["passed"] is True and found[name]["n"] == some.sum()
+    assert {gate["name"]: gate for gate in gates([frame])}[name]["passed"] is False
+    assert {gate["name"]: gate for gate in gates([frames[0]])}[name]["passed"] is None
+
+
+def test_margins():
+    assert at_most("a", "r", -0.3, 0.1, 50, 0.05)["margin"] == pytest.approx(2.0)
+    assert at_least("a", "r", 0.8, 0.9, 10**8)["margin"] == pytest.approx(2.0, abs=2e-3)
+    assert between("a", "r", 2.4, (0.9, 1.2), 10**8)["margin"] == pytest.approx(2.0, abs=2e-3)
+    assert between("a", "r", 0.45, (0.9, 1.2), 10**8)["margin"] == pytest.approx(2.0, abs=2e-3)
+    assert at_least("a", "r", 0.9, 1.0, 50)["margin"] == LARGEST and at_least("a", "r", 1.0, 1.0, 50)["passed"]
+    assert at_most("a", "r", 0.3, 0.1, FEW - 1) == {
+        "name": "a", "band": "r", "value": 0.3, "threshold": 0.1, "n": FEW - 1, "margin": None, "passed": None,
+    }  # fmt: skip
+
+
+def test_of_exposures_keeps_what_fails_else_the_nearest():
+    def at(value, n=50, **where):
+        return at_most("a", "r", value, 0.1, n, **where)
+
+    good, better, bad, worse, few = at(0.09, exposure="1"), at(0.01), at(0.2, exposure="2"), at(0.3), at(0.5, n=3)
+    assert of_exposures([good, bad, better, worse, few]) == [bad, worse]
+    assert of_exposures([better, good, few]) == [good]
+    assert of_exposures([few, at(None, n=0)]) == [few]
+
+
+def test_clipped_mean_has_the_error_it_states():
+    """300 samples of 40 values with outliers: the pulls of the mean have a width of 1 within 5 sigma."""
+    rng, pulls = stream(9, "clipped"), []
+    for _ in range(300):
+        errors = rng.uniform(0.5, 2.0, 40)
+        values = 3.0 + errors * rng.standard_normal(40)
+        values[:2] += 50.0
+        mean, sigma, n = clipped_mean(values, errors, 0.1)
+        pulls.append((mean - 3.0) / sigma)
+        assert n <= 38
+    assert np.std(pulls) == pytest.approx(1.0, abs=0.05 + 5 / np.sqrt(2 * 300))
+    assert clipped_mean(np.array([np.nan]), np.array([1.0]), 0.1) == (None, 0.0, 0)
+
+
+@pytest.mark.parametrize(("wrong", "slope"), [
+    (lambda g: g, 1.0), (lambda g: 0.9 * g, 0.9), (lambda g: g * np.exp(0.6j), np.exp(0.6j)), (np.conj, 0.0),
+])  # fmt: skip
+def test_slope_of_shapes(wrong, slope):
+    rng, n = stream(3, "slope"), 2000
+    true = 0.3 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+    got = wrong(true) + 0.1 * (rng.standard_normal(n) + 1j * rng.standard_normal(n))
+    columns = dict(zip(("true_g1", "true_g2", "g1", "g2"), (true.real, true.imag, got.real, got.imag), strict=True))
+    blank = {name: np.zeros(n) for name in joined([]).names}
+    table = ObjectTable(blank | columns | {"galaxy": np.ones(n), "snr": np.full(n, 50.0)})
+    found, error, count = shape_slope(table)
+    assert count > 0.95 * n and abs(found - slope) < 5 * error * np.sqrt(2) + 0.02
