@@ -6,6 +6,7 @@ deleted by name (code_graph): only that is compiled again. Libraries are importe
 forked from.
 """
 
+import gc
 import importlib.util
 import json
 import os
@@ -22,9 +23,10 @@ from entries import PACKAGE
 _ROOM = 400  # bytes at a module's end
 _LIMIT = 60.0, 6.0  # s, and times what the tests take without a fault: longer is a mutant that hangs, caught
 _LIBRARIES = (
-    "numpy", "scipy.fft", "scipy.interpolate", "scipy.ndimage", "scipy.optimize", "scipy.stats", "scipy.special",
-    "numba", "astropy.io.fits", "astropy.wcs", "astropy.table", "astropy.units", "astropy.coordinates", "galsim",
-    "pydantic", "yaml", "h5py", "fitsio", "pyarrow.parquet", "click", "sep",
+    "pytest", "hypothesis", "scipy.fft", "scipy.interpolate", "scipy.ndimage", "scipy.optimize", "scipy.stats",
+    "scipy.special", "scipy.signal", "numba", "astropy.io.fits", "astropy.wcs", "astropy.table", "astropy.units",
+    "astropy.coordinates", "astropy.io.ascii", "galsim", "pydantic", "yaml", "h5py", "fitsio", "pyarrow.parquet",
+    "click", "sep", "healpy", "hpgeom", "erfa", "matplotlib.pyplot", "rich.table", "PIL.Image",
 )  # fmt: skip
 
 
@@ -45,11 +47,16 @@ class Bench:
         forget(self.warm, self.graph.users(stale))
         os.environ |= {
             "NUMBA_CACHE_DIR": str(self.cache), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
+            "MPLBACKEND": "agg", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
             "PYTHONPATH": f"{self.tree / 'src'}:{self.tree / 'tests'}",
         }  # fmt: skip
         os.environ["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
+        os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+        sys.dont_write_bytecode = False
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
         for name in _LIBRARIES:
             __import__(name)
+        _wake_numba()
 
     def _copy(self):
         """Bring the copy up to date; return the modules that changed, as paths."""
@@ -132,6 +139,7 @@ class Bench:
         child = os.fork()
         if child == 0:
             os.setsid()
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)
             os.chdir(self.tree)
             out = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
             os.dup2(out, 1)
@@ -145,7 +153,7 @@ class Bench:
             files = [str(self.tree / "tests" / name) for name in tests]
             base = self.scratch / "tmp"
             code = pytest.main(
-                ["-x", "-q", "--tb=line", "-p", "no:cacheprovider", "-p", "no:xdist", f"--basetemp={base}", *files]
+                ["-x", "-q", "--tb=line", "--assert=plain", "-p", "no:cacheprovider", f"--basetemp={base}", *files]
             )
             sys.stdout.flush()
             os._exit(int(code))
@@ -159,16 +167,28 @@ class Bench:
         return code, f"time limit of {limit:.0f} s" if code == -1 else last[:160]
 
 
+def _wake_numba():
+    """Compile something, so that what numba sets up on its first use is there in each process."""
+    import numba
+    import numpy as np
+
+    numba.njit(lambda a: np.sqrt(a).sum() + np.searchsorted(a, 0.5))(np.ones(3))
+    gc.freeze()
+
+
 def _wait(child, limit):
-    end = time.monotonic() + limit
-    while time.monotonic() < end:
-        ended, status = os.waitpid(child, os.WNOHANG)
-        if ended:
-            return os.waitstatus_to_exitcode(status)
-        time.sleep(0.05)
-    os.killpg(child, signal.SIGKILL)
-    os.waitpid(child, 0)
-    return -1
+    end, ended = time.monotonic() + limit, 0
+    try:
+        while time.monotonic() < end:
+            ended, status = os.waitpid(child, os.WNOHANG)
+            if ended:
+                return os.waitstatus_to_exitcode(status)
+            time.sleep(0.05)
+        return -1
+    finally:
+        if not ended:
+            os.killpg(child, signal.SIGKILL)
+            os.waitpid(child, 0)
 
 
 def _roomy(content, size):
