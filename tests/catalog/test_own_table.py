@@ -151,3 +151,12 @@ def test_units_are_turned_into_ours():
 def test_what_cannot_be_used_is_refused(options, message):
     with pytest.raises(InputError, match=message):
         TableCatalog(options, REGION)
+
+
+def test_the_hash_knows_values_and_their_names():
+    """Same values under another name, other values, another order of rows: each is another table."""
+    first = TableCatalog({"columns": columns(note=[1.0, 2.0])}, REGION).truth_hash
+    others = [{"remark": [1.0, 2.0]}, {"note": [1.0, 2.5]}, {"note": [2.0, 1.0]}, {}]
+    hashes = {TableCatalog({"columns": columns(**extra)}, REGION).truth_hash for extra in others}
+    assert len(hashes | {first}) == 5
+    assert first == TableCatalog({"columns": columns(note=[1.0, 2.0])}, REGION).truth_hash

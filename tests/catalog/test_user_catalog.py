@@ -375,3 +375,18 @@ def test_fluxes_of_the_wrong_shape_are_refused(camera):
 
     with pytest.raises(InputError, match=r"load_fluxes: .*shape"):
         check(Rates, {}, REGION, camera)
+
+
+def test_the_hash_knows_values_and_their_names(lab):
+    """Of a catalogue's own columns, too: same value under another name is another truth."""
+    import their_lab
+
+    class Named(their_lab.Pair):
+        def _load(self):
+            super()._load()
+            self.objs.append(MockObject(id=3, type="star", ra=10.2, dec=2.0, **{names[0]: names[1]}))
+
+    hashes = set()
+    for names in (("colour", 1.0), ("weight", 1.0), ("colour", 2.0)):
+        hashes.add(Named({"slope": 1.0}, REGION).truth_hash)
+    assert len(hashes) == 3

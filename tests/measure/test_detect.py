@@ -1,0 +1,71 @@
+"""Detection's maps and places: noise and level where no mesh is free, pixels of binned passes, local fluxes' errors."""
+
+import numpy as np
+import pytest
+import sep
+from conftest import READ_NOISE, SKY, add_noise, add_stars, integral
+
+from csstsim.measure.combine import local_flux
+from csstsim.measure.detect import _sources, detect, subtract_background
+from csstsim.measure.maps import BIN, binned
+
+SIGMA = 5.0
+NOISE = np.hypot(np.sqrt(SKY), READ_NOISE)  # electron, of a pixel of sky
+
+
+@pytest.mark.parametrize("crowded", [False, True], ids=["free", "crowded"])
+def test_level_and_noise_are_those_of_a_pixel(crowded):
+    """Also where so much is masked that the coarse, binned background must do: 2% of the noise, 0.15 e- of the level."""
+    image = add_noise(np.zeros((700, 640)), 61)
+    masked = np.full(image.shape, crowded)
+    rms = subtract_background(image, masked)
+    assert np.median(rms) == pytest.approx(NOISE, rel=0.02)
+    assert image.mean() == pytest.approx(0.0, abs=0.15)
+
+
+@pytest.mark.parametrize("scale", [1, BIN])
+@pytest.mark.parametrize("place", [(20, 28), (31, 20), (40, 44)])
+def test_places_are_those_of_whole_pixels_whatever_the_bin(scale, place):
+    """A block of light whose middle is known; where its window has no light the place is sep's own, unbinned."""
+    image = np.zeros((80, 80), np.float32)
+    x, y = place
+    image[y : y + 8, x : x + 12] = 100.0
+    found = sep.extract(binned(image) if scale == BIN else image, 10.0)
+    sources = _sources(np.zeros_like(image), found, np.zeros(image.shape, np.int32), scale, np.inf)
+    assert sources.window_failed.all() and len(sources.x) == 1
+    odd = np.array([x % scale, y % scale])  # a block that begins within a bin is known to that
+    assert abs(sources.x[0] - (x + 5.5)) <= 0.01 + 0.5 * odd[0] and abs(sources.y[0] - (y + 3.5)) <= 0.01 + 0.5 * odd[1]
+
+
+def test_extended_and_point_sources_lie_where_they_were_put():
+    """Stars and broad blobs: hot and cold places to their own scatter (0.3 px of a blob), both without a shift."""
+    image = np.zeros((900, 900))
+    x, y = (v.ravel() for v in np.meshgrid(np.arange(60.3, 860, 100), np.arange(60.7, 860, 100)))
+    line = integral(np.arange(-30, 32) - 0.5, 6.0)
+    blobs = np.arange(len(x)) % 2 == 0
+    for u, v in zip(x[blobs], y[blobs], strict=True):
+        i, j = round(u), round(v)
+        image[j - 30 : j + 31, i - 30 : i + 31] += 40_000 * np.outer(line, line)
+    add_stars(image, x[~blobs], y[~blobs], np.full((~blobs).sum(), 20_000.0))
+    kernel = np.outer(integral(np.arange(-3, 5) - 0.5), integral(np.arange(-3, 5) - 0.5)).astype(np.float32)
+    passes = detect(add_noise(image, 62), kernel)
+    centre = np.where(blobs, np.rint(x), x), np.where(blobs, np.rint(y), y)
+    for found, mine in ((passes.cold, blobs), (passes.hot, ~blobs)):
+        distance = np.hypot(found.x[:, None] - centre[0][mine], found.y[:, None] - centre[1][mine])
+        row = distance.argmin(axis=0)
+        assert distance.min(axis=0).max() < 0.5
+        dx, dy = found.x[row] - centre[0][mine], found.y[row] - centre[1][mine]
+        assert max(abs(dx.mean()), abs(dy.mean())) < 0.05
+
+
+def test_a_local_flux_has_the_error_it_states():
+    """On sky alone, 2500 places: mean 0, pulls of width 1 (SIGMA of their number)."""
+    image = add_noise(np.zeros((560, 560)), 63) - np.float32(SKY)
+    rms = np.full(image.shape, NOISE, np.float32)
+    kernel = np.outer(integral(np.arange(-3, 5) - 0.5), integral(np.arange(-3, 5) - 0.5))
+    x, y = (v.ravel().astype(float) for v in np.meshgrid(np.arange(20, 540, 10.4), np.arange(20, 540, 10.4)))
+    flux, error, _ = local_flux(np.minimum(image, 0) + np.maximum(image, 0), rms, x, y, kernel)
+    pull = flux / np.median(error)
+    assert abs(pull.mean()) < SIGMA / np.sqrt(len(x))
+    # Noise above the sky is taken for light of its own, which makes the stated error larger by up to a fifth
+    assert 0.8 < pull.std() < 1.0 + SIGMA / np.sqrt(2 * len(x))
