@@ -15,7 +15,7 @@ NOISE = np.hypot(np.sqrt(SKY), READ_NOISE)  # electron, of a pixel of sky
 
 @pytest.mark.parametrize("crowded", [False, True], ids=["free", "crowded"])
 def test_level_and_noise_are_those_of_a_pixel(crowded):
-    """Also where so much is masked that the coarse, binned background must do: 2% of the noise, 0.15 e- of the level."""
+    """Also where so much is masked that the coarse, binned background must do: 2% of the noise, 0.15 e-."""
     image = add_noise(np.zeros((700, 640)), 61)
     masked = np.full(image.shape, crowded)
     rms = subtract_background(image, masked)
