@@ -10,11 +10,13 @@ from csstsim.counter import object_keys
 from csstsim.instrument.chip import Window
 from csstsim.optics.beyond import Beyond, read_beyond
 from csstsim.render.galaxy_stamp import plan_galaxies
+from csstsim.render.line_wings import order_wing
 from csstsim.render.photons import shoot_scene
 from csstsim.render.places import from_profile
 from csstsim.render.psf_table import make_table
 from csstsim.render.scene import sersic_b
 from csstsim.render.stamps import draw_scene
+from csstsim.render.wings import FAINT_REACH
 
 SIGMA = 5.0
 WINDOW = Window(3700, 4301, 4700, 5301)
@@ -107,3 +109,27 @@ def test_ghosts_hold_their_share_of_the_light(camera, psf_r, electrons):
     assert beyond.ghosts.visible(electrons)
     assert (image - alone).sum() / electrons == pytest.approx(share, rel=1e-3)
     assert (drawn.drawn[0] - without.drawn[0]) / electrons == pytest.approx(share, rel=1e-3)
+
+
+def test_losses_take_the_same_share_near_and_far(psf_r, table_r):
+    """Of faint stars whose wings have an electron each at most: half is kept within 60 px and beyond, to SIGMA."""
+    scene = scene_of(psf_r, np.full(40_000, X), np.full(40_000, Y), 20.0, index=0.0)
+    radius = np.hypot(np.arange(WINDOW.x0, WINDOW.x1) - X, np.arange(WINDOW.y0, WINDOW.y1)[:, None] - Y)
+    rings = [(radius > low) & (radius < high) for low, high in ((50.0, 80.0), (80.0, 150.0), (150.0, 290.0))]
+    counted = []
+    for base, share in ((11, 1.0), (12, 0.5)):
+        plane, response = np.zeros(WINDOW.shape, np.int32), np.full(WINDOW.shape, share, np.float32)
+        keys = object_keys(np.uint64(base), scene.ids)
+        shoot_scene(plane, WINDOW, scene, keys, table_r, response, 1.0, read_beyond(psf_r).wing)
+        counted.append([plane[ring].sum() for ring in rings])
+    for whole, half in np.transpose(counted):
+        assert whole > 500
+        assert half == pytest.approx(0.5 * whole, abs=SIGMA * np.sqrt(0.5 * whole + 0.25 * whole))
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.1])
+def test_an_orders_wing_hides_where_its_light_does(share):
+    """A profile of r^-3 falls to one level at the cube root of the light; so do an order's wings, or they hide."""
+    assert order_wing(4000.0, share, BOX_PX) == pytest.approx(4000.0 * share ** (1 / 3))
+    assert order_wing(4000.0, share, BOX_PX) >= FAINT_REACH
+    assert order_wing(0.0, share, BOX_PX) == 0.0 and order_wing(1.4 * BOX_PX, share, BOX_PX) == 0.0
