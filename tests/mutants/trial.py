@@ -110,7 +110,7 @@ class Bench:
     def _mutant(self, mutation, tests, limit):
         path = self.tree / PACKAGE / mutation.file
         original, stamp, compiled = path.read_bytes(), path.stat(), Path(importlib.util.cache_from_source(str(path)))
-        text = mutation.source(self.root)
+        text = original[:-_ROOM].decode()
         line = text[: text.index(mutation.old)].count("\n") + 1
         names = self.graph.names_at(mutation.module, line, line + mutation.old.count("\n"))
         aside = compiled.with_suffix(".aside")
