@@ -83,9 +83,7 @@ def _defined(statement):
 
 def forget(cache, names):
     """Delete the files of these names, (module, name) pairs, from a folder that was numba's cache."""
-    stale = {f"{module.split('.')[-1]}.{name}-" for module, name in names}
+    stale = tuple({f"{module.split('.')[-1]}.{name}-" for module, name in names})
     for path in Path(cache).rglob("*.nb[ic]"):
-        if path.name[: path.name.rfind("-", 0, path.name.find(".py")) + 1] in stale or any(
-            path.name.startswith(s) for s in stale
-        ):
+        if path.name.startswith(stale):
             path.unlink()
