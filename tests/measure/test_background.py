@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from conftest import READ_NOISE, SKY, add_noise
 from scipy.stats import truncnorm
 
 from csstsim.measure.background import CLIP, CLIP_LOSS, SECOND_BOX, _clipped, crude_background, masked_background
@@ -33,9 +32,9 @@ def test_clipped_noise_is_that_of_all_pixels():
     assert _clipped(values) == pytest.approx((100.0, 8.0), rel=0.005)
 
 
-def test_the_mode_of_skewed_noise_is_made_a_mean():
+def test_the_mode_of_skewed_noise_is_made_a_mean(fabricate):
     """Sums of four pixels of sky: 0.12 e- (SIGMA of a million), where the mode lies 0.24 below the mean."""
-    small = binned(add_noise(np.zeros((2048, 2048)), 66))
+    small = binned(fabricate.add_noise(np.zeros((2048, 2048)), 66))
     level, rms = crude_background(small)
-    assert float(level.mean()) == pytest.approx(4 * SKY, abs=0.12)
-    assert float(rms.mean()) == pytest.approx(2 * np.hypot(np.sqrt(SKY), READ_NOISE), rel=0.02)
+    assert float(level.mean()) == pytest.approx(4 * fabricate.SKY, abs=0.12)
+    assert float(rms.mean()) == pytest.approx(2 * np.sqrt(fabricate.VARIANCE), rel=0.02)
