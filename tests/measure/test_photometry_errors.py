@@ -21,7 +21,7 @@ def test_effective_pixels_in_closed_form(fabricate):
 @pytest.mark.parametrize("share", [1.0, 0.25])
 @pytest.mark.parametrize("flux", [300.0, 20_000.0])
 def test_flux_errors_are_the_scatter_where_light_was_lost(fabricate, share, flux):
-    """400 stars on a field of which a share was counted, divided by it: pulls of width 1, and the S/N of the formula."""
+    """400 stars of whose light a share was counted, divided by it: pulls of width 1, and the formula's S/N."""
     image = np.zeros((640, 640))
     x, y = (v.ravel().astype(float) for v in np.meshgrid(np.arange(20, 620, 30), np.arange(20, 620, 30)))
     x, y = x + 0.3, y - 0.2
