@@ -197,6 +197,14 @@ def test_a_window_has_the_defects_of_the_chip(many):
     assert part.header["hot_pixels"] == np.count_nonzero(part.mask & HOT) > 0
 
 
+@pytest.mark.parametrize("rows", [(25, 45), (30, 36), (36, 64)])
+def test_a_window_within_bad_columns_has_their_part(many, rows):
+    """Columns reach from the seam at row 32 towards either amplifier: their noise is each row's own."""
+    whole = spoiled(masked(flat_state(many, 300.0)))
+    part = spoiled(masked(flat_state(many, 300.0, window=(0, 256, *rows))))
+    assert np.array_equal(part.image, whole.image[slice(*rows)]) and (part.mask & BAD_COLUMN).any()
+
+
 def test_places_last_and_noise_does_not(many):
     one, other = (spoiled(masked(flat_state(many, 300.0, obsid=obsid)), obsid) for obsid in ("1", "2"))
     assert np.array_equal(one.mask, other.mask)
