@@ -382,7 +382,7 @@ def test_the_hash_knows_values_and_their_names(lab):
     import their_lab
 
     found = []
-    for own in ({"colour": 1.0}, {"weight": 1.0}, {"colour": 2.0}):
+    for own in ({"tint": 1.0}, {"tone": 1.0}, {"tint": 2.0}):
         catalog = their_lab.Pair({"slope": 1.0}, REGION)
         catalog.objs.append(MockObject(id=3, type="star", ra=10.2, dec=2.0, **own))
         found.append(catalog.truth_hash)
