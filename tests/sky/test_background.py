@@ -8,9 +8,18 @@ from sky_places import AHEAD, PLACE, camera, numbers, sun_at, towards_limb
 from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement, units
 
 from csstsim.errors import InputError
+from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import mjd_utc
 from csstsim.sky import background
-from csstsim.sky.background import COMPONENTS, NODES, add_grid, band_rates, grid_mean, sky_components
+from csstsim.sky.background import (
+    COMPONENTS,
+    NODES,
+    add_grid,
+    band_rates,
+    grid_mean,
+    lines_of_sight,
+    sky_components,
+)
 from csstsim.sky.bodies import bodies
 from csstsim.sky.earthshine import earthshine
 from csstsim.sky.frame import angle, telescope_axes, unit
@@ -242,3 +251,17 @@ def test_sunlight_falls_with_the_square_of_the_suns_distance(date):
     direct = rates("r")["sun"] * total((axes @ sun)[None], ahead, angles(axes @ sun)[1], N)[0, 0]
     assert direct > 1.0
     assert sky_at(axes, place=over(towards), mjd=mjd)["sun"] == pytest.approx(direct / au**2, rel=1e-3)
+
+
+def test_the_grid_lies_between_the_middles_of_the_outer_pixels():
+    asked = []
+
+    class Recorder:
+        def pixel_to_world(self, x, y):
+            asked.append((x, y))
+            return np.zeros(x.shape), np.zeros(x.shape)
+
+    lines_of_sight(Recorder(), Window(100, 301, 50, 451))
+    ((x, y),) = asked
+    assert (x.min(), x.max(), y.min(), y.max()) == (100, 300, 50, 450)
+    assert len(x) == NODES**2 and np.diff(np.unique(x)) == pytest.approx(200 / (NODES - 1))
