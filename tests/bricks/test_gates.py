@@ -1,12 +1,15 @@
 """Gates and what they judge, by hand: chance forgiven the right way, rows to the amplifier, blends, depth, sizes."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from csstsim.bricks import compare
+from csstsim.bricks.exposures import _depth
 from csstsim.bricks.gates import CHANCE, FEW, WORST, at_least, at_most, between
 from csstsim.bricks.trials import trials
-from csstsim.bricks.validate import Frame, _gates, blended
+from csstsim.bricks.validate import Frame, blended
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.thresholds import ValidateConfig
 
@@ -73,25 +76,23 @@ def test_a_galaxys_half_light_radius_is_of_both_components():
     assert compare.half_light(star.with_columns(**shape)) == pytest.approx([0.0])
 
 
-def test_two_objects_in_one_source_are_one_source():
-    """Of ten objects two lie in one source and one is lost: eight sources, 20% fewer."""
+def test_number_counts_are_of_sources_in_the_band():
+    """Of ten bright objects one has no source and one a source without a detection in the band: 20% fewer."""
     truth = truth_of(x=np.arange(10.0), y=np.zeros(10))
-    match = np.array([0, 1, 2, 3, 4, 5, 6, 7, 7, -1])
+    match = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, -1])
     sources = ObjectTable({
-        "star": np.ones(8), "mag_r": np.full(8, 20.0), "kron_mag_r": np.full(8, 20.0), "n_r": np.ones(8, int),
+        "star": np.ones(9), "mag_r": np.full(9, 20.0), "kron_mag_r": np.full(9, 20.0), "flux_r": np.full(9, 100.0),
+        "flux_err_r": np.full(9, 0.1), "n_r": np.array([1] * 8 + [0]),
     })  # fmt: skip
-    real = np.ones(8, bool)
-    assert compare.counts("r", truth, sources, match, real, [19, 21], 21.0)["excess"] == pytest.approx(-0.2)
+    real, infos = np.ones(9, bool), [{"zeropoint": 31.5, "n_eff": 9.0, "rms": 7.7}]
+    assert compare.counts("r", truth, sources, match, real, [19, 21], infos)["excess"] == pytest.approx(-0.2)
     real[0] = False  # nobody's, though one matches it: counted as false besides
-    assert compare.counts("r", truth, sources, match, real, [19, 21], 21.0)["excess"] == pytest.approx(-0.1)
+    assert compare.counts("r", truth, sources, match, real, [19, 21], infos)["excess"] == pytest.approx(-0.1)
 
 
 @pytest.mark.parametrize(("depth", "off"), [(25.7, -0.2), (25.95, 0.0), (26.0, 0.0), (26.1, 0.0), (26.4, 0.3)])
 def test_depth_is_judged_against_the_range_of_the_published_ones(depth, off):
-    none = compare.spread([])
-    numbers = {
-        "star": none, "counts": {"n": 0, "excess": None}, "point_sources": 0, "completeness": None, "transfer": [],
-        "pull": none, "psf": dict.fromkeys(("psf_size", "psf_e1", "psf_e2"), none), "depth_5sigma": depth,
-    }  # fmt: skip
-    found = [g for g in _gates("r", numbers, [(25.9, 26.1)] * 3, ValidateConfig()) if "depth" in g["name"]]
-    assert [g["value"] for g in found] == [pytest.approx(off)]
+    frame = Frame(None, ObjectTable({}, {"filter": "r", "depth_5sigma": depth}), seam=10, depth=(25.9, 26.1))
+    asked = SimpleNamespace(at_most=lambda name, value, threshold, n: (value, threshold))
+    ((value, threshold),) = _depth(frame, ValidateConfig(), asked)
+    assert value == pytest.approx(off) and threshold == ValidateConfig().depth_off_max

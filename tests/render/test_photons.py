@@ -388,6 +388,8 @@ def test_losses_take_electrons_whatever_their_place(psf_r, table_r):
     n = seen.sum()
     chi2 = ((kept - whole / 2)[seen] ** 2 / (whole / 2 + whole / 4)[seen]).sum()
     assert n > 500 and abs(chi2 / n - 1) < 5 * np.sqrt(2 / n)
+
+
 @pytest.mark.parametrize("place", [(9000.0, 5000.0), (9000.3, 4999.6)])
 def test_photons_beyond_the_middle_stand_where_the_psf_has_them(wide_and_narrow, place):
     """A Gaussian of 3 px, pixels beyond the middle's 8 px alone: the shift that fits them best is 0, to 0.07 px."""
