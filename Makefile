@@ -2,12 +2,13 @@
 #   make run    set up .venv, then simulate the demo campaign and one full chip end to end
 #   make test   set up .venv, then every check and test
 #   make docs   set up .venv, then the documentation site, results/docs/index.html
+#   make mutants  faults put into the code one by one, and a table by folder of those that the tests see (an hour)
 #   make fuzz   set up .venv, then eight minutes of hostile input to every reader, and a table of what came of it
 PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: run test docs tutorials test-slurm test-faults fuzz format clean
+.PHONY: run test docs tutorials test-slurm test-faults mutants fuzz format clean
 
 run: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/campaign.yaml
@@ -47,6 +48,10 @@ fuzz: .venv/ready
 # What is killed, full, read-only or damaged, and resumed. Some faults need root, one a Slurm (as test-slurm)
 test-faults: .venv/ready
 	pytest -m faults -rs tests/faults
+
+# An hour the first time on an idle machine; what is known is kept (CSSTSIM_MUTANTS: where)
+mutants: .venv/ready
+	python tests/mutants/run.py
 
 format: .venv/ready
 	ruff check --fix .

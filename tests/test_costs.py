@@ -1,11 +1,11 @@
 """Expected costs of jobs: which jobs there are, how their costs grow, a file that cannot be used."""
 
 import pytest
-from mini_campaign import POINTINGS, write_campaign, write_scene
+from mini_campaign import POINTINGS, THIN, write_campaign, write_scene
 
 from csstsim.campaign import OpenCampaign
 from csstsim.config import SHIPPED
-from csstsim.costs import FILE, INSTEAD, STAGES, Cost, each_once, expected, expected_objects, load_costs
+from csstsim.costs import FILE, INSTEAD, STAGES, Cost, _exposures, each_once, expected, expected_objects, load_costs
 from csstsim.errors import InputError
 
 WHOLE = 9216 * 9232 / 1e6  # megapixels of a chip
@@ -104,3 +104,16 @@ def test_a_file_that_cannot_be_used_is_refused_by_key(tmp_path, old, new, words)
     with pytest.raises(InputError, match=words) as refused:
         load_costs(file)
     assert str(file) in str(refused.value)
+
+
+def test_an_exposure_in_one_process_starts_once_and_holds_a_chip_at_a_time():
+    chips = {("1", 8): Cost(10.0, 300.0), ("1", 9): Cost(20.0, 500.0), ("2", 8): Cost(5.0, 200.0)}
+    assert _exposures(chips, 2.0) == {"1": Cost(28.0, 500.0), "2": Cost(5.0, 200.0)}
+
+
+def test_objects_expected_are_counts_times_the_area_of_a_window(tmp_path):
+    """Galaxies of 20 an arcmin2 on 128 x 128 px of 0.074 arcsec: half a one, and the stars, which are fewer."""
+    run = OpenCampaign(write_campaign(tmp_path))
+    objects = expected_objects(run, run.jobs)
+    galaxies = THIN * (128 * 0.074 / 60) ** 2
+    assert all(galaxies < count < 1.5 * galaxies for count in objects.values()) and len(objects) == len(run.jobs)

@@ -44,3 +44,22 @@ def test_galsim_seed_is_never_zero_and_the_global_state_is_untouched():
     stream(1, "x").normal(size=10)
     assert min(seeds) > 0 and len(set(seeds)) == 1000
     assert np.array_equal(before, np.random.get_state()[1])  # noqa: NPY002
+
+
+def test_a_draw_lives_as_long_as_its_method_says_and_no_longer():
+    """Each method: which of seed, exposure, chip, layer and name change its numbers."""
+    base = {"seed": 1, "obsid": "101", "chip_id": 8, "keyword": "bias"}
+    others = {"seed": 2, "obsid": "102", "chip_id": 9, "keyword": "gain"}
+    methods = {
+        "exposure": (lambda s: first(s.exposure("x")), {"seed", "obsid", "chip_id", "keyword"}),
+        "exposure_key": (lambda s: int(s.exposure_key("x")), {"seed", "obsid", "chip_id", "keyword"}),
+        "chip": (lambda s: first(s.chip("x")), {"seed", "chip_id"}),
+        "chip_key": (lambda s: int(s.chip_key("x")), {"seed", "chip_id"}),
+        "channel": (lambda s: first(s.channel(3, "x")), {"seed", "chip_id"}),
+        "camera": (lambda s: first(s.camera("x")), {"seed"}),
+        "object": (lambda s: first(s.object(7)), {"seed", "obsid", "chip_id"}),
+    }
+    for name, (draw, hangs_on) in methods.items():
+        here = draw(Streams(**base))
+        changed = {key for key, value in others.items() if draw(Streams(**base | {key: value})) != here}
+        assert changed == hangs_on, name

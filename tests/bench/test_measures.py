@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from csstsim.bench.measures import NAMES, errors, moments
+from csstsim.bench.summary import summarise
 
 SIGMA = 3.0  # px, of the weight
 ROUNDING = 1e-8
@@ -89,3 +90,30 @@ def test_random_electrons_are_taken_off_the_visible_error(drawn):
     assert drawn[1][7] < 10 < np.median(chance)
     assert abs(seen2.mean() - drawn[1][7] ** 2) < 4 * (chance**2).mean() / 20
     assert seen2.std() == pytest.approx((chance**2).mean(), rel=0.25)  # and the scatter of it is as stated
+
+
+@pytest.mark.parametrize("light", [1.0, 9.0, 1e4])
+def test_the_spread_of_light_is_its_root(light):
+    """Of so many electrons: that of their number; those of the centre and the shape fall with the root."""
+    one, many = moments(gaussian(4.0, 5.0), SIGMA), moments(gaussian(4.0, 5.0, light=light), SIGMA)
+    assert many.spread[0] == pytest.approx(np.sqrt(light))
+    assert many.spread[1:] == pytest.approx(one.spread[1:] / np.sqrt(light))
+
+
+def test_a_mean_over_objects_has_the_error_of_a_mean():
+    """Sixteen objects whose biases scatter by 3e-3: the mean's error is a quarter of that; weighted by electrons."""
+
+    class Goals:
+        goals, shown = {"flux": 1e-3}, ("flux",)
+
+    values = 0.01 + 3e-3 * np.resize([-1.0, 1.0], 16)
+    row = {"method": "a", "kind": "star", "drawn": 100.0, "at_node": True, "cpu_s": 1e-3, "flux_chance": 0.0}
+    rows = [
+        row | {f"{name}_{which}": value for which in ("standard", "direct") for name in ("flux", "visible", "pixel")}
+        | {"visible_chance": 0.1}
+        for value in values
+    ]  # fmt: skip
+    line = summarise(rows, Goals, "r")[0]
+    assert line["flux"] == pytest.approx(0.01) and line["flux_error"] == pytest.approx(3e-3 / 4)
+    rows[0]["drawn"] = 1e9  # one that has nearly all electrons: the mean is its own
+    assert summarise(rows, Goals, "r")[0]["flux"] == pytest.approx(values[0], rel=1e-5)

@@ -275,3 +275,25 @@ def test_a_bright_source_is_not_lost_to_a_ray_beside_it(snr, flags, kept):
     """Of one exposure: what a ray leaves of itself is fainter, not centred, or has no shape."""
     one = table([150.0], [2.0], snr=snr).with_columns(flags=np.array([flags], np.int32))
     assert len(merge_brick(int(healpix.brick_of(150.0, 2.0)), [one])[0]) == kept
+
+
+@pytest.mark.parametrize(("frames", "credible"), [(1, 0), (2, 0), (3, 1), (4, 1)])
+def test_faint_sources_stand_from_the_third_visit_on(frames, credible):
+    """S/N 3 each: two of them are not S/N 6.3 together, and three agree by chance a few times a brick."""
+    pix = int(healpix.brick_of(150.0, 2.0))
+    tables = [table([150.0], [2.0], obsid=str(k), snr=3.0, flux=150.0) for k in range(frames)]
+    for one in tables:
+        one["flux_kron"][:], one["flux_kron_err"][:] = 100.0, 60.0
+    sources, _ = merge_brick(pix, tables)
+    assert len(sources) == credible and sources.meta["left_out"] == 1 - credible
+
+
+def test_places_are_weighted_by_their_errors():
+    """Two visits, 10 and 20 mas: the mean lies four times nearer to the better one, with the error of both."""
+    pix = int(healpix.brick_of(150.0, 2.0))
+    moved = 0.05 * ARCSEC
+    one = table([150.0], [2.0], obsid="1", pos_err=0.01)
+    two = table([150.0], [2.0 + moved], obsid="2", pos_err=0.02)
+    sources, _ = merge_brick(pix, [one, two])
+    assert (sources["dec"][0] - 2.0) / moved == pytest.approx(0.2, abs=1e-3)
+    assert sources["pos_err"][0] == pytest.approx((0.01**-2 + 0.02**-2) ** -0.5, rel=1e-6)

@@ -10,9 +10,10 @@ import speclite.filters
 from astropy import units as u
 
 from csstsim.catalog.base import CatalogBase
-from csstsim.catalog.c9 import C9Catalog
+from csstsim.catalog.c9 import C9Catalog, _quasars
 from csstsim.catalog.contract import check, sky_region
 from csstsim.catalog.photometry import ab_mag
+from csstsim.catalog.table import GALAXY
 from csstsim.config import SHIPPED
 from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
@@ -236,3 +237,13 @@ def test_files_that_do_not_work(sky, tmp_path):
     catalog = C9Catalog(options | {"basis": basis}, REGION)
     with pytest.raises(InputError, match=r"short.h5: components: wrong shape .*20 x 3587"):
         catalog.load_seds(range(len(catalog.objs)))
+
+
+def test_quasars_have_the_spectra_that_their_galaxies_name():
+    """Whatever the order: index 5 before 2, and galaxies without one between."""
+    columns = {name: np.arange(4.0) for name in ("ra", "dec", "redshift", "kappa")}
+    columns |= {"shear": np.zeros((4, 2)), "qsoindex": np.array([5, -1, -1, 2])}
+    host = 4 * np.arange(4, dtype=np.int64) + GALAXY
+    table = _quasars(columns, host, columns["qsoindex"] >= 0)
+    assert table["qsoindex"].tolist() == [5, 2] and table["ra"].tolist() == [0.0, 3.0]
+    assert table["host"].tolist() == host[[0, 3]].tolist() and len(set(table["id"]) | set(host)) == 6

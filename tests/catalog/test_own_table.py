@@ -151,3 +151,23 @@ def test_units_are_turned_into_ours():
 def test_what_cannot_be_used_is_refused(options, message):
     with pytest.raises(InputError, match=message):
         TableCatalog(options, REGION)
+
+
+def test_the_hash_knows_values_and_their_names():
+    """Same values under another name, other values, another order of rows: each is another table."""
+    first = TableCatalog({"columns": columns(note=[1.0, 2.0])}, REGION).truth_hash
+    others = [{"remark": [1.0, 2.0]}, {"note": [1.0, 2.5]}, {"note": [2.0, 1.0]}, {}]
+    hashes = {TableCatalog({"columns": columns(**extra)}, REGION).truth_hash for extra in others}
+    assert len(hashes | {first}) == 5
+    assert first == TableCatalog({"columns": columns(note=[1.0, 2.0])}, REGION).truth_hash
+
+
+def test_spectra_are_straight_in_magnitude_over_the_logarithm_of_wavelength(camera):
+    """Between the pivots of two bands given, and level beyond them."""
+    filters = [camera.filters[band] for band in ("g", "z")]
+    spectrum = colour_spectra(np.array([[20.0, 22.0]]), filters)[0]
+    mag, log = -2.5 * np.log10(spectrum / ab_photon_density(GRID)), np.log(GRID)
+    first, last = np.searchsorted(GRID, [f.pivot for f in filters])
+    slope = np.diff(mag[first + 1 : last]) / np.diff(log[first + 1 : last])
+    assert np.ptp(slope) < 1e-3 * abs(slope.mean()) and slope.mean() > 1
+    assert np.ptp(mag[:first]) < 1e-9 and np.ptp(mag[last + 1 :]) < 1e-9

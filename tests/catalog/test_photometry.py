@@ -1,13 +1,16 @@
 """Synthetic photometry against closed forms and two independent packages."""
 
+from itertools import pairwise
+
 import astropy.units as u
 import numpy as np
 import pytest
 import speclite.filters
 import synphot
 from embedded_sky import shipped
+from scipy.integrate import simpson
 
-from csstsim.catalog.photometry import CHUNK, ab_mag, load_fluxes, rate_to_mag, subband_fluxes
+from csstsim.catalog.photometry import CHUNK, ab_mag, bin_means, load_fluxes, rate_to_mag, subband_fluxes
 from csstsim.instrument.filter import GRID
 from csstsim.units import C_A_S, H_J_S, ab_photon_density
 
@@ -74,3 +77,16 @@ def test_no_light_is_infinitely_faint_and_nan_stays_nan(camera):
     filter_ = camera.filters["r"]
     mags = rate_to_mag([0.0, np.nan, -1.0], filter_, camera.telescope)
     assert mags[0] == np.inf and np.isnan(mags[1:]).all()
+
+
+@pytest.mark.parametrize("at", [[0, 1, 2, 3], [0, 7, 8, 200], [3, 40, 100]])
+def test_bin_means_are_those_of_lines_between_samples(at):
+    """By quad's integral of numpy's interpolation, sample by sample."""
+    spectra = np.random.default_rng(8).uniform(0.0, 5.0, (3, 201))
+    found = bin_means(spectra, np.array(at))
+    place = np.arange(201.0)
+    for row, means in zip(spectra, found, strict=True):
+        for (a, b), mean in zip(pairwise(at), means, strict=True):
+            fine = np.linspace(a, b, 20 * (b - a) + 1)
+            assert mean == pytest.approx(simpson(np.interp(fine, place, row), fine) / (b - a), rel=1e-9)
+    assert found.shape == (3, len(at) - 1)

@@ -294,3 +294,7 @@ def test_what_magnitudes_rule_out_would_not_have_been_there(camera, sky):
             assert quick[name] == pytest.approx(every[name], rel=1e-7)
         else:
             assert np.array_equal(quick[name], every[name], equal_nan=every[name].dtype.kind == "f")
+
+
+def test_the_variance_of_a_pixel_is_of_all_that_it_counts():
+    assert Noise(sky=0.2, dark=0.02, read_noise=5.0).variance(100.0) == pytest.approx(0.2 * 100 + 0.02 * 100 + 25)

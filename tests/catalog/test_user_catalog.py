@@ -375,3 +375,15 @@ def test_fluxes_of_the_wrong_shape_are_refused(camera):
 
     with pytest.raises(InputError, match=r"load_fluxes: .*shape"):
         check(Rates, {}, REGION, camera)
+
+
+def test_the_hash_knows_values_and_their_names(lab):
+    """Of a catalogue's own columns, too: same value under another name is another truth."""
+    import their_lab
+
+    found = []
+    for own in ({"tint": 1.0}, {"tone": 1.0}, {"tint": 2.0}):
+        catalog = their_lab.Pair({"slope": 1.0}, REGION)
+        catalog.objs.append(MockObject(id=3, type="star", ra=10.2, dec=2.0, **own))
+        found.append(catalog.truth_hash)
+    assert len(set(found)) == 3

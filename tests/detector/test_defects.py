@@ -110,3 +110,12 @@ def test_background():
 def test_inside_a_window():
     which, y, x = defects.inside(np.array([0, 12, 25, 99]), 10, Window(2, 6, 1, 3))
     assert which.tolist() == [False, True, True, False] and y.tolist() == [0, 1] and x.tolist() == [0, 3]
+
+
+@pytest.mark.parametrize("mean", [0.3, 0.7, 2.6, 40.0])
+def test_the_background_is_a_mean_not_a_digit(mean):
+    """Few whole electrons a pixel, objects and rays in 1%: 5 sigma of a million pixels, and what they add."""
+    rng = stream(9, "background", mean)
+    image = rng.poisson(mean, (1000, 1000)).astype(np.float32)
+    image[rng.random(image.shape) < 0.01] += 5000.0
+    assert defects.background(image) == pytest.approx(mean, abs=5 * np.sqrt(mean / 1e6) + 0.002)

@@ -212,3 +212,14 @@ def test_means_beyond_whole_numbers_of_32_bits():
     assert np.array_equal(image[:50], plain[:50] + 7)
     with pytest.raises(ValueError, match="1 pixel"):
         add_poisson(np.array([[np.inf, 1.0]], np.float32), key)
+
+
+@pytest.mark.parametrize("dark", [0.0, 4e8])
+def test_the_brightest_pixels_have_their_dark_current_and_the_noise_of_both(dark):
+    """Means above what whole numbers hold: 2e9 expected, and dark current: mean and variance to 5 sigma."""
+    image = np.full((300, 300), 2e9, np.float32)
+    add_poisson(image, key("bright", dark), dark=dark)
+    mean, n = 2e9 + dark, image.size
+    values = image.astype(float) - mean
+    assert abs(values.mean()) < 5 * np.sqrt(mean / n) + 64  # float32 has steps of 128 there
+    assert values.var() == pytest.approx(mean, rel=5 * np.sqrt(2 / n))

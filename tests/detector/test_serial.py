@@ -104,33 +104,3 @@ def test_a_window_is_a_part_of_the_channel(turned):
     assert np.array_equal(given[0], wanted[0]) and given[1] == wanted[1]
     with pytest.raises(ValueError, match="of a line of 80"):
         transfer_rows(part, DENSITY, TAU, WELL, KEYS, lead=30, n_columns=80)
-
-
-@pytest.mark.parametrize("times", [0, 1, 100])
-def test_charge_is_conserved(times):
-    image = scene(np.random.default_rng(5), (30, 400), 30)
-    out = image.copy()
-    trail, trapped = transfer_rows(out, times * np.array(DENSITY), TAU, WELL, KEYS, prescan=27, overscan=71)
-    assert out.min() >= 0 and trail.min() >= 0
-    assert image.sum(dtype=float) == out.sum(dtype=float) + trail.sum(dtype=float) + trapped
-    assert np.array_equal(out, image) == (times == 0) == (not trail.any())
-
-
-def test_fractions_and_negative_charge_stay_with_their_pixel():
-    whole = scene(np.random.default_rng(7), (5, 300), 8)
-    extra = np.where(whole == 0, -3.25, 0.75).astype(np.float32)
-    odd = whole + extra
-    for image in (whole, odd):
-        transfer_rows(image, DENSITY, TAU, WELL, KEYS)
-    assert np.array_equal(odd, whole + extra)
-
-
-def test_extreme_images():
-    """No pixel, one, no charge, all full: nothing; conserved; nothing moves; every trap is filled in every row."""
-    assert transfer_rows(np.empty((0, 4), np.float32), DENSITY, TAU, WELL, KEYS)[1] == 0
-    for shape, charge in (((1, 1), 50.0), ((3, 40), 0.0), ((3, 40), 90000.0)):
-        image = np.full(shape, charge, np.float32)
-        _, trapped = transfer_rows(image, DENSITY, TAU, WELL, KEYS)
-        assert image.sum() == charge * image.size - trapped
-        every = sum(len(element) for element in traps_of(KEYS[0], shape[1], DENSITY, TAU))
-        assert trapped == {50.0: trapped, 0.0: 0, 90000.0: shape[0] * every}[charge]

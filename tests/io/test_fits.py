@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
-from csstsim.io.fits import card, remark, write_hdus
+from csstsim.errors import InputError
+from csstsim.io.fits import card, open_fits, remark, write_hdus
 
 VALUES = [
     True, False, 0, -12345678901234, 1.5, -8.174558361760018e-06, 1e300, 61582.85900462963, "", "r", "O'Neill",
@@ -62,3 +63,27 @@ def test_large_data_in_several_pieces(tmp_path):
     write_hdus(tmp_path / "x.fits", [("", [], None), ("ONE", [], data)])
     with fits.open(tmp_path / "x.fits", checksum=True) as hdus:
         assert np.array_equal(hdus["ONE"].data, data)
+
+
+@pytest.mark.parametrize("at", range(60, 75))
+@pytest.mark.parametrize("length", [70, 140, 200])
+def test_quotes_of_a_long_text_stay_whole_wherever_it_is_cut(at, length):
+    """Quotes at and about the places where a card ends: astropy and fitsio's rules give the text back."""
+    text = "".join("'" if at <= k < at + 3 or k % 67 == 66 else "abcdefghij"[k % 10] for k in range(length))
+    header = fits.Header.fromstring(card("HISTKEY", text, "a comment"))
+    assert header["HISTKEY"] == text
+    whole = card("HISTKEY", text)
+    for part in (whole[i : i + 80].rstrip() for i in range(0, len(whole), 80)):
+        quotes = part[part.index("'") :].count("'")
+        assert part.endswith("'") and quotes % 2 == 0  # its own pair, and doubled ones
+
+
+def test_a_file_that_lacks_its_end_is_refused(tmp_path):
+    path = tmp_path / "whole.fits"
+    write_hdus(path, [("", [], None), ("IMAGE", [], np.arange(20_000, dtype=np.uint16).reshape(100, 200))])
+    open_fits(path).close()
+    content = path.read_bytes()
+    for missing in (1, 2880, 20_000):
+        path.write_bytes(content[:-missing])
+        with pytest.raises(InputError, match="cut short"):
+            open_fits(path)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from csstsim.catalog.table import ObjectTable
-from csstsim.io.truth import CAT_COLUMNS, read_truth, write_truth
+from csstsim.io.truth import CAT_COLUMNS, electron_budget, read_truth, truth_table, write_truth
 
 JOB = SimpleNamespace(chip=SimpleNamespace(id=9, filter="r"))
 
@@ -36,3 +36,21 @@ def test_columns_of_the_catalogues_own_overwrite_nothing(tmp_path):
     assert all(list(map(str, both[name])) == list(map(str, plain[name])) for name in plain.names)
     assert set(both.names) - set(plain.names) == {f"user_{name}" for name in own}
     assert list(both["user_RV"]) == [7.0, 8.0] and both["RV"][0] == 5.0
+
+
+def test_shear_is_reduced_and_light_magnified_by_the_same_lens():
+    table = truth_table(drawn(kappa=[0.0, 0.2], gamma1=[0.05, 0.1], gamma2=[0.0, -0.04]), JOB)
+    assert np.allclose(table["g1"], [0.05, 0.125]) and np.allclose(table["g2"], [0.0, -0.05])
+    assert np.allclose(table["detA"], (1 - np.array([0.0, 0.2])) ** 2 * (1 - table["g1"] ** 2 - table["g2"] ** 2))
+
+
+def test_the_budget_of_electrons_has_all_that_layers_name():
+    """Each of them once, the dark current for each pixel, what is trapped in columns and in registers."""
+    header = {
+        "objects_electrons": 1.0, "light_electrons": 2.0, "dark_electrons": 0.25, "cosmic_electrons": 4,
+        "defects_electrons": 5.0, "cti_trapped": 6, "cti_serial_trapped": 7, "bloom_lost": 8.0,
+    }  # fmt: skip
+    assert electron_budget(header, 8) == {
+        "objects": 1.0, "light": 2.0, "dark": 2.0, "rays": 4.0, "defects": 5.0, "trapped": 13.0, "bloomed": 8.0,
+    }  # fmt: skip
+    assert "bloomed" not in electron_budget({}, 8) and not any(electron_budget({}, 8).values())

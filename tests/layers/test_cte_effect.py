@@ -221,9 +221,6 @@ def test_what_cannot_be_transferred_is_refused(small):
     state.counted = np.ones(state.image.shape, np.int32)
     with pytest.raises(ValueError, match="poisson_and_dark must come before"):
         cte_effect.apply(state, cte_effect.Param(), RNG)
-    state.counted, state.image[3, 3] = None, np.nan
-    with pytest.raises(ValueError, match=r"1 pixel\(s\) is not finite"):
-        cte_effect.apply(state, cte_effect.Param(), RNG)
 
 
 def test_a_camera_without_traps(small):

@@ -5,6 +5,7 @@ import pytest
 from readout_state import flat_state, run, small_camera
 
 from csstsim.config import SHIPPED
+from csstsim.detector.prnu import multiply
 from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
 from csstsim.layers import led_calib_model
@@ -93,3 +94,15 @@ def test_a_flat_exposure_divided_by_the_model_flat_is_flat_within_noise(small, c
     chi2 = ((ratio - 1) ** 2 * model).sum()
     assert abs(chi2 - model.size) < 5 * np.sqrt(2 * model.size)
     assert abs(ratio.mean() - 1) < 5 / np.sqrt(model.sum())
+
+
+def test_lamps_light_pixels_by_their_response(small):
+    """With PRNU in the list each pixel counts its own share of the lamp's light, that of the sky's."""
+    plain, state = lit(small, ["670"], [10.0]), flat_state(small)
+    state.leds, state.prnu = small.leds, True
+    seen = led_calib_model.apply(state, led_calib_model.Param(LED_TYPE=["670"], LED_TIME=[10.0]), STREAMS)
+    ratio = seen.image / plain.image
+    wanted = np.ones(ratio.shape, np.float32)
+    multiply(wanted, state.window.x0, state.window.y0, state.chip.detector.prnu, STREAMS.chip_key("prnu"))
+    np.testing.assert_allclose(ratio, wanted, rtol=1e-5)
+    assert ratio.std() == pytest.approx(small.detector.prnu, rel=0.05)

@@ -47,13 +47,6 @@ def test_exptime_overrides_the_pointing(small):
         poisson_and_dark.Param(exptime=-1)
 
 
-def test_nan_is_refused_with_a_count(small):
-    state = flat_state(small, 1.0)
-    state.image[3, 4:7] = np.nan
-    with pytest.raises(ValueError, match=r"3 pixel\(s\)"):
-        poisson_and_dark.apply(state, poisson_and_dark.Param(), RNG)
-
-
 def test_forgotten_counted_electrons_are_refused(small):
     state = flat_state(small)
     state.counted = np.ones(state.image.shape, np.int32)

@@ -7,6 +7,7 @@ import pytest
 from readout_state import flat_state, plain_layers, run, small_camera
 
 from csstsim.errors import InputError
+from csstsim.io.keywords import orbit_after
 from csstsim.io.level0 import write_level0
 from csstsim.layers import sky_background
 from csstsim.optics.response import response_map
@@ -109,3 +110,32 @@ def test_level0_header(small, tmp_path, model):
     assert found["SKYRATE"] == pytest.approx(header["sky_rate"])
     assert ("SKYZODI" in found) is model and ("SKYEARTH" in found) is model
     assert 0 < found["SUNANGL0"] < 180 and found["LIMBANG0"] == pytest.approx(header["limb_angle"])
+
+
+@pytest.mark.parametrize("start", [-500.0, 700.0, 800.0])
+def test_the_sky_is_the_mean_over_the_exposure(small, start):
+    """300 s, 20 deg of an orbit on which the Earth's limb comes nearer or goes: within 1% of thirty short ones."""
+
+    def rate(after, exptime):
+        place, velocity = orbit_after(HIGH, (6.0, 3.0, -2.1), abs(after))
+        if after < 0:  # back along the orbit
+            place, velocity = orbit_after(HIGH, (-6.0, -3.0, 2.1), -after)
+            velocity = tuple(-v for v in velocity)
+        return lit(small, exptime=exptime, sat_position=place, sat_velocity=velocity).header["sky_rate"]
+
+    short = [rate(start + 10.0 * (k + 0.5), 0.01) for k in range(30)]
+    assert rate(start, 300.0) == pytest.approx(np.mean(short), rel=0.01)
+
+
+def test_a_dispersed_sky_says_the_rate_that_is_in_the_image(camera):
+    state = flat_state(
+        camera, chip=1, window=(3000, 3200, 4000, 4100), sat_position=HIGH, sat_velocity=(6.0, 3.0, -2.1)
+    )
+    state.sky, state.leds, state.gratings = camera.sky, camera.leds, camera.gratings[1]
+    for model in (False, True):
+        state.image[:] = 0.0
+        param = sky_background.Param(enable_straylight_model=model, **PLAIN)
+        header = sky_background.apply(state, param, STREAMS).header
+        assert header["sky_rate"] * 150.0 == pytest.approx(state.image.mean(dtype=float), rel=1e-5)
+        assert header["sky_rate"] != pytest.approx(state.filter.sky, rel=0.01)
+    assert header["sky_rate"] == pytest.approx(sum(header[f"sky_{name}"] for name in COMPONENTS), rel=1e-5)

@@ -90,3 +90,37 @@ def test_what_a_header_may_not_say_of_a_channel(gain, lines, key):
     nonlinearity = {channel: pair for channel, pair in nonlinearity.items() if pair}
     with pytest.raises(InputError, match=f"{key}{last:02d}"):
         calibrate(frame, readout, gains | {last: gain}, nonlinearity=nonlinearity, full_well=90_000)
+
+
+@pytest.mark.parametrize("part", [0.0, 0.15, 0.37, 0.5, 0.81])
+def test_the_level_is_known_to_a_part_of_a_digit(part):
+    """Whole DN of a level in between: the mean of 300,000 is good to 0.013 DN (5 sigma), whatever the part."""
+    pixels = (460.0 + part + stream(4, "part of a digit").normal(0.0, 1.4, (10_000, 32))).round()
+    level, _ = overscan_level(pixels)
+    assert abs(level - 460.0 - part) < 5 * np.hypot(1.4, 12**-0.5) / np.sqrt(10_000 * 30)
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.25])
+def test_sigma_is_the_scatter_where_light_was_lost(share):
+    """Electrons are divided by the share that was counted, and their noise with them: read noise, too."""
+    frame, readout, gain, _ = make_frame((0, 320, 0, 160), 6)
+    result = calibrate(frame, readout, gain, response=np.full((160, 320), share, np.float32))
+    assert result.electrons.mean() == pytest.approx(200.0 / share, rel=0.01)
+    assert result.electrons.std() == pytest.approx(np.sqrt(np.mean(result.sigma() ** 2.0)), rel=0.02)
+
+
+@pytest.mark.parametrize("from_right", [False, True])
+def test_a_little_leaked_charge_is_left_out_beside_the_active_pixels(from_right):
+    """8 DN, less than two sigma, which no clipping sees, in the two columns next to them: 0.5 DN on the mean of all."""
+    pixels = stream(7, "leak").normal(460.0, 4.5, (3000, 30))
+    pixels[:, [-1, -2] if from_right else [0, 1]] += 8.0
+    level, _ = overscan_level(pixels.round(), from_right=from_right)
+    assert abs(level - 460.0) < 5 * 4.5 / np.sqrt(3000 * 26)
+
+
+def test_an_offset_of_the_bias_is_in_electrons():
+    frame, readout, gain, _ = make_frame((0, 320, 0, 160), 8)
+    offset = {block.channel: 1.0 + block.channel for block in readout.blocks}
+    plain, moved = (calibrate(frame, readout, gain, offset=given).electrons for given in (None, offset))
+    for block in readout.blocks:
+        assert (plain - moved)[block.image] == pytest.approx(offset[block.channel], abs=1e-3)

@@ -124,3 +124,15 @@ def test_psf_model_interpolates_the_pixel_integral(fabricate):
         fabricate.add_stars(exact, [HALF + dx], [HALF + dy], [1.0], half=HALF)
         assert np.abs(stamp - exact).max() < 2e-3 * exact.max()
         assert (stamp * exact).sum() / (exact**2).sum() == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_star_has_its_magnitude_and_an_error_of_its_place_on_the_sky(fabricate):
+    """26.3 mag a photon a second, 150 s: of 60,000 electrons 19.8 mag. Its place is known to sigma / S/N, arcsec."""
+    image = np.zeros((200, 200))
+    fabricate.add_stars(image, [100.2], [99.6], [60_000.0])
+    table = fabricate.measure(fabricate.add_noise(image, 33))
+    row = nearest(table, 100.2, 99.6)
+    assert table["mag_psf"][row] == pytest.approx(26.3 - 2.5 * np.log10(60_000.0 / 150.0), abs=0.02)
+    assert table["zeropoint"][row] == pytest.approx(26.3 + 2.5 * np.log10(150.0))
+    width = np.hypot(fabricate.SIGMA, 12**-0.5) * 0.074  # arcsec
+    assert 0.9 * width < table["pos_err"][row] * table["snr"][row] < 2.0 * width

@@ -233,3 +233,20 @@ def test_shapes_on_the_sky_are_the_truths(pa, parity):
     e = np.array([m[0, 0] - m[1, 1] + 2j * m[0, 1]]) / (m[0, 0] + m[1, 1])
     assert reduced(on_sky(e, jacobian))[0] == pytest.approx(g, abs=1e-12)
     assert np.isnan(reduced(on_sky(np.array([np.nan + 0j]), jacobian)))[0]
+
+
+@pytest.mark.parametrize(("e1", "e2"), [(0.3, 0.0), (-0.3, 0.1), (0.0, 0.4), (0.2, -0.5)])
+def test_the_table_of_shapes_has_the_signs_of_galsims(fabricate, e1, e2):
+    """e1 along x, e2 towards +y at 45 deg, size and kurtosis, of source and of PSF, through what catalogues use."""
+    image = picture(galsim.Gaussian(sigma=3.0).shear(e1=e1, e2=e2), place=(30.0, 30.0)).astype(np.float32) * 1e5
+    model = psf_model(fabricate.psf, (0, 0), image.shape)
+    zero, one = np.zeros(1, int), np.ones(1)
+    found = measure_shapes(
+        image, np.ones_like(image), np.zeros(image.shape, np.uint8), np.zeros(image.shape, np.int32), zero, 30.0 * one,
+        30.0 * one, 3.0 * one, np.ones(1, bool), one, model.cell(30.0 * one, 30.0 * one), model.coefficients,
+    )[0]  # fmt: skip
+    pixel = 1 / 12 + SMOOTH**2  # px^2: of the pixel and of what is laid over all, which make a Gaussian rounder
+    size2 = 9 / np.sqrt(1 - e1**2 - e2**2)
+    assert found[:2] == pytest.approx([30.0, 30.0], abs=1e-3)
+    assert found[3:5] == pytest.approx([e1 * size2 / (size2 + pixel), e2 * size2 / (size2 + pixel)], abs=3e-3)
+    assert found[8:10] == pytest.approx([0.0, 0.0], abs=1e-3)  # a round PSF

@@ -9,7 +9,7 @@ from csstsim.catalog.ephemeris import observer
 from csstsim.errors import InputError
 from csstsim.optics.aim import aim, exposure_of
 from csstsim.optics.distortion import load_distortion
-from csstsim.optics.wcs import ChipWCS
+from csstsim.optics.wcs import ChipWCS, gnomonic
 
 PIXEL = 4500.0, 4700.0
 CLOSE = 1e-6  # px
@@ -62,3 +62,23 @@ def test_bad_values_are_refused(camera, wrong):
     values = {"ra": 1.0, "dec": 1.0, "obsid": "10100000001", "pa": 0.0, "time": "2027-11-20T01:20:00", "exptime": 1.0}
     with pytest.raises(InputError):
         exposure_of(camera, camera.chips[9], **(values | wrong))
+
+
+@pytest.mark.parametrize("dec", [89.5, 89.6, 89.7])
+def test_of_two_boresights_near_a_pole_the_nearer_one_is_taken(camera, make_pointing, dec):
+    """Both put the place on the pixel; their declinations lie alike about a middle one."""
+    chip, both = camera.chips[6], 0
+    for pa in range(0, 360, 20):
+        try:
+            found = aim(make_pointing(pa=float(pa)), chip, (10.0, dec), PIXEL)
+        except ValueError:
+            continue  # none at this angle
+        level = ChipWCS(chip, make_pointing(ra=0.0, dec=0.0, pa=float(pa)))
+        xi, eta = gnomonic((0.0, 0.0), *level.pixel_to_world(*PIXEL))
+        distance, phi = math.atan(math.hypot(xi, eta)), math.atan2(xi, eta)
+        middle = math.degrees(math.atan2(math.cos(distance), math.sin(distance) * math.cos(phi)))
+        other = 2 * middle - found.dec
+        if abs(other) <= 90:
+            both += 1
+            assert abs(found.dec - dec) <= abs(other - dec) + 1e-9
+    assert both >= 1

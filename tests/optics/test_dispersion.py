@@ -1,10 +1,12 @@
 """The two gratings of a chip as arrays: bins that lose no electron, the PSF's mixture, which piece light meets."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from grating_scene import GV, SPLIT, disperser_of
+from scipy.integrate import trapezoid
 
 from csstsim.instrument.filter import GRID
 from csstsim.optics.dispersion import Disperser
@@ -77,3 +79,28 @@ def test_boxes_and_lines_are_the_orders(camera):
             o = disperser.orders.index(number)
             assert box[v, o] == pytest.approx([u.min(), u.max(), w.min(), w.max()], abs=1e-9)
             assert lines[v, o] == pytest.approx([p, q, r, s], abs=1e-12)
+
+
+def test_rates_are_the_throughputs_integral_bin_by_bin(camera):
+    """By scipy's trapezoids on the samples of each bin."""
+    disperser = disperser_of(camera, GV)
+    at = np.searchsorted(GRID, disperser.edges)
+    for piece, (grating, _) in enumerate(disperser.gratings.pieces):
+        for number, order in grating.orders.items():
+            wanted = [trapezoid(order.throughput[a : b + 1], GRID[a : b + 1]) for a, b in pairwise(at)]
+            rates = disperser.rates[piece, disperser.orders.index(number)] / camera.telescope.area_m2
+            assert rates == pytest.approx(np.array(wanted), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("piece", [0, 1])
+@pytest.mark.parametrize("side", range(4))
+def test_light_that_reaches_over_any_side_of_a_piece_visits_it(camera, piece, side):
+    disperser = disperser_of(camera, GV)
+    x0, x1, y0, y1 = disperser.rectangles[piece]
+    out, reach = np.array([19.0, 21.0]), np.full(2, 20.0)  # px beyond the side: within reach, and not
+    x, y = np.full(2, 0.5 * (x0 + x1)), np.full(2, 0.5 * (y0 + y1))
+    place = [x0 - out, x1 + out, y0 - out, y1 + out][side]
+    x, y = (place, y) if side < 2 else (x, place)
+    visits = disperser.visits(x, y, reach)
+    assert visits[visits[:, 1] == piece][:, 0].tolist() == [0]
+    assert visits[visits[:, 1] == piece][:, 2].tolist() == [1]  # part of its square is beyond

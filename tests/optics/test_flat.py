@@ -135,3 +135,30 @@ def test_bad_numbers_are_refused(camera, path, value):
 def test_bad_lamps_are_refused(row):
     with pytest.raises(InputError, match="bad row"):
         load_leds({"leds": [row]})
+
+
+def test_each_detector_has_a_level_of_its_own_and_they_are_one_on_average(camera):
+    """Without the pattern an internal flat is one number a chip, thirty of them, of mean 1 at each wavelength."""
+    numbers = deepcopy(camera.leds)
+    numbers["flat"]["pattern_rms"] = 0.0
+    field = FlatField(numbers, partial(stream, 4, "camera"))
+    for wave in np.eye(len(field.wavelengths))[[0, 7]]:
+        levels = [field.internal(chip, *_mosaic(chip), wave) for chip in camera.chips.values()]
+        assert max(np.ptp(level) for level in levels) == 0
+        values = np.array([level.flat[0] for level in levels])
+        assert len(np.unique(values)) == 30 and values.mean() == pytest.approx(1.0, rel=1e-12)
+
+
+@pytest.mark.parametrize("skew", [0.0, 0.3])
+def test_the_four_corners_lose_on_average_what_is_asked(camera, skew):
+    """About the middle, whatever the skew, which takes from one axis what it gives to the other."""
+    numbers = deepcopy(camera.leds)
+    numbers["vignetting"] |= {"corner": [0.2, 0.2], "skew": skew, "offset": 0.0}
+    half_x, half_y = numbers["half_mosaic"]
+    seen = []
+    for seed in range(5):
+        field = FlatField(numbers, partial(stream, seed, "camera"))
+        corners = field.vignetting(np.array([1, 1, -1, -1]) * half_x, np.array([1, -1, 1, -1]) * half_y)
+        assert corners.mean() == pytest.approx(0.8, rel=1e-12)
+        seen.append(np.ptp(corners))
+    assert (max(seen) > 0.01) == (skew > 0)

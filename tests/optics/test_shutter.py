@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from csstsim.errors import InputError
+from csstsim.optics.chip_errors import mosaic_position
 from csstsim.optics.shutter import deficit, exposed
 from csstsim.optics.wcs import chip_plane
 
@@ -62,3 +63,16 @@ def test_a_window_has_the_columns_of_the_whole_chip(camera):
     chip = camera.chips[6]
     window = replace(chip.full_window, x0=100, x1=300)
     np.testing.assert_array_equal(exposed(chip, window, 150.0), exposed(chip, chip.full_window, 150.0)[100:300])
+
+
+def test_turned_chips_see_what_lies_on_their_middle_row(camera):
+    """Each column of each chip by its own place in the mosaic, turn and all; chips stand half a pixel off that."""
+    turned = 0
+    for chip in camera.chips.values():
+        columns = np.array([0, 3000, 9215])
+        x, _ = mosaic_position(chip, columns, np.full(3, (chip.detector.ny - 1) / 2))
+        wanted = 1 - deficit(x * chip.detector.pixel_um * 1e-3, camera.telescope) / 150.0
+        seen = exposed(chip, chip.full_window, 150.0)[columns]
+        np.testing.assert_allclose(seen, wanted, atol=5e-6)
+        turned += bool(chip.rotation)
+    assert turned == 12

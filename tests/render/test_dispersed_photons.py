@@ -313,3 +313,27 @@ def test_the_guide_never_skips_a_bin():
         started = guide[(at * entries).astype(int)]
         assert (started <= wanted).all() and (light[wanted] > 0).all()
         assert (light[guide[:entries]] > 0).all()
+
+
+def test_few_electrons_stand_on_the_trace_as_many_do(psf, table, disperser):
+    """4000 objects of 500 electrons in one bin of the first order: centroid to 0.01 px, width that of PSF and bin."""
+    spectrum = spectrum_of(disperser, 500.0, 5500, 5501)
+    bin = np.flatnonzero(spectrum)[0]
+    wave, width = disperser.edges[bin : bin + 2].mean(), np.diff(disperser.edges)[bin]
+    scene = scene_of(psf, np.full(4000, X), np.full(4000, Y))
+    counted, drawn, box = shoot(scene, spectrum, disperser, table)
+    p, q, r, s = disperser.gratings.left.orders[1].lines(X, Y)
+    o = disperser.orders.index(1)
+    x0, x1, y0, y1 = box[:, o, 0].min(), box[:, o, 1].max(), box[:, o, 2].min(), box[:, o, 3].max()
+    image = counted[y0 - WINDOW.y0 : y1 - WINDOW.y0, x0 - WINDOW.x0 : x1 - WINDOW.x0].astype(float)
+    rows, columns = np.indices(image.shape)
+    along, across = ((image * at).sum() / image.sum() for at in (columns, rows))
+    share = np.interp(wave, disperser.wavelengths, [0, 1, 2, 3])
+    variance, electrons = np.interp(share, range(4), np.square(SIGMA_PX)), drawn[:, o].sum()
+    error = SIGMA * np.sqrt(variance / electrons)
+    assert error < 0.01 and electrons == image.sum()
+    assert abs(along + x0 - (X + p + q * wave)) < error
+    assert abs(across + y0 - (Y + r + s * wave)) < error
+    wide = variance + (q * width) ** 2 / 12
+    spread = (image * (columns - along) ** 2).sum() / image.sum() - 1 / 12
+    assert abs(spread / wide - 1) < SIGMA * np.sqrt(2.5 / electrons)

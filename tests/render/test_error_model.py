@@ -1,5 +1,7 @@
 """The predicted error: what must hold of any such bound, whatever its coefficients."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -106,3 +108,15 @@ def test_smaller_stamps_of_points_are_worse_and_photons_have_none():
 @pytest.mark.parametrize("method", ["photons", "stamp"])
 def test_coarser_cells_are_worse(method):
     assert bound(method, scene([0.0], 0.0), 10.0, cells=2) > bound(method, scene([0.0], 0.0), 10.0, cells=4)
+
+
+@pytest.mark.parametrize("radius", [0.02, 0.1, 0.2])
+def test_sizes_are_in_pixels_of_the_area(radius):
+    """A lens that doubles lengths makes of a galaxy one twice as large, stretched or not: the same bound."""
+    small, large = scene([1.0, 4.0], radius), scene([1.0, 4.0], 2 * radius)
+    doubled = replace(small, matrix=2 * small.matrix)
+    stretched = replace(small, matrix=small.matrix @ np.diag([8.0, 0.5]))
+    wanted = bound("stamp", large, 50.0)
+    assert (wanted != bound("stamp", small, 50.0)).all()
+    assert bound("stamp", doubled, 50.0) == pytest.approx(wanted, rel=1e-12)
+    assert bound("stamp", stretched, 50.0) == pytest.approx(wanted, rel=1e-12)

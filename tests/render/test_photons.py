@@ -388,3 +388,19 @@ def test_losses_take_electrons_whatever_their_place(psf_r, table_r):
     n = seen.sum()
     chi2 = ((kept - whole / 2)[seen] ** 2 / (whole / 2 + whole / 4)[seen]).sum()
     assert n > 500 and abs(chi2 / n - 1) < 5 * np.sqrt(2 / n)
+
+
+@pytest.mark.parametrize("place", [(9000.0, 5000.0), (9000.3, 4999.6)])
+def test_photons_beyond_the_middle_stand_where_the_psf_has_them(wide_and_narrow, place):
+    """A Gaussian of 3 px, pixels beyond the middle's 8 px alone: the shift that fits them best is 0, to 0.07 px."""
+    window, (x, y) = Window(8940, 9061, 4940, 5061), place
+    counted, *_ = shoot(make(wide_and_narrow.psf, x, y, 3e6), wide_and_narrow, window=window)
+    dx, dy = np.arange(window.x0, window.x1) - x, np.arange(window.y0, window.y1) - y
+    model = 3e6 * np.outer(np.exp(-0.5 * dy**2 / 9), np.exp(-0.5 * dx**2 / 9)) / (18 * np.pi)
+    far = (np.maximum(np.abs(dx), np.abs(dy)[:, None]) > 9) & (model > 0.1)
+    for slope in (np.broadcast_to(dx / 9, model.shape), np.broadcast_to(dy[:, None] / 9, model.shape)):
+        weight = np.where(far, slope, 0.0)
+        shift, error = (weight * (counted - model)).sum(), np.sqrt((weight**2 * model).sum())
+        information = (weight**2 * model).sum()
+        assert SIGMA * error / information < 0.07  # px: half a cell is 0.125
+        assert abs(shift) < SIGMA * error

@@ -2,16 +2,29 @@
 
 import numpy as np
 import pytest
+from astropy.coordinates import get_body_barycentric
+from astropy.time import Time
 from sky_places import AHEAD, PLACE, camera, numbers, sun_at, towards_limb
 from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement, units
 
 from csstsim.errors import InputError
+from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import mjd_utc
 from csstsim.sky import background
-from csstsim.sky.background import COMPONENTS, NODES, add_grid, band_rates, grid_mean, sky_components
+from csstsim.sky.background import (
+    COMPONENTS,
+    NODES,
+    add_grid,
+    band_rates,
+    grid_mean,
+    lines_of_sight,
+    sky_components,
+)
 from csstsim.sky.bodies import bodies
+from csstsim.sky.earthshine import earthshine
 from csstsim.sky.frame import angle, telescope_axes, unit
 from csstsim.sky.spectra import band, blackbody_over_sun, magnitude_ratio, photons, solar_continuum, sunlight
+from csstsim.sky.transmittance import angles, total
 from csstsim.sky.zodiacal import spectrum
 
 CAMERA, N = camera(), numbers()
@@ -214,3 +227,41 @@ def test_uniform_grid_is_uniform():
     assert (image == np.float32(0.3)).all()
     assert background.sky_electrons(CAMERA.filters["g"], 150.0) == pytest.approx(24.6)
     assert AHEAD.shape == (1, 3) and sun_at(0.0)[0] == 1.0
+
+
+@pytest.mark.parametrize("date", ["2027-01-03T12:00:00", "2027-04-03T12:00:00", "2027-07-05T12:00:00"])
+def test_sunlight_falls_with_the_square_of_the_suns_distance(date):
+    """Earthshine and the Sun's own stray light over the year (7% in all), by astropy's distance of the Earth."""
+    mjd = mjd_utc(date)
+    sun = bodies(mjd, PLACE, VELOCITY, N).sun
+    au = np.linalg.norm(get_body_barycentric("earth", Time(mjd, format="mjd")).xyz.to_value("au")
+                        - get_body_barycentric("sun", Time(mjd, format="mjd")).xyz.to_value("au"))  # fmt: skip
+    place = over(sun)
+    across = np.cross(sun, POLE)
+    across /= np.linalg.norm(across)
+    axes = boresight(np.cos(np.radians(80.0)) * place / np.linalg.norm(place) + np.sin(np.radians(80.0)) * across)
+    parts = sky_at(axes, place=place, mjd=mjd)
+    azimuth = angles(axes @ sun)[1]
+    ahead = np.array([[0.0, 0.0, 1.0]])
+    earth = rates("r")["earth"] * earthshine(place, sun, axes, ahead, azimuth, N)[0]
+    assert earth > 1e-3
+    assert parts["earth"] == pytest.approx(earth / au**2, rel=1e-4)
+    towards = np.cos(np.radians(25.0)) * sun + np.sin(np.radians(25.0)) * across
+    axes = boresight(towards)
+    direct = rates("r")["sun"] * total((axes @ sun)[None], ahead, angles(axes @ sun)[1], N)[0, 0]
+    assert direct > 1.0
+    assert sky_at(axes, place=over(towards), mjd=mjd)["sun"] == pytest.approx(direct / au**2, rel=1e-3)
+
+
+def test_the_grid_lies_between_the_middles_of_the_outer_pixels():
+    asked = []
+
+    class Recorder:
+        def pixel_to_world(self, x, y):
+            asked.append((x, y))
+            return np.zeros(x.shape), np.zeros(x.shape)
+
+    lines_of_sight(Recorder(), Window(100, 301, 50, 451))
+    ((x, y),) = asked
+    assert (x.min(), x.max(), y.min(), y.max()) == (100, 300, 50, 450)
+    assert len(x) == NODES**2 and np.diff(np.unique(x)) == pytest.approx(200 / (NODES - 1))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from astropy import units as u
-from astropy.coordinates import GCRS, CartesianRepresentation, SkyCoord, get_body
+from astropy.coordinates import GCRS, CartesianRepresentation, SkyCoord, get_body, get_body_barycentric
 from astropy.time import Time
 from sky_places import numbers
 
@@ -113,3 +113,19 @@ def test_telescope_axes_against_the_wcs(pa):
         own = telescope_axes(POINTING["ra"], POINTING["dec"], pa, camera().telescope.parity) @ moved
         assert own[axis] * 206264.806 / 0.074 == pytest.approx(100.0, rel=1e-6)
         assert abs(own[1 - axis]) < 1e-9
+
+
+@pytest.mark.parametrize("time", ["2027-01-05T00:00:00", "2027-03-15T00:00:00", "2027-07-12T00:00:00"])
+def test_the_moon_is_lit_by_the_sun_at_its_distance(time):
+    """The law of sky.yaml on astropy's distances and phase: 0.005 mag, where the Sun's distance makes 0.04."""
+    moment = Time(time)
+    found = at(time)
+    sun, moon, earth = (get_body_barycentric(name, moment).xyz.to_value("km") for name in ("sun", "moon", "earth"))
+    here = earth + np.array(PLACE)
+    near = np.linalg.norm(moon - here)
+    phase = angle(here - moon, sun - moon)
+    au = np.linalg.norm(sun - here) / 149_597_870.7
+    law = numbers().moon
+    wanted = law["magnitude"] + sum(c * phase ** (k + 1) for k, c in enumerate(law["phase"]))
+    wanted += 5 * np.log10(near / law["distance_km"]) + 5 * np.log10(au)
+    assert found.moon_magnitude == pytest.approx(wanted, abs=0.005)

@@ -10,7 +10,7 @@ from sky_places import AHEAD, numbers
 from csstsim.errors import InputError
 from csstsim.sky.door import scattered, shade, solid_angle, zenith_angle
 from csstsim.sky.numbers import sky_numbers
-from csstsim.sky.transmittance import total, transmittance
+from csstsim.sky.transmittance import azimuth_from, total, transmittance
 
 N = numbers()
 DOOR = N.door
@@ -126,3 +126,11 @@ def test_no_numbers():
 def test_a_closed_door_width_is_respected():
     narrow = replace(DOOR, half_width_deg=10.0)
     assert shade(60.0, 20.0, 0.0, narrow) == 0 and shade(60.0, 20.0, 0.0, DOOR) > 0
+
+
+def test_azimuths_are_those_seen_from_the_line_of_sight():
+    """Of a source 0.5 deg from a pixel that is itself as far from the boresight: above it, not at 45 deg."""
+    sight, source = beam(0.5, 90.0), beam(0.5, 90.0) + np.array([0.0, np.radians(0.5), 0.0])
+    assert azimuth_from(sight[None], source[None])[0, 0] == pytest.approx(0.0, abs=1e-6)
+    assert azimuth_from(AHEAD, source[None])[0, 0] == pytest.approx(45.0, abs=0.1)
+    assert azimuth_from(sight[None], AHEAD)[0, 0] == pytest.approx(-90.0, abs=1e-6)

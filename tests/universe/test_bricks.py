@@ -9,9 +9,10 @@ import pyarrow.parquet as pq
 import pytest
 from embedded_sky import DENSITY, SEED, brick, key, shipped, universe_folder
 
-from csstsim.catalog.table import COLUMNS, ObjectTable
+from csstsim.catalog.table import COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.config import Lensing
 from csstsim.errors import InputError
+from csstsim.units import SOLAR_RADIUS_PC
 from csstsim.universe.bricks import AREA_DEG2, NSIDE, brick_meta, make_brick, read_brick, write_brick
 from csstsim.universe.numbers import load_universe
 
@@ -136,3 +137,35 @@ def test_errors_name_the_file_of_the_universe(tmp_path):
     galaxies.unlink()
     with pytest.raises(InputError, match=r"galaxies.yaml: cannot read the file"):
         load_universe(folder)
+
+
+def test_quasars_live_in_the_galaxies_they_name():
+    """The host has the quasar's place and redshift; each galaxy hosts one at most."""
+    hosted = 0
+    for pix in (0, POLE, WRAP, COMMON):
+        table = brick(pix)
+        row = {name: k for k, name in enumerate(table["id"].tolist())}
+        quasars = np.flatnonzero((table["obj_type"] == QUASAR) & (table["host"] >= 0))
+        for k in quasars:
+            host = row[int(table["host"][k])]
+            assert table["obj_type"][host] == GALAXY
+            assert all(table[name][host] == table[name][k] for name in ("ra", "dec", "z"))
+        assert len(np.unique(table["host"][quasars])) == len(quasars)
+        hosted += len(quasars)
+    assert hosted > 0
+
+
+def test_stars_shine_by_their_surface_and_galaxies_lie_behind_all_dust():
+    """Radius by gravity and mass, distance by parallax: light goes with the square of their ratio."""
+    universe, _ = shipped()
+    table = brick(COMMON)
+    star = (table["obj_type"] == STAR) & (table["parallax"] > 0)
+    sun_logg = 4.438
+    radius2 = table["stellarmass"][star] / 10.0 ** (table["logg"][star].astype(float) - sun_logg)
+    distance = 1000.0 / table["parallax"][star].astype(float)
+    wanted = radius2 * (SOLAR_RADIUS_PC / distance) ** 2
+    assert star.sum() > 100
+    assert np.log10(table["sed_scale"][star] / wanted) == pytest.approx(np.zeros(star.sum()), abs=0.01)
+    galaxy = table["obj_type"] == GALAXY
+    dust = universe.r_v * universe.dust.ebv(table["ra"][galaxy], table["dec"][galaxy])
+    assert table["av"][galaxy] == pytest.approx(dust, rel=1e-5)

@@ -1,0 +1,72 @@
+"""Levels of channels as layers draw them: spread, both sides, independent of each other; masks go with the image."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from readout_state import flat_state, run, small_camera
+
+from csstsim.detector.mask import CLIPPED
+from csstsim.layers import bias, gain, nonlinearity, prescan_overscan, quantization_and_output
+from csstsim.rng import Streams
+
+SIGMA = 5.0
+SEEDS = 40
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    return small_camera(tmp_path_factory.mktemp("mini"))
+
+
+@pytest.fixture(scope="module")
+def levels(small):
+    """Deviations of 16 channels under 40 seeds, over their spread: {name: (640,)}."""
+    detector = replace(small.detector, nonlinearity_cubic=-1e-13, nonlinearity_spread=0.3)
+    camera = replace(small, chips={9: replace(small.chips[9], detector=detector)})
+    found = {"bias": [], "gain": [], "quadratic": [], "cubic": []}
+    for seed in range(SEEDS):
+        rng = Streams(seed, "1", 9, "any")
+        state = prescan_overscan.apply(flat_state(camera, 100.0), prescan_overscan.Param(), rng)
+        nonlinearity.apply(state, nonlinearity.Param(nonlinearity_16channel=True), rng)
+        header = gain.apply(bias.apply(state, bias.Param(), rng), gain.Param(), rng).header
+        found["bias"].append((np.array(header["bias"]) - detector.bias) / detector.bias_spread)
+        found["gain"].append((np.array(header["gain"]) / detector.gain - 1) / detector.gain_spread)
+        for name in ("quadratic", "cubic"):
+            value = getattr(detector, f"nonlinearity_{name}")
+            ratio = np.array(header[f"nonlinearity_{name}"]) / value
+            found[name].append((ratio - 1) / detector.nonlinearity_spread)
+    return {name: np.ravel(values) for name, values in found.items()}
+
+
+@pytest.mark.parametrize("name", ["bias", "gain", "quadratic", "cubic"])
+def test_levels_are_uniform_within_their_spread(levels, name):
+    values = levels[name]
+    assert np.abs(values).max() <= 1 + 1e-9
+    assert abs(values.mean()) < SIGMA / np.sqrt(3 * len(values))
+    assert values.std() == pytest.approx(3**-0.5, abs=SIGMA * np.sqrt(0.8 / 12 / len(values)))
+
+
+def test_levels_of_one_thing_say_nothing_of_another_and_one_polynomial_has_one_scale(levels):
+    for one, other in (("bias", "gain"), ("bias", "quadratic"), ("gain", "quadratic")):
+        assert abs(np.corrcoef(levels[one], levels[other])[0, 1]) < SIGMA / np.sqrt(len(levels[one]))
+    assert levels["cubic"] == pytest.approx(levels["quadratic"], abs=1e-9)
+
+
+def test_the_mask_goes_into_the_readout_frame_and_knows_what_was_clipped(small):
+    rng, state = Streams(3, "1", 9, "any"), flat_state(small, 100.0)
+    state.mask = np.zeros(state.image.shape, np.uint8)
+    state.mask[5, 7], state.image[5, 7] = 3, 1e6
+    state = prescan_overscan.apply(state, prescan_overscan.Param(), rng)
+    assert state.mask.shape == state.image.shape
+    assert (state.mask[state.image == 1e6] == 3).all() and np.count_nonzero(state.mask) == 1
+    state.image[state.image == 0] = -5.0
+    below = state.image < 0
+    state = quantization_and_output.apply(state, quantization_and_output.Param(), rng)
+    assert np.array_equal(state.mask & CLIPPED > 0, below | (state.image == small.detector.adc_max))
+    assert state.header["clipped_high"] == 1 and state.header["clipped_low"] == below.sum()
+
+
+def test_without_a_mask_nothing_is_marked(small):
+    state = run(flat_state(small, 100.0), [])
+    assert prescan_overscan.apply(state, prescan_overscan.Param(), Streams(3, "1", 9, "any")).mask is None

@@ -1,0 +1,46 @@
+"""What scie_obs tells the renderer: the noise of its own exposure time, and a maximum that no loss is above."""
+
+import numpy as np
+import pytest
+from mini_campaign import write_scene
+
+from csstsim import in_memory, prepare
+from csstsim.campaign import OpenCampaign
+from csstsim.instrument.chip import Window
+from csstsim.layers import scie_obs
+from csstsim.optics.response import response_map, response_maximum
+from csstsim.rng import Streams
+
+STREAMS = Streams(5, "10100000001", 9, "scie_obs")
+
+
+def test_signal_to_noise_is_of_the_layers_own_time(tmp_path):
+    """A star of 27 mag lies far below the sky: ten times as long, S/N is the root of ten up, and read noise goes."""
+    run = OpenCampaign(write_scene(tmp_path, "Pair", [40.3], [50.2], mag=27.0))
+    job = run.job("10100000001", 9)
+    prepare.psf(run, 9)
+    objects, psf = in_memory.selected(run, job), prepare.open_psf(run, job.chip)
+    snr = []
+    for exptime in (150.0, 1500.0):
+        state = in_memory.blank(run, job, objects)
+        state.psf, state.fidelity = psf, "noise_free"
+        truth = scie_obs.apply(state, scie_obs.Param(exptime=exptime), STREAMS).truth
+        snr.append(float(truth["snr"][0]))
+    detector, filter_ = job.chip.detector, run.camera.filters["r"]
+    sky = filter_.sky + detector.dark
+    variance = [exptime * sky + detector.read_noise**2 for exptime in (150.0, 1500.0)]
+    assert snr[0] < 5
+    assert snr[1] / snr[0] == pytest.approx(10 * np.sqrt(variance[0] / variance[1]), rel=0.05)
+
+
+@pytest.mark.parametrize("flat", [False, True])
+@pytest.mark.parametrize("chip", [6, 9, 30])
+def test_no_pixel_is_above_the_declared_maximum(camera, chip, flat):
+    """Flat, shutter and pixels together, a million of them: below, but not far."""
+    chip = camera.chips[chip]
+    window, rng = Window(4000, 5000, 4000, 5000), Streams(5, "1", chip.id, "scie_obs")
+    how = {"flat": flat, "shutter": True}
+    filter_ = camera.filters[chip.filter]
+    seen = response_map(chip, window, filter_, 150.0, camera.leds, rng.camera, prnu=rng.chip_key("prnu"), **how).max()
+    maximum = response_maximum(chip, filter_, camera.leds, rng.camera, **how)
+    assert 0.9 * maximum < seen <= maximum

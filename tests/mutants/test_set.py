@@ -1,0 +1,39 @@
+"""The set of mutations fits the source: each fault's text is there once, still makes Python, has tests to be run."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).parent))
+from code_graph import CodeGraph
+from entries import PACKAGE, ROOT, load
+
+LEAST = 220  # mutations, of all folders of the package
+
+
+@pytest.fixture(scope="module")
+def mutations():
+    return load()
+
+
+def test_each_entry_can_be_made(mutations):
+    faults = [f"{m.file}: {m.what}: {fault}" for m in mutations if (fault := m.fault())]
+    assert not faults
+
+
+def test_entries_have_names_of_their_own_in_their_folders(mutations):
+    names = [(m.file, m.what) for m in mutations]
+    assert len(names) == len(set(names)) >= LEAST
+    root_modules = [m for m in mutations if "/" not in m.file]
+    assert all(m.folder == m.file.split("/")[0] for m in mutations if m not in root_modules)
+    assert {m.folder for m in root_modules} == {"campaign"}
+
+
+def test_the_graph_knows_who_holds_a_copy_of_a_function():
+    graph = CodeGraph(ROOT / PACKAGE)
+    users = graph.users({("csstsim.counter", "word")})
+    assert {("csstsim.render.places", "from_psf"), ("csstsim.detector.serial", "_transfer_rows")} <= users
+    assert ("csstsim.render.photons", "_shoot") in users  # by way of others
+    assert ("csstsim.render.unresolved", "_scatter") not in users
+    assert ("csstsim.render.places", "from_wing") in graph.users({("csstsim.render.octaves", "BITS")})  # a constant

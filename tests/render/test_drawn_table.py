@@ -1,0 +1,93 @@
+"""What the table of drawn objects says: which missed the window, what the stamps flagged, whose time it was."""
+
+import numpy as np
+import pytest
+from test_reference import EXPTIME, objects
+
+from csstsim.catalog.flags import FFT_REDUCED, OFF_CHIP
+from csstsim.catalog.table import GALAXY
+from csstsim.instrument.chip import Window
+from csstsim.optics.beyond import Beyond
+from csstsim.optics.wcs import ChipWCS
+from csstsim.render import policy
+from csstsim.render.draw import draw_objects
+from csstsim.render.numbers import load_numbers
+from csstsim.render.psf_table import make_table
+from csstsim.render.scene import make_scene
+from csstsim.render.stamps import _clip_negative
+from csstsim.render.wings import box_share
+
+WINDOW = Window(4000, 4200, 4000, 4120)
+X, Y = 4100.2, 4060.3  # its middle
+
+
+@pytest.fixture(scope="module")
+def drawn(camera, make_pointing, psf_r):
+    wcs, tables = ChipWCS(camera.chips[9], make_pointing()), make_table(psf_r)
+
+    def draw(x, y, electrons, fidelity="standard", reach=None, **columns):
+        table = objects(wcs, x, y, **columns)
+        rate = np.broadcast_to(np.asarray(electrons, float), len(table)) / EXPTIME / 4
+        table = table.with_columns(**{f"flux{i}": rate for i in range(4)})
+        if reach is not None:
+            table = table.with_columns(reach=np.full(len(table), reach, np.int32))
+        image = np.zeros(WINDOW.shape, np.float32)
+        result, counted = draw_objects(
+            image, WINDOW, table, wcs, psf_r, EXPTIME, tables=tables, beyond=Beyond(), response=None, maximum=1.0,
+            variance=60.0, key=np.uint64(5), fidelity=fidelity,
+        )  # fmt: skip
+        return result, counted, make_scene(table, wcs, psf_r, EXPTIME)
+
+    return draw
+
+
+@pytest.mark.parametrize("fidelity", ["standard", "noise_free"])
+@pytest.mark.parametrize(("dx", "dy"), [(1, 0), (-1, 0), (0, 1), (0, -1)])
+def test_an_object_beyond_an_edge_is_off_the_chip_and_one_that_reaches_over_is_not(drawn, fidelity, dx, dy):
+    """Beside the middle of each side, at 1.5 reaches and at half of one."""
+    reach = 40  # more than half the box of the PSF, which photons keep to
+    half = (WINDOW.nx if dx else WINDOW.ny) / 2
+    off, over = (half + part * reach for part in (1.5, 0.5))
+    table, _, _ = drawn([X + dx * off, X + dx * over], [Y + dy * off, Y + dy * over], 4000.0, fidelity, reach=reach)
+    assert ((table["flags"] & OFF_CHIP) > 0).tolist() == [True, False]
+    assert table["method"][0] == "none" and table["drawn"][0] == 0 and table["drawn"][1] > 0
+
+
+def test_what_the_stamps_flag_is_in_the_table(drawn):
+    """A needle of a galaxy, drawn by reduced transforms, and a round one beside it."""
+    shape = {
+        "obj_type": GALAXY, "size_disk": 20.0, "size_bulge": 0.1, "bulge_frac": 0.0, "e1": np.array([0.97, 0.0]),
+        "e2": np.zeros(2),
+    }  # fmt: skip
+    table, _, _ = drawn([X, X + 20], [Y, Y], 1e8, "noise_free", reach=900, **shape)
+    assert ((table["flags"] & FFT_REDUCED) > 0).tolist() == [True, False]
+
+
+def test_time_is_shared_out_by_cost(drawn):
+    """Photons are shot together: an object of many electrons has the more milliseconds, as its cost says."""
+    electrons = np.array([30.0, 3000.0, 30000.0])
+    table, _, scene = drawn(X + np.array([-40.0, 0.0, 40.0]), np.full(3, Y), electrons)
+    assert (table["method"] == "photons").all()
+    work, _ = policy.costs(scene, 0, 0, electrons, load_numbers().cost)
+    assert table["ms"] / table["ms"].sum() == pytest.approx(work / work.sum(), rel=1e-4)
+
+
+def test_clipping_keeps_the_light():
+    """Below zero is nothing, and what that was is taken from the others, all alike."""
+    rng = np.random.default_rng(6)
+    stamp = rng.normal(1.0, 0.7, (40, 30))
+    before = stamp.copy()
+    _clip_negative(stamp)
+    assert (before < 0).any() and stamp.min() >= 0
+    assert stamp.sum() == pytest.approx(before.sum(), rel=1e-12)
+    lit = before > 0
+    assert np.ptp(stamp[lit] / before[lit]) < 1e-12 and not stamp[~lit].any()
+
+
+@pytest.mark.parametrize(("cells", "per_pixel"), [(256, 2), (256, 4), (128, 2)])
+def test_the_box_keeps_the_same_on_all_sides(cells, per_pixel):
+    share = box_share(cells, per_pixel)
+    for mirrored in (share[::-1], share[:, ::-1], share.T):
+        np.testing.assert_allclose(share, mirrored, atol=1e-12)
+    middle = slice(cells // 2 - 1, cells // 2 + 1)
+    assert (share[middle, middle] == 1).all() and share[0, 0] == 0

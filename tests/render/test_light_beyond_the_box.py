@@ -1,0 +1,133 @@
+"""What photons and ghosts put where no stamp reaches, against conservation of light; limits in sigma, seeds fixed."""
+
+import numpy as np
+import pytest
+from galaxies import scene_of, shaped
+from scipy.stats import chi2_contingency
+
+from csstsim.catalog.flags import FFT_REDUCED
+from csstsim.counter import object_keys
+from csstsim.instrument.chip import Window
+from csstsim.optics.beyond import Beyond, read_beyond
+from csstsim.render.galaxy_stamp import plan_galaxies
+from csstsim.render.line_wings import order_wing
+from csstsim.render.photons import shoot_scene
+from csstsim.render.places import from_profile
+from csstsim.render.psf_table import make_table
+from csstsim.render.scene import sersic_b
+from csstsim.render.stamps import draw_scene
+
+SIGMA = 5.0
+WINDOW = Window(3700, 4301, 4700, 5301)
+X, Y = 4000.3, 5000.4
+BOX_PX = 32.0  # half the side of the stored PSF
+
+
+@pytest.fixture(scope="module")
+def table_r(psf_r):
+    return make_table(psf_r)
+
+
+def counts(psf, table, electrons, maximum, copies=1, base=3):
+    """Return (counted plane, electrons that fell beyond the box) of stars at one place, all light counted."""
+    scene = scene_of(psf, np.full(copies, X), np.full(copies, Y), electrons, index=0.0)
+    counted = np.zeros(WINDOW.shape, np.int32)
+    response = np.ones(WINDOW.shape, np.float32)
+    keys = object_keys(np.uint64(base), scene.ids)
+    _, beyond, _ = shoot_scene(counted, WINDOW, scene, keys, table, response, maximum, read_beyond(psf).wing)
+    return counted, beyond.sum()
+
+
+@pytest.mark.parametrize(("electrons", "copies"), [(2e6, 1), (200.0, 10_000)], ids=["many", "few"])
+@pytest.mark.parametrize("maximum", [1.0, 1.3])
+def test_a_response_of_one_counts_all_light_wherever_it_falls(psf_r, table_r, electrons, copies, maximum):
+    """Core, box and wing: each holds its share, whatever the losses' maximum that the numbers are drawn for."""
+    counted, beyond = counts(psf_r, table_r, electrons, maximum, copies)
+    light = electrons * copies
+    stored = psf_r.at(X, Y).sum(axis=(1, 2)).mean()
+    out = light * (1 - stored) * maximum
+    assert beyond == pytest.approx(out, abs=SIGMA * np.sqrt(out))
+    x, y = np.abs(np.arange(WINDOW.x0, WINDOW.x1) - X), np.abs(np.arange(WINDOW.y0, WINDOW.y1) - Y)
+    inside = (x < BOX_PX - 2) & (y < BOX_PX - 2)[:, None]
+    ring = ~((x < BOX_PX + 2) & (y < BOX_PX + 2)[:, None])
+    wing = read_beyond(psf_r).wing
+    corner = min(WINDOW.x1 - X, X - WINDOW.x0, WINDOW.y1 - Y, Y - WINDOW.y0)
+    circle = ring & (np.hypot(x, y[:, None]) < corner)
+    # Of what lies beyond the box's square, the share within the circle that fits the window, by the profile itself
+    grid = np.arange(-corner, corner + 1)
+    radius = np.hypot(grid, grid[:, None])
+    there = (radius < corner) & ((np.abs(grid) > BOX_PX + 2) | (np.abs(grid) > BOX_PX + 2)[:, None])
+    profile = wing.profile(np.maximum(radius, 1.0)).mean(axis=0)
+    wanted = light * profile[there].sum()
+    assert counted[circle].sum() == pytest.approx(wanted, abs=SIGMA * np.sqrt(wanted) + 0.04 * wanted)
+    core = light * stored
+    assert counted[inside].sum() == pytest.approx(core, abs=SIGMA * np.sqrt(core) + 0.004 * core)
+
+
+def test_radius_and_angle_of_a_profiles_photons_have_nothing_to_do_with_each_other():
+    """Radii and angles of 200,000 electrons of a disc: independent by chi2 of 8 x 8 classes."""
+    count = 200_000
+    px, py = np.zeros(count), np.zeros(count)
+    for index in (1.0, 4.0, 2.5):
+        px[:] = py[:] = 0.0
+        sersic = np.array([index, float(sersic_b(index)), 1.0])
+        from_profile(count, np.eye(2), sersic, px, py, np.uint64(77), np.uint64(0))
+        radius, angle = np.hypot(px, py), np.arctan2(py, px)
+        rank = np.argsort(np.argsort(radius)) * 8 // count
+        table = np.histogram2d(rank, angle, (np.arange(9) - 0.5, np.linspace(-np.pi, np.pi, 9)))[0]
+        assert chi2_contingency(table).pvalue > 1e-6  # 5 sigma
+        assert abs(np.mean(px)) < SIGMA * px.std() / np.sqrt(count)
+        assert np.median(radius) == pytest.approx(1.0, abs=0.02)  # the half-light radius, for each index
+
+
+def test_a_galaxy_too_long_for_a_transform_says_so(psf_r):
+    """A bright needle 40 arcsec long: rough in the plan, and its row has the flag; a round one of its size has not."""
+    window = Window(3000, 5000, 4000, 6000)
+    image = np.zeros(window.shape, np.float32)
+    places, reach = np.array([4000.0, 4000.0]), np.array([900, 900])
+    scene = scene_of(psf_r, places, places + 1000, 1e8, index=1.0, size=20.0, matrix=np.stack([
+        shaped(0.01, 0.3), shaped(1.0, 0.0),
+    ]))  # fmt: skip
+    rough = plan_galaxies(scene, reach, BOX_PX, np.ones(2, bool)).rough
+    assert rough.tolist() == [True, False]
+    drawn = draw_scene(image, window, scene, reach, np.zeros(2), psf_r)
+    assert ((drawn.flags & FFT_REDUCED) > 0).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("electrons", [1e8, 1e9])
+def test_ghosts_hold_their_share_of_the_light(camera, psf_r, electrons):
+    """The sum of all that ghosts add is the sum of their shares, in the image and in what is said to be drawn."""
+    beyond = Beyond(None, read_beyond(psf_r).ghosts)
+    window, chip = Window(2500, 5500, 3500, 6500), camera.chips[9]
+    scene = scene_of(psf_r, X, Y, electrons, index=0.0)
+    image = np.zeros(window.shape)
+    drawn = draw_scene(image, window, scene, np.array([64]), np.zeros(1), psf_r, beyond, chip=chip)
+    alone = np.zeros(window.shape)
+    without = draw_scene(alone, window, scene, np.array([64]), np.zeros(1), psf_r, chip=chip)
+    share = beyond.ghosts.light.sum()
+    assert beyond.ghosts.visible(electrons)
+    assert (image - alone).sum() / electrons == pytest.approx(share, rel=1e-3)
+    assert (drawn.drawn[0] - without.drawn[0]) / electrons == pytest.approx(share, rel=1e-3)
+
+
+def test_losses_take_the_same_share_near_and_far(psf_r, table_r):
+    """Of faint stars whose wings have an electron each at most: half is kept within 60 px and beyond, to SIGMA."""
+    scene = scene_of(psf_r, np.full(40_000, X), np.full(40_000, Y), 20.0, index=0.0)
+    radius = np.hypot(np.arange(WINDOW.x0, WINDOW.x1) - X, np.arange(WINDOW.y0, WINDOW.y1)[:, None] - Y)
+    rings = [(radius > low) & (radius < high) for low, high in ((50.0, 80.0), (80.0, 150.0), (150.0, 290.0))]
+    counted = []
+    for base, share in ((11, 1.0), (12, 0.5)):
+        plane, response = np.zeros(WINDOW.shape, np.int32), np.full(WINDOW.shape, share, np.float32)
+        keys = object_keys(np.uint64(base), scene.ids)
+        shoot_scene(plane, WINDOW, scene, keys, table_r, response, 1.0, read_beyond(psf_r).wing)
+        counted.append([plane[ring].sum() for ring in rings])
+    for whole, half in np.transpose(counted):
+        assert whole > 500
+        assert half == pytest.approx(0.5 * whole, abs=SIGMA * np.sqrt(0.5 * whole + 0.25 * whole))
+
+
+@pytest.mark.parametrize("share", [1.0, 0.5, 0.1])
+def test_an_orders_wing_hides_where_its_light_does(share):
+    """A profile of r^-3 falls to one level at the cube root of the light; so do an order's wings, or they hide."""
+    assert order_wing(4000.0, share, BOX_PX) == pytest.approx(4000.0 * share ** (1 / 3))
+    assert order_wing(0.0, share, BOX_PX) == 0.0 and order_wing(0.9 * BOX_PX, share, BOX_PX) == 0.0
