@@ -119,7 +119,8 @@ def test_canonical_order_of_random_tables():
         count = int(rng.integers(0, 12))
         table = ObjectTable.complete({
             "id": rng.integers(0, rng.integers(1, 20), count), "ra": rng.integers(0, 2, count) * 1.0,
-            "dec": np.where(rng.random(count) < 0.3, np.nan, rng.integers(0, 2, count)), "obj_type": rng.integers(0, 3, count),
+            "dec": np.where(rng.random(count) < 0.3, np.nan, rng.integers(0, 2, count)),
+            "obj_type": rng.integers(0, 3, count),
         })  # fmt: skip
         shuffled = table.take(rng.permutation(count))
         order, other = canonical_order(table), canonical_order(shuffled)

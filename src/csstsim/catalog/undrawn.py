@@ -23,7 +23,7 @@ _PARTS = (
     (
         ("e1", "e2"),
         "e1 = -e cos(2 PA), e2 = e sin(2 PA); e = (1 - q) / (1 + q), q = b / a, PA from north through east",
-        "q qdisk qbulge axisratio axialratio axratio ba badisk babulge bovera ab aoverb a b aimage bimage semimajor "
+        "q qdisk qbulge axisratio axialratio axratio ba badisk babulge bovera aoverb a b aimage bimage semimajor "
         "semiminor semimajoraxis semiminoraxis majoraxis minoraxis elongation inclination incl "
         "e ell ellip galellip ellipticity eps epsilon eccentricity flattening "
         "pa galpa padisk pabulge posang posangle positionangle theta phi angle orientation "
