@@ -15,7 +15,6 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.config import SHIPPED
-from csstsim.detector.noise import thin
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.layers import led_calib_model
@@ -90,17 +89,14 @@ def report_cost(camera, seed):
     chip = camera.chips[9]
     window, filter_, streams = chip.full_window, camera.filters["r"], Streams(seed, "1", 9, "x")
     param = led_calib_model.Param(LED_TYPE=["590", "670"], LED_TIME=[10.0, 10.0])
-    counted = stream(seed, "photons").poisson(1.0, window.shape).astype(np.int32)  # 8.5e7 electrons
     state = blank(camera, chip, window)
     ask = camera.leds, streams.camera
     share = response_map(chip, window, filter_, EXPTIME, *ask, **BOTH)
-    highest = response_maximum(chip, filter_, *ask, **BOTH)
     image = np.full(window.shape, 31.0, np.float32)
     parts = {
         "response map, flat and shutter": lambda: response_map(chip, window, filter_, EXPTIME, *ask, **BOTH),
         "image x map": lambda: np.multiply(image, share, out=image),
         "led_calib_model": lambda: led_calib_model.apply(state, param, streams),
-        "thinning of 8.5e7 counted electrons": lambda: thin(counted, share, highest, stream(seed, "thin")),
     }
     print("CPU seconds on a chip of 9216 x 9232, best of 3")
     for name, part in parts.items():

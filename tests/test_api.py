@@ -6,6 +6,7 @@ import pickle
 import shutil
 import subprocess
 import sys
+from datetime import datetime
 
 import numpy as np
 import pytest
@@ -220,10 +221,35 @@ def test_aim_puts_a_place_on_the_middle(folder):
     table["ra"], table["dec"] = [10.0], [20.0]
     truth = bent.replace(catalog=table, psf={"grid": 2}).light("10100000001", 24).truth
     assert truth["xImage"][0] - 1 == pytest.approx(4607.5, abs=1e-6)
-    sizes = {"size": "x"}, {"size": 0}, {"size": 10_000}
+    sizes = {"size": "x"}, {"size": 0}, {"size": 10_000}, {"obsid": "one"}, {"exposures": 0}, {"exposures": 1.5}
     for wrong in (*sizes, {"ra": "10h"}, {"chip": 31}, {"dec": 91.0}, {"exptime": 0.0}, {"time": "today"}):
         with pytest.raises(InputError):
             sim.aim(**({"ra": 10.0, "dec": 0.0} | wrong)).chip("10100000001", 9)
+
+
+def test_exposures_differ_in_noise_and_share_the_detector(folder):
+    """Two of one aim: differences have twice the variance of each, uncorrelated pixels, 5 sigma; one bias, one gain."""
+    table = Table({"ra": [10.0], "dec": [0.5], "mag_r": [27.0]})
+    sim = csstsim.Simulation(cache=folder / "cache").replace(catalog=table, psf={"grid": 2}, seed=77)
+    sim = sim.replace(layers={"cosmic_rays": None, "detector_defects": None})
+    pair = sim.aim(10.0, 0.5, size=200, obsid="20200000098", exposures=2)
+    assert list(pair.exposures["obsid"]) == ["20200000098", "20200000099"]
+    start, later = (datetime.fromisoformat(time) for time in pair.exposures["time"])
+    assert (later - start).total_seconds() == 150.0 + 60.0
+    one, two = (pair.chip(obsid, 9) for obsid in pair.exposures["obsid"])
+    a, b = (frame.electrons.astype(float) - np.median(frame.electrons) for frame in (one, two))
+    count = a.size
+    assert (a - b).var() / (a.var() + b.var()) == pytest.approx(1.0, abs=5 * np.sqrt(2 / count))
+    assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < 5 / np.sqrt(count)
+    levels = [name for name in one.header if name.startswith(("DETBIA", "GAIN"))]
+    assert len(levels) == 32 and all(one.header[name] == two.header[name] for name in levels)
+    assert two.truth["xImage"][0] == pytest.approx(one.truth["xImage"][0], abs=1e-6)  # aimed anew
+    alone = sim.aim(10.0, 0.5, size=200, obsid="20200000098")
+    assert np.array_equal(alone.chip("20200000098", 9).image, one.image)
+    with pytest.warns(UserWarning, match="one obsid has one noise"):
+        later = sim.aim(10.0, 0.5, size=200, obsid="20200000098", time="2027-11-21T01:20:00")
+    again = later.chip("20200000098", 9).electrons.astype(float)
+    assert np.corrcoef(a.ravel(), again.ravel())[0, 1] > 0.99
 
 
 def test_nothing_is_written_but_the_cache(sim, folder):

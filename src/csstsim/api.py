@@ -16,6 +16,8 @@ import copy
 import logging
 import operator
 import os
+import warnings
+from datetime import timedelta
 from functools import cached_property
 from pathlib import Path
 
@@ -29,12 +31,18 @@ from csstsim.config import Observation, digest, load_campaign, load_observation,
 from csstsim.errors import InputError
 from csstsim.frame import Frame, frame_of
 from csstsim.io.paths import Paths
+from csstsim.io.survey_table import OBSID, OBSID_ALLOWED
 from csstsim.model import validate
 from csstsim.optics.aim import exposure_of
 from csstsim.release import release
 from csstsim.shipped import ROOT
 
 __all__ = ["Frame", "Simulation"]
+
+
+GAP_S = 60.0  # between the end of an exposure of `aim` and the start of the next
+MOST = 1000  # exposures of one `aim`
+_AIMED = {}  # (seed, obsid): start; what this process has aimed
 
 
 class Simulation:
@@ -101,21 +109,38 @@ class Simulation:
         made._open(config, layers if changes is None else _changed(config, layers, changes), pointings)
         return made
 
-    def aim(self, ra, dec, chip=9, *, size=1000, pa=0.0, time="2027-11-20T01:20:00", exptime=150.0):
-        """Return a Simulation of one exposure that has a place on the middle of one chip, and the pixels around it.
+    def aim(
+        self, ra, dec, chip=9, *, size=1000, pa=0.0, time="2027-11-20T01:20:00", exptime=150.0, obsid="10100000001",
+        exposures=1,
+    ):  # fmt: skip
+        """Return a Simulation of exposures that have a place on the middle of one chip, and the pixels around it.
 
         ra, dec [deg, ICRS]; chip 1 to 30 (its filter is the image's); size: side of the window [pixel], None for the
-        whole chip; pa: position angle [deg]; time: ISO UTC; exptime [s]. The exposure's obsid is 10100000001.
-        Raises InputError for values that cannot be used, and for a place nearer to a pole than the chip is to the
-        middle of the focal plane (up to half a degree), if the position angle admits no pointing.
+        whole chip; pa: position angle [deg]; time: ISO UTC; exptime [s]; obsid: digits, of the first exposure;
+        exposures: how many, each GAP_S after the last one, with the next obsid and aimed anew. An exposure's noise,
+        cosmic rays and photons are those of its obsid; the sky and the detector are the same in all. A warning says so
+        where an obsid was used before at another time: two such frames have one noise. Raises InputError for values
+        that cannot be used, and for a place nearer to a pole than the chip is to the middle of the focal plane (up to
+        half a degree), if the position angle admits no pointing.
         """
         camera, science = self._run.camera, self._run.steps.get("SCIE")
         if chip not in camera.chips:
             raise InputError("no such chip", key="chip", value=chip, allowed=f"1 to {max(camera.chips)}")
-        pointing = exposure_of(
-            camera, camera.chips[chip], ra, dec, obsid="10100000001", pa=pa, time=time, exptime=exptime,
-            distorted=science is None or science.field_dist, **self._config.astrometry.model_dump(),
-        )  # fmt: skip
+        obsid, count = str(obsid), _whole(exposures, "exposures")
+        if not OBSID.fullmatch(obsid):
+            raise InputError("not an observation id", key="obsid", value=obsid, allowed=OBSID_ALLOWED)
+        if not 1 <= count <= MOST:
+            raise InputError("no number of exposures", key="exposures", value=count, allowed=f"1 to {MOST}")
+        pointings = []
+        for _ in range(count):
+            pointing = exposure_of(
+                camera, camera.chips[chip], ra, dec, obsid=obsid, pa=pa, time=time, exptime=exptime,
+                distorted=science is None or science.field_dist, **self._config.astrometry.model_dump(),
+            )  # fmt: skip
+            pointings.append(pointing)
+            obsid = str(int(obsid) + 1).zfill(len(obsid))
+            time = f"{pointing.end + timedelta(seconds=GAP_S):%Y-%m-%dT%H:%M:%S}"
+        _warn_of_one_noise(self._config.seed, pointings)
         detector, window = camera.chips[chip].detector, None
         if size is not None:
             size, most = _whole(size, "size"), min(detector.nx, detector.ny)
@@ -124,7 +149,7 @@ class Simulation:
             spans = {axis: (n - size) // 2 for axis, n in (("x", detector.nx), ("y", detector.ny))}
             window = {f"{axis}{i}": start + i * size for axis, start in spans.items() for i in (0, 1)}
         changes = {"select": {"types": ["SCIE"], "chips": [chip]}, "window": window}
-        return self._with(self._config.model_dump() | changes, self._layers, [pointing])
+        return self._with(self._config.model_dump() | changes, self._layers, pointings)
 
     @property
     def config(self):
@@ -187,6 +212,15 @@ class Simulation:
 
     def _job(self, obsid, chip):
         return self._run.job(str(obsid), _whole(chip, "chip"))
+
+
+def _warn_of_one_noise(seed, pointings):
+    """Warn where an obsid was aimed before, with this seed, at another time."""
+    for pointing in pointings:
+        before = _AIMED.setdefault((seed, pointing.obsid), pointing.start)
+        if before != pointing.start:
+            message = f"obsid {pointing.obsid} was aimed before, at {before:%Y-%m-%dT%H:%M:%S}: one obsid has one noise"
+            warnings.warn(f"{message}; give another `obsid`, or ask for more `exposures`", stacklevel=3)
 
 
 class _Kept(Paths):

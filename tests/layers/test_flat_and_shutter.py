@@ -9,7 +9,7 @@ from csstsim.campaign import OpenCampaign
 from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs
 from csstsim.optics.response import response_map, response_maximum
-from csstsim.rng import Streams, stream
+from csstsim.rng import Streams
 
 STREAMS = Streams(5, "10100000001", 9, "scie_obs")
 SWITCHES = [(False, True), (True, False), (True, True)]
@@ -58,19 +58,3 @@ def test_no_pixel_is_above_the_declared_maximum(camera, flat, shutter):
             for window in (Window(0, 9216, 0, 40), Window(9100, 9216, 0, 9232), Window(4000, 4300, 4000, 4300)):
                 assert response_map(chip, window, *ask, flat=flat, shutter=shutter).max() <= highest
             assert highest < 1.15
-
-
-def test_light_counted_and_thinned_is_poisson_of_the_light_expected(camera):
-    """Drawn with the declared maximum, thinned by the map: per pixel mean = variance = light x map, 5 sigma."""
-    from csstsim.detector.noise import thin
-
-    chip, filter_, window = camera.chips[26], camera.filters["GV"], Window(0, 600, 0, 600)
-    ask = camera.leds, STREAMS.camera
-    share = response_map(chip, window, filter_, 150.0, *ask, flat=True, shutter=True)
-    highest = response_maximum(chip, filter_, *ask, flat=True, shutter=True)
-    counted = stream(5, "photons").poisson(20.0 * highest, window.shape).astype(np.int32)
-    thin(counted, share, highest, stream(5, "thin"))
-    left = 20.0 * share.astype(float)
-    z = (counted - left) / np.sqrt(left)
-    assert abs(z.mean()) < 5 / np.sqrt(z.size)
-    assert abs((z**2).mean() - 1) < 5 * np.sqrt((2 + 1 / left.mean()) / z.size)

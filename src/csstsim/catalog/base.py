@@ -37,7 +37,8 @@ What a MockObject may be given (all but id, ra, dec have defaults; the full list
 | kappa, gamma1, gamma2       | lensing, same axes; stars are not lensed                                           |
 | mag_norm                    | AB magnitude in the filter of `load_norm_filt`, if that gives one                  |
 | z, av, teff, logg, feh, ... | for the truth table only: csstsim draws what `load_sed` gives                      |
-| any other name              | yours to use in `load_sed`; plain values go to the truth table as `user_<name>`    |
+| any other name              | yours to use in `load_sed`; plain values go to the truth table as `user_<name>`;   |
+|                             | a galaxy's n, q, pa, re and the like are refused (catalog.undrawn)                 |
 
 WAVELENGTH is in angstrom and rises, FLUX in photon / s / m2 / angstrom; columns with astropy units are converted.
 Between samples a spectrum is linear, outside them zero. It is in the observed frame: redshift, dust and Milky Way
@@ -59,6 +60,7 @@ import numpy as np
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.photometry import ab_mag, bin_means, load_fluxes
 from csstsim.catalog.table import COLUMNS, ObjectTable
+from csstsim.catalog.undrawn import check_shapes
 from csstsim.config import digest
 from csstsim.errors import CsstsimError, InputError
 from csstsim.instrument.filter import GRID
@@ -131,6 +133,7 @@ class CatalogBase(ABC):
             names = sorted({name for obj in self.objs for name in obj.values})
             columns = {name: [getattr(obj, name, None) for obj in self.objs] for name in names}
             _refuse_units(name_of(self), columns)
+            check_shapes(columns, columns.get("obj_type", ()), name_of(self))
             # Extras may be anything (a file name, an array); only plain values travel, under names that are theirs.
             extras = {f"user_{name}": column for name, column in columns.items() if name not in COLUMNS}
             plain = {name: _plain_column(column) for name, column in extras.items()}

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, STAR, TYPES, ObjectTable
+from csstsim.catalog.undrawn import check_shapes
 from csstsim.catalog.usable import STRONGLY_LENSED, reasons
 from csstsim.errors import InputError
 from csstsim.fits_headers import check_headers
@@ -97,8 +98,10 @@ def object_table(columns, where):
     columns.setdefault("id", np.arange(1, count + 1))
     if "type" in columns:
         columns["obj_type"] = _types(columns.pop("type"), where)
+    obj_type = np.asarray(columns.get("obj_type", np.full(count, STAR)))
+    check_shapes(columns, obj_type, where)
     if "size" in columns:
-        size, galaxy = columns.pop("size"), np.asarray(columns.get("obj_type", np.full(count, STAR))) == GALAXY
+        size, galaxy = columns.pop("size"), obj_type == GALAXY
         for part in ("size_disk", "size_bulge"):
             columns.setdefault(part, np.where(galaxy, size, 0.0))
     for name in set(columns) & {"e1", "e2", "bulge_frac", "z", "size_disk", "size_bulge", "kappa", "gamma1", "gamma2"}:

@@ -14,6 +14,7 @@ import numpy as np
 
 from csstsim.catalog.astrometry import apparent, at_epoch
 from csstsim.catalog.base import Region, unit_vectors
+from csstsim.catalog.canonical import back, canonical_order
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.photometry import rate_to_mag
 from csstsim.catalog.reach import (
@@ -133,7 +134,8 @@ def select_objects(
     if rotated:
         table = table.with_columns(e1=-table["e1"], e2=-table["e2"])
     (mu, thin), star = _magnification(table), table["obj_type"] == STAR
-    flux = catalog.load_fluxes(rows, filter, telescope) * mu[:, None]
+    order = canonical_order(table)  # what is summed chunk by chunk must not hang on the order of the rows
+    flux = catalog.load_fluxes(rows[order], filter, telescope)[back(order)] * mu[:, None]
     bad = unusable(table, flux)
     flux[bad] = 0.0
     rate = flux.sum(axis=1)

@@ -22,6 +22,12 @@ class Spectra:
         """Return (len(rows), len(edges) - 1) photon / s / m2 / angstrom: means over bins of `edges` [angstrom]."""
         return self._load(rows, edges) * self._mu[rows, None]
 
+    def take(self, order):
+        """Return the Spectra of the table's rows in another order, an index array."""
+        made = object.__new__(Spectra)
+        made._mu, made._load = self._mu[order], lambda rows, edges: self._load(order[rows], edges)
+        return made
+
 
 def embedded_spectra(objects, universe):
     """Return the Spectra of objects of the embedded universe: made of the table's own columns, no brick is read."""

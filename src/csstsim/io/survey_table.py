@@ -6,6 +6,7 @@ value and what is allowed, because a table of thousands of rows is made by other
 
 import csv
 import math
+import re
 from pathlib import Path
 from typing import get_args
 
@@ -17,6 +18,7 @@ from csstsim.pages import explained
 from csstsim.text_file import read_text
 from csstsim.units import EARTH_RADIUS_KM
 
+OBSID, OBSID_ALLOWED = re.compile(r"[0-9]{9,14}"), "9 to 14 digits"
 REQUIRED = ("obsid", "type", "ra", "dec", "pa", "time", "exptime")
 STATE = ("sat_x", "sat_y", "sat_z", "sat_vx", "sat_vy", "sat_vz")
 TYPES = get_args(ExposureType)
@@ -113,8 +115,8 @@ class _Row:
 
     def obsid(self):
         text = self.cells["obsid"]
-        if not (text.isascii() and text.isdigit() and 9 <= len(text) <= 14):
-            raise self.error("not an observation id", "obsid", text, "9 to 14 digits")
+        if not OBSID.fullmatch(text):
+            raise self.error("not an observation id", "obsid", text, OBSID_ALLOWED)
         return text
 
     def type(self):

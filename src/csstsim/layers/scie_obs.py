@@ -9,6 +9,7 @@ from functools import cache
 
 from pydantic import Field
 
+from csstsim.catalog.canonical import back, canonical_order, orders_back
 from csstsim.catalog.select import Noise
 from csstsim.layers.param import EXPTIME, LayerParam
 from csstsim.optics.beyond import Beyond, beyond_box, read_beyond
@@ -48,12 +49,19 @@ def _check_beyond(camera):
 
 
 def apply(state, param, rng):
-    """Draw state.catalog into state.image [e-], in place; state.truth becomes the table of drawn objects.
+    """Draw state.catalog into state.image [e-], in place; state.truth becomes the table of drawn objects, row by row.
 
+    Objects are drawn by id: the catalogue's rows may be in any order, the pixels are the same.
     What the planes gained goes to the header, so that the table can be held against it.
     """
-    before = state.electrons()
+    before, given = state.electrons(), (state.catalog, state.spectra)
+    order = canonical_order(state.catalog)
+    state.catalog = state.catalog.take(order)
+    state.spectra = None if state.spectra is None else state.spectra.take(order)
     _draw(state, param, rng)
+    state.catalog, state.spectra = given
+    state.truth = state.truth.take(back(order))
+    state.orders = None if state.orders is None else orders_back(state.orders, order)
     state.header["objects_electrons"] = state.electrons() - before
     return state
 

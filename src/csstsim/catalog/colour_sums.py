@@ -1,0 +1,181 @@
+"""Sums over spectra that are power laws from pivot to pivot, without their samples.
+
+Between two pivots, of magnitudes a and b, the light is 10^(-0.2 (a + b)) exp(c u): c = 0.4 ln 10 (a - b), and u goes
+from -1/2 to 1/2 with the logarithm of wavelength. Its sum with weights w is a power series in c whose coefficients, the
+moments sum(w u^n) / n!, belong to the band alone: they are taken once, and an object costs some 30 products a band.
+The series is exact to 1e-10 for steps of up to STEEPEST mag from pivot to pivot; steeper ones, which no object has but
+Newton's method may try, are summed sample by sample.
+"""
+
+import numba
+import numpy as np
+
+TERMS = 34
+STEEPEST = 10.0  # mag
+WORST_CONDITION = 1e6  # of Newton's matrix, Frobenius norm: beyond it colours are those of no spectrum
+_C = 0.4 * np.log(10.0)
+
+
+class Knots:
+    """Moments of weights (m, len(wave)) about the segments that pivots (b,), logarithms of wavelength, make."""
+
+    def __init__(self, pivots, wave, weights):
+        """wave: (w,) angstrom, of the weights; the b + 1 segments begin and end with those beyond the pivots."""
+        at = np.log(wave)
+        self.segment = np.searchsorted(pivots, at)
+        inner = np.clip(self.segment, 1, max(len(pivots) - 1, 1))
+        low, high = pivots[np.minimum(inner - 1, len(pivots) - 1)], pivots[np.minimum(inner, len(pivots) - 1)]
+        between = (self.segment > 0) & (self.segment < len(pivots))
+        self.place = np.where(between, (at - low) / np.where(between, high - low, 1.0) - 0.5, 0.0)
+        self.weights = np.ascontiguousarray(weights, dtype=float)
+        self.moments = _moments(self.segment, self.place, self.weights, len(pivots) + 1)
+
+    @property
+    def arrays(self):
+        """What compiled loops need: moments, segment, place, weights."""
+        return self.moments, self.segment, self.place, self.weights
+
+    def sums(self, nodes):
+        """Return (n, m) sums of the light, of flux density 1 at magnitude 0, of magnitudes at pivots (n, b)."""
+        return _sums(np.ascontiguousarray(nodes, dtype=float), *self.arrays)
+
+
+@numba.njit(cache=True)
+def _moments(segment, place, weights, segments):
+    out = np.zeros((len(weights), segments, TERMS))
+    for m in range(len(weights)):
+        for i in range(len(place)):
+            term = weights[m, i]
+            if term != 0.0:
+                for n in range(TERMS):
+                    out[m, segment[i], n] += term
+                    term *= place[i] / (n + 1)
+    return out
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _segment(m, s, nodes, moments, segment, place, weights):
+    """Return the sum of a segment's light, and its derivative in c."""
+    last = len(nodes) - 1
+    if s == 0 or s > last:
+        return 10.0 ** (-0.4 * nodes[min(s, last)]) * moments[m, s, 0], 0.0
+    c, level = _C * (nodes[s - 1] - nodes[s]), 10.0 ** (-0.2 * (nodes[s - 1] + nodes[s]))
+    total = slope = 0.0
+    if abs(c) <= _C * STEEPEST:
+        for n in range(TERMS - 1, -1, -1):
+            slope = slope * c + total
+            total = total * c + moments[m, s, n]
+    else:
+        for i in range(len(place)):
+            if segment[i] == s and weights[m, i] != 0.0:
+                light = weights[m, i] * np.exp(c * place[i])
+                total += light
+                slope += light * place[i]
+    return level * total, level * slope
+
+
+@numba.njit(cache=True)
+def _sums(nodes, moments, segment, place, weights):
+    out = np.zeros((len(nodes), len(moments)))
+    for k in range(len(nodes)):
+        for m in range(len(moments)):
+            for s in range(moments.shape[1]):
+                if moments[m, s, 0] != 0.0:
+                    out[k, m] += _segment(m, s, nodes[k], moments, segment, place, weights)[0]
+    return out
+
+
+def newton(mags, knots, tolerance, passes):
+    """Return (n, b) magnitudes at the pivots with which light through each band is that of `mags`, to `tolerance`.
+
+    knots: Knots of the bands, each of weight 1. Rows for which there are none keep their magnitudes as those at the
+    pivots.
+    """
+    nodes = np.array(mags, dtype=float, order="C")
+    _newton(nodes, tolerance, passes, *knots.arrays)
+    return nodes
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _newton(nodes, tolerance, passes, moments, segment, place, weights):
+    bands = nodes.shape[1]
+    slopes, off = np.empty((bands, bands)), np.empty(bands)
+    for k in range(len(nodes)):
+        wanted, at, found = nodes[k].copy(), nodes[k], False
+        for _ in range(passes):
+            found = True
+            slopes[:] = 0.0
+            for m in range(bands):
+                through = 0.0
+                for s in range(bands + 1):
+                    if moments[m, s, 0] == 0.0:
+                        continue
+                    light, turn = _segment(m, s, at, moments, segment, place, weights)
+                    through += light
+                    if 0 < s < bands:
+                        slopes[m, s - 1] += 0.5 * light - turn
+                        slopes[m, s] += 0.5 * light + turn
+                    else:
+                        slopes[m, min(s, bands - 1)] += light
+                slopes[m] /= through
+                off[m] = wanted[m] + 2.5 * np.log10(through)
+                found &= abs(off[m]) < tolerance  # not for NaN
+            if found or not _solve(slopes, off):
+                break
+            for m in range(bands):
+                at[m] += min(max(off[m], -1.0), 1.0)
+        if not found:
+            at[:] = wanted
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _solve(matrix, values):
+    """Put the solution of matrix x = values into `values`; False if the matrix is not finite, or near none with one."""
+    n = len(values)
+    size = np.sqrt((matrix**2).sum())
+    both = np.hstack((matrix, np.eye(n)))
+    for i in range(n):
+        top = i + np.argmax(np.abs(both[i:, i]))
+        for j in range(2 * n):
+            both[i, j], both[top, j] = both[top, j], both[i, j]
+        pivot = both[i, i]
+        if not 0.0 < abs(pivot) < np.inf:
+            return False
+        both[i] /= pivot
+        for row in range(n):
+            factor = both[row, i]
+            if row != i and factor != 0.0:
+                both[row] -= factor * both[i]
+    inverse = np.ascontiguousarray(both[:, n:])
+    if not size * np.sqrt((inverse**2).sum()) < WORST_CONDITION:
+        return False
+    solved = np.zeros(n)
+    for i in range(n):
+        for j in range(n):
+            solved[i] += inverse[i, j] * values[j]
+    values[:] = solved
+    return True
+
+
+@numba.njit(cache=True, error_model="numpy")
+def bins(nodes, pivots, edges):
+    """Return (n, bins): integrals over wavelength of flux density / wavelength, magnitude 0 being 1.
+
+    nodes: (n, b) magnitudes at pivots (b,); edges: rising; pivots and edges are logarithms of wavelength.
+    """
+    out = np.zeros((len(nodes), len(edges) - 1))
+    last = len(pivots) - 1
+    for k in range(len(nodes)):
+        for s in range(last + 2):
+            low, high = (pivots[s - 1] if s > 0 else -np.inf), (pivots[s] if s <= last else np.inf)
+            here = nodes[k, min(s, last)] if s == 0 or s > last else nodes[k, s - 1]
+            rise = _C * (nodes[k, s - 1] - nodes[k, s]) / (high - low) if 0 < s <= last else 0.0
+            origin = low if 0 < s <= last else 0.0
+            level = 10.0 ** (-0.4 * here)
+            for j in range(len(edges) - 1):
+                start, end = max(edges[j], low), min(edges[j + 1], high)
+                if start < end:
+                    wide = rise * (end - start)
+                    even = np.expm1(wide) / wide if wide != 0.0 else 1.0
+                    out[k, j] += level * np.exp(rise * (start - origin)) * (end - start) * even
+    return out

@@ -1,0 +1,80 @@
+"""Shapes of galaxies in words that csstsim does not draw from, and the columns that say the same.
+
+People write Sersic indices, axis ratios and position angles. A galaxy is drawn from size_disk, size_bulge, bulge_frac,
+e1, e2, kappa, gamma1 and gamma2 alone: by a column of another name, and nothing that says the same, it would be drawn
+round, or with another profile, without a word.
+"""
+
+import re
+
+import numpy as np
+
+from csstsim.catalog.table import BANDS, COLUMNS, GALAXY
+from csstsim.errors import InputError
+
+# (columns that say the same, how, names of those who say it otherwise: without case, marks, units and bands)
+_PARTS = (
+    (
+        ("bulge_frac",),
+        "bulge_frac: 0 for a Sersic index n = 1, 1 for n = 4, between them for a mixture; no other n is drawn",
+        "n nsersic galindex sersic sersicn sersicindex sersicnindex nser nindex ndisk nbulge sersicdisk sersicbulge "
+        "bt bovert bulgetototal bulgetotal bulgefraction bulgeratio fbulge fracdev",
+    ),
+    (
+        ("e1", "e2"),
+        "e1 = -e cos(2 PA), e2 = e sin(2 PA); e = (1 - q) / (1 + q), q = b / a, PA from north through east",
+        "q qdisk qbulge axisratio axialratio axratio ba badisk babulge bovera aoverb a b aimage bimage semimajor "
+        "semiminor semimajoraxis semiminoraxis majoraxis minoraxis elongation inclination incl "
+        "e ell ellip galellip ellipticity eps epsilon eccentricity flattening "
+        "pa galpa padisk pabulge posang posangle positionangle theta phi angle orientation "
+        "e1 e2 eps1 eps2 epsilon1 epsilon2 ell1 ell2 ellip1 ellip2 ellipticity1 ellipticity2 chi1 chi2",
+    ),
+    (
+        ("size", "size_disk", "size_bulge"),
+        "size (or size_disk, size_bulge): arcsec, half-light radius along the circle of equal area, sqrt(q) r_e",
+        "re galre redisk rebulge reff reffective effectiveradius rh rhl rhalf halflight halflightradius hlr hlrdisk "
+        "hlrbulge r50 radius radiusdisk radiusbulge rad rd rs rscale scalelength fluxradius petror50 petrorad "
+        "devrad exprad fwhm sizedisk sizebulge size",
+    ),
+    (
+        ("gamma1", "gamma2"),
+        "gamma1, gamma2 and kappa, of lensing: axis 1 along +RA, axis 2 at 45 deg towards north",
+        "g1 g2 shear1 shear2 shearg1 shearg2 gamma1 gamma2",
+    ),
+)
+_OF = {word: (own, advice) for own, advice, words in _PARTS for word in words.split()}
+_UNIT = re.compile(r"[^a-z0-9](arcsecs?|as|deg|degrees?|rad|radians?|pix|pixels?|px|image|world|sky|j2000)\W*$")
+_BAND = re.compile(rf"(^[nq]|(?<=[a-z0-9_]{{2}}))[^a-z0-9]({'|'.join((*BANDS, 'vis'))})$")
+
+
+def advice_for(name, given):
+    """Return what to give in place of a galaxy's column `name`; None if it is no shape, or `given` says the same.
+
+    given: the names of all columns.
+    """
+    if name in COLUMNS or name == "size":
+        return None
+    word = name.strip().lower()
+    for ending, kept in ((_UNIT, ""), (_BAND, r"\1"), (_UNIT, "")):
+        word = ending.sub(kept, word)
+    own, advice = _OF.get(re.sub(r"[^a-z0-9]", "", word), ((), None))
+    return None if set(own) & set(given) else advice
+
+
+def check_shapes(columns, obj_type, where):
+    """Raise InputError for a column that says of a galaxy's shape what nothing that is drawn says.
+
+    columns: {name: (n,) values}, names as the user has them; obj_type (n,). A column that is blank for every galaxy
+    says nothing, and a table without galaxies may have any.
+    """
+    galaxies = np.flatnonzero(np.asarray(obj_type) == GALAXY)
+    for name, values in columns.items() if galaxies.size else ():
+        advice = advice_for(name, columns)
+        if advice and any(not _blank(values[row]) for row in galaxies):
+            raise InputError("no galaxy is drawn from this column", file=where, key=name, allowed=advice)
+
+
+def _blank(value):
+    return (
+        value is None or (isinstance(value, str) and not value.strip()) or bool(np.isscalar(value) and value != value)
+    )
