@@ -8,7 +8,7 @@ import pytest
 
 from csstsim.config import SHIPPED
 from csstsim.errors import InputError
-from csstsim.instrument.axe import BEAMS, COEFFICIENTS, axe_text, field_range, field_terms, read_axe
+from csstsim.instrument.axe import BEAMS, COEFFICIENTS, axe_text, field_range, field_terms, read_axe, sensitivity_file
 
 HST = Path(os.environ.get("CSSTSIM_DATA", SHIPPED.parents[1] / "shared" / "data")) / "grism"
 ONE = """BEAMA 10 200 ; extent
@@ -137,3 +137,8 @@ def test_hst_file_read(tmp_path):
     alpha1 = field_terms(507.0, 507.0) @ first["alpha1"]  # angstrom / px in the middle; WFC3's handbook: 46.5
     assert alpha1 == pytest.approx(46.5, abs=0.5)
     assert orders[0]["a1"].tolist() == [0.0] * 6 and not orders[-1]["a0"][3:].any()
+
+
+def test_each_order_has_a_sensitivity_file_of_its_own():
+    names = {order: sensitivity_file("GV5", order) for order in (-2, -1, 0, 1, 2)}
+    assert names == {-2: "GV5_m2.fits", -1: "GV5_m1.fits", 0: "GV5_p0.fits", 1: "GV5_p1.fits", 2: "GV5_p2.fits"}

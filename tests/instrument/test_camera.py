@@ -161,3 +161,14 @@ def test_bare_number_and_missing_file(tmp_path):
         load_camera(folder)
     with pytest.raises(InputError, match="no such instrument folder"):
         load_camera(tmp_path / "nowhere")
+
+
+@pytest.mark.parametrize(("channels", "size"), [(1, 256), (8, 32), (16, 16)])
+def test_half_the_columns_go_to_each_side(tmp_path, channels, size):
+    """Any even number of channels along x will do; an odd one has no middle."""
+    geometry = {"nx": 256, "channels_x": channels, "channel_nx": size}
+    if channels % 2 == 0 and channels <= 13:
+        assert load_camera(mini_camera(tmp_path, **geometry)).detector.channels_x == channels
+        return
+    with pytest.raises(InputError, match=r"half the columns read out to each side|out of range"):
+        load_camera(mini_camera(tmp_path, **geometry))
