@@ -14,7 +14,7 @@ import numpy as np
 
 from csstsim.render.far_wings import OVER, WHOLE, between
 from csstsim.render.octaves import read
-from csstsim.render.wings import NEAR, ring_within, tables, wing_beyond, wing_share
+from csstsim.render.wings import NEAR, near_light, ring_within, tables, wing_beyond, wing_share
 
 LINE_STEP = 8.0  # px
 LINE_NEAR = NEAR[0]  # px: from here to twice that the meshes take over
@@ -63,7 +63,7 @@ def add_line(image, response, window, places, flux, inside, drawn, wing, wing_px
     everywhere; half: side of the PSF's box [px]; meshes: FarWings; side: (x0, x1, y0, y1) px from each place beyond
     which light is cut off. The box, x0, x1, y0, y1 on the chip, half-open, is that of the wing as far as it shows.
     """
-    missing, added, box = inside - drawn, 0.0, None
+    missing, added, box = near_light(inside - drawn, inside), 0.0, None
     if wing is not None and len(places):
         far, shown = wing_beyond(wing, half, wing_px > 0), wing_beyond(wing, half)
         total = flux.sum(axis=0)
