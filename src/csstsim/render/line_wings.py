@@ -63,7 +63,7 @@ def add_line(image, response, window, places, flux, inside, drawn, wing, wing_px
     everywhere; half: side of the PSF's box [px]; meshes: FarWings; side: (x0, x1, y0, y1) px from each place beyond
     which light is cut off. The box, x0, x1, y0, y1 on the chip, half-open, is that of the wing as far as it shows.
     """
-    missing, added, box = near_light(inside - drawn, inside), 0.0, None
+    missing, added, box = near_light(inside - drawn, inside, wing), 0.0, None
     if wing is not None and len(places):
         far, shown = wing_beyond(wing, half, wing_px > 0), wing_beyond(wing, half)
         total = flux.sum(axis=0)

@@ -26,7 +26,7 @@ from csstsim.render.octaves import BITS, first_of, nodes, read
 
 FADE = 0.7, 0.95  # of the box's half side
 NEAR = 48.0, 96.0  # px: from here to twice that the meshes take over, of short wings and of others
-_NEAR_LIGHT = 0.08  # of the light: the most that a stamp leaves out of the PSF, and a little of a profile
+_NEAR_LIGHT = 0.006, 0.08  # of the light: the most that a stamp leaves out of a profile; with wings, of the PSF too
 _OCTAVES = 32  # of r^2 [px^2] in a table: to 65,536 px, from any object to any chip's far corner
 _RADII = np.sqrt(nodes(0, _OCTAVES))
 
@@ -112,7 +112,7 @@ def add_far(image, response, window, x, y, flux, inside, drawn, wing, wing_px, h
     which noise hides it, 0: everywhere; half: side of the PSF's box [px]; meshes: a FarWings; near: px from which they
     take over, None: as noise allows.
     """
-    missing, added = near_light(inside - drawn, inside), 0.0
+    missing, added = near_light(inside - drawn, inside, wing), 0.0
     if wing is not None:
         near = near_of(wing_px) if near is None else near
         far, shown = wing_beyond(wing, half, near > 0), wing_beyond(wing, half)
@@ -124,12 +124,12 @@ def add_far(image, response, window, x, y, flux, inside, drawn, wing, wing_px, h
     return added + (part[0] if part else 0.0)
 
 
-def near_light(missing, inside):
+def near_light(missing, inside, wing):
     """Return what is missing of the light inside, but 0 where it is so much that a profile is larger than its stamp.
 
     Such light is far from the object, and TRUNCATED_STAMP or the truth's `fraction` say that it is not drawn.
     """
-    return np.where(np.abs(missing) < _NEAR_LIGHT * inside, missing, 0.0)
+    return np.where(np.abs(missing) < _NEAR_LIGHT[wing is not None] * inside, missing, 0.0)
 
 
 def wing_share(flux, inside, light):
