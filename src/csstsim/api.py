@@ -96,11 +96,10 @@ class Simulation:
             keys["window"] = _window(keys["window"])
         if "window" in keys and "select" not in keys:  # pixels are named: no circle on the sky chooses them
             keys["select"] = config["select"] | ({"region": None} if keys["window"] != "region" else {})
-        if catalog is not None:
-            keys["catalog"] = _catalog(catalog, config["catalog"])
         pointings = None if "survey_table" in keys else self._pointings
         kept = {} if "observations" in keys else self._layers
-        return self._with(config | copy.deepcopy(keys), kept, pointings, layers)
+        keys = copy.deepcopy(keys) | ({} if catalog is None else {"catalog": _catalog(catalog, config["catalog"])})
+        return self._with(config | keys, kept, pointings, layers)
 
     def _with(self, config, layers, pointings, changes=None):
         made = object.__new__(Simulation)
@@ -277,7 +276,7 @@ def _changed(config, layers, changes):
 def _catalog(given, before):
     """Return the campaign's `catalog` for a table, a class or a mapping; shapes stay as they were."""
     if isinstance(given, dict):
-        return given
+        return copy.deepcopy(given)
     kept = {"shapes": before["shapes"]}
     if isinstance(given, type):
         kind = f"{given.__module__}:{given.__qualname__}"

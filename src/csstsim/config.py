@@ -185,7 +185,9 @@ class Campaign(Model):
     seed: int = Field(ge=0, le=2**63 - 1, description="the only source of randomness")
     select: Select = Select()
     window: PixelWindow | Literal["region"] | None = Field(
-        None, description="null = whole chips; 'region' = the pixels around select.region; or x0, x1, y0, y1"
+        None,
+        description="null = whole chips; 'region' = the pixels around select.region; or x0, x1, y0, y1: light and "
+        "detector are the whole chip's, noise is the window's own",
     )
     observations: dict[ExposureType, FilePath] = Field(
         {}, description="layer list per exposure type; types left out use config/observations/"

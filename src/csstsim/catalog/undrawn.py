@@ -23,17 +23,18 @@ _PARTS = (
     (
         ("e1", "e2"),
         "e1 = -e cos(2 PA), e2 = e sin(2 PA); e = (1 - q) / (1 + q), q = b / a, PA from north through east",
-        "q qdisk qbulge axisratio axialratio axratio ba badisk babulge bovera aoverb a b aimage bimage semimajor "
-        "semiminor semimajoraxis semiminoraxis majoraxis minoraxis elongation inclination incl "
+        "q qdisk qbulge axisratio axialratio axratio ba badisk babulge bovera aoverb aimage bimage aworld bworld "
+        "semimajor semiminor semimajoraxis semiminoraxis majoraxis minoraxis elongation inclination incl "
         "e ell ellip galellip ellipticity eps epsilon eccentricity flattening "
-        "pa galpa padisk pabulge posang posangle positionangle theta phi angle orientation "
-        "e1 e2 eps1 eps2 epsilon1 epsilon2 ell1 ell2 ellip1 ellip2 ellipticity1 ellipticity2 chi1 chi2",
+        "pa galpa padisk pabulge posang posangle positionangle theta thetaimage thetaworld thetasky thetaj2000 phi "
+        "angle orientation e1 e2 eps1 eps2 epsilon1 epsilon2 ell1 ell2 ellip1 ellip2 ellipticity1 ellipticity2 "
+        "chi1 chi2",
     ),
     (
         ("size", "size_disk", "size_bulge"),
         "size (or size_disk, size_bulge): arcsec, half-light radius along the circle of equal area, sqrt(q) r_e",
         "re galre redisk rebulge reff reffective effectiveradius rh rhl rhalf halflight halflightradius hlr hlrdisk "
-        "hlrbulge r50 radius radiusdisk radiusbulge rad rd rs rscale scalelength fluxradius petror50 petrorad "
+        "hlrbulge r50 radius radiusdisk radiusbulge rd rscale scalelength fluxradius petror50 petrorad "
         "devrad exprad fwhm sizedisk sizebulge size",
     ),
     (
@@ -43,7 +44,7 @@ _PARTS = (
     ),
 )
 _OF = {word: (own, advice) for own, advice, words in _PARTS for word in words.split()}
-_UNIT = re.compile(r"[^a-z0-9](arcsecs?|as|deg|degrees?|rad|radians?|pix|pixels?|px|image|world|sky|j2000)\W*$")
+_UNIT = re.compile(r"[^a-z0-9](arcsecs?|as|deg|degrees?|rad|radians?|pix|pixels?|px)\W*$")
 _BAND = re.compile(rf"(^[nq]|(?<=[a-z0-9_]{{2}}))[^a-z0-9]({'|'.join((*BANDS, 'vis'))})$")
 
 
