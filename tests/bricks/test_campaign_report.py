@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from types import SimpleNamespace
 from urllib.parse import unquote
 
 import pytest
@@ -11,7 +12,8 @@ from report_page import Reader, command, done
 from csstsim.bricks.result_file import read_result, write_result
 from csstsim.campaign import OpenCampaign
 from csstsim.catalog.table import ObjectTable
-from csstsim.costs import expected
+from csstsim.costs import Cost, expected
+from csstsim.io.paths import Paths
 from csstsim.run_times import run_times
 
 
@@ -187,6 +189,19 @@ def test_what_jobs_took_stands_beside_what_was_expected(reported):
     assert readout["mean / expected"] == round(4.0 / should.cpu_s, 2)
     assert readout["largest / expected"] == round(200 / should.memory_mb, 2)
     assert whole["CPU [s]"] == 24.0 / len(run.jobs) and whole["wall [s]"] == round(39.3 / len(run.jobs), 1)
+
+
+def test_jobs_of_a_rule_are_expected_to_cost_the_mean_of_those_planned(tmp_path, monkeypatch):
+    """Three readouts were measured, two are planned, of 10 and 20 s: 45 s, and not three times the dearest."""
+    costs = {"readout": {1: Cost(10.0, 100), 2: Cost(20.0, 300)}}
+    monkeypatch.setattr("csstsim.run_times.expected", lambda run: costs)
+    (tmp_path / "benchmarks" / "readout").mkdir(parents=True)
+    for number in range(3):
+        path = tmp_path / "benchmarks" / "readout" / f"{number}.tsv"
+        path.write_text("s\tcpu_time\tmax_rss\n40.0\t30.0\t200\n")
+    readout, whole, each = run_times(SimpleNamespace(paths=Paths(tmp_path), jobs=[1, 2]))
+    assert readout["expected [s]"] == 15.0 and readout["mean / expected"] == 2.0 and readout["expected [MB]"] == 300
+    assert whole["expected [s]"] == 45.0 and whole["mean / expected"] == 2.0 and each["expected [s]"] == 22.5
 
 
 def test_no_benchmark_files_no_table(reported):

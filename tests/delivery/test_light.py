@@ -48,6 +48,18 @@ def test_charge_is_conserved(tmp_path, changes):
     assert list(light_faults(file, truth)) == []
 
 
+def test_a_readout_without_noise_has_that_of_rounding(tmp_path):
+    """Where the overscan is one number, a pixel's charge is still known to 12**-0.5 DN alone."""
+    file, truth = made(tmp_path)
+    file.__dict__["_stored"] = np.full_like(file._stored, 500)
+    variance = 0.0
+    for channel in file.channels():
+        pixels = channel.active.size + channel.serial_overscan.size + channel.parallel_overscan.size
+        variance += file.gain[channel.number] ** 2 / 12 * pixels * (1 + pixels / channel.serial_overscan.size)
+    charge = charge_of(file, truth.meta["full_well"])
+    assert charge.electrons == 0.0 and charge.error == pytest.approx(variance**0.5, rel=1e-6)
+
+
 def test_clipped_pixels_hide_charge_up_to_the_full_well(tmp_path):
     file, truth = made(tmp_path, mag=14.0)
     budget, charge = truth.meta["electrons"], charge_of(file, truth.meta["full_well"])

@@ -10,8 +10,10 @@ import yaml
 from mini_campaign import POINTINGS, write_campaign
 from small_delivery import command, done
 
-from csstsim.campaign import OpenCampaign
+from csstsim.calibration import masters_recipe
+from csstsim.campaign import CALIBRATIONS, OpenCampaign
 from csstsim.delivery.verify import verify
+from csstsim.io.frames import save_frame
 from csstsim.io.paths import Paths
 
 LEVEL0 = "level0/10100000001/*_09_L0_V01.fits"
@@ -62,6 +64,7 @@ def test_a_copy_need_not_lie_where_its_campaign_left_it(copied):
 ONE = [
     (LEVEL0, spoil.flip, ["damaged", "CHECKSUM"], ALONE),
     (LEVEL0, spoil.cut, ["cut short"]),
+    (LEVEL0, spoil.remove, ["missing (Level-0)"], ALONE),
     (LEVEL0, spoil.append, ["4 bytes follow"]),
     (LEVEL0, spoil.header(0, "CAMHASH", lambda _: "0" * 16), ["another campaign", "camera", "0000"]),
     (LEVEL0, spoil.header(0, "EXPHASH", lambda _: "0" * 16), ["another campaign", "exposure", "0000"]),
@@ -98,6 +101,7 @@ ONE = [
     ("spectra/*.parquet", spoil.scratch, ["parquet"]),
     ("spectra/*.png", spoil.flip, ["PNG"]),
     (MERGED, spoil.record(lambda meta: meta.update(brick=5)), ["is of brick 5"]),
+    (MERGED, spoil.record(lambda meta: meta.update(recipe="0")), ["another campaign: recipe '0'"]),
     (MERGED, spoil.column("ra", lambda v: v + 1.0), ["another brick"]),
     (MERGED, spoil.column("n_detections", lambda v: v + 1), ["not as long as n_detections"]),
     (MERGED, spoil.lists("detection_number", 999), ["beyond the", "rows measured"], ALONE),
@@ -229,6 +233,22 @@ def test_a_partial_campaign_misses_what_it_has_not(tmp_path):
     assert sum("missing (Level-0)" in line for line in lines) == 1
     spoil.flip(run.paths.truth(bricks[0]))
     assert next(line for line in faults(file) if "missing" not in line).startswith("truth/dataset/Norder=8/")
+
+
+def test_masters_are_products_of_whole_calibration_exposures(tmp_path):
+    """Of another chip they are named; those that were never made are missing, a chip each."""
+    pointings = [f"1030000{k:04},{kind},0,0,0,2027-11-20T{k:02}:00:00,{0 if kind == 'BIAS' else 150}"
+                 for k, kind in enumerate(3 * CALIBRATIONS)]  # fmt: skip
+    select = {"types": list(CALIBRATIONS), "chips": [7, 9]}
+    file = write_campaign(tmp_path, pointings, select=select)
+    run = OpenCampaign(file)
+    plane = np.zeros((4, 4), np.float32)
+    for chip in (7, 9):
+        save_frame(run.paths.masters(chip), {"flat": plane, "bad": plane}, masters_recipe(run, 7))
+    of_masters = [line for line in faults(file) if line.startswith("masters/")]
+    assert len(of_masters) == 1 and of_masters[0].startswith("masters/chip_09.fits: "), of_masters
+    run.paths.masters(9).unlink()
+    assert "masters/chip_09.fits: missing (masters)" in faults(file)
 
 
 @pytest.mark.parametrize("make", [lambda p: p / "none.yaml", lambda p: p, lambda p: (p / "level0").mkdir() or p])

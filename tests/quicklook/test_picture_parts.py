@@ -99,6 +99,13 @@ def test_the_brightest_of_those_inside_are_marked():
     assert "without the grating" in legend_title(chosen, "GV")
 
 
+@pytest.mark.parametrize(("axis", "other"), [("x", "y"), ("y", "x")])
+def test_marks_end_half_a_pixel_beyond_the_last_pixel_of_each_edge(axis, other):
+    places = {axis: np.array([1.4, 1.6, 9.4, 9.6]), other: np.full(4, 5.0)}
+    table = ObjectTable(places | {"electrons": np.arange(1.0, 5.0)})
+    assert brightest(table, (2, 10, 2, 10), 9)["electrons"].tolist() == [3.0, 2.0]
+
+
 def test_no_object_to_mark():
     assert len(brightest(truth(), (100, 101, 0, 1), 5)) == 0
     empty = ObjectTable({})

@@ -12,6 +12,7 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.cli import main
 from csstsim.io.frames import load_frame, save_frame
 from csstsim.io.level0 import read_level0
+from csstsim.io.truth import read_truth
 from csstsim.quicklook.figure import BAD, draw
 from csstsim.quicklook.marks import STYLES
 from csstsim.quicklook.picture import read_picture
@@ -91,6 +92,14 @@ def test_overscan_levels_the_channels(windowed):
     channels = [np.s_[:34, 12:28], np.s_[:34, 28:44], np.s_[34:, 12:28], np.s_[34:, 28:44]]
     assert np.ptp([np.median(raw[c]) for c in channels]) > 4
     assert np.abs([np.median(levelled[c]) for c in channels]).max() < 2.5
+
+
+def test_the_overscans_level_and_not_the_skys_is_subtracted(level0):
+    """What is left is the light of sky, dark current and objects: their mean to 1% or half a DN of the bias."""
+    budget, gain = read_truth(level0.with_suffix(".truth.parquet")).meta["electrons"], read_level0(level0).gain
+    image = read_picture(level0, True).image
+    arrived = sum(budget[name] for name in ("light", "dark", "rays", "defects"))
+    assert image.mean() == pytest.approx(arrived / image.size / np.mean(list(gain.values())), rel=0.02, abs=0.5)
 
 
 def test_truth_is_marked_where_it_is(tmp_path, level0):
