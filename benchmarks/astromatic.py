@@ -19,8 +19,8 @@ import numpy as np
 from astropy.io import fits
 from scipy.ndimage import map_coordinates, zoom
 
+from csstsim.base.errors import InputError
 from csstsim.catalog.table import ObjectTable
-from csstsim.errors import InputError
 from csstsim.measure.background import SECOND_BOX
 from csstsim.measure.bad_pixels import FULL
 from csstsim.measure.catalogue import SATURATED

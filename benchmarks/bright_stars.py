@@ -12,10 +12,10 @@ import argparse
 import numpy as np
 from transfer_residual import measured
 
-from csstsim import calibration
 from csstsim.bricks.compare import spread
 from csstsim.bricks.trials import joined
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.stages import calibrate as calibrate_stage
 
 SNR = (50, 100), (100, 200), (200, 500), (500, 1500)
 
@@ -30,7 +30,7 @@ def main():
     print("| filter | passes | S/N | stars | light [%] | size [%] |\n|---|---|---|---|---|---|")
     for band in options.filters:
         jobs = [job for job in run.imaging_jobs if job.chip.filter == band]
-        for calibration.PUSHES in options.passes:
+        for calibrate_stage.PUSHES in options.passes:
             table = joined([measured(run, job)[0] for job in jobs])
             good = (table["sound"] > 0) & ~table["galaxy"].astype(bool) & (table["lonely"] > 0)
             for low, high in SNR:
@@ -38,7 +38,7 @@ def main():
                 if some.sum() > 1:
                     figures = [spread(100 * values[some]) for values in (table["light"] - 1, table["psf_size"])]
                     said = " | ".join(f"{figure['median']:+.2f} +- {figure['error']:.2f}" for figure in figures)
-                    print(f"| {band} | {calibration.PUSHES} | {low} - {high} | {some.sum()} | {said} |")
+                    print(f"| {band} | {calibrate_stage.PUSHES} | {low} - {high} | {some.sum()} | {said} |")
 
 
 if __name__ == "__main__":

@@ -18,13 +18,13 @@ import galsim
 import numpy as np
 from scipy.ndimage import convolve
 
-from csstsim.config import SHIPPED
+from csstsim.base.rng import galsim_seed, stream
+from csstsim.base.shipped import SHIPPED
 from csstsim.detector import bfe_fit
 from csstsim.detector.bleed import bleed
 from csstsim.detector.brighter_fatter import move_charge
 from csstsim.detector.nonlinearity import bend
 from csstsim.instrument.camera import load_camera
-from csstsim.rng import galsim_seed, stream
 
 SENSOR = "lsst_e2v_50_8"
 SIDE, SIGMA, SPOTS = 21, 0.9, 10  # pixels, pixels, averaged for each flux

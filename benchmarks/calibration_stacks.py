@@ -25,8 +25,8 @@ from astropy.io import fits
 from stack_figure import draw
 from stack_reduction import EACH, EXPTIME, SECONDS, estimate, reduce
 
-from csstsim.cli import main as csstsim
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
+from csstsim.command_line.main import main as csstsim
 from csstsim.detector import mask as bits
 from csstsim.instrument.camera import load_camera
 

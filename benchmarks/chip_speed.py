@@ -19,17 +19,19 @@ import galsim
 import numpy as np
 import yaml
 
-from csstsim import in_memory, prepare
+from csstsim.base.rng import stream
+from csstsim.base.shipped import SHIPPED
 from csstsim.bench import peers
 from csstsim.bench.cases import Case
 from csstsim.bench.memory import PrivateMemory
-from csstsim.campaign import OpenCampaign
-from csstsim.catalog.astrometry import at_j2000, icrs
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.places.astrometry import at_j2000, icrs
 from csstsim.catalog.table import STAR, ObjectTable
-from csstsim.config import SHIPPED
 from csstsim.instrument.chip import Window
 from csstsim.render.scene import make_scene
-from csstsim.rng import stream
+from csstsim.stages import psf as psf_stage
+from csstsim.stages import render as render_stage
+from csstsim.stages import select as select_stage
 
 galsim.errors.raise_fft_size_error = True
 FOLDER = Path("results/standard_scene")
@@ -70,9 +72,9 @@ def measured(run, runs):
         state = None  # what the run before left is not this one's memory
         with PrivateMemory() as memory:
             start = time.process_time()
-            objects = in_memory.selected(run, job)
+            objects = select_stage.selected(run, job)
             middle = time.process_time()
-            state = in_memory.rendered(run, job, objects)
+            state = render_stage.rendered(run, job, objects)
             spent = middle - start, time.process_time() - middle
         if i:
             best = min(best, spent, key=sum)
@@ -108,8 +110,8 @@ def main():
     job, scene = template.jobs[0], ObjectTable.read(FOLDER / "objects.parquet")
     number = job.chip.id
     for path, make in (
-        (template.paths.psf(number), lambda: prepare.psf(template, number)),
-        (template.paths.psf_tables(number), lambda: prepare.psf_tables(template, job.chip)),
+        (template.paths.psf(number), lambda: psf_stage.psf(template, number)),
+        (template.paths.psf_tables(number), lambda: psf_stage.psf_tables(template, job.chip)),
     ):
         if not path.exists():
             make()
@@ -120,7 +122,7 @@ def main():
         both.append(select + render)
         print(f"| {count} | {select:.2f} | {render:.2f} | {both[-1]:.2f} | {memory:.2f} |", flush=True)
         if count == len(scene):
-            mean, error, stands = paper_seconds(state, prepare.open_psf(template, job.chip), 150.0, options.sample)
+            mean, error, stands = paper_seconds(state, psf_stage.open_psf(template, job.chip), 150.0, options.sample)
             light = state.truth
             for method in np.unique(light["method"]):
                 mine = light["method"] == method

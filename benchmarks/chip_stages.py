@@ -17,7 +17,7 @@ from pathlib import Path
 import yaml
 
 from csstsim.bench.memory import PrivateMemory
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.instrument.camera import load_camera
 
 ROOT = Path(__file__).parents[1]

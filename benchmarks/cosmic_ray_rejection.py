@@ -16,13 +16,14 @@ import numpy as np
 import yaml
 from scipy.ndimage import maximum_filter
 
-from csstsim import prepare, stages
-from csstsim.calibration import calibrated_frame
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.detector.mask import COSMIC_RAY
 from csstsim.io.truth import read_truth
 from csstsim.measure.bad_pixels import cosmic_rays
 from csstsim.measure.photometry import psf_model
+from csstsim.stages import chip as chip_stage
+from csstsim.stages import psf as psf_stage
+from csstsim.stages.calibrate import calibrated_frame
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "results" / "cosmic_ray_rejection"
@@ -62,9 +63,9 @@ def main():
     print("| filter | by | rays found | stars taken for one | ns a pixel |\n|---|---|---|---|---|")
     for band in options.filters:
         job = next(job for job in run.jobs if job.chip.filter == band)
-        stages.chip(run, job, say=lambda _: None)
+        chip_stage.chip(run, job, say=lambda _: None)
         file, calibrated = calibrated_frame(run, job)
-        model = psf_model(prepare.open_psf(run, job.chip), (job.window.x0, job.window.y0), job.window.shape)
+        model = psf_model(psf_stage.open_psf(run, job.chip), (job.window.x0, job.window.y0), job.window.shape)
         rays, sky = file.mask() & COSMIC_RAY > 0, np.median(calibrated.electrons)
         noise = np.sqrt(sky + np.mean(list(calibrated.read_noise.values())) ** 2)
         strong = rays & (calibrated.electrons - sky > 5 * noise) & ~calibrated.bad

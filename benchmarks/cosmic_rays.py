@@ -13,10 +13,10 @@ import numpy as np
 matplotlib.use("agg")
 import matplotlib.pyplot as plt
 
-from csstsim.config import SHIPPED
+from csstsim.base.rng import stream
+from csstsim.base.shipped import SHIPPED
 from csstsim.detector.cosmic_ray import deposit, draw_tracks
 from csstsim.instrument.camera import load_camera
-from csstsim.rng import stream
 
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "cosmic_rays.png"
 THRESHOLDS = np.array([1, 2, 5, 10, 20, 50, 100, 200, 500, 1000])  # e-

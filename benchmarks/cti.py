@@ -22,6 +22,7 @@ import matplotlib
 import numba
 import numpy as np
 
+from csstsim.base.counter import unit, word
 from csstsim.bench.arctic import THERE, arctic
 from csstsim.bench.cti import (
     CTI,
@@ -41,10 +42,9 @@ from csstsim.bench.cti import (
     speed_accuracy,
     stochastic,
 )  # fmt: skip
-from csstsim.counter import unit, word
-from csstsim.detector.cti import transfer
-from csstsim.detector.serial import transfer_rows
-from csstsim.detector.traps import buffers, draw_traps
+from csstsim.detector.charge_transfer.cti import transfer
+from csstsim.detector.charge_transfer.serial import transfer_rows
+from csstsim.detector.charge_transfer.traps import buffers, draw_traps
 
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from csstsim.calibration import calibrated_frame
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.level0 import read_level0
 from csstsim.measure.bad_pixels import mend
 from csstsim.measure.photometry import psf_model
-from csstsim.prepare import open_psf
+from csstsim.stages.calibrate import calibrated_frame
+from csstsim.stages.psf import open_psf
 
 ROOT = Path(__file__).parents[1]
 TARGET = ROOT / "docs" / "figures" / "demo.png"

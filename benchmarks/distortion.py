@@ -13,14 +13,14 @@ import numpy as np
 from astropy.io import fits
 from astropy.wcs import WCS
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
-from csstsim.optics import spline
-from csstsim.optics.distortion import fit, load_distortion
-from csstsim.optics.focal_plane import load_focal_plane, samples
-from csstsim.optics.sip import sip_header
-from csstsim.optics.wcs import ChipWCS, chip_plane
+from csstsim.optics.geometry import spline
+from csstsim.optics.geometry.distortion import fit, load_distortion
+from csstsim.optics.geometry.focal_plane import load_focal_plane, samples
+from csstsim.optics.geometry.sip import sip_header
+from csstsim.optics.geometry.wcs import ChipWCS, chip_plane
 
 FOLDER = SHIPPED / "instrument"
 

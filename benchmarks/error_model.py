@@ -17,15 +17,15 @@ from itertools import product
 import numpy as np
 from scipy.optimize import linprog
 
+from csstsim.base.rng import stream
 from csstsim.bench.cases import BULGE_MAX, make_case, make_cases
 from csstsim.bench.measures import errors
 from csstsim.bench.methods import METHODS, standard
 from csstsim.bench.setting import make_setting
 from csstsim.bench.sweep import measured
 from csstsim.render.error_model import TERMS, predicted, terms
-from csstsim.render.numbers import load_numbers
 from csstsim.render.policy import noise
-from csstsim.rng import stream
+from csstsim.render.settings import load_numbers
 
 QUANTILE = 0.97
 ELECTRONS, SECONDS = 2e7, 0.3

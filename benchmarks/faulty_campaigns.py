@@ -21,10 +21,13 @@ from pathlib import Path
 from faulty_chain import FAULTS
 from star_galaxy_field import write_field
 
-from csstsim import analysis, stages
 from csstsim.bricks.result_file import read_result
 from csstsim.bricks.verdict import judge
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.stages import chip as chip_stage
+from csstsim.stages import measure as measure_stage
+from csstsim.stages import merge as merge_stage
+from csstsim.stages import validate as validate_stage
 
 MARGIN = 1.5
 ONE_OF_FOUR, ONE_OF_TWO = "10100000002", "10100000005"
@@ -34,9 +37,9 @@ def make(run, job, context, stage):
     """Make and measure one exposure, the fault's context around its stage."""
     if stage in ("all", "chip"):
         with context() if stage == "chip" else nullcontext():
-            stages.chip(run, job, say=lambda *_: None)
+            chip_stage.chip(run, job, say=lambda *_: None)
     with context() if stage == "measure" else nullcontext():
-        analysis.measure(run, job)
+        measure_stage.measure(run, job)
 
 
 def verdict(run, context=nullcontext):
@@ -44,8 +47,8 @@ def verdict(run, context=nullcontext):
     results = []
     for pix in run.merge_bricks:
         with context():
-            analysis.merge(run, pix)
-        analysis.validate(run, pix)
+            merge_stage.merge(run, pix)
+        validate_stage.validate(run, pix)
         results.append(read_result(run.paths.validate(pix)))
     return judge(results)
 

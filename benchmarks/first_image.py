@@ -32,7 +32,7 @@ ra,dec,mag_g,mag_r,type,size,e1,e2
 150.1025,2.2005,22.5,22.0,galaxy,0.3,0.0,0.0
 150.0970,2.1975,21.5,21.2,star,,,
 """
-LOOK = "import csstsim, sys; print(csstsim.__file__); from csstsim.shipped import ROOT; print(ROOT)"
+LOOK = "import csstsim, sys; print(csstsim.__file__); from csstsim.base.shipped import ROOT; print(ROOT)"
 COUNT = "import sys; from csstsim.catalog.table import ObjectTable; print(len(ObjectTable.read(sys.argv[1])))"
 
 

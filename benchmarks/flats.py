@@ -14,18 +14,18 @@ from pathlib import Path
 
 import numpy as np
 
-from csstsim.config import SHIPPED
+from csstsim.base.rng import Streams, stream
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.layers import led_calib_model
-from csstsim.optics.coarse_grid import grid_pixels
-from csstsim.optics.flat import FlatField
-from csstsim.optics.response import response_map, response_maximum
-from csstsim.optics.shutter import deficit, exposed
-from csstsim.optics.wcs import chip_plane
-from csstsim.rng import Streams, stream
-from csstsim.sim_steps import SimSteps
-from csstsim.state import State
+from csstsim.optics.geometry.wcs import chip_plane
+from csstsim.optics.throughput.coarse_grid import grid_pixels
+from csstsim.optics.throughput.flat import FlatField
+from csstsim.optics.throughput.response import response_map, response_maximum
+from csstsim.optics.throughput.shutter import deficit, exposed
+from csstsim.simulation.sim_steps import SimSteps
+from csstsim.simulation.state import State
 
 EXPTIME = 150.0
 BOTH = {"flat": True, "shutter": True}

@@ -10,8 +10,8 @@ import time
 
 import numpy as np
 
+from csstsim.base.rng import stream
 from csstsim.detector.noise import add_gaussian, add_poisson
-from csstsim.rng import stream
 
 WIDTH, REPEATS, KEY = 9216, 5, np.uint64(20271)
 

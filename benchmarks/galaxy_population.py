@@ -16,9 +16,9 @@ import galaxy_sample
 import matplotlib.pyplot as plt
 import numpy as np
 
+from csstsim.base.rng import stream
 from csstsim.instrument.load import read_data
-from csstsim.rng import stream
-from csstsim.universe.galaxies import cumulative_counts
+from csstsim.universe.galaxies.galaxies import cumulative_counts
 
 ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "figures" / "galaxies.png"

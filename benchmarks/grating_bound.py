@@ -1,4 +1,4 @@
-"""How far above the truth the bound of an object's electrons through a grating lies (csstsim.catalog.grating_bound).
+"""How far above the truth the bound of an object's electrons through a grating lies (catalog.light.grating_bound).
 
 python benchmarks/grating_bound.py [--brick 300000]       (a minute of CPU)
 """
@@ -10,13 +10,14 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.config import Lensing
 from csstsim.catalog.embedded import EmbeddedCatalog
-from csstsim.catalog.grating_bound import band_shares
+from csstsim.catalog.light.grating_bound import band_shares
 from csstsim.catalog.table import TYPES
-from csstsim.config import SHIPPED, Lensing
 from csstsim.instrument.camera import load_camera
 from csstsim.universe.bricks import write_brick
-from csstsim.universe.numbers import load_universe
+from csstsim.universe.parameters import load_universe
 
 
 def main():

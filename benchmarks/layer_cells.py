@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from layer_stamp import OBJECTS
 
+from csstsim.base.shipped import SHIPPED
 from csstsim.bench.setting import EXPTIME
-from csstsim.config import SHIPPED
 from csstsim.instrument.camera import load_camera
 
 DETECTOR = load_camera(SHIPPED / "instrument").detector

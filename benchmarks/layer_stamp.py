@@ -12,14 +12,14 @@ from itertools import count
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from csstsim.base.shipped import SHIPPED
 from csstsim.bench.setting import POINTING
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
-from csstsim.config import SHIPPED
 from csstsim.detector import mask
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.instrument.chip import Window
-from csstsim.sim_steps import STAGES, SimSteps
-from csstsim.state import State
+from csstsim.simulation.sim_steps import STAGES, SimSteps
+from csstsim.simulation.state import State
 
 NX, NY = 94, 96  # with the prescan and overscan between the channels, and above, 192 x 180
 FIRST_ROW = 3000  # from here to the seam of the halves

@@ -21,10 +21,10 @@ import matplotlib as mpl
 import numpy as np
 from scipy.ndimage import correlate1d
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
-from csstsim.universe.lensing_field import LensingField
-from csstsim.universe.tangent_grid import TangentGrid
+from csstsim.universe.lensing.lensing_field import LensingField
+from csstsim.universe.lensing.tangent_grid import TangentGrid
 
 TARGET = Path(__file__).resolve().parents[1] / "docs" / "figures" / "lensing.png"
 SOURCES = (1.0, 2.0, 3.0)

@@ -18,14 +18,14 @@ import time
 from chip_stages import campaign, jobs, measured
 
 from csstsim.bench.memory import PrivateMemory
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 
 RUNS = 3
 LIMITS = 60.0, 3.0  # CPU s, GB
 PARTS = {
     "calibrate": ["csstsim.analysis:calibrated_frame"],
-    "charge moved back": ["csstsim.measure.undo:undone"],
+    "charge moved back": ["csstsim.measure.reverse_transfer:undone"],
     "PSF": ["csstsim.analysis:open_psf", "csstsim.measure.catalogue:psf_model"],
     "cosmic rays": ["csstsim.measure.catalogue:mend"],
     "background": ["csstsim.measure.detect:subtract_background"],
@@ -37,8 +37,8 @@ PARTS = {
     "position errors": ["csstsim.measure.catalogue:position_errors"],
     "moments": ["csstsim.measure.catalogue:_shapes", "csstsim.measure.catalogue:_sky_shapes"],
     "astrometry": [
-        "csstsim.measure.catalogue:icrs", "csstsim.optics.wcs:ChipWCS.pixel_to_world",
-        "csstsim.optics.wcs:ChipWCS.jacobian",
+        "csstsim.measure.catalogue:icrs", "csstsim.optics.geometry.wcs:ChipWCS.pixel_to_world",
+        "csstsim.optics.geometry.wcs:ChipWCS.jacobian",
     ],
     "writing": ["csstsim.catalog.table:ObjectTable.write"],
 }  # fmt: skip
@@ -46,7 +46,7 @@ PARTS = {
 
 def timed(arguments):
     """Run `csstsim` in this process with its parts timed; print {part: CPU s} as the last line."""
-    from csstsim.cli import main
+    from csstsim.command_line.main import main
 
     spent, within = dict.fromkeys(PARTS, 0.0), [0.0]
 

@@ -18,11 +18,11 @@ from pathlib import Path
 import healpy
 import numpy as np
 
+from csstsim.base.healpix import from_vectors, to_vectors
+from csstsim.base.rng import stream
 from csstsim.bench.memory import PrivateMemory
-from csstsim.bricks.healpix import from_vectors, to_vectors
 from csstsim.bricks.merge import DETECTION_COLUMNS, merge_brick, write_merged
 from csstsim.catalog.table import BANDS, ObjectTable
-from csstsim.rng import stream
 
 PIX = 550615
 ARCSEC = np.pi / 180.0 / 3600.0

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import yaml
 
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 
 ROOT = Path(__file__).parents[1]
 CHIPS = [6, 7, 8, 9, 10, 11, 12, 14]  # y, i, g, r, GI, z, NUV, u

@@ -19,7 +19,7 @@ from astropy.table import Table
 
 import csstsim
 from csstsim.catalog.table import BANDS, GALAXY, STAR, ObjectTable
-from csstsim.in_memory import light
+from csstsim.stages.chip import light
 
 RA, DEC, OBSID, CHIP = 150.1, 2.2, "10100000001", 9
 MOST = 1.5  # CPU seconds of a table over those of the embedded sky

@@ -13,14 +13,14 @@ import argparse
 import numpy as np
 from matplotlib.figure import Figure
 
-from csstsim.analysis import truth_of
 from csstsim.bricks import compare
-from csstsim.bricks.colour_panel import colours
-from csstsim.bricks.style import BLACK, BLUE, ORANGE
 from csstsim.bricks.trials import joined, limit, matched, trials
 from csstsim.bricks.validate import Frame, distinct, usable
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
+from csstsim.report.colour_panel import colours
+from csstsim.report.style import BLACK, BLUE, ORANGE
+from csstsim.stages.level0 import truth_of
 
 FIGURE = "docs/figures/paper_figures.png"
 EDGES = np.arange(16.0, 29.01, 0.25)

@@ -22,14 +22,14 @@ from pathlib import Path
 import galsim
 import numpy as np
 
-from csstsim.config import SHIPPED
-from csstsim.counter import object_keys
+from csstsim.base.counter import object_keys
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
-from csstsim.optics.beyond import beyond_box
-from csstsim.optics.psf import PsfSet, make_psf
-from csstsim.optics.psf_file import write_psf
-from csstsim.render.photons import shoot_scene
+from csstsim.optics.psf.psf_file import write_psf
+from csstsim.optics.psf.psf_set import PsfSet, make_psf
+from csstsim.optics.scatter.outside_box import beyond_box
+from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.psf_table import make_table, read_tables, write_tables
 from csstsim.render.scene import Scene, sersic_b
 

@@ -12,9 +12,9 @@ import math
 import sys
 from pathlib import Path
 
-from csstsim.campaign import OpenCampaign
-from csstsim.errors import CsstsimError
-from csstsim.job_log import took
+from csstsim.base.errors import CsstsimError
+from csstsim.campaign.job_log import took
+from csstsim.campaign.opened import OpenCampaign
 
 ROOT = Path(__file__).parents[1]
 MAKING = ("select", "render", "readout", "level0", "chip")  # rules that make a Level-0 file

@@ -19,9 +19,9 @@ from PIL import Image
 from psf_quality import LASER, SHIPPED, ee80_at
 
 from csstsim.instrument.camera import load_camera
-from csstsim.optics.chip_errors import chip_coefficients
-from csstsim.optics.psf import chip_optics, node_positions, node_psf
-from csstsim.optics.wavefront import load_wavefront
+from csstsim.optics.psf.chip_errors import chip_coefficients
+from csstsim.optics.psf.psf_set import chip_optics, node_positions, node_psf
+from csstsim.optics.psf.wavefront import load_wavefront
 
 FIGURES = Path(__file__).resolve().parents[1] / "docs" / "figures"
 NODES = 5  # a side, on each chip

@@ -20,11 +20,19 @@ from pathlib import Path
 
 import numpy as np
 
-from csstsim.config import SHIPPED, PsfConfig
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.config import PsfConfig
 from csstsim.instrument.camera import load_camera
-from csstsim.optics.interpolation import Interpolator
-from csstsim.optics.psf import chip_coefficients, chip_optics, node_positions, node_psf, oversampling_of, pixel_response
-from csstsim.optics.wavefront import load_wavefront
+from csstsim.optics.psf.interpolation import Interpolator
+from csstsim.optics.psf.psf_set import (
+    chip_coefficients,
+    chip_optics,
+    node_positions,
+    node_psf,
+    oversampling_of,
+    pixel_response,
+)
+from csstsim.optics.psf.wavefront import load_wavefront
 
 ROOT = Path(__file__).parents[1]
 STORE = ROOT / "results" / "psf_interpolation"

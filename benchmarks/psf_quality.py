@@ -17,10 +17,10 @@ from scipy.optimize import brentq
 from scipy.special import j1
 
 from csstsim.instrument.camera import load_camera
-from csstsim.optics.chip_errors import chip_coefficients
-from csstsim.optics.diffraction import Diffraction, blur
-from csstsim.optics.psf import centre_of, chip_optics, node_positions, node_psf, oversampling_of
-from csstsim.optics.wavefront import load_wavefront
+from csstsim.optics.psf.chip_errors import chip_coefficients
+from csstsim.optics.psf.diffraction import Diffraction, blur
+from csstsim.optics.psf.psf_set import centre_of, chip_optics, node_positions, node_psf, oversampling_of
+from csstsim.optics.psf.wavefront import load_wavefront
 
 SHIPPED = Path(__file__).resolve().parents[1] / "config" / "instrument"
 LASER = 6328.0  # angstrom

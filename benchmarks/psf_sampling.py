@@ -4,8 +4,8 @@
 
 Truth is the optics integrated over 10 um pixels with the star at 16 places in a pixel. A set with 2 or 4 cells to a
 pixel is summed to pixel integrals on its lattice and interpolated to the same places by GalSim's quintic (as
-render/reference.py does) or by a cubic or quintic B-spline. Moments weighted with a Gaussian of 3 px. "bias" is the
-mean over the places in a pixel, "worst" the largest of them; two field points, the worse one. Goals: flux 1e-3,
+render/imaging/reference.py does) or by a cubic or quintic B-spline. Moments weighted with a Gaussian of 3 px. "bias" is
+the mean over the places in a pixel, "worst" the largest of them; two field points, the worse one. Goals: flux 1e-3,
 centroid 1 mas, size^2 1e-3, ellipticity 1e-4.
 """
 
@@ -17,11 +17,11 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 
 from csstsim.instrument.camera import load_camera
-from csstsim.optics.chip_errors import chip_coefficients
-from csstsim.optics.psf import chip_optics
-from csstsim.optics.psf_file import pixel_response
-from csstsim.optics.wavefront import load_wavefront
-from csstsim.render.reference import GSPARAMS, PSF_MAXK
+from csstsim.optics.psf.chip_errors import chip_coefficients
+from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.optics.psf.psf_set import chip_optics
+from csstsim.optics.psf.wavefront import load_wavefront
+from csstsim.render.imaging.reference import GSPARAMS, PSF_MAXK
 
 SHIPPED = Path(__file__).resolve().parents[1] / "config" / "instrument"
 BOX = 64  # px, of truth and tables
@@ -44,7 +44,7 @@ def moments(image):
 
 
 def quintic(response, step, x, y):
-    """Return the stamp as render/reference.py draws a star."""
+    """Return the stamp as render/imaging/reference.py draws a star."""
     image = galsim.ImageD(2 * HALF + 1, 2 * HALF + 1)
     profile = galsim.InterpolatedImage(
         galsim.ImageD(response), scale=step, normalization="sb", x_interpolant="quintic",

@@ -12,16 +12,16 @@ from pathlib import Path
 
 import numpy as np
 
-from csstsim.bricks.figures import BLUE, GREEN, ORANGE, SKY, VERMILION
-from csstsim.catalog.extinction import odonnell
-from csstsim.catalog.photometry import rate_to_mag, subband_weights
+from csstsim.base.rng import stream
+from csstsim.catalog.light.extinction import odonnell
+from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import read_data
-from csstsim.rng import stream
-from csstsim.universe.cosmology import Cosmology
-from csstsim.universe.quasar_sed import COEFFICIENTS, QuasarSeds
-from csstsim.universe.quasars import draw_quasars
+from csstsim.report.figures import BLUE, GREEN, ORANGE, SKY, VERMILION
+from csstsim.universe.lensing.cosmology import Cosmology
+from csstsim.universe.quasars.quasar_sed import COEFFICIENTS, QuasarSeds
+from csstsim.universe.quasars.quasars import draw_quasars
 
 SHIPPED = Path(__file__).resolve().parents[1] / "config"
 AREA = 4.0  # deg2

@@ -11,7 +11,7 @@ from pathlib import Path
 from matplotlib.image import imread, imsave
 from webdriver import browser
 
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 
 TARGET = Path(__file__).parents[1] / "docs" / "figures" / "report.png"
 

@@ -12,12 +12,12 @@ import time
 
 import numpy as np
 
-from csstsim.catalog.photometry import subband_weights
+from csstsim.base.rng import stream
+from csstsim.base.shipped import SHIPPED
+from csstsim.catalog.light.photometry import subband_weights
 from csstsim.catalog.table import BANDS
-from csstsim.config import SHIPPED
 from csstsim.instrument.camera import load_camera
-from csstsim.rng import stream
-from csstsim.universe.numbers import load_universe
+from csstsim.universe.parameters import load_universe
 
 DIRECT = 400
 BRICK = 105_000

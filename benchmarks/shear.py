@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from csstsim.atomic import atomic_path
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.progress import progress
 from csstsim.bench.setting import make_setting
 from csstsim.bench.shear import VERSIONS, bias, make_galaxies, measure, photons, reference, stamps, true_shapes
-from csstsim.progress import progress
 
 PART = 20  # galaxies
 

@@ -11,22 +11,22 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from csstsim.config import SHIPPED
+from csstsim.base.rng import Streams
+from csstsim.base.shipped import SHIPPED
+from csstsim.base.units import ARCSEC_PER_RAD
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
 from csstsim.layers import sky_background
-from csstsim.optics.wcs import ChipWCS
-from csstsim.rng import Streams
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.simulation.state import State
 from csstsim.sky.background import band_rates
+from csstsim.sky.background_spectra import V_BAND, magnitude_ratio, solar_continuum
 from csstsim.sky.bodies import earth_radius
+from csstsim.sky.directions import telescope_axes, unit
 from csstsim.sky.earthshine import earthshine
-from csstsim.sky.frame import telescope_axes, unit
-from csstsim.sky.numbers import sky_numbers
-from csstsim.sky.spectra import V_BAND, magnitude_ratio, solar_continuum
+from csstsim.sky.parameters import sky_numbers
 from csstsim.sky.transmittance import angles, total
 from csstsim.sky.zodiacal import REFERENCE, elongation, intensity, mixture
-from csstsim.state import State
-from csstsim.units import ARCSEC_PER_RAD
 
 FIGURES = Path(__file__).parents[1] / "docs" / "figures"
 CAMERA = load_camera(SHIPPED / "instrument")

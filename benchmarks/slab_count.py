@@ -3,8 +3,8 @@
     python benchmarks/slab_count.py [--filter GV] [--output results/bench_GV] [--figure docs/figures/slab_count.png]
 
 Error: the visible error against the reference renderer on the same PSF set over the object's S/N, objects of 1e6
-electrons on a node. Numbers are forced; large rings: what render.slabs gives at most (four, less for large objects).
-Photons are drawn until chance alone would show a few thousandths of S/N.
+electrons on a node. Numbers are forced; large rings: what render.slitless.slabs gives at most (four, less for large
+objects). Photons are drawn until chance alone would show a few thousandths of S/N.
 """
 
 import argparse
@@ -12,14 +12,14 @@ import argparse
 import numpy as np
 from matplotlib.figure import Figure
 
+from csstsim.base.rng import stream
 from csstsim.bench.measures import visible
 from csstsim.bench.methods import Method
 from csstsim.bench.setting import make_setting
 from csstsim.bench.spectrum_cases import make_spectrum_case
 from csstsim.bench.spectrum_methods import METHODS, slabs, standard
 from csstsim.bench.sweep import measured, significance
-from csstsim.render import slabs as engine
-from csstsim.rng import stream
+from csstsim.render.slitless import slabs as engine
 
 SHAPES = {
     "star": {},

@@ -13,7 +13,7 @@ import argparse
 import yaml
 from chip_stages import PAPER, ROOT, RUNS, measured, observation
 
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 
 TRAPS = {"traps as shipped": None, "the paper's traps": 1.0}
 

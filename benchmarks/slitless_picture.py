@@ -15,9 +15,9 @@ import matplotlib
 import numpy as np
 from PIL import Image
 
-from csstsim.calibration import calibrated_frame
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.orders import read_orders
+from csstsim.stages.calibrate import calibrated_frame
 
 matplotlib.use("agg")
 from matplotlib import pyplot as plt

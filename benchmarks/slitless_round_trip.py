@@ -14,15 +14,16 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from csstsim import analysis, stages
-from csstsim.campaign import OpenCampaign
-from csstsim.catalog.astrometry import icrs
+from csstsim.base.units import C_A_S, H_J_S, ab_photon_density
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.mock_object import MockObject
+from csstsim.catalog.places.astrometry import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.filter import GRID
-from csstsim.measure.extract import CUT, DIM, LOST, MASKED
-from csstsim.units import C_A_S, H_J_S, ab_photon_density
+from csstsim.measure.spectra.extract import CUT, DIM, LOST, MASKED
+from csstsim.stages import chip as chip_stage
+from csstsim.stages import extract as extract_stage
 
 ROOT = Path(__file__).resolve().parents[1]
 OBSID = "10100000001"
@@ -163,8 +164,8 @@ def main():
     for number in options.chips:
         run = campaign(ROOT / "results" / "slitless_round_trip" / f"chip_{number:02d}", number, options.all)
         job = run.job(OBSID, number)
-        stages.chip(run, job, say=lambda text: None)
-        analysis.extract(run, job)
+        chip_stage.chip(run, job, say=lambda text: None)
+        extract_stage.extract(run, job)
         report(run, job, ObjectTable.read(run.paths.spectra(*job.key)))
 
 

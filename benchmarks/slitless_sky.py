@@ -10,16 +10,16 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import numpy as np
 
-from csstsim.config import SHIPPED
+from csstsim.base.rng import Streams
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import Pointing
 from csstsim.layers import sky_background
-from csstsim.optics.wcs import ChipWCS
-from csstsim.rng import Streams
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.simulation.state import State
 from csstsim.sky.dispersed import disperse, nominal_spectrum, order_rows, sky_spectrum
-from csstsim.sky.numbers import sky_numbers
-from csstsim.state import State
+from csstsim.sky.parameters import sky_numbers
 
 FIGURES = Path(__file__).parents[1] / "docs" / "figures"
 CAMERA = load_camera(SHIPPED / "instrument")

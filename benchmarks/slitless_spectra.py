@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from csstsim.analysis import spectra_of_frame
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import TYPES
-from csstsim.measure.extract import CUT, DIM, LOST, extract_spectra
-from csstsim.measure.spectra_figures import spectra_figure
+from csstsim.measure.spectra.extract import CUT, DIM, LOST, extract_spectra
+from csstsim.measure.spectra.spectra_figures import spectra_figure
+from csstsim.stages.extract import spectra_of_frame
 
 FIGURE = Path(__file__).resolve().parents[1] / "docs" / "figures" / "slitless_spectra.png"
 

@@ -27,14 +27,14 @@ import yaml
 from astropy.io import fits
 from source_extractor_compare import Code, draw, report
 
+from csstsim.base.errors import CsstsimError, InputError
 from csstsim.bricks.compare import PIXEL
 from csstsim.bricks.validate import Frame, usable
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import STAR, ObjectTable
-from csstsim.errors import CsstsimError, InputError
 from csstsim.io.truth import read_truth
-from csstsim.optics.psf_file import half_pixels, pixel_response
-from csstsim.prepare import open_psf
+from csstsim.optics.psf.psf_file import half_pixels, pixel_response
+from csstsim.stages.psf import open_psf
 
 ROOT = Path(__file__).parents[1]
 FIGURE = ROOT / "docs" / "figures" / "source_extractor.png"

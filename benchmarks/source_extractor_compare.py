@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 from matplotlib.figure import Figure
 
-from csstsim.atomic import atomic_path
+from csstsim.base.files.atomic import atomic_path
 from csstsim.bricks.compare import spread
 from csstsim.bricks.trials import joined, matched, trials
 from csstsim.bricks.validate import EDGE, Frame

@@ -6,7 +6,7 @@
 * slabs: a fit  constant + slab_pixel x slabs x (2 reach + 1)^2  over stamps of several sizes, at most four to a pixel;
 * the paper's way and GalSim's slabs (bench.spectrum_peers), in the same run;
 * error of 1, 2, 4 and 8 slabs to a pixel against 16, visible error over S/N: the largest over places in a pixel. Of
-  galaxies, that of as many as render.slabs gives them.
+  galaxies, that of as many as render.slitless.slabs gives them.
 """
 
 import argparse
@@ -15,17 +15,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from csstsim.base.counter import object_keys
+from csstsim.base.rng import stream
 from csstsim.bench import spectrum_peers
 from csstsim.bench.measures import visible
 from csstsim.bench.setting import make_setting
 from csstsim.bench.spectrum_cases import make_spectrum_case
 from csstsim.bench.spectrum_methods import METHODS, PER_PX, slabs
 from csstsim.bench.sweep import measured, significance
-from csstsim.counter import object_keys
-from csstsim.render import slabs as engine
-from csstsim.render.dispersed_photons import shoot_spectra
-from csstsim.render.slabs import draw_spectra
-from csstsim.rng import stream
+from csstsim.render.slitless import slabs as engine
+from csstsim.render.slitless.dispersed_photons import shoot_spectra
+from csstsim.render.slitless.slabs import draw_spectra
 
 SHAPES = {
     "star": {},

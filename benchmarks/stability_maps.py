@@ -19,19 +19,19 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from csstsim.base.counter import object_keys
+from csstsim.base.rng import stream
 from csstsim.bench.cases import make_case
 from csstsim.bench.measures import errors
 from csstsim.bench.methods import standard
 from csstsim.bench.setting import make_setting
 from csstsim.bench.truth import Truth
 from csstsim.catalog.reach import STAR_MIN
-from csstsim.counter import object_keys
 from csstsim.render import policy
-from csstsim.render.numbers import load_numbers
-from csstsim.render.photons import shoot_scene
+from csstsim.render.imaging.photons import shoot_scene
+from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.scene import sersic_b
-from csstsim.render.stamps import draw_scene
-from csstsim.rng import stream
+from csstsim.render.settings import load_numbers
 
 SIZES = np.geomspace(0.05, 5.0, 7)  # arcsec
 LIGHT = np.geomspace(10, 1e7, 7)  # electrons

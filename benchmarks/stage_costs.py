@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.truth import read_truth
 
 ROOT = Path(__file__).parents[1]

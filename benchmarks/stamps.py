@@ -2,12 +2,12 @@
 
     python benchmarks/stamps.py [--count 4000]
 
-One run, one core. Per case: stamps (render.stamps), an object by itself (its own mixture transformed) and in company
-(the nodes' transforms kept; small sizes only), tables warm; GalSim with the PSF object reused (a lower bound: one
-place, one colour) and rebuilt for each object (render.reference, the paper's way with the sub-bands summed);
-differences of stamps from render.reference: flux, centroid, weighted size^2 and ellipticity (Gaussian of 3 px), worst
-pixel over the peak. Then `count` galaxies with the sizes and reaches of faint ones, spread over a chip with 10 x 10
-nodes, as in a noise-free chip, and the wings of bright stars.
+One run, one core. Per case: stamps (render.imaging.stamps), an object by itself (its own mixture transformed) and in
+company (the nodes' transforms kept; small sizes only), tables warm; GalSim with the PSF object reused (a lower bound:
+one place, one colour) and rebuilt for each object (render.imaging.reference, the paper's way with the sub-bands
+summed); differences of stamps from render.imaging.reference: flux, centroid, weighted size^2 and ellipticity (Gaussian
+of 3 px), worst pixel over the peak. Then `count` galaxies with the sizes and reaches of faint ones, spread over a chip
+with 10 x 10 nodes, as in a noise-free chip, and the wings of bright stars.
 """
 
 import argparse
@@ -24,14 +24,14 @@ from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import Pointing
-from csstsim.optics.beyond import Beyond, beyond_box, read_beyond
-from csstsim.optics.psf import PsfSet, make_psf
-from csstsim.optics.psf_file import pixel_response
-from csstsim.optics.wcs import ChipWCS
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.optics.psf.psf_set import PsfSet, make_psf
+from csstsim.optics.scatter.outside_box import Beyond, beyond_box, read_beyond
+from csstsim.render.imaging.reference import GSPARAMS, PSF_MAXK, draw_objects
+from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.psf_mixture import Mixer
-from csstsim.render.reference import GSPARAMS, PSF_MAXK, draw_objects
 from csstsim.render.scene import make_scene
-from csstsim.render.stamps import draw_scene
 
 SHIPPED = Path(__file__).resolve().parents[1] / "config" / "instrument"
 CHIP, EXPTIME, RATE = 9, 150.0, 1000.0

@@ -20,15 +20,16 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from csstsim.campaign import OpenCampaign
-from csstsim.catalog.astrometry import at_j2000, icrs
+from csstsim.base.progress import progress
+from csstsim.base.rng import stream
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.config import Lensing
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.places.astrometry import at_j2000, icrs
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
-from csstsim.config import SHIPPED, Lensing
-from csstsim.optics.aim import aim
-from csstsim.progress import progress
-from csstsim.rng import stream
+from csstsim.optics.geometry.aim import aim
 from csstsim.universe.bricks import make_brick
-from csstsim.universe.numbers import load_universe
+from csstsim.universe.parameters import load_universe
 
 CAMPAIGN = SHIPPED / "standard_scene.yaml"
 COUNTS = Path(__file__).with_suffix(".csv")

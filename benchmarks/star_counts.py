@@ -15,13 +15,13 @@ import healpy
 import numpy as np
 from matplotlib.figure import Figure
 
-from csstsim.bricks.figures import BLUE, GREEN, ORANGE, VERMILION
-from csstsim.config import SHIPPED
+from csstsim.base.rng import stream
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
-from csstsim.rng import stream
+from csstsim.report.figures import BLUE, GREEN, ORANGE, VERMILION
 from csstsim.universe.bricks import NSIDE, place
-from csstsim.universe.milky_way import equatorial
-from csstsim.universe.stars import draw_stars, expected_counts, galaxy
+from csstsim.universe.stars.milky_way import equatorial
+from csstsim.universe.stars.stars import draw_stars, expected_counts, galaxy
 
 ANCHORS = {18: 9e2, 20: 2e3, 22: 4e3, 24: 8e3, 26: 1.5e4}  # deg-2 at the pole, round numbers
 FACTORS = {90: 1, 49: None, 30: 3, 15: 10}  # on the anchors, by latitude

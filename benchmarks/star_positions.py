@@ -15,16 +15,17 @@ import numpy as np
 import yaml
 from astropy.table import Table
 
-from csstsim import analysis, stages
-from csstsim.campaign import OpenCampaign
-from csstsim.catalog.astrometry import icrs
+from csstsim.base.rng import stream
+from csstsim.base.units import ab_photon_density
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.mock_object import MockObject
+from csstsim.catalog.places.astrometry import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.filter import GRID
 from csstsim.io.truth import read_truth
-from csstsim.rng import stream
-from csstsim.units import ab_photon_density
+from csstsim.stages import chip as chip_stage
+from csstsim.stages import measure as measure_stage
 
 ROOT = Path(__file__).parents[1]
 OBSID = "10101000001"
@@ -78,8 +79,8 @@ def measured(scratch, count, number):
     file.write_text(yaml.safe_dump(base | {"catalog": {"kind": "star_positions:Stars", "options": options}}))
     run = OpenCampaign(file)
     job = run.job(OBSID, number)
-    stages.chip(run, job)
-    analysis.measure(run, job)
+    chip_stage.chip(run, job)
+    measure_stage.measure(run, job)
     truth = read_truth(run.paths.level0_truth(job.pointing, number))
     found = ObjectTable.read(run.paths.measure(*job.key))
     x, y = truth["x"], truth["y"]

@@ -17,12 +17,12 @@ import speclite.filters
 from astropy.table import Table
 from matplotlib.figure import Figure
 
-from csstsim.catalog.photometry import subband_weights
+from csstsim.base.units import ab_photon_density
+from csstsim.catalog.light.photometry import subband_weights
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
-from csstsim.units import ab_photon_density
-from csstsim.universe.star_grids import GridSeds, read_packed
-from csstsim.universe.star_sed import StarSeds
+from csstsim.universe.stars.star_grids import GridSeds, read_packed
+from csstsim.universe.stars.star_sed import StarSeds
 
 ROOT = Path(__file__).resolve().parents[1]
 BANDS = ("NUV", "u", "g", "r", "i", "z", "y")

@@ -12,7 +12,7 @@ import statistics
 import subprocess
 import sys
 
-HELP = "from csstsim.cli import main; main(['--help'])"
+HELP = "from csstsim.command_line.main import main; main(['--help'])"
 TAKES = {  # name: (code, most CPU s in the median, or None)
     "python -c pass": ("pass", None),
     "import numpy": ("import numpy", None),

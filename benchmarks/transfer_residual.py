@@ -13,13 +13,13 @@ import time
 
 import numpy as np
 
-from csstsim import analysis
 from csstsim.bricks.trials import joined, trials
 from csstsim.bricks.validate import Frame, usable
-from csstsim.calibration import calibrated_frame
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.measure.catalogue import measure_frame
-from csstsim.prepare import open_psf
+from csstsim.stages import level0 as level0_stage
+from csstsim.stages.calibrate import calibrated_frame
+from csstsim.stages.psf import open_psf
 
 FIGURE = "docs/figures/transfer_residual.png"
 SNR = 20.0, 500.0
@@ -36,7 +36,7 @@ def measured(run, job):
         filter=run.camera.filters[job.chip.filter], telescope=run.camera.telescope, pointing=job.pointing,
         window=job.window,
     )  # fmt: skip
-    frame = Frame(analysis.truth_of(run, job), table, run.camera.detector.channel_ny)
+    frame = Frame(level0_stage.truth_of(run, job), table, run.camera.detector.channel_ny)
     return trials(usable(frame), frame), cost
 
 

@@ -20,11 +20,11 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import Pointing
-from csstsim.optics.beyond import Beyond, beyond_box, read_beyond
-from csstsim.optics.psf import Diffraction, PsfSet, blur, make_psf, pixel_response
-from csstsim.optics.wavefront import load_wavefront
-from csstsim.optics.wcs import ChipWCS
-from csstsim.render.reference import draw_objects
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.psf.psf_set import Diffraction, PsfSet, blur, make_psf, pixel_response
+from csstsim.optics.psf.wavefront import load_wavefront
+from csstsim.optics.scatter.outside_box import Beyond, beyond_box, read_beyond
+from csstsim.render.imaging.reference import draw_objects
 from csstsim.render.wings import FADE
 
 SHIPPED = Path(__file__).resolve().parents[1] / "config" / "instrument"

@@ -1,6 +1,6 @@
 """Write config/README.md and config/schema/*.json from the models: python config/make_docs.py (--check: only look).
 
-The models in csstsim.config and the layers' Param are the only source; `make test` forbids drift.
+The models in csstsim.campaign.config and the layers' Param are the only source; `make test` forbids drift.
 """
 
 import importlib
@@ -10,9 +10,10 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
-from csstsim.config import Campaign, Observation
-from csstsim.model import Model
-from csstsim.sim_steps import known_layers
+from csstsim.base.model import Model
+from csstsim.campaign.config import Campaign
+from csstsim.simulation.observation import Observation
+from csstsim.simulation.sim_steps import known_layers
 
 HERE = Path(__file__).parent
 INTRO = """# Configuration

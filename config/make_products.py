@@ -11,14 +11,15 @@ from string import Template
 
 import numpy as np
 
+from csstsim.base.files.yaml_file import read_yaml
 from csstsim.bricks import merge
 from csstsim.catalog import flags
 from csstsim.catalog.table import COLUMNS
 from csstsim.detector import mask
 from csstsim.io import calibrated, orders, truth
-from csstsim.measure import catalogue, spectrum_columns
-from csstsim.optics.psf_file import ATTRIBUTES, DATASETS
-from csstsim.yaml_file import read_yaml
+from csstsim.measure import catalogue
+from csstsim.measure.spectra import spectrum_columns
+from csstsim.optics.psf.psf_file import ATTRIBUTES, DATASETS
 
 HERE = Path(__file__).parent
 PAGE = """# What every product holds
@@ -105,7 +106,7 @@ HDU 0 keeps of the Level-0 header: $kept.
 $quality
 ## PSF sets
 
-`psf/chip_{chip}.h5`; `csstsim.optics.psf_file.PsfSet(path).at(x, y)` gives the PSF of a place. n = grid^2 nodes.
+`psf/chip_{chip}.h5`; `csstsim.optics.psf.psf_file.PsfSet(path).at(x, y)` gives the PSF of a place. n = grid^2 nodes.
 
 $datasets
 $attributes"""

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
-from csstsim.optics.aim import aim
-from csstsim.optics.wcs import ChipWCS
+from csstsim.optics.geometry.aim import aim
+from csstsim.optics.geometry.wcs import ChipWCS
 
 PA = -113.4333  # deg, the roll of the published headers
 EXPTIME = 150.0  # s, wide survey

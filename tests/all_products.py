@@ -8,6 +8,7 @@ import hashlib
 import json
 import sys
 from contextlib import redirect_stdout
+from importlib import import_module
 from io import StringIO
 from pathlib import Path
 
@@ -17,8 +18,17 @@ from faults.small_run import pixels_and_columns, steady
 from mini_campaign import write_campaign
 from workflow_run import VARYING
 
-from csstsim import analysis, calibration, campaign_report, prepare, stages
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.stages import calibrate as calibrate_stage
+from csstsim.stages import chip as chip_stage
+from csstsim.stages import extract as extract_stage
+from csstsim.stages import masters as masters_stage
+from csstsim.stages import measure as measure_stage
+from csstsim.stages import merge as merge_stage
+from csstsim.stages import psf as psf_stage
+from csstsim.stages import report as report_stage
+from csstsim.stages import truth as truth_stage
+from csstsim.stages import validate as validate_stage
 
 BRICK, IMAGING, GRATING = 550615, 9, 29
 CALIBRATION = [
@@ -47,27 +57,27 @@ def exposures(folder):
 def chain(run):
     """Yield (stage, call) of every stage of a campaign of `science`, in order."""
     for pix in sorted({pix for job in run.jobs for pix in run.truth_bricks(job)}):
-        yield "truth", lambda pix=pix: prepare.truth(run, pix, say=str)
+        yield "truth", lambda pix=pix: truth_stage.truth(run, pix, say=str)
     for job in run.jobs:
-        yield "psf", lambda job=job: prepare.psf(run, job.chip.id)
+        yield "psf", lambda job=job: psf_stage.psf(run, job.chip.id)
         for name in ("select", "render", "readout", "level0"):
-            yield name, lambda name=name, job=job: getattr(stages, name)(run, job)
+            yield name, lambda name=name, job=job: getattr(import_module(f"csstsim.stages.{name}"), name)(run, job)
     for job in run.slitless_jobs:
-        yield "extract", lambda job=job: analysis.extract(run, job)
+        yield "extract", lambda job=job: extract_stage.extract(run, job)
     for job in run.imaging_jobs:
-        yield "calibrate", lambda job=job: calibration.calibrate(run, job)
-        yield "measure", lambda job=job: analysis.measure(run, job)
+        yield "calibrate", lambda job=job: calibrate_stage.calibrate(run, job)
+        yield "measure", lambda job=job: measure_stage.measure(run, job)
     for pix in run.merge_bricks:
-        yield "merge", lambda pix=pix: analysis.merge(run, pix)
-        yield "validate", lambda pix=pix: analysis.validate(run, pix)
-    yield "report", lambda: campaign_report.report(run)
+        yield "merge", lambda pix=pix: merge_stage.merge(run, pix)
+        yield "validate", lambda pix=pix: validate_stage.validate(run, pix)
+    yield "report", lambda: report_stage.report(run)
 
 
 def calibration_chain(run):
     """Yield (stage, call) of every stage of a campaign of `exposures`, in order."""
     for job in run.jobs:
-        yield "chip", lambda job=job: stages.chip(run, job, say=str)
-    yield "masters", lambda: calibration.masters(run, IMAGING)
+        yield "chip", lambda job=job: chip_stage.chip(run, job, say=str)
+    yield "masters", lambda: masters_stage.masters(run, IMAGING)
 
 
 def digests(run):

@@ -2,12 +2,12 @@
 
 import pytest
 
-from csstsim.catalog.ephemeris import observer
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
+from csstsim.catalog.places.ephemeris import observer
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
-from csstsim.optics.beyond import beyond_box
-from csstsim.optics.psf import PsfSet, make_psf
+from csstsim.optics.psf.psf_set import PsfSet, make_psf
+from csstsim.optics.scatter.outside_box import beyond_box
 
 
 @pytest.fixture(scope="session")

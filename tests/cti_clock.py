@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from csstsim.counter import unit, word
-from csstsim.detector.traps import buffers, draw_traps, volume
+from csstsim.base.counter import unit, word
+from csstsim.detector.charge_transfer.traps import buffers, draw_traps, volume
 
 DENSITY, TAU = (0.025, 0.105, 0.655), (1.22, 14.02, 84.74)  # paper, section 5.5.4
 WELL = (0.492, 85200.0, 0.0)

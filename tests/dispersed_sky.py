@@ -4,17 +4,17 @@ import numpy as np
 from astropy.table import Table
 from grating_scene import GV, disperser_of
 
-from csstsim.catalog.astrometry import icrs
+from csstsim.base.units import ab_photon_density
 from csstsim.catalog.base import CatalogBase, Region
+from csstsim.catalog.light.object_spectra import catalog_spectra
 from csstsim.catalog.mock_object import MockObject
+from csstsim.catalog.places.astrometry import icrs
 from csstsim.catalog.select import Noise, select_objects
-from csstsim.catalog.spectra import catalog_spectra
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
-from csstsim.optics.beyond import Beyond
-from csstsim.optics.wcs import ChipWCS
-from csstsim.render.draw_dispersed import draw_dispersed
-from csstsim.units import ab_photon_density
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.scatter.outside_box import Beyond
+from csstsim.render.slitless.draw_dispersed import draw_dispersed
 
 EXPTIME, NOISE = 150.0, Noise(sky=0.2, dark=0.02, read_noise=5.0)
 EVERYWHERE = Window(-6000, 16000, -6000, 16000)

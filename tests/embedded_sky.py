@@ -7,11 +7,12 @@ from pathlib import Path
 
 import yaml
 
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.config import Lensing
 from csstsim.catalog.embedded import EmbeddedCatalog
-from csstsim.config import SHIPPED, Lensing
 from csstsim.instrument.camera import load_camera
 from csstsim.universe.bricks import make_brick, write_brick
-from csstsim.universe.numbers import load_universe
+from csstsim.universe.parameters import load_universe
 
 SEED = 7
 DENSITY = 30.0  # galaxies per arcmin2, instead of 552: a brick in a second

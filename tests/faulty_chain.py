@@ -11,14 +11,15 @@ from unittest.mock import patch
 import numpy as np
 from scipy.ndimage import convolve1d
 
-from csstsim import analysis
+from csstsim.base.rng import stream
 from csstsim.bricks import merge
 from csstsim.instrument.filter import Filter
 from csstsim.io import level0_cards
 from csstsim.layers import gain, readout_noise, scie_obs, sky_background
 from csstsim.measure import catalogue
-from csstsim.optics.wcs import ChipWCS
-from csstsim.rng import stream
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.stages import calibrate as calibrate_stage
+from csstsim.stages import measure as measure_stage
 
 
 @dataclass(frozen=True)
@@ -160,13 +161,13 @@ def galaxies_undetected():
 
 
 def no_saturation():
-    right = analysis.calibrated_frame
+    right = calibrate_stage.calibrated_frame
 
     def wrong(*arguments):
         file, calibrated = right(*arguments)
         return file, replace(calibrated, saturated=np.zeros_like(calibrated.saturated))
 
-    return patch.object(analysis, "calibrated_frame", wrong)
+    return patch.object(measure_stage, "calibrated_frame", wrong)
 
 
 def small_errors():

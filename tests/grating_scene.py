@@ -3,9 +3,9 @@
 import numpy as np
 from scipy.special import ndtr
 
-from csstsim.optics.dispersion import Disperser
-from csstsim.optics.psf import PsfSet
-from csstsim.optics.psf_file import write_psf
+from csstsim.optics.gratings.dispersion import Disperser
+from csstsim.optics.psf.psf_file import write_psf
+from csstsim.optics.psf.psf_set import PsfSet
 from csstsim.render.scene import Scene, sersic_b
 
 GV, SPLIT = 29, 5530.5  # a chip, and the x of the line between its two gratings

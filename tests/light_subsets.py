@@ -20,10 +20,10 @@ import numpy as np
 from astropy.table import Table
 
 import csstsim
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
-from csstsim.optics.beyond import read_beyond
-from csstsim.optics.psf import PsfSet
+from csstsim.optics.psf.psf_set import PsfSet
+from csstsim.optics.scatter.outside_box import read_beyond
 
 ACCOUNT = 1e-5, 2e-5  # of the light; wings of spectra are cut off where splines dip below zero
 NOMINAL = 1e-3  # of the light

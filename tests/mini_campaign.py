@@ -10,12 +10,12 @@ from astropy.table import Table
 from mini import mini_camera
 from optics.build_distortion import build
 
-from csstsim.catalog.astrometry import icrs
+from csstsim.base.shipped import SHIPPED
+from csstsim.base.units import ab_photon_density
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.mock_object import MockObject
-from csstsim.config import SHIPPED
+from csstsim.catalog.places.astrometry import icrs
 from csstsim.instrument.filter import GRID
-from csstsim.units import ab_photon_density
 
 HEADER = "obsid,type,ra,dec,pa,time,exptime"
 POINTINGS = (
@@ -50,7 +50,7 @@ def write_campaign(folder, pointings=POINTINGS, geometry=None, **changes):
 
 def write_scene(folder, kind, x, y, mag, chip=9, pointing=POINTINGS[0], **changes):
     """Write a campaign of one exposure whose catalogue (`kind`, a class below) has objects at pixels x, y of a chip."""
-    from csstsim.campaign import OpenCampaign
+    from csstsim.campaign.opened import OpenCampaign
 
     changes = {"select": {"types": ["SCIE"], "chips": [chip]}} | changes
     job = OpenCampaign(write_campaign(folder, [pointing], **changes)).job(pointing.split(",")[0], chip)

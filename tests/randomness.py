@@ -1,4 +1,4 @@
-"""Which random numbers a chip asks for, and who asks: a recorder of csstsim.rng and csstsim.counter.
+"""Which random numbers a chip asks for, and who asks: a recorder of csstsim.base.rng and csstsim.base.counter.
 
 As a program, `NUMBA_DISABLE_JIT=1 python randomness.py FOLDER`, it runs small but complete chips in pure Python, where
 every word of a counter is seen, and prints the faults as JSON, {exposure: [fault, ...]}, beside what was seen.
@@ -14,9 +14,9 @@ import warnings
 from collections import Counter, defaultdict
 from pathlib import Path
 
-from csstsim import counter, rng
+from csstsim.base import counter, rng
 
-SOURCE = Path(rng.__file__).parent
+SOURCE = Path(rng.__file__).parents[1]
 ONCE = {"exposure", "object", "brick"}  # first words of keys whose numbers are for one draw
 SHARED = {
     # {what: reason}. Of names: the last word of the key. Of words: the functions that ask, in the order of the alphabet
@@ -37,7 +37,7 @@ class Recorder:
         self.words, self.halves = defaultdict(Counter), defaultdict(Counter)
 
     def watch_names(self, set_):
-        """Put the recorder into csstsim.rng by `set_`(module, name, value), as monkeypatch.setattr."""
+        """Put the recorder into csstsim.base.rng by `set_`(module, name, value), as monkeypatch.setattr."""
         digest, key = rng._digest, rng.Streams._key
 
         def asked(seed, words):
@@ -54,7 +54,7 @@ class Recorder:
         set_(rng.Streams, "_key", keyed)
 
     def watch_words(self):
-        """Put the recorder into csstsim.counter, before any module takes its functions."""
+        """Put the recorder into csstsim.base.counter, before any module takes its functions."""
         word, halves = counter.word, {name: getattr(counter, name) for name in ("high", "low", "unit")}
 
         def asked(key, count):
@@ -94,9 +94,9 @@ class Recorder:
 
 
 def _site():
-    """The line that asks: the first frame that is neither csstsim.rng nor a function that only passes a name on."""
+    """The line that asks: the first frame that is neither base.rng nor a function that only passes a name on."""
     frame = sys._getframe(2)
-    while Path(frame.f_code.co_filename) == SOURCE / "rng.py" or frame.f_code.co_name == "<lambda>":
+    while Path(frame.f_code.co_filename) == SOURCE / "base" / "rng.py" or frame.f_code.co_name == "<lambda>":
         frame = frame.f_back
     return f"{Path(frame.f_code.co_filename).name}:{frame.f_lineno}"
 
@@ -106,8 +106,8 @@ def scenes(folder):
     import yaml
     from mini_campaign import write_campaign, write_scene
 
-    from csstsim.campaign import OpenCampaign
-    from csstsim.config import SHIPPED
+    from csstsim.base.shipped import SHIPPED
+    from csstsim.campaign.opened import OpenCampaign
 
     def opened(file):
         rays = file.parent / "instrument" / "cosmic_rays.yaml"
@@ -150,11 +150,11 @@ def main(folder):
     recorder, found = Recorder(), {}
     recorder.watch_words()
     recorder.watch_names(setattr)
-    from csstsim import in_memory
+    from csstsim.stages import chip as chip_stage
 
     for name, run in scenes(folder):
         recorder.begin()
-        in_memory.simulate(run, run.jobs[0], say=str)
+        chip_stage.simulate(run, run.jobs[0], say=str)
         askers = {site for sites in recorder.words.values() for site in sites}
         found[name] = {
             "faults": recorder.faults(), "names": sorted({str(key[-1]) for key in recorder.names}),

@@ -6,13 +6,13 @@ import numpy as np
 import yaml
 from mini import mini_camera
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import Pointing
-from csstsim.optics.wcs import ChipWCS
-from csstsim.sim_steps import SimSteps
-from csstsim.state import State
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.simulation.sim_steps import SimSteps
+from csstsim.simulation.state import State
 
 POINTING = {
     "obsid": "10160000004", "type": "SCIE", "ra": 60.0, "dec": -40.0, "pa": -113.4333,
@@ -60,7 +60,7 @@ def plain_list(kind):
 
 def run(state, steps, seed=11):
     """Run steps one by one, each with its own streams, as SimSteps does."""
-    from csstsim.rng import Streams
+    from csstsim.base.rng import Streams
 
     for step in steps:
         state = step.module.apply(state, step.param, Streams(seed, state.pointing.obsid, state.chip.id, step.name))

@@ -4,11 +4,11 @@ from functools import cache
 
 import numpy as np
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.sky.bodies import earth_radius
-from csstsim.sky.frame import telescope_axes, unit
-from csstsim.sky.numbers import sky_numbers
+from csstsim.sky.directions import telescope_axes, unit
+from csstsim.sky.parameters import sky_numbers
 from csstsim.sky.transmittance import angles
 
 PLACE = np.array([6778.137, 0.0, 0.0])  # km: zenith at ra 0, dec 0

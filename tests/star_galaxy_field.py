@@ -6,9 +6,9 @@ import numpy as np
 import yaml
 from mini_campaign import write_campaign
 
-from csstsim.campaign import OpenCampaign
-from csstsim.catalog.astrometry import icrs
-from csstsim.rng import stream
+from csstsim.base.rng import stream
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.places.astrometry import icrs
 
 SIDE = 1216  # px of the chips
 GEOMETRY = {

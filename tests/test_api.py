@@ -17,15 +17,15 @@ from click.testing import CliRunner
 from mini_campaign import write_campaign
 
 import csstsim
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
+from csstsim.base.units import ab_photon_density
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.own_table import KIND
 from csstsim.catalog.table import ObjectTable
-from csstsim.cli import main
-from csstsim.config import SHIPPED
-from csstsim.errors import InputError
+from csstsim.command_line.main import main
 from csstsim.io.level0 import read_level0
-from csstsim.units import ab_photon_density
 
 OBSID, CHIP = "10100000001", 9
 SIGMA = 5.0

@@ -5,10 +5,11 @@ import pytest
 import yaml
 from mini_campaign import POINTINGS, write_campaign
 
-from csstsim import campaign as campaigns
-from csstsim.campaign import OpenCampaign
-from csstsim.catalog.astrometry import icrs
-from csstsim.config import SHIPPED, digest
+from csstsim.base.digest import digest
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign import opened as campaigns
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.places.astrometry import icrs
 
 OBSID = "10100000001"
 WHOLE_PX = 2  # a window has whole pixels, and one more at its end

@@ -7,7 +7,7 @@ from mini_campaign import write_campaign
 
 import csstsim
 from csstsim.detector import mask
-from csstsim.in_memory import simulate
+from csstsim.stages.chip import simulate
 
 CHIP, SIGMA = 9, 5.0
 EXPTIME, READOUT_BITS = 150.0, 1 / 12  # s; variance of rounding, DN^2

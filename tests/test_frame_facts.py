@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 import yaml
+from csstsim.frame_facts import frame_facts
 from mini_campaign import POINTINGS, write_campaign
 
-from csstsim import stages
-from csstsim.campaign import OpenCampaign
-from csstsim.frame_facts import frame_facts
-from csstsim.in_memory import blank
+from csstsim.base.rng import Streams
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.level0 import read_level0
 from csstsim.layers import sky_background
-from csstsim.optics.sip import sip_header
-from csstsim.rng import Streams
+from csstsim.optics.geometry.sip import sip_header
+from csstsim.stages import chip as chip_stage
+from csstsim.stages.shared import blank
 
 MAG_LIMIT = 12.0  # no object: sky and detector alone
 
@@ -30,7 +30,7 @@ def made(request, tmp_path_factory):
     )
     run = OpenCampaign(file)
     (job,) = run.jobs
-    stages.chip(run, job, say=lambda *_: None)
+    chip_stage.chip(run, job, say=lambda *_: None)
     return run, job
 
 

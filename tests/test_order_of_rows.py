@@ -6,12 +6,12 @@ from astropy.table import Table
 from mini_campaign import write_campaign
 
 import csstsim
+from csstsim.base.units import ab_photon_density
 from csstsim.catalog.base import CatalogBase
-from csstsim.catalog.canonical import back, canonical_order
 from csstsim.catalog.mock_object import MockObject
+from csstsim.catalog.row_order import back, canonical_order
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.filter import GRID
-from csstsim.units import ab_photon_density
 
 OBSID, IMAGING, GRATING = "10100000001", 9, 29
 COUNTS = {  # objects; GalSim is slow, slabs of bright objects are

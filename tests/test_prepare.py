@@ -2,17 +2,18 @@
 
 from mini_campaign import POINTINGS, write_campaign, write_scene
 
-from csstsim import prepare
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.stages import chip as chip_stage
+from csstsim.stages import psf as psf_stage
 
 
 def made(run, monkeypatch):
     """Return the names of what is said to be made for a campaign's first job, and of what is called to make it."""
     said, called = [], []
     for name in ("psf", "psf_tables"):
-        real = getattr(prepare, name)
-        monkeypatch.setattr(prepare, name, lambda *args, f=real: (called.append(f.__name__), f(*args)))
-    prepare.missing(run, run.jobs[0], said.append)
+        real = getattr(psf_stage, name)
+        monkeypatch.setattr(psf_stage, name, lambda *args, f=real: (called.append(f.__name__), f(*args)))
+    chip_stage.missing(run, run.jobs[0], said.append)
     monkeypatch.undo()
     return [path.rsplit("/", 1)[-1] for path in said], called
 

@@ -17,10 +17,12 @@ import pytest
 import randomness
 from randomness import Recorder, scenes
 
-from csstsim import counter, prepare
+from csstsim.base import counter
+from csstsim.base.rng import Streams
 from csstsim.detector.cosmic_ray import Tracks, deposit
 from csstsim.detector.normal import normal_row, normal_table
-from csstsim.rng import Streams
+from csstsim.stages import psf as psf_stage
+from csstsim.stages import truth as truth_stage
 from csstsim.universe.bricks import _population
 
 SIGMAS = 5
@@ -46,7 +48,7 @@ def recorded(tmp_path_factory):
     with redirect_stdout(StringIO()):
         for _, run in scenes(folder):
             if run.jobs[0].pointing.type == "SCIE":
-                prepare.psf(run, run.jobs[0].chip.id)
+                psf_stage.psf(run, run.jobs[0].chip.id)
     program = [sys.executable, randomness.__file__, str(folder)]
     environment = os.environ | {"NUMBA_DISABLE_JIT": "1"}
     done = subprocess.run(program, env=environment, capture_output=True, text=True, timeout=600, check=False)
@@ -67,7 +69,7 @@ def test_no_random_number_of_a_truth_brick_is_used_for_two_things(tmp_path, monk
     recorder = Recorder()
     recorder.watch_names(monkeypatch.setattr)
     run = all_products.science(tmp_path)
-    prepare.truth(run, all_products.BRICK, say=str)
+    truth_stage.truth(run, all_products.BRICK, say=str)
     assert recorder.faults() == []
     kinds = {tuple(map(str, key[3:])) for key in recorder.names if key[1] == "brick"}
     assert kinds >= {

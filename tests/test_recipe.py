@@ -13,13 +13,14 @@ import yaml
 from mini_campaign import POINTINGS, write_campaign
 from pydantic import BaseModel
 
-from csstsim import campaign as campaigns
-from csstsim.campaign import OpenCampaign
-from csstsim.catalog.astrometry import icrs
-from csstsim.config import SHIPPED, Campaign, make_campaign
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign import opened as campaigns
+from csstsim.campaign.config import Campaign, make_campaign
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.places.astrometry import icrs
 from csstsim.instrument.pointing import Pointing
-from csstsim.sim_steps import SimSteps
+from csstsim.simulation.sim_steps import SimSteps
 
 OBSID, CHIP = "10100000001", 9
 # What a change of a key makes again. PIXELS: of a chip, hence all after it; MEASURED: what is measured on the pixels

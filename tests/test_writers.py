@@ -1,4 +1,4 @@
-"""Whatever writes a file writes it to the temporary of csstsim.atomic: read off the source, so that none is missed.
+"""Whatever writes a file writes it to the temporary of base.files.atomic: read off the source, so that none is missed.
 
 A call that makes or changes a file is found by its name (and by its mode, where it may as well read). The file must be
 a variable that `with atomic_path(...) as variable` binds around the call, in the same function, or an argument of a
@@ -28,12 +28,12 @@ HELPERS = {
 }
 ALLOWED = {
     ("io/owner.py", "claim", "open"): "of two campaigns that come at once only one may make the file",
-    ("cli_group.py", "_forget_output", "open"): "nowhere: os.devnull",
-    ("cli_group.py", "hushed", "open"): "nowhere: os.devnull",
-    ("atomic.py", "_flush", "open"): "to be flushed: os.O_RDONLY",
-    ("measure/spectra_figures.py", "_png", "savefig"): "bytes in memory",
-    ("bricks/figures.py", "_png", "savefig"): "bytes in memory",
-    ("bricks/thumbnail.py", "png", "save"): "bytes in memory",
+    ("command_line/group.py", "_forget_output", "open"): "nowhere: os.devnull",
+    ("command_line/group.py", "hushed", "open"): "nowhere: os.devnull",
+    ("base/files/atomic.py", "_flush", "open"): "to be flushed: os.O_RDONLY",
+    ("measure/spectra/spectra_figures.py", "_png", "savefig"): "bytes in memory",
+    ("report/figures.py", "_png", "savefig"): "bytes in memory",
+    ("report/thumbnail.py", "png", "save"): "bytes in memory",
 }
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import fitsio
 from mini_campaign import write_campaign
 
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 
 ROOT = Path(__file__).resolve().parents[1]

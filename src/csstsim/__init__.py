@@ -11,7 +11,7 @@ def __getattr__(name):
     if name in ("Frame", "Simulation"):
         return getattr(importlib.import_module("csstsim.api"), name)
     if name == "InputError":
-        return importlib.import_module("csstsim.errors").InputError
+        return importlib.import_module("csstsim.base.errors").InputError
     raise AttributeError(f"module 'csstsim' has no attribute {name!r}")
 
 

@@ -23,19 +23,21 @@ from pathlib import Path
 
 import numpy as np
 
-from csstsim.campaign import OpenCampaign
+from csstsim.base.digest import digest
+from csstsim.base.errors import InputError
+from csstsim.base.model import validate
+from csstsim.base.release import release
+from csstsim.base.shipped import ROOT
+from csstsim.campaign.config import load_campaign, make_campaign
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.survey_table import OBSID, OBSID_ALLOWED
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.object_table import object_table, plain_columns
 from csstsim.catalog.own_table import KIND
-from csstsim.config import Observation, digest, load_campaign, load_observation, make_campaign
-from csstsim.errors import InputError
-from csstsim.frame import Frame, frame_of
 from csstsim.io.paths import Paths
-from csstsim.io.survey_table import OBSID, OBSID_ALLOWED
-from csstsim.model import validate
-from csstsim.optics.aim import exposure_of
-from csstsim.release import release
-from csstsim.shipped import ROOT
+from csstsim.optics.geometry.aim import exposure_of
+from csstsim.simulation.frame import Frame, frame_of
+from csstsim.simulation.observation import Observation, load_observation
 
 __all__ = ["Frame", "Simulation"]
 
@@ -152,7 +154,7 @@ class Simulation:
 
     @property
     def config(self):
-        """The campaign as csstsim.config.Campaign: every key, a copy."""
+        """The campaign as csstsim.campaign.config.Campaign: every key, a copy."""
         return self._config.model_copy(deep=True)
 
     @property
@@ -186,8 +188,8 @@ class Simulation:
         from astropy.io.fits import Header
 
         from csstsim.detector.channels import ReadoutFrame
-        from csstsim.in_memory import simulate
         from csstsim.io.level0_cards import level0_cards
+        from csstsim.stages.chip import simulate
 
         job = self._job(obsid, chip)
         state, provenance = simulate(self._run, job, say=_say)
@@ -202,7 +204,7 @@ class Simulation:
         Bright objects and the sky are expectations, faint ones counted electrons, Poisson by birth; with
         `fidelity="noise_free"` all of it is expectation. Raises InputError as `chip`.
         """
-        from csstsim.in_memory import light
+        from csstsim.stages.chip import light
 
         job = self._job(obsid, chip)
         state = light(self._run, job, say=_say)

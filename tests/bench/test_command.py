@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from csstsim.bench.chart import pareto
 from csstsim.bench.measures import NAMES
-from csstsim.cli import main
+from csstsim.command_line.main import main
 
 
 def run(*options):

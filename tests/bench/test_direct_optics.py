@@ -11,10 +11,10 @@ from csstsim.bench.measures import errors
 from csstsim.bench.methods import standard
 from csstsim.bench.setting import make_setting
 from csstsim.bench.truth import Truth, sersic_transform
-from csstsim.optics.beyond import Beyond
-from csstsim.optics.chip_errors import chip_coefficients
-from csstsim.optics.psf import centre_of, chip_optics
-from csstsim.optics.wavefront import load_wavefront
+from csstsim.optics.psf.chip_errors import chip_coefficients
+from csstsim.optics.psf.psf_set import centre_of, chip_optics
+from csstsim.optics.psf.wavefront import load_wavefront
+from csstsim.optics.scatter.outside_box import Beyond
 from csstsim.render.scene import sersic_b
 
 PEAK = 2e-5  # of the peak: numbers of the optics in single precision, on other lattices

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from csstsim.base.shipped import SHIPPED
 from csstsim.bench.setting import POINTING
-from csstsim.config import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
-from csstsim.optics.wcs import ChipWCS
-from csstsim.sim_steps import known_layers
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.simulation.sim_steps import known_layers
 
 
 @pytest.fixture

@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from csstsim.base.shipped import SHIPPED
 from csstsim.bench import readout
-from csstsim.config import SHIPPED
 from csstsim.instrument.camera import load_camera
-from csstsim.sim_steps import SimSteps
+from csstsim.simulation.sim_steps import SimSteps
 
 SHAPE = 64, 128  # of a peers' frame: enough to see that they run
 

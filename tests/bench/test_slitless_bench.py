@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from csstsim.base.rng import stream
 from csstsim.bench import setting as bench_setting
 from csstsim.bench import spectrum_cases, spectrum_truth
 from csstsim.bench.chart import ON_NODES
 from csstsim.bench.slitless import SLITLESS
 from csstsim.bench.spectrum_cases import SPECTRA, make_spectrum_case, make_spectrum_cases
 from csstsim.bench.spectrum_measures import NAMES, derivative, errors
-from csstsim.cli import main
-from csstsim.rng import stream
+from csstsim.command_line.main import main
 
 METHODS = "photons,slabs 4"
 FLUX, ACROSS_PX, SIZE2 = 1e-3, 1e-3, 2e-3  # direct optics against the reference

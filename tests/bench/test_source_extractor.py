@@ -8,10 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from csstsim.base.rng import stream
 from csstsim.bricks.trials import COLUMNS
 from csstsim.bricks.validate import Frame
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
-from csstsim.rng import stream
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 STEP = 0.5  # px

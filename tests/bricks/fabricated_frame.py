@@ -3,9 +3,9 @@
 import healpy
 import numpy as np
 
+from csstsim.base.rng import stream
 from csstsim.bricks.validate import Frame
 from csstsim.catalog.table import BANDS, ObjectTable
-from csstsim.rng import stream
 
 PIX = 123456
 SCALE = 0.074 / 3600.0

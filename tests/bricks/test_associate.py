@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from csstsim.base.healpix import to_vectors
+from csstsim.base.rng import stream
 from csstsim.bricks.associate import ARCSEC, CAP, FLOOR, N_SIGMA, associate
-from csstsim.bricks.healpix import to_vectors
-from csstsim.rng import stream
 
 
 def around(x, y, dec=33.0):

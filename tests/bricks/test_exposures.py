@@ -7,6 +7,7 @@ import pytest
 from astropy.wcs import WCS
 from fabricated_frame import PIX, SCALE, make_frame
 
+from csstsim.base.rng import stream
 from csstsim.bricks.exposures import clipped_mean, shape_slope
 from csstsim.bricks.facts import LEAST, Facts, HeaderWCS
 from csstsim.bricks.gates import FEW, LARGEST, at_least, at_most, between, of_exposures
@@ -14,9 +15,8 @@ from csstsim.bricks.merge import merge_brick
 from csstsim.bricks.trials import joined, trials
 from csstsim.bricks.validate import usable, validate_brick
 from csstsim.bricks.verdict import judge, sentence
+from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.table import GALAXY, ObjectTable
-from csstsim.rng import stream
-from csstsim.thresholds import ValidateConfig
 
 EXPTIME, SKY, DARK, READ_NOISE, GAIN, RESPONSE = 150.0, 31.0, 3.0, 5.0, 1.1, 0.95
 CHANNELS = 5, 6

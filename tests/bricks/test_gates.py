@@ -10,8 +10,8 @@ from csstsim.bricks.exposures import _depth
 from csstsim.bricks.gates import CHANCE, FEW, WORST, at_least, at_most, between
 from csstsim.bricks.trials import trials
 from csstsim.bricks.validate import Frame, blended
+from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
-from csstsim.thresholds import ValidateConfig
 
 
 @pytest.mark.parametrize(

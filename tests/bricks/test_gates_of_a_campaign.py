@@ -8,11 +8,11 @@ import pytest
 import yaml
 from faulty_chain import FAULTS
 from mini_campaign import write_scene
-from report_page import done
+from report.report_page import done
 
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.level0 import Level0
-from csstsim.optics.wcs import ChipWCS
+from csstsim.optics.geometry.wcs import ChipWCS
 
 SECOND = "10100000002"
 SIDE, STEP, MAG = 384, 62, 21.5  # px; S/N 130

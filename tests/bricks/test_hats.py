@@ -10,12 +10,12 @@ import pytest
 from measured_table import table
 from mini_campaign import POINTINGS, write_campaign
 
+from csstsim.base.errors import InputError
+from csstsim.base.rng import stream
 from csstsim.bricks.hats import write_catalogue
 from csstsim.bricks.merge import merge_brick, write_merged
-from csstsim.campaign import OpenCampaign
-from csstsim.errors import InputError
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.paths import Paths
-from csstsim.rng import stream
 from csstsim.universe.bricks import read_brick, write_brick
 
 

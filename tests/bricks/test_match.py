@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from csstsim.base.rng import stream
 from csstsim.bricks import compare
 from csstsim.bricks.match import one_to_one
 from csstsim.bricks.trials import matched
 from csstsim.catalog.table import ObjectTable
-from csstsim.rng import stream
 
 PIXEL_DEG = 0.074 / 3600.0
 

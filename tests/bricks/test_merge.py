@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from measured_table import ARCSEC, table
 
-from csstsim.bricks import healpix
+from csstsim.base import healpix
+from csstsim.base.rng import stream
 from csstsim.bricks.associate import FLOOR
 from csstsim.bricks.merge import merge_brick, write_merged
 from csstsim.catalog.table import BANDS, ObjectTable
-from csstsim.rng import stream
 
 
 def visits(ra, dec, seed, count=4, scatter=0.02):

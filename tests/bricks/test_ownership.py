@@ -6,10 +6,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from measured_table import ARCSEC, table
 
-from csstsim.bricks import healpix
+from csstsim.base import healpix
+from csstsim.base.rng import stream
 from csstsim.bricks.merge import merge_brick
 from csstsim.catalog.table import ObjectTable
-from csstsim.rng import stream
 
 N_BRICKS = 12 * 256**2
 POLE, SOUTH, WRAP = (int(healpix.brick_of(*place)) for place in ((45.0, 90.0), (10.0, -90.0), (0.0, 0.0)))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mini_campaign import POINTINGS, write_campaign
-from report_page import command
+from report.report_page import command
 
 from csstsim.bricks.shear import calibration, judge, pair_means
 

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 from fabricated_frame import N_EFF, PIX, RMS, SCALE, ZEROPOINT, make_frame
 
-from csstsim.bricks import healpix
-from csstsim.bricks.figures import brick_figure, sky_map
+from csstsim.base import healpix
 from csstsim.bricks.merge import merge_brick
 from csstsim.bricks.trials import trials
 from csstsim.bricks.validate import Frame, blended, completeness, usable, validate_brick
+from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.table import BANDS, ObjectTable
-from csstsim.thresholds import ValidateConfig
+from csstsim.report.figures import brick_figure, sky_map
 
 DEPTH = ("depth beyond the published limits [mag]",)  # known without sources
 

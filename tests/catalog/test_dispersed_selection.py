@@ -5,14 +5,14 @@ import pytest
 from dispersed_sky import Flat, Sky
 from grating_scene import gaussian_psf
 
+from csstsim.base.errors import InputError
+from csstsim.base.units import ab_photon_density
 from csstsim.catalog.flags import BAD_VALUE
-from csstsim.catalog.photometry import bin_means
-from csstsim.catalog.spectra import ROW, catalog_spectra
-from csstsim.errors import InputError
+from csstsim.catalog.light.object_spectra import ROW, catalog_spectra
+from csstsim.catalog.light.photometry import bin_means
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
-from csstsim.optics.beyond import Beyond, beyond_box
-from csstsim.units import ab_photon_density
+from csstsim.optics.scatter.outside_box import Beyond, beyond_box
 
 
 @pytest.fixture(scope="module")

@@ -8,9 +8,9 @@ import pytest
 from astropy.coordinates import SkyCoord
 from astropy.io import fits
 
-from csstsim.catalog.dust_map import DustMap, galactic
-from csstsim.config import SHIPPED
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
+from csstsim.catalog.light.dust_map import DustMap, galactic
 from csstsim.instrument.load import read_data
 
 NUMBERS = read_data(SHIPPED / "universe" / "dust.yaml")

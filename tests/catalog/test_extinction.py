@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from csstsim.catalog.extinction import odonnell, star_ebv
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.catalog.light.extinction import odonnell, star_ebv
 from csstsim.instrument.filter import GRID
 
 

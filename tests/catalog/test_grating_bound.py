@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from csstsim.catalog.grating_bound import SPILL, band_shares, grating_rate
+from csstsim.catalog.light.grating_bound import SPILL, band_shares, grating_rate
 from csstsim.instrument.filter import GRID
 
 

@@ -5,16 +5,16 @@ import pytest
 from astropy import units as u
 from astropy.table import QTable, Table
 
+from csstsim.base.errors import InputError
+from csstsim.base.units import ab_photon_density
 from csstsim.catalog.base import Region
-from csstsim.catalog.colours import colour_spectra
 from csstsim.catalog.contract import check, sky_region
+from csstsim.catalog.light.colours import colour_spectra
+from csstsim.catalog.light.photometry import ab_mag
 from csstsim.catalog.object_table import plain_columns
 from csstsim.catalog.own_table import TableCatalog
-from csstsim.catalog.photometry import ab_mag
 from csstsim.catalog.table import BANDS
-from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
-from csstsim.units import ab_photon_density
 
 MAG = 2e-4  # tolerance of a synthetic magnitude
 REGION = Region((10.0, 11.0, 11.0, 10.0), (0.0, 0.0, 1.0, 1.0), (0,))

@@ -10,9 +10,9 @@ import synphot
 from embedded_sky import shipped
 from scipy.integrate import simpson
 
-from csstsim.catalog.photometry import CHUNK, ab_mag, bin_means, load_fluxes, rate_to_mag, subband_fluxes
+from csstsim.base.units import C_A_S, H_J_S, ab_photon_density
+from csstsim.catalog.light.photometry import CHUNK, ab_mag, bin_means, load_fluxes, rate_to_mag, subband_fluxes
 from csstsim.instrument.filter import GRID
-from csstsim.units import C_A_S, H_J_S, ab_photon_density
 
 BANDS = ("NUV", "u", "g", "r", "i", "z", "y")
 

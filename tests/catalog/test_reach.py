@@ -6,7 +6,7 @@ from scipy import integrate, special
 
 from csstsim.catalog.reach import POINT_MAX, POINT_MIN, galaxy_radius, light_beyond, point_reach, wing_reach
 from csstsim.catalog.table import ObjectTable
-from csstsim.optics.beyond import beyond_box
+from csstsim.optics.scatter.outside_box import beyond_box
 
 VARIANCE = 60.0  # electron^2, of a pixel in r
 

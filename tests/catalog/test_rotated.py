@@ -3,10 +3,10 @@
 import numpy as np
 from embedded_sky import embedded_catalog
 
-from csstsim.catalog.astrometry import icrs
+from csstsim.catalog.places.astrometry import icrs
 from csstsim.catalog.select import Noise, region_for, select_objects
 from csstsim.instrument.chip import Window
-from csstsim.optics.wcs import ChipWCS
+from csstsim.optics.geometry.wcs import ChipWCS
 
 WINDOW = Window(4000, 4600, 3000, 3500)
 

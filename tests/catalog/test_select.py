@@ -8,19 +8,19 @@ import pytest
 from astropy.table import Table
 from embedded_sky import DENSITY, embedded_catalog
 
-from csstsim.catalog.astrometry import icrs
+from csstsim.base.units import ab_photon_density
+from csstsim.campaign.config import Lensing
 from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
+from csstsim.catalog.light.photometry import rate_to_mag, subband_fluxes
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.photometry import rate_to_mag, subband_fluxes
+from csstsim.catalog.places.astrometry import icrs
 from csstsim.catalog.select import Noise, region_for, select_objects
 from csstsim.catalog.table import BANDS, COLUMNS
-from csstsim.config import Lensing
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
-from csstsim.optics.beyond import beyond_box
-from csstsim.optics.wcs import ChipWCS
-from csstsim.units import ab_photon_density
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.scatter.outside_box import beyond_box
 from csstsim.universe.bricks import ID_BITS
 
 CHIP, WINDOW = 9, Window(4000, 4600, 3000, 3500)  # r band

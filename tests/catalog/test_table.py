@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from csstsim.base.errors import InputError
 from csstsim.catalog.mock_object import MockObject, MockObjects
 from csstsim.catalog.table import COLUMNS, ObjectTable
-from csstsim.errors import InputError
 
 
 @pytest.fixture

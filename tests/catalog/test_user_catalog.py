@@ -10,16 +10,16 @@ from astropy.table import Table
 from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement
 from synphot.units import PHOTLAM
 
+from csstsim.base.errors import InputError
+from csstsim.base.units import ab_photon_density
+from csstsim.campaign.config import CatalogConfig
 from csstsim.catalog import base
 from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.contract import check, sky_region
+from csstsim.catalog.light.photometry import ab_mag, rate_to_mag
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.open import open_catalog
-from csstsim.catalog.photometry import ab_mag, rate_to_mag
-from csstsim.config import CatalogConfig
-from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
-from csstsim.units import ab_photon_density
 
 REGION = Region((), (), ())
 MODULE = """
@@ -248,11 +248,11 @@ def test_a_fast_hook_that_is_not_the_spectrum_is_a_fault(camera):
 
 def test_reasons_are_those_of_the_selection(camera, make_pointing, observe):
     """Random nonsense: an object is flagged as not drawable if and only if there is a reason in words."""
+    from csstsim.catalog.drawable import NO_LIGHT, reasons, why_not_drawn
     from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING
     from csstsim.catalog.select import Noise, select_objects
-    from csstsim.catalog.usable import NO_LIGHT, reasons, why_not_drawn
     from csstsim.instrument.chip import Window
-    from csstsim.optics.wcs import ChipWCS
+    from csstsim.optics.geometry.wcs import ChipWCS
 
     rng = np.random.default_rng(4)
     values = {

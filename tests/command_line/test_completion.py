@@ -10,9 +10,9 @@ import yaml
 from click.shell_completion import ShellComplete
 from click.testing import CliRunner
 
-from csstsim.cli import main
-from csstsim.completion import INSTALL, chips_of, obsids_of
-from csstsim.sim_steps import known_layers
+from csstsim.command_line.completion import INSTALL, chips_of, obsids_of
+from csstsim.command_line.main import main
+from csstsim.simulation.sim_steps import known_layers
 
 TABLE = """# a remark
 obsid,type,ra,dec,pa,time,exptime

@@ -6,8 +6,8 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from csstsim.cli import main
-from csstsim.cli_group import SECTIONS
+from csstsim.command_line.group import SECTIONS
+from csstsim.command_line.main import main
 
 VERBS = sorted(main.commands)
 

@@ -7,9 +7,9 @@ import pytest
 from click.testing import CliRunner
 from mini_campaign import POINTINGS, write_campaign
 
-from csstsim.cli import main
-from csstsim.pages import PAGES, told
-from csstsim.shipped import ROOT
+from csstsim.base.help_page import PAGES, told
+from csstsim.base.shipped import ROOT
+from csstsim.command_line.main import main
 
 CHIP = "--obsid", POINTINGS[2].split(",")[0], "--chip", "9"  # a bias frame: the quickest chip
 
@@ -99,6 +99,6 @@ def test_the_page_is_told_from_where_one_stands(monkeypatch):
 
 
 def test_an_error_without_a_page_is_as_it_was():
-    from csstsim.errors import InputError
+    from csstsim.base.errors import InputError
 
     assert told(InputError("wrong", file="a.fits")) == "a.fits: wrong"

@@ -18,7 +18,7 @@ HEAVY = {
     "yaml",
     "rich",
 }
-HELP = "from csstsim.cli import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass"
+HELP = "from csstsim.command_line.main import main\ntry:\n    main(['--help'])\nexcept SystemExit:\n    pass"
 
 
 @pytest.mark.parametrize("code", ["import csstsim", HELP, HELP.replace("--help", "chip', '--help")])

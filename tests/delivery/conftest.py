@@ -5,7 +5,7 @@ import shutil
 import pytest
 from small_delivery import delivery
 
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 
 
 @pytest.fixture(scope="session")

@@ -5,10 +5,10 @@ import yaml
 from click.testing import CliRunner
 from mini_campaign import POINTINGS, write_campaign
 
-from csstsim.campaign import OpenCampaign
-from csstsim.catalog.astrometry import icrs
-from csstsim.cli import main
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.places.astrometry import icrs
+from csstsim.command_line.main import main
 
 CHIPS = (9, 29)  # r, and GV
 

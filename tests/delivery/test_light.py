@@ -5,7 +5,7 @@ import pytest
 from mini_campaign import POINTINGS, write_scene
 from small_delivery import done, science
 
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.delivery.light import charge_of, light_faults
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth

@@ -10,11 +10,11 @@ import yaml
 from mini_campaign import POINTINGS, write_campaign
 from small_delivery import command, done
 
-from csstsim.calibration import masters_recipe
-from csstsim.campaign import CALIBRATIONS, OpenCampaign
+from csstsim.campaign.opened import CALIBRATIONS, OpenCampaign
 from csstsim.delivery.verify import verify
 from csstsim.io.frames import save_frame
 from csstsim.io.paths import Paths
+from csstsim.stages.masters import masters_recipe
 
 LEVEL0 = "level0/10100000001/*_09_L0_V01.fits"
 TRUTH, ORDERS = "level0/10100000001/*_09*.truth.parquet", "level0/10100000001/*_29*.orders.parquet"

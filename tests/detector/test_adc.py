@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from csstsim.base.rng import stream
 from csstsim.detector.adc import digitise
-from csstsim.rng import stream
 
 
 def test_rounding_and_limits():

@@ -7,9 +7,9 @@ diffusion on the same photons: growth of the widths to 2% (1 sigma). Ours is 13%
 import galsim
 import numpy as np
 
+from csstsim.base.rng import galsim_seed
 from csstsim.detector import bfe_fit
 from csstsim.detector.brighter_fatter import move_charge
-from csstsim.rng import galsim_seed
 
 NAME, FLUX, SIDE = "lsst_e2v_50_8", 300_000, 21
 

@@ -6,9 +6,9 @@ Runs' ends are rounded to float32: 0.004 e- below 90,000 e-; TOLERANCE is ten ti
 import numpy as np
 import pytest
 
+from csstsim.base.rng import stream
 from csstsim.detector.bleed import bleed
 from csstsim.detector.mask import BLED, COSMIC_RAY, SATURATED
-from csstsim.rng import stream
 
 FULL_WELL = 90_000.0
 TOLERANCE = 0.04  # e-

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import convolve
 
+from csstsim.base.rng import stream
 from csstsim.detector import bfe_fit
 from csstsim.detector.brighter_fatter import move_charge
-from csstsim.rng import stream
 
 AREAS = np.array([[-1.6e-6, 0.7e-7, 2e-8], [2.1e-7, 7e-8, 2e-8], [4e-8, 2e-8, 1.6e-8]])
 KERNEL, SKEW = bfe_fit.kernel(AREAS)

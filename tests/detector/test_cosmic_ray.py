@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from csstsim.base.rng import stream
 from csstsim.detector.cosmic_ray import Tracks, deposit, draw_tracks
-from csstsim.rng import stream
 
 KEY = np.uint64(5)
 CHIP = (9232, 9216)

@@ -6,10 +6,10 @@ from cti_clock import DENSITY, KEYS, TAU, WELL, clocked, scene, traps_of, wait_o
 from cti_peer import COLUMN_ROWS, SKY, TAILS, arctic_spot, spot_column
 from scipy.stats import chi2_contingency, chisquare, poisson
 
-from csstsim.counter import word
-from csstsim.detector.cti import transfer
-from csstsim.detector.serial import transfer_rows
-from csstsim.detector.traps import volume
+from csstsim.base.counter import word
+from csstsim.detector.charge_transfer.cti import transfer
+from csstsim.detector.charge_transfer.serial import transfer_rows
+from csstsim.detector.charge_transfer.traps import volume
 
 SIGMA5 = 5.7e-7  # probability beyond 5 sigma
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import stack_estimates as estimate
 
-from csstsim.detector.cti import transfer
-from csstsim.detector.traps import volume
-from csstsim.rng import stream
+from csstsim.base.rng import stream
+from csstsim.detector.charge_transfer.cti import transfer
+from csstsim.detector.charge_transfer.traps import volume
 
 DENSITY, TAU, WELL = np.array([0.005, 0.021, 0.131]), (1.22, 14.02, 84.74), (0.492, 85200.0, 0.0)
 ROWS, KEYS = 4616, (np.uint64(3), np.uint64(4))

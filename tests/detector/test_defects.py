@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from csstsim.base.rng import stream
 from csstsim.detector import defects
 from csstsim.instrument.chip import Window
-from csstsim.rng import stream
 
 CHIP = (9232, 9216)
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from csstsim.base.rng import stream
 from csstsim.detector.cubic import lowest_slope, straighten
 from csstsim.detector.nonlinearity import bend
-from csstsim.rng import stream
 
 LIMIT = 90_000.0
 CURVES = [(-5e-7, 0.0), (-3e-6, 1.5e-11), (4e-6, -1e-11), (0.0, 0.0), (0.0, 2e-10), (-1e-5, 4e-11)]

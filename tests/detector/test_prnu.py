@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from csstsim.base.rng import Streams
 from csstsim.detector.prnu import CLIP, highest, multiply
-from csstsim.rng import Streams
 
 KEY = Streams(1, "1", 9, "x").chip_key("prnu")
 

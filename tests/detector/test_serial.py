@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from cti_clock import KEYS, clocked, scene, traps_of, wait_of
 
-from csstsim.counter import word
-from csstsim.detector.serial import transfer_rows
-from csstsim.detector.traps import volume
+from csstsim.base.counter import word
+from csstsim.detector.charge_transfer.serial import transfer_rows
+from csstsim.detector.charge_transfer.traps import volume
 
 DENSITY, TAU = (0.2, 0.3, 0.4), (0.8, 4.0, 20.0)  # more traps than cti.yaml says: the rows here are short
 WELL = (0.492, 85200.0, 0.0)

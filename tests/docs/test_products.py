@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from mini_campaign import write_scene
 
 from csstsim.catalog.table import ObjectTable
-from csstsim.cli import main
+from csstsim.command_line.main import main
 
 ROOT = Path(__file__).parents[2]
 

@@ -9,14 +9,14 @@ import pytest
 from click.testing import CliRunner
 from mini_campaign import write_campaign
 
-from csstsim import doctor
-from csstsim.campaign import OpenCampaign
-from csstsim.cli import main
-from csstsim.costs import Cost, expected
-from csstsim.doctor import installation, machine, of_campaign
-from csstsim.doctor.finding import OK, PROBLEM, WARNING
-from csstsim.plan import plan
-from csstsim.status import look, wanted
+from csstsim.campaign.costs import Cost, expected
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.plan import plan
+from csstsim.campaign.status import look, wanted
+from csstsim.command_line import doctor
+from csstsim.command_line.doctor import installation, machine, of_campaign
+from csstsim.command_line.doctor.finding import OK, PROBLEM, WARNING
+from csstsim.command_line.main import main
 
 
 def found(check, *arguments):
@@ -116,7 +116,10 @@ def test_what_a_check_did_not_think_of_is_a_problem(monkeypatch):
 
 def cache_findings(**environment):
     """Return what the check of numba's cache says in a process of its own."""
-    code = "from csstsim.doctor.installation import numba_cache\nfor f in numba_cache(): print(f.verdict, f.text)"
+    code = (
+        "from csstsim.command_line.doctor.installation import numba_cache\n"
+        "for f in numba_cache(): print(f.verdict, f.text)"
+    )
     done = subprocess.run(
         [sys.executable, "-c", code], env=os.environ | environment, capture_output=True, text=True, check=True
     )
@@ -146,7 +149,7 @@ def test_a_cache_that_cannot_be_written_any_more_is_a_problem(monkeypatch):
 
 
 def test_compiled_functions_are_counted(tmp_path):
-    code = "import numpy as np; from csstsim.counter import object_keys; object_keys(np.uint64(1), np.arange(2))"
+    code = "import numpy as np; from csstsim.base.counter import object_keys; object_keys(np.uint64(1), np.arange(2))"
     environment = {"NUMBA_CACHE_DIR": str(tmp_path)}
     subprocess.run([sys.executable, "-c", code], env=os.environ | environment, check=True)
     assert cache_findings(**environment) == f"ok {tmp_path}: 1 compiled\n"
@@ -217,6 +220,6 @@ def test_memory_of_a_container_counts(monkeypatch):
 
 
 def test_data_that_are_not_there_are_a_problem(tmp_path, monkeypatch):
-    monkeypatch.setattr("csstsim.config.SHIPPED", tmp_path)
+    monkeypatch.setattr("csstsim.campaign.config.SHIPPED", tmp_path)
     [fault] = [finding for finding in doctor.examine() if finding.verdict == PROBLEM]
     assert fault.what == "data" and str(tmp_path) in fault.text

@@ -5,8 +5,8 @@ import yaml
 from click.testing import CliRunner
 from mini_campaign import POINTINGS, write_campaign
 
-from csstsim.campaign import OpenCampaign
-from csstsim.cli import main
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.command_line.main import main
 
 GOOD = POINTINGS[0]
 

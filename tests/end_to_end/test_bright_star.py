@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from mini_campaign import write_scene
 
-from csstsim import stages
-from csstsim.campaign import OpenCampaign
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.level0 import read_level0
+from csstsim.stages import chip as chip_stage
 
 
 @pytest.mark.parametrize("order", ["science", "science_paper"])
@@ -15,7 +15,7 @@ def test_it_saturates_and_is_written(tmp_path, order):
     lists = {"SCIE": str(SHIPPED / "observations" / f"{order}.yaml")}
     run = OpenCampaign(write_scene(tmp_path, "Stars", [60.0], [60.0], 0.0, observations=lists))
     [job] = run.jobs
-    stages.chip(run, job, say=lambda _: None)
+    chip_stage.chip(run, job, say=lambda _: None)
     file = read_level0(run.paths.level0(job.pointing, job.chip.id), verify=True)
     assert file.header["NSATUR"] > 100 and file.header["BLOOMOUT"] > 1e10
     assert np.isfinite(file.assembled()).all() and file.header["CLIPHIGH"] > 100

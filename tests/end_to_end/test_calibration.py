@@ -7,17 +7,17 @@ from click.testing import CliRunner
 from mini_campaign import write_campaign, write_scene
 from readout_state import plain_list
 
-from csstsim.campaign import OpenCampaign
+from csstsim.base.rng import Streams
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
-from csstsim.cli import main
-from csstsim.config import SHIPPED
+from csstsim.command_line.main import main
 from csstsim.instrument.filter import GRID
 from csstsim.io.level0 import read_level0
 from csstsim.measure.calibrate import calibrate
-from csstsim.optics.flat import FlatField
-from csstsim.optics.led import load_leds
-from csstsim.optics.response import response_map
-from csstsim.rng import Streams
+from csstsim.optics.throughput.flat import FlatField
+from csstsim.optics.throughput.led import load_leds
+from csstsim.optics.throughput.response import response_map
 
 CHIP = 9
 TABLE = [

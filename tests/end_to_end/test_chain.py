@@ -16,17 +16,17 @@ from readout_state import plain_list
 from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement
 from synphot.units import PHOTLAM
 
-from csstsim.campaign import OpenCampaign
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
-from csstsim.cli import main
-from csstsim.config import SHIPPED
+from csstsim.command_line.main import main
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.io.frames import load_frame
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth
 from csstsim.measure.calibrate import calibrate
-from csstsim.prepare import open_psf
+from csstsim.stages.psf import open_psf
 
 BANDS = {"NUV": 12, "u": 14, "g": 8, "r": 9, "i": 7, "z": 11, "y": 6}
 CENTROID_PX = 0.02

@@ -5,15 +5,15 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from csstsim.campaign import OpenCampaign
-from csstsim.catalog.astrometry import icrs
+from csstsim.base.shipped import SHIPPED
+from csstsim.base.units import ab_photon_density
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.places.astrometry import icrs
 from csstsim.catalog.table import ObjectTable
-from csstsim.cli import main
-from csstsim.config import SHIPPED
+from csstsim.command_line.main import main
 from csstsim.instrument.filter import GRID
-from csstsim.measure import extract
-from csstsim.measure.spectrum_columns import BESIDE
-from csstsim.units import ab_photon_density
+from csstsim.measure.spectra import extract
+from csstsim.measure.spectra.spectrum_columns import BESIDE
 
 OBSID = "10100000001"
 

@@ -7,12 +7,12 @@ from click.testing import CliRunner
 from mini_campaign import write_scene
 from readout_state import plain_list
 
-from csstsim.campaign import OpenCampaign
+from csstsim.base.rng import Streams
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
-from csstsim.cli import main
+from csstsim.command_line.main import main
 from csstsim.io.frames import load_frame
-from csstsim.optics.response import response_map
-from csstsim.rng import Streams
+from csstsim.optics.throughput.response import response_map
 
 OBSID, CHIP = "10100000001", 6  # y, towards the corner: both losses are large
 X, Y = [40.2, 90.0, 64.5], [50.3, 80.1, 20.0]

@@ -8,15 +8,15 @@ from astropy.wcs import WCS
 from click.testing import CliRunner
 from mini_campaign import POINTINGS, write_campaign, write_scene
 
-from csstsim.calibration import calibrated_frame
-from csstsim.campaign import OpenCampaign
-from csstsim.cli import main
+from csstsim.base.rng import Streams
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.command_line.main import main
 from csstsim.detector import prnu
 from csstsim.io.frames import load_frame
 from csstsim.io.truth import read_truth
 from csstsim.measure.bad_pixels import known_defects
-from csstsim.prepare import open_psf
-from csstsim.rng import Streams
+from csstsim.stages.calibrate import calibrated_frame
+from csstsim.stages.psf import open_psf
 
 CHIP = 9
 TABLE = [

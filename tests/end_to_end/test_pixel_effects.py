@@ -5,13 +5,18 @@ import pytest
 import yaml
 from mini_campaign import POINTINGS, write_scene
 
-from csstsim import in_memory, prepare, stages
-from csstsim.campaign import OpenCampaign
-from csstsim.config import SHIPPED
+from csstsim.base.rng import Streams
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.frames import load_frame
 from csstsim.io.level0 import read_level0
 from csstsim.render.psf_table import read_tables
-from csstsim.rng import Streams
+from csstsim.stages import chip as chip_stage
+from csstsim.stages import level0 as level0_stage
+from csstsim.stages import psf as psf_stage
+from csstsim.stages import readout as readout_stage
+from csstsim.stages import select as select_stage
+from csstsim.stages import shared as shared_stage
 
 OBSID, CHIP = POINTINGS[0].split(",")[0], 9
 
@@ -49,7 +54,7 @@ def rays_of(run, job):
 def test_the_files_say_what_was_done(tmp_path):
     run = scene(tmp_path / "one", "SCIE")
     [job] = run.jobs
-    stages.chip(run, job, say=lambda text: None)
+    chip_stage.chip(run, job, say=lambda text: None)
     header, rays = read_level0(run.paths.level0(job.pointing, CHIP), verify=True).header, rays_of(run, job)
     assert rays.shape == job.window.shape and rays.dtype == np.int32
     assert header["CRCHARGE"] == rays.sum() and header["CRCOUNT"] == (rays >= 5).sum()
@@ -63,9 +68,9 @@ def test_the_files_say_what_was_done(tmp_path):
 def test_a_bias_in_one_process_and_in_two(tmp_path):
     one, two = scene(tmp_path / "one", "BIAS"), scene(tmp_path / "two", "BIAS")
     [job], [same] = one.jobs, two.jobs
-    stages.chip(one, job, say=lambda text: None)
-    stages.readout(two, same)
-    stages.level0(two, same)
+    chip_stage.chip(one, job, say=lambda text: None)
+    readout_stage.readout(two, same)
+    level0_stage.level0(two, same)
     files = [read_level0(run.paths.level0(job.pointing, CHIP)) for run in (one, two)]
     assert np.array_equal(*(file.frame() for file in files))
     assert np.array_equal(rays_of(one, job), rays_of(two, same))
@@ -81,11 +86,11 @@ def test_photons_keep_their_numbers_without_prnu(tmp_path):
     """
     run = scene(tmp_path / "scene", "SCIE", mag=23.0)
     [job] = run.jobs
-    prepare.psf(run, CHIP)
-    objects, psf, found = in_memory.selected(run, job), prepare.open_psf(run, job.chip), []
+    psf_stage.psf(run, CHIP)
+    objects, psf, found = select_stage.selected(run, job), psf_stage.open_psf(run, job.chip), []
     [step, *_] = run.steps["SCIE"].stage("render")
     for prnu in (True, False):
-        state = in_memory.blank(run, job, objects)
+        state = shared_stage.blank(run, job, objects)
         assert state.prnu
         state.prnu, state.psf, state.tables = prnu, psf, read_tables(run.paths.psf_tables(CHIP), psf)
         found.append(step.module.apply(state, step.param, Streams(3, OBSID, CHIP, step.name)))

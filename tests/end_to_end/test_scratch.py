@@ -4,8 +4,8 @@ import pytest
 from click.testing import CliRunner
 from mini_campaign import POINTINGS, write_campaign
 
-from csstsim.campaign import OpenCampaign
-from csstsim.cli import main
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.command_line.main import main
 
 
 @pytest.mark.parametrize("by", ["option", "environment"])

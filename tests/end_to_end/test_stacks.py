@@ -11,11 +11,11 @@ import yaml
 from mini_campaign import write_campaign
 from scipy import ndimage
 
-from csstsim import stages
-from csstsim.campaign import OpenCampaign
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.level0 import read_level0
 from csstsim.measure.calibrate import overscan_level
+from csstsim.stages import chip as chip_stage
 
 CHIP, SIDE, OVERSCAN = 9, 256, 71
 GEOMETRY = {
@@ -56,7 +56,7 @@ def make_frames(folder):
         flats = [job for job in campaign.jobs if job.pointing.type == "FLAT"][2 * level : 2 * level + 2]
         dim = [job for job in campaign.jobs if job.pointing.type != "FLAT"] if level == 0 else []
         for job in dim + flats:
-            stages.chip(campaign, job, say=lambda text: None)
+            chip_stage.chip(campaign, job, say=lambda text: None)
             files[job.pointing.type].append(read_level0(campaign.paths.level0(job.pointing, CHIP)))
     return campaign, files
 

@@ -12,10 +12,10 @@ from astropy.wcs import WCS
 from click.testing import CliRunner
 from mini_campaign import HEADER, write_scene
 
-from csstsim.campaign import OpenCampaign
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
-from csstsim.cli import main
-from csstsim.config import SHIPPED
+from csstsim.command_line.main import main
 from csstsim.instrument.camera import load_camera
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth

@@ -9,12 +9,12 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from csstsim.campaign import OpenCampaign
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.contract import check
 from csstsim.catalog.flags import BAD_VALUE
 from csstsim.catalog.select import region_for
-from csstsim.cli import main
-from csstsim.config import SHIPPED
+from csstsim.command_line.main import main
 from csstsim.instrument.filter import GRID
 from csstsim.io.truth import read_truth
 

@@ -9,12 +9,12 @@ import yaml
 from click.testing import CliRunner
 from mini_campaign import write_scene
 
-from csstsim.campaign import OpenCampaign
-from csstsim.cli import main
-from csstsim.config import SHIPPED
+from csstsim.base.rng import Streams
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.command_line.main import main
 from csstsim.io.level0 import read_level0
-from csstsim.layer_contract import check_layer
-from csstsim.rng import Streams
+from csstsim.simulation.layer_contract import check_layer
 
 EXAMPLE = SHIPPED.parent / "examples" / "my_layer"
 SCIENCE = SHIPPED / "observations" / "science.yaml"

@@ -16,24 +16,33 @@ import healpy
 from mini_campaign import write_campaign
 from workflow_run import ROOT, TIMINGS, VARYING, command
 
-from csstsim import analysis, campaign_report, prepare, stages
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 from csstsim.io.frames import load_frame
+from csstsim.stages import level0 as level0_stage
+from csstsim.stages import measure as measure_stage
+from csstsim.stages import merge as merge_stage
+from csstsim.stages import psf as psf_stage
+from csstsim.stages import readout as readout_stage
+from csstsim.stages import render as render_stage
+from csstsim.stages import report as campaign_report
+from csstsim.stages import select as select_stage
+from csstsim.stages import truth as truth_stage
+from csstsim.stages import validate as validate_stage
 
 BRICK, OBSID, CHIP = 550615, "10100000001", 9
 RESUME = "--profile", str(ROOT / "profiles" / "default"), "--cores", "1"  # docs/faults.md
 # Each rule in the order of the chain: what it makes, by the beginning of the path, and the stage itself
 CHAIN = {
-    "truth": (("truth/",), lambda run, job: prepare.truth(run, BRICK)),
-    "psf": (("psf/",), lambda run, job: prepare.psf(run, CHIP)),
-    "select": ((f"chips/{OBSID}_09/select",), stages.select),
-    "render": ((f"chips/{OBSID}_09/render", f"chips/{OBSID}_09/drawn"), stages.render),
-    "readout": ((f"chips/{OBSID}_09/readout",), stages.readout),
-    "level0": (("level0/",), stages.level0),
-    "measure": (("measure/",), analysis.measure),
-    "merge": (("merge/dataset/Norder=8/",), lambda run, job: analysis.merge(run, BRICK)),
-    "validate": (("validate/",), lambda run, job: analysis.validate(run, BRICK)),
+    "truth": (("truth/",), lambda run, job: truth_stage.truth(run, BRICK)),
+    "psf": (("psf/",), lambda run, job: psf_stage.psf(run, CHIP)),
+    "select": ((f"chips/{OBSID}_09/select",), select_stage.select),
+    "render": ((f"chips/{OBSID}_09/render", f"chips/{OBSID}_09/drawn"), render_stage.render),
+    "readout": ((f"chips/{OBSID}_09/readout",), readout_stage.readout),
+    "level0": (("level0/",), level0_stage.level0),
+    "measure": (("measure/",), measure_stage.measure),
+    "merge": (("merge/dataset/Norder=8/",), lambda run, job: merge_stage.merge(run, BRICK)),
+    "validate": (("validate/",), lambda run, job: validate_stage.validate(run, BRICK)),
     "report": (("report/", "merge/"), lambda run, job: campaign_report.report(run)),
 }
 

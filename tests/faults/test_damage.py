@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from faults.small_run import BRICK, CHIP
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
 
 pytestmark = pytest.mark.faults
 FLIPS, SEED = 6, 5  # places in a file, besides its first and last bytes

@@ -6,7 +6,7 @@ import signal
 import pytest
 from faults.small_run import CHAIN
 
-from csstsim import atomic
+from csstsim.base.files import atomic
 
 pytestmark = pytest.mark.faults
 MOMENTS = "half", "renamed"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from csstsim.errors import CsstsimError, InputError
+from csstsim.base.errors import CsstsimError, InputError
 
 
 def reads(path):

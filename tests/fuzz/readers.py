@@ -4,7 +4,7 @@ from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 
 PSF_CHIP = 9  # r
 LIBRARY_CHIP = 10  # of the external PSF library
@@ -19,7 +19,7 @@ def camera():
 
 def campaign(path):
     """A campaign file, and its digest, which walks through all of it."""
-    from csstsim.config import load_campaign
+    from csstsim.campaign.config import load_campaign
 
     load_campaign(path).digest()
 
@@ -29,13 +29,13 @@ def observation(path):
     from readout_state import POINTING
 
     from csstsim.instrument.pointing import Pointing
-    from csstsim.sim_steps import SimSteps
+    from csstsim.simulation.sim_steps import SimSteps
 
     SimSteps(path, "SCIE").check(camera(), Pointing(**POINTING))
 
 
 def survey_table(path):
-    from csstsim.io.survey_table import load_survey_table
+    from csstsim.campaign.survey_table import load_survey_table
 
     load_survey_table(path)
 
@@ -44,12 +44,12 @@ def instrument(path):
     """An instrument folder, given by any file in it: what commands make of its files before and in their work."""
     from csstsim.instrument.camera import load_camera
     from csstsim.layers import brighter_fatter
-    from csstsim.optics.beyond import beyond_box
-    from csstsim.optics.distortion import load_distortion
-    from csstsim.optics.flat import check_flat
-    from csstsim.optics.focal_plane import load_focal_plane
-    from csstsim.optics.wavefront import load_wavefront
-    from csstsim.sky.numbers import sky_numbers
+    from csstsim.optics.geometry.distortion import load_distortion
+    from csstsim.optics.geometry.focal_plane import load_focal_plane
+    from csstsim.optics.psf.wavefront import load_wavefront
+    from csstsim.optics.scatter.outside_box import beyond_box
+    from csstsim.optics.throughput.flat import check_flat
+    from csstsim.sky.parameters import sky_numbers
 
     folder = Path(path).parent
     if folder.name == "gratings":
@@ -69,7 +69,7 @@ def _header(made):
 
     from csstsim.instrument.pointing import Pointing
     from csstsim.io.keywords import header_cards, header_values
-    from csstsim.optics.wcs import ChipWCS
+    from csstsim.optics.geometry.wcs import ChipWCS
 
     chip, pointing = next(iter(made.chips.values())), Pointing(**POINTING)
     state = SimpleNamespace(
@@ -81,27 +81,27 @@ def _header(made):
 
 
 def universe(path):
-    from csstsim.universe.numbers import load_universe
+    from csstsim.universe.parameters import load_universe
 
     load_universe(Path(path).parent).check()
 
 
 def star_spectra(path):
-    from csstsim.universe.star_sed import StarSeds
+    from csstsim.universe.stars.star_sed import StarSeds
 
     StarSeds(path, camera().filters["r"].throughput)
 
 
 def galaxy_spectra(path):
     from csstsim.instrument.load import read_data
-    from csstsim.universe.galaxy_sed import GalaxySeds
+    from csstsim.universe.galaxies.galaxy_sed import GalaxySeds
 
     igm = read_data(SHIPPED / "universe" / "galaxies.yaml")["igm"]
     GalaxySeds(path, igm, camera().filters["r"].throughput)
 
 
 def dust_map(path):
-    from csstsim.catalog.dust_map import DustMap
+    from csstsim.catalog.light.dust_map import DustMap
 
     found = DustMap({"map": str(path), "columns": ["EBV"], "coordsys": "galactic"})
     _ = found.nside, found.digest, found.ebv(10.0, 20.0)
@@ -151,22 +151,22 @@ def own_table(path):
 
 def psf(path):
     """A PSF set: opened, its wings, and the PSF at a place."""
-    from csstsim.optics.beyond import read_beyond
-    from csstsim.optics.psf import PsfSet
+    from csstsim.optics.psf.psf_set import PsfSet
+    from csstsim.optics.scatter.outside_box import read_beyond
 
     found = PsfSet(path, chip=PSF_CHIP)
     read_beyond(found), found.at(100.0, 2000.0)
 
 
 def psf_tables(path):
-    from csstsim.optics.psf import PsfSet
+    from csstsim.optics.psf.psf_set import PsfSet
     from csstsim.render.psf_table import read_tables
 
     read_tables(path, PsfSet(Path(path).with_name("psf.h5")))
 
 
 def psf_library(path):
-    from csstsim.optics.psf_c9 import convert
+    from csstsim.optics.psf.psf_c9 import convert
 
     chip = camera().chips[LIBRARY_CHIP]
     filter_, made = camera().filters[chip.filter], Path(path).with_name("converted.h5")
@@ -235,6 +235,6 @@ def validation(path):
 
 def benchmarks(path):
     """Snakemake's benchmark files, as the report sums them."""
-    from csstsim.run_times import measured
+    from csstsim.campaign.run_times import measured
 
     measured(Path(path).parents[2])

@@ -18,7 +18,7 @@ from fuzz.mutations import spoiled_tree
 from mini import mini_camera
 from readout_state import flat_state, plain_layers, run
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 
 META = {
     "recipe": {"camera": "c", "exposure": "e"},
@@ -77,8 +77,8 @@ def dust(folder):
 
 
 def psf(folder):
-    from csstsim.optics.beyond import beyond_box
-    from csstsim.optics.psf import make_psf
+    from csstsim.optics.psf.psf_set import make_psf
+    from csstsim.optics.scatter.outside_box import beyond_box
 
     camera, path = readers.camera(), folder / "psf.h5"
     chip = camera.chips[readers.PSF_CHIP]
@@ -99,7 +99,7 @@ def psf(folder):
 
 
 def psf_tables(folder):
-    from csstsim.optics.psf import PsfSet
+    from csstsim.optics.psf.psf_set import PsfSet
     from csstsim.render.psf_table import write_tables
 
     write_tables(folder / "psf_tables.h5", PsfSet(psf(folder)))

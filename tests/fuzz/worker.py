@@ -90,7 +90,7 @@ def _serve(pipe, folder):
 
 
 def _outcome(function, path):
-    from csstsim.errors import CsstsimError
+    from csstsim.base.errors import CsstsimError
 
     try:
         function(path)

@@ -3,8 +3,8 @@
     python tests/instrument/build_gratings.py [config/instrument]
     python tests/instrument/build_gratings.py --samples GI1 > samples.csv     what `csstsim fit-grating` takes
 
-Traces are fitted (csstsim.optics.trace_fit) to 10 x 10 x 8 samples of what gratings.yaml describes
-(csstsim.optics.grating_rays); sensitivities are filters.yaml's throughput times the orders' efficiency.
+Traces are fitted (csstsim.optics.gratings.trace_fit) to 10 x 10 x 8 samples of what gratings.yaml describes
+(csstsim.optics.gratings.grating_rays); sensitivities are filters.yaml's throughput times the orders' efficiency.
 """
 
 import csv
@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 from astropy.io import fits
 
-from csstsim.atomic import atomic_path
-from csstsim.config import SHIPPED
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.axe import axe_text, sensitivity_file
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.grating import sensitivity
 from csstsim.instrument.load import read_data
-from csstsim.optics.grating_rays import trajectories
-from csstsim.optics.trace_fit import COLUMNS, fit_traces, residuals
+from csstsim.optics.gratings.grating_rays import trajectories
+from csstsim.optics.gratings.trace_fit import COLUMNS, fit_traces, residuals
 
 STEP = 10  # samples of the filter's grid: 5 angstrom
 ABOUT = """Grating {name} of the CSST Survey Camera, chip {chip}, {side} of column {split}: csstsim.

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from csstsim.config import SHIPPED
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.axe import BEAMS, COEFFICIENTS, axe_text, field_range, field_terms, read_axe, sensitivity_file
 
 HST = Path(os.environ.get("CSSTSIM_DATA", SHIPPED.parents[1] / "shared" / "data")) / "grism"

@@ -7,7 +7,7 @@ import pytest
 import yaml
 from mini import INSTRUMENT, mini_camera
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 

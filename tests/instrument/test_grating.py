@@ -8,10 +8,10 @@ from astropy.coordinates import SkyCoord
 from astropy.io import fits
 from instrument.build_gratings import build
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.grating import load_gratings
 from csstsim.instrument.load import read_data
-from csstsim.optics.wcs import ChipWCS
+from csstsim.optics.geometry.wcs import ChipWCS
 
 SHIPPED_GRATINGS = SHIPPED / "instrument" / "gratings"
 ZEROPOINT = {"GU": 25.41, "GV": 26.23, "GI": 26.11}  # AB mag of 1 e-/s in the first order: statistics of CESS's curves

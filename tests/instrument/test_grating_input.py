@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
-from csstsim.config import SHIPPED
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.grating import load_gratings
 
 ROW = {"left": "GI2", "right": "GI1", "split": 3685, "reach": [654, 1600, 1600, 449]}

@@ -6,7 +6,7 @@ pip install --no-deps grismagic (its dependency jax is only for rendering). Its 
 import numpy as np
 import pytest
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.axe import BEAMS
 
 peer = pytest.importorskip("grismagic.traces", reason="needs grismagic: pip install --no-deps grismagic")

@@ -10,8 +10,8 @@ from astropy.wcs import WCS
 
 from csstsim.instrument.chip import Window
 from csstsim.io.calibrated import write_calibrated
-from csstsim.optics.distortion import load_distortion
-from csstsim.optics.wcs import ChipWCS
+from csstsim.optics.geometry.distortion import load_distortion
+from csstsim.optics.geometry.wcs import ChipWCS
 
 WINDOW = Window(3000, 3040, 5000, 5030)
 

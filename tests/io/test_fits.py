@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
 from csstsim.io.fits import card, open_fits, remark, write_hdus
 
 VALUES = [

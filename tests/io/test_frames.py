@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.rng import stream
 from csstsim.io.frames import load_frame, save_frame
-from csstsim.rng import stream
 
 META = {"recipe": {"campaign": "abc"}, "stage": "render", "header": {"gain": [1.1, 1.0], "long": "é" * 5000}, "n": None}
 

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from csstsim.base.units import EARTH_GM_KM3_S2, EARTH_RADIUS_KM
 from csstsim.io.keywords import _exposure, header_values
 from csstsim.io.level0 import Level0
-from csstsim.units import EARTH_GM_KM3_S2, EARTH_RADIUS_KM
 
 
 @pytest.mark.parametrize("exptime", [0.0, 150.0, 1500.0])

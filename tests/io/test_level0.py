@@ -11,11 +11,11 @@ from astropy.io import fits
 from astropy.time import Time
 from readout_state import flat_state, plain_layers, run, small_camera
 
-from csstsim.catalog.ephemeris import observer
-from csstsim.config import SHIPPED
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
+from csstsim.catalog.places.ephemeris import observer
 from csstsim.detector.channels import LAYOUTS
 from csstsim.detector.mask import BITS, BLED, CLIPPED, HOT, SATURATED
-from csstsim.errors import InputError
 from csstsim.io.fits import open_fits
 from csstsim.io.keywords import header_cards, orbit_after
 from csstsim.io.level0 import REQUIRED, read_level0, write_level0

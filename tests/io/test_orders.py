@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from csstsim.base.errors import InputError
 from csstsim.catalog.table import ObjectTable
-from csstsim.errors import InputError
 from csstsim.io.orders import check_orders, read_orders, write_orders
 
 

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
 from csstsim.io.owner import FILE, check_owner, claim
 
 

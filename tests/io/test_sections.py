@@ -14,12 +14,12 @@ from astropy.nddata import CCDData
 from astropy.wcs import WCS
 from readout_state import flat_state, small_camera
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.detector.channels import LAYOUTS, ReadoutFrame
 from csstsim.instrument.camera import load_camera
 from csstsim.io.level0 import read_level0, write_level0
-from csstsim.optics.distortion import load_distortion
-from csstsim.optics.wcs import ChipWCS
+from csstsim.optics.geometry.distortion import load_distortion
+from csstsim.optics.geometry.wcs import ChipWCS
 
 WINDOWS = [None, (100, 170, 10, 50), (0, 33, 31, 33), (254, 256, 62, 64)]
 MAS = np.radians(1 / 3.6e6)

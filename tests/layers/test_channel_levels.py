@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from readout_state import flat_state, run, small_camera
 
+from csstsim.base.rng import Streams
 from csstsim.detector.mask import CLIPPED
 from csstsim.layers import bias, gain, nonlinearity, prescan_overscan, quantization_and_output
-from csstsim.rng import Streams
 
 SIGMA = 5.0
 SEEDS = 40

@@ -7,14 +7,14 @@ import pytest
 import yaml
 from readout_state import flat_state, run, small_camera
 
+from csstsim.base.errors import InputError
+from csstsim.base.rng import Streams, stream
 from csstsim.detector import bfe_fit
 from csstsim.detector.bleed import bleed
 from csstsim.detector.brighter_fatter import move_charge
 from csstsim.detector.mask import BLED, SATURATED
-from csstsim.errors import InputError
 from csstsim.layers import blooming, brighter_fatter, nonlinearity, prescan_overscan
-from csstsim.rng import Streams, stream
-from csstsim.sim_steps import SimSteps
+from csstsim.simulation.sim_steps import SimSteps
 
 RNG = Streams(3, "1", 9, "layer")
 LAYERS = {layer.__name__.rpartition(".")[2]: layer for layer in (brighter_fatter, blooming, nonlinearity)}

@@ -7,9 +7,9 @@ import pytest
 import yaml
 from readout_state import dark_layers, flat_state, run, small_camera
 
-from csstsim.errors import InputError
-from csstsim.layer_contract import check_layer, form_faults
-from csstsim.sim_steps import SimSteps, known_layers
+from csstsim.base.errors import InputError
+from csstsim.simulation.layer_contract import check_layer, form_faults
+from csstsim.simulation.sim_steps import SimSteps, known_layers
 
 READOUT = [step.name for step in dark_layers()]
 

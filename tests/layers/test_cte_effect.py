@@ -7,11 +7,11 @@ import pytest
 from mini import mini_camera
 from readout_state import flat_state, small_camera
 
+from csstsim.base.errors import InputError
+from csstsim.base.rng import Streams
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.errors import InputError
 from csstsim.instrument.camera import load_camera
 from csstsim.layers import cte_effect, prescan_overscan
-from csstsim.rng import Streams
 
 RNG = Streams(3, "1", 9, "cte_effect")
 MANY = cte_effect.Param(density_scale=20)  # the small chip has 32 rows to a half

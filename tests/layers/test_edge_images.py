@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from readout_state import flat_state, run, small_camera
 
-from csstsim.config import SHIPPED
-from csstsim.sim_steps import SimSteps
+from csstsim.base.shipped import SHIPPED
+from csstsim.simulation.sim_steps import SimSteps
 
 STEPS = [step for step in SimSteps(SHIPPED / "observations" / "science.yaml", "SCIE") if step.module.STAGE != "render"]
 LEVEL = {"one pixel": 50.0, "zero": 0.0, "saturated": 1e6, "nan": 50.0, "negative": -50.0}  # electrons or DN

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from mini_campaign import write_scene
 
-from csstsim import in_memory, prepare
-from csstsim.campaign import OpenCampaign
+from csstsim.base.rng import Streams
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs
-from csstsim.optics.response import response_map, response_maximum
-from csstsim.rng import Streams
+from csstsim.optics.throughput.response import response_map, response_maximum
+from csstsim.stages import psf as psf_stage
+from csstsim.stages import select as select_stage
+from csstsim.stages import shared as shared_stage
 
 STREAMS = Streams(5, "10100000001", 9, "scie_obs")
 SWITCHES = [(False, True), (True, False), (True, True)]
@@ -21,11 +23,11 @@ def draw(tmp_path_factory):
     folder = tmp_path_factory.mktemp("losses")
     run = OpenCampaign(write_scene(folder, "Pair", [40.3, 90.1, 20.0], [50.2, 70.6, 110.0], mag=20.0))
     job = run.job("10100000001", 9)
-    prepare.psf(run, 9)
-    objects, psf = in_memory.selected(run, job), prepare.open_psf(run, job.chip)
+    psf_stage.psf(run, 9)
+    objects, psf = select_stage.selected(run, job), psf_stage.open_psf(run, job.chip)
 
     def made(flat, shutter):
-        state = in_memory.blank(run, job, objects)
+        state = shared_stage.blank(run, job, objects)
         state.psf, state.fidelity = psf, "noise_free"
         return scie_obs.apply(state, scie_obs.Param(flat_fielding=flat, shutter_effect=shutter), STREAMS)
 

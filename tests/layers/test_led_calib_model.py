@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from readout_state import flat_state, run, small_camera
 
-from csstsim.config import SHIPPED
+from csstsim.base.errors import InputError
+from csstsim.base.rng import Streams
+from csstsim.base.shipped import SHIPPED
 from csstsim.detector.prnu import multiply
-from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
 from csstsim.layers import led_calib_model
-from csstsim.optics.flat import FlatField
-from csstsim.optics.led import load_leds
-from csstsim.rng import Streams
-from csstsim.sim_steps import SimSteps
+from csstsim.optics.throughput.flat import FlatField
+from csstsim.optics.throughput.led import load_leds
+from csstsim.simulation.sim_steps import SimSteps
 
 STREAMS = Streams(5, "1", 9, "led_calib_model")
 

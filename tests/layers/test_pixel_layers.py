@@ -7,14 +7,14 @@ import pytest
 import yaml
 from readout_state import flat_state, small_camera
 
+from csstsim.base.errors import InputError
+from csstsim.base.rng import Streams
 from csstsim.detector import mask
 from csstsim.detector.mask import BAD_COLUMN, COSMIC_RAY, DEAD, HOT
 from csstsim.detector.prnu import CLIP, multiply
-from csstsim.errors import InputError
 from csstsim.layers import cosmic_rays, detector_defects, led_calib_model, poisson_and_dark, prnu_effect, sky_background
-from csstsim.optics.response import response_map, response_maximum
-from csstsim.rng import Streams
-from csstsim.sim_steps import SimSteps
+from csstsim.optics.throughput.response import response_map, response_maximum
+from csstsim.simulation.sim_steps import SimSteps
 
 END = [{"prescan_overscan": {}}, {"bias": {}}, {"readout_noise": {}}, {"gain": {}}, {"quantization_and_output": {}}]
 LIGHT = [{"scie_obs": {}}, {"sky_background": {}}]

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from readout_state import flat_state, plain_layers, run, small_camera
 
-from csstsim.config import SHIPPED
+from csstsim.base.rng import Streams, stream
+from csstsim.base.shipped import SHIPPED
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.layers import bias, gain, nonlinearity, poisson_and_dark, prescan_overscan, quantization_and_output
-from csstsim.rng import Streams, stream
-from csstsim.sim_steps import SimSteps
+from csstsim.simulation.sim_steps import SimSteps
 
 RNG = Streams(3, "1", 9, "layer")
 

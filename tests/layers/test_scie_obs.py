@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from mini_campaign import write_scene
 
-from csstsim import in_memory, prepare
-from csstsim.campaign import OpenCampaign
+from csstsim.base.rng import Streams
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs
-from csstsim.optics.response import response_map, response_maximum
-from csstsim.rng import Streams
+from csstsim.optics.throughput.response import response_map, response_maximum
+from csstsim.stages import psf as psf_stage
+from csstsim.stages import select as select_stage
+from csstsim.stages import shared as shared_stage
 
 STREAMS = Streams(5, "10100000001", 9, "scie_obs")
 
@@ -18,11 +20,11 @@ def test_signal_to_noise_is_of_the_layers_own_time(tmp_path):
     """A star of 27 mag lies far below the sky: ten times as long, S/N is the root of ten up, and read noise goes."""
     run = OpenCampaign(write_scene(tmp_path, "Pair", [40.3], [50.2], mag=27.0))
     job = run.job("10100000001", 9)
-    prepare.psf(run, 9)
-    objects, psf = in_memory.selected(run, job), prepare.open_psf(run, job.chip)
+    psf_stage.psf(run, 9)
+    objects, psf = select_stage.selected(run, job), psf_stage.open_psf(run, job.chip)
     snr = []
     for exptime in (150.0, 1500.0):
-        state = in_memory.blank(run, job, objects)
+        state = shared_stage.blank(run, job, objects)
         state.psf, state.fidelity = psf, "noise_free"
         truth = scie_obs.apply(state, scie_obs.Param(exptime=exptime), STREAMS).truth
         snr.append(float(truth["snr"][0]))

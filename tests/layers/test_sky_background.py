@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from readout_state import flat_state, plain_layers, run, small_camera
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.rng import Streams
 from csstsim.io.keywords import orbit_after
 from csstsim.io.level0 import write_level0
 from csstsim.layers import sky_background
-from csstsim.optics.response import response_map
-from csstsim.rng import Streams
+from csstsim.optics.throughput.response import response_map
 from csstsim.sky.background import COMPONENTS
 
 HIGH = (2596.0, 4496.0, -4357.0)  # km; POINTING's field (60, -40) is in its zenith

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from csstsim.catalog.ephemeris import observer
+from csstsim.base.rng import stream
+from csstsim.catalog.places.ephemeris import observer
 from csstsim.instrument.chip import Window
 from csstsim.measure.calibrate import Calibrated
 from csstsim.measure.catalogue import measure_frame
-from csstsim.rng import stream
 
 SIGMA = 0.95  # px: FWHM 2.2 px = 0.166 arcsec
 LIGHT = 0.998  # of the star that the PSF table holds; the rest is far wings
@@ -24,7 +24,7 @@ def integral(edges, sigma=SIGMA):
 
 
 class GaussianPsf:
-    """Stands for optics.psf_file.PsfSet: the same Gaussian everywhere, 5 um cells."""
+    """Stands for optics.psf.psf_file.PsfSet: the same Gaussian everywhere, 5 um cells."""
 
     oversampling = 2
 
@@ -34,7 +34,7 @@ class GaussianPsf:
 
 
 class FlatSky:
-    """Stands for optics.wcs.ChipWCS."""
+    """Stands for optics.geometry.wcs.ChipWCS."""
 
     def pixel_to_world(self, x, y):
         return 150.0 + np.asarray(x) * 0.074 / 3600.0, np.asarray(y) * 0.074 / 3600.0

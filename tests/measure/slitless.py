@@ -6,13 +6,13 @@ from types import SimpleNamespace
 import numpy as np
 from scipy.special import erf
 
+from csstsim.base.rng import stream
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
-from csstsim.measure.extract import Frame, Sources
-from csstsim.measure.line_profile import Shapes
-from csstsim.measure.spectral_model import make_model
-from csstsim.rng import stream
+from csstsim.measure.spectra.extract import Frame, Sources
+from csstsim.measure.spectra.line_profile import Shapes
+from csstsim.measure.spectra.spectral_model import make_model
 
 SIGMA = 1.0  # px, FWHM 2.4: of cells, pixel not included
 LIGHT = 0.97  # of a star within the PSF's box
@@ -27,7 +27,7 @@ def below(edges, sigma):
 
 
 class GaussianPsf:
-    """Stands for optics.psf_file.PsfSet."""
+    """Stands for optics.psf.psf_file.PsfSet."""
 
     oversampling = 2
 

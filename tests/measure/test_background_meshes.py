@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.stats import truncnorm
 
+from csstsim.base.rng import stream
 from csstsim.measure.background import CLIP, CLIP_LOSS, SECOND_BOX, _clipped, crude_background, masked_background
 from csstsim.measure.maps import binned
-from csstsim.rng import stream
 
 SIGMA = 5.0
 

@@ -7,12 +7,12 @@ import pytest
 from readout_state import flat_state, run, small_camera
 from scipy.special import erf
 
-from csstsim.config import SHIPPED
+from csstsim.base.rng import Streams, stream
+from csstsim.base.shipped import SHIPPED
 from csstsim.detector import mask
 from csstsim.measure import bad_pixels, catalogue
 from csstsim.measure.photometry import psf_model
-from csstsim.rng import Streams, stream
-from csstsim.sim_steps import SimSteps
+from csstsim.simulation.sim_steps import SimSteps
 
 N = 600
 

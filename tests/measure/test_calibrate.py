@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from csstsim.base.errors import InputError
+from csstsim.base.rng import stream
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.errors import InputError
 from csstsim.measure.calibrate import calibrate, overscan_level
-from csstsim.rng import stream
 
 SMALL = {
     "nx": 320, "ny": 160, "channels_x": 8, "channels_y": 2, "channel_nx": 40, "channel_ny": 80,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
 from csstsim.measure import catalogue
 from csstsim.measure.photometry import HALF, psf_model
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from csstsim.base.rng import stream
 from csstsim.measure.centroid import position_errors, windowed_positions
 from csstsim.measure.photometry import psf_model
-from csstsim.rng import stream
 
 PX = 1e-3
 

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from csstsim.base.rng import stream
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.measure.calibrate import calibrate
 from csstsim.measure.channel_figures import block_means, channel_figures
-from csstsim.rng import stream
 
 READOUT = ReadoutFrame(
     window=(32, 256, 64, 192), nx=256, ny=256, channels_x=2, channels_y=2, channel_nx=128, channel_ny=128,

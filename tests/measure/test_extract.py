@@ -10,12 +10,12 @@ import pytest
 import slitless
 from slitless import LIGHT, GaussianPsf, draw, frame_of, setting, sources_of, window_about
 
+from csstsim.base.units import ab_photon_density
 from csstsim.instrument.filter import GRID
-from csstsim.measure import extract
-from csstsim.measure.extract import extract_spectra
-from csstsim.measure.line_profile import ACROSS, OFFSETS, Shapes, broadened, psf_profile
-from csstsim.optics.beyond import read_beyond
-from csstsim.units import ab_photon_density
+from csstsim.measure.spectra import extract
+from csstsim.measure.spectra.extract import extract_spectra
+from csstsim.measure.spectra.line_profile import ACROSS, OFFSETS, Shapes, broadened, psf_profile
+from csstsim.optics.scatter.outside_box import read_beyond
 
 LINES = {"GU": 3500.0, "GV": 5200.0, "GI": 8000.0}
 PSF = GaussianPsf()

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from slitless import READ_NOISE, SKY, below
 
-from csstsim.measure import extract
-from csstsim.rng import stream
+from csstsim.base.rng import stream
+from csstsim.measure.spectra import extract
 
 SIGMA = 5.0
 TRIALS = 2000

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
+from csstsim.base.rng import stream
 from csstsim.measure.background import masked_background
-from csstsim.rng import stream
 
 galsim = pytest.importorskip("galsim")
 

@@ -5,8 +5,8 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import binary_dilation
 
+from csstsim.base.rng import stream
 from csstsim.measure.maps import binned, full_size, grown, interpolated
-from csstsim.rng import stream
 
 SHAPES = [(1, 1), (1, 5), (4, 1), (2, 2), (7, 9), (30, 41)]
 

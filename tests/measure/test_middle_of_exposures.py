@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from csstsim.base.rng import stream
 from csstsim.measure.masters import _average
-from csstsim.rng import stream
 
 READ_NOISE = np.float32(5.0)
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
+from csstsim.base.rng import stream
 from csstsim.measure.moments import SMOOTH, adaptive_moments, measure_shapes, on_sky, reduced, without_psf
 from csstsim.measure.photometry import HALF, draw_psf, psf_model
-from csstsim.rng import stream
 
 galsim = pytest.importorskip("galsim")
 

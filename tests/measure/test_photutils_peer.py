@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from csstsim.rng import stream
+from csstsim.base.rng import stream
 
 pytest.importorskip("photutils", reason="photutils, of the extra `bench`, is the peer of PSF photometry")
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from csstsim.rng import stream
+from csstsim.base.rng import stream
 
 BINS = [(5, 9), (9, 20), (20, 50), (50, 150), (150, 500)]
 

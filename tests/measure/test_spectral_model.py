@@ -5,8 +5,8 @@ import pytest
 
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.filter import GRID
-from csstsim.measure.line_profile import ACROSS, ALONG, Shapes
-from csstsim.measure.spectral_model import _counted, _share
+from csstsim.measure.spectra.line_profile import ACROSS, ALONG, Shapes
+from csstsim.measure.spectra.spectral_model import _counted, _share
 
 EDGES = np.arange(3000.0, 9000.0, 37.0)
 STEP = GRID[1] - GRID[0]

@@ -73,6 +73,5 @@ def _entry(folder, values, root):
 
 
 def _mirror(file, root):
-    path = Path(file)
-    name = Path(path.parent, f"test_{path.name}")
-    return [str(name)] if (root / TESTS / name).is_file() else []
+    top, name = Path(file).parts[0], f"test_{Path(file).name}"
+    return [str(path.relative_to(root / TESTS)) for path in sorted((root / TESTS / top).rglob(name))]

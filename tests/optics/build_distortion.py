@@ -1,19 +1,20 @@
-"""Builder of config/instrument/distortion.fits, the field distortion that simulations use (csstsim.optics.distortion).
+"""Builder of config/instrument/distortion.fits, the field distortion that simulations use (optics.geometry.distortion).
 
     python tests/optics/build_distortion.py [config/instrument]
     python tests/optics/build_distortion.py --placement SEED       prints placement rows for distortion.yaml
 
-The model is fitted to 30 x 30 samples on each chip of what distortion.yaml describes (csstsim.optics.focal_plane).
+The model is fitted to 30 x 30 samples on each chip of what distortion.yaml describes
+(csstsim.optics.geometry.focal_plane).
 """
 
 import sys
 from pathlib import Path
 
-from csstsim.config import SHIPPED
+from csstsim.base.rng import stream
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
-from csstsim.optics.distortion import fit, write_distortion
-from csstsim.optics.focal_plane import load_focal_plane, samples
-from csstsim.rng import stream
+from csstsim.optics.geometry.distortion import fit, write_distortion
+from csstsim.optics.geometry.focal_plane import load_focal_plane, samples
 
 ABOUT = [
     "Field distortion of the CSST Survey Camera: coefficients of csstsim.",

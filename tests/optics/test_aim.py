@@ -4,12 +4,12 @@ import math
 
 import pytest
 
-from csstsim.catalog.astrometry import apparent
-from csstsim.catalog.ephemeris import observer
-from csstsim.errors import InputError
-from csstsim.optics.aim import aim, exposure_of
-from csstsim.optics.distortion import load_distortion
-from csstsim.optics.wcs import ChipWCS, gnomonic
+from csstsim.base.errors import InputError
+from csstsim.catalog.places.astrometry import apparent
+from csstsim.catalog.places.ephemeris import observer
+from csstsim.optics.geometry.aim import aim, exposure_of
+from csstsim.optics.geometry.distortion import load_distortion
+from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
 
 PIXEL = 4500.0, 4700.0
 CLOSE = 1e-6  # px

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from csstsim.errors import InputError
-from csstsim.optics.chip_errors import (
+from csstsim.base.errors import InputError
+from csstsim.optics.psf.chip_errors import (
     chip_coefficients,
     chip_position,
     detector_defocus,
     filter_figure,
     mosaic_position,
 )
-from csstsim.optics.wavefront import load_wavefront
+from csstsim.optics.psf.wavefront import load_wavefront
 
 
 def chips(camera, count):

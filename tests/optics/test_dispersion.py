@@ -9,7 +9,7 @@ from grating_scene import GV, SPLIT, disperser_of
 from scipy.integrate import trapezoid
 
 from csstsim.instrument.filter import GRID
-from csstsim.optics.dispersion import Disperser
+from csstsim.optics.gratings.dispersion import Disperser
 
 SLITLESS = 1, GV, 3  # GI, GV, GU
 

@@ -5,14 +5,14 @@ import pytest
 from astropy.io import fits
 from astropy.wcs import WCS
 
+from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.table import GALAXY, ObjectTable
-from csstsim.config import SHIPPED
 from csstsim.instrument.chip import Window
-from csstsim.optics.distortion import fit, load_distortion
-from csstsim.optics.focal_plane import FocalPlane, Placement, samples
-from csstsim.optics.sip import sip_header
-from csstsim.optics.wcs import ChipWCS, chip_plane
-from csstsim.render.reference import draw_objects
+from csstsim.optics.geometry.distortion import fit, load_distortion
+from csstsim.optics.geometry.focal_plane import FocalPlane, Placement, samples
+from csstsim.optics.geometry.sip import sip_header
+from csstsim.optics.geometry.wcs import ChipWCS, chip_plane
+from csstsim.render.imaging.reference import draw_objects
 
 BORESIGHTS = [(60.0, -40.0, -113.4333), (0.001, 30.0, 77.0), (10.0, 90.0, 20.0)]
 

@@ -6,15 +6,15 @@ from astropy.wcs import WCS
 from optics.build_distortion import build
 from scipy.interpolate import NdBSpline
 
-from csstsim.campaign import EDGE_PX
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.opened import EDGE_PX
 from csstsim.catalog.reach import REACH_MAX
 from csstsim.catalog.select import BRICK_MARGIN_DEG, DISTORTION_PX
-from csstsim.config import SHIPPED
-from csstsim.errors import InputError
-from csstsim.optics import spline
-from csstsim.optics.distortion import FieldDistortion, fit, load_distortion, write_distortion
-from csstsim.optics.focal_plane import FocalPlane, Placement, load_focal_plane, samples
-from csstsim.optics.wcs import ChipWCS, chip_plane
+from csstsim.optics.geometry import spline
+from csstsim.optics.geometry.distortion import FieldDistortion, fit, load_distortion, write_distortion
+from csstsim.optics.geometry.focal_plane import FocalPlane, Placement, load_focal_plane, samples
+from csstsim.optics.geometry.wcs import ChipWCS, chip_plane
 
 FOLDER = SHIPPED / "instrument"
 NX, NY = 9216, 9232

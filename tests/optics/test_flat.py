@@ -6,15 +6,15 @@ from functools import partial
 import numpy as np
 import pytest
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.rng import stream
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
-from csstsim.optics.coarse_grid import expand, grid_pixels
-from csstsim.optics.flat import FlatField, _mosaic, check_flat
-from csstsim.optics.led import load_leds
-from csstsim.optics.response import response_map
-from csstsim.optics.wcs import chip_plane
-from csstsim.rng import stream
+from csstsim.optics.geometry.wcs import chip_plane
+from csstsim.optics.throughput.coarse_grid import expand, grid_pixels
+from csstsim.optics.throughput.flat import FlatField, _mosaic, check_flat
+from csstsim.optics.throughput.led import load_leds
+from csstsim.optics.throughput.response import response_map
 
 EXPANSION = 1e-5  # relative: bilinear grid against the polynomials
 

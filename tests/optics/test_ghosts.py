@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from csstsim.errors import InputError
-from csstsim.optics.beyond import beyond_box
-from csstsim.optics.ghosts import make_ghosts
+from csstsim.base.errors import InputError
+from csstsim.optics.scatter.ghosts import make_ghosts
+from csstsim.optics.scatter.outside_box import beyond_box
 
 GEOMETRY = {
     "gap": 20.0,

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
-from csstsim.optics.grating_rays import trajectories
+from csstsim.optics.gratings.grating_rays import trajectories
 
 PUPIL = 19500.0  # mm
 

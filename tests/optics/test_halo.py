@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad, quad
 
-from csstsim.errors import InputError
-from csstsim.optics.beyond import Beyond, beyond_box, read_beyond
-from csstsim.optics.halo import make_wing
-from csstsim.optics.psf import Diffraction, blur, pixel_response
-from csstsim.optics.wavefront import load_wavefront
+from csstsim.base.errors import InputError
+from csstsim.optics.psf.psf_set import Diffraction, blur, pixel_response
+from csstsim.optics.psf.wavefront import load_wavefront
+from csstsim.optics.scatter.halo import make_wing
+from csstsim.optics.scatter.outside_box import Beyond, beyond_box, read_beyond
 
 WAVES = np.array([5500.0, 6000.0, 6328.0, 6900.0])
 DARK = {"terms": [], "reference": 6328.0}

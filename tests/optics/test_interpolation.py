@@ -5,8 +5,8 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial import ConvexHull, cKDTree
 
-from csstsim.errors import InputError
-from csstsim.optics.interpolation import METHODS, Interpolator
+from csstsim.base.errors import InputError
+from csstsim.optics.psf.interpolation import METHODS, Interpolator
 
 SIDE_X, SIDE_Y = 9215.5, 9231.5
 

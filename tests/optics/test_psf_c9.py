@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from mini_campaign import write_campaign
 
-from csstsim import prepare
-from csstsim.campaign import OpenCampaign
-from csstsim.errors import InputError
-from csstsim.optics.chip_errors import chip_coefficients, mosaic_position
-from csstsim.optics.psf import PsfSet, chip_optics, make_psf, node_psf
-from csstsim.optics.psf_c9 import convert
-from csstsim.optics.wavefront import load_wavefront
+from csstsim.base.errors import InputError
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.optics.psf.chip_errors import chip_coefficients, mosaic_position
+from csstsim.optics.psf.psf_c9 import convert
+from csstsim.optics.psf.psf_set import PsfSet, chip_optics, make_psf, node_psf
+from csstsim.optics.psf.wavefront import load_wavefront
+from csstsim.stages import psf as psf_stage
 
 
 @pytest.fixture(scope="module")
@@ -137,11 +137,11 @@ def test_a_campaign_takes_its_library(own, tmp_path):
     run = OpenCampaign(path)
     chip, job = run.camera.chips[9], run.jobs[0]
     with pytest.raises(InputError, match=r"psfCube_9\.h5: cannot read"):
-        prepare.psf(run, 9)
+        psf_stage.psf(run, 9)
     corners = np.array([[0.0, 0.0], [127.0, 0.0], [0.0, 127.0], [127.0, 127.0]])
     write_library(tmp_path, chip, np.array(own.image), corners, mm=False)
-    prepare.psf(run, 9)
-    psf = prepare.open_psf(run, job.chip)
+    psf_stage.psf(run, 9)
+    psf = psf_stage.open_psf(run, job.chip)
     assert psf.nodes_xy == pytest.approx(corners)
     assert psf.image.shape == (4, 4, 256, 256)
     assert psf.attributes["filter"] == "r"

@@ -9,17 +9,18 @@ import h5py
 import numpy as np
 import pytest
 
-from csstsim.config import SHIPPED, PsfConfig
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.config import PsfConfig
 from csstsim.instrument.camera import load_camera
-from csstsim.optics.chip_errors import chip_coefficients
-from csstsim.optics.distortion import load_distortion
-from csstsim.optics.focal_plane import load_focal_plane, samples
-from csstsim.optics.interpolation import METHODS, Interpolator
-from csstsim.optics.psf import Diffraction, PsfSet, blur, make_psf, node_psf, pixel_response
-from csstsim.optics.wavefront import load_wavefront
-from csstsim.optics.wcs import ChipWCS
-from csstsim.prepare import open_psf
+from csstsim.optics.geometry.distortion import load_distortion
+from csstsim.optics.geometry.focal_plane import load_focal_plane, samples
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.psf.chip_errors import chip_coefficients
+from csstsim.optics.psf.interpolation import METHODS, Interpolator
+from csstsim.optics.psf.psf_set import Diffraction, PsfSet, blur, make_psf, node_psf, pixel_response
+from csstsim.optics.psf.wavefront import load_wavefront
+from csstsim.stages.psf import open_psf
 
 GRID, CELLS = 3, 32
 

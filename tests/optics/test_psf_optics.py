@@ -8,11 +8,11 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import j0, j1, jn_zeros
 
-from csstsim.config import SHIPPED
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
-from csstsim.optics.psf import Diffraction, blur, node_psf, pixel_response, windowed_centroid
-from csstsim.optics.wavefront import load_wavefront
+from csstsim.optics.psf.psf_set import Diffraction, blur, node_psf, pixel_response, windowed_centroid
+from csstsim.optics.psf.wavefront import load_wavefront
 
 CELL = 0.037  # arcsec
 PARAMS = read_data(SHIPPED / "instrument" / "psf.yaml")

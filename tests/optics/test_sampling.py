@@ -7,12 +7,12 @@ import galsim
 import numpy as np
 import pytest
 
-from csstsim.errors import InputError
-from csstsim.optics.chip_errors import chip_coefficients
-from csstsim.optics.psf import chip_optics, oversampling_of, pixel_response
-from csstsim.optics.psf_file import half_pixels
-from csstsim.optics.wavefront import load_wavefront
-from csstsim.render.reference import GSPARAMS, PSF_MAXK
+from csstsim.base.errors import InputError
+from csstsim.optics.psf.chip_errors import chip_coefficients
+from csstsim.optics.psf.psf_file import half_pixels
+from csstsim.optics.psf.psf_set import chip_optics, oversampling_of, pixel_response
+from csstsim.optics.psf.wavefront import load_wavefront
+from csstsim.render.imaging.reference import GSPARAMS, PSF_MAXK
 
 BOX, HALF = 32, 10  # px
 

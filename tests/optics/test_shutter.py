@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from csstsim.errors import InputError
-from csstsim.optics.chip_errors import mosaic_position
-from csstsim.optics.shutter import deficit, exposed
-from csstsim.optics.wcs import chip_plane
+from csstsim.base.errors import InputError
+from csstsim.optics.geometry.wcs import chip_plane
+from csstsim.optics.psf.chip_errors import mosaic_position
+from csstsim.optics.throughput.shutter import deficit, exposed
 
 TIME_S = 1e-5  # what the exposure of a column may be off
 

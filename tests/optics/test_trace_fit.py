@@ -5,12 +5,12 @@ import pytest
 from click.testing import CliRunner
 from instrument.build_gratings import described, print_samples
 
-from csstsim.cli import main
-from csstsim.config import SHIPPED
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
+from csstsim.command_line.main import main
 from csstsim.instrument.axe import COEFFICIENTS, field_terms, read_axe
 from csstsim.instrument.load import read_data
-from csstsim.optics.trace_fit import COLUMNS, fit_traces, read_trajectories, residuals
+from csstsim.optics.gratings.trace_fit import COLUMNS, fit_traces, read_trajectories, residuals
 
 KNOWN = {  # over a whole chip: angstrom / px to 1%, slopes to 1e-3
     "a0": [2.0, 1e-4, -2e-4, 1e-9, 3e-9, -2e-9],

@@ -6,10 +6,10 @@ import galsim
 import numpy as np
 import pytest
 
-from csstsim.config import SHIPPED
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
-from csstsim.optics.wavefront import load_wavefront, mirror_screen, noll_to_nm, zernike
+from csstsim.optics.psf.wavefront import load_wavefront, mirror_screen, noll_to_nm, zernike
 
 GRID = np.linspace(-1, 1, 401)
 U, V = np.meshgrid(GRID, GRID)

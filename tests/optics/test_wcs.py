@@ -9,7 +9,7 @@ from mini import INSTRUMENT
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import Pointing
-from csstsim.optics.wcs import ChipWCS, mosaic_cd, nominal_crpix
+from csstsim.optics.geometry.wcs import ChipWCS, mosaic_cd, nominal_crpix
 
 TOLERANCE = 1e-6  # arcsec
 BORESIGHTS = [

@@ -6,8 +6,13 @@ from astropy.io import fits
 from mini_campaign import POINTINGS, write_campaign, write_scene
 from tangent_header import tangent_header
 
-from csstsim import prepare, stages
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.stages import chip as chip_stage
+from csstsim.stages import level0 as level0_stage
+from csstsim.stages import psf as psf_stage
+from csstsim.stages import readout as readout_stage
+from csstsim.stages import render as render_stage
+from csstsim.stages import select as select_stage
 
 PLACES = ([30.0, 60.0, 90.0], [40.0, 60.0, 95.0])
 
@@ -17,8 +22,8 @@ def exposure(tmp_path_factory):
     """The (campaign, job) of a star at 30, 40 and galaxies at 60, 60 and 90, 95, run stage by stage."""
     run = OpenCampaign(write_scene(tmp_path_factory.mktemp("scene"), "Pair", *PLACES, 18.0))
     job = run.jobs[0]
-    prepare.psf(run, job.chip.id)
-    for stage in (stages.select, stages.render, stages.readout, stages.level0):
+    psf_stage.psf(run, job.chip.id)
+    for stage in (select_stage.select, render_stage.render, readout_stage.readout, level0_stage.level0):
         stage(run, job)
     return run, job
 
@@ -37,7 +42,7 @@ def windowed(tmp_path_factory):
     path = write_campaign(folder, [POINTINGS[2]], select={"types": ["BIAS"], "chips": [9]}, window=window)
     run = OpenCampaign(path)
     job = run.jobs[0]
-    stages.chip(run, job, say=lambda text: None)
+    chip_stage.chip(run, job, say=lambda text: None)
     return run.paths.level0(job.pointing, job.chip.id)
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from csstsim.base.errors import InputError
 from csstsim.catalog.table import ObjectTable
-from csstsim.errors import InputError
 from csstsim.quicklook.blocks import block_mean
 from csstsim.quicklook.marks import brightest, legend_title
 from csstsim.quicklook.stretch import BELOW, STRETCHES, make_norm, robust_limits, ticks

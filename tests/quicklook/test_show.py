@@ -9,7 +9,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
 from csstsim.catalog.table import ObjectTable
-from csstsim.cli import main
+from csstsim.command_line.main import main
 from csstsim.io.frames import load_frame, save_frame
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth

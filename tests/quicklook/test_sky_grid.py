@@ -6,10 +6,10 @@ from astropy.io import fits
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from tangent_header import tangent_header
 
-from csstsim.config import SHIPPED
-from csstsim.optics.distortion import load_distortion
-from csstsim.optics.sip import sip_header
-from csstsim.optics.wcs import ChipWCS
+from csstsim.base.shipped import SHIPPED
+from csstsim.optics.geometry.distortion import load_distortion
+from csstsim.optics.geometry.sip import sip_header
+from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.quicklook.figure import draw
 from csstsim.quicklook.picture import read_picture
 from csstsim.quicklook.sky_grid import LINEAR, exposure_wcs, header_wcs

@@ -3,8 +3,8 @@
 import galsim
 import numpy as np
 
-from csstsim.optics.psf_file import pixel_response
-from csstsim.render.reference import GSPARAMS, PSF_MAXK
+from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.render.imaging.reference import GSPARAMS, PSF_MAXK
 from csstsim.render.scene import Scene, sersic_b
 
 SCALE = 0.074  # arcsec per pixel

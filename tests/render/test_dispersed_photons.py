@@ -8,11 +8,11 @@ from grating_scene import GV, SIGMA_PX, SPLIT, by_hand, disperser_of, gaussian_p
 from scipy.special import ndtr
 
 from csstsim.instrument.chip import Window
-from csstsim.optics.beyond import beyond_box
-from csstsim.optics.dispersion import Disperser
-from csstsim.render import dispersed_photons
-from csstsim.render.dispersed_photons import shoot_spectra
+from csstsim.optics.gratings.dispersion import Disperser
+from csstsim.optics.scatter.outside_box import beyond_box
 from csstsim.render.psf_table import make_table
+from csstsim.render.slitless import dispersed_photons
+from csstsim.render.slitless.dispersed_photons import shoot_spectra
 
 SIGMA = 5.0
 WINDOW = Window(1500, 6200, 4780, 4920)

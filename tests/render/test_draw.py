@@ -7,10 +7,11 @@ from test_reference import EXPTIME, objects
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, SKIPPED_FAINT, TRUNCATED_STAMP
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.chip import Window
-from csstsim.optics.beyond import Beyond, read_beyond
-from csstsim.optics.wcs import ChipWCS
-from csstsim.render import policy, reference
-from csstsim.render.draw import draw_objects, object_keys_of
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.scatter.outside_box import Beyond, read_beyond
+from csstsim.render import policy
+from csstsim.render.imaging import reference
+from csstsim.render.imaging.draw import draw_objects, object_keys_of
 from csstsim.render.psf_table import make_table
 from csstsim.render.scene import Scene
 

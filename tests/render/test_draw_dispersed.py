@@ -7,13 +7,13 @@ from grating_scene import SPLIT, gaussian_psf
 from scipy.special import erf
 
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, TRUNCATED_STAMP
-from csstsim.catalog.spectra import catalog_spectra
+from csstsim.catalog.light.object_spectra import catalog_spectra
 from csstsim.instrument.chip import Window
-from csstsim.optics.beyond import Beyond, beyond_box
-from csstsim.render import draw_dispersed as engine
+from csstsim.optics.scatter.outside_box import Beyond, beyond_box
 from csstsim.render import policy
-from csstsim.render.numbers import load_numbers
 from csstsim.render.psf_table import make_table
+from csstsim.render.settings import load_numbers
+from csstsim.render.slitless import draw_dispersed as engine
 
 WINDOW = Window(4000, 7000, 4700, 5000)
 

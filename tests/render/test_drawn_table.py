@@ -7,14 +7,14 @@ from test_reference import EXPTIME, objects
 from csstsim.catalog.flags import FFT_REDUCED, OFF_CHIP
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
-from csstsim.optics.beyond import Beyond
-from csstsim.optics.wcs import ChipWCS
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.scatter.outside_box import Beyond
 from csstsim.render import policy
-from csstsim.render.draw import draw_objects
-from csstsim.render.numbers import load_numbers
+from csstsim.render.imaging.draw import draw_objects
+from csstsim.render.imaging.stamps import _clip_negative
 from csstsim.render.psf_table import make_table
 from csstsim.render.scene import make_scene
-from csstsim.render.stamps import _clip_negative
+from csstsim.render.settings import load_numbers
 from csstsim.render.wings import box_share
 
 WINDOW = Window(4000, 4200, 4000, 4120)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from csstsim.render.error_model import predicted
-from csstsim.render.numbers import load_numbers
 from csstsim.render.scene import Scene, sersic_b
+from csstsim.render.settings import load_numbers
 
 NUMBERS = load_numbers().error
 PER_ARCSEC = 1 / 0.074  # px

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from csstsim.instrument.chip import Window
-from csstsim.optics.beyond import read_beyond
+from csstsim.optics.scatter.outside_box import read_beyond
 from csstsim.render.far_wings import FACTOR, MESH, OVER, FarWings
-from csstsim.render.octaves import first_of, nodes
+from csstsim.render.octave_table import first_of, nodes
 from csstsim.render.wings import NEAR, add_far, wing_beyond
 
 WINDOW = Window(1003, 2100, 507, 1411)

@@ -6,8 +6,8 @@ from galaxies import scene_of, shaped
 from grating_scene import gaussian_psf
 
 from csstsim.instrument.chip import Window
-from csstsim.render.galaxy_stamp import plan_galaxies
-from csstsim.render.stamps import draw_scene
+from csstsim.render.imaging.galaxy_stamp import plan_galaxies
+from csstsim.render.imaging.stamps import draw_scene
 
 WINDOW = Window(3500, 4501, 4500, 5501)
 REACH, BOX_PX = 480, 16.0

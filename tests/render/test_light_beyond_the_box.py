@@ -5,17 +5,17 @@ import pytest
 from galaxies import scene_of, shaped
 from scipy.stats import chi2_contingency
 
+from csstsim.base.counter import object_keys
 from csstsim.catalog.flags import FFT_REDUCED
-from csstsim.counter import object_keys
 from csstsim.instrument.chip import Window
-from csstsim.optics.beyond import Beyond, read_beyond
-from csstsim.render.galaxy_stamp import plan_galaxies
-from csstsim.render.line_wings import order_wing
-from csstsim.render.photons import shoot_scene
-from csstsim.render.places import from_profile
+from csstsim.optics.scatter.outside_box import Beyond, read_beyond
+from csstsim.render.imaging.galaxy_stamp import plan_galaxies
+from csstsim.render.imaging.photons import shoot_scene
+from csstsim.render.imaging.stamps import draw_scene
+from csstsim.render.photon_places import from_profile
 from csstsim.render.psf_table import make_table
 from csstsim.render.scene import sersic_b
-from csstsim.render.stamps import draw_scene
+from csstsim.render.slitless.line_wings import order_wing
 
 SIGMA = 5.0
 WINDOW = Window(3700, 4301, 4700, 5301)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from csstsim.instrument.chip import Window
-from csstsim.optics.beyond import Beyond, beyond_box
+from csstsim.optics.scatter.outside_box import Beyond, beyond_box
 from csstsim.render.far_wings import FarWings
-from csstsim.render.line_wings import LINE_STEP, add_line, order_wing, points_of
+from csstsim.render.slitless.line_wings import LINE_STEP, add_line, order_wing, points_of
 from csstsim.render.wings import add_far, wing_beyond
 
 WINDOW = Window(2800, 4200, 4300, 5400)

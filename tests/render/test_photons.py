@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 from scipy.interpolate import BSpline
 
+from csstsim.base.counter import object_keys
 from csstsim.catalog.table import STAR, ObjectTable
-from csstsim.counter import object_keys
 from csstsim.instrument.chip import Window
-from csstsim.optics.beyond import read_beyond
-from csstsim.optics.psf import PsfSet, pixel_response
-from csstsim.optics.psf_file import write_psf
-from csstsim.optics.wcs import ChipWCS
-from csstsim.render.photons import shoot_scene
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.psf.psf_file import write_psf
+from csstsim.optics.psf.psf_set import PsfSet, pixel_response
+from csstsim.optics.scatter.outside_box import read_beyond
+from csstsim.render.imaging.photons import shoot_scene
+from csstsim.render.imaging.reference import PSF_MAXK, draw_objects
 from csstsim.render.psf_table import make_table
-from csstsim.render.reference import PSF_MAXK, draw_objects
 from csstsim.render.scene import Scene, make_scene, sersic_b
 
 SIGMA = 5.0

@@ -5,8 +5,8 @@ import pytest
 import scipy.ndimage
 from scipy.interpolate import BSpline
 
-from csstsim.errors import InputError
-from csstsim.optics.psf_file import PsfSet, write_psf
+from csstsim.base.errors import InputError
+from csstsim.optics.psf.psf_file import PsfSet, write_psf
 from csstsim.render.psf_table import make_table, read_tables, spline_coefficients, write_tables
 
 CELL = 1e-6  # of the peak: what a cell's integral may be off (images are float32)

@@ -6,8 +6,8 @@ import pytest
 from scipy import stats
 from scipy.special import gammainc, gammaincinv, gammaln
 
-from csstsim.counter import word
-from csstsim.render.radius import RINGED, RINGS, gamma, ring
+from csstsim.base.counter import word
+from csstsim.render.profiles.radius import RINGED, RINGS, gamma, ring
 
 RANDOM = 200_000  # draws
 P_VALUE = 1e-5  # 4.4 sigma

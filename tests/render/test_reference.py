@@ -7,9 +7,9 @@ from astropy.wcs import WCS
 from csstsim.catalog.flags import BAD_VALUE, FFT_REDUCED, OFF_CHIP
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.chip import Window
-from csstsim.optics.psf import pixel_response, windowed_centroid
-from csstsim.optics.wcs import ChipWCS
-from csstsim.render.reference import draw_objects
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.psf.psf_set import pixel_response, windowed_centroid
+from csstsim.render.imaging.reference import draw_objects
 
 EXPTIME = 100.0
 WINDOW = Window(4000, 4400, 5000, 5300)

@@ -5,19 +5,19 @@ import numpy as np
 import pytest
 from test_reference import objects
 
+from csstsim.base.counter import object_keys
 from csstsim.catalog.table import GALAXY
-from csstsim.counter import object_keys
 from csstsim.instrument.chip import Window
-from csstsim.optics.beyond import beyond_box, read_beyond
-from csstsim.optics.dispersion import Disperser
-from csstsim.optics.psf import PsfSet, make_psf, pixel_response
-from csstsim.optics.wcs import ChipWCS
-from csstsim.render.dispersed_photons import shoot_spectra
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.gratings.dispersion import Disperser
+from csstsim.optics.psf.psf_set import PsfSet, make_psf, pixel_response
+from csstsim.optics.scatter.outside_box import beyond_box, read_beyond
+from csstsim.render.imaging.reference import lattice
 from csstsim.render.psf_table import read_tables, write_tables
-from csstsim.render.reference import lattice
-from csstsim.render.reference_dispersed import draw_objects
 from csstsim.render.scene import make_scene
-from csstsim.render.slabs import draw_spectra
+from csstsim.render.slitless.dispersed_photons import shoot_spectra
+from csstsim.render.slitless.reference_dispersed import draw_objects
+from csstsim.render.slitless.slabs import draw_spectra
 
 CHIP, EXPTIME = 29, 150.0
 X, Y = 2500.3, 4600.7  # on the left grating, whose first order lies to the right

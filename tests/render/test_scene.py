@@ -6,7 +6,7 @@ import pytest
 from test_reference import objects
 
 from csstsim.catalog.table import GALAXY, STAR
-from csstsim.optics.wcs import ChipWCS
+from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.render.scene import shape_matrix
 
 SHAPES = [(0.0, 0.0), (0.3, 0.0), (0.0, -0.4), (0.2, 0.5)]

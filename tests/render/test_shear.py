@@ -8,11 +8,11 @@ import pytest
 from embedded_sky import embedded_catalog
 
 from csstsim.bench import shear
-from csstsim.catalog.astrometry import icrs
+from csstsim.catalog.places.astrometry import icrs
 from csstsim.catalog.select import Noise, region_for, select_objects
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
-from csstsim.optics.wcs import ChipWCS
+from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.render.psf_mixture import Mixer
 from csstsim.render.psf_table import make_table
 

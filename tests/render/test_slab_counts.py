@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from csstsim.render.numbers import load_numbers
-from csstsim.render.slab_counts import allowed_error, fewest, roughness
+from csstsim.render.settings import load_numbers
+from csstsim.render.slitless.slab_counts import allowed_error, fewest, roughness
 
 BINS = 2000
 

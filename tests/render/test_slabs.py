@@ -10,10 +10,10 @@ from scipy.special import ndtr
 
 from csstsim.catalog.flags import OUTSIDE_PSF_HULL
 from csstsim.instrument.chip import Window
-from csstsim.optics.beyond import Beyond, beyond_box
-from csstsim.render.dispersed_photons import shoot_spectra
+from csstsim.optics.scatter.outside_box import Beyond, beyond_box
 from csstsim.render.psf_table import make_table
-from csstsim.render.slabs import PER_PX, draw_spectra
+from csstsim.render.slitless.dispersed_photons import shoot_spectra
+from csstsim.render.slitless.slabs import PER_PX, draw_spectra
 
 SIGMA = 5.0
 WINDOW = Window(1500, 6200, 4780, 4920)

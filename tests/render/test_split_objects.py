@@ -6,8 +6,8 @@ from dispersed_sky import Sky
 from grating_scene import SPLIT, gaussian_psf
 
 from csstsim.instrument.chip import Window
-from csstsim.render.draw_dispersed import _visit_keys
 from csstsim.render.psf_table import make_table
+from csstsim.render.slitless.draw_dispersed import _visit_keys
 
 WINDOW = Window(4000, 7000, 4780, 4920)
 ONE_GRATING = 0.02  # the two gratings' throughputs differ by less

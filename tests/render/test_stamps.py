@@ -6,11 +6,11 @@ from galaxies import scene_of, shaped
 
 from csstsim.catalog.flags import OFF_CHIP, OUTSIDE_PSF_HULL
 from csstsim.instrument.chip import Window
-from csstsim.optics.beyond import Beyond, read_beyond
-from csstsim.optics.psf_file import pixel_response
-from csstsim.render import stamps
+from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.optics.scatter.outside_box import Beyond, read_beyond
+from csstsim.render.imaging import stamps
+from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.psf_mixture import Mixer
-from csstsim.render.stamps import draw_scene
 
 WINDOW = Window(4000, 4400, 5000, 5300)
 ALL = 1e5  # electrons

@@ -5,7 +5,7 @@ import pytest
 from test_draw import scene_of
 
 from csstsim.instrument.chip import Window
-from csstsim.render.unresolved import MESH, add_unresolved
+from csstsim.render.imaging.unresolved import MESH, add_unresolved
 
 WINDOW = Window(1000, 1700, 500, 1111)
 ALL = np.ones(WINDOW.shape, np.float32)

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from test_reference import EXPTIME, objects
 
+from csstsim.base.rng import Streams
 from csstsim.catalog.flags import OFF_CHIP, TRUNCATED_STAMP
 from csstsim.catalog.reach import wing_reach
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs
-from csstsim.optics.beyond import Beyond, read_beyond
-from csstsim.optics.wcs import ChipWCS
-from csstsim.render.reference import draw_objects
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.scatter.outside_box import Beyond, read_beyond
+from csstsim.render.imaging.reference import draw_objects
+from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.scene import make_scene
-from csstsim.render.stamps import draw_scene
 from csstsim.render.wings import add_ghosts, box_share, ring_within, step, tables, wing_beyond
-from csstsim.rng import Streams
-from csstsim.state import State
+from csstsim.simulation.state import State
 
 VARIANCE = 60.0  # e-^2, of a pixel in r
 SKY = np.sqrt(VARIANCE)

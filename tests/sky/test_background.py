@@ -7,7 +7,7 @@ from astropy.time import Time
 from sky_places import AHEAD, PLACE, camera, numbers, sun_at, towards_limb
 from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement, units
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
 from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import mjd_utc
 from csstsim.sky import background
@@ -20,10 +20,10 @@ from csstsim.sky.background import (
     lines_of_sight,
     sky_components,
 )
+from csstsim.sky.background_spectra import band, blackbody_over_sun, magnitude_ratio, photons, solar_continuum, sunlight
 from csstsim.sky.bodies import bodies
+from csstsim.sky.directions import angle, telescope_axes, unit
 from csstsim.sky.earthshine import earthshine
-from csstsim.sky.frame import angle, telescope_axes, unit
-from csstsim.sky.spectra import band, blackbody_over_sun, magnitude_ratio, photons, solar_continuum, sunlight
 from csstsim.sky.transmittance import angles, total
 from csstsim.sky.zodiacal import spectrum
 

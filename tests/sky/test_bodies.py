@@ -9,7 +9,7 @@ from sky_places import numbers
 
 from csstsim.instrument.pointing import mjd_utc
 from csstsim.sky.bodies import bodies, exposure_angles
-from csstsim.sky.frame import angle, helioecliptic, telescope_axes, unit
+from csstsim.sky.directions import angle, helioecliptic, telescope_axes, unit
 
 PLACE, VELOCITY = (1200.0, -5300.0, 3980.0), (5.1, 3.7, 3.4)
 
@@ -104,7 +104,7 @@ def test_telescope_axes_against_the_wcs(pa):
     from sky_places import camera
 
     from csstsim.instrument.pointing import Pointing
-    from csstsim.optics.wcs import ChipWCS
+    from csstsim.optics.geometry.wcs import ChipWCS
 
     wcs = ChipWCS(camera().chips[9], Pointing(**(POINTING | {"pa": pa})))
     x0, y0 = wcs.crpix - 1

@@ -8,14 +8,14 @@ from readout_state import flat_state
 from scipy.stats import qmc
 from sky_places import camera, numbers
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.rng import Streams
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.grating import Grating, Gratings, Order
 from csstsim.layers import sky_background
-from csstsim.rng import Streams
+from csstsim.sky.background_spectra import band
 from csstsim.sky.dispersed import disperse, node_rows, nominal_spectrum, order_rows, sky_spectrum
-from csstsim.sky.spectra import band
 
 CAMERA, N = camera(), numbers()
 SLITLESS = [chip.id for chip in CAMERA.slitless_chips]

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from sky_places import AHEAD, PLACE, camera, door_azimuth, numbers, sun_at, towards_limb
 
+from csstsim.base.units import EARTH_RADIUS_KM
 from csstsim.sky.background import band_rates
+from csstsim.sky.background_spectra import band, photons, pixel_etendue
 from csstsim.sky.bodies import earth_radius
+from csstsim.sky.directions import angle, unit
 from csstsim.sky.earthshine import earthshine, segments
-from csstsim.sky.frame import angle, unit
-from csstsim.sky.spectra import band, photons, pixel_etendue
-from csstsim.units import EARTH_RADIUS_KM
 
 HST = {24: 2.0, 38: 1.0, 50: 0.5}  # times "high", STIS handbook figure 6.2
 
@@ -86,7 +86,7 @@ def test_midnight_is_dark(sun_zenith):
 
 def test_terminator_is_brighter_on_the_sunny_side():
     """Sun on the eastern horizon: looking over the lit limb gives more than over the dark one."""
-    from csstsim.sky.frame import telescope_axes
+    from csstsim.sky.directions import telescope_axes
 
     sun, zenith = unit(95.0, 0.0), 180.0 - np.degrees(earth_radius(PLACE)) - 38.0
     east, west = telescope_axes(zenith, 0.0, 0.0), telescope_axes(-zenith, 0.0, 0.0)

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from sky_places import AHEAD, numbers
 
-from csstsim.errors import InputError
-from csstsim.sky.door import scattered, shade, solid_angle, zenith_angle
-from csstsim.sky.numbers import sky_numbers
+from csstsim.base.errors import InputError
+from csstsim.sky.aperture_door import scattered, shade, solid_angle, zenith_angle
+from csstsim.sky.parameters import sky_numbers
 from csstsim.sky.transmittance import azimuth_from, total, transmittance
 
 N = numbers()

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from sky_places import numbers
 
-from csstsim.errors import InputError
-from csstsim.sky.spectra import photons
+from csstsim.base.errors import InputError
+from csstsim.sky.background_spectra import photons
 from csstsim.sky.zodiacal import elongation, intensity, mixture, spectrum
 
 TABLE = numbers().zodiacal

@@ -1,6 +1,6 @@
 """What the stability suite is made of: an exposure from a catalogue's bare columns, and how much light it must have.
 
-catalog.select chooses and flags, render.draw draws. As a program it draws a crowd and prints what came:
+catalog.select chooses and flags, render.imaging.draw draws. As a program it draws a crowd and prints what came:
 
     python exposure.py PSF_FILE FIDELITY OBJECTS
 """
@@ -15,23 +15,23 @@ import numpy as np
 import pytest
 from scipy.special import gammainc
 
+from csstsim.base.rng import stream
+from csstsim.base.shipped import SHIPPED
 from csstsim.bench.setting import POINTING
-from csstsim.catalog.astrometry import icrs
 from csstsim.catalog.base import CatalogBase, Region
-from csstsim.catalog.ephemeris import observer
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING
+from csstsim.catalog.places.astrometry import icrs
+from csstsim.catalog.places.ephemeris import observer
 from csstsim.catalog.select import Noise, select_objects
 from csstsim.catalog.table import GALAXY, ObjectTable
-from csstsim.config import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
-from csstsim.optics.beyond import Beyond, read_beyond
-from csstsim.optics.psf_file import PsfSet
-from csstsim.optics.wcs import ChipWCS
-from csstsim.render import draw, reference
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.psf.psf_file import PsfSet
+from csstsim.optics.scatter.outside_box import Beyond, read_beyond
+from csstsim.render.imaging import draw, reference
 from csstsim.render.psf_table import make_table
 from csstsim.render.scene import Scene, make_scene, sersic_b
-from csstsim.rng import stream
 
 WINDOW = Window(4000, 4400, 5000, 5300)
 ARCMIN2 = Window(4000, 4811, 5000, 5811)  # a square arc minute

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from exposure import FIDELITIES, WINDOW, X, Y, inside, scene_of, shaped, stamp_bounds
 
+from csstsim.base.counter import object_keys
 from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED, OFF_CHIP, TRUNCATED_STAMP
 from csstsim.catalog.table import GALAXY
-from csstsim.counter import object_keys
-from csstsim.render.photons import shoot_scene
-from csstsim.render.stamps import draw_scene
+from csstsim.render.imaging.photons import shoot_scene
+from csstsim.render.imaging.stamps import draw_scene
 
 INDICES = (0.3, 0.5, 1.0, 2.0, 4.0, 6.2)
 SIZES = (1e-4, 1e-2, 0.3, 3.0, 60.0)  # arcsec

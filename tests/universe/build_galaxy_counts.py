@@ -9,8 +9,8 @@ ones are known as well as the common faint ones. shift(i) makes N_model(< i) equ
 import numpy as np
 from galaxy_sample import numbers, population
 
-from csstsim.rng import stream
-from csstsim.universe.galaxies import cumulative_counts
+from csstsim.base.rng import stream
+from csstsim.universe.galaxies.galaxies import cumulative_counts
 
 KNOTS = np.arange(16.0, 31.25, 0.5)
 EACH = 8  # galaxies a cell

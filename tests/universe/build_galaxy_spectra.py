@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 from astropy.io import fits
 
-from csstsim.config import SHIPPED
-from csstsim.rng import stream
-from csstsim.units import C_A_S, H_J_S
+from csstsim.base.rng import stream
+from csstsim.base.shipped import SHIPPED
+from csstsim.base.units import C_A_S, H_J_S
 
 REST = 600.0 + 2.9 * np.arange(3587)  # angstrom (paper, section 3.2.2)
 DUST = np.linspace(0.0, 4.0, 41)  # A(V), mag

@@ -1,4 +1,4 @@
-"""Builder of config/universe/star_spectra.fits, the compact model of stellar atmospheres (csstsim.universe.star_sed).
+"""Builder of config/universe/star_spectra.fits, the compact model of stellar atmospheres (universe.stars.star_sed).
 
     python tests/universe/build_star_spectra.py ../shared/data config/universe/star_spectra.fits Table_DA.txt
 
@@ -20,10 +20,10 @@ import speclite.filters
 from astropy.io import fits
 from astropy.table import Table
 
+from csstsim.base.units import ab_photon_density
 from csstsim.instrument.filter import GRID
-from csstsim.units import ab_photon_density
-from csstsim.universe.star_grids import GridSeds, read_packed
-from csstsim.universe.star_sed import KNOTS, cubic, linear
+from csstsim.universe.stars.star_grids import GridSeds, read_packed
+from csstsim.universe.stars.star_sed import KNOTS, cubic, linear
 
 COMPONENTS = 60
 UV_FLOOR = 1e-6  # of the peak photon density: a photosphere darker than this is not what is seen of a cool star

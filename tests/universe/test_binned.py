@@ -1,4 +1,4 @@
-"""Spectra in bins against the sums over the paper's grid of universe.spectra: the same light, line by line."""
+"""Spectra in bins against the sums over the paper's grid of universe.brick_spectra: the same light, line by line."""
 
 import numpy as np
 import pytest
@@ -6,12 +6,12 @@ from embedded_sky import shipped
 from grating_scene import GV, disperser_of
 from scipy.integrate import cumulative_trapezoid
 
-from csstsim.catalog.photometry import subband_fluxes
+from csstsim.catalog.light.photometry import subband_fluxes
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.instrument.filter import GRID
 from csstsim.universe.binned import binned
-from csstsim.universe.galaxy_sed import COEFFICIENTS
-from csstsim.universe.spectra import spectra
+from csstsim.universe.brick_spectra import spectra
+from csstsim.universe.galaxies.galaxy_sed import COEFFICIENTS
 
 CHIPS = 1, GV, 3
 

@@ -5,9 +5,9 @@ import pytest
 from astropy.cosmology import FlatLambdaCDM
 from scipy.integrate import quad
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
-from csstsim.universe.cosmology import Cosmology
+from csstsim.universe.lensing.cosmology import Cosmology
 
 NUMBERS = read_data(SHIPPED / "universe" / "cosmology.yaml")
 Z = np.array([1e-6, 0.01, 0.3, 1.0, 3.5, 6.0, 1100.0])

@@ -10,12 +10,17 @@ import pytest
 from scipy import integrate, stats
 from scipy.special import gamma
 
+from csstsim.base.rng import stream
 from csstsim.instrument.load import read_data
-from csstsim.rng import stream
-from csstsim.universe.galaxies import ARCMIN2_PER_DEG2, cumulative_counts
-from csstsim.universe.galaxy_shapes import draw_ellipticity, ellipticity_density, to_arcsec, velocity_dispersion
-from csstsim.universe.mass_function import TYPES, double_schechter, mass_function
-from csstsim.universe.star_formation import cosmic_age, main_sequence, mixture, young_fractions
+from csstsim.universe.galaxies.galaxies import ARCMIN2_PER_DEG2, cumulative_counts
+from csstsim.universe.galaxies.galaxy_shapes import (
+    draw_ellipticity,
+    ellipticity_density,
+    to_arcsec,
+    velocity_dispersion,
+)
+from csstsim.universe.galaxies.mass_function import TYPES, double_schechter, mass_function
+from csstsim.universe.galaxies.star_formation import cosmic_age, main_sequence, mixture, young_fractions
 
 AREA = 0.04  # deg2 of the sample
 PUBLISHED = read_data(Path(__file__).parent / "published_galaxies.yaml")

@@ -6,8 +6,8 @@ from embedded_sky import shipped
 from scipy.integrate import quad
 from scipy.stats import kstest
 
-from csstsim.universe.galaxies import cumulative_counts
-from csstsim.universe.mass_function import MassGrid
+from csstsim.universe.galaxies.galaxies import cumulative_counts
+from csstsim.universe.galaxies.mass_function import MassGrid
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from embedded_sky import shipped
 
-from csstsim.universe.igm import Intergalactic
+from csstsim.universe.galaxies.igm import Intergalactic
 
 
 def test_lyman_forest_at_redshift_3():

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from astropy.coordinates import CartesianDifferential, CartesianRepresentation, Galactic, SkyCoord
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
-from csstsim.universe.kinematics import galactic_velocity, sky_motion
-from csstsim.universe.milky_way import components, direction
+from csstsim.universe.stars.kinematics import galactic_velocity, sky_motion
+from csstsim.universe.stars.milky_way import components, direction
 
 NUMBERS = read_data(SHIPPED / "universe" / "stars.yaml")
 BY_NAME = {component.name: component for component in components(NUMBERS)}

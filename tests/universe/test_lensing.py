@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from embedded_sky import brick, key
 
-from csstsim.config import CatalogConfig, Lensing
-from csstsim.errors import InputError
-from csstsim.model import validate
+from csstsim.base.errors import InputError
+from csstsim.base.model import validate
+from csstsim.campaign.config import CatalogConfig, Lensing
 from csstsim.universe.bricks import make_brick
-from csstsim.universe.lensing import lens, magnification
+from csstsim.universe.lensing.lensing import lens, magnification
 
 PIX = 100000
 

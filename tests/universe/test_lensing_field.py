@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 from scipy.special import ive
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
-from csstsim.universe.lensing_field import LensingField, kernel_power, splat
-from csstsim.universe.tangent_grid import TangentGrid, interpolate
+from csstsim.universe.lensing.lensing_field import LensingField, kernel_power, splat
+from csstsim.universe.lensing.tangent_grid import TangentGrid, interpolate
 
 COSMOLOGY, NUMBERS = (read_data(SHIPPED / "universe" / f"{name}.yaml") for name in ("cosmology", "lensing"))
 POLE, WRAP, COMMON = 65535, int(healpy.ang2pix(256, 0.0, 20.0, nest=True, lonlat=True)), 100000

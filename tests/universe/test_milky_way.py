@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from astropy.coordinates import SkyCoord
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
-from csstsim.universe.milky_way import GALACTIC, components, density, direction, equatorial, longitude_latitude
+from csstsim.universe.stars.milky_way import GALACTIC, components, density, direction, equatorial, longitude_latitude
 
 NUMBERS = read_data(SHIPPED / "universe" / "stars.yaml")
 BY_NAME = {component.name: component for component in components(NUMBERS)}

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
-from csstsim.universe.cosmology import Cosmology
-from csstsim.universe.power_spectrum import MatterPower, transfer
+from csstsim.universe.lensing.cosmology import Cosmology
+from csstsim.universe.lensing.power_spectrum import MatterPower, transfer
 
 NUMBERS = read_data(SHIPPED / "universe" / "cosmology.yaml")
 K = np.array([1e-3, 1e-2, 0.05, 0.1, 0.3, 1, 3, 10, 30])  # 1 / Mpc

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
-from csstsim.catalog.extinction import odonnell
-from csstsim.catalog.photometry import ab_mag, subband_weights
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
+from csstsim.base.units import ab_photon_density
+from csstsim.catalog.light.extinction import odonnell
+from csstsim.catalog.light.photometry import ab_mag, subband_weights
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import read_data
-from csstsim.units import ab_photon_density
-from csstsim.universe.igm import Intergalactic
-from csstsim.universe.quasar_sed import COEFFICIENTS, QuasarSeds
+from csstsim.universe.galaxies.igm import Intergalactic
+from csstsim.universe.quasars.quasar_sed import COEFFICIENTS, QuasarSeds
 
 DATA = Path(os.environ.get("CSSTSIM_DATA", SHIPPED.parents[1] / "shared" / "data"))
 NUMBERS = read_data(SHIPPED / "universe" / "quasars.yaml")

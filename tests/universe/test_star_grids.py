@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from astropy.io import fits
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.units import C_A_S, H_J_S
 from csstsim.instrument.filter import GRID
-from csstsim.units import C_A_S, H_J_S
-from csstsim.universe.star_grids import Grid, GridSeds, read_btsettl, read_ck04, read_packed, resample
-from csstsim.universe.star_sed import KNOTS
+from csstsim.universe.stars.star_grids import Grid, GridSeds, read_btsettl, read_ck04, read_packed, resample
+from csstsim.universe.stars.star_sed import KNOTS
 
 SHIPPED = Path(__file__).resolve().parents[2] / "config"
 DATA = Path(os.environ.get("CSSTSIM_DATA", SHIPPED.parents[1] / "shared" / "data"))

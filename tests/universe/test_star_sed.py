@@ -9,13 +9,13 @@ import speclite.filters
 from astropy.io import fits
 from astropy.table import Table
 
-from csstsim.catalog.photometry import subband_weights
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.units import C_A_S, H_J_S, ab_photon_density
+from csstsim.catalog.light.photometry import subband_weights
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
-from csstsim.units import C_A_S, H_J_S, ab_photon_density
-from csstsim.universe.star_grids import GridSeds, read_packed
-from csstsim.universe.star_sed import KNOTS, StarSeds, cubic, linear
+from csstsim.universe.stars.star_grids import GridSeds, read_packed
+from csstsim.universe.stars.star_sed import KNOTS, StarSeds, cubic, linear
 
 SHIPPED = Path(__file__).resolve().parents[2] / "config"
 MODEL = SHIPPED / "universe" / "star_spectra.fits"

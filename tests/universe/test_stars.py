@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from csstsim.config import SHIPPED
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.rng import stream
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
-from csstsim.rng import stream
-from csstsim.universe import stars as module
 from csstsim.universe.bricks import AREA_DEG2, NSIDE, place
-from csstsim.universe.milky_way import density, direction, equatorial
-from csstsim.universe.star_sed import StarSeds
-from csstsim.universe.stars import draw_stars, expected_counts, galaxy
+from csstsim.universe.stars import stars as module
+from csstsim.universe.stars.milky_way import density, direction, equatorial
+from csstsim.universe.stars.star_sed import StarSeds
+from csstsim.universe.stars.stars import draw_stars, expected_counts, galaxy
 
 NUMBERS = read_data(SHIPPED / "universe" / "stars.yaml")
 COLUMNS = {
@@ -155,8 +155,8 @@ def seds():
 
 def _apparent_v(seds, stars):
     """V of the spectra: Bessell 1990 passband, AB (0.02 mag from Vega)."""
+    from csstsim.base.units import SOLAR_RADIUS_PC, ab_photon_density
     from csstsim.instrument.filter import GRID
-    from csstsim.units import SOLAR_RADIUS_PC, ab_photon_density
 
     knots = [4700, 4800, 4900, 5000, 5100, 5200, 5300, 5400, 5500, 5700, 5900, 6100, 6300, 6500, 6700, 7000]
     shape = [0, 0.03, 0.163, 0.458, 0.78, 0.967, 1, 0.973, 0.898, 0.684, 0.461, 0.27, 0.135, 0.045, 0.017, 0]

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from csstsim.config import SHIPPED
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
-from csstsim.universe.stellar_evolution import living, stage_ends, white_dwarfs
+from csstsim.universe.stars.stellar_evolution import living, stage_ends, white_dwarfs
 
 NUMBERS = read_data(SHIPPED / "universe" / "stars.yaml")
 

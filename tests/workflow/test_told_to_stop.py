@@ -7,8 +7,8 @@ import time
 
 WRITER = """
 import time
-from csstsim.atomic import atomic_path
-from csstsim.cli import main
+from csstsim.base.files.atomic import atomic_path
+from csstsim.command_line.main import main
 
 @main.command()
 def write():
@@ -22,7 +22,7 @@ main(["write"])
 
 def test_a_closed_pipe_ends_quietly():
     """The list of layers is longer than what a pipe holds until its reader is gone."""
-    command = [sys.executable, "-c", "from csstsim.cli import main; main(['layers'])"]
+    command = [sys.executable, "-c", "from csstsim.command_line.main import main; main(['layers'])"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     process.stdout.close()
     assert process.stderr.read() == b""
@@ -32,7 +32,7 @@ def test_a_closed_pipe_ends_quietly():
 
 def test_what_is_printed_last_meets_a_closed_pipe(tmp_path):
     """Without the flush of the command, Python's own at exit complains."""
-    code = "from csstsim.cli import main\n@main.command()\ndef say():\n    print('done')\nmain(['say'])"
+    code = "from csstsim.command_line.main import main\n@main.command()\ndef say():\n    print('done')\nmain(['say'])"
     process = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     process.stdout.close()
     assert (process.stderr.read(), process.wait()) == (b"", 128 + signal.SIGPIPE)
@@ -40,7 +40,7 @@ def test_what_is_printed_last_meets_a_closed_pipe(tmp_path):
 
 
 def test_output_closed_from_the_start_is_no_error():
-    code = "import sys; sys.stdout = None; from csstsim.cli import main; main(['layers'])"
+    code = "import sys; sys.stdout = None; from csstsim.command_line.main import main; main(['layers'])"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

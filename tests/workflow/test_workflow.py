@@ -12,7 +12,7 @@ import yaml
 from mini_campaign import write_campaign
 from workflow_run import ROOT, command, content, level0_targets, make, snakemake
 
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
 
 
 @pytest.fixture(scope="module")

@@ -6,9 +6,9 @@ import shutil
 import sys
 from types import SimpleNamespace
 
-from csstsim.atomic import remove_left
-from csstsim.campaign import OpenCampaign
-from csstsim.errors import CsstsimError
+from csstsim.base.files.atomic import remove_left
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.base.errors import CsstsimError
 from csstsim.io.owner import claim
 
 KEYS = "campaign", "chips", "scratch"  # of --config

@@ -10,11 +10,11 @@ from itertools import product
 
 import numpy as np
 
+from csstsim.base.rng import stream
 from csstsim.catalog.reach import STAR_MIN, galaxy_radius, point_reach
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.render.scene import Scene, make_scene
-from csstsim.rng import stream
 
 FLUX = 10.0, 1e7  # electrons
 SIZE = 0.05, 5.0  # arcsec

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
-from csstsim.atomic import atomic_path
+from csstsim.base.files.atomic import atomic_path
 
 ON_NODES = "direct optics, on nodes"
 KINDS = {"star": "stars", "galaxy": "galaxies"}

@@ -3,11 +3,11 @@
 import time
 from pathlib import Path
 
+from csstsim.base.errors import InputError
 from csstsim.bench.chart import draw_chart
 from csstsim.bench.setting import make_setting
 from csstsim.bench.summary import read, summarise, text, write
 from csstsim.bench.sweep import sweep
-from csstsim.errors import InputError
 
 FULL = {"seconds": 0.2, "electrons": 3e7}
 QUICK = {"seconds": 0.01, "electrons": 1e6}

@@ -9,9 +9,9 @@ import time
 import numpy as np
 from scipy.signal import lfilter
 
+from csstsim.base.shipped import SHIPPED
 from csstsim.bench.arctic import THERE, arctic
-from csstsim.config import SHIPPED
-from csstsim.detector.cti import transfer
+from csstsim.detector.charge_transfer.cti import transfer
 from csstsim.instrument.load import read_data
 
 CTI = read_data(SHIPPED / "instrument" / "cti.yaml")

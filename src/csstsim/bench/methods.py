@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from csstsim.base.counter import object_keys
 from csstsim.bench import peers, ufig
-from csstsim.counter import object_keys
-from csstsim.optics.beyond import Beyond
-from csstsim.render import draw as engine
-from csstsim.render.photons import shoot_scene
-from csstsim.render.reference import draw_objects
-from csstsim.render.stamps import draw_scene
+from csstsim.optics.scatter.outside_box import Beyond
+from csstsim.render.imaging import draw as engine
+from csstsim.render.imaging.photons import shoot_scene
+from csstsim.render.imaging.reference import draw_objects
+from csstsim.render.imaging.stamps import draw_scene
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ GalSim's own defaults hold everywhere (folding_threshold 5e-3).
 import galsim
 import numpy as np
 
-from csstsim.optics.psf_file import pixel_response
+from csstsim.optics.psf.psf_file import pixel_response
 
 BANDS = 4
 

@@ -12,17 +12,17 @@ from functools import partial
 
 import numpy as np
 
+from csstsim.base.rng import stream
+from csstsim.base.shipped import SHIPPED
 from csstsim.bench.arctic import THERE, arctic
 from csstsim.bench.cti import speed_accuracy
 from csstsim.bench.setting import EXPTIME, POINTING
-from csstsim.config import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.io.level0 import write_level0
-from csstsim.optics.wcs import ChipWCS
-from csstsim.rng import stream
-from csstsim.sim_steps import SimSteps
-from csstsim.state import State
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.simulation.sim_steps import SimSteps
+from csstsim.simulation.state import State
 
 CHIP = 9
 WRITE = "writing the file"

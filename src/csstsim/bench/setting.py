@@ -4,16 +4,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.select import Noise
-from csstsim.config import SHIPPED
-from csstsim.errors import InputError
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
-from csstsim.optics.beyond import beyond_box
-from csstsim.optics.dispersion import Disperser
-from csstsim.optics.psf import make_psf
-from csstsim.optics.psf_file import PsfSet
-from csstsim.optics.wcs import ChipWCS
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.gratings.dispersion import Disperser
+from csstsim.optics.psf.psf_file import PsfSet
+from csstsim.optics.psf.psf_set import make_psf
+from csstsim.optics.scatter.outside_box import beyond_box
 from csstsim.render.psf_mixture import Mixer
 from csstsim.render.psf_table import read_tables, write_tables
 
@@ -31,14 +31,14 @@ class Setting:
     camera: Any
     chip: Any
     filter: Any
-    psf: Any  # optics.psf_file.PsfSet
+    psf: Any  # optics.psf.psf_file.PsfSet
     table: Any  # render.psf_table.PsfTable of the same set, for photons
     mixer: Any  # render.psf_mixture.Mixer of the same set, for stamps
-    beyond: Any  # optics.beyond.Beyond: its halo is in the PSF set
+    beyond: Any  # optics.scatter.outside_box.Beyond: its halo is in the PSF set
     wcs: Any
     exptime: float
     variance: float  # of a pixel without the object [electron^2]: sky, dark current, read noise
-    disperser: Any = None  # optics.dispersion.Disperser of a spectroscopic chip
+    disperser: Any = None  # optics.gratings.dispersion.Disperser of a spectroscopic chip
 
 
 def make_setting(folder, band):

@@ -17,15 +17,15 @@ import galsim
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from csstsim.base.counter import object_keys
+from csstsim.base.rng import stream
 from csstsim.catalog.table import GALAXY, ObjectTable
-from csstsim.counter import object_keys
 from csstsim.instrument.chip import Window
-from csstsim.optics.psf_file import pixel_response
-from csstsim.render.photons import shoot_scene
-from csstsim.render.reference import draw_objects
+from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.render.imaging.photons import shoot_scene
+from csstsim.render.imaging.reference import draw_objects
+from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.scene import make_scene
-from csstsim.render.stamps import draw_scene
-from csstsim.rng import stream
 
 SHEAR = 0.02
 SHEARS = np.array([SHEAR, -SHEAR, 1j * SHEAR, -1j * SHEAR])

@@ -13,11 +13,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from csstsim.base.units import C_A_S, H_J_S
 from csstsim.bench.cases import Case, half_of, make_cases, make_row, place
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.render.scene import make_scene
-from csstsim.units import C_A_S, H_J_S
 
 SPECTRA = ("flat", "hot", "cool", "lines")
 LINES, SIGMA_A, CONTINUUM = 3, 2.0, 0.1

@@ -2,15 +2,15 @@
 
 import numpy as np
 
+from csstsim.base.counter import object_keys
 from csstsim.bench import spectrum_peers as peers
 from csstsim.bench.methods import Method
 from csstsim.bench.spectrum_cases import means
-from csstsim.counter import object_keys
-from csstsim.optics.beyond import Beyond
-from csstsim.render import reference_dispersed
-from csstsim.render.dispersed_photons import shoot_spectra
-from csstsim.render.draw_dispersed import draw_dispersed
-from csstsim.render.slabs import draw_spectra
+from csstsim.optics.scatter.outside_box import Beyond
+from csstsim.render.slitless import reference_dispersed
+from csstsim.render.slitless.dispersed_photons import shoot_spectra
+from csstsim.render.slitless.draw_dispersed import draw_dispersed
+from csstsim.render.slitless.slabs import draw_spectra
 
 PER_PX = (1, 2, 4, 8)
 WIDE = 1e-4  # of a galaxy's light that the standard may lose
@@ -31,7 +31,7 @@ def _drawn_by_reference(setting, case, rows):
 
 
 def _spectra(setting, case):
-    """Return the case's spectrum as catalog.spectra.Spectra gives those of a table."""
+    """Return the case's spectrum as catalog.light.object_spectra.Spectra gives those of a table."""
     return lambda rows, edges: np.repeat(means(case.density, edges)[None] / setting.exptime, len(rows), axis=0)
 
 

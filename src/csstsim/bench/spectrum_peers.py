@@ -14,7 +14,7 @@ import numpy as np
 from scipy.signal import fftconvolve
 
 from csstsim.bench.peers import BANDS, galaxy_of, interpolated
-from csstsim.optics.psf_file import pixel_response
+from csstsim.optics.psf.psf_file import pixel_response
 
 
 def _trace(setting, case):

@@ -18,11 +18,11 @@ import scipy.fft
 
 from csstsim.bench.truth import CELLS_PER_PIXEL, brightness, profile, repeats, waves
 from csstsim.instrument.filter import GRID
-from csstsim.optics.beyond import beyond_box
-from csstsim.optics.chip_errors import chip_coefficients
-from csstsim.optics.psf import centre_of, chip_optics
-from csstsim.optics.psf_file import pixel_response
-from csstsim.optics.wavefront import load_wavefront
+from csstsim.optics.psf.chip_errors import chip_coefficients
+from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.optics.psf.psf_set import centre_of, chip_optics
+from csstsim.optics.psf.wavefront import load_wavefront
+from csstsim.optics.scatter.outside_box import beyond_box
 
 NODES = 16
 HIGHEST = 1.25  # cycles a pixel

@@ -4,7 +4,7 @@ import csv
 
 import numpy as np
 
-from csstsim.atomic import atomic_path
+from csstsim.base.files.atomic import atomic_path
 
 
 def write(path, rows):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from galsim import GalSimError
 
-from csstsim.progress import progress
+from csstsim.base.progress import progress
 
 SLOW = 1.0  # CPU seconds of one object, beside which its set-up does not count
 TOO_LONG = 5.0  # times the wanted CPU seconds, after which no more electrons are drawn

@@ -18,12 +18,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.special import gamma, k0
 
+from csstsim.base.units import ARCSEC_PER_RAD
 from csstsim.bench.cases import SHARES
-from csstsim.optics.chip_errors import chip_coefficients
-from csstsim.optics.psf import chip_optics, node_psf
-from csstsim.optics.psf_file import pixel_response
-from csstsim.optics.wavefront import load_wavefront
-from csstsim.units import ARCSEC_PER_RAD
+from csstsim.optics.psf.chip_errors import chip_coefficients
+from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.optics.psf.psf_set import chip_optics, node_psf
+from csstsim.optics.psf.wavefront import load_wavefront
 
 CELLS_PER_PIXEL = 8
 _REPEATS = 2  # on each side

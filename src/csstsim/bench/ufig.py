@@ -9,7 +9,7 @@ import importlib.util
 import numpy as np
 from scipy.optimize import least_squares
 
-from csstsim.rng import stream
+from csstsim.base.rng import stream
 
 THERE = all(importlib.util.find_spec(name) for name in ("ufig", "ivy", "cosmic_toolbox"))
 _SUPPRESSION = -7.5  # of a flexion that is zero

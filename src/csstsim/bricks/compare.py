@@ -7,7 +7,7 @@ matched one to one (bricks.match). Purity is the fraction of the merged sources 
 
 import numpy as np
 
-from csstsim.bricks.healpix import to_vectors
+from csstsim.base.healpix import to_vectors
 from csstsim.bricks.match import one_to_one
 from csstsim.catalog.table import GALAXY
 

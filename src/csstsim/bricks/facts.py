@@ -21,7 +21,7 @@ ROUNDING = 12**-0.5  # rms of rounding, of a step
 class HeaderWCS:
     """The world coordinates that a header states: TAN, or TAN-SIP; 0-based pixels of the whole chip.
 
-    distortion: that of the chip (optics.distortion), where light lies beside a linear WCS; else None.
+    distortion: that of the chip (optics.geometry.distortion), where light lies beside a linear WCS; else None.
     """
 
     cards: dict

@@ -4,8 +4,8 @@ hats.properties  partition_info.csv  dataset/_metadata _common_metadata Norder=8
 """
 
 from csstsim import __version__
-from csstsim.atomic import atomic_path
-from csstsim.bricks.healpix import HATS_ORDER, NSIDE
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.healpix import HATS_ORDER, NSIDE
 from csstsim.catalog.table import ObjectTable
 
 ORDER = 8

@@ -16,8 +16,8 @@ epoch, so a star that moves by more than the tolerance between exposures becomes
 
 import numpy as np
 
+from csstsim.base.healpix import brick_of, from_vectors, hats_index, near_brick, to_vectors
 from csstsim.bricks.associate import ARCSEC, FLOOR, associate
-from csstsim.bricks.healpix import brick_of, from_vectors, hats_index, near_brick, to_vectors
 from csstsim.catalog.table import BANDS, ObjectTable, write_parquet
 
 MARGIN = 2.0  # arcsec; a detection and the mean of its source are never further apart than twice `associate.CAP`

@@ -3,8 +3,8 @@
 import json
 import zlib
 
-from csstsim.atomic import atomic_path
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
 
 
 def write_result(path, result):

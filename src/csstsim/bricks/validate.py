@@ -12,10 +12,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from csstsim.base.healpix import brick_of, from_vectors, to_vectors
 from csstsim.bricks import compare
 from csstsim.bricks.exposures import SNR_SHARP, bright_points, frame_gates, judged_points
 from csstsim.bricks.gates import CHANCE, FEW, WORST, at_least, at_most, of_exposures
-from csstsim.bricks.healpix import brick_of, from_vectors, to_vectors
 from csstsim.bricks.trials import SHAPES, joined, limit, trials
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, STRONG_LENSING
 from csstsim.catalog.table import BANDS, ObjectTable
@@ -60,7 +60,7 @@ def validate_brick(pix, sources, frames, config):
 
     `sources`: merged ObjectTable (or mapping) of the brick; `frames`: iterable of `Frame`; `config`:
     thresholds.ValidateConfig. `result` is JSON-like: per band completeness, magnitude residuals (mag), depth;
-    astrometry (mas); gates (bricks.gates). `arrays` holds what bricks.figures draws.
+    astrometry (mas); gates (bricks.gates). `arrays` holds what report.figures draws.
     """
     tried, infos, judged, seen_in = ({band: [] for band in BANDS} for _ in range(4))
     kept, held, real = [], [], np.zeros(len(sources), bool)

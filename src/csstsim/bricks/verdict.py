@@ -3,7 +3,7 @@
 import json
 import math
 
-from csstsim.atomic import atomic_path
+from csstsim.base.files.atomic import atomic_path
 from csstsim.bricks.gates import FEW
 
 ORDER = (False, None, True)  # what matters first

@@ -57,14 +57,14 @@ from pathlib import Path
 
 import numpy as np
 
+from csstsim.base.digest import digest
+from csstsim.base.errors import CsstsimError, InputError
+from csstsim.base.help_page import explained
+from csstsim.catalog.light.photometry import ab_mag, bin_means, load_fluxes
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.photometry import ab_mag, bin_means, load_fluxes
 from csstsim.catalog.table import COLUMNS, ObjectTable
 from csstsim.catalog.undrawn import check_shapes
-from csstsim.config import digest
-from csstsim.errors import CsstsimError, InputError
 from csstsim.instrument.filter import GRID
-from csstsim.pages import explained
 
 
 @dataclass(frozen=True)

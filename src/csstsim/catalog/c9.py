@@ -17,19 +17,19 @@ from pathlib import Path
 
 import numpy as np
 
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
+from csstsim.base.units import C_A_S, H_J_S
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.c9_files import read_array, read_galaxies, read_stars
+from csstsim.catalog.light.photometry import ab_mag
 from csstsim.catalog.mock_object import MockObjects
-from csstsim.catalog.photometry import ab_mag
 from csstsim.catalog.table import BANDS, GALAXY, QUASAR, STAR, ObjectTable
-from csstsim.config import SHIPPED
-from csstsim.errors import InputError
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
-from csstsim.units import C_A_S, H_J_S
-from csstsim.universe.galaxy_sed import COEFFICIENTS
-from csstsim.universe.numbers import load_universe
-from csstsim.universe.spectra import coefficients
+from csstsim.universe.brick_spectra import coefficients
+from csstsim.universe.galaxies.galaxy_sed import COEFFICIENTS
+from csstsim.universe.parameters import load_universe
 
 OPTIONS = ("stars", "galaxies", "basis", "quasars", "partial", "metallicity", "solar_z", "universe", "instrument")
 NORM_BAND = "i"

@@ -18,8 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from csstsim.errors import InputError
-from csstsim.hdf5_file import group, numbers
+from csstsim.base.errors import InputError
+from csstsim.base.files.hdf5_file import group, numbers
 
 STAR_COLUMNS = ("RA", "DEC", "app_sdss_g", "teff", "grav", "z_met", "AV", "mass")
 STAR_OPTIONAL = ("pmra", "pmdec", "RV", "parallax")

@@ -4,17 +4,18 @@ from pathlib import Path
 
 import numpy as np
 
+from csstsim.base.digest import digest
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import CatalogBase
-from csstsim.catalog.grating_bound import MARGIN, grating_rate
+from csstsim.catalog.light.grating_bound import MARGIN, grating_rate
+from csstsim.catalog.light.photometry import subband_weights
 from csstsim.catalog.mock_object import MockObjects
-from csstsim.catalog.photometry import subband_weights
 from csstsim.catalog.table import ObjectTable
-from csstsim.config import SHIPPED, digest
-from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
+from csstsim.universe.brick_spectra import rates, spectra
 from csstsim.universe.bricks import SED_COLUMNS, brick_meta, read_brick
-from csstsim.universe.numbers import load_universe
-from csstsim.universe.spectra import rates, spectra
+from csstsim.universe.parameters import load_universe
 
 
 class SceneCatalog(CatalogBase):

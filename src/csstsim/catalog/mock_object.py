@@ -2,8 +2,8 @@
 
 from collections.abc import Sequence
 
+from csstsim.base.errors import InputError
 from csstsim.catalog.table import COLUMNS, TYPES
-from csstsim.errors import InputError
 
 
 class MockObject:

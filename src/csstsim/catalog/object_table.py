@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from csstsim.base.errors import InputError
+from csstsim.base.files.fits_headers import check_headers
+from csstsim.base.files.text_file import read_text
+from csstsim.catalog.drawable import STRONGLY_LENSED, reasons
 from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, STAR, TYPES, ObjectTable
 from csstsim.catalog.undrawn import check_shapes
-from csstsim.catalog.usable import STRONGLY_LENSED, reasons
-from csstsim.errors import InputError
-from csstsim.fits_headers import check_headers
-from csstsim.text_file import read_text
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
 MAGNITUDES = tuple(f"mag_{band}" for band in BANDS)

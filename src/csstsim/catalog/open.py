@@ -3,10 +3,10 @@
 import importlib
 import sys
 
+from csstsim.base.digest import file_digest, module_digest
+from csstsim.base.errors import InputError
+from csstsim.base.help_page import explained
 from csstsim.catalog.base import CatalogBase, name_of, users_code
-from csstsim.errors import InputError
-from csstsim.own_code import file_digest, module_digest
-from csstsim.pages import explained
 
 
 def open_catalog(config, region, brick_file, key):

@@ -6,9 +6,9 @@ Columns are those of `catalog.table.COLUMNS` (units there, and in `catalog.base`
 (star, galaxy or quasar; left out: star) and `size` (a galaxy's half-light radius, arcsec, of disk and bulge alike).
 `ra`, `dec` and one of mag_nuv ... mag_y are needed; `id` counts from 1 if left out. Magnitudes are AB, observed,
 through the camera's own bands, before lensing. Spectra are smooth ones that have all magnitudes given, as
-catalog.colours says; lines want a catalogue with `load_sed` (catalog.base). Cells may be blank; what cannot be drawn as
-given is refused, row by row (catalog.object_table). A galaxy's shape is drawn from `size`, `bulge_frac`, `e1` and `e2`:
-columns that say it otherwise, `n`, `q`, `pa`, `re` and the like, are refused with the formula for these
+catalog.light.colours says; lines want a catalogue with `load_sed` (catalog.base). Cells may be blank; what cannot be
+drawn as given is refused, row by row (catalog.object_table). A galaxy's shape is drawn from `size`, `bulge_frac`, `e1`
+and `e2`: columns that say it otherwise, `n`, `q`, `pa`, `re` and the like, are refused with the formula for these
 (catalog.undrawn). Columns of other names travel to the truth table as `user_<name>`.
 """
 
@@ -18,13 +18,13 @@ from pathlib import Path
 
 import numpy as np
 
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import CatalogBase
+from csstsim.catalog.light.photometry import subband_weights
 from csstsim.catalog.mock_object import MockObjects
 from csstsim.catalog.object_table import object_table, read_table
-from csstsim.catalog.photometry import subband_weights
 from csstsim.catalog.table import BANDS
-from csstsim.config import SHIPPED
-from csstsim.errors import InputError
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 
@@ -75,19 +75,19 @@ class TableCatalog(CatalogBase):
 
     def load_seds(self, rows):
         """Return (len(rows), 18001) spectra [photon / s / m2 / A] on the paper's grid."""
-        from csstsim.catalog.colours import colour_spectra
+        from csstsim.catalog.light.colours import colour_spectra
 
         return colour_spectra(self._mags(rows), self._filters)
 
     def load_fluxes(self, rows, filter, telescope):
         """Return (len(rows), 4) electrons / s: the same light as `load_seds`, to 1e-9, without its samples."""
-        from csstsim.catalog.colours import colour_rates
+        from csstsim.catalog.light.colours import colour_rates
 
         return colour_rates(self._mags(rows), self._filters, subband_weights(filter, telescope))
 
     def load_binned(self, rows, edges):
         """Return means of spectra over bins, as CatalogBase.load_binned, without sampling each spectrum."""
-        from csstsim.catalog.colours import colour_bins
+        from csstsim.catalog.light.colours import colour_bins
 
         return colour_bins(self._mags(rows), self._filters, edges)
 
@@ -100,7 +100,7 @@ class TableCatalog(CatalogBase):
         """Return the spectrum of one object: Table of WAVELENGTH [A] and FLUX [photon / s / m2 / A]."""
         from astropy.table import Table
 
-        from csstsim.catalog.colours import colour_spectra
+        from csstsim.catalog.light.colours import colour_spectra
 
         mags = np.array([[getattr(obj, f"mag_{band}") for band in BANDS]])
         return Table({"WAVELENGTH": GRID, "FLUX": colour_spectra(mags, self._filters)[0]})

@@ -17,8 +17,8 @@ default loses 0.5% of the light. Here a stamp may end only where this chip's noi
 
 import numpy as np
 
-from csstsim.units import ARCSEC_PER_RAD
-from csstsim.universe.lensing import magnification
+from csstsim.base.units import ARCSEC_PER_RAD
+from csstsim.universe.lensing.lensing import magnification
 
 POINT_MIN, POINT_MAX = 16, 64  # pixel; no stored PSF goes on beyond 64
 STAR_MIN = (
@@ -50,7 +50,7 @@ def point_reach(electrons, variance, filter, telescope, box=POINT_MAX):
 def wing_reach(electrons, variance, wing):
     """Return the radius [pixel] at which an object's wing hides in the noise, not clipped; 0 for no light or no wing.
 
-    electrons: (n,); variance: of one pixel without the object [e-^2]; wing: optics.halo.Wing or None.
+    electrons: (n,); variance: of one pixel without the object [e-^2]; wing: optics.scatter.halo.Wing or None.
     """
     lit = electrons > 0
     if wing is None:

@@ -2,7 +2,7 @@
 
 `bricks_for` finds the truth bricks around a footprint; `select_objects` turns a catalogue into the table of one
 chip in one exposure. A footprint is that of the ICRS at the epoch (job.Job.footprint), where aberration is undone;
-what an object is drawn at is its apparent direction (catalog.astrometry), with the WCS of the image.
+what an object is drawn at is its apparent direction (catalog.places.astrometry), with the WCS of the image.
 
 Shapes stay the catalogue's. Aberration is conformal: it shears nothing, only stretches lengths by up to 1.3e-4; the
 deflection of light shears by 2e-8 at 90 deg from the Sun. Both are left out.
@@ -12,11 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from csstsim.catalog.astrometry import apparent, at_epoch
 from csstsim.catalog.base import Region, unit_vectors
-from csstsim.catalog.canonical import back, canonical_order
+from csstsim.catalog.drawable import unusable
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
-from csstsim.catalog.photometry import rate_to_mag
+from csstsim.catalog.light.object_spectra import ROW
+from csstsim.catalog.light.photometry import rate_to_mag
+from csstsim.catalog.places.astrometry import apparent, at_epoch
 from csstsim.catalog.reach import (
     POINT_MAX,
     POINT_MIN,
@@ -26,10 +27,9 @@ from csstsim.catalog.reach import (
     point_reach,
     wing_reach,
 )
-from csstsim.catalog.spectra import ROW
+from csstsim.catalog.row_order import back, canonical_order
 from csstsim.catalog.table import BANDS, GALAXY, STAR
-from csstsim.catalog.usable import unusable
-from csstsim.universe.lensing import magnification
+from csstsim.universe.lensing.lensing import magnification
 
 NSIDE = 256
 DISTORTION_PX = 200  # at the field's edge (paper, section 5.2)
@@ -107,18 +107,18 @@ def select_objects(
 ):  # fmt: skip
     """Return the ObjectTable of what reaches `window` of a chip, with the columns the renderer needs.
 
-    catalog: a CatalogBase; wcs: optics.wcs.ChipWCS; observer: ephemeris.Observer; window: instrument.chip.Window;
-    exptime in s; noise: Noise; rotated: turn intrinsic ellipticities by 90 degrees (the paper's twin campaign, in
-    which nothing else differs); beyond: optics.beyond.Beyond or None; box: half the side of the stored PSF [pixel];
-    disperser: optics.dispersion.Disperser of a spectroscopic chip, whose light lands elsewhere, or None.
-    ra, dec become the apparent direction. Added: ra_orig, dec_orig (the catalogue's, J2000), ra_epoch, dec_epoch (ICRS
-    at the epoch, what a measurement can know), x, y (0-based pixel), mag (this filter), flux0..3 (electron / s,
-    magnified), reach (pixel, half the side of the stamp), lost (fraction of a galaxy's light that may lie beyond it),
-    wing (pixel, radius at which noise hides the light beyond the PSF's box; 0: it hides all of it), flags. mag_* are as
-    observed, magnification included. Rows with a value that cannot be used are kept, dark and flagged, if they lie on
-    the window or nobody knows where they lie. Behind a grating x, y is where light would fall without it, flux0..3 and
-    mag are those of the first order, and a column `catalog_row` says where to find the spectrum (catalog.spectra).
-    `meta` gets `dropped` (counts by reason) and `truth_hash`.
+    catalog: a CatalogBase; wcs: optics.geometry.wcs.ChipWCS; observer: ephemeris.Observer; window:
+    instrument.chip.Window; exptime in s; noise: Noise; rotated: turn intrinsic ellipticities by 90 degrees (the paper's
+    twin campaign, in which nothing else differs); beyond: optics.scatter.outside_box.Beyond or None; box: half the side
+    of the stored PSF [pixel]; disperser: optics.gratings.dispersion.Disperser of a spectroscopic chip, whose light
+    lands elsewhere, or None. ra, dec become the apparent direction. Added: ra_orig, dec_orig (the catalogue's, J2000),
+    ra_epoch, dec_epoch (ICRS at the epoch, what a measurement can know), x, y (0-based pixel), mag (this filter),
+    flux0..3 (electron / s, magnified), reach (pixel, half the side of the stamp), lost (fraction of a galaxy's light
+    that may lie beyond it), wing (pixel, radius at which noise hides the light beyond the PSF's box; 0: it hides all of
+    it), flags. mag_* are as observed, magnification included. Rows with a value that cannot be used are kept, dark and
+    flagged, if they lie on the window or nobody knows where they lie. Behind a grating x, y is where light would fall
+    without it, flux0..3 and mag are those of the first order, and a column `catalog_row` says where to find the
+    spectrum (catalog.light.object_spectra). `meta` gets `dropped` (counts by reason) and `truth_hash`.
     """
     everything = catalog.table
     rows, places = near(everything, wcs, observer, window, 0.0 if disperser is None else disperser.gratings.reach)

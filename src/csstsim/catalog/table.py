@@ -10,9 +10,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from csstsim.atomic import atomic_path
-from csstsim.errors import InputError
-from csstsim.file_log import logged
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.files.file_log import logged
 
 STAR, GALAXY, QUASAR = 0, 1, 2
 TYPES = ("star", "galaxy", "quasar")  # by obj_type

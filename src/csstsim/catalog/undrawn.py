@@ -9,8 +9,8 @@ import re
 
 import numpy as np
 
+from csstsim.base.errors import InputError
 from csstsim.catalog.table import BANDS, COLUMNS, GALAXY
-from csstsim.errors import InputError
 
 # (columns that say the same, how, names of those who say it otherwise: without case, marks, units and bands)
 _PARTS = (

@@ -6,7 +6,7 @@ Asked of the campaign (`of_campaign`) or, where only the folder is at hand, of i
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from csstsim.config import digest
+from csstsim.base.digest import digest
 from csstsim.io.paths import Paths
 
 YES, NO, MAYBE = "yes", "no", "maybe"  # a product must be there, must not, or may be
@@ -74,7 +74,7 @@ class Contents:
 
 def of_campaign(run):
     """Return the Contents of campaign.OpenCampaign's output folder."""
-    from csstsim.calibration import masters_recipe
+    from csstsim.stages.masters import masters_recipe
     from csstsim.universe.bricks import brick_meta
 
     frames = tuple(_frame(run, job) for job in run.jobs)

@@ -9,8 +9,8 @@ import re
 from collections import Counter
 from dataclasses import replace
 
+from csstsim.base.errors import InputError
 from csstsim.delivery.contents import MAYBE, NO, YES, Contents, Frame
-from csstsim.errors import InputError
 from csstsim.io.keywords import recorded_recipe
 from csstsim.io.level0 import read_level0
 from csstsim.io.paths import KIND, STEM, TRUTH, Paths

@@ -1,13 +1,13 @@
 """Checks of the products of one chip in one exposure. Each yields what is wrong, in words; unreadable files raise.
 
-What raises is csstsim.errors.InputError or OSError: delivery.verify makes a fault of it.
+What raises is csstsim.base.errors.InputError or OSError: delivery.verify makes a fault of it.
 """
 
 import numpy as np
 
+from csstsim.base.errors import InputError
 from csstsim.catalog.table import ObjectTable
 from csstsim.delivery.light import light_faults
-from csstsim.errors import InputError
 from csstsim.io.fits import open_fits, verify_hdu
 from csstsim.io.frames import load_frame
 from csstsim.io.keywords import recorded_recipe
@@ -167,7 +167,7 @@ def measured(path, frame, recipe, seen):
 
 def spectra(path, frame, recipe):
     """Check a table of extracted spectra."""
-    from csstsim.measure.spectrum_columns import COLUMNS
+    from csstsim.measure.spectra.spectrum_columns import COLUMNS
 
     table = ObjectTable.read(path)
     yield from other_recipe(table.meta.get("recipe"), recipe)

@@ -7,9 +7,9 @@ MANIFEST.tsv      path, size in bytes and kind of every product, with a heading;
 import hashlib
 import re
 
-from csstsim.atomic import atomic_path
-from csstsim.errors import InputError
-from csstsim.progress import progress
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.progress import progress
 
 HASHES, SIZES = "MANIFEST.sha256", "MANIFEST.tsv"
 _LINE = re.compile(r"([0-9a-f]{64}) [ *]([A-Za-z0-9_.=/-]+)")

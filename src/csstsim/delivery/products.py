@@ -6,7 +6,8 @@ from functools import partial
 from pathlib import Path
 
 from csstsim.bricks.hats import ABOUT
-from csstsim.delivery import frames, shared
+from csstsim.delivery import frames
+from csstsim.delivery import shared_products as shared
 from csstsim.delivery.contents import MAYBE, NO, YES
 from csstsim.io.paths import COSMIC, ORDERS, TRUTH
 

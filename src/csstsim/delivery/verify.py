@@ -3,13 +3,13 @@
 import os
 import stat
 
+from csstsim.base.errors import InputError
+from csstsim.base.progress import progress
 from csstsim.delivery.contents import MAYBE, of_campaign
 from csstsim.delivery.folder import of_folder
 from csstsim.delivery.manifest import HASHES, SIZES, manifest_faults, write_manifest
 from csstsim.delivery.products import products
-from csstsim.errors import InputError
 from csstsim.io.owner import FILE as OWNER
-from csstsim.progress import progress
 
 BESIDE = ("logs", "benchmarks", ".snakemake", OWNER)  # of the workflow: neither products nor foreign
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from csstsim.counter import word
+from csstsim.base.counter import word
 from csstsim.detector.normal import normal, normal_table
 
 _BATCH = 256  # tracks; bounds the work space

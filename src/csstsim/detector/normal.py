@@ -1,9 +1,9 @@
 """Normal numbers of pixels: pixel (x, y) has the same one whatever is drawn before it, in any block, window or thread.
 
-Two pixels share a word of csstsim.counter, 32 bits each: 12 choose one of CELLS equal parts of the distribution, 20 the
-place in it, linear between the part's ends. In the EDGE parts at either end, beyond TAIL = 2.66 sigma, the number comes
-from the exact tail instead (Marsaglia 1964, Technometrics 6, 101), with words of the pixel's own. The linear parts
-leave the distribution function within 2e-6 and the variance within 1e-5 of the normal one.
+Two pixels share a word of csstsim.base.counter, 32 bits each: 12 choose one of CELLS equal parts of the distribution,
+20 the place in it, linear between the part's ends. In the EDGE parts at either end, beyond TAIL = 2.66 sigma, the
+number comes from the exact tail instead (Marsaglia 1964, Technometrics 6, 101), with words of the pixel's own. The
+linear parts leave the distribution function within 2e-6 and the variance within 1e-5 of the normal one.
 """
 
 import math
@@ -13,7 +13,7 @@ from statistics import NormalDist
 import numba
 import numpy as np
 
-from csstsim.counter import unit, word
+from csstsim.base.counter import unit, word
 
 CELLS = 4096
 EDGE = 16

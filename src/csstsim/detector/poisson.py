@@ -2,8 +2,8 @@
 
 Below TABLE_MAX the mean is split: Poisson(m) = Poisson(a) + Poisson(m - a) with a = floor(16 m) / 16. The first is one
 look into an alias table (Walker 1977, ACM TOMS 3, 253) with 40 bits of the pixel's word, the second, of mean below
-1/16, an inversion with the other 24. Larger means are drawn by rejection (csstsim.counter.poisson). The finite bits
-move no probability by more than 1e-7.
+1/16, an inversion with the other 24. Larger means are drawn by rejection (csstsim.base.counter.poisson). The finite
+bits move no probability by more than 1e-7.
 """
 
 from functools import cache
@@ -11,7 +11,7 @@ from functools import cache
 import numba
 import numpy as np
 
-from csstsim.counter import poisson, word
+from csstsim.base.counter import poisson, word
 from csstsim.detector.normal import pixel_counter
 
 TABLE_MAX = 128  # electrons; the sky of a 250 s exposure and the wings of objects lie below

@@ -17,8 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from csstsim.errors import InputError
-from csstsim.text_file import read_text
+from csstsim.base.errors import InputError
+from csstsim.base.files.text_file import read_text
 
 BEAMS = {"A": 1, "B": 0, "C": 2, "D": -1, "E": -2}
 TERMS = ("1", "m", "n", "m^2", "m n", "n^2")

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.help_page import explained
 from csstsim.instrument.chip import Chip, Detector
 from csstsim.instrument.cosmic_rays import load_cosmic_rays
 from csstsim.instrument.defects import load_defects
@@ -18,7 +19,6 @@ from csstsim.instrument.orbit import Orbit
 from csstsim.instrument.pointing import parse_utc
 from csstsim.instrument.telescope import Telescope
 from csstsim.instrument.traps import load_traps
-from csstsim.pages import explained
 
 KINDS = ("imaging", "slitless")
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, fields
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
 from csstsim.instrument.load import build, read_sections
 
 

@@ -13,7 +13,7 @@ from functools import cached_property
 
 import numpy as np
 
-from csstsim.units import ab_photon_density
+from csstsim.base.units import ab_photon_density
 
 GRID = np.arange(2000.0, 11000.25, 0.5)  # angstrom
 SUBBANDS = 4

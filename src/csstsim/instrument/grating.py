@@ -11,10 +11,10 @@ from pathlib import Path
 
 import numpy as np
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.units import C_A_S, H_J_S
 from csstsim.instrument.axe import BEAMS, COEFFICIENTS, field_range, field_terms, read_axe
 from csstsim.instrument.filter import GRID
-from csstsim.units import C_A_S, H_J_S
 
 _AGREE = 0.01  # of the peak: first order's sensitivity against the filter curve, which magnitudes rest on
 _FAR = 20_000  # px, twice a chip: light that lands further from its direct image is a slip in a coefficient

@@ -14,8 +14,8 @@ import hashlib
 import re
 from pathlib import Path
 
-from csstsim.errors import InputError
-from csstsim.yaml_file import read_yaml
+from csstsim.base.errors import InputError
+from csstsim.base.files.yaml_file import read_yaml
 
 _PROVENANCE = ("source", "confidence")
 _ABOUT = (*_PROVENANCE, "unit", "note")

@@ -9,8 +9,8 @@ precession of the Earth's axis against GCRS: the state is right in size and dire
 import math
 from dataclasses import dataclass
 
+from csstsim.base.units import EARTH_GM_KM3_S2, EARTH_J2, EARTH_RADIUS_KM
 from csstsim.instrument.pointing import mjd_utc
-from csstsim.units import EARTH_GM_KM3_S2, EARTH_J2, EARTH_RADIUS_KM
 
 _DAY_S = 86_400.0
 

@@ -5,9 +5,9 @@ of the background taken off. ERR is a pixel's own noise: shot noise of all its e
 coordinates have the field distortion as SIP polynomials (Shupe et al. 2005); directions are apparent, as in Level-0.
 """
 
-from csstsim.atomic import atomic_path
+from csstsim.base.files.atomic import atomic_path
 from csstsim.io.fits import card, remark, write_hdus
-from csstsim.optics.sip import sip_header
+from csstsim.optics.geometry.sip import sip_header
 
 # of the Level-0 file's primary header: what was exposed, and with which state of the spacecraft
 KEPT = (

@@ -11,9 +11,9 @@ from pathlib import Path
 import fitsio
 import numpy as np
 
-from csstsim.errors import InputError
-from csstsim.file_log import logged
-from csstsim.fits_headers import check_headers
+from csstsim.base.errors import InputError
+from csstsim.base.files.file_log import logged
+from csstsim.base.files.fits_headers import check_headers
 
 BLOCK = 2880
 _LITTLE = sys.byteorder == "little"

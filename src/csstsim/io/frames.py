@@ -8,8 +8,8 @@ import json
 
 import numpy as np
 
-from csstsim.atomic import atomic_path
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
 from csstsim.io.fits import open_fits, read_pixels, verify_hdu, write_hdus
 
 DTYPES = ("float32", "int32", "uint16", "uint8")

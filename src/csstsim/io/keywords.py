@@ -10,13 +10,13 @@ from datetime import UTC, datetime
 from functools import cache
 
 import csstsim
+from csstsim.base.errors import InputError
+from csstsim.base.release import release
+from csstsim.base.shipped import ROOT
+from csstsim.base.units import EARTH_GM_KM3_S2, EARTH_RADIUS_KM
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.errors import InputError
 from csstsim.io.fits import card, remark
 from csstsim.io.sections import section_lists
-from csstsim.release import release
-from csstsim.shipped import ROOT
-from csstsim.units import EARTH_GM_KM3_S2, EARTH_RADIUS_KM
 
 STAGES = ("select", "render", "readout", "level0")
 _FROM_LAYERS = (

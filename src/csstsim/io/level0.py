@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from csstsim.atomic import atomic_path
-from csstsim.catalog.ephemeris import observer
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.catalog.places.ephemeris import observer
 from csstsim.detector.channels import LAYOUTS, ReadoutFrame
-from csstsim.errors import InputError
 from csstsim.instrument.chip import Window
 from csstsim.io.fits import (
     compress,
@@ -126,7 +126,7 @@ class Level0:
 
     @cached_property
     def observer(self):
-        """The spacecraft's state at the start (catalog.ephemeris.Observer), with which directions were made apparent.
+        """The spacecraft's state at the start: the catalog.places.ephemeris.Observer of the apparent directions.
 
         Raises InputError if a keyword is missing.
         """

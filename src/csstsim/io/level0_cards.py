@@ -5,7 +5,7 @@ from csstsim.detector.mask import BITS
 from csstsim.io.fits import card, remark
 from csstsim.io.keywords import header_cards, header_values
 from csstsim.io.paths import level0_stem
-from csstsim.optics.sip import sip_header
+from csstsim.optics.geometry.sip import sip_header
 
 
 def level0_cards(state, keywords, provenance, layout):

@@ -5,8 +5,8 @@ An order of less than an electron, none of which was drawn, has no row.
 
 import numpy as np
 
+from csstsim.base.errors import InputError
 from csstsim.catalog.table import ObjectTable, check_numbers
-from csstsim.errors import InputError
 
 COLUMNS = {
     "id": "the object",
@@ -28,12 +28,12 @@ _NEEDED = ("id", "row", "order", "grating", "cut", "xImage", "yImage", "p", "q",
 
 
 def write_orders(path, orders, metadata):
-    """Write the table of orders, x and y 0-based as render.draw_dispersed gives them."""
+    """Write the table of orders, x and y 0-based as render.slitless.draw_dispersed gives them."""
     orders_table(orders).write(path, metadata)
 
 
 def orders_table(orders):
-    """Return the columns of the file as an ObjectTable, of what render.draw_dispersed gives."""
+    """Return the columns of the file as an ObjectTable, of what render.slitless.draw_dispersed gives."""
     columns = {name: orders[name] for name in orders.names if name not in ("x", "y")}
     return ObjectTable(columns | {"xImage": orders["x"] + 1.0, "yImage": orders["y"] + 1.0})
 

@@ -6,7 +6,7 @@
 import json
 import os
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
 
 FILE = "campaign.json"
 

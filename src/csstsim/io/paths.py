@@ -14,7 +14,7 @@ Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256), of whi
 import re
 from pathlib import Path
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
 
 # File-name code of each exposure type (facts.md section 4: WIDE in the C9 release; the others by their own name).
 KIND = {"SCIE": "WIDE", "BIAS": "BIAS", "DARK": "DARK", "FLAT": "FLAT"}

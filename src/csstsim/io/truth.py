@@ -14,8 +14,8 @@ The file's metadata have the recipe, the Level-0 file's name, full_well [e-] and
 
 import numpy as np
 
+from csstsim.base.errors import InputError
 from csstsim.catalog.table import BANDS, ObjectTable, check_numbers
-from csstsim.errors import InputError
 
 # .cat name: our column
 CAT_COLUMNS = {

@@ -6,8 +6,8 @@ electrons, so it belongs after poisson_and_dark. Left out: differences between c
 
 import numpy as np
 
+from csstsim.base.errors import InputError
 from csstsim.detector import bfe_fit
-from csstsim.errors import InputError
 from csstsim.layers.param import LayerParam
 
 STAGE = "readout"

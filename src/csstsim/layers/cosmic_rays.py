@@ -7,7 +7,7 @@ shot noise of everything else; that layer must follow. Left out: see csstsim.det
 
 from pydantic import Field
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
 from csstsim.layers.param import EXPTIME, LayerParam
 
 STAGE = "readout"

@@ -1,19 +1,19 @@
 """Charge transfer inefficiency (paper, Appendix B item 10; section 5.5.4): traps hold back electrons on their way.
 
-Each half of the chip is transferred along its columns to its registers (csstsim.detector.cti) and, with `serial`, each
-row of a channel, of its parallel overscan, too, along the register to its amplifier (csstsim.detector.serial).
-What trails behind the last row or column goes to state.trailed, which prescan_overscan lays into the overscan. A
-window's columns and rows are transferred as whole ones: what is not simulated of the half, or of the channel's rows
-after the parallel transfer, holds the median charge of what is.
-Left out: the rise of trap density over the mission (`density_scale` stands for it).
+Each half of the chip is transferred along its columns to its registers (csstsim.detector.charge_transfer.cti) and, with
+`serial`, each row of a channel, of its parallel overscan, too, along the register to its amplifier
+(csstsim.detector.charge_transfer.serial). What trails behind the last row or column goes to state.trailed, which
+prescan_overscan lays into the overscan. A window's columns and rows are transferred as whole ones: what is not
+simulated of the half, or of the channel's rows after the parallel transfer, holds the median charge of what is. Left
+out: the rise of trap density over the mission (`density_scale` stands for it).
 """
 
 import numpy as np
 from pydantic import Field
 
+from csstsim.base.errors import InputError
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.detector.trails import Trails
-from csstsim.errors import InputError
+from csstsim.detector.charge_transfer.trails import Trails
 from csstsim.layers.param import LayerParam
 
 STAGE = "readout"
@@ -63,7 +63,7 @@ def transfer(image, detector, window, param, rng):
 
 def _along_columns(image, detector, window, scale, rng):
     """Transfer both halves to their registers; return (Trails.parallel, electrons left in traps)."""
-    from csstsim.detector import cti  # numba: half a second that checking a campaign need not pay
+    from csstsim.detector.charge_transfer import cti  # numba: half a second that checking a campaign need not pay
 
     traps, n_rows = detector.traps, detector.channel_ny
     trailed, trapped = [], 0
@@ -86,7 +86,7 @@ def _along_rows(image, detector, window, halves, scale, rng):
 
     Returns (Trails.serial, electrons left in traps).
     """
-    from csstsim.detector.serial import transfer_rows
+    from csstsim.detector.charge_transfer.serial import transfer_rows
 
     traps, x0, y0 = detector.traps.serial, window.x0, window.y0
     trailed, trapped = {}, 0

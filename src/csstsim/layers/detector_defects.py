@@ -6,7 +6,7 @@ Left out: see csstsim.detector.defects.
 
 from pydantic import Field
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
 from csstsim.layers.param import LayerParam
 
 STAGE = "readout"

@@ -10,12 +10,12 @@ Left out: warming up and ageing of the lamps, fringes.
 import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
+from csstsim.base.errors import InputError
 from csstsim.detector import prnu
-from csstsim.errors import InputError
 from csstsim.instrument.filter import GRID
 from csstsim.layers.param import LayerParam
-from csstsim.optics.flat import FlatField, check_flat
-from csstsim.optics.led import load_leds
+from csstsim.optics.throughput.flat import FlatField, check_flat
+from csstsim.optics.throughput.led import load_leds
 
 STAGE = "render"
 UNITS = ("electron", "electron")

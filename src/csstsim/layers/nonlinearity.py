@@ -7,9 +7,9 @@ one a channel, scaled within the detector's `nonlinearity_spread`. Left out: wha
 
 from pydantic import Field
 
+from csstsim.base.errors import InputError
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.detector.cubic import lowest_slope
-from csstsim.errors import InputError
 from csstsim.layers.param import LayerParam
 
 STAGE = "readout"

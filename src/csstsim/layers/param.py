@@ -1,6 +1,6 @@
 """What the parameters (obs_param) of every layer share. The paper's Appendix B names them."""
 
-from csstsim.model import Model
+from csstsim.base.model import Model
 
 EXPTIME = "exposure time [s], of the whole exposure: one for all layers of a list; null = the pointing's"
 

@@ -9,13 +9,13 @@ from functools import cache
 
 from pydantic import Field
 
-from csstsim.catalog.canonical import back, canonical_order, orders_back
+from csstsim.catalog.row_order import back, canonical_order, orders_back
 from csstsim.catalog.select import Noise
 from csstsim.layers.param import EXPTIME, LayerParam
-from csstsim.optics.beyond import Beyond, beyond_box, read_beyond
-from csstsim.optics.dispersion import Disperser
-from csstsim.optics.flat import check_flat
-from csstsim.optics.response import response_maximum
+from csstsim.optics.gratings.dispersion import Disperser
+from csstsim.optics.scatter.outside_box import Beyond, beyond_box, read_beyond
+from csstsim.optics.throughput.flat import check_flat
+from csstsim.optics.throughput.response import response_maximum
 
 STAGE = "render"
 UNITS = ("electron", "electron")
@@ -85,11 +85,11 @@ def _draw(state, param, rng):
     place = state.wcs, state.psf, exptime
     # numba: seconds that checking a campaign need not pay
     if state.gratings is None:
-        from csstsim.render.draw import draw_objects
+        from csstsim.render.imaging.draw import draw_objects
 
         state.truth, state.counted = draw_objects(state.image, state.window, state.catalog, *place, **how)
     else:
-        from csstsim.render.draw_dispersed import draw_dispersed
+        from csstsim.render.slitless.draw_dispersed import draw_dispersed
 
         disperser = Disperser(state.gratings, state.filter, state.telescope)
         state.truth, state.orders, state.counted = draw_dispersed(
@@ -101,11 +101,11 @@ def _reference(state, exptime, beyond, response):
     """Draw by the reference renderer, tables of what was drawn included."""
     place = state.wcs, state.psf, exptime, beyond, response
     if state.gratings is None:
-        from csstsim.render.reference import draw_objects
+        from csstsim.render.imaging.reference import draw_objects
 
         state.truth = draw_objects(state.image, state.window, state.catalog, *place)
     else:
-        from csstsim.render.reference_dispersed import draw_objects
+        from csstsim.render.slitless.reference_dispersed import draw_objects
 
         disperser = Disperser(state.gratings, state.filter, state.telescope)
         scene = state.image, state.window, state.catalog, state.spectra, disperser

@@ -9,16 +9,16 @@ Left out: change of the sky's share between columns while the shutter moves.
 import numpy as np
 from pydantic import Field
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.units import DAY_S
 from csstsim.io.keywords import orbit_after
 from csstsim.layers.param import EXPTIME, LayerParam
-from csstsim.optics.flat import check_flat
+from csstsim.optics.throughput.flat import check_flat
 from csstsim.sky import background
 from csstsim.sky.bodies import exposure_angles
+from csstsim.sky.directions import telescope_axes
 from csstsim.sky.dispersed import disperse, nominal_spectrum, sky_spectrum
-from csstsim.sky.frame import telescope_axes
-from csstsim.sky.numbers import sky_numbers
-from csstsim.units import DAY_S
+from csstsim.sky.parameters import sky_numbers
 
 STAGE = "render"
 UNITS = ("electron", "electron")

@@ -1,16 +1,16 @@
 """Level-0 frame to electrons: overscan, gain, nonlinearity, moved charge, flat; the first step of the measurement.
 
 The bias of each readout channel is the robust mean of its own serial overscan (bias + read noise only), and its read
-noise the robust scatter there. Charge is moved back to where the light came (measure.undo), then divided by the flat
-field and shutter that the light has met. Dark current and sky go into the background of `measure.detect`.
+noise the robust scatter there. Charge is moved back to where the light came (measure.reverse_transfer), then divided by
+the flat field and shutter that the light has met. Dark current and sky go into the background of `measure.detect`.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
+from csstsim.base.errors import InputError
 from csstsim.detector.cubic import straighten
-from csstsim.errors import InputError
 
 # Deferred and bloomed charge leaks into the first overscan columns; they are not pure bias.
 OVERSCAN_SKIP = 4

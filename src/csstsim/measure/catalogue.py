@@ -8,9 +8,9 @@ point of the filter.
 
 import numpy as np
 
-from csstsim.catalog.astrometry import icrs
+from csstsim.base.errors import InputError
+from csstsim.catalog.places.astrometry import icrs
 from csstsim.catalog.table import ObjectTable
-from csstsim.errors import InputError
 from csstsim.measure.bad_pixels import BAD, FULL, RAY, mend
 from csstsim.measure.centroid import position_errors
 from csstsim.measure.channel_figures import block_means, channel_figures
@@ -91,7 +91,7 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     """Return the ObjectTable of one frame; `calibrated.electrons` is used up (background taken off in place).
 
     `calibrated`: measure.calibrate.Calibrated of `window`; `psf`: PsfSet of the chip; `wcs`: ChipWCS;
-    `observer`: catalog.ephemeris.Observer.
+    `observer`: catalog.places.ephemeris.Observer.
     The columns are `COLUMNS`, rows by decreasing S/N. What adaptive moments (measure.moments) give is NaN where they
     failed; g1, g2, g_err, which compare with the truth's e1, e2 sheared by its g1, g2, also where the source is not
     resolved.

@@ -24,7 +24,7 @@ import numpy as np
 from csstsim.measure.background import MASK_MAX, crude_background, masked_background
 from csstsim.measure.centroid import windowed_positions
 from csstsim.measure.maps import BIN, binned, full_size, grown
-from csstsim.optics.psf import WINDOW_PX
+from csstsim.optics.psf.psf_set import WINDOW_PX
 
 THRESHOLD = 3.75  # of the matched-filter S/N
 GROWTH = 3  # binned px by which the cold sources' isophotes are grown to mask them

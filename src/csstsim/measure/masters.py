@@ -15,7 +15,7 @@ from itertools import pairwise
 import numba
 import numpy as np
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
 from csstsim.measure.maps import interpolated
 
 BOX = 64  # px

@@ -83,7 +83,7 @@ def psf_model(psf, origin, shape, *, cell_px=CELL_PX):
     """
     from scipy.ndimage import gaussian_filter, spline_filter
 
-    from csstsim.optics.psf_file import half_pixels, pixel_response
+    from csstsim.optics.psf.psf_file import half_pixels, pixel_response
 
     cells = math.ceil(max(shape) / cell_px)
     step = shape[1] / cells, shape[0] / cells

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from csstsim.base.errors import InputError
 from csstsim.catalog.table import TYPES
-from csstsim.errors import InputError
 from csstsim.io.truth import read_truth
 
 STYLES = {"star": ("o", "#E69F00"), "galaxy": ("s", "#56B4E9"), "quasar": ("D", "#CC79A7")}

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
 from csstsim.io.fits import open_fits, read_header
 from csstsim.io.frames import META, load_frame
 from csstsim.io.level0 import read_level0

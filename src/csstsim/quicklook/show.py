@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from csstsim.atomic import atomic_path
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
 from csstsim.quicklook.figure import DPI, SIDE, draw
 from csstsim.quicklook.marks import brightest, load_marks
 from csstsim.quicklook.picture import read_picture

@@ -36,11 +36,11 @@ def exposure_wcs(header):
 
 def _distorted(header):
     """Return the TAN-SIP header of the exposure if its camera is the shipped one, else None."""
-    from csstsim.config import SHIPPED
+    from csstsim.base.shipped import SHIPPED
     from csstsim.instrument.camera import load_camera
-    from csstsim.optics.distortion import load_distortion
-    from csstsim.optics.sip import sip_header
-    from csstsim.optics.wcs import ChipWCS
+    from csstsim.optics.geometry.distortion import load_distortion
+    from csstsim.optics.geometry.sip import sip_header
+    from csstsim.optics.geometry.wcs import ChipWCS
 
     camera = load_camera(SHIPPED / "instrument")
     if header.get("CAMHASH") != camera.digest:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
 
 STRETCHES = ("asinh", "log", "linear")
 BELOW = 2.0  # sigma under the background that are black

@@ -28,7 +28,7 @@ def predicted(method, scene, reach, snr, numbers, per_pixel):
     """Return the bound (n,) of the error of `method` ("photons", "stamp"), in units of each object's noise.
 
     scene: render.scene.Scene; reach (n,): half the side of the stamp [px]; snr (n,): light over noise, by policy.noise;
-    numbers: render.numbers.Error; per_pixel: stored cells of the PSF to a pixel.
+    numbers: render.settings.Error; per_pixel: stored cells of the PSF to a pixel.
     """
     share = np.full(len(scene), numbers.psf[4 if per_pixel >= 4 else 2])
     if method == "stamp":

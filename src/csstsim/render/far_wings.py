@@ -18,7 +18,7 @@ import math
 import numba
 import numpy as np
 
-from csstsim.render.octaves import read
+from csstsim.render.octave_table import read
 
 MESH = 8  # px, of the finest mesh
 FACTOR = 2  # from one mesh to the next
@@ -44,7 +44,7 @@ class FarWings:
         self._weights = None
 
     def add(self, level, x, y, reach, table, first, side=WHOLE, soft=1.0):
-        """Add to the mesh `level` the values of a table (render.octaves) in r^2 up to `reach` [px] about x, y.
+        """Add to the mesh `level` the values of a table (render.octave_table) in r^2 up to `reach` [px] about x, y.
 
         side: (x0, x1, y0, y1) px from x, y beyond which they are cut off, over `soft` px. Returns the electrons that
         fall on the window; beside it the splines' ripples may make them less than nothing by 1e-8 of the light.

@@ -17,11 +17,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from csstsim.render.error_model import predicted
-from csstsim.render.line_wings import LINE_NEAR, LINE_STEP
-from csstsim.render.numbers import load_numbers
-from csstsim.render.slab_counts import allowed_error, fewest
-from csstsim.render.slabs import densities
-from csstsim.render.unresolved import MESH
+from csstsim.render.imaging.unresolved import MESH
+from csstsim.render.settings import load_numbers
+from csstsim.render.slitless.line_wings import LINE_NEAR, LINE_STEP
+from csstsim.render.slitless.slab_counts import allowed_error, fewest
+from csstsim.render.slitless.slabs import densities
 
 NONE, UNRESOLVED, PHOTONS, STAMP = range(4)
 METHODS = np.array(["none", "unresolved", "photons", "stamp"])
@@ -29,7 +29,7 @@ WING_NEAR = 192.0  # px: further out a wing costs next to nothing (render.far_wi
 PHOTONS_MAX = 1e8  # electrons: a second; more would at length not fit the counted plane's integers
 _AS_GOOD = 3.0
 _PSF_HALF_LIGHT = 1.2  # pixel
-_USUAL = 0.01  # roughness of a spectrum (render.slab_counts)
+_USUAL = 0.01  # roughness of a spectrum (render.slitless.slab_counts)
 _GAUSSIAN = 4 * np.pi / (2 * np.log(2))  # effective number of pixels / half-light radius^2 of a Gaussian
 
 
@@ -68,7 +68,7 @@ def choose(scene, reach, wing, variance, fidelity, *, convex, per_pixel, maximum
 def choose_dispersed(scene, reach, wing, variance, fidelity, disperser, *, convex, per_pixel, maximum=1.0):
     """Return the `Choice` for a Scene whose light is dispersed: photons or slabs (STAMP), none unresolved.
 
-    As `choose`; scene.electrons are the first order's, disperser an optics.dispersion.Disperser.
+    As `choose`; scene.electrons are the first order's, disperser an optics.gratings.dispersion.Disperser.
     """
     numbers = load_numbers()
     electrons = scene.electrons.sum(axis=1)
@@ -121,7 +121,7 @@ def half_light_px2(scene):
 
 
 def costs(scene, reach, wing, electrons, cost):
-    """Return (photons, stamp): CPU ns of each object, (n,). cost: render.numbers.Cost."""
+    """Return (photons, stamp): CPU ns of each object, (n,). cost: render.settings.Cost."""
     galaxy = _galaxies(scene)
     photons = cost.photon_object + electrons * np.where(galaxy, cost.photon_galaxy, cost.photon_star)
     pixels = (2.0 * reach + 1) ** 2

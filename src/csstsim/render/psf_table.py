@@ -1,11 +1,11 @@
 """The PSF of a chip as a density to draw from: splines through the stored cell integrals, and their alias tables.
 
-A stored number is the light in a cell (optics.psf_file). The density is a sum of quadratic B-splines on the cells,
+A stored number is the light in a cell (optics.psf.psf_file). The density is a sum of quadratic B-splines on the cells,
 f(x) = sum_k c_k B_2(x - k), with c such that its integral over each cell is the stored number: since a box times
 B_2 is B_3, c follows from the numbers by the cubic B-spline prefilter (Unser 1999, IEEE SPM 16, 22). Photons are a draw
-of k with probability c_k and a B_2 variate (three uniforms); stamps are sums of c_k over pixels (render.stamps). Both
-are the same density. Coefficients below zero, of which a smooth PSF has hardly any, count as zero and the rest make up
-for them; `negative` says how much that was.
+of k with probability c_k and a B_2 variate (three uniforms); stamps are sums of c_k over pixels
+(render.imaging.stamps). Both are the same density. Coefficients below zero, of which a smooth PSF has hardly any, count
+as zero and the rest make up for them; `negative` says how much that was.
 
 Alias tables (Walker 1977; Vose 1991, IEEE TSE 17, 972): 16 bits of probability and 16 bits of index in a word; the
 middle of a PSF, which takes 96% of the photons, has a table of its own that stays in cache. Rounding, by up to
@@ -26,9 +26,9 @@ import h5py
 import numba
 import numpy as np
 
-from csstsim.atomic import atomic_path
-from csstsim.errors import InputError
-from csstsim.optics.psf_file import WAVELENGTHS, PsfSet, intact
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.optics.psf.psf_file import WAVELENGTHS, PsfSet, intact
 
 INNER_PX = 8  # half the side of the middle, in pixel
 FORMAT = 2

@@ -1,17 +1,17 @@
 """Light far from an object: what its stamp leaves out, laid about it as the PSF's wing, and ghosts.
 
-The box of the stored PSF is faded out, the wing (optics.halo) faded in over the same ring, 0.7 to 0.95 of the box's
-half side, by a step with two continuous derivatives. A wing has no end: every object's goes on over the whole chip,
-bright or faint, so that no choice of method loses light. What then is still missing of the object's light, because its
-stamp is smaller than the box or the box differs from the wing where they join, is laid between core and edge of the box
-as a smooth ring.
+The box of the stored PSF is faded out, the wing (optics.scatter.halo) faded in over the same ring, 0.7 to 0.95 of the
+box's half side, by a step with two continuous derivatives. A wing has no end: every object's goes on over the whole
+chip, bright or faint, so that no choice of method loses light. What then is still missing of the object's light,
+because its stamp is smaller than the box or the box differs from the wing where they join, is laid between core and
+edge of the box as a smooth ring.
 
 Whether noise hides a wing (catalog.reach) decides how it is drawn. One that shows is drawn pixel by pixel near the
 object, up to 48 to 192 px, and on the meshes of render.far_wings beyond. A hidden one is a haze, on the meshes alone:
 it is faded in from the middle on, not over the box's ring, which is too narrow for a mesh.
 
-A wing is read from a table in r^2 (render.octaves): 3e-5 of the value for slopes to -3. Its value at a pixel's centre
-stands for the pixel: 4e-4 at 45 px, less beyond. Cost: benchmarks/wings.py.
+A wing is read from a table in r^2 (render.octave_table): 3e-5 of the value for slopes to -3. Its value at a pixel's
+centre stands for the pixel: 4e-4 at 45 px, less beyond. Cost: benchmarks/wings.py.
 """
 
 import math
@@ -22,7 +22,7 @@ import numba
 import numpy as np
 
 from csstsim.render.far_wings import OVER
-from csstsim.render.octaves import BITS, first_of, nodes, read
+from csstsim.render.octave_table import BITS, first_of, nodes, read
 
 FADE = 0.7, 0.95  # of the box's half side
 NEAR = 48.0, 96.0  # px: from here to twice that the meshes take over, of short wings and of others
@@ -53,7 +53,7 @@ def box_share(cells, per_pixel):
 
 @lru_cache
 def wing_beyond(wing, half, shows=True):
-    """Return the Far of a wing (optics.halo.Wing) beyond a box of half side `half` [px].
+    """Return the Far of a wing (optics.scatter.halo.Wing) beyond a box of half side `half` [px].
 
     shows: whether it is faded in where the box is faded out; else from the middle on, as a haze.
     """
@@ -108,9 +108,9 @@ def add_far(image, response, window, x, y, flux, inside, drawn, wing, wing_px, h
 
     image: float32 or float64, of `window`, changed in place; response: share of the light that is counted, of the same
     shape; flux (4,): all the object's electrons; inside: those in the PSF's box, but for what fades into the wing;
-    drawn: those that its stamp holds; wing: optics.halo.Wing, which has the rest, or None; wing_px: radius [px] at
-    which noise hides it, 0: everywhere; half: side of the PSF's box [px]; meshes: a FarWings; near: px from which they
-    take over, None: as noise allows.
+    drawn: those that its stamp holds; wing: optics.scatter.halo.Wing, which has the rest, or None; wing_px: radius [px]
+    at which noise hides it, 0: everywhere; half: side of the PSF's box [px]; meshes: a FarWings; near: px from which
+    they take over, None: as noise allows.
     """
     missing, added = near_light(inside - drawn, inside, wing), 0.0
     if wing is not None:
@@ -159,7 +159,7 @@ def _mixed(flux, table):
 
 
 def add_ghosts(image, response, window, chip, x, y, electrons, ghosts):
-    """Add an object's ghosts (optics.ghosts.Ghosts), if it is bright enough; return [(electrons, box), ...].
+    """Add an object's ghosts (optics.scatter.ghosts.Ghosts), if it is bright enough; return [(electrons, box), ...].
 
     As `add_wing`; boxes are (x0, x1, y0, y1) on the chip, half-open; what misses the window is not listed.
     """

@@ -14,12 +14,12 @@ for lines shortward of the bands.
 import numba
 import numpy as np
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
 from csstsim.sky import zodiacal
+from csstsim.sky.background_spectra import band, blackbody_over_sun, magnitude_ratio, pixel_etendue, sunlight
 from csstsim.sky.bodies import bodies, earth_radius
+from csstsim.sky.directions import angle, helioecliptic, unit
 from csstsim.sky.earthshine import earthshine
-from csstsim.sky.frame import angle, helioecliptic, unit
-from csstsim.sky.spectra import band, blackbody_over_sun, magnitude_ratio, pixel_etendue, sunlight
 from csstsim.sky.transmittance import angles, total
 
 COMPONENTS = ("zodiacal", "earth", "sun", "moon", "planets", "stars")
@@ -52,9 +52,9 @@ def band_rates(filter_, telescope, pixel_um, numbers):
 def sky_components(rates, axes, sights, moment, numbers):
     """Return {component: (m,) e-/s/px} for lines of sight (m, 3), unit vectors on GCRS axes.
 
-    rates: of `band_rates`; axes: sky.frame.telescope_axes; moment: (UTC MJD, position [km], velocity [km/s]) of the
-    spacecraft, geocentric GCRS; numbers: SkyNumbers. Raises InputError if the Earth is in the way, or the Sun is closer
-    than the table of zodiacal light reaches.
+    rates: of `band_rates`; axes: sky.directions.telescope_axes; moment: (UTC MJD, position [km], velocity [km/s]) of
+    the spacecraft, geocentric GCRS; numbers: SkyNumbers. Raises InputError if the Earth is in the way, or the Sun is
+    closer than the table of zodiacal light reaches.
     """
     place = np.asarray(moment[1], dtype=float)
     radius = np.degrees(earth_radius(place))

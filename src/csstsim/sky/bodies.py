@@ -1,6 +1,6 @@
 """Where the Sun, the Moon and the bright planets stand for the spacecraft, and how bright they are.
 
-The Sun as catalog.ephemeris has it; the Moon from ERFA's moon98 (Meeus 1998, 10"), shifted by the spacecraft's
+The Sun as catalog.places.ephemeris has it; the Moon from ERFA's moon98 (Meeus 1998, 10"), shifted by the spacecraft's
 parallax; planets from plan94, within arcminutes. Directions are geometric: light time and aberration (20") are nothing
 to stray light. V magnitudes by distance and phase angle, as polynomials of sky.yaml.
 """
@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from csstsim.catalog.ephemeris import mjd_tt, observer
-from csstsim.sky.frame import angle, unit
-from csstsim.units import AU_KM, EARTH_RADIUS_KM
+from csstsim.base.units import AU_KM, EARTH_RADIUS_KM
+from csstsim.catalog.places.ephemeris import mjd_tt, observer
+from csstsim.sky.directions import angle, unit
 
 _MJD_ZERO = 2_400_000.5
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from csstsim.instrument.filter import GRID
 from csstsim.sky import zodiacal
-from csstsim.sky.spectra import V_BAND, band, sunlight
+from csstsim.sky.background_spectra import V_BAND, band, sunlight
 
 NODE = 1024  # px between rows computed, and between columns where |dF| is: linear to 2e-5 of the sky
 _ITERATIONS = 5  # each gains a factor 500, dF being that close to 1

@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
+from csstsim.base.units import EARTH_RADIUS_KM
 from csstsim.sky.bodies import earth_radius
 from csstsim.sky.transmittance import total
-from csstsim.units import EARTH_RADIUS_KM
 
 
 def segments(place, sun, rings):
@@ -41,7 +41,7 @@ def segments(place, sun, rings):
 def earthshine(place, sun, axes, sights, door_azimuth, numbers):
     """Return (m,): the focal plane's irradiance by the Earth over the Sun's at 1 au, for a white Earth.
 
-    place [km], sun: GCRS; axes: sky.frame.telescope_axes; sights (m, 3) in that frame.
+    place [km], sun: GCRS; axes: sky.directions.telescope_axes; sights (m, 3) in that frame.
     """
     seen, weight = segments(np.asarray(place, dtype=float), sun, numbers.rings)
     return np.einsum("mn,n->m", total(np.einsum("ij,nj->ni", axes, seen), sights, door_azimuth, numbers), weight)

@@ -7,8 +7,8 @@ aperture's plane but by way of the door. `total` adds both ways in.
 
 import numpy as np
 
-from csstsim.sky.door import scattered, shade, zenith_angle
-from csstsim.sky.frame import angle
+from csstsim.sky.aperture_door import scattered, shade, zenith_angle
+from csstsim.sky.directions import angle
 
 
 def transmittance(zenith, azimuth, numbers):
@@ -30,7 +30,7 @@ def _cell(nodes, x):
 def total(sources, sights, door_azimuth, numbers):
     """Return (m, n): the transmittance from sources (n, 3) to lines of sight (m, 3), past the door and off it.
 
-    Unit vectors in the telescope's frame (csstsim.sky.frame); door_azimuth [deg].
+    Unit vectors in the telescope's frame (csstsim.sky.directions); door_azimuth [deg].
     """
     zenith, azimuth = angles(sources)
     door, front = numbers.door, zenith < 90.0

@@ -9,10 +9,10 @@ ends, which are lines of symmetry. S is the Sun, at 5000 A its mean within 250 A
 
 import numpy as np
 
-from csstsim.errors import InputError
+from csstsim.base.errors import InputError
+from csstsim.base.units import ARCSEC_PER_RAD
 from csstsim.instrument.filter import sample_curve
-from csstsim.sky.spectra import solar_continuum, sunlight
-from csstsim.units import ARCSEC_PER_RAD
+from csstsim.sky.background_spectra import solar_continuum, sunlight
 
 REFERENCE = 5000.0  # angstrom, of Table 17
 

@@ -1,18 +1,18 @@
 """Spectra of a table as means over bins of wavelength: what dispersed light is drawn from.
 
-The same light as universe.spectra, without 18,001 samples an object: galaxies cell by cell of their rest-frame nodes,
-each a line, so that an emission line keeps its light whatever bins it falls in.
+The same light as universe.brick_spectra, without 18,001 samples an object: galaxies cell by cell of their rest-frame
+nodes, each a line, so that an emission line keeps its light whatever bins it falls in.
 """
 
 import numba
 import numpy as np
 
-from csstsim.catalog.photometry import bin_means
+from csstsim.catalog.light.photometry import bin_means
 from csstsim.catalog.table import GALAXY, STAR
 from csstsim.instrument.filter import GRID
-from csstsim.universe.galaxy_sed import combine
-from csstsim.universe.igm import Intergalactic, absorb
-from csstsim.universe.spectra import coefficients, kinds
+from csstsim.universe.brick_spectra import coefficients, kinds
+from csstsim.universe.galaxies.galaxy_sed import combine
+from csstsim.universe.galaxies.igm import Intergalactic, absorb
 
 _SMALL = 0.02  # of A(V) ln 10 / 2.5: below it the series of exp is exact to 1e-9
 _LN_MAG = 0.4 * np.log(10.0)

@@ -10,18 +10,18 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from csstsim.catalog.photometry import rate_to_mag, subband_weights
+from csstsim.base.errors import InputError
+from csstsim.base.release import release
+from csstsim.base.rng import stream
+from csstsim.base.units import SOLAR_RADIUS_PC
+from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
 from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
-from csstsim.errors import InputError
-from csstsim.release import release
-from csstsim.rng import stream
-from csstsim.units import SOLAR_RADIUS_PC
-from csstsim.universe.galaxies import GalaxyPopulation
-from csstsim.universe.galaxy_sed import COEFFICIENTS
-from csstsim.universe.lensing import lens
-from csstsim.universe.quasars import draw_quasars
-from csstsim.universe.spectra import rates
-from csstsim.universe.stars import draw_stars
+from csstsim.universe.brick_spectra import rates
+from csstsim.universe.galaxies.galaxies import GalaxyPopulation
+from csstsim.universe.galaxies.galaxy_sed import COEFFICIENTS
+from csstsim.universe.lensing.lensing import lens
+from csstsim.universe.quasars.quasars import draw_quasars
+from csstsim.universe.stars.stars import draw_stars
 
 NSIDE = 256
 N_BRICKS = 12 * NSIDE**2

@@ -9,13 +9,15 @@ change, and say in CHANGES.md by how much.
 
 import json
 import tempfile
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 from mini_campaign import write_scene
 
-from csstsim import prepare, stages
-from csstsim.campaign import OpenCampaign
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.stages import psf as psf_stage
+from csstsim.stages import select as select_stage
 
 GOLDEN = Path(__file__).parents[1] / "golden_scene.json"
 OBSID, CHIP = "10100000001", 9
@@ -25,8 +27,8 @@ def statistics(folder):
     """Draw a star and two galaxies layer by layer; return {layer: {statistic: value}}."""
     run = OpenCampaign(write_scene(folder, "Pair", [40.3, 90.1, 20.0], [50.2, 70.6, 110.0], mag=20.0))
     job = run.job(OBSID, CHIP)
-    prepare.psf(run, CHIP)
-    stages.select(run, job)
+    psf_stage.psf(run, CHIP)
+    select_stage.select(run, job)
     steps, found = run.steps["SCIE"], {}
     for step in steps:
         apply = step.module.apply
@@ -39,7 +41,7 @@ def statistics(folder):
         step.module.apply = watched
     try:
         for stage in ("render", "readout", "level0"):
-            getattr(stages, stage)(run, job)
+            getattr(import_module(f"csstsim.stages.{stage}"), stage)(run, job)
     finally:
         for step in steps:
             step.module.apply = step.module.apply.__defaults__[0]

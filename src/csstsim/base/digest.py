@@ -1,0 +1,25 @@
+"""Short digests of what decides a product: data, and the text of a user's own code (layers, catalogues)."""
+
+import hashlib
+import json
+from pathlib import Path
+
+
+def digest(data):
+    """Return 16 hex digits of the SHA-256 of JSON-like data, independent of key order."""
+    return hashlib.sha256(json.dumps(data, sort_keys=True, default=str).encode()).hexdigest()[:16]
+
+
+def file_digest(path):
+    """Return 16 hex digits of a file's content. Raises OSError if it cannot be read."""
+    return hashlib.sha256(Path(path).read_bytes()).hexdigest()[:16]
+
+
+def module_digest(module):
+    """Return 16 hex digits of the file of an imported module, or None: csstsim's own, or typed in."""
+    if module.__name__.startswith("csstsim."):
+        return None  # the release stands for it
+    try:
+        return file_digest(module.__file__)
+    except (AttributeError, TypeError, OSError):
+        return None

@@ -1,0 +1,47 @@
+"""What csstsim raises when the input, not the program, is at fault.
+
+Raise `InputError` for anything a user can mend: it prints as one line that names the file, the key,
+the value and what is allowed, and the command ends with exit code 2 and no traceback. Let every other
+exception through: it is a bug.
+"""
+
+LONGEST = 160  # characters of a key or value in a message
+LINE = 1500  # ... of the whole message
+
+
+class CsstsimError(Exception):
+    """Base of the errors that end a command with exit code 2 and one line."""
+
+    page = None  # where is explained what is allowed: csstsim.base.help_page
+
+
+class InputError(CsstsimError):
+    """A value in a file, table or command line that cannot be used."""
+
+    def __init__(self, message, *, file=None, key=None, value=None, allowed=None):
+        where = ": ".join(text for part, text in ((file, str(file)), (key, _cut(str(key)))) if part is not None)
+        text = f"{where}: {message}" if where else message
+        if value is not None:
+            text += f" (got {_shown(value)})"
+        if allowed is not None:
+            text += f"; allowed: {allowed}"
+        super().__init__(_in_a_line(text))
+
+
+def _in_a_line(text):
+    """Return text as one line that a terminal shows as it is: names out of files may hold anything."""
+    text = _cut(" ".join(text.split()), LINE)
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def _shown(value):
+    """Return repr(value), cut to a length that can be read."""
+    try:
+        text = repr(value)
+    except (ValueError, RecursionError):  # an integer of thousands of digits, a list nested without end
+        return f"a {type(value).__name__}"
+    return _cut(text)
+
+
+def _cut(text, most=LONGEST):
+    return text if len(text) <= most else f"{text[: most - 4]} ..."

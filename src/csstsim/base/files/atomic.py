@@ -1,0 +1,84 @@
+"""Writing files so that a reader never sees half of one: temporary sibling, fsync, rename.
+
+A process that is killed outright, or whose machine dies, leaves its temporary `.name.host.pid.tmp.suffix`. Nothing
+takes that for a product. Who writes the same file next on that host removes it, and `remove_left` at the end of a
+campaign all of them.
+"""
+
+import errno
+import glob
+import os
+import re
+import socket
+from contextlib import contextmanager
+from pathlib import Path
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.file_log import logged
+
+HOST = socket.gethostname()
+# What the disk, not the program, is at fault for
+DISK = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EACCES, errno.EPERM, errno.EIO}
+_LEFT = re.compile(r"\..+\.(?P<pid>\d+)\.tmp(\.\w+)?")
+
+
+@contextmanager
+def atomic_path(path):
+    """Yield a temporary path beside `path`; on success it is flushed to disk and renamed to `path`.
+
+    On any exception the temporary file is removed and `path` is left as it was. The parent folder is made if
+    it is missing. The temporary name keeps the suffix, which some writers read. Raises InputError if the disk is full,
+    read-only, forbidden or broken.
+    """
+    path = Path(path)
+    temporary = path.with_name(f".{path.stem}.{HOST}.{os.getpid()}.tmp{path.suffix}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _remove_dead(path.parent.glob(glob.escape(f".{path.stem}.{HOST}.") + f"*.tmp{path.suffix}"))
+        with logged("wrote", path):
+            yield temporary
+            _flush(temporary)
+            os.replace(temporary, path)
+            _flush(path.parent)  # the rename itself
+    except OSError as exc:
+        if exc.errno not in DISK or Path(exc.filename or temporary) not in (temporary, *path.parents):
+            raise
+        raise InputError(f"cannot be written: {os.strerror(exc.errno)}", file=path) from exc
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def remove_left(folder):
+    """Remove the temporaries below a folder, but those of processes that run on this host; return how many.
+
+    Those of other hosts are taken for left behind: call it when the campaign's jobs have ended.
+    """
+    return _remove_dead(Path(folder).rglob(".*.tmp*"))
+
+
+def _remove_dead(paths):
+    dead = [path for path in paths if (match := _LEFT.fullmatch(path.name)) and not _writes(path.name, match["pid"])]
+    for path in dead:
+        path.unlink(missing_ok=True)
+    return len(dead)
+
+
+def _writes(name, pid):
+    """Whether a process of this host that has a temporary's number is there."""
+    if f".{HOST}.{pid}.tmp" not in name:
+        return False
+    try:
+        os.kill(int(pid), 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except PermissionError:  # another user's
+        return True
+    return True
+
+
+def _flush(path):
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

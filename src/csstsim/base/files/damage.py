@@ -1,0 +1,32 @@
+"""What libraries make of a damaged file, turned into the one line that names it."""
+
+import lzma
+import warnings
+import zlib
+from contextlib import contextmanager
+from pathlib import Path
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.file_log import logged
+
+_DAMAGE = (
+    AssertionError, OSError, EOFError, LookupError, AttributeError, TypeError, ValueError, ArithmeticError, zlib.error,
+    lzma.LZMAError, UserWarning,
+)  # fmt: skip
+
+
+@contextmanager
+def reading(path, what, strict=True):
+    """Turn what a damaged file raises inside into an InputError: it cannot be read as `what`.
+
+    `strict`: a warning is damage, too (to astropy a truncated file is worth no more than that).
+    """
+    from astropy.io.fits import VerifyError
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error" if strict else "ignore", UserWarning)
+            with logged("read", path):
+                yield
+    except (*_DAMAGE, VerifyError) as exc:
+        raise InputError(f"cannot be read as {what}: {type(exc).__name__} {exc}", file=Path(path)) from exc

@@ -1,0 +1,55 @@
+"""A FITS file's headers walked through before a library sees them: some end cfitsio's process, some keep astropy."""
+
+import math
+import os
+import re
+
+from csstsim.base.errors import InputError
+
+BLOCK, CARD = 2880, 80
+MOST, FIELDS, AXES = 1 << 28, 999, 999  # values of a packed image; columns and axes, by the standard
+_LENGTH = re.compile(r"(BITPIX|NAXIS\d*|PCOUNT|GCOUNT|TFIELDS|ZNAXIS\d*|ZTILE\d+)")
+_INTEGER = re.compile(r"[+-]?\d{1,18}")
+
+
+def check_headers(path):
+    """Raise InputError for a length that is no whole number, negative, beyond what is read, or 0 where it divides.
+
+    A file that is missing, no FITS at all, or cut short is left to its reader to refuse.
+    """
+    if not os.path.isfile(path):
+        return
+    size, start = os.stat(path).st_size, 0
+    with open(path, "rb") as file:
+        while start < size:
+            file.seek(start)
+            lengths, blocks = _lengths(file, path)
+            if lengths is None:
+                return
+            sides = [value for key, value in lengths.items() if re.fullmatch(r"NAXIS\d+", key)]
+            values = math.prod(sides) * lengths.get("GCOUNT", 1) if sides else 0
+            data = abs(lengths.get("BITPIX", 8)) // 8 * (values + lengths.get("PCOUNT", 0))
+            start += (blocks + math.ceil(data / BLOCK)) * BLOCK
+
+
+def _lengths(file, path):
+    """Return ({keyword: length}, blocks) of the header at the file's place; (None, blocks) if it does not end."""
+    lengths, blocks = {}, 0
+    while len(block := file.read(BLOCK)) == BLOCK:
+        blocks += 1
+        for at in range(0, BLOCK, CARD):
+            card = block[at : at + CARD].decode("latin-1")
+            key = card[:8].strip()
+            if card.rstrip() == "END":
+                return lengths, blocks
+            if card[8] == "=" and _LENGTH.fullmatch(key):
+                lengths[key] = _length(key, card[9:].split("/")[0].strip(), path)
+    return None, blocks
+
+
+def _length(key, text, path):
+    value = int(text) if _INTEGER.fullmatch(text) else None
+    most = FIELDS if key == "TFIELDS" else AXES if key.endswith("NAXIS") else MOST if key.startswith("Z") else value
+    if value is None or value > most or (key != "BITPIX" and value < 0) or (key.startswith("Z") and value == 0):
+        raise InputError("a header is damaged: no length", file=path, key=key, value=text)
+    return value

@@ -1,0 +1,28 @@
+"""How small text files (YAML, tables, configurations) are read: whole, and never without end."""
+
+from pathlib import Path
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.file_log import logged
+
+LARGEST = 64_000_000  # bytes; a survey of 73,260 files has a table of 2 MB
+
+
+def read_text(path, encoding="utf-8"):
+    """Return the text of a file. Raises InputError if it is missing, no plain file, too large or not `encoding`."""
+    path = Path(path)
+    try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise InputError("a pipe or device, which might never end", file=path)
+        with logged("read", path), path.open("rb") as file:
+            content = file.read(LARGEST + 1)
+    except OSError as exc:
+        raise InputError(f"cannot read the file: {exc.strerror}", file=path) from exc
+    except ValueError as exc:  # a NUL in its name
+        raise InputError(f"cannot read the file: {exc}", file=path) from exc
+    if len(content) > LARGEST:
+        raise InputError("too large a file", file=path, allowed=f"{LARGEST // 1_000_000} MB")
+    try:
+        return content.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
+    except UnicodeDecodeError as exc:
+        raise InputError("cannot read the file: not UTF-8 text", file=path) from exc

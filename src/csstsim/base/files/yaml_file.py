@@ -1,0 +1,83 @@
+"""The one way YAML is read: strictly, so that what is run is what was written.
+
+Refused beside what is no YAML: a key given twice, which YAML would let overwrite the first, tags that would make
+objects, anything nested deeper than a hundred levels, and more than a million values, those that aliases repeat counted
+as often as they stand (ten lines of aliases of aliases make a billion). 1:30 and 010 stay text (YAML 1.1 makes them 90
+and 8).
+"""
+
+import re
+from pathlib import Path
+
+import yaml
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.text_file import read_text
+
+DEPTH, VALUES = 100, 1_000_000
+_BASE = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml parses ten times faster
+_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
+_NOT_A_NUMBER = re.compile(r".*:.*|[-+]?0[0-9_]+")
+
+
+class _Loader(_BASE):
+    def resolve(self, kind, value, implicit):
+        tag = super().resolve(kind, value, implicit)
+        text = kind is yaml.ScalarNode and tag in _NUMBERS and _NOT_A_NUMBER.fullmatch(value)
+        return "tag:yaml.org,2002:str" if text else tag
+
+    def construct_mapping(self, node, deep=False):
+        seen = {}
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode) and seen.setdefault(key.value, key) is not key:
+                raise yaml.constructor.ConstructorError(None, None, f"key {key.value!r} given twice", key.start_mark)
+        return super().construct_mapping(node, deep)
+
+
+def read_yaml(path):
+    """Return the mapping in a YAML file; InputError if missing, unreadable or not a mapping."""
+    path = Path(path)
+    text = read_text(path)
+    try:
+        _check_size(text)
+        data = yaml.load(text, Loader=_Loader)
+    except yaml.YAMLError as exc:
+        mark = getattr(exc, "problem_mark", None)
+        line = f"line {mark.line + 1}" if mark else None
+        raise InputError(f"not valid YAML: {getattr(exc, 'problem', exc)}", file=path, key=line) from exc
+    except (ValueError, AttributeError, RecursionError) as exc:  # of a date that is none, a number of 5000 digits
+        raise InputError(f"not valid YAML: {exc}", file=path) from exc
+    if not isinstance(data, dict):
+        raise InputError("the file must hold a mapping of keys", file=path, value=data)
+    return data
+
+
+def _check_size(text):
+    """Raise YAMLError for text nested too deep or of too many values.
+
+    Nested too deep, the parser in C would run out of stack and end the process. What an alias repeats counts again:
+    whoever walks through the data meets it again.
+    """
+    open_, known = [], {}  # [anchor, values, levels] of collections not yet at their end; (values, levels) of anchors
+    for event in yaml.parse(text, Loader=_BASE):
+        if isinstance(event, yaml.CollectionStartEvent):
+            open_.append([event.anchor, 1, 0])
+            values, levels = 0, 0
+        elif isinstance(event, yaml.AliasEvent):
+            values, levels = known.get(event.anchor, (VALUES, DEPTH))  # of itself, or of nothing
+        elif isinstance(event, yaml.ScalarEvent):
+            values, levels = known[event.anchor] = 1, 0
+        elif isinstance(event, yaml.CollectionEndEvent):
+            anchor, values, levels = open_.pop()
+            levels += 1
+            known[anchor] = values, levels
+        else:
+            continue
+        if open_:
+            open_[-1][1] += values
+            open_[-1][2] = max(open_[-1][2], levels)
+        if len(open_) + levels > DEPTH or values >= VALUES:
+            message = f"more than {VALUES} values, repeated by aliases, or an alias of itself"
+            if values < VALUES:
+                message = f"nested deeper than {DEPTH} levels"
+            raise yaml.composer.ComposerError(None, None, message, event.start_mark)

@@ -1,0 +1,33 @@
+"""Which page explains what may stand in an input: of those that come with csstsim, or what to type to read it."""
+
+from contextlib import contextmanager
+from pathlib import Path
+
+from csstsim.base.errors import CsstsimError
+from csstsim.base.shipped import ROOT
+
+PAGES = {
+    "campaign": "config/README.md",
+    "observation": "config/README.md",
+    "survey table": "survey_tables/README.md",
+    "instrument": "config/instrument/README.md",
+    "catalogue": "`python -m pydoc csstsim.catalog.base`",
+}
+
+
+@contextmanager
+def explained(kind):
+    """Let errors raised in here, about an input of this kind, name its page of PAGES; the innermost decides."""
+    try:
+        yield
+    except CsstsimError as error:
+        error.page = error.page or PAGES[kind]
+        raise
+
+
+def told(error):
+    """Return a CsstsimError as a line, with the page that explains what is allowed, if there is one."""
+    page = error.page
+    if page and (file := ROOT / page).is_file():
+        page = file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file
+    return f"{error}; see {page}" if page else str(error)

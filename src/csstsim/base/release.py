@@ -1,0 +1,27 @@
+"""Products of another release or campaign are refused."""
+
+from csstsim import __version__
+from csstsim.base.errors import InputError
+
+
+def release(version=__version__):
+    """Return the first two numbers of a version: those of one release make the same products, bit by bit."""
+    return ".".join(str(version).split(".")[:2])
+
+
+def check_release(path, version):
+    """Refuse a product that another release (`version`, as it records it; None: it does not say) made."""
+    if version is None or release(version) != release():
+        raise InputError(
+            "made by another version of csstsim, whose products are not mixed with those of this one; remove it and "
+            "make it again, or go on with the version that made it", file=path, key="csstsim", value=version,
+            allowed=f"{release()}.*",
+        )  # fmt: skip
+
+
+def check_recipe(path, meta, recipe):
+    """Refuse a file whose record says it was made from something else than `recipe`, or by another release."""
+    found = meta.get("recipe")
+    if found != recipe:
+        check_release(path, (found if isinstance(found, dict) else meta).get("csstsim"))
+        raise InputError("made for another campaign; remove it", file=path, key="recipe", value=found, allowed=recipe)

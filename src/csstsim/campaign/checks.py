@@ -1,0 +1,71 @@
+"""What a campaign's files ask for together and cannot have. run: campaign.OpenCampaign; all raise InputError."""
+
+from csstsim.base.errors import InputError
+from csstsim.base.help_page import explained
+from csstsim.campaign.config import PixelWindow
+from csstsim.optics.throughput import shutter
+
+
+@explained("campaign")
+def check_selection(run):
+    """Exposures, filters, window and PSF library of the campaign file exist."""
+    select = run.config.select
+    unknown = sorted(set(select.obsids or ()) - set(run.pointings))
+    if unknown:
+        raise InputError(
+            "not in the survey table", file=run.file, key="select.obsids", value=unknown[0],
+            allowed=f"the {len(run.pointings)} obsids of {run.config.survey_table}",
+        )  # fmt: skip
+    unknown = sorted(set(select.filters or ()) - set(run.camera.filters))
+    if unknown:
+        raise InputError(
+            "unknown filter", file=run.file, key="select.filters", value=unknown[0],
+            allowed=", ".join(run.camera.filters),
+        )  # fmt: skip
+    library = run.config.psf.library
+    if library is not None and not library.is_dir():
+        raise InputError("no such folder", file=run.file, key="psf.library", value=library)
+    detector = run.camera.detector
+    window = run.config.window
+    if isinstance(window, PixelWindow) and (window.x1 > detector.nx or window.y1 > detector.ny):
+        raise InputError(
+            "beyond the chip", file=run.file, key="window", value=window.model_dump(),
+            allowed=f"x1 <= {detector.nx}, y1 <= {detector.ny}",
+        )  # fmt: skip
+
+
+@explained("campaign")
+def check_photons(run):
+    """Photons and rays are counted apart from the image until poisson_and_dark merges them."""
+    drawn = run.config.fidelity in ("preview", "standard")
+    for steps in run.steps.values():
+        if drawn and steps.step("scie_obs") and not steps.step("poisson_and_dark"):
+            raise InputError(
+                f"fidelity {run.config.fidelity} draws photons, and no layer counts them", file=steps.file,
+                key="layers", allowed="poisson_and_dark in the list, or fidelity noise_free or reference",
+            )  # fmt: skip
+
+
+@explained("campaign")
+def check_shutter(run, pointing, chips):
+    """An exposure is not shorter than the shutter can make it, on any of the chips."""
+    steps = run.steps[pointing.type]
+    for chip in chips if steps.losses["shutter"] else ():
+        try:
+            shutter.check(chip, pointing.exptime)
+        except InputError as exc:
+            message = f"exposure {pointing.obsid}: {exc}; or turn shutter_effect off"
+            raise InputError(message, file=steps.file) from None
+
+
+@explained("campaign")
+def check_masters(run, jobs):
+    """The master frames that jobs are to be measured with have been made."""
+    frames = run.config.measurement.calibration == "frames"
+    for chip_id in sorted({job.chip.id for job in jobs if frames and job.pointing.type == "SCIE"}):
+        path = run.masters(chip_id)
+        if not path.is_file():
+            raise InputError(
+                f"no {path}", file=run.file, key="measurement.masters",
+                allowed="output of a finished campaign of bias, dark and flat exposures (config/calibration.yaml)",
+            )  # fmt: skip

@@ -1,0 +1,255 @@
+"""Campaign files as typed models.
+
+The models are the only source of keys, types, defaults and their description; config/README.md and
+config/schema/ are generated from them. Paths in a campaign file are relative to the directory the
+command runs in, as in Snakemake; null for `instrument`, `universe` or an observation means the one
+shipped in config/.
+"""
+
+import math
+from typing import Any, Literal
+
+from pydantic import ConfigDict, Field, field_validator, model_validator
+
+from csstsim.base.digest import digest
+from csstsim.base.errors import InputError
+from csstsim.base.files.yaml_file import read_yaml
+from csstsim.base.help_page import explained
+from csstsim.base.model import FilePath, Model, validate
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.thresholds import ValidateConfig
+from csstsim.instrument.pointing import ExposureType
+
+# Layouts of campaign files, each with what a file of the one before it needs to become one
+LAYOUTS = {1: "give schema_version: 1, and the keys of config/README.md"}
+NEWEST = max(LAYOUTS)
+
+CHIP_GROUPS = ("all", "imaging", "slitless")
+
+
+def check_layout(version):
+    """Return a campaign file's schema_version. Raises ValueError, which says what to change, for another layout."""
+    if 0 <= version < NEWEST:
+        steps = "; ".join(LAYOUTS[number] for number in range(version + 1, NEWEST + 1))
+        raise ValueError(f"an older layout than this csstsim reads, {NEWEST}; to change: {steps}")
+    if version != NEWEST:
+        raise ValueError(f"this csstsim reads layout {NEWEST}; a newer file needs a newer csstsim")
+    return version
+
+
+class Region(Model):
+    """A circle on the sky."""
+
+    ra: float = Field(ge=0, lt=360, description="centre, right ascension [deg, ICRS]")
+    dec: float = Field(ge=-90, le=90, description="centre, declination [deg, ICRS]")
+    radius: float = Field(gt=0, le=120, description="radius [arcmin]; compared in the tangent plane, hence small")
+
+
+class Select(Model):
+    """Which (exposure, chip) pairs of the survey table to run."""
+
+    model_config = ConfigDict(coerce_numbers_to_str=True)  # an obsid need not be quoted
+
+    types: tuple[ExposureType, ...] = Field(("SCIE", "BIAS", "DARK", "FLAT"), description="exposure types")
+    obsids: tuple[str, ...] | None = Field(None, description="only these exposures; null = all")
+    chips: str | tuple[int, ...] = Field("imaging", description="all, imaging, slitless, or a list of numbers 1 to 30")
+    filters: tuple[str, ...] | None = Field(None, description="only chips behind these filters; null = all")
+    region: Region | None = Field(
+        None, description="only pairs whose chip (or its window) touches this circle; null = all"
+    )
+
+    @field_validator("chips")
+    @classmethod
+    def _known_chips(cls, value):
+        good = value in CHIP_GROUPS if isinstance(value, str) else value and all(1 <= chip <= 30 for chip in value)
+        if not good:
+            raise ValueError(f"must be {', '.join(CHIP_GROUPS)} or a list of chip numbers 1 to 30")
+        return value
+
+
+class PixelWindow(Model):
+    """A rectangle of active pixels, the same on every chip: x0 <= x < x1, y0 <= y < y1."""
+
+    x0: int = Field(ge=0, description="first column")
+    x1: int = Field(gt=0, description="one past the last column")
+    y0: int = Field(ge=0, description="first row")
+    y1: int = Field(gt=0, description="one past the last row")
+
+    @field_validator("x1", "y1")
+    @classmethod
+    def _not_empty(cls, value, info):
+        low = info.data.get(info.field_name[0] + "0")
+        if low is not None and value <= low:
+            raise ValueError(f"must exceed {info.field_name[0]}0 = {low}")
+        return value
+
+
+class Lensing(Model):
+    """Weak lensing of the embedded universe's galaxies (east, north axes)."""
+
+    field: Literal["none", "constant", "cosmic"] = Field(
+        "cosmic",
+        description="'none'; 'constant': the three numbers below for every galaxy; 'cosmic': a random field with the "
+        "spectrum of the universe's matter (config/universe/lensing.yaml)",
+    )
+    kappa: float = Field(0.0, lt=1, allow_inf_nan=False, description="constant convergence, below 1")
+    gamma1: float = Field(0.0, allow_inf_nan=False, description="constant shear along +RA")
+    gamma2: float = Field(0.0, allow_inf_nan=False, description="constant shear at 45 deg, from +RA towards north")
+
+    @model_validator(mode="after")
+    def _weak_and_used(self):
+        if self.field != "constant" and (self.kappa, self.gamma1, self.gamma2) != (0.0, 0.0, 0.0):
+            raise ValueError(f"kappa, gamma1 and gamma2 belong to field: constant, not {self.field}")
+        if math.hypot(self.gamma1, self.gamma2) >= 1 - self.kappa:
+            raise ValueError("strong lensing: the reduced shear |gamma| / (1 - kappa) must be below 1")
+        return self
+
+
+class CatalogConfig(Model):
+    """The True Universe: the embedded mock, or a user's CatalogBase by dotted path."""
+
+    kind: str = Field("embedded", description="'embedded', or module.path:ClassName of a CatalogBase of your own")
+    mag_limit: float | None = Field(
+        None, gt=0, description="faintest AB magnitude drawn, in the chip's own band; null = the whole truth"
+    )
+    lensing: Lensing = Field(
+        Lensing(), description="weak lensing of the embedded universe; a catalogue of your own gives its own columns"
+    )
+    shapes: Literal["normal", "rotated90"] = Field(
+        "normal",
+        description="'rotated90': intrinsic ellipticities turned by 90 degrees as objects are selected, everything "
+        "else (truth bricks too) identical: the paper's twin campaign that cancels shape noise",
+    )
+    options: dict[str, Any] = Field({}, description="passed on to a catalogue of your own")
+
+    @model_validator(mode="after")
+    def _lensing_has_an_object(self):
+        if self.kind != "embedded" and self.lensing.field == "constant":
+            raise ValueError("lensing is of the embedded universe: give kappa, gamma1, gamma2 in your own catalogue")
+        if self.kind == "embedded" and self.options:
+            raise ValueError("the embedded universe takes no options: they are for a catalogue of your own")
+        return self
+
+
+class AstrometryConfig(Model):
+    """How apparent directions at the spacecraft are computed."""
+
+    ephemeris: Literal["builtin", "de440"] = Field(
+        "builtin", description="Earth, Sun and planets: 'builtin' series, or JPL's 'de440' (csstsim[de440])"
+    )
+    planets: bool = Field(False, description="light deflection by Jupiter to Neptune, beside the Sun's")
+
+
+class PsfConfig(Model):
+    """The PSF set made for the campaign, or brought to it."""
+
+    grid: int = Field(
+        10, ge=2, le=60, description="nodes along each side of a chip: 10 do for bilinear, idw needs the paper's 30"
+    )
+    oversampling: Literal["auto", 2, 4] = Field(
+        "auto", description="cells along the side of a pixel; 'auto': psf.yaml's for the filter"
+    )
+    library: FilePath | None = Field(
+        None,
+        description="folder of an external set, psfCube_{chip}.h5 (optics/psf/psf_c9.py), taken instead of making one",
+    )
+    library_sample: Literal["cell_integral", "point"] = Field(
+        "cell_integral", description="what a sample of the external set means"
+    )
+    interpolation: Literal["idw", "bilinear", "bicubic"] = Field(
+        "bilinear", description="the PSF between nodes, from the nearest, from the cell's four, from 4 x 4 around it"
+    )
+    beta: float = Field(2.0, gt=0, description="inverse-distance weighting: power of the distance")
+    neighbours: int = Field(4, ge=1, description="inverse-distance weighting: number of nodes")
+
+
+class MeasurementConfig(Model):
+    """How Level-0 files are calibrated before sources are measured."""
+
+    calibration: Literal["truth", "frames"] = Field(
+        "truth",
+        description="'truth': the maps and traps of the simulation itself; 'frames': masters made of bias, dark and "
+        "lamp exposures (csstsim masters), and traps of the same density",
+    )
+    masters: FilePath | None = Field(
+        None, description="output folder of the campaign that made the masters; for calibration: frames"
+    )
+    cti_passes: int = Field(3, ge=0, le=20, description="passes of the correction of charge transfer; 0: left as it is")
+    keep_calibrated: bool = Field(
+        False, description="calibrated images (electrons/s, errors, quality) are among the campaign's products"
+    )
+
+    @model_validator(mode="after")
+    def _masters_where_used(self):
+        if (self.calibration == "frames") != (self.masters is not None):
+            raise ValueError("masters belongs to calibration: frames, and must be given there")
+        return self
+
+
+class Campaign(Model):
+    """What to run: everything that decides the products, and nothing about the machine."""
+
+    schema_version: int = Field(description=f"version of this file's layout: {NEWEST}")
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="short name, used in headers")
+    survey_table: FilePath = Field(description="pointing table (CSV, survey_tables/README.md)")
+    output: FilePath = Field(description="folder that receives everything the campaign makes")
+    seed: int = Field(ge=0, le=2**63 - 1, description="the only source of randomness")
+    select: Select = Select()
+    window: PixelWindow | Literal["region"] | None = Field(
+        None,
+        description="null = whole chips; 'region' = the pixels around select.region; or x0, x1, y0, y1: light and "
+        "detector are the whole chip's, noise is the window's own",
+    )
+    observations: dict[ExposureType, FilePath] = Field(
+        {}, description="layer list per exposure type; types left out use config/observations/"
+    )
+    instrument: FilePath | None = Field(
+        None, description="folder with the camera's data files; null = config/instrument/"
+    )
+    universe: FilePath | None = Field(None, description="folder of the embedded universe; null = config/universe/")
+    catalog: CatalogConfig = CatalogConfig()
+    astrometry: AstrometryConfig = AstrometryConfig()
+    psf: PsfConfig = PsfConfig()
+    fidelity: Literal["preview", "standard", "noise_free", "reference"] = Field(
+        "standard",
+        description="how objects are drawn (config/render.yaml): 'standard', to a tenth of each object's own noise; "
+        "'preview', to all of it; 'noise_free', as 'standard' but all light as expectation, none as counted photons; "
+        "'reference', GalSim one by one, 0.1 CPU-seconds an object",
+    )
+    measurement: MeasurementConfig = MeasurementConfig()
+    validation: ValidateConfig = ValidateConfig()
+
+    _layout = field_validator("schema_version")(check_layout)
+
+    def observation_file(self, exposure_type):
+        """Return the path of the layer list for 'SCIE', 'BIAS', 'DARK' or 'FLAT'."""
+        names = {"SCIE": "science", "BIAS": "bias", "DARK": "dark", "FLAT": "led_flat"}
+        return self.observations.get(exposure_type, SHIPPED / "observations" / f"{names[exposure_type]}.yaml")
+
+    @property
+    def instrument_folder(self):
+        """The instrument folder: the campaign's, or the shipped one."""
+        return self.instrument or SHIPPED / "instrument"
+
+    @property
+    def universe_folder(self):
+        """The universe folder: the campaign's, or the shipped one."""
+        return self.universe or SHIPPED / "universe"
+
+    def digest(self):
+        """Return 16 hex digits of what decides a chip's pixels: not which chips run, not folders, not thresholds."""
+        return digest(self.model_dump(mode="json", include={"seed", "catalog", "astrometry", "psf", "fidelity"}))
+
+
+@explained("campaign")
+def load_campaign(path):
+    """Read and check a campaign file. Raises InputError."""
+    return make_campaign(read_yaml(path), path)
+
+
+def make_campaign(data, path):
+    """Return the Campaign of a mapping; errors name `path`. Raises InputError."""
+    campaign = validate(Campaign, data, path)
+    if campaign.window == "region" and campaign.select.region is None:
+        raise InputError("'region' needs select.region", file=path, key="window", value="region")
+    return campaign

@@ -1,0 +1,289 @@
+"""A campaign opened: its files read and checked, and the (exposure, chip) pairs it runs.
+
+Everything that can be wrong with the input is found here, before any work starts. The CLI and the
+workflow ask the same object which jobs, bricks and files there are.
+"""
+
+import math
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+
+from csstsim.base.digest import digest
+from csstsim.base.errors import InputError
+from csstsim.base.help_page import explained
+from csstsim.base.release import release
+from csstsim.campaign.checks import check_masters, check_photons, check_selection, check_shutter
+from csstsim.campaign.config import PixelWindow, load_campaign
+from csstsim.campaign.job import Job
+from csstsim.campaign.survey_table import load_survey_table
+from csstsim.catalog import own_table
+from csstsim.catalog.open import catalog_class, own_digests
+from csstsim.catalog.places.astrometry import apparent
+from csstsim.catalog.places.ephemeris import observer
+from csstsim.catalog.select import BRICK_MARGIN_DEG, bricks_for
+from csstsim.instrument.camera import load_camera
+from csstsim.instrument.chip import Window
+from csstsim.io.owner import check_owner
+from csstsim.io.paths import Paths
+from csstsim.optics.geometry.distortion import load_distortion
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.gratings.dispersion import Disperser
+from csstsim.render.settings import load_numbers
+from csstsim.simulation.sim_steps import SimSteps
+
+MERGE_MARGIN_DEG = 2.0 / 3600.0  # a merged brick takes detections up to 2" beyond its border
+CALIBRATIONS, FEWEST_CALIBRATIONS = ("BIAS", "DARK", "FLAT"), 3  # exposures of each: with two a ray is not told
+EDGE_PX = 3.0  # field distortion bends a chip's edges on the sky: by up to 2.4 px off the line between the corners
+
+
+class OpenCampaign:
+    """A checked campaign. Raises InputError for any fault in its files."""
+
+    def __init__(self, file, output=None, scratch=None, *, copied=False, config=None, layers=None, pointings=None):
+        """Open a campaign.
+
+        copied: the folder is only read, and may be a copy, which lies elsewhere than its `campaign.json` says. config
+        (config.Campaign), layers ({exposure type: list as config.Observation.layers}) and pointings (a list of
+        instrument.pointing.Pointing) stand for what the files say.
+        """
+        self.file = Path(file)
+        self.config = _own_bands(config or load_campaign(file))
+        self.paths = Paths(output or self.config.output, scratch)
+        if not copied:
+            check_owner(self)
+        self.camera = load_camera(self.config.instrument_folder)
+        self.rendering = load_numbers()
+        pointings = pointings or load_survey_table(self.config.survey_table, self.camera.orbit)
+        self.pointings = {p.obsid: p for p in pointings}
+        check_selection(self)
+        types = sorted({p.type for p in self._selected_pointings()})
+        layers = layers or {}
+        self.steps = {kind: SimSteps(self.config.observation_file(kind), kind, layers.get(kind)) for kind in types}
+        # One exposure time: where the layers ask for another than the table's, it is the exposure's everywhere.
+        asked = {kind: steps.exptime for kind, steps in self.steps.items() if steps.exptime is not None}
+        for kind, exptime in asked.items():
+            if exptime == 0 and kind != "BIAS":
+                file = self.steps[kind].file
+                raise InputError("zero exposure time", file=file, key="exptime", value=0, allowed="0 for BIAS only")
+        self.pointings = {
+            obsid: replace(p, exptime=asked.get(p.type, p.exptime)) for obsid, p in self.pointings.items()
+        }
+
+        check_photons(self)
+        if "SCIE" in self.steps and any(chip.kind == "slitless" for chip in self._selected_chips()):
+            _ = self.camera.gratings  # read, and refused if they cannot be used
+        for p in self._selected_pointings():
+            self.steps[p.type].check(self.camera, p)
+        for p in {(p.type, p.exptime): p for p in self._selected_pointings()}.values():
+            check_shutter(self, p, self._selected_chips())
+
+    def masters(self, chip_id):
+        """Return the file of a chip's master calibration frames, that its exposures are measured with."""
+        return Paths(self.config.measurement.masters).masters(chip_id)
+
+    def _selected_pointings(self):
+        select = self.config.select
+        wanted = set(select.obsids) if select.obsids is not None else None
+        return [p for p in self.pointings.values() if p.type in select.types and (wanted is None or p.obsid in wanted)]
+
+    def _selected_chips(self):
+        select = self.config.select
+        camera = self.camera
+        groups = {"all": camera.chips.values(), "imaging": camera.imaging_chips, "slitless": camera.slitless_chips}
+        if isinstance(select.chips, str):
+            chips = groups[select.chips]
+        else:
+            chips = [camera.chips[i] for i in sorted(set(select.chips))]
+        return [chip for chip in chips if select.filters is None or chip.filter in select.filters]
+
+    @cached_property
+    def jobs(self):
+        """The jobs the campaign runs, in the order of the table and of the chips."""
+        pairs = ((p, chip) for p in self._selected_pointings() for chip in self._selected_chips())
+        jobs = tuple(job for pair in pairs if (job := self._job(*pair)))
+        if not jobs:
+            with explained("campaign"):
+                raise InputError("no (exposure, chip) pair is selected", file=self.file, key="select")
+        check_masters(self, jobs)
+        return jobs
+
+    def job(self, obsid, chip_id):
+        """Return one job of the campaign. Raises InputError if the campaign does not select it."""
+        obsids = [p.obsid for p in self._selected_pointings()]
+        if obsid not in obsids:
+            more = ", ..." if len(obsids) > 3 else ""
+            allowed = f"{', '.join(obsids[:3])}{more} of {self.config.survey_table}"
+            message = "not an exposure of this campaign"
+            raise InputError(message, file=self.file, key="obsid", value=obsid, allowed=allowed)
+        chips = {chip.id: chip for chip in self._selected_chips()}
+        if chip_id not in chips:
+            raise InputError(
+                "not a chip of this campaign", file=self.file, key="chip", value=chip_id,
+                allowed=", ".join(map(str, sorted(chips))),
+            )  # fmt: skip
+        job = self._job(self.pointings[obsid], chips[chip_id])
+        if job is None:
+            raise InputError(
+                f"chip {chip_id} of exposure {obsid} does not touch select.region", file=self.file, key="select.region"
+            )
+        check_masters(self, [job])
+        return job
+
+    def _job(self, pointing, chip):
+        wcs = ChipWCS(chip, pointing, self.distortion if self.steps[pointing.type].field_dist else None)
+        craft = observer(
+            pointing.mjd, pointing.sat_position, pointing.sat_velocity, **self.config.astrometry.model_dump()
+        )
+        window = self._window(pointing, chip, wcs, craft)
+        return None if window is None else Job(pointing, chip, window, wcs, craft)
+
+    @cached_property
+    def distortion(self):
+        """The camera's field distortion; the observation's `field_dist` says whether an exposure has it."""
+        return load_distortion(self.camera.folder / "distortion.fits")
+
+    def _window(self, pointing, chip, wcs, craft):
+        """Return the pixels of this pair to simulate, or None if it does not touch the region."""
+        full = chip.full_window
+        wanted = self.config.window
+        window = Window(**wanted.model_dump()) if isinstance(wanted, PixelWindow) else full
+        region = self.config.select.region
+        if region is None or pointing.type != "SCIE":
+            return window  # bias, dark and flat frames see no sky: a region does not choose among them
+        x, y = (float(v) for v in wcs.world_to_pixel(*apparent(region.ra, region.dec, craft)))
+        radius = region.radius * 60.0 / self.camera.telescope.pixel_scale
+        near_x, near_y = (
+            min(max(v, low), high) for v, low, high in ((x, window.x0, window.x1), (y, window.y0, window.y1))
+        )
+        if not math.hypot(x - near_x, y - near_y) < radius:  # also when the region is behind the sky (NaN)
+            return None
+        if wanted != "region":
+            return window
+        slitless = chip.kind == "slitless"
+        left, right, down, up = self.camera.gratings[chip.id].span(x, y) if slitless else (0.0,) * 4
+        x0, y0 = (max(math.floor(v), 0) for v in (x + left - radius, y + down - radius))
+        x1, y1 = (min(math.ceil(v) + 1, n) for v, n in ((x + right + radius, full.x1), (y + up + radius, full.y1)))
+        return Window(x0, x1, y0, y1) if x1 > x0 and y1 > y0 else None
+
+    def has_stage(self, pointing, stage):
+        """True if exposures of this type have layers in the stage (others skip it)."""
+        return bool(self.steps[pointing.type].stage(stage))
+
+    def has_orders(self, job):
+        """True if a job's truth is kept order by order: spectra of objects."""
+        return job.chip.kind == "slitless" and bool(self.steps[job.pointing.type].step("scie_obs"))
+
+    @property
+    def embedded(self):
+        """Whether objects are those of the embedded universe, not of a catalogue of the user's."""
+        return self.config.catalog.kind == "embedded"
+
+    def universe_key(self):
+        """Return what the embedded bricks are made for: {seed, universe, camera, lensing}."""
+        config = self.config
+        return {
+            "seed": config.seed,
+            "universe": self.universe,
+            "camera": self.camera,
+            "lensing": config.catalog.lensing,
+        }
+
+    @cached_property
+    def universe(self):
+        """The embedded universe's numbers (universe.parameters.Universe). Raises InputError."""
+        from csstsim.universe.parameters import load_universe
+
+        return load_universe(self.config.universe_folder)
+
+    def open_truth(self):
+        """Return the embedded Universe, or the class of the user's catalogue. Raises InputError for what is wrong."""
+        if not self.embedded:
+            return catalog_class(self.config.catalog.kind)
+        self.universe.check()
+        return self.universe
+
+    def disperser(self, job):
+        """Return the optics.gratings.dispersion.Disperser of a job's chip, or None for an imaging chip."""
+        chip = job.chip
+        if chip.kind != "slitless":
+            return None
+        return Disperser(self.camera.gratings[chip.id], self.camera.filters[chip.filter], self.camera.telescope)
+
+    def margin_deg(self, job):
+        """Return how far beyond a job's window objects may lie whose light reaches it."""
+        if job.chip.kind != "slitless":
+            return BRICK_MARGIN_DEG
+        return BRICK_MARGIN_DEG + self.camera.gratings[job.chip.id].reach * self.camera.telescope.pixel_scale / 3600.0
+
+    def truth_bricks(self, job):
+        """Return the truth bricks whose objects may reach a job's window, as a tuple."""
+        return tuple(int(pix) for pix in bricks_for(*job.footprint(), self.margin_deg(job)))
+
+    @cached_property
+    def imaging_jobs(self):
+        """The jobs that are measured: science exposures of imaging chips."""
+        return tuple(j for j in self.jobs if j.pointing.type == "SCIE" and j.chip.kind == "imaging")
+
+    @cached_property
+    def slitless_jobs(self):
+        """The jobs of which spectra are extracted: science exposures of spectroscopic chips."""
+        return tuple(j for j in self.jobs if self.has_orders(j))
+
+    @cached_property
+    def calibration_jobs(self):
+        """Map each chip with bias, dark and lamp exposures enough for master frames to its jobs."""
+        chips = {}
+        for job in self.jobs:
+            if job.pointing.type != "SCIE" and job.window == job.chip.full_window:
+                chips.setdefault(job.chip.id, []).append(job)
+        return {
+            chip: jobs for chip, jobs in chips.items()
+            if min(sum(job.pointing.type == kind for job in jobs) for kind in CALIBRATIONS) >= FEWEST_CALIBRATIONS
+        }  # fmt: skip
+
+    @cached_property
+    def merge_bricks(self):
+        """Map each brick touched by a measured window to its jobs."""
+        bricks = {}
+        for job in self.imaging_jobs:
+            for pix in bricks_for(*job.footprint(EDGE_PX), MERGE_MARGIN_DEG):
+                bricks.setdefault(int(pix), []).append(job)
+        return dict(sorted(bricks.items()))
+
+    def recipe(self, job):
+        """Return {name: digest} of everything that decides this job's pixels; recorded in each product."""
+        return {
+            "csstsim": release(),
+            "campaign": self._campaign_digest,
+            "camera": self.camera.digest,
+            "layers": self.steps[job.pointing.type].digest,
+            "exposure": digest([str(job.pointing), str(job.window), job.chip.id]),
+        }
+
+    @cached_property
+    def _campaign_digest(self):
+        sky = self.universe.digest if self.embedded else own_digests(self.config.catalog)
+        return digest([self.config.digest(), self.rendering.model_dump(), sky])
+
+    @property
+    def measurement(self):
+        """What of the campaign's `measurement` decides measurements, JSON-like: not which products are kept."""
+        return self.config.measurement.model_dump(mode="json", exclude={"keep_calibrated"})
+
+    def measure_recipe(self, job):
+        """Return {name: digest} of everything that decides a job's measurements."""
+        return self.recipe(job) | {"measurement": digest(self.measurement)}
+
+    def brick_recipe(self, pix):
+        """Return the digest of everything that decides a merged brick: the recipes of the frames on it."""
+        return digest([self.measure_recipe(job) for job in self.merge_bricks[pix]])
+
+
+def _own_bands(config):
+    """Return the campaign with its camera's folder told to a table's catalogue, whose magnitudes are of its bands."""
+    options = config.catalog.options
+    if config.catalog.kind != own_table.KIND or config.instrument is None or "instrument" in options:
+        return config
+    catalog = config.catalog.model_copy(update={"options": options | {"instrument": str(config.instrument)}})
+    return config.model_copy(update={"catalog": catalog})

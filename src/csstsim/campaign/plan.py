@@ -1,0 +1,109 @@
+"""What a campaign would do and cost, before anything runs (`csstsim plan`); CPU and memory are of campaign.costs."""
+
+import os
+
+import numpy as np
+
+from csstsim.campaign.costs import INSTEAD, each_once, expected, expected_objects, megapixels
+from csstsim.catalog.places.astrometry import apparent
+
+BYTES_PER_NODE = 4 * (256 * 256 + 256 * 256 + 64 * 64) * 4  # images, and the tables photons are drawn from
+
+
+def plan(run):
+    """Return the plan as (counts, disk, costs). run: campaign.OpenCampaign.
+
+    counts: {name: number or string}; disk: {name: bytes}; costs: those of csstsim.campaign.costs.
+    """
+    jobs, config, costs = run.jobs, run.config, expected(run)
+    science = run.imaging_jobs + run.slitless_jobs
+    nodes = len(costs.get("psf", ())) * config.psf.grid**2
+    detector = run.camera.detector
+    frame = 2 * detector.channels * (detector.channel_nx + detector.prescan + detector.overscan)
+    frame *= detector.channel_ny + detector.parallel_overscan
+    drawn = sum(expected_objects(run, science).values())
+    counts = {
+        "exposures": len({job.pointing.obsid for job in jobs}),
+        "chips": len({job.chip.id for job in jobs}),
+        "Level-0 files": len(jobs),
+        "megapixels": round(sum(map(megapixels, jobs)), 1),
+        "objects drawn": int(float(f"{drawn:.2g}")) if run.embedded else "as many as the catalogue has",
+        "truth bricks": _listed(costs.get("truth", ())),
+        "bricks touched": len(run.merge_bricks),
+        "bricks fully covered": len(_covered(run)),
+        "jobs": sum(map(len, each_once(costs).values())),
+    }
+    disk = {
+        "Level-0": len(jobs) * frame,
+        "PSF tables": nodes * BYTES_PER_NODE,
+        "largest intermediates (a job)": 8 * max(job.window.nx * job.window.ny for job in jobs),
+    }
+    return counts, disk, costs
+
+
+def _listed(bricks):
+    """How many, and which if they are few: `csstsim truth --brick` asks for a number."""
+    return f"{len(bricks)}: {', '.join(map(str, sorted(bricks)))}" if 0 < len(bricks) <= 8 else len(bricks)
+
+
+def _covered(run):
+    """Bricks of which every point sampled is on a measured window, in some exposure."""
+    import healpy
+
+    covered = []
+    for pix, jobs in run.merge_bricks.items():
+        ra, dec = healpy.pix2ang(256 * 32, np.arange(pix * 1024, (pix + 1) * 1024), nest=True, lonlat=True)
+        seen = np.zeros(len(ra), bool)
+        for job in jobs:
+            x, y = job.wcs.world_to_pixel(*apparent(ra, dec, job.observer))
+            seen |= job.window.contains(x, y)
+        if seen.all():
+            covered.append(pix)
+    return covered
+
+
+def print_plan(run):
+    """Print the plan of an open campaign: what it would do, then what the jobs of each rule would take."""
+    from rich.console import Console
+    from rich.table import Table
+
+    counts, disk, costs = plan(run)
+    table = Table(title=f"{run.config.name} ({run.file})", show_header=False)
+    for name, value in counts.items():
+        table.add_row(name, value if isinstance(value, str) else f"{value:,}")
+    for name, value in disk.items():
+        table.add_row(f"disk: {name}", f"{value / 1e9:,.2f} GB")
+    Console().print(table)
+    Console().print(_cost_table(costs))
+    cpu = sum(cost.cpu_s for jobs in each_once(costs).values() for cost in jobs.values())
+    walls = ", ".join(f"{duration(cpu / cores)} on {cores}" for cores in sorted({os.cpu_count() or 1, 64}))
+    for line in (
+        "(in brackets: other ways to make what `chip` makes, --config chips=stages or exposure)",
+        f"CPU, an estimate (config/costs.yaml says of which machine): {duration(cpu)}",
+        f"wall time on cores that are busy all the time: {walls}",
+    ):
+        Console().print(line, soft_wrap=True, highlight=False)
+
+
+def _cost_table(costs):
+    """Return the table of the rules: how many jobs, CPU of one (mean) and of all, memory of the largest."""
+    from rich.table import Table
+
+    table = Table(title="CPU and memory, estimated")
+    for column in ("rule", "jobs", "CPU s a job", "CPU h", "memory MB a job"):
+        table.add_column(column, justify="left" if column == "rule" else "right")
+    for rule, jobs in costs.items():
+        cpu, memory = sum(cost.cpu_s for cost in jobs.values()), max(cost.memory_mb for cost in jobs.values())
+        row = rule, f"{len(jobs):,}", f"{cpu / len(jobs):,.1f}", f"{cpu / 3600:,.2f}", f"{memory:,.0f}"
+        if rule in INSTEAD:
+            row = f"({rule})", *row[1:]
+        table.add_row(*row, style="dim" if rule in INSTEAD else None)
+    return table
+
+
+def duration(seconds):
+    """Return a span of time as a person says it."""
+    if seconds < 60:
+        return f"{seconds:.0f} s"
+    hours = seconds / 3600
+    return f"{seconds / 60:.1f} min" if hours < 1 else f"{hours:.1f} h" if hours < 100 else f"{hours:,.0f} h"

@@ -1,0 +1,111 @@
+"""`csstsim init DIR`: a folder with a campaign that runs as it is, to be changed into one's own."""
+
+import json
+import os
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.shipped import ROOT
+
+# Files of a new folder: what they are copies of, and what they are for.
+FILES = {
+    "campaign.yaml": ("config/starter/campaign.yaml", "what to run: exposures, chips, sky, seed"),
+    "science.yaml": ("config/observations/science.yaml", "how an exposure is made: the layers, in order"),
+    "survey_table.csv": ("survey_tables/demo.csv", "where the telescope points, and when"),
+    "Snakefile": ("config/starter/Snakefile", "the workflow"),
+    "profiles/default/config.yaml": ("profiles/default/config.yaml", "how it is run here: cores, what to do on errors"),
+    "profiles/slurm/config.yaml": ("profiles/slurm/config.yaml", "... on a cluster: --workflow-profile profiles/slurm"),
+    "profiles/slurm/workflow.yaml": ("profiles/slurm/workflow.yaml", "... and on its nodes"),
+}
+# Exposures that a catalogue's objects are put on: chip (one of g, r, i) and time.
+AIMED = {8: "2027-11-20T01:16:00", 9: "2027-11-20T01:20:00", 7: "2027-11-20T01:24:00"}
+PA, EXPTIME = -113.4333, 150.0  # deg, s
+MARGIN, LARGEST = 0.2, 5.0  # arcmin: beyond the outermost object; a chip's half side is 5.7
+
+
+def init(folder, say, catalogue=None):
+    """Write the files of FILES into a folder, new or without any of them.
+
+    catalogue: a table of objects (csstsim.catalog.own_table) to copy there, too, and to point at. Raises InputError for
+    a folder that has one of the files, or a table that cannot be used.
+    """
+    if not str(folder):
+        raise InputError("give the folder to be made", key="FOLDER", value=folder)
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise InputError("is a file; give the folder to be made", file=folder)
+    content = {name: (ROOT / source).read_bytes() for name, (source, _) in FILES.items()}
+    meanings = {name: meaning for name, (_, meaning) in FILES.items()}
+    if catalogue:
+        content |= _aimed(Path(catalogue), content)
+        meanings[Path(catalogue).name] = "your objects"
+    there = [name for name in content if os.path.lexists(folder / name)]
+    if there:
+        raise InputError("is there already, and nothing was written; give another folder", file=folder / there[0])
+    written = []
+    try:
+        for name in meanings:
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            with atomic_path(folder / name) as temporary:
+                Path(temporary).write_bytes(content[name])
+            written.append(folder / name)
+    except BaseException:  # a full disk, Ctrl-C: half a folder would be refused the next time
+        for path in written:
+            path.unlink()
+        raise
+    for name, meaning in meanings.items():
+        say(f"{folder / name}  {meaning}")
+    say(f"\nNext:  cd {shlex.quote(str(folder))}\n       csstsim plan campaign.yaml\n       snakemake --cores 2")
+
+
+def _aimed(file, content):
+    """Return {name: bytes} of what differs for a catalogue of the user's: the table, the campaign, the pointings."""
+    from csstsim.base.shipped import SHIPPED
+    from csstsim.catalog.object_table import object_table, read_table
+    from csstsim.instrument.camera import load_camera
+    from csstsim.optics.geometry.aim import exposure_of
+
+    if file.name in content:
+        raise InputError("the name is taken by another file of the folder", file=file)
+    table = object_table(read_table(file), file)
+    ra, dec, radius = _circle(file, table)
+    camera, rows = load_camera(SHIPPED / "instrument"), ["obsid,type,ra,dec,pa,time,exptime"]
+    for number, (chip, time) in enumerate(AIMED.items(), start=1):
+        obsid = f"10100{number:06d}"
+        p = exposure_of(camera, camera.chips[chip], ra, dec, obsid=obsid, pa=PA, time=time, exptime=EXPTIME)
+        rows.append(f"{obsid},SCIE,{p.ra:.6f},{p.dec:.6f},{PA},{time},{EXPTIME:g}")
+    text, changed = content["campaign.yaml"].decode(), 0
+    name = json.dumps(file.name, ensure_ascii=False)  # a scalar of YAML, whatever is in it
+    region = f"region: {{ra: {ra:.6f}, dec: {dec:.6f}, radius: {radius:.2f}}}"
+    own = f'catalog:\n  kind: "csstsim.catalog.own_table:TableCatalog"\n  options: {{file: {name}}}\npsf:'
+    for pattern, new in ((r"region: \{[^}]*\}", region), (r"(?s)catalog:.*?psf:", own)):
+        text, count = re.subn(pattern, lambda found, new=new: new, text, count=1)
+        changed += count
+    if changed != 2:
+        raise ValueError("config/starter/campaign.yaml: region and catalog are not where they are looked for")
+    table_csv = "\n".join(rows) + "\n"
+    return {"campaign.yaml": text.encode(), "survey_table.csv": table_csv.encode(), file.name: file.read_bytes()}
+
+
+def _circle(file, table):
+    """Return ra, dec [deg] of the middle of a table's objects, and the radius of a circle about it [arcmin]."""
+    from csstsim.catalog.base import unit_vectors
+
+    places = unit_vectors(table["ra"], table["dec"])
+    if not len(places) or not np.isfinite(places).all():
+        raise InputError("no objects, or one without a place", file=file, key="ra, dec")
+    middle = places.mean(axis=0)
+    chord = np.linalg.norm(places - middle / np.linalg.norm(middle), axis=1).max()
+    reach = 60.0 * float(np.degrees(2 * np.arcsin(chord / 2)))
+    ra, dec = np.degrees([np.arctan2(middle[1], middle[0]), np.arctan2(middle[2], np.hypot(*middle[:2]))])
+    if reach + MARGIN > LARGEST:
+        raise InputError(
+            "objects lie too far apart for one chip; for more, csstsim init without a catalogue, and a survey table",
+            file=file, value=f"{reach:.1f} arcmin from their middle", allowed=f"{LARGEST - MARGIN:g} arcmin",
+        )  # fmt: skip
+    return round(float(ra), 6) % 360.0, float(dec), reach + MARGIN

@@ -1,0 +1,250 @@
+"""How far a campaign is, from the files it has made so far (`csstsim status`): to be asked while it is at work.
+
+Nothing is asked of who makes the files, so it is the same for Snakemake here, on a cluster and by hand. Each folder is
+read once. The pace is the estimated CPU time (csstsim.campaign.costs) of what was made lately over the time it took;
+what is missing over the pace is the time left. Times are those of the files, told by their disk's clock, which may be
+off: what counts is how far they lie apart.
+"""
+
+import os
+import sys
+import time
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+from csstsim.campaign.costs import expected
+from csstsim.campaign.job_log import ERROR, killed
+from csstsim.campaign.plan import duration
+
+LATELY, PAUSE = 3600.0, 900.0  # s: the pace is that of the last hour, after the last pause; jobs of hours look further
+LOGS, TAIL, FAILURES = 5000, 4096, 5  # newest logs looked into, bytes of each, failures named
+CRASH = "Traceback (most recent call last)"
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Products of one kind: what each is expected to cost, and when those that are there were made."""
+
+    name: str
+    wanted: dict  # {path: CPU s}
+    made: dict  # {path: s since 1970}
+
+    @property
+    def missing_cpu(self):
+        """CPU seconds expected of the products that are not there."""
+        return sum(cpu for path, cpu in self.wanted.items() if path not in self.made)
+
+
+@dataclass(frozen=True)
+class Pace:
+    """What was made lately: from the first of these products, which is not counted, to the last."""
+
+    span: float  # s
+    cpu: float  # CPU s expected of them
+    counts: dict  # {kind: products}
+    last: float  # s since 1970
+
+
+@dataclass(frozen=True)
+class Status:
+    """What is there of a campaign."""
+
+    kinds: list
+    pace: Pace | None  # None: too little was made to tell
+    disk: int  # bytes in the output folder, logs left out
+    failed: list  # (path of the log, its line), newest first
+
+    @property
+    def missing_cpu(self):
+        """CPU seconds expected of the products that are not there, of all kinds."""
+        return sum(kind.missing_cpu for kind in self.kinds)
+
+    @property
+    def done(self):
+        """Whether every product is there."""
+        return all(len(kind.made) == len(kind.wanted) for kind in self.kinds)
+
+    @property
+    def left(self):
+        """Seconds left at the pace, None if that is not known."""
+        return None if self.pace is None else self.missing_cpu * self.pace.span / self.pace.cpu
+
+
+def wanted(run):
+    """Return {kind: {path: CPU s}} of the products of a campaign.OpenCampaign, in the order of the workflow."""
+    costs, paths = expected(run), run.paths
+    jobs = {job.key: job for job in run.jobs}
+
+    def level0(key):
+        return paths.level0(jobs[key].pointing, key[1])
+
+    kinds = {
+        "truth bricks": (paths.truth, "truth"),
+        "PSF sets": (paths.psf, "psf"),
+        "Level-0 files": (level0, "chip"),
+        "masters": (paths.masters, "masters"),
+        "calibrated images": (lambda key: paths.calibrated(*key), "calibrate"),
+        "measured tables": (lambda key: paths.measure(*key), "measure"),
+        "spectra": (lambda key: paths.spectra(*key), "extract"),
+        "merged bricks": (paths.merge, "merge"),
+        "validated bricks": (paths.validate, "validate"),
+        "report": (lambda key: paths.report, "report"),
+    }
+    found = {}
+    for name, (path, rule) in kinds.items():
+        found[name] = {str(path(key)): cost.cpu_s for key, cost in costs.get(rule, {}).items()}
+    return {name: products for name, products in found.items() if products}
+
+
+def look(run, products):
+    """Return the Status of a campaign now. products: what `wanted` returned; run: campaign.OpenCampaign."""
+    root = str(run.paths.output)
+    found = _files(root, skip={"logs", "benchmarks", ".snakemake"}, links=True)
+    files = {path.removeprefix("./"): about for path, about in found}  # of the folder `.`
+    kinds = [
+        Kind(name, paths, {path: files[path].st_mtime for path in paths if path in files})
+        for name, paths in products.items()
+    ]
+    return Status(kinds, pace(kinds), sum(about.st_size for about in files.values()), failures(f"{root}/logs"))
+
+
+def _files(folder, skip=(), links=False):
+    """Yield (path, stat) of the files below a folder; what cannot be read, or goes meanwhile, is left out.
+
+    links: also below links to folders that are in it (products on another disk), but not further down.
+    """
+    try:
+        entries = list(os.scandir(folder))
+    except OSError:
+        return
+    for entry in entries:
+        try:
+            if entry.is_dir(follow_symlinks=links):
+                if entry.name not in skip:
+                    yield from _files(entry.path)
+            elif entry.is_file():
+                yield entry.path, entry.stat()
+        except OSError:
+            continue
+
+
+def pace(kinds):
+    """Return the Pace of the last hour of work, that after its last pause; None if two products never met in one.
+
+    That hour ends with the last product, whenever it was: neither a clock that is off nor a night since then counts.
+    Where work has only begun, and beside a file of the future, the work before tells.
+    """
+    made = sorted((moment, kind.name, kind.wanted[path]) for kind in kinds for path, moment in kind.made.items())
+    longest = max((cpu for kind in kinds for cpu in kind.wanted.values()), default=0.0)
+    end = len(made)
+    while end > 1:
+        first = end - 1
+        while first and made[first][0] - made[first - 1][0] <= PAUSE + 2 * longest:
+            first -= 1
+        start = next(i for i in range(first, end) if made[end - 1][0] - made[i][0] <= LATELY + 4 * longest)
+        lately, span = made[start + 1 : end], made[end - 1][0] - made[start][0]
+        if span > 0 and (cpu := sum(cost for *_, cost in lately)) > 0:
+            counts = {kind.name: sum(name == kind.name for _, name, _ in lately) for kind in kinds}
+            return Pace(span, cpu, counts, made[-1][0])
+        end = first
+    return None
+
+
+def failures(folder):
+    """Return [(path, line)] of the newest logs that tell of an error, newest first."""
+    logs = sorted(_files(folder), key=lambda file: -file[1].st_mtime)[:LOGS]
+    found = ((path, line) for path, _ in logs if (line := _complaint(path)))
+    return [failure for failure, _ in zip(found, range(FAILURES), strict=False)]
+
+
+def _complaint(path):
+    """Return the line of a log that says why its job failed, or None."""
+    try:
+        with open(path, "rb") as file:
+            text = file.readline(TAIL)
+            file.seek(max(os.fstat(file.fileno()).st_size - TAIL, len(text)))
+            text = (text + file.read(TAIL)).decode(errors="replace")
+    except OSError:
+        return None
+    lines = [line for line in text.splitlines() if line.strip()]
+    said = [line for line in lines if line.startswith(ERROR)]
+    found = said[-1] if said else lines[-1] if CRASH in text else None
+    if found is None and (pid := killed(text)):
+        found = f"killed: process {pid} is gone, and left no word"
+    return found and "".join(c if c.isprintable() else "?" for c in found)
+
+
+def lines(status, root, now=None):
+    """Return the status in words, a line each: kinds, time left, disk, failures. root: the output folder."""
+    return [*(_kind_line(status, kind) for kind in status.kinds), *summary(status, root, now)]
+
+
+def _kind_line(status, kind):
+    parts = f"{kind.name}: {len(kind.made):,} of {len(kind.wanted):,}", rate(status, kind)
+    return ", ".join(part for part in parts if part)
+
+
+def rate(status, kind):
+    """Return in words how many of a kind are made in an hour, "" if none lately."""
+    pace = status.pace
+    count = pace.counts[kind.name] if pace else 0
+    return f"{count / pace.span * 3600:,.3g} an hour" if count and len(kind.made) < len(kind.wanted) else ""
+
+
+def summary(status, root, now=None):
+    """Return the lines of what is not of one kind."""
+    now = time.time() if now is None else now
+    said = [f"{root}: {status.disk / 1e9:.3g} GB"]
+    if status.done:
+        said.append("all is made")
+    elif status.pace is None:
+        said.append(
+            f"{duration(status.missing_cpu)} of CPU time to go, an estimate; no pace to tell the time left from yet"
+        )
+    else:
+        last, idle = datetime.fromtimestamp(status.pace.last, UTC), now - status.pace.last
+        said.append(
+            f"{duration(status.missing_cpu)} of CPU time to go, an estimate; at the pace of the last "
+            f"{duration(status.pace.span)} of work {duration(status.left)} left"
+        )
+        if idle > PAUSE:
+            said.append(f"nothing was made for {duration(idle)}: since {last:%Y-%m-%d %H:%M} UTC")
+    return said + [f"failed: {path}: {line}" for path, line in status.failed if not status.done]
+
+
+def show(run, watch, say):
+    """Show the status of a campaign, with bars on a terminal; every `watch` seconds, if given, until all is made."""
+    products, root = wanted(run), run.paths.output
+    if sys.stdout.isatty():
+        from rich.live import Live
+
+        with Live(auto_refresh=False, vertical_overflow="visible") as live:
+            for status in _repeat(run, products, watch):
+                live.update(_picture(status, root), refresh=True)
+    else:
+        for status in _repeat(run, products, watch):
+            say("\n".join(lines(status, root)))
+
+
+def _repeat(run, products, watch):
+    """Yield the Status now and, if `watch` is given, every so many seconds until all is made."""
+    while True:
+        status = look(run, products)
+        yield status
+        if watch is None or status.done:
+            return
+        time.sleep(watch)
+
+
+def _picture(status, root):
+    """Return a rich table of the kinds, with bars, and the other lines below."""
+    from rich.console import Group
+    from rich.progress_bar import ProgressBar
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table.grid(padding=(0, 2))
+    for kind in status.kinds:
+        made, all_ = len(kind.made), len(kind.wanted)
+        table.add_row(kind.name, ProgressBar(all_, made, width=30), f"{made:,} of {all_:,}", rate(status, kind))
+    return Group(table, *(Text(line) for line in summary(status, root)))

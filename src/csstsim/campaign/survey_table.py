@@ -1,0 +1,178 @@
+"""Reading the survey table: a CSV file, one exposure a row, checked whole before any work (survey_tables/README.md).
+
+Columns go by name, in any order; lines that start with '#' are comments. Every fault names file, line, column,
+value and what is allowed, because a table of thousands of rows is made by other people's scripts.
+"""
+
+import csv
+import math
+import re
+from pathlib import Path
+from typing import get_args
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.text_file import read_text
+from csstsim.base.help_page import explained
+from csstsim.base.shipped import SHIPPED
+from csstsim.base.units import EARTH_RADIUS_KM
+from csstsim.instrument.camera import load_telescope
+from csstsim.instrument.pointing import ExposureType, Pointing, parse_utc
+
+OBSID, OBSID_ALLOWED = re.compile(r"[0-9]{9,14}"), "9 to 14 digits"
+REQUIRED = ("obsid", "type", "ra", "dec", "pa", "time", "exptime")
+STATE = ("sat_x", "sat_y", "sat_z", "sat_vx", "sat_vy", "sat_vz")
+TYPES = get_args(ExposureType)
+_YEARS = 1950, 2099  # where the Earth's ephemeris of catalog.places.ephemeris holds
+_MIN_EXPTIME = 1e-3  # s
+_MAX_RADIUS_KM, _MAX_SPEED_KM_S = 50_000.0, 12.0  # beyond these a state is in another unit, not in Earth orbit
+
+
+@explained("survey table")
+def load_survey_table(path, orbit=None):
+    """Return the table's exposures, a tuple of Pointing in file order.
+
+    `orbit` (instrument.orbit.Orbit; None = the shipped one) gives the spacecraft's state where a row has none.
+    Raises InputError for the first fault.
+    """
+    path = Path(path)
+    lines = _lines(path)
+    if not lines:
+        raise InputError("the table is empty: no header line", file=path)
+    header = _header(path, *lines[0])
+    pointings, seen = [], {}
+    for number, cells in lines[1:]:
+        row = _Row(path, number, header, cells)
+        obsid = row.obsid()
+        if obsid in seen:
+            raise row.error(f"duplicate of line {seen[obsid]}", "obsid", obsid)
+        seen[obsid] = number
+        state = row.state()
+        if state is None:
+            orbit = orbit or load_telescope(SHIPPED / "instrument" / "telescope.yaml")[1]
+            state = orbit.state(row.time())
+        pointings.append(row.pointing(obsid, state))
+    if not pointings:
+        raise InputError("the table is empty: a header and no exposure", file=path)
+    return tuple(pointings)
+
+
+def _lines(path):
+    """(line number, cells) of every line that is neither blank nor a comment."""
+    lines = enumerate(read_text(path, "utf-8-sig").splitlines(), start=1)
+    kept = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
+    return [(number, _cells(path, number, line)) for number, line in kept]
+
+
+def _cells(path, number, line):
+    try:
+        if "\0" in line:
+            raise csv.Error("a NUL character")
+        return [cell.strip() for cell in next(csv.reader([line]))]
+    except csv.Error as exc:  # also a cell of more than 131,072 characters
+        raise InputError(f"not a line of CSV: {exc}", file=path, key=f"line {number}") from None
+
+
+def _header(path, number, names):
+    def fault(message, name, allowed=None):
+        return InputError(message, file=path, key=f"line {number}", value=name, allowed=allowed)
+
+    for name in names:
+        if name not in REQUIRED + STATE:
+            raise fault("unknown column", name, ", ".join(REQUIRED + STATE))
+        if names.count(name) > 1:
+            raise fault("column given twice", name)
+    for name in REQUIRED:
+        if name not in names:
+            raise fault("column is missing", name)
+    missing = [name for name in STATE if name not in names]
+    if 0 < len(missing) < len(STATE):
+        raise fault("spacecraft state needs all six columns or none; missing", missing[0])
+    return names
+
+
+class _Row:
+    """One line of the table, each cell checked as it is asked for."""
+
+    def __init__(self, path, number, header, cells):
+        self.path, self.number = path, number
+        if len(cells) != len(header):
+            raise self.error(f"{len(cells)} cells under {len(header)} columns")
+        self.cells = dict(zip(header, cells, strict=True))
+
+    def error(self, message, column=None, value=None, allowed=None):
+        key = f"line {self.number}" + (f", column {column}" if column else "")
+        return InputError(message, file=self.path, key=key, value=value, allowed=allowed)
+
+    def number_in(self, column, low, high, allowed, *, open_high=False):
+        text = self.cells[column]
+        try:
+            value = float(text)
+        except ValueError:
+            raise self.error("not a number", column, text, allowed) from None
+        if not low <= value <= high or (open_high and value == high):  # false for NaN
+            raise self.error("out of range", column, text, allowed)
+        return value
+
+    def obsid(self):
+        text = self.cells["obsid"]
+        if not OBSID.fullmatch(text):
+            raise self.error("not an observation id", "obsid", text, OBSID_ALLOWED)
+        return text
+
+    def type(self):
+        if self.cells["type"] not in TYPES:
+            raise self.error("unknown exposure type", "type", self.cells["type"], ", ".join(TYPES))
+        return self.cells["type"]
+
+    def time(self):
+        try:
+            year = parse_utc(self.cells["time"]).year
+        except ValueError:
+            allowed = "UTC as YYYY-MM-DDThh:mm:ss[.ffffff]"
+            raise self.error("not a time", "time", self.cells["time"], allowed) from None
+        if not _YEARS[0] <= year <= _YEARS[1]:
+            raise self.error("out of range", "time", self.cells["time"], f"years {_YEARS[0]} to {_YEARS[1]}")
+        return self.cells["time"]
+
+    def exptime(self):
+        allowed = f"0 (BIAS only), or {_MIN_EXPTIME} to 100000 s"
+        value = self.number_in("exptime", 0.0, 1e5, allowed)
+        if 0 < value < _MIN_EXPTIME:
+            raise self.error("out of range", "exptime", self.cells["exptime"], allowed)
+        if value == 0 and self.type() != "BIAS":
+            raise self.error("zero exposure time", "exptime", self.cells["exptime"], "0 for BIAS only")
+        return value
+
+    def state(self):
+        """(position, velocity), or None where the row leaves all six cells empty or the table has no such columns."""
+        given = [name for name in STATE if self.cells.get(name, "") != ""]
+        if not given:
+            return None
+        for name in STATE:
+            if name not in given:
+                raise self.error("spacecraft state needs all six values or none; this one is empty", name)
+        values = [
+            self.number_in(name, -_MAX_RADIUS_KM, _MAX_RADIUS_KM, "km and km/s, geocentric GCRS") for name in STATE
+        ]
+        position, velocity = tuple(values[:3]), tuple(values[3:])
+        radius, speed = math.hypot(*position), math.hypot(*velocity)
+        if not EARTH_RADIUS_KM < radius <= _MAX_RADIUS_KM:
+            raise self.error(
+                "distance from the Earth's centre, km", "sat_x", radius, f"{EARTH_RADIUS_KM:g}-{_MAX_RADIUS_KM:g}"
+            )
+        if speed > _MAX_SPEED_KM_S:
+            raise self.error("speed, km/s", "sat_vx", speed, f"up to {_MAX_SPEED_KM_S:g}")
+        return position, velocity
+
+    def pointing(self, obsid, state):
+        return Pointing(
+            obsid=obsid,
+            type=self.type(),
+            ra=self.number_in("ra", 0.0, 360.0, "0 <= ra < 360 deg", open_high=True),
+            dec=self.number_in("dec", -90.0, 90.0, "-90 to 90 deg"),
+            pa=self.number_in("pa", -360.0, 360.0, "-360 to 360 deg"),
+            time=self.time(),
+            exptime=self.exptime(),
+            sat_position=state[0],
+            sat_velocity=state[1],
+        )

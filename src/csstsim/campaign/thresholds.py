@@ -1,0 +1,114 @@
+"""When a brick is good: the thresholds of the report's gates (docs/validation.md), keys of a campaign file."""
+
+from pydantic import Field, field_validator
+
+from csstsim.base.model import Model
+
+
+class ValidateConfig(Model):
+    """Thresholds of the report's gates; null = the gate is only reported."""
+
+    completeness_min: float | None = Field(
+        0.95,
+        ge=0,
+        le=1,
+        description="isolated point sources found at S/N above snr_min in an exposure; two sigma are forgiven",
+    )
+    galaxy_completeness_min: float | None = Field(
+        0.9, ge=0, le=1, description="isolated galaxies found at S/N above galaxy_snr_min in an exposure; two sigma of "
+        "chance are forgiven",
+    )  # fmt: skip
+    galaxy_snr_min: float = Field(
+        20.0, gt=0, description="S/N (from truth) above which galaxies' completeness is judged"
+    )
+    saturated_min: float | None = Field(
+        0.9, ge=0, le=1, description="stars of twice the full well that carry the flag of saturation"
+    )
+    snr_min: float = Field(5.0, gt=0, description="S/N (from truth) above which completeness is judged")
+    purity_min: float | None = Field(0.8, ge=0, le=1, description="merged sources with a true object")
+    mag_bias_max: float | None = Field(0.02, gt=0, description="|median magnitude residual| of stars at S/N > 20 [mag]")
+    pull_width: tuple[float, float] | None = Field(
+        (0.9, 1.2), description="least and largest width of stars' flux residuals over their errors, at S/N > 20"
+    )
+    zeropoint_max: float | None = Field(
+        0.01,
+        gt=0,
+        description="|mean magnitude residual| of an exposure's stars at S/N > 20 [mag]; 4 sigma are forgiven",
+    )
+    place_max: float | None = Field(
+        3.0, gt=0, description="|mean position residual| of an exposure's stars at S/N > 50 [mas]; 4 sigma are forgiven"
+    )
+    wcs_max: float | None = Field(
+        0.05,
+        gt=0,
+        description="|mean residual| of those stars through the WCS of the Level-0 header [px]; 4 sigma are forgiven",
+    )
+    astrometry_max: float | None = Field(5.0, gt=0, description="median position residual of stars at S/N > 50 [mas]")
+    position_bias_max: float | None = Field(
+        1.0,
+        gt=0,
+        description="|median residual| along or across columns, in any bin of S/N above 5 [mas]; 4 sigma of "
+        "chance are forgiven",
+    )
+    depth_off_max: float | None = Field(
+        0.35,
+        gt=0,
+        description="5-sigma depth of an exposure beyond the range of the filter's published limiting magnitudes [mag]",
+    )
+    noise_off_max: float | None = Field(
+        0.1, gt=0, description="|noise of the background over that of sky, dark, readout and rounding, less 1|; 4 sigma"
+    )
+    level_off_max: float | None = Field(
+        0.02,
+        gt=0,
+        description="|background over that of sky and dark, less 1|, of the frame and of each channel; what objects' "
+        "wings add is let pass, and 4 sigma",
+    )
+    read_noise_max: float | None = Field(
+        0.05, gt=0, description="|read noise in a channel's overscan over the camera's, less 1|; 4 sigma are forgiven"
+    )
+    bias_max: float | None = Field(
+        0.5, gt=0, description="|bias in a channel's overscan less the header's| [DN]; 4 sigma are forgiven"
+    )
+    header_max: float | None = Field(
+        1e-4, gt=0, description="|gain, exposure time and read noise of the header over the campaign's, less 1|"
+    )
+    counts_max: float | None = Field(
+        0.1,
+        gt=0,
+        description="|share of isolated true objects with a source, and false sources, - 1| brighter than S/N 50 of a "
+        "point; 2 sigma of chance are forgiven",
+    )
+    lost_max: float | None = Field(
+        0.02,
+        gt=0,
+        description="isolated objects that an exposure found at S/N above 20 without a merged source; 2 sigma forgiven",
+    )
+    twice_max: float | None = Field(
+        0.02, gt=0, description="sources too many at isolated true objects, a share of these; 2 sigma are forgiven"
+    )
+    psf_size_max: float | None = Field(
+        0.005,
+        gt=0,
+        description="|median size of an exposure's stars at S/N > 50 over the PSF model, less 1|; 4 sigma are forgiven",
+    )
+    psf_e_max: float | None = Field(
+        0.005,
+        gt=0,
+        description="|median distortion (e1, e2) of stars at S/N > 50 less the PSF model's|; 4 sigma are forgiven",
+    )
+    shape_max: float | None = Field(
+        0.25,
+        gt=0,
+        description="|slope of galaxies' measured shapes on the true ones, less 1|, complex: a turn, a sign; S/N > 20; "
+        "4 sigma are forgiven",
+    )
+    shear_m_max: float | None = Field(0.05, gt=0, description="|m| of `csstsim shear`; 5 sigma are forgiven")
+    shear_c_max: float | None = Field(2e-3, gt=0, description="|c| of `csstsim shear`; 5 sigma are forgiven")
+
+    @field_validator("pull_width")
+    @classmethod
+    def _rising(cls, value):
+        if value is not None and not 0 <= value[0] < value[1]:
+            raise ValueError("two numbers, the least first")
+        return value

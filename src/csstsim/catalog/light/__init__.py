@@ -1,0 +1,1 @@
+"""Light of objects: spectra, dust, photometry."""

@@ -1,0 +1,74 @@
+"""Spectra of magnitudes in the camera's bands, for tables of objects (catalog.own_table).
+
+A spectrum's AB magnitude is linear in the logarithm of wavelength between the pivots of the bands given, constant
+beyond them, and set so that each band has its own. One magnitude means a flat spectrum, in f_nu. Colours that jump
+(bright in y, dark in z, which holds y's light) have no such spectrum: it then goes through the magnitudes at the
+pivots, and the truth table's `mag` says what was drawn.
+
+Such a spectrum is a power law from pivot to pivot. So neither its light through a band nor its mean over a bin of
+wavelength needs its 18001 samples (catalog.light.colour_sums); nothing here passes through BLAS or LAPACK.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+
+from csstsim.base.units import ab_photon_density
+from csstsim.catalog.light.colour_sums import Knots, bins, newton
+from csstsim.instrument.filter import GRID
+
+MAG_TOLERANCE, PASSES = 1e-4, 30  # of the spectra's magnitudes [mag]; Newton's steps, three or four for most
+_STEP = 4  # samples of GRID: bands are smooth, the magnitudes the same to 1e-5
+
+
+def colour_spectra(mags, filters):
+    """Return (n, 18001) spectra [photon / s / m2 / A] of AB magnitudes (n, len(filters)), NaN where not known."""
+    spectra = np.zeros((len(mags), len(GRID)))
+    for rows, bands, nodes in _groups(mags, filters):
+        hats = _hats(bands, GRID)
+        spectra[rows] = 10 ** (-0.4 * np.einsum("nb,bw->nw", nodes, hats)) * ab_photon_density(GRID)
+    return spectra
+
+
+def colour_rates(mags, filters, weights):
+    """Return (n, len(weights)): sums of the spectra times weights (m, 18001), as photometry.subband_weights gives."""
+    rates = np.zeros((len(mags), len(weights)))
+    for rows, bands, nodes in _groups(mags, filters):
+        rates[rows] = Knots(_pivots(bands), GRID, weights * ab_photon_density(GRID)).sums(nodes)
+    return rates
+
+
+def colour_bins(mags, filters, edges):
+    """Return (n, len(edges) - 1) photon / s / m2 / A: means of the spectra over bins of `edges` [angstrom]."""
+    means, edges = np.zeros((len(mags), len(edges) - 1)), np.asarray(edges, dtype=float)
+    for rows, bands, nodes in _groups(mags, filters):
+        means[rows] = bins(nodes, _pivots(bands), np.log(edges)) * ab_photon_density(1.0) / np.diff(edges)
+    return means
+
+
+def _groups(mags, filters):
+    """Yield (rows, filters by pivot, (rows, filters) AB magnitudes at the pivots) of rows that know the same bands."""
+    mags = np.asarray(mags, dtype=float)
+    known, kind = np.unique(np.isfinite(mags), axis=0, return_inverse=True)
+    for number, has in enumerate(known):
+        rows = np.flatnonzero(kind.reshape(-1) == number)
+        bands = sorted(np.flatnonzero(has), key=lambda b: filters[b].pivot)
+        here = tuple(filters[b] for b in bands)
+        yield rows, here, newton(mags[np.ix_(rows, bands)], _through(here), MAG_TOLERANCE, PASSES)
+
+
+@lru_cache(128)
+def _through(filters):
+    """Return the Knots of the bands themselves: their sums are light through each, 1 of a flat spectrum."""
+    wave = GRID[::_STEP]
+    weights = np.stack([f.at(wave) for f in filters]) * ab_photon_density(wave)
+    return Knots(_pivots(filters), wave, weights / weights.sum(axis=1, keepdims=True))
+
+
+def _pivots(filters):
+    return np.log([f.pivot for f in filters])
+
+
+def _hats(filters, wave):
+    """Return (bands, len(wave)): 1 at a band's pivot, 0 at its neighbours', linear in the logarithm of wavelength."""
+    return np.stack([np.interp(np.log(wave), _pivots(filters), row) for row in np.eye(len(filters))])

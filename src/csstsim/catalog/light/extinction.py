@@ -1,0 +1,71 @@
+"""Extinction by the Milky Way's dust: the law with wavelength, and how much of it stands before a star.
+
+    S_obs(lambda) = S(lambda) 10^(-0.4 A(V) k(lambda)),   k = A(lambda)/A(V) = a(x) + b(x) / R_V,   x = 1 um / lambda
+
+(paper, appendix C): O'Donnell (1994, ApJ 422, 158) between 1.1 and 3.3 um-1, Cardelli, Clayton & Mathis (1989,
+ApJ 345, 245) elsewhere. The two join with steps of 1% or less, kept as published. Left out: changes of R_V from
+place to place.
+"""
+
+import numpy as np
+from numpy.polynomial.polynomial import polyval
+
+from csstsim.base.errors import InputError
+
+# The published polynomials, (a, b) each, lowest power first.
+_INFRARED = 0.574, -0.527  # times x^1.61
+_OPTICAL = (  # in x - 1.82
+    (1.0, 0.104, -0.609, 0.701, 1.137, -1.718, -0.827, 1.647, -0.505),
+    (0.0, 1.952, 2.908, -3.989, -7.985, 11.102, 5.491, -10.805, 3.347),
+)
+_ULTRAVIOLET = (  # c0 + c1 x + c2 / ((x - c3)^2 + c4)
+    (1.752, -0.316, -0.104, 4.67, 0.341),
+    (-3.090, 1.825, 1.206, 4.62, 0.263),
+)
+_RISE = (0.0, 0.0, -0.04473, -0.009779), (0.0, 0.0, 0.2130, 0.1207)  # in x - 5.9, above 5.9 um-1
+_FAR = (-1.073, -0.628, 0.137, -0.070), (13.670, 4.257, -0.420, 0.374)  # in x - 8, above 8 um-1
+
+
+def odonnell(wavelength, r_v=3.1):
+    """Return A(lambda)/A(V) at `wavelength` [angstrom, 1000 to 33,333] for R_V = A(V)/E(B-V).
+
+    Raises InputError for a wavelength outside the law's range (also NaN).
+    """
+    wavelength = np.asarray(wavelength, dtype=float)
+    with np.errstate(divide="ignore"):
+        x = 1e4 / wavelength
+    bad = ~((x >= 0.3 * (1 - 1e-12)) & (x <= 10 * (1 + 1e-12)))
+    if bad.any():
+        raise InputError(
+            "outside the extinction law", key="wavelength", value=float(wavelength[bad][0]), allowed="1000..33333 A"
+        )
+    pieces = [x < 1.1, x < 3.3, x <= 8.0]
+    a, b = (np.select(pieces, [_infrared(x, k), polyval(x - 1.82, _OPTICAL[k]), _ultraviolet(x, k)], _far(x, k))
+            for k in (0, 1))  # fmt: skip
+    return a + b / r_v
+
+
+def star_ebv(ebv_inf, distance, b, height, reach):
+    """Return E(B-V) [mag] before a star at `distance` [pc] and galactic latitude `b` [deg].
+
+    E(d) = E_inf (1 - exp(-d / s)), s = height / |sin b|: the column through an exponential layer of scale height
+    `height` [pc], scaled to the whole column `ebv_inf` (paper, appendix C; Chen et al. 2023). Towards b = 0 s would
+    be infinite and no star reddened; the disc of dust ends, so s is at most `reach` [pc]. An infinite distance gives
+    E_inf, zero or a negative one 0, NaN NaN.
+    """
+    with np.errstate(divide="ignore"):
+        scale = np.minimum(height / np.abs(np.sin(np.radians(b))), reach)
+    return -ebv_inf * np.expm1(-np.maximum(distance, 0.0) / scale)
+
+
+def _infrared(x, k):
+    return _INFRARED[k] * x**1.61
+
+
+def _ultraviolet(x, k):
+    c = _ULTRAVIOLET[k]
+    return c[0] + c[1] * x + c[2] / ((x - c[3]) ** 2 + c[4]) + polyval(np.maximum(x - 5.9, 0.0), _RISE[k])
+
+
+def _far(x, k):
+    return polyval(x - 8.0, _FAR[k])

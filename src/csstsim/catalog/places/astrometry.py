@@ -1,0 +1,143 @@
+"""From a catalogue's place to the direction in which the spacecraft sees it, and back (paper, section 5.4).
+
+Four steps, each a function of unit vectors (n, 3) and an ephemeris.Observer, after Klioner (2003, AJ 125, 1580):
+
+    1. space_motion      p + t (mu_east e + mu_north n + v_r varpi p)     t: years since J2000, with the Roemer delay
+    2. parallax_shift    p - varpi r_observer
+    3. light_deflection  by the Sun, and by Jupiter to Neptune if the observer has them
+    4. aberration        exact Lorentz boost of the barycentric velocity, with the Sun's potential
+
+Three kinds of place (ra, dec in degrees, axes of the ICRS throughout):
+
+    catalogue at J2000   -- at_epoch (1, 2) -->   ICRS at the epoch   -- apparent (3, 4) -->   apparent
+                         <-- at_j2000 ---------                       <-- icrs -------------
+
+`icrs` needs no knowledge of the object, so it is what a measurement can go back to. One exposure has one instant, its
+start, whose state the header gives: the fine guidance holds the field on its guide stars from then on.
+
+What a catalogue may leave open: an unknown (NaN) proper motion, radial velocity or parallax counts as zero, a negative
+parallax too (infinite distance: the radial velocity then has no effect). A place that is NaN stays NaN. Behind the
+Sun, deflection is the Sun's as a point mass down to 292" from its centre, then fades to none there.
+
+Left out: light travel in the star's own motion (second order in v/c; erfa.pmpx leaves it out as well), the Earth's own
+deflection (0.6 mas at the limb), the Doppler factor of the flux (1e-4).
+"""
+
+import numpy as np
+
+from csstsim.base.units import AU_KM, C_KM_S, DAY_S, JULIAN_YEAR_DAYS, MAS_PER_RAD
+
+_AU_YEAR = DAY_S * JULIAN_YEAR_DAYS / AU_KM  # au / yr of 1 km / s
+_LIGHT_YEARS_AU = AU_KM / C_KM_S / DAY_S / JULIAN_YEAR_DAYS  # light time of 1 au, yr
+_PASSES = 6  # of the inverses: each gains a factor 1e4 far from the Sun, 50 inside its disc
+
+
+def at_epoch(ra, dec, observer, *, pmra=0.0, pmdec=0.0, parallax=0.0, rv=0.0):
+    """Return ra, dec [deg] at the observer's epoch and place, light travelling straight, of J2000 catalogue places.
+
+    pmra (with cos dec), pmdec [mas/yr], parallax [mas], rv [km/s]: floats or arrays like ra, dec.
+    """
+    motion = [_known(v) for v in (pmra, pmdec, np.maximum(_known(parallax), 0.0), rv)]
+    return _degrees(_geometric(np.radians(ra), np.radians(dec), motion, observer))
+
+
+def at_j2000(ra, dec, observer, *, pmra=0.0, pmdec=0.0, parallax=0.0, rv=0.0):
+    """Return the catalogue place of which `at_epoch` makes ra, dec.
+
+    Within the object's own motion of a pole, where east turns on the way, it does not converge.
+    """
+    motion = [_known(v) for v in (pmra, pmdec, np.maximum(_known(parallax), 0.0), rv)]
+    return _degrees(_inverse(lambda p: _geometric(*_angles(p), motion, observer), _vectors(ra, dec)))
+
+
+def apparent(ra, dec, observer):
+    """Return the ra, dec [deg] in which the observer sees what lies at ra, dec (ICRS at the epoch)."""
+    return _degrees(aberration(light_deflection(_vectors(ra, dec), observer), observer))
+
+
+def icrs(ra, dec, observer):
+    """Return the ICRS ra, dec [deg] at the epoch of what is seen at ra, dec: the inverse of `apparent`."""
+    return _degrees(_inverse(lambda p: aberration(light_deflection(p, observer), observer), _vectors(ra, dec)))
+
+
+def space_motion(ra, dec, pmra, pmdec, parallax, rv, observer):
+    """Return the star from the barycentre at the epoch, (n, 3), its distance at J2000 being 1.
+
+    ra, dec in rad; pmra (with cos dec), pmdec [mas/yr]; parallax [mas, >= 0]; rv [km/s].
+    """
+    sin_a, cos_a, sin_d, cos_d = np.sin(ra), np.cos(ra), np.sin(dec), np.cos(dec)
+    star = np.stack([cos_d * cos_a, cos_d * sin_a, sin_d], axis=-1)
+    east = np.stack([-sin_a, cos_a, np.zeros_like(sin_a)], axis=-1)
+    north = np.stack([-sin_d * cos_a, -sin_d * sin_a, cos_d], axis=-1)
+    rates = [np.broadcast_to(v, star.shape[:-1])[..., None] / MAS_PER_RAD for v in (pmra, pmdec, parallax * rv)]
+    velocity = rates[0] * east + rates[1] * north + rates[2] * _AU_YEAR * star
+    # Light passes the barycentre when it shows the star as a catalogue counts time; the observer is earlier or later.
+    roemer = _LIGHT_YEARS_AU * np.einsum("...i,i->...", star, observer.astrom["eb"])
+    return star + (observer.astrom["pmt"] + roemer)[..., None] * velocity
+
+
+def parallax_shift(star, parallax, observer):
+    """Return the unit vectors (n, 3) from the observer to stars (n, 3) as `space_motion` gives them; parallax [mas]."""
+    shift = np.broadcast_to(parallax, star.shape[:-1])[..., None] / MAS_PER_RAD * observer.astrom["eb"]
+    return _unit(star - shift)
+
+
+def light_deflection(direction, observer):
+    """Return unit vectors (n, 3) of the light as it arrives, bent by the Sun (and planets), for a resting observer."""
+    import erfa
+
+    with np.errstate(invalid="ignore"):  # of NaN
+        if len(observer.bodies):
+            direction = erfa.ldn(observer.bodies, observer.astrom["eb"], direction)
+        return erfa.ldsun(direction, observer.astrom["eh"], observer.astrom["em"])
+
+
+def aberration(direction, observer):
+    """Return unit vectors (n, 3) as the moving observer sees them."""
+    import erfa
+
+    astrom = observer.astrom
+    with np.errstate(invalid="ignore"):  # of NaN
+        return erfa.ab(direction, astrom["v"], astrom["em"], astrom["bm1"])
+
+
+def _geometric(ra, dec, motion, observer):
+    return parallax_shift(space_motion(ra, dec, *motion, observer), motion[2], observer)
+
+
+def _inverse(forward, target):
+    """Return the unit vectors that `forward`, a small displacement, takes to `target`.
+
+    The number of passes is fixed: no object's place depends on the others in its array.
+    """
+    guess = target
+    for _ in range(_PASSES):
+        guess = _unit(guess + (target - forward(guess)))
+    return guess
+
+
+def _known(values):
+    values = np.asarray(values, dtype=float)
+    return np.where(np.isfinite(values), values, 0.0)
+
+
+def _unit(vectors):
+    return vectors / np.sqrt(np.einsum("...i,...i->...", vectors, vectors))[..., None]
+
+
+def _vectors(ra, dec):
+    import erfa
+
+    return erfa.s2c(np.radians(ra), np.radians(dec))
+
+
+def _angles(vectors):
+    import erfa
+
+    return erfa.c2s(vectors)
+
+
+def _degrees(vectors):
+    ra, dec = _angles(vectors)
+    ra = np.degrees(ra) % 360.0
+    return np.where(ra == 360.0, 0.0, ra)[()], np.degrees(dec)

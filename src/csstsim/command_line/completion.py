@@ -1,0 +1,66 @@
+"""What a shell offers at the Tab key after `csstsim COMMAND CAMPAIGN --obsid` and `--chip`: what the campaign has.
+
+A shell asks in the middle of a line, so that nothing is imported but what reads the two files, nothing is checked, and
+a file that cannot be read offers nothing.
+"""
+
+import csv
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.text_file import read_text
+
+INSTALL = {
+    "bash": 'eval "$(csstsim completion bash)"    # at the end of ~/.bashrc; bash 4.4 or newer',
+    "zsh": 'eval "$(csstsim completion zsh)"     # at the end of ~/.zshrc',
+    "fish": "csstsim completion fish > ~/.config/fish/completions/csstsim.fish    # once",
+}
+
+
+def obsids_of(ctx, param, incomplete):
+    """Return the exposures of the campaign named before on the line that begin with `incomplete`."""
+    campaign = _campaign(ctx)
+    select, found = campaign.get("select") or {}, []
+    try:
+        lines = read_text(str(campaign.get("survey_table"))).splitlines()  # of a file: a pipe would never end
+        for row in csv.DictReader(line for line in lines if not line.lstrip().startswith("#")):
+            obsid, kind = (row.get(name) or "" for name in ("obsid", "type"))
+            wanted = kind in select.get("types", [kind]) and obsid in map(str, select.get("obsids") or [obsid])
+            if wanted and obsid.startswith(incomplete):
+                found.append(obsid)
+    except (InputError, ValueError, TypeError, AttributeError, csv.Error):  # a campaign of the wrong form, too
+        return []
+    return found
+
+
+def chips_of(ctx, param, incomplete):
+    """Return the numbers of the chips that the campaign lists, or of all, that begin with `incomplete`."""
+    select = _campaign(ctx).get("select")
+    chips = select.get("chips") if isinstance(select, dict) else None
+    listed = [chip for chip in chips if isinstance(chip, int)] if isinstance(chips, list) else range(1, 31)
+    return [str(chip) for chip in listed if str(chip).startswith(incomplete)]
+
+
+def layers_of(ctx, param, incomplete):
+    """Return the keywords of csstsim's layers that begin with `incomplete`, in small letters."""
+    from csstsim.simulation.sim_steps import known_layers
+
+    return [name for name in known_layers() if name.startswith(incomplete.lower())]
+
+
+def _campaign(ctx):
+    """Return the campaign's file as a mapping, unchecked; an empty one if there is none."""
+    from csstsim.base.files.yaml_file import read_yaml
+
+    file = ctx.params.get("campaign") or next(iter(ctx.args), None)  # click stops at the option that has no value yet
+    try:
+        return read_yaml(file) if file else {}
+    except InputError:
+        return {}
+
+
+def script(shell, command):
+    """Return what makes a shell complete the click `command`, and how to install it, in a comment."""
+    from click.shell_completion import get_completion_class
+
+    complete = get_completion_class(shell)(command, {}, "csstsim", "_CSSTSIM_COMPLETE")
+    return f"# To install it:\n#   {INSTALL[shell]}\n{complete.source()}"

@@ -1,0 +1,36 @@
+"""What an installation has and lacks, and whether a campaign has room on this machine (`csstsim doctor`).
+
+Each check is a function that yields Findings. One that fails in a way nobody thought of is a problem, with what it
+raised: a broken installation is what this is for.
+"""
+
+from csstsim.base.errors import CsstsimError
+from csstsim.base.help_page import told
+from csstsim.command_line.doctor.finding import PROBLEM, Finding
+
+
+def examine(campaign=None):
+    """Yield the Findings of an installation and, if the file of a campaign is named, of the campaign."""
+    from csstsim.command_line.doctor import installation, machine
+
+    for check in (
+        installation.python, installation.libraries, installation.extras, installation.data, installation.numba_cache,
+        machine.threads,
+    ):  # fmt: skip
+        yield from _safely(check)
+    if campaign is None:
+        yield from _safely(machine.room)
+    else:
+        from csstsim.command_line.doctor.of_campaign import of_campaign
+
+        yield from _safely(of_campaign, campaign)
+
+
+def _safely(check, *arguments):
+    name = check.__name__.replace("_", " ").removeprefix("of ")
+    try:
+        yield from check(*arguments)
+    except CsstsimError as error:
+        yield Finding(PROBLEM, name, told(error))
+    except Exception as error:  # what a broken library raises
+        yield Finding(PROBLEM, name, f"{type(error).__name__}: {error}")

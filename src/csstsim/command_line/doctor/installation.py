@@ -1,0 +1,116 @@
+"""What of csstsim is installed: versions, libraries, optional parts, its data, compiled code."""
+
+import importlib
+import importlib.metadata
+import os
+import platform
+import sys
+from pathlib import Path
+
+from csstsim import __version__
+from csstsim.base.shipped import ROOT
+from csstsim.command_line.doctor.finding import OK, PROBLEM, WARNING, Finding
+from csstsim.command_line.doctor.machine import write_fault
+
+MODULES = {"pillow": "PIL", "pyerfa": "erfa", "pyyaml": "yaml"}  # libraries imported by another name
+PACKAGE = Path(__file__).parents[1]
+EXTRAS = {"de440": "astrometry.ephemeris: de440", "slurm": "profiles/slurm"}
+
+
+def python():
+    """Python's version, and whether this csstsim is the one that is installed."""
+    from packaging.specifiers import SpecifierSet
+
+    try:
+        about = importlib.metadata.metadata("csstsim")
+    except importlib.metadata.PackageNotFoundError:
+        yield Finding(PROBLEM, "csstsim", f"{__version__}, not installed: pip install . in its folder")
+        return
+    same = about["Version"] == __version__
+    yield Finding(
+        OK if same else WARNING, "csstsim", f"{__version__} in {PACKAGE}" if same else
+        f"{__version__} runs, {about['Version']} is installed: pip install it again",
+    )  # fmt: skip
+    found, needed = platform.python_version(), about["Requires-Python"]
+    good = SpecifierSet(needed or "").contains(found, prereleases=True)
+    yield Finding(
+        OK if good else PROBLEM, "python", f"{found}" if good else f"{found}; csstsim needs Python {needed}"
+    )  # fmt: skip
+
+
+def libraries():
+    """Each library that csstsim requires: there, of a version that will do, and does not fail when imported."""
+    needed = requirements()
+    faults = {each: fault for each in needed if (fault := _fault(each) or _import_fault(each.name))}
+    for each, fault in faults.items():
+        yield Finding(PROBLEM, f"library {each.name}", f"{fault}: pip install '{each}'")
+    if not faults:
+        yield Finding(OK, "libraries", f"the {len(needed)} that csstsim needs are there and can be imported")
+
+
+def requirements(extra=""):
+    """Return the packaging.requirements.Requirement of csstsim, and of one of its extras if it is named."""
+    from packaging.requirements import Requirement
+
+    found = map(Requirement, importlib.metadata.requires("csstsim") or ())
+    return [each for each in found if each.marker is None or each.marker.evaluate({"extra": extra})]
+
+
+def _fault(requirement):
+    """Return why a requirement is not met, or None."""
+    try:
+        found = importlib.metadata.version(requirement.name)
+    except importlib.metadata.PackageNotFoundError:
+        return "missing"
+    return None if requirement.specifier.contains(found, prereleases=True) else f"{found} is there"
+
+
+def _import_fault(name):
+    """Return why a library cannot be imported, or None."""
+    try:
+        importlib.import_module(MODULES.get(name, name))
+    except Exception as error:  # of libraries that do not fit each other: anything
+        return f"its import fails with {type(error).__name__}: {' '.join(str(error).split())[:200]}"
+    return None
+
+
+def extras():
+    """The optional parts: absent is no fault."""
+    for name, use in EXTRAS.items():
+        missing = [each.name for each in requirements(name) if each.marker and _fault(each)]
+        text = f"absent ({', '.join(missing)}); for it: pip install 'csstsim[{name}]'" if missing else "present"
+        yield Finding(OK, f"extra {name} ({use})", text)
+
+
+def data():
+    """The files that come with csstsim can be read, and hold together."""
+    from csstsim.base.shipped import SHIPPED
+    from csstsim.campaign.costs import load_costs
+    from csstsim.instrument.camera import load_camera
+    from csstsim.universe.parameters import load_universe
+
+    load_costs()
+    camera, universe = load_camera(SHIPPED / "instrument"), load_universe(SHIPPED / "universe")
+    universe.check()
+    yield Finding(OK, "data", f"{ROOT}: camera {camera.digest[:8]}, universe {universe.digest[:8]}")
+
+
+def numba_cache():
+    """Where compiled code is kept, and whether some is there."""
+    todo = "set NUMBA_CACHE_DIR to a folder that can be written"
+    try:
+        from csstsim.base.counter import object_keys
+    except RuntimeError as error:  # numba found no place
+        yield Finding(PROBLEM, "numba cache", f"{error}: {todo}")
+        return
+    folder, asked = Path(object_keys.stats.cache_path), os.environ.get("NUMBA_CACHE_DIR")
+    root = PACKAGE if folder.is_relative_to(PACKAGE) else folder.parent
+    if fault := write_fault(folder):
+        yield Finding(PROBLEM, "numba cache", f"{folder}: {fault}; each process would compile anew: {todo}")
+    elif asked and root != Path(asked):
+        yield Finding(WARNING, "numba cache", f"NUMBA_CACHE_DIR={asked} cannot be used, {root} is instead: {todo}")
+    else:
+        ending = f".py{sys.version_info.major}{sys.version_info.minor}.nbi"
+        count = sum(path.name.endswith(ending) for path in root.rglob("*.nbi"))
+        compiled = f"{count} compiled" if count else "nothing is compiled yet: the first run takes 20 CPU s more"
+        yield Finding(OK, "numba cache", f"{root}: {compiled}")

@@ -1,0 +1,48 @@
+"""Whether a campaign opens, and whether this machine has room for it."""
+
+from csstsim.command_line.doctor.finding import OK, PROBLEM, WARNING, Finding
+from csstsim.command_line.doctor.machine import cores, free_disk, free_memory, gb, there, write_fault
+
+
+def of_campaign(file):
+    """Yield the Findings of a campaign. Raises InputError if it cannot be opened."""
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.campaign.plan import plan
+    from csstsim.campaign.status import look, wanted
+
+    run = OpenCampaign(file)
+    run.open_truth()
+    counts, disk, costs = plan(run)
+    yield Finding(OK, "campaign", f"{file}: {counts['Level-0 files']} Level-0 files, {counts['jobs']} jobs")
+    yield from output(run.paths.output, sum(disk.values()), look(run, wanted(run)))
+    yield from memory(costs)
+
+
+def output(folder, need, status):
+    """The output folder: can it be written, and is there room. need: bytes of all; status: campaign.status.Status."""
+    if fault := write_fault(folder):
+        place = there(folder)
+        yield Finding(PROBLEM, "output", f"{place}: {fault}; give the campaign another `output`, or mend that folder")
+        return
+    free, left = free_disk(folder), 0 if status.done else max(need - status.disk, 0)
+    text = f"{gb(left)} to be written to {folder}, {gb(free)} free"
+    if left > free:
+        yield Finding(PROBLEM, "disk", f"{text}: free some, give the campaign another `output`, or select less")
+    else:
+        yield Finding(WARNING if left > 0.9 * free else OK, "disk", text)
+
+
+def memory(costs):
+    """The job that takes most memory, beside what is there. costs: {rule: {key: costs.Cost}}."""
+    from csstsim.campaign.costs import each_once
+
+    most, rule = max((max(c.memory_mb for c in jobs.values()) * 1e6, rule) for rule, jobs in each_once(costs).items())
+    free, have = free_memory(), cores()
+    text = f"a job of `{rule}` takes up to {gb(most)}, {gb(free)} are free"
+    if most > free:
+        yield Finding(PROBLEM, "memory", f"{text}: end other programs, or give the campaign a window")
+    elif most * have > free:
+        together = int(free // most)
+        yield Finding(WARNING, "memory", f"{text}: snakemake --cores {together}, not {have}")
+    else:
+        yield Finding(OK, "memory", f"{text}: enough for {have} at a time")

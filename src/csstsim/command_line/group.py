@@ -1,0 +1,139 @@
+"""The group of all commands: help by what a person wants, -v and -q, one line for an error, a quiet end."""
+
+import logging
+import os
+import signal
+import sys
+import traceback
+from contextlib import contextmanager, nullcontext, redirect_stdout
+
+import click
+
+from csstsim.base.errors import CsstsimError
+from csstsim.base.help_page import told
+from csstsim.base.progress import hidden
+from csstsim.campaign.job_log import ERROR
+
+SECTIONS = {
+    "Begin": ("init", "doctor", "check", "plan", "completion"),
+    "Make a chip": ("chip",),
+    "Look": ("show", "status", "report"),
+    "Stages of the workflow, one job each": (
+        "truth", "psf", "select", "render", "readout", "level0", "masters", "calibrate", "measure", "extract", "merge",
+        "validate",
+    ),
+    "Measure the simulator": ("bench", "shear"),
+    "Extend": ("layers", "fit-grating"),
+    "Deliver": ("verify",),
+}  # fmt: skip
+LOUD, QUIET = "csstsim.loud", "csstsim.quiet"  # in the context of the command
+
+
+class Group(click.Group):
+    """A click group whose input errors are one line and exit code 2, and which ends without a word when told to."""
+
+    def main(self, *args, **options):
+        """Run the command; from here on SIGTERM ends it without a word."""
+        signal.signal(signal.SIGTERM, _stop)
+        return super().main(*args, **options)
+
+    def add_command(self, cmd, name=None):
+        """Add a command, which understands -v and -q after its name, too."""
+        cmd.params += [_switch("-v", _loud, hidden=True), _switch("-q", _quiet, hidden=True)]
+        super().add_command(cmd, name)
+
+    def format_commands(self, ctx, formatter):
+        """Write the commands, by section, each in one line."""
+        width = max(map(len, self.commands))
+        for title, names in SECTIONS.items():
+            rows = [
+                (name.ljust(width), self.commands[name].get_short_help_str(formatter.width - width - 4))
+                for name in names
+            ]
+            with formatter.section(title):
+                formatter.write_dl(rows)
+
+    def invoke(self, ctx):
+        """Run the sub-command and end with its exit code."""
+        try:
+            result = super().invoke(ctx)
+            if sys.stdout:  # None if closed before the start
+                sys.stdout.flush()  # at exit its errors could not be caught
+            return result
+        except BrokenPipeError:
+            _forget_output()
+            sys.exit(128 + signal.SIGPIPE)
+        except CsstsimError as error:
+            if LOUD in ctx.meta:
+                traceback.print_exception(error)
+            message = told(error)
+        except OSError as error:  # an output folder that is a file or read-only, a full disk
+            if error.filename is None and error.errno is None:
+                raise
+            message = ": ".join(str(part) for part in (error.filename, error.strerror) if part)
+        click.echo(f"{ERROR} {message}", err=True)
+        sys.exit(2)
+
+
+def _stop(number, frame):
+    """End as an exception does, so that files half-written are removed (csstsim.base.files.atomic)."""
+    sys.exit(128 + number)
+
+
+def _forget_output():
+    """Let what is still to be printed, at exit too, go nowhere."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)
+
+
+def _switch(letter, callback, **options):
+    name = {"-v": "--verbose", "-q": "--quiet"}[letter]
+    return click.Option([letter, name], is_flag=True, expose_value=False, callback=callback, **options)
+
+
+def _loud(ctx, option, value):
+    """Begin -v: until the command ends, say on standard error which files are read and written."""
+    if value and LOUD not in ctx.meta:
+        ctx.meta[LOUD] = True
+        ctx.find_root().with_resource(_files_told())
+        ctx.find_root().with_resource(hidden())  # lines and bars would mix
+
+
+def _quiet(ctx, option, value):
+    """Begin -q: no bars; `hushed` lets the rest go."""
+    if value and QUIET not in ctx.meta:
+        ctx.meta[QUIET] = sys.stdout
+        ctx.find_root().with_resource(hidden())
+
+
+SWITCHES = [
+    _switch("-v", _loud, help="Say which files are read and written, and when; show the traceback behind an error."),
+    _switch("-q", _quiet, help="Print errors and what was asked for, nothing else."),
+]
+
+
+@contextmanager
+def _files_told():
+    log, handler = logging.getLogger("csstsim.files"), logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("csstsim: %(asctime)s.%(msecs)03d %(message)s", "%H:%M:%S"))
+    log.addHandler(handler)
+    log.setLevel(logging.DEBUG)
+    try:
+        yield
+    finally:
+        log.setLevel(logging.NOTSET)
+        log.removeHandler(handler)
+
+
+@contextmanager
+def hushed():
+    """Under -q, what is printed in here goes nowhere."""
+    quiet = QUIET in click.get_current_context().meta
+    with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere) if quiet else nullcontext():
+        yield
+
+
+def result(text):
+    """Print what was asked for, under -q too."""
+    print(text, file=click.get_current_context().meta.get(QUIET))

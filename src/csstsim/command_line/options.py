@@ -1,0 +1,61 @@
+"""What commands share: the campaign opened, options of exposure, chip and brick, the first and last line of a log."""
+
+import functools
+
+import click
+
+from csstsim.campaign.job_log import job_log
+from csstsim.command_line.completion import chips_of, obsids_of
+from csstsim.command_line.group import hushed
+
+campaign_arg = click.argument("campaign", type=click.Path())
+obsid_opt = click.option("--obsid", required=True, shell_complete=obsids_of, help="Exposure, as in the survey table.")
+chip_opt = click.option(
+    "--chip", "chip_id", required=True, type=click.IntRange(1, 30), shell_complete=chips_of,
+    help="Chip number, 1 to 30.",
+)  # fmt: skip
+brick_opt = click.option(
+    "--brick", "pix", required=True, type=click.IntRange(0, 786431), help="HEALPix NSIDE-256 pixel, nested."
+)
+scratch_opt = click.option(
+    "--scratch", type=click.Path(), envvar="CSSTSIM_SCRATCH",
+    help="Folder of what the chip's stages hand on [default: the campaign's output; or $CSSTSIM_SCRATCH].",
+)  # fmt: skip
+
+
+def of_campaign(function):
+    """Open the campaign and pass it on, with this process's imports kept to what the command needs."""
+
+    @functools.wraps(function)
+    def command(campaign, **options):
+        from csstsim.campaign.opened import OpenCampaign
+
+        folders = options.pop("output", None), options.pop("scratch", None)
+        return function(OpenCampaign(campaign, *folders), **options)
+
+    return campaign_arg(command)
+
+
+def stage(function):
+    """The same for what makes products: where standard output is a log, it says whose and what the job took."""
+
+    @functools.wraps(function)
+    def logged(run, **options):
+        names = {"obsid": "exposure", "chip_id": "chip", "chip_ids": "chip", "pix": "brick"}
+        told = [(word, options[key]) for key, word in names.items() if key in options]
+        parts = [(word, *(value if isinstance(value, tuple) else (value,))) for word, value in told]
+        what = " ".join(str(part) for group in parts for part in group)
+        verb = click.get_current_context().info_name
+        with hushed(), job_log(verb, run.config.name, run.config.digest(), what):
+            return function(run, **options)
+
+    return of_campaign(logged)
+
+
+def of_job(function):
+    """The same for one chip of one exposure, which the function gets as a job."""
+
+    def command(run, obsid, chip_id, **options):
+        return function(run, run.job(obsid, chip_id), **options)
+
+    return obsid_opt(chip_opt(stage(functools.update_wrapper(command, function))))

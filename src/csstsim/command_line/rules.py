@@ -1,0 +1,205 @@
+"""The commands of the workflow's rules: each calls the function of its name in csstsim.stages."""
+
+import sys
+
+import click
+
+from csstsim.command_line.options import brick_opt, chip_opt, of_job, scratch_opt, stage
+
+
+@click.command()
+@stage
+@brick_opt
+def truth(run, pix):
+    """Make one brick of the embedded True Universe.
+
+    \b
+    For example:
+      csstsim truth campaign.yaml --brick 550613
+    """
+    from csstsim.stages.truth import truth as run_stage
+
+    run_stage(run, pix)
+
+
+@click.command()
+@stage
+@chip_opt
+def psf(run, chip_id):
+    """Make the PSF set of one chip.
+
+    \b
+    For example:
+      csstsim psf campaign.yaml --chip 9
+    """
+    from csstsim.stages.psf import psf as run_stage
+
+    run_stage(run, chip_id)
+
+
+@click.command()
+@of_job
+@scratch_opt
+def select(run, job):
+    """Find the objects that reach a chip, and their electrons/s.
+
+    \b
+    For example:
+      csstsim select campaign.yaml --obsid 10100000004 --chip 9
+    """
+    from csstsim.stages.select import select as run_stage
+
+    run_stage(run, job)
+
+
+@click.command()
+@of_job
+@scratch_opt
+def render(run, job):
+    """Draw the objects and the sky: expected electrons.
+
+    \b
+    For example:
+      csstsim render campaign.yaml --obsid 10100000004 --chip 9
+    """
+    from csstsim.stages.render import render as run_stage
+
+    run_stage(run, job)
+
+
+@click.command()
+@of_job
+@scratch_opt
+def readout(run, job):
+    """Turn electrons into DN: noise, overscan, bias, gain.
+
+    \b
+    For example:
+      csstsim readout campaign.yaml --obsid 10100000004 --chip 9
+    """
+    from csstsim.stages.readout import readout as run_stage
+
+    run_stage(run, job)
+
+
+@click.command()
+@of_job
+@scratch_opt
+def level0(run, job):
+    """Digitise; write the Level-0 file and its truth table.
+
+    \b
+    For example:
+      csstsim level0 campaign.yaml --obsid 10100000004 --chip 9
+    """
+    from csstsim.stages.level0 import level0 as run_stage
+
+    run_stage(run, job)
+
+
+@click.command()
+@stage
+@chip_opt
+def masters(run, chip_id):
+    """Make a chip's master frames from bias, dark and lamp exposures.
+
+    \b
+    For example:
+      csstsim masters calibration.yaml --chip 9
+    """
+    from csstsim.stages.masters import masters as run_stage
+
+    run_stage(run, chip_id)
+
+
+@click.command()
+@of_job
+def calibrate(run, job):
+    """Write the calibrated image of a Level-0 file, in e-/s.
+
+    \b
+    For example:
+      csstsim calibrate campaign.yaml --obsid 10100000004 --chip 9
+    """
+    from csstsim.stages.calibrate import calibrate as run_stage
+
+    run_stage(run, job)
+
+
+@click.command()
+@of_job
+def measure(run, job):
+    """Detect and measure the sources of a Level-0 file.
+
+    \b
+    For example:
+      csstsim measure campaign.yaml --obsid 10100000004 --chip 9
+    """
+    from csstsim.stages.measure import measure as run_stage
+
+    run_stage(run, job)
+
+
+@click.command()
+@of_job
+def extract(run, job):
+    """Extract the spectra of a spectroscopic chip's Level-0 file.
+
+    \b
+    For example:
+      csstsim extract campaign.yaml --obsid 10100000015 --chip 29
+    """
+    from csstsim.stages.extract import extract as run_stage
+
+    run_stage(run, job)
+
+
+@click.command()
+@stage
+@brick_opt
+def merge(run, pix):
+    """Merge the measurements of a brick: a row a source.
+
+    \b
+    For example:
+      csstsim merge campaign.yaml --brick 550613
+    """
+    from csstsim.stages.merge import merge as run_stage
+
+    run_stage(run, pix)
+
+
+@click.command()
+@stage
+@brick_opt
+def validate(run, pix):
+    """Compare a merged brick with the truth.
+
+    \b
+    For example:
+      csstsim validate campaign.yaml --brick 550613
+    """
+    from csstsim.stages.validate import validate as run_stage
+
+    run_stage(run, pix)
+
+
+@click.command()
+@stage
+@click.option("--strict", is_flag=True, help="End with exit code 1 if a gate fails.")
+def report(run, strict):
+    """Write the report of a campaign: one web page.
+
+    It has the validation of every brick; the verdict on its gates stands beside it as JSON.
+
+    \b
+    For example:
+      csstsim report campaign.yaml --strict
+    """
+    from csstsim.stages.report import report as run_stage
+
+    if run_stage(run)["passed"] is False and strict:
+        sys.exit(1)
+
+
+RULES = truth, psf, select, render, readout, level0, masters, calibrate, measure, extract, merge, validate, report

@@ -1,0 +1,231 @@
+"""Commands that are no stage: benchmarks, pictures, shear, verification, gratings, layers."""
+
+import signal
+import sys
+from pathlib import Path
+
+import click
+
+from csstsim.command_line.completion import layers_of
+
+
+@click.command()
+@click.option("--output", type=click.Path(), default="results/bench", show_default=True, help="Folder of the results.")
+@click.option("--quick", is_flag=True, help="Few and small objects: two minutes of CPU time.")
+@click.option("--filter", "band", default="r", show_default=True, help="Filter; with a grating spectra are drawn.")
+@click.option("--methods", help="Names, or beginnings of names, with commas between [default: all].")
+@click.option(
+    "--objects", type=click.IntRange(2, 100_000), help="How many, half of them stars [default: 320; spectra 24]."
+)
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the sample of objects.")
+@click.option(
+    "--readout",
+    is_flag=True,
+    help="Cost of the layers after the objects instead; with --output only.",
+)
+@click.option("--chart", multiple=True, type=click.Path(), help="A table of an earlier run, to draw instead; repeat.")
+def bench(output, quick, band, methods, objects, seed, readout, chart):
+    """Measure speed and accuracy of every way to draw an object.
+
+    Against GalSim, and against direct optics.
+
+    \b
+    Needs no campaign. Writes a table and the speed-accuracy chart:
+      csstsim bench --quick
+      csstsim bench --methods "photons,stamps,GalSim" --filter i --output results/bench_i
+      csstsim bench --filter GV --output results/bench_GV
+    Tables of several runs in one chart:
+      csstsim bench --chart docs/speed_accuracy.csv --chart docs/speed_accuracy_GV.csv
+    A whole chip's readout, layer by layer, beside numpy, GalSim and arcticpy:
+      csstsim bench --readout
+    """
+    if (readout or chart) and (quick or methods or objects or (readout and chart)):
+        raise click.UsageError("--readout and --chart go with --output only")
+    if chart:
+        from csstsim.bench.command import chart as draw
+
+        draw(output, chart, say=print)
+    elif readout:
+        from csstsim.bench.readout import readout as run
+
+        run(Path(output), say=print)
+    else:
+        from csstsim.bench.command import bench as run
+
+        run(output, band, methods, quick, objects, seed, say=print)
+
+
+@click.command()
+@click.argument("file", type=click.Path())
+@click.option("--output", type=click.Path(), help="The PNG to write [default: beside FILE, its name with .png].")
+@click.option("--stretch", type=click.Choice(["asinh", "log", "linear"]), default="asinh", show_default=True)
+@click.option("--limits", nargs=2, type=float, metavar="LOW HIGH", help="Black and white [default: by the background].")
+@click.option("--region", nargs=4, type=int, metavar="X0 X1 Y0 Y1", help="Show this part only; X1, Y1 are beyond it.")
+@click.option("--inset", nargs=3, type=int, metavar="X Y SIZE", help="Show SIZE px about X, Y larger; cut at the edge.")
+@click.option("--truth", is_flag=True, help="Mark the brightest true objects, from the .truth.parquet beside FILE.")
+@click.option("--truth-table", type=click.Path(), help="... from this table instead.")
+@click.option("--limit", type=click.IntRange(1), default=100, show_default=True, help="How many objects to mark.")
+@click.option(
+    "--size",
+    type=click.IntRange(200, 4000),
+    default=900,
+    show_default=True,
+    help="Longer side of the image in the PNG, px.",
+)
+@click.option("--subtract-overscan", is_flag=True, help="Take the overscan's level off each channel of a Level-0 file.")
+def show(file, output, **options):
+    """Make a picture of a FITS file.
+
+    Level-0, a frame of the render or readout stage, or calibrated.
+
+    Pixels are the chip's and count from 0 (xImage of the truth from 1); large frames are averaged to the picture's
+    pixels. Right ascension and declination are drawn where the file says what they are.
+
+    \b
+    A raw chip, its sixteen channels levelled, with the 40 brightest objects and a closer look at one place:
+      csstsim show CSST_..._09_L0_V01.fits --subtract-overscan --truth --limit 40 --inset 4500 4700 150
+    A part of what was drawn, before the detector, faint light first:
+      csstsim show results/demo/chips/10100000004_09/render.fits --stretch log --region 3968 4368 3968 4368
+    """
+    from csstsim.quicklook.show import show as run
+
+    click.echo(run(file, output, **options))
+
+
+@click.command("fit-grating")
+@click.argument("samples", type=click.Path())
+@click.option("--output", required=True, type=click.Path(), help="The aXe configuration to write, NAME.conf.")
+@click.option("--sensitivity", "stem", help="STEM of the sensitivities it names: STEM_p1.fits, ... [default: NAME].")
+def fit_grating(samples, output, stem):
+    """Fit a grating's traces and dispersion to ray tracing.
+
+    Equations 1 to 4 of the paper, fitted to trajectories.
+
+    \b
+    SAMPLES is a CSV table, one row a ray, with a heading:
+      order,m,n,wavelength,x,y
+    order       -2, -1, 0, 1 or 2; the first is needed
+    m, n        0-based pixel of the direct image, which is where light would land without the grating
+    wavelength  angstrom
+    x, y        0-based pixel on which that light lands
+
+    The paper samples 10 x 10 positions over the grating's piece of the chip and 8 wavelengths; 3 x 3 positions and
+    2 wavelengths are the least. Dispersion runs along x. Printed: residuals in px of the file written.
+
+    \b
+    To try it, with the trajectories behind a shipped grating:
+      python tests/instrument/build_gratings.py --samples GI1 > samples.csv
+      csstsim fit-grating samples.csv --output results/GI1.conf --sensitivity GI
+    """
+    from csstsim.optics.gratings.trace_fit import fit_file, fit_report
+
+    click.echo("\n".join(fit_report(fit_file(samples, output, stem))))
+
+
+@click.command()
+@click.argument("names", metavar="[LAYER]...", nargs=-1, shell_complete=layers_of)
+def layers(names):
+    """List the layers an observation file may name.
+
+    With their parameters; only those named, if any are, also of your own by dotted path.
+
+    \b
+    For example:
+      csstsim layers
+      csstsim layers bias cosmic_rays
+    """
+    from csstsim.simulation.sim_steps import known_layers, load_layer
+
+    if not names:
+        click.echo("Keywords of the paper, as known here; in a file, capitals make no difference.\n")
+    for name in names or known_layers():
+        module = load_layer(name)
+        name = name if "." in name else name.lower()
+        click.echo(f"{name}  [{module.STAGE}, {' -> '.join(module.UNITS)}]\n    {module.__doc__.splitlines()[0]}")
+        for key, field in module.Param.model_fields.items():
+            click.echo(f"      {key} = {field.default}: {field.description}")
+
+
+@click.command()
+@click.argument("campaigns", nargs=-1, required=True, type=click.Path())
+@click.option("--output", type=click.Path(), help="JSON file for the numbers and gates.")
+@click.option("--strict", is_flag=True, help="End with exit code 1 if a gate fails.")
+def shear(campaigns, output, strict):
+    """Measure shear, and its m and c, from twin campaigns.
+
+    They are finished, and of constant shear. Twins differ in `catalog.shapes` only, normal and rotated90; two pairs or
+    more of different `catalog.lensing` give m, one pair gives c. Limits: `validation.shear_m_max`, `shear_c_max` of the
+    first.
+
+    \b
+    For example:
+      csstsim shear plus.yaml plus_rotated.yaml minus.yaml minus_rotated.yaml
+    """
+    from csstsim.stages import shear as shear_stage
+
+    if not shear_stage.shear(campaigns, output, say=print) and strict:
+        sys.exit(1)
+
+
+@click.command()
+@click.argument("campaign", type=click.Path())
+@click.option("--output", type=click.Path(), help="The folder to verify [default: the campaign's].")
+@click.option("--manifest", is_flag=True, help="If all is sound, write MANIFEST.sha256 and MANIFEST.tsv there.")
+def verify(campaign, output, manifest):
+    """Check a campaign's output: all there, undamaged, its own.
+
+    Every product there, undamaged, made for it; nothing foreign. One line a fault.
+
+    \b
+    CAMPAIGN is a campaign file or, where that is not at hand, an output folder, judged by what its products say:
+      csstsim verify campaign.yaml
+      csstsim verify campaign.yaml --output /delivered/demo
+      csstsim verify /delivered/demo
+    What a receiver can check without csstsim:
+      csstsim verify campaign.yaml --manifest
+      cd results/demo && sha256sum -c MANIFEST.sha256
+
+    Exit codes: 0 sound, 1 faults, 2 nothing that could be verified. docs/delivery.md says what is checked.
+    """
+    from csstsim.delivery.verify import verify as check
+
+    folder = Path(campaign)
+    if folder.is_dir() and output:
+        raise click.UsageError("--output goes with a campaign file")
+    if folder.is_dir():
+        run = None
+    else:
+        from csstsim.campaign.opened import OpenCampaign
+
+        run = OpenCampaign(campaign, output, copied=output is not None)
+    if check(run, folder, print, manifest):
+        sys.exit(1)
+
+
+@click.command()
+@click.argument("campaign", type=click.Path())
+@click.option("--output", type=click.Path(), help="The folder to look into [default: the campaign's].")
+@click.option(
+    "--watch", type=click.IntRange(1, 86400), metavar="SECONDS", help="Look again every so often, until all is made."
+)
+def status(campaign, output, watch):
+    """Say how far a campaign is, and what failed.
+
+    Products made and wanted, their rate, the time left, disk used, jobs that failed. It reads the output folder only,
+    so it can be asked from another shell while Snakemake works, here or on a cluster.
+
+    \b
+    For example:
+      csstsim status campaign.yaml
+      csstsim status campaign.yaml --watch 60
+    """
+    from csstsim.campaign.opened import OpenCampaign
+    from csstsim.campaign.status import show as run
+
+    try:
+        run(OpenCampaign(campaign, output), watch, say=print)
+    except KeyboardInterrupt:  # the way to end --watch
+        sys.exit(128 + signal.SIGINT)
+
+
+TOOLS = bench, show, status, shear, verify, fit_grating, layers

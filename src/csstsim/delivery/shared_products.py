@@ -1,0 +1,184 @@
+"""Checks of what frames share: truth bricks, PSF sets, masters, merged bricks, validation, report."""
+
+import json
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.healpix import brick_of, hats_index
+from csstsim.catalog.table import ObjectTable
+from csstsim.delivery.frames import other_recipe
+from csstsim.io.frames import load_frame
+
+
+def truth_brick(path, record):
+    """Check a brick of the embedded Universe; `record`: what it must be made for, or None."""
+    from csstsim.universe.bricks import read_brick
+
+    table = read_brick(path, record)
+    pix = int(path.stem.removeprefix("Npix="))
+    if (table["_healpix_29"] >> 42 != pix).any():
+        yield "has objects of another brick"
+
+
+def psf(path, frame):
+    """Check a chip's PSF set, every node of it."""
+    for node in np.flatnonzero(~(made := _psf(path, frame)).dead):
+        made.node(node)
+    yield from ()
+
+
+def psf_tables(path, psf_path, frame):
+    """Check the tables photons are drawn from, every node of them."""
+    from csstsim.render.psf_table import read_tables
+
+    try:
+        made = _psf(psf_path, frame)
+    except (InputError, OSError):
+        return  # a fault of that file
+    read_tables(path, made).verify(np.flatnonzero(~made.dead))
+    yield from ()
+
+
+def _psf(path, frame):
+    from csstsim.optics.psf.psf_set import PsfSet
+
+    return PsfSet(path, chip=frame.chip, filter=frame.filter, camera_digest=(frame.recipe or {}).get("camera"))
+
+
+def masters(path, record):
+    """Check a chip's master calibration frames."""
+    planes, _ = load_frame(path, record)
+    if set(planes) != {"flat", "bad"}:
+        yield f"holds {', '.join(planes) or 'nothing'}, not the planes flat and bad"
+
+
+def merged(path, pix, recipe, frames, seen):
+    """Check a merged brick: recipe, that it owns its rows, and that every link leads to a measured row.
+
+    frames: {(obsid, chip): Frame}; seen.measured: {(obsid, chip): rows}; notes its rows and recipe in `seen`.
+    """
+    table = ObjectTable.read(path)
+    yield from other_recipe(table.meta.get("recipe"), recipe)
+    seen.merged[pix] = len(table), table.meta.get("recipe")
+    if table.meta.get("brick") != pix:
+        yield f"is of brick {table.meta.get('brick')!r:.40}"
+    missing = [name for name in ("_healpix_29", "ra", "dec", "n_detections", *LINKS) if name not in table]
+    if missing:
+        yield f"the table lacks the column {missing[0]}"
+        return
+    ra, dec, index = table["ra"], table["dec"], table["_healpix_29"]
+    if not (np.isfinite(ra) & np.isfinite(dec)).all():
+        yield "has places that are not finite"
+    elif (brick_of(ra, dec) != pix).any() or (hats_index(ra, dec) != index).any():
+        yield "has sources that belong to another brick"
+    if (np.diff(index) < 0).any():
+        yield "its rows are not in the order of _healpix_29"
+    yield from _links(table, frames, seen)
+
+
+LINKS = ("detection_obsid", "detection_chip", "detection_filter", "detection_number")
+
+
+def _links(table, frames, seen):
+    """Yield links of merged rows that lead nowhere, twice to one row, or are too many or too few."""
+    lists = [table[name] for name in LINKS]
+    lengths = [np.array([len(v) for v in column], int) for column in lists]
+    if any((length != table["n_detections"]).any() for length in lengths):
+        yield "its lists of detections are not as long as n_detections"
+        return
+    if not sum(lengths[0]):
+        return
+    obsid, chip, band, number = (np.concatenate(list(column)) for column in lists)
+    key = np.array([f"{o}_{c:02d}" for o, c in zip(obsid, chip, strict=True)])
+    for name in np.unique(key):
+        here = key == name
+        known = frames.get((str(name)[:-3], int(name[-2:])))
+        if known is None:
+            yield f"{here.sum()} detections are of {name}, which is no frame here"
+        elif known.filter is not None and (np.char.lower(band[here].astype(str)) != known.filter.lower()).any():
+            yield f"detections of {name} are not in {known.filter}"
+        elif known.key in seen.measured and not ((number[here] >= 0) & (number[here] < seen.measured[known.key])).all():
+            yield f"detections of {name} lead beyond the {seen.measured[known.key]} rows measured there"
+        elif len(np.unique(number[here])) != here.sum():
+            yield f"a detection of {name} belongs to two sources"
+
+
+def partition(path, bricks):
+    """Check the list of bricks in a HATS catalogue."""
+    if _read_text(path).split() != ["Norder,Npix", *(f"8,{pix}" for pix in sorted(bricks))]:
+        yield "does not list the bricks"
+
+
+def _read_text(path):
+    try:
+        return path.read_text(encoding="utf-8")
+    except ValueError:
+        raise InputError("holds bytes that are no text", file=path) from None
+
+
+def catalogue(folder, bricks, seen):
+    """Check what is said of all merged bricks together (bricks.hats): as many rows as they have."""
+    import pyarrow.parquet as pq
+
+    lines = _read_text(folder / "hats.properties").splitlines()
+    properties = dict(line.split("=", 1) for line in lines if "=" in line)
+    total = sum(rows for rows, _ in seen.merged.values())
+    try:
+        pq.read_schema(folder / "dataset" / "_common_metadata")
+        noted = pq.read_metadata(folder / "dataset" / "_metadata").num_rows
+    except ValueError as exc:  # of Arrow
+        raise InputError(f"not readable: {str(exc).splitlines()[0]}", file=folder / "dataset") from None
+    if set(seen.merged) == set(bricks):
+        for name, value in (("hats.properties", properties.get("hats_nrows")), ("dataset/_metadata", noted)):
+            if str(value) != str(total):
+                yield f"{name} counts {value} rows; the bricks have {total}"
+
+
+def validation(path, pix, recipe, seen):
+    """Check a brick's validation: readable, of this brick and of what was merged; note its gates in `seen`."""
+    result = read_json(path)
+    if not isinstance(result, dict) or result.get("brick") != pix or not isinstance(result.get("gates"), list):
+        yield f"is no validation of brick {pix}"
+        return
+    seen.gates[pix] = len(result["gates"])
+    merged_from = seen.merged.get(pix, (0, None))[1]
+    yield from other_recipe(result.get("recipe"), merged_from if recipe is None else recipe)
+
+
+def verdict(path, bricks, seen):
+    """Check the verdict: as many gates as the validations of all bricks have."""
+    result = read_json(path)
+    gates = result.get("gates") if isinstance(result, dict) else None
+    if not isinstance(gates, list):
+        yield "is no verdict of a report"
+    elif set(seen.gates) == set(bricks) and len(gates) != sum(seen.gates.values()):
+        yield f"judges {len(gates)} gates; the validations have {sum(seen.gates.values())}: make the report again"
+
+
+def read_json(path):
+    """Return what a JSON file holds. Raises InputError."""
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as exc:
+        raise InputError(f"not readable as JSON: {exc}", file=path) from None
+
+
+def page(path):
+    """Check that a web page is there to its end."""
+    with path.open("rb") as file:
+        file.seek(max(path.stat().st_size - 64, 0))
+        if not file.read().rstrip().endswith(b"</html>"):
+            yield "the page is cut short"
+
+
+def picture(path):
+    """Check the checksums of a PNG."""
+    from PIL import Image
+
+    try:
+        with Image.open(path, formats=["PNG"]) as image:
+            image.verify()
+    except (SyntaxError, ValueError) as exc:  # what Pillow makes of broken chunks
+        raise InputError(f"not a readable PNG: {exc}", file=path) from None
+    yield from ()

@@ -1,0 +1,1 @@
+"""Charge transfer inefficiency: traps, and what they do to packets of charge."""

@@ -1,0 +1,155 @@
+"""A column's packets of charge for detector.charge_transfer.cti, arranged for two questions: which is the next that
+reaches a level, or the n-th below it. Both are answered without looking at each packet.
+
+Blocks and super-blocks keep bounds on the charge in them, which skip whatever lies all above or all below the level.
+Where they do not, packets are looked at one by one, or, near the sky level, eight at once: a byte of each packet holds
+its charge above `base`, from 0 to 127, and one subtraction compares eight of them with a level. Integers only; all of
+it is search: the answers are those of a plain loop.
+"""
+
+import numba
+import numpy as np
+
+_BLOCK, _SUPER = 5, 9  # log2 of the packets in a block and in a super-block
+# Rows of the table: most and least charge in a block, the next block that has more, the bounds of super-blocks.
+_MOST, _LEAST, _LATER, _MOST_SUPER, _LEAST_SUPER = range(5)
+_BELOW_SKY = 32  # electrons from `base` to the mean of the blocks' least charge
+_BYTE_MAX = 127
+_ONES, _TOPS, _ALL = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080), np.uint64(0xFFFFFFFFFFFFFFFF)
+_U1, _U7, _U56 = np.uint64(1), np.uint64(7), np.uint64(56)
+
+
+@numba.njit(cache=True)
+def padded(n):
+    """Return how many packets the arrays for n of them hold: whole super-blocks."""
+    return (((n - 1) >> _SUPER) + 1) << _SUPER
+
+
+@numba.njit(cache=True)
+def search_room(n):
+    """Return (table, words, small) for the search among n packets, n from `padded`.
+
+    table: int32, rows _MOST ... _LEAST_SUPER, a column for each block or super-block; small: the packets' bytes, and
+    words: the same memory, eight in one. Plain arrays: a tuple of them costs atomic operations at each use in numba.
+    """
+    words = np.empty(n >> 3, np.uint64)
+    return np.empty((5, n >> _BLOCK), np.int32), words, words.view(np.uint8)
+
+
+@numba.njit(cache=True)
+def set_up(charge, table, small):
+    """Prepare the search among `charge` (int32 [e-], of padded length, -1 after the last packet); return `base`."""
+    most, least, later = table[_MOST], table[_LEAST], table[_LATER]
+    table[_MOST_SUPER], table[_LEAST_SUPER] = -1, np.iinfo(np.int32).max
+    total, held = 0, 0
+    for block in range(len(most)):
+        top = bottom = charge[block << _BLOCK]
+        for k in range(block << _BLOCK, (block + 1) << _BLOCK):
+            top, bottom = max(top, charge[k]), min(bottom, charge[k])
+        most[block], least[block] = top, bottom
+        above = block >> (_SUPER - _BLOCK)
+        table[_MOST_SUPER, above] = max(table[_MOST_SUPER, above], top)
+        table[_LEAST_SUPER, above] = min(table[_LEAST_SUPER, above], bottom)
+        total += max(bottom, 0)
+        held += bottom > 0
+    for block in range(len(most) - 1, -1, -1):
+        later[block] = block + 1
+        while later[block] < len(most) and most[later[block]] <= most[block]:
+            later[block] = later[later[block]]
+    base = max(total // max(held, 1) - _BELOW_SKY, 0)
+    for k in range(len(charge)):
+        small[k] = min(max(charge[k] - base, 0), _BYTE_MAX)
+    return base
+
+
+@numba.njit(inline="always")
+def add(charge, table, small, base, k, electrons):
+    """Add `electrons` to packet k; the bounds stay bounds, though not the closest ones."""
+    value = charge[k] + electrons
+    charge[k] = value
+    small[k] = min(max(value - base, 0), _BYTE_MAX)
+    block, above = k >> _BLOCK, k >> _SUPER
+    if value < table[_LEAST, block]:
+        table[_LEAST, block], table[_LEAST_SUPER, above] = value, min(table[_LEAST_SUPER, above], value)
+    elif value > table[_MOST, block]:
+        table[_MOST, block], table[_MOST_SUPER, above] = value, max(table[_MOST_SUPER, above], value)
+        before = block - 1
+        while before >= 0 and table[_MOST, before] < value:
+            table[_LATER, before] = min(table[_LATER, before], block)
+            before -= 1
+
+
+@numba.njit(inline="always")
+def first_reaching(charge, table, words, base, k, level):
+    """Return the first packet at or after k of at least `level` electrons (1 or more), or the end."""
+    end = len(charge)
+    while k < end:
+        stop = ((k >> _BLOCK) + 1) << _BLOCK
+        if table[_MOST, k >> _BLOCK] < level:
+            k = table[_LATER, k >> _BLOCK] << _BLOCK
+        elif 1 <= level - base <= _BYTE_MAX:
+            while k < stop:
+                found = _reaching(words[k >> 3], level - base, k)
+                if found:
+                    return ((k >> 3) << 3) + _place(found)
+                k = ((k >> 3) + 1) << 3
+        else:
+            while k < stop:
+                if charge[k] >= level:
+                    return k
+                k += 1
+    return end
+
+
+@numba.njit(inline="always")
+def nth_below(charge, table, words, base, k, level, n):
+    """Return the n-th packet (1: the first) at or after k of less than `level` electrons (1 or more), or the end."""
+    end = len(charge)
+    while k < end:
+        block, above = k >> _BLOCK, k >> _SUPER
+        stop = (block + 1) << _BLOCK
+        if table[_LEAST, block] >= level:
+            k = (above + 1) << _SUPER if table[_LEAST_SUPER, above] >= level else stop
+        elif table[_MOST, block] < level:
+            if table[_MOST_SUPER, above] < level:
+                stop = (above + 1) << _SUPER
+            if n <= stop - k:
+                return k + n - 1
+            n -= stop - k
+            k = stop
+        elif 1 <= level - base <= _BYTE_MAX:
+            while k < stop:
+                found = _reaching(words[k >> 3], level - base, k) ^ (_TOPS & _from(k))
+                here = np.int64(((found >> _U7) * _ONES) >> _U56)
+                if n <= here:
+                    for _ in range(n - 1):
+                        found &= found - _U1
+                    return ((k >> 3) << 3) + _place(found)
+                n -= here
+                k = ((k >> 3) + 1) << 3
+        else:
+            while k < stop:
+                n -= charge[k] < level
+                if n == 0:
+                    return k
+                k += 1
+    return end
+
+
+@numba.njit(inline="always")
+def _from(k):
+    """Return the bits of the bytes of k and of those after it in its word."""
+    return _ALL << np.uint64((k & 7) << 3)
+
+
+@numba.njit(inline="always")
+def _reaching(eight, level, k):
+    """Return the top bit of each byte, from that of k on, that is at least `level` (1 to 127)."""
+    return ((eight | _TOPS) - np.uint64(level) * _ONES) & (_TOPS & _from(k))
+
+
+@numba.njit(inline="always")
+def _place(bits):
+    """Return which byte holds the lowest of some top bits: bytes below it are all ones in bits' lowest, less one."""
+    lowest = bits & (~bits + _U1)
+    return np.int64((((lowest - _U1) >> _U7 & _ONES) * _ONES) >> _U56)

@@ -1,0 +1,69 @@
+"""Charge transfer inefficiency along rows: each row of a channel goes through the register to its amplifier.
+
+The process and its search are those of the columns (detector.charge_transfer.cti), in elements of the register instead
+of rows of pixels: `prescan` elements lie between the amplifier and the first active column, so the packet of active
+column i meets the traps of elements prescan + i, ... 0. Before it the amplifier reads `prescan` packets, empty; after
+the last column come empty ones, the serial overscan.
+
+All rows of a channel pass through one register: its traps are drawn once, their releases anew for each row. The traps
+start empty for each row, for whatever a row leaves in them is set free before the next: from the last charge of one row
+to the first of the next each element sees an overscan, a prescan and a parallel transfer go by, long against tau.
+Prescan pixels therefore stay without charge. Left out: traps so slow that they stay filled from row to row; such trap
+nothing anyway.
+"""
+
+import numba
+import numpy as np
+
+from csstsim.base.counter import word
+from csstsim.detector.charge_transfer.cti import checked_fill, follow_all, whole
+from csstsim.detector.charge_transfer.packets import padded, search_room
+from csstsim.detector.charge_transfer.traps import buffers, draw_traps
+
+
+def transfer_rows(image, density, timescale, well, keys, *, prescan=0, lead=0, n_columns=None, overscan=0, row0=0):
+    """Transfer rows of one channel through its register, in place; return (trail, trapped).
+
+    image: float32 (ny, nx), electrons, as the amplifier sees it: column 0 is read first. density, timescale: of each
+    species [traps/element, serial transfers]; well: (beta, full_well, notch). keys: uint64 of the register's traps, and
+    of their releases, the latter mixed with the row's number, row0 + its index. The image may be part of a channel of
+    `n_columns` columns, `lead` of them between it and the prescan; the other columns then hold its median charge.
+    trail: float32 (ny, overscan), the packets read after each row; trapped: electrons left in traps after their row.
+
+    Whole electrons move; a fraction, or what is below 0, stays with its pixel. Raises ValueError, before any change,
+    for values that are not finite or above LARGEST.
+    """
+    ny, nx = image.shape
+    n_columns = lead + nx if n_columns is None else n_columns
+    trail = np.zeros((ny, overscan), np.float32)
+    if image.size == 0:
+        return trail, 0
+    fill = checked_fill(image, nx, lead, n_columns)
+    density, timescale = np.array(density, np.float64), np.array(timescale, np.float64)
+    head, room = np.empty(prescan + n_columns, np.int32), buffers(density, prescan + n_columns)
+    draw_traps(keys[0], density, timescale, well, np.ones(len(head)), head, *room)
+    return trail, _transfer_rows(image, prescan, prescan + lead, fill, trail, keys[1], row0, head, room)
+
+
+@numba.njit(cache=True)
+def _transfer_rows(image, prescan, first, fill, trail, key, row0, head, room):
+    """All rows, one after another; `first` is the element behind column 0. -1 after the last packet."""
+    ny, nx = image.shape
+    n_elements = len(head)
+    n_packets = n_elements + trail.shape[1]
+    packets = np.empty(padded(n_packets), np.int32)
+    packets[n_packets:] = -1
+    search = search_room(len(packets))
+    trapped = 0
+    for y in range(ny):
+        packets[:prescan] = 0
+        packets[prescan:n_elements] = fill
+        packets[n_elements:n_packets] = 0
+        for x in range(nx):
+            packets[first + x] = whole(image[y, x])
+        trapped += follow_all(packets, n_packets, word(key, np.uint64(row0 + y)), head, room, search)
+        for x in range(nx):
+            image[y, x] += np.float32(packets[first + x] - whole(image[y, x]))
+        for x in range(trail.shape[1]):
+            trail[y, x] = packets[n_elements + x]
+    return trapped

@@ -1,0 +1,69 @@
+"""Traps of a column of pixels: how many, where, and from which charge on they act (paper, section 5.5.4).
+
+A packet of N electrons fills the share V = [max(N - notch, 0) / full_well]^beta of its pixel. The number of traps of a
+species in a pixel is Poisson with mean rho; each has a watermark u, uniform in 0..1, and feels the packet if u < V,
+that is if N reaches its level, floor(notch + full_well u^(1 / beta)) + 1 electrons.
+
+The same traps are drawn here as one Poisson process in (row, watermark): numbers in strata of the watermark, then a
+row and a watermark for each. Strata above the fullest packet of an image are never drawn, and of the others only traps
+that a packet of their row, or of one behind it, reaches get a level: so it is cheap to draw a chip's traps again for
+each exposure. All follows from one key for each column: nothing is kept on disk, and a window sees the traps of the
+whole chip.
+"""
+
+import numba
+import numpy as np
+
+from csstsim.base.counter import low, poisson, word
+
+EDGES = np.array([0.0, *2.0 ** np.arange(-6.0, 1.0)])  # of the strata; part of what a key means
+_STRATUM = np.uint64(32)  # bits for the number of a trap in its stratum
+_ONE = np.uint64(1)
+
+
+def volume(electrons, beta, full_well, notch):
+    """Return the share V of a pixel that `electrons` fill (array or scalar; above 1 beyond the full well)."""
+    return (np.maximum(electrons - notch, 0.0) / full_well) ** beta
+
+
+def buffers(density, n_rows):
+    """Return arrays (level, tau, word, next_) that hold the traps of any column, beyond doubt.
+
+    Their number is Poisson; 12 standard deviations above the mean are left free.
+    """
+    mean = float(np.sum(density)) * n_rows
+    size = int(mean + 12 * np.sqrt(mean) + 64)
+    return np.empty(size, np.int32), np.empty(size), np.empty(size, np.uint64), np.empty(size, np.int32)
+
+
+@numba.njit(cache=True)
+def draw_traps(key, density, timescale, well, fullest, head, level, tau, words, next_):
+    """Draw the traps of a column that packets may feel; return their number.
+
+    key: uint64 of the column; density, timescale: of each species [traps/pixel, transfers]; well: (beta, full_well,
+    notch); fullest (n_rows,): the share of a pixel that the fullest packet of a row and of those behind it fills,
+    falling. Written to: head (n_rows,) int32, the first trap of each row, and next_, the one after it, -1 at the end;
+    level [electrons], tau [transfers], words (uint64, the trap's own random bits).
+    """
+    beta, full_well, notch = well
+    n_rows = np.uint64(len(head))
+    head[:] = -1
+    n = 0
+    for stratum in range(len(EDGES) - 1):
+        bottom, width = EDGES[stratum], EDGES[stratum + 1] - EDGES[stratum]
+        if bottom >= fullest[0]:
+            break
+        for species in range(len(density)):
+            own = word(key, np.uint64(stratum * len(density) + species))
+            count, _ = poisson(density[species] * n_rows * width, own, np.uint64(0))
+            for i in range(min(count, len(level) - n)):
+                bits = word(own, (_ONE << _STRATUM) + np.uint64(i))
+                watermark = bottom + width * low(bits)
+                row = ((bits >> _STRATUM) * n_rows) >> _STRATUM
+                if watermark < fullest[row]:
+                    level[n] = int(notch + full_well * watermark ** (1.0 / beta)) + 1
+                    tau[n] = timescale[species]
+                    words[n] = bits
+                    next_[n], head[row] = head[row], n
+                    n += 1
+    return n

@@ -1,0 +1,1 @@
+"""Slitless spectra extracted, and their figures."""

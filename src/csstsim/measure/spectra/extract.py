@@ -1,0 +1,292 @@
+"""Quick extraction of slitless spectra along the traces of the truth: a box, and the optimal weights of Horne (1986,
+PASP 98, 609).
+
+Wavelengths are those of the pixel columns themselves, lambda(X) = (X - x - p) / q: nothing is resampled. With d the
+electrons of a pixel less those of others (measure.spectra.spectral_model) and the sky (measure.spectra.local_sky), P
+the share of the object's light there (measure.spectra.line_profile), V its variance and W a weight,
+
+    e(X) = sum W d / sum W P,     W = overlap with the aperture (box),  W = P / V (optimal)
+
+over the pixels that can be used. The denominator is the aperture correction: it makes e all of the light, whatever is
+missing (edges, defects). Pixels that are more than REJECT sigma off the fit are taken out one by one (cosmic rays).
+Flux is e over what a spectrum of 1 photon / s / m2 / angstrom leaves in the same column, the line profile included.
+Left out: the PSF's change along the trace, light of a trace beyond the ends of another's order, tilted lines of tilted
+galaxies (the box sums them; the optimal weights may reject some of a strong one).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from csstsim.base.units import C_A_S, H_J_S
+from csstsim.catalog.table import ObjectTable
+from csstsim.instrument.chip import Window
+from csstsim.instrument.filter import GRID
+from csstsim.measure.spectra.line_profile import ACROSS, ALONG, OFFSETS, between, broadened, mixed, psf_profile
+from csstsim.measure.spectra.local_sky import sky_less_own
+from csstsim.measure.spectra.spectrum_columns import (
+    COLUMNS,
+    CONTAMINATED,
+    COSMIC,
+    CUT,
+    DIM,
+    EDGE,
+    LOST,
+    MASKED,
+    SATURATED,
+)
+from csstsim.measure.spectra.spectrum_trust import untrusted
+
+APERTURE_LIGHT = 0.9  # of the light in the aperture's rows
+LEAST, MOST = 4.0, 20.0  # px, half the aperture
+GAP, STRIP = 4.0, 16.0  # px: from the aperture to a strip of sky, and its width
+PAD = 4  # columns beyond the order's ends: light that the PSF spreads
+DIM_BELOW = 0.05  # of the order's largest electrons per photon: no flux is given
+CONTAMINATED_FROM = 0.1  # of the electrons
+REJECT, PROFILE_ERROR = 5.0, 0.1  # sigma; share by which the profile may be wrong
+FAINTEST = 0.1  # of a pixel's noise: fainter light of others is not modelled
+ROUNDS = 20
+WHOLE = 0.5  # of the aperture's light in pixels that can be used; with less there is no result
+ELEMENT, ELEMENT_ROWS = 3.0, 6.0  # px of a resolution element, for the choice of spectra
+ERG_PER_CM2 = 1e3  # J / m2 in erg / cm2
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """What is extracted from: `electrons`, `unusable`, `saturated` (ny, nx) of a Window, `response` (ny, nx) or None,
+    `read_noise` electrons; `others`: expected electrons of all orders (ny, nx), or None."""
+
+    window: Window
+    electrons: np.ndarray
+    unusable: np.ndarray
+    saturated: np.ndarray
+    response: np.ndarray | None
+    read_noise: float
+    others: np.ndarray | None = None
+
+    @classmethod
+    def of(cls, calibrated, window, others=None):
+        """Return the Frame of a calibrate.Calibrated."""
+        noise = float(np.mean(list(calibrated.read_noise.values())))
+        unusable = calibrated.bad | ~np.isfinite(calibrated.electrons)
+        seen = calibrated.electrons, unusable, calibrated.saturated, calibrated.response
+        return cls(window, *seen, noise, others)
+
+    @cached_property
+    def noise(self):
+        """Return the noise of a pixel of sky [electron]."""
+        sample = self.electrons[::8, ::8][~self.unusable[::8, ::8]]
+        return float(np.sqrt(max(np.median(sample) if sample.size else 0.0, 0.0) + self.read_noise**2))
+
+    @property
+    def faintest(self):
+        """Electrons of a pixel below which others are not modelled."""
+        return FAINTEST * self.noise
+
+
+@dataclass(frozen=True, eq=False)
+class Sources:
+    """Whose spectra: `shapes` line_profile.Shapes by row of the truth table; `spectra` (rows, edges) ->
+    (n, bins) photon / s / m2 / angstrom as observed in bins of `edges` [angstrom]; None: not known."""
+
+    shapes: object
+    spectra: object = None
+    edges: np.ndarray | None = None
+
+
+def predicted_snr(orders, shapes, noise):
+    """Return (n,) S/N in a resolution element of each row, from its drawn electrons; noise: of a pixel of sky."""
+    columns = np.maximum(np.abs(orders["q"]) * (orders["wave_max"] - orders["wave_min"]), 1.0)
+    light, radius = shapes.light[orders["row"]], shapes.radius[orders["row"], ACROSS]
+    rows = ELEMENT_ROWS + 2 * (light * radius).sum(axis=1)
+    signal = ELEMENT * np.nan_to_num(orders["drawn"]) / columns
+    return signal / np.sqrt(np.maximum(signal, 0.0) + ELEMENT * rows * noise**2)
+
+
+def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,), snr_min=5.0):
+    """Return the ObjectTable of spectra (spectrum_columns.COLUMNS), one row a column of a spectrum.
+
+    orders: ObjectTable of io.orders; sources: Sources; model: spectral_model.SpectralModel; psf: PsfSet, or what has
+    its `at` and `oversampling`; wing: optics.scatter.halo.Wing of it or None; wanted: orders; snr_min: predicted S/N
+    per resolution element. Frame.others is subtracted where there is one, less the spectrum's own.
+    """
+    chosen = np.isin(orders["order"], wanted) & (orders["drawn"] > 0)
+    chosen &= predicted_snr(orders, sources.shapes, frame.noise) >= snr_min
+    chosen &= _largest(orders)  # of an object at the line between two gratings, the other has some light, no spectrum
+    parts, counts = [_nothing()], 0
+    for k in np.flatnonzero(chosen):
+        one = orders.take(slice(k, k + 1))
+        found = _extract_one(frame, one, sources, model, psf, wing)
+        if found is not None:
+            parts.append(found)
+            counts += 1
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in COLUMNS}
+    return ObjectTable(columns, {"spectra": counts, "snr_min": float(snr_min), "orders": [int(n) for n in wanted]})
+
+
+def _largest(orders):
+    """Return (n,) bool: the row of each object and order with the most light."""
+    order = np.lexsort((-orders["drawn"], orders["order"], orders["row"]))
+    first = np.ones(len(order), bool)
+    first[1:] = (np.diff(orders["row"][order]) != 0) | (np.diff(orders["order"][order]) != 0)
+    largest = np.empty(len(order), bool)
+    largest[order] = first
+    return largest
+
+
+def _nothing():
+    return {name: np.zeros(0, dtype) for name, (dtype, _) in COLUMNS.items()}
+
+
+def _extract_one(frame, one, sources, model, psf, wing):
+    """Return {name: (n,)} of one row of the orders' table; None if none of its columns can be used."""
+    row, window = int(one["row"][0]), frame.window
+    columns, wave, centre = _trace(one, model, window)
+    if len(columns) == 0:
+        return None
+    light, radius = sources.shapes.light[row], sources.shapes.radius[row]
+    place = float(np.clip(one["x"][0], 0, None)), float(np.clip(one["y"][0], 0, None))
+    cells = psf.at(*place)
+    along, across = (
+        broadened(psf_profile(cells, psf.oversampling, axis, wing), light, radius[axis]) for axis in (ALONG, ACROSS)
+    )
+    half = _half(across)
+    reach = int(np.ceil(half + GAP + STRIP + 1))
+    rows = np.arange(int(centre.min()) - reach, int(centre.max()) + reach + 2)
+    cutout = _Cutout.of(frame, columns, rows, centre, model, one, sources)
+    band, share = mixed(wave, model.bands)
+    shares = between(across, band, share, cutout.offset - 0.5, cutout.offset + 0.5)
+    found = _measured(cutout, shares, half, frame.read_noise)
+    if (found["flags"] & LOST).all():
+        return None
+    found["flags"] |= untrusted(found, along)
+    flat = model.electrons(one, columns, along, [1.0], GRID[[0, -1]])
+    expected = np.full(len(columns), np.nan)
+    if sources.spectra is not None:
+        spectrum = np.asarray(sources.spectra(np.array([row]), sources.edges))[0]
+        expected = model.electrons(one, columns, along, spectrum, sources.edges)
+    found |= _fluxes(found, flat, wave)
+    found["flags"] |= CUT if one["cut"][0] else 0
+    if cutout.others is None:
+        found["contamination"] = np.full(len(columns), np.nan)
+    found |= {"column": columns, "y": centre, "wavelength": wave, "sensitivity": flat, "model": expected}
+    found |= {name: np.full(len(columns), one[name][0]) for name in ("id", "row", "order")}
+    return {name: found[name].astype(dtype) for name, (dtype, _) in COLUMNS.items()}
+
+
+def _trace(one, model, window):
+    """Return (columns, wavelengths, y) of the trace in the window, PAD columns longer than the order."""
+    x, y, p, q, r, s = (float(one[name][0]) for name in ("x", "y", "p", "q", "r", "s"))
+    limits = model.limits[model.pairs(one)[0]]
+    ends = np.sort(x + p + q * limits)
+    first, last = max(np.ceil(ends[0]) - PAD, window.x0), min(np.floor(ends[1]) + PAD + 1, window.x1)
+    columns = np.arange(int(first), int(max(first, last)))
+    wave = (columns - x - p) / q
+    return columns, wave, y + r + s * np.clip(wave, *limits)
+
+
+def _half(across):
+    """Return half the aperture [px]: APERTURE_LIGHT of a profile's light, at all of its wavelengths."""
+    out = OFFSETS >= 0
+    inside = across[:, out] - across[:, len(OFFSETS) - 1 - np.flatnonzero(out)]
+    enough = (inside >= APERTURE_LIGHT * inside[:, -1:]).all(axis=0)
+    return float(np.clip(np.ceil(OFFSETS[out][np.argmax(enough)]), LEAST, MOST))
+
+
+@dataclass(frozen=True, eq=False)
+class _Cutout:
+    """Pixels about a trace, all (columns, rows)."""
+
+    data: np.ndarray
+    others: np.ndarray | None
+    offset: np.ndarray
+    inside: np.ndarray
+    saturated: np.ndarray
+    good: np.ndarray
+    response: np.ndarray
+
+    @classmethod
+    def of(cls, frame, columns, rows, centre, model, one, sources):
+        window = frame.window
+        part = np.ix_(np.clip(rows - window.y0, 0, window.ny - 1), columns - window.x0)
+        inside = np.broadcast_to((rows >= window.y0) & (rows < window.y1), (len(columns), len(rows)))
+        saturated = frame.saturated[part].T & inside
+        good = inside & ~saturated & ~frame.unusable[part].T
+        response = np.ones(inside.shape) if frame.response is None else frame.response[part].T.astype(float)
+        others = None
+        if frame.others is not None:
+            here = Window(int(columns[0]), int(columns[-1]) + 1, int(rows[0]), int(rows[-1]) + 1)
+            own = model.image(one, sources.shapes, sources.spectra, sources.edges, here, frame.faintest)
+            others = np.where(inside, frame.others[part].T - own.T.astype(float), 0.0)
+        data = np.where(good, frame.electrons[part].T.astype(float), 0.0)
+        return cls(data, others, rows - centre[:, None], inside, saturated, good, response)
+
+
+def _measured(cutout, shares, half, read_noise):
+    """Return {name: (n,)}: electrons, box, their errors, contamination, sky, flags."""
+    others = np.zeros_like(cutout.data) if cutout.others is None else cutout.others
+    data = cutout.data - others
+    overlap = np.clip(np.minimum(cutout.offset + 0.5, half) - np.maximum(cutout.offset - 0.5, -half), 0.0, 1.0)
+    aperture = np.where(cutout.good, overlap, 0.0)
+    known = (aperture * shares).sum(axis=1) >= WHOLE * (overlap * shares).sum(axis=1)
+    sky = sky_less_own(data, cutout.good, cutout.offset, shares, aperture, known, half + GAP, STRIP)
+    data -= sky.level[:, None]
+    base = (np.maximum(sky.level[:, None] + others, 0.0) + read_noise**2 / cutout.response) / cutout.response
+    good = cutout.good & (overlap > 0)
+    variance, used = _horne(data, shares, base, cutout.response, good)
+    weights = np.where(used, shares / variance, 0.0), np.where(used, overlap, 0.0)
+    out = {"sky": sky.level, "flags": _flags(cutout, overlap, used)}
+    whole = (used * overlap * shares).sum(axis=1) >= WHOLE * (overlap * shares).sum(axis=1)
+    lost = ~whole | ~np.isfinite(sky.level)
+    for name, weight in zip(("electrons", "box"), weights, strict=True):
+        total = (weight * shares).sum(axis=1)
+        total = np.where(lost | ~(total > 0), np.nan, total)
+        out[name] = (weight * data).sum(axis=1) / total
+        noise = (weight**2 * variance).sum(axis=1) + weight.sum(axis=1) ** 2 * sky.variance
+        out[f"{name}_err"] = np.sqrt(noise) / (total - weight.sum(axis=1) * sky.own)
+        if name == "electrons":
+            out["contamination"] = (weight * others).sum(axis=1) / total
+    out["flags"] |= np.where(lost, LOST, 0)
+    much = np.abs(out["contamination"]) > CONTAMINATED_FROM * np.abs(out["electrons"])
+    out["flags"] |= np.where(much & (cutout.others is not None), CONTAMINATED, 0)
+    return out
+
+
+def _horne(data, shares, base, response, good):
+    """Return (variance, used) (n, rows) of the optimal fit, outliers rejected one a column and round."""
+    used, fit, variance = good.copy(), np.zeros(len(data)), base
+    column = np.arange(len(data))
+    for _ in range(ROUNDS):
+        for _ in range(2):  # the variance follows the fit
+            weight = np.where(used, shares / variance, 0.0)
+            norm = (weight * shares).sum(axis=1)
+            fit = (weight * data).sum(axis=1) / np.where(norm > 0, norm, np.inf)
+            light = np.maximum(fit, 0.0)[:, None] * shares
+            variance = base + light / response
+        allowed = REJECT**2 * (variance + (PROFILE_ERROR * light) ** 2)
+        off = np.where(used, (data - fit[:, None] * shares) ** 2 / allowed, 0.0)
+        worst = off.argmax(axis=1)
+        bad = off[column, worst] > 1
+        if not bad.any():
+            break
+        used[column[bad], worst[bad]] = False
+    return variance, used
+
+
+def _flags(cutout, overlap, used):
+    within = overlap > 0
+    about = {
+        MASKED: cutout.inside & ~cutout.saturated & ~cutout.good, SATURATED: cutout.saturated,
+        COSMIC: cutout.good & ~used, EDGE: ~cutout.inside,
+    }  # fmt: skip
+    return sum(np.where((within & which).any(axis=1), bit, 0) for bit, which in about.items())
+
+
+def _fluxes(found, flat, wave):
+    """Return flux, flux_err, flux_erg and the flags with DIM."""
+    dim = flat < DIM_BELOW * flat.max()
+    per = np.where(dim, np.nan, flat)
+    flux, error = found["electrons"] / per, found["electrons_err"] / per
+    erg = flux * H_J_S * C_A_S / wave * ERG_PER_CM2
+    return {"flux": flux, "flux_err": error, "flux_erg": erg, "flags": found["flags"] | np.where(dim, DIM, 0)}

@@ -1,0 +1,123 @@
+"""How light spreads across, or along, a spectrum: the image of an object, collapsed onto one axis.
+
+    P(t) = PSF collapsed * sum_k share_k S_k(t)         S_k: component k of the galaxy, collapsed
+
+A Sersic component is circular before its shape matrix M [px / arcsec] is applied, so its projection onto axis i is that
+of the circle with the radius r_e |M_i| (row i of M): exact for any ellipticity. Of a circle of radius R the share of
+light below t is 1/2 + arcsin(t / R) / pi, averaged over radii of equal light. The PSF's box is summed; beyond it comes
+the profile of the wing (optics.scatter.halo). Profiles are kept as the share of all light below t, at the PSF's four
+wavelengths, on OFFSETS; between wavelengths they are interpolated linearly. Left out: what makes a tilted galaxy's
+lines slanted (its profile differs between the columns of a line), light beyond HALF px of the axis.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from scipy.special import gammaincinv
+
+PER_PX = 8
+HALF = 64  # px
+OFFSETS = np.arange(-HALF * PER_PX, HALF * PER_PX + 1) / PER_PX  # px
+ALONG, ACROSS = 0, 1  # axis of a profile: x (dispersion), y
+_WING = 512.0  # px: how far wings are summed; 0.5% of the light lies beyond
+_RINGS = 4000
+_INDICES = 1.0, 4.0  # of disk and bulge
+
+
+@dataclass(frozen=True, eq=False)
+class Shapes:
+    """Sizes of n objects: `light` (n, 2) share of disk and bulge, `radius` (n, 2, 2) px, of each axis (ALONG, ACROSS)
+    and component, r_e |M_i|. A point has light (1, 0) and radius 0."""
+
+    light: np.ndarray
+    radius: np.ndarray
+
+    @classmethod
+    def points(cls, count):
+        """Return the shapes of points."""
+        return cls(np.tile([1.0, 0.0], (count, 1)), np.zeros((count, 2, 2)))
+
+    @classmethod
+    def of(cls, matrix, light, sizes):
+        """Shapes of matrices (n, 2, 2) [px / arcsec], shares (n, 2) and half-light radii (n, 2) [arcsec]."""
+        radius = np.linalg.norm(matrix, axis=2)[:, :, None] * sizes[:, None, :]
+        return cls(light, np.nan_to_num(np.where(light[:, None, :] > 0, radius, 0.0)))
+
+
+def psf_profile(cells, per_pixel, axis, wing=None):
+    """Return (4, len(OFFSETS)): the share of all light below OFFSETS of a point.
+
+    cells: (4, n, n) [y, x] integrals of the PSF, `per_pixel` to a pixel; wing: optics.scatter.halo.Wing beyond them, or
+    None.
+    """
+    from scipy.interpolate import CubicSpline
+
+    line = np.asarray(cells, float).sum(axis=1 if axis == ALONG else 2)
+    half = line.shape[1] / 2 / per_pixel
+    edges = np.arange(line.shape[1] + 1) / per_pixel - half
+    below = np.concatenate([np.zeros((4, 1)), np.cumsum(line, axis=1)], axis=1)
+    out = CubicSpline(edges, below, axis=1, bc_type="natural")(np.clip(OFFSETS, -half, half))
+    return out if wing is None else out + _wing_below(wing, half)
+
+
+def _wing_below(wing, half):
+    """The same of a wing beyond the square of a side of 2 `half`, counted from the first of OFFSETS."""
+    place = np.arange(HALF + 0.5)
+    place[-1] = HALF
+    first = np.where(place < half, half, 1e-3)  # of the half line along which the wing is summed
+    steps = np.geomspace(first, _WING, 200, axis=1)
+    density = 2 * np.trapezoid(wing.profile(np.hypot(place[:, None], steps)), steps)
+    middle = 0.5 * (OFFSETS[1:] + OFFSETS[:-1])
+    each = np.stack([np.interp(np.abs(middle), place, band) for band in density]) / PER_PX
+    return np.concatenate([np.zeros((4, 1)), np.cumsum(each, axis=1)], axis=1)
+
+
+@lru_cache
+def _projected(index):
+    """Return (t, share of a Sersic profile's light beyond t along an axis), t in half-light radii, rising from 0."""
+    light = (np.arange(_RINGS) + 0.5) / _RINGS
+    radius = (gammaincinv(2 * index, light) / gammaincinv(2 * index, 0.5)) ** index
+    t = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 400)])
+    return t, np.array([np.mean(0.5 - np.arcsin(np.minimum(v / radius, 1.0)) / np.pi) for v in t])
+
+
+def sersic_steps(index, radius):
+    """Return the light of a collapsed Sersic profile in steps of 1 / PER_PX px centred on OFFSETS; radius > 0 in px."""
+    t, beyond = _projected(index)
+    edges = (np.arange(len(OFFSETS) + 1) - len(OFFSETS) / 2) / PER_PX
+    share = np.interp(np.abs(edges) / radius, t, beyond)
+    return np.diff(np.where(edges > 0, 1 - share, share))
+
+
+def broadened(point, light, radius):
+    """Return the profile of an object: that of a point (4, n), and light and radius (2,) px of its components."""
+    from scipy.signal import fftconvolve
+
+    steps, out = np.diff(point, axis=1), np.zeros_like(point)
+    for index, share, size in zip(_INDICES, light, radius, strict=True):
+        if share > 0:
+            part = steps if size <= 0 else fftconvolve(steps, sersic_steps(index, size)[None], "same", axes=1)
+            out[:, 1:] += share * np.cumsum(part, axis=1)
+    return out
+
+
+def mixed(wavelength, bands):
+    """Return (band, share): profiles at `wavelength` are (1 - share) of `band` and share of the next one."""
+    place = np.interp(wavelength, bands, np.arange(len(bands)))
+    band = np.minimum(place.astype(int), len(bands) - 2)
+    return band, place - band
+
+
+def between(profile, band, share, low, high):
+    """Return the share of light between offsets low and high [px, (n, ...)] of a profile at mixes band, share (n,)."""
+    wide = (-1,) + (1,) * (np.ndim(low) - 1)
+    band, share = np.reshape(band, wide), np.reshape(share, wide)
+    light = 0.0
+    for sign, offset in ((-1, low), (1, high)):
+        place = np.clip((offset + HALF) * PER_PX, 0, len(OFFSETS) - 1.001)
+        k = place.astype(int)
+        rest = place - k
+        for weight, b in ((1 - share, band), (share, band + 1)):
+            light = light + sign * weight * ((1 - rest) * profile[b, k] + rest * profile[b, k + 1])
+    return light

@@ -1,0 +1,156 @@
+"""Figures of extracted spectra: against the truth, and their pixels with the traces of all orders over them."""
+
+import io
+
+import matplotlib
+import numpy as np
+
+from csstsim.catalog.table import STAR, TYPES
+from csstsim.measure.spectra.spectrum_columns import BESIDE, CONTAMINATED, CUT, DIM, LOST, SATURATED, UNEVEN
+
+matplotlib.use("agg")
+from matplotlib import pyplot as plt
+from matplotlib.lines import Line2D
+
+COLOURS = {1: "#D55E00", 0: "#0072B2", 2: "#009E73", -1: "#CC79A7", -2: "#E69F00"}  # Okabe & Ito (2008), by order
+OURS, TRUE = "#0072B2", "#D55E00"
+ROWS = 30  # px of a cutout, either side of the trace
+MARKED = 2.0  # electrons a pixel of its trace that an order needs to be marked
+
+
+def spectra_figure(truth, frame, orders, table, dpi=90):
+    """Return the PNG bytes of a frame's figure: of its star with the most light and its galaxy with the strongest line,
+    the spectra extracted and true, and the pixels they come from.
+
+    truth: table of io.truth; frame: measure.spectra.extract.Frame; orders: of io.orders; table: of
+    measure.spectra.extract.
+    """
+    rows = chosen(truth, table)
+    if not rows:
+        figure = plt.figure(figsize=(6, 1))
+        figure.text(0.5, 0.5, "no spectrum is bright enough to be shown", ha="center", va="center")
+        return _png(figure, dpi)
+    figure = plt.figure(figsize=(max(6.5 * len(rows), 10), 5.5 + 2.4 * len(rows)), layout="constrained")
+    above, below = figure.subfigures(2, 1, height_ratios=(5.5, 2.4 * len(rows)))
+    axes = above.subplots(2, len(rows), sharex="col", squeeze=False, height_ratios=(2.2, 1))
+    for column, row in zip(axes.T, rows, strict=True):
+        spectrum_panels(column, table, usable(table, row), title(truth, row))
+    cutouts = below.subplots(len(rows), 1, squeeze=False)[:, 0]
+    for axis, row in zip(cutouts, rows, strict=True):
+        cutout_panel(axis, frame, orders, row, title(truth, row))
+    cutouts[-1].set_xlabel("x [px]")
+    lines = [Line2D([], [], color=c, label=f"order {n:+d}" if n else "order 0") for n, c in COLOURS.items()]
+    lines.append(Line2D([], [], color="k", ls="--", label="of others"))
+    below.legend(handles=lines, ncols=6, loc="outside lower center", fontsize=8, frameon=False)
+    return _png(figure, dpi)
+
+
+def _png(figure, dpi):
+    data = io.BytesIO()
+    figure.savefig(data, format="png", dpi=dpi)
+    plt.close(figure)
+    return data.getvalue()
+
+
+def chosen(truth, table):
+    """Return rows of the truth table: the star with the most light, the galaxy with the strongest line.
+
+    Both unsaturated and alone over most of their length.
+    """
+    spectra = {int(row): usable(table, row) for row in np.unique(table["row"])}
+    spectra = {row: mine for row, mine in spectra.items() if mine is not None}
+    stars = {r: table["model"][m].sum() for r, m in spectra.items() if truth["obj_type"][r] == STAR}
+    others = {r: line_strength(table, m) for r, m in spectra.items() if truth["obj_type"][r] != STAR}
+    return [max(some, key=some.get) for some in (stars, others) if some]
+
+
+def title(truth, row):
+    """Return what a panel says of an object."""
+    kind = TYPES[truth["obj_type"][row]]
+    text = f"{kind}, {truth['mag'][row]:.2f} mag"
+    if kind == "galaxy":
+        text += f", z = {truth['z'][row]:.3f}, half-light radius {truth['size_disk'][row]:.2f} arcsec"
+    return text
+
+
+def usable(table, row, least=200):
+    """Return the rows of one object in a table of measure.spectra.extract; None: under `least` good columns."""
+    mine = np.flatnonzero(table["row"] == row)
+    good = (table["flags"][mine] & (DIM | LOST | CUT | SATURATED | CONTAMINATED | BESIDE | UNEVEN) == 0).sum()
+    return mine if good >= least else None
+
+
+def line_strength(table, mine):
+    """Return how many sigma the strongest line of a spectrum's model stands above its continuum."""
+    good = mine[table["flags"][mine] & (DIM | LOST) == 0]
+    shape = table["model"][good] / table["sensitivity"][good]
+    width = 25  # px
+    inner = slice(width, -width)
+    continuum = np.median(np.lib.stride_tricks.sliding_window_view(shape, 2 * width + 1), axis=1)
+    excess = (shape[inner] - continuum) * table["sensitivity"][good][inner] / table["electrons_err"][good][inner]
+    return float(np.nanmax(excess))
+
+
+def spectrum_panels(axes, table, mine, title):
+    """Draw one spectrum into two axes: electrons extracted and true, and their difference in sigma."""
+    part = table.take(mine)
+    wave, good = part["wavelength"], part["flags"] & (LOST | CUT) == 0
+    above, below = axes
+    above.errorbar(wave[good], part["electrons"][good], part["electrons_err"][good], fmt=".", ms=2, lw=0.5,
+                   color=OURS, label="extracted (optimal)")  # fmt: skip
+    above.plot(wave, part["model"], color=TRUE, lw=1, label="input spectrum x throughput, at the resolution")
+    above.plot(wave, part["contamination"], color="0.5", lw=1, label="subtracted light of others")
+    above.set_ylabel("electron / column")
+    above.set_title(title, fontsize=10)
+    above.legend(fontsize=7, frameon=False)
+    pull = (part["electrons"] - part["model"]) / part["electrons_err"]
+    below.axhspan(-1, 1, color="0.9", lw=0)
+    below.plot(wave[good], pull[good], ".", ms=2, color=OURS)
+    below.set_ylim(-5, 5)
+    below.set_ylabel("difference [sigma]")
+    below.set_xlabel("wavelength [angstrom]")
+    shown = good & (part["flags"] & DIM == 0)
+    below.text(0.01, 0.06, f"mean {pull[shown].mean():+.2f}, width {pull[shown].std():.2f}", fontsize=7,
+               transform=below.transAxes)  # fmt: skip
+
+
+def cutout_panel(axis, frame, orders, row, title, order=1):
+    """Draw the pixels about one object's spectrum, and the traces of every order of every object there.
+
+    frame: measure.spectra.extract.Frame; orders: table of io.orders; row: of the truth table. The object's own traces
+    are lines, those of others dashed; a zeroth order is a ring.
+    """
+    window = frame.window
+    # of a bright object's two gratings, one has only light of its wing, without a trace
+    mine = np.flatnonzero((orders["row"] == row) & (orders["order"] == order))
+    k = int(mine[np.argmax(orders["drawn"][mine])])
+    lit = np.array([orders["wave_min"][k], orders["wave_max"][k]])
+    ends, height = _ends(orders, k, lit)
+    x0, x1 = max(int(ends.min()) - 60, window.x0), min(int(ends.max()) + 60, window.x1)
+    y0, y1 = max(int(height.mean()) - ROWS, window.y0), min(int(height.mean()) + ROWS, window.y1)
+    image = frame.electrons[y0 - window.y0 : y1 - window.y0, x0 - window.x0 : x1 - window.x0]
+    level, spread = np.nanmedian(image), frame.noise
+    axis.imshow(image, origin="lower", cmap="gray_r", vmin=level - 3 * spread, vmax=level + 12 * spread, aspect="auto",
+                extent=(x0 - 0.5, x1 - 0.5, y0 - 0.5, y1 - 0.5), interpolation="nearest")  # fmt: skip
+    for k in np.flatnonzero(np.isfinite(orders["wave_min"] + orders["wave_max"])):
+        ends, height = _ends(orders, k, np.array([orders["wave_min"][k], orders["wave_max"][k]]))
+        off = ends.max() < x0 or ends.min() > x1 or height.max() < y0 or height.min() > y1
+        mean = orders["drawn"][k] / max(np.ptp(ends), 1.0)
+        if off or not mean > MARKED:
+            continue
+        style = {"color": COLOURS[int(orders["order"][k])], "lw": 0.8}
+        if np.ptp(ends) < 5:
+            axis.plot(ends.mean(), height.mean(), "o", ms=8, mfc="none", mec=style["color"])
+            continue
+        own = orders["row"][k] == row
+        for shift in (-6, 6):  # beside the light, not over it
+            axis.plot(ends, height + shift, ls="-" if own else "--", alpha=1.0 if own else 0.6, **style)
+    axis.set_xlim(x0 - 0.5, x1 - 0.5)
+    axis.set_ylim(y0 - 0.5, y1 - 0.5)
+    axis.set_title(title, fontsize=10)
+    axis.set_ylabel("y [px]")
+
+
+def _ends(orders, k, wave):
+    return (orders["x"][k] + orders["p"][k] + orders["q"][k] * wave,
+            orders["y"][k] + orders["r"][k] + orders["s"][k] * wave)  # fmt: skip

@@ -1,0 +1,253 @@
+"""A simple expected image of all orders of all objects: what contaminates a spectrum, and what it should be.
+
+    e(X) = sum over cells of a column [A t int S T dlambda] x share of the line profile that lands on X
+    image(X, row) += e(X) P(row - Y(X); lambda(X))
+
+with the trace X = x + p + q lambda, Y = y + r + s lambda of the orders' truth table, T the order's throughput, S the
+spectrum, constant in bins, P and the line profile as measure.spectra.line_profile has them (sizes in classes of a
+factor CLASS, the PSF of one place). Left out: the wing and the tail of a profile along the dispersion (its light is
+kept near where it belongs), the PSF's change over the frame, beams that the line between two gratings divides.
+"""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from csstsim.instrument.filter import GRID
+from csstsim.measure.spectra.line_profile import ACROSS, ALONG, HALF, PER_PX, broadened, psf_profile
+
+CLASS, SMALLEST, CLASSES = 1.3, 0.1, 26  # radii [px]: SMALLEST CLASS^k; class 0 is a point
+CHUNK = 2000  # objects whose spectra are held at a time
+_STEP = GRID[1] - GRID[0]
+_REACH = 7, 4.0, 40  # px along the dispersion: least, per half-light radius, most
+_FINE, _COARSE = 4, 2  # cells to a column: of one spectrum, of all
+
+
+@dataclass(frozen=True, eq=False)
+class SpectralModel:
+    """What makes electrons of spectra, by pair of grating and order.
+
+    photons: m2 s, area times exposure time; names: {(grating, order): pair}; cumulative: (pairs, len(GRID)) angstrom,
+    T summed up to GRID; limits (pairs, 2) angstrom; bands: (4,) angstrom, of the profiles; tables (2 axes, CLASSES,
+    2 components, 4, n): profiles by class of size; kernels (CLASSES, 2, 4, cells, columns): where light lands ALONG.
+    """
+
+    photons: float
+    names: dict
+    cumulative: np.ndarray
+    limits: np.ndarray
+    bands: np.ndarray
+    tables: np.ndarray
+    kernels: np.ndarray
+
+    def electrons(self, one, columns, profile, spectrum, edges):
+        """Return electrons (len(columns),) of a row of the orders' table, ACROSS all of the trace.
+
+        one: ObjectTable of one row; columns: consecutive chip columns; profile: (4, n), ALONG; spectrum: (len(edges) -
+        1,) photon / s / m2 / angstrom in bins of edges [angstrom].
+        """
+        out, sums = np.zeros(len(columns)), self.cumulative[self.pairs(one)[0]]
+        at, per = float(one["x"][0] + one["p"][0]), float(one["q"][0])
+        kernel, spectrum = _kernels(profile, _FINE, HALF // 2), np.asarray(spectrum, float) * self.photons
+        _along(sums, np.asarray(edges, float), spectrum, at, per, float(columns[0]), kernel, self.bands, out)
+        return out
+
+    def image(self, orders, shapes, spectra, edges, window, faintest=0.0):
+        """Return float32 `window.shape`: expected electrons of the rows of an orders' table.
+
+        shapes: Shapes by row of the truth table; spectra(rows, edges): (len(rows), len(edges) - 1); faintest: electrons
+        of a pixel below which light is left out, and orders whose mean along the trace is fainter.
+        """
+        image, edges = np.zeros(window.shape, np.float32), np.asarray(edges, float)
+        orders = orders.take(self._seen(orders, shapes, faintest))
+        orders = orders.take(np.argsort(orders["row"], kind="stable"))
+        bounds = np.array([window.x0, window.x1, window.y0])
+        traces = np.stack([orders["x"] + orders["p"], orders["q"], orders["y"] + orders["r"], orders["s"]], axis=1)
+        rows, start = np.unique(orders["row"], return_index=True)
+        start = np.append(start, len(orders))
+        pairs, owner, share = self.pairs(orders), np.repeat(np.arange(len(rows)), np.diff(start)), _share(orders)
+        size = _class_of(shapes.radius[rows])
+        for first in range(0, len(rows), CHUNK):
+            last = min(first + CHUNK, len(rows))
+            seds = np.ascontiguousarray(spectra(rows[first:last], edges), float) * self.photons
+            mine = slice(start[first], start[last])
+            _draw(
+                image, bounds, owner[mine] - first, pairs[mine], traces[mine], share[mine], seds, edges,
+                shapes.light[rows[first:last]], size[first:last], self.tables[ACROSS], self.kernels, self.cumulative,
+                self.limits, self.bands, faintest,
+            )  # fmt: skip
+        return image
+
+    def _seen(self, orders, shapes, faintest):
+        """Return (n,) bool: orders with a pixel of at least `faintest` electrons, were their light spread evenly."""
+        limits = self.limits[self.pairs(orders)]
+        length = np.maximum(np.abs(orders["q"]) * (limits[:, 1] - limits[:, 0]), 1.0)
+        radius = (shapes.light * shapes.radius[:, ACROSS]).sum(axis=1)[orders["row"]]
+        return orders["electrons"] >= faintest * length * (1 + radius)
+
+    def pairs(self, orders):
+        """Return which grating and order each row of an orders' table has, (n,) in `names`."""
+        found = zip(orders["grating"].tolist(), orders["order"].tolist(), strict=True)
+        return np.array([self.names[pair] for pair in found], int)
+
+
+def make_model(gratings, photons, cells, per_pixel, bands, wing=None):
+    """Return the SpectralModel of a chip.
+
+    gratings: instrument.grating.Gratings; photons: m2 s; cells (4, n, n), per_pixel, wing: of a PSF, as
+    measure.spectra.line_profile.psf_profile takes them; bands: (4,) its wavelengths [angstrom].
+    """
+    pairs = [(g.name, n, order) for g, _ in gratings.pieces for n, order in g.orders.items()]
+    steps = np.stack([0.5 * (o.throughput[1:] + o.throughput[:-1]) * _STEP for _, _, o in pairs])
+    limits = np.array([GRID[[lit[0], lit[-1] + 1]] for lit in map(np.flatnonzero, steps)])
+    cumulative = np.concatenate([np.zeros((len(pairs), 1)), np.cumsum(steps, axis=1)], axis=1)
+    point = [psf_profile(cells, per_pixel, axis, wing) for axis in (ALONG, ACROSS)]
+    sizes = np.concatenate([[0.0], SMALLEST * CLASS ** np.arange(CLASSES - 1)])
+    tables = np.array([[[broadened(p, one, (r, r)) for one in np.eye(2)] for r in sizes] for p in point])
+    kernels = np.array([[_kernels(one, _COARSE, _REACH[2]) for one in size] for size in tables[ALONG]])
+    names = {(name, number): k for k, (name, number, _) in enumerate(pairs)}
+    return SpectralModel(photons, names, cumulative, limits, np.asarray(bands, float), tables, kernels)
+
+
+def _share(orders):
+    """Return (n,): what share of an order's light went through its grating; 1 but for objects on the piece's edge."""
+    share = np.clip(orders["drawn"] / np.maximum(orders["electrons"], 1e-9), 0.0, 1.0)
+    return np.where(orders["cut"], share, 1.0)
+
+
+def _class_of(radius):
+    """Return the class of size of radii [px]."""
+    size = np.log(np.maximum(radius, 1e-9) / SMALLEST) / np.log(CLASS)
+    return np.clip(np.rint(size).astype(int) + 1, 0, CLASSES - 1)
+
+
+def _kernels(profile, per_column, reach):
+    """Return (4, per_column, 2 reach + 1): where the light of a cell of a column lands, in columns about its own."""
+    offset = (np.arange(per_column) + 0.5) / per_column - 0.5
+    edges = np.arange(-reach, reach + 2)[None] - 0.5 - offset[:, None]
+    place = np.clip((edges + HALF) * PER_PX, 0, profile.shape[1] - 1)
+    below = np.stack([np.interp(place, np.arange(profile.shape[1]), band) for band in profile])
+    kernel = np.diff(below, axis=2)
+    return kernel / kernel.sum(axis=2, keepdims=True)
+
+
+@numba.njit(cache=True)
+def _summed(wave, cumulative):
+    place = (wave - GRID[0]) / _STEP
+    k = min(max(int(place), 0), len(cumulative) - 2)
+    return cumulative[k] + min(max(place - k, 0.0), 1.0) * (cumulative[k + 1] - cumulative[k])
+
+
+@numba.njit(cache=True)
+def _counted(low, high, cumulative, edges, spectrum):
+    """Return int S T dlambda from `low` to `high` [angstrom]."""
+    total, before = 0.0, _summed(low, cumulative)
+    if _summed(high, cumulative) == before:
+        return 0.0
+    k = np.searchsorted(edges, low, side="right") - 1
+    while k < len(spectrum):
+        end = min(high, edges[k + 1])
+        after = _summed(end, cumulative)
+        if k >= 0:
+            total += spectrum[k] * (after - before)
+        if end >= high:
+            break
+        before = after
+        k += 1
+    return total
+
+
+@numba.njit(cache=True)
+def _band(wave, bands):
+    """Return (band, share of the next one), as line_profile.mixed."""
+    k = 0
+    while k < len(bands) - 2 and wave > bands[k + 1]:
+        k += 1
+    return k, min(max((wave - bands[k]) / (bands[k + 1] - bands[k]), 0.0), 1.0)
+
+
+@numba.njit(cache=True)
+def _along(cumulative, edges, spectrum, at, per, first, kernel, bands, out):
+    """Add the electrons of one order to columns first, first + 1, ..."""
+    per_column, width = kernel.shape[1], kernel.shape[2]
+    reach, n = width // 2, len(out)
+    begin = first - reach - 0.5
+    last = (begin - at) / per
+    for i in range((n + 2 * reach) * per_column):
+        wave = (begin + (i + 1) / per_column - at) / per
+        e = _counted(min(wave, last), max(wave, last), cumulative, edges, spectrum)
+        middle, last = 0.5 * (wave + last), wave
+        if e == 0.0:
+            continue
+        b, share = _band(middle, bands)
+        low, high = kernel[b, i % per_column], kernel[b + 1, i % per_column]
+        column = i // per_column - 2 * reach
+        for k in range(max(-column, 0), min(width, n - column)):
+            out[column + k] += e * ((1.0 - share) * low[k] + share * high[k])
+
+
+@numba.njit(cache=True)
+def _draw(
+    image, bounds, owner, pairs, traces, shares, spectra, edges, light, size, tables, kernels, cumulative, limits,
+    bands, faintest,
+):  # fmt: skip
+    """Add orders to the image; owner: their object's row of spectra, light (n, 2) and size (n, 2 axes, 2)."""
+    x0, x1, y0 = bounds
+    most, before = kernels.shape[4] // 2, -1
+    for i in range(len(pairs)):
+        k, pair = owner[i], pairs[i]
+        a, b = light[k]
+        at, per, middle, slope = traces[i]
+        ends = at + per * limits[pair]
+        radius = a * _radius(size[k, 0, 0]) + b * _radius(size[k, 0, 1])
+        reach = int(min(_REACH[0] + _REACH[1] * radius, most))
+        first, last = int(max(ends.min() - reach, x0)), int(min(ends.max() + reach + 1, x1))
+        if last <= first:
+            continue
+        if k != before:
+            profile = a * tables[size[k, 1, 0], 0] + b * tables[size[k, 1, 1], 1]
+            part = slice(most - reach, most + reach + 1)
+            kernel = a * kernels[size[k, 0, 0], 0][:, :, part] + b * kernels[size[k, 0, 1], 1][:, :, part]
+            before = k
+        column = np.zeros(last - first)
+        _along(cumulative[pair], edges, spectra[k], at, per, float(first), kernel, bands, column)
+        column *= shares[i]
+        _across(image, x0, y0, column, first, at, per, middle, slope, profile, bands, faintest)
+
+
+@numba.njit(cache=True)
+def _radius(size):
+    """Return the radius [px] of a class of size."""
+    return SMALLEST * CLASS ** (size - 1.0) if size else 0.0
+
+
+@numba.njit(cache=True)
+def _across(image, x0, y0, column, first, at, per, middle, slope, profile, bands, faintest):
+    """Spread columns of electrons over the rows of the image, which begins at x0, y0."""
+    ny, steps = image.shape[0], profile.shape[1] - 1
+    for i in range(len(column)):
+        e = column[i]
+        if e <= faintest:
+            continue
+        wave = (first + i - at) / per
+        b, share = _band(wave, bands)
+        wave = min(max(wave, GRID[0]), GRID[-1])
+        centre = middle + slope * wave - y0
+        nearest = int(np.rint(centre))
+        for side in (-1, 1):
+            row = nearest if side > 0 else nearest - 1
+            while abs(row - centre) < HALF - 1:
+                place = (row - 0.5 - centre + HALF) * PER_PX
+                k = int(place)
+                rest, light = place - k, 0.0
+                for sign, m in ((-1.0, k), (1.0, k + PER_PX)):
+                    m = min(m, steps - 1)
+                    low = (1.0 - rest) * profile[b, m] + rest * profile[b, m + 1]
+                    high = (1.0 - rest) * profile[b + 1, m] + rest * profile[b + 1, m + 1]
+                    light += sign * ((1.0 - share) * low + share * high)
+                if e * light < faintest:
+                    break
+                if 0 <= row < ny:
+                    image[row, first + i - x0] += e * light
+                row += side

@@ -1,0 +1,30 @@
+"""Columns of a spectrum whose light is measured, but is not known as well as its error says."""
+
+import numpy as np
+from scipy.ndimage import maximum_filter1d
+
+from csstsim.measure.spectra.line_profile import OFFSETS
+from csstsim.measure.spectra.spectrum_columns import BESIDE, LOST, SATURATED, UNEVEN
+
+CORE = 3  # px along a trace within which light is a column's own
+UNKNOWN = 0.5  # share of the far light, coming and going, by which what the aperture holds of it may be off
+LEAK = 3  # columns: charge that blooms along a row
+REACH = int(OFFSETS[-1]) - 1  # px: how far wings are followed
+
+
+def untrusted(found, along):
+    """Return the bits BESIDE and UNEVEN of (n,) columns; along: profile of a column's light (4, len(OFFSETS)).
+
+    A column's light spreads over others, and theirs over it, with another profile across than its own: of an even
+    spectrum it is the same, and P holds.
+    """
+    saturated, lost = ((found["flags"] & bit) > 0 for bit in (SATURATED, LOST))
+    column = np.arange(len(lost))
+    beside = maximum_filter1d(saturated, 2 * LEAK + 1) | maximum_filter1d(saturated & lost, 2 * REACH + 1)
+    light = np.pad(np.interp(column, column[~lost], found["electrons"][~lost]), REACH, mode="edge")
+    steps, line = np.arange(-REACH, REACH + 1), along.mean(axis=0)
+    far = np.interp(steps + 0.5, OFFSETS, line) - np.interp(steps - 0.5, OFFSETS, line)
+    far[np.abs(steps) <= CORE] = 0.0
+    off = np.convolve(light, far, "valid") - far.sum() * light[REACH:-REACH]
+    uneven = UNKNOWN * np.abs(off) > found["electrons_err"]
+    return np.where(beside & ~saturated, BESIDE, 0) | np.where(uneven, UNEVEN, 0)

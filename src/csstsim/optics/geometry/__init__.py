@@ -1,0 +1,1 @@
+"""Where light of a direction falls: projection, distortion, header coordinates."""

@@ -1,0 +1,68 @@
+"""Where the telescope must point for a place on the sky to fall on a pixel of a chip."""
+
+import math
+from dataclasses import replace
+
+from csstsim.base.errors import InputError
+from csstsim.catalog.places.astrometry import apparent
+from csstsim.catalog.places.ephemeris import observer
+from csstsim.instrument.pointing import Pointing, mjd_utc
+from csstsim.optics.geometry.distortion import load_distortion
+from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
+
+
+def aim(pointing, chip, target, pixel, distortion=None):
+    """Return the Pointing with ra, dec changed so that an apparent direction falls on a 0-based pixel of a chip.
+
+    target: (ra, dec) [deg]; pixel: (x, y); position angle and time stay. In the triangle of pole, boresight and target
+    the distance d from boresight to target, its position angle and the target's declination are known:
+
+        sin dec_t = sin dec_b cos d + cos dec_b sin d cos phi.
+
+    Raises ValueError where that has no solution: closer to a pole than d, most position angles have no boresight.
+    """
+    ra, dec = map(float, target)
+    xi, eta = gnomonic((0.0, 0.0), *_seen(pointing, 0.0, chip, pixel, distortion))
+    distance, phi = math.atan(math.hypot(xi, eta)), math.atan2(xi, eta)
+    a, b = math.cos(distance), math.sin(distance) * math.cos(phi)
+    height = math.sin(math.radians(dec)) / math.hypot(a, b)
+    middle, half = math.atan2(a, b), math.acos(min(height, 1.0)) if abs(height) < 1.0 + 1e-15 else math.nan
+    found = [math.degrees(angle) for angle in (middle - half, middle + half) if abs(angle) <= math.pi / 2]
+    if not found:
+        where = f"{ra:.4f}, {dec:.4f} on chip {chip.id}"
+        raise ValueError(f"no boresight at position angle {pointing.pa:g} puts {where}, near a pole: try another angle")
+    dec_b = min(found, key=lambda angle: abs(angle - dec))
+    return replace(pointing, ra=(ra - float(_seen(pointing, dec_b, chip, pixel, distortion)[0])) % 360.0, dec=dec_b)
+
+
+def exposure_of(camera, chip, ra, dec, *, obsid, pa, time, exptime, distorted=True, **astrometry):
+    """Return the Pointing of a science exposure that has ra, dec (ICRS, deg) on the middle of a chip.
+
+    camera: instrument.camera.Camera; pa [deg], time (ISO UTC), exptime [s] as in a survey table; distorted: light meets
+    the field distortion; astrometry: as config.AstrometryConfig. Raises InputError for values that cannot be used.
+    """
+    try:
+        ra, dec, pa, exptime = (float(value) for value in (ra, dec, pa, exptime))
+    except (TypeError, ValueError):
+        raise InputError("must be numbers", key="ra, dec, pa, exptime", value=(ra, dec, pa, exptime)) from None
+    in_range = 0 <= ra <= 360 and -90 <= dec <= 90 and -360 <= pa <= 360 and 0 < exptime < math.inf
+    if not in_range:
+        allowed = "ra 0..360, dec -90..90, pa -360..360 [deg], exptime above 0 [s]"
+        raise InputError("no exposure", key="ra, dec, pa, exptime", value=(ra, dec, pa, exptime), allowed=allowed)
+    try:
+        mjd_utc(time)
+        state = camera.orbit.state(time)
+        pointing = Pointing(obsid, "SCIE", ra, dec, pa, time, exptime, *state)
+        target = tuple(map(float, apparent(ra, dec, observer(pointing.mjd, *state, **astrometry))))
+        middle = (chip.detector.nx - 1) / 2, (chip.detector.ny - 1) / 2
+        return aim(
+            pointing, chip, target, middle, load_distortion(camera.folder / "distortion.fits") if distorted else None
+        )
+    except ValueError as exc:
+        raise InputError(str(exc), key="ra, dec, time") from None
+
+
+def _seen(pointing, dec, chip, pixel, distortion):
+    """Return the direction of the pixel with the boresight at right ascension 0."""
+    here = replace(pointing, ra=0.0, dec=dec)
+    return ChipWCS(chip, here, distortion).pixel_to_world(*map(float, pixel))

@@ -1,0 +1,60 @@
+"""The distortion of one chip, point by point: compiled loops over the splines of optics.geometry.spline.
+
+A model is the tuple (rotation, origin, box, coefficients, chip box, chip coefficients): the chip's place in the mosaic
+(optics.geometry.wcs.chip_plane), the global spline on mosaic positions, and the residual spline on the chip's
+ideal pixels.
+"""
+
+import numpy as np
+from numba import njit
+
+from csstsim.optics.geometry.spline import ORDER, value
+
+_CLOSE_PX = 1e-10  # of the inverse
+_STEPS = 30
+
+
+@njit(cache=True)
+def _land(x, y, model, work):
+    """Return (x', y', xx, xy, yx, yy): where ideal pixel x, y falls, and d(x', y')/d(x, y)."""
+    rotation, origin, box, coefficients, chip_box, chip_coefficients = model
+    c, s = rotation[0, 0], rotation[1, 0]
+    u, v = x - origin[0], y - origin[1]
+    f, g, fx, fy, gx, gy = value(box, coefficients, c * u - s * v, s * u + c * v, work)
+    p, q, px, py, qx, qy = value(chip_box, chip_coefficients, x, y, work)
+    # A vector of the mosaic is R^T times itself on the chip, a matrix R^T M R.
+    fu, fv, gu, gv = fx * c + fy * s, fy * c - fx * s, gx * c + gy * s, gy * c - gx * s
+    return (
+        x + c * f + s * g + p, y + c * g - s * f + q,
+        1.0 + c * fu + s * gu + px, c * fv + s * gv + py, c * gu - s * fu + qx, 1.0 + c * gv - s * fv + qy,
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def forward(x, y, model):
+    """Return (n, 6) of `_land` for ideal pixels x, y (n,)."""
+    out = np.empty((x.size, 6))
+    work = np.empty((4, ORDER + 1))
+    for n in range(x.size):
+        out[n] = _land(x[n], y[n], model, work)
+    return out
+
+
+@njit(cache=True)
+def inverse(x, y, model):
+    """Return the ideal pixels (n, 2) whose light falls on pixels x, y (n,), by Newton's method; NaN gives NaN."""
+    out = np.full((x.size, 2), np.nan)
+    work = np.empty((4, ORDER + 1))
+    for n in range(x.size):
+        a, b = x[n], y[n]
+        for _ in range(_STEPS):
+            there = _land(a, b, model, work)
+            dx, dy = x[n] - there[0], y[n] - there[1]
+            det = there[2] * there[5] - there[3] * there[4]
+            a += (there[5] * dx - there[3] * dy) / det
+            b += (there[2] * dy - there[4] * dx) / det
+            # A step changes a + dx by the rounding of a far pixel, hence the second term.
+            if abs(dx) + abs(dy) < _CLOSE_PX + 1e-14 * (abs(x[n]) + abs(y[n])):
+                out[n, 0], out[n, 1] = a, b
+                break
+    return out

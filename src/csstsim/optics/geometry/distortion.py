@@ -1,0 +1,158 @@
+"""Field distortion: where in the mosaic light really falls (paper, section 5.2, equations 5 and 6).
+
+    x = f_x(x0, y0) + f_dx(x0, y0),   y = f_y(x0, y0) + f_dy(x0, y0)
+
+from the ideal pixel (x0, y0) of the linear WCS to the pixel (x, y) of the light: one two-dimensional spline of order 4
+over the whole focal plane for what the optics do, and one on each CCD for what is left, which jumps from CCD to CCD
+because they are not perfectly aligned. Both are fitted to samples (u, v, x, y), as PSF data sets hold them. Splines
+are of displacements (x - x0, y - y0); the global one in mosaic axes, about the boresight.
+
+Equation 4's rows are exchanged in print; x0, y0 follow from u, v by the inverse of CD. Shapes: a source changes by the
+whole matrix d(x, y)/d(x0, y0), composed with lensing (equation 7, in linear order and with its sign turned).
+
+Model and fit hold MARGIN_PX beyond each chip; further out the displacement is that of the nearest point within, so the
+map stays continuous and one-to-one. Left out: colour, and change with time.
+"""
+
+from dataclasses import dataclass
+
+import fitsio
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.one_thread import one_thread
+from csstsim.optics.geometry.wcs import chip_plane, mosaic_cd
+
+MARGIN_PX = 2600.0  # beyond the chip; light of objects up to 2048 px off, moved by up to 214 px, may reach it
+CELLS = (2, 2)  # of the global spline and of each chip's
+
+
+@dataclass(frozen=True, eq=False)
+class ChipDistortion:
+    """The distortion of one chip; positions are its 0-based pixels, of any shape."""
+
+    model: tuple  # as optics.geometry.chip_distortion takes it
+
+    def forward(self, x0, y0):
+        """Return the pixel x, y on which the light of ideal pixel x0, y0 falls."""
+        landed = self._land(x0, y0)
+        return landed[..., 0], landed[..., 1]
+
+    def inverse(self, x, y):
+        """Return the ideal pixel x0, y0 whose light falls on x, y: Newton's method, to 1e-10 px."""
+        from csstsim.optics.geometry import (
+            chip_distortion as warp,  # numba: 0.3 s that checking a campaign need not pay
+        )
+
+        x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
+        ideal = warp.inverse(x.ravel(), y.ravel(), self.model).reshape(*x.shape, 2)
+        return ideal[..., 0], ideal[..., 1]
+
+    def jacobian(self, x0, y0):
+        """Return d(x, y)/d(x0, y0), (..., 2, 2), at ideal pixels: the splines' own derivative."""
+        landed = self._land(x0, y0)
+        return landed[..., 2:].reshape(*landed.shape[:-1], 2, 2)
+
+    def _land(self, x0, y0):
+        from csstsim.optics.geometry import chip_distortion as warp
+
+        x0, y0 = np.broadcast_arrays(np.asarray(x0, float), np.asarray(y0, float))
+        return warp.forward(x0.ravel(), y0.ravel(), self.model).reshape(*x0.shape, 6)
+
+
+@dataclass(frozen=True, eq=False)
+class FieldDistortion:
+    """The fitted model: (box, coefficients) of the global spline and of each chip's, as in optics.geometry.spline."""
+
+    whole: tuple
+    chips: dict[int, tuple]
+    layout: dict[int, tuple]  # what each chip's place was when fitted
+
+    def on(self, chip):
+        """Return the `ChipDistortion` of a chip. Raises InputError if the model was not fitted to it as it is."""
+        if self.layout.get(chip.id) != chip_layout(chip):
+            raise InputError(
+                "the field distortion was fitted to another layout of the chips",
+                key=f"chip {chip.id}", value=self.layout.get(chip.id, "missing"), allowed=chip_layout(chip),
+            )  # fmt: skip
+        return ChipDistortion((*chip_plane(chip), *self.whole, *self.chips[chip.id]))
+
+
+def chip_layout(chip):
+    """Return what of a chip's nominal geometry the model depends on: nx, ny, xc, yc, rotation."""
+    return tuple(map(float, (chip.detector.nx, chip.detector.ny, chip.xc, chip.yc, chip.rotation)))
+
+
+@one_thread
+def fit(samples, chips, cells=CELLS, chip_cells=CELLS, margin=MARGIN_PX):
+    """Return the FieldDistortion fitted to samples.
+
+    samples: {chip id: (n, 4)} of u, v [deg, intermediate world coordinates at position angle 0], x, y [0-based pixel]
+    (optics.geometry.focal_plane.samples). chips: {id: Chip}. cells: of the splines, along x and y. margin: px around
+    the samples. Raises ValueError for fewer samples than coefficients. To the rounding of the linear algebra library
+    the same everywhere: run once, the result is stored.
+    """
+    from csstsim.optics.geometry import spline
+
+    ideal, place, moved = {}, {}, {}
+    for number, (u, v, x, y) in ((n, np.transpose(rows)) for n, rows in samples.items()):
+        rotation, origin = chip_plane(chips[number])
+        to_mosaic = np.linalg.inv(mosaic_cd(0.0, chips[number].telescope))
+        place[number] = np.einsum("ij,jn->in", to_mosaic, [u, v])
+        ideal[number] = np.einsum("ji,jn->in", rotation, place[number]) + origin[:, None]
+        moved[number] = np.einsum("ij,jn->in", rotation, [x, y] - ideal[number])
+    everywhere = np.concatenate([*place.values()], axis=1)
+    box = _around(everywhere, margin)
+    whole = box, spline.fit(*everywhere, np.concatenate([*moved.values()], axis=1).T, box, cells)
+    residual = {}
+    for number in samples:
+        rotation, _ = chip_plane(chips[number])
+        left = np.einsum("ji,nj->ni", rotation, moved[number].T - spline.values(*whole, *place[number]))
+        box = _around(ideal[number], margin)
+        residual[number] = box, spline.fit(*ideal[number], left, box, chip_cells)
+    return FieldDistortion(whole, residual, {n: chip_layout(chips[n]) for n in samples})
+
+
+def _around(points, margin):
+    return np.array([points[0].min() - margin, points[0].max() + margin,
+                     points[1].min() - margin, points[1].max() + margin])  # fmt: skip
+
+
+def write_distortion(path, field, about=()):
+    """Write a FieldDistortion as FITS: tables GLOBAL (one row) and CHIPS; `about` are lines for the header."""
+    order = sorted(field.chips)
+    boxes, coefficients = (np.stack([field.chips[n][i] for n in order]) for i in (0, 1))
+    names = {"chip": np.array(order, np.int16), "layout": np.array([field.layout[n] for n in order])}
+    with atomic_path(path) as temporary, fitsio.FITS(temporary, "rw", clobber=True) as file:
+        file.write({"box": field.whole[0][None], "coefficients": field.whole[1][None]}, extname="GLOBAL")
+        for line in about:
+            file["GLOBAL"].write_comment(line)
+        file.write(names | {"box": boxes, "coefficients": coefficients}, extname="CHIPS")
+
+
+def load_distortion(path):
+    """Read a FieldDistortion. Raises InputError for a file that is missing or is not one."""
+    try:
+        with fitsio.FITS(path) as file:
+            tables = {name: file[name].read() for name in ("GLOBAL", "CHIPS")}
+        whole, chips = (
+            [(_native(row["box"]), _native(row["coefficients"])) for row in table] for table in tables.values()
+        )
+        numbers = tables["CHIPS"]["chip"].tolist()
+        layout = [tuple(row.tolist()) for row in tables["CHIPS"]["layout"]]
+    except (OSError, ValueError, KeyError) as exc:
+        reason = str(exc).strip().splitlines()[0]
+        raise InputError(f"cannot read the field distortion: {reason}", file=path) from None
+    for name, (box, coefficients) in zip(("global", *numbers), (*whole, *chips), strict=True):
+        if box.shape != (4,) or coefficients.ndim != 3 or min(coefficients.shape[:2]) < 5 or coefficients.shape[2] != 2:
+            raise InputError("not the shape of a spline", file=path, key=name, value=(box.shape, coefficients.shape))
+        if not (np.isfinite(box).all() and np.isfinite(coefficients).all()):
+            raise InputError("holds a value that is not finite", file=path, key=name)
+        if not (box[1] > box[0] and box[3] > box[2]):
+            raise InputError("the box is empty", file=path, key=name, value=box.tolist())
+    return FieldDistortion(whole[0], dict(zip(numbers, chips, strict=True)), dict(zip(numbers, layout, strict=True)))
+
+
+def _native(values):
+    return np.ascontiguousarray(values, np.float64)

@@ -1,0 +1,170 @@
+"""Pixel <-> sky of one chip in one exposure: the gnomonic (TAN) projection about the boresight (paper, 5.2).
+
+All chips share one tangent point, the boresight (CRVAL); each has its own CRPIX and, for the turned grating
+chips, its own CD matrix. Source: Calabretta & Greisen 2002 for TAN; CD and CRPIX rules from published Level-1
+headers of the Survey Camera, which they reproduce:
+
+    CD = s [[cos pa, sin pa], [-sin pa, cos pa]],   CRPIX = (nx/2 - xc, ny/2 - yc),   s = 0.074 arcsec
+
+`pa` is the position angle of mosaic +y, north through east; the determinant is positive. The published CRPIX are
+taken as they stand, as FITS 1-based numbers: (xc, yc) of chips.yaml is then the mosaic position of FITS pixel
+(nx/2, ny/2), that is 0-based (nx/2 - 1, ny/2 - 1), half a pixel short of the geometric centre. A grating chip
+turns about its geometric centre, whose sky position does not change.
+
+With a distortion (optics.geometry.distortion) the pixels are those on which light really falls; `header()` stays the
+linear projection, as in the paper's Level-0 files (optics.geometry.sip writes one with the distortion in it).
+
+Everything here is 0-based but the two `crpix` and `header()`. The sky is the apparent one of the exposure (aberration
+and light deflection in it: catalog.places.astrometry), on axes parallel to the ICRS.
+"""
+
+import math
+
+import numpy as np
+
+from csstsim.base.units import ARCSEC_PER_RAD
+
+
+class ChipWCS:
+    """The projection of `chip` at `pointing`, vectorised, defined at the poles.
+
+    distortion: an optics.geometry.distortion.FieldDistortion, or None for the ideal, linear pixels.
+    """
+
+    def __init__(self, chip, pointing, distortion=None):
+        self.chip = chip
+        self.distortion = distortion.on(chip) if distortion else None
+        self.crval = (pointing.ra, pointing.dec)
+        self.nominal_cd = mosaic_cd(pointing.pa, chip.telescope)
+        self.nominal_crpix = nominal_crpix(chip)
+        rotation, origin = chip_plane(chip)
+        self.cd = self.nominal_cd @ rotation
+        self.crpix = origin + 1
+        self._inverse = np.linalg.inv(self.cd) * math.degrees(1.0)  # pixel per radian
+
+    def world_to_pixel(self, ra, dec):
+        """Return 0-based pixel x, y of ra, dec [deg]; NaN at and behind the horizon of the tangent plane."""
+        ideal = self._ideal(ra, dec)
+        return self.distortion.forward(*ideal) if self.distortion else ideal
+
+    def _ideal(self, ra, dec):
+        xi, eta = gnomonic(self.crval, ra, dec)
+        x = self._inverse[0, 0] * xi + self._inverse[0, 1] * eta + (self.crpix[0] - 1)
+        y = self._inverse[1, 0] * xi + self._inverse[1, 1] * eta + (self.crpix[1] - 1)
+        return x, y
+
+    def pixel_to_world(self, x, y):
+        """Return ra (0 <= ra < 360), dec [deg] of 0-based pixels x, y, in their shape."""
+        if self.distortion:
+            x, y = self.distortion.inverse(x, y)
+        u = np.asarray(x, dtype=float) - (self.crpix[0] - 1)
+        v = np.asarray(y, dtype=float) - (self.crpix[1] - 1)
+        xi = np.radians(self.cd[0, 0] * u + self.cd[0, 1] * v)
+        eta = np.radians(self.cd[1, 0] * u + self.cd[1, 1] * v)
+        sin0, cos0 = _sin_cos(self.crval[1])
+        meridian = cos0 - eta * sin0
+        ra = (self.crval[0] + np.degrees(np.arctan2(xi, meridian))) % 360.0
+        dec = np.degrees(np.arctan2(sin0 + eta * cos0, np.hypot(xi, meridian)))
+        return np.where(ra == 360.0, 0.0, ra)[()], dec
+
+    def jacobian(self, ra, dec, seen=None):
+        """Return d(x, y)/d(east, north) at ra, dec [deg], (..., 2, 2) in pixel per arcsec of true angle.
+
+        Axis -2 is x, y; axis -1 is the local tangent at the object: +RA (east), then north. At a pole, east
+        is taken as for the given ra. The distortion is that of the place (ra, dec) where the light is `seen`, if
+        that is not where the axes are: 26" of aberration are 3e-4 of shear at the edge of the field.
+        """
+        east, north, depth, (sin_d, cos_d, sin_a, cos_a) = _frame(self.crval, ra, dec)
+        sin0, cos0 = _sin_cos(self.crval[1])
+        # Unit vectors towards east and north at the object, in the boresight's (east, north, depth) axes.
+        along = (
+            (cos_a, sin0 * sin_a, -cos0 * sin_a),
+            (-sin_d * sin_a, cos_d * cos0 + sin_d * sin0 * cos_a, cos_d * sin0 - sin_d * cos0 * cos_a),
+        )
+        columns = [((e - east / depth * d) / depth, (n - north / depth * d) / depth) for e, n, d in along]
+        plane = np.moveaxis(np.array(columns), (0, 1), (-1, -2))  # (..., xi | eta, east | north)
+        linear = self._inverse @ plane / ARCSEC_PER_RAD
+        return self.distortion.jacobian(*self._ideal(*(seen or (ra, dec)))) @ linear if self.distortion else linear
+
+    def header(self):
+        """Return the FITS WCS keywords of the chip's own active-pixel frame, without the distortion.
+
+        LONPOLE is written because its default changes at dec = +90.
+        """
+        return {
+            "WCSAXES": 2,
+            "CTYPE1": "RA---TAN",
+            "CTYPE2": "DEC--TAN",
+            "CUNIT1": "deg",
+            "CUNIT2": "deg",
+            "CRVAL1": float(self.crval[0]),
+            "CRVAL2": float(self.crval[1]),
+            "CRPIX1": float(self.crpix[0]),
+            "CRPIX2": float(self.crpix[1]),
+            "CD1_1": float(self.cd[0, 0]),
+            "CD1_2": float(self.cd[0, 1]),
+            "CD2_1": float(self.cd[1, 0]),
+            "CD2_2": float(self.cd[1, 1]),
+            "LONPOLE": 180.0,
+            "RADESYS": "ICRS",
+        }
+
+    def footprint(self, window=None, margin_px=0):
+        """Return ra (4,), dec (4,) [deg] of the corners of `window` (default: the chip), pixel edges plus a margin.
+
+        Order: (x0, y0), (x1, y0), (x1, y1), (x0, y1).
+        """
+        w = window or self.chip.full_window
+        x0, x1 = w.x0 - 0.5 - margin_px, w.x1 - 0.5 + margin_px
+        y0, y1 = w.y0 - 0.5 - margin_px, w.y1 - 0.5 + margin_px
+        return self.pixel_to_world(np.array([x0, x1, x1, x0]), np.array([y0, y0, y1, y1]))
+
+
+def mosaic_cd(pa, telescope):
+    """Return the CD matrix (2, 2) [deg / pixel] of the unturned mosaic at position angle `pa` [deg]."""
+    s = telescope.pixel_scale / 3600.0
+    angle = math.radians(pa)
+    cd = s * np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
+    return cd @ np.diag([1.0, float(telescope.parity)])
+
+
+def nominal_crpix(chip):
+    """Return the FITS 1-based pixel (2,) of the boresight in the chip's frame, before any turn of the chip."""
+    return np.array([chip.detector.nx / 2 - chip.xc, chip.detector.ny / 2 - chip.yc])
+
+
+def chip_plane(chip):
+    """Return (rotation (2, 2), origin (2,)): mosaic position [px] = rotation @ (0-based chip pixel - origin).
+
+    The nominal place of the chip, turned about its centre; the mosaic's origin is the boresight.
+    """
+    turn = math.radians(chip.rotation)
+    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    nominal = nominal_crpix(chip) - 1
+    centre = np.array([chip.detector.nx - 1, chip.detector.ny - 1]) / 2
+    return rotation, centre - rotation.T @ (centre - nominal) if chip.rotation else nominal
+
+
+def gnomonic(crval, ra, dec):
+    """Return xi, eta [rad], in the shape of ra, dec [deg], on the plane tangent at `crval`; NaN from its horizon on."""
+    east, north, depth, _ = _frame(crval, ra, dec)
+    safe = np.where(depth > 0, depth, np.nan)
+    return east / safe, north / safe
+
+
+def _frame(crval, ra, dec):
+    """Unit vector of ra, dec along the boresight's east, north and depth, and its own sines and cosines."""
+    sin_d, cos_d = _sin_cos(dec)
+    sin0, cos0 = _sin_cos(crval[1])
+    # Taken into +-180 before the sine: at ra 359.99 against 0.01 a digit would go otherwise.
+    step = np.remainder(np.asarray(ra, dtype=float) - crval[0] + 180.0, 360.0) - 180.0
+    sin_a, cos_a = _sin_cos(step)
+    east = cos_d * sin_a
+    north = sin_d * cos0 - cos_d * sin0 * cos_a
+    depth = sin_d * sin0 + cos_d * cos0 * cos_a
+    return east, north, depth, (sin_d, cos_d, sin_a, cos_a)
+
+
+def _sin_cos(degrees):
+    angle = np.radians(degrees)
+    return np.sin(angle), np.cos(angle)

@@ -1,0 +1,1 @@
+"""Where a grating sends light of each order."""

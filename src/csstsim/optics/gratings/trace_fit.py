@@ -1,0 +1,149 @@
+"""Fits traces to sampled trajectories: equations 1 to 4 of the paper, as aXe's coefficients.
+
+For each order, by linear least squares over all positions and wavelengths,
+
+    y = a0 + a1 x,   lambda = alpha0 + alpha1 L,   L = x sqrt(1 + a1^2)
+
+with x, y from the direct image at m, n, and each coefficient quadratic in m, n. Where the light of an order lands in
+nearly one place (the zeroth), lambda of L is degenerate: there the fit is x = l0(m, n) + l1 lambda with one l1, no less
+than a thousandth of a pixel over the band, and the trace has no slope.
+"""
+
+import csv
+import re
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.base.one_thread import one_thread
+from csstsim.instrument.axe import BEAMS, axe_text, field_terms, read_axe, sensitivity_file
+
+_SHORT = 5.0  # px, of an order's length, below which it is an image rather than a spectrum
+_LEAST = 1e-3  # px over the band
+_MOST = 1e6  # px or angstrom that a sample may have
+PAPER = 0.2  # px, worst residual of the working orders (paper, section 4.2)
+COLUMNS = ("order", "m", "n", "wavelength", "x", "y")
+
+
+def fit_traces(samples):
+    """Return {order: coefficients as instrument.axe has them, with "extent"} of samples {order: (k, 5)}.
+
+    Rows of samples: m, n [0-based px], lambda [angstrom], x, y [px] where that light lands. Raises ValueError where the
+    positions do not determine a quadratic, or a spectrum has fewer than two wavelengths.
+    """
+    return {order: _fit(np.asarray(rows, float), order) for order, rows in samples.items()}
+
+
+def _fit(rows, order):
+    m, n, wave, x, y = rows.T
+    if np.ptp(wave) == 0:
+        raise ValueError(f"order {order:+d}: two wavelengths are needed")
+    dx, dy, terms = x - m, y - n, field_terms(m, n)
+    scale = np.abs(terms).max(axis=0)
+    terms = terms / np.where(scale > 0, scale, 1.0)
+
+    def solve(columns, values):
+        found, _, rank, _ = np.linalg.lstsq(columns, values)
+        if rank < columns.shape[1]:
+            raise ValueError(f"order {order:+d}: the samples do not determine the coefficients")
+        return found
+
+    zero = np.zeros(6)
+    each = np.unique(rows[:, :2], axis=0, return_inverse=True)[1].ravel()
+    length = np.bincount(each, dx) / np.bincount(each)
+    if np.abs(dx - length[each]).max() < _SHORT / 2:
+        found = solve(np.column_stack([terms, wave]), dx)
+        band = wave.max() - wave.min()
+        slope = found[6] if abs(found[6]) * band >= _LEAST else _LEAST / band
+        l0 = solve(terms, dx - slope * wave) / scale
+        alpha1 = np.array([1.0 / slope, *zero[1:]])
+        a0, a1, alpha0 = solve(terms, dy) / scale, zero, -l0 / slope
+    else:
+        both = solve(np.column_stack([terms, terms * dx[:, None]]), dy)
+        a0, a1 = both[:6] / scale, both[6:] / scale
+        path = dx * np.sqrt(1.0 + (field_terms(m, n) @ a1) ** 2)
+        both = solve(np.column_stack([terms, terms * path[:, None]]), wave)
+        alpha0, alpha1 = both[:6] / scale, both[6:] / scale
+    found = {"xoff": zero, "yoff": zero, "a0": a0, "a1": a1, "alpha0": alpha0, "alpha1": alpha1}
+    both = np.concatenate([dx, _along(found, m, n, wave)[0]])
+    return found | {"extent": (float(np.floor(both.min())), float(np.ceil(both.max())))}
+
+
+def residuals(fitted, rows):
+    """Return (k,) px between where light lands by one order's coefficients and by its samples."""
+    m, n, wave, x, y = np.asarray(rows, float).T
+    dx, dy = _along(fitted, m, n, wave)
+    return np.hypot(m + dx - x, n + dy - y)
+
+
+def _along(fitted, m, n, wave):
+    """Return dx, dy [px] from direct images at m, n of their light of wavelength `wave`."""
+    a0, a1, alpha0, alpha1 = (field_terms(m, n) @ fitted[name] for name in ("a0", "a1", "alpha0", "alpha1"))
+    dx = (wave - alpha0) / (alpha1 * np.sqrt(1.0 + a1 * a1))
+    return dx, a0 + a1 * dx
+
+
+def read_trajectories(path):
+    """Return {order: (k, 5)} of a CSV table with the columns COLUMNS. Raises InputError."""
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            names, rows = reader.fieldnames or [], list(reader)
+    except (OSError, UnicodeDecodeError, csv.Error) as exc:
+        raise InputError(f"cannot be read: {getattr(exc, 'strerror', None) or exc}", file=path) from None
+    for name in COLUMNS:
+        if names.count(name) != 1:
+            raise InputError("one such column is needed", file=path, key=name, value=names, allowed=", ".join(COLUMNS))
+    if not rows:
+        raise InputError("no samples", file=path)
+    out = {}
+    for number, row in enumerate(rows, 2):
+        try:
+            order, *values = int(row["order"]), *(float(row[name]) for name in COLUMNS[1:])
+        except (TypeError, ValueError):
+            raise InputError("not numbers", file=path, key=f"row {number}", value=list(row.values()),
+                             allowed=", ".join(COLUMNS)) from None  # fmt: skip
+        if order not in BEAMS.values() or not (np.abs(values) < _MOST).all() or values[2] <= 0:
+            raise InputError("out of range", file=path, key=f"row {number}", value=[order, *values],
+                             allowed=f"orders {sorted(BEAMS.values())}, others below {_MOST:.0f}")  # fmt: skip
+        out.setdefault(order, []).append(values)
+    return {order: np.array(rows) for order, rows in sorted(out.items())}
+
+
+@one_thread
+def fit_file(samples, output, stem=None):
+    """Fit the trajectories of a CSV file, write a .conf; return {order: (k,) residuals [px] of the file written}.
+
+    samples: as `read_trajectories` takes it; stem: of the sensitivities that the .conf names (axe.sensitivity_file),
+    `output`'s by default. Raises InputError.
+    """
+    output, rows = Path(output), read_trajectories(samples)
+    if output.suffix != ".conf":
+        raise InputError("must end in .conf", file=output)
+    stem = stem or output.stem
+    if not re.fullmatch(r"[\w.+-]+", stem):
+        raise InputError("must be a name", key="sensitivity", value=stem, allowed="letters, digits, _ . + -")
+    if 1 not in rows:
+        raise InputError("the first order is missing", file=samples, key="order", value=list(rows))
+    try:
+        fitted = fit_traces(rows)
+    except ValueError as exc:
+        raise InputError(str(exc), file=samples) from None
+    for order, one in fitted.items():
+        one["sensitivity"] = sensitivity_file(stem, order)
+    about = [f"Grating {output.stem}, fitted to {Path(samples).name}", "Pixels count from 0"]
+    with atomic_path(output) as temporary:
+        temporary.write_text(axe_text(fitted, about), encoding="utf-8")
+        written = read_axe(temporary)
+    return {order: residuals(written[order], rows[order]) for order in rows}
+
+
+def fit_report(worst):
+    """Return the lines that say how well traces fit; `worst` as `fit_file` returns it."""
+    lines = ["order  samples  rms [px]  worst [px]"]
+    for order, px in worst.items():
+        over = f"  above the {PAPER} px of the paper" if order in (0, 1) and px.max() > PAPER else ""
+        lines.append(f"{order:+5d}  {len(px):7d}  {np.sqrt(np.mean(px**2)):8.4f}  {px.max():10.4f}{over}")
+    return lines

@@ -1,0 +1,1 @@
+"""The PSF of a chip: computed, kept, interpolated."""

@@ -1,0 +1,67 @@
+"""Wavefront errors that belong to one chip: the place of its detector and the figure of its filter (section 5.1.1).
+
+* Detector: a height h and two tilts about the camera's focal surface. A height of dz is a defocus of
+  dz / (8 N^2) of optical path at the edge of the pupil (N the focal ratio), hence of dz / (16 sqrt(3) N^2) in
+  Noll's Z4; it varies linearly over the chip.
+* Filter: every chip has a filter piece of its own. Near the focus a star's beam crosses a small part of it, so only
+  low orders remain, and other parts for other places: each coefficient is linear over the chip.
+
+All drawn once for the camera from the rms in psf.yaml, from streams of the chip's own name. Left out: wedge (an image
+shift), chromatic focus and ghosts of the filter, curvature of a chip.
+"""
+
+import math
+
+import numpy as np
+
+from csstsim.base.rng import stream
+from csstsim.base.units import NM_PER_UM
+from csstsim.optics.psf.wavefront import filter_noll, number
+
+
+def chip_coefficients(wavefront, params, chip, x, y):
+    """Return Zernike coefficients, nm, shape (..., J), at pixels x, y of a chip: the telescope's and the chip's own.
+
+    `wavefront` from `load_wavefront(params)`. Raises InputError for a missing or impossible number.
+    """
+    x, y, detector = np.asarray(x, float), np.asarray(y, float), chip.detector
+    place = np.stack([np.ones_like(x), (2 * x + 1) / detector.nx - 1, (2 * y + 1) / detector.ny - 1], axis=-1)
+    own = np.zeros((len(wavefront.noll), 3))
+    own[wavefront.noll.index(4)] += detector_defocus(params, chip)
+    for noll, row in filter_figure(params, chip).items():
+        own[wavefront.noll.index(noll)] += row
+    return wavefront.coefficients(*mosaic_position(chip, x, y)) + np.einsum("...k,jk->...j", place, own)
+
+
+def mosaic_position(chip, x, y):
+    """Return the position in the mosaic (px, origin on the boresight) of chip pixels x, y."""
+    turn = math.radians(chip.rotation)
+    dx, dy = x - (chip.detector.nx - 1) / 2, y - (chip.detector.ny - 1) / 2
+    return chip.xc + math.cos(turn) * dx - math.sin(turn) * dy, chip.yc + math.sin(turn) * dx + math.cos(turn) * dy
+
+
+def chip_position(chip, x, y):
+    """Return the chip pixels x, y of a position in the mosaic: the inverse of `mosaic_position`."""
+    turn, dx, dy = math.radians(chip.rotation), x - chip.xc, y - chip.yc
+    middle_x, middle_y = (chip.detector.nx - 1) / 2, (chip.detector.ny - 1) / 2
+    return middle_x + math.cos(turn) * dx + math.sin(turn) * dy, middle_y - math.sin(turn) * dx + math.cos(turn) * dy
+
+
+def detector_defocus(params, chip):
+    """Return Z4 (nm) of a chip's height and two tilts: (3,), times 1, X, Y, which are +-1 at the chip's edges."""
+    rms = np.array([number(params, "detector", key) for key in ("height", "tilt", "tilt")])
+    height = rms * stream(0, "optics", "detector", chip.id).standard_normal(3)
+    ratio = chip.telescope.focal_length_m / chip.telescope.diameter_m
+    return NM_PER_UM * height / (16 * math.sqrt(3) * ratio**2)
+
+
+def filter_figure(params, chip):
+    """Return {Noll index: (3,) nm, times 1, X, Y} of the filter in front of a chip.
+
+    The rms over the pupil, averaged over chips and over the chip's area, is the filter's in `params`.
+    """
+    rms = number(params, "filter_figure", "rms", chip.filter)
+    noll = filter_noll(params)
+    draw = stream(0, "optics", "filter", chip.id).standard_normal((len(noll), 3))
+    # 1 + 1/3 + 1/3: the mean over the chip of 1 + X^2 + Y^2
+    return dict(zip(noll, draw * rms / math.sqrt(len(noll) * 5 / 3), strict=True))

@@ -1,0 +1,160 @@
+"""An external PSF library in the layout of CSST's cycle 9, turned into a PSF file of ours.
+
+One HDF5 file a chip, `psfCube_{chip}.h5`, with a group a wavelength, `w_<i>` (four), in it a group a place,
+`psf_<j>`, and in that `psfMat`, 256 x 256 samples of 5 um (that much is public; 512 x 512 of 2.5 um is taken too).
+Assumed, because no public text says it:
+
+* place: datasets or attributes of `psf_<j>`: `image_x`, `image_y` in mm from the boresight along the mosaic's axes,
+  else `x`, `y` in 0-based pixels of the chip. The places fill a square grid.
+* wavelength: `wavelength` of `psf_<j>` or of `w_<i>`, in um, nm or angstrom as its size tells; else the filter's own.
+* psfMat is [y, x], and all the light of the star: it is divided by its sum.
+* what a sample means is for the campaign to say: "cell_integral", or "point", the brightness at the middle of a cell,
+  which a convolution with the cell makes an integral. Reading one as the other errs by 2-4% in size^2.
+
+Each place is centred as in optics.psf.psf_set; the file's provenance says all this.
+"""
+
+import hashlib
+import math
+import re
+
+import h5py
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.hdf5_file import numbers
+from csstsim.base.units import UM_PER_MM
+from csstsim.optics.psf.chip_errors import chip_position
+from csstsim.optics.psf.diffraction import windowed_centroid
+from csstsim.optics.psf.psf_file import WAVELENGTHS, intact, pixel_response, write_psf
+from csstsim.optics.psf.psf_set import WINDOW_PX
+
+SAMPLES = ("cell_integral", "point")
+BOX_PX = 128
+_OVERSAMPLING = {samples: samples // BOX_PX for samples in (256, 512)}
+_PLACES = (("image_x", "image_y"), ("x", "y"))
+_ANGSTROM = ((2.0, 1e4), (2000.0, 10.0), (math.inf, 1.0))  # below this it is um, nm, angstrom: angstrom in one
+_MARGIN_PX = 500  # how far from the chip a place may be
+
+
+def convert(folder, path, chip, filter, *, sample, camera_digest):
+    """Read `psfCube_{chip}.h5` of a library `folder` and write the PSF file `path` (layout: optics.psf.psf_file).
+
+    `sample` says what psfMat holds (`SAMPLES`). Raises InputError for a missing, damaged or foreign file.
+    """
+    source = folder / f"psfCube_{chip.id}.h5"
+    with intact(source), source.open("rb") as content:
+        checksum = hashlib.file_digest(content, "sha256").hexdigest()
+    with intact(source), h5py.File(source, "r") as file:
+        cubes = [_places(file[name], source) for name in _numbered(file, "w", source)]
+        if len(cubes) != WAVELENGTHS or len({tuple(c) for c in cubes}) != 1:
+            raise InputError("not four wavelengths with the same places", file=source, key="w_0 ... w_3")
+        nodes, unit = _positions(cubes[0], chip, source)
+        grid = math.isqrt(len(nodes))
+        if grid < 2 or grid**2 != len(nodes):
+            raise InputError("the places are no square grid", file=source, key="psf_<j>", value=len(nodes))
+        cells = next(iter(cubes[0].values()))["psfMat"].shape[-1]
+        if cells not in _OVERSAMPLING:
+            raise InputError("unknown sampling", file=source, key="psfMat", value=cells, allowed="256, 512 samples")
+        oversampling = _OVERSAMPLING[cells]
+        order = _row_by_row(nodes, grid)
+        names = np.array(list(cubes[0]))[order]
+        wavelength, known = _wavelengths(file, cubes, filter)
+        about = {
+            "cell_um": chip.detector.pixel_um / oversampling,
+            "cell_arcsec": chip.telescope.pixel_scale / oversampling,
+            "oversampling": oversampling,
+            "chip": chip.id,
+            "filter": filter.name,
+            "grid": grid,
+            "camera_digest": camera_digest,
+        }
+        provenance = {
+            "library": source.name,
+            "library_sha256": checksum,
+            "read_as": f"{sample}; places: {unit}; wavelengths: {known}; sums set to 1; centred",
+        }
+        images = (_centred(_read(cubes, name, cells, source), sample, oversampling) for name in names)
+        write_psf(path, nodes[order], wavelength, images, cells=cells, about=about, provenance=provenance)
+
+
+def _numbered(group, prefix, source):
+    """Return the names `prefix`_<number> in a group, by number."""
+    found = sorted((int(m[1]), name) for name in group if (m := re.fullmatch(rf"{prefix}_(\d+)", name)))
+    if not found:
+        raise InputError("not a PSF library", file=source, key=f"{group.name.strip('/')}/{prefix}_0".strip("/"))
+    return [name for _, name in found]
+
+
+def _places(group, source):
+    return {name: group[name] for name in _numbered(group, "psf", source)}
+
+
+def _number(node, name):
+    """Return the number a group holds as a dataset or attribute, or None."""
+    if name in node:
+        return float(numbers(node, name, node.file.filename).reshape(()))
+    return float(np.asarray(node.attrs[name]).reshape(())) if name in node.attrs else None
+
+
+def _positions(places, chip, source):
+    """Return chip pixels (n, 2) and the names they were read from."""
+    for names in _PLACES:
+        found = [[_number(node, name) for name in names] for node in places.values()]
+        if None not in (value for pair in found for value in pair):
+            break
+    else:
+        raise InputError("no places", file=source, key="psf_<j>", allowed=" or ".join(map(", ".join, _PLACES)))
+    xy, unit = np.array(found), f"{', '.join(names)} in px of the chip"
+    if names == _PLACES[0]:
+        px_per_mm = UM_PER_MM / chip.detector.pixel_um
+        xy = np.stack(chip_position(chip, *(xy.T * px_per_mm)), axis=-1)
+        unit = f"{', '.join(names)} in mm from the boresight"
+    limit = np.array([chip.detector.nx, chip.detector.ny]) + _MARGIN_PX
+    bad = ~((xy > -_MARGIN_PX) & (xy < limit)).all(axis=1)
+    if bad.any():
+        outside = xy[bad][0].tolist()
+        raise InputError(f"not on chip {chip.id}, read as {unit}", file=source, key="psf_<j>", value=outside)
+    return xy, unit
+
+
+def _row_by_row(nodes, grid):
+    """Return the order that puts the places of a square grid into rows of rising y, x fastest."""
+    rows = np.argsort(nodes[:, 1], kind="stable").reshape(grid, grid)
+    return np.concatenate([row[np.argsort(nodes[row, 0], kind="stable")] for row in rows])
+
+
+def _wavelengths(file, cubes, filter):
+    """Return the four wavelengths (angstrom) and where they come from."""
+    found = []
+    for name, places in zip(_numbered(file, "w", file.filename), cubes, strict=True):
+        value = _number(next(iter(places.values())), "wavelength") or _number(file[name], "wavelength")
+        if value is None:
+            return filter.psf_wavelength, "the filter's"
+        found.append(value * next(factor for limit, factor in _ANGSTROM if value < limit))
+    return np.array(found), "the library's"
+
+
+def _read(cubes, name, cells, source):
+    """Return the images of one place, (4, cells, cells) float64, each of sum 1."""
+    if any(cube[name]["psfMat"].shape != (cells, cells) for cube in cubes):
+        raise InputError("not square images of one size", file=source, key=f"{name}/psfMat")
+    images = np.stack([numbers(cube[name], "psfMat", source).astype(float) for cube in cubes])
+    total = images.sum(axis=(1, 2))
+    if not (np.isfinite(total) & (total > 0)).all():
+        raise InputError("not images with light in them", file=source, key=f"{name}/psfMat")
+    return images / total[:, None, None]
+
+
+def _centred(images, sample, oversampling):
+    """Return (cell integrals, shift taken out (x, y) in px)."""
+    frequency = np.fft.fftfreq(images.shape[-1])
+    spectrum = np.fft.fft2(images)
+    if sample == "point":
+        cell = np.sinc(frequency)
+        spectrum *= cell[:, None] * cell
+        images = np.fft.ifft2(spectrum).real
+    shift = np.array(windowed_centroid(pixel_response(images.mean(axis=0), oversampling), WINDOW_PX * oversampling))
+    turn_x, turn_y = (np.exp(2j * np.pi * frequency * s) for s in shift)
+    moved = np.maximum(np.fft.ifft2(spectrum * turn_y[:, None] * turn_x).real, 0.0)  # a table too coarse rings
+    return moved / moved.sum(axis=(1, 2), keepdims=True), shift / oversampling

@@ -1,0 +1,153 @@
+"""The PSF set of a chip: every node's PSF at the filter's four wavelengths (paper, section 5.1.1).
+
+Each node's wavefront (optics.psf.wavefront, optics.psf.chip_errors) becomes cell integrals at four wavelengths
+(optics.psf.diffraction). How many cells make a pixel is a property of the set: 2 (5 um, a box of 128 px) or 4 (2.5 um,
+a box of 64 px), per filter in psf.yaml, where 2 cannot reach the accuracy goal (benchmarks/psf_sampling.py).
+
+* Angles become pixels by the camera's plate scale (0.074 arcsec per 10 um), the WCS's. 10 um at a focal length
+  of exactly 28 m would be 0.07367 arcsec: the 0.5% lies in the nominal figures, and one scale is used throughout.
+* Each node is centred on what a detector sees: the centroid, with a Gaussian window of 1.5 px (sigma), of the
+  mean of the four wavelengths integrated over the pixel, is put on the middle of the array. The shift removed
+  is kept as `tilt`, for the distortion model.
+
+Cost: 12 to 21 CPU-ms per PSF, 44 to 76 CPU-s a set of 30 x 30 nodes (benchmarks/psf_quality.py --bands).
+The scattered halo (optics.scatter.halo) is added to the centred images before they are written; the wing beyond the box
+and the ghosts are described in the file's attributes. Left out: polarisation, pupil vignetting over the field,
+diffusion that depends on wavelength, the 1 degree turn of the grating chips against the pupil.
+"""
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.progress import progress
+from csstsim.optics.psf.chip_errors import chip_coefficients, mosaic_position
+from csstsim.optics.psf.diffraction import CELLS, Diffraction, blur, windowed_centroid
+from csstsim.optics.psf.psf_file import PsfSet, pixel_response, write_psf
+from csstsim.optics.psf.wavefront import load_wavefront
+
+__all__ = [
+    "CELLS",
+    "Diffraction",
+    "PsfSet",
+    "blur",
+    "centre_of",
+    "chip_coefficients",
+    "make_psf",
+    "mosaic_position",
+    "node_positions",
+    "node_psf",
+    "oversampling_of",
+    "pixel_response",
+    "windowed_centroid",
+]
+
+OVERSAMPLING = (2, 4)  # cells along the side of a pixel
+WINDOW_PX = 1.5  # sigma of the centring window
+_CENTRE_TOLERANCE_PX = 1e-6
+_CENTRE_STEPS = 50
+
+
+def oversampling_of(filter, psf_params, asked="auto"):
+    """Return the cells along the side of a pixel for a filter (name): `asked` (2 or 4), or psf.yaml's for "auto".
+
+    Raises InputError for any other number.
+    """
+    table = psf_params.get("oversampling")
+    value = asked if asked != "auto" else table.get(filter) if isinstance(table, dict) else None
+    if isinstance(value, bool) or value not in OVERSAMPLING:
+        raise InputError("bad sampling", file="psf.yaml", key=f"oversampling.{filter}", value=value, allowed="2, 4")
+    return value
+
+
+def node_psf(optics, coefficients, kernel, oversampling=2):
+    """Return (images (4, cells, cells), tilt (2,) px) of one node, centred together.
+
+    `optics` holds one `Diffraction` a wavelength; `coefficients` in nm; `kernel` of `blur`, the cell included;
+    `oversampling` cells make a pixel. Raises InputError when there is nothing compact to centre.
+    """
+    transfers = [o.transfer(coefficients) for o in optics]
+    centre = centre_of(optics, transfers, kernel, oversampling)
+    return np.stack([o.image(t, kernel, centre) for o, t in zip(optics, transfers, strict=True)]), centre / oversampling
+
+
+def centre_of(optics, transfers, kernel, oversampling):
+    """Return the windowed centroid (x, y), in cells, of the mean image as pixels see it.
+
+    Where the first moments in a Gaussian window vanish, the image smoothed by that Gaussian has its peak. Raises
+    InputError if none is found.
+    """
+    place, sigma = np.zeros(2), WINDOW_PX * oversampling
+
+    def seen(f):  # the cells of a pixel, side by side
+        return kernel(f) * oversampling * np.sinc(oversampling * f) / np.sinc(f)
+
+    for _ in range(_CENTRE_STEPS):
+        pairs = zip(optics, transfers, strict=True)
+        light, x, y, xx, xy, yy = np.sum([o.smoothed(t, seen, sigma, place) for o, t in pairs], axis=0)
+        bend = xx * yy - xy**2
+        if xx < 0 < bend:  # near the peak: Newton's step
+            step = np.array([xy * y - yy * x, xy * x - xx * y]) / bend
+        else:  # the windowed mean
+            step = sigma**2 * np.array([x, y]) / light
+        place += step
+        if not np.hypot(*place) < optics[0].cells / 2:
+            break
+        if np.abs(step).max() < _CENTRE_TOLERANCE_PX * oversampling:
+            return place
+    raise InputError("the centroid of a PSF does not converge: its wavefront error is too large", file="psf.yaml")
+
+
+def node_positions(chip, grid):
+    """Return (grid^2, 2) pixel positions (x, y) of the nodes; the outer ones lie on the outer edges of the chip."""
+    x = np.linspace(-0.5, chip.detector.nx - 0.5, grid)
+    y = np.linspace(-0.5, chip.detector.ny - 0.5, grid)
+    return np.stack([np.tile(x, grid), np.repeat(y, grid)], axis=1)
+
+
+def chip_optics(chip, filter, psf_params, wavefront, oversampling, cells=CELLS):
+    """Return (one `Diffraction` a wavelength of the filter, kernel of all that blurs, the cell included).
+
+    oversampling: cells along a pixel; cells: along the box, which is cells / oversampling px wide.
+    """
+    cell_arcsec, cell_um = chip.telescope.pixel_scale / oversampling, chip.detector.pixel_um / oversampling
+    diameter = chip.telescope.diameter_m
+    optics = [Diffraction(w, diameter, cell_arcsec, wavefront, cells) for w in filter.psf_wavelength]
+    return optics, blur(psf_params, cell_arcsec, cell_um)
+
+
+def make_psf(
+    path, chip, filter, telescope, psf_params, grid, *, camera_digest, oversampling="auto", provenance=None,
+    cells=CELLS, beyond=None, nodes_uv=None,
+):  # fmt: skip
+    """Compute the PSFs of a chip and write them to `path` (layout: optics.psf.psf_file).
+
+    `psf_params` is Camera.psf, `grid` the number of nodes along a side (>= 2), `camera_digest` Camera.digest,
+    `oversampling` the cells along a pixel ("auto": psf.yaml's for the filter), `provenance` a JSON-like mapping kept in
+    the file, `cells` the (even) cells along the box, `beyond` an optics.scatter.outside_box.Beyond, whose halo is
+    added, `nodes_uv` (grid^2, 2) what optics.geometry.focal_plane.samples has for the nodes. Raises InputError for a
+    grid or sampling that cannot be, and a PSF too wide to centre.
+    """
+    if grid < 2:
+        raise InputError("too few nodes to span a chip", key="psf.grid", value=grid, allowed=">= 2")
+    oversampling = oversampling_of(filter.name, psf_params, oversampling)
+    wavefront = load_wavefront(psf_params)
+    optics, kernel = chip_optics(chip, filter, psf_params, wavefront, oversampling, cells)
+    nodes = node_positions(chip, grid)
+    coefficients = chip_coefficients(wavefront, psf_params, chip, nodes[:, 0], nodes[:, 1])
+    about = {
+        "cell_um": chip.detector.pixel_um / oversampling,
+        "cell_arcsec": telescope.pixel_scale / oversampling,
+        "oversampling": oversampling,
+        "chip": chip.id,
+        "filter": filter.name,
+        "grid": grid,
+        "camera_digest": camera_digest,
+    }
+    images = (node_psf(optics, row, kernel, oversampling) for row in progress(coefficients, "PSF nodes"))
+    if beyond is not None:
+        about |= beyond.attributes()
+        images = ((beyond.wing.add_to(image, oversampling), tilt) for image, tilt in images)
+    write_psf(
+        path, nodes, filter.psf_wavelength, images, cells=cells, about=about, provenance=provenance or {},
+        nodes_uv=nodes_uv,
+    )  # fmt: skip

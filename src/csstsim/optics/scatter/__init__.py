@@ -1,0 +1,1 @@
+"""Light that lands far from its image: halo, ghosts."""

@@ -1,0 +1,119 @@
+"""Where a point source's light goes far from its core: the scattered halo and the mean diffraction wing.
+
+The halo (paper, section 5.5.1: a linear combination of BRDFs) is a sum of terms of the modified Harvey-Shack shape,
+each normalised to its share S of the light, with knee a and slope s > 2:
+
+    I(r) = S (s - 2) / (2 pi a^2) (1 + (r/a)^2)^(-s/2)          light beyond r: S (1 + (r/a)^2)^(1 - s/2)
+
+All of the halo together is taken from the diffraction image, so the sum stays 1. Beyond the reach of the mirrors'
+figure errors (40 cycles per pupil, 53 px at 950 nm) the diffraction image is on average that of a clear circular
+pupil (Born & Wolf, section 8.5.2):
+
+    I(r) = L / (pi^3 r^3), L = lambda / D          light beyond r: 2 L / (pi^2 r)
+
+which the stored PSFs follow to 1% from 45 px to their edge (benchmarks/wings.py). Numbers: scatter.yaml.
+
+Left out: change of the halo over the field, its dependence on the mirrors' ageing, diffraction at other edges than the
+aperture stop, reflections (optics.scatter.ghosts).
+"""
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.units import ARCSEC_PER_RAD
+
+_GAUSS = 0.5 / np.sqrt(3.0)  # two-point quadrature: nodes at +- this many cells
+_RADII = np.geomspace(1.0, 1e5, 2001)  # px; for the inverse of the profile
+
+
+@dataclass(frozen=True, eq=False)
+class Wing:
+    """The circular part of a point source's image in each of the four sub-bands; lengths in pixels."""
+
+    share: np.ndarray  # (4, K) of all the light, by sub-band and term of the halo
+    knee: np.ndarray  # (K,)
+    slope: np.ndarray  # (K,)
+    airy: np.ndarray  # (4,) lambda / D
+
+    @property
+    def scattered(self):
+        """Share of the light in the halo, (4,)."""
+        return self.share.sum(axis=1)
+
+    def halo(self, r):
+        """Return the halo's light per pixel at radii r [px], (4, *r.shape)."""
+        q = 1 + (np.asarray(r, float)[..., None] / self.knee) ** 2
+        shape = (self.slope - 2) / (2 * np.pi * self.knee**2) * q ** (-self.slope / 2)
+        return np.einsum("bk,...k->b...", self.share, shape)
+
+    def profile(self, r):
+        """Return halo and mean diffraction wing, light per pixel at radii r [px] > 0, (4, *r.shape)."""
+        halo = self.halo(r)
+        direct = ((1 - self.scattered) * self.airy).reshape(-1, *(1,) * np.ndim(r))
+        return halo + direct / (np.pi * np.asarray(r, float)) ** 3
+
+    def beyond(self, r):
+        """Return the fraction of all the light beyond radii r [px] of the profile, (4, *r.shape)."""
+        q = 1 + (np.asarray(r, float)[..., None] / self.knee) ** 2
+        halo = np.einsum("bk,...k->b...", self.share, q ** (1 - self.slope / 2))
+        direct = ((1 - self.scattered) * self.airy).reshape(-1, *(1,) * np.ndim(r))
+        return halo + 2 * direct / (np.pi**2 * np.asarray(r, float))
+
+    def radius(self, level):
+        """Return the radii [px] at which the profile, mean of the sub-bands, falls to `level` (per pixel, array).
+
+        Interpolated in the logarithm of both; outside 1 to 1e5 px the nearer of these.
+        """
+        profile = np.log(self.profile(_RADII).mean(axis=0))
+        with np.errstate(divide="ignore"):
+            return np.exp(np.interp(-np.log(level), -profile, np.log(_RADII)))
+
+    def cells(self, count, per_pixel):
+        """Return the halo's integrals over cells, `per_pixel` to a pixel, (4, count, count), about its middle."""
+        axis = (np.arange(count) - (count - 1) / 2)[:, None] + np.array([-_GAUSS, _GAUSS])
+        square = (axis.ravel() / per_pixel) ** 2
+        value = self.halo(np.sqrt(square + square[:, None]))
+        return value.reshape(4, count, 2, count, 2).mean(axis=(2, 4)) / per_pixel**2
+
+    def add_to(self, images, per_pixel):
+        """Return diffraction images (4, cells, cells), cell integrals, with their part of the light in the halo."""
+        return (1 - self.scattered)[:, None, None] * images + self.cells(images.shape[-1], per_pixel)
+
+    def as_dict(self):
+        """Return the content as lists, for a file; `Wing.read` is the inverse."""
+        return {name: value.tolist() for name, value in asdict(self).items()}
+
+    @classmethod
+    def read(cls, data):
+        """Return the Wing of a mapping made by `as_dict`."""
+        return cls(**{name: np.asarray(value, float) for name, value in data.items()})
+
+
+def make_wing(scatter, wavelength, telescope):
+    """Return the `Wing` at wavelengths (4,) angstrom. `scatter` is Camera.scatter; empty: no halo, diffraction only.
+
+    Raises InputError for a row that is not share, knee, slope, power, or a halo of more than all the light.
+    """
+    rows, reference = scatter.get("terms") or [], scatter.get("reference", 1.0)
+    if not isinstance(reference, int | float) or not 1 <= reference <= 1e6:
+        raise InputError("no wavelength", file="scatter.yaml", key="reference", value=reference, allowed="angstrom")
+    for row in rows if isinstance(rows, list) else [rows]:
+        good = isinstance(row, list) and len(row) == 4 and all(isinstance(v, int | float) and abs(v) < 1e6 for v in row)
+        if not (good and row[0] >= 0 and row[1] > 0 and row[2] > 2):
+            allowed = "share >= 0, knee > 0 arcsec, slope > 2, power"
+            raise InputError("bad row", file="scatter.yaml", key="terms", value=row, allowed=allowed)
+    share, knee, slope, power = np.reshape(rows, (-1, 4)).astype(float).T
+    wavelength = np.asarray(wavelength, float)
+    share = share * (wavelength[:, None] / reference) ** -power
+    if (share.sum(axis=1) >= 1).any():
+        raise InputError(
+            "the halo takes all the light",
+            file="scatter.yaml",
+            key="terms",
+            value=float(share.sum(axis=1).max()),
+            allowed="< 1",
+        )
+    airy = wavelength * 1e-10 / telescope.diameter_m * ARCSEC_PER_RAD / telescope.pixel_scale
+    return Wing(share, knee / telescope.pixel_scale, slope, airy)

@@ -1,0 +1,43 @@
+"""What a point source's light does beyond the box of the stored PSF: the wing and the ghosts of one chip's filter.
+
+Made from the camera's data; kept in the attributes of the PSF file, so that a PSF set says all there is about where
+light goes, and one without these attributes (another camera's, an external one) has no wings.
+"""
+
+import json
+from dataclasses import dataclass
+
+from csstsim.base.errors import InputError
+from csstsim.optics.scatter.ghosts import Ghosts, make_ghosts
+from csstsim.optics.scatter.halo import Wing, make_wing
+
+
+@dataclass(frozen=True, eq=False)
+class Beyond:
+    """Wing and ghosts; either None: there is none."""
+
+    wing: Wing | None = None
+    ghosts: Ghosts | None = None
+
+    def attributes(self):
+        """Return {name: JSON} of what there is; `read_beyond` is the inverse."""
+        return {name: json.dumps(part.as_dict()) for name, part in vars(self).items() if part is not None}
+
+
+def beyond_box(camera, filter):
+    """Return the `Beyond` of a camera's filter. Raises InputError (optics.scatter.halo, optics.scatter.ghosts)."""
+    return Beyond(
+        make_wing(camera.scatter, filter.psf_wavelength, camera.telescope),
+        make_ghosts(camera.ghosts, filter.name, camera.telescope, camera.detector.pixel_um),
+    )
+
+
+def read_beyond(psf):
+    """Return the `Beyond` of a PsfSet. Raises InputError if its attributes are damaged."""
+    kinds = {"wing": Wing, "ghosts": Ghosts}
+    try:
+        return Beyond(**{k: c.read(json.loads(psf.attributes[k])) for k, c in kinds.items() if k in psf.attributes})
+    except (AttributeError, LookupError, TypeError, ValueError) as exc:
+        raise InputError(
+            f"the PSF file is damaged: {type(exc).__name__} {exc}", file=psf.path, key="wing, ghosts"
+        ) from exc

@@ -1,0 +1,1 @@
+"""What light loses on its way: flat field, shutter, pixel response; and the lamps that measure it."""

@@ -1,0 +1,132 @@
+"""The flat field of the focal plane (paper, section 5.5.5): external vignetting and the internal flats of the LEDs.
+
+    external   1 - q(x, y), q a quadratic polynomial >= 0 that vanishes near the boresight
+    internal   for each LED: level of the detector x (1 + smooth pattern), 1 on average over the mosaic; the pattern is
+               a sum of cosines of low order, which unlike polynomials do not run away in the corners; linear between
+               the wavelengths of the LEDs, so a band's flat is a mean of theirs with weights from its throughput
+
+The paper's internal flats are laboratory images that are not public: the patterns here are drawn, once a campaign seed,
+with the rms, order and correlation between wavelengths of config/instrument/leds.yaml. They are exact on a grid of
+NODES^2 points a chip and bilinear between, to 5e-6. Left out: structure below some cm, the coatings of the filters.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.optics.geometry.wcs import chip_plane
+from csstsim.optics.throughput.coarse_grid import expand, grid_pixels
+
+NODES = 65
+
+
+@dataclass(frozen=True, eq=False)
+class FlatField:
+    """The flats of one camera seed.
+
+    numbers: leds.yaml (Camera.leds); camera: name -> Generator that lasts for the camera (rng.Streams.camera).
+    Raises InputError for numbers that are missing or make no flat.
+    """
+
+    numbers: dict
+    camera: object
+
+    def _unit(self, x, y):
+        """Return mosaic positions [px from the boresight] in units of half the mosaic."""
+        half_x, half_y = self.numbers["half_mosaic"]
+        return np.asarray(x) / half_x, np.asarray(y) / half_y
+
+    @cached_property
+    def wavelengths(self):
+        """(n,) nm, of the LEDs whose flats were taken."""
+        return np.asarray(self.numbers["flat"]["wavelengths"], dtype=float)
+
+    @cached_property
+    def _modes(self):
+        """Coefficients (n, J) of the shapes and detector levels (n, 6 columns, 5 rows), by wavelength."""
+        flat = self.numbers["flat"]
+        gap = np.subtract.outer(np.log(self.wavelengths), np.log(self.wavelengths)) / flat["correlation"]
+        alike = np.linalg.cholesky(np.exp(-0.5 * gap**2) + 1e-9 * np.eye(len(gap)))
+        orders = _orders(flat["order"])
+        draw = self.camera("internal flat")
+        pattern = np.einsum("ij,jk->ik", alike, draw.standard_normal((len(gap), len(orders))))
+        # A cosine has mean square 1/2; all orders get an equal part of the variance.
+        size = np.sqrt([(4 if i and j else 2) / len(orders) for i, j in orders])
+        levels = np.einsum("ij,jcr->icr", alike, draw.standard_normal((len(gap), 6, 5)))
+        levels = 1 + flat["detector_rms"] * levels
+        return flat["pattern_rms"] * pattern * size, levels / levels.mean(axis=(1, 2), keepdims=True)
+
+    @cached_property
+    def _vignette(self):
+        """(centre x, centre y, A, B, C): q = A u^2 + B u v + C v^2, u, v from the centre in half mosaics."""
+        numbers, draw = self.numbers["vignetting"], self.camera("vignette")
+        low, high = numbers["corner"]
+        corner, skew = draw.uniform(low, high), draw.uniform(-numbers["skew"], numbers["skew"], 2)
+        centre = draw.uniform(-numbers["offset"], numbers["offset"], 2)
+        return *centre, 0.5 * corner * (1 + skew[0]), corner * skew[1], 0.5 * corner * (1 - skew[0])
+
+    def vignetting(self, x, y):
+        """Return the external flat at mosaic positions [px from the boresight]; at most 1."""
+        cx, cy, a, b, c = self._vignette
+        u, v = self._unit(x, y)
+        u, v = u - cx, v - cy
+        return 1 - (a * u * u + b * u * v + c * v * v)
+
+    def internal(self, chip, x, y, weights):
+        """Return the internal flat of a chip at mosaic positions, for weights (n,) of the wavelengths that sum to 1."""
+        pattern, levels = self._modes
+        u, v = (0.5 * np.pi * (1 + w) for w in self._unit(x, y))  # 0 to pi over the mosaic
+        shapes = np.array([np.cos(i * u) * np.cos(j * v) for i, j in _orders(self.numbers["flat"]["order"])])
+        flats = 1 + np.einsum("nj,j...->n...", pattern, shapes)
+        return np.einsum("n,n...->...", weights * levels[:, chip.column - 1, chip.row - 1], flats)
+
+    def weights(self, wave, response):
+        """Return (n,) weights of the wavelengths for a response at wavelengths `wave` [A]; held beyond the ends."""
+        total = np.trapezoid(response, wave)
+        hats = [np.interp(np.asarray(wave) / 10, self.wavelengths, row) for row in np.eye(len(self.wavelengths))]
+        return np.array([np.trapezoid(response * hat, wave) for hat in hats]) / total
+
+    def external_grid(self, chip, filter):
+        """Return (NODES, NODES): what light from the sky meets, external x internal flat of the filter."""
+        x, y = _mosaic(chip)
+        internal = self.internal(chip, x, y, self.weights(filter.wavelength, filter.throughput))
+        return self.vignetting(x, y) * internal
+
+    def external_map(self, chip, window, filter):
+        """Return (ny, nx) float32: the external grid, bilinear between its nodes."""
+        return expand(self.external_grid(chip, filter), chip, window)
+
+    def led_map(self, chip, window, wave, response):
+        """Return (ny, nx) float32: the internal flat for a response of its own, as of one LED through a filter."""
+        return expand(self.internal(chip, *_mosaic(chip), self.weights(wave, response)), chip, window)
+
+
+def check_flat(numbers, file="leds.yaml"):
+    """Raise InputError if the numbers of leds.yaml make no flat field."""
+    try:
+        flat, vignetting = numbers["flat"], numbers["vignetting"]
+        rising = np.diff(flat["wavelengths"])
+        corner = vignetting["corner"]
+        good = len(numbers["half_mosaic"]) == 2 and min(numbers["half_mosaic"]) > 0
+        good &= len(rising) >= 1 and (rising > 0).all() and 1 <= flat["order"] <= 8 and flat["correlation"] > 0
+        good &= 0 <= flat["pattern_rms"] <= 0.1 and 0 <= flat["detector_rms"] <= 0.1
+        good &= (
+            0 <= corner[0] <= corner[1] <= 0.5 and 0 <= vignetting["skew"] <= 0.5 and 0 <= vignetting["offset"] <= 0.5
+        )
+    except (KeyError, TypeError, IndexError, ValueError) as exc:
+        raise InputError(f"a number is missing or wrong: {type(exc).__name__} {exc}", file=file) from None
+    if not good:
+        raise InputError("a number is out of range", file=file, key="half_mosaic, flat, vignetting")
+
+
+def _mosaic(chip):
+    """Return mosaic positions [px from the boresight] of a chip's grid."""
+    rotation, origin = chip_plane(chip)
+    x, y = grid_pixels(chip, NODES)
+    return (row[0] * (x - origin[0]) + row[1] * (y - origin[1]) for row in rotation)
+
+
+def _orders(order):
+    return [(i, j) for i in range(order + 1) for j in range(order + 1 - i) if i + j > 0]

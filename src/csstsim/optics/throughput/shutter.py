@@ -1,0 +1,74 @@
+"""The shutter: two leaves that turn like a double door, and the exposure each column of the focal plane gets.
+
+A leaf turns from 0 to 90 deg in t_s with a sinusoidal acceleration (paper, equation 14); integrated twice,
+
+    A(t) = pi / (2 t_s) (t - t_s / (2 pi) sin(2 pi t / t_s)).
+
+The leaves hang on bearings a distance 2 L apart in x, meet at the middle when closed, and cover what lies nearer to the
+bearing than L cos A. So the middle is open from the first moment to the last, the bearing only while both leaves are at
+rest: what lies at distance d from its bearing misses 2 t(d), L cos A(t) = d, of the exposure, which counts from the
+start of the opening to the end of the closing. With tau = 2 pi t / t_s that is tau - sin tau = 4 arccos(d / L).
+
+Left out: the height of the leaves above the detectors, whose shadow's edge is wide but moves the same for all columns.
+"""
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.units import DAY_S
+from csstsim.optics.geometry.wcs import chip_plane
+
+_HALVINGS = 60
+
+
+def deficit(x_mm, telescope):
+    """Return what positions x [mm from the middle] miss of an exposure [s]: 0 in the middle, 2 t_s at a bearing."""
+    half = telescope.shutter_span_mm / 2
+    angle = np.arccos(np.clip(1 - np.abs(np.asarray(x_mm, float)) / half, 0.0, 1.0))
+    low, high = np.zeros_like(angle), np.full_like(angle, 2 * np.pi)
+    for _ in range(_HALVINGS):  # tau - sin tau rises, but is flat at both ends
+        middle = 0.5 * (low + high)
+        below = middle - np.sin(middle) < 4 * angle
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return telescope.shutter_time * (low + high) / (2 * np.pi)
+
+
+def moments(pointing, telescope):
+    """Return when the shutter starts to open, is open, starts to close and is closed [MJD, UTC], {name: day}.
+
+    The exposure counts from the first to the last: its time is that of the middle of the focal plane.
+    """
+    opening, end = telescope.shutter_time / DAY_S, pointing.mjd + pointing.exptime / DAY_S
+    return {
+        "shutter_open_0": pointing.mjd, "shutter_open_1": pointing.mjd + opening,
+        "shutter_close_0": end - opening, "shutter_close_1": end,
+    }  # fmt: skip
+
+
+def exposed(chip, window, exptime):
+    """Return (window.nx,) float64: the share of `exptime` [s] that each column of a chip's window is exposed.
+
+    Grating chips are turned by 1 deg; their columns are taken where they cross the chip's middle, which is off by up to
+    2e-5 of 150 s. Raises InputError for
+    an exposure shorter than opening and closing take.
+    """
+    check(chip, exptime)
+    return 1 - deficit(_across_mm(chip, np.arange(window.x0, window.x1)), chip.telescope) / exptime
+
+
+def check(chip, exptime):
+    """Raise InputError for an exposure [s] shorter than the shutter's way, or leaves that do not cover the chip."""
+    shortest, span = 2 * chip.telescope.shutter_time, chip.telescope.shutter_span_mm
+    if exptime < shortest:
+        raise InputError("too short for the shutter", key="exptime", value=exptime, allowed=f">= {shortest} s")
+    needed = 2 * np.abs(_across_mm(chip, np.array([0, chip.detector.nx - 1]))).max()
+    if span < needed:
+        message, allowed = f"the leaves do not cover chip {chip.id}", f">= {needed:.1f}"
+        raise InputError(message, file="telescope.yaml", key="shutter_span_mm", value=span, allowed=allowed)
+
+
+def _across_mm(chip, columns):
+    """Return mosaic x [mm] of a chip's columns, where they cross its middle row."""
+    rotation, origin = chip_plane(chip)
+    row = (chip.detector.ny - 1) / 2 - origin[1]
+    return (rotation[0, 0] * (columns - origin[0]) + rotation[0, 1] * row) * chip.detector.pixel_um * 1e-3

@@ -1,0 +1,1 @@
+"""Objects drawn on an imaging chip."""

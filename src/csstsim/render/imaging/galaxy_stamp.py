@@ -1,0 +1,245 @@
+"""A galaxy's stamp: one convolution with the mixture of the PSF's nodes and sub-bands.
+
+Disk and bulge are Sersic profiles under one 2 x 2 matrix. Each is split (render.profiles.sersic): the inner part is
+multiplied with the PSF's transform (render.psf_mixture) at the frequencies of a small periodic image, folded onto those
+of its pixels, which is what taking samples means, and transformed back; the outer part, so smooth that the PSF hardly
+changes it, is added in real space. So no transform is larger than 1280 pixels and no wing wraps round.
+
+Where the split lies: `plan`. Left out: what the PSF does to the outer part beyond taking its light out of the
+box (benchmarks/stamps.py has the size of that).
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numba
+import numpy as np
+import scipy.fft
+
+from csstsim.render.octave_table import first_of, nodes, read
+from csstsim.render.profiles.sersic import CUT_NONE, K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, cut_for, extent, tables
+from csstsim.render.psf_mixture import BINS, transform
+
+_WORST = 3e-4  # of the peak: what blurring may change in the outer part ...
+_ROUGH = 3e-3  # of the peak: above which it is flagged
+_LOCAL = 0.05  # ... where it is more than this of what is there
+_CORE2 = 1.5  # px^2: half the variance of the PSF's core and the pixel
+_WINGS2 = 6.5  # px^2: the same of the box, with the curvature of the split (measured: benchmarks/stamps.py)
+_RHO = np.geomspace(0.02, 200.0, 48)  # r_e
+_START_PX = 14.0  # the outer part begins no nearer
+_ROWS = 64
+_EXTENT_MAX = 448.0  # px: half the side of the inner part
+_TAIL = 3e-4  # of the peak: what the frequencies left out may add up to
+SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point
+_ANGLES = np.arange(8) * np.pi / 16  # from a galaxy's short axis
+_K2_FIRST, _R2_FIRST = first_of(K2_LOW), first_of(R2_LOW)
+_NONE = np.zeros(len(nodes(K2_LOW, K2_HIGH))), np.zeros(len(nodes(R2_LOW, R2_HIGH)))
+_SIZES = np.array([*range(48, 128, 16), *range(128, 256, 32), *range(256, 512, 64), *range(512, 1281, 128)])
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How n galaxies are split and how large their transforms are."""
+
+    cut: np.ndarray  # (n, 2) r_e of each component; inf: no outer part
+    half: np.ndarray  # (n,) px, half the side of the square the inner part is wanted on
+    size: np.ndarray  # (n,) px, period of the transform
+    rough: np.ndarray  # (n,) bool: long and thin beyond what is promised
+
+    def take(self, rows):
+        """Return the plan of the galaxies of an index array, in that order."""
+        return Plan(**{name: values[rows] for name, values in vars(self).items()})
+
+
+def plan_galaxies(scene, reach, box, rows):
+    """Return the Plan of a Scene whose objects `rows` (n,) bool are galaxies; reach (n,) px, box: half the PSF's [px].
+
+    The outer part, which the PSF leaves as it is, begins where that is wrong by less than _WORST of the peak: for the
+    PSF's core, whose variance meets the curvature of the profile on its long axis, where it is thinnest (across,
+    exp(-b rho^(1/n)) has b / n rho^(1/n - 2) over the square of the short half-light radius), and for its wings, which
+    meet that of the split itself; nowhere within 14 px.
+    """
+    there = (scene.light > 0) & rows[:, None]
+    n, b, size = np.moveaxis(np.where(there[..., None], scene.sersic, 1.0), -1, 0)
+    size = np.maximum(size, SIZE_MIN)
+    wide = np.hypot(scene.matrix[:, :, 0], scene.matrix[:, :, 1]).max(axis=1)[:, None] * size  # px
+    axes = np.linalg.svd(scene.matrix, compute_uv=False)[:, None, :] * size[:, :, None]
+    short, centre = axes[..., 1, None], np.minimum(1.0 / np.sqrt(axes.prod(axis=-1)), 1.0)
+    n, b = n[..., None], b[..., None]
+    with np.errstate(under="ignore"):
+        level = np.exp(b * (centre[..., None] ** (1 / n) - _RHO ** (1 / n)))
+    core = b / n * _RHO ** (1 / n - 2) * _CORE2 / short**2
+    wrong = np.maximum(np.minimum(core * level, core * _WORST / _LOCAL), _WINGS2 / (_RHO * short) ** 2 * level)
+    n, b, short = n[..., 0], b[..., 0], short[..., 0]
+    start = _RHO[np.minimum((wrong > _WORST).sum(axis=-1), len(_RHO) - 1)]
+    radius = 2 * np.maximum(start, _START_PX / wide)
+    most = np.minimum(2 * reach[:, None], _EXTENT_MAX) / wide
+    # Too long for a transform: the better of a split that is too near, and, where the profile is smooth, of none
+    capped = (radius > most) & (2 * reach[:, None] > _EXTENT_MAX)
+    last = np.maximum((0.5 * most[..., None] > _RHO).sum(axis=-1) - 1, 0)
+    near = np.take_along_axis(wrong, last[..., None], axis=-1)[..., 0]
+    bare = b / n * short ** (-1 / n) * _CORE2  # the curvature one pixel from the centre
+    radius = np.where(capped & (bare < near), CUT_NONE, np.minimum(radius, most))
+    rough = (capped & there & (np.minimum(near, bare) > _ROUGH)).any(axis=1)
+    cut, ends = np.full(n.shape, np.inf), np.zeros(n.shape)
+    for i, c in np.argwhere(there).tolist():
+        cut[i, c] = cut_for(n[i, c], radius[i, c])
+        ends[i, c] = extent(n[i, c]) if cut[i, c] > CUT_NONE else 0.0
+    end = (np.minimum(cut, ends) * wide).max(axis=1, where=there, initial=0.0)
+    half = np.minimum(reach, np.ceil(end + box)).astype(int)
+    wanted = np.maximum(half + np.maximum(box, end + box / 4) + 1, 2 * half + 2)
+    sizes = _SIZES[np.minimum(np.searchsorted(_SIZES, wanted), len(_SIZES) - 1)]
+    return Plan(cut, half, np.where(rows, sizes, 0), rough)
+
+
+def galaxy_stamp(mixer, scene, plan, i, share, reach, bounds, *, core=None, many=False):
+    """Return (stamp, light): a Scene's galaxy i on the pixels of `bounds`, float64, and the light of its whole stamp.
+
+    mixer: psf_mixture.Mixer; share (k, 4): electrons from each PSF node and sub-band; reach: px, half the side of the
+    whole stamp; bounds: (x0, x1, y0, y1), half-open, the part of it that is wanted, or None; core: Mixer.core, the
+    share of each cell that counts, or None: all; many: whether many galaxies share size and nodes, so that it pays to
+    keep the nodes' transforms. Below zero it may be by what is left out.
+    """
+    node, light, sersic, matrix = scene.node[i], scene.light[i], scene.sersic[i], scene.matrix[i]
+    x, y, cut, half, size = scene.x[i], scene.y[i], plan.cut[i], plan.half[i], int(plan.size[i])
+    inner, outer = _component_tables(*(key for c in range(2) for key in (sersic[c, 0] * (light[c] > 0), cut[c])))
+    frequency = _cutoff(sersic, light, matrix, inner, mixer.envelope(node, share))
+    last = min(int(frequency * size) + 1, size)
+    x0, x1, y0, y1 = (0, 0, 0, 0) if bounds is None else bounds
+    stamp = np.zeros((y1 - y0, x1 - x0))
+    first_x, first_y = round(x) - half, round(y) - half
+    if many:
+        mixture = mixer.mixed_transforms(node, share, size, last, core is not None)
+    else:
+        cells = mixer.mixed_cells(node, share)
+        mixture = transform(cells if core is None else cells * core, size, mixer.per_pixel, last)
+    folded = _convolved(mixture, sersic, light, matrix, inner, x - first_x, y - first_y, size)
+    image = scipy.fft.irfft2(folded, s=(size, size), overwrite_x=True)[: 2 * half + 1, : 2 * half + 1]
+    whole = image.sum(dtype=np.float64)
+    low_x, high_x = max(x0, first_x), min(x1, first_x + 2 * half + 1)
+    low_y, high_y = max(y0, first_y), min(y1, first_y + 2 * half + 1)
+    if low_x < high_x and low_y < high_y:
+        stamp[low_y - y0 : high_y - y0, low_x - x0 : high_x - x0] = image[
+            low_y - first_y : high_y - first_y, low_x - first_x : high_x - first_x
+        ]
+    if np.isfinite(cut).any():
+        smooth = sersic, light, matrix, outer, cut
+        electrons = mixer.light(node, share, core is not None)
+        before = stamp.sum()
+        _add_outer(stamp, *smooth, x - x0, y - y0, electrons)
+        if stamp.shape == (2 * reach + 1, 2 * reach + 1):
+            whole += stamp.sum() - before
+        else:
+            whole += _outer_light(smooth, x - round(x) + reach, y - round(y) + reach, 2 * reach + 1, electrons)
+    return stamp, whole
+
+
+def _outer_light(smooth, x, y, side, electrons):
+    """Return the light of the outer parts on a square of `side` px, some rows at a time."""
+    total = 0.0
+    for row in range(0, side, _ROWS):
+        strip = np.zeros((min(_ROWS, side - row), side))
+        _add_outer(strip, *smooth, x, y - row, electrons)
+        total += strip.sum()
+    return total
+
+
+@lru_cache(256)
+def _component_tables(disk, disk_cut, bulge, bulge_cut):
+    """Return (inner (2, m), outer (2, l)): tables of profiles.sersic of two indices and cuts; index 0: zeros."""
+    both = [tables(*key) if key[0] > 0 else _NONE for key in ((disk, disk_cut), (bulge, bulge_cut))]
+    return tuple(np.stack(parts) for parts in zip(*both, strict=True))
+
+
+@numba.njit(cache=True)
+def _cutoff(sersic, light, matrix, tables, envelope):
+    """Return the frequency [cycles a pixel] beyond which all that is left out stays below _TAIL of the peak.
+
+    tables (2, m): transforms of the components; envelope: the PSF's transform at BINS, of light 1.
+    """
+    p, q = matrix[0, 0] ** 2 + matrix[1, 0] ** 2, matrix[0, 1] ** 2 + matrix[1, 1] ** 2
+    r = matrix[0, 0] * matrix[0, 1] + matrix[1, 0] * matrix[1, 1]
+    middle, spread = 0.5 * (p + q), np.sqrt(0.25 * (p - q) ** 2 + r * r)
+    power = np.zeros(len(BINS))  # light per bin of the logarithm of frequency; never too little, from the short axis on
+    line = np.empty(1)
+    bits = line.view(np.int64)
+    for j in range(len(BINS)):
+        for angle in _ANGLES:
+            k2 = (2 * np.pi * BINS[j]) ** 2 * max(middle - spread * np.cos(2 * angle), 0.0)
+            for c in range(2):
+                if light[c] > 0:
+                    line[0] = k2 * sersic[c, 2] ** 2
+                    power[j] += light[c] * abs(read(tables[c], _K2_FIRST, bits[0]))
+        power[j] *= envelope[j] * BINS[j] ** 2
+    left = _TAIL * power.sum()
+    j = len(BINS) - 1
+    while j > 0 and left >= power[j]:
+        left -= power[j]
+        j -= 1
+    return BINS[min(j + 1, len(BINS) - 1)]
+
+
+@numba.njit(cache=True)
+def _convolved(mixture, sersic, light, matrix, tables, x, y, size):
+    """Return the folded transform, (size, size // 2 + 1) complex64, of the inner part at x, y from the first pixel.
+
+    mixture: the PSF's, of psf_mixture.transform.
+    """
+    last, half = mixture.shape[1] - 1, size // 2
+    step = 2 * np.pi / size
+    out = np.zeros((size, half + 1), np.complex64)
+    turn_x = np.exp(-1j * step * x * np.arange(last + 1)).astype(np.complex64)
+    turn_y = np.exp(-1j * step * y * np.arange(-last, last + 1)).astype(np.complex64)
+    m00, m01, m10, m11 = step * matrix[0, 0], step * matrix[0, 1], step * matrix[1, 0], step * matrix[1, 1]
+    line, value, term = np.empty(last + 1), np.empty(last + 1, np.float32), np.empty(last + 1, np.complex64)
+    bits = line.view(np.int64)
+    for row in range(2 * last + 1):
+        j_y = row - last
+        count = int(np.sqrt(last * last - j_y * j_y)) + 1
+        value[:] = 0.0
+        for c in range(2):
+            if light[c] > 0:
+                r_e, part, table = sersic[c, 2], light[c], tables[c]
+                a, p = m00 * r_e, m10 * j_y * r_e
+                b, q = m01 * r_e, m11 * j_y * r_e
+                for column in range(count):
+                    line[column] = (a * column + p) ** 2 + (b * column + q) ** 2
+                for column in range(count):
+                    value[column] += part * read(table, _K2_FIRST, bits[column])
+        turn = turn_y[row]
+        for column in range(count):
+            term[column] = mixture[row, column] * (turn * turn_x[column]) * value[column]
+        # Each term stands for itself and, conjugated, for its opposite; kept are columns up to half the period
+        there, back = out[j_y % size], out[-j_y % size]
+        for column in range(min(count, half + 1)):
+            there[column] += term[column]
+        for column in range(half, min(count, size + 1)):
+            back[size - column] += np.conj(term[column])
+        for column in range(size, count):
+            there[column - size] += term[column]
+    return out
+
+
+@numba.njit(cache=True)
+def _add_outer(stamp, sersic, light, matrix, tables, cut, x, y, electrons):
+    """Add the outer parts to `stamp` (float64), the galaxy's centre at x, y from its first pixel."""
+    determinant = matrix[0, 0] * matrix[1, 1] - matrix[0, 1] * matrix[1, 0]
+    line = np.empty(stamp.shape[1])
+    bits = line.view(np.int64)
+    for c in range(2):
+        if not (light[c] > 0 and np.isfinite(cut[c])):
+            continue
+        r_e = sersic[c, 2]
+        inside = (0.5 * cut[c]) ** 2 if cut[c] > CUT_NONE else -1.0
+        level = electrons * light[c] / (r_e * r_e * abs(determinant))
+        a, b = matrix[1, 1] / (determinant * r_e), -matrix[0, 1] / (determinant * r_e)
+        d, e = -matrix[1, 0] / (determinant * r_e), matrix[0, 0] / (determinant * r_e)
+        for row in range(stamp.shape[0]):
+            dy = row - y
+            for column in range(stamp.shape[1]):
+                dx = column - x
+                u, v = a * dx + b * dy, d * dx + e * dy
+                line[column] = u * u + v * v
+            for column in range(stamp.shape[1]):
+                if line[column] > inside:
+                    stamp[row, column] += level * read(tables[c], _R2_FIRST, bits[column])

@@ -1,0 +1,173 @@
+"""Photons: objects drawn electron by electron, straight into the counted plane.
+
+An electron's place is that of the object, plus a draw from the profile under its 2 x 2 matrix, plus a draw from the
+PSF. The PSF of a place is a mixture of nodes (optics.psf.interpolation), so a node drawn with its weight is an exact
+draw, as is a sub-band drawn with its share of the light. The number of an object's electrons is Poisson. Few of them
+choose component, sub-band and node one by one; many are split beforehand into independent Poisson numbers: nothing is
+shot twice and nothing is left to a later Poisson step.
+
+Losses: numbers are drawn for `maximum` times the light, and an electron on a pixel is kept with probability
+response / maximum. A thinned Poisson number is Poisson, so mean = variance holds for every pixel.
+
+Electrons beyond the PSF's box follow the radial wing (optics.scatter.halo), all of it: none is lost because noise hides
+it.
+"""
+
+import numba
+import numpy as np
+
+from csstsim.base.counter import high, low, poisson, word
+from csstsim.render.photon_places import (
+    check_scene,
+    cumulative,
+    first_word,
+    from_profile,
+    from_psf,
+    from_wing,
+    pick,
+    tail_table,
+)  # fmt: skip
+
+_ONE, _TWO = np.uint64(1), np.uint64(2)
+_MANY = 300.0  # electrons above which numbers are drawn for each (component, sub-band, node)
+_BATCH = 512  # electrons drawn at a time, and the most that are chosen one by one: P(more) < 1e-25
+_STRIP = 64  # px: objects of a node are drawn in strips, so that their pixels are in cache
+
+
+def shoot_scene(counted, window, scene, keys, table, response=None, maximum=1.0, wing=None):
+    """Draw the objects of a Scene into `counted` (int32, window.shape), changed in place.
+
+    keys: (n,) uint64, all different (counter.object_keys). table: PsfTable with the tables of all nodes of the scene.
+    response: (ny, nx) share of the light that is counted, at most `maximum`; None: all of it. wing:
+    optics.scatter.halo.Wing, where electrons beyond the PSF's box go, or None: nowhere. Returns on_window (n,) int64,
+    electrons counted; beyond (n,) int64, electrons, of `maximum` times the light, that fell outside the PSF's box; box
+    (n, 4) int64, x0, x1, y0, y1 of the chip's pixels reached, half-open, 0 if none. The result does not depend on the
+    order of the objects. Raises ValueError for arrays that do not fit, a response above the maximum, and what a Scene
+    must not hold: numbers that are not finite, negative light, 2^31 electrons in an object, negative weights (a PSF
+    interpolation that is not convex), nodes without tables.
+    """
+    if counted.shape != window.shape or counted.dtype != np.int32:
+        raise ValueError(f"counted is {counted.dtype} {counted.shape}, not int32 {window.shape}")
+    check_scene(scene, table, maximum)
+    response = np.empty((0, 0), np.float32) if response is None else np.ascontiguousarray(response, np.float32)
+    if response.size and (response.shape != window.shape or not response.max() <= maximum * (1 + 1e-6)):
+        raise ValueError(f"the response must be {window.shape} and at most {maximum}")
+    n = len(scene)
+    on_window, beyond, box = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros((n, 4), np.int64)
+    order = np.lexsort((scene.x, np.floor(scene.y / _STRIP), scene.node[:, 0])) if n else np.zeros(0, np.int64)
+    floats = (scene.matrix, scene.light, scene.sersic, scene.electrons)
+    objects = scene.x - window.x0, scene.y - window.y0, *(np.ascontiguousarray(a, np.float64) for a in floats)
+    objects += np.ascontiguousarray(scene.node), np.ascontiguousarray(scene.weight), keys
+    psf = table.words.reshape(-1), table.share, table.bits, table.cells, table.per_pixel
+    tail = np.empty(0) if wing is None else tail_table(wing, table.cells / table.per_pixel / 2)
+    _shoot((counted, response, float(maximum)), objects, psf, tail, (on_window, beyond, box), order)
+    box[on_window > 0] += np.array([window.x0, window.x0, window.y0, window.y0])
+    return on_window, beyond, box
+
+
+@numba.njit(cache=True)
+def _shoot(image, objects, psf, tail, results, order):
+    counted, _, maximum = image
+    x, y, matrix, light, sersic, electrons, index, weight, keys = objects
+    share, sides = psf[1], psf[2]
+    on_window, _, box = results
+    work = np.empty(_BATCH, np.int64), np.empty(_BATCH), np.empty(_BATCH)
+    sums = np.empty(4 + index.shape[1])
+    for i in order:
+        key, counter = keys[i], np.uint64(0)
+        box[i] = counted.shape[1], 0, counted.shape[0], 0
+        bands, nodes = cumulative(electrons[i], sums[:4]), cumulative(weight[i], sums[4:])
+        for c in range(2):
+            mean = maximum * light[i, c] * bands[3]
+            place = x[i], y[i], matrix[i], sersic[i, c], i
+            if not mean > 0:
+                continue
+            if mean < _MANY:
+                number, counter = poisson(mean, key, counter)
+                count, counter = _choose(min(number, _BATCH), bands, nodes, index[i], share, sides, key, counter, work)
+                counter = _draw(count, place, image, psf, results, work, key, counter)
+                counter = _draw_beyond(number - count, place, image, psf, tail, results, work, key, counter)
+                continue
+            lost = 0.0
+            for k in range(index.shape[1]):
+                for f in range(4):
+                    node, here = index[i, k], maximum * light[i, c] * electrons[i, f] * weight[i, k]
+                    lost += here * max(1.0 - share[node, f, 0] - share[node, f, 1], 0.0)
+                    for part in range(2):
+                        number, counter = poisson(here * share[node, f, part], key, counter)
+                        work[0][: min(number, _BATCH)] = first_word(node, f, part, sides)
+                        while number > 0:
+                            count = min(number, _BATCH)
+                            counter = _draw(count, place, image, psf, results, work, key, counter)
+                            number -= count
+            number, counter = poisson(lost, key, counter)
+            counter = _draw_beyond(number, place, image, psf, tail, results, work, key, counter)
+        if on_window[i] == 0:
+            box[i] = 0
+
+
+@numba.njit(cache=True)
+def _choose(number, bands, nodes, index, share, sides, key, counter, work):
+    """Choose node, sub-band and part for each of few electrons; return (those in the box, counter)."""
+    first, count = work[0], 0
+    for _ in range(number):
+        which, u = word(key, counter), high(word(key, counter + _ONE))
+        counter += _TWO
+        f, k = pick(bands, high(which) * bands[3]), pick(nodes, low(which) * nodes[-1])
+        inner, outer = share[index[k], f]
+        first[count] = first_word(index[k], f, np.int64(u >= inner), sides)
+        count += np.int64(u < inner + outer)
+    return count, counter
+
+
+@numba.njit(cache=True)
+def _draw(count, place, image, psf, results, work, key, counter):
+    """Draw the electrons whose tables stand in `work`, three short loops over all; return the counter."""
+    x, y, matrix, sersic, i = place
+    first, px, py = work
+    from_psf(count, psf, first, px, py, key, counter)
+    after = counter + _TWO * np.uint64(count)
+    if sersic[0] > 0:
+        after = from_profile(count, matrix, sersic, px, py, key, after)
+    _count(count, x, y, px, py, image, results, i, key, counter)
+    return after
+
+
+@numba.njit(cache=True)
+def _draw_beyond(number, place, image, psf, tail, results, work, key, counter):
+    """Draw electrons of the wing beyond the PSF's box, and count that they are; return the counter."""
+    x, y, matrix, sersic, i = place
+    _, px, py = work
+    results[1][i] += number
+    half = 0.5 * psf[3] / psf[4]
+    while number > 0 and tail.size > 0:
+        count = min(number, _BATCH)
+        after = from_wing(count, tail, half, px, py, key, counter + _TWO * np.uint64(count))
+        if sersic[0] > 0:
+            after = from_profile(count, matrix, sersic, px, py, key, after)
+        _count(count, x, y, px, py, image, results, i, key, counter)
+        counter = after
+        number -= count
+    return counter
+
+
+@numba.njit(cache=True)
+def _count(count, x, y, px, py, image, results, i, key, counter):
+    """Count the electrons that fall on the window and are kept."""
+    counted, response, maximum = image
+    on_window, _, box = results
+    ny, nx = counted.shape
+    x, y = x + 0.5, y + 0.5  # truncation then finds the pixel
+    hit, x0, x1, y0, y1 = 0, box[i, 0], box[i, 1] - 1, box[i, 2], box[i, 3] - 1
+    for j in range(count):
+        u, v = px[j] + x, py[j] + y
+        if u >= 0 and v >= 0 and u < nx and v < ny:
+            column, row = np.uint64(np.int64(u)), np.uint64(np.int64(v))
+            seen = response[row, column] if response.size > 0 else np.float32(1.0)
+            kept = np.int64(high(word(key, counter + _TWO * np.uint64(j))) * maximum < seen)
+            counted[row, column] += kept
+            hit += kept
+            x0, x1 = min(x0, np.int64(column)), max(x1, np.int64(column))
+            y0, y1 = min(y0, np.int64(row)), max(y1, np.int64(row))
+    on_window[i] += hit
+    box[i, 0], box[i, 1], box[i, 2], box[i, 3] = x0, x1 + 1, y0, y1 + 1

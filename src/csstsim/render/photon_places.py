@@ -1,0 +1,134 @@
+"""Places of single electrons: draws from the PSF, from a profile and from the wing, in compiled loops over a batch.
+
+What render.imaging.photons and render.slitless.dispersed_photons have in common. Places are px, py [pixel] from the
+object's centre; random words come from a key and a counter (csstsim.base.counter), and whoever draws gives the counter
+on.
+"""
+
+import numba
+import numpy as np
+
+from csstsim.base.counter import high, low, word
+from csstsim.render.octave_table import first_of, nodes, read
+from csstsim.render.profiles.radius import RINGED, gamma, ring
+
+_ONE, _TWO = np.uint64(1), np.uint64(2)
+_S10, _S16, _S20, _S32 = (np.uint64(s) for s in (10, 16, 20, 32))
+_MASK16, _LOW32 = np.uint64(0xFFFF), np.uint64(0xFFFFFFFF)
+_TENS = np.uint64(0x3FF << 32 | 0x3FF)  # ten bits of each half of a word
+_ANGLES = 1024  # between them first order: the radius grows by up to 5e-6
+_TURN = np.stack([f(2 * np.pi / _ANGLES * (np.arange(_ANGLES) + 0.5)) for f in (np.cos, np.sin)], axis=1)
+_REST = 2 * np.pi / 2.0**32
+_DISK, _BULGE = RINGED
+_RAREST = -10  # octave of the share of the wing's light that ends its table, 1000 boxes out
+_TAIL_FIRST = first_of(_RAREST)
+
+
+def tail_table(wing, half):
+    """Return the radii [px] beyond which a share u of the light outside radius `half` lies, on octaves of u to 1."""
+    r = np.geomspace(half, half * 2.0**-_RAREST, 4096)
+    share = wing.beyond(r).mean(axis=0)
+    share /= share[0]
+    return np.exp(np.interp(np.log(nodes(_RAREST, 0)), np.log(share[::-1]), np.log(r[::-1])))
+
+
+def check_scene(scene, table, maximum):
+    """Raise ValueError for a Scene whose photons cannot be drawn: bad values, nodes without tables, too much light."""
+    for name in ("x", "y", "electrons", "light", "sersic", "matrix", "weight"):
+        values = getattr(scene, name)
+        if not np.isfinite(values).all():
+            raise ValueError(f"a value of {name} is not finite")
+        if name in ("electrons", "light", "weight") and (values < 0).any():
+            raise ValueError(f"a value of {name} is negative: it has no photons")
+    if (maximum * scene.electrons.sum(axis=1) >= 2**31).any():
+        raise ValueError("an object has more electrons than counted can hold")
+    table.verify(scene.node[scene.weight > 0])
+    if not (table.share[scene.node[scene.weight > 0]].sum(axis=(1, 2)) > 0).all():
+        raise ValueError("a PSF node has no tables")
+
+
+@numba.njit(inline="always")
+def first_word(node, f, part, sides):
+    """Return twice the place in the words of the first of a table, plus part; part 0 is the middle."""
+    inner, outer = 1 << 2 * sides[0], 1 << 2 * sides[1]
+    return 2 * ((4 * node + f) * (inner + outer) + part * inner) + part
+
+
+@numba.njit(inline="always")
+def cumulative(values, sums):
+    """Put the running sums of `values` into `sums`, of the same length, and return it."""
+    total = 0.0
+    for j in range(len(values)):
+        total += values[j]
+        sums[j] = total
+    return sums
+
+
+@numba.njit(inline="always")
+def pick(sums, u):
+    """Return how many entries u has passed: no branch on the outcome, which no processor could foresee."""
+    passed = 0
+    for j in range(len(sums) - 1):
+        passed += np.int64(u >= sums[j])
+    return passed
+
+
+@numba.njit(cache=True)
+def from_wing(count, tail, half, px, py, key, counter):
+    """Set px, py [pixel] to places of the wing outside the square of this half side; return the counter."""
+    share = np.empty(1)
+    bits = share.view(np.int64)
+    for j in range(count):
+        px[j] = py[j] = 0.0
+        while abs(px[j]) < half and abs(py[j]) < half:
+            draw = word(key, counter)
+            counter += _ONE
+            share[0] = high(draw)
+            r, angle = read(tail, _TAIL_FIRST, bits[0]), 2 * np.pi * low(draw)
+            px[j], py[j] = r * np.cos(angle), r * np.sin(angle)
+    return counter
+
+
+@numba.njit(cache=True)
+def from_psf(count, psf, first, px, py, key, counter):
+    """Set px, py [pixel] to draws from the PSF: two words each, whose upper first half is not used."""
+    words, _, sides, cells, per_pixel = psf
+    inner, outer = sides
+    scale = 1.0 / (1024 * per_pixel)
+    # The middle of the table is the middle of the PSF
+    corner_inner, corner_outer = 1.5 - 1024 * (1 + 0.5 * (1 << inner)), 1.5 - 1024 * (1 + 0.5 * cells)
+    for j in range(count):
+        at = counter + _TWO * np.uint64(j)
+        bits, jitter = word(key, at), word(key, at + _ONE)
+        start, part = first[j] >> 1, first[j] & 1
+        side, corner = (outer, corner_outer) if part else (inner, corner_inner)
+        slot = np.int64(bits) & ((1 << 2 * side) - 1)
+        entry = np.int64(words[np.uint64(start + slot)])
+        cell = slot if np.int64((bits >> _S16) & _MASK16) < (entry >> 16) else entry & 0xFFFF
+        # A draw from the quadratic B-spline is the sum of three uniforms: 3 x 10 bits in each half of the word
+        spline = (jitter & _TENS) + ((jitter >> _S10) & _TENS) + ((jitter >> _S20) & _TENS)
+        column, row = cell & ((1 << side) - 1), cell >> side
+        px[j] = (np.float64((column << 10) + np.int64(spline & _LOW32)) + corner) * scale
+        py[j] = (np.float64((row << 10) + np.int64(spline >> _S32)) + corner) * scale
+
+
+@numba.njit(cache=True)
+def from_profile(count, matrix, sersic, px, py, key, counter):
+    """Add to px, py draws from a Sersic profile; return the counter."""
+    n, b, radius = sersic[0], sersic[1], sersic[2]
+    m00, m01, m10, m11 = matrix[0, 0] * radius, matrix[0, 1] * radius, matrix[1, 0] * radius, matrix[1, 1] * radius
+    rings = 0 if n == _DISK else 1 if n == _BULGE else -1
+    after = counter + np.uint64(count)
+    for j in range(count):
+        turn = word(key, counter + np.uint64(j))
+        if rings >= 0:
+            r = ring(rings, turn)
+        else:
+            r, after = gamma(2 * n, key, after)
+            r = (r / b) ** n
+        angle = np.int64(turn >> _S32)
+        a, d = np.uint64(angle >> 22), np.float64((angle & 0x3FFFFF) - 0x200000) * _REST
+        cos, sin = r * (_TURN[a, 0] - d * _TURN[a, 1]), r * (_TURN[a, 1] + d * _TURN[a, 0])
+        px[j] += m00 * cos + m01 * sin
+        py[j] += m10 * cos + m11 * sin
+    return after

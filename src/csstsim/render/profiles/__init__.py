@@ -1,0 +1,1 @@
+"""Profiles of light: what each renderer asks of one."""

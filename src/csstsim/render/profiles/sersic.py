@@ -1,0 +1,76 @@
+"""Sersic profiles of any index, split in two: an inner part for the Fourier transform, an outer one for real space.
+
+With r in units of the half-light radius and the total light 1,
+
+    I(r) = b^(2n) / (2 pi n Gamma(2n)) exp(-b r^(1/n)),     inner: t(r) I(r),     outer: (1 - t(r)) I(r)
+
+where t falls from 1 at half of `cut` to 0 at `cut` by a quintic in r. The inner part is compact, so a transform of
+finite period holds it; the outer one has no cusp, so it may be taken at pixel centres. The transform of the inner part,
+
+    F(k) = 2 pi int t I J_0(k r) r dr,
+
+is a Hankel transform on a logarithmic grid (Talman 1978; Hamilton 2000: one Fourier transform there and back). Tables
+of F against k^2 and of the outer part against r^2 (render.octave_table) are made when first asked for and kept. F(0) is
+the light of the inner part, from the same integral.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from scipy.fft import fht, fhtoffset
+from scipy.interpolate import CubicSpline
+from scipy.special import gammainccinv, gammaln
+
+from csstsim.render.octave_table import nodes
+from csstsim.render.scene import sersic_b
+
+K2_LOW, K2_HIGH = -28, 28  # octaves of (k r_e)^2
+R2_LOW, R2_HIGH = -32, 36  # octaves of (r / r_e)^2
+CUT_NONE = 2.0**-10  # r_e: a cut not above this has nothing within, all of the profile is outer
+_STEPS_CUT = 4  # cuts to an octave
+_LOG_R = np.linspace(-20.0, 18.0, 4096)
+_STEP = _LOG_R[1] - _LOG_R[0]
+_NEGLIGIBLE = 5e-5  # of the light: beyond the radius that leaves so much, a profile ends
+
+
+@lru_cache(1024)
+def extent(index):
+    """Return the radius [r_e] that has all the light but a negligible part."""
+    return float((gammainccinv(2 * index, _NEGLIGIBLE) / sersic_b(index)) ** index)
+
+
+def cut_for(index, radius):
+    """Return the smallest cut [r_e] not below `radius`, of a few to the octave, or inf: the profile ends before."""
+    if radius >= extent(index):
+        return np.inf
+    return float(2.0 ** (np.ceil(_STEPS_CUT * np.log2(max(radius, CUT_NONE))) / _STEPS_CUT))
+
+
+@lru_cache(512)
+def tables(index, cut):
+    """Return (F on the nodes of (k r_e)^2, outer part on those of (r / r_e)^2) of a Sersic index and a cut [r_e].
+
+    F is that of a profile of light 1 and any r_e; the outer part is per r_e^2.
+    """
+    r = np.exp(_LOG_R)
+    offset = fhtoffset(_STEP, mu=0.0)
+    transform = fht(r * _inside(r, cut) * brightness(r, index), _STEP, mu=0.0, offset=offset)
+    log_k = offset - _LOG_R[::-1]
+    spline = CubicSpline(log_k, 2 * np.pi * transform / np.exp(log_k))
+    k2, r2 = nodes(K2_LOW, K2_HIGH), nodes(R2_LOW, R2_HIGH)
+    outer = (1 - _inside(np.sqrt(r2), cut)) * brightness(np.sqrt(r2), index)
+    return spline(0.5 * np.log(k2)), outer
+
+
+def brightness(r, index):
+    """Return the profile per r_e^2 at r [r_e], of light 1."""
+    b = float(sersic_b(index))
+    with np.errstate(under="ignore"):
+        return np.exp(2 * index * np.log(b) - np.log(2 * np.pi * index) - gammaln(2 * index) - b * r ** (1 / index))
+
+
+def _inside(r, cut):
+    if cut <= CUT_NONE:
+        return np.zeros_like(r)
+    t = np.clip(2 * r / cut - 1, 0.0, 1.0) if np.isfinite(cut) else np.zeros_like(r)
+    return 1 - t**3 * (10 - 15 * t + 6 * t * t)

@@ -1,0 +1,74 @@
+"""config/render.yaml, checked: presets, costs and the coefficients of the predicted error."""
+
+from functools import cache
+from typing import Literal
+
+from pydantic import Field
+
+from csstsim.base.model import Model, validate
+from csstsim.base.shipped import SHIPPED
+from csstsim.instrument.load import read_data
+
+FILE = SHIPPED / "render.yaml"
+
+
+class Preset(Model):
+    """What a fidelity allows."""
+
+    eps: float = Field(ge=0, description="error allowed, in units of an object's own noise")
+    floor: float = Field(ge=0, description="S/N below which an object's light goes to a smooth background")
+
+
+class Cost(Model):
+    """CPU time [ns]."""
+
+    photon_object: float = Field(ge=0)
+    photon_star: float = Field(ge=0, description="an electron of a star")
+    photon_galaxy: float = Field(ge=0)
+    stamp_star: float = Field(ge=0)
+    stamp_galaxy: float = Field(ge=0)
+    stamp_pixel: float = Field(ge=0, description="a pixel of a galaxy's stamp")
+    wing_pixel: float = Field(ge=0)
+    spectrum_object: float = Field(ge=0, description="photons through a grating")
+    spectrum_star: float = Field(ge=0, description="an electron of a star")
+    spectrum_galaxy: float = Field(ge=0)
+    slabs_star: float = Field(ge=0, description="slabs through a grating")
+    slabs_galaxy: float = Field(ge=0, description="more for a galaxy, for each slab to a pixel")
+    slab_pixel: float = Field(ge=0, description="a pixel of the stamp, for each slab")
+
+
+class StampError(Model):
+    """Shares of S/N, beside `psf`."""
+
+    cut: float = Field(ge=0)
+    disk: float = Field(ge=0)
+    bulge: float = Field(ge=0)
+
+
+class Error(Model):
+    """Coefficients of render.error_model."""
+
+    size: float = Field(gt=0)
+    bright: float = Field(gt=0)
+    far: float = Field(gt=0)
+    psf: dict[Literal[2, 4], float] = Field(min_length=2, description="share of S/N, by cells of the PSF to a pixel")
+    stamp: StampError
+    slabs: dict[Literal[1, 2, 4, 8], float] = Field(
+        min_length=4, description="share of S/N of lines, by slabs to a pixel"
+    )
+    slabs_flat: dict[Literal[1, 2, 4, 8], float] = Field(min_length=4, description="the same, of a flat spectrum")
+    bins: float = Field(gt=0, description="share of S/N, of a spectrum in bins of a pixel")
+
+
+class Numbers(Model):
+    """The whole file."""
+
+    presets: dict[Literal["preview", "standard", "noise_free"], Preset] = Field(min_length=3)
+    cost: Cost
+    error: Error
+
+
+@cache
+def load_numbers(file=FILE):
+    """Return the Numbers of config/render.yaml. Raises InputError."""
+    return validate(Numbers, read_data(file), file)

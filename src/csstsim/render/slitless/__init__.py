@@ -1,0 +1,1 @@
+"""Objects drawn through a spectroscopic chip's gratings."""

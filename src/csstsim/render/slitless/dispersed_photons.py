@@ -1,0 +1,273 @@
+"""Photons through a grating: each electron draws its wavelength and order, then its place, then the trace's shift.
+
+An object's electrons have a wavelength distributed as spectrum x (throughput of all orders), an order by its share at
+that wavelength, a PSF node and one of the two nearest PSF wavelengths by weight (optics.gratings.dispersion): all exact
+draws of a mixture. The place without the grating, object + profile + PSF, decides which of the two gratings takes it:
+an object whose light reaches a piece's edge visits both pieces, and each visit leaves out what falls beyond its own.
+Then
+
+    x + p + q lambda,   y + r + s lambda,
+
+with p, q, r, s of the object's centre: across a galaxy of 10" they change by a thousandth. Numbers are Poisson, losses
+thin them (render.imaging.photons).
+"""
+
+import numba
+import numpy as np
+
+from csstsim.base.counter import high, low, poisson, unit, word
+from csstsim.render.photon_places import (
+    check_scene,
+    cumulative,
+    first_word,
+    from_profile,
+    from_psf,
+    from_wing,
+    pick,
+    tail_table,
+)
+
+_ONE, _TWO, _FOUR = (np.uint64(k) for k in (1, 2, 4))
+_S26, _S36 = np.uint64(26), np.uint64(36)  # a word in three: 26, 10 and 28 bits
+_LOW26, _LOW10 = np.uint64((1 << 26) - 1), np.uint64((1 << 10) - 1)
+_UNIT26, _UNIT10, _UNIT28 = 2.0**-26, 2.0**-10, 2.0**-28
+_BATCH = 512
+_GUIDE = 8192  # at most: entries of the table that begins the search for a wavelength
+_DENSE = 8.0  # electrons a bin above which each bin has its own Poisson numbers
+_AWAY = 1e9  # px: where electrons go that fall beyond a piece
+
+
+def shoot_spectra(
+    counted, window, scene, spectra, visits, disperser, keys, table, response=None, maximum=1.0, wing=None
+):
+    """Draw the orders of a Scene's objects into `counted` (int32, window.shape), changed in place.
+
+    spectra: (n, bins) electron-free mean densities [photon / s / m2 / angstrom] times the exposure time [s]; visits:
+    (v, 3) of Disperser.visits for these objects, each object's keys (v,) uint64 all different; scene.electrons is not
+    used. table, response, maximum, wing: as render.imaging.photons.shoot_scene.
+    Returns drawn (v, orders) int64, electrons counted, and box (v, orders, 4) int64 of the chip's pixels reached,
+    half-open, 0 if none. The result does not depend on the order of the visits.
+    """
+    check_scene(scene, table, maximum)
+    if not np.isfinite(spectra).all() or (spectra < 0).any():
+        raise ValueError("a spectrum is negative or not finite")
+    response = np.empty((0, 0), np.float32) if response is None else np.ascontiguousarray(response, np.float32)
+    orders, count = len(disperser.orders), len(visits)
+    drawn, box = np.zeros((count, orders), np.int64), np.zeros((count, orders, 4), np.int64)
+    lines = disperser.lines(visits, scene.x, scene.y)
+    rates = disperser.rates
+    total = rates.sum(axis=1)
+    shares = (np.cumsum(rates, axis=1) / np.where(total > 0, total, 1.0)[:, None]).astype(np.float32)
+    floats = (scene.matrix, scene.light, scene.sersic, scene.weight)
+    objects = scene.x - window.x0, scene.y - window.y0, *(np.ascontiguousarray(a, np.float64) for a in floats)
+    objects += (np.ascontiguousarray(scene.node),)
+    psf = table.words.reshape(-1), table.share, table.bits, table.cells, table.per_pixel
+    tail = np.empty(0) if wing is None else tail_table(wing, table.cells / table.per_pixel / 2)
+    sides = disperser.rectangles - np.array([window.x0, window.x0, window.y0, window.y0])
+    light = np.ascontiguousarray(spectra, np.float64), total, shares.transpose(0, 2, 1).copy()
+    _shoot(
+        (counted, response, float(maximum)), objects, light, (*_wavelengths(disperser), lines, sides),
+        np.ascontiguousarray(visits), keys, psf, tail, (drawn, box),
+    )  # fmt: skip
+    box[drawn > 0] += np.array([window.x0, window.x0, window.y0, window.y0])
+    return drawn, box
+
+
+def _wavelengths(disperser):
+    """Return the place of each bin between the PSF set's wavelengths, 0 to 3, and the bins' first edge and step."""
+    lower, upper = disperser.psf_mixture
+    return (lower + upper).astype(np.float32), float(disperser.edges[0]), float(np.diff(disperser.edges[:2])[0])
+
+
+@numba.njit(cache=True)
+def _shoot(image, objects, light, optics, visits, keys, psf, tail, results):
+    maximum = image[2]
+    x, y, matrix, parts, sersic, weight, index = objects
+    spectra, total, shares = light
+    between, first, step, lines, sides = optics
+    drawn, box = results
+    bins, orders = spectra.shape[1], drawn.shape[1]
+    running, guide = np.empty(bins + 1), np.empty(_GUIDE + 1, np.uint16)
+    floats = np.empty((4, _BATCH))  # px, py and the shifts
+    work = np.empty(_BATCH, np.int64), np.empty(_BATCH, np.int64), floats[0], floats[1], floats[2], floats[3]
+    sums = np.empty(index.shape[1])
+    for v in range(len(visits)):
+        i, piece, cut = visits[v]
+        box[v, :, 0], box[v, :, 1], box[v, :, 2], box[v, :, 3] = image[0].shape[1], 0, image[0].shape[0], 0
+        running[0] = 0.0
+        for b in range(bins):
+            running[b + 1] = running[b] + spectra[i, b] * total[piece, b]
+        if running[bins] > 0:
+            key, counter = keys[v], np.uint64(0)
+            entries = _fill(guide, running, maximum)
+            nodes = cumulative(weight[i], sums)
+            draw = running, guide[: entries + 1], shares[piece], between, first, step, nodes, index[i], lines[v]
+            for c in range(2):
+                place = x[i], y[i], matrix[i], sersic[i, c], v, sides[piece], cut == 1
+                mean = maximum * parts[i, c]
+                if mean * running[bins] > _DENSE * bins:
+                    counter = _by_bins(mean, draw, place, image, psf, tail, work, results, key, counter)
+                    continue
+                number, counter = poisson(mean * running[bins], key, counter)
+                while number > 0:
+                    count = min(number, _BATCH)
+                    near, counter = _choose(count, draw, psf, work, key, counter)
+                    counter = _land(near, count, place, image, psf, tail, work, results, key, counter)
+                    number -= count
+        for o in range(orders):
+            if drawn[v, o] == 0:
+                box[v, o] = 0
+
+
+@numba.njit(cache=True)
+def _fill(guide, running, maximum):
+    """Fill the guide: entry j is the bin where the share j / entries of the light lies; return the entries."""
+    bins, light = len(running) - 1, running[-1]
+    entries = 8
+    while entries < _GUIDE and entries < 4 * maximum * light:
+        entries *= 2
+    b = 0
+    for j in range(entries + 1):
+        while b < bins - 1 and running[b + 1] * entries <= j * light:
+            b += 1
+        guide[j] = b
+    return entries
+
+
+@numba.njit(cache=True)
+def _choose(number, draw, psf, work, key, counter):
+    """Choose bin, and all that `_assign` does, for each electron; return (those in the PSF's box, counter)."""
+    running, guide = draw[0], draw[1]
+    light, entries, last = running[-1], len(guide) - 1, len(running) - 2
+    near, far = 0, number
+    for _ in range(number):
+        at = unit(word(key, counter))
+        b = np.int64(guide[np.int64(at * entries)])
+        at *= light
+        while running[b + 1] <= at and b < last:
+            b += 1
+        near, far = _assign(b, near, far, draw, psf, work, key, counter + _ONE)
+        counter += _FOUR
+    return near, counter
+
+
+@numba.njit(cache=True)
+def _by_bins(mean, draw, place, image, psf, tail, work, results, key, counter):
+    """Draw an object of many electrons node by node and PSF wavelength by wavelength; return the counter.
+
+    Each bin has a Poisson number. mean: electrons of light 1.
+    """
+    running, _, shares, between, start, step, nodes, index, lines = draw
+    first, order, _, _, shift_x, shift_y = work
+    near, far, before = 0, _BATCH, 0.0
+    for k in range(len(index)):
+        weight, before = mean * (nodes[k] - before) / nodes[-1], nodes[k]
+        for f in range(4 if weight > 0.0 else 0):
+            node = index[k]
+            inner, outer = psf[1][node, f, 0], psf[1][node, f, 1]
+            word_inner, word_outer = first_word(node, f, 0, psf[2]), first_word(node, f, 1, psf[2])
+            for b in range(len(between)):
+                light = weight * (1.0 - abs(between[b] - f)) * (running[b + 1] - running[b])
+                if light <= 0.0:
+                    continue
+                number, counter = poisson(light, key, counter)
+                share = shares[b]
+                for _ in range(number):
+                    bits = word(key, counter)
+                    counter += _ONE
+                    u = (np.float64(np.int64(bits >> _S36)) + 0.5) * _UNIT28
+                    o = pick(share, (np.float64(np.int64(bits & _LOW26)) + 0.5) * _UNIT26)
+                    wave = start + step * (b + (np.float64(np.int64((bits >> _S26) & _LOW10)) + 0.5) * _UNIT10)
+                    inside = u < inner + outer
+                    far -= np.int64(not inside)
+                    slot = near if inside else far
+                    near += np.int64(inside)
+                    first[slot] = word_inner if u < inner else word_outer
+                    order[slot] = o
+                    shift_x[slot] = lines[o, 0] + lines[o, 1] * wave
+                    shift_y[slot] = lines[o, 2] + lines[o, 3] * wave
+                    if near == far:
+                        counter = _land(near, _BATCH, place, image, psf, tail, work, results, key, counter)
+                        near, far = 0, _BATCH
+    # Those beyond the box stand at the end: they close up to the others
+    count = near + _BATCH - far
+    for j in range(_BATCH - far):
+        for_j, from_j = near + j, far + j
+        first[for_j], order[for_j] = first[from_j], order[from_j]
+        shift_x[for_j], shift_y[for_j] = shift_x[from_j], shift_y[from_j]
+    return _land(near, count, place, image, psf, tail, work, results, key, counter)
+
+
+@numba.njit(inline="always")
+def _assign(b, near, far, draw, psf, work, key, counter):
+    """Give an electron of bin b wavelength, order, node and part of the PSF, by three words; return (near, far).
+
+    Those in the PSF's box stand at the beginning of the work arrays, `near` of them, those beyond from `far` on.
+    """
+    _, _, shares, between, start, step, nodes, index, lines = draw
+    first, order, _, _, shift_x, shift_y = work
+    one, two, three = word(key, counter), word(key, counter + _ONE), word(key, counter + _TWO)
+    o = pick(shares[b], low(one))
+    # The lower of two wavelengths, or the upper one as often as its weight says
+    node, f = index[pick(nodes, low(two) * nodes[-1])], np.int64(between[b] + high(two))
+    wave, u = start + step * (b + low(three)), high(three)
+    inner, outer = psf[1][node, f]
+    inside = u < inner + outer
+    far -= np.int64(not inside)
+    slot = near if inside else far
+    first[slot] = first_word(node, f, np.int64(u >= inner), psf[2])
+    order[slot] = o
+    shift_x[slot] = lines[o, 0] + lines[o, 1] * wave
+    shift_y[slot] = lines[o, 2] + lines[o, 3] * wave
+    return near + np.int64(inside), far
+
+
+@numba.njit(cache=True)
+def _land(near, number, place, image, psf, tail, work, results, key, counter):
+    """Give electrons their places, those from `near` on in the wing, and count them; return the counter."""
+    x, y, matrix, sersic, v, side, cut = place
+    first, order, px, py, shift_x, shift_y = work
+    for part in range(2):
+        begin, end = (0, near) if part == 0 else (near, number)
+        count = end - begin
+        if count == 0 or (part == 1 and tail.size == 0):
+            continue
+        ax, ay = px[begin:end], py[begin:end]
+        keep = counter
+        counter += _TWO * np.uint64(count)
+        if part == 0:
+            from_psf(count, psf, first, ax, ay, key, keep)
+        else:
+            counter = from_wing(count, tail, 0.5 * psf[3] / psf[4], ax, ay, key, counter)
+        if sersic[0] > 0:
+            counter = from_profile(count, matrix, sersic, ax, ay, key, counter)
+        if cut:
+            for j in range(count):
+                u, w = x + ax[j], y + ay[j]
+                if not (side[0] <= u < side[1] and side[2] <= w < side[3]):
+                    ax[j] = _AWAY
+        _count(
+            count, x, y, ax, ay, shift_x[begin:end], shift_y[begin:end], order[begin:end], image, results, v, key, keep
+        )
+    return counter
+
+
+@numba.njit(cache=True)
+def _count(count, x, y, px, py, shift_x, shift_y, order, image, results, v, key, counter):
+    """Count the electrons that fall on the window and are kept."""
+    counted, response, maximum = image
+    drawn, box = results
+    ny, nx = counted.shape
+    x, y = x + 0.5, y + 0.5  # truncation then finds the pixel
+    for j in range(count):
+        u, w = px[j] + shift_x[j] + x, py[j] + shift_y[j] + y
+        if u >= 0 and w >= 0 and u < nx and w < ny:
+            column, row = np.int64(u), np.int64(w)
+            seen = response[row, column] if response.size > 0 else np.float32(1.0)
+            kept = np.int64(high(word(key, counter + _TWO * np.uint64(j))) * maximum < seen)
+            counted[row, column] += kept
+            o = order[j]
+            drawn[v, o] += kept
+            b = box[v, o]
+            b[0], b[1] = min(b[0], column), max(b[1], column + 1)
+            b[2], b[3] = min(b[2], row), max(b[3], row + 1)

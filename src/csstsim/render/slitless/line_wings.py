@@ -1,0 +1,169 @@
+"""What a line of light adds beyond the stamps along it (render.wings has that of one point).
+
+The spectrum stands as points LINE_STEP apart, less than the radius at which boxes fade (22 px). Their wings' sum is
+smooth along and across: near the trace it is read every 8 px of every fourth row, with cubics between, to 4% of its top
+where boxes fade and 1% beyond; further out it goes over to the meshes of render.far_wings, the more points together the
+further. Where an edge cuts the light before it is dispersed, that of each point's wing is softened over the points'
+distance, so their sum has no steps.
+"""
+
+import math
+
+import numba
+import numpy as np
+
+from csstsim.render.far_wings import OVER, WHOLE, between
+from csstsim.render.octave_table import read
+from csstsim.render.wings import NEAR, near_light, ring_within, tables, wing_beyond, wing_share
+
+LINE_STEP = 8.0  # px
+LINE_NEAR = NEAR[0]  # px: from here to twice that the meshes take over
+# Edges [px] of the annuli about a point, to twice each of which the next takes over; points together in each annulus,
+# and the mesh it is on: of a wing that shows (the first annulus is drawn pixel by pixel), and of a haze
+_SHOWN = (LINE_NEAR, 2 * LINE_NEAR, *OVER), (1, 3, 8, 16, 32, 64, 128), (None, 0, 0, 1, 2, 3, 4)
+_HAZE = OVER, (8, 16, 32, 64, 128), (0, 1, 2, 3, 4)
+BLOCK = 8  # px between values that are read
+_ROWS = BLOCK // 2  # px between rows that are read
+_AT = np.arange(BLOCK) / BLOCK
+CUBIC = np.stack([  # weights of four values, at -1, 0, 1, 2, at each place between 0 and 1
+    -_AT * (_AT - 1) * (_AT - 2) / 6, (_AT + 1) * (_AT - 1) * (_AT - 2) / 2,
+    -(_AT + 1) * _AT * (_AT - 2) / 2, (_AT + 1) * _AT * (_AT - 1) / 6,
+])  # fmt: skip
+
+
+def points_of(x, y, light):
+    """Return ((m, 2) places, (m, 4) light): a spectrum at x, y (bins,) [px] as points at most LINE_STEP apart.
+
+    light: (4, bins) electrons of each wavelength of the PSF.
+    """
+    which = np.floor((x - x.min()) / LINE_STEP).astype(int)
+    total = light.sum(axis=0)
+    sums = np.stack([np.bincount(which, band) for band in light], axis=1)
+    lit = sums.sum(axis=1)
+    used = lit > 0
+    places = np.stack([np.bincount(which, total * v)[used] / lit[used] for v in (x, y)], axis=1)
+    return places, sums[used]
+
+
+def order_wing(wing_px, share, half):
+    """Return the radius [px] at which noise hides an order's wing, of this share of the light whose wing has wing_px.
+
+    0: it hides all of it. half: side of the PSF's box [px].
+    """
+    reach = wing_px * np.cbrt(min(share, 1.0))
+    return reach if reach > half else 0.0
+
+
+def add_line(image, response, window, places, flux, inside, drawn, wing, wing_px, half, meshes, side=WHOLE):
+    """Add what the stamps along a spectrum leave out of its light; return (electrons on the window, box or None).
+
+    image, response: window.shape; places (m, 2), flux (m, 4): of `points_of`, all the spectrum's electrons; inside,
+    drawn (4,): shares of them, by wavelength of the PSF set, in the PSF's box, but for what fades into the wing, and in
+    stamps; wing: optics.scatter.halo.Wing, which has the rest, or None; wing_px: radius [px] at which noise hides it,
+    0: everywhere; half: side of the PSF's box [px]; meshes: FarWings; side: (x0, x1, y0, y1) px from each place beyond
+    which light is cut off. The box, x0, x1, y0, y1 on the chip, half-open, is that of the wing as far as it shows.
+    """
+    missing, added, box = near_light(inside - drawn, inside, wing), 0.0, None
+    if wing is not None and len(places):
+        far, shown = wing_beyond(wing, half, wing_px > 0), wing_beyond(wing, half)
+        total = flux.sum(axis=0)
+        share = wing_share(total, (total * inside).sum(), shown.light)
+        added = _add(image, response, window, places, flux * share, far, _SHOWN if wing_px > 0 else _HAZE, meshes, side)
+        missing = missing + share * (shown.light - far.light)
+        box = _box(window, places, wing_px) if wing_px > 0 else None
+    return added + _add(image, response, window, places, flux * missing, ring_within(half), _HAZE, meshes, side), box
+
+
+def _add(image, response, window, places, flux, far, annuli, meshes, side):
+    """Add light of a Far about each place; return the electrons on the window."""
+    edges, together, levels = annuli
+    drawn = 0.0
+    for (profile, first, reach), points, level in zip(tables(far, edges), together, levels, strict=True):
+        if not reach:
+            continue
+        at, light = _together(places, flux, points)
+        lines = np.einsum("mb,br->mr", light, profile)  # no BLAS: bits
+        if level is None:
+            drawn += _near(image, response, window, at, lines, first, reach, side)
+            continue
+        soft = points * LINE_STEP
+        drawn += sum(meshes.add(level, *xy, reach, line, first, side, soft) for xy, line in zip(at, lines, strict=True))
+    return drawn
+
+
+def _box(window, places, reach):
+    """Return (x0, x1, y0, y1) of the window's pixels within `reach` of the places along both axes, or None."""
+    (x0, y0), (x1, y1) = places.min(axis=0) - reach, places.max(axis=0) + reach
+    box = max(math.ceil(x0), window.x0), min(math.floor(x1) + 1, window.x1)
+    box += max(math.ceil(y0), window.y0), min(math.floor(y1) + 1, window.y1)
+    return box if box[0] < box[1] and box[2] < box[3] else None
+
+
+def _together(places, flux, points):
+    """Return places and light of so many points together."""
+    if points == 1:
+        return places, flux
+    groups = np.arange(0, len(places), points)
+    weight = np.abs(flux).sum(axis=1)[:, None]
+    total = np.add.reduceat(weight, groups)
+    weight = np.where(np.repeat(total, np.diff(np.append(groups, len(places))), axis=0) > 0, weight, 1.0)
+    places = np.add.reduceat(weight * places, groups) / np.add.reduceat(weight, groups)
+    return places, np.add.reduceat(flux, groups)
+
+
+def _near(image, response, window, places, lines, first, reach, side):
+    """Add the tables' values around places on the chip, pixel by pixel; return the electrons on the window."""
+    box = _box(window, places, reach)
+    if box is None:
+        return 0.0
+    cut = box[0] - window.x0, box[1] - window.x0, box[2] - window.y0, box[3] - window.y0
+    corner = np.array([box[0], box[2]], float)
+    return _add_near(image, response, cut, places - corner, reach, lines, first, side)
+
+
+@numba.njit(cache=True)
+def _add_near(image, response, box, places, reach, lines, first_node, side):
+    """Add the tables' values around places (m, 2), seen from the corner of a box of pixels; return the sum."""
+    x0, x1, y0, y1 = box
+    ny, nx = y1 - y0, x1 - x0
+    columns, rows = nx // BLOCK + 4, ny // _ROWS + 4  # mesh point 1 stands at pixel 0
+    mesh = np.zeros((rows, columns))
+    place = np.empty(1)
+    bits = place.view(np.int64)
+    for m in range(len(places)):
+        x, y = places[m]
+        for row in range(rows):
+            dy = (row - 1) * _ROWS - y
+            dy2, inside = dy * dy, between(dy, side[2], side[3], LINE_STEP)
+            half = math.sqrt(max(reach * reach - dy2, 0.0))
+            first = max(0, math.ceil((x - half) / BLOCK) + 1)
+            for column in range(first, min(columns, math.floor((x + half) / BLOCK) + 2)):
+                dx = (column - 1) * BLOCK - x
+                place[0] = dy2 + dx * dx
+                cut = inside * between(dx, side[0], side[1], LINE_STEP)
+                mesh[row, column] += read(lines[m], first_node, bits[0]) * cut
+    line, values, sums = np.empty(columns), np.empty(columns * BLOCK), np.zeros(BLOCK)
+    for row in range(ny):
+        at, phase = row // _ROWS + 1, row % _ROWS * (BLOCK // _ROWS)
+        for j in range(columns):
+            line[j] = (
+                CUBIC[0, phase] * mesh[at - 1, j] + CUBIC[1, phase] * mesh[at, j] + CUBIC[2, phase] * mesh[at + 1, j]
+                + CUBIC[3, phase] * mesh[at + 2, j]
+            )  # fmt: skip
+        seen, lit = response[y0 + row, x0:x1], image[y0 + row, x0:x1]
+        for j in range(columns - 3):
+            part = values[j * BLOCK : (j + 1) * BLOCK]
+            for k in range(BLOCK):
+                value = (
+                    CUBIC[0, k] * line[j] + CUBIC[1, k] * line[j + 1] + CUBIC[2, k] * line[j + 2]
+                    + CUBIC[3, k] * line[j + 3]
+                )  # fmt: skip
+                part[k] = max(value, 0.0)
+        values[nx:] = 0.0
+        for x in range(nx):
+            values[x] *= seen[x]
+            lit[x] += values[x]
+        for x in range(0, nx, BLOCK):
+            for k in range(BLOCK):
+                sums[k] += values[x + k]
+    return sums.sum()

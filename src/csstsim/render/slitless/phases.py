@@ -1,0 +1,91 @@
+"""An object in light of one wavelength, as stamps at the sub-pixel phases that slabs are made of."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from csstsim.render.far_wings import WHOLE
+from csstsim.render.imaging.galaxy_stamp import galaxy_stamp
+from csstsim.render.imaging.point_stamp import point_stamp
+from csstsim.render.pixel_sums import pixel_sums
+
+HEIGHTS = 8, 4  # of the trace in a pixel, between which stamps of points, of galaxies, are interpolated
+
+
+def make_phases(mixer, scene, plan, i, reach, density, core, side):
+    """Return (4, density, heights, size, size) float32: object i in light of each wavelength of the PSF set.
+
+    It stands column / density, row / heights px from a pixel's centre and has light 1. side: (x0, x1, y0, y1) px from
+    the object beyond which its light is cut off.
+    """
+    size, bounds = 2 * reach + 1, (-reach, reach + 1) * 2
+    heights = HEIGHTS[int(plan.size[i] > 0)]
+    out = np.empty((4, density, heights, size, size), np.float32)
+    one, own, pixels = scene.take(np.array([i])), plan.take(np.array([i])), np.arange(-reach, reach + 1)
+    for band in range(4):
+        share = np.zeros((len(scene.node[i]), 4))
+        share[:, band] = scene.weight[i]
+        if not plan.size[i]:
+            cells = mixer.mixed_cells(scene.node[i], share)
+            cells *= 1 if core is None else core
+            if side != WHOLE:
+                cells *= _inside(
+                    (np.arange(mixer.cells) + 0.5 - mixer.cells / 2) / mixer.per_pixel, mixer.per_pixel, side
+                )
+            _point_phases(out[band], cells, mixer.per_pixel)
+            continue
+        for column, row in np.ndindex(density, heights):
+            there = replace(one, x=np.array([column / density]), y=np.array([row / heights]))
+            stamp, _ = galaxy_stamp(mixer, there, own, 0, share, reach, bounds, core=core)
+            lit = np.maximum(stamp, 0.0)
+            lit *= stamp.sum() / max(lit.sum(), 1e-300)
+            out[band, column, row] = lit * _inside(pixels, 1, side, column / density, row / heights)
+    return out
+
+
+def light_inside(mixer, scene, plan, i, reach, core):
+    """Return (2, 4): of object i in light 1 of each wavelength of the PSF set, what is in the PSF's box and its stamp.
+
+    As make_phases; in the box but for what fades into the wing, if there is a `core`.
+    """
+    one, own, light = scene.take(np.array([i])), plan.take(np.array([i])), np.empty((2, 4))
+    for band in range(4):
+        share = np.zeros((len(scene.node[i]), 4))
+        share[:, band] = scene.weight[i]
+        if plan.size[i]:
+            _, drawn = galaxy_stamp(mixer, one, own, 0, share, reach, None, core=core)
+        else:
+            _, drawn = point_stamp(mixer, one.node[0], share, one.x[0], one.y[0], reach, None, core=core)
+        light[:, band] = mixer.light(one.node[0], share, core is not None), drawn
+    return light
+
+
+def _point_phases(out, cells, per_pixel):
+    """Fill `out` (density, heights, size, size) with the sums over pixels of a point's cells at each of its phases.
+
+    Phases a whole number of cells apart are sums over the same cells: one pass gives all of them.
+    """
+    density, heights, size, _ = out.shape
+    offsets = [np.arange(count) * per_pixel / count for count in (density, heights)]
+    parts = [np.unique(np.ceil(v) - v) for v in offsets]  # of a cell
+    start, fine = len(cells) / 2 - size / 2 * per_pixel, np.empty((size * per_pixel + per_pixel,) * 2, np.float32)
+    for part_x in parts[0]:
+        for part_y in parts[1]:
+            pixel_sums(cells, start - per_pixel + part_y, start - per_pixel + part_x, per_pixel, 1, fine)
+            for column, row in np.ndindex(density, heights):
+                x, y = per_pixel - offsets[0][column] - part_x, per_pixel - offsets[1][row] - part_y
+                if x == int(x) and y == int(y):
+                    whole = fine[int(y) :: per_pixel, int(x) :: per_pixel]
+                    out[column, row] = whole[:size, :size]
+
+
+def inside(places, low, high, per_pixel=1):
+    """Return the shares of pixels, or cells `per_pixel` to a pixel, about `places` [px] that lie within low..high."""
+    half = 0.5 / per_pixel
+    return np.clip((np.minimum(places + half, high) - np.maximum(places - half, low)) * per_pixel, 0.0, 1.0)
+
+
+def _inside(places, per_pixel, side, x=0.0, y=0.0):
+    """Return (n, n) float32: the shares of squares about places [px], seen from x, y, that lie in `side`."""
+    across, along = inside(places - y, *side[2:], per_pixel), inside(places - x, *side[:2], per_pixel)
+    return (across[:, None] * along).astype(np.float32)

@@ -1,0 +1,283 @@
+"""Expected images of spectra: monochromatic slabs, added up along the trace.
+
+An object in light of one wavelength is a stamp (render.imaging.point_stamp, render.imaging.galaxy_stamp), the mixture
+of those at the four wavelengths of the PSF set. Its spectrum's bins are dealt out to slabs `1 / per_px` of a pixel
+apart along x, each bin to four of them by the cubic through them, so that light, centroid and width of a line stay. A
+slab is the mixture of the stamps of its sub-pixel phase at each wavelength of the PSF set, times their light; the
+height of the trace is that of the middle of 16 px. Slabs need not be denser than the image is sharp, so their number
+falls with the size of a galaxy's components (`densities`), nor than the spectrum is uneven and the order bright
+(render.slitless.slab_counts). Light beyond the PSF's box is added every 8 px (render.slitless.line_wings). What falls
+beyond a grating's piece is cut off the cells of a PSF, the pixels of a galaxy, by the share of each, and off the wings.
+Left out: ghosts of dispersed light.
+"""
+
+import math
+import time
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from csstsim.catalog.flags import FFT_REDUCED, OUTSIDE_PSF_HULL
+from csstsim.render.far_wings import WHOLE, FarWings
+from csstsim.render.imaging.galaxy_stamp import plan_galaxies
+from csstsim.render.psf_mixture import Mixer
+from csstsim.render.scene import BULGE
+from csstsim.render.slitless.line_wings import add_line, order_wing, points_of
+from csstsim.render.slitless.phases import light_inside, make_phases
+from csstsim.render.slitless.slab_counts import fewest_by_order, roughness
+
+PER_PX = 4  # slabs to a pixel of a point's spectrum
+_SLABS = 8.0, 24.0  # to the half-light radius of a disk, of a bulge, which has a peak
+_BLOCK = 16  # px of the trace that share a height
+_SIDE = 2  # px that a slab's four neighbours may lie beyond a block
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """What was drawn of v visits, order by order; wings are in `drawn`, not in `box`."""
+
+    drawn: np.ndarray  # (v, orders) float64, electrons put on the window
+    box: np.ndarray  # (v, orders, 4) int64: x0, x1, y0, y1 of the pixels touched, half-open, on the chip; zeros: none
+    flags: np.ndarray  # (v,) int32, catalog.flags
+    ms: np.ndarray  # (v,) float32, CPU
+
+
+def draw_spectra(
+    image, window, scene, spectra, visits, reach, wing_px, disperser, psf, beyond=None, response=None, per_px=PER_PX,
+    allowed=None,
+):  # fmt: skip
+    """Draw the orders of a Scene's objects into `image` (float32 or float64, window.shape, expected e-); return Drawn.
+
+    spectra: (n, bins) mean densities [photon / s / m2 / angstrom] times the exposure time [s]; visits: of
+    Disperser.visits for these objects; reach (n,): px, half the side of each stamp; wing_px (n,): px, how far the light
+    beyond the PSF's box shows, 0: hidden; psf: PsfSet, or the Mixer of one; beyond: optics.scatter.outside_box.Beyond,
+    or None: stamps alone, whatever they leave out; per_px: slabs to a pixel, of points, one number or (n,); allowed
+    (n,): share of S/N that they may be wrong by, which gives their number instead.
+    """
+    mixer, count, orders = psf if isinstance(psf, Mixer) else Mixer(psf), len(visits), len(disperser.orders)
+    out = Drawn(
+        np.zeros((count, orders)), np.zeros((count, orders, 4), np.int64), np.zeros(count, np.int32),
+        np.zeros(count, np.float32),
+    )  # fmt: skip
+    response = np.ones(window.shape, np.float32) if response is None else response
+    reach, half = np.asarray(reach, int), mixer.cells / 2 / mixer.per_pixel
+    wing = None if beyond is None else beyond.wing
+    if beyond is not None and wing is None:  # then a stamp holds all there is of a point
+        reach = np.maximum(reach, math.ceil(half))
+    far, centres = FarWings(window, response), 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
+    mixture = disperser.psf_weights
+    galaxy = ((scene.sersic[:, :, 0] > 0) & (scene.light > 0)).any(axis=1)
+    plan = plan_galaxies(scene, reach, half, galaxy)
+    lines = disperser.lines(visits, scene.x, scene.y)
+    counts = np.broadcast_to(per_px, (orders, len(scene))).T
+    if allowed is not None and count:
+        counts = _counts(spectra, disperser, lines[0, :, 1], allowed)
+    density = densities(scene, counts.max(axis=1))
+    core = mixer.core if wing is not None else None
+    for v, (i, piece, cut) in enumerate(visits.tolist()):
+        start = time.process_time()
+        out.flags[v] = (OUTSIDE_PSF_HULL if scene.outside[i] else 0) | (FFT_REDUCED if plan.rough[i] else 0)
+        side = tuple(disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2)) if cut else WHOLE
+        lit = max(side[0], -side[1], side[2], -side[3]) < reach[i] + 1
+        phases = held = None
+        for o, (p, q, r, s) in enumerate(lines[v].tolist()):
+            light = spectra[i] * disperser.rates[piece, o]
+            if not light.sum() > 0:
+                continue
+            x, y = scene.x[i] + p + q * centres, scene.y[i] + r + s * centres
+            parts = []
+            if lit and meets(x, y, reach[i] + 2 * _BLOCK, window):
+                if phases is None:
+                    phases = make_phases(mixer, scene, plan, i, int(reach[i]), int(density[i]), core, side)
+                step = max(int(density[i]) // int(counts[i, o]), 1)
+                some = _padded(phases[:, ::step])
+                drawn, box = _add_slabs(image, response, x - window.x0, y - window.y0, light, mixture, some)
+                if box.any():
+                    parts.append((drawn, box + np.array([window.x0, window.x0, window.y0, window.y0])))
+            share = light.sum() / scene.electrons[i].sum() if wing is not None else 0.0
+            shown = order_wing(wing_px[i], share, half)
+            if beyond is not None and (parts or shown > 0):
+                if held is None:
+                    held = light_inside(mixer, scene, plan, i, reach[i], core)
+                points = *points_of(x, y, light * mixture), *held
+                parts.append(add_line(image, response, window, *points, wing, shown, half, far, side))
+            out.drawn[v, o] = sum(electrons for electrons, _ in parts)
+            out.box[v, o] = _around([box for _, box in parts if box is not None])
+        out.ms[v] = 1000 * (time.process_time() - start)
+    far.lay(image)
+    return out
+
+
+def _around(boxes):
+    """Return the box (x0, x1, y0, y1) around some; zeros: there is none."""
+    x0, x1, y0, y1 = np.transpose(boxes) if boxes else np.zeros((4, 1), int)
+    return x0.min(), x1.max(), y0.min(), y1.max()
+
+
+def _counts(spectra, disperser, q, allowed):
+    """Return (n, orders) slabs to a pixel of points; q (orders,): px an angstrom, of one visit."""
+    first, rates = disperser.orders.index(1), disperser.rates.max(axis=0)  # an order may be missing on one piece
+    electrons = np.einsum("nb,ob->no", spectra, rates)
+    return fewest_by_order(electrons, roughness(spectra * rates[first]), np.abs(q) < 0.9 * np.abs(q[first]), allowed)
+
+
+def densities(scene, per_px):
+    """Return the slabs to a pixel of each object, (n,) powers of two: what its components want, by their light.
+
+    per_px: of points, and the most; a number or (n,). A component wants _SLABS to its half-light radius as the
+    dispersion cuts it, along x through the centre.
+    """
+    chord = np.abs(np.linalg.det(scene.matrix)) / np.hypot(scene.matrix[:, 1, 0], scene.matrix[:, 1, 1])
+    wanted = np.where(scene.sersic[:, :, 0] == BULGE, _SLABS[1], _SLABS[0])
+    wanted = wanted / np.maximum(chord[:, None] * scene.sersic[:, :, 2], 1e-3)
+    most = np.broadcast_to(per_px, len(scene))
+    mean = (scene.light * np.clip(wanted, 1, most[:, None])).sum(axis=1)
+    return np.clip(2 ** np.round(np.log2(mean)), 1, most).astype(int)
+
+
+def meets(x, y, reach, window):
+    """Whether a stamp of this reach about some of the places x, y meets the window."""
+    across = x.max() + reach >= window.x0 and x.min() - reach < window.x1
+    return across and y.max() + reach >= window.y0 and y.min() - reach < window.y1
+
+
+def _padded(phases):
+    """Return phases (4, density, heights, size, size) with zeros at the end of each row: room to be laid further on."""
+    out = np.zeros((*phases.shape[:4], phases.shape[3] + _BLOCK + 2 * _SIDE), np.float32)
+    out[..., : phases.shape[4]] = phases
+    return out
+
+
+@numba.njit(inline="always")
+def _cubic(t):
+    """Return the weights of four values, at -1, 0, 1, 2, of the cubic through them at t within 0..1."""
+    a, b, c = t + 1, t - 1, t - 2
+    return -t * b * c / 6, a * b * c / 2, -a * t * c / 2, a * t * b / 6
+
+
+@numba.njit(cache=True)
+def _add_slabs(image, response, x, y, light, mixture, phases):
+    """Add slabs of light (bins,) at x, y [px of `image`], block by block of x; return (electrons, box on the image).
+
+    phases: of `_padded`; x must rise or fall. The box is x0, x1, y0, y1, half-open; all 0: nothing was added.
+    """
+    bins, density, size = len(x), phases.shape[1], phases.shape[3]
+    reach, wide = size // 2, _BLOCK + 2 * _SIDE
+    rows, pitch = size + 2, phases.shape[4]
+    buffer, stamps = np.empty(rows * pitch, np.float32), np.empty((4 * density, rows * pitch), np.float32)
+    slabs = np.empty((4, wide * density))
+    factors, used, cubic = np.empty((4 * density, wide), np.float32), np.empty(4, np.int64), np.empty(4, np.float32)
+    drawn, box, b = 0.0, np.array([image.shape[1], 0, image.shape[0], 0]), 0
+    while b < bins:
+        block, end = math.floor(x[b] / _BLOCK), b + 1
+        while end < bins and math.floor(x[end] / _BLOCK) == block:
+            end += 1
+        begin, b = b, end
+        total, height = 0.0, 0.0
+        for k in range(begin, end):
+            total += light[k]
+            height += light[k] * y[k]
+        if not total > 0:
+            continue
+        height /= total
+        row = math.floor(height + 0.5)
+        x0, y0 = block * _BLOCK - _SIDE - reach, row - reach - 1
+        if x0 + pitch <= 0 or x0 >= image.shape[1] or y0 + rows <= 0 or y0 >= image.shape[0]:
+            continue
+        _deal(slabs, x, light, mixture, begin, end, block * _BLOCK - _SIDE, density)
+        bands = 0
+        for f in range(4):
+            if slabs[f].any():
+                for phase in range(density):
+                    factors[bands * density + phase] = slabs[f, phase::density]
+                used[bands] = f
+                bands += 1
+        heights = phases.shape[2]
+        first = math.floor((height - row) * heights)
+        cubic[:] = _cubic((height - row) * heights - first)
+        _raise(stamps[: bands * density], phases, used[:bands], cubic, first)
+        buffer[:] = 0.0
+        _lay(buffer, stamps[: bands * density], factors[: bands * density])
+        drawn += _put(image, response, buffer.reshape(rows, pitch), x0, y0)
+        box[0], box[1] = min(box[0], max(x0, 0)), max(box[1], min(x0 + pitch, image.shape[1]))
+        box[2], box[3] = min(box[2], max(y0, 0)), max(box[3], min(y0 + rows, image.shape[0]))
+    return drawn, box * (box[1] > 0)
+
+
+@numba.njit(cache=True)
+def _raise(stamps, phases, bands, cubic, first):
+    """Fill stamps (bands x density, rows x pitch) with those that stand `first` heights, and a part, up.
+
+    The part is in `cubic`, the weights of four heights; rows are one more on each side than a stamp has.
+    """
+    _, density, heights, size, pitch = phases.shape
+    stamps[:] = 0.0
+    for band in range(len(bands)):
+        for column in range(density):
+            for k in range(4):
+                pixel, phase = (first - 1 + k) // heights, (first - 1 + k) % heights
+                values, factor = phases[bands[band], column, phase].reshape(size * pitch), cubic[k]
+                out = stamps[band * density + column, (1 + pixel) * pitch :]
+                for j in range(len(values)):
+                    out[j] += factor * values[j]
+
+
+@numba.njit(cache=True)
+def _lay(out, stamps, factors):
+    """Add stamps (n, pixels) times factors (n, places), moved on by 0, 1, ... pixels; four at a time."""
+    count, pixels = stamps.shape
+    for at in range(factors.shape[1]):
+        part, last = out[at:], pixels - at
+        for k in range(0, count - 3, 4):
+            a, b, c, d = factors[k, at], factors[k + 1, at], factors[k + 2, at], factors[k + 3, at]
+            one, two, three, four = stamps[k], stamps[k + 1], stamps[k + 2], stamps[k + 3]
+            if a != 0.0 or b != 0.0 or c != 0.0 or d != 0.0:
+                for j in range(last):
+                    part[j] += a * one[j] + b * two[j] + c * three[j] + d * four[j]
+        for k in range(count - count % 4, count - 1, 2):
+            a, b, one, two = factors[k, at], factors[k + 1, at], stamps[k], stamps[k + 1]
+            for j in range(last):
+                part[j] += a * one[j] + b * two[j]
+        if count % 2:
+            a, one = factors[count - 1, at], stamps[count - 1]
+            for j in range(last):
+                part[j] += a * one[j]
+
+
+@numba.njit(cache=True)
+def _deal(slabs, x, light, mixture, begin, end, start, density):
+    """Deal light out to slabs (4, ...) of each wavelength of the PSF set, `density` to a pixel from `start` on.
+
+    Each bin goes to four of them by the cubic.
+    """
+    slabs[:] = 0.0
+    for k in range(begin, end):
+        place = (x[k] - start) * density
+        j = math.floor(place)
+        cubic = _cubic(place - j)
+        for f in range(4):
+            part = light[k] * mixture[f, k]
+            if part > 0.0:
+                for i in range(4):
+                    slabs[f, j - 1 + i] += part * cubic[i]
+
+
+@numba.njit(cache=True)
+def _put(image, response, stamp, x0, y0):
+    """Add a stamp whose corner lies at x0, y0 times the response, nothing below zero; return the sum added."""
+    total, lanes = 0.0, np.zeros(8)
+    low, high = max(-x0, 0), min(stamp.shape[1], image.shape[1] - x0)
+    for row in range(max(-y0, 0), min(stamp.shape[0], image.shape[0] - y0)):
+        shown = stamp[row, low:high]
+        line, seen = image[y0 + row, x0 + low : x0 + high], response[y0 + row, x0 + low : x0 + high]
+        for column in range(len(shown)):
+            shown[column] = max(shown[column], np.float32(0.0)) * seen[column]
+            line[column] += shown[column]
+        whole = len(shown) // 8 * 8
+        for column in range(0, whole, 8):
+            for k in range(8):
+                lanes[k] += shown[column + k]
+        for column in range(whole, len(shown)):
+            total += shown[column]
+    return total + lanes.sum()

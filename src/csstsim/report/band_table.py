@@ -1,0 +1,47 @@
+"""Tables of a brick's numbers by band, for the report."""
+
+from csstsim.report.figures import band_label
+from csstsim.report.markup import table
+
+
+def band_table(result):
+    """Return the table of what is judged in each band of a validate_brick result, in magnitudes."""
+    rows = []
+    for band, numbers in result["bands"].items():
+        star, galaxy = numbers["star"], numbers["galaxy"]
+        rows.append((
+            band_label(band), numbers["frames"], _fixed(numbers["zeropoint"]), _fixed(numbers["depth_5sigma"]),
+            _fixed(numbers["completeness"], 3), numbers["point_sources"], _fixed(star["median"], 4),
+            _spread(star), star["n"],
+            _fixed(galaxy["median"], 3), _spread(galaxy), galaxy["n"],
+        ))  # fmt: skip
+    head = (
+        "band", "frames", "zero point [AB, 1 e-/s]", "5 sigma depth [AB]", "completeness", "point sources",
+        "stars: out - in [mag]", "scatter", "stars", "galaxies: out - in [mag]", "scatter", "galaxies",
+    )  # fmt: skip
+    return table(head, rows)
+
+
+def band_numbers(result):
+    """Return a table of every single number of a result's bands, a row a number, a column a band."""
+    columns = {band: dict(_leaves(numbers)) for band, numbers in result["bands"].items()}
+    names = list(dict.fromkeys(name for column in columns.values() for name in column))
+    rows = [(name, *(column.get(name) for column in columns.values())) for name in names]
+    return table(("number", *map(band_label, columns)), rows, "numbers")
+
+
+def _leaves(mapping, prefix=""):
+    """Yield (name, number) of nested mappings; lists, which are curves, are for figures."""
+    for key, value in mapping.items():
+        if isinstance(value, dict):
+            yield from _leaves(value, f"{prefix}{key}: ")
+        elif value is None or isinstance(value, (int, float, str)):
+            yield prefix + key, value
+
+
+def _fixed(value, digits=2):
+    return None if value is None else f"{value:.{digits}f}"
+
+
+def _spread(numbers):
+    return _fixed(numbers["sigma"], 3) if numbers["n"] >= 3 else None  # of one or two sources it says nothing

@@ -1,0 +1,44 @@
+"""The colour-colour diagram of the paper's section 6: what was put in as contours, what was measured as points."""
+
+import numpy as np
+
+from csstsim.report.style import BLACK, BLUE, ORANGE, legend_or_note
+
+MAX_POINTS = 3000  # drawn of a kind; more only blacken it
+CONTOURS_FROM = 50  # sources; fewer are points
+SHARES = 0.9, 0.6, 0.3  # of the sources within a contour
+CELL, BLUR = 0.05, 2.0  # mag; cells
+LIMITS = (-1.5, 4.0), (-1.0, 2.5)  # u - g, g - r
+KINDS = ("star or quasar", BLUE, "o"), ("galaxy", ORANGE, "s")
+
+
+def colours(axes, colour):
+    """Draw true and measured u - g and g - r of the same sources (bricks.compare.colours)."""
+    given, got, galaxy = colour["input"], colour["output"], colour["galaxy"]
+    for (kind, tint, marker), mine in zip(KINDS, (~galaxy, galaxy), strict=True):
+        n = int(mine.sum())
+        if n == 0:
+            continue
+        shown = np.flatnonzero(mine)[:: n // MAX_POINTS + 1]
+        size = 4 if n < CONTOURS_FROM else 3
+        axes.plot(*got[:, shown], marker, ls="", color=tint, ms=size, mew=0, label=f"{kind} ({n}), measured", zorder=2)
+        if n < CONTOURS_FROM:
+            axes.plot(*given[:, shown], marker, ls="", mfc="none", mec=BLACK, mew=0.7, ms=5.5, label=f"{kind}, true")
+        else:
+            _contours(axes, given[:, mine], "-" if kind == "galaxy" else "--", f"{kind}, true: 30, 60, 90%")
+    axes.set(xlim=LIMITS[0], ylim=LIMITS[1], xlabel="u - g [AB mag]", ylabel="g - r [AB mag]")
+    axes.set_title("Colours of the same sources, true and measured, at S/N > 10 in u, g, r", fontsize=10)
+    legend_or_note(axes, len(galaxy), "no source with S/N > 10 in u, g and r", loc="upper left")
+
+
+def _contours(axes, points, line, label):
+    """Draw contours of the smoothed density that hold SHARES of the `points` (2, n)."""
+    from scipy.ndimage import gaussian_filter
+
+    edges = [np.arange(low, high + CELL / 2, CELL) for low, high in LIMITS]
+    density = gaussian_filter(np.histogram2d(*points, bins=edges)[0], BLUR)
+    falling = np.sort(density.ravel())[::-1]
+    levels = falling[[np.searchsorted(np.cumsum(falling), share * density.sum()) for share in SHARES]]
+    middle = [0.5 * (e[1:] + e[:-1]) for e in edges]
+    axes.contour(*middle, density.T, np.unique(levels), colors=BLACK, linewidths=1.1, linestyles=line, zorder=3)
+    axes.plot([], [], line, color=BLACK, lw=1.1, label=label)

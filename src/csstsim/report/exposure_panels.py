@@ -1,0 +1,134 @@
+"""Panels of a brick's page about single exposures: limits, counts, stars' colours, and the way of the charge.
+
+Each draws into `axes` from what bricks.validate.validate_brick returns.
+"""
+
+import numpy as np
+
+from csstsim.base.shipped import SHIPPED
+from csstsim.report.style import BAND_COLOURS, BAND_MARKERS, BLACK, FEWEST, band_label, legend_or_note
+
+STEP = 0.5  # mag
+ROWS = 8  # bins of the rows to the amplifier
+BRIGHT = 20.0, 500.0  # S/N of the stars that are binned by rows
+LOCUS = SHIPPED / "curves" / "sdss_locus.csv"
+
+
+def found_by_magnitude(axes, result, arrays):
+    """Share found of isolated objects in single exposures: point sources full, galaxies dashed."""
+    drawn = []
+    for band, table in arrays["trials"].items():
+        galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
+        for some, line in ((~galaxy, "-"), (galaxy, "--")):
+            mag = table["mag"][some & np.isfinite(table["mag"])]
+            edges = np.arange(18.0, 29.1, STEP)
+            n = np.histogram(mag, edges)[0]
+            seen = np.histogram(table["mag"][some & found & np.isfinite(table["mag"])], edges)[0]
+            good = n >= FEWEST
+            if good.any():
+                label = None if band in drawn else band_label(band)
+                axes.plot(
+                    edges[:-1][good] + STEP / 2, seen[good] / n[good], line, color=BAND_COLOURS[band], lw=1.3,
+                    label=label, marker=BAND_MARKERS[band] if line == "-" else None, ms=3,
+                )  # fmt: skip
+                drawn.append(band)
+    axes.axhline(0.5, color="#666666", ls=":", lw=1)
+    axes.set(xlim=(18, 29), ylim=(-0.03, 1.05), xlabel="true magnitude [AB]", ylabel="fraction found")
+    axes.set_title("Found in one exposure: stars (full), galaxies (dashed)", fontsize=10)
+    legend_or_note(axes, drawn, "no isolated object", loc="lower left")
+
+
+def counts(axes, result, arrays):
+    """Sources over true objects, by magnitude less the depth of an exposure."""
+    drawn = []
+    for band, numbers in result["bands"].items():
+        part = numbers["counts"]
+        edges, given, got = (np.array(part[name], float) for name in ("edges", "in", "out"))
+        good = given >= 20  # 20% at least of chance below
+        if good.any():
+            x = 0.5 * (edges[1:] + edges[:-1])[good] - numbers["depth_5sigma"]
+            error = np.sqrt(got[good]) / given[good]
+            axes.errorbar(
+                x, got[good] / given[good], error, color=BAND_COLOURS[band], marker=BAND_MARKERS[band], ms=3, lw=1.2,
+                label=band_label(band),
+            )  # fmt: skip
+            drawn.append(band)
+    axes.axhline(1.0, color="#666666", lw=0.8)
+    axes.set(ylim=(0, 1.6), xlabel="magnitude - depth of an exposure", ylabel="merged sources / true objects")
+    axes.set_title("Number counts, out over in", fontsize=10)
+    legend_or_note(axes, drawn, "too few objects", loc="lower left")
+
+
+def locus(axes, result, arrays):
+    """Stars' measured g-r and r-i on the public locus, which is in SDSS's bands."""
+    colour = arrays["locus"]
+    _, g_r, r_i, _ = np.loadtxt(LOCUS, delimiter=",", skiprows=2).T
+    for name, marker, tint in (("input", "o", BLACK), ("output", "+", BAND_COLOURS["r"])):
+        label = "true" if name == "input" else "measured"
+        axes.plot(*colour[name], marker, ls="", color=tint, ms=5, mfc="none", mew=0.8, label=label)
+    axes.plot(g_r, r_i, "-", color="#888888", lw=4, alpha=0.5, label="SDSS locus (Covey et al. 2007)", zorder=0)
+    axes.set(xlim=(-0.6, 2.0), ylim=(-0.4, 2.2), xlabel="g - r [AB mag]", ylabel="r - i [AB mag]")
+    axes.set_title("Stars at S/N > 20 in g, r, i", fontsize=10)
+    axes.legend(fontsize=8, loc="upper left")
+
+
+def places(axes, result, arrays):
+    """Stars' places along the columns, away from the amplifier, by S/N."""
+    _transfer(axes, result, "deferred_mas", 1.0)
+    axes.set(ylabel="out - in, away from the amplifier [mas]", ylim=(-6, 6))
+    axes.set_title("Places along the columns", fontsize=10)
+
+
+def light(axes, result, arrays):
+    """Stars' light by S/N."""
+    _transfer(axes, result, "light", 100.0)
+    axes.set(ylabel="out / in - 1 [%]", ylim=(-12, 12))
+    axes.set_title("Light of stars in one exposure", fontsize=10)
+
+
+def _transfer(axes, result, name, unit):
+    drawn = []
+    for place, (band, numbers) in enumerate(result["bands"].items()):
+        rows = [(part["snr"], part[name]) for part in numbers["transfer"] if part[name]["n"] >= FEWEST]
+        if rows:
+            x = [np.sqrt(low * high) * 1.03 ** (place - 3) for (low, high), _ in rows]
+            y, error = ([unit * part[key] for _, part in rows] for key in ("median", "error"))
+            axes.errorbar(
+                x, y, error, color=BAND_COLOURS[band], marker=BAND_MARKERS[band], ms=3, lw=1.2, label=band_label(band)
+            )
+            drawn.append(band)
+    axes.axhline(0.0, color="#666666", lw=0.8)
+    axes.set(xscale="log", xlabel="true S/N")
+    legend_or_note(axes, drawn, "too few stars", loc="lower right", ncols=2)
+
+
+def rows(axes, result, arrays):
+    """Stars' places and light by their rows to the amplifier."""
+    seen = {name: [] for name in ("snr", "transfers", "deferred_mas", "light")}
+    for table in arrays["trials"].values():
+        good = (table["sound"] > 0) & ~table["galaxy"].astype(bool)
+        good &= (table["snr"] > BRIGHT[0]) & (table["snr"] < BRIGHT[1])
+        for name in seen:
+            seen[name].append(table[name][good])
+    seen = {name: np.concatenate(parts) if parts else np.zeros(0) for name, parts in seen.items()}
+    edges = np.linspace(0, max(seen["transfers"].max(initial=0.0), 1.0), ROWS + 1)
+    which, drawn = np.digitize(seen["transfers"], edges[1:-1]), []
+    for name, unit, tint, said in (
+        ("deferred_mas", 1.0, BLACK, "place, away from the amplifier [mas]"),
+        ("light", 100.0, BAND_COLOURS["i"], "light, out / in - 1 [%]"),
+    ):
+        off = seen[name] - (1.0 if name == "light" else 0.0)
+        bins = [off[which == k] for k in range(ROWS)]
+        good = [k for k in range(ROWS) if len(bins[k]) >= FEWEST]
+        if good:
+            y = [unit * np.median(bins[k]) for k in good]
+            error = [unit * 1.2533 * np.std(bins[k]) / np.sqrt(len(bins[k])) for k in good]
+            axes.errorbar(0.5 * (edges[1:] + edges[:-1])[good], y, error, color=tint, marker="o", ms=4, label=said)
+            drawn.append(name)
+    axes.axhline(0.0, color="#666666", lw=0.8)
+    axes.set(ylim=(-6, 6), xlabel="rows to the amplifier", ylabel="out - in, median")
+    axes.set_title("Stars of S/N 20 to 500, all bands", fontsize=10)
+    legend_or_note(axes, drawn, "too few stars", loc="upper left")
+
+
+PANELS = found_by_magnitude, counts, locus, places, light, rows

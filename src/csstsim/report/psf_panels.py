@@ -1,0 +1,66 @@
+"""Panels of a brick's page: stars' sizes and shapes less those of the PSF model, as maps over the chip."""
+
+import numpy as np
+
+from csstsim.bricks.trials import SHAPES
+from csstsim.report.style import BLACK, FEWEST
+
+SNR = 50.0, 500.0  # of the stars
+CELLS = 8  # on an axis
+RANGE, WHISKER = 2.0, 0.01  # %; distortion of a whisker as long as a cell
+
+
+def size(axes, arrays):
+    """Stars' sizes less those of the PSF model over the chip, all bands, medians of cells."""
+    edges, (residual, _, _) = _over_the_chip(arrays)
+    if edges:
+        image = axes.pcolormesh(*edges, 100.0 * residual.T, cmap="RdBu_r", vmin=-RANGE, vmax=RANGE)
+        beside = axes.inset_axes([1.03, 0.0, 0.05, 1.0])  # one of its own breaks the page's layout
+        axes.figure.colorbar(image, cax=beside, label="size out / PSF model - 1 [%]")
+    _chip_axes(axes, edges, "Sizes of stars, S/N > 50, all bands")
+
+
+def ellipticity(axes, arrays):
+    """Stars' distortions less those of the PSF model over the chip, all bands, medians of cells, as whiskers."""
+    edges, (_, e1, e2) = _over_the_chip(arrays)
+    if edges:
+        e, angle = np.hypot(e1, e2), 0.5 * np.arctan2(e2, e1)
+        middle = np.meshgrid(*(0.5 * (edge[1:] + edge[:-1]) for edge in edges), indexing="ij")
+        axes.quiver(
+            *middle, e * np.cos(angle), e * np.sin(angle), headaxislength=0, headlength=0, headwidth=1, pivot="middle",
+            angles="xy", scale_units="xy", scale=WHISKER / np.diff(edges[0])[0], width=0.004, color=BLACK,
+        )  # fmt: skip
+    _chip_axes(axes, edges, f"Distortions of stars less the PSF model's: a cell's width is {WHISKER}")
+
+
+def _over_the_chip(arrays):
+    """Return (edges of cells along x and y, their medians of trials.SHAPES), NaN of fewer than FEWEST stars.
+
+    (None, (None, None, None)) if no cell has that many.
+    """
+    seen = {name: [] for name in ("x", "y", *SHAPES)}
+    for table in arrays["trials"].values():
+        good = (table["sound"] > 0) & ~table["galaxy"].astype(bool) & (table["lonely"] > 0)
+        good &= (table["snr"] > SNR[0]) & (table["snr"] < SNR[1]) & np.isfinite(table["psf_size"])
+        for name in seen:
+            seen[name].append(table[name][good])
+    seen = {name: np.concatenate(parts) if parts else np.zeros(0) for name, parts in seen.items()}
+    if len(seen["x"]) < FEWEST:
+        return None, (None,) * 3
+    edges = [np.linspace(seen[name].min(), seen[name].max() + 1.0, CELLS + 1) for name in "xy"]
+    cell = np.ravel_multi_index([np.digitize(seen[n], e[1:-1]) for n, e in zip("xy", edges, strict=True)], (CELLS,) * 2)
+    medians, full = np.full((3, CELLS**2), np.nan), np.flatnonzero(np.bincount(cell) >= FEWEST)
+    if not len(full):
+        return None, (None,) * 3
+    for k in full:
+        medians[:, k] = [np.median(seen[name][cell == k]) for name in SHAPES]
+    return edges, medians.reshape(3, CELLS, CELLS)
+
+
+def _chip_axes(axes, edges, title):
+    if edges:
+        axes.set(xlim=edges[0][[0, -1]], ylim=edges[1][[0, -1]], box_aspect=1)
+    else:
+        axes.text(0.5, 0.5, "too few stars", ha="center", transform=axes.transAxes, color="#444444")
+    axes.set(xlabel="x on the chip [px]", ylabel="y [px]")
+    axes.set_title(title, fontsize=10)

@@ -1,0 +1,1 @@
+"""One job while it runs: its state, the layers in their order, and what a layer promises."""

@@ -1,0 +1,78 @@
+"""Frame: one chip of one exposure as numpy arrays, astropy tables, WCS and header (csstsim.api makes them).
+
+What the header says is that of io.level0, the truth's columns those of io.truth.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """One chip of one exposure, as arrays; pixel (0, 0) of each is the first of the window.
+
+    * image: (ny, nx), DN (uint16) of `Simulation.chip`, electrons (float32) of `Simulation.light`
+    * truth: astropy Table, a row an object (docs: Products); xImage, yImage count from 1 on the whole chip, so
+      `truth["xImage"] - 1 - window.x0` is the column of `image`
+    * wcs: astropy WCS of `image`, field distortion included; directions are apparent [deg]
+    * window: x0, x1, y0, y1 [pixel] on the chip
+    * header: astropy Header, what the Level-0 file says in its two HDUs; None of `light`
+    * raw: the window as read, with prescan and overscan, (rows, columns) DN; None of `light`
+    * orders: astropy Table, the truth of a spectroscopic chip, order by order; None of an imaging chip
+    """
+
+    image: np.ndarray
+    truth: Any
+    wcs: Any
+    window: Any
+    header: Any = None
+    raw: np.ndarray | None = None
+    orders: Any = None
+    readout: Any = None  # detector.channels.ReadoutFrame of `raw`
+
+    @cached_property
+    def electrons(self):
+        """(ny, nx) float32, electrons: the channels' bias taken off, their gain undone; nothing else is corrected.
+
+        Raises ValueError for a frame without bias and gain in its header (layers left out, or of `light`).
+        """
+        result = np.empty(self.image.shape, np.float32)
+        for block in self.readout.blocks if self.readout else ():
+            names = f"DETBIA{block.channel:02d}", f"GAIN{block.channel:02d}"
+            if any(self.header.get(name) is None for name in names):
+                raise ValueError("the header has no bias and gain of each channel: its layers left them out")
+            bias, gain = (self.header[name] for name in names)
+            result[block.image] = (self.image[block.image] - np.float32(bias)) * np.float32(gain)
+        if not self.readout:
+            raise ValueError("electrons already: `image` of Simulation.light")
+        return result
+
+
+def frame_of(job, state, image, **parts):
+    """Return the Frame of a job.Job: its image (ny, nx), and the truth that is in its State; parts: of a Frame."""
+    from csstsim.io.orders import orders_table
+    from csstsim.io.truth import truth_table
+
+    truth = _table(truth_table(state.truth, job))
+    orders = None if state.orders is None else _table(orders_table(state.orders))
+    return Frame(image=image, truth=truth, wcs=_wcs(job), window=job.window, orders=orders, **parts)
+
+
+def _table(table):
+    from astropy.table import Table
+
+    return Table({name: table[name] for name in table.names})
+
+
+def _wcs(job):
+    """Return the astropy WCS of a job's window: TAN-SIP where the field is distorted, else linear."""
+    from astropy.wcs import WCS
+
+    from csstsim.optics.geometry.sip import sip_header
+
+    header = sip_header(job.wcs) if job.wcs.distortion else job.wcs.header()
+    header |= {"CRPIX1": header["CRPIX1"] - job.window.x0, "CRPIX2": header["CRPIX2"] - job.window.y0}
+    return WCS(header)

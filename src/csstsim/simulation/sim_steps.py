@@ -1,0 +1,238 @@
+"""SimSteps: load, check and run the ordered list of (layer, obs_param). The program on one page.
+
+Paper, section 4.3. The one change of form: SimSteps lists the layers instead of holding them as methods;
+each layer is a module of csstsim.layers (or a user's own, by dotted path) with
+
+    Param, apply   its parameters (pydantic) and apply(state, param, rng) -> state
+    STAGE          render, readout or level0
+    UNITS          what it takes and gives: "electron" or "DN"
+    FRAME          what it takes and gives: "active" pixels or the "readout" with prescan and overscan (may be left out:
+                   works on either)
+    EXPOSURES      exposure types it belongs in (may be left out: any)
+    AFTER          layers that must not come after it (may be left out)
+    BEFORE         layers of which one must come after it (may be left out)
+    check          check(param, camera, pointing): InputError for what only they can tell (may be left out)
+
+csstsim.simulation.layer_contract tries whether a layer keeps to this.
+"""
+
+import importlib
+import pkgutil
+import time
+from dataclasses import dataclass
+from functools import cached_property
+from types import ModuleType
+
+import csstsim.layers
+from csstsim.base.digest import digest, module_digest
+from csstsim.base.errors import CsstsimError, InputError
+from csstsim.base.help_page import explained
+from csstsim.base.model import validate
+from csstsim.base.progress import progress
+from csstsim.base.rng import Streams
+from csstsim.simulation.observation import load_observation
+
+STAGES = ("render", "readout", "level0")
+
+
+def known_layers():
+    """Return the keywords of the layers in csstsim.layers, sorted."""
+    return sorted(info.name for info in pkgutil.iter_modules(csstsim.layers.__path__) if info.name != "param")
+
+
+@dataclass(frozen=True)
+class Step:
+    """One entry of the list: the keyword as written, its module and its checked parameters."""
+
+    keyword: str
+    name: str  # names the step's random streams: the lower-case keyword, "#2" added on its second use
+    module: ModuleType
+    param: object
+
+    def describe(self):
+        """Return {keyword: parameters}, for the provenance of the products."""
+        return {self.keyword: self.param.model_dump(mode="json")}
+
+
+class SimSteps:
+    """The layers of one kind of exposure, checked before any work.
+
+    kind: the exposure type the list is for (None: any); layers: the list itself, where it differs from the file's
+    (config.Observation.layers). Raises InputError for an unknown keyword or parameter, a
+    layer of csstsim given twice or in the wrong kind of exposure, a stage that goes backwards, a layer whose unit or
+    frame is not what the one before it leaves, a list that does not end in a file, two exposure times, or losses that
+    differ between layers.
+    """
+
+    @explained("observation")
+    def __init__(self, file, kind=None, layers=None):
+        self.file = file
+        self.steps = []
+        uses = {}
+        for number, entry in enumerate(load_observation(file).layers if layers is None else layers):
+            [(keyword, param)] = entry.items()
+            name = keyword.lower()
+            uses[name] = uses.get(name, 0) + 1
+            module = load_layer(keyword, file)
+            if uses[name] > 1 and "." not in name:
+                raise self._error("given twice", keyword)
+            exposures = getattr(module, "EXPOSURES", (kind,))
+            if kind not in (None, *exposures):
+                raise self._error("does not belong in this kind of exposure", keyword, kind, ", ".join(exposures))
+            checked = validate(module.Param, param or {}, file, ("layers", number, keyword))
+            self.steps.append(Step(keyword, name if uses[name] == 1 else f"{name}#{uses[name]}", module, checked))
+        self._check_order()
+        self.exptime = self._exptime()
+        self.field_dist = self._asked("field_dist")
+        for option in ("flat_fielding", "shutter_effect"):
+            self._check_agree(option)
+
+    def _asked(self, option):
+        """Whether a layer has this option on."""
+        return any(getattr(step.param, option, False) for step in self.steps)
+
+    def _check_agree(self, option):
+        """Light of objects and sky goes through the same glass and shutter; a measurement divides by one loss."""
+        asked = {step.keyword: getattr(step.param, option) for step in self.steps if hasattr(step.param, option)}
+        if len(set(asked.values())) > 1:
+            *_, last = asked
+            raise self._error(f"layers differ in {option}", f"{last}.{option}", asked[last], "the same for all")
+
+    def step(self, name):
+        """Return the Step of a layer of csstsim, by its lower-case keyword, or None."""
+        return next((step for step in self.steps if step.name == name), None)
+
+    @property
+    def losses(self):
+        """{flat, shutter, prnu}: which losses light of this list meets (optics.throughput.response)."""
+        flat, shutter = self._asked("flat_fielding"), self._asked("shutter_effect")
+        return {"flat": flat, "shutter": shutter, "prnu": self.step("prnu_effect") is not None}
+
+    @property
+    def mask(self):
+        """Whether a truth mask is to be kept."""
+        return self._asked("mask")
+
+    @explained("observation")
+    def check(self, camera, pointing):
+        """Let each layer check its parameters against the camera and an exposure. Raises InputError."""
+        for step in self.steps:
+            try:
+                getattr(step.module, "check", lambda *_: None)(step.param, camera, pointing)
+            except InputError as exc:
+                raise InputError(str(exc), file=self.file, key=f"layers.{step.keyword}") from None
+
+    def _error(self, message, keyword, value=None, allowed=None):
+        return InputError(message, file=self.file, key=f"layers.{keyword}", value=value, allowed=allowed)
+
+    def _check_order(self):
+        stage, unit, frame = 0, "electron", "active"
+        names = [step.name for step in self.steps]
+        for number, step in enumerate(self.steps, start=1):
+            here, (takes, gives) = STAGES.index(step.module.STAGE), step.module.UNITS
+            if here < stage:
+                message = f"a layer of stage '{step.module.STAGE}' cannot follow one of stage '{STAGES[stage]}'"
+                raise self._error(message, step.keyword, allowed=" then ".join(STAGES))
+            if takes != unit:
+                message = f"takes {takes}, but the layers before it leave {unit}"
+                raise self._error(message, step.keyword, step.keyword, "gain turns electron into DN, once")
+            wants, leaves = getattr(step.module, "FRAME", (frame, frame))
+            if wants != frame:
+                message = f"works on the {wants} pixels, but the layers before it leave the {frame} ones"
+                raise self._error(message, step.keyword, allowed="prescan_overscan turns active into readout, once")
+            early = [name for name in getattr(step.module, "AFTER", ()) if name in names[number:]]
+            if early:
+                raise self._error(f"must come after {early[0]}", step.keyword)
+            needed = getattr(step.module, "BEFORE", ())
+            if needed and not set(needed) & set(names[number:]):
+                raise self._error(f"must be followed by {' or '.join(needed)}", step.keyword)
+            stage, unit, frame = here, gives, leaves
+        if (STAGES[stage], unit, frame) != ("level0", "DN", "readout"):
+            needed = {"prescan_overscan": frame == "active", "gain": unit != "DN", "quantization_and_output": True}
+            missing = next(name for name, lacks in needed.items() if lacks)
+            raise self._error("a layer is missing: the list does not end in a Level-0 file", missing)
+
+    def _exptime(self):
+        """Return the exposure time [s] the layers ask for, or None: the pointing's."""
+        asked = {step.keyword: getattr(step.param, "exptime", None) for step in self.steps}
+        asked = {keyword: time for keyword, time in asked.items() if time is not None}
+        if len(set(asked.values())) > 1:
+            *_, last = asked
+            raise self._error("layers ask for different exposure times", last, asked[last], "one for all, or null")
+        return next(iter(asked.values()), None)
+
+    def __iter__(self):
+        return iter(self.steps)
+
+    def stage(self, name):
+        """Return the steps of one stage: 'render', 'readout' or 'level0'."""
+        return [step for step in self.steps if name == step.module.STAGE]
+
+    @property
+    def shipped(self):
+        """Whether every layer is one of csstsim's."""
+        return not self._own
+
+    @property
+    def _own(self):
+        """The modules of the user's own layers."""
+        return [s.module for s in self.steps if not s.module.__name__.startswith(f"{csstsim.layers.__name__}.")]
+
+    @cached_property
+    def digest(self):
+        """16 hex digits of the layers, their parameters and the files of the user's own: other ones, other pixels."""
+        return digest([self.describe(), *map(module_digest, self._own)])
+
+    def describe(self):
+        """Return the list of {keyword: parameters}."""
+        return [step.describe() for step in self.steps]
+
+    def run(self, state, stage, seed):
+        """Run the layers of one stage on `state` and return it.
+
+        Wall and CPU seconds of each layer are appended to state.header["timing"] as [name, wall, cpu].
+        An exception inside a layer is annotated with obsid, chip and layer.
+        """
+        for step in progress(self.stage(stage), stage):
+            wall, cpu = time.perf_counter(), time.process_time()
+            streams = Streams(seed, state.pointing.obsid, state.chip.id, step.name)
+            try:
+                state = step.module.apply(state, step.param, streams)
+            except CsstsimError:
+                raise
+            except Exception as exc:
+                exc.add_note(f"in obsid {state.pointing.obsid}, chip {state.chip.id}, layer {step.keyword}")
+                raise
+            state.unit = step.module.UNITS[1]
+            timing = [step.name, time.perf_counter() - wall, time.process_time() - cpu]
+            state.header.setdefault("timing", []).append(timing)
+        return state
+
+
+def load_layer(keyword, file=None):
+    """Return the module of a layer: a keyword of csstsim's, capitals as you like, or a dotted path to your own.
+
+    file: the list that names it, for the message. Raises InputError if there is none, or if it lacks a part.
+    """
+    name = keyword.lower()
+    if "." not in keyword and name not in known_layers():
+        raise InputError("unknown layer", file=file, key="layers", value=keyword, allowed=", ".join(known_layers()))
+    path = keyword if "." in keyword else f"csstsim.layers.{name}"
+    try:
+        module = importlib.import_module(path)
+    except Exception as exc:  # a user's module may fail in any way
+        message = f"cannot import the layer: {type(exc).__name__} {exc}"
+        raise InputError(message, file=file, key="layers", value=keyword) from exc
+    missing = [part for part in ("Param", "apply", "STAGE", "UNITS") if not hasattr(module, part)]
+    if missing:
+        raise InputError(f"the layer's module lacks {', '.join(missing)}", file=file, key="layers", value=keyword)
+    for part in ("UNITS", "FRAME"):
+        pair = getattr(module, part, ("", ""))
+        if not (isinstance(pair, tuple | list) and len(pair) == 2 and all(isinstance(word, str) for word in pair)):
+            allowed = "a pair: what it takes, what it leaves"
+            raise InputError("not of that form", file=file, key=f"layers.{keyword}.{part}", value=pair, allowed=allowed)
+    if module.STAGE not in STAGES:
+        raise InputError(
+            "unknown stage", file=file, key=f"layers.{keyword}.STAGE", value=module.STAGE, allowed=", ".join(STAGES)
+        )
+    return module

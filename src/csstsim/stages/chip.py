@@ -1,0 +1,72 @@
+"""Chip: the four stages of a job in memory; no workflow, and nothing handed on by way of the disk."""
+
+from csstsim.base.one_thread import one_thread
+from csstsim.stages.level0 import digitised, write_products
+from csstsim.stages.psf import missing_psf
+from csstsim.stages.readout import read_out, save_cosmic_rays
+from csstsim.stages.render import rendered
+from csstsim.stages.select import say_selected, selected
+from csstsim.stages.shared import Timer
+from csstsim.stages.truth import missing_bricks
+
+
+@one_thread
+def chip(run, job, say=print):
+    """Run one job in memory, its missing truth bricks and PSF set made first, and write its Level-0 file and truth.
+
+    Returns the State at the end.
+    """
+    state, provenance = simulate(run, job, say)
+    timer = Timer("writing")
+    save_cosmic_rays(run, job, state)
+    write_products(run, job, state, provenance)
+    state.header["timing"] = provenance["timing"]
+    for name, wall, cpu in [*provenance["stages"], timer.entry()]:
+        say(f"{name}: {wall:.1f} s, {cpu:.1f} CPU-s")
+    say(f"{run.paths.level0(job.pointing, job.chip.id)} and its truth table")
+    return state
+
+
+@one_thread
+def simulate(run, job, say=print):
+    """Run one job in memory, its missing truth bricks and PSF set made first.
+
+    Returns its State at the end (image: DN, uint16, the window's readout frame) and its provenance, from which
+    io.level0 makes the header.
+    """
+    state, timer = light(run, job, say), Timer("readout")
+    state = read_out(run, job, state)
+    state.header["stages"].append(timer.entry())
+    return digitised(run, job, state, Timer("level0"))
+
+
+@one_thread
+def light(run, job, say=print):
+    """Return the State of a job after the render stage: expected and counted electrons of objects and sky, truth.
+
+    Missing truth bricks and a missing PSF set are made first.
+    """
+    from csstsim.catalog.table import ObjectTable
+
+    header, objects = {"stages": []}, None
+    if job.pointing.type == "SCIE":
+        missing_bricks(run, job, say)
+        timer = Timer("select")
+        objects = selected(run, job)
+        header["stages"].append(timer.entry())
+        say_selected(objects, say)
+        missing_psf(run, job, say)  # after the catalogue of the user's, which may not open
+    timer = Timer("render")
+    state = rendered(run, job, objects)
+    state.header |= header
+    if run.has_stage(job.pointing, "render"):
+        header["stages"].append(timer.entry())
+    if state.truth is None:
+        state.truth = ObjectTable.complete({})
+    return state
+
+
+def missing(run, job, say):
+    """Make what a job of the sky needs and is not there: bricks of the embedded universe, the chip's PSF set."""
+    missing_bricks(run, job, say)
+    missing_psf(run, job, say)

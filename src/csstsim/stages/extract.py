@@ -1,0 +1,72 @@
+"""Extract: spectra of a Level-0 file of a spectroscopic chip, along the traces of its truth."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.one_thread import one_thread
+from csstsim.base.release import check_recipe
+from csstsim.catalog.table import GALAXY
+from csstsim.stages.calibrate import calibrated_frame
+from csstsim.stages.level0 import truth_of
+from csstsim.stages.psf import open_psf
+
+
+@one_thread
+def extract(run, job):
+    """Extract the first-order spectra of a Level-0 file of a spectroscopic chip, and draw some of them."""
+    from csstsim.base.files.atomic import atomic_path
+    from csstsim.measure.spectra.extract import extract_spectra
+    from csstsim.measure.spectra.spectra_figures import spectra_figure
+
+    truth, frame, orders, *others = spectra_of_frame(run, job)
+    table = extract_spectra(frame, orders, *others)
+    path = run.paths.spectra(*job.key)
+    with atomic_path(path.with_suffix(".png")) as temporary:
+        temporary.write_bytes(spectra_figure(truth, frame, orders, table))
+    table.write(path, table.meta | {"recipe": run.measure_recipe(job)})
+    print(f"{table.meta['spectra']} spectra of S/N {table.meta['snr_min']:g} and more in a resolution element")
+
+
+def spectra_of_frame(run, job):
+    """Return (truth, *what measure.spectra.extract.extract_spectra takes) of a job's Level-0 file and its tables.
+
+    Raises InputError, also for a chip without a grating.
+    """
+    from csstsim.io.orders import check_orders, read_orders
+    from csstsim.measure.spectra.extract import Frame, Sources
+    from csstsim.measure.spectra.spectral_model import make_model
+    from csstsim.optics.scatter.outside_box import read_beyond
+    from csstsim.stages.render import object_spectra
+
+    if not run.has_orders(job):
+        chips = ", ".join(str(chip.id) for chip in run.camera.slitless_chips)
+        raise InputError(
+            "has no spectra", file=run.file, key="chip", value=job.chip.id, allowed=f"{chips}, in SCIE exposures"
+        )
+    file, calibrated = calibrated_frame(run, job)
+    path, truth, psf = run.paths.level0_orders(job.pointing, job.chip.id), truth_of(run, job), open_psf(run, job.chip)
+    gratings = run.camera.gratings[job.chip.id]
+    orders = read_orders(path)
+    check_recipe(path, orders.meta, run.recipe(job))
+    check_orders(path, orders, len(truth), gratings)
+    truth.meta["truth_hash"] = file.header0.get("TRUTHASH")  # a catalogue is opened again only if it is the same
+    sources = Sources(_shapes(truth, job.wcs), object_spectra(run, job, truth), run.disperser(job).edges)
+    middle = 0.5 * (job.window.x0 + job.window.x1), 0.5 * (job.window.y0 + job.window.y1)
+    wing, photons = read_beyond(psf).wing, run.camera.telescope.area_m2 * job.pointing.exptime
+    model = make_model(gratings, photons, psf.at(*middle), psf.oversampling, psf.wavelength, wing)
+    frame = Frame.of(calibrated, job.window)
+    others = model.image(orders, sources.shapes, sources.spectra, sources.edges, job.window, frame.faintest)
+    return truth, replace(frame, others=others), orders, sources, model, psf, wing
+
+
+def _shapes(truth, wcs):
+    """Return the measure.spectra.line_profile.Shapes of the objects of a truth table."""
+    from csstsim.measure.spectra.line_profile import Shapes
+    from csstsim.render.scene import shape_matrix
+
+    galaxy = truth["obj_type"] == GALAXY
+    bulge = np.where(galaxy, truth["bulge_frac"].astype(float), 0.0)
+    sizes = np.where(galaxy[:, None], np.stack([truth["size_disk"], truth["size_bulge"]], axis=1), 0.0)
+    return Shapes.of(shape_matrix(truth, wcs), np.stack([1 - bulge, bulge], axis=1), sizes)

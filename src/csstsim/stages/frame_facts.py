@@ -1,0 +1,50 @@
+"""What a campaign expects of a frame, and what the header of its Level-0 file says: bricks.facts.Facts of a job."""
+
+from csstsim.base.rng import Streams
+from csstsim.bricks.facts import Facts, HeaderWCS
+from csstsim.io.level0 import read_level0
+from csstsim.io.paths import made
+from csstsim.layers import gain, sky_background
+from csstsim.stages.shared import blank
+
+# Of the world coordinates of the assembled frame; channels' have a letter behind.
+WCS_KEYS = (
+    "WCSAXES", "CTYPE1", "CTYPE2", "CUNIT1", "CUNIT2", "CRVAL1", "CRVAL2", "CRPIX1", "CRPIX2", "CD1_1", "CD1_2",
+    "CD2_1", "CD2_2", "LONPOLE", "RADESYS",
+)  # fmt: skip
+SIP = "A_", "B_", "AP_", "BP_"
+
+
+def frame_facts(run, job):
+    """Return the Facts of an imaging science job; reads the header of its Level-0 file. Raises InputError."""
+    file = read_level0(made(run.paths.level0(job.pointing, job.chip.id), f"chip {run.file} {job.options}"))
+    steps, detector = run.steps[job.pointing.type], run.camera.detector
+    streams = Streams(run.config.seed, job.pointing.obsid, job.chip.id, "validate")
+    gains = steps.step("gain")
+    values = gain.channel_gains(detector, gains.param, streams) if gains else []
+    header = {
+        "exptime": file.header0.get("EXPTIME"), "gain": file.gain, "read_noise": file.per_channel("RON"),
+        "bias": file.per_channel("DETBIA"),
+    }  # fmt: skip
+    return Facts(
+        exptime=job.pointing.exptime, sky=_sky(run, job, steps),
+        dark=detector.dark * job.pointing.exptime if steps.step("poisson_and_dark") else 0.0,
+        read_noise=detector.read_noise if steps.step("readout_noise") else 0.0, full_well=detector.full_well,
+        gain=dict(enumerate(values, start=1)), header=header, wcs=_wcs(file, job),
+    )  # fmt: skip
+
+
+def _sky(run, job, steps):
+    """Return the sky [e- in a pixel, ahead of all losses]; None where a layer of the user's own may bring light."""
+    step = steps.step("sky_background")
+    if not steps.shipped:
+        return None
+    return sky_background.mean_rate(blank(run, job), step.param) * job.pointing.exptime if step else 0.0
+
+
+def _wcs(file, job):
+    """Return the HeaderWCS of a Level-0 file, None where the header has no such cards."""
+    cards = {key: value for key, value in file.header.items() if key in WCS_KEYS or key.startswith(SIP)}
+    if not {"CTYPE1", "CRVAL1", "CRPIX1", "CD1_1"} <= set(cards):
+        return None
+    return HeaderWCS(cards, None if cards["CTYPE1"].endswith("-SIP") else job.wcs.distortion)

@@ -1,0 +1,96 @@
+"""Level0: the DN digitised, and the Level-0 file written with its truth beside it."""
+
+from csstsim.base.errors import InputError
+from csstsim.base.one_thread import one_thread
+from csstsim.base.release import check_recipe, check_release
+from csstsim.io.paths import made
+from csstsim.stages.shared import Timer, state_before
+
+
+@one_thread
+def level0(run, job):
+    """Run the layers of the level0 stage and write the Level-0 file with its truth beside it."""
+    from csstsim.catalog.table import ObjectTable
+
+    timer = Timer("level0")
+    state = state_before(run, job, "readout")
+    if run.has_stage(job.pointing, "render"):
+        path = run.paths.stage(*job.key, "drawn.parquet")
+        state.truth = ObjectTable.read(path)
+        check_recipe(path, state.truth.meta, run.recipe(job))
+    if run.has_orders(job):
+        path = run.paths.stage(*job.key, "orders.parquet")
+        state.orders = ObjectTable.read(path)
+        check_recipe(path, state.orders.meta, run.recipe(job))
+    write_products(run, job, *digitised(run, job, state, timer))
+
+
+def digitised(run, job, state, timer):
+    """Return the State after the level0 stage and its provenance (io.keywords.header_values)."""
+    from csstsim.optics.throughput import shutter
+
+    steps = run.steps[job.pointing.type]
+    state = steps.run(state, "level0", run.config.seed)
+    if steps.losses["shutter"]:
+        state.header |= shutter.moments(job.pointing, state.telescope)
+    state.header.setdefault("stages", []).append(timer.entry())
+    provenance = {
+        "recipe": run.recipe(job),
+        "seed": run.config.seed,
+        "campaign_name": run.config.name,
+        **run.config.astrometry.model_dump(),
+        "layers": steps.describe(),
+        "truth_hash": state.header.pop("truth_hash", "none"),
+        "psf_hash": state.header.pop("psf_hash", "none"),
+        "stages": state.header.pop("stages"),
+        "timing": state.header.pop("timing", []),
+    }
+    return state, provenance
+
+
+def write_products(run, job, state, provenance):
+    """Write the Level-0 file with its truth, and that of orders, beside it."""
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.io.level0 import write_level0
+    from csstsim.io.orders import write_orders
+    from csstsim.io.truth import electron_budget, write_truth
+
+    path = run.paths.level0(job.pointing, job.chip.id)
+    truth_path = run.paths.level0_truth(job.pointing, job.chip.id)
+    drawn = state.truth if state.truth is not None else ObjectTable.complete({})
+    about = {"recipe": run.recipe(job), "level0": path.name, "full_well": run.camera.detector.full_well}
+    if run.steps[job.pointing.type].shipped:  # a layer of the user's own may bring charge that nothing counts
+        about["electrons"] = electron_budget(state.header, job.window.nx * job.window.ny)
+    write_truth(truth_path, drawn, job, about)
+    if state.orders is not None:
+        orders = {"recipe": run.recipe(job), "level0": path.name}
+        write_orders(run.paths.level0_orders(job.pointing, job.chip.id), state.orders, orders)
+    write_level0(path, state, run.camera.keywords, provenance)
+
+
+def truth_of(run, job):
+    """Return the truth table beside a job's Level-0 file (io.truth.read_truth). Raises InputError."""
+    from csstsim.io.truth import read_truth
+
+    path = made(run.paths.level0_truth(job.pointing, job.chip.id), f"chip {run.file} {job.options}")
+    table = read_truth(path)
+    check_recipe(path, table.meta, run.recipe(job))
+    return table
+
+
+def own_level0(run, job):
+    """Return the io.level0.Level0 of a job. Raises InputError for a file of another campaign or release."""
+    from csstsim.io.keywords import RECIPE
+    from csstsim.io.level0 import read_level0
+
+    path, recipe = run.paths.level0(job.pointing, job.chip.id), run.recipe(job)
+    made(path, f"chip {run.file} {job.options}")
+    file = read_level0(path, verify=True)
+    check_release(path, file.header0.get("SIMVER"))
+    for name, keyword in RECIPE.items():
+        if file.header0.get(keyword) != recipe[name]:
+            raise InputError(
+                "made by another campaign; remove it", file=path, key=keyword, value=file.header0.get(keyword),
+                allowed=recipe[name],
+            )  # fmt: skip
+    return file

@@ -1,0 +1,57 @@
+"""Masters: a chip's master calibration frames from the campaign's bias, dark and lamp exposures."""
+
+from functools import partial
+
+import numpy as np
+
+from csstsim import __version__
+from csstsim.base.errors import InputError
+from csstsim.base.one_thread import one_thread
+from csstsim.base.progress import progress
+from csstsim.campaign.opened import CALIBRATIONS, FEWEST_CALIBRATIONS
+from csstsim.stages.level0 import own_level0
+
+
+@one_thread
+def masters(run, chip_id):
+    """Make the master calibration frames of a chip from the campaign's bias, dark and lamp exposures."""
+    from csstsim.io.frames import save_frame
+    from csstsim.measure.masters import make_masters
+
+    if chip_id not in run.calibration_jobs:
+        raise InputError(
+            "no whole calibration frames enough of this chip", file=run.file, key="chip", value=chip_id,
+            allowed=f"{FEWEST_CALIBRATIONS} of each {', '.join(CALIBRATIONS)}",
+        )  # fmt: skip
+    jobs = run.calibration_jobs[chip_id]
+    exposures = {
+        kind: map(partial(_raw, run), progress([j for j in jobs if j.pointing.type == kind], f"{kind} frames"))
+        for kind in CALIBRATIONS
+    }
+    seconds = {job.pointing.exptime for job in jobs if job.pointing.type == "DARK"}
+    if len(seconds) > 1:
+        raise InputError("dark exposures differ in time", file=run.file, key="exptime", value=sorted(seconds))
+    made = make_masters(exposures, *seconds)
+    meta = {
+        "product": "master calibration frames", "csstsim": __version__, "dark [e-/s]": made.dark, "offset": made.offset,
+        "exposures": [job.pointing.obsid for job in jobs], "recipes": [run.recipe(job) for job in jobs],
+    }  # fmt: skip
+    path = run.paths.masters(chip_id)
+    save_frame(path, {"flat": made.flat, "bad": made.bad.astype(np.uint8)}, meta | masters_recipe(run, chip_id))
+    print(f"{path}: {100 * made.bad.mean():.3f}% of the pixels are bad, dark {made.dark:.4f} e-/s")
+
+
+def masters_recipe(run, chip_id):
+    """Return what the detector is drawn from: masters of another do not fit."""
+    return {"camera": run.camera.digest, "seed": run.config.seed, "chip": chip_id}
+
+
+def _raw(run, job):
+    """Return a calibration exposure in electrons, as Calibrated."""
+    from csstsim.measure.calibrate import calibrate as to_electrons
+
+    file, detector = own_level0(run, job), run.camera.detector
+    return to_electrons(
+        file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
+        full_well=detector.full_well,
+    )  # fmt: skip

@@ -1,0 +1,32 @@
+"""Measure: the sources of a Level-0 file detected and measured."""
+
+from csstsim.base.one_thread import one_thread
+from csstsim.base.release import check_recipe
+from csstsim.io.paths import made
+from csstsim.stages.calibrate import calibrated_frame
+from csstsim.stages.psf import open_psf
+
+
+@one_thread
+def measure(run, job):
+    """Detect and measure the sources of a Level-0 file."""
+    from csstsim.measure.catalogue import measure_frame
+
+    file, calibrated = calibrated_frame(run, job)
+    table = measure_frame(
+        calibrated, open_psf(run, job.chip), job.wcs, file.observer, chip=job.chip,
+        filter=run.camera.filters[job.chip.filter], telescope=run.camera.telescope, pointing=job.pointing,
+        window=job.window,
+    )  # fmt: skip
+    table.write(run.paths.measure(*job.key), table.meta | {"recipe": run.measure_recipe(job)})
+    print(f"{len(table)} sources, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")
+
+
+def measured_table(run, job, columns=None):
+    """Return the table of a job's measured sources; `columns` of it, or all. Raises InputError."""
+    from csstsim.catalog.table import ObjectTable
+
+    path = made(run.paths.measure(*job.key), f"measure {run.file} {job.options}")
+    table = ObjectTable.read(path, columns)
+    check_recipe(path, table.meta, run.measure_recipe(job))
+    return table

@@ -1,0 +1,34 @@
+"""Merge: the measurements on a brick, a row a source."""
+
+from csstsim import __version__
+from csstsim.base.errors import InputError
+from csstsim.base.one_thread import one_thread
+from csstsim.base.progress import progress
+from csstsim.stages.measure import measured_table
+
+
+@one_thread
+def merge(run, pix):
+    """Merge the measurements of a brick: one row per source."""
+    from csstsim.bricks.merge import DETECTION_COLUMNS, merge_brick, write_merged
+
+    jobs = jobs_on(run, pix)
+    sources, detections = merge_brick(
+        pix, (measured_table(run, job, DETECTION_COLUMNS) for job in progress(jobs, "frames"))
+    )
+    metadata = {
+        "product": "merged brick", "csstsim": __version__, "campaign": run.config.name, "brick": pix,
+        "recipe": run.brick_recipe(pix), "frames": len(jobs),
+    }  # fmt: skip
+    write_merged(run.paths.merge(pix), sources, detections, metadata)
+    print(f"{len(sources)} sources from {len(detections)} detections")
+
+
+def jobs_on(run, pix):
+    """Return the jobs that were measured on a brick. Raises InputError if there are none."""
+    if pix not in run.merge_bricks:
+        raise InputError(
+            "not touched by a measured frame of this campaign", file=run.file, key="brick", value=pix,
+            allowed=", ".join(map(str, run.merge_bricks)) or "none",
+        )  # fmt: skip
+    return run.merge_bricks[pix]

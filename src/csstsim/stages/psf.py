@@ -1,0 +1,81 @@
+"""PSF: the set of one chip, computed or taken from a library, and the tables photons are drawn from."""
+
+from functools import partial
+
+from csstsim.base.one_thread import one_thread
+from csstsim.base.release import check_release
+from csstsim.stages.make_missing import make_missing
+
+
+@one_thread
+def psf(run, chip_id):
+    """Make the PSF set of one chip, or take it from the campaign's library; then the tables photons are drawn from."""
+    from csstsim.optics.psf.psf_c9 import convert
+    from csstsim.optics.psf.psf_set import make_psf
+    from csstsim.optics.scatter.outside_box import beyond_box
+
+    chip, camera, config = run.camera.chips[chip_id], run.camera, run.config.psf
+    path, filter_, digests = run.paths.psf(chip_id), camera.filters[chip.filter], {"camera_digest": camera.digest}
+    if config.library:
+        convert(config.library, path, chip, filter_, sample=config.library_sample, **digests)
+    else:
+        make_psf(
+            path, chip, filter_, camera.telescope, camera.psf, config.grid, oversampling=config.oversampling,
+            beyond=beyond_box(camera, filter_), nodes_uv=_nodes_uv(camera, chip, config.grid), **digests,
+        )  # fmt: skip
+    psf_tables(run, chip)
+
+
+@one_thread
+def psf_tables(run, chip):
+    """Make the tables photons are drawn from, of a PSF set that is there."""
+    from csstsim.render.psf_table import write_tables
+
+    write_tables(run.paths.psf_tables(chip.id), open_psf(run, chip))
+
+
+def _nodes_uv(camera, chip, grid):
+    """Where on the sky the nodes of a chip's PSF set lie; None for a camera without a description of its distortion."""
+    from csstsim.optics.geometry.focal_plane import load_focal_plane, samples
+
+    file = camera.folder / "distortion.yaml"
+    return samples(load_focal_plane(file), chip, grid)[:, :2] if file.exists() else None
+
+
+def missing_psf(run, job, say):
+    """Make the PSF set of a job of the sky and its tables, if they are not there."""
+    chip, paths = job.chip, run.paths
+    if job.pointing.type == "SCIE":
+        sets = {
+            paths.psf(chip.id): partial(psf, run, chip.id),
+            paths.psf_tables(chip.id): partial(psf_tables, run, chip),
+        }
+        make_missing(sets, say)
+
+
+def open_psf(run, chip):
+    """Return the checked PsfSet of a chip, with the campaign's interpolation."""
+    from csstsim.optics.psf.psf_set import PsfSet, oversampling_of
+
+    config, own = run.config.psf, {}
+    if not config.library:
+        own = {
+            "grid": config.grid,
+            "oversampling": oversampling_of(chip.filter, run.camera.psf, config.oversampling),
+        }
+    psf = PsfSet(
+        run.paths.psf(chip.id), chip=chip.id, filter=chip.filter, camera_digest=run.camera.digest,
+        method=config.interpolation, beta=config.beta, neighbours=config.neighbours, **own,
+    )  # fmt: skip
+    check_release(psf.path, psf.attributes["version"])
+    return psf
+
+
+def psf_box(run, chip):
+    """Half the side of a chip's stored PSF [pixel]."""
+    from csstsim.optics.psf.psf_c9 import BOX_PX
+    from csstsim.optics.psf.psf_set import CELLS, oversampling_of
+
+    config = run.config.psf
+    own = CELLS / 2 / oversampling_of(chip.filter, run.camera.psf, config.oversampling)
+    return BOX_PX / 2 if config.library else own

@@ -1,0 +1,61 @@
+"""Render: objects and sky drawn, electrons expected and electrons counted."""
+
+from csstsim.base.digest import digest
+from csstsim.base.one_thread import one_thread
+from csstsim.base.release import check_recipe
+from csstsim.stages.psf import open_psf
+from csstsim.stages.shared import Timer, blank, frame_meta
+
+
+@one_thread
+def render(run, job):
+    """Run the layers of the render stage: expected electrons, counted electrons, drawn objects."""
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.io.frames import save_frame
+
+    timer, objects = Timer("render"), None
+    if job.pointing.type == "SCIE":
+        path = run.paths.stage(*job.key, "select.parquet")
+        objects = ObjectTable.read(path)
+        check_recipe(path, objects.meta, run.recipe(job))
+    state = rendered(run, job, objects)
+    planes = {"image": state.image, "counted": state.counted, "mask": state.mask}
+    state.header["stages"] = [*(objects.meta["stages"] if objects is not None else []), timer.entry()]
+    drawn = state.truth if state.truth is not None else ObjectTable.complete({})
+    drawn.write(run.paths.stage(*job.key, "drawn.parquet"), drawn.meta | {"recipe": run.recipe(job)})
+    if state.orders is not None:
+        state.orders.write(run.paths.stage(*job.key, "orders.parquet"), {"recipe": run.recipe(job)})
+    save_frame(run.paths.stage(*job.key, "render.fits"), planes, frame_meta(run, job, state))
+
+
+def rendered(run, job, objects):
+    """Return the State after the render stage. objects: as `selected` gives them; None but for science exposures."""
+    state = blank(run, job, objects)
+    if job.pointing.type == "SCIE":
+        state.psf, state.fidelity = open_psf(run, job.chip), run.config.fidelity
+        if state.fidelity != "reference":
+            from csstsim.render.psf_table import read_tables
+
+            state.tables = read_tables(run.paths.psf_tables(job.chip.id), state.psf)
+        state.header["truth_hash"] = objects.meta["truth_hash"]
+        state.header["psf_hash"] = digest(state.psf.attributes)
+        state.spectra = object_spectra(run, job, objects)
+    state = run.steps[job.pointing.type].run(state, "render", run.config.seed)
+    state.header["light_electrons"] = state.electrons()
+    state.forget()
+    return state
+
+
+def object_spectra(run, job, objects):
+    """Return the catalog.light.object_spectra.Spectra of a slitless chip's objects, None for an imaging chip's."""
+    if job.chip.kind != "slitless":
+        return None
+    from csstsim.catalog.light.object_spectra import catalog_spectra, embedded_spectra
+
+    if run.embedded:
+        return embedded_spectra(objects, run.universe)
+    from csstsim.catalog.open import open_catalog
+    from csstsim.catalog.select import region_for
+
+    region = region_for(*job.footprint(), run.margin_deg(job))
+    return catalog_spectra(objects, open_catalog(run.config.catalog, region, run.paths.truth, {}))

@@ -1,0 +1,68 @@
+"""Select: the objects that reach a chip's window, with their light."""
+
+from csstsim.base.errors import InputError
+from csstsim.base.help_page import explained
+from csstsim.base.one_thread import one_thread
+from csstsim.stages.psf import psf_box
+from csstsim.stages.shared import Timer
+
+
+@one_thread
+def select(run, job):
+    """Find the objects that reach a job's window."""
+    timer = Timer("select")
+    table = selected(run, job)
+    table.write(
+        run.paths.stage(*job.key, "select.parquet"), table.meta | {"recipe": run.recipe(job), "stages": [timer.entry()]}
+    )
+    say_selected(table, print)
+
+
+def selected(run, job):
+    """Return the ObjectTable of what reaches a job's window (catalog.select)."""
+    from csstsim.catalog.open import open_catalog
+    from csstsim.catalog.select import Noise, region_for, select_objects
+    from csstsim.optics.scatter.outside_box import beyond_box
+
+    config, camera, exptime = run.config.catalog, run.camera, job.pointing.exptime
+    filter_, detector = camera.filters[job.chip.filter], camera.detector
+    key = run.universe_key() if run.embedded else {}
+    catalog = open_catalog(config, region_for(*job.footprint(), run.margin_deg(job)), run.paths.truth, key)
+    noise = Noise(filter_.sky, detector.dark, detector.read_noise)
+    return select_objects(
+        catalog, job.wcs, job.observer, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit,
+        rotated=config.shapes == "rotated90", beyond=beyond_box(camera, filter_), box=psf_box(run, job.chip),
+        disperser=run.disperser(job),
+    )  # fmt: skip
+
+
+def say_selected(table, say):
+    """Say how many objects reach the window, and how many of them will not be drawn, and why."""
+    from csstsim.catalog.drawable import why_not_drawn
+    from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING
+
+    say(f"{len(table)} objects reach the window; left out: {table.meta['dropped']}")
+    for reason, count in why_not_drawn(table, table["flags"] & (BAD_VALUE | STRONG_LENSING)).items():
+        say(f"{count} not drawn: {reason}")
+
+
+@explained("catalogue")
+def check_catalog(run, say):
+    """Open what the campaign draws from; try a catalogue of the user's on the first science job (catalog.contract)."""
+    from csstsim.catalog.contract import check
+    from csstsim.catalog.select import near, region_for
+
+    source = run.open_truth()
+    jobs = run.imaging_jobs or run.slitless_jobs
+    if run.embedded or not jobs:
+        return
+    job = jobs[0]
+    report = check(source, run.config.catalog.options, region_for(*job.footprint(), run.margin_deg(job)), run.camera)
+    say(f"{run.config.catalog.kind}: {report}")
+    reach = len(near(report.table, job.wcs, job.observer, job.window)[0])
+    say(f"{reach} of them are near what chip {job.chip.id} sees in exposure {job.pointing.obsid}")
+    if report.faults:
+        raise InputError(
+            f"the catalogue has {len(report.faults)} faults, the first: {report.faults[0]}", file=run.file,
+            key="catalog.kind", value=run.config.catalog.kind,
+        )  # fmt: skip

@@ -1,0 +1,66 @@
+"""What the stages of one job share: a clock, the state before any layer, and the frames that one hands to the next."""
+
+import time
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.release import check_recipe
+from csstsim.simulation.state import State
+
+
+class Timer:
+    """Wall and CPU seconds of a stage, for the provenance of its product."""
+
+    def __init__(self, stage):
+        self.stage, self.wall, self.cpu = stage, time.perf_counter(), time.process_time()
+
+    def entry(self):
+        """Return [stage, wall s, CPU s] since it began."""
+        return [self.stage, time.perf_counter() - self.wall, time.process_time() - self.cpu]
+
+
+def blank(run, job, objects=None):
+    """Return the State of a job that no layer has touched: no light, and all that layers look up."""
+    camera = run.camera
+    mask = np.zeros(job.window.shape, np.uint8) if run.steps[job.pointing.type].mask else None
+    return State(
+        chip=job.chip, filter=camera.filters[job.chip.filter], telescope=camera.telescope, pointing=job.pointing,
+        catalog=objects, window=job.window, wcs=job.wcs, image=np.zeros(job.window.shape, np.float32), mask=mask,
+        sky=camera.sky, leds=camera.leds, prnu=run.steps[job.pointing.type].losses["prnu"],
+        gratings=camera.gratings[job.chip.id] if job.chip.kind == "slitless" and job.pointing.type == "SCIE" else None,
+    )  # fmt: skip
+
+
+def state_before(run, job, stage):
+    """Return the state the given stage left on disk, or a blank one if this exposure has no such stage."""
+    from csstsim.io.frames import load_frame
+
+    state = blank(run, job)
+    if run.has_stage(job.pointing, stage):
+        path = run.paths.stage(*job.key, f"{stage}.fits")
+        planes, meta = load_frame(path, {"stage": stage})
+        check_recipe(path, meta, run.recipe(job))
+        if "image" not in planes or not {"unit", "header"} <= meta.keys():
+            raise InputError("damaged: a frame has the plane image, and unit and header in its record", file=path)
+        state.image, state.counted, state.mask = planes["image"], planes.get("counted"), planes.get("mask", state.mask)
+        state.unit, state.header = meta["unit"], meta["header"]
+    return state
+
+
+def frame_meta(run, job, state):
+    """Return the record of a frame that one stage hands to the next."""
+    stage = state.header["stages"][-1][0]
+    frame = {"recipe": run.recipe(job), "stage": stage, "unit": state.unit, "header": state.header}
+    return frame | {"exposure": _exposure(run, job)}
+
+
+def _exposure(run, job):
+    """Return what a frame is of, by the names that the Level-0 header will have, so that it can be shown alone."""
+    pointing, window = job.pointing, job.window
+    return job.wcs.header() | {
+        "OBSID": pointing.obsid, "FILETYPE": pointing.type, "DETECTOR": f"{job.chip.id:02d}", "FILTER": job.chip.filter,
+        "EXPTIME": pointing.exptime, "RA_OBJ": pointing.ra, "DEC_OBJ": pointing.dec, "POS_ANG0": pointing.pa,
+        "POSKIND": "APPARENT", "FLDDIST": job.wcs.distortion is not None, "CAMHASH": run.camera.digest,
+        "READX0": window.x0 + 1, "READX1": window.x1, "READY0": window.y0 + 1, "READY1": window.y1,
+    }  # fmt: skip

@@ -1,0 +1,92 @@
+"""Shear: m and c of finished twin campaigns (paper, section 5.3.1)."""
+
+import json
+
+from csstsim.base.errors import InputError
+from csstsim.base.one_thread import one_thread
+from csstsim.base.progress import progress
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.stages.level0 import truth_of
+from csstsim.stages.measure import measured_table
+
+
+@one_thread
+def shear(files, output, say):
+    """Print m and c of finished twin campaigns (bricks.shear), write them as JSON; return whether no gate fails.
+
+    Raises InputError for campaigns that are not pairs, or too few galaxies.
+    """
+    from csstsim.base.files.atomic import atomic_path
+    from csstsim.bricks.shear import calibration, judge, pair_means
+    from csstsim.bricks.verdict import NAMES
+
+    runs = [OpenCampaign(file) for file in files]
+    shears, means = [], []
+    for lensing, twins in _twins(runs).items():
+        means.append(pair_means(*(_shapes_on(run) for run in twins)))
+        kappa, *gamma = lensing
+        shears.append([value / (1 - kappa) for value in gamma])
+        say(f"g = {shears[-1][0]:+.4f}, {shears[-1][1]:+.4f}: {len(means[-1])} galaxies in both twins")
+    try:
+        fits = calibration(shears, means)
+    except ValueError as exc:
+        raise InputError(str(exc), file=runs[0].file, key="catalog") from None
+    limits = runs[0].config.validation
+    gates = judge(fits, limits.shear_m_max, limits.shear_c_max)
+    for gate in gates:
+        name, axis = gate["name"].split()[1]
+        if gate["value"] is not None:
+            error, verdict = fits[int(axis) - 1][f"{name}_err"], NAMES[gate["passed"]]
+            limit = f"at most {gate['threshold']}, 5 sigma forgiven"
+            say(f"{gate['name']} = {gate['value']:+.4f} +- {error:.4f}, {limit}: {verdict}")
+    if output:
+        with atomic_path(output) as temporary:
+            temporary.write_text(json.dumps({"fits": fits, "gates": gates}, indent=1) + "\n")
+    return not any(gate["passed"] is False for gate in gates)
+
+
+def _twins(runs):
+    """Return {(kappa, gamma1, gamma2): (campaign, the one with shapes turned)}."""
+    found = {}
+    for run in runs:
+        catalog = run.config.catalog
+        if catalog.lensing.field != "constant":
+            raise InputError(
+                "no constant shear", file=run.file, key="catalog.lensing.field", value=catalog.lensing.field,
+                allowed="constant",
+            )  # fmt: skip
+        key = catalog.lensing.kappa, catalog.lensing.gamma1, catalog.lensing.gamma2
+        pair = found.setdefault(key, {})
+        if catalog.shapes in pair:
+            raise InputError(
+                f"shear and shapes of {pair[catalog.shapes].file}, too", file=run.file, key="catalog.shapes",
+                value=catalog.shapes, allowed="normal and rotated90, one of each",
+            )  # fmt: skip
+        pair[catalog.shapes] = run
+    for pair in found.values():
+        first, *rest = pair.values()
+        if not rest or _but_shapes(first) != _but_shapes(rest[0]):
+            raise InputError(
+                "has no twin of the same seed, camera, exposures and shear", file=first.file, key="catalog.shapes",
+                value=first.config.catalog.shapes, allowed="normal and rotated90, one of each",
+            )  # fmt: skip
+    return {key: (pair["normal"], pair["rotated90"]) for key, pair in found.items()}
+
+
+def _but_shapes(run):
+    """Return what twins share: all that decides their pixels and measurements but `catalog.shapes`."""
+    config = run.config.model_copy(update={"catalog": run.config.catalog.model_copy(update={"shapes": "normal"})})
+    recipes = [run.measure_recipe(job) | {"campaign": config.digest()} for job in run.imaging_jobs]
+    return run.universe.digest if run.embedded else None, run.rendering, recipes
+
+
+def _shapes_on(run):
+    """Return bricks.shear.shapes of each measured frame of a campaign."""
+    from csstsim.bricks.shear import shapes
+    from csstsim.bricks.validate import Frame, usable
+
+    seam, out = run.camera.detector.channel_ny, []
+    for job in progress(run.imaging_jobs, "frames"):
+        frame = Frame(truth_of(run, job), measured_table(run, job), seam)
+        out.append(shapes(frame, usable(frame)))
+    return out

@@ -1,0 +1,27 @@
+"""Truth: bricks of the embedded universe, which all chips on them share."""
+
+from functools import partial
+
+from csstsim.base.errors import InputError
+from csstsim.base.one_thread import one_thread
+from csstsim.stages.make_missing import make_missing
+
+
+@one_thread
+def truth(run, pix, say=print):
+    """Make one brick of the embedded universe."""
+    from csstsim.universe.bricks import write_brick
+
+    if not run.embedded:
+        raise InputError(
+            "the campaign brings its own catalogue", file=run.file, key="catalog.kind", value=run.config.catalog.kind
+        )
+    run.open_truth()
+    write_brick(run.paths.truth(pix), pix, **run.universe_key())
+    say(run.paths.truth(pix))
+
+
+def missing_bricks(run, job, say):
+    """Make the bricks of the embedded universe that a job needs and are not there."""
+    if run.embedded and job.pointing.type == "SCIE":
+        make_missing({run.paths.truth(pix): partial(truth, run, pix, say) for pix in run.truth_bricks(job)}, say)

@@ -1,0 +1,59 @@
+"""Validate: a merged brick compared with the truth of the frames on it."""
+
+import numpy as np
+
+from csstsim import __version__
+from csstsim.base.files.yaml_file import read_yaml
+from csstsim.base.one_thread import one_thread
+from csstsim.base.progress import progress
+from csstsim.base.release import check_recipe
+from csstsim.base.shipped import SHIPPED
+from csstsim.io.paths import made
+from csstsim.stages.frame_facts import frame_facts
+from csstsim.stages.level0 import truth_of
+from csstsim.stages.measure import measured_table
+from csstsim.stages.merge import jobs_on
+
+LIMITS = SHIPPED / "limits.yaml"
+LIMIT_SECONDS = 150.0  # of the limiting magnitudes there and in filters.yaml
+
+
+@one_thread
+def validate(run, pix):
+    """Compare a merged brick with the truth of the frames on it."""
+    from csstsim.base.files.atomic import atomic_path
+    from csstsim.bricks.result_file import write_result
+    from csstsim.bricks.validate import Frame, validate_brick
+    from csstsim.bricks.verdict import NAMES, sentence
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.report.figures import brick_figure
+
+    seam = run.camera.detector.channel_ny
+    frames = (
+        Frame(truth_of(run, job), measured_table(run, job), seam, _depth(run, job), frame_facts(run, job))
+        for job in progress(jobs_on(run, pix), "frames")
+    )
+    merged = ObjectTable.read(made(run.paths.merge(pix), f"merge {run.file} --brick {pix}"))
+    check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
+    result, arrays = validate_brick(pix, merged, frames, run.config.validation)
+    result |= {
+        "csstsim": __version__,
+        "recipe": run.brick_recipe(pix),
+        "limits": run.config.validation.model_dump(mode="json"),
+    }
+    path, limits = run.paths.validate(pix), run.config.validation
+    with atomic_path(path.with_suffix(".png")) as temporary:
+        temporary.write_bytes(brick_figure(result, arrays, threshold=limits.completeness_min, snr_min=limits.snr_min))
+    write_result(path, result)
+    for gate in result["gates"]:
+        sources = "" if gate["n"] is None else f", {gate['n']} sources"
+        print(f"{NAMES[gate['passed']]}: {sentence({'brick': pix, **gate})}{sources}")
+
+
+def _depth(run, job):
+    """Return (low, high): the 5-sigma magnitudes known of the filter, scaled to the exposure's time, or None."""
+    computed = read_yaml(LIMITS)["computed"]["values"].get(job.chip.filter)
+    if computed is None:
+        return None
+    stated = run.camera.filters[job.chip.filter].limiting_mag
+    return tuple(np.sort([stated, computed]) + 1.25 * np.log10(job.pointing.exptime / LIMIT_SECONDS))

@@ -1,0 +1,58 @@
+"""Spectra of a table of the embedded universe, whatever its objects: made from the parameters stored with each row.
+
+    S(lambda) = sed_scale x 10^(-0.4 av k(lambda)) x model(row)      photon / s / m2 / angstrom, observed frame
+
+The model is an atmosphere (teff, logg, feh) for stars, with sed_scale = (R / d)^2, and redshifted components under
+the intergalactic medium (z, coeff0..19) for galaxies and quasars.
+"""
+
+import numpy as np
+
+from csstsim.catalog.table import GALAXY, QUASAR, STAR
+from csstsim.instrument.filter import GRID
+from csstsim.universe.galaxies.galaxy_sed import COEFFICIENTS
+
+
+def coefficients(columns):
+    """Return the (n, 20) coefficients of a table or mapping of columns."""
+    return np.column_stack([columns[f"coeff{k}"] for k in range(COEFFICIENTS)])
+
+
+def rates(universe, table, weights, fine=True):
+    """Return (n, bands): int S w dlambda for `weights` (bands, 18001) on the paper's grid.
+
+    The same light as `spectra` to 1e-4; without `fine`, galaxies to 2e-3 in less time.
+    """
+    out = np.zeros((len(table), len(weights)))
+    for chosen, some in kinds(table):
+        if some["obj_type"][0] == STAR:
+            part = universe.star_seds.rates(some["teff"], some["logg"], some["feh"], some["av"], weights)
+        elif some["obj_type"][0] == GALAXY:
+            part = universe.galaxy_seds.rates(some["z"], coefficients(some), some["av"], weights, fine)
+        else:
+            part = universe.quasar_seds.rates(some["z"], coefficients(some), some["av"], weights)
+        out[chosen] = part * some["sed_scale"].astype(float)[:, None]
+    return out
+
+
+def spectra(universe, table):
+    """Return (n, 18001) spectra on the paper's grid."""
+    out = np.zeros((len(table), len(GRID)))
+    for chosen, some in kinds(table):
+        scale = some["sed_scale"].astype(float)
+        if some["obj_type"][0] == STAR:
+            dimming = 10 ** (-0.4 * some["av"].astype(float)[:, None] * universe.extinction)
+            part = universe.star_seds.surface(some["teff"], some["logg"], some["feh"]) * dimming * scale[:, None]
+        else:
+            seds = universe.galaxy_seds if some["obj_type"][0] == GALAXY else universe.quasar_seds
+            part = seds.spectra(some["z"], coefficients(some), scale, some["av"])
+        out[chosen] = part
+    return out
+
+
+def kinds(table):
+    """Yield (mask, rows) of the stars, the galaxies and the quasars of a table, where there are any."""
+    for kind in (STAR, GALAXY, QUASAR):
+        chosen = table["obj_type"] == kind
+        if chosen.any():
+            yield chosen, table.take(chosen)

@@ -1,0 +1,1 @@
+"""Galaxies of the embedded universe."""

@@ -1,0 +1,142 @@
+"""Galaxies of the embedded universe: redshift, mass and type from mass functions, everything else from these.
+
+(z, M, type) -> star-formation rate -> mixture of templates, dust, lines -> i magnitude of the physical mass-to-light
+ratio -> i + shift(i), a small monotone change that makes the i counts exactly those of `counts` (abundance matching:
+mass functions stay as published, brightness is remapped, the colours do not change). Each quantity has
+its own random stream, so a change to one leaves the others as they were. Left out: clustering, merging, spiral arms.
+"""
+
+import numpy as np
+
+from csstsim.universe.galaxies.galaxy_sed import distance_scale
+from csstsim.universe.galaxies.galaxy_shapes import (
+    bulge_fraction,
+    bulge_radius,
+    disk_radius,
+    draw_ellipticity,
+    to_arcsec,
+    velocity_dispersion,
+)
+from csstsim.universe.galaxies.mass_function import MassGrid
+from csstsim.universe.galaxies.star_formation import attenuation, cosmic_age, main_sequence, mixture, young_fractions
+
+ARCMIN2_PER_DEG2 = 3600.0
+QUIESCENT = 1
+_STEP = 0.01  # mag, of the cumulative counts
+
+
+def cumulative_counts(numbers):
+    """Return (i, N(<i) [deg-2]) from the brightest tabulated magnitude to the faint limit that gives `density`."""
+    knots = np.asarray(numbers["counts"], dtype=float)
+    target = numbers["density"] * ARCMIN2_PER_DEG2
+    mag = np.arange(knots[0, 0], knots[-1, 0] + 20.0, _STEP)
+    log = np.interp(mag, knots[:, 0], np.log10(knots[:, 1]))
+    log += numbers["faint_slope"] * np.maximum(mag - knots[-1, 0], 0.0)
+    counts = 10**log
+    total = np.concatenate([[0.0], np.cumsum(0.5 * (counts[1:] + counts[:-1]) * _STEP)])
+    total += counts[0] / _bright_slope(knots)  # those brighter than the table, on its first slope
+    if not total[0] < target < total[-1]:
+        raise ValueError(f"galaxies.density {numbers['density']} arcmin-2 is not reached by the counts")
+    end = np.searchsorted(total, target)
+    limit = np.interp(target, total, mag)
+    return np.append(mag[:end], limit), np.append(total[:end], target)
+
+
+def _bright_slope(knots):
+    """d ln N / dm of the first two counts."""
+    return np.log(knots[1, 1] / knots[0, 1]) / (knots[1, 0] - knots[0, 0])
+
+
+class GalaxyPopulation:
+    """The galaxies' laws, made ready to draw from.
+
+    numbers: galaxies.yaml; seds: galaxy_sed.GalaxySeds; cosmology: Cosmology; weights: (1, 18001) electrons / s per
+    photon density of the i filter, zeropoint: its AB magnitude of one electron / s.
+    """
+
+    def __init__(self, numbers, seds, cosmology, weights, zeropoint):
+        self.numbers, self.seds, self.cosmology = numbers, seds, cosmology
+        self._weights, self._zeropoint = weights, zeropoint
+        self.limit = cumulative_counts(numbers)[0][-1]
+        self._shift = np.transpose(np.asarray(numbers["shift"], float))
+        self.grid = MassGrid(numbers["mass_function"], cosmology, self._lightest)
+
+    def draw(self, rng, area):
+        """Return the columns of a Poisson number of galaxies on `area` [deg2], all but the position.
+
+        `rng(name)` gives the generator of one quantity. Columns: z, i, size_disk, size_bulge [arcsec, half light],
+        bulge_frac, e1, e2, bulgemass, diskmass [solar], veldisp [km/s], gal_type, coeff0.., sed_scale.
+        """
+        count = rng("count").poisson(self.grid.total * area)
+        z, log_mass, kind = self.grid.draw(rng("mass"), count)
+        columns = self.properties(rng, z, log_mass, kind)
+        keep = columns["i"] < self.limit
+        return {name: values[keep] for name, values in columns.items()}
+
+    def properties(self, rng, z, log_mass, kind):
+        """Return the columns of galaxies of given redshift, log10 mass and type (0 star-forming, 1 quiescent)."""
+        n, numbers = len(z), self.numbers
+        share = bulge_fraction(log_mass, kind, rng("bulge").standard_normal(n), numbers["bulge"])
+        e = draw_ellipticity(rng("shape"), share > numbers["ellipticity"]["round_share"], numbers["ellipticity"])
+        mix, dust, lines = self._stars(rng, z, log_mass, kind, np.abs(e))
+        coefficients = self.seds.coefficients(10 ** log_mass[:, None] * mix, dust, lines)
+        scale = distance_scale(self.cosmology.luminosity_distance(z))
+        model = self._magnitude(z, coefficients, scale)
+        shift = np.interp(model, *self._shift)
+        columns = self._sizes(rng, z, log_mass, kind, share)
+        columns |= {"z": z, "bulge_frac": share, "e1": e.real, "e2": e.imag}
+        columns |= {"bulgemass": share * 10**log_mass, "diskmass": (1 - share) * 10**log_mass}
+        columns |= {"sed_scale": scale * 10 ** (-0.4 * shift)}
+        columns |= {f"coeff{k}": column for k, column in enumerate(np.transpose(coefficients))}
+        columns = {name: values.astype(np.float32) for name, values in columns.items()}
+        return columns | {"i": model + shift, "gal_type": kind}
+
+    def _magnitude(self, z, coefficients, scale):
+        rate = self.seds.rates(z, coefficients, np.zeros(len(z)), self._weights, fine=False)[:, 0] * scale
+        return self._zeropoint - 2.5 * np.log10(np.maximum(rate, 1e-300))
+
+    def _stars(self, rng, z, log_mass, kind, e):
+        """Return the mixture per solar mass (n, templates), A_V (n,) and the strength of the lines (n,)."""
+        formation, dust = self.numbers["star_formation"], self.numbers["dust"]
+        quiescent, n = kind == QUIESCENT, len(z)
+        noise = rng("rate").standard_normal(n)
+        rate = np.where(
+            quiescent,
+            formation["quiescent_rate"] + formation["quiescent_scatter"] * noise,
+            main_sequence(log_mass, z, formation) + formation["scatter"] * noise,
+        )
+        low, high = formation["age"]
+        age = cosmic_age(z, self.cosmology) * (low + (high - low) * rng("age").random(n))
+        fractions = young_fractions(rate, age, formation["edges"])
+        mix = mixture(fractions, formation)
+        face_on = np.where(quiescent, dust["quiescent"], attenuation(log_mass, z, dust))
+        tilt = ((1 + e) / (1 - e)) ** np.where(quiescent, 0.0, dust["inclination"])  # (a / b)^inclination
+        dusty = face_on * tilt * 10 ** (dust["scatter"] * rng("dust").standard_normal(n))
+        lines = 10 ** (self.numbers["line_scatter"] * rng("lines").standard_normal(n))
+        return mix, np.minimum(dusty, dust["max"]), lines
+
+    def _sizes(self, rng, z, log_mass, kind, share):
+        size = self.numbers["size"]
+        noise = rng("size").standard_normal((2, len(z)))
+        disk = disk_radius(log_mass, z, size["disk"]) * 10 ** (size["disk"]["scatter"] * noise[0])
+        early = bulge_radius(log_mass, z, size["bulge"]) * 10 ** (size["bulge"]["scatter"] * noise[1])
+        small = size["bulge"]["over_disk"] * disk
+        bulge = np.where(share > 0.5, early, np.minimum(early, small))
+        radius = share * bulge + (1 - share) * disk
+        return {
+            "size_disk": to_arcsec(disk, z, self.cosmology),
+            "size_bulge": to_arcsec(bulge, z, self.cosmology),
+            "veldisp": velocity_dispersion(log_mass, radius, self.numbers["virial"]),
+        }
+
+    def _lightest(self, z):
+        """log10 of the mass at which a blue star-forming galaxy of redshift z is as faint as the limit."""
+        formation, margin = self.numbers["star_formation"], self.numbers["margin"]
+        rate = main_sequence(np.full(len(z), 7.0), z, formation) + margin["rate_sigmas"] * formation["scatter"]
+        age = cosmic_age(z, self.cosmology) * np.mean(formation["age"])
+        mix = mixture(young_fractions(rate, age, formation["edges"]), formation)
+        dust = attenuation(np.full(len(z), 7.0), z, self.numbers["dust"])
+        scale = distance_scale(self.cosmology.luminosity_distance(z))
+        unit = self._magnitude(z, self.seds.coefficients(mix, dust, np.ones(len(z))), scale)
+        faintest = np.interp(self.limit, self._shift[0] + self._shift[1], self._shift[0])
+        return 0.4 * (unit - faintest) - margin["dex"]

@@ -1,0 +1,61 @@
+"""Sizes, bulges and outlines of galaxies, given mass, redshift and type.
+
+Half-light radii in kpc follow a mass-size relation that shrinks with redshift, with log-normal scatter; the share of
+the light in the bulge follows that of the mass (one spectrum for both). Left out: sizes that change with wavelength,
+spiral arms, clumps, mergers, alignment with neighbours.
+"""
+
+import numpy as np
+
+from csstsim.base.units import ARCSEC_PER_RAD
+
+G_KPC_KM2_S2_MSUN = 4.300_917e-6
+
+
+def disk_radius(log_mass, z, numbers):
+    """Return the median half-light radius [kpc] of a disc."""
+    shrink = np.minimum(np.log10(1 + z), np.log10(1 + numbers["z_break"]))
+    shrink = numbers["near"] * shrink + numbers["far"] * (np.log10(1 + z) - shrink)
+    return numbers["radius"] * 10 ** (numbers["slope"] * (log_mass - numbers["log_mass"]) + shrink)
+
+
+def bulge_radius(log_mass, z, numbers):
+    """Return the median half-light radius [kpc] of a bulge-dominated galaxy."""
+    x = log_mass - numbers["log_mass"]
+    bend = numbers["bend"] - numbers["log_mass"]
+    steep = np.where(x > bend, numbers["slope"] * x, numbers["slope"] * bend + numbers["faint_slope"] * (x - bend))
+    return numbers["radius"] * 10 ** (steep + numbers["growth"] * np.log10(1 + z))
+
+
+def bulge_fraction(log_mass, kind, normal, numbers):
+    """Return B/T (n,): log-normal about a line in log mass, one for each type, at most 1."""
+    line = np.asarray([numbers["star_forming"], numbers["quiescent"]], float)[kind]
+    log = line[:, 0] + line[:, 1] * (log_mass - 10.0) + numbers["scatter"] * normal
+    return np.minimum(10 ** np.minimum(log, 0.0), 1.0)
+
+
+def ellipticity_density(e, numbers):
+    """Return the unnormalised prior P(|e|) of discs, |e| = (a - b)/(a + b)."""
+    cut = 1 - np.exp((e - numbers["e_max"]) / numbers["a"])
+    return e * cut / ((1 + e) * np.sqrt(e**2 + numbers["e0"] ** 2))
+
+
+def draw_ellipticity(generator, round_, numbers):
+    """Return complex e (n,), isotropic: the disc prior, or where `round_` a Rayleigh law cut at `round_max`."""
+    grid = np.linspace(0, numbers["e_max"], 2001)
+    total = np.cumsum(ellipticity_density(grid, numbers))
+    u = generator.random(len(round_))
+    disc = np.interp(u * total[-1], total, grid)
+    top = -np.expm1(-0.5 * (numbers["round_max"] / numbers["round_sigma"]) ** 2)
+    bulge = numbers["round_sigma"] * np.sqrt(-2 * np.log1p(-u * top))
+    return np.where(round_, bulge, disc) * np.exp(2j * np.pi * generator.random(len(u)))
+
+
+def to_arcsec(radius_kpc, z, cosmology):
+    """Return the angle [arcsec] under which a length [kpc] is seen."""
+    return radius_kpc * 1e-3 * (1 + z) / cosmology.comoving_distance(z) * ARCSEC_PER_RAD
+
+
+def velocity_dispersion(log_mass, radius_kpc, virial):
+    """Return sigma [km/s] from the virial theorem, sigma^2 = G M / (virial R)."""
+    return np.sqrt(G_KPC_KM2_S2_MSUN * 10**log_mass / (virial * radius_kpc))

@@ -1,0 +1,81 @@
+"""Stellar mass functions of star-forming and quiescent galaxies, evolving with redshift.
+
+    phi(M) = ln 10 exp(-x) (phi1 x^(1 + alpha1) + phi2 x^(1 + alpha2)),  x = M / M*      Mpc-3 dex-1
+
+as published at some redshifts; between them ln phi is linear in z. Below `pivot`, where the published counts end, a
+power law of slope `faint_slope(z)` goes on. Masses are of living stars and remnants, log10 of the solar mass.
+"""
+
+import numpy as np
+
+from csstsim.universe.lensing.cosmology import Cosmology
+
+TYPES = ("star_forming", "quiescent")  # index = gal_type
+_DLOGM = 0.05
+_DX = 0.01  # of ln(1 + z)
+
+
+def double_schechter(log_mass, log_mstar, phi1, alpha1, phi2, alpha2):
+    """Return phi [Mpc-3 dex-1] at log10 masses (array)."""
+    x = 10 ** (np.asarray(log_mass, float) - log_mstar)
+    return np.log(10) * np.exp(-x) * (phi1 * x ** (1 + alpha1) + phi2 * x ** (1 + alpha2))
+
+
+def mass_function(log_mass, z, kind, numbers, h0):
+    """Return phi [Mpc-3 dex-1] at log_mass (n,) and one redshift, for h = h0 / 100 (published: numbers["h"]).
+
+    kind: name in TYPES; numbers: the section `mass_function` of galaxies.yaml.
+    """
+    rescale = np.log10(h0 / 100.0 / numbers["h"])
+    log_mass = np.asarray(log_mass, float) + 2 * rescale  # M ~ h^-2: the mass its authors would have given
+    table = np.asarray(numbers[kind], float)
+    bright = np.maximum(log_mass, numbers["pivot"])
+    knots = np.stack([np.log(double_schechter(bright, *row[1:]) + 1e-300) for row in table])
+    at = np.interp(z, table[:, 0], np.arange(len(table)))
+    low = min(int(at), len(table) - 2)
+    log_phi = knots[low] + (at - low) * (knots[low + 1] - knots[low])
+    slope = np.interp(z, *np.transpose(np.asarray(numbers["faint_slope"], float)))
+    log_phi += (1 + slope) * np.log(10) * np.minimum(log_mass - numbers["pivot"], 0.0)
+    return np.exp(log_phi) * 10 ** (3 * rescale)
+
+
+class MassGrid:
+    """Galaxies per deg2 in cells of (type, z, log mass) from `lightest(z)` up, to draw from.
+
+    lightest: function of z (n,) giving the log10 mass below which no galaxy is wanted.
+    """
+
+    def __init__(self, numbers, cosmology: Cosmology, lightest):
+        self._cosmology = cosmology
+        self.z = np.expm1(np.arange(0.0, np.log1p(numbers["z_max"]) + _DX, _DX))
+        middle = 0.5 * (self.z[1:] + self.z[:-1])
+        floor = np.floor(np.asarray(lightest(middle)) / _DLOGM) * _DLOGM
+        self.log_mass = np.arange(floor.min(), numbers["log_mass_max"], _DLOGM)  # lower edges
+        volume = cosmology.volume(self.z[:-1], self.z[1:])
+        density = np.stack(
+            [
+                [mass_function(self.log_mass + _DLOGM / 2, z, kind, numbers, cosmology.h0) for z in middle]
+                for kind in TYPES
+            ]
+        )
+        density *= volume[:, None] * _DLOGM * (self.log_mass >= floor[:, None] - 1e-9)
+        self.density = density  # (types, redshifts, masses), per deg2
+        self._cumulative = np.cumsum(density.ravel())
+
+    @property
+    def total(self):
+        """Galaxies per deg2."""
+        return self._cumulative[-1]
+
+    def draw(self, generator, count):
+        """Return (z, log mass, type), each (count,)."""
+        cell = np.searchsorted(self._cumulative, generator.random(count) * self.total, side="right")
+        return self.place(generator, *np.unravel_index(np.minimum(cell, self.density.size - 1), self.density.shape))
+
+    def place(self, generator, kind, row, column):
+        """Return (z, log mass, type) of galaxies in given cells (indices), uniform in volume and log mass inside."""
+        cube = self._cosmology.comoving_distance(self.z) ** 3
+        distance = np.cbrt(cube[row] + generator.random(len(row)) * (cube[row + 1] - cube[row]))
+        z = np.linspace(0.0, self.z[-1], 20_001)  # linear between: good to 1e-6
+        z = np.interp(distance, self._cosmology.comoving_distance(z), z)
+        return z, self.log_mass[column] + _DLOGM * generator.random(len(row)), kind.astype(np.int8)

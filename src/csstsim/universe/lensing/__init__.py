@@ -1,0 +1,1 @@
+"""Weak lensing of the embedded universe, and the cosmology behind it."""

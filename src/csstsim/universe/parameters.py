@@ -1,0 +1,117 @@
+"""The numbers of the embedded universe (config/universe/), read once and named by a digest.
+
+One YAML file a subject, each number with its source, and the fitted coefficients of the spectra beside them as FITS.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cache, cached_property, reduce
+from operator import getitem
+from pathlib import Path
+
+from csstsim.base.digest import digest
+from csstsim.base.errors import InputError
+from csstsim.catalog.light.dust_map import DustMap
+from csstsim.instrument.filter import GRID
+from csstsim.instrument.load import folder_digest, read_data
+
+Z_MAX = 20.0  # of galaxies
+_POSITIVE = ("dust.r_v", "stars.sun.r0", "galaxies.density", "galaxies.mass_function.z_max", "lensing.shells")
+_RISING = ("stars.limits", "quasars.redshift", "quasars.m1450")
+PARTS = ("cosmology", "dust", "galaxies", "lensing", "quasars", "stars")
+
+
+@dataclass(frozen=True, eq=False)
+class Universe:
+    """The embedded universe: `numbers`, one mapping a file, and what they define, made when first asked for."""
+
+    folder: Path
+    numbers: dict
+
+    @cached_property
+    def digest(self):
+        """16 hex digits of the folder and of the dust map, which may lie elsewhere."""
+        return digest([folder_digest(self.folder), self.dust.digest])
+
+    @cached_property
+    def cosmology(self):
+        """The universe.lensing.cosmology.Cosmology of cosmology.yaml."""
+        from csstsim.universe.lensing.cosmology import Cosmology
+
+        return Cosmology(self.numbers["cosmology"])
+
+    @cached_property
+    def dust(self):
+        """The catalog.light.dust_map.DustMap of dust.yaml."""
+        return DustMap(self.numbers["dust"])
+
+    @property
+    def r_v(self):
+        """A(V) / E(B - V) of the Milky Way's dust."""
+        return self.numbers["dust"]["r_v"]
+
+    @cached_property
+    def extinction(self):
+        """A(lambda) / A(V) on the paper's grid."""
+        return self.dust.curve(GRID)
+
+    @cached_property
+    def star_seds(self):
+        """Spectra of stars (universe.stars.star_sed.StarSeds)."""
+        from csstsim.universe.stars.star_sed import StarSeds  # numba: most stages only want the digest
+
+        return StarSeds(self.folder / "star_spectra.fits", self.extinction)
+
+    @cached_property
+    def galaxy_seds(self):
+        """Spectra of galaxies (universe.galaxies.galaxy_sed.GalaxySeds)."""
+        from csstsim.universe.galaxies.galaxy_sed import GalaxySeds
+
+        return GalaxySeds(self.folder / "galaxy_spectra.fits", self.numbers["galaxies"]["igm"], self.extinction)
+
+    @cached_property
+    def quasar_seds(self):
+        """Spectra of quasars (universe.quasars.quasar_sed.QuasarSeds)."""
+        from csstsim.universe.quasars.quasar_sed import QuasarSeds
+
+        return QuasarSeds(self.numbers["quasars"], self.numbers["galaxies"]["igm"], self.extinction)
+
+    @cache  # noqa: B019 - a universe lives as long as its process
+    def lensing_field(self, seed):
+        """Return the LensingField of a campaign's seed. Raises InputError."""
+        from csstsim.universe.lensing.lensing_field import LensingField
+
+        try:
+            return LensingField(seed, self.numbers["cosmology"], self.numbers["lensing"])
+        except (KeyError, TypeError, ValueError) as exc:
+            raise InputError(
+                f"no lensing field: {type(exc).__name__} {exc}", file=self.folder / "lensing.yaml"
+            ) from exc
+
+    def check(self):
+        """Make what the numbers define, populations apart. Raises InputError for one that is missing or wrong."""
+        from csstsim.universe.galaxies.galaxies import cumulative_counts
+        from csstsim.universe.stars.stars import galaxy
+
+        try:
+            for key in _POSITIVE:
+                self._refuse_unless(lambda value: 0 < value < math.inf, key, "above 0")
+            for key in _RISING:
+                self._refuse_unless(lambda value: -math.inf < value[0] < value[1] < math.inf, key, "two rising numbers")
+            self._refuse_unless(lambda value: value <= Z_MAX, "galaxies.mass_function.z_max", f"up to {Z_MAX:g}")
+            galaxy(self.numbers["stars"]), cumulative_counts(self.numbers["galaxies"])
+            self.cosmology, self.dust.nside, self.extinction, self.star_seds, self.galaxy_seds, self.quasar_seds  # noqa: B018
+        except (KeyError, TypeError, ValueError, IndexError) as exc:
+            raise InputError(f"a number is missing or wrong: {type(exc).__name__} {exc}", file=self.folder) from exc
+
+    def _refuse_unless(self, good, key, allowed):
+        part, _, inside = key.partition(".")
+        value = reduce(getitem, inside.split("."), self.numbers[part])
+        if not good(value):
+            raise InputError("impossible", file=self.folder / f"{part}.yaml", key=inside, value=value, allowed=allowed)
+
+
+def load_universe(folder):
+    """Read a universe folder. Raises InputError for a missing or unreadable file or a number without source."""
+    folder = Path(folder)
+    return Universe(folder, {name: read_data(folder / f"{name}.yaml") for name in PARTS})

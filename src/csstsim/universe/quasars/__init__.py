@@ -1,0 +1,1 @@
+"""Quasars of the embedded universe."""

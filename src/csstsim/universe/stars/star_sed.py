@@ -1,0 +1,204 @@
+"""Spectra of stars from (Teff, log g, [Fe/H]): a compact model of the ATLAS9 and BT-Settl atmospheres.
+
+    ln S(lambda_j) = M_j + sum_k c_k(theta, log g, [Fe/H]) P_kj,    theta = 5040 K / Teff
+
+S is the photon density leaving the surface [photon / s / m2 / angstrom] at knots 5 A apart, P the principal components
+of the atmospheres' ln S and c_k their coefficients at the nodes of a grid: cubic (Hermite, from parabolic slopes) in
+theta and [Fe/H], linear in log g; ln S of a black body is linear in theta where hc >> lambda k Teff, hence that axis.
+Between knots S is linear in wavelength, so a band integral is exactly a sum over the knots with hat-function weights.
+An observer at distance d gets S (R / d)^2 10^(-0.4 A_V k(lambda)).
+
+Outside the grid the spectrum is that of the nearest edge. The file (config/universe/star_spectra.fits) and what it
+rests on - ATLAS9 above about 4000 K, BT-Settl below, both tied to the colours of real dwarfs below 5200 K, white dwarfs
+at log g 7 to 9 tied to published photometry of pure-hydrogen atmospheres - come from tests/universe/
+build_star_spectra.py. Left out: chromospheres, rotation, alpha enhancement as an axis, helium white dwarfs.
+"""
+
+from pathlib import Path
+
+import numpy as np
+from numba import njit
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.damage import reading
+from csstsim.base.files.fits_headers import check_headers
+from csstsim.instrument.filter import GRID
+
+_STEP = 10  # samples of the paper's grid between two knots
+KNOTS = GRID[::_STEP]  # angstrom
+_LN_MAG = 0.4 * np.log(10.0)
+_SOME = 64  # stars at a time: their knots stay in cache
+
+
+class Seds:
+    """Spectra ln S = sum_m w_m rows[i_m]; a child says which rows make a star (`_mix`)."""
+
+    def __init__(self, nodes, rows, extinction_curve):
+        self._nodes = nodes  # rising theta, log g, [Fe/H]
+        self._rows = np.ascontiguousarray(rows, dtype=float)
+        self._curve = np.asarray(extinction_curve, dtype=float)[::_STEP]
+        theta, logg, feh = ((float(axis[0]), float(axis[-1])) for axis in nodes)
+        self.limits = {"teff": (5040.0 / theta[1], 5040.0 / theta[0]), "logg": logg, "feh": feh}
+
+    def surface(self, teff, logg, feh, wavelength=GRID):
+        """Return (n, len(wavelength)) photon / s / m2 / angstrom leaving the surface, without extinction.
+
+        `wavelength` in angstrom; outside 2000-11000 the end values hold. Raises InputError for a value that is not
+        a finite number or Teff <= 0.
+        """
+        index, weight = self._mix(*_parameters(teff, logg, feh))
+        out = np.empty((len(index), len(wavelength)))
+        for star, i, w in zip(out, index, weight, strict=True):
+            star[:] = np.interp(wavelength, KNOTS, np.exp(np.einsum("m,mw->w", w, self._rows[i])))
+        return out
+
+    def binned(self, teff, logg, feh, av, edges):
+        """Return (n, len(edges) - 1): means of surface x 10^(-0.4 av k) over bins of rising `edges` [angstrom].
+
+        As `rates`, k enters at the knots, between which the spectrum is linear.
+        """
+        index, weight = self._mix(*_parameters(teff, logg, feh))
+        span = slice(np.searchsorted(KNOTS, edges[0], side="right") - 1, np.searchsorted(KNOTS, edges[-1]) + 1)
+        knots, rows, av = KNOTS[span], np.ascontiguousarray(self._rows[:, span]), np.asarray(av, dtype=float)
+        at = np.clip(np.searchsorted(knots, edges, side="right") - 1, 0, len(knots) - 2)
+        on, gap, out = edges - knots[at], KNOTS[1] - KNOTS[0], np.empty((len(index), len(edges) - 1))
+        for first in range(0, len(index), _SOME):
+            some = slice(first, first + _SOME)
+            line = np.einsum("nm,nmw->nw", weight[some], rows[index[some]])
+            light = np.exp(line - _LN_MAG * av[some, None] * self._curve[span])
+            running = np.zeros_like(light)
+            np.cumsum(0.5 * gap * (light[:, 1:] + light[:, :-1]), axis=1, out=running[:, 1:])
+            slope = np.diff(light, axis=1) / gap
+            sums = running[:, at] + on * (light[:, at] + 0.5 * on * slope[:, at])
+            out[some] = np.diff(sums, axis=1) / np.diff(edges)
+        return out
+
+    def rates(self, teff, logg, feh, av, weights):
+        """Return (n, bands): sum of surface x 10^(-0.4 av k) x weights over the paper's grid.
+
+        `weights` (bands, 18001) hold throughput, area and the step of the grid
+        (catalog.light.photometry.subband_weights); `av` (n,) is A(V) [mag]. k enters at the knots: against every 0.5 A
+        that errs by 1e-5 at A(V) = 1 mag, 1e-4 where the spectrum is steepest (NUV of cool stars).
+        """
+        index, weight = self._mix(*_parameters(teff, logg, feh))
+        hats = _on_knots(np.asarray(weights, dtype=float))
+        av = np.broadcast_to(np.asarray(av, dtype=float), len(index)).copy()
+        out = np.zeros((len(index), len(hats)))
+        used = np.flatnonzero(hats.any(axis=0))
+        if len(used):
+            band = slice(used[0], used[-1] + 1)
+            rows, hats = np.ascontiguousarray(self._rows[:, band]), np.ascontiguousarray(hats[:, band])
+            _integrate(index, weight, rows, av, self._curve[band], hats, _spans(hats), out)
+        return out
+
+    def _cells(self, teff, logg, feh):
+        theta, *rest = self._nodes
+        return cubic(theta, 5040.0 / teff), linear(rest[0], logg), cubic(rest[1], feh)
+
+
+class StarSeds(Seds):
+    """The compact model in the FITS file `path`; `extinction_curve` is A(lambda) / A(V) on the paper's grid, (18001,).
+
+    Raises InputError for a file that cannot be read as such a model.
+    """
+
+    def __init__(self, path, extinction_curve):
+        from astropy.io import fits  # here: half of this module's start-up
+
+        check_headers(path)
+        with reading(path, "star spectra"), fits.open(path, memmap=False) as file:
+            nodes = [np.float64(file[name].data) for name in ("THETA", "LOGG", "FEH")]
+            coefficients, basis = (np.float64(file[name].data) for name in ("COEFF", "BASIS"))
+            shape = (*map(len, nodes), len(basis) - 1)
+        finite = all(np.isfinite(part).all() for part in (*nodes, coefficients, basis))
+        rising = all(len(axis) > 1 and (np.diff(axis) > 0).all() for axis in nodes)
+        if coefficients.shape != shape or basis.shape[1:] != KNOTS.shape or not finite or not rising:
+            raise InputError("nodes, COEFF and BASIS do not fit together", file=Path(path), value=coefficients.shape)
+        # Row 0 of the basis is the mean: its coefficient is 1.
+        self._table = np.concatenate([np.ones((*shape[:3], 1)), coefficients], axis=3)
+        super().__init__(nodes, basis, extinction_curve)
+
+    def _mix(self, teff, logg, feh):
+        (i, a), (j, b), (k, c) = self._cells(teff, logg, feh)
+        mix = np.zeros((len(teff), len(self._rows)))
+        for p in range(4):
+            for q in range(2):
+                for r in range(4):
+                    share = a[:, p] * b[:, q] * c[:, r]
+                    mix += share[:, None] * self._table[i[:, p], j[:, q], k[:, r]]
+        return np.broadcast_to(np.arange(len(self._rows)), mix.shape), mix
+
+
+def linear(nodes, x):
+    """Return (n, 2) indices and weights of the nodes about x, held at both ends of the rising `nodes`."""
+    x = np.clip(x, nodes[0], nodes[-1])
+    i = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, len(nodes) - 2)
+    t = (x - nodes[i]) / (nodes[i + 1] - nodes[i])
+    return np.stack([i, i + 1], axis=1), np.stack([1 - t, t], axis=1)
+
+
+def cubic(nodes, x):
+    """Return (n, 4) indices and weights of the cubic with parabolic slopes through uneven nodes, held at both ends."""
+    (i, _), (_, t) = (column.T for column in linear(nodes, x))
+    index = np.clip(i[:, None] + np.arange(-1, 3), 0, len(nodes) - 1)
+    h = np.diff(nodes[index], axis=1)  # 0 beyond an end, where the slope is the secant
+    low, high = h[:, 0] / (h[:, 0] + h[:, 1]), h[:, 2] / (h[:, 1] + h[:, 2])
+    # Slopes x h1 at both ends of the cell: share `low` of its own secant and 1 - low of the one before, and so on.
+    before = np.divide((1 - low) * h[:, 1], h[:, 0], out=np.zeros_like(t), where=h[:, 0] > 0)
+    after = np.divide((1 - high) * h[:, 1], h[:, 2], out=np.zeros_like(t), where=h[:, 2] > 0)
+    low, high = np.where(h[:, 0] > 0, low, 1.0), np.where(h[:, 2] > 0, high, 1.0)
+    d0, d1 = t * (1 - t) ** 2, -(t**2) * (1 - t)
+    weight = np.stack(
+        [
+            -d0 * before,
+            (1 + 2 * t) * (1 - t) ** 2 + d0 * (before - low) - d1 * high,
+            t**2 * (3 - 2 * t) + d0 * low + d1 * (high - after),
+            d1 * after,
+        ],
+        axis=1,
+    )
+    return index, weight
+
+
+def _parameters(*values):
+    """Return teff, logg and feh as float64 arrays of one length."""
+    values = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, dtype=float)) for v in values))
+    for name, value in zip(("teff", "logg", "feh"), values, strict=True):
+        if not np.isfinite(value).all() or (name == "teff" and (value <= 0).any()):
+            raise InputError("a star's parameter must be a finite number, and Teff positive", key=name)
+    return values
+
+
+def _on_knots(weights):
+    """Return (bands, 1801): the weights on the paper's grid dealt out to the knots, exact for S linear in between."""
+    t = np.arange(_STEP) / _STEP
+    cells = weights[:, :-1].reshape(len(weights), -1, _STEP)
+    out = np.zeros((len(weights), len(KNOTS)))
+    out[:, :-1] += np.einsum("bct,t->bc", cells, 1 - t)
+    out[:, 1:] += np.einsum("bct,t->bc", cells, t)
+    out[:, -1] += weights[:, -1]
+    return out
+
+
+def _spans(hats):
+    """Return (bands, 2): first and one past the last knot in use."""
+    used = [np.flatnonzero(row) for row in hats]
+    return np.array([(u[0], u[-1] + 1) if len(u) else (0, 0) for u in used])
+
+
+@njit(cache=True)
+def _integrate(index, weight, rows, av, curve, hats, spans, out):
+    line = np.empty(rows.shape[1])
+    for s in range(len(index)):
+        line[:] = -0.4 * np.log(10.0) * av[s] * curve
+        for m in range(index.shape[1]):
+            w, row = weight[s, m], rows[index[s, m]]
+            for j in range(len(line)):
+                line[j] += w * row[j]
+        for j in range(len(line)):
+            line[j] = np.exp(line[j])
+        for b in range(len(hats)):
+            total = 0.0
+            for j in range(spans[b, 0], spans[b, 1]):
+                total += line[j] * hats[b, j]
+            out[s, b] = total

@@ -1,0 +1,168 @@
+"""Stars of the embedded universe: density laws x initial mass function x evolution, and motions in six dimensions.
+
+    dN / dOmega = sum over components of integral rho(l, b, d) / rho(Sun) n(bright <= M_V + mu < faint) d^2 dd
+
+with mu = 5 log10(d / 10 pc) and n the local number of stars per pc3 (Robin et al. 2003, A&A 409, 523). Laws in
+milky_way, types of stars in star_types and stellar_evolution, motions in kinematics, numbers in
+config/universe/stars.yaml. The limits hold for V without extinction. The counts at the corners of a brick are summed
+along the sight-line; inside it they go bilinearly between the corners, so the sky has no seams: neighbours share
+them. [Fe/H] follows the radial gradient at the star's own place, without a change of its other parameters. Left out:
+binaries, clusters, streams, the warp, spiral arms, extinction in the choice (bricks dim what is chosen).
+"""
+
+import json
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.universe.stars.kinematics import galactic_velocity, sky_motion
+from csstsim.universe.stars.milky_way import components, density, direction
+from csstsim.universe.stars.star_types import COLUMNS, Types, make_types
+
+MOST = 3e6  # stars of a brick: some 2 GB
+_CHUNK = 256  # sight-lines at a time, for memory
+_NSIDE, _BITS = 256, 21  # a brick is 2^21 x 2^21 pixels of order 29
+_MODULUS = np.arange(-5.0, 27.0, 0.1)  # edges of the steps in distance modulus: 1 pc to 2.3 Mpc
+_PC_PER_KPC = 1000.0
+AREA_DEG2 = 4 * 180.0**2 / np.pi / (12 * _NSIDE**2)
+_SQUARE_DEGREE = (np.pi / 180.0) ** 2
+_FEH = COLUMNS.index("feh")
+
+
+@dataclass(frozen=True, eq=False)
+class Galaxy:
+    """The Galaxy that the numbers make; cached by `galaxy`."""
+
+    numbers: dict
+    types: list[Types]
+
+    def rates(self, ra, dec, faint):
+        """Yield, for each of the types, (p, steps): stars deg-2 with V < faint in each step of distance at ra, dec."""
+        middle = 0.5 * (_MODULUS[1:] + _MODULUS[:-1])
+        position = direction(ra, dec)[:, :, None] * (_parsec(middle) / _PC_PER_KPC)
+        volume = np.diff(_parsec(_MODULUS) ** 3) / 3.0 * _SQUARE_DEGREE  # pc3 / deg2
+        law = {c.name: density(c, position, self.numbers) for c in components(self.numbers)}
+        bright = self.numbers["limits"][0]
+        for types in self.types:
+            yield (
+                law[types.component.name] * volume * (types.brighter(faint - middle) - types.brighter(bright - middle))
+            )
+
+
+def _parsec(modulus):
+    return 10.0 ** (0.2 * modulus + 1.0)
+
+
+def galaxy(numbers):
+    """Return the Galaxy of the numbers (config/universe/stars.yaml as read).
+
+    Raises InputError for numbers that do not make one.
+    """
+    return _galaxy(json.dumps(numbers))
+
+
+@lru_cache(maxsize=4)
+def _galaxy(text):
+    numbers = json.loads(text)
+    try:
+        return Galaxy(numbers, make_types(numbers))
+    except (KeyError, TypeError, ValueError, IndexError) as exc:
+        what = f"a number is missing or wrong: {type(exc).__name__} {exc}"
+        raise InputError(what, file="universe/stars.yaml") from exc
+
+
+def expected_counts(ra, dec, numbers, v_max):
+    """Return the expected stars per deg2 between the bright limit and V = v_max (a float), of the shape of ra, dec."""
+    model = galaxy(numbers)
+    ra, dec = np.broadcast_arrays(np.asarray(ra, float), np.asarray(dec, float))
+    out = np.empty(ra.size)
+    for part in np.array_split(np.arange(ra.size), -(-ra.size // _CHUNK) or 1):
+        out[part] = sum(rate.sum(axis=1) for rate in model.rates(ra.flat[part], dec.flat[part], v_max))
+    return out.reshape(ra.shape)
+
+
+def draw_stars(rng, pix, place, numbers):
+    """Return the columns of the stars of brick `pix` as a dict of arrays of one length.
+
+    rng(name): the numpy Generator of one quantity; place(generator, count): ra, dec [deg] and order-29 HEALPix pixels
+    of uniform random positions in the brick. Columns: ra, dec [deg], _healpix_29, teff [K], logg, feh, stellarmass
+    [Msun], radius [Rsun], distance [pc], parallax [mas], pmra (with cos dec), pmdec [mas/yr], rv [km/s]. The limits
+    of V are those at a star's own distance, to half a step where its step is at the end of a component.
+    """
+    model = galaxy(numbers)
+    ra, dec, healpix, kind, step = _draw_cells(rng, pix, place, model)
+    near, far = _parsec(_MODULUS[step]) ** 3, _parsec(_MODULUS[step + 1]) ** 3
+    distance = (near + rng("distance").random(len(ra)) * (far - near)) ** (1 / 3)
+    position = direction(ra, dec) * distance / _PC_PER_KPC
+    columns, velocity = _draw_types(rng, kind, distance, position, model)
+    pmra, pmdec, rv = sky_motion(ra, dec, distance / _PC_PER_KPC, velocity)
+    return {"ra": ra, "dec": dec, "_healpix_29": healpix, **columns, "distance": distance} | {
+        "parallax": 1000.0 / distance, "pmra": pmra, "pmdec": pmdec, "rv": rv,
+    }  # fmt: skip
+
+
+def _draw_cells(rng, pix, place, model):
+    """Return ra, dec, healpix, index of the types and of the step of distance of each star."""
+    rates = np.stack(list(model.rates(*_corners(pix), model.numbers["limits"][1])), axis=1)
+    totals = rates.sum(axis=(1, 2))
+    if totals.max() * AREA_DEG2 > MOST:
+        count = f"{totals.max() * AREA_DEG2:.3g}"
+        raise InputError(
+            f"brick {pix} would hold {count} stars: it is near the Galactic plane, or the limits are too faint",
+            file="universe/stars.yaml", key="limits", value=model.numbers["limits"], allowed=f"{MOST:g} stars a brick",
+        )  # fmt: skip
+    count = rng("count").poisson(totals.max() * AREA_DEG2)
+    spot = place(rng("position"), count)
+    share = _bilinear(spot[2]) * totals
+    here = share.sum(axis=1)
+    keep = rng("thinning").random(count) * totals.max() < here
+    ra, dec, healpix = (column[keep] for column in spot)
+    # A mixture: a corner, by its part in the density here, then a cell of that corner's.
+    u = rng("cell").random((2, len(ra)))
+    corner = np.minimum((u[0, :, None] * here[keep, None] >= np.cumsum(share[keep], axis=1)).sum(axis=1), 3)
+    summed = rates.reshape(4, -1).cumsum(axis=1)
+    cell = np.empty(len(ra), np.int64)
+    for k in range(4):
+        mine = corner == k
+        cell[mine] = np.searchsorted(summed[k], u[1, mine] * summed[k, -1], side="right")
+    return ra, dec, healpix, *np.divmod(cell, rates.shape[2])
+
+
+def _draw_types(rng, kind, distance, position, model):
+    """Return the columns that the types give, and (3, n) galactic velocities [km/s]."""
+    bright, faint = model.numbers["limits"]
+    modulus = 5.0 * np.log10(distance) - 5.0
+    r0 = model.numbers["sun"]["r0"]
+    chosen, normal = rng("type").random(len(kind)), rng("velocity").standard_normal((3, len(kind)))
+    table, velocity = np.empty((len(COLUMNS), len(kind))), np.empty((3, len(kind)))
+    for k, types in enumerate(model.types):
+        mine = np.flatnonzero(kind == k)
+        at = position[:, mine]
+        table[:, mine] = types.choose(chosen[mine], bright - modulus[mine], faint - modulus[mine])
+        table[_FEH, mine] += types.component.gradient * (np.hypot(at[0] - r0, at[1]) - r0)
+        velocity[:, mine] = galactic_velocity(types.component, normal[:, mine], at, model.numbers)
+    return dict(zip(COLUMNS[1:], table[1:], strict=True)), velocity
+
+
+def _corners(pix):
+    """Return ra, dec [deg] of the brick's corners: north, west, south, east."""
+    import healpy
+
+    vectors = healpy.boundaries(_NSIDE, pix, nest=True)
+    return healpy.vec2ang(vectors.T, lonlat=True)
+
+
+def _bilinear(healpix):
+    """Return (n, 4) weights of the corners at order-29 pixels of a brick."""
+    x, y = (_every_other(healpix >> shift) / (1 << _BITS) for shift in (0, 1))
+    return np.stack([x * y, (1 - x) * y, (1 - x) * (1 - y), x * (1 - y)], axis=1)
+
+
+def _every_other(bits):
+    """The number that the lowest _BITS even bits make."""
+    out = np.zeros_like(bits)
+    for k in range(_BITS):
+        out |= ((bits >> (2 * k)) & 1) << k
+    return out

@@ -1,0 +1,148 @@
+"""The same bits whatever the number of threads of the libraries below: of each product, and in each stage."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from contextlib import redirect_stdout
+from io import StringIO
+from pathlib import Path
+
+import all_products
+import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
+
+from csstsim.base.files import atomic
+from csstsim.base.one_thread import one_thread
+from csstsim.command_line.group import SECTIONS
+
+THREADS = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"
+STAGES = {
+    "truth", "psf", "select", "render", "readout", "level0", "chip", "masters", "calibrate", "measure", "extract",
+    "merge", "validate", "report",
+}  # fmt: skip
+
+
+def threads():
+    """Return the threads of each linear algebra library that is loaded."""
+    return {pool["filepath"]: pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+
+@pytest.fixture
+def several():
+    """A process whose linear algebra has two threads, as a user's may have."""
+    with threadpool_limits(2, user_api="blas"):
+        before = threads()
+        if set(before.values()) != {2}:
+            pytest.skip("the linear algebra library is built for one thread")
+        yield before
+
+
+def made(folder, names, number):
+    """Return {product: digest} of every stage, in a process that is told its threads by these variables, or by none."""
+    environment = {name: value for name, value in os.environ.items() if name not in THREADS}
+    program = [sys.executable, str(Path(all_products.__file__)), str(folder)]
+    environment |= dict.fromkeys(names, str(number))
+    done = subprocess.run(program, env=environment, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stderr
+    for path in sorted(folder.rglob("*"), reverse=True):  # the same folder again: its name stands in products
+        path.rmdir() if path.is_dir() else path.unlink()
+    return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("threads")
+
+
+@pytest.fixture(scope="module")
+def of_one_thread(folder):
+    """What the workflow makes, which sets all of the variables to 1."""
+    return made(folder, THREADS, 1)
+
+
+@pytest.mark.parametrize(
+    ("names", "number"),
+    [
+        pytest.param(THREADS, 8, id="8"),
+        pytest.param(THREADS, 2, id="2", marks=pytest.mark.slow),
+        pytest.param(("OPENBLAS_NUM_THREADS",), 2, id="blas-2", marks=pytest.mark.slow),
+        pytest.param((), 0, id="unset", marks=pytest.mark.slow),
+    ],
+)
+def test_every_product_has_the_bits_of_one_thread(folder, of_one_thread, names, number):
+    """More threads than cores are cut to the cores by OpenBLAS; any number above 1 showed the fault."""
+    found = made(folder, names, number)
+    assert len(found) > 40 and found.keys() == of_one_thread.keys()
+    assert [name for name in found if found[name] != of_one_thread[name]] == []
+
+
+def test_each_stage_writes_its_products_on_one_thread(tmp_path, monkeypatch, several):
+    """Seen from within, at each write: small campaigns have few sums that are long enough to be cut among threads."""
+    seen, flush, stage = {}, atomic._flush, None
+
+    def noted(path):
+        seen.setdefault(stage, set()).update(threads()[library] for library in several)
+        flush(path)
+
+    sky, lamps = all_products.science(tmp_path / "sky"), all_products.exposures(tmp_path / "lamps")
+    monkeypatch.setattr(atomic, "_flush", noted)
+    with redirect_stdout(StringIO()):
+        for stage, call in (*all_products.chain(sky), *all_products.calibration_chain(lamps)):
+            call()
+            assert threads() | several == threads(), f"{stage} keeps the threads of its caller"
+    assert seen == {stage: {1} for stage in STAGES}
+
+
+def test_no_stage_is_left_out():
+    """A new one belongs into all_products.chain and into STAGES."""
+    assert {*SECTIONS["Stages of the workflow, one job each"], "chip", "report"} == STAGES
+
+
+def test_what_is_made_in_memory_is_made_on_one_thread(tmp_path, monkeypatch, several):
+    """Simulation.chip and light, and the PSF they make first."""
+    from csstsim.api import Simulation
+    from csstsim.layers import gain, scie_obs
+
+    seen = []
+    for module in (gain, scie_obs):
+        apply = module.apply
+        monkeypatch.setattr(
+            module, "apply", lambda *given, apply=apply: seen.append(set(threads().values())) or apply(*given)
+        )
+    run = all_products.science(tmp_path / "sky", catalog={"kind": "mini_campaign:Stars", "options": {
+        "ra": [60.0], "dec": [-40.0], "mag": [20.0]}})  # fmt: skip
+    sim = Simulation(run.file, cache=tmp_path / "cache")
+    sim.chip(run.jobs[0].pointing.obsid, 9)
+    sim.light(run.jobs[0].pointing.obsid, 9)
+    assert seen == [{1}, {1}, {1}]
+
+
+def test_threads_are_given_back(several):
+    """After an error, by the outermost of those within each other, and by the last of those side by side."""
+    with pytest.raises(ZeroDivisionError), one_thread:
+        1 / 0  # noqa: B018
+    assert threads() == several
+    with one_thread:
+        with one_thread:
+            pass
+        assert set(threads().values()) == {1}
+    assert threads() == several
+    inside, leave = threading.Event(), threading.Event()
+
+    @one_thread
+    def other():
+        inside.set()
+        leave.wait(10)
+        return set(threads().values())
+
+    found = []
+    thread = threading.Thread(target=lambda: found.append(other()))
+    with one_thread:
+        thread.start()
+        assert inside.wait(10)
+    assert set(threads().values()) == {1}, "another thread still works"
+    leave.set()
+    thread.join()
+    assert found == [{1}] and threads() == several

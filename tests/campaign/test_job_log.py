@@ -1,0 +1,85 @@
+"""The first and last line of a job's log."""
+
+import io
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+from mini_campaign import write_campaign
+
+from csstsim import __version__
+from csstsim.campaign.job_log import Took, job_log, took
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.command_line.main import main
+
+FIRST = re.compile(
+    rf"csstsim {re.escape(__version__)} (\w+): campaign mini ([0-9a-f]{{8}}), ([\w ]+), "
+    r"\S+ pid (\d+), \d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ"
+)
+
+
+def said(*arguments):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def test_a_log_begins_with_whose_it_is_and_ends_with_what_it_took(tmp_path):
+    file = write_campaign(tmp_path)
+    job = OpenCampaign(file).jobs[0]
+    where = "--obsid", job.pointing.obsid, "--chip", 9, "--chip", 9  # once is enough
+    log = tmp_path / "chip.log"
+    program = "import sys; from csstsim.command_line.main import main; main(sys.argv[1:])"
+    with open(log, "w") as out:
+        command = [sys.executable, "-c", program, "chip", file, *where]
+        process = subprocess.Popen([*map(str, command)], stdout=out, stderr=subprocess.STDOUT)
+        _, status, used = os.wait4(process.pid, 0)
+        process.returncode = status
+    text = log.read_text()
+    assert status == 0, text
+    first = FIRST.fullmatch(text.splitlines()[0])
+    assert first.groups() == (
+        "chip", OpenCampaign(file).config.digest()[:8], f"exposure {job.pointing.obsid} chip 9", str(process.pid)
+    )  # fmt: skip
+    end = took(text)
+    assert text.splitlines()[-1].startswith("chip done: ")
+    total = used.ru_utime + used.ru_stime  # with the end of the interpreter
+    assert 0.8 * total < end.cpu_s <= total + 0.1
+    assert 100 < end.memory_mb <= used.ru_maxrss / 1024 + 1 and end.wall_s > 0
+    # what benchmarks/overhead.py reads is as it was
+    stages = re.findall(r"^(\w+): [\d.]+ s, [\d.]+ CPU-s$", text, re.MULTILINE)
+    assert stages == ["select", "render", "readout", "level0", "writing"]
+
+
+def test_commands_that_make_nothing_and_jobs_that_fail(tmp_path):
+    file = write_campaign(tmp_path)
+    for command in ("plan", "check", "status"):
+        found = said(command, file)
+        assert found.exit_code == 0 and "pid" not in found.output and "done:" not in found.output
+    assert said("check", file).output.count("\n") == 1
+    (obsid, chip), *_ = (job.key for job in OpenCampaign(file).jobs)
+    failed = said("measure", file, "--obsid", obsid, "--chip", chip)
+    assert failed.exit_code == 2 and took(failed.output) is None
+    first, error = failed.output.splitlines()
+    assert FIRST.fullmatch(first)[1] == "measure" and error.startswith("csstsim: error: ")
+
+
+class Terminal(io.StringIO):
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize("out", [Terminal(), None])
+def test_a_terminal_or_nobody_is_told_nothing(monkeypatch, out):
+    monkeypatch.setattr("sys.stdout", out)
+    with job_log("psf", "mini", "0123456789abcdef", "chip 9"):
+        pass
+    assert out is None or out.getvalue() == ""
+
+
+def test_took_reads_the_last_line_and_nothing_else():
+    line = "render done: 12.3 s, CPU 11.9 s, memory 1733 MB"
+    assert took(f"csstsim 0.1.0 render: ...\nrender: 12.3 s, 11.9 CPU-s\n{line}\n") == Took(12.3, 11.9, 1733.0)
+    for text in ("", "render: 12.3 s, 11.9 CPU-s", line[:-1], f"x{'9' * 400} done: 1 s", line.replace("12.3", "1.2.3")):
+        assert took(text) is None

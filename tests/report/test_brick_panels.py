@@ -1,0 +1,94 @@
+"""What the panels of a brick's page draw, against what was put in."""
+
+import math
+
+import numpy as np
+import pytest
+from matplotlib.contour import QuadContourSet
+from matplotlib.figure import Figure
+from matplotlib.quiver import Quiver
+
+from csstsim.base.rng import stream
+from csstsim.bricks.trials import COLUMNS
+from csstsim.catalog.table import ObjectTable
+from csstsim.report import colour_panel, exposure_panels, psf_panels
+from csstsim.report.style import legend_or_note
+
+
+def colours_of(n, galaxies=0):
+    rng = stream(61, "colours")
+    points = rng.normal([[1.2], [0.6]], 0.25, (2, n))
+    return {"input": points, "output": points + 0.02, "galaxy": np.arange(n) < galaxies}
+
+
+def test_contours_hold_their_shares_of_a_gaussian_cloud():
+    """Radius sigma sqrt(-2 ln(1 - share)); the smoothing adds BLUR cells to sigma in quadrature; 0.02 mag is chance."""
+    axes = Figure().add_subplot()
+    colour_panel.colours(axes, colours_of(20_000))
+    (contours,) = (child for child in axes.get_children() if isinstance(child, QuadContourSet))
+    sigma = math.hypot(0.25, colour_panel.BLUR * colour_panel.CELL)
+    for lines, share in zip(contours.allsegs, colour_panel.SHARES, strict=True):
+        (line,) = lines
+        radius = np.hypot(*(line - [1.2, 0.6]).T)
+        assert radius.mean() == pytest.approx(sigma * math.sqrt(-2 * math.log(1 - share)), abs=0.02)
+
+
+@pytest.mark.parametrize(("n", "galaxies"), [(0, 0), (1, 0), (49, 20), (120, 60), (120, 119)])
+def test_colours_of_few_are_points_of_many_contours(n, galaxies):
+    axes = Figure().add_subplot()
+    colour_panel.colours(axes, colours_of(n, galaxies))
+    drawn = [child for child in axes.get_children() if isinstance(child, QuadContourSet)]
+    assert len(drawn) == sum(k >= colour_panel.CONTOURS_FROM for k in (galaxies, n - galaxies))
+    shown = sum(len(line.get_xdata()) for line in axes.lines if line.get_marker() in "os")
+    assert shown == n + sum(k for k in (galaxies, n - galaxies) if k < colour_panel.CONTOURS_FROM)
+
+
+def shapes_of(n):
+    """Trials of stars whose size residual grows with x, and whose ellipticity is along y above the middle, x below."""
+    rng = stream(62, "shapes")
+    x, y = rng.uniform(0, 9000, (2, n))
+    table = {name: np.ones(n) for name in COLUMNS} | {"galaxy": np.zeros(n), "snr": np.full(n, 100.0), "x": x, "y": y}
+    table |= {"psf_size": 0.01 * (x / 9000 - 0.5), "psf_e1": np.where(y > 4500, -0.004, 0.004), "psf_e2": np.zeros(n)}
+    return {"trials": {"r": ObjectTable(table)}}
+
+
+def test_maps_of_shapes_show_what_was_put_in():
+    figure = Figure()
+    left, right = figure.subplots(1, 2)
+    arrays = shapes_of(5000)
+    psf_panels.size(left, arrays)
+    psf_panels.ellipticity(right, arrays)
+    values = left.collections[0].get_array().reshape(psf_panels.CELLS, psf_panels.CELLS)  # rows are y
+    middle = (np.arange(psf_panels.CELLS) + 0.5) / psf_panels.CELLS - 0.5
+    assert np.abs(values - middle).max() < 0.03  # %; of chance of the median place in a cell
+    (whiskers,) = (child for child in right.get_children() if isinstance(child, Quiver))
+    u, v = (part.reshape(psf_panels.CELLS, psf_panels.CELLS) for part in (whiskers.U, whiskers.V))  # rows are x
+    half = psf_panels.CELLS // 2
+    assert np.abs(u[:, :half] - 0.004).max() < 1e-12 and np.abs(v[:, :half]).max() < 1e-12
+    assert np.abs(v[:, half:] - 0.004).max() < 1e-12 and np.abs(u[:, half:]).max() < 1e-12
+
+
+@pytest.mark.parametrize(("n", "drawn"), [(0, False), (2, False), (6, False), (200, True)])
+def test_maps_of_a_few_stars(n, drawn):
+    """Without FEWEST stars in any of 64 cells the panels say so."""
+    figure = Figure()
+    for axes, draw in zip(figure.subplots(1, 2), (psf_panels.size, psf_panels.ellipticity), strict=True):
+        draw(axes, shapes_of(n))
+        assert any("too few" in text.get_text() for text in axes.texts) != drawn
+
+
+@pytest.mark.parametrize("galaxy", [0.0, 1.0])
+def test_a_band_of_one_kind_is_named_in_the_legend(galaxy):
+    """A small field may have galaxies enough to draw, and no stars."""
+    axes, n = Figure().add_subplot(), 20
+    table = {name: np.ones(n) for name in COLUMNS} | {"galaxy": np.full(n, galaxy), "mag": np.full(n, 22.2)}
+    exposure_panels.found_by_magnitude(axes, None, {"trials": {"r": ObjectTable(table)}})
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["r"]
+
+
+def test_a_legend_of_nothing_drawn_is_a_note(recwarn):
+    """Bands there are, but too few sources in each for a line."""
+    axes = Figure().add_subplot()
+    legend_or_note(axes, ["r"], "too few objects")
+    assert axes.get_legend() is None and [text.get_text() for text in axes.texts] == ["too few objects"]
+    assert not recwarn.list

@@ -1,0 +1,222 @@
+"""`csstsim report` on campaigns run through the commands: links, verdict, exit codes, calibration, a missing file."""
+
+import json
+import shutil
+from types import SimpleNamespace
+from urllib.parse import unquote
+
+import pytest
+from mini_campaign import POINTINGS, write_campaign
+from report_page import Reader, command, done
+
+from csstsim.bricks.result_file import read_result, write_result
+from csstsim.campaign.costs import Cost, expected
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.run_times import run_times
+from csstsim.catalog.table import ObjectTable
+from csstsim.io.paths import Paths
+
+
+def relative_links(page):
+    reader = Reader(page.read_text(encoding="utf-8"))
+    return [href for href in reader.values("a", "href") if not href.startswith("#")]
+
+
+def test_links_lead_to_the_files_of_the_campaign(reported):
+    _, run, _ = reported
+    page = run.paths.report
+    targets = {(page.parent / unquote(link)).resolve() for link in relative_links(page)}
+    assert all(target.is_file() for target in targets)
+    expected = [run.paths.level0(job.pointing, job.chip.id) for job in run.jobs]
+    expected += [path(pix) for pix in run.merge_bricks for path in (run.paths.merge, run.paths.validate)]
+    assert {path.resolve() for path in expected} <= targets
+
+
+def test_the_verdict_is_printed_and_strict_ends_with_1_only_when_a_gate_fails(reported):
+    file, run, said = reported
+    path = run.paths.validate(next(iter(run.merge_bricks)))
+    verdict = run.paths.report.with_name("verdict.json")
+    assert json.loads(verdict.read_text())["passed"] is not False and "FAIL" not in said
+    assert command("report", file, "--strict").exit_code == 0
+    before = path.read_text()
+    result = read_result(path)
+    result["gates"][0] |= {"value": 0.5, "threshold": 0.95, "passed": False}
+    write_result(path, result)
+    try:
+        assert command("report", file).exit_code == 0
+        strict = command("report", file, "--strict")
+        assert strict.exit_code == 1 and ": completeness in r is 0.5 against 0.95" in strict.output
+        assert json.loads(verdict.read_text())["passed"] is False
+        assert json.loads(verdict.read_text())["gates"][0]["value"] == 0.5
+    finally:
+        path.write_text(before)
+        done("report", file)
+
+
+def test_many_figures_are_linked_instead_of_embedded(reported, monkeypatch):
+    file, run, _ = reported
+    before = run.paths.report.stat().st_size
+    monkeypatch.setattr("csstsim.stages.report.EMBEDDED", 0)
+    done("report", file)
+    text = run.paths.report.read_text()
+    assert len(text) < before and "Validation of brick" not in text
+    assert sum(link.endswith(".png") for link in relative_links(run.paths.report)) == 2 * len(run.merge_bricks)
+    monkeypatch.undo()
+    done("report", file)
+
+
+def test_a_missing_validation_is_one_line(reported):
+    file, run, _ = reported
+    path = run.paths.validate(next(iter(run.merge_bricks)))
+    kept = path.rename(path.with_suffix(".kept"))
+    try:
+        found = command("report", file)
+    finally:
+        kept.rename(path)
+    assert found.exit_code == 2 and str(path) in found.output and len(found.stderr.splitlines()) == 1
+    assert f"csstsim validate {file} --brick {path.stem}`" in found.output
+
+
+def test_a_stage_without_the_one_before_it_says_what_makes_that(tmp_path):
+    """A command that the message names leads on to the next one."""
+    file = write_campaign(tmp_path, [POINTINGS[0]], select={"chips": [9]})
+    run = OpenCampaign(file)
+    (job,), (pix, *_) = run.jobs, run.merge_bricks
+    where = f"{file} --obsid {job.pointing.obsid} --chip 9`"
+    merged = command("merge", file, "--brick", pix)
+    measured, calibrated = (command(name, file, *job.options.split()) for name in ("measure", "calibrate"))
+    assert {found.exit_code for found in (merged, measured, calibrated)} == {2}
+    assert f"csstsim measure {where}" in merged.output
+    assert f"csstsim chip {where}" in measured.output and f"csstsim chip {where}" in calibrated.output
+
+
+def verdict_of(result):
+    """What changes a verdict by one letter."""
+    return result.replace(b'"passed": null', b'"passed": true', 1)
+
+
+@pytest.mark.parametrize(
+    ("product", "change", "words"),
+    [
+        ("validate", lambda raw: raw.replace(b'"bands"', b'"bandz"'), "damaged"),
+        ("validate", verdict_of, "damaged"),
+        ("validate", lambda raw: b"[]", "not the validation of a brick"),
+        ("png", lambda raw: raw[:-1], "not a whole PNG"),
+        ("png", lambda raw: b"", "not a whole PNG"),
+        ("merge", lambda raw: raw[: len(raw) // 2], "parquet"),
+        ("level0", lambda raw: raw[: len(raw) // 2], "cut short"),
+    ],
+)
+def test_nothing_is_written_of_a_damaged_product(reported, product, change, words):
+    file, run, _ = reported
+    pix, job = next(iter(run.merge_bricks)), run.jobs[0]
+    path = {
+        "validate": run.paths.validate(pix), "png": run.paths.validate(pix).with_suffix(".png"),
+        "merge": run.paths.merge(pix), "level0": run.paths.level0(job.pointing, job.chip.id),
+    }[product]  # fmt: skip
+    before, written = path.read_bytes(), [run.paths.report, run.paths.report.with_name("verdict.json")]
+    for made in written:
+        made.unlink()
+    path.write_bytes(change(before))
+    try:
+        found = command("report", file)
+        assert not any(made.exists() for made in written)
+    finally:
+        path.write_bytes(before)
+        done("report", file)
+    assert found.exit_code == 2 and str(path) in found.output and words in found.output
+
+
+def test_a_verdict_by_other_thresholds_or_of_another_brick_is_refused(reported, tmp_path):
+    file, run, _ = reported
+    stricter = file.with_name("stricter.yaml")
+    stricter.write_text(file.read_text() + "validation: {mag_bias_max: 0.001}\n")
+    found = command("report", stricter)
+    assert found.exit_code == 2 and "other thresholds" in found.output
+    path = run.paths.merge(next(iter(run.merge_bricks)))
+    before, table = path.read_bytes(), ObjectTable.read(path)
+    table.write(path, table.meta | {"recipe": "another's"})
+    try:
+        found = command("report", file)
+    finally:
+        path.write_bytes(before)
+    assert found.exit_code == 2 and str(path) in found.output and "another campaign" in found.output
+
+
+def test_a_benchmark_file_cut_short_is_no_matter(reported):
+    file, run, _ = reported
+    folder = run.paths.output / "benchmarks" / "measure"
+    folder.mkdir(parents=True)
+    (folder / "whole.tsv").write_bytes(b"s\tcpu_time\tmax_rss\n2.5\t2.0\t100\n")
+    (folder / "cut.tsv").write_bytes(b"s\tcpu_time\tmax_rss\n1.0")
+    (folder / "odd.tsv").write_bytes(b"\xff\n\xfe\n")
+    try:
+        done("report", file)
+        assert ">3.5<" in run.paths.report.read_text()
+    finally:
+        shutil.rmtree(folder.parent)
+        done("report", file)
+
+
+def test_what_jobs_took_stands_beside_what_was_expected(reported):
+    """Snakemake's figures, and where the job's own log has them, those."""
+    file, run, _ = reported
+    benchmarks, logs = (run.paths.output / name for name in ("benchmarks", "logs"))
+    for rule, figures in {
+        "readout": ("9.0", "4.0", "200"),
+        "measure": ("30.0", "8.0", "100"),
+        "psf": ("0.3", "NA", "NA"),
+    }.items():
+        (benchmarks / rule).mkdir(parents=True)
+        (benchmarks / rule / "1.tsv").write_text("s\tcpu_time\tmax_rss\n" + "\t".join(figures) + "\n")
+        (logs / rule).mkdir(parents=True)
+    (logs / "measure" / "1.log").write_text("measure done: 29.5 s, CPU 20.0 s, memory 300 MB\n")
+    (logs / "readout" / "1.log").write_text("no such line\n")
+    try:
+        rows = {row["step"]: row for row in run_times(run)}
+        done("report", file)
+        assert "all, for a Level-0 file" in run.paths.report.read_text()
+    finally:
+        for folder in (benchmarks, logs):
+            shutil.rmtree(folder)
+        done("report", file)
+    costs = expected(run)
+    measure, readout, psf, whole = (rows[name] for name in ("measure", "readout", "psf", "all, for a Level-0 file"))
+    assert measure["CPU of a job: mean"] == 20.0 and measure["largest"] == 300 and measure["wall [s]"] == 30.0
+    assert readout["CPU of a job: mean"] == 4.0 and readout["largest"] == 200
+    assert psf["CPU of a job: mean"] is None and psf["mean / expected"] is None and psf["wall [s]"] == 0.3
+    should = costs["readout"][run.jobs[0].key]
+    assert readout["mean / expected"] == round(4.0 / should.cpu_s, 2)
+    assert readout["largest / expected"] == round(200 / should.memory_mb, 2)
+    assert whole["CPU [s]"] == 24.0 / len(run.jobs) and whole["wall [s]"] == round(39.3 / len(run.jobs), 1)
+
+
+def test_jobs_of_a_rule_are_expected_to_cost_the_mean_of_those_planned(tmp_path, monkeypatch):
+    """Three readouts were measured, two are planned, of 10 and 20 s: 45 s, and not three times the dearest."""
+    costs = {"readout": {1: Cost(10.0, 100), 2: Cost(20.0, 300)}}
+    monkeypatch.setattr("csstsim.campaign.run_times.expected", lambda run: costs)
+    (tmp_path / "benchmarks" / "readout").mkdir(parents=True)
+    for number in range(3):
+        path = tmp_path / "benchmarks" / "readout" / f"{number}.tsv"
+        path.write_text("s\tcpu_time\tmax_rss\n40.0\t30.0\t200\n")
+    readout, whole, each = run_times(SimpleNamespace(paths=Paths(tmp_path), jobs=[1, 2]))
+    assert readout["expected [s]"] == 15.0 and readout["mean / expected"] == 2.0 and readout["expected [MB]"] == 300
+    assert whole["expected [s]"] == 45.0 and whole["mean / expected"] == 2.0 and each["expected [s]"] == 22.5
+
+
+def test_no_benchmark_files_no_table(reported):
+    assert run_times(reported[1]) == []
+
+
+@pytest.mark.parametrize("kind", ["BIAS", "DARK"])
+def test_calibration_frames_alone(tmp_path, kind):
+    pointing = f"10300000001,{kind},0,0,0,2027-11-20T02:00:00,{0 if kind == 'BIAS' else 100}"
+    file = write_campaign(tmp_path, [POINTINGS[0], pointing], select={"types": [kind], "chips": [9, 29]})
+    run = OpenCampaign(file)
+    for job in run.jobs:
+        done("chip", file, "--obsid", job.pointing.obsid, "--chip", job.chip.id)
+    said = done("report", file, "--strict")
+    assert "No gate could be judged" in said
+    reader = Reader(run.paths.report.read_text())
+    assert len(reader.values("image", "href")) == 2
+    assert len([link for link in relative_links(run.paths.report) if link.endswith(".fits")]) == 2

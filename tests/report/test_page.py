@@ -1,0 +1,140 @@
+"""The report's page: what it says first, that all of it is escaped and closed, and its size when lists are long."""
+
+import json
+
+import pytest
+from report_page import Reader
+
+from csstsim.bricks import verdict
+from csstsim.bricks.compare import spread
+from csstsim.report.markup import LONGEST, Link, table
+from csstsim.report.page import write_report
+
+EVIL = '<script>alert("x")</script>'
+PNG = b"\x89PNG not looked into"
+
+
+def gate(name, band, passed, **more):
+    return {"name": name, "band": band, "value": 0.03125, "threshold": 0.02, "n": 25, "passed": passed, **more}
+
+
+def result(brick, gates, bands=("g",)):
+    """A result of validate_brick with these gates."""
+    star = {"n": 25, "median": 0.03125, "sigma": 0.01, "error": 0.002}
+    numbers = {
+        "frames": 2, "zeropoint": 26.0, "depth_5sigma": 26.1, "completeness": 0.875, "point_sources": 40, "star": star,
+        "galaxy": star, "completeness_curve": {"snr": [1, 2]}, "deep": {"pull": {"width": 1.125}},
+    }  # fmt: skip
+    part = {"n": 5, "median": 0.5, "sigma": 1.0}
+    return {
+        "brick": brick, "sources": 50, "purity": 0.96, "truth": 48, "frames": 2, "bands": dict.fromkeys(bands, numbers),
+        "astrometry_mas": {"east": part, "north": part}, "gates": gates,
+    }  # fmt: skip
+
+
+def page(path, results, **more):
+    write_report(path / "index.html", {"name": "trial", "seed": 3}, results, **more)
+    return (path / "index.html").read_text(encoding="utf-8")
+
+
+def test_one_star_has_a_residual_and_no_scatter(tmp_path):
+    alone = result(11, [gate("purity", None, None)])
+    part = spread([0.5])
+    assert part == {"median": 0.5, "error": None, "sigma": None, "n": 1}
+    alone["astrometry_mas"] = {"east": part, "north": part}
+    for numbers in alone["bands"].values():
+        numbers["star"] = part
+    text = page(tmp_path, [alone])
+    assert "east +0.5, north +0.5 mas from 1 bright stars" in text and "fewer than 20 sources" in text
+
+
+def test_failing_gates_are_named_first_and_the_failing_brick_is_the_first_row(tmp_path):
+    good, bad = result(11, [gate("completeness", "g", True)]), result(12, [gate("purity", None, False)])
+    text = page(tmp_path, [good, bad])
+    reader = Reader(text)
+    words = " ".join(reader.text)
+    assert "FAIL: 1 of 2 judged gates pass; 0 could not be judged." in words
+    assert words.index("brick 12: purity is 0.03125 against 0.02") < words.index("Summary")
+    assert words.index("Brick 12") < words.index("Brick 11")
+    assert "deep: pull: width" in words and "completeness_curve" not in words  # numbers it has not heard of
+    hashes = {href[1:] for href in reader.values("a", "href") if href.startswith("#")}
+    ids = [attrs["id"] for _, attrs in reader.tags if "id" in attrs]
+    assert hashes <= set(ids) and len(ids) == len(set(ids))
+    assert {"gates", "bricks", "brick-11", "brick-12"} <= hashes
+
+
+def test_all_text_is_escaped_and_everything_is_in_the_page(tmp_path):
+    wicked = result(1, [gate(EVIL, EVIL, False, extra=EVIL)])
+    text = page(
+        tmp_path, [wicked], figures={1: PNG}, sky_map=PNG, exposures=[{EVIL: EVIL, "chips": (Link(EVIL, EVIL),)}],
+        files=[(EVIL, f"../level0/{EVIL}.fits")], links={1: (Link(EVIL, "a.json"),)},
+        spectra=[(EVIL, PNG), (EVIL, None)], provenance={EVIL: EVIL}, times=[{"step": EVIL, "wall": 1.0}],
+    )  # fmt: skip
+    reader = Reader(text)
+    assert text.count("<script") == 1 and [tag for tag, _ in reader.tags].count("script") == 1  # the page's own
+    assert " ".join(reader.text).count(EVIL) >= 12  # as text, where it was put
+    images = reader.values("img", "src")
+    assert len(images) == 3 and all(src.startswith("data:image/png;base64,") for src in images)
+    assert f"../level0/{EVIL}.fits" in reader.values("a", "href")
+    assert not reader.values("script", "src") and not reader.values("link", "href")
+    assert "url(" not in text and "@import" not in text and "http:" not in text and "https:" not in text
+
+
+def test_a_report_of_nothing(tmp_path):
+    text = page(tmp_path, [])
+    Reader(text)
+    assert "No gate could be judged" in text
+
+
+def test_gates_may_miss_or_add_keys_and_figures(tmp_path):
+    odd = {"name": "shear", "passed": None, "why": "no twin"}
+    words = " ".join(Reader(page(tmp_path, [result(3, [odd], bands=())])).text)
+    assert "why" in words and "no twin" in words and "not judged" in words
+
+
+def test_500_bricks_and_3000_files_make_a_small_page_that_folds(tmp_path):
+    bands = ("nuv", "u", "g", "r", "i", "z", "y")
+    some = (("bias", None), ("depth", False)), (("bias", None), ("depth", True))
+    gates = [[gate(name, b, passed) for name, passed in pair for b in bands] for pair in some]
+    results = [result(k, gates[k % 100 != 7], bands) for k in range(500)]
+    files = tuple(Link(f"{k % 30:02d} r", f"../level0/101/CSST_MSC_MS_WIDE_{k:030d}_L0_V01.fits") for k in range(30))
+    text = page(tmp_path, results, exposures=[{"obsid": k, "Level-0 of chip": files} for k in range(100)])
+    reader = Reader(text)
+    assert len(text) < 10_000_000
+    assert len([href for href in reader.values("a", "href") if href.endswith(".fits")]) == 3000
+    words = " ".join(reader.text)
+    assert "and 25 more" in words and "500 bricks" in words and "100 exposures" in words
+    assert text.count("<details") > 500
+
+
+def test_long_tables_fold_and_columns_of_numbers_are_set_right():
+    assert "<details>" not in table(("a",), [(1,)] * LONGEST)
+    assert f"<summary>{LONGEST + 1} things" in table(("a",), [(1,)] * (LONGEST + 1), "things")
+    cells = table(("a", "b"), [(1.5, "x"), (None, 2)])
+    assert '<td class="n">1.5</td><td>x</td>' in cells and '<td class="n">-</td><td>2</td>' in cells
+
+
+@pytest.mark.parametrize(
+    "passes, whole", [([True, None], True), ([None], None), ([], None), ([True, False, None], False)]
+)
+def test_the_verdict_and_its_file(tmp_path, passes, whole):
+    gates = [gate(f"gate {k}", "r", passed) for k, passed in enumerate(passes)]
+    judged = verdict.judge([result(5, gates)])
+    assert judged["passed"] is whole
+    assert judged["counts"] == {name: passes.count(value) for value, name in verdict.NAMES.items()}
+    assert [g["passed"] for g in judged["gates"]] == sorted(passes, key=verdict.ORDER.index)
+    judged["gates"] = [g | {"value": float("nan")} for g in judged["gates"]]
+    verdict.write_verdict(tmp_path / "verdict.json", judged, campaign="trial")
+    read = json.loads((tmp_path / "verdict.json").read_text(), parse_constant=pytest.fail)
+    assert read["passed"] is whole and read["campaign"] == "trial"
+    assert [g["value"] for g in read["gates"]] == [None] * len(passes)
+
+
+def test_printed_are_failing_gates_in_full_and_counts_of_the_others():
+    some = [gate("bias", "g", True), gate("bias", "r", False), gate("completeness", "g", True)]
+    assert list(verdict.lines(verdict.judge([result(5, some)]))) == [
+        "FAIL brick 5: bias in r is 0.03125 against 0.02",
+        "FAIL bias: 1 pass, 1 fail, 0 not judged",
+        "pass completeness: 1 pass, 0 fail, 0 not judged",
+        "FAIL: 2 of 3 judged gates pass; 0 could not be judged.",
+    ]

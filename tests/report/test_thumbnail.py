@@ -1,0 +1,150 @@
+"""Thumbnails against sums by hand, and the places they are given in the focal plane against the chips' WCS."""
+
+import io
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+from readout_state import flat_state, plain_layers, run, small_camera
+from report_page import Reader
+
+from csstsim.instrument.chip import Window
+from csstsim.io.level0 import read_level0, write_level0
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.report.mosaic import _corners, mosaic, take_exposure
+from csstsim.report.thumbnail import binned, busiest, png, step_for, stretch
+
+PROVENANCE = {
+    "recipe": dict.fromkeys(("campaign", "camera", "layers", "exposure"), "c0ffee"), "truth_hash": "7", "psf_hash": "9",
+    "seed": 11, "campaign_name": "demo", "layers": [], "stages": [],
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    return small_camera(tmp_path_factory.mktemp("mini"))
+
+
+def level0(camera, path, change=lambda image: None, level=300.0, **fields):
+    """Return an open Level-0 file of a 256 x 64 chip: a flat image that `change` alters."""
+    state = flat_state(camera, level, **fields)
+    change(state.image)
+    write_level0(path, run(state, plain_layers()), camera.keywords, PROVENANCE, "channels")
+    return read_level0(path)
+
+
+@pytest.mark.parametrize("window, step", [(None, 1), (None, 7), ((31, 234, 10, 51), 5), ((100, 101, 63, 64), 4)])
+def test_binned_is_the_mean_of_electrons_across_channels(small, tmp_path, window, step):
+    """Noise 5 e- and sqrt(level): blocks at the borders of channels as good as others; 5 sigma of a block's mean."""
+
+    def ramp(image):
+        image += np.arange(image.shape[1]) * 3
+
+    file = level0(small, tmp_path / "x.fits", ramp, window=window)
+    got = binned(file, file.window, step)
+    ny, nx = file.window.shape
+    assert got.shape == (-(-ny // step), -(-nx // step))
+    for row in range(got.shape[0]):
+        for column in range(got.shape[1]):
+            part = np.arange(nx)[column * step : (column + 1) * step]
+            n = len(part) * len(range(ny)[row * step : (row + 1) * step])
+            expected = 300 + 3 * part.mean()
+            # 150 s of dark current are 3 e-; the level of 7 x 32 overscan pixels is known to 0.4 e-: 5 sigma are 2
+            assert abs(got[row, column] - expected - 3) < 5 * np.sqrt((expected + 26) / n) + 2
+
+
+def test_part_of_a_file_and_pixels_that_were_not_read(small, tmp_path):
+    file = level0(small, tmp_path / "x.fits", window=(40, 80, 8, 40))
+    whole, part = binned(file, file.window, 1), binned(file, Window(50, 60, 10, 20), 1)
+    assert np.array_equal(part, whole[2:12, 10:20])
+    beyond = binned(file, Window(30, 50, 8, 18), 10)
+    assert np.isnan(beyond[0, 0]) and np.isfinite(beyond[0, 1])
+
+
+def test_stretch_of_noise_a_star_nothing_and_a_constant():
+    noise = np.random.default_rng(2).normal(100.0, 5.0, (50, 50))
+    noise[20, 20] = 1e6
+    greys = stretch(noise)
+    assert greys[20, 20] == 255 and 30 < np.median(greys) < 90
+    assert not stretch(np.full((3, 4), np.nan)).any()
+    assert len(np.unique(stretch(np.full((3, 4), 7.0)))) == 1
+    holes = noise.copy()
+    holes[0, 0] = np.nan
+    assert stretch(holes)[0, 0] == 0 and stretch(np.full((1, 1), -3.0)).shape == (1, 1)
+
+
+def test_steps_and_the_busiest_place():
+    assert step_for(Window(0, 9216, 0, 9232)) == 25 and step_for(Window(5, 389, 0, 3)) == 1
+    window = Window(1000, 5000, 2000, 6000)
+    greys = np.zeros((364, 364), np.uint8)
+    greys[300:310, 50:60] = 255
+    found = busiest(greys, window, 11)
+    assert found.shape == (384, 384) and found.contains(1000 + 55 * 11, 2000 + 305 * 11)
+    corner = busiest(np.eye(364, dtype=np.uint8)[::-1] * 0, window, 11)
+    assert corner.x0 >= 1000 and corner.y1 <= 6000 and corner.shape == (384, 384)
+    assert busiest(np.ones((4, 30), np.uint8), Window(0, 60, 0, 8), 2).shape == (8, 60)  # no larger than there is
+
+
+def test_png_has_the_lowest_row_last():
+    greys = np.array([[0, 50], [100, 255]], np.uint8)
+    assert np.array_equal(np.asarray(Image.open(io.BytesIO(png(greys)))), greys[::-1])
+
+
+def test_corners_lie_on_the_plane_as_on_the_sky(small):
+    """A turned grating chip's and an imaging chip's windows, both through the nominal WCS of the mosaic; 1 px."""
+    pointing = flat_state(small).pointing
+    flat = ChipWCS(small.chips[8], pointing)
+    for number in (8, 29, 1):
+        chip, window = small.chips[number], Window(10, 200, 5, 60)
+        x, y = _corners(chip, window).T
+        ra, dec = ChipWCS(chip, pointing).pixel_to_world(
+            np.repeat([window.x0, window.x1], 2) - 0.5, np.tile([window.y0, window.y1], 2) - 0.5
+        )
+        there = flat.world_to_pixel(ra, dec)
+        eight = small.chips[8]
+        assert np.allclose(x, there[0] + eight.xc - eight.detector.nx / 2 + 0.5, atol=1.0)
+        assert np.allclose(-y, there[1] + eight.yc - eight.detector.ny / 2 + 0.5, atol=1.0)
+
+
+def test_outlines_and_images_are_drawn_on_their_corners(small, tmp_path):
+    """SVG's rotate(angle, cx, cy) is clockwise on the screen, whose y points down."""
+    window = (10, 200, 5, 60)
+    for number in (8, 29, 1):
+        chip = small.chips[number]
+        file = level0(small, tmp_path / f"{number}.fits", chip=number, window=window)
+        reader = Reader(mosaic([chip], [take_exposure("x", 0.0, [(chip, file)])]))
+        for drawn, expected in (("window", file.window), ("chip", chip.full_window), (None, file.window)):
+            (found,) = (a for tag, a in reader.tags if tag in ("rect", "image") and a.get("class") == drawn)
+            x, y, width, height = (float(found[key]) for key in ("x", "y", "width", "height"))
+            turn = [float(v) for v in re.findall(r"[-\d.]+", found.get("transform", "0 0 0"))]
+            angle, centre = np.radians(turn[0]), np.array(turn[1:])
+            matrix = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+            places = np.array([(x + i * width, y + (1 - j) * height) for i in (0, 1) for j in (0, 1)])
+            assert np.allclose((places - centre) @ matrix.T + centre, _corners(chip, expected), atol=0.1)
+
+
+def test_mosaic_of_30_chips_and_of_calibration(small, tmp_path):
+    files = [(chip, level0(small, tmp_path / f"{chip.id}.fits", chip=chip.id)) for chip in small.chips.values()]
+    one = take_exposure("science", -113.4333, files)
+    dark = take_exposure("<bias>", 0.0, [(small.chips[9], level0(small, tmp_path / "b.fits", level=0.0, type="BIAS"))])
+    assert one.detail is None  # already at full resolution
+    text = mosaic(list(small.chips.values()), [one, dark])
+    reader = Reader(text)
+    assert len(reader.values("image", "href")) == 31 and "<bias>" in " ".join(reader.text)
+    assert [attrs["data-number"] for tag, attrs in reader.tags if tag == "g" and "data-box" in attrs] == ["0", "1"]
+    labels = re.findall(r"<text[^>]*>(\d\d \w+)</text>", text)
+    assert sorted(labels) == sorted(f"{c.label} {c.filter}" for c in small.chips.values())
+
+
+@pytest.mark.parametrize("pa, north", [(0.0, 90.0), (30.0, 60.0), (-113.4333, -156.5667)])
+def test_the_compass_points_north_and_east(small, tmp_path, pa, north):
+    """pa is the angle of mosaic +y, north through east; on the screen east is where the WCS has it."""
+    file = level0(small, tmp_path / "x.fits")
+    text = mosaic(list(small.chips.values()), [take_exposure("x", pa, [(small.chips[9], file)])])
+    angles = [float(v) for v in re.findall(r"<path [^>]*rotate\(([-\d.]+)\)", text)]
+    wcs = ChipWCS(small.chips[9], flat_state(small, pa=pa).pointing)
+    here = wcs.pixel_to_world(100.0, 30.0)
+    steps = wcs.jacobian(*here)  # px per arcsec, columns east and north
+    for drawn, (x, y) in zip(angles, steps.T, strict=True):
+        assert abs((drawn - np.degrees(np.arctan2(-y, x)) + 180) % 360 - 180) < 0.1

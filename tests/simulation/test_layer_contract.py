@@ -1,0 +1,100 @@
+"""The contract test of a layer finds what it says it finds: one small layer, spoilt in one way at a time."""
+
+import sys
+from types import ModuleType
+
+import pytest
+
+from csstsim.base.errors import InputError
+from csstsim.simulation.layer_contract import check_layer
+
+SOUND = '''"""A gradient (a paper, 2020)."""
+import numpy as np
+import random
+from pydantic import Field
+from csstsim.layers.param import LayerParam
+STAGE, UNITS, FRAME = "readout", ("electron", "electron"), ("active", "active")
+KEPT = []
+class Param(LayerParam):
+    """Of the gradient."""
+    slope: float = Field(0.5, ge=0, description="electrons per row")
+def apply(state, param, rng):
+    """Add it, in place."""
+    state.image += np.float32(param.slope) * np.arange(state.image.shape[0], dtype=np.float32)[:, None]
+    state.image += rng.exposure("noise").normal(size=state.image.shape).astype(np.float32)
+    state.header["slope"] = param.slope
+    return state
+'''
+NOISE = 'rng.exposure("noise").normal'
+FAULTS = {
+    "the module has no docstring": ('"""A gradient (a paper, 2020)."""', ""),
+    "names no source": ("(a paper, 2020)", "of charge"),
+    "Param has no docstring": ('    """Of the gradient."""\n', ""),
+    "apply has no docstring": ('    """Add it, in place."""\n', ""),
+    "UNITS is": ('("electron", "electron")', '("electron", "volt")'),
+    "FRAME is": ('("active", "active")', '"active"'),
+    "AFTER is 'bias'": ("KEPT = []", 'AFTER = "bias"'),
+    "BEFORE names 'poison_and_dark'": ("KEPT = []", 'BEFORE = ("mylab.glint", "poison_and_dark")'),
+    "EXPOSURES names 'SCI'": ("KEPT = []", 'EXPOSURES = ("SCI",)'),
+    "it must take (state, param, rng)": ("apply(state, param, rng)", "apply(state, param, seed)"),
+    "not a class of": ("class Param(LayerParam)", "class Param"),
+    "slope has no default": ("0.5, ge=0", "ge=0"),
+    "slope has no description": (', description="electrons per row"', ""),
+    "slope is a number without a unit": ("electrons per row", "the gradient's"),
+    "apply raised ValueError": ("[:, None]", "[None]"),  # a window that is not square
+    "returned NoneType": ("    return state\n", ""),
+    "global random numbers": (NOISE, "np.random.normal"),
+    "the same seed gives another image": (NOISE, "np.random.default_rng().normal"),
+    "draws from rng.seed": (NOISE, "np.random.default_rng(rng.seed).normal"),
+    "leaves an image of shape (63, 64)": ("    return", "    state.image = state.image[1:]\n    return"),
+    "leaves an image of float64": ("    return", "    state.image = state.image.astype(float)\n    return"),
+    "not finite": ("    return", "    state.image *= np.float32(1e5) / (state.image.max() > 1e3)\n    return"),
+    "leaves counted electrons of float64": ("    return", "    state.counted = np.zeros((64, 64))\n    return"),
+    "a plain array in C order": ("    return", "    state.image = np.asfortranarray(state.image)\n    return"),
+    "changes state.wcs": ("    return", "    state.wcs = None\n    return"),
+    "keeps a reference": ("    return", "    KEPT.append(state.image[:2])\n    return"),
+    "header 'slope' is float32": ("= param.slope\n", "= np.float32(param.slope)\n"),
+    "header 'slope' is float nan": ("= param.slope\n", "= float('nan')\n"),
+}  # fmt: skip
+
+
+def layer(old="", new=""):
+    assert old in SOUND
+    module = ModuleType("spoilt")
+    exec(SOUND.replace(old, new), module.__dict__)
+    return module
+
+
+def test_a_sound_layer_has_no_faults():
+    assert check_layer(layer()) == ()
+
+
+@pytest.mark.filterwarnings("ignore:divide by zero")
+@pytest.mark.parametrize("words", FAULTS)
+def test_fault_is_found(words):
+    faults = check_layer(layer(*FAULTS[words]))
+    assert any(words in fault for fault in faults), faults
+    assert len(faults) == len(set(faults)) <= 2, faults
+
+
+def test_what_is_applied_is_a_function():
+    spoilt = layer()
+    spoilt.apply = type("Applied", (), {"__doc__": "Not a function."})
+    assert any("apply is type" in fault for fault in check_layer(spoilt))
+
+
+def test_python_random_numbers_are_global_too():
+    spoilt = layer("    return", "    state.image += np.float32(random.random())\n    return")
+    assert any("global random numbers" in fault for fault in check_layer(spoilt))
+
+
+def test_what_cannot_be_loaded_or_given_is_an_error(monkeypatch):
+    with pytest.raises(InputError, match=r"cannot import the layer.*nowhere"):
+        check_layer("nowhere.glint")
+    monkeypatch.setitem(sys.modules, "mylab.half", ModuleType("half"))
+    monkeypatch.setitem(sys.modules, "mylab", ModuleType("mylab"))
+    with pytest.raises(InputError, match="lacks Param, apply, STAGE, UNITS"):
+        check_layer("mylab.half")
+    with pytest.raises(InputError, match="parameters refused"):
+        check_layer(layer(), {"slope": -1.0})
+    assert check_layer(layer(), {"slope": 2.0}) == ()
