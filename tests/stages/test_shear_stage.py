@@ -1,0 +1,37 @@
+"""`csstsim shear` gives m and c of the reduced shear, gamma / (1 - kappa)."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from csstsim.campaign.thresholds import ValidateConfig
+from csstsim.stages import shear as shear_stage
+
+KAPPA = 0.2
+
+
+def shapes(gamma, turn, n=4000):
+    """{galaxy: (e1, e2)} in a frame: intrinsic shapes, turned by 90 degrees if `turn` is -1, under g exactly."""
+    rng = np.random.default_rng(8)
+    source = turn * 0.2 * (rng.normal(size=n) + 1j * rng.normal(size=n))
+    source = source[abs(source) < 0.8]
+    g = gamma / (1 - KAPPA)
+    seen = (source + g) / (1 + np.conj(g) * source)
+    return [dict(enumerate(np.stack([seen.real, seen.imag], axis=1)))]
+
+
+def test_convergence_is_in_the_shear_that_shapes_are_compared_with(tmp_path, monkeypatch):
+    """m is 0 to 0.01, as pairs leave the square of a shape; it would be 0.25 if gamma were taken for g."""
+    gammas = [(0.03, 0.0), (-0.03, 0.0), (0.0, 0.03), (0.0, -0.03)]
+    lensings = [(KAPPA, *gamma) for gamma in gammas]
+    run = SimpleNamespace(file="a.yaml", config=SimpleNamespace(validation=ValidateConfig()))
+    monkeypatch.setattr(shear_stage, "OpenCampaign", lambda file: run)
+    monkeypatch.setattr(
+        shear_stage, "_twins", lambda runs: {key: [(complex(*key[1:]), turn) for turn in (1, -1)] for key in lensings}
+    )
+    monkeypatch.setattr(shear_stage, "_shapes_on", lambda twin: shapes(*twin))
+    assert shear_stage.shear(["a.yaml"], tmp_path / "out.json", say=str)
+    fits = json.loads((tmp_path / "out.json").read_text())["fits"]
+    assert [fit["m"] for fit in fits] == pytest.approx([0.0, 0.0], abs=0.01)
