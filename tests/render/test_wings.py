@@ -17,7 +17,8 @@ from csstsim.optics.scatter.outside_box import Beyond, read_beyond
 from csstsim.render.imaging.reference import draw_objects
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.scene import make_scene
-from csstsim.render.wings import add_ghosts, box_share, ring_within, step, tables, wing_beyond
+from csstsim.render.wing_tables import step, tables
+from csstsim.render.wings import add_ghosts, box_share, ring_within, wing_beyond
 from csstsim.simulation.state import State
 
 VARIANCE = 60.0  # e-^2, of a pixel in r

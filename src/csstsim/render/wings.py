@@ -15,34 +15,19 @@ centre stands for the pixel: 4e-4 at 45 px, less beyond. Cost: benchmarks/wings.
 """
 
 import math
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numba
 import numpy as np
 
+from csstsim.render.extended import POINT, beyond_stamp, spread
 from csstsim.render.far_wings import OVER
-from csstsim.render.octave_table import BITS, first_of, nodes, read
+from csstsim.render.octave_table import read
+from csstsim.render.wing_tables import RADII, Far, light_of, step, tables
 
 FADE = 0.7, 0.95  # of the box's half side
 NEAR = 48.0, 96.0  # px: from here to twice that the meshes take over, of short wings and of others
 _NEAR_LIGHT = 0.006, 0.08  # of the light: the most that a stamp leaves out of a profile; with wings, of the PSF too
-_OCTAVES = 32  # of r^2 [px^2] in a table: to 65,536 px, from any object to any chip's far corner
-_RADII = np.sqrt(nodes(0, _OCTAVES))
-
-
-@dataclass(frozen=True, eq=False)
-class Far:
-    """Light per pixel on the nodes of a table, by sub-band, for an object of light 1 in each."""
-
-    profile: np.ndarray  # (4, nodes)
-    light: np.ndarray  # (4,) all of it
-
-
-def step(r, inner, outer):
-    """Return 1 within radius `inner`, 0 beyond `outer`, a quintic between them."""
-    t = np.clip((r - inner) / (outer - inner), 0.0, 1.0)
-    return 1 - t**3 * (10 - 15 * t + 6 * t * t)
 
 
 def box_share(cells, per_pixel):
@@ -58,21 +43,16 @@ def wing_beyond(wing, half, shows=True):
     shows: whether it is faded in where the box is faded out; else from the middle on, as a haze.
     """
     inner, outer = (f * half for f in FADE)
-    profile = wing.profile(np.maximum(_RADII, inner)) * (1 - step(_RADII, inner if shows else 0.0, outer))
-    return Far(profile, _light(profile) + wing.beyond(_RADII[-1]))
+    profile = wing.profile(np.maximum(RADII, inner)) * (1 - step(RADII, inner if shows else 0.0, outer))
+    return Far(profile, light_of(profile) + wing.beyond(RADII[-1]))
 
 
 @lru_cache
 def ring_within(half):
     """Return the Far of a smooth ring within a box of half side `half` [px], of light 1: nothing in the middle."""
     widest = FADE[0] * half
-    ring = (1 - step(_RADII, 0.0, widest)) * step(_RADII, widest, half)
-    return Far(np.tile(ring / _light(ring[None]), (4, 1)), np.ones(4))
-
-
-def _light(profile):
-    """Return the integrals over the plane of profiles (k, nodes), even within the first node."""
-    return np.trapezoid(2 * np.pi * _RADII * profile, _RADII, axis=1) + np.pi * profile[:, 0] * _RADII[0] ** 2
+    ring = (1 - step(RADII, 0.0, widest)) * step(RADII, widest, half)
+    return Far(np.tile(ring / light_of(ring[None]), (4, 1)), np.ones(4))
 
 
 def near_of(wing_px):
@@ -80,48 +60,42 @@ def near_of(wing_px):
     return 0.0 if wing_px <= 0 else NEAR[int(wing_px >= 2 * NEAR[1])]
 
 
-@lru_cache
-def tables(far, radii):
-    """Return [(table (4, n) on octaves of r^2, number of its first node, its reach [px]), ...], one to each annulus.
-
-    radii: the annuli's edges, from each of which to twice that one fades over to the next; 0: at once. Where edges are
-    not in order an annulus may be empty: its reach is 0.
-    """
-    out, before = [], np.zeros(len(_RADII))
-    for edge in (*radii, math.inf):
-        until = np.ones(len(_RADII)) if edge == math.inf else step(_RADII, edge, 2 * edge) if edge else before
-        until = np.maximum(before, until)
-        lit = np.flatnonzero(until > before)
-        if not lit.size:
-            out.append((np.zeros((4, 2)), 0, 0.0))
-            continue
-        low, high = lit[0] >> BITS, -(-(lit[-1] + 1) >> BITS)
-        part = slice(low << BITS, (high << BITS) + 1)
-        table = np.ascontiguousarray((far.profile * (until - before))[:, part])
-        out.append((table, first_of(int(low)), float(_RADII[min(lit[-1] + 1, len(_RADII) - 1)])))
-        before = until
-    return out
-
-
-def add_far(image, response, window, x, y, flux, inside, drawn, wing, wing_px, half, meshes, near=None):
+def add_far(
+    image, response, window, x, y, flux, inside, drawn, wing, wing_px, half, meshes, near=None, parts=POINT, reach=0
+):
     """Add what an object's stamp leaves out of its light, about x, y [chip pixel]; return the electrons on the window.
 
     image: float32 or float64, of `window`, changed in place; response: share of the light that is counted, of the same
     shape; flux (4,): all the object's electrons; inside: those in the PSF's box, but for what fades into the wing;
     drawn: those that its stamp holds; wing: optics.scatter.halo.Wing, which has the rest, or None; wing_px: radius [px]
     at which noise hides it, 0: everywhere; half: side of the PSF's box [px]; meshes: a FarWings; near: px from which
-    they take over, None: as noise allows.
+    they take over, None: as noise allows; parts: its render.extended.Parts; reach: px, half the side of its stamp.
     """
-    missing, added = near_light(inside - drawn, inside, wing), 0.0
+    place, missing, haze, added = (image, response, window, x, y), inside - drawn, 0.0, 0.0
     if wing is not None:
         near = near_of(wing_px) if near is None else near
         far, shown = wing_beyond(wing, half, near > 0), wing_beyond(wing, half)
         flux = flux * wing_share(flux, inside, shown.light)
-        added = _add(image, response, window, x, y, flux, far, near, meshes)
-        missing += (flux * (shown.light - far.light)).sum()
-    [(ring, octave, _)] = tables(ring_within(half), ())
-    part = _on_window(_add_radial, image, response, window, x, y, half, missing * ring[0], octave)
-    return added + (part[0] if part else 0.0)
+        for part in parts:
+            added += _add(*place, part.share * flux, spread(far, part), near, meshes)
+        haze = (flux * (shown.light - far.light)).sum()
+    around = beyond_stamp(parts, reach) if reach >= half else []
+    for share, tail in around:
+        added += _add(*place, _one_band(share * missing), tail, 0.0, meshes)
+    ring = ring_within(half)
+    within = haze + (0.0 if around else near_light(missing, inside, wing))
+    for part in parts:
+        if (wide := spread(ring, part)) is not ring:
+            added += _add(*place, _one_band(part.share * within), wide, 0.0, meshes)
+            continue
+        [(table, octave, _)] = tables(ring, ())
+        laid = _on_window(_add_radial, *place, half, part.share * within * table[0], octave)
+        added += laid[0] if laid else 0.0
+    return added
+
+
+def _one_band(light):
+    return np.array([light, 0.0, 0.0, 0.0])
 
 
 def near_light(missing, inside, wing):

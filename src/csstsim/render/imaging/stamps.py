@@ -13,6 +13,7 @@ import numpy as np
 
 from csstsim.base.progress import progress
 from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED, OFF_CHIP, OUTSIDE_PSF_HULL
+from csstsim.render.extended import POINT, parts_of
 from csstsim.render.far_wings import FarWings
 from csstsim.render.imaging.galaxy_stamp import galaxy_stamp, plan_galaxies
 from csstsim.render.imaging.point_stamp import point_stamp
@@ -86,7 +87,10 @@ def draw_scene(image, window, scene, reach, wing_px, psf, beyond=None, response=
             if beyond is not None:
                 inside = mixer.light(scene.node[i], share[i], wing is not None)
                 more = wing, wing_px[i], half_box, far
-                out.drawn[i] += add_far(image, response, window, x, y, flux[i], inside, whole, *more)
+                shape = parts_of(scene.light[i], scene.sersic[i], scene.matrix[i]) if galaxy[i] else POINT
+                out.drawn[i] += add_far(
+                    image, response, window, x, y, flux[i], inside, whole, *more, parts=shape, reach=reach[i]
+                )
             x0, x1, y0, y1 = np.transpose([bounds for _, bounds in parts])
             out.box[i] = x0.min(), x1.max(), y0.min(), y1.max()
         else:

@@ -14,7 +14,8 @@ import numpy as np
 
 from csstsim.render.far_wings import OVER, WHOLE, between
 from csstsim.render.octave_table import read
-from csstsim.render.wings import NEAR, near_light, ring_within, tables, wing_beyond, wing_share
+from csstsim.render.wing_tables import tables
+from csstsim.render.wings import NEAR, near_light, ring_within, wing_beyond, wing_share
 
 LINE_STEP = 8.0  # px
 LINE_NEAR = NEAR[0]  # px: from here to twice that the meshes take over

@@ -1,0 +1,55 @@
+"""Radial profiles of light far from an object, as tables in r^2 (render.octave_table), cut into annuli."""
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from csstsim.render.octave_table import BITS, first_of, nodes
+
+KEPT = 256  # tables, some 100 kB each
+_OCTAVES = 32  # of r^2 [px^2] in a table: to 65,536 px, from any object to any chip's far corner
+RADII = np.sqrt(nodes(0, _OCTAVES))
+
+
+@dataclass(frozen=True, eq=False)
+class Far:
+    """Light per pixel on the nodes of a table, by sub-band, for an object of light 1 in each."""
+
+    profile: np.ndarray  # (4, nodes)
+    light: np.ndarray  # (4,) all of it
+
+
+def step(r, inner, outer):
+    """Return 1 within radius `inner`, 0 beyond `outer`, a quintic between them."""
+    t = np.clip((r - inner) / (outer - inner), 0.0, 1.0)
+    return 1 - t**3 * (10 - 15 * t + 6 * t * t)
+
+
+def light_of(profile):
+    """Return the integrals over the plane of profiles (k, nodes), even within the first node."""
+    return np.trapezoid(2 * np.pi * RADII * profile, RADII, axis=1) + np.pi * profile[:, 0] * RADII[0] ** 2
+
+
+@lru_cache(KEPT)
+def tables(far, radii):
+    """Return [(table (4, n) on octaves of r^2, number of its first node, its reach [px]), ...], one to each annulus.
+
+    radii: the annuli's edges, from each of which to twice that one fades over to the next; 0: at once. Where edges are
+    not in order an annulus may be empty: its reach is 0.
+    """
+    out, before = [], np.zeros(len(RADII))
+    for edge in (*radii, math.inf):
+        until = np.ones(len(RADII)) if edge == math.inf else step(RADII, edge, 2 * edge) if edge else before
+        until = np.maximum(before, until)
+        lit = np.flatnonzero(until > before)
+        if not lit.size:
+            out.append((np.zeros((4, 2)), 0, 0.0))
+            continue
+        low, high = lit[0] >> BITS, -(-(lit[-1] + 1) >> BITS)
+        part = slice(low << BITS, (high << BITS) + 1)
+        table = np.ascontiguousarray((far.profile * (until - before))[:, part])
+        out.append((table, first_of(int(low)), float(RADII[min(lit[-1] + 1, len(RADII) - 1)])))
+        before = until
+    return out
