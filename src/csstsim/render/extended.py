@@ -1,26 +1,28 @@
 """Light far from an extended object: the PSF's wing spread over its profile, and the profile beyond its stamp.
 
-A point's wing is right for a galaxy small beside the PSF's box. About a larger one the wing is that of all its points:
-the wing about a circle of each of RINGS radii that hold equal parts of its light. The profile beyond the stamp begins
-where the stamp ends. Both are some per cent of the light and smooth, so that circles of the same area stand for
-ellipses, and the next of STEPS sizes to the octave for a size.
+A point's wing is right for a galaxy small beside the PSF's box. About a larger one the wing is that of all its points,
+a convolution. The profile beyond the stamp begins where the stamp ends. Both are some per cent of the light and smooth,
+so that circles of the same area stand for ellipses, and the nearest of STEPS sizes to the octave for a size.
 """
 
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
-from scipy.special import gammaincc, gammaincinv
+from scipy.fft import fht, fhtoffset
+from scipy.special import gammaincc
 
-from csstsim.render.profiles.sersic import brightness
-from csstsim.render.scene import sersic_b
+from csstsim.catalog.table import GALAXY
+from csstsim.render.octave_table import nodes
+from csstsim.render.profiles.sersic import K2_HIGH, K2_LOW, brightness, tables
+from csstsim.render.scene import BULGE, DISK, sersic_b
 from csstsim.render.wing_tables import KEPT, RADII, Far, light_of, step
 
 WIDE_PX = 8.0  # half-light radius: below it a wing is a point's
 STEPS = 4
-RINGS, ANGLES = 48, 32
-_NODES = RADII[::16]
+_LOG_R = np.linspace(-8.0, 18.0, 4096)
+_R, _STEP = np.exp(_LOG_R), _LOG_R[1] - _LOG_R[0]
+_LOG_K2 = np.log(nodes(K2_LOW, K2_HIGH))
 _SQUARE = 2 / np.sqrt(np.pi)  # radius of the circle of a square's area, over half its side
 _LEAST = 1e-4  # of the light: less beyond a stamp is not worth a table
 
@@ -47,6 +49,16 @@ def parts_of(light, sersic, matrix):
     return tuple(parts) or POINT
 
 
+def parts_of_table(objects, matrix):
+    """Return the Parts of each object of an ObjectTable of drawable ones; matrix: of render.scene.shape_matrix."""
+    galaxy, bulge = objects["obj_type"] == GALAXY, objects["bulge_frac"].astype(float)
+    sizes = np.stack([objects["size_disk"], objects["size_bulge"]], axis=1).astype(float)
+    return [
+        parts_of((1 - share, share), ((DISK, 0, size[0]), (BULGE, 0, size[1])), shape) if extended else POINT
+        for extended, share, size, shape in zip(galaxy, bulge, sizes, matrix, strict=True)
+    ]
+
+
 def _rounded(value):
     """Return the nearest of STEPS values to the octave, at least 2^-10."""
     return float(2.0 ** (np.round(STEPS * np.log2(max(value, 2.0**-10))) / STEPS))
@@ -59,14 +71,15 @@ def spread(far, part):
 
 @lru_cache(KEPT)
 def _spread(far, index, size):
-    rings = size * (gammaincinv(2 * index, (np.arange(RINGS) + 0.5) / RINGS) / sersic_b(index)) ** index
-    cosine = np.cos(np.pi * (np.arange(ANGLES) + 0.5) / ANGLES)
-    means = np.zeros((4, len(_NODES)))
-    for ring in rings:
-        away = np.sqrt(np.maximum(ring**2 + _NODES[:, None] ** 2 - 2 * ring * np.outer(_NODES, cosine), 0.0))
-        for band, profile in zip(means, far.profile, strict=True):
-            band += np.interp(away, RADII, profile).mean(axis=1) / RINGS
-    wide = PchipInterpolator(np.log(_NODES), means, axis=1)(np.log(RADII))
+    """Convolve by Hankel transforms on a logarithmic grid (Hamilton 2000): there, times the profile's, and back."""
+    offset = fhtoffset(_STEP, mu=0.0)
+    k = np.exp(offset - _LOG_R[::-1])
+    transform, _ = tables(index, np.inf)
+    of_profile = np.interp(np.log((k * size) ** 2), _LOG_K2, transform, left=1.0, right=0.0)
+    flat = np.array([np.interp(_R, RADII, profile, right=0.0) for profile in far.profile])
+    there = fht(_R * flat, _STEP, mu=0.0, offset=offset) * of_profile
+    wide = np.maximum(fht(there, _STEP, mu=0.0, offset=offset) / _R, 0.0)
+    wide = np.array([np.interp(RADII, _R, profile) for profile in wide])
     return Far(wide * (light_of(far.profile) / light_of(wide))[:, None], far.light)
 
 

@@ -34,7 +34,9 @@ from csstsim.catalog.flags import (
 )
 from csstsim.catalog.table import GALAXY
 from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.render.extended import parts_of_table
 from csstsim.render.far_wings import FarWings
+from csstsim.render.scene import shape_matrix
 from csstsim.render.wings import add_far, add_ghosts, box_on_window, box_share
 
 galsim.errors.raise_fft_size_error = True  # GalSim 2.8 only warns, then takes all memory
@@ -87,7 +89,9 @@ def draw_objects(image, window, objects, wcs, psf, exptime, beyond=None, respons
     if response is None:
         response = np.broadcast_to(np.ones((), np.float32), window.shape)
     scene = galsim.ImageD(np.zeros(window.shape), xmin=window.x0, ymin=window.y0)
-    far = FarWings(window, response)
+    far, rows = FarWings(window, response), np.flatnonzero(drawable)
+    drawn_rows = objects.take(rows)
+    shapes = dict(zip(rows, parts_of_table(drawn_rows, shape_matrix(drawn_rows, wcs)), strict=True))
     for i in progress(range(count), "drawing objects"):
         start = time.process_time()
         if drawable[i]:
@@ -114,7 +118,7 @@ def draw_objects(image, window, objects, wcs, psf, exptime, beyond=None, respons
                 if parts and beyond is not None:
                     drawn[i] += add_far(
                         scene.array, response, window, *at, flux[i], (cells_of * core).sum(), stamp.array.sum(), wing,
-                        wing_px[i], half, far, near=max(float(wing_px[i]), NEAR),
+                        wing_px[i], half, far, near=max(float(wing_px[i]), NEAR), parts=shapes[i], reach=reach,
                     )  # fmt: skip
             flags[i] |= flag | (0 if parts or flag & TOO_LARGE else OFF_CHIP)
             if parts:

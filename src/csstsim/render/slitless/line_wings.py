@@ -12,6 +12,7 @@ import math
 import numba
 import numpy as np
 
+from csstsim.render.extended import POINT, beyond_stamp, spread
 from csstsim.render.far_wings import OVER, WHOLE, between
 from csstsim.render.octave_table import read
 from csstsim.render.wing_tables import tables
@@ -55,24 +56,36 @@ def order_wing(wing_px, share, half):
     return reach if reach > half else 0.0
 
 
-def add_line(image, response, window, places, flux, inside, drawn, wing, wing_px, half, meshes, side=WHOLE):
+def add_line(
+    image, response, window, places, flux, inside, drawn, wing, wing_px, half, meshes, side=WHOLE, parts=POINT, reach=0
+):
     """Add what the stamps along a spectrum leave out of its light; return (electrons on the window, box or None).
 
     image, response: window.shape; places (m, 2), flux (m, 4): of `points_of`, all the spectrum's electrons; inside,
     drawn (4,): shares of them, by wavelength of the PSF set, in the PSF's box, but for what fades into the wing, and in
     stamps; wing: optics.scatter.halo.Wing, which has the rest, or None; wing_px: radius [px] at which noise hides it,
     0: everywhere; half: side of the PSF's box [px]; meshes: FarWings; side: (x0, x1, y0, y1) px from each place beyond
-    which light is cut off. The box, x0, x1, y0, y1 on the chip, half-open, is that of the wing as far as it shows.
+    which light is cut off; parts: the object's render.extended.Parts; reach: px, half the side of its stamps. The box,
+    x0, x1, y0, y1 on the chip, half-open, is that of the wing as far as it shows.
     """
-    missing, added, box = near_light(inside - drawn, inside, wing), 0.0, None
+    place, haze, added, box = (image, response, window, places), 0.0, 0.0, None
     if wing is not None and len(places):
         far, shown = wing_beyond(wing, half, wing_px > 0), wing_beyond(wing, half)
         total = flux.sum(axis=0)
         share = wing_share(total, (total * inside).sum(), shown.light)
-        added = _add(image, response, window, places, flux * share, far, _SHOWN if wing_px > 0 else _HAZE, meshes, side)
-        missing = missing + share * (shown.light - far.light)
+        for part in parts:
+            annuli = _SHOWN if wing_px > 0 else _HAZE
+            added += _add(*place, part.share * share * flux, spread(far, part), annuli, meshes, side)
+        haze = share * (shown.light - far.light)
         box = _box(window, places, wing_px) if wing_px > 0 else None
-    return added + _add(image, response, window, places, flux * missing, ring_within(half), _HAZE, meshes, side), box
+    missing = inside - drawn
+    around = beyond_stamp(parts, reach) if reach >= half else []
+    for share, tail in around:
+        added += _add(*place, share * flux * missing, tail, _HAZE, meshes, side)
+    within = haze + (0.0 if around else near_light(missing, inside, wing))
+    for part in parts:
+        added += _add(*place, part.share * flux * within, spread(ring_within(half), part), _HAZE, meshes, side)
+    return added, box
 
 
 def _add(image, response, window, places, flux, far, annuli, meshes, side):

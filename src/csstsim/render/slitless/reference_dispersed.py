@@ -25,6 +25,7 @@ from csstsim.base.progress import progress
 from csstsim.catalog.flags import TOO_LARGE, TRUNCATED_STAMP
 from csstsim.catalog.table import GALAXY
 from csstsim.render import policy
+from csstsim.render.extended import parts_of
 from csstsim.render.far_wings import WHOLE, FarWings
 from csstsim.render.imaging.galaxy_stamp import plan_galaxies
 from csstsim.render.imaging.reference import REACH_FFT, convolved, fill, galaxy_profile, lattice, point
@@ -79,7 +80,8 @@ def draw_objects(image, window, objects, spectra, disperser, wcs, psf, exptime, 
             parts, flag = _draw_order(plane, response, window, profiles, trace, reach[i])
             if beyond is not None and of_order.sum() > 0 and (parts or shown > 0):
                 points = *points_of(trace.x, trace.y, of_order * disperser.psf_weights), *held
-                more = wing, shown, half, far, WHOLE if side is None else tuple(side)
+                shape = parts_of(scene.light[i], scene.sersic[i], scene.matrix[i])
+                more = wing, shown, half, far, WHOLE if side is None else tuple(side), shape, reach[i]
                 parts.append(add_line(plane, response, window, *points, *more))
             work.flags[work.rows[i]] |= flag
             result.drawn[v, o] = sum(electrons for electrons, _ in parts)

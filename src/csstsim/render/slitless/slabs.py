@@ -19,6 +19,7 @@ import numba
 import numpy as np
 
 from csstsim.catalog.flags import FFT_REDUCED, OUTSIDE_PSF_HULL
+from csstsim.render.extended import parts_of
 from csstsim.render.far_wings import WHOLE, FarWings
 from csstsim.render.imaging.galaxy_stamp import plan_galaxies
 from csstsim.render.psf_mixture import Mixer
@@ -101,7 +102,9 @@ def draw_spectra(
                 if held is None:
                     held = light_inside(mixer, scene, plan, i, reach[i], core)
                 points = *points_of(x, y, light * mixture), *held
-                parts.append(add_line(image, response, window, *points, wing, shown, half, far, side))
+                shape = parts_of(scene.light[i], scene.sersic[i], scene.matrix[i])
+                line = add_line(image, response, window, *points, wing, shown, half, far, side, shape, reach[i])
+                parts.append(line)
             out.drawn[v, o] = sum(electrons for electrons, _ in parts)
             out.box[v, o] = _around([box for _, box in parts if box is not None])
         out.ms[v] = 1000 * (time.process_time() - start)

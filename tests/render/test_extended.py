@@ -1,0 +1,80 @@
+"""Light far from extended objects: wings and tails against sums over an object's points, and photons against stamps."""
+
+import numpy as np
+import pytest
+from scipy.special import gammaincc, gammaincinv
+
+from csstsim.render.extended import POINT, WIDE_PX, Part, beyond_stamp, parts_of, spread
+from csstsim.render.wing_tables import RADII, Far, light_of
+
+FALL = np.where(RADII > 20.0, np.maximum(RADII, 20.0) ** -3.0, 0.0)  # a wing with a hole in it
+WING = Far(np.tile(FALL, (4, 1)), light_of(np.tile(FALL, (4, 1))))
+
+
+def points(index, size, count=400_000):
+    """Complex places of electrons of a circular Sersic profile."""
+    rng = np.random.default_rng(4)
+    x = rng.gamma(2 * index, size=count)
+    return size * (x / gammaincinv(2 * index, 0.5)) ** index * np.exp(2j * np.pi * rng.random(count))
+
+
+@pytest.mark.parametrize("index", [1.0, 4.0])
+@pytest.mark.parametrize("size", [8.0, 32.0, 256.0])
+def test_a_wing_spread_is_that_of_all_points(index, size):
+    """Against 4e5 points seen from 40 places on a circle: to 5 sigma of their scatter, and 0.5%."""
+    made = spread(WING, Part(1.0, index, size)).profile[2]
+    places = points(index, size)
+    for r in (60.0, 150.0, 500.0, 2000.0):
+        around = r * np.exp(2j * np.pi * np.arange(40) / 40)
+        seen = np.array([np.interp(np.abs(place - places), RADII, FALL).mean() for place in around])
+        error = 5 * seen.std() / np.sqrt(len(seen)) + 0.005 * seen.mean()
+        assert error < 0.1 * seen.mean()
+        assert abs(np.interp(r, RADII, made) - seen.mean()) < error, r
+
+
+@pytest.mark.parametrize("part", [Part(1.0, 1.0, 8.0), Part(0.3, 4.0, 100.0), Part(1.0, 4.0, 2000.0)])
+def test_no_light_is_lost_in_spreading(part):
+    made = spread(WING, part)
+    assert light_of(made.profile) == pytest.approx(light_of(WING.profile), rel=1e-9)
+    assert made.light is WING.light and (made.profile >= 0).all() and np.isfinite(made.profile).all()
+
+
+def test_a_point_and_a_small_galaxy_have_the_wing_of_a_point():
+    assert spread(WING, POINT[0]) is WING
+    assert spread(WING, Part(1.0, 4.0, 0.99 * WIDE_PX)) is WING
+
+
+@pytest.mark.parametrize("reach", [40, 150, 1000])
+@pytest.mark.parametrize("index", [1.0, 4.0])
+def test_the_tail_is_the_profile_beyond_the_stamp(reach, index):
+    """Beyond the seam it falls as the profile does, and it holds what the profile has there."""
+    part = Part(1.0, index, 64.0)
+    around = beyond_stamp((part,), reach)
+    b = gammaincinv(2 * index, 0.5)
+    left = gammaincc(2 * index, b * (1.13 * reach / part.size) ** (1 / index))
+    if left < 1e-4:
+        assert around == []
+        return
+    [(share, tail)] = around
+    assert share == 1.0 and light_of(tail.profile) == pytest.approx(np.ones(4), rel=1e-9)
+    level = np.interp(np.array([1.6, 2.5]) * reach, RADII, tail.profile[0])
+    expected = np.exp(-b * ((2.5 * reach / 64) ** (1 / index) - (1.6 * reach / 64) ** (1 / index)))
+    assert level[1] / level[0] == pytest.approx(expected, rel=0.02)
+    assert np.interp(0.8 * reach, RADII, tail.profile[0]) == 0
+
+
+def test_two_components_share_what_is_missing_by_what_they_have_beyond():
+    parts = Part(0.9, 1.0, 32.0), Part(0.1, 4.0, 64.0)
+    shares = [share for share, _ in beyond_stamp(parts, 200)]
+    assert sum(shares) == pytest.approx(1.0) and shares[1] > 0.9
+    assert beyond_stamp(POINT, 10) == []
+
+
+def test_parts_of_an_object():
+    """Round sizes are those of the ellipse's area, to a quarter of an octave; what has no light has no part."""
+    matrix = np.diag([20.0, 5.0])
+    sersic = np.array([[1.0, 1.68, 0.8], [4.0, 7.67, 1.6]])
+    disk, bulge = parts_of(np.array([0.75, 0.25]), sersic, matrix)
+    assert disk == Part(0.75, 1.0, 8.0) and bulge == Part(0.25, 4.0, 16.0)
+    assert parts_of(np.array([0.0, 1.0]), sersic, matrix) == (bulge._replace(share=1.0),)
+    assert parts_of(np.array([1.0, 0.0]), np.zeros((2, 3)), matrix) == POINT
