@@ -28,7 +28,7 @@ def test_a_wing_spread_is_that_of_all_points(index, size):
         around = r * np.exp(2j * np.pi * np.arange(40) / 40)
         seen = np.array([np.interp(np.abs(place - places), RADII, FALL).mean() for place in around])
         error = 5 * seen.std() / np.sqrt(len(seen)) + 0.005 * seen.mean()
-        assert error < 0.1 * seen.mean()
+        assert error < 0.3 * seen.mean()
         assert abs(np.interp(r, RADII, made) - seen.mean()) < error, r
 
 

@@ -14,7 +14,7 @@ TOO_LARGE = 512
 ABOUT = {
     TRUNCATED_STAMP: "light is lost outside the largest stamp, more than the noise hides",
     STRONG_LENSING: "kappa and gamma are no thin shear (|g| >= 1, kappa >= 1 or mu <= 0): not drawn",
-    SATURATED: "pixels above full well",
+    SATURATED: "light above the full well in a pixel at its place (imaging)",
     OFF_CHIP: "the stamp misses the window after all",
     SKIPPED_FAINT: "below the rendering floor",
     BAD_VALUE: "a NaN, infinity or impossible number in a column that is used: not drawn",

@@ -4,6 +4,7 @@ Every fault is an InputError that names the table, the column and the row: nothi
 for something else, without a word.
 """
 
+import csv
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -42,12 +43,21 @@ def read_table(path):
         lines = read_text(path, "utf-8-sig").splitlines()  # with Excel's mark at the beginning, or without
         if not any(line.strip() for line in lines):
             raise InputError("the table is empty: no heading", file=path)
+        if form == "ascii.csv":
+            _check_heading(next(csv.reader(line for line in lines if line.strip())), path)
     try:
         return plain_columns(Table.read(path if form == "fits" else lines, format=form), path)
     except InputError:
         raise
     except Exception as exc:  # astropy's readers raise whatever they meet
         raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
+
+
+def _check_heading(names, path):
+    """Refuse a name that stands twice in a heading: astropy would give the second another name."""
+    names = [name.strip() for name in names]
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise InputError("column given twice", file=path, key=twice)
 
 
 def plain_columns(table, where="catalog"):
@@ -123,6 +133,9 @@ def _check_columns(columns, where):
         meant = get_close_matches(name.lower(), _TYPED - set(columns), 1, LIKE) if name not in _KNOWN else ()
         if meant:
             raise InputError(f"is {meant[0]} meant? Give it that name, or one less like it", file=where, key=name)
+    sizes = [name for name in ("size_disk", "size_bulge") if name in columns]
+    if "size" in columns and len(sizes) == 2:
+        raise InputError(f"says what {' and '.join(sizes)} say; give it or them", file=where, key="size")
     if "size" in columns and not {"type", "obj_type"} & set(columns):
         raise InputError("sizes are of galaxies: a column type is missing", file=where, key="size")
     given = [name for name in MAGNITUDES if name in columns]

@@ -41,6 +41,11 @@ def rendered(run, job, objects):
         state.header["psf_hash"] = digest(state.psf.attributes)
         state.spectra = object_spectra(run, job, objects)
     state = run.steps[job.pointing.type].run(state, "render", run.config.seed)
+    if state.truth is not None and job.chip.kind == "imaging":
+        from csstsim.render.imaging.saturated import flag_saturated
+
+        full_well = run.camera.detector.full_well
+        state.truth = flag_saturated(state.truth, state.image, state.counted, job.window, full_well)
     state.header["light_electrons"] = state.electrons()
     state.forget()
     return state
