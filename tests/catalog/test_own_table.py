@@ -11,7 +11,7 @@ from csstsim.catalog.base import Region
 from csstsim.catalog.contract import check, sky_region
 from csstsim.catalog.light.colours import colour_spectra
 from csstsim.catalog.light.photometry import ab_mag
-from csstsim.catalog.object_table import plain_columns
+from csstsim.catalog.object_table import plain_columns, read_table
 from csstsim.catalog.own_table import TableCatalog
 from csstsim.catalog.table import BANDS
 from csstsim.instrument.filter import GRID
@@ -141,6 +141,10 @@ def test_units_are_turned_into_ours():
         ({"columns": columns(ra=[10.0, 510.0])}, "row 2 cannot be drawn: ra is not within"),
         ({"columns": columns(dec=[95.0, 1.0])}, "row 1 cannot be drawn: ra or dec is no place"),
         ({"columns": columns(e1=["0.1", "junk"])}, "e1: must be numbers .got 'junk'"),
+        (
+            {"columns": columns(type=["galaxy"] * 2, size=[0.6, 0.6], size_disk=[0.3, 0.3], size_bulge=[0.3, 0.3])},
+            "size: says what size_disk and size_bulge say",
+        ),
         ({"columns": columns(type=["star", "comet"])}, "unknown type .got 'comet'"),
         ({"columns": columns(id=[1.5, 2.0])}, "id: does not fit"),
         ({"file": "objects.txt"}, "a table of unknown kind"),
@@ -171,3 +175,11 @@ def test_spectra_are_straight_in_magnitude_over_the_logarithm_of_wavelength(came
     slope = np.diff(mag[first + 1 : last]) / np.diff(log[first + 1 : last])
     assert np.ptp(slope) < 1e-3 * abs(slope.mean()) and slope.mean() > 1
     assert np.ptp(mag[:first]) < 1e-9 and np.ptp(mag[last + 1 :]) < 1e-9
+
+
+@pytest.mark.parametrize("heading", ["ra,dec,mag_r,mag_r", "ra,dec,mag_r, mag_r ", '"mag_r",ra,dec,mag_r'])
+def test_a_column_given_twice_is_refused(tmp_path, heading):
+    """astropy would draw the first and keep the other under a name of its own."""
+    (tmp_path / "two.csv").write_text(f"\n{heading}\n10,20,18,19\n")
+    with pytest.raises(InputError, match=r"two\.csv: mag_r: column given twice"):
+        read_table(tmp_path / "two.csv")

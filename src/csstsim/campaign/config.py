@@ -89,7 +89,7 @@ class Lensing(Model):
 
     field: Literal["none", "constant", "cosmic"] = Field(
         "cosmic",
-        description="'none'; 'constant': the three numbers below for every galaxy; 'cosmic': a random field with the "
+        description="'none'; 'constant': the three numbers below for every galaxy of the embedded universe; 'cosmic': a random field with the "
         "spectrum of the universe's matter (config/universe/lensing.yaml)",
     )
     kappa: float = Field(0.0, lt=1, allow_inf_nan=False, description="constant convergence, below 1")

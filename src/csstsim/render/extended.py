@@ -18,7 +18,9 @@ from csstsim.render.profiles.sersic import K2_HIGH, K2_LOW, brightness, tables
 from csstsim.render.scene import BULGE, DISK, sersic_b
 from csstsim.render.wing_tables import KEPT, RADII, Far, light_of, step
 
-WIDE_PX = 8.0  # half-light radius: below it a wing is a point's
+# px of half-light radius, from which light about an object is not a point's: a wing that shows, with its edge in the
+# box's ring; smoother light
+SHARP_PX, WIDE_PX = 1.0, 8.0
 STEPS = 4
 _LOG_R = np.linspace(-8.0, 18.0, 4096)
 _R, _STEP = np.exp(_LOG_R), _LOG_R[1] - _LOG_R[0]
@@ -64,9 +66,9 @@ def _rounded(value):
     return float(2.0 ** (np.round(STEPS * np.log2(max(value, 2.0**-10))) / STEPS))
 
 
-def spread(far, part):
-    """Return the Far of an object of this Part whose points have the Far `far`; `far` itself if it is small."""
-    return far if part.size < WIDE_PX else _spread(far, part.index, part.size)
+def spread(far, part, least=WIDE_PX):
+    """Return the Far of an object of this Part whose points have the Far `far`; `far` itself if it is below `least`."""
+    return far if part.size < least else _spread(far, part.index, part.size)
 
 
 @lru_cache(KEPT)

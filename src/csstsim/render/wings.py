@@ -20,13 +20,14 @@ from functools import lru_cache
 import numba
 import numpy as np
 
-from csstsim.render.extended import POINT, beyond_stamp, spread
+from csstsim.render.extended import POINT, SHARP_PX, WIDE_PX, beyond_stamp, spread
 from csstsim.render.far_wings import OVER
 from csstsim.render.octave_table import read
 from csstsim.render.wing_tables import RADII, Far, light_of, step, tables
 
 FADE = 0.7, 0.95  # of the box's half side
 NEAR = 48.0, 96.0  # px: from here to twice that the meshes take over, of short wings and of others
+SMOOTH_PX = 16.0  # half-light radius from which a ring is smooth enough for the meshes
 _NEAR_LIGHT = 0.006, 0.08  # of the light: the most that a stamp leaves out of a profile; with wings, of the PSF too
 
 
@@ -77,7 +78,8 @@ def add_far(
         far, shown = wing_beyond(wing, half, near > 0), wing_beyond(wing, half)
         flux = flux * wing_share(flux, inside, shown.light)
         for part in parts:
-            added += _add(*place, part.share * flux, spread(far, part), near, meshes)
+            wide = spread(far, part, SHARP_PX if near else WIDE_PX)
+            added += _add(*place, part.share * flux, wide, near, meshes)
         haze = (flux * (shown.light - far.light)).sum()
     around = beyond_stamp(parts, reach) if reach >= half else []
     for share, tail in around:
@@ -86,7 +88,8 @@ def add_far(
     within = haze + (0.0 if around else near_light(missing, inside, wing))
     for part in parts:
         if (wide := spread(ring, part)) is not ring:
-            added += _add(*place, _one_band(part.share * within), wide, 0.0, meshes)
+            fine = NEAR[0] if part.size < SMOOTH_PX else 0.0
+            added += _add(*place, _one_band(part.share * within), wide, fine, meshes)
             continue
         [(table, octave, _)] = tables(ring, ())
         laid = _on_window(_add_radial, *place, half, part.share * within * table[0], octave)

@@ -12,7 +12,7 @@ import math
 import numba
 import numpy as np
 
-from csstsim.render.extended import POINT, beyond_stamp, spread
+from csstsim.render.extended import POINT, SHARP_PX, WIDE_PX, beyond_stamp, spread
 from csstsim.render.far_wings import OVER, WHOLE, between
 from csstsim.render.octave_table import read
 from csstsim.render.wing_tables import tables
@@ -74,8 +74,8 @@ def add_line(
         total = flux.sum(axis=0)
         share = wing_share(total, (total * inside).sum(), shown.light)
         for part in parts:
-            annuli = _SHOWN if wing_px > 0 else _HAZE
-            added += _add(*place, part.share * share * flux, spread(far, part), annuli, meshes, side)
+            annuli, least = (_SHOWN, SHARP_PX) if wing_px > 0 else (_HAZE, WIDE_PX)
+            added += _add(*place, part.share * share * flux, spread(far, part, least), annuli, meshes, side)
         haze = share * (shown.light - far.light)
         box = _box(window, places, wing_px) if wing_px > 0 else None
     missing = inside - drawn
