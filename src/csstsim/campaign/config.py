@@ -89,8 +89,8 @@ class Lensing(Model):
 
     field: Literal["none", "constant", "cosmic"] = Field(
         "cosmic",
-        description="'none'; 'constant': the three numbers below for every galaxy of the embedded universe; 'cosmic': a random field with the "
-        "spectrum of the universe's matter (config/universe/lensing.yaml)",
+        description="'none'; 'constant': the three numbers below for every galaxy of the embedded universe; 'cosmic': "
+        "a random field with the spectrum of the universe's matter (config/universe/lensing.yaml)",
     )
     kappa: float = Field(0.0, lt=1, allow_inf_nan=False, description="constant convergence, below 1")
     gamma1: float = Field(0.0, allow_inf_nan=False, description="constant shear along +RA")
