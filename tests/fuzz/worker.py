@@ -119,8 +119,9 @@ def _watch(event, args, folder, escaped):
     elif (event == "open" and _writes(*args[1:3])) or event in _CHANGES:
         path = os.fspath(args[0]) if isinstance(args[0], str | os.PathLike) else args[0]
         inside = isinstance(path, str) and f"{os.path.realpath(path)}/".startswith(f"{os.path.realpath(folder)}/")
+        compiled = "__pycache__" in str(path) or str(path).startswith(os.environ.get("NUMBA_CACHE_DIR") or "\0")
         # A number is a descriptor opened before; numba keeps its compiled code
-        if not (inside or isinstance(path, int) or path == os.devnull or "__pycache__" in str(path)):
+        if not (inside or isinstance(path, int) or path == os.devnull or compiled):
             escaped.append((event, str(args)[:200]))
 
 

@@ -50,6 +50,17 @@ def test_objects_lose_what_the_map_says_and_nothing_else_changes(draw, flat, shu
             np.testing.assert_array_equal(state.truth[name], plain.truth[name], err_msg=name)
 
 
+def test_losses_are_those_of_the_exposure_time_asked_for(draw):
+    """The shutter's light and shade is a matter of time: a map made for 150 s is not taken for 30 s."""
+    state = draw(False, False)
+    for exptime in (150.0, 30.0, 150.0):
+        made = response_map(
+            state.chip, state.window, state.filter, exptime, state.leds, STREAMS.camera, flat=False, shutter=True,
+            prnu=STREAMS.chip_key("prnu") if state.prnu else None,
+        )  # fmt: skip
+        np.testing.assert_array_equal(state.response(exptime, STREAMS, flat=False, shutter=True), made)
+
+
 @pytest.mark.parametrize(("flat", "shutter"), SWITCHES)
 def test_no_pixel_is_above_the_declared_maximum(camera, flat, shutter):
     for seed in range(5):
