@@ -2,7 +2,8 @@
 
 A point's wing is right for a galaxy small beside the PSF's box. About a larger one the wing is that of all its points,
 a convolution. The profile beyond the stamp begins where the stamp ends. Both are some per cent of the light and smooth,
-so that circles of the same area stand for ellipses, and the nearest of STEPS sizes to the octave for a size.
+so that circles of the same area stand for ellipses, and the nearest of a few sizes to the octave for a size: of STEPS,
+or of STEPS_LARGE for the few large galaxies.
 """
 
 from functools import lru_cache
@@ -21,7 +22,7 @@ from csstsim.render.wing_tables import KEPT, RADII, Far, light_of, step
 # px of half-light radius, from which light about an object is not a point's: a wing that shows, with its edge in the
 # box's ring; smoother light
 SHARP_PX, WIDE_PX = 1.0, 8.0
-STEPS = 4
+STEPS, STEPS_LARGE, LARGE_PX = 4, 32, 16.0
 _LOG_R = np.linspace(-8.0, 18.0, 4096)
 _R, _STEP = np.exp(_LOG_R), _LOG_R[1] - _LOG_R[0]
 _LOG_K2 = np.log(nodes(K2_LOW, K2_HIGH))
@@ -62,8 +63,9 @@ def parts_of_table(objects, matrix):
 
 
 def _rounded(value):
-    """Return the nearest of STEPS values to the octave, at least 2^-10."""
-    return float(2.0 ** (np.round(STEPS * np.log2(max(value, 2.0**-10))) / STEPS))
+    """Return the nearest of so many values to the octave, at least 2^-10."""
+    steps = STEPS if value < LARGE_PX else STEPS_LARGE
+    return float(2.0 ** (np.round(steps * np.log2(max(value, 2.0**-10))) / steps))
 
 
 def spread(far, part, least=WIDE_PX):
@@ -97,7 +99,7 @@ def beyond_stamp(parts, reach):
     ]  # fmt: skip
     if sum(left) < _LEAST:
         return []
-    edge = _rounded(reach)
+    edge = float(2.0 ** (np.round(STEPS * np.log2(reach)) / STEPS))
     return [(light / sum(left), _tail(part.index, part.size, edge)) for light, part in zip(left, parts, strict=True)]
 
 
