@@ -8,7 +8,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.progress import progress
 from csstsim.compare import hdf5, images, tables, texts
 from csstsim.compare.facts import Fact
-from csstsim.compare.varying import FILES, FOLDERS
+from csstsim.compare.varying import BESIDE_PRODUCTS
 
 BY_SUFFIX = {
     ".fits": images.fits_facts, ".h5": hdf5.hdf5_facts, ".hdf5": hdf5.hdf5_facts, ".parquet": tables.table_facts,
@@ -91,10 +91,10 @@ def _found(a, b, name, names):
 
 
 def _products(folder):
-    """Return the names, below a folder, of all files but FILES, those in FOLDERS, and half-written ones."""
+    """Return the names, below a folder, of all files but what lies beside products, and half-written ones."""
     found = set()
     for place, below, files in os.walk(folder):
-        below[:] = [name for name in below if name not in FOLDERS]
-        names = (name for name in files if name not in FILES and not (name.startswith(".") and ".tmp" in name))
+        below[:] = [name for name in below if name not in BESIDE_PRODUCTS]
+        names = (n for n in files if n not in BESIDE_PRODUCTS and not (n.startswith(".") and ".tmp" in n))
         found |= {(Path(place) / name).relative_to(folder).as_posix() for name in names}
     return found

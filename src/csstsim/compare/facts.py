@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+NAMED = 5  # values or names that are told, of those that differ
+
 
 class Fact(NamedTuple):
     """One thing that differs, in words; `provenance`: the name of what only says how the product was made, or None."""
@@ -72,15 +74,29 @@ def array_facts(name, a, b, *, things, unit="", place, step=1 << 22):
             difference.add(*parts, lambda i, offset=offset: place(*np.unravel_index(i + offset, a.shape)))
     if a.dtype != b.dtype:
         same = ", the same values" if numbers and not difference.count else ""
-        yield Fact(f"{name}: {a.dtype} and {b.dtype}{same}")
+        yield Fact(f"{name}: {_kind(a)} and {_kind(b)}{same}")
     if difference.count:
         yield Fact(f"{name}: {difference.text()}")
+
+
+def alone(what, a, b):
+    """Yield Facts about names (or ids) that only one of A and B has, sorted as they come."""
+    for side, mine, other in (("A", a, b), ("B", b, a)):
+        known = set(other)
+        names = [name for name in mine if name not in known]
+        if names:
+            more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+            yield Fact(f"only {side} has the {what} {', '.join(map(str, names[:NAMED]))}{more}")
 
 
 def shown(value):
     """Return a value as it is told, cut to a length that can be read."""
     text = repr(value.item() if isinstance(value, np.generic) else value)
     return text if len(text) <= 60 else f"{text[:56]} ..."
+
+
+def _kind(array):
+    return "text" if array.dtype.kind == "O" else str(array.dtype)
 
 
 def _unlike(a, b):

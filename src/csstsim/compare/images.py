@@ -4,9 +4,10 @@ import json
 import re
 
 from csstsim.base.errors import InputError
-from csstsim.compare.facts import Difference, Fact, array_facts
+from csstsim.compare.facts import Difference, Fact, alone, array_facts
 from csstsim.compare.raw_image import EXTENSIONS, raw_image
 from csstsim.compare.records import record_facts
+from csstsim.compare.varying import is_provenance, varies
 from csstsim.io.fits import image_header, open_fits, read_header, read_pixels, verify_hdu
 from csstsim.io.frames import META
 from csstsim.io.level0_extensions import OF_CHANNEL
@@ -43,7 +44,7 @@ def fits_facts(a, b):
 def _plane_facts(files):
     """Yield Facts about headers, planes and the record of two files, plane by plane."""
     hdus = [{hdu.get_extname() or f"HDU {i}": hdu for i, hdu in enumerate(file)} for file, _ in files]
-    yield from _alone(hdus, "plane")
+    yield from alone("planes", *hdus)
     paths = [path for _, path in files]
     units = [_record(mine, path).get("unit", "") for mine, path in zip(hdus, paths, strict=True)]
     for name in (name for name in hdus[0] if name in hdus[1]):
@@ -59,8 +60,11 @@ def _plane_facts(files):
                 yield Fact(f"{name}: pixels in one file only")
             continue
         unit = heads[0].get("BUNIT", units[0]) if planes[0].dtype.itemsize > 1 else ""  # bytes are bits of masks
-        place = lambda *index: f"at x {index[-1]}, y {index[0]}"  # noqa: E731
-        yield from array_facts(name, *planes, things="pixels", unit=_UNITS.get(unit, unit), place=place)
+        yield from array_facts(name, *planes, things="pixels", unit=_UNITS.get(unit, unit), place=_pixel)
+
+
+def _pixel(*index):
+    return f"at {', '.join(f'{axis} {i}' for axis, i in zip('xyz', index[::-1], strict=False))}"
 
 
 def _record(hdus, path):
@@ -85,9 +89,8 @@ def _raw_facts(files, raw):
         shapes = [image.readout.stored_shape("mosaic") for image in raw]
         yield Fact(f"IMAGE: detectors of another geometry, {shapes[0]} and {shapes[1]} with overscan")
         return
-    yield from _alone([image.planes for image in raw], "plane")
-    channels = [dict.fromkeys(f"channel {n}" for n in image.channels) for image in raw]
-    yield from _alone(channels, "IMAGE")
+    yield from alone("planes", *(image.planes for image in raw))
+    yield from alone("channels", *(image.channels for image in raw))
     for plane in raw[0].planes:
         if plane in raw[1].planes:
             yield from _channel_facts(plane, raw)
@@ -115,11 +118,6 @@ def _place(readout, block, row, column):
     x, y = x0 + step_x * (column + block.stored_x0), y0 + step_y * row
     inside = 0 <= column - readout.prescan < readout.channel_nx and row < readout.channel_ny
     return f"in channel {block.channel}, column {column}, row {row} ({f'chip x {x}, y {y}' if inside else 'overscan'})"
-
-
-def _alone(names, what):
-    for mine, other, side in ((*names, "A"), (*names[::-1], "B")):
-        yield from (Fact(f"{what} {name}: only {side} has it") for name in mine if name not in other)
 
 
 def _alike(heads, raw):
@@ -156,5 +154,6 @@ def _cards(hdu, path):
             found.setdefault(name or "blank", []).append(str(card["value"]))
         elif not _STRUCTURE.fullmatch(name):
             found[name] = card["value"]
-            found[f"comment of {name}"] = card.get("comment", "")
+            if not (varies(name) or is_provenance(name)):
+                found[f"comment of {name}"] = card.get("comment", "")
     return found

@@ -15,8 +15,8 @@ PLANES = ("IMAGE", "MASK")
 class RawImage:
     """A Level-0 file's pixels.
 
-    readout: ReadoutFrame of the whole chip; layout: of detector.channels, or EXTENSIONS; planes: {name: stored array, or
-    {channel: array} of EXTENSIONS}; channels: numbers of those that were read.
+    readout: ReadoutFrame of the whole chip; layout: of detector.channels, or EXTENSIONS; planes: {name: stored array,
+    of EXTENSIONS {channel: array}}; channels: numbers of those that were read.
     """
 
     readout: ReadoutFrame

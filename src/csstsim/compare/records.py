@@ -1,21 +1,23 @@
 """Records compared: mappings and lists of plain values, from headers, metadata, JSON files and attributes."""
 
-from csstsim.compare.facts import Fact, shown
+from csstsim.compare.facts import NAMED, Fact, shown
 from csstsim.compare.varying import is_provenance, varies
-
-MOST = 5  # values of a record that are named, of those that differ
 
 
 def record_facts(where, a, b):
     """Yield Facts about two records, what may vary left out; `where` comes before each name."""
-    found = list(_leaves("", a, b))
+    try:
+        found = list(_leaves("", a, b))
+    except RecursionError:
+        yield Fact(f"{where}nested too deep to be compared")
+        return
     for name, text, made in found:
         if made:
             yield Fact(f"{where}{name}: {text}", made)
     rest = [f"{where}{name}: {text}" for name, text, made in found if not made]
-    yield from map(Fact, rest[:MOST])
-    if len(rest) > MOST:
-        yield Fact(f"{where.rstrip(': ') or 'record'}: and {len(rest) - MOST} more values")
+    yield from map(Fact, rest[:NAMED])
+    if len(rest) > NAMED:
+        yield Fact(f"{where}and {len(rest) - NAMED} more values")
 
 
 def _leaves(name, a, b, made=None):
@@ -36,6 +38,16 @@ def _leaves(name, a, b, made=None):
             yield from _leaves(f"{name}[{i}]", x, y, made)
     elif type(a) is not type(b) or repr(a) != repr(b):  # repr: NaN is NaN, 0.0 is not -0.0
         text = f"{shown(a)} and {shown(b)}"
-        if all(isinstance(x, int | float) and not isinstance(x, bool) for x in (a, b)):
-            text += f", differ by {abs(a - b):.6g}"
+        if size := _apart(a, b):
+            text += f", differ by {size:.6g}"
         yield name, text, made
+
+
+def _apart(a, b):
+    """Return |a - b| of two numbers; None of what are no numbers, or too large."""
+    if any(isinstance(x, bool) or not isinstance(x, int | float) for x in (a, b)):
+        return None
+    try:
+        return float(abs(a - b))
+    except OverflowError:
+        return None

@@ -7,12 +7,11 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.table import ObjectTable
-from csstsim.compare.facts import Fact, array_facts
+from csstsim.compare.facts import Fact, alone, array_facts
 from csstsim.compare.records import record_facts
 from csstsim.compare.varying import COLUMNS
 
 IDS = ("obj_ID", "source_id", "id")  # columns that say which object a row is
-NAMED = 5  # ids that are named
 _UNIT = re.compile(
     r"(electron|photon|erg|km|mas) / [^,:]*\w|FITS px|px|deg|arcsec|mag\b|AB\b|K\b|mas|microjansky|angstrom|rad|dex|"
     r"solar masses|(nominal )?electrons"
@@ -25,13 +24,10 @@ def table_facts(a, b):
     """Yield Facts about two table files of csstsim's. Raises InputError for one that is damaged or no table."""
     metas = [ObjectTable.read(path, []).meta for path in (a, b)]
     yield from record_facts("metadata: ", *metas)
-    schemas = [_schema(path) for path in (a, b)]
-    for mine, other, side in ((*schemas, "A"), (*schemas[::-1], "B")):
-        for name in mine.names:
-            if name not in other.names:
-                yield Fact(f"column {name}: only {side} has it")
-    names = [name for name in schemas[0].names if name in schemas[1].names]
-    if names != [name for name in schemas[1].names if name in names]:
+    columns = [_footer(path).schema.to_arrow_schema().names for path in (a, b)]
+    yield from alone("columns", *columns)
+    names = [name for name in columns[0] if name in columns[1]]
+    if names != [name for name in columns[1] if name in names]:
         yield Fact("the columns are in another order")
     rows, told = _common_rows(a, b, names)
     yield from told
@@ -46,7 +42,7 @@ def table_facts(a, b):
 
 
 def footer_facts(a, b):
-    """Yield Facts about two files of parquet metadata, which have no rows: columns, and how many rows the others have."""
+    """Yield Facts about two files of parquet metadata: columns, and how many rows the files they are of have."""
     files = [_footer(path) for path in (a, b)]
     if files[0].num_rows != files[1].num_rows:
         yield Fact(f"of {files[0].num_rows} and {files[1].num_rows} rows")
@@ -54,10 +50,6 @@ def footer_facts(a, b):
         [f"{c.name}: {c.physical_type}" for c in map(file.schema.column, range(file.num_columns))] for file in files
     ]
     yield from record_facts("columns", *columns)
-
-
-def _schema(path):
-    return _footer(path).schema.to_arrow_schema()
 
 
 def _footer(path):
@@ -92,11 +84,7 @@ def _common_rows(a, b, names):
     ids = [_column(path, key) for path in (a, b)] if key else []
     if not key or any(len(np.unique(column)) != len(column) for column in ids):
         return None, [Fact(f"{facts[0].text}; the columns are not compared")]
-    for side, mine, other in (("A", *ids), ("B", *ids[::-1])):
-        alone = np.setdiff1d(mine, other)
-        if alone.size:
-            more = f" and {alone.size - NAMED} more" if alone.size > NAMED else ""
-            facts.append(Fact(f"only {side} has the rows of {key} {', '.join(map(str, alone[:NAMED]))}{more}"))
+    facts += alone(f"rows of {key}", *(column.tolist() for column in ids))
     return [np.isin(mine, other) for mine, other in (ids, ids[::-1])], facts
 
 

@@ -69,5 +69,8 @@ def picture_facts(a, b):
 def _picture(path):
     from PIL import Image
 
-    with reading(path, "a picture"), Image.open(path) as picture:
-        return np.asarray(picture.convert("RGBA"))
+    try:
+        with reading(path, "a picture"), Image.open(path) as picture:
+            return np.asarray(picture.convert("RGBA"))
+    except (SyntaxError, Image.DecompressionBombError) as exc:  # of a damaged PNG
+        raise InputError(f"cannot be read as a picture: {exc}", file=path) from None
