@@ -1,4 +1,4 @@
-"""Two runs of the small campaign, each in its own folder; copies of one to spoil."""
+"""Two runs of the small campaign, each in its own folder; copies of the first to spoil."""
 
 import shutil
 
@@ -17,5 +17,5 @@ def runs(tmp_path_factory):
 
 @pytest.fixture
 def copied(runs, tmp_path):
-    """(the first run's output folder, a copy of the second's)."""
-    return runs[0], shutil.copytree(runs[1], tmp_path / "copy")
+    """(the first run's output folder, a copy of it)."""
+    return runs[0], shutil.copytree(runs[0], tmp_path / "copy")

@@ -23,7 +23,7 @@ class Difference:
 
     def __init__(self, things, unit=""):
         self.things, self.unit = things, f" {unit}" if unit else ""
-        self.count = self.total = self.sized = 0
+        self.count = self.total = self.sized = self.odd = 0
         self.largest = self.squares = 0.0
         self.first = ""
 
@@ -40,7 +40,9 @@ class Difference:
             self.first = f"first {place(int(where[0]))}: {shown(a[0])} and {shown(b[0])}"
         if a.dtype.kind in "biuf":
             size = _size(a, b)
-            size = size[np.isfinite(size)]
+            finite = np.isfinite(size)
+            self.odd += int((~finite).sum())
+            size = size[finite]
             self.sized += size.size
             self.largest = max(self.largest, size.max(initial=0.0))
             self.squares += float((size**2).sum())
@@ -53,8 +55,8 @@ class Difference:
         if self.sized:
             rms = (self.squares / self.sized) ** 0.5
             parts.append(f"by at most {self.largest:.6g}{self.unit}, rms {rms:.6g}{self.unit}")
-            if self.sized < self.count:
-                parts.append(f"{self.count - self.sized} of them NaN or infinite on one side")
+        if self.odd:
+            parts.append(f"{self.odd} of them by NaN or infinity")
         return ", ".join([*parts, self.first])
 
 
