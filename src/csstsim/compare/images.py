@@ -8,7 +8,7 @@ from csstsim.compare.facts import Difference, Fact, alone, array_facts
 from csstsim.compare.raw_image import EXTENSIONS, raw_image
 from csstsim.compare.records import record_facts
 from csstsim.compare.varying import is_provenance, varies
-from csstsim.io.fits import image_header, open_fits, read_header, read_pixels, verify_hdu
+from csstsim.io.fits import open_fits, read_header, read_pixels, verify_hdu
 from csstsim.io.frames import META
 from csstsim.io.level0_extensions import OF_CHANNEL
 
@@ -146,9 +146,12 @@ def _image_cards(file, path, image):
 
 def _cards(hdu, path):
     """Return {keyword: value} and {"comment of KEYWORD": comment} of an HDU, but for its structure."""
-    image_header(hdu, path) if hasattr(hdu, "is_compressed") else read_header(hdu, path)
+    try:
+        records = hdu.read_header().records()
+    except (OSError, ValueError) as exc:  # also bytes that are no text
+        raise InputError(f"a header is damaged: {type(exc).__name__}", file=path) from exc
     found = {}
-    for card in hdu.read_header().records():
+    for card in records:
         name = card["name"] or ""
         if name in ("COMMENT", "HISTORY", ""):
             found.setdefault(name or "blank", []).append(str(card["value"]))
