@@ -12,6 +12,8 @@ from delivery import spoil
 from delivery.small_delivery import command
 
 from csstsim.catalog.table import ObjectTable
+from csstsim.compare.facts import array_facts
+from csstsim.compare.tables import units
 from csstsim.io.frames import load_frame, save_frame
 from csstsim.io.level0 import read_level0
 
@@ -247,6 +249,30 @@ def test_numbers_that_are_odd(tmp_path, left, right, words):
         )
     lines, _ = told(tmp_path / "a", tmp_path / "b")
     assert (len(lines) == 1 and words in lines[0]) if words else lines == []
+
+
+@pytest.mark.parametrize("step", [1, 7, 40, 1000])
+def test_pieces_are_added_up(step):
+    """Sizes and places of a large array, compared a few elements at a time, are those of the whole."""
+    a = np.random.default_rng(5).normal(size=(13, 20))
+    b = a.copy()
+    b[9, 4:7] += [1.0, -2.0, 4.0]
+    (fact,) = array_facts("x", a, b, things="values", unit="mag", place=lambda y, x: f"at {y}, {x}", step=step)
+    assert fact.text.startswith("x: 3 of 260 values differ, by at most 4 mag, rms 2.64575 mag, first at 9, 4: ")
+
+
+def test_units_of_columns():
+    """A unit is told of what has one, by its words in the tables' descriptions; errors have that of their quantity."""
+    expected = {
+        "ra": "deg", "dec": "deg", "xImage": "px", "mag": "mag", "mag_psf_err": "mag", "pm_ra": "mas / yr", "RV": "km / s",
+        "flux_psf": "electron", "flux_psf_err": "electron", "drawn": "electron", "flux0": "electron / s", "teff": "K",
+        "flux_r": "microjansky", "kron_mag_err_y": "mag", "pos_err": "arcsec", "wavelength": "angstrom", "sky": "electron / px",
+        "flux_erg": "erg / s / cm2 / angstrom", "stellarmass": "solar masses", "theta": "rad", "logg": "dex",
+    }  # fmt: skip
+    assert {name: units()[name] for name in expected} == expected
+    assert not {"id", "obj_type", "z", "e1", "e2", "kappa", "flags", "snr", "chi2", "spread_err", "method"} & set(
+        units()
+    )
 
 
 def test_a_row_more_does_not_hide_a_value(copied):
