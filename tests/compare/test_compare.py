@@ -264,9 +264,10 @@ def test_pieces_are_added_up(step):
 def test_units_of_columns():
     """A unit is told of what has one, by its words in the tables' descriptions; errors have that of their quantity."""
     expected = {
-        "ra": "deg", "dec": "deg", "xImage": "px", "mag": "mag", "mag_psf_err": "mag", "pm_ra": "mas / yr", "RV": "km / s",
-        "flux_psf": "electron", "flux_psf_err": "electron", "drawn": "electron", "flux0": "electron / s", "teff": "K",
-        "flux_r": "microjansky", "kron_mag_err_y": "mag", "pos_err": "arcsec", "wavelength": "angstrom", "sky": "electron / px",
+        "ra": "deg", "dec": "deg", "xImage": "px", "mag": "mag", "mag_psf_err": "mag", "pm_ra": "mas / yr",
+        "RV": "km / s", "sky": "electron / px", "flux_psf": "electron", "flux_psf_err": "electron", "drawn": "electron",
+        "flux0": "electron / s", "teff": "K",
+        "flux_r": "microjansky", "kron_mag_err_y": "mag", "pos_err": "arcsec", "wavelength": "angstrom",
         "flux_erg": "erg / s / cm2 / angstrom", "stellarmass": "solar masses", "theta": "rad", "logg": "dex",
     }  # fmt: skip
     assert {name: units()[name] for name in expected} == expected

@@ -13,7 +13,7 @@ from csstsim.compare.varying import COLUMNS
 
 IDS = ("obj_ID", "source_id", "id")  # columns that say which object a row is
 _UNIT = re.compile(
-    r"(electron|photon|erg|km|mas) / [^,:]*\w|FITS px|px|deg|arcsec|mag\b|AB\b|K\b|mas|microjansky|angstrom|rad|dex|"
+    r"(electron|photon|erg|km|mas)( / \w+)+|FITS px|px|deg|arcsec|mag\b|AB\b|K\b|mas|microjansky|angstrom|rad|dex|"
     r"solar masses|(nominal )?electrons"
 )
 _WRITTEN = {"AB": "mag", "FITS px": "px", "nominal electrons": "electron", "electrons": "electron"}
