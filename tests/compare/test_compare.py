@@ -233,6 +233,7 @@ def test_types_and_shapes_of_planes(tmp_path):
 
 @pytest.mark.parametrize(("left", "right", "words"), [
     ([np.nan, 1.0], [np.nan, 1.0], None),
+    ([np.nan, 1.0], [np.copysign(np.nan, -1.0), 1.0], None),
     ([np.inf, 1.0], [np.inf, 1.0], None),
     ([0.0, 1.0], [-0.0, 1.0], "1 of 2 rows differs, by at most 0, rms 0"),
     ([np.nan, 1.0], [3.0, 3.0], "2 of 2 rows differ, by at most 2, rms 2, 1 of them by NaN or infinity"),
