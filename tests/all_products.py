@@ -16,9 +16,9 @@ import fitsio
 import healpy
 from faults.small_run import pixels_and_columns, steady
 from mini_campaign import write_campaign
-from workflow_run import VARYING
 
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.compare.varying import varies
 from csstsim.stages import calibrate as calibrate_stage
 from csstsim.stages import chip as chip_stage
 from csstsim.stages import extract as extract_stage
@@ -91,12 +91,10 @@ def digests(run):
 def _content(path):
     if "chips" in path.parts:
         return pixels_and_columns(path).encode()
-    if path.suffix == ".html":
-        return path.read_bytes()  # run times are of the workflow's benchmarks: here are none
     if path.suffix != ".fits" or "level0" in path.parts:
         return steady(path)
     with fitsio.FITS(path) as file:
-        cards = [repr([c for c in hdu.read_header().records() if c["name"] not in VARYING]) for hdu in file]
+        cards = [repr([c for c in hdu.read_header().records() if not varies(str(c["name"]))]) for hdu in file]
         return "".join(cards).encode() + b"".join(hdu.read().tobytes() for hdu in file if hdu.has_data())
 
 

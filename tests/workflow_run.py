@@ -10,11 +10,9 @@ from mini_campaign import write_campaign
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
+from csstsim.compare.varying import varies
 
 ROOT = Path(__file__).resolve().parents[1]
-# What may differ between two runs of one campaign: dates, timings, and the checksum over them (all in HDU 0).
-VARYING = {"DATE", "CHECKSUM"}
-TIMINGS = ("CPU_", "WALL_")
 
 
 def command(campaign, *arguments):
@@ -56,7 +54,7 @@ def content(campaign):
                 (record["name"], record["value"], record["comment"])
                 for hdu in file
                 for record in hdu.read_header().records()
-                if record["name"] not in VARYING and not str(record["name"]).startswith(TIMINGS)
+                if not varies(str(record["name"]))
             ]
             found[path.name] = (cards, file["IMAGE"].read().tobytes())
         orders = path.with_suffix(".orders.parquet")

@@ -5,7 +5,6 @@ validate, report. It always runs in the same folder, so that its files can be co
 """
 
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -14,10 +13,11 @@ from functools import cached_property
 import fitsio
 import healpy
 from mini_campaign import write_campaign
-from workflow_run import ROOT, TIMINGS, VARYING, command
+from workflow_run import ROOT, command
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
+from csstsim.compare.varying import steady_page, varies
 from csstsim.io.frames import load_frame
 from csstsim.stages import level0 as level0_stage
 from csstsim.stages import measure as measure_stage
@@ -156,20 +156,17 @@ def ended(process, seconds=600):
 
 def steady(path):
     """Return what must be the same in two runs of a product: its bytes, but for dates and timings."""
-    if path.suffix == ".fits":  # of Level-0's first HDU: DATE, CHECKSUM over it, CPU_ and WALL_ seconds
+    if path.suffix == ".fits":  # what varies is in Level-0's first HDU
         with fitsio.FITS(path) as file:
             start = file["IMAGE"].get_offsets()["header_start"]
             cards = file[0].read_header().records()
-        cards = [(c["name"], c["value"], c["comment"]) for c in cards if c["name"] not in VARYING]
-        return repr([c for c in cards if not str(c[0]).startswith(TIMINGS)]).encode() + path.read_bytes()[start:]
-    if path.name.endswith(".truth.parquet"):  # `ms`: CPU milliseconds of each object
+        cards = [(c["name"], c["value"], c["comment"]) for c in cards if not varies(str(c["name"]))]
+        return repr(cards).encode() + path.read_bytes()[start:]
+    if path.name.endswith(".truth.parquet"):
         table = ObjectTable.read(path)
-        columns = {name: table[name].tolist() for name in table if name != "ms"}
-        return repr((columns, table.meta)).encode()
+        return repr((_columns(table), table.meta)).encode()
     if path.suffix == ".html":
-        page, found = re.subn(rb'(?s)<section id="times">.*?</section>', b"", path.read_bytes())
-        assert found == 1
-        return page
+        return "".join(steady_page(path.read_text())).encode()
     return path.read_bytes()
 
 
@@ -178,5 +175,8 @@ def pixels_and_columns(path):
     if path.suffix == ".fits":
         planes, _ = load_frame(path)
         return repr({name: plane.tobytes() for name, plane in planes.items()})
-    table = ObjectTable.read(path)
-    return repr({name: table[name].tolist() for name in table if name != "ms"})
+    return repr(_columns(ObjectTable.read(path)))
+
+
+def _columns(table):
+    return {name: table[name].tolist() for name in table if not varies(name)}

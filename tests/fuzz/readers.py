@@ -227,6 +227,14 @@ def brick(path):
     read_brick(path, {"seed": 3})
 
 
+def compared(path):
+    """`csstsim compare` with the sound file: seeds.beside_a_sound_one."""
+    from csstsim.compare.compare import facts
+
+    path = Path(path)
+    list(facts(path.with_name(f"sound{path.suffix}"), path))
+
+
 def validation(path):
     from csstsim.bricks.result_file import read_result
 

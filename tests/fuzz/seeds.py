@@ -220,6 +220,17 @@ def orders(folder):
     return folder / "orders.parquet"
 
 
+def beside_a_sound_one(make):
+    """Return a maker of what `make` writes, and of a sound file beside it that differs in nothing."""
+
+    def both(folder):
+        path = Path(make(folder))
+        shutil.copy(path, path.with_name(f"sound{path.suffix}"))
+        return path
+
+    return both
+
+
 def validation(folder):
     from csstsim.bricks.result_file import write_result
 

@@ -94,6 +94,16 @@ TARGETS = {
     "truth parquet": Target(seeds.truth, spoiled_parquet, _read("truth")),
     "orders parquet": Target(seeds.orders, spoiled_parquet, _read("orders")),
     "brick parquet": Target(seeds.objects, spoiled_parquet, _read("brick")),
+    **{
+        f"compared {name}": Target(seeds.beside_a_sound_one(make), spoil, _read("compared"), 0.5)
+        for name, make, spoil in (
+            ("Level-0 FITS", seeds.level0(), spoiled_fits),
+            ("frame FITS", seeds.frame, seeds.spoiled_frame),
+            ("PSF set HDF5", seeds.psf, spoiled_hdf5),
+            ("truth parquet", seeds.truth, spoiled_parquet),
+            ("validation JSON", seeds.validation, spoiled_json),
+        )
+    },
     "validation JSON": Target(seeds.validation, spoiled_json, _read("validation")),
     "benchmark TSV": Target(seeds.benchmarks, spoiled_bytes, _read("benchmarks"), 0.5),
 }

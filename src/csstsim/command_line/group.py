@@ -24,7 +24,7 @@ SECTIONS = {
     ),
     "Measure the simulator": ("bench", "shear"),
     "Extend": ("layers", "fit-grating"),
-    "Deliver": ("verify",),
+    "Deliver": ("verify", "compare"),
 }  # fmt: skip
 LOUD, QUIET = "csstsim.loud", "csstsim.quiet"  # in the context of the command
 

@@ -1,4 +1,4 @@
-"""Commands that are no stage: benchmarks, pictures, shear, verification, gratings, layers."""
+"""Commands that are no stage: benchmarks, pictures, shear, verification, comparison, gratings, layers."""
 
 import signal
 import sys
@@ -203,6 +203,31 @@ def verify(campaign, output, manifest):
 
 
 @click.command()
+@click.argument("a", type=click.Path())
+@click.argument("b", type=click.Path())
+@click.option("--provenance", is_flag=True, help="Let differences in versions, commits and digests of recipes count.")
+def compare(a, b, provenance):
+    """Say what differs between two runs, by how much, and where.
+
+    A and B are two output folders, or two files. Dates, run times, folders, logs and manifests of two runs of one
+    campaign differ by nature: they are left out. Versions, commits, digests of recipes and the layers' parameters say
+    how a product was made. They are told in one line and do not count, unless --provenance is given.
+
+    \b
+    Did a change of the code move a bit? Runs of one campaign before it and after it:
+      csstsim compare results/before results/after
+    Two files; layout and compression of Level-0 make no difference:
+      csstsim compare before/CSST_..._09_L0_V01.fits after/CSST_..._09_L0_V01.fits
+
+    Exit codes: 0 nothing differs, 1 something differs, 2 nothing that could be compared. docs/compare.md says more.
+    """
+    from csstsim.compare.compare import compare as run
+
+    if run(a, b, print, provenance):
+        sys.exit(1)
+
+
+@click.command()
 @click.argument("campaign", type=click.Path())
 @click.option("--output", type=click.Path(), help="The folder to look into [default: the campaign's].")
 @click.option(
@@ -228,4 +253,4 @@ def status(campaign, output, watch):
         sys.exit(128 + signal.SIGINT)
 
 
-TOOLS = bench, show, status, shear, verify, fit_grating, layers
+TOOLS = bench, show, status, shear, verify, compare, fit_grating, layers

@@ -1,0 +1,100 @@
+"""`csstsim compare`: two folders or files, product by product."""
+
+import filecmp
+import os
+from pathlib import Path
+
+from csstsim.base.errors import InputError
+from csstsim.base.progress import progress
+from csstsim.compare import hdf5, images, tables, texts
+from csstsim.compare.facts import Fact
+from csstsim.compare.varying import BESIDE_PRODUCTS
+
+BY_SUFFIX = {
+    ".fits": images.fits_facts, ".h5": hdf5.hdf5_facts, ".hdf5": hdf5.hdf5_facts, ".parquet": tables.table_facts,
+    ".json": texts.json_facts, ".html": texts.page_facts, ".png": texts.picture_facts,
+    ".properties": texts.properties_facts,
+}  # fmt: skip
+BY_NAME = dict.fromkeys(("_metadata", "_common_metadata"), tables.footer_facts)
+
+
+def compare(a, b, say, provenance=False):
+    """Say what differs between two folders or two files, a line each, then how many products do; return that number.
+
+    `provenance`: what only says how a product was made counts, too; otherwise one line tells it. A product of a folder
+    that cannot be read counts as one that differs. Raises InputError for what cannot be compared.
+    """
+    a, b = Path(a), Path(b)
+    for path in (a, b):
+        if not path.exists():
+            raise InputError("no such file or folder", file=path)
+    if a.is_dir() != b.is_dir():
+        raise InputError("one is a folder, the other a file", file=a if a.is_dir() else b, allowed="two of a kind")
+    if not a.is_dir():
+        return _tell({a.name: list(facts(a, b))}.items(), 1, say, provenance)
+    names = [_products(folder) for folder in (a, b)]
+    for folder, found in zip((a, b), names, strict=True):
+        if not found:
+            raise InputError("holds no product", file=folder, allowed="an output folder")
+    every = sorted(set().union(*names))
+    return _tell(
+        ((name, _found(a, b, name, names)) for name in progress(every, "comparing")), len(every), say, provenance
+    )
+
+
+def facts(a, b):
+    """Yield the Facts that differ between two files. Raises InputError for one that cannot be read."""
+    for path in (a, b):
+        if not path.is_file():
+            raise InputError("not a file", file=path)
+    if a.suffix != b.suffix:
+        raise InputError("files of two kinds", file=b, value=b.suffix, allowed=a.suffix or "no suffix")
+    try:
+        same = filecmp.cmp(a, b, shallow=False)
+    except OSError as exc:
+        raise InputError(f"cannot be read: {exc.strerror}", file=exc.filename or a) from None
+    if not same:
+        yield from (BY_NAME.get(a.name) or BY_SUFFIX.get(a.suffix.lower(), texts.text_facts))(a, b)
+
+
+def _tell(found, total, say, provenance):
+    """Say the Facts of (product, Facts) pairs, then the sum; return how many products differ."""
+    unlike, made = 0, {}
+    for name, told in found:
+        counted = [fact for fact in told if provenance or not fact.provenance]
+        for fact in told:
+            made.setdefault(fact.provenance, set()).add(name)
+        for fact in counted:
+            say(f"{name}: {fact.text}")
+        unlike += bool(counted)
+    made.pop(None, None)
+    if made and not provenance:
+        products = len(set().union(*made.values()))
+        say(f"provenance differs in {_products_of(products)}, which does not count: {', '.join(sorted(made))}")
+    verdict = f"{unlike} {'differs' if unlike == 1 else 'differ'}" if unlike else "all the same"
+    say(f"{_products_of(total)} compared, {verdict}")
+    return unlike
+
+
+def _products_of(count):
+    return "1 product" if count == 1 else f"{count} products"
+
+
+def _found(a, b, name, names):
+    for side, mine, other in (("A", *names), ("B", *names[::-1])):
+        if name in mine and name not in other:
+            return [Fact(f"only {side} has it")]
+    try:
+        return list(facts(a / name, b / name))
+    except InputError as exc:
+        return [Fact(f"cannot be compared: {exc}")]
+
+
+def _products(folder):
+    """Return the names, below a folder, of all files but what lies beside products, and half-written ones."""
+    found = set()
+    for place, below, files in os.walk(folder):
+        below[:] = [name for name in below if name not in BESIDE_PRODUCTS]
+        names = (n for n in files if n not in BESIDE_PRODUCTS and not (n.startswith(".") and ".tmp" in n))
+        found |= {(Path(place) / name).relative_to(folder).as_posix() for name in names}
+    return found

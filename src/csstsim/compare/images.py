@@ -1,0 +1,162 @@
+"""FITS files compared: headers, planes of pixels, records; Level-0 whatever its layout."""
+
+import json
+import re
+
+from csstsim.base.errors import InputError
+from csstsim.compare.facts import Difference, Fact, alone, array_facts
+from csstsim.compare.raw_image import EXTENSIONS, raw_image
+from csstsim.compare.records import record_facts
+from csstsim.compare.varying import is_provenance, varies
+from csstsim.io.fits import open_fits, read_header, read_pixels, verify_hdu
+from csstsim.io.frames import META
+from csstsim.io.level0_extensions import OF_CHANNEL
+
+# Of the form in which the pixels are stored: shape and type are compared as such
+_STRUCTURE = re.compile(
+    r"SIMPLE|XTENSION|EXTEND|EXTNAME|NEXTEND|BITPIX|NAXIS\d?|[PG]COUNT|BSCALE|BZERO|TFIELDS|T(TYPE|FORM)1|LONGSTRN|CONTINUE|"
+    r"Z(IMAGE|SIMPLE|TENSION|EXTEND|BITPIX|NAXIS\d?|[PG]COUNT|CMPTYPE|QUANTIZ|DITHER0|(TILE|NAME|VAL)\d|HECKSUM|DATASUM)"
+)
+# Of a Level-0 file's layout: where channels lie, and the WCS of each, in stored pixels
+_LAYOUT = re.compile(
+    r"LAYOUT|[DTBC]SEC\d\d|(WCSAXES|WCSNAME|(CTYPE|CUNIT|CRVAL|CRPIX)[12]|CD[12]_[12]|LONPOLE|LATPOLE|RADESYS)[A-P]"
+)
+# ... and of one with an extension a channel: all WCS are of the channel
+_OWN = re.compile(rf"{_LAYOUT.pattern}|WCS\w+|(CTYPE|CUNIT|CRVAL|CRPIX)[12]|CD[12]_[12]|(A|B|AP|BP)_\w+|EXTVER|COMMENT")
+_UNITS = {"ADU": "DN"}
+
+
+def fits_facts(a, b):
+    """Yield Facts about two FITS files. Raises InputError for one that is damaged."""
+    with open_fits(a) as first, open_fits(b) as second:
+        files = (first, a), (second, b)
+        for file, path in files:
+            for hdu in file:
+                if "CHECKSUM" in read_header(hdu, path):
+                    verify_hdu(hdu, path)
+        raw = [raw_image(*file) for file in files]
+        if all(raw):
+            yield from _raw_facts(files, raw)
+        else:
+            yield from _plane_facts(files)
+
+
+def _plane_facts(files):
+    """Yield Facts about headers, planes and the record of two files, plane by plane."""
+    hdus = [{hdu.get_extname() or f"HDU {i}": hdu for i, hdu in enumerate(file)} for file, _ in files]
+    yield from alone("planes", *hdus)
+    paths = [path for _, path in files]
+    units = [_record(mine, path).get("unit", "") for mine, path in zip(hdus, paths, strict=True)]
+    for name in (name for name in hdus[0] if name in hdus[1]):
+        pair = [(mine[name], path) for mine, path in zip(hdus, paths, strict=True)]
+        if name == META:
+            yield from record_facts("record: ", *(_record(mine, path) for mine, path in zip(hdus, paths, strict=True)))
+            continue
+        heads = [_cards(*hdu) for hdu in pair]
+        yield from record_facts(f"{name}: ", *heads)
+        planes = [read_pixels(*hdu) if read_header(*hdu).get("NAXIS") else None for hdu in pair]
+        if any(plane is None for plane in planes):
+            if planes[0] is not planes[1]:
+                yield Fact(f"{name}: pixels in one file only")
+            continue
+        unit = heads[0].get("BUNIT", units[0]) if planes[0].dtype.itemsize > 1 else ""  # bytes are bits of masks
+        yield from array_facts(name, *planes, things="pixels", unit=_UNITS.get(unit, unit), place=_pixel)
+
+
+def _pixel(*index):
+    return f"at {', '.join(f'{axis} {i}' for axis, i in zip('xyz', index[::-1], strict=False))}"
+
+
+def _record(hdus, path):
+    """Return the record in META, or {}."""
+    if META not in hdus:
+        return {}
+    try:
+        found = json.loads(read_pixels(hdus[META], path).tobytes())
+    except (ValueError, RecursionError):
+        found = None
+    if not isinstance(found, dict):
+        raise InputError("damaged: its record cannot be read", file=path, key=META)
+    return found
+
+
+def _raw_facts(files, raw):
+    """Yield Facts about two Level-0 files: headers without what is the layout's own, pixels channel by channel."""
+    yield from record_facts("HDU 0: ", *_alike([_cards(file[0], path) for file, path in files], raw))
+    heads = [_image_cards(file, path, image) for (file, path), image in zip(files, raw, strict=True)]
+    yield from record_facts("IMAGE: ", *_alike(heads, raw))
+    if raw[0].readout != raw[1].readout:
+        shapes = [image.readout.stored_shape("mosaic") for image in raw]
+        yield Fact(f"IMAGE: detectors of another geometry, {shapes[0]} and {shapes[1]} with overscan")
+        return
+    yield from alone("planes", *(image.planes for image in raw))
+    yield from alone("channels", *(image.channels for image in raw))
+    for plane in raw[0].planes:
+        if plane in raw[1].planes:
+            yield from _channel_facts(plane, raw)
+
+
+def _channel_facts(plane, raw):
+    readout = raw[0].readout
+    difference = Difference("pixels", "DN" if plane == "IMAGE" else "")
+    types = []
+    for block in readout.blocks:
+        if all(block.channel in image.channels for image in raw):
+            pair = [image.pixels(plane, block) for image in raw]
+            types = [pixels.dtype for pixels in pair]
+            if types[0] == types[1]:
+                difference.add(*pair, lambda i, block=block: _place(readout, block, *divmod(i, readout.block_nx)))
+    if types and types[0] != types[1]:
+        yield Fact(f"{plane}: {types[0]} and {types[1]}")
+    if difference.count:
+        yield Fact(f"{plane}: {difference.text()}")
+
+
+def _place(readout, block, row, column):
+    """Return in words where a channel's pixel is: as it is read, and on the chip if it is an active one."""
+    (x0, step_x), (y0, step_y) = readout.stored_axis(block, "channels")
+    x, y = x0 + step_x * (column + block.stored_x0), y0 + step_y * row
+    inside = 0 <= column - readout.prescan < readout.channel_nx and row < readout.channel_ny
+    return f"in channel {block.channel}, column {column}, row {row} ({f'chip x {x}, y {y}' if inside else 'overscan'})"
+
+
+def _alike(heads, raw):
+    """Return headers without what two layouts cannot share; of EXTENSIONS, whose cards are fewer, what both state."""
+    layouts = {image.layout for image in raw}
+    if len(layouts) == 1:
+        return heads
+    own = _OWN if EXTENSIONS in layouts else _LAYOUT
+    heads = [{name: value for name, value in head.items() if not own.fullmatch(name)} for head in heads]
+    if EXTENSIONS in layouts:
+        heads = [
+            {name: value for name, value in head.items() if name in heads[0] and name in heads[1]} for head in heads
+        ]
+        heads = [{n: v for n, v in head.items() if not n.startswith("comment of ")} for head in heads]
+    return heads
+
+
+def _image_cards(file, path, image):
+    if image.layout != EXTENSIONS:
+        return _cards(file["IMAGE"], path)
+    cards = [_cards(hdu, path) for hdu in list(file)[1:]]
+    named = {f"{name}{n:02d}": head[own] for name, own in OF_CHANNEL.items()
+             for n, head in zip(image.channels, cards, strict=True) if own in head}  # fmt: skip
+    return cards[0] | named
+
+
+def _cards(hdu, path):
+    """Return {keyword: value} and {"comment of KEYWORD": comment} of an HDU, but for its structure."""
+    try:
+        records = hdu.read_header().records()
+    except (OSError, ValueError) as exc:  # also bytes that are no text
+        raise InputError(f"a header is damaged: {type(exc).__name__}", file=path) from exc
+    found = {}
+    for card in records:
+        name = card["name"] or ""
+        if name in ("COMMENT", "HISTORY", ""):
+            found.setdefault(name or "blank", []).append(str(card["value"]))
+        elif not _STRUCTURE.fullmatch(name):
+            found[name] = card["value"]
+            if not (varies(name) or is_provenance(name)):
+                found[f"comment of {name}"] = card.get("comment", "")
+    return found

@@ -1,0 +1,124 @@
+"""Parquet tables compared, a column at a time."""
+
+import re
+from functools import cache
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.catalog.table import ObjectTable
+from csstsim.compare.facts import Fact, alone, array_facts
+from csstsim.compare.records import record_facts
+from csstsim.compare.varying import COLUMNS
+
+IDS = ("obj_ID", "source_id", "id")  # columns that say which object a row is
+_UNIT = re.compile(
+    r"(electron|photon|erg|km|mas)( / \w+)+|FITS px|px|deg|arcsec|mag\b|AB\b|K\b|mas|microjansky|angstrom|rad|dex|"
+    r"solar masses|(nominal )?electrons"
+)
+_WRITTEN = {"AB": "mag", "FITS px": "px", "nominal electrons": "electron", "electrons": "electron"}
+_AS_BEFORE = ("its error", "the same", "deg, the same")
+
+
+def table_facts(a, b):
+    """Yield Facts about two table files of csstsim's. Raises InputError for one that is damaged or no table."""
+    metas = [ObjectTable.read(path, []).meta for path in (a, b)]
+    yield from record_facts("metadata: ", *metas)
+    columns = [_footer(path).schema.to_arrow_schema().names for path in (a, b)]
+    yield from alone("columns", *columns)
+    names = [name for name in columns[0] if name in columns[1]]
+    if names != [name for name in columns[1] if name in names]:
+        yield Fact("the columns are in another order")
+    rows, told = _common_rows(a, b, names)
+    yield from told
+    if rows is None:
+        return
+    key = _key(a, names)
+    for name in names:
+        if name not in COLUMNS:
+            yield from _column_facts(
+                name, [_column(path, name)[part] for path, part in zip((a, b), rows, strict=True)], key, rows
+            )
+
+
+def footer_facts(a, b):
+    """Yield Facts about two files of parquet metadata: columns, and how many rows the files they are of have."""
+    files = [_footer(path) for path in (a, b)]
+    if files[0].num_rows != files[1].num_rows:
+        yield Fact(f"of {files[0].num_rows} and {files[1].num_rows} rows")
+    columns = [
+        [f"{c.name}: {c.physical_type}" for c in map(file.schema.column, range(file.num_columns))] for file in files
+    ]
+    yield from record_facts("columns", *columns)
+
+
+def _footer(path):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return pq.read_metadata(path)
+    except (OSError, ValueError, pa.ArrowException) as exc:
+        raise InputError(f"not a readable parquet file: {str(exc).splitlines()[0]}", file=path) from None
+
+
+def _column(path, name):
+    """Return a column, lists as text."""
+    values = ObjectTable.read(path, [name])[name]
+    if values.dtype == object and len(values) and isinstance(values[0], np.ndarray):
+        return np.array([str(value.tolist()) for value in values], object)
+    return values
+
+
+def _key(path, names):
+    return next(((name, _column(path, name)) for name in IDS if name in names), None)
+
+
+def _common_rows(a, b, names):
+    """Return ((rows of A, rows of B) to be compared, or None; a list of Facts)."""
+    counts = [_footer(path).num_rows for path in (a, b)]
+    if counts[0] == counts[1]:
+        return (slice(None), slice(None)), []
+    facts = [Fact(f"{counts[0]} and {counts[1]} rows")]
+    key = next((name for name in IDS if name in names), None)
+    ids = [_column(path, key) for path in (a, b)] if key else []
+    if not key or any(len(np.unique(column)) != len(column) for column in ids):
+        return None, [Fact(f"{facts[0].text}; the columns are not compared")]
+    facts += alone(f"rows of {key}", *(column.tolist() for column in ids))
+    return [np.isin(mine, other) for mine, other in (ids, ids[::-1])], facts
+
+
+def _column_facts(name, columns, key, rows):
+    """Yield Facts about a column of both; key: (name of the id, its values in A) or None."""
+
+    def place(i):
+        row = int(np.arange(len(key[1]))[rows[0]][i]) if key else i
+        return f"in row {row}" + (f" ({key[0]} {key[1][row]})" if key and key[0] != name else "")
+
+    yield from array_facts(f"column {name}", *columns, things="rows", unit=units().get(name, ""), place=place)
+
+
+@cache
+def units():
+    """Return {column: its unit} of all tables, as their descriptions begin; what has none is left out."""
+    from csstsim.bricks import merge
+    from csstsim.catalog.table import BANDS
+    from csstsim.catalog.table import COLUMNS as of_objects
+    from csstsim.io import orders, truth
+    from csstsim.measure import catalogue
+    from csstsim.measure.spectra import spectrum_columns
+
+    bands = {name.removesuffix("B") + band: text for band in BANDS for name, text in merge.ABOUT_BAND.items()}
+    found = {}
+    for described in (
+        of_objects, orders.COLUMNS, truth.ABOUT, catalogue.COLUMNS, spectrum_columns.COLUMNS, merge.ABOUT, bands,
+    ):  # fmt: skip
+        unit = ""
+        for name, text in described.items():
+            text = text[-1] if isinstance(text, tuple) else text
+            match = _UNIT.match(text)
+            if text not in _AS_BEFORE:
+                unit = _WRITTEN.get(match[0], match[0]) if match else ""
+            if unit:
+                found[name] = unit
+    return found | {name: found[ours] for name, ours in truth.CAT_COLUMNS.items() if ours in found}

@@ -1,0 +1,45 @@
+"""What differs between two runs of one campaign and means nothing, and what only says how a product was made.
+
+All else of a product is the same, bit by bit, in two runs of one campaign.
+"""
+
+import re
+
+from csstsim.delivery.manifest import HASHES, SIZES
+from csstsim.delivery.verify import BESIDE
+
+# FITS keywords, all in HDU 0: a date, timings, and checksums over what is compared as such
+KEYWORDS = re.compile(r"DATE|CHECKSUM|DATASUM|(CPU|WALL)_\w+")
+COLUMNS = {"ms"}  # CPU milliseconds of an object
+# Keys of records (JSON files, metadata of tables, META of frames, HDF5 attributes); the size is that of files
+KEYS = {"stages", "timing", "checksum", "hats_estsize"}
+# No products: the workflow's files, and hashes of files with dates in them
+BESIDE_PRODUCTS = {*BESIDE, HASHES, SIZES}
+_PAGE = re.compile(
+    r'(?s)<section id="times">.*?</section>|<a href="#times">[^<]*</a> ?|<tr><th>campaign file</th>.*?</tr>'
+)
+
+# How a product was made: versions, commits, digests, the layers' parameters
+MADE_BY = re.compile(r"FITSSWV|SIMVER|SIMGIT|(CAMP|CAM|LAY|EXP|TRUT|PSF)HASH|HISTORY")
+MADE_FROM = {
+    "recipe", "recipes", "csstsim", "camera", "camera_digest", "universe", "digest", "truth_hash", "psf_hash",
+    "version", "provenance", "hats_builder",
+}  # fmt: skip
+_PROVENANCE = re.compile(r'(?s)<section id="provenance">.*?</section>')
+
+
+def varies(name):
+    """Whether a FITS keyword, a column or a key of this name may differ between two runs of one campaign."""
+    return name in COLUMNS or name in KEYS or bool(KEYWORDS.fullmatch(name))
+
+
+def is_provenance(name):
+    """Whether a FITS keyword or a key of this name says how a product was made, not what it is."""
+    return name in MADE_FROM or bool(MADE_BY.fullmatch(name))
+
+
+def steady_page(text):
+    """Return (the HTML of a report without run times and its campaign's folder, of it the section on provenance)."""
+    text = _PAGE.sub("", text)
+    made = _PROVENANCE.search(text)
+    return _PROVENANCE.sub("", text), made[0] if made else ""

@@ -1,0 +1,21 @@
+"""Two runs of the small campaign, each in its own folder; copies of the first to spoil."""
+
+import shutil
+
+import pytest
+from delivery.small_delivery import delivery
+
+from csstsim.campaign.opened import OpenCampaign
+
+
+@pytest.fixture(scope="session")
+def runs(tmp_path_factory):
+    """The output folders of two runs; nothing is to be changed in them."""
+    files = [delivery(tmp_path_factory.mktemp(name)) for name in ("first", "the second run")]
+    return [OpenCampaign(file).paths.output for file in files]
+
+
+@pytest.fixture
+def copied(runs, tmp_path):
+    """(the first run's output folder, a copy of it)."""
+    return runs[0], shutil.copytree(runs[0], tmp_path / "copy")
