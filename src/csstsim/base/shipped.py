@@ -5,7 +5,7 @@ In a clone they are the repository's own; an installed package has copies of the
 
 from pathlib import Path
 
-_HERE = Path(__file__).resolve().parent
-_INSTALLED = _HERE / "_shipped"
-ROOT = _INSTALLED if _INSTALLED.is_dir() else _HERE.parents[2]
+_PACKAGE = Path(__file__).resolve().parents[1]
+_INSTALLED = _PACKAGE / "_shipped"
+ROOT = _INSTALLED if _INSTALLED.is_dir() else _PACKAGE.parents[1]
 SHIPPED = ROOT / "config"
