@@ -3,9 +3,9 @@
     python benchmarks/start_of_stages.py [--runs 9] [--demo]
 
 `csstsim select` on a pixel of the demo that no object reaches, beside a process that imports numba and pyarrow and reads
-the same bricks: at most 1.5 times. With --demo (a quarter of an hour), the whole demo by four stages a chip, beside that by
-a process a chip (`--config chips=whole`), Snakemake in both: at most 1.35 times. User and system time of all processes,
-everything compiled before; medians. Exit code 1 above either.
+the same bricks: at most 1.5 times. With --demo (a quarter of an hour), the whole demo by four stages a chip, beside
+that by a process a chip (`--config chips=whole`), Snakemake in both: at most 1.35 times. User and system time of all
+processes, everything compiled before; medians. Exit code 1 above either.
 """
 
 import argparse
@@ -77,7 +77,7 @@ def empty(runs):
             sys.exit(f"an object reaches the pixel {PIXEL}: look for another\n{said}")
     took = [
         [cpu_seconds(*line)[0] for line in lines.values()] for _ in range(runs)
-    ]  # in turn: the machine's mood is shared
+    ]  # in turn: what else runs is shared
     for name, times in zip(lines, zip(*took, strict=True), strict=True):
         medians.append(statistics.median(times))
         print(f"| `{name}` | {medians[-1]:.2f} | {min(times):.2f} to {max(times):.2f} |")
