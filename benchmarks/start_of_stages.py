@@ -3,9 +3,9 @@
     python benchmarks/start_of_stages.py [--runs 9] [--demo]
 
 `csstsim select` on a pixel of the demo that no object reaches, beside a process that imports numba and pyarrow and
-reads the same bricks: at most 1.5 times. With --demo (a quarter of an hour), the whole demo by four stages a chip, beside
-that by a process a chip (`--config chips=whole`), Snakemake in both: at most 1.35 times. User and system time of all
-processes, everything compiled before; medians. Exit code 1 above either.
+reads the same bricks: at most 1.5 times. With --demo (a quarter of an hour), the whole demo by four stages a chip,
+beside that by a process a chip (`--config chips=whole`), Snakemake in both: at most 1.35 times. User and system time
+of all processes, everything compiled before; medians. Exit code 1 above either.
 """
 
 import argparse

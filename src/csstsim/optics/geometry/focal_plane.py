@@ -1,8 +1,8 @@
 """The optical design's idea of the focal plane: where light of a direction falls on a chip as it really lies.
 
 Stands for the ray tracing of the paper (section 5.2) and gives the samples to which the distortion model is fitted
-(optics.geometry.distortion); a simulation itself uses the fitted model. With q = (X, Y) / radius on the mosaic, the light
-of ideal position (X, Y) comes down at
+(optics.geometry.distortion); a simulation itself uses the fitted model. With q = (X, Y) / radius on the mosaic, the
+light of ideal position (X, Y) comes down at
 
     (X, Y) + cubic q^2 q + quintic q^4 q + decentring + astigmatic,
     decentring = (p1 (q^2 + 2 qx^2) + 2 p2 qx qy,  p2 (q^2 + 2 qy^2) + 2 p1 qx qy),
