@@ -18,7 +18,7 @@ test: .venv/ready
 	ruff check .
 	ruff format --check .
 	lint-imports
-	snakefmt --check workflow
+	snakefmt --check Snakefile workflow
 	python workflow/lint.py --config campaign=config/campaign.yaml
 	python config/make_docs.py --check
 	python config/make_products.py --check
@@ -56,7 +56,7 @@ mutants: .venv/ready
 format: .venv/ready
 	ruff check --fix .
 	ruff format .
-	snakefmt workflow
+	snakefmt Snakefile workflow
 
 # A set-up that was cut short is not trusted: pip takes a package without its programs for installed
 .venv/ready: requirements.lock pyproject.toml

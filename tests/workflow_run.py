@@ -21,7 +21,7 @@ def command(campaign, *arguments):
     folders = os.pathsep.join([str(ROOT / "src"), str(ROOT / "tests")])
     environment = os.environ | {"PATH": path, "PYTHONPATH": folders}
     line = [
-        sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "workflow/Snakefile"),
+        sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"),
         "--directory", str(campaign.parent),
         "--config", f"campaign={campaign}", *arguments,
     ]  # fmt: skip

@@ -17,9 +17,9 @@ from csstsim.campaign.opened import OpenCampaign
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
-    """One core, start to finish, up to the report, each chip in four stages."""
+    """One core, start to finish, up to the report, each chip in four stages: the default."""
     campaign = make(tmp_path_factory.mktemp("workflow") / "one")
-    snakemake(campaign, "chips=stages", "--cores", "1")
+    snakemake(campaign, "--cores", "1")
     return campaign
 
 
@@ -55,10 +55,10 @@ def test_what_is_removed_from_a_finished_campaign_is_made_again(undisturbed, tmp
         path = next(p for p in sorted(out.rglob("*")) if p.match(str(out / pattern)))
         path.rename(tmp_path / "removed")
         try:
-            assert planned(undisturbed, "chips=stages") == rules, path
+            assert planned(undisturbed) == rules, path
         finally:
             (tmp_path / "removed").rename(path)
-    assert planned(undisturbed, "chips=stages") == set()
+    assert planned(undisturbed) == set()
 
 
 CHIP = {"select", "render", "render_spectra", "readout", "level0", "level0_spectra"}
@@ -113,7 +113,7 @@ def planned_with(campaign, path, text):
     assert text != before
     path.write_text(text)
     try:
-        return planned(campaign, "chips=stages", "--profile", str(ROOT / "profiles" / "default"))
+        return planned(campaign, "--profile", str(ROOT / "profiles" / "default"))
     finally:
         path.write_text(before)
 
@@ -144,12 +144,12 @@ def test_an_unknown_size_of_jobs_is_refused(tmp_path):
     campaign = make(tmp_path / "odd")
     line, environment = command(campaign, "chips=halves", "--dry-run")
     done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode and "chips: halves; allowed: whole, stages, exposure" in done.stdout + done.stderr
+    assert done.returncode and "chips: halves; allowed: stages, whole, exposure" in done.stdout + done.stderr
 
 
 def test_a_killed_and_resumed_campaign_gives_the_same_bits(undisturbed, tmp_path):
     campaign = make(tmp_path / "killed")
-    line, environment = command(campaign, "chips=stages", "--cores", "1", *level0_targets(campaign))
+    line, environment = command(campaign, "--cores", "1", *level0_targets(campaign))
     process = subprocess.Popen(line, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         victim = wait_for(process, "render")
@@ -159,7 +159,7 @@ def test_a_killed_and_resumed_campaign_gives_the_same_bits(undisturbed, tmp_path
         if process.poll() is None:
             process.kill()
     assert len(content(campaign)) < 8
-    snakemake(campaign, "chips=stages", "--cores", "1", "--rerun-incomplete", *level0_targets(campaign))
+    snakemake(campaign, "--cores", "1", "--rerun-incomplete", *level0_targets(campaign))
     assert content(campaign) == content(undisturbed)
 
 

@@ -1,4 +1,4 @@
-# One chip from the catalogue to its files in one process, with nothing handed on by way of the disk: `--config chips=whole`.
+# One chip from the catalogue to its files in one process, with nothing handed on by way of the disk, at choice: `--config chips=whole`.
 rule chip:
     input:
         truth_of,

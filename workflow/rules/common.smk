@@ -39,8 +39,8 @@ try:
     JOBS = {(job.pointing.obsid, f"{job.chip.id:02d}"): job for job in RUN.jobs}
 except CsstsimError as error:
     raise WorkflowError(str(error)) from None
-JOB_OF = {"whole": "chip", "stages": "stages", "exposure": "exposure"}  # rules
-CHIPS_AS = str(config.get("chips", "whole"))  # a YAML file may hold anything
+JOB_OF = {"stages": "stages", "whole": "chip", "exposure": "exposure"}  # rules
+CHIPS_AS = str(config.get("chips", "stages"))  # a YAML file may hold anything
 if CHIPS_AS not in JOB_OF:
     raise WorkflowError(f"chips: {CHIPS_AS}; allowed: {', '.join(JOB_OF)}")
 OUT = str(RUN.paths.output)

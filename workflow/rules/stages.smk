@@ -1,5 +1,5 @@
-# One chip in four stages, and what measures it after: on a cluster they travel together (group), and what one hands to
-# the next is dropped when used. mem_mb and runtime [min] leave room above what was measured: docs/slurm.md has it.
+# One chip in four stages, the default, and what measures it after: on a cluster they travel together (group), and what one
+# hands to the next is dropped when used. mem_mb and runtime [min] leave room above what was measured: docs/slurm.md has it.
 rule select:
     input:
         truth_of,

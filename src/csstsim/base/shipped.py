@@ -1,11 +1,11 @@
-"""Where the files are that come with csstsim: config/, profiles/, survey_tables/ and workflow/.
+"""Where the files are that come with csstsim: the Snakefile, config/, profiles/, survey_tables/ and workflow/.
 
 In a clone they are the repository's own; an installed package has copies of them, which its build took from there.
 """
 
 from pathlib import Path
 
-_HERE = Path(__file__).resolve().parent
-_INSTALLED = _HERE / "_shipped"
-ROOT = _INSTALLED if _INSTALLED.is_dir() else _HERE.parents[2]
+_PACKAGE = Path(__file__).resolve().parents[1]
+_INSTALLED = _PACKAGE / "_shipped"
+ROOT = _INSTALLED if _INSTALLED.is_dir() else _PACKAGE.parents[1]
 SHIPPED = ROOT / "config"

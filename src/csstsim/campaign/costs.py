@@ -17,8 +17,8 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
 
 FILE = SHIPPED / "costs.yaml"
-STAGES = ("select", "render", "readout", "level0")  # of a chip; `chip` is all of them in one process
-INSTEAD = (*STAGES, "exposure")  # rules of `--config chips=stages` and `chips=exposure`, which stand for `chip`
+STAGES = ("select", "render", "readout", "level0")  # of a chip, a process each
+INSTEAD = ("chip", "exposure")  # rules of `--config chips=whole` and `chips=exposure`, which stand for the four stages
 WAVELENGTHS = 4  # of a PSF set
 PICTURES = 30  # frames in the report's focal plane, but always a whole exposure
 
@@ -85,7 +85,7 @@ def expected(run):
     """Return {rule: {key: Cost}} of the jobs of a campaign, in the order of the workflow. run: campaign.OpenCampaign.
 
     Keys are those of jobs (obsid, chip), bricks, chips (psf, masters), exposures or None (report). INSTEAD stand beside
-    `chip`, which they would replace. Objects of a catalogue of the user's are not counted.
+    the STAGES, which they would replace. Objects of a catalogue of the user's are not counted.
     """
     numbers = load_costs()
     found = {rule: {} for rule in numbers if not rule.endswith("_spectra")}

@@ -40,12 +40,15 @@ EDGE_PX = 3.0  # field distortion bends a chip's edges on the sky: by up to 2.4 
 class OpenCampaign:
     """A checked campaign. Raises InputError for any fault in its files."""
 
-    def __init__(self, file, output=None, scratch=None, *, copied=False, config=None, layers=None, pointings=None):
+    def __init__(
+        self, file, output=None, scratch=None, *, copied=False, config=None, layers=None, pointings=None, only=None
+    ):
         """Open a campaign.
 
         copied: the folder is only read, and may be a copy, which lies elsewhere than its `campaign.json` says. config
         (config.Campaign), layers ({exposure type: list as config.Observation.layers}) and pointings (a list of
-        instrument.pointing.Pointing) stand for what the files say.
+        instrument.pointing.Pointing) stand for what the files say. only: (obsid, chip number) of the one job it is
+        opened for: exposures and gratings of others are not checked.
         """
         self.file = Path(file)
         self.config = _own_bands(config or load_campaign(file))
@@ -71,12 +74,14 @@ class OpenCampaign:
         }
 
         check_photons(self)
-        if "SCIE" in self.steps and any(chip.kind == "slitless" for chip in self._selected_chips()):
+        chips = [chip for chip in self._selected_chips() if only is None or chip.id == only[1]]
+        exposures = [p for p in self._selected_pointings() if only is None or p.obsid == only[0]]
+        if "SCIE" in self.steps and any(chip.kind == "slitless" for chip in chips):
             _ = self.camera.gratings  # read, and refused if they cannot be used
-        for p in self._selected_pointings():
+        for p in exposures:
             self.steps[p.type].check(self.camera, p)
-        for p in {(p.type, p.exptime): p for p in self._selected_pointings()}.values():
-            check_shutter(self, p, self._selected_chips())
+        for p in {(p.type, p.exptime): p for p in exposures}.values():
+            check_shutter(self, p, chips)
 
     def masters(self, chip_id):
         """Return the file of a chip's master calibration frames, that its exposures are measured with."""

@@ -78,7 +78,7 @@ def print_plan(run):
     cpu = sum(cost.cpu_s for jobs in each_once(costs).values() for cost in jobs.values())
     walls = ", ".join(f"{duration(cpu / cores)} on {cores}" for cores in sorted({os.cpu_count() or 1, 64}))
     for line in (
-        "(in brackets: other ways to make what `chip` makes, --config chips=stages or exposure)",
+        "(in brackets: other ways to make what the four stages make, --config chips=whole or exposure)",
         f"CPU, an estimate (config/costs.yaml says of which machine): {duration(cpu)}",
         f"wall time on cores that are busy all the time: {walls}",
     ):

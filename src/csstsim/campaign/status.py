@@ -12,7 +12,7 @@ import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from csstsim.campaign.costs import expected
+from csstsim.campaign.costs import STAGES, expected
 from csstsim.campaign.job_log import ERROR, killed
 from csstsim.campaign.plan import duration
 
@@ -81,7 +81,7 @@ def wanted(run):
     kinds = {
         "truth bricks": (paths.truth, "truth"),
         "PSF sets": (paths.psf, "psf"),
-        "Level-0 files": (level0, "chip"),
+        "Level-0 files": (level0, *STAGES),
         "masters": (paths.masters, "masters"),
         "calibrated images": (lambda key: paths.calibrated(*key), "calibrate"),
         "measured tables": (lambda key: paths.measure(*key), "measure"),
@@ -91,8 +91,9 @@ def wanted(run):
         "report": (lambda key: paths.report, "report"),
     }
     found = {}
-    for name, (path, rule) in kinds.items():
-        found[name] = {str(path(key)): cost.cpu_s for key, cost in costs.get(rule, {}).items()}
+    for name, (path, *rules) in kinds.items():
+        made_by = [costs.get(rule, {}) for rule in rules]  # the last makes the product
+        found[name] = {str(path(key)): sum(c[key].cpu_s for c in made_by if key in c) for key in made_by[-1]}
     return {name: products for name, products in found.items() if products}
 
 

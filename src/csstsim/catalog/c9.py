@@ -28,8 +28,7 @@ from csstsim.catalog.table import BANDS, GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.universe.brick_spectra import coefficients
-from csstsim.universe.galaxies.galaxy_sed import COEFFICIENTS
-from csstsim.universe.parameters import load_universe
+from csstsim.universe.parameters import COEFFICIENTS, load_universe
 
 OPTIONS = ("stars", "galaxies", "basis", "quasars", "partial", "metallicity", "solar_z", "universe", "instrument")
 NORM_BAND = "i"

@@ -31,7 +31,8 @@ def of_campaign(function):
         from csstsim.campaign.opened import OpenCampaign
 
         folders = options.pop("output", None), options.pop("scratch", None)
-        return function(OpenCampaign(campaign, *folders), **options)
+        only = (options["obsid"], options["chip_id"]) if "chip_id" in options and "obsid" in options else None
+        return function(OpenCampaign(campaign, *folders, only=only), **options)
 
     return campaign_arg(command)
 

@@ -4,11 +4,6 @@ z is the pixel's own for the life of the chip, and held within +-CLIP, so that n
 million are held, which takes 2e-5 off the rms). Left out: correlation between pixels, colour.
 """
 
-import numba
-import numpy as np
-
-from csstsim.detector.normal import normal_row, normal_table
-
 CLIP = 4.5
 
 
@@ -25,15 +20,6 @@ def multiply(image, x0, y0, rms, key):
     if not 0 <= rms < 1 / CLIP:
         raise ValueError(f"a relative rms of {rms}: not within 0 and 1 / {CLIP}")
     if rms > 0:
-        _multiply(image, x0, y0, np.float32(rms), key, *normal_table())
+        from csstsim.detector.prnu_rows import multiply_rows
 
-
-@numba.njit(cache=True)
-def _multiply(image, x0, y0, rms, key, start, step):
-    ny, nx = image.shape
-    halves, z = np.empty(nx + 2, np.uint32), np.empty(nx, np.float32)
-    one, clip = np.float32(1), np.float32(CLIP)
-    for y in range(ny):
-        normal_row(key, y0 + y, x0, halves, z, start, step)
-        for x in range(nx):
-            image[y, x] *= one + rms * min(max(z[x], -clip), clip)
+        multiply_rows(image, x0, y0, rms, key, CLIP)

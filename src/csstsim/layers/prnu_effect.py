@@ -7,6 +7,7 @@ the chip's and lasts (detector.prnu); its rms is the detector's. Left out: labor
 """
 
 from csstsim.base.errors import InputError
+from csstsim.detector.prnu import CLIP
 from csstsim.layers.param import LayerParam
 
 STAGE = "render"
@@ -22,8 +23,6 @@ class Param(LayerParam):
 
 def check(param, camera, pointing):
     """Raise InputError if the detector's rms makes a pixel's response negative."""
-    from csstsim.detector.prnu import CLIP
-
     rms = camera.detector.prnu
     if not 0 <= rms < 1 / CLIP:
         raise InputError("out of range", file="detector.yaml", key="prnu", value=rms, allowed=f"0 to 1 / {CLIP}")

@@ -17,7 +17,6 @@ from csstsim.optics.throughput.flat import check_flat
 from csstsim.sky import background
 from csstsim.sky.bodies import exposure_angles
 from csstsim.sky.directions import telescope_axes
-from csstsim.sky.dispersed import disperse, nominal_spectrum, sky_spectrum
 from csstsim.sky.parameters import sky_numbers
 
 STAGE = "render"
@@ -64,6 +63,8 @@ def apply(state, param, rng):
     angles = exposure_angles(pointing.ra, pointing.dec, *place)
     sky, rate, means = _model(state, exptime) if param.enable_straylight_model else _constant(state, exptime)
     if state.gratings is not None:
+        from csstsim.sky.dispersed import disperse, nominal_spectrum, sky_spectrum
+
         numbers = sky_numbers(state.sky)
         if param.enable_straylight_model:
             spectrum = sky_spectrum(state.filter, means, angles["sun"], numbers)
@@ -77,7 +78,9 @@ def apply(state, param, rng):
     if response is None:
         state.image += sky
     else:
-        background.add_product(state.image, np.broadcast_to(np.asarray(sky, np.float32), state.image.shape), response)
+        from csstsim.sky.frames import add_product
+
+        add_product(state.image, np.broadcast_to(np.asarray(sky, np.float32), state.image.shape), response)
     state.header |= {f"{name}_angle": value for name, value in angles.items()}
     return state
 

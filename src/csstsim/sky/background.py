@@ -11,7 +11,6 @@ and zodiacal light from outside the field (0.1% of the diffuse sky scatters in);
 for lines shortward of the bands.
 """
 
-import numba
 import numpy as np
 
 from csstsim.base.errors import InputError
@@ -112,28 +111,11 @@ def grid_mean(values):
 
 def add_grid(image, values):
     """Add to `image` (float32), in place, the bilinear expansion of values at `lines_of_sight`."""
+    from csstsim.sky.frames import expand
+
     ny, nx = image.shape
     v, u = (np.linspace(0.0, NODES - 1, n) if n > 1 else np.zeros(1) for n in (ny, nx))
     rows = np.minimum(v.astype(int), NODES - 2)
     columns = np.minimum(u.astype(int), NODES - 2)
     starts = np.searchsorted(columns, np.arange(NODES))
-    _expand(image, values.reshape(NODES, NODES), rows, v - rows, starts, (u - columns).astype(np.float32))
-
-
-@numba.njit(cache=True)
-def _expand(image, grid, rows, v, starts, u):
-    for y in range(image.shape[0]):
-        line = (1 - v[y]) * grid[rows[y]] + v[y] * grid[rows[y] + 1]
-        for j in range(len(starts) - 1):
-            left, step = np.float32(line[j]), np.float32(line[j + 1] - line[j])
-            part, place = image[y, starts[j] : starts[j + 1]], u[starts[j] : starts[j + 1]]
-            for x in range(len(part)):
-                part[x] += left + step * place[x]
-
-
-@numba.njit(cache=True)
-def add_product(image, sky, response):
-    """Add sky * response to `image`, all (ny, nx) float32, in place, without another frame of memory."""
-    for y in range(image.shape[0]):
-        for x in range(image.shape[1]):
-            image[y, x] += sky[y, x] * response[y, x]
+    expand(image, values.reshape(NODES, NODES), rows, v - rows, starts, (u - columns).astype(np.float32))

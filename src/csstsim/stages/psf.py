@@ -55,7 +55,8 @@ def missing_psf(run, job, say):
 
 def open_psf(run, chip):
     """Return the checked PsfSet of a chip, with the campaign's interpolation."""
-    from csstsim.optics.psf.psf_set import PsfSet, oversampling_of
+    from csstsim.optics.psf.psf_file import PsfSet
+    from csstsim.optics.psf.sampling import oversampling_of
 
     config, own = run.config.psf, {}
     if not config.library:
@@ -73,9 +74,8 @@ def open_psf(run, chip):
 
 def psf_box(run, chip):
     """Half the side of a chip's stored PSF [pixel]."""
-    from csstsim.optics.psf.psf_c9 import BOX_PX
-    from csstsim.optics.psf.psf_set import CELLS, oversampling_of
+    from csstsim.optics.psf.sampling import CELLS, LIBRARY_PX, oversampling_of
 
     config = run.config.psf
     own = CELLS / 2 / oversampling_of(chip.filter, run.camera.psf, config.oversampling)
-    return BOX_PX / 2 if config.library else own
+    return LIBRARY_PX / 2 if config.library else own

@@ -10,7 +10,7 @@ import numpy as np
 
 from csstsim.catalog.table import GALAXY, QUASAR, STAR
 from csstsim.instrument.filter import GRID
-from csstsim.universe.galaxies.galaxy_sed import COEFFICIENTS
+from csstsim.universe.parameters import COEFFICIENTS
 
 
 def coefficients(columns):

@@ -17,11 +17,7 @@ from csstsim.base.units import SOLAR_RADIUS_PC
 from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
 from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.universe.brick_spectra import rates
-from csstsim.universe.galaxies.galaxies import GalaxyPopulation
-from csstsim.universe.galaxies.galaxy_sed import COEFFICIENTS
-from csstsim.universe.lensing.lensing import lens
-from csstsim.universe.quasars.quasars import draw_quasars
-from csstsim.universe.stars.stars import draw_stars
+from csstsim.universe.parameters import COEFFICIENTS
 
 NSIDE = 256
 N_BRICKS = 12 * NSIDE**2
@@ -101,6 +97,8 @@ def place(pix, generator, count):
 
 
 def _stars(seed, pix, universe):
+    from csstsim.universe.stars.stars import draw_stars
+
     columns = draw_stars(_streams(seed, pix, "stars"), pix, partial(place, pix), universe.numbers["stars"])
     radius, distance = columns.pop("radius"), columns.pop("distance")
     columns |= {
@@ -120,6 +118,8 @@ def _galaxies(seed, pix, universe, camera, lensing):
 @lru_cache(maxsize=4)
 def _population(universe, camera):
     """The galaxies' laws; the counts they follow are in the camera's i band, without the Milky Way's dust."""
+    from csstsim.universe.galaxies.galaxies import GalaxyPopulation
+
     filter_ = _filters(camera)[BANDS.index("i")]
     weights = subband_weights(filter_, camera.telescope).sum(axis=0, keepdims=True)
     zeropoint = filter_.zeropoint(camera.telescope)
@@ -128,6 +128,8 @@ def _population(universe, camera):
 
 def _quasars(seed, pix, universe, galaxies, lensing):
     """Quasars stand where their hosts do; one without a host stands anywhere."""
+    from csstsim.universe.quasars.quasars import draw_quasars
+
     streams = _streams(seed, pix, "quasars")
     columns = draw_quasars(streams, AREA_DEG2, galaxies, universe.numbers["quasars"], universe.cosmology)
     spot = place(pix, streams("position"), len(columns["z"]))
@@ -141,6 +143,8 @@ def _quasars(seed, pix, universe, galaxies, lensing):
 
 def _put(columns, ra, dec, healpix, seed, pix, universe, lensing):
     """Put extragalactic objects where they belong: behind the whole of the dust, in the lensing field."""
+    from csstsim.universe.lensing.lensing import lens
+
     field = universe.lensing_field(seed) if lensing.field == "cosmic" else None
     columns |= {"ra": ra, "dec": dec, "_healpix_29": healpix, "av": universe.r_v * universe.dust.ebv(ra, dec)}
     columns |= lens(pix, ra, dec, columns["z"], lensing, field)

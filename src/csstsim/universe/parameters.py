@@ -18,6 +18,7 @@ from csstsim.instrument.load import folder_digest, read_data
 Z_MAX = 20.0  # of galaxies
 _POSITIVE = ("dust.r_v", "stars.sun.r0", "galaxies.density", "galaxies.mass_function.z_max", "lensing.shells")
 _RISING = ("stars.limits", "quasars.redshift", "quasars.m1450")
+COEFFICIENTS = 20  # of a galaxy's and a quasar's spectrum
 PARTS = ("cosmology", "dust", "galaxies", "lensing", "quasars", "stars")
 
 

@@ -1,6 +1,7 @@
 """What libraries make of a damaged file, turned into the one line that names it."""
 
 import lzma
+import sys
 import warnings
 import zlib
 from contextlib import contextmanager
@@ -21,12 +22,13 @@ def reading(path, what, strict=True):
 
     `strict`: a warning is damage, too (to astropy a truncated file is worth no more than that).
     """
-    from astropy.io.fits import VerifyError
-
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error" if strict else "ignore", UserWarning)
             with logged("read", path):
                 yield
-    except (*_DAMAGE, VerifyError) as exc:
+    except Exception as exc:
+        astropy = sys.modules.get("astropy.io.fits")  # not loaded, it cannot have complained
+        if not isinstance(exc, (*_DAMAGE, *([astropy.VerifyError] if astropy else []))):
+            raise
         raise InputError(f"cannot be read as {what}: {type(exc).__name__} {exc}", file=Path(path)) from exc

@@ -26,6 +26,8 @@ from csstsim.optics.geometry.wcs import chip_plane, mosaic_cd
 
 MARGIN_PX = 2600.0  # beyond the chip; light of objects up to 2048 px off, moved by up to 214 px, may reach it
 CELLS = (2, 2)  # of the global spline and of each chip's
+_CALL, _ENOUGH = 200, 200_000  # points that a call costs by itself, and that cost as much as the start of numba (0.5 s)
+_asked = 0  # points so far
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,12 +43,8 @@ class ChipDistortion:
 
     def inverse(self, x, y):
         """Return the ideal pixel x0, y0 whose light falls on x, y: Newton's method, to 1e-10 px."""
-        from csstsim.optics.geometry import (
-            chip_distortion as warp,  # numba: 0.3 s that checking a campaign need not pay
-        )
-
         x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
-        ideal = warp.inverse(x.ravel(), y.ravel(), self.model).reshape(*x.shape, 2)
+        ideal = _warp(x.size).inverse(x.ravel(), y.ravel(), self.model).reshape(*x.shape, 2)
         return ideal[..., 0], ideal[..., 1]
 
     def jacobian(self, x0, y0):
@@ -55,10 +53,19 @@ class ChipDistortion:
         return landed[..., 2:].reshape(*landed.shape[:-1], 2, 2)
 
     def _land(self, x0, y0):
-        from csstsim.optics.geometry import chip_distortion as warp
-
         x0, y0 = np.broadcast_arrays(np.asarray(x0, float), np.asarray(y0, float))
-        return warp.forward(x0.ravel(), y0.ravel(), self.model).reshape(*x0.shape, 6)
+        return _warp(x0.size).forward(x0.ravel(), y0.ravel(), self.model).reshape(*x0.shape, 6)
+
+
+def _warp(points):
+    """Return the module that warps `points` more points: compiled once this process has asked for enough of them."""
+    global _asked
+    _asked += _CALL + points
+    if _asked > _ENOUGH:
+        from csstsim.optics.geometry import chip_distortion as warp
+    else:
+        from csstsim.optics.geometry import few_points as warp
+    return warp
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,9 +23,9 @@ import scipy.fft
 
 from csstsim.base.errors import InputError
 from csstsim.base.units import ARCSEC_PER_RAD
+from csstsim.optics.psf.sampling import CELLS
 from csstsim.optics.psf.wavefront import number
 
-CELLS = 256  # cells along the side of a stored PSF
 _PUPIL_SAMPLES = 256
 _PERIOD = 2.0  # of the transform, in boxes
 _EDGE_STEPS = 32  # chords per pupil sample in the area of an edge sample

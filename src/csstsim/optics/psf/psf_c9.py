@@ -28,10 +28,10 @@ from csstsim.optics.psf.chip_errors import chip_position
 from csstsim.optics.psf.diffraction import windowed_centroid
 from csstsim.optics.psf.psf_file import WAVELENGTHS, intact, pixel_response, write_psf
 from csstsim.optics.psf.psf_set import WINDOW_PX
+from csstsim.optics.psf.sampling import LIBRARY_PX
 
 SAMPLES = ("cell_integral", "point")
-BOX_PX = 128
-_OVERSAMPLING = {samples: samples // BOX_PX for samples in (256, 512)}
+_OVERSAMPLING = {samples: samples // LIBRARY_PX for samples in (256, 512)}
 _PLACES = (("image_x", "image_y"), ("x", "y"))
 _ANGSTROM = ((2.0, 1e4), (2000.0, 10.0), (math.inf, 1.0))  # below this it is um, nm, angstrom: angstrom in one
 _MARGIN_PX = 500  # how far from the chip a place may be

@@ -21,8 +21,9 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.progress import progress
 from csstsim.optics.psf.chip_errors import chip_coefficients, mosaic_position
-from csstsim.optics.psf.diffraction import CELLS, Diffraction, blur, windowed_centroid
+from csstsim.optics.psf.diffraction import Diffraction, blur, windowed_centroid
 from csstsim.optics.psf.psf_file import PsfSet, pixel_response, write_psf
+from csstsim.optics.psf.sampling import CELLS, oversampling_of
 from csstsim.optics.psf.wavefront import load_wavefront
 
 __all__ = [
@@ -41,22 +42,9 @@ __all__ = [
     "windowed_centroid",
 ]
 
-OVERSAMPLING = (2, 4)  # cells along the side of a pixel
 WINDOW_PX = 1.5  # sigma of the centring window
 _CENTRE_TOLERANCE_PX = 1e-6
 _CENTRE_STEPS = 50
-
-
-def oversampling_of(filter, psf_params, asked="auto"):
-    """Return the cells along the side of a pixel for a filter (name): `asked` (2 or 4), or psf.yaml's for "auto".
-
-    Raises InputError for any other number.
-    """
-    table = psf_params.get("oversampling")
-    value = asked if asked != "auto" else table.get(filter) if isinstance(table, dict) else None
-    if isinstance(value, bool) or value not in OVERSAMPLING:
-        raise InputError("bad sampling", file="psf.yaml", key=f"oversampling.{filter}", value=value, allowed="2, 4")
-    return value
 
 
 def node_psf(optics, coefficients, kernel, oversampling=2):

@@ -17,7 +17,6 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.optics.geometry.wcs import chip_plane
-from csstsim.optics.throughput.coarse_grid import expand, grid_pixels
 
 NODES = 65
 
@@ -96,10 +95,14 @@ class FlatField:
 
     def external_map(self, chip, window, filter):
         """Return (ny, nx) float32: the external grid, bilinear between its nodes."""
+        from csstsim.optics.throughput.coarse_grid import expand
+
         return expand(self.external_grid(chip, filter), chip, window)
 
     def led_map(self, chip, window, wave, response):
         """Return (ny, nx) float32: the internal flat for a response of its own, as of one LED through a filter."""
+        from csstsim.optics.throughput.coarse_grid import expand
+
         return expand(self.internal(chip, *_mosaic(chip), self.weights(wave, response)), chip, window)
 
 
@@ -124,6 +127,8 @@ def check_flat(numbers, file="leds.yaml"):
 def _mosaic(chip):
     """Return mosaic positions [px from the boresight] of a chip's grid."""
     rotation, origin = chip_plane(chip)
+    from csstsim.optics.throughput.coarse_grid import grid_pixels
+
     x, y = grid_pixels(chip, NODES)
     return (row[0] * (x - origin[0]) + row[1] * (y - origin[1]) for row in rotation)
 

@@ -8,6 +8,7 @@ stellar populations and their emission lines under a dust screen; coefficients a
 Sums of components that dip below zero, where a spectrum is a thousand times fainter than usual, count as zero.
 """
 
+import fitsio
 import numba
 import numpy as np
 
@@ -16,8 +17,8 @@ from csstsim.base.files.damage import reading
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.instrument.filter import GRID
 from csstsim.universe.galaxies.igm import LYMAN_LIMIT, Intergalactic, continuum_depth
+from csstsim.universe.parameters import COEFFICIENTS
 
-COEFFICIENTS = 20
 TEN_PC_MPC = 1e-5
 _JUMP = 3e-3  # A(lambda)/A(V) between two samples: more is where two pieces of the law meet
 _LN_MAG = 0.4 * np.log(10.0)
@@ -31,15 +32,14 @@ class GalaxySeds:
     """
 
     def __init__(self, path, igm, extinction):
-        from astropy.io import fits
-
         check_headers(path)
-        with reading(path, "galaxies' spectra"), fits.open(path) as file:
-            self.start, self.step = float(file[0].header["WAVE0"]), float(file[0].header["DWAVE"])
-            self.basis = file["BASIS"].data.astype(float)  # (20, samples)
-            self._stars, self._lines = (file[name].data.astype(float) for name in ("STARS", "LINES"))
-            self._dust = file["DUST"].data.astype(float)
-            self.templates = {name: file["TEMPLATES"].data[name].astype(float) for name in ("surviving", "m300")}
+        with reading(path, "galaxies' spectra"), fitsio.FITS(path) as file:
+            self.start, self.step = (float(file[0].read_header()[key]) for key in ("WAVE0", "DWAVE"))
+            self.basis = file["BASIS"].read().astype(float)  # (20, samples)
+            self._stars, self._lines = (file[name].read().astype(float) for name in ("STARS", "LINES"))
+            self._dust = file["DUST"].read().astype(float)
+            templates = file["TEMPLATES"].read()
+            self.templates = {name: templates[name].astype(float) for name in ("surviving", "m300")}
             fits_together = self.basis.ndim == 2 and self._stars.shape[2] == self.basis.shape[0] == COEFFICIENTS
         if not fits_together:
             raise InputError("wrong number of components", file=path, value=self.basis.shape[0], allowed=COEFFICIENTS)

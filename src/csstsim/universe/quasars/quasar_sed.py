@@ -17,8 +17,8 @@ import numpy as np
 from csstsim.base.units import ab_photon_density
 from csstsim.instrument.filter import GRID
 from csstsim.universe.galaxies.igm import Intergalactic
+from csstsim.universe.parameters import COEFFICIENTS
 
-COEFFICIENTS = 20
 NORM = 1450.0  # angstrom, rest: where a quasar's absolute magnitude is given
 _REACH = 6.0  # sigma, of a line: 1e-9 of its light is beyond
 _CHUNK = 64  # spectra held at a time: 64 x 18,001 samples are 9 MB

@@ -12,7 +12,7 @@ has 7-9% less volume and distance moduli 0.06 mag smaller than ours.
 
 import numpy as np
 
-from csstsim.universe.quasars.quasar_sed import COEFFICIENTS
+from csstsim.universe.parameters import COEFFICIENTS
 
 _DZ, _DM = 0.02, 0.02  # steps of the tabulated counts
 

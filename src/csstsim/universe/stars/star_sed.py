@@ -16,6 +16,7 @@ build_star_spectra.py. Left out: chromospheres, rotation, alpha enhancement as a
 
 from pathlib import Path
 
+import fitsio
 import numpy as np
 from numba import njit
 
@@ -103,12 +104,10 @@ class StarSeds(Seds):
     """
 
     def __init__(self, path, extinction_curve):
-        from astropy.io import fits  # here: half of this module's start-up
-
         check_headers(path)
-        with reading(path, "star spectra"), fits.open(path, memmap=False) as file:
-            nodes = [np.float64(file[name].data) for name in ("THETA", "LOGG", "FEH")]
-            coefficients, basis = (np.float64(file[name].data) for name in ("COEFF", "BASIS"))
+        with reading(path, "star spectra"), fitsio.FITS(path) as file:
+            nodes = [np.float64(file[name].read()) for name in ("THETA", "LOGG", "FEH")]
+            coefficients, basis = (np.float64(file[name].read()) for name in ("COEFF", "BASIS"))
             shape = (*map(len, nodes), len(basis) - 1)
         finite = all(np.isfinite(part).all() for part in (*nodes, coefficients, basis))
         rising = all(len(axis) > 1 and (np.diff(axis) > 0).all() for axis in nodes)

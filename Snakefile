@@ -2,15 +2,15 @@
 # Another campaign: snakemake --profile profiles/default --config campaign=config/c9_w1.yaml
 
 
-include: "rules/common.smk"
-include: "rules/targets.smk"
-include: "rules/truth.smk"
-include: "rules/psf.smk"
-include: f"rules/{JOB_OF[CHIPS_AS]}.smk"
-include: "rules/masters.smk"
-include: "rules/bricks.smk"
-include: "rules/spectra.smk"
-include: "rules/report.smk"
+include: "workflow/rules/common.smk"
+include: "workflow/rules/targets.smk"
+include: "workflow/rules/truth.smk"
+include: "workflow/rules/psf.smk"
+include: f"workflow/rules/{JOB_OF[CHIPS_AS]}.smk"
+include: "workflow/rules/masters.smk"
+include: "workflow/rules/bricks.smk"
+include: "workflow/rules/spectra.smk"
+include: "workflow/rules/report.smk"
 
 
 rule all:

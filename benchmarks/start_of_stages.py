@@ -1,0 +1,115 @@
+"""What it costs that each stage of a chip is a process: CPU seconds of a stage that has nothing to do, and of the demo.
+
+    python benchmarks/start_of_stages.py [--runs 9] [--demo]
+
+`csstsim select` on a pixel of the demo that no object reaches, beside a process that imports numba and pyarrow and
+reads the same bricks: at most 1.5 times. With --demo (a quarter of an hour), the whole demo by four stages a chip,
+beside that by a process a chip (`--config chips=whole`), Snakemake in both: at most 1.35 times. User and system time
+of all processes, everything compiled before; medians. Exit code 1 above either.
+"""
+
+import argparse
+import os
+import shutil
+import statistics
+import subprocess
+import sys
+from pathlib import Path
+
+import yaml
+
+from csstsim.campaign.opened import OpenCampaign
+
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "results" / "start_of_stages"
+JOB = ("10100000001", 12)
+PIXEL = {"x0": 4972, "x1": 4973, "y0": 4498, "y1": 4499}  # no object reaches it, however faint
+MOST_EMPTY, MOST_DEMO = 1.5, 1.35
+MAIN = "import sys; from csstsim.command_line.main import main; sys.exit(main())"
+READ = """
+import sys, numba, pyarrow.parquet as parquet
+for path in sys.argv[1:]:
+    table = parquet.read_table(path)
+    columns = [table[name].to_numpy() for name in table.column_names]
+"""
+
+
+def cpu_seconds(*line):
+    """Return (user and system seconds, what it said) of a process and its children."""
+    environment = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    process = subprocess.Popen(
+        [sys.executable, *map(str, line)], cwd=ROOT, env=environment, text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )  # fmt: skip
+    said = process.stdout.read()
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        sys.exit(f"{line}: exit code {process.returncode}\n{said[-2000:]}")
+    return used.ru_utime + used.ru_stime, said
+
+
+def campaign(name, **changes):
+    """Write the demo with another output and other keys; return its file."""
+    content = yaml.safe_load((ROOT / "config/campaign.yaml").read_text()) | {"output": str(FOLDER / name)} | changes
+    file = FOLDER / f"{name}.yaml"
+    file.write_text(yaml.safe_dump(content, sort_keys=False))
+    return file
+
+
+def empty(runs):
+    """Print what select takes where there is nothing to select; return it over what it cannot do without."""
+    file = campaign("empty", window=PIXEL)
+    run, (obsid, chip) = OpenCampaign(file), JOB
+    bricks = run.truth_bricks(run.job(obsid, chip))
+    for pix in bricks:
+        if not run.paths.truth(pix).exists():
+            cpu_seconds("-c", MAIN, "truth", file, "--brick", pix)
+    lines = {
+        "import numba, pyarrow; read the bricks": ("-c", READ, *map(run.paths.truth, bricks)),
+        "csstsim select": ("-c", MAIN, "select", file, "--obsid", obsid, "--chip", chip),
+    }
+    print("| process | CPU s, median | least to most |\n|---|---|---|")
+    medians = []
+    for name, line in lines.items():
+        said = cpu_seconds(*line)[1]  # not the first, which compiles
+        if "select" in name and "\n0 objects reach the window" not in said:
+            sys.exit(f"an object reaches the pixel {PIXEL}: look for another\n{said}")
+    took = [
+        [cpu_seconds(*line)[0] for line in lines.values()] for _ in range(runs)
+    ]  # in turn: what else runs is shared
+    for name, times in zip(lines, zip(*took, strict=True), strict=True):
+        medians.append(statistics.median(times))
+        print(f"| `{name}` | {medians[-1]:.2f} | {min(times):.2f} to {max(times):.2f} |")
+    return medians[1] / medians[0]
+
+
+def demo():
+    """Print what the demo takes by stages and by whole chips, both compiled; return the ratio."""
+    took = {}
+    for chips in ("whole", "stages", "whole"):  # the first compiles
+        shutil.rmtree(FOLDER / chips, ignore_errors=True)
+        line = "-m", "snakemake", "--profile", "profiles/default", "--cores", 1
+        took[chips] = cpu_seconds(*line, "--config", f"campaign={campaign(chips)}", f"chips={chips}")[0]
+    print("| demo, chips= | CPU s |\n|---|---|")
+    for chips, cpu in took.items():
+        print(f"| `{chips}` | {cpu:.0f} |")
+    return took["stages"] / took["whole"]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=9)
+    parser.add_argument("--demo", action="store_true", help="the whole demo, too")
+    arguments = parser.parse_args()
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    ratios = [("select without objects", empty(arguments.runs), MOST_EMPTY)]
+    if arguments.demo:
+        ratios.append(("demo by stages over whole chips", demo(), MOST_DEMO))
+    for name, ratio, most in ratios:
+        print(f"{name}: {ratio:.2f} times, allowed {most}")
+    sys.exit(any(ratio > most for _, ratio, most in ratios))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,22 @@
+"""Pixel response put into a frame, row by row: the compiled loop of csstsim.detector.prnu."""
+
+import numba
+import numpy as np
+
+from csstsim.detector.normal import normal_row, normal_table
+
+
+def multiply_rows(image, x0, y0, rms, key, clip):
+    """Multiply as csstsim.detector.prnu.multiply; z is held within +-clip."""
+    _multiply(image, x0, y0, np.float32(rms), key, np.float32(clip), *normal_table())
+
+
+@numba.njit(cache=True)
+def _multiply(image, x0, y0, rms, key, clip, start, step):
+    ny, nx = image.shape
+    halves, z = np.empty(nx + 2, np.uint32), np.empty(nx, np.float32)
+    one = np.float32(1)
+    for y in range(ny):
+        normal_row(key, y0 + y, x0, halves, z, start, step)
+        for x in range(nx):
+            image[y, x] *= one + rms * min(max(z[x], -clip), clip)

@@ -1,0 +1,98 @@
+"""A chip's distortion without compiled code: what optics.geometry.chip_distortion does, to the same bits.
+
+numpy works on all points at once, each sum in the order of the compiled loops. Slower for many calls, but a process
+that asks once for a window or a chip's objects is spared the 0.8 s in which numba starts. Arguments, models and results
+are those of that module.
+"""
+
+import numpy as np
+
+_ORDER = 4  # of the splines: optics.geometry.spline, which compiles
+_CLOSE_PX, _STEPS = 1e-10, 30  # of the inverse
+_SOME = 2000  # points at a time: their sums stay in cache
+
+
+def forward(x, y, model):
+    """Return (n, 6): where ideal pixels x, y (n,) fall, and d(x', y')/d(x, y)."""
+    out = np.empty((x.size, 6))
+    with np.errstate(invalid="ignore", over="ignore"):
+        for first in range(0, x.size, _SOME):
+            some = slice(first, first + _SOME)
+            out[some] = np.stack(_land(x[some], y[some], model), axis=-1)
+    return out
+
+
+def _land(x, y, model):
+    rotation, origin, box, coefficients, chip_box, chip_coefficients = model
+    c, s = rotation[0, 0], rotation[1, 0]
+    u, v = x - origin[0], y - origin[1]
+    f, g, fx, fy, gx, gy = _value(box, coefficients, c * u - s * v, s * u + c * v)
+    p, q, px, py, qx, qy = _value(chip_box, chip_coefficients, x, y)
+    fu, fv, gu, gv = fx * c + fy * s, fy * c - fx * s, gx * c + gy * s, gy * c - gx * s
+    return (
+        x + c * f + s * g + p, y + c * g - s * f + q,
+        1.0 + c * fu + s * gu + px, c * fv + s * gv + py, c * gu - s * fu + qx, 1.0 + c * gv - s * fv + qy,
+    )  # fmt: skip
+
+
+def inverse(x, y, model):
+    """Return the ideal pixels (n, 2) whose light falls on pixels x, y (n,), by Newton's method; NaN gives NaN."""
+    out, left = np.full((x.size, 2), np.nan), np.arange(x.size)
+    a, b = x, y
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
+        for _ in range(_STEPS):
+            there = forward(a, b, model).T
+            dx, dy = x[left] - there[0], y[left] - there[1]
+            det = there[2] * there[5] - there[3] * there[4]
+            a = a + (there[5] * dx - there[3] * dy) / det
+            b = b + (there[2] * dy - there[4] * dx) / det
+            close = np.abs(dx) + np.abs(dy) < _CLOSE_PX + 1e-14 * (np.abs(x[left]) + np.abs(y[left]))
+            out[left[close]] = np.stack([a[close], b[close]], axis=-1)
+            left, a, b = left[~close], a[~close], b[~close]
+            if not len(left):
+                break
+    return out
+
+
+def _value(box, coefficients, x, y):
+    """Return (f, g, f_x, f_y, g_x, g_y), (n,) each: a spline's two functions and their derivatives. NaN gives NaN."""
+    known = np.isfinite(x) & np.isfinite(y)
+    i, bx, sx, per_x = _axis(np.where(known, x, box[0]), box[0], box[1], coefficients.shape[1] - _ORDER)
+    j, by, sy, per_y = _axis(np.where(known, y, box[2]), box[2], box[3], coefficients.shape[0] - _ORDER)
+    after = np.arange(_ORDER + 1)
+    near = coefficients[(j[:, None] + after)[:, :, None], (i[:, None] + after)[:, None, :]]  # (n, rows, columns, 2)
+    near = np.ascontiguousarray(np.transpose(near, (2, 1, 3, 0)))  # (columns, rows, 2, n)
+    line = slope = 0.0
+    for column in after:
+        line = line + bx[column] * near[column]
+        slope = slope + sx[column] * near[column]
+    value = along = across = 0.0
+    for row in after:
+        value = value + by[row] * line[row]
+        along = along + by[row] * slope[row]
+        across = across + sy[row] * line[row]
+    out = value[0], value[1], along[0] * per_x, across[0] * per_y, along[1] * per_x, across[1] * per_y
+    return out if known.all() else tuple(np.where(known, part, np.nan) for part in out)
+
+
+def _axis(x, low, high, cells):
+    """Return (first coefficient, basis (ORDER + 1, n), its slope, d(cell coordinate)/dx: 0 beyond the box)."""
+    per_px = cells / (high - low)
+    place = (np.minimum(np.maximum(x, low), high) - low) * per_px
+    cell = np.minimum(place.astype(int), cells - 1)
+    return cell, *_basis(place - cell), np.where((low <= x) & (x <= high), per_px, 0.0)
+
+
+def _basis(t):
+    """Return the ORDER + 1 B-splines alive at `t` (0..1 within the cell) and their d/dt (de Boor)."""
+    b = [np.ones_like(t)]
+    for d in range(1, _ORDER + 1):
+        if d == _ORDER:
+            slope = [-b[0], *(b[j - 1] - b[j] for j in range(1, d)), b[d - 1]]
+        saved, terms = 0.0, []
+        for r in range(d):
+            term = b[r] / d
+            terms.append(saved + (r + 1 - t) * term)
+            saved = (t + d - 1 - r) * term
+        b = [*terms, saved]
+    return b, slope

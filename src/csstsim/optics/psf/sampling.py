@@ -1,0 +1,19 @@
+"""How finely stored PSFs are sampled."""
+
+from csstsim.base.errors import InputError
+
+CELLS = 256  # along the side of a stored PSF
+OVERSAMPLING = (2, 4)  # cells along the side of a pixel
+LIBRARY_PX = 128  # side of the box of an external library's PSF
+
+
+def oversampling_of(filter, psf_params, asked="auto"):
+    """Return the cells along the side of a pixel for a filter (name): `asked` (2 or 4), or psf.yaml's for "auto".
+
+    Raises InputError for any other number.
+    """
+    table = psf_params.get("oversampling")
+    value = asked if asked != "auto" else table.get(filter) if isinstance(table, dict) else None
+    if isinstance(value, bool) or value not in OVERSAMPLING:
+        raise InputError("bad sampling", file="psf.yaml", key=f"oversampling.{filter}", value=value, allowed="2, 4")
+    return value

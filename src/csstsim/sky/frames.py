@@ -1,0 +1,24 @@
+"""The sky put into a frame, pixel by pixel: compiled loops, apart from what only asks how bright the sky is."""
+
+import numba
+import numpy as np
+
+
+@numba.njit(cache=True)
+def expand(image, grid, rows, v, starts, u):
+    """Add the bilinear expansion of `grid` (n, n) to `image`, in place; where: csstsim.sky.background.add_grid."""
+    for y in range(image.shape[0]):
+        line = (1 - v[y]) * grid[rows[y]] + v[y] * grid[rows[y] + 1]
+        for j in range(len(starts) - 1):
+            left, step = np.float32(line[j]), np.float32(line[j + 1] - line[j])
+            part, place = image[y, starts[j] : starts[j + 1]], u[starts[j] : starts[j + 1]]
+            for x in range(len(part)):
+                part[x] += left + step * place[x]
+
+
+@numba.njit(cache=True)
+def add_product(image, sky, response):
+    """Add sky * response to `image`, all (ny, nx) float32, in place, without another frame of memory."""
+    for y in range(image.shape[0]):
+        for x in range(image.shape[1]):
+            image[y, x] += sky[y, x] * response[y, x]
