@@ -55,8 +55,8 @@ ABOUT = {
     "fraction": "drawn / electrons",
     "method": "how it was drawn: photons, stamp, unresolved, reference, none",
     "snr": "predicted S/N of the object",
-    "error": "bound of the drawing's error: what an ideal filter on all pixels sees, over its own noise, for half-light "
-    "radii to 2.5 arcsec; brighter than 16 mag and larger, up to ten times as much (rendering.md)",
+    "error": "bound of the drawing's error: what an ideal filter on all pixels sees, over its own noise; brighter than "
+    "16 mag and larger than 2.5 arcsec up to ten times as much (rendering.md)",
     "stamp": "px, side of what was drawn, wing included; 0 for photons",
     **dict.fromkeys(("x0", "x1", "y0", "y1"), "px, box of what was drawn, half-open, a numpy slice of the full frame"),
     "ms": "CPU milliseconds",
