@@ -22,7 +22,7 @@ from csstsim.render.wing_tables import KEPT, RADII, Far, light_of, step
 # box's ring; smoother light
 SHARP_PX, WIDE_PX = 1.0, 8.0
 STEPS, STEPS_LARGE, LARGE_PX = 4, 32, 16.0
-DIRECTIONS, THINNEST = 16, 2.0**-6
+DIRECTIONS, THINNEST = 64, 2.0**-6
 _LOG_R = np.linspace(-8.0, 18.0, 4096)
 _R, _STEP = np.exp(_LOG_R), _LOG_R[1] - _LOG_R[0]
 _LOG_K2 = np.log(nodes(K2_LOW, K2_HIGH))
