@@ -107,7 +107,7 @@ class StarSeds(Seds):
         check_headers(path)
         with reading(path, "star spectra"), fitsio.FITS(path) as file:
             nodes = [np.float64(file[name].read()) for name in ("THETA", "LOGG", "FEH")]
-            coefficients, basis = (np.float64(file[name].read()) for name in ("COEFF", "BASIS"))
+            coefficients, basis = (_scaled(file[name]) for name in ("COEFF", "BASIS"))
             shape = (*map(len, nodes), len(basis) - 1)
         finite = all(np.isfinite(part).all() for part in (*nodes, coefficients, basis))
         rising = all(len(axis) > 1 and (np.diff(axis) > 0).all() for axis in nodes)
@@ -126,6 +126,13 @@ class StarSeds(Seds):
                     share = a[:, p] * b[:, q] * c[:, r]
                     mix += share[:, None] * self._table[i[:, p], j[:, q], k[:, r]]
         return np.broadcast_to(np.arange(len(self._rows)), mix.shape), mix
+
+
+def _scaled(hdu):
+    """Return an image as float64. Integers are scaled in float32: cfitsio's own product has other last bits."""
+    hdu.ignore_scaling = True
+    values, scale = hdu.read(), hdu.read_header().get("BSCALE", 1.0)
+    return np.float64(values.astype(np.float32) * np.float32(scale) if values.dtype.kind == "i" else values)
 
 
 def linear(nodes, x):
