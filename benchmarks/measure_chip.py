@@ -24,9 +24,9 @@ from csstsim.catalog.table import ObjectTable
 RUNS = 3
 LIMITS = 60.0, 3.0  # CPU s, GB
 PARTS = {
-    "calibrate": ["csstsim.analysis:calibrated_frame"],
+    "calibrate": ["csstsim.stages.calibrate:calibrated_frame"],
     "charge moved back": ["csstsim.measure.reverse_transfer:undone"],
-    "PSF": ["csstsim.analysis:open_psf", "csstsim.measure.catalogue:psf_model"],
+    "PSF": ["csstsim.stages.psf:open_psf", "csstsim.measure.catalogue:psf_model"],
     "cosmic rays": ["csstsim.measure.catalogue:mend"],
     "background": ["csstsim.measure.detect:subtract_background"],
     "detection": ["csstsim.measure.catalogue:detect"],

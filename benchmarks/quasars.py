@@ -18,7 +18,7 @@ from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import read_data
-from csstsim.report.figures import BLUE, GREEN, ORANGE, SKY, VERMILION
+from csstsim.report.style import BLUE, GREEN, ORANGE, SKY, VERMILION
 from csstsim.universe.lensing.cosmology import Cosmology
 from csstsim.universe.quasars.quasar_sed import COEFFICIENTS, QuasarSeds
 from csstsim.universe.quasars.quasars import draw_quasars

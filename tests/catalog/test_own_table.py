@@ -183,3 +183,10 @@ def test_a_column_given_twice_is_refused(tmp_path, heading):
     (tmp_path / "two.csv").write_text(f"\n{heading}\n10,20,18,19\n")
     with pytest.raises(InputError, match=r"two\.csv: mag_r: column given twice"):
         read_table(tmp_path / "two.csv")
+
+
+@pytest.mark.parametrize("row", ['"150.1,2.2,20', '150.1,2.2,"20', '"150.1"x,2.2,20', '"150.1\n",2.2,20'])
+def test_a_quote_left_open_does_not_take_the_rows_after_it(tmp_path, row):
+    (tmp_path / "open.csv").write_text(f"ra,dec,mag_r\n150.1,2.2,20\n{row}\n150.2,2.2,21\n")
+    with pytest.raises(InputError, match=r"open\.csv: a quote"):
+        read_table(tmp_path / "open.csv")

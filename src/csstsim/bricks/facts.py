@@ -1,4 +1,4 @@
-"""What a campaign expects of a frame, and what the header of its Level-0 file says (made by csstsim.frame_facts).
+"""What a campaign expects of a frame, and what the header of its Level-0 file says (made by stages.frame_facts).
 
 Pixels are judged against the former: the background's level is sky and dark current, its noise theirs and that of
 reading and rounding. The header is judged against both: its numbers against the campaign's, its world coordinates

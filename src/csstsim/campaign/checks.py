@@ -1,4 +1,4 @@
-"""What a campaign's files ask for together and cannot have. run: campaign.OpenCampaign; all raise InputError."""
+"""What a campaign's files ask for together and cannot have. run: campaign.opened.OpenCampaign; all raise InputError."""
 
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained

@@ -82,7 +82,7 @@ def load_costs(file=FILE):
 
 
 def expected(run):
-    """Return {rule: {key: Cost}} of the jobs of a campaign, in the order of the workflow. run: campaign.OpenCampaign.
+    """Return {rule: {key: Cost}} of the jobs of a campaign, in the order of the workflow. run: an OpenCampaign.
 
     Keys are those of jobs (obsid, chip), bricks, chips (psf, masters), exposures or None (report). INSTEAD stand beside
     the STAGES, which they would replace. Objects of a catalogue of the user's are not counted.

@@ -11,7 +11,7 @@ BYTES_PER_NODE = 4 * (256 * 256 + 256 * 256 + 64 * 64) * 4  # images, and the ta
 
 
 def plan(run):
-    """Return the plan as (counts, disk, costs). run: campaign.OpenCampaign.
+    """Return the plan as (counts, disk, costs). run: campaign.opened.OpenCampaign.
 
     counts: {name: number or string}; disk: {name: bytes}; costs: those of csstsim.campaign.costs.
     """

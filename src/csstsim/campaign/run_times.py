@@ -16,7 +16,7 @@ MOST = 1e12  # a figure beyond it is none
 def run_times(run):
     """Return the rows of the table, {heading: value}: a rule each, all of them, and that for each Level-0 file.
 
-    Empty if there are no benchmark files. run: campaign.OpenCampaign.
+    Empty if there are no benchmark files. run: campaign.opened.OpenCampaign.
     """
     found = measured(run.paths.output)
     costs, rows, sums = expected(run) if found else {}, [], [0.0, 0.0, 0.0]

@@ -71,7 +71,7 @@ class Status:
 
 
 def wanted(run):
-    """Return {kind: {path: CPU s}} of the products of a campaign.OpenCampaign, in the order of the workflow."""
+    """Return {kind: {path: CPU s}} of the products of a campaign.opened.OpenCampaign, in the order of the workflow."""
     costs, paths = expected(run), run.paths
     jobs = {job.key: job for job in run.jobs}
 
@@ -98,7 +98,7 @@ def wanted(run):
 
 
 def look(run, products):
-    """Return the Status of a campaign now. products: what `wanted` returned; run: campaign.OpenCampaign."""
+    """Return the Status of a campaign now. products: what `wanted` returned; run: campaign.opened.OpenCampaign."""
     root = str(run.paths.output)
     found = _files(root, skip={"logs", "benchmarks", ".snakemake"}, links=True)
     files = {path.removeprefix("./"): about for path, about in found}  # of the folder `.`

@@ -44,7 +44,7 @@ def read_table(path):
         if not any(line.strip() for line in lines):
             raise InputError("the table is empty: no heading", file=path)
         if form == "ascii.csv":
-            _check_heading(next(csv.reader(line for line in lines if line.strip())), path)
+            _check_csv([line for line in lines if line.strip()], path)
     try:
         return plain_columns(Table.read(path if form == "fits" else lines, format=form), path)
     except InputError:
@@ -53,9 +53,15 @@ def read_table(path):
         raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
 
 
-def _check_heading(names, path):
-    """Refuse a name that stands twice in a heading: astropy would give the second another name."""
-    names = [name.strip() for name in names]
+def _check_csv(lines, path):
+    """Refuse a name given twice, which astropy would change, and a quote left open, which takes the rows after it."""
+    try:
+        names = [name.strip() for name in next(csv.reader(lines))]
+        rows = sum(1 for _ in csv.reader((f"{line}\n" for line in lines), strict=True))
+    except csv.Error as exc:
+        raise InputError(f"a quote is left open, or stands within a cell ({exc})", file=path) from None
+    if rows < len(lines):
+        raise InputError("a quoted cell goes on over the end of its line", file=path, value=f"{len(lines)} lines")
     if twice := next((name for name in names if names.count(name) > 1), None):
         raise InputError("column given twice", file=path, key=twice)
 

@@ -36,7 +36,7 @@ class Frame:
 
     @property
     def key(self):
-        """(obsid, chip), as of campaign.Job."""
+        """(obsid, chip), as of campaign.job.Job."""
         return self.obsid, self.chip
 
 
@@ -73,7 +73,7 @@ class Contents:
 
 
 def of_campaign(run):
-    """Return the Contents of campaign.OpenCampaign's output folder."""
+    """Return the Contents of campaign.opened.OpenCampaign's output folder."""
     from csstsim.stages.masters import masters_recipe
     from csstsim.universe.bricks import brick_meta
 

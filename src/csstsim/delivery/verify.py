@@ -20,8 +20,8 @@ WRONG = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, Me
 def verify(run, folder, say, manifest=False):
     """Say each fault of an output folder, a line each, then how many; return their number.
 
-    run: campaign.OpenCampaign, or None: then the `folder` is judged by its own products. `manifest`: write one if there
-    is no fault; otherwise one that is there is checked. Raises InputError if there is nothing to verify.
+    run: campaign.opened.OpenCampaign, or None: then the `folder` is judged by its own products. `manifest`: write one
+    if there is no fault; otherwise one that is there is checked. Raises InputError if there is nothing to verify.
     """
     contents = of_folder(folder) if run is None else of_campaign(run)
     root = contents.paths.output

@@ -29,7 +29,7 @@ _FROM_LAYERS = (
     "led_flag", "led_type", "led_time", "led_guessed",
     "sun_angle", "moon_angle", "limb_angle", "limb_sun_angle",
 )  # absent if the layer is  # fmt: skip
-# What of a recipe (campaign.OpenCampaign.recipe) stands under which keyword; a reader checks them.
+# What of a recipe (campaign.opened.OpenCampaign.recipe) stands under which keyword; a reader checks them.
 RECIPE = {"campaign": "CAMPHASH", "camera": "CAMHASH", "layers": "LAYHASH", "exposure": "EXPHASH"}
 _KEYS = {"hdu", "block", "keyword", "constant", "from", "repeat", "comment"}
 

@@ -29,7 +29,7 @@ class Param(LayerParam):
     exptime: float | None = Field(None, gt=0, le=1e5, description=EXPTIME)
     flat_fielding: bool = Field(True, description="vignetting and internal flat: the reversal of the flat correction")
     shutter_effect: bool = Field(True, description="columns far from the middle miss the shutter's opening and closing")
-    # The WCS of the job (campaign.py) has it: selection, rendering and measuring share one map.
+    # The WCS of the job (campaign.opened) has it: selection, rendering and measuring share one map.
     field_dist: bool = Field(True, description="field distortion: moves objects and changes their shapes")
     wings: bool = Field(True, description="light of bright objects beyond the stored PSF's box")
     ghosts: bool = Field(True, description="reflections of bright stars between filter and detector")

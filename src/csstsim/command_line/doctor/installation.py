@@ -13,7 +13,7 @@ from csstsim.command_line.doctor.finding import OK, PROBLEM, WARNING, Finding
 from csstsim.command_line.doctor.machine import write_fault
 
 MODULES = {"pillow": "PIL", "pyerfa": "erfa", "pyyaml": "yaml"}  # libraries imported by another name
-PACKAGE = Path(__file__).parents[1]
+PACKAGE = Path(__file__).parents[2]
 EXTRAS = {"de440": "astrometry.ephemeris: de440", "slurm": "profiles/slurm"}
 
 
