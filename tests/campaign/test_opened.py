@@ -103,8 +103,8 @@ def test_plan_counts_what_the_workflow_would_run(tmp_path):
     campaign = OpenCampaign(write_campaign(tmp_path, select={"chips": [8, 9]}))
     counts, disk, costs = plan(campaign)
     bricks, merged = int(counts["truth bricks"].partition(":")[0]), counts["bricks touched"]
-    # 4 science files: chip, measure; 2 bias files; 2 PSF sets; merge, validate; truth; report
-    assert counts["jobs"] == 4 * 2 + 2 + 2 + 2 * merged + bricks + 1
+    # 4 science files: four stages, measure; 2 bias files: readout, level0; 2 PSF sets; merge, validate; truth; report
+    assert counts["jobs"] == 4 * 5 + 2 * 2 + 2 + 2 * merged + bricks + 1
     assert counts["Level-0 files"] == 6 and counts["bricks fully covered"] == 0
     assert disk["PSF tables"] == 2 * 4 * 4 * (2 * 256**2 + 64**2) * 4
     shown = CliRunner().invoke(main, ["plan", str(campaign.file)])

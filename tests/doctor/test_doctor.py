@@ -178,8 +178,8 @@ def test_room_for_a_campaign(tmp_path, monkeypatch):
 
 def test_rules_that_are_not_run_do_not_count(monkeypatch):
     monkeypatch.setattr(of_campaign, "free_memory", lambda: 1e9)
-    costs = {"chip": {1: Cost(1.0, 100.0)}, "exposure": {1: Cost(1.0, 5000.0)}}
-    assert "a job of `chip` takes up to 0.1 GB" in found(of_campaign.memory, costs)[0][2]
+    costs = {"render": {1: Cost(1.0, 100.0)}, "exposure": {1: Cost(1.0, 5000.0)}}
+    assert "a job of `render` takes up to 0.1 GB" in found(of_campaign.memory, costs)[0][2]
 
 
 def test_an_output_that_cannot_be_written(tmp_path):
@@ -220,6 +220,6 @@ def test_memory_of_a_container_counts(monkeypatch):
 
 
 def test_data_that_are_not_there_are_a_problem(tmp_path, monkeypatch):
-    monkeypatch.setattr("csstsim.campaign.config.SHIPPED", tmp_path)
+    monkeypatch.setattr("csstsim.base.shipped.SHIPPED", tmp_path)
     [fault] = [finding for finding in doctor.examine() if finding.verdict == PROBLEM]
     assert fault.what == "data" and str(tmp_path) in fault.text

@@ -4,8 +4,8 @@ Each half of the chip is transferred along its columns to its registers (csstsim
 `serial`, each row of a channel, of its parallel overscan, too, along the register to its amplifier
 (csstsim.detector.charge_transfer.serial). What trails behind the last row or column goes to state.trailed, which
 prescan_overscan lays into the overscan. A window's columns and rows are transferred as whole ones: what is not
-simulated of the half, or of the channel's rows after the parallel transfer, holds the median charge of what is. Left
-out: the rise of trap density over the mission (`density_scale` stands for it).
+simulated of the half, or of the channel's rows after the parallel transfer, holds the median charge of what is.
+Left out: the rise of trap density over the mission (`density_scale` stands for it).
 """
 
 import numpy as np

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 import yaml
-from csstsim.frame_facts import frame_facts
 from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.rng import Streams
@@ -12,6 +11,7 @@ from csstsim.io.level0 import read_level0
 from csstsim.layers import sky_background
 from csstsim.optics.geometry.sip import sip_header
 from csstsim.stages import chip as chip_stage
+from csstsim.stages.frame_facts import frame_facts
 from csstsim.stages.shared import blank
 
 MAG_LIMIT = 12.0  # no object: sky and detector alone
