@@ -69,6 +69,8 @@ format: .venv/ready
 	$(BIN)/pip install --quiet --disable-pip-version-check -r requirements.lock
 	@# grismagic, which a test reads the gratings with, asks for jax and does not need it for that
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --editable . grismagic==0.1.1
+	@# numba's compiled code names modules that an update may have moved
+	@find src -name '*.nb[ic]' -delete
 	@mv .venv/unfinished $@
 
 clean:
