@@ -1,4 +1,4 @@
-from csstsim.simulation.layer_contract import check_layer
+from csstsim.layer_contract import check_layer
 
 
 def test_contract():

@@ -20,7 +20,7 @@ def masters(run, chip_id):
 
     if chip_id not in run.calibration_jobs:
         raise InputError(
-            "no whole calibration frames enough of this chip", file=run.file, key="chip", value=chip_id,
+            f"chip {chip_id} has too few full-frame calibration exposures", file=run.file, key="chip", value=chip_id,
             allowed=f"{FEWEST_CALIBRATIONS} of each {', '.join(CALIBRATIONS)}",
         )  # fmt: skip
     jobs = run.calibration_jobs[chip_id]
