@@ -24,7 +24,7 @@ test: .venv/ready
 	python config/make_products.py --check
 	$(MAKE) docs
 	python benchmarks/first_image.py
-	pytest -n 2 --dist loadfile
+	pytest -n 2 --dist loadgroup --no-loadscope-reorder
 
 # A quarter of a minute. A warning is an error, and so is a link that leads nowhere
 docs: .venv/ready

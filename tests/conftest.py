@@ -1,13 +1,34 @@
 """Fixtures shared by many tests: the shipped camera, a pointing, a small PSF set."""
 
 import pytest
+from delivery.small_delivery import delivery
 
 from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.places.ephemeris import observer
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.psf.psf_set import PsfSet, make_psf
 from csstsim.optics.scatter.outside_box import beyond_box
+
+
+FINISHED = "compare", "delivery"  # folders whose tests share a finished campaign: one worker makes it
+LONG = *FINISHED, "workflow", "end_to_end"  # begun first: the workers end together
+
+
+def pytest_collection_modifyitems(items):
+    """The tests of a file stay together, for what they share."""
+    for item in items:
+        folder = item.path.parent.name
+        item.add_marker(pytest.mark.xdist_group("finished" if folder in FINISHED else item.path.stem))
+    items.sort(key=lambda item: item.path.parent.name not in LONG)
+
+
+@pytest.fixture(scope="session")
+def sound(tmp_path_factory):
+    """(campaign file, its output folder) of a finished campaign; nothing is to be changed in it."""
+    file = delivery(tmp_path_factory.mktemp("delivery"))
+    return file, OpenCampaign(file).paths.output
 
 
 @pytest.fixture(scope="session")

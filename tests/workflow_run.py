@@ -1,12 +1,13 @@
 """Running the workflow on a small campaign, and what its products hold: for tests that compare two runs."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import fitsio
-from mini_campaign import write_campaign
+from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
@@ -35,9 +36,16 @@ def snakemake(campaign, *arguments):
     return done.stdout + done.stderr
 
 
-def make(folder):
+def make(folder, pointings=POINTINGS):
     folder.mkdir()
-    return write_campaign(folder, select={"chips": [9, 29]})  # r, and a grating
+    return write_campaign(folder, pointings, select={"chips": [9, 29]})  # r, and a grating
+
+
+def with_prepared(campaign, other):
+    """Give a campaign the truth bricks and PSF sets of another, which are the same."""
+    for kind in ("truth", "psf"):
+        shutil.copytree(other.parent / "out" / kind, campaign.parent / "out" / kind)
+    return campaign
 
 
 def level0_targets(campaign):

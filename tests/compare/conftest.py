@@ -9,10 +9,9 @@ from csstsim.campaign.opened import OpenCampaign
 
 
 @pytest.fixture(scope="session")
-def runs(tmp_path_factory):
+def runs(sound, tmp_path_factory):
     """The output folders of two runs; nothing is to be changed in them."""
-    files = [delivery(tmp_path_factory.mktemp(name)) for name in ("first", "the second run")]
-    return [OpenCampaign(file).paths.output for file in files]
+    return sound[1], OpenCampaign(delivery(tmp_path_factory.mktemp("the second run"))).paths.output
 
 
 @pytest.fixture

@@ -1,18 +1,8 @@
-"""The small campaign, made once; copies of it to spoil."""
+"""Copies of the finished campaign to spoil."""
 
 import shutil
 
 import pytest
-from small_delivery import delivery
-
-from csstsim.campaign.opened import OpenCampaign
-
-
-@pytest.fixture(scope="session")
-def sound(tmp_path_factory):
-    """(campaign file, its output folder) of a finished campaign; nothing is to be changed in it."""
-    file = delivery(tmp_path_factory.mktemp("delivery"))
-    return file, OpenCampaign(file).paths.output
 
 
 @pytest.fixture

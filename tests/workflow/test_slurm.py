@@ -1,7 +1,6 @@
 """The Slurm profile on a real Slurm of one node: same bits as local, memory that grows, a job cancelled and resumed."""
 
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
@@ -9,11 +8,9 @@ import pytest
 from mini_campaign import POINTINGS, write_campaign
 from one_node_slurm import POLLING, OneNodeSlurm, why_not
 from running import running
-from workflow_run import ROOT, command, content, level0_targets, make, snakemake
+from workflow_run import ROOT, command, content, level0_targets, make, snakemake, with_prepared
 
 pytestmark = [pytest.mark.slurm, pytest.mark.skipif(bool(reason := why_not()), reason=str(reason))]
-
-MADE_FOR_ALL = "truth", "psf"
 
 
 @pytest.fixture(scope="module")
@@ -33,13 +30,6 @@ def local(tmp_path_factory):
 def profile(node, *arguments):
     """Arguments after the campaign's: the profile, its scratch disk moved to the test's node."""
     return f"scratch={node.scratch}", "--workflow-profile", str(ROOT / "profiles/slurm"), *POLLING, *arguments
-
-
-def with_prepared(campaign, local):
-    """Give a campaign the truth bricks and PSF sets of another, which are the same."""
-    for kind in MADE_FOR_ALL:
-        shutil.copytree(local.parent / "out" / kind, campaign.parent / "out" / kind)
-    return campaign
 
 
 def submitted(text):

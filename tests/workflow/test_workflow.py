@@ -9,28 +9,31 @@ from pathlib import Path
 import psutil
 import pytest
 import yaml
-from mini_campaign import write_campaign
-from workflow_run import ROOT, command, content, level0_targets, make, snakemake
+from mini_campaign import POINTINGS, write_campaign
+from workflow_run import ROOT, command, content, level0_targets, make, snakemake, with_prepared
 
 from csstsim.campaign.opened import OpenCampaign
+
+
+FEW = POINTINGS[0], POINTINGS[2]  # a science exposure and a bias
 
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
     """One core, start to finish, up to the report, each chip in four stages: the default."""
-    campaign = make(tmp_path_factory.mktemp("workflow") / "one")
+    campaign = make(tmp_path_factory.mktemp("workflow") / "one", FEW)
     snakemake(campaign, "--cores", "1")
     return campaign
 
 
 def test_the_whole_chain_makes_what_it_promises(undisturbed):
     run = OpenCampaign(undisturbed)
-    assert len(content(undisturbed)) == len(run.jobs) + 2 == 8  # two science exposures and a bias, two chips; orders
+    assert len(content(undisturbed)) == len(run.jobs) + 1 == 5  # a science exposure and a bias, two chips; orders
     assert run.paths.report.exists()
     for pix in run.merge_bricks:
         assert run.paths.merge(pix).exists() and run.paths.validate(pix).exists()
     assert {p.name for p in run.paths.merge_catalogue.iterdir()} == {"dataset", "hats.properties", "partition_info.csv"}
-    assert len(run.slitless_jobs) == 2
+    assert len(run.slitless_jobs) == 1
     for job in run.slitless_jobs:
         assert run.paths.spectra(*job.key).exists() and run.paths.level0_orders(job.pointing, job.chip.id).exists()
     left = [p.name for p in (run.paths.output / "chips").rglob("*") if p.is_file()]
@@ -134,7 +137,7 @@ def test_a_slip_in_the_name_of_a_setting_is_refused(tmp_path):
 
 @pytest.mark.parametrize(("chips", "log"), [("stages", "level0"), ("whole", "chip"), ("exposure", "exposure")])
 def test_two_cores_and_larger_jobs_give_the_same_bits(undisturbed, tmp_path, chips, log):
-    campaign = make(tmp_path / "two")
+    campaign = with_prepared(make(tmp_path / "two", FEW), undisturbed)
     snakemake(campaign, f"chips={chips}", "--cores", "2", *level0_targets(campaign))
     assert content(campaign) == content(undisturbed)
     assert (campaign.parent / "out" / "logs" / log).exists()
@@ -148,7 +151,7 @@ def test_an_unknown_size_of_jobs_is_refused(tmp_path):
 
 
 def test_a_killed_and_resumed_campaign_gives_the_same_bits(undisturbed, tmp_path):
-    campaign = make(tmp_path / "killed")
+    campaign = with_prepared(make(tmp_path / "killed", FEW), undisturbed)
     line, environment = command(campaign, "--cores", "1", *level0_targets(campaign))
     process = subprocess.Popen(line, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
@@ -158,7 +161,7 @@ def test_a_killed_and_resumed_campaign_gives_the_same_bits(undisturbed, tmp_path
     finally:
         if process.poll() is None:
             process.kill()
-    assert len(content(campaign)) < 8
+    assert len(content(campaign)) < 5
     snakemake(campaign, "--cores", "1", "--rerun-incomplete", *level0_targets(campaign))
     assert content(campaign) == content(undisturbed)
 

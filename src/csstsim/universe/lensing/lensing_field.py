@@ -50,6 +50,7 @@ class LensingField:
         powers, ones = self._powers(ell), np.ones(len(ell))
         fits = [nnls(powers / wanted[:, None], ones)[0] for wanted in self.shells.spectra(ell)]
         self.amplitude = np.sqrt(fits)  # (shells, widths)
+        self._brick = None, None  # the last one and its maps: galaxies and quasars ask for the same
 
     def spectrum(self, ell, z):
         """Return the C_l of kappa that the field is drawn from, for sources at redshift z (float)."""
@@ -67,7 +68,9 @@ class LensingField:
         it is zero, negative or not a number, nothing lies in front and the values are 0. Axes: east, north.
         """
         ra, dec, z = (np.atleast_1d(np.asarray(v, float)) for v in (ra, dec, z))
-        grid, values = self._brick_grid(pix)
+        if self._brick[0] != pix:
+            self._brick = pix, self._brick_grid(pix)
+        grid, values = self._brick[1]
         kappa, gamma1, gamma2 = interpolate(values, grid.cells(ra, dec), self.shells.weights(z)).T
         gamma1, gamma2 = grid.to_east_north(ra, dec, gamma1, gamma2)
         return tuple(v.astype(np.float32) for v in (kappa, gamma1, gamma2))
