@@ -19,6 +19,7 @@ from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.scene import make_scene
 from csstsim.render.wing_tables import step, tables
 from csstsim.render.wings import add_ghosts, box_share, ring_within, wing_beyond
+from csstsim.simulation.exposure import Exposure
 from csstsim.simulation.state import State
 
 VARIANCE = 60.0  # e-^2, of a pixel in r
@@ -227,13 +228,11 @@ def test_the_layer_switches_wings_and_ghosts(camera, make_pointing, psf_r):
     table = objects(wcs, X, Y, wing=np.full(1, 5000.0), rate=1e8)
 
     def light(**param):
-        state = State(
-            chip=camera.chips[9], pointing=make_pointing(exptime=EXPTIME), image=np.zeros(window.shape, np.float32),
-            window=window, catalog=table, wcs=wcs, psf=psf_r, filter=camera.filters["r"], telescope=camera.telescope,
-            leds=camera.leds, fidelity="noise_free",
-        )  # fmt: skip
-        losses = {"flat_fielding": False, "shutter_effect": False}
-        scie_obs.apply(state, scie_obs.Param(**param, **losses), Streams(1, "1", 9, "scie_obs"))
+        pointing = make_pointing(exptime=EXPTIME)
+        exposure = Exposure(pointing, camera.chips[9], window, wcs, camera, fidelity="noise_free")
+        state = State.blank(exposure, table)
+        state.psf = psf_r
+        scie_obs.apply(state, scie_obs.Param(**param), Streams(1, "1", 9, "scie_obs"))
         return state.image.sum(dtype=float) / (1e8 * EXPTIME), state.image[300, 300]
 
     (both, peak), (no_ghosts, _), (no_wings, _), (neither, bare) = (

@@ -67,31 +67,32 @@ def apply(state, param, rng):
 
 
 def _draw(state, param, rng):
-    exptime = state.pointing.exptime if param.exptime is None else param.exptime
+    exposure, exptime = state.exposure, state.exposure.exptime
     there = read_beyond(state.psf)
     beyond = Beyond(there.wing if param.wings else None, there.ghosts if param.ghosts else None)
-    losses = {"flat": param.flat_fielding, "shutter": param.shutter_effect}
-    response = state.response(exptime, rng, **losses)
-    if state.fidelity == "reference":
+    response, (flat, shutter, _) = state.response(rng), exposure.losses
+    if exposure.fidelity == "reference":
         _reference(state, exptime, beyond, response)
         return
     detector = state.chip.detector
     how = {
         "tables": state.tables, "beyond": beyond, "response": response,
-        "maximum": response_maximum(state.chip, state.filter, state.leds, rng.camera, **losses),
+        "maximum": response_maximum(
+            state.chip, state.filter, exposure.camera.leds, rng.camera, flat=flat, shutter=shutter
+        ),
         "variance": Noise(state.filter.sky, detector.dark, detector.read_noise).variance(exptime),
-        "key": rng.exposure_key("photons"), "fidelity": state.fidelity,
+        "key": rng.exposure_key("photons"), "fidelity": exposure.fidelity,
     }  # fmt: skip
     place = state.wcs, state.psf, exptime
     # numba: seconds that checking a campaign need not pay
-    if state.gratings is None:
+    if state.exposure.gratings is None:
         from csstsim.render.imaging.draw import draw_objects
 
         state.truth, state.counted = draw_objects(state.image, state.window, state.catalog, *place, **how)
     else:
         from csstsim.render.slitless.draw_dispersed import draw_dispersed
 
-        disperser = Disperser(state.gratings, state.filter, state.telescope)
+        disperser = Disperser(state.exposure.gratings, state.filter, state.telescope)
         state.truth, state.orders, state.counted = draw_dispersed(
             state.image, state.window, state.catalog, state.spectra, disperser, *place, **how
         )
@@ -100,13 +101,13 @@ def _draw(state, param, rng):
 def _reference(state, exptime, beyond, response):
     """Draw by the reference renderer, tables of what was drawn included."""
     place = state.wcs, state.psf, exptime, beyond, response
-    if state.gratings is None:
+    if state.exposure.gratings is None:
         from csstsim.render.imaging.reference import draw_objects
 
         state.truth = draw_objects(state.image, state.window, state.catalog, *place)
     else:
         from csstsim.render.slitless.reference_dispersed import draw_objects
 
-        disperser = Disperser(state.gratings, state.filter, state.telescope)
+        disperser = Disperser(state.exposure.gratings, state.filter, state.telescope)
         scene = state.image, state.window, state.catalog, state.spectra, disperser
         state.truth, state.orders = draw_objects(*scene, *place)

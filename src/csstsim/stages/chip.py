@@ -6,7 +6,7 @@ from csstsim.stages.psf import missing_psf
 from csstsim.stages.readout import read_out, save_cosmic_rays
 from csstsim.stages.render import rendered
 from csstsim.stages.select import say_selected, selected
-from csstsim.stages.shared import Timer
+from csstsim.stages.stage_frames import Timer
 from csstsim.stages.truth import missing_bricks
 
 

@@ -4,7 +4,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.one_thread import one_thread
 from csstsim.base.release import check_recipe, check_release
 from csstsim.io.paths import made
-from csstsim.stages.shared import Timer, state_before
+from csstsim.stages.stage_frames import Timer, state_before
 
 
 @one_thread
@@ -31,7 +31,7 @@ def digitised(run, job, state, timer):
 
     steps = run.steps[job.pointing.type]
     state = steps.run(state, "level0", run.config.seed)
-    if steps.losses["shutter"]:
+    if steps.losses.shutter:
         state.header |= shutter.moments(job.pointing, state.telescope)
     state.header.setdefault("stages", []).append(timer.entry())
     provenance = {

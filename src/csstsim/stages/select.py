@@ -4,7 +4,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
 from csstsim.base.one_thread import one_thread
 from csstsim.stages.psf import psf_box
-from csstsim.stages.shared import Timer
+from csstsim.stages.stage_frames import Timer
 
 
 @one_thread
