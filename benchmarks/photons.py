@@ -28,10 +28,11 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.optics.psf.psf_file import write_psf
 from csstsim.optics.psf.psf_set import PsfSet, make_psf
-from csstsim.optics.scatter.outside_box import beyond_box
+from csstsim.optics.scatter.scattered_light import scattered_light
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.psf_table import make_table, read_tables, write_tables
-from csstsim.render.scene import Scene, sersic_b
+from csstsim.profiles.sersic import sersic_b
+from csstsim.render.scene import Scene
 
 GRID, CHIP_GRID, CHIP_PX, CHIP = 6, 30, 9216, 9
 SIDE = CHIP_PX * (GRID - 1) // (CHIP_GRID - 1)
@@ -48,7 +49,7 @@ def dense_psf(folder):
     coarse = Path(folder) / "coarse.h5"
     make_psf(
         coarse, camera.chips[CHIP], filter, camera.telescope, camera.psf, GRID, camera_digest=camera.digest,
-        beyond=beyond_box(camera, filter),
+        beyond=scattered_light(camera, filter),
     )  # fmt: skip
     psf = PsfSet(coarse)
     names = ("cell_um", "cell_arcsec", "oversampling", "chip", "filter", "grid", "camera_digest")

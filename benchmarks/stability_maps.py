@@ -30,7 +30,7 @@ from csstsim.catalog.reach import STAR_MIN
 from csstsim.render import policy
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene
-from csstsim.render.scene import sersic_b
+from csstsim.profiles.sersic import sersic_b
 from csstsim.render.settings import load_numbers
 
 SIZES = np.geomspace(0.05, 5.0, 7)  # arcsec

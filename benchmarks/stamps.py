@@ -27,7 +27,7 @@ from csstsim.instrument.pointing import Pointing
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.optics.psf.psf_set import PsfSet, make_psf
-from csstsim.optics.scatter.outside_box import Beyond, beyond_box, read_beyond
+from csstsim.optics.scatter.scattered_light import Scattered, scattered_light, read_scattered
 from csstsim.render.imaging.reference import GSPARAMS, PSF_MAXK, draw_objects
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.psf_mixture import Mixer
@@ -174,7 +174,7 @@ def report_chip(psf, wcs, chip, count):
 
 
 def report_wing(psf, wcs, chip):
-    beyond, window, mixer = Beyond(read_beyond(psf).wing), chip.full_window, Mixer(psf)
+    beyond, window, mixer = Scattered(read_scattered(psf).wing), chip.full_window, Mixer(psf)
     image, response = np.zeros(window.shape, np.float32) + 1, np.ones(window.shape, np.float32)
     for reach in (200.0, 1000.0, 5000.0):
         table = table_of(wcs, *CENTRE, 32, {}, rate=1e7)
@@ -198,7 +198,7 @@ def main():
         path = Path(folder) / "psf.h5"
         make_psf(
             path, chip, filter_, camera.telescope, camera.psf, 10, camera_digest=camera.digest,
-            beyond=beyond_box(camera, filter_),
+            beyond=scattered_light(camera, filter_),
         )  # fmt: skip
         psf = PsfSet(path)
         report_cases(psf, wcs)

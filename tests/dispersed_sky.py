@@ -13,7 +13,7 @@ from csstsim.catalog.select import Noise, select_objects
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.optics.scatter.outside_box import Beyond
+from csstsim.optics.scatter.scattered_light import Scattered
 from csstsim.render.slitless.draw_dispersed import draw_dispersed
 
 EXPTIME, NOISE = 150.0, Noise(sky=0.2, dark=0.02, read_noise=5.0)
@@ -61,7 +61,7 @@ class Sky:
         image = np.zeros(window.shape, dtype)
         result = draw_dispersed(
             image, window, objects, catalog_spectra(objects, self.catalog), self.disperser, self.wcs, self.psf, EXPTIME,
-            tables=tables, beyond=beyond or Beyond(), response=how.get("response"), maximum=how.get("maximum", 1.0),
+            tables=tables, beyond=beyond or Scattered(), response=how.get("response"), maximum=how.get("maximum", 1.0),
             variance=NOISE.variance(EXPTIME), key=np.uint64(key), fidelity=fidelity,
         )  # fmt: skip
         return image, *result

@@ -78,7 +78,7 @@ def dust(folder):
 
 def psf(folder):
     from csstsim.optics.psf.psf_set import make_psf
-    from csstsim.optics.scatter.outside_box import beyond_box
+    from csstsim.optics.scatter.scattered_light import scattered_light
 
     camera, path = readers.camera(), folder / "psf.h5"
     chip = camera.chips[readers.PSF_CHIP]
@@ -93,7 +93,7 @@ def psf(folder):
         cells=32,
         camera_digest=camera.digest,
         provenance={"seed": 1},
-        beyond=beyond_box(camera, filter_),
+        beyond=scattered_light(camera, filter_),
     )
     return path
 

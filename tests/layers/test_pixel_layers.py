@@ -67,7 +67,7 @@ def test_sky_and_lamps_meet_the_same_pixels(camera):
     for layer, name in ((sky_background, "sky_background"), (led_calib_model, "led_calib_model")):
         plain, state = (flat_state(camera, window=(1001, 1400, 801, 1000)) for _ in "ab")
         for here, on in ((plain, False), (state, True)):
-            here.leds, here.prnu = camera.leds, on
+            change_exposure(here, losses=Losses(prnu=on))
             layer.apply(here, layer.Param(), streams(name))
         share = np.ones(state.image.shape, np.float32)
         multiply(share, 1001, 801, camera.detector.prnu, key)

@@ -9,7 +9,7 @@ from scipy.special import ndtr
 
 from csstsim.instrument.chip import Window
 from csstsim.optics.gratings.dispersion import Disperser
-from csstsim.optics.scatter.outside_box import beyond_box
+from csstsim.optics.scatter.scattered_light import scattered_light
 from csstsim.render.psf_table import make_table
 from csstsim.render.slitless import dispersed_photons
 from csstsim.render.slitless.dispersed_photons import shoot_spectra
@@ -250,7 +250,7 @@ def test_an_order_that_one_grating_lacks_is_dark(camera, psf, table):
 
 def test_the_wing_adds_the_light_beyond_the_box(camera, psf, table, disperser, tmp_path):
     """A PSF of 0.9 of the light: with a wing the rest is drawn outside the box, without it is lost."""
-    wing = beyond_box(camera, camera.filters["GV"]).wing
+    wing = scattered_light(camera, camera.filters["GV"]).wing
     short = replace(table, share=0.9 * table.share)
     window = Window(0, 9216, 3000, 6700)
     spectrum = spectrum_of(disperser, 1e6, 5500, 5510)

@@ -8,7 +8,7 @@ from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, SKIPPED_FAINT, TRUNCATED_
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.optics.scatter.outside_box import Beyond, read_beyond
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
 from csstsim.render import policy
 from csstsim.render.imaging import reference
 from csstsim.render.imaging.draw import draw_objects, object_keys_of
@@ -44,7 +44,7 @@ def draw(camera, make_pointing, psf_r, tables):
         table = objects(wcs, x, y, **columns)
         image = np.zeros(window.shape, np.float32)
         drawn, counted = draw_objects(
-            image, window, table, wcs, psf_r, EXPTIME, tables=tables, beyond=beyond or Beyond(), response=response,
+            image, window, table, wcs, psf_r, EXPTIME, tables=tables, beyond=beyond or Scattered(), response=response,
             maximum=maximum, variance=VARIANCE, key=np.uint64(key), fidelity=fidelity,
         )  # fmt: skip
         return image, counted, drawn
@@ -114,7 +114,7 @@ def test_a_wing_that_is_switched_off_is_flagged(draw):
 
 def test_wings_are_in_the_expected_plane(draw, psf_r):
     columns = {"rate": 1e7, "wing": np.full(1, 150.0)}
-    image, _, drawn = draw([4100.0], [4090.0], beyond=Beyond(read_beyond(psf_r).wing), **columns)
+    image, _, drawn = draw([4100.0], [4090.0], beyond=Scattered(read_scattered(psf_r).wing), **columns)
     assert image[90, 195] > 0 and drawn["flags"][0] == 0 and drawn["stamp"][0] == 301
 
 
@@ -198,7 +198,7 @@ def test_the_table_keeps_its_columns(draw):
 @pytest.mark.parametrize("columns", [{}, {"obj_type": GALAXY, "size_disk": 0.4}], ids=["stars", "galaxies"])
 def test_faint_objects_shine_beyond_the_box_whatever_draws_them(draw, camera, make_pointing, psf_r, columns):
     """2e5 electrons on 1401 pixels a side: all but what is beyond the window, by each renderer; photons to 5 sigma."""
-    window, beyond = Window(3400, 4801, 3400, 4801), Beyond(read_beyond(psf_r).wing)
+    window, beyond = Window(3400, 4801, 3400, 4801), Scattered(read_scattered(psf_r).wing)
     columns, place = columns | {"rate": rate(2e5), "reach": 60}, ([4100.3], [4100.1])
     angle = np.linspace(0, 2 * np.pi, 1000, endpoint=False)
     edge = 700.5 / np.maximum(np.abs(np.cos(angle)), np.abs(np.sin(angle)))  # the square's, from its middle

@@ -8,7 +8,7 @@ from csstsim.catalog.flags import FFT_REDUCED, OFF_CHIP
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.optics.scatter.outside_box import Beyond
+from csstsim.optics.scatter.scattered_light import Scattered
 from csstsim.render import policy
 from csstsim.render.imaging.draw import draw_objects
 from csstsim.render.imaging.stamps import _clip_negative
@@ -33,7 +33,7 @@ def drawn(camera, make_pointing, psf_r):
             table = table.with_columns(reach=np.full(len(table), reach, np.int32))
         image = np.zeros(WINDOW.shape, np.float32)
         result, counted = draw_objects(
-            image, WINDOW, table, wcs, psf_r, EXPTIME, tables=tables, beyond=Beyond(), response=None, maximum=1.0,
+            image, WINDOW, table, wcs, psf_r, EXPTIME, tables=tables, beyond=Scattered(), response=None, maximum=1.0,
             variance=60.0, key=np.uint64(5), fidelity=fidelity,
         )  # fmt: skip
         return result, counted, make_scene(table, wcs, psf_r, EXPTIME)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from csstsim.instrument.chip import Window
-from csstsim.optics.scatter.outside_box import read_beyond
+from csstsim.optics.scatter.scattered_light import read_scattered
 from csstsim.render.far_wings import FACTOR, MESH, OVER, FarWings
-from csstsim.render.octave_table import first_of, nodes
+from csstsim.profiles.log_table import first_of, nodes
 from csstsim.render.wings import NEAR, add_far, wing_beyond
 
 WINDOW = Window(1003, 2100, 507, 1411)
@@ -16,7 +16,7 @@ NEVER = 1e5  # px: the meshes take over nowhere
 
 def drawn(psf, x, y, flux, reach, response, near=None, window=WINDOW):
     """Return (image, electrons of each star); near: px from which the meshes take over."""
-    image, far, wing = np.zeros(window.shape), FarWings(window, response), read_beyond(psf).wing
+    image, far, wing = np.zeros(window.shape), FarWings(window, response), read_scattered(psf).wing
     inside = 4 * (1 - wing_beyond(wing, HALF).light.mean())  # of four electrons: no ring is missing
     light = [
         add_far(image, response, window, *star, np.full(4, f), inside * f, inside * f, wing, r, HALF, far, near)
@@ -45,7 +45,7 @@ def test_meshes_and_pixels_agree(psf_r, stars, lossy):
         response *= np.random.default_rng(1).uniform(0.5, 1, WINDOW.shape).astype(np.float32)
     exact, light = drawn(psf_r, *STARS[stars], response, near=NEVER)
     meshed, account = drawn(psf_r, *STARS[stars], response)
-    wing, full = read_beyond(psf_r).wing, np.zeros(WINDOW.shape)  # full: without the fade into the box
+    wing, full = read_scattered(psf_r).wing, np.zeros(WINDOW.shape)  # full: without the fade into the box
     for x, y, flux, _ in zip(*STARS[stars], strict=True):
         r = np.hypot(np.arange(WINDOW.x0, WINDOW.x1) - x, np.arange(WINDOW.y0, WINDOW.y1)[:, None] - y)
         full += flux * wing.profile(np.maximum(r, HALF)).sum(axis=0)

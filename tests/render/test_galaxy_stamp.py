@@ -9,7 +9,7 @@ from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED
 from csstsim.instrument.chip import Window
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.psf_mixture import Mixer
-from csstsim.render.scene import sersic_b
+from csstsim.profiles.sersic import sersic_b
 
 X, Y = 4200, 5150
 FLUX, SIZE, SHAPE, PIXEL = 1e-3, 1e-3, 1e-4, 1e-3  # relative, relative, absolute, of the peak

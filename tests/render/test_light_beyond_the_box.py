@@ -8,13 +8,13 @@ from scipy.stats import chi2_contingency
 from csstsim.base.counter import object_keys
 from csstsim.catalog.flags import FFT_REDUCED
 from csstsim.instrument.chip import Window
-from csstsim.optics.scatter.outside_box import Beyond, read_beyond
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
 from csstsim.render.imaging.galaxy_stamp import plan_galaxies
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene
-from csstsim.render.photon_places import from_profile
+from csstsim.render.photon_positions import from_profile
 from csstsim.render.psf_table import make_table
-from csstsim.render.scene import sersic_b
+from csstsim.profiles.sersic import sersic_b
 from csstsim.render.slitless.line_wings import order_wing
 
 SIGMA = 5.0
@@ -34,7 +34,7 @@ def counts(psf, table, electrons, maximum, copies=1, base=3):
     counted = np.zeros(WINDOW.shape, np.int32)
     response = np.ones(WINDOW.shape, np.float32)
     keys = object_keys(np.uint64(base), scene.ids)
-    _, beyond, _ = shoot_scene(counted, WINDOW, scene, keys, table, response, maximum, read_beyond(psf).wing)
+    _, beyond, _ = shoot_scene(counted, WINDOW, scene, keys, table, response, maximum, read_scattered(psf).wing)
     return counted, beyond.sum()
 
 
@@ -50,7 +50,7 @@ def test_a_response_of_one_counts_all_light_wherever_it_falls(psf_r, table_r, el
     x, y = np.abs(np.arange(WINDOW.x0, WINDOW.x1) - X), np.abs(np.arange(WINDOW.y0, WINDOW.y1) - Y)
     inside = (x < BOX_PX - 2) & (y < BOX_PX - 2)[:, None]
     ring = ~((x < BOX_PX + 2) & (y < BOX_PX + 2)[:, None])
-    wing = read_beyond(psf_r).wing
+    wing = read_scattered(psf_r).wing
     corner = min(WINDOW.x1 - X, X - WINDOW.x0, WINDOW.y1 - Y, Y - WINDOW.y0)
     circle = ring & (np.hypot(x, y[:, None]) < corner)
     # Of what lies beyond the box's square, the share within the circle that fits the window, by the profile itself
@@ -97,7 +97,7 @@ def test_a_galaxy_too_long_for_a_transform_says_so(psf_r):
 @pytest.mark.parametrize("electrons", [1e8, 1e9])
 def test_ghosts_hold_their_share_of_the_light(camera, psf_r, electrons):
     """The sum of all that ghosts add is the sum of their shares, in the image and in what is said to be drawn."""
-    beyond = Beyond(None, read_beyond(psf_r).ghosts)
+    beyond = Scattered(None, read_scattered(psf_r).ghosts)
     window, chip = Window(2500, 5500, 3500, 6500), camera.chips[9]
     scene = scene_of(psf_r, X, Y, electrons, index=0.0)
     image = np.zeros(window.shape)
@@ -119,7 +119,7 @@ def test_losses_take_the_same_share_near_and_far(psf_r, table_r):
     for base, share in ((11, 1.0), (12, 0.5)):
         plane, response = np.zeros(WINDOW.shape, np.int32), np.full(WINDOW.shape, share, np.float32)
         keys = object_keys(np.uint64(base), scene.ids)
-        shoot_scene(plane, WINDOW, scene, keys, table_r, response, 1.0, read_beyond(psf_r).wing)
+        shoot_scene(plane, WINDOW, scene, keys, table_r, response, 1.0, read_scattered(psf_r).wing)
         counted.append([plane[ring].sum() for ring in rings])
     for whole, half in np.transpose(counted):
         assert whole > 500

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from csstsim.instrument.chip import Window
-from csstsim.optics.scatter.outside_box import Beyond, beyond_box
+from csstsim.optics.scatter.scattered_light import Scattered, scattered_light
 from csstsim.render.far_wings import FarWings
 from csstsim.render.slitless.line_wings import LINE_STEP, add_line, order_wing, points_of
 from csstsim.render.wings import add_far, wing_beyond
@@ -16,7 +16,7 @@ LIGHT = 1e8
 
 @pytest.fixture(scope="module")
 def beyond(camera):
-    return Beyond(beyond_box(camera, camera.filters["GV"]).wing)
+    return Scattered(scattered_light(camera, camera.filters["GV"]).wing)
 
 
 @pytest.fixture(scope="module")

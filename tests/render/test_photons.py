@@ -13,11 +13,12 @@ from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.psf_file import write_psf
 from csstsim.optics.psf.psf_set import PsfSet, pixel_response
-from csstsim.optics.scatter.outside_box import read_beyond
+from csstsim.optics.scatter.scattered_light import read_scattered
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.reference import PSF_MAXK, draw_objects
 from csstsim.render.psf_table import make_table
-from csstsim.render.scene import Scene, make_scene, sersic_b
+from csstsim.profiles.sersic import sersic_b
+from csstsim.render.scene import Scene, make_scene
 
 SIGMA = 5.0
 WINDOW = Window(4000, 4130, 5000, 5120)
@@ -363,7 +364,7 @@ def test_arrays_that_do_not_fit_are_refused(psf_r, table_r):
 
 def test_light_beyond_the_box_follows_the_wing(psf_r, table_r):
     """2e6 electrons of a star with its wing: outside the box, rings of the closed form; none lost; 5 sigma."""
-    wing, n = read_beyond(psf_r).wing, 2e6
+    wing, n = read_scattered(psf_r).wing, 2e6
     window, scene = Window(0, 2001, 0, 2001), make(psf_r, 1000.0, 1000.0, n)
     counted = np.zeros(window.shape, np.int32)
     on_window, beyond, box = shoot_scene(counted, window, scene, np.array([3], np.uint64), table_r, wing=wing)

@@ -11,7 +11,7 @@ from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.gratings.dispersion import Disperser
 from csstsim.optics.psf.psf_set import PsfSet, make_psf, pixel_response
-from csstsim.optics.scatter.outside_box import beyond_box, read_beyond
+from csstsim.optics.scatter.scattered_light import scattered_light, read_scattered
 from csstsim.render.imaging.reference import lattice
 from csstsim.render.psf_table import read_tables, write_tables
 from csstsim.render.scene import make_scene
@@ -30,7 +30,7 @@ PIXEL = 5e-4  # of the peak: interpolations of the stored cells
 def setting(camera, make_pointing, tmp_path_factory):
     path, chip = tmp_path_factory.mktemp("psf") / "GV.h5", camera.chips[CHIP]
     band = camera.filters["GV"]
-    beyond = beyond_box(camera, band)
+    beyond = scattered_light(camera, band)
     make_psf(path, chip, band, camera.telescope, camera.psf, 2, camera_digest=camera.digest, beyond=beyond)
     psf = PsfSet(path, chip=CHIP)
     return Disperser(camera.gratings[CHIP], band, camera.telescope), ChipWCS(chip, make_pointing()), psf
@@ -151,7 +151,7 @@ def test_wings_are_those_of_slabs(setting):
     light, wavelength, _ = line_at(disperser, 5200.0, 1e7)
     window, _, _ = around(setting, wavelength, 150)
     rows = objects(wcs, X, Y, reach=32, rate=1e7 / EXPTIME, wing=np.array([140.0]))
-    beyond = read_beyond(psf)
+    beyond = read_scattered(psf)
     image, table, _ = draw(setting, window, light, rows, beyond=beyond)
     scene, visits = make_scene(rows, wcs, psf, EXPTIME), np.array([[0, 0, 0]])
     slabs = np.zeros(window.shape)

@@ -10,7 +10,7 @@ from scipy.special import ndtr
 
 from csstsim.catalog.flags import OUTSIDE_PSF_HULL
 from csstsim.instrument.chip import Window
-from csstsim.optics.scatter.outside_box import Beyond, beyond_box
+from csstsim.optics.scatter.scattered_light import Scattered, scattered_light
 from csstsim.render.psf_table import make_table
 from csstsim.render.slitless.dispersed_photons import shoot_spectra
 from csstsim.render.slitless.slabs import PER_PX, draw_spectra
@@ -234,7 +234,7 @@ def test_a_wide_galaxy_on_the_split(psf, disperser):
 def test_wings_are_divided_too(camera, disperser, wing, tmp_path):
     """A star near and far from the split: the light of both gratings together is that of the star far from any edge."""
     psf = gaussian_psf(tmp_path / "dim.h5", light=0.95)
-    beyond = Beyond(beyond_box(camera, camera.filters["GV"]).wing)
+    beyond = Scattered(scattered_light(camera, camera.filters["GV"]).wing)
     spectrum = spectrum_of(disperser, 1e6, 5500, 5600)
     window = Window(3600, 7400, 3850, 5850)
     sums = {}

@@ -7,7 +7,7 @@ from galaxies import scene_of, shaped
 from csstsim.catalog.flags import OFF_CHIP, OUTSIDE_PSF_HULL
 from csstsim.instrument.chip import Window
 from csstsim.optics.psf.psf_file import pixel_response
-from csstsim.optics.scatter.outside_box import Beyond, read_beyond
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
 from csstsim.render.imaging import stamps
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.psf_mixture import Mixer
@@ -115,7 +115,7 @@ def test_outside_the_nodes_is_said(psf_r, mixer):
 @pytest.mark.parametrize("index", [0.0, 1.0])
 def test_a_bright_object_has_its_wing(psf_r, mixer, index):
     """Box faded out, wing faded in: all the light to 3e-4 within 280 px, no step at the edge of the box."""
-    beyond, window = Beyond(read_beyond(psf_r).wing), Window(3900, 4501, 4850, 5451)
+    beyond, window = Scattered(read_scattered(psf_r).wing), Window(3900, 4501, 4850, 5451)
     scene = scene_of(psf_r, 4200.2, 5150.3, 1e8, index, 0.3)
     image, drawn = draw(mixer, scene, reach=60, window=window, wing=2000.0, beyond=beyond)
     r = np.hypot(np.arange(3900, 4501) - 4200.2, np.arange(4850, 5451)[:, None] - 5150.3)

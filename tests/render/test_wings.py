@@ -13,7 +13,7 @@ from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.optics.scatter.outside_box import Beyond, read_beyond
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
 from csstsim.render.imaging.reference import draw_objects
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.scene import make_scene
@@ -29,15 +29,15 @@ X, Y = 4600.3, 4500.4
 
 @pytest.fixture(scope="module")
 def scene(camera, make_pointing, psf_r):
-    """Draw stars of given electrons on a window of chip 9; returns the image, the table and their Beyond."""
-    wcs, whole = ChipWCS(camera.chips[9], make_pointing()), read_beyond(psf_r)
+    """Draw stars of given electrons on a window of chip 9; returns the image, the table and their ScatteredLight."""
+    wcs, whole = ChipWCS(camera.chips[9], make_pointing()), read_scattered(psf_r)
 
     def draw(electrons, window, x=X, y=Y, ghosts=False, wings=True):
         electrons = np.broadcast_to(np.asarray(electrons, float), np.shape(np.atleast_1d(x)))
         wing = wing_reach(electrons, VARIANCE, whole.wing)
         table = objects(wcs, x, y, wing=np.where(wing > 64, wing, 0.0))
         table = table.with_columns(**{f"flux{i}": electrons / EXPTIME / 4 for i in range(4)})
-        beyond = Beyond(whole.wing if wings else None, whole.ghosts if ghosts else None)
+        beyond = Scattered(whole.wing if wings else None, whole.ghosts if ghosts else None)
         image = np.zeros(window.shape, np.float32)
         return image, draw_objects(image, window, table, wcs, psf_r, EXPTIME, beyond), whole
 
@@ -79,7 +79,7 @@ def test_the_rings_follow_the_profile_through_the_join(scene, electrons):
 @pytest.mark.parametrize("size", [0.2, 1.0])
 def test_a_bright_galaxy_has_the_wing_of_its_light(camera, make_pointing, psf_r, size):
     """Half-light radius 3 and 14 px, 1e8 e-: all the light to 3e-4; far out the wings of all its points, to 1%."""
-    wcs, beyond, window = ChipWCS(camera.chips[9], make_pointing()), Beyond(read_beyond(psf_r).wing), around(400)
+    wcs, beyond, window = ChipWCS(camera.chips[9], make_pointing()), Scattered(read_scattered(psf_r).wing), around(400)
     table = objects(wcs, X, Y, obj_type=GALAXY, reach=300, size_disk=size, rate=1e6, wing=np.full(1, 1500.0))
     image = np.zeros(window.shape, np.float32)
     draw_objects(image, window, table, wcs, psf_r, EXPTIME, beyond)
@@ -209,14 +209,14 @@ def test_a_ring_stays_within_its_box():
 def test_a_stamp_of_any_size_loses_no_light(camera, make_pointing, psf_r, wings, reach, galaxy):
     """All of the light by stamps too small to hold it, to 1e-4, at the window's edge 1e-3; what is said is drawn."""
     wcs, window = ChipWCS(camera.chips[9], make_pointing()), around(500)
-    beyond = read_beyond(psf_r) if wings else Beyond()
+    beyond = read_scattered(psf_r) if wings else Scattered()
     for place in ((X, Y), (window.x0 + 3.2, Y), (window.x0 - 5.0, Y)):
         table = objects(wcs, *place, reach=reach, rate=1e4, wing=np.zeros(1), **galaxy)
         scene = make_scene(table, wcs, psf_r, EXPTIME)
         image = np.zeros(window.shape)
         whole = np.zeros(window.shape)
-        drawn = draw_scene(image, window, scene, [reach], [0.0], psf_r, Beyond(beyond.wing))
-        draw_scene(whole, window, scene, [200], [300.0 * wings], psf_r, Beyond(beyond.wing))
+        drawn = draw_scene(image, window, scene, [reach], [0.0], psf_r, Scattered(beyond.wing))
+        draw_scene(whole, window, scene, [200], [300.0 * wings], psf_r, Scattered(beyond.wing))
         assert drawn.drawn[0] == pytest.approx(image.sum(), rel=1e-6)
         assert image.sum() == pytest.approx(whole.sum(), abs=(1e-4 if place == (X, Y) else 1e-3) * 1e6)
 

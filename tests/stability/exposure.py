@@ -28,10 +28,11 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.psf_file import PsfSet
-from csstsim.optics.scatter.outside_box import Beyond, read_beyond
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
 from csstsim.render.imaging import draw, reference
 from csstsim.render.psf_table import make_table
-from csstsim.render.scene import Scene, make_scene, sersic_b
+from csstsim.profiles.sersic import sersic_b
+from csstsim.render.scene import Scene, make_scene
 
 WINDOW = Window(4000, 4400, 5000, 5300)
 ARCMIN2 = Window(4000, 4811, 5000, 5811)  # a square arc minute
@@ -116,7 +117,7 @@ class Site:
         for name, row, value in spoilt:
             catalogue[name][row] = value
         rates = np.repeat(np.broadcast_to(np.asarray(electrons, float), len(x))[:, None] / (4 * EXPTIME), 4, axis=1)
-        beyond = Beyond(read_beyond(self.psf).wing) if wings else Beyond()
+        beyond = Scattered(read_scattered(self.psf).wing) if wings else Scattered()
         table = select_objects(
             Listed(catalogue, rates), self.wcs, self.craft, window, self.camera.filters["r"], self.camera.telescope,
             EXPTIME, NOISE, beyond=beyond, box=32,

@@ -12,7 +12,7 @@ import numpy as np
 
 from csstsim.base.counter import object_keys
 from csstsim.bench import peers, ufig
-from csstsim.optics.scatter.outside_box import Beyond
+from csstsim.optics.scatter.scattered_light import Scattered
 from csstsim.render.imaging import draw as engine
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.reference import draw_objects
@@ -81,7 +81,7 @@ def _preset(fidelity):
             image = np.zeros(case.window.shape, np.float32)
             _, counted = engine.draw_objects(
                 image, case.window, case.row.take(np.zeros(copies, int)), setting.wcs, setting.mixer, setting.exptime,
-                tables=setting.table, beyond=Beyond(), response=None, maximum=1.0, variance=setting.variance,
+                tables=setting.table, beyond=Scattered(), response=None, maximum=1.0, variance=setting.variance,
                 key=np.uint64(case.row["id"][0] + 1), fidelity=fidelity,
             )  # fmt: skip
             return image.astype(float) if counted is None else counted

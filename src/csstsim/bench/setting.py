@@ -13,7 +13,7 @@ from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.gratings.dispersion import Disperser
 from csstsim.optics.psf.psf_file import PsfSet
 from csstsim.optics.psf.psf_set import make_psf
-from csstsim.optics.scatter.outside_box import beyond_box
+from csstsim.optics.scatter.scattered_light import scattered_light
 from csstsim.render.psf_mixture import Mixer
 from csstsim.render.psf_table import read_tables, write_tables
 
@@ -34,7 +34,7 @@ class Setting:
     psf: Any  # optics.psf.psf_file.PsfSet
     table: Any  # render.psf_table.PsfTable of the same set, for photons
     mixer: Any  # render.psf_mixture.Mixer of the same set, for stamps
-    beyond: Any  # optics.scatter.outside_box.Beyond: its halo is in the PSF set
+    beyond: Any  # optics.scatter.scattered_light.Scattered: its halo is in the PSF set
     wcs: Any
     exptime: float
     variance: float  # of a pixel without the object [electron^2]: sky, dark current, read noise
@@ -52,7 +52,7 @@ def make_setting(folder, band):
         raise InputError("unknown filter", key="--filter", value=band, allowed=", ".join(chips))
     chip, filter_ = chips[band], camera.filters[band]
     disperser = Disperser(camera.gratings[chip.id], filter_, camera.telescope) if chip.kind == "slitless" else None
-    beyond = beyond_box(camera, filter_)
+    beyond = scattered_light(camera, filter_)
     path = Path(folder) / f"psf_{band}_{camera.digest}.h5"
     if not path.exists():
         make_psf(path, chip, filter_, camera.telescope, camera.psf, GRID, camera_digest=camera.digest, beyond=beyond)

@@ -6,7 +6,7 @@ from csstsim.base.counter import object_keys
 from csstsim.bench import spectrum_peers as peers
 from csstsim.bench.methods import Method
 from csstsim.bench.spectrum_cases import means
-from csstsim.optics.scatter.outside_box import Beyond
+from csstsim.optics.scatter.scattered_light import Scattered
 from csstsim.render.slitless import reference_dispersed
 from csstsim.render.slitless.dispersed_photons import shoot_spectra
 from csstsim.render.slitless.draw_dispersed import draw_dispersed
@@ -85,7 +85,7 @@ def _preset(fidelity):
             rows = case.row.take(np.zeros(copies, int))
             *_, counted = draw_dispersed(
                 image, case.window, rows, _spectra(setting, case), setting.disperser, setting.wcs, setting.mixer,
-                setting.exptime, tables=setting.table, beyond=Beyond(), response=None, maximum=1.0,
+                setting.exptime, tables=setting.table, beyond=Scattered(), response=None, maximum=1.0,
                 variance=setting.variance, key=np.uint64(case.row["id"][0] + 1), fidelity=fidelity,
             )  # fmt: skip
             return image.astype(float) if counted is None else counted

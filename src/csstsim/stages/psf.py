@@ -12,7 +12,7 @@ def psf(run, chip_id):
     """Make the PSF set of one chip, or take it from the campaign's library; then the tables photons are drawn from."""
     from csstsim.optics.psf.psf_c9 import convert
     from csstsim.optics.psf.psf_set import make_psf
-    from csstsim.optics.scatter.outside_box import beyond_box
+    from csstsim.optics.scatter.scattered_light import scattered_light
 
     chip, camera, config = run.camera.chips[chip_id], run.camera, run.config.psf
     path, filter_, digests = run.paths.psf(chip_id), camera.filters[chip.filter], {"camera_digest": camera.digest}
@@ -21,7 +21,7 @@ def psf(run, chip_id):
     else:
         make_psf(
             path, chip, filter_, camera.telescope, camera.psf, config.grid, oversampling=config.oversampling,
-            beyond=beyond_box(camera, filter_), nodes_uv=_nodes_uv(camera, chip, config.grid), **digests,
+            beyond=scattered_light(camera, filter_), nodes_uv=_nodes_uv(camera, chip, config.grid), **digests,
         )  # fmt: skip
     psf_tables(run, chip)
 
