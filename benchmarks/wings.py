@@ -23,7 +23,9 @@ from csstsim.instrument.pointing import Pointing
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.psf_set import Diffraction, PsfSet, blur, make_psf, pixel_response
 from csstsim.optics.psf.wavefront import load_wavefront
-from csstsim.optics.scatter.scattered_light import Scattered, scattered_light, read_scattered
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered, scattered_light
+from csstsim.render.canvas import Canvas
+from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.reference import draw_objects
 from csstsim.render.wings import FADE
 
@@ -112,8 +114,9 @@ class Scene:
             "x": np.array([centre[0]]), "y": np.array([centre[1]]), "reach": np.full(1, self.box), "lost": np.zeros(1),
             "wing": np.where(wing > self.box, wing, 0.0),
         })  # fmt: skip
-        image = np.zeros(window.shape, np.float32)
-        return image, draw_objects(image, window, table, self.wcs, self.psf, EXPTIME, beyond or self.beyond)
+        canvas = Canvas(np.zeros(window.shape, np.float32), window)
+        drawing = Drawing(self.wcs, self.psf, EXPTIME, beyond or self.beyond)
+        return canvas.expected, draw_objects(canvas, table, drawing)
 
 
 def around(half):

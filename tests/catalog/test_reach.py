@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy import integrate, special
 
-from csstsim.catalog.reach import POINT_MAX, POINT_MIN, galaxy_radius, light_beyond, point_reach, wing_reach
+from csstsim.catalog.reach import POINT_MAX, POINT_MIN, galaxy_radius, point_reach, wing_reach
 from csstsim.catalog.table import ObjectTable
 from csstsim.optics.scatter.scattered_light import scattered_light
+from csstsim.profiles.sersic import light_beyond
 
 VARIANCE = 60.0  # electron^2, of a pixel in r
 

@@ -8,7 +8,7 @@ from csstsim.base.errors import InputError
 from csstsim.optics.psf.psf_set import Diffraction, blur, pixel_response
 from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.optics.scatter.halo import make_wing
-from csstsim.optics.scatter.scattered_light import Scattered, scattered_light, read_scattered
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered, scattered_light
 
 WAVES = np.array([5500.0, 6000.0, 6328.0, 6900.0])
 DARK = {"terms": [], "reference": 6328.0}

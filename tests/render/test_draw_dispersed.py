@@ -146,9 +146,9 @@ def test_faint_objects_in_coarse_bins(camera, make_pointing, observe, psf, table
     objects, bins = sky.select(WINDOW), {}
     real = engine.shoot_spectra
 
-    def noted(counted, window, scene, light, *rest, **how):
-        bins.update(dict.fromkeys(scene.ids.tolist(), light.shape[1]))
-        return real(counted, window, scene, light, *rest, **how)
+    def noted(canvas, scene, traces, *rest):
+        bins.update(dict.fromkeys(scene.ids.tolist(), traces.spectra.shape[1]))
+        return real(canvas, scene, traces, *rest)
 
     monkeypatch.setattr(engine, "shoot_spectra", noted)
     image, *_ = sky.draw(objects, WINDOW)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from canvases import blank
 from test_reference import EXPTIME, objects
 
 from csstsim.catalog.flags import FFT_REDUCED, OFF_CHIP
@@ -10,6 +11,7 @@ from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.scatter.scattered_light import Scattered
 from csstsim.render import policy
+from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.draw import draw_objects
 from csstsim.render.imaging.stamps import _clip_negative
 from csstsim.render.psf_table import make_table
@@ -31,12 +33,10 @@ def drawn(camera, make_pointing, psf_r):
         table = table.with_columns(**{f"flux{i}": rate for i in range(4)})
         if reach is not None:
             table = table.with_columns(reach=np.full(len(table), reach, np.int32))
-        image = np.zeros(WINDOW.shape, np.float32)
-        result, counted = draw_objects(
-            image, WINDOW, table, wcs, psf_r, EXPTIME, tables=tables, beyond=Scattered(), response=None, maximum=1.0,
-            variance=60.0, key=np.uint64(5), fidelity=fidelity,
-        )  # fmt: skip
-        return result, counted, make_scene(table, wcs, psf_r, EXPTIME)
+        canvas = blank(WINDOW)
+        drawing = Drawing(wcs, psf_r, EXPTIME, Scattered(), fidelity, 60.0, np.uint64(5), tables)
+        result = draw_objects(canvas, table, drawing)
+        return result, canvas.counted, make_scene(table, wcs, psf_r, EXPTIME)
 
     return draw
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from canvases import blank
 from galaxies import scene_of, shaped
 
 from csstsim.catalog.flags import OFF_CHIP, OUTSIDE_PSF_HULL
@@ -22,9 +23,8 @@ def mixer(psf_r):
 
 
 def draw(psf, scene, reach=32, window=WINDOW, wing=0.0, dtype=np.float32, **more):
-    image = np.zeros(window.shape, dtype)
-    n = len(scene)
-    return image, draw_scene(image, window, scene, np.full(n, reach), np.full(n, wing), psf, **more)
+    canvas = blank(window, dtype, response=more.pop("response", None))
+    return canvas.expected, draw_scene(canvas, scene.sized(reach, wing), psf, **more)
 
 
 def mixed(psf, count, rng):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from canvases import blank
 from test_reference import EXPTIME, objects
 
 from csstsim.base.rng import Streams
@@ -14,6 +15,7 @@ from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
+from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.reference import draw_objects
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.scene import make_scene
@@ -38,8 +40,8 @@ def scene(camera, make_pointing, psf_r):
         table = objects(wcs, x, y, wing=np.where(wing > 64, wing, 0.0))
         table = table.with_columns(**{f"flux{i}": electrons / EXPTIME / 4 for i in range(4)})
         beyond = Scattered(whole.wing if wings else None, whole.ghosts if ghosts else None)
-        image = np.zeros(window.shape, np.float32)
-        return image, draw_objects(image, window, table, wcs, psf_r, EXPTIME, beyond), whole
+        canvas = blank(window)
+        return canvas.expected, draw_objects(canvas, table, Drawing(wcs, psf_r, EXPTIME, beyond)), whole
 
     return draw
 
@@ -81,8 +83,9 @@ def test_a_bright_galaxy_has_the_wing_of_its_light(camera, make_pointing, psf_r,
     """Half-light radius 3 and 14 px, 1e8 e-: all the light to 3e-4; far out the wings of all its points, to 1%."""
     wcs, beyond, window = ChipWCS(camera.chips[9], make_pointing()), Scattered(read_scattered(psf_r).wing), around(400)
     table = objects(wcs, X, Y, obj_type=GALAXY, reach=300, size_disk=size, rate=1e6, wing=np.full(1, 1500.0))
-    image = np.zeros(window.shape, np.float32)
-    draw_objects(image, window, table, wcs, psf_r, EXPTIME, beyond)
+    canvas = blank(window)
+    draw_objects(canvas, table, Drawing(wcs, psf_r, EXPTIME, beyond))
+    image = canvas.expected
     r = distance(window)
     assert image[r < 390].sum(dtype=float) / 1e8 == pytest.approx(1 - beyond.wing.beyond(390).mean(), abs=3e-4)
     ring = (r > 150) & (r < 160)
@@ -156,9 +159,9 @@ def test_ghosts_lie_where_geometry_says_and_hold_their_light(scene, camera):
 def test_a_disc_is_uniform_and_holds_its_light(camera, scene, centre):
     beyond = scene(0.0, around(1))[2]
     one = replace(beyond.ghosts, way=np.zeros(1), radius=np.array([80.0]), light=np.array([1e-3]))
-    image = np.zeros((600, 600))
-    window, response = Window(0, 600, 0, 600), np.ones_like(image)
-    [(total, box)] = add_ghosts(image, response, window, camera.chips[9], *centre, 1e9, one)
+    canvas = blank(Window(0, 600, 0, 600), float)
+    image = canvas.expected
+    [(total, box)] = add_ghosts(canvas, camera.chips[9], centre, 1e9, one)
     assert total == pytest.approx(1e6, rel=5e-5) and image.sum() == pytest.approx(total)
     r = np.hypot(np.arange(600) - centre[0], np.arange(600)[:, None] - centre[1])
     assert image[r < 79.5] == pytest.approx(1e6 / np.pi / 80.0**2, rel=1e-4) and not image[r > 80.5].any()
@@ -213,10 +216,10 @@ def test_a_stamp_of_any_size_loses_no_light(camera, make_pointing, psf_r, wings,
     for place in ((X, Y), (window.x0 + 3.2, Y), (window.x0 - 5.0, Y)):
         table = objects(wcs, *place, reach=reach, rate=1e4, wing=np.zeros(1), **galaxy)
         scene = make_scene(table, wcs, psf_r, EXPTIME)
-        image = np.zeros(window.shape)
-        whole = np.zeros(window.shape)
-        drawn = draw_scene(image, window, scene, [reach], [0.0], psf_r, Scattered(beyond.wing))
-        draw_scene(whole, window, scene, [200], [300.0 * wings], psf_r, Scattered(beyond.wing))
+        canvas, larger = blank(window, float), blank(window, float)
+        image, whole = canvas.expected, larger.expected
+        drawn = draw_scene(canvas, scene.sized(reach), psf_r, Scattered(beyond.wing))
+        draw_scene(larger, scene.sized(200, 300.0 * wings), psf_r, Scattered(beyond.wing))
         assert drawn.drawn[0] == pytest.approx(image.sum(), rel=1e-6)
         assert image.sum() == pytest.approx(whole.sum(), abs=(1e-4 if place == (X, Y) else 1e-3) * 1e6)
 

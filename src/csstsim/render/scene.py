@@ -1,6 +1,6 @@
 """The objects of a chip as plain arrays: what every compiled renderer needs to know of them, and no more."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -32,6 +32,11 @@ class Scene:
     def take(self, rows):
         """Return the objects of an index array, in that order."""
         return Scene(**{name: values if values is None else values[rows] for name, values in vars(self).items()})
+
+    def sized(self, reach, wing=0.0):
+        """Return the objects with stamps of this half side and wings of this radius [px], (n,) or one for all."""
+        reach, wing = (np.broadcast_to(np.asarray(v), len(self)).copy() for v in (reach, wing))
+        return replace(self, reach=reach, wing=wing)
 
     @property
     def extended(self):

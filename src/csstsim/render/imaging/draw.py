@@ -29,7 +29,7 @@ def draw_objects(canvas, objects, drawing):
     rows, wing, scattered = out.rows, drawing.wing, drawing.scattered
     scene = make_scene(objects.take(rows), drawing.wcs, drawing.psf, drawing.exptime)
     out.flag_optics(scene.outside, wing)
-    scene = scene if wing is not None else replace(scene, wing=np.zeros(len(rows)))
+    scene = scene if wing is not None else scene.sized(scene.reach)
     choice = policy.choose(scene, drawing, canvas.maximum)
     keys = object_keys_of(drawing.key, scene.ids)
     out.snr[rows] = choice.snr
