@@ -199,8 +199,8 @@ def truth(folder):
 
     drawn = ObjectTable.complete({"id": [1, 2], "ra": [10.0, 11.0], "dec": [1.0, 2.0]})
     drawn = drawn.with_columns(x=np.array([3.0, 4.0]), y=np.array([5.0, 6.0]), mag=np.array([20.0, 21.0]))
-    job = SimpleNamespace(chip=SimpleNamespace(id=9, filter="r"))
-    write_truth(folder / "truth.parquet", drawn, job, {"recipe": {"camera": "c"}})
+    chip = SimpleNamespace(id=9, filter="r")
+    write_truth(folder / "truth.parquet", drawn, chip, {"recipe": {"camera": "c"}})
     return folder / "truth.parquet"
 
 

@@ -82,7 +82,7 @@ def test_each_mesh_gives_a_plane_back(level):
     canvas = blank(window, float, response=response)
     far, image = FarWings(canvas), canvas.expected
     octaves = 40
-    drawn = far.add(level, 250.3, 120.2, 1e5, np.full(len(nodes(0, octaves)), 2.5), first_of(0))
+    drawn = far.add(level, (250.3, 120.2), (np.full(len(nodes(0, octaves)), 2.5), first_of(0), 1e5))
     far.lay()
     assert image == pytest.approx(2.5 * response, rel=1e-6)  # the spline's ends are felt a little
     assert drawn == pytest.approx(image.sum(), rel=1e-6)

@@ -117,7 +117,7 @@ def test_a_bright_object_has_its_wing(psf_r, mixer, index):
     """Box faded out, wing faded in: all the light to 3e-4 within 280 px, no step at the edge of the box."""
     beyond, window = Scattered(read_scattered(psf_r).wing), Window(3900, 4501, 4850, 5451)
     scene = scene_of(psf_r, 4200.2, 5150.3, 1e8, index, 0.3)
-    image, drawn = draw(mixer, scene, reach=60, window=window, wing=2000.0, beyond=beyond)
+    image, drawn = draw(mixer, scene, reach=60, window=window, wing=2000.0, scattered=beyond)
     r = np.hypot(np.arange(3900, 4501) - 4200.2, np.arange(4850, 5451)[:, None] - 5150.3)
     inside = image[r < 280].sum(dtype=float) / 1e8
     assert inside == pytest.approx(1 - beyond.wing.beyond(280.0).mean(), abs=3e-4)

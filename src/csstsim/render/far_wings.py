@@ -42,16 +42,16 @@ class FarWings:
         self._meshes = [np.zeros([-(-n // step) + 2 * _MARGIN + 3 for n in canvas.window.shape]) for step in steps]
         self._weights = None
 
-    def add(self, level, x, y, reach, table, first, side=WHOLE, soft=1.0):
-        """Add to the mesh `level` the values of a table (profiles.log_table) in r^2 up to `reach` [px] about x, y.
+    def add(self, level, at, annulus, side=WHOLE, soft=1.0):
+        """Add the values of an annulus about `at` (x, y) [chip pixel] to the mesh `level`.
 
-        side: (x0, x1, y0, y1) px from x, y beyond which they are cut off, over `soft` px. Returns the electrons that
+        annulus: (table, number of its first node, its reach [px]), as render.wing_tables.tables gives them; side: (x0, x1, y0, y1) px from x, y beyond which they are cut off, over `soft` px. Returns the electrons that
         fall on the window; beside it the splines' ripples may make them less than nothing by 1e-8 of the light.
         """
         if self._weights is None:
             self._weigh()
-        step, window = MESH * FACTOR**level, self._canvas.window
-        u, v = ((at - low) / step + _MARGIN for at, low in ((x, window.x0), (y, window.y0)))
+        step, window, (table, first, reach) = MESH * FACTOR**level, self._canvas.window, annulus
+        u, v = ((place - low) / step + _MARGIN for place, low in zip(at, (window.x0, window.y0), strict=True))
         edges = tuple(edge / step for edge in side)
         mesh, weight = self._meshes[level], self._weights[level]
         return _add(mesh, weight, u, v, reach / step, table, first, edges, soft / step, float(step))

@@ -121,7 +121,7 @@ class Wings:
             drawn += part[0] if part else 0.0
         for level, (table, octave, reach) in enumerate(others):
             if reach:
-                drawn += self.meshes.add(level, *at, reach, _mixed(flux, table), octave)
+                drawn += self.meshes.add(level, at, (_mixed(flux, table), octave, reach))
         return drawn
 
 

@@ -42,15 +42,13 @@ def _nodes_uv(camera, chip, grid):
     return samples(load_focal_plane(file), chip, grid)[:, :2] if file.exists() else None
 
 
-def missing_psf(run, job, say):
-    """Make the PSF set of a job of the sky and its tables, if they are not there."""
-    chip, paths = job.chip, run.paths
-    if job.pointing.type == "SCIE":
-        sets = {
-            paths.psf(chip.id): partial(psf, run, chip.id),
-            paths.psf_tables(chip.id): partial(psf_tables, run, chip),
-        }
-        make_missing(sets, say)
+def missing_psf(run, chip, say):
+    """Make the PSF set of a chip and its tables, if they are not there."""
+    sets = {
+        run.paths.psf(chip.id): partial(psf, run, chip.id),
+        run.paths.psf_tables(chip.id): partial(psf_tables, run, chip),
+    }
+    make_missing(sets, say)
 
 
 def open_psf(run, chip):

@@ -98,7 +98,7 @@ def _add(wings, places, flux, far, annuli, side):
             drawn += _near(wings.canvas, at, lines, first, reach, side)
             continue
         soft = points * LINE_STEP
-        drawn += sum(add(level, *xy, reach, line, first, side, soft) for xy, line in zip(at, lines, strict=True))
+        drawn += sum(add(level, xy, (line, first, reach), side, soft) for xy, line in zip(at, lines, strict=True))
     return drawn
 
 
