@@ -63,9 +63,7 @@ def main():
     named = [module for module in found if re.search(r"\bobsid", (SOURCE / module).read_text(encoding="utf-8"))]
     for module, what in sorted(passed.items()):
         print(f"{module:40s} {', '.join(sorted(what))}")
-    print(
-        f"{len(found)} modules ran; the obsid passed through {len(passed)}, {len(passed) - len(layers)} without layers"
-    )
+    print(f"{len(found)} modules ran; the obsid passed through {len(passed)}, {len(layers)} of them layers")
     print(f"{len(named)} have the word: {', '.join(sorted(named))}")
 
 

@@ -45,8 +45,9 @@ class FarWings:
     def add(self, level, at, annulus, side=WHOLE, soft=1.0):
         """Add the values of an annulus about `at` (x, y) [chip pixel] to the mesh `level`.
 
-        annulus: (table, number of its first node, its reach [px]), as render.wing_tables.tables gives them; side: (x0, x1, y0, y1) px from x, y beyond which they are cut off, over `soft` px. Returns the electrons that
-        fall on the window; beside it the splines' ripples may make them less than nothing by 1e-8 of the light.
+        annulus: (table, number of its first node, its reach [px]), as render.wing_tables.tables gives them; side: (x0,
+        x1, y0, y1) px from x, y beyond which the values are cut off, over `soft` px. Returns the electrons that fall on
+        the window; beside it the splines' ripples may make them less than nothing by 1e-8 of the light.
         """
         if self._weights is None:
             self._weigh()

@@ -34,9 +34,10 @@ def deficit(x_mm, telescope):
 
 
 def moments(start, exptime, telescope):
-    """Return when the shutter starts to open, is open, starts to close and is closed [MJD, UTC], {name: day}; exptime in s.
+    """Return when the shutter starts to open, is open, starts to close and is closed [MJD, UTC], {name: day}.
 
-    The exposure counts from the first to the last: its time is that of the middle of the focal plane.
+    start: MJD; exptime in s. The exposure counts from the first to the last: its time is that of the middle of the
+    focal plane.
     """
     opening, end = telescope.shutter_time / DAY_S, start + exptime / DAY_S
     return {
