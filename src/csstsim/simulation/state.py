@@ -52,7 +52,10 @@ class State:
 
     @classmethod
     def blank(cls, exposure, objects=None):
-        """Return the State of an Exposure that no layer has touched: no light. objects: its catalogue."""
+        """Return the State of an Exposure that no layer has touched: planes (window.ny, window.nx) without light.
+
+        objects: its catalogue, or None.
+        """
         shape = exposure.window.shape
         mask = np.zeros(shape, np.uint8) if exposure.mask else None
         return cls(exposure, np.zeros(shape, np.float32), objects, mask=mask)
