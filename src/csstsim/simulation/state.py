@@ -52,7 +52,7 @@ class State:
 
     @classmethod
     def blank(cls, exposure, objects=None):
-        """Return the State of an Exposure that no layer has touched: planes (window.ny, window.nx) without light.
+        """Return the State of an Exposure that no layer has touched: planes of the window (ny, nx) without light.
 
         objects: its catalogue, or None.
         """
