@@ -24,6 +24,7 @@ from csstsim.optics.throughput.coarse_grid import grid_pixels
 from csstsim.optics.throughput.flat import FlatField
 from csstsim.optics.throughput.response import response_map, response_maximum
 from csstsim.optics.throughput.shutter import deficit, exposed
+from csstsim.simulation.exposure import Exposure
 from csstsim.simulation.sim_steps import SimSteps
 from csstsim.simulation.state import State
 
@@ -80,9 +81,8 @@ def report_lamps(camera, seed):
 
 
 def blank(camera, chip, window):
-    pointing = type("Exposure", (), {"exptime": EXPTIME, "obsid": "1"})
-    return State(chip, camera.filters[chip.filter], camera.telescope, pointing, None, window, None,
-                 np.zeros(window.shape, np.float32), leds=camera.leds)  # fmt: skip
+    pointing = type("Lit", (), {"exptime": EXPTIME, "obsid": "1"})
+    return State.blank(Exposure(pointing, chip, window, None, camera))
 
 
 def report_cost(camera, seed):

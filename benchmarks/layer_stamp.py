@@ -18,6 +18,7 @@ from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.detector import mask
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.instrument.chip import Window
+from csstsim.simulation.exposure import Exposure
 from csstsim.simulation.sim_steps import STAGES, SimSteps
 from csstsim.simulation.state import State
 
@@ -45,14 +46,14 @@ class Stamp:
 
     def run(self, names):
         """Return the State after these layers (keywords in lower case)."""
-        setting, shape, steps = self.setting, self.window.shape, SimSteps(_LISTS[0].file)
+        setting, steps = self.setting, SimSteps(_LISTS[0].file)
         steps.steps = [STEPS[name] for name in names]
-        state = State(
-            chip=setting.chip, filter=setting.filter, telescope=setting.camera.telescope, wcs=setting.wcs,
-            pointing=replace(POINTING, obsid=self.obsid), catalog=self.objects(), window=self.window, psf=setting.psf,
-            tables=setting.table, fidelity="noise_free", leds=setting.camera.leds, sky=setting.camera.sky,
-            image=np.zeros(shape, np.float32), mask=np.zeros(shape, np.uint8), prnu="prnu_effect" in names,
+        exposure = Exposure(
+            replace(POINTING, obsid=self.obsid), setting.chip, self.window, setting.wcs, setting.camera,
+            losses=steps.losses, mask=True, fidelity="noise_free",
         )  # fmt: skip
+        state = State.blank(exposure, self.objects())
+        state.psf, state.tables = setting.psf, setting.table
         for stage in STAGES:
             state = steps.run(state, stage, self.seed)
         return state

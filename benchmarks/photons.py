@@ -28,10 +28,12 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.optics.psf.psf_file import write_psf
 from csstsim.optics.psf.psf_set import PsfSet, make_psf
-from csstsim.optics.scatter.outside_box import beyond_box
+from csstsim.optics.scatter.scattered_light import scattered_light
+from csstsim.profiles.sersic import sersic_b
+from csstsim.render.canvas import Canvas
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.psf_table import make_table, read_tables, write_tables
-from csstsim.render.scene import Scene, sersic_b
+from csstsim.render.scene import Scene
 
 GRID, CHIP_GRID, CHIP_PX, CHIP = 6, 30, 9216, 9
 SIDE = CHIP_PX * (GRID - 1) // (CHIP_GRID - 1)
@@ -48,7 +50,7 @@ def dense_psf(folder):
     coarse = Path(folder) / "coarse.h5"
     make_psf(
         coarse, camera.chips[CHIP], filter, camera.telescope, camera.psf, GRID, camera_digest=camera.digest,
-        beyond=beyond_box(camera, filter),
+        beyond=scattered_light(camera, filter),
     )  # fmt: skip
     psf = PsfSet(coarse)
     names = ("cell_um", "cell_arcsec", "oversampling", "chip", "filter", "grid", "camera_digest")
@@ -103,9 +105,9 @@ def cpu(function, repeats):
 
 
 def report(label, objects, table, repeats, **losses):
-    counted = np.zeros(WINDOW.shape, np.int32)
-    keys = object_keys(np.uint64(1), objects.ids)
-    seconds, (on, beyond, _) = cpu(lambda: shoot_scene(counted, WINDOW, objects, keys, table, **losses), repeats)
+    canvas, keys = Canvas(None, WINDOW, **losses), object_keys(np.uint64(1), objects.ids)
+    canvas.count()
+    seconds, (on, beyond, _) = cpu(lambda: shoot_scene(canvas, objects, keys, table), repeats)
     drawn = on.sum() + beyond.sum()
     print(
         f"{label:44s} {len(objects):7d} {drawn:10.3g} {1e9 * seconds / drawn:9.1f} {1e6 * seconds / len(objects):9.2f}"
@@ -147,13 +149,9 @@ def main():
         making, _ = cpu(lambda: table.node_coefficients(3), 5)
         print(f"30 x 30 nodes; opened in {1e3 * opening:.1f} ms; coefficients of a node in {1e3 * making:.1f} ms;")
         print(f"light of the middle, the rest: {table.share.mean(axis=(0, 1))}, negative: {table.negative.max():.1e}\n")
-        shoot_scene(
-            np.zeros(WINDOW.shape, np.int32),
-            WINDOW,
-            scene(psf, np.full(3, 9.0), rng),
-            np.arange(3, dtype=np.uint64),
-            table,
-        )
+        canvas = Canvas(None, WINDOW)
+        canvas.count()
+        shoot_scene(canvas, scene(psf, np.full(3, 9.0), rng), np.arange(3, dtype=np.uint64), table)
         print(f"{'objects':44s} {'number':>7s} {'electrons':>10s} {'ns / e-':>9s} {'us / obj':>9s}")
         half = np.full(WINDOW.shape, 0.5, np.float32)
         for label, keywords, losses in (

@@ -18,6 +18,7 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
 from csstsim.layers import sky_background
 from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.simulation.exposure import Exposure, Losses
 from csstsim.simulation.state import State
 from csstsim.sky.background import band_rates
 from csstsim.sky.background_spectra import V_BAND, magnitude_ratio, solar_continuum
@@ -145,10 +146,9 @@ def cost():
     )
     print("\nCPU s of the layer on a whole chip (9216 x 9232), first with compilation or its cache")
     for model in (False, True, True, True):
-        state = State(
-            chip, CAMERA.filters[chip.filter], CAMERA.telescope, pointing, None, chip.full_window,
-            ChipWCS(chip, pointing), np.zeros(chip.full_window.shape, np.float32), sky=CAMERA.sky, leds=CAMERA.leds,
-        )  # fmt: skip
+        losses = Losses(flat=True, shutter=True)
+        wcs = ChipWCS(chip, pointing)
+        state = State.blank(Exposure(pointing, chip, chip.full_window, wcs, CAMERA, losses=losses))
         state.image += 1.0
         start = time.process_time()
         sky_background.apply(state, sky_background.Param(enable_straylight_model=model), Streams(1, "1", 9, "sky"))

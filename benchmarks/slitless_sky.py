@@ -17,6 +17,7 @@ from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import Pointing
 from csstsim.layers import sky_background
 from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.simulation.exposure import Exposure
 from csstsim.simulation.state import State
 from csstsim.sky.dispersed import disperse, nominal_spectrum, order_rows, sky_spectrum
 from csstsim.sky.parameters import sky_numbers
@@ -42,14 +43,11 @@ def shares(chip, window, spectrum=None):
     return out
 
 
-def blank(chip):
+def blank(chip, kind="SCIE"):
+    """Return the state of a chip without losses; only light of a science exposure goes through gratings."""
     chip = CAMERA.chips[chip]
-    pointing = Pointing("1", "SCIE", 60.0, -40.0, -113.4, "2027-06-26T20:35:58", 150.0, *ORBIT)
-    return State(
-        chip, CAMERA.filters[chip.filter], CAMERA.telescope, pointing, None, chip.full_window, ChipWCS(chip, pointing),
-        np.zeros(chip.full_window.shape, np.float32), sky=CAMERA.sky, leds=CAMERA.leds,
-        gratings=CAMERA.gratings[chip.id],
-    )  # fmt: skip
+    pointing = Pointing("1", kind, 60.0, -40.0, -113.4, "2027-06-26T20:35:58", 150.0, *ORBIT)
+    return State.blank(Exposure(pointing, chip, chip.full_window, ChipWCS(chip, pointing), CAMERA))
 
 
 def levels():
@@ -81,10 +79,9 @@ def colour():
 def cost():
     print("\nCPU s of the layer on a whole chip without its response, with gratings and as if there were none")
     for model, gratings in ((False, True), (False, True), (False, False), (True, True), (True, False)):
-        state = blank(SHOWN)
+        state = blank(SHOWN, "SCIE" if gratings else "FLAT")
         state.image += 1.0
-        state.gratings = state.gratings if gratings else None
-        param = sky_background.Param(enable_straylight_model=model, flat_fielding=False, shutter_effect=False)
+        param = sky_background.Param(enable_straylight_model=model)
         start = time.process_time()
         sky_background.apply(state, param, Streams(1, "1", SHOWN, "sky_background"))
         spent = time.process_time() - start

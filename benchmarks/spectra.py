@@ -23,9 +23,11 @@ from csstsim.bench.setting import make_setting
 from csstsim.bench.spectrum_cases import make_spectrum_case
 from csstsim.bench.spectrum_methods import METHODS, PER_PX, slabs
 from csstsim.bench.sweep import measured, significance
+from csstsim.render.canvas import Canvas
 from csstsim.render.slitless import slabs as engine
 from csstsim.render.slitless.dispersed_photons import shoot_spectra
 from csstsim.render.slitless.slabs import draw_spectra
+from csstsim.render.slitless.traces import Traces
 
 SHAPES = {
     "star": {},
@@ -46,34 +48,32 @@ def cpu(function, repeats=5):
     return best
 
 
-def copies(case, count):
-    """Return (Scene, light, visits) of that many of the object."""
+def copies(setting, case, count):
+    """Return (Scene, Traces) of that many of the object."""
     visits = np.repeat(case.visits, count, axis=0)
     visits[:, 0] = np.arange(count)
-    return case.scene.take(np.zeros(count, int)), np.repeat(case.light[None], count, axis=0), visits
+    traces = Traces(np.repeat(case.light[None], count, axis=0), visits, setting.disperser)
+    return case.scene.take(np.zeros(count, int)), traces
 
 
 def photons(setting, case, count):
     """Return CPU ns an object of photons of all orders."""
-    counted, keys = np.zeros(case.window.shape, np.int32), object_keys(np.uint64(1), np.arange(count))
-    some = copies(case, count)
-    took = cpu(lambda: shoot_spectra(counted, case.window, *some, setting.disperser, keys, setting.table))
+    canvas, keys = Canvas(None, case.window), object_keys(np.uint64(1), np.arange(count))
+    canvas.count()
+    some = copies(setting, case, count)
+    took = cpu(lambda: shoot_spectra(canvas, *some, keys, setting.table))
     return 1e9 * took / count
 
 
 def slab_costs(setting, case):
     """Return (constant, ns a pixel of the stamp for each slab)."""
-    image, one = np.zeros(case.window.shape), copies(case, 1)
+    canvas, (one, traces) = Canvas(np.zeros(case.window.shape), case.window), copies(setting, case, 1)
     count = setting.disperser.length * engine.densities(case.scene, engine.PER_PX)[0]
     pixels = np.array([count * (2.0 * reach + 1) ** 2 for reach in REACHES])
     took = [
-        1e9 * cpu(
-            lambda reach=reach: draw_spectra(
-                image, case.window, *one, np.array([reach]), np.zeros(1), setting.disperser, setting.mixer
-            ), 3,
-        )
+        1e9 * cpu(lambda reach=reach: draw_spectra(canvas, one.sized(reach), traces, setting.mixer), 3)
         for reach in REACHES
-    ]  # fmt: skip
+    ]
     slope, constant = np.polyfit(pixels, took, 1)
     return constant, slope
 

@@ -27,10 +27,12 @@ from csstsim.bench.methods import standard
 from csstsim.bench.setting import make_setting
 from csstsim.bench.truth import Truth
 from csstsim.catalog.reach import STAR_MIN
+from csstsim.profiles.sersic import sersic_b
 from csstsim.render import policy
+from csstsim.render.canvas import Canvas
+from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene
-from csstsim.render.scene import sersic_b
 from csstsim.render.settings import load_numbers
 
 SIZES = np.geomspace(0.05, 5.0, 7)  # arcsec
@@ -58,30 +60,23 @@ def visible(setting, case, image, truth, drawn=np.inf):
 
 def photons(setting, case, electrons):
     """Return the image of unit light on the case's window, drawn of `electrons` electrons."""
-    counted = np.zeros(case.window.shape, np.int32)
-    bright = case.brighter(electrons).scene
-    shoot_scene(counted, case.window, bright, object_keys(np.uint64(1), np.zeros(1, int)), setting.table)
-    return counted / electrons
+    canvas, bright = Canvas(None, case.window), case.brighter(electrons).scene
+    canvas.count()
+    shoot_scene(canvas, bright, object_keys(np.uint64(1), np.zeros(1, int)), setting.table)
+    return canvas.counted / electrons
 
 
 def stamp(setting, case, reach=None):
     """Return the image of unit light on the case's window."""
-    image, reach = np.zeros(case.window.shape), case.row["reach"] if reach is None else [reach]
-    draw_scene(image, case.window, case.scene, reach, np.zeros(1), setting.mixer)
-    return image / case.electrons
+    canvas, reach = Canvas(np.zeros(case.window.shape), case.window), case.row["reach"] if reach is None else reach
+    draw_scene(canvas, case.scene.sized(reach), setting.mixer)
+    return canvas.expected / case.electrons
 
 
 def choice_of(setting, case):
     """Return (method, stated bound) of the policy."""
-    made = policy.choose(
-        case.scene,
-        case.row["reach"],
-        np.zeros(1),
-        setting.variance,
-        "standard",
-        convex=setting.psf.convex,
-        per_pixel=setting.psf.oversampling,
-    )
+    drawing = Drawing(setting.wcs, setting.psf, setting.exptime, variance=setting.variance)
+    made = policy.choose(case.scene.sized(case.row["reach"]), drawing)
     return made.method[0], made.error[0]
 
 

@@ -27,7 +27,9 @@ from csstsim.instrument.pointing import Pointing
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.optics.psf.psf_set import PsfSet, make_psf
-from csstsim.optics.scatter.outside_box import Beyond, beyond_box, read_beyond
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered, scattered_light
+from csstsim.render.canvas import Canvas
+from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.reference import GSPARAMS, PSF_MAXK, draw_objects
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.psf_mixture import Mixer
@@ -120,23 +122,18 @@ def report_cases(psf, wcs):
         scene = make_scene(table, wcs, psf, EXPTIME)
         x, y = (round(c) for c in CENTRE)
         window = Window(x - half, x + half + 1, y - half, y + half + 1)
-        ours, theirs = np.zeros(window.shape), np.zeros(window.shape, np.float32)
-        draw_objects(theirs, window, table, wcs, psf, EXPTIME)
-        theirs = theirs.astype(float)
-        draw_scene(ours, window, scene, [half], [0.0], mixer)
+        exact, drawing = Canvas(np.zeros(window.shape), window), Drawing(wcs, psf, EXPTIME)
+        other = Canvas(np.zeros(window.shape, np.float32), window)
+        draw_objects(other, table, drawing)
+        theirs, scene = other.expected.astype(float), scene.sized(half)
+        draw_scene(exact, scene, mixer)
+        ours = exact.expected
         off = moments(ours) - moments(theirs)
         off[[0, 3]] /= moments(theirs)[[0, 3]]
-        other = np.zeros(window.shape, np.float32)
-        other, many = np.zeros(window.shape, np.float32), scene.take(np.zeros(_COMPANY, int))
-        alone, company = (
-            min(
-                np.median(draw_scene(other, window, s, np.full(len(s), half), np.zeros(len(s)), mixer).ms)
-                for _ in range(5)
-            )
-            for s in (scene, many)
-        )
+        many = scene.take(np.zeros(_COMPANY, int))
+        alone, company = (min(np.median(draw_scene(other, s, mixer).ms) for _ in range(5)) for s in (scene, many))
         galsim_reused = 1e3 * cpu(reused(psf, table, half))
-        rebuilt = 1e3 * cpu(lambda w=window, t=table, o=other: draw_objects(o, w, t, wcs, psf, EXPTIME))
+        rebuilt = 1e3 * cpu(lambda o=other, t=table, d=drawing: draw_objects(o, t, d))
         print(
             f"{name:20s} {half:5d} {alone:9.2f} {company:9.2f} {galsim_reused:9.2f} {rebuilt:9.1f}   "
             f"{off[0]:9.1e} {74 * np.abs(off[1:3]).max():8.1e} {off[3]:8.1e} {np.abs(off[4:]).max():8.1e} "
@@ -156,32 +153,31 @@ def report_chip(psf, wcs, chip, count):
     table = table_of(wcs, *rng.uniform(0, 9200, (2, count)), 1, columns, rate=2.0)
     radius, _ = galaxy_radius(table, np.full(count, 2.0 * EXPTIME), 60.0, wcs.chip.telescope.pixel_scale)
     reach = np.ceil(POINT_MIN + radius).astype(int)
-    scene, window = make_scene(table, wcs, psf, EXPTIME), chip.full_window
-    image = np.zeros(window.shape, np.float32)
-    draw_scene(image, window, scene.take(np.arange(50)), reach[:50], np.zeros(50), psf)
+    scene, window = make_scene(table, wcs, psf, EXPTIME).sized(reach), chip.full_window
+    canvas = Canvas(np.zeros(window.shape, np.float32), window)
+    draw_scene(canvas, scene.take(np.arange(50)), psf)
     start = time.process_time()
-    drawn = draw_scene(image, window, scene, reach, np.zeros(count), psf)
+    drawn = draw_scene(canvas, scene, psf)
     seconds = time.process_time() - start
     print(
         f"\n{count} faint galaxies, reach {np.percentile(reach, [5, 50, 95])} px: {seconds:.2f} CPU-s,"
         f" {1e3 * seconds / count:.3f} ms each (median {np.median(drawn.ms):.3f}), PSF nodes prepared within it"
     )
     points = table_of(wcs, *rng.uniform(0, 9200, (2, count)), POINT_MIN, {}, rate=2.0)
-    scene = make_scene(points, wcs, psf, EXPTIME)
+    scene = make_scene(points, wcs, psf, EXPTIME).sized(POINT_MIN)
     start = time.process_time()
-    draw_scene(image, window, scene, np.full(count, POINT_MIN), np.zeros(count), psf)
+    draw_scene(canvas, scene, psf)
     print(f"{count} stars of reach {POINT_MIN}: {1e3 * (time.process_time() - start) / count:.3f} ms each")
 
 
 def report_wing(psf, wcs, chip):
-    beyond, window, mixer = Beyond(read_beyond(psf).wing), chip.full_window, Mixer(psf)
-    image, response = np.zeros(window.shape, np.float32) + 1, np.ones(window.shape, np.float32)
+    scattered, window, mixer = Scattered(read_scattered(psf).wing), chip.full_window, Mixer(psf)
+    canvas = Canvas(np.zeros(window.shape, np.float32) + 1, window, np.ones(window.shape, np.float32))
     for reach in (200.0, 1000.0, 5000.0):
         table = table_of(wcs, *CENTRE, 32, {}, rate=1e7)
         scene = make_scene(table, wcs, psf, EXPTIME)
-        seconds = cpu(
-            lambda s=scene, r=reach: draw_scene(image, window, s, [32], [r], mixer, beyond, response, chip), least=1.0
-        )
+        scene = scene.sized(32, reach)
+        seconds = cpu(lambda s=scene: draw_scene(canvas, s, mixer, scattered, chip), least=1.0)
         area = min(np.pi * reach**2, window.nx * window.ny)
         print(f"a star with a wing of {reach:6.0f} px: {seconds:.4f} CPU-s, {1e9 * seconds / area:.1f} ns/px")
 
@@ -198,7 +194,7 @@ def main():
         path = Path(folder) / "psf.h5"
         make_psf(
             path, chip, filter_, camera.telescope, camera.psf, 10, camera_digest=camera.digest,
-            beyond=beyond_box(camera, filter_),
+            beyond=scattered_light(camera, filter_),
         )  # fmt: skip
         psf = PsfSet(path)
         report_cases(psf, wcs)

@@ -23,7 +23,9 @@ from csstsim.instrument.pointing import Pointing
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.psf_set import Diffraction, PsfSet, blur, make_psf, pixel_response
 from csstsim.optics.psf.wavefront import load_wavefront
-from csstsim.optics.scatter.outside_box import Beyond, beyond_box, read_beyond
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered, scattered_light
+from csstsim.render.canvas import Canvas
+from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.reference import draw_objects
 from csstsim.render.wings import FADE
 
@@ -67,7 +69,7 @@ def halo_alone(wing):
 
 def report_anchors(camera):
     r, image = diffraction(camera, LASER, 512)
-    wing = beyond_box(camera, camera.filters["r"]).wing
+    wing = scattered_light(camera, camera.filters["r"]).wing
     scattered = wing.scattered.mean()
     peak = (1 - scattered) * image.max() + wing.halo(0.0).mean()
     print(f"\nat {LASER / 10} nm, relative to the peak of the pixel-integrated image ({peak:.4f} of the light):")
@@ -76,7 +78,7 @@ def report_anchors(camera):
         print(f"  {radius:4d} px: halo {wing.halo(float(radius)).mean() / peak:.2e}, diffraction {direct:.2e}")
     print(f"scattered in all {scattered:.4f}; in the halo and the diffraction wing beyond r px (10 px = 0.74 arcsec):")
     for name, band in camera.filters.items():
-        wing = beyond_box(camera, band).wing
+        wing = scattered_light(camera, band).wing
         halo = halo_alone(wing).beyond(10.0).mean()
         rest = ", ".join(f"{wing.beyond(float(k)).mean():.4f} beyond {k}" for k in (10, 32, 64, 1000, 10000))
         print(f"  {name:4s} halo alone {halo:.4f} beyond 10; both {rest}")
@@ -90,12 +92,12 @@ class Scene:
         path = Path(folder) / "psf.h5"
         make_psf(
             path, self.chip, self.filter, camera.telescope, camera.psf, 2, camera_digest=camera.digest,
-            beyond=beyond_box(camera, self.filter),
+            beyond=scattered_light(camera, self.filter),
         )  # fmt: skip
         self.psf = PsfSet(path)
         self.box = self.psf.image.shape[-1] // (2 * self.psf.oversampling)  # px, half its side
         self.fade = tuple(round(part * self.box) for part in FADE)
-        self.beyond = read_beyond(self.psf)
+        self.beyond = read_scattered(self.psf)
         self.wcs = ChipWCS(
             self.chip, Pointing("1", "SCIE", 60.0, -40.0, 0.0, "2027-06-26T20:35:58", EXPTIME, None, None)
         )
@@ -112,8 +114,9 @@ class Scene:
             "x": np.array([centre[0]]), "y": np.array([centre[1]]), "reach": np.full(1, self.box), "lost": np.zeros(1),
             "wing": np.where(wing > self.box, wing, 0.0),
         })  # fmt: skip
-        image = np.zeros(window.shape, np.float32)
-        return image, draw_objects(image, window, table, self.wcs, self.psf, EXPTIME, beyond or self.beyond)
+        canvas = Canvas(np.zeros(window.shape, np.float32), window)
+        drawing = Drawing(self.wcs, self.psf, EXPTIME, beyond or self.beyond)
+        return canvas.expected, draw_objects(canvas, table, drawing)
 
 
 def around(half):
@@ -165,7 +168,7 @@ def report_joins(scene):
         window = around(90)
         r = distances(window)
         image, truth = scene.draw(mag, window, beyond=smooth)
-        boxed, _ = scene.draw(mag, around(scene.box), beyond=Beyond())
+        boxed, _ = scene.draw(mag, around(scene.box), beyond=Scattered())
         electrons, reach = truth["electrons"][0], float(truth["wing"][0])
         model = electrons * smooth.wing.profile(np.maximum(r, 1.0)).mean(axis=0)
         joint = ((r > inner) & (r < outer))[:, 1:-1]

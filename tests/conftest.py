@@ -9,7 +9,7 @@ from csstsim.catalog.places.ephemeris import observer
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.psf.psf_set import PsfSet, make_psf
-from csstsim.optics.scatter.outside_box import beyond_box
+from csstsim.optics.scatter.scattered_light import scattered_light
 
 
 FINISHED = "compare", "delivery"  # folders whose tests share a finished campaign: one worker makes it
@@ -62,7 +62,7 @@ def psf_r(camera, tmp_path_factory):
     """A 2 x 2-node PSF set of chip 9 (r band), with its halo."""
     path = tmp_path_factory.mktemp("psf") / "chip_09.h5"
     chip = camera.chips[9]
-    beyond = beyond_box(camera, camera.filters["r"])
+    beyond = scattered_light(camera, camera.filters["r"])
     make_psf(
         path, chip, camera.filters["r"], camera.telescope, camera.psf, 2, camera_digest=camera.digest, beyond=beyond
     )

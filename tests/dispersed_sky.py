@@ -2,6 +2,7 @@
 
 import numpy as np
 from astropy.table import Table
+from canvases import blank
 from grating_scene import GV, disperser_of
 
 from csstsim.base.units import ab_photon_density
@@ -13,7 +14,8 @@ from csstsim.catalog.select import Noise, select_objects
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.optics.scatter.outside_box import Beyond
+from csstsim.optics.scatter.scattered_light import Scattered
+from csstsim.render.drawing import Drawing
 from csstsim.render.slitless.draw_dispersed import draw_dispersed
 
 EXPTIME, NOISE = 150.0, Noise(sky=0.2, dark=0.02, read_noise=5.0)
@@ -58,10 +60,16 @@ class Sky:
 
     def draw(self, objects, window, fidelity="noise_free", tables=None, key=5, dtype=np.float32, beyond=None, **how):
         """Return (image, table, orders, counted)."""
-        image = np.zeros(window.shape, dtype)
-        result = draw_dispersed(
-            image, window, objects, catalog_spectra(objects, self.catalog), self.disperser, self.wcs, self.psf, EXPTIME,
-            tables=tables, beyond=beyond or Beyond(), response=how.get("response"), maximum=how.get("maximum", 1.0),
-            variance=NOISE.variance(EXPTIME), key=np.uint64(key), fidelity=fidelity,
-        )  # fmt: skip
-        return image, *result
+        canvas = blank(window, dtype, **how)
+        drawing = Drawing(
+            self.wcs,
+            self.psf,
+            EXPTIME,
+            beyond or Scattered(),
+            fidelity,
+            NOISE.variance(EXPTIME),
+            np.uint64(key),
+            tables,
+        )
+        result = draw_dispersed(canvas, objects, catalog_spectra(objects, self.catalog), self.disperser, drawing)
+        return canvas.expected, *result, canvas.counted

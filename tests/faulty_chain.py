@@ -75,9 +75,11 @@ def brighter_sky():
     right = sky_background.apply
 
     def wrong(state, param, rng):
-        kept, state.filter = state.filter, replace(state.filter, sky=1.05 * state.filter.sky)
+        filter_, camera, exposure = state.filter, state.exposure.camera, state.exposure
+        brighter = {filter_.name: replace(filter_, sky=1.05 * filter_.sky)}
+        state.exposure = replace(exposure, camera=replace(camera, filters=camera.filters | brighter))
         state = right(state, param, rng)
-        state.filter = kept
+        state.exposure = exposure
         return state
 
     return patch.object(sky_background, "apply", wrong)
@@ -88,9 +90,9 @@ def wider_psf():
     right = scie_obs.apply
 
     def wrong(state, param, rng):
-        kept, state.fidelity = state.fidelity, "noise_free"
+        kept, state.exposure = state.exposure, replace(state.exposure, fidelity="noise_free")
         state = right(state, param, rng)
-        state.fidelity = kept
+        state.exposure = kept
         share = 0.5 * (1.05**2 - 1) * PSF_SIGMA**2
         for axis in (0, 1):
             state.image = convolve1d(state.image, np.array([share, 1 - 2 * share, share], np.float32), axis=axis)

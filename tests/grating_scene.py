@@ -6,7 +6,8 @@ from scipy.special import ndtr
 from csstsim.optics.gratings.dispersion import Disperser
 from csstsim.optics.psf.psf_file import write_psf
 from csstsim.optics.psf.psf_set import PsfSet
-from csstsim.render.scene import Scene, sersic_b
+from csstsim.profiles.sersic import sersic_b
+from csstsim.render.scene import Scene
 
 GV, SPLIT = 29, 5530.5  # a chip, and the x of the line between its two gratings
 SIGMA_PX = 0.8, 1.0, 1.2, 1.5  # of the PSF at its four wavelengths

@@ -23,7 +23,7 @@ import csstsim
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.psf.psf_set import PsfSet
-from csstsim.optics.scatter.outside_box import read_beyond
+from csstsim.optics.scatter.scattered_light import read_scattered
 
 ACCOUNT = 1e-5, 2e-5  # of the light; wings of spectra are cut off where splines dip below zero
 NOMINAL = 1e-3  # of the light
@@ -195,7 +195,7 @@ def _nominal(subset, expected, cache):
             (y, np.sin(angle), window.y0, window.y1),
         ):
             edges.append((np.where(slope > 0, high - 0.5, low - 0.5) - at[:, None]) / slope)
-        share = 1 - read_beyond(psf).wing.beyond(np.minimum(*edges)).mean(axis=(0, 2))
+        share = 1 - read_scattered(psf).wing.beyond(np.minimum(*edges)).mean(axis=(0, 2))
     lossless = OPTIONS[:2]
     flat = 1.0
     if not set(lossless) <= subset.out:  # the losses, which are smooth, are those that the sky meets

@@ -1,8 +1,8 @@
 """States for tests of the readout: a flat image on a small or a real chip."""
 
+from dataclasses import replace
 from functools import cache
 
-import numpy as np
 import yaml
 from mini import mini_camera
 
@@ -11,6 +11,7 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.simulation.exposure import NO_LOSSES, Exposure
 from csstsim.simulation.sim_steps import SimSteps
 from csstsim.simulation.state import State
 
@@ -31,15 +32,20 @@ def small_camera(folder):
     return load_camera(mini_camera(folder))
 
 
-def flat_state(camera, level=0.0, *, window=None, chip=9, **pointing):
+def flat_state(camera, level=0.0, *, window=None, chip=9, losses=NO_LOSSES, fidelity="standard", **pointing):
     """Return a blank state with `level` expected electrons in every pixel; window (x0, x1, y0, y1)."""
     chip = camera.chips[chip]
     pointing = Pointing(**(POINTING | pointing))
     window = chip.full_window if window is None else Window(*window)
-    return State(
-        chip=chip, filter=camera.filters[chip.filter], telescope=camera.telescope, pointing=pointing, catalog=None,
-        window=window, wcs=ChipWCS(chip, pointing), image=np.full(window.shape, level, np.float32),
-    )  # fmt: skip
+    wcs = ChipWCS(chip, pointing)
+    state = State.blank(Exposure(pointing, chip, window, wcs, camera, losses=losses, fidelity=fidelity))
+    state.image[:] = level
+    return state
+
+
+def change_exposure(state, **fields):
+    """Give a state an exposure of which some fields are others."""
+    state.exposure = replace(state.exposure, **fields)
 
 
 def dark_layers(off=()):

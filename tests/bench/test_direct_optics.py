@@ -14,8 +14,8 @@ from csstsim.bench.truth import Truth, sersic_transform
 from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.psf_set import centre_of, chip_optics
 from csstsim.optics.psf.wavefront import load_wavefront
-from csstsim.optics.scatter.outside_box import Beyond
-from csstsim.render.scene import sersic_b
+from csstsim.optics.scatter.scattered_light import Scattered
+from csstsim.profiles.sersic import sersic_b
 
 PEAK = 2e-5  # of the peak: numbers of the optics in single precision, on other lattices
 K = np.geomspace(1e-3, 100, 40)  # radian per r_e; beyond, GalSim has an asymptotic form good to 5e-6
@@ -35,8 +35,8 @@ def test_transform_is_galsims(n):
 
 def test_a_star_is_the_optics_integrated_over_pixels(setting):
     """One cell a pixel, shifted to the star's place: no interpolation. The halo is left out of both."""
-    wing = setting.beyond.wing
-    bare = replace(setting, beyond=Beyond(replace(wing, share=np.zeros_like(wing.share)), None))
+    wing = setting.scattered.wing
+    bare = replace(setting, scattered=Scattered(replace(wing, share=np.zeros_like(wing.share)), None))
     case = make_cases(setting, 2)[0]
     got = Truth(bare)(case)
     camera, wavefront = setting.camera, load_wavefront(setting.camera.psf)

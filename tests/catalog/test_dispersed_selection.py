@@ -12,7 +12,7 @@ from csstsim.catalog.light.object_spectra import ROW, catalog_spectra
 from csstsim.catalog.light.photometry import bin_means
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
-from csstsim.optics.scatter.outside_box import Beyond, beyond_box
+from csstsim.optics.scatter.scattered_light import Scattered, scattered_light
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def test_a_star_far_off_the_chip_comes_on_the_open_side_only(sky):
 
 
 def test_wings_bring_stars_from_further(sky, camera):
-    beyond = Beyond(beyond_box(camera, camera.filters["GV"]).wing)
+    beyond = Scattered(scattered_light(camera, camera.filters["GV"]).wing)
     window = Window(6000, 6400, 3000, 3400)
     objects = [(5900.0, 4000.0, {"id": 1, "ab": 10.0}), (5900.0, 4000.0, {"id": 2, "ab": 20.0})]
     there = sky(objects)

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from scipy import integrate, special
 
-from csstsim.catalog.reach import POINT_MAX, POINT_MIN, galaxy_radius, light_beyond, point_reach, wing_reach
+from csstsim.catalog.reach import POINT_MAX, POINT_MIN, galaxy_radius, point_reach, wing_reach
 from csstsim.catalog.table import ObjectTable
-from csstsim.optics.scatter.outside_box import beyond_box
+from csstsim.optics.scatter.scattered_light import scattered_light
+from csstsim.profiles.sersic import light_beyond
 
 VARIANCE = 60.0  # electron^2, of a pixel in r
 
@@ -65,7 +66,7 @@ def test_point_reach_grows_with_flux_within_its_limits(camera):
 
 
 def test_wing_reach_is_where_the_profile_is_a_thousandth_of_the_noise(camera):
-    wing = beyond_box(camera, camera.filters["r"]).wing
+    wing = scattered_light(camera, camera.filters["r"]).wing
     electrons = np.array([0.0, 1e4, 1e7, 1e10])
     reach = wing_reach(electrons, VARIANCE, wing)
     assert reach[0] == 0 and (np.diff(reach) > 0).all()

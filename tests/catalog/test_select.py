@@ -20,7 +20,7 @@ from csstsim.catalog.table import BANDS, COLUMNS
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.optics.scatter.outside_box import beyond_box
+from csstsim.optics.scatter.scattered_light import scattered_light
 from csstsim.universe.bricks import ID_BITS
 
 CHIP, WINDOW = 9, Window(4000, 4600, 3000, 3500)  # r band
@@ -119,7 +119,7 @@ def test_stamps_decide_who_is_in(pick):
 
 def test_wings_and_ghosts_bring_bright_stars_from_outside(pick, camera):
     """A star of mag 15 by its wing of some 600 px, of mag 10 from anywhere near, the ghosts of one of mag 13 anyhow."""
-    whole = beyond_box(camera, camera.filters["r"])
+    whole = scattered_light(camera, camera.filters["r"])
     x0 = WINDOW.x0 - 0.5
     stars = [
         (x0 - 300, 3200, star(15, id=1)), (x0 - 800, 3200, star(15, id=2)), (x0 - 2000, 3200, star(10, id=3)),

@@ -1,5 +1,7 @@
 """PRNU, cosmic rays and defects from the list of layers to the file, in one process and in several."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -11,12 +13,12 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.frames import load_frame
 from csstsim.io.level0 import read_level0
 from csstsim.render.psf_table import read_tables
+from csstsim.simulation.state import State
 from csstsim.stages import chip as chip_stage
 from csstsim.stages import level0 as level0_stage
 from csstsim.stages import psf as psf_stage
 from csstsim.stages import readout as readout_stage
 from csstsim.stages import select as select_stage
-from csstsim.stages import shared as shared_stage
 
 OBSID, CHIP = POINTINGS[0].split(",")[0], 9
 
@@ -90,9 +92,9 @@ def test_photons_keep_their_numbers_without_prnu(tmp_path):
     objects, psf, found = select_stage.selected(run, job), psf_stage.open_psf(run, job.chip), []
     [step, *_] = run.steps["SCIE"].stage("render")
     for prnu in (True, False):
-        state = shared_stage.blank(run, job, objects)
-        assert state.prnu
-        state.prnu, state.psf, state.tables = prnu, psf, read_tables(run.paths.psf_tables(CHIP), psf)
+        assert job.losses.prnu
+        state = State.blank(replace(job, losses=job.losses._replace(prnu=prnu)), objects)
+        state.psf, state.tables = psf, read_tables(run.paths.psf_tables(CHIP), psf)
         found.append(step.module.apply(state, step.param, Streams(3, OBSID, CHIP, step.name)))
     one, other = found
     changed, total = np.abs(one.counted - other.counted).sum(dtype=int), other.counted.sum(dtype=int)

@@ -47,7 +47,7 @@ def instrument(path):
     from csstsim.optics.geometry.distortion import load_distortion
     from csstsim.optics.geometry.focal_plane import load_focal_plane
     from csstsim.optics.psf.wavefront import load_wavefront
-    from csstsim.optics.scatter.outside_box import beyond_box
+    from csstsim.optics.scatter.scattered_light import scattered_light
     from csstsim.optics.throughput.flat import check_flat
     from csstsim.sky.parameters import sky_numbers
 
@@ -58,7 +58,7 @@ def instrument(path):
     _ = made.gratings
     filter_ = next(iter(made.filters.values()))
     load_distortion(folder / "distortion.fits"), load_focal_plane(folder / "distortion.yaml")
-    beyond_box(made, filter_), sky_numbers(made.sky), check_flat(made.leds), load_wavefront(made.psf)
+    scattered_light(made, filter_), sky_numbers(made.sky), check_flat(made.leds), load_wavefront(made.psf)
     brighter_fatter.check(None, made, None)
     _header(made)
 
@@ -152,10 +152,10 @@ def own_table(path):
 def psf(path):
     """A PSF set: opened, its wings, and the PSF at a place."""
     from csstsim.optics.psf.psf_set import PsfSet
-    from csstsim.optics.scatter.outside_box import read_beyond
+    from csstsim.optics.scatter.scattered_light import read_scattered
 
     found = PsfSet(path, chip=PSF_CHIP)
-    read_beyond(found), found.at(100.0, 2000.0)
+    read_scattered(found), found.at(100.0, 2000.0)
 
 
 def psf_tables(path):

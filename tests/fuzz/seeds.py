@@ -78,7 +78,7 @@ def dust(folder):
 
 def psf(folder):
     from csstsim.optics.psf.psf_set import make_psf
-    from csstsim.optics.scatter.outside_box import beyond_box
+    from csstsim.optics.scatter.scattered_light import scattered_light
 
     camera, path = readers.camera(), folder / "psf.h5"
     chip = camera.chips[readers.PSF_CHIP]
@@ -93,7 +93,7 @@ def psf(folder):
         cells=32,
         camera_digest=camera.digest,
         provenance={"seed": 1},
-        beyond=beyond_box(camera, filter_),
+        beyond=scattered_light(camera, filter_),
     )
     return path
 
@@ -199,8 +199,8 @@ def truth(folder):
 
     drawn = ObjectTable.complete({"id": [1, 2], "ra": [10.0, 11.0], "dec": [1.0, 2.0]})
     drawn = drawn.with_columns(x=np.array([3.0, 4.0]), y=np.array([5.0, 6.0]), mag=np.array([20.0, 21.0]))
-    job = SimpleNamespace(chip=SimpleNamespace(id=9, filter="r"))
-    write_truth(folder / "truth.parquet", drawn, job, {"recipe": {"camera": "c"}})
+    chip = SimpleNamespace(id=9, filter="r")
+    write_truth(folder / "truth.parquet", drawn, chip, {"recipe": {"camera": "c"}})
     return folder / "truth.parquet"
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from csstsim.catalog.table import ObjectTable
 from csstsim.io.truth import CAT_COLUMNS, electron_budget, read_truth, truth_table, write_truth
 
-JOB = SimpleNamespace(chip=SimpleNamespace(id=9, filter="r"))
+CHIP = SimpleNamespace(id=9, filter="r")
 
 
 def drawn(**columns):
@@ -18,7 +18,7 @@ def drawn(**columns):
 
 def test_round_trip(tmp_path):
     table = drawn(size_disk=[0.0, 0.5], kappa=[0.0, 0.1], parallax=[10.0, 0.0])
-    write_truth(tmp_path / "t.parquet", table, JOB, {"level0": "x"})
+    write_truth(tmp_path / "t.parquet", table, CHIP, {"level0": "x"})
     stored = ObjectTable.read(tmp_path / "t.parquet")
     assert stored.names[:33] == tuple(CAT_COLUMNS) and stored.meta == {"level0": "x"}
     assert list(stored["xImage"]) == [4.0, 5.0] and list(stored["ID_chip"]) == [9, 9]
@@ -31,7 +31,7 @@ def test_columns_of_the_catalogues_own_overwrite_nothing(tmp_path):
     """A catalogue with columns named as those of the .cat files, or as what is derived here: both are kept."""
     own = {name: np.array([7.0, 8.0]) for name in ("RV", "xImage", "pm_ra", "g1", "dm", "size", "detA", "galType")}
     for name, columns in (("plain", {}), ("own", own)):
-        write_truth(tmp_path / f"{name}.parquet", drawn(rv=[5.0, 0.0], parallax=[10.0, 10.0], **columns), JOB, {})
+        write_truth(tmp_path / f"{name}.parquet", drawn(rv=[5.0, 0.0], parallax=[10.0, 10.0], **columns), CHIP, {})
     plain, both = (ObjectTable.read(tmp_path / f"{name}.parquet") for name in ("plain", "own"))
     assert all(list(map(str, both[name])) == list(map(str, plain[name])) for name in plain.names)
     assert set(both.names) - set(plain.names) == {f"user_{name}" for name in own}
@@ -39,7 +39,7 @@ def test_columns_of_the_catalogues_own_overwrite_nothing(tmp_path):
 
 
 def test_shear_is_reduced_and_light_magnified_by_the_same_lens():
-    table = truth_table(drawn(kappa=[0.0, 0.2], gamma1=[0.05, 0.1], gamma2=[0.0, -0.04]), JOB)
+    table = truth_table(drawn(kappa=[0.0, 0.2], gamma1=[0.05, 0.1], gamma2=[0.0, -0.04]), CHIP)
     assert np.allclose(table["g1"], [0.05, 0.125]) and np.allclose(table["g2"], [0.0, -0.05])
     assert np.allclose(table["detA"], (1 - np.array([0.0, 0.2])) ** 2 * (1 - table["g1"] ** 2 - table["g2"] ** 2))
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from readout_state import flat_state, run, small_camera
+from readout_state import change_exposure, flat_state, run, small_camera
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams, stream
@@ -33,7 +33,7 @@ def small(tmp_path_factory):
 def scene(camera, window=None, **detector):
     """A state with counted sky and a few saturated pixels; `detector` replaces its numbers."""
     state = flat_state(camera, window=window)
-    state.chip = replace(state.chip, detector=replace(state.chip.detector, **detector))
+    change_exposure(state, chip=replace(state.chip, detector=replace(state.chip.detector, **detector)))
     x, y = np.meshgrid(np.arange(256), np.arange(64))
     whole = stream(2, "scene").poisson(40.0, (64, 256)) + 400_000.0 * ((x % 37 == 5) & (y % 23 == 9))
     window = state.window

@@ -1,5 +1,7 @@
 """Flat field and shutter of scie_obs: each switch multiplies the light by its map and touches nothing else."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from mini_campaign import write_scene
@@ -9,9 +11,9 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs
 from csstsim.optics.throughput.response import response_map, response_maximum
+from csstsim.simulation.state import State
 from csstsim.stages import psf as psf_stage
 from csstsim.stages import select as select_stage
-from csstsim.stages import shared as shared_stage
 
 STREAMS = Streams(5, "10100000001", 9, "scie_obs")
 SWITCHES = [(False, True), (True, False), (True, True)]
@@ -27,9 +29,10 @@ def draw(tmp_path_factory):
     objects, psf = select_stage.selected(run, job), psf_stage.open_psf(run, job.chip)
 
     def made(flat, shutter):
-        state = shared_stage.blank(run, job, objects)
-        state.psf, state.fidelity = psf, "noise_free"
-        return scie_obs.apply(state, scie_obs.Param(flat_fielding=flat, shutter_effect=shutter), STREAMS)
+        losses = job.losses._replace(flat=flat, shutter=shutter)
+        state = State.blank(replace(job, losses=losses, fidelity="noise_free"), objects)
+        state.psf = psf
+        return scie_obs.apply(state, scie_obs.Param(), STREAMS)
 
     return made
 
@@ -38,7 +41,14 @@ def draw(tmp_path_factory):
 def test_objects_lose_what_the_map_says_and_nothing_else_changes(draw, flat, shutter):
     plain, state = draw(False, False), draw(flat, shutter)
     share = response_map(
-        state.chip, state.window, state.filter, 150.0, state.leds, STREAMS.camera, flat=flat, shutter=shutter
+        state.chip,
+        state.window,
+        state.filter,
+        150.0,
+        state.exposure.camera.leds,
+        STREAMS.camera,
+        flat=flat,
+        shutter=shutter,
     )
     assert np.abs(share - 1).max() > 1e-3
     np.testing.assert_allclose(state.image, plain.image * share, rtol=1e-5)
@@ -50,15 +60,15 @@ def test_objects_lose_what_the_map_says_and_nothing_else_changes(draw, flat, shu
             np.testing.assert_array_equal(state.truth[name], plain.truth[name], err_msg=name)
 
 
-def test_losses_are_those_of_the_exposure_time_asked_for(draw):
-    """The shutter's light and shade is a matter of time: a map made for 150 s is not taken for 30 s."""
-    state = draw(False, False)
-    for exptime in (150.0, 30.0, 150.0):
-        made = response_map(
-            state.chip, state.window, state.filter, exptime, state.leds, STREAMS.camera, flat=False, shutter=True,
-            prnu=STREAMS.chip_key("prnu") if state.prnu else None,
-        )  # fmt: skip
-        np.testing.assert_array_equal(state.response(exptime, STREAMS, flat=False, shutter=True), made)
+def test_losses_are_made_once(draw):
+    """Layers that ask one after another have the same map, until it is forgotten."""
+    state = draw(True, True)
+    made = state.response(STREAMS)
+    assert state.response(STREAMS) is made
+    state.forget()
+    again = state.response(STREAMS)
+    assert again is not made
+    np.testing.assert_array_equal(again, made)
 
 
 @pytest.mark.parametrize(("flat", "shutter"), SWITCHES)

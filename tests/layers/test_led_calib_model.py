@@ -12,6 +12,7 @@ from csstsim.instrument.filter import GRID
 from csstsim.layers import led_calib_model
 from csstsim.optics.throughput.flat import FlatField
 from csstsim.optics.throughput.led import load_leds
+from csstsim.simulation.exposure import Losses
 from csstsim.simulation.sim_steps import SimSteps
 
 STREAMS = Streams(5, "1", 9, "led_calib_model")
@@ -24,7 +25,6 @@ def small(tmp_path_factory):
 
 def lit(camera, types, times, chip=9):
     state = flat_state(camera, chip=chip)
-    state.leds = camera.leds
     param = led_calib_model.Param(LED_TYPE=types, LED_TIME=times)
     return led_calib_model.apply(state, param, STREAMS)
 
@@ -78,7 +78,6 @@ def test_a_flat_exposure_divided_by_the_model_flat_is_flat_within_noise(small, c
     """Through the shipped list up to Poisson noise; chi2 of all pixels within 5 sigma of their number."""
     steps = SimSteps(SHIPPED / "observations" / "led_flat.yaml", "FLAT")
     state = flat_state(small, chip=chip)
-    state.leds = small.leds
     state = run(state, [step for step in steps if step.name in ("led_calib_model", "poisson_and_dark")], seed=5)
     field, leds = FlatField(small.leds, STREAMS.camera), load_leds(small.leds)
     param = next(step.param for step in steps if step.name == "led_calib_model")
@@ -98,8 +97,7 @@ def test_a_flat_exposure_divided_by_the_model_flat_is_flat_within_noise(small, c
 
 def test_lamps_light_pixels_by_their_response(small):
     """With PRNU in the list each pixel counts its own share of the lamp's light, that of the sky's."""
-    plain, state = lit(small, ["670"], [10.0]), flat_state(small)
-    state.leds, state.prnu = small.leds, True
+    plain, state = lit(small, ["670"], [10.0]), flat_state(small, losses=Losses(prnu=True))
     seen = led_calib_model.apply(state, led_calib_model.Param(LED_TYPE=["670"], LED_TIME=[10.0]), STREAMS)
     ratio = seen.image / plain.image
     wanted = np.ones(ratio.shape, np.float32)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from readout_state import flat_state, small_camera
+from readout_state import change_exposure, flat_state, small_camera
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
@@ -14,6 +14,7 @@ from csstsim.detector.mask import BAD_COLUMN, COSMIC_RAY, DEAD, HOT
 from csstsim.detector.prnu import CLIP, multiply
 from csstsim.layers import cosmic_rays, detector_defects, led_calib_model, poisson_and_dark, prnu_effect, sky_background
 from csstsim.optics.throughput.response import response_map, response_maximum
+from csstsim.simulation.exposure import Losses
 from csstsim.simulation.sim_steps import SimSteps
 
 END = [{"prescan_overscan": {}}, {"bias": {}}, {"readout_noise": {}}, {"gain": {}}, {"quantization_and_output": {}}]
@@ -49,9 +50,9 @@ def masked(state):
 
 def test_the_list_decides_whether_light_meets_the_pixels(steps):
     prnu, poisson = {"PRNU_effect": {}}, {"poisson_and_dark": {}}
-    assert steps([*LIGHT, prnu, poisson], "SCIE").losses == {"flat": True, "shutter": True, "prnu": True}
-    assert not steps([*LIGHT, poisson], "SCIE").losses["prnu"]
-    assert steps([{"led_calib_model": {}}, prnu, poisson], "FLAT").losses["prnu"]
+    assert steps([*LIGHT, prnu, poisson], "SCIE").losses == Losses(flat=True, shutter=True, prnu=True)
+    assert not steps([*LIGHT, poisson], "SCIE").losses.prnu
+    assert steps([{"led_calib_model": {}}, prnu, poisson], "FLAT").losses.prnu
     with pytest.raises(InputError, match="must come after sky_background"):
         steps([LIGHT[0], prnu, LIGHT[1], poisson])
     with pytest.raises(InputError, match="cannot follow"):
@@ -66,7 +67,7 @@ def test_sky_and_lamps_meet_the_same_pixels(camera):
     for layer, name in ((sky_background, "sky_background"), (led_calib_model, "led_calib_model")):
         plain, state = (flat_state(camera, window=(1001, 1400, 801, 1000)) for _ in "ab")
         for here, on in ((plain, False), (state, True)):
-            here.leds, here.prnu = camera.leds, on
+            change_exposure(here, losses=Losses(prnu=on))
             layer.apply(here, layer.Param(), streams(name))
         share = np.ones(state.image.shape, np.float32)
         multiply(share, 1001, 801, camera.detector.prnu, key)
@@ -90,7 +91,7 @@ def test_its_layer_records_and_refuses(small):
     state = flat_state(small, 5.0)
     with pytest.raises(ValueError, match="drawn without PRNU"):
         prnu_effect.apply(state, prnu_effect.Param(), streams("prnu_effect"))
-    state.prnu = True
+    change_exposure(state, losses=Losses(prnu=True))
     prnu_effect.apply(state, prnu_effect.Param(), streams("prnu_effect"))
     assert state.header == {"prnu_rms": small.detector.prnu} and (state.image == 5.0).all()
     wide = replace(small, detector=replace(small.detector, prnu=0.3))
@@ -123,11 +124,12 @@ def test_rays_in_every_kind_of_exposure(camera, steps, kind, exptime):
 
 def test_their_electrons_get_no_shot_noise(small, steps):
     """Without light and dark current what is read is what struck, and counted electrons stay under it."""
-    counted = struck(flat_state(small), exptime=1e5).counted.copy()
-    state = flat_state(small)
+    counted = struck(flat_state(small, exptime=1e5)).counted.copy()
+    state = flat_state(small, exptime=1e5)
     state.counted = np.full(state.image.shape, 3, np.int32)
-    state = struck(state, exptime=1e5)
-    state = poisson_and_dark.apply(state, poisson_and_dark.Param(exptime=0), streams("poisson_and_dark"))
+    state = struck(state)
+    change_exposure(state, pointing=replace(state.pointing, exptime=0.0))
+    state = poisson_and_dark.apply(state, poisson_and_dark.Param(), streams("poisson_and_dark"))
     np.testing.assert_array_equal(state.image, counted + 3)
     assert counted.max() > 100
     with pytest.raises(InputError, match="must be followed by poisson_and_dark"):

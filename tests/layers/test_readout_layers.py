@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from readout_state import flat_state, plain_layers, run, small_camera
+from readout_state import change_exposure, flat_state, plain_layers, run, small_camera
 
 from csstsim.base.rng import Streams, stream
 from csstsim.base.shipped import SHIPPED
@@ -37,10 +37,10 @@ def test_mean_equals_variance(camera, counted_mean, expected):
     assert abs(state.image.var(dtype=float) - total) < 5 * np.sqrt((total + 2 * total**2) / n)
 
 
-def test_exptime_overrides_the_pointing(small):
-    state = poisson_and_dark.apply(flat_state(small), poisson_and_dark.Param(exptime=0), RNG)
+def test_dark_current_is_of_the_exposures_time(small):
+    state = poisson_and_dark.apply(flat_state(small, exptime=0.0), poisson_and_dark.Param(), RNG)
     assert (state.image == 0).all()
-    state = poisson_and_dark.apply(flat_state(small), poisson_and_dark.Param(exptime=5e4), RNG)
+    state = poisson_and_dark.apply(flat_state(small, exptime=5e4), poisson_and_dark.Param(), RNG)
     expected = 5e4 * small.detector.dark
     assert abs(state.image.mean(dtype=float) - expected) < 5 * np.sqrt(expected / state.image.size)
     with pytest.raises(ValueError, match="greater than or equal to 0"):
@@ -171,7 +171,7 @@ def test_rounding_noise_is_counted(small):
     quiet = replace(small.detector, read_noise=1.0)
     states = [flat_state(small, obsid=obsid) for obsid in ("1", "2")]
     for state in states:
-        state.chip = replace(state.chip, detector=quiet)
+        change_exposure(state, chip=replace(state.chip, detector=quiet))
     states = [run(state, plain_layers(off=["poisson_and_dark"])) for state in states]
     frame = ReadoutFrame.of(quiet, None)
     excess = []

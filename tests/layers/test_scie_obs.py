@@ -1,4 +1,6 @@
-"""What scie_obs tells the renderer: the noise of its own exposure time, and a maximum that no loss is above."""
+"""What scie_obs tells the renderer: the noise of the exposure's time, and a maximum that no loss is above."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,14 +11,14 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs
 from csstsim.optics.throughput.response import response_map, response_maximum
+from csstsim.simulation.state import State
 from csstsim.stages import psf as psf_stage
 from csstsim.stages import select as select_stage
-from csstsim.stages import shared as shared_stage
 
 STREAMS = Streams(5, "10100000001", 9, "scie_obs")
 
 
-def test_signal_to_noise_is_of_the_layers_own_time(tmp_path):
+def test_signal_to_noise_is_of_the_exposures_time(tmp_path):
     """A star of 27 mag lies far below the sky: ten times as long, S/N is the root of ten up, and read noise goes."""
     run = OpenCampaign(write_scene(tmp_path, "Pair", [40.3], [50.2], mag=27.0))
     job = run.job("10100000001", 9)
@@ -24,9 +26,10 @@ def test_signal_to_noise_is_of_the_layers_own_time(tmp_path):
     objects, psf = select_stage.selected(run, job), psf_stage.open_psf(run, job.chip)
     snr = []
     for exptime in (150.0, 1500.0):
-        state = shared_stage.blank(run, job, objects)
-        state.psf, state.fidelity = psf, "noise_free"
-        truth = scie_obs.apply(state, scie_obs.Param(exptime=exptime), STREAMS).truth
+        pointing = replace(job.pointing, exptime=exptime)
+        state = State.blank(replace(job, pointing=pointing, fidelity="noise_free"), objects)
+        state.psf = psf
+        truth = scie_obs.apply(state, scie_obs.Param(), STREAMS).truth
         snr.append(float(truth["snr"][0]))
     detector, filter_ = job.chip.detector, run.camera.filters["r"]
     sky = filter_.sky + detector.dark

@@ -8,10 +8,11 @@ from readout_state import flat_state, plain_layers, run, small_camera
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
-from csstsim.io.keywords import orbit_after
+from csstsim.instrument.orbit import orbit_after
 from csstsim.io.level0 import write_level0
 from csstsim.layers import sky_background
 from csstsim.optics.throughput.response import response_map
+from csstsim.simulation.exposure import Losses
 from csstsim.sky.background import COMPONENTS
 
 HIGH = (2596.0, 4496.0, -4357.0)  # km; POINTING's field (60, -40) is in its zenith
@@ -23,14 +24,11 @@ def small(tmp_path_factory):
 
 
 STREAMS = Streams(5, "1", 9, "sky_background")
-PLAIN = {"flat_fielding": False, "shutter_effect": False}
 
 
-def lit(camera, model=True, exptime=None, losses=PLAIN, **fields):
+def lit(camera, model=True, **fields):
     state = flat_state(camera, **({"sat_position": HIGH, "sat_velocity": (6.0, 3.0, -2.1)} | fields))
-    state.sky, state.leds = camera.sky, camera.leds
-    param = sky_background.Param(enable_straylight_model=model, exptime=exptime, **losses)
-    return sky_background.apply(state, param, STREAMS)
+    return sky_background.apply(state, sky_background.Param(enable_straylight_model=model), STREAMS)
 
 
 @pytest.mark.parametrize("model", [False, True])
@@ -38,7 +36,7 @@ def lit(camera, model=True, exptime=None, losses=PLAIN, **fields):
 @pytest.mark.parametrize("shutter", [False, True])
 def test_losses_multiply_the_sky_and_nothing_else(small, model, flat, shutter):
     whole = lit(small, model)
-    state = lit(small, model, losses={"flat_fielding": flat, "shutter_effect": shutter})
+    state = lit(small, model, losses=Losses(flat, shutter))
     share = response_map(
         state.chip, state.window, state.filter, 150.0, small.leds, STREAMS.camera, flat=flat, shutter=shutter
     )
@@ -69,9 +67,8 @@ def test_on_adds_its_components(small, chip):
 def test_adds_to_what_is_there_in_proportion_to_time(small):
     once, twice = lit(small, exptime=1.0), lit(small, exptime=2.0)
     assert twice.image.mean(dtype=float) == pytest.approx(2 * once.image.mean(dtype=float), rel=1e-3)
-    full = flat_state(small, 100.0, sat_position=HIGH, sat_velocity=(6.0, 3.0, -2.1))
-    full.sky = small.sky
-    sky_background.apply(full, sky_background.Param(enable_straylight_model=True, exptime=1.0, **PLAIN), STREAMS)
+    full = flat_state(small, 100.0, sat_position=HIGH, sat_velocity=(6.0, 3.0, -2.1), exptime=1.0)
+    sky_background.apply(full, sky_background.Param(enable_straylight_model=True), STREAMS)
     assert np.allclose(full.image, 100.0 + once.image, atol=1e-5)
 
 
@@ -93,9 +90,8 @@ def test_an_exposure_of_the_earth_is_refused_before_any_work(small):
 def test_faults(small):
     with pytest.raises(InputError, match="looks at the Earth"):
         lit(small, sat_position=tuple(-x for x in HIGH))
-    state = flat_state(small, sat_position=HIGH)
     with pytest.raises(InputError, match="no numbers"):
-        sky_background.apply(state, sky_background.Param(enable_straylight_model=True, **PLAIN), STREAMS)
+        lit(replace(small, sky={}))
 
 
 @pytest.mark.parametrize("model", [True, False])
@@ -131,10 +127,9 @@ def test_a_dispersed_sky_says_the_rate_that_is_in_the_image(camera):
     state = flat_state(
         camera, chip=1, window=(3000, 3200, 4000, 4100), sat_position=HIGH, sat_velocity=(6.0, 3.0, -2.1)
     )
-    state.sky, state.leds, state.gratings = camera.sky, camera.leds, camera.gratings[1]
     for model in (False, True):
         state.image[:] = 0.0
-        param = sky_background.Param(enable_straylight_model=model, **PLAIN)
+        param = sky_background.Param(enable_straylight_model=model)
         header = sky_background.apply(state, param, STREAMS).header
         assert header["sky_rate"] * 150.0 == pytest.approx(state.image.mean(dtype=float), rel=1e-5)
         assert header["sky_rate"] != pytest.approx(state.filter.sky, rel=0.01)

@@ -15,7 +15,7 @@ from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra import extract
 from csstsim.measure.spectra.extract import extract_spectra
 from csstsim.measure.spectra.line_profile import ACROSS, OFFSETS, Shapes, broadened, psf_profile
-from csstsim.optics.scatter.outside_box import read_beyond
+from csstsim.optics.scatter.scattered_light import read_scattered
 
 LINES = {"GU": 3500.0, "GV": 5200.0, "GI": 8000.0}
 PSF = GaussianPsf()
@@ -259,7 +259,7 @@ def test_flux_of_an_ab_star(camera, star):
 
 def test_collapsed_psf_has_all_the_light_of_box_and_wing(psf_r):
     """Against pixels summed in two dimensions, out to where the profile is summed."""
-    wing = read_beyond(psf_r).wing
+    wing = read_scattered(psf_r).wing
     cells = psf_r.at(4000.0, 4000.0)
     profile = psf_profile(cells, psf_r.oversampling, ACROSS, wing)
     half = cells.shape[-1] / 2 / psf_r.oversampling

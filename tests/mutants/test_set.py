@@ -32,11 +32,11 @@ def test_the_graph_knows_who_holds_a_copy_of_a_function():
     graph = CodeGraph(ROOT / PACKAGE)
     users = graph.users({("csstsim.base.counter", "word")})
     assert {
-        ("csstsim.render.photon_places", "from_psf"),
+        ("csstsim.render.photon_positions", "from_psf"),
         ("csstsim.detector.charge_transfer.serial", "_transfer_rows"),
     } <= users
     assert ("csstsim.render.imaging.photons", "_shoot") in users  # by way of others
     assert ("csstsim.render.imaging.unresolved", "_scatter") not in users
-    assert ("csstsim.render.photon_places", "from_wing") in graph.users(
-        {("csstsim.render.octave_table", "BITS")}
+    assert ("csstsim.render.photon_positions", "from_wing") in graph.users(
+        {("csstsim.profiles.log_table", "BITS")}
     )  # a constant

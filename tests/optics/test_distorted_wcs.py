@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from astropy.io import fits
 from astropy.wcs import WCS
+from canvases import blank
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.table import GALAXY, ObjectTable
@@ -12,6 +13,7 @@ from csstsim.optics.geometry.distortion import fit, load_distortion
 from csstsim.optics.geometry.focal_plane import FocalPlane, Placement, samples
 from csstsim.optics.geometry.sip import sip_header
 from csstsim.optics.geometry.wcs import ChipWCS, chip_plane
+from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.reference import draw_objects
 
 BORESIGHTS = [(60.0, -40.0, -113.4333), (0.001, 30.0, 77.0), (10.0, 90.0, 20.0)]
@@ -104,8 +106,9 @@ def test_a_drawn_galaxy_is_drawn_out(camera, make_pointing, psf_r):
             **{f"flux{i}": [1000.0] for i in range(4)},
         }  # fmt: skip
         table = ObjectTable.complete({"id": np.zeros(1, int)} | {k: np.asarray(v) for k, v in columns.items()})
-        image = np.zeros(window.shape, np.float32)
-        light.append(draw_objects(image, window, table, wcs, psf_r, 100.0)["drawn"][0])
+        canvas = blank(window)
+        light.append(draw_objects(canvas, table, Drawing(wcs, psf_r, 100.0))["drawn"][0])
+        image = canvas.expected
         axis = np.arange(500) - 250.0
         x2, y2, xy = (float((image * w).sum(dtype=float)) for w in (axis**2, axis[:, None] ** 2, axis * axis[:, None]))
         shapes.append(np.array([x2 - y2, 2 * xy]) / (x2 + y2))

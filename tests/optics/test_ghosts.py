@@ -7,7 +7,7 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.optics.scatter.ghosts import make_ghosts
-from csstsim.optics.scatter.outside_box import beyond_box
+from csstsim.optics.scatter.scattered_light import scattered_light
 
 GEOMETRY = {
     "gap": 20.0,
@@ -65,7 +65,7 @@ def test_turned_chip_and_shifted_axis(camera):
 
 def test_reach_holds_every_ghost_of_every_corner(camera):
     for chip in (camera.chips[6], camera.chips[13], camera.chips[25]):
-        g = beyond_box(camera, camera.filters[chip.filter]).ghosts
+        g = scattered_light(camera, camera.filters[chip.filter]).ghosts
         for corner in ((0, 0), (9215, 0), (0, 9231), (9215, 9231)):
             far = np.hypot(*(g.centres(chip, *corner) - corner).T) + g.radius
             assert far.max() <= g.reach(chip) + 1
@@ -74,7 +74,7 @@ def test_reach_holds_every_ghost_of_every_corner(camera):
 def test_every_ghost_is_below_1e_6_of_the_peak(camera):
     """The paper: 1e-6 or lower; the peak pixel holds a fifth of a star's light or more."""
     for band in camera.filters.values():
-        assert beyond_box(camera, band).ghosts.level.max() < 1e-6 * 0.2
+        assert scattered_light(camera, band).ghosts.level.max() < 1e-6 * 0.2
 
 
 def test_visible_from_a_flux_on(camera):

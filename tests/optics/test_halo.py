@@ -8,7 +8,7 @@ from csstsim.base.errors import InputError
 from csstsim.optics.psf.psf_set import Diffraction, blur, pixel_response
 from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.optics.scatter.halo import make_wing
-from csstsim.optics.scatter.outside_box import Beyond, beyond_box, read_beyond
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered, scattered_light
 
 WAVES = np.array([5500.0, 6000.0, 6328.0, 6900.0])
 DARK = {"terms": [], "reference": 6328.0}
@@ -105,7 +105,7 @@ def test_impossible_terms_are_refused(camera, row):
 
 def test_psf_file_brings_its_wing_and_ghosts(camera, psf_r):
     """Attributes and back, exactly; a file without them has none, a damaged one is refused."""
-    made, read = beyond_box(camera, camera.filters["r"]), read_beyond(psf_r)
+    made, read = scattered_light(camera, camera.filters["r"]), read_scattered(psf_r)
     assert np.array_equal(made.wing.profile(77.0), read.wing.profile(77.0))
     assert made.ghosts.as_dict() == read.ghosts.as_dict()
     # The stored images hold their part of the halo: what is missing is what the wing has beyond the box, here a circle
@@ -116,7 +116,7 @@ def test_psf_file_brings_its_wing_and_ghosts(camera, psf_r):
     class Foreign:
         path, attributes = "foreign.h5", {}
 
-    assert vars(read_beyond(Foreign())) == vars(Beyond())
+    assert vars(read_scattered(Foreign())) == vars(Scattered())
     Foreign.attributes = {"wing": '{"share": 3}'}
     with pytest.raises(InputError, match="damaged"):
-        read_beyond(Foreign())
+        read_scattered(Foreign())

@@ -4,8 +4,9 @@ import galsim
 import numpy as np
 
 from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.profiles.sersic import sersic_b
 from csstsim.render.imaging.reference import GSPARAMS, PSF_MAXK
-from csstsim.render.scene import Scene, sersic_b
+from csstsim.render.scene import Scene
 
 SCALE = 0.074  # arcsec per pixel
 WINDOW_PX = 3.0  # of the moments

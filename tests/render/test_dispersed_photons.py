@@ -4,15 +4,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from canvases import counting
 from grating_scene import GV, SIGMA_PX, SPLIT, by_hand, disperser_of, gaussian_psf, scene_of, spectrum_of
 from scipy.special import ndtr
 
 from csstsim.instrument.chip import Window
 from csstsim.optics.gratings.dispersion import Disperser
-from csstsim.optics.scatter.outside_box import beyond_box
+from csstsim.optics.scatter.scattered_light import scattered_light
 from csstsim.render.psf_table import make_table
 from csstsim.render.slitless import dispersed_photons
 from csstsim.render.slitless.dispersed_photons import shoot_spectra
+from csstsim.render.slitless.traces import Traces
 
 SIGMA = 5.0
 WINDOW = Window(1500, 6200, 4780, 4920)
@@ -34,13 +36,13 @@ def disperser(camera):
     return disperser_of(camera, GV)
 
 
-def shoot(scene, spectra, disperser, table, key=1, window=WINDOW, reach=20.0, **losses):
+def shoot(scene, spectra, disperser, table, key=1, window=WINDOW, reach=20.0, wing=None, **losses):
     """Return (counted, drawn, box) of objects, keys of their visits from `key` on."""
-    counted = np.zeros(window.shape, np.int32)
+    canvas = counting(window, **losses)
     visits = disperser.visits(scene.x, scene.y, np.full(len(scene), reach))
     keys = np.uint64(key) + 2 * visits[:, 0].astype(np.uint64) + visits[:, 1].astype(np.uint64)
     spectra = np.broadcast_to(spectra, (len(scene), len(disperser.edges) - 1))
-    return counted, *shoot_spectra(counted, window, scene, spectra, visits, disperser, keys, table, **losses)
+    return canvas.counted, *shoot_spectra(canvas, scene, Traces(spectra, visits, disperser), keys, table, wing)
 
 
 def chi(counted, expected, least=20):
@@ -162,11 +164,11 @@ def test_bits_do_not_depend_on_order_company_or_window(psf, table, disperser):
     keys = np.arange(len(visits), dtype=np.uint64) + np.uint64(77)
 
     def draw(rows, window=WINDOW):
-        counted = np.zeros(window.shape, np.int32)
+        canvas = counting(window)
         objects, own = np.unique(visits[rows, 0], return_inverse=True)
         some = np.column_stack([own, visits[rows, 1:]])
-        how = disperser, keys[rows], table
-        return counted, *shoot_spectra(counted, window, scene.take(objects), spectra[objects], some, *how)
+        traces = Traces(spectra[objects], some, disperser)
+        return canvas.counted, *shoot_spectra(canvas, scene.take(objects), traces, keys[rows], table)
 
     whole, drawn, box = draw(np.arange(len(visits)))
     turned = rng.permutation(len(visits))
@@ -250,7 +252,7 @@ def test_an_order_that_one_grating_lacks_is_dark(camera, psf, table):
 
 def test_the_wing_adds_the_light_beyond_the_box(camera, psf, table, disperser, tmp_path):
     """A PSF of 0.9 of the light: with a wing the rest is drawn outside the box, without it is lost."""
-    wing = beyond_box(camera, camera.filters["GV"]).wing
+    wing = scattered_light(camera, camera.filters["GV"]).wing
     short = replace(table, share=0.9 * table.share)
     window = Window(0, 9216, 3000, 6700)
     spectrum = spectrum_of(disperser, 1e6, 5500, 5510)
@@ -278,10 +280,8 @@ def test_little_and_bad_light(psf, table, disperser):
         with pytest.raises(ValueError, match="negative or not finite"):
             shoot(scene, bad, disperser, table)
     with pytest.raises(ValueError, match="x is not finite"):
-        shoot_spectra(
-            np.zeros(WINDOW.shape, np.int32), WINDOW, replace(scene, x=np.array([np.nan])), flat[None],
-            np.zeros((0, 3), np.int64), disperser, np.zeros(0, np.uint64), table,
-        )  # fmt: skip
+        traces = Traces(flat[None], np.zeros((0, 3), np.int64), disperser)
+        shoot_spectra(counting(WINDOW), replace(scene, x=np.array([np.nan])), traces, np.zeros(0, np.uint64), table)
     none = scene.take(np.zeros(0, int))
     counted, drawn, box = shoot(none, np.zeros((0, len(flat))), disperser, table)
     assert drawn.shape == (0, 5) and box.shape == (0, 5, 4) and not counted.any()

@@ -1,15 +1,19 @@
 """What the policy chooses and what becomes of it: methods, planes, truth, noise."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from canvases import blank
 from test_reference import EXPTIME, objects
 
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, SKIPPED_FAINT, TRUNCATED_STAMP
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.optics.scatter.outside_box import Beyond, read_beyond
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
 from csstsim.render import policy
+from csstsim.render.drawing import Drawing
 from csstsim.render.imaging import reference
 from csstsim.render.imaging.draw import draw_objects, object_keys_of
 from csstsim.render.psf_table import make_table
@@ -42,17 +46,15 @@ def draw(camera, make_pointing, psf_r, tables):
 
     def made(x, y, fidelity="standard", key=1, window=WINDOW, response=None, maximum=1.0, beyond=None, **columns):
         table = objects(wcs, x, y, **columns)
-        image = np.zeros(window.shape, np.float32)
-        drawn, counted = draw_objects(
-            image, window, table, wcs, psf_r, EXPTIME, tables=tables, beyond=beyond or Beyond(), response=response,
-            maximum=maximum, variance=VARIANCE, key=np.uint64(key), fidelity=fidelity,
-        )  # fmt: skip
-        return image, counted, drawn
+        canvas = blank(window, response=response, maximum=maximum)
+        how = beyond or Scattered(), fidelity, VARIANCE, np.uint64(key), tables
+        drawn = draw_objects(canvas, table, Drawing(wcs, psf_r, EXPTIME, *how))
+        return canvas.expected, canvas.counted, drawn
 
     def expected(x, y, window=WINDOW, **columns):
-        image = np.zeros(window.shape, np.float32)
-        drawn = reference.draw_objects(image, window, objects(wcs, x, y, **columns), wcs, psf_r, EXPTIME)
-        return image, drawn
+        canvas = blank(window)
+        drawn = reference.draw_objects(canvas, objects(wcs, x, y, **columns), Drawing(wcs, psf_r, EXPTIME))
+        return canvas.expected, drawn
 
     made.reference = expected
     return made
@@ -114,7 +116,7 @@ def test_a_wing_that_is_switched_off_is_flagged(draw):
 
 def test_wings_are_in_the_expected_plane(draw, psf_r):
     columns = {"rate": 1e7, "wing": np.full(1, 150.0)}
-    image, _, drawn = draw([4100.0], [4090.0], beyond=Beyond(read_beyond(psf_r).wing), **columns)
+    image, _, drawn = draw([4100.0], [4090.0], beyond=Scattered(read_scattered(psf_r).wing), **columns)
     assert image[90, 195] > 0 and drawn["flags"][0] == 0 and drawn["stamp"][0] == 301
 
 
@@ -168,13 +170,14 @@ def test_twins_of_one_id_are_not_drawn_alike():
 
 def test_the_choice_is_by_cost_within_the_allowed_error():
     scene = scene_of(np.zeros(40), np.zeros(40), np.geomspace(1, 1e10, 40))
-    fidelity = {"standard": None, "noise_free": None}
-    for name in fidelity:
-        fidelity[name] = policy.choose(scene, np.full(40, 32), np.zeros(40), VARIANCE, name, convex=True, per_pixel=4)
+    scene, fidelity = scene.sized(32), {}
+    convex, other = (SimpleNamespace(convex=flag, oversampling=4) for flag in (True, False))
+    for name in ("standard", "noise_free"):
+        fidelity[name] = policy.choose(scene, Drawing(None, convex, EXPTIME, None, name, VARIANCE))
     method = fidelity["standard"].method
     assert method[0] == policy.PHOTONS and method[-1] == policy.STAMP and (np.diff(method) >= 0).all()
     assert (fidelity["noise_free"].method == policy.STAMP).all()
-    stamps = policy.choose(scene, np.full(40, 32), np.zeros(40), VARIANCE, "standard", convex=False, per_pixel=4)
+    stamps = policy.choose(scene, Drawing(None, other, EXPTIME, None, "standard", VARIANCE))
     assert (stamps.method == policy.STAMP).all()  # a mixture with negative weights cannot be drawn from
 
 
@@ -198,7 +201,7 @@ def test_the_table_keeps_its_columns(draw):
 @pytest.mark.parametrize("columns", [{}, {"obj_type": GALAXY, "size_disk": 0.4}], ids=["stars", "galaxies"])
 def test_faint_objects_shine_beyond_the_box_whatever_draws_them(draw, camera, make_pointing, psf_r, columns):
     """2e5 electrons on 1401 pixels a side: all but what is beyond the window, by each renderer; photons to 5 sigma."""
-    window, beyond = Window(3400, 4801, 3400, 4801), Beyond(read_beyond(psf_r).wing)
+    window, beyond = Window(3400, 4801, 3400, 4801), Scattered(read_scattered(psf_r).wing)
     columns, place = columns | {"rate": rate(2e5), "reach": 60}, ([4100.3], [4100.1])
     angle = np.linspace(0, 2 * np.pi, 1000, endpoint=False)
     edge = 700.5 / np.maximum(np.abs(np.cos(angle)), np.abs(np.sin(angle)))  # the square's, from its middle
@@ -207,8 +210,8 @@ def test_faint_objects_shine_beyond_the_box_whatever_draws_them(draw, camera, ma
     assert image.sum(dtype=float) == pytest.approx(stamp["drawn"][0], rel=1e-4)
     assert stamp["fraction"][0] == pytest.approx(whole, abs=LIGHT)
     wcs = ChipWCS(camera.chips[9], make_pointing())
-    wanted = np.zeros(window.shape, np.float32)
-    truth = reference.draw_objects(wanted, window, objects(wcs, *place, **columns), wcs, psf_r, EXPTIME, beyond)
+    drawing = Drawing(wcs, psf_r, EXPTIME, beyond)
+    truth = reference.draw_objects(blank(window), objects(wcs, *place, **columns), drawing)
     assert truth["fraction"][0] == pytest.approx(whole, abs=LIGHT)
     _, _, photons = draw(*place, "standard", window=window, beyond=beyond, **columns)
     assert photons["fraction"][0] == pytest.approx(whole, abs=5 / np.sqrt(2e5))

@@ -9,7 +9,7 @@ from scipy.special import erf
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, TRUNCATED_STAMP
 from csstsim.catalog.light.object_spectra import catalog_spectra
 from csstsim.instrument.chip import Window
-from csstsim.optics.scatter.outside_box import Beyond, beyond_box
+from csstsim.optics.scatter.scattered_light import Scattered, scattered_light
 from csstsim.render import policy
 from csstsim.render.psf_table import make_table
 from csstsim.render.settings import load_numbers
@@ -146,9 +146,9 @@ def test_faint_objects_in_coarse_bins(camera, make_pointing, observe, psf, table
     objects, bins = sky.select(WINDOW), {}
     real = engine.shoot_spectra
 
-    def noted(counted, window, scene, light, *rest, **how):
-        bins.update(dict.fromkeys(scene.ids.tolist(), light.shape[1]))
-        return real(counted, window, scene, light, *rest, **how)
+    def noted(canvas, scene, traces, *rest):
+        bins.update(dict.fromkeys(scene.ids.tolist(), traces.spectra.shape[1]))
+        return real(canvas, scene, traces, *rest)
 
     monkeypatch.setattr(engine, "shoot_spectra", noted)
     image, *_ = sky.draw(objects, WINDOW)
@@ -195,7 +195,7 @@ def test_bright_ones_are_slabs_with_wings(camera, make_pointing, observe, dim_ps
     """Magnitude 10: slabs in a standard run; what it draws is in its table, wings on the mesh too."""
     tables = make_table(dim_psf)
     there = Sky(camera, make_pointing(), observe(make_pointing()), dim_psf, [(4500.0, 4850.0, {"id": 1, "ab": 10.0})])
-    beyond = Beyond(beyond_box(camera, camera.filters["GV"]).wing)
+    beyond = Scattered(scattered_light(camera, camera.filters["GV"]).wing)
     objects = there.select(WINDOW, beyond=beyond)
     image, drawn, orders, counted = there.draw(objects, WINDOW, "standard", tables, beyond=beyond)
     assert drawn["method"][0] == "slabs" and counted is None

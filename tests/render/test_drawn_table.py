@@ -2,14 +2,16 @@
 
 import numpy as np
 import pytest
+from canvases import blank
 from test_reference import EXPTIME, objects
 
 from csstsim.catalog.flags import FFT_REDUCED, OFF_CHIP
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.optics.scatter.outside_box import Beyond
+from csstsim.optics.scatter.scattered_light import Scattered
 from csstsim.render import policy
+from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.draw import draw_objects
 from csstsim.render.imaging.stamps import _clip_negative
 from csstsim.render.psf_table import make_table
@@ -31,12 +33,10 @@ def drawn(camera, make_pointing, psf_r):
         table = table.with_columns(**{f"flux{i}": rate for i in range(4)})
         if reach is not None:
             table = table.with_columns(reach=np.full(len(table), reach, np.int32))
-        image = np.zeros(WINDOW.shape, np.float32)
-        result, counted = draw_objects(
-            image, WINDOW, table, wcs, psf_r, EXPTIME, tables=tables, beyond=Beyond(), response=None, maximum=1.0,
-            variance=60.0, key=np.uint64(5), fidelity=fidelity,
-        )  # fmt: skip
-        return result, counted, make_scene(table, wcs, psf_r, EXPTIME)
+        canvas = blank(WINDOW)
+        drawing = Drawing(wcs, psf_r, EXPTIME, Scattered(), fidelity, 60.0, np.uint64(5), tables)
+        result = draw_objects(canvas, table, drawing)
+        return result, canvas.counted, make_scene(table, wcs, psf_r, EXPTIME)
 
     return draw
 
@@ -68,7 +68,7 @@ def test_time_is_shared_out_by_cost(drawn):
     electrons = np.array([30.0, 3000.0, 30000.0])
     table, _, scene = drawn(X + np.array([-40.0, 0.0, 40.0]), np.full(3, Y), electrons)
     assert (table["method"] == "photons").all()
-    work, _ = policy.costs(scene, 0, 0, electrons, load_numbers().cost)
+    work, _ = policy.costs(scene, electrons, load_numbers().cost)
     assert table["ms"] / table["ms"].sum() == pytest.approx(work / work.sum(), rel=1e-4)
 
 

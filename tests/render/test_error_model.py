@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from csstsim.profiles.sersic import sersic_b
 from csstsim.render.error_model import predicted
-from csstsim.render.scene import Scene, sersic_b
+from csstsim.render.scene import Scene
 from csstsim.render.settings import load_numbers
 
 NUMBERS = load_numbers().error

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from canvases import blank
 
 from csstsim.instrument.chip import Window
-from csstsim.optics.scatter.outside_box import read_beyond
+from csstsim.optics.scatter.scattered_light import read_scattered
+from csstsim.profiles.log_table import first_of, nodes
 from csstsim.render.far_wings import FACTOR, MESH, OVER, FarWings
-from csstsim.render.octave_table import first_of, nodes
-from csstsim.render.wings import NEAR, add_far, wing_beyond
+from csstsim.render.wings import NEAR, Held, Wings, wing_beyond
 
 WINDOW = Window(1003, 2100, 507, 1411)
 HALF = 32.0  # px
@@ -16,14 +17,14 @@ NEVER = 1e5  # px: the meshes take over nowhere
 
 def drawn(psf, x, y, flux, reach, response, near=None, window=WINDOW):
     """Return (image, electrons of each star); near: px from which the meshes take over."""
-    image, far, wing = np.zeros(window.shape), FarWings(window, response), read_beyond(psf).wing
-    inside = 4 * (1 - wing_beyond(wing, HALF).light.mean())  # of four electrons: no ring is missing
+    canvas, wing = blank(window, float, response=response), read_scattered(psf).wing
+    wings, inside = Wings(canvas, wing, HALF), 4 * (1 - wing_beyond(wing, HALF).light.mean())  # no ring is missing
     light = [
-        add_far(image, response, window, *star, np.full(4, f), inside * f, inside * f, wing, r, HALF, far, near)
+        wings.add(star, np.full(4, f), Held(inside * f, inside * f), r, near=near)
         for *star, f, r in zip(x, y, flux, reach, strict=True)
     ]
-    far.lay(image)
-    return image, light
+    wings.lay()
+    return canvas.expected, light
 
 
 STARS = {
@@ -45,7 +46,7 @@ def test_meshes_and_pixels_agree(psf_r, stars, lossy):
         response *= np.random.default_rng(1).uniform(0.5, 1, WINDOW.shape).astype(np.float32)
     exact, light = drawn(psf_r, *STARS[stars], response, near=NEVER)
     meshed, account = drawn(psf_r, *STARS[stars], response)
-    wing, full = read_beyond(psf_r).wing, np.zeros(WINDOW.shape)  # full: without the fade into the box
+    wing, full = read_scattered(psf_r).wing, np.zeros(WINDOW.shape)  # full: without the fade into the box
     for x, y, flux, _ in zip(*STARS[stars], strict=True):
         r = np.hypot(np.arange(WINDOW.x0, WINDOW.x1) - x, np.arange(WINDOW.y0, WINDOW.y1)[:, None] - y)
         full += flux * wing.profile(np.maximum(r, HALF)).sum(axis=0)
@@ -78,10 +79,11 @@ def test_each_mesh_gives_a_plane_back(level):
     """A flat table is flat on the image, whatever mesh it is laid on; its account is the sum, over the response too."""
     window = Window(100, 400, 50, 231)
     response = np.random.default_rng(2).uniform(0.5, 1, window.shape).astype(np.float32)
-    far, image = FarWings(window, response), np.zeros(window.shape)
+    canvas = blank(window, float, response=response)
+    far, image = FarWings(canvas), canvas.expected
     octaves = 40
-    drawn = far.add(level, 250.3, 120.2, 1e5, np.full(len(nodes(0, octaves)), 2.5), first_of(0))
-    far.lay(image)
+    drawn = far.add(level, (250.3, 120.2), (np.full(len(nodes(0, octaves)), 2.5), first_of(0), 1e5))
+    far.lay()
     assert image == pytest.approx(2.5 * response, rel=1e-6)  # the spline's ends are felt a little
     assert drawn == pytest.approx(image.sum(), rel=1e-6)
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from canvases import blank
 from galaxies import scene_of, shaped
 from grating_scene import gaussian_psf
 
@@ -22,8 +23,9 @@ def test_all_parts_of_a_galaxy_have_one_centre(tmp_path, index, size, place):
     scene = scene_of(psf, *place, 1e7, index=index, size=size, matrix=shaped(0.7, 0.5))
     cut = plan_galaxies(scene, np.array([REACH]), BOX_PX, np.ones(1, bool)).cut[0, 0]
     assert np.isfinite(cut) or size < 1  # a large one has both parts
-    image = np.zeros(WINDOW.shape)
-    draw_scene(image, WINDOW, scene, np.array([REACH]), np.zeros(1), psf)
+    canvas = blank(WINDOW, float)
+    draw_scene(canvas, scene.sized(REACH), psf)
+    image = canvas.expected
     dx = np.arange(WINDOW.x0, WINDOW.x1) - place[0]
     dy = (np.arange(WINDOW.y0, WINDOW.y1) - place[1])[:, None]
     radius = np.hypot(dx, dy)

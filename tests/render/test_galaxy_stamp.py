@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
+from canvases import blank
 from galaxies import SCALE, galsim_image, moments, scene_of, shaped
 from scipy.special import gammainc
 
 from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED
 from csstsim.instrument.chip import Window
+from csstsim.profiles.sersic import sersic_b
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.psf_mixture import Mixer
-from csstsim.render.scene import sersic_b
 
 X, Y = 4200, 5150
 FLUX, SIZE, SHAPE, PIXEL = 1e-3, 1e-3, 1e-4, 1e-3  # relative, relative, absolute, of the peak
@@ -26,9 +27,8 @@ def around(half, x=X, y=Y):
 
 
 def draw(mixer, scene, half, window=None):
-    window = window or around(half)
-    image = np.zeros(window.shape, np.float32)
-    return image, draw_scene(image, window, scene, np.full(len(scene), half), np.zeros(len(scene)), mixer)
+    canvas = blank(window or around(half))
+    return canvas.expected, draw_scene(canvas, scene.sized(half), mixer)
 
 
 @pytest.mark.parametrize("index", [0.5, 1.0, 2.5, 4.0, 6.0])

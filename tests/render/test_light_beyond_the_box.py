@@ -2,19 +2,20 @@
 
 import numpy as np
 import pytest
+from canvases import blank, counting
 from galaxies import scene_of, shaped
 from scipy.stats import chi2_contingency
 
 from csstsim.base.counter import object_keys
 from csstsim.catalog.flags import FFT_REDUCED
 from csstsim.instrument.chip import Window
-from csstsim.optics.scatter.outside_box import Beyond, read_beyond
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
+from csstsim.profiles.sersic import sersic_b
 from csstsim.render.imaging.galaxy_stamp import plan_galaxies
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene
-from csstsim.render.photon_places import from_profile
+from csstsim.render.photon_positions import from_profile
 from csstsim.render.psf_table import make_table
-from csstsim.render.scene import sersic_b
 from csstsim.render.slitless.line_wings import order_wing
 
 SIGMA = 5.0
@@ -31,11 +32,10 @@ def table_r(psf_r):
 def counts(psf, table, electrons, maximum, copies=1, base=3):
     """Return (counted plane, electrons that fell beyond the box) of stars at one place, all light counted."""
     scene = scene_of(psf, np.full(copies, X), np.full(copies, Y), electrons, index=0.0)
-    counted = np.zeros(WINDOW.shape, np.int32)
-    response = np.ones(WINDOW.shape, np.float32)
+    canvas = counting(WINDOW, response=np.ones(WINDOW.shape, np.float32), maximum=maximum)
     keys = object_keys(np.uint64(base), scene.ids)
-    _, beyond, _ = shoot_scene(counted, WINDOW, scene, keys, table, response, maximum, read_beyond(psf).wing)
-    return counted, beyond.sum()
+    _, beyond, _ = shoot_scene(canvas, scene, keys, table, read_scattered(psf).wing)
+    return canvas.counted, beyond.sum()
 
 
 @pytest.mark.parametrize(("electrons", "copies"), [(2e6, 1), (200.0, 10_000)], ids=["many", "few"])
@@ -50,7 +50,7 @@ def test_a_response_of_one_counts_all_light_wherever_it_falls(psf_r, table_r, el
     x, y = np.abs(np.arange(WINDOW.x0, WINDOW.x1) - X), np.abs(np.arange(WINDOW.y0, WINDOW.y1) - Y)
     inside = (x < BOX_PX - 2) & (y < BOX_PX - 2)[:, None]
     ring = ~((x < BOX_PX + 2) & (y < BOX_PX + 2)[:, None])
-    wing = read_beyond(psf_r).wing
+    wing = read_scattered(psf_r).wing
     corner = min(WINDOW.x1 - X, X - WINDOW.x0, WINDOW.y1 - Y, Y - WINDOW.y0)
     circle = ring & (np.hypot(x, y[:, None]) < corner)
     # Of what lies beyond the box's square, the share within the circle that fits the window, by the profile itself
@@ -83,27 +83,26 @@ def test_radius_and_angle_of_a_profiles_photons_have_nothing_to_do_with_each_oth
 def test_a_galaxy_too_long_for_a_transform_says_so(psf_r):
     """A bright needle 40 arcsec long: rough in the plan, and its row has the flag; a round one of its size has not."""
     window = Window(3000, 5000, 4000, 6000)
-    image = np.zeros(window.shape, np.float32)
     places, reach = np.array([4000.0, 4000.0]), np.array([900, 900])
     scene = scene_of(psf_r, places, places + 1000, 1e8, index=1.0, size=20.0, matrix=np.stack([
         shaped(0.01, 0.3), shaped(1.0, 0.0),
     ]))  # fmt: skip
     rough = plan_galaxies(scene, reach, BOX_PX, np.ones(2, bool)).rough
     assert rough.tolist() == [True, False]
-    drawn = draw_scene(image, window, scene, reach, np.zeros(2), psf_r)
+    drawn = draw_scene(blank(window), scene.sized(reach), psf_r)
     assert ((drawn.flags & FFT_REDUCED) > 0).tolist() == [True, False]
 
 
 @pytest.mark.parametrize("electrons", [1e8, 1e9])
 def test_ghosts_hold_their_share_of_the_light(camera, psf_r, electrons):
     """The sum of all that ghosts add is the sum of their shares, in the image and in what is said to be drawn."""
-    beyond = Beyond(None, read_beyond(psf_r).ghosts)
+    beyond = Scattered(None, read_scattered(psf_r).ghosts)
     window, chip = Window(2500, 5500, 3500, 6500), camera.chips[9]
     scene = scene_of(psf_r, X, Y, electrons, index=0.0)
-    image = np.zeros(window.shape)
-    drawn = draw_scene(image, window, scene, np.array([64]), np.zeros(1), psf_r, beyond, chip=chip)
-    alone = np.zeros(window.shape)
-    without = draw_scene(alone, window, scene, np.array([64]), np.zeros(1), psf_r, chip=chip)
+    haunted, plain, scene = blank(window, float), blank(window, float), scene.sized(64)
+    drawn = draw_scene(haunted, scene, psf_r, beyond, chip)
+    without = draw_scene(plain, scene, psf_r, chip=chip)
+    image, alone = haunted.expected, plain.expected
     share = beyond.ghosts.light.sum()
     assert beyond.ghosts.visible(electrons)
     assert (image - alone).sum() / electrons == pytest.approx(share, rel=1e-3)
@@ -117,10 +116,10 @@ def test_losses_take_the_same_share_near_and_far(psf_r, table_r):
     rings = [(radius > low) & (radius < high) for low, high in ((50.0, 80.0), (80.0, 150.0), (150.0, 290.0))]
     counted = []
     for base, share in ((11, 1.0), (12, 0.5)):
-        plane, response = np.zeros(WINDOW.shape, np.int32), np.full(WINDOW.shape, share, np.float32)
+        canvas = counting(WINDOW, response=np.full(WINDOW.shape, share, np.float32))
         keys = object_keys(np.uint64(base), scene.ids)
-        shoot_scene(plane, WINDOW, scene, keys, table_r, response, 1.0, read_beyond(psf_r).wing)
-        counted.append([plane[ring].sum() for ring in rings])
+        shoot_scene(canvas, scene, keys, table_r, read_scattered(psf_r).wing)
+        counted.append([canvas.counted[ring].sum() for ring in rings])
     for whole, half in np.transpose(counted):
         assert whole > 500
         assert half == pytest.approx(0.5 * whole, abs=SIGMA * np.sqrt(0.5 * whole + 0.25 * whole))

@@ -2,12 +2,12 @@
 
 import numpy as np
 import pytest
+from canvases import blank
 
 from csstsim.instrument.chip import Window
-from csstsim.optics.scatter.outside_box import Beyond, beyond_box
-from csstsim.render.far_wings import FarWings
+from csstsim.optics.scatter.scattered_light import Scattered, scattered_light
 from csstsim.render.slitless.line_wings import LINE_STEP, add_line, order_wing, points_of
-from csstsim.render.wings import add_far, wing_beyond
+from csstsim.render.wings import Held, Wings, wing_beyond
 
 WINDOW = Window(2800, 4200, 4300, 5400)
 HALF = 32.0  # px, of the PSF's box
@@ -16,7 +16,7 @@ LIGHT = 1e8
 
 @pytest.fixture(scope="module")
 def beyond(camera):
-    return Beyond(beyond_box(camera, camera.filters["GV"]).wing)
+    return Scattered(scattered_light(camera, camera.filters["GV"]).wing)
 
 
 @pytest.fixture(scope="module")
@@ -36,26 +36,23 @@ def inside(beyond, shows):
 
 
 def draw(spectrum, beyond, wing, window=WINDOW, response=None, **how):
-    image, response = np.zeros(window.shape), np.ones(window.shape, np.float32) if response is None else response
-    far = FarWings(window, response)
-    points = points_of(*spectrum)
-    held = inside(beyond, wing > 0)
-    drawn, box = add_line(image, response, window, *points, *held, beyond.wing, wing, HALF, far, **how)
-    far.lay(image)
-    return image, drawn, box
+    canvas = blank(window, float, response=response)
+    wings = Wings(canvas, beyond.wing, HALF)
+    drawn, box = add_line(wings, points_of(*spectrum), Held(*inside(beyond, wing > 0)), wing, **how)
+    wings.lay()
+    return canvas.expected, drawn, box
 
 
 def one_by_one(spectrum, beyond, step=10):
     """Points 2 px apart, pixel by pixel."""
-    image, one = np.zeros(WINDOW.shape), np.ones(WINDOW.shape, np.float32)
-    x, y, light = spectrum
+    canvas, (x, y, light) = blank(WINDOW, float), spectrum
     for k in range(0, len(x), step):
         some = light[:, k : k + step]
         at = (some.sum(axis=0) * (x[k : k + step], y[k : k + step])).sum(axis=1) / some.sum()
         flux = some.sum(axis=1)
         held = flux @ inside(beyond, True)[0]
-        add_far(image, one, WINDOW, *at, flux, held, held, beyond.wing, 900.0, HALF, FarWings(WINDOW, one), near=1e5)
-    return image
+        Wings(canvas, beyond.wing, HALF).add(at, flux, Held(held, held), 900.0, near=1e5)
+    return canvas.expected
 
 
 def test_points_hold_all_light_and_its_centroid(spectrum):
@@ -136,15 +133,12 @@ def test_no_order_loses_light_by_its_brightness(spectrum, beyond):
     """
     reaches = [order_wing(300.0, share, HALF) for share in (1e-5, 1e-3, 5e-3, 0.03, 0.3, 1.0)] + [1500.0]
     assert reaches[0] == 0 and reaches[-2] > 3 * HALF
-    far, response = [], np.ones(WINDOW.shape, np.float32)
+    far = []
     box, _ = inside(beyond, True)
     for reach in reaches:
         for held in (box, 0.95 * box, 0.5 * box):
-            image = np.zeros(WINDOW.shape)
-            meshes = FarWings(WINDOW, response)
-            far.append(
-                add_line(image, response, WINDOW, *points_of(*spectrum), box, held, beyond.wing, reach, HALF, meshes)[0]
-            )
+            wings = Wings(blank(WINDOW, float), beyond.wing, HALF)
+            far.append(add_line(wings, points_of(*spectrum), Held(box, held), reach)[0])
     full, small, half = far[::3], far[1::3], far[2::3]
     total = (spectrum[2].sum(axis=1) * box).sum()
     assert full == pytest.approx([full[-1]] * len(full), rel=3e-3)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import galsim
 import numpy as np
 import pytest
+from canvases import blank, counting
 from scipy.interpolate import BSpline
 
 from csstsim.base.counter import object_keys
@@ -13,11 +14,14 @@ from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.psf_file import write_psf
 from csstsim.optics.psf.psf_set import PsfSet, pixel_response
-from csstsim.optics.scatter.outside_box import read_beyond
+from csstsim.optics.scatter.scattered_light import read_scattered
+from csstsim.profiles.sersic import sersic_b
+from csstsim.render.canvas import Canvas
+from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.reference import PSF_MAXK, draw_objects
 from csstsim.render.psf_table import make_table
-from csstsim.render.scene import Scene, make_scene, sersic_b
+from csstsim.render.scene import Scene, make_scene
 
 SIGMA = 5.0
 WINDOW = Window(4000, 4130, 5000, 5120)
@@ -68,9 +72,9 @@ def make(psf, x, y, electrons, index=0.0, size=0.3, matrix=None, bulge=0.0):
 
 
 def shoot(scene, table, base=1, window=WINDOW, **losses):
-    counted = np.zeros(window.shape, np.int32)
-    result = shoot_scene(counted, window, scene, object_keys(np.uint64(base), scene.ids), table, **losses)
-    return counted, *result
+    canvas = counting(window, **losses)
+    result = shoot_scene(canvas, scene, object_keys(np.uint64(base), scene.ids), table)
+    return canvas.counted, *result
 
 
 def size(image, x, y, error=None):
@@ -114,8 +118,9 @@ def test_star_is_the_reference_pixel_by_pixel(camera, make_pointing, psf_r, tabl
     }  # fmt: skip
     columns |= {f"flux{i}": [f] for i, f in enumerate((4e3, 1e3, 2e3, 3e3))}
     objects = ObjectTable.complete({k: np.array(v) for k, v in columns.items()})
-    expected = np.zeros(WINDOW.shape, np.float32)
-    draw_objects(expected, WINDOW, objects, wcs, psf_r, 100.0)
+    canvas = blank(WINDOW)
+    draw_objects(canvas, objects, Drawing(wcs, psf_r, 100.0))
+    expected = canvas.expected
     counted, on, _, box = shoot(make_scene(objects, wcs, psf_r, 100.0), table_r)
     used = expected > 20
     chi2 = ((counted - expected)[used] ** 2 / expected[used]).sum()
@@ -354,7 +359,7 @@ def test_arrays_that_do_not_fit_are_refused(psf_r, table_r):
     scene = make(psf_r, *CENTRE, 10.0)
     keys = object_keys(np.uint64(1), scene.ids)
     with pytest.raises(ValueError, match="counted"):
-        shoot_scene(np.zeros(WINDOW.shape), WINDOW, scene, keys, table_r)
+        shoot_scene(Canvas(None, WINDOW, counted=np.zeros(WINDOW.shape)), scene, keys, table_r)
     with pytest.raises(ValueError, match="response"):
         shoot(scene, table_r, response=np.ones((3, 3), np.float32))
     with pytest.raises(ValueError, match="at most"):
@@ -363,10 +368,11 @@ def test_arrays_that_do_not_fit_are_refused(psf_r, table_r):
 
 def test_light_beyond_the_box_follows_the_wing(psf_r, table_r):
     """2e6 electrons of a star with its wing: outside the box, rings of the closed form; none lost; 5 sigma."""
-    wing, n = read_beyond(psf_r).wing, 2e6
+    wing, n = read_scattered(psf_r).wing, 2e6
     window, scene = Window(0, 2001, 0, 2001), make(psf_r, 1000.0, 1000.0, n)
-    counted = np.zeros(window.shape, np.int32)
-    on_window, beyond, box = shoot_scene(counted, window, scene, np.array([3], np.uint64), table_r, wing=wing)
+    canvas = counting(window)
+    on_window, beyond, box = shoot_scene(canvas, scene, np.array([3], np.uint64), table_r, wing)
+    counted = canvas.counted
     r = np.hypot(*(np.indices(window.shape) - 1000.0))
     for inner, outer in ((50, 80), (80, 150), (150, 400), (400, 900)):
         share = (wing.beyond(inner) - wing.beyond(outer)).mean()

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 from astropy.wcs import WCS
+from canvases import blank
 
 from csstsim.catalog.flags import BAD_VALUE, FFT_REDUCED, OFF_CHIP
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.psf_set import pixel_response, windowed_centroid
+from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.reference import draw_objects
 
 EXPTIME = 100.0
@@ -38,8 +40,8 @@ def scene(camera, make_pointing, psf_r):
     wcs = ChipWCS(camera.chips[9], make_pointing())
 
     def draw(window=WINDOW, **columns):
-        image = np.zeros(window.shape, np.float32)
-        return image, draw_objects(image, window, objects(wcs, **columns), wcs, psf_r, EXPTIME)
+        canvas = blank(window)
+        return canvas.expected, draw_objects(canvas, objects(wcs, **columns), Drawing(wcs, psf_r, EXPTIME))
 
     return draw
 
@@ -123,8 +125,9 @@ def test_tangential_shear_stays_tangential(camera, make_pointing, psf_r, pa, dec
         gamma1=-g * np.cos(2 * phi),
         gamma2=-g * np.sin(2 * phi),
     )
-    image = np.zeros(WINDOW.shape, np.float32)
-    draw_objects(image, WINDOW, table, wcs, psf_r, EXPTIME)
+    canvas = blank(WINDOW)
+    draw_objects(canvas, table, Drawing(wcs, psf_r, EXPTIME))
+    image = canvas.expected
     tangential, cross = [], []
     for xi, yi, ra_i, dec_i in zip(x, y, ra, dec_, strict=True):
         e1, e2 = _sky_shape(image, xi, yi, sky, ra_i, dec_i)

@@ -3,6 +3,7 @@
 import galsim
 import numpy as np
 import pytest
+from canvases import blank, counting
 from test_reference import objects
 
 from csstsim.base.counter import object_keys
@@ -11,13 +12,15 @@ from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.gratings.dispersion import Disperser
 from csstsim.optics.psf.psf_set import PsfSet, make_psf, pixel_response
-from csstsim.optics.scatter.outside_box import beyond_box, read_beyond
+from csstsim.optics.scatter.scattered_light import read_scattered, scattered_light
+from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.reference import lattice
 from csstsim.render.psf_table import read_tables, write_tables
 from csstsim.render.scene import make_scene
 from csstsim.render.slitless.dispersed_photons import shoot_spectra
 from csstsim.render.slitless.reference_dispersed import draw_objects
 from csstsim.render.slitless.slabs import draw_spectra
+from csstsim.render.slitless.traces import Traces
 
 CHIP, EXPTIME = 29, 150.0
 X, Y = 2500.3, 4600.7  # on the left grating, whose first order lies to the right
@@ -30,7 +33,7 @@ PIXEL = 5e-4  # of the peak: interpolations of the stored cells
 def setting(camera, make_pointing, tmp_path_factory):
     path, chip = tmp_path_factory.mktemp("psf") / "GV.h5", camera.chips[CHIP]
     band = camera.filters["GV"]
-    beyond = beyond_box(camera, band)
+    beyond = scattered_light(camera, band)
     make_psf(path, chip, band, camera.telescope, camera.psf, 2, camera_digest=camera.digest, beyond=beyond)
     psf = PsfSet(path, chip=CHIP)
     return Disperser(camera.gratings[CHIP], band, camera.telescope), ChipWCS(chip, make_pointing()), psf
@@ -46,12 +49,11 @@ def line_at(disperser, wavelength, electrons):
 
 def draw(setting, window, light, rows, **more):
     disperser, wcs, psf = setting
-    image = np.zeros(window.shape, np.float32)
+    canvas, drawing = blank(window), Drawing(wcs, psf, EXPTIME, **more)
     tables = draw_objects(
-        image, window, rows, lambda rows, edges: np.repeat(light[None], len(rows), axis=0), disperser, wcs, psf,
-        EXPTIME, **more,
-    )  # fmt: skip
-    return image, *tables
+        canvas, rows, lambda rows, edges: np.repeat(light[None], len(rows), axis=0), disperser, drawing
+    )
+    return canvas.expected, *tables
 
 
 def around(setting, wavelength, half, order=1):
@@ -111,15 +113,17 @@ def test_slabs_and_photons_agree_with_it(setting, tmp_path_factory):
     window, _, _ = around(setting, 5300.0, 50)
     rows = objects(wcs, X, Y, GALAXY, reach=64, rate=1e6 / EXPTIME, size_disk=0.25)
     image, _, _ = draw(setting, window, light, rows)
-    scene, visits = make_scene(rows, wcs, psf, EXPTIME), np.array([[0, 0, 0]])
-    slabs = np.zeros(window.shape)
-    draw_spectra(slabs, window, scene, light[None] * EXPTIME, visits, np.array([64]), np.zeros(1), disperser, psf)
+    scene, traces = make_scene(rows, wcs, psf, EXPTIME), Traces(light[None] * EXPTIME, np.array([[0, 0, 0]]), disperser)
+    canvas = blank(window, float)
+    slabs = canvas.expected
+    draw_spectra(canvas, scene.sized(64), traces, psf)
     assert np.abs(slabs - image).max() < PIXEL * image.max()
     path = tmp_path_factory.mktemp("tables") / "GV.tables.h5"
     write_tables(path, psf)
-    counted = np.zeros(window.shape, np.int32)
+    canvas = counting(window)
     keys, table = object_keys(np.uint64(5), np.zeros(1, np.int64)), read_tables(path, psf)
-    shoot_spectra(counted, window, scene, light[None] * EXPTIME, visits, disperser, keys, table)
+    shoot_spectra(canvas, scene, traces, keys, table)
+    counted = canvas.counted
     filled = image > 20
     chi2 = ((counted - image)[filled] ** 2 / image[filled]).mean()
     assert chi2 == pytest.approx(1.0, abs=5 * np.sqrt(2 / filled.sum()))
@@ -151,12 +155,12 @@ def test_wings_are_those_of_slabs(setting):
     light, wavelength, _ = line_at(disperser, 5200.0, 1e7)
     window, _, _ = around(setting, wavelength, 150)
     rows = objects(wcs, X, Y, reach=32, rate=1e7 / EXPTIME, wing=np.array([140.0]))
-    beyond = read_beyond(psf)
-    image, table, _ = draw(setting, window, light, rows, beyond=beyond)
-    scene, visits = make_scene(rows, wcs, psf, EXPTIME), np.array([[0, 0, 0]])
-    slabs = np.zeros(window.shape)
-    place = np.array([32]), np.array([140.0])
-    draw_spectra(slabs, window, scene, light[None] * EXPTIME, visits, *place, disperser, psf, beyond)
+    beyond = read_scattered(psf)
+    image, table, _ = draw(setting, window, light, rows, scattered=beyond)
+    scene, traces = make_scene(rows, wcs, psf, EXPTIME), Traces(light[None] * EXPTIME, np.array([[0, 0, 0]]), disperser)
+    canvas = blank(window, float)
+    slabs = canvas.expected
+    draw_spectra(canvas, scene.sized(32, 140.0), traces, psf, beyond)
     far = np.zeros(window.shape, bool)
     far[:100], far[:, :100] = True, True
     assert image[far].sum(dtype=float) == pytest.approx(slabs[far].sum(), rel=1e-5) and image[far].sum() > 1e3

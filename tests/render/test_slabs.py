@@ -5,15 +5,17 @@ from dataclasses import replace
 import galsim
 import numpy as np
 import pytest
+from canvases import blank, counting
 from grating_scene import GV, PIXEL, SIGMA_PX, SPLIT, by_hand, disperser_of, gaussian_psf, scene_of, spectrum_of
 from scipy.special import ndtr
 
 from csstsim.catalog.flags import OUTSIDE_PSF_HULL
 from csstsim.instrument.chip import Window
-from csstsim.optics.scatter.outside_box import Beyond, beyond_box
+from csstsim.optics.scatter.scattered_light import Scattered, scattered_light
 from csstsim.render.psf_table import make_table
 from csstsim.render.slitless.dispersed_photons import shoot_spectra
 from csstsim.render.slitless.slabs import PER_PX, draw_spectra
+from csstsim.render.slitless.traces import Traces
 
 SIGMA = 5.0
 WINDOW = Window(1500, 6200, 4780, 4920)
@@ -33,12 +35,12 @@ def disperser(camera):
 
 def draw(scene, spectra, disperser, psf, window=WINDOW, reach=REACH, wing=0.0, dtype=float, **how):
     """Return (image, Drawn)."""
-    image = np.zeros(window.shape, dtype)
+    canvas = blank(window, dtype, response=how.pop("response", None))
     count = len(scene)
     spectra = np.broadcast_to(spectra, (count, len(disperser.edges) - 1))
     visits = disperser.visits(scene.x, scene.y, np.full(count, max(reach, wing)))
-    place = scene, spectra, visits, np.full(count, reach), np.full(count, wing)
-    return image, draw_spectra(image, window, *place, disperser, psf, **how)
+    traces = Traces(spectra, visits, disperser)
+    return canvas.expected, draw_spectra(canvas, scene.sized(reach, wing), traces, psf, **how)
 
 
 def whole(disperser, spectrum, x=X, y=Y, window=WINDOW, piece=0):
@@ -162,9 +164,10 @@ def test_photons_agree_within_poisson(psf, disperser, kind, line):
     window = Window(1500, 6200, 4650, 5050)
     reach = REACH if kind == "star" else 90
     image, out = draw(scene, spectrum, disperser, psf, window=window, reach=reach)
-    counted, visits = np.zeros(window.shape, np.int32), disperser.visits(scene.x, scene.y, np.array([float(reach)]))
-    how = spectrum[None], visits, disperser, np.array([3], np.uint64), make_table(psf)
-    drawn, _ = shoot_spectra(counted, window, scene, *how)
+    canvas, visits = counting(window), disperser.visits(scene.x, scene.y, np.array([float(reach)]))
+    traces = Traces(spectrum[None], visits, disperser)
+    drawn, _ = shoot_spectra(canvas, scene, traces, np.array([3], np.uint64), make_table(psf))
+    counted = canvas.counted
     for image_, counted_ in ((image, counted), (squares(image), squares(counted))):
         used = image_ > 20
         chi2 = ((counted_ - image_)[used] ** 2 / image_[used]).sum()
@@ -234,12 +237,12 @@ def test_a_wide_galaxy_on_the_split(psf, disperser):
 def test_wings_are_divided_too(camera, disperser, wing, tmp_path):
     """A star near and far from the split: the light of both gratings together is that of the star far from any edge."""
     psf = gaussian_psf(tmp_path / "dim.h5", light=0.95)
-    beyond = Beyond(beyond_box(camera, camera.filters["GV"]).wing)
+    beyond = Scattered(scattered_light(camera, camera.filters["GV"]).wing)
     spectrum = spectrum_of(disperser, 1e6, 5500, 5600)
     window = Window(3600, 7400, 3850, 5850)
     sums = {}
     for x in (4500.0, SPLIT - 100.0, SPLIT - 10.0, SPLIT, SPLIT + 60.0):
-        _, out = draw(scene_of(psf, x, Y), spectrum, disperser, psf, window=window, wing=wing, beyond=beyond)
+        _, out = draw(scene_of(psf, x, Y), spectrum, disperser, psf, window=window, wing=wing, scattered=beyond)
         sums[x] = out.drawn[:, disperser.orders.index(0)].sum()  # the zeroth order, whose place hardly moves
     alone = spectrum @ disperser.rates[0, 2]
     assert 0.97 * alone < sums[4500.0] < 0.999 * alone  # 95% in the box, and the wing as far as the window goes

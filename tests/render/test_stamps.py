@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from canvases import blank
 from galaxies import scene_of, shaped
 
 from csstsim.catalog.flags import OFF_CHIP, OUTSIDE_PSF_HULL
 from csstsim.instrument.chip import Window
 from csstsim.optics.psf.psf_file import pixel_response
-from csstsim.optics.scatter.outside_box import Beyond, read_beyond
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
 from csstsim.render.imaging import stamps
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.psf_mixture import Mixer
@@ -22,9 +23,8 @@ def mixer(psf_r):
 
 
 def draw(psf, scene, reach=32, window=WINDOW, wing=0.0, dtype=np.float32, **more):
-    image = np.zeros(window.shape, dtype)
-    n = len(scene)
-    return image, draw_scene(image, window, scene, np.full(n, reach), np.full(n, wing), psf, **more)
+    canvas = blank(window, dtype, response=more.pop("response", None))
+    return canvas.expected, draw_scene(canvas, scene.sized(reach, wing), psf, **more)
 
 
 def mixed(psf, count, rng):
@@ -115,9 +115,9 @@ def test_outside_the_nodes_is_said(psf_r, mixer):
 @pytest.mark.parametrize("index", [0.0, 1.0])
 def test_a_bright_object_has_its_wing(psf_r, mixer, index):
     """Box faded out, wing faded in: all the light to 3e-4 within 280 px, no step at the edge of the box."""
-    beyond, window = Beyond(read_beyond(psf_r).wing), Window(3900, 4501, 4850, 5451)
+    beyond, window = Scattered(read_scattered(psf_r).wing), Window(3900, 4501, 4850, 5451)
     scene = scene_of(psf_r, 4200.2, 5150.3, 1e8, index, 0.3)
-    image, drawn = draw(mixer, scene, reach=60, window=window, wing=2000.0, beyond=beyond)
+    image, drawn = draw(mixer, scene, reach=60, window=window, wing=2000.0, scattered=beyond)
     r = np.hypot(np.arange(3900, 4501) - 4200.2, np.arange(4850, 5451)[:, None] - 5150.3)
     inside = image[r < 280].sum(dtype=float) / 1e8
     assert inside == pytest.approx(1 - beyond.wing.beyond(280.0).mean(), abs=3e-4)

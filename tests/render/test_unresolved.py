@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from canvases import blank
 from test_draw import scene_of
 
 from csstsim.instrument.chip import Window
@@ -12,8 +13,8 @@ ALL = np.ones(WINDOW.shape, np.float32)
 
 
 def spread(x, y, electrons, response=ALL):
-    image = np.zeros(WINDOW.shape)
-    return image, *add_unresolved(image, WINDOW, scene_of(x, y, electrons), response)
+    canvas = blank(WINDOW, float, response=response)
+    return canvas.expected, *add_unresolved(canvas, scene_of(x, y, electrons))
 
 
 @pytest.mark.parametrize("x, y", [(1350.0, 800.0), (1313.37, 777.77), (1320.0, 820.0), (1128.0, 628.0)])

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from canvases import blank
 from test_reference import EXPTIME, objects
 
 from csstsim.base.rng import Streams
@@ -13,12 +14,14 @@ from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.optics.scatter.outside_box import Beyond, read_beyond
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
+from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.reference import draw_objects
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.scene import make_scene
 from csstsim.render.wing_tables import step, tables
 from csstsim.render.wings import add_ghosts, box_share, ring_within, wing_beyond
+from csstsim.simulation.exposure import Exposure
 from csstsim.simulation.state import State
 
 VARIANCE = 60.0  # e-^2, of a pixel in r
@@ -28,17 +31,17 @@ X, Y = 4600.3, 4500.4
 
 @pytest.fixture(scope="module")
 def scene(camera, make_pointing, psf_r):
-    """Draw stars of given electrons on a window of chip 9; returns the image, the table and their Beyond."""
-    wcs, whole = ChipWCS(camera.chips[9], make_pointing()), read_beyond(psf_r)
+    """Draw stars of given electrons on a window of chip 9; returns the image, the table and their ScatteredLight."""
+    wcs, whole = ChipWCS(camera.chips[9], make_pointing()), read_scattered(psf_r)
 
     def draw(electrons, window, x=X, y=Y, ghosts=False, wings=True):
         electrons = np.broadcast_to(np.asarray(electrons, float), np.shape(np.atleast_1d(x)))
         wing = wing_reach(electrons, VARIANCE, whole.wing)
         table = objects(wcs, x, y, wing=np.where(wing > 64, wing, 0.0))
         table = table.with_columns(**{f"flux{i}": electrons / EXPTIME / 4 for i in range(4)})
-        beyond = Beyond(whole.wing if wings else None, whole.ghosts if ghosts else None)
-        image = np.zeros(window.shape, np.float32)
-        return image, draw_objects(image, window, table, wcs, psf_r, EXPTIME, beyond), whole
+        beyond = Scattered(whole.wing if wings else None, whole.ghosts if ghosts else None)
+        canvas = blank(window)
+        return canvas.expected, draw_objects(canvas, table, Drawing(wcs, psf_r, EXPTIME, beyond)), whole
 
     return draw
 
@@ -78,10 +81,11 @@ def test_the_rings_follow_the_profile_through_the_join(scene, electrons):
 @pytest.mark.parametrize("size", [0.2, 1.0])
 def test_a_bright_galaxy_has_the_wing_of_its_light(camera, make_pointing, psf_r, size):
     """Half-light radius 3 and 14 px, 1e8 e-: all the light to 3e-4; far out the wings of all its points, to 1%."""
-    wcs, beyond, window = ChipWCS(camera.chips[9], make_pointing()), Beyond(read_beyond(psf_r).wing), around(400)
+    wcs, beyond, window = ChipWCS(camera.chips[9], make_pointing()), Scattered(read_scattered(psf_r).wing), around(400)
     table = objects(wcs, X, Y, obj_type=GALAXY, reach=300, size_disk=size, rate=1e6, wing=np.full(1, 1500.0))
-    image = np.zeros(window.shape, np.float32)
-    draw_objects(image, window, table, wcs, psf_r, EXPTIME, beyond)
+    canvas = blank(window)
+    draw_objects(canvas, table, Drawing(wcs, psf_r, EXPTIME, beyond))
+    image = canvas.expected
     r = distance(window)
     assert image[r < 390].sum(dtype=float) / 1e8 == pytest.approx(1 - beyond.wing.beyond(390).mean(), abs=3e-4)
     ring = (r > 150) & (r < 160)
@@ -155,9 +159,9 @@ def test_ghosts_lie_where_geometry_says_and_hold_their_light(scene, camera):
 def test_a_disc_is_uniform_and_holds_its_light(camera, scene, centre):
     beyond = scene(0.0, around(1))[2]
     one = replace(beyond.ghosts, way=np.zeros(1), radius=np.array([80.0]), light=np.array([1e-3]))
-    image = np.zeros((600, 600))
-    window, response = Window(0, 600, 0, 600), np.ones_like(image)
-    [(total, box)] = add_ghosts(image, response, window, camera.chips[9], *centre, 1e9, one)
+    canvas = blank(Window(0, 600, 0, 600), float)
+    image = canvas.expected
+    [(total, box)] = add_ghosts(canvas, camera.chips[9], centre, 1e9, one)
     assert total == pytest.approx(1e6, rel=5e-5) and image.sum() == pytest.approx(total)
     r = np.hypot(np.arange(600) - centre[0], np.arange(600)[:, None] - centre[1])
     assert image[r < 79.5] == pytest.approx(1e6 / np.pi / 80.0**2, rel=1e-4) and not image[r > 80.5].any()
@@ -208,14 +212,14 @@ def test_a_ring_stays_within_its_box():
 def test_a_stamp_of_any_size_loses_no_light(camera, make_pointing, psf_r, wings, reach, galaxy):
     """All of the light by stamps too small to hold it, to 1e-4, at the window's edge 1e-3; what is said is drawn."""
     wcs, window = ChipWCS(camera.chips[9], make_pointing()), around(500)
-    beyond = read_beyond(psf_r) if wings else Beyond()
+    beyond = read_scattered(psf_r) if wings else Scattered()
     for place in ((X, Y), (window.x0 + 3.2, Y), (window.x0 - 5.0, Y)):
         table = objects(wcs, *place, reach=reach, rate=1e4, wing=np.zeros(1), **galaxy)
         scene = make_scene(table, wcs, psf_r, EXPTIME)
-        image = np.zeros(window.shape)
-        whole = np.zeros(window.shape)
-        drawn = draw_scene(image, window, scene, [reach], [0.0], psf_r, Beyond(beyond.wing))
-        draw_scene(whole, window, scene, [200], [300.0 * wings], psf_r, Beyond(beyond.wing))
+        canvas, larger = blank(window, float), blank(window, float)
+        image, whole = canvas.expected, larger.expected
+        drawn = draw_scene(canvas, scene.sized(reach), psf_r, Scattered(beyond.wing))
+        draw_scene(larger, scene.sized(200, 300.0 * wings), psf_r, Scattered(beyond.wing))
         assert drawn.drawn[0] == pytest.approx(image.sum(), rel=1e-6)
         assert image.sum() == pytest.approx(whole.sum(), abs=(1e-4 if place == (X, Y) else 1e-3) * 1e6)
 
@@ -227,13 +231,11 @@ def test_the_layer_switches_wings_and_ghosts(camera, make_pointing, psf_r):
     table = objects(wcs, X, Y, wing=np.full(1, 5000.0), rate=1e8)
 
     def light(**param):
-        state = State(
-            chip=camera.chips[9], pointing=make_pointing(exptime=EXPTIME), image=np.zeros(window.shape, np.float32),
-            window=window, catalog=table, wcs=wcs, psf=psf_r, filter=camera.filters["r"], telescope=camera.telescope,
-            leds=camera.leds, fidelity="noise_free",
-        )  # fmt: skip
-        losses = {"flat_fielding": False, "shutter_effect": False}
-        scie_obs.apply(state, scie_obs.Param(**param, **losses), Streams(1, "1", 9, "scie_obs"))
+        pointing = make_pointing(exptime=EXPTIME)
+        exposure = Exposure(pointing, camera.chips[9], window, wcs, camera, fidelity="noise_free")
+        state = State.blank(exposure, table)
+        state.psf = psf_r
+        scie_obs.apply(state, scie_obs.Param(**param), Streams(1, "1", 9, "scie_obs"))
         return state.image.sum(dtype=float) / (1e8 * EXPTIME), state.image[300, 300]
 
     (both, peak), (no_ghosts, _), (no_wings, _), (neither, bare) = (

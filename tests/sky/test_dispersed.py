@@ -171,11 +171,10 @@ def test_the_layer(model):
     """Twice the time, twice the sky; its rate in the header is the mean; components of the model sum to it."""
     frames = []
     for exptime in (100.0, 200.0):
-        state = flat_state(CAMERA, chip=3, window=(3000, 4500, 50, 60), sat_position=(2596.0, 4496.0, -4357.0))
-        state.gratings, state.sky, state.leds = CAMERA.gratings[3], CAMERA.sky, CAMERA.leds
-        param = sky_background.Param(
-            enable_straylight_model=model, exptime=exptime, flat_fielding=False, shutter_effect=False
+        state = flat_state(
+            CAMERA, chip=3, window=(3000, 4500, 50, 60), sat_position=(2596.0, 4496.0, -4357.0), exptime=exptime
         )
+        param = sky_background.Param(enable_straylight_model=model)
         sky_background.apply(state, param, Streams(5, "1", 3, "sky_background"))
         assert state.header["sky_rate"] == pytest.approx(state.image.mean(dtype=float) / exptime, rel=1e-6)
         frames.append(state.image)
@@ -185,7 +184,7 @@ def test_the_layer(model):
     )
     assert components == pytest.approx(state.header["sky_rate"] if model else 0.0)
     window, flat = state.window, np.ones(state.image.shape, np.float32)
-    disperse(flat, state.gratings, window, nominal(3))
+    disperse(flat, state.exposure.gratings, window, nominal(3))
     shape = frames[0] / flat
     if model:
         assert 1e-3 < np.ptp(shape) / shape.mean() < 0.2  # its colour is not the nominal one: ramps differ
@@ -194,7 +193,7 @@ def test_the_layer(model):
 
 
 def test_the_colour_of_the_sky_is_needed():
-    state = flat_state(CAMERA, chip=3, window=(3000, 3010, 50, 60), sat_position=(2596.0, 4496.0, -4357.0))
-    state.gratings = CAMERA.gratings[3]
+    grey = replace(CAMERA, sky={})
+    state = flat_state(grey, chip=3, window=(3000, 3010, 50, 60), sat_position=(2596.0, 4496.0, -4357.0))
     with pytest.raises(InputError, match="no numbers"):
-        sky_background.apply(state, sky_background.Param(flat_fielding=False), Streams(5, "1", 3, "sky_background"))
+        sky_background.apply(state, sky_background.Param(), Streams(5, "1", 3, "sky_background"))

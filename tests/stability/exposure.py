@@ -13,13 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from canvases import blank
 from scipy.special import gammainc
 
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.bench.setting import POINTING
 from csstsim.catalog.base import CatalogBase, Region
-from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING
+from csstsim.catalog.flags import NOT_DRAWN
 from csstsim.catalog.places.astrometry import icrs
 from csstsim.catalog.places.ephemeris import observer
 from csstsim.catalog.select import Noise, select_objects
@@ -28,10 +29,12 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.psf_file import PsfSet
-from csstsim.optics.scatter.outside_box import Beyond, read_beyond
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
+from csstsim.profiles.sersic import sersic_b
+from csstsim.render.drawing import Drawing
 from csstsim.render.imaging import draw, reference
 from csstsim.render.psf_table import make_table
-from csstsim.render.scene import Scene, make_scene, sersic_b
+from csstsim.render.scene import Scene, make_scene
 
 WINDOW = Window(4000, 4400, 5000, 5300)
 ARCMIN2 = Window(4000, 4811, 5000, 5811)  # a square arc minute
@@ -116,21 +119,16 @@ class Site:
         for name, row, value in spoilt:
             catalogue[name][row] = value
         rates = np.repeat(np.broadcast_to(np.asarray(electrons, float), len(x))[:, None] / (4 * EXPTIME), 4, axis=1)
-        beyond = Beyond(read_beyond(self.psf).wing) if wings else Beyond()
+        beyond = Scattered(read_scattered(self.psf).wing) if wings else Scattered()
         table = select_objects(
             Listed(catalogue, rates), self.wcs, self.craft, window, self.camera.filters["r"], self.camera.telescope,
             EXPTIME, NOISE, beyond=beyond, box=32,
         )  # fmt: skip
-        image, counted = np.zeros(window.shape, np.float32), None
-        scene = image, window, table, self.wcs, self.psf, EXPTIME
-        if fidelity == "reference":
-            drawn = reference.draw_objects(*scene, beyond)
-        else:
-            drawn, counted = draw.draw_objects(
-                *scene, tables=self.tables, beyond=beyond, response=None, maximum=1.0,
-                variance=NOISE.variance(EXPTIME), key=np.uint64(key), fidelity=fidelity,
-            )  # fmt: skip
-        good = table.take(drawn["flags"] & (BAD_VALUE | STRONG_LENSING) == 0)
+        canvas, how = blank(window), (fidelity, NOISE.variance(EXPTIME), np.uint64(key), self.tables)
+        drawing = Drawing(self.wcs, self.psf, EXPTIME, beyond, *how)
+        drawn = (reference if fidelity == "reference" else draw).draw_objects(canvas, table, drawing)
+        image, counted = canvas.expected, canvas.counted
+        good = table.take(drawn["flags"] & NOT_DRAWN == 0)
         return Exposure(image, counted, drawn, make_scene(good, self.wcs, self.psf, EXPTIME)).check()
 
 

@@ -7,6 +7,7 @@ part of the tolerances below.
 
 import numpy as np
 import pytest
+from canvases import blank, counting
 from exposure import FIDELITIES, WINDOW, X, Y, inside, scene_of, shaped, stamp_bounds
 
 from csstsim.base.counter import object_keys
@@ -35,8 +36,8 @@ def test_stamps_of_any_profile(psf_r, index):
     scene = made_of(psf_r, index)
     core, bounds = psf_r.at(X, Y).sum() / 4, stamp_bounds(X, Y, REACH, WINDOW)
     for i in range(len(scene)):
-        image = np.zeros(WINDOW.shape, np.float32)
-        drawn = draw_scene(image, WINDOW, scene.take([i]), [REACH], [0.0], psf_r)
+        canvas = blank(WINDOW)
+        drawn, image = draw_scene(canvas, scene.take([i]).sized(REACH), psf_r), canvas.expected
         share = inside(scene, i, bounds)
         assert np.isfinite(image).all() and image.min() >= 0
         assert image.sum(dtype=float) == pytest.approx(drawn.drawn[0], rel=1e-5)
@@ -51,9 +52,9 @@ def test_photons_of_any_profile(psf_r, psf_tables, index):
     scene = made_of(psf_r, index)
     core, bounds = psf_r.at(X, Y).sum() / 4, (WINDOW.x0, WINDOW.x1, WINDOW.y0, WINDOW.y1)
     for i in range(len(scene)):
-        counted = np.zeros(WINDOW.shape, np.int32)
-        keys = object_keys(np.uint64(3), np.array([i]))
-        drawn, _, box = shoot_scene(counted, WINDOW, scene.take([i]), keys, psf_tables)
+        canvas, keys = counting(WINDOW), object_keys(np.uint64(3), np.array([i]))
+        drawn, _, box = shoot_scene(canvas, scene.take([i]), keys, psf_tables)
+        counted = canvas.counted
         wanted = ELECTRONS * core * inside(scene, i, bounds)
         assert counted.min() >= 0 and counted.sum() == drawn[0]
         assert drawn[0] == pytest.approx(wanted, abs=5 * np.sqrt(wanted) + 1e-3 * ELECTRONS)

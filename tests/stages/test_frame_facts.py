@@ -10,9 +10,9 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.level0 import read_level0
 from csstsim.layers import sky_background
 from csstsim.optics.geometry.sip import sip_header
+from csstsim.simulation.state import State
 from csstsim.stages import chip as chip_stage
 from csstsim.stages.frame_facts import frame_facts
-from csstsim.stages.shared import blank
 
 MAG_LIMIT = 12.0  # no object: sky and detector alone
 
@@ -71,7 +71,7 @@ def test_level_and_noise_are_those_of_the_pixels(made):
 
 def sky_share(run, job):
     """Return the mean share of the sky that a job's chip counts, from the layer itself."""
-    state, step = blank(run, job), run.steps["SCIE"].step("sky_background")
+    state, step = State.blank(job), run.steps["SCIE"].step("sky_background")
     streams = Streams(run.config.seed, job.pointing.obsid, job.chip.id, "sky_background")
     lit = sky_background.apply(state, step.param, streams).image.mean(dtype=float)
     return lit / (state.filter.sky * job.pointing.exptime)

@@ -12,7 +12,9 @@ import numpy as np
 
 from csstsim.base.counter import object_keys
 from csstsim.bench import peers, ufig
-from csstsim.optics.scatter.outside_box import Beyond
+from csstsim.optics.scatter.scattered_light import Scattered
+from csstsim.render.canvas import Canvas
+from csstsim.render.drawing import Drawing
 from csstsim.render.imaging import draw as engine
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.reference import draw_objects
@@ -44,10 +46,10 @@ def standard(setting, case):
 
 def _reference(setting, case):
     def draw(copies):
-        image = np.zeros(case.window.shape, np.float32)
+        canvas = Canvas(np.zeros(case.window.shape, np.float32), case.window)
         rows = case.row.take(np.zeros(copies, int))
-        draw_objects(image, case.window, rows, setting.wcs, setting.psf, setting.exptime)
-        return image.astype(float)
+        draw_objects(canvas, rows, Drawing(setting.wcs, setting.psf, setting.exptime))
+        return canvas.expected.astype(float)
 
     return draw
 
@@ -56,9 +58,9 @@ def _photons(setting, case):
     base = np.uint64(case.row["id"][0] + 1)
 
     def draw(copies):
-        counted = np.zeros(case.window.shape, np.int32)
-        keys = object_keys(base, np.arange(copies))
-        shoot_scene(counted, case.window, case.scene.take(np.zeros(copies, int)), keys, setting.table)
+        canvas, keys = Canvas(None, case.window), object_keys(base, np.arange(copies))
+        counted = canvas.count()
+        shoot_scene(canvas, case.scene.take(np.zeros(copies, int)), keys, setting.table)
         return counted
 
     return draw
@@ -66,25 +68,28 @@ def _photons(setting, case):
 
 def _stamps(setting, case):
     def draw(copies):
-        image, reach = np.zeros(case.window.shape), np.repeat(case.row["reach"], copies)
-        draw_scene(
-            image, case.window, case.scene.take(np.zeros(copies, int)), reach, np.zeros(copies), setting.mixer
-        )  # fmt: skip
-        return image
+        canvas = Canvas(np.zeros(case.window.shape), case.window)
+        scene = case.scene.take(np.zeros(copies, int))
+        draw_scene(canvas, scene.sized(np.repeat(case.row["reach"], copies)), setting.mixer)
+        return canvas.expected
 
     return draw
+
+
+def drawing_of(setting, case, fidelity):
+    """Return the render.drawing.Drawing of a preset, without light beyond the PSF's box."""
+    return Drawing(
+        setting.wcs, setting.mixer.psf, setting.exptime, Scattered(), fidelity, setting.variance,
+        np.uint64(case.row["id"][0] + 1), setting.table, setting.mixer,
+    )  # fmt: skip
 
 
 def _preset(fidelity):
     def prepare(setting, case):
         def draw(copies):
-            image = np.zeros(case.window.shape, np.float32)
-            _, counted = engine.draw_objects(
-                image, case.window, case.row.take(np.zeros(copies, int)), setting.wcs, setting.mixer, setting.exptime,
-                tables=setting.table, beyond=Beyond(), response=None, maximum=1.0, variance=setting.variance,
-                key=np.uint64(case.row["id"][0] + 1), fidelity=fidelity,
-            )  # fmt: skip
-            return image.astype(float) if counted is None else counted
+            canvas = Canvas(np.zeros(case.window.shape, np.float32), case.window)
+            engine.draw_objects(canvas, case.row.take(np.zeros(copies, int)), drawing_of(setting, case, fidelity))
+            return canvas.expected.astype(float) if canvas.counted is None else canvas.counted
 
         return draw
 

@@ -13,7 +13,7 @@ from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.gratings.dispersion import Disperser
 from csstsim.optics.psf.psf_file import PsfSet
 from csstsim.optics.psf.psf_set import make_psf
-from csstsim.optics.scatter.outside_box import beyond_box
+from csstsim.optics.scatter.scattered_light import scattered_light
 from csstsim.render.psf_mixture import Mixer
 from csstsim.render.psf_table import read_tables, write_tables
 
@@ -34,7 +34,7 @@ class Setting:
     psf: Any  # optics.psf.psf_file.PsfSet
     table: Any  # render.psf_table.PsfTable of the same set, for photons
     mixer: Any  # render.psf_mixture.Mixer of the same set, for stamps
-    beyond: Any  # optics.scatter.outside_box.Beyond: its halo is in the PSF set
+    scattered: Any  # optics.scatter.scattered_light.Scattered: its halo is in the PSF set
     wcs: Any
     exptime: float
     variance: float  # of a pixel without the object [electron^2]: sky, dark current, read noise
@@ -52,16 +52,16 @@ def make_setting(folder, band):
         raise InputError("unknown filter", key="--filter", value=band, allowed=", ".join(chips))
     chip, filter_ = chips[band], camera.filters[band]
     disperser = Disperser(camera.gratings[chip.id], filter_, camera.telescope) if chip.kind == "slitless" else None
-    beyond = beyond_box(camera, filter_)
+    scattered = scattered_light(camera, filter_)
     path = Path(folder) / f"psf_{band}_{camera.digest}.h5"
     if not path.exists():
-        make_psf(path, chip, filter_, camera.telescope, camera.psf, GRID, camera_digest=camera.digest, beyond=beyond)
+        make_psf(path, chip, filter_, camera.telescope, camera.psf, GRID, camera_digest=camera.digest, beyond=scattered)
     psf = PsfSet(path, chip=chip.id, camera_digest=camera.digest)
     tables = path.with_suffix(".tables.h5")
     if not tables.exists():
         write_tables(tables, psf)
     noise = Noise(filter_.sky, camera.detector.dark, camera.detector.read_noise)
     return Setting(
-        camera, chip, filter_, psf, read_tables(tables, psf), Mixer(psf), beyond, ChipWCS(chip, POINTING), EXPTIME,
+        camera, chip, filter_, psf, read_tables(tables, psf), Mixer(psf), scattered, ChipWCS(chip, POINTING), EXPTIME,
         noise.variance(EXPTIME), disperser,
     )  # fmt: skip

@@ -22,6 +22,8 @@ from csstsim.base.rng import stream
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.render.canvas import Canvas
+from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.reference import draw_objects
 from csstsim.render.imaging.stamps import draw_scene
@@ -84,17 +86,16 @@ def true_shapes(table):
 
 def reference(setting, row, window):
     """Draw a row by the reference renderer."""
-    image = np.zeros(window.shape, np.float32)
-    draw_objects(image, window, row, setting.wcs, setting.psf, setting.exptime)
-    return image
+    canvas = Canvas(np.zeros(window.shape, np.float32), window)
+    draw_objects(canvas, row, Drawing(setting.wcs, setting.psf, setting.exptime))
+    return canvas.expected
 
 
 def stamps(setting, row, window):
     """Draw a row as expected light."""
-    image = np.zeros(window.shape)
-    scene = make_scene(row, setting.wcs, setting.psf, setting.exptime)
-    draw_scene(image, window, scene, row["reach"], row["wing"], setting.mixer)
-    return image
+    canvas = Canvas(np.zeros(window.shape), window)
+    draw_scene(canvas, make_scene(row, setting.wcs, setting.psf, setting.exptime), setting.mixer)
+    return canvas.expected
 
 
 def photons(seed, *words):
@@ -102,9 +103,9 @@ def photons(seed, *words):
     base = stream(seed, "bench", "shear photons", *words).integers(2**64, dtype=np.uint64)
 
     def draw(setting, row, window):
-        counted = np.zeros(window.shape, np.int32)
-        scene = make_scene(row, setting.wcs, setting.psf, setting.exptime)
-        shoot_scene(counted, window, scene, object_keys(base, scene.ids), setting.table)
+        canvas, scene = Canvas(None, window), make_scene(row, setting.wcs, setting.psf, setting.exptime)
+        counted = canvas.count()
+        shoot_scene(canvas, scene, object_keys(base, scene.ids), setting.table)
         return counted
 
     return draw

@@ -4,13 +4,15 @@ import numpy as np
 
 from csstsim.base.counter import object_keys
 from csstsim.bench import spectrum_peers as peers
-from csstsim.bench.methods import Method
+from csstsim.bench.methods import Method, drawing_of
 from csstsim.bench.spectrum_cases import means
-from csstsim.optics.scatter.outside_box import Beyond
+from csstsim.render.canvas import Canvas
+from csstsim.render.drawing import Drawing
 from csstsim.render.slitless import reference_dispersed
 from csstsim.render.slitless.dispersed_photons import shoot_spectra
 from csstsim.render.slitless.draw_dispersed import draw_dispersed
 from csstsim.render.slitless.slabs import draw_spectra
+from csstsim.render.slitless.traces import Traces
 
 PER_PX = (1, 2, 4, 8)
 WIDE = 1e-4  # of a galaxy's light that the standard may lose
@@ -23,11 +25,10 @@ def standard(setting, case):
 
 
 def _drawn_by_reference(setting, case, rows):
-    image = np.zeros(case.window.shape, np.float32)
-    reference_dispersed.draw_objects(
-        image, case.window, rows, _spectra(setting, case), setting.disperser, setting.wcs, setting.psf, setting.exptime
-    )
-    return image.astype(float)
+    canvas = Canvas(np.zeros(case.window.shape, np.float32), case.window)
+    drawing = Drawing(setting.wcs, setting.psf, setting.exptime)
+    reference_dispersed.draw_objects(canvas, rows, _spectra(setting, case), setting.disperser, drawing)
+    return canvas.expected.astype(float)
 
 
 def _spectra(setting, case):
@@ -42,20 +43,21 @@ def _reference(setting, case):
     return lambda copies: _drawn_by_reference(setting, case, rows.take(np.zeros(copies, int)))
 
 
-def _many(case, copies):
-    """Return (Scene, light, visits) of that many of the object."""
+def _many(setting, case, copies):
+    """Return (Scene, Traces) of that many of the object, without light beyond the PSF's box."""
     visits = np.repeat(case.visits, copies, axis=0)
     visits[:, 0] = np.arange(copies)
-    return case.scene.take(np.zeros(copies, int)), np.repeat(case.light[None], copies, axis=0), visits
+    scene = case.scene.take(np.zeros(copies, int)).sized(np.repeat(case.row["reach"], copies))
+    return scene, Traces(np.repeat(case.light[None], copies, axis=0), visits, setting.disperser)
 
 
 def _photons(setting, case):
     base = np.uint64(case.row["id"][0] + 1)
 
     def draw(copies):
-        counted = np.zeros(case.window.shape, np.int32)
-        keys = object_keys(base, np.arange(copies))
-        shoot_spectra(counted, case.window, *_many(case, copies), setting.disperser, keys, setting.table)
+        canvas, keys = Canvas(None, case.window), object_keys(base, np.arange(copies))
+        counted = canvas.count()
+        shoot_spectra(canvas, *_many(setting, case, copies), keys, setting.table)
         return counted
 
     return draw
@@ -66,12 +68,9 @@ def slabs(per_px):
 
     def prepare(setting, case):
         def draw(copies):
-            image, reach = np.zeros(case.window.shape), np.repeat(case.row["reach"], copies)
-            draw_spectra(
-                image, case.window, *_many(case, copies), reach, np.zeros(copies), setting.disperser, setting.mixer,
-                per_px=per_px,
-            )  # fmt: skip
-            return image
+            canvas = Canvas(np.zeros(case.window.shape), case.window)
+            draw_spectra(canvas, *_many(setting, case, copies), setting.mixer, per_px=per_px)
+            return canvas.expected
 
         return draw
 
@@ -81,14 +80,10 @@ def slabs(per_px):
 def _preset(fidelity):
     def prepare(setting, case):
         def draw(copies):
-            image = np.zeros(case.window.shape, np.float32)
-            rows = case.row.take(np.zeros(copies, int))
-            *_, counted = draw_dispersed(
-                image, case.window, rows, _spectra(setting, case), setting.disperser, setting.wcs, setting.mixer,
-                setting.exptime, tables=setting.table, beyond=Beyond(), response=None, maximum=1.0,
-                variance=setting.variance, key=np.uint64(case.row["id"][0] + 1), fidelity=fidelity,
-            )  # fmt: skip
-            return image.astype(float) if counted is None else counted
+            canvas = Canvas(np.zeros(case.window.shape, np.float32), case.window)
+            rows, drawing = case.row.take(np.zeros(copies, int)), drawing_of(setting, case, fidelity)
+            draw_dispersed(canvas, rows, _spectra(setting, case), setting.disperser, drawing)
+            return canvas.expected.astype(float) if canvas.counted is None else canvas.counted
 
         return draw
 

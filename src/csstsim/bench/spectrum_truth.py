@@ -22,7 +22,7 @@ from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.optics.psf.psf_set import centre_of, chip_optics
 from csstsim.optics.psf.wavefront import load_wavefront
-from csstsim.optics.scatter.outside_box import beyond_box
+from csstsim.optics.scatter.scattered_light import scattered_light
 
 NODES = 16
 HIGHEST = 1.25  # cycles a pixel
@@ -43,7 +43,7 @@ class SpectrumTruth:
         def optics(wavelengths):
             those = SimpleNamespace(name=setting.filter.name, psf_wavelength=wavelengths)
             more = chip_optics(setting.chip, those, camera.psf, self._wavefront, m, cells)
-            return *more, beyond_box(camera, those).wing
+            return *more, scattered_light(camera, those).wing
 
         self._four = optics(setting.filter.psf_wavelength)  # what centres the stored PSF
         self._all = [optics(self._waves[k : k + 4]) for k in range(0, NODES, 4)]

@@ -46,7 +46,7 @@ class Truth:
         setting, m = self._setting, CELLS_PER_PIXEL
         coefficients = chip_coefficients(self._wavefront, setting.camera.psf, setting.chip, x, y)
         images, _ = node_psf(self._optics[0], coefficients, self._optics[1], m)
-        cells = np.tensordot(SHARES, setting.beyond.wing.add_to(images, m), axes=1)
+        cells = np.tensordot(SHARES, setting.scattered.wing.add_to(images, m), axes=1)
         return pixel_response(np.pad(cells, m), m)  # with the pixels that are only partly in the box
 
     def __call__(self, case):

@@ -50,7 +50,7 @@ def check_photons(run):
 def check_shutter(run, pointing, chips):
     """An exposure is not shorter than the shutter can make it, on any of the chips."""
     steps = run.steps[pointing.type]
-    for chip in chips if steps.losses["shutter"] else ():
+    for chip in chips if steps.losses.shutter else ():
         try:
             shutter.check(chip, pointing.exptime)
         except InputError as exc:

@@ -136,12 +136,17 @@ class OpenCampaign:
         return job
 
     def _job(self, pointing, chip):
-        wcs = ChipWCS(chip, pointing, self.distortion if self.steps[pointing.type].field_dist else None)
+        steps = self.steps[pointing.type]
+        wcs = ChipWCS(chip, pointing, self.distortion if steps.field_dist else None)
         craft = observer(
             pointing.mjd, pointing.sat_position, pointing.sat_velocity, **self.config.astrometry.model_dump()
         )
         window = self._window(pointing, chip, wcs, craft)
-        return None if window is None else Job(pointing, chip, window, wcs, craft)
+        if window is None:
+            return None
+        return Job(
+            pointing, chip, window, wcs, self.camera, craft, steps.losses, steps.mask, fidelity=self.config.fidelity
+        )
 
     @cached_property
     def distortion(self):

@@ -18,6 +18,8 @@ default loses 0.5% of the light. Here a stamp may end only where this chip's noi
 import numpy as np
 
 from csstsim.base.units import ARCSEC_PER_RAD
+from csstsim.catalog.components import components
+from csstsim.profiles.sersic import light_beyond
 from csstsim.universe.lensing.lensing import magnification
 
 POINT_MIN, POINT_MAX = 16, 64  # pixel; no stored PSF goes on beyond 64
@@ -25,7 +27,6 @@ STAR_MIN = (
     32  # pixel: with less, a faint star's stamp loses 1% of its light; noise hides that star by star, not on average
 )
 REACH_MAX = 2048  # pixel
-B_1, B_4 = 1.678347, 7.669249  # Sersic b_n: half the light within the half-light radius (Ciotti & Bertin 1999)
 _WING_SAFETY = 4.0
 _HIDDEN = 0.1  # part of the noise that lost light may reach
 _HIDDEN_WING = 1e-3  # of a pixel's noise
@@ -62,32 +63,21 @@ def galaxy_radius(table, electrons, variance, pixel_scale):
     """Return (radius, lost): of the profile's visible light, before the PSF [pixel; may exceed REACH_MAX], and the
     fraction of light that may lie beyond."""
     stretch = _stretch(table) / pixel_scale
-    share = table["bulge_frac"].astype(float)
-    # A component without light may come without a size.
-    disk = np.where(share < 1, table["size_disk"] * stretch, 0.0)
-    bulge = np.where(share > 0, table["size_bulge"] * stretch, 0.0)
-    size2 = (1 - share) * disk**2 + share * bulge**2 + _PSF_HALF_LIGHT**2
+    parts = [(light, index, size * stretch) for light, index, size in components(table)]
+    size2 = sum(light * size**2 for light, _, size in parts) + _PSF_HALF_LIGHT**2
     noise = np.sqrt(electrons + _GAUSSIAN * size2 * variance)
     low, high, part = _LOST
     lost = np.clip(part * noise / np.maximum(electrons, 1e-30), low, high)
-    inner, outer = np.zeros(len(share)), 100.0 * np.maximum(disk, bulge)  # 100 r_e holds all but 4e-5 of n = 4
+    inner, outer = (
+        np.zeros(len(table)),
+        100.0 * np.max([size for *_, size in parts], axis=0),
+    )  # 100 r_e holds all but 4e-5 of n = 4
     for _ in range(22):  # halving: to 1e-4 of a half-light radius
         middle = 0.5 * (inner + outer)
-        beyond = (1 - share) * light_beyond(middle, disk, 1) + share * light_beyond(middle, bulge, 4)
+        beyond = sum(light * light_beyond(middle, size, index) for light, index, size in parts)
         too_small = beyond > lost
         inner, outer = np.where(too_small, middle, inner), np.where(too_small, outer, middle)
     return outer, lost
-
-
-def light_beyond(radius, half_light, n):
-    """Return the fraction of a circular Sersic profile's light beyond `radius`: Gamma(2n, x)/Gamma(2n), n = 1 or 4."""
-    ratio = radius / np.maximum(half_light, 1e-12)
-    x = {1: B_1, 4: B_4}[n] * ratio ** (1.0 / n)
-    term, total = np.ones_like(x), np.ones_like(x)
-    for k in range(1, 2 * n):
-        term = term * x / k
-        total = total + term
-    return np.exp(-x) * total
 
 
 def _stretch(table):

@@ -109,7 +109,7 @@ def select_objects(
 
     catalog: a CatalogBase; wcs: optics.geometry.wcs.ChipWCS; observer: ephemeris.Observer; window:
     instrument.chip.Window; exptime in s; noise: Noise; rotated: turn intrinsic ellipticities by 90 degrees (the paper's
-    twin campaign, in which nothing else differs); beyond: optics.scatter.outside_box.Beyond or None; box: half the side
+    twin campaign, in which nothing else differs); beyond: Scattered (optics.scatter) or None; box: half the side
     of the stored PSF [pixel]; disperser: optics.gratings.dispersion.Disperser of a spectroscopic chip, whose light
     lands elsewhere, or None. ra, dec become the apparent direction. Added: ra_orig, dec_orig (the catalogue's, J2000),
     ra_epoch, dec_epoch (ICRS at the epoch, what a measurement can know), x, y (0-based pixel), mag (this filter),

@@ -13,8 +13,9 @@ import csstsim
 from csstsim.base.errors import InputError
 from csstsim.base.release import release
 from csstsim.base.shipped import ROOT
-from csstsim.base.units import EARTH_GM_KM3_S2, EARTH_RADIUS_KM
+from csstsim.base.units import EARTH_RADIUS_KM
 from csstsim.detector.channels import ReadoutFrame
+from csstsim.instrument.orbit import orbit_after
 from csstsim.io.fits import card, remark
 from csstsim.io.sections import section_lists
 
@@ -123,28 +124,6 @@ def _exposure(pointing):
 
 def _iso(moment):
     return moment.replace(tzinfo=None).isoformat(timespec="milliseconds")
-
-
-def orbit_after(position, velocity, seconds):
-    """Return position [km], velocity [km/s] `seconds` later, on the Kepler orbit about the Earth.
-
-    Runge-Kutta steps of at most 10 s, good to a millimetre in an exposure; J2 (metres in 150 s) is left out.
-    """
-    steps = max(math.ceil(seconds / 10.0), 1)
-    h = seconds / steps
-    y = [float(c) for c in (*position, *velocity)]
-    for _ in range(steps):
-        k1 = _motion(y)
-        k2 = _motion([a + h / 2 * b for a, b in zip(y, k1, strict=True)])
-        k3 = _motion([a + h / 2 * b for a, b in zip(y, k2, strict=True)])
-        k4 = _motion([a + h * b for a, b in zip(y, k3, strict=True)])
-        y = [a + h / 6 * (p + 2 * q + 2 * r + s) for a, p, q, r, s in zip(y, k1, k2, k3, k4, strict=True)]
-    return tuple(y[:3]), tuple(y[3:])
-
-
-def _motion(y):
-    pull = -EARTH_GM_KM3_S2 / math.hypot(*y[:3]) ** 3
-    return [*y[3:], *(pull * x for x in y[:3])]
 
 
 def _detector(state, layout):

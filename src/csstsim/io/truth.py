@@ -65,20 +65,20 @@ ABOUT = {
 TAKEN = {"chip", "filter", "detA", "dm", "g1", "g2", "size"} | (set(CAT_COLUMNS) - set(CAT_COLUMNS.values()))
 
 
-def write_truth(path, drawn, job, metadata):
+def write_truth(path, drawn, chip, metadata):
     """Write the truth of one Level-0 file; arguments as of `truth_table`, metadata {str: str}."""
-    truth_table(drawn, job).write(path, metadata)
+    truth_table(drawn, chip).write(path, metadata)
 
 
-def truth_table(drawn, job):
+def truth_table(drawn, chip):
     """Return the truth of one Level-0 file as an ObjectTable, a row an object drawn.
 
-    drawn: ObjectTable from render, its x, y [px] from 0 become xImage, yImage from 1; job: job.Job.
+    drawn: ObjectTable from render, its x, y [px] from 0 become xImage, yImage from 1; chip: instrument.chip.Chip.
     """
     count = len(drawn)
     unknown = np.full(count, np.nan, np.float32)
     ours = {f"user_{name}" if name in TAKEN else name: drawn[name] for name in drawn.names}
-    ours["chip"], ours["filter"] = np.full(count, job.chip.id, np.int16), np.full(count, job.chip.filter)
+    ours["chip"], ours["filter"] = np.full(count, chip.id, np.int16), np.full(count, chip.filter)
     for axis in ("x", "y"):  # an exposure without objects has no positions
         ours[axis] = ours.get(axis, unknown) + 1.0
     one_kappa = 1.0 - ours["kappa"].astype(float)

@@ -42,7 +42,7 @@ def apply(state, param, rng):
     detector, shape = state.chip.detector, state.window.shape
     if state.image.shape != shape:
         raise ValueError(f"an image of shape {state.image.shape}; the window's is {shape}")
-    rays, exptime = detector.cosmic_rays, state.pointing.exptime if param.exptime is None else param.exptime
+    rays, exptime = detector.cosmic_rays, state.exposure.exptime
     tracks = draw_tracks(shape, exptime + detector.readout_time / 2, rays, rng.exposure("tracks"))
     pixel, electrons, hits = deposit(shape, tracks, rays.diffusion, rng.exposure_key("diffusion"))
     if state.counted is None:

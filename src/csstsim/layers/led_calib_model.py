@@ -65,14 +65,15 @@ def apply(state, param, rng):
 
     Raises InputError as `check` does.
     """
-    lit, flats = _lamps(param, state.leds, state.pointing), FlatField(state.leds, rng.camera)
+    leds = state.exposure.camera.leds
+    lit, flats = _lamps(param, leds, state.pointing), FlatField(leds, rng.camera)
     light = sum(seconds * led.rate * led.line for led, seconds in zip(lit, param.LED_TIME, strict=True))
     light = light * state.filter.at(GRID)  # electron / pixel / angstrom at flat 1
     electrons = np.trapezoid(light, GRID)
     if electrons > 0:
         flat = flats.led_map(state.chip, state.window, GRID, light)
         flat *= np.float32(electrons)
-        if state.prnu:
+        if state.exposure.losses.prnu:
             window = state.window
             prnu.multiply(flat, window.x0, window.y0, state.chip.detector.prnu, rng.chip_key("prnu"))
         state.image += flat

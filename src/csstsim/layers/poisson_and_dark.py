@@ -26,8 +26,7 @@ def apply(state, param, rng):
     """
     from csstsim.detector.noise import add_poisson  # numba: half a second that checking a campaign need not pay
 
-    exptime = state.pointing.exptime if param.exptime is None else param.exptime
-    dark = state.chip.detector.dark * exptime
+    dark = state.chip.detector.dark * state.exposure.exptime
     add_poisson(state.image, rng.exposure_key("shot"), dark=dark, counted=state.counted)
     state.counted = None
     state.header["dark_electrons"] = dark

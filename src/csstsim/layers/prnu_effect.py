@@ -30,7 +30,7 @@ def check(param, camera, pointing):
 
 def apply(state, param, rng):
     """Record the rms in the header. Raises ValueError if the light was drawn without it."""
-    if not state.prnu:
-        raise ValueError("the light was drawn without PRNU: State.prnu is not set")
+    if not state.exposure.losses.prnu:
+        raise ValueError("the light was drawn without PRNU: the exposure's losses leave it out")
     state.header["prnu_rms"] = state.chip.detector.prnu
     return state

@@ -13,7 +13,7 @@ from csstsim.catalog.row_order import back, canonical_order, orders_back
 from csstsim.catalog.select import Noise
 from csstsim.layers.param import EXPTIME, LayerParam
 from csstsim.optics.gratings.dispersion import Disperser
-from csstsim.optics.scatter.outside_box import Beyond, beyond_box, read_beyond
+from csstsim.optics.scatter.scattered_light import Scattered, read_scattered, scattered_light
 from csstsim.optics.throughput.flat import check_flat
 from csstsim.optics.throughput.response import response_maximum
 
@@ -39,13 +39,13 @@ def check(param, camera, pointing):
     """Raise InputError if the camera's numbers for the flat, the scattered light or the ghosts are wrong."""
     if param.flat_fielding:
         check_flat(camera.leds)
-    _check_beyond(camera)
+    _check_scattered(camera)
 
 
 @cache
-def _check_beyond(camera):
+def _check_scattered(camera):
     for filter in camera.filters.values():
-        beyond_box(camera, filter)
+        scattered_light(camera, filter)
 
 
 def apply(state, param, rng):
@@ -54,59 +54,48 @@ def apply(state, param, rng):
     Objects are drawn by id: the catalogue's rows may be in any order, the pixels are the same.
     What the planes gained goes to the header, so that the table can be held against it.
     """
-    before, given = state.electrons(), (state.catalog, state.spectra)
-    order = canonical_order(state.catalog)
-    state.catalog = state.catalog.take(order)
-    state.spectra = None if state.spectra is None else state.spectra.take(order)
-    _draw(state, param, rng)
-    state.catalog, state.spectra = given
-    state.truth = state.truth.take(back(order))
-    state.orders = None if state.orders is None else orders_back(state.orders, order)
+    before, order = state.electrons(), canonical_order(state.catalog)
+    canvas, drawing = _canvas(state, rng), _drawing(state, param, rng)
+    truth, *orders = _drawn(state, canvas, order, drawing)
+    state.counted, state.truth = canvas.counted, truth.take(back(order))
+    state.orders = orders_back(*orders, order) if orders else None
     state.header["objects_electrons"] = state.electrons() - before
     return state
 
 
-def _draw(state, param, rng):
-    exptime = state.pointing.exptime if param.exptime is None else param.exptime
-    there = read_beyond(state.psf)
-    beyond = Beyond(there.wing if param.wings else None, there.ghosts if param.ghosts else None)
-    losses = {"flat": param.flat_fielding, "shutter": param.shutter_effect}
-    response = state.response(exptime, rng, **losses)
-    if state.fidelity == "reference":
-        _reference(state, exptime, beyond, response)
-        return
-    detector = state.chip.detector
-    how = {
-        "tables": state.tables, "beyond": beyond, "response": response,
-        "maximum": response_maximum(state.chip, state.filter, state.leds, rng.camera, **losses),
-        "variance": Noise(state.filter.sky, detector.dark, detector.read_noise).variance(exptime),
-        "key": rng.exposure_key("photons"), "fidelity": state.fidelity,
-    }  # fmt: skip
-    place = state.wcs, state.psf, exptime
-    # numba: seconds that checking a campaign need not pay
-    if state.gratings is None:
-        from csstsim.render.imaging.draw import draw_objects
+def _canvas(state, rng):
+    from csstsim.render.canvas import Canvas
 
-        state.truth, state.counted = draw_objects(state.image, state.window, state.catalog, *place, **how)
-    else:
-        from csstsim.render.slitless.draw_dispersed import draw_dispersed
-
-        disperser = Disperser(state.gratings, state.filter, state.telescope)
-        state.truth, state.orders, state.counted = draw_dispersed(
-            state.image, state.window, state.catalog, state.spectra, disperser, *place, **how
-        )
+    exposure, (flat, shutter, _) = state.exposure, state.exposure.losses
+    leds = exposure.camera.leds
+    maximum = response_maximum(exposure.chip, exposure.filter, leds, rng.camera, flat=flat, shutter=shutter)
+    return Canvas(state.image, state.window, state.response(rng), maximum, state.counted)
 
 
-def _reference(state, exptime, beyond, response):
-    """Draw by the reference renderer, tables of what was drawn included."""
-    place = state.wcs, state.psf, exptime, beyond, response
-    if state.gratings is None:
-        from csstsim.render.imaging.reference import draw_objects
+def _drawing(state, param, rng):
+    from csstsim.render.drawing import Drawing  # numba: seconds that checking a campaign need not pay
 
-        state.truth = draw_objects(state.image, state.window, state.catalog, *place)
-    else:
+    exposure, detector, there = state.exposure, state.chip.detector, read_scattered(state.psf)
+    noise = Noise(exposure.filter.sky, detector.dark, detector.read_noise)
+    return Drawing(
+        exposure.wcs, state.psf, exposure.exptime,
+        Scattered(there.wing if param.wings else None, there.ghosts if param.ghosts else None), exposure.fidelity,
+        noise.variance(exposure.exptime), rng.exposure_key("photons"), state.tables,
+    )  # fmt: skip
+
+
+def _drawn(state, canvas, order, drawing):
+    """Draw the objects in this order; return (table of objects, and behind gratings table of orders)."""
+    exposure, objects, reference = state.exposure, state.catalog.take(order), drawing.fidelity == "reference"
+    if exposure.gratings is None:
+        if reference:
+            from csstsim.render.imaging.reference import draw_objects
+        else:
+            from csstsim.render.imaging.draw import draw_objects
+        return (draw_objects(canvas, objects, drawing),)
+    if reference:
         from csstsim.render.slitless.reference_dispersed import draw_objects
-
-        disperser = Disperser(state.gratings, state.filter, state.telescope)
-        scene = state.image, state.window, state.catalog, state.spectra, disperser
-        state.truth, state.orders = draw_objects(*scene, *place)
+    else:
+        from csstsim.render.slitless.draw_dispersed import draw_dispersed as draw_objects
+    disperser = Disperser(exposure.gratings, exposure.filter, exposure.telescope)
+    return draw_objects(canvas, objects, state.spectra.take(order), disperser, drawing)

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from csstsim.base.errors import InputError
 from csstsim.base.units import DAY_S
-from csstsim.io.keywords import orbit_after
+from csstsim.instrument.orbit import orbit_after
 from csstsim.layers.param import EXPTIME, LayerParam
 from csstsim.optics.throughput.flat import check_flat
 from csstsim.sky import background
@@ -57,24 +57,23 @@ def apply(state, param, rng):
 
     Raises InputError if the model is asked for and the telescope looks at the Earth or beside the Sun.
     """
-    pointing = state.pointing
-    exptime = pointing.exptime if param.exptime is None else param.exptime
+    pointing, exptime, gratings = state.pointing, state.exposure.exptime, state.exposure.gratings
     place = pointing.mjd, pointing.sat_position, pointing.sat_velocity
     angles = exposure_angles(pointing.ra, pointing.dec, *place)
-    sky, rate, means = _model(state, exptime) if param.enable_straylight_model else _constant(state, exptime)
-    if state.gratings is not None:
+    sky, rate, means = _model(state) if param.enable_straylight_model else _constant(state)
+    if gratings is not None:
         from csstsim.sky.dispersed import disperse, nominal_spectrum, sky_spectrum
 
-        numbers = sky_numbers(state.sky)
+        numbers = sky_numbers(state.exposure.camera.sky)
         if param.enable_straylight_model:
             spectrum = sky_spectrum(state.filter, means, angles["sun"], numbers)
         else:
             spectrum = nominal_spectrum(state.filter, numbers)
-        disperse(sky, state.gratings, state.window, spectrum)
+        disperse(sky, gratings, state.window, spectrum)
         first, rate = rate, float(sky.mean(dtype=float)) / exptime
         means = {name: mean * rate / first for name, mean in means.items()}
     state.header |= {"sky_rate": rate} | {f"sky_{name}": mean for name, mean in means.items()}
-    response = state.response(exptime, rng, flat=param.flat_fielding, shutter=param.shutter_effect)
+    response = state.response(rng)
     if response is None:
         state.image += sky
     else:
@@ -85,36 +84,35 @@ def apply(state, param, rng):
     return state
 
 
-def mean_rate(state, param):
-    """Return the sky of an imaging chip [e-/s/px] ahead of all losses, mean over the window; state as in `apply`."""
+def mean_rate(exposure, param):
+    """Return the sky of an imaging chip [e-/s/px] ahead of all losses, mean over the window; exposure: an Exposure."""
     if not param.enable_straylight_model:
-        return state.filter.sky
-    exptime = state.pointing.exptime if param.exptime is None else param.exptime
-    return sum(background.grid_mean(part) for part in _components(state, exptime).values())
+        return exposure.filter.sky
+    return sum(background.grid_mean(part) for part in _components(exposure).values())
 
 
-def _constant(state, exptime):
+def _constant(state):
     """Return the sky [e-], a frame behind gratings and else a number; its rate [e-/s/px]; no components."""
-    sky = background.sky_electrons(state.filter, exptime)
-    return sky if state.gratings is None else np.full_like(state.image, sky), state.filter.sky, {}
+    sky = background.sky_electrons(state.filter, state.exposure.exptime)
+    return sky if state.exposure.gratings is None else np.full_like(state.image, sky), state.filter.sky, {}
 
 
-def _model(state, exptime):
+def _model(state):
     """Return the frame of the sky [e-], its mean rate [e-/s/px], and that of its components."""
-    parts = _components(state, exptime)
+    parts = _components(state.exposure)
     rate, sky = sum(parts.values()), np.zeros_like(state.image)
-    background.add_grid(sky, exptime * rate)
+    background.add_grid(sky, state.exposure.exptime * rate)
     return sky, background.grid_mean(rate), {name: background.grid_mean(part) for name, part in parts.items()}
 
 
-def _components(state, exptime):
+def _components(exposure):
     """Return {component: e-/s/px at the grid's nodes}, the mean over the exposure."""
-    pointing, telescope, numbers = state.pointing, state.telescope, sky_numbers(state.sky)
-    rates = background.band_rates(state.filter, telescope, state.chip.detector.pixel_um, numbers)
+    pointing, telescope, numbers = exposure.pointing, exposure.telescope, sky_numbers(exposure.camera.sky)
+    rates = background.band_rates(exposure.filter, telescope, exposure.chip.detector.pixel_um, numbers)
     axes = telescope_axes(pointing.ra, pointing.dec, pointing.pa, telescope.parity)
-    sights = background.lines_of_sight(state.wcs, state.window)
+    sights = background.lines_of_sight(exposure.wcs, exposure.window)
     thirds = []
-    for after in exptime * np.array([1, 3, 5]) / 6:
+    for after in exposure.exptime * np.array([1, 3, 5]) / 6:
         place = orbit_after(pointing.sat_position, pointing.sat_velocity, after)
         moment = pointing.mjd + after / DAY_S, *place
         thirds.append(background.sky_components(rates, axes, sights, moment, numbers))

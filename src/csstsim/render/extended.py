@@ -12,10 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.fft import fht, fhtoffset
 
-from csstsim.catalog.table import GALAXY
-from csstsim.render.octave_table import nodes
-from csstsim.render.profiles.sersic import K2_HIGH, K2_LOW, brightness, tables
-from csstsim.render.scene import BULGE, DISK
+from csstsim.profiles.log_table import nodes
+from csstsim.profiles.sersic import K2_HIGH, K2_LOW, brightness, tables
 from csstsim.render.wing_tables import KEPT, RADII, Far, light_of, step
 
 # px of half-light radius, from which light about an object is not a point's: a wing that shows, with its edge in the
@@ -56,16 +54,6 @@ def parts_of(light, sersic, matrix):
         if share > 0 and index > 0
     ]
     return tuple(parts) or POINT
-
-
-def parts_of_table(objects, matrix):
-    """Return the Parts of each object of an ObjectTable of drawable ones; matrix: of render.scene.shape_matrix."""
-    galaxy, bulge = objects["obj_type"] == GALAXY, objects["bulge_frac"].astype(float)
-    sizes = np.stack([objects["size_disk"], objects["size_bulge"]], axis=1).astype(float)
-    return [
-        parts_of((1 - share, share), ((DISK, 0, size[0]), (BULGE, 0, size[1])), shape) if extended else POINT
-        for extended, share, size, shape in zip(galaxy, bulge, sizes, matrix, strict=True)
-    ]
 
 
 def _rounded(size, ratio):

@@ -18,7 +18,7 @@ import math
 import numba
 import numpy as np
 
-from csstsim.render.octave_table import read
+from csstsim.profiles.log_table import read
 
 MESH = 8  # px, of the finest mesh
 FACTOR = 2  # from one mesh to the next
@@ -34,39 +34,39 @@ _FINER = np.array([1, 4, 6, 4, 1]) / 8  # a cubic B-spline as a sum of those of 
 
 
 class FarWings:
-    """The meshes of one window. Add wings with `add`, then `lay` them on the image, once."""
+    """The meshes of one render.canvas.Canvas. Add wings with `add`, then `lay` them on it, once."""
 
-    def __init__(self, window, response):
-        """response: (ny, nx) share of the light that is counted."""
-        self.window, self._response = window, response
+    def __init__(self, canvas):
+        self._canvas = canvas
         steps = [MESH * FACTOR**level for level in range(LEVELS)]
-        self._meshes = [np.zeros([-(-n // step) + 2 * _MARGIN + 3 for n in window.shape]) for step in steps]
+        self._meshes = [np.zeros([-(-n // step) + 2 * _MARGIN + 3 for n in canvas.window.shape]) for step in steps]
         self._weights = None
 
-    def add(self, level, x, y, reach, table, first, side=WHOLE, soft=1.0):
-        """Add to the mesh `level` the values of a table (render.octave_table) in r^2 up to `reach` [px] about x, y.
+    def add(self, level, at, annulus, side=WHOLE, soft=1.0):
+        """Add the values of an annulus about `at` (x, y) [chip pixel] to the mesh `level`.
 
-        side: (x0, x1, y0, y1) px from x, y beyond which they are cut off, over `soft` px. Returns the electrons that
-        fall on the window; beside it the splines' ripples may make them less than nothing by 1e-8 of the light.
+        annulus: (table, number of its first node, its reach [px]), as render.wing_tables.tables gives them; side: (x0,
+        x1, y0, y1) px from x, y beyond which the values are cut off, over `soft` px. Returns the electrons that fall on
+        the window; beside it the splines' ripples may make them less than nothing by 1e-8 of the light.
         """
         if self._weights is None:
             self._weigh()
-        step, window = MESH * FACTOR**level, self.window
-        u, v = ((at - low) / step + _MARGIN for at, low in ((x, window.x0), (y, window.y0)))
+        step, window, (table, first, reach) = MESH * FACTOR**level, self._canvas.window, annulus
+        u, v = ((place - low) / step + _MARGIN for place, low in zip(at, (window.x0, window.y0), strict=True))
         edges = tuple(edge / step for edge in side)
         mesh, weight = self._meshes[level], self._weights[level]
         return _add(mesh, weight, u, v, reach / step, table, first, edges, soft / step, float(step))
 
     def _weigh(self):
         self._weights = [np.zeros(mesh.shape) for mesh in self._meshes]
-        _collect(self._weights[0], self._response, _SPLINE)
+        _collect(self._weights[0], self._canvas.seen, _SPLINE)
         for fine, coarse in zip(self._weights[:-1], self._weights[1:], strict=True):
             coarse[:] = _gathered(fine, *coarse.shape)
         for weight in self._weights:
             _coefficients(weight)
 
-    def lay(self, image):
-        """Add the wings to `image`."""
+    def lay(self):
+        """Add the wings to the expected electrons."""
         if self._weights is None:
             return
         total = None
@@ -75,7 +75,7 @@ class FarWings:
             if total is not None:
                 mesh += _refined(total, *mesh.shape)
             total = mesh
-        _spread(image, total, self._response, _SPLINE)
+        _spread(self._canvas.expected, total, self._canvas.seen, _SPLINE)
 
 
 @numba.njit(cache=True)

@@ -44,20 +44,20 @@ class Choice:
     coarse: np.ndarray | None = None  # (n,) whether Disperser.coarse has bins enough
 
 
-def choose(scene, reach, wing, variance, fidelity, *, convex, per_pixel, maximum=1.0, ghosts=False):
+def choose(scene, drawing, maximum=1.0):
     """Return the `Choice` for a Scene.
 
-    reach, wing: (n,) pixel, of stamp and wing; variance: of one pixel without the object [e-^2]; fidelity: a preset of
-    config/render.yaml; convex: whether the PSF's mixture can be drawn from; per_pixel: its cells to a pixel; maximum:
-    of the losses, by which photons are more than the light; ghosts: (n,) whether the object has ghosts, which no
-    photons are drawn for.
+    drawing: render.drawing.Drawing, of which fidelity, variance and PSF count; maximum: of the losses, by which photons
+    are more than the light. No photons are drawn for an object with ghosts.
     """
-    numbers = load_numbers()
+    numbers, fidelity = load_numbers(), drawing.fidelity
     electrons = scene.electrons.sum(axis=1)
-    snr = electrons / noise(scene, electrons, variance)
-    cost = costs(scene, reach, wing, electrons * maximum, numbers.cost)
-    photons = (electrons * maximum < PHOTONS_MAX) & convex & (fidelity != "noise_free") & ~np.asarray(ghosts)
-    choice = _cheapest(scene, reach, wing, snr, cost, photons, numbers, fidelity, per_pixel)
+    snr = electrons / noise(scene, electrons, drawing.variance)
+    cost = costs(scene, electrons * maximum, numbers.cost)
+    photons = _may_be_photons(electrons * maximum, drawing)
+    if drawing.ghosts is not None:
+        photons &= ~np.asarray(drawing.ghosts.visible(electrons))
+    choice = _cheapest(scene, snr, cost, photons, drawing)
     # What is larger than the mesh of the smooth background would be drawn together by it, and stand out
     faint = (snr < numbers.presets[fidelity].floor) & (half_light_px2(scene) < (MESH / 2) ** 2)
     method = np.where(faint, UNRESOLVED, choice.method)
@@ -65,40 +65,44 @@ def choose(scene, reach, wing, variance, fidelity, *, convex, per_pixel, maximum
     return Choice(method, np.where(faint, snr, choice.error), snr)
 
 
-def choose_dispersed(scene, reach, wing, variance, fidelity, disperser, *, convex, per_pixel, maximum=1.0):
+def choose_dispersed(scene, drawing, disperser, maximum=1.0):
     """Return the `Choice` for a Scene whose light is dispersed: photons or slabs (STAMP), none unresolved.
 
     As `choose`; scene.electrons are the first order's, disperser an optics.gratings.dispersion.Disperser.
     """
     numbers = load_numbers()
-    electrons = scene.electrons.sum(axis=1)
+    electrons, eps = scene.electrons.sum(axis=1), numbers.presets[drawing.fidelity].eps
     px = disperser.length
-    snr = electrons / noise(scene, electrons, variance, length=px)
-    cost, galaxy = numbers.cost, _galaxies(scene)
+    snr = electrons / noise(scene, electrons, drawing.variance, length=px)
+    cost, galaxy = numbers.cost, scene.extended
     orders = disperser.rates.sum(axis=(0, 1, 2)) / disperser.rates[:, disperser.orders.index(1)].sum()
     shot = cost.spectrum_object + maximum * orders * electrons * np.where(
         galaxy, cost.spectrum_galaxy, cost.spectrum_star
     )  # fmt: skip
-    allowed = allowed_error(snr, per_pixel, numbers.presets[fidelity].eps)
-    slab = cost.slab_pixel * px * (2.0 * reach + 1) ** 2 + np.where(galaxy, cost.slabs_galaxy, 0.0)
+    allowed = allowed_error(snr, drawing.psf.oversampling, eps)
+    slab = cost.slab_pixel * px * (2.0 * scene.reach + 1) ** 2 + np.where(galaxy, cost.slabs_galaxy, 0.0)
     slabs = cost.slabs_star + densities(scene, fewest(_USUAL, allowed)) * slab
-    slabs += cost.wing_pixel * np.pi * np.minimum(wing, LINE_NEAR) ** 2 * px / LINE_STEP
-    photons = (electrons * maximum < PHOTONS_MAX) & convex & (fidelity != "noise_free")
-    choice = _cheapest(scene, reach, wing, snr, (shot, slabs), photons, numbers, fidelity, per_pixel)
+    slabs += cost.wing_pixel * np.pi * np.minimum(scene.wing, LINE_NEAR) ** 2 * px / LINE_STEP
+    choice = _cheapest(scene, snr, (shot, slabs), _may_be_photons(electrons * maximum, drawing), drawing)
     choice.method[electrons <= 0] = NONE
-    coarse = (choice.method == PHOTONS) & (snr * numbers.error.bins <= numbers.presets[fidelity].eps)
+    coarse = (choice.method == PHOTONS) & (snr * numbers.error.bins <= eps)
     return replace(choice, allowed=allowed, coarse=coarse)
 
 
-def _cheapest(scene, reach, wing, snr, cost, photons, numbers, fidelity, per_pixel):
+def _may_be_photons(electrons, drawing):
+    """Whether so many electrons may be drawn one by one: not too many, a mixture that can be drawn from, and noise."""
+    return (electrons < PHOTONS_MAX) & drawing.psf.convex & (drawing.fidelity != "noise_free")
+
+
+def _cheapest(scene, snr, cost, photons, drawing):
     """Return the Choice of the cheapest that is good enough: photons, where `photons` (n,) allows them, or stamps."""
     # A wing takes over where a point's stamp ends
-    shown = np.maximum(reach, wing)
+    shown, numbers, per_pixel = np.maximum(scene.reach, scene.wing), load_numbers(), drawing.psf.oversampling
     error = [predicted(m, scene, shown, snr, numbers.error, per_pixel) for m in ("photons", "stamp")]
     error = np.stack(error, axis=1)
     allowed = np.stack(np.broadcast_arrays(photons, np.ones(len(scene), bool)), axis=1)
     least = np.where(allowed, error, np.inf).min(axis=1)
-    good = allowed & (error <= np.maximum(numbers.presets[fidelity].eps, _AS_GOOD * least)[:, None])
+    good = allowed & (error <= np.maximum(numbers.presets[drawing.fidelity].eps, _AS_GOOD * least)[:, None])
     best = np.where(good, np.stack(cost, axis=1), np.inf).argmin(axis=1)
     method = np.where(best == 0, PHOTONS, STAMP).astype(np.int8)
     return Choice(method, np.take_along_axis(error, best[:, None], 1)[:, 0], snr)
@@ -110,20 +114,16 @@ def noise(scene, electrons, variance, length=0.0):
     return np.sqrt(electrons + (_GAUSSIAN * size2 + length * np.sqrt(_GAUSSIAN * size2)) * variance)
 
 
-def _galaxies(scene):
-    return (scene.sersic[:, :, 0] > 0).any(axis=1)
-
-
 def half_light_px2(scene):
     """Return the square of a circular half-light radius [pixel^2] of each object's components, weighted by light."""
     stretch2 = np.abs(np.linalg.det(scene.matrix))
     return (scene.light * scene.sersic[:, :, 2] ** 2).sum(axis=1) * stretch2
 
 
-def costs(scene, reach, wing, electrons, cost):
+def costs(scene, electrons, cost):
     """Return (photons, stamp): CPU ns of each object, (n,). cost: render.settings.Cost."""
-    galaxy = _galaxies(scene)
+    galaxy = scene.extended
     photons = cost.photon_object + electrons * np.where(galaxy, cost.photon_galaxy, cost.photon_star)
-    pixels = (2.0 * reach + 1) ** 2
+    pixels = (2.0 * scene.reach + 1) ** 2
     stamp = np.where(galaxy, cost.stamp_galaxy + cost.stamp_pixel * pixels, cost.stamp_star)
-    return photons, stamp + cost.wing_pixel * np.pi * np.minimum(wing, WING_NEAR) ** 2
+    return photons, stamp + cost.wing_pixel * np.pi * np.minimum(scene.wing, WING_NEAR) ** 2

@@ -46,6 +46,11 @@ class Mixer:
         self.coefficients, self.transforms, self._envelope = coefficients, transforms, envelope
         self._core_flux = core_flux
 
+    @property
+    def half(self):
+        """Half the side of the PSF's box [px]."""
+        return self.cells / 2 / self.per_pixel
+
     def envelope(self, node, share):
         """Return the largest modulus of an object's transforms at or beyond each of BINS, of light 1."""
         return np.max([self._envelope(k) for k in node[share.any(axis=1)].tolist()], axis=0)
@@ -73,6 +78,11 @@ class Mixer:
         """Return the same, times `core` if `cored`, as a transform, like `transform`'s, from those of the nodes."""
         parts = [self.transforms(k, size, cored).view(np.float32) for k in node[share.any(axis=1)].tolist()]
         return _mixed(parts, share, (size - last, 0), (2 * last + 1, 2 * (last + 1))).view(np.complex64)
+
+
+def mixer_of(psf):
+    """Return the Mixer of a PsfSet, or the one that is given (kept between calls, it saves some 10 ms)."""
+    return psf if isinstance(psf, Mixer) else Mixer(psf)
 
 
 def _envelope(transforms):

@@ -1,13 +1,12 @@
 """The objects of a chip as plain arrays: what every compiled renderer needs to know of them, and no more."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import gammaincinv
 
+from csstsim.catalog.components import components
 from csstsim.catalog.table import GALAXY
-
-DISK, BULGE = 1.0, 4.0  # Sersic indices of the two components
+from csstsim.profiles.sersic import sersic_b
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,38 +23,40 @@ class Scene:
     node: np.ndarray  # (n, k) int64, PSF nodes
     weight: np.ndarray  # (n, k) float64, of the nodes
     outside: np.ndarray  # (n,) bool: outside the grid of PSF nodes
+    reach: np.ndarray | None = None  # (n,) px, half the side of the stamp
+    wing: np.ndarray | None = None  # (n,) px, how far the light beyond the PSF's box shows; 0: noise hides it
 
     def __len__(self):
         return len(self.x)
 
     def take(self, rows):
         """Return the objects of an index array, in that order."""
-        return Scene(**{name: values[rows] for name, values in vars(self).items()})
+        return Scene(**{name: values if values is None else values[rows] for name, values in vars(self).items()})
+
+    def sized(self, reach, wing=0.0):
+        """Return the objects with stamps of this half side and wings of this radius [px], (n,) or one for all."""
+        reach, wing = (np.broadcast_to(np.asarray(v), len(self)).copy() for v in (reach, wing))
+        return replace(self, reach=reach, wing=wing)
+
+    @property
+    def extended(self):
+        """(n,) bool: whether the object is no point."""
+        return ((self.sersic[:, :, 0] > 0) & (self.light > 0)).any(axis=1)
 
 
 def make_scene(objects, wcs, psf, exptime):
-    """Return the Scene of an ObjectTable as catalog.select leaves it (all of its rows must be drawable).
-
-    What an object makes no use of, a point's shape or the size of a component without light, may be anything there.
-    """
+    """Return the Scene of an ObjectTable as catalog.select leaves it (all of its rows must be drawable)."""
     flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1) * exptime
-    galaxy = objects["obj_type"] == GALAXY
-    bulge = np.where(galaxy, objects["bulge_frac"].astype(float), 0.0)
-    light, sersic = np.stack([1 - bulge, bulge], axis=1), np.zeros((len(objects), 2, 3))
-    for i, (index, name) in enumerate(((DISK, "size_disk"), (BULGE, "size_bulge"))):
-        size = np.where(light[:, i] > 0, objects[name].astype(float), 0.0)
+    galaxy, parts = objects["obj_type"] == GALAXY, components(objects)
+    sersic = np.zeros((len(objects), 2, 3))
+    for i, (_, index, size) in enumerate(parts):
         sersic[galaxy, i] = np.stack(np.broadcast_arrays(index, sersic_b(index), size[galaxy]), axis=-1)
     node, weight, outside = psf.weights(objects["x"], objects["y"])
     return Scene(
         objects["id"].astype(np.int64), objects["x"].astype(float), objects["y"].astype(float), flux,
-        light, sersic, shape_matrix(objects, wcs), node.astype(np.int64), weight,
-        outside,
+        np.stack([light for light, *_ in parts], axis=1), sersic, shape_matrix(objects, wcs), node.astype(np.int64),
+        weight, outside, *(objects[name] if name in objects else None for name in ("reach", "wing")),  # noqa: SIM401 - no mapping
     )  # fmt: skip
-
-
-def sersic_b(index):
-    """Return b(n): half of a Sersic profile's light lies within r_e. Exact (inverse incomplete gamma function)."""
-    return gammaincinv(2 * np.asarray(index, dtype=float), 0.5)
 
 
 def shape_matrix(objects, wcs):

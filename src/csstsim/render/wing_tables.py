@@ -1,4 +1,4 @@
-"""Radial profiles of light far from an object, as tables in r^2 (render.octave_table), cut into annuli."""
+"""Radial profiles of light far from an object, as tables in r^2 (profiles.log_table), cut into annuli."""
 
 import math
 from dataclasses import dataclass
@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from csstsim.render.octave_table import BITS, first_of, nodes
+from csstsim.profiles.log_table import BITS, first_of, nodes
 
 KEPT = 256  # tables, some 100 kB each
 _OCTAVES = 32  # of r^2 [px^2] in a table: to 65,536 px, from any object to any chip's far corner

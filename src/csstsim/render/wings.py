@@ -10,19 +10,20 @@ Whether noise hides a wing (catalog.reach) decides how it is drawn. One that sho
 object, up to 48 to 192 px, and on the meshes of render.far_wings beyond. A hidden one is a haze, on the meshes alone:
 it is faded in from the middle on, not over the box's ring, which is too narrow for a mesh.
 
-A wing is read from a table in r^2 (render.octave_table): 3e-5 of the value for slopes to -3. Its value at a pixel's
+A wing is read from a table in r^2 (profiles.log_table): 3e-5 of the value for slopes to -3. Its value at a pixel's
 centre stands for the pixel: 4e-4 at 45 px, less beyond. Cost: benchmarks/wings.py.
 """
 
 import math
 from functools import lru_cache
+from typing import NamedTuple
 
 import numba
 import numpy as np
 
+from csstsim.profiles.log_table import read
 from csstsim.render.extended import POINT, SHARP_PX, WIDE_PX, beyond_stamp, spread
-from csstsim.render.far_wings import OVER
-from csstsim.render.octave_table import read
+from csstsim.render.far_wings import OVER, FarWings
 from csstsim.render.wing_tables import RADII, Far, light_of, step, tables
 
 FADE = 0.7, 0.95  # of the box's half side
@@ -61,40 +62,67 @@ def near_of(wing_px):
     return 0.0 if wing_px <= 0 else NEAR[int(wing_px >= 2 * NEAR[1])]
 
 
-def add_far(
-    image, response, window, x, y, flux, inside, drawn, wing, wing_px, half, meshes, near=None, parts=POINT, reach=0
-):
-    """Add what an object's stamp leaves out of its light, about x, y [chip pixel]; return the electrons on the window.
+class Held(NamedTuple):
+    """What an object's stamp has of its light."""
 
-    image: float32 or float64, of `window`, changed in place; response: share of the light that is counted, of the same
-    shape; flux (4,): all the object's electrons; inside: those in the PSF's box, but for what fades into the wing;
-    drawn: those that its stamp holds; wing: optics.scatter.halo.Wing, which has the rest, or None; wing_px: radius [px]
-    at which noise hides it, 0: everywhere; half: side of the PSF's box [px]; meshes: a FarWings; near: px from which
-    they take over, None: as noise allows; parts: its render.extended.Parts; reach: px, half the side of its stamp.
-    """
-    place, missing, haze, added = (image, response, window, x, y), inside - drawn, 0.0, 0.0
-    if wing is not None:
-        near = near_of(wing_px) if near is None else near
-        far, shown = wing_beyond(wing, half, near > 0), wing_beyond(wing, half)
-        flux = flux * wing_share(flux, inside, shown.light)
+    inside: float  # electrons in the PSF's box, but for what fades into the wing
+    drawn: float  # electrons in the stamp
+    reach: int = 0  # px, half the side of the stamp
+
+
+class Wings:
+    """What the stamps of objects leave out of their light, on one Canvas."""
+
+    def __init__(self, canvas, wing, half):
+        """wing: optics.scatter.halo.Wing, which has what the PSF's box has not, or None; half: side of the box [px]."""
+        self.canvas, self.wing, self.half, self.meshes = canvas, wing, half, FarWings(canvas)
+
+    def lay(self):
+        """Add what is far from its objects to the canvas, once, when all have been added."""
+        self.meshes.lay()
+
+    def add(self, at, flux, held, wing_px, parts=POINT, near=None):
+        """Add an object's light about `at` (x, y) [chip pixel]; return the electrons on the window.
+
+        flux (4,): all the object's electrons; held: Held; wing_px: radius [px] at which noise hides the wing, 0:
+        everywhere; parts: its render.extended.Parts; near: px from which meshes take over, None: as noise allows.
+        """
+        missing, haze, added = held.inside - held.drawn, 0.0, 0.0
+        if self.wing is not None:
+            near = near_of(wing_px) if near is None else near
+            far, shown = wing_beyond(self.wing, self.half, near > 0), wing_beyond(self.wing, self.half)
+            flux = flux * wing_share(flux, held.inside, shown.light)
+            for part in parts:
+                wide = spread(far, part, SHARP_PX if near else WIDE_PX)
+                added += self._add(at, part.share * flux, wide, near)
+            haze = (flux * (shown.light - far.light)).sum()
+        around = beyond_stamp(parts, held.reach) if held.reach >= self.half else []
+        for share, tail in around:
+            added += self._add(at, _one_band(share * missing), tail, 0.0)
+        ring = ring_within(self.half)
+        within = haze + (0.0 if around else near_light(missing, held.inside, self.wing))
         for part in parts:
-            wide = spread(far, part, SHARP_PX if near else WIDE_PX)
-            added += _add(*place, part.share * flux, wide, near, meshes)
-        haze = (flux * (shown.light - far.light)).sum()
-    around = beyond_stamp(parts, reach) if reach >= half else []
-    for share, tail in around:
-        added += _add(*place, _one_band(share * missing), tail, 0.0, meshes)
-    ring = ring_within(half)
-    within = haze + (0.0 if around else near_light(missing, inside, wing))
-    for part in parts:
-        if (wide := spread(ring, part)) is not ring:
-            fine = NEAR[0] if part.size < SMOOTH_PX else 0.0
-            added += _add(*place, _one_band(part.share * within), wide, fine, meshes)
-            continue
-        [(table, octave, _)] = tables(ring, ())
-        laid = _on_window(_add_radial, *place, half, part.share * within * table[0], octave)
-        added += laid[0] if laid else 0.0
-    return added
+            if (wide := spread(ring, part)) is not ring:
+                fine = NEAR[0] if part.size < SMOOTH_PX else 0.0
+                added += self._add(at, _one_band(part.share * within), wide, fine)
+                continue
+            [(table, octave, _)] = tables(ring, ())
+            laid = _on_window(_add_radial, self.canvas, at, self.half, part.share * within * table[0], octave)
+            added += laid[0] if laid else 0.0
+        return added
+
+    def _add(self, at, flux, far, near):
+        """Add light of a Far, times flux (4,), on the meshes from `near` [px] on; return electrons on the window."""
+        first, *others = tables(far, (near, *OVER))
+        drawn = 0.0
+        if near:
+            table, octave, reach = first
+            part = _on_window(_add_radial, self.canvas, at, reach, _mixed(flux, table), octave)
+            drawn += part[0] if part else 0.0
+        for level, (table, octave, reach) in enumerate(others):
+            if reach:
+                drawn += self.meshes.add(level, at, (_mixed(flux, table), octave, reach))
+        return drawn
 
 
 def _one_band(light):
@@ -117,36 +145,23 @@ def wing_share(flux, inside, light):
     return np.maximum(np.sum(flux) - inside, 0.0) / np.sum(flux * light)
 
 
-def _add(image, response, window, x, y, flux, far, near, meshes):
-    """Add light of a Far, times flux (4,), on the meshes from `near` [px] on; return the electrons on the window."""
-    first, *others = tables(far, (near, *OVER))
-    drawn = 0.0
-    if near:
-        table, octave, reach = first
-        part = _on_window(_add_radial, image, response, window, x, y, reach, _mixed(flux, table), octave)
-        drawn += part[0] if part else 0.0
-    for level, (table, octave, reach) in enumerate(others):
-        if reach:
-            drawn += meshes.add(level, x, y, reach, _mixed(flux, table), octave)
-    return drawn
-
-
 def _mixed(flux, table):
     return np.einsum("b,br->r", flux, table)  # no BLAS: bits
 
 
-def add_ghosts(image, response, window, chip, x, y, electrons, ghosts):
-    """Add an object's ghosts (optics.scatter.ghosts.Ghosts), if it is bright enough; return [(electrons, box), ...].
+def add_ghosts(canvas, chip, at, electrons, ghosts):
+    """Add the ghosts (optics.scatter.ghosts.Ghosts) of an object at x, y [chip pixel], if it is bright enough.
 
-    As `add_wing`; boxes are (x0, x1, y0, y1) on the chip, half-open; what misses the window is not listed.
+    Returns [(electrons on the window, box), ...]; boxes are (x0, x1, y0, y1) on the chip, half-open; what misses the
+    window is not listed.
     """
     if not ghosts.visible(electrons):
         return []
     parts = []
-    for (gx, gy), radius, light in zip(ghosts.centres(chip, x, y), ghosts.radius, ghosts.light, strict=True):
+    for centre, radius, light in zip(ghosts.centres(chip, *at), ghosts.radius, ghosts.light, strict=True):
         # The integral of the soft disc; its sum over pixels is within 5e-5 of it for radii above 40 px
         level = light * electrons / (math.pi * (radius**2 + 1 / 12))
-        parts.append(_on_window(_add_soft_disc, image, response, window, gx, gy, radius + 0.5, level))
+        parts.append(_on_window(_add_soft_disc, canvas, centre, radius + 0.5, level))
     return [part for part in parts if part is not None]
 
 
@@ -157,14 +172,14 @@ def box_on_window(window, x, y, reach):
     return (x0, x1, y0, y1) if x0 < x1 and y0 < y1 else None
 
 
-def _on_window(add, image, response, window, x, y, reach, *what):
+def _on_window(add, canvas, at, reach, *what):
     """Call `add` on the pixels of the window within `reach` of x, y; return (electrons, box), or None if none is."""
-    box = box_on_window(window, x, y, reach)
+    x, y = at
+    box = box_on_window(canvas.window, x, y, reach)
     if box is None:
         return None
-    x0, x1, y0, y1 = box
-    cut = slice(y0 - window.y0, y1 - window.y0), slice(x0 - window.x0, x1 - window.x0)
-    return add(image[cut], response[cut], float(x - x0), float(y - y0), float(reach), *what), box
+    cut = canvas.cut(box)
+    return add(canvas.expected[cut], canvas.seen[cut], float(x - box[0]), float(y - box[2]), float(reach), *what), box
 
 
 @numba.njit(cache=True)

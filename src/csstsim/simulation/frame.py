@@ -56,7 +56,7 @@ def frame_of(job, state, image, **parts):
     from csstsim.io.orders import orders_table
     from csstsim.io.truth import truth_table
 
-    truth = _table(truth_table(state.truth, job))
+    truth = _table(truth_table(state.truth, job.chip))
     orders = None if state.orders is None else _table(orders_table(state.orders))
     return Frame(image=image, truth=truth, wcs=_wcs(job), window=job.window, orders=orders, **parts)
 

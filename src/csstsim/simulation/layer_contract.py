@@ -30,6 +30,7 @@ from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import ExposureType, Pointing
 from csstsim.layers.param import LayerParam
 from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.simulation.exposure import Exposure, Losses
 from csstsim.simulation.sim_steps import known_layers, load_layer
 from csstsim.simulation.state import State
 
@@ -45,7 +46,6 @@ UNIT = re.compile(
     r"|density|times|dimensionless|probability|seed|index)\b"
 )
 FRAMES = ("active", "readout")
-EXPOSURES_OWN = "pointing", "chip", "window", "filter", "telescope", "wcs"  # a layer finds them as they stay
 SHAPES = (64, 64), (48, 80)  # (ny, nx), px
 
 
@@ -149,11 +149,8 @@ def _maker(module, frame, shape, light):
     image = (light * (0.01 + np.exp(-0.5 * ((x - 0.4 * nx) ** 2 + (y - 0.6 * ny) ** 2) / 4.0))).astype(np.float32)
     if frame == "readout":
         image = ReadoutFrame.of(chip.detector, window).embed(image)
-    return lambda: State(
-        chip=chip, filter=camera.filters[chip.filter], telescope=camera.telescope, pointing=pointing, catalog=None,
-        window=window, wcs=ChipWCS(chip, pointing), image=image.copy(), unit=module.UNITS[0], prnu=True,
-        leds=camera.leds, sky=camera.sky,
-    )  # fmt: skip
+    exposure = Exposure(pointing, chip, window, ChipWCS(chip, pointing), camera, losses=Losses(prnu=True))
+    return lambda: State(exposure, image.copy(), unit=module.UNITS[0])
 
 
 class _Watched(Streams):
@@ -171,7 +168,7 @@ def _run_faults(module, param, make):
     results = []
     for seed in (1, 1, 2):
         state = make()
-        whose = {name: getattr(state, name) for name in EXPOSURES_OWN}
+        exposure = state.exposure
         rng = _Watched(seed, state.pointing.obsid, state.chip.id, module.__name__.lower())
         try:
             result = module.apply(state, param, rng)
@@ -181,10 +178,9 @@ def _run_faults(module, param, make):
         if not isinstance(result, State):
             yield f"apply returned {type(result).__name__}; it must return the state"
             return
-        for name, value in whose.items():
-            if getattr(result, name) is not value:
-                yield f"changes state.{name}, which is the exposure's"
-                return
+        if result.exposure is not exposure:
+            yield "changes state.exposure: its pointing, chip, window, wcs, filter and telescope stay"
+            return
         results.append((result.image, result.header))
     (image, header), (again, header_again), (other, _) = results
     yield from _image_faults(module, state, make(), image)

@@ -30,6 +30,7 @@ from csstsim.base.help_page import explained
 from csstsim.base.model import validate
 from csstsim.base.progress import progress
 from csstsim.base.rng import Streams
+from csstsim.simulation.exposure import Losses
 from csstsim.simulation.observation import load_observation
 
 STAGES = ("render", "readout", "level0")
@@ -104,9 +105,8 @@ class SimSteps:
 
     @property
     def losses(self):
-        """{flat, shutter, prnu}: which losses light of this list meets (optics.throughput.response)."""
-        flat, shutter = self._asked("flat_fielding"), self._asked("shutter_effect")
-        return {"flat": flat, "shutter": shutter, "prnu": self.step("prnu_effect") is not None}
+        """The Losses that light of this list meets."""
+        return Losses(self._asked("flat_fielding"), self._asked("shutter_effect"), self.step("prnu_effect") is not None)
 
     @property
     def mask(self):

@@ -1,11 +1,19 @@
 """State: what a layer gets and gives back (paper, section 4.3)."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from csstsim.optics.throughput.response import response_map
+
+if TYPE_CHECKING:  # names alone: a stage imports what it uses
+    from csstsim.catalog.light.object_spectra import Spectra
+    from csstsim.catalog.table import ObjectTable
+    from csstsim.detector.charge_transfer.trails import Trails
+    from csstsim.optics.psf.psf_file import PsfSet
+    from csstsim.render.psf_table import PsfTable
+    from csstsim.simulation.exposure import Exposure
 
 
 @dataclass
@@ -14,52 +22,57 @@ class State:
 
     `image` is float32, changed in place: expected electrons until `poisson_and_dark`, then charge, then DN
     (units in `unit`). Before `prescan_overscan` its shape is that of `window`; after it, that of the
-    window's readout frame (detector.channels). `counted` holds electrons that are already Poisson
-    (int32, same shape) or None; `poisson_and_dark` merges it. `mask`, if the layers' list asks for one, is uint8 of the
-    image's shape (detector.mask). `trailed` is charge that trails into the overscan (detector.charge_transfer.trails).
-    `header` gathers what layers add to the Level-0 header as {name: value}, JSON-like values only; `truth` is the table
-    of drawn objects.
+    window's readout frame (detector.channels). `counted` holds electrons that are already Poisson (same shape);
+    `poisson_and_dark` merges it. What is None is not there. `header` gathers what layers add to the Level-0 header as
+    {name: value}, JSON-like values only. chip, filter, telescope, pointing, window and wcs are the exposure's.
     """
 
-    chip: Any  # instrument.chip.Chip
-    filter: Any  # instrument.filter.Filter
-    telescope: Any  # instrument.telescope.Telescope
-    pointing: Any  # instrument.pointing.Pointing
-    catalog: Any  # catalog.table.ObjectTable of this chip, or None
-    window: Any  # instrument.chip.Window
-    wcs: Any  # optics.geometry.wcs.ChipWCS
+    exposure: "Exposure"
     image: np.ndarray
-    counted: np.ndarray | None = None
-    mask: np.ndarray | None = None
-    trailed: Any = None  # detector.charge_transfer.trails.Trails, or None
-    cosmic_rays: tuple | None = None  # (flat indices in the window, electrons) to be written, if asked for
-    psf: Any = None  # optics.psf.psf_set.PsfSet, or None for exposures without objects
-    tables: Any = None  # render.psf_table.PsfTable of `psf`; None for the reference renderer
-    fidelity: str = "standard"  # the campaign's: how objects are drawn
+    catalog: "ObjectTable | None" = None  # objects that reach the window
+    spectra: "Spectra | None" = None  # theirs, of a slitless chip
+    psf: "PsfSet | None" = None
+    tables: "PsfTable | None" = None  # of `psf`; the reference renderer needs none
+    counted: np.ndarray | None = None  # int32
+    mask: np.ndarray | None = None  # uint8 of the image's shape (detector.mask)
+    trailed: "Trails | None" = None  # charge that trails into the overscan
+    cosmic_rays: tuple[np.ndarray, np.ndarray] | None = None  # (flat indices in the window, electrons) to be written
     unit: str = "electron"
     header: dict = field(default_factory=dict)
-    truth: Any = None
-    orders: Any = None  # truth of a slitless chip, order by order (io.orders), or None
-    prnu: bool = False  # light meets the pixels' response (PRNU_effect is in the list)
-    leds: Any = None  # leds.yaml as instrument.load.read_data gives it, for flat fields and lamps
-    gratings: Any = None  # instrument.grating.Gratings of a slitless chip
-    spectra: Any = None  # catalog.light.object_spectra.Spectra of the objects of a slitless chip
-    sky: Any = None  # sky.yaml as instrument.load.read_data gives it, for the stray-light model
-    _response: tuple = (None, None)  # what `response` gave last
+    truth: "ObjectTable | None" = None  # drawn objects
+    orders: "ObjectTable | None" = None  # those of a slitless chip, order by order (io.orders)
+    _response: tuple = ()  # (what `response` gave last,)
 
-    def response(self, exptime, rng, *, flat, shutter):
-        """Return the response_map (optics.throughput) of this chip and window, made once for layers that ask the same.
+    chip = property(lambda self: self.exposure.chip, doc="instrument.chip.Chip")
+    filter = property(lambda self: self.exposure.filter, doc="instrument.filter.Filter")
+    telescope = property(lambda self: self.exposure.telescope, doc="instrument.telescope.Telescope")
+    pointing = property(lambda self: self.exposure.pointing, doc="instrument.pointing.Pointing")
+    window = property(lambda self: self.exposure.window, doc="instrument.chip.Window")
+    wcs = property(lambda self: self.exposure.wcs, doc="optics.geometry.wcs.ChipWCS")
+
+    @classmethod
+    def blank(cls, exposure, objects=None):
+        """Return the State of an Exposure that no layer has touched: planes of the window (ny, nx) without light.
+
+        objects: its catalogue, or None.
+        """
+        shape = exposure.window.shape
+        mask = np.zeros(shape, np.uint8) if exposure.mask else None
+        return cls(exposure, np.zeros(shape, np.float32), objects, mask=mask)
+
+    def response(self, rng):
+        """Return the response_map (optics.throughput) of this exposure, made once for all layers that ask.
 
         rng: the asking layer's rng.Streams.
         """
-        wanted = exptime, flat, shutter
-        if self._response[0] != wanted:
+        if not self._response:
+            asked, (flat, shutter, prnu) = self.exposure, self.exposure.losses
             made = response_map(
-                self.chip, self.window, self.filter, exptime, self.leds, rng.camera, flat=flat, shutter=shutter,
-                prnu=rng.chip_key("prnu") if self.prnu else None,
+                asked.chip, asked.window, asked.filter, asked.exptime, asked.camera.leds, rng.camera, flat=flat,
+                shutter=shutter, prnu=rng.chip_key("prnu") if prnu else None,
             )  # fmt: skip
-            self._response = wanted, made
-        return self._response[1]
+            self._response = (made,)
+        return self._response[0]
 
     def electrons(self):
         """Return the electrons in both planes, a float64 sum."""
@@ -67,4 +80,4 @@ class State:
 
     def forget(self):
         """Drop what is kept only to save time."""
-        self._response = None, None
+        self._response = ()

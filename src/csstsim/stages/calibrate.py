@@ -68,11 +68,10 @@ def calibrated_frame(run, job):
 def _response(run, job, streams, prnu):
     from csstsim.optics.throughput.response import response_map
 
-    losses, filter_ = run.steps[job.pointing.type].losses, run.camera.filters[job.chip.filter]
+    losses = job.losses
     return response_map(
-        job.chip, job.window, filter_, job.pointing.exptime, run.camera.leds, streams.camera,
-        flat=losses["flat"], shutter=losses["shutter"],
-        prnu=streams.chip_key("prnu") if prnu and losses["prnu"] else None,
+        job.chip, job.window, job.filter, job.exptime, run.camera.leds, streams.camera, flat=losses.flat,
+        shutter=losses.shutter, prnu=streams.chip_key("prnu") if prnu and losses.prnu else None,
     )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ from csstsim.stages.psf import missing_psf
 from csstsim.stages.readout import read_out, save_cosmic_rays
 from csstsim.stages.render import rendered
 from csstsim.stages.select import say_selected, selected
-from csstsim.stages.shared import Timer
+from csstsim.stages.stage_frames import Timer
 from csstsim.stages.truth import missing_bricks
 
 
@@ -50,12 +50,12 @@ def light(run, job, say=print):
 
     header, objects = {"stages": []}, None
     if job.pointing.type == "SCIE":
-        missing_bricks(run, job, say)
+        missing_bricks(run, run.truth_bricks(job), say)
         timer = Timer("select")
         objects = selected(run, job)
         header["stages"].append(timer.entry())
         say_selected(objects, say)
-        missing_psf(run, job, say)  # after the catalogue of the user's, which may not open
+        missing_psf(run, job.chip, say)  # after the catalogue of the user's, which may not open
     timer = Timer("render")
     state = rendered(run, job, objects)
     state.header |= header
@@ -68,5 +68,6 @@ def light(run, job, say=print):
 
 def missing(run, job, say):
     """Make what a job of the sky needs and is not there: bricks of the embedded universe, the chip's PSF set."""
-    missing_bricks(run, job, say)
-    missing_psf(run, job, say)
+    if job.pointing.type == "SCIE":
+        missing_bricks(run, run.truth_bricks(job), say)
+        missing_psf(run, job.chip, say)

@@ -7,7 +7,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.one_thread import one_thread
 from csstsim.base.release import check_recipe
-from csstsim.catalog.table import GALAXY
+from csstsim.catalog.components import components
 from csstsim.stages.calibrate import calibrated_frame
 from csstsim.stages.level0 import truth_of
 from csstsim.stages.psf import open_psf
@@ -37,7 +37,7 @@ def spectra_of_frame(run, job):
     from csstsim.io.orders import check_orders, read_orders
     from csstsim.measure.spectra.extract import Frame, Sources
     from csstsim.measure.spectra.spectral_model import make_model
-    from csstsim.optics.scatter.outside_box import read_beyond
+    from csstsim.optics.scatter.scattered_light import read_scattered
     from csstsim.stages.render import object_spectra
 
     if not run.has_orders(job):
@@ -54,7 +54,7 @@ def spectra_of_frame(run, job):
     truth.meta["truth_hash"] = file.header0.get("TRUTHASH")  # a catalogue is opened again only if it is the same
     sources = Sources(_shapes(truth, job.wcs), object_spectra(run, job, truth), run.disperser(job).edges)
     middle = 0.5 * (job.window.x0 + job.window.x1), 0.5 * (job.window.y0 + job.window.y1)
-    wing, photons = read_beyond(psf).wing, run.camera.telescope.area_m2 * job.pointing.exptime
+    wing, photons = read_scattered(psf).wing, run.camera.telescope.area_m2 * job.pointing.exptime
     model = make_model(gratings, photons, psf.at(*middle), psf.oversampling, psf.wavelength, wing)
     frame = Frame.of(calibrated, job.window)
     others = model.image(orders, sources.shapes, sources.spectra, sources.edges, job.window, frame.faintest)
@@ -66,7 +66,5 @@ def _shapes(truth, wcs):
     from csstsim.measure.spectra.line_profile import Shapes
     from csstsim.render.scene import shape_matrix
 
-    galaxy = truth["obj_type"] == GALAXY
-    bulge = np.where(galaxy, truth["bulge_frac"].astype(float), 0.0)
-    sizes = np.where(galaxy[:, None], np.stack([truth["size_disk"], truth["size_bulge"]], axis=1), 0.0)
-    return Shapes.of(shape_matrix(truth, wcs), np.stack([1 - bulge, bulge], axis=1), sizes)
+    light, _, sizes = zip(*components(truth), strict=True)
+    return Shapes.of(shape_matrix(truth, wcs), np.stack(light, axis=1), np.stack(sizes, axis=1))

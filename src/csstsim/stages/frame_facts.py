@@ -5,7 +5,6 @@ from csstsim.bricks.facts import Facts, HeaderWCS
 from csstsim.io.level0 import read_level0
 from csstsim.io.paths import made
 from csstsim.layers import gain, sky_background
-from csstsim.stages.shared import blank
 
 # Of the world coordinates of the assembled frame; channels' have a letter behind.
 WCS_KEYS = (
@@ -39,7 +38,7 @@ def _sky(run, job, steps):
     step = steps.step("sky_background")
     if not steps.shipped:
         return None
-    return sky_background.mean_rate(blank(run, job), step.param) * job.pointing.exptime if step else 0.0
+    return sky_background.mean_rate(job, step.param) * job.pointing.exptime if step else 0.0
 
 
 def _wcs(file, job):

@@ -4,7 +4,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.one_thread import one_thread
 from csstsim.base.release import check_recipe, check_release
 from csstsim.io.paths import made
-from csstsim.stages.shared import Timer, state_before
+from csstsim.stages.stage_frames import Timer, state_before
 
 
 @one_thread
@@ -31,8 +31,8 @@ def digitised(run, job, state, timer):
 
     steps = run.steps[job.pointing.type]
     state = steps.run(state, "level0", run.config.seed)
-    if steps.losses["shutter"]:
-        state.header |= shutter.moments(job.pointing, state.telescope)
+    if steps.losses.shutter:
+        state.header |= shutter.moments(job.pointing.mjd, job.exptime, job.telescope)
     state.header.setdefault("stages", []).append(timer.entry())
     provenance = {
         "recipe": run.recipe(job),
@@ -61,7 +61,7 @@ def write_products(run, job, state, provenance):
     about = {"recipe": run.recipe(job), "level0": path.name, "full_well": run.camera.detector.full_well}
     if run.steps[job.pointing.type].shipped:  # a layer of the user's own may bring charge that nothing counts
         about["electrons"] = electron_budget(state.header, job.window.nx * job.window.ny)
-    write_truth(truth_path, drawn, job, about)
+    write_truth(truth_path, drawn, job.chip, about)
     if state.orders is not None:
         orders = {"recipe": run.recipe(job), "level0": path.name}
         write_orders(run.paths.level0_orders(job.pointing, job.chip.id), state.orders, orders)

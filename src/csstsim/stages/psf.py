@@ -12,7 +12,7 @@ def psf(run, chip_id):
     """Make the PSF set of one chip, or take it from the campaign's library; then the tables photons are drawn from."""
     from csstsim.optics.psf.psf_c9 import convert
     from csstsim.optics.psf.psf_set import make_psf
-    from csstsim.optics.scatter.outside_box import beyond_box
+    from csstsim.optics.scatter.scattered_light import scattered_light
 
     chip, camera, config = run.camera.chips[chip_id], run.camera, run.config.psf
     path, filter_, digests = run.paths.psf(chip_id), camera.filters[chip.filter], {"camera_digest": camera.digest}
@@ -21,7 +21,7 @@ def psf(run, chip_id):
     else:
         make_psf(
             path, chip, filter_, camera.telescope, camera.psf, config.grid, oversampling=config.oversampling,
-            beyond=beyond_box(camera, filter_), nodes_uv=_nodes_uv(camera, chip, config.grid), **digests,
+            beyond=scattered_light(camera, filter_), nodes_uv=_nodes_uv(camera, chip, config.grid), **digests,
         )  # fmt: skip
     psf_tables(run, chip)
 
@@ -42,15 +42,13 @@ def _nodes_uv(camera, chip, grid):
     return samples(load_focal_plane(file), chip, grid)[:, :2] if file.exists() else None
 
 
-def missing_psf(run, job, say):
-    """Make the PSF set of a job of the sky and its tables, if they are not there."""
-    chip, paths = job.chip, run.paths
-    if job.pointing.type == "SCIE":
-        sets = {
-            paths.psf(chip.id): partial(psf, run, chip.id),
-            paths.psf_tables(chip.id): partial(psf_tables, run, chip),
-        }
-        make_missing(sets, say)
+def missing_psf(run, chip, say):
+    """Make the PSF set of a chip and its tables, if they are not there."""
+    sets = {
+        run.paths.psf(chip.id): partial(psf, run, chip.id),
+        run.paths.psf_tables(chip.id): partial(psf_tables, run, chip),
+    }
+    make_missing(sets, say)
 
 
 def open_psf(run, chip):

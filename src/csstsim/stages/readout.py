@@ -3,7 +3,7 @@
 import numpy as np
 
 from csstsim.base.one_thread import one_thread
-from csstsim.stages.shared import Timer, frame_meta, state_before
+from csstsim.stages.stage_frames import Timer, frame_meta, state_before
 
 
 @one_thread

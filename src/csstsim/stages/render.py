@@ -3,8 +3,9 @@
 from csstsim.base.digest import digest
 from csstsim.base.one_thread import one_thread
 from csstsim.base.release import check_recipe
+from csstsim.simulation.state import State
 from csstsim.stages.psf import open_psf
-from csstsim.stages.shared import Timer, blank, frame_meta
+from csstsim.stages.stage_frames import Timer, frame_meta
 
 
 @one_thread
@@ -30,10 +31,10 @@ def render(run, job):
 
 def rendered(run, job, objects):
     """Return the State after the render stage. objects: as `selected` gives them; None but for science exposures."""
-    state = blank(run, job, objects)
+    state = State.blank(job, objects)
     if job.pointing.type == "SCIE":
-        state.psf, state.fidelity = open_psf(run, job.chip), run.config.fidelity
-        if state.fidelity != "reference":
+        state.psf = open_psf(run, job.chip)
+        if job.fidelity != "reference":
             from csstsim.render.psf_table import read_tables
 
             state.tables = read_tables(run.paths.psf_tables(job.chip.id), state.psf)

@@ -4,7 +4,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
 from csstsim.base.one_thread import one_thread
 from csstsim.stages.psf import psf_box
-from csstsim.stages.shared import Timer
+from csstsim.stages.stage_frames import Timer
 
 
 @one_thread
@@ -22,7 +22,7 @@ def selected(run, job):
     """Return the ObjectTable of what reaches a job's window (catalog.select)."""
     from csstsim.catalog.open import open_catalog
     from csstsim.catalog.select import Noise, region_for, select_objects
-    from csstsim.optics.scatter.outside_box import beyond_box
+    from csstsim.optics.scatter.scattered_light import scattered_light
 
     config, camera, exptime = run.config.catalog, run.camera, job.pointing.exptime
     filter_, detector = camera.filters[job.chip.filter], camera.detector
@@ -31,7 +31,7 @@ def selected(run, job):
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
     return select_objects(
         catalog, job.wcs, job.observer, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit,
-        rotated=config.shapes == "rotated90", beyond=beyond_box(camera, filter_), box=psf_box(run, job.chip),
+        rotated=config.shapes == "rotated90", beyond=scattered_light(camera, filter_), box=psf_box(run, job.chip),
         disperser=run.disperser(job),
     )  # fmt: skip
 
@@ -39,10 +39,10 @@ def selected(run, job):
 def say_selected(table, say):
     """Say how many objects reach the window, and how many of them will not be drawn, and why."""
     from csstsim.catalog.drawable import why_not_drawn
-    from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING
+    from csstsim.catalog.flags import NOT_DRAWN
 
     say(f"{len(table)} objects reach the window; left out: {table.meta['dropped']}")
-    for reason, count in why_not_drawn(table, table["flags"] & (BAD_VALUE | STRONG_LENSING)).items():
+    for reason, count in why_not_drawn(table, table["flags"] & NOT_DRAWN).items():
         say(f"{count} not drawn: {reason}")
 
 

@@ -21,7 +21,7 @@ def truth(run, pix, say=print):
     say(run.paths.truth(pix))
 
 
-def missing_bricks(run, job, say):
-    """Make the bricks of the embedded universe that a job needs and are not there."""
-    if run.embedded and job.pointing.type == "SCIE":
-        make_missing({run.paths.truth(pix): partial(truth, run, pix, say) for pix in run.truth_bricks(job)}, say)
+def missing_bricks(run, bricks, say):
+    """Make those of some bricks of the embedded universe that are not there; none for a catalogue of the user's."""
+    if run.embedded:
+        make_missing({run.paths.truth(pix): partial(truth, run, pix, say) for pix in bricks}, say)

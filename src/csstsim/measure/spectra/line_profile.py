@@ -14,7 +14,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy.special import gammaincinv
+
+from csstsim.profiles.sersic import BULGE, DISK, radius_of
 
 PER_PX = 8
 HALF = 64  # px
@@ -22,7 +23,6 @@ OFFSETS = np.arange(-HALF * PER_PX, HALF * PER_PX + 1) / PER_PX  # px
 ALONG, ACROSS = 0, 1  # axis of a profile: x (dispersion), y
 _WING = 512.0  # px: how far wings are summed; 0.5% of the light lies beyond
 _RINGS = 4000
-_INDICES = 1.0, 4.0  # of disk and bulge
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ def _wing_below(wing, half):
 def _projected(index):
     """Return (t, share of a Sersic profile's light beyond t along an axis), t in half-light radii, rising from 0."""
     light = (np.arange(_RINGS) + 0.5) / _RINGS
-    radius = (gammaincinv(2 * index, light) / gammaincinv(2 * index, 0.5)) ** index
+    radius = radius_of(light, index)
     t = np.concatenate([[0.0], np.geomspace(1e-3, 1e3, 400)])
     return t, np.array([np.mean(0.5 - np.arcsin(np.minimum(v / radius, 1.0)) / np.pi) for v in t])
 
@@ -95,7 +95,7 @@ def broadened(point, light, radius):
     from scipy.signal import fftconvolve
 
     steps, out = np.diff(point, axis=1), np.zeros_like(point)
-    for index, share, size in zip(_INDICES, light, radius, strict=True):
+    for index, share, size in zip((DISK, BULGE), light, radius, strict=True):
         if share > 0:
             part = steps if size <= 0 else fftconvolve(steps, sersic_steps(index, size)[None], "same", axes=1)
             out[:, 1:] += share * np.cumsum(part, axis=1)

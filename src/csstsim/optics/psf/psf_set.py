@@ -111,7 +111,7 @@ def make_psf(
 
     `psf_params` is Camera.psf, `grid` the number of nodes along a side (>= 2), `camera_digest` Camera.digest,
     `oversampling` the cells along a pixel ("auto": psf.yaml's for the filter), `provenance` a JSON-like mapping kept in
-    the file, `cells` the (even) cells along the box, `beyond` an optics.scatter.outside_box.Beyond, whose halo is
+    the file, `cells` the (even) cells along the box, `beyond` an scattered_light.Scattered, whose halo is
     added, `nodes_uv` (grid^2, 2) what optics.geometry.focal_plane.samples has for the nodes. Raises InputError for a
     grid or sampling that cannot be, and a PSF too wide to centre.
     """

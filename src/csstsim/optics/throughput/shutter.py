@@ -33,14 +33,15 @@ def deficit(x_mm, telescope):
     return telescope.shutter_time * (low + high) / (2 * np.pi)
 
 
-def moments(pointing, telescope):
+def moments(start, exptime, telescope):
     """Return when the shutter starts to open, is open, starts to close and is closed [MJD, UTC], {name: day}.
 
-    The exposure counts from the first to the last: its time is that of the middle of the focal plane.
+    start: MJD; exptime in s. The exposure counts from the first to the last: its time is that of the middle of the
+    focal plane.
     """
-    opening, end = telescope.shutter_time / DAY_S, pointing.mjd + pointing.exptime / DAY_S
+    opening, end = telescope.shutter_time / DAY_S, start + exptime / DAY_S
     return {
-        "shutter_open_0": pointing.mjd, "shutter_open_1": pointing.mjd + opening,
+        "shutter_open_0": start, "shutter_open_1": start + opening,
         "shutter_close_0": end - opening, "shutter_close_1": end,
     }  # fmt: skip
 

@@ -1,6 +1,6 @@
 """A galaxy's stamp: one convolution with the mixture of the PSF's nodes and sub-bands.
 
-Disk and bulge are Sersic profiles under one 2 x 2 matrix. Each is split (render.profiles.sersic): the inner part is
+Disk and bulge are Sersic profiles under one 2 x 2 matrix. Each is split (profiles.sersic): the inner part is
 multiplied with the PSF's transform (render.psf_mixture) at the frequencies of a small periodic image, folded onto those
 of its pixels, which is what taking samples means, and transformed back; the outer part, so smooth that the PSF hardly
 changes it, is added in real space. So no transform is larger than 1280 pixels and no wing wraps round.
@@ -16,8 +16,8 @@ import numba
 import numpy as np
 import scipy.fft
 
-from csstsim.render.octave_table import first_of, nodes, read
-from csstsim.render.profiles.sersic import CUT_NONE, K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, cut_for, extent, tables
+from csstsim.profiles.log_table import first_of, nodes, read
+from csstsim.profiles.sersic import CUT_NONE, K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, cut_for, extent, tables
 from csstsim.render.psf_mixture import BINS, transform
 
 _WORST = 3e-4  # of the peak: what blurring may change in the outer part ...
@@ -92,14 +92,13 @@ def plan_galaxies(scene, reach, box, rows):
     return Plan(cut, half, np.where(rows, sizes, 0), rough)
 
 
-def galaxy_stamp(mixer, scene, plan, i, share, reach, bounds, *, core=None, many=False):
-    """Return (stamp, light): a Scene's galaxy i on the pixels of `bounds`, float64, and the light of its whole stamp.
+def galaxy_stamp(stamper, i, share, bounds, many=False):
+    """Return (stamp, light) of a Stamper's galaxy i, as Stamper.stamp.
 
-    mixer: psf_mixture.Mixer; share (k, 4): electrons from each PSF node and sub-band; reach: px, half the side of the
-    whole stamp; bounds: (x0, x1, y0, y1), half-open, the part of it that is wanted, or None; core: Mixer.core, the
-    share of each cell that counts, or None: all; many: whether many galaxies share size and nodes, so that it pays to
-    keep the nodes' transforms. Below zero it may be by what is left out.
+    many: whether many galaxies share size and nodes, so that it pays to keep the nodes' transforms. Below zero the
+    stamp may be by what is left out.
     """
+    mixer, scene, plan, reach, core = stamper.mixer, stamper.scene, stamper.plan, stamper.reach[i], stamper.core
     node, light, sersic, matrix = scene.node[i], scene.light[i], scene.sersic[i], scene.matrix[i]
     x, y, cut, half, size = scene.x[i], scene.y[i], plan.cut[i], plan.half[i], int(plan.size[i])
     inner, outer = _component_tables(*(key for c in range(2) for key in (sersic[c, 0] * (light[c] > 0), cut[c])))

@@ -17,8 +17,9 @@ import numba
 import numpy as np
 
 from csstsim.base.counter import high, low, poisson, word
-from csstsim.render.photon_places import (
+from csstsim.render.photon_positions import (
     check_scene,
+    contiguous,
     cumulative,
     first_word,
     from_profile,
@@ -34,22 +35,22 @@ _BATCH = 512  # electrons drawn at a time, and the most that are chosen one by o
 _STRIP = 64  # px: objects of a node are drawn in strips, so that their pixels are in cache
 
 
-def shoot_scene(counted, window, scene, keys, table, response=None, maximum=1.0, wing=None):
-    """Draw the objects of a Scene into `counted` (int32, window.shape), changed in place.
+def shoot_scene(canvas, scene, keys, table, wing=None):
+    """Draw the objects of a Scene into the counted plane of a Canvas, which must be there.
 
     keys: (n,) uint64, all different (counter.object_keys). table: PsfTable with the tables of all nodes of the scene.
-    response: (ny, nx) share of the light that is counted, at most `maximum`; None: all of it. wing:
-    optics.scatter.halo.Wing, where electrons beyond the PSF's box go, or None: nowhere. Returns on_window (n,) int64,
-    electrons counted; beyond (n,) int64, electrons, of `maximum` times the light, that fell outside the PSF's box; box
-    (n, 4) int64, x0, x1, y0, y1 of the chip's pixels reached, half-open, 0 if none. The result does not depend on the
-    order of the objects. Raises ValueError for arrays that do not fit, a response above the maximum, and what a Scene
-    must not hold: numbers that are not finite, negative light, 2^31 electrons in an object, negative weights (a PSF
-    interpolation that is not convex), nodes without tables.
+    wing: optics.scatter.halo.Wing, where electrons beyond the PSF's box go, or None: nowhere. Returns on_window (n,)
+    int64, electrons counted; beyond (n,) int64, electrons, of `canvas.maximum` times the light, that fell outside the
+    PSF's box; box (n, 4) int64, x0, x1, y0, y1 of the chip's pixels reached, half-open, 0 if none. The result does not
+    depend on the order of the objects. Raises ValueError for arrays that do not fit, a response above the maximum, and
+    what a Scene must not hold: numbers that are not finite, negative light, 2^31 electrons in an object, negative
+    weights (a PSF interpolation that is not convex), nodes without tables.
     """
+    counted, window, maximum = canvas.counted, canvas.window, canvas.maximum
     if counted.shape != window.shape or counted.dtype != np.int32:
         raise ValueError(f"counted is {counted.dtype} {counted.shape}, not int32 {window.shape}")
     check_scene(scene, table, maximum)
-    response = np.empty((0, 0), np.float32) if response is None else np.ascontiguousarray(response, np.float32)
+    response = contiguous(canvas.response)
     if response.size and (response.shape != window.shape or not response.max() <= maximum * (1 + 1e-6)):
         raise ValueError(f"the response must be {window.shape} and at most {maximum}")
     n = len(scene)
@@ -61,7 +62,7 @@ def shoot_scene(counted, window, scene, keys, table, response=None, maximum=1.0,
     psf = table.words.reshape(-1), table.share, table.bits, table.cells, table.per_pixel
     tail = np.empty(0) if wing is None else tail_table(wing, table.cells / table.per_pixel / 2)
     _shoot((counted, response, float(maximum)), objects, psf, tail, (on_window, beyond, box), order)
-    box[on_window > 0] += np.array([window.x0, window.x0, window.y0, window.y0])
+    box[on_window > 0] += canvas.corner
     return on_window, beyond, box
 
 

@@ -10,24 +10,20 @@ import numpy as np
 from csstsim.render.pixel_sums import pixel_sums
 
 
-def point_stamp(mixer, node, share, x, y, reach, bounds, core=None):
-    """Return (stamp, light): a point at x, y on the pixels of `bounds`, float64, and the light of its whole stamp.
-
-    mixer: psf_mixture.Mixer; node (k,), share (k, 4): electrons from each node and sub-band; reach: px, half the side
-    of the whole stamp; bounds: (x0, x1, y0, y1), half-open, the part of it that is wanted, or None; core: (cells,
-    cells) share of each cell that counts, or None: all.
-    """
-    column, row = round(x), round(y)
+def point_stamp(stamper, i, share, bounds):
+    """Return (stamp, light) of a Stamper's point i, as Stamper.stamp."""
+    reach, column, row = stamper.reach[i], round(stamper.scene.x[i]), round(stamper.scene.y[i])
     whole = column - reach, column + reach + 1, row - reach, row + reach + 1
-    stamp = _pixels(mixer, node, share, x, y, whole, core)
+    stamp = _pixels(stamper, i, share, whole)
     light = stamp.sum()
     if bounds is None:
         return stamp[:0, :0], light
     return stamp[bounds[2] - whole[2] : bounds[3] - whole[2], bounds[0] - whole[0] : bounds[1] - whole[0]], light
 
 
-def _pixels(mixer, node, share, x, y, bounds, core):
+def _pixels(stamper, i, share, bounds):
     """Return the light of a point on the pixels of `bounds`."""
+    mixer, core, x, y = stamper.mixer, stamper.core, stamper.scene.x[i], stamper.scene.y[i]
     m, (x0, x1, y0, y1) = mixer.per_pixel, bounds
     stamp = np.zeros((y1 - y0, x1 - x0))
     start = (y0 - 0.5 - y) * m + mixer.cells / 2, (x0 - 0.5 - x) * m + mixer.cells / 2
@@ -35,7 +31,7 @@ def _pixels(mixer, node, share, x, y, bounds, core):
     last = tuple(min(math.floor(s) + k * m + 2, mixer.cells) for s, k in zip(start, stamp.shape, strict=True))
     if first[0] >= last[0] or first[1] >= last[1]:
         return stamp
-    cells = mixer.mixed_cells(node, share, first, last)
+    cells = mixer.mixed_cells(stamper.scene.node[i], share, first, last)
     if core is not None:
         cells *= core[first[0] : last[0], first[1] : last[1]]
     return pixel_sums(cells, start[0] - first[0], start[1] - first[1], m, m, stamp)

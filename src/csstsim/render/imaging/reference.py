@@ -22,22 +22,16 @@ import galsim
 import numpy as np
 
 from csstsim.base.progress import progress
-from csstsim.catalog.flags import (
-    BAD_VALUE,
-    FFT_REDUCED,
-    NEGATIVE_CLIPPED,
-    OFF_CHIP,
-    OUTSIDE_PSF_HULL,
-    STRONG_LENSING,
-    TOO_LARGE,
-    TRUNCATED_STAMP,
-)
+from csstsim.catalog.components import components
+from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED, OFF_CHIP, TOO_LARGE, TRUNCATED_STAMP
 from csstsim.catalog.table import GALAXY
 from csstsim.optics.psf.psf_file import pixel_response
-from csstsim.render.extended import parts_of_table
-from csstsim.render.far_wings import FarWings
-from csstsim.render.scene import shape_matrix
-from csstsim.render.wings import add_far, add_ghosts, box_on_window, box_share
+from csstsim.profiles.sersic import BULGE, DISK
+from csstsim.render.canvas import Canvas, around
+from csstsim.render.drawn_table import DrawnTable
+from csstsim.render.extended import parts_of
+from csstsim.render.scene import make_scene
+from csstsim.render.wings import Held, Wings, add_ghosts, box_on_window, box_share
 
 galsim.errors.raise_fft_size_error = True  # GalSim 2.8 only warns, then takes all memory
 
@@ -55,86 +49,63 @@ SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point, and G
 # Beyond 1 cycle a pixel, jitter, diffusion and the pixel leave under 1e-4 of any PSF, however fine its lattice.
 PSF_MAXK = 2 * np.pi
 
-_UNDRAWN = BAD_VALUE | STRONG_LENSING
 
+def draw_objects(canvas, objects, drawing):
+    """Draw the objects of an imaging chip on a Canvas; return the table with what was drawn (render.drawn_table).
 
-def draw_objects(image, window, objects, wcs, psf, exptime, beyond=None, response=None):
-    """Draw a chip's objects into `image` [expected e-] and return the table with what was drawn.
-
-    image: float32 (window.ny, window.nx), changed in place. objects: ObjectTable from catalog.select.
-    wcs: optics.geometry.wcs.ChipWCS. psf: optics.psf.psf_set.PsfSet. exptime in s. beyond:
-    optics.scatter.outside_box.Beyond, what is drawn outside its stamp; None: nothing. response: (ny, nx) share of the
-    light that is counted, or None: all. Added columns: electrons (nominal), drawn (put on the window, float64 sum of
-    the float32 pixels' increments), fraction (with ghosts, which come on top, it may exceed 1), method, snr and error
-    (NaN: not asked for), stamp, x0 x1 y0 y1 (bounding box on the chip, half-open), ms (CPU).
+    objects: ObjectTable from catalog.select; drawing: render.drawing.Drawing. snr and error of the table are NaN, for
+    they are not asked for.
     """
-    count = len(objects)
-    flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1) * exptime
-    electrons = flux.sum(axis=1)
-    # Shapes refer to east and north at the catalogue's place. Aberration carries them along unturned; east at the
-    # apparent place, up to 26" off, is another direction near a pole.
-    jacobian = wcs.jacobian(objects["ra_orig"], objects["dec_orig"], seen=(objects["ra"], objects["dec"]))
-    flags = objects["flags"].copy()
-    drawable = (flags & _UNDRAWN == 0) & (electrons > 0)
-    index, weight, outside = psf.weights(np.where(drawable, objects["x"], 0.0), np.where(drawable, objects["y"], 0.0))
-    flags[drawable & outside] |= OUTSIDE_PSF_HULL
-    cells, half = psf.image.shape[-1], psf.image.shape[-1] / 2 / psf.oversampling
-    wing, ghosts = (None, None) if beyond is None else (beyond.wing, beyond.ghosts)
-    wing_px = objects["wing"] if wing is not None else np.zeros(count)
-    flags[drawable & (wing_px < objects["wing"])] |= TRUNCATED_STAMP
-    least = 0 if beyond is None else math.ceil(half)  # a stamp holds all of the box
-    core = box_share(cells, psf.oversampling) if wing is not None else 1.0
-    drawn, ms, box = np.zeros(count), np.zeros(count, np.float32), np.zeros((4, count), np.int32)
-    method = np.full(count, "none", dtype="U9")
-    if response is None:
-        response = np.broadcast_to(np.ones((), np.float32), window.shape)
-    scene = galsim.ImageD(np.zeros(window.shape), xmin=window.x0, ymin=window.y0)
-    far, rows = FarWings(window, response), np.flatnonzero(drawable)
-    drawn_rows = objects.take(rows)
-    shapes = dict(zip(rows, parts_of_table(drawn_rows, shape_matrix(drawn_rows, wcs)), strict=True))
-    for i in progress(range(count), "drawing objects"):
+    psf, window, wing, ghosts = drawing.psf, canvas.window, drawing.wing, drawing.ghosts
+    flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1) * drawing.exptime
+    out = DrawnTable(objects, flux.sum(axis=1))
+    scene = make_scene(objects.take(out.rows), drawing.wcs, psf, drawing.exptime)
+    galaxies = Galaxies(objects.take(out.rows), drawing.wcs)
+    out.flag_optics(scene.outside, wing)
+    out.snr[:] = out.error[:] = np.nan
+    half = psf.image.shape[-1] / 2 / psf.oversampling
+    least = 0 if drawing.scattered is None else math.ceil(half)  # a stamp holds all of the box
+    wing_px = objects["wing"] if wing is not None else np.zeros(len(objects))
+    out.note_sides(slice(None), np.clip(objects["reach"], least, REACH_FFT), wing_px)
+    core = box_share(psf.image.shape[-1], psf.oversampling) if wing is not None else 1.0
+    image = galsim.ImageD(np.zeros(window.shape), xmin=window.x0, ymin=window.y0)
+    plane = Canvas(image.array, window, canvas.response)
+    wings = Wings(plane, wing, half)
+    for k, i in enumerate(progress(out.rows, "drawing objects")):
         start = time.process_time()
-        if drawable[i]:
-            cells_of = sum(
-                w * np.tensordot(flux[i], psf.node(n), axes=1) for n, w in zip(index[i], weight[i], strict=True)
-            )
-            profile = partial(_profile, objects, i, cells_of * core, psf.oversampling, jacobian[i])
-            at, reach = (objects["x"][i], objects["y"][i]), min(max(int(objects["reach"][i]), least), REACH_FFT)
-            stamp, flag = _draw(profile, *at, reach)
-            flag |= TRUNCATED_STAMP if objects["reach"][i] > REACH_FFT else 0
-            seen = galsim.BoundsI() if flag & TOO_LARGE else stamp.bounds & scene.bounds
-            parts = []
-            if seen.isDefined():
-                x0, x1, y0, y1 = seen.xmin, seen.xmax + 1, seen.ymin, seen.ymax + 1
-                counted = stamp[seen].array * response[y0 - window.y0 : y1 - window.y0, x0 - window.x0 : x1 - window.x0]
-                scene[seen].array[:] += counted
-                parts.append((counted.sum(), (x0, x1, y0, y1)))
-            if not flag & TOO_LARGE:
-                shown = box_on_window(window, *at, wing_px[i]) if wing_px[i] > 0 else None
-                parts += [(0.0, shown)] if shown else []
-                if ghosts is not None:
-                    parts += add_ghosts(scene.array, response, window, wcs.chip, *at, electrons[i], ghosts)
-                drawn[i] = sum(light for light, _ in parts)
-                if parts and beyond is not None:
-                    drawn[i] += add_far(
-                        scene.array, response, window, *at, flux[i], (cells_of * core).sum(), stamp.array.sum(), wing,
-                        wing_px[i], half, far, near=max(float(wing_px[i]), NEAR), parts=shapes[i], reach=reach,
-                    )  # fmt: skip
-            flags[i] |= flag | (0 if parts or flag & TOO_LARGE else OFF_CHIP)
-            if parts:
-                x0, x1, y0, y1 = np.transpose([bounds for _, bounds in parts])
-                box[:, i] = x0.min(), x1.max(), y0.min(), y1.max()
-                method[i] = "reference"
-        ms[i] = 1000 * (time.process_time() - start)
-    far.lay(scene.array)
-    image += scene.array.astype(np.float32)
-    fraction = np.divide(drawn, electrons, out=np.zeros(count), where=electrons > 0)
-    return objects.with_columns(
-        flags=flags, electrons=electrons, drawn=drawn, fraction=fraction, method=method,
-        snr=np.full(count, np.nan, np.float32), error=np.full(count, np.nan, np.float32),
-        stamp=2 * np.maximum(np.clip(objects["reach"], least, REACH_FFT), np.ceil(wing_px)).astype(np.int32) + 1,
-        x0=box[0], x1=box[1], y0=box[2], y1=box[3], ms=ms,
-    )  # fmt: skip
+        cells = _cells(psf, scene.node[k], scene.weight[k], flux[i]) * core
+        at, reach = (objects["x"][i], objects["y"][i]), min(max(int(objects["reach"][i]), least), REACH_FFT)
+        stamp, flag = _draw(partial(galaxies.seen, k, cells, psf.oversampling), *at, reach)
+        flag |= TRUNCATED_STAMP if objects["reach"][i] > REACH_FFT else 0
+        seen, parts = galsim.BoundsI() if flag & TOO_LARGE else stamp.bounds & image.bounds, []
+        if seen.isDefined():
+            box = seen.xmin, seen.xmax + 1, seen.ymin, seen.ymax + 1
+            counted = stamp[seen].array * plane.seen[plane.cut(box)]
+            image[seen].array[:] += counted
+            parts.append((counted.sum(), box))
+        if not flag & TOO_LARGE:
+            shown = box_on_window(window, *at, wing_px[i]) if wing_px[i] > 0 else None
+            parts += [(0.0, shown)] if shown else []
+            if ghosts is not None:
+                parts += add_ghosts(plane, drawing.wcs.chip, at, out.electrons[i], ghosts)
+            out.drawn[i] = sum(light for light, _ in parts)
+            if parts and drawing.scattered is not None:
+                held, near = Held(cells.sum(), stamp.array.sum(), reach), max(float(wing_px[i]), NEAR)
+                shape = parts_of(scene.light[k], scene.sersic[k], scene.matrix[k])
+                out.drawn[i] += wings.add(at, flux[i], held, wing_px[i], shape, near)
+        out.flags[i] |= flag | (0 if parts or flag & TOO_LARGE else OFF_CHIP)
+        if parts:
+            out.box[i] = around([bounds for _, bounds in parts])
+            out.method[i] = "reference"
+        out.ms[i] = 1000 * (time.process_time() - start)
+    wings.lay()
+    canvas.expected += plane.expected.astype(np.float32)
+    return out.table()
+
+
+def _cells(psf, nodes, weights, flux):
+    """Return the PSF's cells in electrons: the sum over nodes and sub-bands."""
+    return sum(w * np.tensordot(flux, psf.node(n), axes=1) for n, w in zip(nodes, weights, strict=True))
 
 
 def point(mixture, oversampling):
@@ -163,31 +134,41 @@ def convolved(parts, folding=None):
     return galsim.Convolve(parts, gsparams=galsim.GSParams(**(GSPARAMS | limit)), propagate_gsparams=False)
 
 
-def _profile(objects, i, mixture, oversampling, jacobian, folding=None):
-    """Return the GSObject of one object in pixels, pixel response included; `mixture` is its PSF in electrons.
+class Galaxies:
+    """Profiles of the objects of an ObjectTable in pixels: intrinsic shape, lensing and local WCS as matrices."""
 
-    `folding` loosens what the galaxy's own profile asks of the FFT.
-    """
-    star = point(mixture, oversampling)
-    if objects["obj_type"][i] != GALAXY:
-        return star
-    return convolved([galaxy_profile(objects, i, jacobian, folding).withFlux(1.0), star], folding)
+    def __init__(self, objects, wcs):
+        # Shapes refer to east and north at the catalogue's place. Aberration carries them along unturned; east at the
+        # apparent place, up to 26" off, is another direction near a pole.
+        self._jacobian = wcs.jacobian(objects["ra_orig"], objects["dec_orig"], seen=(objects["ra"], objects["dec"]))
+        self._objects, self._parts, self._extended = objects, components(objects), objects["obj_type"] == GALAXY
 
+    def seen(self, i, cells, oversampling, folding=None):
+        """Return the GSObject of object i, pixel response included; `cells` (n, n) is its PSF in electrons.
 
-def galaxy_profile(objects, i, jacobian, folding):
-    """Return the galaxy's profile in pixels: intrinsic shape, lensing and local WCS as matrices."""
-    share, e1, e2, lost = (float(objects[key][i]) for key in ("bulge_frac", "e1", "e2", "lost"))
-    kappa, gamma1, gamma2 = (float(objects[key][i]) for key in ("kappa", "gamma1", "gamma2"))
-    parts = []
-    for kind, size, flux in ((galsim.Exponential, "size_disk", 1 - share), (galsim.DeVaucouleurs, "size_bulge", share)):
-        if flux > 0:
-            budget = folding or min(max(lost / flux, FOLDING_MIN), FOLDING_MAX)
-            gsparams = galsim.GSParams(**GSPARAMS, folding_threshold=budget)
-            parts.append(kind(half_light_radius=max(float(objects[size][i]), SIZE_MIN), flux=flux, gsparams=gsparams))
-    profile = parts[0] if len(parts) == 1 else galsim.Add(parts, propagate_gsparams=False)
-    mu = 1.0 / ((1 - kappa) ** 2 - gamma1**2 - gamma2**2)
-    profile = profile.shear(g1=e1, g2=e2).lens(gamma1 / (1 - kappa), gamma2 / (1 - kappa), mu)
-    return profile.transform(*jacobian.ravel())
+        `folding` loosens what the galaxy's own profile asks of the FFT.
+        """
+        star = point(cells, oversampling)
+        return convolved([self.profile(i, folding).withFlux(1.0), star], folding) if self._extended[i] else star
+
+    def profile(self, i, folding):
+        """Return the GSObject of galaxy i without the PSF, of light 1; None for a point."""
+        if not self._extended[i]:
+            return None
+        names = "e1", "e2", "lost", "kappa", "gamma1", "gamma2"
+        e1, e2, lost, kappa, gamma1, gamma2 = (float(self._objects[name][i]) for name in names)
+        parts = []
+        for light, index, size in self._parts:
+            if light[i] > 0:
+                budget = folding or min(max(lost / light[i], FOLDING_MIN), FOLDING_MAX)
+                gsparams = galsim.GSParams(**GSPARAMS, folding_threshold=budget)
+                how = {"half_light_radius": max(size[i], SIZE_MIN), "flux": light[i], "gsparams": gsparams}
+                kind = {DISK: galsim.Exponential, BULGE: galsim.DeVaucouleurs}.get(index)
+                parts.append(kind(**how) if kind else galsim.Sersic(index, **how))
+        profile = parts[0] if len(parts) == 1 else galsim.Add(parts, propagate_gsparams=False)
+        mu = 1.0 / ((1 - kappa) ** 2 - gamma1**2 - gamma2**2)
+        profile = profile.shear(g1=e1, g2=e2).lens(gamma1 / (1 - kappa), gamma2 / (1 - kappa), mu)
+        return profile.transform(*self._jacobian[i].ravel())
 
 
 def _draw(profile, x, y, reach):

@@ -11,8 +11,9 @@ import numpy as np
 MESH = 64
 
 
-def add_unresolved(image, window, scene, response):
-    """Add the light of a Scene to `image` (ny, nx); return ((n,) electrons that fell on the window, (n, 4) boxes)."""
+def add_unresolved(canvas, scene):
+    """Add the light of a Scene as expected electrons; return ((n,) electrons on the window, (n, 4) boxes)."""
+    window, response = canvas.window, canvas.seen
     electrons = scene.electrons.sum(axis=1)
     # Mesh point k stands at pixel (k - 1) MESH of the window; objects beyond the outer points give nothing to it
     u, v = ((at - first) / MESH + 1 for at, first in ((scene.x, window.x0), (scene.y, window.y0)))
@@ -20,13 +21,13 @@ def add_unresolved(image, window, scene, response):
     mesh, on_window = np.zeros((ny, nx)), np.zeros(len(scene))
     level = np.zeros((ny, nx))  # light that a mesh point of unit light puts on the window
     _scatter(mesh, u, v, electrons / MESH**2)
-    _spread(image, mesh, response)
+    _spread(canvas.expected, mesh, response)
     _collect(level, response)
     _gather(on_window, level, u, v, electrons / MESH**2)
     x, y = (np.floor(at).astype(int) - 1 for at in (u, v))
     edges = [(x - 1, x + 2, window.nx), (y - 1, y + 2, window.ny)]
     box = np.stack([np.clip(k * MESH, 0, n) for low, high, n in edges for k in (low, high)], axis=1)
-    return on_window, box + np.array([window.x0, window.x0, window.y0, window.y0])
+    return on_window, box + canvas.corner
 
 
 @numba.njit(cache=True)

@@ -16,8 +16,9 @@ import numba
 import numpy as np
 
 from csstsim.base.counter import high, low, poisson, unit, word
-from csstsim.render.photon_places import (
+from csstsim.render.photon_positions import (
     check_scene,
+    contiguous,
     cumulative,
     first_word,
     from_profile,
@@ -37,21 +38,18 @@ _DENSE = 8.0  # electrons a bin above which each bin has its own Poisson numbers
 _AWAY = 1e9  # px: where electrons go that fall beyond a piece
 
 
-def shoot_spectra(
-    counted, window, scene, spectra, visits, disperser, keys, table, response=None, maximum=1.0, wing=None
-):
-    """Draw the orders of a Scene's objects into `counted` (int32, window.shape), changed in place.
+def shoot_spectra(canvas, scene, traces, keys, table, wing=None):
+    """Draw the orders of a Scene's objects into the counted plane of a Canvas, which must be there.
 
-    spectra: (n, bins) electron-free mean densities [photon / s / m2 / angstrom] times the exposure time [s]; visits:
-    (v, 3) of Disperser.visits for these objects, each object's keys (v,) uint64 all different; scene.electrons is not
-    used. table, response, maximum, wing: as render.imaging.photons.shoot_scene.
+    traces: Traces of the objects; keys: (v,) uint64 of their visits, all different; scene.electrons is not used. table,
+    wing: as render.imaging.photons.shoot_scene.
     Returns drawn (v, orders) int64, electrons counted, and box (v, orders, 4) int64 of the chip's pixels reached,
     half-open, 0 if none. The result does not depend on the order of the visits.
     """
-    check_scene(scene, table, maximum)
+    (spectra, visits, disperser), window = traces, canvas.window
+    check_scene(scene, table, canvas.maximum)
     if not np.isfinite(spectra).all() or (spectra < 0).any():
         raise ValueError("a spectrum is negative or not finite")
-    response = np.empty((0, 0), np.float32) if response is None else np.ascontiguousarray(response, np.float32)
     orders, count = len(disperser.orders), len(visits)
     drawn, box = np.zeros((count, orders), np.int64), np.zeros((count, orders, 4), np.int64)
     lines = disperser.lines(visits, scene.x, scene.y)
@@ -63,13 +61,12 @@ def shoot_spectra(
     objects += (np.ascontiguousarray(scene.node),)
     psf = table.words.reshape(-1), table.share, table.bits, table.cells, table.per_pixel
     tail = np.empty(0) if wing is None else tail_table(wing, table.cells / table.per_pixel / 2)
-    sides = disperser.rectangles - np.array([window.x0, window.x0, window.y0, window.y0])
+    sides = disperser.rectangles - canvas.corner
     light = np.ascontiguousarray(spectra, np.float64), total, shares.transpose(0, 2, 1).copy()
-    _shoot(
-        (counted, response, float(maximum)), objects, light, (*_wavelengths(disperser), lines, sides),
-        np.ascontiguousarray(visits), keys, psf, tail, (drawn, box),
-    )  # fmt: skip
-    box[drawn > 0] += np.array([window.x0, window.x0, window.y0, window.y0])
+    image = canvas.counted, contiguous(canvas.response), float(canvas.maximum)
+    optics = *_wavelengths(disperser), lines, sides
+    _shoot(image, objects, light, optics, np.ascontiguousarray(visits), keys, psf, tail, (drawn, box))
+    box[drawn > 0] += canvas.corner
     return drawn, box
 
 

@@ -12,9 +12,9 @@ import math
 import numba
 import numpy as np
 
+from csstsim.profiles.log_table import read
 from csstsim.render.extended import POINT, SHARP_PX, WIDE_PX, beyond_stamp, spread
 from csstsim.render.far_wings import OVER, WHOLE, between
-from csstsim.render.octave_table import read
 from csstsim.render.wing_tables import tables
 from csstsim.render.wings import NEAR, near_light, ring_within, wing_beyond, wing_share
 
@@ -56,52 +56,49 @@ def order_wing(wing_px, share, half):
     return reach if reach > half else 0.0
 
 
-def add_line(
-    image, response, window, places, flux, inside, drawn, wing, wing_px, half, meshes, side=WHOLE, parts=POINT, reach=0
-):
+def add_line(wings, points, held, wing_px, parts=POINT, side=WHOLE):
     """Add what the stamps along a spectrum leave out of its light; return (electrons on the window, box or None).
 
-    image, response: window.shape; places (m, 2), flux (m, 4): of `points_of`, all the spectrum's electrons; inside,
-    drawn (4,): shares of them, by wavelength of the PSF set, in the PSF's box, but for what fades into the wing, and in
-    stamps; wing: optics.scatter.halo.Wing, which has the rest, or None; wing_px: radius [px] at which noise hides it,
-    0: everywhere; half: side of the PSF's box [px]; meshes: FarWings; side: (x0, x1, y0, y1) px from each place beyond
-    which light is cut off; parts: the object's render.extended.Parts; reach: px, half the side of its stamps. The box,
-    x0, x1, y0, y1 on the chip, half-open, is that of the wing as far as it shows.
+    wings: render.wings.Wings; points: of `points_of`, all the spectrum's electrons; held: Held, (4,) shares of them, by
+    wavelength of the PSF set; wing_px: radius [px] at which noise hides the wing, 0: everywhere; parts: the object's
+    render.extended.Parts; side: (x0, x1, y0, y1) px from each place beyond which light is cut off. The box, x0, x1, y0,
+    y1 on the chip, half-open, is that of the wing as far as it shows.
     """
-    place, haze, added, box = (image, response, window, places), 0.0, 0.0, None
+    (places, flux), wing, half = points, wings.wing, wings.half
+    haze, added, box = 0.0, 0.0, None
     if wing is not None and len(places):
         far, shown = wing_beyond(wing, half, wing_px > 0), wing_beyond(wing, half)
         total = flux.sum(axis=0)
-        share = wing_share(total, (total * inside).sum(), shown.light)
+        share = wing_share(total, (total * held.inside).sum(), shown.light)
         for part in parts:
             annuli, least = (_SHOWN, SHARP_PX) if wing_px > 0 else (_HAZE, WIDE_PX)
-            added += _add(*place, part.share * share * flux, spread(far, part, least), annuli, meshes, side)
+            added += _add(wings, places, part.share * share * flux, spread(far, part, least), annuli, side)
         haze = share * (shown.light - far.light)
-        box = _box(window, places, wing_px) if wing_px > 0 else None
-    missing = inside - drawn
-    around = beyond_stamp(parts, reach) if reach >= half else []
+        box = _box(wings.canvas.window, places, wing_px) if wing_px > 0 else None
+    missing = held.inside - held.drawn
+    around = beyond_stamp(parts, held.reach) if held.reach >= half else []
     for share, tail in around:
-        added += _add(*place, share * flux * missing, tail, _HAZE, meshes, side)
-    within = haze + (0.0 if around else near_light(missing, inside, wing))
+        added += _add(wings, places, share * flux * missing, tail, _HAZE, side)
+    within = haze + (0.0 if around else near_light(missing, held.inside, wing))
     for part in parts:
-        added += _add(*place, part.share * flux * within, spread(ring_within(half), part), _HAZE, meshes, side)
+        added += _add(wings, places, part.share * flux * within, spread(ring_within(half), part), _HAZE, side)
     return added, box
 
 
-def _add(image, response, window, places, flux, far, annuli, meshes, side):
+def _add(wings, places, flux, far, annuli, side):
     """Add light of a Far about each place; return the electrons on the window."""
     edges, together, levels = annuli
-    drawn = 0.0
+    drawn, add = 0.0, wings.meshes.add
     for (profile, first, reach), points, level in zip(tables(far, edges), together, levels, strict=True):
         if not reach:
             continue
         at, light = _together(places, flux, points)
         lines = np.einsum("mb,br->mr", light, profile)  # no BLAS: bits
         if level is None:
-            drawn += _near(image, response, window, at, lines, first, reach, side)
+            drawn += _near(wings.canvas, at, lines, first, reach, side)
             continue
         soft = points * LINE_STEP
-        drawn += sum(meshes.add(level, *xy, reach, line, first, side, soft) for xy, line in zip(at, lines, strict=True))
+        drawn += sum(add(level, xy, (line, first, reach), side, soft) for xy, line in zip(at, lines, strict=True))
     return drawn
 
 
@@ -125,14 +122,15 @@ def _together(places, flux, points):
     return places, np.add.reduceat(flux, groups)
 
 
-def _near(image, response, window, places, lines, first, reach, side):
+def _near(canvas, places, lines, first, reach, side):
     """Add the tables' values around places on the chip, pixel by pixel; return the electrons on the window."""
+    window = canvas.window
     box = _box(window, places, reach)
     if box is None:
         return 0.0
     cut = box[0] - window.x0, box[1] - window.x0, box[2] - window.y0, box[3] - window.y0
     corner = np.array([box[0], box[2]], float)
-    return _add_near(image, response, cut, places - corner, reach, lines, first, side)
+    return _add_near(canvas.expected, canvas.seen, cut, places - corner, reach, lines, first, side)
 
 
 @numba.njit(cache=True)

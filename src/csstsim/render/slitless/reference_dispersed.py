@@ -14,8 +14,8 @@ render.imaging.reference. At the edge of a grating's piece O_k is cut, by the sh
 render.slitless.line_wings'. Left out: ghosts of dispersed light.
 """
 
-import math
 import time
+from dataclasses import replace
 from functools import cache, partial
 
 import galsim
@@ -23,17 +23,17 @@ import numpy as np
 
 from csstsim.base.progress import progress
 from csstsim.catalog.flags import TOO_LARGE, TRUNCATED_STAMP
-from csstsim.catalog.table import GALAXY
 from csstsim.render import policy
-from csstsim.render.extended import parts_of
-from csstsim.render.far_wings import WHOLE, FarWings
-from csstsim.render.imaging.galaxy_stamp import plan_galaxies
-from csstsim.render.imaging.reference import REACH_FFT, convolved, fill, galaxy_profile, lattice, point
-from csstsim.render.psf_mixture import Mixer
+from csstsim.render.canvas import Canvas, around
+from csstsim.render.far_wings import WHOLE
+from csstsim.render.imaging.reference import REACH_FFT, Galaxies, convolved, fill, lattice, point
+from csstsim.render.imaging.stamper import Stamper
 from csstsim.render.slitless.draw_dispersed import Work, tables_of
 from csstsim.render.slitless.line_wings import add_line, order_wing, points_of
-from csstsim.render.slitless.phases import inside, light_inside
 from csstsim.render.slitless.slabs import meets
+from csstsim.render.slitless.subpixel_stamps import inside, light_inside
+from csstsim.render.slitless.traces import Traces
+from csstsim.render.wings import Wings
 
 _BLOCK = 32  # px of the trace drawn together
 LATTICE = 128  # px: half the side of the largest image that is drawn on the lattice first, if it need not be cut
@@ -41,71 +41,58 @@ _FINE = 4  # points of the lattice to a pixel
 _THIN = 1e-3  # of a pixel: the width of a spectrum's light across
 
 
-def draw_objects(image, window, objects, spectra, disperser, wcs, psf, exptime, beyond=None, response=None):
-    """Draw a spectroscopic chip's objects into `image` [expected e-]; return (table of objects, table of orders).
+def draw_objects(canvas, objects, spectra, disperser, drawing):
+    """Draw the objects of a spectroscopic chip on a Canvas; return (table of objects, table of orders).
 
-    image: float32 (window.ny, window.nx), changed in place; the rest and the tables are
-    render.slitless.draw_dispersed's. snr and error of the table are NaN, for they are not asked for.
+    Arguments and tables are those of render.slitless.draw_dispersed. snr and error of the table are NaN, for they are
+    not asked for.
     """
-    if response is None:
-        response = np.broadcast_to(np.ones((), np.float32), window.shape)
-    work = Work(objects, wcs, psf, exptime, disperser, beyond, window)
-    part, scene, result = work.part, work.scene, work.result
-    jacobian = wcs.jacobian(part["ra_orig"], part["dec_orig"], seen=(part["ra"], part["dec"]))
-    reach = np.minimum(part["reach"].astype(int), REACH_FFT)
-    work.flags[work.rows[part["reach"] > REACH_FFT]] |= TRUNCATED_STAMP
-    half, mixer = psf.image.shape[-1] / 2 / psf.oversampling, Mixer(psf)
-    wing = None if beyond is None else beyond.wing
-    core = mixer.core if wing is not None else None
-    if beyond is not None and wing is None:  # then a stamp holds all there is of a point
-        reach = np.maximum(reach, math.ceil(half))
-    plan = plan_galaxies(scene, reach, half, part["obj_type"] == GALAXY)
-    plane, far = np.zeros(window.shape), FarWings(window, response)
+    work = Work(objects, disperser, drawing)
+    part, scene, result, wing, psf = objects.take(work.rows), work.scene, work.result, drawing.wing, drawing.psf
+    work.out.flags[work.rows[scene.reach > REACH_FFT]] |= TRUNCATED_STAMP
+    stamper = Stamper.of(drawing.mixer, replace(scene, reach=np.minimum(scene.reach, REACH_FFT)), drawing.scattered)
+    galaxies, reach, half = Galaxies(part, drawing.wcs), stamper.reach, drawing.mixer.half
+    plane = Canvas(np.zeros(canvas.window.shape), canvas.window, canvas.response)
+    wings = Wings(plane, wing, half)
     lines = disperser.lines(work.visits, scene.x, scene.y)
     for v in progress(range(len(work.visits)), "drawing objects"):
         start = time.process_time()
         i, piece, cut = work.visits[v].tolist()
-        light = spectra(work.rows[i : i + 1], disperser.edges) * exptime
-        result.nominal(np.array([v]), np.array([[0, piece, cut]]), light, disperser.rates)
+        light = spectra(work.rows[i : i + 1], disperser.edges) * drawing.exptime
+        traces = Traces(light, np.array([[0, piece, cut]]), disperser)
+        result.nominal(np.array([v]), traces.visits, light, disperser.rates)
         nodes = sum(w * psf.node(n) for n, w in zip(scene.node[i], scene.weight[i], strict=True))
-        nodes = nodes if core is None else nodes * core
-        held = light_inside(mixer, scene, plan, i, reach[i], core)
-        side = disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2) if cut else None
-        profiles = _profiles(part, i, jacobian[i], nodes, psf.oversampling, reach[i], side)
+        nodes = nodes if stamper.core is None else nodes * stamper.core
+        held, one = light_inside(stamper, i), scene.take(np.array([i]))
+        side = traces.side(one, 0)
+        profiles = _profiles(partial(galaxies.profile, i), nodes, psf.oversampling, reach[i], side)
         for o, line in enumerate(lines[v]):
-            of_order = light[0] * disperser.rates[piece, o]
-            share = of_order.sum() / scene.electrons[i].sum() if wing is not None else 0.0
-            shown = order_wing(work.wing[i], share, half)
-            trace = _Trace(scene.x[i], scene.y[i], line, of_order, disperser)
-            parts, flag = _draw_order(plane, response, window, profiles, trace, reach[i])
-            if beyond is not None and of_order.sum() > 0 and (parts or shown > 0):
-                points = *points_of(trace.x, trace.y, of_order * disperser.psf_weights), *held
-                shape = parts_of(scene.light[i], scene.sersic[i], scene.matrix[i])
-                more = wing, shown, half, far, WHOLE if side is None else tuple(side), shape, reach[i]
-                parts.append(add_line(plane, response, window, *points, *more))
-            work.flags[work.rows[i]] |= flag
+            trace = _Trace(traces, one, o, line)
+            share = trace.light.sum() / scene.electrons[i].sum() if wing is not None else 0.0
+            shown = order_wing(scene.wing[i], share, half)
+            parts, flag = _draw_order(plane, profiles, trace, reach[i])
+            if drawing.scattered is not None and trace.light.sum() > 0 and (parts or shown > 0):
+                points = points_of(trace.x, trace.y, trace.light * disperser.psf_weights)
+                parts.append(add_line(wings, points, held, shown, stamper.parts(i), side))
+            work.out.flags[work.rows[i]] |= flag
             result.drawn[v, o] = sum(electrons for electrons, _ in parts)
-            boxes = [box for _, box in parts if box is not None]
-            if boxes:
-                x0, x1, y0, y1 = np.transpose(boxes)
-                result.box[v, o] = x0.min(), x1.max(), y0.min(), y1.max()
+            result.box[v, o] = around([box for _, box in parts if box is not None])
         result.ms[v] = 1000 * (time.process_time() - start)
-    far.lay(plane)
-    image += plane.astype(np.float32)
+    wings.lay()
+    canvas.expected += plane.expected.astype(np.float32)
     unknown = np.full(len(part), np.nan, np.float32)
     choice = policy.Choice(np.full(len(part), policy.STAMP, np.int8), unknown, unknown)
-    return tables_of(work, choice, "reference")
+    return tables_of(work, choice, canvas.window, "reference")
 
 
 class _Trace:
     """Where the bins of an order fall: x, y (bins,) [px], their light [electron] and length along x [px]."""
 
-    def __init__(self, x, y, line, light, disperser):
-        p, q, r, s = line
-        centres = 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
-        self.x, self.y, self.light = x + p + q * centres, y + r + s * centres, light
-        self.length = abs(q) * (disperser.edges[1] - disperser.edges[0])
-        self.weights = disperser.psf_weights * light
+    def __init__(self, traces, scene, o, line):
+        disperser = traces.disperser
+        self.light, self.x, self.y = traces.order(scene, 0, o, line)
+        self.length = abs(line[1]) * (disperser.edges[1] - disperser.edges[0])
+        self.weights = disperser.psf_weights * self.light
 
     def around(self, rows, band, column, row):
         """Return bins `rows` in light of one wavelength of the PSF set, as a GSObject about a pixel's centre."""
@@ -115,23 +102,25 @@ class _Trace:
         return galsim.Sum(points) if points else None
 
 
-def _profiles(objects, i, jacobian, cells, oversampling, reach, side):
-    """Return a function of (band, folding): object i in light of a wavelength of the PSF set, of unit flux.
+def _profiles(galaxy, cells, oversampling, reach, side):
+    """Return a function of (band, folding): an object in light of a wavelength of the PSF set, of unit flux.
 
-    cells: (4, n, n) of its PSF; side: (x0, x1, y0, y1) px from the object beyond which its light is cut off, or None.
+    galaxy: function of folding that gives its profile without the PSF, or None; cells: (4, n, n) of its PSF; side: (x0,
+    x1, y0, y1) px from the object beyond which its light is cut off.
     """
 
     @cache
     def profile(band, folding):
         parts = [point(cells[band], oversampling)]
-        if objects["obj_type"][i] == GALAXY:
-            parts.append(galaxy_profile(objects, i, jacobian, folding).withFlux(1.0))
-        if side is None and (len(parts) == 1 or reach > LATTICE):
+        shape = galaxy(folding)
+        if shape is not None:
+            parts.append(shape.withFlux(1.0))
+        if side == WHOLE and (len(parts) == 1 or reach > LATTICE):
             return parts
         axis = np.arange(-reach * _FINE, reach * _FINE + 1) / _FINE
         whole = galsim.ImageD(len(axis), len(axis))
         convolved(parts, folding).drawImage(whole, scale=1 / _FINE, method="no_pixel")
-        if side is not None:
+        if side != WHOLE:
             x0, x1, y0, y1 = side
             whole.array[:] *= inside(axis, y0, y1)[:, None] * inside(axis, x0, x1)
         return [lattice(whole, 1 / _FINE, "flux")]
@@ -139,9 +128,9 @@ def _profiles(objects, i, jacobian, cells, oversampling, reach, side):
     return profile
 
 
-def _draw_order(plane, response, window, profiles, trace, reach):
-    """Add an order to `plane`; return ([(electrons, box on the chip)], flags)."""
-    parts, flags = [], 0
+def _draw_order(plane, profiles, trace, reach):
+    """Add an order to a Canvas; return ([(electrons, box on the chip)], flags)."""
+    parts, flags, window = [], 0, plane.window
     bins = np.flatnonzero(trace.light > 0)
     block = np.floor(trace.x[bins] / _BLOCK).astype(int)
     for b in np.unique(block):
@@ -160,9 +149,9 @@ def _draw_order(plane, response, window, profiles, trace, reach):
         x0, x1 = max(first, window.x0), min(last + 1, window.x1)
         y0, y1 = max(bottom, window.y0), min(top + 1, window.y1)
         if x0 < x1 and y0 < y1:
-            at = slice(y0 - window.y0, y1 - window.y0), slice(x0 - window.x0, x1 - window.x0)
-            counted = stamp.array[y0 - bottom : y1 - bottom, x0 - first : x1 - first] * response[at]
-            plane[at] += counted
+            at = plane.cut((x0, x1, y0, y1))
+            counted = stamp.array[y0 - bottom : y1 - bottom, x0 - first : x1 - first] * plane.seen[at]
+            plane.expected[at] += counted
             parts.append((counted.sum(), (x0, x1, y0, y1)))
     return parts, flags
 

@@ -19,14 +19,14 @@ import numba
 import numpy as np
 
 from csstsim.catalog.flags import FFT_REDUCED, OUTSIDE_PSF_HULL
-from csstsim.render.extended import parts_of
-from csstsim.render.far_wings import WHOLE, FarWings
-from csstsim.render.imaging.galaxy_stamp import plan_galaxies
-from csstsim.render.psf_mixture import Mixer
-from csstsim.render.scene import BULGE
+from csstsim.profiles.sersic import BULGE
+from csstsim.render.canvas import around
+from csstsim.render.imaging.stamper import Stamper
+from csstsim.render.psf_mixture import mixer_of
 from csstsim.render.slitless.line_wings import add_line, order_wing, points_of
-from csstsim.render.slitless.phases import light_inside, make_phases
 from csstsim.render.slitless.slab_counts import fewest_by_order, roughness
+from csstsim.render.slitless.subpixel_stamps import light_inside, subpixel_stamps
+from csstsim.render.wings import Wings
 
 PER_PX = 4  # slabs to a pixel of a point's spectrum
 _SLABS = 8.0, 24.0  # to the half-light radius of a disk, of a bulge, which has a peak
@@ -43,79 +43,62 @@ class Drawn:
     flags: np.ndarray  # (v,) int32, catalog.flags
     ms: np.ndarray  # (v,) float32, CPU
 
+    @classmethod
+    def blank(cls, count, orders):
+        """Return that of `count` visits of which nothing was drawn yet."""
+        box = np.zeros((count, orders, 4), np.int64)
+        return cls(np.zeros((count, orders)), box, np.zeros(count, np.int32), np.zeros(count, np.float32))
 
-def draw_spectra(
-    image, window, scene, spectra, visits, reach, wing_px, disperser, psf, beyond=None, response=None, per_px=PER_PX,
-    allowed=None,
-):  # fmt: skip
-    """Draw the orders of a Scene's objects into `image` (float32 or float64, window.shape, expected e-); return Drawn.
 
-    spectra: (n, bins) mean densities [photon / s / m2 / angstrom] times the exposure time [s]; visits: of
-    Disperser.visits for these objects; reach (n,): px, half the side of each stamp; wing_px (n,): px, how far the light
-    beyond the PSF's box shows, 0: hidden; psf: PsfSet, or the Mixer of one; beyond: optics.scatter.outside_box.Beyond,
-    or None: stamps alone, whatever they leave out; per_px: slabs to a pixel, of points, one number or (n,); allowed
-    (n,): share of S/N that they may be wrong by, which gives their number instead.
+def draw_spectra(canvas, scene, traces, psf, scattered=None, per_px=PER_PX, allowed=None):
+    """Draw the orders of a Scene's objects as expected electrons; return Drawn.
+
+    traces: Traces of the objects; psf: PsfSet, or the Mixer of one; scattered:
+    optics.scatter.scattered_light.Scattered, or None: stamps alone, whatever they leave out; per_px: slabs to a pixel,
+    of points, one number or (n,); allowed (n,): share of S/N that they may be wrong by, which gives their number
+    instead.
     """
-    mixer, count, orders = psf if isinstance(psf, Mixer) else Mixer(psf), len(visits), len(disperser.orders)
-    out = Drawn(
-        np.zeros((count, orders)), np.zeros((count, orders, 4), np.int64), np.zeros(count, np.int32),
-        np.zeros(count, np.float32),
-    )  # fmt: skip
-    response = np.ones(window.shape, np.float32) if response is None else response
-    reach, half = np.asarray(reach, int), mixer.cells / 2 / mixer.per_pixel
-    wing = None if beyond is None else beyond.wing
-    if beyond is not None and wing is None:  # then a stamp holds all there is of a point
-        reach = np.maximum(reach, math.ceil(half))
-    far, centres = FarWings(window, response), 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
-    mixture = disperser.psf_weights
-    galaxy = ((scene.sersic[:, :, 0] > 0) & (scene.light > 0)).any(axis=1)
-    plan = plan_galaxies(scene, reach, half, galaxy)
-    lines = disperser.lines(visits, scene.x, scene.y)
-    counts = np.broadcast_to(per_px, (orders, len(scene))).T
-    if allowed is not None and count:
+    (spectra, visits, disperser), mixer, window = traces, mixer_of(psf), canvas.window
+    out = Drawn.blank(len(visits), len(disperser.orders))
+    wing = None if scattered is None else scattered.wing
+    stamper, wings = Stamper.of(mixer, scene, scattered), Wings(canvas, wing, mixer.half)
+    lines, reach = disperser.lines(visits, scene.x, scene.y), stamper.reach
+    counts = np.broadcast_to(per_px, (len(disperser.orders), len(scene))).T
+    if allowed is not None and len(visits):
         counts = _counts(spectra, disperser, lines[0, :, 1], allowed)
     density = densities(scene, counts.max(axis=1))
-    core = mixer.core if wing is not None else None
-    for v, (i, piece, cut) in enumerate(visits.tolist()):
+    for v, (i, *_) in enumerate(visits.tolist()):
         start = time.process_time()
-        out.flags[v] = (OUTSIDE_PSF_HULL if scene.outside[i] else 0) | (FFT_REDUCED if plan.rough[i] else 0)
-        side = tuple(disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2)) if cut else WHOLE
+        out.flags[v] = (OUTSIDE_PSF_HULL if scene.outside[i] else 0) | (FFT_REDUCED if stamper.plan.rough[i] else 0)
+        side = traces.side(scene, v)
         lit = max(side[0], -side[1], side[2], -side[3]) < reach[i] + 1
-        phases = held = None
-        for o, (p, q, r, s) in enumerate(lines[v].tolist()):
-            light = spectra[i] * disperser.rates[piece, o]
+        stamps = held = None
+        for o, line in enumerate(lines[v]):
+            light, x, y = traces.order(scene, v, o, line)
             if not light.sum() > 0:
                 continue
-            x, y = scene.x[i] + p + q * centres, scene.y[i] + r + s * centres
             parts = []
             if lit and meets(x, y, reach[i] + 2 * _BLOCK, window):
-                if phases is None:
-                    phases = make_phases(mixer, scene, plan, i, int(reach[i]), int(density[i]), core, side)
+                if stamps is None:
+                    stamps = subpixel_stamps(stamper, i, int(density[i]), side)
                 step = max(int(density[i]) // int(counts[i, o]), 1)
-                some = _padded(phases[:, ::step])
-                drawn, box = _add_slabs(image, response, x - window.x0, y - window.y0, light, mixture, some)
+                drawn, box = _add_slabs(
+                    canvas.expected, canvas.seen, x - window.x0, y - window.y0, light, disperser.psf_weights,
+                    _padded(stamps[:, ::step]),
+                )  # fmt: skip
                 if box.any():
-                    parts.append((drawn, box + np.array([window.x0, window.x0, window.y0, window.y0])))
+                    parts.append((drawn, box + canvas.corner))
             share = light.sum() / scene.electrons[i].sum() if wing is not None else 0.0
-            shown = order_wing(wing_px[i], share, half)
-            if beyond is not None and (parts or shown > 0):
-                if held is None:
-                    held = light_inside(mixer, scene, plan, i, reach[i], core)
-                points = *points_of(x, y, light * mixture), *held
-                shape = parts_of(scene.light[i], scene.sersic[i], scene.matrix[i])
-                line = add_line(image, response, window, *points, wing, shown, half, far, side, shape, reach[i])
-                parts.append(line)
+            shown = order_wing(scene.wing[i], share, mixer.half)
+            if scattered is not None and (parts or shown > 0):
+                held = light_inside(stamper, i) if held is None else held
+                points = points_of(x, y, light * disperser.psf_weights)
+                parts.append(add_line(wings, points, held, shown, stamper.parts(i), side))
             out.drawn[v, o] = sum(electrons for electrons, _ in parts)
-            out.box[v, o] = _around([box for _, box in parts if box is not None])
+            out.box[v, o] = around([box for _, box in parts if box is not None])
         out.ms[v] = 1000 * (time.process_time() - start)
-    far.lay(image)
+    wings.lay()
     return out
-
-
-def _around(boxes):
-    """Return the box (x0, x1, y0, y1) around some; zeros: there is none."""
-    x0, x1, y0, y1 = np.transpose(boxes) if boxes else np.zeros((4, 1), int)
-    return x0.min(), x1.max(), y0.min(), y1.max()
 
 
 def _counts(spectra, disperser, q, allowed):

@@ -13,30 +13,30 @@ from csstsim.optics.scatter.halo import Wing, make_wing
 
 
 @dataclass(frozen=True, eq=False)
-class Beyond:
+class Scattered:
     """Wing and ghosts; either None: there is none."""
 
     wing: Wing | None = None
     ghosts: Ghosts | None = None
 
     def attributes(self):
-        """Return {name: JSON} of what there is; `read_beyond` is the inverse."""
+        """Return {name: JSON} of what there is; `read_scattered` is the inverse."""
         return {name: json.dumps(part.as_dict()) for name, part in vars(self).items() if part is not None}
 
 
-def beyond_box(camera, filter):
-    """Return the `Beyond` of a camera's filter. Raises InputError (optics.scatter.halo, optics.scatter.ghosts)."""
-    return Beyond(
+def scattered_light(camera, filter):
+    """Return the `Scattered` of a camera's filter. Raises InputError (optics.scatter.halo, optics.scatter.ghosts)."""
+    return Scattered(
         make_wing(camera.scatter, filter.psf_wavelength, camera.telescope),
         make_ghosts(camera.ghosts, filter.name, camera.telescope, camera.detector.pixel_um),
     )
 
 
-def read_beyond(psf):
-    """Return the `Beyond` of a PsfSet. Raises InputError if its attributes are damaged."""
+def read_scattered(psf):
+    """Return the `Scattered` of a PsfSet. Raises InputError if its attributes are damaged."""
     kinds = {"wing": Wing, "ghosts": Ghosts}
     try:
-        return Beyond(**{k: c.read(json.loads(psf.attributes[k])) for k, c in kinds.items() if k in psf.attributes})
+        return Scattered(**{k: c.read(json.loads(psf.attributes[k])) for k, c in kinds.items() if k in psf.attributes})
     except (AttributeError, LookupError, TypeError, ValueError) as exc:
         raise InputError(
             f"the PSF file is damaged: {type(exc).__name__} {exc}", file=psf.path, key="wing, ghosts"

@@ -7,9 +7,8 @@ import pytest
 from scipy.integrate import quad
 from scipy.special import j0
 
-from csstsim.render.octave_table import first_of, nodes, read
-from csstsim.render.profiles.sersic import K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, brightness, cut_for, extent, tables
-from csstsim.render.scene import sersic_b
+from csstsim.profiles.log_table import first_of, nodes, read
+from csstsim.profiles.sersic import K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, brightness, cut_for, extent, sersic_b, tables
 
 K = np.sqrt(nodes(K2_LOW, K2_HIGH))
 SQUARE = nodes(R2_LOW, R2_HIGH)

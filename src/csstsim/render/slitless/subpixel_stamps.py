@@ -1,66 +1,61 @@
 """An object in light of one wavelength, as stamps at the sub-pixel phases that slabs are made of."""
 
-from dataclasses import replace
-
 import numpy as np
 
 from csstsim.render.far_wings import WHOLE
-from csstsim.render.imaging.galaxy_stamp import galaxy_stamp
-from csstsim.render.imaging.point_stamp import point_stamp
 from csstsim.render.pixel_sums import pixel_sums
+from csstsim.render.wings import Held
 
 HEIGHTS = 8, 4  # of the trace in a pixel, between which stamps of points, of galaxies, are interpolated
 
 
-def make_phases(mixer, scene, plan, i, reach, density, core, side):
+def subpixel_stamps(stamper, i, density, side):
     """Return (4, density, heights, size, size) float32: object i in light of each wavelength of the PSF set.
 
-    It stands column / density, row / heights px from a pixel's centre and has light 1. side: (x0, x1, y0, y1) px from
-    the object beyond which its light is cut off.
+    stamper: render.imaging.stamper.Stamper. The object stands column / density, row / heights px from a pixel's centre
+    and has light 1. side: (x0, x1, y0, y1) px from the object beyond which its light is cut off.
     """
-    size, bounds = 2 * reach + 1, (-reach, reach + 1) * 2
-    heights = HEIGHTS[int(plan.size[i] > 0)]
-    out = np.empty((4, density, heights, size, size), np.float32)
-    one, own, pixels = scene.take(np.array([i])), plan.take(np.array([i])), np.arange(-reach, reach + 1)
+    mixer, scene, reach, galaxy = stamper.mixer, stamper.scene, int(stamper.reach[i]), int(stamper.plan.size[i] > 0)
+    size, bounds, heights = 2 * reach + 1, (-reach, reach + 1) * 2, HEIGHTS[galaxy]
+    out, pixels = np.empty((4, density, heights, size, size), np.float32), np.arange(-reach, reach + 1)
+    alone = stamper.alone(i)
     for band in range(4):
-        share = np.zeros((len(scene.node[i]), 4))
-        share[:, band] = scene.weight[i]
-        if not plan.size[i]:
+        share = _of_band(scene, i, band)
+        if not galaxy:
             cells = mixer.mixed_cells(scene.node[i], share)
-            cells *= 1 if core is None else core
+            cells *= 1 if stamper.core is None else stamper.core
             if side != WHOLE:
                 cells *= _inside(
                     (np.arange(mixer.cells) + 0.5 - mixer.cells / 2) / mixer.per_pixel, mixer.per_pixel, side
                 )
-            _point_phases(out[band], cells, mixer.per_pixel)
+            _fill_points(out[band], cells, mixer.per_pixel)
             continue
         for column, row in np.ndindex(density, heights):
-            there = replace(one, x=np.array([column / density]), y=np.array([row / heights]))
-            stamp, _ = galaxy_stamp(mixer, there, own, 0, share, reach, bounds, core=core)
+            stamp, _ = alone.moved(column / density, row / heights).stamp(0, share, bounds)
             lit = np.maximum(stamp, 0.0)
             lit *= stamp.sum() / max(lit.sum(), 1e-300)
             out[band, column, row] = lit * _inside(pixels, 1, side, column / density, row / heights)
     return out
 
 
-def light_inside(mixer, scene, plan, i, reach, core):
-    """Return (2, 4): of object i in light 1 of each wavelength of the PSF set, what is in the PSF's box and its stamp.
-
-    As make_phases; in the box but for what fades into the wing, if there is a `core`.
-    """
-    one, own, light = scene.take(np.array([i])), plan.take(np.array([i])), np.empty((2, 4))
+def light_inside(stamper, i):
+    """Return the Held of object i in light 1 of each wavelength of the PSF set, (4,) and (4,); as subpixel_stamps."""
+    mixer, node, light = stamper.mixer, stamper.scene.node[i], np.empty((2, 4))
     for band in range(4):
-        share = np.zeros((len(scene.node[i]), 4))
-        share[:, band] = scene.weight[i]
-        if plan.size[i]:
-            _, drawn = galaxy_stamp(mixer, one, own, 0, share, reach, None, core=core)
-        else:
-            _, drawn = point_stamp(mixer, one.node[0], share, one.x[0], one.y[0], reach, None, core=core)
-        light[:, band] = mixer.light(one.node[0], share, core is not None), drawn
-    return light
+        share = _of_band(stamper.scene, i, band)
+        _, drawn = stamper.stamp(i, share, None)
+        light[:, band] = mixer.light(node, share, stamper.cored), drawn
+    return Held(*light, stamper.reach[i])
 
 
-def _point_phases(out, cells, per_pixel):
+def _of_band(scene, i, band):
+    """Return (k, 4): light 1 of one wavelength, from each of an object's PSF nodes."""
+    share = np.zeros((len(scene.node[i]), 4))
+    share[:, band] = scene.weight[i]
+    return share
+
+
+def _fill_points(out, cells, per_pixel):
     """Fill `out` (density, heights, size, size) with the sums over pixels of a point's cells at each of its phases.
 
     Phases a whole number of cells apart are sums over the same cells: one pass gives all of them.

@@ -7,7 +7,7 @@ from scipy import stats
 from scipy.special import gammainc, gammaincinv, gammaln
 
 from csstsim.base.counter import word
-from csstsim.render.profiles.radius import RINGED, RINGS, gamma, ring
+from csstsim.profiles.sersic_photons import RINGED, RINGS, gamma, ring
 
 RANDOM = 200_000  # draws
 P_VALUE = 1e-5  # 4.4 sigma

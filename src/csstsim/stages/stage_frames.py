@@ -1,8 +1,6 @@
-"""What the stages of one job share: a clock, the state before any layer, and the frames that one hands to the next."""
+"""The frame that a stage of a job leaves on disk for the next one, and how long a stage took."""
 
 import time
-
-import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.release import check_recipe
@@ -20,23 +18,11 @@ class Timer:
         return [self.stage, time.perf_counter() - self.wall, time.process_time() - self.cpu]
 
 
-def blank(run, job, objects=None):
-    """Return the State of a job that no layer has touched: no light, and all that layers look up."""
-    camera = run.camera
-    mask = np.zeros(job.window.shape, np.uint8) if run.steps[job.pointing.type].mask else None
-    return State(
-        chip=job.chip, filter=camera.filters[job.chip.filter], telescope=camera.telescope, pointing=job.pointing,
-        catalog=objects, window=job.window, wcs=job.wcs, image=np.zeros(job.window.shape, np.float32), mask=mask,
-        sky=camera.sky, leds=camera.leds, prnu=run.steps[job.pointing.type].losses["prnu"],
-        gratings=camera.gratings[job.chip.id] if job.chip.kind == "slitless" and job.pointing.type == "SCIE" else None,
-    )  # fmt: skip
-
-
 def state_before(run, job, stage):
     """Return the state the given stage left on disk, or a blank one if this exposure has no such stage."""
     from csstsim.io.frames import load_frame
 
-    state = blank(run, job)
+    state = State.blank(job)
     if run.has_stage(job.pointing, stage):
         path = run.paths.stage(*job.key, f"{stage}.fits")
         planes, meta = load_frame(path, {"stage": stage})

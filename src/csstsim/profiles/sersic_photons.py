@@ -16,8 +16,9 @@ import numpy as np
 from scipy.special import gammainc, gammaincc, gammainccinv, gammaincinv, gammaln
 
 from csstsim.base.counter import high, low, word
+from csstsim.profiles.sersic import BULGE, DISK
 
-RINGED = (1.0, 4.0)  # Sersic indices that have rings
+RINGED = DISK, BULGE  # Sersic indices that have rings
 _STEPS, _OCTAVES = 32, 32  # rings to a factor of 2 in light, and such factors
 _SHIFT = np.int64(47)  # leaves the exponent and log2(_STEPS) bits of the fraction of a float64
 _FIRST = (1023 - 1) * _STEPS  # of the number 0.5

@@ -9,8 +9,8 @@ import numba
 import numpy as np
 
 from csstsim.base.counter import high, low, word
-from csstsim.render.octave_table import first_of, nodes, read
-from csstsim.render.profiles.radius import RINGED, gamma, ring
+from csstsim.profiles.log_table import first_of, nodes, read
+from csstsim.profiles.sersic_photons import RINGED, gamma, ring
 
 _ONE, _TWO = np.uint64(1), np.uint64(2)
 _S10, _S16, _S20, _S32 = (np.uint64(s) for s in (10, 16, 20, 32))
@@ -45,6 +45,11 @@ def check_scene(scene, table, maximum):
     table.verify(scene.node[scene.weight > 0])
     if not (table.share[scene.node[scene.weight > 0]].sum(axis=(1, 2)) > 0).all():
         raise ValueError("a PSF node has no tables")
+
+
+def contiguous(response):
+    """Return a Canvas's response as compiled loops want it: (0, 0) where all light is counted."""
+    return np.empty((0, 0), np.float32) if response is None else np.ascontiguousarray(response, np.float32)
 
 
 @numba.njit(inline="always")

@@ -1,4 +1,7 @@
-"""Sersic profiles of any index, split in two: an inner part for the Fourier transform, an outer one for real space.
+"""Sersic profiles of any index: what is asked of them but the radii of single electrons (profiles.sersic_photons).
+
+For the stamps of galaxies a profile is split in two: an inner part for the Fourier transform, an outer one for real
+space.
 
 With r in units of the half-light radius and the total light 1,
 
@@ -10,19 +13,16 @@ finite period holds it; the outer one has no cusp, so it may be taken at pixel c
     F(k) = 2 pi int t I J_0(k r) r dr,
 
 is a Hankel transform on a logarithmic grid (Talman 1978; Hamilton 2000: one Fourier transform there and back). Tables
-of F against k^2 and of the outer part against r^2 (render.octave_table) are made when first asked for and kept. F(0) is
+of F against k^2 and of the outer part against r^2 (profiles.log_table) are made when first asked for and kept. F(0) is
 the light of the inner part, from the same integral.
 """
 
 from functools import lru_cache
 
 import numpy as np
-from scipy.fft import fht, fhtoffset
-from scipy.special import gammainccinv, gammaln
 
-from csstsim.render.octave_table import nodes
-from csstsim.render.scene import sersic_b
-
+DISK, BULGE = 1.0, 4.0  # indices of the two components of a galaxy
+_B = {DISK: 1.678347, BULGE: 7.669249}  # of `light_beyond` (Ciotti & Bertin 1999), whose series needs no library
 K2_LOW, K2_HIGH = -28, 28  # octaves of (k r_e)^2
 R2_LOW, R2_HIGH = -32, 36  # octaves of (r / r_e)^2
 CUT_NONE = 2.0**-10  # r_e: a cut not above this has nothing within, all of the profile is outer
@@ -32,9 +32,40 @@ _STEP = _LOG_R[1] - _LOG_R[0]
 _NEGLIGIBLE = 5e-5  # of the light: beyond the radius that leaves so much, a profile ends
 
 
+def sersic_b(index):
+    """Return b(n): half of a Sersic profile's light lies within r_e. Exact (inverse incomplete gamma function)."""
+    from scipy.special import gammaincinv
+
+    return gammaincinv(2 * np.asarray(index, dtype=float), 0.5)
+
+
+def radius_of(share, index):
+    """Return the radius [r_e] that has a share of a circular profile's light."""
+    from scipy.special import gammaincinv
+
+    return (gammaincinv(2 * index, share) / gammaincinv(2 * index, 0.5)) ** index
+
+
+def light_beyond(radius, half_light, index):
+    """Return the fraction of a circular profile's light beyond `radius`: Gamma(2n, x)/Gamma(2n). index: a number."""
+    ratio = radius / np.maximum(half_light, 1e-12)
+    if index not in _B:
+        from scipy.special import gammaincc
+
+        return gammaincc(2 * index, sersic_b(index) * ratio ** (1.0 / index))
+    x = _B[index] * ratio ** (1.0 / index)
+    term, total = np.ones_like(x), np.ones_like(x)
+    for k in range(1, 2 * int(index)):
+        term = term * x / k
+        total = total + term
+    return np.exp(-x) * total
+
+
 @lru_cache(1024)
 def extent(index):
     """Return the radius [r_e] that has all the light but a negligible part."""
+    from scipy.special import gammainccinv
+
     return float((gammainccinv(2 * index, _NEGLIGIBLE) / sersic_b(index)) ** index)
 
 
@@ -51,7 +82,11 @@ def tables(index, cut):
 
     F is that of a profile of light 1 and any r_e; the outer part is per r_e^2.
     """
-    from scipy.interpolate import CubicSpline  # 0.3 s that a chip without galaxies need not pay
+    # Imported here: selection, which asks for less, need not pay for numba and scipy
+    from scipy.fft import fht, fhtoffset
+    from scipy.interpolate import CubicSpline
+
+    from csstsim.profiles.log_table import nodes
 
     r = np.exp(_LOG_R)
     offset = fhtoffset(_STEP, mu=0.0)
@@ -65,6 +100,8 @@ def tables(index, cut):
 
 def brightness(r, index):
     """Return the profile per r_e^2 at r [r_e], of light 1."""
+    from scipy.special import gammaln
+
     b = float(sersic_b(index))
     with np.errstate(under="ignore"):
         return np.exp(2 * index * np.log(b) - np.log(2 * np.pi * index) - gammaln(2 * index) - b * r ** (1 / index))

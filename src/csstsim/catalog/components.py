@@ -1,0 +1,21 @@
+"""The Sersic components of the objects of a table: the one place that says which profiles a galaxy has."""
+
+import numpy as np
+
+from csstsim.catalog.table import GALAXY
+from csstsim.profiles.sersic import BULGE, DISK
+
+
+def components(table):
+    """Return ((light, index, size), ...) of disk and bulge of an ObjectTable's objects.
+
+    light (n,): share of the object's; index: Sersic's; size (n,): half-light radius [arcsec]. What an object makes no
+    use of, a point's shape or the size of a component without light, may be anything in the table; a point is a disk
+    of size 0.
+    """
+    galaxy = table["obj_type"] == GALAXY
+    bulge = np.where(galaxy, table["bulge_frac"].astype(float), 0.0)
+    parts = (1 - bulge, DISK, "size_disk"), (bulge, BULGE, "size_bulge")
+    return tuple(
+        (light, index, np.where(galaxy & (light > 0), table[name].astype(float), 0.0)) for light, index, name in parts
+    )

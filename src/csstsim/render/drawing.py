@@ -1,0 +1,42 @@
+"""Drawing: what the image of an object hangs on besides the object, and how well it is to be drawn."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.optics.psf.psf_file import PsfSet
+from csstsim.optics.scatter.scattered_light import Scattered
+from csstsim.render.psf_mixture import Mixer
+from csstsim.render.psf_table import PsfTable
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """The optics, the time and the fidelity that the objects of a chip are drawn with."""
+
+    wcs: ChipWCS
+    psf: PsfSet
+    exptime: float  # s
+    scattered: Scattered | None = None  # light beyond the PSF's box; None: stamps alone, whatever they leave out
+    fidelity: str = "standard"  # a preset of config/render.yaml, or "reference"
+    variance: float = 0.0  # of a pixel without objects [e-^2]
+    key: np.uint64 | None = None  # of the exposure's random numbers, for photons
+    tables: PsfTable | None = None  # of the PSF, for photons
+    kept: Mixer | None = None  # the PSF's: kept between calls it saves some 10 ms
+
+    @cached_property
+    def mixer(self):
+        """The Mixer of the PSF."""
+        return self.kept or Mixer(self.psf)
+
+    @property
+    def wing(self):
+        """The PSF's wing, or None."""
+        return None if self.scattered is None else self.scattered.wing
+
+    @property
+    def ghosts(self):
+        """The filter's ghosts, or None."""
+        return None if self.scattered is None else self.scattered.ghosts

@@ -1,0 +1,59 @@
+"""The stamps of a scene's objects: which stamp, how large, and what of the PSF's box counts."""
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from csstsim.render.extended import POINT, parts_of
+from csstsim.render.imaging.galaxy_stamp import Plan, galaxy_stamp, plan_galaxies
+from csstsim.render.imaging.point_stamp import point_stamp
+from csstsim.render.psf_mixture import Mixer
+from csstsim.render.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Stamper:
+    """Stamps of n objects."""
+
+    mixer: Mixer
+    scene: Scene
+    reach: np.ndarray  # (n,) px, half the side of each stamp
+    plan: Plan  # of those that are no points
+    cored: bool  # the PSF's box is faded out where a wing brings the rest
+
+    @classmethod
+    def of(cls, mixer, scene, scattered, lit=True):
+        """Return the Stamper of a Scene; scattered: a Scattered, or None: stamps alone; lit: (n,) has any light."""
+        reach, cored = np.asarray(scene.reach, int), scattered is not None and scattered.wing is not None
+        if scattered is not None and not cored:  # then a stamp holds all there is of a point
+            reach = np.maximum(reach, math.ceil(mixer.half))
+        return cls(mixer, scene, reach, plan_galaxies(scene, reach, mixer.half, lit & scene.extended), cored)
+
+    @cached_property
+    def core(self):
+        """The share of each cell of the PSF that counts, or None: all."""
+        return self.mixer.core if self.cored else None
+
+    def alone(self, i):
+        """Return the Stamper of object i alone."""
+        row = np.array([i])
+        return Stamper(self.mixer, self.scene.take(row), self.reach[row], self.plan.take(row), self.cored)
+
+    def moved(self, x, y):
+        """Return the Stamper of the one object there is at another place."""
+        return replace(self, scene=replace(self.scene, x=np.array([x]), y=np.array([y])))
+
+    def stamp(self, i, share, bounds, many=False):
+        """Return (stamp, light): object i on the pixels of `bounds`, float64, and the light of its whole stamp.
+
+        share (k, 4): electrons from each of its PSF nodes and sub-band; bounds: (x0, x1, y0, y1), half-open, the part
+        of the stamp that is wanted, or None; many: whether many galaxies share size and nodes.
+        """
+        return galaxy_stamp(self, i, share, bounds, many) if self.plan.size[i] else point_stamp(self, i, share, bounds)
+
+    def parts(self, i):
+        """Return the render.extended.Parts of object i."""
+        scene = self.scene
+        return parts_of(scene.light[i], scene.sersic[i], scene.matrix[i]) if self.plan.size[i] else POINT

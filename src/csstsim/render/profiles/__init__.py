@@ -1,1 +1,0 @@
-"""Profiles of light: what each renderer asks of one."""

@@ -1,0 +1,72 @@
+"""Exposure: one exposure of one chip, with all that its layers look up resolved once, before any work."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:  # names alone: a stage imports what it uses
+    from csstsim.catalog.places.ephemeris import Observer
+    from csstsim.instrument.camera import Camera
+    from csstsim.instrument.chip import Chip, Window
+    from csstsim.instrument.filter import Filter
+    from csstsim.instrument.grating import Gratings
+    from csstsim.instrument.pointing import Pointing
+    from csstsim.instrument.telescope import Telescope
+    from csstsim.optics.geometry.wcs import ChipWCS
+
+
+class Losses(NamedTuple):
+    """Which losses the light of an exposure meets (optics.throughput.response), the same for all that brings light."""
+
+    flat: bool = False
+    shutter: bool = False
+    prnu: bool = False  # the pixels' own response
+
+
+NO_LOSSES = Losses()
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """One exposure of one chip, and the window of it that is simulated.
+
+    The layers' list says how it is made: its exposure time is the pointing's (SimSteps.exptime), its field distortion
+    the wcs's.
+    """
+
+    pointing: "Pointing"
+    chip: "Chip"
+    window: "Window"
+    wcs: "ChipWCS"
+    camera: "Camera" = field(repr=False, compare=False)
+    observer: "Observer | None" = None  # at the start of the exposure
+    losses: Losses = NO_LOSSES
+    mask: bool = False  # a truth mask is kept
+    fidelity: str = "standard"  # the campaign's: how objects are drawn
+
+    @property
+    def exptime(self) -> float:
+        """Exposure time [s]."""
+        return self.pointing.exptime
+
+    @property
+    def filter(self) -> "Filter":
+        """The chip's filter or grating."""
+        return self.camera.filters[self.chip.filter]
+
+    @property
+    def telescope(self) -> "Telescope":
+        """The camera's telescope."""
+        return self.camera.telescope
+
+    @cached_property
+    def gratings(self) -> "Gratings | None":
+        """The gratings that light of the sky goes through, or None."""
+        dispersed = self.chip.kind == "slitless" and self.pointing.type == "SCIE"
+        return self.camera.gratings[self.chip.id] if dispersed else None
+
+    def footprint(self, margin_px=0.0):
+        """Return ra[4], dec[4] of the window's corners, grown by a margin: ICRS at the epoch, not apparent."""
+        from csstsim.catalog.places.astrometry import icrs
+
+        return icrs(*self.wcs.footprint(self.window, margin_px), self.observer)
