@@ -114,7 +114,7 @@ def fit_grating(samples, output, stem):
 
     \b
     To try it, with the trajectories behind a shipped grating:
-      python tests/instrument/build_gratings.py --samples GI1 > samples.csv
+      python builders/build_gratings.py --samples GI1 > samples.csv
       csstsim fit-grating samples.csv --output results/GI1.conf --sensitivity GI
     """
     from csstsim.optics.gratings.trace_fit import fit_file, fit_report

@@ -7,7 +7,7 @@ electrons, so it belongs after poisson_and_dark. Left out: differences between c
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.detector import bfe_fit
+from csstsim.detector import bfe_kernel
 from csstsim.layers.param import LayerParam
 
 STAGE = "readout"
@@ -30,11 +30,11 @@ def _kernel(detector):
     """Return (kernel (3, 3), skew) [per e-]. Raises InputError as `check`."""
     numbers = detector.brighter_fatter
     try:
-        kernel, skew = bfe_fit.kernel(float(numbers["scale"]) * np.array(numbers["areas"], float))
+        kernel, skew = bfe_kernel.kernel(float(numbers["scale"]) * np.array(numbers["areas"], float))
     except (KeyError, TypeError, ValueError):
         allowed = "areas (3 x 3 numbers) and scale"
         raise InputError("not usable", key="brighter_fatter.yaml", value=numbers or None, allowed=allowed) from None
-    shift = detector.full_well * (np.abs(bfe_fit.unfold(kernel)).sum() + abs(skew))
+    shift = detector.full_well * (np.abs(bfe_kernel.unfold(kernel)).sum() + abs(skew))
     if not shift < _STABLE:
         message, allowed = "boundaries move too far at full well", f"less than {_STABLE} pixels"
         raise InputError(message, key="brighter_fatter.yaml", value=shift, allowed=allowed)

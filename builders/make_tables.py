@@ -1,7 +1,7 @@
-"""Make every table of this folder, and measure what each field's exposures cover.
+"""Make every table of survey_tables/, and measure what each field's exposures cover.
 
-    python survey_tables/make_tables.py [folder]       write the tables (default: beside this script)
-    python survey_tables/make_tables.py --coverage     print what each filter covers of the 5 deg2 circles
+    python builders/make_tables.py [folder]       write the tables (default: survey_tables/)
+    python builders/make_tables.py --coverage     print what each filter covers of the 5 deg2 circles
 
 Nothing is random: the same code and config/instrument/ give the same bytes. Field centres, sizes and numbers of
 exposures are those of the paper's Cycle-9 runs (Table 2); their real pointings are not public.
@@ -183,7 +183,7 @@ def main(arguments):
             for band, n in counts.items():
                 print(f"  {band:4s}{(n > 0).mean():.4f}  {(n > 1).mean():.3f}  {n.mean():.2f}")
         return
-    make_all(Path(arguments[0]) if arguments else Path(__file__).parent, camera)
+    make_all(Path(arguments[0]) if arguments else SHIPPED.parent / "survey_tables", camera)
 
 
 if __name__ == "__main__":

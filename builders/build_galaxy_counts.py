@@ -3,7 +3,7 @@
 Galaxies are placed evenly over the cells of the mass grid and weighted by the density there, so that the rare bright
 ones are known as well as the common faint ones. shift(i) makes N_model(< i) equal N_counts(< i + shift). Prints YAML.
 
-    PYTHONPATH=tests python tests/universe/build_galaxy_counts.py
+    PYTHONPATH=tests:builders python builders/build_galaxy_counts.py
 """
 
 import numpy as np

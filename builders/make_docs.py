@@ -1,4 +1,4 @@
-"""Write config/README.md and config/schema/*.json from the models: python config/make_docs.py (--check: only look).
+"""Write config/README.md and config/schema/*.json from the models: python builders/make_docs.py (--check: only look).
 
 The models in csstsim.campaign.config and the layers' Param are the only source; `make test` forbids drift.
 """
@@ -15,10 +15,10 @@ from csstsim.campaign.config import Campaign
 from csstsim.simulation.observation import Observation
 from csstsim.simulation.sim_steps import known_layers
 
-HERE = Path(__file__).parent
+CONFIG = Path(__file__).parents[1] / "config"
 INTRO = """# Configuration
 
-Written by `python config/make_docs.py` from the models; edit those, not this file.
+Written by `python builders/make_docs.py` from the models; edit those, not this file.
 
 - A **campaign** file (`campaign.yaml` is the demo; `c9_w1.yaml` ... `c9_w5.yaml`; `calibration.yaml`) says what to run.
   Paths are relative to the directory a command runs in.
@@ -79,10 +79,10 @@ def documents():
         text += [f"Stage `{module.STAGE}`; {module.UNITS[0]} in, {module.UNITS[1]} out.", ""]
         if module.Param.model_fields:
             text += [table(module.Param), ""]
-    files = {HERE / "README.md": "\n".join(text).rstrip() + "\n"}
+    files = {CONFIG / "README.md": "\n".join(text).rstrip() + "\n"}
     for model in (Campaign, Observation):
         schema = json.dumps(model.model_json_schema(), indent=1, sort_keys=True) + "\n"
-        files[HERE / "schema" / f"{model.__name__.lower()}.json"] = schema
+        files[CONFIG / "schema" / f"{model.__name__.lower()}.json"] = schema
     return files
 
 
@@ -93,7 +93,7 @@ def stale():
 
 if __name__ == "__main__":
     if sys.argv[1:] == ["--check"]:
-        sys.exit("\n".join(f"{path} is stale: run python config/make_docs.py" for path in stale()) or 0)
+        sys.exit("\n".join(f"{path} is stale: run python builders/make_docs.py" for path in stale()) or 0)
     for path, content in documents().items():
         path.parent.mkdir(exist_ok=True)
         path.write_text(content)

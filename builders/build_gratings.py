@@ -1,10 +1,10 @@
 """Builder of config/instrument/gratings/: the 24 aXe configurations and the sensitivities they name.
 
-    python tests/instrument/build_gratings.py [config/instrument]
-    python tests/instrument/build_gratings.py --samples GI1 > samples.csv     what `csstsim fit-grating` takes
+    python builders/build_gratings.py [config/instrument]
+    python builders/build_gratings.py --samples GI1 > samples.csv     what `csstsim fit-grating` takes
 
 Traces are fitted (csstsim.optics.gratings.trace_fit) to 10 x 10 x 8 samples of what gratings.yaml describes
-(csstsim.optics.gratings.grating_rays); sensitivities are filters.yaml's throughput times the orders' efficiency.
+(grating_rays); sensitivities are filters.yaml's throughput times the orders' efficiency.
 """
 
 import csv
@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 from astropy.io import fits
+from grating_rays import trajectories
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.shipped import SHIPPED
@@ -20,7 +21,6 @@ from csstsim.instrument.axe import axe_text, sensitivity_file
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.grating import sensitivity
 from csstsim.instrument.load import read_data
-from csstsim.optics.gratings.grating_rays import trajectories
 from csstsim.optics.gratings.trace_fit import COLUMNS, fit_traces, residuals
 
 STEP = 10  # samples of the filter's grid: 5 angstrom
@@ -28,7 +28,7 @@ ABOUT = """Grating {name} of the CSST Survey Camera, chip {chip}, {side} of colu
 Estimates but for the dispersion and the size of the order +0 (gratings.yaml has sources).
 Fitted to 10 x 10 x 8 trajectories, worst residual [px]: {worst}.
 Pixels count from 0; beams A to E are the orders +1, 0, +2, -1, -2.
-Builder: tests/instrument/build_gratings.py"""
+Builder: builders/build_gratings.py"""
 
 
 def build(folder):

@@ -1,4 +1,4 @@
-"""Write docs/products.md, what every product holds: python config/make_products.py (--check: only look).
+"""Write docs/products.md, what every product holds: python builders/make_products.py (--check: only look).
 
 Each description has one home: beside the columns' types in the module that writes the table, or the comment of a
 keyword in config/instrument/level0_keywords.yaml. tests/docs/test_products.py forbids drift.
@@ -21,10 +21,10 @@ from csstsim.measure import catalogue
 from csstsim.measure.spectra import spectrum_columns
 from csstsim.optics.psf.psf_file import ATTRIBUTES, DATASETS
 
-HERE = Path(__file__).parent
+ROOT = Path(__file__).parents[1]
 PAGE = """# What every product holds
 
-Written by `python config/make_products.py` from the code's own tables; edit those, not this page.
+Written by `python builders/make_products.py` from the code's own tables; edit those, not this page.
 
 Tables are parquet: `csstsim.catalog.table.ObjectTable.read(path)` checks them and gives `table["mag_r"]` and
 `table.meta`; whatever reads parquet reads them. Images are FITS, PSF sets HDF5. px count from 0 at the middle of the
@@ -144,7 +144,7 @@ def truth_columns():
 def header(hdu):
     """Return the table of one HDU's keywords, in the file's order."""
     lines = []
-    for entry in read_yaml(HERE / "instrument" / "level0_keywords.yaml")["keywords"]["values"]:
+    for entry in read_yaml(ROOT / "config" / "instrument" / "level0_keywords.yaml")["keywords"]["values"]:
         if entry["hdu"] == hdu:
             many = "nn" if entry.get("repeat") else ""
             name = f"**{entry['block'].lower()}**" if "block" in entry else f"`{entry['keyword']}{many}`"
@@ -167,7 +167,7 @@ def documents():
         "datasets": rows(("dataset", "shape, type", "what"), [(f"`{k}`", *v) for k, v in DATASETS.items()]),
         "attributes": rows(("attribute", "what"), [(f"`{k}`", v) for k, v in ATTRIBUTES.items()]),
     }  # fmt: skip
-    return {HERE.parent / "docs" / "products.md": Template(PAGE).substitute(parts)}
+    return {ROOT / "docs" / "products.md": Template(PAGE).substitute(parts)}
 
 
 def stale():
@@ -177,7 +177,7 @@ def stale():
 
 if __name__ == "__main__":
     if sys.argv[1:] == ["--check"]:
-        sys.exit("\n".join(f"{path} is stale: run python config/make_products.py" for path in stale()) or 0)
+        sys.exit("\n".join(f"{path} is stale: run python builders/make_products.py" for path in stale()) or 0)
     for path, content in documents().items():
         path.write_text(content)
         print(path)

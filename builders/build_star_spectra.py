@@ -1,6 +1,6 @@
 """Builder of config/universe/star_spectra.fits, the compact model of stellar atmospheres (universe.stars.star_sed).
 
-    python tests/universe/build_star_spectra.py ../shared/data config/universe/star_spectra.fits Table_DA.txt
+    python builders/build_star_spectra.py ../shared/data config/universe/star_spectra.fits Table_DA.txt
 
 Steps, all in ln of photon density at the knots: (1) Castelli & Kurucz 2004 on (Teff, log g, [Fe/H]); (2) BT-Settl
 CIFIST (Baraffe+ 2015) below, with the [Fe/H] dependence of BT-Settl at log g 4.5 (grizli's copy) and the gravity
@@ -19,10 +19,10 @@ import numpy as np
 import speclite.filters
 from astropy.io import fits
 from astropy.table import Table
+from star_grids import GridSeds, read_packed
 
 from csstsim.base.units import ab_photon_density
 from csstsim.instrument.filter import GRID
-from csstsim.universe.stars.star_grids import GridSeds, read_packed
 from csstsim.universe.stars.star_sed import KNOTS, cubic, linear
 
 COMPONENTS = 60
@@ -221,7 +221,7 @@ def write(out, nodes, mean, basis, coefficients):
     hdus = [fits.PrimaryHDU(), image, fits.ImageHDU(np.vstack([mean, basis]).astype(np.float32), name="BASIS")]
     hdus += [fits.ImageHDU(axis, name=name) for name, axis in zip(("THETA", "LOGG", "FEH"), nodes, strict=True)]
     head = hdus[0].header
-    head["BUILDER"] = "tests/universe/build_star_spectra.py"
+    head["BUILDER"] = "builders/build_star_spectra.py"
     head["BUNIT"] = ("photon/s/m2/Angstrom", "exp(BASIS[0] + COEFF @ BASIS[1:])")
     head["CRVAL1"], head["CDELT1"] = (KNOTS[0], "Angstrom, first knot"), (KNOTS[1] - KNOTS[0], "Angstrom")
     for line in SOURCES:

@@ -7,7 +7,7 @@ mixtures of templates, dust and line strengths; each wavelength is weighted by t
 mean, so that faint ultraviolet counts as much as bright red light. Then the projections of each template under each
 dust column: a galaxy's coefficients are linear in its masses.
 
-    python tests/universe/build_galaxy_spectra.py ../shared/data        # writes config/universe/galaxy_spectra.fits
+    python builders/build_galaxy_spectra.py ../shared/data        # writes config/universe/galaxy_spectra.fits
 """
 
 import sys
@@ -96,7 +96,7 @@ def write(basis, projections, info):
     head = fits.Header()
     head["SOURCE"] = "kcorrect NMF templates, Blanton & Roweis 2007, AJ 133, 734 (BSD-3)"
     head["DUST"] = "Calzetti et al. 2000, ApJ 533, 682"
-    head["BUILDER"] = "tests/universe/build_galaxy_spectra.py"
+    head["BUILDER"] = "builders/build_galaxy_spectra.py"
     head["WAVE0"], head["DWAVE"] = (REST[0], "angstrom, rest frame"), (2.9, "angstrom")
     head["ESCAPE"] = (ESCAPE, "of starlight below 912 A (estimate)")
     columns = [fits.Column(name, "E", array=values) for name, values in info.items()]
