@@ -10,10 +10,11 @@ import pytest
 from embedded_sky import DENSITY, SEED, brick, key, shipped, universe_folder
 
 from csstsim.base.errors import InputError
+from csstsim.base.healpix import NSIDE
 from csstsim.base.units import SOLAR_RADIUS_PC
 from csstsim.campaign.config import Lensing
 from csstsim.catalog.table import COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
-from csstsim.universe.bricks import AREA_DEG2, NSIDE, brick_meta, make_brick, read_brick, write_brick
+from csstsim.universe.bricks import AREA_DEG2, brick_meta, make_brick, read_brick, write_brick
 from csstsim.universe.parameters import load_universe
 
 POLE, WRAP, COMMON = 65535, int(healpy.ang2pix(256, 0.0, 20.0, nest=True, lonlat=True)), 100000

@@ -12,7 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from csstsim.catalog.base import Region, unit_vectors
+from csstsim.base.healpix import NSIDE
+from csstsim.base.sphere import grown, ra_dec, unit_vectors
+from csstsim.catalog.base import Region
 from csstsim.catalog.drawable import unusable
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.light.object_spectra import ROW
@@ -31,7 +33,6 @@ from csstsim.catalog.row_order import back, canonical_order
 from csstsim.catalog.table import BANDS, GALAXY, STAR
 from csstsim.universe.lensing.lensing import magnification
 
-NSIDE = 256
 DISTORTION_PX = 200  # at the field's edge (paper, section 5.2)
 # Stars move 147" (4.1" a year until 2036) at the expense of this margin: wings of bright stars beyond it are not drawn.
 BRICK_MARGIN_DEG = (DISTORTION_PX + REACH_MAX) * 0.074 / 3600.0
@@ -73,32 +74,7 @@ def _bricks(ra, dec):
 
 def _grown(ra, dec, margin_deg):
     """Return the corners [deg] of a footprint grown by a margin."""
-    grown = _grow(unit_vectors(ra, dec), np.radians(margin_deg))
-    ra = np.degrees(np.arctan2(grown[:, 1], grown[:, 0])) % 360.0
-    return ra, np.degrees(np.arctan2(grown[:, 2], np.hypot(grown[:, 0], grown[:, 1])))
-
-
-def _grow(vertices, margin):
-    """Move every edge of a convex spherical polygon outwards by `margin` [rad] and meet the moved edges anew.
-
-    An edge moved by m is the small circle n.v = -sin m; the plane it lies in and its neighbour's meet in the
-    new corner's direction. Taken as great circles between these corners the polygon holds the small circles.
-    """
-    centre = vertices.mean(axis=0)
-    after = _inward(np.cross(vertices, np.roll(vertices, -1, axis=0)), centre)
-    before = np.roll(after, 1, axis=0)
-    # v = a before + b after + c (before x after) with v.before = v.after = -sin m, |v| = 1
-    both = -np.sin(margin) / (1 + _dot(before, after)) * (before + after)
-    return both + np.sqrt(1 - _dot(both, both)) * _inward(np.cross(before, after), centre)
-
-
-def _inward(vectors, centre):
-    """Return vectors (n, 3) of length 1, on the side of `centre`."""
-    return vectors * np.sign(vectors @ centre)[:, None] / np.sqrt(_dot(vectors, vectors))
-
-
-def _dot(a, b):
-    return np.einsum("ij,ij->i", a, b)[:, None]
+    return ra_dec(grown(unit_vectors(ra, dec), np.radians(margin_deg)))
 
 
 def select_objects(

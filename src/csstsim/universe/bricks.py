@@ -11,6 +11,7 @@ from functools import lru_cache, partial
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.healpix import BRICKS, HATS_ORDER, ORDER
 from csstsim.base.release import release
 from csstsim.base.rng import stream
 from csstsim.base.units import SOLAR_RADIUS_PC
@@ -19,11 +20,8 @@ from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, QUASAR, STAR, ObjectTa
 from csstsim.universe.brick_spectra import rates
 from csstsim.universe.parameters import COEFFICIENTS
 
-NSIDE = 256
-N_BRICKS = 12 * NSIDE**2
-AREA_DEG2 = 4 * 180.0**2 / np.pi / N_BRICKS
+AREA_DEG2 = 4 * 180.0**2 / np.pi / BRICKS
 ID_BITS = 22  # id = brick x 2^22 + row
-_DEEP_ORDER, _ORDER = 29, 8
 SED_COLUMNS = ("sed_scale", *(f"coeff{k}" for k in range(COEFFICIENTS)))
 
 
@@ -34,8 +32,8 @@ def make_brick(seed, pix, universe, camera, lensing):
     spectra: with the Milky Way's extinction, without lensing magnification. Raises InputError for a brick number that
     does not exist.
     """
-    if not 0 <= pix < N_BRICKS:
-        raise InputError("no such brick", key="brick", value=pix, allowed=f"0..{N_BRICKS - 1}")
+    if not 0 <= pix < BRICKS:
+        raise InputError("no such brick", key="brick", value=pix, allowed=f"0..{BRICKS - 1}")
     stars = _stars(seed, pix, universe)
     galaxies = _galaxies(seed, pix, universe, camera, lensing)
     quasars = _quasars(seed, pix, universe, galaxies, lensing)
@@ -90,9 +88,9 @@ def place(pix, generator, count):
     """Return ra, dec [deg] and the order-29 nested HEALPix pixels of `count` random positions in brick `pix`."""
     import healpy
 
-    deep = 2 * (_DEEP_ORDER - _ORDER)
+    deep = 2 * (HATS_ORDER - ORDER)
     healpix = (np.int64(pix) << deep) + generator.integers(0, 1 << deep, count)
-    ra, dec = healpy.pix2ang(1 << _DEEP_ORDER, healpix, nest=True, lonlat=True)
+    ra, dec = healpy.pix2ang(1 << HATS_ORDER, healpix, nest=True, lonlat=True)
     return ra, dec, healpix
 
 
