@@ -26,7 +26,7 @@ from csstsim.bench.measures import errors
 from csstsim.bench.methods import standard
 from csstsim.bench.setting import make_setting
 from csstsim.bench.truth import Truth
-from csstsim.catalog.reach import STAR_MIN
+from csstsim.catalog.selection.reach import STAR_MIN
 from csstsim.render import policy
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene

@@ -20,7 +20,7 @@ from csstsim.campaign.opened import MERGE_MARGIN_DEG, OpenCampaign
 from csstsim.campaign.plan import plan
 from csstsim.catalog.places import ephemeris
 from csstsim.catalog.places.astrometry import apparent, icrs
-from csstsim.catalog.select import bricks_for
+from csstsim.catalog.selection.select import bricks_for
 from csstsim.command_line.main import main
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS

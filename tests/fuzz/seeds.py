@@ -178,7 +178,7 @@ def image(folder):
 
 def objects(folder):
     from csstsim.catalog.table import ObjectTable
-    from csstsim.universe.bricks import SED_COLUMNS
+    from csstsim.catalog.truth_bricks import SED_COLUMNS
 
     columns = {
         "id": np.arange(5),

@@ -9,7 +9,7 @@ from embedded_sky import embedded_catalog
 
 from csstsim.bench import shear
 from csstsim.catalog.places.astrometry import icrs
-from csstsim.catalog.select import Noise, region_for, select_objects
+from csstsim.catalog.selection.select import Noise, region_for, select_objects
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS

@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 
 from csstsim.base.rng import stream
-from csstsim.catalog.reach import STAR_MIN, galaxy_radius, point_reach
+from csstsim.catalog.selection.reach import STAR_MIN, galaxy_radius, point_reach
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.render.scene import Scene, make_scene
@@ -30,7 +30,7 @@ EDGE = 300  # px, kept from the chip's edge
 class Case:
     """One object, alone on its window."""
 
-    row: ObjectTable  # one row, as catalog.select leaves it
+    row: ObjectTable  # one row, as catalog.selection.select leaves it
     scene: Scene  # the same
     window: Window
     electrons: float

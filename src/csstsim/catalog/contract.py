@@ -19,9 +19,9 @@ import numpy as np
 from csstsim.base.healpix import NSIDE
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import Region, name_of, read_columns, users_code
-from csstsim.catalog.drawable import reasons
 from csstsim.catalog.light.photometry import load_fluxes, rate_to_mag
 from csstsim.catalog.open import make_catalog
+from csstsim.catalog.selection.drawable import reasons
 from csstsim.catalog.table import COLUMNS, STAR, TYPES, ObjectTable
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID, SUBBANDS

@@ -14,7 +14,10 @@ finds the areas from the covariances of flats.
 
 import numpy as np
 
+from csstsim.base.errors import InputError
+
 SIZE = 3  # of the quadrant of K
+STABLE = 0.25  # of a pixel: boundaries that move more are no small shift, and the kernel's limiter would act on them
 
 
 def unfold(quadrant):
@@ -48,3 +51,21 @@ def kernel(areas):
     units = np.eye(SIZE**2).reshape(-1, SIZE, SIZE)
     matrix = np.stack([laplacian(unit)[:SIZE, :SIZE].ravel() for unit in units], axis=1)
     return np.linalg.solve(matrix, areas.ravel() / 2).reshape(SIZE, SIZE), skew
+
+
+def detector_kernel(detector):
+    """Return (K (3, 3), skew) [per e-] of a detector (brighter_fatter.yaml, full_well).
+
+    Raises InputError if it has no areas, or charge at full well could move a boundary by a quarter pixel.
+    """
+    numbers = detector.brighter_fatter
+    try:
+        potential, skew = kernel(float(numbers["scale"]) * np.array(numbers["areas"], float))
+    except (KeyError, TypeError, ValueError):
+        allowed = "areas (3 x 3 numbers) and scale"
+        raise InputError("not usable", key="brighter_fatter.yaml", value=numbers or None, allowed=allowed) from None
+    shift = detector.full_well * (np.abs(unfold(potential)).sum() + abs(skew))
+    if not shift < STABLE:
+        message, allowed = "boundaries move too far at full well", f"less than {STABLE} pixels"
+        raise InputError(message, key="brighter_fatter.yaml", value=shift, allowed=allowed)
+    return potential, skew

@@ -34,7 +34,7 @@ class Scene:
 
 
 def make_scene(objects, wcs, psf, exptime):
-    """Return the Scene of an ObjectTable as catalog.select leaves it (all of its rows must be drawable).
+    """Return the Scene of an ObjectTable as catalog.selection.select leaves it (all of its rows must be drawable).
 
     What an object makes no use of, a point's shape or the size of a component without light, may be anything there.
     """

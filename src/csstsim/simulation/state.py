@@ -16,7 +16,7 @@ class State:
     (units in `unit`). Before `prescan_overscan` its shape is that of `window`; after it, that of the
     window's readout frame (detector.channels). `counted` holds electrons that are already Poisson
     (int32, same shape) or None; `poisson_and_dark` merges it. `mask`, if the layers' list asks for one, is uint8 of the
-    image's shape (detector.mask). `trailed` is charge that trails into the overscan (detector.charge_transfer.trails).
+    image's shape (detector.mask). `trailed` is charge that trails into the overscan (detector.charge_transfer).
     `header` gathers what layers add to the Level-0 header as {name: value}, JSON-like values only; `truth` is the table
     of drawn objects.
     """
@@ -31,7 +31,7 @@ class State:
     image: np.ndarray
     counted: np.ndarray | None = None
     mask: np.ndarray | None = None
-    trailed: Any = None  # detector.charge_transfer.trails.Trails, or None
+    trailed: Any = None  # detector.charge_transfer.transfer.Trails, or None
     cosmic_rays: tuple | None = None  # (flat indices in the window, electrons) to be written, if asked for
     psf: Any = None  # optics.psf.psf_set.PsfSet, or None for exposures without objects
     tables: Any = None  # render.psf_table.PsfTable of `psf`; None for the reference renderer

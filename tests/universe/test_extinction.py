@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.light.extinction import odonnell, star_ebv
 from csstsim.instrument.filter import GRID
+from csstsim.universe.dust.extinction import odonnell, star_ebv
 
 
 def test_law_agrees_with_another_code():

@@ -15,9 +15,9 @@ from csstsim.base.healpix import BRICKS, HATS_ORDER, ORDER
 from csstsim.base.release import release
 from csstsim.base.rng import stream
 from csstsim.base.units import SOLAR_RADIUS_PC
+from csstsim.catalog.light.embedded_spectra import rates
 from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
 from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
-from csstsim.universe.brick_spectra import rates
 from csstsim.universe.parameters import COEFFICIENTS
 
 AREA_DEG2 = 4 * 180.0**2 / np.pi / BRICKS

@@ -15,12 +15,12 @@ import numpy as np
 from csstsim.base.healpix import NSIDE
 from csstsim.base.sphere import grown, ra_dec, unit_vectors
 from csstsim.catalog.base import Region
-from csstsim.catalog.drawable import unusable
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.light.object_spectra import ROW
 from csstsim.catalog.light.photometry import rate_to_mag
 from csstsim.catalog.places.astrometry import apparent, at_epoch
-from csstsim.catalog.reach import (
+from csstsim.catalog.selection.drawable import unusable
+from csstsim.catalog.selection.reach import (
     POINT_MAX,
     POINT_MIN,
     REACH_MAX,
@@ -29,7 +29,7 @@ from csstsim.catalog.reach import (
     point_reach,
     wing_reach,
 )
-from csstsim.catalog.row_order import back, canonical_order
+from csstsim.catalog.selection.row_order import back, canonical_order
 from csstsim.catalog.table import BANDS, GALAXY, STAR
 from csstsim.universe.lensing.lensing import magnification
 

@@ -1,4 +1,4 @@
-"""Spectra in bins against the sums over the paper's grid of universe.brick_spectra: the same light, line by line."""
+"""Spectra in bins against the sums over the paper's grid (embedded_spectra): the same light, line by line."""
 
 import numpy as np
 import pytest
@@ -6,11 +6,11 @@ from embedded_sky import shipped
 from grating_scene import GV, disperser_of
 from scipy.integrate import cumulative_trapezoid
 
+from csstsim.catalog.light.binned_spectra import binned
+from csstsim.catalog.light.embedded_spectra import spectra
 from csstsim.catalog.light.photometry import subband_fluxes
 from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.instrument.filter import GRID
-from csstsim.universe.binned import binned
-from csstsim.universe.brick_spectra import spectra
 from csstsim.universe.galaxies.galaxy_sed import COEFFICIENTS
 
 CHIPS = 1, GV, 3

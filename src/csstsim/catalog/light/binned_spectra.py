@@ -1,16 +1,16 @@
 """Spectra of a table as means over bins of wavelength: what dispersed light is drawn from.
 
-The same light as universe.brick_spectra, without 18,001 samples an object: galaxies cell by cell of their rest-frame
-nodes, each a line, so that an emission line keeps its light whatever bins it falls in.
+The same light as catalog.light.embedded_spectra, without 18,001 samples an object: galaxies cell by cell of their
+rest-frame nodes, each a line, so that an emission line keeps its light whatever bins it falls in.
 """
 
 import numba
 import numpy as np
 
+from csstsim.catalog.light.embedded_spectra import coefficients, kinds
 from csstsim.catalog.light.photometry import bin_means
 from csstsim.catalog.table import GALAXY, STAR
 from csstsim.instrument.filter import GRID
-from csstsim.universe.brick_spectra import coefficients, kinds
 from csstsim.universe.galaxies.galaxy_sed import combine
 from csstsim.universe.galaxies.igm import Intergalactic, absorb
 

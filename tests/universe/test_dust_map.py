@@ -10,8 +10,8 @@ from astropy.io import fits
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
-from csstsim.catalog.light.dust_map import DustMap, galactic
 from csstsim.instrument.load import read_data
+from csstsim.universe.dust.dust_map import DustMap, galactic
 
 NUMBERS = read_data(SHIPPED / "universe" / "dust.yaml")
 NSIDE = 16
