@@ -63,51 +63,8 @@ def take_exposure(title, pa, files, most=MOST):
     return Exposure(title, pa, tuple(pictures), detail)
 
 
-class Image(NamedTuple):
-    """A picture as it is drawn; lengths are pixels of the mosaic, `turn` a transform or ""."""
-
-    x: str
-    y: str
-    width: int
-    height: int
-    turn: str
-    url: str
-
-
-class Outline(NamedTuple):
-    """A rectangle; `style` is a class of report.css."""
-
-    style: str
-    x: str
-    y: str
-    width: int
-    height: int
-    turn: str
-    colour: str
-
-
-class Label(NamedTuple):
-    """A name in the drawing."""
-
-    x: str
-    y: str
-    size: str
-    turn: str
-    text: str
-
-
-class Group(NamedTuple):
-    """What is drawn of an exposure; `box`, `detail` ("" for none): x, y, width, height of what was simulated."""
-
-    title: str
-    box: str
-    detail: str
-    shapes: list
-    arrows: list
-
-
 class FocalPlane(NamedTuple):
-    """The viewer, a part of the page (report.parts)."""
+    """The viewer, a part of the page (report.parts): shapes and groups of them, as templates/focal_plane.html draws."""
 
     box: str
     outlines: list
@@ -135,20 +92,22 @@ def _group(exposure):
     shapes += [_outline(detail.chip, detail.window, "cutout")] if detail else []
     box = _box(np.concatenate([_corners(p.chip, p.window) for p in pictures]))
     cutout = _box(_corners(detail.chip, detail.window)) if detail else ""
-    return Group(exposure.title, box, cutout, shapes, _compass(exposure))
+    return {"title": exposure.title, "box": box, "detail": cutout, "shapes": shapes, "arrows": _compass(exposure)}
 
 
 def _image(picture):
     """The blocks at the window's far edges may reach beyond it, by less than a block."""
     x, bottom = _place(picture.chip, picture.window.x0, picture.window.y0)
     width, height = (-(-n // picture.step) * picture.step for n in (picture.window.nx, picture.window.ny))
-    return Image(f"{x:g}", f"{bottom - height:g}", width, height, _turn(picture.chip), data_url(picture.png))
+    place = {"x": f"{x:g}", "y": f"{bottom - height:g}", "width": width, "height": height, "turn": _turn(picture.chip)}
+    return {"kind": "image", "url": data_url(picture.png)} | place
 
 
 def _outline(chip, window, style):
     x, y = _place(chip, window.x0, window.y1)
     colour = COLOURS.get(chip.filter.lower(), GRATING)
-    return Outline(style, f"{x:g}", f"{y:g}", window.nx, window.ny, _turn(chip), colour)
+    place = {"x": f"{x:g}", "y": f"{y:g}", "width": window.nx, "height": window.ny, "turn": _turn(chip)}
+    return {"kind": "outline", "style": style, "colour": colour} | place
 
 
 def _chip_label(chip):
@@ -165,7 +124,8 @@ def _window_label(picture):
 
 def _label(chip, x, y, size):
     name = f"{chip.label} {band_label(chip.filter)}"
-    return Label(f"{x + 0.25 * size:g}", f"{y + 1.1 * size:g}", f"{size:g}", _turn(chip), name)
+    place = {"x": f"{x + 0.25 * size:g}", "y": f"{y + 1.1 * size:g}", "size": f"{size:g}", "turn": _turn(chip)}
+    return {"kind": "label", "text": name} | place
 
 
 def _compass(exposure):
