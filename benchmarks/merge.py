@@ -17,10 +17,10 @@ from pathlib import Path
 
 import healpy
 import numpy as np
+from private_memory import PrivateMemory
 
 from csstsim.base.rng import stream
 from csstsim.base.sphere import ra_dec, unit_vectors
-from csstsim.bench.memory import PrivateMemory
 from csstsim.bricks.merge import DETECTION_COLUMNS, merge_brick, write_merged
 from csstsim.catalog.table import BANDS, ObjectTable
 

@@ -21,7 +21,7 @@ class Bench:
     """make_cases(setting, count, seed, largest) -> cases, which have star, electrons, `about` and `brighter`.
 
     truth(setting) -> function of a case; standard(setting, case) -> image; errors(setting, case, image, truth, drawn)
-    -> (errors, chances), each (len(names),), of images per unit of light; methods: bench.methods.Method; goals: {name:
+    -> (errors, chances), each (len(names),), of images per unit of light; methods: imaging Methods; goals: {name:
     largest bias}; shown: names to print.
     """
 
@@ -41,7 +41,7 @@ def sweep(bench, setting, cases, methods, *, seconds, electrons):
     A cost is measured over at least `seconds` of CPU time, or one object if that takes longer; methods that draw random
     electrons draw each object until it has `electrons`.
     """
-    truth, rows = bench.truth(setting), []
+    truth, rows = bench.imaging.truth(setting), []
     for kind in (True, False):  # compiled and warm before anything is timed
         faintest = min((case for case in cases if case.star == kind), key=lambda case: case.electrons)
         for method in methods:

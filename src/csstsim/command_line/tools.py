@@ -46,7 +46,7 @@ def bench(output, quick, band, methods, objects, seed, readout, chart):
 
         draw(output, chart, say=print)
     elif readout:
-        from csstsim.bench.readout import readout as run
+        from csstsim.bench.readout.layers import readout as run
 
         run(Path(output), say=print)
     else:

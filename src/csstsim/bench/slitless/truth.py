@@ -1,8 +1,8 @@
 """The independent truth of a spectrum: direct optics at sixteen wavelengths, summed along the first order's trace.
 
-As bench.truth: the PSF of the object's own place on 8 x 8 cells a pixel, no stored PSF and no GalSim. Here it is made
-at NODES wavelengths over all of the order instead of the PSF set's four, with the cubic through four of them between,
-and the transform of the image is the sum over wavelengths, half an angstrom apart, of
+As bench.imaging.truth: the PSF of the object's own place on 8 x 8 cells a pixel, no stored PSF and no GalSim. Here it
+is made at NODES wavelengths over all of the order instead of the PSF set's four, with the cubic through four of them
+between, and the transform of the image is the sum over wavelengths, half an angstrom apart, of
 
     light(lambda)  PSF(k, lambda)  profile(k)  exp(-2 pi i k . place(lambda)),
 
@@ -16,7 +16,7 @@ from types import SimpleNamespace
 import numpy as np
 import scipy.fft
 
-from csstsim.bench.truth import CELLS_PER_PIXEL, brightness, profile, repeats, waves
+from csstsim.bench.imaging.truth import CELLS_PER_PIXEL, brightness, profile, repeats, waves
 from csstsim.instrument.filter import GRID
 from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.psf_file import pixel_response

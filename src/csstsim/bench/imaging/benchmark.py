@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from csstsim.bench.cases import make_cases
-from csstsim.bench.measures import NAMES, WINDOW_PX, errors
-from csstsim.bench.methods import METHODS, standard
+from csstsim.bench.imaging.cases import make_cases
+from csstsim.bench.imaging.measures import NAMES, WINDOW_PX, errors
+from csstsim.bench.imaging.methods import METHODS, standard
+from csstsim.bench.imaging.truth import Truth
 from csstsim.bench.sweep import Bench
-from csstsim.bench.truth import Truth
 
 GOALS = {"flux": 1e-3, "x_mas": 1.0, "y_mas": 1.0, "size2": 1e-3, "e1": 1e-4, "e2": 1e-4}
 
 
 def judge(setting, case, image, wanted, drawn):
-    """Return what bench.measures.errors does, for a Case."""
+    """Return what bench.imaging.measures.errors does, for a Case."""
     box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
     scale = 1000 * setting.camera.telescope.pixel_scale
     how = {"box": box, "sigma": max(WINDOW_PX, half_light_px(case.scene)), "mas_per_px": scale}

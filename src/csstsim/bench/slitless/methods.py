@@ -1,11 +1,11 @@
-"""The ways to draw a spectrum that csstsim has, each as a bench.methods.Method; spectrum_peers.py has the others'."""
+"""The ways to draw a spectrum that csstsim has, each as an imaging.methods.Method; peers.py has the others'."""
 
 import numpy as np
 
 from csstsim.base.counter import object_keys
-from csstsim.bench import spectrum_peers as peers
-from csstsim.bench.methods import Method
-from csstsim.bench.spectrum_cases import means
+from csstsim.bench.imaging.methods import Method
+from csstsim.bench.slitless import peers
+from csstsim.bench.slitless.cases import means
 from csstsim.optics.scatter.outside_box import Beyond
 from csstsim.render.slitless import reference_dispersed
 from csstsim.render.slitless.dispersed_photons import shoot_spectra

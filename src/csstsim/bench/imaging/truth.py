@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 from scipy.special import gamma, k0
 
 from csstsim.base.units import ARCSEC_PER_RAD
-from csstsim.bench.cases import SHARES
+from csstsim.bench.imaging.cases import SHARES
 from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.optics.psf.psf_set import chip_optics, node_psf

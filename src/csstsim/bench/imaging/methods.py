@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from csstsim.base.counter import object_keys
-from csstsim.bench import peers, ufig
+from csstsim.bench.imaging import peers, ufig
 from csstsim.optics.scatter.outside_box import Beyond
 from csstsim.render.imaging import draw as engine
 from csstsim.render.imaging.photons import shoot_scene

@@ -14,8 +14,8 @@ import numpy as np
 
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
-from csstsim.bench.arctic import THERE, arctic
-from csstsim.bench.cti import speed_accuracy
+from csstsim.bench.readout.arctic import THERE, arctic
+from csstsim.bench.readout.cti import speed_accuracy
 from csstsim.bench.setting import EXPTIME, POINTING
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
@@ -38,7 +38,7 @@ _COLUMNS = 32  # that arcticpy is given
 def readout(folder, say, skies=SKIES):
     """Say, for each sky [electron / pixel], the CPU seconds of each layer, of writing the file, and of the peers.
 
-    Then speed against accuracy of charge transfer (csstsim.bench.cti), with a chart in `folder`.
+    Then speed against accuracy of charge transfer (csstsim.bench.readout.cti), with a chart in `folder`.
     """
     camera = load_camera(SHIPPED / "instrument")
     steps = _steps()
@@ -58,7 +58,7 @@ def readout(folder, say, skies=SKIES):
             beside = ", ".join(f"{name} {value:.1f}" for name, value in others.get(layer, {}).items())
             say(f"| {layer} | {seconds:.2f} | {1e9 * seconds / pixels:.1f} | {beside} |")
     if not THERE:
-        say("\narcticpy is not installed (csstsim.bench.arctic says how): nothing stands beside cte_effect")
+        say("\narcticpy is not installed (csstsim.bench.readout.arctic says how): nothing stands beside cte_effect")
     speed_accuracy(folder / "cti_speed_accuracy.png", say)
     say(f"{folder}/cti_speed_accuracy.png")
 

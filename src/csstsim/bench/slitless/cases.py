@@ -1,4 +1,4 @@
-"""The objects of the slitless benchmark: those of imaging (bench.cases), each with a spectrum, in turn
+"""The objects of the slitless benchmark: those of imaging (bench.imaging.cases), each with a spectrum, in turn
 
     flat   N
     hot    N ~ lambda^-3, the far side of a black body
@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from csstsim.base.units import C_A_S, H_J_S
-from csstsim.bench.cases import Case, half_of, make_cases, make_row, place
+from csstsim.bench.imaging.cases import Case, half_of, make_cases, make_row, place
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.render.scene import make_scene

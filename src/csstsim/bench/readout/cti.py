@@ -10,7 +10,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.bench.arctic import THERE, arctic
+from csstsim.bench.readout.arctic import THERE, arctic
 from csstsim.detector.charge_transfer.cti import transfer
 from csstsim.instrument.load import read_data
 

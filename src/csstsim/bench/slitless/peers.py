@@ -1,23 +1,18 @@
 """Spectra by others, and the paper's way, as `prepare(setting, case) -> draw(copies)` (see methods.py).
 
-* `paper`: sections 4.2 and 5.3: the object in each sub-band is drawn as on an imaging chip (bench.peers.paper), then
-  each pixel's light is laid along the trace as aXe does it, by the area that the shifted pixel shares with those below
-  it.
-* `slabs`: GalSim, a monochromatic stamp every 1 / per_px of a pixel of the trace, at its exact place, with the bins'
-  light that lies nearest to it; PSF objects are made once.
-
-Both draw the first order alone; our methods draw all five, of which the window shows no more.
+* `paper`: sections 4.2 and 5.3: the object in each sub-band is drawn as on an imaging chip (bench.imaging.peers.paper),
+  then each pixel's light is laid along the trace as aXe does it, by the area that the shifted pixel shares with those
+  below it. The first order alone is drawn; our methods draw all five, of which the window shows no more.
 """
 
 import galsim
 import numpy as np
 from scipy.signal import fftconvolve
 
-from csstsim.bench.peers import BANDS, galaxy_of, interpolated
-from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.bench.imaging.peers import BANDS, galaxy_of, interpolated
 
 
-def _trace(setting, case):
+def trace(setting, case):
     """Return (x, y [px from the object], light [electron]) of the bins of the first order."""
     disperser = setting.disperser
     first = disperser.orders.index(1)
@@ -26,7 +21,7 @@ def _trace(setting, case):
     return p + q * centres, r + s * centres, case.light * disperser.rates[case.visits[0, 1], first]
 
 
-def _cells(setting, scene, band):
+def cells(setting, scene, band):
     """Return the cells of the PSF at the object's place in one sub-band."""
     return sum(w * setting.psf.node(n)[band] for n, w in zip(scene.node[0], scene.weight[0], strict=True))
 
@@ -35,7 +30,7 @@ def paper(setting, case):
     """Return draw(copies) by the paper's way: a stamp a sub-band, laid along the trace pixel by pixel."""
     scene, window, per_pixel = case.scene, case.window, setting.psf.oversampling
     reach = int(case.row["reach"][0])
-    dx, dy, light = _trace(setting, case)
+    dx, dy, light = trace(setting, case)
     centres = 0.5 * (setting.disperser.edges[1:] + setting.disperser.edges[:-1])
     band_of = np.searchsorted(setting.filter.edges[1:-1], centres)
     column, row = round(scene.x[0]), round(scene.y[0])
@@ -45,7 +40,7 @@ def paper(setting, case):
         for _ in range(copies):
             for band in range(BANDS):
                 mine = band_of == band
-                point = interpolated(_cells(setting, scene, band), per_pixel)
+                point = interpolated(cells(setting, scene, band), per_pixel)
                 profile = point if case.star else galsim.Convolve(galaxy_of(scene), point)
                 stamp = galsim.ImageD(2 * reach + 1, 2 * reach + 1)
                 profile.drawImage(stamp, scale=1.0, offset=(scene.x[0] - column, scene.y[0] - row))
@@ -73,43 +68,3 @@ def add(image, stamp, x0, y0):
     low, high = max(y0, 0), min(y0 + stamp.shape[0], image.shape[0])
     if left < right and low < high:
         image[low:high, left:right] += stamp[low - y0 : high - y0, left - x0 : right - x0]
-
-
-def slabs(per_px):
-    """Return the prepare of GalSim's slabs, `per_px` to a pixel."""
-
-    def prepare(setting, case):
-        scene, per_pixel, window = case.scene, setting.psf.oversampling, case.window
-        reach = int(case.row["reach"][0])
-        dx, dy, light = _trace(setting, case)
-        points = [
-            galsim.InterpolatedImage(
-                galsim.ImageD(pixel_response(_cells(setting, scene, band), per_pixel)), scale=1 / per_pixel,
-                normalization="sb", x_interpolant="quintic",
-            )
-            for band in range(BANDS)
-        ]  # fmt: skip
-        profiles = points if case.star else [galsim.Convolve(galaxy_of(scene), point) for point in points]
-        which = np.round((dx - dx.min()) * per_px).astype(int)
-        total = np.bincount(which, light)
-        lit = np.flatnonzero(total)
-        x = scene.x[0] + dx.min() + lit / per_px
-        y = scene.y[0] + np.bincount(which, light * dy)[lit] / total[lit]
-        mixture = np.stack([np.bincount(which, light * w)[lit] for w in setting.disperser.psf_weights])
-
-        def draw(copies):
-            image = np.zeros(window.shape)
-            for _ in range(copies):
-                for k in range(len(lit)):
-                    parts = [profiles[band] * mixture[band, k] for band in range(BANDS) if mixture[band, k] > 0]
-                    column, row = round(x[k]), round(y[k])
-                    stamp = galsim.ImageD(2 * reach + 1, 2 * reach + 1)
-                    galsim.Sum(parts).drawImage(
-                        stamp, scale=1.0, method="no_pixel", offset=(x[k] - column, y[k] - row)
-                    )  # fmt: skip
-                    add(image, stamp.array, column - reach - window.x0, row - reach - window.y0)
-            return image
-
-        return draw
-
-    return prepare

@@ -1,9 +1,9 @@
 """The benchmark of dispersed light: `csstsim bench` with a grating's filter."""
 
-from csstsim.bench.spectrum_cases import make_spectrum_cases
-from csstsim.bench.spectrum_measures import GOALS, NAMES, errors
-from csstsim.bench.spectrum_methods import METHODS, standard
-from csstsim.bench.spectrum_truth import SpectrumTruth
+from csstsim.bench.slitless.cases import make_spectrum_cases
+from csstsim.bench.slitless.measures import GOALS, NAMES, errors
+from csstsim.bench.slitless.methods import METHODS, standard
+from csstsim.bench.slitless.truth import SpectrumTruth
 from csstsim.bench.sweep import Bench
 
 SLITLESS = Bench(

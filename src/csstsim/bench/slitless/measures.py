@@ -6,14 +6,14 @@ An image d + T beside the truth T is fitted by T (1 + ...) moved by a small step
 
 with t = -dT/dx for `along_px`, -dT/dy for `across_px` and d2T/dy2 / 2 for the square of the width across, `size2`,
 over the truth's own there. For `line_px` and `line_width2` [px^2], t = -dT/dx and d2T/dx2 / 2 about the brightest line
-of a spectrum with lines; NaN for others. `flux` is the sum's relative error, `pixel` and `visible` are bench.measures',
-whose rule on the edge of the PSF's box holds here for rows. All are linear but the last two, so their chance is
-known.
+of a spectrum with lines; NaN for others. `flux` is the sum's relative error, `pixel` and `visible` are
+bench.imaging.measures', whose rule on the edge of the PSF's box holds here for rows. All are linear but the last two,
+so their chance is known.
 """
 
 import numpy as np
 
-from csstsim.bench.measures import EDGE_PX, visible
+from csstsim.bench.imaging.measures import EDGE_PX, visible
 
 NAMES = ("flux", "along_px", "across_px", "size2", "line_px", "line_width2", "pixel", "visible")
 GOALS = {"flux": 1e-3, "along_px": 0.1, "across_px": 0.01, "size2": 1e-3, "line_px": 0.01, "line_width2": 0.01}
