@@ -1,8 +1,6 @@
 """Makers of small sound files: each writes one, and what it needs beside it, into a folder and returns its path."""
 
-import json
 import shutil
-import tempfile
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,8 +11,6 @@ from astropy.io import fits
 from astropy.table import Table
 from catalog.test_c9 import write_basis, write_galaxies, write_stars
 from fuzz import readers
-from fuzz.binary_mutations import spoiled_fits
-from fuzz.mutations import spoiled_tree
 from mini import mini_camera
 from readout_state import flat_state, plain_layers, run
 
@@ -151,21 +147,6 @@ def frame(folder, meta=META):
     planes = {"image": np.arange(200, dtype="f4").reshape(10, 20), "counted": np.ones((10, 20), "i4")}
     save_frame(folder / "frame.fits", planes, meta)
     return folder / "frame.fits"
-
-
-def spoiled_frame(sound):
-    """A frame whose record says what it should not, with checksums that are right; or a spoiled FITS file."""
-
-    def sealed(meta):
-        with tempfile.TemporaryDirectory() as folder:
-            try:
-                return frame(Path(folder), meta).read_bytes()
-            except ValueError:  # NaN, which JSON has not
-                return frame(
-                    Path(folder), json.loads(json.dumps(meta).replace("NaN", "0").replace("Infinity", "1"))
-                ).read_bytes()
-
-    return spoiled_tree(META).map(sealed) | spoiled_fits(sound)
 
 
 def image(folder):

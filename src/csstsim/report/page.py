@@ -8,6 +8,7 @@ from csstsim.report.parts import Figure, Fold, Link, Pairs, Paragraph, Section, 
 
 NAMED = 10  # failing gates named at the top
 UNFOLDED = 4  # brick sections shown open
+SKY = "Windows by filter, the NSIDE-256 bricks they touch, and the pointings"
 GATE = {"name": "gate", "band": "band", "value": "value", "threshold": "threshold", "n": "sources"}
 
 
