@@ -3,8 +3,8 @@
 from functools import partial
 
 from csstsim.base.one_thread import one_thread
+from csstsim.base.progress import make_missing
 from csstsim.base.release import check_release
-from csstsim.stages.make_missing import make_missing
 
 
 @one_thread

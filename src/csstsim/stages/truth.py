@@ -4,7 +4,7 @@ from functools import partial
 
 from csstsim.base.errors import InputError
 from csstsim.base.one_thread import one_thread
-from csstsim.stages.make_missing import make_missing
+from csstsim.base.progress import make_missing
 
 
 @one_thread
