@@ -30,11 +30,7 @@ from csstsim.render.slitless import slabs as engine
 from csstsim.render.slitless.dispersed_photons import shoot_spectra
 from csstsim.render.slitless.slabs import draw_spectra
 
-SHAPES = {
-    "star": {},
-    "galaxy n = 1": {"size": 0.3, "e": 0.3},
-    "galaxy n = 4": {"size": 0.3, "bulge": 1.0, "e": 0.3},
-}
+SHAPES = {"star": {}, "galaxy n = 1": {"size": 0.3, "e": 0.3}, "galaxy n = 4": {"size": 0.3, "bulge": 1.0, "e": 0.3}}
 BRIGHT, MANY, PLACES, FINEST = 1e5, 300, 4, 16
 REACHES = (32, 48, 80, 128)
 

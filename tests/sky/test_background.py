@@ -12,15 +12,7 @@ from csstsim.base.sphere import angle, unit_vectors
 from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import mjd_utc
 from csstsim.sky import background
-from csstsim.sky.background import (
-    COMPONENTS,
-    NODES,
-    add_grid,
-    band_rates,
-    grid_mean,
-    lines_of_sight,
-    sky_components,
-)
+from csstsim.sky.background import COMPONENTS, NODES, add_grid, band_rates, grid_mean, lines_of_sight, sky_components
 from csstsim.sky.background_spectra import band, blackbody_over_sun, magnitude_ratio, photons, solar_continuum, sunlight
 from csstsim.sky.bodies import bodies
 from csstsim.sky.directions import telescope_axes

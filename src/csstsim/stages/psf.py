@@ -60,10 +60,7 @@ def open_psf(run, chip):
 
     config, own = run.config.psf, {}
     if not config.library:
-        own = {
-            "grid": config.grid,
-            "oversampling": oversampling_of(chip.filter, run.camera.psf, config.oversampling),
-        }
+        own = {"grid": config.grid, "oversampling": oversampling_of(chip.filter, run.camera.psf, config.oversampling)}
     psf = PsfSet(
         run.paths.psf(chip.id), chip=chip.id, filter=chip.filter, camera_digest=run.camera.digest,
         method=config.interpolation, beta=config.beta, neighbours=config.neighbours, **own,

@@ -74,11 +74,7 @@ def errors(image, truth, variance, electrons, drawn=np.inf, *, box=np.inf, sigma
     difference = np.where(judged, image - truth, 0.0)
     seen, chance_seen = visible(image, truth, variance, electrons, drawn, judged)
     peak = np.abs(difference).argmax()
-    values = [
-        *(got.value - wanted.value) * scale,
-        np.abs(difference).max() / truth.max(),
-        seen,
-    ]
+    values = [*(got.value - wanted.value) * scale, np.abs(difference).max() / truth.max(), seen]
     chance = [
         *wanted.spread * np.abs(scale) / np.sqrt(drawn),
         np.sqrt(max(truth.flat[peak], 0.0) / drawn) / truth.max(),
