@@ -1,8 +1,10 @@
-"""Directions on the sphere: unit vectors, angles, tangent frames, small offsets, convex polygons.
+"""Directions on the sphere: unit vectors, angles, turns, tangent frames, small offsets, convex polygons.
 
 Places are degrees (longitude, latitude: ra, dec or any other pair); vectors have their three components on the last
 axis.
 """
+
+import math
 
 import numpy as np
 
@@ -21,6 +23,17 @@ def ra_dec(vectors):
     """Return ra (0 <= ra < 360), dec [deg] of vectors (..., 3) of any length."""
     x, y, z = np.moveaxis(np.asarray(vectors), -1, 0)
     return turned(np.degrees(np.arctan2(y, x))), np.degrees(np.arctan2(z, np.hypot(x, y)))
+
+
+def wrapped(degrees):
+    """Return angles [deg] taken into -180 <= angle < 180."""
+    return (degrees + 180.0) % 360.0 - 180.0
+
+
+def rotation(angle):
+    """Return the matrix (2, 2) that turns x towards y by an angle [rad]."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s], [s, c]])
 
 
 def turned(degrees):
@@ -48,7 +61,7 @@ def angle(a, b):
 
 def offsets(ra, dec, from_ra, from_dec):
     """Return (east, north) [deg] of places from others close by."""
-    east = (np.asarray(ra) - from_ra + 180.0) % 360.0 - 180.0
+    east = wrapped(np.asarray(ra) - from_ra)
     return east * np.cos(np.radians(from_dec)), np.asarray(dec) - from_dec
 
 

@@ -41,7 +41,7 @@ def sweep(bench, setting, cases, methods, *, seconds, electrons):
     A cost is measured over at least `seconds` of CPU time, or one object if that takes longer; methods that draw random
     electrons draw each object until it has `electrons`.
     """
-    truth, rows = bench.imaging.truth(setting), []
+    truth, rows = bench.truth(setting), []
     for kind in (True, False):  # compiled and warm before anything is timed
         faintest = min((case for case in cases if case.star == kind), key=lambda case: case.electrons)
         for method in methods:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from csstsim.base.sphere import rotation
 from csstsim.optics.geometry.wcs import mosaic_cd
 from csstsim.report.figures import BAND_COLOURS, band_label
 from csstsim.report.parts import data_url
@@ -150,9 +151,8 @@ def _turn(chip):
 def _corners(chip, window):
     """Return the corners (4, 2) of a window as they are drawn."""
     places = [_place(chip, x, y) for x in (window.x0, window.x1) for y in (window.y0, window.y1)]
-    angle, centre = math.radians(-chip.rotation), np.array([chip.xc, -chip.yc])
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    return (np.array(places) - centre) @ turn.T + centre
+    centre = np.array([chip.xc, -chip.yc])
+    return (np.array(places) - centre) @ rotation(math.radians(-chip.rotation)).T + centre
 
 
 def _box(corners):

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from csstsim.base.sphere import frames
+from csstsim.base.sphere import frames, wrapped
 
 OBLIQUITY = math.radians(84_381.406 / 3600.0)  # of the ecliptic at J2000 (IAU 2006)
 
@@ -29,7 +29,7 @@ def helioecliptic(direction, sun):
     """Return longitude from the Sun's (-180..180) and ecliptic latitude [deg] of unit vectors (..., 3) on ICRS axes."""
     longitude, latitude = _ecliptic(direction)
     from_sun = longitude - _ecliptic(sun)[0]
-    return (from_sun + 180.0) % 360.0 - 180.0, latitude
+    return wrapped(from_sun), latitude
 
 
 def _ecliptic(v):
