@@ -20,8 +20,8 @@ test: .venv/ready
 	lint-imports
 	snakefmt --check Snakefile workflow
 	python workflow/lint.py --config campaign=config/campaign.yaml
-	python config/make_docs.py --check
-	python config/make_products.py --check
+	python builders/make_docs.py --check
+	python builders/make_products.py --check
 	$(MAKE) docs
 	python benchmarks/first_image.py
 	pytest -n 2 --dist loadgroup --no-loadscope-reorder

@@ -1,6 +1,6 @@
 """Brighter-fatter effect: spots against GalSim's SiliconSensor, photon transfer of flats, and what charge layers cost.
 
-    python benchmarks/brighter_fatter.py [--seed 4] [--figures docs/figures]
+    PYTHONPATH=builders python benchmarks/brighter_fatter.py [--seed 4] [--figures docs/figures]
 
 Spots: sigma_x, sigma_y of a Gaussian against flux, as in the paper's figure. The peer is SiliconSensor lsst_e2v_50_8 (a
 CCD250 of 100 um, 10 um pixels) without diffusion, which does not depend on flux. The kernel beside it is made of the
@@ -14,13 +14,14 @@ import argparse
 import time
 from pathlib import Path
 
+import bfe_fit
 import galsim
 import numpy as np
 from scipy.ndimage import convolve
 
 from csstsim.base.rng import galsim_seed, stream
 from csstsim.base.shipped import SHIPPED
-from csstsim.detector import bfe_fit
+from csstsim.detector import bfe_kernel
 from csstsim.detector.bleed import bleed
 from csstsim.detector.brighter_fatter import move_charge
 from csstsim.detector.nonlinearity import bend
@@ -42,7 +43,7 @@ def sensor_areas():
     image.array[n // 2, n // 2] = charge
     after = sensor.calculate_pixel_areas(image).array.astype(float)
     middle = slice(n // 2 - 2, n // 2 + 3)
-    return bfe_fit.fold(((after - before) / before.mean() / charge)[middle, middle])
+    return bfe_kernel.fold(((after - before) / before.mean() / charge)[middle, middle])
 
 
 def widths(image):
@@ -94,7 +95,7 @@ def report_spots(found):
 
 def transfer(areas, full_well, seed):
     """Return (means, covariances, errors) of pairs of flats; prints them beside the prediction."""
-    kernel, measured = bfe_fit.kernel(areas), []
+    kernel, measured = bfe_kernel.kernel(areas), []
     print(f"pairs of flats, {FLAT} x {FLAT}: covariance / mean by lag (dy, dx); in brackets the prediction")
     for level in LEVELS:
         pair = [stream(seed, "flat", level, i).poisson(level, (FLAT, FLAT)).astype(np.float32) for i in range(2)]
@@ -120,7 +121,7 @@ def report_fit(areas, measured):
 def numpy_moved(image, kernel, skew, limit):
     """Move charge with whole-array numpy and scipy (single precision, as move_charge)."""
     push = np.minimum(image, np.float32(limit))
-    phi, out = convolve(push, bfe_fit.unfold(kernel).astype(np.float32), mode="nearest"), image.copy()
+    phi, out = convolve(push, bfe_kernel.unfold(kernel).astype(np.float32), mode="nearest"), image.copy()
     for axis, own in ((0, skew), (1, -skew)):
         n = image.shape[axis]
         padded = np.pad(image, [(1, 1) if a == axis else (0, 0) for a in (0, 1)], mode="edge")
@@ -151,7 +152,7 @@ def report_cost(kernel, full_well, seed):
     for x, y in zip(rng.integers(0, 9210, 2000), rng.integers(0, 9210, 2000), strict=True):
         image[y : y + 5, x : x + 5] = 3e5
     quarter, numbers = image[:2308].copy(), (*kernel, full_well)
-    five = bfe_fit.unfold(kernel[0]).astype(np.float32)
+    five = bfe_kernel.unfold(kernel[0]).astype(np.float32)
     print("CPU seconds on a chip of 9216 x 9232 with 2000 cores of 5 x 5 pixels of 3e5 e-")
     print(f"{cpu(lambda i: move_charge(i, *numbers), image):6.2f}  brighter_fatter")
     print(f"{4 * cpu(lambda i: numpy_moved(i, *numbers), quarter):6.2f}    numpy and scipy, the same")
@@ -205,7 +206,7 @@ def main():
     areas = detector.brighter_fatter["scale"] * np.array(detector.brighter_fatter["areas"])
     own = sensor_areas()
     print(f"areas of {SENSOR} [1e-8 per e-]:\n{(1e8 * own).round(2)}\nshipped:\n{(1e8 * areas).round(2)}")
-    kernels = {"kernel of its areas": bfe_fit.kernel(own), "shipped kernel": bfe_fit.kernel(areas)}
+    kernels = {"kernel of its areas": bfe_kernel.kernel(own), "shipped kernel": bfe_kernel.kernel(areas)}
     found = spots(kernels, detector.full_well, options.seed)
     report_spots(found)
     measured = transfer(areas, detector.full_well, options.seed)

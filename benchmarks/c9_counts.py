@@ -11,12 +11,13 @@ import time
 import healpy
 import numpy as np
 
+from csstsim.base.healpix import NSIDE
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import Lensing
 from csstsim.campaign.survey_table import load_survey_table
-from csstsim.catalog.light.dust_map import galactic
+from csstsim.catalog.truth_bricks import AREA_DEG2, make_brick
 from csstsim.instrument.camera import load_camera
-from csstsim.universe.bricks import AREA_DEG2, NSIDE, make_brick
+from csstsim.universe.dust.dust_map import galactic
 from csstsim.universe.parameters import load_universe
 
 SEED = 9

@@ -6,9 +6,9 @@
 For each number of objects (drawn from the scene's with places of their own, all over the chip; 76,638 is the scene
 itself) the CPU seconds of selection (reading, photometry, astrometry, distortion) and of the render stage (PSF tables,
 policy, objects, sky), the least of three runs (one from 200,000 objects on) after one that compiles, and the largest
-private memory. Then the paper's way (GalSim, a PSF object for each object and sub-band; csstsim.bench.peers) on a
-sample of the same objects, spread over their brightness, extrapolated to all; the brightest 0.2%, which the paper would
-draw in stamps of up to 27,756 px, are left out of both its sample and its sum.
+private memory. Then the paper's way (GalSim, a PSF object for each object and sub-band; csstsim.bench.imaging.peers) on
+a sample of the same objects, spread over their brightness, extrapolated to all; the brightest 0.2%, which the paper
+would draw in stamps of up to 27,756 px, are left out of both its sample and its sum.
 """
 
 import argparse
@@ -18,12 +18,12 @@ from pathlib import Path
 import galsim
 import numpy as np
 import yaml
+from private_memory import PrivateMemory
 
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
-from csstsim.bench import peers
-from csstsim.bench.cases import Case
-from csstsim.bench.memory import PrivateMemory
+from csstsim.bench.imaging import peers
+from csstsim.bench.imaging.cases import Case
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.places.astrometry import at_j2000, icrs
 from csstsim.catalog.table import STAR, ObjectTable

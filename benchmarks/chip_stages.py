@@ -15,8 +15,8 @@ import sys
 from pathlib import Path
 
 import yaml
+from private_memory import PrivateMemory
 
-from csstsim.bench.memory import PrivateMemory
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.instrument.camera import load_camera
 

@@ -5,7 +5,7 @@
 1. CPU time per half-column and per chip (least of three) at 4, 40 and 200 e- of sky, on columns with a chip's density
    of objects and cosmic rays; beside it, on fewer columns, each packet visited by each trap.
 2. What a spot loses and trails, for 500, 5000 and 30000 e- over 3 rows, 147 and 4000 rows from the amplifier: this
-   program, its limit of many small electrons (mean field), a linear model, arcticpy (csstsim.bench.arctic).
+   program, its limit of many small electrons (mean field), a linear model, arcticpy (csstsim.bench.readout.arctic).
    The spread of the errors against CPU time goes to docs/figures/cti_speed_accuracy.png.
 3. What arcticpy does with the traps of a packet's own first rows (docs/detector_cti.md).
 4. Input, output and trail of a stamp 147 and 4000 rows from the amplifier: docs/figures/cti_trails.png.
@@ -23,8 +23,8 @@ import numba
 import numpy as np
 
 from csstsim.base.counter import unit, word
-from csstsim.bench.arctic import THERE, arctic
-from csstsim.bench.cti import (
+from csstsim.bench.readout.arctic import THERE, arctic
+from csstsim.bench.readout.cti import (
     CTI,
     DENSITY,
     FEW,

@@ -1,6 +1,6 @@
 """The field distortion in figures: fit residuals, inverse, speed, SIP; and its picture.
 
-    python benchmarks/distortion.py [--figure docs/figures/distortion.png]
+    PYTHONPATH=builders python benchmarks/distortion.py [--figure docs/figures/distortion.png]
 
 Residuals are model - optics at 500 random places a chip that the fit has not seen, on the chip and beyond its edge; the
 paper's model (Wei et al. 2025, section 5.2) is the same pair of splines. CPU times are of one core.
@@ -12,12 +12,13 @@ import time
 import numpy as np
 from astropy.io import fits
 from astropy.wcs import WCS
+from build_distortion import fit
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.geometry import spline
-from csstsim.optics.geometry.distortion import fit, load_distortion
+from csstsim.optics.geometry.distortion import load_distortion
 from csstsim.optics.geometry.focal_plane import load_focal_plane, samples
 from csstsim.optics.geometry.sip import sip_header
 from csstsim.optics.geometry.wcs import ChipWCS, chip_plane

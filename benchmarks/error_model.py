@@ -3,12 +3,12 @@
     python benchmarks/error_model.py [--objects 160] [--filter r] [--output results/bench]
     python benchmarks/error_model.py --bright       # bound over visible error of bright galaxies, drawn as stamps
 
-Truth is the reference renderer on the same PSF set, its stamp wide enough for anything (bench.methods.standard). The
-coefficients of stamps are 97% quantiles (regression, none negative) of visible error / S/N; photons are drawn from the
-same density as points' stamps, so they share `psf`. Fitted numbers are printed for config/render.yaml; the test is of
-those in the file: at most 5% of objects may exceed their bound. A photon image of 2e7 electrons has an error of its
-own, so an object exceeds only if its squared error is more than two of those above the bound's; and pooled over all
-objects squared error over squared bound must be below 1.
+Truth is the reference renderer on the same PSF set, its stamp wide enough for anything
+(bench.imaging.methods.standard). The coefficients of stamps are 97% quantiles (regression, none negative) of visible
+error / S/N; photons are drawn from the same density as points' stamps, so they share `psf`. Fitted numbers are printed
+for config/render.yaml; the test is of those in the file: at most 5% of objects may exceed their bound. A photon image
+of 2e7 electrons has an error of its own, so an object exceeds only if its squared error is more than two of those above
+the bound's; and pooled over all objects squared error over squared bound must be below 1.
 """
 
 import argparse
@@ -18,9 +18,9 @@ import numpy as np
 from scipy.optimize import linprog
 
 from csstsim.base.rng import stream
-from csstsim.bench.cases import BULGE_MAX, make_case, make_cases
-from csstsim.bench.measures import errors
-from csstsim.bench.methods import METHODS, standard
+from csstsim.bench.imaging.cases import BULGE_MAX, make_case, make_cases
+from csstsim.bench.imaging.measures import errors
+from csstsim.bench.imaging.methods import METHODS, standard
 from csstsim.bench.setting import make_setting
 from csstsim.bench.sweep import measured
 from csstsim.render.error_model import TERMS, predicted, terms

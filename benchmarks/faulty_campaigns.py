@@ -1,6 +1,6 @@
 """Faults put into a campaign's chain, each of which must fail its gate; campaigns without one, which must fail none.
 
-    PYTHONPATH=tests python benchmarks/faulty_campaigns.py [--seeds 10] [--folder results/faulty_campaigns]
+    PYTHONPATH=tests:builders python benchmarks/faulty_campaigns.py [--seeds 10] [--folder results/faulty_campaigns]
 
 The campaign (tests/star_galaxy_field.py): 1216 x 1216 px, four exposures in r and two in g. A fault
 (tests/faulty_chain.py) is in one exposure, or in the merge. Its margin is the gate's: the number over what is allowed,

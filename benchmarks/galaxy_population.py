@@ -1,6 +1,6 @@
 """The embedded universe's galaxies beside published counts, mass functions, sizes, colours and redshifts.
 
-    PYTHONPATH=tests python benchmarks/galaxy_population.py [--data ../shared/data]
+    PYTHONPATH=tests:builders python benchmarks/galaxy_population.py [--data ../shared/data]
 
 Prints tables and draws docs/figures/galaxies.png. Two samples: galaxies placed evenly over mass and redshift, each
 standing for a number per deg2 (counts and mass functions of rare ones too), and those drawn on 0.04 deg2. Real samples,

@@ -15,8 +15,8 @@ from csstsim.campaign.config import Lensing
 from csstsim.catalog.embedded import EmbeddedCatalog
 from csstsim.catalog.light.grating_bound import band_shares
 from csstsim.catalog.table import TYPES
+from csstsim.catalog.truth_bricks import write_brick
 from csstsim.instrument.camera import load_camera
-from csstsim.universe.bricks import write_brick
 from csstsim.universe.parameters import load_universe
 
 

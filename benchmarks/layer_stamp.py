@@ -59,7 +59,7 @@ class Stamp:
         return state
 
     def objects(self):
-        """Return the ObjectTable as catalog.select leaves it."""
+        """Return the ObjectTable as catalog.selection.select leaves it."""
         x, y, electrons, size, e1, e2 = np.array(OBJECTS).T
         x, y = x + self.window.x0, y + self.window.y0
         ra, dec = self.setting.wcs.pixel_to_world(x, y)

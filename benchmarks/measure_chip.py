@@ -16,8 +16,8 @@ import sys
 import time
 
 from chip_stages import campaign, jobs, measured
+from private_memory import PrivateMemory
 
-from csstsim.bench.memory import PrivateMemory
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 

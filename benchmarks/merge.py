@@ -17,10 +17,10 @@ from pathlib import Path
 
 import healpy
 import numpy as np
+from private_memory import PrivateMemory
 
-from csstsim.base.healpix import from_vectors, to_vectors
 from csstsim.base.rng import stream
-from csstsim.bench.memory import PrivateMemory
+from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.bricks.merge import DETECTION_COLUMNS, merge_brick, write_merged
 from csstsim.catalog.table import BANDS, ObjectTable
 
@@ -45,13 +45,13 @@ def exposure(number, places, snr, *, window=None):
     seen = np.maximum(snr, 0) + rng.normal(size=len(snr))
     places, snr = places[seen > 3], seen[seen > 3]
     error = 0.065 / snr
-    centre = to_vectors(*healpy.pix2ang(256, PIX, nest=True, lonlat=True))
+    centre = unit_vectors(*healpy.pix2ang(256, PIX, nest=True, lonlat=True))
     east = np.cross([0.0, 0.0, 1.0], centre)
     east /= np.linalg.norm(east)
     # The brick stands on a corner
     first, second = (east + np.cross(centre, east)) / 2**0.5, (east - np.cross(centre, east)) / 2**0.5
     moved = places + error[:, None] * rng.normal(size=places.shape)
-    ra, dec = from_vectors(centre + moved * ARCSEC @ np.stack([first, second]))
+    ra, dec = ra_dec(centre + moved * ARCSEC @ np.stack([first, second]))
     n = len(ra)
     columns = {
         "obsid": np.full(n, f"101{number:08d}"), "chip": np.full(n, 9), "filter": np.full(n, BANDS[number % 7]),

@@ -74,10 +74,7 @@ def main():
     truth, rng, bad = brick(sim), np.random.default_rng(1), False
     print(f"{'CPU seconds':<26} {'open':>7} {'select':>7} {'render':>7} {'all':>7}")
     with tempfile.TemporaryDirectory() as folder:
-        for kind, count, fidelity in (
-            (STAR, arguments.stars, "standard"),
-            (GALAXY, arguments.galaxies, "noise_free"),
-        ):
+        for kind, count, fidelity in ((STAR, arguments.stars, "standard"), (GALAXY, arguments.galaxies, "noise_free")):
             found = {}
             for number in (min(count, 200), count):  # the first compiles
                 rows, file = dealt(truth, kind, number, arguments.size, rng), Path(folder) / f"{kind}.parquet"

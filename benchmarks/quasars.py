@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.base.rng import stream
-from csstsim.catalog.light.extinction import odonnell
 from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import read_data
 from csstsim.report.style import BLUE, GREEN, ORANGE, SKY, VERMILION
+from csstsim.universe.dust.extinction import odonnell
 from csstsim.universe.lensing.cosmology import Cosmology
 from csstsim.universe.quasars.quasar_sed import COEFFICIENTS, QuasarSeds
 from csstsim.universe.quasars.quasars import draw_quasars

@@ -1,6 +1,6 @@
 """Make docs/figures/report.png, the focal plane of a report, from the finished release (benchmarks/release.py).
 
-PYTHONPATH=tests python benchmarks/report_picture.py [CAMPAIGN]     needs chromium and chromedriver
+PYTHONPATH=tests:builders python benchmarks/report_picture.py [CAMPAIGN]     needs chromium and chromedriver
 """
 
 import argparse

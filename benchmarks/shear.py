@@ -1,4 +1,4 @@
-"""Shear: m and c of stamps and photons beside the reference's, on the same galaxies (csstsim.bench.shear).
+"""Shear: m and c of stamps and photons beside the reference's, on the same galaxies (shear_response).
 
     python benchmarks/shear.py [--shapes 300] [--photons 3e10] [--seed 1] [--folder DIR] [--quick]
 
@@ -13,11 +13,11 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from shear_response import VERSIONS, bias, make_galaxies, measure, photons, reference, stamps, true_shapes
 
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.progress import progress
 from csstsim.bench.setting import make_setting
-from csstsim.bench.shear import VERSIONS, bias, make_galaxies, measure, photons, reference, stamps, true_shapes
 
 PART = 20  # galaxies
 

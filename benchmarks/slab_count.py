@@ -13,11 +13,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from csstsim.base.rng import stream
-from csstsim.bench.measures import visible
-from csstsim.bench.methods import Method
+from csstsim.bench.imaging.measures import visible
+from csstsim.bench.imaging.methods import Method
 from csstsim.bench.setting import make_setting
-from csstsim.bench.spectrum_cases import make_spectrum_case
-from csstsim.bench.spectrum_methods import METHODS, slabs, standard
+from csstsim.bench.slitless.cases import make_spectrum_case
+from csstsim.bench.slitless.methods import METHODS, slabs, standard
 from csstsim.bench.sweep import measured, significance
 from csstsim.render.slitless import slabs as engine
 

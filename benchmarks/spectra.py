@@ -4,7 +4,7 @@
 
 * photons: ns an electron of all orders (stars, galaxies), and ns an object of none to speak of;
 * slabs: a fit  constant + slab_pixel x slabs x (2 reach + 1)^2  over stamps of several sizes, at most four to a pixel;
-* the paper's way and GalSim's slabs (bench.spectrum_peers), in the same run;
+* the paper's way (bench.slitless.peers) and GalSim's slabs, in the same run;
 * error of 1, 2, 4 and 8 slabs to a pixel against 16, visible error over S/N: the largest over places in a pixel. Of
   galaxies, that of as many as render.slitless.slabs gives them.
 """
@@ -13,29 +13,71 @@ import argparse
 import time
 from dataclasses import replace
 
+import galsim
 import numpy as np
 
 from csstsim.base.counter import object_keys
 from csstsim.base.rng import stream
-from csstsim.bench import spectrum_peers
-from csstsim.bench.measures import visible
+from csstsim.bench.imaging.measures import visible
+from csstsim.bench.imaging.peers import BANDS, galaxy_of
 from csstsim.bench.setting import make_setting
-from csstsim.bench.spectrum_cases import make_spectrum_case
-from csstsim.bench.spectrum_methods import METHODS, PER_PX, slabs
+from csstsim.bench.slitless import peers as spectrum_peers
+from csstsim.bench.slitless.cases import make_spectrum_case
+from csstsim.bench.slitless.methods import METHODS, PER_PX, slabs
 from csstsim.bench.sweep import measured, significance
+from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.render.canvas import Canvas
 from csstsim.render.slitless import slabs as engine
 from csstsim.render.slitless.dispersed_photons import shoot_spectra
 from csstsim.render.slitless.slabs import draw_spectra
 from csstsim.render.slitless.traces import Traces
 
-SHAPES = {
-    "star": {},
-    "galaxy n = 1": {"size": 0.3, "e": 0.3},
-    "galaxy n = 4": {"size": 0.3, "bulge": 1.0, "e": 0.3},
-}
+SHAPES = {"star": {}, "galaxy n = 1": {"size": 0.3, "e": 0.3}, "galaxy n = 4": {"size": 0.3, "bulge": 1.0, "e": 0.3}}
 BRIGHT, MANY, PLACES, FINEST = 1e5, 300, 4, 16
 REACHES = (32, 48, 80, 128)
+
+
+def galsim_slabs(per_px):
+    """Return the prepare of GalSim's slabs: a monochromatic stamp every 1 / per_px of a pixel of the trace.
+
+    Each is at its exact place, with the bins' light that lies nearest to it; PSF objects are made once.
+    """
+
+    def prepare(setting, case):
+        scene, per_pixel, window = case.scene, setting.psf.oversampling, case.window
+        reach = int(case.row["reach"][0])
+        dx, dy, light = spectrum_peers.trace(setting, case)
+        points = [
+            galsim.InterpolatedImage(
+                galsim.ImageD(pixel_response(spectrum_peers.cells(setting, scene, band), per_pixel)),
+                scale=1 / per_pixel, normalization="sb", x_interpolant="quintic",
+            )
+            for band in range(BANDS)
+        ]  # fmt: skip
+        profiles = points if case.star else [galsim.Convolve(galaxy_of(scene), point) for point in points]
+        which = np.round((dx - dx.min()) * per_px).astype(int)
+        total = np.bincount(which, light)
+        lit = np.flatnonzero(total)
+        x = scene.x[0] + dx.min() + lit / per_px
+        y = scene.y[0] + np.bincount(which, light * dy)[lit] / total[lit]
+        mixture = np.stack([np.bincount(which, light * w)[lit] for w in setting.disperser.psf_weights])
+
+        def draw(copies):
+            image = np.zeros(window.shape)
+            for _ in range(copies):
+                for k in range(len(lit)):
+                    parts = [profiles[band] * mixture[band, k] for band in range(BANDS) if mixture[band, k] > 0]
+                    column, row = round(x[k]), round(y[k])
+                    stamp = galsim.ImageD(2 * reach + 1, 2 * reach + 1)
+                    galsim.Sum(parts).drawImage(
+                        stamp, scale=1.0, method="no_pixel", offset=(x[k] - column, y[k] - row)
+                    )  # fmt: skip
+                    spectrum_peers.add(image, stamp.array, column - reach - window.x0, row - reach - window.y0)
+            return image
+
+        return draw
+
+    return prepare
 
 
 def cpu(function, repeats=5):
@@ -110,7 +152,7 @@ def main():
     setting = make_setting(args.output, args.filter)
     rates = setting.disperser.rates[0].sum(axis=1)
     orders = rates.sum() / rates[setting.disperser.orders.index(1)]
-    peers = {"as the paper": spectrum_peers.paper, "GalSim slabs 1": spectrum_peers.slabs(1)}
+    peers = {"as the paper": spectrum_peers.paper, "GalSim slabs 1": galsim_slabs(1)}
     for name, shape in SHAPES.items():
         case = make_spectrum_case(setting, stream(1, "spectra"), 0, BRIGHT, spectrum="flat", **shape)
         nothing = photons(setting, case.brighter(1e-3), MANY)

@@ -4,11 +4,11 @@
 
 Galaxies (disk, bulge; |e| = 0.4) over half-light radius and light, by both methods; stamps of stars over reach and
 light; stamps of galaxies of 1e5 electrons over Sersic index and half-light radius. All at a node of the PSF set, in r,
-150 s. Truth is the reference renderer on the same PSF set; for the plane of indices direct optics (bench.truth). Errors
-are in units of the object's own noise (bench.measures, `visible`). Photons are drawn as `--electrons` electrons; their
-maps are upper limits, the root of the squared error and two of its standard deviations: bright objects' are chance's.
-Writes docs/figures/stability.png and prints how often an error is above eps, or above the bound that the policy states,
-where the policy chooses that method.
+150 s. Truth is the reference renderer on the same PSF set; for the plane of indices direct optics
+(bench.imaging.truth). Errors are in units of the object's own noise (bench.imaging.measures, `visible`). Photons are
+drawn as `--electrons` electrons; their maps are upper limits, the root of the squared error and two of its standard
+deviations: bright objects' are chance's. Writes docs/figures/stability.png and prints how often an error is above eps,
+or above the bound that the policy states, where the policy chooses that method.
 """
 
 import argparse
@@ -21,12 +21,12 @@ from matplotlib.figure import Figure
 
 from csstsim.base.counter import object_keys
 from csstsim.base.rng import stream
-from csstsim.bench.cases import make_case
-from csstsim.bench.measures import errors
-from csstsim.bench.methods import standard
+from csstsim.bench.imaging.cases import make_case
+from csstsim.bench.imaging.measures import errors
+from csstsim.bench.imaging.methods import standard
+from csstsim.bench.imaging.truth import Truth
 from csstsim.bench.setting import make_setting
-from csstsim.bench.truth import Truth
-from csstsim.catalog.reach import STAR_MIN
+from csstsim.catalog.selection.reach import STAR_MIN
 from csstsim.profiles.sersic import sersic_b
 from csstsim.render import policy
 from csstsim.render.canvas import Canvas

@@ -19,7 +19,7 @@ import galsim
 import numpy as np
 from psf_sampling import moments
 
-from csstsim.catalog.reach import POINT_MIN, galaxy_radius
+from csstsim.catalog.selection.reach import POINT_MIN, galaxy_radius
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
@@ -54,7 +54,7 @@ _COMPANY = 20
 
 
 def table_of(wcs, x, y, reach, columns, rate=RATE):
-    """Return an ObjectTable as catalog.select leaves it."""
+    """Return an ObjectTable as catalog.selection.select leaves it."""
     x, y = np.broadcast_arrays(np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float)))
     ra, dec = wcs.pixel_to_world(x, y)
     n = len(x)
@@ -143,7 +143,7 @@ def report_cases(psf, wcs):
 
 
 def report_chip(psf, wcs, chip, count):
-    """Many faint galaxies: sizes 0.1 to 1 arcsec, axis ratios, bulges; reaches as catalog.select has them."""
+    """Many faint galaxies: sizes 0.1 to 1 arcsec, axis ratios, bulges; reaches as catalog.selection.select has them."""
     rng = np.random.default_rng(1)
     size, angle, e = 0.25 * np.exp(0.45 * rng.normal(size=count)), rng.uniform(0, 7, count), rng.uniform(0, 0.6, count)
     columns = {

@@ -27,8 +27,8 @@ from csstsim.campaign.config import Lensing
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.places.astrometry import at_j2000, icrs
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
+from csstsim.catalog.truth_bricks import make_brick
 from csstsim.optics.geometry.aim import aim
-from csstsim.universe.bricks import make_brick
 from csstsim.universe.parameters import load_universe
 
 CAMPAIGN = SHIPPED / "standard_scene.yaml"

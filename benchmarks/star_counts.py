@@ -15,11 +15,12 @@ import healpy
 import numpy as np
 from matplotlib.figure import Figure
 
+from csstsim.base.healpix import NSIDE
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
+from csstsim.catalog.truth_bricks import place
 from csstsim.instrument.load import read_data
 from csstsim.report.style import BLUE, GREEN, ORANGE, VERMILION
-from csstsim.universe.bricks import NSIDE, place
 from csstsim.universe.stars.milky_way import equatorial
 from csstsim.universe.stars.stars import draw_stars, expected_counts, galaxy
 

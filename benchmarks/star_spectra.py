@@ -1,6 +1,6 @@
 """The compact star spectra beside the grids they stand for and the colours of real stars.
 
-    python benchmarks/star_spectra.py [--data ../shared/data] [--figure docs/figures/star_spectra.png]
+    PYTHONPATH=builders python benchmarks/star_spectra.py [--data FOLDER] [--figure docs/figures/star_spectra.png]
 
 Prints residuals in mmag: of the camera's colours against ATLAS9 and BT-Settl at their nodes and between (those grids
 as `GridSeds`; needs the reference data), of the dwarf sequence against Pecaut & Mamajek 2013; CPU seconds of a chip's
@@ -16,12 +16,12 @@ import numpy as np
 import speclite.filters
 from astropy.table import Table
 from matplotlib.figure import Figure
+from star_grids import GridSeds, read_packed
 
 from csstsim.base.units import ab_photon_density
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
-from csstsim.universe.stars.star_grids import GridSeds, read_packed
 from csstsim.universe.stars.star_sed import StarSeds
 
 ROOT = Path(__file__).resolve().parents[1]

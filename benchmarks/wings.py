@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from csstsim.catalog.reach import wing_reach
-from csstsim.catalog.select import Noise
+from csstsim.catalog.selection.reach import wing_reach
+from csstsim.catalog.selection.select import Noise
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window

@@ -11,7 +11,6 @@ from csstsim.instrument.pointing import Pointing
 from csstsim.optics.psf.psf_set import PsfSet, make_psf
 from csstsim.optics.scatter.scattered_light import scattered_light
 
-
 FINISHED = "compare", "delivery"  # folders whose tests share a finished campaign: one worker makes it
 LONG = *FINISHED, "workflow", "end_to_end"  # begun first: the workers end together
 

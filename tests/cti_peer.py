@@ -1,11 +1,11 @@
-"""A spot in a column as arcticpy moves it (csstsim.bench.arctic), for the tests.
+"""A spot in a column as arcticpy moves it (csstsim.bench.readout.arctic), for the tests.
 
 Why `overscan_start` is set: docs/detector_cti.md.
 """
 
 import numpy as np
 
-from csstsim.bench.arctic import arctic
+from csstsim.bench.readout.arctic import arctic
 
 SKY, SPOT, SPOT_ROWS, BEHIND = 40, 5000, 3, 198
 COLUMN_ROWS = ((0, 3), (3, 11), (11, 51), (51, 201))  # the spot and three parts of its trail, rows from its first

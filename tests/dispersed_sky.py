@@ -10,7 +10,7 @@ from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.light.object_spectra import catalog_spectra
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.places.astrometry import icrs
-from csstsim.catalog.select import Noise, select_objects
+from csstsim.catalog.selection.select import Noise, select_objects
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.optics.geometry.wcs import ChipWCS

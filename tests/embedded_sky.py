@@ -10,8 +10,8 @@ import yaml
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import Lensing
 from csstsim.catalog.embedded import EmbeddedCatalog
+from csstsim.catalog.truth_bricks import make_brick, write_brick
 from csstsim.instrument.camera import load_camera
-from csstsim.universe.bricks import make_brick, write_brick
 from csstsim.universe.parameters import load_universe
 
 SEED = 7

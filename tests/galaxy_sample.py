@@ -6,12 +6,12 @@ import numpy as np
 
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
-from csstsim.catalog.light.extinction import odonnell
 from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
 from csstsim.catalog.table import BANDS
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import read_data
+from csstsim.universe.dust.extinction import odonnell
 from csstsim.universe.galaxies.galaxies import GalaxyPopulation
 from csstsim.universe.galaxies.galaxy_sed import COEFFICIENTS, GalaxySeds
 from csstsim.universe.lensing.cosmology import Cosmology

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import yaml
 from astropy.table import Table
+from build_distortion import build
 from mini import mini_camera
-from optics.build_distortion import build
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import ab_photon_density

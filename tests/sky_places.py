@@ -5,9 +5,10 @@ from functools import cache
 import numpy as np
 
 from csstsim.base.shipped import SHIPPED
+from csstsim.base.sphere import unit_vectors
 from csstsim.instrument.camera import load_camera
 from csstsim.sky.bodies import earth_radius
-from csstsim.sky.directions import telescope_axes, unit
+from csstsim.sky.directions import telescope_axes
 from csstsim.sky.parameters import sky_numbers
 from csstsim.sky.transmittance import angles
 
@@ -32,7 +33,7 @@ def towards_limb(limb):
 
 def sun_at(zenith):
     """Return the Sun `zenith` deg east of PLACE's zenith."""
-    return unit(zenith, 0.0)
+    return unit_vectors(zenith, 0.0)
 
 
 def door_azimuth(axes, sun):

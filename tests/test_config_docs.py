@@ -3,8 +3,8 @@
 import runpy
 from pathlib import Path
 
-GENERATOR = Path(__file__).parents[1] / "config" / "make_docs.py"
+GENERATOR = Path(__file__).parents[1] / "builders" / "make_docs.py"
 
 
 def test_generated_documents_have_not_drifted():
-    assert not runpy.run_path(str(GENERATOR))["stale"](), "run python config/make_docs.py"
+    assert not runpy.run_path(str(GENERATOR))["stale"](), "run python builders/make_docs.py"

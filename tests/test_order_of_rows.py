@@ -9,7 +9,7 @@ import csstsim
 from csstsim.base.units import ab_photon_density
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.row_order import back, canonical_order
+from csstsim.catalog.selection.row_order import back, canonical_order
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.filter import GRID
 

@@ -19,11 +19,11 @@ from randomness import Recorder, scenes
 
 from csstsim.base import counter
 from csstsim.base.rng import Streams
+from csstsim.catalog.truth_bricks import _population
 from csstsim.detector.cosmic_ray import Tracks, deposit
 from csstsim.detector.normal import normal_row, normal_table
 from csstsim.stages import psf as psf_stage
 from csstsim.stages import truth as truth_stage
-from csstsim.universe.bricks import _population
 
 SIGMAS = 5
 # Without these names and functions a scene would not be the complete chip that it is taken for

@@ -12,6 +12,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.release import check_recipe, check_release, release
 from csstsim.campaign.config import LAYOUTS, load_campaign
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.truth_bricks import brick_meta
 from csstsim.io.frames import save_frame
 from csstsim.stages import calibrate as calibrate_stage
 from csstsim.stages import level0 as level0_stage
@@ -21,7 +22,6 @@ from csstsim.stages import psf as psf_stage
 from csstsim.stages import readout as readout_stage
 from csstsim.stages import render as render_stage
 from csstsim.stages import select as select_stage
-from csstsim.universe.bricks import brick_meta
 
 OTHER = "made by another version of csstsim"
 

@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from csstsim.bench.chart import pareto
-from csstsim.bench.measures import NAMES
+from csstsim.bench.imaging.measures import NAMES
 from csstsim.command_line.main import main
 
 

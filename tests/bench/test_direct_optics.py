@@ -6,11 +6,11 @@ import galsim
 import numpy as np
 import pytest
 
-from csstsim.bench.cases import SHARES, make_cases
-from csstsim.bench.measures import errors
-from csstsim.bench.methods import standard
+from csstsim.bench.imaging.cases import SHARES, make_cases
+from csstsim.bench.imaging.measures import errors
+from csstsim.bench.imaging.methods import standard
+from csstsim.bench.imaging.truth import Truth, sersic_transform
 from csstsim.bench.setting import make_setting
-from csstsim.bench.truth import Truth, sersic_transform
 from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.psf_set import centre_of, chip_optics
 from csstsim.optics.psf.wavefront import load_wavefront

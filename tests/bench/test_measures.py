@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from csstsim.bench.measures import NAMES, errors, moments
+from csstsim.bench.imaging.measures import NAMES, errors, moments
 from csstsim.bench.summary import summarise
 
 SIGMA = 3.0  # px, of the weight

@@ -3,7 +3,7 @@
 import numpy as np
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.bench import readout
+from csstsim.bench.readout import layers as readout
 from csstsim.instrument.camera import load_camera
 from csstsim.simulation.sim_steps import SimSteps
 

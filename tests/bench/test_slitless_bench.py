@@ -9,11 +9,12 @@ from click.testing import CliRunner
 
 from csstsim.base.rng import stream
 from csstsim.bench import setting as bench_setting
-from csstsim.bench import spectrum_cases, spectrum_truth
 from csstsim.bench.chart import ON_NODES
-from csstsim.bench.slitless import SLITLESS
-from csstsim.bench.spectrum_cases import SPECTRA, make_spectrum_case, make_spectrum_cases
-from csstsim.bench.spectrum_measures import NAMES, derivative, errors
+from csstsim.bench.slitless import cases as spectrum_cases
+from csstsim.bench.slitless import truth as spectrum_truth
+from csstsim.bench.slitless.benchmark import SLITLESS
+from csstsim.bench.slitless.cases import SPECTRA, make_spectrum_case, make_spectrum_cases
+from csstsim.bench.slitless.measures import NAMES, derivative, errors
 from csstsim.command_line.main import main
 
 METHODS = "photons,slabs 4"

@@ -5,15 +5,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from csstsim.base.healpix import to_vectors
 from csstsim.base.rng import stream
+from csstsim.base.sphere import unit_vectors
 from csstsim.bricks.associate import ARCSEC, CAP, FLOOR, N_SIGMA, associate
 
 
 def around(x, y, dec=33.0):
     """Unit vectors of places x, y [arcsec] around a point of the sky."""
     x, y = np.asarray(x, float), np.asarray(y, float)
-    return to_vectors(120.0 + x / 3600.0 / np.cos(np.radians(dec)), dec + y / 3600.0)
+    return unit_vectors(120.0 + x / 3600.0 / np.cos(np.radians(dec)), dec + y / 3600.0)
 
 
 def by_definition(vectors, error, frame):

@@ -15,8 +15,8 @@ from csstsim.base.rng import stream
 from csstsim.bricks.hats import write_catalogue
 from csstsim.bricks.merge import merge_brick, write_merged
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.truth_bricks import read_brick, write_brick
 from csstsim.io.paths import Paths
-from csstsim.universe.bricks import read_brick, write_brick
 
 
 @pytest.fixture

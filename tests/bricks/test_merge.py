@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from measured_table import ARCSEC, table
 
-from csstsim.base import healpix
+from csstsim.base import healpix, sphere
 from csstsim.base.rng import stream
 from csstsim.bricks.associate import FLOOR
 from csstsim.bricks.merge import merge_brick, write_merged
@@ -18,13 +18,13 @@ from csstsim.catalog.table import BANDS, ObjectTable
 def visits(ra, dec, seed, count=4, scatter=0.02):
     """`count` frames of the same sources, each shifted by `scatter` arcsec (rms per axis)."""
     rng = stream(seed, "visits")
-    v = healpix.to_vectors(ra, dec)
+    v = sphere.unit_vectors(ra, dec)
     frames = []
     for k in range(count):
         moved = v + np.radians(scatter * ARCSEC) * rng.normal(size=v.shape)
         band = "ugri"[k % 4]
         snr = rng.uniform(5, 50, len(ra))
-        frames.append(table(*healpix.from_vectors(moved), obsid=str(k + 1), chip=8 + k, band=band, snr=snr))
+        frames.append(table(*sphere.ra_dec(moved), obsid=str(k + 1), chip=8 + k, band=band, snr=snr))
     return frames
 
 
@@ -113,8 +113,8 @@ def test_star_votes_flags_and_counts():
 
 def test_two_sources_of_one_frame_are_not_merged():
     """A pair 0.2 arcsec apart, resolved in every frame, stays a pair, each with its own detections."""
-    pair = healpix.to_vectors(np.array([150.0, 150.0 + 0.2 * ARCSEC]), np.array([0.5, 0.5]))
-    frames = visits(*healpix.from_vectors(pair), 5, count=3, scatter=0.01)
+    pair = sphere.unit_vectors(np.array([150.0, 150.0 + 0.2 * ARCSEC]), np.array([0.5, 0.5]))
+    frames = visits(*sphere.ra_dec(pair), 5, count=3, scatter=0.01)
     sources, found = merge_brick(int(healpix.brick_of(150.0, 0.5)), frames)
     assert len(sources) == 2 and (sources["n_detections"] == 3).all()
     assert (np.diff(found["number"].reshape(2, 3), axis=1) == 0).all()

@@ -6,7 +6,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from measured_table import ARCSEC, table
 
-from csstsim.base import healpix
+from csstsim.base import healpix, sphere
 from csstsim.base.rng import stream
 from csstsim.bricks.merge import merge_brick
 from csstsim.catalog.table import ObjectTable
@@ -19,7 +19,7 @@ FRAMES, SCATTER, ERROR = 5, 0.02, 0.025  # arcsec on an axis; the error as measu
 
 def border_sources(pix, rng):
     """Places (n, 3) on the border of a brick and its four corners, none closer than 1 arcsec to another."""
-    sides = healpix.to_vectors(*healpix.brick_corners(pix, step=40))  # 20 arcsec apart
+    sides = sphere.unit_vectors(*healpix.brick_corners(pix, step=40))  # 20 arcsec apart
     on = np.r_[np.arange(0, 160, 40), rng.choice(160, 12)]
     offset = np.radians(0.05 * ARCSEC) * rng.normal(size=(len(on), 3))
     return (sides[on] + offset)[np.unique(on, return_index=True)[1]]
@@ -32,7 +32,7 @@ def detections(sky, rng):
         seen = np.flatnonzero(rng.uniform(size=len(sky)) < (1.0 if k < 2 else 0.7))
         moved = sky[seen] + np.radians(SCATTER * ARCSEC) * rng.normal(size=(len(seen), 3))
         snr = rng.uniform(5, 9, len(seen))
-        found = table(*healpix.from_vectors(moved), obsid=str(k), band="ugriz"[k], snr=snr, pos_err=ERROR)
+        found = table(*sphere.ra_dec(moved), obsid=str(k), band="ugriz"[k], snr=snr, pos_err=ERROR)
         tables.append(found.with_columns(number=seen.astype(np.int32)))  # which source it truly is
     return tables
 
@@ -63,7 +63,7 @@ def test_a_source_on_the_border_is_in_one_brick_with_all_its_detections(pix, see
             (source,) = set(found["number"][found["source"] == row])  # of one true source
             assert sources["n_detections"][row] == seen[source] == (found["source"] == row).sum()
             owners[source] += 1
-            place = healpix.to_vectors(sources["ra"][row], sources["dec"][row])
+            place = sphere.unit_vectors(sources["ra"][row], sources["dec"][row])
             off = np.degrees(np.linalg.norm(place - sky[source] / np.linalg.norm(sky[source]))) / ARCSEC
             assert off < 6 * SCATTER  # 6 sigma of one detection; two are the least
     assert (owners == 1).all()
@@ -74,12 +74,12 @@ def test_a_source_on_the_border_is_in_one_brick_with_all_its_detections(pix, see
 def test_a_crowd_over_a_corner_is_shared_out_the_same_by_all_bricks(pix, seed, side):
     """Up to 300 detections on top of each other: each in one source of one brick; input in another order: the same."""
     rng = stream(seed, "corner")
-    corner = healpix.to_vectors(*healpix.brick_corners(pix))[rng.integers(4)]
+    corner = sphere.unit_vectors(*healpix.brick_corners(pix))[rng.integers(4)]
     tables = []
     for k in range(6):
         places = corner + np.radians(side / 2 * ARCSEC) * rng.uniform(-1, 1, (50, 3))
         snr = np.round(rng.uniform(5, 9, 50))  # many are equal
-        tables.append(table(*healpix.from_vectors(places), obsid=str(k), snr=snr, pos_err=0.02))
+        tables.append(table(*sphere.ra_dec(places), obsid=str(k), snr=snr, pos_err=0.02))
     merged = merged_everywhere(tables)
     keys = [(o, n) for _, found in merged.values() for o, n in zip(found["obsid"], found["number"], strict=True)]
     assert len(keys) == len(set(keys)) == 300

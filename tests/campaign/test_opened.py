@@ -12,14 +12,15 @@ from click.testing import CliRunner
 from mini_campaign import write_campaign
 
 from csstsim.base.errors import InputError
-from csstsim.base.healpix import brick_of, to_vectors
+from csstsim.base.healpix import brick_of
 from csstsim.base.shipped import SHIPPED
+from csstsim.base.sphere import unit_vectors
 from csstsim.campaign.job import Job
 from csstsim.campaign.opened import MERGE_MARGIN_DEG, OpenCampaign
 from csstsim.campaign.plan import plan
 from csstsim.catalog.places import ephemeris
 from csstsim.catalog.places.astrometry import apparent, icrs
-from csstsim.catalog.select import bricks_for
+from csstsim.catalog.selection.select import bricks_for
 from csstsim.command_line.main import main
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
@@ -172,7 +173,7 @@ def test_a_footprint_is_that_of_the_icrs(camera, make_pointing, observe, ra, dec
     x, y = job.wcs.world_to_pixel(*apparent(*job.footprint(3.0), job.observer))
     assert x == pytest.approx([3996.5, 4130.5, 4130.5, 3996.5], abs=1e-6)
     assert y == pytest.approx([3996.5, 3996.5, 4162.5, 4162.5], abs=1e-6)
-    away = to_vectors(*job.footprint()) - to_vectors(*job.wcs.footprint(window))
+    away = unit_vectors(*job.footprint()) - unit_vectors(*job.wcs.footprint(window))
     assert (np.linalg.norm(away, axis=1) > np.radians(3.0 / 3600)).all()
     x, y = (v.ravel() for v in np.meshgrid(np.linspace(4000, 4127, 30), np.linspace(4000, 4159, 30)))
     places = icrs(*job.wcs.pixel_to_world(x, y), job.observer)

@@ -1,6 +1,6 @@
 """The survey table's reader, row by row, and the tables that ship."""
 
-import importlib.util
+import importlib
 import time
 from itertools import pairwise
 
@@ -28,10 +28,7 @@ def camera():
 
 @pytest.fixture(scope="module")
 def maker():
-    spec = importlib.util.spec_from_file_location("make_tables", TABLES / "make_tables.py")
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return importlib.import_module("make_tables")
 
 
 def _table(tmp_path, *lines):

@@ -6,7 +6,7 @@ import healpy
 import numpy as np
 import pytest
 
-from csstsim.catalog.select import BRICK_MARGIN_DEG, bricks_for, region_for
+from csstsim.catalog.selection.select import BRICK_MARGIN_DEG, bricks_for, region_for
 from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
 
 PLACES = {

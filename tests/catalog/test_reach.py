@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import integrate, special
 
-from csstsim.catalog.reach import POINT_MAX, POINT_MIN, galaxy_radius, point_reach, wing_reach
+from csstsim.catalog.selection.reach import POINT_MAX, POINT_MIN, galaxy_radius, point_reach, wing_reach
 from csstsim.catalog.table import ObjectTable
 from csstsim.optics.scatter.scattered_light import scattered_light
 from csstsim.profiles.sersic import light_beyond

@@ -4,7 +4,7 @@ import numpy as np
 from embedded_sky import embedded_catalog
 
 from csstsim.catalog.places.astrometry import icrs
-from csstsim.catalog.select import Noise, region_for, select_objects
+from csstsim.catalog.selection.select import Noise, region_for, select_objects
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 

@@ -15,13 +15,13 @@ from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.light.photometry import rate_to_mag, subband_fluxes
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.places.astrometry import icrs
-from csstsim.catalog.select import Noise, region_for, select_objects
+from csstsim.catalog.selection.select import Noise, region_for, select_objects
 from csstsim.catalog.table import BANDS, COLUMNS
+from csstsim.catalog.truth_bricks import ID_BITS
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.scatter.scattered_light import scattered_light
-from csstsim.universe.bricks import ID_BITS
 
 CHIP, WINDOW = 9, Window(4000, 4600, 3000, 3500)  # r band
 NOISE = Noise(sky=0.207, dark=0.02, read_noise=5.0)

@@ -248,9 +248,9 @@ def test_a_fast_hook_that_is_not_the_spectrum_is_a_fault(camera):
 
 def test_reasons_are_those_of_the_selection(camera, make_pointing, observe):
     """Random nonsense: an object is flagged as not drawable if and only if there is a reason in words."""
-    from csstsim.catalog.drawable import NO_LIGHT, reasons, why_not_drawn
     from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING
-    from csstsim.catalog.select import Noise, select_objects
+    from csstsim.catalog.selection.drawable import NO_LIGHT, reasons, why_not_drawn
+    from csstsim.catalog.selection.select import Noise, select_objects
     from csstsim.instrument.chip import Window
     from csstsim.optics.geometry.wcs import ChipWCS
 

@@ -1,11 +1,12 @@
 """Covariances of flats: what is put in comes out; limits are 5 sigma."""
 
+import bfe_fit
 import numpy as np
 import pytest
 from scipy.signal import correlate2d
 
 from csstsim.base.rng import stream
-from csstsim.detector import bfe_fit
+from csstsim.detector import bfe_kernel
 from csstsim.detector.brighter_fatter import move_charge
 
 AREAS = np.array([[-1.6e-6, 0.7e-7, 2e-8], [2.1e-7, 7e-8, 2e-8], [4e-8, 2e-8, 1.6e-8]])
@@ -16,7 +17,7 @@ SIDE = 700
 def flat(level, number, areas=AREAS):
     image = stream(5, "flat", level, number).poisson(level, (SIDE, SIDE)).astype(np.float32)
     if areas is not None:
-        move_charge(image, *bfe_fit.kernel(areas), 90_000.0)
+        move_charge(image, *bfe_kernel.kernel(areas), 90_000.0)
     return image
 
 
@@ -28,14 +29,14 @@ def measured():
 def test_areas_make_the_kernel_and_the_kernel_the_areas():
     all_areas = bfe_fit.all_areas(AREAS)
     assert np.allclose(all_areas[:3, :3], AREAS, rtol=1e-12, atol=0)
-    assert abs(bfe_fit.unfold(all_areas).sum()) < 1e-15 * abs(AREAS[0, 0]) * 49
-    potential, skew = bfe_fit.kernel(AREAS)
+    assert abs(bfe_kernel.unfold(all_areas).sum()) < 1e-15 * abs(AREAS[0, 0]) * 49
+    potential, skew = bfe_kernel.kernel(AREAS)
     assert (potential > 0).all() and skew == pytest.approx(0.35e-7)
     assert np.allclose(potential, potential.T, rtol=0.15)  # the potential of a charge is nearly round
-    assert np.array_equal(bfe_fit.fold(bfe_fit.unfold(AREAS)), AREAS)
+    assert np.array_equal(bfe_kernel.fold(bfe_kernel.unfold(AREAS)), AREAS)
     for bad in (np.ones((2, 3)), np.full((3, 3), np.nan)):
         with pytest.raises(ValueError, match=r"\(3, 3\)"):
-            bfe_fit.kernel(bad)
+            bfe_kernel.kernel(bad)
 
 
 def test_prediction_is_the_closed_form():
@@ -43,10 +44,10 @@ def test_prediction_is_the_closed_form():
     mean = 50_000.0
     point = np.zeros((7, 7))
     point[3, 3] = 1
-    response = point + mean * bfe_fit.unfold(bfe_fit.all_areas(AREAS)) / 2
+    response = point + mean * bfe_kernel.unfold(bfe_fit.all_areas(AREAS)) / 2
     wanted = mean * correlate2d(response, response)[6:, 6:]
     assert np.allclose(bfe_fit.predict(AREAS, mean), wanted, rtol=0, atol=1e-9 * mean)
-    assert abs(bfe_fit.unfold(bfe_fit.predict(AREAS, mean)).sum() / mean - 1) < 1e-12  # variance only moves
+    assert abs(bfe_kernel.unfold(bfe_fit.predict(AREAS, mean)).sum() / mean - 1) < 1e-12  # variance only moves
 
 
 def test_photon_transfer_of_flats(measured):

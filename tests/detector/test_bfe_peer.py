@@ -8,7 +8,7 @@ import galsim
 import numpy as np
 
 from csstsim.base.rng import galsim_seed
-from csstsim.detector import bfe_fit
+from csstsim.detector import bfe_kernel
 from csstsim.detector.brighter_fatter import move_charge
 
 NAME, FLUX, SIDE = "lsst_e2v_50_8", 300_000, 21
@@ -20,7 +20,7 @@ def sensor_areas(charge=50_000.0):
     before = sensor.calculate_pixel_areas(image).array.astype(float)
     image.array[7, 7] = charge
     change = sensor.calculate_pixel_areas(image).array - before
-    return bfe_fit.fold(change[5:10, 5:10]) / before.mean() / charge
+    return bfe_kernel.fold(change[5:10, 5:10]) / before.mean() / charge
 
 
 def widths(image):
@@ -30,7 +30,7 @@ def widths(image):
 
 def test_spots_widen_as_in_silicon():
     areas = sensor_areas()
-    kernel, growth = bfe_fit.kernel(areas), []
+    kernel, growth = bfe_kernel.kernel(areas), []
     for spot in range(3):
         rng = galsim.BaseDeviate(galsim_seed(2, "spot", spot))
         photons = galsim.Gaussian(sigma=0.9, flux=FLUX).shoot(FLUX, rng)

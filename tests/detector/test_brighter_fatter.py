@@ -1,15 +1,16 @@
 """Moved charge against a plain numpy version of the same equations, closed forms, symmetry and its limits."""
 
+import bfe_fit
 import numpy as np
 import pytest
 from scipy.ndimage import convolve
 
 from csstsim.base.rng import stream
-from csstsim.detector import bfe_fit
+from csstsim.detector import bfe_kernel
 from csstsim.detector.brighter_fatter import move_charge
 
 AREAS = np.array([[-1.6e-6, 0.7e-7, 2e-8], [2.1e-7, 7e-8, 2e-8], [4e-8, 2e-8, 1.6e-8]])
-KERNEL, SKEW = bfe_fit.kernel(AREAS)
+KERNEL, SKEW = bfe_kernel.kernel(AREAS)
 FULL_WELL = 90_000.0
 ULP = 0.008  # e-: float32 at full well
 
@@ -32,7 +33,7 @@ def scene(shape=(50, 70), seed=1):
 def plain(image):
     """The module's equations in double precision on whole arrays."""
     push = np.minimum(image.astype(float), FULL_WELL)
-    phi = convolve(push, bfe_fit.unfold(KERNEL), mode="nearest")
+    phi = convolve(push, bfe_kernel.unfold(KERNEL), mode="nearest")
     out = image.astype(float)
     for axis in (0, 1):
         n = image.shape[axis]
@@ -92,7 +93,7 @@ def test_a_charge_in_a_flat_changes_the_areas_around_it():
     image[10, 10] += q
     change = moved(image) - image
     wanted = np.zeros_like(image)
-    wanted[7:14, 7:14] = mu * q * bfe_fit.unfold(bfe_fit.all_areas(AREAS)) / 2
+    wanted[7:14, 7:14] = mu * q * bfe_kernel.unfold(bfe_fit.all_areas(AREAS)) / 2
     assert np.abs(change - wanted).max() < q**2 * np.abs(AREAS).max() + ULP
     assert np.abs(wanted).max() > 10 * q**2 * np.abs(AREAS).max()
 

@@ -145,7 +145,7 @@ def test_against_arctic(row):
 def test_arctic_numbers():
     """The numbers above are arcticpy's."""
     pytest.importorskip(
-        "arcticpy", reason="arcticpy is not installed: it needs GSL and a compiler (csstsim.bench.arctic)"
+        "arcticpy", reason="arcticpy is not installed: it needs GSL and a compiler (csstsim.bench.readout.arctic)"
     )
     for row, parts in TAILS.items():
         assert arctic_spot(row, DENSITY, TAU, WELL) == pytest.approx(list(parts), abs=0.02)

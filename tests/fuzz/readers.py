@@ -101,7 +101,7 @@ def galaxy_spectra(path):
 
 
 def dust_map(path):
-    from csstsim.catalog.light.dust_map import DustMap
+    from csstsim.universe.dust.dust_map import DustMap
 
     found = DustMap({"map": str(path), "columns": ["EBV"], "coordsys": "galactic"})
     _ = found.nside, found.digest, found.ebv(10.0, 20.0)
@@ -222,7 +222,7 @@ def orders(path):
 
 
 def brick(path):
-    from csstsim.universe.bricks import read_brick
+    from csstsim.catalog.truth_bricks import read_brick
 
     read_brick(path, {"seed": 3})
 

@@ -1,8 +1,6 @@
 """Makers of small sound files: each writes one, and what it needs beside it, into a folder and returns its path."""
 
-import json
 import shutil
-import tempfile
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -13,8 +11,6 @@ from astropy.io import fits
 from astropy.table import Table
 from catalog.test_c9 import write_basis, write_galaxies, write_stars
 from fuzz import readers
-from fuzz.binary_mutations import spoiled_fits
-from fuzz.mutations import spoiled_tree
 from mini import mini_camera
 from readout_state import flat_state, plain_layers, run
 
@@ -153,21 +149,6 @@ def frame(folder, meta=META):
     return folder / "frame.fits"
 
 
-def spoiled_frame(sound):
-    """A frame whose record says what it should not, with checksums that are right; or a spoiled FITS file."""
-
-    def sealed(meta):
-        with tempfile.TemporaryDirectory() as folder:
-            try:
-                return frame(Path(folder), meta).read_bytes()
-            except ValueError:  # NaN, which JSON has not
-                return frame(
-                    Path(folder), json.loads(json.dumps(meta).replace("NaN", "0").replace("Infinity", "1"))
-                ).read_bytes()
-
-    return spoiled_tree(META).map(sealed) | spoiled_fits(sound)
-
-
 def image(folder):
     header = fits.Header(
         {"CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN", "CRVAL1": 60.0, "CRVAL2": -40.0, "CD1_1": 1e-5, "CD2_2": 1e-5}
@@ -178,7 +159,7 @@ def image(folder):
 
 def objects(folder):
     from csstsim.catalog.table import ObjectTable
-    from csstsim.universe.bricks import SED_COLUMNS
+    from csstsim.catalog.truth_bricks import SED_COLUMNS
 
     columns = {
         "id": np.arange(5),

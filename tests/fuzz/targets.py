@@ -4,8 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from fuzz import seeds
-from fuzz.binary_mutations import spoiled_fits, spoiled_hdf5, spoiled_parquet
-from fuzz.mutations import spoiled_bytes, spoiled_csv, spoiled_json, spoiled_yaml
+from fuzz.spoil import spoiled_bytes, spoiled_fits, spoiled_text
 
 
 @dataclass(frozen=True)
@@ -27,32 +26,32 @@ def _read(name):
 
 def _instrument(*names):
     return {
-        f"instrument {name}": Target(seeds.in_instrument(name), spoiled_yaml, _read("instrument"), 0.4)
+        f"instrument {name}.yaml": Target(seeds.in_instrument(f"{name}.yaml"), spoiled_text, _read("instrument"), 0.4)
         for name in names
     }
 
 
 TARGETS = {
-    "campaign YAML": Target(seeds.shipped("campaign.yaml"), spoiled_yaml, _read("campaign"), 2),
-    "observation YAML": Target(seeds.shipped("observations", "science.yaml"), spoiled_yaml, _read("observation"), 2),
-    "survey table CSV": Target(seeds.survey_table, spoiled_csv, _read("survey_table"), 2),
+    "campaign YAML": Target(seeds.shipped("campaign.yaml"), spoiled_text, _read("campaign"), 2),
+    "observation YAML": Target(seeds.shipped("observations", "science.yaml"), spoiled_text, _read("observation"), 2),
+    "survey table CSV": Target(seeds.survey_table, spoiled_text, _read("survey_table"), 2),
     **_instrument(
-        "detector.yaml",
-        "chips.yaml",
-        "filters.yaml",
-        "telescope.yaml",
-        "cosmic_rays.yaml",
-        "defects.yaml",
-        "cti.yaml",
-        "gratings.yaml",
-        "brighter_fatter.yaml",
-        "psf.yaml",
-        "scatter.yaml",
-        "ghosts.yaml",
-        "sky.yaml",
-        "leds.yaml",
-        "distortion.yaml",
-        "level0_keywords.yaml",
+        "detector",
+        "chips",
+        "filters",
+        "telescope",
+        "cosmic_rays",
+        "defects",
+        "cti",
+        "gratings",
+        "brighter_fatter",
+        "psf",
+        "scatter",
+        "ghosts",
+        "sky",
+        "leds",
+        "distortion",
+        "level0_keywords",
     ),
     "instrument aXe .conf": Target(
         seeds.in_instrument("gratings", "GI1.conf"), spoiled_bytes, _read("instrument"), 0.5
@@ -64,7 +63,7 @@ TARGETS = {
         seeds.in_instrument("distortion.fits"), spoiled_fits, _read("instrument"), 0.5
     ),
     **{
-        f"universe {name}": Target(seeds.in_universe(name), spoiled_yaml, _read("universe"), 0.05)
+        f"universe {name}": Target(seeds.in_universe(name), spoiled_text, _read("universe"), 0.05)
         for name in ("cosmology.yaml", "dust.yaml", "galaxies.yaml", "lensing.yaml", "quasars.yaml", "stars.yaml")
     },
     "universe star spectra FITS": Target(
@@ -74,36 +73,36 @@ TARGETS = {
         seeds.in_universe("galaxy_spectra.fits"), spoiled_fits, _read("galaxy_spectra"), 0.3
     ),
     "dust map FITS": Target(seeds.dust, spoiled_fits, _read("dust_map")),
-    "Cycle-9 stars HDF5": Target(seeds.c9_stars, spoiled_hdf5, _read("c9_stars")),
-    "Cycle-9 galaxies HDF5": Target(seeds.c9_galaxies, spoiled_hdf5, _read("c9_galaxies")),
-    "Cycle-9 spectra HDF5": Target(seeds.c9_spectra, spoiled_hdf5, _read("c9_spectra")),
-    "scene parquet": Target(seeds.objects, spoiled_parquet, _read("scene")),
-    "table of objects CSV": Target(seeds.own_table(".csv"), spoiled_csv, _read("own_table")),
+    "Cycle-9 stars HDF5": Target(seeds.c9_stars, spoiled_bytes, _read("c9_stars")),
+    "Cycle-9 galaxies HDF5": Target(seeds.c9_galaxies, spoiled_bytes, _read("c9_galaxies")),
+    "Cycle-9 spectra HDF5": Target(seeds.c9_spectra, spoiled_bytes, _read("c9_spectra")),
+    "scene parquet": Target(seeds.objects, spoiled_bytes, _read("scene")),
+    "table of objects CSV": Target(seeds.own_table(".csv"), spoiled_text, _read("own_table")),
     "table of objects ECSV": Target(seeds.own_table(".ecsv"), spoiled_bytes, _read("own_table")),
     "table of objects FITS": Target(seeds.own_table(".fits"), spoiled_fits, _read("own_table")),
-    "PSF set HDF5": Target(seeds.psf, spoiled_hdf5, _read("psf")),
-    "PSF tables HDF5": Target(seeds.psf_tables, spoiled_hdf5, _read("psf_tables")),
-    "PSF library HDF5": Target(seeds.psf_library, spoiled_hdf5, _read("psf_library"), 0.5),
+    "PSF set HDF5": Target(seeds.psf, spoiled_bytes, _read("psf")),
+    "PSF tables HDF5": Target(seeds.psf_tables, spoiled_bytes, _read("psf_tables")),
+    "PSF library HDF5": Target(seeds.psf_library, spoiled_bytes, _read("psf_library"), 0.5),
     "Level-0 FITS": Target(seeds.level0(), spoiled_fits, _read("level0"), 2),
     "Level-0 FITS, compressed": Target(seeds.level0(compress=True), spoiled_fits, _read("level0"), 2),
-    "frame FITS": Target(seeds.frame, seeds.spoiled_frame, _read("frame"), 2),
-    "picture of a frame": Target(seeds.frame, seeds.spoiled_frame, _read("picture"), 0.3),
+    "frame FITS": Target(seeds.frame, spoiled_fits, _read("frame"), 2),
+    "picture of a frame": Target(seeds.frame, spoiled_fits, _read("picture"), 0.3),
     "picture of Level-0": Target(seeds.level0(), spoiled_fits, _read("picture"), 0.3),
     "picture of an image": Target(seeds.image, spoiled_fits, _read("picture"), 0.3),
-    "table parquet": Target(seeds.objects, spoiled_parquet, _read("table")),
-    "truth parquet": Target(seeds.truth, spoiled_parquet, _read("truth")),
-    "orders parquet": Target(seeds.orders, spoiled_parquet, _read("orders")),
-    "brick parquet": Target(seeds.objects, spoiled_parquet, _read("brick")),
+    "table parquet": Target(seeds.objects, spoiled_bytes, _read("table")),
+    "truth parquet": Target(seeds.truth, spoiled_bytes, _read("truth")),
+    "orders parquet": Target(seeds.orders, spoiled_bytes, _read("orders")),
+    "brick parquet": Target(seeds.objects, spoiled_bytes, _read("brick")),
     **{
         f"compared {name}": Target(seeds.beside_a_sound_one(make), spoil, _read("compared"), 0.5)
         for name, make, spoil in (
             ("Level-0 FITS", seeds.level0(), spoiled_fits),
-            ("frame FITS", seeds.frame, seeds.spoiled_frame),
-            ("PSF set HDF5", seeds.psf, spoiled_hdf5),
-            ("truth parquet", seeds.truth, spoiled_parquet),
-            ("validation JSON", seeds.validation, spoiled_json),
+            ("frame FITS", seeds.frame, spoiled_fits),
+            ("PSF set HDF5", seeds.psf, spoiled_bytes),
+            ("truth parquet", seeds.truth, spoiled_bytes),
+            ("validation JSON", seeds.validation, spoiled_text),
         )
     },
-    "validation JSON": Target(seeds.validation, spoiled_json, _read("validation")),
+    "validation JSON": Target(seeds.validation, spoiled_text, _read("validation")),
     "benchmark TSV": Target(seeds.benchmarks, spoiled_bytes, _read("benchmarks"), 0.5),
 }

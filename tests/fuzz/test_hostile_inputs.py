@@ -8,8 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from fuzz import seeds
-from fuzz.binary_mutations import _headers, _sealed
-from fuzz.mutations import bomb
+from fuzz.spoil import bomb, headers, seal
 from fuzz.worker import Worker
 
 
@@ -122,11 +121,11 @@ def test_hdf5_of_another_build(tmp_path, refused, kind):
 def _edited(path, *changes):
     """Replace cards of a FITS file and make its checksums right again."""
     data = path.read_bytes()
-    headers = _headers(data)
+    hdus = headers(data)
     for old, new in changes:
         at = data.index(old.encode())
         data = data[:at] + new.ljust(len(old)).encode() + data[at + len(old) :]
-    path.write_bytes(bytes(_sealed(bytearray(data), headers)))
+    path.write_bytes(bytes(seal(bytearray(data), hdus)))
 
 
 @pytest.mark.parametrize(

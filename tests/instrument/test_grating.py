@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from astropy.coordinates import SkyCoord
 from astropy.io import fits
-from instrument.build_gratings import build
+from build_gratings import build
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.grating import load_gratings

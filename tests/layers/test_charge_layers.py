@@ -9,7 +9,7 @@ from readout_state import change_exposure, flat_state, run, small_camera
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams, stream
-from csstsim.detector import bfe_fit
+from csstsim.detector import bfe_kernel
 from csstsim.detector.bleed import bleed
 from csstsim.detector.brighter_fatter import move_charge
 from csstsim.detector.mask import BLED, SATURATED
@@ -65,7 +65,7 @@ def test_brighter_fatter_moves_with_the_cameras_numbers(small, window):
     state = scene(small, window)
     wanted = state.image.copy()
     numbers = small.detector.brighter_fatter
-    kernel, skew = bfe_fit.kernel(numbers["scale"] * np.array(numbers["areas"]))
+    kernel, skew = bfe_kernel.kernel(numbers["scale"] * np.array(numbers["areas"]))
     move_charge(wanted, kernel, skew, small.detector.full_well)
     before = state.image.copy()
     state = brighter_fatter.apply(state, brighter_fatter.Param(), RNG)

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from csstsim.base.shipped import SHIPPED
+from csstsim.detector.bfe_kernel import detector_kernel
+from csstsim.detector.brighter_fatter import move_charge
 from csstsim.detector.charge_transfer.cti import transfer
 from csstsim.instrument.camera import load_camera
-from csstsim.layers import brighter_fatter
 from csstsim.measure.reverse_transfer import undone
 
 DENSITY, TIMES, WELL = np.array([0.025, 0.105, 0.655]), np.array([1.22, 14.02, 84.74]), (0.492, 85200.0, 0.0)
@@ -88,9 +89,10 @@ def test_charge_that_charge_pushed_comes_back():
     y, x = np.mgrid[:60, :60] - 30.2
     true = (1e5 / math.tau / 0.6 * np.exp(-0.5 * (x**2 + y**2) / 0.6) + SKY).astype(np.float32)
     moved = true.copy()
-    brighter_fatter.push(moved, detector)
+    how = *detector_kernel(detector), detector.full_well
+    move_charge(moved, *how)
     lost = (true - moved).max()
     assert lost > 0.01 * true.max()
-    back = undone(moved, lambda image: brighter_fatter.push(image, detector), 2)
+    back = undone(moved, lambda image: move_charge(image, *how), 2)
     assert np.abs(back - true).max() < 0.01 * lost
     assert back.sum(dtype=float) == pytest.approx(true.sum(dtype=float), rel=1e-6)

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from astropy.io import fits
 from astropy.wcs import WCS
+from build_distortion import fit
 from canvases import blank
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.chip import Window
-from csstsim.optics.geometry.distortion import fit, load_distortion
+from csstsim.optics.geometry.distortion import load_distortion
 from csstsim.optics.geometry.focal_plane import FocalPlane, Placement, samples
 from csstsim.optics.geometry.sip import sip_header
 from csstsim.optics.geometry.wcs import ChipWCS, chip_plane

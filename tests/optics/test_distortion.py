@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 from astropy.wcs import WCS
-from optics.build_distortion import build
+from build_distortion import build, fit, fit_spline, write_distortion
 from scipy.interpolate import NdBSpline
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import EDGE_PX
-from csstsim.catalog.reach import REACH_MAX
-from csstsim.catalog.select import BRICK_MARGIN_DEG, DISTORTION_PX
+from csstsim.catalog.selection.reach import REACH_MAX
+from csstsim.catalog.selection.select import BRICK_MARGIN_DEG, DISTORTION_PX
 from csstsim.optics.geometry import spline
-from csstsim.optics.geometry.distortion import FieldDistortion, fit, load_distortion, write_distortion
+from csstsim.optics.geometry.distortion import FieldDistortion, load_distortion
 from csstsim.optics.geometry.focal_plane import FocalPlane, Placement, load_focal_plane, samples
 from csstsim.optics.geometry.wcs import ChipWCS, chip_plane
 
@@ -185,10 +185,10 @@ def test_spline_against_scipy():
         np.stack([e[:, i] for i in (0, 1) for e in expected], axis=1)[:, [0, 3, 1, 2, 4, 5]], abs=1e-10
     )
     quartic = np.stack([x**4 * y - 3 * x, x**2 * y**4 + 1], axis=1)
-    again = spline.fit(x, y, quartic, box, (1, 1))
+    again = fit_spline(x, y, quartic, box, (1, 1))
     assert spline.values(box, again, x, y) == pytest.approx(quartic, rel=1e-8)
     with pytest.raises(ValueError, match="24 samples cannot hold a spline of 25"):
-        spline.fit(x[:24], y[:24], quartic[:24], box, (1, 1))
+        fit_spline(x[:24], y[:24], quartic[:24], box, (1, 1))
 
 
 @pytest.mark.parametrize("boresight", [(60.0, -40.0, 0.0), (0.001, 30.0, 77.0), (10.0, 90.0, -113.4333)])

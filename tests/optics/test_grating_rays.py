@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from grating_rays import trajectories
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
-from csstsim.optics.gratings.grating_rays import trajectories
 
 PUPIL = 19500.0  # mm
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from build_gratings import described, print_samples
 from click.testing import CliRunner
-from instrument.build_gratings import described, print_samples
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED

@@ -184,8 +184,7 @@ def test_a_region_outside_is_refused(calibrated, region):
 
 
 @pytest.mark.parametrize(
-    "inset, shown",
-    [((20, 15, 10), (15, 25, 10, 20)), ((0, 29, 10), (0, 5, 24, 30)), ((5, 5, 999), (0, 40, 0, 30))],
+    "inset, shown", [((20, 15, 10), (15, 25, 10, 20)), ((0, 29, 10), (0, 5, 24, 30)), ((5, 5, 999), (0, 40, 0, 30))]
 )
 def test_an_inset_is_cut_at_the_edge(calibrated, inset, shown):
     from csstsim.quicklook.show import _inset

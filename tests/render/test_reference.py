@@ -22,7 +22,7 @@ PIXEL = 3e-4  # of the peak: what GalSim's transform of the lattice costs
 
 
 def objects(wcs, x, y, obj_type=STAR, reach=64, rate=100.0, **columns):
-    """A table as catalog.select leaves it."""
+    """A table as catalog.selection.select leaves it."""
     x, y = np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float))
     ra, dec = wcs.pixel_to_world(x, y)
     base = {

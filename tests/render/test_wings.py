@@ -9,7 +9,7 @@ from test_reference import EXPTIME, objects
 
 from csstsim.base.rng import Streams
 from csstsim.catalog.flags import OFF_CHIP, TRUNCATED_STAMP
-from csstsim.catalog.reach import wing_reach
+from csstsim.catalog.selection.reach import wing_reach
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs

@@ -7,8 +7,8 @@ from report_page import Reader
 
 from csstsim.bricks import verdict
 from csstsim.bricks.compare import spread
-from csstsim.report.markup import LONGEST, Link, table
 from csstsim.report.page import write_report
+from csstsim.report.parts import LONGEST, Link, Table, draw
 
 EVIL = '<script>alert("x")</script>'
 PNG = b"\x89PNG not looked into"
@@ -108,9 +108,9 @@ def test_500_bricks_and_3000_files_make_a_small_page_that_folds(tmp_path):
 
 
 def test_long_tables_fold_and_columns_of_numbers_are_set_right():
-    assert "<details>" not in table(("a",), [(1,)] * LONGEST)
-    assert f"<summary>{LONGEST + 1} things" in table(("a",), [(1,)] * (LONGEST + 1), "things")
-    cells = table(("a", "b"), [(1.5, "x"), (None, 2)])
+    assert "<details>" not in draw(Table(("a",), [(1,)] * LONGEST))
+    assert f"<summary>{LONGEST + 1} things" in draw(Table(("a",), [(1,)] * (LONGEST + 1), "things"))
+    cells = draw(Table(("a", "b"), [(1.5, "x"), (None, 2)]))
     assert '<td class="n">1.5</td><td>x</td>' in cells and '<td class="n">-</td><td>2</td>' in cells
 
 

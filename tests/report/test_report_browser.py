@@ -9,9 +9,9 @@ from readout_state import small_camera
 from report_page import Reader
 from test_thumbnail import level0
 
-from csstsim.report.markup import Link
 from csstsim.report.mosaic import mosaic, take_exposure
 from csstsim.report.page import write_report
+from csstsim.report.parts import Link
 
 pytestmark = pytest.mark.skipif(
     not (webdriver.CHROMIUM and webdriver.DRIVER),

@@ -8,21 +8,14 @@ from sky_places import AHEAD, PLACE, camera, numbers, sun_at, towards_limb
 from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement, units
 
 from csstsim.base.errors import InputError
+from csstsim.base.sphere import angle, unit_vectors
 from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import mjd_utc
 from csstsim.sky import background
-from csstsim.sky.background import (
-    COMPONENTS,
-    NODES,
-    add_grid,
-    band_rates,
-    grid_mean,
-    lines_of_sight,
-    sky_components,
-)
+from csstsim.sky.background import COMPONENTS, NODES, add_grid, band_rates, grid_mean, lines_of_sight, sky_components
 from csstsim.sky.background_spectra import band, blackbody_over_sun, magnitude_ratio, photons, solar_continuum, sunlight
 from csstsim.sky.bodies import bodies
-from csstsim.sky.directions import angle, telescope_axes, unit
+from csstsim.sky.directions import telescope_axes
 from csstsim.sky.earthshine import earthshine
 from csstsim.sky.transmittance import angles, total
 from csstsim.sky.zodiacal import spectrum
@@ -119,7 +112,7 @@ def over(direction):
 
 
 SKY = bodies(MJD, PLACE, VELOCITY, N)
-POLE = unit(270.0, 66.5607)  # of the ecliptic
+POLE = unit_vectors(270.0, 66.5607)  # of the ecliptic
 
 
 def test_ecliptic_pole():
@@ -171,7 +164,7 @@ def test_moon_hidden_by_the_earth_and_falling_with_angle():
 
 def test_stars_in_the_field_are_not_stray_light():
     """Vega (ra 279.23, dec 38.78) on the axis, and 1 deg off it."""
-    place = over(unit(279.23, 38.78))
+    place = over(unit_vectors(279.23, 38.78))
     on, off = (sky_at(telescope_axes(279.23, 38.78 + step, 0.0), place=place)["stars"] for step in (0.0, 1.0))
     vega = np.flatnonzero(np.abs(N.stars[:, 2] - 0.03) < 0.005)[0]
     assert off == pytest.approx(1e-3 * rates("r")["stars"][vega], rel=0.2)

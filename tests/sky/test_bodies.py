@@ -7,9 +7,10 @@ from astropy.coordinates import GCRS, CartesianRepresentation, SkyCoord, get_bod
 from astropy.time import Time
 from sky_places import numbers
 
+from csstsim.base.sphere import angle, unit_vectors
 from csstsim.instrument.pointing import mjd_utc
 from csstsim.sky.bodies import bodies, exposure_angles
-from csstsim.sky.directions import angle, helioecliptic, telescope_axes, unit
+from csstsim.sky.directions import helioecliptic, telescope_axes
 
 PLACE, VELOCITY = (1200.0, -5300.0, 3980.0), (5.1, 3.7, 3.4)
 
@@ -63,7 +64,7 @@ def test_directions_against_astropy(time):
     found |= dict(zip(("venus", "mars", "jupiter", "saturn"), sky.planets, strict=True))
     for name, direction in found.items():
         place = get_body(name, when, ephemeris="builtin").transform_to(frame)
-        assert angle(direction, unit(place.ra.deg, place.dec.deg)) < 0.02, name
+        assert angle(direction, unit_vectors(place.ra.deg, place.dec.deg)) < 0.02, name
 
 
 def test_exposure_angles():
@@ -87,7 +88,7 @@ def test_ecliptic_frame_and_telescope_axes_against_astropy():
     rng = np.random.default_rng(2)
     ra, dec = rng.uniform(0, 360, 50), np.degrees(np.arcsin(rng.uniform(-1, 1, 50)))
     theirs = SkyCoord(ra * u.deg, dec * u.deg).barycentricmeanecliptic
-    longitude, latitude = helioecliptic(unit(ra, dec), np.array([1.0, 0.0, 0.0]))
+    longitude, latitude = helioecliptic(unit_vectors(ra, dec), np.array([1.0, 0.0, 0.0]))
     assert np.abs((longitude - theirs.lon.deg + 180) % 360 - 180).max() < 1e-3
     assert np.abs(latitude - theirs.lat.deg).max() < 1e-3
     for here in ((60.0, -40.0, -113.4), (0.0, 90.0, 20.0), (359.99, -90.0, 0.0)):
@@ -109,7 +110,7 @@ def test_telescope_axes_against_the_wcs(pa):
     wcs = ChipWCS(camera().chips[9], Pointing(**(POINTING | {"pa": pa})))
     x0, y0 = wcs.crpix - 1
     for axis, step in ((0, (100.0, 0.0)), (1, (0.0, 100.0))):
-        moved = unit(*wcs.pixel_to_world(x0 + step[0], y0 + step[1]))
+        moved = unit_vectors(*wcs.pixel_to_world(x0 + step[0], y0 + step[1]))
         own = telescope_axes(POINTING["ra"], POINTING["dec"], pa, camera().telescope.parity) @ moved
         assert own[axis] * 206264.806 / 0.074 == pytest.approx(100.0, rel=1e-6)
         assert abs(own[1 - axis]) < 1e-9

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from sky_places import AHEAD, PLACE, camera, door_azimuth, numbers, sun_at, towards_limb
 
+from csstsim.base.sphere import angle, unit_vectors
 from csstsim.base.units import EARTH_RADIUS_KM
 from csstsim.sky.background import band_rates
 from csstsim.sky.background_spectra import band, photons, pixel_etendue
 from csstsim.sky.bodies import earth_radius
-from csstsim.sky.directions import angle, unit
 from csstsim.sky.earthshine import earthshine, segments
 
 HST = {24: 2.0, 38: 1.0, 50: 0.5}  # times "high", STIS handbook figure 6.2
@@ -35,7 +35,7 @@ def hst_at_5500(limb):
 def test_far_away_it_is_a_lambert_sphere(phase):
     """2/3 (R/r)^2 (sin a + (pi - a) cos a) / pi, to 0.5% of full."""
     place, a = np.array([1e4 * EARTH_RADIUS_KM, 0.0, 0.0]), np.radians(phase)
-    _, weight = segments(place, unit(phase, 0.0), 100)
+    _, weight = segments(place, unit_vectors(phase, 0.0), 100)
     expected = 2 / 3 * 1e-8 * (np.sin(a) + (np.pi - a) * np.cos(a)) / np.pi
     assert weight.sum() == pytest.approx(expected, abs=0.005 * 2 / 3 * 1e-8)
 
@@ -88,7 +88,7 @@ def test_terminator_is_brighter_on_the_sunny_side():
     """Sun on the eastern horizon: looking over the lit limb gives more than over the dark one."""
     from csstsim.sky.directions import telescope_axes
 
-    sun, zenith = unit(95.0, 0.0), 180.0 - np.degrees(earth_radius(PLACE)) - 38.0
+    sun, zenith = unit_vectors(95.0, 0.0), 180.0 - np.degrees(earth_radius(PLACE)) - 38.0
     east, west = telescope_axes(zenith, 0.0, 0.0), telescope_axes(-zenith, 0.0, 0.0)
     lit, dark = (earthshine(PLACE, sun, axes, AHEAD, 90.0, numbers())[0] for axes in (east, west))
     assert lit > 5 * dark

@@ -1,6 +1,6 @@
 """What the stability suite is made of: an exposure from a catalogue's bare columns, and how much light it must have.
 
-catalog.select chooses and flags, render.imaging.draw draws. As a program it draws a crowd and prints what came:
+catalog.selection chooses and flags, render.imaging.draw draws. As a program it draws a crowd and prints what came:
 
     python exposure.py PSF_FILE FIDELITY OBJECTS
 """
@@ -23,7 +23,7 @@ from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.flags import NOT_DRAWN
 from csstsim.catalog.places.astrometry import icrs
 from csstsim.catalog.places.ephemeris import observer
-from csstsim.catalog.select import Noise, select_objects
+from csstsim.catalog.selection.select import Noise, select_objects
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window

@@ -64,7 +64,7 @@ def test_photons_of_any_profile(psf_r, psf_tables, index):
 @pytest.mark.parametrize("fidelity", FIDELITIES)
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_sizes_and_shapes_of_a_catalogue(expose, psf_r, fidelity, share):
-    """As catalog.select has them: stamps as large as it asks for, and a flag where that is not enough."""
+    """As catalog.selection.select has them: stamps as large as it asks for, and a flag where that is not enough."""
     sizes = np.array([1e-6, 1e-4, 0.3, 3.0, 60.0, 3600.0])
     for e in (0.0, 0.96, 0.9999):
         n = len(sizes)

@@ -8,9 +8,9 @@ import pytest
 from embedded_sky import shipped
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.light.extinction import odonnell
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.instrument.filter import GRID
+from csstsim.universe.dust.extinction import odonnell
 from csstsim.universe.galaxies.galaxy_sed import COEFFICIENTS, GalaxySeds, distance_scale
 
 OLD, YOUNG = 3, 1  # of the five templates: no stars younger than 1 Gyr; all younger than 300 Myr

@@ -7,7 +7,7 @@ from embedded_sky import brick, key
 from csstsim.base.errors import InputError
 from csstsim.base.model import validate
 from csstsim.campaign.config import CatalogConfig, Lensing
-from csstsim.universe.bricks import make_brick
+from csstsim.catalog.truth_bricks import make_brick
 from csstsim.universe.lensing.lensing import lens, magnification
 
 PIX = 100000

@@ -5,8 +5,9 @@ import pytest
 from astropy.coordinates import SkyCoord
 
 from csstsim.base.shipped import SHIPPED
+from csstsim.base.sphere import ra_dec
 from csstsim.instrument.load import read_data
-from csstsim.universe.stars.milky_way import GALACTIC, components, density, direction, equatorial, longitude_latitude
+from csstsim.universe.stars.milky_way import GALACTIC, components, density, direction, equatorial
 
 NUMBERS = read_data(SHIPPED / "universe" / "stars.yaml")
 BY_NAME = {component.name: component for component in components(NUMBERS)}
@@ -20,8 +21,7 @@ def test_galactic_frame_against_astropy():
     theirs = SkyCoord(ra, dec, unit="deg").galactic
     ours = direction(ra, dec)
     assert np.abs(ours - theirs.cartesian.xyz.value).max() < 1e-6  # 0.2 arcsec
-    l, b = longitude_latitude(ra, dec)  # noqa: E741
-    back = SkyCoord(*equatorial(l, b), unit="deg")
+    back = SkyCoord(*equatorial(*ra_dec(ours.T)), unit="deg")
     assert back.separation(SkyCoord(ra, dec, unit="deg")).arcsec.max() < 0.01
     np.testing.assert_allclose(GALACTIC @ GALACTIC.T, np.eye(3), atol=1e-15)
 

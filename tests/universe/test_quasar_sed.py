@@ -10,11 +10,11 @@ from astropy.io import fits
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import ab_photon_density
-from csstsim.catalog.light.extinction import odonnell
 from csstsim.catalog.light.photometry import ab_mag, subband_weights
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import read_data
+from csstsim.universe.dust.extinction import odonnell
 from csstsim.universe.galaxies.igm import Intergalactic
 from csstsim.universe.quasars.quasar_sed import COEFFICIENTS, QuasarSeds
 

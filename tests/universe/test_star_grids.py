@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from astropy.io import fits
+from star_grids import Grid, GridSeds, read_btsettl, read_ck04, read_packed, resample
 
 from csstsim.base.errors import InputError
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.instrument.filter import GRID
-from csstsim.universe.stars.star_grids import Grid, GridSeds, read_btsettl, read_ck04, read_packed, resample
 from csstsim.universe.stars.star_sed import KNOTS
 
 SHIPPED = Path(__file__).resolve().parents[2] / "config"

@@ -8,13 +8,13 @@ import pytest
 import speclite.filters
 from astropy.io import fits
 from astropy.table import Table
+from star_grids import GridSeds, read_packed
 
 from csstsim.base.errors import InputError
 from csstsim.base.units import C_A_S, H_J_S, ab_photon_density
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
-from csstsim.universe.stars.star_grids import GridSeds, read_packed
 from csstsim.universe.stars.star_sed import KNOTS, StarSeds, cubic, linear
 
 SHIPPED = Path(__file__).resolve().parents[2] / "config"

@@ -8,10 +8,11 @@ import pytest
 from scipy import stats
 
 from csstsim.base.errors import InputError
+from csstsim.base.healpix import NSIDE
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
+from csstsim.catalog.truth_bricks import AREA_DEG2, place
 from csstsim.instrument.load import read_data
-from csstsim.universe.bricks import AREA_DEG2, NSIDE, place
 from csstsim.universe.stars import stars as module
 from csstsim.universe.stars.milky_way import density, direction, equatorial
 from csstsim.universe.stars.star_sed import StarSeds

@@ -14,7 +14,6 @@ from workflow_run import ROOT, command, content, level0_targets, make, snakemake
 
 from csstsim.campaign.opened import OpenCampaign
 
-
 FEW = POINTINGS[0], POINTINGS[2]  # a science exposure and a bias
 
 

@@ -50,3 +50,11 @@ def _bars():
             yield bars
         finally:
             _screen["bars"] = None
+
+
+def make_missing(wanted, say):
+    """Make those of {path: function that makes it} that are not there."""
+    for path in progress([path for path in wanted if not path.exists()], "made first"):
+        if not path.exists():  # tables come with a new PSF set
+            say(f"missing, made first: {path}")
+            wanted[path]()

@@ -23,7 +23,6 @@ import math
 C_KM_S = 299_792.458  # speed of light, exact (SI)
 H_J_S = 6.626_070_15e-34  # Planck constant, exact (SI)
 K_J_K = 1.380_649e-23  # Boltzmann constant, exact (SI)
-C_M_S = 1000.0 * C_KM_S
 C_A_S = 1e13 * C_KM_S  # speed of light in angstrom / s
 
 AB_ZERO_W_M2_HZ = 3631e-26  # flux density of AB magnitude 0 (Oke & Gunn 1983)
@@ -31,12 +30,10 @@ AB_ZERO_W_M2_HZ = 3631e-26  # flux density of AB magnitude 0 (Oke & Gunn 1983)
 AU_KM = 149_597_870.7  # exact (IAU 2012 B2)
 DAY_S = 86_400.0
 JULIAN_YEAR_DAYS = 365.25
-MJD_J2000 = 51_544.5
 
 EARTH_RADIUS_KM = 6378.137  # equatorial, WGS84
 EARTH_GM_KM3_S2 = 398_600.4418  # WGS84
 EARTH_J2 = 1.082_626_68e-3  # second zonal harmonic, WGS84 / EGM96
-SIDEREAL_DAY_S = 86_164.0905
 
 SOLAR_RADIUS_PC = 2.254_610e-8  # nominal solar radius 6.957e8 m (IAU 2015 B3) over 3.085_677_6e16 m
 

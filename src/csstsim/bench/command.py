@@ -34,9 +34,9 @@ def bench(folder, band, names, quick, objects, seed, say):
     folder, start = Path(folder), time.process_time()
     setting = make_setting(folder, band)
     if setting.disperser is None:
-        from csstsim.bench.imaging import IMAGING as kind
+        from csstsim.bench.imaging.benchmark import IMAGING as kind
     else:
-        from csstsim.bench.slitless import SLITLESS as kind
+        from csstsim.bench.slitless.benchmark import SLITLESS as kind
     methods = chosen(names, kind.methods)
     say(f"chip {setting.chip.id}, {band} band: PSF set and tables ready, {time.process_time() - start:.0f} CPU s")
     full = OBJECTS if setting.disperser is None else OBJECTS_SLITLESS

@@ -6,7 +6,7 @@ from typing import Any
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
-from csstsim.catalog.select import Noise
+from csstsim.catalog.selection.select import Noise
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.geometry.wcs import ChipWCS

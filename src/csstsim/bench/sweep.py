@@ -21,7 +21,7 @@ class Bench:
     """make_cases(setting, count, seed, largest) -> cases, which have star, electrons, `about` and `brighter`.
 
     truth(setting) -> function of a case; standard(setting, case) -> image; errors(setting, case, image, truth, drawn)
-    -> (errors, chances), each (len(names),), of images per unit of light; methods: bench.methods.Method; goals: {name:
+    -> (errors, chances), each (len(names),), of images per unit of light; methods: imaging Methods; goals: {name:
     largest bias}; shown: names to print.
     """
 

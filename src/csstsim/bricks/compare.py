@@ -7,7 +7,7 @@ matched one to one (bricks.match). Purity is the fraction of the merged sources 
 
 import numpy as np
 
-from csstsim.base.healpix import to_vectors
+from csstsim.base.sphere import offsets, unit_vectors
 from csstsim.bricks.match import one_to_one
 from csstsim.catalog.table import GALAXY
 
@@ -22,7 +22,7 @@ SATURATED = 4  # of the measured flags (measure.catalogue)
 
 def match(truth, sources):
     """Return the row of the merged source that is each true object's (bricks.match), -1 without one within reach."""
-    places, others = (to_vectors(truth["ra_epoch"], truth["dec_epoch"]), to_vectors(sources["ra"], sources["dec"]))
+    places, others = (unit_vectors(truth["ra_epoch"], truth["dec_epoch"]), unit_vectors(sources["ra"], sources["dec"]))
     return one_to_one(places, others, np.radians(reach(truth) / 3600.0))
 
 
@@ -124,10 +124,10 @@ def twice(truth, sources, match):
         return None, 0
     from scipy.spatial import cKDTree
 
-    places, reaches = to_vectors(truth["ra_epoch"], truth["dec_epoch"]), np.radians(reach(truth) / 3600.0)[rows]
+    places, reaches = unit_vectors(truth["ra_epoch"], truth["dec_epoch"]), np.radians(reach(truth) / 3600.0)[rows]
     true, found = (
         cKDTree(some).query_ball_point(places[rows], reaches, return_length=True)
-        for some in (places, to_vectors(sources["ra"], sources["dec"]))
+        for some in (places, unit_vectors(sources["ra"], sources["dec"]))
     )
     return float(np.maximum(found - true, 0).sum() / len(rows)), len(rows)
 
@@ -139,10 +139,10 @@ def astrometry(truth, sources, match, bands, snr_min=SNR_BRIGHT):
     snr = [np.nan_to_num(sources[f"flux_{b}"][source] / sources[f"flux_err_{b}"][source]) for b in bands]
     good = (np.max(snr, axis=0, initial=0.0) > snr_min) & ((sources["flags"][source] & SATURATED) == 0)
     rows, source = rows[good], source[good]
-    east = (sources["ra"][source] - truth["ra_epoch"][rows] + 180.0) % 360.0 - 180.0
-    east = east * np.cos(np.radians(truth["dec_epoch"][rows])) * 3.6e6
-    north = (sources["dec"][source] - truth["dec_epoch"][rows]) * 3.6e6
-    return east, north
+    east, north = offsets(
+        sources["ra"][source], sources["dec"][source], truth["ra_epoch"][rows], truth["dec_epoch"][rows]
+    )
+    return east * 3.6e6, north * 3.6e6
 
 
 def colours(truth, sources, match, bands="ugr", snr_min=SNR_COLOUR, kind=None):

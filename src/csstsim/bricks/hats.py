@@ -5,10 +5,9 @@ hats.properties  partition_info.csv  dataset/_metadata _common_metadata Norder=8
 
 from csstsim import __version__
 from csstsim.base.files.atomic import atomic_path
-from csstsim.base.healpix import HATS_ORDER, NSIDE
+from csstsim.base.healpix import BRICKS, HATS_ORDER, ORDER
 from csstsim.catalog.table import ObjectTable
 
-ORDER = 8
 ABOUT = "hats.properties", "partition_info.csv", "dataset/_metadata", "dataset/_common_metadata"
 STANDARD = {"hats_version": "v1.0", "hats_release_date": "2025-08-22"}  # of the layout's description
 
@@ -26,7 +25,7 @@ def write_catalogue(folder, name, bricks):
         "obs_collection": name, "dataproduct_type": "object", "hats_nrows": sum(rows),
         "hats_col_ra": "ra", "hats_col_dec": "dec", "hats_col_healpix": "_healpix_29",
         "hats_col_healpix_order": HATS_ORDER, "hats_npix_suffix": ".parquet", "hats_order": ORDER,
-        "hats_max_rows": max(rows), "moc_sky_fraction": len(bricks) / (12 * NSIDE**2),
+        "hats_max_rows": max(rows), "moc_sky_fraction": len(bricks) / BRICKS,
         "hats_estsize": sum(path.stat().st_size for path in bricks.values()) // 1024,
         "hats_builder": f"csstsim v{__version__}", **STANDARD,
     }  # fmt: skip

@@ -16,7 +16,8 @@ epoch, so a star that moves by more than the tolerance between exposures becomes
 
 import numpy as np
 
-from csstsim.base.healpix import brick_of, from_vectors, hats_index, near_brick, to_vectors
+from csstsim.base.healpix import brick_of, hats_index, near_brick
+from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.bricks.associate import ARCSEC, FLOOR, associate
 from csstsim.catalog.table import BANDS, ObjectTable, write_parquet
 
@@ -77,12 +78,12 @@ def merge_brick(pix, tables, *, margin=MARGIN):
     `detections`: ObjectTable of DETECTION_COLUMNS and `source` (row in `sources`), sorted by it.
     """
     found, fate = _gather(pix, tables, margin / 3600.0)
-    vectors = to_vectors(found["ra"], found["dec"])
+    vectors = unit_vectors(found["ra"], found["dec"])
     source = associate(vectors, found["pos_err"], found["frame"])
     count = int(source.max(initial=-1)) + 1
     weight = np.maximum(found["pos_err"], ERROR_MIN) ** -2.0
     mean = np.stack([np.bincount(source, weight * vectors[:, axis], count) for axis in range(3)], axis=1)
-    ra, dec = from_vectors(mean)
+    ra, dec = ra_dec(mean)
     inside = brick_of(ra, dec) == pix
     away = np.linalg.norm(vectors - (mean / np.linalg.norm(mean, axis=1)[:, None])[source], axis=1)
     close = away < CLOSE_SIGMA * np.hypot(found["pos_err"], FLOOR) * ARCSEC

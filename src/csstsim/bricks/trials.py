@@ -7,6 +7,7 @@ from the amplifier: the way in which charge transfer displaces; `transfers` the 
 
 import numpy as np
 
+from csstsim.base.sphere import offsets
 from csstsim.bricks.compare import PIXEL, SATURATED, half_light, wider
 from csstsim.bricks.match import one_to_one
 from csstsim.catalog.table import GALAXY, ObjectTable
@@ -75,7 +76,8 @@ def trials(truth, frame):
 def _own(truth, measured, at, mag, electrons):
     """Return {column: values} of OWN, and true shapes, of objects `truth` found in rows `at` of the measured table."""
     galaxy = truth["obj_type"] == GALAXY
-    east, north = offsets(measured["ra"][at], measured["dec"][at], truth["ra_epoch"], truth["dec_epoch"])
+    away = offsets(measured["ra"][at], measured["dec"][at], truth["ra_epoch"], truth["dec_epoch"])
+    east, north = (3600.0 * angle for angle in away)
     out = {
         "pull": (measured["flux_psf"][at] - electrons) / measured["flux_psf_err"][at],
         "psf_size": measured["hsm_sigma"][at] / measured["psf_sigma"][at] - 1,
@@ -99,13 +101,7 @@ def _by_header(truth, measured, at, facts):
         return {}
     seen = facts.wcs.pixel_to_world(measured["x"][at], measured["y"][at])
     east, north = offsets(*seen, truth["ra"], truth["dec"])
-    return {"header_east": east / PIXEL, "header_north": north / PIXEL}
-
-
-def offsets(ra, dec, true_ra, true_dec):
-    """Return (east, north) of small differences of places in deg, arcsec."""
-    east = (np.asarray(ra) - true_ra + 180.0) % 360.0 - 180.0
-    return east * np.cos(np.radians(true_dec)) * 3600.0, (np.asarray(dec) - true_dec) * 3600.0
+    return {"header_east": 3600.0 * east / PIXEL, "header_north": 3600.0 * north / PIXEL}
 
 
 def matched(truth, measured):

@@ -12,7 +12,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from csstsim.base.healpix import brick_of, from_vectors, to_vectors
+from csstsim.base.healpix import brick_of
+from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.bricks import compare
 from csstsim.bricks.exposures import SNR_SHARP, bright_points, frame_gates, judged_points
 from csstsim.bricks.gates import CHANCE, FEW, WORST, at_least, at_most, of_exposures
@@ -237,8 +238,8 @@ def distinct(tables):
     columns = {name: np.concatenate([table[name] for table in tables]) for name in DISTINCT}
     _, first, which = np.unique(columns["id"], return_index=True, return_inverse=True)
     anywhere = np.bincount(which, columns["blended"]) > 0
-    vectors = to_vectors(columns["ra_epoch"], columns["dec_epoch"])
-    ra, dec = from_vectors(np.stack([np.bincount(which, v) for v in vectors.T], axis=1))
+    vectors = unit_vectors(columns["ra_epoch"], columns["dec_epoch"])
+    ra, dec = ra_dec(np.stack([np.bincount(which, v) for v in vectors.T], axis=1))
     table = ObjectTable({name: values[first] for name, values in columns.items()})
     for name in (f"mag_{band}" for band in BANDS):
         np.fmax.at(table[name], which, columns[name])

@@ -21,7 +21,7 @@ from csstsim.catalog import own_table
 from csstsim.catalog.open import catalog_class, own_digests
 from csstsim.catalog.places.astrometry import apparent
 from csstsim.catalog.places.ephemeris import observer
-from csstsim.catalog.select import BRICK_MARGIN_DEG, bricks_for
+from csstsim.catalog.selection.select import BRICK_MARGIN_DEG, bricks_for
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.io.owner import check_owner

@@ -4,6 +4,7 @@ import os
 
 import numpy as np
 
+from csstsim.base.healpix import NSIDE
 from csstsim.campaign.costs import INSTEAD, each_once, expected, expected_objects, megapixels
 from csstsim.catalog.places.astrometry import apparent
 
@@ -52,7 +53,7 @@ def _covered(run):
 
     covered = []
     for pix, jobs in run.merge_bricks.items():
-        ra, dec = healpy.pix2ang(256 * 32, np.arange(pix * 1024, (pix + 1) * 1024), nest=True, lonlat=True)
+        ra, dec = healpy.pix2ang(NSIDE * 32, np.arange(pix * 1024, (pix + 1) * 1024), nest=True, lonlat=True)
         seen = np.zeros(len(ra), bool)
         for job in jobs:
             x, y = job.wcs.world_to_pixel(*apparent(ra, dec, job.observer))

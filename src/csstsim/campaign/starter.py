@@ -94,15 +94,15 @@ def _aimed(file, content):
 
 def _circle(file, table):
     """Return ra, dec [deg] of the middle of a table's objects, and the radius of a circle about it [arcmin]."""
-    from csstsim.catalog.base import unit_vectors
+    from csstsim.base.sphere import ra_dec, unit_vectors
 
-    places = unit_vectors(table["ra"], table["dec"])
-    if not len(places) or not np.isfinite(places).all():
+    vectors = unit_vectors(table["ra"], table["dec"])
+    if not len(vectors) or not np.isfinite(vectors).all():
         raise InputError("no objects, or one without a place", file=file, key="ra, dec")
-    middle = places.mean(axis=0)
-    chord = np.linalg.norm(places - middle / np.linalg.norm(middle), axis=1).max()
+    middle = vectors.mean(axis=0)
+    chord = np.linalg.norm(vectors - middle / np.linalg.norm(middle), axis=1).max()
     reach = 60.0 * float(np.degrees(2 * np.arcsin(chord / 2)))
-    ra, dec = np.degrees([np.arctan2(middle[1], middle[0]), np.arctan2(middle[2], np.hypot(*middle[:2]))])
+    ra, dec = ra_dec(middle)
     if reach + MARGIN > LARGEST:
         raise InputError(
             "objects lie too far apart for one chip; for more, csstsim init without a catalogue, and a survey table",

@@ -60,6 +60,7 @@ import numpy as np
 from csstsim.base.digest import digest
 from csstsim.base.errors import CsstsimError, InputError
 from csstsim.base.help_page import explained
+from csstsim.base.sphere import inside, unit_vectors
 from csstsim.catalog.light.photometry import ab_mag, bin_means, load_fluxes
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.table import COLUMNS, ObjectTable
@@ -80,19 +81,7 @@ class Region:
 
     def contains(self, ra, dec):
         """Whether places [deg, arrays of one length] lie between the corners, which bound a convex polygon."""
-        corners, places = unit_vectors(self.ra, self.dec), unit_vectors(ra, dec)
-        inside = np.ones(len(places), bool)
-        for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-            normal = np.cross(a, b)
-            normal *= np.sign(np.einsum("i,i->", normal, corners.mean(axis=0)))
-            inside &= np.einsum("ni,i->n", places, normal) >= 0
-        return inside
-
-
-def unit_vectors(ra, dec):
-    """Return (n, 3) unit vectors of places [deg]."""
-    ra, dec = np.radians(ra), np.radians(dec)
-    return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=-1)
+        return inside(unit_vectors(ra, dec), unit_vectors(self.ra, self.dec))
 
 
 class CatalogBase(ABC):

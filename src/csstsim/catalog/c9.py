@@ -22,12 +22,12 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.c9_files import read_array, read_galaxies, read_stars
+from csstsim.catalog.light.embedded_spectra import coefficients
 from csstsim.catalog.light.photometry import ab_mag
 from csstsim.catalog.mock_object import MockObjects
 from csstsim.catalog.table import BANDS, GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
-from csstsim.universe.brick_spectra import coefficients
 from csstsim.universe.parameters import COEFFICIENTS, load_universe
 
 OPTIONS = ("stars", "galaxies", "basis", "quasars", "partial", "metallicity", "solar_z", "universe", "instrument")

@@ -16,11 +16,12 @@ from difflib import get_close_matches
 
 import numpy as np
 
+from csstsim.base.healpix import NSIDE
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import Region, name_of, read_columns, users_code
-from csstsim.catalog.drawable import reasons
 from csstsim.catalog.light.photometry import load_fluxes, rate_to_mag
 from csstsim.catalog.open import make_catalog
+from csstsim.catalog.selection.drawable import reasons
 from csstsim.catalog.table import COLUMNS, STAR, TYPES, ObjectTable
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID, SUBBANDS
@@ -53,7 +54,8 @@ def sky_region(ra, dec, radius):
     import healpy
 
     half = radius / np.cos(np.radians(abs(dec) + radius))
-    bricks = healpy.query_disc(256, healpy.ang2vec(ra, dec, lonlat=True), np.radians(radius), inclusive=True, nest=True)
+    centre = healpy.ang2vec(ra, dec, lonlat=True)
+    bricks = healpy.query_disc(NSIDE, centre, np.radians(radius), inclusive=True, nest=True)
     corners = ra + np.array([-half, half, half, -half]), dec + np.array([-radius, -radius, radius, radius])
     return Region(tuple((corners[0] % 360.0).tolist()), tuple(corners[1].tolist()), tuple(sorted(bricks.tolist())))
 

@@ -8,13 +8,13 @@ from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import CatalogBase
+from csstsim.catalog.light.embedded_spectra import rates, spectra
 from csstsim.catalog.light.grating_bound import MARGIN, grating_rate
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.catalog.mock_object import MockObjects
 from csstsim.catalog.table import ObjectTable
+from csstsim.catalog.truth_bricks import SED_COLUMNS, brick_meta, read_brick
 from csstsim.instrument.filter import GRID
-from csstsim.universe.brick_spectra import rates, spectra
-from csstsim.universe.bricks import SED_COLUMNS, brick_meta, read_brick
 from csstsim.universe.parameters import load_universe
 
 
@@ -71,7 +71,7 @@ class SceneCatalog(CatalogBase):
 
     def load_binned(self, rows, edges):
         """Return the means of spectra over bins, as CatalogBase.load_binned, without sampling each spectrum."""
-        from csstsim.universe.binned import binned
+        from csstsim.catalog.light.binned_spectra import binned
 
         return binned(self.universe, self._table.take(np.asarray(rows, dtype=int)), edges)
 

@@ -13,7 +13,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
-from csstsim.catalog.drawable import STRONGLY_LENSED, reasons
+from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
 from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, STAR, TYPES, ObjectTable
 from csstsim.catalog.undrawn import check_shapes
 

@@ -46,8 +46,7 @@ def doctor(campaign):
 
     Exit code 1 if there is a problem. With -q only warnings and problems are printed.
     """
-    from csstsim.command_line.doctor import examine
-    from csstsim.command_line.doctor.finding import OK, PROBLEM
+    from csstsim.command_line.doctor import OK, PROBLEM, examine
 
     quiet, worst = QUIET in click.get_current_context().meta, OK
     for finding in examine(campaign):

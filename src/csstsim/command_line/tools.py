@@ -18,11 +18,7 @@ from csstsim.command_line.completion import layers_of
     "--objects", type=click.IntRange(2, 100_000), help="How many, half of them stars [default: 320; spectra 24]."
 )
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the sample of objects.")
-@click.option(
-    "--readout",
-    is_flag=True,
-    help="Cost of the layers after the objects instead; with --output only.",
-)
+@click.option("--readout", is_flag=True, help="Cost of the layers after the objects instead; with --output only.")
 @click.option("--chart", multiple=True, type=click.Path(), help="A table of an earlier run, to draw instead; repeat.")
 def bench(output, quick, band, methods, objects, seed, readout, chart):
     """Measure speed and accuracy of every way to draw an object.
@@ -46,7 +42,7 @@ def bench(output, quick, band, methods, objects, seed, readout, chart):
 
         draw(output, chart, say=print)
     elif readout:
-        from csstsim.bench.readout import readout as run
+        from csstsim.bench.readout.layers import readout as run
 
         run(Path(output), say=print)
     else:
@@ -114,7 +110,7 @@ def fit_grating(samples, output, stem):
 
     \b
     To try it, with the trajectories behind a shipped grating:
-      python tests/instrument/build_gratings.py --samples GI1 > samples.csv
+      python builders/build_gratings.py --samples GI1 > samples.csv
       csstsim fit-grating samples.csv --output results/GI1.conf --sensitivity GI
     """
     from csstsim.optics.gratings.trace_fit import fit_file, fit_report

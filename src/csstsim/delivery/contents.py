@@ -74,8 +74,8 @@ class Contents:
 
 def of_campaign(run):
     """Return the Contents of campaign.opened.OpenCampaign's output folder."""
+    from csstsim.catalog.truth_bricks import brick_meta
     from csstsim.stages.masters import masters_recipe
-    from csstsim.universe.bricks import brick_meta
 
     frames = tuple(_frame(run, job) for job in run.jobs)
     science = [job for job in run.jobs if job.pointing.type == "SCIE"]

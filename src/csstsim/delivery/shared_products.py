@@ -13,7 +13,7 @@ from csstsim.io.frames import load_frame
 
 def truth_brick(path, record):
     """Check a brick of the embedded Universe; `record`: what it must be made for, or None."""
-    from csstsim.universe.bricks import read_brick
+    from csstsim.catalog.truth_bricks import read_brick
 
     table = read_brick(path, record)
     pix = int(path.stem.removeprefix("Npix="))

@@ -1,4 +1,4 @@
-"""The analogue-digital converter (paper, Appendix B item 15): nearest integer, held within its range."""
+"""Electrons to DN: the channels' gains, and the analogue-digital converter (paper, Appendix B items 14 and 15)."""
 
 import numpy as np
 
@@ -31,3 +31,11 @@ def digitise(image, adc_max=65535, mask=None):
     if bad:
         raise ValueError(f"{bad} pixel(s) to digitise are not finite")
     return digits, high, low
+
+
+def channel_gains(detector, rng, *, one_each):
+    """Return the gains of all channels of a chip [e-/DN], a list; rng: rng.Streams; one_each: else all have one."""
+    count = detector.channels_x * detector.channels_y
+    draws = [rng.channel(i + 1, "gain") for i in range(count)] if one_each else [rng.chip("gain")]
+    gains = [detector.gain * (1.0 + detector.gain_spread * draw.uniform(-1.0, 1.0)) for draw in draws]
+    return gains if one_each else gains * count

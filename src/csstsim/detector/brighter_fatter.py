@@ -10,8 +10,9 @@ The shift of a boundary is the difference of a potential of the charges around (
 from its two pixels alone; all charges at most `limit`. What crosses it is the shift times the charge there (Antilogus
 et al. 2014, JINST 9 C03048; their mean of the two pixels leaves a dip behind a step edge, the third-order density does
 not). What leaves a pixel enters another, so charge is conserved to float32's rounding. K and skew come from the
-covariances of flats (detector.bfe_fit) and hold half the final shift, the mean while charge gathers. Charge is moved as
-a mean: pixels keep fractions of electrons, because rounding them would add 1/12 e-^2 of noise that flats do not show.
+covariances of flats (detector.bfe_kernel) and hold half the final shift, the mean while charge gathers. Charge is moved
+as a mean: pixels keep fractions of electrons, because rounding them would add 1/12 e-^2 of noise that flats do not
+show.
 
 Two limits hold it stable whatever the image: a pixel pushes with no more than `limit` (its full well) and gives no
 more than 1/DONOR of its charge through one boundary, so none turns negative. Nothing crosses the image's border, where

@@ -23,15 +23,7 @@ from csstsim.base.files.atomic import atomic_path
 from csstsim.catalog.places.ephemeris import observer
 from csstsim.detector.channels import LAYOUTS, ReadoutFrame
 from csstsim.instrument.chip import Window
-from csstsim.io.fits import (
-    compress,
-    image_header,
-    open_fits,
-    read_header,
-    read_pixels,
-    verify_hdu,
-    write_hdus,
-)
+from csstsim.io.fits import compress, image_header, open_fits, read_header, read_pixels, verify_hdu, write_hdus
 from csstsim.io.level0_cards import level0_cards, mask_cards
 from csstsim.io.sections import stored_slices
 

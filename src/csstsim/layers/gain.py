@@ -6,6 +6,7 @@ Each channel (or the chip) has a gain [e-/DN] drawn once for the camera's life, 
 
 from pydantic import Field
 
+from csstsim.detector.adc import channel_gains
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.layers.param import LayerParam
 
@@ -22,17 +23,9 @@ class Param(LayerParam):
 
 def apply(state, param, rng):
     """Divide the readout frame by the gains, in place; gains [e-/DN] of all channels go to the header."""
-    gains = channel_gains(state.chip.detector, param, rng)
+    gains = channel_gains(state.chip.detector, rng, one_each=param.gain_16channel)
     for block in ReadoutFrame.of(state.chip.detector, state.window).blocks:
         state.image[block.whole] /= gains[block.channel - 1]
     state.unit = "DN"
     state.header["gain"] = gains
     return state
-
-
-def channel_gains(detector, param, rng):
-    """Return the gains of all channels of a chip [e-/DN], a list; rng: rng.Streams of the chip."""
-    count = detector.channels_x * detector.channels_y
-    draws = [rng.channel(i + 1, "gain") for i in range(count)] if param.gain_16channel else [rng.chip("gain")]
-    gains = [detector.gain * (1.0 + detector.gain_spread * draw.uniform(-1.0, 1.0)) for draw in draws]
-    return gains if param.gain_16channel else gains * count

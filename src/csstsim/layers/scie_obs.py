@@ -9,8 +9,8 @@ from functools import cache
 
 from pydantic import Field
 
-from csstsim.catalog.row_order import back, canonical_order, orders_back
-from csstsim.catalog.select import Noise
+from csstsim.catalog.selection.row_order import back, canonical_order, orders_back
+from csstsim.catalog.selection.select import Noise
 from csstsim.layers.param import EXPTIME, LayerParam
 from csstsim.optics.gratings.dispersion import Disperser
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered, scattered_light

@@ -11,6 +11,8 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from csstsim.base.sphere import wrapped
+
 _KEYWORD = re.compile(
     r"WCSAXES|(CTYPE|CUNIT|CRVAL|CRPIX)[12]|CD[12]_[12]|LONPOLE|LATPOLE|RADESYS|(A|B|AP|BP)_(ORDER|\d_\d)"
 )
@@ -102,12 +104,8 @@ def _sides(wcs, axes):
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     x, y = (x0 + x1) / 2, (y0 + y1) / 2
     corners, _ = wcs.all_pix2world([x0, x1, x1, x0, x0], [y0, y0, y1, y1, y0], 0)
-    if abs(_wrapped(np.diff(corners)).sum()) > 180.0:  # once around: a pole is within
+    if abs(wrapped(np.diff(corners)).sum()) > 180.0:  # once around: a pole is within
         return "tr", "r"
     ra, _ = wcs.all_pix2world([x, x + 1, x], [y, y, y + 1], 0)
-    along_x, along_y = np.abs(_wrapped(ra[1:] - ra[0]))
+    along_x, along_y = np.abs(wrapped(ra[1:] - ra[0]))
     return ("t", "r") if along_x >= along_y else ("r", "t")
-
-
-def _wrapped(degrees):
-    return (degrees + 180.0) % 360.0 - 180.0

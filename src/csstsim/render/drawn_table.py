@@ -8,7 +8,7 @@ NONE = "none"  # the method of what is not drawn
 
 
 class DrawnTable:
-    """A row an object of an ObjectTable from catalog.select; `rows` are those that can be drawn.
+    """A row an object of an ObjectTable from catalog.selection.select; `rows` are those that can be drawn.
 
     electrons (nominal), drawn (put on the window: whole electrons for photons, the sum of expected ones otherwise; with
     ghosts, which come on top, they may exceed the nominal ones), method (render.policy), snr (against its own light

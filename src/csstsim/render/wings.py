@@ -6,7 +6,7 @@ chip, bright or faint, so that no choice of method loses light. What then is sti
 because its stamp is smaller than the box or the box differs from the wing where they join, is laid between core and
 edge of the box as a smooth ring.
 
-Whether noise hides a wing (catalog.reach) decides how it is drawn. One that shows is drawn pixel by pixel near the
+Whether noise hides a wing (selection.reach) decides how it is drawn. One that shows is drawn pixel by pixel near the
 object, up to 48 to 192 px, and on the meshes of render.far_wings beyond. A hidden one is a haze, on the meshes alone:
 it is faded in from the middle on, not over the box's ring, which is too narrow for a mesh.
 

@@ -1,11 +1,11 @@
 """Tables of a brick's numbers by band, for the report."""
 
 from csstsim.report.figures import band_label
-from csstsim.report.markup import table
+from csstsim.report.parts import Table
 
 
 def band_table(result):
-    """Return the table of what is judged in each band of a validate_brick result, in magnitudes."""
+    """Return the Table of what is judged in each band of a validate_brick result, in magnitudes."""
     rows = []
     for band, numbers in result["bands"].items():
         star, galaxy = numbers["star"], numbers["galaxy"]
@@ -19,15 +19,15 @@ def band_table(result):
         "band", "frames", "zero point [AB, 1 e-/s]", "5 sigma depth [AB]", "completeness", "point sources",
         "stars: out - in [mag]", "scatter", "stars", "galaxies: out - in [mag]", "scatter", "galaxies",
     )  # fmt: skip
-    return table(head, rows)
+    return Table(head, rows)
 
 
 def band_numbers(result):
-    """Return a table of every single number of a result's bands, a row a number, a column a band."""
+    """Return a Table of every single number of a result's bands, a row a number, a column a band."""
     columns = {band: dict(_leaves(numbers)) for band, numbers in result["bands"].items()}
     names = list(dict.fromkeys(name for column in columns.values() for name in column))
     rows = [(name, *(column.get(name) for column in columns.values())) for name in names]
-    return table(("number", *map(band_label, columns)), rows, "numbers")
+    return Table(("number", *map(band_label, columns)), rows, "numbers")
 
 
 def _leaves(mapping, prefix=""):

@@ -158,12 +158,12 @@ def _legend(axes):
 
 
 def _centre(polygons):
-    from csstsim.base.healpix import from_vectors, to_vectors
+    from csstsim.base.sphere import ra_dec, unit_vectors
 
     if not polygons:
         return 0.0, 0.0
-    mean = np.concatenate([to_vectors(ra, dec) for ra, dec in polygons]).mean(axis=0)
-    ra, dec = from_vectors(mean[None])
+    mean = np.concatenate([unit_vectors(ra, dec) for ra, dec in polygons]).mean(axis=0)
+    ra, dec = ra_dec(mean[None])
     return float(ra[0]), float(dec[0])
 
 

@@ -6,12 +6,14 @@ mosaic, y down. A chip's place is right to a pixel: field distortion is not in i
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from csstsim.base.sphere import rotation
 from csstsim.optics.geometry.wcs import mosaic_cd
 from csstsim.report.figures import BAND_COLOURS, band_label
-from csstsim.report.markup import data_url, text
+from csstsim.report.parts import data_url
 from csstsim.report.thumbnail import MOST, binned, busiest, png, step_for, stretch
 
 COLOURS = BAND_COLOURS | {"y": "#FFFFFF"}  # the figures' black would not show on black
@@ -22,11 +24,6 @@ BUTTONS = (
     ("reset", "focal plane", "all chips (key 0)"),
     ("exposure", "exposure", "what was simulated (key 1)"),
     ("detail", "full resolution", "the cutout (key 2)"),
-)
-HELP = (
-    "Simulated pixels of one exposure, each chip above its own background, asinh stretch in units of its noise; mosaic "
-    "+x right, +y up. Wheel, drag, pinch, buttons or keys (+, -, 0, 1, 2, arrows) zoom and move. The dashed square is "
-    "at full resolution; outlines without pixels are chips that were not simulated."
 )
 
 
@@ -67,98 +64,79 @@ def take_exposure(title, pa, files, most=MOST):
     return Exposure(title, pa, tuple(pictures), detail)
 
 
+class FocalPlane(NamedTuple):
+    """The viewer, a part of the page (report.parts): shapes and groups of them, as templates/focal_plane.html draws."""
+
+    box: str
+    outlines: list
+    labels: list
+    groups: list
+    buttons: tuple = BUTTONS
+
+
 def mosaic(chips, exposures):
-    """Return the HTML of the viewer: `chips` are all of the camera, `exposures` at least one Exposure."""
+    """Return the FocalPlane: `chips` are all of the camera, `exposures` at least one Exposure."""
     corners = np.concatenate([_corners(chip, chip.full_window) for chip in chips])
     (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
     edge = 0.01 * (x1 - x0)
     box = (x0 - edge, y0 - edge, x1 - x0 + 2 * edge, y1 - y0 + 2 * edge)
-    outlines = "".join(_outline(chip, chip.full_window, "idle") for chip in chips)
-    names = "".join(_chip_label(chip) for chip in chips)
-    groups = "".join(_group(exposure, number) for number, exposure in enumerate(exposures))
-    options = "".join(f'<option value="{n}">{text(e.title)}</option>' for n, e in enumerate(exposures))
-    choose = f'<label>exposure <select name="exposure">{options}</select></label>' if len(exposures) > 1 else ""
-    buttons = "".join(
-        f'<button type="button" data-zoom="{name}" title="{hint}">{sign}</button>' for name, sign, hint in BUTTONS
-    )
-    title = f"<figcaption>{text(exposures[0].title) + '. ' if len(exposures) == 1 else ''}{HELP}</figcaption>"
-    svg = (
-        f'<svg class="plane" tabindex="0" role="img" aria-label="Focal plane" viewBox="{_numbers(box)}">'
-        f'<g class="view">{outlines}{groups}{names}</g></svg>'
-    )
-    arrows = "".join(_compass(exposure, number) for number, exposure in enumerate(exposures))
-    return (
-        f'<figure class="mosaic"><div class="tools">{choose}{buttons}</div><div class="stage">{svg}'
-        f'<svg class="compass" viewBox="-50 -50 100 100" aria-hidden="true">{arrows}</svg></div>{title}</figure>'
-    )
+    outlines = [_outline(chip, chip.full_window, "idle") for chip in chips]
+    return FocalPlane(_numbers(box), outlines, [_chip_label(chip) for chip in chips], [_group(e) for e in exposures])
 
 
-def _group(exposure, number):
-    boxes = np.concatenate([_corners(p.chip, p.window) for p in exposure.pictures])
-    detail = exposure.detail
-    data = f'data-box="{_box(boxes)}"'
-    if detail:
-        data += f' data-detail="{_box(_corners(detail.chip, detail.window))}"'
-    shown = "".join(_picture(picture) for picture in (*exposure.pictures, *([detail] if detail else [])))
-    frames = "".join(_outline(p.chip, p.chip.full_window, "chip") for p in exposure.pictures)
-    frames += "".join(_outline(p.chip, p.window, "window") + _window_label(p) for p in exposure.pictures)
-    frames += _outline(detail.chip, detail.window, "cutout") if detail else ""
-    return f'<g class="exposure" data-number="{number}"{_hidden(number)} {data}>{shown}{frames}</g>'
+def _group(exposure):
+    detail, pictures = exposure.detail, exposure.pictures
+    shapes = [_image(picture) for picture in (*pictures, *([detail] if detail else []))]
+    shapes += [_outline(p.chip, p.chip.full_window, "chip") for p in pictures]
+    for p in pictures:
+        shapes += [_outline(p.chip, p.window, "window"), *_window_label(p)]
+    shapes += [_outline(detail.chip, detail.window, "cutout")] if detail else []
+    box = _box(np.concatenate([_corners(p.chip, p.window) for p in pictures]))
+    cutout = _box(_corners(detail.chip, detail.window)) if detail else ""
+    return {"title": exposure.title, "box": box, "detail": cutout, "shapes": shapes, "arrows": _compass(exposure)}
 
 
-def _hidden(number):
-    return "" if number == 0 else ' style="display:none"'
-
-
-def _picture(picture):
-    """An image element; the blocks at the window's far edges may reach beyond it, by less than a block."""
+def _image(picture):
+    """The blocks at the window's far edges may reach beyond it, by less than a block."""
     x, bottom = _place(picture.chip, picture.window.x0, picture.window.y0)
     width, height = (-(-n // picture.step) * picture.step for n in (picture.window.nx, picture.window.ny))
-    return (
-        f'<image x="{x:g}" y="{bottom - height:g}" width="{width}" height="{height}" preserveAspectRatio="none"'
-        f'{_turn(picture.chip)} href="{data_url(picture.png)}"/>'
-    )
+    place = {"x": f"{x:g}", "y": f"{bottom - height:g}", "width": width, "height": height, "turn": _turn(picture.chip)}
+    return {"kind": "image", "url": data_url(picture.png)} | place
 
 
 def _outline(chip, window, style):
     x, y = _place(chip, window.x0, window.y1)
     colour = COLOURS.get(chip.filter.lower(), GRATING)
-    return (
-        f'<rect class="{style}" x="{x:g}" y="{y:g}" width="{window.nx}" height="{window.ny}" stroke="{colour}"'
-        f"{_turn(chip)}/>"
-    )
+    place = {"x": f"{x:g}", "y": f"{y:g}", "width": window.nx, "height": window.ny, "turn": _turn(chip)}
+    return {"kind": "outline", "style": style, "colour": colour} | place
 
 
 def _chip_label(chip):
-    x, y = _place(chip, 0, chip.detector.ny)
-    return _label(chip, x, y, 0.15 * min(chip.detector.nx, chip.detector.ny))
+    return _label(chip, *_place(chip, 0, chip.detector.ny), 0.15 * min(chip.detector.nx, chip.detector.ny))
 
 
 def _window_label(picture):
     """The chip's name in a window that is much smaller than the chip, whose own is then far off or out of sight."""
     window = picture.window
     if 2 * max(window.shape) > max(picture.chip.detector.nx, picture.chip.detector.ny):
-        return ""
-    return _label(picture.chip, *_place(picture.chip, window.x0, window.y1), 0.05 * min(window.shape))
+        return []
+    return [_label(picture.chip, *_place(picture.chip, window.x0, window.y1), 0.05 * min(window.shape))]
 
 
 def _label(chip, x, y, size):
     name = f"{chip.label} {band_label(chip.filter)}"
-    return f'<text x="{x + 0.25 * size:g}" y="{y + 1.1 * size:g}" font-size="{size:g}"{_turn(chip)}>{text(name)}</text>'
+    place = {"x": f"{x + 0.25 * size:g}", "y": f"{y + 1.1 * size:g}", "size": f"{size:g}", "turn": _turn(chip)}
+    return {"kind": "label", "text": name} | place
 
 
-def _compass(exposure, number):
-    """Arrows towards north and east, which do not zoom."""
+def _compass(exposure):
+    """Return (name, angle [deg], x, y) of arrows towards north and east, which do not zoom."""
     inverse = np.linalg.inv(mosaic_cd(exposure.pa, exposure.pictures[0].chip.telescope))
-    drawn = []
-    for name, (dx, dy) in zip("EN", inverse.T, strict=True):  # mosaic pixels a degree east, and north
-        angle = math.atan2(-dy, dx)
-        x, y = 40 * math.cos(angle), 40 * math.sin(angle)
-        drawn.append(
-            f'<path d="M0 0H28m-8 -5l8 5l-8 5" transform="rotate({math.degrees(angle):.2f})"/>'
-            f'<text x="{x:.2f}" y="{y:.2f}">{name}</text>'
-        )
-    return f'<g data-number="{number}"{_hidden(number)}>{"".join(drawn)}</g>'
+    angles = [math.atan2(-dy, dx) for dx, dy in inverse.T]  # of mosaic pixels a degree east, and north
+    return [
+        (name, *(f"{v:.2f}" for v in (math.degrees(angle), 40 * math.cos(angle), 40 * math.sin(angle))))
+        for name, angle in zip("EN", angles, strict=True)
+    ]
 
 
 def _place(chip, x, y):
@@ -167,15 +145,14 @@ def _place(chip, x, y):
 
 
 def _turn(chip):
-    return f' transform="rotate({-chip.rotation:g} {chip.xc:g} {-chip.yc:g})"' if chip.rotation else ""
+    return f"rotate({-chip.rotation:g} {chip.xc:g} {-chip.yc:g})" if chip.rotation else ""
 
 
 def _corners(chip, window):
     """Return the corners (4, 2) of a window as they are drawn."""
     places = [_place(chip, x, y) for x in (window.x0, window.x1) for y in (window.y0, window.y1)]
-    angle, centre = math.radians(-chip.rotation), np.array([chip.xc, -chip.yc])
-    turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-    return (np.array(places) - centre) @ turn.T + centre
+    centre = np.array([chip.xc, -chip.yc])
+    return (np.array(places) - centre) @ rotation(math.radians(-chip.rotation)).T + centre
 
 
 def _box(corners):

@@ -10,7 +10,7 @@ from csstsim.optics.throughput.response import response_map
 if TYPE_CHECKING:  # names alone: a stage imports what it uses
     from csstsim.catalog.light.object_spectra import Spectra
     from csstsim.catalog.table import ObjectTable
-    from csstsim.detector.charge_transfer.trails import Trails
+    from csstsim.detector.charge_transfer.transfer import Trails
     from csstsim.optics.psf.psf_file import PsfSet
     from csstsim.render.psf_table import PsfTable
     from csstsim.simulation.exposure import Exposure

@@ -14,10 +14,11 @@ for lines shortward of the bands.
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.sphere import angle, unit_vectors
 from csstsim.sky import zodiacal
 from csstsim.sky.background_spectra import band, blackbody_over_sun, magnitude_ratio, pixel_etendue, sunlight
 from csstsim.sky.bodies import bodies, earth_radius
-from csstsim.sky.directions import angle, helioecliptic, unit
+from csstsim.sky.directions import helioecliptic
 from csstsim.sky.earthshine import earthshine
 from csstsim.sky.transmittance import angles, total
 
@@ -86,7 +87,7 @@ def sky_components(rates, axes, sights, moment, numbers):
         "sun": stray(sky.sun[None], np.array([rates["sun"] / sky.sun_au**2]), field=False),
         "moon": stray(sky.moon[None], moon, field=False),
         "planets": stray(sky.planets, planets),
-        "stars": stray(unit(*numbers.stars[:, :2].T), rates["stars"]),
+        "stars": stray(unit_vectors(*numbers.stars[:, :2].T), rates["stars"]),
     }
 
 
@@ -99,7 +100,7 @@ def _in_field(seen, field):
 def lines_of_sight(wcs, window):
     """Return (NODES^2, 3): unit vectors of the grid over the window's pixel centres, rows along x."""
     x, y = np.meshgrid(np.linspace(window.x0, window.x1 - 1, NODES), np.linspace(window.y0, window.y1 - 1, NODES))
-    return unit(*wcs.pixel_to_world(x.ravel(), y.ravel()))
+    return unit_vectors(*wcs.pixel_to_world(x.ravel(), y.ravel()))
 
 
 def grid_mean(values):

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from csstsim.base.sphere import angle, unit_vectors
 from csstsim.base.units import AU_KM, EARTH_RADIUS_KM
 from csstsim.catalog.places.ephemeris import mjd_tt, observer
-from csstsim.sky.directions import angle, unit
 
 _MJD_ZERO = 2_400_000.5
 
@@ -57,7 +57,7 @@ def exposure_angles(ra, dec, mjd, position, velocity):
     sun, moon: angles between them and the boresight; limb: from the Earth's limb, negative if the Earth is in the way;
     limb_sun: the Sun's height over the nearest point of that limb, negative by night.
     """
-    boresight, place = unit(ra, dec), np.array(position, dtype=float)
+    boresight, place = unit_vectors(ra, dec), np.array(position, dtype=float)
     sun, _ = _sun(mjd, position, velocity)
     zenith = place / np.linalg.norm(place)
     across = boresight - (boresight @ zenith) * zenith

@@ -7,8 +7,8 @@ aperture's plane but by way of the door. `total` adds both ways in.
 
 import numpy as np
 
+from csstsim.base.sphere import angle
 from csstsim.sky.aperture_door import scattered, shade, zenith_angle
-from csstsim.sky.directions import angle
 
 
 def transmittance(zenith, azimuth, numbers):

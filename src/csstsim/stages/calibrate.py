@@ -96,24 +96,26 @@ def _by_masters(run, job, streams):
 
 def _undo(run, job, steps, streams):
     """Return a function that moves charge back to where light made it. streams: rng.Streams of the traps."""
-    from csstsim.layers import brighter_fatter, cte_effect
+    from csstsim.detector.bfe_kernel import detector_kernel
+    from csstsim.detector.brighter_fatter import move_charge
+    from csstsim.detector.charge_transfer.transfer import transfer
     from csstsim.measure.reverse_transfer import undone
 
     detector, passes = run.camera.detector, run.config.measurement.cti_passes
     traps, spread = steps.step("cte_effect"), steps.step("brighter_fatter")
 
-    def transfer(image):
-        cte_effect.transfer(image, detector, job.window, traps.param, streams)
+    def trap(image):
+        transfer(image, detector, job.window, streams, density=traps.param.density_scale, serial=traps.param.serial)
 
     def push(image):
         below = np.minimum(image, np.float32(0.0))  # of read noise: no charge
         image -= below
-        brighter_fatter.push(image, detector)
+        move_charge(image, *detector_kernel(detector), detector.full_well)
         image += below
 
     def undo(electrons):
         if traps and traps.param.density_scale > 0:
-            electrons = undone(electrons, transfer, passes)
+            electrons = undone(electrons, trap, passes)
         return undone(electrons, push, PUSHES) if spread else electrons
 
     return undo

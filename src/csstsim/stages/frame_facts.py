@@ -2,9 +2,10 @@
 
 from csstsim.base.rng import Streams
 from csstsim.bricks.facts import Facts, HeaderWCS
+from csstsim.detector.adc import channel_gains
 from csstsim.io.level0 import read_level0
 from csstsim.io.paths import made
-from csstsim.layers import gain, sky_background
+from csstsim.layers import sky_background
 
 # Of the world coordinates of the assembled frame; channels' have a letter behind.
 WCS_KEYS = (
@@ -20,7 +21,7 @@ def frame_facts(run, job):
     steps, detector = run.steps[job.pointing.type], run.camera.detector
     streams = Streams(run.config.seed, job.pointing.obsid, job.chip.id, "validate")
     gains = steps.step("gain")
-    values = gain.channel_gains(detector, gains.param, streams) if gains else []
+    values = channel_gains(detector, streams, one_each=gains.param.gain_16channel) if gains else []
     header = {
         "exptime": file.header0.get("EXPTIME"), "gain": file.gain, "read_noise": file.per_channel("RON"),
         "bias": file.per_channel("DETBIA"),

@@ -3,8 +3,8 @@
 from functools import partial
 
 from csstsim.base.one_thread import one_thread
+from csstsim.base.progress import make_missing
 from csstsim.base.release import check_release
-from csstsim.stages.make_missing import make_missing
 
 
 @one_thread
@@ -58,10 +58,7 @@ def open_psf(run, chip):
 
     config, own = run.config.psf, {}
     if not config.library:
-        own = {
-            "grid": config.grid,
-            "oversampling": oversampling_of(chip.filter, run.camera.psf, config.oversampling),
-        }
+        own = {"grid": config.grid, "oversampling": oversampling_of(chip.filter, run.camera.psf, config.oversampling)}
     psf = PsfSet(
         run.paths.psf(chip.id), chip=chip.id, filter=chip.filter, camera_digest=run.camera.digest,
         method=config.interpolation, beta=config.beta, neighbours=config.neighbours, **own,

@@ -61,7 +61,7 @@ def object_spectra(run, job, objects):
     if run.embedded:
         return embedded_spectra(objects, run.universe)
     from csstsim.catalog.open import open_catalog
-    from csstsim.catalog.select import region_for
+    from csstsim.catalog.selection.select import region_for
 
     region = region_for(*job.footprint(), run.margin_deg(job))
     return catalog_spectra(objects, open_catalog(run.config.catalog, region, run.paths.truth, {}))

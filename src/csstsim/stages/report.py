@@ -12,7 +12,7 @@ from csstsim.base.release import check_recipe
 from csstsim.bricks import verdict as verdicts
 from csstsim.campaign.run_times import run_times
 from csstsim.io.paths import made
-from csstsim.report.markup import Link
+from csstsim.report.parts import Link
 
 EMBEDDED = 5_000_000  # bytes of figures of bricks and spectra in the page; of the rest, links
 PNG = b"\x89PNG\r\n\x1a\n"  # its first bytes

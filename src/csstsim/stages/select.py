@@ -19,9 +19,9 @@ def select(run, job):
 
 
 def selected(run, job):
-    """Return the ObjectTable of what reaches a job's window (catalog.select)."""
+    """Return the ObjectTable of what reaches a job's window (catalog.selection.select)."""
     from csstsim.catalog.open import open_catalog
-    from csstsim.catalog.select import Noise, region_for, select_objects
+    from csstsim.catalog.selection.select import Noise, region_for, select_objects
     from csstsim.optics.scatter.scattered_light import scattered_light
 
     config, camera, exptime = run.config.catalog, run.camera, job.pointing.exptime
@@ -38,8 +38,8 @@ def selected(run, job):
 
 def say_selected(table, say):
     """Say how many objects reach the window, and how many of them will not be drawn, and why."""
-    from csstsim.catalog.drawable import why_not_drawn
     from csstsim.catalog.flags import NOT_DRAWN
+    from csstsim.catalog.selection.drawable import why_not_drawn
 
     say(f"{len(table)} objects reach the window; left out: {table.meta['dropped']}")
     for reason, count in why_not_drawn(table, table["flags"] & NOT_DRAWN).items():
@@ -50,7 +50,7 @@ def say_selected(table, say):
 def check_catalog(run, say):
     """Open what the campaign draws from; try a catalogue of the user's on the first science job (catalog.contract)."""
     from csstsim.catalog.contract import check
-    from csstsim.catalog.select import near, region_for
+    from csstsim.catalog.selection.select import near, region_for
 
     source = run.open_truth()
     jobs = run.imaging_jobs or run.slitless_jobs

@@ -4,13 +4,13 @@ from functools import partial
 
 from csstsim.base.errors import InputError
 from csstsim.base.one_thread import one_thread
-from csstsim.stages.make_missing import make_missing
+from csstsim.base.progress import make_missing
 
 
 @one_thread
 def truth(run, pix, say=print):
     """Make one brick of the embedded universe."""
-    from csstsim.universe.bricks import write_brick
+    from csstsim.catalog.truth_bricks import write_brick
 
     if not run.embedded:
         raise InputError(

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
-from csstsim.catalog.light.dust_map import DustMap
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import folder_digest, read_data
+from csstsim.universe.dust.dust_map import DustMap
 
 Z_MAX = 20.0  # of galaxies
 _POSITIVE = ("dust.r_v", "stars.sun.r0", "galaxies.density", "galaxies.mass_function.z_max", "lensing.shells")
@@ -43,7 +43,7 @@ class Universe:
 
     @cached_property
     def dust(self):
-        """The catalog.light.dust_map.DustMap of dust.yaml."""
+        """The universe.dust.dust_map.DustMap of dust.yaml."""
         return DustMap(self.numbers["dust"])
 
     @property

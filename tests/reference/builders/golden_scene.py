@@ -1,6 +1,6 @@
 """Write tests/reference/golden_scene.json: statistics of a small scene after each layer.
 
-    PYTHONPATH=tests python tests/reference/builders/golden_scene.py
+    PYTHONPATH=tests:builders python tests/reference/builders/golden_scene.py
 
 Statistics, not hashes: a change of processor or library moves them by far less than the tolerances of
 tests/end_to_end/test_golden_scene.py; a change of physics does not. Run it only when pixels are meant to

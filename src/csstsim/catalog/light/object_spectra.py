@@ -11,7 +11,7 @@ ROW = "catalog_row"  # column that `select` leaves on spectroscopic chips: the o
 
 
 class Spectra:
-    """Spectra of the rows of a table from catalog.select: magnification included."""
+    """Spectra of the rows of a table from catalog.selection.select: magnification included."""
 
     def __init__(self, objects, load):
         """load: (rows of the table, edges) -> (n, bins), before magnification."""
@@ -31,7 +31,7 @@ class Spectra:
 
 def embedded_spectra(objects, universe):
     """Return the Spectra of objects of the embedded universe: made of the table's own columns, no brick is read."""
-    from csstsim.universe.binned import binned
+    from csstsim.catalog.light.binned_spectra import binned
 
     return Spectra(objects, lambda rows, edges: binned(universe, objects.take(rows), edges))
 

@@ -25,6 +25,7 @@ deflection (0.6 mas at the limb), the Doppler factor of the flux (1e-4).
 
 import numpy as np
 
+from csstsim.base.sphere import frames, normalised, turned, unit_vectors
 from csstsim.base.units import AU_KM, C_KM_S, DAY_S, JULIAN_YEAR_DAYS, MAS_PER_RAD
 
 _AU_YEAR = DAY_S * JULIAN_YEAR_DAYS / AU_KM  # au / yr of 1 km / s
@@ -47,17 +48,17 @@ def at_j2000(ra, dec, observer, *, pmra=0.0, pmdec=0.0, parallax=0.0, rv=0.0):
     Within the object's own motion of a pole, where east turns on the way, it does not converge.
     """
     motion = [_known(v) for v in (pmra, pmdec, np.maximum(_known(parallax), 0.0), rv)]
-    return _degrees(_inverse(lambda p: _geometric(*_angles(p), motion, observer), _vectors(ra, dec)))
+    return _degrees(_inverse(lambda p: _geometric(*_angles(p), motion, observer), unit_vectors(ra, dec)))
 
 
 def apparent(ra, dec, observer):
     """Return the ra, dec [deg] in which the observer sees what lies at ra, dec (ICRS at the epoch)."""
-    return _degrees(aberration(light_deflection(_vectors(ra, dec), observer), observer))
+    return _degrees(aberration(light_deflection(unit_vectors(ra, dec), observer), observer))
 
 
 def icrs(ra, dec, observer):
     """Return the ICRS ra, dec [deg] at the epoch of what is seen at ra, dec: the inverse of `apparent`."""
-    return _degrees(_inverse(lambda p: aberration(light_deflection(p, observer), observer), _vectors(ra, dec)))
+    return _degrees(_inverse(lambda p: aberration(light_deflection(p, observer), observer), unit_vectors(ra, dec)))
 
 
 def space_motion(ra, dec, pmra, pmdec, parallax, rv, observer):
@@ -65,10 +66,7 @@ def space_motion(ra, dec, pmra, pmdec, parallax, rv, observer):
 
     ra, dec in rad; pmra (with cos dec), pmdec [mas/yr]; parallax [mas, >= 0]; rv [km/s].
     """
-    sin_a, cos_a, sin_d, cos_d = np.sin(ra), np.cos(ra), np.sin(dec), np.cos(dec)
-    star = np.stack([cos_d * cos_a, cos_d * sin_a, sin_d], axis=-1)
-    east = np.stack([-sin_a, cos_a, np.zeros_like(sin_a)], axis=-1)
-    north = np.stack([-sin_d * cos_a, -sin_d * sin_a, cos_d], axis=-1)
+    star, east, north = frames(ra, dec)
     rates = [np.broadcast_to(v, star.shape[:-1])[..., None] / MAS_PER_RAD for v in (pmra, pmdec, parallax * rv)]
     velocity = rates[0] * east + rates[1] * north + rates[2] * _AU_YEAR * star
     # Light passes the barycentre when it shows the star as a catalogue counts time; the observer is earlier or later.
@@ -79,7 +77,7 @@ def space_motion(ra, dec, pmra, pmdec, parallax, rv, observer):
 def parallax_shift(star, parallax, observer):
     """Return the unit vectors (n, 3) from the observer to stars (n, 3) as `space_motion` gives them; parallax [mas]."""
     shift = np.broadcast_to(parallax, star.shape[:-1])[..., None] / MAS_PER_RAD * observer.astrom["eb"]
-    return _unit(star - shift)
+    return normalised(star - shift)
 
 
 def light_deflection(direction, observer):
@@ -112,23 +110,13 @@ def _inverse(forward, target):
     """
     guess = target
     for _ in range(_PASSES):
-        guess = _unit(guess + (target - forward(guess)))
+        guess = normalised(guess + (target - forward(guess)))
     return guess
 
 
 def _known(values):
     values = np.asarray(values, dtype=float)
     return np.where(np.isfinite(values), values, 0.0)
-
-
-def _unit(vectors):
-    return vectors / np.sqrt(np.einsum("...i,...i->...", vectors, vectors))[..., None]
-
-
-def _vectors(ra, dec):
-    import erfa
-
-    return erfa.s2c(np.radians(ra), np.radians(dec))
 
 
 def _angles(vectors):
@@ -139,5 +127,4 @@ def _angles(vectors):
 
 def _degrees(vectors):
     ra, dec = _angles(vectors)
-    ra = np.degrees(ra) % 360.0
-    return np.where(ra == 360.0, 0.0, ra)[()], np.degrees(dec)
+    return turned(np.degrees(ra)), np.degrees(dec)

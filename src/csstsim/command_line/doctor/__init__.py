@@ -4,19 +4,28 @@ Each check is a function that yields Findings. One that fails in a way nobody th
 raised: a broken installation is what this is for.
 """
 
+from dataclasses import dataclass
+
 from csstsim.base.errors import CsstsimError
 from csstsim.base.help_page import told
-from csstsim.command_line.doctor.finding import PROBLEM, Finding
+
+OK, WARNING, PROBLEM = "ok", "warning", "problem"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What one check found. verdict: OK, WARNING or PROBLEM; text: what is there and, if it is not OK, what to do."""
+
+    verdict: str
+    what: str
+    text: str
 
 
 def examine(campaign=None):
     """Yield the Findings of an installation and, if the file of a campaign is named, of the campaign."""
     from csstsim.command_line.doctor import installation, machine
 
-    for check in (
-        installation.python, installation.libraries, installation.extras, installation.data, installation.numba_cache,
-        machine.threads,
-    ):  # fmt: skip
+    for check in (installation.libraries, installation.data, installation.numba_cache, machine.threads):
         yield from _safely(check)
     if campaign is None:
         yield from _safely(machine.room)

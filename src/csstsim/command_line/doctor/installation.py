@@ -1,4 +1,4 @@
-"""What of csstsim is installed: versions, libraries, optional parts, its data, compiled code."""
+"""What of csstsim is installed: libraries and their versions, its data, compiled code."""
 
 import importlib
 import importlib.metadata
@@ -9,37 +9,16 @@ from pathlib import Path
 
 from csstsim import __version__
 from csstsim.base.shipped import ROOT
-from csstsim.command_line.doctor.finding import OK, PROBLEM, WARNING, Finding
+from csstsim.command_line.doctor import OK, PROBLEM, WARNING, Finding
 from csstsim.command_line.doctor.machine import write_fault
 
 MODULES = {"pillow": "PIL", "pyerfa": "erfa", "pyyaml": "yaml"}  # libraries imported by another name
 PACKAGE = Path(__file__).parents[2]
-EXTRAS = {"de440": "astrometry.ephemeris: de440", "slurm": "profiles/slurm"}
-
-
-def python():
-    """Python's version, and whether this csstsim is the one that is installed."""
-    from packaging.specifiers import SpecifierSet
-
-    try:
-        about = importlib.metadata.metadata("csstsim")
-    except importlib.metadata.PackageNotFoundError:
-        yield Finding(PROBLEM, "csstsim", f"{__version__}, not installed: pip install . in its folder")
-        return
-    same = about["Version"] == __version__
-    yield Finding(
-        OK if same else WARNING, "csstsim", f"{__version__} in {PACKAGE}" if same else
-        f"{__version__} runs, {about['Version']} is installed: pip install it again",
-    )  # fmt: skip
-    found, needed = platform.python_version(), about["Requires-Python"]
-    good = SpecifierSet(needed or "").contains(found, prereleases=True)
-    yield Finding(
-        OK if good else PROBLEM, "python", f"{found}" if good else f"{found}; csstsim needs Python {needed}"
-    )  # fmt: skip
 
 
 def libraries():
     """Each library that csstsim requires: there, of a version that will do, and does not fail when imported."""
+    yield Finding(OK, "csstsim", f"{__version__} in {PACKAGE}, Python {platform.python_version()}")
     needed = requirements()
     faults = {each: fault for each in needed if (fault := _fault(each) or _import_fault(each.name))}
     for each, fault in faults.items():
@@ -48,12 +27,12 @@ def libraries():
         yield Finding(OK, "libraries", f"the {len(needed)} that csstsim needs are there and can be imported")
 
 
-def requirements(extra=""):
-    """Return the packaging.requirements.Requirement of csstsim, and of one of its extras if it is named."""
+def requirements():
+    """Return the packaging.requirements.Requirement of csstsim, without its extras."""
     from packaging.requirements import Requirement
 
     found = map(Requirement, importlib.metadata.requires("csstsim") or ())
-    return [each for each in found if each.marker is None or each.marker.evaluate({"extra": extra})]
+    return [each for each in found if each.marker is None or each.marker.evaluate({"extra": ""})]
 
 
 def _fault(requirement):
@@ -72,14 +51,6 @@ def _import_fault(name):
     except Exception as error:  # of libraries that do not fit each other: anything
         return f"its import fails with {type(error).__name__}: {' '.join(str(error).split())[:200]}"
     return None
-
-
-def extras():
-    """The optional parts: absent is no fault."""
-    for name, use in EXTRAS.items():
-        missing = [each.name for each in requirements(name) if each.marker and _fault(each)]
-        text = f"absent ({', '.join(missing)}); for it: pip install 'csstsim[{name}]'" if missing else "present"
-        yield Finding(OK, f"extra {name} ({use})", text)
 
 
 def data():

@@ -5,7 +5,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from csstsim.command_line.doctor.finding import OK, PROBLEM, WARNING, Finding
+from csstsim.command_line.doctor import OK, PROBLEM, WARNING, Finding
 
 DISK = 5e9  # bytes the demo takes
 MEMORY = 4e9  # bytes: the most that a whole chip with every layer takes, and room beside it

@@ -1,6 +1,6 @@
 """Whether a campaign opens, and whether this machine has room for it."""
 
-from csstsim.command_line.doctor.finding import OK, PROBLEM, WARNING, Finding
+from csstsim.command_line.doctor import OK, PROBLEM, WARNING, Finding
 from csstsim.command_line.doctor.machine import cores, free_disk, free_memory, gb, there, write_fault
 
 

@@ -4,13 +4,13 @@
 
 from the ideal pixel (x0, y0) of the linear WCS to the pixel (x, y) of the light: one two-dimensional spline of order 4
 over the whole focal plane for what the optics do, and one on each CCD for what is left, which jumps from CCD to CCD
-because they are not perfectly aligned. Both are fitted to samples (u, v, x, y), as PSF data sets hold them. Splines
-are of displacements (x - x0, y - y0); the global one in mosaic axes, about the boresight.
+because they are not perfectly aligned. Splines are of displacements (x - x0, y - y0); the global one in mosaic axes,
+about the boresight. builders/build_distortion.py fits both to samples (u, v, x, y), as PSF data sets hold them.
 
 Equation 4's rows are exchanged in print; x0, y0 follow from u, v by the inverse of CD. Shapes: a source changes by the
 whole matrix d(x, y)/d(x0, y0), composed with lensing (equation 7, in linear order and with its sign turned).
 
-Model and fit hold MARGIN_PX beyond each chip; further out the displacement is that of the nearest point within, so the
+The fit holds 2600 px beyond each chip; further out the displacement is that of the nearest point within, so the
 map stays continuous and one-to-one. Left out: colour, and change with time.
 """
 
@@ -20,12 +20,8 @@ import fitsio
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.base.files.atomic import atomic_path
-from csstsim.base.one_thread import one_thread
-from csstsim.optics.geometry.wcs import chip_plane, mosaic_cd
+from csstsim.optics.geometry.wcs import chip_plane
 
-MARGIN_PX = 2600.0  # beyond the chip; light of objects up to 2048 px off, moved by up to 214 px, may reach it
-CELLS = (2, 2)  # of the global spline and of each chip's
 _CALL, _ENOUGH = 200, 200_000  # points that a call costs by itself, and that cost as much as the start of numba (0.5 s)
 _asked = 0  # points so far
 
@@ -89,53 +85,6 @@ class FieldDistortion:
 def chip_layout(chip):
     """Return what of a chip's nominal geometry the model depends on: nx, ny, xc, yc, rotation."""
     return tuple(map(float, (chip.detector.nx, chip.detector.ny, chip.xc, chip.yc, chip.rotation)))
-
-
-@one_thread
-def fit(samples, chips, cells=CELLS, chip_cells=CELLS, margin=MARGIN_PX):
-    """Return the FieldDistortion fitted to samples.
-
-    samples: {chip id: (n, 4)} of u, v [deg, intermediate world coordinates at position angle 0], x, y [0-based pixel]
-    (optics.geometry.focal_plane.samples). chips: {id: Chip}. cells: of the splines, along x and y. margin: px around
-    the samples. Raises ValueError for fewer samples than coefficients. To the rounding of the linear algebra library
-    the same everywhere: run once, the result is stored.
-    """
-    from csstsim.optics.geometry import spline
-
-    ideal, place, moved = {}, {}, {}
-    for number, (u, v, x, y) in ((n, np.transpose(rows)) for n, rows in samples.items()):
-        rotation, origin = chip_plane(chips[number])
-        to_mosaic = np.linalg.inv(mosaic_cd(0.0, chips[number].telescope))
-        place[number] = np.einsum("ij,jn->in", to_mosaic, [u, v])
-        ideal[number] = np.einsum("ji,jn->in", rotation, place[number]) + origin[:, None]
-        moved[number] = np.einsum("ij,jn->in", rotation, [x, y] - ideal[number])
-    everywhere = np.concatenate([*place.values()], axis=1)
-    box = _around(everywhere, margin)
-    whole = box, spline.fit(*everywhere, np.concatenate([*moved.values()], axis=1).T, box, cells)
-    residual = {}
-    for number in samples:
-        rotation, _ = chip_plane(chips[number])
-        left = np.einsum("ji,nj->ni", rotation, moved[number].T - spline.values(*whole, *place[number]))
-        box = _around(ideal[number], margin)
-        residual[number] = box, spline.fit(*ideal[number], left, box, chip_cells)
-    return FieldDistortion(whole, residual, {n: chip_layout(chips[n]) for n in samples})
-
-
-def _around(points, margin):
-    return np.array([points[0].min() - margin, points[0].max() + margin,
-                     points[1].min() - margin, points[1].max() + margin])  # fmt: skip
-
-
-def write_distortion(path, field, about=()):
-    """Write a FieldDistortion as FITS: tables GLOBAL (one row) and CHIPS; `about` are lines for the header."""
-    order = sorted(field.chips)
-    boxes, coefficients = (np.stack([field.chips[n][i] for n in order]) for i in (0, 1))
-    names = {"chip": np.array(order, np.int16), "layout": np.array([field.layout[n] for n in order])}
-    with atomic_path(path) as temporary, fitsio.FITS(temporary, "rw", clobber=True) as file:
-        file.write({"box": field.whole[0][None], "coefficients": field.whole[1][None]}, extname="GLOBAL")
-        for line in about:
-            file["GLOBAL"].write_comment(line)
-        file.write(names | {"box": boxes, "coefficients": coefficients}, extname="CHIPS")
 
 
 def load_distortion(path):

@@ -15,12 +15,12 @@ distance of the exit pupil; then the CCD's own shift and turn are taken off. Num
 and their wedges move light by what the fit would take up chip by chip), the CCDs' bow, foreshortening (1e-8).
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.sphere import rotation
 from csstsim.instrument.load import read_data
 from csstsim.optics.geometry.wcs import chip_plane, mosaic_cd
 
@@ -50,14 +50,13 @@ class FocalPlane:
 
     def forward(self, chip, x0, y0):
         """Return the pixel x, y on which the light of ideal pixel x0, y0 (0-based, arrays) of the chip falls."""
-        rotation, origin = chip_plane(chip)
+        chip_turn, origin = chip_plane(chip)
         seat = self.placement[chip.id]
         px, py = np.asarray(x0, float) - origin[0], np.asarray(y0, float) - origin[1]
-        landed = np.stack(self._optics(*np.tensordot(rotation, np.stack([px, py]), axes=1)))
+        landed = np.stack(self._optics(*np.tensordot(chip_turn, np.stack([px, py]), axes=1)))
         centre = np.array([(chip.detector.nx - 1) / 2, (chip.detector.ny - 1) / 2])
-        seat_centre = rotation @ (centre - origin) + [seat.shift_x, seat.shift_y]
-        turn = np.array([[math.cos(seat.turn), math.sin(seat.turn)], [-math.sin(seat.turn), math.cos(seat.turn)]])
-        to_chip = turn @ rotation.T
+        seat_centre = chip_turn @ (centre - origin) + [seat.shift_x, seat.shift_y]
+        to_chip = rotation(-seat.turn) @ chip_turn.T
         shape = (2,) + (1,) * (landed.ndim - 1)
         on_chip = np.tensordot(to_chip, landed - seat_centre.reshape(shape), axes=1)
         um = chip.detector.pixel_um
@@ -104,8 +103,8 @@ def samples(plane, chip, nodes=30):
     """
     edge_x, edge_y = (np.linspace(-0.5, n - 0.5, nodes) for n in (chip.detector.nx, chip.detector.ny))
     x, y = (a.ravel() for a in np.meshgrid(edge_x, edge_y))
-    rotation, origin = chip_plane(chip)
-    cd = mosaic_cd(0.0, chip.telescope) @ rotation
+    turn, origin = chip_plane(chip)
+    cd = mosaic_cd(0.0, chip.telescope) @ turn
     x0, y0 = plane.ideal(chip, x, y)
     u, v = (row[0] * (x0 - origin[0]) + row[1] * (y0 - origin[1]) for row in cd)
     return np.stack([u, v, x, y], axis=1)

@@ -71,19 +71,6 @@ def value(box, coefficients, x, y, work):
 
 
 @njit(cache=True)
-def _design(x, y, box, cells_x, cells_y):
-    rows = np.zeros((x.size, (cells_y + ORDER) * (cells_x + ORDER)))
-    work = np.empty((4, ORDER + 1))
-    for n in range(x.size):
-        i, _ = _axis(x[n], box[0], box[1], cells_x, work[0], work[1])
-        j, _ = _axis(y[n], box[2], box[3], cells_y, work[2], work[3])
-        for row in range(ORDER + 1):
-            start = (j + row) * (cells_x + ORDER) + i
-            rows[n, start : start + ORDER + 1] = work[2, row] * work[0]
-    return rows
-
-
-@njit(cache=True)
 def _values(box, coefficients, x, y):
     out = np.empty((x.size, 2))
     work = np.empty((4, ORDER + 1))
@@ -96,16 +83,3 @@ def _values(box, coefficients, x, y):
 def values(box, coefficients, x, y):
     """Return the two functions at points x, y (n,), as (n, 2)."""
     return _values(np.asarray(box, float), coefficients, np.asarray(x, float), np.asarray(y, float))
-
-
-def fit(x, y, wanted, box, cells):
-    """Return the coefficients whose spline is nearest, in the mean square, to `wanted` (n, 2) at points x, y (n,).
-
-    cells: (along x, along y). Raises ValueError for fewer points than coefficients: the spline would ripple between.
-    """
-    cells_x, cells_y = cells
-    if len(x) < (needed := (cells_x + ORDER) * (cells_y + ORDER)):
-        raise ValueError(f"{len(x)} samples cannot hold a spline of {needed} coefficients")
-    matrix = _design(np.asarray(x, float), np.asarray(y, float), np.asarray(box, float), cells_x, cells_y)
-    solution, *_ = np.linalg.lstsq(matrix, wanted, rcond=1e-12)
-    return solution.reshape(cells_y + ORDER, cells_x + ORDER, 2)

@@ -22,6 +22,7 @@ import math
 
 import numpy as np
 
+from csstsim.base.sphere import rotation
 from csstsim.base.units import ARCSEC_PER_RAD
 
 
@@ -37,8 +38,8 @@ class ChipWCS:
         self.crval = (pointing.ra, pointing.dec)
         self.nominal_cd = mosaic_cd(pointing.pa, chip.telescope)
         self.nominal_crpix = nominal_crpix(chip)
-        rotation, origin = chip_plane(chip)
-        self.cd = self.nominal_cd @ rotation
+        turn, origin = chip_plane(chip)
+        self.cd = self.nominal_cd @ turn
         self.crpix = origin + 1
         self._inverse = np.linalg.inv(self.cd) * math.degrees(1.0)  # pixel per radian
 
@@ -123,9 +124,7 @@ class ChipWCS:
 def mosaic_cd(pa, telescope):
     """Return the CD matrix (2, 2) [deg / pixel] of the unturned mosaic at position angle `pa` [deg]."""
     s = telescope.pixel_scale / 3600.0
-    angle = math.radians(pa)
-    cd = s * np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
-    return cd @ np.diag([1.0, float(telescope.parity)])
+    return s * rotation(-math.radians(pa)) @ np.diag([1.0, float(telescope.parity)])
 
 
 def nominal_crpix(chip):
@@ -138,11 +137,10 @@ def chip_plane(chip):
 
     The nominal place of the chip, turned about its centre; the mosaic's origin is the boresight.
     """
-    turn = math.radians(chip.rotation)
-    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    turn = rotation(math.radians(chip.rotation))
     nominal = nominal_crpix(chip) - 1
     centre = np.array([chip.detector.nx - 1, chip.detector.ny - 1]) / 2
-    return rotation, centre - rotation.T @ (centre - nominal) if chip.rotation else nominal
+    return turn, centre - turn.T @ (centre - nominal) if chip.rotation else nominal
 
 
 def gnomonic(crval, ra, dec):

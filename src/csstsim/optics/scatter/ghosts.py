@@ -25,6 +25,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.sphere import rotation
 from csstsim.optics.psf.chip_errors import mosaic_position
 
 
@@ -43,7 +44,7 @@ class Ghosts:
         """Return the chip pixels (G, 2) of the discs' centres for a star at chip pixel x, y (may be off the chip)."""
         lean = (np.array(mosaic_position(chip, x, y)) - self.axis) / self.pupil
         turn = math.radians(chip.rotation)
-        in_chip = np.array([[math.cos(turn), math.sin(turn)], [-math.sin(turn), math.cos(turn)]]) @ lean
+        in_chip = rotation(-turn) @ lean
         return np.array([x, y]) + self.way[:, None] * in_chip
 
     @property

@@ -23,7 +23,7 @@ from csstsim.render.settings import load_numbers
 def draw_objects(canvas, objects, drawing):
     """Draw the objects of an imaging chip on a Canvas; return the table with what was drawn (render.drawn_table).
 
-    objects: ObjectTable from catalog.select; drawing: render.drawing.Drawing.
+    objects: ObjectTable from catalog.selection.select; drawing: render.drawing.Drawing.
     """
     out = DrawnTable(objects, np.sum([objects[f"flux{i}"] for i in range(4)], axis=0) * drawing.exptime)
     rows, wing, scattered = out.rows, drawing.wing, drawing.scattered

@@ -5,7 +5,7 @@ its position, in four sub-bands. Where the paper's letter is not followed (desig
 - r_e is the half-light radius, so GalSim's own DeVaucouleurs and Exponential are used;
 - both components share one SED, so the four sub-band PSFs are summed by flux weight before the one
   convolution: the same image as four draws added, by linearity;
-- the stamp is bounded by the scene's noise (catalog.select, `reach`), not by folding_threshold = 5e-8;
+- the stamp is bounded by the scene's noise (catalog.selection.select, `reach`), not by folding_threshold = 5e-8;
 - shapes go through full 2 x 2 matrices: intrinsic shear, lensing, then d(pixel)/d(sky);
 - a stored PSF sample is the integral over a cell, 2 or 4 to the side of a pixel: their sums make the exact integral
   over a pixel, so objects are drawn with GalSim's `no_pixel` on that pixel-integrated PSF.
@@ -53,8 +53,8 @@ PSF_MAXK = 2 * np.pi
 def draw_objects(canvas, objects, drawing):
     """Draw the objects of an imaging chip on a Canvas; return the table with what was drawn (render.drawn_table).
 
-    objects: ObjectTable from catalog.select; drawing: render.drawing.Drawing. snr and error of the table are NaN, for
-    they are not asked for.
+    objects: ObjectTable from catalog.selection.select; drawing: render.drawing.Drawing. snr and error of the table are
+    NaN, for they are not asked for.
     """
     psf, window, wing, ghosts = drawing.psf, canvas.window, drawing.wing, drawing.ghosts
     flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1) * drawing.exptime

@@ -3,7 +3,7 @@
     S(lambda) = scale x IGM(lambda, z) x 10^(-0.4 av k(lambda)) x max(0, sum_k c_k P_k(lambda / (1 + z)))
 
 photon / s / m2 / angstrom. The components P (config/universe/galaxy_spectra.fits; builder:
-tests/universe/build_galaxy_spectra.py) lie on 600-11000 A by 2.9 A and are linear between. They span mixtures of five
+builders/build_galaxy_spectra.py) lie on 600-11000 A by 2.9 A and are linear between. They span mixtures of five
 stellar populations and their emission lines under a dust screen; coefficients are linear in the masses of stars.
 Sums of components that dip below zero, where a spectrum is a thousand times fainter than usual, count as zero.
 """

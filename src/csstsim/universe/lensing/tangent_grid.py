@@ -11,7 +11,9 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-_BRICK_NSIDE = 256
+from csstsim.base.healpix import NSIDE
+from csstsim.base.sphere import unit_vectors
+
 _PAD = np.radians(1 / 60)  # around the brick
 _TAPS = 8  # points of the Lagrange interpolation along an axis
 _HALFWAY = np.array([-5.0, 49.0, -245.0, 1225.0, 1225.0, -245.0, 49.0, -5.0]) / 2048  # its weights amid a cell
@@ -32,8 +34,8 @@ class TangentGrid:
         """Return grids around brick `pix` with steps ... 4, 2, 1 x `step`, each reaching beyond the next."""
         import healpy
 
-        centre = np.array(healpy.pix2vec(_BRICK_NSIDE, pix, nest=True))
-        border = healpy.boundaries(_BRICK_NSIDE, pix, step=8, nest=True).T
+        centre = np.array(healpy.pix2vec(NSIDE, pix, nest=True))
+        border = healpy.boundaries(NSIDE, pix, step=8, nest=True).T
         side = np.cross(np.cross(centre, border[8] - border[0]), centre)
         side /= np.linalg.norm(side)
         axes = np.stack([side, np.cross(centre, side), centre])
@@ -84,7 +86,7 @@ class TangentGrid:
 
     def cells(self, ra, dec):
         """Return grid coordinates (n, 2) x, y in steps from the first point. ValueError outside, or if not finite."""
-        place = _project(_vectors(ra, dec), self.axes) / self.step + (self.columns, self.rows)
+        place = _project(unit_vectors(ra, dec), self.axes) / self.step + (self.columns, self.rows)
         inside = (place >= _TAPS // 2 - 1) & (place <= np.array(self.shape)[::-1] - 1 - _TAPS // 2)
         if not inside.all():
             worst = np.flatnonzero(~inside.all(axis=1))[0]
@@ -93,7 +95,7 @@ class TangentGrid:
 
     def to_east_north(self, ra, dec, gamma1, gamma2):
         """Return shear (n,), given in the carried frame, along east and north at each position."""
-        t1, t2 = _carry(self.axes, _vectors(ra, dec))
+        t1, t2 = _carry(self.axes, unit_vectors(ra, dec))
         ra = np.radians(ra)
         cosine = t1[:, 1] * np.cos(ra) - t1[:, 0] * np.sin(ra)  # east . t1
         sine = t2[:, 1] * np.cos(ra) - t2[:, 0] * np.sin(ra)
@@ -148,11 +150,6 @@ def _lagrange(t, weights):
         for j in range(_TAPS):
             if j != i:
                 weights[i] *= (t - j) / (i - j)
-
-
-def _vectors(ra, dec):
-    ra, dec = np.radians(ra), np.radians(dec)
-    return np.stack([np.cos(dec) * np.cos(ra), np.cos(dec) * np.sin(ra), np.sin(dec)], axis=1)
 
 
 def _carry(axes, n):

@@ -8,42 +8,30 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from csstsim.base.sphere import frames, ra_dec, unit_vectors
+
 # Galactic frame in the ICRS (ESA 1997, Hipparcos vol. 1, 1.5.3): north pole, longitude of the ascending node.
 _POLE, _NODE = np.radians([192.85948, 27.12825]), np.radians(32.93192)
 
 
-def _frame():
-    (a, d), n = _POLE, _NODE
-    pole = np.array([np.cos(d) * np.cos(a), np.cos(d) * np.sin(a), np.sin(d)])
-    node = np.array([-np.sin(a), np.cos(a), 0.0])  # where the galactic plane rises through the equator
+def _axes():
+    pole, node, _ = frames(*_POLE)  # the galactic plane rises through the equator at the pole's east
     third = np.cross(pole, node)
-    return np.array([np.cos(n) * node - np.sin(n) * third, np.sin(n) * node + np.cos(n) * third, pole])
+    return np.array([np.cos(_NODE) * node - np.sin(_NODE) * third, np.sin(_NODE) * node + np.cos(_NODE) * third, pole])
 
 
-GALACTIC = _frame()  # rows: the galactic axes in the ICRS
+GALACTIC = _axes()  # rows: the galactic axes in the ICRS
 
 
 def direction(ra, dec):
     """Return (3, ...) galactic unit vectors of ICRS positions [deg]."""
-    ra, dec = np.radians(np.asarray(ra, float)), np.radians(np.asarray(dec, float))
-    return np.einsum("ij,j...->i...", GALACTIC, _unit(ra, dec))
-
-
-def longitude_latitude(ra, dec):
-    """Return galactic l, b [deg] of ICRS positions [deg]."""
-    x, y, z = direction(ra, dec)
-    return np.degrees(np.arctan2(y, x)) % 360.0, np.degrees(np.arcsin(np.clip(z, -1, 1)))
+    vectors = np.ascontiguousarray(np.moveaxis(unit_vectors(ra, dec), -1, 0))  # einsum's last digits go by the order
+    return np.einsum("ij,j...->i...", GALACTIC, vectors)
 
 
 def equatorial(l, b):  # noqa: E741
     """Return ra, dec [deg] of galactic positions [deg]."""
-    vector = np.einsum("ij,i...->j...", GALACTIC, _unit(np.radians(l), np.radians(b)))
-    return np.degrees(np.arctan2(vector[1], vector[0])) % 360.0, np.degrees(np.arcsin(np.clip(vector[2], -1, 1)))
-
-
-def _unit(lon, lat):
-    lon, lat = np.broadcast_arrays(lon, lat)
-    return np.stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+    return ra_dec(unit_vectors(l, b) @ GALACTIC)
 
 
 @dataclass(frozen=True)

@@ -17,16 +17,17 @@ from functools import lru_cache
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.healpix import BRICKS, HATS_ORDER, NSIDE, ORDER
 from csstsim.universe.stars.kinematics import galactic_velocity, sky_motion
 from csstsim.universe.stars.milky_way import components, density, direction
 from csstsim.universe.stars.star_types import COLUMNS, Types, make_types
 
 MOST = 3e6  # stars of a brick: some 2 GB
 _CHUNK = 256  # sight-lines at a time, for memory
-_NSIDE, _BITS = 256, 21  # a brick is 2^21 x 2^21 pixels of order 29
+_BITS = HATS_ORDER - ORDER  # a brick is 2^21 x 2^21 pixels of order 29
 _MODULUS = np.arange(-5.0, 27.0, 0.1)  # edges of the steps in distance modulus: 1 pc to 2.3 Mpc
 _PC_PER_KPC = 1000.0
-AREA_DEG2 = 4 * 180.0**2 / np.pi / (12 * _NSIDE**2)
+AREA_DEG2 = 4 * 180.0**2 / np.pi / BRICKS
 _SQUARE_DEGREE = (np.pi / 180.0) ** 2
 _FEH = COLUMNS.index("feh")
 
@@ -150,7 +151,7 @@ def _corners(pix):
     """Return ra, dec [deg] of the brick's corners: north, west, south, east."""
     import healpy
 
-    vectors = healpy.boundaries(_NSIDE, pix, nest=True)
+    vectors = healpy.boundaries(NSIDE, pix, nest=True)
     return healpy.vec2ang(vectors.T, lonlat=True)
 
 

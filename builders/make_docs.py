@@ -1,0 +1,100 @@
+"""Write config/README.md and config/schema/*.json from the models: python builders/make_docs.py (--check: only look).
+
+The models in csstsim.campaign.config and the layers' Param are the only source; `make test` forbids drift.
+"""
+
+import importlib
+import json
+import sys
+from pathlib import Path
+
+from pydantic import BaseModel
+
+from csstsim.base.model import Model
+from csstsim.campaign.config import Campaign
+from csstsim.simulation.observation import Observation
+from csstsim.simulation.sim_steps import known_layers
+
+CONFIG = Path(__file__).parents[1] / "config"
+INTRO = """# Configuration
+
+Written by `python builders/make_docs.py` from the models; edit those, not this file.
+
+- A **campaign** file (`campaign.yaml` is the demo; `c9_w1.yaml` ... `c9_w5.yaml`; `calibration.yaml`) says what to run.
+  Paths are relative to the directory a command runs in.
+- An **observation** file (`observations/`) lists the layers an exposure goes through, in order.
+- `instrument/` is the camera as data, `universe/` the embedded universe; every number there has its source.
+- `costs.yaml` has what a job of each rule takes, for `csstsim plan` and `csstsim status`.
+- `curves/` holds response curves of other surveys, for catalogues with magnitudes of theirs.
+
+An unknown key, a wrong type or a value out of range is refused before any work, naming file, key and what is allowed.
+Editors that read JSON schemas find them in `schema/`.
+"""
+LAYERS = """What each takes and leaves: electrons or DN; the window's active pixels, or the readout frame with prescan
+and overscan. "Not before": layers that must stand before it, where the list has them. Their equations:
+[docs/layers.md](../docs/layers.md).
+"""
+
+
+def rows(model, prefix=""):
+    """Yield (key, default, description) of a model's fields, nested ones with dotted keys."""
+    for name, field in model.model_fields.items():
+        default = "required" if field.is_required() else field.get_default()
+        if isinstance(default, Model):
+            yield from rows(type(default), f"{prefix}{name}.")
+            continue
+        yield f"{prefix}{name}", default, field.description
+        for inner in getattr(field.annotation, "__args__", ()):
+            if isinstance(inner, type) and issubclass(inner, BaseModel):
+                yield from rows(inner, f"{prefix}{name}.")
+
+
+def table(model):
+    lines = ["| key | default | meaning |", "|---|---|---|"]
+    for key, default, text in rows(model):
+        shown = "null" if default is None else list(default) if isinstance(default, tuple) else default
+        lines.append(f"| `{key}` | {shown} | {text or ''} |")
+    return "\n".join(lines)
+
+
+def layer_table(modules):
+    """Return the table of all layers {name: module}: what they take, leave, ask for."""
+    lines = ["| layer | stage | unit | pixels | exposures | not before | parameters |", "|---|---|---|---|---|---|---|"]
+    for name, module in modules.items():
+        unit, pixels = (" to ".join(dict.fromkeys(getattr(module, key, ("either",)))) for key in ("UNITS", "FRAME"))
+        exposures, after = (", ".join(getattr(module, key, ())) for key in ("EXPOSURES", "AFTER"))
+        parameters = ", ".join(f"`{key}`" for key in module.Param.model_fields)
+        cells = f"[`{name}`](#{name})", module.STAGE, unit, pixels, exposures or "all", after, parameters
+        lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def documents():
+    """Return {path: text} of everything generated."""
+    modules = {name: importlib.import_module(f"csstsim.layers.{name}") for name in known_layers()}
+    text = [INTRO, "## Campaign", table(Campaign), "", "## Layers of an observation file", ""]
+    text += [LAYERS, layer_table(modules), ""]
+    for name, module in modules.items():
+        text += [f"### `{name}`", "", module.__doc__.splitlines()[0], ""]
+        text += [f"Stage `{module.STAGE}`; {module.UNITS[0]} in, {module.UNITS[1]} out.", ""]
+        if module.Param.model_fields:
+            text += [table(module.Param), ""]
+    files = {CONFIG / "README.md": "\n".join(text).rstrip() + "\n"}
+    for model in (Campaign, Observation):
+        schema = json.dumps(model.model_json_schema(), indent=1, sort_keys=True) + "\n"
+        files[CONFIG / "schema" / f"{model.__name__.lower()}.json"] = schema
+    return files
+
+
+def stale():
+    """Return the paths of what is missing or says something else than the models."""
+    return [path for path, text in documents().items() if not path.exists() or path.read_text() != text]
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["--check"]:
+        sys.exit("\n".join(f"{path} is stale: run python builders/make_docs.py" for path in stale()) or 0)
+    for path, content in documents().items():
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(content)
+        print(path)

@@ -1,0 +1,183 @@
+"""Write docs/products.md, what every product holds: python builders/make_products.py (--check: only look).
+
+Each description has one home: beside the columns' types in the module that writes the table, or the comment of a
+keyword in config/instrument/level0_keywords.yaml. tests/docs/test_products.py forbids drift.
+"""
+
+import sys
+from itertools import groupby
+from pathlib import Path
+from string import Template
+
+import numpy as np
+
+from csstsim.base.files.yaml_file import read_yaml
+from csstsim.bricks import merge
+from csstsim.catalog import flags
+from csstsim.catalog.table import COLUMNS
+from csstsim.detector import mask
+from csstsim.io import calibrated, orders, truth
+from csstsim.measure import catalogue
+from csstsim.measure.spectra import spectrum_columns
+from csstsim.optics.psf.psf_file import ATTRIBUTES, DATASETS
+
+ROOT = Path(__file__).parents[1]
+PAGE = """# What every product holds
+
+Written by `python builders/make_products.py` from the code's own tables; edit those, not this page.
+
+Tables are parquet: `csstsim.catalog.table.ObjectTable.read(path)` checks them and gives `table["mag_r"]` and
+`table.meta`; whatever reads parquet reads them. Images are FITS, PSF sets HDF5. px count from 0 at the middle of the
+first pixel, unless "FITS" is said.
+
+## Level-0
+
+`level0/{obsid}/CSST_MSC_MS_WIDE_{start}_{end}_{obsid}_{chip}_L0_V01.fits`: HDU 0 has keywords of the exposure, IMAGE
+(HDU 1) the pixels; [level0.md](level0.md) says where each channel lies. `nn` counts channels from 01 (`LEDSTA`,
+`LEDT`: lamps). A keyword whose quantity is not known in an exposure is left out.
+
+### HDU 0
+
+$header0
+### IMAGE
+
+Structural keywords and the world coordinates come besides.
+
+$header1
+### MASK
+
+If the layer list asks for it, `quantization_and_output: {mask: true}`.
+
+$mask
+## Truth
+
+Beside each Level-0 file, `....truth.parquet`, a row for each object that reaches the window. First the 33 columns of
+the C9 `.cat` files:
+
+$cat
+What the simulator adds; a catalogue's own columns follow as `user_...`, the embedded universe's spectra as
+`sed_scale`, `coeff0` ... `coeff19`, `_healpix_29`:
+
+$truth
+Bits of `flags`:
+
+$flags
+## Truth of orders
+
+`....orders.parquet` beside the Level-0 file of a grating chip: a row for each object and order.
+
+$orders
+## Truth bricks
+
+`truth/dataset/Norder=8/Dir=.../Npix=....parquet`; also what a catalogue of your own may give. `csstsim report` writes
+the files that make `truth/` a HATS catalogue, of all bricks (`lsdb.open_catalog("results/demo/truth")`). A brick's
+rows are stars, galaxies, then quasars. Bricks have besides `sed_scale`,
+`coeff0` ... `coeff19` (spectra) and `_healpix_29`.
+
+$bricks
+## Measured tables
+
+`measure/{obsid}_{chip}.parquet`, a row for each detection; [measure.md](measure.md) says how.
+
+$measured
+Bits of `flags`, which a clean list has none of 4, 8, 64 of:
+
+$measured_flags
+## Spectra
+
+`spectra/{obsid}_{chip}.parquet`, a row for each column of pixels of a spectrum;
+[slitless_extract.md](slitless_extract.md) says how.
+
+$spectra
+Bits of `flags`:
+
+$spectra_flags
+## Merged bricks
+
+`merge/dataset/Norder=8/Dir=.../Npix=....parquet`, a HATS catalogue, a row for each source; [merge.md](merge.md) says
+how. B stands for nuv, u, g, r, i, z, y.
+
+$merged
+## Calibrated images
+
+`calibrated/{obsid}_{chip}.fits`: SCI and ERR [electron / s], DQ (bits); [calibration.md](calibration.md) says how.
+HDU 0 keeps of the Level-0 header: $kept.
+
+$quality
+## PSF sets
+
+`psf/chip_{chip}.h5`; `csstsim.optics.psf.psf_file.PsfSet(path).at(x, y)` gives the PSF of a place. n = grid^2 nodes.
+
+$datasets
+$attributes"""
+
+
+def rows(head, lines):
+    """Return a Markdown table of a head and of lines, tuples of text."""
+    table = [head, ("---",) * len(head), *lines]
+    return "\n".join("| " + " | ".join(str(cell).replace("|", "\\|") for cell in line) + " |" for line in table) + "\n"
+
+
+def columns(described):
+    """Return the table of {name: (type, text)}, or of {name: text}; neighbours that share all of it are one row."""
+    lines = []
+    for about, names in groupby(described, key=described.get):
+        kind, text = about if isinstance(about, tuple) else (None, about)
+        cells = () if kind is None else (np.dtype(kind).name,)
+        lines.append((", ".join(f"`{name}`" for name in names), *cells, text))
+    return rows(("column", "type", "what") if len(lines[0]) == 3 else ("column", "what"), lines)
+
+
+def bits(module, about):
+    """Return the table of flags {bit: text}, named as the module's constants are."""
+    names = {value: name for name, value in vars(module).items() if name.isupper() and isinstance(value, int)}
+    return rows(("bit", "name", "what"), [(bit, f"`{names[bit]}`", text) for bit, text in about.items()])
+
+
+def truth_columns():
+    """Return {name: text} of the truth table's columns: those of .cat files, and what the simulator adds."""
+    known = {name: text for name, (_, _, text) in COLUMNS.items()} | truth.ABOUT
+    first = {name: known[ours] for name, ours in truth.CAT_COLUMNS.items()}
+    return first, {name: text for name, text in known.items() if name not in truth.CAT_COLUMNS.values()}
+
+
+def header(hdu):
+    """Return the table of one HDU's keywords, in the file's order."""
+    lines = []
+    for entry in read_yaml(ROOT / "config" / "instrument" / "level0_keywords.yaml")["keywords"]["values"]:
+        if entry["hdu"] == hdu:
+            many = "nn" if entry.get("repeat") else ""
+            name = f"**{entry['block'].lower()}**" if "block" in entry else f"`{entry['keyword']}{many}`"
+            always = f"`{entry['constant']}`" if "constant" in entry else ""
+            lines.append((name, entry.get("comment", ""), always))
+    return rows(("keyword", "what", "always"), lines)
+
+
+def documents():
+    """Return {path: text} of the page."""
+    cat, more = truth_columns()
+    parts = {
+        "header0": header(0), "header1": header(1), "mask": bits(mask, mask.ABOUT), "cat": columns(cat),
+        "truth": columns(more), "flags": bits(flags, flags.ABOUT), "orders": columns(orders.COLUMNS),
+        "bricks": columns({name: (kind, text) for name, (kind, _, text) in COLUMNS.items()}),
+        "measured": columns(catalogue.COLUMNS), "measured_flags": bits(catalogue, catalogue.FLAGS),
+        "spectra": columns(spectrum_columns.COLUMNS), "spectra_flags": bits(spectrum_columns, spectrum_columns.FLAGS),
+        "merged": columns(merge.ABOUT | merge.ABOUT_BAND), "kept": ", ".join(f"`{name}`" for name in calibrated.KEPT),
+        "quality": rows(("bit", "what"), calibrated.DQ.items()),
+        "datasets": rows(("dataset", "shape, type", "what"), [(f"`{k}`", *v) for k, v in DATASETS.items()]),
+        "attributes": rows(("attribute", "what"), [(f"`{k}`", v) for k, v in ATTRIBUTES.items()]),
+    }  # fmt: skip
+    return {ROOT / "docs" / "products.md": Template(PAGE).substitute(parts)}
+
+
+def stale():
+    """Return the paths of what is missing or says something else than the code."""
+    return [path for path, text in documents().items() if not path.exists() or path.read_text() != text]
+
+
+if __name__ == "__main__":
+    if sys.argv[1:] == ["--check"]:
+        sys.exit("\n".join(f"{path} is stale: run python builders/make_products.py" for path in stale()) or 0)
+    for path, content in documents().items():
+        path.write_text(content)
+        print(path)

@@ -1,0 +1,190 @@
+"""Make every table of survey_tables/, and measure what each field's exposures cover.
+
+    python builders/make_tables.py [folder]       write the tables (default: survey_tables/)
+    python builders/make_tables.py --coverage     print what each filter covers of the 5 deg2 circles
+
+Nothing is random: the same code and config/instrument/ give the same bytes. Field centres, sizes and numbers of
+exposures are those of the paper's Cycle-9 runs (Table 2); their real pointings are not public.
+"""
+
+import sys
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.shipped import SHIPPED
+from csstsim.instrument.camera import load_camera
+from csstsim.instrument.pointing import Pointing
+from csstsim.optics.geometry.aim import aim
+from csstsim.optics.geometry.wcs import ChipWCS
+
+PA = -113.4333  # deg, the roll of the published headers
+EXPTIME = 150.0  # s, wide survey
+CADENCE = timedelta(seconds=240)  # exposure 150, readout 40, slew and settle 50
+RADIUS = np.sqrt(5.0 / np.pi)  # deg, of 5 deg2
+
+# name: ra, dec, exposures (paper, Table 2), first night worth trying: the field far from the Sun
+FIELDS = {
+    "w1": (30.0, -48.0, 226, datetime(2027, 10, 10, tzinfo=UTC)),
+    "w2": (170.0, -23.0, 228, datetime(2028, 3, 5, tzinfo=UTC)),
+    "w3": (180.0, 60.0, 261, datetime(2028, 3, 20, tzinfo=UTC)),
+    "w4": (240.0, 30.0, 266, datetime(2028, 5, 20, tzinfo=UTC)),
+    "w5": (300.0, -60.0, 240, datetime(2027, 7, 15, tzinfo=UTC)),
+}
+DEMO_TARGET = (60.1172, -40.0330)  # the middle of HEALPix brick 550615, so that one truth brick serves the demo
+DEMO_CHIPS = (12, 14, 8, 9, 7, 11, 6)  # one for each of NUV u g r i z y
+DEMO_DITHER = 200.0  # px
+DEMO_SPECTRA = 29, 2500.0  # chip, a GV one, and column: its left grating then spreads all spectra over the chip
+
+# What a slot must satisfy; the first keeps the bright Earth's limb at least 55 deg away (400 km orbit).
+ZENITH_MAX, SUN_MIN, MOON_MIN = 55.0, 50.0, 40.0  # deg
+
+
+def slots(camera, ra, dec, first, count):
+    """Return `count` start times from `first` on at which the spacecraft can look at ra, dec."""
+    found, when = [], first
+    target = _unit(ra, dec)
+    while len(found) < count:
+        clear = _sun_and_moon_clear(target, when)
+        for _ in range(int(timedelta(days=1) / CADENCE)):
+            ends = (when, when + timedelta(seconds=EXPTIME))
+            up = all(_angle(target, np.array(camera.orbit.state(_iso(t))[0])) < ZENITH_MAX for t in ends)
+            if clear and up and len(found) < count:
+                found.append(when)
+            when += CADENCE
+    return found
+
+
+def _sun_and_moon_clear(target, day):
+    from astropy.coordinates import get_body
+    from astropy.time import Time
+
+    time = Time((day + timedelta(hours=12)).replace(tzinfo=None), scale="tdb")
+    limits = {"sun": SUN_MIN + 1.0, "moon": MOON_MIN + 8.0}  # they move up to 1 and 15 deg a day
+    return all(_angle(target, get_body(name, time).cartesian.xyz.value) > limit for name, limit in limits.items())
+
+
+def wide_field(camera, name, prefix):
+    """Return the exposures of one field: a grid of pitch below a chip's side, on the field's own tangent plane.
+
+    Camera axes stay parallel on that plane (pa follows the meridians), so neighbouring chips tile without wedges.
+    Each chip then covers the whole circle but its rim, and the opposite chip of the same filter the rim.
+    """
+    ra, dec, count, first = FIELDS[name]
+    chip = camera.chips[13]
+    plane = ChipWCS(chip, _pointing(ra, dec, PA))
+    reach = RADIUS + 0.17  # deg: beyond the circle, so that opposite chips meet its rim
+    pitch = np.sqrt(np.pi * (reach * 3600 / camera.telescope.pixel_scale) ** 2 / count)
+    steps = np.arange(-30, 31) * pitch
+    x, y = (axis.ravel() for axis in np.meshgrid(steps, steps + pitch / 2))
+    near = np.argsort(np.hypot(x, y).round(3), kind="stable")[:count]
+    # Row by row, there and back, the way a telescope would walk.
+    row = np.round(y[near] / pitch - 0.5).astype(int)
+    near = near[np.lexsort((np.where(row % 2, -1, 1) * x[near], row))]
+    dither = 0.02 * pitch * np.cos(2.4 * np.arange(count)), 0.02 * pitch * np.sin(2.4 * np.arange(count))
+    x0, y0 = plane.crpix - 1
+    ras, decs = plane.pixel_to_world(x0 + x[near] + dither[0], y0 + y[near] + dither[1])
+    up = np.linalg.inv(plane.jacobian(ras, decs))[..., :, 1]  # east, north of the plane's +y
+    pas = np.degrees(np.arctan2(up[..., 0], up[..., 1]))
+    times = slots(camera, ra, dec, first, count)
+    return [
+        _pointing(*where, obsid=f"{prefix}{i:06d}", time=_iso(t))
+        for i, (t, *where) in enumerate(zip(times, ras, decs, pas, strict=True), start=1)
+    ]
+
+
+def demo(camera):
+    """Return 15 exposures of one target: on a chip of each imaging band, twice, a quarter turn apart; on a GV chip."""
+    exposures = []
+    times = slots(camera, *DEMO_TARGET, datetime(2027, 11, 20, tzinfo=UTC), 2 * len(DEMO_CHIPS) + 1)
+    for pa in (PA, PA + 90.0):
+        for chip_id in DEMO_CHIPS:
+            chip = camera.chips[chip_id]
+            i = len(exposures)
+            angle = 2.4 * i
+            x = (chip.detector.nx - 1) / 2 + DEMO_DITHER * np.cos(angle)
+            y = (chip.detector.ny - 1) / 2 + DEMO_DITHER * np.sin(angle)
+            exposure = _pointing(0.0, 0.0, pa, obsid=f"10100{i + 1:06d}", time=_iso(times[i]))
+            exposures.append(aim(exposure, chip, DEMO_TARGET, (x, y)))
+    chip, column = camera.chips[DEMO_SPECTRA[0]], DEMO_SPECTRA[1]
+    exposure = _pointing(0.0, 0.0, PA, obsid=f"10100{len(times):06d}", time=_iso(times[-1]))
+    return [*exposures, aim(exposure, chip, DEMO_TARGET, (column, (chip.detector.ny - 1) / 2))]
+
+
+def calibration():
+    """Return five biases, three darks and three LED flats; the pointing is a parking position."""
+    kinds = [("BIAS", "103", 5, 0.0), ("DARK", "107", 3, EXPTIME), ("FLAT", "100", 3, EXPTIME)]
+    exposures, when = [], datetime(2027, 6, 1, tzinfo=UTC)
+    for kind, code, count, exptime in kinds:
+        for i in range(1, count + 1):
+            where = _pointing(0.0, 0.0, PA, obsid=f"{code}{i:08d}", time=_iso(when), kind=kind, exptime=exptime)
+            exposures.append(where)
+            when += CADENCE
+    return exposures
+
+
+def covered(camera, exposures, ra, dec, samples=4000):
+    """Return {filter: times each of `samples` points, spread evenly over the 5 deg2 circle, is exposed}."""
+    k = np.arange(samples)
+    distance, turn = RADIUS * np.sqrt((k + 0.5) / samples), k * np.pi * (3 - np.sqrt(5))
+    centre = ChipWCS(camera.chips[13], _pointing(ra, dec, 0.0))
+    px = distance * 3600 / camera.telescope.pixel_scale
+    x0, y0 = centre.crpix - 1
+    point = centre.pixel_to_world(x0 + px * np.cos(turn), y0 + px * np.sin(turn))
+    counts = {name: np.zeros(samples, dtype=int) for name in camera.filters}
+    for exposure in exposures:
+        for chip in camera.chips.values():
+            counts[chip.filter] += chip.full_window.contains(*ChipWCS(chip, exposure).world_to_pixel(*point))
+    return counts
+
+
+def write(path, exposures, comment):
+    """Write a survey table; rows carry no spacecraft state, which then follows from the orbit model."""
+    lines = [f"# {comment}", "# made by make_tables.py; columns: README.md", "obsid,type,ra,dec,pa,time,exptime"]
+    lines += [f"{e.obsid},{e.type},{e.ra:.6f},{e.dec:.6f},{e.pa:.4f},{e.time},{e.exptime:g}" for e in exposures]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
+
+
+def make_all(folder, camera):
+    """Write all tables into `folder`."""
+    write(folder / "calibration.csv", calibration(), "bias, dark and LED flat exposures")
+    write(folder / "demo.csv", demo(camera), "one target, seven bands, two position angles each; one GV chip")
+    for number, name in enumerate(FIELDS, start=1):
+        ra, dec, count, _ = FIELDS[name]
+        comment = f"{name.upper()}: 5 deg2 around ra {ra:g}, dec {dec:g}; {count} exposures (paper, Table 2)"
+        write(folder / f"{name}.csv", wide_field(camera, name, f"101{number:02d}"), comment)
+
+
+def _pointing(ra, dec, pa, obsid="000000000", time="2027-01-01T00:00:00", kind="SCIE", exptime=EXPTIME):
+    state = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))  # not written, and no geometry here depends on it
+    return Pointing(obsid, kind, float(ra), float(dec), float(pa), time, exptime, *state)
+
+
+def _unit(ra, dec):
+    a, d = np.radians([ra, dec])
+    return np.array([np.cos(d) * np.cos(a), np.cos(d) * np.sin(a), np.sin(d)])
+
+
+def _angle(a, b):
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), np.dot(a, b)))
+
+
+def _iso(when):
+    return when.strftime("%Y-%m-%dT%H:%M:%S")
+
+
+def main(arguments):
+    camera = load_camera(SHIPPED / "instrument")
+    if arguments == ["--coverage"]:
+        for name, (ra, dec, _, _) in FIELDS.items():
+            counts = covered(camera, wide_field(camera, name, "10199"), ra, dec)
+            print(f"{name}: part of the circle exposed once or more, twice or more; mean exposures of a point")
+            for band, n in counts.items():
+                print(f"  {band:4s}{(n > 0).mean():.4f}  {(n > 1).mean():.3f}  {n.mean():.2f}")
+        return
+    make_all(Path(arguments[0]) if arguments else SHIPPED.parent / "survey_tables", camera)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

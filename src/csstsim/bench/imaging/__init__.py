@@ -1,0 +1,1 @@
+"""Objects of imaging chips drawn by every method."""

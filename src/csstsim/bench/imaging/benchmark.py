@@ -1,0 +1,28 @@
+"""The benchmark of imaging: `csstsim bench` with an imaging filter."""
+
+import numpy as np
+
+from csstsim.bench.imaging.cases import make_cases
+from csstsim.bench.imaging.measures import NAMES, WINDOW_PX, errors
+from csstsim.bench.imaging.methods import METHODS, standard
+from csstsim.bench.imaging.truth import Truth
+from csstsim.bench.sweep import Bench
+
+GOALS = {"flux": 1e-3, "x_mas": 1.0, "y_mas": 1.0, "size2": 1e-3, "e1": 1e-4, "e2": 1e-4}
+
+
+def judge(setting, case, image, wanted, drawn):
+    """Return what bench.imaging.measures.errors does, for a Case."""
+    box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
+    scale = 1000 * setting.camera.telescope.pixel_scale
+    how = {"box": box, "sigma": max(WINDOW_PX, half_light_px(case.scene)), "mas_per_px": scale}
+    return errors(image, wanted, setting.variance, case.electrons, drawn, **how)
+
+
+def half_light_px(scene):
+    """Return the half-light radius of a Scene's one object, its larger component's, drawn out to a circle's [px]."""
+    radius = np.where(scene.light[0] > 0, scene.sersic[0, :, 2], 0.0).max()
+    return float(radius * np.sqrt(abs(np.linalg.det(scene.matrix[0]))))
+
+
+IMAGING = Bench(METHODS, make_cases, Truth, standard, judge, NAMES, GOALS, ("flux", "x_mas", "size2", "e1"))

@@ -1,0 +1,142 @@
+"""The objects of a benchmark: a designed grid of extremes, then a seeded random sample between them.
+
+Flux 10 to 1e7 electrons, half-light radius 0.05" to 5" (bulges to 1.5"), ellipticity |e| = (a - b) / (a + b) to 0.8.
+Every other object stands within half a pixel of a node of the PSF set, where what a renderer gets wrong is its own; the
+others stand anywhere, where the interpolation between nodes adds to it.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import product
+
+import numpy as np
+
+from csstsim.base.rng import stream
+from csstsim.catalog.selection.reach import STAR_MIN, galaxy_radius, point_reach
+from csstsim.catalog.table import GALAXY, STAR, ObjectTable
+from csstsim.instrument.chip import Window
+from csstsim.render.scene import Scene, make_scene
+
+FLUX = 10.0, 1e7  # electrons
+SIZE = 0.05, 5.0  # arcsec
+BULGE_MAX = 1.5  # arcsec
+ELLIPTICITY = 0.8
+SHARES = (0.16, 0.3, 0.34, 0.2)  # of the four sub-bands, unequal so that a mix-up shows
+HALF_MIN, HALF_MAX = 32, 160  # px: half the side of the stamp that is judged
+MARGIN = 16  # px, beyond the reach: what a stamp cuts off must show
+EDGE = 300  # px, kept from the chip's edge
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """One object, alone on its window."""
+
+    row: ObjectTable  # one row, as catalog.selection.select leaves it
+    scene: Scene  # the same
+    window: Window
+    electrons: float
+    at_node: bool
+
+    @property
+    def half(self):
+        """Half the side of the window [px]; it has 2 half + 1 pixels a side."""
+        return (self.window.nx - 1) // 2
+
+    @property
+    def star(self):
+        """Whether it is a star."""
+        return self.row["obj_type"][0] == STAR
+
+    def about(self):
+        """Return {column: value} of what the object is."""
+        return {
+            "object": int(self.row["id"][0]), "kind": "star" if self.star else "galaxy", "electrons": self.electrons,
+            "half_light": float(self.row["size_disk"][0]), "bulge": float(self.row["bulge_frac"][0]),
+            "e": float(np.hypot(self.row["e1"], self.row["e2"])[0]), "reach": int(self.row["reach"][0]),
+            "at_node": self.at_node,
+        }  # fmt: skip
+
+    def brighter(self, electrons):
+        """Return the case with so many electrons instead of its own."""
+        factor = electrons / self.electrons
+        columns = {name: self.row[name] * factor for name in ("flux0", "flux1", "flux2", "flux3")}
+        scene = replace(self.scene, electrons=self.scene.electrons * factor)
+        return replace(self, row=ObjectTable(self.row).with_columns(**columns), scene=scene, electrons=electrons)
+
+
+def make_cases(setting, count, seed=1, largest=SIZE[1], make=None):
+    """Return `count` Cases, half of them stars, each by `make` (by default make_case).
+
+    No half-light radius is above `largest` [arcsec].
+    """
+    rng = stream(seed, "bench", "cases")
+    shapes = _stars(rng, count - count // 2) + _galaxies(rng, count // 2, largest)
+    return [(make or make_case)(setting, rng, i, **shape) for i, shape in enumerate(shapes)]
+
+
+def _stars(rng, count):
+    grid = np.geomspace(*FLUX, 7)[: count // 4]
+    drawn = np.exp(rng.uniform(*np.log(FLUX), count - len(grid)))
+    return [{"electrons": flux} for flux in (*grid, *drawn)]
+
+
+def _galaxies(rng, count, largest):
+    shares, sizes = (0.0, 1.0, 0.4), (SIZE[0], 0.5, min(2.0, largest))
+    grid = list(product((1e2, 1e4, 1e6), shares, sizes, (0.0, ELLIPTICITY)))
+    shapes = [
+        dict(zip(("electrons", "bulge", "size", "e"), grid[i], strict=True))
+        for i in rng.permutation(len(grid))[: count // 4]
+    ]
+    while len(shapes) < count:
+        shapes.append(
+            {
+                "electrons": np.exp(rng.uniform(*np.log(FLUX))),
+                "bulge": (0.0, 1.0, rng.random())[rng.integers(3)],
+                "size": np.exp(rng.uniform(np.log(SIZE[0]), np.log(min(SIZE[1], largest)))),
+                "e": rng.uniform(0, ELLIPTICITY),
+            }
+        )
+    return shapes
+
+
+def make_case(setting, rng, i, electrons, bulge=0.0, size=0.0, e=0.0):
+    """Return the Case of a galaxy, or, without a size [arcsec], of a star; one of even number i is at a node."""
+    table = make_row(setting, rng, i, *place(setting, rng, i % 2 == 0), SHARES, electrons, bulge, size, e)
+    half = half_of(table)
+    column, row = (round(float(table[name][0])) for name in "xy")
+    window = Window(column - half, column + half + 1, row - half, row + half + 1)
+    return Case(table, make_scene(table, setting.wcs, setting.psf, setting.exptime), window, electrons, i % 2 == 0)
+
+
+def half_of(table, most=HALF_MAX):
+    """Return half the side of the window of a table's one object [px]."""
+    return int(np.clip(table["reach"][0] + MARGIN, HALF_MIN, most))
+
+
+def make_row(setting, rng, i, x, y, shares, electrons, bulge=0.0, size=0.0, e=0.0):
+    """Return the table of one object at chip pixel x, y, turned at random; shares (4,): of its light, by sub-band."""
+    turn = rng.uniform(0, 2 * np.pi)
+    ra, dec = setting.wcs.pixel_to_world(x, y)
+    columns = {
+        "id": i, "obj_type": GALAXY if size else STAR, "ra": ra, "dec": dec, "ra_orig": ra, "dec_orig": dec, "x": x,
+        "y": y, "bulge_frac": bulge, "size_disk": size, "size_bulge": min(size, BULGE_MAX), "e1": e * np.cos(turn),
+        "e2": e * np.sin(turn), "wing": 0.0,
+    } | {f"flux{k}": electrons * share / setting.exptime for k, share in enumerate(shares)}  # fmt: skip
+    table = ObjectTable.complete({name: np.atleast_1d(value) for name, value in columns.items()})
+    box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
+    flux = np.array([electrons])
+    reach, lost = point_reach(flux, setting.variance, setting.filter, setting.camera.telescope, box), np.zeros(1)
+    if size:
+        radius, lost = galaxy_radius(table, flux, setting.variance, setting.camera.telescope.pixel_scale)
+        reach = reach + radius
+    else:
+        reach = np.maximum(reach, STAR_MIN)
+    return table.with_columns(reach=np.ceil(reach).astype(np.int32), lost=lost)
+
+
+def place(setting, rng, at_node):
+    """Return x, y: within half a pixel of a node that is not at the chip's edge, or anywhere else."""
+    nodes, detector = setting.psf.nodes_xy, setting.chip.detector
+    if not at_node:
+        return rng.uniform(EDGE, detector.nx - EDGE), rng.uniform(EDGE, detector.ny - EDGE)
+    inside = (nodes > EDGE).all(axis=1) & (nodes < (detector.nx - EDGE, detector.ny - EDGE)).all(axis=1)
+    return tuple(nodes[rng.choice(np.flatnonzero(inside))] + rng.uniform(-0.5, 0.5, 2))

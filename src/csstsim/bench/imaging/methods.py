@@ -1,0 +1,108 @@
+"""The ways to draw an object that csstsim has, each as a Method; peers.py has the others'.
+
+A Method's `prepare(setting, case)` does what is done once for many objects (a PSF looked up, a table made) and returns
+`draw(copies)`, which is what is timed: it draws that many of the object and returns the sum [electron], (ny, nx). To
+plug in another, write a prepare and add it to METHODS.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from csstsim.base.counter import object_keys
+from csstsim.bench.imaging import peers, ufig
+from csstsim.optics.scatter.scattered_light import Scattered
+from csstsim.render.canvas import Canvas
+from csstsim.render.drawing import Drawing
+from csstsim.render.imaging import draw as engine
+from csstsim.render.imaging.photons import shoot_scene
+from csstsim.render.imaging.reference import draw_objects
+from csstsim.render.imaging.stamps import draw_scene
+
+
+@dataclass(frozen=True)
+class Method:
+    """`random`: electrons are drawn; `most`: of them in a go, beyond which cost is taken as proportional to light.
+
+    An image of integers is always taken as drawn at random.
+
+    `peer`: another code, or the paper's way; `preset`: one of the policy's, which chooses among the rest.
+    """
+
+    name: str
+    prepare: Callable
+    random: bool = False
+    most: float = np.inf
+    peer: bool = False
+    preset: bool = False
+
+
+def standard(setting, case):
+    """Return the image everything is compared with: the reference renderer, the whole window its stamp."""
+    wide = case.row.with_columns(reach=np.array([case.half], np.int32), lost=np.array([1e-4]))
+    return _reference(setting, replace(case, row=wide))(1)
+
+
+def _reference(setting, case):
+    def draw(copies):
+        canvas = Canvas(np.zeros(case.window.shape, np.float32), case.window)
+        rows = case.row.take(np.zeros(copies, int))
+        draw_objects(canvas, rows, Drawing(setting.wcs, setting.psf, setting.exptime))
+        return canvas.expected.astype(float)
+
+    return draw
+
+
+def _photons(setting, case):
+    base = np.uint64(case.row["id"][0] + 1)
+
+    def draw(copies):
+        canvas, keys = Canvas(None, case.window), object_keys(base, np.arange(copies))
+        counted = canvas.count()
+        shoot_scene(canvas, case.scene.take(np.zeros(copies, int)), keys, setting.table)
+        return counted
+
+    return draw
+
+
+def _stamps(setting, case):
+    def draw(copies):
+        canvas = Canvas(np.zeros(case.window.shape), case.window)
+        scene = case.scene.take(np.zeros(copies, int))
+        draw_scene(canvas, scene.sized(np.repeat(case.row["reach"], copies)), setting.mixer)
+        return canvas.expected
+
+    return draw
+
+
+def drawing_of(setting, case, fidelity):
+    """Return the render.drawing.Drawing of a preset, without light beyond the PSF's box."""
+    return Drawing(
+        setting.wcs, setting.mixer.psf, setting.exptime, Scattered(), fidelity, setting.variance,
+        np.uint64(case.row["id"][0] + 1), setting.table, setting.mixer,
+    )  # fmt: skip
+
+
+def _preset(fidelity):
+    def prepare(setting, case):
+        def draw(copies):
+            canvas = Canvas(np.zeros(case.window.shape, np.float32), case.window)
+            engine.draw_objects(canvas, case.row.take(np.zeros(copies, int)), drawing_of(setting, case, fidelity))
+            return canvas.expected.astype(float) if canvas.counted is None else canvas.counted
+
+        return draw
+
+    return prepare
+
+
+METHODS = (
+    Method("reference", _reference),
+    Method("photons", _photons),
+    Method("stamps", _stamps),
+    *(Method(name, _preset(name), preset=True) for name in ("preview", "standard", "noise_free")),
+    Method("GalSim as the paper", peers.paper, peer=True),
+    Method("GalSim FFT", peers.fft, peer=True),
+    Method("GalSim photons", peers.photons, random=True, most=1e6, peer=True),
+    *([Method("UFig", ufig.prepare, random=True, peer=True)] if ufig.THERE else []),
+)

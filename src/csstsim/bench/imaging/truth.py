@@ -1,0 +1,122 @@
+"""The independent truth: an object's light on its pixels from direct optics, no stored PSF and no GalSim in it.
+
+The optics at the object's own place make a PSF of 8 x 8 cells to a pixel, in the box of the stored one. Sums over
+pixels on that lattice hold every frequency the optics pass, so the image's transform is theirs times the profile's.
+The profile's (circular Sersic, index n >= 1) is taken along the imaginary axis, where nothing oscillates (the contour
+of the Hankel integral turned by 90 degrees, H0(1)(ix) = 2 K0(x) / (i pi)):
+
+    S(k) = 2 / (pi N) int_0^inf exp(-b t^(1/n) cos(pi/2n)) sin(b t^(1/n) sin(pi/2n)) K0(k t) t dt
+
+with N = n b^(-2n) Gamma(2n); for n = 1 the known (1 + (k/b)^2)^(-3/2). A transform repeats the object every `period`
+pixels; the repeats next to the window, which are as smooth as the profile's own wings, are taken off.
+"""
+
+import math
+from functools import cache
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.special import gamma, k0
+
+from csstsim.base.units import ARCSEC_PER_RAD
+from csstsim.bench.imaging.cases import SHARES
+from csstsim.optics.psf.chip_errors import chip_coefficients
+from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.optics.psf.psf_set import chip_optics, node_psf
+from csstsim.optics.psf.wavefront import load_wavefront
+
+CELLS_PER_PIXEL = 8
+_REPEATS = 2  # on each side
+_LOG_K = np.linspace(math.log(1e-6), math.log(1e6), 361)
+
+
+class Truth:
+    """Direct optics of one chip; call it with a Case."""
+
+    def __init__(self, setting):
+        camera, m = setting.camera, CELLS_PER_PIXEL
+        self._setting, self._wavefront = setting, load_wavefront(camera.psf)
+        cells = setting.psf.image.shape[-1] // setting.psf.oversampling * m
+        self._optics = chip_optics(setting.chip, setting.filter, camera.psf, self._wavefront, m, cells)
+        finest = min(setting.filter.psf_wavelength) * 1e-10 / camera.telescope.diameter_m * ARCSEC_PER_RAD
+        self._highest = 1.1 * camera.telescope.pixel_scale / finest  # cycles a pixel
+
+    def psf(self, x, y):
+        """Return the light in pixels on the lattice of cells, (n, n), of a star of unit flux at chip pixel x, y."""
+        setting, m = self._setting, CELLS_PER_PIXEL
+        coefficients = chip_coefficients(self._wavefront, setting.camera.psf, setting.chip, x, y)
+        images, _ = node_psf(self._optics[0], coefficients, self._optics[1], m)
+        cells = np.tensordot(SHARES, setting.scattered.wing.add_to(images, m), axes=1)
+        return pixel_response(np.pad(cells, m), m)  # with the pixels that are only partly in the box
+
+    def __call__(self, case):
+        """Return the light on each pixel of the case's window, of an object of unit flux, float64."""
+        scene, half = case.scene, case.half
+        response = self.psf(scene.x[0], scene.y[0])
+        period = 2 * half + 1 + 2 * len(response) // CELLS_PER_PIXEL
+        highest = int(self._highest * period)
+        kx, ky = np.arange(highest + 1) / period, np.arange(-highest, highest + 1) / period  # cycles a pixel
+        lattice = (np.arange(len(response)) - len(response) // 2) / CELLS_PER_PIXEL
+        transform = waves(ky, -lattice) @ response @ waves(kx, -lattice).T / CELLS_PER_PIXEL**2
+        transform *= profile(scene, kx, ky)
+        offset = scene.x[0] - case.window.x0 - half, scene.y[0] - case.window.y0 - half
+        pixels = np.arange(-half, half + 1)
+        twice = np.where(kx > 0, 2.0, 1.0)  # the half of the plane that is left out
+        image = (waves(ky, pixels - offset[1]).T @ transform @ (twice[:, None] * waves(kx, pixels - offset[0]))).real
+        return image / period**2 - repeats(scene, pixels, pixels, offset, period) * response[::8, ::8].sum()
+
+
+def profile(scene, kx, ky):
+    """Return the transform of a Scene's one object, 1 at 0, at kx, ky [cycles a pixel]: (ky, kx)."""
+    total = 0.0
+    for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
+        if light > 0 and index > 0:
+            m = scene.matrix[0]
+            q = np.hypot(m[0, 0] * kx + m[1, 0] * ky[:, None], m[0, 1] * kx + m[1, 1] * ky[:, None])
+            total = total + light * sersic_transform(2 * np.pi * q * radius, index, b)
+        elif light > 0:
+            total = total + light
+    return total
+
+
+def repeats(scene, x, y, offset, period):
+    """Return the light at pixels x, y of what a transform repeats every `period` pixels about `offset` (x, y)."""
+    shifts = range(-_REPEATS, _REPEATS + 1)
+    places = [(offset[0] + i * period, offset[1] + j * period) for i in shifts for j in shifts if (i, j) != (0, 0)]
+    return sum(brightness(scene, x, y, place) for place in places)
+
+
+def brightness(scene, x, y, place):
+    """Return the profile of a Scene's one object, of unit light, at pixels x, y about `place`; a point has none."""
+    total, back = np.zeros((y.size, x.size)), np.linalg.inv(scene.matrix[0])
+    dx, dy = x - place[0], (y - place[1])[:, None]
+    for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
+        if light > 0 and index > 0:
+            level = light * abs(np.linalg.det(back)) / (2 * np.pi * radius**2 * index * b ** (-2 * index))
+            r = np.hypot(back[0, 0] * dx + back[0, 1] * dy, back[1, 0] * dx + back[1, 1] * dy) / radius
+            total += level / gamma(2 * index) * np.exp(-b * r ** (1 / index))
+    return total
+
+
+def waves(k, x):
+    """Return exp(2 pi i k x), (len(k), len(x))."""
+    return np.exp(2j * np.pi * k[:, None] * x)
+
+
+def sersic_transform(k, index, b):
+    """Return the transform, 1 at 0, of a circular Sersic profile (index >= 1) at k [radian per r_e]."""
+    if index == 1:
+        return (1 + (k / b) ** 2) ** -1.5
+    with np.errstate(divide="ignore"):
+        return np.where(k > math.exp(_LOG_K[0]), _table(index, float(b))(np.log(np.maximum(k, 1e-300))), 1.0)
+
+
+@cache
+def _table(index, b):
+    """Return the transform as a spline in log k."""
+    log_t = np.linspace(math.log(1e-12), math.log(1e7), 1501)
+    t = np.exp(log_t)
+    root, turn = b * t ** (1 / index), math.pi / (2 * index)
+    f = np.exp(-root * math.cos(turn)) * np.sin(root * math.sin(turn)) * t * t  # one t of dt
+    total = np.array([np.sum(f * k0(k * t)) for k in np.exp(_LOG_K)]) * (log_t[1] - log_t[0])
+    return CubicSpline(_LOG_K, 2 / math.pi * total / (index * b ** (-2 * index) * gamma(2 * index)))

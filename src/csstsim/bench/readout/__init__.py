@@ -1,0 +1,1 @@
+"""Layers of the readout beside other codes."""

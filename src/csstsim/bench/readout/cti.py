@@ -1,0 +1,185 @@
+"""Speed against accuracy of charge transfer: the exact process, approximations of it, and arcticpy if installed.
+
+Accuracy is what a spot loses and trails, for 500, 5000 and 30000 e- over 3 rows, 147 and 4000 rows from the amplifier;
+speed that of columns of 4616 rows with a chip's density of objects and cosmic rays.
+"""
+
+import time
+
+import numpy as np
+from scipy.signal import lfilter
+
+from csstsim.base.shipped import SHIPPED
+from csstsim.bench.readout.arctic import THERE, arctic
+from csstsim.detector.charge_transfer.cti import transfer
+from csstsim.instrument.load import read_data
+
+CTI = read_data(SHIPPED / "instrument" / "cti.yaml")
+WELL = tuple(CTI["well"][name] for name in ("beta", "full_well", "notch"))
+DENSITY, TAU = (np.array(CTI["species"][name]) for name in ("density", "timescale"))
+KEYS = np.uint64(1), np.uint64(2)
+ROWS, OVERSCAN, HALF_COLUMNS, CHIP = 4616, 84, 18432, 9216 * 9232
+OBJECTS, RAYS, ELECTRONS = 76638, 5801, 60  # of a chip; the faintest object's electrons
+SPOTS = [(flux, row) for row in (147, 4000) for flux in (500, 5000, 30000)]
+SKY, BEHIND = 40, 198
+FEW = 8  # columns, for the slow ways
+LOSS = 1.2e-5  # per transfer, linear model: what 5000 e- over 3 rows lose on their way from row 4000
+PARTS = ((0, 3), (3, 11), (11, 51), (51, 201))
+
+
+def speed_accuracy(file, say, columns=512):
+    """Say cost, losses and trails of each method; draw the chart. Returns {name: (CPU s a chip, rms error)}."""
+    exact(np.ones((9, 9), np.float32))
+    found = accuracy(ways(half_column(columns, SKY)), say)
+    chart(found, file)
+    return found
+
+
+def half_column(columns, sky):
+    """Return the CPU seconds of a half-column of a chip, the mean of so many, by the exact process."""
+    image = scene(np.random.default_rng(sky), columns, sky)
+    return cpu(lambda part: exact(part, OVERSCAN), image) / columns
+
+
+def exact(image, overscan=0):
+    """Move charge [e-] of `image` (rows, columns), in place, by the exact process; return what trails, and is left."""
+    return transfer(image, DENSITY, TAU, WELL, KEYS, overscan=overscan)
+
+
+def scene(rng, columns, sky):
+    """A half's columns: Poisson sky, Gaussian objects of power-law fluxes, straight cosmic rays; whole electrons."""
+    image = rng.poisson(sky, (ROWS, columns)).astype(float)
+    yy, xx = np.mgrid[-8:9, -8:9]
+    for _ in range(rng.poisson(OBJECTS / CHIP * image.size)):
+        y, x = rng.integers(8, ROWS - 8), rng.integers(8, columns - 8)
+        shape = np.exp(-(yy**2 + xx**2) / (2 * rng.uniform(0.9, 3) ** 2))
+        flux = ELECTRONS * min(1 + rng.pareto(0.8), 5e4)
+        image[y - 8 : y + 9, x - 8 : x + 9] += rng.poisson(flux * shape / shape.sum())
+    for _ in range(rng.poisson(RAYS / CHIP * image.size)):
+        length, turn = rng.uniform(0, 20), rng.uniform(0, np.pi)
+        step = np.arange(0, length + 1, 0.5)
+        y = (rng.uniform(0, ROWS) + step * np.sin(turn)).astype(int) % ROWS
+        x = (rng.uniform(0, columns) + step * np.cos(turn)).astype(int) % columns
+        np.add.at(image, (y, x), np.rint(10 ** rng.normal(3.3, 0.255) / len(step)))
+    return np.minimum(image, 90000).astype(np.float32)
+
+
+def cpu(work, image, repeats=3):
+    """Least CPU seconds of work(copy of image)."""
+    times = []
+    for _ in range(repeats):
+        copy, start = image.copy(), time.process_time()
+        work(copy)
+        times.append(time.process_time() - start)
+    return min(times)
+
+
+def linear(image):
+    """Each electron is held back alike, whatever its packet, with probability LOSS at each transfer."""
+    transfers = np.arange(1, len(image) + 1)[:, None]
+    change = np.zeros_like(image)
+    for density, tau in zip(DENSITY, TAU, strict=True):
+        share, stay = LOSS * density / DENSITY.sum(), np.exp(-1 / tau)
+        lost = (share * transfers * image).astype(np.float32)
+        change -= lost
+        change[1:] += lfilter([1 - stay], [1, -stay], lost[:-1], axis=0)
+    image += change
+
+
+def spot_column(flux, row):
+    """Return a column [e-, float32] of sky with 3 px of `flux` from `row` on, and the pixels behind them."""
+    column = np.full(row + 3 + BEHIND, SKY, np.float32)
+    column[row : row + 3] = flux
+    return column
+
+
+def spot_change(method, flux, row):
+    """Electrons that a spot adds to PARTS by `method` (a column to a column, mean of its realisations)."""
+    sky = spot_column(SKY, row)
+    spot = spot_column(flux, row)
+    change = (method(spot, row) - spot) - (method(sky, row) - sky)
+    return np.array([change[row + a : row + b].sum() for a, b in PARTS])
+
+
+def stochastic(columns, scale=1):
+    """The process with electrons and traps `scale` times as many and as small."""
+
+    def method(column, row):
+        n = max(columns, columns * 1000 // row)
+        image = np.repeat(scale * column[:, None], n, 1)
+        transfer(image, scale * DENSITY, TAU, (WELL[0], scale * WELL[1], WELL[2]), KEYS)
+        return image.mean(1, dtype=float) / scale
+
+    return method
+
+
+def linear_column(column, row):
+    """Return a column [e-] as the linear model leaves it; `row` is taken for the sake of the other methods."""
+    image = column[:, None].copy()
+    linear(image)
+    return image[:, 0]
+
+
+def by_arctic(express, scan):
+    """arcticpy's method; scan: its `overscan_start` just behind the spot."""
+    return lambda column, row=None: arctic(
+        column, DENSITY, TAU, WELL, express, **({"overscan_start": row + 3} if scan else {})
+    )
+
+
+def ways(seconds):
+    """Return {name: (CPU s for a half-column, method for spot_change)}; `seconds`: of the exact process."""
+    image = scene(np.random.default_rng(5), 128, SKY)
+
+    def each(work, n=FEW):
+        return cpu(work, image[:, :n], 1) / n
+
+    many = (WELL[0], 30 * WELL[1], 30 * WELL[2])
+    found = {
+        "exact, event by event": (seconds, stochastic(3000)),
+        "mean field": (each(lambda part: transfer(30 * part, 30 * DENSITY, TAU, many, KEYS)), stochastic(100, 30)),
+        "linear": (each(linear, image.shape[1]), linear_column),
+    }
+    if THERE:
+        for express in (1, 2, 5):
+            method = by_arctic(express, False)
+            found[f"arcticpy {express}"] = each(method, 64), method
+            found[f"arcticpy {express}, overscan_start"] = found[f"arcticpy {express}"][0], by_arctic(express, True)
+    return found
+
+
+def accuracy(methods, say):
+    """Say losses and trails by method; return {name: (CPU s a chip, rms relative error)}."""
+    reference, found = None, {}
+    say(f"\nspot over 3 rows, sky {SKY} e-: electrons added to the spot | rows 1-8, 9-48, 49-198 behind it")
+    for name, (cost, method) in methods.items():
+        parts = np.array([spot_change(method, *spot) for spot in SPOTS])
+        reference = parts if reference is None else reference
+        error = parts / reference - 1
+        found[name] = cost * HALF_COLUMNS, np.sqrt((error**2).mean())
+        against = f"against the first, rms {found[name][1]:.2%}, most {abs(error).max():.1%}"
+        say(f"{name}: {found[name][0]:.1f} CPU s a chip; {against}")
+        for (flux, row), part in zip(SPOTS, parts, strict=True):
+            say(f"   {flux:6d} e- at {row:4d}: {part[0]:9.2f} |" + "".join(f"{value:9.2f}" for value in part[1:]))
+    return found
+
+
+def chart(found, file):
+    """Draw rms error against CPU seconds."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    figure, axes = plt.subplots(figsize=(6, 4), layout="constrained")
+    for name, (seconds, rms) in found.items():
+        place = seconds, rms or 1e-3
+        axes.plot(*place, "o" if rms else "k*", ms=6 if rms else 13)
+        label = name if rms else "this program: exact (0; errors are against it)"
+        axes.annotate(label, place, xytext=(5, 3), textcoords="offset points", fontsize=7, rotation=30 * (rms > 0))
+    axes.set(
+        xscale="log", yscale="log", xlabel="CPU s per chip, sky 40 e$^-$",
+        ylabel="rms relative error of spot losses and trails", xlim=(1, 1e3), ylim=(7e-4, 2),
+    )  # fmt: skip
+    figure.savefig(file, dpi=110)
+    plt.close(figure)

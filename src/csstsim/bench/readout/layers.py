@@ -1,0 +1,159 @@
+"""What every layer after the objects costs on a whole chip, beside others doing the same (`csstsim bench --readout`).
+
+The frame: 5,000 stars of 1e2 to 1e6 electrons, the sky, and all layers of the shipped science exposure but scie_obs,
+with the paper's density of traps. PRNU's cost is in sky_background, where light meets it. Peers work on one of the 16
+channels (numpy, scipy, GalSim, astropy), or on part of it where a channel would take minutes, times their number. They
+do what their users would: some less exactly (a linear kernel, traps in the mean), none more.
+"""
+
+import time
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from csstsim.base.rng import stream
+from csstsim.base.shipped import SHIPPED
+from csstsim.bench.readout.arctic import THERE, arctic
+from csstsim.bench.readout.cti import speed_accuracy
+from csstsim.bench.setting import EXPTIME, POINTING
+from csstsim.instrument.camera import load_camera
+from csstsim.instrument.chip import Window
+from csstsim.io.level0 import write_level0
+from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.simulation.sim_steps import SimSteps
+from csstsim.simulation.state import State
+
+CHIP = 9
+WRITE = "writing the file"
+SKIES = 40.0, 4.0  # electrons a pixel: a wide band, a narrow one
+STARS, SPOT, SIGMA = 5000, 12, 0.9  # number, half the side of a star's stamp [px], its width [px]
+_BRIGHT = 1e4  # electrons: fainter stars come as photons, in the counted plane
+_WARM = Window(4096, 5120, 4104, 5128)  # four channels meet in it
+_CHANNEL = (4616, 1152)
+_SENSOR = 96  # px: side of the square that GalSim's sensor fills, photon by photon
+_COLUMNS = 32  # that arcticpy is given
+
+
+def readout(folder, say, skies=SKIES):
+    """Say, for each sky [electron / pixel], the CPU seconds of each layer, of writing the file, and of the peers.
+
+    Then speed against accuracy of charge transfer (csstsim.bench.readout.cti), with a chart in `folder`.
+    """
+    camera = load_camera(SHIPPED / "instrument")
+    steps = _steps()
+    folder.mkdir(parents=True, exist_ok=True)
+    _seconds(_state(camera, skies[0], _WARM), steps, camera, folder)  # compiled before anything is timed
+    for sky in skies:
+        state = _state(camera, sky, camera.chips[CHIP].full_window)
+        pixels, others = state.image.size, _others(sky, camera)
+        took = _seconds(state, steps, camera, folder)
+        say(f"\nsky of {sky:g} electrons, {pixels / 1e6:.0f} million pixels, one core")
+        say("| layer | csstsim, CPU s | ns / pixel | others, CPU s |\n|---|---|---|---|")
+        light = {step.name for step in steps if step.module.STAGE == "render"}
+        took["readout and file"] = sum(seconds for layer, seconds in took.items() if layer not in light)
+        for layer, seconds in took.items():
+            if layer == "prnu_effect":
+                continue
+            beside = ", ".join(f"{name} {value:.1f}" for name, value in others.get(layer, {}).items())
+            say(f"| {layer} | {seconds:.2f} | {1e9 * seconds / pixels:.1f} | {beside} |")
+    if not THERE:
+        say("\narcticpy is not installed (csstsim.bench.readout.arctic says how): nothing stands beside cte_effect")
+    speed_accuracy(folder / "cti_speed_accuracy.png", say)
+    say(f"{folder}/cti_speed_accuracy.png")
+
+
+def _steps():
+    steps = SimSteps(SHIPPED / "observations" / "science.yaml", "SCIE")
+    paper = {"cte_effect": {"density_scale": 1.0}}
+    steps.steps = [
+        replace(step, param=step.param.model_copy(update=paper.get(step.name)))
+        for step in steps
+        if step.name != "scie_obs"
+    ]
+    return steps
+
+
+def _state(camera, sky, window):
+    """Return the State of an exposure that has seen stars and meets this sky."""
+    chip = camera.chips[CHIP]
+    filter_ = replace(camera.filters[chip.filter], sky=sky / EXPTIME)
+    image, counted = np.zeros(window.shape, np.float32), np.zeros(window.shape, np.int32)
+    rng = stream(1, "bench", "readout")
+    axis = np.arange(-SPOT, SPOT + 1)
+    spot = np.exp(-0.5 * (axis**2 + axis[:, None] ** 2) / SIGMA**2)
+    spot /= spot.sum()
+    for light in 10 ** rng.uniform(2, 6, STARS * window.nx * window.ny // (chip.detector.nx * chip.detector.ny)):
+        x, y = rng.integers(SPOT, window.nx - SPOT), rng.integers(SPOT, window.ny - SPOT)
+        stamp = slice(y - SPOT, y + SPOT + 1), slice(x - SPOT, x + SPOT + 1)
+        if light < _BRIGHT:
+            counted[stamp] += rng.poisson(light * spot)
+        else:
+            image[stamp] += light * spot
+    return State(
+        chip=chip, filter=filter_, telescope=camera.telescope, pointing=POINTING, catalog=None, window=window,
+        wcs=ChipWCS(chip, POINTING), image=image, counted=counted, leds=camera.leds, sky=camera.sky, prnu=True,
+    )  # fmt: skip
+
+
+def _seconds(state, steps, camera, folder):
+    """Return {layer: CPU s}."""
+    for stage in ("render", "readout", "level0"):
+        state = steps.run(state, stage, 1)
+        state.forget()
+    path, timing = folder / "readout.fits", state.header.pop("timing")
+    provenance = {"recipe": {}, "seed": 1, "campaign_name": "bench", "layers": steps.describe(), "stages": []}
+    start = time.process_time()
+    write_level0(path, state, camera.keywords, provenance)
+    written = time.process_time() - start
+    path.unlink()
+    return {name: cpu for name, _, cpu in timing} | {WRITE: written}
+
+
+def _others(sky, camera):
+    """Return {layer: {peer: CPU s for a chip}}."""
+    rng = stream(1, "bench", "readout peers")
+    frame = rng.poisson(sky, _CHANNEL).astype(np.float32)
+    found = {}
+    for layer, name, work, share in _peers(frame, rng, camera.detector.traps):
+        start = time.process_time()
+        work()
+        found.setdefault(layer, {})[name] = (time.process_time() - start) * share
+    return found
+
+
+def _peers(frame, rng, traps):
+    """Yield (layer, peer, a call that does the layer's work, how many of it make a chip)."""
+    import galsim
+    from astropy.io import fits
+    from scipy.ndimage import convolve
+
+    draws, kernel = galsim.BaseDeviate(1), rng.normal(0, 1e-6, (5, 5))
+    image, digits = galsim.ImageF(frame.copy()), frame.astype(np.uint16)
+    hdu = fits.ImageHDU(digits)
+    yield "poisson_and_dark", "numpy", lambda: rng.poisson(frame + 3.0).astype(np.float32), 16
+    yield "poisson_and_dark", "GalSim", lambda: image.addNoise(galsim.PoissonNoise(draws)), 16
+    yield "brighter_fatter", "scipy (linear)", lambda: frame + frame * convolve(frame, kernel), 16
+    yield "brighter_fatter", "GalSim's SiliconSensor", _sensor(frame, draws), 16 * frame.size / _SENSOR**2
+    yield "nonlinearity", "numpy", lambda: np.polynomial.polynomial.polyval(frame, (0, 1, -1e-7, -1e-13)), 16
+    yield "bias", "numpy", lambda: frame + np.float32(500), 16
+    yield "readout_noise", "numpy", lambda: frame + rng.normal(0, 5, frame.shape), 16
+    yield "readout_noise", "GalSim", lambda: image.addNoise(galsim.GaussianNoise(draws, 5.0)), 16
+    yield "gain", "numpy", lambda: frame / np.float32(1.1), 16
+    yield "quantization_and_output", "numpy", lambda: np.clip(np.rint(frame), 0, 65535).astype(np.uint16), 16
+    yield WRITE, "astropy", lambda: hdu.writeto("/dev/null", checksum=True, overwrite=True), 16
+    if THERE:
+        columns, well = frame[:, :_COLUMNS], (traps.beta, traps.full_well, traps.notch)
+        move = partial(arctic, columns, traps.density, traps.timescale, well)
+        move(express=1)  # the first call is slower
+        for express in (1, 5):
+            yield "cte_effect", f"arcticpy, express {express}", partial(move, express), 16 * frame.shape[1] / _COLUMNS
+
+
+def _sensor(frame, draws):
+    """Return a call that collects the electrons of a square with GalSim's sensor, each pushed by the others."""
+    import galsim
+
+    square = galsim.ImageF(frame[:_SENSOR, :_SENSOR].copy())
+    photons, sensor = galsim.PhotonArray.makeFromImage(square, rng=draws), galsim.SiliconSensor(rng=draws)
+    return lambda: sensor.accumulate(photons, galsim.ImageF(square.bounds))

@@ -1,0 +1,12 @@
+"""The benchmark of dispersed light: `csstsim bench` with a grating's filter."""
+
+from csstsim.bench.slitless.cases import make_spectrum_cases
+from csstsim.bench.slitless.measures import GOALS, NAMES, errors
+from csstsim.bench.slitless.methods import METHODS, standard
+from csstsim.bench.slitless.truth import SpectrumTruth
+from csstsim.bench.sweep import Bench
+
+SLITLESS = Bench(
+    METHODS, make_spectrum_cases, SpectrumTruth, standard, errors, NAMES, GOALS,
+    ("flux", "along_px", "size2", "line_px"),
+)  # fmt: skip

@@ -1,0 +1,103 @@
+"""The objects of the slitless benchmark: those of imaging (bench.imaging.cases), each with a spectrum, in turn
+
+    flat   N
+    hot    N ~ lambda^-3, the far side of a black body
+    cool   N ~ lambda^-4 / (exp(h c / lambda k T) - 1), 3500 K
+    lines  a tenth of the light flat, the rest three Gaussian lines of 2 angstrom (sigma) at random places
+
+with N photons / s / m2 / angstrom. `electrons` are those of the first order; the window is its trace and what lies
+around it. An object keeps off the edges of its grating's piece.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from csstsim.base.units import C_A_S, H_J_S
+from csstsim.bench.imaging.cases import Case, half_of, make_cases, make_row, place
+from csstsim.instrument.chip import Window
+from csstsim.instrument.filter import GRID
+from csstsim.render.scene import make_scene
+
+SPECTRA = ("flat", "hot", "cool", "lines")
+LINES, SIGMA_A, CONTINUUM = 3, 2.0, 0.1
+LARGEST = 0.5  # arcsec, half-light radius: stamps of bright bulges that are larger take minutes
+HALF_MAX = 96  # px
+FROM_SPLIT = 400  # px
+_COOL = H_J_S * C_A_S / (1.380649e-23 * 3500.0)  # h c / k T [angstrom]
+
+
+@dataclass(frozen=True, eq=False)
+class SpectrumCase(Case):
+    """One object with a spectrum, alone on the window of its first order."""
+
+    spectrum: str  # of SPECTRA
+    density: np.ndarray  # photon / m2 / angstrom of the exposure, on filter.GRID
+    light: np.ndarray  # (bins,) its means over the Disperser's bins
+    lines: np.ndarray  # angstrom, centres of its lines, the brightest first
+    visits: np.ndarray  # (1, 3) of Disperser.visits
+
+    def about(self):
+        """Return {column: value} of what the object is, its spectrum's name too."""
+        return super().about() | {"spectrum": self.spectrum}
+
+    def brighter(self, electrons):
+        """Return the same object with a light of `electrons` in all."""
+        factor = electrons / self.electrons
+        case = super().brighter(electrons)
+        return replace(case, density=self.density * factor, light=self.light * factor)
+
+
+def make_spectrum_cases(setting, count, seed=1, largest=LARGEST):
+    """Return `count` SpectrumCases, half of them stars; no half-light radius is above `largest` [arcsec]."""
+    return make_cases(setting, count, seed, min(largest, LARGEST), make_spectrum_case)
+
+
+def make_spectrum_case(setting, rng, i, electrons, bulge=0.0, size=0.0, e=0.0, spectrum=None):
+    """Return the SpectrumCase of a galaxy, or, without a size [arcsec], of a star; one of even number is at a node."""
+    disperser, spectrum = setting.disperser, spectrum or SPECTRA[i // 2 % len(SPECTRA)]
+    x, y = place(setting, rng, i % 2 == 0)
+    while abs(x - disperser.gratings.split) < FROM_SPLIT:
+        x, y = place(setting, rng, i % 2 == 0)
+    density, lines = density_of(spectrum, rng, disperser)
+    piece = int(x > disperser.gratings.split)
+    light = means(density, disperser.edges)
+    first = light * disperser.rates[piece, disperser.orders.index(1)]
+    factor = electrons / first.sum()
+    shares = disperser.psf_weights @ first / first.sum()
+    table = make_row(setting, rng, i, x, y, shares, electrons, bulge, size, e)
+    scene = make_scene(table, setting.wcs, setting.psf, setting.exptime)
+    visits = np.array([[0, piece, 0]])
+    window = trace_window(disperser, visits, scene, half_of(table, HALF_MAX))
+    return SpectrumCase(
+        table, scene, window, electrons, i % 2 == 0, spectrum, density * factor, light * factor, lines, visits
+    )
+
+
+def means(density, edges):
+    """Return the (bins,) means of a density on filter.GRID over bins whose edges [angstrom] are on it."""
+    running = np.concatenate([[0.0], np.cumsum(0.5 * (density[1:] + density[:-1])) * (GRID[1] - GRID[0])])
+    return np.diff(running[np.searchsorted(GRID, edges)]) / np.diff(edges)
+
+
+def trace_window(disperser, visits, scene, half):
+    """Return the Window of the first order of a Scene's one object, and of `half` px around it."""
+    x0, x1, y0, y1 = disperser.boxes(visits, scene.x, scene.y)[0, disperser.orders.index(1)].tolist()
+    middle = round(0.5 * (y0 + y1))
+    return Window(round(x0) - half, round(x1) + half + 1, middle - half, middle + half + 1)
+
+
+def density_of(spectrum, rng, disperser):
+    """Return (density on GRID, of any unit, centres of its lines [angstrom])."""
+    wave = GRID / 5000.0
+    if spectrum == "flat":
+        return np.ones(len(GRID)), np.empty(0)
+    if spectrum == "hot":
+        return wave**-3, np.empty(0)
+    if spectrum == "cool":
+        return wave**-4 / np.expm1(_COOL / GRID), np.empty(0)
+    low, high = disperser.wavelengths[[0, -1]]
+    centres = rng.uniform(low, high, LINES)
+    share = np.arange(LINES, 0, -1) / np.arange(1, LINES + 1).sum()
+    shapes = np.exp(-0.5 * ((GRID - centres[:, None]) / SIGMA_A) ** 2) / (SIGMA_A * np.sqrt(2 * np.pi))
+    return CONTINUUM / (high - low) + (1 - CONTINUUM) * share @ shapes, centres

@@ -1,0 +1,74 @@
+"""How wrong a spectrum's image is: what a fit of the true image, moved and widened, would find.
+
+An image d + T beside the truth T is fitted by T (1 + ...) moved by a small step, or widened: for a template t,
+
+    value = sum w t d / sum w t^2,    w = 1 / (light + variance),
+
+with t = -dT/dx for `along_px`, -dT/dy for `across_px` and d2T/dy2 / 2 for the square of the width across, `size2`,
+over the truth's own there. For `line_px` and `line_width2` [px^2], t = -dT/dx and d2T/dx2 / 2 about the brightest line
+of a spectrum with lines; NaN for others. `flux` is the sum's relative error, `pixel` and `visible` are
+bench.imaging.measures', whose rule on the edge of the PSF's box holds here for rows. All are linear but the last two,
+so their chance is known.
+"""
+
+import numpy as np
+
+from csstsim.bench.imaging.measures import EDGE_PX, visible
+
+NAMES = ("flux", "along_px", "across_px", "size2", "line_px", "line_width2", "pixel", "visible")
+GOALS = {"flux": 1e-3, "along_px": 0.1, "across_px": 0.01, "size2": 1e-3, "line_px": 0.01, "line_width2": 0.01}
+LINE_HALF = 12  # px about a line
+
+
+def errors(setting, case, image, truth, drawn):
+    """Return (errors, statistical errors of them), each (8,), in the order of NAMES, of an image per unit of light."""
+    box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
+    rows = np.abs(np.arange(len(truth)) - (len(truth) - 1) / 2)
+    judged = np.broadcast_to((np.abs(rows - box) > EDGE_PX)[:, None], truth.shape)
+    weight = judged / (case.electrons * np.maximum(truth, 0) + setting.variance)
+    difference = image - truth
+    near_line = _near_line(setting, case, truth)
+    templates = [
+        (np.ones_like(truth), 1 / truth.sum(), None),
+        (-derivative(truth, 1), 1.0, judged), (-derivative(truth, 0), 1.0, judged),
+        (derivative(derivative(truth, 0), 0) / 2, 1 / _width2(truth), judged),
+        (-derivative(truth, 1), 1.0, near_line), (derivative(derivative(truth, 1), 1) / 2, 1.0, near_line),
+    ]  # fmt: skip
+    found = []
+    for template, scale, where in templates:
+        filter = template if where is None else template * weight * where
+        norm = scale if where is None else scale / max((filter * template).sum(), 1e-300)
+        if where is not None and not where.any():
+            norm = np.nan
+        chance = np.sqrt((filter**2 * np.maximum(truth, 0)).sum() / drawn)
+        found.append(((filter * difference).sum() * norm, chance * abs(norm)))
+    peak = np.unravel_index(np.abs(difference * judged).argmax(), truth.shape)
+    found.append((abs(difference[peak]) / truth.max(), np.sqrt(max(truth[peak], 0.0) / drawn) / truth.max()))
+    found.append(visible(image, truth, setting.variance, case.electrons, drawn, judged))
+    return tuple(np.transpose(found))
+
+
+def derivative(image, axis):
+    """Return d(image) / d(pixel) along an axis, by its transform."""
+    k = 2j * np.pi * np.fft.rfftfreq(image.shape[axis])
+    spectrum = np.fft.rfft(image, axis=axis) * (k if axis == 1 else k[:, None])
+    return np.fft.irfft(spectrum, image.shape[axis], axis=axis)
+
+
+def _width2(truth):
+    """Return the mean square [px^2] of the truth across, in a Gaussian window of 3 px about its middle."""
+    rows = np.arange(len(truth)) - (len(truth) - 1) / 2
+    profile = truth.sum(axis=1) * np.exp(-0.5 * (rows / 3.0) ** 2)
+    mean = (profile * rows).sum() / profile.sum()
+    return (profile * (rows - mean) ** 2).sum() / profile.sum()
+
+
+def _near_line(setting, case, truth):
+    """Return which pixels lie about the brightest line; none without lines."""
+    out = np.zeros(truth.shape, bool)
+    if len(case.lines):
+        disperser = setting.disperser
+        p, q, _, _ = disperser.lines(case.visits, case.scene.x, case.scene.y)[0, disperser.orders.index(1)]
+        at = round(case.scene.x[0] + p + q * case.lines[0]) - case.window.x0
+        out[:, max(at - LINE_HALF, 0) : at + LINE_HALF + 1] = True
+    return out

@@ -1,0 +1,99 @@
+"""The ways to draw a spectrum that csstsim has, each as an imaging.methods.Method; peers.py has the others'."""
+
+import numpy as np
+
+from csstsim.base.counter import object_keys
+from csstsim.bench.imaging.methods import Method, drawing_of
+from csstsim.bench.slitless import peers
+from csstsim.bench.slitless.cases import means
+from csstsim.render.canvas import Canvas
+from csstsim.render.drawing import Drawing
+from csstsim.render.slitless import reference_dispersed
+from csstsim.render.slitless.dispersed_photons import shoot_spectra
+from csstsim.render.slitless.draw_dispersed import draw_dispersed
+from csstsim.render.slitless.slabs import draw_spectra
+from csstsim.render.slitless.traces import Traces
+
+PER_PX = (1, 2, 4, 8)
+WIDE = 1e-4  # of a galaxy's light that the standard may lose
+
+
+def standard(setting, case):
+    """Return the image everything is compared with: the reference renderer, its stamps as high as the window."""
+    wide = case.row.with_columns(reach=np.array([(case.window.ny - 1) // 2], np.int32), lost=np.array([WIDE]))
+    return _drawn_by_reference(setting, case, wide)
+
+
+def _drawn_by_reference(setting, case, rows):
+    canvas = Canvas(np.zeros(case.window.shape, np.float32), case.window)
+    drawing = Drawing(setting.wcs, setting.psf, setting.exptime)
+    reference_dispersed.draw_objects(canvas, rows, _spectra(setting, case), setting.disperser, drawing)
+    return canvas.expected.astype(float)
+
+
+def _spectra(setting, case):
+    """Return the case's spectrum as catalog.light.object_spectra.Spectra gives those of a table."""
+    return lambda rows, edges: np.repeat(means(case.density, edges)[None] / setting.exptime, len(rows), axis=0)
+
+
+def _reference(setting, case):
+    """The reference on stamps no higher than the window: on those of a bulge's own reach it takes minutes."""
+    reach = np.minimum(case.row["reach"], (case.window.ny - 1) // 2).astype(np.int32)
+    rows = case.row.with_columns(reach=reach)
+    return lambda copies: _drawn_by_reference(setting, case, rows.take(np.zeros(copies, int)))
+
+
+def _many(setting, case, copies):
+    """Return (Scene, Traces) of that many of the object, without light beyond the PSF's box."""
+    visits = np.repeat(case.visits, copies, axis=0)
+    visits[:, 0] = np.arange(copies)
+    scene = case.scene.take(np.zeros(copies, int)).sized(np.repeat(case.row["reach"], copies))
+    return scene, Traces(np.repeat(case.light[None], copies, axis=0), visits, setting.disperser)
+
+
+def _photons(setting, case):
+    base = np.uint64(case.row["id"][0] + 1)
+
+    def draw(copies):
+        canvas, keys = Canvas(None, case.window), object_keys(base, np.arange(copies))
+        counted = canvas.count()
+        shoot_spectra(canvas, *_many(setting, case, copies), keys, setting.table)
+        return counted
+
+    return draw
+
+
+def slabs(per_px):
+    """Return the prepare of slabs, `per_px` to a pixel."""
+
+    def prepare(setting, case):
+        def draw(copies):
+            canvas = Canvas(np.zeros(case.window.shape), case.window)
+            draw_spectra(canvas, *_many(setting, case, copies), setting.mixer, per_px=per_px)
+            return canvas.expected
+
+        return draw
+
+    return prepare
+
+
+def _preset(fidelity):
+    def prepare(setting, case):
+        def draw(copies):
+            canvas = Canvas(np.zeros(case.window.shape, np.float32), case.window)
+            rows, drawing = case.row.take(np.zeros(copies, int)), drawing_of(setting, case, fidelity)
+            draw_dispersed(canvas, rows, _spectra(setting, case), setting.disperser, drawing)
+            return canvas.expected.astype(float) if canvas.counted is None else canvas.counted
+
+        return draw
+
+    return prepare
+
+
+METHODS = (
+    Method("reference", _reference),
+    Method("photons", _photons),
+    *(Method(f"slabs {per_px}", slabs(per_px)) for per_px in PER_PX),
+    *(Method(name, _preset(name), preset=True) for name in ("standard", "noise_free")),
+    Method("as the paper", peers.paper, peer=True),
+)

@@ -1,0 +1,70 @@
+"""Spectra by others, and the paper's way, as `prepare(setting, case) -> draw(copies)` (see methods.py).
+
+* `paper`: sections 4.2 and 5.3: the object in each sub-band is drawn as on an imaging chip (bench.imaging.peers.paper),
+  then each pixel's light is laid along the trace as aXe does it, by the area that the shifted pixel shares with those
+  below it. The first order alone is drawn; our methods draw all five, of which the window shows no more.
+"""
+
+import galsim
+import numpy as np
+from scipy.signal import fftconvolve
+
+from csstsim.bench.imaging.peers import BANDS, galaxy_of, interpolated
+
+
+def trace(setting, case):
+    """Return (x, y [px from the object], light [electron]) of the bins of the first order."""
+    disperser = setting.disperser
+    first = disperser.orders.index(1)
+    p, q, r, s = disperser.lines(case.visits, case.scene.x, case.scene.y)[0, first]
+    centres = 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
+    return p + q * centres, r + s * centres, case.light * disperser.rates[case.visits[0, 1], first]
+
+
+def cells(setting, scene, band):
+    """Return the cells of the PSF at the object's place in one sub-band."""
+    return sum(w * setting.psf.node(n)[band] for n, w in zip(scene.node[0], scene.weight[0], strict=True))
+
+
+def paper(setting, case):
+    """Return draw(copies) by the paper's way: a stamp a sub-band, laid along the trace pixel by pixel."""
+    scene, window, per_pixel = case.scene, case.window, setting.psf.oversampling
+    reach = int(case.row["reach"][0])
+    dx, dy, light = trace(setting, case)
+    centres = 0.5 * (setting.disperser.edges[1:] + setting.disperser.edges[:-1])
+    band_of = np.searchsorted(setting.filter.edges[1:-1], centres)
+    column, row = round(scene.x[0]), round(scene.y[0])
+
+    def draw(copies):
+        image = np.zeros(window.shape)
+        for _ in range(copies):
+            for band in range(BANDS):
+                mine = band_of == band
+                point = interpolated(cells(setting, scene, band), per_pixel)
+                profile = point if case.star else galsim.Convolve(galaxy_of(scene), point)
+                stamp = galsim.ImageD(2 * reach + 1, 2 * reach + 1)
+                profile.drawImage(stamp, scale=1.0, offset=(scene.x[0] - column, scene.y[0] - row))
+                corner = column - reach - window.x0, row - reach - window.y0
+                _disperse(image, stamp.array, corner, dx[mine], dy[mine], light[mine])
+        return image
+
+    return draw
+
+
+def _disperse(image, stamp, corner, dx, dy, light):
+    """Add the stamp, shifted by each (dx, dy) [px], times light: a shifted pixel falls on four, by shared area."""
+    x, y = np.floor(dx).astype(int), np.floor(dy).astype(int)
+    a, b, first, bottom = dx - x, dy - y, x.min(), y.min()
+    shifts = np.zeros((np.ptp(y) + 2, np.ptp(x) + 2))
+    for i, j, share in ((0, 0, (1 - a) * (1 - b)), (1, 0, a * (1 - b)), (0, 1, (1 - a) * b), (1, 1, a * b)):
+        np.add.at(shifts, (y - bottom + j, x - first + i), light * share)
+    spread = fftconvolve(stamp, shifts)
+    add(image, spread, corner[0] + first, corner[1] + bottom)
+
+
+def add(image, stamp, x0, y0):
+    """Add what of a stamp whose corner lies at x0, y0 falls on the image."""
+    left, right = max(x0, 0), min(x0 + stamp.shape[1], image.shape[1])
+    low, high = max(y0, 0), min(y0 + stamp.shape[0], image.shape[0])
+    if left < right and low < high:
+        image[low:high, left:right] += stamp[low - y0 : high - y0, left - x0 : right - x0]

@@ -1,0 +1,126 @@
+"""The independent truth of a spectrum: direct optics at sixteen wavelengths, summed along the first order's trace.
+
+As bench.imaging.truth: the PSF of the object's own place on 8 x 8 cells a pixel, no stored PSF and no GalSim. Here it
+is made at NODES wavelengths over all of the order instead of the PSF set's four, with the cubic through four of them
+between, and the transform of the image is the sum over wavelengths, half an angstrom apart, of
+
+    light(lambda)  PSF(k, lambda)  profile(k)  exp(-2 pi i k . place(lambda)),
+
+some pixels of the trace at a time. So it holds what four wavelengths leave out, and the bins of the Disperser. Up to
+HIGHEST cycles a pixel: beyond, jitter, diffusion and the pixel leave less than 1e-4.
+"""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import scipy.fft
+
+from csstsim.bench.imaging.truth import CELLS_PER_PIXEL, brightness, profile, repeats, waves
+from csstsim.instrument.filter import GRID
+from csstsim.optics.psf.chip_errors import chip_coefficients
+from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.optics.psf.psf_set import centre_of, chip_optics
+from csstsim.optics.psf.wavefront import load_wavefront
+from csstsim.optics.scatter.scattered_light import scattered_light
+
+NODES = 16
+HIGHEST = 1.25  # cycles a pixel
+_BLOCK = 32  # px of the trace in one transform
+_SPARE = 64  # px between repeats of a window
+
+
+class SpectrumTruth:
+    """Direct optics of one spectroscopic chip; call it with a SpectrumCase."""
+
+    def __init__(self, setting):
+        camera, m = setting.camera, CELLS_PER_PIXEL
+        self._setting, self._wavefront = setting, load_wavefront(camera.psf)
+        cells = setting.psf.image.shape[-1] // setting.psf.oversampling * m
+        first, last = setting.disperser.edges[[0, -1]]
+        self._waves = np.linspace(first, last, NODES)
+
+        def optics(wavelengths):
+            those = SimpleNamespace(name=setting.filter.name, psf_wavelength=wavelengths)
+            more = chip_optics(setting.chip, those, camera.psf, self._wavefront, m, cells)
+            return *more, scattered_light(camera, those).wing
+
+        self._four = optics(setting.filter.psf_wavelength)  # what centres the stored PSF
+        self._all = [optics(self._waves[k : k + 4]) for k in range(0, NODES, 4)]
+
+    def psf(self, x, y):
+        """Return (NODES, n, n): light in pixels on the lattice of cells, of a star of unit flux at chip pixel x, y."""
+        setting, m = self._setting, CELLS_PER_PIXEL
+        coefficients = chip_coefficients(self._wavefront, setting.camera.psf, setting.chip, x, y)
+        optics, kernel, _ = self._four
+        centre = centre_of(optics, [one.transfer(coefficients) for one in optics], kernel, m)
+        found = []
+        for optics, kernel, wing in self._all:
+            images = np.stack([one.image(one.transfer(coefficients), kernel, centre) for one in optics])
+            found += [pixel_response(np.pad(image, m), m) for image in wing.add_to(images, m)]
+        return np.stack(found)
+
+    def __call__(self, case):
+        """Return the light on each pixel of the case's window, of an object of unit flux, float64."""
+        scene, disperser, window = case.scene, self._setting.disperser, case.window
+        first, piece = disperser.orders.index(1), case.visits[0, 1]
+        throughput = disperser.gratings.pieces[piece][0].orders[1].throughput
+        lit = np.flatnonzero(throughput * case.density)
+        light = (throughput * case.density)[lit] * disperser.area * (GRID[1] - GRID[0]) / case.electrons
+        p, q, r, s = disperser.lines(case.visits, scene.x, scene.y)[0, first]
+        x, y = scene.x[0] + p + q * GRID[lit] - window.x0, scene.y[0] + r + s * GRID[lit] - window.y0
+        images = self.psf(scene.x[0], scene.y[0])
+        period = window.ny + _BLOCK + _SPARE + images.shape[-1] // CELLS_PER_PIXEL
+        highest = math.floor(HIGHEST * period)
+        kx, ky = np.arange(highest + 1) / period, np.arange(-highest, highest + 1) / period
+        shape = profile(scene, kx, ky) if not case.star else 1.0
+        transforms = [_transform(image, period, highest) * shape for image in images]
+        weights = _cubic(self._waves, GRID[lit]) * light
+        out, block = np.zeros(window.shape), np.floor(x / _BLOCK).astype(int)
+        for b in np.unique(block):
+            mine = block == b
+            self._add(out, transforms, weights[:, mine], x[mine], y[mine], scene, kx, ky, period)
+        return out
+
+    def _add(self, out, transforms, weights, x, y, scene, kx, ky, period):
+        """Add part of a spectrum at x, y [px of `out`]; weights (NODES, samples): its light, by wavelength of `psf`."""
+        half = (period - _SPARE) // 2
+        middle = round(0.5 * (x.min() + x.max()))
+        columns = np.arange(max(middle - half, 0), min(middle + half + 1, out.shape[1]))
+        along, across = (waves(k, v - c).conj() for k, v, c in ((kx, x, middle), (ky, y, 0)))
+        total = 0.0
+        for transform, light in zip(transforms, weights, strict=True):
+            if light.any():
+                total = total + transform * ((across * light) @ along.T)
+        twice = np.where(kx > 0, 2.0, 1.0)  # the half of the plane that is left out
+        rows = np.arange(out.shape[0])
+        image = (waves(ky, rows).T @ total @ (twice[:, None] * waves(kx, columns - middle))).real / period**2
+        light = weights.sum(axis=0)
+        at = np.average(x, weights=light), np.average(y, weights=light)
+        caught = sum(t[len(ky) // 2, 0].real * w.sum() for t, w in zip(transforms, weights, strict=True))
+        out[:, columns] += image - caught * repeats(scene, columns, rows, at, period)
+        far = np.setdiff1d(np.arange(out.shape[1]), columns)  # where a profile is as the PSF leaves it
+        out[:, far] += caught * brightness(scene, far, rows, at)
+
+
+def _transform(response, period, highest):
+    """Return (2 highest + 1, highest + 1): the transform of a lattice of cells about its middle, at k / period."""
+    m = CELLS_PER_PIXEL
+    padded = np.zeros((period * m, period * m), np.float32)
+    middle = len(response) // 2
+    padded[: len(response), : len(response)] = response
+    spectrum = scipy.fft.rfft2(padded)[np.arange(-highest, highest + 1)][:, : highest + 1] / m**2
+    k = np.arange(-highest, highest + 1) / period / m
+    return spectrum * np.exp(2j * np.pi * k * middle)[:, None] * np.exp(2j * np.pi * k[highest:] * middle)
+
+
+def _cubic(nodes, places):
+    """Return (nodes, places): weights of the cubic through the four nodes about each place, evenly spaced nodes."""
+    at = (places - nodes[0]) / (nodes[1] - nodes[0])
+    first = np.clip(np.floor(at).astype(int) - 1, 0, len(nodes) - 4)
+    t = at - first
+    out, column = np.zeros((len(nodes), len(places))), np.arange(len(places))
+    for j in range(4):
+        others = [k for k in range(4) if k != j]
+        out[first + j, column] = np.prod([(t - k) / (j - k) for k in others], axis=0)
+    return out

@@ -1,0 +1,1 @@
+"""Which objects reach a chip, which can be drawn, and in what order."""

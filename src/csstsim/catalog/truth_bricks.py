@@ -1,0 +1,180 @@
+"""Bricks: the embedded universe cut into HEALPix pixels of NSIDE 256 (order 8, nested), one parquet file each.
+
+What a brick holds depends on (campaign seed, brick number, config/universe/, the dust map, the camera's filters,
+lensing) and on nothing else, so any subset in any order on any machine is the same sky. A position is the centre of
+a random order-29 pixel of the brick (0.4 mas apart): HEALPix pixels of one order have equal area, so objects are
+uniform on the brick and exactly inside it. The files follow the HATS layout, with its `_healpix_29` column.
+"""
+
+from functools import lru_cache, partial
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.healpix import BRICKS, HATS_ORDER, ORDER
+from csstsim.base.release import release
+from csstsim.base.rng import stream
+from csstsim.base.units import SOLAR_RADIUS_PC
+from csstsim.catalog.light.embedded_spectra import rates
+from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
+from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
+from csstsim.universe.parameters import COEFFICIENTS
+
+AREA_DEG2 = 4 * 180.0**2 / np.pi / BRICKS
+ID_BITS = 22  # id = brick x 2^22 + row
+SED_COLUMNS = ("sed_scale", *(f"coeff{k}" for k in range(COEFFICIENTS)))
+
+
+def make_brick(seed, pix, universe, camera, lensing):
+    """Return the ObjectTable of brick `pix`: stars, galaxies, then quasars.
+
+    universe: numbers.Universe; camera: instrument.camera.Camera; lensing: config.Lensing. Magnitudes are those of the
+    spectra: with the Milky Way's extinction, without lensing magnification. Raises InputError for a brick number that
+    does not exist.
+    """
+    if not 0 <= pix < BRICKS:
+        raise InputError("no such brick", key="brick", value=pix, allowed=f"0..{BRICKS - 1}")
+    stars = _stars(seed, pix, universe)
+    galaxies = _galaxies(seed, pix, universe, camera, lensing)
+    quasars = _quasars(seed, pix, universe, galaxies, lensing)
+    rows = len(stars) + len(galaxies) + len(quasars)
+    if rows >= 2**ID_BITS:
+        raise InputError(f"a brick holds at most {2**ID_BITS - 1} objects", file=universe.folder, value=rows)
+    first = np.int64(pix) << ID_BITS
+    host = quasars["host"]
+    quasars = quasars.with_columns(host=np.where(host >= 0, first + len(stars) + host, -1))
+    table = ObjectTable.concat([stars, galaxies, quasars]).with_columns(id=first + np.arange(rows, dtype=np.int64))
+    table = _with_magnitudes(table, universe, camera)
+    table.meta = brick_meta(seed, pix, universe, camera, lensing)
+    return table
+
+
+def brick_meta(seed, pix, universe, camera, lensing):
+    """Return what a brick's content depends on, as recorded in its file."""
+    return {
+        "product": "truth brick",
+        "csstsim": release(),
+        "seed": seed,
+        "brick": pix,
+        "universe": universe.digest,
+        "camera": camera.digest,
+        "lensing": lensing.model_dump(mode="json"),
+    }
+
+
+def write_brick(path, pix, *, seed, universe, camera, lensing):
+    """Make brick `pix` and write it (temporary name, fsync, rename)."""
+    make_brick(seed, pix, universe, camera, lensing).write(path)
+
+
+def read_brick(path, expect=None):
+    """Read a brick's file. Raises InputError if it is unreadable or its record differs from `expect` (brick_meta)."""
+    table = ObjectTable.read(path)
+    if table.meta.get("product") != "truth brick":
+        raise InputError("not a truth brick", file=path, key="product", value=table.meta.get("product"))
+    for key, value in (expect or {}).items():
+        if table.meta.get(key) != value:
+            raise InputError(
+                "the brick was made for something else; make it again",
+                file=path,
+                key=key,
+                value=table.meta.get(key),
+                allowed=value,
+            )
+    return table
+
+
+def place(pix, generator, count):
+    """Return ra, dec [deg] and the order-29 nested HEALPix pixels of `count` random positions in brick `pix`."""
+    import healpy
+
+    deep = 2 * (HATS_ORDER - ORDER)
+    healpix = (np.int64(pix) << deep) + generator.integers(0, 1 << deep, count)
+    ra, dec = healpy.pix2ang(1 << HATS_ORDER, healpix, nest=True, lonlat=True)
+    return ra, dec, healpix
+
+
+def _stars(seed, pix, universe):
+    from csstsim.universe.stars.stars import draw_stars
+
+    columns = draw_stars(_streams(seed, pix, "stars"), pix, partial(place, pix), universe.numbers["stars"])
+    radius, distance = columns.pop("radius"), columns.pop("distance")
+    columns |= {
+        "sed_scale": (radius * SOLAR_RADIUS_PC / distance) ** 2,
+        "av": universe.r_v * universe.dust.star_ebv(columns["ra"], columns["dec"], distance),
+    }
+    return _complete(STAR, columns)
+
+
+def _galaxies(seed, pix, universe, camera, lensing):
+    streams = _streams(seed, pix, "galaxies")
+    columns = _population(universe, camera).draw(streams, AREA_DEG2)
+    _put(columns, *place(pix, streams("position"), len(columns["z"])), seed, pix, universe, lensing)
+    return _complete(GALAXY, columns)
+
+
+@lru_cache(maxsize=4)
+def _population(universe, camera):
+    """The galaxies' laws; the counts they follow are in the camera's i band, without the Milky Way's dust."""
+    from csstsim.universe.galaxies.galaxies import GalaxyPopulation
+
+    filter_ = _filters(camera)[BANDS.index("i")]
+    weights = subband_weights(filter_, camera.telescope).sum(axis=0, keepdims=True)
+    zeropoint = filter_.zeropoint(camera.telescope)
+    return GalaxyPopulation(universe.numbers["galaxies"], universe.galaxy_seds, universe.cosmology, weights, zeropoint)
+
+
+def _quasars(seed, pix, universe, galaxies, lensing):
+    """Quasars stand where their hosts do; one without a host stands anywhere."""
+    from csstsim.universe.quasars.quasars import draw_quasars
+
+    streams = _streams(seed, pix, "quasars")
+    columns = draw_quasars(streams, AREA_DEG2, galaxies, universe.numbers["quasars"], universe.cosmology)
+    spot = place(pix, streams("position"), len(columns["z"]))
+    host = columns["host"]
+    if len(galaxies):
+        at = [galaxies[name][np.maximum(host, 0)] for name in ("ra", "dec", "_healpix_29")]
+        spot = [np.where(host >= 0, there, own) for there, own in zip(at, spot, strict=True)]
+    _put(columns, *spot, seed, pix, universe, lensing)
+    return _complete(QUASAR, columns)
+
+
+def _put(columns, ra, dec, healpix, seed, pix, universe, lensing):
+    """Put extragalactic objects where they belong: behind the whole of the dust, in the lensing field."""
+    from csstsim.universe.lensing.lensing import lens
+
+    field = universe.lensing_field(seed) if lensing.field == "cosmic" else None
+    columns |= {"ra": ra, "dec": dec, "_healpix_29": healpix, "av": universe.r_v * universe.dust.ebv(ra, dec)}
+    columns |= lens(pix, ra, dec, columns["z"], lensing, field)
+
+
+def _complete(obj_type, columns):
+    """Return the ObjectTable of one kind of object, its columns in their order; magnitudes are still to come."""
+    count = len(columns["ra"])
+    tail = {name: np.asarray(columns.get(name, np.zeros(count)), np.float32) for name in SED_COLUMNS}
+    tail["_healpix_29"] = columns["_healpix_29"]
+    head = {name: values for name, values in columns.items() if name in COLUMNS}
+    return ObjectTable.complete(head | {"obj_type": np.full(count, obj_type, np.int8)} | tail)
+
+
+def _with_magnitudes(table, universe, camera):
+    filters, telescope = _filters(camera), camera.telescope
+    weights = np.stack([subband_weights(f, telescope).sum(axis=0) for f in filters])
+    light = rates(universe, table, weights, fine=False)
+    return table.with_columns(**{
+        f"mag_{band}": rate_to_mag(light[:, k], filters[k], telescope).astype(np.float32)
+        for k, band in enumerate(BANDS)
+    })  # fmt: skip
+
+
+def _filters(camera):
+    """The seven imaging filters in the order of BANDS; names in files may be upper case (NUV)."""
+    by_name = {name.lower(): f for name, f in camera.filters.items()}
+    missing = [band for band in BANDS if band not in by_name]
+    if missing:
+        raise InputError("the camera lacks a filter", file=camera.folder, key="filters", value=missing[0])
+    return [by_name[band] for band in BANDS]
+
+
+def _streams(seed, pix, kind):
+    return lambda name: stream(seed, "brick", pix, kind, name)

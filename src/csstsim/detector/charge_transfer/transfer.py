@@ -1,0 +1,91 @@
+"""Charge of a window on its way to the amplifiers (paper, Appendix B item 10), and what is read after its pixels.
+
+Each half of the chip is transferred along its columns to its registers (charge_transfer.cti) and each row of a channel,
+of its parallel overscan, too, along the register to its amplifier (charge_transfer.serial). A window's columns and rows
+are transferred as whole ones: what is not simulated of the half, or of the channel's rows after the parallel transfer,
+holds the median charge of what is.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from csstsim.detector.channels import ReadoutFrame
+
+
+@dataclass(frozen=True)
+class Trails:
+    """Electrons in the overscan, float32; the first row and the first column are those read first."""
+
+    parallel: tuple[np.ndarray, np.ndarray]  # lower and upper half: (parallel_overscan, nx of the window)
+    # {channel: (rows of the window in the channel + parallel_overscan, overscan)}; none if rows were not transferred
+    serial: dict[int, np.ndarray] = field(default_factory=dict)
+
+    def lay(self, image, readout):
+        """Put the charge into `image`, a frame of `readout` (detector.channels.ReadoutFrame)."""
+        for block in readout.blocks:
+            image[block.parallel_overscan] = self.parallel[block.half][:, block.image[1]][block.as_read[0]]
+            if block.channel in self.serial:
+                image[block.rows, block.serial_overscan[1]] = self.serial[block.channel][block.as_read]
+
+
+def transfer(image, detector, window, rng, *, density, serial):
+    """Move the charge of a window's image, in place; return (Trails, header entries).
+
+    rng: rng.Streams of the traps; density: of traps over that of cti.yaml; serial: along the registers, too.
+    """
+    halves, trapped = _along_columns(image, detector, window, density, rng)
+    header, channels = {"cti_trapped": trapped}, {}
+    if serial:
+        channels, header["cti_serial_trapped"] = _along_rows(image, detector, window, halves, density, rng)
+    return Trails(halves, channels), header
+
+
+def _along_columns(image, detector, window, scale, rng):
+    """Transfer both halves to their registers; return (Trails.parallel, electrons left in traps)."""
+    from csstsim.detector.charge_transfer import cti  # numba: half a second that checking a campaign need not pay
+
+    traps, n_rows = detector.traps, detector.channel_ny
+    trailed, trapped = [], 0
+    for half in range(2):
+        low, high = (min(max(y, half * n_rows), (half + 1) * n_rows) for y in (window.y0, window.y1))
+        trail, left = cti.transfer(
+            image[low - window.y0 : high - window.y0] if low < high else image[:0],
+            scale * np.array(traps.density), traps.timescale, (traps.beta, traps.full_well, traps.notch),
+            (rng.chip_key(f"traps {half}"), rng.exposure_key(f"release {half}")),
+            flip=bool(half), lead=detector.ny - high if half else low, n_rows=n_rows,
+            overscan=detector.parallel_overscan, x0=window.x0,
+        )  # fmt: skip
+        trailed.append(trail)
+        trapped += left
+    return tuple(trailed), trapped
+
+
+def _along_rows(image, detector, window, halves, scale, rng):
+    """Transfer each channel's rows, and those of its parallel overscan in `halves`, to its amplifier.
+
+    Returns (Trails.serial, electrons left in traps).
+    """
+    from csstsim.detector.charge_transfer.serial import transfer_rows
+
+    traps, x0, y0 = detector.traps.serial, window.x0, window.y0
+    trailed, trapped = {}, 0
+    for block in ReadoutFrame.of(detector, window).blocks:
+        rows, cols = block.image
+        lead = (-(x0 + cols.stop) if block.flip_x else x0 + cols.start) % detector.channel_nx
+        row0 = (-(y0 + rows.stop) if block.flip_y else y0 + rows.start) % detector.channel_ny
+        keys = rng.chip_key(f"serial traps {block.channel}"), rng.exposure_key(f"serial release {block.channel}")
+        trails = []
+        for part, first in (
+            (image[block.image][block.as_read], row0),
+            (halves[block.half][:, cols][:, block.as_read[1]], detector.channel_ny),
+        ):
+            trail, left = transfer_rows(
+                part, scale * np.array(traps.density), traps.timescale, (traps.beta, traps.full_well, traps.notch),
+                keys, prescan=detector.prescan, lead=lead, n_columns=detector.channel_nx, overscan=detector.overscan,
+                row0=first,
+            )  # fmt: skip
+            trails.append(trail)
+            trapped += left
+        trailed[block.channel] = np.concatenate(trails)
+    return trailed, trapped

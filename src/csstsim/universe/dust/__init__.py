@@ -1,0 +1,1 @@
+"""The Milky Way's dust: maps of it, and what it does to light."""

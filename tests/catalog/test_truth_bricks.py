@@ -1,0 +1,172 @@
+"""Bricks: exact tiling, determinism, densities against the anchors, files that refuse to lie."""
+
+import shutil
+
+import healpy
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from embedded_sky import DENSITY, SEED, brick, key, shipped, universe_folder
+
+from csstsim.base.errors import InputError
+from csstsim.base.healpix import NSIDE
+from csstsim.base.units import SOLAR_RADIUS_PC
+from csstsim.campaign.config import Lensing
+from csstsim.catalog.table import COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
+from csstsim.catalog.truth_bricks import AREA_DEG2, brick_meta, make_brick, read_brick, write_brick
+from csstsim.universe.parameters import load_universe
+
+POLE, WRAP, COMMON = 65535, int(healpy.ang2pix(256, 0.0, 20.0, nest=True, lonlat=True)), 100000
+
+
+@pytest.mark.parametrize("pix", [0, POLE, WRAP, COMMON, 786431])
+def test_every_object_lies_in_its_own_brick(pix):
+    table = brick(pix)
+    assert (healpy.ang2pix(NSIDE, table["ra"], table["dec"], nest=True, lonlat=True) == pix).all()
+    assert (table["ra"] >= 0).all() and (table["ra"] < 360).all()
+    assert (table["_healpix_29"] >> 42 == pix).all()
+
+
+def test_a_brick_across_the_meridian_has_objects_on_both_sides():
+    ra = brick(WRAP)["ra"]
+    assert (ra < 1).any() and (ra > 359).any()
+
+
+def test_positions_are_uniform_on_the_brick():
+    table = brick(POLE)
+    counts = np.bincount(
+        healpy.ang2pix(4 * NSIDE, table["ra"], table["dec"], nest=True, lonlat=True) - 16 * POLE, minlength=16
+    )
+    expected = len(table) / 16
+    assert abs((((counts - expected) ** 2) / expected).sum() - 15) < 5 * np.sqrt(
+        30
+    )  # chi2, 15 degrees of freedom, 5 sigma
+
+
+def test_content_does_not_depend_on_order_or_neighbours():
+    _, camera = shipped()
+    fresh = load_universe(universe_folder())  # no cached table, no brick made before
+    assert make_brick(SEED, COMMON, fresh, camera, Lensing()) == brick(COMMON)
+
+
+def test_seed_and_number_change_everything():
+    a, b, c = brick(COMMON), brick(COMMON + 1), brick(COMMON, seed=SEED + 1)
+    for other in (b, c):
+        assert not np.intersect1d(a["mag_i"][-100:], other["mag_i"][-100:]).size
+    assert not np.intersect1d(a["id"], b["id"]).size
+    assert len(np.unique(a["id"])) == len(a)
+
+
+def test_galaxies_are_as_dense_as_asked():
+    total = sum((brick(pix)["obj_type"] == 1).sum() for pix in (0, POLE, WRAP, COMMON))
+    expected = 4 * DENSITY * 3600 * AREA_DEG2
+    assert abs(total - expected) < 5 * np.sqrt(expected)
+
+
+def test_all_values_are_finite_and_in_range():
+    table = brick(COMMON)
+    unknown = {name for name, (_, default, _) in COLUMNS.items() if np.isnan(default)}
+    for name in set(table) - unknown | {"ra", "dec"}:
+        assert np.isfinite(table[name]).all(), name
+    galaxy = table["obj_type"] == 1
+    assert (np.hypot(table["e1"], table["e2"]) < 1).all()
+    assert (table["size_disk"][galaxy] > 0).all() and (table["size_bulge"][galaxy] > 0).all()
+    assert table["bulge_frac"].min() >= 0 and table["bulge_frac"].max() <= 1
+
+
+def test_brick_that_does_not_exist():
+    with pytest.raises(InputError, match=r"0\.\.786431"):
+        make_brick(pix=12 * NSIDE**2, **key())
+
+
+def test_file_round_trip_is_exact(tmp_path):
+    path = tmp_path / "Npix=5.parquet"
+    options = key(Lensing(field="constant", gamma1=0.02))
+    write_brick(path, 5, **options)
+    table = read_brick(path, brick_meta(pix=5, **options))
+    assert table == make_brick(pix=5, **options)
+    star = table["obj_type"] == 0
+    assert (table["gamma1"][~star] == np.float32(0.02)).all() and not table["gamma1"][star].any()
+    assert [p.name for p in tmp_path.iterdir()] == ["Npix=5.parquet"]
+
+
+def test_damaged_and_foreign_files_are_refused(tmp_path):
+    path = tmp_path / "Npix=0.parquet"
+    with pytest.raises(InputError, match=r"Npix=0\.parquet"):
+        read_brick(path)
+    brick(0).write(path)
+    whole = path.read_bytes()
+    for part in (whole[: len(whole) // 2], whole[:-1], b""):
+        path.write_bytes(part)
+        with pytest.raises(InputError, match=r"Npix=0.parquet: not a readable parquet file"):
+            read_brick(path)
+    pq.write_table(pa.table({"id": [1, 2]}), path)
+    with pytest.raises(InputError, match="no metadata"):
+        read_brick(path)
+    ObjectTable.complete({"id": [1]}).write(path)
+    with pytest.raises(InputError, match="not a truth brick"):
+        read_brick(path)
+
+
+@pytest.mark.parametrize(("name", "value"), [("seed", 8), ("brick", 1), ("camera", "0"), ("lensing", [0.1, 0, 0])])
+def test_brick_made_for_something_else_is_refused(tmp_path, name, value):
+    path = tmp_path / "Npix=0.parquet"
+    brick(0).write(path)
+    with pytest.raises(InputError, match=f"{name}: the brick was made for something else"):
+        read_brick(path, brick_meta(pix=0, **key()) | {name: value})
+
+
+def test_errors_name_the_file_of_the_universe(tmp_path):
+    folder = shutil.copytree(universe_folder(), tmp_path / "universe")
+    galaxies = folder / "galaxies.yaml"
+    text = galaxies.read_text(encoding="utf-8")
+    galaxies.write_text("density: 552\n")
+    with pytest.raises(InputError, match=r"galaxies.yaml: .*without source"):
+        load_universe(folder)
+    galaxies.write_text(text.replace("tau_alpha:", "tau_beta:"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"universe: .*tau_alpha"):
+        load_universe(folder).check()
+    galaxies.write_text(text.replace("z_max: 7.0", "z_max: 2000.0"), encoding="utf-8")
+    with pytest.raises(InputError, match=r"galaxies.yaml: mass_function.z_max: .*up to 20"):
+        load_universe(folder).check()
+    galaxies.write_text(text, encoding="utf-8")
+    stars = folder / "stars.yaml"
+    stars.write_text(stars.read_text().replace("[5.0, 28.0]", "[28.0, 5.0]"))
+    with pytest.raises(InputError, match=r"stars.yaml: limits: .*two rising numbers"):
+        load_universe(folder).check()
+    galaxies.unlink()
+    with pytest.raises(InputError, match=r"galaxies.yaml: cannot read the file"):
+        load_universe(folder)
+
+
+def test_quasars_live_in_the_galaxies_they_name():
+    """The host has the quasar's place and redshift; each galaxy hosts one at most."""
+    hosted = 0
+    for pix in (0, POLE, WRAP, COMMON):
+        table = brick(pix)
+        row = {name: k for k, name in enumerate(table["id"].tolist())}
+        quasars = np.flatnonzero((table["obj_type"] == QUASAR) & (table["host"] >= 0))
+        for k in quasars:
+            host = row[int(table["host"][k])]
+            assert table["obj_type"][host] == GALAXY
+            assert all(table[name][host] == table[name][k] for name in ("ra", "dec", "z"))
+        assert len(np.unique(table["host"][quasars])) == len(quasars)
+        hosted += len(quasars)
+    assert hosted > 0
+
+
+def test_stars_shine_by_their_surface_and_galaxies_lie_behind_all_dust():
+    """Radius by gravity and mass, distance by parallax: light goes with the square of their ratio."""
+    universe, _ = shipped()
+    table = brick(COMMON)
+    star = (table["obj_type"] == STAR) & (table["parallax"] > 0)
+    sun_logg = 4.438
+    radius2 = table["stellarmass"][star] / 10.0 ** (table["logg"][star].astype(float) - sun_logg)
+    distance = 1000.0 / table["parallax"][star].astype(float)
+    wanted = radius2 * (SOLAR_RADIUS_PC / distance) ** 2
+    assert star.sum() > 100
+    assert np.log10(table["sed_scale"][star] / wanted) == pytest.approx(np.zeros(star.sum()), abs=0.01)
+    galaxy = table["obj_type"] == GALAXY
+    dust = universe.r_v * universe.dust.ebv(table["ra"][galaxy], table["dec"][galaxy])
+    assert table["av"][galaxy] == pytest.approx(dust, rel=1e-5)

