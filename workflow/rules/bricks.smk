@@ -15,7 +15,7 @@ rule calibrate:
         mem_mb=more(3500),
         runtime=more(3),
     params:
-        how=MEASUREMENT,
+        recipe=recipe("measure"),
     shell:
         'csstsim calibrate "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
 
@@ -37,7 +37,7 @@ rule measure:
         mem_mb=more(3500),
         runtime=more(4),
     params:
-        how=MEASUREMENT,
+        recipe=recipe("measure"),
     shell:
         'csstsim measure "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
 
@@ -79,6 +79,6 @@ rule validate:
         mem_mb=more(4000),
         runtime=more(4),
     params:
-        thresholds=RUN.config.validation.model_dump(mode="json"),
+        recipe=RUN.recipes.validation,
     shell:
         'csstsim validate "$CAMPAIGN" --brick {wildcards.pix} > {log:q} 2>&1'

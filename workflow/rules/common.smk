@@ -7,9 +7,11 @@ import sys
 from types import SimpleNamespace
 
 from csstsim.base.files.atomic import remove_left
+from csstsim.campaign.checks import check_kept
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.base.errors import CsstsimError
 from csstsim.io.owner import claim
+from csstsim.optics.psf.psf_c9 import psf_cube
 
 KEYS = "campaign", "chips", "scratch"  # of --config
 for key in config:
@@ -34,18 +36,19 @@ SCRATCH = node_scratch()
 if SCRATCH and workflow.remote_exec:
     atexit.register(shutil.rmtree, SCRATCH, ignore_errors=True)
 
+CHIPS_AS = str(config.get("chips", "stages"))  # a YAML file may hold anything
 try:
     RUN = OpenCampaign(CAMPAIGN, scratch=SCRATCH)
+    check_kept(RUN, CHIPS_AS, "scratch" in config)
     JOBS = {(job.pointing.obsid, f"{job.chip.id:02d}"): job for job in RUN.jobs}
 except CsstsimError as error:
     raise WorkflowError(str(error)) from None
 JOB_OF = {"stages": "stages", "whole": "chip", "exposure": "exposure"}  # rules
-CHIPS_AS = str(config.get("chips", "stages"))  # a YAML file may hold anything
 if CHIPS_AS not in JOB_OF:
     raise WorkflowError(f"chips: {CHIPS_AS}; allowed: {', '.join(JOB_OF)}")
 OUT = str(RUN.paths.output)
 CHIPS = str(RUN.paths.chips)
-MEASUREMENT = RUN.measurement
+kept = (lambda path: path) if RUN.config.keep == "light" else temp  # what render makes
 
 
 def take_folder():
@@ -102,17 +105,10 @@ def truth_of(wildcards):
     ]
 
 
-def truth_key():
-    """What the embedded bricks are made for: a change remakes them."""
-    if not RUN.embedded:
-        return None
-    key = RUN.universe_key()
-    return [
-        key["seed"],
-        key["universe"].digest,
-        key["camera"].digest,
-        key["lensing"].model_dump(mode="json"),
-    ]
+def library_of(wildcards):
+    """The file of a chip in a library of PSFs, where the campaign takes its sets from one."""
+    library = RUN.config.psf.library
+    return str(psf_cube(library, int(wildcards.chip))) if library else []
 
 
 def psf_of(wildcards):
@@ -155,9 +151,9 @@ def drawn_before(wildcards):
     return f"{CHIPS}/{wildcards.obsid}_{wildcards.chip}/drawn.parquet"
 
 
-def recipe(wildcards):
-    """What decides a chip's pixels: a change here, and not in unrelated keys, reruns the chip."""
-    return RUN.recipe(JOBS[wildcards.obsid, wildcards.chip])
+def recipe(stage):
+    """What decides what a stage makes of a chip: a change of it, and of nothing else, reruns the stage."""
+    return lambda wildcards: RUN.recipe(JOBS[wildcards.obsid, wildcards.chip], stage)
 
 
 CHIPS_OF = {}  # obsid: its chips

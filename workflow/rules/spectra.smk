@@ -18,6 +18,6 @@ rule extract:
         mem_mb=more(4000),
         runtime=more(4),
     params:
-        how=MEASUREMENT,
+        recipe=recipe("measure"),
     shell:
         'csstsim extract "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'

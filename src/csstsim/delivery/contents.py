@@ -16,7 +16,8 @@ YES, NO, MAYBE = "yes", "no", "maybe"  # a product must be there, must not, or m
 class Frame:
     """One Level-0 file: which exposure and chip it is of, what it was made from, and what must come with it.
 
-    `recipe`: {name: digest}, None where it is not known; `window`: (x0, x1, y0, y1), or None.
+    `recipe`: {name: digest}, and `rays_recipe` of the image of cosmic rays, which the readout writes; None where they
+    are not known; `window`: (x0, x1, y0, y1), or None.
     """
 
     obsid: str
@@ -25,6 +26,7 @@ class Frame:
     type: str
     level0: Path
     recipe: dict | None
+    rays_recipe: dict | None
     window: tuple | None
     measured: str
     extracted: str
@@ -97,6 +99,6 @@ def _frame(run, job):
     rays = run.steps[job.pointing.type].step("cosmic_rays")
     return Frame(
         *job.key, job.chip.filter, job.pointing.type, run.paths.level0(job.pointing, job.chip.id), run.recipe(job),
-        (window.x0, window.x1, window.y0, window.y1), YES if imaging else NO, YES if run.has_orders(job) else NO,
+        run.recipe(job, "readout"), (window.x0, window.x1, window.y0, window.y1), YES if imaging else NO, YES if run.has_orders(job) else NO,
         YES if rays is not None and rays.param.save_cosmic_image else NO,
     )  # fmt: skip

@@ -72,7 +72,7 @@ def _stems(folder):
 def _frame(stem, path):
     """Return the Frame of a Level-0 file: what its header says, or, if that cannot be read, its name alone."""
     kind, obsid, chip = TYPES[stem[1]], stem[2], int(stem[3])
-    frame = Frame(obsid, chip, None, kind, path, None, None, MAYBE, MAYBE, MAYBE)
+    frame = Frame(obsid, chip, None, kind, path, None, None, None, MAYBE, MAYBE, MAYBE)
     if kind != "SCIE":
         frame = replace(frame, measured=NO, extracted=NO)
     try:

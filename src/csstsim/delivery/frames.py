@@ -133,7 +133,7 @@ def orders(path, frame):
 def cosmic(path, frame):
     """Check the image of cosmic rays alone."""
     planes, meta = load_frame(path)
-    yield from other_recipe(meta.get("recipe"), frame.recipe)
+    yield from other_recipe(meta.get("recipe"), frame.rays_recipe)
     if list(planes) != ["cosmic"]:
         yield f"holds {', '.join(planes) or 'nothing'}, not the plane cosmic"
 

@@ -15,7 +15,7 @@ def psf(run, chip_id):
     from csstsim.optics.scatter.outside_box import beyond_box
 
     chip, camera, config = run.camera.chips[chip_id], run.camera, run.config.psf
-    path, filter_, digests = run.paths.psf(chip_id), camera.filters[chip.filter], {"camera_digest": camera.digest}
+    path, filter_, digests = run.paths.psf(chip_id), camera.filters[chip.filter], {"camera_digest": camera.digest_for("psf")}
     if config.library:
         convert(config.library, path, chip, filter_, sample=config.library_sample, **digests)
     else:
@@ -65,7 +65,7 @@ def open_psf(run, chip):
             "oversampling": oversampling_of(chip.filter, run.camera.psf, config.oversampling),
         }
     psf = PsfSet(
-        run.paths.psf(chip.id), chip=chip.id, filter=chip.filter, camera_digest=run.camera.digest,
+        run.paths.psf(chip.id), chip=chip.id, filter=chip.filter, camera_digest=run.camera.digest_for("psf"),
         method=config.interpolation, beta=config.beta, neighbours=config.neighbours, **own,
     )  # fmt: skip
     check_release(psf.path, psf.attributes["version"])

@@ -101,6 +101,8 @@ def _validation(run, pix):
     path = made(run.paths.validate(pix), f"validate {run.file} --brick {pix}")
     result, limits = read_result(path), run.config.validation.model_dump(mode="json")
     check_recipe(path, result, run.brick_recipe(pix))
+    if result.get("camera") != run.recipes.validation["camera"]:
+        raise InputError("judged by other limits of the camera; validate the brick again", file=path, key="camera")
     if result["limits"] != limits:
         raise InputError(
             "judged by other thresholds; validate the brick again", file=path, key="limits", value=result["limits"],
@@ -136,7 +138,7 @@ def _spectra(run, job, budget):
 
     path = run.paths.spectra(*job.key)
     meta, figure = ObjectTable.read(path).meta, path.with_suffix(".png")
-    check_recipe(path, meta, run.measure_recipe(job))
+    check_recipe(path, meta, run.recipe(job, "measure"))
     title = (
         f"exposure {job.pointing.obsid}, chip {job.chip.id} ({job.chip.filter}): {meta['spectra']} spectra extracted"
     )

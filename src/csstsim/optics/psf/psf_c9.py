@@ -37,12 +37,17 @@ _ANGSTROM = ((2.0, 1e4), (2000.0, 10.0), (math.inf, 1.0))  # below this it is um
 _MARGIN_PX = 500  # how far from the chip a place may be
 
 
+def psf_cube(folder, chip_id):
+    """Return the file of a chip in a library."""
+    return folder / f"psfCube_{chip_id}.h5"
+
+
 def convert(folder, path, chip, filter, *, sample, camera_digest):
     """Read `psfCube_{chip}.h5` of a library `folder` and write the PSF file `path` (layout: optics.psf.psf_file).
 
     `sample` says what psfMat holds (`SAMPLES`). Raises InputError for a missing, damaged or foreign file.
     """
-    source = folder / f"psfCube_{chip.id}.h5"
+    source = psf_cube(folder, chip.id)
     with intact(source), source.open("rb") as content:
         checksum = hashlib.file_digest(content, "sha256").hexdigest()
     with intact(source), h5py.File(source, "r") as file:
