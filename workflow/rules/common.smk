@@ -11,7 +11,7 @@ from csstsim.campaign.checks import check_kept
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.base.errors import CsstsimError
 from csstsim.io.owner import claim
-from csstsim.optics.psf.psf_c9 import psf_cube
+from csstsim.optics.psf.sampling import psf_cube
 
 KEYS = "campaign", "chips", "scratch"  # of --config
 for key in config:

@@ -191,12 +191,13 @@ class SimSteps:
         """Return 16 hex digits of what a stage and those before it take from the list; another, other pixels.
 
         These are layers, their parameters, the files of the user's own, and what is resolved for all: distortion, from
-        render on losses, and whether there is a mask, which before the readout only a layer of the user's may see.
+        render on losses, and whether there is a mask, which at render only a layer of the user's may see.
         """
         steps = self._up_to(stage)
-        found = [[step.describe() for step in steps], *map(module_digest, _own(steps)), self.field_dist]
-        if steps:
-            found += [self.losses, self.mask if _own(steps) else None]
+        own = _own(steps)
+        found = [[step.describe() for step in steps], *map(module_digest, own), self.field_dist]
+        if stage not in BEFORE:
+            found += [self.losses, self.mask if own or stage != "render" else None]
         return digest(found)
 
     def describe(self):

@@ -31,7 +31,7 @@ def psf_tables(run, chip):
     """Make the tables photons are drawn from, of a PSF set that is there."""
     from csstsim.render.psf_table import write_tables
 
-    write_tables(run.paths.psf_tables(chip.id), open_psf(run, chip))
+    write_tables(run.paths.psf_tables(chip.id), _open(run, chip))
 
 
 def _nodes_uv(camera, chip, grid):
@@ -55,6 +55,11 @@ def missing_psf(run, job, say):
 
 def open_psf(run, chip):
     """Return the checked PsfSet of a chip, with the campaign's interpolation."""
+    config = run.config.psf
+    return _open(run, chip, method=config.interpolation, beta=config.beta, neighbours=config.neighbours)
+
+
+def _open(run, chip, **interpolation):
     from csstsim.optics.psf.psf_file import PsfSet
     from csstsim.optics.psf.sampling import oversampling_of
 
@@ -66,7 +71,7 @@ def open_psf(run, chip):
         }
     psf = PsfSet(
         run.paths.psf(chip.id), chip=chip.id, filter=chip.filter, camera_digest=run.camera.digest_for("psf"),
-        method=config.interpolation, beta=config.beta, neighbours=config.neighbours, **own,
+        **interpolation, **own,
     )  # fmt: skip
     check_release(psf.path, psf.attributes["version"])
     return psf

@@ -43,7 +43,9 @@ def state_before(run, job, stage):
         check_recipe(path, meta, run.recipe(job, stage))
         if "image" not in planes or not {"unit", "header"} <= meta.keys():
             raise InputError("damaged: a frame has the plane image, and unit and header in its record", file=path)
-        state.image, state.counted, state.mask = planes["image"], planes.get("counted"), planes.get("mask", state.mask)
+        state.image, state.counted = planes["image"], planes.get("counted")
+        if state.mask is not None:
+            state.mask = planes.get("mask", state.mask)
         state.unit, state.header = meta["unit"], meta["header"]
     return state
 

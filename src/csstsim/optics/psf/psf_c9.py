@@ -28,18 +28,13 @@ from csstsim.optics.psf.chip_errors import chip_position
 from csstsim.optics.psf.diffraction import windowed_centroid
 from csstsim.optics.psf.psf_file import WAVELENGTHS, intact, pixel_response, write_psf
 from csstsim.optics.psf.psf_set import WINDOW_PX
-from csstsim.optics.psf.sampling import LIBRARY_PX
+from csstsim.optics.psf.sampling import LIBRARY_PX, psf_cube
 
 SAMPLES = ("cell_integral", "point")
 _OVERSAMPLING = {samples: samples // LIBRARY_PX for samples in (256, 512)}
 _PLACES = (("image_x", "image_y"), ("x", "y"))
 _ANGSTROM = ((2.0, 1e4), (2000.0, 10.0), (math.inf, 1.0))  # below this it is um, nm, angstrom: angstrom in one
 _MARGIN_PX = 500  # how far from the chip a place may be
-
-
-def psf_cube(folder, chip_id):
-    """Return the file of a chip in a library."""
-    return folder / f"psfCube_{chip_id}.h5"
 
 
 def convert(folder, path, chip, filter, *, sample, camera_digest):
