@@ -40,12 +40,13 @@ def load_frame(path, expect=None):
     planes, meta = {}, None
     with open_fits(path) as file:
         for hdu in file:
-            verify_hdu(hdu, path)
             name = hdu.get_extname()
-            if name == META:
-                meta = _record(read_pixels(hdu, path), path)
-            elif name:
-                planes[name.lower()] = read_pixels(hdu, path)
+            if not name:
+                verify_hdu(hdu, path)
+            elif name == META:
+                meta = _record(read_pixels(hdu, path, verify=True), path)
+            else:
+                planes[name.lower()] = read_pixels(hdu, path, verify=True)
     if meta is None:
         raise InputError("not an intermediate frame of csstsim: it has no META extension", file=path)
     for key, wanted in (expect or {}).items():
