@@ -1,4 +1,4 @@
-"""What a stage reads while it runs, noted as it does: nothing that is not in its recipe, and no number kept for nothing.
+"""What a stage reads while it runs, noted as it does: nothing that its recipe lacks, and little that it has in vain.
 
 tests/test_recipe.py holds recipes against a table of what is known. Here nobody has to know: each look at a number of
 the camera or a key of the campaign is written down.
@@ -6,6 +6,7 @@ the camera or a key of the campaign is written down.
 
 import sys
 from fnmatch import fnmatchcase
+from functools import partial
 
 import pytest
 from mini_campaign import POINTINGS, write_campaign
@@ -19,13 +20,17 @@ from csstsim.instrument.camera import Camera
 from csstsim.instrument.chip import Chip, Detector
 from csstsim.instrument.filter import Filter
 from csstsim.instrument.telescope import Telescope
+from csstsim.stages.calibrate import calibrate
+from csstsim.stages.extract import extract
 from csstsim.stages.level0 import level0
 from csstsim.stages.measure import measure
+from csstsim.stages.merge import merge
 from csstsim.stages.psf import psf
 from csstsim.stages.readout import readout
 from csstsim.stages.render import render
 from csstsim.stages.select import select
 from csstsim.stages.truth import truth
+from csstsim.stages.validate import validate
 
 STARS = {"kind": "mini_campaign:Stars", "options": {"ra": [60.0], "dec": [-40.0], "mag": [18.0]}}
 # Attributes of the camera's objects, and the parts of the camera that they come from
@@ -49,7 +54,15 @@ SECTIONS = {
     keys.Campaign: "", keys.CatalogConfig: "catalog.", keys.Lensing: "catalog.lensing.", keys.PsfConfig: "psf.",
     keys.AstrometryConfig: "astrometry.", keys.MeasurementConfig: "measurement.", keys.ValidateConfig: "validation.",
 }  # fmt: skip
-RUNS = {"psf": psf, "select": select, "render": render, "readout": readout, "level0": level0, "measure": measure}
+TYPES = ["SCIE", "BIAS"]
+# Of files and folders the content is in the recipe, under other names: exposure, sky, camera, catalog.options.ra
+ELSEWHERE = {"name", "output", "instrument", "survey_table", "window", "universe", "catalog.kind", "catalog.options"}
+# Read as files when the campaign is opened, or by the embedded universe's catalogue; saturation_mag by nobody
+UNSEEN = {
+    ("astrometry.*", "select"), ("distortion.fits", "select"), ("distortion.yaml", "psf"), ("rendering.*", "render"),
+    ("filters.*.saturation_mag", "validate"), ("seed", "select"), ("sky", "select"), ("sky", "truth"),
+    ("telescope.orbit.*", "select"),
+}  # fmt: skip
 COMPARED = {"__hash__", "__eq__", "<genexpr>", "__repr__", "_asdict_inner"}  # of a whole object: keys of caches
 
 
@@ -88,60 +101,66 @@ def noted(monkeypatch):
     return found
 
 
-@pytest.fixture(scope="module", params=["imaging", "slitless", "calibration"])
-def campaign(request, tmp_path_factory):
+@pytest.fixture(params=["imaging", "slitless", "calibration"])
+def campaign(request, tmp_path):
     chip, pointing = {"imaging": (9, 0), "slitless": (29, 0), "calibration": (9, 2)}[request.param]
-    folder = tmp_path_factory.mktemp(request.param)
-    return write_campaign(folder, [POINTINGS[pointing]], catalog=STARS, select={"chips": [chip]})
+    return write_campaign(tmp_path, [POINTINGS[pointing]], catalog=STARS, select={"types": TYPES, "chips": [chip]})
 
 
-READ = {}  # {stage: what it read}, of all campaigns
+READ = {}  # {stage: what it read}, of all tests
+
+
+def stages_of(run):
+    """Yield (stage, what runs it) of the only job of a campaign, in order."""
+    job = run.jobs[0]
+    if job.pointing.type == "SCIE":
+        yield "psf", partial(psf, run, job.chip.id)
+        yield "select", partial(select, run, job)
+    for stage, do in {"render": render, "readout": readout, "level0": level0}.items():
+        if run.has_stage(job.pointing, stage):
+            yield stage, partial(do, run, job)
+    if job in run.slitless_jobs:
+        yield "measure", partial(extract, run, job)
+    if job in run.imaging_jobs:
+        yield "measure", partial(measure, run, job)
+        yield "measure", partial(calibrate, run, job)
+        pix = next(iter(run.merge_bricks))
+        yield "measure", partial(merge, run, pix)
+        yield "validate", partial(validate, run, pix)
+
+
+def unknown(run, stage, do, noted):
+    """Run a stage; return what it read beside its recipe, sorted."""
+    noted.clear()
+    do()
+    found = noted - {None}
+    READ.setdefault(stage, set()).update(found)
+    stages = behind(stage)
+    camera = read_by(stages, run.camera._parts, camera_parts.READERS)
+    config = read_by(stages, run.recipes._keys, recipes.READERS)
+    apart = {f"measurement.{name}" for name in keys.MeasurementConfig.model_fields} if "measure" in stages else set()
+    return sorted(found - {*camera, *config, *apart, *ELSEWHERE})
 
 
 def test_a_stage_reads_nothing_that_its_recipe_does_not_have(campaign, noted):
     run = OpenCampaign(campaign)
-    job, science = run.jobs[0], run.jobs[0].pointing.type == "SCIE"
-    for stage, do in RUNS.items():
-        if (stage in ("psf", "select") and not science) or (stage == "measure" and job not in run.imaging_jobs):
-            continue
-        if not run.has_stage(job.pointing, stage) and stage in ("render", "readout"):
-            continue
-        noted.clear()
-        do(run, job.chip.id if stage == "psf" else job)
-        look = noted - {None}
-        READ.setdefault(stage, set()).update(look)
-        assert not sorted(look - allowed(run, stage)), stage
-
-
-def allowed(run, stage):
-    """Return the names that the recipe of a stage has, and keys whose content it has by other names."""
-    stages = behind(stage)
-    camera = read_by(stages, run.camera._parts, camera_parts.READERS)
-    config = read_by(stages, run.recipes._keys, recipes.READERS)
-    elsewhere = {"name", "output", "catalog.kind", "instrument", "survey_table", "window", "universe"}  # exposure, sky, camera
-    measured = {f"measurement.{name}" for name in keys.MeasurementConfig.model_fields if name != "keep_calibrated"}
-    return {*camera, *config, *elsewhere, *(measured if stage == "measure" else ())}
+    for stage, do in stages_of(run):
+        assert not unknown(run, stage, do, noted), stage
 
 
 def test_truth_reads_nothing_that_its_recipe_does_not_have(tmp_path, noted):
     run = OpenCampaign(write_campaign(tmp_path, POINTINGS[:1]))
     run.universe.check()
     pix = run.truth_bricks(run.jobs[0])[0]
-    noted.clear()
-    truth(run, pix, lambda _: None)
-    READ["truth"] = noted - {None}
-    assert not sorted(READ["truth"] - allowed(run, "truth"))
+    assert not unknown(run, "truth", partial(truth, run, pix, lambda _: None), noted)
 
 
-def test_no_number_is_declared_for_an_earlier_stage_than_reads_it(campaign):
+def test_nothing_is_declared_for_an_earlier_stage_than_reads_it(tmp_path):
     """After the tests above: what a stage is said to read first is read by it."""
-    run = OpenCampaign(campaign)
+    run = OpenCampaign(write_campaign(tmp_path, POINTINGS[:1]))
+    early = []
     for names, readers in ((run.camera._parts, camera_parts.READERS), (run.recipes._keys, recipes.READERS)):
         for pattern, stages in readers.items():
             fit = {name for name in names if fnmatchcase(name, pattern)}
-            for stage in set(stages) & set(READ):
-                assert fit & READ[stage] or pattern in UNSEEN, (pattern, stage)
-
-
-# Read as files, as options of a catalogue, or only in other campaigns than these
-UNSEEN = {}
+            early += [(pattern, stage) for stage in set(stages) & set(READ) if not fit & READ[stage]]
+    assert sorted(set(early) - UNSEEN) == []

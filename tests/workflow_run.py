@@ -35,9 +35,9 @@ def snakemake(campaign, *arguments):
     return done.stdout + done.stderr
 
 
-def make(folder):
+def make(folder, **changes):
     folder.mkdir()
-    return write_campaign(folder, select={"chips": [9, 29]})  # r, and a grating
+    return write_campaign(folder, select={"chips": [9, 29]}, **changes)  # r, and a grating
 
 
 def level0_targets(campaign):

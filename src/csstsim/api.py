@@ -234,7 +234,13 @@ class _Kept(Paths):
     @cached_property
     def _truth(self):
         key = self._run.universe_key()
-        made_for = [release(), key["seed"], key["universe"].digest, key["camera"].digest_for("truth"), key["lensing"].model_dump()]
+        made_for = [
+            release(),
+            key["seed"],
+            key["universe"].digest,
+            key["camera"].digest_for("truth"),
+            key["lensing"].model_dump(),
+        ]
         return Paths(self._cache / digest(made_for))
 
     @cached_property

@@ -71,7 +71,7 @@ class Recipes:
 
     @cached_property
     def _keys(self):
-        """{dotted key: value} of the campaign file, of config/render.yaml, and the digest of what the sky is made of."""
+        """{dotted key: value} of the campaign file and of config/render.yaml, and digests of what the sky is of."""
         config = self._run.config
         sky = self._run.universe.digest if self._run.embedded else own_digests(config.catalog)
         return flat(config.model_dump(mode="json") | {"rendering": self._run.rendering.model_dump(), "sky": sky})

@@ -99,6 +99,6 @@ def _frame(run, job):
     rays = run.steps[job.pointing.type].step("cosmic_rays")
     return Frame(
         *job.key, job.chip.filter, job.pointing.type, run.paths.level0(job.pointing, job.chip.id), run.recipe(job),
-        run.recipe(job, "readout"), (window.x0, window.x1, window.y0, window.y1), YES if imaging else NO, YES if run.has_orders(job) else NO,
-        YES if rays is not None and rays.param.save_cosmic_image else NO,
+        run.recipe(job, "readout"), (window.x0, window.x1, window.y0, window.y1), YES if imaging else NO,
+        YES if run.has_orders(job) else NO, YES if rays is not None and rays.param.save_cosmic_image else NO,
     )  # fmt: skip

@@ -18,7 +18,7 @@ from csstsim.base.files.fits_headers import check_headers
 BLOCK = 2880
 _LITTLE = sys.byteorder == "little"
 _CHUNK = 1 << 18  # pixels converted at a time, that they stay in the cache
-_MOST = 1 << 28  # pixels of an image that are read: three chips
+MOST = 1 << 28  # pixels of an image that are read: three chips
 _STORED = {8: "u1", 16: "i2", 32: "i4", -32: "f4"}
 _BITPIX = {"uint8": 8, "uint16": 16, "int16": 16, "int32": 32, "float32": -32}
 
@@ -264,7 +264,7 @@ def read_pixels(hdu, path, verify=False):
     header = image_header(hdu, path)
     shape = [header.get(f"NAXIS{i}") for i in range(_number(header.get("NAXIS")), 0, -1)]
     stored, size = _STORED.get(header.get("BITPIX")), math.prod(map(_number, shape))
-    if stored is None or not 0 <= size <= _MOST:
+    if stored is None or not 0 <= size <= MOST:
         raise InputError("no image of csstsim's", file=path, key="BITPIX, NAXIS", value=(header.get("BITPIX"), shape))
     if hdu.is_compressed():
         if verify:

@@ -15,7 +15,11 @@ def psf(run, chip_id):
     from csstsim.optics.scatter.outside_box import beyond_box
 
     chip, camera, config = run.camera.chips[chip_id], run.camera, run.config.psf
-    path, filter_, digests = run.paths.psf(chip_id), camera.filters[chip.filter], {"camera_digest": camera.digest_for("psf")}
+    path, filter_, digests = (
+        run.paths.psf(chip_id),
+        camera.filters[chip.filter],
+        {"camera_digest": camera.digest_for("psf")},
+    )
     if config.library:
         convert(config.library, path, chip, filter_, sample=config.library_sample, **digests)
     else:

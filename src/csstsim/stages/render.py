@@ -26,7 +26,8 @@ def render(run, job):
     drawn.write(run.paths.stage(*job.key, "drawn.parquet"), drawn.meta | recipe)
     if state.orders is not None:
         state.orders.write(run.paths.stage(*job.key, "orders.parquet"), recipe)
-    save_frame(run.paths.stage(*job.key, "render.fits"), planes, frame_meta(run, job, state))
+    path = run.paths.stage(*job.key, "render.fits")
+    save_frame(path, planes, frame_meta(run, job, state), sparse=("counted",))
 
 
 def _marked(mask):
