@@ -44,7 +44,7 @@ rule measure:
 
 rule merge:
     input:
-        measured_on,
+        on_brick("measure"),
     output:
         f"{OUT}/merge/dataset/Norder=8/Dir={{dir}}/Npix={{pix}}.parquet",
     log:
@@ -63,9 +63,8 @@ rule merge:
 rule validate:
     input:
         merged,
-        measured_on,
-        truth_tables_on,
-        level0_on,
+        on_brick("measure"),
+        on_brick("level0"),
     output:
         f"{OUT}/validate/{{pix}}.json",
         f"{OUT}/validate/{{pix}}.png",

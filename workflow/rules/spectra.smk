@@ -1,8 +1,7 @@
 # Spectra of spectroscopic chips, along the traces of the truth beside them.
 rule extract:
     input:
-        level0_of,
-        truth_of_level0,
+        with_truth,
         f"{OUT}/psf/chip_{{chip}}.h5",
         masters_of,
     output:

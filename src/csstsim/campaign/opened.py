@@ -226,14 +226,29 @@ class OpenCampaign:
         return tuple(int(pix) for pix in bricks_for(*job.footprint(), self.margin_deg(job)))
 
     @cached_property
+    def science_jobs(self):
+        """The jobs of exposures that see the sky."""
+        return tuple(job for job in self.jobs if job.pointing.type == "SCIE")
+
+    @cached_property
+    def sky_chips(self):
+        """The numbers of chips that see the sky, sorted: each has a PSF set."""
+        return sorted({job.chip.id for job in self.science_jobs})
+
+    @cached_property
+    def sky_bricks(self):
+        """The bricks of the embedded universe that the jobs need, sorted."""
+        return sorted({pix for job in self.science_jobs for pix in self.truth_bricks(job)} if self.embedded else ())
+
+    @cached_property
     def imaging_jobs(self):
         """The jobs that are measured: science exposures of imaging chips."""
-        return tuple(j for j in self.jobs if j.pointing.type == "SCIE" and j.chip.kind == "imaging")
+        return tuple(job for job in self.science_jobs if job.chip.kind == "imaging")
 
     @cached_property
     def slitless_jobs(self):
         """The jobs of which spectra are extracted: science exposures of spectroscopic chips."""
-        return tuple(j for j in self.jobs if self.has_orders(j))
+        return tuple(job for job in self.jobs if self.has_orders(job))
 
     @cached_property
     def calibration_jobs(self):

@@ -80,13 +80,11 @@ def of_campaign(run):
     from csstsim.universe.bricks import brick_meta
 
     frames = tuple(_frame(run, job) for job in run.jobs)
-    science = [job for job in run.jobs if job.pointing.type == "SCIE"]
-    sky = sorted({pix for job in science for pix in run.truth_bricks(job)}) if run.embedded else ()
     return Contents(
         paths=run.paths,
         frames=frames,
         bricks={pix: run.brick_recipe(pix) for pix in run.merge_bricks},
-        truth={pix: brick_meta(pix=pix, **run.universe_key()) for pix in sky},
+        truth={pix: brick_meta(pix=pix, **run.universe_key()) for pix in run.sky_bricks},
         masters={chip: masters_recipe(run, chip) for chip in run.calibration_jobs},
         measurement=digest(run.measurement),
         calibrated=YES if run.config.measurement.keep_calibrated else MAYBE,

@@ -36,7 +36,7 @@ def report(run):
     verdict, budget = verdicts.judge(results), Budget(EMBEDDED)
     worst_first = sorted(results, key=lambda result: -verdicts.count(result["gates"])["fail"])
     pngs = {result["brick"]: run.paths.validate(result["brick"]).with_suffix(".png") for result in worst_first}
-    science = [job for job in run.jobs if job.pointing.type == "SCIE"]
+    science = run.science_jobs
     write_report(
         page, _summary(run), results,
         exposures=_exposures(run),
@@ -59,7 +59,7 @@ def report(run):
     verdicts.write_verdict(page.with_name("verdict.json"), verdict, campaign=run.config.name, csstsim=__version__)
     if merged:
         write_catalogue(run.paths.merge_catalogue, run.config.name, merged)
-    sky = {pix: run.paths.truth(pix) for job in science for pix in run.truth_bricks(job)} if run.embedded else {}
+    sky = {pix: run.paths.truth(pix) for pix in run.sky_bricks}
     if sky and all(path.is_file() for path in sky.values()):  # they may be removed when the campaign is done
         write_catalogue(run.paths.truth_catalogue, f"{run.config.name} truth", sky)
     print("\n".join([*verdicts.lines(verdict), str(page)]))
