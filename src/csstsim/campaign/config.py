@@ -218,8 +218,8 @@ class Campaign(Model):
     )
     keep: Literal["nothing", "light"] = Field(
         "nothing",
-        description="'light': what render makes of each chip is kept (0.8 GB of a whole one), so that another detector "
-        "costs its readout alone",
+        description="'light': what render makes of each chip is kept (0.4 GB of a whole one), so that another detector "
+        "costs its readout alone; with --config chips=stages only",
     )
     measurement: MeasurementConfig = MeasurementConfig()
     validation: ValidateConfig = ValidateConfig()

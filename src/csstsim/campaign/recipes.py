@@ -53,14 +53,14 @@ class Recipes:
         kind = job.pointing.type
         if (kind, stage) not in self._known:
             self._known[kind, stage] = self._of_kind(kind, stage)
-        return self._known[kind, stage] | {"exposure": digest([str(job.pointing), str(job.window), job.chip.id])}
+        own = {"csstsim": release(), "exposure": digest([str(job.pointing), str(job.window), job.chip.id])}
+        return self._known[kind, stage] | own
 
     def _of_kind(self, kind, stage):
         steps = self._run.steps[kind]
         own = ("readout", "level0") if steps.has_own(stage) else ()  # a layer of the user's sees the whole camera
         apart = {"measurement": digest(self._run.measurement)} if stage == "measure" else {}
         return {
-            "csstsim": release(),
             "campaign": self._campaign(stage),
             "camera": self._run.camera.digest_for(stage, *own),
             "layers": steps.digest(stage),
