@@ -2,7 +2,7 @@
 
     python benchmarks/keep_light.py [--runs 5]
 
-The campaign of config/full_chip.yaml with `keep: light` is made once (five minutes). Then a parameter of a readout layer
+The campaign of config/full_chip.yaml with `keep: light` is made once (five minutes). Then a parameter of the readout
 is changed. Printed: what Snakemake would run, what it runs, the CPU seconds of `csstsim readout` and `csstsim level0`
 with the start of each process (median of runs), and what `csstsim compare` says of a chip made from nothing. Exit
 code 1 if render is among the rules, if readout and level0 take more than MOST, or if a bit differs.
@@ -55,7 +55,7 @@ def campaign(name, **changes):
 
 
 def observe(density_scale):
-    """Write the layers of config/observations/science.yaml with another density of traps, a parameter of the readout."""
+    """Write the layers of config/observations/science.yaml with another density of traps, which the readout reads."""
     content = yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())
     step = next(entry for entry in content["layers"] if "CTE_effect" in entry)
     step["CTE_effect"] = (step["CTE_effect"] or {}) | {"density_scale": density_scale}

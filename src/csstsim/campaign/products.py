@@ -10,6 +10,7 @@ from functools import partial
 
 from csstsim.bricks.hats import ABOUT
 from csstsim.campaign.costs import STAGES
+from csstsim.io.paths import LIGHT
 
 
 @dataclass(frozen=True)
@@ -70,8 +71,7 @@ def kinds(run):
 
 
 def _light(run, job):
-    names = ["render.fits", "drawn.parquet", *(["orders.parquet"] if run.has_orders(job) else [])]
-    return [run.paths.stage(*job.key, name) for name in names]
+    return [run.paths.stage(*job.key, name) for name in (LIGHT if run.has_orders(job) else LIGHT[:-1])]
 
 
 def _level0(run, job):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from csstsim.base.digest import digest
+from csstsim.campaign.products import kinds
 from csstsim.io.paths import Paths
 
 YES, NO, MAYBE = "yes", "no", "maybe"  # a product must be there, must not, or may be
@@ -48,7 +49,7 @@ class Contents:
 
     bricks, truth: {brick: what its file must record, or None}; measurement: digest of the way of measuring, or None;
     psf: chips that see the sky; masters: {chip: what its file must record, or None}; calibrated: YES, NO or MAYBE;
-    report: YES or MAYBE; faults: [(path, fault)] met while finding out.
+    light: {file of render's that is kept: its recipe, or None}; report: YES or MAYBE; faults: [(path, fault)] met while finding out.
     """
 
     paths: Paths
@@ -56,6 +57,7 @@ class Contents:
     bricks: dict
     truth: dict
     masters: dict
+    light: dict
     measurement: str | None
     calibrated: str
     report: str
@@ -79,13 +81,14 @@ def of_campaign(run):
     from csstsim.stages.masters import masters_recipe
     from csstsim.universe.bricks import brick_meta
 
-    frames = tuple(_frame(run, job) for job in run.jobs)
+    frames, light = tuple(_frame(run, job) for job in run.jobs), kinds(run)["render"]
     return Contents(
         paths=run.paths,
         frames=frames,
         bricks={pix: run.brick_recipe(pix) for pix in run.merge_bricks},
         truth={pix: brick_meta(pix=pix, **run.universe_key()) for pix in run.sky_bricks},
         masters={chip: masters_recipe(run, chip) for chip in run.calibration_jobs},
+        light={path: run.recipe(job, "render") for job in light.places for path in light.of(job)},
         measurement=digest(run.measurement),
         calibrated=YES if run.config.measurement.keep_calibrated else MAYBE,
         report=YES if run.imaging_jobs or run.slitless_jobs else MAYBE,

@@ -138,6 +138,12 @@ def cosmic(path, frame):
         yield f"holds {', '.join(planes) or 'nothing'}, not the plane cosmic"
 
 
+def light(path, recipe):
+    """Check what render made of a chip, a frame or a table."""
+    meta = load_frame(path)[1] if path.suffix == ".fits" else ObjectTable.read(path).meta
+    yield from other_recipe(meta.get("recipe"), recipe)
+
+
 def measured(path, frame, recipe, seen):
     """Check a measured table: columns, recipe, rows of this frame and within its window; note its rows in `seen`."""
     from csstsim.measure.catalogue import COLUMNS
