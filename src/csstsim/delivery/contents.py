@@ -49,7 +49,8 @@ class Contents:
 
     bricks, truth: {brick: what its file must record, or None}; measurement: digest of the way of measuring, or None;
     psf: chips that see the sky; masters: {chip: what its file must record, or None}; calibrated: YES, NO or MAYBE;
-    light: {file of render's that is kept: its recipe, or None}; report: YES or MAYBE; faults: [(path, fault)] met while finding out.
+    light: {file of render's that is kept: its recipe, or None}; report: YES or MAYBE; faults: [(path, fault)] met while
+    finding out.
     """
 
     paths: Paths
