@@ -15,7 +15,7 @@ from csstsim.base.release import release
 from csstsim.base.shipped import ROOT
 from csstsim.base.units import EARTH_GM_KM3_S2, EARTH_RADIUS_KM
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.io.fits import card, remark
+from csstsim.io.fits_cards import card, remark
 from csstsim.io.sections import section_lists
 
 STAGES = ("select", "render", "readout", "level0")
