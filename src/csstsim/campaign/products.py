@@ -4,7 +4,7 @@ The workflow's targets and inputs, `csstsim status` and what is said when all is
 where a file lies, campaign.costs what a rule takes.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
@@ -19,10 +19,15 @@ class Kind:
 
     name: str
     rules: tuple[str, ...]  # the last one writes the product; those before it work for it alone
-    places: Iterable  # what there is one of it for: jobs, chips' numbers, bricks, or None for the campaign
+    look_up: Callable  # () -> what there is one of it for: jobs, chips' numbers, bricks, or None for the campaign
     of: Callable  # place -> its files, a list: the product first, then what the rule writes beside it
     target: bool = True  # made again if it is missing from a finished campaign, and not only if a job needs it
     end: str = ""  # said when the workflow is done, with {n} for how many
+
+    @property
+    def places(self):
+        """What there is one of it for; looked up when asked, for a job of a survey need not know all bricks of it."""
+        return self.look_up()
 
     def files(self, places=None):
         """Return the files of some places, or of all, as strings."""
@@ -40,32 +45,32 @@ def kinds(run):
     page = [None] if run.science_jobs else []
     truth = " with their truth" if run.science_jobs else ""
     table = (
-        Kind("truth bricks", ("truth",), run.sky_bricks, lambda pix: [paths.truth(pix)], target=False),
-        Kind("PSF sets", ("psf",), run.sky_chips, lambda c: [paths.psf(c), paths.psf_tables(c)], target=False),
-        Kind("light of chips", STAGES[:2], kept, partial(_light, run), end="light of {n} chips in chips/"),
+        Kind("truth bricks", ("truth",), lambda: run.sky_bricks, lambda pix: [paths.truth(pix)], target=False),
+        Kind("PSF sets", ("psf",), lambda: run.sky_chips, lambda c: [paths.psf(c), paths.psf_tables(c)], target=False),
+        Kind("light of chips", STAGES[:2], lambda: kept, partial(_light, run), end="light of {n} chips in chips/"),
         Kind(
-            "Level-0 files", STAGES[2:] if kept else STAGES, run.jobs, partial(_level0, run),
+            "Level-0 files", STAGES[2:] if kept else STAGES, lambda: run.jobs, partial(_level0, run),
             end=f"{{n}} Level-0 files{truth} in level0/",
         ),
         Kind(
-            "masters", ("masters",), run.calibration_jobs, lambda c: [paths.masters(c)],
+            "masters", ("masters",), lambda: run.calibration_jobs, lambda c: [paths.masters(c)],
             end="masters of {n} chips in masters/",
         ),
         Kind(
-            "calibrated images", ("calibrate",), calibrated, lambda job: [paths.calibrated(*job.key)],
+            "calibrated images", ("calibrate",), lambda: calibrated, lambda job: [paths.calibrated(*job.key)],
             end="calibrated images of {n} chips in calibrated/",
         ),
-        Kind("measured tables", ("measure",), run.imaging_jobs, lambda job: [paths.measure(*job.key)]),
+        Kind("measured tables", ("measure",), lambda: run.imaging_jobs, lambda job: [paths.measure(*job.key)]),
         Kind(
-            "spectra", ("extract",), run.slitless_jobs, lambda job: _drawn(paths.spectra(*job.key)),
+            "spectra", ("extract",), lambda: run.slitless_jobs, lambda job: _drawn(paths.spectra(*job.key)),
             end="spectra of {n} chips in spectra/",
         ),
         Kind(
-            "merged bricks", ("merge",), run.merge_bricks, lambda pix: [paths.merge(pix)],
+            "merged bricks", ("merge",), lambda: run.merge_bricks, lambda pix: [paths.merge(pix)],
             end="merged catalogues of {n} bricks in merge/",
         ),
-        Kind("validated bricks", ("validate",), run.merge_bricks, lambda pix: _drawn(paths.validate(pix))),
-        Kind("report", ("report",), page, lambda _: _report(run), end="the report: report/index.html"),
+        Kind("validated bricks", ("validate",), lambda: run.merge_bricks, lambda pix: _drawn(paths.validate(pix))),
+        Kind("report", ("report",), lambda: page, lambda _: _report(run), end="the report: report/index.html"),
     )  # fmt: skip
     return {kind.rules[-1]: kind for kind in table}
 
