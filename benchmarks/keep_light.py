@@ -24,6 +24,7 @@ from csstsim.campaign.opened import OpenCampaign
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "results" / "keep_light"
 JOB = "--obsid", "10100000004", "--chip", "9"
+BEFORE, AFTER = 0.02, 0.03  # density of traps; the shipped one first
 MOST = 6.0  # CPU s a chip
 AGAIN = {"readout", "level0", "measure", "merge", "validate", "report"}
 
@@ -73,17 +74,17 @@ def main():
     parser.add_argument("--runs", type=int, default=5)
     runs = parser.parse_args().runs
     FOLDER.mkdir(parents=True, exist_ok=True)
-    observe(1.0)
+    observe(BEFORE)
     kept, fresh = campaign("kept", keep="light"), campaign("fresh")
     snakemake(kept)
     place = OpenCampaign(kept).paths.chips / "10100000004_09"
     size = sum(path.stat().st_size for path in place.iterdir())
     print(f"kept of a chip: {size / 1e9:.2f} GB ({', '.join(sorted(path.name for path in place.iterdir()))})")
 
-    observe(0.5)
+    observe(AFTER)
     again = snakemake(kept, "--dry-run")
     print(f"a changed parameter of CTE_effect runs again: {', '.join(sorted(again))}")
-    snakemake(kept)
+    snakemake(kept, "--until", "level0")
     cpu = {
         stage: statistics.median(run("csstsim", stage, kept, *JOB)[0] for _ in range(runs))
         for stage in ("readout", "level0")
