@@ -3,7 +3,6 @@
 
 
 include: "workflow/rules/common.smk"
-include: "workflow/rules/targets.smk"
 include: "workflow/rules/truth.smk"
 include: "workflow/rules/psf.smk"
 include: f"workflow/rules/{JOB_OF[CHIPS_AS]}.smk"
@@ -16,7 +15,7 @@ include: "workflow/rules/report.smk"
 rule all:
     default_target: True
     input:
-        targets(),
+        [made(rule) for rule, kind in MADE.items() if kind.target],
 
 
 onstart:
@@ -26,4 +25,4 @@ onstart:
 onsuccess:
     if workflow.is_main_process:
         remove_left(OUT)
-        print(summary())
+        print(summary(RUN, MADE))

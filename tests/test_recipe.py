@@ -23,20 +23,25 @@ from csstsim.instrument.pointing import Pointing
 from csstsim.simulation.sim_steps import SimSteps
 
 OBSID, CHIP = "10100000001", 9
-# What a change of a key makes again. PIXELS: of a chip, hence all after it; MEASURED: what is measured on the pixels
-# there are; NOT: neither (which jobs there are, where files lie, what is judged: rules and their inputs see to it)
-PIXELS, MEASURED, NOT = "pixels", "measured", "not"
+# The stages of a chip in their order, beside them what chips share; a change is seen from one on, by all that follow
+CHAIN = "select", "render", "readout", "level0", "measure", "validate"
+SEEN = {stage: {*CHAIN[i:]} for i, stage in enumerate(CHAIN)}
+SEEN |= {"truth": {"truth", *CHAIN}, "psf": {"psf", *CHAIN[1:]}}
+NOT = ()  # neither (which jobs there are, where files lie, what is kept: rules and their inputs see to it)
+TRUTH, PSF, BOTH, SELECT, RENDER, MEASURE, VALIDATE = (
+    ("truth",), ("psf",), ("psf", "select"), ("select",), ("render",), ("measure",), ("validate",)
+)  # fmt: skip
 POINTING = Pointing(
     OBSID, "SCIE", 60.0, -40.0, -113.4333, "2027-11-20T01:08:00", 150.0, (6778.0, 0.0, 0.0), (0.0, 7.0, 3.0)
 )
 REGION = {"ra": 60.0, "dec": -40.0, "radius": 30.0}
 CONSTANT = {"field": "constant", "kappa": 0.01, "gamma1": 0.01, "gamma2": 0.01}
 STARS = {"kind": "mini_campaign:Stars", "options": {"ra": [60.0], "dec": [-40.0], "mag": [20.0]}}
-# key: (what it makes again, another value, what else the campaign says before and after: {section: value})
+# key: (the stages that see it first, another value, what else the campaign says before and after: {section: value})
 KEYS = {
     "name": (NOT, "other", {}),
     "output": (NOT, "elsewhere", {}),
-    "seed": (PIXELS, 4, {}),
+    "seed": (TRUTH, 4, {}),
     "select.types": (NOT, ["SCIE", "BIAS"], {}),
     "select.obsids": (NOT, [OBSID], {}),
     "select.chips": (NOT, "imaging", {}),
@@ -44,63 +49,64 @@ KEYS = {
     "select.region.ra": (NOT, 60.001, {"select": {"chips": [CHIP], "region": REGION}}),
     "select.region.dec": (NOT, -40.001, {"select": {"chips": [CHIP], "region": REGION}}),
     "select.region.radius": (NOT, 31.0, {"select": {"chips": [CHIP], "region": REGION}}),
-    "window.x0": (PIXELS, 1, {"window": {"x0": 0, "x1": 100, "y0": 0, "y1": 100}}),
-    "window.x1": (PIXELS, 101, {"window": {"x0": 0, "x1": 100, "y0": 0, "y1": 100}}),
-    "window.y0": (PIXELS, 1, {"window": {"x0": 0, "x1": 100, "y0": 0, "y1": 100}}),
-    "window.y1": (PIXELS, 101, {"window": {"x0": 0, "x1": 100, "y0": 0, "y1": 100}}),
-    "catalog.kind": (PIXELS, "mini_campaign:Movers", {"catalog": STARS}),
-    "catalog.mag_limit": (PIXELS, 22.0, {}),
-    "catalog.lensing.field": (PIXELS, "none", {}),
-    "catalog.lensing.kappa": (PIXELS, 0.02, {"catalog": {"lensing": CONSTANT}}),
-    "catalog.lensing.gamma1": (PIXELS, 0.02, {"catalog": {"lensing": CONSTANT}}),
-    "catalog.lensing.gamma2": (PIXELS, 0.02, {"catalog": {"lensing": CONSTANT}}),
-    "catalog.shapes": (PIXELS, "rotated90", {}),
-    "catalog.options": (PIXELS, STARS["options"] | {"mag": [21.0]}, {"catalog": STARS}),
-    "astrometry.ephemeris": (PIXELS, "de440", {}),
-    "astrometry.planets": (PIXELS, True, {}),
-    "psf.grid": (PIXELS, 3, {}),
-    "psf.oversampling": (PIXELS, 2, {}),
-    "psf.library": (PIXELS, "library", {}),
-    "psf.library_sample": (PIXELS, "point", {}),
-    "psf.interpolation": (PIXELS, "idw", {}),
-    "psf.beta": (PIXELS, 3.0, {}),
-    "psf.neighbours": (PIXELS, 3, {}),
-    "fidelity": (PIXELS, "preview", {}),
-    "measurement.calibration": (MEASURED, "frames", {}),
+    "window.x0": (SELECT, 1, {"window": {"x0": 0, "x1": 100, "y0": 0, "y1": 100}}),
+    "window.x1": (SELECT, 101, {"window": {"x0": 0, "x1": 100, "y0": 0, "y1": 100}}),
+    "window.y0": (SELECT, 1, {"window": {"x0": 0, "x1": 100, "y0": 0, "y1": 100}}),
+    "window.y1": (SELECT, 101, {"window": {"x0": 0, "x1": 100, "y0": 0, "y1": 100}}),
+    "catalog.kind": (SELECT, "mini_campaign:Movers", {"catalog": STARS}),
+    "catalog.mag_limit": (SELECT, 22.0, {}),
+    "catalog.lensing.field": (TRUTH, "none", {}),
+    "catalog.lensing.kappa": (TRUTH, 0.02, {"catalog": {"lensing": CONSTANT}}),
+    "catalog.lensing.gamma1": (TRUTH, 0.02, {"catalog": {"lensing": CONSTANT}}),
+    "catalog.lensing.gamma2": (TRUTH, 0.02, {"catalog": {"lensing": CONSTANT}}),
+    "catalog.shapes": (SELECT, "rotated90", {}),
+    "catalog.options": (SELECT, STARS["options"] | {"mag": [21.0]}, {"catalog": STARS}),
+    "astrometry.ephemeris": (SELECT, "de440", {}),
+    "astrometry.planets": (SELECT, True, {}),
+    "psf.grid": (PSF, 3, {"psf": {"grid": 2}}),
+    "psf.oversampling": (BOTH, 2, {"psf": {"grid": 2}}),
+    "psf.library": (BOTH, "library", {"psf": {"grid": 2}}),
+    "psf.library_sample": (PSF, "point", {"psf": {"grid": 2}}),
+    "psf.interpolation": (RENDER, "idw", {"psf": {"grid": 2}}),
+    "psf.beta": (RENDER, 3.0, {"psf": {"grid": 2}}),
+    "psf.neighbours": (RENDER, 3, {"psf": {"grid": 2}}),
+    "fidelity": (RENDER, "preview", {}),
+    "keep": (NOT, "light", {}),
+    "measurement.calibration": (MEASURE, "frames", {}),
     "measurement.masters": (
-        MEASURED,
+        MEASURE,
         "other masters",
         {"measurement": {"calibration": "frames", "masters": "masters"}},
     ),
-    "measurement.cti_passes": (MEASURED, 1, {}),
+    "measurement.cti_passes": (MEASURE, 1, {}),
     "measurement.keep_calibrated": (NOT, True, {}),
-    "validation.completeness_min": (NOT, 0.9, {}),
-    "validation.galaxy_completeness_min": (NOT, 0.81, {}),
-    "validation.galaxy_snr_min": (NOT, 30.0, {}),
-    "validation.saturated_min": (NOT, 0.81, {}),
-    "validation.snr_min": (NOT, 6.0, {}),
-    "validation.purity_min": (NOT, 0.7, {}),
-    "validation.mag_bias_max": (NOT, 0.03, {}),
-    "validation.pull_width": (NOT, [0.8, 1.3], {}),
-    "validation.zeropoint_max": (NOT, 0.015, {}),
-    "validation.place_max": (NOT, 4.5, {}),
-    "validation.wcs_max": (NOT, 0.075, {}),
-    "validation.astrometry_max": (NOT, 6.0, {}),
-    "validation.position_bias_max": (NOT, 2.0, {}),
-    "validation.depth_off_max": (NOT, 0.4, {}),
-    "validation.noise_off_max": (NOT, 0.15, {}),
-    "validation.level_off_max": (NOT, 0.03, {}),
-    "validation.read_noise_max": (NOT, 0.075, {}),
-    "validation.bias_max": (NOT, 0.75, {}),
-    "validation.header_max": (NOT, 0.00015, {}),
-    "validation.counts_max": (NOT, 0.2, {}),
-    "validation.lost_max": (NOT, 0.03, {}),
-    "validation.twice_max": (NOT, 0.03, {}),
-    "validation.psf_size_max": (NOT, 0.006, {}),
-    "validation.psf_e_max": (NOT, 0.006, {}),
-    "validation.shape_max": (NOT, 0.375, {}),
-    "validation.shear_m_max": (NOT, 0.06, {}),
-    "validation.shear_c_max": (NOT, 0.003, {}),
+    "validation.completeness_min": (VALIDATE, 0.9, {}),
+    "validation.galaxy_completeness_min": (VALIDATE, 0.81, {}),
+    "validation.galaxy_snr_min": (VALIDATE, 30.0, {}),
+    "validation.saturated_min": (VALIDATE, 0.81, {}),
+    "validation.snr_min": (VALIDATE, 6.0, {}),
+    "validation.purity_min": (VALIDATE, 0.7, {}),
+    "validation.mag_bias_max": (VALIDATE, 0.03, {}),
+    "validation.pull_width": (VALIDATE, [0.8, 1.3], {}),
+    "validation.zeropoint_max": (VALIDATE, 0.015, {}),
+    "validation.place_max": (VALIDATE, 4.5, {}),
+    "validation.wcs_max": (VALIDATE, 0.075, {}),
+    "validation.astrometry_max": (VALIDATE, 6.0, {}),
+    "validation.position_bias_max": (VALIDATE, 2.0, {}),
+    "validation.depth_off_max": (VALIDATE, 0.4, {}),
+    "validation.noise_off_max": (VALIDATE, 0.15, {}),
+    "validation.level_off_max": (VALIDATE, 0.03, {}),
+    "validation.read_noise_max": (VALIDATE, 0.075, {}),
+    "validation.bias_max": (VALIDATE, 0.75, {}),
+    "validation.header_max": (VALIDATE, 0.00015, {}),
+    "validation.counts_max": (VALIDATE, 0.2, {}),
+    "validation.lost_max": (VALIDATE, 0.03, {}),
+    "validation.twice_max": (VALIDATE, 0.03, {}),
+    "validation.psf_size_max": (VALIDATE, 0.006, {}),
+    "validation.psf_e_max": (VALIDATE, 0.006, {}),
+    "validation.shape_max": (VALIDATE, 0.375, {}),
+    "validation.shear_m_max": (VALIDATE, 0.06, {}),
+    "validation.shear_c_max": (VALIDATE, 0.003, {}),
 }
 # Keys that name a file or a folder: what is in it decides, not what it is called (tests below)
 FILES = {"survey_table", "observations", "instrument", "universe"}
@@ -160,8 +166,16 @@ def changed(sections, key, value):
 
 
 def recipes(run):
+    """Return {stage: its recipe} of a job, with what chips share."""
     job = run.job(OBSID, CHIP)
-    return run.recipe(job), run.measure_recipe(job)
+    found = {stage: run.recipe(job, stage) for stage in CHAIN[:-1]}
+    shared = run.recipes
+    return found | {"validate": [found["measure"], shared.validation], "truth": shared.truth, "psf": shared.psf}
+
+
+def differ(before, after):
+    """Return the stages whose recipes differ."""
+    return {stage for stage in before if before[stage] != after[stage]}
 
 
 def test_every_key_of_a_campaign_is_declared():
@@ -170,19 +184,20 @@ def test_every_key_of_a_campaign_is_declared():
 
 
 @pytest.mark.parametrize("key", KEYS)
-def test_a_key_moves_what_it_is_declared_to_move(opened, key):
-    moves, value, context = KEYS[key]
+def test_a_key_is_seen_by_the_stages_it_is_declared_for(opened, key):
+    first, value, context = KEYS[key]
     context = {"select": {"chips": [CHIP]}} | context
     before, other = opened(context), changed(context, key, value)
     for also, its in TOGETHER.get(key, {}).items():
         other = changed(other, also, its)
     after = opened(other)
     assert before.config != after.config
-    (pixels, measured), (other_pixels, other_measured) = recipes(before), recipes(after)
-    assert (pixels != other_pixels) == (moves == PIXELS)
-    assert (measured != other_measured) == (moves in (PIXELS, MEASURED))
+    seen = set().union(*(SEEN[stage] for stage in first))
+    if not before.embedded:
+        seen.discard("truth")
+    assert differ(recipes(before), recipes(after)) == seen
     # Level-0 files, masters and the report quote the campaign's own digest: what moves all pixels is in it
-    if moves == PIXELS and not key.startswith("window"):
+    if "level0" in seen and not key.startswith("window"):
         assert before.config.digest() != after.config.digest()
 
 
@@ -196,19 +211,30 @@ def test_the_region_as_a_window_moves_pixels(opened):
         for radius in (0.05, 0.06)  # arcmin
     )
     assert before.job(OBSID, CHIP).window != after.job(OBSID, CHIP).window
-    assert recipes(before)[0] != recipes(after)[0]
+    assert differ(recipes(before), recipes(after)) == SEEN["select"]
 
 
-@pytest.mark.parametrize(("key", "file"), [("instrument", "psf.yaml"), ("universe", "stars.yaml")])
+FILES_OF = {
+    ("instrument", "psf.yaml"): ("\n", "\n# a word\n", BOTH),
+    ("instrument", "detector.yaml"): ("\n", "\n# a word\n", NOT),  # its numbers count, one by one
+    ("instrument", "cti.yaml"): ("\n", "\n# a word\n", ("readout",)),
+    ("instrument", "leds.yaml"): ("\n", "\n# a word\n", RENDER),
+    ("universe", "stars.yaml"): ("\n", "\n# a word\n", TRUTH),
+}
+
+
+@pytest.mark.parametrize(("key", "file"), FILES_OF)
 def test_what_is_in_a_folder_decides_and_not_its_name(opened, folder, tmp_path, key, file):
+    old, new, first = FILES_OF[key, file]
     copy = shutil.copytree(folder / key, tmp_path / "copy")
     sections = {"select": {"chips": [CHIP]}}
     before, same = opened(sections), opened(sections | {key: str(copy)})
     assert recipes(before) == recipes(same)
     shutil.move(copy, tmp_path / "changed")  # the camera of a folder is read once
-    with open(tmp_path / "changed" / file, "a") as data:
-        data.write("# a word\n")
-    assert recipes(before)[0] != recipes(opened(sections | {key: str(tmp_path / "changed")}))[0]
+    path = tmp_path / "changed" / file
+    path.write_text(path.read_text().replace(old, new, 1))
+    after = recipes(opened(sections | {key: str(tmp_path / "changed")}))
+    assert differ(recipes(before), after) == set().union(*(SEEN[stage] for stage in first))
 
 
 @pytest.mark.parametrize("column", [field.name for field in fields(Pointing) if field.name not in ("obsid", "type")])
@@ -224,28 +250,31 @@ def test_every_value_of_a_pointing_moves_its_pixels_and_no_others(opened, column
     value = getattr(POINTING, column)
     other = {str: "2027-11-20T01:09:00", tuple: (1.0, 7.0, 3.0), float: 60.01}[type(value)]
     before, after = run(None), run(other)
-    assert recipes(before)[0] != recipes(after)[0]
+    assert differ(recipes(before), recipes(after)) == SEEN["select"]
     untouched = [run.recipe(run.job("10100000002", CHIP)) for run in (before, after)]
     assert untouched[0] == untouched[1]
 
 
 @pytest.mark.parametrize("kind", ["science", "science_paper", "bias", "dark", "led_flat"])
-def test_every_parameter_of_every_layer_moves_pixels(kind):
+def test_every_parameter_of_every_layer_is_seen_by_its_stage_and_no_earlier_one(kind):
     """Those that a list leaves out, too, and the order of the layers."""
     file = SHIPPED / "observations" / f"{kind}.yaml"
     layers = SimSteps(file).steps
-    digests = {"as it is": _digest_of(file, layers), "turned": _digest_of(file, layers[::-1])}
+    digests = {"as it is": _digests(file, layers), "turned": _digests(file, layers[::-1])}
     for i, step in enumerate(layers):
         for name, value in step.param:
             param = step.param.model_copy(update={name: _other(value)})  # unchecked: alone it may not fit the list
-            digests[step.name, name] = _digest_of(file, [*layers[:i], replace(step, param=param), *layers[i + 1 :]])
-    assert len(set(digests.values())) == len(digests) > 2
+            found = _digests(file, [*layers[:i], replace(step, param=param), *layers[i + 1 :]])
+            first = {"field_dist": "select", "mask": "readout"}.get(name, step.module.STAGE)  # the WCS's; rays mark it
+            assert differ(digests["as it is"], found) == SEEN[first] - {"validate"}, (step.name, name)
+            digests[step.name, name] = found
+    assert len({found["level0"] for found in digests.values()}) == len(digests) > 2
 
 
-def _digest_of(file, layers):
+def _digests(file, layers):
     steps = SimSteps(file)
-    steps.steps = layers
-    return steps.digest
+    steps.steps, steps.field_dist = layers, any(getattr(step.param, "field_dist", False) for step in layers)
+    return {stage: steps.digest(stage) for stage in CHAIN[:-1]}
 
 
 def _other(value):

@@ -36,9 +36,9 @@ def snakemake(campaign, *arguments):
     return done.stdout + done.stderr
 
 
-def make(folder, pointings=POINTINGS):
+def make(folder, pointings=POINTINGS, **changes):
     folder.mkdir()
-    return write_campaign(folder, pointings, select={"chips": [9, 29]})  # r, and a grating
+    return write_campaign(folder, pointings, select={"chips": [9, 29]}, **changes)  # r, and a grating
 
 
 def with_prepared(campaign, other):

@@ -234,13 +234,19 @@ class _Kept(Paths):
     @cached_property
     def _truth(self):
         key = self._run.universe_key()
-        made_for = [release(), key["seed"], key["universe"].digest, key["camera"].digest, key["lensing"].model_dump()]
+        made_for = [
+            release(),
+            key["seed"],
+            key["universe"].digest,
+            key["camera"].digest_for("truth"),
+            key["lensing"].model_dump(),
+        ]
         return Paths(self._cache / digest(made_for))
 
     @cached_property
     def _psf(self):
         config = self._run.config.psf.model_dump(mode="json", exclude={"interpolation", "beta", "neighbours"})
-        return Paths(self._cache / digest([release(), config, self._run.camera.digest]))
+        return Paths(self._cache / digest([release(), config, self._run.camera.digest_for("psf")]))
 
     def truth(self, pix):
         return self._truth.truth(pix)

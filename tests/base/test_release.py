@@ -68,7 +68,7 @@ def made(tmp_path_factory):
     job = run.jobs[0]
     psf_stage.psf(run, job.chip.id)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("csstsim.campaign.opened.release", lambda: "99.0")
+        patch.setattr("csstsim.campaign.recipes.release", lambda: "99.0")
         patch.setattr(csstsim, "__version__", "99.0.0")
         for stage in (select_stage.select, render_stage.render, readout_stage.readout, level0_stage.level0):
             stage(run, job)
@@ -96,7 +96,7 @@ def test_a_frame_of_the_right_recipe_but_without_its_parts(made):
     path = run.paths.stage(*job.key, "render.fits")
     kept = path.read_bytes()
     planes, meta = load_frame(path)
-    whole = meta | {"recipe": run.recipe(job)}
+    whole = meta | {"recipe": run.recipe(job, "render")}
     without_unit = {key: value for key, value in whole.items() if key != "unit"}
     for parts in (({}, whole), (planes, without_unit)):
         save_frame(path, *parts)

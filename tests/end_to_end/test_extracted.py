@@ -53,7 +53,7 @@ def extracted(campaign):
 
 def test_flux_of_stars_through_both_gratings(campaign):
     run, table = extracted(campaign)
-    assert table.meta["recipe"] == run.measure_recipe(run.job(OBSID, 2)) and table.meta["spectra"] == 2
+    assert table.meta["recipe"] == run.recipe(run.job(OBSID, 2), "measure") and table.meta["spectra"] == 2
     for star in (0, 1):
         good = (table["id"] == star) & (table["flags"] & (extract.DIM | extract.LOST) == 0)
         assert good.sum() > 330

@@ -49,7 +49,7 @@ def scene(folder, kind, mag=17.0):
 
 def rays_of(run, job):
     planes, meta = load_frame(run.paths.level0_cosmic(job.pointing, CHIP))
-    assert meta["recipe"] == run.recipe(job)
+    assert meta["recipe"] == run.recipe(job, "readout")
     return planes["cosmic"]
 
 

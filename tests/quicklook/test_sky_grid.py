@@ -19,7 +19,7 @@ GRID_PX = 1e-3  # of the SIP polynomials, measured 2e-4
 
 def chip_header(camera, pointing, **changes):
     wcs = ChipWCS(camera.chips[9], pointing)
-    words = {"FILETYPE": "SCIE", "DETECTOR": "09", "FLDDIST": True, "CAMHASH": camera.digest}
+    words = {"FILETYPE": "SCIE", "DETECTOR": "09", "FLDDIST": True, "CAMHASH": camera.digest_for("level0")}
     place = {"RA_OBJ": pointing.ra, "DEC_OBJ": pointing.dec, "POS_ANG0": pointing.pa}
     return wcs.header() | words | place | changes
 

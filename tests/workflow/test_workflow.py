@@ -19,8 +19,8 @@ FEW = POINTINGS[0], POINTINGS[2]  # a science exposure and a bias
 
 @pytest.fixture(scope="module")
 def undisturbed(tmp_path_factory):
-    """One core, start to finish, up to the report, each chip in four stages: the default."""
-    campaign = make(tmp_path_factory.mktemp("workflow") / "one", FEW)
+    """One core, start to finish, up to the report, each chip in four stages: the default; what render made is kept."""
+    campaign = make(tmp_path_factory.mktemp("workflow") / "one", FEW, keep="light")
     snakemake(campaign, "--cores", "1")
     return campaign
 
@@ -35,17 +35,21 @@ def test_the_whole_chain_makes_what_it_promises(undisturbed):
     assert len(run.slitless_jobs) == 1
     for job in run.slitless_jobs:
         assert run.paths.spectra(*job.key).exists() and run.paths.level0_orders(job.pointing, job.chip.id).exists()
-    left = [p.name for p in (run.paths.output / "chips").rglob("*") if p.is_file()]
-    assert not left, "intermediates are dropped"
+    assert left_of(undisturbed) == {"render.fits", "drawn.parquet", "orders.parquet"}, "others are dropped"
+
+
+def left_of(campaign):
+    return {path.name for path in (campaign.parent / "out" / "chips").rglob("*") if path.is_file()}
 
 
 def test_what_is_removed_from_a_finished_campaign_is_made_again(undisturbed, tmp_path):
-    chip = {"select", "render_spectra", "readout", "level0_spectra"}
+    chip = {"readout", "level0_spectra"}  # what render made is there
     later = {"measure", "merge", "validate", "report"}
     after = {
         "level0/*/*_29_*.orders.parquet": chip | {"extract", "report"},
         "level0/10300000001/*.truth.parquet": {"readout", "level0", "report"},
         "measure/*.parquet": later,
+        "chips/*_29/render.fits": chip | {"select", "render_spectra", "extract", "report"},
         "merge/dataset/*/*/Npix=*.parquet": later - {"measure"},
         "merge/partition_info.csv": {"report"},
         "validate/*.png": {"validate", "report"},
@@ -64,6 +68,7 @@ def test_what_is_removed_from_a_finished_campaign_is_made_again(undisturbed, tmp
 
 
 CHIP = {"select", "render", "render_spectra", "readout", "level0", "level0_spectra"}
+READOUT = {"readout", "level0", "level0_spectra"}
 AFTER = {"measure", "extract", "merge", "validate", "report"}
 # One key of each section of the campaign file, and the rules that run again
 KEYS = {
@@ -75,6 +80,7 @@ KEYS = {
     "astrometry.planets": (True, CHIP | AFTER),
     "psf.grid": (3, {"psf"} | CHIP | AFTER),
     "fidelity": ("preview", CHIP | AFTER),
+    "keep": ("nothing", set()),
     "measurement.cti_passes": (1, AFTER),
     "measurement.keep_calibrated": (True, {"calibrate"}),
     "validation.snr_min": (6.0, {"validate", "report"}),
@@ -82,13 +88,15 @@ KEYS = {
 # A file that the campaign names: a text, and what stands there instead
 FILES = {
     "table.csv": (",150\n", ",151\n", CHIP | AFTER),
-    "instrument/psf.yaml": ("\n", "\n# a word\n", {"truth", "psf"} | CHIP | AFTER),
+    "instrument/psf.yaml": ("\n", "\n# a word\n", {"psf"} | CHIP | AFTER),
+    "instrument/cti.yaml": ("\n", "\n# a word\n", READOUT | AFTER),
+    "instrument/detector.yaml": ("value: 1.1,", "value: 1.2,", READOUT | AFTER),  # gain
     "universe/stars.yaml": ("\n", "\n# a word\n", {"truth"} | CHIP | AFTER),
 }
 
 
 # The others go the same ways, and tests/test_recipe.py has what those hand on
-QUICK = "catalog.lensing", "psf.grid", "fidelity", "measurement.cti_passes", "validation.snr_min"
+QUICK = "psf.grid", "instrument/detector.yaml", "measurement.cti_passes", "validation.snr_min"
 SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in (*KEYS, *FILES) if name not in QUICK]
 
 
@@ -140,6 +148,14 @@ def test_two_cores_and_larger_jobs_give_the_same_bits(undisturbed, tmp_path, chi
     snakemake(campaign, f"chips={chips}", "--cores", "2", *level0_targets(campaign))
     assert content(campaign) == content(undisturbed)
     assert (campaign.parent / "out" / "logs" / log).exists()
+    assert not left_of(campaign), "intermediates are dropped"
+
+
+@pytest.mark.parametrize("how", ["chips=whole", "chips=exposure", "scratch=/tmp"])
+def test_light_is_kept_by_the_four_stages_only(tmp_path, how):
+    line, environment = command(make(tmp_path / "kept", keep="light"), how, "--dry-run")
+    done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode and "keep: light is kept by the four stages" in done.stdout + done.stderr
 
 
 def test_an_unknown_size_of_jobs_is_refused(tmp_path):

@@ -15,7 +15,7 @@ rule calibrate:
         mem_mb=more(3500),
         runtime=more(3),
     params:
-        how=MEASUREMENT,
+        recipe=recipe("measure"),
     shell:
         'csstsim calibrate "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
 
@@ -37,14 +37,14 @@ rule measure:
         mem_mb=more(3500),
         runtime=more(4),
     params:
-        how=MEASUREMENT,
+        recipe=recipe("measure"),
     shell:
         'csstsim measure "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
 
 
 rule merge:
     input:
-        measured_on,
+        on_brick("measure"),
     output:
         f"{OUT}/merge/dataset/Norder=8/Dir={{dir}}/Npix={{pix}}.parquet",
     log:
@@ -63,9 +63,8 @@ rule merge:
 rule validate:
     input:
         merged,
-        measured_on,
-        truth_tables_on,
-        level0_on,
+        on_brick("measure"),
+        on_brick("level0"),
     output:
         f"{OUT}/validate/{{pix}}.json",
         f"{OUT}/validate/{{pix}}.png",
@@ -79,6 +78,6 @@ rule validate:
         mem_mb=more(4000),
         runtime=more(4),
     params:
-        thresholds=RUN.config.validation.model_dump(mode="json"),
+        recipe=RUN.recipes.validation,
     shell:
         'csstsim validate "$CAMPAIGN" --brick {wildcards.pix} > {log:q} 2>&1'

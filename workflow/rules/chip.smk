@@ -16,7 +16,7 @@ rule chip:
         mem_mb=more(3500),
         runtime=more(SELECTING + RENDERING + 4),
     params:
-        recipe=recipe,
+        recipe=recipe("level0"),
     shell:
         'csstsim chip "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
 

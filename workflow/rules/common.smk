@@ -1,4 +1,4 @@
-# Opens the campaign (which checks every file of it) and answers the rules' questions; but for targets.smk the only Python.
+# Opens the campaign (which checks every file of it) and answers the rules' questions; the only Python.
 import atexit
 import os
 import shlex
@@ -7,9 +7,12 @@ import sys
 from types import SimpleNamespace
 
 from csstsim.base.files.atomic import remove_left
+from csstsim.campaign.checks import check_kept
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.products import kinds, summary
 from csstsim.base.errors import CsstsimError
 from csstsim.io.owner import claim
+from csstsim.optics.psf.sampling import psf_cube
 
 KEYS = "campaign", "chips", "scratch"  # of --config
 for key in config:
@@ -34,18 +37,27 @@ SCRATCH = node_scratch()
 if SCRATCH and workflow.remote_exec:
     atexit.register(shutil.rmtree, SCRATCH, ignore_errors=True)
 
+CHIPS_AS = str(config.get("chips", "stages"))  # a YAML file may hold anything
 try:
     RUN = OpenCampaign(CAMPAIGN, scratch=SCRATCH)
+    check_kept(RUN, CHIPS_AS, "scratch" in config)
     JOBS = {(job.pointing.obsid, f"{job.chip.id:02d}"): job for job in RUN.jobs}
 except CsstsimError as error:
     raise WorkflowError(str(error)) from None
 JOB_OF = {"stages": "stages", "whole": "chip", "exposure": "exposure"}  # rules
-CHIPS_AS = str(config.get("chips", "stages"))  # a YAML file may hold anything
 if CHIPS_AS not in JOB_OF:
     raise WorkflowError(f"chips: {CHIPS_AS}; allowed: {', '.join(JOB_OF)}")
 OUT = str(RUN.paths.output)
 CHIPS = str(RUN.paths.chips)
-MEASUREMENT = RUN.measurement
+kept = (lambda path: path) if RUN.config.keep == "light" else temp  # what render makes
+
+
+MADE = kinds(RUN)
+
+
+def made(rule, places=None):
+    """The files that a rule makes for some jobs, chips or bricks, or for all."""
+    return MADE[rule].files(places)
 
 
 def take_folder():
@@ -96,33 +108,20 @@ def truth_of(wildcards):
     """The truth bricks whose objects may reach a chip's window, for exposures that see the sky."""
     if not RUN.embedded or RUN.pointings[wildcards.obsid].type != "SCIE":
         return []
-    return [
-        str(RUN.paths.truth(pix))
-        for pix in RUN.truth_bricks(JOBS[wildcards.obsid, wildcards.chip])
-    ]
+    return made("truth", RUN.truth_bricks(JOBS[wildcards.obsid, wildcards.chip]))
 
 
-def truth_key():
-    """What the embedded bricks are made for: a change remakes them."""
-    if not RUN.embedded:
-        return None
-    key = RUN.universe_key()
-    return [
-        key["seed"],
-        key["universe"].digest,
-        key["camera"].digest,
-        key["lensing"].model_dump(mode="json"),
-    ]
+def library_of(wildcards):
+    """The file of a chip in a library of PSFs, where the campaign takes its sets from one."""
+    library = RUN.config.psf.library
+    return str(psf_cube(library, int(wildcards.chip))) if library else []
 
 
 def psf_of(wildcards):
     """The PSF set of a chip and its tables, for exposures that see the sky."""
     if RUN.pointings[wildcards.obsid].type != "SCIE":
         return []
-    return [
-        f"{OUT}/psf/chip_{wildcards.chip}.h5",
-        f"{OUT}/psf/chip_{wildcards.chip}_tables.h5",
-    ]
+    return made("psf", [int(wildcards.chip)])
 
 
 def objects_of(wildcards):
@@ -155,9 +154,9 @@ def drawn_before(wildcards):
     return f"{CHIPS}/{wildcards.obsid}_{wildcards.chip}/drawn.parquet"
 
 
-def recipe(wildcards):
-    """What decides a chip's pixels: a change here, and not in unrelated keys, reruns the chip."""
-    return RUN.recipe(JOBS[wildcards.obsid, wildcards.chip])
+def recipe(stage):
+    """What decides what a stage makes of a chip: a change of it, and of nothing else, reruns the stage."""
+    return lambda wildcards: RUN.recipe(JOBS[wildcards.obsid, wildcards.chip], stage)
 
 
 CHIPS_OF = {}  # obsid: its chips
@@ -192,8 +191,12 @@ def exposures_by_chips():
 
 
 def level0_of(wildcards):
-    job = JOBS[wildcards.obsid, wildcards.chip]
-    return str(RUN.paths.level0(job.pointing, job.chip.id))
+    return made("level0", [JOBS[wildcards.obsid, wildcards.chip]])[:1]
+
+
+def with_truth(wildcards):
+    """A Level-0 file, and the truth beside it."""
+    return made("level0", [JOBS[wildcards.obsid, wildcards.chip]])
 
 
 def masters_of(wildcards):
@@ -205,66 +208,13 @@ def masters_of(wildcards):
 
 def calibration_frames_of(wildcards):
     """The bias, dark and lamp exposures of a chip."""
-    jobs = RUN.calibration_jobs[int(wildcards.chip)]
-    return [str(RUN.paths.level0(job.pointing, job.chip.id)) for job in jobs]
+    return made("level0", RUN.calibration_jobs[int(wildcards.chip)])
 
 
-def truth_of_level0(wildcards):
-    """The truth beside a spectroscopic chip's Level-0 file: of objects, and of their orders."""
-    job = JOBS[wildcards.obsid, wildcards.chip]
-    place = job.pointing, job.chip.id
-    return [
-        str(RUN.paths.level0_truth(*place)),
-        str(RUN.paths.level0_orders(*place)),
-    ]
-
-
-def spectra(wildcards=None):
-    return [str(RUN.paths.spectra(*job.key)) for job in RUN.slitless_jobs]
-
-
-def measured_on(wildcards):
-    return [
-        str(RUN.paths.measure(*job.key)) for job in RUN.merge_bricks[int(wildcards.pix)]
-    ]
-
-
-def level0_on(wildcards):
-    return [
-        str(RUN.paths.level0(job.pointing, job.chip.id))
-        for job in RUN.merge_bricks[int(wildcards.pix)]
-    ]
-
-
-def truth_tables_on(wildcards):
-    return [
-        str(RUN.paths.level0_truth(job.pointing, job.chip.id))
-        for job in RUN.merge_bricks[int(wildcards.pix)]
-    ]
+def on_brick(rule):
+    """The products of a rule, of the frames on a brick."""
+    return lambda wildcards: made(rule, RUN.merge_bricks[int(wildcards.pix)])
 
 
 def merged(wildcards):
-    return str(RUN.paths.merge(int(wildcards.pix)))
-
-
-def validated_bricks(wildcards=None):
-    return [str(RUN.paths.validate(pix)) for pix in RUN.merge_bricks]
-
-
-def merged_bricks(wildcards=None):
-    return [str(RUN.paths.merge(pix)) for pix in RUN.merge_bricks]
-
-
-def catalogue():
-    """What tells of all merged bricks, where there are any."""
-    about = (
-        "hats.properties",
-        "partition_info.csv",
-        "dataset/_metadata",
-        "dataset/_common_metadata",
-    )
-    return [f"{OUT}/merge/{name}" for name in about] if RUN.merge_bricks else []
-
-
-def level0_files(wildcards=None):
-    return [str(RUN.paths.level0(job.pointing, job.chip.id)) for job in RUN.jobs]
+    return made("merge", [int(wildcards.pix)])

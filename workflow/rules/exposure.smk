@@ -27,7 +27,7 @@ for number, (chips, obsids) in enumerate(exposures_by_chips().items()):
             # Twice what a chip takes, and more where one part of it may be long
             runtime=more(4 + max(SELECTING, RENDERING) * len(chips)),
         params:
-            recipe=of_exposure(lambda wildcards: [recipe(wildcards)]),
+            recipe=of_exposure(lambda wildcards: [recipe("level0")(wildcards)]),
             chips=" ".join(f"--chip {int(chip)}" for chip, _ in chips),
         shell:
             'csstsim chip "$CAMPAIGN" --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1'

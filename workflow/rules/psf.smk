@@ -1,4 +1,6 @@
 rule psf:
+    input:
+        library_of,
     output:
         f"{OUT}/psf/chip_{{chip}}.h5",
         f"{OUT}/psf/chip_{{chip}}_tables.h5",
@@ -12,7 +14,6 @@ rule psf:
         mem_mb=more(1500),
         runtime=more(5),
     params:
-        psf=RUN.config.psf.model_dump(mode="json"),
-        camera=RUN.camera.digest,
+        recipe=RUN.recipes.psf,
     shell:
         'csstsim psf "$CAMPAIGN" --chip {wildcards.chip} > {log:q} 2>&1'

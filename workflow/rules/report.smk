@@ -1,13 +1,11 @@
 rule report:
     input:
-        merged_bricks,
-        validated_bricks,
-        spectra,
-        level0_files,
+        made("merge"),
+        made("validate"),
+        made("extract"),
+        made("level0"),
     output:
-        f"{OUT}/report/index.html",
-        catalogue(),
-        f"{OUT}/report/verdict.json",
+        made("report") or f"{OUT}/report/index.html",
     log:
         f"{OUT}/logs/report.log",
     benchmark:

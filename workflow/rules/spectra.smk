@@ -1,8 +1,7 @@
 # Spectra of spectroscopic chips, along the traces of the truth beside them.
 rule extract:
     input:
-        level0_of,
-        truth_of_level0,
+        with_truth,
         f"{OUT}/psf/chip_{{chip}}.h5",
         masters_of,
     output:
@@ -18,6 +17,6 @@ rule extract:
         mem_mb=more(4000),
         runtime=more(4),
     params:
-        how=MEASUREMENT,
+        recipe=recipe("measure"),
     shell:
         'csstsim extract "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'

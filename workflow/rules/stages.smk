@@ -15,7 +15,7 @@ rule select:
         mem_mb=more(1500),
         runtime=more(SELECTING),
     params:
-        recipe=recipe,
+        recipe=recipe("select"),
     shell:
         'csstsim select "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
 
@@ -24,8 +24,8 @@ rule render:
     input:
         objects_of,
     output:
-        temp(f"{CHIPS}/{{obsid}}_{{chip}}/render.fits"),
-        temp(f"{CHIPS}/{{obsid}}_{{chip}}/drawn.parquet"),
+        kept(f"{CHIPS}/{{obsid}}_{{chip}}/render.fits"),
+        kept(f"{CHIPS}/{{obsid}}_{{chip}}/drawn.parquet"),
     log:
         f"{OUT}/logs/render/{{obsid}}_{{chip}}.log",
     benchmark:
@@ -36,7 +36,7 @@ rule render:
         mem_mb=more(3000),
         runtime=more(RENDERING),
     params:
-        recipe=recipe,
+        recipe=recipe("render"),
     shell:
         'csstsim render "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
 
@@ -56,7 +56,7 @@ rule readout:
         mem_mb=more(1500),
         runtime=more(2),
     params:
-        recipe=recipe,
+        recipe=recipe("readout"),
     shell:
         'csstsim readout "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
 
@@ -78,7 +78,7 @@ rule level0:
         mem_mb=more(1500),
         runtime=more(2),
     params:
-        recipe=recipe,
+        recipe=recipe("level0"),
     shell:
         'csstsim level0 "$CAMPAIGN" --obsid {wildcards.obsid} --chip {wildcards.chip} > {log:q} 2>&1'
 
@@ -86,9 +86,9 @@ rule level0:
 # Spectroscopic chips: the same stages with the truth of each order beside.
 use rule render as render_spectra with:
     output:
-        temp(f"{CHIPS}/{{obsid}}_{{chip}}/render.fits"),
-        temp(f"{CHIPS}/{{obsid}}_{{chip}}/drawn.parquet"),
-        temp(f"{CHIPS}/{{obsid}}_{{chip}}/orders.parquet"),
+        kept(f"{CHIPS}/{{obsid}}_{{chip}}/render.fits"),
+        kept(f"{CHIPS}/{{obsid}}_{{chip}}/drawn.parquet"),
+        kept(f"{CHIPS}/{{obsid}}_{{chip}}/orders.parquet"),
     wildcard_constraints:
         obsid=SPECTRA_OBSID,
         chip=SPECTRA_CHIP,

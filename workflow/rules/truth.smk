@@ -11,6 +11,6 @@ rule truth:
         mem_mb=more(1500),
         runtime=more(2),
     params:
-        key=truth_key(),
+        recipe=RUN.recipes.truth,
     shell:
         'csstsim truth "$CAMPAIGN" --brick {wildcards.pix} > {log:q} 2>&1'

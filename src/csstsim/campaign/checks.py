@@ -69,3 +69,14 @@ def check_masters(run, jobs):
                 f"no {path}", file=run.file, key="measurement.masters",
                 allowed="output of a finished campaign of bias, dark and flat exposures (config/calibration.yaml)",
             )  # fmt: skip
+
+
+@explained("campaign")
+def check_kept(run, chips_as, scratch):
+    """What render makes can be kept: it is written, and not on a node's own disk."""
+    if run.config.keep == "light" and (chips_as != "stages" or scratch):
+        message = "light is kept by the four stages of a chip, in the output folder"
+        raise InputError(
+            message, file=run.file, key="keep", value="light",
+            allowed="with --config chips=stages and without scratch; else keep: nothing",
+        )  # fmt: skip

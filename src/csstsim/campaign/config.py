@@ -216,6 +216,11 @@ class Campaign(Model):
         "'preview', to all of it; 'noise_free', as 'standard' but all light as expectation, none as counted photons; "
         "'reference', GalSim one by one, 0.1 CPU-seconds an object",
     )
+    keep: Literal["nothing", "light"] = Field(
+        "nothing",
+        description="'light': what render makes of each chip is kept (0.4 GB of a whole one), so that another detector "
+        "costs its readout alone; with --config chips=stages only",
+    )
     measurement: MeasurementConfig = MeasurementConfig()
     validation: ValidateConfig = ValidateConfig()
 

@@ -114,9 +114,9 @@ def each_once(costs):
 def _quantities(run):
     """Yield (rule or NAME_spectra, key, {Quantity: number}) of each job."""
     science = run.imaging_jobs + run.slitless_jobs
-    for pix in sorted({pix for job in science for pix in run.truth_bricks(job)} if run.embedded else ()):
+    for pix in run.sky_bricks:
         yield "truth", pix, {"job": 1}
-    for chip in sorted({job.chip.id for job in run.jobs if job.pointing.type == "SCIE"}):
+    for chip in run.sky_chips:
         yield "psf", chip, {"job": 1, "image": run.config.psf.grid**2 * WAVELENGTHS}
     yield from _of_chips(run, expected_objects(run, science))
     yield from _of_bricks(run)

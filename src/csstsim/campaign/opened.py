@@ -12,13 +12,13 @@ from pathlib import Path
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
-from csstsim.base.release import release
 from csstsim.campaign.checks import check_masters, check_photons, check_selection, check_shutter
 from csstsim.campaign.config import PixelWindow, load_campaign
 from csstsim.campaign.job import Job
+from csstsim.campaign.recipes import Recipes
 from csstsim.campaign.survey_table import load_survey_table
 from csstsim.catalog import own_table
-from csstsim.catalog.open import catalog_class, own_digests
+from csstsim.catalog.open import catalog_class
 from csstsim.catalog.places.astrometry import apparent
 from csstsim.catalog.places.ephemeris import observer
 from csstsim.catalog.selection.select import BRICK_MARGIN_DEG, bricks_for
@@ -231,14 +231,29 @@ class OpenCampaign:
         return tuple(int(pix) for pix in bricks_for(*job.footprint(), self.margin_deg(job)))
 
     @cached_property
+    def science_jobs(self):
+        """The jobs of exposures that see the sky."""
+        return tuple(job for job in self.jobs if job.pointing.type == "SCIE")
+
+    @cached_property
+    def sky_chips(self):
+        """The numbers of chips that see the sky, sorted: each has a PSF set."""
+        return sorted({job.chip.id for job in self.science_jobs})
+
+    @cached_property
+    def sky_bricks(self):
+        """The bricks of the embedded universe that the jobs need, sorted."""
+        return sorted({pix for job in self.science_jobs for pix in self.truth_bricks(job)} if self.embedded else ())
+
+    @cached_property
     def imaging_jobs(self):
         """The jobs that are measured: science exposures of imaging chips."""
-        return tuple(j for j in self.jobs if j.pointing.type == "SCIE" and j.chip.kind == "imaging")
+        return tuple(job for job in self.science_jobs if job.chip.kind == "imaging")
 
     @cached_property
     def slitless_jobs(self):
         """The jobs of which spectra are extracted: science exposures of spectroscopic chips."""
-        return tuple(j for j in self.jobs if self.has_orders(j))
+        return tuple(job for job in self.jobs if self.has_orders(job))
 
     @cached_property
     def calibration_jobs(self):
@@ -261,33 +276,23 @@ class OpenCampaign:
                 bricks.setdefault(int(pix), []).append(job)
         return dict(sorted(bricks.items()))
 
-    def recipe(self, job):
-        """Return {name: digest} of everything that decides this job's pixels; recorded in each product."""
-        return {
-            "csstsim": release(),
-            "campaign": self._campaign_digest,
-            "camera": self.camera.digest,
-            "layers": self.steps[job.pointing.type].digest,
-            "exposure": digest([str(job.pointing), str(job.window), job.chip.id]),
-        }
-
     @cached_property
-    def _campaign_digest(self):
-        sky = self.universe.digest if self.embedded else own_digests(self.config.catalog)
-        return digest([self.config.digest(), self.rendering.model_dump(), sky])
+    def recipes(self):
+        """What decides each product (campaign.recipes.Recipes)."""
+        return Recipes(self)
+
+    def recipe(self, job, stage="level0"):
+        """Return {name: digest} of everything that decides what a stage makes of a job; recorded in each product."""
+        return self.recipes.of_job(job, stage)
+
+    def brick_recipe(self, pix):
+        """Return the digest of everything that decides a merged brick: the recipes of the frames on it."""
+        return digest([self.recipe(job, "measure") for job in self.merge_bricks[pix]])
 
     @property
     def measurement(self):
         """What of the campaign's `measurement` decides measurements, JSON-like: not which products are kept."""
         return self.config.measurement.model_dump(mode="json", exclude={"keep_calibrated"})
-
-    def measure_recipe(self, job):
-        """Return {name: digest} of everything that decides a job's measurements."""
-        return self.recipe(job) | {"measurement": digest(self.measurement)}
-
-    def brick_recipe(self, pix):
-        """Return the digest of everything that decides a merged brick: the recipes of the frames on it."""
-        return digest([self.measure_recipe(job) for job in self.merge_bricks[pix]])
 
 
 def _own_bands(config):

@@ -6,8 +6,10 @@ import numpy as np
 
 from csstsim.base.healpix import NSIDE
 from csstsim.campaign.costs import INSTEAD, each_once, expected, expected_objects, megapixels
+from csstsim.campaign.products import kinds
 from csstsim.catalog.places.astrometry import apparent
 
+KEPT_BYTES = {"imaging": 5, "slitless": 8}  # of a pixel: expected electrons, those counted, the objects' share; at most
 BYTES_PER_NODE = 4 * (256 * 256 + 256 * 256 + 64 * 64) * 4  # images, and the tables photons are drawn from
 
 
@@ -39,6 +41,8 @@ def plan(run):
         "PSF tables": nodes * BYTES_PER_NODE,
         "largest intermediates (a job)": 8 * max(job.window.nx * job.window.ny for job in jobs),
     }
+    if kept := kinds(run)["render"].places:
+        disk["light kept"] = sum(KEPT_BYTES[job.chip.kind] * 1e6 * megapixels(job) for job in kept)
     return counts, disk, costs
 
 

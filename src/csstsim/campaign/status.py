@@ -12,9 +12,10 @@ import time
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from csstsim.campaign.costs import STAGES, expected
+from csstsim.campaign.costs import expected
 from csstsim.campaign.job_log import ERROR, killed
 from csstsim.campaign.plan import duration
+from csstsim.campaign.products import kinds
 
 LATELY, PAUSE = 3600.0, 900.0  # s: the pace is that of the last hour, after the last pause; jobs of hours look further
 LOGS, TAIL, FAILURES = 5000, 4096, 5  # newest logs looked into, bytes of each, failures named
@@ -72,29 +73,16 @@ class Status:
 
 def wanted(run):
     """Return {kind: {path: CPU s}} of the products of a campaign.opened.OpenCampaign, in the order of the workflow."""
-    costs, paths = expected(run), run.paths
-    jobs = {job.key: job for job in run.jobs}
+    costs = expected(run)
 
-    def level0(key):
-        return paths.level0(jobs[key].pointing, key[1])
+    def cpu(kind, place):
+        key = getattr(place, "key", place)
+        return sum(costs[rule][key].cpu_s for rule in kind.rules if key in costs.get(rule, ()))
 
-    kinds = {
-        "truth bricks": (paths.truth, "truth"),
-        "PSF sets": (paths.psf, "psf"),
-        "Level-0 files": (level0, *STAGES),
-        "masters": (paths.masters, "masters"),
-        "calibrated images": (lambda key: paths.calibrated(*key), "calibrate"),
-        "measured tables": (lambda key: paths.measure(*key), "measure"),
-        "spectra": (lambda key: paths.spectra(*key), "extract"),
-        "merged bricks": (paths.merge, "merge"),
-        "validated bricks": (paths.validate, "validate"),
-        "report": (lambda key: paths.report, "report"),
-    }
-    found = {}
-    for name, (path, *rules) in kinds.items():
-        made_by = [costs.get(rule, {}) for rule in rules]  # the last makes the product
-        found[name] = {str(path(key)): sum(c[key].cpu_s for c in made_by if key in c) for key in made_by[-1]}
-    return {name: products for name, products in found.items() if products}
+    return {
+        kind.name: {str(kind.of(place)[0]): cpu(kind, place) for place in kind.places}
+        for kind in kinds(run).values() if kind.places
+    }  # fmt: skip
 
 
 def look(run, products):

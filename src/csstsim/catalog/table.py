@@ -207,13 +207,12 @@ def write_parquet(path, table, meta):
 
 def _checksum(values):
     """CRC-32 of bytes or of a column; of their text for strings and lists, which have no plain bytes."""
-    if isinstance(values, np.ndarray):
-        values = values.tobytes() if values.dtype != object else repr([_plain(v) for v in values]).encode()
-    return zlib.crc32(values)
-
-
-def _plain(value):
-    return value.tolist() if isinstance(value, np.ndarray) else value
+    if isinstance(values, np.ndarray) and values.dtype == object:
+        listed = values.tolist()
+        if np.ndarray in set(map(type, listed)):
+            listed = [value.tolist() if isinstance(value, np.ndarray) else value for value in listed]
+        values = repr(listed).encode()
+    return zlib.crc32(values.tobytes() if isinstance(values, np.ndarray) else values)
 
 
 def _load_meta(path, text):

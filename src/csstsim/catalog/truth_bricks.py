@@ -57,7 +57,7 @@ def brick_meta(seed, pix, universe, camera, lensing):
         "seed": seed,
         "brick": pix,
         "universe": universe.digest,
-        "camera": camera.digest,
+        "camera": camera.digest_for("truth"),
         "lensing": lensing.model_dump(mode="json"),
     }
 

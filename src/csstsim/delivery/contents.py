@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from csstsim.base.digest import digest
+from csstsim.campaign.products import kinds
 from csstsim.io.paths import Paths
 
 YES, NO, MAYBE = "yes", "no", "maybe"  # a product must be there, must not, or may be
@@ -16,7 +17,8 @@ YES, NO, MAYBE = "yes", "no", "maybe"  # a product must be there, must not, or m
 class Frame:
     """One Level-0 file: which exposure and chip it is of, what it was made from, and what must come with it.
 
-    `recipe`: {name: digest}, None where it is not known; `window`: (x0, x1, y0, y1), or None.
+    `recipe`: {name: digest}, and `rays_recipe` of the image of cosmic rays, which the readout writes; None where they
+    are not known; `window`: (x0, x1, y0, y1), or None.
     """
 
     obsid: str
@@ -25,6 +27,7 @@ class Frame:
     type: str
     level0: Path
     recipe: dict | None
+    rays_recipe: dict | None
     window: tuple | None
     measured: str
     extracted: str
@@ -46,7 +49,8 @@ class Contents:
 
     bricks, truth: {brick: what its file must record, or None}; measurement: digest of the way of measuring, or None;
     psf: chips that see the sky; masters: {chip: what its file must record, or None}; calibrated: YES, NO or MAYBE;
-    report: YES or MAYBE; faults: [(path, fault)] met while finding out.
+    light: {file of render's that is kept: its recipe, or None}; report: YES or MAYBE; faults: [(path, fault)] met while
+    finding out.
     """
 
     paths: Paths
@@ -54,6 +58,7 @@ class Contents:
     bricks: dict
     truth: dict
     masters: dict
+    light: dict
     measurement: str | None
     calibrated: str
     report: str
@@ -77,15 +82,14 @@ def of_campaign(run):
     from csstsim.catalog.truth_bricks import brick_meta
     from csstsim.stages.masters import masters_recipe
 
-    frames = tuple(_frame(run, job) for job in run.jobs)
-    science = [job for job in run.jobs if job.pointing.type == "SCIE"]
-    sky = sorted({pix for job in science for pix in run.truth_bricks(job)}) if run.embedded else ()
+    frames, light = tuple(_frame(run, job) for job in run.jobs), kinds(run)["render"]
     return Contents(
         paths=run.paths,
         frames=frames,
         bricks={pix: run.brick_recipe(pix) for pix in run.merge_bricks},
-        truth={pix: brick_meta(pix=pix, **run.universe_key()) for pix in sky},
+        truth={pix: brick_meta(pix=pix, **run.universe_key()) for pix in run.sky_bricks},
         masters={chip: masters_recipe(run, chip) for chip in run.calibration_jobs},
+        light={path: run.recipe(job, "render") for job in light.places for path in light.of(job)},
         measurement=digest(run.measurement),
         calibrated=YES if run.config.measurement.keep_calibrated else MAYBE,
         report=YES if run.imaging_jobs or run.slitless_jobs else MAYBE,
@@ -97,6 +101,6 @@ def _frame(run, job):
     rays = run.steps[job.pointing.type].step("cosmic_rays")
     return Frame(
         *job.key, job.chip.filter, job.pointing.type, run.paths.level0(job.pointing, job.chip.id), run.recipe(job),
-        (window.x0, window.x1, window.y0, window.y1), YES if imaging else NO, YES if run.has_orders(job) else NO,
-        YES if rays is not None and rays.param.save_cosmic_image else NO,
+        run.recipe(job, "readout"), (window.x0, window.x1, window.y0, window.y1), YES if imaging else NO,
+        YES if run.has_orders(job) else NO, YES if rays is not None and rays.param.save_cosmic_image else NO,
     )  # fmt: skip

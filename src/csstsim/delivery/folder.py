@@ -13,7 +13,7 @@ from csstsim.base.errors import InputError
 from csstsim.delivery.contents import MAYBE, NO, YES, Contents, Frame
 from csstsim.io.keywords import recorded_recipe
 from csstsim.io.level0 import read_level0
-from csstsim.io.paths import KIND, STEM, TRUTH, Paths
+from csstsim.io.paths import KIND, LIGHT, STEM, TRUTH, Paths
 
 SPECTROSCOPIC = ("GU", "GV", "GI")
 TYPES = {code: kind for kind, code in KIND.items()}
@@ -43,6 +43,7 @@ def of_folder(folder):
         bricks=dict.fromkeys(sorted(merged | judged | listed)),
         truth=dict.fromkeys(sorted(truth)),
         masters=dict.fromkeys(sorted(masters)),
+        light=dict.fromkeys(path for path in _files(paths.chips) if path.name in LIGHT),
         measurement=_measurement(paths, frames),
         calibrated=MAYBE,
         report=YES if any(frame.type == "SCIE" for frame in frames) else MAYBE,
@@ -72,7 +73,7 @@ def _stems(folder):
 def _frame(stem, path):
     """Return the Frame of a Level-0 file: what its header says, or, if that cannot be read, its name alone."""
     kind, obsid, chip = TYPES[stem[1]], stem[2], int(stem[3])
-    frame = Frame(obsid, chip, None, kind, path, None, None, MAYBE, MAYBE, MAYBE)
+    frame = Frame(obsid, chip, None, kind, path, None, None, None, MAYBE, MAYBE, MAYBE)
     if kind != "SCIE":
         frame = replace(frame, measured=NO, extracted=NO)
     try:

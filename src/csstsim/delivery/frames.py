@@ -133,9 +133,15 @@ def orders(path, frame):
 def cosmic(path, frame):
     """Check the image of cosmic rays alone."""
     planes, meta = load_frame(path)
-    yield from other_recipe(meta.get("recipe"), frame.recipe)
+    yield from other_recipe(meta.get("recipe"), frame.rays_recipe)
     if list(planes) != ["cosmic"]:
         yield f"holds {', '.join(planes) or 'nothing'}, not the plane cosmic"
+
+
+def light(path, recipe):
+    """Check what render made of a chip, a frame or a table."""
+    meta = load_frame(path)[1] if path.suffix == ".fits" else ObjectTable.read(path).meta
+    yield from other_recipe(meta.get("recipe"), recipe)
 
 
 def measured(path, frame, recipe, seen):

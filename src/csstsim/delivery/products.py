@@ -62,6 +62,8 @@ def _of_frame(contents, frame, seen):
 
 def _inputs(contents):
     paths = contents.paths
+    for path, recipe in contents.light.items():
+        yield Product("light of a chip", path, YES, partial(frames.light, path, recipe))
     for chip, record in contents.masters.items():
         yield Product("masters", paths.masters(chip), YES, partial(shared.masters, paths.masters(chip), record))
     for chip, frame in contents.psf.items():

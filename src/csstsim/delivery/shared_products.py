@@ -4,11 +4,13 @@ import json
 
 import numpy as np
 
+from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import brick_of, hats_index
 from csstsim.catalog.table import ObjectTable
 from csstsim.delivery.frames import other_recipe
 from csstsim.io.frames import load_frame
+from csstsim.io.level0 import read_level0
 
 
 def truth_brick(path, record):
@@ -22,10 +24,15 @@ def truth_brick(path, record):
 
 
 def psf(path, frame):
-    """Check a chip's PSF set, every node of it."""
+    """Check a chip's PSF set, every node of it, and that a frame of the chip was drawn with it."""
     for node in np.flatnonzero(~(made := _psf(path, frame)).dead):
         made.node(node)
-    yield from ()
+    try:
+        used = read_level0(frame.level0).header0.get("PSFHASH")
+    except (InputError, OSError):
+        return  # a fault of that file
+    if used not in (None, digest(made.attributes)):
+        yield f"is not the set that {frame.level0.name} was drawn with"
 
 
 def psf_tables(path, psf_path, frame):
@@ -43,7 +50,7 @@ def psf_tables(path, psf_path, frame):
 def _psf(path, frame):
     from csstsim.optics.psf.psf_set import PsfSet
 
-    return PsfSet(path, chip=frame.chip, filter=frame.filter, camera_digest=(frame.recipe or {}).get("camera"))
+    return PsfSet(path, chip=frame.chip, filter=frame.filter)
 
 
 def masters(path, record):

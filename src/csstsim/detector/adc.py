@@ -20,6 +20,9 @@ def digitise(image, adc_max=65535, mask=None):
     for start in range(0, image.shape[0], _ROWS):
         rows = slice(start, start + _ROWS)
         value = np.rint(image[rows])
+        if value.min() >= 0 and value.max() <= adc_max:  # neither of which holds of a NaN
+            digits[rows] = value
+            continue
         bad += value.size - int(np.count_nonzero(np.isfinite(value)))
         above, below = value > adc_max, value < 0
         high += int(np.count_nonzero(above))

@@ -7,8 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
+from csstsim.base.stages import behind, read_by
+from csstsim.instrument.camera_parts import READERS, camera_parts
 from csstsim.instrument.chip import Chip, Detector
 from csstsim.instrument.cosmic_rays import load_cosmic_rays
 from csstsim.instrument.defects import load_defects
@@ -50,6 +53,17 @@ class Camera:
     def slitless_chips(self):
         """Chips behind the gratings, by number."""
         return [chip for chip in self.chips.values() if chip.kind == "slitless"]
+
+    @cached_property
+    def _parts(self):
+        return camera_parts(self.folder)
+
+    def digest_for(self, stage, *layers):
+        """Return 16 hex digits of the numbers that a stage reads, or one before it (instrument.camera_parts).
+
+        layers: stages whose numbers it may read beside, as a layer of the user's may any.
+        """
+        return digest(read_by(behind(stage).union(layers), self._parts, READERS))
 
     @cached_property
     def gratings(self):

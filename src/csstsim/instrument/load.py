@@ -99,12 +99,17 @@ def _typed(value, kind, path, key):
     raise InputError(f"must be {kind.__name__}", file=path, key=key, value=value)
 
 
+def data_files(folder):
+    """Return {name: path} of every data file below `folder`, sorted; READMEs are left out."""
+    found = sorted(p for p in Path(folder).rglob("*") if p.is_file() and p.suffix != ".md")
+    return {path.relative_to(folder).as_posix(): path for path in found}
+
+
 def folder_digest(folder):
-    """Return 16 hex digits of the SHA-256 of every data file below `folder` (names and bytes; READMEs left out)."""
-    folder = Path(folder)
+    """Return 16 hex digits of the SHA-256 of every data file below `folder`, names and bytes."""
     total = hashlib.sha256()
-    for path in sorted(p for p in folder.rglob("*") if p.is_file() and p.suffix != ".md"):
+    for name, path in data_files(folder).items():
         content = path.read_bytes()
-        total.update(f"{path.relative_to(folder).as_posix()}\0{len(content)}\0".encode())
+        total.update(f"{name}\0{len(content)}\0".encode())
         total.update(content)
     return total.hexdigest()[:16]

@@ -6,7 +6,8 @@ coordinates have the field distortion as SIP polynomials (Shupe et al. 2005); di
 """
 
 from csstsim.base.files.atomic import atomic_path
-from csstsim.io.fits import card, remark, write_hdus
+from csstsim.io.fits import write_hdus
+from csstsim.io.fits_cards import card, remark
 from csstsim.optics.geometry.sip import sip_header
 
 # of the Level-0 file's primary header: what was exposed, and with which state of the spacecraft

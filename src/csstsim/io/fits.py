@@ -14,11 +14,12 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.file_log import logged
 from csstsim.base.files.fits_headers import check_headers
+from csstsim.io.fits_cards import card
 
 BLOCK = 2880
 _LITTLE = sys.byteorder == "little"
-_CHUNK = 1 << 20  # pixels converted at a time
-_MOST = 1 << 28  # pixels of an image that are read: three chips
+_CHUNK = 1 << 18  # pixels converted at a time, that they stay in the cache
+MOST = 1 << 28  # pixels of an image that are read: three chips
 _STORED = {8: "u1", 16: "i2", 32: "i4", -32: "f4"}
 _BITPIX = {"uint8": 8, "uint16": 16, "int16": 16, "int32": 32, "float32": -32}
 
@@ -67,15 +68,19 @@ def _write_data(file, array):
         raw = data.view(np.uint8)
         if start + _CHUNK >= flat.size:
             raw = np.concatenate([raw, np.zeros(-(flat.nbytes) % BLOCK, np.uint8)])
-        total += _word_sum(raw)
+        total += _sum(part.view(np.uint32)) if part.itemsize == 4 else _word_sum(raw)
         file.write(raw)
     return _fold(total)
+
+
+def _sum(words):
+    return int(words.sum(dtype=np.uint64))
 
 
 def _word_sum(raw):
     """Return the sum of the big-endian 32-bit words in bytes (uint8 array of a multiple of 4)."""
     words = raw.view(np.uint32)
-    return int((words.byteswap() if _LITTLE else words).sum(dtype=np.uint64))
+    return _sum(words.byteswap() if _LITTLE else words)
 
 
 def _fold(total):
@@ -114,51 +119,6 @@ def _encode(value):
     return (text[-1:] + text[:-1]).decode()
 
 
-def card(keyword, value, comment=""):
-    """Return the 80 characters of a header card; a string too long for one card goes on in CONTINUE cards.
-
-    A comment that does not fit is cut; characters outside ASCII are written as escapes. Raises ValueError for
-    a keyword, number or type that FITS cannot hold.
-    """
-    if not (0 < len(keyword) <= 8 and all(c.isascii() and (c.isupper() or c.isdigit() or c in "-_") for c in keyword)):
-        raise ValueError(f"not a FITS keyword: {keyword!r}")
-    tail = f" / {_ascii(comment)}" if comment else ""
-    if isinstance(value, bool | np.bool_):
-        text = f"{'T' if value else 'F':>20}"
-    elif isinstance(value, int | np.integer):
-        text = f"{int(value):>20}"
-    elif isinstance(value, float | np.floating) and math.isfinite(value):
-        text = f"{float(value)!r:>20}".upper()
-    elif isinstance(value, str):
-        return _string_card(keyword, _ascii(value).replace("'", "''"), tail)
-    else:
-        raise ValueError(f"{keyword}: a FITS card cannot hold {value!r}")
-    return f"{keyword:<8}= {text}{tail}"[:80].ljust(80)
-
-
-def _string_card(keyword, text, tail):
-    if len(text) <= 68:
-        quoted = f"'{text:<8}'"
-        return f"{keyword:<8}= {quoted:<20}{tail}"[:80].ljust(80)
-    lines, lead = [], f"{keyword:<8}= "
-    while len(text) > 67:
-        cut = 67 - (text[:67].count("'") % 2)  # a doubled quote stays on one card
-        lines.append(f"{lead}'{text[:cut]}&'".ljust(80))
-        text, lead = text[cut:], "CONTINUE  "
-    return "".join([*lines, f"{lead}'{text}'{tail}"[:80].ljust(80)])
-
-
-def remark(keyword, text=""):
-    """Return COMMENT, HISTORY or blank cards for a text of any length."""
-    text = _ascii(text)
-    return "".join(f"{keyword:<8}{text[i : i + 72]}".ljust(80) for i in range(0, max(len(text), 1), 72))
-
-
-def _ascii(text):
-    text = str(text).encode("ascii", "backslashreplace").decode()
-    return "".join(c if 32 <= ord(c) < 127 else " " for c in text)
-
-
 def open_fits(path):
     """Return an open fitsio.FITS for reading; InputError if `path` is missing, cut short or not FITS."""
     path = Path(path)
@@ -188,19 +148,28 @@ def read_header(hdu, path):
 
 def verify_hdu(hdu, path):
     """Raise InputError if the checksum of an HDU of the file `path` is missing or wrong."""
-    name = hdu.get_extname() or "primary"
     offsets = hdu.get_offsets()
-    if "CHECKSUM" not in read_header(hdu, path):
-        raise InputError("there is no CHECKSUM", file=path, key=f"HDU {name}")
-    total = 0
+    _check_sum(hdu, path, _sum_of(path, offsets["header_start"], offsets["data_end"]))
+
+
+def _sum_of(path, start, stop):
+    """Return the sum of the words of a part of a file."""
+    total, left = 0, stop - start
     with open(path, "rb") as file:
-        file.seek(offsets["header_start"])
-        left = offsets["data_end"] - offsets["header_start"]
+        file.seek(start)
         while left and (raw := np.fromfile(file, np.uint8, min(left, _CHUNK * 4))).size:
             total += _word_sum(raw)
             left -= raw.size
+    return total
+
+
+def _check_sum(hdu, path, total):
+    """Raise InputError if an HDU, whose words add up to `total`, has no checksum or another."""
+    key = f"HDU {hdu.get_extname() or 'primary'}"
+    if "CHECKSUM" not in read_header(hdu, path):
+        raise InputError("there is no CHECKSUM", file=path, key=key)
     if _fold(total) != 0xFFFFFFFF:
-        raise InputError("the file is damaged: wrong CHECKSUM", file=path, key=f"HDU {name}")
+        raise InputError("the file is damaged: wrong CHECKSUM", file=path, key=key)
 
 
 def compress(path):
@@ -242,26 +211,42 @@ def image_header(hdu, path):
     return header | {key: header[f"Z{key}"] for key in kept if hdu.is_compressed() and f"Z{key}" in header}
 
 
-def read_pixels(hdu, path):
+def read_pixels(hdu, path, verify=False):
     """Return an image extension's array with its bits as they were written (uint16 where BZERO says so).
 
-    Raises InputError for an image that is not what its header says, or compressed data that cannot be unpacked.
+    verify: as verify_hdu does, in the same pass. Raises InputError for an image that is not what its header says, or
+    compressed data that cannot be unpacked.
     """
     header = image_header(hdu, path)
     shape = [header.get(f"NAXIS{i}") for i in range(_number(header.get("NAXIS")), 0, -1)]
     stored, size = _STORED.get(header.get("BITPIX")), math.prod(map(_number, shape))
-    if stored is None or not 0 <= size <= _MOST:
+    if stored is None or not 0 <= size <= MOST:
         raise InputError("no image of csstsim's", file=path, key="BITPIX, NAXIS", value=(header.get("BITPIX"), shape))
     if hdu.is_compressed():
+        if verify:
+            verify_hdu(hdu, path)
         _check_tiles(read_header(hdu, path), shape, path)
         try:
             return hdu.read()
         except OSError as exc:
             raise InputError(f"cannot be unpacked: {exc}", file=path) from None
-    data = np.fromfile(path, f">{stored}", size, offset=hdu.get_offsets()["data_start"])
-    if data.size != size:
+    places, used = hdu.get_offsets(), size * np.dtype(stored).itemsize
+    raw = np.fromfile(path, np.uint8, -(-used // BLOCK) * BLOCK, offset=places["data_start"])
+    if raw.size < used:
         raise InputError("the FITS file is cut short", file=path)
-    data = data.byteswap(inplace=True).view(f"={stored}") if _LITTLE and data.itemsize > 1 else data
+    total = _sum_of(path, places["header_start"], places["data_start"]) if verify else 0
+    wide = stored.endswith("4")  # its words are the values
+    for start in range(0, raw.size, _CHUNK):
+        part = raw[start : start + _CHUNK]  # stays in the cache between the sum and the swap
+        if verify and not wide:
+            total += _word_sum(part)
+        if _LITTLE and stored != "u1":
+            part.view(stored).byteswap(inplace=True)
+        if verify and wide:
+            total += _sum(part.view(np.uint32))
+    if verify:
+        _check_sum(hdu, path, total)
+    data = raw[:used].view(f"={stored}")
     if header.get("BZERO") == 32768 and stored == "i2":
         data = data.view(np.uint16)
         data ^= np.uint16(0x8000)

@@ -1,34 +1,65 @@
 """Intermediate frames between the stages of a chip: named planes and a dictionary, in one FITS file.
 
-One image extension a plane (float32, int32, uint16, uint8; bit-exact), then META, the dictionary as JSON bytes. Each
-HDU carries DATASUM and CHECKSUM, which reading verifies, and the file appears under its name only when complete.
+One image extension a plane (float32, int32, uint16, uint8; bit-exact), then META, the dictionary as JSON bytes. Of a
+plane most of whose pixels are 0, as counted photons leave it, two of one row each, if asked for: NAME_AT, the flat
+indices of the other pixels, and NAME_IS, their values; META says how large it is. Each HDU carries DATASUM and
+CHECKSUM, which reading verifies, and the file appears under its name only when complete.
 """
 
 import json
+import math
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
-from csstsim.io.fits import open_fits, read_pixels, verify_hdu, write_hdus
+from csstsim.io.fits import MOST, open_fits, read_pixels, verify_hdu, write_hdus
 
 DTYPES = ("float32", "int32", "uint16", "uint8")
 META = "META"
+_AT, _IS = "_at", "_is"
 
 
-def save_frame(path, planes, meta):
+def save_frame(path, planes, meta, sparse=()):
     """Write `planes` {name: 2-D array, or None to leave it out} and `meta` (JSON-like) to `path`.
 
+    sparse: names of int32 planes of which only the pixels that are not 0 are written, if that is shorter.
     Raises ValueError for an array of another type than DTYPES or of other than two dimensions.
     """
     planes = {name: plane for name, plane in planes.items() if plane is not None}
     for name, plane in planes.items():
         if plane.ndim != 2 or plane.dtype.name not in DTYPES or not plane.size:
             raise ValueError(f"plane {name!r}: {plane.dtype} of shape {plane.shape}; allowed: 2-D {', '.join(DTYPES)}")
+    shapes = {name: planes[name].shape for name in sparse if name in planes and _mostly_zero(planes[name])}
+    for name in shapes:
+        planes |= _parts(name, planes.pop(name))
+    meta = meta | {"sparse": shapes} if shapes else meta
     text = np.frombuffer(json.dumps(meta, sort_keys=True, allow_nan=False).encode(), np.uint8)
     hdus = [("", [], None), *((name.upper(), [], plane) for name, plane in planes.items()), (META, [], text)]
     with atomic_path(path) as temporary:
         write_hdus(temporary, hdus)
+
+
+def _mostly_zero(plane):
+    return np.count_nonzero(plane) < plane.size / 4
+
+
+def _parts(name, plane):
+    at = np.flatnonzero(plane).astype(np.int32)
+    at = at if at.size else np.zeros(1, np.int32)  # FITS has no empty image
+    return {name + _AT: at[None], name + _IS: plane.reshape(-1)[at][None]}
+
+
+def _join(planes, shapes, path):
+    """Put planes together that lie in parts. Raises InputError for parts that do not fit."""
+    for name, shape in shapes.items():
+        at, values = planes.pop(name + _AT, None), planes.pop(name + _IS, None)
+        size = math.prod(shape)
+        fits = at is not None and values is not None and at.dtype == values.dtype == np.int32 and at.size == values.size
+        if not (fits and size <= MOST and at.min() >= 0 and at.max() < size):
+            raise InputError("damaged: the parts of a plane do not fit it", file=path, key=name)
+        planes[name] = np.zeros(shape, np.int32)
+        planes[name].reshape(-1)[at[0]] = values[0]
 
 
 def load_frame(path, expect=None):
@@ -40,14 +71,16 @@ def load_frame(path, expect=None):
     planes, meta = {}, None
     with open_fits(path) as file:
         for hdu in file:
-            verify_hdu(hdu, path)
             name = hdu.get_extname()
-            if name == META:
-                meta = _record(read_pixels(hdu, path), path)
-            elif name:
-                planes[name.lower()] = read_pixels(hdu, path)
+            if not name:
+                verify_hdu(hdu, path)
+            elif name == META:
+                meta = _record(read_pixels(hdu, path, verify=True), path)
+            else:
+                planes[name.lower()] = read_pixels(hdu, path, verify=True)
     if meta is None:
         raise InputError("not an intermediate frame of csstsim: it has no META extension", file=path)
+    _join(planes, meta.pop("sparse", {}), path)
     for key, wanted in (expect or {}).items():
         if key == "shape":
             for name, plane in planes.items():
@@ -62,9 +95,17 @@ def _record(pixels, path):
         meta = json.loads(pixels.tobytes())
     except (ValueError, RecursionError):  # also text that is not UTF-8
         meta = None
-    if not isinstance(meta, dict) or not isinstance(meta.get("exposure", {}), dict | None):
+    known = isinstance(meta, dict) and isinstance(meta.get("exposure", {}), dict | None)
+    if not (known and _are_shapes(meta.get("sparse", {}))):
         raise InputError("damaged: its record cannot be read", file=path, key=META)
     return meta
+
+
+def _are_shapes(found):
+    shapes = found.values() if isinstance(found, dict) else [None]
+    return all(
+        isinstance(shape, list) and len(shape) == 2 and all(type(n) is int and n > 0 for n in shape) for shape in shapes
+    )
 
 
 def _compare(path, key, found, wanted):

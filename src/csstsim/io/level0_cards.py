@@ -2,7 +2,7 @@
 
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.detector.mask import BITS
-from csstsim.io.fits import card, remark
+from csstsim.io.fits_cards import card, remark
 from csstsim.io.keywords import header_cards, header_values
 from csstsim.io.paths import level0_stem
 from csstsim.optics.geometry.sip import sip_header

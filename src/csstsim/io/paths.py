@@ -21,6 +21,7 @@ KIND = {"SCIE": "WIDE", "BIAS": "BIAS", "DARK": "DARK", "FLAT": "FLAT"}
 
 # What lies beside a Level-0 file, by its name with another suffix.
 TRUTH, ORDERS, COSMIC = ".truth.parquet", ".orders.parquet", ".cosmic.fits"
+LIGHT = "render.fits", "drawn.parquet", "orders.parquet"  # what render makes of a chip, and may be kept
 STEM = re.compile(r"CSST_MSC_MS_([A-Z]+)_\d{14}_\d{14}_(\d{9,14})_(\d{2})_L0_V01")  # kind, obsid, chip
 
 

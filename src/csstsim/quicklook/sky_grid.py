@@ -45,7 +45,7 @@ def _distorted(header):
     from csstsim.optics.geometry.wcs import ChipWCS
 
     camera = load_camera(SHIPPED / "instrument")
-    if header.get("CAMHASH") != camera.digest:
+    if header.get("CAMHASH") != camera.digest_for("level0"):
         return None
     pointing = SimpleNamespace(ra=header["RA_OBJ"], dec=header["DEC_OBJ"], pa=header["POS_ANG0"])
     distortion = load_distortion(camera.folder / "distortion.fits")

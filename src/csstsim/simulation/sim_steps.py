@@ -20,7 +20,6 @@ import importlib
 import pkgutil
 import time
 from dataclasses import dataclass
-from functools import cached_property
 from types import ModuleType
 
 import csstsim.layers
@@ -34,6 +33,7 @@ from csstsim.simulation.exposure import Losses
 from csstsim.simulation.observation import load_observation
 
 STAGES = ("render", "readout", "level0")
+BEFORE = ("truth", "psf", "select")  # stages of the workflow that run no layers
 
 
 def known_layers():
@@ -176,12 +176,29 @@ class SimSteps:
     @property
     def _own(self):
         """The modules of the user's own layers."""
-        return [s.module for s in self.steps if not s.module.__name__.startswith(f"{csstsim.layers.__name__}.")]
+        return _own(self.steps)
 
-    @cached_property
-    def digest(self):
-        """16 hex digits of the layers, their parameters and the files of the user's own: other ones, other pixels."""
-        return digest([self.describe(), *map(module_digest, self._own)])
+    def has_own(self, stage):
+        """Whether layers up to a stage are the user's: they may read any number of the camera."""
+        return bool(_own(self._up_to(stage)))
+
+    def _up_to(self, stage):
+        """Return the steps of a stage and those before it; all of them for a stage after the last."""
+        stages = STAGES[: STAGES.index(stage) + 1] if stage in STAGES else () if stage in BEFORE else STAGES
+        return [step for step in self.steps if step.module.STAGE in stages]
+
+    def digest(self, stage):
+        """Return 16 hex digits of what a stage and those before it take from the list; another, other pixels.
+
+        These are layers, their parameters, the files of the user's own, and what is resolved for all: distortion, from
+        render on losses, and whether there is a mask, which at render only a layer of the user's may see.
+        """
+        steps = self._up_to(stage)
+        own = _own(steps)
+        found = [[step.describe() for step in steps], *map(module_digest, own), self.field_dist]
+        if stage not in BEFORE:
+            found += [self.losses, self.mask if own or stage != "render" else None]
+        return digest(found)
 
     def describe(self):
         """Return the list of {keyword: parameters}."""
@@ -207,6 +224,11 @@ class SimSteps:
             timing = [step.name, time.perf_counter() - wall, time.process_time() - cpu]
             state.header.setdefault("timing", []).append(timing)
         return state
+
+
+def _own(steps):
+    """Return the modules of the user's own layers."""
+    return [step.module for step in steps if not step.module.__name__.startswith(f"{csstsim.layers.__name__}.")]
 
 
 def load_layer(keyword, file=None):

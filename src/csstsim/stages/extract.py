@@ -25,7 +25,7 @@ def extract(run, job):
     path = run.paths.spectra(*job.key)
     with atomic_path(path.with_suffix(".png")) as temporary:
         temporary.write_bytes(spectra_figure(truth, frame, orders, table))
-    table.write(path, table.meta | {"recipe": run.measure_recipe(job)})
+    table.write(path, table.meta | {"recipe": run.recipe(job, "measure")})
     print(f"{table.meta['spectra']} spectra of S/N {table.meta['snr_min']:g} and more in a resolution element")
 
 

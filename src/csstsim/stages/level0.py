@@ -17,11 +17,11 @@ def level0(run, job):
     if run.has_stage(job.pointing, "render"):
         path = run.paths.stage(*job.key, "drawn.parquet")
         state.truth = ObjectTable.read(path)
-        check_recipe(path, state.truth.meta, run.recipe(job))
+        check_recipe(path, state.truth.meta, run.recipe(job, "render"))
     if run.has_orders(job):
         path = run.paths.stage(*job.key, "orders.parquet")
         state.orders = ObjectTable.read(path)
-        check_recipe(path, state.orders.meta, run.recipe(job))
+        check_recipe(path, state.orders.meta, run.recipe(job, "render"))
     write_products(run, job, *digitised(run, job, state, timer))
 
 

@@ -18,7 +18,7 @@ def measure(run, job):
         filter=run.camera.filters[job.chip.filter], telescope=run.camera.telescope, pointing=job.pointing,
         window=job.window,
     )  # fmt: skip
-    table.write(run.paths.measure(*job.key), table.meta | {"recipe": run.measure_recipe(job)})
+    table.write(run.paths.measure(*job.key), table.meta | {"recipe": run.recipe(job, "measure")})
     print(f"{len(table)} sources, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")
 
 
@@ -28,5 +28,5 @@ def measured_table(run, job, columns=None):
 
     path = made(run.paths.measure(*job.key), f"measure {run.file} {job.options}")
     table = ObjectTable.read(path, columns)
-    check_recipe(path, table.meta, run.measure_recipe(job))
+    check_recipe(path, table.meta, run.recipe(job, "measure"))
     return table

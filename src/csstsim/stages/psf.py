@@ -15,7 +15,11 @@ def psf(run, chip_id):
     from csstsim.optics.scatter.scattered_light import scattered_light
 
     chip, camera, config = run.camera.chips[chip_id], run.camera, run.config.psf
-    path, filter_, digests = run.paths.psf(chip_id), camera.filters[chip.filter], {"camera_digest": camera.digest}
+    path, filter_, digests = (
+        run.paths.psf(chip_id),
+        camera.filters[chip.filter],
+        {"camera_digest": camera.digest_for("psf")},
+    )
     if config.library:
         convert(config.library, path, chip, filter_, sample=config.library_sample, **digests)
     else:
@@ -31,7 +35,7 @@ def psf_tables(run, chip):
     """Make the tables photons are drawn from, of a PSF set that is there."""
     from csstsim.render.psf_table import write_tables
 
-    write_tables(run.paths.psf_tables(chip.id), open_psf(run, chip))
+    write_tables(run.paths.psf_tables(chip.id), _open(run, chip))
 
 
 def _nodes_uv(camera, chip, grid):
@@ -53,6 +57,11 @@ def missing_psf(run, chip, say):
 
 def open_psf(run, chip):
     """Return the checked PsfSet of a chip, with the campaign's interpolation."""
+    config = run.config.psf
+    return _open(run, chip, method=config.interpolation, beta=config.beta, neighbours=config.neighbours)
+
+
+def _open(run, chip, **interpolation):
     from csstsim.optics.psf.psf_file import PsfSet
     from csstsim.optics.psf.sampling import oversampling_of
 
@@ -60,8 +69,8 @@ def open_psf(run, chip):
     if not config.library:
         own = {"grid": config.grid, "oversampling": oversampling_of(chip.filter, run.camera.psf, config.oversampling)}
     psf = PsfSet(
-        run.paths.psf(chip.id), chip=chip.id, filter=chip.filter, camera_digest=run.camera.digest,
-        method=config.interpolation, beta=config.beta, neighbours=config.neighbours, **own,
+        run.paths.psf(chip.id), chip=chip.id, filter=chip.filter, camera_digest=run.camera.digest_for("psf"),
+        **interpolation, **own,
     )  # fmt: skip
     check_release(psf.path, psf.attributes["version"])
     return psf

@@ -40,5 +40,5 @@ def save_cosmic_rays(run, job, state):
         return
     (pixel, electrons), plane = state.cosmic_rays, np.zeros(job.window.shape, np.int32)
     plane.reshape(-1)[pixel] = electrons
-    save_frame(path, {"cosmic": plane}, {"recipe": run.recipe(job), "unit": "electron"})
+    save_frame(path, {"cosmic": plane}, {"recipe": run.recipe(job, "readout"), "unit": "electron"})
     state.cosmic_rays = None

@@ -18,15 +18,22 @@ def render(run, job):
     if job.pointing.type == "SCIE":
         path = run.paths.stage(*job.key, "select.parquet")
         objects = ObjectTable.read(path)
-        check_recipe(path, objects.meta, run.recipe(job))
+        check_recipe(path, objects.meta, run.recipe(job, "select"))
     state = rendered(run, job, objects)
-    planes = {"image": state.image, "counted": state.counted, "mask": state.mask}
+    planes = {"image": state.image, "counted": state.counted, "mask": _marked(state.mask)}
     state.header["stages"] = [*(objects.meta["stages"] if objects is not None else []), timer.entry()]
     drawn = state.truth if state.truth is not None else ObjectTable.complete({})
-    drawn.write(run.paths.stage(*job.key, "drawn.parquet"), drawn.meta | {"recipe": run.recipe(job)})
+    recipe = {"recipe": run.recipe(job, "render")}
+    drawn.write(run.paths.stage(*job.key, "drawn.parquet"), drawn.meta | recipe)
     if state.orders is not None:
-        state.orders.write(run.paths.stage(*job.key, "orders.parquet"), {"recipe": run.recipe(job)})
-    save_frame(run.paths.stage(*job.key, "render.fits"), planes, frame_meta(run, job, state))
+        state.orders.write(run.paths.stage(*job.key, "orders.parquet"), recipe)
+    path = run.paths.stage(*job.key, "render.fits")
+    save_frame(path, planes, frame_meta(run, job, state), sparse=("counted",))
+
+
+def _marked(mask):
+    """Return a truth mask with a bit set, else None: whether there is one is the detector's, not of the light."""
+    return mask if mask is not None and mask.any() else None
 
 
 def rendered(run, job, objects):

@@ -36,7 +36,7 @@ def report(run):
     verdict, budget = verdicts.judge(results), Budget(EMBEDDED)
     worst_first = sorted(results, key=lambda result: -verdicts.count(result["gates"])["fail"])
     pngs = {result["brick"]: run.paths.validate(result["brick"]).with_suffix(".png") for result in worst_first}
-    science = [job for job in run.jobs if job.pointing.type == "SCIE"]
+    science = run.science_jobs
     write_report(
         page, _summary(run), results,
         exposures=_exposures(run),
@@ -59,7 +59,7 @@ def report(run):
     verdicts.write_verdict(page.with_name("verdict.json"), verdict, campaign=run.config.name, csstsim=__version__)
     if merged:
         write_catalogue(run.paths.merge_catalogue, run.config.name, merged)
-    sky = {pix: run.paths.truth(pix) for job in science for pix in run.truth_bricks(job)} if run.embedded else {}
+    sky = {pix: run.paths.truth(pix) for pix in run.sky_bricks}
     if sky and all(path.is_file() for path in sky.values()):  # they may be removed when the campaign is done
         write_catalogue(run.paths.truth_catalogue, f"{run.config.name} truth", sky)
     print("\n".join([*verdicts.lines(verdict), str(page)]))
@@ -101,6 +101,8 @@ def _validation(run, pix):
     path = made(run.paths.validate(pix), f"validate {run.file} --brick {pix}")
     result, limits = read_result(path), run.config.validation.model_dump(mode="json")
     check_recipe(path, result, run.brick_recipe(pix))
+    if result.get("camera") != run.recipes.validation["camera"]:
+        raise InputError("judged by other limits of the camera; validate the brick again", file=path, key="camera")
     if result["limits"] != limits:
         raise InputError(
             "judged by other thresholds; validate the brick again", file=path, key="limits", value=result["limits"],
@@ -136,7 +138,7 @@ def _spectra(run, job, budget):
 
     path = run.paths.spectra(*job.key)
     meta, figure = ObjectTable.read(path).meta, path.with_suffix(".png")
-    check_recipe(path, meta, run.measure_recipe(job))
+    check_recipe(path, meta, run.recipe(job, "measure"))
     title = (
         f"exposure {job.pointing.obsid}, chip {job.chip.id} ({job.chip.filter}): {meta['spectra']} spectra extracted"
     )

@@ -13,7 +13,8 @@ def select(run, job):
     timer = Timer("select")
     table = selected(run, job)
     table.write(
-        run.paths.stage(*job.key, "select.parquet"), table.meta | {"recipe": run.recipe(job), "stages": [timer.entry()]}
+        run.paths.stage(*job.key, "select.parquet"),
+        table.meta | {"recipe": run.recipe(job, "select"), "stages": [timer.entry()]},
     )
     say_selected(table, print)
 

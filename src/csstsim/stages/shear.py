@@ -76,7 +76,7 @@ def _twins(runs):
 def _but_shapes(run):
     """Return what twins share: all that decides their pixels and measurements but `catalog.shapes`."""
     config = run.config.model_copy(update={"catalog": run.config.catalog.model_copy(update={"shapes": "normal"})})
-    recipes = [run.measure_recipe(job) | {"campaign": config.digest()} for job in run.imaging_jobs]
+    recipes = [run.recipe(job, "measure") | {"campaign": config.digest()} for job in run.imaging_jobs]
     return run.universe.digest if run.embedded else None, run.rendering, recipes
 
 

@@ -26,10 +26,12 @@ def state_before(run, job, stage):
     if run.has_stage(job.pointing, stage):
         path = run.paths.stage(*job.key, f"{stage}.fits")
         planes, meta = load_frame(path, {"stage": stage})
-        check_recipe(path, meta, run.recipe(job))
+        check_recipe(path, meta, run.recipe(job, stage))
         if "image" not in planes or not {"unit", "header"} <= meta.keys():
             raise InputError("damaged: a frame has the plane image, and unit and header in its record", file=path)
-        state.image, state.counted, state.mask = planes["image"], planes.get("counted"), planes.get("mask", state.mask)
+        state.image, state.counted = planes["image"], planes.get("counted")
+        if state.mask is not None:
+            state.mask = planes.get("mask", state.mask)
         state.unit, state.header = meta["unit"], meta["header"]
     return state
 
@@ -37,7 +39,7 @@ def state_before(run, job, stage):
 def frame_meta(run, job, state):
     """Return the record of a frame that one stage hands to the next."""
     stage = state.header["stages"][-1][0]
-    frame = {"recipe": run.recipe(job), "stage": stage, "unit": state.unit, "header": state.header}
+    frame = {"recipe": run.recipe(job, stage), "stage": stage, "unit": state.unit, "header": state.header}
     return frame | {"exposure": _exposure(run, job)}
 
 
@@ -47,6 +49,6 @@ def _exposure(run, job):
     return job.wcs.header() | {
         "OBSID": pointing.obsid, "FILETYPE": pointing.type, "DETECTOR": f"{job.chip.id:02d}", "FILTER": job.chip.filter,
         "EXPTIME": pointing.exptime, "RA_OBJ": pointing.ra, "DEC_OBJ": pointing.dec, "POS_ANG0": pointing.pa,
-        "POSKIND": "APPARENT", "FLDDIST": job.wcs.distortion is not None, "CAMHASH": run.camera.digest,
+        "POSKIND": "APPARENT", "FLDDIST": job.wcs.distortion is not None, "CAMHASH": run.recipe(job)["camera"],
         "READX0": window.x0 + 1, "READX1": window.x1, "READY0": window.y0 + 1, "READY1": window.y1,
     }  # fmt: skip

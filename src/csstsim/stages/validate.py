@@ -39,6 +39,7 @@ def validate(run, pix):
     result |= {
         "csstsim": __version__,
         "recipe": run.brick_recipe(pix),
+        "camera": run.recipes.validation["camera"],
         "limits": run.config.validation.model_dump(mode="json"),
     }
     path, limits = run.paths.validate(pix), run.config.validation

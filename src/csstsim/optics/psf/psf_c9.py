@@ -28,7 +28,7 @@ from csstsim.optics.psf.chip_errors import chip_position
 from csstsim.optics.psf.diffraction import windowed_centroid
 from csstsim.optics.psf.psf_file import WAVELENGTHS, intact, pixel_response, write_psf
 from csstsim.optics.psf.psf_set import WINDOW_PX
-from csstsim.optics.psf.sampling import LIBRARY_PX
+from csstsim.optics.psf.sampling import LIBRARY_PX, psf_cube
 
 SAMPLES = ("cell_integral", "point")
 _OVERSAMPLING = {samples: samples // LIBRARY_PX for samples in (256, 512)}
@@ -42,7 +42,7 @@ def convert(folder, path, chip, filter, *, sample, camera_digest):
 
     `sample` says what psfMat holds (`SAMPLES`). Raises InputError for a missing, damaged or foreign file.
     """
-    source = folder / f"psfCube_{chip.id}.h5"
+    source = psf_cube(folder, chip.id)
     with intact(source), source.open("rb") as content:
         checksum = hashlib.file_digest(content, "sha256").hexdigest()
     with intact(source), h5py.File(source, "r") as file:

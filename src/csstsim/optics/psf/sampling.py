@@ -17,3 +17,8 @@ def oversampling_of(filter, psf_params, asked="auto"):
     if isinstance(value, bool) or value not in OVERSAMPLING:
         raise InputError("bad sampling", file="psf.yaml", key=f"oversampling.{filter}", value=value, allowed="2, 4")
     return value
+
+
+def psf_cube(folder, chip_id):
+    """Return the file of a chip in an external library."""
+    return folder / f"psfCube_{chip_id}.h5"

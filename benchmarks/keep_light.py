@@ -1,0 +1,109 @@
+"""What another detector costs where the light of a chip was kept: rules that run again, CPU seconds, and the same bits.
+
+    python benchmarks/keep_light.py [--runs 5]
+
+The campaign of config/full_chip.yaml with `keep: light` is made once (five minutes). Then a parameter of the readout
+is changed. Printed: what Snakemake would run, what it runs, the CPU seconds of `csstsim readout` and `csstsim level0`
+with the start of each process (median of runs), and what `csstsim compare` says of a chip made from nothing. Exit
+code 1 if render is among the rules, if readout and level0 take more than MOST, or if a bit differs.
+"""
+
+import argparse
+import os
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+from pathlib import Path
+
+import yaml
+
+from csstsim.campaign.opened import OpenCampaign
+
+ROOT = Path(__file__).parents[1]
+FOLDER = ROOT / "results" / "keep_light"
+JOB = "--obsid", "10100000004", "--chip", "9"
+BEFORE, AFTER = 0.02, 0.03  # density of traps; the shipped one first
+MOST = 6.0  # CPU s a chip
+AGAIN = {"readout", "level0", "measure", "merge", "validate", "report"}
+
+
+def run(*line):
+    """Return (user and system seconds, what it said) of a command of this environment."""
+    folder = Path(sys.executable).parent
+    environment = os.environ | {"PATH": f"{folder}{os.pathsep}{os.environ['PATH']}"}
+    process = subprocess.Popen(
+        [str(folder / line[0]), *map(str, line[1:])], cwd=ROOT, env=environment, text=True, stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )  # fmt: skip
+    said = process.stdout.read()
+    _, status, used = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    if process.returncode:
+        sys.exit(f"{line}: exit code {process.returncode}\n{said[-2000:]}")
+    return used.ru_utime + used.ru_stime, said
+
+
+def campaign(name, **changes):
+    """Write a campaign of the name `name` with an output of its own; return its file."""
+    content = yaml.safe_load((ROOT / "config/full_chip.yaml").read_text())
+    content |= {"name": "keep_light", "output": str(FOLDER / name)} | changes
+    content["observations"] = {"SCIE": str(FOLDER / "science.yaml")}
+    file = FOLDER / f"{name}.yaml"
+    file.write_text(yaml.safe_dump(content, sort_keys=False))
+    return file
+
+
+def observe(density_scale):
+    """Write the layers of config/observations/science.yaml with another density of traps, which the readout reads."""
+    content = yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())
+    step = next(entry for entry in content["layers"] if "CTE_effect" in entry)
+    step["CTE_effect"] = (step["CTE_effect"] or {}) | {"density_scale": density_scale}
+    (FOLDER / "science.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
+
+
+def snakemake(file, *more):
+    """Return the rules that Snakemake runs, or would."""
+    _, said = run("snakemake", "--profile", "profiles/default", *more, "--config", f"campaign={file}")
+    return set(re.findall(r"^(\w+) +\d+$", said, re.MULTILINE)) - {"all", "total"}
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--runs", type=int, default=5)
+    runs = parser.parse_args().runs
+    FOLDER.mkdir(parents=True, exist_ok=True)
+    observe(BEFORE)
+    kept, fresh = campaign("kept", keep="light"), campaign("fresh")
+    snakemake(kept)
+    place = OpenCampaign(kept).paths.chips / "10100000004_09"
+    size = sum(path.stat().st_size for path in place.iterdir())
+    print(f"kept of a chip: {size / 1e9:.2f} GB ({', '.join(sorted(path.name for path in place.iterdir()))})")
+
+    observe(AFTER)
+    again = snakemake(kept, "--dry-run")
+    print(f"a changed parameter of CTE_effect runs again: {', '.join(sorted(again))}")
+    snakemake(kept, "--until", "level0")
+    cpu = {
+        stage: statistics.median(run("csstsim", stage, kept, *JOB)[0] for _ in range(runs))
+        for stage in ("readout", "level0")
+    }
+    (place / "readout.fits").unlink()
+    total = sum(cpu.values())
+    print(f"readout {cpu['readout']:.1f} + level0 {cpu['level0']:.1f} = {total:.1f} CPU s, most {MOST}")
+
+    shutil.rmtree(FOLDER / "fresh", ignore_errors=True)
+    for name in ("truth", "psf"):  # their recipes have no detector
+        shutil.copytree(FOLDER / "kept" / name, FOLDER / "fresh" / name)
+    whole, _ = run("csstsim", "chip", fresh, *JOB)
+    print(f"the chip from nothing: {whole:.1f} CPU s")
+    files = sorted(path for path in (FOLDER / "kept" / "level0").rglob("*") if path.is_file())
+    for path in files:
+        other = FOLDER / "fresh" / path.relative_to(FOLDER / "kept")
+        print(run("csstsim", "compare", path, other)[1].strip())  # ends here if a bit differs
+    return again != AGAIN or total > MOST
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,102 @@
+"""What a campaign makes: a row for each kind of product, with the rules that make it and the files of each place.
+
+The workflow's targets and inputs, `csstsim status` and what is said when all is made come from here; io.paths knows
+where a file lies, campaign.costs what a rule takes.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+from csstsim.bricks.hats import ABOUT
+from csstsim.campaign.costs import STAGES
+from csstsim.io.paths import LIGHT
+
+
+@dataclass(frozen=True)
+class Kind:
+    """Products of one kind."""
+
+    name: str
+    rules: tuple[str, ...]  # the last one writes the product; those before it work for it alone
+    look_up: Callable  # () -> what there is one of it for: jobs, chips' numbers, bricks, or None for the campaign
+    of: Callable  # place -> its files, a list: the product first, then what the rule writes beside it
+    target: bool = True  # made again if it is missing from a finished campaign, and not only if a job needs it
+    end: str = ""  # said when the workflow is done, with {n} for how many
+
+    @property
+    def places(self):
+        """What there is one of it for; looked up when asked, for a job of a survey need not know all bricks of it."""
+        return self.look_up()
+
+    def files(self, places=None):
+        """Return the files of some places, or of all, as strings."""
+        return [str(path) for place in (self.places if places is None else places) for path in self.of(place)]
+
+
+def kinds(run):
+    """Return {rule: Kind} of an opened.OpenCampaign, in the order of the workflow; a kind may have no places.
+
+    Truth bricks and PSF sets are no targets: a new one is newer than all chips, which would be made again with it.
+    """
+    paths, config = run.paths, run.config
+    kept = [job for job in run.jobs if config.keep == "light" and run.has_stage(job.pointing, "render")]
+    calibrated = run.imaging_jobs if config.measurement.keep_calibrated else ()
+    page = [None] if run.science_jobs else []
+    truth = " with their truth" if run.science_jobs else ""
+    table = (
+        Kind("truth bricks", ("truth",), lambda: run.sky_bricks, lambda pix: [paths.truth(pix)], target=False),
+        Kind("PSF sets", ("psf",), lambda: run.sky_chips, lambda c: [paths.psf(c), paths.psf_tables(c)], target=False),
+        Kind("light of chips", STAGES[:2], lambda: kept, partial(_light, run), end="light of {n} chips in chips/"),
+        Kind(
+            "Level-0 files", STAGES[2:] if kept else STAGES, lambda: run.jobs, partial(_level0, run),
+            end=f"{{n}} Level-0 files{truth} in level0/",
+        ),
+        Kind(
+            "masters", ("masters",), lambda: run.calibration_jobs, lambda c: [paths.masters(c)],
+            end="masters of {n} chips in masters/",
+        ),
+        Kind(
+            "calibrated images", ("calibrate",), lambda: calibrated, lambda job: [paths.calibrated(*job.key)],
+            end="calibrated images of {n} chips in calibrated/",
+        ),
+        Kind("measured tables", ("measure",), lambda: run.imaging_jobs, lambda job: [paths.measure(*job.key)]),
+        Kind(
+            "spectra", ("extract",), lambda: run.slitless_jobs, lambda job: _drawn(paths.spectra(*job.key)),
+            end="spectra of {n} chips in spectra/",
+        ),
+        Kind(
+            "merged bricks", ("merge",), lambda: run.merge_bricks, lambda pix: [paths.merge(pix)],
+            end="merged catalogues of {n} bricks in merge/",
+        ),
+        Kind("validated bricks", ("validate",), lambda: run.merge_bricks, lambda pix: _drawn(paths.validate(pix))),
+        Kind("report", ("report",), lambda: page, lambda _: _report(run), end="the report: report/index.html"),
+    )  # fmt: skip
+    return {kind.rules[-1]: kind for kind in table}
+
+
+def _light(run, job):
+    return [run.paths.stage(*job.key, name) for name in (LIGHT if run.has_orders(job) else LIGHT[:-1])]
+
+
+def _level0(run, job):
+    place, paths = (job.pointing, job.chip.id), run.paths
+    orders = [paths.level0_orders(*place)] if run.has_orders(job) else []
+    return [paths.level0(*place), paths.level0_truth(*place), *orders]
+
+
+def _drawn(path):
+    """Return a product and its figure."""
+    return [path, path.with_suffix(".png")]
+
+
+def _report(run):
+    page = run.paths.report
+    catalogue = [run.paths.merge_catalogue / name for name in ABOUT] if run.merge_bricks else []
+    return [page, page.with_name("verdict.json"), *catalogue]
+
+
+def summary(run, made):
+    """Return what the campaign made and where to look, in lines. made: what `kinds` returned."""
+    said = [kind.end.format(n=len(kind.places)) for kind in made.values() if kind.end and kind.places]
+    return "\n".join([f"\n{run.config.name}, in {run.paths.output}:", *(f"  {line}" for line in said)])

@@ -1,0 +1,95 @@
+"""What decides each product of a campaign: digests of what its stage, and all stages before it, read.
+
+Each product records its recipe, and a stage refuses an input of another. Snakemake runs a job again whose recipe has
+changed. So a key or a number belongs into the recipe of the stage that reads it first, and into no earlier one.
+"""
+
+from functools import cached_property
+
+from csstsim.base.digest import digest
+from csstsim.base.release import release
+from csstsim.base.stages import behind, flat, read_by
+from csstsim.catalog.open import own_digests
+
+# What reads a key of the campaign file first (base.stages.read_by). Of files and folders the content counts, under
+# other names: exposures, layers, camera, `sky`
+READERS = {
+    "schema_version": (),
+    "name": (),
+    "output": (),
+    "survey_table": (),
+    "observations*": (),
+    "instrument": (),
+    "universe": (),
+    "select.*": (),
+    "window*": (),  # the job's, in `exposure`
+    "keep": (),
+    "seed": ("truth", "select"),
+    "catalog.lensing.*": ("truth",),
+    "catalog.*": ("select",),
+    "astrometry.*": ("select",),
+    "psf.oversampling": ("psf", "select"),
+    "psf.library": ("psf", "select"),
+    "psf.interpolation": ("render",),
+    "psf.beta": ("render",),
+    "psf.neighbours": ("render",),
+    "psf.*": ("psf",),
+    "fidelity": ("render",),
+    "rendering.*": ("render",),
+    "measurement.*": (),  # apart, in `measurement`
+    "validation.*": ("validate",),
+    "sky": ("truth", "select"),
+}
+
+
+class Recipes:
+    """The recipes of a campaign.opened.OpenCampaign."""
+
+    def __init__(self, run):
+        self._run, self._known = run, {}
+
+    def of_job(self, job, stage):
+        """Return {name: digest} of what decides a stage's product: select, render, readout, level0 or measure."""
+        kind = job.pointing.type
+        if (kind, stage) not in self._known:
+            self._known[kind, stage] = self._of_kind(kind, stage)
+        own = {"csstsim": release(), "exposure": digest([str(job.pointing), str(job.window), job.chip.id])}
+        return self._known[kind, stage] | own
+
+    def _of_kind(self, kind, stage):
+        steps = self._run.steps[kind]
+        own = ("readout", "level0") if steps.has_own(stage) else ()  # a layer of the user's sees the whole camera
+        apart = {"measurement": digest(self._run.measurement)} if stage == "measure" else {}
+        return {
+            "campaign": self._campaign(stage),
+            "camera": self._run.camera.digest_for(stage, *own),
+            "layers": steps.digest(stage),
+        } | apart
+
+    def _campaign(self, stage):
+        return digest(read_by(behind(stage), self._keys, READERS))
+
+    @cached_property
+    def _keys(self):
+        """{dotted key: value} of the campaign file and of config/render.yaml, and digests of what the sky is of."""
+        config = self._run.config
+        sky = self._run.universe.digest if self._run.embedded else own_digests(config.catalog)
+        return flat(config.model_dump(mode="json") | {"rendering": self._run.rendering.model_dump(), "sky": sky})
+
+    @property
+    def truth(self):
+        """What the embedded bricks are made for; None for a catalogue of the user's."""
+        return self._of_shared("truth") if self._run.embedded else None
+
+    @property
+    def psf(self):
+        """What the PSF sets are made for."""
+        return self._of_shared("psf")
+
+    @property
+    def validation(self):
+        """What decides a verdict beside the merged brick and the truth: limits of gates, and of the camera."""
+        return self._of_shared("validate")
+
+    def _of_shared(self, stage):
+        return {"csstsim": release(), "campaign": self._campaign(stage), "camera": self._run.camera.digest_for(stage)}

@@ -1,0 +1,59 @@
+"""The numbers of a camera by the stages that read them: another gain needs no other light.
+
+A part is a number of the files BY_NUMBER, as `detector.gain`, or any other data file as a whole, as `cti.yaml`.
+"""
+
+from csstsim.base.digest import file_digest
+from csstsim.base.stages import flat
+from csstsim.instrument.load import data_files, read_data, read_sections
+
+BY_NUMBER = {"detector.yaml": read_sections, "filters.yaml": read_data, "telescope.yaml": read_data}
+# What reads a part first (base.stages.read_by): not only select, psf and truth
+READERS = {
+    "detector.nx": ("psf", "select"),
+    "detector.ny": ("psf", "select"),
+    "detector.pixel_um": ("psf", "select"),
+    "detector.dark": ("select",),  # as noise, which decides how objects are drawn
+    "detector.read_noise": ("select",),
+    "detector.full_well": ("render",),  # which objects saturate
+    "detector.prnu": ("render",),
+    "detector.channel*": ("readout",),
+    "detector.*scan": ("readout",),
+    "detector.gain*": ("readout",),
+    "detector.bias*": ("readout",),
+    "detector.bloom_row_share": ("readout",),
+    "detector.nonlinearity*": ("readout",),
+    "detector.readout_time": ("readout",),  # rays fall meanwhile
+    "detector.adc_max": ("level0",),
+    "detector.temperature": ("level0",),
+    "brighter_fatter.yaml": ("readout",),
+    "cosmic_rays.yaml": ("readout",),
+    "cti.yaml": ("readout",),
+    "defects.yaml": ("readout",),
+    "level0_keywords.yaml": ("level0",),
+    "chips.yaml": ("psf", "select"),
+    "distortion.fits": ("select",),
+    "distortion.yaml": ("psf",),
+    "filters.*.limiting_mag": ("validate",),
+    "filters.*.saturation_mag": ("validate",),
+    "filters.*.sky": ("select",),
+    "ghosts.yaml": ("psf", "select"),
+    "gratings*": ("select",),
+    "leds.yaml": ("render",),
+    "psf.yaml": ("psf", "select"),
+    "scatter.yaml": ("psf", "select"),
+    "sky.yaml": ("render",),
+    "telescope.orbit.*": ("select",),
+    "telescope.telescope.diameter_m": ("truth", "psf", "select"),
+    "telescope.telescope.shutter_*": ("render",),
+    "telescope.telescope.*": ("psf", "select"),
+}
+
+
+def camera_parts(folder):
+    """Return {part: its value, or the digest of its file} of an instrument folder."""
+    parts = {}
+    for name, path in data_files(folder).items():
+        read = BY_NUMBER.get(name)
+        parts |= flat({path.stem: read(path)}) if read else {name: file_digest(path)}
+    return parts
