@@ -21,6 +21,7 @@ from csstsim.instrument.telescope import Telescope
 from csstsim.instrument.traps import load_traps
 
 KINDS = ("imaging", "slitless")
+CHIPS_MAX = 99  # two digits in the names of files
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +41,11 @@ class Camera:
     leds: dict[str, Any]  # leds.yaml; empty without the file
     folder: Path
     digest: str
+
+    @cached_property
+    def bands(self):
+        """{name in lower case, as in columns' names: Filter} of the imaging filters, in the order of filters.yaml."""
+        return {name.lower(): filter_ for name, filter_ in self.filters.items() if filter_.kind == "imaging"}
 
     @property
     def imaging_chips(self):
@@ -170,8 +176,8 @@ def _chips(path, filters, detector, telescope):
         if not isinstance(name, str) or name not in filters:
             raise InputError("unknown filter", file=path, key=f"{key}.filter", value=name, allowed=", ".join(filters))
         chip = build(Chip, row, path, key, kind=filters[name].kind, detector=detector, telescope=telescope)
-        if chip.id in chips or not 1 <= chip.id <= 30:
-            raise InputError("chip ids are distinct, 1..30", file=path, key=f"{key}.id", value=chip.id)
+        if chip.id in chips or not 1 <= chip.id <= CHIPS_MAX:
+            raise InputError(f"chip ids are distinct, 1..{CHIPS_MAX}", file=path, key=f"{key}.id", value=chip.id)
         chips[chip.id] = chip
     return dict(sorted(chips.items()))
 

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from csstsim.optics.geometry.wcs import mosaic_cd
-from csstsim.report.figures import BAND_COLOURS, band_label
 from csstsim.report.markup import data_url, text
+from csstsim.report.style import BLACK, GREY
 from csstsim.report.thumbnail import MOST, binned, busiest, png, step_for, stretch
 
-COLOURS = BAND_COLOURS | {"y": "#FFFFFF"}  # the figures' black would not show on black
-GRATING = "#888888"
+BRIGHTER = {BLACK: "#FFFFFF", GREY: "#888888"}  # than in the figures: they would not show on black
 BUTTONS = (
     ("in", "+", "zoom in (key +)"),
     ("out", "\u2212", "zoom out (key -)"),
@@ -67,15 +66,19 @@ def take_exposure(title, pa, files, most=MOST):
     return Exposure(title, pa, tuple(pictures), detail)
 
 
-def mosaic(chips, exposures):
-    """Return the HTML of the viewer: `chips` are all of the camera, `exposures` at least one Exposure."""
+def mosaic(chips, exposures, looks):
+    """Return the HTML of the viewer.
+
+    `chips` are all of the camera, `exposures` at least one Exposure, `looks` report.style.looks of its filters.
+    """
+    colours = {chip.id: BRIGHTER.get(c := looks[chip.filter.lower()].colour, c) for chip in chips}
     corners = np.concatenate([_corners(chip, chip.full_window) for chip in chips])
     (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
     edge = 0.01 * (x1 - x0)
     box = (x0 - edge, y0 - edge, x1 - x0 + 2 * edge, y1 - y0 + 2 * edge)
-    outlines = "".join(_outline(chip, chip.full_window, "idle") for chip in chips)
+    outlines = "".join(_outline(chip, chip.full_window, "idle", colours) for chip in chips)
     names = "".join(_chip_label(chip) for chip in chips)
-    groups = "".join(_group(exposure, number) for number, exposure in enumerate(exposures))
+    groups = "".join(_group(exposure, number, colours) for number, exposure in enumerate(exposures))
     options = "".join(f'<option value="{n}">{text(e.title)}</option>' for n, e in enumerate(exposures))
     choose = f'<label>exposure <select name="exposure">{options}</select></label>' if len(exposures) > 1 else ""
     buttons = "".join(
@@ -93,16 +96,16 @@ def mosaic(chips, exposures):
     )
 
 
-def _group(exposure, number):
+def _group(exposure, number, colours):
     boxes = np.concatenate([_corners(p.chip, p.window) for p in exposure.pictures])
     detail = exposure.detail
     data = f'data-box="{_box(boxes)}"'
     if detail:
         data += f' data-detail="{_box(_corners(detail.chip, detail.window))}"'
     shown = "".join(_picture(picture) for picture in (*exposure.pictures, *([detail] if detail else [])))
-    frames = "".join(_outline(p.chip, p.chip.full_window, "chip") for p in exposure.pictures)
-    frames += "".join(_outline(p.chip, p.window, "window") + _window_label(p) for p in exposure.pictures)
-    frames += _outline(detail.chip, detail.window, "cutout") if detail else ""
+    frames = "".join(_outline(p.chip, p.chip.full_window, "chip", colours) for p in exposure.pictures)
+    frames += "".join(_outline(p.chip, p.window, "window", colours) + _window_label(p) for p in exposure.pictures)
+    frames += _outline(detail.chip, detail.window, "cutout", colours) if detail else ""
     return f'<g class="exposure" data-number="{number}"{_hidden(number)} {data}>{shown}{frames}</g>'
 
 
@@ -120,13 +123,10 @@ def _picture(picture):
     )
 
 
-def _outline(chip, window, style):
+def _outline(chip, window, style, colours):
     x, y = _place(chip, window.x0, window.y1)
-    colour = COLOURS.get(chip.filter.lower(), GRATING)
-    return (
-        f'<rect class="{style}" x="{x:g}" y="{y:g}" width="{window.nx}" height="{window.ny}" stroke="{colour}"'
-        f"{_turn(chip)}/>"
-    )
+    box = f'x="{x:g}" y="{y:g}" width="{window.nx}" height="{window.ny}"'
+    return f'<rect class="{style}" {box} stroke="{colours[chip.id]}"{_turn(chip)}/>'
 
 
 def _chip_label(chip):
@@ -143,7 +143,7 @@ def _window_label(picture):
 
 
 def _label(chip, x, y, size):
-    name = f"{chip.label} {band_label(chip.filter)}"
+    name = f"{chip.label} {chip.filter}"
     return f'<text x="{x + 0.25 * size:g}" y="{y + 1.1 * size:g}" font-size="{size:g}"{_turn(chip)}>{text(name)}</text>'
 
 

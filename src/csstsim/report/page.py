@@ -5,7 +5,6 @@ from importlib.resources import files as package_files
 from csstsim.bricks import verdict as verdicts
 from csstsim.bricks.gates import FEW
 from csstsim.report.band_table import band_numbers, band_table
-from csstsim.report.figures import band_label
 from csstsim.report.markup import (
     Link,
     Verdict,
@@ -29,7 +28,7 @@ GATE = {"name": "gate", "band": "band", "value": "value", "threshold": "threshol
 
 def write_report(
     path, summary, results, *, exposures=(), files=(), figures=None, sky_map=None, mosaic="", spectra=(), links=None,
-    provenance=None, times=(),
+    provenance=None, times=(), labels=None,
 ):  # fmt: skip
     """Write the report to `path`; all text is escaped.
 
@@ -42,6 +41,7 @@ def write_report(
     spectra      list of (title, PNG bytes or None, *Links) of spectroscopic frames
     links        {brick: (Link, ...)}: its files
     provenance   {label: value}: version, hashes, seed
+    labels       {band: as the camera writes its name}
     times        list of mappings (step, jobs, wall s, CPU s, ...): one row each
     """
     from csstsim.base.files.atomic import atomic_path
@@ -49,14 +49,14 @@ def write_report(
     name = summary.get("name", "campaign")
     judged = verdicts.judge(results)
     results = sorted(results, key=lambda result: -_counts(result)["fail"])  # stable: then by number, as they came
-    links = links or {}
+    links, labels = links or {}, labels or {}
     sections = [
         ("summary", "Summary", pairs({key: value for key, value in summary.items() if key != "name"})),
         ("gates", "Gates", _gates(judged["gates"])),
         ("sky", "Sky", image(sky_map, "Windows by filter, the NSIDE-256 bricks they touch, and the pointings")),
         ("plane", "Focal plane", mosaic),
-        ("bricks", "Bricks", _brick_table(results, links)),
-        ("validation", "Validation by brick", _bricks(results, figures or {}, links)),
+        ("bricks", "Bricks", _brick_table(results, links, labels)),
+        ("validation", "Validation by brick", _bricks(results, figures or {}, links, labels)),
         ("spectra", "Spectra", _spectra(spectra)),
         ("exposures", "Exposures and Level-0 files", mappings(exposures, "exposures")),
         ("files", "Files", table(("file",), [(Link(*file),) for file in files], "files")),
@@ -114,7 +114,7 @@ def _counts(result):
     return verdicts.count(result["gates"])
 
 
-def _brick_table(results, links):
+def _brick_table(results, links, labels):
     """One row a brick, failing ones first."""
     bands = list(dict.fromkeys(band for result in results for band in result["bands"]))
     rows = []
@@ -128,18 +128,18 @@ def _brick_table(results, links):
             "true objects": result["truth"], "purity": result["purity"],
         }  # fmt: skip
         for band in bands:
-            row[band_label(band)] = result["bands"].get(band, {}).get("completeness")
+            row[labels.get(band, band)] = result["bands"].get(band, {}).get("completeness")
         rows.append(row | ({"files": links[pix]} if pix in links else {}))
     note = "A column headed by a band has the completeness of point sources in it." if rows else ""
     return paragraph(note) + mappings(rows, "bricks")
 
 
-def _bricks(results, figures, links):
+def _bricks(results, figures, links, labels):
     """A section a brick; of many, all but a few folded."""
     parts = []
     for place, result in enumerate(results):
         pix = result["brick"]
-        body = _brick(result, figures.get(pix), links.get(pix, ()))
+        body = _brick(result, figures.get(pix), links.get(pix, ()), labels)
         if place >= UNFOLDED:
             body = folded(verdicts.tally(_counts(result)), body)
         parts.append(section(f"brick-{pix}", f"Brick {pix}", body, level=3))
@@ -151,7 +151,7 @@ def _residual(numbers):
     return f"{numbers['median']:+.1f}{scatter}"
 
 
-def _brick(result, png, links):
+def _brick(result, png, links, labels):
     residual = result["astrometry_mas"]
     if residual["east"]["n"]:
         east, north = (_residual(residual[k]) for k in ("east", "north"))
@@ -162,9 +162,9 @@ def _brick(result, png, links):
     return (
         paragraph(f"{count} {place}")
         + paragraph(links)
-        + band_table(result)
+        + band_table(result, labels)
         + image(png, f"Validation of brick {result['brick']}")
-        + folded("all numbers by band", band_numbers(result))
+        + folded("all numbers by band", band_numbers(result, labels))
     )
 
 

@@ -21,7 +21,7 @@ def render(run, job):
     state = rendered(run, job, objects)
     planes = {"image": state.image, "counted": state.counted, "mask": state.mask}
     state.header["stages"] = [*(objects.meta["stages"] if objects is not None else []), timer.entry()]
-    drawn = state.truth if state.truth is not None else ObjectTable.complete({})
+    drawn = state.truth if state.truth is not None else ObjectTable.complete({}, run.camera.bands)
     drawn.write(run.paths.stage(*job.key, "drawn.parquet"), drawn.meta | {"recipe": run.recipe(job)})
     if state.orders is not None:
         state.orders.write(run.paths.stage(*job.key, "orders.parquet"), {"recipe": run.recipe(job)})
@@ -60,7 +60,5 @@ def object_spectra(run, job, objects):
     if run.embedded:
         return embedded_spectra(objects, run.universe)
     from csstsim.catalog.open import open_catalog
-    from csstsim.catalog.select import region_for
 
-    region = region_for(*job.footprint(), run.margin_deg(job))
-    return catalog_spectra(objects, open_catalog(run.config.catalog, region, run.paths.truth, {}))
+    return catalog_spectra(objects, open_catalog(run.config.catalog, run.region(job), run.paths.truth, {}))
