@@ -111,7 +111,7 @@ class Scene:
             "id": np.arange(1), "obj_type": np.zeros(1, int), "ra": ra, "dec": dec, "ra_orig": ra, "dec_orig": dec,
             "x": np.array([centre[0]]), "y": np.array([centre[1]]), "reach": np.full(1, self.box), "lost": np.zeros(1),
             "wing": np.where(wing > self.box, wing, 0.0),
-        })  # fmt: skip
+        }, ())  # fmt: skip
         image = np.zeros(window.shape, np.float32)
         return image, draw_objects(image, window, table, self.wcs, self.psf, EXPTIME, beyond or self.beyond)
 

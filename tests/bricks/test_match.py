@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+from csst import PIXEL
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -86,7 +87,7 @@ def test_a_benchmarks_detections_are_real_one_by_one(monkeypatch):
 
     from csstsim.bricks.validate import Frame
 
-    snr, real = detections(Frame(both([100.0], [100]), both([99.5, 101.0, 300.0], [100, 100, 300]), 500))
+    snr, real = detections(Frame(both([100.0], [100]), both([99.5, 101.0, 300.0], [100, 100, 300]), 500, PIXEL))
     assert real.tolist() == [True, False, False] and len(snr) == 3
 
 

@@ -6,6 +6,7 @@ import healpy
 import numpy as np
 import pytest
 from astropy.table import Table
+from csst import BANDS
 from embedded_sky import DENSITY, embedded_catalog
 
 from csstsim.base.units import ab_photon_density
@@ -16,7 +17,7 @@ from csstsim.catalog.light.photometry import rate_to_mag, subband_fluxes
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.places.astrometry import icrs
 from csstsim.catalog.select import Noise, region_for, select_objects
-from csstsim.catalog.table import BANDS, COLUMNS
+from csstsim.catalog.table import COLUMNS
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
 from csstsim.optics.geometry.wcs import ChipWCS
@@ -70,7 +71,7 @@ def pick(camera, make_pointing, observe):
         for x, y, values in objects:
             ra, dec = icrs(*wcs.pixel_to_world(x, y), craft)
             placed.append(MockObject(**({"ra": float(ra), "dec": float(dec)} | values)))
-        catalog = Flat({"objects": placed}, Region((), (), ()))
+        catalog = Flat({"objects": placed}, Region((), (), (), BANDS))
         return select_objects(
             catalog, wcs, craft, window, camera.filters["r"], camera.telescope, 150.0, NOISE, mag_limit, beyond=beyond
         )
@@ -212,7 +213,7 @@ def sky(camera, make_pointing, observe, tmp_path_factory):
     pointing = make_pointing(ra=0.0, dec=-5.0)
     wcs, craft = ChipWCS(camera.chips[CHIP], pointing), observe(pointing)
     field = Lensing(field="constant", kappa=0.05, gamma1=0.03)
-    region = region_for(*icrs(*wcs.footprint(WINDOW), craft))
+    region = region_for(*icrs(*wcs.footprint(WINDOW), craft), MARGIN, BANDS)
     return embedded_catalog(tmp_path_factory.mktemp("truth"), region, field), wcs, craft
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from csst import BANDS
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.mock_object import MockObject, MockObjects
@@ -11,7 +12,7 @@ from csstsim.catalog.table import COLUMNS, ObjectTable
 @pytest.fixture
 def table():
     return ObjectTable.complete(
-        {"id": [1, 2, 3], "obj_type": [0, 1, 2], "ra": [10.0, 20.0, np.nan], "note": ["a", "b", "c"]}
+        {"id": [1, 2, 3], "obj_type": [0, 1, 2], "ra": [10.0, 20.0, np.nan], "note": ["a", "b", "c"]}, BANDS
     )
 
 
@@ -23,7 +24,7 @@ def test_complete_fills_every_column_in_its_type(table):
 
 
 def test_empty_table_has_all_columns():
-    empty = ObjectTable.complete({})
+    empty = ObjectTable.complete({}, BANDS)
     assert len(empty) == 0 and not empty and empty.names == tuple(COLUMNS)
     assert ObjectTable.concat([]) == empty and ObjectTable.concat([empty, empty]) == empty
 
@@ -32,7 +33,7 @@ def test_bad_columns_are_refused():
     with pytest.raises(ValueError, match="different length"):
         ObjectTable({"a": [1], "b": [1, 2]})
     with pytest.raises(InputError, match="ra: does not fit"):
-        ObjectTable.complete({"ra": ["north"]})
+        ObjectTable.complete({"ra": ["north"]}, BANDS)
 
 
 def test_take_and_concat(table):

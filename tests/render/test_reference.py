@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from astropy.wcs import WCS
+from csst import BANDS
 
 from csstsim.catalog.flags import BAD_VALUE, FFT_REDUCED, OFF_CHIP
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
@@ -30,7 +31,7 @@ def objects(wcs, x, y, obj_type=STAR, reach=64, rate=100.0, **columns):
         "wing": np.zeros(len(x)),
     }  # fmt: skip
     base |= {f"flux{i}": np.full(len(x), rate / 4) for i in range(4)}
-    return ObjectTable.complete(base | columns)
+    return ObjectTable.complete(base | columns, BANDS)
 
 
 @pytest.fixture(scope="module")

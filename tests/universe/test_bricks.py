@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from csst import BANDS
 from embedded_sky import DENSITY, SEED, brick, key, shipped, universe_folder
 
 from csstsim.base.errors import InputError
@@ -103,7 +104,7 @@ def test_damaged_and_foreign_files_are_refused(tmp_path):
     pq.write_table(pa.table({"id": [1, 2]}), path)
     with pytest.raises(InputError, match="no metadata"):
         read_brick(path)
-    ObjectTable.complete({"id": [1]}).write(path)
+    ObjectTable.complete({"id": [1]}, BANDS).write(path)
     with pytest.raises(InputError, match="not a truth brick"):
         read_brick(path)
 

@@ -38,7 +38,7 @@ class Camera:
     scatter: dict[str, Any]  # scatter.yaml; empty without the file
     ghosts: dict[str, Any]  # ghosts.yaml; empty without the file
     sky: dict[str, Any]  # sky.yaml; empty without the file
-    leds: dict[str, Any]  # leds.yaml; empty without the file
+    leds: dict[str, Any]  # leds.yaml and `mosaic`, its columns and rows; empty without the file
     folder: Path
     digest: str
 
@@ -78,14 +78,18 @@ def load_camera(folder):
     telescope, orbit = load_telescope(folder / "telescope.yaml")
     keywords = folder / "level0_keywords.yaml"
     optional = {name: folder / f"{name}.yaml" for name in ("psf", "scatter", "ghosts", "sky", "leds")}
+    chips = _chips(folder / "chips.yaml", filters, detector, telescope)
+    more = {name: read_data(path) if path.exists() else {} for name, path in optional.items()}
+    if more["leds"]:
+        more["leds"] |= {"mosaic": tuple(max(getattr(c, of) for c in chips.values()) for of in ("column", "row"))}
     return Camera(
-        chips=_chips(folder / "chips.yaml", filters, detector, telescope),
+        chips=chips,
         filters=filters,
         telescope=telescope,
         orbit=orbit,
         detector=detector,
         keywords=_only_list(keywords) if keywords.exists() else [],
-        **{name: read_data(path) if path.exists() else {} for name, path in optional.items()},
+        **more,
         folder=folder,
         digest=folder_digest(folder),
     )

@@ -1,0 +1,10 @@
+"""What tests need to know of the shipped camera without reading it: bands, pixel, how its filters are drawn."""
+
+from types import SimpleNamespace
+
+from csstsim.report.style import looks
+
+BANDS = ("nuv", "u", "g", "r", "i", "z", "y")  # as Camera.bands
+PIXEL = 0.074  # arcsec
+KINDS = dict.fromkeys(("NUV", *BANDS[1:]), "imaging") | dict.fromkeys(("GU", "GV", "GI"), "slitless")
+LOOKS = looks({name: SimpleNamespace(kind=kind) for name, kind in KINDS.items()})
