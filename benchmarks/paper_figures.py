@@ -19,7 +19,7 @@ from csstsim.bricks.validate import Frame, distinct, usable
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.report.colour_panel import colours
-from csstsim.report.style import BLACK, BLUE, ORANGE
+from csstsim.report.style import BLACK, BLUE, ORANGE, looks
 from csstsim.stages.level0 import truth_of
 
 FIGURE = "docs/figures/paper_figures.png"
@@ -128,7 +128,7 @@ def main():
     distributions(panels[1, 0], truths, frames, band)
     shares(panels[1, 1], table, band, float(np.median([frame.info["depth_5sigma"] for frame in frames])))
     colour = brick_colours(OpenCampaign(options.brick))
-    colours(panels[2, 0], colour)
+    colours(panels[2, 0], colour, looks(OpenCampaign(options.brick).camera.filters))
     off = np.hypot(*(colour["output"] - colour["input"]))
     for mine, (kind, tint, _) in zip((False, True), KINDS, strict=True):
         some = colour["galaxy"] == mine

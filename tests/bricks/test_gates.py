@@ -41,7 +41,8 @@ def truth_of(**columns):
     n = len(columns["x"])
     full = {
         "id": np.arange(n), "obj_type": np.full(n, STAR), "electrons": np.full(n, 1e5), "mag_r": np.full(n, 20.0),
-        "blended": np.zeros(n, bool), "half_light": np.zeros(n), "crowd": np.zeros(n),
+        "blended": np.zeros(n, bool), "half_light": np.zeros(n),
+        "half_light_px": np.zeros(n), "crowd": np.zeros(n),
     }  # fmt: skip
     return ObjectTable({name: np.asarray(values) for name, values in (full | columns).items()})
 

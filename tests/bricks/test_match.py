@@ -1,6 +1,7 @@
 """One to one: against the definition written out in loops; and so wherever truth and measurement meet."""
 
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -66,7 +67,7 @@ def both(x, y):
     }, {"window": [0, 1000, 0, 1000]})  # fmt: skip
 
 
-@pytest.mark.parametrize("match", [matched, compare.match])
+@pytest.mark.parametrize("match", [partial(matched, pixel=PIXEL), compare.match])
 def test_one_detection_is_one_object(match):
     """Two objects 1.5 px apart and one detection between them: the nearer has it, in either order of rows."""
     assert match(both([100.0, 101.5], [100, 100]), both([101.0], [100])).tolist() == [-1, 0]

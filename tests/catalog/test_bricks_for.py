@@ -5,8 +5,9 @@ import time
 import healpy
 import numpy as np
 import pytest
+from csst import BANDS, MARGIN
 
-from csstsim.catalog.select import BRICK_MARGIN_DEG, bricks_for, region_for
+from csstsim.catalog.select import bricks_for, region_for
 from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
 
 PLACES = {
@@ -19,7 +20,7 @@ PLACES = {
 
 
 @pytest.mark.parametrize("place", PLACES)
-@pytest.mark.parametrize("margin", [0.0, BRICK_MARGIN_DEG, 1.0])
+@pytest.mark.parametrize("margin", [0.0, MARGIN, 1.0])
 def test_no_brick_within_the_margin_is_missing(camera, make_pointing, place, margin):
     ra, dec = PLACES[place]
     for chip_id in (6, 13, 25):

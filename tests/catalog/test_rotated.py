@@ -1,6 +1,7 @@
 """The twin campaign of rotated shapes: ellipticities turned by 90 degrees, everything else the same."""
 
 import numpy as np
+from csst import BANDS, MARGIN
 from embedded_sky import embedded_catalog
 
 from csstsim.catalog.places.astrometry import icrs

@@ -6,7 +6,7 @@ import healpy
 import numpy as np
 import pytest
 from astropy.table import Table
-from csst import BANDS
+from csst import BANDS, MARGIN
 from embedded_sky import DENSITY, embedded_catalog
 
 from csstsim.base.units import ab_photon_density

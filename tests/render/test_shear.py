@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import galsim
 import numpy as np
 import pytest
+from csst import BANDS, MARGIN
 from embedded_sky import embedded_catalog
 
 from csstsim.bench import shear

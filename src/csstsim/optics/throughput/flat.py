@@ -25,8 +25,8 @@ NODES = 65
 class FlatField:
     """The flats of one camera seed.
 
-    numbers: Camera.leds, leds.yaml and the mosaic's columns and rows; camera: name -> Generator that lasts for the camera (rng.Streams.camera).
-    Raises InputError for numbers that are missing or make no flat.
+    numbers: Camera.leds, leds.yaml and the mosaic's columns and rows; camera: name -> Generator that lasts for the
+    camera (rng.Streams.camera). Raises InputError for numbers that are missing or make no flat.
     """
 
     numbers: dict
