@@ -61,7 +61,9 @@ def test_reference_sky(name):
     continuum = spectrum(wave, N)[1, 0] * photons(solar_continuum(5500.0, N), 5500.0) / sunlight(wave, N)[0]
     zodiacal = rate["zodiacal"][1] * 10 ** (-0.4 * (22.7 - v_level(continuum)))
     pixel = telescope.area_m2 * telescope.pixel_scale**2
-    white = pixel * photons(0.5 * 2.58e-17, 5500.0) / (1e-10 * photons(solar_continuum(5500.0, N), 5500.0) * N.albedo)
+    white = (
+        pixel * photons(0.5 * 2.58e-17, 5500.0) / (1e-10 * photons(solar_continuum(5500.0, N), 5500.0) * N.earth.albedo)
+    )
     tolerance = 0.001 if name == "NUV" else 0.15 * PREDICTED[name]
     assert zodiacal + white * rate["earth"] == pytest.approx(PREDICTED[name], abs=tolerance)
 

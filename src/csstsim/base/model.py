@@ -68,6 +68,17 @@ def at_least(other):
     return AfterValidator(check)
 
 
+def must(test, message):
+    """Return the check of a value that must pass `test`; the error says `message`."""
+
+    def check(value):
+        if not test(value):
+            raise ValueError(message)
+        return value
+
+    return AfterValidator(check)
+
+
 def _real_path(value):
     if isinstance(value, str) and (not value.strip() or "\0" in value):
         raise ValueError("an empty path, or one with a NUL character")

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import AfterValidator, Field
 
-from csstsim.base.model import Data, NotNegative, Number, Positive, Whole, between
+from csstsim.base.model import Data, NotNegative, Number, Positive, Whole, between, must
 from csstsim.instrument.cosmic_rays import CosmicRays
 from csstsim.instrument.defects import Defects
 from csstsim.instrument.telescope import Telescope
@@ -49,12 +49,6 @@ class Window:
         return (x >= self.x0 - 0.5) & (x < self.x1 - 0.5) & (y >= self.y0 - 0.5) & (y < self.y1 - 0.5)
 
 
-def _even(channels):
-    if channels % 2:
-        raise ValueError("half the columns are read out to each side: must be even")
-    return channels
-
-
 def _fits(axis):
     """Return the check that the channels' pixels along an axis are the chip's."""
 
@@ -76,7 +70,10 @@ class DetectorNumbers(Data):
 
     nx: Size
     ny: Size
-    channels_x: Annotated[between(2, 13, Whole), AfterValidator(_even)]  # each has a letter in the header
+    # Each has a letter in the header
+    channels_x: Annotated[
+        between(2, 13, Whole), must(lambda n: n % 2 == 0, "half the columns are read out to each side: must be even")
+    ]
     channels_y: between(2, 2, Whole)  # half the rows are read out to each side
     channel_nx: Annotated[Size, _fits("x")]
     channel_ny: Annotated[Size, _fits("y")]
