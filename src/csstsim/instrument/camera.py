@@ -22,7 +22,7 @@ from csstsim.instrument.traps import load_traps
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class _TelescopeFile(Data):
     telescope: Telescope
     orbit: Orbit

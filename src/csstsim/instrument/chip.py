@@ -64,7 +64,7 @@ def _fits(axis):
 Size = Annotated[Whole, Field(ge=1)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class DetectorNumbers(Data):
     """What detector.yaml says of all chips; units there."""
 
@@ -113,7 +113,7 @@ class Detector(DetectorNumbers):
         return self.channels_x * self.channels_y
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class ChipPlace(Data):
     """A row of chips.yaml: number (two digits in the names of files), filter, and where the chip lies."""
 

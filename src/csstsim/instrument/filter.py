@@ -32,7 +32,7 @@ def _curve(nodes):
     return nodes
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class FilterEntry(Data):
     """An entry of filters.yaml: `nodes` of the curve are (angstrom, throughput) pairs; the rest as in Filter."""
 

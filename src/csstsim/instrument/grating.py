@@ -108,7 +108,7 @@ Name = Annotated[str, Field(min_length=1)]  # of a .conf file
 Reach = between(0, _FAR)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class _Row(Data):
     """A chip's entry of gratings.yaml; one grating before all of it stands on both sides."""
 

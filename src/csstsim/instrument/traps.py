@@ -25,7 +25,7 @@ class Traps:
     serial: "Traps | None" = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class _Well(Data):
     beta: Positive
     full_well: Positive
@@ -41,13 +41,13 @@ def _as_many(values, info):
 Species = tuple[Annotated[Number, Field(gt=0, le=1e6)], ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class _Species(Data):
     density: Species
     timescale: Annotated[Species, AfterValidator(_as_many)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class _Place(Data):
     well: _Well
     species: _Species
@@ -56,7 +56,7 @@ class _Place(Data):
         return Traps(**vars(self.well), **vars(self.species), serial=serial)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class _File(_Place):
     serial: _Place | None = None
 
