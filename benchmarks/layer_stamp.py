@@ -69,7 +69,7 @@ class Stamp:
             "e1": e1, "e2": e2, "reach": np.full(len(x), 64, np.int32), "wing": np.where(electrons > 1e6, 400.0, 0.0),
             "lost": np.full(len(x), 1e-4),
         } | {f"flux{i}": electrons / 4 / POINTING.exptime for i in range(4)}  # fmt: skip
-        return ObjectTable.complete(columns)
+        return ObjectTable.complete(columns, ())
 
     def pair(self, base, name):
         """Return (before, after, header) of a layer: float64 images, after those layers alone and after it, too.

@@ -22,8 +22,9 @@ from private_memory import PrivateMemory
 from csstsim.base.rng import stream
 from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.bricks.merge import DETECTION_COLUMNS, merge_brick, write_merged
-from csstsim.catalog.table import BANDS, ObjectTable
+from csstsim.catalog.table import ObjectTable
 
+BANDS = ("nuv", "u", "g", "r", "i", "z", "y")
 PIX = 550615
 ARCSEC = np.pi / 180.0 / 3600.0
 SIDE, CHIP = 13.0 * 60, 11.4 * 60  # arcsec: of a square inside the brick (rotated by half a right angle), of a chip
@@ -77,11 +78,11 @@ def in_memory(size, crowded):
 
 def measured(case, tables, pix=PIX):
     """Print CPU seconds, memory, sources and detections of merging `tables` and writing the brick."""
-    merge_brick(pix, [exposure(k, *sky(10, 60.0, 1)) for k in range(2)])  # compiled
+    merge_brick(pix, [exposure(k, *sky(10, 60.0, 1)) for k in range(2)], BANDS)  # compiled
     with PrivateMemory() as memory, tempfile.TemporaryDirectory() as folder:
         time.sleep(0.1)
         before, start = memory.largest, time.process_time()
-        sources, detections = merge_brick(pix, tables)
+        sources, detections = merge_brick(pix, tables, BANDS)
         merged = time.process_time() - start
         write_merged(Path(folder) / "brick.parquet", sources, detections, {})
         total, largest = time.process_time() - start, memory.largest

@@ -18,7 +18,7 @@ import numpy as np
 from astropy.table import Table
 
 import csstsim
-from csstsim.catalog.table import BANDS, GALAXY, STAR, ObjectTable
+from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.stages.chip import light
 
 RA, DEC, OBSID, CHIP = 150.1, 2.2, "10100000001", 9
@@ -47,11 +47,16 @@ def dealt(truth, kind, count, size, rng):
 def as_table(rows):
     """Return the astropy Table of one's own that says the same."""
     shape = "size_disk", "size_bulge", "bulge_frac", "e1", "e2", "kappa", "gamma1", "gamma2"
-    names = ("ra", "dec", *(f"mag_{band}" for band in BANDS), *(shape if rows["obj_type"][0] == GALAXY else ()))
+    names = (
+        "ra",
+        "dec",
+        *(name for name in rows if name.startswith("mag_")),
+        *(shape if rows["obj_type"][0] == GALAXY else ()),
+    )
     table = Table({name: rows[name] for name in names})
     table["type"] = ["galaxy" if kind == GALAXY else "star" for kind in rows["obj_type"]]
-    for band in BANDS:  # the faintest a table may have
-        table[f"mag_{band}"] = np.clip(table[f"mag_{band}"], -3.0, 90.0)
+    for name in (name for name in names if name.startswith("mag_")):  # the faintest a table may have
+        table[name] = np.clip(table[name], -3.0, 90.0)
     return table
 
 

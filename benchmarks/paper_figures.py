@@ -19,7 +19,7 @@ from csstsim.bricks.validate import Frame, distinct, usable
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.report.colour_panel import colours
-from csstsim.report.style import BLACK, BLUE, ORANGE
+from csstsim.report.style import BLACK, BLUE, ORANGE, looks
 from csstsim.stages.level0 import truth_of
 
 FIGURE = "docs/figures/paper_figures.png"
@@ -30,9 +30,9 @@ KINDS = ("stars and quasars", BLUE, "psf"), ("galaxies", ORANGE, "kron")
 def frames_of(run):
     """Yield (Frame, its usable truth with measured magnitudes `mag_out`, NaN where not found) of each image."""
     for job in run.imaging_jobs:
-        frame = Frame(truth_of(run, job), ObjectTable.read(run.paths.measure(*job.key)), run.camera.detector.channel_ny)
+        frame = Frame(truth_of(run, job), ObjectTable.read(run.paths.measure(*job.key)), *_chip(run))
         truth = usable(frame)
-        row = matched(truth, frame.measured)
+        row = matched(truth, frame.measured, frame.pixel)
         galaxy = truth["obj_type"] == GALAXY
         mag = np.where(galaxy, frame.measured["mag_kron"][row], frame.measured["mag_psf"][row])
         saturated = (frame.measured["flags"][row] & compare.SATURATED) != 0
@@ -100,13 +100,17 @@ def brick_colours(run):
     """Return bricks.compare.colours of all bricks of a campaign."""
     parts = []
     for pix, jobs in run.merge_bricks.items():
-        sources, seam = ObjectTable.read(run.paths.merge(pix)), run.camera.detector.channel_ny
+        sources = ObjectTable.read(run.paths.merge(pix))
         tables = (ObjectTable.read(run.paths.measure(*job.key)) for job in jobs)
-        truth = distinct(
-            [usable(Frame(truth_of(run, job), table, seam)) for job, table in zip(jobs, tables, strict=True)]
-        )
-        parts.append(compare.colours(truth, sources, compare.match(truth, sources)))
-    return {name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]}
+        truths = [usable(Frame(truth_of(run, job), t, *_chip(run))) for job, t in zip(jobs, tables, strict=True)]
+        truth = distinct(truths, [f"mag_{band}" for band in "ugr"])
+        parts.append(compare.colours(truth, sources, compare.match(truth, sources), "ugr"))
+    joined_up = {name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]}
+    return joined_up | {"bands": tuple("ugr")}
+
+
+def _chip(run):
+    return run.camera.detector.channel_ny, run.camera.telescope.pixel_scale
 
 
 def main():
@@ -124,7 +128,7 @@ def main():
     distributions(panels[1, 0], truths, frames, band)
     shares(panels[1, 1], table, band, float(np.median([frame.info["depth_5sigma"] for frame in frames])))
     colour = brick_colours(OpenCampaign(options.brick))
-    colours(panels[2, 0], colour)
+    colours(panels[2, 0], colour, looks(OpenCampaign(options.brick).camera.filters))
     off = np.hypot(*(colour["output"] - colour["input"]))
     for mine, (kind, tint, _) in zip((False, True), KINDS, strict=True):
         some = colour["galaxy"] == mine

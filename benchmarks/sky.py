@@ -49,8 +49,8 @@ def zodiacal(name, longitude, latitude):
 
 def reference_zodi(name):
     """e-/s/px of V = 22.7 in the colour of large elongations, by the Sun's V."""
-    colour = 1.0 + NUMBERS.zodiacal["colour"][1, 2] * np.log10(V_BAND / REFERENCE)
-    over_sun = 10 ** (-0.4 * (22.7 - NUMBERS.sun_magnitude)) * ARCSEC_PER_RAD**2  # sr-1
+    colour = 1.0 + NUMBERS.zodiacal.colour[1, 2] * np.log10(V_BAND / REFERENCE)
+    over_sun = 10 ** (-0.4 * (22.7 - NUMBERS.bodies.sun_magnitude)) * ARCSEC_PER_RAD**2  # sr-1
     level = over_sun * solar_continuum(REFERENCE, NUMBERS) / colour * 1e8
     return RATES[name]["zodiacal"][1] * level
 

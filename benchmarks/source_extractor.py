@@ -106,11 +106,12 @@ def compare_frame(run, job, ours, theirs):
         f"{modelled:.4f} in its model, {share:.4f} in our PSF",
         flush=True,
     )
-    truth, seam = read_truth(run.paths.level0_truth(job.pointing, job.chip.id)), run.camera.detector.channel_ny
+    truth = read_truth(run.paths.level0_truth(job.pointing, job.chip.id))
+    chip = run.camera.detector.channel_ny, run.camera.telescope.pixel_scale
     measured = ObjectTable.read(run.paths.measure(*job.key))
     found = extracted.table
     found = found.with_columns(flux_psf=found["flux_psf"] * modelled / share)
-    frames = Frame(truth, measured, seam), Frame(truth, ObjectTable(dict(found), measured.meta), seam)
+    frames = Frame(truth, measured, *chip), Frame(truth, ObjectTable(dict(found), measured.meta), *chip)
     judged = usable(frames[0])
     ours.add(judged, frames[0], astromatic.fwhm(psf, 0.5), cpu)
     theirs.add(judged, frames[1], astromatic.fwhm(extracted.psf, 0.5), extracted.cpu)

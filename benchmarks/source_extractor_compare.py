@@ -36,7 +36,7 @@ class Code:
         """Take in a frame (bricks.validate.Frame) and its usable truth."""
         table = frame.measured
         self.tried.append(trials(truth, frame))
-        kron = Frame(frame.truth, table.with_columns(flux_psf=table["flux_kron"]), frame.seam)
+        kron = Frame(frame.truth, table.with_columns(flux_psf=table["flux_kron"]), frame.seam, frame.pixel)
         self.kron.append(trials(truth, kron)["light"])
         snr, real = detections(frame)
         self.snr.append(snr)
@@ -52,7 +52,7 @@ def detections(frame):
     table = table.take(inside & (table["y"] > y0 + EDGE) & (table["y"] < y1 - EDGE))
     real = np.zeros(len(table), bool)
     if len(table):
-        row = matched(truth, table)
+        row = matched(truth, table, frame.pixel)
         real[row[row >= 0]] = True
     return table["snr"], real
 

@@ -64,7 +64,7 @@ def table_of(wcs, x, y, reach, columns, rate=RATE):
         "id": np.arange(n), "obj_type": np.full(n, kind), "ra": ra, "dec": dec, "ra_orig": ra, "dec_orig": dec,
         "x": x.copy(), "y": y.copy(), "reach": np.broadcast_to(reach, n).copy(), "lost": np.full(n, 1e-3),
         "wing": np.zeros(n),
-    })  # fmt: skip
+    }, ())  # fmt: skip
 
 
 def cpu(call, least=0.3):

@@ -36,7 +36,9 @@ def measured(run, job):
         filter=run.camera.filters[job.chip.filter], telescope=run.camera.telescope, pointing=job.pointing,
         window=job.window,
     )  # fmt: skip
-    frame = Frame(level0_stage.truth_of(run, job), table, run.camera.detector.channel_ny)
+    frame = Frame(
+        level0_stage.truth_of(run, job), table, run.camera.detector.channel_ny, run.camera.telescope.pixel_scale
+    )
     return trials(usable(frame), frame), cost
 
 

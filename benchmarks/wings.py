@@ -113,7 +113,7 @@ class Scene:
             "id": np.arange(1), "obj_type": np.zeros(1, int), "ra": ra, "dec": dec, "ra_orig": ra, "dec_orig": dec,
             "x": np.array([centre[0]]), "y": np.array([centre[1]]), "reach": np.full(1, self.box), "lost": np.zeros(1),
             "wing": np.where(wing > self.box, wing, 0.0),
-        })  # fmt: skip
+        }, ())  # fmt: skip
         canvas = Canvas(np.zeros(window.shape, np.float32), window)
         drawing = Drawing(self.wcs, self.psf, EXPTIME, beyond or self.beyond)
         return canvas.expected, draw_objects(canvas, table, drawing)

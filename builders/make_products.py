@@ -14,7 +14,7 @@ import numpy as np
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.bricks import merge
 from csstsim.catalog import flags
-from csstsim.catalog.table import COLUMNS
+from csstsim.catalog.table import columns_with
 from csstsim.detector import mask
 from csstsim.io import calibrated, orders, truth
 from csstsim.measure import catalogue
@@ -56,7 +56,7 @@ the C9 `.cat` files:
 
 $cat
 What the simulator adds; a catalogue's own columns follow as `user_...`, the embedded universe's spectra as
-`sed_scale`, `coeff0` ... `coeff19`, `_healpix_29`:
+`sed_scale`, `coeff0` ... `coeff19`, `_healpix_29`; B stands for each band of the camera:
 
 $truth
 Bits of `flags`:
@@ -72,7 +72,7 @@ $orders
 `truth/dataset/Norder=8/Dir=.../Npix=....parquet`; also what a catalogue of your own may give. `csstsim report` writes
 the files that make `truth/` a HATS catalogue, of all bricks (`lsdb.open_catalog("results/demo/truth")`). A brick's
 rows are stars, galaxies, then quasars. Bricks have besides `sed_scale`,
-`coeff0` ... `coeff19` (spectra) and `_healpix_29`.
+`coeff0` ... `coeff19` (spectra) and `_healpix_29`. B stands for each band of the camera.
 
 $bricks
 ## Measured tables
@@ -95,7 +95,7 @@ $spectra_flags
 ## Merged bricks
 
 `merge/dataset/Norder=8/Dir=.../Npix=....parquet`, a HATS catalogue, a row for each source; [merge.md](merge.md) says
-how. B stands for nuv, u, g, r, i, z, y.
+how. B stands for each band of the camera, of the shipped one nuv, u, g, r, i, z, y.
 
 $merged
 ## Calibrated images
@@ -136,7 +136,7 @@ def bits(module, about):
 
 def truth_columns():
     """Return {name: text} of the truth table's columns: those of .cat files, and what the simulator adds."""
-    known = {name: text for name, (_, _, text) in COLUMNS.items()} | truth.ABOUT
+    known = {name: text for name, (_, _, text) in columns_with("B").items()} | truth.ABOUT
     first = {name: known[ours] for name, ours in truth.CAT_COLUMNS.items()}
     return first, {name: text for name, text in known.items() if name not in truth.CAT_COLUMNS.values()}
 
@@ -159,7 +159,7 @@ def documents():
     parts = {
         "header0": header(0), "header1": header(1), "mask": bits(mask, mask.ABOUT), "cat": columns(cat),
         "truth": columns(more), "flags": bits(flags, flags.ABOUT), "orders": columns(orders.COLUMNS),
-        "bricks": columns({name: (kind, text) for name, (kind, _, text) in COLUMNS.items()}),
+        "bricks": columns({name: (kind, text) for name, (kind, _, text) in columns_with("B").items()}),
         "measured": columns(catalogue.COLUMNS), "measured_flags": bits(catalogue, catalogue.FLAGS),
         "spectra": columns(spectrum_columns.COLUMNS), "spectra_flags": bits(spectrum_columns, spectrum_columns.FLAGS),
         "merged": columns(merge.ABOUT | merge.ABOUT_BAND), "kept": ", ".join(f"`{name}`" for name in calibrated.KEPT),

@@ -3,6 +3,7 @@
 import numpy as np
 from astropy.table import Table
 from canvases import blank
+from csst import BANDS
 from grating_scene import GV, disperser_of
 
 from csstsim.base.units import ab_photon_density
@@ -26,7 +27,7 @@ class Flat(CatalogBase):
     """MockObjects of the options: flat f_nu at AB magnitude `ab`; `dip`: a value of their spectra at 5000 A."""
 
     def __init__(self, options, region=None):
-        super().__init__(options, region or Region((), (), ()))
+        super().__init__(options, region or Region((), (), (), BANDS))
         self._load()
 
     def _load(self):

@@ -3,11 +3,11 @@
 from functools import cache
 
 import numpy as np
+from csst import BANDS
 
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
-from csstsim.catalog.table import BANDS
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import read_data

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from astropy.table import Table
+from csst import BANDS
 from mini_campaign import write_campaign
 
 import csstsim
@@ -121,7 +122,7 @@ def test_canonical_order_of_random_tables():
             "id": rng.integers(0, rng.integers(1, 20), count), "ra": rng.integers(0, 2, count) * 1.0,
             "dec": np.where(rng.random(count) < 0.3, np.nan, rng.integers(0, 2, count)),
             "obj_type": rng.integers(0, 3, count),
-        })  # fmt: skip
+        }, BANDS)  # fmt: skip
         shuffled = table.take(rng.permutation(count))
         order, other = canonical_order(table), canonical_order(shuffled)
         assert table.take(order) == shuffled.take(other)

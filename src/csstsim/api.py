@@ -34,6 +34,7 @@ from csstsim.campaign.survey_table import OBSID, OBSID_ALLOWED
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.object_table import object_table, plain_columns
 from csstsim.catalog.own_table import KIND
+from csstsim.instrument.camera import load_camera
 from csstsim.io.paths import Paths
 from csstsim.optics.geometry.aim import exposure_of
 from csstsim.simulation.frame import Frame, frame_of
@@ -100,7 +101,10 @@ class Simulation:
             keys["select"] = config["select"] | ({"region": None} if keys["window"] != "region" else {})
         pointings = None if "survey_table" in keys else self._pointings
         kept = {} if "observations" in keys else self._layers
-        keys = copy.deepcopy(keys) | ({} if catalog is None else {"catalog": _catalog(catalog, config["catalog"])})
+        bands = (load_camera(keys["instrument"]) if keys.get("instrument") else self._run.camera).bands
+        keys = copy.deepcopy(keys) | (
+            {} if catalog is None else {"catalog": _catalog(catalog, config["catalog"], bands)}
+        )
         return self._with(config | keys, kept, pointings, layers)
 
     def _with(self, config, layers, pointings, changes=None):
@@ -116,8 +120,8 @@ class Simulation:
     ):  # fmt: skip
         """Return a Simulation of exposures that have a place on the middle of one chip, and the pixels around it.
 
-        ra, dec [deg, ICRS]; chip 1 to 30 (its filter is the image's); size: side of the window [pixel], None for the
-        whole chip; pa: position angle [deg]; time: ISO UTC; exptime [s]; obsid: digits, of the first exposure;
+        ra, dec [deg, ICRS]; chip: its number (its filter is the image's); size: side of the window [pixel], None for
+        the whole chip; pa: position angle [deg]; time: ISO UTC; exptime [s]; obsid: digits, of the first exposure;
         exposures: how many, each GAP_S after the last one, with the next obsid and aimed anew. An exposure's noise,
         cosmic rays and photons are those of its obsid; the sky and the detector are the same in all. A warning says so
         where an obsid was used before at another time: two such frames have one noise. Raises InputError for values
@@ -126,7 +130,7 @@ class Simulation:
         """
         camera, science = self._run.camera, self._run.steps.get("SCIE")
         if chip not in camera.chips:
-            raise InputError("no such chip", key="chip", value=chip, allowed=f"1 to {max(camera.chips)}")
+            raise InputError("no such chip", key="chip", value=chip, allowed=", ".join(map(str, camera.chips)))
         obsid, count = str(obsid), _whole(exposures, "exposures")
         if not OBSID.fullmatch(obsid):
             raise InputError("not an observation id", key="obsid", value=obsid, allowed=OBSID_ALLOWED)
@@ -181,7 +185,7 @@ class Simulation:
         return table
 
     def chip(self, obsid, chip):
-        """Return the Frame of one chip (1 to 30) in one exposure, read out: DN, all layers.
+        """Return the Frame of one chip, by number, in one exposure, read out: DN, all layers.
 
         Raises InputError for an exposure or chip that the campaign does not select.
         """
@@ -281,7 +285,7 @@ def _changed(config, layers, changes):
     return layers | {"SCIE": validate(Observation, {"layers": copy.deepcopy(kept)}, file).layers}
 
 
-def _catalog(given, before):
+def _catalog(given, before, bands):
     """Return the campaign's `catalog` for a table, a class or a mapping; shapes stay as they were."""
     if isinstance(given, dict):
         return copy.deepcopy(given)
@@ -296,7 +300,7 @@ def _catalog(given, before):
         allowed = "an astropy Table, a CatalogBase class, a mapping"
         raise InputError("cannot be used", key="catalog", value=type(given).__name__, allowed=allowed)
     columns = plain_columns(given)
-    object_table(columns, "catalog")  # refused now, not with the first chip
+    object_table(columns, bands, "catalog")  # refused now, not with the first chip
     return kept | {"kind": KIND, "options": {"columns": {name: values.tolist() for name, values in columns.items()}}}
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from astropy.wcs import WCS
+from csst import BANDS
 from fabricated_frame import PIX, SCALE, make_frame
 
 from csstsim.base.rng import stream
@@ -81,8 +82,8 @@ def frames():
 
 
 def gates(frames):
-    sources, _ = merge_brick(PIX, [frame.measured for frame in frames])
-    return validate_brick(PIX, sources, frames, ValidateConfig())[0]["gates"]
+    sources, _ = merge_brick(PIX, [frame.measured for frame in frames], BANDS)
+    return validate_brick(PIX, sources, frames, BANDS, ValidateConfig())[0]["gates"]
 
 
 def measured(frame, **columns):

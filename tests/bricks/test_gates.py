@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from csst import PIXEL
 
 from csstsim.bricks import compare
 from csstsim.bricks.exposures import _depth
@@ -40,7 +41,8 @@ def truth_of(**columns):
     n = len(columns["x"])
     full = {
         "id": np.arange(n), "obj_type": np.full(n, STAR), "electrons": np.full(n, 1e5), "mag_r": np.full(n, 20.0),
-        "blended": np.zeros(n, bool), "half_light": np.zeros(n), "crowd": np.zeros(n),
+        "blended": np.zeros(n, bool), "half_light": np.zeros(n),
+        "half_light_px": np.zeros(n), "crowd": np.zeros(n),
     }  # fmt: skip
     return ObjectTable({name: np.asarray(values) for name, values in (full | columns).items()})
 
@@ -54,7 +56,7 @@ def test_rows_to_the_amplifier_and_charge_left_behind():
         {"x": np.full(4, 5.2), "y": y + trail, "flux_psf": np.full(4, 1e5), "flags": np.zeros(4, int)},
         {"filter": "r", "n_eff": 9.0, "rms": 7.0},
     )
-    table = trials(truth, Frame(truth, measured, seam=10))
+    table = trials(truth, Frame(truth, measured, seam=10, pixel=PIXEL))
     assert table["transfers"].tolist() == [0.0, 9.0, 9.0, 0.0]
     assert table["deferred_mas"] == pytest.approx(np.full(4, 7.4)) and table["across_mas"] == pytest.approx(14.8)
 
@@ -92,7 +94,9 @@ def test_number_counts_are_of_sources_in_the_band():
 
 @pytest.mark.parametrize(("depth", "off"), [(25.7, -0.2), (25.95, 0.0), (26.0, 0.0), (26.1, 0.0), (26.4, 0.3)])
 def test_depth_is_judged_against_the_range_of_the_published_ones(depth, off):
-    frame = Frame(None, ObjectTable({}, {"filter": "r", "depth_5sigma": depth}), seam=10, depth=(25.9, 26.1))
+    frame = Frame(
+        None, ObjectTable({}, {"filter": "r", "depth_5sigma": depth}), seam=10, pixel=PIXEL, depth=(25.9, 26.1)
+    )
     asked = SimpleNamespace(at_most=lambda name, value, threshold, n: (value, threshold))
     ((value, threshold),) = _depth(frame, ValidateConfig(), asked)
     assert value == pytest.approx(off) and threshold == ValidateConfig().depth_off_max

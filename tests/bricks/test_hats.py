@@ -7,6 +7,7 @@ import numpy as np
 import pyarrow.dataset as ds
 import pyarrow.parquet as pq
 import pytest
+from csst import BANDS
 from measured_table import table
 from mini_campaign import POINTINGS, write_campaign
 
@@ -26,7 +27,7 @@ def catalogue(tmp_path):
     for pix, count in ((550615, 30), (0, 50), (786431, 0)):
         ra, dec = healpy.pix2ang(256, pix, nest=True, lonlat=True)
         found = table(ra + rng.uniform(-0.05, 0.05, count), dec + rng.uniform(-0.05, 0.05, count))
-        write_merged(paths.merge(pix), *merge_brick(pix, [found]), {"brick": pix})
+        write_merged(paths.merge(pix), *merge_brick(pix, [found], BANDS), {"brick": pix})
         bricks[pix] = paths.merge(pix)
     write_catalogue(paths.merge_catalogue, "demo", bricks)
     return paths, bricks

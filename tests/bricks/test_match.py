@@ -1,9 +1,11 @@
 """One to one: against the definition written out in loops; and so wherever truth and measurement meet."""
 
 import time
+from functools import partial
 
 import numpy as np
 import pytest
+from csst import PIXEL
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -65,7 +67,7 @@ def both(x, y):
     }, {"window": [0, 1000, 0, 1000]})  # fmt: skip
 
 
-@pytest.mark.parametrize("match", [matched, compare.match])
+@pytest.mark.parametrize("match", [partial(matched, pixel=PIXEL), compare.match])
 def test_one_detection_is_one_object(match):
     """Two objects 1.5 px apart and one detection between them: the nearer has it, in either order of rows."""
     assert match(both([100.0, 101.5], [100, 100]), both([101.0], [100])).tolist() == [-1, 0]
@@ -86,7 +88,7 @@ def test_a_benchmarks_detections_are_real_one_by_one(monkeypatch):
 
     from csstsim.bricks.validate import Frame
 
-    snr, real = detections(Frame(both([100.0], [100]), both([99.5, 101.0, 300.0], [100, 100, 300]), 500))
+    snr, real = detections(Frame(both([100.0], [100]), both([99.5, 101.0, 300.0], [100, 100, 300]), 500, PIXEL))
     assert real.tolist() == [True, False, False] and len(snr) == 3
 
 

@@ -4,6 +4,7 @@ import healpy
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
+from csst import BANDS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from measured_table import ARCSEC, table
@@ -12,7 +13,7 @@ from csstsim.base import healpix, sphere
 from csstsim.base.rng import stream
 from csstsim.bricks.associate import FLOOR
 from csstsim.bricks.merge import merge_brick, write_merged
-from csstsim.catalog.table import BANDS, ObjectTable
+from csstsim.catalog.table import ObjectTable
 
 
 def visits(ra, dec, seed, count=4, scatter=0.02):
@@ -34,7 +35,7 @@ def test_photometry_of_two_visits_is_the_weighted_mean():
     one = table(ra, dec, obsid="1", flux=1000.0, zeropoint=30.0)
     two = table(ra, dec, obsid="2", flux=4400.0, zeropoint=31.5)  # 3.981 times as deep
     nuv = table(ra, dec, obsid="3", band="NUV", flux=-20.0)
-    sources, found = merge_brick(pix, [one, two, nuv])
+    sources, found = merge_brick(pix, [one, two, nuv], BANDS)
     scale = 10 ** (0.4 * 1.5)
     weights = np.array([1 / 50.0**2, 1 / (50.0 / scale) ** 2])
     mean = (weights * [1000.0, 4400.0 / scale]).sum() / weights.sum()
@@ -66,7 +67,7 @@ def test_fluxes_are_inverse_variance_means_of_all_that_was_measured(visits, unus
         tables.append(odd.with_columns(flux_psf_err=np.array([value])))
         nothing = table([150.0], [2.0], obsid=f"not{k}", band="g", flux=np.nan if value <= 0 else value)
         tables.append(nothing)
-    sources, _ = merge_brick(pix, tables)
+    sources, _ = merge_brick(pix, tables, BANDS)
     assert len(sources) == 1
     for band in BANDS:
         flux, error = (np.array([v[part] for v in visits if v[2] == band]) for part in (0, 1))
@@ -89,7 +90,7 @@ def test_faint_fluxes_have_no_bias_and_the_quoted_error():
     frames = [
         table(ra, dec, obsid=str(k), flux=25.0 + 50.0 * rng.normal(size=2000), zeropoint=23.9) for k in range(4)
     ]  # the error of `table` is 50
-    flux = np.concatenate([merge_brick(p, frames)[0]["flux_g"] for p in np.unique(healpix.brick_of(ra, dec))])
+    flux = np.concatenate([merge_brick(p, frames, BANDS)[0]["flux_g"] for p in np.unique(healpix.brick_of(ra, dec))])
     assert len(flux) == 2000 and (flux < 0).mean() > 0.1 and pix in np.unique(healpix.brick_of(ra, dec))
     assert flux.mean() == pytest.approx(25.0, abs=5 * 25.0 / np.sqrt(2000))
     assert flux.std() == pytest.approx(25.0, rel=5 / np.sqrt(2 * 2000))
@@ -105,7 +106,7 @@ def test_star_votes_flags_and_counts():
             [("g", 30.0, True, 1), ("g", 10.0, False, 4), ("y", -3.0, True, 1)]
         )
     )
-    sources, _ = merge_brick(pix, [one, two, three])
+    sources, _ = merge_brick(pix, [one, two, three], BANDS)
     assert sources["star"][0] == pytest.approx((30 + 1) / 41)  # the least vote is that of S/N 1
     assert sources["flags"][0] == 5 and sources["n_detections"][0] == 3
     assert (sources["n_g"][0], sources["n_y"][0], sources["n_u"][0]) == (2, 1, 0)
@@ -115,7 +116,7 @@ def test_two_sources_of_one_frame_are_not_merged():
     """A pair 0.2 arcsec apart, resolved in every frame, stays a pair, each with its own detections."""
     pair = sphere.unit_vectors(np.array([150.0, 150.0 + 0.2 * ARCSEC]), np.array([0.5, 0.5]))
     frames = visits(*sphere.ra_dec(pair), 5, count=3, scatter=0.01)
-    sources, found = merge_brick(int(healpix.brick_of(150.0, 0.5)), frames)
+    sources, found = merge_brick(int(healpix.brick_of(150.0, 0.5)), frames, BANDS)
     assert len(sources) == 2 and (sources["n_detections"] == 3).all()
     assert (np.diff(found["number"].reshape(2, 3), axis=1) == 0).all()
     assert (sources["ra"].max() - sources["ra"].min()) / ARCSEC == pytest.approx(0.2, abs=0.03)
@@ -134,7 +135,9 @@ def test_rows_without_a_position_or_its_error_are_counted_not_merged(column, val
     values = bad[column].copy()
     values[0] = value
     with np.errstate(all="raise"):
-        sources, found = merge_brick(int(healpix.brick_of(150.0, 2.0)), [good, bad.with_columns(**{column: values})])
+        sources, found = merge_brick(
+            int(healpix.brick_of(150.0, 2.0)), [good, bad.with_columns(**{column: values})], BANDS
+        )
     assert len(sources) == 2 and sorted(sources["n_detections"]) == [1, 2] and len(found) == 3
     fate = sources.meta["detections"]
     assert fate["no_error"] == (column == "pos_err") and fate["no_position"] == (column != "pos_err")
@@ -148,12 +151,12 @@ def test_a_hostile_number_stays_where_it_is(column, value):
     """It may cost its own row's flux or vote; position, counts and the other visits' fluxes stay."""
     good, bad = (table([150.0], [2.0], obsid=obsid) for obsid in "12")
     pix = int(healpix.brick_of(150.0, 2.0))
-    sources, found = merge_brick(pix, [good, bad.with_columns(**{column: np.array([value])})])
+    sources, found = merge_brick(pix, [good, bad.with_columns(**{column: np.array([value])})], BANDS)
     assert len(sources) == 1 and len(found) == 2 and sources["n_g"][0] == 2
     assert 0.0 <= sources["star"][0] <= 1.0 and sources["ra"][0] == pytest.approx(150.0)
     if not np.isfinite(value):
         for name in ("flux_g", "kron_flux_g"):
-            assert sources[name][0] == pytest.approx(merge_brick(pix, [good])[0][name][0])
+            assert sources[name][0] == pytest.approx(merge_brick(pix, [good], BANDS)[0][name][0])
 
 
 def test_every_detection_is_accounted_for():
@@ -167,7 +170,7 @@ def test_every_detection_is_accounted_for():
     faint = table([150.001], [2.0], obsid="3", snr=4.0, flux=0.0)
     kept, lost = table([150.0], [2.0]), table([np.nan], [2.0], obsid="4")
     broken = table([150.0], [2.0], obsid="5", pos_err=np.nan)
-    sources, found = merge_brick(pix, [kept, beyond, far, sharp, faint, lost, broken, kept, kept])
+    sources, found = merge_brick(pix, [kept, beyond, far, sharp, faint, lost, broken, kept, kept], BANDS)
     assert len(sources) == len(found) == 1 and sources.meta["left_out"] == 1
     assert sources.meta["detections"] == {
         "near": 7, "merged": 1, "repeated": 2, "sharp": 1, "no_error": 1, "elsewhere": 1, "left_out": 1,
@@ -179,19 +182,19 @@ def test_rows_all_alike():
     """In frames of their own: one source; twins in each of two frames, at one place: two sources."""
     pix = int(healpix.brick_of(150.0, 2.0))
     many = [table([150.0], [2.0], obsid=str(k)) for k in range(50)]
-    assert merge_brick(pix, many)[0]["n_detections"].tolist() == [50]
+    assert merge_brick(pix, many, BANDS)[0]["n_detections"].tolist() == [50]
     twins = [table([150.0, 150.0], [2.0, 2.0], obsid=str(k)) for k in range(2)]
-    sources, _ = merge_brick(pix, twins)
+    sources, _ = merge_brick(pix, twins, BANDS)
     assert sources["n_detections"].tolist() == [2, 2] and len(set(sources["source_id"])) == 2
     assert sources.meta["detections"]["repeated"] == 0
-    alone, _ = merge_brick(pix, [table([150.0] * 300, [2.0] * 300)])  # three hundred in one frame
+    alone, _ = merge_brick(pix, [table([150.0] * 300, [2.0] * 300)], BANDS)  # three hundred in one frame
     assert alone["n_detections"].tolist() == [1] * 300
 
 
 def test_no_detection_gives_an_empty_table_with_every_column(tmp_path):
-    full, _ = merge_brick(int(healpix.brick_of(150.0, 2.0)), [table([150.0], [2.0])])
+    full, _ = merge_brick(int(healpix.brick_of(150.0, 2.0)), [table([150.0], [2.0])], BANDS)
     for tables in ([], [table([], [])], [table([10.0], [-40.0])]):
-        sources, found = merge_brick(int(healpix.brick_of(150.0, 2.0)), tables)
+        sources, found = merge_brick(int(healpix.brick_of(150.0, 2.0)), tables, BANDS)
         assert len(sources) == len(found) == 0 and list(sources) == list(full)
         assert {n: sources[n].dtype.kind for n in sources} == {n: full[n].dtype.kind for n in full}
         write_merged(tmp_path / "empty.parquet", sources, found, {})
@@ -203,7 +206,7 @@ def test_the_file_links_sources_to_detections(tmp_path):
     pix = int(healpix.brick_of(150.0, 2.0))
     ra, dec = healpy.pix2ang(256, pix, nest=True, lonlat=True)
     frames = visits(ra + rng.uniform(-0.05, 0.05, 40), dec + rng.uniform(-0.05, 0.05, 40), 10)
-    sources, found = merge_brick(pix, frames)
+    sources, found = merge_brick(pix, frames, BANDS)
     write_merged(tmp_path / "a" / "Npix=1.parquet", sources, found, {"version": "x"})
     read = pq.read_table(tmp_path / "a" / "Npix=1.parquet", partitioning=None)
     assert read.column_names[0] == "_healpix_29" and (np.diff(read["_healpix_29"].to_numpy()) >= 0).all()
@@ -216,7 +219,7 @@ def test_the_file_links_sources_to_detections(tmp_path):
 
 def test_links_of_more_text_than_one_chunk_holds(tmp_path):
     """Twenty megabytes of obsid, as two million detections have."""
-    sources, _ = merge_brick(int(healpix.brick_of(150.0, 2.0)), [table([150.0], [2.0])])
+    sources, _ = merge_brick(int(healpix.brick_of(150.0, 2.0)), [table([150.0], [2.0])], BANDS)
     many = table(np.full(50_000, 150.0), np.full(50_000, 2.0), obsid="1" * 400)
     write_merged(tmp_path / "a.parquet", sources, many.with_columns(source=np.zeros(50_000, np.int64)), {})
     read = pq.read_table(tmp_path / "a.parquet", partitioning=None)
@@ -233,7 +236,7 @@ def test_noise_peaks_are_left_out_and_counted(tmp_path):
         ra, snr = map(np.array, zip(*rows, strict=True))
         frame = table(ra, np.full(len(ra), 2.0), obsid=str(visit + 1), snr=snr, flux=50.0 * snr)
         frames.append(frame.with_columns(flags=np.zeros(len(ra), np.int32)))
-    sources, found = merge_brick(pix, frames)
+    sources, found = merge_brick(pix, frames, BANDS)
     kept = np.rint((np.sort(sources["ra"]) - 150.0) / ARCSEC / 3).astype(int).tolist()
     assert kept == [k for k, (_, keep) in enumerate(cases) if keep] and sources.meta["left_out"] == 2
     assert len(found) == 1 + 2 + 3
@@ -252,7 +255,7 @@ def test_noise_peaks_around_a_place_do_not_speak_for_it(apart, kept):
         )
         for k, c in enumerate(corners)
     ]
-    sources, _ = merge_brick(pix, tables)
+    sources, _ = merge_brick(pix, tables, BANDS)
     assert len(sources) == kept and sources.meta["left_out"] == (not kept)
 
 
@@ -260,11 +263,11 @@ def test_a_kron_flux_alone_is_no_source_unless_the_psf_sees_it():
     pix = int(healpix.brick_of(150.0, 2.0))
     dim = table([150.0], [2.0], snr=1.0, flux=3000.0)  # Kron S/N 47: a neighbour's light
     seen = table([150.0], [2.0], snr=3.0, flux=3000.0)
-    assert len(merge_brick(pix, [dim])[0]) == 0 and len(merge_brick(pix, [seen])[0]) == 1
+    assert len(merge_brick(pix, [dim], BANDS)[0]) == 0 and len(merge_brick(pix, [seen], BANDS)[0]) == 1
     for flag in (32, 64, 128):  # not centred, sharp, bad pixels: none of them stands alone
         doubtful = seen.with_columns(flags=np.array([flag], np.int32))
-        assert len(merge_brick(pix, [doubtful])[0]) == 0
-    sources, found = merge_brick(pix, [seen, doubtful.with_columns(obsid=np.array(["2"]))])
+        assert len(merge_brick(pix, [doubtful], BANDS)[0]) == 0
+    sources, found = merge_brick(pix, [seen, doubtful.with_columns(obsid=np.array(["2"]))], BANDS)
     assert len(sources) == 1 and len(found) == 2  # beside a good one it counts
 
 
@@ -274,7 +277,7 @@ def test_a_kron_flux_alone_is_no_source_unless_the_psf_sees_it():
 def test_a_bright_source_is_not_lost_to_a_ray_beside_it(snr, flags, kept):
     """Of one exposure: what a ray leaves of itself is fainter, not centred, or has no shape."""
     one = table([150.0], [2.0], snr=snr).with_columns(flags=np.array([flags], np.int32))
-    assert len(merge_brick(int(healpix.brick_of(150.0, 2.0)), [one])[0]) == kept
+    assert len(merge_brick(int(healpix.brick_of(150.0, 2.0)), [one], BANDS)[0]) == kept
 
 
 @pytest.mark.parametrize(("frames", "credible"), [(1, 0), (2, 0), (3, 1), (4, 1)])
@@ -284,7 +287,7 @@ def test_faint_sources_stand_from_the_third_visit_on(frames, credible):
     tables = [table([150.0], [2.0], obsid=str(k), snr=3.0, flux=150.0) for k in range(frames)]
     for one in tables:
         one["flux_kron"][:], one["flux_kron_err"][:] = 100.0, 60.0
-    sources, _ = merge_brick(pix, tables)
+    sources, _ = merge_brick(pix, tables, BANDS)
     assert len(sources) == credible and sources.meta["left_out"] == 1 - credible
 
 
@@ -294,6 +297,6 @@ def test_places_are_weighted_by_their_errors():
     moved = 0.05 * ARCSEC
     one = table([150.0], [2.0], obsid="1", pos_err=0.01)
     two = table([150.0], [2.0 + moved], obsid="2", pos_err=0.02)
-    sources, _ = merge_brick(pix, [one, two])
+    sources, _ = merge_brick(pix, [one, two], BANDS)
     assert (sources["dec"][0] - 2.0) / moved == pytest.approx(0.2, abs=1e-3)
     assert sources["pos_err"][0] == pytest.approx((0.01**-2 + 0.02**-2) ** -0.5, rel=1e-6)

@@ -2,6 +2,7 @@
 
 import healpy
 import numpy as np
+from csst import BANDS
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from measured_table import ARCSEC, table
@@ -41,7 +42,7 @@ def merged_everywhere(tables):
     """{brick: (sources, detections)} of every brick that a detection is in or beside."""
     near = np.unique(np.concatenate([healpix.brick_of(frame["ra"], frame["dec"]) for frame in tables]))
     around = np.unique(np.concatenate([near, *(healpy.get_all_neighbours(256, int(p), nest=True) for p in near)]))
-    return {int(pix): merge_brick(int(pix), tables) for pix in around[around >= 0]}
+    return {int(pix): merge_brick(int(pix), tables, BANDS) for pix in around[around >= 0]}
 
 
 @settings(max_examples=12, deadline=None)
@@ -85,9 +86,9 @@ def test_a_crowd_over_a_corner_is_shared_out_the_same_by_all_bricks(pix, seed, s
     assert len(keys) == len(set(keys)) == 300
     shuffled = [tables[k].take(rng.permutation(50)) for k in rng.permutation(6)]
     for brick, (sources, found) in merged.items():
-        again = merge_brick(brick, shuffled)
+        again = merge_brick(brick, shuffled, BANDS)
         assert again[0] == sources and again[1] == found  # bit by bit
-        one = merge_brick(brick, [ObjectTable.concat(tables)])  # however the rows are dealt out into tables
+        one = merge_brick(brick, [ObjectTable.concat(tables)], BANDS)  # however the rows are dealt out into tables
         assert one[0] == sources and one[1] == found
         fate = sources.meta["detections"]
         assert fate["near"] == fate["merged"] + fate["elsewhere"] and fate["merged"] == len(found)

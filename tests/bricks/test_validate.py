@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from csst import BANDS, LOOKS, PIXEL
 from fabricated_frame import N_EFF, PIX, RMS, SCALE, ZEROPOINT, make_frame
 
 from csstsim.base import healpix
@@ -12,15 +13,15 @@ from csstsim.bricks.merge import merge_brick
 from csstsim.bricks.trials import trials
 from csstsim.bricks.validate import Frame, blended, completeness, usable, validate_brick
 from csstsim.campaign.thresholds import ValidateConfig
-from csstsim.catalog.table import BANDS, ObjectTable
+from csstsim.catalog.table import ObjectTable
 from csstsim.report.figures import brick_figure, sky_map
 
 DEPTH = ("depth beyond the published limits [mag]",)  # known without sources
 
 
 def run(frames, **limits):
-    sources, _ = merge_brick(PIX, [frame.measured for frame in frames])
-    return validate_brick(PIX, sources, frames, ValidateConfig(**limits))
+    sources, _ = merge_brick(PIX, [frame.measured for frame in frames], BANDS)
+    return validate_brick(PIX, sources, frames, BANDS, ValidateConfig(**limits))
 
 
 def gate(result, name, band):
@@ -190,10 +191,10 @@ def test_nothing_to_compare_is_no_crash(part):
     frame = make_frame("g", 5)
     truth = frame.truth.take(slice(0, 0)) if part in ("truth", "both") else frame.truth
     measured = frame.measured.take(slice(0, 0)) if part in ("measured", "both") else frame.measured
-    result, arrays = run([] if part == "no frame" else [Frame(truth, measured, 10_000)])
+    result, arrays = run([] if part == "no frame" else [Frame(truth, measured, 10_000, PIXEL)])
     json.dumps(result, allow_nan=False)
     if part == "no frame":  # the emptiest of the figures; the report's test draws a full one
-        assert brick_figure(result, arrays).startswith(b"\x89PNG")
+        assert brick_figure(result, arrays, LOOKS).startswith(b"\x89PNG")
     if part == "measured":
         assert (
             gate(result, "completeness", "g")["value"] == 0.0 and gate(result, "completeness", "g")["passed"] is False
@@ -210,16 +211,16 @@ def test_colours_out_follow_colours_in():
 
 
 def test_sky_map_of_nothing_at_a_pole_and_across_ra_zero():
-    assert sky_map([], []).startswith(b"\x89PNG")
+    assert sky_map([], [], LOOKS).startswith(b"\x89PNG")
     for place in ((0.0, 0.0), (30.0, 90.0)):
         pix = int(healpix.brick_of(*place))
         corners = healpix.brick_corners(pix)
-        assert sky_map([("nuv", *corners), ("gv", *corners)], [pix], [place]).startswith(b"\x89PNG")
+        assert sky_map([("nuv", *corners), ("gv", *corners)], [pix], LOOKS, [place]).startswith(b"\x89PNG")
 
 
 def test_sky_map_of_opposite_fields():
     footprints = [("g", *healpix.brick_corners(int(healpix.brick_of(ra, 0.0)))) for ra in (10.0, 190.0)]
-    assert sky_map(footprints, [], [(10.0, 0.0), (190.0, 0.0)]).startswith(b"\x89PNG")
+    assert sky_map(footprints, [], LOOKS, [(10.0, 0.0), (190.0, 0.0)]).startswith(b"\x89PNG")
 
 
 def test_frame_reads_its_band_from_the_measured_table():
@@ -234,7 +235,7 @@ def test_purity_counts_sources_without_a_true_object():
     lost = replace(frame, truth=frame.truth.take(slice(0, None, 2)))  # half of the true objects never existed
     result = run([lost])[0]
     assert result["purity"] == pytest.approx(0.5, abs=0.02) and ("purity", "all") in failing(result)
-    assert run([Frame(frame.truth, frame.measured.take(slice(0, 0)), frame.seam)])[0]["purity"] is None
+    assert run([Frame(frame.truth, frame.measured.take(slice(0, 0)), frame.seam, PIXEL)])[0]["purity"] is None
 
 
 def test_wide_galaxies_match_further_off_and_their_noise_is_that_of_their_area():
@@ -243,7 +244,7 @@ def test_wide_galaxies_match_further_off_and_their_noise_is_that_of_their_area()
     wide = frame.truth.with_columns(size_disk=size, size_bulge=size, bulge_frac=np.zeros(len(size)))
     away = frame.measured.with_columns(dec=frame.measured["dec"] + 0.225 / 3600.0)  # scatter 0.02
     pairs = (frame.truth, frame.measured), (frame.truth, away), (wide, away)
-    near, lost, moved = (run([Frame(truth, measured, 10_000)])[0] for truth, measured in pairs)
+    near, lost, moved = (run([Frame(truth, measured, 10_000, PIXEL)])[0] for truth, measured in pairs)
     count = [result["bands"]["g"]["galaxy"]["n"] for result in (near, lost, moved)]
     assert 0 < count[2] < 0.3 * count[0] and count[1] < 0.2 * count[0]
     assert 0.5 < moved["purity"] < 0.67 and lost["purity"] < 0.2  # 2 of 3 are galaxies

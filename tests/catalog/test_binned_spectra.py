@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from csst import BANDS
 from embedded_sky import shipped
 from grating_scene import GV, disperser_of
 from scipy.integrate import cumulative_trapezoid
@@ -27,7 +28,7 @@ def galaxies(universe, z, seed=2, av=(0.0, 1.0)):
     mix = universe.galaxy_seds.coefficients(rng.dirichlet(np.full(5, 0.4), n), rng.exponential(0.6, n), np.ones(n))
     columns = {"id": np.arange(n), "obj_type": np.full(n, GALAXY), "z": z, "av": rng.uniform(*av, n),
                "sed_scale": rng.uniform(1, 2, n)}  # fmt: skip
-    return ObjectTable.complete(columns | {f"coeff{k}": mix[:, k] for k in range(COEFFICIENTS)})
+    return ObjectTable.complete(columns | {f"coeff{k}": mix[:, k] for k in range(COEFFICIENTS)}, BANDS)
 
 
 def stars(n=60, seed=3):
@@ -36,7 +37,7 @@ def stars(n=60, seed=3):
         "id": np.arange(n), "obj_type": np.full(n, STAR), "teff": np.geomspace(2600, 40000, n),
         "logg": rng.uniform(0, 5, n), "feh": rng.uniform(-2.5, 0.3, n), "av": rng.uniform(0, 2, n),
         "sed_scale": 10 ** rng.uniform(-22, -20, n),
-    })  # fmt: skip
+    }, BANDS)  # fmt: skip
 
 
 def exact(universe, table, edges):
@@ -93,7 +94,7 @@ def test_an_emission_line_keeps_its_light_in_whatever_bins(universe, camera):
             mix = universe.galaxy_seds.coefficients(masses, np.zeros(n), np.full(n, strength))
             columns = {"id": np.arange(n), "obj_type": np.full(n, GALAXY), "z": z, "av": np.full(n, 0.2),
                        "sed_scale": np.ones(n)}  # fmt: skip
-            table = ObjectTable.complete(columns | {f"coeff{k}": mix[:, k] for k in range(COEFFICIENTS)})
+            table = ObjectTable.complete(columns | {f"coeff{k}": mix[:, k] for k in range(COEFFICIENTS)}, BANDS)
             both.append((binned(universe, table, edges) * np.diff(edges)).sum(axis=1))
         light.append(both[0] - both[1])
     assert (light[0] > 0.01 * both[1]).all()
@@ -111,7 +112,7 @@ def test_quasars_and_a_mixed_table_in_its_own_order(universe, camera):
     for k in range(COEFFICIENTS):
         mixed[f"coeff{k}"][8:] = 0.0
     mixed["z"][8:] = [0.5, 1.5, 2.5, 4.5]
-    table = ObjectTable.complete(mixed).take(rng.permutation(12))
+    table = ObjectTable.complete(mixed, BANDS).take(rng.permutation(12))
     found, wanted = binned(universe, table, edges), exact(universe, table, edges)
     assert found.sum(axis=1) == pytest.approx(wanted.sum(axis=1), rel=1e-3)
     quasar = table["obj_type"] == QUASAR

@@ -5,8 +5,9 @@ import time
 import healpy
 import numpy as np
 import pytest
+from csst import BANDS, MARGIN
 
-from csstsim.catalog.selection.select import BRICK_MARGIN_DEG, bricks_for, region_for
+from csstsim.catalog.selection.select import bricks_for, region_for
 from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
 
 PLACES = {
@@ -19,7 +20,7 @@ PLACES = {
 
 
 @pytest.mark.parametrize("place", PLACES)
-@pytest.mark.parametrize("margin", [0.0, BRICK_MARGIN_DEG, 1.0])
+@pytest.mark.parametrize("margin", [0.0, MARGIN, 1.0])
 def test_no_brick_within_the_margin_is_missing(camera, make_pointing, place, margin):
     ra, dec = PLACES[place]
     for chip_id in (6, 13, 25):
@@ -42,7 +43,7 @@ def test_polygon_round_the_pole():
 
 def test_corner_order_does_not_matter():
     ra, dec = np.array([10.0, 10.2, 10.2, 10.0]), np.array([5.0, 5.0, 5.2, 5.2])
-    assert np.array_equal(bricks_for(ra, dec), bricks_for(ra[::-1], dec[::-1]))
+    assert np.array_equal(bricks_for(ra, dec, MARGIN), bricks_for(ra[::-1], dec[::-1], MARGIN))
 
 
 def test_tiny_window():
@@ -53,17 +54,17 @@ def test_tiny_window():
 
 def test_grown_corners_stand_off_by_the_margin():
     ra, dec = np.array([0.0, 0.1, 0.1, 0.0]) - 0.05, np.array([-0.05, -0.05, 0.05, 0.05])
-    region = region_for(ra, dec, 0.02)
+    region = region_for(ra, dec, 0.02, BANDS)
     assert region.dec == pytest.approx([-0.07, -0.07, 0.07, 0.07], abs=1e-6)
     assert (np.array(region.ra) + 180) % 360 - 180 == pytest.approx([-0.07, 0.07, 0.07, -0.07], abs=1e-6)
 
 
 def test_fast_enough_for_a_workflow(camera, make_pointing):
     footprint = ChipWCS(camera.chips[8], make_pointing()).footprint()
-    bricks_for(*footprint)
+    bricks_for(*footprint, MARGIN)
     start = time.process_time()
     for _ in range(50):
-        bricks_for(*footprint)
+        bricks_for(*footprint, MARGIN)
     assert (time.process_time() - start) / 50 < 0.01  # s; 0.4 ms when written
 
 
@@ -75,7 +76,7 @@ def test_a_region_holds_what_lies_between_its_corners(ra, dec):
     middle = np.array([ra, dec])
     offsets = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * half
     corners = np.array([on_sky(middle, *offset) for offset in offsets])
-    region = region_for(*corners.T, margin_deg=0.0)
+    region = region_for(*corners.T, margin_deg=0.0, bands=BANDS)
     xi, eta = rng.uniform(-2 * half, 2 * half, (2, 500))
     places = np.array([on_sky(middle, *point) for point in zip(xi, eta, strict=True)])
     inside = (np.abs(xi) < half) & (np.abs(eta) < half)

@@ -4,6 +4,7 @@ import time
 
 import numpy as np
 import pytest
+from csst import BANDS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,7 +15,6 @@ from csstsim.catalog.light.colour_sums import STEEPEST, Knots
 from csstsim.catalog.light.colours import colour_bins, colour_rates, colour_spectra
 from csstsim.catalog.light.photometry import bin_means, load_fluxes, subband_fluxes, subband_weights
 from csstsim.catalog.own_table import TableCatalog
-from csstsim.catalog.table import BANDS
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 
@@ -23,7 +23,7 @@ FILTERS = [{name.lower(): f for name, f in CAMERA.filters.items()}[band] for ban
 SUM = 1e-9  # relative: the series' end
 KINK = 1e-3  # relative, of a sample: linear between samples cuts the corner of a spectrum that turns at a pivot
 CPU = 1e-4  # s an object; sums over samples take eight times as much
-REGION = Region((10.0, 11.0, 11.0, 10.0), (0.0, 0.0, 1.0, 1.0), (0,))
+REGION = Region((10.0, 11.0, 11.0, 10.0), (0.0, 0.0, 1.0, 1.0), (0,), BANDS)
 
 
 @settings(max_examples=60, deadline=None, derandomize=True)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from astropy import units as u
 from astropy.table import QTable, Table
+from csst import BANDS
 
 from csstsim.base.errors import InputError
 from csstsim.base.units import ab_photon_density
@@ -13,11 +14,10 @@ from csstsim.catalog.light.colours import colour_spectra
 from csstsim.catalog.light.photometry import ab_mag
 from csstsim.catalog.object_table import plain_columns, read_table
 from csstsim.catalog.own_table import TableCatalog
-from csstsim.catalog.table import BANDS
 from csstsim.instrument.filter import GRID
 
 MAG = 2e-4  # tolerance of a synthetic magnitude
-REGION = Region((10.0, 11.0, 11.0, 10.0), (0.0, 0.0, 1.0, 1.0), (0,))
+REGION = Region((10.0, 11.0, 11.0, 10.0), (0.0, 0.0, 1.0, 1.0), (0,), BANDS)
 
 
 def columns(**more):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from csst import BANDS
 from scipy import integrate, special
 
 from csstsim.catalog.selection.reach import POINT_MAX, POINT_MIN, galaxy_radius, point_reach, wing_reach
@@ -25,7 +26,7 @@ def test_light_beyond_against_numerical_integration(n):
 
 def galaxy(**columns):
     base = {"obj_type": [1], "size_disk": [0.5], "size_bulge": [0.3], "bulge_frac": [0.2]}
-    return ObjectTable.complete(base | {name: [value] for name, value in columns.items()})
+    return ObjectTable.complete(base | {name: [value] for name, value in columns.items()}, BANDS)
 
 
 def radius(electrons, **columns):

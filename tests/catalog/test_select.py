@@ -6,6 +6,7 @@ import healpy
 import numpy as np
 import pytest
 from astropy.table import Table
+from csst import BANDS, MARGIN
 from embedded_sky import DENSITY, embedded_catalog
 
 from csstsim.base.units import ab_photon_density
@@ -16,7 +17,7 @@ from csstsim.catalog.light.photometry import rate_to_mag, subband_fluxes
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.places.astrometry import icrs
 from csstsim.catalog.selection.select import Noise, region_for, select_objects
-from csstsim.catalog.table import BANDS, COLUMNS
+from csstsim.catalog.table import columns_with
 from csstsim.catalog.truth_bricks import ID_BITS
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
@@ -70,7 +71,7 @@ def pick(camera, make_pointing, observe):
         for x, y, values in objects:
             ra, dec = icrs(*wcs.pixel_to_world(x, y), craft)
             placed.append(MockObject(**({"ra": float(ra), "dec": float(dec)} | values)))
-        catalog = Flat({"objects": placed}, Region((), (), ()))
+        catalog = Flat({"objects": placed}, Region((), (), (), BANDS))
         return select_objects(
             catalog, wcs, craft, window, camera.filters["r"], camera.telescope, 150.0, NOISE, mag_limit, beyond=beyond
         )
@@ -88,7 +89,11 @@ def galaxy(ab=22.0, **values):
 
 def test_empty_catalogue_gives_an_empty_table_with_all_columns(pick):
     table = pick([])
-    assert len(table) == 0 and table.names[: len(COLUMNS)] == tuple(COLUMNS) and set(ADDED) <= set(table)
+    assert (
+        len(table) == 0
+        and table.names[: len(columns_with(BANDS))] == tuple(columns_with(BANDS))
+        and set(ADDED) <= set(table)
+    )
     assert table.meta["dropped"] == {"outside": 0, "faint": 0}
 
 
@@ -212,7 +217,7 @@ def sky(camera, make_pointing, observe, tmp_path_factory):
     pointing = make_pointing(ra=0.0, dec=-5.0)
     wcs, craft = ChipWCS(camera.chips[CHIP], pointing), observe(pointing)
     field = Lensing(field="constant", kappa=0.05, gamma1=0.03)
-    region = region_for(*icrs(*wcs.footprint(WINDOW), craft))
+    region = region_for(*icrs(*wcs.footprint(WINDOW), craft), MARGIN, BANDS)
     return embedded_catalog(tmp_path_factory.mktemp("truth"), region, field), wcs, craft
 
 

@@ -2,37 +2,38 @@
 
 import numpy as np
 import pytest
+from csst import BANDS
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.mock_object import MockObject, MockObjects
-from csstsim.catalog.table import COLUMNS, ObjectTable
+from csstsim.catalog.table import ObjectTable, columns_with
 
 
 @pytest.fixture
 def table():
     return ObjectTable.complete(
-        {"id": [1, 2, 3], "obj_type": [0, 1, 2], "ra": [10.0, 20.0, np.nan], "note": ["a", "b", "c"]}
+        {"id": [1, 2, 3], "obj_type": [0, 1, 2], "ra": [10.0, 20.0, np.nan], "note": ["a", "b", "c"]}, BANDS
     )
 
 
 def test_complete_fills_every_column_in_its_type(table):
-    assert table.names == (*COLUMNS, "note") and len(table) == 3 and "z" in table
-    for name, (dtype, _, _) in COLUMNS.items():
+    assert table.names == (*columns_with(BANDS), "note") and len(table) == 3 and "z" in table
+    for name, (dtype, _, _) in columns_with(BANDS).items():
         assert table[name].dtype == dtype and table[name].shape == (3,)
     assert np.isnan(table["mag_g"]).all() and not table["flags"].any()
 
 
 def test_empty_table_has_all_columns():
-    empty = ObjectTable.complete({})
-    assert len(empty) == 0 and not empty and empty.names == tuple(COLUMNS)
-    assert ObjectTable.concat([]) == empty and ObjectTable.concat([empty, empty]) == empty
+    empty = ObjectTable.complete({}, BANDS)
+    assert len(empty) == 0 and not empty and empty.names == tuple(columns_with(BANDS))
+    assert ObjectTable.concat([]) == ObjectTable.complete({}, ()) and ObjectTable.concat([empty, empty]) == empty
 
 
 def test_bad_columns_are_refused():
     with pytest.raises(ValueError, match="different length"):
         ObjectTable({"a": [1], "b": [1, 2]})
     with pytest.raises(InputError, match="ra: does not fit"):
-        ObjectTable.complete({"ra": ["north"]})
+        ObjectTable.complete({"ra": ["north"]}, BANDS)
 
 
 def test_take_and_concat(table):

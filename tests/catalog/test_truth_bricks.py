@@ -7,13 +7,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from csst import BANDS
 from embedded_sky import DENSITY, SEED, brick, key, shipped, universe_folder
 
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import NSIDE
 from csstsim.base.units import SOLAR_RADIUS_PC
 from csstsim.campaign.config import Lensing
-from csstsim.catalog.table import COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
+from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable, columns_with
 from csstsim.catalog.truth_bricks import AREA_DEG2, brick_meta, make_brick, read_brick, write_brick
 from csstsim.universe.parameters import load_universe
 
@@ -66,7 +67,7 @@ def test_galaxies_are_as_dense_as_asked():
 
 def test_all_values_are_finite_and_in_range():
     table = brick(COMMON)
-    unknown = {name for name, (_, default, _) in COLUMNS.items() if np.isnan(default)}
+    unknown = {name for name, (_, default, _) in columns_with(BANDS).items() if np.isnan(default)}
     for name in set(table) - unknown | {"ra", "dec"}:
         assert np.isfinite(table[name]).all(), name
     galaxy = table["obj_type"] == 1
@@ -104,7 +105,7 @@ def test_damaged_and_foreign_files_are_refused(tmp_path):
     pq.write_table(pa.table({"id": [1, 2]}), path)
     with pytest.raises(InputError, match="no metadata"):
         read_brick(path)
-    ObjectTable.complete({"id": [1]}).write(path)
+    ObjectTable.complete({"id": [1]}, BANDS).write(path)
     with pytest.raises(InputError, match="not a truth brick"):
         read_brick(path)
 

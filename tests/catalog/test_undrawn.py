@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from csst import BANDS
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.base import CatalogBase, Region
@@ -11,7 +12,7 @@ from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.own_table import TableCatalog
 from csstsim.catalog.undrawn import advice_for
 
-REGION = Region((10.0, 11.0, 11.0, 10.0), (0.0, 0.0, 1.0, 1.0), (0,))
+REGION = Region((10.0, 11.0, 11.0, 10.0), (0.0, 0.0, 1.0, 1.0), (0,), BANDS)
 AXES = ["q", "axis_ratio", "ba", "b_over_a", "b/a", "q_r", "GALELLIP_r", "A_IMAGE", "ellipticity", "e", "ELONGATION"]
 ANGLES = ["pa", "PA", "PA [deg]", "pa_deg", "theta", "THETA_J2000", "position_angle", "PosAng", "phi", "orientation"]
 INDICES = ["n", "sersic_n", "n_sersic", "sersic", "SersicIndex", "n_disk", "sersic_n_i", "n_r", "B/T", "bulge_to_total"]

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from astropy import units as u
 from astropy.table import Table
+from csst import BANDS
 from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement
 from synphot.units import PHOTLAM
 
@@ -21,7 +22,7 @@ from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.open import open_catalog
 from csstsim.instrument.filter import GRID
 
-REGION = Region((), (), ())
+REGION = Region((), (), (), BANDS)
 MODULE = """
 import numpy as np
 from astropy.table import Table

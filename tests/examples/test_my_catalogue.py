@@ -13,7 +13,6 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.contract import check
 from csstsim.catalog.flags import BAD_VALUE
-from csstsim.catalog.selection.select import region_for
 from csstsim.command_line.main import main
 from csstsim.instrument.filter import GRID
 from csstsim.io.truth import read_truth
@@ -58,7 +57,7 @@ def test_it_keeps_the_contract_and_its_magnitudes(campaign):
 
     assert "11 of type star" in run("check", campaign)
     run_ = OpenCampaign(campaign)
-    region = region_for(*run_.job(OBSID, CHIP).footprint())
+    region = run_.region(run_.job(OBSID, CHIP))
     report = check(run_.open_truth(), run_.config.catalog.options, region, run_.camera)
     assert not report.faults and not report.warnings, report
     catalog = run_.open_truth()(run_.config.catalog.options, region)

@@ -10,6 +10,7 @@ import numpy as np
 from astropy.io import fits
 from astropy.table import Table
 from catalog.test_c9 import write_basis, write_galaxies, write_stars
+from csst import BANDS
 from fuzz import readers
 from mini import mini_camera
 from readout_state import flat_state, plain_layers, run
@@ -168,7 +169,7 @@ def objects(folder):
         "name": np.array(["a", "b", "c", "d", "e"]),
     }
     table = ObjectTable.complete(
-        columns | {name: np.ones(5, "f4") for name in SED_COLUMNS}, {"product": "truth brick", "seed": 3}
+        columns | {name: np.ones(5, "f4") for name in SED_COLUMNS}, BANDS, {"product": "truth brick", "seed": 3}
     )
     table.write(folder / "objects.parquet")
     return folder / "objects.parquet"
@@ -178,7 +179,7 @@ def truth(folder):
     from csstsim.catalog.table import ObjectTable
     from csstsim.io.truth import write_truth
 
-    drawn = ObjectTable.complete({"id": [1, 2], "ra": [10.0, 11.0], "dec": [1.0, 2.0]})
+    drawn = ObjectTable.complete({"id": [1, 2], "ra": [10.0, 11.0], "dec": [1.0, 2.0]}, BANDS)
     drawn = drawn.with_columns(x=np.array([3.0, 4.0]), y=np.array([5.0, 6.0]), mag=np.array([20.0, 21.0]))
     chip = SimpleNamespace(id=9, filter="r")
     write_truth(folder / "truth.parquet", drawn, chip, {"recipe": {"camera": "c"}})

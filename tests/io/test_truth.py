@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 
 import numpy as np
+from csst import BANDS
 
 from csstsim.catalog.table import ObjectTable
 from csstsim.io.truth import CAT_COLUMNS, electron_budget, read_truth, truth_table, write_truth
@@ -11,7 +12,8 @@ CHIP = SimpleNamespace(id=9, filter="r")
 
 
 def drawn(**columns):
-    table = ObjectTable.complete({"id": [1, 2], "obj_type": [0, 1], "ra": [10.0, 11.0], "dec": [1.0, 2.0], **columns})
+    places = {"id": [1, 2], "obj_type": [0, 1], "ra": [10.0, 11.0], "dec": [1.0, 2.0]}
+    table = ObjectTable.complete(places | columns, BANDS)
     added = {"x": np.array([3.0, 4.0]), "y": np.array([5.0, 6.0]), "mag": np.array([20.0, 21.0])}
     return table.with_columns(**added)
 

@@ -6,6 +6,7 @@ from astropy.io import fits
 from astropy.wcs import WCS
 from build_distortion import fit
 from canvases import blank
+from csst import BANDS
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.table import GALAXY, ObjectTable
@@ -106,7 +107,8 @@ def test_a_drawn_galaxy_is_drawn_out(camera, make_pointing, psf_r):
             "size_disk": [1.5], "reach": [240], "lost": [1e-4], "wing": [0.0],
             **{f"flux{i}": [1000.0] for i in range(4)},
         }  # fmt: skip
-        table = ObjectTable.complete({"id": np.zeros(1, int)} | {k: np.asarray(v) for k, v in columns.items()})
+        columns = {k: np.asarray(v) for k, v in columns.items()}
+        table = ObjectTable.complete({"id": np.zeros(1, int)} | columns, BANDS)
         canvas = blank(window)
         light.append(draw_objects(canvas, table, Drawing(wcs, psf_r, 100.0))["drawn"][0])
         image = canvas.expected

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from astropy.wcs import WCS
 from build_distortion import build, fit, fit_spline, write_distortion
+from csst import MARGIN
 from scipy.interpolate import NdBSpline
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import EDGE_PX
 from csstsim.catalog.selection.reach import REACH_MAX
-from csstsim.catalog.selection.select import BRICK_MARGIN_DEG, DISTORTION_PX
+from csstsim.catalog.selection.select import DISTORTION_PX
 from csstsim.optics.geometry import spline
 from csstsim.optics.geometry.distortion import FieldDistortion, load_distortion
 from csstsim.optics.geometry.focal_plane import FocalPlane, Placement, load_focal_plane, samples
@@ -128,7 +129,7 @@ def test_margins_of_the_selection_hold(camera, field):
         for y in (0.0, NY / 2, NY - 1.0):
             inverse = field.on(chip).inverse
             stretch = distance(inverse(outer, y), inverse(edge, y))
-            assert stretch.max() * 0.074 / 3600 < BRICK_MARGIN_DEG
+            assert stretch.max() * 0.074 / 3600 < MARGIN
             assert np.abs(stretch - REACH_MAX).max() < DISTORTION_PX / 2
 
 

@@ -6,6 +6,7 @@ import galsim
 import numpy as np
 import pytest
 from canvases import blank, counting
+from csst import BANDS
 from scipy.interpolate import BSpline
 
 from csstsim.base.counter import object_keys
@@ -117,7 +118,7 @@ def test_star_is_the_reference_pixel_by_pixel(camera, make_pointing, psf_r, tabl
         "reach": [50], "lost": [1e-4], "wing": [0.0],
     }  # fmt: skip
     columns |= {f"flux{i}": [f] for i, f in enumerate((4e3, 1e3, 2e3, 3e3))}
-    objects = ObjectTable.complete({k: np.array(v) for k, v in columns.items()})
+    objects = ObjectTable.complete({k: np.array(v) for k, v in columns.items()}, BANDS)
     canvas = blank(WINDOW)
     draw_objects(canvas, objects, Drawing(wcs, psf_r, 100.0))
     expected = canvas.expected

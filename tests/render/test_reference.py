@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from astropy.wcs import WCS
 from canvases import blank
+from csst import BANDS
 
 from csstsim.catalog.flags import BAD_VALUE, FFT_REDUCED, OFF_CHIP
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
@@ -32,7 +33,7 @@ def objects(wcs, x, y, obj_type=STAR, reach=64, rate=100.0, **columns):
         "wing": np.zeros(len(x)),
     }  # fmt: skip
     base |= {f"flux{i}": np.full(len(x), rate / 4) for i in range(4)}
-    return ObjectTable.complete(base | columns)
+    return ObjectTable.complete(base | columns, BANDS)
 
 
 @pytest.fixture(scope="module")

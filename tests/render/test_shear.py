@@ -7,6 +7,7 @@ from types import SimpleNamespace
 import galsim
 import numpy as np
 import pytest
+from csst import BANDS, MARGIN
 from embedded_sky import embedded_catalog
 
 from csstsim.catalog.places.astrometry import icrs
@@ -110,7 +111,7 @@ def test_a_campaign_of_rotated_shapes_cancels_shape_noise(camera, make_setting, 
     """Galaxies of the embedded sky and their twins through select, drawn and measured: what is left of each pair is its
     lensing, to 4e-3 (HSM's own), and to 1% of the shapes in the mean square."""
     setting, craft, window = make_setting(), observe(make_pointing()), Window(4000, 5000, 3000, 4000)
-    catalog = embedded_catalog(tmp_path, region_for(*icrs(*setting.wcs.footprint(window), craft)))
+    catalog = embedded_catalog(tmp_path, region_for(*icrs(*setting.wcs.footprint(window), craft), MARGIN, BANDS))
     options = (catalog, setting.wcs, craft, window, camera.filters["r"], camera.telescope, 150.0, Noise(0.2, 0.02, 5.0))
     pair = [select_objects(*options, 26.0, rotated=turned) for turned in (False, True)]
     e = np.hypot(pair[0]["e1"], pair[0]["e2"])

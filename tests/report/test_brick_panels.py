@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from csst import LOOKS
 from matplotlib.contour import QuadContourSet
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
@@ -18,13 +19,13 @@ from csstsim.report.style import legend_or_note
 def colours_of(n, galaxies=0):
     rng = stream(61, "colours")
     points = rng.normal([[1.2], [0.6]], 0.25, (2, n))
-    return {"input": points, "output": points + 0.02, "galaxy": np.arange(n) < galaxies}
+    return {"bands": ("u", "g", "r"), "input": points, "output": points + 0.02, "galaxy": np.arange(n) < galaxies}
 
 
 def test_contours_hold_their_shares_of_a_gaussian_cloud():
     """Radius sigma sqrt(-2 ln(1 - share)); the smoothing adds BLUR cells to sigma in quadrature; 0.02 mag is chance."""
     axes = Figure().add_subplot()
-    colour_panel.colours(axes, colours_of(20_000))
+    colour_panel.colours(axes, colours_of(20_000), LOOKS)
     (contours,) = (child for child in axes.get_children() if isinstance(child, QuadContourSet))
     sigma = math.hypot(0.25, colour_panel.BLUR * colour_panel.CELL)
     for lines, share in zip(contours.allsegs, colour_panel.SHARES, strict=True):
@@ -36,7 +37,7 @@ def test_contours_hold_their_shares_of_a_gaussian_cloud():
 @pytest.mark.parametrize(("n", "galaxies"), [(0, 0), (1, 0), (49, 20), (120, 60), (120, 119)])
 def test_colours_of_few_are_points_of_many_contours(n, galaxies):
     axes = Figure().add_subplot()
-    colour_panel.colours(axes, colours_of(n, galaxies))
+    colour_panel.colours(axes, colours_of(n, galaxies), LOOKS)
     drawn = [child for child in axes.get_children() if isinstance(child, QuadContourSet)]
     assert len(drawn) == sum(k >= colour_panel.CONTOURS_FROM for k in (galaxies, n - galaxies))
     shown = sum(len(line.get_xdata()) for line in axes.lines if line.get_marker() in "os")
@@ -82,7 +83,7 @@ def test_a_band_of_one_kind_is_named_in_the_legend(galaxy):
     """A small field may have galaxies enough to draw, and no stars."""
     axes, n = Figure().add_subplot(), 20
     table = {name: np.ones(n) for name in COLUMNS} | {"galaxy": np.full(n, galaxy), "mag": np.full(n, 22.2)}
-    exposure_panels.found_by_magnitude(axes, None, {"trials": {"r": ObjectTable(table)}})
+    exposure_panels.found_by_magnitude(axes, None, {"trials": {"r": ObjectTable(table)}, "looks": LOOKS})
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["r"]
 
 

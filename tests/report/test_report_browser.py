@@ -5,6 +5,7 @@ Needs Debian's packages chromium and chromium-driver; without them the tests are
 
 import pytest
 import webdriver
+from csst import LOOKS
 from readout_state import small_camera
 from report_page import Reader
 from test_thumbnail import level0
@@ -163,7 +164,7 @@ def test_exposures_to_choose_from_a_cutout_and_folded_sections(browser, tmp_path
     evil = "</script><script>console.error('run')</script><img src=x onerror=alert(1)>"
     path = tmp_path / "index.html"
     rows = [{"obsid": evil, "file": Link(evil, "b.fits")}] * 60
-    write_report(path, {"name": evil, "seed": 1}, [], exposures=rows, mosaic=mosaic(chips, [one, two]))
+    write_report(path, {"name": evil, "seed": 1}, [], exposures=rows, mosaic=mosaic(chips, [one, two], LOOKS))
     Reader(path.read_text())
     browser.open(f"{path.as_uri()}#exposures")
     shown = "return [...document.querySelectorAll('.exposure')].map((g) => getComputedStyle(g).display !== 'none')"

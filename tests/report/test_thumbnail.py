@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from csst import LOOKS
 from PIL import Image
 from readout_state import flat_state, plain_layers, run, small_camera
 from report_page import Reader
@@ -114,7 +115,7 @@ def test_outlines_and_images_are_drawn_on_their_corners(small, tmp_path):
     for number in (8, 29, 1):
         chip = small.chips[number]
         file = level0(small, tmp_path / f"{number}.fits", chip=number, window=window)
-        reader = Reader(draw(mosaic([chip], [take_exposure("x", 0.0, [(chip, file)])])))
+        reader = Reader(draw(mosaic([chip], [take_exposure("x", 0.0, [(chip, file)])], LOOKS)))
         for drawn, expected in (("window", file.window), ("chip", chip.full_window), (None, file.window)):
             (found,) = (a for tag, a in reader.tags if tag in ("rect", "image") and a.get("class") == drawn)
             x, y, width, height = (float(found[key]) for key in ("x", "y", "width", "height"))
@@ -130,7 +131,7 @@ def test_mosaic_of_30_chips_and_of_calibration(small, tmp_path):
     one = take_exposure("science", -113.4333, files)
     dark = take_exposure("<bias>", 0.0, [(small.chips[9], level0(small, tmp_path / "b.fits", level=0.0, type="BIAS"))])
     assert one.detail is None  # already at full resolution
-    text = draw(mosaic(list(small.chips.values()), [one, dark]))
+    text = draw(mosaic(list(small.chips.values()), [one, dark], LOOKS))
     reader = Reader(text)
     assert len(reader.values("image", "href")) == 31 and "<bias>" in " ".join(reader.text)
     assert [attrs["data-number"] for tag, attrs in reader.tags if tag == "g" and "data-box" in attrs] == ["0", "1"]
@@ -142,7 +143,7 @@ def test_mosaic_of_30_chips_and_of_calibration(small, tmp_path):
 def test_the_compass_points_north_and_east(small, tmp_path, pa, north):
     """pa is the angle of mosaic +y, north through east; on the screen east is where the WCS has it."""
     file = level0(small, tmp_path / "x.fits")
-    text = draw(mosaic(list(small.chips.values()), [take_exposure("x", pa, [(small.chips[9], file)])]))
+    text = draw(mosaic(list(small.chips.values()), [take_exposure("x", pa, [(small.chips[9], file)])], LOOKS))
     angles = [float(v) for v in re.findall(r"<path [^>]*rotate\(([-\d.]+)\)", text)]
     wcs = ChipWCS(small.chips[9], flat_state(small, pa=pa).pointing)
     here = wcs.pixel_to_world(100.0, 30.0)

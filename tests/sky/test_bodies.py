@@ -126,7 +126,7 @@ def test_the_moon_is_lit_by_the_sun_at_its_distance(time):
     near = np.linalg.norm(moon - here)
     phase = angle(here - moon, sun - moon)
     au = np.linalg.norm(sun - here) / 149_597_870.7
-    law = numbers().moon
-    wanted = law["magnitude"] + sum(c * phase ** (k + 1) for k, c in enumerate(law["phase"]))
-    wanted += 5 * np.log10(near / law["distance_km"]) + 5 * np.log10(au)
+    law = numbers().bodies.moon
+    wanted = law.magnitude + sum(c * phase ** (k + 1) for k, c in enumerate(law.phase))
+    wanted += 5 * np.log10(near / law.distance_km) + 5 * np.log10(au)
     assert found.moon_magnitude == pytest.approx(wanted, abs=0.005)

@@ -57,7 +57,7 @@ def test_number_of_segments(sun_zenith):
     1e-15, a thousandth of HST's at night."""
     from dataclasses import replace
 
-    fine = replace(numbers(), rings=4 * numbers().rings)
+    fine = replace(numbers(), earth=replace(numbers().earth, rings=4 * numbers().earth.rings))
     for limb in (10, 24, 38, 70):
         assert level(limb, sun_zenith) == pytest.approx(level(limb, sun_zenith, fine), rel=0.02, abs=1e-15)
 

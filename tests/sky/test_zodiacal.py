@@ -9,14 +9,14 @@ from csstsim.sky.background_spectra import photons
 from csstsim.sky.zodiacal import elongation, intensity, mixture, spectrum
 
 TABLE = numbers().zodiacal
-LON, LAT = np.meshgrid(TABLE["longitude"], TABLE["latitude"], indexing="ij")
-KNOWN = np.isfinite(TABLE["intensity"])
+LON, LAT = np.meshgrid(TABLE.longitude, TABLE.latitude, indexing="ij")
+KNOWN = np.isfinite(TABLE.intensity)
 
 
 def test_nodes():
     ok = KNOWN & (elongation(LON, LAT) >= 15)
     values = intensity(LON[ok], LAT[ok], numbers())
-    assert np.allclose(values, TABLE["intensity"][ok], rtol=1e-12)
+    assert np.allclose(values, TABLE.intensity[ok], rtol=1e-12)
 
 
 @pytest.mark.parametrize("signs", [(1, -1), (-1, 1), (-1, -1)])
@@ -30,9 +30,9 @@ def test_between_nodes_neither_more_nor_less_than_the_cell():
     rng = np.random.default_rng(5)
     lon, lat = rng.uniform(15, 180, 2000), rng.uniform(0, 90, 2000)
     value = intensity(lon, lat, numbers())
-    i = np.searchsorted(TABLE["longitude"], lon, side="right") - 1
-    j = np.searchsorted(TABLE["latitude"], lat, side="right") - 1
-    corners = np.array([TABLE["intensity"][np.minimum(i + a, 18), j + b] for a in (0, 1) for b in (0, 1)])
+    i = np.searchsorted(TABLE.longitude, lon, side="right") - 1
+    j = np.searchsorted(TABLE.latitude, lat, side="right") - 1
+    corners = np.array([TABLE.intensity[np.minimum(i + a, 18), j + b] for a in (0, 1) for b in (0, 1)])
     assert (value <= corners.max(axis=0) * (1 + 1e-9)).all() and (value >= corners.min(axis=0) * (1 - 1e-9)).all()
 
 

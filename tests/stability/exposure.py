@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from canvases import blank
+from csst import BANDS
 from scipy.special import gammainc
 
 from csstsim.base.rng import stream
@@ -50,7 +51,7 @@ class Listed(CatalogBase):
     """Objects as columns, with their electrons / s in the four sub-bands."""
 
     def __init__(self, table, rates):
-        super().__init__({}, Region((), (), ()))
+        super().__init__({}, Region((), (), (), BANDS))
         self._table, self._rates = table, rates
 
     def _load(self): ...
@@ -115,7 +116,7 @@ class Site:
         """
         x, y = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, float)) for v in (x, y)))
         ra, dec = icrs(*self.wcs.pixel_to_world(x, y), self.craft)
-        catalogue = ObjectTable.complete({"id": np.arange(len(x)), "ra": ra, "dec": dec} | columns)
+        catalogue = ObjectTable.complete({"id": np.arange(len(x)), "ra": ra, "dec": dec} | columns, BANDS)
         for name, row, value in spoilt:
             catalogue[name][row] = value
         rates = np.repeat(np.broadcast_to(np.asarray(electrons, float), len(x))[:, None] / (4 * EXPTIME), 4, axis=1)

@@ -14,9 +14,8 @@ from csstsim.catalog.table import GALAXY
 SNR_MAX = 500.0  # brighter sources come near saturation
 SNR_BRIGHT = 20.0  # magnitude and position residuals are judged above this
 SNR_COUNT = 20.0  # in one exposure: number counts, and what a merged brick must hold
-SNR_COLOUR = 10.0  # measured, of each of u, g, r
+SNR_COLOUR = 10.0  # measured, in each band
 MATCH_ARCSEC = 0.2  # truth and merged source; for galaxies at least half the half-light radius
-PIXEL = 0.074  # arcsec
 SATURATED = 4  # of the measured flags (measure.catalogue)
 
 
@@ -37,7 +36,7 @@ def half_light(truth):
 
 def wider(truth, n_eff):
     """Return by how much more pixels an object covers than a point source, (n,)."""
-    return 1.0 + 9.0 * (truth["half_light"] / PIXEL) ** 2 / n_eff
+    return 1.0 + 9.0 * truth["half_light_px"] ** 2 / n_eff
 
 
 def reach(truth):
@@ -145,18 +144,26 @@ def astrometry(truth, sources, match, bands, snr_min=SNR_BRIGHT):
     return east * 3.6e6, north * 3.6e6
 
 
-def colours(truth, sources, match, bands="ugr", snr_min=SNR_COLOUR, kind=None):
-    """Return the colours of the same sources, true and measured: {input, output (2, n), galaxy (n,)}.
+def three(bands):
+    """Return three neighbouring bands of the camera's to show colours in: from the second on, if there are four."""
+    first = 1 if len(bands) > 3 else 0
+    return tuple(bands)[first : first + 3]
 
-    Matched, unblended, S/N > `snr_min` in the three bands; kind: "star" leaves galaxies out. The S/N is that of the
-    magnitude that is used: PSF of stars and quasars, Kron of galaxies.
+
+def colours(truth, sources, match, bands, snr_min=SNR_COLOUR, kind=None):
+    """Return the colours of the same sources, true and measured: {bands, input, output (2, n), galaxy (n,)}.
+
+    Matched, unblended, S/N > `snr_min` in the three bands; of fewer bands there is nothing, whatever the sources; kind:
+    "star" leaves galaxies out. The S/N is that of the magnitude that is used: PSF of stars and quasars, Kron of
+    galaxies.
     """
-    rows = np.flatnonzero(~truth["blended"].astype(bool) & (match >= 0)) if len(truth) else np.zeros(0, int)
+    some = len(truth) and len(bands) == 3
+    rows = np.flatnonzero(~truth["blended"].astype(bool) & (match >= 0)) if some else np.zeros(0, int)
     source, galaxy = match[rows], truth["obj_type"][rows] == GALAXY if len(rows) else np.zeros(0, bool)
     good = (np.asarray(sources["flags"])[source] & SATURATED) == 0
     good &= ~galaxy if kind == "star" else True
     given, got = [], []
-    for band in bands:
+    for band in bands if some else ():
         snr, mag = (
             np.where(galaxy, *(values[source] for values in pair))
             for pair in (
@@ -165,11 +172,12 @@ def colours(truth, sources, match, bands="ugr", snr_min=SNR_COLOUR, kind=None):
             )
         )
         good &= np.nan_to_num(snr) > snr_min
-        given.append(truth[f"mag_{band}"][rows].astype(float) if len(rows) else np.zeros(0))
+        given.append(truth[f"mag_{band}"][rows].astype(float))
         got.append(mag)
+    given, got = (np.array(mags) if some else np.zeros((3, 0)) for mags in (given, got))
     good &= np.isfinite(given).all(axis=0) & np.isfinite(got).all(axis=0)
     colours = (np.stack([m[0] - m[1], m[1] - m[2]])[:, good] for m in (given, got))
-    return dict(zip(("input", "output"), colours, strict=True)) | {"galaxy": galaxy[good]}
+    return {"bands": tuple(bands)} | dict(zip(("input", "output"), colours, strict=True)) | {"galaxy": galaxy[good]}
 
 
 def spread(values):

@@ -6,7 +6,7 @@ Chance of the mean of an exposure is forgiven at WORST sigma, because a release 
 
 import numpy as np
 
-from csstsim.bricks.compare import PIXEL, SNR_BRIGHT, SNR_MAX, spread
+from csstsim.bricks.compare import SNR_BRIGHT, SNR_MAX, spread
 from csstsim.bricks.facts import header_off, pixels_off
 from csstsim.bricks.gates import WORST, at_least, at_most, between
 from csstsim.bricks.trials import SHAPES
@@ -24,7 +24,7 @@ def frame_gates(table, frame, limits):
     of = _Gates(frame.band, where)
     return (
         _found(table, limits, of)
-        + _stars(table, limits, of)
+        + _stars(table, frame.pixel, limits, of)
         + _shapes(table, limits, of)
         + _depth(frame, limits, of)
         + (_pixels(frame, limits, of) + _header(frame.facts, limits, of) if frame.facts else [])
@@ -81,7 +81,7 @@ def bright_points(table):
     return bright & (table["galaxy"] == 0) & (table["lonely"] > 0) & (table["sound"] > 0)
 
 
-def _stars(table, limits, of):
+def _stars(table, pixel, limits, of):
     stars = bright_points(table)
     sharp = stars & (table["snr"] > SNR_SHARP)
     pull = spread(_finite(table["pull"][stars]))
@@ -96,7 +96,7 @@ def _stars(table, limits, of):
         "place by the header's WCS [px]": (
             "header_east",
             "header_north",
-            error / (1000 * PIXEL),
+            error / (1000 * pixel),
             FLOOR_PX,
             limits.wcs_max,
         ),

@@ -19,7 +19,7 @@ import numpy as np
 from csstsim.base.healpix import brick_of, hats_index, near_brick
 from csstsim.base.sphere import ra_dec, unit_vectors
 from csstsim.bricks.associate import ARCSEC, FLOOR, associate
-from csstsim.catalog.table import BANDS, ObjectTable, write_parquet
+from csstsim.catalog.table import ObjectTable, write_parquet
 
 MARGIN = 2.0  # arcsec; a detection and the mean of its source are never further apart than twice `associate.CAP`
 ERROR_MIN = 1e-4  # arcsec: no single detection has all the weight of a position
@@ -68,14 +68,14 @@ ABOUT_BAND = {  # of each band B, small letters
 }
 
 
-def merge_brick(pix, tables, *, margin=MARGIN):
+def merge_brick(pix, tables, bands, *, margin=MARGIN):
     """Return (sources, detections) of brick `pix`.
 
     `tables`: iterable of measured tables (measure.catalogue columns), looked at one by one; nothing is kept of those
-    without a row in the brick or its margin (arcsec). `sources`: ObjectTable of ABOUT's columns but the links to
-    detections, one row per source the brick owns, in the order of `_healpix_29`.
-    `sources.meta` has the number of sources left out and what became of every detection.
-    `detections`: ObjectTable of DETECTION_COLUMNS and `source` (row in `sources`), sorted by it.
+    without a row in the brick or its margin (arcsec). `bands`: the camera's (Camera.bands). `sources`: ObjectTable of
+    ABOUT's columns but the links to detections, one row per source the brick owns, in the order of `_healpix_29`.
+    `sources.meta` has the number of sources left out and what became of every detection. `detections`: ObjectTable of
+    DETECTION_COLUMNS and `source` (row in `sources`), sorted by it.
     """
     found, fate = _gather(pix, tables, margin / 3600.0)
     vectors = unit_vectors(found["ra"], found["dec"])
@@ -109,7 +109,7 @@ def merge_brick(pix, tables, *, margin=MARGIN):
         "left_out": int((inside & ~credible).sum()), "snr_alone": SNR_ALONE, "visits_alone": VISITS_ALONE,
         "snr_pair": SNR_PAIR, "detections": fate,
     }  # fmt: skip
-    return ObjectTable(columns | _photometry(detections, len(owned)), meta), detections
+    return ObjectTable(columns | _photometry(detections, bands, len(owned)), meta), detections
 
 
 def _credible(found, source, close, count):
@@ -156,11 +156,11 @@ def _gather(pix, tables, margin):
 
 
 @np.errstate(all="ignore")  # a number that is no measurement ends as NaN or infinity, in its own row
-def _photometry(found, count):
+def _photometry(found, bands, count):
     source, band = found["source"], found["filter"]
     to_flux = 10.0 ** (0.4 * (AB_MICROJANSKY - found["zeropoint"]))  # microjansky per electron
     columns = {}
-    for name in BANDS:
+    for name in bands:
         rows = np.flatnonzero(band == name)
         columns[f"n_{name}"] = np.bincount(source[rows], minlength=count).astype(np.int32)
         for prefix, kind in (("", "psf"), ("kron_", "kron")):

@@ -22,7 +22,7 @@ CHANCE = 5.0  # sigma forgiven
 def shapes(frame, truth):
     """Return {object id: (g1, g2)} of the sound, resolved, lone galaxies of a validate.Frame; truth: usable rows."""
     truth = truth.take((truth["obj_type"] == GALAXY) & ~truth["blended"])
-    measured, row = frame.measured, matched(truth, frame.measured)
+    measured, row = frame.measured, matched(truth, frame.measured, frame.pixel)
     truth, row = truth.take(row >= 0), row[row >= 0]
     g = np.stack([measured["g1"][row], measured["g2"][row]], axis=1)
     good = (measured["snr"][row] > SNR_MIN) & (measured["resolution"][row] > RESOLVED)

@@ -8,7 +8,7 @@ from the amplifier: the way in which charge transfer displaces; `transfers` the 
 import numpy as np
 
 from csstsim.base.sphere import offsets
-from csstsim.bricks.compare import PIXEL, SATURATED, half_light, wider
+from csstsim.bricks.compare import SATURATED, half_light, wider
 from csstsim.bricks.match import one_to_one
 from csstsim.catalog.table import GALAXY, ObjectTable
 
@@ -41,7 +41,7 @@ def trials(truth, frame):
     truth = truth.take(~truth["blended"])
     electrons, galaxy = truth["electrons"].astype(float), truth["obj_type"] == GALAXY
     area = frame.info["n_eff"] * wider(truth, frame.info["n_eff"])
-    row = matched(truth, frame.measured)
+    row = matched(truth, frame.measured, frame.pixel)
     found = row >= 0
     out = {
         "galaxy": galaxy, "snr": electrons / np.sqrt(electrons + area * frame.info["rms"] ** 2),
@@ -60,14 +60,14 @@ def trials(truth, frame):
         at, measured, truth = row[found], frame.measured, truth.take(found)
         out["sound"][found] = (measured["flags"][at] & SATURATED) == 0
         out["clean"][found] = (measured["flags"][at] & DOUBTFUL) == 0
-        scale = 1000 * PIXEL
+        scale = 1000 * frame.pixel
         out["across_mas"][found] = scale * (measured["x"][at] - truth["x"])
         away = np.where(upper[found], -1.0, 1.0)
         out["deferred_mas"][found] = scale * away * (measured["y"][at] - truth["y"])
         out["light"][found] = measured["flux_psf"][at] / electrons[found]
         if "hsm_sigma" in measured:  # another code's table has light and places alone
             values = _own(truth, measured, at, out["mag"][found], electrons[found])
-            values |= _by_header(truth, measured, at, frame.facts)
+            values |= _by_header(truth, measured, at, frame)
             for name in values:
                 out[name][found] = values[name]
     return ObjectTable(out)
@@ -95,19 +95,22 @@ def _own(truth, measured, at, mag, electrons):
     return out
 
 
-def _by_header(truth, measured, at, facts):
+def _by_header(truth, measured, at, frame):
     """Return {header_east, header_north} [px]; empty without a WCS in the header."""
-    if facts is None or facts.wcs is None or "ra" not in truth:
+    if frame.facts is None or frame.facts.wcs is None or "ra" not in truth:
         return {}
-    seen = facts.wcs.pixel_to_world(measured["x"][at], measured["y"][at])
+    seen = frame.facts.wcs.pixel_to_world(measured["x"][at], measured["y"][at])
     east, north = offsets(*seen, truth["ra"], truth["dec"])
-    return {"header_east": 3600.0 * east / PIXEL, "header_north": 3600.0 * north / PIXEL}
+    return {"header_east": 3600.0 * east / frame.pixel, "header_north": 3600.0 * north / frame.pixel}
 
 
-def matched(truth, measured):
-    """Return the row of the detection that is each object's (bricks.match), -1 without one within reach."""
+def matched(truth, measured, pixel):
+    """Return the row of the detection that is each object's (bricks.match), -1 without one within reach.
+
+    pixel: its side [arcsec].
+    """
     places, others = (np.column_stack([table["x"], table["y"]]) for table in (truth, measured))
-    return one_to_one(places, others, np.maximum(MATCH_PX, 0.5 * half_light(truth) / PIXEL))
+    return one_to_one(places, others, np.maximum(MATCH_PX, 0.5 * half_light(truth) / pixel))
 
 
 def joined(tables):

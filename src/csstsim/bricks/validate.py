@@ -19,15 +19,16 @@ from csstsim.bricks.exposures import SNR_SHARP, bright_points, frame_gates, judg
 from csstsim.bricks.gates import CHANCE, FEW, WORST, at_least, at_most, of_exposures
 from csstsim.bricks.trials import SHAPES, joined, limit, trials
 from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, STRONG_LENSING
-from csstsim.catalog.table import BANDS, ObjectTable
+from csstsim.catalog.table import ObjectTable
 
 SNR_EDGES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 15, 20, 50, 100, 500)
 BIAS_EDGES = (5, 10, 20, 50, 100, 200, 500)  # S/N, of places and light along the way of the charge
 MAG_EDGES = np.arange(16.0, 29.1, 0.5)
 NEAR = 12.0  # px: neighbours count
 EDGE = 12  # px; sources nearer to the frame's edge are not judged
-# Columns of the true objects of a brick
-DISTINCT = ("id", "obj_type", "ra_epoch", "dec_epoch", "blended", "half_light", *(f"mag_{band}" for band in BANDS))
+# Columns of the true objects of a brick, beside their magnitudes
+DISTINCT = ("id", "obj_type", "ra_epoch", "dec_epoch", "blended", "half_light", "half_light_px")
+LOCUS = ("g", "r", "i")  # the public locus of stars is in bands of these names
 IN_FRAME = 0.9  # of an object's light in the window; less is not judged
 
 
@@ -35,13 +36,14 @@ IN_FRAME = 0.9  # of an object's light in the window; less is not judged
 class Frame:
     """One measured Level-0 file: its truth (io.truth.read_truth) and its measured table (measure.catalogue).
 
-    seam: first row of the chip's upper half; depth: (low, high) AB magnitudes of 5 sigma, the published ones, or
-    None; facts: bricks.facts.Facts, without which neither pixels nor header are judged.
+    seam: first row of the chip's upper half; pixel: its side [arcsec]; depth: (low, high) AB magnitudes of 5 sigma, the
+    published ones, or None; facts: bricks.facts.Facts, without which neither pixels nor header are judged.
     """
 
     truth: ObjectTable
     measured: ObjectTable
     seam: int
+    pixel: float
     depth: tuple | None = None
     facts: object = None
 
@@ -56,14 +58,15 @@ class Frame:
         return self.info["filter"].lower()
 
 
-def validate_brick(pix, sources, frames, config):
+def validate_brick(pix, sources, frames, bands, config):
     """Return (result, arrays) of brick `pix`.
 
-    `sources`: merged ObjectTable (or mapping) of the brick; `frames`: iterable of `Frame`; `config`:
-    thresholds.ValidateConfig. `result` is JSON-like: per band completeness, magnitude residuals (mag), depth;
-    astrometry (mas); gates (bricks.gates). `arrays` holds what report.figures draws.
+    `sources`: merged ObjectTable (or mapping) of the brick; `frames`: iterable of `Frame`; `bands`: the
+    camera's (Camera.bands); `config`: thresholds.ValidateConfig. `result` is JSON-like: per band completeness,
+    magnitude residuals (mag), depth; astrometry (mas); gates (bricks.gates). `arrays` holds what report.figures draws.
     """
-    tried, infos, judged, seen_in = ({band: [] for band in BANDS} for _ in range(4))
+    tried, infos, judged, seen_in = ({band: [] for band in bands} for _ in range(4))
+    magnitudes = [f"mag_{band}" for band in bands]
     kept, held, real = [], [], np.zeros(len(sources), bool)
     for frame in frames:  # one at a time is in memory; of it what is on the brick is kept
         real[compare.real(frame.truth, sources)] = True
@@ -77,22 +80,24 @@ def validate_brick(pix, sources, frames, config):
             good = (table["clean"] > 0) & (table["snr"] > compare.SNR_COUNT) & (table["snr"] < compare.SNR_MAX)
             held.append(truth["id"][~truth["blended"]][good])
             seen_in[frame.band].append(truth["id"])
-            kept.append(ObjectTable({name: truth[name] for name in DISTINCT}))
-    truth = distinct(kept)
+            kept.append(ObjectTable({name: truth[name] for name in (*DISTINCT, *magnitudes)}))
+    truth = distinct(kept, magnitudes)
     match = compare.match(truth, sources)
-    bands, curves, residuals, tables, gates = {}, {}, {}, {}, []
-    seen = [band for band in BANDS if infos[band]]
+    numbers_of, curves, residuals, tables, gates = {}, {}, {}, {}, []
+    seen = [band for band in bands if infos[band]]
     for band in seen:
         table = tables[band] = joined(tried[band])
         residuals[band], numbers = compare.magnitudes(band, truth, sources, match, infos[band])
-        bands[band] = numbers | _of_exposures(table, infos[band], config)
+        numbers_of[band] = numbers | _of_exposures(table, infos[band], config)
         on = np.isin(truth["id"], np.concatenate(seen_in[band] or [[]]))  # a frame of the band covers part of the brick
-        bands[band]["counts"] = compare.counts(band, truth.take(on), sources, match[on], real, MAG_EDGES, infos[band])
+        numbers_of[band]["counts"] = compare.counts(
+            band, truth.take(on), sources, match[on], real, MAG_EDGES, infos[band]
+        )
         points = ~table["galaxy"].astype(bool)
         curves[band] = completeness(table["snr"][points], table["found"][points] > 0, SNR_EDGES)
-        gates += of_exposures(judged[band]) + _gates(band, bands[band], config)
-    east, north = compare.astrometry(truth, sources, match, bands)
-    bright = compare.spread(np.hypot(*compare.astrometry(truth, sources, match, bands, SNR_SHARP)))
+        gates += of_exposures(judged[band]) + _gates(band, numbers_of[band], config)
+    east, north = compare.astrometry(truth, sources, match, seen)
+    bright = compare.spread(np.hypot(*compare.astrometry(truth, sources, match, seen, SNR_SHARP)))
     pure = float(real.mean()) if len(real) else None
     double, n = compare.twice(truth, sources, match)
     gates += [
@@ -104,17 +109,18 @@ def validate_brick(pix, sources, frames, config):
         ),
         _share_at_most("sources counted twice", double, n, config.twice_max),
     ]
+    locus = LOCUS if set(LOCUS) <= set(bands) else ()
     result = {
         "brick": int(pix), "sources": len(sources), "purity": pure,
         "left_out": getattr(sources, "meta", {}).get("left_out"), "truth": len(truth),
-        "frames": sum(map(len, infos.values())), "bands": bands,
+        "frames": sum(map(len, infos.values())), "bands": numbers_of,
         "astrometry_mas": {"east": compare.spread(east), "north": compare.spread(north)}, "radial_mas": bright,
         "gates": gates,
     }  # fmt: skip
     return result, {
         "completeness": curves, "residual": residuals, "trials": tables,
-        "colour": compare.colours(truth, sources, match),
-        "locus": compare.colours(truth, sources, match, "gri", compare.SNR_BRIGHT, "star"),
+        "colour": compare.colours(truth, sources, match, compare.three(bands)),
+        "locus": compare.colours(truth, sources, match, locus, compare.SNR_BRIGHT, "star"),
     }  # fmt: skip
 
 
@@ -177,7 +183,7 @@ def completeness(snr, found, edges):
 
 
 def usable(frame):
-    """Return the truth of a frame that lies well inside it, with columns blended, half_light and crowd.
+    """Return the truth of a frame that lies well inside it, with columns blended, half_light, half_light_px and crowd.
 
     Where a catalogue does not give the magnitude of the frame's band, it is that of the electrons.
     """
@@ -186,8 +192,12 @@ def usable(frame):
     if len(truth) == 0:
         return truth
     near = blended(truth["x"], truth["y"], truth["electrons"])
+    size = compare.half_light(truth)
     truth = truth.with_columns(
-        blended=near, half_light=compare.half_light(truth), crowd=crowd(truth["x"], truth["y"], truth["electrons"])
+        blended=near,
+        half_light=size,
+        half_light_px=size / frame.pixel,
+        crowd=crowd(truth["x"], truth["y"], truth["electrons"]),
     )
     name = f"mag_{frame.band}"
     with np.errstate(divide="ignore"):
@@ -228,19 +238,19 @@ def crowd(x, y, electrons):
     return out
 
 
-def distinct(tables):
+def distinct(tables, magnitudes):
     """One row per object of the truth of several frames, by id; blended anywhere is blended, `ra_epoch` is the mean.
 
-    A magnitude that one frame's table lacks is another's.
+    A magnitude (of the columns `magnitudes`) that one frame's table lacks is another's.
     """
     if not tables:
-        return ObjectTable({name: np.zeros(0, bool if name == "blended" else float) for name in DISTINCT})
-    columns = {name: np.concatenate([table[name] for table in tables]) for name in DISTINCT}
+        return ObjectTable({n: np.zeros(0, bool if n == "blended" else float) for n in (*DISTINCT, *magnitudes)})
+    columns = {name: np.concatenate([table[name] for table in tables]) for name in tables[0]}
     _, first, which = np.unique(columns["id"], return_index=True, return_inverse=True)
     anywhere = np.bincount(which, columns["blended"]) > 0
     vectors = unit_vectors(columns["ra_epoch"], columns["dec_epoch"])
     ra, dec = ra_dec(np.stack([np.bincount(which, v) for v in vectors.T], axis=1))
     table = ObjectTable({name: values[first] for name, values in columns.items()})
-    for name in (f"mag_{band}" for band in BANDS):
+    for name in magnitudes:
         np.fmax.at(table[name], which, columns[name])
     return table.with_columns(blended=anywhere, ra_epoch=ra, dec_epoch=dec)

@@ -8,13 +8,19 @@ from csstsim.optics.throughput import shutter
 
 @explained("campaign")
 def check_selection(run):
-    """Exposures, filters, window and PSF library of the campaign file exist."""
+    """Exposures, chips, filters, window and PSF library of the campaign file exist."""
     select = run.config.select
     unknown = sorted(set(select.obsids or ()) - set(run.pointings))
     if unknown:
         raise InputError(
             "not in the survey table", file=run.file, key="select.obsids", value=unknown[0],
             allowed=f"the {len(run.pointings)} obsids of {run.config.survey_table}",
+        )  # fmt: skip
+    unknown = [] if isinstance(select.chips, str) else sorted(set(select.chips) - set(run.camera.chips))
+    if unknown:
+        raise InputError(
+            "no such chip", file=run.file, key="select.chips", value=unknown[0],
+            allowed=", ".join(map(str, run.camera.chips)),
         )  # fmt: skip
     unknown = sorted(set(select.filters or ()) - set(run.camera.filters))
     if unknown:

@@ -21,7 +21,7 @@ from csstsim.catalog import own_table
 from csstsim.catalog.open import catalog_class
 from csstsim.catalog.places.astrometry import apparent
 from csstsim.catalog.places.ephemeris import observer
-from csstsim.catalog.selection.select import BRICK_MARGIN_DEG, bricks_for
+from csstsim.catalog.selection.select import BRICK_MARGIN_PX, bricks_for, region_for
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.io.owner import check_owner
@@ -222,9 +222,15 @@ class OpenCampaign:
 
     def margin_deg(self, job):
         """Return how far beyond a job's window objects may lie whose light reaches it."""
+        scale = self.camera.telescope.pixel_scale
+        margin = BRICK_MARGIN_PX * scale / 3600.0
         if job.chip.kind != "slitless":
-            return BRICK_MARGIN_DEG
-        return BRICK_MARGIN_DEG + self.camera.gratings[job.chip.id].reach * self.camera.telescope.pixel_scale / 3600.0
+            return margin
+        return margin + self.camera.gratings[job.chip.id].reach * scale / 3600.0
+
+    def region(self, job):
+        """Return the catalog.base.Region whose objects may reach a job's window."""
+        return region_for(*job.footprint(), self.margin_deg(job), self.camera.bands)
 
     def truth_bricks(self, job):
         """Return the truth bricks whose objects may reach a job's window, as a tuple."""

@@ -72,9 +72,9 @@ def _aimed(file, content):
 
     if file.name in content:
         raise InputError("the name is taken by another file of the folder", file=file)
-    table = object_table(read_table(file), file)
-    ra, dec, radius = _circle(file, table)
-    camera, rows = load_camera(SHIPPED / "instrument"), ["obsid,type,ra,dec,pa,time,exptime"]
+    camera = load_camera(SHIPPED / "instrument")
+    ra, dec, radius = _circle(file, object_table(read_table(file), camera.bands, file))
+    rows = ["obsid,type,ra,dec,pa,time,exptime"]
     for number, (chip, time) in enumerate(AIMED.items(), start=1):
         obsid = f"10100{number:06d}"
         p = exposure_of(camera, camera.chips[chip], ra, dec, obsid=obsid, pa=PA, time=time, exptime=EXPTIME)

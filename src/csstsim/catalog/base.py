@@ -63,7 +63,7 @@ from csstsim.base.help_page import explained
 from csstsim.base.sphere import inside, unit_vectors
 from csstsim.catalog.light.photometry import ab_mag, bin_means, load_fluxes
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.table import COLUMNS, ObjectTable
+from csstsim.catalog.table import ObjectTable, columns_with
 from csstsim.catalog.undrawn import check_shapes
 from csstsim.instrument.filter import GRID
 
@@ -72,12 +72,14 @@ from csstsim.instrument.filter import GRID
 class Region:
     """The sky a catalogue is asked for: corners [deg, ICRS], margin added, and NSIDE-256 nested bricks they touch.
 
-    The margin leaves a star 147 arcsec of motion since J2000; a catalogue with faster ones gives them besides.
+    The margin leaves a star 147 arcsec of motion since J2000; a catalogue with faster ones gives them besides. `bands`:
+    those of the camera (Camera.bands), whose magnitudes a table has.
     """
 
     ra: tuple[float, ...]
     dec: tuple[float, ...]
     bricks: tuple[int, ...]
+    bands: tuple[str, ...] = ()
 
     def contains(self, ra, dec):
         """Whether places [deg, arrays of one length] lie between the corners, which bound a convex polygon."""
@@ -121,13 +123,15 @@ class CatalogBase(ABC):
                 raise InputError("objs holds something else than MockObjects", key=name_of(self), value=strange)
             names = sorted({name for obj in self.objs for name in obj.values})
             columns = {name: [getattr(obj, name, None) for obj in self.objs] for name in names}
-            _refuse_units(name_of(self), columns)
+            bands = self.region.bands
+            ours = columns_with(bands)
+            _refuse_units(name_of(self), {name: columns[name] for name in columns if name in ours})
             check_shapes(columns, columns.get("obj_type", ()), name_of(self))
             # Extras may be anything (a file name, an array); only plain values travel, under names that are theirs.
-            extras = {f"user_{name}": column for name, column in columns.items() if name not in COLUMNS}
+            extras = {f"user_{name}": column for name, column in columns.items() if name not in ours}
             plain = {name: _plain_column(column) for name, column in extras.items()}
-            known = {name: column for name, column in columns.items() if name in COLUMNS}
-            self._table = ObjectTable.complete(known | {n: v for n, v in plain.items() if v is not None})
+            known = {name: column for name, column in columns.items() if name in ours}
+            self._table = ObjectTable.complete(known | {n: v for n, v in plain.items() if v is not None}, bands)
         return self._table
 
     @property
@@ -186,8 +190,8 @@ class CatalogBase(ABC):
 
 def _refuse_units(catalog, columns):
     """Raise InputError for a quantity with a unit where csstsim wants a number."""
-    for name in set(columns) & set(COLUMNS):
-        value = next((value for value in columns[name] if hasattr(value, "unit")), None)
+    for name, values in columns.items():
+        value = next((value for value in values if hasattr(value, "unit")), None)
         if value is not None:
             raise InputError(
                 "must be a plain number (units: catalog.base)", key=f"{catalog}._load, {name}", value=value

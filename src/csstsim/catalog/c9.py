@@ -21,11 +21,11 @@ from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.catalog.base import CatalogBase
-from csstsim.catalog.c9_files import read_array, read_galaxies, read_stars
+from csstsim.catalog.c9_files import BANDS, read_array, read_galaxies, read_stars
 from csstsim.catalog.light.embedded_spectra import coefficients
 from csstsim.catalog.light.photometry import ab_mag
 from csstsim.catalog.mock_object import MockObjects
-from csstsim.catalog.table import BANDS, GALAXY, QUASAR, STAR, ObjectTable
+from csstsim.catalog.table import GALAXY, QUASAR, STAR, ObjectTable
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.universe.parameters import COEFFICIENTS, load_universe
@@ -78,7 +78,7 @@ class C9Catalog(CatalogBase):
             active = columns["qsoindex"] >= 0
             if active.any() and self._quasar_file:
                 parts.append(_quasars(columns, host, active))
-        self._table = ObjectTable.concat(parts)
+        self._table = ObjectTable.concat(parts or [_complete({})])
         self.objs = MockObjects(self._table)
 
     def _stars(self, columns, ids):
@@ -201,11 +201,11 @@ def _quasars(columns, host, active):
 
 
 def _complete(columns):
-    """Return the ObjectTable of one kind's columns, those of the other kinds filled in."""
+    """Return the ObjectTable of one kind's columns, those of the other kinds filled in; magnitudes are CSST's."""
     extras = {"mag_norm": np.float32(np.nan), "qsoindex": np.int64(-1)}
     extras |= {f"coeff{k}": np.float32(0.0) for k in range(COEFFICIENTS)}
     full = {name: np.asarray(columns.get(name, default), default.dtype) for name, default in extras.items()}
-    return ObjectTable.complete(columns | full)
+    return ObjectTable.complete(columns | full, BANDS)
 
 
 def _ids(pixel, first, count, kind):

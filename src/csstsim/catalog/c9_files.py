@@ -23,9 +23,10 @@ from csstsim.base.files.hdf5_file import group, numbers
 
 STAR_COLUMNS = ("RA", "DEC", "app_sdss_g", "teff", "grav", "z_met", "AV", "mass")
 STAR_OPTIONAL = ("pmra", "pmdec", "RV", "parallax")
+BANDS = ("nuv", "u", "g", "r", "i", "z", "y")  # of CSST, which the files are of
 GALAXY_COLUMNS = (
     *("ra", "dec", "redshift", "size", "kappa", "bulgemass", "diskmass", "type", "veldisp", "qsoindex"),
-    *(f"mag_csst_{band}" for band in ("nuv", "u", "g", "r", "i", "z", "y")),
+    *(f"mag_csst_{band}" for band in BANDS),
 )
 GALAXY_WIDE = {"ellipticity_true": 2, "shear": 2, "coeff": 20}
 

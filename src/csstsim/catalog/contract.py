@@ -11,7 +11,7 @@ catalogue's own code raises comes as InputError, with class, method and object.
 """
 
 from collections import defaultdict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from difflib import get_close_matches
 
 import numpy as np
@@ -22,7 +22,7 @@ from csstsim.catalog.base import Region, name_of, read_columns, users_code
 from csstsim.catalog.light.photometry import load_fluxes, rate_to_mag
 from csstsim.catalog.open import make_catalog
 from csstsim.catalog.selection.drawable import reasons
-from csstsim.catalog.table import COLUMNS, STAR, TYPES, ObjectTable
+from csstsim.catalog.table import STAR, TYPES, ObjectTable, columns_with
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID, SUBBANDS
 
@@ -49,15 +49,19 @@ class Report:
         return "\n".join(lines)
 
 
-def sky_region(ra, dec, radius):
-    """Return the Region of a circle's bounding square, by corners; in deg, ICRS. Not for one that holds a pole."""
+def sky_region(ra, dec, radius, bands=()):
+    """Return the Region of a circle's bounding square, by corners; in deg, ICRS. Not for one that holds a pole.
+
+    bands: of the camera; `check` puts those of its own.
+    """
     import healpy
 
     half = radius / np.cos(np.radians(abs(dec) + radius))
     centre = healpy.ang2vec(ra, dec, lonlat=True)
     bricks = healpy.query_disc(NSIDE, centre, np.radians(radius), inclusive=True, nest=True)
     corners = ra + np.array([-half, half, half, -half]), dec + np.array([-radius, -radius, radius, radius])
-    return Region(tuple((corners[0] % 360.0).tolist()), tuple(corners[1].tolist()), tuple(sorted(bricks.tolist())))
+    corners = tuple((corners[0] % 360.0).tolist()), tuple(corners[1].tolist())
+    return Region(*corners, tuple(sorted(bricks.tolist())), tuple(bands))
 
 
 def check(cls, options, region, camera=None, most=100):
@@ -67,7 +71,7 @@ def check(cls, options, region, camera=None, most=100):
     InputError for what the class raises or returns in the wrong form.
     """
     camera = camera or load_camera(SHIPPED / "instrument")
-    catalog = make_catalog(cls, options, region)
+    catalog = make_catalog(cls, options, replace(region, bands=tuple(camera.bands)))
     with users_code(f"{name_of(catalog)}.table"):
         table = catalog.table
         if not isinstance(table, ObjectTable):
@@ -77,7 +81,7 @@ def check(cls, options, region, camera=None, most=100):
     faults, warnings = defaultdict(list), defaultdict(list)
     ids, times = np.unique(table["id"], return_counts=True)
     faults["an id given more than once"] = list(ids[times > 1])
-    _check_columns(table, faults, warnings)
+    _check_columns(table, columns_with(camera.bands), faults, warnings)
     rows = _sample(table["obj_type"], most)
     for row in rows:
         _check_spectrum(catalog, catalog.objs[row], faults, warnings)
@@ -95,7 +99,7 @@ def _sample(kinds, most):
     return np.sort(np.concatenate(picked))
 
 
-def _check_columns(table, faults, warnings):
+def _check_columns(table, known, faults, warnings):
     """Look at the objects' parameters."""
     undrawn = np.zeros(len(table), dtype=bool)
     for reason, mask in reasons(table).items():
@@ -107,7 +111,7 @@ def _check_columns(table, faults, warnings):
     shaped = (table["obj_type"] == STAR) & (np.hypot(table["e1"], table["e2"]) + table["size_disk"] > 0)
     warnings["a star, drawn as a point, has a size or an ellipticity"] = list(table["id"][shaped])
     for name in table:
-        meant = get_close_matches(name.removeprefix("user_").lower(), COLUMNS, n=1, cutoff=0.8)
+        meant = get_close_matches(name.removeprefix("user_").lower(), known, n=1, cutoff=0.8)
         if name.startswith("user_") and meant:
             warnings[f"{name.removeprefix('user_')} means nothing to csstsim; is {meant[0]} meant"] = list(table["id"])
 
@@ -140,9 +144,9 @@ def _check_spectrum(catalog, obj, faults, warnings):
 
 def _check_light(catalog, rows, camera, faults, warnings):
     """Look at the electrons and magnitudes of `rows` in every imaging band."""
-    ids, bands = catalog.table["id"][rows], [f for f in camera.filters.values() if f.kind == "imaging"]
-    mags = np.empty((len(bands), len(rows)))
-    for mag, band in zip(mags, bands, strict=True):
+    ids = catalog.table["id"][rows]
+    mags = np.empty((len(camera.bands), len(rows)))
+    for mag, (name, band) in zip(mags, camera.bands.items(), strict=True):
         with users_code(f"{name_of(catalog)}.load_fluxes"):
             rates = np.asarray(catalog.load_fluxes(rows, band, camera.telescope))
             if rates.shape != (len(rows), SUBBANDS):
@@ -152,10 +156,10 @@ def _check_light(catalog, rows, camera, faults, warnings):
         differ = ~np.isclose(rates, direct, rtol=FLUX_TOLERANCE, atol=1e-9, equal_nan=True).all(axis=1)
         faults[f"load_fluxes is not the integral of load_seds in {band.name}"] = list(ids[differ])
         mag[:] = rate_to_mag(direct.sum(axis=1), band, camera.telescope)
-        stated = catalog.table[f"mag_{band.name.lower()}"][rows]
+        stated = catalog.table.get(f"mag_{name}", np.full(len(catalog.table), np.nan))[rows]
         with np.errstate(invalid="ignore"):  # both infinite: agreed
             away = np.abs(mag - stated) > MAG_TOLERANCE  # false for NaN: not stated
-        warnings[f"mag_{band.name.lower()} is not the spectrum's magnitude"] = list(ids[away])
+        warnings[f"mag_{name} is not the spectrum's magnitude"] = list(ids[away])
     lit = np.isfinite(mags)
     faults["gives no light in any band (or its mag_norm's filter sees none)"] = list(ids[~lit.any(axis=0)])
     best = np.where(lit, mags, np.inf).min(axis=0, initial=np.inf)

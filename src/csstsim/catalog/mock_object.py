@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.table import COLUMNS, TYPES
+from csstsim.catalog.table import COLUMNS, MAGNITUDE, TYPES
 
 
 class MockObject:
@@ -42,6 +42,8 @@ class MockObject:
             return self._columns[name][self._row]
         if name in COLUMNS:
             return COLUMNS[name][1]
+        if name.startswith("mag_") and name != "mag_norm":  # of any camera's band
+            return MAGNITUDE[1]
         raise AttributeError(f"object has no {name!r}; it has {', '.join(sorted(self._columns))}")
 
     @property

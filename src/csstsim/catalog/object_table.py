@@ -14,15 +14,14 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
 from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
-from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, STAR, TYPES, ObjectTable
+from csstsim.catalog.table import COLUMNS, GALAXY, STAR, TYPES, ObjectTable, columns_with
 from csstsim.catalog.undrawn import check_shapes
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
-MAGNITUDES = tuple(f"mag_{band}" for band in BANDS)
 BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
 LIKE = 0.81  # from here on a name is taken for a slip: typ is, mag_k, a band that csstsim has not, is none
 _KNOWN = {*COLUMNS, "type", "size"}
-_TYPED = {"ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2", *MAGNITUDES}  # by hand
+_TYPED = {"ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2"}  # by hand, as magnitudes
 _UNITS = {
     **dict.fromkeys(("ra", "dec"), "deg"), **dict.fromkeys(("size", "size_disk", "size_bulge"), "arcsec"),
     **dict.fromkeys(("pmra", "pmdec"), "mas / yr"), "parallax": "mas", "rv": "km / s", "teff": "K", "av": "mag",
@@ -76,7 +75,7 @@ def plain_columns(table, where="catalog"):
 
 def _plain(name, column, where):
     unit = getattr(column, "unit", None)
-    if unit is not None and name in _KNOWN:
+    if unit is not None and (name in _KNOWN or name.startswith("mag_")):
         column = _converted(name, column, unit, where)
     values = np.ma.asarray(getattr(column, "value", column))
     if values.dtype.kind not in "biufUS" or values.ndim != 1:
@@ -91,11 +90,12 @@ def _plain(name, column, where):
 
 def _converted(name, column, unit, where):
     """Return a column's values in csstsim's unit. Magnitudes are not converted: AB ones are asked for."""
-    wanted = "mag(AB)" if name in MAGNITUDES else _UNITS.get(name, "")
-    if str(unit) == wanted or (name in MAGNITUDES and str(unit) == "mag"):
+    magnitude = name.startswith("mag_")
+    wanted = "mag(AB)" if magnitude else _UNITS.get(name, "")
+    if str(unit) == wanted or (magnitude and str(unit) == "mag"):
         return column
     try:
-        if name in MAGNITUDES:
+        if magnitude:
             raise ValueError
         return np.ma.filled(np.ma.asarray(column, dtype=float), np.nan) * unit.to(wanted)
     except (TypeError, ValueError, AttributeError):
@@ -103,13 +103,15 @@ def _converted(name, column, unit, where):
         raise InputError("a unit that does not fit", file=where, **fault) from None
 
 
-def object_table(columns, where):
+def object_table(columns, bands, where):
     """Return columns, {name: (n,) values}, as an ObjectTable with ids, types and sizes [arcsec], all rows to be drawn.
 
-    Raises InputError, which names `where`, the column and the row.
+    bands: of the camera, of whose magnitudes at least one is needed. Raises InputError, which names `where`, the column
+    and the row.
     """
     columns = {name: np.asarray(values) for name, values in columns.items()}
-    _check_columns(columns, where)
+    known = columns_with(bands)
+    _check_columns(columns, [f"mag_{band}" for band in bands], where)
     count = len(columns["ra"])
     columns.setdefault("id", np.arange(1, count + 1))
     if "type" in columns:
@@ -122,21 +124,22 @@ def object_table(columns, where):
             columns.setdefault(part, np.where(galaxy, size, 0.0))
     for name in set(columns) & {"e1", "e2", "bulge_frac", "z", "size_disk", "size_bulge", "kappa", "gamma1", "gamma2"}:
         columns[name] = np.nan_to_num(columns[name], nan=COLUMNS[name][1])  # a blank cell is what the column lacks
-    known = {name if name in COLUMNS else f"user_{name}": values for name, values in columns.items()}
+    named = {name if name in known else f"user_{name}": values for name, values in columns.items()}
     try:
-        table = ObjectTable.complete(known)
+        table = ObjectTable.complete(named, bands)
     except InputError as error:
         raise InputError(str(error), file=where) from None
     _check_rows(table, where)
     return table
 
 
-def _check_columns(columns, where):
+def _check_columns(columns, magnitudes, where):
+    known, typed = _KNOWN | set(magnitudes), _TYPED | set(magnitudes)
     lengths = {name: len(values) if values.ndim == 1 else values.shape for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
         raise InputError("columns differ in length", file=where, value=str(lengths))
     for name in columns:
-        meant = get_close_matches(name.lower(), _TYPED - set(columns), 1, LIKE) if name not in _KNOWN else ()
+        meant = get_close_matches(name.lower(), typed - set(columns), 1, LIKE) if name not in known else ()
         if meant:
             raise InputError(f"is {meant[0]} meant? Give it that name, or one less like it", file=where, key=name)
     sizes = [name for name in ("size_disk", "size_bulge") if name in columns]
@@ -144,13 +147,15 @@ def _check_columns(columns, where):
         raise InputError(f"says what {' and '.join(sizes)} say; give it or them", file=where, key="size")
     if "size" in columns and not {"type", "obj_type"} & set(columns):
         raise InputError("sizes are of galaxies: a column type is missing", file=where, key="size")
-    given = [name for name in MAGNITUDES if name in columns]
-    missing = next((name for name in ("ra", "dec") if name not in columns), None if given else "mag_r")
+    given = [name for name in magnitudes if name in columns]
+    missing = next(
+        (name for name in ("ra", "dec") if name not in columns), None if given else magnitudes[len(magnitudes) // 2]
+    )
     if missing:
-        needed = f"ra, dec and one of {', '.join(MAGNITUDES)}"
+        needed = f"ra, dec and one of {', '.join(magnitudes)}"
         found = ", ".join(columns)
         raise InputError(f"a column is missing; needed: {needed}; found: {found}", file=where, key=missing)
-    for name in _KNOWN & set(columns) - {"type"}:
+    for name in known & set(columns) - {"type"}:
         if columns[name].dtype.kind not in "iuf":
             word = next((str(v) for v in columns[name] if not _number(v)), str(columns[name][:1]))
             raise InputError("must be numbers", file=where, key=name, value=word)

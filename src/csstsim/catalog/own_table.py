@@ -4,12 +4,12 @@
 
 Columns are those of `catalog.table.COLUMNS` (units there, and in `catalog.base`), and two that spare typing: `type`
 (star, galaxy or quasar; left out: star) and `size` (a galaxy's half-light radius, arcsec, of disk and bulge alike).
-`ra`, `dec` and one of mag_nuv ... mag_y are needed; `id` counts from 1 if left out. Magnitudes are AB, observed,
-through the camera's own bands, before lensing. Spectra are smooth ones that have all magnitudes given, as
-catalog.light.colours says; lines want a catalogue with `load_sed` (catalog.base). Cells may be blank; what cannot be
-drawn as given is refused, row by row (catalog.object_table). A galaxy's shape is drawn from `size`, `bulge_frac`, `e1`
-and `e2`: columns that say it otherwise, `n`, `q`, `pa`, `re` and the like, are refused with the formula for these
-(catalog.undrawn). Columns of other names travel to the truth table as `user_<name>`.
+`ra`, `dec` and one of the camera's bands are needed, mag_nuv ... mag_y of the shipped one; `id` counts from 1 if left
+out. Magnitudes are AB, observed, through the camera's own bands, before lensing. Spectra are smooth ones that have all
+magnitudes given, as catalog.light.colours says; lines want a catalogue with `load_sed` (catalog.base). Cells may be
+blank; what cannot be drawn as given is refused, row by row (catalog.object_table). A galaxy's shape is drawn from
+`size`, `bulge_frac`, `e1` and `e2`: columns that say it otherwise, `n`, `q`, `pa`, `re` and the like, are refused with
+the formula for these (catalog.undrawn). Columns of other names travel to the truth table as `user_<name>`.
 """
 
 import hashlib
@@ -24,7 +24,6 @@ from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.catalog.mock_object import MockObjects
 from csstsim.catalog.object_table import object_table, read_table
-from csstsim.catalog.table import BANDS
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 
@@ -50,7 +49,7 @@ class TableCatalog(CatalogBase):
     def _load(self):
         file = self.options.get("file")
         columns = read_table(file) if file else self.options["columns"]
-        self._table = object_table(columns, file or "catalog.options.columns")
+        self._table = object_table(columns, self._bands, file or "catalog.options.columns")
         self.objs = MockObjects(self._table)
 
     @classmethod
@@ -68,10 +67,13 @@ class TableCatalog(CatalogBase):
         return total.hexdigest()[:16]
 
     @cached_property
+    def _bands(self):
+        """{band: Filter} of the camera."""
+        return load_camera(Path(self.options.get("instrument") or SHIPPED / "instrument")).bands
+
+    @property
     def _filters(self):
-        camera = load_camera(Path(self.options.get("instrument") or SHIPPED / "instrument"))
-        filters = {name.lower(): filter_ for name, filter_ in camera.filters.items()}
-        return [filters[band] for band in BANDS]
+        return list(self._bands.values())
 
     def load_seds(self, rows):
         """Return (len(rows), 18001) spectra [photon / s / m2 / A] on the paper's grid."""
@@ -92,9 +94,9 @@ class TableCatalog(CatalogBase):
         return colour_bins(self._mags(rows), self._filters, edges)
 
     def _mags(self, rows):
-        """Return (len(rows), 7) AB magnitudes, NaN where the table gives none."""
+        """Return (len(rows), bands) AB magnitudes, NaN where the table gives none."""
         rows = np.asarray(rows, dtype=int)
-        return np.stack([self._table[f"mag_{band}"][rows] for band in BANDS], axis=1)
+        return np.stack([self._table[f"mag_{band}"][rows] for band in self._bands], axis=1)
 
     def load_sed(self, obj):
         """Return the spectrum of one object: Table of WAVELENGTH [A] and FLUX [photon / s / m2 / A]."""
@@ -102,7 +104,7 @@ class TableCatalog(CatalogBase):
 
         from csstsim.catalog.light.colours import colour_spectra
 
-        mags = np.array([[getattr(obj, f"mag_{band}") for band in BANDS]])
+        mags = np.array([[getattr(obj, f"mag_{band}") for band in self._bands]])
         return Table({"WAVELENGTH": GRID, "FLUX": colour_spectra(mags, self._filters)[0]})
 
     def load_norm_filt(self, obj):

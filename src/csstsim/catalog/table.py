@@ -16,20 +16,18 @@ from csstsim.base.files.file_log import logged
 
 STAR, GALAXY, QUASAR = 0, 1, 2
 TYPES = ("star", "galaxy", "quasar")  # by obj_type
-BANDS = ("nuv", "u", "g", "r", "i", "z", "y")
 
 _MOST = 1 << 28  # values in a file: the fullest brick there can be (4 million objects), 2 GB
 _META_KEY, _SUMS_KEY = b"csstsim", b"csstsim_checksums"
 
 # Columns every catalogue has: type, the value where it gives none, and what it is. NaN means "not known": a galaxy
-# without a size is flagged, one without a parallax is not.
+# without a size is flagged, one without a parallax is not. Magnitudes in the camera's bands come after z (MAGNITUDE).
 COLUMNS = {
     "id": (np.int64, 0, "the object's number"),
     "obj_type": (np.int8, STAR, "0 star, 1 galaxy, 2 quasar"),
     "ra": (np.float64, np.nan, "deg, ICRS at J2000; moved by pmra ... parallax if a star"),
     "dec": (np.float64, np.nan, "deg"),
     "z": (np.float32, 0.0, "redshift"),
-    **{f"mag_{band}": (np.float32, np.nan, "AB, of the catalogue's spectrum") for band in BANDS},
     "teff": (np.float32, 0.0, "K"),
     "logg": (np.float32, 0.0, "dex, of cm / s2"),
     "feh": (np.float32, 0.0, "dex"),
@@ -54,6 +52,14 @@ COLUMNS = {
     "host": (np.int64, -1, "id of the galaxy a quasar lives in"),
     "flags": (np.int32, 0, "bits of csstsim.catalog.flags"),
 }
+MAGNITUDE = (np.float32, np.nan, "AB, of the catalogue's spectrum")
+
+
+def columns_with(bands):
+    """Return COLUMNS with a magnitude mag_B for each of `bands`, the names of Camera.bands."""
+    known = list(COLUMNS.items())
+    at = list(COLUMNS).index("z") + 1
+    return dict(known[:at] + [(f"mag_{band}", MAGNITUDE) for band in bands] + known[at:])
 
 
 class ObjectTable(Mapping):
@@ -111,15 +117,16 @@ class ObjectTable(Mapping):
         return ObjectTable({**self._columns, **columns}, self.meta)
 
     @classmethod
-    def complete(cls, columns, meta=None):
-        """Return a table with every column of COLUMNS in its type, absent ones at their default; extras follow.
+    def complete(cls, columns, bands, meta=None):
+        """Return a table with every column of `columns_with(bands)` in its type, absent ones at their default.
 
-        A scalar stands for a whole column. Raises InputError for a value that does not fit its column.
+        Other columns follow. A scalar stands for a whole column. Raises InputError for a value that does not fit its
+        column.
         """
         sized = [np.asarray(v) for v in columns.values() if np.ndim(v)]
         count = len(sized[0]) if sized else 0
         full = {}
-        for name, (dtype, default, _) in COLUMNS.items():
+        for name, (dtype, default, _) in columns_with(bands).items():
             try:
                 values = _fit(np.asarray(columns.get(name, default)), np.dtype(dtype))
             except (TypeError, ValueError, OverflowError):
@@ -133,7 +140,7 @@ class ObjectTable(Mapping):
         """Return every row of the tables, in order; all must have the columns of the first. Metadata of the first."""
         tables = list(tables)
         if not tables:
-            return cls.complete({})
+            return cls.complete({}, ())
         return cls({name: np.concatenate([t[name] for t in tables]) for name in tables[0]}, tables[0].meta)
 
     def write(self, path, meta=None):
@@ -169,7 +176,7 @@ class ObjectTable(Mapping):
         sums = _load_meta(path, about.get(_SUMS_KEY, b"{}"))
         if sums.get("") != _checksum(meta) or any(sums.get(name) != _checksum(found[name]) for name in names):
             raise InputError("damaged: a column does not have its recorded checksum; make it again", file=path)
-        check_numbers(path, found, COLUMNS)
+        check_numbers(path, found, {*COLUMNS, *(name for name in found if name.startswith("mag_"))})
         return found
 
 

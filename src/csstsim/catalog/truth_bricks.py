@@ -14,10 +14,12 @@ from csstsim.base.errors import InputError
 from csstsim.base.healpix import BRICKS, HATS_ORDER, ORDER
 from csstsim.base.release import release
 from csstsim.base.rng import stream
+from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import SOLAR_RADIUS_PC
 from csstsim.catalog.light.embedded_spectra import rates
 from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
-from csstsim.catalog.table import BANDS, COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
+from csstsim.catalog.table import COLUMNS, GALAXY, QUASAR, STAR, ObjectTable
+from csstsim.instrument.camera import load_camera
 from csstsim.universe.parameters import COEFFICIENTS
 
 AREA_DEG2 = 4 * 180.0**2 / np.pi / BRICKS
@@ -34,9 +36,9 @@ def make_brick(seed, pix, universe, camera, lensing):
     """
     if not 0 <= pix < BRICKS:
         raise InputError("no such brick", key="brick", value=pix, allowed=f"0..{BRICKS - 1}")
-    stars = _stars(seed, pix, universe)
+    stars = _stars(seed, pix, universe, camera)
     galaxies = _galaxies(seed, pix, universe, camera, lensing)
-    quasars = _quasars(seed, pix, universe, galaxies, lensing)
+    quasars = _quasars(seed, pix, universe, camera, galaxies, lensing)
     rows = len(stars) + len(galaxies) + len(quasars)
     if rows >= 2**ID_BITS:
         raise InputError(f"a brick holds at most {2**ID_BITS - 1} objects", file=universe.folder, value=rows)
@@ -94,7 +96,7 @@ def place(pix, generator, count):
     return ra, dec, healpix
 
 
-def _stars(seed, pix, universe):
+def _stars(seed, pix, universe, camera):
     from csstsim.universe.stars.stars import draw_stars
 
     columns = draw_stars(_streams(seed, pix, "stars"), pix, partial(place, pix), universe.numbers["stars"])
@@ -103,28 +105,32 @@ def _stars(seed, pix, universe):
         "sed_scale": (radius * SOLAR_RADIUS_PC / distance) ** 2,
         "av": universe.r_v * universe.dust.star_ebv(columns["ra"], columns["dec"], distance),
     }
-    return _complete(STAR, columns)
+    return _complete(STAR, columns, camera)
 
 
 def _galaxies(seed, pix, universe, camera, lensing):
     streams = _streams(seed, pix, "galaxies")
     columns = _population(universe, camera).draw(streams, AREA_DEG2)
     _put(columns, *place(pix, streams("position"), len(columns["z"])), seed, pix, universe, lensing)
-    return _complete(GALAXY, columns)
+    return _complete(GALAXY, columns, camera)
 
 
 @lru_cache(maxsize=4)
 def _population(universe, camera):
-    """The galaxies' laws; the counts they follow are in the camera's i band, without the Milky Way's dust."""
+    """The galaxies' laws; the counts they follow are in the i band of CSST, without the Milky Way's dust.
+
+    So they are whatever camera looks at them (config/universe/galaxies.yaml).
+    """
     from csstsim.universe.galaxies.galaxies import GalaxyPopulation
 
-    filter_ = _filters(camera)[BANDS.index("i")]
-    weights = subband_weights(filter_, camera.telescope).sum(axis=0, keepdims=True)
-    zeropoint = filter_.zeropoint(camera.telescope)
+    csst = camera if camera.folder == SHIPPED / "instrument" else load_camera(SHIPPED / "instrument")
+    filter_ = csst.bands["i"]
+    weights = subband_weights(filter_, csst.telescope).sum(axis=0, keepdims=True)
+    zeropoint = filter_.zeropoint(csst.telescope)
     return GalaxyPopulation(universe.numbers["galaxies"], universe.galaxy_seds, universe.cosmology, weights, zeropoint)
 
 
-def _quasars(seed, pix, universe, galaxies, lensing):
+def _quasars(seed, pix, universe, camera, galaxies, lensing):
     """Quasars stand where their hosts do; one without a host stands anywhere."""
     from csstsim.universe.quasars.quasars import draw_quasars
 
@@ -136,7 +142,7 @@ def _quasars(seed, pix, universe, galaxies, lensing):
         at = [galaxies[name][np.maximum(host, 0)] for name in ("ra", "dec", "_healpix_29")]
         spot = [np.where(host >= 0, there, own) for there, own in zip(at, spot, strict=True)]
     _put(columns, *spot, seed, pix, universe, lensing)
-    return _complete(QUASAR, columns)
+    return _complete(QUASAR, columns, camera)
 
 
 def _put(columns, ra, dec, healpix, seed, pix, universe, lensing):
@@ -148,32 +154,23 @@ def _put(columns, ra, dec, healpix, seed, pix, universe, lensing):
     columns |= lens(pix, ra, dec, columns["z"], lensing, field)
 
 
-def _complete(obj_type, columns):
+def _complete(obj_type, columns, camera):
     """Return the ObjectTable of one kind of object, its columns in their order; magnitudes are still to come."""
     count = len(columns["ra"])
     tail = {name: np.asarray(columns.get(name, np.zeros(count)), np.float32) for name in SED_COLUMNS}
     tail["_healpix_29"] = columns["_healpix_29"]
     head = {name: values for name, values in columns.items() if name in COLUMNS}
-    return ObjectTable.complete(head | {"obj_type": np.full(count, obj_type, np.int8)} | tail)
+    return ObjectTable.complete(head | {"obj_type": np.full(count, obj_type, np.int8)} | tail, camera.bands)
 
 
 def _with_magnitudes(table, universe, camera):
-    filters, telescope = _filters(camera), camera.telescope
-    weights = np.stack([subband_weights(f, telescope).sum(axis=0) for f in filters])
+    bands, telescope = camera.bands, camera.telescope
+    weights = np.stack([subband_weights(f, telescope).sum(axis=0) for f in bands.values()])
     light = rates(universe, table, weights, fine=False)
     return table.with_columns(**{
-        f"mag_{band}": rate_to_mag(light[:, k], filters[k], telescope).astype(np.float32)
-        for k, band in enumerate(BANDS)
+        f"mag_{band}": rate_to_mag(light[:, k], filter_, telescope).astype(np.float32)
+        for k, (band, filter_) in enumerate(bands.items())
     })  # fmt: skip
-
-
-def _filters(camera):
-    """The seven imaging filters in the order of BANDS; names in files may be upper case (NUV)."""
-    by_name = {name.lower(): f for name, f in camera.filters.items()}
-    missing = [band for band in BANDS if band not in by_name]
-    if missing:
-        raise InputError("the camera lacks a filter", file=camera.folder, key="filters", value=missing[0])
-    return [by_name[band] for band in BANDS]
 
 
 def _streams(seed, pix, kind):

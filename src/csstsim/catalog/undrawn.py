@@ -10,7 +10,7 @@ import re
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.table import BANDS, COLUMNS, GALAXY
+from csstsim.catalog.table import COLUMNS, GALAXY
 
 # (columns that say the same, how, names of those who say it otherwise: without case, marks, units and bands)
 _PARTS = (
@@ -45,7 +45,8 @@ _PARTS = (
 )
 _OF = {word: (own, advice) for own, advice, words in _PARTS for word in words.split()}
 _UNIT = re.compile(r"[^a-z0-9](arcsecs?|as|deg|degrees?|rad|radians?|pix|pixels?|px)\W*$")
-_BAND = re.compile(rf"(^[nq]|(?<=[a-z0-9_]{{2}}))[^a-z0-9]({'|'.join((*BANDS, 'vis'))})$")
+# Bands that people write behind such a word, of whatever survey they bring
+_BAND = re.compile(r"(^[nq]|(?<=[a-z0-9_]{2}))[^a-z0-9](nuv|u|g|r|i|z|y|vis)$")
 
 
 def advice_for(name, given):
@@ -53,7 +54,7 @@ def advice_for(name, given):
 
     given: the names of all columns.
     """
-    if name in COLUMNS or name == "size":
+    if name in COLUMNS or name == "size" or name.startswith("mag_"):
         return None
     word = name.strip().lower()
     for ending, kept in ((_UNIT, ""), (_BAND, r"\1"), (_UNIT, "")):

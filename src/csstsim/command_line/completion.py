@@ -5,6 +5,7 @@ a file that cannot be read offers nothing.
 """
 
 import csv
+from pathlib import Path
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.text_file import read_text
@@ -36,8 +37,21 @@ def chips_of(ctx, param, incomplete):
     """Return the numbers of the chips that the campaign lists, or of all, that begin with `incomplete`."""
     select = _campaign(ctx).get("select")
     chips = select.get("chips") if isinstance(select, dict) else None
-    listed = [chip for chip in chips if isinstance(chip, int)] if isinstance(chips, list) else range(1, 31)
+    listed = [chip for chip in chips if isinstance(chip, int)] if isinstance(chips, list) else _all_chips(ctx)
     return [str(chip) for chip in listed if str(chip).startswith(incomplete)]
+
+
+def _all_chips(ctx):
+    """Return the numbers of all chips of the campaign's camera."""
+    from csstsim.base.files.yaml_file import read_yaml
+    from csstsim.base.shipped import SHIPPED
+
+    folder = Path(str(_campaign(ctx).get("instrument") or SHIPPED / "instrument"))
+    try:
+        rows = read_yaml(folder / "chips.yaml")["chips"]["values"]
+        return sorted(row["id"] for row in rows)
+    except (InputError, KeyError, TypeError):
+        return []
 
 
 def layers_of(ctx, param, incomplete):

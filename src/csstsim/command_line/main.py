@@ -42,9 +42,9 @@ def main():
 @stage
 @obsid_opt
 @click.option(
-    "--chip", "chip_ids", required=True, multiple=True, type=click.IntRange(1, 30),
+    "--chip", "chip_ids", required=True, multiple=True, type=click.IntRange(1),
     callback=lambda ctx, option, numbers: tuple(dict.fromkeys(numbers)), shell_complete=chips_of,
-    help="Chip number, 1 to 30; repeat.",
+    help="Chip number; repeat.",
 )  # fmt: skip
 @click.option("--output", type=click.Path(), help="Folder for the products [default: the campaign's].")
 @click.option("--profile", is_flag=True, help="Say where the CPU time went: layers, methods, functions.")

@@ -11,8 +11,7 @@ from csstsim.command_line.group import hushed
 campaign_arg = click.argument("campaign", type=click.Path())
 obsid_opt = click.option("--obsid", required=True, shell_complete=obsids_of, help="Exposure, as in the survey table.")
 chip_opt = click.option(
-    "--chip", "chip_id", required=True, type=click.IntRange(1, 30), shell_complete=chips_of,
-    help="Chip number, 1 to 30.",
+    "--chip", "chip_id", required=True, type=click.IntRange(1), shell_complete=chips_of, help="Chip number.",
 )  # fmt: skip
 brick_opt = click.option(
     "--brick", "pix", required=True, type=click.IntRange(0, 786431), help="HEALPix NSIDE-256 pixel, nested."

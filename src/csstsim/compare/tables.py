@@ -95,23 +95,27 @@ def _column_facts(name, columns, key, rows):
         row = int(np.arange(len(key[1]))[rows[0]][i]) if key else i
         return f"in row {row}" + (f" ({key[0]} {key[1][row]})" if key and key[0] != name else "")
 
-    yield from array_facts(f"column {name}", *columns, things="rows", unit=units().get(name, ""), place=place)
+    yield from array_facts(f"column {name}", *columns, things="rows", unit=unit_of(name), place=place)
+
+
+def unit_of(name):
+    """Return the unit of a column of any table, "" if it has none; of a band's, that of name_B."""
+    return units().get(name) or units().get(f"{name.rpartition('_')[0]}_B", "")
 
 
 @cache
 def units():
-    """Return {column: its unit} of all tables, as their descriptions begin; what has none is left out."""
+    """Return {column: its unit} of all tables, as their descriptions begin; what has none is left out. B: any band."""
     from csstsim.bricks import merge
-    from csstsim.catalog.table import BANDS
-    from csstsim.catalog.table import COLUMNS as of_objects
+    from csstsim.catalog.table import columns_with
     from csstsim.io import orders, truth
     from csstsim.measure import catalogue
     from csstsim.measure.spectra import spectrum_columns
 
-    bands = {name.removesuffix("B") + band: text for band in BANDS for name, text in merge.ABOUT_BAND.items()}
     found = {}
     for described in (
-        of_objects, orders.COLUMNS, truth.ABOUT, catalogue.COLUMNS, spectrum_columns.COLUMNS, merge.ABOUT, bands,
+        columns_with("B"), orders.COLUMNS, truth.ABOUT, catalogue.COLUMNS, spectrum_columns.COLUMNS, merge.ABOUT,
+        merge.ABOUT_BAND,
     ):  # fmt: skip
         unit = ""
         for name, text in described.items():

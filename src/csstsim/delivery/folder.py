@@ -13,9 +13,8 @@ from csstsim.base.errors import InputError
 from csstsim.delivery.contents import MAYBE, NO, YES, Contents, Frame
 from csstsim.io.keywords import recorded_recipe
 from csstsim.io.level0 import read_level0
-from csstsim.io.paths import KIND, LIGHT, STEM, TRUTH, Paths
+from csstsim.io.paths import KIND, LIGHT, ORDERS, STEM, TRUTH, Paths
 
-SPECTROSCOPIC = ("GU", "GV", "GI")
 TYPES = {code: kind for kind, code in KIND.items()}
 
 
@@ -27,7 +26,7 @@ def of_folder(folder):
             "not the output of a campaign: it has no folder level0", file=folder,
             allowed="a campaign file, or an output folder",
         )  # fmt: skip
-    frames = tuple(_frame(stem, path) for stem, path in _stems(paths.output / "level0"))
+    frames = _told_apart([_frame(stem, path) for stem, path in _stems(paths.output / "level0")], paths)
     if not frames:
         raise InputError("holds no Level-0 file", file=paths.output / "level0")
     merged = {int(m[1]) for path in _files(paths.merge_catalogue / "dataset") if (m := BRICK.fullmatch(path.name))}
@@ -83,10 +82,18 @@ def _frame(stem, path):
     except (InputError, OSError):
         return frame  # its own check says what is wrong
     filter_ = str(file.header0.get("FILTER"))
-    if kind == "SCIE":
-        spectra = filter_ in SPECTROSCOPIC
-        frame = replace(frame, measured=NO if spectra else YES, extracted=MAYBE if spectra else NO)
     return replace(frame, filter=filter_, recipe=recorded_recipe(file.header0), window=file.readout.window)
+
+
+def _told_apart(frames, paths):
+    """Return the frames, those behind gratings told from images: a filter is a grating if a frame has orders."""
+    spectra = {f.filter for f in frames if f.beside(ORDERS).is_file() or paths.spectra(*f.key).is_file()} - {None}
+    return tuple(
+        frame if frame.type != "SCIE" or frame.filter is None
+        else replace(frame, measured=NO, extracted=MAYBE) if frame.filter in spectra
+        else replace(frame, measured=YES, extracted=NO)
+        for frame in frames
+    )  # fmt: skip
 
 
 def _odd(frames):

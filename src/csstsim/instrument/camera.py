@@ -1,29 +1,34 @@
 """The camera: every data file of an instrument folder (config/instrument/README.md), read and checked as one object."""
 
-from dataclasses import dataclass, fields
+import re
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
+from csstsim.base.model import Data, validate
 from csstsim.base.stages import behind, read_by
 from csstsim.instrument.camera_parts import READERS, camera_parts
-from csstsim.instrument.chip import Chip, Detector
-from csstsim.instrument.cosmic_rays import load_cosmic_rays
-from csstsim.instrument.defects import load_defects
-from csstsim.instrument.filter import GRID, Filter, sample_curve
+from csstsim.instrument.chip import Chip, ChipPlace, Detector, DetectorNumbers
+from csstsim.instrument.cosmic_rays import CosmicRays
+from csstsim.instrument.defects import Defects
+from csstsim.instrument.filter import Filter, FilterEntry
 from csstsim.instrument.grating import load_gratings
-from csstsim.instrument.load import build, folder_digest, read_data, read_sections
+from csstsim.instrument.load import folder_digest, read_data, read_sections
 from csstsim.instrument.orbit import Orbit
-from csstsim.instrument.pointing import parse_utc
 from csstsim.instrument.telescope import Telescope
 from csstsim.instrument.traps import load_traps
 
-KINDS = ("imaging", "slitless")
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _TelescopeFile(Data):
+    telescope: Telescope
+    orbit: Orbit
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +45,14 @@ class Camera:
     scatter: dict[str, Any]  # scatter.yaml; empty without the file
     ghosts: dict[str, Any]  # ghosts.yaml; empty without the file
     sky: dict[str, Any]  # sky.yaml; empty without the file
-    leds: dict[str, Any]  # leds.yaml; empty without the file
+    leds: dict[str, Any]  # leds.yaml and `mosaic`, its columns and rows; empty without the file
     folder: Path
     digest: str
+
+    @cached_property
+    def bands(self):
+        """{name in lower case, as in columns' names: Filter} of the imaging filters, in the order of filters.yaml."""
+        return {name.lower(): filter_ for name, filter_ in self.filters.items() if filter_.kind == "imaging"}
 
     @property
     def imaging_chips(self):
@@ -86,107 +96,65 @@ def load_camera(folder):
     telescope, orbit = load_telescope(folder / "telescope.yaml")
     keywords = folder / "level0_keywords.yaml"
     optional = {name: folder / f"{name}.yaml" for name in ("psf", "scatter", "ghosts", "sky", "leds")}
+    chips = _chips(folder / "chips.yaml", filters, detector, telescope)
+    more = {name: read_data(path) if path.exists() else {} for name, path in optional.items()}
+    if more["leds"]:
+        more["leds"] |= {"mosaic": tuple(max(getattr(c, of) for c in chips.values()) for of in ("column", "row"))}
     return Camera(
-        chips=_chips(folder / "chips.yaml", filters, detector, telescope),
+        chips=chips,
         filters=filters,
         telescope=telescope,
         orbit=orbit,
         detector=detector,
         keywords=_only_list(keywords) if keywords.exists() else [],
-        **{name: read_data(path) if path.exists() else {} for name, path in optional.items()},
+        **more,
         folder=folder,
         digest=folder_digest(folder),
     )
 
 
 def _detector(path):
-    moved = path.with_name("brighter_fatter.yaml")
+    beside = {name: path.with_name(f"{name}.yaml") for name in ("cosmic_rays", "defects", "brighter_fatter")}
+    numbers = validate(DetectorNumbers, read_sections(path), path)
     effects = {
-        "cosmic_rays": load_cosmic_rays(path.with_name("cosmic_rays.yaml")),
-        "defects": load_defects(path.with_name("defects.yaml")),
-        "traps": load_traps(path.with_name("cti.yaml")),
-        "brighter_fatter": read_data(moved) if moved.exists() else {},
-    }
-    detector = build(Detector, read_sections(path), path, **effects)
-    for axis in ("x", "y"):
-        n, channels, size = (getattr(detector, name) for name in (f"n{axis}", f"channels_{axis}", f"channel_n{axis}"))
-        if min(n, channels, size) < 1 or channels * size != n:
-            rule = f"channels_{axis} * channel_n{axis} = {channels * size}"
-            raise InputError("does not fit the channels", file=path, key=f"n{axis}", value=n, allowed=rule)
-    if detector.channels_x % 2:
-        raise InputError("half the columns read out to each side", file=path, key="channels_x", allowed="even numbers")
-    if detector.channels_y != 2:
-        raise InputError("half the rows read out to each side", file=path, key="channels_y", allowed="2")
-    _positive(detector, ("gain", "adc_max", "pixel_um", "full_well"), path)
-    signed = {"nonlinearity_quadratic", "nonlinearity_cubic", *effects}
-    _positive(detector, (f.name for f in fields(Detector) if f.name not in signed), path, or_zero=True)
-    for name, most in (
-        ("bloom_row_share", 1), ("nonlinearity_spread", 1), ("gain_spread", 0.5), ("adc_max", 65535), ("channels_x", 13)
-    ):  # fmt: skip
-        if getattr(detector, name) > most:
-            raise InputError("out of range", file=path, key=name, value=getattr(detector, name), allowed=f"0..{most}")
-    return detector
+        name: validate(kind, read_sections(beside[name]), beside[name])
+        for name, kind in (("cosmic_rays", CosmicRays), ("defects", Defects)) if beside[name].exists()
+    }  # fmt: skip
+    areas = beside["brighter_fatter"]
+    if areas.exists():
+        effects["brighter_fatter"] = read_data(areas)
+    return Detector(**vars(numbers), **effects, traps=load_traps(path.with_name("cti.yaml")))
 
 
 def load_telescope(path):
     """Read telescope.yaml: (Telescope, Orbit). Raises InputError."""
-    data = read_data(path)
-    telescope = build(Telescope, data.get("telescope"), path, "telescope")
-    if telescope.parity not in (1, -1):
-        raise InputError("unknown parity", file=path, key="telescope.parity", value=telescope.parity, allowed="1, -1")
-    _positive(telescope, ("diameter_m", "focal_length_m", "pixel_scale", "shutter_span_mm"), path)
-    _positive(telescope, ("shutter_time",), path, or_zero=True)
-    orbit = build(Orbit, data.get("orbit"), path, "orbit")
-    try:
-        parse_utc(orbit.epoch)
-    except ValueError:
-        raise InputError("not an ISO UTC time", file=path, key="orbit.epoch", value=orbit.epoch) from None
-    _positive(orbit, ("altitude_km",), path)
-    return telescope, orbit
-
-
-def _positive(record, names, path, or_zero=False):
-    for name in names:
-        value = getattr(record, name)
-        if not (value > 0 or (or_zero and value == 0)):
-            allowed = "0 or more" if or_zero else "more than 0"
-            raise InputError("out of range", file=path, key=name, value=value, allowed=allowed)
+    file = validate(_TelescopeFile, read_data(path), path)
+    return file.telescope, file.orbit
 
 
 def _filters(path):
-    filters = {}
-    for name, entry in read_data(path).items():
-        entry = dict(entry) if isinstance(entry, dict) else {}
-        key = f"{name}.nodes"
-        try:
-            nodes = np.asarray(entry.pop("nodes", ()), dtype=float)
-        except (TypeError, ValueError):
-            nodes = np.empty(0)
-        if nodes.ndim != 2 or nodes.shape[1] != 2 or len(nodes) < 2 or not np.isfinite(nodes).all():
-            raise InputError("must be a list of (angstrom, throughput) pairs", file=path, key=key)
-        if (np.diff(nodes[:, 0]) <= 0).any() or nodes[0, 0] < GRID[0] or nodes[-1, 0] > GRID[-1]:
-            raise InputError("wavelengths must rise, within 2000-11000 A", file=path, key=key)
-        if (nodes[:, 1] < 0).any() or (nodes[:, 1] > 1).any() or not (nodes[:, 1] > 0).any():
-            raise InputError("throughput must lie in 0..1 and not be zero everywhere", file=path, key=key)
-        kind = entry.get("kind")
-        if kind not in KINDS:
-            raise InputError("unknown kind", file=path, key=f"{name}.kind", value=kind, allowed=", ".join(KINDS))
-        curve = {"wavelength": GRID, "throughput": sample_curve(nodes)}
-        filters[name] = build(Filter, entry, path, name, name=name, **curve)
+    entries = {name: validate(FilterEntry, entry, path, (name,)) for name, entry in read_data(path).items()}
+    filters = {name: entry.filter(name) for name, entry in entries.items()}
+    columns = [name.lower() for name in filters]
+    for name in filters:
+        if not _NAME.fullmatch(name) or columns.count(name.lower()) > 1:
+            allowed = "letters, digits and _, no two alike but for their case: they name columns"
+            raise InputError("not the name of a filter", file=path, key=name, allowed=allowed)
     return filters
 
 
 def _chips(path, filters, detector, telescope):
     chips = {}
     for i, row in enumerate(_only_list(path)):
-        key = f"chips[{i}]"
-        name = row.get("filter") if isinstance(row, dict) else None
-        if not isinstance(name, str) or name not in filters:
-            raise InputError("unknown filter", file=path, key=f"{key}.filter", value=name, allowed=", ".join(filters))
-        chip = build(Chip, row, path, key, kind=filters[name].kind, detector=detector, telescope=telescope)
-        if chip.id in chips or not 1 <= chip.id <= 30:
-            raise InputError("chip ids are distinct, 1..30", file=path, key=f"{key}.id", value=chip.id)
-        chips[chip.id] = chip
+        place = validate(ChipPlace, row, path, (f"chips[{i}]",))
+        if place.filter not in filters:
+            raise InputError(
+                "unknown filter", file=path, key=f"chips[{i}].filter", value=place.filter, allowed=", ".join(filters)
+            )
+        if place.id in chips:
+            raise InputError("chip ids are distinct", file=path, key=f"chips[{i}].id", value=place.id)
+        kind = filters[place.filter].kind
+        chips[place.id] = Chip(**vars(place), kind=kind, detector=detector, telescope=telescope)
     return dict(sorted(chips.items()))
 
 

@@ -1,11 +1,14 @@
-"""Chips: where each of the 30 science CCDs sits in the mosaic and what its detector is like (paper, section 2).
+"""Chips: where each science CCD sits in the mosaic and what its detector is like (paper, section 2).
 
 Left out: chip tilts, height differences and the other sensors of the focal plane.
 """
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated, Any
 
+from pydantic import AfterValidator, Field
+
+from csstsim.base.model import Data, NotNegative, Number, Positive, Whole, between, must
 from csstsim.instrument.cosmic_rays import CosmicRays
 from csstsim.instrument.defects import Defects
 from csstsim.instrument.telescope import Telescope
@@ -46,35 +49,59 @@ class Window:
         return (x >= self.x0 - 0.5) & (x < self.x1 - 0.5) & (y >= self.y0 - 0.5) & (y < self.y1 - 0.5)
 
 
-@dataclass(frozen=True)
-class Detector:
-    """What the 30 chips have in common; units in config/instrument/detector.yaml."""
+def _fits(axis):
+    """Return the check that the channels' pixels along an axis are the chip's."""
 
-    nx: int
-    ny: int
-    channels_x: int
-    channels_y: int
-    channel_nx: int
-    channel_ny: int
-    prescan: int
-    overscan: int
-    parallel_overscan: int
-    pixel_um: float
-    gain: float
-    gain_spread: float
-    bias: float
-    bias_spread: float
-    read_noise: float
-    dark: float
-    full_well: float
-    bloom_row_share: float
-    adc_max: int
-    prnu: float
-    nonlinearity_quadratic: float
-    nonlinearity_cubic: float
-    nonlinearity_spread: float
-    readout_time: float
-    temperature: float
+    def check(size, info):
+        channels, n = (info.data.get(name) for name in (f"channels_{axis}", f"n{axis}"))
+        if None not in (channels, n) and channels * size != n:
+            raise ValueError(f"does not fit: channels_{axis} * channel_n{axis} = {channels * size}, n{axis} = {n}")
+        return size
+
+    return AfterValidator(check)
+
+
+Size = Annotated[Whole, Field(ge=1)]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class DetectorNumbers(Data):
+    """What detector.yaml says of all chips; units there."""
+
+    nx: Size
+    ny: Size
+    # Each has a letter in the header
+    channels_x: Annotated[
+        between(2, 13, Whole), must(lambda n: n % 2 == 0, "half the columns are read out to each side: must be even")
+    ]
+    channels_y: between(2, 2, Whole)  # half the rows are read out to each side
+    channel_nx: Annotated[Size, _fits("x")]
+    channel_ny: Annotated[Size, _fits("y")]
+    prescan: Annotated[Whole, Field(ge=0)]
+    overscan: Annotated[Whole, Field(ge=0)]
+    parallel_overscan: Annotated[Whole, Field(ge=0)]
+    pixel_um: Positive
+    gain: Positive
+    gain_spread: between(0, 0.5)
+    bias: NotNegative
+    bias_spread: NotNegative
+    read_noise: NotNegative
+    dark: NotNegative
+    full_well: Positive
+    bloom_row_share: between(0, 1)
+    adc_max: between(1, 65535, Whole)
+    prnu: NotNegative
+    nonlinearity_quadratic: Number
+    nonlinearity_cubic: Number
+    nonlinearity_spread: between(0, 1)
+    readout_time: NotNegative
+    temperature: NotNegative
+
+
+@dataclass(frozen=True)
+class Detector(DetectorNumbers):
+    """What the chips have in common: detector.yaml, and the effects that have files of their own."""
+
     cosmic_rays: CosmicRays | None = None  # None: no such file in the instrument folder
     defects: Defects | None = None
     traps: Traps | None = None
@@ -86,22 +113,28 @@ class Detector:
         return self.channels_x * self.channels_y
 
 
+@dataclass(frozen=True, eq=False, repr=False)
+class ChipPlace(Data):
+    """A row of chips.yaml: number (two digits in the names of files), filter, and where the chip lies."""
+
+    id: between(1, 99, Whole)
+    filter: str
+    row: Size
+    column: Size
+    xc: Number
+    yc: Number
+    rotation: Number
+
+
 @dataclass(frozen=True)
-class Chip:
+class Chip(ChipPlace):
     """One science CCD.
 
     `xc`, `yc` is the chip's centre in the mosaic [pixel, origin on the boresight, +x and +y as the chips'];
     `rotation` is the chip's own turn about that centre [deg, from mosaic +x towards +y].
     """
 
-    id: int
-    filter: str
     kind: str  # "imaging" or "slitless"
-    row: int
-    column: int
-    xc: float
-    yc: float
-    rotation: float
     detector: Detector
     telescope: Telescope
 

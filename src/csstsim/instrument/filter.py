@@ -10,13 +10,43 @@ how they are chosen is ours). The PSF of each is computed at its mean wavelength
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
+from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import AfterValidator, Field
 
+from csstsim.base.model import Data, NotNegative, Number
 from csstsim.base.units import ab_photon_density
 
 GRID = np.arange(2000.0, 11000.25, 0.5)  # angstrom
 SUBBANDS = 4
+
+
+def _curve(nodes):
+    waves, throughputs = zip(*nodes, strict=True)
+    if any(b <= a for a, b in pairwise(waves)) or waves[0] < GRID[0] or waves[-1] > GRID[-1]:
+        raise ValueError("wavelengths must rise, within 2000-11000 A")
+    if min(throughputs) < 0 or not 0 < max(throughputs) <= 1:
+        raise ValueError("throughput must lie in 0..1 and not be zero everywhere")
+    return nodes
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FilterEntry(Data):
+    """An entry of filters.yaml: `nodes` of the curve are (angstrom, throughput) pairs; the rest as in Filter."""
+
+    kind: Literal["imaging", "slitless"]
+    nodes: Annotated[list[tuple[Number, Number]], Field(min_length=2), AfterValidator(_curve)]
+    sky: NotNegative
+    saturation_mag: Number
+    limiting_mag: Number
+
+    def filter(self, name):
+        """Return the Filter of this entry."""
+        curve = {"wavelength": GRID, "throughput": sample_curve(self.nodes)}
+        return Filter(name, self.kind, **curve, sky=self.sky, saturation_mag=self.saturation_mag,
+                      limiting_mag=self.limiting_mag)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,10 +8,13 @@ cross the line between two gratings are not divided, and a frame takes all or no
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from csstsim.base.errors import InputError
+from csstsim.base.model import Data, Whole, between, validate
 from csstsim.base.units import C_A_S, H_J_S
 from csstsim.instrument.axe import BEAMS, COEFFICIENTS, field_range, field_terms, read_axe
 from csstsim.instrument.filter import GRID
@@ -101,6 +104,20 @@ def _reach(order, piece):
     return float(max(np.abs([p + q * wave, r + s * wave]).max() for wave in order.range))
 
 
+Name = Annotated[str, Field(min_length=1)]  # of a .conf file
+Reach = between(0, _FAR)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class _Row(Data):
+    """A chip's entry of gratings.yaml; one grating before all of it stands on both sides."""
+
+    left: Name
+    right: Name
+    split: Annotated[Whole, Field(ge=1)]
+    reach: tuple[Reach, Reach, Reach, Reach]
+
+
 def load_gratings(folder, data, chips, filters, telescope):
     """Return {chip id: Gratings}, two pieces of each [px], of the spectroscopic `chips` {id: Chip}.
 
@@ -114,34 +131,18 @@ def load_gratings(folder, data, chips, filters, telescope):
     for number in set(rows) - set(chips):
         raise InputError("no chip behind gratings", file=file, key="chips", value=number, allowed=sorted(chips))
     for number, chip in chips.items():
-        row, key = rows.get(number), f"chips.{number}"
-        bounds = _bounds(row, chip, file, key)
-        for name in {(row["left"], chip.filter), (row["right"], chip.filter)} - set(read):
+        row, nx, ny = validate(_Row, rows.get(number), file, ("chips", number)), chip.detector.nx, chip.detector.ny
+        if row.split >= nx:
+            key = f"chips.{number}.split"
+            raise InputError("must be a column", file=file, key=key, value=row.split, allowed=f"1..{nx - 1}")
+        for name in {(row.left, chip.filter), (row.right, chip.filter)} - set(read):
             read[name] = load_grating(folder / f"{name[0]}.conf", filters[chip.filter], telescope)
-        two = (read[row[side], chip.filter] for side in ("left", "right"))
-        out[number] = Gratings(*two, float(row["split"]), bounds)
+        left, right, low, high = row.reach
+        bounds = -0.5 - left, nx - 0.5 + right, -0.5 - low, ny - 0.5 + high
+        out[number] = Gratings(*(read[name, chip.filter] for name in (row.left, row.right)), float(row.split), bounds)
         for grating, piece in out[number].pieces:
             _check_traces(grating, piece, folder / f"{grating.name}.conf")
     return out
-
-
-def _bounds(row, chip, file, key):
-    keys = {"left", "right", "split", "reach"}
-    if not isinstance(row, dict) or set(row) != keys:
-        raise InputError("two gratings are needed", file=file, key=key, value=row, allowed=", ".join(sorted(keys)))
-    for side in ("left", "right"):
-        if not (isinstance(row[side], str) and row[side]):
-            raise InputError("must be the name of a .conf file", file=file, key=f"{key}.{side}", value=row[side])
-    nx, ny, reach, split = chip.detector.nx, chip.detector.ny, row["reach"], row["split"]
-    if not (isinstance(reach, list) and len(reach) == 4 and all(_is_length(v) for v in reach)):
-        raise InputError("must be four lengths", file=file, key=f"{key}.reach", value=reach, allowed=f"0..{_FAR} px")
-    if not (type(split) is int and 0 < split < nx):
-        raise InputError("must be a column", file=file, key=f"{key}.split", value=split, allowed=f"1..{nx - 1}")
-    return -0.5 - reach[0], nx - 0.5 + reach[1], -0.5 - reach[2], ny - 0.5 + reach[3]
-
-
-def _is_length(value):
-    return isinstance(value, int | float) and not isinstance(value, bool) and 0 <= value <= _FAR
 
 
 def _check_traces(grating, piece, file):

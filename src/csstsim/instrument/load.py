@@ -72,33 +72,6 @@ def _join(key, name):
     return f"{key}.{name}" if key else str(name)
 
 
-def build(cls, data, path, key="", **fixed):
-    """Return dataclass `cls` from a mapping and the `fixed` fields that do not come from the file.
-
-    Raises InputError for a missing or unknown key or a wrong type.
-    """
-    if not isinstance(data, dict):
-        raise InputError("must be a mapping", file=path, key=key, value=data)
-    wanted = {name: f.type for name, f in cls.__dataclass_fields__.items() if name not in fixed}
-    allowed = ", ".join(sorted(wanted))
-    for name in data:
-        if name not in wanted:
-            raise InputError("unknown key", file=path, key=_join(key, name), value=name, allowed=allowed)
-    for name in wanted:
-        if name not in data:
-            raise InputError("required key is missing", file=path, key=_join(key, name))
-    return cls(**{n: _typed(data[n], kind, path, _join(key, n)) for n, kind in wanted.items()}, **fixed)
-
-
-def _typed(value, kind, path, key):
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if kind is float and number:
-        return float(value)
-    if kind in (int, str) and type(value) is kind:
-        return value
-    raise InputError(f"must be {kind.__name__}", file=path, key=key, value=value)
-
-
 def data_files(folder):
     """Return {name: path} of every data file below `folder`, sorted; READMEs are left out."""
     found = sorted(p for p in Path(folder).rglob("*") if p.is_file() and p.suffix != ".md")

@@ -8,22 +8,31 @@ precession of the Earth's axis against GCRS: the state is right in size and dire
 
 import math
 from dataclasses import dataclass
+from typing import Annotated
 
+from pydantic import AfterValidator
+
+from csstsim.base.model import Data, Number, Positive
 from csstsim.base.units import EARTH_GM_KM3_S2, EARTH_J2, EARTH_RADIUS_KM
 from csstsim.instrument.pointing import mjd_utc
 
 _DAY_S = 86_400.0
 
 
+def _utc(text):
+    mjd_utc(text)
+    return text
+
+
 @dataclass(frozen=True)
-class Orbit:
+class Orbit(Data):
     """A circular orbit; `node` and `phase` (argument of latitude) hold at `epoch` (ISO UTC)."""
 
-    altitude_km: float
-    inclination: float  # deg
-    node: float  # deg
-    phase: float  # deg
-    epoch: str
+    altitude_km: Positive
+    inclination: Number  # deg
+    node: Number  # deg
+    phase: Number  # deg
+    epoch: Annotated[str, AfterValidator(_utc)]
 
     @property
     def radius_km(self):

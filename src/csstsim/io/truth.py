@@ -15,7 +15,7 @@ The file's metadata have the recipe, the Level-0 file's name, full_well [e-] and
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.table import BANDS, ObjectTable, check_numbers
+from csstsim.catalog.table import ObjectTable, check_numbers
 
 # .cat name: our column
 CAT_COLUMNS = {
@@ -45,7 +45,7 @@ ABOUT = {
     "g1": "reduced shear, axis 1 along +RA (east)",
     "g2": "the same, axis 2 at 45 deg towards north",
     "size": "arcsec, half-light radii of disk and bulge, weighted with their light",
-    **{f"mag_{band}": "AB, magnified" for band in BANDS},
+    "mag_B": "AB, magnified",
     **{f"flux{i}": "electron / s in the filter's four sub-bands, magnified" for i in range(4)},
     "reach": "px, half the side of the stamp",
     "lost": "share of a galaxy's light that may lie beyond the stamp",

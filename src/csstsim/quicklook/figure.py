@@ -49,7 +49,7 @@ def draw(picture, bounds, stretch, limits=None, marks=None, inset=None, side=SID
         draw_marks(axes, marks)
         if inset:
             draw_marks(closer, marks)
-        _legend(figure, axes, legend_title(marks, picture.header.get("FILTER")))
+        _legend(figure, axes, legend_title(marks))
     figure.text(LEFT / page.width, 1 - 0.12 / page.height, picture.title, va="top", fontsize=10)
     figure.text(0.99, 0.06 / page.height, picture.remark, ha="right", fontsize=7)
     return figure

@@ -3,12 +3,12 @@
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.catalog.light.object_spectra import ROW
 from csstsim.catalog.table import TYPES
 from csstsim.io.truth import read_truth
 
 STYLES = {"star": ("o", "#E69F00"), "galaxy": ("s", "#56B4E9"), "quasar": ("D", "#CC79A7")}
 PLURALS = {"star": "stars", "galaxy": "galaxies", "quasar": "quasars"}
-GRATINGS = ("GU", "GV", "GI")
 _SIZE = 7.0  # points
 
 
@@ -53,11 +53,11 @@ def draw_marks(axes, chosen):
         axes.plot(x, y, marker, ms=_SIZE, mfc="none", mec=colour, mew=1.2, label=label)
 
 
-def legend_title(chosen, filter_):
+def legend_title(chosen):
     """Return what the legend says of the rows marked on an image in a filter or behind a grating."""
     if not len(chosen):
         return "truth: no object is here"
     magnitudes = chosen["mag"][np.isfinite(chosen["mag"])]
     faintest = f", to {magnitudes.max():.1f} mag" if magnitudes.size else ""
-    where = ", where light would fall without the grating" if filter_ in GRATINGS else ""
+    where = ", where light would fall without the grating" if ROW in chosen else ""
     return f"truth, brightest {len(chosen)}{faintest}{where}"

@@ -1,16 +1,18 @@
 """Tables of a brick's numbers by band, for the report."""
 
-from csstsim.report.figures import band_label
 from csstsim.report.parts import Table
 
 
-def band_table(result):
-    """Return the Table of what is judged in each band of a validate_brick result, in magnitudes."""
+def band_table(result, labels):
+    """Return the Table of what is judged in each band of a validate_brick result, in magnitudes.
+
+    labels: {band: as the camera writes its name}.
+    """
     rows = []
     for band, numbers in result["bands"].items():
         star, galaxy = numbers["star"], numbers["galaxy"]
         rows.append((
-            band_label(band), numbers["frames"], _fixed(numbers["zeropoint"]), _fixed(numbers["depth_5sigma"]),
+            labels.get(band, band), numbers["frames"], _fixed(numbers["zeropoint"]), _fixed(numbers["depth_5sigma"]),
             _fixed(numbers["completeness"], 3), numbers["point_sources"], _fixed(star["median"], 4),
             _spread(star), star["n"],
             _fixed(galaxy["median"], 3), _spread(galaxy), galaxy["n"],
@@ -22,12 +24,12 @@ def band_table(result):
     return Table(head, rows)
 
 
-def band_numbers(result):
+def band_numbers(result, labels):
     """Return a Table of every single number of a result's bands, a row a number, a column a band."""
     columns = {band: dict(_leaves(numbers)) for band, numbers in result["bands"].items()}
     names = list(dict.fromkeys(name for column in columns.values() for name in column))
     rows = [(name, *(column.get(name) for column in columns.values())) for name in names]
-    return Table(("number", *map(band_label, columns)), rows, "numbers")
+    return Table(("number", *(labels.get(band, band) for band in columns)), rows, "numbers")
 
 
 def _leaves(mapping, prefix=""):

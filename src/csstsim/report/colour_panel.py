@@ -8,12 +8,15 @@ MAX_POINTS = 3000  # drawn of a kind; more only blacken it
 CONTOURS_FROM = 50  # sources; fewer are points
 SHARES = 0.9, 0.6, 0.3  # of the sources within a contour
 CELL, BLUR = 0.05, 2.0  # mag; cells
-LIMITS = (-1.5, 4.0), (-1.0, 2.5)  # u - g, g - r
+LIMITS = (-1.5, 4.0), (-1.0, 2.5)  # mag: u - g and g - r of stars and galaxies lie within
 KINDS = ("star or quasar", BLUE, "o"), ("galaxy", ORANGE, "s")
 
 
-def colours(axes, colour):
-    """Draw true and measured u - g and g - r of the same sources (bricks.compare.colours)."""
+def colours(axes, colour, looks):
+    """Draw true and measured colours of the same sources (bricks.compare.colours); looks: report.style.looks."""
+    names = [looks[band].label for band in colour["bands"]]
+    if not names:
+        return legend_or_note(axes, (), "the camera has fewer than three bands")
     given, got, galaxy = colour["input"], colour["output"], colour["galaxy"]
     for (kind, tint, marker), mine in zip(KINDS, (~galaxy, galaxy), strict=True):
         n = int(mine.sum())
@@ -26,9 +29,14 @@ def colours(axes, colour):
             axes.plot(*given[:, shown], marker, ls="", mfc="none", mec=BLACK, mew=0.7, ms=5.5, label=f"{kind}, true")
         else:
             _contours(axes, given[:, mine], "-" if kind == "galaxy" else "--", f"{kind}, true: 30, 60, 90%")
-    axes.set(xlim=LIMITS[0], ylim=LIMITS[1], xlabel="u - g [AB mag]", ylabel="g - r [AB mag]")
-    axes.set_title("Colours of the same sources, true and measured, at S/N > 10 in u, g, r", fontsize=10)
-    legend_or_note(axes, len(galaxy), "no source with S/N > 10 in u, g and r", loc="upper left")
+    axes.set(
+        xlim=LIMITS[0],
+        ylim=LIMITS[1],
+        xlabel="{} - {} [AB mag]".format(*names),
+        ylabel="{1} - {2} [AB mag]".format(*names),
+    )
+    axes.set_title(f"Colours of the same sources, true and measured, at S/N > 10 in {', '.join(names)}", fontsize=10)
+    legend_or_note(axes, len(galaxy), "no source with S/N > 10 in {}, {} and {}".format(*names), loc="upper left")
 
 
 def _contours(axes, points, line, label):

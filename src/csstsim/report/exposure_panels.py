@@ -1,12 +1,12 @@
 """Panels of a brick's page about single exposures: limits, counts, stars' colours, and the way of the charge.
 
-Each draws into `axes` from what bricks.validate.validate_brick returns.
+Each draws into `axes` from what bricks.validate.validate_brick returns, with `looks` (report.style) among the arrays.
 """
 
 import numpy as np
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.report.style import BAND_COLOURS, BAND_MARKERS, BLACK, FEWEST, band_label, legend_or_note
+from csstsim.report.style import BLACK, FEWEST, GREEN, ORANGE, legend_or_note
 
 STEP = 0.5  # mag
 ROWS = 8  # bins of the rows to the amplifier
@@ -18,6 +18,7 @@ def found_by_magnitude(axes, result, arrays):
     """Share found of isolated objects in single exposures: point sources full, galaxies dashed."""
     drawn = []
     for band, table in arrays["trials"].items():
+        look = arrays["looks"][band]
         galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
         for some, line in ((~galaxy, "-"), (galaxy, "--")):
             mag = table["mag"][some & np.isfinite(table["mag"])]
@@ -26,10 +27,10 @@ def found_by_magnitude(axes, result, arrays):
             seen = np.histogram(table["mag"][some & found & np.isfinite(table["mag"])], edges)[0]
             good = n >= FEWEST
             if good.any():
-                label = None if band in drawn else band_label(band)
+                label = None if band in drawn else look.label
                 axes.plot(
-                    edges[:-1][good] + STEP / 2, seen[good] / n[good], line, color=BAND_COLOURS[band], lw=1.3,
-                    label=label, marker=BAND_MARKERS[band] if line == "-" else None, ms=3,
+                    edges[:-1][good] + STEP / 2, seen[good] / n[good], line, color=look.colour, lw=1.3,
+                    label=label, marker=look.marker if line == "-" else None, ms=3,
                 )  # fmt: skip
                 drawn.append(band)
     axes.axhline(0.5, color="#666666", ls=":", lw=1)
@@ -42,15 +43,15 @@ def counts(axes, result, arrays):
     """Sources over true objects, by magnitude less the depth of an exposure."""
     drawn = []
     for band, numbers in result["bands"].items():
-        part = numbers["counts"]
+        part, look = numbers["counts"], arrays["looks"][band]
         edges, given, got = (np.array(part[name], float) for name in ("edges", "in", "out"))
         good = given >= 20  # 20% at least of chance below
         if good.any():
             x = 0.5 * (edges[1:] + edges[:-1])[good] - numbers["depth_5sigma"]
             error = np.sqrt(got[good]) / given[good]
             axes.errorbar(
-                x, got[good] / given[good], error, color=BAND_COLOURS[band], marker=BAND_MARKERS[band], ms=3, lw=1.2,
-                label=band_label(band),
+                x, got[good] / given[good], error, color=look.colour, marker=look.marker, ms=3, lw=1.2,
+                label=look.label,
             )  # fmt: skip
             drawn.append(band)
     axes.axhline(1.0, color="#666666", lw=0.8)
@@ -62,40 +63,42 @@ def counts(axes, result, arrays):
 def locus(axes, result, arrays):
     """Stars' measured g-r and r-i on the public locus, which is in SDSS's bands."""
     colour = arrays["locus"]
+    axes.set_title("Stars at S/N > 20 in g, r, i", fontsize=10)
+    if not colour["bands"]:
+        axes.set_axis_off()
+        return legend_or_note(axes, (), "the camera has no bands g, r and i")
     _, g_r, r_i, _ = np.loadtxt(LOCUS, delimiter=",", skiprows=2).T
-    for name, marker, tint in (("input", "o", BLACK), ("output", "+", BAND_COLOURS["r"])):
+    for name, marker, tint in (("input", "o", BLACK), ("output", "+", GREEN)):
         label = "true" if name == "input" else "measured"
         axes.plot(*colour[name], marker, ls="", color=tint, ms=5, mfc="none", mew=0.8, label=label)
     axes.plot(g_r, r_i, "-", color="#888888", lw=4, alpha=0.5, label="SDSS locus (Covey et al. 2007)", zorder=0)
     axes.set(xlim=(-0.6, 2.0), ylim=(-0.4, 2.2), xlabel="g - r [AB mag]", ylabel="r - i [AB mag]")
-    axes.set_title("Stars at S/N > 20 in g, r, i", fontsize=10)
     axes.legend(fontsize=8, loc="upper left")
 
 
 def places(axes, result, arrays):
     """Stars' places along the columns, away from the amplifier, by S/N."""
-    _transfer(axes, result, "deferred_mas", 1.0)
+    _transfer(axes, result, arrays["looks"], "deferred_mas", 1.0)
     axes.set(ylabel="out - in, away from the amplifier [mas]", ylim=(-6, 6))
     axes.set_title("Places along the columns", fontsize=10)
 
 
 def light(axes, result, arrays):
     """Stars' light by S/N."""
-    _transfer(axes, result, "light", 100.0)
+    _transfer(axes, result, arrays["looks"], "light", 100.0)
     axes.set(ylabel="out / in - 1 [%]", ylim=(-12, 12))
     axes.set_title("Light of stars in one exposure", fontsize=10)
 
 
-def _transfer(axes, result, name, unit):
+def _transfer(axes, result, looks, name, unit):
     drawn = []
     for place, (band, numbers) in enumerate(result["bands"].items()):
         rows = [(part["snr"], part[name]) for part in numbers["transfer"] if part[name]["n"] >= FEWEST]
         if rows:
             x = [np.sqrt(low * high) * 1.03 ** (place - 3) for (low, high), _ in rows]
             y, error = ([unit * part[key] for _, part in rows] for key in ("median", "error"))
-            axes.errorbar(
-                x, y, error, color=BAND_COLOURS[band], marker=BAND_MARKERS[band], ms=3, lw=1.2, label=band_label(band)
-            )
+            look = looks[band]
+            axes.errorbar(x, y, error, color=look.colour, marker=look.marker, ms=3, lw=1.2, label=look.label)
             drawn.append(band)
     axes.axhline(0.0, color="#666666", lw=0.8)
     axes.set(xscale="log", xlabel="true S/N")
@@ -115,7 +118,7 @@ def rows(axes, result, arrays):
     which, drawn = np.digitize(seen["transfers"], edges[1:-1]), []
     for name, unit, tint, said in (
         ("deferred_mas", 1.0, BLACK, "place, away from the amplifier [mas]"),
-        ("light", 100.0, BAND_COLOURS["i"], "light, out / in - 1 [%]"),
+        ("light", 100.0, ORANGE, "light, out / in - 1 [%]"),
     ):
         off = seen[name] - (1.0 if name == "light" else 0.0)
         bins = [off[which == k] for k in range(ROWS)]

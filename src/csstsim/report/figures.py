@@ -6,34 +6,38 @@ import numpy as np
 
 from csstsim.base.healpix import brick_corners
 from csstsim.bricks.validate import SNR_EDGES
-from csstsim.catalog.table import BANDS
 from csstsim.report import exposure_panels, psf_panels
 from csstsim.report.colour_panel import colours
-from csstsim.report.style import BAND_COLOURS, BAND_MARKERS, BLACK, BLUE, FEWEST, ORANGE, band_label, legend_or_note
+from csstsim.report.style import BLACK, BLUE, FEWEST, ORANGE, legend_or_note
 
 MAX_POINTS = 3000  # drawn per panel and kind; more only blacken it
 MAX_NUMBERED = 40  # bricks whose numbers the sky map has room for
-GRATING_DASHES = {"gu": ":", "gv": "--", "gi": "-."}
+COLUMNS = 4  # panels of bands in a row
 
 
-def brick_figure(result, arrays, *, threshold=None, snr_min=None):
+def brick_figure(result, arrays, looks, *, threshold=None, snr_min=None):
     """Return the PNG bytes of a brick: completeness, colours, magnitudes out - in, one panel a band; single exposures.
 
-    `result`, `arrays`: as bricks.validate.validate_brick returns them; `threshold`, `snr_min`: the
-    completeness gate, drawn when given.
+    `result`, `arrays`: as bricks.validate.validate_brick returns them; `looks`: report.style.looks of the
+    camera's filters; `threshold`, `snr_min`: the completeness gate, drawn when given.
     """
-    figure = _figure((13.0, 21.5))
-    grid = figure.add_gridspec(6, 12, height_ratios=(1.25, 1, 1, 1.1, 1.1, 1.3))
-    _completeness(figure.add_subplot(grid[0, :6]), arrays["completeness"], threshold, snr_min)
-    colours(figure.add_subplot(grid[0, 6:]), arrays["colour"])
-    for number, band in enumerate(BANDS):
-        axes = figure.add_subplot(grid[1 + number // 4, 3 * (number % 4) : 3 * (number % 4) + 3])
-        _residuals(axes, band, arrays["residual"].get(band), result["bands"].get(band))
-    _legend(figure.add_subplot(grid[2, 9:]))
+    bands = {band: look for band, look in looks.items() if look.marker}
+    rows = len(bands) // COLUMNS + 1  # and the legend
+    heights = (1.25, *[1.0] * rows, 1.1, 1.1, 1.3)
+    figure = _figure((13.0, 21.5 * sum(heights) / 6.75))
+    grid = figure.add_gridspec(len(heights), 12, height_ratios=heights)
+    _completeness(figure.add_subplot(grid[0, :6]), arrays["completeness"], looks, threshold, snr_min)
+    colours(figure.add_subplot(grid[0, 6:]), arrays["colour"], looks)
+    places = [grid[1 + n // COLUMNS, 3 * (n % COLUMNS) : 3 * (n % COLUMNS) + 3] for n in range(rows * COLUMNS)]
+    for place, (band, look) in zip(places, bands.items(), strict=False):
+        _residuals(figure.add_subplot(place), look, arrays["residual"].get(band), result["bands"].get(band))
+    _legend(figure.add_subplot(places[-1]))
+    arrays = arrays | {"looks": looks}
     for number, draw in enumerate(exposure_panels.PANELS):
-        draw(figure.add_subplot(grid[3 + number // 3, 4 * (number % 3) : 4 * (number % 3) + 4]), result, arrays)
+        row, column = rows + 1 + number // 3, 4 * (number % 3)
+        draw(figure.add_subplot(grid[row, column : column + 4]), result, arrays)
     for number, draw in enumerate((psf_panels.size, psf_panels.ellipticity)):
-        draw(figure.add_subplot(grid[5, 6 * number : 6 * number + 6]), arrays)
+        draw(figure.add_subplot(grid[-1, 6 * number : 6 * number + 6]), arrays)
     purity = "" if result["purity"] is None else f" ({100.0 * result['purity']:.0f} % with a true object)"
     figure.suptitle(
         f"Brick {result['brick']} (NSIDE 256, nested): {result['sources']} merged sources{purity}, "
@@ -42,11 +46,12 @@ def brick_figure(result, arrays, *, threshold=None, snr_min=None):
     return _png(figure)
 
 
-def sky_map(footprints, bricks, pointings=()):
+def sky_map(footprints, bricks, looks, pointings=()):
     """Return the PNG bytes of the sky map: bricks and the windows on them, in degrees from their centre.
 
-    `footprints`: [(band or grating, ra[4], dec[4])], corners in order; `bricks`: pixel numbers; `pointings`:
-    [(ra, dec)] of the boresights, which a second panel shows (far from the windows of a small region).
+    `footprints`: [(band or grating, ra[4], dec[4])], corners in order; `bricks`: pixel numbers; `looks`:
+    report.style.looks; `pointings`: [(ra, dec)] of the boresights, which a second panel shows (far from the windows of
+    a small region).
     """
     figure = _figure((15.0, 7.0) if pointings else (9.0, 7.5))
     near, *far = figure.subplots(1, 2 if pointings else 1, squeeze=False)[0]
@@ -59,7 +64,7 @@ def sky_map(footprints, bricks, pointings=()):
             if axes is near and len(bricks) <= MAX_NUMBERED:
                 style = {"ha": "center", "va": "center", "fontsize": 7, "color": "#444444", "zorder": 3}
                 axes.annotate(str(pix), (x.mean(), y.mean()), **style)
-        _windows(axes, footprints, centre)
+        _windows(axes, footprints, looks, centre)
         axes.set(xlabel="offset east [deg]", ylabel="offset north [deg]")
         axes.set_aspect("equal", adjustable="datalim")  # a lone boresight would make a sliver
         axes.invert_xaxis()  # east to the left
@@ -72,18 +77,17 @@ def sky_map(footprints, bricks, pointings=()):
     return _png(figure)
 
 
-def _windows(axes, footprints, centre):
+def _windows(axes, footprints, looks, centre):
     """Draw the outlines of windows: bands by colour, gratings grey, by their dashes."""
     seen = set()
     for band, ra, dec in footprints:
-        label = band_label(band) if band in BANDS else band.upper()
-        style = {"lw": 1.2, "ls": GRATING_DASHES.get(band, "-"), "label": None if band in seen else label}
+        look = looks[band]
+        style = {"lw": 1.2, "ls": look.line, "label": None if band in seen else look.label}
         seen.add(band)
-        colour = BAND_COLOURS.get(band, "#666666")
-        axes.fill(*_offsets(ra, dec, centre), facecolor="none", edgecolor=colour, zorder=2, **style)
+        axes.fill(*_offsets(ra, dec, centre), facecolor="none", edgecolor=look.colour, zorder=2, **style)
 
 
-def _completeness(axes, curves, threshold, snr_min):
+def _completeness(axes, curves, looks, threshold, snr_min):
     edges = np.array(SNR_EDGES, float)
     middle = np.sqrt(edges[:-1] * edges[1:])
     drawn = [band for band, (n, _) in curves.items() if (n >= FEWEST).any()]
@@ -98,8 +102,8 @@ def _completeness(axes, curves, threshold, snr_min):
         error = np.maximum([fraction - (mid - half), mid + half - fraction], 0.0)
         shift = 1.02 ** (place - (len(drawn) - 1) / 2)  # bands side by side
         axes.errorbar(
-            middle[good] * shift, fraction, error, color=BAND_COLOURS[band], marker=BAND_MARKERS[band], ms=4, lw=1.2,
-            capsize=2, label=f"{band_label(band)} ({n.sum()})",
+            middle[good] * shift, fraction, error, color=looks[band].colour, marker=looks[band].marker, ms=4, lw=1.2,
+            capsize=2, label=f"{looks[band].label} ({n.sum()})",
         )  # fmt: skip
     if threshold is not None:
         axes.axhline(threshold, color="#666666", ls="--", lw=1)
@@ -113,7 +117,7 @@ def _completeness(axes, curves, threshold, snr_min):
     legend_or_note(axes, drawn, "no point sources", title="filter (sources)")
 
 
-def _residuals(axes, band, arrays, numbers):
+def _residuals(axes, look, arrays, numbers):
     axes.axhline(0.0, color="#666666", lw=0.8)
     lines = []
     for kind, colour, marker in (("galaxy", ORANGE, "."), ("star", BLUE, "+")):
@@ -129,9 +133,9 @@ def _residuals(axes, band, arrays, numbers):
         axes.axvline(numbers["depth_5sigma"], color="#666666", ls=":", lw=1)
     else:
         axes.text(0.5, 0.8, "not observed", ha="center", transform=axes.transAxes, color="#444444")
-    axes.set(xlim=(16.5, 27.5), ylim=(-1.0, 1.0), xlabel=f"{band_label(band)} true [AB mag]", ylabel="out - in [mag]")
+    axes.set(xlim=(16.5, 27.5), ylim=(-1.0, 1.0), xlabel=f"{look.label} true [AB mag]", ylabel="out - in [mag]")
     axes.text(0.03, 0.03, "\n".join(lines), fontsize=7.5, transform=axes.transAxes, va="bottom")
-    axes.set_title(band_label(band), fontsize=10)
+    axes.set_title(look.label, fontsize=10)
 
 
 def _running_median(axes, x, y, colour):

@@ -12,12 +12,11 @@ import numpy as np
 
 from csstsim.base.sphere import rotation
 from csstsim.optics.geometry.wcs import mosaic_cd
-from csstsim.report.figures import BAND_COLOURS, band_label
 from csstsim.report.parts import data_url
+from csstsim.report.style import BLACK, GREY
 from csstsim.report.thumbnail import MOST, binned, busiest, png, step_for, stretch
 
-COLOURS = BAND_COLOURS | {"y": "#FFFFFF"}  # the figures' black would not show on black
-GRATING = "#888888"
+BRIGHTER = {BLACK: "#FFFFFF", GREY: "#888888"}  # than in the figures: they would not show on black
 BUTTONS = (
     ("in", "+", "zoom in (key +)"),
     ("out", "\u2212", "zoom out (key -)"),
@@ -74,23 +73,28 @@ class FocalPlane(NamedTuple):
     buttons: tuple = BUTTONS
 
 
-def mosaic(chips, exposures):
-    """Return the FocalPlane: `chips` are all of the camera, `exposures` at least one Exposure."""
+def mosaic(chips, exposures, looks):
+    """Return the FocalPlane.
+
+    `chips` are all of the camera, `exposures` at least one Exposure, `looks` report.style.looks of its filters.
+    """
+    colours = {chip.id: BRIGHTER.get(c := looks[chip.filter.lower()].colour, c) for chip in chips}
     corners = np.concatenate([_corners(chip, chip.full_window) for chip in chips])
     (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
     edge = 0.01 * (x1 - x0)
     box = (x0 - edge, y0 - edge, x1 - x0 + 2 * edge, y1 - y0 + 2 * edge)
-    outlines = [_outline(chip, chip.full_window, "idle") for chip in chips]
-    return FocalPlane(_numbers(box), outlines, [_chip_label(chip) for chip in chips], [_group(e) for e in exposures])
+    outlines = [_outline(chip, chip.full_window, "idle", colours) for chip in chips]
+    groups = [_group(exposure, colours) for exposure in exposures]
+    return FocalPlane(_numbers(box), outlines, [_chip_label(chip) for chip in chips], groups)
 
 
-def _group(exposure):
+def _group(exposure, colours):
     detail, pictures = exposure.detail, exposure.pictures
     shapes = [_image(picture) for picture in (*pictures, *([detail] if detail else []))]
-    shapes += [_outline(p.chip, p.chip.full_window, "chip") for p in pictures]
+    shapes += [_outline(p.chip, p.chip.full_window, "chip", colours) for p in pictures]
     for p in pictures:
-        shapes += [_outline(p.chip, p.window, "window"), *_window_label(p)]
-    shapes += [_outline(detail.chip, detail.window, "cutout")] if detail else []
+        shapes += [_outline(p.chip, p.window, "window", colours), *_window_label(p)]
+    shapes += [_outline(detail.chip, detail.window, "cutout", colours)] if detail else []
     box = _box(np.concatenate([_corners(p.chip, p.window) for p in pictures]))
     cutout = _box(_corners(detail.chip, detail.window)) if detail else ""
     return {"title": exposure.title, "box": box, "detail": cutout, "shapes": shapes, "arrows": _compass(exposure)}
@@ -104,11 +108,10 @@ def _image(picture):
     return {"kind": "image", "url": data_url(picture.png)} | place
 
 
-def _outline(chip, window, style):
+def _outline(chip, window, style, colours):
     x, y = _place(chip, window.x0, window.y1)
-    colour = COLOURS.get(chip.filter.lower(), GRATING)
     place = {"x": f"{x:g}", "y": f"{y:g}", "width": window.nx, "height": window.ny, "turn": _turn(chip)}
-    return {"kind": "outline", "style": style, "colour": colour} | place
+    return {"kind": "outline", "style": style, "colour": colours[chip.id]} | place
 
 
 def _chip_label(chip):
@@ -124,7 +127,7 @@ def _window_label(picture):
 
 
 def _label(chip, x, y, size):
-    name = f"{chip.label} {band_label(chip.filter)}"
+    name = f"{chip.label} {chip.filter}"
     place = {"x": f"{x + 0.25 * size:g}", "y": f"{y + 1.1 * size:g}", "size": f"{size:g}", "turn": _turn(chip)}
     return {"kind": "label", "text": name} | place
 

@@ -3,7 +3,6 @@
 from csstsim.bricks import verdict as verdicts
 from csstsim.bricks.gates import FEW
 from csstsim.report.band_table import band_numbers, band_table
-from csstsim.report.figures import band_label
 from csstsim.report.parts import Figure, Fold, Link, Pairs, Paragraph, Section, Table, Verdict, fill, mappings
 
 NAMED = 10  # failing gates named at the top
@@ -14,7 +13,7 @@ GATE = {"name": "gate", "band": "band", "value": "value", "threshold": "threshol
 
 def write_report(
     path, summary, results, *, exposures=(), files=(), figures=None, sky_map=None, mosaic=None, spectra=(), links=None,
-    provenance=None, times=(),
+    provenance=None, times=(), labels=None,
 ):  # fmt: skip
     """Write the report to `path`; all text is escaped.
 
@@ -27,6 +26,7 @@ def write_report(
     spectra      list of (title, PNG bytes or None, *Links) of spectroscopic frames
     links        {brick: (Link, ...)}: its files
     provenance   {label: value}: version, hashes, seed
+    labels       {band: as the camera writes its name}
     times        list of mappings (step, jobs, wall s, CPU s, ...): one row each
     """
     from csstsim.base.files.atomic import atomic_path
@@ -34,7 +34,7 @@ def write_report(
     name = summary.get("name", "campaign")
     judged = verdicts.judge(results)
     results = sorted(results, key=lambda result: -_counts(result)["fail"])  # stable: then by number, as they came
-    links = links or {}
+    links, labels = links or {}, labels or {}
     sections = [
         Section("summary", "Summary", [Pairs({key: value for key, value in summary.items() if key != "name"})]),
         Section("gates", "Gates", _gates(judged["gates"])),
@@ -42,8 +42,8 @@ def write_report(
             "sky", "Sky", _figure(sky_map, "Windows by filter, the NSIDE-256 bricks they touch, and the pointings")
         ),
         Section("plane", "Focal plane", [mosaic] if mosaic else []),
-        Section("bricks", "Bricks", _brick_table(results, links)),
-        Section("validation", "Validation by brick", _bricks(results, figures or {}, links)),
+        Section("bricks", "Bricks", _brick_table(results, links, labels)),
+        Section("validation", "Validation by brick", _bricks(results, figures or {}, links, labels)),
         Section("spectra", "Spectra", _spectra(spectra)),
         Section("exposures", "Exposures and Level-0 files", [mappings(exposures, "exposures")]),
         Section("files", "Files", [Table(("file",), [(Link(*file),) for file in files], "files")]),
@@ -94,7 +94,7 @@ def _counts(result):
     return verdicts.count(result["gates"])
 
 
-def _brick_table(results, links):
+def _brick_table(results, links, labels):
     """One row a brick, failing ones first."""
     bands = list(dict.fromkeys(band for result in results for band in result["bands"]))
     rows = []
@@ -108,18 +108,18 @@ def _brick_table(results, links):
             "true objects": result["truth"], "purity": result["purity"],
         }  # fmt: skip
         for band in bands:
-            row[band_label(band)] = result["bands"].get(band, {}).get("completeness")
+            row[labels.get(band, band)] = result["bands"].get(band, {}).get("completeness")
         rows.append(row | ({"files": links[pix]} if pix in links else {}))
     note = Paragraph("A column headed by a band has the completeness of point sources in it.")
     return [note, mappings(rows, "bricks")] if rows else []
 
 
-def _bricks(results, figures, links):
+def _bricks(results, figures, links, labels):
     """A section a brick; of many, all but a few folded."""
     parts = []
     for place, result in enumerate(results):
         pix = result["brick"]
-        body = _brick(result, figures.get(pix), links.get(pix, ()))
+        body = _brick(result, figures.get(pix), links.get(pix, ()), labels)
         if place >= UNFOLDED:
             body = [Fold(verdicts.tally(_counts(result)), body)]
         parts.append(Section(f"brick-{pix}", f"Brick {pix}", body, level=3))
@@ -131,7 +131,7 @@ def _residual(numbers):
     return f"{numbers['median']:+.1f}{scatter}"
 
 
-def _brick(result, png, links):
+def _brick(result, png, links, labels):
     residual = result["astrometry_mas"]
     if residual["east"]["n"]:
         east, north = (_residual(residual[k]) for k in ("east", "north"))
@@ -142,9 +142,9 @@ def _brick(result, png, links):
     return [
         Paragraph(f"{count} {place}"),
         Paragraph(links),
-        band_table(result),
+        band_table(result, labels),
         *_figure(png, f"Validation of brick {result['brick']}"),
-        Fold("all numbers by band", [band_numbers(result)]),
+        Fold("all numbers by band", [band_numbers(result, labels)]),
     ]
 
 

@@ -3,19 +3,37 @@
 Colours are Okabe & Ito's (2008), told apart by colour-blind readers; stars and galaxies differ in marker too.
 """
 
-from csstsim.catalog.table import BANDS
+from dataclasses import dataclass
 
 BLUE, ORANGE, GREEN, VERMILION, PURPLE, SKY, BLACK = (
     "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#56B4E9", "#000000",
 )  # fmt: skip
-BAND_COLOURS = dict(zip(BANDS, (PURPLE, BLUE, SKY, GREEN, ORANGE, VERMILION, BLACK), strict=True))
-BAND_MARKERS = dict(zip(BANDS, "osD^v<>", strict=True))
+COLOURS, MARKERS = (PURPLE, BLUE, SKY, GREEN, ORANGE, VERMILION, BLACK), "osD^v<>"  # of bands, blue to red
+GREY, DASHES = "#666666", (":", "--", "-.")  # of gratings
 FEWEST = 3  # sources a bin needs to be drawn
 
 
-def band_label(band):
-    """Return the band as it is written in text: NUV, u, g, ..."""
-    return band.upper() if band == "nuv" else band
+@dataclass(frozen=True)
+class Look:
+    """How a filter is shown: `label` as the camera writes its name; a band's marker, a grating's line."""
+
+    label: str
+    colour: str
+    marker: str | None = None
+    line: str = "-"
+
+
+def looks(filters):
+    """Return {name in lower case: Look} of the camera's filters, {name: instrument.filter.Filter}."""
+    bands = [name for name, filter_ in filters.items() if filter_.kind == "imaging"]
+    found = {}
+    for number, name in enumerate(bands):  # fewer than the colours are spread over them, more begin again
+        at = int((number + 0.5) * len(COLOURS) / len(bands)) if len(bands) < len(COLOURS) else number
+        again, place = divmod(at, len(COLOURS))
+        found[name.lower()] = Look(name, COLOURS[place], MARKERS[(place + again) % len(MARKERS)])
+    for number, name in enumerate(name for name in filters if name not in bands):
+        found[name.lower()] = Look(name, GREY, line=DASHES[number % len(DASHES)])
+    return found
 
 
 def legend_or_note(axes, anything, note, **keywords):

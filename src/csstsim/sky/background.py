@@ -39,7 +39,7 @@ def band_rates(filter_, telescope, pixel_um, numbers):
     """
     wave, pixel = filter_.wavelength, (1e-6 * pixel_um) ** 2
     sun = sunlight(wave, numbers)
-    earth = numbers.albedo * np.interp(wave, *numbers.earth_spectrum.T)
+    earth = numbers.earth.albedo * np.interp(wave, *numbers.earth.spectrum.T)
     shapes = [band(filter_, blackbody_over_sun(wave, kelvin, numbers)) for kelvin in numbers.stars[:, 3]]
     return {
         "zodiacal": pixel_etendue(telescope) * band(filter_, zodiacal.spectrum(wave, numbers)),

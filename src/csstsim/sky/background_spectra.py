@@ -27,7 +27,7 @@ def sunlight(wavelength, numbers):
 
 def magnitude_ratio(magnitude, numbers):
     """Return irradiance over that of the Sun at 1 au for a V magnitude."""
-    return 10.0 ** (-0.4 * (np.asarray(magnitude, dtype=float) - numbers.sun_magnitude))
+    return 10.0 ** (-0.4 * (np.asarray(magnitude, dtype=float) - numbers.bodies.sun_magnitude))
 
 
 def blackbody_over_sun(wavelength, temperature, numbers):

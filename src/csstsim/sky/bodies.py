@@ -37,11 +37,11 @@ def bodies(mjd, position, velocity, numbers):
     sun, sun_au = _sun(mjd, position, velocity)
     moon = _moon(tt, position)
     distance, phase = np.linalg.norm(moon), angle(-moon, sun_au * AU_KM * sun - moon)
-    law = numbers.moon
-    moon_magnitude = law["magnitude"] + _polynomial(law["phase"], phase)
-    moon_magnitude += 5.0 * math.log10(distance / law["distance_km"] * sun_au)
+    law = numbers.bodies.moon
+    moon_magnitude = law.magnitude + _polynomial(law.phase, phase)
+    moon_magnitude += 5.0 * math.log10(distance / law.distance_km * sun_au)
     planets, magnitudes = [], []
-    for number, bright, *phase_law, largest in numbers.planets:
+    for number, bright, *phase_law, largest in numbers.bodies.planets:
         from_sun = erfa.plan94(_MJD_ZERO, tt, int(number))["p"]
         seen = from_sun + sun_au * sun
         near, far = np.linalg.norm(seen), np.linalg.norm(from_sun)

@@ -28,7 +28,7 @@ def nominal_spectrum(filter_, numbers):
     """Return S, as `sky_spectrum`, of the mixture that the nominal sky of filters.yaml is: zodiacal light far from the
     Sun, and earthshine."""
     wave, here = filter_.wavelength, np.array([V_BAND])
-    earth = numbers.nominal_earth * np.interp(wave, *numbers.earth_spectrum.T)
+    earth = numbers.earth.nominal * np.interp(wave, *numbers.earth.spectrum.T)
     zodi, zodi_v = (zodiacal.spectrum(at, numbers)[1] / sunlight(at, numbers) for at in (wave, here))
     shape = sunlight(wave, numbers) * (zodi / zodi_v + earth)
     return shape / band(filter_, shape)
@@ -44,7 +44,7 @@ def sky_spectrum(filter_, parts, sun_angle, numbers):
     sun = sunlight(wave, numbers)
     colours = {
         "zodiacal": zodiacal.mixture(sun_angle, numbers) @ zodiacal.spectrum(wave, numbers),
-        "earth": sun * np.interp(wave, *numbers.earth_spectrum.T),
+        "earth": sun * np.interp(wave, *numbers.earth.spectrum.T),
     }
     shapes = {name: colours.get(name, sun) for name in parts}
     return sum(parts[name] * shapes[name] / band(filter_, shapes[name]) for name in parts) / sum(parts.values())

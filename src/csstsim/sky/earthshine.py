@@ -43,5 +43,5 @@ def earthshine(place, sun, axes, sights, door_azimuth, numbers):
 
     place [km], sun: GCRS; axes: sky.directions.telescope_axes; sights (m, 3) in that frame.
     """
-    seen, weight = segments(np.asarray(place, dtype=float), sun, numbers.rings)
+    seen, weight = segments(np.asarray(place, dtype=float), sun, numbers.earth.rings)
     return np.einsum("mn,n->m", total(np.einsum("ij,nj->ni", axes, seen), sights, door_azimuth, numbers), weight)

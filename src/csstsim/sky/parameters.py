@@ -1,43 +1,117 @@
-"""The numbers of the sky (config/instrument/sky.yaml), checked and as arrays."""
+"""The numbers of the sky (config/instrument/sky.yaml); units and meaning are the comments there."""
 
 from dataclasses import dataclass
+from typing import Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator, BeforeValidator
 
 from csstsim.base.errors import InputError
-from csstsim.instrument.load import build
+from csstsim.base.model import Data, Number, Whole, must, validate
 
 
-@dataclass(frozen=True)
-class Door:
-    """The aperture door (csstsim.sky.aperture_door); lengths in m, angles in deg."""
+def _array(*shape):
+    """Return the type of an array of floats of a shape, None standing for any length; null is NaN."""
 
-    tube_radius_m: float
-    length_m: float
-    opening_deg: float
-    half_width_deg: float
-    albedo: float
+    def made(value):
+        try:
+            values = np.array(value, dtype=float)
+        except TypeError as exc:
+            raise ValueError(str(exc)) from None
+        if values.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, values.shape, strict=True)):
+            raise ValueError(f"must be numbers of shape {shape}, None: any")
+        return values
+
+    return Annotated[Any, BeforeValidator(made)]
+
+
+def _table(*axes):
+    """Return the type of a table of positive numbers with the fields `axes` along its rows and columns."""
+
+    def check(values, info):
+        if values.shape != tuple(len(info.data[axis]) for axis in axes if axis in info.data):
+            raise ValueError("rows and columns must fit its axes")
+        if (values <= 0).any():  # NaN is none
+            raise ValueError("must be positive")
+        return values
+
+    return Annotated[_array(None, None), AfterValidator(check)]
+
+
+Axis = Annotated[_array(None), must(lambda axis: (np.diff(axis) > 0).all(), "must rise")]
 
 
 @dataclass(frozen=True, eq=False)
-class SkyNumbers:
-    """Units and meaning: the comments of sky.yaml. Lists of tuples are arrays, one row each."""
+class Zodiacal(Data):
+    """Zodiacal light by |helio-ecliptic longitude| and |ecliptic latitude|."""
 
-    solar_spectrum: np.ndarray  # (n, 2) angstrom, W m-2 um-1
-    zodiacal: dict  # longitude (n,), latitude (m,), intensity (n, m), colour (2, 3), nearest
-    albedo: float
-    earth_spectrum: np.ndarray  # (n, 2)
-    rings: int
-    nominal_earth: float
+    longitude: Axis
+    latitude: Axis
+    intensity: _table("longitude", "latitude")
+    colour: _array(2, 3)
+    nearest: Number
+
+
+@dataclass(frozen=True, eq=False)
+class Earth(Data):
+    """The Earth in sunlight."""
+
+    albedo: Number
+    spectrum: _array(None, 2)
+    rings: Whole
+    nominal: Number
+
+
+@dataclass(frozen=True)
+class Door(Data):
+    """The aperture door (csstsim.sky.aperture_door); lengths in m, angles in deg."""
+
+    tube_radius_m: Number
+    length_m: Number
+    opening_deg: Number
+    half_width_deg: Number
+    albedo: Number
+
+
+@dataclass(frozen=True, eq=False)
+class Transmittance(Data):
+    """Point-source transmittance by angles from the line of sight [deg]."""
+
+    zenith: Annotated[Axis, must(lambda axis: axis[0] > 0, "must start above 0")]
+    azimuth: Annotated[Axis, must(lambda axis: axis[0] >= 0 and axis[-1] < 360, "must lie in 0..360")]
+    matrix: _table("zenith", "azimuth")
+
+
+@dataclass(frozen=True)
+class Moon(Data):
+    """Moonlight by phase."""
+
+    magnitude: Number
+    distance_km: Number
+    phase: list[Number]
+
+
+@dataclass(frozen=True, eq=False)
+class Bodies(Data):
+    """The Sun, the Moon and planets."""
+
+    sun_magnitude: Number
+    moon: Moon
+    planets: _array(None, 7)
+
+
+@dataclass(frozen=True, eq=False)
+class SkyNumbers(Data):
+    """All of sky.yaml."""
+
+    solar_spectrum: _array(None, 2)
+    zodiacal: Zodiacal
+    earth: Earth
     door: Door
-    zenith: np.ndarray  # (n,) deg
-    azimuth: np.ndarray  # (m,) deg
-    transmittance: np.ndarray  # (n, m)
-    sun_magnitude: float
-    moon: dict
-    planets: np.ndarray  # (n, 7)
-    field: np.ndarray  # (2,) deg
-    stars: np.ndarray  # (n, 4)
+    transmittance: Transmittance
+    bodies: Bodies
+    field: _array(2)
+    stars: _array(None, 4)
 
 
 def sky_numbers(data, file="sky.yaml"):
@@ -47,49 +121,4 @@ def sky_numbers(data, file="sky.yaml"):
     """
     if not data:
         raise InputError("the instrument folder has no numbers of the sky's light", file=file)
-    try:
-        zodiacal, table, bodies = data["zodiacal"], data["transmittance"], data["bodies"]
-        arrays = {k: np.array(zodiacal[k], dtype=float) for k in ("longitude", "latitude", "intensity", "colour")}
-        numbers = SkyNumbers(
-            solar_spectrum=np.array(data["solar_spectrum"], dtype=float),
-            zodiacal=arrays | {"nearest": float(zodiacal["nearest"])},
-            albedo=float(data["earth"]["albedo"]),
-            earth_spectrum=np.array(data["earth"]["spectrum"], dtype=float),
-            rings=int(data["earth"]["rings"]),
-            nominal_earth=float(data["earth"]["nominal"]),
-            door=build(Door, data["door"], file, "door"),
-            zenith=np.array(table["zenith"], dtype=float),
-            azimuth=np.array(table["azimuth"], dtype=float),
-            transmittance=np.array(table["matrix"], dtype=float),
-            sun_magnitude=float(bodies["sun_magnitude"]),
-            moon=bodies["moon"],
-            planets=np.array(bodies["planets"], dtype=float),
-            field=np.array(data["field"], dtype=float),
-            stars=np.array(data["stars"], dtype=float),
-        )
-    except KeyError as exc:
-        raise InputError("required key is missing", file=file, key=str(exc.args[0])) from None
-    except (TypeError, ValueError) as exc:
-        raise InputError(f"malformed: {exc}", file=file) from None
-    _check(numbers, file)
-    return numbers
-
-
-def _check(numbers, file):
-    rising = {
-        "zodiacal.longitude": numbers.zodiacal["longitude"], "zodiacal.latitude": numbers.zodiacal["latitude"],
-        "transmittance.zenith": numbers.zenith, "transmittance.azimuth": numbers.azimuth,
-    }  # fmt: skip
-    for key, axis in rising.items():
-        if axis.ndim != 1 or (np.diff(axis) <= 0).any():
-            raise InputError("must rise", file=file, key=key)
-    for key, values, axes in (
-        ("zodiacal.intensity", numbers.zodiacal["intensity"], list(rising.values())[:2]),
-        ("transmittance.matrix", numbers.transmittance, list(rising.values())[2:]),
-    ):
-        if values.shape != tuple(len(axis) for axis in axes):
-            raise InputError("rows and columns must fit its axes", file=file, key=key, value=values.shape)
-        if (values <= 0).any():
-            raise InputError("must be positive", file=file, key=key)
-    if numbers.zenith[0] <= 0 or numbers.azimuth[0] < 0 or numbers.azimuth[-1] >= 360:
-        raise InputError("zenith starts above 0, azimuth lies in 0..360", file=file, key="transmittance")
+    return validate(SkyNumbers, data, file)

@@ -13,12 +13,13 @@ from csstsim.sky.aperture_door import scattered, shade, zenith_angle
 
 def transmittance(zenith, azimuth, numbers):
     """Return PST at zenith, azimuth [deg], any one shape; below the first zenith angle as there, beyond the last 0."""
-    first, log = numbers.azimuth[0], np.log(numbers.transmittance)
+    table = numbers.transmittance
+    first, log = table.azimuth[0], np.log(table.matrix)
     log = np.column_stack([log, log[:, 0]])
-    i, u = _cell(np.log(numbers.zenith), np.log(np.maximum(zenith, numbers.zenith[0])))
-    j, v = _cell(np.append(numbers.azimuth, first + 360.0), (np.asarray(azimuth) - first) % 360.0 + first)
+    i, u = _cell(np.log(table.zenith), np.log(np.maximum(zenith, table.zenith[0])))
+    j, v = _cell(np.append(table.azimuth, first + 360.0), (np.asarray(azimuth) - first) % 360.0 + first)
     near, far = (1 - v) * log[i, j] + v * log[i, j + 1], (1 - v) * log[i + 1, j] + v * log[i + 1, j + 1]
-    return np.where(np.asarray(zenith) > numbers.zenith[-1], 0.0, np.exp((1 - u) * near + u * far))
+    return np.where(np.asarray(zenith) > table.zenith[-1], 0.0, np.exp((1 - u) * near + u * far))
 
 
 def _cell(nodes, x):

@@ -24,15 +24,15 @@ def intensity(longitude, latitude, numbers):
     """
     lon, lat = np.broadcast_arrays(np.abs(longitude), np.abs(latitude))
     nearest = elongation(lon, lat).min(initial=180.0)
-    if nearest < numbers.zodiacal["nearest"] - 1e-9:
+    if nearest < numbers.zodiacal.nearest - 1e-9:
         raise InputError(
             "too close to the Sun for the table of zodiacal light", key="elongation [deg]",
-            value=round(float(nearest), 3), allowed=f"{numbers.zodiacal['nearest']} or more",
+            value=round(float(nearest), 3), allowed=f"{numbers.zodiacal.nearest} or more",
         )  # fmt: skip
     table, axes = _filled(numbers), numbers.zodiacal
-    columns = [sample_curve(np.column_stack([axes["longitude"], c]), lon.ravel()) for c in table.T]
+    columns = [sample_curve(np.column_stack([axes.longitude, c]), lon.ravel()) for c in table.T]
     rows = zip(np.transpose(columns), lat.ravel(), strict=True)
-    log = [sample_curve(np.column_stack([axes["latitude"], row]), np.array([b]))[0] for row, b in rows]
+    log = [sample_curve(np.column_stack([axes.latitude, row]), np.array([b]))[0] for row, b in rows]
     return np.exp(np.reshape(log, lon.shape))
 
 
@@ -47,8 +47,8 @@ def _filled(numbers):
     They only support the interpolation beyond 15 deg: each continues its column as the power of the elongation that
     joins the column's first two known cells.
     """
-    axes, log = numbers.zodiacal, np.log(numbers.zodiacal["intensity"])
-    away = np.log(np.maximum(elongation(axes["longitude"][:, None], axes["latitude"][None, :]), 5.0))
+    axes, log = numbers.zodiacal, np.log(numbers.zodiacal.intensity)
+    away = np.log(np.maximum(elongation(axes.longitude[:, None], axes.latitude[None, :]), 5.0))
     for j in np.flatnonzero(np.isnan(log).any(axis=0)):
         empty = np.isnan(log[:, j])
         one, two = np.flatnonzero(~empty)[:2]
@@ -63,13 +63,13 @@ def spectrum(wavelength, numbers):
     The light at any elongation is a mixture of the two: `mixture`.
     """
     step = np.log10(wavelength / REFERENCE)
-    colour = [1.0 + np.where(step < 0, blue, red) * step for _, blue, red in numbers.zodiacal["colour"]]
+    colour = [1.0 + np.where(step < 0, blue, red) * step for _, blue, red in numbers.zodiacal.colour]
     over_sun = 1e-8 / ARCSEC_PER_RAD**2 / solar_continuum(REFERENCE, numbers)
     return over_sun * np.array(colour) * sunlight(wavelength, numbers)
 
 
 def mixture(angle, numbers):
     """Return (2, ...): the shares of the two colours at an angle [deg] from the Sun; they sum to 1."""
-    near, far = numbers.zodiacal["colour"][:, 0]
+    near, far = numbers.zodiacal.colour[:, 0]
     share = np.clip((far - angle) / (far - near), 0.0, 1.0)
     return np.stack([share, 1.0 - share])

@@ -62,7 +62,7 @@ def light(run, job, say=print):
     if run.has_stage(job.pointing, "render"):
         header["stages"].append(timer.entry())
     if state.truth is None:
-        state.truth = ObjectTable.complete({})
+        state.truth = ObjectTable.complete({}, run.camera.bands)
     return state
 
 

@@ -57,7 +57,7 @@ def write_products(run, job, state, provenance):
 
     path = run.paths.level0(job.pointing, job.chip.id)
     truth_path = run.paths.level0_truth(job.pointing, job.chip.id)
-    drawn = state.truth if state.truth is not None else ObjectTable.complete({})
+    drawn = state.truth if state.truth is not None else ObjectTable.complete({}, run.camera.bands)
     about = {"recipe": run.recipe(job), "level0": path.name, "full_well": run.camera.detector.full_well}
     if run.steps[job.pointing.type].shipped:  # a layer of the user's own may bring charge that nothing counts
         about["electrons"] = electron_budget(state.header, job.window.nx * job.window.ny)

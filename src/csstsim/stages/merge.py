@@ -14,7 +14,7 @@ def merge(run, pix):
 
     jobs = jobs_on(run, pix)
     sources, detections = merge_brick(
-        pix, (measured_table(run, job, DETECTION_COLUMNS) for job in progress(jobs, "frames"))
+        pix, (measured_table(run, job, DETECTION_COLUMNS) for job in progress(jobs, "frames")), run.camera.bands
     )
     metadata = {
         "product": "merged brick", "csstsim": __version__, "campaign": run.config.name, "brick": pix,

@@ -22,7 +22,7 @@ def render(run, job):
     state = rendered(run, job, objects)
     planes = {"image": state.image, "counted": state.counted, "mask": _marked(state.mask)}
     state.header["stages"] = [*(objects.meta["stages"] if objects is not None else []), timer.entry()]
-    drawn = state.truth if state.truth is not None else ObjectTable.complete({})
+    drawn = state.truth if state.truth is not None else ObjectTable.complete({}, run.camera.bands)
     recipe = {"recipe": run.recipe(job, "render")}
     drawn.write(run.paths.stage(*job.key, "drawn.parquet"), drawn.meta | recipe)
     if state.orders is not None:
@@ -68,7 +68,5 @@ def object_spectra(run, job, objects):
     if run.embedded:
         return embedded_spectra(objects, run.universe)
     from csstsim.catalog.open import open_catalog
-    from csstsim.catalog.selection.select import region_for
 
-    region = region_for(*job.footprint(), run.margin_deg(job))
-    return catalog_spectra(objects, open_catalog(run.config.catalog, region, run.paths.truth, {}))
+    return catalog_spectra(objects, open_catalog(run.config.catalog, run.region(job), run.paths.truth, {}))

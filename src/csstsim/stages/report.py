@@ -10,13 +10,13 @@ from csstsim.base.one_thread import one_thread
 from csstsim.base.progress import progress
 from csstsim.base.release import check_recipe
 from csstsim.bricks import verdict as verdicts
+from csstsim.campaign.costs import PICTURES
 from csstsim.campaign.run_times import run_times
 from csstsim.io.paths import made
 from csstsim.report.parts import Link
 
 EMBEDDED = 5_000_000  # bytes of figures of bricks and spectra in the page; of the rest, links
 PNG = b"\x89PNG\r\n\x1a\n"  # its first bytes
-THUMBNAILS = 30  # chips in the focal plane, but always a whole exposure
 
 
 @one_thread
@@ -30,12 +30,14 @@ def report(run):
     from csstsim.bricks.hats import write_catalogue
     from csstsim.report.figures import sky_map
     from csstsim.report.page import write_report
+    from csstsim.report.style import looks
 
     page, results = run.paths.report, [_validation(run, pix) for pix in run.merge_bricks]
     merged = {pix: _merged(run, pix) for pix in run.merge_bricks}
     verdict, budget = verdicts.judge(results), Budget(EMBEDDED)
     worst_first = sorted(results, key=lambda result: -verdicts.count(result["gates"])["fail"])
     pngs = {result["brick"]: run.paths.validate(result["brick"]).with_suffix(".png") for result in worst_first}
+    shown = looks(run.camera.filters)
     science = run.science_jobs
     write_report(
         page, _summary(run), results,
@@ -45,15 +47,16 @@ def report(run):
         links={pix: _brick_links(run, pix, path) for pix, path in pngs.items()},
         sky_map=sky_map(
             [(job.chip.filter.lower(), *job.footprint()) for job in science], list(run.merge_bricks),
-            sorted({(job.pointing.ra, job.pointing.dec) for job in science}),
+            shown, sorted({(job.pointing.ra, job.pointing.dec) for job in science}),
         ) if science else None,
-        mosaic=_mosaic(run),
+        mosaic=_mosaic(run, shown),
         spectra=[_spectra(run, job, budget) for job in progress(run.slitless_jobs, "spectra")],
         provenance={
             "csstsim": __version__, "campaign file": run.file, "campaign digest": run.config.digest(),
             "camera digest": run.camera.digest, "seed": run.config.seed,
         },
         times=run_times(run),
+        labels={band: look.label for band, look in shown.items()},
     )  # fmt: skip
     # After the page, which reads the rest: of what cannot be used nothing is written
     verdicts.write_verdict(page.with_name("verdict.json"), verdict, campaign=run.config.name, csstsim=__version__)
@@ -145,21 +148,21 @@ def _spectra(run, job, budget):
     return title, budget.read(figure), _link(run, "spectra", path), _link(run, "figure", figure)
 
 
-def _mosaic(run):
+def _mosaic(run, looks):
     """Return the focal plane of the exposures with the most chips, science before calibration."""
     from csstsim.io.level0 import read_level0
     from csstsim.report.mosaic import mosaic, take_exposure
 
     taken, exposures = 0, []
     for jobs in sorted(_by_exposure(run), key=lambda jobs: (jobs[0].pointing.type != "SCIE", -len(jobs))):
-        if exposures and taken + len(jobs) > THUMBNAILS:
+        if exposures and taken + len(jobs) > PICTURES:
             break
         taken += len(jobs)
         pointing, filters = jobs[0].pointing, ", ".join(dict.fromkeys(job.chip.filter for job in jobs))
         title = f"{pointing.obsid} ({pointing.type}, {pointing.exptime:g} s, {filters})"
         files = ((job.chip, read_level0(run.paths.level0(pointing, job.chip.id))) for job in progress(jobs, "frames"))
         exposures.append(take_exposure(title, pointing.pa, files))
-    return mosaic(list(run.camera.chips.values()), exposures)
+    return mosaic(list(run.camera.chips.values()), exposures, looks)
 
 
 def _by_exposure(run):

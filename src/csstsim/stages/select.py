@@ -22,13 +22,13 @@ def select(run, job):
 def selected(run, job):
     """Return the ObjectTable of what reaches a job's window (catalog.selection.select)."""
     from csstsim.catalog.open import open_catalog
-    from csstsim.catalog.selection.select import Noise, region_for, select_objects
+    from csstsim.catalog.selection.select import Noise, select_objects
     from csstsim.optics.scatter.scattered_light import scattered_light
 
     config, camera, exptime = run.config.catalog, run.camera, job.pointing.exptime
     filter_, detector = camera.filters[job.chip.filter], camera.detector
     key = run.universe_key() if run.embedded else {}
-    catalog = open_catalog(config, region_for(*job.footprint(), run.margin_deg(job)), run.paths.truth, key)
+    catalog = open_catalog(config, run.region(job), run.paths.truth, key)
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
     return select_objects(
         catalog, job.wcs, job.observer, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit,
@@ -51,14 +51,14 @@ def say_selected(table, say):
 def check_catalog(run, say):
     """Open what the campaign draws from; try a catalogue of the user's on the first science job (catalog.contract)."""
     from csstsim.catalog.contract import check
-    from csstsim.catalog.selection.select import near, region_for
+    from csstsim.catalog.selection.select import near
 
     source = run.open_truth()
     jobs = run.imaging_jobs or run.slitless_jobs
     if run.embedded or not jobs:
         return
     job = jobs[0]
-    report = check(source, run.config.catalog.options, region_for(*job.footprint(), run.margin_deg(job)), run.camera)
+    report = check(source, run.config.catalog.options, run.region(job), run.camera)
     say(f"{run.config.catalog.kind}: {report}")
     reach = len(near(report.table, job.wcs, job.observer, job.window)[0])
     say(f"{reach} of them are near what chip {job.chip.id} sees in exposure {job.pointing.obsid}")

@@ -87,6 +87,6 @@ def _shapes_on(run):
 
     seam, out = run.camera.detector.channel_ny, []
     for job in progress(run.imaging_jobs, "frames"):
-        frame = Frame(truth_of(run, job), measured_table(run, job), seam)
+        frame = Frame(truth_of(run, job), measured_table(run, job), seam, run.camera.telescope.pixel_scale)
         out.append(shapes(frame, usable(frame)))
     return out

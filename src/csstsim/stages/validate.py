@@ -27,15 +27,17 @@ def validate(run, pix):
     from csstsim.bricks.verdict import NAMES, sentence
     from csstsim.catalog.table import ObjectTable
     from csstsim.report.figures import brick_figure
+    from csstsim.report.style import looks
 
-    seam = run.camera.detector.channel_ny
+    camera = run.camera
+    chip = camera.detector.channel_ny, camera.telescope.pixel_scale
     frames = (
-        Frame(truth_of(run, job), measured_table(run, job), seam, _depth(run, job), frame_facts(run, job))
+        Frame(truth_of(run, job), measured_table(run, job), *chip, _depth(run, job), frame_facts(run, job))
         for job in progress(jobs_on(run, pix), "frames")
     )
     merged = ObjectTable.read(made(run.paths.merge(pix), f"merge {run.file} --brick {pix}"))
     check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
-    result, arrays = validate_brick(pix, merged, frames, run.config.validation)
+    result, arrays = validate_brick(pix, merged, frames, camera.bands, run.config.validation)
     result |= {
         "csstsim": __version__,
         "recipe": run.brick_recipe(pix),
@@ -43,8 +45,11 @@ def validate(run, pix):
         "limits": run.config.validation.model_dump(mode="json"),
     }
     path, limits = run.paths.validate(pix), run.config.validation
+    figure = brick_figure(
+        result, arrays, looks(camera.filters), threshold=limits.completeness_min, snr_min=limits.snr_min
+    )
     with atomic_path(path.with_suffix(".png")) as temporary:
-        temporary.write_bytes(brick_figure(result, arrays, threshold=limits.completeness_min, snr_min=limits.snr_min))
+        temporary.write_bytes(figure)
     write_result(path, result)
     for gate in result["gates"]:
         sources = "" if gate["n"] is None else f", {gate['n']} sources"
@@ -52,9 +57,11 @@ def validate(run, pix):
 
 
 def _depth(run, job):
-    """Return (low, high): the 5-sigma magnitudes known of the filter, scaled to the exposure's time, or None."""
-    computed = read_yaml(LIMITS)["computed"]["values"].get(job.chip.filter)
-    if computed is None:
-        return None
-    stated = run.camera.filters[job.chip.filter].limiting_mag
-    return tuple(np.sort([stated, computed]) + 1.25 * np.log10(job.pointing.exptime / LIMIT_SECONDS))
+    """Return (low, high): the 5-sigma magnitudes known of the filter, scaled to the exposure's time.
+
+    A camera of one's own has those of its filters.yaml alone.
+    """
+    camera, name = run.camera, job.chip.filter
+    computed = read_yaml(LIMITS)["computed"]["values"] if camera.folder == SHIPPED / "instrument" else {}
+    stated = camera.filters[name].limiting_mag
+    return tuple(np.sort([stated, computed.get(name, stated)]) + 1.25 * np.log10(job.pointing.exptime / LIMIT_SECONDS))

@@ -121,7 +121,7 @@ def make_row(setting, rng, i, x, y, shares, electrons, bulge=0.0, size=0.0, e=0.
         "y": y, "bulge_frac": bulge, "size_disk": size, "size_bulge": min(size, BULGE_MAX), "e1": e * np.cos(turn),
         "e2": e * np.sin(turn), "wing": 0.0,
     } | {f"flux{k}": electrons * share / setting.exptime for k, share in enumerate(shares)}  # fmt: skip
-    table = ObjectTable.complete({name: np.atleast_1d(value) for name, value in columns.items()})
+    table = ObjectTable.complete({name: np.atleast_1d(value) for name, value in columns.items()}, ())
     box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
     flux = np.array([electrons])
     reach, lost = point_reach(flux, setting.variance, setting.filter, setting.camera.telescope, box), np.zeros(1)

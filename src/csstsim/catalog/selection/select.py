@@ -30,12 +30,12 @@ from csstsim.catalog.selection.reach import (
     wing_reach,
 )
 from csstsim.catalog.selection.row_order import back, canonical_order
-from csstsim.catalog.table import BANDS, GALAXY, STAR
+from csstsim.catalog.table import GALAXY, STAR
 from csstsim.universe.lensing.lensing import magnification
 
 DISTORTION_PX = 200  # at the field's edge (paper, section 5.2)
 # Stars move 147" (4.1" a year until 2036) at the expense of this margin: wings of bright stars beyond it are not drawn.
-BRICK_MARGIN_DEG = (DISTORTION_PX + REACH_MAX) * 0.074 / 3600.0
+BRICK_MARGIN_PX = DISTORTION_PX + REACH_MAX
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Noise:
         return (self.sky + self.dark) * exptime + self.read_noise**2
 
 
-def bricks_for(footprint_ra, footprint_dec, margin_deg=BRICK_MARGIN_DEG):
+def bricks_for(footprint_ra, footprint_dec, margin_deg):
     """Return the sorted NSIDE-256 nested pixels that touch a convex footprint grown by a margin.
 
     Corners in order round the polygon [deg]; RA wrap and poles need no care. Some bricks that only come close
@@ -60,10 +60,10 @@ def bricks_for(footprint_ra, footprint_dec, margin_deg=BRICK_MARGIN_DEG):
     return _bricks(*_grown(footprint_ra, footprint_dec, margin_deg))
 
 
-def region_for(footprint_ra, footprint_dec, margin_deg=BRICK_MARGIN_DEG):
-    """Return the `Region` a catalogue is asked for: the footprint with its margin, and its bricks."""
+def region_for(footprint_ra, footprint_dec, margin_deg, bands):
+    """Return the `Region` a catalogue is asked for: footprint with its margin, its bricks, the camera's bands."""
     ra, dec = _grown(footprint_ra, footprint_dec, margin_deg)
-    return Region(tuple(ra.tolist()), tuple(dec.tolist()), tuple(_bricks(ra, dec).tolist()))
+    return Region(tuple(ra.tolist()), tuple(dec.tolist()), tuple(_bricks(ra, dec).tolist()), tuple(bands))
 
 
 def _bricks(ra, dec):
@@ -124,7 +124,7 @@ def select_objects(
     faint = mag > (np.inf if mag_limit is None else mag_limit)
     chosen = table.with_columns(
         ra_orig=table["ra"], dec_orig=table["dec"], **places, mag=mag.astype(np.float32),
-        **{f"mag_{band}": (table[f"mag_{band}"] - 2.5 * np.log10(mu)).astype(np.float32) for band in BANDS},
+        **_magnified(table, catalog.region.bands, mu),
         **{f"flux{i}": flux[:, i] for i in range(flux.shape[1])}, reach=reach, lost=lost,
         wing=wing.astype(np.float32), flags=flags.astype(np.int32), **({} if disperser is None else {ROW: rows}),
     ).take(touches & ~faint)  # fmt: skip
@@ -174,6 +174,12 @@ def _lands(places, far, window, disperser):
     lands = np.zeros(len(x), bool)
     lands[visits[meets.any(axis=1), 0]] = True
     return lands
+
+
+def _magnified(table, bands, mu):
+    """Return {mag_B: as observed}; NaN in a band that the catalogue's table has no magnitudes in."""
+    given = {f"mag_{band}": table.get(f"mag_{band}", np.full(len(mu), np.nan)) for band in bands}
+    return {name: (values - 2.5 * np.log10(mu)).astype(np.float32) for name, values in given.items()}
 
 
 def _magnification(table):

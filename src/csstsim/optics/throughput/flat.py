@@ -25,8 +25,8 @@ NODES = 65
 class FlatField:
     """The flats of one camera seed.
 
-    numbers: leds.yaml (Camera.leds); camera: name -> Generator that lasts for the camera (rng.Streams.camera).
-    Raises InputError for numbers that are missing or make no flat.
+    numbers: Camera.leds, leds.yaml and the mosaic's columns and rows; camera: name -> Generator that lasts for the
+    camera (rng.Streams.camera). Raises InputError for numbers that are missing or make no flat.
     """
 
     numbers: dict
@@ -44,7 +44,7 @@ class FlatField:
 
     @cached_property
     def _modes(self):
-        """Coefficients (n, J) of the shapes and detector levels (n, 6 columns, 5 rows), by wavelength."""
+        """Coefficients (n, J) of the shapes and detector levels (n, columns, rows of the mosaic), by wavelength."""
         flat = self.numbers["flat"]
         gap = np.subtract.outer(np.log(self.wavelengths), np.log(self.wavelengths)) / flat["correlation"]
         alike = np.linalg.cholesky(np.exp(-0.5 * gap**2) + 1e-9 * np.eye(len(gap)))
@@ -53,7 +53,7 @@ class FlatField:
         pattern = np.einsum("ij,jk->ik", alike, draw.standard_normal((len(gap), len(orders))))
         # A cosine has mean square 1/2; all orders get an equal part of the variance.
         size = np.sqrt([(4 if i and j else 2) / len(orders) for i, j in orders])
-        levels = np.einsum("ij,jcr->icr", alike, draw.standard_normal((len(gap), 6, 5)))
+        levels = np.einsum("ij,jcr->icr", alike, draw.standard_normal((len(gap), *self.numbers["mosaic"])))
         levels = 1 + flat["detector_rms"] * levels
         return flat["pattern_rms"] * pattern * size, levels / levels.mean(axis=(1, 2), keepdims=True)
 

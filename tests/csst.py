@@ -1,0 +1,12 @@
+"""What tests need to know of the shipped camera without reading it: bands, pixel, how its filters are drawn."""
+
+from types import SimpleNamespace
+
+from csstsim.catalog.selection.select import BRICK_MARGIN_PX
+from csstsim.report.style import looks
+
+BANDS = ("nuv", "u", "g", "r", "i", "z", "y")  # as Camera.bands
+PIXEL = 0.074  # arcsec
+KINDS = dict.fromkeys(("NUV", *BANDS[1:]), "imaging") | dict.fromkeys(("GU", "GV", "GI"), "slitless")
+LOOKS = looks({name: SimpleNamespace(kind=kind) for name, kind in KINDS.items()})
+MARGIN = BRICK_MARGIN_PX * PIXEL / 3600.0  # deg
