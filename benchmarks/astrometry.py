@@ -13,8 +13,8 @@ from astropy.coordinates import GCRS, ICRS, CartesianRepresentation, SkyCoord
 from astropy.time import Time
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.places.astrometry import apparent, at_epoch, at_j2000, icrs
-from csstsim.catalog.places.ephemeris import mjd_tt, observer
+from csstsim.catalog.astrometry.ephemeris import mjd_tt, observer
+from csstsim.catalog.astrometry.reduction import apparent, at_epoch, at_j2000, icrs
 
 N = 200_000
 STATE = (61577.858310185, (1200.0, -5300.0, 3980.0), (5.1, 3.7, 3.4))  # UTC MJD, km, km / s

@@ -22,7 +22,7 @@ from scipy.ndimage import convolve
 from csstsim.base.rng import galsim_seed, stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.detector import bfe_kernel
-from csstsim.detector.bleed import bleed
+from csstsim.detector.blooming import bloom
 from csstsim.detector.brighter_fatter import move_charge
 from csstsim.detector.nonlinearity import bend
 from csstsim.instrument.camera import load_camera
@@ -157,7 +157,7 @@ def report_cost(kernel, full_well, seed):
     print(f"{cpu(lambda i: move_charge(i, *numbers), image):6.2f}  brighter_fatter")
     print(f"{4 * cpu(lambda i: numpy_moved(i, *numbers), quarter):6.2f}    numpy and scipy, the same")
     print(f"{4 * cpu(lambda i: convolve(i, five), quarter):6.2f}    scipy.ndimage.convolve, 5 x 5 alone")
-    print(f"{cpu(lambda i: bleed(i, full_well, 0.01), image):6.2f}  blooming")
+    print(f"{cpu(lambda i: bloom(i, full_well, 0.01), image):6.2f}  blooming")
     print(f"{cpu(lambda i: bend(i, -5e-7, 0.0, full_well), image):6.2f}  nonlinearity")
     polynomial = 4 * cpu(lambda i: i + i**2 * np.float32(-5e-7) + i**3 * np.float32(1e-20), quarter)
     print(f"{polynomial:6.2f}    numpy, the polynomial alone")

@@ -25,7 +25,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.bench.imaging import peers
 from csstsim.bench.imaging.cases import Case
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.catalog.places.astrometry import at_j2000, icrs
+from csstsim.catalog.astrometry.reduction import at_j2000, icrs
 from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.render.scene import make_scene

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from csstsim.bricks import compare
 from csstsim.bricks.trials import joined, limit, matched, trials
-from csstsim.bricks.validate import Frame, distinct, usable
+from csstsim.bricks.validate import MeasuredFrame, distinct, judged_truth
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.report.colour_panel import colours
@@ -28,10 +28,10 @@ KINDS = ("stars and quasars", BLUE, "psf"), ("galaxies", ORANGE, "kron")
 
 
 def frames_of(run):
-    """Yield (Frame, its usable truth with measured magnitudes `mag_out`, NaN where not found) of each image."""
+    """Yield (MeasuredFrame, its judged truth with measured magnitudes `mag_out`, NaN where not found) of each image."""
     for job in run.imaging_jobs:
-        frame = Frame(truth_of(run, job), ObjectTable.read(run.paths.measure(*job.key)), *_chip(run))
-        truth = usable(frame)
+        frame = MeasuredFrame(truth_of(run, job), ObjectTable.read(run.paths.measure(*job.key)), *_chip(run))
+        truth = judged_truth(frame)
         row = matched(truth, frame.measured, frame.pixel)
         galaxy = truth["obj_type"] == GALAXY
         mag = np.where(galaxy, frame.measured["mag_kron"][row], frame.measured["mag_psf"][row])
@@ -102,7 +102,9 @@ def brick_colours(run):
     for pix, jobs in run.merge_bricks.items():
         sources = ObjectTable.read(run.paths.merge(pix))
         tables = (ObjectTable.read(run.paths.measure(*job.key)) for job in jobs)
-        truths = [usable(Frame(truth_of(run, job), t, *_chip(run))) for job, t in zip(jobs, tables, strict=True)]
+        truths = [
+            judged_truth(MeasuredFrame(truth_of(run, job), t, *_chip(run))) for job, t in zip(jobs, tables, strict=True)
+        ]
         truth = distinct(truths, [f"mag_{band}" for band in "ugr"])
         parts.append(compare.colours(truth, sources, compare.match(truth, sources), "ugr"))
     joined_up = {name: np.concatenate([part[name] for part in parts], axis=-1) for name in parts[0]}

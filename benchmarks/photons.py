@@ -50,7 +50,7 @@ def dense_psf(folder):
     coarse = Path(folder) / "coarse.h5"
     make_psf(
         coarse, camera.chips[CHIP], filter, camera.telescope, camera.psf, GRID, camera_digest=camera.digest,
-        beyond=scattered_light(camera, filter),
+        scattered=scattered_light(camera, filter),
     )  # fmt: skip
     psf = PsfSet(coarse)
     names = ("cell_um", "cell_arcsec", "oversampling", "chip", "filter", "grid", "camera_digest")
@@ -107,8 +107,8 @@ def cpu(function, repeats):
 def report(label, objects, table, repeats, **losses):
     canvas, keys = Canvas(None, WINDOW, **losses), object_keys(np.uint64(1), objects.ids)
     canvas.count()
-    seconds, (on, beyond, _) = cpu(lambda: shoot_scene(canvas, objects, keys, table), repeats)
-    drawn = on.sum() + beyond.sum()
+    seconds, (on, outside_box, _) = cpu(lambda: shoot_scene(canvas, objects, keys, table), repeats)
+    drawn = on.sum() + outside_box.sum()
     print(
         f"{label:44s} {len(objects):7d} {drawn:10.3g} {1e9 * seconds / drawn:9.1f} {1e6 * seconds / len(objects):9.2f}"
     )

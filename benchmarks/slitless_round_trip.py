@@ -16,9 +16,9 @@ import yaml
 
 from csstsim.base.units import C_A_S, H_J_S, ab_photon_density
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.places.astrometry import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra.extract import CUT, DIM, LOST, MASKED

@@ -29,7 +29,7 @@ from source_extractor_compare import Code, draw, report
 
 from csstsim.base.errors import CsstsimError, InputError
 from csstsim.bricks.compare import PIXEL
-from csstsim.bricks.validate import Frame, usable
+from csstsim.bricks.validate import MeasuredFrame, judged_truth
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.io.truth import read_truth
@@ -111,8 +111,8 @@ def compare_frame(run, job, ours, theirs):
     measured = ObjectTable.read(run.paths.measure(*job.key))
     found = extracted.table
     found = found.with_columns(flux_psf=found["flux_psf"] * modelled / share)
-    frames = Frame(truth, measured, *chip), Frame(truth, ObjectTable(dict(found), measured.meta), *chip)
-    judged = usable(frames[0])
+    frames = MeasuredFrame(truth, measured, *chip), MeasuredFrame(truth, ObjectTable(dict(found), measured.meta), *chip)
+    judged = judged_truth(frames[0])
     ours.add(judged, frames[0], astromatic.fwhm(psf, 0.5), cpu)
     theirs.add(judged, frames[1], astromatic.fwhm(extracted.psf, 0.5), extracted.cpu)
     star = judged["obj_type"] == STAR

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from csstsim.base.files.atomic import atomic_path
 from csstsim.bricks.compare import spread
 from csstsim.bricks.trials import joined, matched, trials
-from csstsim.bricks.validate import EDGE, Frame
+from csstsim.bricks.validate import EDGE, MeasuredFrame
 
 CODES = "csstsim", "source-extractor"
 EDGES = (3, 4, 5, 6, 7, 8, 10, 20, 500)  # of true S/N
@@ -33,10 +33,10 @@ class Code:
     cpu: list = field(default_factory=list)
 
     def add(self, truth, frame, fwhm, cpu):
-        """Take in a frame (bricks.validate.Frame) and its usable truth."""
+        """Take in a frame (bricks.validate.MeasuredFrame) and its judged truth."""
         table = frame.measured
         self.tried.append(trials(truth, frame))
-        kron = Frame(frame.truth, table.with_columns(flux_psf=table["flux_kron"]), frame.seam, frame.pixel)
+        kron = MeasuredFrame(frame.truth, table.with_columns(flux_psf=table["flux_kron"]), frame.seam, frame.pixel)
         self.kron.append(trials(truth, kron)["light"])
         snr, real = detections(frame)
         self.snr.append(snr)

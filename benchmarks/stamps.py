@@ -194,7 +194,7 @@ def main():
         path = Path(folder) / "psf.h5"
         make_psf(
             path, chip, filter_, camera.telescope, camera.psf, 10, camera_digest=camera.digest,
-            beyond=scattered_light(camera, filter_),
+            scattered=scattered_light(camera, filter_),
         )  # fmt: skip
         psf = PsfSet(path)
         report_cases(psf, wcs)

@@ -25,10 +25,10 @@ from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import Lensing
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.catalog.places.astrometry import at_j2000, icrs
+from csstsim.catalog.astrometry.reduction import at_j2000, icrs
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.catalog.truth_bricks import make_brick
-from csstsim.optics.geometry.aim import aim
+from csstsim.optics.geometry.pointing_for import pointing_for
 from csstsim.universe.parameters import load_universe
 
 CAMPAIGN = SHIPPED / "standard_scene.yaml"
@@ -100,7 +100,7 @@ def on_chip(number):
     run = OpenCampaign(CAMPAIGN)
     pointing, chip, folder = run.jobs[0].pointing, run.camera.chips[number], Path("results/standard_scene")
     centre = run.jobs[0].wcs.pixel_to_world(*(np.array(run.jobs[0].window.shape[::-1]) / 2))
-    there = aim(pointing, chip, centre, (chip.detector.nx / 2, chip.detector.ny / 2))
+    there = pointing_for(pointing, chip, centre, (chip.detector.nx / 2, chip.detector.ny / 2))
     folder = folder / f"chip_{number:02d}"
     folder.mkdir(parents=True, exist_ok=True)
     row = [pointing.obsid, "SCIE", f"{there.ra:.6f}", f"{there.dec:.6f}", pointing.pa, pointing.time, pointing.exptime]

@@ -18,9 +18,9 @@ from astropy.table import Table
 from csstsim.base.rng import stream
 from csstsim.base.units import ab_photon_density
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.places.astrometry import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.filter import GRID
 from csstsim.io.truth import read_truth

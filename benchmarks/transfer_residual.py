@@ -14,7 +14,7 @@ import time
 import numpy as np
 
 from csstsim.bricks.trials import joined, trials
-from csstsim.bricks.validate import Frame, usable
+from csstsim.bricks.validate import MeasuredFrame, judged_truth
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.measure.catalogue import measure_frame
 from csstsim.stages import level0 as level0_stage
@@ -36,10 +36,10 @@ def measured(run, job):
         filter=run.camera.filters[job.chip.filter], telescope=run.camera.telescope, pointing=job.pointing,
         window=job.window,
     )  # fmt: skip
-    frame = Frame(
+    frame = MeasuredFrame(
         level0_stage.truth_of(run, job), table, run.camera.detector.channel_ny, run.camera.telescope.pixel_scale
     )
-    return trials(usable(frame), frame), cost
+    return trials(judged_truth(frame), frame), cost
 
 
 def binned(table, name, edges):

@@ -79,8 +79,8 @@ def report_anchors(camera):
     print(f"scattered in all {scattered:.4f}; in the halo and the diffraction wing beyond r px (10 px = 0.74 arcsec):")
     for name, band in camera.filters.items():
         wing = scattered_light(camera, band).wing
-        halo = halo_alone(wing).beyond(10.0).mean()
-        rest = ", ".join(f"{wing.beyond(float(k)).mean():.4f} beyond {k}" for k in (10, 32, 64, 1000, 10000))
+        halo = halo_alone(wing).light_beyond(10.0).mean()
+        rest = ", ".join(f"{wing.light_beyond(float(k)).mean():.4f} beyond {k}" for k in (10, 32, 64, 1000, 10000))
         print(f"  {name:4s} halo alone {halo:.4f} beyond 10; both {rest}")
 
 
@@ -92,21 +92,21 @@ class Scene:
         path = Path(folder) / "psf.h5"
         make_psf(
             path, self.chip, self.filter, camera.telescope, camera.psf, 2, camera_digest=camera.digest,
-            beyond=scattered_light(camera, self.filter),
+            scattered=scattered_light(camera, self.filter),
         )  # fmt: skip
         self.psf = PsfSet(path)
         self.box = self.psf.image.shape[-1] // (2 * self.psf.oversampling)  # px, half its side
         self.fade = tuple(round(part * self.box) for part in FADE)
-        self.beyond = read_scattered(self.psf)
+        self.scattered = read_scattered(self.psf)
         self.wcs = ChipWCS(
             self.chip, Pointing("1", "SCIE", 60.0, -40.0, 0.0, "2027-06-26T20:35:58", EXPTIME, None, None)
         )
         self.noise = Noise(self.filter.sky, camera.detector.dark, camera.detector.read_noise).variance(EXPTIME)
 
-    def draw(self, mag, window, centre=CENTRE, beyond=None):
+    def draw(self, mag, window, centre=CENTRE, scattered=None):
         """Return (image, truth table) of one star of AB magnitude `mag`; `beyond` in place of the camera's."""
         electrons = EXPTIME * 10 ** (0.4 * (self.filter.zeropoint(self.camera.telescope) - mag))
-        wing = wing_reach(np.array([electrons]), self.noise, self.beyond.wing)
+        wing = wing_reach(np.array([electrons]), self.noise, self.scattered.wing)
         ra, dec = self.wcs.pixel_to_world(*(np.array([c]) for c in centre))
         columns = {f"flux{i}": np.array([electrons / EXPTIME / 4]) for i in range(4)}
         table = ObjectTable.complete(columns | {
@@ -115,7 +115,7 @@ class Scene:
             "wing": np.where(wing > self.box, wing, 0.0),
         }, ())  # fmt: skip
         canvas = Canvas(np.zeros(window.shape, np.float32), window)
-        drawing = Drawing(self.wcs, self.psf, EXPTIME, beyond or self.beyond)
+        drawing = Drawing(self.wcs, self.psf, EXPTIME, scattered or self.scattered)
         return canvas.expected, draw_objects(canvas, table, drawing)
 
 
@@ -136,8 +136,8 @@ def report_energy(scene):
             distances(around(half)),
             150 * 10 ** (0.4 * (scene.filter.zeropoint(scene.camera.telescope) - mag)),
         )
-        ghosts = scene.beyond.ghosts.light.sum() * bool(scene.beyond.ghosts.visible(electrons))
-        closed = 1 - scene.beyond.wing.beyond((2 * half + 1) / np.sqrt(np.pi)).mean()
+        ghosts = scene.scattered.ghosts.light.sum() * bool(scene.scattered.ghosts.visible(electrons))
+        closed = 1 - scene.scattered.wing.light_beyond((2 * half + 1) / np.sqrt(np.pi)).mean()
         print(f"  mag {mag:2d}, {2 * half + 1:5d} px: {image.sum(dtype=float) / electrons - ghosts:.5f} {closed:.5f}")
         del r
 
@@ -151,7 +151,7 @@ def optics_texture(scene, inner, outer):
     """Return the largest second difference of the direct optics less its mean wing between two radii, of all light."""
     waves = [diffraction(scene.camera, w, 512) for w in scene.filter.psf_wavelength]
     r, image = waves[0][0][1::2, 1::2], np.mean([image for _, image in waves], axis=0)[1::2, 1::2]
-    mean = scene.beyond.wing.airy.mean() / (np.pi * np.maximum(r, 1)) ** 3
+    mean = scene.scattered.wing.airy.mean() / (np.pi * np.maximum(r, 1)) ** 3
     return second_difference(image - mean)[((r > inner) & (r < outer))[:, 1:-1]].max()
 
 
@@ -163,12 +163,12 @@ def report_joins(scene):
     print(f" mag  wing px  light there / own noise  hard box: step  {fade}: texture (optics)  mean")
     texture = optics_texture(scene, inner, outer)
     sky = np.sqrt(scene.noise)
-    smooth = replace(scene.beyond, ghosts=None)
+    smooth = replace(scene.scattered, ghosts=None)
     for mag in MAGNITUDES:
         window = around(90)
         r = distances(window)
-        image, truth = scene.draw(mag, window, beyond=smooth)
-        boxed, _ = scene.draw(mag, around(scene.box), beyond=Scattered())
+        image, truth = scene.draw(mag, window, scattered=smooth)
+        boxed, _ = scene.draw(mag, around(scene.box), scattered=Scattered())
         electrons, reach = truth["electrons"][0], float(truth["wing"][0])
         model = electrons * smooth.wing.profile(np.maximum(r, 1.0)).mean(axis=0)
         joint = ((r > inner) & (r < outer))[:, 1:-1]
@@ -206,7 +206,7 @@ def draw_profile(camera, scene, path):
     centres = np.sqrt(edges[1:] * edges[:-1])
     peak = float(image.max()) / electrons
     grid = np.geomspace(1, 1e4, 300)
-    wing = scene.beyond.wing
+    wing = scene.scattered.wing
     axes[0].loglog(centres, seen[1:120] / peak, "k.", ms=4, label="drawn, mean of rings (mag 5)")
     axes[0].loglog(grid, wing.halo(grid).mean(axis=0) / peak, label="halo")
     axes[0].loglog(grid, (wing.profile(grid) - wing.halo(grid)).mean(axis=0) / peak, label="mean diffraction wing")
@@ -215,8 +215,8 @@ def draw_profile(camera, scene, path):
     axes[0].set(xlabel="radius [px]", ylabel="light per pixel / peak", ylim=(1e-13, 2), xlim=(1, 1e4))
     axes[0].legend(fontsize=7)
     radii = np.geomspace(1, 1e4, 100)
-    axes[1].semilogx(radii, wing.beyond(radii).mean(axis=0), label="halo and diffraction wing")
-    axes[1].semilogx(radii, halo_alone(wing).beyond(radii).mean(axis=0), label="halo")
+    axes[1].semilogx(radii, wing.light_beyond(radii).mean(axis=0), label="halo and diffraction wing")
+    axes[1].semilogx(radii, halo_alone(wing).light_beyond(radii).mean(axis=0), label="halo")
     axes[1].plot([0.75 / 0.074], [0.05], "r*", ms=10, label='HST: about 5% beyond 0.75"')
     axes[1].set(xlabel="radius [px]", ylabel="light beyond", ylim=(0, 0.12), xlim=(2, 1e4))
     axes[1].legend(fontsize=7)

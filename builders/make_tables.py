@@ -16,7 +16,7 @@ import numpy as np
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
-from csstsim.optics.geometry.aim import aim
+from csstsim.optics.geometry.pointing_for import pointing_for
 from csstsim.optics.geometry.wcs import ChipWCS
 
 PA = -113.4333  # deg, the roll of the published headers
@@ -106,10 +106,10 @@ def demo(camera):
             x = (chip.detector.nx - 1) / 2 + DEMO_DITHER * np.cos(angle)
             y = (chip.detector.ny - 1) / 2 + DEMO_DITHER * np.sin(angle)
             exposure = _pointing(0.0, 0.0, pa, obsid=f"10100{i + 1:06d}", time=_iso(times[i]))
-            exposures.append(aim(exposure, chip, DEMO_TARGET, (x, y)))
+            exposures.append(pointing_for(exposure, chip, DEMO_TARGET, (x, y)))
     chip, column = camera.chips[DEMO_SPECTRA[0]], DEMO_SPECTRA[1]
     exposure = _pointing(0.0, 0.0, PA, obsid=f"10100{len(times):06d}", time=_iso(times[-1]))
-    return [*exposures, aim(exposure, chip, DEMO_TARGET, (column, (chip.detector.ny - 1) / 2))]
+    return [*exposures, pointing_for(exposure, chip, DEMO_TARGET, (column, (chip.detector.ny - 1) / 2))]
 
 
 def calibration():

@@ -5,7 +5,7 @@ from delivery.small_delivery import delivery
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.catalog.places.ephemeris import observer
+from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.psf.psf_set import PsfSet, make_psf
@@ -61,8 +61,15 @@ def psf_r(camera, tmp_path_factory):
     """A 2 x 2-node PSF set of chip 9 (r band), with its halo."""
     path = tmp_path_factory.mktemp("psf") / "chip_09.h5"
     chip = camera.chips[9]
-    beyond = scattered_light(camera, camera.filters["r"])
+    scattered = scattered_light(camera, camera.filters["r"])
     make_psf(
-        path, chip, camera.filters["r"], camera.telescope, camera.psf, 2, camera_digest=camera.digest, beyond=beyond
+        path,
+        chip,
+        camera.filters["r"],
+        camera.telescope,
+        camera.psf,
+        2,
+        camera_digest=camera.digest,
+        scattered=scattered,
     )
     return PsfSet(path, chip=9)

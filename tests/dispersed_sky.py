@@ -7,10 +7,10 @@ from csst import BANDS
 from grating_scene import GV, disperser_of
 
 from csstsim.base.units import ab_photon_density
+from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.light.object_spectra import catalog_spectra
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.places.astrometry import icrs
 from csstsim.catalog.selection.select import Noise, select_objects
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
@@ -59,14 +59,14 @@ class Sky:
         place = self.wcs, self.observer, window, self.camera.filters["GV"], self.camera.telescope, EXPTIME, NOISE
         return select_objects(self.catalog, *place, box=16, disperser=self.disperser, **how)
 
-    def draw(self, objects, window, fidelity="noise_free", tables=None, key=5, dtype=np.float32, beyond=None, **how):
+    def draw(self, objects, window, fidelity="noise_free", tables=None, key=5, dtype=np.float32, scattered=None, **how):
         """Return (image, table, orders, counted)."""
         canvas = blank(window, dtype, **how)
         drawing = Drawing(
             self.wcs,
             self.psf,
             EXPTIME,
-            beyond or Scattered(),
+            scattered or Scattered(),
             fidelity,
             NOISE.variance(EXPTIME),
             np.uint64(key),

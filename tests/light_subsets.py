@@ -195,7 +195,7 @@ def _nominal(subset, expected, cache):
             (y, np.sin(angle), window.y0, window.y1),
         ):
             edges.append((np.where(slope > 0, high - 0.5, low - 0.5) - at[:, None]) / slope)
-        share = 1 - read_scattered(psf).wing.beyond(np.minimum(*edges)).mean(axis=(0, 2))
+        share = 1 - read_scattered(psf).wing.light_beyond(np.minimum(*edges)).mean(axis=(0, 2))
     lossless = OPTIONS[:2]
     flat = 1.0
     if not set(lossless) <= subset.out:  # the losses, which are smooth, are those that the sky meets

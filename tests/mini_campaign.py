@@ -12,9 +12,9 @@ from mini import mini_camera
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import ab_photon_density
+from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.places.astrometry import icrs
 from csstsim.instrument.filter import GRID
 
 HEADER = "obsid,type,ra,dec,pa,time,exptime"

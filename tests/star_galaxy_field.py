@@ -8,7 +8,7 @@ from mini_campaign import write_campaign
 
 from csstsim.base.rng import stream
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.catalog.places.astrometry import icrs
+from csstsim.catalog.astrometry.reduction import icrs
 
 SIDE = 1216  # px of the chips
 GEOMETRY = {

@@ -9,7 +9,7 @@ from csstsim.base.digest import digest
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign import opened as campaigns
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.catalog.places.astrometry import icrs
+from csstsim.catalog.astrometry.reduction import icrs
 
 OBSID = "10100000001"
 WHOLE_PX = 2  # a window has whole pixels, and one more at its end

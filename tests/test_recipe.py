@@ -18,7 +18,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.campaign import opened as campaigns
 from csstsim.campaign.config import Campaign, make_campaign
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.catalog.places.astrometry import icrs
+from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.instrument.pointing import Pointing
 from csstsim.simulation.sim_steps import SimSteps
 

@@ -15,8 +15,8 @@ import numpy as np
 from astropy.io import fits
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.catalog.places.astrometry import apparent
-from csstsim.catalog.places.ephemeris import observer
+from csstsim.catalog.astrometry.ephemeris import observer
+from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.instrument.axe import axe_text, sensitivity_file
 from csstsim.instrument.camera import load_camera, load_telescope
 from csstsim.instrument.filter import GRID, sample_curve

@@ -36,7 +36,7 @@ from csstsim.catalog.object_table import object_table, plain_columns
 from csstsim.catalog.own_table import KIND
 from csstsim.instrument.camera import load_camera
 from csstsim.io.paths import Paths
-from csstsim.optics.geometry.aim import exposure_of
+from csstsim.optics.geometry.pointing_for import centred_exposure
 from csstsim.simulation.frame import Frame, frame_of
 from csstsim.simulation.observation import Observation, load_observation
 
@@ -138,7 +138,7 @@ class Simulation:
             raise InputError("no number of exposures", key="exposures", value=count, allowed=f"1 to {MOST}")
         pointings = []
         for _ in range(count):
-            pointing = exposure_of(
+            pointing = centred_exposure(
                 camera, camera.chips[chip], ra, dec, obsid=obsid, pa=pa, time=time, exptime=exptime,
                 distorted=science is None or science.field_dist, **self._config.astrometry.model_dump(),
             )  # fmt: skip

@@ -11,7 +11,7 @@ from csst import PIXEL
 
 from csstsim.base.rng import stream
 from csstsim.bricks.trials import COLUMNS
-from csstsim.bricks.validate import Frame
+from csstsim.bricks.validate import MeasuredFrame
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
@@ -87,11 +87,11 @@ def test_detections_are_real_within_reach_of_truth(scripts):
     truth |= {"size_disk": [0.0, 1.0], "size_bulge": [0.0, 0.0]}
     found = {"x": [52.0, 53.0, 106.0, 107.0, 3.0], "y": [50.0, 50.0, 100.0, 100.0, 50.0], "snr": np.arange(5.0)}
     truth, found = (ObjectTable({k: np.array(v) for k, v in table.items()}) for table in (truth, found))
-    frame = Frame(truth, ObjectTable(dict(found), {"window": [0, 200, 0, 200], "filter": "r"}), 100, PIXEL)
+    frame = MeasuredFrame(truth, ObjectTable(dict(found), {"window": [0, 200, 0, 200], "filter": "r"}), 100, PIXEL)
     snr, real = scripts.compare.detections(frame)
     assert snr.tolist() == [0, 1, 2, 3]
     assert real.tolist() == [True, False, True, False]
-    snr, real = scripts.compare.detections(Frame(truth, frame.measured.take(slice(0, 0)), 100, PIXEL))
+    snr, real = scripts.compare.detections(MeasuredFrame(truth, frame.measured.take(slice(0, 0)), 100, PIXEL))
     assert len(snr) == len(real) == 0
 
 

@@ -5,7 +5,7 @@ import numpy as np
 from csst import BANDS, PIXEL
 
 from csstsim.base.rng import stream
-from csstsim.bricks.validate import Frame
+from csstsim.bricks.validate import MeasuredFrame
 from csstsim.catalog.table import ObjectTable
 
 PIX = 123456
@@ -55,4 +55,4 @@ def make_frame(band, seed, *, shift=0.0, keep=1.0, side=45, obsid="1", scatter=2
         "n_eff": N_EFF, "depth_5sigma": 26.0,
         "window": [0, int(x.max()) + 50, 0, int(y.max()) + 50],
     }  # fmt: skip
-    return Frame(truth, ObjectTable(full, info).take(found), seam=10_000, pixel=PIXEL, depth=(25.9, 26.1))
+    return MeasuredFrame(truth, ObjectTable(full, info).take(found), seam=10_000, pixel=PIXEL, depth=(25.9, 26.1))

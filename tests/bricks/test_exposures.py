@@ -14,7 +14,7 @@ from csstsim.bricks.facts import LEAST, Facts, HeaderWCS
 from csstsim.bricks.gates import FEW, LARGEST, at_least, at_most, between, of_exposures
 from csstsim.bricks.merge import merge_brick
 from csstsim.bricks.trials import joined, trials
-from csstsim.bricks.validate import usable, validate_brick
+from csstsim.bricks.validate import judged_truth, validate_brick
 from csstsim.bricks.verdict import judge, sentence
 from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.table import GALAXY, ObjectTable
@@ -195,7 +195,7 @@ def test_header_without_numbers_is_not_judged(frames):
 def test_saturated_stars_lose_their_flag(frames):
     """Stars of twice the full well carry the flag; there must be FEW of them to judge."""
     frame = replace(frames[0], facts=replace(frames[0].facts, full_well=2e3))
-    table = trials(usable(frame), frame)
+    table = trials(judged_truth(frame), frame)
     some = table["full"] > 0
     assert some.sum() > FEW and (frame.truth["obj_type"][0] == 0)
     name = "saturated stars with the flag"

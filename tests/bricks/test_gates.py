@@ -10,7 +10,7 @@ from csstsim.bricks import compare
 from csstsim.bricks.exposures import _depth
 from csstsim.bricks.gates import CHANCE, FEW, WORST, at_least, at_most, between
 from csstsim.bricks.trials import trials
-from csstsim.bricks.validate import Frame, blended
+from csstsim.bricks.validate import MeasuredFrame, blended
 from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 
@@ -56,7 +56,7 @@ def test_rows_to_the_amplifier_and_charge_left_behind():
         {"x": np.full(4, 5.2), "y": y + trail, "flux_psf": np.full(4, 1e5), "flags": np.zeros(4, int)},
         {"filter": "r", "n_eff": 9.0, "rms": 7.0},
     )
-    table = trials(truth, Frame(truth, measured, seam=10, pixel=PIXEL))
+    table = trials(truth, MeasuredFrame(truth, measured, seam=10, pixel=PIXEL))
     assert table["transfers"].tolist() == [0.0, 9.0, 9.0, 0.0]
     assert table["deferred_mas"] == pytest.approx(np.full(4, 7.4)) and table["across_mas"] == pytest.approx(14.8)
 
@@ -94,7 +94,7 @@ def test_number_counts_are_of_sources_in_the_band():
 
 @pytest.mark.parametrize(("depth", "off"), [(25.7, -0.2), (25.95, 0.0), (26.0, 0.0), (26.1, 0.0), (26.4, 0.3)])
 def test_depth_is_judged_against_the_range_of_the_published_ones(depth, off):
-    frame = Frame(
+    frame = MeasuredFrame(
         None, ObjectTable({}, {"filter": "r", "depth_5sigma": depth}), seam=10, pixel=PIXEL, depth=(25.9, 26.1)
     )
     asked = SimpleNamespace(at_most=lambda name, value, threshold, n: (value, threshold))

@@ -86,9 +86,9 @@ def test_a_benchmarks_detections_are_real_one_by_one(monkeypatch):
     monkeypatch.syspath_prepend("benchmarks")
     from source_extractor_compare import detections
 
-    from csstsim.bricks.validate import Frame
+    from csstsim.bricks.validate import MeasuredFrame
 
-    snr, real = detections(Frame(both([100.0], [100]), both([99.5, 101.0, 300.0], [100, 100, 300]), 500, PIXEL))
+    snr, real = detections(MeasuredFrame(both([100.0], [100]), both([99.5, 101.0, 300.0], [100, 100, 300]), 500, PIXEL))
     assert real.tolist() == [True, False, False] and len(snr) == 3
 
 

@@ -11,7 +11,7 @@ from fabricated_frame import N_EFF, PIX, RMS, SCALE, ZEROPOINT, make_frame
 from csstsim.base import healpix
 from csstsim.bricks.merge import merge_brick
 from csstsim.bricks.trials import trials
-from csstsim.bricks.validate import Frame, blended, completeness, usable, validate_brick
+from csstsim.bricks.validate import MeasuredFrame, blended, completeness, judged_truth, validate_brick
 from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.table import ObjectTable
 from csstsim.report.figures import brick_figure, sky_map
@@ -165,7 +165,7 @@ def test_trials_take_another_codes_table():
     frame = make_frame("g", 7)
     names = "x", "y", "flux_psf", "flags"
     foreign = ObjectTable({name: frame.measured[name] for name in names}, frame.measured.meta)
-    table = trials(usable(frame), replace(frame, measured=foreign))
+    table = trials(judged_truth(frame), replace(frame, measured=foreign))
     found = table["found"]
     assert found.any() and np.isfinite(table["light"][found]).all()
     assert all(np.isnan(table[name]).all() for name in ("pull", "psf_size", "psf_e1", "psf_e2"))
@@ -191,7 +191,7 @@ def test_nothing_to_compare_is_no_crash(part):
     frame = make_frame("g", 5)
     truth = frame.truth.take(slice(0, 0)) if part in ("truth", "both") else frame.truth
     measured = frame.measured.take(slice(0, 0)) if part in ("measured", "both") else frame.measured
-    result, arrays = run([] if part == "no frame" else [Frame(truth, measured, 10_000, PIXEL)])
+    result, arrays = run([] if part == "no frame" else [MeasuredFrame(truth, measured, 10_000, PIXEL)])
     json.dumps(result, allow_nan=False)
     if part == "no frame":  # the emptiest of the figures; the report's test draws a full one
         assert brick_figure(result, arrays, LOOKS).startswith(b"\x89PNG")
@@ -235,7 +235,7 @@ def test_purity_counts_sources_without_a_true_object():
     lost = replace(frame, truth=frame.truth.take(slice(0, None, 2)))  # half of the true objects never existed
     result = run([lost])[0]
     assert result["purity"] == pytest.approx(0.5, abs=0.02) and ("purity", "all") in failing(result)
-    assert run([Frame(frame.truth, frame.measured.take(slice(0, 0)), frame.seam, PIXEL)])[0]["purity"] is None
+    assert run([MeasuredFrame(frame.truth, frame.measured.take(slice(0, 0)), frame.seam, PIXEL)])[0]["purity"] is None
 
 
 def test_wide_galaxies_match_further_off_and_their_noise_is_that_of_their_area():
@@ -244,7 +244,7 @@ def test_wide_galaxies_match_further_off_and_their_noise_is_that_of_their_area()
     wide = frame.truth.with_columns(size_disk=size, size_bulge=size, bulge_frac=np.zeros(len(size)))
     away = frame.measured.with_columns(dec=frame.measured["dec"] + 0.225 / 3600.0)  # scatter 0.02
     pairs = (frame.truth, frame.measured), (frame.truth, away), (wide, away)
-    near, lost, moved = (run([Frame(truth, measured, 10_000, PIXEL)])[0] for truth, measured in pairs)
+    near, lost, moved = (run([MeasuredFrame(truth, measured, 10_000, PIXEL)])[0] for truth, measured in pairs)
     count = [result["bands"]["g"]["galaxy"]["n"] for result in (near, lost, moved)]
     assert 0 < count[2] < 0.3 * count[0] and count[1] < 0.2 * count[0]
     assert 0.5 < moved["purity"] < 0.67 and lost["purity"] < 0.2  # 2 of 3 are galaxies

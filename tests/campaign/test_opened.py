@@ -18,8 +18,8 @@ from csstsim.base.sphere import unit_vectors
 from csstsim.campaign.job import Job
 from csstsim.campaign.opened import MERGE_MARGIN_DEG, OpenCampaign
 from csstsim.campaign.plan import plan
-from csstsim.catalog.places import ephemeris
-from csstsim.catalog.places.astrometry import apparent, icrs
+from csstsim.catalog.astrometry import ephemeris
+from csstsim.catalog.astrometry.reduction import apparent, icrs
 from csstsim.catalog.selection.select import bricks_for
 from csstsim.command_line.main import main
 from csstsim.instrument.chip import Window

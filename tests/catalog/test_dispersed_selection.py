@@ -63,12 +63,12 @@ def test_a_star_far_off_the_chip_comes_on_the_open_side_only(sky):
 
 
 def test_wings_bring_stars_from_further(sky, camera):
-    beyond = Scattered(scattered_light(camera, camera.filters["GV"]).wing)
+    scattered = Scattered(scattered_light(camera, camera.filters["GV"]).wing)
     window = Window(6000, 6400, 3000, 3400)
     objects = [(5900.0, 4000.0, {"id": 1, "ab": 10.0}), (5900.0, 4000.0, {"id": 2, "ab": 20.0})]
     there = sky(objects)
     assert len(there.select(window)) == 0
-    assert there.select(window, beyond=beyond)["id"].tolist() == [1]
+    assert there.select(window, scattered=scattered)["id"].tolist() == [1]
 
 
 def test_spectra_of_a_users_catalogue_are_its_own(sky):

@@ -4,7 +4,7 @@ import numpy as np
 from csst import BANDS, MARGIN
 from embedded_sky import embedded_catalog
 
-from csstsim.catalog.places.astrometry import icrs
+from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.selection.select import Noise, region_for, select_objects
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS

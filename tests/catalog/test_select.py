@@ -11,11 +11,11 @@ from embedded_sky import DENSITY, embedded_catalog
 
 from csstsim.base.units import ab_photon_density
 from csstsim.campaign.config import Lensing
+from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.light.photometry import rate_to_mag, subband_fluxes
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.places.astrometry import icrs
 from csstsim.catalog.selection.select import Noise, region_for, select_objects
 from csstsim.catalog.table import columns_with
 from csstsim.catalog.truth_bricks import ID_BITS
@@ -64,7 +64,7 @@ class Flat(CatalogBase):
 def pick(camera, make_pointing, observe):
     """Select from Flat objects placed at pixels of a pointing; (x, y) in the objects' place of ra, dec."""
 
-    def run(objects, window=WINDOW, mag_limit=None, beyond=None, **pointing):
+    def run(objects, window=WINDOW, mag_limit=None, scattered=None, **pointing):
         pointing = make_pointing(**pointing)
         wcs, craft = ChipWCS(camera.chips[CHIP], pointing), observe(pointing)
         placed = []
@@ -73,7 +73,16 @@ def pick(camera, make_pointing, observe):
             placed.append(MockObject(**({"ra": float(ra), "dec": float(dec)} | values)))
         catalog = Flat({"objects": placed}, Region((), (), (), BANDS))
         return select_objects(
-            catalog, wcs, craft, window, camera.filters["r"], camera.telescope, 150.0, NOISE, mag_limit, beyond=beyond
+            catalog,
+            wcs,
+            craft,
+            window,
+            camera.filters["r"],
+            camera.telescope,
+            150.0,
+            NOISE,
+            mag_limit,
+            scattered=scattered,
         )
 
     return run
@@ -131,15 +140,15 @@ def test_wings_and_ghosts_bring_bright_stars_from_outside(pick, camera):
         (x0 - 2100, 3200, star(5, id=4)), (x0 + 10, 3200, star(24, id=5)), (x0 - 700, 3200, star(14.9, id=6)),
         (x0 - 80, 3200, galaxy(16, id=7)),
     ]  # fmt: skip
-    table = pick(stars, beyond=whole)
+    table = pick(stars, scattered=whole)
     assert list(table["id"]) == [1, 3, 5, 6, 7]
     wing = dict(zip(table["id"], table["wing"], strict=True))
     assert wing[5] == 0 and 400 < wing[1] < 800 and 2500 < wing[3] < 4000 and wing[7] > 100
     assert list(table["reach"][:2]) == [64, 64] and 16 < table["reach"][2] < 64
     assert not (table["flags"] & TRUNCATED_STAMP).any()
-    ghostless = pick(stars, beyond=replace(whole, ghosts=None))
+    ghostless = pick(stars, scattered=replace(whole, ghosts=None))
     assert list(ghostless["id"]) == [1, 3, 5, 7]
-    huge = pick([(4100, 3200, star(-5, id=8))], beyond=whole)
+    huge = pick([(4100, 3200, star(-5, id=8))], scattered=whole)
     assert huge["wing"][0] > 1e4 and not huge["flags"][0] & TRUNCATED_STAMP  # a wing has no end
 
 

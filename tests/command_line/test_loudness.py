@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 from mini_campaign import POINTINGS, write_campaign
 
-from csstsim.base.help_page import PAGES, told
+from csstsim.base.help_page import PAGES, with_page
 from csstsim.base.shipped import ROOT
 from csstsim.command_line.main import main
 
@@ -101,4 +101,4 @@ def test_the_page_is_told_from_where_one_stands(monkeypatch):
 def test_an_error_without_a_page_is_as_it_was():
     from csstsim.base.errors import InputError
 
-    assert told(InputError("wrong", file="a.fits")) == "a.fits: wrong"
+    assert with_page(InputError("wrong", file="a.fits")) == "a.fits: wrong"

@@ -7,7 +7,7 @@ from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.catalog.places.astrometry import icrs
+from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.command_line.main import main
 
 CHIPS = (9, 29)  # r, and GV

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import ab_photon_density
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.catalog.places.astrometry import icrs
+from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main
 from csstsim.instrument.filter import GRID

@@ -90,7 +90,7 @@ def psf(folder):
         cells=32,
         camera_digest=camera.digest,
         provenance={"seed": 1},
-        beyond=scattered_light(camera, filter_),
+        scattered=scattered_light(camera, filter_),
     )
     return path
 

@@ -13,7 +13,7 @@ from readout_state import flat_state, plain_layers, run, small_camera
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
-from csstsim.catalog.places.ephemeris import observer
+from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.detector.channels import LAYOUTS
 from csstsim.detector.mask import BITS, BLED, CLIPPED, HOT, SATURATED
 from csstsim.io.fits import open_fits

@@ -10,7 +10,7 @@ from readout_state import change_exposure, flat_state, run, small_camera
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams, stream
 from csstsim.detector import bfe_kernel
-from csstsim.detector.bleed import bleed
+from csstsim.detector.blooming import bloom
 from csstsim.detector.brighter_fatter import move_charge
 from csstsim.detector.mask import BLED, SATURATED
 from csstsim.layers import blooming, brighter_fatter, nonlinearity, prescan_overscan
@@ -94,7 +94,7 @@ def test_blooming_spills_and_marks(small):
     state = scene(small)
     wanted, state.mask = state.image.copy(), np.full(state.image.shape, 128, np.uint8)
     mask = state.mask.copy()
-    number, lost = bleed(wanted, small.detector.full_well, small.detector.bloom_row_share, mask)
+    number, lost = bloom(wanted, small.detector.full_well, small.detector.bloom_row_share, mask)
     before = state.image.copy()
     state = blooming.apply(state, blooming.Param(), RNG)
     assert np.array_equal(state.image, wanted) and np.array_equal(state.mask, mask)

@@ -8,7 +8,7 @@ import pytest
 from scipy.special import erf
 
 from csstsim.base.rng import stream
-from csstsim.catalog.places.ephemeris import observer
+from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.instrument.chip import Window
 from csstsim.measure.calibrate import Calibrated
 from csstsim.measure.catalogue import measure_frame

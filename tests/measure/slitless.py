@@ -10,7 +10,7 @@ from csstsim.base.rng import stream
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
-from csstsim.measure.spectra.extract import Frame, Sources
+from csstsim.measure.spectra.extract import DispersedImage, Sources
 from csstsim.measure.spectra.line_profile import Shapes
 from csstsim.measure.spectra.spectral_model import make_model
 
@@ -114,13 +114,13 @@ def setting(camera, chip, window, places):
 
 
 def frame_of(image, window, seed=None, others=None, sky=SKY, **masks):
-    """Return the Frame of an expected image; sky added, and noise with a seed."""
+    """Return the DispersedImage of an expected image; sky added, and noise with a seed."""
     image = image + sky
     if seed is not None:
         rng = stream(seed, "slitless")
         image = rng.poisson(image) + rng.normal(0.0, READ_NOISE, image.shape)
     none = np.zeros(image.shape, bool)
-    return Frame(
+    return DispersedImage(
         window, image.astype(np.float32), masks.get("bad", none), masks.get("saturated", none), masks.get("response"),
         READ_NOISE, others,
     )  # fmt: skip

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from csstsim.catalog.places.astrometry import apparent
-from csstsim.catalog.places.ephemeris import observer
+from csstsim.catalog.astrometry.ephemeris import observer
+from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.measure import catalogue
 
 CRAFT = observer(61577.858, (6778.0, 0.0, 0.0), (0.0, 7.0, 3.0))  # as conftest has it

@@ -34,7 +34,7 @@ def test_no_point_and_one(count):
 
 def test_many_points_are_compiled(monkeypatch):
     monkeypatch.setattr(distortion, "_asked", 0)
-    assert distortion._warp(1) is few_points
-    assert [distortion._warp(4) for _ in range(2000)][-1] is chip_distortion
+    assert distortion._splines(1) is few_points
+    assert [distortion._splines(4) for _ in range(2000)][-1] is chip_distortion
     monkeypatch.setattr(distortion, "_asked", 0)
-    assert distortion._warp(10**6) is chip_distortion
+    assert distortion._splines(10**6) is chip_distortion

@@ -41,7 +41,7 @@ def test_closed_forms_of_the_light_beyond(wing):
     for radius in (1.0, 30.0, 400.0):
         for band in range(4):
             got = quad(lambda r: 2 * np.pi * r * wing.profile(r)[band], radius, np.inf, limit=200)[0]  # noqa: B023
-            assert wing.beyond(radius)[band] == pytest.approx(got, rel=1e-6)
+            assert wing.light_beyond(radius)[band] == pytest.approx(got, rel=1e-6)
     assert quad(lambda r: 2 * np.pi * r * wing.halo(r)[0], 0, np.inf)[0] == pytest.approx(wing.scattered[0], rel=1e-6)
 
 
@@ -60,7 +60,7 @@ def test_halo_takes_its_light_from_the_optics(wing, optics_image):
     half = 128.0
 
     def outside(angle):  # beyond the square's side at this angle
-        return wing.beyond(half / np.cos(angle))
+        return wing.light_beyond(half / np.cos(angle))
 
     angles = (np.arange(200) + 0.5) / 200 * np.pi / 4
     left = np.mean([outside(a) for a in angles], axis=0)[2]
@@ -111,7 +111,7 @@ def test_psf_file_brings_its_wing_and_ghosts(camera, psf_r):
     # The stored images hold their part of the halo: what is missing is what the wing has beyond the box, here a circle
     # of the box's area, which has 2% less beyond it
     side = psf_r.image.shape[-1] / psf_r.oversampling
-    assert 1 - psf_r.flux.mean() == pytest.approx(read.wing.beyond(side / np.sqrt(np.pi)).mean(), rel=0.03)
+    assert 1 - psf_r.flux.mean() == pytest.approx(read.wing.light_beyond(side / np.sqrt(np.pi)).mean(), rel=0.03)
 
     class Foreign:
         path, attributes = "foreign.h5", {}

@@ -261,7 +261,7 @@ def test_the_wing_adds_the_light_beyond_the_box(camera, psf, table, disperser, t
     some, more, _ = shoot(scene, spectrum, disperser, short, window=window, wing=wing)
     light = disperser.rates[0, 3] @ spectrum
     assert abs(drawn[0, 3] - 0.9 * light) < SIGMA * np.sqrt(light)
-    inside = 1 - wing.beyond(1800.0).mean() / wing.beyond(16.0).mean()
+    inside = 1 - wing.light_beyond(1800.0).mean() / wing.light_beyond(16.0).mean()
     assert abs(more[0, 3] - light * (0.9 + 0.1 * inside)) < SIGMA * np.sqrt(light) + 0.005 * light
     rows = np.abs(np.arange(window.y0, window.y1) - Y) > 20
     assert none[rows].sum() == 0 and some[rows].sum() > 0.05 * light

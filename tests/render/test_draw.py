@@ -44,10 +44,10 @@ def tables(psf_r):
 def draw(camera, make_pointing, psf_r, tables):
     wcs = ChipWCS(camera.chips[9], make_pointing())
 
-    def made(x, y, fidelity="standard", key=1, window=WINDOW, response=None, maximum=1.0, beyond=None, **columns):
+    def made(x, y, fidelity="standard", key=1, window=WINDOW, response=None, maximum=1.0, scattered=None, **columns):
         table = objects(wcs, x, y, **columns)
         canvas = blank(window, response=response, maximum=maximum)
-        how = beyond or Scattered(), fidelity, VARIANCE, np.uint64(key), tables
+        how = scattered or Scattered(), fidelity, VARIANCE, np.uint64(key), tables
         drawn = draw_objects(canvas, table, Drawing(wcs, psf_r, EXPTIME, *how))
         return canvas.expected, canvas.counted, drawn
 
@@ -116,7 +116,7 @@ def test_a_wing_that_is_switched_off_is_flagged(draw):
 
 def test_wings_are_in_the_expected_plane(draw, psf_r):
     columns = {"rate": 1e7, "wing": np.full(1, 150.0)}
-    image, _, drawn = draw([4100.0], [4090.0], beyond=Scattered(read_scattered(psf_r).wing), **columns)
+    image, _, drawn = draw([4100.0], [4090.0], scattered=Scattered(read_scattered(psf_r).wing), **columns)
     assert image[90, 195] > 0 and drawn["flags"][0] == 0 and drawn["stamp"][0] == 301
 
 
@@ -201,17 +201,17 @@ def test_the_table_keeps_its_columns(draw):
 @pytest.mark.parametrize("columns", [{}, {"obj_type": GALAXY, "size_disk": 0.4}], ids=["stars", "galaxies"])
 def test_faint_objects_shine_beyond_the_box_whatever_draws_them(draw, camera, make_pointing, psf_r, columns):
     """2e5 electrons on 1401 pixels a side: all but what is beyond the window, by each renderer; photons to 5 sigma."""
-    window, beyond = Window(3400, 4801, 3400, 4801), Scattered(read_scattered(psf_r).wing)
+    window, scattered = Window(3400, 4801, 3400, 4801), Scattered(read_scattered(psf_r).wing)
     columns, place = columns | {"rate": rate(2e5), "reach": 60}, ([4100.3], [4100.1])
     angle = np.linspace(0, 2 * np.pi, 1000, endpoint=False)
     edge = 700.5 / np.maximum(np.abs(np.cos(angle)), np.abs(np.sin(angle)))  # the square's, from its middle
-    whole = 1 - beyond.wing.beyond(edge).mean()
-    image, _, stamp = draw(*place, "noise_free", window=window, beyond=beyond, **columns)
+    whole = 1 - scattered.wing.light_beyond(edge).mean()
+    image, _, stamp = draw(*place, "noise_free", window=window, scattered=scattered, **columns)
     assert image.sum(dtype=float) == pytest.approx(stamp["drawn"][0], rel=1e-4)
     assert stamp["fraction"][0] == pytest.approx(whole, abs=LIGHT)
     wcs = ChipWCS(camera.chips[9], make_pointing())
-    drawing = Drawing(wcs, psf_r, EXPTIME, beyond)
+    drawing = Drawing(wcs, psf_r, EXPTIME, scattered)
     truth = reference.draw_objects(blank(window), objects(wcs, *place, **columns), drawing)
     assert truth["fraction"][0] == pytest.approx(whole, abs=LIGHT)
-    _, _, photons = draw(*place, "standard", window=window, beyond=beyond, **columns)
+    _, _, photons = draw(*place, "standard", window=window, scattered=scattered, **columns)
     assert photons["fraction"][0] == pytest.approx(whole, abs=5 / np.sqrt(2e5))

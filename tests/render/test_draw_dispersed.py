@@ -195,9 +195,9 @@ def test_bright_ones_are_slabs_with_wings(camera, make_pointing, observe, dim_ps
     """Magnitude 10: slabs in a standard run; what it draws is in its table, wings on the mesh too."""
     tables = make_table(dim_psf)
     there = Sky(camera, make_pointing(), observe(make_pointing()), dim_psf, [(4500.0, 4850.0, {"id": 1, "ab": 10.0})])
-    beyond = Scattered(scattered_light(camera, camera.filters["GV"]).wing)
-    objects = there.select(WINDOW, beyond=beyond)
-    image, drawn, orders, counted = there.draw(objects, WINDOW, "standard", tables, beyond=beyond)
+    scattered = Scattered(scattered_light(camera, camera.filters["GV"]).wing)
+    objects = there.select(WINDOW, scattered=scattered)
+    image, drawn, orders, counted = there.draw(objects, WINDOW, "standard", tables, scattered=scattered)
     assert drawn["method"][0] == "slabs" and counted is None
     assert drawn["drawn"][0] == pytest.approx(image.sum(dtype=float), rel=1e-5)
     assert drawn["stamp"][0] > 2 * drawn["wing"][0] > 500

@@ -34,19 +34,19 @@ def counts(psf, table, electrons, maximum, copies=1, base=3):
     scene = scene_of(psf, np.full(copies, X), np.full(copies, Y), electrons, index=0.0)
     canvas = counting(WINDOW, response=np.ones(WINDOW.shape, np.float32), maximum=maximum)
     keys = object_keys(np.uint64(base), scene.ids)
-    _, beyond, _ = shoot_scene(canvas, scene, keys, table, read_scattered(psf).wing)
-    return canvas.counted, beyond.sum()
+    _, outside_box, _ = shoot_scene(canvas, scene, keys, table, read_scattered(psf).wing)
+    return canvas.counted, outside_box.sum()
 
 
 @pytest.mark.parametrize(("electrons", "copies"), [(2e6, 1), (200.0, 10_000)], ids=["many", "few"])
 @pytest.mark.parametrize("maximum", [1.0, 1.3])
 def test_a_response_of_one_counts_all_light_wherever_it_falls(psf_r, table_r, electrons, copies, maximum):
     """Core, box and wing: each holds its share, whatever the losses' maximum that the numbers are drawn for."""
-    counted, beyond = counts(psf_r, table_r, electrons, maximum, copies)
+    counted, outside_box = counts(psf_r, table_r, electrons, maximum, copies)
     light = electrons * copies
     stored = psf_r.at(X, Y).sum(axis=(1, 2)).mean()
     out = light * (1 - stored) * maximum
-    assert beyond == pytest.approx(out, abs=SIGMA * np.sqrt(out))
+    assert outside_box == pytest.approx(out, abs=SIGMA * np.sqrt(out))
     x, y = np.abs(np.arange(WINDOW.x0, WINDOW.x1) - X), np.abs(np.arange(WINDOW.y0, WINDOW.y1) - Y)
     inside = (x < BOX_PX - 2) & (y < BOX_PX - 2)[:, None]
     ring = ~((x < BOX_PX + 2) & (y < BOX_PX + 2)[:, None])
@@ -96,15 +96,15 @@ def test_a_galaxy_too_long_for_a_transform_says_so(psf_r):
 @pytest.mark.parametrize("electrons", [1e8, 1e9])
 def test_ghosts_hold_their_share_of_the_light(camera, psf_r, electrons):
     """The sum of all that ghosts add is the sum of their shares, in the image and in what is said to be drawn."""
-    beyond = Scattered(None, read_scattered(psf_r).ghosts)
+    scattered = Scattered(None, read_scattered(psf_r).ghosts)
     window, chip = Window(2500, 5500, 3500, 6500), camera.chips[9]
     scene = scene_of(psf_r, X, Y, electrons, index=0.0)
     haunted, plain, scene = blank(window, float), blank(window, float), scene.sized(64)
-    drawn = draw_scene(haunted, scene, psf_r, beyond, chip)
+    drawn = draw_scene(haunted, scene, psf_r, scattered, chip)
     without = draw_scene(plain, scene, psf_r, chip=chip)
     image, alone = haunted.expected, plain.expected
-    share = beyond.ghosts.light.sum()
-    assert beyond.ghosts.visible(electrons)
+    share = scattered.ghosts.light.sum()
+    assert scattered.ghosts.visible(electrons)
     assert (image - alone).sum() / electrons == pytest.approx(share, rel=1e-3)
     assert (drawn.drawn[0] - without.drawn[0]) / electrons == pytest.approx(share, rel=1e-3)
 

@@ -15,7 +15,7 @@ LIGHT = 1e8
 
 
 @pytest.fixture(scope="module")
-def beyond(camera):
+def scattered(camera):
     return Scattered(scattered_light(camera, camera.filters["GV"]).wing)
 
 
@@ -29,29 +29,29 @@ def spectrum():
     return x, 4850.4 + 0.005 * (x - 3300), light * mixture
 
 
-def inside(beyond, shows):
+def inside(scattered, shows):
     """Share of the light in the box and in stamps: of wings that are what the box leaves out, and of no ring."""
-    shown, far = wing_beyond(beyond.wing, HALF).light, wing_beyond(beyond.wing, HALF, shows).light
+    shown, far = wing_beyond(scattered.wing, HALF).light, wing_beyond(scattered.wing, HALF, shows).light
     return 1 - shown, 1 - far
 
 
-def draw(spectrum, beyond, wing, window=WINDOW, response=None, **how):
+def draw(spectrum, scattered, wing, window=WINDOW, response=None, **how):
     canvas = blank(window, float, response=response)
-    wings = Wings(canvas, beyond.wing, HALF)
-    drawn, box = add_line(wings, points_of(*spectrum), Held(*inside(beyond, wing > 0)), wing, **how)
+    wings = Wings(canvas, scattered.wing, HALF)
+    drawn, box = add_line(wings, points_of(*spectrum), Held(*inside(scattered, wing > 0)), wing, **how)
     wings.lay()
     return canvas.expected, drawn, box
 
 
-def one_by_one(spectrum, beyond, step=10):
+def one_by_one(spectrum, scattered, step=10):
     """Points 2 px apart, pixel by pixel."""
     canvas, (x, y, light) = blank(WINDOW, float), spectrum
     for k in range(0, len(x), step):
         some = light[:, k : k + step]
         at = (some.sum(axis=0) * (x[k : k + step], y[k : k + step])).sum(axis=1) / some.sum()
         flux = some.sum(axis=1)
-        held = flux @ inside(beyond, True)[0]
-        Wings(canvas, beyond.wing, HALF).add(at, flux, Held(held, held), 900.0, near=1e5)
+        held = flux @ inside(scattered, True)[0]
+        Wings(canvas, scattered.wing, HALF).add(at, flux, Held(held, held), 900.0, near=1e5)
     return canvas.expected
 
 
@@ -67,11 +67,11 @@ def test_points_hold_all_light_and_its_centroid(spectrum):
 
 
 @pytest.mark.parametrize("wing", [100.0, 400.0, 1500.0])
-def test_the_line_is_the_sum_of_its_points(spectrum, beyond, wing):
+def test_the_line_is_the_sum_of_its_points(spectrum, scattered, wing):
     """All light of the wing to 3e-3, and its level from 40 px off the trace on to 1.5%; where boxes fade (22 to 30 px)
     5% of its top, 10% at the ends of the trace. There the wing is under 1e-3 of the trace's own light."""
-    image, drawn, _ = draw(spectrum, beyond, wing)
-    expected = one_by_one(spectrum, beyond)
+    image, drawn, _ = draw(spectrum, scattered, wing)
+    expected = one_by_one(spectrum, scattered)
     assert image.sum() == pytest.approx(expected.sum(), rel=3e-3)
     assert drawn == pytest.approx(image.sum(), rel=1e-5)
     rows, columns = np.arange(WINDOW.y0, WINDOW.y1) - 4851.4, np.arange(WINDOW.x0, WINDOW.x1) - 3500
@@ -85,11 +85,11 @@ def test_the_line_is_the_sum_of_its_points(spectrum, beyond, wing):
     assert top < 1e-3 * LIGHT / 400
 
 
-def test_faint_haze_is_the_wing_beyond_the_box(spectrum, beyond):
+def test_faint_haze_is_the_wing_beyond_the_box(spectrum, scattered):
     """wing_px 0: the level of a wing that shows, 60 px off the trace and further, to 4%; what is said is drawn."""
-    hazy, drawn, box = draw(spectrum, beyond, 0.0)
+    hazy, drawn, box = draw(spectrum, scattered, 0.0)
     assert box is None and drawn == pytest.approx(hazy.sum(), rel=1e-5) and hazy.min() >= 0
-    shown, *_ = draw(spectrum, beyond, 512.0)
+    shown, *_ = draw(spectrum, scattered, 512.0)
     rows, lit = np.arange(WINDOW.y0, WINDOW.y1) - 4851.4, slice(500, 900)
     for off in (-300, -100, 60, 80, 200):
         row = np.abs(rows - off).argmin()
@@ -97,11 +97,11 @@ def test_faint_haze_is_the_wing_beyond_the_box(spectrum, beyond):
 
 
 @pytest.mark.parametrize("wing", [0.0, 150.0, 900.0])
-def test_two_sides_of_an_edge_are_the_whole(spectrum, beyond, wing):
+def test_two_sides_of_an_edge_are_the_whole(spectrum, scattered, wing):
     """Cut at an edge 7.3 px right of the object: both sides add up pixel by pixel, and each is dark far beyond."""
-    whole, *_ = draw(spectrum, beyond, wing)
-    left, light, _ = draw(spectrum, beyond, wing, side=(-np.inf, 7.3, -np.inf, np.inf))
-    right, rest, _ = draw(spectrum, beyond, wing, side=(7.3, np.inf, -np.inf, np.inf))
+    whole, *_ = draw(spectrum, scattered, wing)
+    left, light, _ = draw(spectrum, scattered, wing, side=(-np.inf, 7.3, -np.inf, np.inf))
+    right, rest, _ = draw(spectrum, scattered, wing, side=(7.3, np.inf, -np.inf, np.inf))
     # Near the trace, where cubics of one side dip below zero and are cut off, 2% of the wing's top
     assert np.abs(left + right - whole).max() < 0.02 * whole.max()
     assert light + rest == pytest.approx(whole.sum(), rel=1e-3)
@@ -110,23 +110,23 @@ def test_two_sides_of_an_edge_are_the_whole(spectrum, beyond, wing):
     assert left[:, beyond_edge].max() < 1e-3 * whole[:, beyond_edge].max()
 
 
-def test_a_window_and_the_response(spectrum, beyond):
-    image, *_ = draw(spectrum, beyond, 900.0)
+def test_a_window_and_the_response(spectrum, scattered):
+    image, *_ = draw(spectrum, scattered, 900.0)
     part = Window(3201, 3333, 4801, 4899)
-    small, _, box = draw(spectrum, beyond, 900.0, window=part)
+    small, _, box = draw(spectrum, scattered, 900.0, window=part)
     cut = slice(part.y0 - WINDOW.y0, part.y1 - WINDOW.y0), slice(part.x0 - WINDOW.x0, part.x1 - WINDOW.x0)
     assert np.abs(small - image[cut]).max() < 0.05 * image[cut].max()  # the mesh begins elsewhere
     assert box == (part.x0, part.x1, part.y0, part.y1)
     response = np.random.default_rng(1).uniform(0.5, 1, WINDOW.shape).astype(np.float32)
-    seen, drawn, _ = draw(spectrum, beyond, 900.0, response=response)
+    seen, drawn, _ = draw(spectrum, scattered, 900.0, response=response)
     assert np.abs(seen - image * response).max() < 1e-5 * image.max()
     assert drawn == pytest.approx(seen.sum(), rel=1e-5)
-    away, drawn, box = draw(spectrum, beyond, 150.0, window=Window(0, 100, 0, 100))
-    level = spectrum[2].sum(axis=1) @ beyond.wing.profile(np.hypot(3500 - 49.5, 4850 - 49.5))
+    away, drawn, box = draw(spectrum, scattered, 150.0, window=Window(0, 100, 0, 100))
+    level = spectrum[2].sum(axis=1) @ scattered.wing.profile(np.hypot(3500 - 49.5, 4850 - 49.5))
     assert away.mean() == pytest.approx(level, rel=0.02) and drawn == pytest.approx(away.sum()) and box is None
 
 
-def test_no_order_loses_light_by_its_brightness(spectrum, beyond):
+def test_no_order_loses_light_by_its_brightness(spectrum, scattered):
     """From hidden to long wings: all that a stamp does not hold, to 3e-3 of it; to 5e-3 if it holds 5% less.
 
     If it holds half, the light is far away, as of a galaxy larger than its stamp: none is put near.
@@ -134,10 +134,10 @@ def test_no_order_loses_light_by_its_brightness(spectrum, beyond):
     reaches = [order_wing(300.0, share, HALF) for share in (1e-5, 1e-3, 5e-3, 0.03, 0.3, 1.0)] + [1500.0]
     assert reaches[0] == 0 and reaches[-2] > 3 * HALF
     far = []
-    box, _ = inside(beyond, True)
+    box, _ = inside(scattered, True)
     for reach in reaches:
         for held in (box, 0.95 * box, 0.5 * box):
-            wings = Wings(blank(WINDOW, float), beyond.wing, HALF)
+            wings = Wings(blank(WINDOW, float), scattered.wing, HALF)
             far.append(add_line(wings, points_of(*spectrum), Held(box, held), reach)[0])
     full, small, half = far[::3], far[1::3], far[2::3]
     total = (spectrum[2].sum(axis=1) * box).sum()

@@ -220,8 +220,8 @@ def test_mixture_of_nodes(wide_and_narrow, electrons):
     """A third of the way from the narrow nodes to the wide ones: the light in rings is the mean of the stored cells."""
     psf, repeats = wide_and_narrow.psf, int(1e6 / electrons)
     scene = make(psf, np.full(repeats, 3000.0), np.full(repeats, 4500.0), np.full(repeats, electrons))
-    counted, on, beyond, _ = shoot(scene, wide_and_narrow, window=Window(2969, 3032, 4469, 4532))
-    assert abs(on.sum() + beyond.sum() - 1e6) < SIGMA * 1e3
+    counted, on, outside_box, _ = shoot(scene, wide_and_narrow, window=Window(2969, 3032, 4469, 4532))
+    assert abs(on.sum() + outside_box.sum() - 1e6) < SIGMA * 1e3
     mean = (2 * psf.node(0)[0] + psf.node(1)[0]).astype(float) / 3
     expected = 1e6 * mean[2:-2, 2:-2].reshape(63, 4, 63, 4).sum(axis=(1, 3))  # pixel edges are cell edges
     at = np.arange(-31, 32)
@@ -234,10 +234,10 @@ def test_mixture_of_nodes(wide_and_narrow, electrons):
 def test_electrons_beyond_the_box_are_counted(psf_r, table_r):
     for electrons, n in ((100.0, 2000), (1e5, 2)):
         scene = make(psf_r, np.full(n, CENTRE[0]), np.full(n, CENTRE[1]), np.full(n, electrons))
-        _, _, beyond, _ = shoot(scene, table_r)
+        _, _, outside_box, _ = shoot(scene, table_r)
         lost = electrons * n * (1 - psf_r.at(*CENTRE).sum() / 4)
         assert lost > 1000
-        assert abs(beyond.sum() - lost) < SIGMA * np.sqrt(lost)
+        assert abs(outside_box.sum() - lost) < SIGMA * np.sqrt(lost)
 
 
 def test_sub_bands_have_their_own_psf(psf_r, table_r):
@@ -282,10 +282,10 @@ def test_windows_cut_one_picture(psf_r, table_r):
     ]
     on = 0
     for window in quarters:
-        counted, found, beyond, box = shoot(scene, table_r, window=window)
+        counted, found, outside_box, box = shoot(scene, table_r, window=window)
         part = whole[0][window.y0 - 5000 : window.y1 - 5000, window.x0 - 4000 : window.x1 - 4000]
         assert np.array_equal(counted, part)
-        assert np.array_equal(beyond, whole[2])
+        assert np.array_equal(outside_box, whole[2])
         assert (box[found > 0, 0] >= window.x0).all() and (box[found > 0, 3] <= window.y1).all()
         on = on + found
     assert np.array_equal(on, whole[1])
@@ -299,17 +299,17 @@ def test_far_objects_leave_the_window_alone(psf_r, table_r):
 
 
 def test_nothing_to_draw(psf_r, table_r):
-    counted, on, beyond, box = shoot(make(psf_r, [], [], np.zeros(0)), table_r)
-    assert not counted.any() and on.shape == beyond.shape == (0,) and box.shape == (0, 4)
-    counted, on, beyond, box = shoot(make(psf_r, *CENTRE, 0.0, 1.0), table_r)
-    assert not counted.any() and on[0] == beyond[0] == 0 and not box.any()
+    counted, on, outside_box, box = shoot(make(psf_r, [], [], np.zeros(0)), table_r)
+    assert not counted.any() and on.shape == outside_box.shape == (0,) and box.shape == (0, 4)
+    counted, on, outside_box, box = shoot(make(psf_r, *CENTRE, 0.0, 1.0), table_r)
+    assert not counted.any() and on[0] == outside_box[0] == 0 and not box.any()
 
 
 def test_tiny_lights_add_up(psf_r, table_r):
     n = 50_000
     scene = make(psf_r, np.full(n, CENTRE[0]), np.full(n, CENTRE[1]), np.full(n, 0.01), 4.0)
-    _, on, beyond, _ = shoot(scene, table_r)
-    assert abs((on + beyond).sum() - 500) < 5 * np.sqrt(500) + 10  # wings of n = 4 off the window
+    _, on, outside_box, _ = shoot(scene, table_r)
+    assert abs((on + outside_box).sum() - 500) < 5 * np.sqrt(500) + 10  # wings of n = 4 off the window
 
 
 @pytest.mark.parametrize("index", [0.3, 1.0, 4.0, 6.2])
@@ -318,9 +318,9 @@ def test_tiny_lights_add_up(psf_r, table_r):
 def test_extremes_stay_finite(psf_r, table_r, index, radius, q):
     """A needle, a point and a giant. The light within the window is never more than there is; a tiny one is a star."""
     matrix = np.array([[1.0, 0.3], [-0.3, 1.0]]) @ np.diag([q**-0.5, q**0.5]) / SCALE
-    counted, on, beyond, _ = shoot(make(psf_r, *CENTRE, 2e4, index, radius, matrix), table_r)
+    counted, on, outside_box, _ = shoot(make(psf_r, *CENTRE, 2e4, index, radius, matrix), table_r)
     assert counted.sum() == on[0] and counted.min() >= 0
-    assert on[0] + beyond[0] < 2e4 + SIGMA * np.sqrt(2e4)
+    assert on[0] + outside_box[0] < 2e4 + SIGMA * np.sqrt(2e4)
     if radius < 1e-3 and index < 6:
         star = expectation(psf_r, *CENTRE, 2e4)
         assert abs(on[0] - star.sum()) < SIGMA * np.sqrt(2e4)
@@ -372,15 +372,15 @@ def test_light_beyond_the_box_follows_the_wing(psf_r, table_r):
     wing, n = read_scattered(psf_r).wing, 2e6
     window, scene = Window(0, 2001, 0, 2001), make(psf_r, 1000.0, 1000.0, n)
     canvas = counting(window)
-    on_window, beyond, box = shoot_scene(canvas, scene, np.array([3], np.uint64), table_r, wing)
+    on_window, outside_box, box = shoot_scene(canvas, scene, np.array([3], np.uint64), table_r, wing)
     counted = canvas.counted
     r = np.hypot(*(np.indices(window.shape) - 1000.0))
     for inner, outer in ((50, 80), (80, 150), (150, 400), (400, 900)):
-        share = (wing.beyond(inner) - wing.beyond(outer)).mean()
+        share = (wing.light_beyond(inner) - wing.light_beyond(outer)).mean()
         assert abs(counted[(r >= inner) & (r < outer)].sum() - n * share) < 5 * np.sqrt(n * share) + 5e-3 * n * share
-    left = wing.beyond(1000 * np.sqrt(4 / np.pi)).mean()  # beyond a circle of the window's area
+    left = wing.light_beyond(1000 * np.sqrt(4 / np.pi)).mean()  # beyond a circle of the window's area
     assert on_window[0] == counted.sum() == pytest.approx(n * (1 - left), abs=5 * np.sqrt(n) + 0.1 * n * left)
-    assert beyond[0] == pytest.approx(n * (1 - psf_r.flux.mean()), rel=0.02) and box[0, 1] - box[0, 0] > 1500
+    assert outside_box[0] == pytest.approx(n * (1 - psf_r.flux.mean()), rel=0.02) and box[0, 1] - box[0, 0] > 1500
 
 
 def test_losses_take_electrons_whatever_their_place(psf_r, table_r):

@@ -33,8 +33,8 @@ PIXEL = 5e-4  # of the peak: interpolations of the stored cells
 def setting(camera, make_pointing, tmp_path_factory):
     path, chip = tmp_path_factory.mktemp("psf") / "GV.h5", camera.chips[CHIP]
     band = camera.filters["GV"]
-    beyond = scattered_light(camera, band)
-    make_psf(path, chip, band, camera.telescope, camera.psf, 2, camera_digest=camera.digest, beyond=beyond)
+    scattered = scattered_light(camera, band)
+    make_psf(path, chip, band, camera.telescope, camera.psf, 2, camera_digest=camera.digest, scattered=scattered)
     psf = PsfSet(path, chip=CHIP)
     return Disperser(camera.gratings[CHIP], band, camera.telescope), ChipWCS(chip, make_pointing()), psf
 
@@ -155,12 +155,12 @@ def test_wings_are_those_of_slabs(setting):
     light, wavelength, _ = line_at(disperser, 5200.0, 1e7)
     window, _, _ = around(setting, wavelength, 150)
     rows = objects(wcs, X, Y, reach=32, rate=1e7 / EXPTIME, wing=np.array([140.0]))
-    beyond = read_scattered(psf)
-    image, table, _ = draw(setting, window, light, rows, scattered=beyond)
+    scattered = read_scattered(psf)
+    image, table, _ = draw(setting, window, light, rows, scattered=scattered)
     scene, traces = make_scene(rows, wcs, psf, EXPTIME), Traces(light[None] * EXPTIME, np.array([[0, 0, 0]]), disperser)
     canvas = blank(window, float)
     slabs = canvas.expected
-    draw_spectra(canvas, scene.sized(32, 140.0), traces, psf, beyond)
+    draw_spectra(canvas, scene.sized(32, 140.0), traces, psf, scattered)
     far = np.zeros(window.shape, bool)
     far[:100], far[:, :100] = True, True
     assert image[far].sum(dtype=float) == pytest.approx(slabs[far].sum(), rel=1e-5) and image[far].sum() > 1e3

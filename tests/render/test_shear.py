@@ -10,7 +10,7 @@ import pytest
 from csst import BANDS, MARGIN
 from embedded_sky import embedded_catalog
 
-from csstsim.catalog.places.astrometry import icrs
+from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.selection.select import Noise, region_for, select_objects
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window

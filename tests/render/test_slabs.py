@@ -237,12 +237,12 @@ def test_a_wide_galaxy_on_the_split(psf, disperser):
 def test_wings_are_divided_too(camera, disperser, wing, tmp_path):
     """A star near and far from the split: the light of both gratings together is that of the star far from any edge."""
     psf = gaussian_psf(tmp_path / "dim.h5", light=0.95)
-    beyond = Scattered(scattered_light(camera, camera.filters["GV"]).wing)
+    scattered = Scattered(scattered_light(camera, camera.filters["GV"]).wing)
     spectrum = spectrum_of(disperser, 1e6, 5500, 5600)
     window = Window(3600, 7400, 3850, 5850)
     sums = {}
     for x in (4500.0, SPLIT - 100.0, SPLIT - 10.0, SPLIT, SPLIT + 60.0):
-        _, out = draw(scene_of(psf, x, Y), spectrum, disperser, psf, window=window, wing=wing, scattered=beyond)
+        _, out = draw(scene_of(psf, x, Y), spectrum, disperser, psf, window=window, wing=wing, scattered=scattered)
         sums[x] = out.drawn[:, disperser.orders.index(0)].sum()  # the zeroth order, whose place hardly moves
     alone = spectrum @ disperser.rates[0, 2]
     assert 0.97 * alone < sums[4500.0] < 0.999 * alone  # 95% in the box, and the wing as far as the window goes

@@ -115,13 +115,13 @@ def test_outside_the_nodes_is_said(psf_r, mixer):
 @pytest.mark.parametrize("index", [0.0, 1.0])
 def test_a_bright_object_has_its_wing(psf_r, mixer, index):
     """Box faded out, wing faded in: all the light to 3e-4 within 280 px, no step at the edge of the box."""
-    beyond, window = Scattered(read_scattered(psf_r).wing), Window(3900, 4501, 4850, 5451)
+    scattered, window = Scattered(read_scattered(psf_r).wing), Window(3900, 4501, 4850, 5451)
     scene = scene_of(psf_r, 4200.2, 5150.3, 1e8, index, 0.3)
-    image, drawn = draw(mixer, scene, reach=60, window=window, wing=2000.0, scattered=beyond)
+    image, drawn = draw(mixer, scene, reach=60, window=window, wing=2000.0, scattered=scattered)
     r = np.hypot(np.arange(3900, 4501) - 4200.2, np.arange(4850, 5451)[:, None] - 5150.3)
     inside = image[r < 280].sum(dtype=float) / 1e8
-    assert inside == pytest.approx(1 - beyond.wing.beyond(280.0).mean(), abs=3e-4)
+    assert inside == pytest.approx(1 - scattered.wing.light_beyond(280.0).mean(), abs=3e-4)
     rings = np.array([image[(r >= k) & (r < k + 2)].mean() for k in range(40, 120, 2)])
-    model = 1e8 * beyond.wing.profile(np.arange(41.0, 121, 2)).mean(axis=0)
+    model = 1e8 * scattered.wing.profile(np.arange(41.0, 121, 2)).mean(axis=0)
     assert rings / model == pytest.approx(1.0, abs=0.02 if index == 0 else 0.1)
     assert drawn.drawn[0] == pytest.approx(image.sum(dtype=float), rel=1e-6)

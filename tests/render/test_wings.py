@@ -39,9 +39,9 @@ def scene(camera, make_pointing, psf_r):
         wing = wing_reach(electrons, VARIANCE, whole.wing)
         table = objects(wcs, x, y, wing=np.where(wing > 64, wing, 0.0))
         table = table.with_columns(**{f"flux{i}": electrons / EXPTIME / 4 for i in range(4)})
-        beyond = Scattered(whole.wing if wings else None, whole.ghosts if ghosts else None)
+        scattered = Scattered(whole.wing if wings else None, whole.ghosts if ghosts else None)
         canvas = blank(window)
-        return canvas.expected, draw_objects(canvas, table, Drawing(wcs, psf_r, EXPTIME, beyond)), whole
+        return canvas.expected, draw_objects(canvas, table, Drawing(wcs, psf_r, EXPTIME, scattered)), whole
 
     return draw
 
@@ -58,10 +58,10 @@ def distance(window):
 @pytest.mark.parametrize("electrons, half", [(1e3, 600), (1e5, 600), (1e6, 600), (1e8, 1000), (1e10, 1000)])
 def test_the_light_is_all_there(scene, electrons, half):
     """Inside the circle: 1 less what the closed form has outside, to 1e-4 of the star."""
-    image, drawn, beyond = scene(electrons, around(half))
+    image, drawn, scattered = scene(electrons, around(half))
     reach = float(half)
     inside = image[distance(around(half)) < reach].sum(dtype=float) / electrons
-    assert inside == pytest.approx(1 - beyond.wing.beyond(reach).mean(), abs=1e-4)
+    assert inside == pytest.approx(1 - scattered.wing.light_beyond(reach).mean(), abs=1e-4)
     assert drawn["drawn"][0] == pytest.approx(image.sum(dtype=float), rel=1e-6)
     assert drawn["fraction"][0] == pytest.approx(drawn["drawn"][0] / electrons)
 
@@ -70,9 +70,9 @@ def test_the_light_is_all_there(scene, electrons, half):
 def test_the_rings_follow_the_profile_through_the_join(scene, electrons):
     """Mean of rings 2 px wide from 40 to 80 px: the closed form to 1%, with no step above 0.3% from ring to ring."""
     window = around(85)
-    image, _, beyond = scene(electrons, window)
+    image, _, scattered = scene(electrons, window)
     r = distance(window)
-    ratio = image / (electrons * beyond.wing.profile(np.maximum(r, 1)).mean(axis=0))
+    ratio = image / (electrons * scattered.wing.profile(np.maximum(r, 1)).mean(axis=0))
     rings = np.array([ratio[(r >= k) & (r < k + 2)].mean() for k in range(40, 80, 2)])
     assert rings == pytest.approx(1.0, abs=0.01)
     assert np.abs(np.diff(rings)).max() < 3e-3
@@ -81,20 +81,24 @@ def test_the_rings_follow_the_profile_through_the_join(scene, electrons):
 @pytest.mark.parametrize("size", [0.2, 1.0])
 def test_a_bright_galaxy_has_the_wing_of_its_light(camera, make_pointing, psf_r, size):
     """Half-light radius 3 and 14 px, 1e8 e-: all the light to 3e-4; far out the wings of all its points, to 1%."""
-    wcs, beyond, window = ChipWCS(camera.chips[9], make_pointing()), Scattered(read_scattered(psf_r).wing), around(400)
+    wcs, scattered, window = (
+        ChipWCS(camera.chips[9], make_pointing()),
+        Scattered(read_scattered(psf_r).wing),
+        around(400),
+    )
     table = objects(wcs, X, Y, obj_type=GALAXY, reach=300, size_disk=size, rate=1e6, wing=np.full(1, 1500.0))
     canvas = blank(window)
-    draw_objects(canvas, table, Drawing(wcs, psf_r, EXPTIME, beyond))
+    draw_objects(canvas, table, Drawing(wcs, psf_r, EXPTIME, scattered))
     image = canvas.expected
     r = distance(window)
-    assert image[r < 390].sum(dtype=float) / 1e8 == pytest.approx(1 - beyond.wing.beyond(390).mean(), abs=3e-4)
+    assert image[r < 390].sum(dtype=float) / 1e8 == pytest.approx(1 - scattered.wing.light_beyond(390).mean(), abs=3e-4)
     ring = (r > 150) & (r < 160)
     rng = np.random.default_rng(3)  # an exponential disc: radii are gamma variates of shape 2
     points = rng.gamma(2.0, size / 0.074 / 1.6783, 20_000) * np.exp(2j * np.pi * rng.random(20_000))
     expected = np.mean(
-        [beyond.wing.profile(np.abs(155.0 * turn - points)).mean() for turn in np.exp(1j * np.arange(6))]
+        [scattered.wing.profile(np.abs(155.0 * turn - points)).mean() for turn in np.exp(1j * np.arange(6))]
     )
-    at_155 = image[ring].mean() * beyond.wing.profile(155.0) / beyond.wing.profile(r[ring]).mean()
+    at_155 = image[ring].mean() * scattered.wing.profile(155.0) / scattered.wing.profile(r[ring]).mean()
     assert at_155 == pytest.approx(1e8 * expected, rel=0.01)
 
 
@@ -109,10 +113,10 @@ def test_no_wing_is_an_edge(scene):
 def test_a_wing_has_no_end(scene, electrons):
     """9000 px away it is that of the closed form to 1e-3, bright star or faint, and it falls all the way."""
     window = Window(round(X), 9216, round(Y), round(Y) + 1)
-    line, beyond = scene(electrons, window)[0][0].astype(float), scene(0.0, around(1))[2]
+    line, scattered = scene(electrons, window)[0][0].astype(float), scene(0.0, around(1))[2]
     r = np.hypot(np.arange(window.x0, window.x1) - X, round(Y) - Y)
     far = r > 100
-    assert line[far] == pytest.approx(electrons * beyond.wing.profile(r[far]).mean(axis=0), rel=1e-3)
+    assert line[far] == pytest.approx(electrons * scattered.wing.profile(r[far]).mean(axis=0), rel=1e-3)
     assert (np.diff(line[r > 60]) < 0).all()
 
 
@@ -141,24 +145,26 @@ def test_no_light_and_a_great_deal(scene):
 def test_ghosts_lie_where_geometry_says_and_hold_their_light(scene, camera):
     window = around(900)
     plain, _, _ = scene(1e9, window)
-    image, drawn, beyond = scene(1e9, window, ghosts=True)
+    image, drawn, scattered = scene(1e9, window, ghosts=True)
     extra = (image - plain).astype(float)
-    g = beyond.ghosts
+    g = scattered.ghosts
     centres = g.centres(camera.chips[9], X, Y) - [window.x0, window.y0]
     light = g.light * 1e9
     assert extra.sum() == pytest.approx(light.sum(), rel=1e-3)
     rows, columns = np.indices(extra.shape)
     assert (extra * columns).sum() / extra.sum() == pytest.approx((light * centres[:, 0]).sum() / light.sum(), abs=1)
     assert (extra * rows).sum() / extra.sum() == pytest.approx((light * centres[:, 1]).sum() / light.sum(), abs=1)
-    assert drawn["fraction"][0] - 1 + beyond.wing.beyond(1016.0).mean() == pytest.approx(g.light.sum(), abs=1e-4)
+    assert drawn["fraction"][0] - 1 + scattered.wing.light_beyond(1016.0).mean() == pytest.approx(
+        g.light.sum(), abs=1e-4
+    )
     faint, _, _ = scene(1e6, window, ghosts=True)
     assert np.array_equal(faint, scene(1e6, window)[0])
 
 
 @pytest.mark.parametrize("centre", [(300.0, 300.0), (300.4, 299.7), (300.5, 300.25)])
 def test_a_disc_is_uniform_and_holds_its_light(camera, scene, centre):
-    beyond = scene(0.0, around(1))[2]
-    one = replace(beyond.ghosts, way=np.zeros(1), radius=np.array([80.0]), light=np.array([1e-3]))
+    scattered = scene(0.0, around(1))[2]
+    one = replace(scattered.ghosts, way=np.zeros(1), radius=np.array([80.0]), light=np.array([1e-3]))
     canvas = blank(Window(0, 600, 0, 600), float)
     image = canvas.expected
     [(total, box)] = add_ghosts(canvas, camera.chips[9], centre, 1e9, one)
@@ -179,7 +185,7 @@ def test_a_far_holds_the_light_it_says(scene, shows):
     lit = (radii > 0.95 * 64) & (radii < 2e4)
     assert table[:, :-1][:, lit] == pytest.approx(wing.profile(radii[lit]), rel=1e-12)
     values = np.interp(r, radii, table[0, :-1])
-    within = values[r < 400].sum() + wing.beyond(400.0)[0]
+    within = values[r < 400].sum() + wing.light_beyond(400.0)[0]
     assert far.light[0] == pytest.approx(within, rel=1e-3)
     assert step(np.array([0, 45, 53.0, 61, 99]), 45, 61) == pytest.approx([1, 1, 0.5, 0, 0])
     kept = box_share(256, 2)
@@ -212,14 +218,14 @@ def test_a_ring_stays_within_its_box():
 def test_a_stamp_of_any_size_loses_no_light(camera, make_pointing, psf_r, wings, reach, galaxy):
     """All of the light by stamps too small to hold it, to 1e-4, at the window's edge 1e-3; what is said is drawn."""
     wcs, window = ChipWCS(camera.chips[9], make_pointing()), around(500)
-    beyond = read_scattered(psf_r) if wings else Scattered()
+    scattered = read_scattered(psf_r) if wings else Scattered()
     for place in ((X, Y), (window.x0 + 3.2, Y), (window.x0 - 5.0, Y)):
         table = objects(wcs, *place, reach=reach, rate=1e4, wing=np.zeros(1), **galaxy)
         scene = make_scene(table, wcs, psf_r, EXPTIME)
         canvas, larger = blank(window, float), blank(window, float)
         image, whole = canvas.expected, larger.expected
-        drawn = draw_scene(canvas, scene.sized(reach), psf_r, Scattered(beyond.wing))
-        draw_scene(larger, scene.sized(200, 300.0 * wings), psf_r, Scattered(beyond.wing))
+        drawn = draw_scene(canvas, scene.sized(reach), psf_r, Scattered(scattered.wing))
+        draw_scene(larger, scene.sized(200, 300.0 * wings), psf_r, Scattered(scattered.wing))
         assert drawn.drawn[0] == pytest.approx(image.sum(), rel=1e-6)
         assert image.sum() == pytest.approx(whole.sum(), abs=(1e-4 if place == (X, Y) else 1e-3) * 1e6)
 

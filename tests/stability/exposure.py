@@ -20,10 +20,10 @@ from scipy.special import gammainc
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.bench.setting import POINTING
+from csstsim.catalog.astrometry.ephemeris import observer
+from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.base import CatalogBase, Region
 from csstsim.catalog.flags import NOT_DRAWN
-from csstsim.catalog.places.astrometry import icrs
-from csstsim.catalog.places.ephemeris import observer
 from csstsim.catalog.selection.select import Noise, select_objects
 from csstsim.catalog.table import GALAXY, ObjectTable
 from csstsim.instrument.camera import load_camera
@@ -120,13 +120,13 @@ class Site:
         for name, row, value in spoilt:
             catalogue[name][row] = value
         rates = np.repeat(np.broadcast_to(np.asarray(electrons, float), len(x))[:, None] / (4 * EXPTIME), 4, axis=1)
-        beyond = Scattered(read_scattered(self.psf).wing) if wings else Scattered()
+        scattered = Scattered(read_scattered(self.psf).wing) if wings else Scattered()
         table = select_objects(
             Listed(catalogue, rates), self.wcs, self.craft, window, self.camera.filters["r"], self.camera.telescope,
-            EXPTIME, NOISE, beyond=beyond, box=32,
+            EXPTIME, NOISE, scattered=scattered, box=32,
         )  # fmt: skip
         canvas, how = blank(window), (fidelity, NOISE.variance(EXPTIME), np.uint64(key), self.tables)
-        drawing = Drawing(self.wcs, self.psf, EXPTIME, beyond, *how)
+        drawing = Drawing(self.wcs, self.psf, EXPTIME, scattered, *how)
         drawn = (reference if fidelity == "reference" else draw).draw_objects(canvas, table, drawing)
         image, counted = canvas.expected, canvas.counted
         good = table.take(drawn["flags"] & NOT_DRAWN == 0)

@@ -11,7 +11,7 @@ from csstsim.campaign.checks import check_kept
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds, summary
 from csstsim.base.errors import CsstsimError
-from csstsim.io.owner import claim
+from csstsim.io.output_owner import claim_output
 from csstsim.optics.psf.sampling import psf_cube
 
 KEYS = "campaign", "chips", "scratch"  # of --config
@@ -63,7 +63,7 @@ def made(rule, places=None):
 def take_folder():
     """Before the first job: the output folder is this campaign's, and can be written."""
     try:
-        claim(RUN)
+        claim_output(RUN)
     except CsstsimError as error:
         raise WorkflowError(str(error)) from None
 

@@ -25,7 +25,7 @@ def explained(kind):
         raise
 
 
-def told(error):
+def with_page(error):
     """Return a CsstsimError as a line, with the page that explains what is allowed, if there is one."""
     page = error.page
     if page and (file := ROOT / page).is_file():

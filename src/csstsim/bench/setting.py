@@ -55,7 +55,9 @@ def make_setting(folder, band):
     scattered = scattered_light(camera, filter_)
     path = Path(folder) / f"psf_{band}_{camera.digest}.h5"
     if not path.exists():
-        make_psf(path, chip, filter_, camera.telescope, camera.psf, GRID, camera_digest=camera.digest, beyond=scattered)
+        make_psf(
+            path, chip, filter_, camera.telescope, camera.psf, GRID, camera_digest=camera.digest, scattered=scattered
+        )
     psf = PsfSet(path, chip=chip.id, camera_digest=camera.digest)
     tables = path.with_suffix(".tables.h5")
     if not tables.exists():

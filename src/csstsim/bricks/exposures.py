@@ -19,7 +19,7 @@ SHAPE_MAX = 1.5  # of a measured shape: noise makes longer ones
 
 
 def frame_gates(table, frame, limits):
-    """Return the gates of a frame. table: bricks.trials of it; frame: bricks.validate.Frame; limits: ValidateConfig."""
+    """Return the gates of a validate.MeasuredFrame. table: bricks.trials of it; limits: ValidateConfig."""
     where = {"exposure": frame.info.get("obsid"), "chip": frame.info.get("chip")}
     of = _Gates(frame.band, where)
     return (

@@ -84,9 +84,9 @@ def pixels_off(channels, facts, truth):
             continue
         expected = facts.level(part["response"])
         sigma = np.hypot(part["noise"] / np.sqrt(n), facts.read_noise / np.sqrt(part["overscan"]))
-        beyond = part["level"] - expected
-        beyond = min(beyond, 0.0) + max(beyond - light, 0.0)
-        out["level"].append((part["channel"], float(beyond / expected), float(sigma / expected)))
+        excess = part["level"] - expected
+        excess = min(excess, 0.0) + max(excess - light, 0.0)
+        out["level"].append((part["channel"], float(excess / expected), float(sigma / expected)))
         noise = facts.noise(part["response"], part["channel"] or channels[0]["channel"])
         out["noise"].append((part["channel"], float(part["noise"] / noise - 1), float((2 * n) ** -0.5)))
     for part in channels:

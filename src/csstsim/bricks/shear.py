@@ -20,7 +20,10 @@ CHANCE = 5.0  # sigma forgiven
 
 
 def shapes(frame, truth):
-    """Return {object id: (g1, g2)} of the sound, resolved, lone galaxies of a validate.Frame; truth: usable rows."""
+    """Return {object id: (g1, g2)} of the sound, resolved, lone galaxies of a validate.MeasuredFrame.
+
+    truth: its validate.judged_truth.
+    """
     truth = truth.take((truth["obj_type"] == GALAXY) & ~truth["blended"])
     measured, row = frame.measured, matched(truth, frame.measured, frame.pixel)
     truth, row = truth.take(row >= 0), row[row >= 0]

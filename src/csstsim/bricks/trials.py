@@ -27,7 +27,7 @@ LONELY = 0.3  # of an object's noise: the light of all its neighbours, with less
 
 
 def trials(truth, frame):
-    """Return an ObjectTable of COLUMNS, a row an isolated object of `truth` (bricks.validate.usable rows of `frame`).
+    """Return an ObjectTable of COLUMNS, a row an isolated object of `truth` (bricks.validate.judged_truth of `frame`).
 
     sound: found and not saturated; clean: found without a flag of DOUBTFUL; full: so bright that it must be saturated;
     lonely: neighbours' light does not matter to the pull. Of what was found, else NaN:

@@ -33,7 +33,7 @@ IN_FRAME = 0.9  # of an object's light in the window; less is not judged
 
 
 @dataclass(frozen=True)
-class Frame:
+class MeasuredFrame:
     """One measured Level-0 file: its truth (io.truth.read_truth) and its measured table (measure.catalogue).
 
     seam: first row of the chip's upper half; pixel: its side [arcsec]; depth: (low, high) AB magnitudes of 5 sigma, the
@@ -61,7 +61,7 @@ class Frame:
 def validate_brick(pix, sources, frames, bands, config):
     """Return (result, arrays) of brick `pix`.
 
-    `sources`: merged ObjectTable (or mapping) of the brick; `frames`: iterable of `Frame`; `bands`: the
+    `sources`: merged ObjectTable (or mapping) of the brick; `frames`: iterable of MeasuredFrame; `bands`: the
     camera's (Camera.bands); `config`: thresholds.ValidateConfig. `result` is JSON-like: per band completeness,
     magnitude residuals (mag), depth; astrometry (mas); gates (bricks.gates). `arrays` holds what report.figures draws.
     """
@@ -71,7 +71,7 @@ def validate_brick(pix, sources, frames, bands, config):
     for frame in frames:  # one at a time is in memory; of it what is on the brick is kept
         real[compare.real(frame.truth, sources)] = True
         infos[frame.band].append(frame.info)
-        truth = usable(frame)
+        truth = judged_truth(frame)
         truth = truth.take(brick_of(truth["ra_epoch"], truth["dec_epoch"]) == pix) if len(truth) else truth
         table = trials(truth, frame) if len(truth) else joined([])
         judged[frame.band] += frame_gates(table, frame, config)
@@ -182,7 +182,7 @@ def completeness(snr, found, edges):
     return np.histogram(snr, edges)[0], np.histogram(snr[found], edges)[0]
 
 
-def usable(frame):
+def judged_truth(frame):
     """Return the truth of a frame that lies well inside it, with columns blended, half_light, half_light_px and crowd.
 
     Where a catalogue does not give the magnitude of the frame's band, it is that of the electrons.

@@ -18,13 +18,13 @@ from csstsim.campaign.job import Job
 from csstsim.campaign.recipes import Recipes
 from csstsim.campaign.survey_table import load_survey_table
 from csstsim.catalog import own_table
+from csstsim.catalog.astrometry.ephemeris import observer
+from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.catalog.open import catalog_class
-from csstsim.catalog.places.astrometry import apparent
-from csstsim.catalog.places.ephemeris import observer
 from csstsim.catalog.selection.select import BRICK_MARGIN_PX, bricks_for, region_for
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
-from csstsim.io.owner import check_owner
+from csstsim.io.output_owner import check_owner
 from csstsim.io.paths import Paths
 from csstsim.optics.geometry.distortion import load_distortion
 from csstsim.optics.geometry.wcs import ChipWCS

@@ -7,7 +7,7 @@ import numpy as np
 from csstsim.base.healpix import NSIDE
 from csstsim.campaign.costs import INSTEAD, each_once, expected, expected_objects, megapixels
 from csstsim.campaign.products import kinds
-from csstsim.catalog.places.astrometry import apparent
+from csstsim.catalog.astrometry.reduction import apparent
 
 KEPT_BYTES = {"imaging": 5, "slitless": 8}  # of a pixel: expected electrons, those counted, the objects' share; at most
 BYTES_PER_NODE = 4 * (256 * 256 + 256 * 256 + 64 * 64) * 4  # images, and the tables photons are drawn from

@@ -68,7 +68,7 @@ def _aimed(file, content):
     from csstsim.base.shipped import SHIPPED
     from csstsim.catalog.object_table import object_table, read_table
     from csstsim.instrument.camera import load_camera
-    from csstsim.optics.geometry.aim import exposure_of
+    from csstsim.optics.geometry.pointing_for import centred_exposure
 
     if file.name in content:
         raise InputError("the name is taken by another file of the folder", file=file)
@@ -77,7 +77,7 @@ def _aimed(file, content):
     rows = ["obsid,type,ra,dec,pa,time,exptime"]
     for number, (chip, time) in enumerate(AIMED.items(), start=1):
         obsid = f"10100{number:06d}"
-        p = exposure_of(camera, camera.chips[chip], ra, dec, obsid=obsid, pa=PA, time=time, exptime=EXPTIME)
+        p = centred_exposure(camera, camera.chips[chip], ra, dec, obsid=obsid, pa=PA, time=time, exptime=EXPTIME)
         rows.append(f"{obsid},SCIE,{p.ra:.6f},{p.dec:.6f},{PA},{time},{EXPTIME:g}")
     text, changed = content["campaign.yaml"].decode(), 0
     name = json.dumps(file.name, ensure_ascii=False)  # a scalar of YAML, whatever is in it

@@ -22,7 +22,7 @@ OBSID, OBSID_ALLOWED = re.compile(r"[0-9]{9,14}"), "9 to 14 digits"
 REQUIRED = ("obsid", "type", "ra", "dec", "pa", "time", "exptime")
 STATE = ("sat_x", "sat_y", "sat_z", "sat_vx", "sat_vy", "sat_vz")
 TYPES = get_args(ExposureType)
-_YEARS = 1950, 2099  # where the Earth's ephemeris of catalog.places.ephemeris holds
+_YEARS = 1950, 2099  # where the Earth's ephemeris of catalog.astrometry.ephemeris holds
 _MIN_EXPTIME = 1e-3  # s
 _MAX_RADIUS_KM, _MAX_SPEED_KM_S = 50_000.0, 12.0  # beyond these a state is in another unit, not in Earth orbit
 

@@ -38,7 +38,7 @@ What a MockObject may be given (all but id, ra, dec have defaults; the full list
 | mag_norm                    | AB magnitude in the filter of `load_norm_filt`, if that gives one                  |
 | z, av, teff, logg, feh, ... | for the truth table only: csstsim draws what `load_sed` gives                      |
 | any other name              | yours to use in `load_sed`; plain values go to the truth table as `user_<name>`;   |
-|                             | a galaxy's n, q, pa, re and the like are refused (catalog.undrawn)                 |
+|                             | a galaxy's n, q, pa, re and the like are refused (catalog.unsupported_shapes)       |
 
 WAVELENGTH is in angstrom and rises, FLUX in photon / s / m2 / angstrom; columns with astropy units are converted.
 Between samples a spectrum is linear, outside them zero. It is in the observed frame: redshift, dust and Milky Way
@@ -64,7 +64,7 @@ from csstsim.base.sphere import inside, unit_vectors
 from csstsim.catalog.light.photometry import ab_mag, bin_means, load_fluxes
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.table import ObjectTable, columns_with
-from csstsim.catalog.undrawn import check_shapes
+from csstsim.catalog.unsupported_shapes import check_shapes
 from csstsim.instrument.filter import GRID
 
 

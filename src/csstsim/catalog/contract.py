@@ -101,11 +101,11 @@ def _sample(kinds, most):
 
 def _check_columns(table, known, faults, warnings):
     """Look at the objects' parameters."""
-    undrawn = np.zeros(len(table), dtype=bool)
+    not_drawn = np.zeros(len(table), dtype=bool)
     for reason, mask in reasons(table).items():
         warnings[f"would not be drawn: {reason}"] = list(table["id"][mask])
-        undrawn |= mask
-    if len(table) and undrawn.all():
+        not_drawn |= mask
+    if len(table) and not_drawn.all():
         faults["every object would be left out"] = list(table["id"])
     warnings["flags are csstsim's own, and keep an object from being drawn"] = list(table["id"][table["flags"] != 0])
     shaped = (table["obj_type"] == STAR) & (np.hypot(table["e1"], table["e2"]) + table["size_disk"] > 0)

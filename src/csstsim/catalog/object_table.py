@@ -15,7 +15,7 @@ from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
 from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
 from csstsim.catalog.table import COLUMNS, GALAXY, STAR, TYPES, ObjectTable, columns_with
-from csstsim.catalog.undrawn import check_shapes
+from csstsim.catalog.unsupported_shapes import check_shapes
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
 BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues

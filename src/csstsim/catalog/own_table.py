@@ -9,7 +9,7 @@ out. Magnitudes are AB, observed, through the camera's own bands, before lensing
 magnitudes given, as catalog.light.colours says; lines want a catalogue with `load_sed` (catalog.base). Cells may be
 blank; what cannot be drawn as given is refused, row by row (catalog.object_table). A galaxy's shape is drawn from
 `size`, `bulge_frac`, `e1` and `e2`: columns that say it otherwise, `n`, `q`, `pa`, `re` and the like, are refused with
-the formula for these (catalog.undrawn). Columns of other names travel to the truth table as `user_<name>`.
+the formula for these (catalog.unsupported_shapes). Columns of other names travel to the truth table as `user_<name>`.
 """
 
 import hashlib

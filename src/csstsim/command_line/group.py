@@ -10,7 +10,7 @@ from contextlib import contextmanager, nullcontext, redirect_stdout
 import click
 
 from csstsim.base.errors import CsstsimError
-from csstsim.base.help_page import told
+from csstsim.base.help_page import with_page
 from csstsim.base.progress import hidden
 from csstsim.campaign.job_log import ERROR
 
@@ -66,7 +66,7 @@ class Group(click.Group):
         except CsstsimError as error:
             if LOUD in ctx.meta:
                 traceback.print_exception(error)
-            message = told(error)
+            message = with_page(error)
         except OSError as error:  # an output folder that is a file or read-only, a full disk
             if error.filename is None and error.errno is None:
                 raise
@@ -96,7 +96,7 @@ def _loud(ctx, option, value):
     """Begin -v: until the command ends, say on standard error which files are read and written."""
     if value and LOUD not in ctx.meta:
         ctx.meta[LOUD] = True
-        ctx.find_root().with_resource(_files_told())
+        ctx.find_root().with_resource(_files_logged())
         ctx.find_root().with_resource(hidden())  # lines and bars would mix
 
 
@@ -114,7 +114,7 @@ SWITCHES = [
 
 
 @contextmanager
-def _files_told():
+def _files_logged():
     log, handler = logging.getLogger("csstsim.files"), logging.StreamHandler()
     handler.setFormatter(logging.Formatter("csstsim: %(asctime)s.%(msecs)03d %(message)s", "%H:%M:%S"))
     log.addHandler(handler)

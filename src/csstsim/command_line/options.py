@@ -42,8 +42,8 @@ def stage(function):
     @functools.wraps(function)
     def logged(run, **options):
         names = {"obsid": "exposure", "chip_id": "chip", "chip_ids": "chip", "pix": "brick"}
-        told = [(word, options[key]) for key, word in names.items() if key in options]
-        parts = [(word, *(value if isinstance(value, tuple) else (value,))) for word, value in told]
+        named = [(word, options[key]) for key, word in names.items() if key in options]
+        parts = [(word, *(value if isinstance(value, tuple) else (value,))) for word, value in named]
         what = " ".join(str(part) for group in parts for part in group)
         verb = click.get_current_context().info_name
         with hushed(), job_log(verb, run.config.name, run.config.digest(), what):

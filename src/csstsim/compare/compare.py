@@ -60,9 +60,9 @@ def facts(a, b):
 def _tell(found, total, say, provenance):
     """Say the Facts of (product, Facts) pairs, then the sum; return how many products differ."""
     unlike, made = 0, {}
-    for name, told in found:
-        counted = [fact for fact in told if provenance or not fact.provenance]
-        for fact in told:
+    for name, facts in found:
+        counted = [fact for fact in facts if provenance or not fact.provenance]
+        for fact in facts:
             made.setdefault(fact.provenance, set()).add(name)
         for fact in counted:
             say(f"{name}: {fact.text}")

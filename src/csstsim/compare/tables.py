@@ -29,8 +29,8 @@ def table_facts(a, b):
     names = [name for name in columns[0] if name in columns[1]]
     if names != [name for name in columns[1] if name in names]:
         yield Fact("the columns are in another order")
-    rows, told = _common_rows(a, b, names)
-    yield from told
+    rows, facts = _common_rows(a, b, names)
+    yield from facts
     if rows is None:
         return
     key = _key(a, names)

@@ -14,7 +14,7 @@ YES, NO, MAYBE = "yes", "no", "maybe"  # a product must be there, must not, or m
 
 
 @dataclass(frozen=True)
-class Frame:
+class ExpectedFrame:
     """One Level-0 file: which exposure and chip it is of, what it was made from, and what must come with it.
 
     `recipe`: {name: digest}, and `rays_recipe` of the image of cosmic rays, which the readout writes; None where they
@@ -99,7 +99,7 @@ def of_campaign(run):
 def _frame(run, job):
     imaging, window = job.pointing.type == "SCIE" and job.chip.kind == "imaging", job.window
     rays = run.steps[job.pointing.type].step("cosmic_rays")
-    return Frame(
+    return ExpectedFrame(
         *job.key, job.chip.filter, job.pointing.type, run.paths.level0(job.pointing, job.chip.id), run.recipe(job),
         run.recipe(job, "readout"), (window.x0, window.x1, window.y0, window.y1), YES if imaging else NO,
         YES if run.has_orders(job) else NO, YES if rays is not None and rays.param.save_cosmic_image else NO,

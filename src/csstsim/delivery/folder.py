@@ -10,7 +10,7 @@ from collections import Counter
 from dataclasses import replace
 
 from csstsim.base.errors import InputError
-from csstsim.delivery.contents import MAYBE, NO, YES, Contents, Frame
+from csstsim.delivery.contents import MAYBE, NO, YES, Contents, ExpectedFrame
 from csstsim.io.keywords import recorded_recipe
 from csstsim.io.level0 import read_level0
 from csstsim.io.paths import KIND, LIGHT, ORDERS, STEM, TRUTH, Paths
@@ -70,9 +70,9 @@ def _stems(folder):
 
 
 def _frame(stem, path):
-    """Return the Frame of a Level-0 file: what its header says, or, if that cannot be read, its name alone."""
+    """Return the ExpectedFrame of a Level-0 file: what its header says, or, if that cannot be read, its name alone."""
     kind, obsid, chip = TYPES[stem[1]], stem[2], int(stem[3])
-    frame = Frame(obsid, chip, None, kind, path, None, None, None, MAYBE, MAYBE, MAYBE)
+    frame = ExpectedFrame(obsid, chip, None, kind, path, None, None, None, MAYBE, MAYBE, MAYBE)
     if kind != "SCIE":
         frame = replace(frame, measured=NO, extracted=NO)
     try:

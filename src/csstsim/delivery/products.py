@@ -6,8 +6,7 @@ from functools import partial
 from pathlib import Path
 
 from csstsim.bricks.hats import ABOUT
-from csstsim.delivery import frames
-from csstsim.delivery import shared_products as shared
+from csstsim.delivery import campaign_checks, frame_checks
 from csstsim.delivery.contents import MAYBE, NO, YES
 from csstsim.io.paths import COSMIC, ORDERS, TRUTH
 
@@ -49,32 +48,36 @@ def _of_frame(contents, frame, seen):
     orders, cosmic = frame.beside(ORDERS), frame.beside(COSMIC)
     measured, spectra, calibrated = (of(*frame.key) for of in (paths.measure, paths.spectra, paths.calibrated))
     picture = spectra.with_suffix(".png")
-    yield Product("Level-0", frame.level0, YES, partial(frames.level0, frame))
-    yield Product("truth", frame.beside(TRUTH), YES, partial(frames.truth, frame))
-    yield Product("truth of orders", orders, frame.extracted, partial(frames.orders, orders, frame))
-    yield Product("cosmic rays", cosmic, frame.cosmic, partial(frames.cosmic, cosmic, frame))
+    yield Product("Level-0", frame.level0, YES, partial(frame_checks.level0, frame))
+    yield Product("truth", frame.beside(TRUTH), YES, partial(frame_checks.truth, frame))
+    yield Product("truth of orders", orders, frame.extracted, partial(frame_checks.orders, orders, frame))
+    yield Product("cosmic rays", cosmic, frame.cosmic, partial(frame_checks.cosmic, cosmic, frame))
     kept = NO if frame.measured == NO else contents.calibrated
-    yield Product("calibrated", calibrated, kept, partial(frames.calibrated, calibrated, frame))
-    yield Product("measured", measured, frame.measured, partial(frames.measured, measured, frame, recipe, seen))
-    yield Product("spectra", spectra, frame.extracted, partial(frames.spectra, spectra, frame, recipe))
-    yield Product("figure of spectra", picture, frame.extracted, partial(shared.picture, picture))
+    yield Product("calibrated", calibrated, kept, partial(frame_checks.calibrated, calibrated, frame))
+    yield Product("measured", measured, frame.measured, partial(frame_checks.measured, measured, frame, recipe, seen))
+    yield Product("spectra", spectra, frame.extracted, partial(frame_checks.spectra, spectra, frame, recipe))
+    yield Product("figure of spectra", picture, frame.extracted, partial(campaign_checks.picture, picture))
 
 
 def _inputs(contents):
     paths = contents.paths
     for path, recipe in contents.light.items():
-        yield Product("light of a chip", path, YES, partial(frames.light, path, recipe))
+        yield Product("light of a chip", path, YES, partial(frame_checks.light, path, recipe))
     for chip, record in contents.masters.items():
-        yield Product("masters", paths.masters(chip), YES, partial(shared.masters, paths.masters(chip), record))
+        yield Product(
+            "masters", paths.masters(chip), YES, partial(campaign_checks.masters, paths.masters(chip), record)
+        )
     for chip, frame in contents.psf.items():
         made, tables = paths.psf(chip), paths.psf_tables(chip)
-        yield Product("PSF set", made, YES, partial(shared.psf, made, frame))
-        yield Product("PSF tables", tables, YES, partial(shared.psf_tables, tables, made, frame), (made,))
+        yield Product("PSF set", made, YES, partial(campaign_checks.psf, made, frame))
+        yield Product("PSF tables", tables, YES, partial(campaign_checks.psf_tables, tables, made, frame), (made,))
     for pix, record in contents.truth.items():
-        yield Product("truth brick", paths.truth(pix), YES, partial(shared.truth_brick, paths.truth(pix), record))
+        yield Product(
+            "truth brick", paths.truth(pix), YES, partial(campaign_checks.truth_brick, paths.truth(pix), record)
+        )
     for name in ABOUT if contents.truth else ():  # with the report, if all bricks were there
         path = paths.truth_catalogue / name
-        check = partial(shared.partition, path, contents.truth) if path.suffix == ".csv" else None
+        check = partial(campaign_checks.partition, path, contents.truth) if path.suffix == ".csv" else None
         yield Product("truth catalogue", path, MAYBE, check)
 
 
@@ -82,26 +85,26 @@ def _bricks(contents, seen):
     paths, known = contents.paths, {frame.key: frame for frame in contents.frames}
     for pix, recipe in contents.bricks.items():
         merged = paths.merge(pix)
-        yield Product("merged brick", merged, YES, partial(shared.merged, merged, pix, recipe, known, seen))
+        yield Product("merged brick", merged, YES, partial(campaign_checks.merged, merged, pix, recipe, known, seen))
     if contents.bricks:
         folder = paths.merge_catalogue
         about, listed = (
             [folder / "dataset" / n for n in ("_metadata", "_common_metadata")],
             folder / "partition_info.csv",
         )
-        yield Product("merged catalogue", listed, YES, partial(shared.partition, listed, contents.bricks))
+        yield Product("merged catalogue", listed, YES, partial(campaign_checks.partition, listed, contents.bricks))
         yield from (Product("merged catalogue", path, YES, None) for path in about)
-        check = partial(shared.catalogue, folder, contents.bricks, seen)
+        check = partial(campaign_checks.catalogue, folder, contents.bricks, seen)
         yield Product("merged catalogue", folder / "hats.properties", YES, check, tuple(about))
     for pix, recipe in contents.bricks.items():
         path = paths.validate(pix)
-        yield Product("validation", path, YES, partial(shared.validation, path, pix, recipe, seen))
+        yield Product("validation", path, YES, partial(campaign_checks.validation, path, pix, recipe, seen))
         picture = path.with_suffix(".png")
-        yield Product("figure of validation", picture, YES, partial(shared.picture, picture))
+        yield Product("figure of validation", picture, YES, partial(campaign_checks.picture, picture))
 
 
 def _report(contents, seen):
     page = contents.paths.report
     verdict = page.with_name("verdict.json")
-    yield Product("report", page, contents.report, partial(shared.page, page))
-    yield Product("verdict", verdict, contents.report, partial(shared.verdict, verdict, contents.bricks, seen))
+    yield Product("report", page, contents.report, partial(campaign_checks.page, page))
+    yield Product("verdict", verdict, contents.report, partial(campaign_checks.verdict, verdict, contents.bricks, seen))

@@ -9,7 +9,7 @@ from csstsim.delivery.contents import MAYBE, of_campaign
 from csstsim.delivery.folder import of_folder
 from csstsim.delivery.manifest import HASHES, SIZES, manifest_faults, write_manifest
 from csstsim.delivery.products import products
-from csstsim.io.owner import FILE as OWNER
+from csstsim.io.output_owner import FILE as OWNER
 
 BESIDE = ("logs", "benchmarks", ".snakemake", OWNER)  # of the workflow: neither products nor foreign
 

@@ -77,7 +77,7 @@ def _tail(key):
     """Return a normal number from beyond TAIL."""
     counter = np.uint64(0)
     while True:
-        beyond = -math.log(unit(word(key, counter))) / TAIL
-        if -2 * math.log(unit(word(key, counter + _ONE))) >= beyond * beyond:
-            return TAIL + beyond
+        distance = -math.log(unit(word(key, counter))) / TAIL
+        if -2 * math.log(unit(word(key, counter + _ONE))) >= distance * distance:
+            return TAIL + distance
         counter += _TWO

@@ -20,7 +20,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
-from csstsim.catalog.places.ephemeris import observer
+from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.detector.channels import LAYOUTS, ReadoutFrame
 from csstsim.instrument.chip import Window
 from csstsim.io.fits import compress, image_header, open_fits, read_header, read_pixels, verify_hdu, write_hdus
@@ -118,7 +118,7 @@ class Level0:
 
     @cached_property
     def observer(self):
-        """The spacecraft's state at the start: the catalog.places.ephemeris.Observer of the apparent directions.
+        """The spacecraft's state at the start: the catalog.astrometry.ephemeris.Observer of the apparent directions.
 
         Raises InputError if a keyword is missing.
         """

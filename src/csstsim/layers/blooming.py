@@ -1,7 +1,7 @@
 """Pixel saturation and bleeding (paper, Appendix B item 9): charge above the full well spills along columns and rows.
 
 Half of the excess goes either way, to the nearest pixels with room; columns run through the middle of the chip; what
-reaches the window's border leaves it and is counted (csstsim.detector.bleed). Left out: wells that differ.
+reaches the window's border leaves it and is counted (csstsim.detector.blooming). Left out: wells that differ.
 """
 
 from pydantic import Field
@@ -27,12 +27,12 @@ def apply(state, param, rng):
 
     Raises ValueError if counted electrons were not merged or a pixel is not finite.
     """
-    from csstsim.detector.bleed import bleed  # numba: half a second that checking a campaign need not pay
+    from csstsim.detector.blooming import bloom  # numba: half a second that checking a campaign need not pay
 
     if state.counted is not None:
         raise ValueError("counted electrons were not merged: poisson_and_dark must come before blooming")
     detector = state.chip.detector
     share = detector.bloom_row_share if param.row_share is None else param.row_share
-    number, lost = bleed(state.image, detector.full_well, share, state.mask)
+    number, lost = bloom(state.image, detector.full_well, share, state.mask)
     state.header |= {"saturated": number, "bloom_lost": lost}
     return state

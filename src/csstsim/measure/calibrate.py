@@ -1,8 +1,8 @@
 """Level-0 frame to electrons: overscan, gain, nonlinearity, moved charge, flat; the first step of the measurement.
 
 The bias of each readout channel is the robust mean of its own serial overscan (bias + read noise only), and its read
-noise the robust scatter there. Charge is moved back to where the light came (measure.reverse_transfer), then divided by
-the flat field and shutter that the light has met. Dark current and sky go into the background of `measure.detect`.
+noise the robust scatter there. measure.charge_correction moves charge back to where the light came. Then it is divided
+by the flat field and shutter that the light has met. Dark current and sky go into the background of `measure.detect`.
 """
 
 from dataclasses import dataclass
@@ -55,7 +55,7 @@ class Calibrated:
 
 def calibrate(
     frame, readout, gain, *, nonlinearity=None, adc_max=65535, full_well=None, response=None, bad=None, offset=None,
-    undo=None,
+    correct=None,
 ):  # fmt: skip
     """Turn a raw frame into electrons.
 
@@ -63,10 +63,9 @@ def calibrate(
     `gain`: {channel: electron/DN}, channels as in the Level-0 keywords GAINnn; `nonlinearity`:
     {channel: (quadratic, cubic)}, undone up to `full_well`, where the file states it. A pixel is saturated at
     `adc_max` DN or from `full_well` electrons; `response`: share of the light that was counted; `bad`:
-    known defects, or None; `offset`: {channel: electrons} of a bias beside the overscan's; `undo`: electrons (ny, nx)
-    -> the charge where light made it, or None. Returns `Calibrated`.
-    Raises InputError when the frame does
-    not have the readout's shape or a channel's gain is missing or not positive.
+    known defects, or None; `offset`: {channel: electrons} of a bias beside the overscan's; `correct`: a function
+    from electrons (ny, nx) to the charge where light made it, or None. Returns `Calibrated`. Raises InputError when the
+    frame does not have the readout's shape or a channel's gain is missing or not positive.
     """
     if frame.shape != readout.shape:
         raise InputError("the frame does not have the shape of its readout", value=frame.shape, allowed=readout.shape)
@@ -90,8 +89,8 @@ def calibrate(
         saturated[block.image] = raw >= adc_max
     if full_well is not None:
         saturated |= electrons >= full_well
-    if undo is not None:
-        electrons = undo(electrons)
+    if correct is not None:
+        electrons = correct(electrons)
     if response is not None:
         electrons /= response
     bad = np.zeros(electrons.shape, bool) if bad is None else bad

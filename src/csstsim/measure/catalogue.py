@@ -9,7 +9,7 @@ point of the filter.
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.places.astrometry import icrs
+from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.measure.bad_pixels import BAD, FULL, RAY, mend
 from csstsim.measure.centroid import position_errors
@@ -91,7 +91,7 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     """Return the ObjectTable of one frame; `calibrated.electrons` is used up (background taken off in place).
 
     `calibrated`: measure.calibrate.Calibrated of `window`; `psf`: PsfSet of the chip; `wcs`: ChipWCS;
-    `observer`: catalog.places.ephemeris.Observer.
+    `observer`: catalog.astrometry.ephemeris.Observer.
     The columns are `COLUMNS`, rows by decreasing S/N. What adaptive moments (measure.moments) give is NaN where they
     failed; g1, g2, g_err, which compare with the truth's e1, e2 sheared by its g1, g2, also where the source is not
     resolved.

@@ -27,7 +27,7 @@ _TAIL_FIRST = first_of(_RAREST)
 def tail_table(wing, half):
     """Return the radii [px] beyond which a share u of the light outside radius `half` lies, on octaves of u to 1."""
     r = np.geomspace(half, half * 2.0**-_RAREST, 4096)
-    share = wing.beyond(r).mean(axis=0)
+    share = wing.light_beyond(r).mean(axis=0)
     share /= share[0]
     return np.exp(np.interp(np.log(nodes(_RAREST, 0)), np.log(share[::-1]), np.log(r[::-1])))
 

@@ -46,7 +46,7 @@ def wing_beyond(wing, half, shows=True):
     """
     inner, outer = (f * half for f in FADE)
     profile = wing.profile(np.maximum(RADII, inner)) * (1 - step(RADII, inner if shows else 0.0, outer))
-    return Far(profile, light_of(profile) + wing.beyond(RADII[-1]))
+    return Far(profile, light_of(profile) + wing.light_beyond(RADII[-1]))
 
 
 @lru_cache

@@ -5,7 +5,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:  # names alone: a stage imports what it uses
-    from csstsim.catalog.places.ephemeris import Observer
+    from csstsim.catalog.astrometry.ephemeris import Observer
     from csstsim.instrument.camera import Camera
     from csstsim.instrument.chip import Chip, Window
     from csstsim.instrument.filter import Filter
@@ -67,6 +67,6 @@ class Exposure:
 
     def footprint(self, margin_px=0.0):
         """Return ra[4], dec[4] of the window's corners, grown by a margin: ICRS at the epoch, not apparent."""
-        from csstsim.catalog.places.astrometry import icrs
+        from csstsim.catalog.astrometry.reduction import icrs
 
         return icrs(*self.wcs.footprint(self.window, margin_px), self.observer)

@@ -1,8 +1,8 @@
 """Where the Sun, the Moon and the bright planets stand for the spacecraft, and how bright they are.
 
-The Sun as catalog.places.ephemeris has it; the Moon from ERFA's moon98 (Meeus 1998, 10"), shifted by the spacecraft's
-parallax; planets from plan94, within arcminutes. Directions are geometric: light time and aberration (20") are nothing
-to stray light. V magnitudes by distance and phase angle, as polynomials of sky.yaml.
+The Sun as catalog.astrometry.ephemeris has it; the Moon from ERFA's moon98 (Meeus 1998, 10"), shifted by the
+spacecraft's parallax; planets from plan94, within arcminutes. Directions are geometric: stray light does not notice
+light time and aberration (20"). V magnitudes by distance and phase angle, as polynomials of sky.yaml.
 """
 
 import math
@@ -12,7 +12,7 @@ import numpy as np
 
 from csstsim.base.sphere import angle, unit_vectors
 from csstsim.base.units import AU_KM, EARTH_RADIUS_KM
-from csstsim.catalog.places.ephemeris import mjd_tt, observer
+from csstsim.catalog.astrometry.ephemeris import mjd_tt, observer
 
 _MJD_ZERO = 2_400_000.5
 

@@ -95,8 +95,8 @@ def node_rows(gratings, window):
     return np.array(sorted(row for row in rows if regular[0] <= row <= regular[-1]))
 
 
-def _nodes(first, beyond):
-    return NODE * np.arange(first // NODE, (beyond - 1) // NODE + 2, dtype=float)
+def _nodes(first, stop):
+    return NODE * np.arange(first // NODE, (stop - 1) // NODE + 2, dtype=float)
 
 
 def landing(order, x, y, wave):

@@ -61,7 +61,7 @@ def calibrated_frame(run, job):
     return file, to_electrons(
         file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
         full_well=detector.full_well, response=response, bad=bad, offset=offset,
-        undo=_undo(run, job, steps, replace(streams, chip_id=-job.chip.id) if from_frames else streams),
+        correct=_charge_correction(run, job, steps, replace(streams, chip_id=-job.chip.id) if from_frames else streams),
     )  # fmt: skip
 
 
@@ -94,12 +94,12 @@ def _by_masters(run, job, streams):
     return flat if response is None else flat * response, planes["bad"][part] > 0, offset
 
 
-def _undo(run, job, steps, streams):
+def _charge_correction(run, job, steps, streams):
     """Return a function that moves charge back to where light made it. streams: rng.Streams of the traps."""
     from csstsim.detector.bfe_kernel import detector_kernel
     from csstsim.detector.brighter_fatter import move_charge
     from csstsim.detector.charge_transfer.transfer import transfer
-    from csstsim.measure.reverse_transfer import undone
+    from csstsim.measure.charge_correction import corrected
 
     detector, passes = run.camera.detector, run.config.measurement.cti_passes
     traps, spread = steps.step("cte_effect"), steps.step("brighter_fatter")
@@ -113,9 +113,9 @@ def _undo(run, job, steps, streams):
         move_charge(image, *detector_kernel(detector), detector.full_well)
         image += below
 
-    def undo(electrons):
+    def correct(electrons):
         if traps and traps.param.density_scale > 0:
-            electrons = undone(electrons, trap, passes)
-        return undone(electrons, push, PUSHES) if spread else electrons
+            electrons = corrected(electrons, trap, passes)
+        return corrected(electrons, push, PUSHES) if spread else electrons
 
-    return undo
+    return correct

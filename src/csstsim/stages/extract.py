@@ -35,7 +35,7 @@ def spectra_of_frame(run, job):
     Raises InputError, also for a chip without a grating.
     """
     from csstsim.io.orders import check_orders, read_orders
-    from csstsim.measure.spectra.extract import Frame, Sources
+    from csstsim.measure.spectra.extract import DispersedImage, Sources
     from csstsim.measure.spectra.spectral_model import make_model
     from csstsim.optics.scatter.scattered_light import read_scattered
     from csstsim.stages.render import object_spectra
@@ -56,7 +56,7 @@ def spectra_of_frame(run, job):
     middle = 0.5 * (job.window.x0 + job.window.x1), 0.5 * (job.window.y0 + job.window.y1)
     wing, photons = read_scattered(psf).wing, run.camera.telescope.area_m2 * job.pointing.exptime
     model = make_model(gratings, photons, psf.at(*middle), psf.oversampling, psf.wavelength, wing)
-    frame = Frame.of(calibrated, job.window)
+    frame = DispersedImage.of(calibrated, job.window)
     others = model.image(orders, sources.shapes, sources.spectra, sources.edges, job.window, frame.faintest)
     return truth, replace(frame, others=others), orders, sources, model, psf, wing
 

@@ -25,7 +25,7 @@ def psf(run, chip_id):
     else:
         make_psf(
             path, chip, filter_, camera.telescope, camera.psf, config.grid, oversampling=config.oversampling,
-            beyond=scattered_light(camera, filter_), nodes_uv=_nodes_uv(camera, chip, config.grid), **digests,
+            scattered=scattered_light(camera, filter_), nodes_uv=_nodes_uv(camera, chip, config.grid), **digests,
         )  # fmt: skip
     psf_tables(run, chip)
 

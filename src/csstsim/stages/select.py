@@ -32,7 +32,7 @@ def selected(run, job):
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
     return select_objects(
         catalog, job.wcs, job.observer, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit,
-        rotated=config.shapes == "rotated90", beyond=scattered_light(camera, filter_), box=psf_box(run, job.chip),
+        rotated=config.shapes == "rotated90", scattered=scattered_light(camera, filter_), box=psf_box(run, job.chip),
         disperser=run.disperser(job),
     )  # fmt: skip
 

@@ -83,10 +83,10 @@ def _but_shapes(run):
 def _shapes_on(run):
     """Return bricks.shear.shapes of each measured frame of a campaign."""
     from csstsim.bricks.shear import shapes
-    from csstsim.bricks.validate import Frame, usable
+    from csstsim.bricks.validate import MeasuredFrame, judged_truth
 
     seam, out = run.camera.detector.channel_ny, []
     for job in progress(run.imaging_jobs, "frames"):
-        frame = Frame(truth_of(run, job), measured_table(run, job), seam, run.camera.telescope.pixel_scale)
-        out.append(shapes(frame, usable(frame)))
+        frame = MeasuredFrame(truth_of(run, job), measured_table(run, job), seam, run.camera.telescope.pixel_scale)
+        out.append(shapes(frame, judged_truth(frame)))
     return out

@@ -23,7 +23,7 @@ def validate(run, pix):
     """Compare a merged brick with the truth of the frames on it."""
     from csstsim.base.files.atomic import atomic_path
     from csstsim.bricks.result_file import write_result
-    from csstsim.bricks.validate import Frame, validate_brick
+    from csstsim.bricks.validate import MeasuredFrame, validate_brick
     from csstsim.bricks.verdict import NAMES, sentence
     from csstsim.catalog.table import ObjectTable
     from csstsim.report.figures import brick_figure
@@ -32,7 +32,7 @@ def validate(run, pix):
     camera = run.camera
     chip = camera.detector.channel_ny, camera.telescope.pixel_scale
     frames = (
-        Frame(truth_of(run, job), measured_table(run, job), *chip, _depth(run, job), frame_facts(run, job))
+        MeasuredFrame(truth_of(run, job), measured_table(run, job), *chip, _depth(run, job), frame_facts(run, job))
         for job in progress(jobs_on(run, pix), "frames")
     )
     merged = ObjectTable.read(made(run.paths.merge(pix), f"merge {run.file} --brick {pix}"))

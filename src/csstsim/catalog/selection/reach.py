@@ -74,8 +74,8 @@ def galaxy_radius(table, electrons, variance, pixel_scale):
     )  # 100 r_e holds all but 4e-5 of n = 4
     for _ in range(22):  # halving: to 1e-4 of a half-light radius
         middle = 0.5 * (inner + outer)
-        beyond = sum(light * light_beyond(middle, size, index) for light, index, size in parts)
-        too_small = beyond > lost
+        outside = sum(light * light_beyond(middle, size, index) for light, index, size in parts)
+        too_small = outside > lost
         inner, outer = np.where(too_small, middle, inner), np.where(too_small, outer, middle)
     return outer, lost
 

@@ -2,7 +2,7 @@
 
 `bricks_for` finds the truth bricks around a footprint; `select_objects` turns a catalogue into the table of one
 chip in one exposure. A footprint is that of the ICRS at the epoch (job.Job.footprint), where aberration is undone;
-what an object is drawn at is its apparent direction (catalog.places.astrometry), with the WCS of the image.
+what an object is drawn at is its apparent direction (catalog.astrometry.reduction), with the WCS of the image.
 
 Shapes stay the catalogue's. Aberration is conformal: it shears nothing, only stretches lengths by up to 1.3e-4; the
 deflection of light shears by 2e-8 at 90 deg from the Sun. Both are left out.
@@ -14,11 +14,11 @@ import numpy as np
 
 from csstsim.base.healpix import NSIDE
 from csstsim.base.sphere import grown, ra_dec, unit_vectors
+from csstsim.catalog.astrometry.reduction import apparent, at_epoch
 from csstsim.catalog.base import Region
 from csstsim.catalog.flags import BAD_VALUE, STRONG_LENSING, TRUNCATED_STAMP
 from csstsim.catalog.light.object_spectra import ROW
 from csstsim.catalog.light.photometry import rate_to_mag
-from csstsim.catalog.places.astrometry import apparent, at_epoch
 from csstsim.catalog.selection.drawable import unusable
 from csstsim.catalog.selection.reach import (
     POINT_MAX,
@@ -78,7 +78,7 @@ def _grown(ra, dec, margin_deg):
 
 
 def select_objects(
-    catalog, wcs, observer, window, filter, telescope, exptime, noise, mag_limit=None, rotated=False, beyond=None,
+    catalog, wcs, observer, window, filter, telescope, exptime, noise, mag_limit=None, rotated=False, scattered=None,
     box=POINT_MAX, disperser=None,
 ):  # fmt: skip
     """Return the ObjectTable of what reaches `window` of a chip, with the columns the renderer needs.
@@ -99,7 +99,7 @@ def select_objects(
     everything = catalog.table
     rows, places = near(everything, wcs, observer, window, 0.0 if disperser is None else disperser.gratings.reach)
     table = everything.take(rows)
-    optics = noise.variance(exptime), beyond, box, wcs.chip, filter, telescope
+    optics = noise.variance(exptime), scattered, box, wcs.chip, filter, telescope
     bound = catalog.rate_bound(rows, filter, telescope)
     if bound is not None:  # spectra of what cannot reach the window need not be summed
         electrons = bound * _magnification(table)[0] * exptime
@@ -188,29 +188,29 @@ def _magnification(table):
     return np.where(table["obj_type"] == STAR, 1.0, mu), thin
 
 
-def _extent(table, bad, electrons, variance, beyond, box, chip, filter, telescope):
+def _extent(table, bad, electrons, variance, scattered, box, chip, filter, telescope):
     """Return how far light goes [pixel]: reach, lost, wing (see `select_objects`), ghosts, and whether it was cut."""
-    beyond_px, ghosts = _beyond(beyond, electrons, variance, chip)
+    wing_px, ghosts = _scattered_reach(scattered, electrons, variance, chip)
     extended = (table["obj_type"] == GALAXY) & ~bad
-    reach, lost = _reach(table, extended, electrons, variance, beyond_px, box, filter, telescope)
+    reach, lost = _reach(table, extended, electrons, variance, wing_px, box, filter, telescope)
     truncated = reach > REACH_MAX
     reach = np.ceil(np.minimum(reach, REACH_MAX)).astype(np.int32)
-    wing = np.where(beyond_px > box, beyond_px, 0.0)
+    wing = np.where(wing_px > box, wing_px, 0.0)
     return reach, lost, wing, ghosts, truncated
 
 
-def _beyond(beyond, electrons, variance, chip):
+def _scattered_reach(scattered, electrons, variance, chip):
     """Return how far each object's wing [pixel] needs to go, and how far its ghosts lie if they are bright enough."""
-    if beyond is None:
+    if scattered is None:
         return np.zeros_like(electrons), np.zeros_like(electrons)
-    ghosts = 0.0 if beyond.ghosts is None else beyond.ghosts.reach(chip) * beyond.ghosts.visible(electrons)
-    return wing_reach(electrons, variance, beyond.wing), np.broadcast_to(ghosts, electrons.shape)
+    ghosts = 0.0 if scattered.ghosts is None else scattered.ghosts.reach(chip) * scattered.ghosts.visible(electrons)
+    return wing_reach(electrons, variance, scattered.wing), np.broadcast_to(ghosts, electrons.shape)
 
 
-def _reach(table, extended, electrons, variance, beyond_px, box, filter, telescope):
+def _reach(table, extended, electrons, variance, wing_px, box, filter, telescope):
     """Return (reach [pixel], lost: fraction of a galaxy's light that may lie beyond its stamp)."""
     reach = point_reach(electrons, variance, filter, telescope, box)
-    reach = np.where(extended, reach, np.clip(np.maximum(beyond_px, STAR_MIN), reach, box))
+    reach = np.where(extended, reach, np.clip(np.maximum(wing_px, STAR_MIN), reach, box))
     lost = np.zeros(len(reach), np.float32)
     reach[electrons <= 0] = POINT_MIN
     if extended.any():

@@ -7,7 +7,7 @@ raised: a broken installation is what this is for.
 from dataclasses import dataclass
 
 from csstsim.base.errors import CsstsimError
-from csstsim.base.help_page import told
+from csstsim.base.help_page import with_page
 
 OK, WARNING, PROBLEM = "ok", "warning", "problem"
 
@@ -40,6 +40,6 @@ def _safely(check, *arguments):
     try:
         yield from check(*arguments)
     except CsstsimError as error:
-        yield Finding(PROBLEM, name, told(error))
+        yield Finding(PROBLEM, name, with_page(error))
     except Exception as error:  # what a broken library raises
         yield Finding(PROBLEM, name, f"{type(error).__name__}: {error}")

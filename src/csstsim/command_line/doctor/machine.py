@@ -25,14 +25,14 @@ def room():
 
 def threads():
     """Cores that this process may use, and the variables that say how many threads libraries start."""
-    have, told = cores(), {name: os.environ[name] for name in THREADS if name in os.environ}
-    for name, value in told.items():
+    have, limits = cores(), {name: os.environ[name] for name in THREADS if name in os.environ}
+    for name, value in limits.items():
         value = value.split(",")[0].strip()  # OpenMP's list: the first is of the outermost level
         if not value.isdecimal() or int(value) == 0:
             yield Finding(PROBLEM, "threads", f"{name}={value} is no number of threads: export {name}=1, or unset it")
         elif int(value) > have:
             yield Finding(WARNING, "threads", f"{name}={value} on {have} cores: export {name}=1, or unset it")
-    set_ = ", ".join(f"{name}={value}" for name, value in told.items())
+    set_ = ", ".join(f"{name}={value}" for name, value in limits.items())
     yield Finding(
         OK, "cores", f"{have}; {set_ or 'no limit of threads is set'}; the workflow gives each job one thread"
     )

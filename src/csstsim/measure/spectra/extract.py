@@ -53,7 +53,7 @@ ERG_PER_CM2 = 1e3  # J / m2 in erg / cm2
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class DispersedImage:
     """What is extracted from: `electrons`, `unusable`, `saturated` (ny, nx) of a Window, `response` (ny, nx) or None,
     `read_noise` electrons; `others`: expected electrons of all orders (ny, nx), or None."""
 
@@ -67,7 +67,7 @@ class Frame:
 
     @classmethod
     def of(cls, calibrated, window, others=None):
-        """Return the Frame of a calibrate.Calibrated."""
+        """Return the DispersedImage of a calibrate.Calibrated."""
         noise = float(np.mean(list(calibrated.read_noise.values())))
         unusable = calibrated.bad | ~np.isfinite(calibrated.electrons)
         seen = calibrated.electrons, unusable, calibrated.saturated, calibrated.response
@@ -109,7 +109,7 @@ def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,
 
     orders: ObjectTable of io.orders; sources: Sources; model: spectral_model.SpectralModel; psf: PsfSet, or what has
     its `at` and `oversampling`; wing: optics.scatter.halo.Wing of it or None; wanted: orders; snr_min: predicted S/N
-    per resolution element. Frame.others is subtracted where there is one, less the spectrum's own.
+    per resolution element. DispersedImage.others is subtracted where there is one, less the spectrum's own.
     """
     chosen = np.isin(orders["order"], wanted) & (orders["drawn"] > 0)
     chosen &= predicted_snr(orders, sources.shapes, frame.noise) >= snr_min

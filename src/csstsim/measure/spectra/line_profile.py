@@ -84,9 +84,9 @@ def _projected(index):
 
 def sersic_steps(index, radius):
     """Return the light of a collapsed Sersic profile in steps of 1 / PER_PX px centred on OFFSETS; radius > 0 in px."""
-    t, beyond = _projected(index)
+    t, share_beyond = _projected(index)
     edges = (np.arange(len(OFFSETS) + 1) - len(OFFSETS) / 2) / PER_PX
-    share = np.interp(np.abs(edges) / radius, t, beyond)
+    share = np.interp(np.abs(edges) / radius, t, share_beyond)
     return np.diff(np.where(edges > 0, 1 - share, share))
 
 

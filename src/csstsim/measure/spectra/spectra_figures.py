@@ -22,7 +22,7 @@ def spectra_figure(truth, frame, orders, table, dpi=90):
     """Return the PNG bytes of a frame's figure: of its star with the most light and its galaxy with the strongest line,
     the spectra extracted and true, and the pixels they come from.
 
-    truth: table of io.truth; frame: measure.spectra.extract.Frame; orders: of io.orders; table: of
+    truth: table of io.truth; frame: measure.spectra.extract.DispersedImage; orders: of io.orders; table: of
     measure.spectra.extract.
     """
     rows = chosen(truth, table)
@@ -34,7 +34,7 @@ def spectra_figure(truth, frame, orders, table, dpi=90):
     above, below = figure.subfigures(2, 1, height_ratios=(5.5, 2.4 * len(rows)))
     axes = above.subplots(2, len(rows), sharex="col", squeeze=False, height_ratios=(2.2, 1))
     for column, row in zip(axes.T, rows, strict=True):
-        spectrum_panels(column, table, usable(table, row), title(truth, row))
+        spectrum_panels(column, table, good_rows(table, row), title(truth, row))
     cutouts = below.subplots(len(rows), 1, squeeze=False)[:, 0]
     for axis, row in zip(cutouts, rows, strict=True):
         cutout_panel(axis, frame, orders, row, title(truth, row))
@@ -57,7 +57,7 @@ def chosen(truth, table):
 
     Both unsaturated and alone over most of their length.
     """
-    spectra = {int(row): usable(table, row) for row in np.unique(table["row"])}
+    spectra = {int(row): good_rows(table, row) for row in np.unique(table["row"])}
     spectra = {row: mine for row, mine in spectra.items() if mine is not None}
     stars = {r: table["model"][m].sum() for r, m in spectra.items() if truth["obj_type"][r] == STAR}
     others = {r: line_strength(table, m) for r, m in spectra.items() if truth["obj_type"][r] != STAR}
@@ -73,7 +73,7 @@ def title(truth, row):
     return text
 
 
-def usable(table, row, least=200):
+def good_rows(table, row, least=200):
     """Return the rows of one object in a table of measure.spectra.extract; None: under `least` good columns."""
     mine = np.flatnonzero(table["row"] == row)
     good = (table["flags"][mine] & (DIM | LOST | CUT | SATURATED | CONTAMINATED | BESIDE | UNEVEN) == 0).sum()
@@ -117,8 +117,8 @@ def spectrum_panels(axes, table, mine, title):
 def cutout_panel(axis, frame, orders, row, title, order=1):
     """Draw the pixels about one object's spectrum, and the traces of every order of every object there.
 
-    frame: measure.spectra.extract.Frame; orders: table of io.orders; row: of the truth table. The object's own traces
-    are lines, those of others dashed; a zeroth order is a ring.
+    frame: measure.spectra.extract.DispersedImage; orders: table of io.orders; row: of the truth table. Lines
+    are the object's own traces, dashed lines those of others; a ring is a zeroth order.
     """
     window = frame.window
     # of a bright object's two gratings, one has only light of its wing, without a trace

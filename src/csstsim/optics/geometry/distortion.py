@@ -40,7 +40,7 @@ class ChipDistortion:
     def inverse(self, x, y):
         """Return the ideal pixel x0, y0 whose light falls on x, y: Newton's method, to 1e-10 px."""
         x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
-        ideal = _warp(x.size).inverse(x.ravel(), y.ravel(), self.model).reshape(*x.shape, 2)
+        ideal = _splines(x.size).inverse(x.ravel(), y.ravel(), self.model).reshape(*x.shape, 2)
         return ideal[..., 0], ideal[..., 1]
 
     def jacobian(self, x0, y0):
@@ -50,10 +50,10 @@ class ChipDistortion:
 
     def _land(self, x0, y0):
         x0, y0 = np.broadcast_arrays(np.asarray(x0, float), np.asarray(y0, float))
-        return _warp(x0.size).forward(x0.ravel(), y0.ravel(), self.model).reshape(*x0.shape, 6)
+        return _splines(x0.size).forward(x0.ravel(), y0.ravel(), self.model).reshape(*x0.shape, 6)
 
 
-def _warp(points):
+def _splines(points):
     """Return the module that warps `points` more points: compiled once this process has asked for enough of them."""
     global _asked
     _asked += _CALL + points

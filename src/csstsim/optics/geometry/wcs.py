@@ -15,7 +15,7 @@ With a distortion (optics.geometry.distortion) the pixels are those on which lig
 linear projection, as in the paper's Level-0 files (optics.geometry.sip writes one with the distortion in it).
 
 Everything here is 0-based but the two `crpix` and `header()`. The sky is the apparent one of the exposure (aberration
-and light deflection in it: catalog.places.astrometry), on axes parallel to the ICRS.
+and light deflection in it: catalog.astrometry.reduction), on axes parallel to the ICRS.
 """
 
 import math

@@ -85,9 +85,9 @@ class Interpolator:
         return index, weight
 
     def _idw(self, x, y):
-        from csstsim.optics.psf.nearest_nodes import nearest  # compiled: imported by those who use it
+        from csstsim.optics.psf.nearest_nodes import nearest_nodes  # compiled: imported by those who use it
 
-        found, distance = nearest(x, y, *self._live, self._neighbours)
+        found, distance = nearest_nodes(x, y, *self._live, self._neighbours)
         closest = distance.argmin(axis=1)[:, None]
         least = np.take_along_axis(distance, closest, 1)
         on_node = least < _ON_NODE_PX

@@ -7,7 +7,7 @@ _TIE = 1e-9  # relative difference of squared distances below which two nodes ar
 
 
 @njit(cache=True)
-def nearest(x, y, node_x, node_y, k):
+def nearest_nodes(x, y, node_x, node_y, k):
     """Return (index (n, k), distance (n, k) px) of the k <= m nearest of the nodes (m,), nearest first.
 
     Nodes equally far are taken in the order of their index, whatever the rounding of the distances.

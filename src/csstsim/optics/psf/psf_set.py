@@ -105,7 +105,7 @@ def chip_optics(chip, filter, psf_params, wavefront, oversampling, cells=CELLS):
 
 def make_psf(
     path, chip, filter, telescope, psf_params, grid, *, camera_digest, oversampling="auto", provenance=None,
-    cells=CELLS, beyond=None, nodes_uv=None,
+    cells=CELLS, scattered=None, nodes_uv=None,
 ):  # fmt: skip
     """Compute the PSFs of a chip and write them to `path` (layout: optics.psf.psf_file).
 
@@ -132,9 +132,9 @@ def make_psf(
         "camera_digest": camera_digest,
     }
     images = (node_psf(optics, row, kernel, oversampling) for row in progress(coefficients, "PSF nodes"))
-    if beyond is not None:
-        about |= beyond.attributes()
-        images = ((beyond.wing.add_to(image, oversampling), tilt) for image, tilt in images)
+    if scattered is not None:
+        about |= scattered.attributes()
+        images = ((scattered.wing.add_to(image, oversampling), tilt) for image, tilt in images)
     write_psf(
         path, nodes, filter.psf_wavelength, images, cells=cells, about=about, provenance=provenance or {},
         nodes_uv=nodes_uv,

@@ -54,7 +54,7 @@ class Wing:
         direct = ((1 - self.scattered) * self.airy).reshape(-1, *(1,) * np.ndim(r))
         return halo + direct / (np.pi * np.asarray(r, float)) ** 3
 
-    def beyond(self, r):
+    def light_beyond(self, r):
         """Return the fraction of all the light beyond radii r [px] of the profile, (4, *r.shape)."""
         q = 1 + (np.asarray(r, float)[..., None] / self.knee) ** 2
         halo = np.einsum("bk,...k->b...", self.share, q ** (1 - self.slope / 2))

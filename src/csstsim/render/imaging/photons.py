@@ -40,9 +40,9 @@ def shoot_scene(canvas, scene, keys, table, wing=None):
 
     keys: (n,) uint64, all different (counter.object_keys). table: PsfTable with the tables of all nodes of the scene.
     wing: optics.scatter.halo.Wing, where electrons beyond the PSF's box go, or None: nowhere. Returns on_window (n,)
-    int64, electrons counted; beyond (n,) int64, electrons, of `canvas.maximum` times the light, that fell outside the
-    PSF's box; box (n, 4) int64, x0, x1, y0, y1 of the chip's pixels reached, half-open, 0 if none. The result does not
-    depend on the order of the objects. Raises ValueError for arrays that do not fit, a response above the maximum, and
+    int64, electrons counted; outside_box (n,) int64, electrons, of `canvas.maximum` times the light, that fell
+    outside the PSF's box; box (n, 4) int64, x0, x1, y0, y1 of the chip's pixels reached, half-open, 0 if none. The
+    result does not depend on the order of the objects. Raises ValueError for arrays that do not fit, a response above the maximum, and
     what a Scene must not hold: numbers that are not finite, negative light, 2^31 electrons in an object, negative
     weights (a PSF interpolation that is not convex), nodes without tables.
     """
@@ -54,16 +54,16 @@ def shoot_scene(canvas, scene, keys, table, wing=None):
     if response.size and (response.shape != window.shape or not response.max() <= maximum * (1 + 1e-6)):
         raise ValueError(f"the response must be {window.shape} and at most {maximum}")
     n = len(scene)
-    on_window, beyond, box = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros((n, 4), np.int64)
+    on_window, outside_box, box = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros((n, 4), np.int64)
     order = np.lexsort((scene.x, np.floor(scene.y / _STRIP), scene.node[:, 0])) if n else np.zeros(0, np.int64)
     floats = (scene.matrix, scene.light, scene.sersic, scene.electrons)
     objects = scene.x - window.x0, scene.y - window.y0, *(np.ascontiguousarray(a, np.float64) for a in floats)
     objects += np.ascontiguousarray(scene.node), np.ascontiguousarray(scene.weight), keys
     psf = table.words.reshape(-1), table.share, table.bits, table.cells, table.per_pixel
     tail = np.empty(0) if wing is None else tail_table(wing, table.cells / table.per_pixel / 2)
-    _shoot((counted, response, float(maximum)), objects, psf, tail, (on_window, beyond, box), order)
+    _shoot((counted, response, float(maximum)), objects, psf, tail, (on_window, outside_box, box), order)
     box[on_window > 0] += canvas.corner
-    return on_window, beyond, box
+    return on_window, outside_box, box
 
 
 @numba.njit(cache=True)

@@ -187,8 +187,8 @@ def _integrate(
                         continue
                     centre = w1 / w0
                     sample = max(min(int(centre * per_step), last - 2), start)
-                    beyond = (centre * per_step - sample) * (last - start > 1)  # no step across a cut
-                    height = _exp(-more * (curve[sample] + beyond * (curve[sample + 1] - curve[sample])))
+                    fraction = (centre * per_step - sample) * (last - start > 1)  # no step across a cut
+                    height = _exp(-more * (curve[sample] + fraction * (curve[sample + 1] - curve[sample])))
                     light = rest[j] * w0 + slope * (w1 - left * w0)
                     if grid[start] < blue:
                         middle = 0.5 * (nodes[j] + nodes[min(j + 1, len(nodes) - 1)])

@@ -24,7 +24,7 @@ from csstsim.detector.mask import BLED, SATURATED
 _RUN = np.dtype([("start", np.int64), ("end", np.int64), ("excess", np.float64), ("moment", np.float64)])
 
 
-def bleed(image, full_well, row_share=0.0, mask=None):
+def bloom(image, full_well, row_share=0.0, mask=None):
     """Spill the charge of `image` (ny, nx; electrons, float32) above `full_well` [e-], in place.
 
     `row_share` 0..1: part of each excess that goes along its row. `mask` (uint8, same shape) or None gets SATURATED

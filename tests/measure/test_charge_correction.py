@@ -10,7 +10,7 @@ from csstsim.detector.bfe_kernel import detector_kernel
 from csstsim.detector.brighter_fatter import move_charge
 from csstsim.detector.charge_transfer.cti import transfer
 from csstsim.instrument.camera import load_camera
-from csstsim.measure.reverse_transfer import undone
+from csstsim.measure.charge_correction import corrected
 
 DENSITY, TIMES, WELL = np.array([0.025, 0.105, 0.655]), np.array([1.22, 14.02, 84.74]), (0.492, 85200.0, 0.0)
 ROWS = 2000  # px from the amplifier
@@ -48,7 +48,7 @@ def test_light_lost_on_the_way_comes_back(electrons):
     forward()(moved)
     lost = light(true) - light(moved)
     assert lost > 0.01 * electrons
-    back = undone(moved, forward(), 3)
+    back = corrected(moved, forward(), 3)
     chance = 5 * np.sqrt(lost / 800) + 0.05  # electrons that a trap takes or leaves, and rounding of a median
     assert abs(light(back) - light(true)) < 0.03 * lost + chance
 
@@ -57,7 +57,7 @@ def test_other_traps_of_the_same_density_do_nearly_as_well():
     true = stars(1000.0)
     moved = true.copy()
     forward()(moved)
-    lost, back = light(true) - light(moved), undone(moved, forward(key=99), 3)
+    lost, back = light(true) - light(moved), corrected(moved, forward(key=99), 3)
     assert abs(light(back) - light(true)) < 0.1 * lost
 
 
@@ -65,22 +65,22 @@ def test_each_pass_is_nearer():
     true = stars(1000.0)
     moved = true.copy()
     forward()(moved)
-    off = [np.abs(undone(moved, forward(), passes) - true).mean() for passes in (0, 1, 2, 4)]
+    off = [np.abs(corrected(moved, forward(), passes) - true).mean() for passes in (0, 1, 2, 4)]
     assert off[0] > 2 * off[1] > 2 * off[3] and off[2] <= off[1]
 
 
 def test_no_pass_changes_nothing_and_the_input_stays():
     image = stars(500.0)
     given = image.copy()
-    assert np.array_equal(undone(image, forward(), 0), given)
-    undone(image, forward(), 2)
+    assert np.array_equal(corrected(image, forward(), 0), given)
+    corrected(image, forward(), 2)
     assert np.array_equal(image, given)
 
 
 def test_charge_below_zero_and_an_empty_image_are_taken():
     noisy = np.random.default_rng(1).normal(0, 5, (50, 20)).astype(np.float32)
-    assert np.isfinite(undone(noisy, forward(), 3)).all()
-    assert undone(np.zeros((0, 20), np.float32), forward(), 3).shape == (0, 20)
+    assert np.isfinite(corrected(noisy, forward(), 3)).all()
+    assert corrected(np.zeros((0, 20), np.float32), forward(), 3).shape == (0, 20)
 
 
 def test_charge_that_charge_pushed_comes_back():
@@ -93,6 +93,6 @@ def test_charge_that_charge_pushed_comes_back():
     move_charge(moved, *how)
     lost = (true - moved).max()
     assert lost > 0.01 * true.max()
-    back = undone(moved, lambda image: move_charge(image, *how), 2)
+    back = corrected(moved, lambda image: move_charge(image, *how), 2)
     assert np.abs(back - true).max() < 0.01 * lost
     assert back.sum(dtype=float) == pytest.approx(true.sum(dtype=float), rel=1e-6)

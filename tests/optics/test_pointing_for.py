@@ -5,10 +5,10 @@ import math
 import pytest
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.places.astrometry import apparent
-from csstsim.catalog.places.ephemeris import observer
-from csstsim.optics.geometry.aim import aim, exposure_of
+from csstsim.catalog.astrometry.ephemeris import observer
+from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.optics.geometry.distortion import load_distortion
+from csstsim.optics.geometry.pointing_for import centred_exposure, pointing_for
 from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
 
 PIXEL = 4500.0, 4700.0
@@ -21,7 +21,7 @@ CLOSE = 1e-6  # px
 def test_the_place_is_on_the_pixel(camera, make_pointing, target, chip, pa):
     chip = camera.chips[chip]
     for distortion in (None, load_distortion(camera.folder / "distortion.fits")):
-        found = aim(make_pointing(pa=pa), chip, target, PIXEL, distortion)
+        found = pointing_for(make_pointing(pa=pa), chip, target, PIXEL, distortion)
         x, y = ChipWCS(chip, found, distortion).world_to_pixel(*target)
         assert math.hypot(x - PIXEL[0], y - PIXEL[1]) < CLOSE
         assert 0 <= found.ra < 360 and found.pa == pa
@@ -30,10 +30,10 @@ def test_the_place_is_on_the_pixel(camera, make_pointing, target, chip, pa):
 def test_beside_a_pole_a_position_angle_may_have_no_boresight(camera, make_pointing):
     """Seen from the target at the pole every direction is south: only a chip right above or below has a boresight."""
     with pytest.raises(ValueError, match="no boresight at position angle"):
-        aim(make_pointing(), camera.chips[9], (0.0, 90.0), PIXEL)
+        pointing_for(make_pointing(), camera.chips[9], (0.0, 90.0), PIXEL)
     at = camera.chips[9]
     mosaic = math.degrees(math.atan2(*_offset(at, make_pointing)))  # from boresight to pixel, at position angle 0
-    found = aim(make_pointing(pa=-mosaic), at, (0.0, 90.0), PIXEL)
+    found = pointing_for(make_pointing(pa=-mosaic), at, (0.0, 90.0), PIXEL)
     x, y = ChipWCS(at, found).world_to_pixel(0.0, 90.0)
     assert math.hypot(x - PIXEL[0], y - PIXEL[1]) < 1e-4  # px; at this one angle the triangle is degenerate
 
@@ -45,7 +45,7 @@ def _offset(chip, make_pointing):
 
 
 def test_an_exposure_reckons_with_aberration_and_distortion(camera):
-    found = exposure_of(
+    found = centred_exposure(
         camera, camera.chips[9], 150.0, 2.2, obsid="10100000001", pa=10.0, time="2027-11-20T01:20:00", exptime=150.0
     )
     distortion = load_distortion(camera.folder / "distortion.fits")
@@ -61,7 +61,7 @@ def test_an_exposure_reckons_with_aberration_and_distortion(camera):
 def test_bad_values_are_refused(camera, wrong):
     values = {"ra": 1.0, "dec": 1.0, "obsid": "10100000001", "pa": 0.0, "time": "2027-11-20T01:20:00", "exptime": 1.0}
     with pytest.raises(InputError):
-        exposure_of(camera, camera.chips[9], **(values | wrong))
+        centred_exposure(camera, camera.chips[9], **(values | wrong))
 
 
 @pytest.mark.parametrize("dec", [89.5, 89.6, 89.7])
@@ -70,7 +70,7 @@ def test_of_two_boresights_near_a_pole_the_nearer_one_is_taken(camera, make_poin
     chip, both = camera.chips[6], 0
     for pa in range(0, 360, 20):
         try:
-            found = aim(make_pointing(pa=float(pa)), chip, (10.0, dec), PIXEL)
+            found = pointing_for(make_pointing(pa=float(pa)), chip, (10.0, dec), PIXEL)
         except ValueError:
             continue  # none at this angle
         level = ChipWCS(chip, make_pointing(ra=0.0, dec=0.0, pa=float(pa)))

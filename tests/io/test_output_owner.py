@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from csstsim.base.errors import InputError
-from csstsim.io.owner import FILE, check_owner, claim
+from csstsim.io.output_owner import FILE, check_owner, claim_output
 
 
 def run_of(folder, name="one", file="campaign.yaml"):
@@ -17,10 +17,10 @@ def run_of(folder, name="one", file="campaign.yaml"):
 def test_a_folder_is_claimed_once_and_refused_to_others(tmp_path):
     mine = run_of(tmp_path)
     check_owner(mine)  # nobody's yet
-    claim(mine)
-    claim(mine)
+    claim_output(mine)
+    claim_output(mine)
     for other in (run_of(tmp_path, name="two"), run_of(tmp_path, file="other.yaml")):
-        for ask in (check_owner, claim):
+        for ask in (check_owner, claim_output):
             with pytest.raises(InputError, match="another campaign's"):
                 ask(other)
     check_owner(mine)
@@ -28,13 +28,13 @@ def test_a_folder_is_claimed_once_and_refused_to_others(tmp_path):
 
 def test_campaign_and_folder_may_move_together(tmp_path):
     (tmp_path / "here").mkdir()
-    claim(run_of(tmp_path / "here"))
+    claim_output(run_of(tmp_path / "here"))
     (tmp_path / "here").rename(tmp_path / "there")
     check_owner(run_of(tmp_path / "there"))
 
 
 def test_a_record_that_cannot_be_read_is_refused(tmp_path):
-    claim(run_of(tmp_path))
+    claim_output(run_of(tmp_path))
     (tmp_path / "out" / FILE).write_text("{")
     with pytest.raises(InputError, match="cannot be read"):
         check_owner(run_of(tmp_path))

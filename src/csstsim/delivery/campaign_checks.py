@@ -8,7 +8,7 @@ from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.healpix import brick_of, hats_index
 from csstsim.catalog.table import ObjectTable
-from csstsim.delivery.frames import other_recipe
+from csstsim.delivery.frame_checks import other_recipe
 from csstsim.io.frames import load_frame
 from csstsim.io.level0 import read_level0
 
@@ -63,7 +63,7 @@ def masters(path, record):
 def merged(path, pix, recipe, frames, seen):
     """Check a merged brick: recipe, that it owns its rows, and that every link leads to a measured row.
 
-    frames: {(obsid, chip): Frame}; seen.measured: {(obsid, chip): rows}; notes its rows and recipe in `seen`.
+    frames: {(obsid, chip): ExpectedFrame}; seen.measured: {(obsid, chip): rows}; notes its rows and recipe in `seen`.
     """
     table = ObjectTable.read(path)
     yield from other_recipe(table.meta.get("recipe"), recipe)

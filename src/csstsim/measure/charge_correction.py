@@ -9,7 +9,7 @@ grows a little with charge transfer undone (docs/calibration.md).
 """
 
 
-def undone(electrons, forward, passes):
+def corrected(electrons, forward, passes):
     """Return the charge (ny, nx) that `forward` (an image, changed in place) makes into `electrons`, after `passes`."""
     guess = electrons.copy()
     for _ in range(passes):

@@ -4,14 +4,14 @@ import math
 from dataclasses import replace
 
 from csstsim.base.errors import InputError
-from csstsim.catalog.places.astrometry import apparent
-from csstsim.catalog.places.ephemeris import observer
+from csstsim.catalog.astrometry.ephemeris import observer
+from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.instrument.pointing import Pointing, mjd_utc
 from csstsim.optics.geometry.distortion import load_distortion
 from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
 
 
-def aim(pointing, chip, target, pixel, distortion=None):
+def pointing_for(pointing, chip, target, pixel, distortion=None):
     """Return the Pointing with ra, dec changed so that an apparent direction falls on a 0-based pixel of a chip.
 
     target: (ra, dec) [deg]; pixel: (x, y); position angle and time stay. In the triangle of pole, boresight and target
@@ -35,7 +35,7 @@ def aim(pointing, chip, target, pixel, distortion=None):
     return replace(pointing, ra=(ra - float(_seen(pointing, dec_b, chip, pixel, distortion)[0])) % 360.0, dec=dec_b)
 
 
-def exposure_of(camera, chip, ra, dec, *, obsid, pa, time, exptime, distorted=True, **astrometry):
+def centred_exposure(camera, chip, ra, dec, *, obsid, pa, time, exptime, distorted=True, **astrometry):
     """Return the Pointing of a science exposure that has ra, dec (ICRS, deg) on the middle of a chip.
 
     camera: instrument.camera.Camera; pa [deg], time (ISO UTC), exptime [s] as in a survey table; distorted: light meets
@@ -55,7 +55,7 @@ def exposure_of(camera, chip, ra, dec, *, obsid, pa, time, exptime, distorted=Tr
         pointing = Pointing(obsid, "SCIE", ra, dec, pa, time, exptime, *state)
         target = tuple(map(float, apparent(ra, dec, observer(pointing.mjd, *state, **astrometry))))
         middle = (chip.detector.nx - 1) / 2, (chip.detector.ny - 1) / 2
-        return aim(
+        return pointing_for(
             pointing, chip, target, middle, load_distortion(camera.folder / "distortion.fits") if distorted else None
         )
     except ValueError as exc:
