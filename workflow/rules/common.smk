@@ -55,9 +55,9 @@ kept = (lambda path: path) if RUN.config.keep == "light" else temp  # what rende
 MADE = kinds(RUN)
 
 
-def made(rule, places=None):
+def made(rule, some=None):
     """The files that a rule makes for some jobs, chips or bricks, or for all."""
-    return MADE[rule].files(places)
+    return MADE[rule].files(some)
 
 
 def take_folder():

@@ -41,7 +41,7 @@ def plan(run):
         "PSF tables": nodes * BYTES_PER_NODE,
         "largest intermediates (a job)": 8 * max(job.window.nx * job.window.ny for job in jobs),
     }
-    if kept := kinds(run)["render"].places:
+    if kept := kinds(run)["render"].made_for:
         disk["light kept"] = sum(KEPT_BYTES[job.chip.kind] * 1e6 * megapixels(job) for job in kept)
     return counts, disk, costs
 

@@ -1,7 +1,7 @@
-"""What a campaign makes: a row for each kind of product, with the rules that make it and the files of each place.
+"""What a campaign makes: a row for each kind of product, with the rules that make it and its files.
 
-The workflow's targets and inputs, `csstsim status` and what is said when all is made come from here; io.paths knows
-where a file lies, campaign.costs what a rule takes.
+The workflow's targets and inputs, `csstsim status` and the workflow's last message come from here. io.paths has the
+paths of files, campaign.costs the cost of a rule.
 """
 
 from collections.abc import Callable
@@ -18,26 +18,29 @@ class Kind:
     """Products of one kind."""
 
     name: str
-    rules: tuple[str, ...]  # the last one writes the product; those before it work for it alone
-    look_up: Callable  # () -> what there is one of it for: jobs, chips' numbers, bricks, or None for the campaign
-    of: Callable  # place -> its files, a list: the product first, then what the rule writes beside it
+    rules: tuple[str, ...]  # the last one writes the product; the others only prepare it
+    look_up: Callable  # () -> `made_for`
+    files_of: Callable  # job, chip or brick -> its files, a list: the product first, then others the rule writes
     target: bool = True  # made again if it is missing from a finished campaign, and not only if a job needs it
-    end: str = ""  # said when the workflow is done, with {n} for how many
+    end: str = ""  # part of the workflow's last message, with {n} for their number
 
     @property
-    def places(self):
-        """What there is one of it for; looked up when asked, for a job of a survey need not know all bricks of it."""
+    def made_for(self):
+        """The jobs, chips' numbers or bricks that have one each; [None] for one of the whole campaign.
+
+        Looked up only when asked: one job of a survey need not know all bricks.
+        """
         return self.look_up()
 
-    def files(self, places=None):
-        """Return the files of some places, or of all, as strings."""
-        return [str(path) for place in (self.places if places is None else places) for path in self.of(place)]
+    def files(self, some=None):
+        """Return the files of some jobs, chips or bricks, or of all, as strings."""
+        return [str(path) for one in (self.made_for if some is None else some) for path in self.files_of(one)]
 
 
 def kinds(run):
-    """Return {rule: Kind} of an opened.OpenCampaign, in the order of the workflow; a kind may have no places.
+    """Return {rule: Kind} of an opened.OpenCampaign, in the order of the workflow; a kind may have no products.
 
-    Truth bricks and PSF sets are no targets: a new one is newer than all chips, which would be made again with it.
+    Truth bricks and PSF sets are not targets: a new one would be newer than all chips, and all would be made again.
     """
     paths, config = run.paths, run.config
     kept = [job for job in run.jobs if config.keep == "light" and run.has_stage(job.pointing, "render")]
@@ -98,5 +101,5 @@ def _report(run):
 
 def summary(run, made):
     """Return what the campaign made and where to look, in lines. made: what `kinds` returned."""
-    said = [kind.end.format(n=len(kind.places)) for kind in made.values() if kind.end and kind.places]
+    said = [kind.end.format(n=len(kind.made_for)) for kind in made.values() if kind.end and kind.made_for]
     return "\n".join([f"\n{run.config.name}, in {run.paths.output}:", *(f"  {line}" for line in said)])

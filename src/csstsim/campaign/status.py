@@ -75,13 +75,13 @@ def wanted(run):
     """Return {kind: {path: CPU s}} of the products of a campaign.opened.OpenCampaign, in the order of the workflow."""
     costs = expected(run)
 
-    def cpu(kind, place):
-        key = getattr(place, "key", place)
+    def cpu(kind, one):
+        key = getattr(one, "key", one)
         return sum(costs[rule][key].cpu_s for rule in kind.rules if key in costs.get(rule, ()))
 
     return {
-        kind.name: {str(kind.of(place)[0]): cpu(kind, place) for place in kind.places}
-        for kind in kinds(run).values() if kind.places
+        kind.name: {str(kind.files_of(one)[0]): cpu(kind, one) for one in kind.made_for}
+        for kind in kinds(run).values() if kind.made_for
     }  # fmt: skip
 
 

@@ -89,7 +89,7 @@ def of_campaign(run):
         bricks={pix: run.brick_recipe(pix) for pix in run.merge_bricks},
         truth={pix: brick_meta(pix=pix, **run.universe_key()) for pix in run.sky_bricks},
         masters={chip: masters_recipe(run, chip) for chip in run.calibration_jobs},
-        light={path: run.recipe(job, "render") for job in light.places for path in light.of(job)},
+        light={path: run.recipe(job, "render") for job in light.made_for for path in light.files_of(job)},
         measurement=digest(run.measurement),
         calibrated=YES if run.config.measurement.keep_calibrated else MAYBE,
         report=YES if run.imaging_jobs or run.slitless_jobs else MAYBE,

@@ -42,9 +42,9 @@ def shoot_scene(canvas, scene, keys, table, wing=None):
     wing: optics.scatter.halo.Wing, where electrons beyond the PSF's box go, or None: nowhere. Returns on_window (n,)
     int64, electrons counted; outside_box (n,) int64, electrons, of `canvas.maximum` times the light, that fell
     outside the PSF's box; box (n, 4) int64, x0, x1, y0, y1 of the chip's pixels reached, half-open, 0 if none. The
-    result does not depend on the order of the objects. Raises ValueError for arrays that do not fit, a response above the maximum, and
-    what a Scene must not hold: numbers that are not finite, negative light, 2^31 electrons in an object, negative
-    weights (a PSF interpolation that is not convex), nodes without tables.
+    result does not depend on the order of the objects. Raises ValueError for arrays that do not fit, a response above
+    the maximum, and what a Scene must not hold: numbers that are not finite, negative light, 2^31 electrons in an
+    object, negative weights (a PSF interpolation that is not convex), nodes without tables.
     """
     counted, window, maximum = canvas.counted, canvas.window, canvas.maximum
     if counted.shape != window.shape or counted.dtype != np.int32:
