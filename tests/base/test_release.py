@@ -31,7 +31,7 @@ OTHER = "made by another version of csstsim"
     [
         (0, ["older layout", "to change: ", LAYOUTS[1], "(got 0)"]),
         (max(LAYOUTS) + 1, ["newer csstsim", f"reads layout {max(LAYOUTS)}"]),
-        (-1, ["reads layout"]), ("one", ["integer"]), (None, ["required key is missing"]), (True, ["no values"]),
+        (-1, ["reads layout"]), ("one", ["integer"]), (None, ["required key is missing"]), (True, ["not allowed here"]),
     ],
 )  # fmt: skip
 def test_layout_of_a_campaign_file(tmp_path, version, words):
@@ -100,7 +100,7 @@ def test_a_frame_of_the_right_recipe_but_without_its_parts(made):
     without_unit = {key: value for key, value in whole.items() if key != "unit"}
     for parts in (({}, whole), (planes, without_unit)):
         save_frame(path, *parts)
-        with pytest.raises(InputError, match=r"render\.fits: damaged: a frame has"):
+        with pytest.raises(InputError, match=r"render\.fits: damaged: it lacks the plane image"):
             readout_stage.readout(run, job)
     save_frame(path, planes, whole)
     readout_stage.readout(run, job)

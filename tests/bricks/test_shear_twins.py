@@ -66,8 +66,8 @@ def test_one_shear_gives_c_alone_and_too_few_are_refused():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ([{}, {}], "shear and shapes of"),  # the first of them would not have counted
-        ([{}, {"shapes": "rotated90"}, {}], "shear and shapes of"),
+        ([{}, {}], "same shear and shapes as"),  # the first of them would not have counted
+        ([{}, {"shapes": "rotated90"}, {}], "same shear and shapes as"),
         ([{}], "has no twin"),
         ([{}, {"shapes": "rotated90", "seed": 4}], "has no twin"),  # other galaxies by the same numbers
         ([{}, {"shapes": "rotated90", "mag_limit": 24.0}], "has no twin"),

@@ -61,7 +61,7 @@ def test_nothing_is_written_over(init, tmp_path):
     os.chdir(tmp_path)
     (tmp_path / "mysky/campaign.yaml").write_text("mine")
     result = init()
-    assert result.exit_code == 2 and "is there already, and nothing was written" in result.output
+    assert result.exit_code == 2 and "exists already, and nothing was written" in result.output
     assert (tmp_path / "mysky/campaign.yaml").read_text() == "mine"
 
 

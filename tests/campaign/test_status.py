@@ -64,7 +64,7 @@ def test_what_is_wanted_are_products_that_verify_looks_for(run):
 def test_nothing_made_yet_then_some_then_all(run):
     output = said(run.file)
     assert f"Level-0 files: 0 of {len(run.jobs)}" in output and not run.paths.output.exists()
-    assert "no pace" in output[-1]
+    assert "not known yet" in output[-1]
     kinds = wanted(run)
     start = time.time() - 600
     touch(kinds["truth bricks"], start)
@@ -142,7 +142,7 @@ def test_too_few_products_have_no_pace(moments):
     kind = made(moments, missing=3)
     assert pace([kind]) is None
     status = Status([kind], None, 0, [])
-    assert status.left is None and any("no pace" in line for line in lines(status, "out"))
+    assert status.left is None and any("not known yet" in line for line in lines(status, "out"))
 
 
 def test_kinds_that_cost_more_count_more():
@@ -201,7 +201,7 @@ def test_a_job_that_was_killed_outright_is_a_failure(tmp_path):
     }.items():
         (tmp_path / f"{name}.log").write_text(text)
     ((path, line),) = failures(str(tmp_path))
-    assert path.endswith("killed.log") and line == f"killed: process {gone.pid} is gone, and left no word"
+    assert path.endswith("killed.log") and line == f"killed: process {gone.pid} ended without a message"
 
 
 def test_failures_are_in_the_status_while_something_is_missing(run, tmp_path):

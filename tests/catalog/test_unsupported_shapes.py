@@ -41,7 +41,7 @@ def test_a_shape_in_other_words_is_refused_unless_it_is_given_in_ours(names, own
     galaxies = table(type=["galaxy", "galaxy"])
     sized = {} if "size" in own else {"size": [0.5, 0.4]}
     for name in names:
-        with pytest.raises(InputError, match=f"{re.escape(name)}: no galaxy is drawn from this column; {advice}"):
+        with pytest.raises(InputError, match=f"{re.escape(name)}: galaxies are not drawn from this column; {advice}"):
             load(galaxies | sized | {name: [1.0, 2.0]})
         given = load(galaxies | sized | own | {name: [1.0, 2.0]})
         assert list(given[f"user_{name}"]) == [1.0, 2.0]
@@ -94,7 +94,7 @@ class Mine(CatalogBase):
 
 def test_a_class_is_told_as_well():
     assert {"user_n", "user_q"} <= set(Mine({"type": "quasar"}, REGION).table.names)
-    with pytest.raises(InputError, match="Mine: q: no galaxy is drawn from this column; allowed: e1 = "):
+    with pytest.raises(InputError, match="Mine: q: galaxies are not drawn from this column; allowed: e1 = "):
         _ = Mine({"type": "galaxy"}, REGION).table
 
 

@@ -48,7 +48,7 @@ def test_no_manifest_of_a_folder_with_faults(copied):
     file, folder = copied
     (folder / "psf" / "chip_09.h5").unlink()
     result = command("verify", file, "--output", folder, "--manifest")
-    assert result.exit_code == 1 and "no manifest is written" in result.output
+    assert result.exit_code == 1 and "no manifest was written" in result.output
     assert not (folder / HASHES).exists() and not (folder / SIZES).exists()
 
 

@@ -78,9 +78,9 @@ ONE = [
     (TRUTH, spoil.record(lambda meta: meta.update(level0="other.fits")), ["is of 'other.fits'"]),
     (TRUTH, spoil.column("ID_chip", lambda v: v + 1), ["another chip than 9"]),
     (TRUTH, spoil.column("x1", lambda v: v + 1000), ["boxes beyond the window"]),
-    (TRUTH, spoil.record(lambda meta: meta.update(electrons="many")), ["does not hold together"]),
-    (TRUTH, spoil.record(lambda meta: meta.pop("full_well")), ["does not hold together", "full_well"]),
-    (TRUTH, spoil.column("drawn", lambda v: v.astype(str)), ["does not hold together"]),
+    (TRUTH, spoil.record(lambda meta: meta.update(electrons="many")), ["is inconsistent"]),
+    (TRUTH, spoil.record(lambda meta: meta.pop("full_well")), ["is inconsistent", "full_well"]),
+    (TRUTH, spoil.column("drawn", lambda v: v.astype(str)), ["is inconsistent"]),
     (MERGED, spoil.column("n_detections", lambda v: v.astype(str)), ["not as long as"]),
     (ORDERS, spoil.column("row", lambda v: v + 1000), ["not among the"]),
     (ORDERS, spoil.column("id", lambda v: v + 1), ["another one in the truth"]),
@@ -95,7 +95,7 @@ ONE = [
     (MEASURED, spoil.record(lambda meta: meta["recipe"].update(camera="x")), ["another campaign: camera 'x'"], ALONE),
     (MEASURED, spoil.column("obsid", lambda v: np.full(len(v), "7")), ["another obsid"]),
     (MEASURED, spoil.column("x", lambda v: v + 200.0), ["beyond the window"]),
-    (MEASURED, spoil.column("dec", lambda v: v * np.nan), ["no place on the sky"]),
+    (MEASURED, spoil.column("dec", lambda v: v * np.nan), ["are out of range"]),
     (MEASURED, spoil.column("number", lambda v: v[::-1]), ["does not count the rows"]),
     ("spectra/*.parquet", spoil.remove, ["missing (spectra)"]),
     ("spectra/*.parquet", spoil.scratch, ["parquet"]),
@@ -180,7 +180,7 @@ def test_what_is_foreign(copied):
     (folder / "loop").symlink_to(folder)
     starts = [
         "chips: intermediates", "loop: foreign: a link", "measure/evil\\n\\x1b[31m\\udcff.parquet: foreign",
-        "notes.txt: foreign", "old: foreign", "psf/.chip_09.77.tmp.h5: half of a file",
+        "notes.txt: foreign", "old: foreign", "psf/.chip_09.77.tmp.h5: an incomplete file",
     ]  # fmt: skip
     for with_campaign in (True, False):
         lines = sorted(judged(file, folder, with_campaign))

@@ -131,8 +131,8 @@ def test_what_cannot_be_calibrated_is_refused(calibration, science, tmp_path):
     with_masters = {"calibration": "frames", "masters": str(tmp_path)}
     path = science.with_name("refused.yaml")
     for measurement, said in (
-        (with_masters, "masters/chip_09.fits"), ({"calibration": "frames"}, "masters belongs to"),
-        ({"cti_passes": -1}, "cti_passes"), ({"masters": str(tmp_path)}, "masters belongs to"),
+        (with_masters, "masters/chip_09.fits"), ({"calibration": "frames"}, "masters must be given with"),
+        ({"cti_passes": -1}, "cti_passes"), ({"masters": str(tmp_path)}, "masters must be given with"),
     ):  # fmt: skip
         path.write_text(yaml.safe_dump(yaml.safe_load(science.read_text()) | {"measurement": measurement}))
         result = run("measure", path, "--obsid", job.pointing.obsid, "--chip", CHIP)

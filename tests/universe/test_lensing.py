@@ -50,8 +50,8 @@ def test_bricks_carry_the_cosmic_field_by_default():
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        ({"kappa": 0.1}, "belong to field: constant"),
-        ({"field": "none", "gamma2": 0.01}, "belong to field: constant"),
+        ({"kappa": 0.1}, "need field: constant"),
+        ({"field": "none", "gamma2": 0.01}, "need field: constant"),
         ({"field": "constant", "kappa": 1.0}, "less than 1"),
         ({"field": "constant", "kappa": 0.5, "gamma1": 0.3, "gamma2": 0.4}, "strong lensing"),
         ({"field": "constant", "gamma1": float("nan")}, "finite"),

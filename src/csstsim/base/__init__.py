@@ -1,1 +1,1 @@
-"""What all of csstsim stands on: errors, units, random streams, threads, typed models. It imports nothing above."""
+"""The base of csstsim: errors, units, random streams, threads, typed models. It imports no other part."""

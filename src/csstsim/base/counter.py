@@ -1,9 +1,8 @@
 """Random numbers for compiled loops: a counter and a key give a number, so objects may be drawn in any order.
 
 word(key, counter) is SplitMix64 (Steele, Lea & Flood 2014, OOPSLA) with the key mixed in twice, so that two keys
-never walk the same sequence. `object_keys` makes a key of each object's id: equal ids have equal keys, hence equal
-numbers, so whoever has two objects of one id must give them different ones. Functions that need several numbers take
-the counter and return it advanced.
+never give the same sequence. `object_keys` makes a key of each object's id. Objects with equal ids would get equal
+numbers, so ids must differ. Functions that need several numbers take the counter and return it advanced.
 """
 
 import math

@@ -16,7 +16,7 @@ def file_digest(path):
 
 
 def module_digest(module):
-    """Return 16 hex digits of the file of an imported module, or None: csstsim's own, or typed in."""
+    """Return 16 hex digits of the file of an imported module; None for csstsim's own and for one without a file."""
     if module.__name__.startswith("csstsim."):
         return None  # the release stands for it
     try:

@@ -12,7 +12,7 @@ LINE = 1500  # ... of the whole message
 class CsstsimError(Exception):
     """Base of the errors that end a command with exit code 2 and one line."""
 
-    page = None  # where is explained what is allowed: csstsim.base.help_page
+    page = None  # the page that explains what is allowed: csstsim.base.help_page
 
 
 class InputError(CsstsimError):
@@ -29,7 +29,7 @@ class InputError(CsstsimError):
 
 
 def _in_a_line(text):
-    """Return text as one line that a terminal shows as it is: names out of files may hold anything."""
+    """Return text as one printable line: names read from files may hold any characters."""
     text = _cut(" ".join(text.split()), LINE)
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 

@@ -45,9 +45,9 @@ def near_brick(pix, ra, dec, margin):
     near = brick_of(ra, dec) == pix
     centre = unit_vectors(*_centre(pix))
     v = unit_vectors(ra, dec)
-    # The half-diagonal of a brick is below 0.3 deg; further out nothing needs a closer look.
+    # The half-diagonal of a brick is below 0.3 deg: positions further out cannot be near.
     rest = np.flatnonzero(~near & (v @ centre > np.cos(np.radians(0.3 + margin))))
-    # Nor does what eight margins towards the centre do not bring in: no corner is that sharp.
+    # Nor can positions still outside after eight margins towards the centre: no corner is that sharp.
     inward = centre - v[rest]
     inward /= np.linalg.norm(inward, axis=1, keepdims=True)
     rest = rest[brick_of(*ra_dec(v[rest] + 8 * np.radians(margin) * inward)) == pix]

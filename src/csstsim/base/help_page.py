@@ -1,4 +1,4 @@
-"""Which page explains what may stand in an input: of those that come with csstsim, or what to type to read it."""
+"""Where an input is explained: a page that comes with csstsim, or the command that prints one."""
 
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +17,7 @@ PAGES = {
 
 @contextmanager
 def explained(kind):
-    """Let errors raised in here, about an input of this kind, name its page of PAGES; the innermost decides."""
+    """Errors raised inside name the page (PAGES) of this kind of input; of nested contexts the innermost counts."""
     try:
         yield
     except CsstsimError as error:
@@ -26,7 +26,7 @@ def explained(kind):
 
 
 def with_page(error):
-    """Return a CsstsimError as a line, with the page that explains what is allowed, if there is one."""
+    """Return a CsstsimError as one line, with the page that explains the input, if there is one."""
     page = error.page
     if page and (file := ROOT / page).is_file():
         page = file.relative_to(Path.cwd()) if file.is_relative_to(Path.cwd()) else file

@@ -1,7 +1,8 @@
-"""How a YAML file becomes a typed model: the base of all models, and one clear error for the first fault.
+"""Turns YAML files into typed models: the base classes, and one clear error for the first fault.
 
-What a user writes is a `Model`. Numbers of the camera and the sky are frozen dataclasses derived from `Data`, with the
-types below: plain objects, which can be hashed and replaced, checked by pydantic when they come from a file.
+Files that a user writes become a `Model`. Numbers of the camera and the sky become frozen dataclasses derived from
+`Data`, with the types below. These are plain objects, which can be hashed and replaced; pydantic checks them when they
+are read.
 """
 
 from dataclasses import is_dataclass
@@ -25,7 +26,7 @@ from csstsim.base.errors import InputError
 
 
 class Model(BaseModel):
-    """Base of every model read from a file: frozen; an unknown key, NaN, infinity or true for a number is an error."""
+    """Base of models read from a file: frozen; unknown keys, NaN, infinity and true for a number are errors."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
@@ -36,12 +37,12 @@ class Model(BaseModel):
         if bool not in _types(cls.model_fields[info.field_name].annotation) and any(
             v is True or v is False for v in given
         ):
-            raise ValueError("true and false are no values here")
+            raise ValueError("true and false are not allowed here")
         return value
 
 
 class Data:
-    """Base of frozen dataclasses read from a file: an unknown key is an error, and with the types below a word too."""
+    """Base of frozen dataclasses read from a file: unknown keys are errors and, with the types below, wrong types."""
 
     __pydantic_config__ = ConfigDict(extra="forbid")
 
@@ -58,7 +59,7 @@ def between(low, high, kind=Number):
 
 
 def at_least(other):
-    """Return the check of a number that is not below that of the field `other`, which stands before it."""
+    """Return the check that a number is not below that of the field `other`, which must come before it."""
 
     def check(value, info):
         if value < info.data.get(other, value):
@@ -69,7 +70,7 @@ def at_least(other):
 
 
 def must(test, message):
-    """Return the check of a value that must pass `test`; the error says `message`."""
+    """Return the check that a value passes `test`; the error says `message`."""
 
     def check(value):
         if not test(value):
@@ -121,7 +122,7 @@ def input_error(exc, model, file, key=()):
 
 
 def _in_a_line(message):
-    """Return a message without its capital; a name in capitals stays."""
+    """Return a message with a lower-case first letter; a name in capitals stays."""
     return message if message[1:2].isupper() else message[0].lower() + message[1:]
 
 

@@ -1,10 +1,11 @@
-"""One thread for the libraries below numpy while a product is made, so that its bits do not hang on their number.
+"""Runs linear algebra on one thread while a product is made, so that its bits do not depend on the number of threads.
 
-OpenBLAS, MKL and the like cut a matrix product among threads, and a sum cut elsewhere is rounded elsewhere: a PSF of
-two threads is not that of one in 2% of its cells. Environment variables would have to be set before numpy is loaded,
-which a notebook has done long ago. So every function that makes a product is decorated with `one_thread`.
+OpenBLAS, MKL and the like divide a matrix product among threads, and sums divided differently are rounded differently:
+a PSF made by two threads differs from one thread's in 2% of its cells. Environment variables would have to be set
+before numpy is imported, which is too late in a notebook. So every function that makes a product is decorated with
+`one_thread`.
 
-It limits what is loaded by then: numpy's library always is, and products take nothing else of several threads.
+It limits the libraries that are loaded when it is entered. Numpy's always is, and products use no other with threads.
 """
 
 import threading
@@ -17,8 +18,8 @@ from threadpoolctl import OpenBLASController, threadpool_limits
 class _OneThread(ContextDecorator):
     """A context and a decorator: `with one_thread:`, `@one_thread`.
 
-    The number is the whole process's. Of several that are inside at once, in turn or side by side, the first limits
-    and the last gives back what was set before.
+    The limit holds for the whole process. If several are active at once, nested or side by side, the first sets the
+    limit and the last restores the number before it.
     """
 
     def __init__(self):

@@ -1,4 +1,4 @@
-"""Progress of long loops, for a person at a terminal; logs stay free of it."""
+"""Progress bars of long loops, at a terminal only; logs have none."""
 
 import sys
 from contextlib import contextmanager
@@ -7,10 +7,10 @@ _screen = {"hidden": False, "bars": None}  # one a process: rich draws one set o
 
 
 def progress(items, what, total=None):
-    """Yield the items; on a terminal, with a bar named `what` on standard error, below those of loops around it.
+    """Yield the items; at a terminal, show a bar named `what` on standard error, below the bars of outer loops.
 
-    What is printed meanwhile stands above the bars, with `print`: click.echo knows nothing of them. total: how many
-    items there are, where they have no length.
+    Text printed with `print` appears above the bars (with click.echo it does not). total: the number of items, if they
+    have no length.
     """
     if _screen["hidden"] or not (sys.stderr and sys.stderr.isatty()):
         yield from items
@@ -25,7 +25,7 @@ def progress(items, what, total=None):
 
 @contextmanager
 def hidden():
-    """Show no bars in here."""
+    """Show no bars inside."""
     before, _screen["hidden"] = _screen["hidden"], True
     try:
         yield
@@ -53,7 +53,7 @@ def _bars():
 
 
 def make_missing(wanted, say):
-    """Make those of {path: function that makes it} that are not there."""
+    """Make the missing files of {path: function that makes it}."""
     for path in progress([path for path in wanted if not path.exists()], "made first"):
         if not path.exists():  # tables come with a new PSF set
             say(f"missing, made first: {path}")

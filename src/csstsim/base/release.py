@@ -5,12 +5,12 @@ from csstsim.base.errors import InputError
 
 
 def release(version=__version__):
-    """Return the first two numbers of a version: those of one release make the same products, bit by bit."""
+    """Return the first two numbers of a version. Versions that share them make the same products, bit by bit."""
     return ".".join(str(version).split(".")[:2])
 
 
 def check_release(path, version):
-    """Refuse a product that another release (`version`, as it records it; None: it does not say) made."""
+    """Raise InputError for a product of another release. version: what the product records, or None."""
     if version is None or release(version) != release():
         raise InputError(
             "made by another version of csstsim, whose products are not mixed with those of this one; remove it and "
@@ -20,7 +20,7 @@ def check_release(path, version):
 
 
 def check_recipe(path, meta, recipe):
-    """Refuse a file whose record says it was made from something else than `recipe`, or by another release."""
+    """Raise InputError for a file that records another recipe than `recipe`, or another release."""
     found = meta.get("recipe")
     if found != recipe:
         check_release(path, (found if isinstance(found, dict) else meta).get("csstsim"))

@@ -1,4 +1,4 @@
-"""The stages of the workflow: whose product goes into whose, and what each of them reads."""
+"""The stages of the workflow: which stages each one depends on, and what it reads."""
 
 from fnmatch import fnmatchcase
 
@@ -17,15 +17,15 @@ FIRST = ("truth", "psf", "select")  # nothing is before them but the campaign's 
 
 
 def behind(stage):
-    """Return the set of stages that a stage's product hangs on: itself and all before it."""
+    """Return the set of stages that a stage's product depends on: itself and all before it."""
     return {stage}.union(*(behind(before) for before in INPUTS[stage]))
 
 
 def read_by(stages, parts, readers):
-    """Return those of {name: value} that one of the stages reads.
+    """Return the items of {name: value} that one of the stages reads.
 
-    readers: {pattern of names: the stages that read them first}, of which the first pattern that fits counts. A name
-    that no pattern fits is read by FIRST: what is new, and not yet told of, decides everything.
+    readers: {pattern of names: the stages that read them first}; the first pattern that matches counts. A name that no
+    pattern matches is read by FIRST: a new key changes every product until it gets a pattern.
     """
 
     def first(name):

@@ -1,11 +1,11 @@
-"""Which detections are of one source: seeds, brightest first, and each detection with the nearest seed it agrees with.
+"""Groups detections into sources: the brightest become seeds, and each other detection joins a seed it agrees with.
 
-Two detections of different frames agree when they lie within `N_SIGMA` times their joint error, where the error of
-each is its own and a floor in quadrature, and never more than `CAP` apart. A detection that agrees with no brighter
-seed is a seed. Every other goes to a seed it agrees with, the likeliest pairs (Gaussian density of the joint error, so
-that an uncertain seed does not draw in what belongs to a sharp one) first, and a seed takes one detection of a frame;
-what finds no place is associated anew, among itself. So nothing is chained: all detections of a source agree with its
-seed. The work is linear in the number of detections, at a given density.
+Two detections of different frames agree if they lie within `N_SIGMA` times their joint error, and at most `CAP` apart.
+The error of each is its own and a floor in quadrature. A detection that agrees with no brighter seed is a seed. Every
+other one joins a seed it agrees with. The likeliest pairs come first, by the Gaussian density of the joint error, so
+that an uncertain seed does not take detections of a sharp one. A seed takes one detection of each frame; detections
+that are left over are grouped in the same way among themselves. So there are no chains: all detections of a source
+agree with its seed. The work is linear in the number of detections, at a given density.
 """
 
 import numba
@@ -16,7 +16,7 @@ from csstsim.bricks.match import share_out
 ARCSEC = np.pi / 180.0 / 3600.0
 FLOOR = 0.010  # arcsec: residuals of the astrometry, months of a slow star's motion
 N_SIGMA = 5.0  # in two dimensions 4e-6 of the true pairs are further apart
-CAP = 0.4  # arcsec: what a faint galaxy's noise may do; beyond it lies the next source
+CAP = 0.4  # arcsec: the error that noise may give a faint galaxy; further away is the next source
 
 
 def associate(vectors, error, frame, *, floor=FLOOR, n_sigma=N_SIGMA, cap=CAP):
@@ -41,7 +41,7 @@ def associate(vectors, error, frame, *, floor=FLOOR, n_sigma=N_SIGMA, cap=CAP):
 
 
 def _share_out(pair, frame):
-    """Return (detections, seeds) of those that find a place, likeliest first; a seed takes one of a frame."""
+    """Return (detections, seeds) of the pairs that are taken, likeliest first; a seed takes one of each frame."""
     detection, seed = pair
     _, slot = np.unique(seed * (frame.max(initial=0) + 1) + frame[detection], return_inverse=True)
     taken = share_out(detection, slot)

@@ -20,7 +20,7 @@ SATURATED = 4  # of the measured flags (measure.catalogue)
 
 
 def match(truth, sources):
-    """Return the row of the merged source that is each true object's (bricks.match), -1 without one within reach."""
+    """Return for each true object the row of its merged source (bricks.match), -1 if there is none within reach."""
     places, others = (unit_vectors(truth["ra_epoch"], truth["dec_epoch"]), unit_vectors(sources["ra"], sources["dec"]))
     return one_to_one(places, others, np.radians(reach(truth) / 3600.0))
 
@@ -35,7 +35,7 @@ def half_light(truth):
 
 
 def wider(truth, n_eff):
-    """Return by how much more pixels an object covers than a point source, (n,)."""
+    """Return (n,): the pixels an object covers, over those of a point source."""
     return 1.0 + 9.0 * truth["half_light_px"] ** 2 / n_eff
 
 
@@ -45,10 +45,10 @@ def reach(truth):
 
 
 def real(truth, sources):
-    """Return the rows of the merged sources that are a true object's.
+    """Return the rows of the merged sources that belong to a true object.
 
-    A source is real if it is so in a frame: objects fainter than the campaign's limit do not exist in the scene, so all
-    light has a true object. Of two sources made of one object's light one is real.
+    The truth has all light: objects fainter than the campaign's limit are not drawn. Of two sources made from the light
+    of one object, one is real.
     """
     row = match(truth, sources)
     return row[row >= 0]
@@ -114,9 +114,9 @@ def lost(truth, match, held):
 
 
 def twice(truth, sources, match):
-    """Return (share, n): sources too many at the places of n isolated true objects that have one, a share of n.
+    """Return (share, n): surplus sources at the places of n isolated true objects with a source, as a share of n.
 
-    Within the match radius as many sources are right as there are true objects, faint ones too.
+    Within the match radius there may be as many sources as true objects, faint ones included.
     """
     rows = np.flatnonzero(~truth["blended"].astype(bool) & (match >= 0))
     if len(rows) == 0:

@@ -1,7 +1,7 @@
-"""Gates of one exposure of one chip: what its stars, galaxies, pixels and header say, each with the chip's name.
+"""Gates of one exposure of one chip: its stars, galaxies, pixels and header.
 
-A median over exposures hides one that is wrong; so each is judged, and bricks.gates.of_exposures keeps those that fail.
-Chance of the mean of an exposure is forgiven at WORST sigma, because a release has thousands of them.
+A median over exposures would hide a wrong one. So each exposure is judged, and bricks.gates.of_exposures keeps the
+failing gates. A release has thousands of exposures, so WORST sigma of chance are forgiven.
 """
 
 import numpy as np

@@ -1,8 +1,8 @@
-"""What a campaign expects of a frame, and what the header of its Level-0 file says (made by stages.frame_facts).
+"""What a campaign expects of a frame, and what the header of its Level-0 file states (made by stages.frame_facts).
 
-Pixels are judged against the former: the background's level is sky and dark current, its noise theirs and that of
-reading and rounding. The header is judged against both: its numbers against the campaign's, its world coordinates
-against where stars are found.
+Pixels are judged by the expectation: the background is sky and dark current, its noise that of sky, dark current,
+readout and rounding. The header's numbers are judged by the campaign's, its world coordinates by the positions of
+stars.
 """
 
 from dataclasses import dataclass, field

@@ -1,8 +1,8 @@
-"""Gates: a number, its threshold, and whether it passes; None where it cannot be judged.
+"""Gates: a number, its threshold, and whether it passes (None: cannot be judged).
 
-A gate is {name, band, value, threshold, n, margin, passed}, and where it is of one exposure {exposure, chip}, of one
+A gate is {name, band, value, threshold, n, margin, passed}; that of one exposure also has {exposure, chip}, that of one
 readout channel {channel}. It is not judged without a threshold, without a value, or from fewer than FEW sources; n is
-None where sources have no part in it. margin: the number over what is allowed, chance forgiven; above 1 a gate fails.
+None if it does not depend on sources. margin: the number over what is allowed, chance included; above 1 a gate fails.
 """
 
 import numpy as np
@@ -44,9 +44,9 @@ def between(name, band, value, limits, n, **where):
 
 
 def of_exposures(gates):
-    """Return, of gates of single exposures, each that fails; of a name and band without failure the one nearest to it.
+    """Return the failing gates of single exposures; for a name and band without failure, the gate closest to failing.
 
-    A name and band without a judged gate keeps the one with the most sources.
+    If no gate of a name and band was judged, the one with the most sources is kept.
     """
     groups = {}
     for gate in gates:

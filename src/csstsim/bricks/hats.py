@@ -1,4 +1,4 @@
-"""What makes a folder of bricks, merged or true, a HATS catalogue that `hats` and `lsdb` open: the files about all.
+"""The files that make a folder of bricks, merged or true, a HATS catalogue, which `hats` and `lsdb` can open.
 
 hats.properties  partition_info.csv  dataset/_metadata _common_metadata Norder=8/Dir=D/Npix=P.parquet
 """

@@ -1,8 +1,8 @@
-"""One to one: each object to at most one other, those that suit each other best first.
+"""One-to-one matching: each object is matched with at most one other, the best pairs first.
 
-Every pair within reach is a candidate. Of the candidates in order of preference (of places: the closest first, ties in
-the order of rows) each is taken whose two members are still free. So a pair that is not taken has a member that
-sits in a pair of at least its preference, and the result does not hang on threads or on the order of a search.
+Every pair within reach is a candidate. Candidates are sorted by preference (positions: the closest first, ties in the
+order of rows), and each pair is taken if both members are still free. So the result does not depend on threads or on
+the order of a search.
 """
 
 import numba
@@ -10,7 +10,7 @@ import numpy as np
 
 
 def one_to_one(places, others, reach):
-    """Return for each place the row of the other that is its own, -1 without one, (n,) int.
+    """Return for each place the row of its match among the others, -1 if there is none, (n,) int.
 
     places (n, d) and others (m, d) are points, reach (n,) the largest distance of each place's partner, in the same
     unit. The time is that of the candidates: linear in n and m at a given density.
@@ -33,7 +33,7 @@ def one_to_one(places, others, reach):
 
 @numba.njit(cache=True)
 def share_out(first, second):
-    """Return a mask of the pairs (first[k], second[k]), best first, whose members no better pair that is taken has.
+    """Return a mask of the pairs (first[k], second[k]), best first, that are taken: no better pair has their members.
 
     first and second (k,) are numbers from 0.
     """

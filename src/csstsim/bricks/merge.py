@@ -1,8 +1,8 @@
 """Merge the detections of all exposures, chips and bands in one brick into one row per source (paper, section 6).
 
-`bricks.associate` says which detections are of one source. The position is the mean weighted with the inverse
-variance, and the brick that holds it owns the source: each brick works on its detections plus a margin, so every source
-is in exactly one brick, with all its detections. The result does not depend on the order of the input.
+`bricks.associate` groups detections into sources. The position is the mean weighted with the inverse variance, and the
+source belongs to the brick that holds it. Each brick works on its detections plus a margin, so every source is in
+exactly one brick, with all its detections. The result does not depend on the order of the input.
 
 A source is kept when a detection has S/N >= `SNR_ALONE` (PSF, or Kron of a peak that the PSF sees with
 `KRON_PSF_MIN`), or `VISITS_ALONE` frames have it, or two frames have it with a joint PSF S/N >= `SNR_PAIR`;
@@ -128,7 +128,7 @@ def _credible(found, source, close, count):
 
 
 def _gather(pix, tables, margin):
-    """Return (found, counts): the usable detections in reach of a brick, brightest first; how many others."""
+    """Return (found, counts): the usable detections near a brick, brightest first, and the numbers of other ones."""
     counts = dict.fromkeys(("near", "sharp", "no_error", "repeated", "no_position"), 0)
     parts = [{name: np.zeros(0, kind) for name, kind in DETECTION_COLUMNS.items()}]
     for table in tables:

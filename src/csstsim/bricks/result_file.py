@@ -1,4 +1,4 @@
-"""The validation of a brick as a JSON file, with a checksum: a byte that changed must not change a verdict."""
+"""The validation of a brick as a JSON file. Its checksum protects the verdict against damaged bytes."""
 
 import json
 import zlib

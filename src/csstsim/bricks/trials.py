@@ -1,4 +1,4 @@
-"""What one frame's measurement did with each isolated true object: found or not, and how far off (bricks.validate).
+"""Result of one frame's measurement for each isolated true object: found or not, and its errors (bricks.validate).
 
 The S/N is that of the truth in optimal photometry, F / sqrt(F + n_eff rms^2), with F the electrons and the frame's own
 noise; a galaxy covers more pixels (bricks.compare). `deferred_mas` is the residual along the columns, positive away
@@ -105,7 +105,7 @@ def _by_header(truth, measured, at, frame):
 
 
 def matched(truth, measured, pixel):
-    """Return the row of the detection that is each object's (bricks.match), -1 without one within reach.
+    """Return for each object the row of its detection (bricks.match), -1 if there is none within reach.
 
     pixel: its side [arcsec].
     """

@@ -183,9 +183,9 @@ def completeness(snr, found, edges):
 
 
 def judged_truth(frame):
-    """Return the truth of a frame that lies well inside it, with columns blended, half_light, half_light_px and crowd.
+    """Return the true objects well inside a frame, with columns blended, half_light, half_light_px and crowd.
 
-    Where a catalogue does not give the magnitude of the frame's band, it is that of the electrons.
+    If the catalogue lacks the magnitude in the frame's band, it is computed from the electrons.
     """
     truth, (x0, x1, y0, y1) = frame.truth, frame.info["window"]
     truth = truth.take((truth["flags"] & (OFF_CHIP | STRONG_LENSING | BAD_VALUE)) == 0)
@@ -211,9 +211,10 @@ def judged_truth(frame):
 
 
 def blended(x, y, electrons):
-    """Return a mask of the objects with a neighbour that matters.
+    """Return a mask of the blended objects.
 
-    One of more than 10 % of their flux within NEAR, or of more than 100 times within 40 px (wings).
+    They have a neighbour of more than 10 % of their flux within NEAR, or of more than 100 times it within 40 px
+    (wings).
     """
     from scipy.spatial import cKDTree
 
@@ -239,9 +240,10 @@ def crowd(x, y, electrons):
 
 
 def distinct(tables, magnitudes):
-    """One row per object of the truth of several frames, by id; blended anywhere is blended, `ra_epoch` is the mean.
+    """Return one row per object of the truth of several frames, by id. `ra_epoch` and `dec_epoch` are means.
 
-    A magnitude (of the columns `magnitudes`) that one frame's table lacks is another's.
+    An object is blended if it is blended in any frame. A magnitude (of the columns `magnitudes`) that is missing in one
+    frame's table comes from another's.
     """
     if not tables:
         return ObjectTable({n: np.zeros(0, bool if n == "blended" else float) for n in (*DISTINCT, *magnitudes)})

@@ -1,1 +1,1 @@
-"""A campaign: its files, its jobs, what they cost and how far they are."""
+"""A campaign: its files, jobs, costs and progress."""

@@ -1,4 +1,4 @@
-"""What a campaign's files ask for together and cannot have. run: campaign.opened.OpenCampaign; all raise InputError."""
+"""Checks across a campaign's files. run: campaign.opened.OpenCampaign; all raise InputError."""
 
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
@@ -35,26 +35,26 @@ def check_selection(run):
     window = run.config.window
     if isinstance(window, PixelWindow) and (window.x1 > detector.nx or window.y1 > detector.ny):
         raise InputError(
-            "beyond the chip", file=run.file, key="window", value=window.model_dump(),
+            "reaches past the chip's edge", file=run.file, key="window", value=window.model_dump(),
             allowed=f"x1 <= {detector.nx}, y1 <= {detector.ny}",
         )  # fmt: skip
 
 
 @explained("campaign")
 def check_photons(run):
-    """Photons and rays are counted apart from the image until poisson_and_dark merges them."""
+    """Counted photons and cosmic rays need the layer poisson_and_dark, which adds them to the image."""
     drawn = run.config.fidelity in ("preview", "standard")
     for steps in run.steps.values():
         if drawn and steps.step("scie_obs") and not steps.step("poisson_and_dark"):
             raise InputError(
-                f"fidelity {run.config.fidelity} draws photons, and no layer counts them", file=steps.file,
+                f"fidelity {run.config.fidelity} draws photons, but no layer adds them to the image", file=steps.file,
                 key="layers", allowed="poisson_and_dark in the list, or fidelity noise_free or reference",
             )  # fmt: skip
 
 
 @explained("campaign")
 def check_shutter(run, pointing, chips):
-    """An exposure is not shorter than the shutter can make it, on any of the chips."""
+    """No exposure is shorter than the shutter allows, on any of the chips."""
     steps = run.steps[pointing.type]
     for chip in chips if steps.losses.shutter else ():
         try:
@@ -66,7 +66,7 @@ def check_shutter(run, pointing, chips):
 
 @explained("campaign")
 def check_masters(run, jobs):
-    """The master frames that jobs are to be measured with have been made."""
+    """The master frames with which jobs are calibrated exist."""
     frames = run.config.measurement.calibration == "frames"
     for chip_id in sorted({job.chip.id for job in jobs if frames and job.pointing.type == "SCIE"}):
         path = run.masters(chip_id)
@@ -79,7 +79,7 @@ def check_masters(run, jobs):
 
 @explained("campaign")
 def check_kept(run, chips_as, scratch):
-    """What render makes can be kept: it is written, and not on a node's own disk."""
+    """`keep: light` works: the render stage writes its files, and not on a node's own disk."""
     if run.config.keep == "light" and (chips_as != "stages" or scratch):
         message = "light is kept by the four stages of a chip, in the output folder"
         raise InputError(

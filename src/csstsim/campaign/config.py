@@ -20,7 +20,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.instrument.pointing import ExposureType
 
-# Layouts of campaign files, each with what a file of the one before it needs to become one
+# {layout of campaign files: how to change a file of the layout before it}
 LAYOUTS = {1: "give schema_version: 1, and the keys of config/README.md"}
 NEWEST = max(LAYOUTS)
 
@@ -42,7 +42,7 @@ class Region(Model):
 
     ra: float = Field(ge=0, lt=360, description="centre, right ascension [deg, ICRS]")
     dec: float = Field(ge=-90, le=90, description="centre, declination [deg, ICRS]")
-    radius: float = Field(gt=0, le=120, description="radius [arcmin]; compared in the tangent plane, hence small")
+    radius: float = Field(gt=0, le=120, description="radius in the tangent plane [arcmin]")
 
 
 class Select(Model):
@@ -89,8 +89,8 @@ class Lensing(Model):
 
     field: Literal["none", "constant", "cosmic"] = Field(
         "cosmic",
-        description="'none'; 'constant': the three numbers below for every galaxy of the embedded universe; 'cosmic': "
-        "a random field with the spectrum of the universe's matter (config/universe/lensing.yaml)",
+        description="'none'; 'constant': kappa, gamma1 and gamma2 are those of every galaxy; 'cosmic': a random field "
+        "with the power spectrum of matter (config/universe/lensing.yaml)",
     )
     kappa: float = Field(0.0, lt=1, allow_inf_nan=False, description="constant convergence, below 1")
     gamma1: float = Field(0.0, allow_inf_nan=False, description="constant shear along +RA")
@@ -99,7 +99,7 @@ class Lensing(Model):
     @model_validator(mode="after")
     def _weak_and_used(self):
         if self.field != "constant" and (self.kappa, self.gamma1, self.gamma2) != (0.0, 0.0, 0.0):
-            raise ValueError(f"kappa, gamma1 and gamma2 belong to field: constant, not {self.field}")
+            raise ValueError(f"kappa, gamma1 and gamma2 need field: constant, not {self.field}")
         if math.hypot(self.gamma1, self.gamma2) >= 1 - self.kappa:
             raise ValueError("strong lensing: the reduced shear |gamma| / (1 - kappa) must be below 1")
         return self
@@ -113,19 +113,19 @@ class CatalogConfig(Model):
         None, gt=0, description="faintest AB magnitude drawn, in the chip's own band; null = the whole truth"
     )
     lensing: Lensing = Field(
-        Lensing(), description="weak lensing of the embedded universe; a catalogue of your own gives its own columns"
+        Lensing(), description="weak lensing of the embedded universe; a catalogue of your own has columns for it"
     )
     shapes: Literal["normal", "rotated90"] = Field(
         "normal",
-        description="'rotated90': intrinsic ellipticities turned by 90 degrees as objects are selected, everything "
-        "else (truth bricks too) identical: the paper's twin campaign that cancels shape noise",
+        description="'rotated90': select turns intrinsic ellipticities by 90 degrees and changes nothing else, nor the "
+        "truth bricks: the paper's twin campaign, which cancels shape noise",
     )
     options: dict[str, Any] = Field({}, description="passed on to a catalogue of your own")
 
     @model_validator(mode="after")
     def _lensing_has_an_object(self):
         if self.kind != "embedded" and self.lensing.field == "constant":
-            raise ValueError("lensing is of the embedded universe: give kappa, gamma1, gamma2 in your own catalogue")
+            raise ValueError("lensing is for the embedded universe: give kappa, gamma1, gamma2 in your own catalogue")
         if self.kind == "embedded" and self.options:
             raise ValueError("the embedded universe takes no options: they are for a catalogue of your own")
         return self
@@ -137,27 +137,31 @@ class AstrometryConfig(Model):
     ephemeris: Literal["builtin", "de440"] = Field(
         "builtin", description="Earth, Sun and planets: 'builtin' series, or JPL's 'de440' (csstsim[de440])"
     )
-    planets: bool = Field(False, description="light deflection by Jupiter to Neptune, beside the Sun's")
+    planets: bool = Field(False, description="light deflection by Jupiter to Neptune, too, not only by the Sun")
 
 
 class PsfConfig(Model):
-    """The PSF set made for the campaign, or brought to it."""
+    """The PSF set: made for the campaign, or an external one."""
 
     grid: int = Field(
-        10, ge=2, le=60, description="nodes along each side of a chip: 10 do for bilinear, idw needs the paper's 30"
+        10,
+        ge=2,
+        le=60,
+        description="nodes along a chip's side: 10 are enough for bilinear, idw needs the paper's 30",
     )
     oversampling: Literal["auto", 2, 4] = Field(
-        "auto", description="cells along the side of a pixel; 'auto': psf.yaml's for the filter"
+        "auto", description="cells along the side of a pixel; 'auto': the filter's number in psf.yaml"
     )
     library: FilePath | None = Field(
         None,
-        description="folder of an external set, psfCube_{chip}.h5 (optics/psf/psf_c9.py), taken instead of making one",
+        description="folder of an external set, psfCube_{chip}.h5 (optics/psf/psf_c9.py); null = make a set",
     )
     library_sample: Literal["cell_integral", "point"] = Field(
-        "cell_integral", description="what a sample of the external set means"
+        "cell_integral",
+        description="a sample of the external set: the integral over its cell, or a point value",
     )
     interpolation: Literal["idw", "bilinear", "bicubic"] = Field(
-        "bilinear", description="the PSF between nodes, from the nearest, from the cell's four, from 4 x 4 around it"
+        "bilinear", description="the PSF between nodes: from the nearest, from the cell's four, or from 4 x 4 around it"
     )
     beta: float = Field(2.0, gt=0, description="inverse-distance weighting: power of the distance")
     neighbours: int = Field(4, ge=1, description="inverse-distance weighting: number of nodes")
@@ -168,26 +172,26 @@ class MeasurementConfig(Model):
 
     calibration: Literal["truth", "frames"] = Field(
         "truth",
-        description="'truth': the maps and traps of the simulation itself; 'frames': masters made of bias, dark and "
-        "lamp exposures (csstsim masters), and traps of the same density",
+        description="'truth': use the simulation's own maps and traps; 'frames': masters from bias, dark and lamp "
+        "exposures (csstsim masters), and other traps of the same density",
     )
     masters: FilePath | None = Field(
-        None, description="output folder of the campaign that made the masters; for calibration: frames"
+        None, description="output folder of the campaign that made the masters; needed for calibration: frames"
     )
-    cti_passes: int = Field(3, ge=0, le=20, description="passes of the correction of charge transfer; 0: left as it is")
+    cti_passes: int = Field(3, ge=0, le=20, description="passes of the correction of charge transfer; 0: no correction")
     keep_calibrated: bool = Field(
-        False, description="calibrated images (electrons/s, errors, quality) are among the campaign's products"
+        False, description="true: write the calibrated images (electrons/s, errors, quality) of all chips"
     )
 
     @model_validator(mode="after")
     def _masters_where_used(self):
         if (self.calibration == "frames") != (self.masters is not None):
-            raise ValueError("masters belongs to calibration: frames, and must be given there")
+            raise ValueError("masters must be given with calibration: frames, and only there")
         return self
 
 
 class Campaign(Model):
-    """What to run: everything that decides the products, and nothing about the machine."""
+    """The campaign: everything that decides the products, and nothing about the machine."""
 
     schema_version: int = Field(description=f"version of this file's layout: {NEWEST}")
     name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$", description="short name, used in headers")
@@ -197,11 +201,11 @@ class Campaign(Model):
     select: Select = Select()
     window: PixelWindow | Literal["region"] | None = Field(
         None,
-        description="null = whole chips; 'region' = the pixels around select.region; or x0, x1, y0, y1: light and "
-        "detector are the whole chip's, noise is the window's own",
+        description="null = whole chips; 'region' = the pixels around select.region; or x0, x1, y0, y1. A window has "
+        "the light and the detector of the whole chip, but noise of its own",
     )
     observations: dict[ExposureType, FilePath] = Field(
-        {}, description="layer list per exposure type; types left out use config/observations/"
+        {}, description="file of layers for each exposure type; types left out use config/observations/"
     )
     instrument: FilePath | None = Field(
         None, description="folder with the camera's data files; null = config/instrument/"
@@ -212,14 +216,14 @@ class Campaign(Model):
     psf: PsfConfig = PsfConfig()
     fidelity: Literal["preview", "standard", "noise_free", "reference"] = Field(
         "standard",
-        description="how objects are drawn (config/render.yaml): 'standard', to a tenth of each object's own noise; "
-        "'preview', to all of it; 'noise_free', as 'standard' but all light as expectation, none as counted photons; "
-        "'reference', GalSim one by one, 0.1 CPU-seconds an object",
+        description="accuracy of drawn objects (config/render.yaml): 'standard', errors up to a tenth of each object's "
+        "own noise; 'preview', up to all of it; 'noise_free', as 'standard', but all light is expected light without "
+        "photon noise; 'reference', one by one with GalSim, 0.1 CPU-seconds an object",
     )
     keep: Literal["nothing", "light"] = Field(
         "nothing",
-        description="'light': what render makes of each chip is kept (0.4 GB of a whole one), so that another detector "
-        "costs its readout alone; with --config chips=stages only",
+        description="'light': keep the rendered light of each chip (0.4 GB for a whole one), so that a change of the "
+        "detector reruns the readout but not render; only with --config chips=stages",
     )
     measurement: MeasurementConfig = MeasurementConfig()
     validation: ValidateConfig = ValidateConfig()

@@ -1,7 +1,6 @@
-"""What each job of a campaign is expected to cost, before it runs: CPU seconds and memory, by config/costs.yaml.
+"""Expected cost of each job of a campaign: CPU seconds and memory, by config/costs.yaml.
 
-A cost is a sum of terms, each a number times a quantity of the job; the file says which there are, and what measured
-them.
+A cost is a sum of terms, each a number times a quantity of the job. The file lists the terms and what measured them.
 """
 
 from collections import Counter
@@ -17,8 +16,8 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
 
 FILE = SHIPPED / "costs.yaml"
-STAGES = ("select", "render", "readout", "level0")  # of a chip, a process each
-INSTEAD = ("chip", "exposure")  # rules of `--config chips=whole` and `chips=exposure`, which stand for the four stages
+STAGES = ("select", "render", "readout", "level0")  # of a chip, one process each
+INSTEAD = ("chip", "exposure")  # rules of `--config chips=whole` and `chips=exposure`, in place of the four stages
 WAVELENGTHS = 4  # of a PSF set
 PICTURES = 30  # frames in the report's focal plane, but always a whole exposure
 
@@ -29,7 +28,7 @@ Terms = dict[Quantity, Annotated[float, Field(ge=0)]]
 
 
 class Numbers(Model):
-    """Of a rule: the terms of a job's CPU time and of its memory."""
+    """The terms of the CPU time and the memory of a rule's jobs."""
 
     cpu_s: Terms = Field(min_length=1)
     memory_mb: Terms = Field(min_length=1)
@@ -44,7 +43,7 @@ class Numbers(Model):
 
 
 class Rules(Model):
-    """The whole file: rules of the workflow, NAME_spectra those of spectroscopic chips."""
+    """The whole file: the rules of the workflow; NAME_spectra is the rule NAME for spectroscopic chips."""
 
     truth: Numbers
     psf: Numbers
@@ -68,7 +67,7 @@ class Rules(Model):
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """What one job takes."""
+    """CPU time and memory of one job."""
 
     cpu_s: float  # user and system, start of the process included
     memory_mb: float  # most at a time
@@ -84,8 +83,8 @@ def load_costs(file=FILE):
 def expected(run):
     """Return {rule: {key: Cost}} of the jobs of a campaign, in the order of the workflow. run: an OpenCampaign.
 
-    Keys are those of jobs (obsid, chip), bricks, chips (psf, masters), exposures or None (report). INSTEAD stand beside
-    the STAGES, which they would replace. Objects of a catalogue of the user's are not counted.
+    Keys are (obsid, chip) of jobs, bricks, chips (psf, masters), exposures, or None (report). The INSTEAD rules are
+    listed as well as the STAGES that they would replace. Objects of a user's catalogue are not counted.
     """
     numbers = load_costs()
     found = {rule: {} for rule in numbers if not rule.endswith("_spectra")}
@@ -170,7 +169,7 @@ def megapixels(job):
 def expected_objects(run, jobs):
     """Return {job.key: galaxies and stars expected on its window}: i and V counts down to the campaign's limit.
 
-    Empty for a catalogue of the user's, which nobody has counted.
+    Empty for a user's catalogue.
     """
     if not (jobs and run.embedded):
         return {}

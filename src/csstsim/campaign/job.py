@@ -4,7 +4,7 @@ from csstsim.simulation.exposure import Exposure
 
 
 class Job(Exposure):
-    """An Exposure that a campaign asks for, by the names that commands and files have for it."""
+    """An Exposure of a campaign, with the names that commands and files use for it."""
 
     @property
     def key(self):
@@ -13,5 +13,5 @@ class Job(Exposure):
 
     @property
     def options(self):
-        """How a command is told of the job."""
+        """The command-line options that name the job."""
         return f"--obsid {self.pointing.obsid} --chip {self.chip.id}"

@@ -1,4 +1,4 @@
-"""The first and the last line of a job's log: whose it is, and what the process took. At a terminal neither is said."""
+"""The first and last line of a job's log: which job it is, its time and memory. A terminal shows neither."""
 
 import os
 import re
@@ -15,12 +15,12 @@ from csstsim import __version__
 _START = time.monotonic()  # the commands import this first: nearly the start of the process
 _FIRST = re.compile(r"csstsim \S+ \w+: .*, (\S+) pid (\d{1,9}), \S+Z")
 _LAST = re.compile(r"^\w+ done: (\d{1,9}\.\d) s, CPU (\d{1,9}\.\d) s, memory (\d{1,9}) MB$", re.MULTILINE)
-ERROR = "csstsim: error:"  # how the line begins that a command says instead of the last one
+ERROR = "csstsim: error:"  # the line of a failed command, in place of the last one, begins so
 
 
 @dataclass(frozen=True)
 class Took:
-    """What a job took, from its start to its end."""
+    """Time and memory of a job, from its start to its end."""
 
     wall_s: float
     cpu_s: float  # user and system
@@ -29,7 +29,7 @@ class Took:
 
 @contextmanager
 def job_log(verb, campaign, digest, what):
-    """Say the first line of a job's log; if what is done under it succeeds, the last one.
+    """Print the first line of a job's log and, if the work inside succeeds, the last one.
 
     verb: the command; campaign: its name; digest: of its content; what: the exposure, chip or brick, in words.
     """
@@ -45,13 +45,13 @@ def job_log(verb, campaign, digest, what):
 
 
 def took(log):
-    """Return the Took that a log ends with, or None: the job failed, is at work, or is of an older release."""
+    """Return the Took of a log's last line; None if the job failed, still runs, or is of an older release."""
     found = _LAST.findall(log)
     return Took(*map(float, found[-1])) if found else None
 
 
 def killed(log):
-    """Return the pid of the process of this host that a log is of, if it is gone and left no last line; or None."""
+    """Return the pid of a log's process if it ran on this host and was killed before its last line; else None."""
     first = _FIRST.match(log)
     if not first or first[1] != socket.gethostname() or took(log) or os.path.exists(f"/proc/{first[2]}"):
         return None
@@ -59,7 +59,7 @@ def killed(log):
 
 
 def _peak_memory_mb():
-    """Return the largest resident memory; not that of getrusage, if it can be helped, in which a parent has a share."""
+    """Return the largest resident memory, if possible not getrusage's, which includes memory of the parent process."""
     try:
         with open("/proc/self/status") as file:
             return next(int(line.split()[1]) for line in file if line.startswith("VmHWM:")) / 1024

@@ -1,7 +1,7 @@
 """A campaign opened: its files read and checked, and the (exposure, chip) pairs it runs.
 
-Everything that can be wrong with the input is found here, before any work starts. The CLI and the
-workflow ask the same object which jobs, bricks and files there are.
+Every fault of the input is found here, before any work starts. The CLI and the workflow get jobs, bricks and files from
+the same object.
 """
 
 import math
@@ -33,7 +33,10 @@ from csstsim.render.settings import load_numbers
 from csstsim.simulation.sim_steps import SimSteps
 
 MERGE_MARGIN_DEG = 2.0 / 3600.0  # a merged brick takes detections up to 2" beyond its border
-CALIBRATIONS, FEWEST_CALIBRATIONS = ("BIAS", "DARK", "FLAT"), 3  # exposures of each: with two a ray is not told
+CALIBRATIONS, FEWEST_CALIBRATIONS = (
+    ("BIAS", "DARK", "FLAT"),
+    3,
+)  # exposures of each: cosmic rays cannot be found with two
 EDGE_PX = 3.0  # field distortion bends a chip's edges on the sky: by up to 2.4 px off the line between the corners
 
 
@@ -45,10 +48,10 @@ class OpenCampaign:
     ):
         """Open a campaign.
 
-        copied: the folder is only read, and may be a copy, which lies elsewhere than its `campaign.json` says. config
+        copied: the output folder is only read, and may be a copy of the one that `campaign.json` names. config
         (config.Campaign), layers ({exposure type: list as config.Observation.layers}) and pointings (a list of
-        instrument.pointing.Pointing) stand for what the files say. only: (obsid, chip number) of the one job it is
-        opened for: exposures and gratings of others are not checked.
+        instrument.pointing.Pointing) replace the files. only: (obsid, chip number) of the one job needed: exposures and
+        gratings of others are not checked.
         """
         self.file = Path(file)
         self.config = _own_bands(config or load_campaign(file))
@@ -63,7 +66,7 @@ class OpenCampaign:
         types = sorted({p.type for p in self._selected_pointings()})
         layers = layers or {}
         self.steps = {kind: SimSteps(self.config.observation_file(kind), kind, layers.get(kind)) for kind in types}
-        # One exposure time: where the layers ask for another than the table's, it is the exposure's everywhere.
+        # One exposure time: that of the layers, if they give one, replaces the table's everywhere.
         asked = {kind: steps.exptime for kind, steps in self.steps.items() if steps.exptime is not None}
         for kind, exptime in asked.items():
             if exptime == 0 and kind != "BIAS":
@@ -84,7 +87,7 @@ class OpenCampaign:
             check_shutter(self, p, chips)
 
     def masters(self, chip_id):
-        """Return the file of a chip's master calibration frames, that its exposures are measured with."""
+        """Return the file of the master frames with which a chip's exposures are calibrated."""
         return Paths(self.config.measurement.masters).masters(chip_id)
 
     def _selected_pointings(self):
@@ -160,7 +163,7 @@ class OpenCampaign:
         window = Window(**wanted.model_dump()) if isinstance(wanted, PixelWindow) else full
         region = self.config.select.region
         if region is None or pointing.type != "SCIE":
-            return window  # bias, dark and flat frames see no sky: a region does not choose among them
+            return window  # bias, dark and flat frames see no sky: select.region does not apply
         x, y = (float(v) for v in wcs.world_to_pixel(*apparent(region.ra, region.dec, craft)))
         radius = region.radius * 60.0 / self.camera.telescope.pixel_scale
         near_x, near_y = (
@@ -186,11 +189,11 @@ class OpenCampaign:
 
     @property
     def embedded(self):
-        """Whether objects are those of the embedded universe, not of a catalogue of the user's."""
+        """Whether objects come from the embedded universe, not from a user's catalogue."""
         return self.config.catalog.kind == "embedded"
 
     def universe_key(self):
-        """Return what the embedded bricks are made for: {seed, universe, camera, lensing}."""
+        """Return what decides the embedded bricks: {seed, universe, camera, lensing}."""
         config = self.config
         return {
             "seed": config.seed,
@@ -207,7 +210,7 @@ class OpenCampaign:
         return load_universe(self.config.universe_folder)
 
     def open_truth(self):
-        """Return the embedded Universe, or the class of the user's catalogue. Raises InputError for what is wrong."""
+        """Return the embedded Universe, or the class of the user's catalogue. Raises InputError for a fault in it."""
         if not self.embedded:
             return catalog_class(self.config.catalog.kind)
         self.universe.check()
@@ -221,7 +224,7 @@ class OpenCampaign:
         return Disperser(self.camera.gratings[chip.id], self.camera.filters[chip.filter], self.camera.telescope)
 
     def margin_deg(self, job):
-        """Return how far beyond a job's window objects may lie whose light reaches it."""
+        """Return the margin around a job's window [deg] from which light of objects can reach it."""
         scale = self.camera.telescope.pixel_scale
         margin = BRICK_MARGIN_PX * scale / 3600.0
         if job.chip.kind != "slitless":
@@ -258,12 +261,12 @@ class OpenCampaign:
 
     @cached_property
     def slitless_jobs(self):
-        """The jobs of which spectra are extracted: science exposures of spectroscopic chips."""
+        """The jobs whose spectra are extracted: science exposures of spectroscopic chips."""
         return tuple(job for job in self.jobs if self.has_orders(job))
 
     @cached_property
     def calibration_jobs(self):
-        """Map each chip with bias, dark and lamp exposures enough for master frames to its jobs."""
+        """{chip: its jobs} of the chips with enough bias, dark and lamp exposures for master frames."""
         chips = {}
         for job in self.jobs:
             if job.pointing.type != "SCIE" and job.window == job.chip.full_window:
@@ -275,7 +278,7 @@ class OpenCampaign:
 
     @cached_property
     def merge_bricks(self):
-        """Map each brick touched by a measured window to its jobs."""
+        """{brick: its jobs} of the bricks that a measured window touches."""
         bricks = {}
         for job in self.imaging_jobs:
             for pix in bricks_for(*job.footprint(EDGE_PX), MERGE_MARGIN_DEG):
@@ -288,7 +291,7 @@ class OpenCampaign:
         return Recipes(self)
 
     def recipe(self, job, stage="level0"):
-        """Return {name: digest} of everything that decides what a stage makes of a job; recorded in each product."""
+        """Return {name: digest} of everything that decides a stage's product of a job; the product records it."""
         return self.recipes.of_job(job, stage)
 
     def brick_recipe(self, pix):
@@ -297,12 +300,12 @@ class OpenCampaign:
 
     @property
     def measurement(self):
-        """What of the campaign's `measurement` decides measurements, JSON-like: not which products are kept."""
+        """The keys of `measurement` that decide measurements, JSON-like; not which products are kept."""
         return self.config.measurement.model_dump(mode="json", exclude={"keep_calibrated"})
 
 
 def _own_bands(config):
-    """Return the campaign with its camera's folder told to a table's catalogue, whose magnitudes are of its bands."""
+    """Return the campaign with the camera's folder among a table catalogue's options: it needs the camera's bands."""
     options = config.catalog.options
     if config.catalog.kind != own_table.KIND or config.instrument is None or "instrument" in options:
         return config

@@ -1,4 +1,4 @@
-"""What a campaign would do and cost, before anything runs (`csstsim plan`); CPU and memory are of campaign.costs."""
+"""What a campaign would make, and its cost, before anything runs (`csstsim plan`; costs: campaign.costs)."""
 
 import os
 
@@ -47,12 +47,12 @@ def plan(run):
 
 
 def _listed(bricks):
-    """How many, and which if they are few: `csstsim truth --brick` asks for a number."""
+    """Return the number of bricks as text, and which they are if they are few."""
     return f"{len(bricks)}: {', '.join(map(str, sorted(bricks)))}" if 0 < len(bricks) <= 8 else len(bricks)
 
 
 def _covered(run):
-    """Bricks of which every point sampled is on a measured window, in some exposure."""
+    """Return the bricks that measured windows cover at every sampled point."""
     import healpy
 
     covered = []
@@ -107,7 +107,7 @@ def _cost_table(costs):
 
 
 def duration(seconds):
-    """Return a span of time as a person says it."""
+    """Return a span of time as text."""
     if seconds < 60:
         return f"{seconds:.0f} s"
     hours = seconds / 3600

@@ -1,7 +1,7 @@
-"""What decides each product of a campaign: digests of what its stage, and all stages before it, read.
+"""Recipes: digests of everything that a stage and the stages before it read, and so of all that decides its product.
 
-Each product records its recipe, and a stage refuses an input of another. Snakemake runs a job again whose recipe has
-changed. So a key or a number belongs into the recipe of the stage that reads it first, and into no earlier one.
+Each product records its recipe. A stage refuses an input with another recipe, and Snakemake runs a job again if its
+recipe has changed. So a key or a number belongs to the recipe of the stage that reads it first, and to no earlier one.
 """
 
 from functools import cached_property
@@ -11,8 +11,8 @@ from csstsim.base.release import release
 from csstsim.base.stages import behind, flat, read_by
 from csstsim.catalog.open import own_digests
 
-# What reads a key of the campaign file first (base.stages.read_by). Of files and folders the content counts, under
-# other names: exposures, layers, camera, `sky`
+# {key of the campaign file: the stages that read it first} (base.stages.read_by). Files and folders count by their
+# content, under other names: exposures, layers, camera, `sky`
 READERS = {
     "schema_version": (),
     "name": (),
@@ -78,12 +78,12 @@ class Recipes:
 
     @property
     def truth(self):
-        """What the embedded bricks are made for; None for a catalogue of the user's."""
+        """What decides the embedded bricks; None for a user's catalogue."""
         return self._of_shared("truth") if self._run.embedded else None
 
     @property
     def psf(self):
-        """What the PSF sets are made for."""
+        """What decides the PSF sets."""
         return self._of_shared("psf")
 
     @property

@@ -1,7 +1,7 @@
-"""What the jobs of a campaign took, beside what was expected of them (csstsim.campaign.costs): a table by rule.
+"""Time and memory of a campaign's jobs, measured and expected (csstsim.campaign.costs): a table by rule.
 
-Snakemake writes a benchmark file for each job. It looks at the job every half second and, after a quarter of a minute,
-every half minute, so it misses what came after its last look; the log's last line, where there is one, knows.
+Snakemake writes a benchmark file for each job. It samples a job every half second and, after a quarter of a minute,
+every half minute, so it misses what follows its last sample. The last line of the log, if there is one, is exact.
 """
 
 import csv
@@ -10,7 +10,7 @@ from statistics import fmean
 from csstsim.campaign.costs import expected
 from csstsim.campaign.job_log import Took, took
 
-MOST = 1e12  # a figure beyond it is none
+MOST = 1e12  # larger figures are invalid
 
 
 def run_times(run):
@@ -51,7 +51,7 @@ def _read(path, logs):
 
 
 def _number(text):
-    """A figure of a benchmark file; a job too short for Snakemake to sample has 'NA', a line cut short None."""
+    """Return a figure of a benchmark file; None for 'NA' (a job too short to sample) and in a truncated line."""
     try:
         value = float(text)
     except (TypeError, ValueError):
@@ -60,7 +60,7 @@ def _number(text):
 
 
 def _known(jobs, name):
-    """Return one figure of the jobs of which it is known, as a list."""
+    """Return the known values of one figure of the jobs, as a list."""
     return [value for job in jobs if (value := getattr(job, name)) is not None]
 
 

@@ -1,4 +1,4 @@
-"""`csstsim init DIR`: a folder with a campaign that runs as it is, to be changed into one's own."""
+"""`csstsim init DIR` writes a folder with a campaign that runs as it is, for the user to change."""
 
 import json
 import os
@@ -22,7 +22,7 @@ FILES = {
     "profiles/slurm/config.yaml": ("profiles/slurm/config.yaml", "... on a cluster: --workflow-profile profiles/slurm"),
     "profiles/slurm/workflow.yaml": ("profiles/slurm/workflow.yaml", "... and on its nodes"),
 }
-# Exposures that a catalogue's objects are put on: chip (one of g, r, i) and time.
+# Exposures that point at a catalogue's objects: chip (one of g, r, i) and time.
 AIMED = {8: "2027-11-20T01:16:00", 9: "2027-11-20T01:20:00", 7: "2027-11-20T01:24:00"}
 PA, EXPTIME = -113.4333, 150.0  # deg, s
 MARGIN, LARGEST = 0.2, 5.0  # arcmin: beyond the outermost object; a chip's half side is 5.7
@@ -35,10 +35,10 @@ def init(folder, say, catalogue=None):
     a folder that has one of the files, or a table that cannot be used.
     """
     if not str(folder):
-        raise InputError("give the folder to be made", key="FOLDER", value=folder)
+        raise InputError("name the folder to make", key="FOLDER", value=folder)
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
-        raise InputError("is a file; give the folder to be made", file=folder)
+        raise InputError("is a file; name the folder to make", file=folder)
     content = {name: (ROOT / source).read_bytes() for name, (source, _) in FILES.items()}
     meanings = {name: meaning for name, (_, meaning) in FILES.items()}
     if catalogue:
@@ -46,7 +46,7 @@ def init(folder, say, catalogue=None):
         meanings[Path(catalogue).name] = "your objects"
     there = [name for name in content if os.path.lexists(folder / name)]
     if there:
-        raise InputError("is there already, and nothing was written; give another folder", file=folder / there[0])
+        raise InputError("exists already, and nothing was written; name another folder", file=folder / there[0])
     written = []
     try:
         for name in meanings:
@@ -64,14 +64,14 @@ def init(folder, say, catalogue=None):
 
 
 def _aimed(file, content):
-    """Return {name: bytes} of what differs for a catalogue of the user's: the table, the campaign, the pointings."""
+    """Return {name: bytes} of the files that differ for a user's catalogue: the table, the campaign, the pointings."""
     from csstsim.base.shipped import SHIPPED
     from csstsim.catalog.object_table import object_table, read_table
     from csstsim.instrument.camera import load_camera
     from csstsim.optics.geometry.pointing_for import centred_exposure
 
     if file.name in content:
-        raise InputError("the name is taken by another file of the folder", file=file)
+        raise InputError("another file of the folder has this name; rename the table", file=file)
     camera = load_camera(SHIPPED / "instrument")
     ra, dec, radius = _circle(file, object_table(read_table(file), camera.bands, file))
     rows = ["obsid,type,ra,dec,pa,time,exptime"]
@@ -98,7 +98,7 @@ def _circle(file, table):
 
     vectors = unit_vectors(table["ra"], table["dec"])
     if not len(vectors) or not np.isfinite(vectors).all():
-        raise InputError("no objects, or one without a place", file=file, key="ra, dec")
+        raise InputError("the table has no objects, or one without a position", file=file, key="ra, dec")
     middle = vectors.mean(axis=0)
     chord = np.linalg.norm(vectors - middle / np.linalg.norm(middle), axis=1).max()
     reach = 60.0 * float(np.degrees(2 * np.arcsin(chord / 2)))

@@ -1,9 +1,9 @@
-"""How far a campaign is, from the files it has made so far (`csstsim status`): to be asked while it is at work.
+"""Progress of a campaign, from the files it has made so far (`csstsim status`), also while it runs.
 
-Nothing is asked of who makes the files, so it is the same for Snakemake here, on a cluster and by hand. Each folder is
-read once. The pace is the estimated CPU time (csstsim.campaign.costs) of what was made lately over the time it took;
-what is missing over the pace is the time left. Times are those of the files, told by their disk's clock, which may be
-off: what counts is how far they lie apart.
+Only files are read, so it works the same for Snakemake here, on a cluster, and for jobs run by hand. Each folder is
+read once. The pace is the estimated CPU time (csstsim.campaign.costs) of recent products over the time they took; the
+time left is the CPU time of the missing products over the pace. Times are those of the files. Their disk's clock may be
+wrong: only differences count.
 """
 
 import os
@@ -24,7 +24,7 @@ CRASH = "Traceback (most recent call last)"
 
 @dataclass(frozen=True)
 class Kind:
-    """Products of one kind: what each is expected to cost, and when those that are there were made."""
+    """Products of one kind: the expected cost of each, and when the existing ones were made."""
 
     name: str
     wanted: dict  # {path: CPU s}
@@ -32,13 +32,13 @@ class Kind:
 
     @property
     def missing_cpu(self):
-        """CPU seconds expected of the products that are not there."""
+        """Expected CPU seconds of the missing products."""
         return sum(cpu for path, cpu in self.wanted.items() if path not in self.made)
 
 
 @dataclass(frozen=True)
 class Pace:
-    """What was made lately: from the first of these products, which is not counted, to the last."""
+    """Recent products: from the first of them, which is not counted, to the last."""
 
     span: float  # s
     cpu: float  # CPU s expected of them
@@ -48,7 +48,7 @@ class Pace:
 
 @dataclass(frozen=True)
 class Status:
-    """What is there of a campaign."""
+    """Progress of a campaign."""
 
     kinds: list
     pace: Pace | None  # None: too little was made to tell
@@ -57,12 +57,12 @@ class Status:
 
     @property
     def missing_cpu(self):
-        """CPU seconds expected of the products that are not there, of all kinds."""
+        """Expected CPU seconds of the missing products of all kinds."""
         return sum(kind.missing_cpu for kind in self.kinds)
 
     @property
     def done(self):
-        """Whether every product is there."""
+        """Whether every product exists."""
         return all(len(kind.made) == len(kind.wanted) for kind in self.kinds)
 
     @property
@@ -98,9 +98,9 @@ def look(run, products):
 
 
 def _files(folder, skip=(), links=False):
-    """Yield (path, stat) of the files below a folder; what cannot be read, or goes meanwhile, is left out.
+    """Yield (path, stat) of the files below a folder, except those that cannot be read or vanish meanwhile.
 
-    links: also below links to folders that are in it (products on another disk), but not further down.
+    links: follow links to folders directly in it (products on another disk), but not further down.
     """
     try:
         entries = list(os.scandir(folder))
@@ -118,10 +118,10 @@ def _files(folder, skip=(), links=False):
 
 
 def pace(kinds):
-    """Return the Pace of the last hour of work, that after its last pause; None if two products never met in one.
+    """Return the Pace of the last hour of work since its last pause; None if no hour has two products.
 
-    That hour ends with the last product, whenever it was: neither a clock that is off nor a night since then counts.
-    Where work has only begun, and beside a file of the future, the work before tells.
+    The hour ends with the last product, so a wrong clock or a night since then does not matter. If work has only just
+    begun again, or a file has a date in the future, the work before it gives the pace.
     """
     made = sorted((moment, kind.name, kind.wanted[path]) for kind in kinds for path, moment in kind.made.items())
     longest = max((cpu for kind in kinds for cpu in kind.wanted.values()), default=0.0)
@@ -140,14 +140,14 @@ def pace(kinds):
 
 
 def failures(folder):
-    """Return [(path, line)] of the newest logs that tell of an error, newest first."""
+    """Return [(path, line)] of the newest logs with an error, newest first."""
     logs = sorted(_files(folder), key=lambda file: -file[1].st_mtime)[:LOGS]
     found = ((path, line) for path, _ in logs if (line := _complaint(path)))
     return [failure for failure, _ in zip(found, range(FAILURES), strict=False)]
 
 
 def _complaint(path):
-    """Return the line of a log that says why its job failed, or None."""
+    """Return the line of a log with the reason why its job failed, or None."""
     try:
         with open(path, "rb") as file:
             text = file.readline(TAIL)
@@ -159,7 +159,7 @@ def _complaint(path):
     said = [line for line in lines if line.startswith(ERROR)]
     found = said[-1] if said else lines[-1] if CRASH in text else None
     if found is None and (pid := killed(text)):
-        found = f"killed: process {pid} is gone, and left no word"
+        found = f"killed: process {pid} ended without a message"
     return found and "".join(c if c.isprintable() else "?" for c in found)
 
 
@@ -181,19 +181,17 @@ def rate(status, kind):
 
 
 def summary(status, root, now=None):
-    """Return the lines of what is not of one kind."""
+    """Return the lines that concern all kinds: time left, disk, idle time, failures."""
     now = time.time() if now is None else now
     said = [f"{root}: {status.disk / 1e9:.3g} GB"]
     if status.done:
         said.append("all is made")
     elif status.pace is None:
-        said.append(
-            f"{duration(status.missing_cpu)} of CPU time to go, an estimate; no pace to tell the time left from yet"
-        )
+        said.append(f"{duration(status.missing_cpu)} of CPU time to go, estimated; the time left is not known yet")
     else:
         last, idle = datetime.fromtimestamp(status.pace.last, UTC), now - status.pace.last
         said.append(
-            f"{duration(status.missing_cpu)} of CPU time to go, an estimate; at the pace of the last "
+            f"{duration(status.missing_cpu)} of CPU time to go, estimated; at the pace of the last "
             f"{duration(status.pace.span)} of work {duration(status.left)} left"
         )
         if idle > PAUSE:

@@ -80,7 +80,7 @@ def _header(path, number, names):
         if name not in REQUIRED + STATE:
             raise fault("unknown column", name, ", ".join(REQUIRED + STATE))
         if names.count(name) > 1:
-            raise fault("column given twice", name)
+            raise fault("the column is given twice", name)
     for name in REQUIRED:
         if name not in names:
             raise fault("column is missing", name)
@@ -158,10 +158,13 @@ class _Row:
         radius, speed = math.hypot(*position), math.hypot(*velocity)
         if not EARTH_RADIUS_KM < radius <= _MAX_RADIUS_KM:
             raise self.error(
-                "distance from the Earth's centre, km", "sat_x", radius, f"{EARTH_RADIUS_KM:g}-{_MAX_RADIUS_KM:g}"
+                "distance from the Earth's centre [km] out of range",
+                "sat_x",
+                radius,
+                f"{EARTH_RADIUS_KM:g}-{_MAX_RADIUS_KM:g}",
             )
         if speed > _MAX_SPEED_KM_S:
-            raise self.error("speed, km/s", "sat_vx", speed, f"up to {_MAX_SPEED_KM_S:g}")
+            raise self.error("speed [km/s] out of range", "sat_vx", speed, f"up to {_MAX_SPEED_KM_S:g}")
         return position, velocity
 
     def pointing(self, obsid, state):

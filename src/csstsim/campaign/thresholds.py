@@ -1,4 +1,4 @@
-"""When a brick is good: the thresholds of the report's gates (docs/validation.md), keys of a campaign file."""
+"""Thresholds of the report's gates (docs/validation.md): keys of a campaign file."""
 
 from pydantic import Field, field_validator
 
@@ -12,7 +12,7 @@ class ValidateConfig(Model):
         0.95,
         ge=0,
         le=1,
-        description="isolated point sources found at S/N above snr_min in an exposure; two sigma are forgiven",
+        description="least share of isolated point sources found at S/N above snr_min in an exposure; 2 sigma forgiven",
     )
     galaxy_completeness_min: float | None = Field(
         0.9, ge=0, le=1, description="isolated galaxies found at S/N above galaxy_snr_min in an exposure; two sigma of "
@@ -22,10 +22,10 @@ class ValidateConfig(Model):
         20.0, gt=0, description="S/N (from truth) above which galaxies' completeness is judged"
     )
     saturated_min: float | None = Field(
-        0.9, ge=0, le=1, description="stars of twice the full well that carry the flag of saturation"
+        0.9, ge=0, le=1, description="least share of stars of twice the full well that are flagged as saturated"
     )
     snr_min: float = Field(5.0, gt=0, description="S/N (from truth) above which completeness is judged")
-    purity_min: float | None = Field(0.8, ge=0, le=1, description="merged sources with a true object")
+    purity_min: float | None = Field(0.8, ge=0, le=1, description="least share of merged sources with a true object")
     mag_bias_max: float | None = Field(0.02, gt=0, description="|median magnitude residual| of stars at S/N > 20 [mag]")
     pull_width: tuple[float, float] | None = Field(
         (0.9, 1.2), description="least and largest width of stars' flux residuals over their errors, at S/N > 20"
@@ -61,8 +61,8 @@ class ValidateConfig(Model):
     level_off_max: float | None = Field(
         0.02,
         gt=0,
-        description="|background over that of sky and dark, less 1|, of the frame and of each channel; what objects' "
-        "wings add is let pass, and 4 sigma",
+        description="|background over that of sky and dark, less 1|, of the frame and of each channel; light of "
+        "objects' wings and 4 sigma are forgiven",
     )
     read_noise_max: float | None = Field(
         0.05, gt=0, description="|read noise in a channel's overscan over the camera's, less 1|; 4 sigma are forgiven"
@@ -85,7 +85,9 @@ class ValidateConfig(Model):
         description="isolated objects that an exposure found at S/N above 20 without a merged source; 2 sigma forgiven",
     )
     twice_max: float | None = Field(
-        0.02, gt=0, description="sources too many at isolated true objects, a share of these; 2 sigma are forgiven"
+        0.02,
+        gt=0,
+        description="surplus sources at isolated true objects, over the number of these; 2 sigma forgiven",
     )
     psf_size_max: float | None = Field(
         0.005,
@@ -110,5 +112,5 @@ class ValidateConfig(Model):
     @classmethod
     def _rising(cls, value):
         if value is not None and not 0 <= value[0] < value[1]:
-            raise ValueError("two numbers, the least first")
+            raise ValueError("must be two numbers, the smaller first")
         return value

@@ -1,1 +1,1 @@
-"""What is in the sky, as the simulator sees it: catalogues, their objects, light, places and selection."""
+"""The objects of the sky: catalogues, light, astrometry, and the selection of what reaches a chip."""

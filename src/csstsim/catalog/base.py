@@ -22,11 +22,11 @@ names (`catalog: {kind: "mine:Mine", options: {...}}`). A whole one:
         def load_norm_filt(self, obj):         # mag_norm is AB in this box; None: FLUX is absolute
             return Table({"WAVELENGTH": [5499.0, 5500.0, 7000.0, 7001.0], "SENSITIVITY": [0.0, 1.0, 1.0, 0.0]})
 
-What a MockObject may be given (all but id, ra, dec have defaults; the full list is `catalog.table.COLUMNS`):
+Keywords of a MockObject (all but id, ra, dec have defaults; the full list is `catalog.table.COLUMNS`):
 
 | keyword                     | unit, meaning                                                                      |
 |-----------------------------|------------------------------------------------------------------------------------|
-| id                          | whole number, each object its own; below 2^63                                      |
+| id                          | whole number below 2^63, different for each object                                 |
 | type                        | "star", "galaxy" or "quasar"; stars and quasars are points                         |
 | ra, dec                     | deg, ICRS at J2000                                                                 |
 | pmra, pmdec, parallax, rv   | mas/yr (pmra with cos dec), mas, km/s: stars only                                  |
@@ -37,13 +37,13 @@ What a MockObject may be given (all but id, ra, dec have defaults; the full list
 | kappa, gamma1, gamma2       | lensing, same axes; stars are not lensed                                           |
 | mag_norm                    | AB magnitude in the filter of `load_norm_filt`, if that gives one                  |
 | z, av, teff, logg, feh, ... | for the truth table only: csstsim draws what `load_sed` gives                      |
-| any other name              | yours to use in `load_sed`; plain values go to the truth table as `user_<name>`;   |
+| any other name              | for use in your `load_sed`; plain values go to the truth table as `user_<name>`;   |
 |                             | a galaxy's n, q, pa, re and the like are refused (catalog.unsupported_shapes)       |
 
 WAVELENGTH is in angstrom and rises, FLUX in photon / s / m2 / angstrom; columns with astropy units are converted.
-Between samples a spectrum is linear, outside them zero. It is in the observed frame: redshift, dust and Milky Way
-extinction are in it; lensing magnification is not (csstsim applies it from kappa and gamma). `csstsim check` opens the
-catalogue on the campaign's first exposure and says what is wrong (catalog.contract).
+Between samples a spectrum is linear, outside them zero. It is in the observed frame: it includes redshift, dust and
+Milky Way extinction, but not lensing magnification, which csstsim applies from kappa and gamma. `csstsim check` tests
+the catalogue on the campaign's first exposure and lists its faults (catalog.contract).
 
 Speed: a catalogue with many objects overrides `load_seds`, or `load_fluxes` to skip spectra altogether.
 """
@@ -70,10 +70,10 @@ from csstsim.instrument.filter import GRID
 
 @dataclass(frozen=True)
 class Region:
-    """The sky a catalogue is asked for: corners [deg, ICRS], margin added, and NSIDE-256 nested bricks they touch.
+    """The region of the sky a catalogue must cover: its corners [deg, ICRS] and the NSIDE-256 nested bricks they touch.
 
-    The margin leaves a star 147 arcsec of motion since J2000; a catalogue with faster ones gives them besides. `bands`:
-    those of the camera (Camera.bands), whose magnitudes a table has.
+    The region includes a margin: stars may have moved 147 arcsec since J2000. A catalogue must add faster stars that
+    come from outside. `bands`: those of the camera (Camera.bands), whose magnitudes a table has.
     """
 
     ra: tuple[float, ...]
@@ -96,7 +96,7 @@ class CatalogBase(ABC):
 
     @abstractmethod
     def _load(self):
-        """Fill `self.objs` with the MockObjects of `self.region` (more do no harm: selection is by position)."""
+        """Fill `self.objs` with the MockObjects of `self.region`. More are allowed: selection is by position."""
 
     @abstractmethod
     def load_sed(self, obj):
@@ -108,26 +108,26 @@ class CatalogBase(ABC):
 
     @classmethod
     def files(cls, options):
-        """Return the paths of files, of those named in `options`, of which a changed content means other chips.
+        """Return the paths of the files in `options` whose content decides the chips.
 
-        They are read to the end for each campaign that is opened; leave out what is too large for that.
+        They are read whole each time a campaign is opened; leave out files that are too large for that.
         """
         return ()
 
     @property
     def table(self):
-        """The objects as an ObjectTable, in the order of `self.objs`. Raises InputError for what is none."""
+        """The objects as an ObjectTable, in the order of `self.objs`. Raises InputError if one is not a MockObject."""
         if getattr(self, "_table", None) is None:
             strange = next((obj for obj in self.objs if not isinstance(obj, MockObject)), None)
             if strange is not None:
-                raise InputError("objs holds something else than MockObjects", key=name_of(self), value=strange)
+                raise InputError("objs holds an item that is not a MockObject", key=name_of(self), value=strange)
             names = sorted({name for obj in self.objs for name in obj.values})
             columns = {name: [getattr(obj, name, None) for obj in self.objs] for name in names}
             bands = self.region.bands
             ours = columns_with(bands)
             _refuse_units(name_of(self), {name: columns[name] for name in columns if name in ours})
             check_shapes(columns, columns.get("obj_type", ()), name_of(self))
-            # Extras may be anything (a file name, an array); only plain values travel, under names that are theirs.
+            # Extras may be anything (a file name, an array); only plain values go to the table, as user_<name>.
             extras = {f"user_{name}": column for name, column in columns.items() if name not in ours}
             plain = {name: _plain_column(column) for name, column in extras.items()}
             known = {name: column for name, column in columns.items() if name in ours}
@@ -145,7 +145,7 @@ class CatalogBase(ABC):
     def load_seds(self, rows):
         """Return (len(rows), 18001) spectra [photon / s / m2 / A] on 2000-11000 A by 0.5 A for rows of `table`.
 
-        Raises InputError for what `load_sed` or `load_norm_filt` raise, or give in the wrong form.
+        Raises InputError if `load_sed` or `load_norm_filt` raises an exception or returns the wrong form.
         """
         return np.array([self._load_on_grid(self.objs[row]) for row in rows]).reshape(len(rows), len(GRID))
 
@@ -156,7 +156,7 @@ class CatalogBase(ABC):
     def load_binned(self, rows, edges):
         """Return (len(rows), len(edges) - 1) photon / s / m2 / angstrom: means over bins of `edges` [angstrom].
 
-        Edges are samples of the paper's grid. What slitless spectra are drawn from; made of `load_seds`.
+        Edges are samples of the paper's grid. Slitless spectra are drawn from these means, made from `load_seds`.
         """
         at = np.searchsorted(GRID, edges)
         seds = np.asarray(self.load_seds(rows), dtype=float)[:, at[0] : at[-1] + 1]
@@ -165,7 +165,7 @@ class CatalogBase(ABC):
     def rate_bound(self, rows, filter, telescope):
         """Return (len(rows),) electrons / s that no row's `load_fluxes` exceeds, or None if that is not known.
 
-        It spares `load_fluxes` for objects that cannot reach a chip.
+        With it, `load_fluxes` is not called for objects that cannot reach a chip.
         """
         return None
 
@@ -182,7 +182,7 @@ class CatalogBase(ABC):
         wave, response = read_columns(norm, "SENSITIVITY", where)
         target = getattr(obj, "mag_norm", None)
         if target is None:
-            raise InputError("gave a filter, but the object has no mag_norm", key=where)
+            raise InputError("returned a filter, but the object has no mag_norm", key=where)
         current = ab_mag(sed, GRID, np.interp(GRID, wave, response, left=0.0, right=0.0))
         with np.errstate(over="ignore", invalid="ignore"):  # a dark spectrum becomes NaN, and is flagged
             return sed * 10 ** (0.4 * (current - target))
@@ -217,7 +217,7 @@ def name_of(catalog):
 
 @contextmanager
 def users_code(where):
-    """Turn what code of the user's raises inside into an InputError of one line: where, what, which line of theirs."""
+    """Turn an exception of the user's code inside into an InputError of one line: where, what, and the user's line."""
     with explained("catalogue"):
         try:
             yield
@@ -231,7 +231,7 @@ def users_code(where):
 
 
 def read_columns(table, name, where):
-    """Return WAVELENGTH [A] and `name` (FLUX or SENSITIVITY) of what a user's method gave, in csstsim's units.
+    """Return WAVELENGTH [A] and `name` (FLUX or SENSITIVITY) of the table a user's method returned, in csstsim's units.
 
     Both are float64 and of one length. `where` begins the message. Raises InputError for anything not of that form.
     """

@@ -4,12 +4,12 @@ In a campaign: `catalog: {kind: "csstsim.catalog.c9:C9Catalog", options: {stars:
 
     stars      the embedded atmospheres at (Teff, log g, [Fe/H]), dimmed by A(V), with AB app_sdss_g in SDSS g
     galaxies   max(0, sum_k coeff_k B_k(lambda / (1 + z))) as f_lambda, with AB mag_csst_i in CSST's i
-    quasars    row `qsoindex` of a table of observed f_lambda, beside their galaxies as objects of their own
+    quasars    row `qsoindex` of a table of observed f_lambda; they are objects of their own besides their galaxies
 
-What the public description leaves open, and what is done: app_sdss_g is as observed, dust included; z_met is the mass
-fraction of metals (option); one `size` serves bulge and disk; the share of the bulge's light is that of its mass;
+Assumed where the public description is not explicit: app_sdss_g is as observed, with dust; z_met is the mass fraction
+of metals (an option); one `size` is that of bulge and disk; the bulge's share of the light is its share of the mass;
 `shear` is gamma; ellipticity and shear have csstsim's axes; magnitudes are before magnification. Left out: dust and
-intergalactic absorption before galaxies beyond what their magnitudes hold.
+intergalactic absorption in galaxies' spectra, except what their magnitudes contain.
 """
 
 from functools import cached_property
@@ -44,9 +44,9 @@ class C9Catalog(CatalogBase):
         basis        HDF5 file with `wavelength` (n,) [A, rest] and `components` (20, n) f_lambda; needed for galaxies
         quasars      HDF5 file with `wavelength` (n,) [A, observed] and `flux` (m, n) [erg / s / cm2 / A];
                      null leaves quasars out
-        partial      true: a bundle that is not there is empty sky [false: an error]
-        metallicity  what z_met is: "mass_fraction" (of the official files) or "dex"
-        solar_z      mass fraction of the Sun, for the former [0.02, the value the public converter takes]
+        partial      true: a missing bundle is empty sky [false: an error]
+        metallicity  the meaning of z_met: "mass_fraction" (of the official files) or "dex"
+        solar_z      mass fraction of the Sun, for "mass_fraction" [0.02, as in the public converter]
         universe, instrument   folders of the spectra and of the camera [the shipped ones]
 
     Raises InputError for a missing or unknown option, file, dataset or shape.
@@ -57,7 +57,7 @@ class C9Catalog(CatalogBase):
         for name in set(self.options) - set(OPTIONS):
             raise InputError("unknown key", key="catalog.options", value=name, allowed=", ".join(OPTIONS))
         if not (self.options.get("stars") or self.options.get("galaxies")):
-            raise InputError("neither stars nor galaxies are given", key="catalog.options")
+            raise InputError("give stars, galaxies or both", key="catalog.options")
         kinds = ("mass_fraction", "dex")
         if self.options.get("metallicity", kinds[0]) not in kinds:
             value = self.options["metallicity"]

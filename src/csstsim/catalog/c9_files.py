@@ -40,7 +40,7 @@ def pixels(bricks):
 
 
 def read_stars(files, bricks):
-    """Yield (pixel, {name: values}) of every pixel under `bricks`; one that is in several files comes several times."""
+    """Yield (pixel, {name: values}) of every pixel under `bricks`, once for each file that has it."""
     for file in files:
         with _open(file) as h5:
             root = group(h5, "star_catalog", file)
@@ -53,7 +53,7 @@ def read_stars(files, bricks):
 
 
 def read_galaxies(folder, bricks, partial):
-    """Yield (pixel, {name: values}) as `read_stars`. A bundle that is not there is empty sky if `partial`."""
+    """Yield (pixel, {name: values}) as `read_stars`. If `partial`, a missing bundle is empty sky."""
     import healpy
 
     wanted = dict.fromkeys(GALAXY_COLUMNS) | GALAXY_WIDE

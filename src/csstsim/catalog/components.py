@@ -9,9 +9,8 @@ from csstsim.profiles.sersic import BULGE, DISK
 def components(table):
     """Return ((light, index, size), ...) of disk and bulge of an ObjectTable's objects.
 
-    light (n,): share of the object's; index: Sersic's; size (n,): half-light radius [arcsec]. What an object makes no
-    use of, a point's shape or the size of a component without light, may be anything in the table; a point is a disk
-    of size 0.
+    light (n,): share of the object's light; index: Sersic's; size (n,): half-light radius [arcsec]. A point is a disk
+    of size 0. The table may hold any value for a point's shape and for the size of a component without light.
     """
     galaxy = table["obj_type"] == GALAXY
     bulge = np.where(galaxy, table["bulge_frac"].astype(float), 0.0)

@@ -1,13 +1,13 @@
-"""The contract test of a catalogue of your own: what csstsim asks of it, tried on a region of the sky.
+"""The contract test of a catalogue of your own: checks on a region of the sky what csstsim requires.
 
-`csstsim check CAMPAIGN` runs it on the campaign's first exposure. In a test of yours:
+`csstsim check CAMPAIGN` runs it on the campaign's first exposure. In your test:
 
     from csstsim.catalog.contract import check, sky_region
     report = check(Mine, {"file": "mine.csv"}, sky_region(ra=10.0, dec=-2.0, radius=0.1))
     assert not report.faults, report
 
-A fault keeps an object, or all, from being drawn as meant; a warning is something that may be meant. What the
-catalogue's own code raises comes as InputError, with class, method and object.
+With a fault, an object or all objects would be drawn wrongly or not at all; a warning may be intended. An exception of
+the catalogue's own code becomes an InputError with class, method and object.
 """
 
 from collections import defaultdict
@@ -26,7 +26,7 @@ from csstsim.catalog.table import STAR, TYPES, ObjectTable, columns_with
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID, SUBBANDS
 
-PLAUSIBLE_MAG = (0.0, 40.0)  # AB, an object's brightest band: beyond it the unit of FLUX is likely another
+PLAUSIBLE_MAG = (0.0, 40.0)  # AB, in an object's brightest band: outside it FLUX is probably in a wrong unit
 MAG_TOLERANCE = 0.05
 FLUX_TOLERANCE = 0.01  # between load_fluxes and the integral of load_seds, relative
 SHOWN = 5  # ids named in one message
@@ -34,7 +34,7 @@ SHOWN = 5  # ids named in one message
 
 @dataclass(frozen=True)
 class Report:
-    """What was found: the objects, their counts by type, faults and warnings, one line each."""
+    """The result of the test: the objects, their counts by type, faults and warnings, one line each."""
 
     table: ObjectTable
     counts: dict
@@ -75,7 +75,7 @@ def check(cls, options, region, camera=None, most=100):
     with users_code(f"{name_of(catalog)}.table"):
         table = catalog.table
         if not isinstance(table, ObjectTable):
-            raise TypeError(f"{type(table).__name__} is no ObjectTable")
+            raise TypeError(f"{type(table).__name__} is not an ObjectTable")
     if len(catalog.objs) != len(table):
         return Report(table, {}, (f"objs has {len(catalog.objs)} objects, table {len(table)} rows",), ())
     faults, warnings = defaultdict(list), defaultdict(list)
@@ -113,7 +113,7 @@ def _check_columns(table, known, faults, warnings):
     for name in table:
         meant = get_close_matches(name.removeprefix("user_").lower(), known, n=1, cutoff=0.8)
         if name.startswith("user_") and meant:
-            warnings[f"{name.removeprefix('user_')} means nothing to csstsim; is {meant[0]} meant"] = list(table["id"])
+            warnings[f"{name.removeprefix('user_')} is unknown to csstsim; is {meant[0]} meant"] = list(table["id"])
 
 
 def _check_spectrum(catalog, obj, faults, warnings):

@@ -89,7 +89,7 @@ class EmbeddedCatalog(SceneCatalog):
         self._load()
 
     def rate_bound(self, rows, filter, telescope):
-        """Return what the brick's magnitude says, and 5%; of a grating, those of the bands that cover it; else None."""
+        """Return the rates of the bricks' magnitudes plus 5% (for a grating, from the bands that cover it), or None."""
 
         def column(band):
             return f"mag_{band.name.lower()}"

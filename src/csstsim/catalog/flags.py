@@ -1,4 +1,4 @@
-"""What can befall an object on its way to the image: bits of the `flags` column."""
+"""Bits of the `flags` column: what happened to an object when it was selected and drawn."""
 
 TRUNCATED_STAMP = 1
 STRONG_LENSING = 2

@@ -1,8 +1,8 @@
-"""Shapes of galaxies in words that csstsim does not draw from, and the columns that say the same.
+"""Columns for galaxies' shapes that csstsim does not draw from, and what to give instead.
 
 People write Sersic indices, axis ratios and position angles. A galaxy is drawn from size_disk, size_bulge, bulge_frac,
-e1, e2, kappa, gamma1 and gamma2 alone: by a column of another name, and nothing that says the same, it would be drawn
-round, or with another profile, without a word.
+e1, e2, kappa, gamma1 and gamma2 alone. A shape given only by other columns would be ignored without a warning: the
+galaxy would be round, or have another profile. So such columns are refused.
 """
 
 import re
@@ -12,7 +12,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.catalog.table import COLUMNS, GALAXY
 
-# (columns that say the same, how, names of those who say it otherwise: without case, marks, units and bands)
+# (columns to give instead, how to fill them, names refused: without case, marks, units and bands)
 _PARTS = (
     (
         ("bulge_frac",),
@@ -50,9 +50,9 @@ _BAND = re.compile(r"(^[nq]|(?<=[a-z0-9_]{2}))[^a-z0-9](nuv|u|g|r|i|z|y|vis)$")
 
 
 def advice_for(name, given):
-    """Return what to give in place of a galaxy's column `name`; None if it is no shape, or `given` says the same.
+    """Return what to give in place of a galaxy's column `name`.
 
-    given: the names of all columns.
+    None if it is no shape, or if a column to give instead is there. given: the names of all columns.
     """
     if name in COLUMNS or name == "size" or name.startswith("mag_"):
         return None
@@ -64,16 +64,16 @@ def advice_for(name, given):
 
 
 def check_shapes(columns, obj_type, where):
-    """Raise InputError for a column that says of a galaxy's shape what nothing that is drawn says.
+    """Raise InputError for a column of galaxies' shapes that is ignored, if the columns to give instead are missing.
 
-    columns: {name: (n,) values}, names as the user has them; obj_type (n,). A column that is blank for every galaxy
-    says nothing, and a table without galaxies may have any.
+    columns: {name: (n,) values}, names as the user has them; obj_type (n,). Columns that are blank for every galaxy are
+    allowed.
     """
     galaxies = np.flatnonzero(np.asarray(obj_type) == GALAXY)
     for name, values in columns.items() if galaxies.size else ():
         advice = advice_for(name, columns)
         if advice and any(not _blank(values[row]) for row in galaxies):
-            raise InputError("no galaxy is drawn from this column", file=where, key=name, allowed=advice)
+            raise InputError("galaxies are not drawn from this column", file=where, key=name, allowed=advice)
 
 
 def _blank(value):

@@ -12,7 +12,7 @@ from csstsim.command_line.group import QUIET
 @click.argument("folder", type=click.Path())
 @click.option("--catalogue", type=click.Path(), help="Table of your objects (.csv, .ecsv, .fits) to point at and draw.")
 def init(folder, catalogue):
-    """Write a folder with a campaign that runs; change it.
+    """Write a folder with a campaign that runs, for you to change.
 
     \b
     The shipped sky, a small field in g, r and i:
@@ -36,8 +36,8 @@ def init(folder, catalogue):
 def doctor(campaign):
     """Check the installation, and a campaign if one is named.
 
-    One line a check: ok, warning or problem, and what to do. Versions, numba's cache, data, disk, memory, threads and
-    optional parts; of a campaign, whether it opens and whether this machine has room for it.
+    Prints one line for each check: ok, warning or problem, and what to do. Checked are versions, numba's cache, data,
+    disk, memory, threads and optional parts. A campaign must open, and fit the disk and memory of this machine.
 
     \b
     For example:
@@ -62,7 +62,8 @@ def doctor(campaign):
 def completion(shell):
     """Print what makes the shell complete csstsim's commands.
 
-    Commands, options, files, the exposures and chips of a campaign, layers. The first lines say how to install it.
+    It completes commands, options, files, layers, and a campaign's exposures and chips. The first lines of the output
+    say how to install it.
 
     \b
     For example, in this shell only:

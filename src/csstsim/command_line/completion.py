@@ -1,7 +1,7 @@
-"""What a shell offers at the Tab key after `csstsim COMMAND CAMPAIGN --obsid` and `--chip`: what the campaign has.
+"""Completion at the Tab key: after `--obsid` and `--chip` the shell offers the campaign's exposures and chips.
 
-A shell asks in the middle of a line, so that nothing is imported but what reads the two files, nothing is checked, and
-a file that cannot be read offers nothing.
+The shell waits for the answer. So only the readers of the two files are imported, nothing is checked, and a file that
+cannot be read offers nothing.
 """
 
 import csv
@@ -73,7 +73,7 @@ def _campaign(ctx):
 
 
 def script(shell, command):
-    """Return what makes a shell complete the click `command`, and how to install it, in a comment."""
+    """Return the shell code that completes the click `command`; a comment in it says how to install it."""
     from click.shell_completion import get_completion_class
 
     complete = get_completion_class(shell)(command, {}, "csstsim", "_CSSTSIM_COMPLETE")

@@ -1,4 +1,4 @@
-"""The group of all commands: help by what a person wants, -v and -q, one line for an error, a quiet end."""
+"""The group of all commands: help in sections, the switches -v and -q, one line for each error, exit codes."""
 
 import logging
 import os
@@ -30,10 +30,10 @@ LOUD, QUIET = "csstsim.loud", "csstsim.quiet"  # in the context of the command
 
 
 class Group(click.Group):
-    """A click group whose input errors are one line and exit code 2, and which ends without a word when told to."""
+    """A click group. An input error prints one line and exits with code 2; SIGTERM ends it silently."""
 
     def main(self, *args, **options):
-        """Run the command; from here on SIGTERM ends it without a word."""
+        """Run the command; from here on SIGTERM ends it silently."""
         signal.signal(signal.SIGTERM, _stop)
         return super().main(*args, **options)
 
@@ -76,12 +76,12 @@ class Group(click.Group):
 
 
 def _stop(number, frame):
-    """End as an exception does, so that files half-written are removed (csstsim.base.files.atomic)."""
+    """Raise an exception, so that half-written files are removed (csstsim.base.files.atomic)."""
     sys.exit(128 + number)
 
 
 def _forget_output():
-    """Let what is still to be printed, at exit too, go nowhere."""
+    """Discard what is still to be printed, also at exit."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())
     os.close(nowhere)
@@ -109,7 +109,7 @@ def _quiet(ctx, option, value):
 
 SWITCHES = [
     _switch("-v", _loud, help="Say which files are read and written, and when; show the traceback behind an error."),
-    _switch("-q", _quiet, help="Print errors and what was asked for, nothing else."),
+    _switch("-q", _quiet, help="Print only errors and the result asked for."),
 ]
 
 
@@ -128,12 +128,12 @@ def _files_logged():
 
 @contextmanager
 def hushed():
-    """Under -q, what is printed in here goes nowhere."""
+    """Under -q, discard what is printed inside."""
     quiet = QUIET in click.get_current_context().meta
     with open(os.devnull, "w") as nowhere, redirect_stdout(nowhere) if quiet else nullcontext():
         yield
 
 
 def result(text):
-    """Print what was asked for, under -q too."""
+    """Print the result that was asked for, also under -q."""
     print(text, file=click.get_current_context().meta.get(QUIET))

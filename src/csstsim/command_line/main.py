@@ -1,8 +1,8 @@
-"""The command line: parse, call, exit. One sub-command a rule of the workflow (command_line.rules), and more.
+"""The command line. Each rule of the workflow is a sub-command (command_line.rules); others are here and in tools.
 
-Exit codes: 0 done; 2 the input cannot be used (one line says what, where and what is allowed);
-1 a gate fails (`report --strict`, `shear --strict`), or `verify` finds a fault; 141 nobody reads the output any more,
-143 told to stop, as shells count.
+Exit codes: 0 success; 1 a gate fails (`report --strict`, `shear --strict`), `verify` finds a fault or `compare` a
+difference; 2 the input cannot be used (one line says what is wrong, where, and what is allowed); 141 the reader of a
+pipe has gone; 143 SIGTERM.
 """
 
 import functools
@@ -22,19 +22,19 @@ from csstsim.command_line.options import obsid_opt, of_campaign, stage
 )
 @click.version_option(__version__, prog_name="csstsim")
 def main():
-    """Simulate the CSST Survey Camera: a pointing table in; Level-0 files, truth and catalogues out.
+    """Simulate the CSST Survey Camera: from a pointing table to Level-0 files, truth and catalogues.
 
     \b
     A first look:
       csstsim init mysky                       a folder with a campaign that runs
       cd mysky
-      csstsim plan campaign.yaml               what it would do and cost
+      csstsim plan campaign.yaml               what it would make, and its cost
       csstsim chip campaign.yaml --obsid 10100000004 --chip 9 --output one
       csstsim show FILE --truth                a picture of the file that was made
-    All of the campaign, from the pointing table to the report:
+    The whole campaign, from the pointing table to the report:
       snakemake --cores 2
 
-    `csstsim COMMAND --help` explains a command, with an example. -v and -q stand before or after its name.
+    `csstsim COMMAND --help` explains a command and gives an example. -v and -q may stand before or after its name.
     """
 
 
@@ -47,16 +47,16 @@ def main():
     help="Chip number; repeat.",
 )  # fmt: skip
 @click.option("--output", type=click.Path(), help="Folder for the products [default: the campaign's].")
-@click.option("--profile", is_flag=True, help="Say where the CPU time went: layers, methods, functions.")
+@click.option("--profile", is_flag=True, help="Print the time of each layer, drawing method and function.")
 def chip(run, obsid, chip_ids, profile):
     """Run chips in memory, from catalogue to Level-0 file.
 
-    One after the other. Truth bricks and PSF sets that are missing are made first, in the output folder.
+    Chips run one after the other. Missing truth bricks and PSF sets are made first, in the output folder.
 
     \b
     For example:
       csstsim chip campaign.yaml --obsid 10100000004 --chip 9 --output results/one
-    Two chips, and where the CPU time went:
+    Two chips, with the time of each layer and function:
       csstsim chip campaign.yaml --obsid 10100000004 --chip 8 --chip 9 --profile
     """
     from csstsim.stages.chip import chip as run_chip
@@ -76,9 +76,9 @@ def chip(run, obsid, chip_ids, profile):
 @main.command()
 @of_campaign
 def plan(run):
-    """Print what a campaign would do and cost; nothing is run.
+    """Print what a campaign would make, and its cost; run nothing.
 
-    Exposures, chips, bricks, jobs, disk, CPU and memory.
+    Printed are its exposures, chips, bricks and jobs, and the disk, CPU and memory they need.
 
     \b
     For example:
@@ -93,9 +93,9 @@ def plan(run):
 @main.command()
 @of_campaign
 def check(run):
-    """Check a campaign's files and say what it would run.
+    """Check a campaign's files and count the chips it would run.
 
-    A catalogue of your own is tried on the first exposure.
+    A catalogue of your own is tested on the first exposure.
 
     \b
     For example:

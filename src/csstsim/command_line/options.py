@@ -1,4 +1,4 @@
-"""What commands share: the campaign opened, options of exposure, chip and brick, the first and last line of a log."""
+"""Shared by commands: opening the campaign, options of exposure, chip and brick, the first and last line of a log."""
 
 import functools
 
@@ -18,12 +18,12 @@ brick_opt = click.option(
 )
 scratch_opt = click.option(
     "--scratch", type=click.Path(), envvar="CSSTSIM_SCRATCH",
-    help="Folder of what the chip's stages hand on [default: the campaign's output; or $CSSTSIM_SCRATCH].",
+    help="Folder of files between a chip's stages [default: $CSSTSIM_SCRATCH, or the campaign's output].",
 )  # fmt: skip
 
 
 def of_campaign(function):
-    """Open the campaign and pass it on, with this process's imports kept to what the command needs."""
+    """Give the command an opened campaign; import only what the command needs."""
 
     @functools.wraps(function)
     def command(campaign, **options):
@@ -37,7 +37,7 @@ def of_campaign(function):
 
 
 def stage(function):
-    """The same for what makes products: where standard output is a log, it says whose and what the job took."""
+    """As of_campaign, for commands that make products: the first line of a log has the job, the last its cost."""
 
     @functools.wraps(function)
     def logged(run, **options):
@@ -53,7 +53,7 @@ def stage(function):
 
 
 def of_job(function):
-    """The same for one chip of one exposure, which the function gets as a job."""
+    """As stage, for one chip of one exposure: the function gets a job."""
 
     def command(run, obsid, chip_id, **options):
         return function(run, run.job(obsid, chip_id), **options)

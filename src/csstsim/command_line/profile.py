@@ -10,10 +10,10 @@ FUNCTIONS = 15
 
 
 def profiled(make, say):
-    """Call `make`, which returns the State of a finished chip, and say what took how long. `say` takes lines.
+    """Call `make`, which returns the State of a finished chip, and report the time by layer, function and method.
 
-    A function's seconds are its own, without those of the functions it calls, and of the clock on the wall; profiling
-    slows Python down by some tens of per cent, compiled loops not at all.
+    `say` takes lines. A function's seconds are wall time, without those of the functions it calls. Profiling slows
+    Python down by some tens of per cent, compiled loops not at all.
     """
     profiler = cProfile.Profile()
     state = profiler.runcall(make)

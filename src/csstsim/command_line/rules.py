@@ -158,7 +158,7 @@ def extract(run, job):
 @stage
 @brick_opt
 def merge(run, pix):
-    """Merge the measurements of a brick: a row a source.
+    """Merge the measurements of a brick: one row for each source.
 
     \b
     For example:
@@ -190,7 +190,7 @@ def validate(run, pix):
 def report(run, strict):
     """Write the report of a campaign: one web page.
 
-    It has the validation of every brick; the verdict on its gates stands beside it as JSON.
+    The page shows the validation of every brick. A JSON file beside it has the verdict on the gates.
 
     \b
     For example:

@@ -1,4 +1,4 @@
-"""Commands that are no stage: benchmarks, pictures, shear, verification, comparison, gratings, layers."""
+"""Commands that are not stages: benchmarks, pictures, shear, verification, comparison, gratings, layers, status."""
 
 import signal
 import sys
@@ -12,27 +12,31 @@ from csstsim.command_line.completion import layers_of
 @click.command()
 @click.option("--output", type=click.Path(), default="results/bench", show_default=True, help="Folder of the results.")
 @click.option("--quick", is_flag=True, help="Few and small objects: two minutes of CPU time.")
-@click.option("--filter", "band", default="r", show_default=True, help="Filter; with a grating spectra are drawn.")
-@click.option("--methods", help="Names, or beginnings of names, with commas between [default: all].")
+@click.option("--filter", "band", default="r", show_default=True, help="Filter, or a grating for spectra.")
+@click.option("--methods", help="Names or beginnings of names, separated by commas [default: all].")
 @click.option(
-    "--objects", type=click.IntRange(2, 100_000), help="How many, half of them stars [default: 320; spectra 24]."
+    "--objects",
+    type=click.IntRange(2, 100_000),
+    help="Number of objects, half are stars [default: 320; spectra 24].",
 )
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of the sample of objects.")
-@click.option("--readout", is_flag=True, help="Cost of the layers after the objects instead; with --output only.")
-@click.option("--chart", multiple=True, type=click.Path(), help="A table of an earlier run, to draw instead; repeat.")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Random seed of the objects.")
+@click.option("--readout", is_flag=True, help="Measure the cost of the detector's layers instead; only with --output.")
+@click.option(
+    "--chart", multiple=True, type=click.Path(), help="Draw the chart from a table of an earlier run; repeat."
+)
 def bench(output, quick, band, methods, objects, seed, readout, chart):
     """Measure speed and accuracy of every way to draw an object.
 
-    Against GalSim, and against direct optics.
+    GalSim and direct optics are the references.
 
     \b
-    Needs no campaign. Writes a table and the speed-accuracy chart:
+    No campaign is needed. A table and the speed-accuracy chart are written:
       csstsim bench --quick
       csstsim bench --methods "photons,stamps,GalSim" --filter i --output results/bench_i
       csstsim bench --filter GV --output results/bench_GV
     Tables of several runs in one chart:
       csstsim bench --chart docs/speed_accuracy.csv --chart docs/speed_accuracy_GV.csv
-    A whole chip's readout, layer by layer, beside numpy, GalSim and arcticpy:
+    The readout of a whole chip, layer by layer, compared with numpy, GalSim and arcticpy:
       csstsim bench --readout
     """
     if (readout or chart) and (quick or methods or objects or (readout and chart)):
@@ -56,7 +60,7 @@ def bench(output, quick, band, methods, objects, seed, readout, chart):
 @click.option("--output", type=click.Path(), help="The PNG to write [default: beside FILE, its name with .png].")
 @click.option("--stretch", type=click.Choice(["asinh", "log", "linear"]), default="asinh", show_default=True)
 @click.option("--limits", nargs=2, type=float, metavar="LOW HIGH", help="Black and white [default: by the background].")
-@click.option("--region", nargs=4, type=int, metavar="X0 X1 Y0 Y1", help="Show this part only; X1, Y1 are beyond it.")
+@click.option("--region", nargs=4, type=int, metavar="X0 X1 Y0 Y1", help="Show this part only; X1 and Y1 are excluded.")
 @click.option("--inset", nargs=3, type=int, metavar="X Y SIZE", help="Show SIZE px about X, Y larger; cut at the edge.")
 @click.option("--truth", is_flag=True, help="Mark the brightest true objects, from the .truth.parquet beside FILE.")
 @click.option("--truth-table", type=click.Path(), help="... from this table instead.")
@@ -68,19 +72,19 @@ def bench(output, quick, band, methods, objects, seed, readout, chart):
     show_default=True,
     help="Longer side of the image in the PNG, px.",
 )
-@click.option("--subtract-overscan", is_flag=True, help="Take the overscan's level off each channel of a Level-0 file.")
+@click.option("--subtract-overscan", is_flag=True, help="Subtract each channel's overscan level (Level-0).")
 def show(file, output, **options):
     """Make a picture of a FITS file.
 
-    Level-0, a frame of the render or readout stage, or calibrated.
+    FILE is a Level-0 file, a frame of the render or readout stage, or a calibrated image.
 
-    Pixels are the chip's and count from 0 (xImage of the truth from 1); large frames are averaged to the picture's
-    pixels. Right ascension and declination are drawn where the file says what they are.
+    Pixels count from 0 on the whole chip (xImage of the truth counts from 1). Large frames are averaged to the
+    picture's pixels. If the file has a WCS, right ascension and declination are drawn.
 
     \b
-    A raw chip, its sixteen channels levelled, with the 40 brightest objects and a closer look at one place:
+    A raw chip without its overscan levels, with the 40 brightest objects marked and an inset:
       csstsim show CSST_..._09_L0_V01.fits --subtract-overscan --truth --limit 40 --inset 4500 4700 150
-    A part of what was drawn, before the detector, faint light first:
+    A part of the rendered light, before the detector, on a logarithmic scale:
       csstsim show results/demo/chips/10100000004_09/render.fits --stretch log --region 3968 4368 3968 4368
     """
     from csstsim.quicklook.show import show as run
@@ -91,11 +95,11 @@ def show(file, output, **options):
 @click.command("fit-grating")
 @click.argument("samples", type=click.Path())
 @click.option("--output", required=True, type=click.Path(), help="The aXe configuration to write, NAME.conf.")
-@click.option("--sensitivity", "stem", help="STEM of the sensitivities it names: STEM_p1.fits, ... [default: NAME].")
+@click.option("--sensitivity", "stem", help="Stem of its sensitivity files, STEM_p1.fits, ... [default: NAME].")
 def fit_grating(samples, output, stem):
     """Fit a grating's traces and dispersion to ray tracing.
 
-    Equations 1 to 4 of the paper, fitted to trajectories.
+    Equations 1 to 4 of the paper are fitted to trajectories.
 
     \b
     SAMPLES is a CSV table, one row a ray, with a heading:
@@ -105,8 +109,8 @@ def fit_grating(samples, output, stem):
     wavelength  angstrom
     x, y        0-based pixel on which that light lands
 
-    The paper samples 10 x 10 positions over the grating's piece of the chip and 8 wavelengths; 3 x 3 positions and
-    2 wavelengths are the least. Dispersion runs along x. Printed: residuals in px of the file written.
+    The paper samples 10 x 10 positions over the grating's piece of the chip and 8 wavelengths. At least 3 x 3 positions
+    and 2 wavelengths are needed. Dispersion runs along x. The residuals of the fit are printed, in px.
 
     \b
     To try it, with the trajectories behind a shipped grating:
@@ -123,7 +127,7 @@ def fit_grating(samples, output, stem):
 def layers(names):
     """List the layers an observation file may name.
 
-    With their parameters; only those named, if any are, also of your own by dotted path.
+    Their parameters are listed, too. NAMES limits the list; a layer of your own is named by its dotted path.
 
     \b
     For example:
@@ -133,7 +137,7 @@ def layers(names):
     from csstsim.simulation.sim_steps import known_layers, load_layer
 
     if not names:
-        click.echo("Keywords of the paper, as known here; in a file, capitals make no difference.\n")
+        click.echo("Keywords are those of the paper; in a file, upper and lower case are the same.\n")
     for name in names or known_layers():
         module = load_layer(name)
         name = name if "." in name else name.lower()
@@ -149,9 +153,9 @@ def layers(names):
 def shear(campaigns, output, strict):
     """Measure shear, and its m and c, from twin campaigns.
 
-    They are finished, and of constant shear. Twins differ in `catalog.shapes` only, normal and rotated90; two pairs or
-    more of different `catalog.lensing` give m, one pair gives c. Limits: `validation.shear_m_max`, `shear_c_max` of the
-    first.
+    The campaigns are finished and have constant shear. Twins differ only in `catalog.shapes`: normal and rotated90. One
+    pair gives c; two or more pairs of different `catalog.lensing` give m. `validation.shear_m_max` and `shear_c_max` of
+    the first campaign are the limits.
 
     \b
     For example:
@@ -166,14 +170,15 @@ def shear(campaigns, output, strict):
 @click.command()
 @click.argument("campaign", type=click.Path())
 @click.option("--output", type=click.Path(), help="The folder to verify [default: the campaign's].")
-@click.option("--manifest", is_flag=True, help="If all is sound, write MANIFEST.sha256 and MANIFEST.tsv there.")
+@click.option("--manifest", is_flag=True, help="If there is no fault, write MANIFEST.sha256 and MANIFEST.tsv there.")
 def verify(campaign, output, manifest):
-    """Check a campaign's output: all there, undamaged, its own.
+    """Check that a campaign's output is complete and undamaged.
 
-    Every product there, undamaged, made for it; nothing foreign. One line a fault.
+    Every product must be there, undamaged, and made for this campaign; no other file may be there. Prints one line for
+    each fault.
 
     \b
-    CAMPAIGN is a campaign file or, where that is not at hand, an output folder, judged by what its products say:
+    CAMPAIGN is a campaign file. If you lack it, give the output folder: its products say what they were made for:
       csstsim verify campaign.yaml
       csstsim verify campaign.yaml --output /delivered/demo
       csstsim verify /delivered/demo
@@ -181,7 +186,7 @@ def verify(campaign, output, manifest):
       csstsim verify campaign.yaml --manifest
       cd results/demo && sha256sum -c MANIFEST.sha256
 
-    Exit codes: 0 sound, 1 faults, 2 nothing that could be verified. docs/delivery.md says what is checked.
+    Exit codes: 0 no fault, 1 faults, 2 nothing to verify. docs/delivery.md says what is checked.
     """
     from csstsim.delivery.verify import verify as check
 
@@ -201,21 +206,21 @@ def verify(campaign, output, manifest):
 @click.command()
 @click.argument("a", type=click.Path())
 @click.argument("b", type=click.Path())
-@click.option("--provenance", is_flag=True, help="Let differences in versions, commits and digests of recipes count.")
+@click.option("--provenance", is_flag=True, help="Count differences in versions, commits and digests of recipes, too.")
 def compare(a, b, provenance):
-    """Say what differs between two runs, by how much, and where.
+    """Print what differs between two runs, by how much, and where.
 
-    A and B are two output folders, or two files. Dates, run times, folders, logs and manifests of two runs of one
-    campaign differ by nature: they are left out. Versions, commits, digests of recipes and the layers' parameters say
-    how a product was made. They are told in one line and do not count, unless --provenance is given.
+    A and B are two output folders, or two files. Dates, run times, folders, logs and manifests always differ between
+    two runs: they are left out. Versions, commits, digests of recipes and the layers' parameters say how a product was
+    made. They are listed in one line and do not count, unless --provenance is given.
 
     \b
-    Did a change of the code move a bit? Runs of one campaign before it and after it:
+    Two runs of one campaign, before and after a change of the code:
       csstsim compare results/before results/after
     Two files; layout and compression of Level-0 make no difference:
       csstsim compare before/CSST_..._09_L0_V01.fits after/CSST_..._09_L0_V01.fits
 
-    Exit codes: 0 nothing differs, 1 something differs, 2 nothing that could be compared. docs/compare.md says more.
+    Exit codes: 0 nothing differs, 1 something differs, 2 nothing to compare. docs/compare.md says more.
     """
     from csstsim.compare.compare import compare as run
 
@@ -227,13 +232,13 @@ def compare(a, b, provenance):
 @click.argument("campaign", type=click.Path())
 @click.option("--output", type=click.Path(), help="The folder to look into [default: the campaign's].")
 @click.option(
-    "--watch", type=click.IntRange(1, 86400), metavar="SECONDS", help="Look again every so often, until all is made."
+    "--watch", type=click.IntRange(1, 86400), metavar="SECONDS", help="Repeat every SECONDS until all is made."
 )
 def status(campaign, output, watch):
-    """Say how far a campaign is, and what failed.
+    """Print how far a campaign is, and what failed.
 
-    Products made and wanted, their rate, the time left, disk used, jobs that failed. It reads the output folder only,
-    so it can be asked from another shell while Snakemake works, here or on a cluster.
+    Printed are products made and wanted, their rate, the time left, disk used, and failed jobs. Only the output folder
+    is read, so the command works while Snakemake runs, here or on a cluster.
 
     \b
     For example:

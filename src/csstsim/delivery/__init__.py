@@ -1,1 +1,1 @@
-"""Is a campaign's output folder whole, and is it what it says it is? `csstsim verify`, and the manifest."""
+"""`csstsim verify`: checks that a campaign's output folder is complete and sound, and writes its manifest."""

@@ -1,4 +1,4 @@
-"""Checks of what frames share: truth bricks, PSF sets, masters, merged bricks, validation, report."""
+"""Checks of products that frames share: truth bricks, PSF sets, masters, merged bricks, validation, report."""
 
 import json
 
@@ -61,7 +61,7 @@ def masters(path, record):
 
 
 def merged(path, pix, recipe, frames, seen):
-    """Check a merged brick: recipe, that it owns its rows, and that every link leads to a measured row.
+    """Check a merged brick: its recipe, that its rows lie in it, and that every link leads to a measured row.
 
     frames: {(obsid, chip): ExpectedFrame}; seen.measured: {(obsid, chip): rows}; notes its rows and recipe in `seen`.
     """
@@ -102,7 +102,7 @@ def _links(table, frames, seen):
         here = key == name
         known = frames.get((str(name)[:-3], int(name[-2:])))
         if known is None:
-            yield f"{here.sum()} detections are of {name}, which is no frame here"
+            yield f"{here.sum()} detections are of {name}, which is not among the frames"
         elif known.filter is not None and (np.char.lower(band[here].astype(str)) != known.filter.lower()).any():
             yield f"detections of {name} are not in {known.filter}"
         elif known.key in seen.measured and not ((number[here] >= 0) & (number[here] < seen.measured[known.key])).all():
@@ -125,7 +125,7 @@ def _read_text(path):
 
 
 def catalogue(folder, bricks, seen):
-    """Check what is said of all merged bricks together (bricks.hats): as many rows as they have."""
+    """Check the files about all merged bricks (bricks.hats): they must count as many rows as the bricks have."""
     import pyarrow.parquet as pq
 
     lines = _read_text(folder / "hats.properties").splitlines()
@@ -172,7 +172,7 @@ def read_json(path):
 
 
 def page(path):
-    """Check that a web page is there to its end."""
+    """Check that a web page is complete."""
     with path.open("rb") as file:
         file.seek(max(path.stat().st_size - 64, 0))
         if not file.read().rstrip().endswith(b"</html>"):

@@ -1,6 +1,6 @@
-"""What an output folder should hold: its frames and bricks, and what each was made from.
+"""What an output folder should hold: its frames and bricks, and the recipe of each.
 
-Asked of the campaign (`of_campaign`) or, where only the folder is at hand, of its products (delivery.folder).
+It comes from the campaign (`of_campaign`) or, if there is only the folder, from its products (delivery.folder).
 """
 
 from dataclasses import dataclass, field
@@ -15,10 +15,10 @@ YES, NO, MAYBE = "yes", "no", "maybe"  # a product must be there, must not, or m
 
 @dataclass(frozen=True)
 class ExpectedFrame:
-    """One Level-0 file: which exposure and chip it is of, what it was made from, and what must come with it.
+    """One Level-0 file that should be there: its exposure and chip, its recipe, and the files that belong to it.
 
-    `recipe`: {name: digest}, and `rays_recipe` of the image of cosmic rays, which the readout writes; None where they
-    are not known; `window`: (x0, x1, y0, y1), or None.
+    `recipe`: {name: digest}; `rays_recipe`: that of the image of cosmic rays, which the readout writes; `window`: (x0,
+    x1, y0, y1). None: not known. measured, extracted, cosmic: YES, NO or MAYBE.
     """
 
     obsid: str

@@ -1,8 +1,7 @@
-"""The contents of an output folder without its campaign: what the products themselves say they are.
+"""The contents of an output folder without its campaign file, from its products.
 
-Names of files say which frames and bricks there are, headers of Level-0 files what they were made from, and those of
-one campaign must agree. What a folder never had it cannot miss: a frame or a truth brick that is gone is told by the
-manifest, or by the campaign.
+File names give the frames and bricks. Headers of Level-0 files give their recipes, which must agree within a campaign.
+A missing frame or truth brick cannot be noticed this way: for that the manifest or the campaign file is needed.
 """
 
 import re
@@ -19,7 +18,7 @@ TYPES = {code: kind for kind, code in KIND.items()}
 
 
 def of_folder(folder):
-    """Return the Contents of a folder. Raises InputError if there is no campaign's output in it."""
+    """Return the Contents of a folder. Raises InputError if it is not the output of a campaign."""
     paths = Paths(folder)
     if not (paths.output / "level0").is_dir():
         raise InputError(
@@ -86,7 +85,7 @@ def _frame(stem, path):
 
 
 def _told_apart(frames, paths):
-    """Return the frames, those behind gratings told from images: a filter is a grating if a frame has orders."""
+    """Return the frames, spectra distinguished from images: a filter is a grating if one of its frames has orders."""
     spectra = {f.filter for f in frames if f.beside(ORDERS).is_file() or paths.spectra(*f.key).is_file()} - {None}
     return tuple(
         frame if frame.type != "SCIE" or frame.filter is None
@@ -97,7 +96,7 @@ def _told_apart(frames, paths):
 
 
 def _odd(frames):
-    """Return [(path, fault)] of frames made from another release, campaign, camera or layer list than most."""
+    """Return [(path, fault)] of frames whose release, campaign, camera or layer list differs from that of most."""
     faults = []
     for name in ("csstsim", "campaign", "camera", "layers"):
         kinds = {}

@@ -1,6 +1,6 @@
-"""Checks of the products of one chip in one exposure. Each yields what is wrong, in words; unreadable files raise.
+"""Checks of the products of one chip in one exposure. Each check yields faults as text.
 
-What raises is csstsim.base.errors.InputError or OSError: delivery.verify makes a fault of it.
+An unreadable file raises csstsim.base.errors.InputError or OSError; delivery.verify reports it as a fault.
 """
 
 import numpy as np
@@ -20,7 +20,7 @@ DRAWN = ("electrons", "drawn", "flags", "x0", "x1", "y0", "y1")  # of a truth ta
 
 
 def other_recipe(found, expected):
-    """Yield where a recorded recipe, a dict or one digest, is not the expected one (None: any will do)."""
+    """Yield differences of a recorded recipe, a dict or one digest, from the expected one (None: any is right)."""
     if expected is None or found == expected:
         return
     if not (isinstance(expected, dict) and isinstance(found, dict)):
@@ -32,7 +32,7 @@ def other_recipe(found, expected):
 
 
 def level0(frame):
-    """Check a Level-0 file: checksums, extensions, that it is of this exposure and chip, recipe, window."""
+    """Check a Level-0 file: checksums, extensions, exposure, chip, recipe and window."""
     path = frame.level0
     file = read_level0(path, verify=True)
     yield from _whole(path, int(file.header0.get("NEXTEND", 1)))
@@ -101,7 +101,7 @@ def _drawn(table, frame):
 
 
 def _light(frame, table):
-    """Hold the image against the truth, where the budget is known and the image can be read."""
+    """Compare the image with the truth, if the budget is known and the image can be read."""
     if "electrons" not in table.meta:
         return  # layers of the user's own
     try:
@@ -168,7 +168,7 @@ def measured(path, frame, recipe, seen):
         if not inside.all():
             yield f"{int((~inside).sum())} sources lie beyond the window"
     if not ((table["ra"] >= 0) & (table["ra"] < 360) & (np.abs(table["dec"]) <= 90)).all():
-        yield "has sources whose ra, dec are no place on the sky"
+        yield "has sources whose ra, dec are out of range"
 
 
 def spectra(path, frame, recipe):

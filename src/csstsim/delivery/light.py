@@ -1,8 +1,8 @@
-"""The image against its truth: the charge of all pixels, turned back into electrons, against what was put on them.
+"""Compares an image with its truth: all electrons in the pixels must be those that the simulation put there.
 
-Charge is conserved: light of objects and sky, dark current, rays and defects, less what stayed in traps or bloomed out
-of the window, reaches the amplifiers. The truth table's metadata keep that budget (io.truth.electron_budget); the image
-is brought back by its own overscan and the gains and nonlinearity of its header. DN are integers, so each channel is a
+Charge is conserved: light of objects and sky, dark current, rays and defects reach the amplifiers, except what stayed
+in traps or bloomed out of the window. The truth table's metadata have this budget (io.truth.electron_budget). DN become
+electrons by the image's own overscan and its header's gains and nonlinearity. DN are integers, so each channel is a
 histogram, and a whole chip costs a second and some MB.
 """
 
@@ -53,7 +53,7 @@ def charge_of(file, full_well):
 
 
 def light_faults(file, truth):
-    """Yield what does not hold between a Level-0 file and its truth (read_truth's table, with the budget in `meta`)."""
+    """Yield where a Level-0 file and its truth (read_truth's table, with the budget in `meta`) disagree."""
     budget, full_well = truth.meta["electrons"], truth.meta["full_well"]
     drawn = float(np.sum(truth["drawn"])) if "drawn" in truth else 0.0
     if abs(drawn - budget["objects"]) > 1 + SUMS * budget["objects"]:

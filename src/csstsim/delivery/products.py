@@ -28,7 +28,7 @@ class Product:
 
 @dataclass
 class Seen:
-    """What products told of themselves, for those that refer to them."""
+    """Facts of products that were checked, needed by the checks of products that refer to them."""
 
     measured: dict = field(default_factory=dict)  # {(obsid, chip): rows}
     merged: dict = field(default_factory=dict)  # {brick: (rows, recipe)}

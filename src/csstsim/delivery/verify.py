@@ -1,4 +1,4 @@
-"""`csstsim verify`: every product of an output folder is there, whole, of this campaign; nothing else is."""
+"""`csstsim verify`: every product is in the output folder, undamaged, and of this campaign; nothing else is."""
 
 import os
 import stat
@@ -18,10 +18,10 @@ WRONG = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, Me
 
 
 def verify(run, folder, say, manifest=False):
-    """Say each fault of an output folder, a line each, then how many; return their number.
+    """Print each fault of an output folder in a line, then their number; return it.
 
-    run: campaign.opened.OpenCampaign, or None: then the `folder` is judged by its own products. `manifest`: write one
-    if there is no fault; otherwise one that is there is checked. Raises InputError if there is nothing to verify.
+    run: campaign.opened.OpenCampaign; None: the `folder` is checked by its own products. `manifest`: write one if there
+    is no fault; otherwise an existing one is checked. Raises InputError if there is nothing to verify.
     """
     contents = of_folder(folder) if run is None else of_campaign(run)
     root = contents.paths.output
@@ -40,7 +40,7 @@ def verify(run, folder, say, manifest=False):
         write_manifest(root, {names[product.path]: product.kind for product in present})
         say(f"{root / HASHES} and {SIZES}: for the receiver, `sha256sum -c {HASHES}` in that folder")
     elif manifest:
-        say("no manifest is written of a folder with faults")
+        say("no manifest was written: the folder has faults")
     return count
 
 
@@ -49,7 +49,7 @@ def _faults(count):
 
 
 def printable(text):
-    """Return a text on one line, what a terminal would obey written as an escape."""
+    """Return a text on one line, control characters of a terminal written as escapes."""
     return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
 
 
@@ -68,7 +68,7 @@ def _all_faults(contents, root, wanted, names, *, check_manifest):
 
 
 def _product_faults(product):
-    """Yield what is wrong with one product, in words."""
+    """Yield the faults of one product."""
     try:
         mode = product.path.lstat().st_mode
     except FileNotFoundError:
@@ -90,11 +90,11 @@ def _product_faults(product):
     except OSError as exc:
         yield f"cannot be read: {exc.strerror or exc}"
     except WRONG as exc:
-        yield f"does not hold together: {type(exc).__name__}: {exc!s:.100}"
+        yield f"is inconsistent: {type(exc).__name__}: {exc!s:.100}"
 
 
 def _foreign(root, known):
-    """Yield (path, fault) of what is in the folder and no product; a folder of such things once."""
+    """Yield (path, fault) of files in the folder that are not products; a whole folder of them once."""
     folders = {"."} | {name.rsplit("/", depth)[0] for name in known for depth in range(1, name.count("/") + 1)}
     for place, below, files in os.walk(root):
         here = os.path.relpath(place, root)
@@ -107,7 +107,7 @@ def _foreign(root, known):
             if prefix + name in known or (here == "." and name in BESIDE):
                 continue
             if os.path.islink(path):
-                yield prefix + name, "foreign: a link to a folder, which no delivery holds"
+                yield prefix + name, "foreign: a link to a folder"
             elif prefix + name not in folders and any(inside for _, _, inside in os.walk(path)):
                 yield prefix + name, _why_foreign(prefix + name + "/")
         below[:] = sorted(n for n in below if prefix + n in folders and not (here == "." and n in BESIDE))
@@ -117,5 +117,5 @@ def _why_foreign(name):
     if name.startswith("chips/"):
         return "intermediates of chips: not finished, or made by hand"
     if name.rsplit("/", 1)[-1].startswith(".") and ".tmp" in name:
-        return "half of a file: its writing was interrupted"
-    return "foreign: no product of this campaign"
+        return "an incomplete file: its writing was interrupted"
+    return "foreign: not a product of this campaign"

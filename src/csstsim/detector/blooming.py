@@ -1,4 +1,4 @@
-"""Blooming (paper, Appendix B item 9): charge above the full well spills into its neighbours, both ways alike.
+"""Blooming (paper, Appendix B item 9): charge above the full well spills into the neighbours, equally both ways.
 
 Along a line of pixels it is the divisible sandpile (Levine & Peres 2009, Potential Analysis 30, 1): a pixel above the
 full well keeps a full well and gives half of the rest to either neighbour, until none is above. The outcome does not
@@ -10,9 +10,9 @@ for a run between i and j with excesses e_m = Q_m - full well (a random walk's c
 grow until their ends are not above the full well, and merge where they meet: time is linear in the pixels filled.
 
 A share of each excess spills along its row first, the rest and what that leaves along the column. Columns run through
-the middle of the chip: its halves differ only in the clocks, so charge bleeds across. What reaches a border leaves the
-image (into the registers at the upper and lower one) and is counted, so all charge is accounted for.
-Left out: wells that differ, the trail of charge in the serial register, blooming while the image is read out.
+the middle of the chip: its halves differ only in the clocks, so charge spills across. Charge that reaches a border
+leaves the image (into the registers at the upper and lower one) and is counted. Left out: wells that differ, the trail
+of charge in the serial register, blooming while the image is read out.
 """
 
 import numba

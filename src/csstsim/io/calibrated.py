@@ -1,7 +1,7 @@
 """Calibrated images: SCI and ERR [e-/s, float32] and DQ (bits, uint8) of a Level-0 file's window, one FITS file.
 
-SCI has no bias, background, flat field or shutter in it and its charge is where the light came; BACKMED is the median
-of the background taken off. ERR is a pixel's own noise: shot noise of all its electrons and read noise. The world
+SCI is corrected for bias, background, flat field, shutter and moved charge; BACKMED is the median of the subtracted
+background. ERR is a pixel's own noise: shot noise of all its electrons and read noise. The world
 coordinates have the field distortion as SIP polynomials (Shupe et al. 2005); directions are apparent, as in Level-0.
 """
 

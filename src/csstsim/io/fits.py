@@ -1,7 +1,7 @@
 """FITS images on disk, bit-exact, with DATASUM and CHECKSUM (FITS standard 4.0, sections 4 and 5, appendix J).
 
-Written here and not through cfitsio for three reasons: cfitsio turns infinities into NaN, stamps the time into the
-checksum's comment (so that two identical runs differ), and needs four times the CPU for a frame with checksums.
+cfitsio is not used for writing, for three reasons: it turns infinities into NaN, writes the time into the checksum's
+comment (so that two identical runs differ), and needs four times the CPU for a frame with checksums.
 """
 
 import math
@@ -221,7 +221,9 @@ def read_pixels(hdu, path, verify=False):
     shape = [header.get(f"NAXIS{i}") for i in range(_number(header.get("NAXIS")), 0, -1)]
     stored, size = _STORED.get(header.get("BITPIX")), math.prod(map(_number, shape))
     if stored is None or not 0 <= size <= MOST:
-        raise InputError("no image of csstsim's", file=path, key="BITPIX, NAXIS", value=(header.get("BITPIX"), shape))
+        raise InputError(
+            "not an image that csstsim writes", file=path, key="BITPIX, NAXIS", value=(header.get("BITPIX"), shape)
+        )
     if hdu.is_compressed():
         if verify:
             verify_hdu(hdu, path)
@@ -254,12 +256,12 @@ def read_pixels(hdu, path, verify=False):
 
 
 def _number(value):
-    """Return a length in a header; -1 for what is none."""
+    """Return a length in a header; -1 if it is not a number."""
     return value if type(value) is int else -1
 
 
 def _check_tiles(header, shape, path):
-    """Refuse tiles that cfitsio would divide by or run out of, which ends the process."""
+    """Raise InputError for sizes of tiles that would crash cfitsio."""
     sides = [_number(header.get(f"ZTILE{i}", 1 if i > 1 else shape[-1])) for i in range(len(shape), 0, -1)]
     parameters = {header[f"ZNAME{i}"]: header.get(f"ZVAL{i}") for i in range(1, 10) if f"ZNAME{i}" in header}
     good = all(0 < side <= length for side, length in zip(sides, shape, strict=True))

@@ -1,9 +1,9 @@
 """Intermediate frames between the stages of a chip: named planes and a dictionary, in one FITS file.
 
-One image extension a plane (float32, int32, uint16, uint8; bit-exact), then META, the dictionary as JSON bytes. Of a
-plane most of whose pixels are 0, as counted photons leave it, two of one row each, if asked for: NAME_AT, the flat
-indices of the other pixels, and NAME_IS, their values; META says how large it is. Each HDU carries DATASUM and
-CHECKSUM, which reading verifies, and the file appears under its name only when complete.
+Each plane is an image extension (float32, int32, uint16, uint8; bit-exact); META has the dictionary as JSON bytes. A
+plane of mostly zeros, like the counted photons, may be stored as two extensions of one row: NAME_AT, the flat indices
+of the other pixels, and NAME_IS, their values; META has its shape. Each HDU has DATASUM and CHECKSUM, which reading
+verifies. The file gets its name only when it is complete.
 """
 
 import json
@@ -97,7 +97,7 @@ def _record(pixels, path):
         meta = None
     known = isinstance(meta, dict) and isinstance(meta.get("exposure", {}), dict | None)
     if not (known and _are_shapes(meta.get("sparse", {}))):
-        raise InputError("damaged: its record cannot be read", file=path, key=META)
+        raise InputError("damaged: its metadata cannot be read", file=path, key=META)
     return meta
 
 
@@ -110,4 +110,4 @@ def _are_shapes(found):
 
 def _compare(path, key, found, wanted):
     if found != wanted:
-        raise InputError("made for something else; remove the file", file=path, key=key, value=found, allowed=wanted)
+        raise InputError("made from another recipe; remove the file", file=path, key=key, value=found, allowed=wanted)

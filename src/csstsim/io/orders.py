@@ -1,6 +1,6 @@
-"""The truth of dispersed light beside a Level-0 file of a spectroscopic chip (paper, section 4.2): a row an order.
+"""The truth of dispersed light beside a Level-0 file of a spectroscopic chip (paper, section 4.2): one row an order.
 
-An order of less than an electron, none of which was drawn, has no row.
+Orders of less than one electron, of which none was drawn, have no row.
 """
 
 import numpy as np

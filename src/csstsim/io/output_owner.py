@@ -1,6 +1,6 @@
-"""Whose an output folder is: one campaign's. Two would take each other's files for their own, or write over them.
+"""An output folder belongs to one campaign: two would mix up or overwrite each other's files.
 
-`campaign.json` there, written by the workflow, holds the campaign's name and where its file lies, seen from the folder.
+The workflow writes `campaign.json` there: the campaign's name, and the path of its file relative to the folder.
 """
 
 import json
@@ -12,7 +12,7 @@ FILE = "campaign.json"
 
 
 def check_owner(run):
-    """Raise InputError if the output folder of an open campaign is another's."""
+    """Raise InputError if the output folder of an open campaign belongs to another campaign."""
     path = run.paths.output / FILE
     try:
         owner = json.loads(path.read_text())
@@ -21,16 +21,19 @@ def check_owner(run):
     except NotADirectoryError:
         raise InputError("is not a folder, or lies below a file", file=run.paths.output, key="output") from None
     except (OSError, ValueError):
-        raise InputError("cannot be read; remove it if no other campaign is at work here", file=path) from None
+        raise InputError("cannot be read; remove it if no other campaign uses this folder", file=path) from None
     if owner != _about(run):
         raise InputError(
-            "the folder is another campaign's; give yours another output, or remove this file if it is that one, moved",
+            "the folder belongs to another campaign; choose another output, or remove this file if yours was moved",
             file=path, value=owner, allowed=_about(run),
         )  # fmt: skip
 
 
 def claim_output(run):
-    """Make the output folder the campaign's own, once. Raises InputError if it is another's or cannot be written."""
+    """Record once that the output folder is the campaign's.
+
+    Raises InputError if it belongs to another campaign or cannot be written.
+    """
     path = run.paths.output / FILE
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

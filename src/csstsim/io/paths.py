@@ -1,4 +1,4 @@
-"""Where each product of a campaign lies: the one place that knows (the CLI and the workflow both ask here).
+"""The paths of all products of a campaign, for the command line and the workflow.
 
     truth/dataset/Norder=8/Dir=D/Npix=P.parquet  truth/hats.properties  psf/chip_08.h5 chip_08_tables.h5
     chips/{obsid}_{chip}/select.parquet render.fits drawn.parquet orders.parquet readout.fits
@@ -7,8 +7,8 @@
     merge/dataset/Norder=8/Dir=D/Npix=P.parquet  merge/hats.properties  validate/{P}.json
     report/index.html verdict.json
 
-chips/ holds what a chip's stages hand on; it may lie elsewhere (`scratch`), on a node's own disk.
-Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256), of which bricks.hats makes catalogues.
+chips/ has the files that a chip's stages pass on; it may lie elsewhere (`scratch`), on a node's own disk.
+Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256); bricks.hats makes catalogues of them.
 """
 
 import re
@@ -26,7 +26,7 @@ STEM = re.compile(r"CSST_MSC_MS_([A-Z]+)_\d{14}_\d{14}_(\d{9,14})_(\d{2})_L0_V01
 
 
 def made(path, command):
-    """Return the path of a product. Raises InputError, which says what makes it, if there is none."""
+    """Return the path of a product. If it is missing, raises InputError with the command that makes it."""
     if not path.is_file():
         raise InputError(f"not made yet; `csstsim {command}` makes it, snakemake the whole campaign", file=path)
     return path

@@ -1,4 +1,4 @@
-"""Where the pixels of a channel lie, as IRAF, ds9 and ccdproc have it: `[x0:x1,y0:y1]`, from 1, both ends included.
+"""Positions of a channel's pixels in the form of IRAF, ds9 and ccdproc: `[x0:x1,y0:y1]`, from 1, both ends included.
 
 DATASEC  the active pixels that were read, in the stored array; TRIMSEC is the same
 BIASSEC  the serial overscan beside them

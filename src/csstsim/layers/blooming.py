@@ -1,7 +1,7 @@
 """Pixel saturation and bleeding (paper, Appendix B item 9): charge above the full well spills along columns and rows.
 
-Half of the excess goes either way, to the nearest pixels with room; columns run through the middle of the chip; what
-reaches the window's border leaves it and is counted (csstsim.detector.blooming). Left out: wells that differ.
+Half of the excess goes each way, to the nearest pixels with room. Columns run through the middle of the chip. Electrons
+that reach the window's border leave it and are counted (csstsim.detector.blooming). Left out: wells that differ.
 """
 
 from pydantic import Field
@@ -23,7 +23,9 @@ class Param(LayerParam):
 
 
 def apply(state, param, rng):
-    """Spill state.image, in place; saturated pixels and electrons that left go to the header, bits into state.mask.
+    """Spill the excess charge of state.image, in place, and set bits of state.mask.
+
+    The header gets the number of saturated pixels and of electrons that left.
 
     Raises ValueError if counted electrons were not merged or a pixel is not finite.
     """

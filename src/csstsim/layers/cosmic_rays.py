@@ -1,8 +1,8 @@
 """Cosmic ray accumulation (paper, Appendix B item 4; section 5.5.6).
 
-The rays strike while the chip is exposed and, as a row waits for half of the readout on average, through
-half of that; so a bias has some, too. Their electrons go where counted ones are, to which poisson_and_dark adds the
-shot noise of everything else; that layer must follow. Left out: see csstsim.detector.cosmic_ray.
+The rays strike during the exposure and half of the readout, because a row waits that long on average; so a bias has
+some, too. Their electrons are added to the counted ones, and poisson_and_dark must follow to merge these. Left out: see
+csstsim.detector.cosmic_ray.
 """
 
 from pydantic import Field

@@ -1,9 +1,8 @@
 """Charge transfer inefficiency (paper, Appendix B item 10; section 5.5.4): traps hold back electrons on their way.
 
 Charge is transferred to the registers and, with `serial`, along them to the amplifiers
-(csstsim.detector.charge_transfer.transfer). What trails behind the last row or column goes to state.trailed, which
-prescan_overscan lays into the overscan.
-Left out: the rise of trap density over the mission (`density_scale` stands for it).
+(csstsim.detector.charge_transfer.transfer). Charge that trails behind the last row or column goes to state.trailed, and
+prescan_overscan puts it into the overscan. Left out: the rise of trap density over the mission (use `density_scale`).
 """
 
 from pydantic import Field
@@ -22,13 +21,13 @@ class Param(LayerParam):
     """obs_param of `CTE_effect`."""
 
     density_scale: float = Field(
-        1.0, ge=0, le=1000, description="density of traps over that of cti.yaml, an irradiated device; 0: none"
+        1.0, ge=0, le=1000, description="density of traps over that in cti.yaml (an irradiated device); 0: no traps"
     )
-    serial: bool = Field(False, description="rows meet the traps of their registers, too (cti.yaml: serial)")
+    serial: bool = Field(False, description="true: traps of the serial registers act, too (cti.yaml: serial)")
 
 
 def check(param, camera, pointing):
-    """Raise InputError if the camera has not the traps asked for."""
+    """Raise InputError if the camera lacks the traps asked for."""
     traps = camera.detector.traps
     if traps is None:
         raise InputError("the instrument folder has no cti.yaml", key="density_scale")

@@ -1,6 +1,6 @@
 """Hot pixels, dead pixels and invalid columns (paper, Appendix B item 7; sections 5.5.7 and 5.5.8).
 
-Fixed to the silicon, in every kind of exposure. The background of their values is that of the image as it comes.
+They are fixed to the silicon, and in every kind of exposure. Their values refer to the background of the image.
 Left out: see csstsim.detector.defects.
 """
 

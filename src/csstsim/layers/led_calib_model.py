@@ -1,9 +1,8 @@
 """LED illuminations (paper, Appendix B item 16; section 5.5.5): flat exposures with the calibration lamps.
 
-The lamps are inside, behind the closed shutter: their light is timed by themselves and meets the internal flat, but
-neither the shutter nor the vignetting, which the paper applies to exposures with the shutter open. It also meets the
-response of the pixels, where the list has PRNU_effect. Light of several
-lamps adds; a chip sees what its filter passes.
+The lamps are inside, behind the closed shutter. So their own times count, and their light has the internal flat, but
+neither shutter nor vignetting, which the paper applies to exposures with the shutter open. It has the response of the
+pixels if the list has PRNU_effect. The light of several lamps adds up; a chip sees what its filter passes.
 Left out: warming up and ageing of the lamps, fringes.
 """
 
@@ -29,7 +28,7 @@ class Param(LayerParam):
     model_config = ConfigDict(coerce_numbers_to_str=True)  # a lamp's name need not be quoted
 
     LED_TYPE: list[str] = Field(["670"], min_length=1, description="lamps in the order they are lit: wavelengths in nm")
-    LED_TIME: list[float] = Field([10.0], min_length=1, description="seconds each of them is lit")
+    LED_TIME: list[float] = Field([10.0], min_length=1, description="seconds for which each lamp is lit")
 
     @model_validator(mode="after")
     def _a_time_for_each(self):

@@ -1,8 +1,8 @@
 """Charge-to-voltage nonlinearity (paper, Appendix B item 8): a third-order polynomial of the charge.
 
-It stands where the list puts it: on the active pixels (the paper's order) or on the readout frame (the default, as the
-amplifier comes after the charge has moved). Above the full well it goes on straight. One polynomial for the chip, or
-one a channel, scaled within the detector's `nonlinearity_spread`. Left out: what the amplifier remembers.
+It acts on the active pixels (the paper's order) or on the readout frame (the default, because the amplifier comes after
+the transfer of charge). Above the full well it is continued as a straight line. There is one polynomial for the chip,
+or one for each channel, scaled within the detector's `nonlinearity_spread`. Left out: memory of the amplifier.
 """
 
 from pydantic import Field

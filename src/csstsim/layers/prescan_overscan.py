@@ -1,7 +1,7 @@
 """Prescan and overscan sections (paper, Appendix B item 11).
 
-The active pixels of the window are laid into the readout frame of csstsim.detector.channels; the added pixels hold
-no charge, but for what a charge transfer layer left to trail into the overscan.
+The active pixels of the window are put into the readout frame of csstsim.detector.channels. The added pixels hold no
+charge, except what trails into the overscan by charge transfer inefficiency.
 Left out: charge that arises in the registers (dark current, clock-induced charge).
 """
 

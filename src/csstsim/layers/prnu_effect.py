@@ -1,9 +1,9 @@
 """Pixel response non-uniformity (paper, Appendix B item 3).
 
-The layer asks for it; light meets it where it is drawn, as it meets flat field and shutter
-(optics.throughput.response): photons are accepted or lost one by one, so mean = variance stays, and the truth counts
-what is left. What stands in the list after the light has been drawn is this layer's record in the header. The map is
-the chip's and lasts (detector.prnu); its rms is the detector's. Left out: laboratory maps.
+The layer only switches it on, and records it in the header. It is applied where light is drawn, like flat field and
+shutter (optics.throughput.response): photons are accepted or lost one by one, so mean = variance holds, and the truth
+counts the accepted ones. The map is fixed for the chip (detector.prnu); its rms is the detector's. Left out: laboratory
+maps.
 """
 
 from csstsim.base.errors import InputError

@@ -1,8 +1,8 @@
 """Scientific objects exposure (paper, Appendix B item 1; sections 4.1, 5.3).
 
-Draws the chip's objects, as the campaign's `fidelity` asks: expected electrons into the image, electrons drawn one by
-one into the counted plane; what was drawn of each is kept as truth. On spectroscopic chips their light goes through the
-two gratings (section 4.2), and truth is kept order by order besides. Left out: ghosts of dispersed light.
+Draws the chip's objects with the campaign's `fidelity`: expected electrons into the image, photons into the counted
+plane. The truth lists the electrons drawn of each object. On spectroscopic chips the light goes through the two
+gratings (section 4.2), and there is also a truth of each order. Left out: ghosts of dispersed light.
 """
 
 from functools import cache
@@ -28,7 +28,7 @@ class Param(LayerParam):
 
     exptime: float | None = Field(None, gt=0, le=1e5, description=EXPTIME)
     flat_fielding: bool = Field(True, description="vignetting and internal flat: the reversal of the flat correction")
-    shutter_effect: bool = Field(True, description="columns far from the middle miss the shutter's opening and closing")
+    shutter_effect: bool = Field(True, description="the shutter exposes columns for different times")
     # The WCS of the job (campaign.opened) has it: selection, rendering and measuring share one map.
     field_dist: bool = Field(True, description="field distortion: moves objects and changes their shapes")
     wings: bool = Field(True, description="light of bright objects beyond the stored PSF's box")
@@ -52,7 +52,7 @@ def apply(state, param, rng):
     """Draw state.catalog into state.image [e-], in place; state.truth becomes the table of drawn objects, row by row.
 
     Objects are drawn by id: the catalogue's rows may be in any order, the pixels are the same.
-    What the planes gained goes to the header, so that the table can be held against it.
+    The header gets the electrons that the planes gained, to compare with the table.
     """
     before, order = state.electrons(), canonical_order(state.catalog)
     canvas, drawing = _canvas(state, rng), _drawing(state, param, rng)

@@ -1,9 +1,9 @@
 """Sky background and stray light (paper, Appendix B item 2).
 
-Adds the expected sky of the band to every pixel: the filter's constant, or the model of csstsim.sky.background, mean of
-the middles of the exposure's thirds. Behind gratings that is the sky of a whole first order, and all orders with their
-edges take its place (csstsim.sky.dispersed). The light meets the same flat field and shutter as that of the objects.
-Left out: change of the sky's share between columns while the shutter moves.
+Adds the expected sky of the band to every pixel: the filter's constant, or the model of csstsim.sky.background,
+averaged over the middles of the exposure's thirds. Behind gratings that is the sky of a whole first order;
+csstsim.sky.dispersed replaces it by all orders with their edges. The sky has the same flat field and shutter as the
+objects. Left out: change of the sky's share between columns while the shutter moves.
 """
 
 import numpy as np
@@ -30,7 +30,7 @@ class Param(LayerParam):
 
     exptime: float | None = Field(None, gt=0, le=1e5, description=EXPTIME)
     flat_fielding: bool = Field(True, description="vignetting and internal flat: the reversal of the flat correction")
-    shutter_effect: bool = Field(True, description="columns far from the middle miss the shutter's opening and closing")
+    shutter_effect: bool = Field(True, description="the shutter exposes columns for different times")
     enable_straylight_model: bool = Field(
         False, description="true = zodiacal light, earthshine, Sun, Moon, planets and stars outside the field, at the "
         "exposure's time and place; false = the filter's constant `sky`",

@@ -1,11 +1,11 @@
-"""Charge that the detector moved is put back, by iteration of the forward model.
+"""Corrects charge transfer and the brighter-fatter effect: moves charge back by iterating the forward model.
 
     guess <- guess + (electrons - forward(guess)),   guess = electrons at first
 
-(Bristow 2003; Massey et al. 2010, MNRAS 401, 371; Anderson & Bedin 2010). What is read differs from what was there by a
-tenth at most, and each pass leaves a tenth of the error or less. The electrons of a trap that lets go later than the
-last row read are put back, too. Read noise was never in the silicon, but is taken for charge that was: a pixel's noise
-grows a little with charge transfer undone (docs/calibration.md).
+(Bristow 2003; Massey et al. 2010, MNRAS 401, 371; Anderson & Bedin 2010). The detector moves a tenth of a pixel's
+charge at most, and each pass leaves a tenth of the error or less. Electrons that a trap releases after the last row was
+read are restored, too. Read noise is treated as charge, though it never was in the silicon: the correction of charge
+transfer raises a pixel's noise a little (docs/calibration.md).
 """
 
 

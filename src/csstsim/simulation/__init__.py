@@ -1,1 +1,1 @@
-"""One job while it runs: its state, the layers in their order, and what a layer promises."""
+"""The simulation of one job: its state, the ordered layers, and the contract of a layer."""

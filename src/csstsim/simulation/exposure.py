@@ -1,4 +1,4 @@
-"""Exposure: one exposure of one chip, with all that its layers look up resolved once, before any work."""
+"""Exposure: one exposure of one chip. Everything its layers look up is resolved once, before any work."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -16,7 +16,7 @@ if TYPE_CHECKING:  # names alone: a stage imports what it uses
 
 
 class Losses(NamedTuple):
-    """Which losses the light of an exposure meets (optics.throughput.response), the same for all that brings light."""
+    """The losses of light in an exposure (optics.throughput.response), the same for every layer that adds light."""
 
     flat: bool = False
     shutter: bool = False
@@ -30,8 +30,7 @@ NO_LOSSES = Losses()
 class Exposure:
     """One exposure of one chip, and the window of it that is simulated.
 
-    The layers' list says how it is made: its exposure time is the pointing's (SimSteps.exptime), its field distortion
-    the wcs's.
+    The pointing has the exposure time that the layers ask for (SimSteps.exptime); the wcs has their field distortion.
     """
 
     pointing: "Pointing"

@@ -1,6 +1,6 @@
 """Frame: one chip of one exposure as numpy arrays, astropy tables, WCS and header (csstsim.api makes them).
 
-What the header says is that of io.level0, the truth's columns those of io.truth.
+io.level0 describes the header, io.truth the columns of the truth.
 """
 
 from dataclasses import dataclass
@@ -14,14 +14,14 @@ import numpy as np
 class Frame:
     """One chip of one exposure, as arrays; pixel (0, 0) of each is the first of the window.
 
-    * image: (ny, nx), DN (uint16) of `Simulation.chip`, electrons (float32) of `Simulation.light`
+    * image: (ny, nx), DN (uint16) from `Simulation.chip`, electrons (float32) from `Simulation.light`
     * truth: astropy Table, a row an object (docs: Products); xImage, yImage count from 1 on the whole chip, so
       `truth["xImage"] - 1 - window.x0` is the column of `image`
     * wcs: astropy WCS of `image`, field distortion included; directions are apparent [deg]
     * window: x0, x1, y0, y1 [pixel] on the chip
-    * header: astropy Header, what the Level-0 file says in its two HDUs; None of `light`
-    * raw: the window as read, with prescan and overscan, (rows, columns) DN; None of `light`
-    * orders: astropy Table, the truth of a spectroscopic chip, order by order; None of an imaging chip
+    * header: astropy Header, both headers of the Level-0 file in one; None from `light`
+    * raw: the window as read, with prescan and overscan, (rows, columns) DN; None from `light`
+    * orders: astropy Table, the truth of a spectroscopic chip, order by order; None for an imaging chip
     """
 
     image: np.ndarray
@@ -35,19 +35,19 @@ class Frame:
 
     @cached_property
     def electrons(self):
-        """(ny, nx) float32, electrons: the channels' bias taken off, their gain undone; nothing else is corrected.
+        """(ny, nx) float32, electrons: bias subtracted and gain applied in each channel; nothing else is corrected.
 
-        Raises ValueError for a frame without bias and gain in its header (layers left out, or of `light`).
+        Raises ValueError for a frame from `light`, or without bias and gain in its header (their layers were left out).
         """
         result = np.empty(self.image.shape, np.float32)
         for block in self.readout.blocks if self.readout else ():
             names = f"DETBIA{block.channel:02d}", f"GAIN{block.channel:02d}"
             if any(self.header.get(name) is None for name in names):
-                raise ValueError("the header has no bias and gain of each channel: its layers left them out")
+                raise ValueError("the header lacks the channels' bias and gain: the list of layers leaves them out")
             bias, gain = (self.header[name] for name in names)
             result[block.image] = (self.image[block.image] - np.float32(bias)) * np.float32(gain)
         if not self.readout:
-            raise ValueError("electrons already: `image` of Simulation.light")
+            raise ValueError("`image` of Simulation.light is in electrons already")
         return result
 
 

@@ -1,15 +1,15 @@
-"""The contract test of a layer of your own: what csstsim asks of one (simulation.sim_steps), tried on 64 x 64 pixels.
+"""The contract test of a layer of your own: checks on 64 x 64 pixels what csstsim requires (simulation.sim_steps).
 
-In a test of yours:
+In your test:
 
     from csstsim.simulation.layer_contract import check_layer
     def test_contract():
         assert not check_layer("mylab.glint")
 
 The layer runs with its default parameters, or those given, on a star over a flat sky, on a window that is not
-square, and on no light at all, each across a corner where four readout channels meet. What is wrong comes back as
-lines in plain words; a layer that cannot be loaded raises InputError, as it would in a campaign. Not tried: whether
-its physics is right. The shipped layers pass the same checks (tests/layers/test_contract.py).
+square, and on no light at all, each across a corner where four readout channels meet. Faults are returned as lines of
+text. A layer that cannot be loaded raises InputError, as it would in a campaign. The physics is not checked. The
+shipped layers pass the same checks (tests/layers/test_contract.py).
 """
 
 import gc
@@ -50,11 +50,11 @@ SHAPES = (64, 64), (48, 80)  # (ny, nx), px
 
 
 def check_layer(layer, param=None, state=None):
-    """Return the faults of a layer, a tuple of lines; empty: it keeps the contract.
+    """Return the faults of a layer, a tuple of lines; empty if it fulfils the contract.
 
     layer: its module, or the name an observation file would give; param: {parameter: value}, else the defaults;
-    state: function of no arguments that gives a fresh csstsim.simulation.state.State as the layer finds it, else the
-    states said above. Raises InputError for a layer that cannot be loaded or parameters it refuses.
+    state: function of no arguments that returns a fresh csstsim.simulation.state.State as the layer finds it, else the
+    scenes above. Raises InputError for a layer that cannot be loaded or parameters it refuses.
     """
     module = layer if inspect.ismodule(layer) else load_layer(layer)
     faults = form_faults(module)
@@ -74,7 +74,7 @@ def check_layer(layer, param=None, state=None):
 
 
 def form_faults(module):
-    """Return the faults that can be seen without running the layer: words, parameters, order. A tuple of lines."""
+    """Return the faults found without running the layer (docstrings, parameters, order), a tuple of lines."""
     faults = [f"{what} has no docstring" for what, thing in _documented(module) if not (thing.__doc__ or "").strip()]
     if module.__doc__ and not SOURCE.search(module.__doc__):
         faults.append("the module's docstring names no source: a paper and its year, a section, an equation, a file")
@@ -82,7 +82,7 @@ def form_faults(module):
 
 
 def _documented(module):
-    """Return (name, object) of all that must say what it is."""
+    """Return (name, object) of everything that needs a docstring."""
     named = [(name, getattr(module, name)) for name in ("Param", "apply", "check") if hasattr(module, name)]
     return [("the module", module), *named]
 
@@ -154,7 +154,7 @@ def _maker(module, frame, shape, light):
 
 
 class _Watched(Streams):
-    """Streams that remember whether anything was drawn by words."""
+    """Streams that record whether a stream was asked for by words."""
 
     def __getattribute__(self, name):
         if name in ("exposure", "chip", "channel", "exposure_key", "chip_key", "camera", "object"):
@@ -172,14 +172,14 @@ def _run_faults(module, param, make):
         rng = _Watched(seed, state.pointing.obsid, state.chip.id, module.__name__.lower())
         try:
             result = module.apply(state, param, rng)
-        except Exception as exc:  # a layer of the user's may fail in any way
+        except Exception as exc:  # a user's layer may fail in any way
             yield f"apply raised {type(exc).__name__}: {exc}"
             return
         if not isinstance(result, State):
             yield f"apply returned {type(result).__name__}; it must return the state"
             return
         if result.exposure is not exposure:
-            yield "changes state.exposure: its pointing, chip, window, wcs, filter and telescope stay"
+            yield "changes state.exposure: its pointing, chip, window, wcs, filter and telescope must stay"
             return
         results.append((result.image, result.header))
     (image, header), (again, header_again), (other, _) = results

@@ -11,9 +11,9 @@ each layer is a module of csstsim.layers (or a user's own, by dotted path) with
     EXPOSURES      exposure types it belongs in (may be left out: any)
     AFTER          layers that must not come after it (may be left out)
     BEFORE         layers of which one must come after it (may be left out)
-    check          check(param, camera, pointing): InputError for what only they can tell (may be left out)
+    check          check(param, camera, pointing): raises InputError if these do not fit each other (may be left out)
 
-csstsim.simulation.layer_contract tries whether a layer keeps to this.
+csstsim.simulation.layer_contract checks a layer against this.
 """
 
 import importlib
@@ -58,11 +58,10 @@ class Step:
 class SimSteps:
     """The layers of one kind of exposure, checked before any work.
 
-    kind: the exposure type the list is for (None: any); layers: the list itself, where it differs from the file's
-    (config.Observation.layers). Raises InputError for an unknown keyword or parameter, a
-    layer of csstsim given twice or in the wrong kind of exposure, a stage that goes backwards, a layer whose unit or
-    frame is not what the one before it leaves, a list that does not end in a file, two exposure times, or losses that
-    differ between layers.
+    kind: the exposure type the list is for (None: any); layers: a list in place of the file's
+    (config.Observation.layers). Raises InputError for an unknown keyword or parameter, a layer of csstsim given twice
+    or in the wrong kind of exposure, a stage out of order, a layer whose unit or frame is not what the layer before it
+    leaves, a list that does not end in a file, two exposure times, or losses that differ between layers.
     """
 
     @explained("observation")
@@ -93,7 +92,7 @@ class SimSteps:
         return any(getattr(step.param, option, False) for step in self.steps)
 
     def _check_agree(self, option):
-        """Light of objects and sky goes through the same glass and shutter; a measurement divides by one loss."""
+        """Raise InputError if layers differ in an option: objects and sky have the same optics and shutter."""
         asked = {step.keyword: getattr(step.param, option) for step in self.steps if hasattr(step.param, option)}
         if len(set(asked.values())) > 1:
             *_, last = asked
@@ -105,7 +104,7 @@ class SimSteps:
 
     @property
     def losses(self):
-        """The Losses that light of this list meets."""
+        """The Losses of light with this list."""
         return Losses(self._asked("flat_fielding"), self._asked("shutter_effect"), self.step("prnu_effect") is not None)
 
     @property
@@ -153,7 +152,7 @@ class SimSteps:
             raise self._error("a layer is missing: the list does not end in a Level-0 file", missing)
 
     def _exptime(self):
-        """Return the exposure time [s] the layers ask for, or None: the pointing's."""
+        """Return the exposure time [s] that the layers ask for; None: the pointing's."""
         asked = {step.keyword: getattr(step.param, "exptime", None) for step in self.steps}
         asked = {keyword: time for keyword, time in asked.items() if time is not None}
         if len(set(asked.values())) > 1:
@@ -179,7 +178,7 @@ class SimSteps:
         return _own(self.steps)
 
     def has_own(self, stage):
-        """Whether layers up to a stage are the user's: they may read any number of the camera."""
+        """Whether a layer up to a stage is the user's, which may read any number of the camera."""
         return bool(_own(self._up_to(stage)))
 
     def _up_to(self, stage):
@@ -188,10 +187,10 @@ class SimSteps:
         return [step for step in self.steps if step.module.STAGE in stages]
 
     def digest(self, stage):
-        """Return 16 hex digits of what a stage and those before it take from the list; another, other pixels.
+        """Return 16 hex digits of what in the list decides the pixels up to a stage.
 
-        These are layers, their parameters, the files of the user's own, and what is resolved for all: distortion, from
-        render on losses, and whether there is a mask, which at render only a layer of the user's may see.
+        These are the layers, their parameters, the files of the user's own layers, the distortion, from render on the
+        losses, and whether there is a mask (at render only if a user's layer may see it).
         """
         steps = self._up_to(stage)
         own = _own(steps)
@@ -232,9 +231,9 @@ def _own(steps):
 
 
 def load_layer(keyword, file=None):
-    """Return the module of a layer: a keyword of csstsim's, capitals as you like, or a dotted path to your own.
+    """Return the module of a layer: a keyword of csstsim, in upper or lower case, or the dotted path of your own.
 
-    file: the list that names it, for the message. Raises InputError if there is none, or if it lacks a part.
+    file: the list that names it, for the message. Raises InputError if it is unknown or lacks a part.
     """
     name = keyword.lower()
     if "." not in keyword and name not in known_layers():
@@ -252,7 +251,7 @@ def load_layer(keyword, file=None):
         pair = getattr(module, part, ("", ""))
         if not (isinstance(pair, tuple | list) and len(pair) == 2 and all(isinstance(word, str) for word in pair)):
             allowed = "a pair: what it takes, what it leaves"
-            raise InputError("not of that form", file=file, key=f"layers.{keyword}.{part}", value=pair, allowed=allowed)
+            raise InputError("must be a pair", file=file, key=f"layers.{keyword}.{part}", value=pair, allowed=allowed)
     if module.STAGE not in STAGES:
         raise InputError(
             "unknown stage", file=file, key=f"layers.{keyword}.STAGE", value=module.STAGE, allowed=", ".join(STAGES)

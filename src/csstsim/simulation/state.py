@@ -1,4 +1,4 @@
-"""State: what a layer gets and gives back (paper, section 4.3)."""
+"""State: what a layer takes and returns (paper, section 4.3)."""
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
@@ -18,12 +18,12 @@ if TYPE_CHECKING:  # names alone: a stage imports what it uses
 
 @dataclass
 class State:
-    """The simulation of one exposure on one chip, as it stands between two layers.
+    """The simulation of one exposure of one chip, between two layers.
 
     `image` is float32, changed in place: expected electrons until `poisson_and_dark`, then charge, then DN
     (units in `unit`). Before `prescan_overscan` its shape is that of `window`; after it, that of the
     window's readout frame (detector.channels). `counted` holds electrons that are already Poisson (same shape);
-    `poisson_and_dark` merges it. What is None is not there. `header` gathers what layers add to the Level-0 header as
+    `poisson_and_dark` merges it. None: there is none. `header` is what layers add to the Level-0 header:
     {name: value}, JSON-like values only. chip, filter, telescope, pointing, window and wcs are the exposure's.
     """
 
@@ -52,7 +52,7 @@ class State:
 
     @classmethod
     def blank(cls, exposure, objects=None):
-        """Return the State of an Exposure that no layer has touched: planes of the window (ny, nx) without light.
+        """Return the State of an Exposure before its first layer: planes of the window (ny, nx) without light.
 
         objects: its catalogue, or None.
         """

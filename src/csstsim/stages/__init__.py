@@ -1,6 +1,6 @@
-"""What the rules of the workflow do: a file a rule, of the name of the rule and of its command.
+"""The stages of the workflow: one file for each rule, with the name of the rule and its command.
 
-In each: a function that works in memory, and one that reads what it needs, calls it and writes the product. A stage
-refuses an input whose recorded recipe (digests of campaign, camera, layers and exposure) is not its own, and gives its
-products that recipe on. Nothing appears under its name before it is complete.
+Each has a function that works in memory, and one that reads its input, calls it and writes the product. A stage refuses
+an input that records another recipe (digests of campaign, camera, layers and exposure), and its product records the
+recipe, too. A product gets its final name only when it is complete.
 """

@@ -1,8 +1,8 @@
 """Calibrate: Level-0 files to calibrated images, as `measurement` in a campaign says.
 
 calibration: truth     the maps the simulator used: flat field, shutter, pixel response, defects, each trap
-calibration: frames    masters of `csstsim masters` for pixel response and defects; flat field and shutter as above, for
-                       those of a sky survey come from its own stars; traps of the right density, but others
+calibration: frames    masters of `csstsim masters` for pixel response and defects; flat field and shutter as above,
+                       because a survey finds these from its own stars; other traps, of the same density
 """
 
 from dataclasses import replace
@@ -108,7 +108,7 @@ def _charge_correction(run, job, steps, streams):
         transfer(image, detector, job.window, streams, density=traps.param.density_scale, serial=traps.param.serial)
 
     def push(image):
-        below = np.minimum(image, np.float32(0.0))  # of read noise: no charge
+        below = np.minimum(image, np.float32(0.0))  # negative read noise is no charge
         image -= below
         move_charge(image, *detector_kernel(detector), detector.full_well)
         image += below

@@ -1,4 +1,4 @@
-"""Chip: the four stages of a job in memory; no workflow, and nothing handed on by way of the disk."""
+"""Chip: the four stages of a job in memory, without workflow and without files between them."""
 
 from csstsim.base.one_thread import one_thread
 from csstsim.stages.level0 import digitised, write_products
@@ -12,9 +12,9 @@ from csstsim.stages.truth import missing_bricks
 
 @one_thread
 def chip(run, job, say=print):
-    """Run one job in memory, its missing truth bricks and PSF set made first, and write its Level-0 file and truth.
+    """Run one job in memory and write its Level-0 file and truth; return the State at the end.
 
-    Returns the State at the end.
+    Missing truth bricks and a missing PSF set are made first.
     """
     state, provenance = simulate(run, job, say)
     timer = Timer("writing")
@@ -29,7 +29,7 @@ def chip(run, job, say=print):
 
 @one_thread
 def simulate(run, job, say=print):
-    """Run one job in memory, its missing truth bricks and PSF set made first.
+    """Run one job in memory. Missing truth bricks and a missing PSF set are made first.
 
     Returns its State at the end (image: DN, uint16, the window's readout frame) and its provenance, from which
     io.level0 makes the header.
@@ -55,7 +55,7 @@ def light(run, job, say=print):
         objects = selected(run, job)
         header["stages"].append(timer.entry())
         say_selected(objects, say)
-        missing_psf(run, job.chip, say)  # after the catalogue of the user's, which may not open
+        missing_psf(run, job.chip, say)  # after opening the user's catalogue, which may fail
     timer = Timer("render")
     state = rendered(run, job, objects)
     state.header |= header
@@ -67,7 +67,7 @@ def light(run, job, say=print):
 
 
 def missing(run, job, say):
-    """Make what a job of the sky needs and is not there: bricks of the embedded universe, the chip's PSF set."""
+    """Make what a science job lacks: bricks of the embedded universe, the chip's PSF set."""
     if job.pointing.type == "SCIE":
         missing_bricks(run, run.truth_bricks(job), say)
         missing_psf(run, job.chip, say)

@@ -1,4 +1,4 @@
-"""What a campaign expects of a frame, and what the header of its Level-0 file says: bricks.facts.Facts of a job."""
+"""The bricks.facts.Facts of a job: what the campaign expects of its frame, and what the Level-0 header says."""
 
 from csstsim.base.rng import Streams
 from csstsim.bricks.facts import Facts, HeaderWCS
@@ -35,7 +35,7 @@ def frame_facts(run, job):
 
 
 def _sky(run, job, steps):
-    """Return the sky [e- in a pixel, ahead of all losses]; None where a layer of the user's own may bring light."""
+    """Return the sky [e- in a pixel, before all losses]; None if a user's layer may add light."""
     step = steps.step("sky_background")
     if not steps.shipped:
         return None

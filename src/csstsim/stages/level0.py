@@ -1,4 +1,4 @@
-"""Level0: the DN digitised, and the Level-0 file written with its truth beside it."""
+"""Level0: digitises the DN, and writes the Level-0 file and its truth."""
 
 from csstsim.base.errors import InputError
 from csstsim.base.one_thread import one_thread
@@ -59,7 +59,7 @@ def write_products(run, job, state, provenance):
     truth_path = run.paths.level0_truth(job.pointing, job.chip.id)
     drawn = state.truth if state.truth is not None else ObjectTable.complete({}, run.camera.bands)
     about = {"recipe": run.recipe(job), "level0": path.name, "full_well": run.camera.detector.full_well}
-    if run.steps[job.pointing.type].shipped:  # a layer of the user's own may bring charge that nothing counts
+    if run.steps[job.pointing.type].shipped:  # a user's layer may add charge that is not accounted for
         about["electrons"] = electron_budget(state.header, job.window.nx * job.window.ny)
     write_truth(truth_path, drawn, job.chip, about)
     if state.orders is not None:

@@ -42,7 +42,7 @@ def masters(run, chip_id):
 
 
 def masters_recipe(run, chip_id):
-    """Return what the detector is drawn from: masters of another do not fit."""
+    """Return what decides the detector: masters of another detector do not fit."""
     return {"camera": run.camera.digest_for("level0"), "seed": run.config.seed, "chip": chip_id}
 
 

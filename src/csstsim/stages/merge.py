@@ -1,4 +1,4 @@
-"""Merge: the measurements on a brick, a row a source."""
+"""Merge: the measurements on a brick, one row for each source."""
 
 from csstsim import __version__
 from csstsim.base.errors import InputError

@@ -32,7 +32,7 @@ def psf(run, chip_id):
 
 @one_thread
 def psf_tables(run, chip):
-    """Make the tables photons are drawn from, of a PSF set that is there."""
+    """Make the tables photons are drawn from, for an existing PSF set."""
     from csstsim.render.psf_table import write_tables
 
     write_tables(run.paths.psf_tables(chip.id), _open(run, chip))
@@ -47,7 +47,7 @@ def _nodes_uv(camera, chip, grid):
 
 
 def missing_psf(run, chip, say):
-    """Make the PSF set of a chip and its tables, if they are not there."""
+    """Make the PSF set of a chip and its tables, if they are missing."""
     sets = {
         run.paths.psf(chip.id): partial(psf, run, chip.id),
         run.paths.psf_tables(chip.id): partial(psf_tables, run, chip),

@@ -1,4 +1,4 @@
-"""Readout: electrons turned into DN by the detector's layers."""
+"""Readout: the detector's layers turn electrons into DN."""
 
 import numpy as np
 
@@ -28,9 +28,9 @@ def read_out(run, job, state):
 
 
 def save_cosmic_rays(run, job, state):
-    """Write the electrons of cosmic rays alone (int32, the window's active pixels), if a layer left them to be written.
+    """Write the electrons of cosmic rays alone (int32, the window's active pixels), if the layer asks for it.
 
-    They lie beside the Level-0 file; one of another layer list is removed.
+    The file lies beside the Level-0 file. If the layer does not ask for it, an old one is removed.
     """
     from csstsim.io.frames import save_frame
 

@@ -1,4 +1,4 @@
-"""Render: objects and sky drawn, electrons expected and electrons counted."""
+"""Render: draws objects and sky, as expected and as counted electrons."""
 
 from csstsim.base.digest import digest
 from csstsim.base.one_thread import one_thread
@@ -32,7 +32,7 @@ def render(run, job):
 
 
 def _marked(mask):
-    """Return a truth mask with a bit set, else None: whether there is one is the detector's, not of the light."""
+    """Return a truth mask if any of its bits is set, else None: the file of light must not depend on the detector."""
     return mask if mask is not None and mask.any() else None
 
 

@@ -15,17 +15,16 @@ from csstsim.campaign.run_times import run_times
 from csstsim.io.paths import made
 from csstsim.report.parts import Link
 
-EMBEDDED = 5_000_000  # bytes of figures of bricks and spectra in the page; of the rest, links
+EMBEDDED = 5_000_000  # bytes of figures of bricks and spectra in the page; the others are linked
 PNG = b"\x89PNG\r\n\x1a\n"  # its first bytes
 
 
 @one_thread
 def report(run):
-    """Write report/index.html and verdict.json of a campaign, and what makes HATS catalogues of its bricks.
+    """Write report/index.html and verdict.json of a campaign, and the files that make its bricks HATS catalogues.
 
-    Prints the gates; returns the verdict (bricks.verdict).
-
-    Raises InputError if a product is missing or is another campaign's.
+    Prints the gates; returns the verdict (bricks.verdict). Raises InputError if a product is missing or belongs to
+    another campaign.
     """
     from csstsim.bricks.hats import write_catalogue
     from csstsim.report.figures import sky_map
@@ -58,7 +57,7 @@ def report(run):
         times=run_times(run),
         labels={band: look.label for band, look in shown.items()},
     )  # fmt: skip
-    # After the page, which reads the rest: of what cannot be used nothing is written
+    # After the page, which reads all else: nothing is written if a product cannot be used
     verdicts.write_verdict(page.with_name("verdict.json"), verdict, campaign=run.config.name, csstsim=__version__)
     if merged:
         write_catalogue(run.paths.merge_catalogue, run.config.name, merged)
@@ -83,7 +82,7 @@ class Budget:
         except OSError as exc:
             raise InputError(f"cannot read a figure: {exc}", file=path) from None
         if figure is not None and not _is_png(figure):
-            raise InputError("not a whole PNG; make it again", file=path)
+            raise InputError("the PNG is damaged; make it again", file=path)
         return figure
 
 
@@ -115,7 +114,7 @@ def _validation(run, pix):
 
 
 def _merged(run, pix):
-    """Return the path of a merged brick, once it is known to be this campaign's."""
+    """Return the path of a merged brick. Raises InputError if it belongs to another campaign."""
     from csstsim.catalog.table import ObjectTable
 
     path = run.paths.merge(pix)
@@ -166,7 +165,7 @@ def _mosaic(run, looks):
 
 
 def _by_exposure(run):
-    """Return the jobs as a list of lists, one an exposure."""
+    """Return the jobs as a list of lists, one for each exposure."""
     exposures = {}
     for job in run.jobs:
         exposures.setdefault(job.pointing.obsid, []).append(job)

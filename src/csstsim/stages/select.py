@@ -49,7 +49,7 @@ def say_selected(table, say):
 
 @explained("catalogue")
 def check_catalog(run, say):
-    """Open what the campaign draws from; try a catalogue of the user's on the first science job (catalog.contract)."""
+    """Open the campaign's catalogue; test a user's catalogue on the first science job (catalog.contract)."""
     from csstsim.catalog.contract import check
     from csstsim.catalog.selection.select import near
 

@@ -12,7 +12,7 @@ from csstsim.stages.measure import measured_table
 
 @one_thread
 def shear(files, output, say):
-    """Print m and c of finished twin campaigns (bricks.shear), write them as JSON; return whether no gate fails.
+    """Print m and c of finished twin campaigns (bricks.shear), write them as JSON; return whether all gates pass.
 
     Raises InputError for campaigns that are not pairs, or too few galaxies.
     """
@@ -52,14 +52,14 @@ def _twins(runs):
         catalog = run.config.catalog
         if catalog.lensing.field != "constant":
             raise InputError(
-                "no constant shear", file=run.file, key="catalog.lensing.field", value=catalog.lensing.field,
+                "the shear is not constant", file=run.file, key="catalog.lensing.field", value=catalog.lensing.field,
                 allowed="constant",
             )  # fmt: skip
         key = catalog.lensing.kappa, catalog.lensing.gamma1, catalog.lensing.gamma2
         pair = found.setdefault(key, {})
         if catalog.shapes in pair:
             raise InputError(
-                f"shear and shapes of {pair[catalog.shapes].file}, too", file=run.file, key="catalog.shapes",
+                f"has the same shear and shapes as {pair[catalog.shapes].file}", file=run.file, key="catalog.shapes",
                 value=catalog.shapes, allowed="normal and rotated90, one of each",
             )  # fmt: skip
         pair[catalog.shapes] = run
@@ -74,7 +74,7 @@ def _twins(runs):
 
 
 def _but_shapes(run):
-    """Return what twins share: all that decides their pixels and measurements but `catalog.shapes`."""
+    """Return what twins share: all that decides their pixels and measurements, except `catalog.shapes`."""
     config = run.config.model_copy(update={"catalog": run.config.catalog.model_copy(update={"shapes": "normal"})})
     recipes = [run.recipe(job, "measure") | {"campaign": config.digest()} for job in run.imaging_jobs]
     return run.universe.digest if run.embedded else None, run.rendering, recipes

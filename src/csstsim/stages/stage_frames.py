@@ -1,4 +1,4 @@
-"""The frame that a stage of a job leaves on disk for the next one, and how long a stage took."""
+"""The frame that a stage writes for the next one, and the time that a stage took."""
 
 import time
 
@@ -28,7 +28,7 @@ def state_before(run, job, stage):
         planes, meta = load_frame(path, {"stage": stage})
         check_recipe(path, meta, run.recipe(job, stage))
         if "image" not in planes or not {"unit", "header"} <= meta.keys():
-            raise InputError("damaged: a frame has the plane image, and unit and header in its record", file=path)
+            raise InputError("damaged: it lacks the plane image, or unit or header in its metadata", file=path)
         state.image, state.counted = planes["image"], planes.get("counted")
         if state.mask is not None:
             state.mask = planes.get("mask", state.mask)
@@ -37,14 +37,14 @@ def state_before(run, job, stage):
 
 
 def frame_meta(run, job, state):
-    """Return the record of a frame that one stage hands to the next."""
+    """Return the metadata of a frame that one stage writes for the next."""
     stage = state.header["stages"][-1][0]
     frame = {"recipe": run.recipe(job, stage), "stage": stage, "unit": state.unit, "header": state.header}
     return frame | {"exposure": _exposure(run, job)}
 
 
 def _exposure(run, job):
-    """Return what a frame is of, by the names that the Level-0 header will have, so that it can be shown alone."""
+    """Return the exposure and chip of a frame, by the names of the Level-0 header, which `csstsim show` reads."""
     pointing, window = job.pointing, job.window
     return job.wcs.header() | {
         "OBSID": pointing.obsid, "FILETYPE": pointing.type, "DETECTOR": f"{job.chip.id:02d}", "FILTER": job.chip.filter,

@@ -1,4 +1,4 @@
-"""Truth: bricks of the embedded universe, which all chips on them share."""
+"""Truth: bricks of the embedded universe, shared by all chips on them."""
 
 from functools import partial
 
@@ -22,6 +22,6 @@ def truth(run, pix, say=print):
 
 
 def missing_bricks(run, bricks, say):
-    """Make those of some bricks of the embedded universe that are not there; none for a catalogue of the user's."""
+    """Make the missing ones of some bricks of the embedded universe; none for a user's catalogue."""
     if run.embedded:
         make_missing({run.paths.truth(pix): partial(truth, run, pix, say) for pix in bricks}, say)

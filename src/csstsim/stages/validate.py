@@ -1,4 +1,4 @@
-"""Validate: a merged brick compared with the truth of the frames on it."""
+"""Validate: compares a merged brick with the truth of the frames on it."""
 
 import numpy as np
 
@@ -57,9 +57,9 @@ def validate(run, pix):
 
 
 def _depth(run, job):
-    """Return (low, high): the 5-sigma magnitudes known of the filter, scaled to the exposure's time.
+    """Return (low, high): the published 5-sigma magnitudes of the filter, scaled to the exposure's time.
 
-    A camera of one's own has those of its filters.yaml alone.
+    Another camera has only those of its filters.yaml.
     """
     camera, name = run.camera, job.chip.filter
     computed = read_yaml(LIMITS)["computed"]["values"] if camera.folder == SHIPPED / "instrument" else {}

@@ -1,1 +1,1 @@
-"""Files read with care and written whole: text, YAML, HDF5, headers of FITS."""
+"""Safe reading and atomic writing of files: text, YAML, HDF5, FITS headers."""

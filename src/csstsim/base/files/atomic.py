@@ -1,8 +1,8 @@
 """Writing files so that a reader never sees half of one: temporary sibling, fsync, rename.
 
-A process that is killed outright, or whose machine dies, leaves its temporary `.name.host.pid.tmp.suffix`. Nothing
-takes that for a product. Who writes the same file next on that host removes it, and `remove_left` at the end of a
-campaign all of them.
+A process that is killed, or whose machine crashes, leaves a temporary file `.name.host.pid.tmp.suffix`. No reader takes
+it for a product. The next process on that host that writes the same file removes it, and `remove_left` removes all of
+them at the end of a campaign.
 """
 
 import errno
@@ -49,9 +49,9 @@ def atomic_path(path):
 
 
 def remove_left(folder):
-    """Remove the temporaries below a folder, but those of processes that run on this host; return how many.
+    """Remove the temporary files below a folder, except those of running processes of this host; return how many.
 
-    Those of other hosts are taken for left behind: call it when the campaign's jobs have ended.
+    Files of other hosts are removed unchecked: call it when the campaign's jobs have ended.
     """
     return _remove_dead(Path(folder).rglob(".*.tmp*"))
 
@@ -64,7 +64,7 @@ def _remove_dead(paths):
 
 
 def _writes(name, pid):
-    """Whether a process of this host that has a temporary's number is there."""
+    """Whether the temporary file belongs to a running process of this host."""
     if f".{HOST}.{pid}.tmp" not in name:
         return False
     try:

@@ -1,4 +1,4 @@
-"""What libraries make of a damaged file, turned into the one line that names it."""
+"""Turns the exceptions that libraries raise for a damaged file into one line that names the file."""
 
 import lzma
 import sys
@@ -18,9 +18,9 @@ _DAMAGE = (
 
 @contextmanager
 def reading(path, what, strict=True):
-    """Turn what a damaged file raises inside into an InputError: it cannot be read as `what`.
+    """Turn an exception raised inside into an InputError: the file cannot be read as `what`.
 
-    `strict`: a warning is damage, too (to astropy a truncated file is worth no more than that).
+    `strict`: a warning counts as damage, too (astropy only warns of a truncated file).
     """
     try:
         with warnings.catch_warnings():

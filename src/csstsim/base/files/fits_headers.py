@@ -1,4 +1,4 @@
-"""A FITS file's headers walked through before a library sees them: some end cfitsio's process, some keep astropy."""
+"""Checks the headers of a FITS file before a library reads it: damaged ones crash cfitsio or hang astropy."""
 
 import math
 import os
@@ -13,9 +13,9 @@ _INTEGER = re.compile(r"[+-]?\d{1,18}")
 
 
 def check_headers(path):
-    """Raise InputError for a length that is no whole number, negative, beyond what is read, or 0 where it divides.
+    """Raise InputError for a length that is not a whole number, is negative, too large, or 0 where it divides.
 
-    A file that is missing, no FITS at all, or cut short is left to its reader to refuse.
+    The reader itself refuses a file that is missing, truncated or not FITS.
     """
     if not os.path.isfile(path):
         return

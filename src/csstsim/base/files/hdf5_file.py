@@ -1,6 +1,6 @@
-"""Numbers out of HDF5 files that others may have written: looked at before they are read.
+"""Reads numbers from HDF5 files of any origin, and checks each dataset first.
 
-A dataset may announce more than any machine holds, or take its bytes from another file or device.
+A dataset may claim more bytes than any machine holds, or take its bytes from another file or device.
 """
 
 from csstsim.base.errors import InputError
@@ -9,7 +9,7 @@ LARGEST = 1 << 28  # bytes of a dataset that is read whole
 
 
 def group(parent, name, path):
-    """Return the group `name` of an h5py group in the file `path`. Raises InputError if it is none."""
+    """Return the group `name` of an h5py group in the file `path`. Raises InputError if there is none."""
     import h5py
 
     found = parent.get(name)

@@ -1,4 +1,4 @@
-"""How small text files (YAML, tables, configurations) are read: whole, and never without end."""
+"""Reads small text files (YAML, tables, configurations) whole, up to a size limit."""
 
 from pathlib import Path
 

@@ -1,9 +1,8 @@
-"""The one way YAML is read: strictly, so that what is run is what was written.
+"""Reads YAML strictly, so that a campaign runs as it is written.
 
-Refused beside what is no YAML: a key given twice, which YAML would let overwrite the first, tags that would make
-objects, anything nested deeper than a hundred levels, and more than a million values, those that aliases repeat counted
-as often as they stand (ten lines of aliases of aliases make a billion). 1:30 and 010 stay text (YAML 1.1 makes them 90
-and 8).
+Refused are a key given twice (YAML would keep the last), tags that make objects, more than a hundred nested levels, and
+more than a million values. Values that aliases repeat count each time: ten lines of aliases of aliases make a billion.
+1:30 and 010 stay text (YAML 1.1 makes them 90 and 8).
 """
 
 import re
@@ -53,10 +52,10 @@ def read_yaml(path):
 
 
 def _check_size(text):
-    """Raise YAMLError for text nested too deep or of too many values.
+    """Raise YAMLError for text that is nested too deeply or has too many values.
 
-    Nested too deep, the parser in C would run out of stack and end the process. What an alias repeats counts again:
-    whoever walks through the data meets it again.
+    Deep nesting would overflow the stack of the C parser and crash the process. Values that an alias repeats count
+    again, because a walk through the data meets them again.
     """
     open_, known = [], {}  # [anchor, values, levels] of collections not yet at their end; (values, levels) of anchors
     for event in yaml.parse(text, Loader=_BASE):

@@ -1,7 +1,7 @@
-"""What an installation has and lacks, and whether a campaign has room on this machine (`csstsim doctor`).
+"""Checks of an installation, and of a campaign on this machine (`csstsim doctor`).
 
-Each check is a function that yields Findings. One that fails in a way nobody thought of is a problem, with what it
-raised: a broken installation is what this is for.
+Each check is a function that yields Findings. An exception that a check raises is reported as a problem, too: broken
+installations are what `doctor` is for.
 """
 
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What of csstsim is installed: libraries and their versions, its data, compiled code."""
+"""Checks of the installation: libraries and their versions, csstsim's data, compiled code."""
 
 import importlib
 import importlib.metadata
@@ -17,7 +17,7 @@ PACKAGE = Path(__file__).parents[2]
 
 
 def libraries():
-    """Each library that csstsim requires: there, of a version that will do, and does not fail when imported."""
+    """Each library that csstsim requires is installed, in a version that fits, and can be imported."""
     yield Finding(OK, "csstsim", f"{__version__} in {PACKAGE}, Python {platform.python_version()}")
     needed = requirements()
     faults = {each: fault for each in needed if (fault := _fault(each) or _import_fault(each.name))}
@@ -54,7 +54,7 @@ def _import_fault(name):
 
 
 def data():
-    """The files that come with csstsim can be read, and hold together."""
+    """The files that come with csstsim can be read, and fit each other."""
     from csstsim.base.shipped import SHIPPED
     from csstsim.campaign.costs import load_costs
     from csstsim.instrument.camera import load_camera

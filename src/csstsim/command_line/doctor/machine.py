@@ -1,4 +1,4 @@
-"""What the machine has: disk, memory, cores, and what tells libraries how many of these to take."""
+"""Checks of the machine: disk, memory, cores, and the environment variables that limit threads."""
 
 import os
 import shutil
@@ -29,7 +29,7 @@ def threads():
     for name, value in limits.items():
         value = value.split(",")[0].strip()  # OpenMP's list: the first is of the outermost level
         if not value.isdecimal() or int(value) == 0:
-            yield Finding(PROBLEM, "threads", f"{name}={value} is no number of threads: export {name}=1, or unset it")
+            yield Finding(PROBLEM, "threads", f"{name}={value} is not a number: export {name}=1, or unset it")
         elif int(value) > have:
             yield Finding(WARNING, "threads", f"{name}={value} on {have} cores: export {name}=1, or unset it")
     set_ = ", ".join(f"{name}={value}" for name, value in limits.items())
@@ -44,7 +44,7 @@ def cores():
 
 
 def free_memory():
-    """Return the bytes of memory that can still be had: of the machine, or of the container or batch job, if less."""
+    """Return the bytes of free memory: the machine's, or its container's or batch job's if these are fewer."""
     pages = "SC_AVPHYS_PAGES" if "SC_AVPHYS_PAGES" in os.sysconf_names else "SC_PHYS_PAGES"
     found = os.sysconf(pages) * os.sysconf("SC_PAGE_SIZE")
     lines = _lines("/proc/meminfo")
@@ -67,18 +67,18 @@ def _lines(path):
 
 
 def free_disk(path):
-    """Return the bytes free where a file would lie, whose folders need not be there yet."""
+    """Return the bytes free on the disk of a path, which need not exist yet."""
     return shutil.disk_usage(there(path)).free
 
 
 def there(path):
-    """Return the innermost of a path and its parents that exists."""
+    """Return the path itself, or else its nearest parent, that exists."""
     path = Path(path).absolute()
     return next(place for place in (path, *path.parents) if place.exists())
 
 
 def write_fault(path):
-    """Return why nothing can be written in a folder, or where it is to be made; None if something can. It is tried."""
+    """Try to write in a folder, or in the parent where it would be made; return why that fails, or None."""
     try:
         tempfile.TemporaryFile(dir=there(path)).close()
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Whether a campaign opens, and whether this machine has room for it."""
+"""Checks of a campaign: it opens, and this machine has room for it."""
 
 from csstsim.command_line.doctor import OK, PROBLEM, WARNING, Finding
 from csstsim.command_line.doctor.machine import cores, free_disk, free_memory, gb, there, write_fault
@@ -19,7 +19,7 @@ def of_campaign(file):
 
 
 def output(folder, need, status):
-    """The output folder: can it be written, and is there room. need: bytes of all; status: campaign.status.Status."""
+    """The output folder can be written, and has room. need: bytes of all products; status: campaign.status.Status."""
     if fault := write_fault(folder):
         place = there(folder)
         yield Finding(PROBLEM, "output", f"{place}: {fault}; give the campaign another `output`, or mend that folder")
@@ -33,7 +33,7 @@ def output(folder, need, status):
 
 
 def memory(costs):
-    """The job that takes most memory, beside what is there. costs: {rule: {key: costs.Cost}}."""
+    """Free memory is enough for the largest job, and for one on each core. costs: {rule: {key: costs.Cost}}."""
     from csstsim.campaign.costs import each_once
 
     most, rule = max((max(c.memory_mb for c in jobs.values()) * 1e6, rule) for rule, jobs in each_once(costs).items())

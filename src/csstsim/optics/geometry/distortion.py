@@ -54,7 +54,7 @@ class ChipDistortion:
 
 
 def _splines(points):
-    """Return the module that warps `points` more points: compiled once this process has asked for enough of them."""
+    """Return the module that evaluates the splines at `points` points: compiled, once enough have been asked for."""
     global _asked
     _asked += _CALL + points
     if _asked > _ENOUGH:

@@ -1,4 +1,4 @@
-"""Where the telescope must point for a place on the sky to fall on a pixel of a chip."""
+"""The pointing that puts a place on the sky on a pixel of a chip."""
 
 import math
 from dataclasses import replace
@@ -19,7 +19,7 @@ def pointing_for(pointing, chip, target, pixel, distortion=None):
 
         sin dec_t = sin dec_b cos d + cos dec_b sin d cos phi.
 
-    Raises ValueError where that has no solution: closer to a pole than d, most position angles have no boresight.
+    Raises ValueError if there is no solution: for a target closer to a pole than d, most position angles have none.
     """
     ra, dec = map(float, target)
     xi, eta = gnomonic((0.0, 0.0), *_seen(pointing, 0.0, chip, pixel, distortion))
@@ -48,7 +48,7 @@ def centred_exposure(camera, chip, ra, dec, *, obsid, pa, time, exptime, distort
     in_range = 0 <= ra <= 360 and -90 <= dec <= 90 and -360 <= pa <= 360 and 0 < exptime < math.inf
     if not in_range:
         allowed = "ra 0..360, dec -90..90, pa -360..360 [deg], exptime above 0 [s]"
-        raise InputError("no exposure", key="ra, dec, pa, exptime", value=(ra, dec, pa, exptime), allowed=allowed)
+        raise InputError("out of range", key="ra, dec, pa, exptime", value=(ra, dec, pa, exptime), allowed=allowed)
     try:
         mjd_utc(time)
         state = camera.orbit.state(time)
