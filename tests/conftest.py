@@ -15,6 +15,7 @@ FINISHED = "compare", "delivery"  # folders whose tests share a finished campaig
 LONG = *FINISHED, "workflow", "end_to_end"  # begun first: the workers end together
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items):
     """The tests of a file stay together, for what they share."""
     for item in items:
