@@ -1,5 +1,8 @@
 """Fixtures shared by many tests: the shipped camera, a pointing, a small PSF set."""
 
+import os
+from pathlib import Path
+
 import pytest
 from delivery.small_delivery import delivery
 
@@ -10,6 +13,10 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.psf.psf_set import PsfSet, make_psf
 from csstsim.optics.scatter.scattered_light import scattered_light
+
+ROOT = Path(__file__).resolve().parents[1]
+# Of the processes that tests start, as pytest's own (pyproject.toml)
+os.environ["PYTHONPATH"] = os.pathsep.join(str(ROOT / name) for name in ("src", "tests", "builders"))
 
 FINISHED = "compare", "delivery"  # folders whose tests share a finished campaign: one worker makes it
 LONG = *FINISHED, "workflow", "end_to_end"  # begun first: the workers end together
