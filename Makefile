@@ -16,7 +16,7 @@ run: .venv/ready
 
 test: .venv/ready
 	$(MAKE) --jobs 2 --output-sync=target checks first-image
-	pytest -n 2 --dist loadgroup --no-loadscope-reorder
+	pytest -n 2 --no-loadscope-reorder
 
 checks: .venv/ready
 	ruff check .

@@ -22,13 +22,21 @@ FINISHED = "compare", "delivery"  # folders whose tests share a finished campaig
 LONG = *FINISHED, "workflow", "end_to_end"  # begun first: the workers end together
 
 
-@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items):
-    """The tests of a file stay together, for what they share."""
-    for item in items:
-        folder = item.path.parent.name
-        item.add_marker(pytest.mark.xdist_group("finished" if folder in FINISHED else item.path.stem))
     items.sort(key=lambda item: item.path.parent.name not in LONG)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Tests of a file go to one worker, for what they share, and so do those of FINISHED."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByFile(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            file = nodeid.split("::")[0]
+            return "finished" if Path(file).parent.name in FINISHED else file
+
+    return ByFile(config, log)
 
 
 @pytest.fixture(scope="session")
