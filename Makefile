@@ -8,13 +8,17 @@ PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: run test docs tutorials test-slurm test-faults mutants fuzz format clean
+.PHONY: run test checks first-image docs tutorials test-slurm test-faults mutants fuzz format clean
 
 run: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/campaign.yaml
 	snakemake --profile profiles/default --config campaign=config/full_chip.yaml
 
 test: .venv/ready
+	$(MAKE) --jobs 2 --output-sync=target checks first-image
+	pytest -n 2 --no-loadscope-reorder
+
+checks: .venv/ready
 	ruff check .
 	ruff format --check .
 	lint-imports
@@ -23,8 +27,9 @@ test: .venv/ready
 	python builders/make_docs.py --check
 	python builders/make_products.py --check
 	$(MAKE) docs
+
+first-image: .venv/ready
 	python benchmarks/first_image.py
-	pytest -n 2 --dist loadgroup --no-loadscope-reorder
 
 # A quarter of a minute. A warning is an error, and so is a link that leads nowhere
 docs: .venv/ready

@@ -70,7 +70,8 @@ def make_galaxies(setting, count, electrons, *words, seed=1):
         columns | rate | {
             "id": np.arange(len(shapes)), "obj_type": np.full(len(shapes), GALAXY), "e1": shapes.real,
             "e2": shapes.imag, "gamma1": shears.real, "gamma2": shears.imag,
-        }
+        },
+        (),
     )  # fmt: skip
     return whole.with_columns(
         reach=np.full(len(shapes), HALF, np.int32), lost=np.full(len(shapes), LOST), wing=np.zeros(len(shapes))

@@ -28,10 +28,10 @@ from astropy.io import fits
 from source_extractor_compare import Code, draw, report
 
 from csstsim.base.errors import CsstsimError, InputError
-from csstsim.bricks.compare import PIXEL
 from csstsim.bricks.validate import MeasuredFrame, judged_truth
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import STAR, ObjectTable
+from csstsim.instrument.camera import load_telescope
 from csstsim.io.truth import read_truth
 from csstsim.optics.psf.psf_file import half_pixels, pixel_response
 from csstsim.stages.psf import open_psf
@@ -45,12 +45,13 @@ OBSIDS = [f"101000000{number}" for number in ("04", "05", "11", "12")]  # its fi
 def default_campaign(output, side, obsids=OBSIDS):
     """Write the campaign of the default frames, `side` px wide, whose charge transfer is perfect; return its file."""
     output.mkdir(parents=True, exist_ok=True)
+    scale = load_telescope(ROOT / "config/instrument/telescope.yaml")[0].pixel_scale
     content = {
         "schema_version": 1, "name": "source_extractor", "survey_table": str(ROOT / "survey_tables/demo.csv"),
         "output": str(output.resolve()), "seed": 1,
         "select": {
             "types": ["SCIE"], "obsids": obsids, "filters": ["r", "i"],
-            "region": FIELD | {"radius": round(0.5 * side * PIXEL / 60, 4)},
+            "region": FIELD | {"radius": round(0.5 * side * scale / 60, 4)},
         },
         "window": "region",
         "observations": {"SCIE": str(ROOT / "examples/quarter_brick/science_no_cti.yaml")},

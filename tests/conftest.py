@@ -1,5 +1,8 @@
 """Fixtures shared by many tests: the shipped camera, a pointing, a small PSF set."""
 
+import os
+from pathlib import Path
+
 import pytest
 from delivery.small_delivery import delivery
 
@@ -11,16 +14,29 @@ from csstsim.instrument.pointing import Pointing
 from csstsim.optics.psf.psf_set import PsfSet, make_psf
 from csstsim.optics.scatter.scattered_light import scattered_light
 
+ROOT = Path(__file__).resolve().parents[1]
+# Of the processes that tests start, as pytest's own (pyproject.toml)
+os.environ["PYTHONPATH"] = os.pathsep.join(str(ROOT / name) for name in ("src", "tests", "builders"))
+
 FINISHED = "compare", "delivery"  # folders whose tests share a finished campaign: one worker makes it
 LONG = *FINISHED, "workflow", "end_to_end"  # begun first: the workers end together
 
 
 def pytest_collection_modifyitems(items):
-    """The tests of a file stay together, for what they share."""
-    for item in items:
-        folder = item.path.parent.name
-        item.add_marker(pytest.mark.xdist_group("finished" if folder in FINISHED else item.path.stem))
     items.sort(key=lambda item: item.path.parent.name not in LONG)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """Tests of a file go to one worker, for what they share, and so do those of FINISHED."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class ByFile(LoadScopeScheduling):
+        def _split_scope(self, nodeid):
+            file = nodeid.split("::")[0]
+            return "finished" if Path(file).parent.name in FINISHED else file
+
+    return ByFile(config, log)
 
 
 @pytest.fixture(scope="session")

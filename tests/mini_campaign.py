@@ -42,8 +42,10 @@ def write_campaign(folder, pointings=POINTINGS, geometry=None, **changes):
         "schema_version": 1, "name": "mini", "seed": 3,
         "survey_table": str(folder / "table.csv"), "output": str(folder / "out"),
         "instrument": str(instrument), "universe": str(universe),
-        "select": {"types": ["SCIE"], "chips": [9]}, "psf": {"grid": 2}, "catalog": SKY,
+        "select": {"types": ["SCIE"], "chips": [9]}, "psf": {"grid": 2},
     }  # fmt: skip
+    if "kind" not in changes.get("catalog", {}):
+        changes["catalog"] = SKY | changes.get("catalog", {})
     path = folder / "campaign.yaml"
     path.write_text(yaml.safe_dump(campaign | changes))
     return path

@@ -57,11 +57,11 @@ SECTIONS = {
 TYPES = ["SCIE", "BIAS"]
 # Of files and folders the content is in the recipe, under other names: exposure, sky, camera, catalog.options.ra
 ELSEWHERE = {"name", "output", "instrument", "survey_table", "window", "universe", "catalog.kind", "catalog.options"}
-# Read as files when the campaign is opened, or by the embedded universe's catalogue; saturation_mag by nobody
+# Read when the campaign is opened, or as files by the embedded universe's catalogue; saturation_mag by nobody
 UNSEEN = {
     ("astrometry.*", "select"), ("distortion.fits", "select"), ("distortion.yaml", "psf"), ("rendering.*", "render"),
     ("filters.*.saturation_mag", "validate"), ("seed", "select"), ("sky", "select"), ("sky", "truth"),
-    ("telescope.orbit.*", "select"),
+    ("telescope.orbit.*", "select"), ("fidelity", "render"),
 }  # fmt: skip
 COMPARED = {"__hash__", "__eq__", "<genexpr>", "__repr__", "_asdict_inner"}  # of a whole object: keys of caches
 

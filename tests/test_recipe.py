@@ -148,6 +148,7 @@ def opened(folder, monkeypatch):
     monkeypatch.setattr(campaigns, "observer", lambda *given, ephemeris, planets: seen(*given, planets=planets))
     data = yaml.safe_load((folder / "campaign.yaml").read_text())
     data["select"] = {"chips": [CHIP]}
+    del data["catalog"]  # as by default
 
     def open_(changes, **more):
         config = make_campaign(data | changes, "campaign.yaml")

@@ -19,8 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 def command(campaign, *arguments):
     """The snakemake command line and environment for a campaign, run from the repository's root."""
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
-    folders = os.pathsep.join([str(ROOT / "src"), str(ROOT / "tests")])
-    environment = os.environ | {"PATH": path, "PYTHONPATH": folders}
+    environment = os.environ | {"PATH": path}
     line = [
         sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"),
         "--directory", str(campaign.parent),

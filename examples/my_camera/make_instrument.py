@@ -1,6 +1,6 @@
 """Write what follows from formulae: filters, the grating, field distortion, header keywords and the survey table.
 
-    python examples/my_camera/make_instrument.py [folder]
+    python examples/my_camera/make_instrument.py [folder]      in a clone: builders/ fits the distortion
 
 The other files of instrument/ are written by hand. Everything made here is kept beside them, so that the campaign runs
 without this script; run it again after a change of telescope, chips or detector.
@@ -23,8 +23,10 @@ from csstsim.instrument.filter import GRID, sample_curve
 from csstsim.instrument.grating import sensitivity
 from csstsim.instrument.load import read_sections
 from csstsim.instrument.pointing import mjd_utc
-from csstsim.optics.geometry.distortion import fit, write_distortion
 from csstsim.optics.geometry.focal_plane import load_focal_plane, samples
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "builders"))
+from build_distortion import fit, write_distortion
 
 # name: kind, blue and red edge [angstrom], throughput between them
 FILTERS = {

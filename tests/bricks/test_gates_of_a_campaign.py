@@ -1,5 +1,6 @@
 """A campaign that is right passes its gates; one with a fault in the chain fails the gate of that fault, by name."""
 
+import io
 import json
 from contextlib import nullcontext
 
@@ -8,6 +9,7 @@ import pytest
 import yaml
 from faulty_chain import FAULTS
 from mini_campaign import write_scene
+from PIL import Image
 from report.report_page import done
 
 from csstsim.campaign.opened import OpenCampaign
@@ -15,7 +17,6 @@ from csstsim.io.level0 import Level0
 from csstsim.optics.geometry.wcs import ChipWCS
 
 SECOND = "10100000002"
-PNG = b"\x89PNG\r\n\x1a\n"  # how one begins
 SIDE, STEP, MAG = 384, 62, 21.5  # px; S/N 130
 
 
@@ -43,7 +44,9 @@ def stars(folder, read_noise=5.0, again=()):
 @pytest.fixture(autouse=True)
 def _without_pictures(monkeypatch):
     """Figures are drawn for people; two thirds of the time would go there."""
-    monkeypatch.setattr("csstsim.report.figures._png", lambda figure: PNG)
+    picture = io.BytesIO()
+    Image.new("L", (1, 1)).save(picture, "PNG")
+    monkeypatch.setattr("csstsim.report.figures._png", lambda figure: picture.getvalue())
 
 
 @pytest.fixture(scope="module")

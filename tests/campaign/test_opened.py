@@ -169,7 +169,7 @@ def test_a_camera_without_distortion_needs_the_option_off(tmp_path):
 def test_a_footprint_is_that_of_the_icrs(camera, make_pointing, observe, ra, dec):
     """Seen from the spacecraft its corners are the window's; the bricks hold the ICRS place of every pixel."""
     window, chip, pointing = Window(4000, 4128, 4000, 4160), camera.chips[9], make_pointing(ra=ra, dec=dec)
-    job = Job(pointing, chip, window, ChipWCS(chip, pointing), observe(pointing))
+    job = Job(pointing, chip, window, ChipWCS(chip, pointing), camera, observe(pointing))
     x, y = job.wcs.world_to_pixel(*apparent(*job.footprint(3.0), job.observer))
     assert x == pytest.approx([3996.5, 4130.5, 4130.5, 3996.5], abs=1e-6)
     assert y == pytest.approx([3996.5, 3996.5, 4162.5, 4162.5], abs=1e-6)

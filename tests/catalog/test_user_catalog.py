@@ -307,7 +307,7 @@ def test_objects_must_be_mock_objects_and_objs_must_be_there():
         def __init__(self, options, region):
             pass
 
-    with pytest.raises(InputError, match="Tuples: objs holds something else"):
+    with pytest.raises(InputError, match="Tuples: objs holds an item that is not a MockObject"):
         check(Tuples, {}, REGION)
     with pytest.raises(InputError, match="Forgetful: has no objs"):
         check(Forgetful, {}, REGION)

@@ -245,7 +245,7 @@ def test_words_in_a_column_of_numbers(tmp_path, refused, reader):
 @pytest.mark.parametrize(
     ("name", "old", "new", "words"),
     [
-        ("chips.yaml", "filter: GI", "filter: [GI]", "unknown filter"),
+        ("chips.yaml", "filter: GI", "filter: [GI]", "chips[0].filter: input should be a valid string"),
         ("psf.yaml", "static:", "static: 7\nmore:", "psf.yaml"),
         ("scatter.yaml", "reference:", "reference: {a: 1}\nmore:", "scatter.yaml"),
         ("level0_keywords.yaml", "from: version", "from: [version]", "unknown quantity"),

@@ -262,7 +262,7 @@ def test_missing_and_faulty_numbers(tmp_path, small, name):
     first = next(iter(data["number" if name == "cosmic_rays" else "pixels"].values()))
     first["value"] = -1.0
     (folder / f"{name}.yaml").write_text(yaml.safe_dump(data))
-    with pytest.raises(InputError, match="out of range"):
+    with pytest.raises(InputError, match="should be greater than"):
         load_camera(folder)
     (folder / f"{name}.yaml").unlink()
     with pytest.raises(InputError, match=f"{name}.yaml"):

@@ -48,7 +48,7 @@ class Bench:
         os.environ |= {
             "NUMBA_CACHE_DIR": str(self.cache), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1",
             "MPLBACKEND": "agg", "PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1",
-            "PYTHONPATH": f"{self.tree / 'src'}:{self.tree / 'tests'}",
+            "PYTHONPATH": f"{self.tree / 'src'}:{self.tree / 'tests'}:{self.tree / 'builders'}",
         }  # fmt: skip
         os.environ["PATH"] = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)

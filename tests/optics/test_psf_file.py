@@ -35,7 +35,7 @@ def made(camera, tmp_path_factory):
     """A 3 x 3 set of chip 8 (g), four cells to a pixel."""
     path = tmp_path_factory.mktemp("psf") / "chip_08.h5"
     chip = camera.chips[8]
-    options = {"camera_digest": camera.digest, "provenance": {"seed": 7}, "cells": CELLS}
+    options = {"camera_digest": camera.digest_for("psf"), "provenance": {"seed": 7}, "cells": CELLS}
     options["nodes_uv"] = samples(load_focal_plane(SHIPPED / "instrument" / "distortion.yaml"), chip, GRID)[:, :2]
     make_psf(path, chip, camera.filters[chip.filter], camera.telescope, camera.psf, GRID, **options)
     return path
@@ -57,7 +57,7 @@ def test_nodes_say_where_on_the_sky_their_light_comes_from(made, camera, make_po
 
 
 def test_file_says_what_it_holds(made, camera):
-    psf = PsfSet(made, chip=8, filter="g", grid=GRID, camera_digest=camera.digest)
+    psf = PsfSet(made, chip=8, filter="g", grid=GRID, camera_digest=camera.digest_for("psf"))
     assert psf.image.shape == (9, 4, CELLS, CELLS)
     assert isinstance(psf.image, np.memmap)
     assert psf.scale == pytest.approx(0.0185)
@@ -87,7 +87,7 @@ def test_stored_node_is_the_optics_at_its_place(made, camera):
 
 def test_same_call_gives_the_same_bits(made, camera, tmp_path):
     chip, again = camera.chips[8], tmp_path / "again.h5"
-    options = {"camera_digest": camera.digest, "cells": CELLS}
+    options = {"camera_digest": camera.digest_for("psf"), "cells": CELLS}
     make_psf(again, chip, camera.filters["g"], camera.telescope, camera.psf, GRID, **options)
     assert np.array_equal(PsfSet(made).image, PsfSet(again).image)
 

@@ -51,7 +51,7 @@ def dwarfs(seds, teff, feh=0.0):
 
 
 def test_colours_of_real_dwarfs_from_3500_to_10000_kelvin(seds):
-    real = Table.read(Path(__file__).with_name("dwarf_colours.csv"), format="ascii.csv", comment="#")
+    real = Table.read(Path(__file__).parents[2] / "builders" / "dwarf_colours.csv", format="ascii.csv", comment="#")
     real = real[real["teff"] > 3500]
     surface = dwarfs(seds, real["teff"])
     m = {k: v - BESSELL[k] for k, v in magnitudes(surface, [f"bessell-{b}" for b in BESSELL]).items()}

@@ -2,6 +2,7 @@
 
 from functools import partial
 
+from csstsim.base.errors import InputError
 from csstsim.base.one_thread import one_thread
 from csstsim.base.progress import make_missing
 from csstsim.base.release import check_release
@@ -14,12 +15,12 @@ def psf(run, chip_id):
     from csstsim.optics.psf.psf_set import make_psf
     from csstsim.optics.scatter.scattered_light import scattered_light
 
-    chip, camera, config = run.camera.chips[chip_id], run.camera, run.config.psf
-    path, filter_, digests = (
-        run.paths.psf(chip_id),
-        camera.filters[chip.filter],
-        {"camera_digest": camera.digest_for("psf")},
-    )
+    camera, config = run.camera, run.config.psf
+    if chip_id not in camera.chips:
+        allowed = ", ".join(map(str, camera.chips))
+        raise InputError("not a chip of the camera", file=run.file, key="chip", value=chip_id, allowed=allowed)
+    chip, digests = camera.chips[chip_id], {"camera_digest": camera.digest_for("psf")}
+    path, filter_ = run.paths.psf(chip_id), camera.filters[chip.filter]
     if config.library:
         convert(config.library, path, chip, filter_, sample=config.library_sample, **digests)
     else:

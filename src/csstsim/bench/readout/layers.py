@@ -21,6 +21,7 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.io.level0 import write_level0
 from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.simulation.exposure import Exposure, Losses
 from csstsim.simulation.sim_steps import SimSteps
 from csstsim.simulation.state import State
 
@@ -77,7 +78,11 @@ def _steps():
 def _state(camera, sky, window):
     """Return the State of an exposure that has seen stars and meets this sky."""
     chip = camera.chips[CHIP]
-    filter_ = replace(camera.filters[chip.filter], sky=sky / EXPTIME)
+    filters = camera.filters | {chip.filter: replace(camera.filters[chip.filter], sky=sky / EXPTIME)}
+    exposure = Exposure(
+        POINTING, chip, window, ChipWCS(chip, POINTING), replace(camera, filters=filters),
+        losses=Losses(flat=True, shutter=True, prnu=True),
+    )  # fmt: skip
     image, counted = np.zeros(window.shape, np.float32), np.zeros(window.shape, np.int32)
     rng = stream(1, "bench", "readout")
     axis = np.arange(-SPOT, SPOT + 1)
@@ -90,10 +95,7 @@ def _state(camera, sky, window):
             counted[stamp] += rng.poisson(light * spot)
         else:
             image[stamp] += light * spot
-    return State(
-        chip=chip, filter=filter_, telescope=camera.telescope, pointing=POINTING, catalog=None, window=window,
-        wcs=ChipWCS(chip, POINTING), image=image, counted=counted, leds=camera.leds, sky=camera.sky, prnu=True,
-    )  # fmt: skip
+    return State(exposure, image, counted=counted)
 
 
 def _seconds(state, steps, camera, folder):
