@@ -6,10 +6,10 @@
     sim = sim.replace(window=(4000, 5000, 4000, 5000), layers={"cosmic_rays": None})
     frame = sim.chip("10100000004", 9)             # frame.image, frame.truth, frame.wcs, frame.header
 
-A Simulation never changes, can be pickled, and what it makes depends on it alone: the same one gives the same bits, in
-any order, in a loop and in several processes. Nothing is written but truth bricks and PSF sets, kept in `cache` under
-names of what they were made for. Relative paths in a campaign file are taken from the folder Python runs in, as on the
-command line. What is made, and which objects are not drawn, goes to the logger `csstsim`.
+A Simulation never changes and can be pickled. Its results depend on it alone: the same Simulation gives the same bits,
+in any order, in a loop and in several processes. Only truth bricks and PSF sets are written, to `cache`; their names
+contain a digest of what decides them. Relative paths in a campaign file start at the folder Python runs in, as on the
+command line. The logger `csstsim` lists the files that are made, and the objects that are not drawn.
 """
 
 import copy
@@ -49,7 +49,7 @@ _AIMED = {}  # (seed, obsid): start; what this process has aimed
 
 
 class Simulation:
-    """A campaign that is open, and what may be changed of it.
+    """An opened campaign, and copies of it with something changed.
 
     campaign: file of a campaign; None: that of `csstsim init`, r, g and i of a small field. cache: folder of truth
     bricks and PSF sets [default: $CSSTSIM_CACHE, or csstsim in the user's cache folder]; share it as you like.
@@ -85,14 +85,14 @@ class Simulation:
         self._run.paths = _Kept(self._cache, self._run)
 
     def replace(self, *, layers=None, catalog=None, **keys):
-        """Return a Simulation like this one, but for what is named.
+        """Return a copy of this Simulation with the given changes.
 
         keys: those of a campaign file (docs: Configuration), whole, as there or as Python has them: `seed=2`,
         `fidelity="noise_free"`, `psf={"grid": 10}`, `select={"types": ["SCIE"], "chips": [9]}, window=None`; `window`
         also as (x0, x1, y0, y1). layers: {keyword: changed parameters, or None to leave the layer out} of science
-        exposures, on top of changes before; new `observations` undo them. catalog: an astropy Table (columns:
+        exposures, added to earlier changes; new `observations` reset them. catalog: an astropy Table (columns:
         csstsim.catalog.own_table; all of its objects are drawn, whatever mag_limit was), a CatalogBase class of yours,
-        or the mapping of a campaign file. Raises InputError for what is unknown or cannot be used.
+        or the mapping of a campaign file. Raises InputError for an unknown key or a value that cannot be used.
         """
         config = self._config.model_dump()
         if isinstance(keys.get("window"), tuple | list | np.ndarray):
@@ -118,15 +118,15 @@ class Simulation:
         self, ra, dec, chip=9, *, size=1000, pa=0.0, time="2027-11-20T01:20:00", exptime=150.0, obsid="10100000001",
         exposures=1,
     ):  # fmt: skip
-        """Return a Simulation of exposures that have a place on the middle of one chip, and the pixels around it.
+        """Return a Simulation of exposures with a place on the middle of one chip, and of the pixels around it.
 
         ra, dec [deg, ICRS]; chip: its number (its filter is the image's); size: side of the window [pixel], None for
         the whole chip; pa: position angle [deg]; time: ISO UTC; exptime [s]; obsid: digits, of the first exposure;
-        exposures: how many, each GAP_S after the last one, with the next obsid and aimed anew. An exposure's noise,
-        cosmic rays and photons are those of its obsid; the sky and the detector are the same in all. A warning says so
-        where an obsid was used before at another time: two such frames have one noise. Raises InputError for values
-        that cannot be used, and for a place nearer to a pole than the chip is to the middle of the focal plane (up to
-        half a degree), if the position angle admits no pointing.
+        exposures: how many; each begins GAP_S after the end of the last one, has the next obsid, and is pointed anew.
+        Noise, cosmic rays and photons differ by obsid; sky and detector are the same in all exposures. If an obsid was
+        used before at another time, there is a warning: both frames have the same noise. Raises InputError for values
+        that cannot be used, and for a place so close to a pole (up to half a degree) that no pointing at this position
+        angle puts it on the chip.
         """
         camera, science = self._run.camera, self._run.steps.get("SCIE")
         if chip not in camera.chips:
@@ -168,7 +168,7 @@ class Simulation:
 
     @cached_property
     def exposures(self):
-        """astropy Table, a row an exposure selected: obsid, type, ra, dec, pa [deg], time, exptime [s], chips."""
+        """astropy Table of the selected exposures: obsid, type, ra, dec, pa [deg], time, exptime [s], chips."""
         from astropy.table import Table
 
         rows = {}
@@ -205,8 +205,8 @@ class Simulation:
     def light(self, obsid, chip):
         """Return the Frame of the light alone, before the detector: electrons of objects and sky.
 
-        Bright objects and the sky are expectations, faint ones counted electrons, Poisson by birth; with
-        `fidelity="noise_free"` all of it is expectation. Raises InputError as `chip`.
+        Bright objects and the sky are expected electrons; faint objects are counted electrons, with Poisson noise. With
+        `fidelity="noise_free"` all light is expected electrons. Raises InputError as `chip`.
         """
         from csstsim.stages.chip import light
 
@@ -229,7 +229,7 @@ def _warn_of_one_noise(seed, pointings):
 
 
 class _Kept(Paths):
-    """Truth bricks and PSF sets in the cache, each under a name of what it was made for."""
+    """Truth bricks and PSF sets in the cache; each name has a digest of what decides the file."""
 
     def __init__(self, cache, run):
         super().__init__(cache / "products")

@@ -105,7 +105,7 @@ ONE = [
     (MERGED, spoil.column("ra", lambda v: v + 1.0), ["another brick"]),
     (MERGED, spoil.column("n_detections", lambda v: v + 1), ["not as long as n_detections"]),
     (MERGED, spoil.lists("detection_number", 999), ["beyond the", "rows measured"], ALONE),
-    (MERGED, spoil.lists("detection_chip", 8), ["10100000001_08, which is no frame"], ALONE),
+    (MERGED, spoil.lists("detection_chip", 8), ["10100000001_08, which is not among the frames"], ALONE),
     (MERGED, spoil.lists("detection_filter", "z"), ["are not in r"]),
     ("merge/partition_info.csv", spoil.text("8,550615\n", ""), ["does not list the bricks"], ALONE),
     ("merge/hats.properties", spoil.text("hats_nrows=", "hats_nrows=9"), ["hats.properties counts 9"], ALONE),

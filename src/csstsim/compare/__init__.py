@@ -1,1 +1,1 @@
-"""`csstsim compare`: what differs between two runs, by how much, and where; what must differ is left out."""
+"""`csstsim compare`: differences between two runs, how large and where. Dates and run times are left out."""

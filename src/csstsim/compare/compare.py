@@ -19,10 +19,10 @@ BY_NAME = dict.fromkeys(("_metadata", "_common_metadata"), tables.footer_facts)
 
 
 def compare(a, b, say, provenance=False):
-    """Say what differs between two folders or two files, a line each, then how many products do; return that number.
+    """Print each difference between two folders or two files, then the number of products that differ; return it.
 
-    `provenance`: what only says how a product was made counts, too; otherwise one line tells it. A product of a folder
-    that cannot be read counts as one that differs. Raises InputError for what cannot be compared.
+    `provenance`: differences in how a product was made count, too; otherwise one line lists them. A product that cannot
+    be read counts as different. Raises InputError for files that cannot be compared.
     """
     a, b = Path(a), Path(b)
     for path in (a, b):
@@ -58,7 +58,7 @@ def facts(a, b):
 
 
 def _tell(found, total, say, provenance):
-    """Say the Facts of (product, Facts) pairs, then the sum; return how many products differ."""
+    """Print the Facts of (product, Facts) pairs, then a summary; return how many products differ."""
     unlike, made = 0, {}
     for name, facts in found:
         counted = [fact for fact in facts if provenance or not fact.provenance]
@@ -91,7 +91,7 @@ def _found(a, b, name, names):
 
 
 def _products(folder):
-    """Return the names, below a folder, of all files but what lies beside products, and half-written ones."""
+    """Return the names of all products below a folder, without half-written files."""
     found = set()
     for place, below, files in os.walk(folder):
         below[:] = [name for name in below if name not in BESIDE_PRODUCTS]

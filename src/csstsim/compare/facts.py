@@ -1,14 +1,14 @@
-"""What is found between two products: a line each; sizes of differences between arrays."""
+"""Facts: differences between two products, one line each, and how large they are between arrays."""
 
 from typing import NamedTuple
 
 import numpy as np
 
-NAMED = 5  # values or names that are told, of those that differ
+NAMED = 5  # differing values or names that are listed
 
 
 class Fact(NamedTuple):
-    """One thing that differs, in words; `provenance`: the name of what only says how the product was made, or None."""
+    """One difference, as text; `provenance`: its name if it only says how the product was made, else None."""
 
     text: str
     provenance: str | None = None
@@ -92,7 +92,7 @@ def alone(what, a, b):
 
 
 def shown(value):
-    """Return a value as it is told, cut to a length that can be read."""
+    """Return a value as text, cut to a readable length."""
     text = repr(value.item() if isinstance(value, np.generic) else value)
     return text if len(text) <= 60 else f"{text[:56]} ..."
 

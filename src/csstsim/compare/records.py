@@ -5,7 +5,7 @@ from csstsim.compare.varying import is_provenance, varies
 
 
 def record_facts(where, a, b):
-    """Yield Facts about two records, what may vary left out; `where` comes before each name."""
+    """Yield Facts about two records, except values that vary between runs; `where` precedes each name."""
     try:
         found = list(_leaves("", a, b))
     except RecursionError:

@@ -1,6 +1,6 @@
-"""What differs between two runs of one campaign and means nothing, and what only says how a product was made.
+"""Names of values that differ between any two runs, and of values that only say how a product was made.
 
-All else of a product is the same, bit by bit, in two runs of one campaign.
+Everything else in a product is the same, bit by bit, in two runs of one campaign.
 """
 
 import re

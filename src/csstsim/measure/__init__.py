@@ -1,1 +1,1 @@
-"""Frames calibrated, sources found and measured, spectra extracted: what a user of the data would do."""
+"""Calibration of frames, detection and measurement of sources, extraction of spectra."""

@@ -1,9 +1,9 @@
-"""Pixels not to be measured: the defects that calibration frames show, and cosmic rays found in the frame itself.
+"""Pixels that are not measured: defects known from calibration frames, and cosmic rays found in the frame itself.
 
-A ray is sharper than the PSF: a pixel that stands out, and against which the mean of two opposite neighbours is less
-than a star anywhere within the pixel would leave there (the test of SDSS's photo and of LSST; Bosch et al. 2018, PASJ
-70, S5), with room for noise. Neighbours of what is found are then tried with a lower threshold, without the pixels
-already found, until nothing is added; and a pixel more on all sides has the faint rim. Left out: rays beneath bright
+A cosmic ray is sharper than the PSF. Its pixel is bright, and compared with it the mean of two opposite neighbours is
+lower than that of a star anywhere within the pixel (the test of SDSS's photo and of LSST; Bosch et al. 2018, PASJ 70,
+S5), with an allowance for noise. Neighbours of the found pixels are then tested with a lower threshold, without the
+pixels already found, until none is added. One more pixel on all sides takes the faint rim. Left out: rays on bright
 objects.
 """
 

@@ -77,9 +77,11 @@ def calibrate(
         factor = gain.get(block.channel)
         if factor is None or not 0 < factor < GAIN_MAX:
             allowed = f"> 0, < {GAIN_MAX:g} e-/DN"
-            raise InputError("no usable gain", key=f"GAIN{block.channel:02d}", value=factor, allowed=allowed)
+            raise InputError(
+                "the gain is missing or out of range", key=f"GAIN{block.channel:02d}", value=factor, allowed=allowed
+            )
         if nonlinearity and full_well and block.channel not in nonlinearity:
-            raise InputError("not stated, but those of other channels", key=f"NLQ{block.channel:02d}, NLC")
+            raise InputError("missing, though other channels have it", key=f"NLQ{block.channel:02d}, NLC")
         level, scatter = overscan_level(frame[block.serial_overscan], from_right=block.flip_x)
         bias[block.channel], read_noise[block.channel] = level, scatter * factor
         raw, zero = frame[block.active], level + (offset or {}).get(block.channel, 0.0) / factor

@@ -1,6 +1,6 @@
-"""What a frame's pixels say of each readout channel: bias, read noise, level and noise of the background.
+"""Figures of each readout channel from a frame's pixels: bias, read noise, level and noise of the background.
 
-Beside them stands the share of light that was counted, by which noise and dark current grew when it was divided out.
+They include the share of light that was counted: noise and dark current grew when the image was divided by it.
 """
 
 import numpy as np

@@ -1,12 +1,12 @@
-"""Master calibration frames of a chip, from its bias, dark and lamp exposures: what a real pipeline has.
+"""Master calibration frames of a chip, from its bias, dark and lamp exposures, as a real pipeline has them.
 
-flat    response of each pixel, 1 on average: the mean of the lamps' exposures over its own large scales (medians of
-        BOX px, bilinear between). The lamps do not shine as the sky does, so larger scales are not theirs to tell.
-bad     pixels whose dark charge stands out (hot), or whose flat does (dead pixels, bad columns)
-dark    mean charge of a good pixel [e-/s], of the chip
+flat    response of each pixel, 1 on average: the mean of the lamps' exposures, divided by its own large scales (medians
+        of BOX px, bilinear between). The lamps do not illuminate as the sky does, so they cannot give larger scales.
+bad     pixels with outlying dark charge (hot) or an outlying flat (dead pixels, bad columns)
+dark    mean charge of a good pixel of the chip [e-/s]
 
-Exposures are averaged pixel by pixel without what a cosmic ray left in one of them. A channel's bias level is its own
-overscan's in each exposure; the bias exposures say what is left of it.
+Exposures are averaged pixel by pixel, without values that a cosmic ray raised. A channel's bias level is that of its
+overscan in each exposure; the bias exposures give the remaining offset.
 """
 
 from dataclasses import dataclass
@@ -49,7 +49,7 @@ def make_masters(exposures, exptime):
     large = _large_scales(lit)
     if not large.min() > FAINTEST:
         raise InputError(
-            "the lamps hardly light this chip", key="FLAT", value=float(large.min()), allowed=f"> {FAINTEST} e-"
+            "the lamps are too faint on this chip", key="FLAT", value=float(large.min()), allowed=f"> {FAINTEST} e-"
         )
     lit /= large
     bad |= np.abs(lit - 1) > ODD

@@ -1,4 +1,4 @@
-"""Shapes: adaptive moments of sources and of the PSF beneath them, and ellipticities with the PSF taken out.
+"""Shapes: adaptive moments of sources and of the PSF at their places, and ellipticities corrected for the PSF.
 
 Adaptive moments (Bernstein & Jarvis 2002, AJ 123, 583; Hirata & Seljak 2003, MNRAS 343, 459: "HSM"): the elliptical
 Gaussian whose weighted second moments are half its own, which is also its least-squares fit to the image. Shapes are

@@ -1,1 +1,1 @@
-"""Light that is no object's: zodiacal light, earthshine, and what comes in beside the mirror."""
+"""Background light: zodiacal light, earthshine, and stray light of sources outside the field."""

@@ -1,4 +1,4 @@
-"""Sky background (paper, section 5.5.1): one constant per band, or the sum of what the model knows.
+"""Sky background (paper, section 5.5.1): one constant per band, or the sum of the model's components.
 
 The model's components [e-/s/px], on a coarse grid of lines of sight over the window, expanded bilinearly:
 
@@ -32,7 +32,7 @@ def sky_electrons(filter_, exptime):
 
 
 def band_rates(filter_, telescope, pixel_um, numbers):
-    """Return what each source gives in a band [e-/s/px], {name: float or array}, for `sky_components`.
+    """Return the rate of each source in a band [e-/s/px], {name: float or array}, for `sky_components`.
 
     zodiacal (2,): of I = 1 in the law's two colours; the others at transmittance 1: sun at 1 au; earth: that Sun off
     the Earth's albedo, to be multiplied with `earthshine`; stars (n,).

@@ -1,4 +1,4 @@
-"""Where the Sun, the Moon and the bright planets stand for the spacecraft, and how bright they are.
+"""Directions and brightness of the Sun, the Moon and the bright planets, seen from the spacecraft.
 
 The Sun as catalog.astrometry.ephemeris has it; the Moon from ERFA's moon98 (Meeus 1998, 10"), shifted by the
 spacecraft's parallax; planets from plan94, within arcminutes. Directions are geometric: stray light does not notice
