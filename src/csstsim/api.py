@@ -168,7 +168,7 @@ class Simulation:
 
     @cached_property
     def exposures(self):
-        """astropy Table, one row for each selected exposure: obsid, type, ra, dec, pa [deg], time, exptime [s], chips."""
+        """astropy Table, one row a selected exposure: obsid, type, ra, dec, pa [deg], time, exptime [s], chips."""
         from astropy.table import Table
 
         rows = {}
