@@ -199,7 +199,7 @@ def test_a_star_without_temperature_is_dark_and_hurts_no_other(sky, tmp_path):
     ("change", "words"),
     [
         ({"stars": "/nowhere.h5"}, ["/nowhere.h5", "No such file"]),
-        ({"stars": None, "galaxies": None}, ["catalog.options", "neither"]),
+        ({"stars": None, "galaxies": None}, ["catalog.options", "stars, galaxies or both"]),
         ({"star": "x"}, ["catalog.options", "unknown key", "'star'", "stars"]),
         ({"metallicity": "percent"}, ["metallicity", "percent", "dex"]),
         ({"partial": False, "galaxies": "/nowhere"}, ["galaxies_C6_bundle", "No such file"]),

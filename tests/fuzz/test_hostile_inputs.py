@@ -196,14 +196,14 @@ def test_level0_whose_parts_do_not_fit(tmp_path, refused, kind):
 @pytest.mark.parametrize("meta", [[], 7, None, {"exposure": 7}, {"exposure": [1]}])
 def test_a_frame_whose_record_is_no_record(tmp_path, refused, meta):
     path = seeds.frame(tmp_path, meta)
-    assert "record cannot be read" in refused("frame", path)
+    assert "metadata cannot be read" in refused("frame", path)
     refused("picture", path)
 
 
 def test_a_frame_whose_record_is_no_json(tmp_path, refused):
     path = seeds.frame(tmp_path)
     _edited(path, ('{"exposure"', "{{exposure'"))
-    assert "record cannot be read" in refused("frame", path)
+    assert "metadata cannot be read" in refused("frame", path)
 
 
 def test_a_frame_whose_header_holds_no_number(tmp_path, refused):
