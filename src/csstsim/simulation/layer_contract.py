@@ -18,6 +18,7 @@ import json
 import random
 import re
 import weakref
+from functools import cache
 from typing import get_args
 
 import numpy as np
@@ -133,11 +134,16 @@ def _scenes():
     yield SHAPES[0], 0.0
 
 
+@cache
+def _camera():
+    return load_camera(SHIPPED / "instrument")
+
+
 def _maker(module, frame, shape, light):
     """Return a function that gives a fresh State of the shipped camera: chip 9 (r), where four channels meet."""
     from csstsim.detector.channels import ReadoutFrame
 
-    camera = load_camera(SHIPPED / "instrument")
+    camera = _camera()
     chip, (ny, nx) = camera.chips[CHIP], shape
     x0, y0 = chip.detector.channel_nx - nx // 2, chip.detector.channel_ny - ny // 2
     window = Window(x0, x0 + nx, y0, y0 + ny)
@@ -193,7 +199,8 @@ def _run_faults(module, param, make):
         yield "draws from numpy's or Python's global random numbers; draw from rng"
     held = weakref.ref(state), weakref.ref(state.image)
     del state, result, results, image, again, other
-    gc.collect()
+    if any(ref() is not None for ref in held):
+        gc.collect()  # of cycles alone: in a large process it takes half a second
     if any(ref() is not None for ref in held):
         yield "keeps a reference to the state or its image after apply; a chip's image is 340 MB"
 
