@@ -6,7 +6,7 @@ Each draws into `axes` from what bricks.validate.validate_brick returns, with `l
 import numpy as np
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.report.style import BLACK, FEWEST, GREEN, ORANGE, legend_or_note
+from csstsim.report.style import BLACK, FEWEST, GREEN, ORANGE, legend_or_note, snr_axis
 
 STEP = 0.5  # mag
 ROWS = 8  # bins of the rows to the amplifier
@@ -101,7 +101,7 @@ def _transfer(axes, result, looks, name, unit):
             axes.errorbar(x, y, error, color=look.colour, marker=look.marker, ms=3, lw=1.2, label=look.label)
             drawn.append(band)
     axes.axhline(0.0, color="#666666", lw=0.8)
-    axes.set(xscale="log", xlabel="true S/N")
+    snr_axis(axes)
     legend_or_note(axes, drawn, "too few stars", loc="lower right", ncols=2)
 
 

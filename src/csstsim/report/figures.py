@@ -8,7 +8,7 @@ from csstsim.base.healpix import brick_corners
 from csstsim.bricks.validate import SNR_EDGES
 from csstsim.report import exposure_panels, psf_panels
 from csstsim.report.colour_panel import colours
-from csstsim.report.style import BLACK, BLUE, FEWEST, ORANGE, legend_or_note
+from csstsim.report.style import BLACK, BLUE, FEWEST, ORANGE, legend_or_note, snr_axis
 
 MAX_POINTS = 3000  # drawn per panel and kind; more only blacken it
 MAX_NUMBERED = 40  # bricks whose numbers the sky map has room for
@@ -109,10 +109,8 @@ def _completeness(axes, curves, looks, threshold, snr_min):
         axes.axhline(threshold, color="#666666", ls="--", lw=1)
     if snr_min is not None:
         axes.axvline(snr_min, color="#666666", ls=":", lw=1)
-    axes.set(xscale="log", xlim=(1, SNR_EDGES[-1]), ylim=(-0.03, 1.05), xlabel="true S/N", ylabel="fraction found")
-    ticks = (1, 2, 5, 10, 20, 50, 100, 200, 500)
-    axes.set_xticks(ticks, [str(tick) for tick in ticks])
-    axes.minorticks_off()
+    axes.set(xlim=(1, SNR_EDGES[-1]), ylim=(-0.03, 1.05), ylabel="fraction found")
+    snr_axis(axes)
     axes.set_title("Completeness of isolated point sources", fontsize=10)
     legend_or_note(axes, drawn, "no point sources", title="filter (sources)")
 

@@ -36,6 +36,16 @@ def looks(filters):
     return found
 
 
+def snr_axis(axes):
+    """Make x the true S/N, logarithmic, with ticks where few numbers stand."""
+    axes.set(xscale="log", xlabel="true S/N")
+    low, high = axes.get_xlim()
+    ticks = (1, 2, 5, 10, 20, 50, 100, 200, 500)
+    axes.set_xticks(ticks, [str(tick) for tick in ticks])
+    axes.minorticks_off()
+    axes.set_xlim(low, high)
+
+
 def legend_or_note(axes, anything, note, **keywords):
     """Draw the legend if `anything` was plotted under a label, else write `note` in the middle; keywords: legend's."""
     if anything and axes.get_legend_handles_labels()[1]:  # what there is may be too few to be drawn
