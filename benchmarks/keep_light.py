@@ -9,15 +9,14 @@ code 1 if render is among the rules, if readout and level0 take more than MOST, 
 """
 
 import argparse
-import os
 import re
 import shutil
 import statistics
-import subprocess
 import sys
 from pathlib import Path
 
 import yaml
+from start_of_stages import cpu_seconds
 
 from csstsim.campaign.opened import OpenCampaign
 
@@ -29,20 +28,9 @@ MOST = 6.0  # CPU s a chip
 AGAIN = {"readout", "level0", "measure", "merge", "validate", "report"}
 
 
-def run(*line):
+def run(name, *arguments):
     """Return (user and system seconds, what it said) of a command of this environment."""
-    folder = Path(sys.executable).parent
-    environment = os.environ | {"PATH": f"{folder}{os.pathsep}{os.environ['PATH']}"}
-    process = subprocess.Popen(
-        [str(folder / line[0]), *map(str, line[1:])], cwd=ROOT, env=environment, text=True, stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-    )  # fmt: skip
-    said = process.stdout.read()
-    _, status, used = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    if process.returncode:
-        sys.exit(f"{line}: exit code {process.returncode}\n{said[-2000:]}")
-    return used.ru_utime + used.ru_stime, said
+    return cpu_seconds(Path(sys.executable).parent / name, *arguments)
 
 
 def campaign(name, **changes):
