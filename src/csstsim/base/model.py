@@ -28,7 +28,7 @@ from csstsim.base.errors import InputError
 class Model(BaseModel):
     """Base of models read from a file: frozen; unknown keys, NaN, infinity and true for a number are errors."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
     @field_validator("*", mode="before")
     @classmethod

@@ -1,6 +1,7 @@
 """The stages of the workflow: which stages each one depends on, and what it reads."""
 
-from fnmatch import fnmatchcase
+import re
+from fnmatch import translate
 
 # Of each stage, those whose products it reads; measure stands for calibrate and extract, too
 INPUTS = {
@@ -28,8 +29,12 @@ def read_by(stages, parts, readers):
     pattern matches is read by FIRST: a new key changes every product until it gets a pattern.
     """
 
+    patterns = re.compile("|".join(f"({translate(pattern)})" for pattern in readers))
+    found = [*readers.values(), FIRST]  # lastindex: which pattern matches, from 1
+
     def first(name):
-        return next((found for pattern, found in readers.items() if fnmatchcase(name, pattern)), FIRST)
+        match = patterns.match(name)
+        return found[match.lastindex - 1 if match else -1]
 
     return {name: value for name, value in parts.items() if not stages.isdisjoint(first(name))}
 

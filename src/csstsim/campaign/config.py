@@ -113,7 +113,8 @@ class CatalogConfig(Model):
         None, gt=0, description="faintest AB magnitude drawn, in the chip's own band; null = the whole truth"
     )
     lensing: Lensing = Field(
-        Lensing(), description="weak lensing of the embedded universe; a catalogue of your own has columns for it"
+        default_factory=Lensing,
+        description="weak lensing of the embedded universe; a catalogue of your own has columns for it",
     )
     shapes: Literal["normal", "rotated90"] = Field(
         "normal",
@@ -198,7 +199,7 @@ class Campaign(Model):
     survey_table: FilePath = Field(description="pointing table (CSV, survey_tables/README.md)")
     output: FilePath = Field(description="folder that receives everything the campaign makes")
     seed: int = Field(ge=0, le=2**63 - 1, description="the only source of randomness")
-    select: Select = Select()
+    select: Select = Field(default_factory=Select)
     window: PixelWindow | Literal["region"] | None = Field(
         None,
         description="null = whole chips; 'region' = the pixels around select.region; or x0, x1, y0, y1. A window has "
@@ -211,9 +212,9 @@ class Campaign(Model):
         None, description="folder with the camera's data files; null = config/instrument/"
     )
     universe: FilePath | None = Field(None, description="folder of the embedded universe; null = config/universe/")
-    catalog: CatalogConfig = CatalogConfig()
-    astrometry: AstrometryConfig = AstrometryConfig()
-    psf: PsfConfig = PsfConfig()
+    catalog: CatalogConfig = Field(default_factory=CatalogConfig)
+    astrometry: AstrometryConfig = Field(default_factory=AstrometryConfig)
+    psf: PsfConfig = Field(default_factory=PsfConfig)
     fidelity: Literal["preview", "standard", "noise_free", "reference"] = Field(
         "standard",
         description="accuracy of drawn objects (config/render.yaml): 'standard', errors up to a tenth of each object's "
@@ -225,8 +226,8 @@ class Campaign(Model):
         description="'light': keep the rendered light of each chip (0.4 GB for a whole one), so that a change of the "
         "detector reruns the readout but not render; only with --config chips=stages",
     )
-    measurement: MeasurementConfig = MeasurementConfig()
-    validation: ValidateConfig = ValidateConfig()
+    measurement: MeasurementConfig = Field(default_factory=MeasurementConfig)
+    validation: ValidateConfig = Field(default_factory=ValidateConfig)
 
     _layout = field_validator("schema_version")(check_layout)
 

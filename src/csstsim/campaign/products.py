@@ -1,7 +1,7 @@
 """What a campaign makes: a row for each kind of product, with the rules that make it and its files.
 
-The workflow's targets and inputs, `csstsim status` and the workflow's last message come from here. io.paths has the
-paths of files, campaign.costs the cost of a rule.
+The workflow's targets and inputs, its last message, `csstsim status` and what `csstsim verify` expects come from here.
+io.paths has the paths of files, campaign.costs the cost of a rule.
 """
 
 from collections.abc import Callable

@@ -1,5 +1,6 @@
 """The group of all commands: help in sections, the switches -v and -q, one line for each error, exit codes."""
 
+import gc
 import logging
 import os
 import signal
@@ -26,6 +27,7 @@ SECTIONS = {
     "Extend": ("layers", "fit-grating"),
     "Deliver": ("verify", "compare"),
 }  # fmt: skip
+GARBAGE = 50_000  # new objects before a search for cycles; at the usual 700 imports cause hundreds of searches
 LOUD, QUIET = "csstsim.loud", "csstsim.quiet"  # in the context of the command
 
 
@@ -35,6 +37,7 @@ class Group(click.Group):
     def main(self, *args, **options):
         """Run the command; from here on SIGTERM ends it silently."""
         signal.signal(signal.SIGTERM, _stop)
+        gc.set_threshold(GARBAGE)
         return super().main(*args, **options)
 
     def add_command(self, cmd, name=None):

@@ -82,25 +82,29 @@ def of_campaign(run):
     from csstsim.catalog.truth_bricks import brick_meta
     from csstsim.stages.masters import masters_recipe
 
-    frames, light = tuple(_frame(run, job) for job in run.jobs), kinds(run)["render"]
+    made = kinds(run)
+    light = made["render"]
+    tables = [{job.key for job in made[rule].made_for} for rule in ("measure", "extract")]
+    frames = tuple(_frame(run, job, tables) for job in made["level0"].made_for)
     return Contents(
         paths=run.paths,
         frames=frames,
-        bricks={pix: run.brick_recipe(pix) for pix in run.merge_bricks},
-        truth={pix: brick_meta(pix=pix, **run.universe_key()) for pix in run.sky_bricks},
-        masters={chip: masters_recipe(run, chip) for chip in run.calibration_jobs},
+        bricks={pix: run.brick_recipe(pix) for pix in made["merge"].made_for},
+        truth={pix: brick_meta(pix=pix, **run.universe_key()) for pix in made["truth"].made_for},
+        masters={chip: masters_recipe(run, chip) for chip in made["masters"].made_for},
         light={path: run.recipe(job, "render") for job in light.made_for for path in light.files_of(job)},
         measurement=digest(run.measurement),
-        calibrated=YES if run.config.measurement.keep_calibrated else MAYBE,
-        report=YES if run.imaging_jobs or run.slitless_jobs else MAYBE,
+        calibrated=YES if made["calibrate"].made_for else MAYBE,
+        report=YES if made["report"].made_for else MAYBE,
     )
 
 
-def _frame(run, job):
-    imaging, window = job.pointing.type == "SCIE" and job.chip.kind == "imaging", job.window
-    rays = run.steps[job.pointing.type].step("cosmic_rays")
+def _frame(run, job, tables):
+    """Return the ExpectedFrame of a job. tables: keys of the jobs that are measured, and of the extracted ones."""
+    window, rays = job.window, run.steps[job.pointing.type].step("cosmic_rays")
+    expected = [job.key in keys for keys in tables] + [rays is not None and rays.param.save_cosmic_image]
     return ExpectedFrame(
         *job.key, job.chip.filter, job.pointing.type, run.paths.level0(job.pointing, job.chip.id), run.recipe(job),
-        run.recipe(job, "readout"), (window.x0, window.x1, window.y0, window.y1), YES if imaging else NO,
-        YES if run.has_orders(job) else NO, YES if rays is not None and rays.param.save_cosmic_image else NO,
+        run.recipe(job, "readout"), (window.x0, window.x1, window.y0, window.y1),
+        *(YES if there else NO for there in expected),
     )  # fmt: skip

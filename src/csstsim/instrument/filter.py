@@ -73,10 +73,8 @@ class Filter:
     @cached_property
     def psf_wavelength(self):
         """(4,) angstrom: mean of lambda weighted with T over each sub-band."""
-        bands = self.subband(self.wavelength)
-        return np.array([np.trapezoid(b * self.wavelength, self.wavelength) for b in bands]) / np.array(
-            [np.trapezoid(b, self.wavelength) for b in bands]
-        )
+        bands, wave = self.subband(self.wavelength), self.wavelength
+        return np.trapezoid(bands * wave, wave) / np.trapezoid(bands, wave)
 
     def at(self, wave):
         """Throughput at wavelengths `wave` [angstrom]; zero outside the grid."""

@@ -7,6 +7,7 @@ more than a million values. Values that aliases repeat count each time: ten line
 
 import re
 from pathlib import Path
+from typing import ClassVar
 
 import yaml
 
@@ -15,15 +16,14 @@ from csstsim.base.files.text_file import read_text
 
 DEPTH, VALUES = 100, 1_000_000
 _BASE = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # libyaml parses ten times faster
-_NUMBERS = ("tag:yaml.org,2002:int", "tag:yaml.org,2002:float")
-_NOT_A_NUMBER = re.compile(r".*:.*|[-+]?0[0-9_]+")
+_TEXT, _NOT_A_NUMBER = "tag:yaml.org,2002:str", re.compile(r"[-+]?[0-9][0-9_]*(:[0-9_.]+)+$|[-+]?0[0-9_]+$")
 
 
 class _Loader(_BASE):
-    def resolve(self, kind, value, implicit):
-        tag = super().resolve(kind, value, implicit)
-        text = kind is yaml.ScalarNode and tag in _NUMBERS and _NOT_A_NUMBER.fullmatch(value)
-        return "tag:yaml.org,2002:str" if text else tag
+    yaml_implicit_resolvers: ClassVar = {  # the first that matches counts
+        first: [(_TEXT, _NOT_A_NUMBER), *resolvers] if first in list("-+0123456789") else resolvers
+        for first, resolvers in _BASE.yaml_implicit_resolvers.items()
+    }
 
     def construct_mapping(self, node, deep=False):
         seen = {}
