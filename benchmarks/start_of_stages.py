@@ -37,6 +37,7 @@ for path in sys.argv[1:]:
 def cpu_seconds(*line):
     """Return (user and system seconds, what it said) of a process and its children."""
     environment = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # as any user's: modules are compiled once
     process = subprocess.Popen(
         [sys.executable, *map(str, line)], cwd=ROOT, env=environment, text=True, stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

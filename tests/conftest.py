@@ -16,6 +16,7 @@ from csstsim.optics.scatter.scattered_light import scattered_light
 
 ROOT = Path(__file__).resolve().parents[1]
 # Of the processes that tests start, as pytest's own (pyproject.toml)
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 os.environ["PYTHONPATH"] = os.pathsep.join(str(ROOT / name) for name in ("src", "tests", "builders"))
 
 FINISHED = "compare", "delivery"  # folders whose tests share a finished campaign: one worker makes it

@@ -22,7 +22,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import ab_photon_density
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.mock_object import MockObject
-from csstsim.catalog.own_table import KIND
+from csstsim.catalog.open import TABLE_KIND
 from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main
 from csstsim.io.level0 import read_level0
@@ -85,7 +85,7 @@ def test_the_wcs_is_of_the_windows_pixels(sim, frame):
 def test_it_travels_to_other_processes(sim):
     """Pickled, deep-copied: the same bits; neither its options nor its campaign can be changed from outside."""
     columns = {name: one_star(sim)[name].tolist() for name in ("ra", "dec", "mag_r")}
-    catalog = {"kind": KIND, "options": {"columns": columns}}
+    catalog = {"kind": TABLE_KIND, "options": {"columns": columns}}
     star = sim.replace(catalog=catalog, seed=8)
     image = star.chip(OBSID, CHIP).image
     columns["mag_r"][0] = star.config.catalog.options["columns"]["mag_r"][0] = 14.0

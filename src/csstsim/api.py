@@ -33,7 +33,7 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.survey_table import OBSID, OBSID_ALLOWED
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.object_table import object_table, plain_columns
-from csstsim.catalog.own_table import KIND
+from csstsim.catalog.open import TABLE_KIND
 from csstsim.instrument.camera import load_camera
 from csstsim.io.paths import Paths
 from csstsim.optics.geometry.pointing_for import centred_exposure
@@ -301,7 +301,10 @@ def _catalog(given, before, bands):
         raise InputError("cannot be used", key="catalog", value=type(given).__name__, allowed=allowed)
     columns = plain_columns(given)
     object_table(columns, bands, "catalog")  # refused now, not with the first chip
-    return kept | {"kind": KIND, "options": {"columns": {name: values.tolist() for name, values in columns.items()}}}
+    return kept | {
+        "kind": TABLE_KIND,
+        "options": {"columns": {name: values.tolist() for name, values in columns.items()}},
+    }
 
 
 def _window(given):

@@ -92,7 +92,7 @@ FilePath = Annotated[Path, BeforeValidator(_real_path)]
 def validate(model, data, file, key=()):
     """Return `model` built from `data`; the first fault becomes an InputError naming file, key, value, allowed."""
     try:
-        return _adapter(model).validate_python(data)
+        return model.model_validate(data) if issubclass(model, BaseModel) else _adapter(model).validate_python(data)
     except ValidationError as exc:
         raise input_error(exc, model, file, key) from None
 

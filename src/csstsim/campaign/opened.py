@@ -17,10 +17,9 @@ from csstsim.campaign.config import PixelWindow, load_campaign
 from csstsim.campaign.job import Job
 from csstsim.campaign.recipes import Recipes
 from csstsim.campaign.survey_table import load_survey_table
-from csstsim.catalog import own_table
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.astrometry.reduction import apparent
-from csstsim.catalog.open import catalog_class
+from csstsim.catalog.open import TABLE_KIND, catalog_class
 from csstsim.catalog.selection.select import BRICK_MARGIN_PX, bricks_for, region_for
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
@@ -307,7 +306,7 @@ class OpenCampaign:
 def _own_bands(config):
     """Return the campaign with the camera's folder among a table catalogue's options: it needs the camera's bands."""
     options = config.catalog.options
-    if config.catalog.kind != own_table.KIND or config.instrument is None or "instrument" in options:
+    if config.catalog.kind != TABLE_KIND or config.instrument is None or "instrument" in options:
         return config
     catalog = config.catalog.model_copy(update={"options": options | {"instrument": str(config.instrument)}})
     return config.model_copy(update={"catalog": catalog})

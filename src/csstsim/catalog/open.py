@@ -8,6 +8,8 @@ from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
 from csstsim.catalog.base import CatalogBase, name_of, users_code
 
+TABLE_KIND = "csstsim.catalog.own_table:TableCatalog"
+
 
 def open_catalog(config, region, brick_file, key):
     """Return the loaded catalogue of a region.

@@ -27,7 +27,6 @@ from csstsim.catalog.object_table import object_table, read_table
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 
-KIND = "csstsim.catalog.own_table:TableCatalog"
 _OPTIONS = ("file", "columns", "instrument")
 
 
