@@ -39,7 +39,7 @@ and overscan. "Not before": layers that must stand before it, where the list has
 def rows(model, prefix=""):
     """Yield (key, default, description) of a model's fields, nested ones with dotted keys."""
     for name, field in model.model_fields.items():
-        default = "required" if field.is_required() else field.get_default()
+        default = "required" if field.is_required() else field.get_default(call_default_factory=True)
         if isinstance(default, Model):
             yield from rows(type(default), f"{prefix}{name}.")
             continue

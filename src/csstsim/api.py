@@ -14,10 +14,10 @@ command line. The logger `csstsim` lists the files that are made, and the object
 
 import copy
 import logging
+import math
 import operator
 import os
 import warnings
-from datetime import timedelta
 from functools import cached_property
 from pathlib import Path
 
@@ -28,6 +28,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.model import validate
 from csstsim.base.release import release
 from csstsim.base.shipped import ROOT
+from csstsim.campaign.aiming import after, next_obsid
 from csstsim.campaign.config import load_campaign, make_campaign
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.survey_table import OBSID, OBSID_ALLOWED
@@ -36,14 +37,13 @@ from csstsim.catalog.object_table import object_table, plain_columns
 from csstsim.catalog.open import TABLE_KIND
 from csstsim.instrument.camera import load_camera
 from csstsim.io.paths import Paths
-from csstsim.optics.geometry.pointing_for import centred_exposure
+from csstsim.optics.geometry.pointing_for import centred_exposure, light_on
 from csstsim.simulation.frame import Frame, frame_of
 from csstsim.simulation.observation import Observation, load_observation
 
 __all__ = ["Frame", "Simulation"]
 
 
-GAP_S = 60.0  # between the end of an exposure of `aim` and the start of the next
 MOST = 1000  # exposures of one `aim`
 _AIMED = {}  # (seed, obsid): start; what this process has aimed
 
@@ -122,11 +122,12 @@ class Simulation:
 
         ra, dec [deg, ICRS]; chip: its number (its filter is the image's); size: side of the window [pixel], None for
         the whole chip; pa: position angle [deg]; time: ISO UTC; exptime [s]; obsid: digits, of the first exposure;
-        exposures: how many; each begins GAP_S after the end of the last one, has the next obsid, and is pointed anew.
-        Noise, cosmic rays and photons differ by obsid; sky and detector are the same in all exposures. If an obsid was
-        used before at another time, there is a warning: both frames have the same noise. Raises InputError for values
-        that cannot be used, and for a place so close to a pole (up to half a degree) that no pointing at this position
-        angle puts it on the chip.
+        exposures: how many; each begins a minute after the end of the last one, has the next obsid, and is pointed
+        anew. Behind gratings the zeroth and the first order lie about the middle of the wider grating; a window that
+        cuts them gives a warning. Noise, cosmic rays and photons differ by obsid; sky and detector are the same in all
+        exposures. If an obsid was used before at another time, there is a warning: both frames have the same noise.
+        Raises InputError for values that cannot be used, and for a place so close to a pole (up to half a degree) that
+        no pointing at this position angle puts it on the chip.
         """
         camera, science = self._run.camera, self._run.steps.get("SCIE")
         if chip not in camera.chips:
@@ -143,16 +144,9 @@ class Simulation:
                 distorted=science is None or science.field_dist, **self._config.astrometry.model_dump(),
             )  # fmt: skip
             pointings.append(pointing)
-            obsid = str(int(obsid) + 1).zfill(len(obsid))
-            time = f"{pointing.end + timedelta(seconds=GAP_S):%Y-%m-%dT%H:%M:%S}"
+            obsid, time = next_obsid(obsid), after(pointing)
         _warn_of_one_noise(self._config.seed, pointings)
-        detector, window = camera.chips[chip].detector, None
-        if size is not None:
-            size, most = _whole(size, "size"), min(detector.nx, detector.ny)
-            if not 1 <= size <= most:
-                raise InputError("no window of a chip", key="size", value=size, allowed=f"1 to {most}, or None")
-            spans = {axis: (n - size) // 2 for axis, n in (("x", detector.nx), ("y", detector.ny))}
-            window = {f"{axis}{i}": start + i * size for axis, start in spans.items() for i in (0, 1)}
+        window = None if size is None else _window_about(camera, camera.chips[chip], size)
         changes = {"select": {"types": ["SCIE"], "chips": [chip]}, "window": window}
         return self._with(self._config.model_dump() | changes, self._layers, pointings)
 
@@ -217,6 +211,22 @@ class Simulation:
 
     def _job(self, obsid, chip):
         return self._run.job(str(obsid), _whole(chip, "chip"))
+
+
+def _window_about(camera, chip, size):
+    """Return the window of `size` px about the middle of the light that `aim` puts on a chip. Raises InputError."""
+    nx, ny = chip.detector.nx, chip.detector.ny
+    size, most = _whole(size, "size"), min(nx, ny)
+    if not 1 <= size <= most:
+        raise InputError("no window of a chip", key="size", value=size, allowed=f"1 to {most}, or None")
+    target, middle = light_on(camera, chip)
+    x0, y0 = (min(max(math.floor(at + 0.5 - size / 2), 0), n - size) for at, n in zip(middle, (nx, ny), strict=True))
+    if chip.kind == "slitless":
+        left, right, _, _ = camera.gratings[chip.id].span(*target)
+        if right - left > size:
+            message = f"a window of {size} px cuts the zeroth or the first order: they span {right - left:.0f} px"
+            warnings.warn(f"{message}; give a larger `size`", stacklevel=3)
+    return {"x0": x0, "x1": x0 + size, "y0": y0, "y1": y0 + size}
 
 
 def _warn_of_one_noise(seed, pointings):

@@ -88,7 +88,7 @@ def test_a_region_at_the_chips_corner_is_cut_at_its_edge(tmp_path):
         select["region"] = place | {"radius": radius_px * 0.074 / 60}
         campaign = OpenCampaign(write_campaign(tmp_path, select=select, window="region"))
         if expected is None:
-            with pytest.raises(InputError, match=r"no .* pair is selected"):
+            with pytest.raises(InputError, match="the region touches no chip; it misses chip 9"):
                 _ = campaign.jobs
         else:
             assert [job.window for job in campaign.jobs] == [expected]
@@ -96,7 +96,7 @@ def test_a_region_at_the_chips_corner_is_cut_at_its_edge(tmp_path):
 
 def test_a_region_on_the_other_side_of_the_sky_selects_nothing(tmp_path):
     select = {"types": ["SCIE"], "region": {"ra": 240.0, "dec": 40.0, "radius": 60.0}}
-    with pytest.raises(InputError, match=r"no .* pair is selected"):
+    with pytest.raises(InputError, match="other side"):
         _ = OpenCampaign(write_campaign(tmp_path, select=select)).jobs
 
 

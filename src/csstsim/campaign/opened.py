@@ -4,7 +4,6 @@ Every fault of the input is found here, before any work starts. The CLI and the 
 the same object.
 """
 
-import math
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -13,16 +12,15 @@ from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
 from csstsim.campaign.checks import check_masters, check_photons, check_selection, check_shutter
-from csstsim.campaign.config import PixelWindow, load_campaign
+from csstsim.campaign.config import load_campaign
 from csstsim.campaign.job import Job
 from csstsim.campaign.recipes import Recipes
+from csstsim.campaign.selection import nothing_selected, selected_chips, selected_pointings, window_of
 from csstsim.campaign.survey_table import load_survey_table
 from csstsim.catalog.astrometry.ephemeris import observer
-from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.catalog.open import TABLE_KIND, catalog_class
 from csstsim.catalog.selection.select import BRICK_MARGIN_PX, bricks_for, region_for
 from csstsim.instrument.camera import load_camera
-from csstsim.instrument.chip import Window
 from csstsim.io.output_owner import check_owner
 from csstsim.io.paths import Paths
 from csstsim.optics.geometry.distortion import load_distortion
@@ -62,7 +60,7 @@ class OpenCampaign:
         pointings = pointings or load_survey_table(self.config.survey_table, self.camera.orbit)
         self.pointings = {p.obsid: p for p in pointings}
         check_selection(self)
-        types = sorted({p.type for p in self._selected_pointings()})
+        types = sorted({p.type for p in selected_pointings(self)})
         layers = layers or {}
         self.steps = {kind: SimSteps(self.config.observation_file(kind), kind, layers.get(kind)) for kind in types}
         # One exposure time: that of the layers, if they give one, replaces the table's everywhere.
@@ -76,8 +74,8 @@ class OpenCampaign:
         }
 
         check_photons(self)
-        chips = [chip for chip in self._selected_chips() if only is None or chip.id == only[1]]
-        exposures = [p for p in self._selected_pointings() if only is None or p.obsid == only[0]]
+        chips = [chip for chip in selected_chips(self) if only is None or chip.id == only[1]]
+        exposures = [p for p in selected_pointings(self) if only is None or p.obsid == only[0]]
         if "SCIE" in self.steps and any(chip.kind == "slitless" for chip in chips):
             _ = self.camera.gratings  # read, and refused if they cannot be used
         for p in exposures:
@@ -89,41 +87,26 @@ class OpenCampaign:
         """Return the file of the master frames with which a chip's exposures are calibrated."""
         return Paths(self.config.measurement.masters).masters(chip_id)
 
-    def _selected_pointings(self):
-        select = self.config.select
-        wanted = set(select.obsids) if select.obsids is not None else None
-        return [p for p in self.pointings.values() if p.type in select.types and (wanted is None or p.obsid in wanted)]
-
-    def _selected_chips(self):
-        select = self.config.select
-        camera = self.camera
-        groups = {"all": camera.chips.values(), "imaging": camera.imaging_chips, "slitless": camera.slitless_chips}
-        if isinstance(select.chips, str):
-            chips = groups[select.chips]
-        else:
-            chips = [camera.chips[i] for i in sorted(set(select.chips))]
-        return [chip for chip in chips if select.filters is None or chip.filter in select.filters]
-
     @cached_property
     def jobs(self):
         """The jobs the campaign runs, in the order of the table and of the chips."""
-        pairs = ((p, chip) for p in self._selected_pointings() for chip in self._selected_chips())
+        pairs = ((p, chip) for p in selected_pointings(self) for chip in selected_chips(self))
         jobs = tuple(job for pair in pairs if (job := self._job(*pair)))
         if not jobs:
-            with explained("campaign"):
-                raise InputError("no (exposure, chip) pair is selected", file=self.file, key="select")
+            with explained("aiming"):
+                raise nothing_selected(self)
         check_masters(self, jobs)
         return jobs
 
     def job(self, obsid, chip_id):
         """Return one job of the campaign. Raises InputError if the campaign does not select it."""
-        obsids = [p.obsid for p in self._selected_pointings()]
+        obsids = [p.obsid for p in selected_pointings(self)]
         if obsid not in obsids:
             more = ", ..." if len(obsids) > 3 else ""
             allowed = f"{', '.join(obsids[:3])}{more} of {self.config.survey_table}"
             message = "not an exposure of this campaign"
             raise InputError(message, file=self.file, key="obsid", value=obsid, allowed=allowed)
-        chips = {chip.id: chip for chip in self._selected_chips()}
+        chips = {chip.id: chip for chip in selected_chips(self)}
         if chip_id not in chips:
             raise InputError(
                 "not a chip of this campaign", file=self.file, key="chip", value=chip_id,
@@ -139,44 +122,24 @@ class OpenCampaign:
 
     def _job(self, pointing, chip):
         steps = self.steps[pointing.type]
-        wcs = ChipWCS(chip, pointing, self.distortion if steps.field_dist else None)
-        craft = observer(
-            pointing.mjd, pointing.sat_position, pointing.sat_velocity, **self.config.astrometry.model_dump()
-        )
-        window = self._window(pointing, chip, wcs, craft)
+        wcs, craft = self.maps(pointing, chip)
+        window = window_of(self, pointing, chip, wcs, craft)
         if window is None:
             return None
         return Job(
             pointing, chip, window, wcs, self.camera, craft, steps.losses, steps.mask, fidelity=self.config.fidelity
         )
 
+    def maps(self, pointing, chip):
+        """Return the ChipWCS of a pair, and where the observer is."""
+        wcs = ChipWCS(chip, pointing, self.distortion if self.steps[pointing.type].field_dist else None)
+        astrometry = self.config.astrometry.model_dump()
+        return wcs, observer(pointing.mjd, pointing.sat_position, pointing.sat_velocity, **astrometry)
+
     @cached_property
     def distortion(self):
         """The camera's field distortion; the observation's `field_dist` says whether an exposure has it."""
         return load_distortion(self.camera.folder / "distortion.fits")
-
-    def _window(self, pointing, chip, wcs, craft):
-        """Return the pixels of this pair to simulate, or None if it does not touch the region."""
-        full = chip.full_window
-        wanted = self.config.window
-        window = Window(**wanted.model_dump()) if isinstance(wanted, PixelWindow) else full
-        region = self.config.select.region
-        if region is None or pointing.type != "SCIE":
-            return window  # bias, dark and flat frames see no sky: select.region does not apply
-        x, y = (float(v) for v in wcs.world_to_pixel(*apparent(region.ra, region.dec, craft)))
-        radius = region.radius * 60.0 / self.camera.telescope.pixel_scale
-        near_x, near_y = (
-            min(max(v, low), high) for v, low, high in ((x, window.x0, window.x1), (y, window.y0, window.y1))
-        )
-        if not math.hypot(x - near_x, y - near_y) < radius:  # also when the region is behind the sky (NaN)
-            return None
-        if wanted != "region":
-            return window
-        slitless = chip.kind == "slitless"
-        left, right, down, up = self.camera.gratings[chip.id].span(x, y) if slitless else (0.0,) * 4
-        x0, y0 = (max(math.floor(v), 0) for v in (x + left - radius, y + down - radius))
-        x1, y1 = (min(math.ceil(v) + 1, n) for v, n in ((x + right + radius, full.x1), (y + up + radius, full.y1)))
-        return Window(x0, x1, y0, y1) if x1 > x0 and y1 > y0 else None
 
     def has_stage(self, pointing, stage):
         """True if exposures of this type have layers in the stage (others skip it)."""

@@ -22,9 +22,8 @@ FILES = {
     "profiles/slurm/config.yaml": ("profiles/slurm/config.yaml", "... on a cluster: --workflow-profile profiles/slurm"),
     "profiles/slurm/workflow.yaml": ("profiles/slurm/workflow.yaml", "... and on its nodes"),
 }
-# Exposures that point at a catalogue's objects: chip (one of g, r, i) and time.
-AIMED = {8: "2027-11-20T01:16:00", 9: "2027-11-20T01:20:00", 7: "2027-11-20T01:24:00"}
-PA, EXPTIME = -113.4333, 150.0  # deg, s
+AIMED = 8, 9, 7  # chips, g, r and i, that point at a catalogue's objects
+PA, TIME = -113.4333, "2027-11-20T01:16:00"  # deg; of the first exposure
 MARGIN, LARGEST = 0.2, 5.0  # arcmin: beyond the outermost object; a chip's half side is 5.7
 
 
@@ -66,19 +65,15 @@ def init(folder, say, catalogue=None):
 def _aimed(file, content):
     """Return {name: bytes} of the files that differ for a user's catalogue: the table, the campaign, the pointings."""
     from csstsim.base.shipped import SHIPPED
+    from csstsim.campaign.aiming import aimed, table_of
     from csstsim.catalog.object_table import object_table, read_table
     from csstsim.instrument.camera import load_camera
-    from csstsim.optics.geometry.pointing_for import centred_exposure
 
     if file.name in content:
         raise InputError("another file of the folder has this name; rename the table", file=file)
     camera = load_camera(SHIPPED / "instrument")
     ra, dec, radius = _circle(file, object_table(read_table(file), camera.bands, file))
-    rows = ["obsid,type,ra,dec,pa,time,exptime"]
-    for number, (chip, time) in enumerate(AIMED.items(), start=1):
-        obsid = f"10100{number:06d}"
-        p = centred_exposure(camera, camera.chips[chip], ra, dec, obsid=obsid, pa=PA, time=time, exptime=EXPTIME)
-        rows.append(f"{obsid},SCIE,{p.ra:.6f},{p.dec:.6f},{PA},{time},{EXPTIME:g}")
+    found = aimed(camera, ra, dec, [camera.chips[number] for number in AIMED], pa=PA, times=[TIME])
     text, changed = content["campaign.yaml"].decode(), 0
     name = json.dumps(file.name, ensure_ascii=False)  # a scalar of YAML, whatever is in it
     region = f"region: {{ra: {ra:.6f}, dec: {dec:.6f}, radius: {radius:.2f}}}"
@@ -88,8 +83,8 @@ def _aimed(file, content):
         changed += count
     if changed != 2:
         raise ValueError("config/starter/campaign.yaml: region and catalog are not where they are looked for")
-    table_csv = "\n".join(rows) + "\n"
-    return {"campaign.yaml": text.encode(), "survey_table.csv": table_csv.encode(), file.name: file.read_bytes()}
+    table = table_of(found).encode()
+    return {"campaign.yaml": text.encode(), "survey_table.csv": table, file.name: file.read_bytes()}
 
 
 def _circle(file, table):

@@ -109,7 +109,7 @@ class ObjectTable(Mapping):
         return tuple(self._columns)
 
     def take(self, rows):
-        """Return the rows of an index array, slice or boolean mask, in that order."""
+        """Return the rows of an index array (m,), a slice or a boolean mask (n,), in that order."""
         if isinstance(rows, np.ndarray) and rows.dtype.kind == "b":  # row numbers are three times as fast
             rows = np.flatnonzero(rows)
         return ObjectTable({name: values[rows] for name, values in self._columns.items()}, self.meta)

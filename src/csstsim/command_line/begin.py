@@ -31,6 +31,48 @@ def init(folder, catalogue):
     run(folder, click.echo, catalogue)
 
 
+@click.command(context_settings={"ignore_unknown_options": True})
+@click.argument("ra", type=float)
+@click.argument("dec", type=float)
+@click.option("--chip", "chips", type=int, multiple=True, help="Chip to aim at; repeat for more [default: 9].")
+@click.option("--filter", "filters", multiple=True, help="... or a filter, behind its innermost chip; repeat for more.")
+@click.option("--pa", type=float, default=0.0, show_default=True, help="Position angle of the camera, deg.")
+@click.option(
+    "--dither",
+    "shifts",
+    nargs=2,
+    type=float,
+    multiple=True,
+    metavar="DX DY",
+    help="Target's shift along the chip's x and y, arcsec; repeat for one exposure each [default: 0 0].",
+)
+@click.option("--time", "times", multiple=True, help="Start, ISO UTC; repeat for more epochs.")
+@click.option("--exptime", type=float, default=150.0, show_default=True, help="Exposure time, s.")
+@click.option("--obsid", default="10100000001", show_default=True, help="Number of the first exposure.")
+@click.option("--instrument", type=click.Path(), help="Folder of the camera [default: the shipped one].")
+@click.option("--output", type=click.Path(), help="New file for the table [default: print it].")
+def aim(ra, dec, output, instrument, **values):
+    """Write exposures of one place as a survey table.
+
+    RA and DEC are in deg, ICRS. The ra and dec of a survey table's row are the direction of the focal plane's middle.
+    `aim` finds the one that puts your place on the middle of a chip. On a chip behind gratings, the middle of the
+    zeroth and the first order falls on the middle of the wider grating.
+
+    \b
+    An r image:
+      csstsim aim 150.1 2.2
+    Three bands, two dithered exposures each, at two epochs:
+      csstsim aim 150.1 2.2 --filter g --filter r --filter i --dither 0 0 --dither 10 5 \\
+          --time 2027-11-20T01:20:00 --time 2028-05-20T00:00:00 --output table.csv
+    An image and a spectrum:
+      csstsim aim 150.1 -2.2 --filter r --filter GI
+    """
+    from csstsim.base.shipped import SHIPPED
+    from csstsim.campaign.aiming import aim as run
+
+    run(ra, dec, click.echo, output=output, instrument=instrument or SHIPPED / "instrument", **values)
+
+
 @click.command()
 @click.argument("campaign", required=False, type=click.Path())
 def doctor(campaign):
@@ -76,4 +118,4 @@ def completion(shell):
     click.echo(script(shell, click.get_current_context().find_root().command))
 
 
-TOOLS = init, doctor, completion
+TOOLS = init, aim, doctor, completion

@@ -16,7 +16,7 @@ from csstsim.base.progress import hidden
 from csstsim.campaign.job_log import ERROR
 
 SECTIONS = {
-    "Begin": ("init", "doctor", "check", "plan", "completion"),
+    "Begin": ("init", "aim", "doctor", "check", "plan", "completion"),
     "Make a chip": ("chip",),
     "Look": ("show", "status", "report"),
     "Stages of the workflow, one job each": (

@@ -1,4 +1,4 @@
-"""The pointing that puts a place on the sky on a pixel of a chip."""
+"""The pointing that puts a place on the sky on a pixel of a chip, and the pixel that suits the chip."""
 
 import math
 from dataclasses import replace
@@ -35,11 +35,32 @@ def pointing_for(pointing, chip, target, pixel, distortion=None):
     return replace(pointing, ra=(ra - float(_seen(pointing, dec_b, chip, pixel, distortion)[0])) % 360.0, dec=dec_b)
 
 
-def centred_exposure(camera, chip, ra, dec, *, obsid, pa, time, exptime, distorted=True, **astrometry):
-    """Return the Pointing of a science exposure that has ra, dec (ICRS, deg) on the middle of a chip.
+def light_on(camera, chip):
+    """Return (x, y) on which to put a target, and (x, y) on which the middle of its light then falls [0-based px].
 
-    camera: instrument.camera.Camera; pa [deg], time (ISO UTC), exptime [s] as in a survey table; distorted: light meets
-    the field distortion; astrometry: as config.AstrometryConfig. Raises InputError for values that cannot be used.
+    On an imaging chip both are the chip's middle. Behind gratings the light is the zeroth and the first order, and its
+    middle is that of the wider grating's part of the chip.
+    """
+    nx, ny = chip.detector.nx, chip.detector.ny
+    middle = (nx - 1) / 2, (ny - 1) / 2
+    if chip.kind == "imaging":
+        return middle, middle
+    gratings = camera.gratings[chip.id]
+    line = gratings.split - 0.5
+    middle = max((-0.5, line), (line, nx - 0.5), key=lambda part: part[1] - part[0])
+    middle = sum(middle) / 2, (ny - 1) / 2
+    left, right, down, up = gratings.span(*middle)
+    return (middle[0] - (left + right) / 2, middle[1] - (down + up) / 2), middle
+
+
+def centred_exposure(
+    camera, chip, ra, dec, *, obsid, pa, time, exptime, shift=(0.0, 0.0), distorted=True, **astrometry
+):  # fmt: skip
+    """Return the Pointing of a science exposure that has ra, dec (ICRS, deg) where `light_on` wants it.
+
+    camera: instrument.camera.Camera; pa [deg], time (ISO UTC), exptime [s] as in a survey table; shift: how far along
+    the chip's x and y the target lies from there [px]; distorted: light meets the field distortion; astrometry: as
+    config.AstrometryConfig. Raises InputError for values that cannot be used.
     """
     try:
         ra, dec, pa, exptime = (float(value) for value in (ra, dec, pa, exptime))
@@ -49,15 +70,16 @@ def centred_exposure(camera, chip, ra, dec, *, obsid, pa, time, exptime, distort
     if not in_range:
         allowed = "ra 0..360, dec -90..90, pa -360..360 [deg], exptime above 0 [s]"
         raise InputError("out of range", key="ra, dec, pa, exptime", value=(ra, dec, pa, exptime), allowed=allowed)
+    (x, y), _ = light_on(camera, chip)
     try:
         mjd_utc(time)
         state = camera.orbit.state(time)
         pointing = Pointing(obsid, "SCIE", ra, dec, pa, time, exptime, *state)
         target = tuple(map(float, apparent(ra, dec, observer(pointing.mjd, *state, **astrometry))))
-        middle = (chip.detector.nx - 1) / 2, (chip.detector.ny - 1) / 2
         return pointing_for(
-            pointing, chip, target, middle, load_distortion(camera.folder / "distortion.fits") if distorted else None
-        )
+            pointing, chip, target, (x + shift[0], y + shift[1]),
+            load_distortion(camera.folder / "distortion.fits") if distorted else None,
+        )  # fmt: skip
     except ValueError as exc:
         raise InputError(str(exc), key="ra, dec, time") from None
 

@@ -1,0 +1,91 @@
+"""`csstsim aim` writes exposures of one place as rows of a survey table."""
+
+import math
+from datetime import timedelta
+from pathlib import Path
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+from csstsim.campaign.survey_table import OBSID, OBSID_ALLOWED
+from csstsim.instrument.camera import load_camera
+from csstsim.optics.geometry.pointing_for import centred_exposure
+
+GAP_S = 60.0  # between the end of an exposure and the start of the next
+TIME = "2027-11-20T01:20:00"
+HEADER = "obsid,type,ra,dec,pa,time,exptime"
+
+
+def next_obsid(obsid):
+    """Return the obsid that follows, with as many digits."""
+    return str(int(obsid) + 1).zfill(len(obsid))
+
+
+def after(pointing):
+    """Return the time at which the exposure after this one starts, ISO UTC."""
+    return f"{pointing.end + timedelta(seconds=GAP_S):%Y-%m-%dT%H:%M:%S}"
+
+
+def chips_for(camera, numbers=(), filters=()):
+    """Return the chips to aim at: those numbered, and of each filter the one nearest to the boresight; 9 by default.
+
+    Raises InputError for a chip or filter that the camera does not have.
+    """
+    for number in numbers:
+        if number not in camera.chips:
+            raise InputError("no such chip", key="--chip", value=number, allowed=", ".join(map(str, camera.chips)))
+    for name in filters:
+        if name not in camera.filters:
+            raise InputError("no such filter", key="--filter", value=name, allowed=", ".join(camera.filters))
+    behind = [[chip for chip in camera.chips.values() if chip.filter == name] for name in filters]
+    nearest = [min(chips, key=lambda chip: math.hypot(chip.xc, chip.yc)) for chips in behind]
+    return [camera.chips[number] for number in numbers] + nearest or [camera.chips[min(9, max(camera.chips))]]
+
+
+def aimed(camera, ra, dec, chips, *, pa=0.0, times=(TIME,), shifts=((0.0, 0.0),), exptime=150.0, obsid="10100000001"):
+    """Return [(chip, Pointing)]: at each time the place on each chip, at each shift [arcsec along the chip's x and y].
+
+    Exposures of one time follow each other, GAP_S from the end to the next start. Raises InputError for values that
+    cannot be used, and for exposures that overlap.
+    """
+    if not OBSID.fullmatch(obsid):
+        raise InputError("not an observation id", key="--obsid", value=obsid, allowed=OBSID_ALLOWED)
+    scale, found = camera.telescope.pixel_scale, []
+    for time in times:
+        for chip, shift in ((chip, shift) for chip in chips for shift in shifts):
+            pointing = centred_exposure(
+                camera, chip, ra, dec, obsid=obsid, pa=pa, time=time, exptime=exptime,
+                shift=tuple(value / scale for value in shift),
+            )  # fmt: skip
+            if found and found[-1][1].start <= pointing.start < found[-1][1].end:
+                raise InputError("the exposures of the time before have not ended", key="--time", value=time)
+            found.append((chip, pointing))
+            obsid, time = next_obsid(obsid), after(pointing)
+    return found
+
+
+def table_of(found, comment=()):
+    """Return the text of a survey table with the exposures that `aimed` returned."""
+    rows = [
+        f"{p.obsid},{p.type},{p.ra:.6f},{p.dec:.6f},{p.pa:.4f},{p.time},{p.exptime:g}" for _, p in found
+    ]  # fmt: skip
+    return "\n".join([*(f"# {line}" for line in comment), HEADER, *rows]) + "\n"
+
+
+def aim(ra, dec, say, *, instrument, chips, filters, output=None, shifts=(), times=(), **values):
+    """Print, or write to the new file `output`, a survey table of exposures of a place. Raises InputError."""
+    camera = load_camera(instrument)
+    wanted = chips_for(camera, chips, filters)
+    found = aimed(camera, ra, dec, wanted, shifts=shifts or ((0.0, 0.0),), times=times or (TIME,), **values)
+    comment = [f"ra {ra:g}, dec {dec:g} on " + ", ".join(f"chip {chip.id} ({chip.filter})" for chip in wanted)]
+    text = table_of(found, comment)
+    if output is None:
+        say(text, nl=False)
+        return
+    if Path(output).exists():
+        raise InputError("exists already; name another file", file=output, key="--output")
+    with atomic_path(output) as temporary:
+        Path(temporary).write_text(text)
+    numbers = ", ".join(str(number) for number in sorted({chip.id for chip in wanted}))
+    say(f"{output}: {len(found)} exposures. In the campaign, with a radius [arcmin] of your choice:")
+    say(f"  survey_table: {output}\n  select:\n    chips: [{numbers}]")
+    say(f"    region: {{ra: {ra:g}, dec: {dec:g}, radius: 1}}\n  window: region")

@@ -1,0 +1,95 @@
+"""What `select` and `window` of a campaign choose: exposures, chips and their pixels. run: opened.OpenCampaign."""
+
+import math
+
+from csstsim.base.errors import InputError
+from csstsim.campaign.config import PixelWindow
+from csstsim.catalog.astrometry.reduction import apparent
+from csstsim.instrument.chip import Window
+
+NEAREST = 3  # chips that an error names
+
+
+def selected_pointings(run):
+    """Return the Pointings of select.types and select.obsids, in the order of the table."""
+    select = run.config.select
+    wanted = set(select.obsids) if select.obsids is not None else None
+    return [p for p in run.pointings.values() if p.type in select.types and (wanted is None or p.obsid in wanted)]
+
+
+def selected_chips(run):
+    """Return the Chips of select.chips and select.filters, by number."""
+    select, camera = run.config.select, run.camera
+    groups = {"all": camera.chips.values(), "imaging": camera.imaging_chips, "slitless": camera.slitless_chips}
+    if isinstance(select.chips, str):
+        chips = groups[select.chips]
+    else:
+        chips = [camera.chips[i] for i in sorted(set(select.chips))]
+    return [chip for chip in chips if select.filters is None or chip.filter in select.filters]
+
+
+def window_of(run, pointing, chip, wcs, craft):
+    """Return the pixels of this pair to simulate, or None if it does not touch the region."""
+    window, region = _window(run, chip), run.config.select.region
+    if region is None or pointing.type != "SCIE":
+        return window  # bias, dark and flat frames see no sky: select.region does not apply
+    x, y, miss = _miss(run, wcs, craft, window)
+    if not miss < 0:  # also when the region is behind the sky (NaN)
+        return None
+    if run.config.window != "region":
+        return window
+    radius, slitless = _radius(run), chip.kind == "slitless"
+    left, right, down, up = run.camera.gratings[chip.id].span(x, y) if slitless else (0.0,) * 4
+    x0, y0 = (max(math.floor(v), 0) for v in (x + left - radius, y + down - radius))
+    x1, y1 = (min(math.ceil(v) + 1, n) for v, n in ((x + right + radius, window.x1), (y + up + radius, window.y1)))
+    return Window(x0, x1, y0, y1) if x1 > x0 and y1 > y0 else None
+
+
+def nothing_selected(run):
+    """Return the InputError of a campaign that selects no (exposure, chip) pair: what is nearest, and what to do."""
+    select, chips, pointings = run.config.select, selected_chips(run), selected_pointings(run)
+    if not pointings:
+        types = ", ".join(sorted({p.type for p in run.pointings.values()}))
+        return InputError(
+            "no exposure has one of these types", file=run.file, key="select.types", value=select.types,
+            allowed=f"those in {run.config.survey_table}: {types}",
+        )  # fmt: skip
+    if not chips:
+        return InputError(
+            "none of the chips is behind one of the filters", file=run.file, key="select.filters",
+            value=select.filters, allowed="filters of the chips that select.chips names",
+        )  # fmt: skip
+    if select.region is None:
+        return InputError("no pixels are selected", file=run.file, key="window")
+    missed = [
+        (_miss(run, *run.maps(pointing, chip), _window(run, chip))[-1], pointing.obsid, chip)
+        for pointing in pointings if pointing.type == "SCIE" for chip in chips
+    ]  # fmt: skip
+    near = sorted((found for found in missed if not math.isnan(found[0])), key=lambda found: found[0])[:NEAREST]
+    arcmin = run.camera.telescope.pixel_scale / 60.0
+    told = [f"chip {chip.id} ({chip.filter}) of exposure {obsid} by {px * arcmin:.1f}'" for px, obsid, chip in near]
+    circle = select.region
+    return InputError(
+        f"the region touches no chip; it misses {', '.join(told)}" if told else "the region is on the sky's other side",
+        file=run.file, key="select.region", value=f"{circle.radius:g}' about {circle.ra:g}, {circle.dec:g}",
+        allowed="a circle that touches a chip. A row's ra, dec is the middle of the focal plane, not of a chip: "
+        "`csstsim aim` writes rows that put a place on a chip",
+    )  # fmt: skip
+
+
+def _window(run, chip):
+    """Return the pixels that the campaign's window leaves of a chip, whatever its region."""
+    wanted = run.config.window
+    return Window(**wanted.model_dump()) if isinstance(wanted, PixelWindow) else chip.full_window
+
+
+def _radius(run):
+    return run.config.select.region.radius * 60.0 / run.camera.telescope.pixel_scale
+
+
+def _miss(run, wcs, craft, window):
+    """Return where the middle of select.region falls, x, y, and by how much its circle misses a window [px]."""
+    region = run.config.select.region
+    x, y = (float(v) for v in wcs.world_to_pixel(*apparent(region.ra, region.dec, craft)))
+    near = (min(max(v, low), high) for v, low, high in ((x, window.x0, window.x1), (y, window.y0, window.y1)))
+    return x, y, math.dist((x, y), tuple(near)) - _radius(run)

@@ -1,0 +1,115 @@
+"""`csstsim aim`: rows of a survey table that put a place on a chip, and errors that say where the nearest chip is."""
+
+import csv
+import itertools
+import math
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from mini_campaign import write_campaign
+
+from csstsim.base.errors import InputError
+from csstsim.campaign.aiming import aimed, chips_for, table_of
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.survey_table import load_survey_table
+from csstsim.catalog.astrometry.ephemeris import observer
+from csstsim.catalog.astrometry.reduction import apparent
+from csstsim.command_line.main import main
+from csstsim.optics.geometry.distortion import load_distortion
+from csstsim.optics.geometry.pointing_for import light_on
+from csstsim.optics.geometry.wcs import ChipWCS
+
+ROUNDED = 0.1  # px; a table has micro-degrees
+
+
+def lands(camera, chip, pointing, ra, dec):
+    """Return the pixel on which ra, dec (ICRS) falls."""
+    craft = observer(pointing.mjd, pointing.sat_position, pointing.sat_velocity)
+    wcs = ChipWCS(chip, pointing, load_distortion(camera.folder / "distortion.fits"))
+    return [float(v) for v in wcs.world_to_pixel(*apparent(ra, dec, craft))]
+
+
+@pytest.mark.parametrize("place", [(150.1, 2.2), (0.0, -2.2), (359.9999, 60.0)])
+def test_the_rows_put_the_place_where_the_chips_light_has_room(camera, tmp_path, place):
+    chips = chips_for(camera, [6], camera.filters)
+    shifts = [(0.0, 0.0), (10.0, -5.0)]
+    found = aimed(camera, *place, chips, pa=-113.4, times=["2027-11-20T01:20:00", "2028-05-20T00:00:00"], shifts=shifts)
+    assert len(found) == 11 * 2 * 2
+    (tmp_path / "table.csv").write_text(table_of(found))
+    read = load_survey_table(tmp_path / "table.csv")
+    assert len({p.obsid for p in read}) == len(read) == len(found)
+    starts = [p.start for p in read]
+    assert starts == sorted(starts) and all(a.end < b.start for a, b in itertools.pairwise(read))
+    for i, (pointing, (chip, _)) in enumerate(zip(read, found, strict=True)):
+        at, _ = light_on(camera, chip)
+        wanted = [a + s / camera.telescope.pixel_scale for a, s in zip(at, shifts[i % 2], strict=True)]
+        assert math.dist(lands(camera, chip, pointing, *place), wanted) < ROUNDED
+
+
+def test_behind_gratings_both_orders_lie_about_the_middle_of_the_wider_grating(camera):
+    for chip in camera.slitless_chips:
+        gratings, nx = camera.gratings[chip.id], chip.detector.nx
+        (x, y), middle = light_on(camera, chip)
+        left, right, down, up = gratings.span(x, y)
+        assert abs(x + (left + right) / 2 - middle[0]) < 1.0 and abs(y + (down + up) / 2 - middle[1]) < 1.0
+        wide = max((0, gratings.split), (gratings.split, nx), key=lambda part: part[1] - part[0])
+        assert wide[0] + 1000 < x + left and x + right < wide[1] - 1000  # px: far from the border of the two
+
+
+def test_a_filter_means_its_innermost_chip(camera):
+    assert [chip.id for chip in chips_for(camera, (), ("g", "r", "i"))] == [8, 9, 7]
+    assert [chip.id for chip in chips_for(camera)] == [9]
+    for chip in chips_for(camera, (), camera.filters):
+        others = [other for other in camera.chips.values() if other.filter == chip.filter]
+        assert math.hypot(chip.xc, chip.yc) == np.hypot(*np.transpose([(o.xc, o.yc) for o in others])).min()
+
+
+def test_the_command_prints_or_writes_the_table(tmp_path):
+    printed = CliRunner().invoke(
+        main, ["aim", "150.1", "-2.2", "--filter", "r", "--dither", "0", "0", "--dither", "-5", "3"]
+    )
+    assert printed.exit_code == 0
+    rows = list(csv.DictReader(line for line in printed.output.splitlines() if line[0] != "#"))
+    assert [row["obsid"] for row in rows] == ["10100000001", "10100000002"]
+    path = tmp_path / "table.csv"
+    written = CliRunner().invoke(main, ["aim", "150.1", "-2.2", "--output", str(path)])
+    assert written.exit_code == 0 and "survey_table:" in written.output and len(load_survey_table(path)) == 1
+    again = CliRunner().invoke(main, ["aim", "150.1", "-2.2", "--output", str(path)])
+    assert again.exit_code == 2 and "exists already" in again.output
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        (["150", "2", "--chip", "31"], "--chip: no such chip"),
+        (["150", "2", "--filter", "q"], "--filter: no such filter"),
+        (["150", "99"], "out of range"),
+        (["nan", "2"], "out of range"),
+        (["10", "90"], "try another angle"),
+        (["150", "2", "--time", "tomorrow"], "not an ISO UTC time"),
+        (["150", "2", "--obsid", "12"], "not an observation id"),
+        (["150", "2", "--exptime", "0"], "exptime above 0"),
+        (["150", "2", "--chip", "8", "--time", "2027-11-20T01:20:00", "--time", "2027-11-20T01:21:00"], "not ended"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_one_clear_error(line, message):
+    result = CliRunner().invoke(main, ["aim", *line])
+    assert result.exit_code == 2 and message in result.output and "Traceback" not in result.output
+
+
+def test_a_region_that_touches_no_chip_names_the_nearest_and_the_distance(tmp_path, camera):
+    """The boresight itself lies between the chips: by far the most usual slip."""
+    select = {"types": ["SCIE"], "chips": "imaging", "region": {"ra": 60.0, "dec": -40.0, "radius": 0.01}}
+    row = "10100000001,SCIE,60.0,-40.0,0,2027-11-20T01:08:00,150"
+    campaign = write_campaign(tmp_path, [row], select=select)
+    with pytest.raises(InputError, match=r"it misses chip \d+ \(.*\) of exposure 10100000001 by \d+\.\d'") as error:
+        _ = OpenCampaign(campaign).jobs
+    assert "csstsim aim" in str(error.value) and str(error.value).count("of exposure") == 3
+
+
+def test_types_and_filters_that_select_nothing_say_so(tmp_path):
+    with pytest.raises(InputError, match="no exposure has one of these types"):
+        _ = OpenCampaign(write_campaign(tmp_path, select={"types": ["DARK"]})).jobs
+    with pytest.raises(InputError, match="none of the chips is behind one of the filters"):
+        _ = OpenCampaign(write_campaign(tmp_path, select={"types": ["SCIE"], "chips": [9], "filters": ["g"]})).jobs
