@@ -10,7 +10,7 @@ PAGES = {
     "campaign": "config/README.md",
     "observation": "config/README.md",
     "survey table": "survey_tables/README.md",
-    "aiming": "docs/aiming.md",
+    "aiming": "`csstsim aim --help`",
     "instrument": "config/instrument/README.md",
     "catalogue": "`python -m pydoc csstsim.catalog.base`",
 }

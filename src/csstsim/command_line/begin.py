@@ -61,9 +61,8 @@ def aim(ra, dec, output, instrument, **values):
     \b
     An r image:
       csstsim aim 150.1 2.2
-    Three bands, two dithered exposures each, at two epochs:
-      csstsim aim 150.1 2.2 --filter g --filter r --filter i --dither 0 0 --dither 10 5 \\
-          --time 2027-11-20T01:20:00 --time 2028-05-20T00:00:00 --output table.csv
+    Three bands, two dithered exposures each, in a file:
+      csstsim aim 150.1 2.2 --filter g --filter r --filter i --dither 0 0 --dither 10 5 --output table.csv
     An image and a spectrum:
       csstsim aim 150.1 -2.2 --filter r --filter GI
     """
