@@ -1,0 +1,67 @@
+"""The map of the focal plane: the chips with their numbers, filters and gratings, and the pixels to aim at.
+
+python benchmarks/focal_plane.py            # docs/figures/focal_plane.png
+"""
+
+import argparse
+
+import matplotlib
+import numpy as np
+
+from csstsim.base.shipped import ROOT, SHIPPED
+from csstsim.instrument.camera import load_camera
+from csstsim.optics.geometry.pointing_for import light_on
+from csstsim.report.style import looks
+
+matplotlib.use("agg")
+from matplotlib import pyplot as plt
+
+FIGURE = ROOT / "docs" / "figures" / "focal_plane.png"
+
+
+def main():
+    """Draw the map, +x to the right and +y up, in arcmin from the boresight."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", default=FIGURE)
+    output = parser.parse_args().output
+    camera = load_camera(SHIPPED / "instrument")
+    scale, shown = camera.telescope.pixel_scale / 60.0, looks(camera.filters)
+    figure, axes = plt.subplots(figsize=(8.0, 7.4), layout="constrained")
+    for chip in camera.chips.values():
+        nx, ny = chip.detector.nx, chip.detector.ny
+
+        def place(x, y, chip=chip, nx=nx, ny=ny):
+            turn = np.radians(chip.rotation)
+            u, v = np.asarray(x) - (nx - 1) / 2, np.asarray(y) - (ny - 1) / 2
+            c, s = np.cos(turn), np.sin(turn)
+            return (chip.xc + c * u - s * v) * scale, (chip.yc + s * u + c * v) * scale
+
+        colour = shown[chip.filter.lower()].colour
+        axes.fill(*place([0, nx, nx, 0], [0, 0, ny, ny]), facecolor=colour, alpha=0.18)
+        axes.plot(*place([0, nx, nx, 0, 0], [0, 0, ny, ny, 0]), color=colour, lw=1.0)
+        if chip.kind == "slitless":
+            split = camera.gratings[chip.id].split
+            axes.plot(*place([split, split], [0, ny]), color=colour, lw=0.8, ls="--")
+        axes.plot(*place(*light_on(camera, chip)[0]), marker="+", color="black", ms=7, ls="")
+        at = place((nx - 1) / 2, 0.74 * ny)
+        axes.annotate(f"{chip.id}  {chip.filter}", at, ha="center", va="center", fontsize=11, weight="bold")
+    axes.plot(0, 0, marker="o", ms=6, mfc="white", mec="black", ls="")
+    axes.annotate(
+        "ra, dec of the survey table",
+        (0, 0),
+        (0, -34.5),
+        ha="center",
+        fontsize=9,
+        arrowprops={"arrowstyle": "-", "lw": 0.8},
+    )
+    axes.set(
+        xlabel="+x: east at pa = 0 [arcmin]", ylabel="+y: north at pa = 0 [arcmin]", aspect="equal", ylim=(-37, None)
+    )
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    figure.savefig(output, dpi=110)
+    print(output)
+
+
+if __name__ == "__main__":
+    main()
