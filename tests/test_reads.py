@@ -136,7 +136,7 @@ def unknown(run, stage, do, noted):
     found = noted - {None}
     READ.setdefault(stage, set()).update(found)
     stages = behind(stage)
-    camera = read_by(stages, run.camera._parts, camera_parts.READERS)
+    camera = read_by(stages, run.camera.files.parts, camera_parts.READERS)
     config = read_by(stages, run.recipes._keys, recipes.READERS)
     apart = {f"measurement.{name}" for name in keys.MeasurementConfig.model_fields} if "measure" in stages else set()
     return sorted(found - {*camera, *config, *apart, *ELSEWHERE})
@@ -159,7 +159,7 @@ def test_nothing_is_declared_for_an_earlier_stage_than_reads_it(tmp_path):
     """After the tests above: what a stage is said to read first is read by it."""
     run = OpenCampaign(write_campaign(tmp_path, POINTINGS[:1]))
     early = []
-    for names, readers in ((run.camera._parts, camera_parts.READERS), (run.recipes._keys, recipes.READERS)):
+    for names, readers in ((run.camera.files.parts, camera_parts.READERS), (run.recipes._keys, recipes.READERS)):
         for pattern, stages in readers.items():
             fit = {name for name in names if fnmatchcase(name, pattern)}
             early += [(pattern, stage) for stage in set(stages) & set(READ) if not fit & READ[stage]]

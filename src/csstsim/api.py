@@ -101,7 +101,7 @@ class Simulation:
             keys["select"] = config["select"] | ({"region": None} if keys["window"] != "region" else {})
         pointings = None if "survey_table" in keys else self._pointings
         kept = {} if "observations" in keys else self._layers
-        bands = (load_camera(keys["instrument"]) if keys.get("instrument") else self._run.camera).bands
+        bands = (load_camera(keys["instrument"]) if "instrument" in keys else self._run.camera).bands
         keys = copy.deepcopy(keys) | (
             {} if catalog is None else {"catalog": _catalog(catalog, config["catalog"], bands)}
         )

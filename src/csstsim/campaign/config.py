@@ -208,8 +208,10 @@ class Campaign(Model):
     observations: dict[ExposureType, FilePath] = Field(
         {}, description="file of layers for each exposure type; types left out use config/observations/"
     )
-    instrument: FilePath | None = Field(
-        None, description="folder with the camera's data files; null = config/instrument/"
+    instrument: FilePath | dict[str, Any] | None = Field(
+        None,
+        description="folder with the camera's data files; null = config/instrument/. Or numbers of it to change, as "
+        "{detector.read_noise: 20}, and `folder` if it is not that one",
     )
     universe: FilePath | None = Field(None, description="folder of the embedded universe; null = config/universe/")
     catalog: CatalogConfig = Field(default_factory=CatalogConfig)
@@ -237,9 +239,9 @@ class Campaign(Model):
         return self.observations.get(exposure_type, SHIPPED / "observations" / f"{names[exposure_type]}.yaml")
 
     @property
-    def instrument_folder(self):
-        """The instrument folder: the campaign's, or the shipped one."""
-        return self.instrument or SHIPPED / "instrument"
+    def plain_instrument(self):
+        """`instrument` without pathlib: text or a mapping."""
+        return self.instrument if isinstance(self.instrument, dict) else str(self.instrument)
 
     @property
     def universe_folder(self):

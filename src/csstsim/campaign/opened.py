@@ -55,7 +55,7 @@ class OpenCampaign:
         self.paths = Paths(output or self.config.output, scratch)
         if not copied:
             check_owner(self)
-        self.camera = load_camera(self.config.instrument_folder)
+        self.camera = load_camera(self.config.instrument)
         self.rendering = load_numbers()
         pointings = pointings or load_survey_table(self.config.survey_table, self.camera.orbit)
         self.pointings = {p.obsid: p for p in pointings}
@@ -271,5 +271,5 @@ def _own_bands(config):
     options = config.catalog.options
     if config.catalog.kind != TABLE_KIND or config.instrument is None or "instrument" in options:
         return config
-    catalog = config.catalog.model_copy(update={"options": options | {"instrument": str(config.instrument)}})
+    catalog = config.catalog.model_copy(update={"options": options | {"instrument": config.plain_instrument}})
     return config.model_copy(update={"catalog": catalog})

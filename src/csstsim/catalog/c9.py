@@ -101,7 +101,7 @@ class C9Catalog(CatalogBase):
         from astropy.table import Table
 
         sdss_g = Table.read(SHIPPED / "curves" / "sdss2010_g.csv", format="ascii.csv", comment="#")
-        camera = load_camera(Path(self.options.get("instrument") or SHIPPED / "instrument"))
+        camera = load_camera(self.options.get("instrument"))
         response = np.interp(GRID, sdss_g["wavelength"], sdss_g["response"], left=0.0, right=0.0)
         return {STAR: response, GALAXY: camera.filters[NORM_BAND].at(GRID)}
 

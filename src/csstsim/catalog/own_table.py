@@ -14,12 +14,10 @@ the formula for these (catalog.unsupported_shapes). Columns of other names trave
 
 import hashlib
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.catalog.mock_object import MockObjects
@@ -68,7 +66,7 @@ class TableCatalog(CatalogBase):
     @cached_property
     def _bands(self):
         """{band: Filter} of the camera."""
-        return load_camera(Path(self.options.get("instrument") or SHIPPED / "instrument")).bands
+        return load_camera(self.options.get("instrument")).bands
 
     @property
     def _filters(self):

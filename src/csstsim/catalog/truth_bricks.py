@@ -14,7 +14,6 @@ from csstsim.base.errors import InputError
 from csstsim.base.healpix import BRICKS, HATS_ORDER, ORDER
 from csstsim.base.release import release
 from csstsim.base.rng import stream
-from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import SOLAR_RADIUS_PC
 from csstsim.catalog.light.embedded_spectra import rates
 from csstsim.catalog.light.photometry import rate_to_mag, subband_weights
@@ -123,7 +122,7 @@ def _population(universe, camera):
     """
     from csstsim.universe.galaxies.galaxies import GalaxyPopulation
 
-    csst = camera if camera.folder == SHIPPED / "instrument" else load_camera(SHIPPED / "instrument")
+    csst = camera if camera.shipped else load_camera()
     filter_ = csst.bands["i"]
     weights = subband_weights(filter_, csst.telescope).sum(axis=0, keepdims=True)
     zeropoint = filter_.zeropoint(csst.telescope)

@@ -3,21 +3,22 @@
 import re
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
 from csstsim.base.model import Data, validate
+from csstsim.base.shipped import SHIPPED
 from csstsim.base.stages import behind, read_by
-from csstsim.instrument.camera_parts import READERS, camera_parts
+from csstsim.instrument.camera_parts import READERS
 from csstsim.instrument.chip import Chip, ChipPlace, Detector, DetectorNumbers
 from csstsim.instrument.cosmic_rays import CosmicRays
 from csstsim.instrument.defects import Defects
+from csstsim.instrument.files import InstrumentFiles
 from csstsim.instrument.filter import Filter, FilterEntry
 from csstsim.instrument.grating import load_gratings
-from csstsim.instrument.load import folder_digest, read_data, read_sections
+from csstsim.instrument.load import read_data
 from csstsim.instrument.orbit import Orbit
 from csstsim.instrument.telescope import Telescope
 from csstsim.instrument.traps import load_traps
@@ -46,8 +47,22 @@ class Camera:
     ghosts: dict[str, Any]  # ghosts.yaml; empty without the file
     sky: dict[str, Any]  # sky.yaml; empty without the file
     leds: dict[str, Any]  # leds.yaml and `mosaic`, its columns and rows; empty without the file
-    folder: Path
-    digest: str
+    files: InstrumentFiles
+
+    @property
+    def folder(self):
+        """Path of the instrument folder."""
+        return self.files.folder
+
+    @property
+    def digest(self):
+        """16 hex digits of all data files, and of the numbers that a campaign changes."""
+        return self.files.digest
+
+    @property
+    def shipped(self):
+        """Whether this is the shipped camera, no number changed."""
+        return self.folder == SHIPPED / "instrument" and not self.files.changes
 
     @cached_property
     def bands(self):
@@ -64,76 +79,85 @@ class Camera:
         """Chips behind the gratings, by number."""
         return [chip for chip in self.chips.values() if chip.kind == "slitless"]
 
-    @cached_property
-    def _parts(self):
-        return camera_parts(self.folder)
-
     def digest_for(self, stage, *layers):
         """Return 16 hex digits of the numbers that a stage reads, or one before it (instrument.camera_parts).
 
         layers: stages whose numbers it may read beside, as a layer of the user's may any.
         """
-        return digest(read_by(behind(stage).union(layers), self._parts, READERS))
+        return digest(read_by(behind(stage).union(layers), self.files.parts, READERS))
 
     @cached_property
     def gratings(self):
         """{chip id: instrument.grating.Gratings} of the slitless chips. Raises InputError."""
-        file = self.folder / "gratings.yaml"
-        if not file.exists():
-            raise InputError("the instrument folder has no gratings", file=file)
+        if not self.files.exists("gratings"):
+            raise InputError("the instrument folder has no gratings", file=self.files.path("gratings"))
         chips = {chip.id: chip for chip in self.slitless_chips}
-        return load_gratings(self.folder / "gratings", read_data(file), chips, self.filters, self.telescope)
+        return load_gratings(self.folder / "gratings", self.files.data("gratings"), chips, self.filters, self.telescope)
 
 
 @explained("instrument")
-def load_camera(folder):
-    """Read an instrument folder (config/instrument/README.md). Raises InputError naming file, key and value."""
-    folder = Path(folder)
-    if not folder.is_dir():
-        raise InputError("no such instrument folder", file=folder)
-    detector = _detector(folder / "detector.yaml")
-    filters = _filters(folder / "filters.yaml")
-    telescope, orbit = load_telescope(folder / "telescope.yaml")
-    keywords = folder / "level0_keywords.yaml"
-    optional = {name: folder / f"{name}.yaml" for name in ("psf", "scatter", "ghosts", "sky", "leds")}
-    chips = _chips(folder / "chips.yaml", filters, detector, telescope)
-    more = {name: read_data(path) if path.exists() else {} for name, path in optional.items()}
+def load_camera(instrument=None):
+    """Return the Camera of an instrument folder (config/instrument/README.md), or of the shipped one with changes.
+
+    instrument: as instrument.files.InstrumentFiles takes it. Raises InputError naming file, key and value.
+    """
+    files = InstrumentFiles(instrument)
+    try:
+        return _camera(files)
+    except InputError as error:
+        if not files.changes:
+            raise
+        changed = ", ".join(f"{name}: {value}" for name, value in files.changes.items())
+        raise InputError(f"{error}; `instrument` has {changed}") from None
+
+
+def _camera(files):
+    detector, filters = _detector(files), _filters(files)
+    telescope, orbit = _telescope(files.data("telescope"), files.path("telescope"))
+    chips = _chips(files, filters, detector, telescope)
+    more = {
+        name: files.data(name) if files.exists(name) else {} for name in ("psf", "scatter", "ghosts", "sky", "leds")
+    }
     if more["leds"]:
         more["leds"] |= {"mosaic": tuple(max(getattr(c, of) for c in chips.values()) for of in ("column", "row"))}
+    keywords = "level0_keywords"
     return Camera(
         chips=chips,
         filters=filters,
         telescope=telescope,
         orbit=orbit,
         detector=detector,
-        keywords=_only_list(keywords) if keywords.exists() else [],
+        keywords=_only_list(files, keywords) if files.exists(keywords) else [],
         **more,
-        folder=folder,
-        digest=folder_digest(folder),
+        files=files,
     )
 
 
-def _detector(path):
-    beside = {name: path.with_name(f"{name}.yaml") for name in ("cosmic_rays", "defects", "brighter_fatter")}
-    numbers = validate(DetectorNumbers, read_sections(path), path)
+def _detector(files):
+    numbers = validate(DetectorNumbers, files.sections("detector"), files.path("detector"))
     effects = {
-        name: validate(kind, read_sections(beside[name]), beside[name])
-        for name, kind in (("cosmic_rays", CosmicRays), ("defects", Defects)) if beside[name].exists()
+        name: validate(kind, files.sections(name), files.path(name))
+        for name, kind in (("cosmic_rays", CosmicRays), ("defects", Defects)) if files.exists(name)
     }  # fmt: skip
-    areas = beside["brighter_fatter"]
-    if areas.exists():
-        effects["brighter_fatter"] = read_data(areas)
-    return Detector(**vars(numbers), **effects, traps=load_traps(path.with_name("cti.yaml")))
+    if files.exists("brighter_fatter"):
+        effects["brighter_fatter"] = files.data("brighter_fatter")
+    traps = load_traps(files.data("cti"), files.path("cti")) if files.exists("cti") else None
+    return Detector(**vars(numbers), **effects, traps=traps)
 
 
 def load_telescope(path):
     """Read telescope.yaml: (Telescope, Orbit). Raises InputError."""
-    file = validate(_TelescopeFile, read_data(path), path)
+    return _telescope(read_data(path), path)
+
+
+def _telescope(data, path):
+    file = validate(_TelescopeFile, data, path)
     return file.telescope, file.orbit
 
 
-def _filters(path):
-    entries = {name: validate(FilterEntry, entry, path, (name,)) for name, entry in read_data(path).items()}
+def _filters(files):
+    path = files.path("filters")
+    entries = {name: validate(FilterEntry, entry, path, (name,)) for name, entry in files.data("filters").items()}
     filters = {name: entry.filter(name) for name, entry in entries.items()}
     columns = [name.lower() for name in filters]
     for name in filters:
@@ -143,9 +167,9 @@ def _filters(path):
     return filters
 
 
-def _chips(path, filters, detector, telescope):
-    chips = {}
-    for i, row in enumerate(_only_list(path)):
+def _chips(files, filters, detector, telescope):
+    chips, path = {}, files.path("chips")
+    for i, row in enumerate(_only_list(files, "chips")):
         place = validate(ChipPlace, row, path, (f"chips[{i}]",))
         if place.filter not in filters:
             raise InputError(
@@ -158,9 +182,9 @@ def _chips(path, filters, detector, telescope):
     return dict(sorted(chips.items()))
 
 
-def _only_list(path):
+def _only_list(files, name):
     """Return the one list that the file's sections hold."""
-    lists = [value for value in read_data(path).values() if isinstance(value, list)]
+    lists = [value for value in files.data(name).values() if isinstance(value, list)]
     if len(lists) != 1:
-        raise InputError(f"the file must hold one list, not {len(lists)}", file=path)
+        raise InputError(f"the file must hold one list, not {len(lists)}", file=files.path(name))
     return lists[0]

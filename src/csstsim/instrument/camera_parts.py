@@ -1,13 +1,9 @@
 """The numbers of a camera by the stages that read them: another gain needs no other light.
 
-A part is a number of the files BY_NUMBER, as `detector.gain`, or any other data file as a whole, as `cti.yaml`.
+A part is a number of the files BY_NUMBER (instrument.files), as `detector.gain`, or another data file as a whole, as
+`cti.yaml`.
 """
 
-from csstsim.base.digest import file_digest
-from csstsim.base.stages import flat
-from csstsim.instrument.load import data_files, read_data, read_sections
-
-BY_NUMBER = {"detector.yaml": read_sections, "filters.yaml": read_data, "telescope.yaml": read_data}
 # What reads a part first (base.stages.read_by): not only select, psf and truth
 READERS = {
     "detector.nx": ("psf", "select"),
@@ -48,12 +44,3 @@ READERS = {
     "telescope.telescope.shutter_*": ("render",),
     "telescope.telescope.*": ("psf", "select"),
 }
-
-
-def camera_parts(folder):
-    """Return {part: its value, or the digest of its file} of an instrument folder."""
-    parts = {}
-    for name, path in data_files(folder).items():
-        read = BY_NUMBER.get(name)
-        parts |= flat({path.stem: read(path)}) if read else {name: file_digest(path)}
-    return parts

@@ -31,10 +31,9 @@ def read_data(path):
     return _unwrap(read_yaml(path), Path(path), key="", covered=False)
 
 
-def read_sections(path):
-    """Return {key: value} of a data file whose sections are only for the reader, as `read_data` reads it."""
-    sections = [section for section in read_data(path).values() if isinstance(section, dict)]
-    return {key: value for section in sections for key, value in section.items()}
+def sections(data):
+    """Return {key: value} of the content of a data file whose sections are only for the reader."""
+    return {key: value for section in data.values() if isinstance(section, dict) for key, value in section.items()}
 
 
 def _unwrap(node, path, key, covered):

@@ -6,7 +6,6 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 
 from csstsim.base.model import Data, NotNegative, Number, Positive, validate
-from csstsim.instrument.load import read_data
 
 
 @dataclass(frozen=True)
@@ -61,9 +60,7 @@ class _File(_Place):
     serial: _Place | None = None
 
 
-def load_traps(path):
-    """Return Traps, or None if there is no such file. Raises InputError."""
-    if not path.exists():
-        return None
-    file = validate(_File, read_data(path), path)
+def load_traps(data, path):
+    """Return the Traps of the content of cti.yaml; `path`: what errors name. Raises InputError."""
+    file = validate(_File, data, path)
     return file.traps(file.serial and file.serial.traps())

@@ -96,8 +96,8 @@ def header_values(state, provenance, filename, layout):
     """Return {name: value} of everything a Level-0 header can state.
 
     `provenance` holds recipe ({name: digest}, see RECIPE), truth_hash, psf_hash, seed, campaign_name, ephemeris,
-    planets, layers (list of {keyword: parameters}) and stages (list of [stage, wall s, cpu s]); what is missing gives
-    None.
+    planets, layers (list of {keyword: parameters}), camera ({changed number: value}) and stages (list of [stage, wall
+    s, cpu s]); what is missing gives None.
     """
     values = dict.fromkeys(_FROM_LAYERS) | state.header
     values |= _exposure(state.pointing) | _detector(state, layout) | _simulation(provenance)
@@ -155,7 +155,9 @@ def _simulation(provenance):
     for stage, wall, cpu in provenance.get("stages", ()):
         values |= {f"wall_{stage}": round(wall, 3), f"cpu_{stage}": round(cpu, 3)}
     layers = [item for entry in provenance.get("layers", ()) for item in entry.items()]
-    return values | {"layers": [f"layer {name} {json.dumps(param, sort_keys=True)}" for name, param in layers]}
+    history = [f"layer {name} {json.dumps(param, sort_keys=True)}" for name, param in layers]
+    changes = [f"camera {name} = {value}" for name, value in provenance.get("camera", {}).items()]
+    return values | {"layers": history + changes}
 
 
 @cache

@@ -42,6 +42,7 @@ def digitised(run, job, state, timer):
         "layers": steps.describe(),
         "truth_hash": state.header.pop("truth_hash", "none"),
         "psf_hash": state.header.pop("psf_hash", "none"),
+        "camera": run.camera.files.changes,
         "stages": state.header.pop("stages"),
         "timing": state.header.pop("timing", []),
     }

@@ -52,7 +52,7 @@ def report(run):
         spectra=[_spectra(run, job, budget) for job in progress(run.slitless_jobs, "spectra")],
         provenance={
             "csstsim": __version__, "campaign file": run.file, "campaign digest": run.config.digest(),
-            "camera digest": run.camera.digest, "seed": run.config.seed,
+            "camera digest": run.camera.digest, **_changed(run), "seed": run.config.seed,
         },
         times=run_times(run),
         labels={band: look.label for band, look in shown.items()},
@@ -170,6 +170,12 @@ def _by_exposure(run):
     for job in run.jobs:
         exposures.setdefault(job.pointing.obsid, []).append(job)
     return list(exposures.values())
+
+
+def _changed(run):
+    """Return {"camera changes": text} of the camera's numbers that the campaign changes, or {}."""
+    changes = run.camera.files.changes
+    return {"camera changes": ", ".join(f"{k} = {v}" for k, v in changes.items())} if changes else {}
 
 
 def _summary(run):

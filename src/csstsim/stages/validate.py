@@ -62,6 +62,6 @@ def _depth(run, job):
     Another camera has only those of its filters.yaml.
     """
     camera, name = run.camera, job.chip.filter
-    computed = read_yaml(LIMITS)["computed"]["values"] if camera.folder == SHIPPED / "instrument" else {}
+    computed = read_yaml(LIMITS)["computed"]["values"] if camera.shipped else {}
     stated = camera.filters[name].limiting_mag
     return tuple(np.sort([stated, computed.get(name, stated)]) + 1.25 * np.log10(job.pointing.exptime / LIMIT_SECONDS))

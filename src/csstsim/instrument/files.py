@@ -1,0 +1,121 @@
+"""The data files of a camera, and single numbers of them that a campaign changes: `detector.read_noise: 20`.
+
+A name is the file, and the number's key in it. Sections between them may be left out where that leaves one number.
+"""
+
+import math
+from collections.abc import Mapping
+from copy import deepcopy
+from difflib import get_close_matches
+from functools import cached_property
+from pathlib import Path
+
+from csstsim.base.digest import digest, file_digest
+from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
+from csstsim.base.stages import flat
+from csstsim.instrument.load import data_files, folder_digest, read_data, sections
+
+# Files with numbers that may be changed: those a camera reads, but for lists (chips, keywords)
+CHANGEABLE = (
+    "detector", "telescope", "filters", "psf", "scatter", "ghosts", "sky", "leds", "cosmic_rays", "defects", "cti",
+    "brighter_fatter", "gratings",
+)  # fmt: skip
+BY_NUMBER = {"detector": sections, "filters": dict, "telescope": dict}  # whose numbers are parts, each by itself
+
+
+class InstrumentFiles:
+    """The files of an instrument folder, with changed numbers.
+
+    instrument: the folder; None: the shipped one; or a mapping of changed numbers {name: number}, nested or dotted,
+    and `folder`, if it is not the shipped one. Raises InputError for a missing folder, and for a name without a number.
+    """
+
+    def __init__(self, instrument=None):
+        given = dict(instrument) if isinstance(instrument, Mapping) else {"folder": instrument}
+        self.folder = Path(given.pop("folder", None) or SHIPPED / "instrument")
+        if not self.folder.is_dir():
+            raise InputError("no such instrument folder", file=self.folder)
+        self._changes = {}  # {file: {keys: number}}
+        for name, value in flat(given).items():
+            file, keys = self._place(name, value)
+            self._changes.setdefault(file, {})[keys] = value
+        self.changes = {
+            ".".join((file, *keys)): value for file, of in self._changes.items() for keys, value in of.items()
+        }
+
+    def path(self, name):
+        """Return the path of a YAML file, named without its suffix."""
+        return self.folder / f"{name}.yaml"
+
+    def exists(self, name):
+        """Whether there is such a file."""
+        return self.path(name).exists()
+
+    def data(self, name):
+        """Return a file's content as instrument.load.read_data gives it, changed. Raises InputError."""
+        data = deepcopy(read_data(self.path(name))) if name in self._changes else read_data(self.path(name))
+        for keys, value in self._changes.get(name, {}).items():
+            _within(data, keys[:-1])[keys[-1]] = value
+        return data
+
+    def sections(self, name):
+        """Return {key: value} of a file whose sections are only for the reader."""
+        return sections(self.data(name))
+
+    @cached_property
+    def digest(self):
+        """16 hex digits of all files, and of the changes."""
+        content = folder_digest(self.folder)
+        return digest([content, self.changes]) if self.changes else content
+
+    @cached_property
+    def parts(self):
+        """{part: its value, or the digest of its file}; see instrument.camera_parts."""
+        parts = {}
+        for name, path in data_files(self.folder).items():
+            stem, changes = path.stem, self._changes.get(path.stem) if path == self.path(path.stem) else None
+            if name == f"{stem}.yaml" and stem in BY_NUMBER:
+                parts |= flat({stem: BY_NUMBER[stem](self.data(stem))})
+            else:
+                content = file_digest(path)
+                parts[name] = digest([content, sorted(map(str, changes.items()))]) if changes else content
+        return parts
+
+    def _place(self, name, value):
+        """Return (file, keys) of a number that is to be changed. Raises InputError."""
+        file, _, wanted = name.partition(".")
+        known = self._numbers(file) if file in CHANGEABLE and self.exists(file) else {}
+        found = [keys for keys in known if ".".join(keys) == wanted]
+        found = found or [keys for keys in known if ".".join(keys).endswith(f".{wanted}")]
+        if len(found) != 1:
+            every = [".".join((file, *keys)) for keys in found] or self._near(name)
+            message = "is the name of several numbers" if found else "no such number of the camera"
+            raise InputError(message, key=f"instrument.{name}", value=value, allowed=", ".join(every))
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise InputError("must be a number", key=f"instrument.{name}", value=value)
+        return file, found[0]
+
+    def _near(self, name):
+        every = [".".join((file, *keys)) for file in CHANGEABLE if self.exists(file) for keys in self._numbers(file)]
+        last = {one: one.rpartition(".")[2] for one in every}
+        same = [one for one in every if last[one] == name.rpartition(".")[2]]
+        near = same or get_close_matches(name, every, 5, 0.5) or get_close_matches(name, set(last.values()), 5, 0.5)
+        return near or [f"{file}.NAME, a number of {self.path(file)}" for file in CHANGEABLE[:2]]
+
+    def _numbers(self, file):
+        """Return {keys: number} of a file."""
+        numbers = {tuple(map(str, keys)): value for keys, value in _leaves(read_data(self.path(file)))}
+        return {k: v for k, v in numbers.items() if isinstance(v, int | float) and not isinstance(v, bool)}
+
+
+def _leaves(data, above=()):
+    for key, value in data.items():
+        yield from _leaves(value, (*above, key)) if isinstance(value, dict) else [((*above, key), value)]
+
+
+def _within(data, keys):
+    """Return the mapping at keys, which may be written as text where the file has numbers."""
+    for key in keys:
+        data = next(value for name, value in data.items() if str(name) == key)
+    return data
