@@ -23,7 +23,7 @@ from csstsim.base.files.hdf5_file import group, numbers
 
 STAR_COLUMNS = ("RA", "DEC", "app_sdss_g", "teff", "grav", "z_met", "AV", "mass")
 STAR_OPTIONAL = ("pmra", "pmdec", "RV", "parallax")
-BANDS = ("nuv", "u", "g", "r", "i", "z", "y")  # of CSST, which the files are of
+BANDS = ("nuv", "u", "g", "r", "i", "z", "y")  # of CSST, for which the files are made
 GALAXY_COLUMNS = (
     *("ra", "dec", "redshift", "size", "kappa", "bulgemass", "diskmass", "type", "veldisp", "qsoindex"),
     *(f"mag_csst_{band}" for band in BANDS),
@@ -72,7 +72,7 @@ def read_array(file, name, ndim):
     with _open(file) as h5:
         values = numbers(h5, name, file)
     if values.ndim != ndim or not np.isfinite(values).all():
-        raise InputError(f"must be finite, of {ndim} axes", file=file, key=name, value=values.shape)
+        raise InputError(f"must be finite and have {ndim} axes", file=file, key=name, value=values.shape)
     return values.astype(float)
 
 

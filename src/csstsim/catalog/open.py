@@ -1,4 +1,4 @@
-"""Opening the True Universe a campaign names: the embedded bricks, or a class of the user's."""
+"""Opening the catalogue that a campaign names: the embedded bricks, or a class of the user's."""
 
 import importlib
 import sys
@@ -61,7 +61,7 @@ def catalog_class(kind):
 
 
 def own_digests(config):
-    """Return the digests of a catalogue of the user's: of its module, and of the files it says it hangs on.
+    """Return the digests of a user's catalogue: of its module, and of the files that its `files` names.
 
     config: config.CatalogConfig. Raises InputError for a file that cannot be read.
     """

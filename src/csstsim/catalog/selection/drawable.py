@@ -11,7 +11,7 @@ NO_LIGHT = "its light in the band is negative or not a number"
 
 
 def reasons(table):
-    """Return {reason: (n,) bool} for the columns of an ObjectTable; its light is not among them."""
+    """Return {reason: (n,) bool} from the columns of an ObjectTable; its light is not checked."""
     galaxy = table["obj_type"] == GALAXY
     share = table["bulge_frac"]
     kappa, gamma1, gamma2 = (table[name] for name in ("kappa", "gamma1", "gamma2"))
@@ -41,7 +41,7 @@ def unusable(table, flux):
 
 
 def why_not_drawn(table, dark):
-    """Return {reason: number of objects}, first reason first; `dark` (n,) bool: not drawn, whatever the reason."""
+    """Return {reason: number of objects}, each object under its first reason; `dark` (n,) bool: those not drawn."""
     left, counts = np.array(dark, dtype=bool), {}
     for reason, mask in reasons(table).items():
         counts[reason] = int((left & mask).sum())
