@@ -37,7 +37,7 @@ def claim_output(run):
     path = run.paths.output / FILE
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with open(path, "x") as file:  # of two that come at once one is first
+        with open(path, "x") as file:  # of two at the same time only one succeeds
             json.dump(_about(run), file, indent=1)
     except FileExistsError:
         check_owner(run)
