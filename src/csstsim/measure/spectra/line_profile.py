@@ -1,4 +1,4 @@
-"""How light spreads across, or along, a spectrum: the image of an object, collapsed onto one axis.
+"""Profiles of light across, or along, a spectrum: the image of an object, collapsed onto one axis.
 
     P(t) = PSF collapsed * sum_k share_k S_k(t)         S_k: component k of the galaxy, collapsed
 
@@ -62,7 +62,7 @@ def psf_profile(cells, per_pixel, axis, wing=None):
 
 
 def _wing_below(wing, half):
-    """The same of a wing beyond the square of a side of 2 `half`, counted from the first of OFFSETS."""
+    """Return the same for a wing outside the square of side 2 `half`, counted from the first of OFFSETS."""
     place = np.arange(HALF + 0.5)
     place[-1] = HALF
     first = np.where(place < half, half, 1e-3)  # of the half line along which the wing is summed
