@@ -139,7 +139,7 @@ def test_units_are_turned_into_ours():
         ({"columns": columns(type=["galaxy", "star"])}, "row 1 cannot be drawn: a galaxy without size_disk"),
         ({"columns": columns(id=[3, 3])}, "row 2 cannot be drawn: another row has the same id"),
         ({"columns": columns(ra=[10.0, 510.0])}, "row 2 cannot be drawn: ra is not within"),
-        ({"columns": columns(dec=[95.0, 1.0])}, "row 1 cannot be drawn: ra or dec is no place"),
+        ({"columns": columns(dec=[95.0, 1.0])}, "row 1 cannot be drawn: ra, dec is not a position"),
         ({"columns": columns(e1=["0.1", "junk"])}, "e1: must be numbers .got 'junk'"),
         (
             {"columns": columns(type=["galaxy"] * 2, size=[0.6, 0.6], size_disk=[0.3, 0.3], size_bulge=[0.3, 0.3])},

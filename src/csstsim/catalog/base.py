@@ -189,7 +189,7 @@ class CatalogBase(ABC):
 
 
 def _refuse_units(catalog, columns):
-    """Raise InputError for a quantity with a unit where csstsim wants a number."""
+    """Raise InputError for a quantity with a unit where csstsim needs a number."""
     for name, values in columns.items():
         value = next((value for value in values if hasattr(value, "unit")), None)
         if value is not None:

@@ -7,7 +7,7 @@ size [arcsec], ellipticity_true (n, 2), shear (n, 2), kappa, bulgemass, diskmass
 qsoindex (-1: none), coeff (n, 20).
 A pixel is a HEALPix RING number at NSIDE 128, a bundle one at NSIDE 16. A pixel that is not in a file is empty.
 
-The layout is that of public converters into this form (csv_to_c9h5.py, csv_to_c9_galaxies_h5.py and
+The layout is taken from public converters to this format (csv_to_c9h5.py, csv_to_c9_galaxies_h5.py and
 gaia_fits_to_c9h5_v2.py, which says that the official files hold log10 K and mass fractions). DM and detA follow from
 other columns and are not read.
 """

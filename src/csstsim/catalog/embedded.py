@@ -47,7 +47,7 @@ class SceneCatalog(CatalogBase):
 
     @property
     def truth_hash(self):
-        """16 hex digits of the records of what was read."""
+        """16 hex digits of the records of the files read."""
         return digest(self._record)
 
     def load_sed(self, obj):
@@ -79,7 +79,7 @@ class SceneCatalog(CatalogBase):
 class EmbeddedCatalog(SceneCatalog):
     """The objects of a region, from its bricks.
 
-    options: `brick_file` (brick number -> path) and what the bricks must have been made for: `seed`, `universe`
+    options: `brick_file` (brick number -> path) and the inputs from which the bricks must be made: `seed`, `universe`
     (universe.parameters.Universe), `camera`, `lensing`. Raises InputError for a missing, damaged or foreign brick.
     """
 

@@ -58,7 +58,7 @@ def _check_csv(lines, path):
         names = [name.strip() for name in next(csv.reader(lines))]
         rows = sum(1 for _ in csv.reader((f"{line}\n" for line in lines), strict=True))
     except csv.Error as exc:
-        raise InputError(f"a quote is left open, or stands within a cell ({exc})", file=path) from None
+        raise InputError(f"a quote is left open, or is inside a cell ({exc})", file=path) from None
     if rows < len(lines):
         raise InputError("a quoted cell continues beyond the end of its line", file=path, value=f"{len(lines)} lines")
     if twice := next((name for name in names if names.count(name) > 1), None):

@@ -12,9 +12,9 @@ from csstsim.catalog.base import CatalogBase, name_of, users_code
 def open_catalog(config, region, brick_file, key):
     """Return the loaded catalogue of a region.
 
-    config: config.CatalogConfig; region: base.Region (select.region_for); brick_file: brick number -> path; key: what
-    embedded bricks are made for, {seed, universe, camera, lensing}. Raises InputError, also for what the user's own
-    code raises.
+    config: config.CatalogConfig; region: base.Region (select.region_for); brick_file: brick number -> path; key: the
+    inputs of embedded bricks, {seed, universe, camera, lensing}. Raises InputError, also for exceptions of the user's
+    own code.
     """
     if config.kind == "embedded":
         from csstsim.catalog.embedded import EmbeddedCatalog

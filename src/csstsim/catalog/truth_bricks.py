@@ -52,7 +52,7 @@ def make_brick(seed, pix, universe, camera, lensing):
 
 
 def brick_meta(seed, pix, universe, camera, lensing):
-    """Return what a brick's content depends on, as recorded in its file."""
+    """Return the inputs on which a brick's content depends, as recorded in its file."""
     return {
         "product": "truth brick",
         "csstsim": release(),

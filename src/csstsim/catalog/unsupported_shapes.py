@@ -50,7 +50,7 @@ _BAND = re.compile(r"(^[nq]|(?<=[a-z0-9_]{2}))[^a-z0-9](nuv|u|g|r|i|z|y|vis)$")
 
 
 def advice_for(name, given):
-    """Return what to give in place of a galaxy's column `name`.
+    """Return advice on what to give instead of a galaxy's column `name`.
 
     None if it is not a shape, or if a column to give instead is present. given: the names of all columns.
     """

@@ -153,7 +153,7 @@ def verify_hdu(hdu, path):
 
 
 def _sum_of(path, start, stop):
-    """Return the sum of the words of a part of a file."""
+    """Return the sum of the 32-bit words in bytes start..stop of a file."""
     total, left = 0, stop - start
     with open(path, "rb") as file:
         file.seek(start)
@@ -214,8 +214,8 @@ def image_header(hdu, path):
 def read_pixels(hdu, path, verify=False):
     """Return an image extension's array with the bits that were written (uint16 where BZERO says so).
 
-    verify: as verify_hdu does, in the same pass. Raises InputError for an image that is not what its header says, or
-    compressed data that cannot be unpacked.
+    verify: check its sum as verify_hdu does, in the same pass. Raises InputError for an image that does not match its
+    header, or compressed data that cannot be unpacked.
     """
     header = image_header(hdu, path)
     shape = [header.get(f"NAXIS{i}") for i in range(_number(header.get("NAXIS")), 0, -1)]

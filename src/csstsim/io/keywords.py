@@ -36,7 +36,7 @@ _KEYS = {"hdu", "block", "keyword", "constant", "from", "repeat", "comment"}
 
 
 def recorded_recipe(header):
-    """Return the recipe that a primary header of Level-0 or of a calibrated image states; None for what it lacks."""
+    """Return the recipe stated in a primary header of Level-0 or a calibrated image; None for what it lacks."""
     recipe = {name: header.get(keyword) for name, keyword in RECIPE.items()}
     return recipe | {"csstsim": release(header["SIMVER"]) if "SIMVER" in header else None}
 
@@ -96,8 +96,8 @@ def header_values(state, provenance, filename, layout):
     """Return {name: value} of everything a Level-0 header can state.
 
     `provenance` holds recipe ({name: digest}, see RECIPE), truth_hash, psf_hash, seed, campaign_name, ephemeris,
-    planets, layers (list of {keyword: parameters}) and stages (list of [stage, wall s, cpu s]); what is missing gives
-    None.
+    planets, layers (list of {keyword: parameters}) and stages (list of [stage, wall s, cpu s]); a missing entry
+    gives None.
     """
     values = dict.fromkeys(_FROM_LAYERS) | state.header
     values |= _exposure(state.pointing) | _detector(state, layout) | _simulation(provenance)

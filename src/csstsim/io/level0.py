@@ -62,7 +62,7 @@ class Channel:
     """One readout channel of a Level-0 file, oriented as on the chip. DN, uint16."""
 
     number: int
-    window: Window  # where `active` lies on the chip
+    window: Window  # of `active` on the chip
     active: np.ndarray
     prescan: np.ndarray
     serial_overscan: np.ndarray

@@ -19,7 +19,7 @@ def check_owner(run):
     except FileNotFoundError:
         return
     except NotADirectoryError:
-        raise InputError("is not a folder, or lies below a file", file=run.paths.output, key="output") from None
+        raise InputError("is not a folder, or is below a file", file=run.paths.output, key="output") from None
     except (OSError, ValueError):
         raise InputError("cannot be read; remove it if no other campaign uses this folder", file=path) from None
     if owner != _about(run):

@@ -1,4 +1,4 @@
-"""The truth table beside each Level-0 file (parquet).
+"""The truth table that accompanies each Level-0 file (parquet).
 
 The 33 columns of the C9 `.cat` files come first, by their names there (facts.md section 5), with NaN where
 the catalogue has no such quantity; then everything the simulator adds, and the catalogue's own columns (user_*).
@@ -27,7 +27,7 @@ CAT_COLUMNS = {
     "e1": "e1", "e2": "e2", "kappa": "kappa", "g1": "g1", "g2": "g2", "size": "size", "galType": "gal_type",
     "veldisp": "veldisp",
 }  # fmt: skip
-# What the other columns hold: a Level-0 file's own, in place of what catalog.table.COLUMNS says, or beside it
+# The other columns: they replace or add to the descriptions in catalog.table.COLUMNS
 ABOUT = {
     "chip": "chip of the Level-0 file",
     "filter": "its filter or grating",
@@ -93,7 +93,7 @@ def truth_table(drawn, chip):
 
 
 def electron_budget(header, pixels):
-    """Return {name: electrons} of a window of `pixels`, from what the layers put into State.header.
+    """Return {name: electrons} of a window of `pixels`, from the layers' entries in State.header.
 
     light (which includes `objects`), dark, rays and defects add charge; trapped and bloomed charge is lost on the way
     to the amplifiers.

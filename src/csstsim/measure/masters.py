@@ -90,7 +90,7 @@ def _average(images, read_noise):
 
 
 def _hot(charge, read_noise):
-    """Return (pixels that stand out, mean charge of the others)."""
+    """Return (outlying pixels, mean charge of the others)."""
     middle = float(np.median(charge))
     bad = charge > middle + HOT_SIGMA * np.sqrt(max(middle, 0.0) + read_noise**2)
     return bad, float(charge[~bad].mean(dtype=float))

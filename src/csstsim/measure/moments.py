@@ -126,7 +126,7 @@ def _smoothed(means, gauss, smooth):
     xx = k[0] * k[0] * c[0] + 2.0 * k[0] * k[1] * c[1] + k[1] * k[1] * c[2]
     xy = k[0] * k[1] * c[0] + (k[0] * k[2] + k[1] * k[1]) * c[1] + k[1] * k[2] * c[2]
     yy = k[1] * k[1] * c[0] + 2.0 * k[1] * k[2] * c[1] + k[2] * k[2] * c[2]
-    # rho^4 of the smoothed light: about each K r stands a Gaussian of covariance s2 K
+    # rho^4 of the smoothed light: each K r is the centre of a Gaussian of covariance s2 K
     a, b = (s2 * inverse[0], s2 * inverse[1], s2 * inverse[2]), _product(k, inverse)
     spread = a[0] + a[2]
     rho4 = means[5] + 2.0 * spread * _trace(b, c) + 4.0 * _trace(_product(a, b), c) + spread**2 + 2.0 * _trace(a, a)

@@ -30,7 +30,7 @@ def subband_fluxes(seds, filter, telescope, wavelength=GRID):
     weights = subband_weights(filter, telescope, wavelength)
     used = np.flatnonzero(weights.any(axis=0))
     band = slice(used[0], used[-1] + 1)
-    # einsum, not a BLAS product: the same bits whatever the number of threads
+    # einsum, not a BLAS product: the same bits for any number of threads
     return np.einsum("nw,fw->nf", np.asarray(seds)[:, band], weights[:, band])
 
 

@@ -18,8 +18,8 @@ def reasons(table):
     lensed = np.isfinite(kappa + gamma1 + gamma2)
     _, thin = magnification(*(np.where(lensed, v, 0.0) for v in (kappa, gamma1, gamma2)))
     found = {
-        "ra or dec is no place on the sky": ~np.isfinite(table["ra"] + table["dec"]) | (np.abs(table["dec"]) > 90),
-        "obj_type is none of " + ", ".join(TYPES): ~np.isin(table["obj_type"], range(len(TYPES))),
+        "ra, dec is not a position on the sky": ~np.isfinite(table["ra"] + table["dec"]) | (np.abs(table["dec"]) > 90),
+        "obj_type is not one of " + ", ".join(TYPES): ~np.isin(table["obj_type"], range(len(TYPES))),
         "a galaxy whose bulge_frac is not within 0..1": galaxy & ~((share >= 0) & (share <= 1)),
         "a galaxy whose |e1, e2| is not below 1": galaxy & ~(np.hypot(table["e1"], table["e2"]) < 1),
         "kappa, gamma1 or gamma2 is not finite": (table["obj_type"] != STAR) & ~lensed,

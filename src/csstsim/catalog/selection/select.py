@@ -81,27 +81,29 @@ def select_objects(
     catalog, wcs, observer, window, filter, telescope, exptime, noise, mag_limit=None, rotated=False, scattered=None,
     box=POINT_MAX, disperser=None,
 ):  # fmt: skip
-    """Return the ObjectTable of what reaches `window` of a chip, with the columns the renderer needs.
+    """Return the ObjectTable of the objects that reach `window` of a chip, with the columns the renderer needs.
 
     catalog: a CatalogBase; wcs: optics.geometry.wcs.ChipWCS; observer: ephemeris.Observer; window:
     instrument.chip.Window; exptime in s; noise: Noise; rotated: turn intrinsic ellipticities by 90 degrees (the paper's
     twin campaign, in which nothing else differs); scattered: Scattered (optics.scatter) or None; box: half the side
     of the stored PSF [pixel]; disperser: optics.gratings.dispersion.Disperser of a spectroscopic chip, whose light
-    lands elsewhere, or None. ra, dec become the apparent direction. Added: ra_orig, dec_orig (the catalogue's, J2000),
-    ra_epoch, dec_epoch (ICRS at the epoch, what a measurement can know), x, y (0-based pixel), mag (this filter),
-    flux0..3 (electron / s, magnified), reach (pixel, half the side of the stamp), lost (fraction of a galaxy's light
-    that may lie beyond it), wing (pixel, radius at which noise hides the light beyond the PSF's box; 0: it hides all of
-    it), flags. mag_* are as observed, magnification included. Rows with an unusable value are kept, flagged and without
-    light, if they lie on the window or their place is unknown. Behind a grating x, y is where light would fall
-    without it, flux0..3 and mag are those of the first order, and a column `catalog_row` says where to find the
-    spectrum (catalog.light.object_spectra). `meta` gets `dropped` (counts by reason) and `truth_hash`.
+    lands elsewhere, or None.
+
+    ra, dec become the apparent direction. Added columns: ra_orig, dec_orig (the catalogue's, J2000), ra_epoch,
+    dec_epoch (ICRS at the epoch, to compare with measurements), x, y (0-based pixel), mag (this filter), flux0..3
+    (electron / s, magnified), reach (pixel, half the side of the stamp), lost (fraction of a galaxy's light that may
+    lie beyond it), wing (pixel, radius at which noise hides the light beyond the PSF's box; 0: it hides all of it),
+    flags. mag_* are as observed, magnification included. Rows with an unusable value are kept, flagged and without
+    light, if they lie on the window or their place is unknown. Behind a grating x, y is where light would fall without
+    it, flux0..3 and mag are those of the first order, and the column `catalog_row` is the object's row in the
+    catalogue, for its spectrum (catalog.light.object_spectra). `meta` gets `dropped` (counts by reason), `truth_hash`.
     """
     everything = catalog.table
     rows, places = near(everything, wcs, observer, window, 0.0 if disperser is None else disperser.gratings.reach)
     table = everything.take(rows)
     optics = noise.variance(exptime), scattered, box, wcs.chip, filter, telescope
     bound = catalog.rate_bound(rows, filter, telescope)
-    if bound is not None:  # spectra of what cannot reach the window need not be summed
+    if bound is not None:  # spectra of objects that cannot reach the window are not summed
         electrons = bound * _magnification(table)[0] * exptime
         reach, _, wing, ghosts, _ = _extent(table, unusable(table, electrons[:, None]), electrons, *optics)
         far = np.maximum.reduce([reach, wing, ghosts])
@@ -199,7 +201,7 @@ def _extent(table, bad, electrons, variance, scattered, box, chip, filter, teles
 
 
 def _scattered_reach(scattered, electrons, variance, chip):
-    """Return how far each object's wing [pixel] needs to go, and how far its ghosts lie if they are bright enough."""
+    """Return the radius to which each object's wing is drawn, and the distance of its visible ghosts [pixel]."""
     if scattered is None:
         return np.zeros_like(electrons), np.zeros_like(electrons)
     ghosts = 0.0 if scattered.ghosts is None else scattered.ghosts.reach(chip) * scattered.ghosts.visible(electrons)

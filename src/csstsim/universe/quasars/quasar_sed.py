@@ -75,7 +75,7 @@ class QuasarSeds:
             part = slice(start, start + _CHUNK)
             one = np.ones(len(z[part]))
             seds = self.spectra(z[part], coefficients[part], one, av[part], GRID[band])
-            # einsum, not a BLAS product: the same bits whatever the number of threads
+            # einsum, not a BLAS product: the same bits for any number of threads
             total[part] = np.einsum("nw,bw->nb", seds, weights[:, band])
         return total
 
