@@ -6,7 +6,7 @@
     report = check(Mine, {"file": "mine.csv"}, sky_region(ra=10.0, dec=-2.0, radius=0.1))
     assert not report.faults, report
 
-A fault means that an object or all objects would be drawn wrongly or not at all; the cause of a warning may be
+A fault means that an object or all objects would be drawn wrongly or not at all; what a warning reports may be
 intended. An exception raised by the catalogue's own code becomes an InputError with class, method and object.
 """
 

@@ -21,7 +21,8 @@ FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
 BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
 LIKE = 0.81  # similarity from which a name counts as misspelt: typ does; mag_k, a band that csstsim lacks, does not
 _KNOWN = {*COLUMNS, "type", "size"}
-_TYPED = {"ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2"}  # and magnitudes
+# Names that users type: similar ones count as misspelt. Magnitudes are added.
+_TYPED = {"ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2"}
 _UNITS = {
     **dict.fromkeys(("ra", "dec"), "deg"), **dict.fromkeys(("size", "size_disk", "size_bulge"), "arcsec"),
     **dict.fromkeys(("pmra", "pmdec"), "mas / yr"), "parallax": "mas", "rv": "km / s", "teff": "K", "av": "mag",
@@ -68,7 +69,7 @@ def _check_csv(lines, path):
 def plain_columns(table, where="catalog"):
     """Return {name: (n,) values} of an astropy Table, blanks as NaN or "", converted to csstsim's units.
 
-    Raises InputError for a unit that does not fit the column, or a column of other things than numbers or words.
+    Raises InputError for a unit that does not fit the column, or a column that is not of single numbers or words.
     """
     return {name: _plain(name, table[name], where) for name in table.colnames}
 

@@ -52,7 +52,7 @@ _BAND = re.compile(r"(^[nq]|(?<=[a-z0-9_]{2}))[^a-z0-9](nuv|u|g|r|i|z|y|vis)$")
 def advice_for(name, given):
     """Return advice on what to give instead of a galaxy's column `name`.
 
-    None if it is not a shape, or if a column to give instead is present. given: the names of all columns.
+    Return None if it is not a shape, or if a column to give instead is present. given: the names of all columns.
     """
     if name in COLUMNS or name == "size" or name.startswith("mag_"):
         return None

@@ -3,7 +3,7 @@
     tau(lambda, z) = sum_lines A_l (lambda / lambda_l)^p                        lambda < lambda_l (1 + z)
                    + sum_t C_t x^p_t ((1 + z)^q_t - x^q_t), x = lambda / 912    lambda < 912 (1 + z)
 
-The four terms of the continuum, which include Lyman limit systems, are in the paper's footnote 3.
+The four terms of the continuum, which include Lyman limit systems, are in Madau's footnote 3.
 
 Left out: scatter between sight-lines, damped systems.
 """

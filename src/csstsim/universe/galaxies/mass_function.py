@@ -3,8 +3,8 @@
     phi(M) = ln 10 exp(-x) (phi1 x^(1 + alpha1) + phi2 x^(1 + alpha2)),  x = M / M*      Mpc-3 dex-1
 
 with the parameters published at some redshifts; ln phi is linear in z between them. Below `pivot`, where the published
-counts end, phi continues as a power law of slope `faint_slope(z)`. Masses are of living stars and remnants, in log10
-of the solar mass.
+counts end, phi continues as a power law of slope `faint_slope(z)`. Masses are of living stars and remnants, given as
+log10 of solar masses.
 """
 
 import numpy as np

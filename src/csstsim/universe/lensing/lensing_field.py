@@ -7,7 +7,7 @@ Matter between z = 0 and z_max lies in shells, each with its own random potentia
 
     psi_i(n) = sum_s a_is sum_p x_isp exp(-(1 - n . p) / sigma_s^2)
 
-x are independent normal deviates at the centres p of HEALPix pixels finer than sigma_s. The kernels are local, so a
+The x are independent normal deviates at the centres p of HEALPix pixels finer than sigma_s. The kernels are local, so a
 brick needs only the deviates around it. They are differentiated in closed form, so the shear matches the convergence
 exactly (no B mode), also at the poles. The widths run in steps of sqrt(2) from 40 deg to 0.3 arcmin; a_is is fitted
 such that kappa_i has the shell's Limber spectrum of halofit. Values at galaxies are interpolated on a tangent grid.
