@@ -74,19 +74,19 @@ def _find(electrons, left_out, sky, read_variance, pairs):
     """Test all pixels, then those next to each found one; return bool (ny, nx). pairs (4,): right, up, diagonals."""
     ny, nx = electrons.shape
     found = np.zeros((ny, nx), np.bool_)
-    beside = [(0, 0) for _ in range(0)]
+    queue = [(0, 0) for _ in range(0)]
     for y in range(1, ny - 1):
         for x in range(1, nx - 1):
             if _is_ray(electrons, found, left_out, sky, read_variance, pairs, y, x, SIGMA, NOISE):
                 found[y, x] = True
-                beside.append((y, x))
-    while len(beside):
-        row, column = beside.pop()
+                queue.append((y, x))
+    while len(queue):
+        row, column = queue.pop()
         for y in range(max(row - 1, 1), min(row + 2, ny - 1)):
             for x in range(max(column - 1, 1), min(column + 2, nx - 1)):
                 if _is_ray(electrons, found, left_out, sky, read_variance, pairs, y, x, NEIGHBOUR_SIGMA, 0.0):
                     found[y, x] = True
-                    beside.append((y, x))
+                    queue.append((y, x))
     return found
 
 

@@ -2,7 +2,7 @@
 
 The bias of each readout channel is the robust mean of its own serial overscan (bias + read noise only), and its read
 noise the robust scatter there. measure.charge_correction moves charge back to where light created it. The result is
-divided by flat field and shutter response. Dark current and sky are part of the background in `measure.detect`.
+divided by the response of flat field and shutter. Dark current and sky are part of the background in `measure.detect`.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from csstsim.detector.cubic import straighten
 
 # Deferred and bloomed charge leaks into the first overscan columns; they are not pure bias.
 OVERSCAN_SKIP = 4
-GAIN_MAX = 1000.0  # e-/DN: with more, 16 bits would exceed any pixel's full well
+GAIN_MAX = 1000.0  # e-/DN: with more, 65535 DN would exceed any full well by far
 _ROWS = 64
 
 

@@ -50,9 +50,9 @@ def combine(passes, fit, kernel):
     main = owner == np.arange(len(hot.x))
     outstanding = (local > LOCAL_SHARE * flux[owner]) | (local * kernel.max() > LOCAL_CONTRAST * level * kernel.sum())
     distinct = (local > LOCAL_SNR * local_error) & outstanding
-    stands = (hot.segment == 0) | main | distinct
+    kept = (hot.segment == 0) | main | distinct
     # Light of the segment that its point sources do not explain.
-    inside = stands & (hot.segment > 0)
+    inside = kept & (hot.segment > 0)
     explained = np.bincount(hot.segment[inside], flux[inside], len(cold.x) + 1)[1:]
     area = np.bincount(passes.segments.ravel(), minlength=len(cold.x) + 1)[1:]
     noise = np.sqrt(np.maximum(cold.flux, 0.0) + area * float(np.median(passes.rms)) ** 2)
@@ -63,8 +63,8 @@ def combine(passes, fit, kernel):
     beneath = np.flatnonzero(extended & (peak >= 0))
     top = peak[beneath]
     apart = np.hypot(hot.x[top] - cold.x[beneath], hot.y[top] - cold.y[beneath]) > APART
-    stands[top[~((local[top] > APART_SNR * local_error[top]) & apart)]] = False
-    rows = np.flatnonzero(stands), np.flatnonzero(extended)
+    kept[top[~((local[top] > APART_SNR * local_error[top]) & apart)]] = False
+    rows = np.flatnonzero(kept), np.flatnonzero(extended)
     columns = {
         f.name: np.concatenate([getattr(part, f.name)[row] for part, row in zip((hot, cold), rows, strict=True)])
         for f in fields(Sources)

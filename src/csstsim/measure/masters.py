@@ -27,7 +27,7 @@ FAINTEST = 100.0  # e-
 
 @dataclass(frozen=True)
 class Masters:
-    """flat (ny, nx) float32; bad (ny, nx) bool; dark [e-/s]; offset {channel: e-}, what remains of the bias."""
+    """flat (ny, nx) float32; bad (ny, nx) bool; dark [e-/s]; offset {channel: e-}, the remaining bias."""
 
     flat: np.ndarray
     bad: np.ndarray

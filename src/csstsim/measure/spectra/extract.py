@@ -1,4 +1,4 @@
-"""Quick extraction of slitless spectra along the true traces: with a box, and optimal (Horne 1986, PASP 98, 609).
+"""Quick extraction of slitless spectra along the true traces: box sums and optimal weights (Horne 1986, PASP 98, 609).
 
 Wavelengths are those of the pixel columns themselves, lambda(X) = (X - x - p) / q: nothing is resampled. With d the
 electrons of a pixel less those of others (measure.spectra.spectral_model) and the sky (measure.spectra.local_sky), P

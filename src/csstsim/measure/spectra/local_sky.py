@@ -2,7 +2,7 @@
 
 The mean of the two sides is the level at the trace also if the sky slopes across it; between blocks it is linear. A
 side with a usable share below USABLE (the window's edge, a saturated neighbour) is left out. The strips also contain
-the object's own far light, and bright columns raise the sky of dim ones: `sky_less_own` removes it.
+the object's own far light, so bright columns raise the sky of dim ones; `sky_less_own` corrects this.
 """
 
 from dataclasses import dataclass
