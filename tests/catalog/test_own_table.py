@@ -107,14 +107,14 @@ def test_units_are_turned_into_ours():
     plain = plain_columns(table)
     assert plain["ra"][0] == pytest.approx(15.0) and plain["dec"][0] == 0.5 and plain["size"][0] == pytest.approx(60.0)
     assert plain["mag_r"][0] == 20.0
-    with pytest.raises(InputError, match="dec: a unit that does not fit"):
+    with pytest.raises(InputError, match="dec: the unit does not fit the column"):
         plain_columns(QTable({"dec": [1.0] * u.m}))
     for wrong in (u.Jy, u.STmag):
-        with pytest.raises(InputError, match="mag_r: a unit that does not fit"):
+        with pytest.raises(InputError, match="mag_r: the unit does not fit the column"):
             plain_columns(QTable({"mag_r": [1.0] * wrong}))
-    with pytest.raises(InputError, match="e1: a unit that does not fit"):
+    with pytest.raises(InputError, match="e1: the unit does not fit the column"):
         plain_columns(QTable({"e1": [1.0] * u.deg}))
-    with pytest.raises(InputError, match="one number or word a row"):
+    with pytest.raises(InputError, match="one number or word per row"):
         plain_columns(Table({"ra": np.zeros((2, 2))}))
 
 
@@ -129,25 +129,25 @@ def test_units_are_turned_into_ours():
         ({"columns": columns(ra=[1.0])}, "differ in length"),
         ({"columns": columns(ra=["1h", "2h"])}, "ra: must be numbers"),
         ({"columns": columns(mag_r=[20.0, np.nan])}, "row 2 has no magnitude"),
-        ({"columns": columns(mag_r=[20.0, 999.0])}, "row 2 has a magnitude beyond"),
-        ({"columns": columns(mag_g=[99.0, 20.0])}, "row 1 has a magnitude beyond"),
-        ({"columns": columns(mag_g=[20.0, -99.0])}, "row 2 has a magnitude beyond"),
+        ({"columns": columns(mag_r=[20.0, 999.0])}, "row 2 has a magnitude outside"),
+        ({"columns": columns(mag_g=[99.0, 20.0])}, "row 1 has a magnitude outside"),
+        ({"columns": columns(mag_g=[20.0, -99.0])}, "row 2 has a magnitude outside"),
         ({"columns": columns(typ=["star", "star"])}, "typ: is type meant"),
         ({"columns": columns(mag_G=[20.0, 20.0])}, "mag_G: is mag_g meant"),
         ({"columns": {"RA": [1.0], "DEC": [1.0], "mag_r": [20.0]}}, "RA: is ra meant"),
-        ({"columns": columns(size=[0.5, 0.5])}, "a column type is missing"),
+        ({"columns": columns(size=[0.5, 0.5])}, "the column type is missing"),
         ({"columns": columns(type=["galaxy", "star"])}, "row 1 cannot be drawn: a galaxy without size_disk"),
-        ({"columns": columns(id=[3, 3])}, "row 2 cannot be drawn: its id is that of another row"),
+        ({"columns": columns(id=[3, 3])}, "row 2 cannot be drawn: another row has the same id"),
         ({"columns": columns(ra=[10.0, 510.0])}, "row 2 cannot be drawn: ra is not within"),
-        ({"columns": columns(dec=[95.0, 1.0])}, "row 1 cannot be drawn: ra or dec is no place"),
+        ({"columns": columns(dec=[95.0, 1.0])}, "row 1 cannot be drawn: ra, dec is not a position"),
         ({"columns": columns(e1=["0.1", "junk"])}, "e1: must be numbers .got 'junk'"),
         (
             {"columns": columns(type=["galaxy"] * 2, size=[0.6, 0.6], size_disk=[0.3, 0.3], size_bulge=[0.3, 0.3])},
-            "size: says what size_disk and size_bulge say",
+            "size: means the same as size_disk and size_bulge",
         ),
         ({"columns": columns(type=["star", "comet"])}, "unknown type .got 'comet'"),
         ({"columns": columns(id=[1.5, 2.0])}, "id: does not fit"),
-        ({"file": "objects.txt"}, "a table of unknown kind"),
+        ({"file": "objects.txt"}, "unknown kind of table"),
         ({"file": "missing.csv"}, "cannot read"),
         ({"file": "missing.fits"}, "missing.fits"),
     ],

@@ -114,7 +114,7 @@ def test_damaged_and_foreign_files_are_refused(tmp_path):
 def test_brick_made_for_something_else_is_refused(tmp_path, name, value):
     path = tmp_path / "Npix=0.parquet"
     brick(0).write(path)
-    with pytest.raises(InputError, match=f"{name}: the brick was made for something else"):
+    with pytest.raises(InputError, match=f"{name}: the brick was made for another configuration"):
         read_brick(path, brick_meta(pix=0, **key()) | {name: value})
 
 

@@ -216,7 +216,7 @@ def test_the_contract_finds_faults(camera, cls, fault):
         (beside(**GALAXY, bulge_frac=-0.1), "bulge_frac"),
         (beside(**GALAXY, kappa=1.2), "strongly lensed"),
         (beside(**GALAXY, gamma1=np.nan), "kappa, gamma1 or gamma2 is not finite"),
-        (beside(dec=95.0), "no place on the sky"),
+        (beside(dec=95.0), "not a position on the sky"),
         (beside(size_disk=0.5), "a star, drawn as a point, has a size or an ellipticity: object 9"),
         (one(pm_ra=3.0), "pm_ra is unknown to csstsim; is pmra meant: object 9"),
         (one(PARALAX="dwarf"), "is parallax meant"),

@@ -224,8 +224,8 @@ def test_files_that_cannot_be_read(small, tmp_path):
 
 @pytest.mark.parametrize(
     ("key", "value", "message"),
-    [("LAYOUT", "tiles", "unknown layout"), ("READX1", 999, "does not hold together"), ("OSCAN1", 8, "not the pixels"),
-     ("DETSIZE", "big", "does not hold together")],
+    [("LAYOUT", "tiles", "unknown layout"), ("READX1", 999, "is inconsistent"), ("OSCAN1", 8, "not the pixels"),
+     ("DETSIZE", "big", "is inconsistent")],
 )  # fmt: skip
 def test_headers_that_contradict_the_pixels(small, tmp_path, key, value, message):
     made(small, tmp_path / "x.fits", "channels")

@@ -48,7 +48,7 @@ def test_a_column_is_missing(orders, tmp_path, name):
     write_orders(path, orders, {})
     table = ObjectTable.read(path)
     ObjectTable({other: table[other] for other in table.names if other != name}).write(path, {})
-    with pytest.raises(InputError, match=f"{name}.*column needed"):
+    with pytest.raises(InputError, match=f"{name}.*required column is missing"):
         read_orders(path)
 
 

@@ -1,7 +1,7 @@
-"""CatalogBase: how any True Universe comes into the simulator (paper, section 3 and Appendix A).
+"""CatalogBase: the interface between any True Universe and the simulator (paper, section 3 and Appendix A).
 
 A catalogue of your own is one class with the paper's four methods, in a module on the Python path that the campaign
-names (`catalog: {kind: "mine:Mine", options: {...}}`). A whole one:
+names (`catalog: {kind: "mine:Mine", options: {...}}`). A complete example:
 
     import numpy as np
     from astropy.table import Table
@@ -108,9 +108,9 @@ class CatalogBase(ABC):
 
     @classmethod
     def files(cls, options):
-        """Return the paths of the files in `options` whose content decides the chips.
+        """Return the paths of the files in `options` whose content affects the chips.
 
-        They are read whole each time a campaign is opened; leave out files that are too large for that.
+        Each is read completely whenever a campaign is opened; leave out files that are too large for that.
         """
         return ()
 
@@ -189,7 +189,7 @@ class CatalogBase(ABC):
 
 
 def _refuse_units(catalog, columns):
-    """Raise InputError for a quantity with a unit where csstsim wants a number."""
+    """Raise InputError for a quantity with a unit where csstsim needs a number."""
     for name, values in columns.items():
         value = next((value for value in values if hasattr(value, "unit")), None)
         if value is not None:
@@ -217,7 +217,7 @@ def name_of(catalog):
 
 @contextmanager
 def users_code(where):
-    """Turn an exception of the user's code inside into an InputError of one line: where, what, and the user's line."""
+    """Turn an exception of user code in the block into a one-line InputError: where, what, and the user's line."""
     with explained("catalogue"):
         try:
             yield
@@ -236,9 +236,9 @@ def read_columns(table, name, where):
     Both are float64 and of one length. `where` begins the message. Raises InputError for anything not of that form.
     """
     try:
-        wave = np.round(_plain(table["WAVELENGTH"], "AA"), 6)  # 1100 nm is 11000 A, not a bit less
+        wave = np.round(_plain(table["WAVELENGTH"], "AA"), 6)  # so that 1100 nm is exactly 11000 A
         values = _plain(table[name], "photon / (s m2 AA)" if name == "FLUX" else None, wave)
-    except ValueError as exc:  # no numbers, or astropy knows no way from the column's unit
+    except ValueError as exc:  # no numbers, or a unit that astropy cannot convert
         raise InputError(f"WAVELENGTH or {name} cannot be used: {exc}", key=where) from None
     except (KeyError, TypeError, IndexError):
         raise InputError(f"must return a table with the columns WAVELENGTH and {name}", key=where) from None

@@ -4,10 +4,10 @@ In a campaign: `catalog: {kind: "csstsim.catalog.c9:C9Catalog", options: {stars:
 
     stars      the embedded atmospheres at (Teff, log g, [Fe/H]), dimmed by A(V), with AB app_sdss_g in SDSS g
     galaxies   max(0, sum_k coeff_k B_k(lambda / (1 + z))) as f_lambda, with AB mag_csst_i in CSST's i
-    quasars    row `qsoindex` of a table of observed f_lambda; they are objects of their own besides their galaxies
+    quasars    row `qsoindex` of a table of observed f_lambda; each is an object in addition to its galaxy
 
 Assumed where the public description is not explicit: app_sdss_g is as observed, with dust; z_met is the mass fraction
-of metals (an option); one `size` is that of bulge and disk; the bulge's share of the light is its share of the mass;
+of metals (an option); bulge and disk have the same `size`; the bulge's share of the light is its share of the mass;
 `shear` is gamma; ellipticity and shear have csstsim's axes; magnitudes are before magnification. Left out: dust and
 intergalactic absorption in galaxies' spectra, except what their magnitudes contain.
 """
@@ -142,7 +142,7 @@ class C9Catalog(CatalogBase):
         return Table({"WAVELENGTH": GRID, "SENSITIVITY": self._curves[int(obj.obj_type)]})
 
     def load_seds(self, rows):
-        """Return (len(rows), 18001) spectra [photon / s / m2 / A] on the paper's grid; NaN for a useless parameter."""
+        """Return (len(rows), 18001) spectra [photon / s / m2 / A] on the paper's grid; NaN for unusable parameters."""
         table = self._table.take(np.asarray(rows, dtype=int))
         seds = self._shapes(table)
         for kind, curve in self._curves.items():
@@ -201,7 +201,7 @@ def _quasars(columns, host, active):
 
 
 def _complete(columns):
-    """Return the ObjectTable of one kind's columns, those of the other kinds filled in; magnitudes are CSST's."""
+    """Return the ObjectTable of one kind of object, defaults in the columns of other kinds; magnitudes are CSST's."""
     extras = {"mag_norm": np.float32(np.nan), "qsoindex": np.int64(-1)}
     extras |= {f"coeff{k}": np.float32(0.0) for k in range(COEFFICIENTS)}
     full = {name: np.asarray(columns.get(name, default), default.dtype) for name, default in extras.items()}
@@ -209,7 +209,7 @@ def _complete(columns):
 
 
 def _ids(pixel, first, count, kind):
-    """Return ids that no other pixel, row or kind has: pixel x 2^32 + 4 row + kind."""
+    """Return ids unique to pixel, row and kind: pixel x 2^32 + 4 row + kind."""
     return (np.int64(pixel) << 32) + 4 * (first + np.arange(count, dtype=np.int64)) + kind
 
 

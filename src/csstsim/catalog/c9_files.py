@@ -7,7 +7,7 @@ size [arcsec], ellipticity_true (n, 2), shear (n, 2), kappa, bulgemass, diskmass
 qsoindex (-1: none), coeff (n, 20).
 A pixel is a HEALPix RING number at NSIDE 128, a bundle one at NSIDE 16. A pixel that is not in a file is empty.
 
-The layout is that of public converters into this form (csv_to_c9h5.py, csv_to_c9_galaxies_h5.py and
+The layout is taken from public converters to this format (csv_to_c9h5.py, csv_to_c9_galaxies_h5.py and
 gaia_fits_to_c9h5_v2.py, which says that the official files hold log10 K and mass fractions). DM and detA follow from
 other columns and are not read.
 """
@@ -23,7 +23,7 @@ from csstsim.base.files.hdf5_file import group, numbers
 
 STAR_COLUMNS = ("RA", "DEC", "app_sdss_g", "teff", "grav", "z_met", "AV", "mass")
 STAR_OPTIONAL = ("pmra", "pmdec", "RV", "parallax")
-BANDS = ("nuv", "u", "g", "r", "i", "z", "y")  # of CSST, which the files are of
+BANDS = ("nuv", "u", "g", "r", "i", "z", "y")  # of CSST, for which the files are made
 GALAXY_COLUMNS = (
     *("ra", "dec", "redshift", "size", "kappa", "bulgemass", "diskmass", "type", "veldisp", "qsoindex"),
     *(f"mag_csst_{band}" for band in BANDS),
@@ -72,7 +72,7 @@ def read_array(file, name, ndim):
     with _open(file) as h5:
         values = numbers(h5, name, file)
     if values.ndim != ndim or not np.isfinite(values).all():
-        raise InputError(f"must be finite, of {ndim} axes", file=file, key=name, value=values.shape)
+        raise InputError(f"must be finite and have {ndim} axes", file=file, key=name, value=values.shape)
     return values.astype(float)
 
 

@@ -1,4 +1,4 @@
-"""The Sersic components of the objects of a table: the one place that says which profiles a galaxy has."""
+"""The Sersic components of the objects of a table: the only definition of a galaxy's profiles."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The contract test of a catalogue of your own: checks on a region of the sky what csstsim requires.
+"""The contract test of your own catalogue: checks csstsim's requirements on a region of the sky.
 
 `csstsim check CAMPAIGN` runs it on the campaign's first exposure. In your test:
 
@@ -6,8 +6,8 @@
     report = check(Mine, {"file": "mine.csv"}, sky_region(ra=10.0, dec=-2.0, radius=0.1))
     assert not report.faults, report
 
-With a fault, an object or all objects would be drawn wrongly or not at all; a warning may be intended. An exception of
-the catalogue's own code becomes an InputError with class, method and object.
+A fault means that an object or all objects would be drawn wrongly or not at all; what a warning reports may be
+intended. An exception raised by the catalogue's own code becomes an InputError with class, method and object.
 """
 
 from collections import defaultdict
@@ -50,9 +50,9 @@ class Report:
 
 
 def sky_region(ra, dec, radius, bands=()):
-    """Return the Region of a circle's bounding square, by corners; in deg, ICRS. Not for one that holds a pole.
+    """Return the Region of a circle's bounding square, by corners [deg, ICRS]. The circle must not contain a pole.
 
-    bands: of the camera; `check` puts those of its own.
+    bands: of the camera; `check` replaces them by those of its own camera.
     """
     import healpy
 
@@ -67,8 +67,8 @@ def sky_region(ra, dec, radius, bands=()):
 def check(cls, options, region, camera=None, most=100):
     """Return the Report of the CatalogBase class `cls` with `options` on a Region.
 
-    camera: instrument.camera.Camera (None: the shipped one); most: objects of each type whose spectra are tried. Raises
-    InputError for what the class raises or returns in the wrong form.
+    camera: instrument.camera.Camera (None: the shipped one); most: number of objects of each type whose spectra are
+    checked. Raises InputError for what the class raises or returns in the wrong form.
     """
     camera = camera or load_camera(SHIPPED / "instrument")
     catalog = make_catalog(cls, options, replace(region, bands=tuple(camera.bands)))
@@ -100,7 +100,7 @@ def _sample(kinds, most):
 
 
 def _check_columns(table, known, faults, warnings):
-    """Look at the objects' parameters."""
+    """Check the objects' parameters."""
     not_drawn = np.zeros(len(table), dtype=bool)
     for reason, mask in reasons(table).items():
         warnings[f"would not be drawn: {reason}"] = list(table["id"][mask])
@@ -117,7 +117,7 @@ def _check_columns(table, known, faults, warnings):
 
 
 def _check_spectrum(catalog, obj, faults, warnings):
-    """Look at the samples of one object's spectrum as `load_sed` gives them."""
+    """Check the samples of one object's spectrum as `load_sed` gives them."""
     where = f"{name_of(catalog)}.load_sed, object {obj.id}"
     with users_code(where):
         sed = catalog.load_sed(obj)
@@ -143,7 +143,7 @@ def _check_spectrum(catalog, obj, faults, warnings):
 
 
 def _check_light(catalog, rows, camera, faults, warnings):
-    """Look at the electrons and magnitudes of `rows` in every imaging band."""
+    """Check the electrons and magnitudes of `rows` in every imaging band."""
     ids = catalog.table["id"][rows]
     mags = np.empty((len(camera.bands), len(rows)))
     for mag, (name, band) in zip(mags, camera.bands.items(), strict=True):

@@ -22,7 +22,7 @@ class SceneCatalog(CatalogBase):
     """A table of objects in the form of the truth bricks, from one file.
 
     options: `file` (parquet, written by ObjectTable.write, e.g. rows cut out of truth bricks) and `universe`, the
-    folder of the spectra's numbers (default: the one shipped). Raises InputError for a damaged or foreign file.
+    folder of the spectra's numbers (default: the shipped one). Raises InputError for a damaged or foreign file.
     """
 
     def __init__(self, options, region):
@@ -47,7 +47,7 @@ class SceneCatalog(CatalogBase):
 
     @property
     def truth_hash(self):
-        """16 hex digits of the records of what was read."""
+        """16 hex digits of the records of the files read."""
         return digest(self._record)
 
     def load_sed(self, obj):
@@ -79,8 +79,8 @@ class SceneCatalog(CatalogBase):
 class EmbeddedCatalog(SceneCatalog):
     """The objects of a region, from its bricks.
 
-    options: `brick_file` (brick number -> path) and what the bricks must have been made for: `seed`, `universe`
-    (numbers.Universe), `camera`, `lensing`. Raises InputError for a missing, damaged or foreign brick.
+    options: `brick_file` (brick number -> path) and the inputs from which the bricks must be made: `seed`, `universe`
+    (universe.parameters.Universe), `camera`, `lensing`. Raises InputError for a missing, damaged or foreign brick.
     """
 
     def __init__(self, options, region):

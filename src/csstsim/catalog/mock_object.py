@@ -11,7 +11,7 @@ class MockObject:
 
     Made from keywords by a catalogue of your own, `MockObject(id=1, type="star", ra=10.0, dec=-2.0,
     teff=5800, spectrum="g2v.fits")`, or as a view of a row of an ObjectTable, `MockObject.view(table, row)`.
-    Names that are no column (`spectrum`) are kept for your `load_sed`. Columns not given have their default.
+    Names that are not columns (`spectrum`) are kept for your `load_sed`. Columns not given have their default.
     Raises InputError for an unknown type.
     """
 

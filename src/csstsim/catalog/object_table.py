@@ -1,7 +1,7 @@
-"""Reading and checking a user's table of objects: columns, units, blanks, numbers that stand for nothing.
+"""Reading and checking a user's table of objects: columns, units, blanks, placeholder numbers.
 
-Every fault is an InputError that names the table, the column and the row: nothing of the table is left out, or taken
-for something else, without a word.
+Every fault is an InputError that names the table, the column and the row. Nothing in the table is ignored or
+reinterpreted silently.
 """
 
 import csv
@@ -19,9 +19,10 @@ from csstsim.catalog.unsupported_shapes import check_shapes
 
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
 BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
-LIKE = 0.81  # from here on a name is taken for a slip: typ is, mag_k, a band that csstsim has not, is none
+LIKE = 0.81  # similarity from which a name counts as misspelt: typ does; mag_k, a band that csstsim lacks, does not
 _KNOWN = {*COLUMNS, "type", "size"}
-_TYPED = {"ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2"}  # by hand, as magnitudes
+# Names that users type: similar ones count as misspelt. Magnitudes are added.
+_TYPED = {"ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2"}
 _UNITS = {
     **dict.fromkeys(("ra", "dec"), "deg"), **dict.fromkeys(("size", "size_disk", "size_bulge"), "arcsec"),
     **dict.fromkeys(("pmra", "pmdec"), "mas / yr"), "parallax": "mas", "rv": "km / s", "teff": "K", "av": "mag",
@@ -29,17 +30,17 @@ _UNITS = {
 
 
 def read_table(path):
-    """Return {name: (n,) values} of a table's file, blanks as NaN or "". Raises InputError if it is none."""
+    """Return {name: (n,) values} of a table's file, blanks as NaN or "". Raises InputError if it is not a table."""
     from astropy.table import Table
 
     path = Path(path)
     if path.suffix.lower() not in FORMATS:
-        raise InputError("a table of unknown kind", file=path, key="catalog.options.file", allowed=", ".join(FORMATS))
+        raise InputError("unknown kind of table", file=path, key="catalog.options.file", allowed=", ".join(FORMATS))
     form = FORMATS[path.suffix.lower()]
     if form == "fits":
         check_headers(path)
     else:
-        lines = read_text(path, "utf-8-sig").splitlines()  # with Excel's mark at the beginning, or without
+        lines = read_text(path, "utf-8-sig").splitlines()  # with or without Excel's byte-order mark
         if not any(line.strip() for line in lines):
             raise InputError("the table is empty: no heading", file=path)
         if form == "ascii.csv":
@@ -48,27 +49,27 @@ def read_table(path):
         return plain_columns(Table.read(path if form == "fits" else lines, format=form), path)
     except InputError:
         raise
-    except Exception as exc:  # astropy's readers raise whatever they meet
+    except Exception as exc:  # astropy's readers raise exceptions of many types
         raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
 
 
 def _check_csv(lines, path):
-    """Refuse a name given twice, which astropy would change, and a quote left open, which takes the rows after it."""
+    """Refuse a name given twice, which astropy would change, and an open quote, which would take the rows after it."""
     try:
         names = [name.strip() for name in next(csv.reader(lines))]
         rows = sum(1 for _ in csv.reader((f"{line}\n" for line in lines), strict=True))
     except csv.Error as exc:
-        raise InputError(f"a quote is left open, or stands within a cell ({exc})", file=path) from None
+        raise InputError(f"a quote is left open, or is inside a cell ({exc})", file=path) from None
     if rows < len(lines):
-        raise InputError("a quoted cell goes on over the end of its line", file=path, value=f"{len(lines)} lines")
+        raise InputError("a quoted cell continues beyond the end of its line", file=path, value=f"{len(lines)} lines")
     if twice := next((name for name in names if names.count(name) > 1), None):
         raise InputError("column given twice", file=path, key=twice)
 
 
 def plain_columns(table, where="catalog"):
-    """Return {name: (n,) values} of an astropy Table, blanks as NaN or "", units turned into csstsim's.
+    """Return {name: (n,) values} of an astropy Table, blanks as NaN or "", converted to csstsim's units.
 
-    Raises InputError for a unit that is not one of what the column holds, or a column of more than numbers and words.
+    Raises InputError for a unit that does not fit the column, or a column that is not of single numbers or words.
     """
     return {name: _plain(name, table[name], where) for name in table.colnames}
 
@@ -80,7 +81,7 @@ def _plain(name, column, where):
     values = np.ma.asarray(getattr(column, "value", column))
     if values.dtype.kind not in "biufUS" or values.ndim != 1:
         value = f"{values.dtype}, {values.shape}"
-        raise InputError("must hold one number or word a row", file=where, key=name, value=value)
+        raise InputError("must hold one number or word per row", file=where, key=name, value=value)
     if values.dtype.kind == "S":
         values = values.astype(str)
     if values.dtype.kind in "biu" and np.ma.is_masked(values):
@@ -89,7 +90,7 @@ def _plain(name, column, where):
 
 
 def _converted(name, column, unit, where):
-    """Return a column's values in csstsim's unit. Magnitudes are not converted: AB ones are asked for."""
+    """Return a column's values in csstsim's unit. Magnitudes are not converted: they must be AB."""
     magnitude = name.startswith("mag_")
     wanted = "mag(AB)" if magnitude else _UNITS.get(name, "")
     if str(unit) == wanted or (magnitude and str(unit) == "mag"):
@@ -100,14 +101,14 @@ def _converted(name, column, unit, where):
         return np.ma.filled(np.ma.asarray(column, dtype=float), np.nan) * unit.to(wanted)
     except (TypeError, ValueError, AttributeError):
         fault = {"key": name, "value": str(unit), "allowed": wanted or "a plain number"}
-        raise InputError("a unit that does not fit", file=where, **fault) from None
+        raise InputError("the unit does not fit the column", file=where, **fault) from None
 
 
 def object_table(columns, bands, where):
-    """Return columns, {name: (n,) values}, as an ObjectTable with ids, types and sizes [arcsec], all rows to be drawn.
+    """Return columns {name: (n,) values} as an ObjectTable with ids, types and sizes [arcsec]; all rows can be drawn.
 
-    bands: of the camera, of whose magnitudes at least one is needed. Raises InputError, which names `where`, the column
-    and the row.
+    bands: of the camera; a magnitude in at least one is needed. Raises InputError, which names `where`, the column and
+    the row.
     """
     columns = {name: np.asarray(values) for name, values in columns.items()}
     known = columns_with(bands)
@@ -123,7 +124,7 @@ def object_table(columns, bands, where):
         for part in ("size_disk", "size_bulge"):
             columns.setdefault(part, np.where(galaxy, size, 0.0))
     for name in set(columns) & {"e1", "e2", "bulge_frac", "z", "size_disk", "size_bulge", "kappa", "gamma1", "gamma2"}:
-        columns[name] = np.nan_to_num(columns[name], nan=COLUMNS[name][1])  # a blank cell is what the column lacks
+        columns[name] = np.nan_to_num(columns[name], nan=COLUMNS[name][1])  # a blank cell gets the default
     named = {name if name in known else f"user_{name}": values for name, values in columns.items()}
     try:
         table = ObjectTable.complete(named, bands)
@@ -141,12 +142,12 @@ def _check_columns(columns, magnitudes, where):
     for name in columns:
         meant = get_close_matches(name.lower(), typed - set(columns), 1, LIKE) if name not in known else ()
         if meant:
-            raise InputError(f"is {meant[0]} meant? Give it that name, or one less like it", file=where, key=name)
+            raise InputError(f"is {meant[0]} meant? Give it that name, or a less similar one", file=where, key=name)
     sizes = [name for name in ("size_disk", "size_bulge") if name in columns]
     if "size" in columns and len(sizes) == 2:
-        raise InputError(f"says what {' and '.join(sizes)} say; give it or them", file=where, key="size")
+        raise InputError(f"means the same as {' and '.join(sizes)}; give it or them", file=where, key="size")
     if "size" in columns and not {"type", "obj_type"} & set(columns):
-        raise InputError("sizes are of galaxies: a column type is missing", file=where, key="size")
+        raise InputError("only galaxies have sizes: the column type is missing", file=where, key="size")
     given = [name for name in magnitudes if name in columns]
     missing = next(
         (name for name in ("ra", "dec") if name not in columns), None if given else magnitudes[len(magnitudes) // 2]
@@ -164,19 +165,19 @@ def _check_columns(columns, magnitudes, where):
         odd = (mags < BRIGHTEST) | (mags > FAINTEST)
     for bad, message in (
         (~np.isfinite(mags).any(axis=0), "has no magnitude"),
-        (odd.any(axis=0), f"has a magnitude beyond {BRIGHTEST:g} to {FAINTEST:g}; leave the cell blank"),
+        (odd.any(axis=0), f"has a magnitude outside {BRIGHTEST:g} to {FAINTEST:g}; leave the cell blank"),
     ):
         if bad.any():
             raise InputError(f"row {np.flatnonzero(bad)[0] + 1} {message}", file=where, key=", ".join(given))
 
 
 def _check_rows(table, where):
-    """Raise InputError for the first row that could not be drawn, or an id that another row has."""
+    """Raise InputError for the first row that cannot be drawn, or an id that another row has."""
     faults = {reason: mask for reason, mask in reasons(table).items() if reason != STRONGLY_LENSED}
     with np.errstate(invalid="ignore"):
         faults["ra is not within -180..360"] = ~((table["ra"] >= -180) & (table["ra"] <= 360))
     _, first = np.unique(table["id"], return_index=True)
-    faults["its id is that of another row"] = ~np.isin(np.arange(len(table)), first)
+    faults["another row has the same id"] = ~np.isin(np.arange(len(table)), first)
     for reason, mask in faults.items():
         if mask.any():
             raise InputError(f"row {np.flatnonzero(mask)[0] + 1} cannot be drawn: {reason}", file=where)

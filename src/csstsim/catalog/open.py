@@ -1,4 +1,4 @@
-"""Opening the True Universe a campaign names: the embedded bricks, or a class of the user's."""
+"""Opening the catalogue that a campaign names: the embedded bricks, or a class of the user's."""
 
 import importlib
 import sys
@@ -14,9 +14,9 @@ TABLE_KIND = "csstsim.catalog.own_table:TableCatalog"
 def open_catalog(config, region, brick_file, key):
     """Return the loaded catalogue of a region.
 
-    config: config.CatalogConfig; region: base.Region (select.region_for); brick_file: brick number -> path; key: what
-    embedded bricks are made for, {seed, universe, camera, lensing}. Raises InputError, also for what the user's own
-    code raises.
+    config: config.CatalogConfig; region: base.Region (select.region_for); brick_file: brick number -> path; key: the
+    inputs of embedded bricks, {seed, universe, camera, lensing}. Raises InputError, also for exceptions of the user's
+    own code.
     """
     if config.kind == "embedded":
         from csstsim.catalog.embedded import EmbeddedCatalog
@@ -63,7 +63,7 @@ def catalog_class(kind):
 
 
 def own_digests(config):
-    """Return the digests of a catalogue of the user's: of its module, and of the files it says it hangs on.
+    """Return the digests of a user's catalogue: of its module, and of the files that its `files` names.
 
     config: config.CatalogConfig. Raises InputError for a file that cannot be read.
     """

@@ -1,15 +1,15 @@
-"""A catalogue from a table: places, magnitudes in one band or more, and shapes; no code needed.
+"""A catalogue from a table: positions, magnitudes in one band or more, and shapes; no code needed.
 
     catalog: {kind: "csstsim.catalog.own_table:TableCatalog", options: {file: objects.csv}}
 
-Columns are those of `catalog.table.COLUMNS` (units there, and in `catalog.base`), and two that spare typing: `type`
-(star, galaxy or quasar; left out: star) and `size` (a galaxy's half-light radius, arcsec, of disk and bulge alike).
-`ra`, `dec` and one of the camera's bands are needed, mag_nuv ... mag_y of the shipped one; `id` counts from 1 if left
-out. Magnitudes are AB, observed, through the camera's own bands, before lensing. Spectra are smooth ones that have all
-magnitudes given, as catalog.light.colours says; lines want a catalogue with `load_sed` (catalog.base). Cells may be
-blank; what cannot be drawn as given is refused, row by row (catalog.object_table). A galaxy's shape is drawn from
-`size`, `bulge_frac`, `e1` and `e2`: columns that say it otherwise, `n`, `q`, `pa`, `re` and the like, are refused with
-the formula for these (catalog.unsupported_shapes). Columns of other names travel to the truth table as `user_<name>`.
+Columns are those of `catalog.table.COLUMNS` (units there, and in `catalog.base`), and two shorthands: `type` (star,
+galaxy or quasar; default star) and `size` (half-light radius, arcsec, of both disk and bulge of a galaxy). `ra`, `dec`
+and a magnitude in one of the camera's bands (mag_nuv ... mag_y of the shipped one) are needed; `id` counts from 1 if
+left out. Magnitudes are AB, observed, through the camera's own bands, before lensing. Spectra are smooth and reproduce
+all magnitudes given (catalog.light.colours); emission lines need a catalogue with `load_sed` (catalog.base). Cells may
+be blank; a row that cannot be drawn as given is refused (catalog.object_table). A galaxy's shape is drawn from `size`,
+`bulge_frac`, `e1` and `e2`; columns that describe it differently (`n`, `q`, `pa`, `re` and the like) are refused with
+the conversion formula (catalog.unsupported_shapes). Other columns are copied to the truth table as `user_<name>`.
 """
 
 import hashlib
@@ -32,7 +32,7 @@ class TableCatalog(CatalogBase):
     """Objects of a table.
 
     options: `file` (.csv, .ecsv or .fits), or `columns`, {name: list of values}; `instrument`, the folder of the camera
-    whose bands are meant (default: the one shipped). Raises InputError for a table that cannot be used.
+    whose bands are meant (default: the shipped one). Raises InputError for a table that cannot be used.
     """
 
     def __init__(self, options, region):

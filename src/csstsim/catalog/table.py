@@ -1,6 +1,6 @@
-"""ObjectTable: many astronomical objects as columns (a struct of arrays), kept in parquet files.
+"""ObjectTable: many astronomical objects as columns (a struct of arrays), stored in parquet files.
 
-A chip holds some 76,000 objects; one Python object each, with its own spectrum, cannot be fast. A
+A chip holds some 76,000 objects; one Python object each, with its own spectrum, would be too slow. A
 `MockObject` (the paper's unit of input) is a view of one row.
 """
 
@@ -17,10 +17,10 @@ from csstsim.base.files.file_log import logged
 STAR, GALAXY, QUASAR = 0, 1, 2
 TYPES = ("star", "galaxy", "quasar")  # by obj_type
 
-_MOST = 1 << 28  # values in a file: the fullest brick there can be (4 million objects), 2 GB
+_MOST = 1 << 28  # values in a file: the fullest possible brick (4 million objects), 2 GB
 _META_KEY, _SUMS_KEY = b"csstsim", b"csstsim_checksums"
 
-# Columns every catalogue has: type, the value where it gives none, and what it is. NaN means "not known": a galaxy
+# Columns every catalogue has: type, default value, and meaning. NaN means "not known": a galaxy
 # without a size is flagged, one without a parallax is not. Magnitudes in the camera's bands come after z (MAGNITUDE).
 COLUMNS = {
     "id": (np.int64, 0, "the object's number"),
@@ -63,7 +63,7 @@ def columns_with(bands):
 
 
 class ObjectTable(Mapping):
-    """Named columns of equal length; `meta` is a JSON-like dict that travels with the table's files.
+    """Named columns of equal length; `meta` is a JSON-like dict that is stored with the table.
 
     `len(table)` is the number of rows; iteration and `in` are over column names. Raises ValueError for columns of
     different length.
@@ -122,8 +122,7 @@ class ObjectTable(Mapping):
     def complete(cls, columns, bands, meta=None):
         """Return a table with every column of `columns_with(bands)` in its type, absent ones at their default.
 
-        Other columns follow. A scalar stands for a whole column. Raises InputError for a value that does not fit its
-        column.
+        Other columns follow. A scalar fills a whole column. Raises InputError for a value that does not fit its column.
         """
         sized = [np.asarray(v) for v in columns.values() if np.ndim(v)]
         count = len(sized[0]) if sized else 0
@@ -154,7 +153,7 @@ class ObjectTable(Mapping):
 
     @classmethod
     def read(cls, path, columns=None):
-        """Return the rows of a file by `write`, or some columns. Raises InputError for a damaged or foreign file."""
+        """Return the table in a file by `write`, or some columns. Raises InputError for a damaged or foreign file."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
@@ -183,7 +182,7 @@ class ObjectTable(Mapping):
 
 
 def check_numbers(path, table, names):
-    """Raise InputError unless those of the columns `names` that the table of a file has hold one number a row."""
+    """Raise InputError if a column of `names` in the table of a file does not hold one number per row."""
     for name in names:
         if name in table and (table[name].dtype.kind not in "biuf" or table[name].ndim != 1):
             raise InputError("must be numbers", file=path, key=name, value=str(table[name].dtype))
@@ -208,7 +207,7 @@ def write_parquet(path, table, meta):
     text = json.dumps(meta, sort_keys=True).encode()
     sums = {"": _checksum(text)} | {name: _checksum(table[name].to_numpy()) for name in table.column_names}
     about = {_META_KEY: text, _SUMS_KEY: json.dumps(sums).encode()}
-    # Real numbers seldom repeat: a dictionary of them costs more time than all the rest, and a third more room
+    # Floats seldom repeat: dictionary encoding would cost more time than all the rest, and a third more space
     repeating = [field.name for field in table.schema if not pa.types.is_floating(field.type)]
     with atomic_path(path) as temporary:
         pq.write_table(table.replace_schema_metadata(about), temporary, compression="zstd", use_dictionary=repeating)

@@ -1,7 +1,7 @@
 """Bricks: the embedded universe cut into HEALPix pixels of NSIDE 256 (order 8, nested), one parquet file each.
 
-What a brick holds depends on (campaign seed, brick number, config/universe/, the dust map, the camera's filters,
-lensing) and on nothing else, so any subset in any order on any machine is the same sky. A position is the centre of
+A brick's content depends only on campaign seed, brick number, config/universe/, the dust map, the camera's filters and
+lensing, so any subset, made in any order on any machine, shows the same sky. A position is the centre of
 a random order-29 pixel of the brick (0.4 mas apart): HEALPix pixels of one order have equal area, so objects are
 uniform on the brick and exactly inside it. The files follow the HATS layout, with its `_healpix_29` column.
 """
@@ -29,9 +29,9 @@ SED_COLUMNS = ("sed_scale", *(f"coeff{k}" for k in range(COEFFICIENTS)))
 def make_brick(seed, pix, universe, camera, lensing):
     """Return the ObjectTable of brick `pix`: stars, galaxies, then quasars.
 
-    universe: numbers.Universe; camera: instrument.camera.Camera; lensing: config.Lensing. Magnitudes are those of the
-    spectra: with the Milky Way's extinction, without lensing magnification. Raises InputError for a brick number that
-    does not exist.
+    universe: universe.parameters.Universe; camera: instrument.camera.Camera; lensing: config.Lensing. Magnitudes are
+    those of the spectra: with the Milky Way's extinction, without lensing magnification. Raises InputError for a brick
+    number that does not exist.
     """
     if not 0 <= pix < BRICKS:
         raise InputError("no such brick", key="brick", value=pix, allowed=f"0..{BRICKS - 1}")
@@ -51,7 +51,7 @@ def make_brick(seed, pix, universe, camera, lensing):
 
 
 def brick_meta(seed, pix, universe, camera, lensing):
-    """Return what a brick's content depends on, as recorded in its file."""
+    """Return the inputs on which a brick's content depends, as recorded in its file."""
     return {
         "product": "truth brick",
         "csstsim": release(),
@@ -76,7 +76,7 @@ def read_brick(path, expect=None):
     for key, value in (expect or {}).items():
         if table.meta.get(key) != value:
             raise InputError(
-                "the brick was made for something else; make it again",
+                "the brick was made for another configuration; make it again",
                 file=path,
                 key=key,
                 value=table.meta.get(key),
@@ -116,9 +116,9 @@ def _galaxies(seed, pix, universe, camera, lensing):
 
 @lru_cache(maxsize=4)
 def _population(universe, camera):
-    """The galaxies' laws; the counts they follow are in the i band of CSST, without the Milky Way's dust.
+    """The galaxy population, with counts in the i band of CSST without the Milky Way's dust.
 
-    So they are whatever camera looks at them (config/universe/galaxies.yaml).
+    So the galaxies do not depend on the camera (config/universe/galaxies.yaml).
     """
     from csstsim.universe.galaxies.galaxies import GalaxyPopulation
 
@@ -130,7 +130,7 @@ def _population(universe, camera):
 
 
 def _quasars(seed, pix, universe, camera, galaxies, lensing):
-    """Quasars stand where their hosts do; one without a host stands anywhere."""
+    """Quasars have the positions of their hosts; one without a host has a random position."""
     from csstsim.universe.quasars.quasars import draw_quasars
 
     streams = _streams(seed, pix, "quasars")
@@ -145,7 +145,7 @@ def _quasars(seed, pix, universe, camera, galaxies, lensing):
 
 
 def _put(columns, ra, dec, healpix, seed, pix, universe, lensing):
-    """Put extragalactic objects where they belong: behind the whole of the dust, in the lensing field."""
+    """Add position, extinction by the whole dust column and lensing to the columns of extragalactic objects."""
     from csstsim.universe.lensing.lensing import lens
 
     field = universe.lensing_field(seed) if lensing.field == "cosmic" else None
@@ -154,7 +154,7 @@ def _put(columns, ra, dec, healpix, seed, pix, universe, lensing):
 
 
 def _complete(obj_type, columns, camera):
-    """Return the ObjectTable of one kind of object, its columns in their order; magnitudes are still to come."""
+    """Return the ObjectTable of one kind of object, its columns in order; magnitudes are added later."""
     count = len(columns["ra"])
     tail = {name: np.asarray(columns.get(name, np.zeros(count)), np.float32) for name in SED_COLUMNS}
     tail["_healpix_29"] = columns["_healpix_29"]

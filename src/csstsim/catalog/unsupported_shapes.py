@@ -1,8 +1,8 @@
-"""Columns for galaxies' shapes that csstsim does not draw from, and what to give instead.
+"""Columns for galaxies' shapes that csstsim does not use, and what to give instead.
 
-People write Sersic indices, axis ratios and position angles. A galaxy is drawn from size_disk, size_bulge, bulge_frac,
-e1, e2, kappa, gamma1 and gamma2 alone. A shape given only by other columns would be ignored without a warning: the
-galaxy would be round, or have another profile. So such columns are refused.
+Tables often have Sersic indices, axis ratios and position angles. A galaxy is drawn only from size_disk, size_bulge,
+bulge_frac, e1, e2, kappa, gamma1 and gamma2. A shape given only by other columns would be ignored without a warning:
+the galaxy would be round, or have another profile. So such columns are refused.
 """
 
 import re
@@ -12,7 +12,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.catalog.table import COLUMNS, GALAXY
 
-# (columns to give instead, how to fill them, names refused: without case, marks, units and bands)
+# (columns to give instead, how to fill them, names refused, compared without case, punctuation, units and bands)
 _PARTS = (
     (
         ("bulge_frac",),
@@ -45,14 +45,14 @@ _PARTS = (
 )
 _OF = {word: (own, advice) for own, advice, words in _PARTS for word in words.split()}
 _UNIT = re.compile(r"[^a-z0-9](arcsecs?|as|deg|degrees?|rad|radians?|pix|pixels?|px)\W*$")
-# Bands that people write behind such a word, of whatever survey they bring
+# Band suffixes of such names, from any survey
 _BAND = re.compile(r"(^[nq]|(?<=[a-z0-9_]{2}))[^a-z0-9](nuv|u|g|r|i|z|y|vis)$")
 
 
 def advice_for(name, given):
-    """Return what to give in place of a galaxy's column `name`.
+    """Return advice on what to give instead of a galaxy's column `name`.
 
-    None if it is no shape, or if a column to give instead is there. given: the names of all columns.
+    Return None if it is not a shape, or if a column to give instead is present. given: the names of all columns.
     """
     if name in COLUMNS or name == "size" or name.startswith("mag_"):
         return None

@@ -10,7 +10,7 @@ from csstsim.io.fits import write_hdus
 from csstsim.io.fits_cards import card, remark
 from csstsim.optics.geometry.sip import sip_header
 
-# of the Level-0 file's primary header: what was exposed, and with which state of the spacecraft
+# Copied from the Level-0 file's primary header: the exposure, and the state of the spacecraft
 KEPT = (
     "TELESCOP", "INSTRUME", "DETECTOR", "FILTER", "OBJECT", "OBSID", "RADESYS", "POSKIND", "EPHEM", "LDPLANET",
     "DATE-OBS", "DATE-END", "EXPSTART", "EXPEND", "EXPTIME", "RA_PNT0", "DEC_PNT0", "POS_ANG0", "POSI0_X", "POSI0_Y",

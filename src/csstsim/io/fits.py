@@ -18,7 +18,7 @@ from csstsim.io.fits_cards import card
 
 BLOCK = 2880
 _LITTLE = sys.byteorder == "little"
-_CHUNK = 1 << 18  # pixels converted at a time, that they stay in the cache
+_CHUNK = 1 << 18  # pixels converted at a time, so that they stay in the cache
 MOST = 1 << 28  # pixels of an image that are read: three chips
 _STORED = {8: "u1", 16: "i2", 32: "i4", -32: "f4"}
 _BITPIX = {"uint8": 8, "uint16": 16, "int16": 16, "int32": 32, "float32": -32}
@@ -104,7 +104,7 @@ def _pad(cards):
 
 
 def _encode(value):
-    """Return 16 letters and digits whose four words sum to `value` (appendix J), turned by one byte."""
+    """Return 16 letters and digits whose four words sum to `value` (appendix J), rotated by one byte."""
     punctuation = {*range(0x3A, 0x41), *range(0x5B, 0x61)}
     text = bytearray(16)
     for i, byte in enumerate(value.to_bytes(4, "big")):
@@ -139,10 +139,10 @@ def open_fits(path):
 
 
 def read_header(hdu, path):
-    """Return an HDU's header {keyword: value}. Raises InputError for one that holds what is no value."""
+    """Return an HDU's header {keyword: value}. Raises InputError for a header with something that is not a value."""
     try:
         return dict(hdu.read_header())
-    except (OSError, ValueError) as exc:  # also bytes that are no text
+    except (OSError, ValueError) as exc:  # also bytes that are not text
         raise InputError(f"a header is damaged: {type(exc).__name__}", file=path) from exc
 
 
@@ -153,7 +153,7 @@ def verify_hdu(hdu, path):
 
 
 def _sum_of(path, start, stop):
-    """Return the sum of the words of a part of a file."""
+    """Return the sum of the 32-bit words in bytes start..stop of a file."""
     total, left = 0, stop - start
     with open(path, "rb") as file:
         file.seek(start)
@@ -164,7 +164,7 @@ def _sum_of(path, start, stop):
 
 
 def _check_sum(hdu, path, total):
-    """Raise InputError if an HDU, whose words add up to `total`, has no checksum or another."""
+    """Raise InputError if the checksum of an HDU whose words sum to `total` is missing or wrong."""
     key = f"HDU {hdu.get_extname() or 'primary'}"
     if "CHECKSUM" not in read_header(hdu, path):
         raise InputError("there is no CHECKSUM", file=path, key=key)
@@ -173,8 +173,8 @@ def _check_sum(hdu, path, total):
 
 
 def compress(path):
-    """Replace the image extensions of a FITS file by tile-compressed ones (RICE, a row each), the same to the bit."""
-    from astropy.io import fits  # half a second that files which are not compressed need not pay
+    """Replace the image extensions of a FITS file by tile-compressed ones (RICE, one row per tile), without loss."""
+    from astropy.io import fits  # takes half a second, needed only for compressed files
 
     with fits.open(path, memmap=False) as file:
         hdus = [file[0].copy()]
@@ -203,7 +203,7 @@ def _reseal(path):
 
 
 def image_header(hdu, path):
-    """Return an image extension's header {keyword: value}; of a compressed one as it is without compression."""
+    """Return an image extension's header {keyword: value}; of a compressed one as it would be uncompressed."""
     header = read_header(hdu, path)
     if not hasattr(hdu, "is_compressed"):
         raise InputError("a table where an image belongs", file=path, key=hdu.get_extname())
@@ -212,10 +212,10 @@ def image_header(hdu, path):
 
 
 def read_pixels(hdu, path, verify=False):
-    """Return an image extension's array with its bits as they were written (uint16 where BZERO says so).
+    """Return an image extension's array with the bits that were written (uint16 where BZERO says so).
 
-    verify: as verify_hdu does, in the same pass. Raises InputError for an image that is not what its header says, or
-    compressed data that cannot be unpacked.
+    verify: check its sum as verify_hdu does, in the same pass. Raises InputError for an image that does not match its
+    header, or compressed data that cannot be unpacked.
     """
     header = image_header(hdu, path)
     shape = [header.get(f"NAXIS{i}") for i in range(_number(header.get("NAXIS")), 0, -1)]

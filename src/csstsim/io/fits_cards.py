@@ -6,7 +6,7 @@ import numpy as np
 
 
 def card(keyword, value, comment=""):
-    """Return the 80 characters of a header card; a string too long for one card goes on in CONTINUE cards.
+    """Return the 80 characters of a header card; a string too long for one card continues in CONTINUE cards.
 
     A comment that does not fit is cut; characters outside ASCII are written as escapes. Raises ValueError for
     a keyword, number or type that FITS cannot hold.

@@ -2,7 +2,7 @@
 
 Each plane is an image extension (float32, int32, uint16, uint8; bit-exact); META has the dictionary as JSON bytes. A
 plane of mostly zeros, like the counted photons, may be stored as two extensions of one row: NAME_AT, the flat indices
-of the other pixels, and NAME_IS, their values; META has its shape. Each HDU has DATASUM and CHECKSUM, which reading
+of the nonzero pixels, and NAME_IS, their values; META has its shape. Each HDU has DATASUM and CHECKSUM, which reading
 verifies. The file gets its name only when it is complete.
 """
 
@@ -51,7 +51,7 @@ def _parts(name, plane):
 
 
 def _join(planes, shapes, path):
-    """Put planes together that lie in parts. Raises InputError for parts that do not fit."""
+    """Assemble planes that are stored in parts. Raises InputError for parts that do not fit."""
     for name, shape in shapes.items():
         at, values = planes.pop(name + _AT, None), planes.pop(name + _IS, None)
         size = math.prod(shape)
@@ -65,7 +65,7 @@ def _join(planes, shapes, path):
 def load_frame(path, expect=None):
     """Return (planes, meta) as given to `save_frame`.
 
-    `expect` {key: value} names what must stand in `meta`, or, for the key 'shape', the shape of every plane.
+    `expect` {key: value} gives required entries of `meta`, or, for the key 'shape', the shape of every plane.
     Raises InputError if the file is missing, truncated, altered, not a frame, or not what is expected.
     """
     planes, meta = {}, None

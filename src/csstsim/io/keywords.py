@@ -1,7 +1,7 @@
 """The Level-0 header: the quantities it can state, and the table that names and orders them.
 
-The table is config/instrument/level0_keywords.yaml (its head says how an entry reads); here every quantity that an
-entry can ask for gets its value. Quantities without a source in the simulation (telemetry) do not exist.
+The table is config/instrument/level0_keywords.yaml (its head explains the entries); this module gives a value to every
+quantity that an entry can name. Quantities without a source in the simulation (telemetry) do not exist.
 """
 
 import json
@@ -30,13 +30,13 @@ _FROM_LAYERS = (
     "led_flag", "led_type", "led_time", "led_guessed",
     "sun_angle", "moon_angle", "limb_angle", "limb_sun_angle",
 )  # absent if the layer is  # fmt: skip
-# What of a recipe (campaign.opened.OpenCampaign.recipe) stands under which keyword; a reader checks them.
+# The keyword of each part of a recipe (campaign.opened.OpenCampaign.recipe); readers check them.
 RECIPE = {"campaign": "CAMPHASH", "camera": "CAMHASH", "layers": "LAYHASH", "exposure": "EXPHASH"}
 _KEYS = {"hdu", "block", "keyword", "constant", "from", "repeat", "comment"}
 
 
 def recorded_recipe(header):
-    """Return the recipe that a primary header of Level-0 or of a calibrated image states; None for what it lacks."""
+    """Return the recipe stated in a primary header of Level-0 or a calibrated image; None for what it lacks."""
     recipe = {name: header.get(keyword) for name, keyword in RECIPE.items()}
     return recipe | {"csstsim": release(header["SIMVER"]) if "SIMVER" in header else None}
 
@@ -44,7 +44,7 @@ def recorded_recipe(header):
 def header_cards(entries, values, hdu):
     """Return the cards of one HDU, in the table's order.
 
-    `entries` is the table; `values` {name: value}, None for what is not known in this exposure (its keyword is left
+    `entries` is the table; `values` {name: value}, None for a quantity unknown in this exposure (its keyword is left
     out). Raises InputError naming the entry if it is malformed or asks for an unknown quantity.
     """
     cards = []
@@ -97,7 +97,7 @@ def header_values(state, provenance, filename, layout):
 
     `provenance` holds recipe ({name: digest}, see RECIPE), truth_hash, psf_hash, seed, campaign_name, ephemeris,
     planets, layers (list of {keyword: parameters}), camera ({changed number: value}) and stages (list of [stage, wall
-    s, cpu s]); what is missing gives None.
+    s, cpu s]); a missing entry gives None.
     """
     values = dict.fromkeys(_FROM_LAYERS) | state.header
     values |= _exposure(state.pointing) | _detector(state, layout) | _simulation(provenance)

@@ -1,13 +1,13 @@
 """Level-0 files: the raw product of one chip in one exposure (paper, section 4.4 and Appendix B item 15).
 
-HDU 0 holds keywords only; MASK, if quantization_and_output was asked for it, has the bits of csstsim.detector.mask,
-laid as the image is; IMAGE holds DN as uint16 in one of the layouts of csstsim.detector.channels, always of the
-whole detector: pixels outside a windowed readout are 0 and READX0..READY1 state the window. The keywords come from
-level0_keywords.yaml. The world coordinates without letter belong to the assembled active frame (9216 x 9232);
-those with letters A, B, ... are the same for the stored pixels of channels 1, 2, ... All are linear: where the primary
-header's FLDDIST is T, light lies up to 200 px beside them. quantization_and_output's `sip` writes the first with the
-distortion in it, and no letters. Where each channel's pixels lie: io.sections; each as an extension of its own, with
-its own WCS: Level0.extensions.
+HDU 0 holds keywords only. IMAGE holds DN as uint16 in one of the layouts of csstsim.detector.channels, always of the
+whole detector: pixels outside a windowed readout are 0, and READX0..READY1 state the window. MASK, an option of
+quantization_and_output, has the bits of csstsim.detector.mask in the layout of the image. The keywords come from
+level0_keywords.yaml. The WCS without letter is that of the assembled active frame (9216 x 9232); those with letters A,
+B, ... are the same for the stored pixels of channels 1, 2, ... All are linear: where the primary header's FLDDIST is T,
+they are off by up to 200 px. With quantization_and_output's `sip` the first WCS includes the distortion and there are
+none with letters. io.sections gives the place of each channel's pixels; Level0.extensions makes each channel an
+extension with its own WCS.
 """
 
 import re
@@ -31,10 +31,10 @@ from csstsim.io.sections import stored_slices
 REQUIRED = (
     "NCHAN", "LAYOUT", "DETSIZE", "PSCAN1", "OSCAN1", "OSCAN2", "READX0", "READX1", "READY0", "READY1",
 )  # fmt: skip
-# ... and those of HDU 0 that make ICRS places of apparent ones.
+# ... and those of HDU 0 that are needed to convert apparent places to ICRS.
 STATE = ("EXPSTART", "POSI0_X", "POSI0_Y", "POSI0_Z", "VELO0_X", "VELO0_Y", "VELO0_Z")
 EPHEMERIS = ("EPHEM", "LDPLANET")
-_SIZE = re.compile(r"(?:\[1:)?(\d+)(?:,1:| x )(\d+)\]?")  # also as files before the sections had it: 9216 x 9232
+_SIZE = re.compile(r"(?:\[1:)?(\d+)(?:,1:| x )(\d+)\]?")  # also the older form: 9216 x 9232
 
 
 def write_level0(path, state, keywords, provenance, layout=None):
@@ -59,10 +59,10 @@ def write_level0(path, state, keywords, provenance, layout=None):
 
 @dataclass(frozen=True)
 class Channel:
-    """One readout channel of a Level-0 file, turned to lie as on the chip. DN, uint16."""
+    """One readout channel of a Level-0 file, oriented as on the chip. DN, uint16."""
 
     number: int
-    window: Window  # where `active` lies on the chip
+    window: Window  # of `active` on the chip
     active: np.ndarray
     prescan: np.ndarray
     serial_overscan: np.ndarray
@@ -74,7 +74,7 @@ class Channel:
 
 @dataclass(frozen=True, eq=False)
 class Level0:
-    """A Level-0 file opened for reading; pixels are read when asked for, and only those."""
+    """A Level-0 file opened for reading; only the pixels asked for are read."""
 
     path: Path
     header0: dict[str, Any]
@@ -106,7 +106,7 @@ class Level0:
 
     @cached_property
     def _stored(self):
-        """DN as on disk, less 32768: mapped, or, if compressed, read whole."""
+        """DN as on disk, less 32768: memory-mapped, or, if compressed, all read."""
         if self.data_start is None:
             with open_fits(self.path) as file:
                 pixels = read_pixels(file["IMAGE"], self.path)
@@ -135,7 +135,7 @@ class Level0:
             raise InputError("must be a number", file=self.path, key=name, value=header[name]) from None
 
     def frame(self):
-        """Return the readout frame [DN]: uint16, shape `readout.shape`, lying as the silicon does.
+        """Return the readout frame [DN]: uint16, shape `readout.shape`, oriented as the silicon.
 
         Raises InputError if a compressed file's DN are not uint16.
         """
@@ -144,7 +144,7 @@ class Level0:
     def mask(self):
         """Return the truth mask of the active pixels of the window, uint8 (detector.mask), or None.
 
-        Raises InputError if it is not of the image's shape.
+        Raises InputError if its shape is not the image's.
         """
         with open_fits(self.path) as file:
             stored = read_pixels(file["MASK"], self.path) if "MASK" in file else None
@@ -188,9 +188,9 @@ class Level0:
         return _unsigned(self._stored[stored_slices(self.readout, block, region, self.layout)])
 
     def extensions(self):
-        """Return an astropy HDUList with an extension a channel that was read, as ds9 and ccdproc take a mosaic.
+        """Return an astropy HDUList with one extension per channel that was read, a mosaic for ds9 and ccdproc.
 
-        io.level0_extensions says what is in them; `.writeto(path)` makes a file.
+        io.level0_extensions describes them; `.writeto(path)` makes a file.
         """
         from csstsim.io.level0_extensions import extensions
 
@@ -217,7 +217,7 @@ def read_level0(path, verify=False):
             image = file["IMAGE"]
             header0, header = read_header(file[0], path), image_header(image, path)
             data_start = None if image.is_compressed() else image.get_offsets()["data_start"]
-    except (OSError, ValueError) as exc:  # also bytes that are no text
+    except (OSError, ValueError) as exc:  # also bytes that are not text
         raise InputError(f"a header is damaged: {type(exc).__name__}", file=path) from exc
     missing = [name for name in REQUIRED if name not in header]
     if missing:
@@ -229,7 +229,7 @@ def read_level0(path, verify=False):
         readout = _readout(header)
         shape, wanted = (header["NAXIS2"], header["NAXIS1"]), readout.stored_shape(layout)
     except (AttributeError, KeyError, TypeError, ValueError) as exc:
-        raise InputError(f"the header's geometry does not hold together: {exc}", file=path) from None
+        raise InputError(f"the header's geometry is inconsistent: {exc}", file=path) from None
     if header["BITPIX"] != 16 or shape != wanted:
         allowed = f"BITPIX 16 and {wanted}"
         raise InputError(

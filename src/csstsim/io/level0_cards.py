@@ -25,8 +25,8 @@ def wcs_cards(wcs, frame, layout, sip=False):
     """Return the cards of the assembled frame's WCS and of one alternate WCS per channel.
 
     `wcs`: the ChipWCS. In a channel's block, chip x = x0 + sx X with sx = +-1 (mirroring), so CRPIX' = sx (CRPIX - x0)
-    in 0-based pixels and the CD columns change sign. With `sip` the assembled frame's has the field distortion and
-    there are no alternates: readers (astropy) would apply the polynomials to those, too.
+    in 0-based pixels and the CD columns change sign. With `sip` the assembled frame's WCS has the field distortion and
+    there are no alternates, because readers (astropy) would apply the polynomials to those, too.
     """
     whole = ReadoutFrame.of(frame, None)
     cards = [remark("COMMENT", " WCS of the assembled active frame (DETSIZE), not of the stored array")]
@@ -54,7 +54,7 @@ def _letter(block):
 
 
 def channel_wcs(wcs, frame, block, layout):
-    """Return the chip's WCS {keyword: value} as the stored pixels of one channel see it."""
+    """Return the chip's WCS {keyword: value} in the stored pixels of one channel."""
     changed = dict(wcs)
     for axis, (start, step) in enumerate(frame.stored_axis(block, layout), start=1):
         changed[f"CRPIX{axis}"] = step * (wcs[f"CRPIX{axis}"] - 1 - start) + 1

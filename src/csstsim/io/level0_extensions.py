@@ -1,9 +1,9 @@
-"""A Level-0 file with an image extension a channel: what ds9 puts together as a mosaic and ccdproc reduces.
+"""A Level-0 file with one image extension per channel, which ds9 displays as a mosaic and ccdproc reduces.
 
-CHAN01 ... CHAN16, those that were read, each 1250 x 4700 as its amplifier reads it, with the sections of io.sections in
-its own pixels, its GAIN, RDNOISE and DETBIA, and the file's WCS as its pixels see it, mirrored where they are. So a
-viewer shows the right sky on each, up to the distortion, which is in it if it is in the file's (`sip`); and any program
-that knows IRAF's mosaics lays them side by side by DETSEC.
+CHAN01 ... CHAN16 (those that were read) are 1250 x 4700 px each, as the amplifier reads them. Each has the sections of
+io.sections in its own pixels, its GAIN, RDNOISE and DETBIA, and the file's WCS in its own pixels, mirrored where they
+are. So a viewer shows the right sky on each, up to the distortion unless the file's WCS includes it (`sip`). Any
+program that knows IRAF's mosaics places them side by side by DETSEC.
 """
 
 import re
@@ -11,14 +11,14 @@ import re
 from csstsim.io.level0_cards import channel_wcs
 from csstsim.io.sections import sections
 
-# Of a channel in IMAGE's header, by number, and its name in an extension of its own
+# A channel's keyword in IMAGE's header (with its number), and its name in the channel's extension
 OF_CHANNEL = {"GAIN": "GAIN", "RON": "RDNOISE", "DETBIA": "DETBIA", "NLQ": "NLQ", "NLC": "NLC"}
 _LISTED = re.compile(rf"({'|'.join(OF_CHANNEL)}|[DTBC]SEC)\d\d")
 _WCS = re.compile(
     r"WCSAXES|(CTYPE|CUNIT|CRVAL|CRPIX)[12]|CD[12]_[12]|LONPOLE|LATPOLE|RADESYS|(A|B|AP|BP)_(ORDER|\d_\d)"
 )
 _SIP = re.compile(r"(AP?|BP?)_(\d)_(\d)")
-# Of the stored array, its WCS and its channels together; of the file's integrity
+# Keywords of the stored array, its WCS, all its channels, and the checksums
 _LEFT_OUT = re.compile(
     r"XTENSION|SIMPLE|BITPIX|NAXIS\d?|[PG]COUNT|EXT(NAME|VER|END)|NEXTEND|BSCALE|BZERO|CHECKSUM|DATASUM|COMMENT|HISTORY|"
     rf"LAYOUT|NCHAN|READ[XY][01]|({_WCS.pattern}|WCSNAME)[A-P]?"
@@ -55,7 +55,7 @@ def _but_structure(header):
 
 
 def _own_wcs(wcs, readout, block):
-    """Return the assembled frame's WCS {keyword: value}, with SIP polynomials or without, in a channel's own pixels."""
+    """Return the assembled frame's WCS {keyword: value}, with or without SIP polynomials, in a channel's own pixels."""
     own = channel_wcs(wcs, readout, block, "channels")
     own["CRPIX1"] -= block.stored_x0
     step_x, step_y = (step for _, step in readout.stored_axis(block, "channels"))

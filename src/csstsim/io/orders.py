@@ -1,4 +1,4 @@
-"""The truth of dispersed light beside a Level-0 file of a spectroscopic chip (paper, section 4.2): one row an order.
+"""The truth table of dispersed light for a Level-0 file of a spectroscopic chip (paper, section 4.2): a row per order.
 
 Orders of less than one electron, of which none was drawn, have no row.
 """
@@ -33,7 +33,7 @@ def write_orders(path, orders, metadata):
 
 
 def orders_table(orders):
-    """Return the columns of the file as an ObjectTable, of what render.slitless.draw_dispersed gives."""
+    """Return the columns of the file as an ObjectTable, from what render.slitless.draw_dispersed gives."""
     columns = {name: orders[name] for name in orders.names if name not in ("x", "y")}
     return ObjectTable(columns | {"xImage": orders["x"] + 1.0, "yImage": orders["y"] + 1.0})
 
@@ -43,7 +43,7 @@ def read_orders(path):
     table = ObjectTable.read(path)
     missing = [name for name in _NEEDED if name not in table]
     if missing:
-        raise InputError("column needed", file=path, key=missing[0])
+        raise InputError("required column is missing", file=path, key=missing[0])
     check_numbers(path, table, set(_NEEDED) - {"grating"})
     for name in ("xImage", "yImage", "p", "q", "r", "s"):
         if not np.isfinite(table[name]).all():

@@ -19,7 +19,7 @@ def check_owner(run):
     except FileNotFoundError:
         return
     except NotADirectoryError:
-        raise InputError("is not a folder, or lies below a file", file=run.paths.output, key="output") from None
+        raise InputError("is not a folder, or is below a file", file=run.paths.output, key="output") from None
     except (OSError, ValueError):
         raise InputError("cannot be read; remove it if no other campaign uses this folder", file=path) from None
     if owner != _about(run):
@@ -37,7 +37,7 @@ def claim_output(run):
     path = run.paths.output / FILE
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with open(path, "x") as file:  # of two that come at once one is first
+        with open(path, "x") as file:  # of two at the same time only one succeeds
             json.dump(_about(run), file, indent=1)
     except FileExistsError:
         check_owner(run)

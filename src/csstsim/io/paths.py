@@ -7,7 +7,7 @@
     merge/dataset/Norder=8/Dir=D/Npix=P.parquet  merge/hats.properties  validate/{P}.json
     report/index.html verdict.json
 
-chips/ has the files that a chip's stages pass on; it may lie elsewhere (`scratch`), on a node's own disk.
+chips/ has the files passed between a chip's stages; it may be elsewhere (`scratch`), on a node's own disk.
 Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256); bricks.hats makes catalogues of them.
 """
 
@@ -19,9 +19,9 @@ from csstsim.base.errors import InputError
 # File-name code of each exposure type (facts.md section 4: WIDE in the C9 release; the others by their own name).
 KIND = {"SCIE": "WIDE", "BIAS": "BIAS", "DARK": "DARK", "FLAT": "FLAT"}
 
-# What lies beside a Level-0 file, by its name with another suffix.
+# Suffixes of the files that accompany a Level-0 file under its name.
 TRUTH, ORDERS, COSMIC = ".truth.parquet", ".orders.parquet", ".cosmic.fits"
-LIGHT = "render.fits", "drawn.parquet", "orders.parquet"  # what render makes of a chip, and may be kept
+LIGHT = "render.fits", "drawn.parquet", "orders.parquet"  # what render makes for a chip; may be kept
 STEM = re.compile(r"CSST_MSC_MS_([A-Z]+)_\d{14}_\d{14}_(\d{9,14})_(\d{2})_L0_V01")  # kind, obsid, chip
 
 
@@ -65,7 +65,7 @@ class Paths:
         return self.output / "psf" / f"chip_{chip_id:02d}.h5"
 
     def psf_tables(self, chip_id):
-        """The tables that photons are drawn from, made of the PSF set, HDF5."""
+        """The tables from which photons are drawn, made from the PSF set, HDF5."""
         return self.output / "psf" / f"chip_{chip_id:02d}_tables.h5"
 
     def stage(self, obsid, chip_id, name):
@@ -85,7 +85,7 @@ class Paths:
         return self.level0(pointing, chip_id).with_suffix(ORDERS)
 
     def level0_cosmic(self, pointing, chip_id):
-        """The electrons of cosmic rays alone, if cosmic_rays was asked to save them (io.frames, plane `cosmic`)."""
+        """The electrons of cosmic rays alone, if cosmic_rays saves them (io.frames, plane `cosmic`)."""
         return self.level0(pointing, chip_id).with_suffix(COSMIC)
 
     def masters(self, chip_id):

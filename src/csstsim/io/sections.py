@@ -1,8 +1,8 @@
 """Positions of a channel's pixels in the form of IRAF, ds9 and ccdproc: `[x0:x1,y0:y1]`, from 1, both ends included.
 
 DATASEC  the active pixels that were read, in the stored array; TRIMSEC is the same
-BIASSEC  the serial overscan beside them
-CCDSEC   where they lie on the chip
+BIASSEC  the serial overscan next to them
+CCDSEC   position of the active pixels on the chip
 DETSEC   the same, from high to low along an axis on which the stored pixels are mirrored
 """
 

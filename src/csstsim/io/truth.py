@@ -1,7 +1,7 @@
-"""The truth table beside each Level-0 file (parquet).
+"""The truth table that accompanies each Level-0 file (parquet).
 
 The 33 columns of the C9 `.cat` files come first, by their names there (facts.md section 5), with NaN where
-the catalogue knows no such quantity; then everything the simulator adds, and columns of the catalogue's own (user_*).
+the catalogue has no such quantity; then everything the simulator adds, and the catalogue's own columns (user_*).
 xImage, yImage follow the header's WCS (FITS: centre of the first active pixel at 1); x0, x1, y0, y1 are a numpy slice
 of the full frame (read_level0(path).assembled(full=True)). ra, dec are the apparent direction (with the header's WCS
 it gives xImage, yImage where that has the distortion, `sip: true`); ra_orig, dec_orig the catalogue's place, ICRS at
@@ -9,7 +9,7 @@ J2000; ra_epoch, dec_epoch the ICRS place at the epoch, with proper motion and p
 light deflection: what a measurement of this exposure should give.
 
 The file's metadata have the recipe, the Level-0 file's name, full_well [e-] and `electrons`, the budget of all charge
-(`electron_budget`), by which `csstsim verify` holds image and table together.
+(`electron_budget`), with which `csstsim verify` compares image and table.
 """
 
 import numpy as np
@@ -27,7 +27,7 @@ CAT_COLUMNS = {
     "e1": "e1", "e2": "e2", "kappa": "kappa", "g1": "g1", "g2": "g2", "size": "size", "galType": "gal_type",
     "veldisp": "veldisp",
 }  # fmt: skip
-# What the other columns hold: a Level-0 file's own, in place of what catalog.table.COLUMNS says, or beside it
+# The other columns: they replace or add to the descriptions in catalog.table.COLUMNS
 ABOUT = {
     "chip": "chip of the Level-0 file",
     "filter": "its filter or grating",
@@ -61,7 +61,7 @@ ABOUT = {
     **dict.fromkeys(("x0", "x1", "y0", "y1"), "px, box of what was drawn, half-open, a numpy slice of the full frame"),
     "ms": "CPU milliseconds",
 }
-# What is made here, and .cat names that are not ours: a catalogue's own column so called gets another name.
+# Columns made here, and .cat names that differ from ours: a catalogue's own column of that name is renamed.
 TAKEN = {"chip", "filter", "detA", "dm", "g1", "g2", "size"} | (set(CAT_COLUMNS) - set(CAT_COLUMNS.values()))
 
 
@@ -71,7 +71,7 @@ def write_truth(path, drawn, chip, metadata):
 
 
 def truth_table(drawn, chip):
-    """Return the truth of one Level-0 file as an ObjectTable, a row an object drawn.
+    """Return the truth of one Level-0 file as an ObjectTable, one row per object drawn.
 
     drawn: ObjectTable from render, its x, y [px] from 0 become xImage, yImage from 1; chip: instrument.chip.Chip.
     """
@@ -93,9 +93,10 @@ def truth_table(drawn, chip):
 
 
 def electron_budget(header, pixels):
-    """Return {name: electrons} of a window of `pixels`, from what the layers put into State.header.
+    """Return {name: electrons} of a window of `pixels`, from the layers' entries in State.header.
 
-    light (of it `objects`), dark, rays and defects arrive; trapped and bloomed are lost on the way to the amplifiers.
+    light (which includes `objects`), dark, rays and defects add charge; trapped and bloomed charge is lost on the way
+    to the amplifiers.
     `bloomed` is left out where no layer limits a pixel's charge to the full well.
     """
     budget = {

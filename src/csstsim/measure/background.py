@@ -1,9 +1,9 @@
 """Background and noise of a calibrated image: clipped means on a mesh, sources masked.
 
-The mean, not Source Extractor's mode estimate (2.5 median - 1.5 mean): the pixels are whole DN, so their
-median is a multiple of the gain and the mode is wrong by up to 2.5 x half a DN, another value in each
-readout channel (measured in the demo: +-1 electron, which is half the light of a faint galaxy in its Kron
-aperture). A mean has no such error once the sources are masked. Where they cannot be (crowded fields), the
+The mean is used, not Source Extractor's mode estimate (2.5 median - 1.5 mean): the pixels are whole DN, so their
+median is a multiple of the gain and the mode is wrong by up to 2.5 x half a DN, differently in each
+readout channel (measured in the demo: +-1 electron, half the light of a faint galaxy in its Kron
+aperture). A mean has no such error once the sources are masked. Where they cannot be masked (crowded fields), the
 mode of 2 x 2 sums is taken, whose error is a quarter of that.
 """
 
@@ -15,9 +15,9 @@ import numpy as np
 from csstsim.measure.maps import BIN, interpolated
 
 FIRST_BOX, SECOND_BOX = 64, 256  # px; 4.7 arcsec to find sources and in crowded fields, 19 arcsec with sources masked
-MASK_MAX = 0.4  # of the frame; more masked is crowded
+MASK_MAX = 0.4  # of the frame; with more masked it counts as crowded
 GOOD_MIN = 0.25  # of the pixels of a mesh; with less it takes the value of its neighbours
-CLIP = 3.5  # sigma; takes 0.3 % off the noise of a Gaussian, corrected below
+CLIP = 3.5  # sigma; lowers the noise of a Gaussian by 0.3 %, corrected below
 CLIP_LOSS = 0.9969
 SAMPLE = 8192  # pixels of a mesh for the first guess
 FLOOR = np.float32(1e-3)  # electron; a noise-free image has rms 0: a floor keeps S/N finite
@@ -52,7 +52,7 @@ def masked_background(image, mask, box=SECOND_BOX):
 
 
 def _clipped(values):
-    """Mean and standard deviation within CLIP sigma, thrice from the median and robust scatter of some of them."""
+    """Return mean and standard deviation within CLIP sigma; three rounds from the median and scatter of a sample."""
     some = values[:: max(values.size // SAMPLE, 1)]
     centre = float(np.median(some))
     sigma = 1.4826 * float(np.median(np.abs(some - centre))) + 0.5  # at least about a DN of rounding
@@ -64,7 +64,7 @@ def _clipped(values):
 
 @numba.njit(cache=True)
 def _moments_within(values, centre, reach):
-    """Return mean and standard deviation of what is within `reach` of `centre`, NaN of nothing."""
+    """Return mean and standard deviation of the values within `reach` of `centre`, NaN if there are none."""
     n, total, squares = 0, 0.0, 0.0
     for value in values:
         away = float(value) - centre
@@ -79,7 +79,7 @@ def _moments_within(values, centre, reach):
 
 
 def _filled(mesh):
-    """Replace missing meshes by the nearest one; then take lone outliers off with a median over 3 x 3."""
+    """Replace missing meshes by the nearest one; then remove isolated outliers with a median over 3 x 3."""
     from scipy.ndimage import distance_transform_edt, median_filter
 
     near = distance_transform_edt(np.isnan(mesh), return_distances=False, return_indices=True)

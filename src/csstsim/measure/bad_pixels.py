@@ -1,10 +1,10 @@
-"""Pixels that are not measured: defects known from calibration frames, and cosmic rays found in the frame itself.
+"""Pixels excluded from measurement: defects known from calibration frames, and cosmic rays found in the frame itself.
 
-A cosmic ray is sharper than the PSF. Its pixel is bright, and compared with it the mean of two opposite neighbours is
-lower than that of a star anywhere within the pixel (the test of SDSS's photo and of LSST; Bosch et al. 2018, PASJ 70,
+A cosmic ray is sharper than the PSF. Its pixel is bright, and relative to it the mean of two opposite neighbours is
+lower than for a star anywhere within the pixel (the test of SDSS's photo and of LSST; Bosch et al. 2018, PASJ 70,
 S5), with an allowance for noise. Neighbours of the found pixels are then tested with a lower threshold, without the
-pixels already found, until none is added. One more pixel on all sides takes the faint rim. Left out: rays on bright
-objects.
+pixels already found, until none is added. The result is grown by one pixel on all sides to cover the faint rim. Left
+out: rays on bright objects.
 """
 
 import math
@@ -16,18 +16,18 @@ from csstsim.detector import defects
 from csstsim.measure.maps import grown
 
 FULL, BAD, RAY = np.uint8(1), np.uint8(2), np.uint8(4)  # bits of `mend`
-SIGMA, NEIGHBOUR_SIGMA = 5.0, 2.5  # of a first pixel above the sky, of one beside a found one
-NOISE = 2.5  # sigma, of a first pixel and of the mean of its pair, in favour of a star
-SHARE = 0.7  # of a star's smallest ratio of pair to pixel: the PSF is not known better
-NEAR = 3  # px: of a saturated core, around which light is sharper than it was
+SIGMA, NEIGHBOUR_SIGMA = 5.0, 2.5  # threshold above the sky for a first pixel, and for one next to a found one
+NOISE = 2.5  # sigma: allowance in favour of a star, for a first pixel and for the mean of its pair
+SHARE = 0.7  # of a star's smallest ratio of pair to pixel, because the PSF is not known better
+NEAR = 3  # px from a saturated core, where the image is sharper than the PSF
 FAR = 8  # px
-_PLACES = np.linspace(-0.5, 0.5, 5)  # px: of a star within its pixel
+_PLACES = np.linspace(-0.5, 0.5, 5)  # px, positions of a star within its pixel
 
 
 def mend(calibrated, model):
     """Fill defects and cosmic rays of `calibrated.electrons` (calibrate.Calibrated), in place.
 
-    Returns uint8 (ny, nx), why a pixel is not to be used: bits FULL (saturated), BAD (defect) and RAY. model:
+    Returns uint8 (ny, nx), the reasons not to use a pixel: bits FULL (saturated), BAD (defect) and RAY. model:
     photometry.PsfModel.
     """
     read_noise = float(np.mean(list(calibrated.read_noise.values())))
@@ -40,7 +40,7 @@ def mend(calibrated, model):
 
 
 def known_defects(detector, window, param, rng):
-    """Return bool (ny, nx): hot and dead pixels and bad columns in `window`, as layer detector_defects has them.
+    """Return bool (ny, nx): hot and dead pixels and bad columns in `window`, as made by layer detector_defects.
 
     param: the layer's; rng: rng.Streams of the chip.
     """
@@ -60,8 +60,8 @@ def known_defects(detector, window, param, rng):
 def cosmic_rays(electrons, saturated, known, read_noise, model):
     """Return bool (ny, nx): pixels struck by cosmic rays, or hot.
 
-    electrons: float32 (ny, nx), sky included; saturated, known: bool (ny, nx), not judged, nor what is within NEAR of
-    the former; read_noise: electrons; model: photometry.PsfModel.
+    electrons: float32 (ny, nx), sky included; saturated, known: bool (ny, nx), pixels not tested, nor those within NEAR
+    of a saturated one; read_noise: electrons; model: photometry.PsfModel.
     """
     left_out = known | grown(saturated, NEAR)
     sky = float(np.median(electrons[::8, ::8]))
@@ -71,28 +71,28 @@ def cosmic_rays(electrons, saturated, known, read_noise, model):
 
 @numba.njit(cache=True)
 def _find(electrons, left_out, sky, read_variance, pairs):
-    """Judge all pixels, then those beside each found one; return bool (ny, nx). pairs (4,): right, up, diagonals."""
+    """Test all pixels, then those next to each found one; return bool (ny, nx). pairs (4,): right, up, diagonals."""
     ny, nx = electrons.shape
     found = np.zeros((ny, nx), np.bool_)
-    beside = [(0, 0) for _ in range(0)]
+    queue = [(0, 0) for _ in range(0)]
     for y in range(1, ny - 1):
         for x in range(1, nx - 1):
             if _is_ray(electrons, found, left_out, sky, read_variance, pairs, y, x, SIGMA, NOISE):
                 found[y, x] = True
-                beside.append((y, x))
-    while len(beside):
-        row, column = beside.pop()
+                queue.append((y, x))
+    while len(queue):
+        row, column = queue.pop()
         for y in range(max(row - 1, 1), min(row + 2, ny - 1)):
             for x in range(max(column - 1, 1), min(column + 2, nx - 1)):
                 if _is_ray(electrons, found, left_out, sky, read_variance, pairs, y, x, NEIGHBOUR_SIGMA, 0.0):
                     found[y, x] = True
-                    beside.append((y, x))
+                    queue.append((y, x))
     return found
 
 
 @numba.njit(cache=True)
 def _is_ray(electrons, found, left_out, sky, read_variance, pairs, y, x, least, doubt):
-    """Return whether a new pixel is `least` sigma bright and too sharp, `doubt` sigma in favour of a star."""
+    """Return whether a new pixel is `least` sigma bright and too sharp, with `doubt` sigma in favour of a star."""
     value, variance = electrons[y, x] - sky, max(electrons[y, x], 0.0) + read_variance
     if value * abs(value) < least**2 * variance or found[y, x] or left_out[y, x]:
         return False
@@ -112,9 +112,9 @@ def _is_ray(electrons, found, left_out, sky, read_variance, pairs, y, x, least, 
 
 
 def fill(electrons, bad):
-    """Give `bad` pixels, in place, the mean of the others in the smallest square around them that has any.
+    """Replace `bad` pixels, in place, by the mean of the good ones in the smallest square around them that has any.
 
-    Beyond FAR pixels it is the median of a sample of the others; nothing is done if there are none.
+    If none is within FAR pixels, it is the median of a sample of the good pixels. If all are bad, nothing is done.
     """
     others = electrons[::8, ::8][~bad[::8, ::8]]
     if others.size == 0:

@@ -1,8 +1,8 @@
 """Level-0 frame to electrons: overscan, gain, nonlinearity, moved charge, flat; the first step of the measurement.
 
 The bias of each readout channel is the robust mean of its own serial overscan (bias + read noise only), and its read
-noise the robust scatter there. measure.charge_correction moves charge back to where the light came. Then it is divided
-by the flat field and shutter that the light has met. Dark current and sky go into the background of `measure.detect`.
+noise the robust scatter there. measure.charge_correction moves charge back to where light created it. The result is
+divided by the response of flat field and shutter. Dark current and sky are part of the background in `measure.detect`.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from csstsim.detector.cubic import straighten
 
 # Deferred and bloomed charge leaks into the first overscan columns; they are not pure bias.
 OVERSCAN_SKIP = 4
-GAIN_MAX = 1000.0  # e-/DN: no silicon holds the charge of 16 bits of more
+GAIN_MAX = 1000.0  # e-/DN: with more, 65535 DN would exceed any full well by far
 _ROWS = 64
 
 
@@ -22,9 +22,9 @@ _ROWS = 64
 class Calibrated:
     """Active image in electrons, sky and dark included.
 
-    `electrons` float32 (ny, nx), before any loss to flat field and shutter, of which `response` (ny, nx) was counted
-    (None: all); `saturated`, `bad` (known defects) bool (ny, nx); `bias` (DN) and `read_noise` (electron) per
-    readout channel in the frame, {channel: value}.
+    `electrons` float32 (ny, nx), before losses to flat field and shutter; `response` (ny, nx): the share of them that
+    was counted (None: all); `saturated`, `bad` (known defects) bool (ny, nx); `bias` (DN) and `read_noise` (electron)
+    per readout channel in the frame, {channel: value}.
     """
 
     electrons: np.ndarray
@@ -45,7 +45,7 @@ class Calibrated:
         return sigma if self.response is None else np.divide(sigma, self.response, out=sigma)
 
     def counted(self, x, y):
-        """Return the share of light that was counted at frame positions (n,) [px], the nearest pixel's."""
+        """Return the share of light that was counted at frame positions (n,) [px], from the nearest pixel."""
         if self.response is None:
             return np.ones(np.shape(x))
         ny, nx = self.response.shape
@@ -63,9 +63,9 @@ def calibrate(
     `gain`: {channel: electron/DN}, channels as in the Level-0 keywords GAINnn; `nonlinearity`:
     {channel: (quadratic, cubic)}, undone up to `full_well`, where the file states it. A pixel is saturated at
     `adc_max` DN or from `full_well` electrons; `response`: share of the light that was counted; `bad`:
-    known defects, or None; `offset`: {channel: electrons} of a bias beside the overscan's; `correct`: a function
-    from electrons (ny, nx) to the charge where light made it, or None. Returns `Calibrated`. Raises InputError when the
-    frame does not have the readout's shape or a channel's gain is missing or not positive.
+    known defects, or None; `offset`: {channel: electrons} of bias in addition to the overscan's; `correct`: a function
+    that moves electrons (ny, nx) back to where light made them, or None. Returns `Calibrated`. Raises InputError when
+    the frame does not have the readout's shape or a channel's gain is missing or not positive.
     """
     if frame.shape != readout.shape:
         raise InputError("the frame does not have the shape of its readout", value=frame.shape, allowed=readout.shape)

@@ -1,9 +1,9 @@
 """Measure one imaging science frame: calibrated electrons in, catalogue out.
 
-Ties detect, photometry, the WCS and astrometry together. A pixel is an apparent direction; `ra`, `dec` are that
-direction with aberration and light deflection at the spacecraft undone: ICRS at the epoch, with the source's own proper
-motion and parallax still in it. Fluxes are electrons of the exposure, magnitudes AB above the atmosphere-free zero
-point of the filter.
+Combines detection, photometry, WCS and astrometry. A pixel position gives an apparent direction; `ra`, `dec` are that
+direction with aberration and light deflection at the spacecraft removed: ICRS at the epoch, with the source's own
+proper motion and parallax still included. Fluxes are electrons of the exposure; magnitudes are AB, with the filter's
+zero point (no atmosphere).
 """
 
 import numpy as np
@@ -33,11 +33,11 @@ FLAGS = {
     BAD_PIXELS: "defects or cosmic rays within 3 px; they are left out of the fit",
     NO_SHAPE: "S/N below 3, or adaptive moments failed: hsm_sigma, hsm_e1, hsm_e2, resolution, g1, g2, g_err are NaN",
 }
-LINE_E, LINE_WIDTH = 0.4, 0.95  # distortion of a line, at least; its short axis squared over the PSF's, at most
-SHAPE_SNR = 3.0  # least, for a shape: six in seven detections are below it, most of them noise
-STAR_SPREAD = 0.01  # spread of a star: PSF interpolation and centring errors, beside its noise (x 2.5)
+LINE_E, LINE_WIDTH = 0.4, 0.95  # of a line: least distortion; largest ratio of its short axis squared to the PSF's
+SHAPE_SNR = 3.0  # minimum for a shape: six in seven detections are below it, most of them noise
+STAR_SPREAD = 0.01  # spread of a star from errors of PSF interpolation and centring, in addition to 2.5 x its noise
 
-# Type and meaning of each column; a pixel's middle is at whole numbers, the chip's first at 0
+# Type and meaning of each column; pixel centres are at whole numbers, the chip's first at 0
 COLUMNS = {
     "obsid": (str, "exposure"),
     "chip": (np.int16, "chip"),
@@ -88,13 +88,13 @@ COLUMNS = {
 
 
 def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, pointing, window):
-    """Return the ObjectTable of one frame; `calibrated.electrons` is used up (background taken off in place).
+    """Return the ObjectTable of one frame; the background is subtracted from `calibrated.electrons` in place.
 
     `calibrated`: measure.calibrate.Calibrated of `window`; `psf`: PsfSet of the chip; `wcs`: ChipWCS;
     `observer`: catalog.astrometry.ephemeris.Observer.
-    The columns are `COLUMNS`, rows by decreasing S/N. What adaptive moments (measure.moments) give is NaN where they
-    failed; g1, g2, g_err, which compare with the truth's e1, e2 sheared by its g1, g2, also where the source is not
-    resolved.
+    The columns are `COLUMNS`, rows by decreasing S/N. Columns from adaptive moments (measure.moments) are NaN where
+    these failed; g1, g2, g_err also where the source is not resolved. g1, g2 compare with the truth's e1, e2 sheared by
+    its g1, g2.
     `meta` holds the facts of the frame: background and rms in electrons, n_eff px, depth_5sigma AB, window, channels
     (measure.channel_figures).
     Raises InputError for anything but an imaging science frame.
@@ -195,10 +195,10 @@ def _shapes(found, bright, counted, unusable, model, cell):
 
 
 def _lines(shapes):
-    """Return a mask of long sources that are narrower than the PSF: tracks of cosmic rays too faint for their pixels.
+    """Return a mask of long sources that are narrower than the PSF: cosmic-ray tracks too faint to be found by pixel.
 
-    Of a full-depth r chip's sources at S/N 5 to 7 without a true object three quarters are, of those with one 1.5%, and
-    none above S/N 10.
+    In a full-depth r chip at S/N 5 to 7 they are three quarters of the sources without a true object and 1.5% of those
+    with one; above S/N 10 there are none.
     """
     widths = []
     for kind in ("hsm", "psf"):

@@ -1,9 +1,9 @@
 """Windowed positions, where the weighted offsets of the pixels cancel, and their errors.
 
 The position is where sum(w (r - r0) d) = 0, with a Gaussian w of sigma `window` about r0 itself: Source Extractor's
-XWIN, YWIN, as `sep.winpos` has them, at a tenth of its cost, since the weight is a product of a row's and a column's.
-To first order noise n in the pixels moves it by sum(w dx n) / sum(w (1 - dx^2 / window^2) m), with m the source without
-noise: the PSF for what was found as a point, the image itself for an extended source.
+XWIN, YWIN, as in `sep.winpos`, at a tenth of its cost, since the weight is a product of a row's and a column's.
+To first order noise n in the pixels moves it by sum(w dx n) / sum(w (1 - dx^2 / window^2) m), where m is the source
+without noise: the PSF for a source found as a point, the image itself for an extended one.
 """
 
 import math
@@ -60,7 +60,7 @@ def windowed_positions(image, x, y, window):
 def position_errors(image, rms, x, y, window, extended, flux, counted, cell, coefficients):
     """Return the error (n,) of x and y (root of the mean square of both), px; infinite if the source has no light.
 
-    `image`, `rms` float32 (ny, nx); `x`, `y`, `window` (n,) px of the frame; `flux` electron, of the PSF fit, taken
+    `image`, `rms` float32 (ny, nx); `x`, `y`, `window` (n,) px of the frame; `flux` electron, of the PSF fit, used
     for points; the rest as in photometry.fit_sources.
     """
     ny, nx = image.shape

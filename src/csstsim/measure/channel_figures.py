@@ -1,6 +1,6 @@
 """Figures of each readout channel from a frame's pixels: bias, read noise, level and noise of the background.
 
-They include the share of light that was counted: noise and dark current grew when the image was divided by it.
+They include the share of light that was counted, because dividing the image by it raised noise and dark current.
 """
 
 import numpy as np
@@ -17,9 +17,9 @@ def block_means(image, readout):
 def channel_figures(calibrated, before, image, rms):
     """Return a list of {channel, window, bias [DN], read_noise, level, noise [e-], response, overscan}, JSON-like.
 
-    calibrated: measure.calibrate.Calibrated; before: `block_means` ahead of the background's subtraction, so that level
-    is the mean of what was subtracted; image, rms: (ny, nx) without background, its noise. level and noise are those of
-    light before it met flat field and shutter.
+    calibrated: measure.calibrate.Calibrated; before: `block_means` before the background was subtracted, so that level
+    is the mean of what was subtracted; image, rms: (ny, nx) without background, its noise. level and noise refer to
+    light before flat field and shutter.
     """
     if calibrated.readout is None:
         return []

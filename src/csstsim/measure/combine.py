@@ -1,16 +1,16 @@
-"""One list of sources from the hot and the cold pass of `measure.detect`: neither shredded nor swallowed.
+"""One list of sources from the hot and the cold pass of `measure.detect`: galaxies stay whole, close sources separate.
 
-The cold segments divide the frame. Off them, every hot source stands. On a segment:
+The cold segments divide the frame. Outside them, every hot source is kept. On a segment:
 
-- The hot source nearest to the cold one's windowed position is the segment's own peak. When it looks like a
-  point source (spread) and its PSF holds the light of the segment, it stands as it is. Else it is an extended
-  source, with the ellipse, half-light radius and windowed position of the cold pass.
-- Any other hot source stands only if it is a peak in its own right: its PSF flux above the *local* level
+- The hot source nearest to the cold one's windowed position is the segment's own peak. If it looks like a
+  point source (spread) and its PSF accounts for the light of the segment, it is kept as it is. Otherwise it is an
+  extended source, with the ellipse, half-light radius and windowed position of the cold pass.
+- Any other hot source is kept only if it is a distinct peak: its PSF flux above the *local* level
   (PSF and a constant fitted together on the kernel's stamp) is `LOCAL_SNR` times its error, and it is
-  `LOCAL_SHARE` of the own peak's or its brightest pixel `LOCAL_CONTRAST` times that level. Noise peaks on a
-  galaxy's disc are no more than noise above their surroundings, spikes of a star no more than its halo there.
-- So does an own peak of `APART_SNR` that is `APART` from the place of the extended source it lies on.
-- Without a hot source, the cold source stands alone: low surface brightness.
+  `LOCAL_SHARE` of the own peak's or its brightest pixel `LOCAL_CONTRAST` times that level. This rejects noise peaks
+  on a galaxy's disc and the spikes of a star.
+- An own peak of `APART_SNR` that is `APART` from the position of its extended source is kept, too.
+- A cold source without a hot one is kept: it has low surface brightness.
 """
 
 from dataclasses import dataclass, fields
@@ -50,9 +50,9 @@ def combine(passes, fit, kernel):
     main = owner == np.arange(len(hot.x))
     outstanding = (local > LOCAL_SHARE * flux[owner]) | (local * kernel.max() > LOCAL_CONTRAST * level * kernel.sum())
     distinct = (local > LOCAL_SNR * local_error) & outstanding
-    stands = (hot.segment == 0) | main | distinct
+    kept = (hot.segment == 0) | main | distinct
     # Light of the segment that its point sources do not explain.
-    inside = stands & (hot.segment > 0)
+    inside = kept & (hot.segment > 0)
     explained = np.bincount(hot.segment[inside], flux[inside], len(cold.x) + 1)[1:]
     area = np.bincount(passes.segments.ravel(), minlength=len(cold.x) + 1)[1:]
     noise = np.sqrt(np.maximum(cold.flux, 0.0) + area * float(np.median(passes.rms)) ** 2)
@@ -63,20 +63,20 @@ def combine(passes, fit, kernel):
     beneath = np.flatnonzero(extended & (peak >= 0))
     top = peak[beneath]
     apart = np.hypot(hot.x[top] - cold.x[beneath], hot.y[top] - cold.y[beneath]) > APART
-    stands[top[~((local[top] > APART_SNR * local_error[top]) & apart)]] = False
-    rows = np.flatnonzero(stands), np.flatnonzero(extended)
+    kept[top[~((local[top] > APART_SNR * local_error[top]) & apart)]] = False
+    rows = np.flatnonzero(kept), np.flatnonzero(extended)
     columns = {
         f.name: np.concatenate([getattr(part, f.name)[row] for part, row in zip((hot, cold), rows, strict=True)])
         for f in fields(Sources)
     }
-    # The cold segment's number is its own also where the windowed position lies off the isophote.
+    # A cold source keeps its own segment even where the windowed position lies off the isophote.
     columns["segment"][len(rows[0]) :] = rows[1] + 1
     which = np.repeat([False, True], [len(row) for row in rows])
     return Detections(**columns, extended=which, image=passes.image, rms=passes.rms, segments=passes.segments)
 
 
 def _own_peaks(hot, cold):
-    """Row of the hot source nearest to each cold one on its segment, -1 for none; ties go to the later row."""
+    """Return the row of the hot source nearest to each cold one on its segment, -1 for none; ties: the later row."""
     count = len(cold.x)
     peak = np.full(count + 1, -1)
     if count:
@@ -89,7 +89,7 @@ def _own_peaks(hot, cold):
 def local_flux(image, rms, x, y, kernel):
     """Return (flux, error, level): the kernel fitted with a constant on its stamp at the nearest pixels, electron.
 
-    The flux is that of the kernel's part of the light, the level that of a pixel; pixels off the image count as zero.
+    The flux is the light within the kernel, the level is per pixel; pixels off the image count as zero.
     """
     half = kernel.shape[0] // 2
     p = kernel - kernel.mean()

@@ -5,15 +5,15 @@ Source Extractor's algorithms (Bertin & Arnouts 1996) through the `sep` library 
 makes one list of the two.
 
 Cold: the image binned 2 x 2, smoothed with a Gaussian of FWHM 0.44 arcsec, a threshold per smoothed pixel
-with a least area, and coarse deblending: a galaxy stays one source and its ellipse is that of the galaxy.
+with a minimum area, and coarse deblending: a galaxy stays one source and its ellipse is that of the galaxy.
 
 Hot: the detection kernel is the PSF itself, so the threshold is on the S/N a point source would have in
 optimal photometry. On fabricated frames, 3.75 finds 98 % of the point sources of S/N 5 to 6 and 99.9 % of all
 above 5, at the price of 85 false detections a megapixel of pure noise, of S/N below 5 (3.5: 99 % and 205;
-4: 94 % and 37); `bricks.merge` keeps those out. sep's cleaning step is off in both: with a threshold on single
+4: 94 % and 37); `bricks.merge` removes those. sep's cleaning step is off in both: with a threshold on single
 pixels it takes most sources of S/N 5 to 10 for wings of their neighbours, and many faint galaxies.
 
-The background is taken twice: with a fine mesh to find the sources, then with a coarse one with the cold
+The background is measured twice: with a fine mesh to find the sources, then with a coarse one with the cold
 sources masked, because a mesh of a few arcseconds takes the outskirts of galaxies for sky.
 """
 
@@ -32,7 +32,7 @@ DEBLEND_LEVELS = 32
 HOT_CONTRAST = 0.005
 COLD_THRESHOLD, COLD_AREA, COLD_CONTRAST = 2.5, 8, 0.02  # S/N of a smoothed binned pixel; binned px
 COLD_FWHM = 3.0  # binned px
-HOT_WINDOW = 2.5  # px, largest half-light radius of a hot source's window: a galaxy's light would draw it away
+HOT_WINDOW = 2.5  # px, largest half-light radius of a hot source's window: a galaxy would pull a wider one away
 FWHM_TO_SIGMA = 2.354820045  # 2 sqrt(2 ln 2)
 
 
@@ -61,7 +61,7 @@ class Sources:
 
 @dataclass(frozen=True)
 class Passes:
-    """What `detect` found. `image`: electrons with the background taken off, `rms`: its noise map.
+    """What `detect` found. `image`: electrons with the background subtracted, `rms`: its noise map.
 
     `segments` int32 (ny, nx): k + 1 on the isophote of cold source k, 0 elsewhere; `cold` and `hot`: Sources.
     """
@@ -76,8 +76,8 @@ class Passes:
 def detect(electrons, kernel, *, saturated=None, threshold=THRESHOLD):
     """Return the `Passes` of an electrons image, float32 (ny, nx); `electrons` is changed in place.
 
-    `kernel`: small 2-d array, the point source's image (any normalisation). `saturated` pixels are kept
-    out of the background, not out of the detection. `threshold`: of the hot pass.
+    `kernel`: small 2-d array, the point source's image (any normalisation). `saturated` pixels are excluded
+    from the background, but not from detection. `threshold`: of the hot pass.
     """
     import sep
 
@@ -96,7 +96,7 @@ def detect(electrons, kernel, *, saturated=None, threshold=THRESHOLD):
 
 
 def subtract_background(electrons, saturated):
-    """Take the background off in place, masking sources; return its noise map, electron (ny, nx)."""
+    """Subtract the background in place, with sources masked; return its noise map, electron (ny, nx)."""
     small = binned(electrons)
     level, noise = crude_background(small)
     _, segments = _cold_pass(small - level, noise)
@@ -137,7 +137,7 @@ def _sources(image, found, segments, scale, window):
     # Never narrower than the window the PSF nodes are centred in: coma would shift a star by 0.01-0.03 px otherwise.
     sigma = np.maximum(2.0 * np.minimum(half_light, window) / FWHM_TO_SIGMA, WINDOW_PX)
     wx, wy, failed = windowed_positions(image, x, y, sigma)
-    # The window may slide to a brighter neighbour or to nowhere: a source is not further off than its own size.
+    # The window may drift to a brighter neighbour or away: a shift beyond the source's own size is a failure.
     failed |= ~(np.hypot(wx - x, wy - y) < 1.0 + 2.0 * a / scale)
     x, y = np.where(failed, x, wx), np.where(failed, y, wy)
     row, column = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in zip((y, x), image.shape, strict=True))

@@ -1,4 +1,4 @@
-"""Whole-frame maps made from one another in one pass each, without a frame of their own between."""
+"""Whole-frame maps made from one another, in one pass each and without temporary frames."""
 
 import numba
 import numpy as np
@@ -8,7 +8,7 @@ BIN = 2  # px
 
 @numba.njit(cache=True)
 def binned(image):
-    """Return sums of BIN x BIN pixels, float32; a last odd row or column is left out, an only one counts twice."""
+    """Return sums of BIN x BIN pixels, float32; a last odd row or column is left out, a single one counts twice."""
     ny, nx = image.shape
     out = np.empty((max(ny // BIN, 1), max(nx // BIN, 1)), np.float32)
     down, right = min(1, ny - 1), min(1, nx - 1)
@@ -33,7 +33,7 @@ def full_size(small, shape):
 
 @numba.njit(cache=True)
 def grown(mask, reach, square=False):
-    """Return `mask`, bool (ny, nx), and all within `reach` px of it, in steps along axes, or in both if `square`."""
+    """Return `mask`, bool (ny, nx), grown by `reach` px: in steps along the axes, or by a square if `square`."""
     ny, nx = mask.shape
     out = mask.copy()
     for y in range(ny):
@@ -50,7 +50,7 @@ def grown(mask, reach, square=False):
 
 
 def interpolated(mesh, middle, shape):
-    """Return float32 of `shape`, bilinear between the meshes' middles (rows, columns), constant beyond the outer."""
+    """Return float32 of `shape`, bilinear between the meshes' middles (rows, columns), constant beyond the last."""
     columns = np.arange(shape[1])
     wide = np.array([np.interp(columns, middle[1], line) for line in mesh], np.float32)
     return _between(wide, np.interp(np.arange(shape[0]), middle[0], np.arange(len(mesh))))

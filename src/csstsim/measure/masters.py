@@ -1,7 +1,7 @@
-"""Master calibration frames of a chip, from its bias, dark and lamp exposures, as a real pipeline has them.
+"""Master calibration frames of a chip, from its bias, dark and lamp exposures, as in a real pipeline.
 
 flat    response of each pixel, 1 on average: the mean of the lamps' exposures, divided by its own large scales (medians
-        of BOX px, bilinear between). The lamps do not illuminate as the sky does, so they cannot give larger scales.
+        of BOX px, bilinear between). The lamps illuminate differently from the sky, so they cannot give larger scales.
 bad     pixels with outlying dark charge (hot) or an outlying flat (dead pixels, bad columns)
 dark    mean charge of a good pixel of the chip [e-/s]
 
@@ -27,7 +27,7 @@ FAINTEST = 100.0  # e-
 
 @dataclass(frozen=True)
 class Masters:
-    """flat (ny, nx) float32; bad (ny, nx) bool; dark [e-/s]; offset {channel: e-}, left of the bias."""
+    """flat (ny, nx) float32; bad (ny, nx) bool; dark [e-/s]; offset {channel: e-}, the remaining bias."""
 
     flat: np.ndarray
     bad: np.ndarray
@@ -39,7 +39,7 @@ def make_masters(exposures, exptime):
     """Return the Masters of a chip.
 
     exposures: {"BIAS", "DARK", "FLAT": iterable of calibrate.Calibrated}, all their pixels; exptime: s, of the dark
-    exposures. Raises InputError for lamps that hardly light the chip.
+    exposures. Raises InputError for lamps that are too faint on the chip.
     """
     level, _, readout = _mean("BIAS", exposures)
     offset = {block.channel: float(np.median(level[block.image])) for block in readout.blocks}
@@ -70,7 +70,7 @@ def _mean(kind, exposures):
 
 @numba.njit(cache=True)
 def _average(images, read_noise):
-    """Mean of a tuple of images, of values at most RAY_SIGMA above their median."""
+    """Return the mean of a tuple of images, without values more than RAY_SIGMA above their median."""
     ny, nx = images[0].shape
     out, values = np.empty((ny, nx), np.float32), np.empty(len(images), np.float32)
     for y in range(ny):
@@ -90,7 +90,7 @@ def _average(images, read_noise):
 
 
 def _hot(charge, read_noise):
-    """Return (pixels that stand out, mean charge of the others)."""
+    """Return (outlying pixels, mean charge of the others)."""
     middle = float(np.median(charge))
     bad = charge > middle + HOT_SIGMA * np.sqrt(max(middle, 0.0) + read_noise**2)
     return bad, float(charge[~bad].mean(dtype=float))

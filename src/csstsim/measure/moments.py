@@ -1,16 +1,16 @@
-"""Shapes: adaptive moments of sources and of the PSF at their places, and ellipticities corrected for the PSF.
+"""Shapes: adaptive moments of sources and of the PSF at their positions, and ellipticities corrected for the PSF.
 
 Adaptive moments (Bernstein & Jarvis 2002, AJ 123, 583; Hirata & Seljak 2003, MNRAS 343, 459: "HSM"): the elliptical
 Gaussian whose weighted second moments are half its own, which is also its least-squares fit to the image. Shapes are
 distortions, e1 = (Mxx - Myy)/(Mxx + Myy), e2 = 2 Mxy/(Mxx + Myy), |e| = (a2 - b2)/(a2 + b2), and sigma = det(M)^(1/4).
 
 The pixels sample a star too coarsely: its adaptive Gaussian collapses onto one of them. So all moments, of source and
-PSF alike, are those of the image smoothed with a round Gaussian of SMOOTH px. No image is smoothed: with the weight
-widened from M to V = M + SMOOTH^2, the smoothed image has the mean offset K r and the moments K C K + SMOOTH^2 K,
-K = M V^-1, if r and C are those of the pixels.
+PSF alike, are those of the image smoothed with a round Gaussian of SMOOTH px. No image is actually smoothed: if r and
+C are mean offset and moments of the pixels with the weight widened from M to V = M + SMOOTH^2, those of the smoothed
+image are K r and K C K + SMOOTH^2 K, with K = M V^-1.
 
-A pixel that cannot be used (saturated, bad, on another source's isophote, off the frame) counts as the fitted Gaussian
-itself. The PSF is drawn and measured at the source's place within its pixel.
+A pixel that cannot be used (saturated, bad, on another source's isophote, off the frame) takes the value of the fitted
+Gaussian. The PSF is drawn and measured at the source's position within its pixel.
 
 The correction is that of Bernstein & Jarvis with the kurtosis terms of Hirata & Seljak: in the frame where the PSF is
 round, e is divided by the resolution R = 1 - T_psf/T (1 - p)(1 + o)/((1 + p)(1 - o)), with T = Mxx + Myy, and
@@ -27,12 +27,12 @@ from csstsim.measure.photometry import HALF, draw_psf
 
 SMOOTH = 1.0  # px
 REACH = 5.0  # sigma of the widened weight; beyond it the weight is below 4e-6
-CONVERGED = 1e-5  # of the size, last step
+CONVERGED = 1e-5  # last step, relative to the size
 MAX_STEPS = 100
-MAX_GROWTH = 4.0  # of sigma from where it starts; what grows beyond has run into its surroundings
+MAX_GROWTH = 4.0  # of sigma from its start; a fit that grows beyond has run into its surroundings
 MIN_USABLE = 0.5  # least share of the fitted, weighted light on usable pixels
-RESOLUTION_MIN = 0.1  # below it a correction is noise and errors of the PSF model
-SIZE_MIN = 0.8  # px: about a star's, to start with
+RESOLUTION_MIN = 0.1  # below it noise and errors of the PSF model dominate the correction
+SIZE_MIN = 0.8  # px: least sigma to start with, about a star's
 
 
 @numba.njit(cache=True)
@@ -52,7 +52,7 @@ def _product(a, b):
 def _matrices(gauss, smooth):
     """Return (V^-1, K, inverse of the pixels' own Gaussian), each (xx, xy, yy), of `gauss` (5,): x, y, Mxx, Mxy, Myy.
 
-    The own Gaussian is M without the smoothing, as far as that leaves three tenths of the short axis squared.
+    The own Gaussian is M less the smoothing, of which at most 0.7 of the short axis squared is taken.
     """
     xx, xy, yy = gauss[2], gauss[3], gauss[4]
     s2 = smooth * smooth
@@ -126,7 +126,7 @@ def _smoothed(means, gauss, smooth):
     xx = k[0] * k[0] * c[0] + 2.0 * k[0] * k[1] * c[1] + k[1] * k[1] * c[2]
     xy = k[0] * k[1] * c[0] + (k[0] * k[2] + k[1] * k[1]) * c[1] + k[1] * k[2] * c[2]
     yy = k[1] * k[1] * c[0] + 2.0 * k[1] * k[2] * c[1] + k[2] * k[2] * c[2]
-    # rho^4 of the smoothed light: about each K r stands a Gaussian of covariance s2 K
+    # rho^4 of the smoothed light: each K r is the centre of a Gaussian of covariance s2 K
     a, b = (s2 * inverse[0], s2 * inverse[1], s2 * inverse[2]), _product(k, inverse)
     spread = a[0] + a[2]
     rho4 = means[5] + 2.0 * spread * _trace(b, c) + 4.0 * _trace(_product(a, b), c) + spread**2 + 2.0 * _trace(a, a)
@@ -135,12 +135,12 @@ def _smoothed(means, gauss, smooth):
 
 @numba.njit(cache=True)
 def adaptive_moments(image, unusable, segments, number, x, y, sigma, smooth, gauss):
-    """Fit the elliptical Gaussian that starts round at (x, y) px with `sigma` px; `smooth` px lies over all.
+    """Fit an elliptical Gaussian, starting round at (x, y) px with `sigma` px; `smooth` px: the smoothing of the image.
 
     `image` (ny, nx); `unusable` (ny, nx), 0 for good; `segments` (ny, nx), pixels of other sources than `number` are
     left out. Fills `gauss` (5,) with x, y, Mxx, Mxy, Myy. Returns (<rho^4>/2 - 1, light, amplitude); light, the
-    weighted sum, is 0 where the fit failed: nothing positive there, too few usable pixels, wandered off, too large,
-    not converged.
+    weighted sum, is 0 where the fit failed: no positive light, too few usable pixels, too far from the start, too
+    large, not converged.
     """
     means = np.empty(6)
     gauss[0], gauss[1], gauss[2], gauss[3], gauss[4] = x, y, sigma * sigma, 0.0, sigma * sigma
@@ -170,7 +170,7 @@ def adaptive_moments(image, unusable, segments, number, x, y, sigma, smooth, gau
 
 @numba.njit(cache=True)
 def _distortion_error(rms, unusable, segments, number, counted, gauss, smooth, fit):
-    """Return the error of e1 and e2 (root of the mean square of both), of the noise of the pixels.
+    """Return the error of e1 and e2 (root of the mean square of both) from the noise of the pixels.
 
     `fit`: of adaptive_moments. A quadrupole q of the moments makes the Gaussian's own larger by 4 q / (1 - kurtosis).
     """
@@ -201,10 +201,10 @@ def _distortion_error(rms, unusable, segments, number, counted, gauss, smooth, f
 
 @numba.njit(cache=True)
 def measure_shapes(image, rms, unusable, segments, number, x, y, size, wanted, counted, cell, coefficients):
-    """Measure sources and the PSF at their places; all lengths px.
+    """Measure sources and the PSF at their positions; all lengths px.
 
     `image`, `rms` float32, `unusable` uint8, `segments` int32 (ny, nx); `number` (n,) of each source's own segment;
-    `x`, `y`, `size` (n,) where it is and its sigma at first; `wanted` (n,) bool, of the others only the PSF is
+    `x`, `y`, `size` (n,) position and first guess of sigma; `wanted` (n,) bool: for the others only the PSF is
     measured; `counted`, `cell`, `coefficients` as in photometry.fit_sources.
     Returns (n, 11): x, y, sigma, e1, e2, kurtosis, error of e, then sigma, e1, e2, kurtosis of the PSF; NaN: failed.
     """
@@ -241,10 +241,10 @@ def _write(gauss, out):
 
 
 def without_psf(shapes):
-    """Return (distortion, error, resolution): e1 + i e2 (n,) without the PSF, pixel axes, and its error an axis.
+    """Return (distortion, error, resolution): e1 + i e2 (n,) without the PSF, pixel axes; error per axis.
 
-    `shapes` (n, 11): of `measure_shapes`. The distortion is NaN
-    unless it is below 1 and the resolution is RESOLUTION_MIN to 1.
+    `shapes` (n, 11): from `measure_shapes`. The distortion is NaN unless it is below 1 and the resolution is
+    RESOLUTION_MIN to 1.
     """
     _, _, sigma, e1, e2, kurtosis, noise, psf_sigma, psf_e1, psf_e2, psf_kurtosis = shapes.T
     e, psf = e1 + 1j * e2, psf_e1 + 1j * psf_e2
@@ -276,7 +276,7 @@ def reduced(e):
 
 @np.errstate(invalid="ignore")  # NaN in, NaN out
 def on_sky(e, jacobian):
-    """Return distortions (n,) of pixel axes, complex, on axes east and north; `jacobian` (n, 2, 2) d(x, y)/d(e, n)."""
+    """Return complex distortions (n,) turned from pixel axes to east, north; `jacobian` (n, 2, 2) d(x, y)/d(e, n)."""
     shape = np.moveaxis(np.array([[1.0 + e.real, e.imag], [e.imag, 1.0 - e.real]]), -1, 0)
     inverse = np.linalg.inv(jacobian)
     sky = inverse @ shape @ np.swapaxes(inverse, -1, -2)

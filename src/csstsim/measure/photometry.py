@@ -4,9 +4,9 @@ PSF photometry (paper, section 6: stars) is the linear least-squares amplitude o
 at the windowed position, with weights uniform over the stamp: F = sum(p d) / sum(p^2), where p is the
 fraction of ALL the light in each pixel, so F is the total flux though the stamp is finite. Its variance
 is sum(p^2 (rms^2 + F p)) / sum(p^2)^2. Kron photometry (Kron 1980; galaxies) is Source Extractor's
-automatic aperture (2.5 Kron radii, at least 3.5 px), without the isophotes of other sources. Aperture photometry is a
-circle of APERTURE, over the share of a point's light that the PSF has in it. The same stamp
-gives the reduced chi2 of the PSF fit and the spread (as SPREAD_MODEL, Desai et al. 2012):
+automatic aperture (2.5 Kron radii, at least 3.5 px), without the isophotes of other sources. Aperture photometry is
+the flux in a circle of APERTURE, divided by the share of a point's light that the PSF has in it. The stamp of the PSF
+fit also gives its reduced chi2 and the spread (as SPREAD_MODEL, Desai et al. 2012):
 
     spread = (g.d) / (p.d) - (g.p) / (p.p),   g = PSF blurred by a Gaussian of sigma `BLUR`
 
@@ -21,7 +21,7 @@ import numba
 import numpy as np
 
 HALF = 10  # px; the stamp is 21 x 21
-CORE = 3  # px; unusable pixels outside the core leave the fit as it is
+CORE = 3  # px; unusable pixels outside the core are left out without a flag
 BLUR = 0.5  # px
 CELL_PX = 576  # the PSF is taken as constant over parts of the frame of at most this size
 KRON_FACTOR, KRON_MIN_RADIUS = 2.5, 3.5  # Source Extractor's PHOT_AUTOPARAMS; the radius in px
@@ -51,8 +51,10 @@ class PsfModel:
         return row * self.cells + column
 
     def smallest_pairs(self, offsets):
-        """Return (4,): of a star at any of `offsets` (n,) px from its pixel in x and y, the least share, to its pixel,
-        of the mean of the pixels left and right, above and below, and along both diagonals."""
+        """Return (4,): the least ratio of the mean of two opposite neighbours to the pixel, for a star at `offsets`.
+
+        The pairs are left and right, above and below, and both diagonals; offsets (n,) px in x and y.
+        """
         stamp, least = np.empty((3, 3)), np.full(4, np.inf)
         for table in self.coefficients:
             for dy in offsets:
@@ -93,7 +95,7 @@ def psf_model(psf, origin, shape, *, cell_px=CELL_PX):
             fine = psf.at(origin[0] + (column + 0.5) * step[0] - 0.5, origin[1] + (row + 0.5) * step[1] - 0.5)
             cube = half_pixels(fine, psf.oversampling)
             middle = cube.shape[-1] // 2
-            wide = slice(middle - _MARGIN - 12, middle + _MARGIN + 12)  # 12 beyond: the filters forget their edge
+            wide = slice(middle - _MARGIN - 12, middle + _MARGIN + 12)  # 12 beyond, for the filters' edge effects
             table = pixel_response(np.mean(cube[:, wide, wide], axis=0, dtype=np.float64), 2)
             keep = slice(11, 12 + 2 * _MARGIN)
             for image, into in ((table, plain), (gaussian_filter(table, 2.0 * BLUR), blurred)):
@@ -145,7 +147,7 @@ def fit_sources(image, rms, unusable, x, y, counted, cell, coefficients, blurred
     of `PsfModel`. `counted`: share of each source's light that made electrons; `image` is divided by it, so a source's
     own variance is flux / counted.
     Returns (n, 6): flux, flux error (electron), reduced chi2, spread, spread error, the bits of `unusable` within CORE.
-    NaN where no pixel is left or a ratio has no meaning.
+    NaN where no pixel is left or a ratio is undefined.
     """
     ny, nx = image.shape
     side = 2 * HALF + 1
@@ -204,7 +206,7 @@ def _variances(image, rms, unusable, iy, ix, p, g, flux, ratio, counted):
 
 
 def aperture_flux(found, counted, share):
-    """Return (flux, error) of `detect.Detections` in circles of APERTURE, as of points that have `share` (n,) there.
+    """Return (flux, error) of `combine.Detections` in circles of APERTURE, divided by the PSF's `share` (n,) there.
 
     `counted` (n,) as in `fit_sources`; electrons. Pixels on the isophote of another source count as in `kron_flux`.
     """
@@ -217,13 +219,13 @@ def aperture_flux(found, counted, share):
 
 
 def _others(found):
-    """Return sep's arguments: pixels on the isophote of another source count as the mean of the aperture's others."""
+    """Return sep's arguments that give pixels on another source's isophote the mean of the aperture's other pixels."""
     mine = np.where(found.segment > 0, found.segment, np.iinfo(np.int32).max).astype(np.int32)
     return {"segmap": found.segments, "seg_id": mine}
 
 
 def kron_flux(found, counted):
-    """Return (flux, error, failed) of `detect.Detections` in Kron apertures, electron; failed: minimum circle used.
+    """Return (flux, error, failed) of `combine.Detections` in Kron apertures, electron; failed: minimum circle used.
 
     `counted` (n,) as in `fit_sources`.
     """

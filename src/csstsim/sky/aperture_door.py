@@ -1,10 +1,10 @@
-"""The aperture door: a flap on the rim that shades the tube, and whose lit inside shines into it.
+"""The aperture door: a flap on the tube's rim that shades the aperture and scatters light into it off its inside.
 
-In the plane through boresight and hinge the rim reaches from -R to R and the door from the hinge at R to
-(R + D sin d, D cos d), opened by d beyond parallel to the boresight. A beam from zenith angle t on the door's side
-leaves in shade the share (D cos d tan t - D sin d) / 2R of the aperture (0 to 1). The inside, a Lambert surface of
-small albedo, is one source as seen from the aperture's centre. The door is turned to the Sun (nominal roll). Left out:
-diffraction at the edge, the door's round outline, light that the tube's wall sends back.
+In the plane through boresight and hinge, the rim reaches from -R to R and the door from the hinge at R to
+(R + D sin d, D cos d), where d is the opening angle beyond parallel to the boresight. For a beam from zenith angle t
+on the door's side, the door shades the fraction (D cos d tan t - D sin d) / 2R of the aperture (clipped to 0..1). The
+inside is a Lambert surface of small albedo, treated as one source seen from the aperture's centre. The door faces the
+Sun (nominal roll). Left out: diffraction at the edge, the door's round outline, reflection by the tube's wall.
 """
 
 import math
@@ -13,7 +13,7 @@ import numpy as np
 
 
 def shade(zenith, azimuth, door_azimuth, door):
-    """Return the share (0..1) of the aperture in the door's shade, for beams from zenith, azimuth [deg], any shape."""
+    """Return the fraction (0..1) of the aperture that is shaded, for beams from zenith, azimuth [deg], any shape."""
     slant, side, turn = np.radians(zenith), np.cos(np.radians(azimuth - door_azimuth)), _turn(door)
     front = (side > math.cos(math.radians(door.half_width_deg))) & (slant < math.pi / 2)
     reach = door.length_m * math.cos(turn) * np.tan(np.where(front, slant, 0.0)) * side - door.length_m * math.sin(turn)
@@ -21,7 +21,7 @@ def shade(zenith, azimuth, door_azimuth, door):
 
 
 def scattered(zenith, azimuth, door_azimuth, door):
-    """Return the door's irradiance of the aperture over that of the beam (normal to it), for beams on the inside.
+    """Return the aperture's irradiance by light off the door's inside, over the beam's normal irradiance.
 
     The far rim shades the door's foot from a beam that comes from behind the aperture's plane.
     """
@@ -39,7 +39,7 @@ def zenith_angle(door):
 
 
 def solid_angle(door):
-    """Return the door's solid angle [sr] from the aperture's centre, as of a small surface at its middle."""
+    """Return the door's solid angle [sr] from the aperture's centre, taken as a small surface at the door's middle."""
     area = 2 * door.tube_radius_m * door.length_m
     return area * door.tube_radius_m * math.cos(_turn(door)) / math.hypot(*_middle(door)) ** 3
 

@@ -1,14 +1,14 @@
 """Sky background (paper, section 5.5.1): one constant per band, or the sum of the model's components.
 
-The model's components [e-/s/px], on a coarse grid of lines of sight over the window, expanded bilinearly:
+The model's components [e-/s/px] are computed on a coarse grid of lines of sight and interpolated bilinearly:
 
     zodiacal                          of the field itself (csstsim.sky.zodiacal)
-    earth, sun, moon, planets, stars  from outside the field, through the point-source transmittance, past the aperture
-                                      door, unless the Earth is in front
+    earth, sun, moon, planets, stars  stray light from outside the field: point-source transmittance and aperture door;
+                                      sources behind the Earth give none
 
-Left out: scattered light and ghosts of objects in the field, which are not background; starlight below the star list
-and zodiacal light from outside the field (0.1% of the diffuse sky scatters in); airglow, dark above the orbit but
-for lines shortward of the bands.
+Left out: scattered light and ghosts of objects in the field, which are not background; stars fainter than the star
+list and zodiacal light from outside the field (0.1% of the diffuse sky scatters in); airglow, which above the orbit has
+only lines shortward of the bands.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ from csstsim.sky.earthshine import earthshine
 from csstsim.sky.transmittance import angles, total
 
 COMPONENTS = ("zodiacal", "earth", "sun", "moon", "planets", "stars")
-NODES = 5  # a side; between them, light of a star 0.3 deg off the chip is bilinear to 2%
+NODES = 5  # per side; bilinear interpolation errs by 2% for a star 0.3 deg off the chip
 
 
 def sky_electrons(filter_, exptime):
@@ -34,8 +34,8 @@ def sky_electrons(filter_, exptime):
 def band_rates(filter_, telescope, pixel_um, numbers):
     """Return the rate of each source in a band [e-/s/px], {name: float or array}, for `sky_components`.
 
-    zodiacal (2,): of I = 1 in the law's two colours; the others at transmittance 1: sun at 1 au; earth: that Sun off
-    the Earth's albedo, to be multiplied with `earthshine`; stars (n,).
+    zodiacal (2,): for I = 1 in the law's two colours. The others are for transmittance 1. sun: at 1 au; earth: the
+    same sunlight times the Earth's albedo, to be multiplied by `earthshine`; stars (n,).
     """
     wave, pixel = filter_.wavelength, (1e-6 * pixel_um) ** 2
     sun = sunlight(wave, numbers)
@@ -52,7 +52,7 @@ def band_rates(filter_, telescope, pixel_um, numbers):
 def sky_components(rates, axes, sights, moment, numbers):
     """Return {component: (m,) e-/s/px} for lines of sight (m, 3), unit vectors on GCRS axes.
 
-    rates: of `band_rates`; axes: sky.directions.telescope_axes; moment: (UTC MJD, position [km], velocity [km/s]) of
+    rates: from `band_rates`; axes: sky.directions.telescope_axes; moment: (UTC MJD, position [km], velocity [km/s]) of
     the spacecraft, geocentric GCRS; numbers: SkyNumbers. Raises InputError if the Earth is in the way, or the Sun is
     closer than the table of zodiacal light reaches.
     """
@@ -104,7 +104,7 @@ def lines_of_sight(wcs, window):
 
 
 def grid_mean(values):
-    """Return the mean of the plane that `add_grid` makes of the values at `lines_of_sight`."""
+    """Return the mean of the bilinear image that `add_grid` makes from the values at `lines_of_sight`."""
     end = np.ones(NODES)
     end[[0, -1]] = 0.5
     return float(np.einsum("i,j,ij->", end, end, values.reshape(NODES, NODES)) / (NODES - 1) ** 2)

@@ -1,18 +1,18 @@
-"""Spectra of the background, and the electrons they give in a band.
+"""Spectra of the background and their electron rates in a band.
 
     rate [e-/s/px] = G integral L(lambda) T(lambda) dlambda
 
-with L in photons and T the throughput, in electrons per photon that enters the aperture. For a radiance (photon / s /
-m2 / angstrom / arcsec2) G is aperture area times the pixel's solid angle; for an irradiance of the focal plane that has
-yet to meet the throughput (transmittance), the pixel's area. A grating's T is its whole first order;
-csstsim.sky.dispersed has all orders and where they end.
+L is in photons; T is the throughput, in electrons per photon that enters the aperture. For a radiance (photon / s /
+m2 / angstrom / arcsec2), G is the aperture area times the pixel's solid angle. For an irradiance of the focal plane
+before throughput (from the point-source transmittance), G is the pixel's area. A grating's T is that of its whole first
+order; csstsim.sky.dispersed treats all orders and where they end.
 """
 
 import numpy as np
 
 from csstsim.base.units import C_A_S, H_J_S, K_J_K
 
-V_BAND = 5500.0  # angstrom, where a V magnitude fixes a spectrum
+V_BAND = 5500.0  # angstrom, where spectra are normalised to the V magnitude
 
 
 def photons(watts, wavelength):
@@ -26,14 +26,14 @@ def sunlight(wavelength, numbers):
 
 
 def magnitude_ratio(magnitude, numbers):
-    """Return irradiance over that of the Sun at 1 au for a V magnitude."""
+    """Return the irradiance of a source of given V magnitude over that of the Sun at 1 au."""
     return 10.0 ** (-0.4 * (np.asarray(magnitude, dtype=float) - numbers.bodies.sun_magnitude))
 
 
 def blackbody_over_sun(wavelength, temperature, numbers):
-    """Return a black body's photon spectrum over the Sun's at V_BAND: sources of equal V differ by this shape.
+    """Return a black body's photon spectrum, scaled to equal the Sun's at V_BAND: same V, another shape.
 
-    At V_BAND the Sun is the mean of its spectrum within 250 angstrom, so that no line of its own decides.
+    The Sun's value at V_BAND is the mean of its spectrum within 250 angstrom, so that single lines matter little.
     """
     x = H_J_S * C_A_S / K_J_K / temperature
     planck = (V_BAND / wavelength) ** 4 * np.expm1(x / V_BAND) / np.expm1(x / wavelength)
@@ -47,7 +47,7 @@ def solar_continuum(wavelength, numbers):
 
 
 def band(filter_, spectrum):
-    """Return the integral of T times `spectrum` (..., n) [photon / angstrom and more] over the filter's grid."""
+    """Return the integral of T times `spectrum` (..., n) [photon / angstrom / ...] over the filter's grid."""
     return np.trapezoid(filter_.throughput * spectrum, filter_.wavelength)
 
 

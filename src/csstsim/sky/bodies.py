@@ -1,8 +1,8 @@
 """Directions and brightness of the Sun, the Moon and the bright planets, seen from the spacecraft.
 
-The Sun as catalog.astrometry.ephemeris has it; the Moon from ERFA's moon98 (Meeus 1998, 10"), shifted by the
-spacecraft's parallax; planets from plan94, within arcminutes. Directions are geometric: stray light does not notice
-light time and aberration (20"). V magnitudes by distance and phase angle, as polynomials of sky.yaml.
+The Sun comes from catalog.astrometry.ephemeris; the Moon from ERFA's moon98 (Meeus 1998, 10"), shifted by the
+spacecraft's parallax; planets from plan94, within arcminutes. Directions are geometric: light time and aberration (20")
+do not matter for stray light. V magnitudes depend on distance and phase angle by the polynomials in sky.yaml.
 """
 
 import math
@@ -54,8 +54,8 @@ def bodies(mjd, position, velocity, numbers):
 def exposure_angles(ra, dec, mjd, position, velocity):
     """Return {"sun", "moon", "limb", "limb_sun"} [deg] of a boresight at ra, dec [deg].
 
-    sun, moon: angles between them and the boresight; limb: from the Earth's limb, negative if the Earth is in the way;
-    limb_sun: the Sun's height over the nearest point of that limb, negative by night.
+    sun, moon: angle to the boresight; limb: boresight's angle from the Earth's limb, negative if the Earth is in the
+    way; limb_sun: elevation of the Sun at the nearest point of that limb, negative at night.
     """
     boresight, place = unit_vectors(ra, dec), np.array(position, dtype=float)
     sun, _ = _sun(mjd, position, velocity)
@@ -63,7 +63,7 @@ def exposure_angles(ra, dec, mjd, position, velocity):
     across = boresight - (boresight @ zenith) * zenith
     across /= max(np.linalg.norm(across), 1e-300)
     radius = earth_radius(place)
-    limb = np.sin(radius) * zenith + np.cos(radius) * across  # of the Earth's surface, seen from its centre
+    limb = np.sin(radius) * zenith + np.cos(radius) * across  # direction of the limb point from the Earth's centre
     return {
         "sun": float(angle(boresight, sun)),
         "moon": float(angle(boresight, _moon(mjd_tt(mjd), position))),
@@ -90,5 +90,5 @@ def _moon(tt, position):
 
 
 def _polynomial(coefficients, x):
-    """Terms from the first power on."""
+    """Return the polynomial whose first coefficient is that of x; it has no constant term."""
     return sum(c * x ** (k + 1) for k, c in enumerate(coefficients))

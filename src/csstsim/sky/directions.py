@@ -1,4 +1,4 @@
-"""The telescope's own axes, and directions from the Sun along the ecliptic.
+"""The telescope's axes, and ecliptic coordinates relative to the Sun.
 
 The telescope's frame is (x, y, z): mosaic +x and +y, and the boresight. Zenith angles run from z, azimuths from +y
 towards +x.
@@ -26,7 +26,7 @@ def telescope_axes(ra, dec, pa, parity=1):
 
 
 def helioecliptic(direction, sun):
-    """Return longitude from the Sun's (-180..180) and ecliptic latitude [deg] of unit vectors (..., 3) on ICRS axes."""
+    """Return ecliptic longitude from the Sun (-180..180) and latitude [deg] of unit vectors (..., 3) on ICRS axes."""
     longitude, latitude = _ecliptic(direction)
     from_sun = longitude - _ecliptic(sun)[0]
     return wrapped(from_sun), latitude

@@ -1,16 +1,16 @@
 """The sky through a slitless chip's gratings: every order of a uniform background, with its edges.
 
-A piece (instrument.grating.Gratings) sends the light of its rectangle of direct images x, y to X, Y = F(x, y), one
-such map per order k and wavelength. Radiance is uniform, so a pixel gets
+A piece (instrument.grating.Gratings) sends the light of its rectangle of direct images x, y to X, Y = F(x, y), with
+one map per order k and wavelength. Radiance is uniform, so a pixel gets
 
     rate = sum over pieces, orders: integral d(lambda) S T_k |dF|^-1 (share of the pixel that F(piece) covers)
 
-with S the spectrum of the sky [photon / s / angstrom and pixel] and |dF| the determinant, 1 to 0.06% in the first
-order and 0.2% in the second. Where a piece ends, an order's light ends over the range of its X - x: ramps of the first
-order's length, steps of the zeroth's.
-Rows are computed exactly where they are nodes and linear in between; along x nothing is sampled. Left out: the PSF
-(a pixel or so of the steps), the gradient of the sky over the way from x to X, and the slope of a piece's lower and
-upper edges along X (a tenth of a pixel, and no row of the chip is near them in the shipped gratings).
+S is the spectrum of the sky [photon / s / angstrom / pixel] and |dF| the Jacobian determinant, 1 to 0.06% in the first
+order and 0.2% in the second. At the end of a piece an order's light ends over the range of its X - x: a ramp as long
+as the first order, a step for the zeroth.
+Node rows are computed exactly, rows between them by linear interpolation; along x nothing is sampled. Left out: the
+PSF (it smooths the steps by about a pixel), the gradient of the sky between x and X, and the slope of a piece's lower
+and upper edges along X (a tenth of a pixel, and no row of the chip is near them in the shipped gratings).
 """
 
 import numba
@@ -20,13 +20,12 @@ from csstsim.instrument.filter import GRID
 from csstsim.sky import zodiacal
 from csstsim.sky.background_spectra import V_BAND, band, sunlight
 
-NODE = 1024  # px between rows computed, and between columns where |dF| is: linear to 2e-5 of the sky
-_ITERATIONS = 5  # each gains a factor 500, dF being that close to 1
+NODE = 1024  # px between computed rows, and between columns where |dF| is computed: linear to 2e-5 of the sky
+_ITERATIONS = 5  # each reduces the error by a factor 500, because dF is that close to 1
 
 
 def nominal_spectrum(filter_, numbers):
-    """Return S, as `sky_spectrum`, of the mixture that the nominal sky of filters.yaml is: zodiacal light far from the
-    Sun, and earthshine."""
+    """Return S, as `sky_spectrum`, of the nominal sky of filters.yaml: zodiacal light far from the Sun + earthshine."""
     wave, here = filter_.wavelength, np.array([V_BAND])
     earth = numbers.earth.nominal * np.interp(wave, *numbers.earth.spectrum.T)
     zodi, zodi_v = (zodiacal.spectrum(at, numbers)[1] / sunlight(at, numbers) for at in (wave, here))
@@ -35,10 +34,10 @@ def nominal_spectrum(filter_, numbers):
 
 
 def sky_spectrum(filter_, parts, sun_angle, numbers):
-    """Return S on the filter's grid [1 / angstrom], of which a whole first order counts one electron.
+    """Return S on the filter's grid [1 / angstrom], normalised to one electron in a whole first order.
 
-    parts: {component of sky.background: e-/s/px}; sun_angle: of the boresight [deg], which zodiacal light's colour
-    depends on; numbers: SkyNumbers. All but zodiacal light and the Earth are taken as sunlight.
+    parts: {component of sky.background: e-/s/px}; sun_angle: from boresight to Sun [deg], sets the colour of zodiacal
+    light; numbers: SkyNumbers. All components but zodiacal and earth are taken as sunlight.
     """
     wave = filter_.wavelength
     sun = sunlight(wave, numbers)
@@ -51,9 +50,9 @@ def sky_spectrum(filter_, parts, sun_angle, numbers):
 
 
 def disperse(sky, gratings, window, spectrum):
-    """Multiply `sky` (ny, nx) float32 of a window, in place, by the orders' sum over one whole first order.
+    """Multiply `sky` (ny, nx) float32 of a window, in place, by the sum of all orders over one whole first order.
 
-    gratings: Gratings of the chip; spectrum: (n,) on filter.GRID, as of `sky_spectrum`.
+    gratings: Gratings of the chip; spectrum: (n,) on filter.GRID, as from `sky_spectrum`.
     """
     rows = node_rows(gratings, window)
     shares = sum(
@@ -65,7 +64,7 @@ def disperse(sky, gratings, window, spectrum):
 
 
 def order_rows(order, piece, rows, window, spectrum):
-    """Return (len(rows), nx): what an order of a piece gives rows of the chip, over one whole first order.
+    """Return (len(rows), nx): light of one order of a piece on rows of the chip, over one whole first order.
 
     piece: (x0, x1, y0, y1) of its direct images.
     """
@@ -85,7 +84,7 @@ def order_rows(order, piece, rows, window, spectrum):
 
 
 def node_rows(gratings, window):
-    """Return the rows to compute: every NODE px, whatever the window, and all that the end of a piece crosses."""
+    """Return the rows to compute: every multiple of NODE, and all rows that the end of a piece crosses."""
     regular = _nodes(window.y0, window.y1)
     rows = set(regular)
     for grating, piece in gratings.pieces:
@@ -106,7 +105,7 @@ def landing(order, x, y, wave):
 
 
 def _edge(order, x, rows, wave):
-    """Return (rows, 2): X on `rows` of the light of the line of direct images at x, at the ends of the band."""
+    """Return (rows, 2): X where light of direct images at x lands on `rows`, at the two ends of the band."""
     y = rows + 0.0 * wave
     for _ in range(_ITERATIONS):
         y = y + rows - landing(order, x, y, wave)[1]
@@ -114,7 +113,7 @@ def _edge(order, x, rows, wave):
 
 
 def _ends(order, piece, wave):
-    """Return [(2,), (2,)]: Y of a piece's lower and upper end, in its middle, at the ends of the band."""
+    """Return [(2,), (2,)]: Y of a piece's lower and upper end, at its middle in x, at the two ends of the band."""
     x0, x1, *ends = piece
     return [landing(order, np.full(2, 0.5 * (x0 + x1)), y, wave)[1] for y in ends]
 
@@ -135,10 +134,10 @@ def _density(order, columns, rows, wave):
 
 @numba.njit(cache=True)
 def _add_steps(out, weights, left, right, low, high):
-    """Add an order's light as differences along x, in place, dealt out between the ends of its band: (2, rows, nx).
+    """Add an order's light to `out` (2, rows, nx) as differences along x, shared between the two ends of its band.
 
     left, right: (rows, 2) where it begins and ends, from the window's left side; low, high: the same in y, from the
-    row's lower side. A wavelength's ends lie between those at the ends of the band, in proportion.
+    row's lower side. For a wavelength inside the band these are interpolated linearly.
     """
     last = max(len(weights) - 1, 1)
     for j in range(len(left)):
@@ -158,7 +157,7 @@ def _above(edge):
 @numba.njit(cache=True)
 def _add_step(out, place, t, weight):
     column = int(np.floor(place))
-    part = place - column  # of the pixel `column` lies before the step
+    part = place - column  # fraction of pixel `column` before the step
     for k, share in ((column, 1.0 - part), (column + 1, part)):
         if k < out.shape[1]:
             out[0, max(k, 0)] += (1.0 - t) * share * weight

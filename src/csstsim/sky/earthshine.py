@@ -1,9 +1,9 @@
 """Earthshine: the sunlit Earth as segments, each a source for the point-source transmittance (paper, section 5.5.1).
 
-Segments divide the disc that the spacecraft sees, in rings about the nadir. Each is a Lambert surface under the Sun's
-height there: its irradiance of the aperture is albedo / pi E_sun cos(Sun's zenith angle) times its solid angle. The
-night side is dark: no airglow, cities or moonlit clouds. Left out: the Earth's flattening, clouds that differ from
-place to place, the glint on the oceans, twilight in the atmosphere.
+The disc that the spacecraft sees is divided into segments in rings about the nadir. Each is a Lambert surface lit from
+the local zenith angle of the Sun: its irradiance of the aperture is albedo / pi E_sun cos(Sun's zenith angle) times its
+solid angle. The night side is dark: no airglow, cities or moonlit clouds. Left out: the Earth's flattening, variable
+cloud cover, the glint on the oceans, twilight in the atmosphere.
 """
 
 import math
@@ -18,7 +18,7 @@ from csstsim.sky.transmittance import total
 def segments(place, sun, rings):
     """Return directions (n, 3) from `place` [km] and weights (n,) of the lit segments, on the axes of `place`.
 
-    A weight is solid angle [sr] times the cosine of the Sun's zenith angle there, over pi: times albedo, it is the
+    A weight is solid angle [sr] times the cosine of the Sun's zenith angle there, over pi. Times the albedo it is the
     segment's irradiance over the Sun's. sun: unit vector.
     """
     distance, radius = float(np.linalg.norm(place)), earth_radius(place)
@@ -39,7 +39,7 @@ def segments(place, sun, rings):
 
 
 def earthshine(place, sun, axes, sights, door_azimuth, numbers):
-    """Return (m,): the focal plane's irradiance by the Earth over the Sun's at 1 au, for a white Earth.
+    """Return (m,): the focal plane's irradiance by the Earth over the Sun's at 1 au, for albedo 1.
 
     place [km], sun: GCRS; axes: sky.directions.telescope_axes; sights (m, 3) in that frame.
     """

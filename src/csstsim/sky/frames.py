@@ -1,4 +1,4 @@
-"""The sky put into a frame, pixel by pixel: compiled loops, apart from what only asks how bright the sky is."""
+"""Compiled loops that add the sky to a frame; separate, so that code that only needs sky levels does not load them."""
 
 import numba
 import numpy as np
@@ -6,7 +6,7 @@ import numpy as np
 
 @numba.njit(cache=True)
 def expand(image, grid, rows, v, starts, u):
-    """Add the bilinear expansion of `grid` (n, n) to `image`, in place; where: csstsim.sky.background.add_grid."""
+    """Add the bilinear expansion of `grid` (n, n) to `image`, in place; arguments: csstsim.sky.background.add_grid."""
     for y in range(image.shape[0]):
         line = (1 - v[y]) * grid[rows[y]] + v[y] * grid[rows[y] + 1]
         for j in range(len(starts) - 1):
@@ -18,7 +18,7 @@ def expand(image, grid, rows, v, starts, u):
 
 @numba.njit(cache=True)
 def add_product(image, sky, response):
-    """Add sky * response to `image`, all (ny, nx) float32, in place, without another frame of memory."""
+    """Add sky * response to `image`, all (ny, nx) float32, in place, without a temporary frame."""
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):
             image[y, x] += sky[y, x] * response[y, x]

@@ -1,4 +1,4 @@
-"""The numbers of the sky (config/instrument/sky.yaml); units and meaning are the comments there."""
+"""The numbers of the sky (config/instrument/sky.yaml); the comments there give units and meaning."""
 
 from dataclasses import dataclass
 from typing import Annotated, Any
@@ -11,7 +11,7 @@ from csstsim.base.model import Data, Number, Whole, must, validate
 
 
 def _array(*shape):
-    """Return the type of an array of floats of a shape, None standing for any length; null is NaN."""
+    """Return the type of a float array of the given shape, where None means any length; null is read as NaN."""
 
     def made(value):
         try:
@@ -19,7 +19,7 @@ def _array(*shape):
         except TypeError as exc:
             raise ValueError(str(exc)) from None
         if values.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, values.shape, strict=True)):
-            raise ValueError(f"must be numbers of shape {shape}, None: any")
+            raise ValueError(f"must be numbers of shape {shape} (None: any length)")
         return values
 
     return Annotated[Any, BeforeValidator(made)]
@@ -31,7 +31,7 @@ def _table(*axes):
     def check(values, info):
         if values.shape != tuple(len(info.data[axis]) for axis in axes if axis in info.data):
             raise ValueError("rows and columns must fit its axes")
-        if (values <= 0).any():  # NaN is none
+        if (values <= 0).any():  # NaN passes
             raise ValueError("must be positive")
         return values
 
@@ -115,10 +115,10 @@ class SkyNumbers(Data):
 
 
 def sky_numbers(data, file="sky.yaml"):
-    """Return SkyNumbers of what instrument.load.read_data gives for sky.yaml.
+    """Return the SkyNumbers of `data`, as instrument.load.read_data returns it for sky.yaml.
 
-    Raises InputError for a missing or malformed entry, and if the file was not there (empty `data`).
+    Raises InputError for a missing or malformed entry, and if the file is missing (empty `data`).
     """
     if not data:
-        raise InputError("the instrument folder has no numbers of the sky's light", file=file)
+        raise InputError("the instrument folder has no sky parameters", file=file)
     return validate(SkyNumbers, data, file)

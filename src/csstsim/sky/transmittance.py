@@ -1,8 +1,8 @@
-"""The point-source transmittance (PST): the focal plane's irradiance over that of a beam, normal to it (paper, 5.5.1).
+"""The point-source transmittance (PST): the focal plane's irradiance over a beam's normal irradiance (paper, 5.5.1).
 
-A matrix over zenith angle and azimuth, interpolated bilinearly in log PST over log zenith angle and azimuth. The zenith
-angle is the source's from the pixel's line of sight, so stray light varies over a chip. Nothing enters from behind the
-aperture's plane but by way of the door. `total` adds both ways in.
+A matrix over zenith angle and azimuth; log PST is interpolated bilinearly in log zenith angle and azimuth. The zenith
+angle is measured from the pixel's line of sight, so stray light varies over a chip. Light from behind the aperture's
+plane enters only off the door. `total` adds the direct light and the light off the door.
 """
 
 import numpy as np
@@ -12,7 +12,7 @@ from csstsim.sky.aperture_door import scattered, shade, zenith_angle
 
 
 def transmittance(zenith, azimuth, numbers):
-    """Return PST at zenith, azimuth [deg], any one shape; below the first zenith angle as there, beyond the last 0."""
+    """Return PST at zenith, azimuth [deg], of one shape; held below the first zenith angle, 0 beyond the last."""
     table = numbers.transmittance
     first, log = table.azimuth[0], np.log(table.matrix)
     log = np.column_stack([log, log[:, 0]])
@@ -23,13 +23,13 @@ def transmittance(zenith, azimuth, numbers):
 
 
 def _cell(nodes, x):
-    """Return the cell of rising `nodes` that holds x, and the place (0..1) in it, within the nodes' range."""
+    """Return the cell of rising `nodes` that holds x, and the place (0..1) in it; x is clipped to the nodes' range."""
     i = np.clip(np.searchsorted(nodes, x, side="right") - 1, 0, len(nodes) - 2)
     return i, np.clip((x - nodes[i]) / (nodes[i + 1] - nodes[i]), 0.0, 1.0)
 
 
 def total(sources, sights, door_azimuth, numbers):
-    """Return (m, n): the transmittance from sources (n, 3) to lines of sight (m, 3), past the door and off it.
+    """Return (m, n): the transmittance from sources (n, 3) to lines of sight (m, 3), direct plus off the door.
 
     Unit vectors in the telescope's frame (csstsim.sky.directions); door_azimuth [deg].
     """

@@ -2,9 +2,9 @@
 
     L(lambda) = I(longitude from the Sun, latitude) S(lambda) / S(5000) (1 + k log10(lambda / 5000))
 
-I is their Table 17, interpolated in log I by monotone cubics, along longitude and then latitude, flat at the table's
-ends, which are lines of symmetry. S is the Sun, at 5000 A its mean within 250 A; k reddens with the elongation
-(their equation 22). Left out: the seasons of the Earth's place in the dust cloud (10%), the faint structures.
+I is their Table 17: log I is interpolated by monotone cubics, along longitude and then latitude, flat at the table's
+ends, which are lines of symmetry. S is the Sun's spectrum, S(5000) its mean within 250 A; the reddening k depends on
+elongation (their equation 22). Left out: seasonal change as the Earth moves in the dust cloud (10%), faint structures.
 """
 
 import numpy as np
@@ -44,8 +44,8 @@ def elongation(longitude, latitude):
 def _filled(numbers):
     """Return log I with the cells near the Sun filled.
 
-    They only support the interpolation beyond 15 deg: each continues its column as the power of the elongation that
-    joins the column's first two known cells.
+    They only support the interpolation beyond 15 deg. Each extrapolates its column as a power law of elongation
+    through the column's first two known cells.
     """
     axes, log = numbers.zodiacal, np.log(numbers.zodiacal.intensity)
     away = np.log(np.maximum(elongation(axes.longitude[:, None], axes.latitude[None, :]), 5.0))
@@ -58,7 +58,7 @@ def _filled(numbers):
 
 
 def spectrum(wavelength, numbers):
-    """Return (2, n): photon / s / m2 / angstrom / arcsec2 of I = 1 with the colours of the two elongations of the law.
+    """Return (2, n): photon / s / m2 / angstrom / arcsec2 for I = 1, with the colours at the law's two elongations.
 
     The light at any elongation is a mixture of the two: `mixture`.
     """

@@ -1,6 +1,6 @@
-"""The numbers of the embedded universe (config/universe/), read once and named by a digest.
+"""The numbers of the embedded universe (config/universe/), read once and identified by a digest.
 
-One YAML file a subject, each number with its source, and the fitted coefficients of the spectra beside them as FITS.
+There is one YAML file per subject, each number with its source. FITS files hold the fitted coefficients of the spectra.
 """
 
 import math
@@ -15,23 +15,23 @@ from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import folder_digest, read_data
 from csstsim.universe.dust.dust_map import DustMap
 
-Z_MAX = 20.0  # of galaxies
+Z_MAX = 20.0  # largest redshift allowed for galaxies
 _POSITIVE = ("dust.r_v", "stars.sun.r0", "galaxies.density", "galaxies.mass_function.z_max", "lensing.shells")
 _RISING = ("stars.limits", "quasars.redshift", "quasars.m1450")
-COEFFICIENTS = 20  # of a galaxy's and a quasar's spectrum
+COEFFICIENTS = 20  # per spectrum of a galaxy or quasar
 PARTS = ("cosmology", "dust", "galaxies", "lensing", "quasars", "stars")
 
 
 @dataclass(frozen=True, eq=False)
 class Universe:
-    """The embedded universe: `numbers`, one mapping a file, and what they define, made when first asked for."""
+    """The embedded universe: `numbers`, one mapping per file, and the models they define, built on first use."""
 
     folder: Path
     numbers: dict
 
     @cached_property
     def digest(self):
-        """16 hex digits of the folder and of the dust map, which may lie elsewhere."""
+        """16 hex digits for the folder and the dust map, which may be stored elsewhere."""
         return digest([folder_digest(self.folder), self.dust.digest])
 
     @cached_property
@@ -59,7 +59,7 @@ class Universe:
     @cached_property
     def star_seds(self):
         """Spectra of stars (universe.stars.star_sed.StarSeds)."""
-        from csstsim.universe.stars.star_sed import StarSeds  # numba: most stages only want the digest
+        from csstsim.universe.stars.star_sed import StarSeds  # imports numba; most stages need only the digest
 
         return StarSeds(self.folder / "star_spectra.fits", self.extinction)
 
@@ -90,7 +90,7 @@ class Universe:
             ) from exc
 
     def check(self):
-        """Make what the numbers define, populations apart. Raises InputError for one that is missing or wrong."""
+        """Build the models that the numbers define, but draw no objects. Raises InputError for a bad number."""
         from csstsim.universe.galaxies.galaxies import cumulative_counts
         from csstsim.universe.stars.stars import galaxy
 

@@ -1,1 +1,1 @@
-"""Places of objects: from the catalogue to the direction the spacecraft sees, and back."""
+"""Astrometry: from catalogue places to the directions that the spacecraft sees, and back."""

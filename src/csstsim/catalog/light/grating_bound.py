@@ -1,8 +1,8 @@
-"""How bright an object can be through a grating, given its magnitudes in the imaging bands.
+"""Upper bound of an object's light through a grating, given its magnitudes in the imaging bands.
 
-Light is not negative. So where c_b >= 0 are such that sum_b c_b T_b(lambda) >= T(lambda) at each wavelength, a grating
-of throughput T gives at most sum_b c_b times the electrons of band b. The c_b are those whose sum overestimates a flat
-spectrum least, by a linear programme.
+Light is not negative. So if c_b >= 0 are such that sum_b c_b T_b(lambda) >= T(lambda) at each wavelength, a grating of
+throughput T gives at most sum_b c_b times the electrons of band b. A linear programme finds the c_b that overestimate a
+flat spectrum least.
 
 The bands' curves end 10 angstrom inside the blue end of GU's. Wavelengths of least throughput, up to `SPILL` of a flat
 spectrum's electrons, are therefore left out; `MARGIN` covers them for spectra up to 16 times as bright there.
@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 
 SPILL = 0.003  # of a flat spectrum's electrons
-MARGIN = 1.05  # also magnitudes' own error, 2e-3
+MARGIN = 1.05  # also covers the error of the magnitudes, 2e-3
 _BLOCK = 4  # samples of filter.GRID (2 angstrom) that one constraint covers
 
 
@@ -27,7 +27,7 @@ def band_shares(grating, bands):
     used = np.zeros(curve.shape, bool)
     used[dim_first[np.cumsum(curve[dim_first]) > SPILL * curve.sum()]] = True
     starts = np.arange(0, len(curve), _BLOCK)
-    # Of each block the most that is wanted and the least that is given: no sample is missed
+    # The largest throughput wanted and the smallest given in each block: the bound holds at every sample
     wanted = np.maximum.reduceat(np.where(used, curve, 0.0), starts)
     given = np.minimum.reduceat(np.where(used, bands_curves, np.inf), starts, axis=1)
     rows = np.flatnonzero(wanted)

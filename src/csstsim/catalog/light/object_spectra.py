@@ -1,4 +1,4 @@
-"""Spectra of a chip's objects as observed, for light that is dispersed."""
+"""Observed spectra of a chip's objects, for dispersed light."""
 
 import numpy as np
 
@@ -30,7 +30,7 @@ class Spectra:
 
 
 def embedded_spectra(objects, universe):
-    """Return the Spectra of objects of the embedded universe: made of the table's own columns, no brick is read."""
+    """Return the Spectra of objects of the embedded universe, made from the table's columns; no brick is read."""
     from csstsim.catalog.light.binned_spectra import binned
 
     return Spectra(objects, lambda rows, edges: binned(universe, objects.take(rows), edges))

@@ -1,6 +1,6 @@
 """Synthetic photometry: electrons per second in each PSF sub-band, and AB magnitudes (paper, section 5.3).
 
-The paper prints F = int(S T) / int(T), a mean density, and uses it as a rate. A rate it must be:
+The paper prints F = int(S T) / int(T), a mean density, but uses it as a rate. The rate is
 
     F_i = A int S(lambda) T_i(lambda) dlambda      electron / s in sub-band i of the filter,
 
@@ -30,7 +30,7 @@ def subband_fluxes(seds, filter, telescope, wavelength=GRID):
     weights = subband_weights(filter, telescope, wavelength)
     used = np.flatnonzero(weights.any(axis=0))
     band = slice(used[0], used[-1] + 1)
-    # einsum, not a BLAS product: the same bits whatever the number of threads
+    # einsum, not a BLAS product: the same bits for any number of threads
     return np.einsum("nw,fw->nf", np.asarray(seds)[:, band], weights[:, band])
 
 

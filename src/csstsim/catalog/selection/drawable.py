@@ -11,15 +11,15 @@ NO_LIGHT = "its light in the band is negative or not a number"
 
 
 def reasons(table):
-    """Return {reason: (n,) bool} for the columns of an ObjectTable; its light is not among them."""
+    """Return {reason: (n,) bool} from the columns of an ObjectTable; its light is not checked."""
     galaxy = table["obj_type"] == GALAXY
     share = table["bulge_frac"]
     kappa, gamma1, gamma2 = (table[name] for name in ("kappa", "gamma1", "gamma2"))
     lensed = np.isfinite(kappa + gamma1 + gamma2)
     _, thin = magnification(*(np.where(lensed, v, 0.0) for v in (kappa, gamma1, gamma2)))
     found = {
-        "ra or dec is no place on the sky": ~np.isfinite(table["ra"] + table["dec"]) | (np.abs(table["dec"]) > 90),
-        "obj_type is none of " + ", ".join(TYPES): ~np.isin(table["obj_type"], range(len(TYPES))),
+        "ra, dec is not a position on the sky": ~np.isfinite(table["ra"] + table["dec"]) | (np.abs(table["dec"]) > 90),
+        "obj_type is not one of " + ", ".join(TYPES): ~np.isin(table["obj_type"], range(len(TYPES))),
         "a galaxy whose bulge_frac is not within 0..1": galaxy & ~((share >= 0) & (share <= 1)),
         "a galaxy whose |e1, e2| is not below 1": galaxy & ~(np.hypot(table["e1"], table["e2"]) < 1),
         "kappa, gamma1 or gamma2 is not finite": (table["obj_type"] != STAR) & ~lensed,
@@ -41,7 +41,7 @@ def unusable(table, flux):
 
 
 def why_not_drawn(table, dark):
-    """Return {reason: number of objects}, first reason first; `dark` (n,) bool: not drawn, whatever the reason."""
+    """Return {reason: number of objects}, each object under its first reason; `dark` (n,) bool: those not drawn."""
     left, counts = np.array(dark, dtype=bool), {}
     for reason, mask in reasons(table).items():
         counts[reason] = int((left & mask).sum())

@@ -1,6 +1,6 @@
-"""How large a stamp an object needs: half the side of the square that keeps what the noise would show.
+"""The size of an object's stamp: half the side of the square that holds the light visible above the noise.
 
-What a stamp does not hold is not lost, but laid about it more smoothly than it is (render.wings).
+Light outside the stamp is not lost, but is drawn around it more smoothly than it is (render.wings).
 
 The paper asks GalSim for folding_threshold = 5e-8 on bright and large objects, which is a stamp of 27,756 pixels; its
 default loses 0.5% of the light. Here a stamp may end only where this chip's noise hides the rest:
@@ -9,9 +9,9 @@ default loses 0.5% of the light. Here a stamp may end only where this chip's noi
   of the object's own noise. The wing is that of an unobscured circular pupil (Born & Wolf, section 8.5.2),
   surface brightness lambda / (pi^3 D r^3), four times over for aberrations;
 * light beyond the box of the stored PSF (32 or 64 px): the wing shows out to where it falls below a thousandth of a
-  pixel's noise, for every kind of object; even an ideal filter over all beyond sees no more than 1.3e-3 r [px] sigma;
+  pixel's noise, for every kind of object; even an ideal filter over the light beyond sees at most 1.3e-3 r [px] sigma;
 * galaxies: out to where the fraction of light beyond is max(1e-4, min(5e-3, 0.02 sigma_F / F)), from the closed form of
-  the enclosed light of Sersic n = 1 and n = 4 drawn out to circles of the longest axis (so never too small), plus
+  the enclosed light of Sersic n = 1 and n = 4, stretched to circles of the longest axis (so never too small), plus
   the reach of a point source of that flux.
 """
 
@@ -22,13 +22,12 @@ from csstsim.catalog.components import components
 from csstsim.profiles.sersic import light_beyond
 from csstsim.universe.lensing.lensing import magnification
 
-POINT_MIN, POINT_MAX = 16, 64  # pixel; no stored PSF goes on beyond 64
-STAR_MIN = (
-    32  # pixel: with less, a faint star's stamp loses 1% of its light; noise hides that star by star, not on average
-)
+POINT_MIN, POINT_MAX = 16, 64  # pixel; no stored PSF extends beyond 64
+# pixel; a smaller stamp loses 1% of a faint star's light: noise hides that for one star, but not on average
+STAR_MIN = 32
 REACH_MAX = 2048  # pixel
 _WING_SAFETY = 4.0
-_HIDDEN = 0.1  # part of the noise that lost light may reach
+_HIDDEN = 0.1  # fraction of the noise that lost light may reach
 _HIDDEN_WING = 1e-3  # of a pixel's noise
 _LOST = (1e-4, 5e-3, 0.02)
 _PSF_HALF_LIGHT = 1.2  # pixel, for the number of pixels that bring noise
@@ -60,8 +59,8 @@ def wing_reach(electrons, variance, wing):
 
 
 def galaxy_radius(table, electrons, variance, pixel_scale):
-    """Return (radius, lost): of the profile's visible light, before the PSF [pixel; may exceed REACH_MAX], and the
-    fraction of light that may lie beyond."""
+    """Return (radius, lost): radius of the profile's visible light before the PSF [pixel; may exceed REACH_MAX], and
+    fraction of light that may lie beyond it."""
     stretch = _stretch(table) / pixel_scale
     parts = [(light, index, size * stretch) for light, index, size in components(table)]
     size2 = sum(light * size**2 for light, _, size in parts) + _PSF_HALF_LIGHT**2

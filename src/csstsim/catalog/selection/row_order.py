@@ -1,8 +1,8 @@
-"""An order of objects that does not hang on the rows of the table they came in.
+"""An order of objects that does not depend on the order of rows in their table.
 
-Sums of stamps are of limited precision, so the order in which objects are added decides the last bit of a pixel; and
-which of two objects with one id is the first decides whose random numbers are whose. Objects are therefore summed and
-drawn by id, those of one id by all else that is known of them in numbers: the rows of a catalogue may be shuffled.
+The order in which stamps are added decides the last bit of a pixel, and the order of two objects with the same id
+decides which random numbers each gets. Objects are therefore summed and drawn by id, and those of one id by their other
+numeric columns, so the rows of a catalogue may be shuffled.
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from csstsim.catalog.light.object_spectra import ROW
 
 
 def canonical_order(table):
-    """Return (n,) rows of an ObjectTable in canonical order; rows of one id that are equal in all numbers as they come.
+    """Return (n,) rows of an ObjectTable in canonical order; rows with the same id and numbers keep their order.
 
     The embedded universe's rows are in this order already.
     """
@@ -26,16 +26,16 @@ def canonical_order(table):
 
 
 def back(order):
-    """Return (n,) the rows that put what was taken in `order` back as it was."""
+    """Return (n,) the inverse of the permutation `order`."""
     rows = np.empty(len(order), np.int64)
     rows[order] = np.arange(len(order))
     return rows
 
 
 def orders_back(orders, order):
-    """Return a table of spectral orders (io.orders) of objects taken in `order` for the objects as they were.
+    """Return a table of spectral orders (io.orders) of objects taken in `order`, with their original rows.
 
-    `row` names their rows; sorted by row, then by order, as before.
+    `row` gets the original row; the table is sorted by row, then by order.
     """
     row = order[orders["row"]].astype(orders["row"].dtype)
     return orders.with_columns(row=row).take(np.lexsort((orders["order"], row)))

@@ -1,11 +1,11 @@
 """Which objects reach a chip, how bright they are there and how large a stamp they need (paper, section 4.1).
 
 `bricks_for` finds the truth bricks around a footprint; `select_objects` turns a catalogue into the table of one
-chip in one exposure. A footprint is that of the ICRS at the epoch (job.Job.footprint), where aberration is undone;
-what an object is drawn at is its apparent direction (catalog.astrometry.reduction), with the WCS of the image.
+chip in one exposure. Footprints are in the ICRS at the epoch (job.Job.footprint), with aberration removed; an object
+is drawn at its apparent direction (catalog.astrometry.reduction), with the WCS of the image.
 
-Shapes stay the catalogue's. Aberration is conformal: it shears nothing, only stretches lengths by up to 1.3e-4; the
-deflection of light shears by 2e-8 at 90 deg from the Sun. Both are left out.
+Shapes stay as in the catalogue. Aberration is conformal: it only stretches lengths, by up to 1.3e-4. The deflection of
+light shears by 2e-8 at 90 deg from the Sun. Both are left out.
 """
 
 from dataclasses import dataclass
@@ -34,13 +34,13 @@ from csstsim.catalog.table import GALAXY, STAR
 from csstsim.universe.lensing.lensing import magnification
 
 DISTORTION_PX = 200  # at the field's edge (paper, section 5.2)
-# Stars move 147" (4.1" a year until 2036) at the expense of this margin: wings of bright stars beyond it are not drawn.
+# Stars may move 147" (4.1" a year until 2036) within this margin; wings of bright stars beyond it are not drawn.
 BRICK_MARGIN_PX = DISTORTION_PX + REACH_MAX
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What a pixel's noise is made of, without objects."""
+    """The contributions to a pixel's noise, without objects."""
 
     sky: float  # electron / s / pixel
     dark: float  # electron / s / pixel
@@ -54,14 +54,14 @@ class Noise:
 def bricks_for(footprint_ra, footprint_dec, margin_deg):
     """Return the sorted NSIDE-256 nested pixels that touch a convex footprint grown by a margin.
 
-    Corners in order round the polygon [deg]; RA wrap and poles need no care. Some bricks that only come close
-    may be among them, none that touches is missing.
+    Corners in order round the polygon [deg]; RA wrap and poles need no care. Bricks that only come close may be
+    included; none that touches is missing.
     """
     return _bricks(*_grown(footprint_ra, footprint_dec, margin_deg))
 
 
 def region_for(footprint_ra, footprint_dec, margin_deg, bands):
-    """Return the `Region` a catalogue is asked for: footprint with its margin, its bricks, the camera's bands."""
+    """Return the `Region` that a catalogue must cover: footprint with margin, its bricks, the camera's bands."""
     ra, dec = _grown(footprint_ra, footprint_dec, margin_deg)
     return Region(tuple(ra.tolist()), tuple(dec.tolist()), tuple(_bricks(ra, dec).tolist()), tuple(bands))
 
@@ -81,27 +81,29 @@ def select_objects(
     catalog, wcs, observer, window, filter, telescope, exptime, noise, mag_limit=None, rotated=False, scattered=None,
     box=POINT_MAX, disperser=None,
 ):  # fmt: skip
-    """Return the ObjectTable of what reaches `window` of a chip, with the columns the renderer needs.
+    """Return the ObjectTable of the objects that reach `window` of a chip, with the columns the renderer needs.
 
     catalog: a CatalogBase; wcs: optics.geometry.wcs.ChipWCS; observer: ephemeris.Observer; window:
     instrument.chip.Window; exptime in s; noise: Noise; rotated: turn intrinsic ellipticities by 90 degrees (the paper's
-    twin campaign, in which nothing else differs); beyond: Scattered (optics.scatter) or None; box: half the side
+    twin campaign, in which nothing else differs); scattered: Scattered (optics.scatter) or None; box: half the side
     of the stored PSF [pixel]; disperser: optics.gratings.dispersion.Disperser of a spectroscopic chip, whose light
-    lands elsewhere, or None. ra, dec become the apparent direction. Added: ra_orig, dec_orig (the catalogue's, J2000),
-    ra_epoch, dec_epoch (ICRS at the epoch, what a measurement can know), x, y (0-based pixel), mag (this filter),
-    flux0..3 (electron / s, magnified), reach (pixel, half the side of the stamp), lost (fraction of a galaxy's light
-    that may lie beyond it), wing (pixel, radius at which noise hides the light beyond the PSF's box; 0: it hides all of
-    it), flags. mag_* are as observed, magnification included. Rows with a value that cannot be used are kept, dark and
-    flagged, if they lie on the window or nobody knows where they lie. Behind a grating x, y is where light would fall
-    without it, flux0..3 and mag are those of the first order, and a column `catalog_row` says where to find the
-    spectrum (catalog.light.object_spectra). `meta` gets `dropped` (counts by reason) and `truth_hash`.
+    lands elsewhere, or None.
+
+    ra, dec become the apparent direction. Added columns: ra_orig, dec_orig (the catalogue's, J2000), ra_epoch,
+    dec_epoch (ICRS at the epoch, to compare with measurements), x, y (0-based pixel), mag (this filter), flux0..3
+    (electron / s, magnified), reach (pixel, half the side of the stamp), lost (fraction of a galaxy's light that may
+    lie beyond it), wing (pixel, radius at which noise hides the light beyond the PSF's box; 0: it hides all of it),
+    flags. mag_* are as observed, magnification included. Rows with an unusable value are kept, flagged and without
+    light, if they lie on the window or their place is unknown. Behind a grating x, y is where light would fall without
+    it, flux0..3 and mag are those of the first order, and the column `catalog_row` is the object's row in the
+    catalogue, for its spectrum (catalog.light.object_spectra). `meta` gets `dropped` (counts by reason), `truth_hash`.
     """
     everything = catalog.table
     rows, places = near(everything, wcs, observer, window, 0.0 if disperser is None else disperser.gratings.reach)
     table = everything.take(rows)
     optics = noise.variance(exptime), scattered, box, wcs.chip, filter, telescope
     bound = catalog.rate_bound(rows, filter, telescope)
-    if bound is not None:  # spectra of what cannot reach the window need not be summed
+    if bound is not None:  # spectra of objects that cannot reach the window are not summed
         electrons = bound * _magnification(table)[0] * exptime
         reach, _, wing, ghosts, _ = _extent(table, unusable(table, electrons[:, None]), electrons, *optics)
         far = np.maximum.reduce([reach, wing, ghosts])
@@ -110,7 +112,7 @@ def select_objects(
     if rotated:
         table = table.with_columns(e1=-table["e1"], e2=-table["e2"])
     (mu, thin), star = _magnification(table), table["obj_type"] == STAR
-    order = canonical_order(table)  # what is summed chunk by chunk must not hang on the order of the rows
+    order = canonical_order(table)  # sums by chunks must not depend on the order of the rows
     flux = catalog.load_fluxes(rows[order], filter, telescope)[back(order)] * mu[:, None]
     bad = unusable(table, flux)
     flux[bad] = 0.0
@@ -139,9 +141,8 @@ def select_objects(
 def near(table, wcs, observer, window, dispersed=0.0):
     """Return the rows that could reach the window, or whose place is unknown, and {name: values} of their places.
 
-    dispersed: how far a grating may send light [pixel].
-
-    Places: ra, dec, ra_epoch, dec_epoch [deg], x, y [pixel], as `select_objects` describes them.
+    dispersed: how far a grating may send light [pixel]. Places: ra, dec, ra_epoch, dec_epoch [deg], x, y [pixel], as
+    `select_objects` describes them.
     """
     located = np.flatnonzero(np.isfinite(table["ra"]) & np.isfinite(table["dec"]))
     star = table["obj_type"][located] == STAR  # nothing else moves, whatever the catalogue says
@@ -177,7 +178,7 @@ def _lands(places, far, window, disperser):
 
 
 def _magnified(table, bands, mu):
-    """Return {mag_B: as observed}; NaN in a band that the catalogue's table has no magnitudes in."""
+    """Return {mag_B: observed magnitudes}; NaN in a band for which the catalogue's table has none."""
     given = {f"mag_{band}": table.get(f"mag_{band}", np.full(len(mu), np.nan)) for band in bands}
     return {name: (values - 2.5 * np.log10(mu)).astype(np.float32) for name, values in given.items()}
 
@@ -200,7 +201,7 @@ def _extent(table, bad, electrons, variance, scattered, box, chip, filter, teles
 
 
 def _scattered_reach(scattered, electrons, variance, chip):
-    """Return how far each object's wing [pixel] needs to go, and how far its ghosts lie if they are bright enough."""
+    """Return the radius to which each object's wing is drawn, and the distance of its visible ghosts [pixel]."""
     if scattered is None:
         return np.zeros_like(electrons), np.zeros_like(electrons)
     ghosts = 0.0 if scattered.ghosts is None else scattered.ghosts.reach(chip) * scattered.ghosts.visible(electrons)

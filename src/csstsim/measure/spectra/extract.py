@@ -1,5 +1,4 @@
-"""Quick extraction of slitless spectra along the traces of the truth: a box, and the optimal weights of Horne (1986,
-PASP 98, 609).
+"""Quick extraction of slitless spectra along the true traces: box sums and optimal weights (Horne 1986, PASP 98, 609).
 
 Wavelengths are those of the pixel columns themselves, lambda(X) = (X - x - p) / q: nothing is resampled. With d the
 electrons of a pixel less those of others (measure.spectra.spectral_model) and the sky (measure.spectra.local_sky), P
@@ -7,9 +6,9 @@ the share of the object's light there (measure.spectra.line_profile), V its vari
 
     e(X) = sum W d / sum W P,     W = overlap with the aperture (box),  W = P / V (optimal)
 
-over the pixels that can be used. The denominator is the aperture correction: it makes e all of the light, whatever is
-missing (edges, defects). Pixels that are more than REJECT sigma off the fit are taken out one by one (cosmic rays).
-Flux is e over what a spectrum of 1 photon / s / m2 / angstrom leaves in the same column, the line profile included.
+over the usable pixels. The denominator is the aperture correction: it scales e to all of the light, whatever is
+missing (edges, defects). Pixels that are more than REJECT sigma off the fit are removed one by one (cosmic rays).
+Flux is e over the electrons of a spectrum of 1 photon / s / m2 / angstrom in the same column, line profile included.
 Left out: the PSF's change along the trace, light of a trace beyond the ends of another's order, tilted lines of tilted
 galaxies (the box sums them; the optimal weights may reject some of a strong one).
 """
@@ -47,14 +46,14 @@ CONTAMINATED_FROM = 0.1  # of the electrons
 REJECT, PROFILE_ERROR = 5.0, 0.1  # sigma; share by which the profile may be wrong
 FAINTEST = 0.1  # of a pixel's noise: fainter light of others is not modelled
 ROUNDS = 20
-WHOLE = 0.5  # of the aperture's light in pixels that can be used; with less there is no result
+WHOLE = 0.5  # of the aperture's light in usable pixels; with less there is no result
 ELEMENT, ELEMENT_ROWS = 3.0, 6.0  # px of a resolution element, for the choice of spectra
 ERG_PER_CM2 = 1e3  # J / m2 in erg / cm2
 
 
 @dataclass(frozen=True, eq=False)
 class DispersedImage:
-    """What is extracted from: `electrons`, `unusable`, `saturated` (ny, nx) of a Window, `response` (ny, nx) or None,
+    """A frame with spectra: `electrons`, `unusable`, `saturated` (ny, nx) of a Window, `response` (ny, nx) or None,
     `read_noise` electrons; `others`: expected electrons of all orders (ny, nx), or None."""
 
     window: Window
@@ -87,7 +86,7 @@ class DispersedImage:
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """Whose spectra: `shapes` line_profile.Shapes by row of the truth table; `spectra` (rows, edges) ->
+    """The objects: `shapes` line_profile.Shapes by row of the truth table; `spectra` (rows, edges) ->
     (n, bins) photon / s / m2 / angstrom as observed in bins of `edges` [angstrom]; None: not known."""
 
     shapes: object
@@ -105,15 +104,15 @@ def predicted_snr(orders, shapes, noise):
 
 
 def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,), snr_min=5.0):
-    """Return the ObjectTable of spectra (spectrum_columns.COLUMNS), one row a column of a spectrum.
+    """Return the ObjectTable of spectra (spectrum_columns.COLUMNS), one row per column of a spectrum.
 
-    orders: ObjectTable of io.orders; sources: Sources; model: spectral_model.SpectralModel; psf: PsfSet, or what has
-    its `at` and `oversampling`; wing: optics.scatter.halo.Wing of it or None; wanted: orders; snr_min: predicted S/N
-    per resolution element. DispersedImage.others is subtracted where there is one, less the spectrum's own.
+    orders: ObjectTable of io.orders; sources: Sources; model: spectral_model.SpectralModel; psf: PsfSet, or an object
+    with its `at` and `oversampling`; wing: optics.scatter.halo.Wing of it or None; wanted: orders; snr_min: predicted
+    S/N per resolution element. DispersedImage.others, if given, is subtracted without the spectrum's own light.
     """
     chosen = np.isin(orders["order"], wanted) & (orders["drawn"] > 0)
     chosen &= predicted_snr(orders, sources.shapes, frame.noise) >= snr_min
-    chosen &= _largest(orders)  # of an object at the line between two gratings, the other has some light, no spectrum
+    chosen &= _largest(orders)  # near the line between two gratings the second one gives no spectrum
     parts, counts = [_nothing()], 0
     for k in np.flatnonzero(chosen):
         one = orders.take(slice(k, k + 1))
@@ -140,7 +139,7 @@ def _nothing():
 
 
 def _extract_one(frame, one, sources, model, psf, wing):
-    """Return {name: (n,)} of one row of the orders' table; None if none of its columns can be used."""
+    """Return {name: (n,)} of one row of the orders' table; None if none of its columns is usable."""
     row, window = int(one["row"][0]), frame.window
     columns, wave, centre = _trace(one, model, window)
     if len(columns) == 0:
@@ -254,7 +253,7 @@ def _measured(cutout, shares, half, read_noise):
 
 
 def _horne(data, shares, base, response, good):
-    """Return (variance, used) (n, rows) of the optimal fit, outliers rejected one a column and round."""
+    """Return (variance, used) (n, rows) of the optimal fit; each round rejects at most one outlier per column."""
     used, fit, variance = good.copy(), np.zeros(len(data)), base
     column = np.arange(len(data))
     for _ in range(ROUNDS):

@@ -1,4 +1,4 @@
-"""How light spreads across, or along, a spectrum: the image of an object, collapsed onto one axis.
+"""Profiles of light across, or along, a spectrum: the image of an object, collapsed onto one axis.
 
     P(t) = PSF collapsed * sum_k share_k S_k(t)         S_k: component k of the galaxy, collapsed
 
@@ -6,8 +6,8 @@ A Sersic component is circular before its shape matrix M [px / arcsec] is applie
 of the circle with the radius r_e |M_i| (row i of M): exact for any ellipticity. Of a circle of radius R the share of
 light below t is 1/2 + arcsin(t / R) / pi, averaged over radii of equal light. The PSF's box is summed; beyond it comes
 the profile of the wing (optics.scatter.halo). Profiles are kept as the share of all light below t, at the PSF's four
-wavelengths, on OFFSETS; between wavelengths they are interpolated linearly. Left out: what makes a tilted galaxy's
-lines slanted (its profile differs between the columns of a line), light beyond HALF px of the axis.
+wavelengths, on OFFSETS; between wavelengths they are interpolated linearly. Left out: the slant of a tilted galaxy's
+lines (its profile differs between the columns of a line), light beyond HALF px of the axis.
 """
 
 from dataclasses import dataclass
@@ -62,7 +62,7 @@ def psf_profile(cells, per_pixel, axis, wing=None):
 
 
 def _wing_below(wing, half):
-    """The same of a wing beyond the square of a side of 2 `half`, counted from the first of OFFSETS."""
+    """Return the same for a wing outside the square of side 2 `half`, counted from the first of OFFSETS."""
     place = np.arange(HALF + 0.5)
     place[-1] = HALF
     first = np.where(place < half, half, 1e-3)  # of the half line along which the wing is summed

@@ -1,8 +1,8 @@
 """Sky beside a spectrum: clipped means of a strip on either side of the trace, per block of columns.
 
-The mean of the two sides is that of a sky sloping across the trace at the trace; between blocks it is linear. A side of
-which less than USABLE can be used (the window's edge, a saturated neighbour) is left out. The object's own far light is
-in the strips too, and that of a bright column in the sky of dim ones: `sky_less_own` takes it out.
+The mean of the two sides is the level at the trace also if the sky slopes across it; between blocks it is linear. A
+side with a usable share below USABLE (the window's edge, a saturated neighbour) is left out. The strips also contain
+the object's own far light, so bright columns raise the sky of dim ones; `sky_less_own` corrects this.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ import numpy as np
 BLOCK = 48  # columns
 CLIP, ROUNDS = 4.0, 3  # robust sigma about the median
 USABLE = 0.25
-OWN_ROUNDS = 4  # of the object's own light in the strips, a few per cent, and of that of what is left
+OWN_ROUNDS = 4  # the object's light in the strips is a few per cent; each round leaves a few per cent of it
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Sky:
 
 
 def local_sky(data, good, offset, share, inner, width):
-    """Return the Sky of a cutout; NaN where no strip can be used.
+    """Return the Sky of a cutout; NaN where no strip is usable.
 
     data (n columns, rows) electrons; good: bool; offset: rows from the trace [px]; share: of the object's light in each
     pixel; the strips are at |offset| from `inner` to `inner` + `width`.
@@ -54,10 +54,10 @@ def local_sky(data, good, offset, share, inner, width):
 
 
 def sky_less_own(data, good, offset, share, aperture, known, inner, width):
-    """Return the Sky, as `local_sky`, less the light of the object itself that lies in the strips.
+    """Return the Sky, as `local_sky`, without the light of the object itself in the strips.
 
-    The light that the aperture's pixels, weighted with `aperture` (as data), find with the sky so far is taken out of
-    the strips, and the sky found again. known (n,): columns of which it is; others have that between their neighbours.
+    Each round measures the object's light with the weights `aperture` (shaped as data) and the sky so far, removes it
+    from the strips and measures the sky again. known (n,): columns with such light; others are interpolated.
     """
     light, column = np.zeros(len(data)), np.arange(len(data))
     total = (aperture * share).sum(axis=1)[known]

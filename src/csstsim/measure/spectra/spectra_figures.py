@@ -1,4 +1,4 @@
-"""Figures of extracted spectra: against the truth, and their pixels with the traces of all orders over them."""
+"""Figures of extracted spectra: compared with the truth, and their pixels with the traces of all orders."""
 
 import io
 
@@ -15,12 +15,11 @@ from matplotlib.lines import Line2D
 COLOURS = {1: "#D55E00", 0: "#0072B2", 2: "#009E73", -1: "#CC79A7", -2: "#E69F00"}  # Okabe & Ito (2008), by order
 OURS, TRUE = "#0072B2", "#D55E00"
 ROWS = 30  # px of a cutout, either side of the trace
-MARKED = 2.0  # electrons a pixel of its trace that an order needs to be marked
+MARKED = 2.0  # electrons per pixel of its trace from which an order is marked
 
 
 def spectra_figure(truth, frame, orders, table, dpi=90):
-    """Return the PNG bytes of a frame's figure: of its star with the most light and its galaxy with the strongest line,
-    the spectra extracted and true, and the pixels they come from.
+    """Return the PNG bytes of a frame's figure: extracted and true spectra, and their pixels, of `chosen` objects.
 
     truth: table of io.truth; frame: measure.spectra.extract.DispersedImage; orders: of io.orders; table: of
     measure.spectra.extract.
@@ -55,7 +54,7 @@ def _png(figure, dpi):
 def chosen(truth, table):
     """Return rows of the truth table: the star with the most light, the galaxy with the strongest line.
 
-    Both unsaturated and alone over most of their length.
+    Both have enough columns that are not saturated or contaminated (`good_rows`).
     """
     spectra = {int(row): good_rows(table, row) for row in np.unique(table["row"])}
     spectra = {row: mine for row, mine in spectra.items() if mine is not None}
@@ -65,7 +64,7 @@ def chosen(truth, table):
 
 
 def title(truth, row):
-    """Return what a panel says of an object."""
+    """Return the title of an object's panel."""
     kind = TYPES[truth["obj_type"][row]]
     text = f"{kind}, {truth['mag'][row]:.2f} mag"
     if kind == "galaxy":
@@ -121,7 +120,7 @@ def cutout_panel(axis, frame, orders, row, title, order=1):
     are the object's own traces, dashed lines those of others; a ring is a zeroth order.
     """
     window = frame.window
-    # of a bright object's two gratings, one has only light of its wing, without a trace
+    # a bright object may have light of its wing, but no trace, in a second grating
     mine = np.flatnonzero((orders["row"] == row) & (orders["order"] == order))
     k = int(mine[np.argmax(orders["drawn"][mine])])
     lit = np.array([orders["wave_min"][k], orders["wave_max"][k]])

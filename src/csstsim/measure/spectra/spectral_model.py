@@ -1,12 +1,12 @@
-"""A simple expected image of all orders of all objects: what contaminates a spectrum, and what it should be.
+"""A simple expected image of all orders of all objects: the contamination of a spectrum, and its expected electrons.
 
     e(X) = sum over cells of a column [A t int S T dlambda] x share of the line profile that lands on X
     image(X, row) += e(X) P(row - Y(X); lambda(X))
 
 with the trace X = x + p + q lambda, Y = y + r + s lambda of the orders' truth table, T the order's throughput, S the
-spectrum, constant in bins, P and the line profile as measure.spectra.line_profile has them (sizes in classes of a
-factor CLASS, the PSF of one place). Left out: the wing and the tail of a profile along the dispersion (its light is
-kept near where it belongs), the PSF's change over the frame, beams that the line between two gratings divides.
+spectrum, constant in bins, P and the line profile from measure.spectra.line_profile (sizes in classes of a factor
+CLASS, the PSF of one place). Left out: the wing and the tail of a profile along the dispersion (its light stays near
+its column), the PSF's change over the frame, beams split by the line between two gratings.
 """
 
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ CLASS, SMALLEST, CLASSES = 1.3, 0.1, 26  # radii [px]: SMALLEST CLASS^k; class 0
 CHUNK = 2000  # objects whose spectra are held at a time
 _STEP = GRID[1] - GRID[0]
 _REACH = 7, 4.0, 40  # px along the dispersion: least, per half-light radius, most
-_FINE, _COARSE = 4, 2  # cells to a column: of one spectrum, of all
+_FINE, _COARSE = 4, 2  # cells per column: for one spectrum, for all
 
 
 @dataclass(frozen=True, eq=False)
 class SpectralModel:
-    """What makes electrons of spectra, by pair of grating and order.
+    """Conversion of spectra to electrons, by pair of grating and order.
 
     photons: m2 s, area times exposure time; names: {(grating, order): pair}; cumulative: (pairs, len(GRID)) angstrom,
     T summed up to GRID; limits (pairs, 2) angstrom; bands: (4,) angstrom, of the profiles; tables (2 axes, CLASSES,
@@ -42,7 +42,7 @@ class SpectralModel:
     kernels: np.ndarray
 
     def electrons(self, one, columns, profile, spectrum, edges):
-        """Return electrons (len(columns),) of a row of the orders' table, ACROSS all of the trace.
+        """Return electrons (len(columns),) of a row of the orders' table, summed ACROSS the trace.
 
         one: ObjectTable of one row; columns: consecutive chip columns; profile: (4, n), ALONG; spectrum: (len(edges) -
         1,) photon / s / m2 / angstrom in bins of edges [angstrom].
@@ -57,7 +57,7 @@ class SpectralModel:
         """Return float32 `window.shape`: expected electrons of the rows of an orders' table.
 
         shapes: Shapes by row of the truth table; spectra(rows, edges): (len(rows), len(edges) - 1); faintest: electrons
-        of a pixel below which light is left out, and orders whose mean along the trace is fainter.
+        per pixel below which light is left out, as are orders whose mean along the trace is fainter.
         """
         image, edges = np.zeros(window.shape, np.float32), np.asarray(edges, float)
         orders = orders.take(self._seen(orders, shapes, faintest))
@@ -80,14 +80,14 @@ class SpectralModel:
         return image
 
     def _seen(self, orders, shapes, faintest):
-        """Return (n,) bool: orders with a pixel of at least `faintest` electrons, were their light spread evenly."""
+        """Return (n,) bool: orders of at least `faintest` electrons per pixel if their light were spread evenly."""
         limits = self.limits[self.pairs(orders)]
         length = np.maximum(np.abs(orders["q"]) * (limits[:, 1] - limits[:, 0]), 1.0)
         radius = (shapes.light * shapes.radius[:, ACROSS]).sum(axis=1)[orders["row"]]
         return orders["electrons"] >= faintest * length * (1 + radius)
 
     def pairs(self, orders):
-        """Return which grating and order each row of an orders' table has, (n,) in `names`."""
+        """Return (n,): the pair in `names` of each row of an orders' table."""
         found = zip(orders["grating"].tolist(), orders["order"].tolist(), strict=True)
         return np.array([self.names[pair] for pair in found], int)
 
@@ -111,7 +111,7 @@ def make_model(gratings, photons, cells, per_pixel, bands, wing=None):
 
 
 def _share(orders):
-    """Return (n,): what share of an order's light went through its grating; 1 but for objects on the piece's edge."""
+    """Return (n,): the share of an order's light that went through its grating; 1 except on the piece's edge."""
     share = np.clip(orders["drawn"] / np.maximum(orders["electrons"], 1e-9), 0.0, 1.0)
     return np.where(orders["cut"], share, 1.0)
 

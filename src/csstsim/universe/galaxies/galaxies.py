@@ -1,4 +1,4 @@
-"""Galaxies of the embedded universe: redshift, mass and type from mass functions, everything else from these.
+"""Galaxies of the embedded universe: redshift, mass and type from mass functions, all other properties from these.
 
 (z, M, type) -> star-formation rate -> mixture of templates, dust, lines -> i magnitude of the physical mass-to-light
 ratio -> i + shift(i), a small monotone change that makes the i counts exactly those of `counts` (abundance matching:
@@ -34,7 +34,7 @@ def cumulative_counts(numbers):
     log += numbers["faint_slope"] * np.maximum(mag - knots[-1, 0], 0.0)
     counts = 10**log
     total = np.concatenate([[0.0], np.cumsum(0.5 * (counts[1:] + counts[:-1]) * _STEP)])
-    total += counts[0] / _bright_slope(knots)  # those brighter than the table, on its first slope
+    total += counts[0] / _bright_slope(knots)  # brighter than the table: extrapolated with its first slope
     if not total[0] < target < total[-1]:
         raise ValueError(f"galaxies.density {numbers['density']} arcmin-2 is not reached by the counts")
     end = np.searchsorted(total, target)
@@ -48,7 +48,7 @@ def _bright_slope(knots):
 
 
 class GalaxyPopulation:
-    """The galaxies' laws, made ready to draw from.
+    """The laws of the galaxy population, prepared for drawing samples.
 
     numbers: galaxies.yaml; seds: galaxy_sed.GalaxySeds; cosmology: Cosmology; weights: (1, 18001) electrons / s per
     photon density of the i filter, zeropoint: its AB magnitude of one electron / s.
@@ -62,7 +62,7 @@ class GalaxyPopulation:
         self.grid = MassGrid(numbers["mass_function"], cosmology, self._lightest)
 
     def draw(self, rng, area):
-        """Return the columns of a Poisson number of galaxies on `area` [deg2], all but the position.
+        """Return the columns of a Poisson number of galaxies on `area` [deg2], except position.
 
         `rng(name)` gives the generator of one quantity. Columns: z, i, size_disk, size_bulge [arcsec, half light],
         bulge_frac, e1, e2, bulgemass, diskmass [solar], veldisp [km/s], gal_type, coeff0.., sed_scale.

@@ -2,10 +2,10 @@
 
     S(lambda) = scale x IGM(lambda, z) x 10^(-0.4 av k(lambda)) x max(0, sum_k c_k P_k(lambda / (1 + z)))
 
-photon / s / m2 / angstrom. The components P (config/universe/galaxy_spectra.fits; builder:
-builders/build_galaxy_spectra.py) lie on 600-11000 A by 2.9 A and are linear between. They span mixtures of five
+in photon / s / m2 / angstrom. The components P (config/universe/galaxy_spectra.fits; builder:
+builders/build_galaxy_spectra.py) are sampled on 600-11000 A by 2.9 A and linear in between. They span mixtures of five
 stellar populations and their emission lines under a dust screen; coefficients are linear in the masses of stars.
-Sums of components that dip below zero, where a spectrum is a thousand times fainter than usual, count as zero.
+Sums of components below zero, which occur where a spectrum is a thousand times fainter than usual, are set to zero.
 """
 
 import fitsio
@@ -20,7 +20,7 @@ from csstsim.universe.galaxies.igm import LYMAN_LIMIT, Intergalactic, continuum_
 from csstsim.universe.parameters import COEFFICIENTS
 
 TEN_PC_MPC = 1e-5
-_JUMP = 3e-3  # A(lambda)/A(V) between two samples: more is where two pieces of the law meet
+_JUMP = 3e-3  # change of A(lambda)/A(V) between two samples; a larger one marks where two pieces of the law meet
 _LN_MAG = 0.4 * np.log(10.0)
 
 
@@ -50,10 +50,10 @@ class GalaxySeds:
         self._cells = {fine: self._make_cells(fine) for fine in (True, False)}
 
     def _make_cells(self, fine):
-        """Return nodes [A, rest frame] and components there (20, n), between which `rates` takes spectra as lines.
+        """Return nodes [A, rest frame] and components there (20, n); `rates` takes spectra as linear between nodes.
 
-        Those of the basis, cut where the forest's transmission has an edge and finer where it falls off steeply; if not
-        `fine`, redward of Lyman alpha only every other one, with the light of its neighbours.
+        The nodes are those of the basis, with added ones at the edges of the forest's transmission and where it falls
+        steeply. Unless `fine`, only every other node redward of Lyman alpha is kept, averaged with its neighbours.
         """
         lines = [line for line, _ in self.igm["lines"]]
         wave, basis = self.wavelength, self.basis
@@ -68,7 +68,7 @@ class GalaxySeds:
         return nodes, np.array([np.interp(nodes, wave, row) for row in basis])
 
     def cells(self, fine):
-        """Return nodes [A, rest frame] (n,) and components there (20, n); spectra are lines between them."""
+        """Return nodes [A, rest frame] (n,) and components there (20, n); spectra are linear between them."""
         return self._cells[fine]
 
     def coefficients(self, mix, dust, lines):
@@ -94,7 +94,7 @@ class GalaxySeds:
         out = np.zeros((len(z), len(wavelength)))
         forest = self._forest if wavelength is GRID else Intergalactic(wavelength, self.igm)
         curve = self._extinction if wavelength is GRID else np.interp(wavelength, GRID, self._extinction)
-        nodes, basis = self._cells[True]  # where `rates` counts what is below zero as zero
+        nodes, basis = self._cells[True]  # `rates` sets negative values at these nodes to zero
         for i, (redshift, mix) in enumerate(zip(np.asarray(z, dtype=float), coefficients, strict=True)):
             rest = np.maximum(np.einsum("k,kw->w", np.asarray(mix, dtype=float), basis), 0.0)
             out[i] = float(scale[i]) * np.interp(wavelength / (1 + redshift), nodes, rest, left=0.0)
@@ -110,7 +110,7 @@ class GalaxySeds:
         thirds of the time.
         """
         dust = _LN_MAG * np.asarray(av, dtype=float)
-        usual = dust.mean() if len(dust) else 0.0  # in the weights already; each galaxy's own is little more or less
+        usual = dust.mean() if len(dust) else 0.0  # applied to the weights; a galaxy's own dust differs little from it
         weights = np.asarray(weights, dtype=float) * np.exp(-usual * self._extinction)
         moments = np.zeros((len(weights), len(GRID) + 1, 3))
         for power in range(3):
@@ -125,8 +125,8 @@ class GalaxySeds:
 def distance_scale(luminosity_distance):
     """Return the factor from a galaxy's photon density at 10 pc to that at `luminosity_distance` [Mpc].
 
-    Photon densities keep their height in wavelength: (1 + z) from the stretched bandwidth and from the photons'
-    energy cancel, S(lambda) = S_10(lambda / (1 + z)) (10 pc / d_L)^2.
+    S(lambda) = S_10(lambda / (1 + z)) (10 pc / d_L)^2: in photon density the factors (1 + z) from the stretched
+    bandwidth and from the photon energy cancel.
     """
     return (TEN_PC_MPC / np.asarray(luminosity_distance, dtype=float)) ** 2
 
@@ -142,15 +142,15 @@ def _integrate(
 ):  # fmt: skip
     """Sum spectrum x weight over the samples of the grid, cell by cell of the rest-frame nodes.
 
-    In a cell the spectrum is a line, so its sum against the weights follows from the running sums of w, w lambda and
-    w lambda^2 (`moments`); `dust`, ln-transmission per unit of `curve`, has its value at the cell's weighted centre;
-    the forest, which has no edge inside a cell, is a line through its own. Where the curve jumps (`cuts`) a cell ends.
+    In a cell the spectrum is linear, so its sum against the weights follows from the running sums of w, w lambda and
+    w lambda^2 (`moments`). Dust (optical depth `dust` times `curve`) is evaluated at the cell's weighted centre. The
+    forest has no edge inside a cell and is linear there. A cell is cut where the curve jumps (`cuts`).
     """
     count, bands, zero, step = len(z), len(moments), grid[0], grid[1] - grid[0]
     out = np.zeros((count, bands))
     rest = np.empty(len(nodes))
     per_step = 1.0 / step
-    clear = np.ones((len(edges) + 1, len(grid)))  # the lines' transmission where the first 0, 1, ... of them reach
+    clear = np.ones((len(edges) + 1, len(grid)))  # transmission of the first 0, 1, ... lines
     for line in range(len(edges)):
         clear[line + 1] = clear[line] * np.exp(-depths[line])
     for n in range(count):
@@ -172,7 +172,7 @@ def _integrate(
             first = max(int(np.ceil(right * per_step)), begin)
             for j in range(low, high + 1):
                 left = right
-                if j == len(nodes) - 1:  # beyond the last node the spectrum is held
+                if j == len(nodes) - 1:  # beyond the last node the spectrum is constant
                     stop, slope = end, 0.0
                 else:
                     right = nodes[j + 1] * stretch - zero
@@ -203,8 +203,8 @@ def _integrate(
 def _gas(middle, start, last, centre, step, reach, edges, clear, continuum, limits):
     """Return the intergalactic transmission at `centre`, and its slope, on the samples start:last of the grid.
 
-    A line through the first and the last of them. `middle`: their wavelength in the galaxy's frame; `centre`: on from
-    the grid's first wavelength; `clear`: the lines' transmission where the first 0, 1, ... of `edges` reach.
+    It is interpolated between the first and the last of them. `middle`: their rest-frame wavelength; `centre`: counted
+    from the grid's first wavelength; `clear`: transmission of the first 0, 1, ... lines, which absorb below `edges`.
     """
     reaching = 0
     while reaching < len(edges) and middle < edges[reaching]:
@@ -222,13 +222,13 @@ def _gas(middle, start, last, centre, step, reach, edges, clear, continuum, limi
 
 @numba.njit(cache=True, error_model="numpy")
 def _exp(x):
-    """exp(x); by its series where that is exact to 1e-9, as it is for galaxies behind nearly the same dust."""
+    """Return exp(x), by its series (exact to 1e-9) for small x: most galaxies are behind nearly the same dust."""
     return 1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))) if abs(x) < 0.01 else np.exp(x)
 
 
 @numba.njit(cache=True, error_model="numpy")
 def combine(rest, low, high, coefficients, basis):
-    """Put max(0, sum_k c_k P_k) into rest[low:high]; a NaN stays one."""
+    """Put max(0, sum_k c_k P_k) into rest[low:high]; NaN stays NaN."""
     part = rest[low:high]  # slices let the compiler see that no index is out of bounds: seven times faster
     part[:] = 0.0
     for k in range(len(basis)):

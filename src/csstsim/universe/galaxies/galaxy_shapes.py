@@ -1,7 +1,7 @@
 """Sizes, bulges and outlines of galaxies, given mass, redshift and type.
 
-Half-light radii in kpc follow a mass-size relation that shrinks with redshift, with log-normal scatter; the share of
-the light in the bulge follows that of the mass (one spectrum for both). Left out: sizes that change with wavelength,
+Half-light radii in kpc follow a mass-size relation that shrinks with redshift, with log-normal scatter. The bulge has
+the same fraction of the light as of the mass (one spectrum for both). Left out: sizes that change with wavelength,
 spiral arms, clumps, mergers, alignment with neighbours.
 """
 
@@ -28,7 +28,7 @@ def bulge_radius(log_mass, z, numbers):
 
 
 def bulge_fraction(log_mass, kind, normal, numbers):
-    """Return B/T (n,): log-normal about a line in log mass, one for each type, at most 1."""
+    """Return B/T (n,), at most 1: log-normal about a line in log mass, one line per type."""
     line = np.asarray([numbers["star_forming"], numbers["quiescent"]], float)[kind]
     log = line[:, 0] + line[:, 1] * (log_mass - 10.0) + numbers["scatter"] * normal
     return np.minimum(10 ** np.minimum(log, 0.0), 1.0)
@@ -41,7 +41,7 @@ def ellipticity_density(e, numbers):
 
 
 def draw_ellipticity(generator, round_, numbers):
-    """Return complex e (n,), isotropic: the disc prior, or where `round_` a Rayleigh law cut at `round_max`."""
+    """Return complex e (n,), isotropic: from the disc prior; where `round_`, from a Rayleigh law cut at `round_max`."""
     grid = np.linspace(0, numbers["e_max"], 2001)
     total = np.cumsum(ellipticity_density(grid, numbers))
     u = generator.random(len(round_))
@@ -52,7 +52,7 @@ def draw_ellipticity(generator, round_, numbers):
 
 
 def to_arcsec(radius_kpc, z, cosmology):
-    """Return the angle [arcsec] under which a length [kpc] is seen."""
+    """Return the angular size [arcsec] of a length [kpc] at redshift z."""
     return radius_kpc * 1e-3 * (1 + z) / cosmology.comoving_distance(z) * ARCSEC_PER_RAD
 
 

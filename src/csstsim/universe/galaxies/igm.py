@@ -3,7 +3,7 @@
     tau(lambda, z) = sum_lines A_l (lambda / lambda_l)^p                        lambda < lambda_l (1 + z)
                    + sum_t C_t x^p_t ((1 + z)^q_t - x^q_t), x = lambda / 912    lambda < 912 (1 + z)
 
-Its footnote 3 has the four terms of the continuum, Lyman limit systems among them.
+The four terms of the continuum, which include Lyman limit systems, are in Madau's footnote 3.
 
 Left out: scatter between sight-lines, damped systems.
 """
@@ -27,18 +27,18 @@ class Intergalactic:
         limit = wavelength / LYMAN_LIMIT
         factor, power, reach = np.array(numbers["continuum"], dtype=float).T[:, :, None]
         continuum = factor * limit**power
-        # What `absorb` needs, as plain arrays: kernels elsewhere take them too.
+        # The arguments of `absorb` as plain arrays; kernels elsewhere take them too.
         self.arrays = (wavelength, edges, depths, continuum, (continuum * limit**reach).sum(axis=0), reach[:, 0])
 
     def absorb(self, values, z):
-        """Multiply `values`, one a wavelength, by the transmission towards redshift z, in place; return them."""
+        """Multiply `values`, one per wavelength, by the transmission towards redshift z, in place; return them."""
         absorb(values, 0, len(values), float(z), *self.arrays)
         return values
 
 
 @numba.njit(cache=True)
 def absorb(values, begin, end, z, wavelength, edges, depths, continuum, limits, powers):
-    """Multiply values[begin:end] by the transmission towards redshift z; arrays of Intergalactic."""
+    """Multiply values[begin:end] by the transmission towards redshift z; the rest are Intergalactic.arrays."""
     reach = (1.0 + z) ** powers
     for i in range(begin, end):
         rest = wavelength[i] / (1.0 + z)

@@ -2,8 +2,9 @@
 
     phi(M) = ln 10 exp(-x) (phi1 x^(1 + alpha1) + phi2 x^(1 + alpha2)),  x = M / M*      Mpc-3 dex-1
 
-as published at some redshifts; between them ln phi is linear in z. Below `pivot`, where the published counts end, a
-power law of slope `faint_slope(z)` goes on. Masses are of living stars and remnants, log10 of the solar mass.
+with the parameters published at some redshifts; ln phi is linear in z between them. Below `pivot`, where the published
+counts end, phi continues as a power law of slope `faint_slope(z)`. Masses are of living stars and remnants, given as
+log10 of solar masses.
 """
 
 import numpy as np
@@ -27,7 +28,7 @@ def mass_function(log_mass, z, kind, numbers, h0):
     kind: name in TYPES; numbers: the section `mass_function` of galaxies.yaml.
     """
     rescale = np.log10(h0 / 100.0 / numbers["h"])
-    log_mass = np.asarray(log_mass, float) + 2 * rescale  # M ~ h^-2: the mass its authors would have given
+    log_mass = np.asarray(log_mass, float) + 2 * rescale  # M ~ h^-2: the mass in the published table's h
     table = np.asarray(numbers[kind], float)
     bright = np.maximum(log_mass, numbers["pivot"])
     knots = np.stack([np.log(double_schechter(bright, *row[1:]) + 1e-300) for row in table])
@@ -40,7 +41,7 @@ def mass_function(log_mass, z, kind, numbers, h0):
 
 
 class MassGrid:
-    """Galaxies per deg2 in cells of (type, z, log mass) from `lightest(z)` up, to draw from.
+    """Galaxies per deg2 in cells of (type, z, log mass) above `lightest(z)`, for drawing samples.
 
     lightest: function of z (n,) giving the log10 mass below which no galaxy is wanted.
     """

@@ -1,13 +1,13 @@
-"""How a galaxy made its stars, and so which mixture of templates it shows.
+"""A galaxy's star-formation history, and the mixture of spectral templates that follows from it.
 
-The star-formation rate was exp(age / tau) for the last `A` years, with tau such that the rate now is the specific
-rate drawn (a main sequence for star-forming galaxies, a low rate for quiescent ones):
+The star-formation rate goes as exp(lookback time / tau) over the last `A` years, with tau such that the rate now is the
+specific rate drawn (a main sequence for star-forming galaxies, a low rate for quiescent ones):
 
     s A = x / (exp(x) - 1),  x = A / tau;    mass younger than a:  F(a) = (exp(x a / A) - 1) / (exp(x) - 1)
 
-The light of each age range is made of the templates by a fixed table: templates fitted to galaxies are populations
-of several ages, and some ages have none of their own. Left out: bursts beyond the scatter of the rate, metallicity as
-a variable of its own.
+A fixed table gives the templates that represent the light of each age range: templates fitted to galaxies mix several
+ages, and some ages have no template of their own. Left out: bursts beyond the scatter of the rate, metallicity as an
+independent variable.
 """
 
 import numpy as np
@@ -45,8 +45,8 @@ def young_fractions(log_rate, age, edges):
 def mixture(fractions, numbers):
     """Return (n, templates): solar masses of each template per solar mass of living stars and remnants.
 
-    fractions: (n, ages), shares of the mass formed; numbers["light"]: (ages, templates), the template masses that shine
-    as one solar mass formed in the age range; numbers["surviving"]: what is left of it now.
+    fractions: (n, ages), shares of the mass formed; numbers["light"]: (ages, templates), template masses with the light
+    of one solar mass formed in the age range; numbers["surviving"]: (ages,), the part of that mass left now.
     """
     shining = np.einsum("na,ak->nk", fractions, np.asarray(numbers["light"], float))
     return shining / np.einsum("na,a->n", fractions, np.asarray(numbers["surviving"], float))[:, None]

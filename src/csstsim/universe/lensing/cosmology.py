@@ -17,7 +17,7 @@ _SKY_DEG2 = 4 * 180.0**2 / np.pi
 
 
 class Cosmology:
-    """`numbers`: the mapping of config/universe/cosmology.yaml. Raises ValueError if it is not flat or not a universe.
+    """`numbers`: the mapping of config/universe/cosmology.yaml. Raises ValueError unless flat with valid numbers.
 
     z is an array or float, 0 <= z <= 1200; outside (and for NaN) the results are NaN.
     """

@@ -2,9 +2,9 @@
 
     C_l(z_s) = int_0^chi_s dchi q^2 / chi^2 P((l + 1/2) / chi, chi),   q = 3/2 Om (H0/c)^2 (1 + z) chi (1 - chi / chi_s)
 
-Shell i holds the matter between chi_i and chi_i+1; its spectrum D_i is that of sources at infinity, and its weight is
-w_i(z_s)^2 = C_l,i(z_s) / D_i at l = 1000: exact in power there, close to it elsewhere, growing from zero where
-the source enters the shell. The convergences of two sources at different depth in one shell are fully correlated.
+Shell i holds the matter between chi_i and chi_i+1. Its spectrum D_i is for sources at infinity, and its weight is
+w_i(z_s)^2 = C_l,i(z_s) / D_i at l = 1000. So the power is exact at l = 1000 and close elsewhere; the weight grows from
+zero where the source enters the shell. Convergences of two sources at different depth in a shell are fully correlated.
 """
 
 import numpy as np
@@ -24,7 +24,7 @@ class Shells:
         self.count, self.z_max = lensing_numbers["shells"], lensing_numbers["z_max"]
         self._z = np.linspace(0.0, self.z_max, 4000)
         self._chi = cosmology.comoving_distance(self._z)
-        self.edges = self._chi[-1] * np.linspace(0.0, 1.0, self.count + 1) ** 1.5  # finer where near sources lie
+        self.edges = self._chi[-1] * np.linspace(0.0, 1.0, self.count + 1) ** 1.5  # finer near the observer
         self._sources = np.linspace(0.0, self.edges[-1], _TABLE * self.count + 1)
         parts = np.stack([self._pieces(_PIVOT, s)[:, 0] for s in self._sources])
         self._table = np.sqrt(parts / self.spectra(_PIVOT)[:, 0])
@@ -34,11 +34,11 @@ class Shells:
         return self._pieces(ell, np.inf)
 
     def limber(self, ell, z):
-        """Return C_l of the convergence of sources at redshift z (float, 0 < z <= z_max): the integral, unshelled."""
+        """Return C_l of the convergence of sources at redshift z (float, 0 < z <= z_max), without shell weights."""
         return self._pieces(ell, float(self.cosmology.comoving_distance(z))).sum(axis=0)
 
     def weights(self, z):
-        """Return w_i (len(z), shells) of source redshifts: as at z_max beyond it; 0 where z <= 0 or NaN."""
+        """Return w_i (len(z), shells) of source redshifts; constant beyond z_max, 0 where z <= 0 or NaN."""
         chi = self.cosmology.comoving_distance(np.clip(np.nan_to_num(z, nan=0.0), 0.0, self.z_max))
         return np.stack([np.interp(chi, self._sources, column) for column in self._table.T], axis=1)
 

@@ -3,7 +3,7 @@
     g = gamma / (1 - kappa),   mu = 1 / ((1 - kappa)^2 - |gamma|^2)
 
 A field with |g| >= 1, kappa >= 1 or mu <= 0 is strong lensing, which thin-shear rendering cannot draw: such
-galaxies are flagged, never turned into NaN. Positions are those in the image plane: no deflection.
+galaxies are flagged, never turned into NaN. Positions are in the image plane: there is no deflection.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ def lens(pix, ra, dec, z, lensing, field=None):
     """Return {kappa, gamma1, gamma2} (float32, each (n,)) of galaxies in brick `pix`, axes east and north.
 
     ra, dec: deg, inside the brick; z: redshifts; lensing: config.Lensing; field: lensing_field.LensingField, needed
-    for `field: cosmic` alone, where z <= 0 or NaN is not lensed and z beyond the last shell is lensed as at its edge.
+    only for `field: cosmic`: there z <= 0 or NaN is not lensed, and z beyond the last shell is lensed as at its edge.
     """
     names = ("kappa", "gamma1", "gamma2")
     if lensing.field == "cosmic":

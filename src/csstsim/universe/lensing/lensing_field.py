@@ -1,4 +1,4 @@
-"""A Gaussian convergence and shear field on the whole sky, of which any brick can be made alone.
+"""A Gaussian convergence and shear field on the whole sky; any brick can be computed on its own.
 
 Matter between z = 0 and z_max lies in shells, each with its own random potential psi_i, and
 
@@ -7,11 +7,11 @@ Matter between z = 0 and z_max lies in shells, each with its own random potentia
 
     psi_i(n) = sum_s a_is sum_p x_isp exp(-(1 - n . p) / sigma_s^2)
 
-with independent normal deviates x at the centres p of HEALPix pixels finer than sigma_s: local, so a brick needs only
-the deviates around it, and differentiated in closed form, so the shear is exactly that of the convergence (no B mode)
-and nothing is special at the poles. The widths run in steps of sqrt(2) from 40 deg to 0.3 arcmin; a_is is
-fitted such that kappa_i has the shell's Limber spectrum of halofit. Values at galaxies are interpolated on a tangent
-grid. Left out: everything beyond the two-point function (haloes, skewness), deflection, lens-lens coupling, rotation.
+The x are independent normal deviates at the centres p of HEALPix pixels finer than sigma_s. The kernels are local, so a
+brick needs only the deviates around it. They are differentiated in closed form, so the shear matches the convergence
+exactly (no B mode), also at the poles. The widths run in steps of sqrt(2) from 40 deg to 0.3 arcmin; a_is is fitted
+such that kappa_i has the shell's Limber spectrum of halofit. Values at galaxies are interpolated on a tangent grid.
+Left out: everything beyond the two-point function (haloes, skewness), deflection, lens-lens coupling, rotation.
 """
 
 import numpy as np
@@ -35,7 +35,7 @@ class LensingField:
     """The lensing field of one campaign seed.
 
     cosmology_numbers, lensing_numbers: the mappings of config/universe/cosmology.yaml and lensing.yaml. Raises
-    KeyError or ValueError for a number that is missing or makes no field.
+    KeyError or ValueError for a number that is missing or out of range.
     """
 
     def __init__(self, seed, cosmology_numbers, lensing_numbers):
@@ -50,10 +50,10 @@ class LensingField:
         powers, ones = self._powers(ell), np.ones(len(ell))
         fits = [nnls(powers / wanted[:, None], ones)[0] for wanted in self.shells.spectra(ell)]
         self.amplitude = np.sqrt(fits)  # (shells, widths)
-        self._brick = None, None  # the last one and its maps: galaxies and quasars ask for the same
+        self._brick = None, None  # the last brick and its maps: galaxies and quasars use the same
 
     def spectrum(self, ell, z):
-        """Return the C_l of kappa that the field is drawn from, for sources at redshift z (float)."""
+        """Return the C_l of kappa from which the field is drawn, for sources at redshift z (float)."""
         weights = self.shells.weights(np.array([z]))[0]
         return np.einsum("i,is,ls->l", weights**2, self.amplitude**2, self._powers(ell))
 
@@ -64,8 +64,8 @@ class LensingField:
     def lens(self, pix, ra, dec, z):
         """Return kappa, gamma1, gamma2 (float32, each (n,)) of sources in brick `pix`.
 
-        ra, dec: deg, within 1 arcmin of the brick, else ValueError; z: redshift, lensed as at z_max beyond it; where
-        it is zero, negative or not a number, nothing lies in front and the values are 0. Axes: east, north.
+        ra, dec: deg, within 1 arcmin of the brick, else ValueError; z: redshift; beyond z_max it counts as z_max, and
+        where it is zero, negative or NaN the values are 0. Axes: east, north.
         """
         ra, dec, z = (np.atleast_1d(np.asarray(v, float)) for v in (ra, dec, z))
         if self._brick[0] != pix:
@@ -111,7 +111,7 @@ class LensingField:
 
 
 def kernel_power(ell, sigma):
-    """Return C_l of kappa when noise of C_l = 1 makes the potential through the kernel exp((n.p - 1) / sigma^2)."""
+    """Return C_l of kappa if the potential is noise of C_l = 1 convolved with exp((n.p - 1) / sigma^2)."""
     ell, u = np.asarray(ell, float), sigma**-2
     if u < 1e4:  # the Legendre transform 4 pi e^-u i_l(u) ...
         kernel = 4 * np.pi * np.sqrt(np.pi / (2 * u)) * ive(ell + 0.5, u)
@@ -137,7 +137,7 @@ def splat(values, n, t1, t2, points, boxes, deviates, u, reach):
         p = points[j]
         for y in range(boxes[j, 0], boxes[j, 1]):
             for x in range(boxes[j, 2], boxes[j, 3]):
-                # Through p - n, because 1 - n . p of near directions keeps few digits.
+                # From p - n, because 1 - n . p of near directions loses digits.
                 d0, d1, d2 = p[0] - n[y, x, 0], p[1] - n[y, x, 1], p[2] - n[y, x, 2]
                 gap = 0.5 * (d0 * d0 + d1 * d1 + d2 * d2)
                 if gap > far:

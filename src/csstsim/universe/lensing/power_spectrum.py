@@ -59,7 +59,7 @@ class MatterPower:
         self._amplitude = 1.0
         k, h = np.exp(_LN_K), numbers["h0"] / 100.0
         x = k * 8.0 / h
-        # Below x = 0.01 the closed form of the top hat cancels to nothing; 1 - x^2 / 10 is exact to 1e-11 there.
+        # Below x = 0.01 the closed form of the top hat loses digits by cancellation; 1 - x^2 / 10 is exact to 1e-11.
         hat = np.where(x < 0.01, 1 - x**2 / 10, 3 * (np.sin(x) - x * np.cos(x)) / np.maximum(x, 0.01) ** 3)
         self._amplitude = numbers["sigma_8"] ** 2 / _integral(self._delta2(k) * hat**2)
         # Variance in Gaussian spheres with its first and second derivative in ln R, today (Smith et al. 2003, C6-C8).

@@ -1,8 +1,8 @@
 """Square grids on the plane tangent to a brick, and interpolation between their points.
 
-A direction n = (c + x e1 + y e2) / |...| with c the brick's centre and e1 along one of its sides. Components of shear
-on the grid are in the frame carried from c to n along the great circle, which is smooth everywhere, also around a
-pole; they turn to local east and north at the sources only.
+A direction is n = (c + x e1 + y e2) / |...|, where c is the brick's centre and e1 lies along one of its sides. Shear
+components on the grid are in the frame carried from c to n along the great circle, which is smooth everywhere, also
+around a pole. They are rotated to local east and north only at the sources.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from csstsim.base.sphere import unit_vectors
 
 _PAD = np.radians(1 / 60)  # around the brick
 _TAPS = 8  # points of the Lagrange interpolation along an axis
-_HALFWAY = np.array([-5.0, 49.0, -245.0, 1225.0, 1225.0, -245.0, 49.0, -5.0]) / 2048  # its weights amid a cell
+_HALFWAY = np.array([-5.0, 49.0, -245.0, 1225.0, 1225.0, -245.0, 49.0, -5.0]) / 2048  # its weights at mid-cell
 _LEVELS = 6  # grids of a pyramid
 
 
@@ -72,7 +72,7 @@ class TangentGrid:
         return np.arctan(self.step * np.hypot(self.rows, self.columns))
 
     def boxes(self, points, reach):
-        """Return (m, 4) y0, y1, x0, x1: the points of the grid within `reach` [rad] of unit vectors (m, 3), or more."""
+        """Return (m, 4) y0, y1, x0, x1: index ranges with all grid points within `reach` [rad] of `points` (m, 3)."""
         rows, columns = self.shape
         angle = np.arccos(np.clip(np.einsum("mk,k->m", points, self.centre), -1, 1))
         if angle.max(initial=0.0) + reach > 1.0:  # the plane ends at pi / 2; wide kernels cover the grid anyway
@@ -104,7 +104,7 @@ class TangentGrid:
 
 
 def prolong(values, coarse, fine):
-    """Return maps (rows, columns, ...) of the `coarse` grid on the `fine` one, of half its step."""
+    """Return maps (rows, columns, ...) interpolated from the `coarse` grid to the `fine` one of half its step."""
     for axis, (n, m) in enumerate([(coarse.rows, fine.rows), (coarse.columns, fine.columns)]):
         v = np.moveaxis(values, axis, 0)
         count = len(v) - _TAPS + 1

@@ -2,9 +2,9 @@
 
     S(lambda) = scale C(w) (1 + sum_i W_i G(w; w_i, sigma_i)) IGM(lambda, z) 10^(-0.4 A(V) k(lambda)),  w = lambda/(1+z)
 
-in photon / s / m2 / angstrom. C is the continuum, f_nu ~ nu^slope piece by piece, of AB magnitude 0 at 1450 A rest
-where scale is 1; G is a Gaussian of unit area, so W_i is the line's rest equivalent width, which falls with
-luminosity (Baldwin effect) and varies by family of lines. What is one quasar's own is in its coefficients:
+in photon / s / m2 / angstrom. C is the continuum, f_nu ~ nu^slope in pieces, with AB magnitude 0 at 1450 A rest for
+scale 1; G is a Gaussian of unit area, so W_i is the line's rest equivalent width, which falls with luminosity
+(Baldwin effect) and varies by family of lines. The coefficients hold the parameters of one quasar:
 
     0: M1450;  1..4: slope minus the mean slope, by piece;  5...: log10 of the strength of each family of lines
 
@@ -20,7 +20,7 @@ from csstsim.universe.galaxies.igm import Intergalactic
 from csstsim.universe.parameters import COEFFICIENTS
 
 NORM = 1450.0  # angstrom, rest: where a quasar's absolute magnitude is given
-_REACH = 6.0  # sigma, of a line: 1e-9 of its light is beyond
+_REACH = 6.0  # sigma; 1e-9 of a line's light is beyond
 _CHUNK = 64  # spectra held at a time: 64 x 18,001 samples are 9 MB
 
 
@@ -28,7 +28,7 @@ class QuasarSeds:
     """Spectra of quasars from (z, coefficients, scale, av); see the module.
 
     numbers: config/universe/quasars.yaml; igm_numbers: those of igm.Intergalactic; extinction_curve: A(lambda)/A(V)
-    on the paper's grid, (18001,). Raises KeyError, TypeError or ValueError for numbers that describe no spectrum.
+    on the paper's grid, (18001,). Raises KeyError, TypeError or ValueError for invalid numbers.
     """
 
     def __init__(self, numbers, igm_numbers, extinction_curve):
@@ -51,8 +51,8 @@ class QuasarSeds:
     def spectra(self, z, coefficients, scale, av, wavelength=GRID):
         """Return (n, len(wavelength)) photon / s / m2 / angstrom.
 
-        z, scale, av (n,); coefficients (n, 20); wavelength [A], rising; beyond the paper's grid extinction is that
-        at its end.
+        z, scale, av (n,); coefficients (n, 20); wavelength [A], rising. Beyond the paper's grid the extinction curve is
+        constant.
         """
         wavelength = np.asarray(wavelength, dtype=float)
         igm = Intergalactic(wavelength, self._igm_numbers)
@@ -75,7 +75,7 @@ class QuasarSeds:
             part = slice(start, start + _CHUNK)
             one = np.ones(len(z[part]))
             seds = self.spectra(z[part], coefficients[part], one, av[part], GRID[band])
-            # einsum, not a BLAS product: the same bits whatever the number of threads
+            # einsum, not a BLAS product: the same bits for any number of threads
             total[part] = np.einsum("nw,bw->nb", seds, weights[:, band])
         return total
 
@@ -93,7 +93,7 @@ class QuasarSeds:
         """Return the photon density [photon / s / m2 / A of rest wavelength]; AB 0 at 1450 A."""
         ln_wave, ln_breaks = np.log(rest), np.log(self._breaks[1:-1])
         slopes = self._slopes + own[1 : self.first_family]
-        # ln f_nu falls by slope d ln(lambda); its value at each break, then on from the piece below or above
+        # ln f_nu falls by slope x d ln(lambda): first its value at each break, then along the piece from there
         home = np.searchsorted(ln_breaks, np.log(NORM))
         knots = np.concatenate([ln_breaks[:home], [np.log(NORM)], ln_breaks[home:]])
         all_slopes = np.insert(slopes, home, slopes[home])

@@ -4,10 +4,10 @@ The luminosity function of Ross et al. (2013, ApJ 773, 14), a double power law i
 
     phi(M, z) = phi*(z) / (10^(0.4 (alpha + 1)(M - M*(z))) + 10^(0.4 (beta + 1)(M - M*(z))))     [Mpc-3 mag-1],
 
-times the comoving volume gives the number on the sky. The quasars of a redshift bin are laid to the galaxies of that
-bin by rank: the more luminous, the larger the product of bulge mass and a log-normal accretion rate. Left out:
-clustering beyond the hosts', obscured quasars, lensed ones, and that the fit's cosmology (H0 70, Om 0.3)
-has 7-9% less volume and distance moduli 0.06 mag smaller than ours.
+times the comoving volume gives the number on the sky. The quasars of a redshift bin are assigned to the galaxies of
+that bin by rank: the more luminous the quasar, the larger the product of the host's bulge mass and a log-normal
+accretion rate. Left out: clustering beyond the hosts', obscured quasars, lensed quasars, and the conversion from the
+fit's cosmology (H0 70, Om 0.3), which has 7-9% less volume and distance moduli 0.06 mag smaller than ours.
 """
 
 import numpy as np
@@ -43,8 +43,8 @@ def draw_quasars(rng, area, galaxies, numbers, cosmology):
     """Return the columns of a Poisson number of quasars on `area` [deg2], except position and magnitudes.
 
     `rng(name)` gives the generator of one quantity; `galaxies` has arrays z and bulgemass (solar masses) of the same
-    area; cosmology: cosmology.Cosmology. Besides table columns: `m1450`, and `host`, the row of the galaxy it lives
-    in, whose redshift it has (-1 where a redshift bin has more quasars than galaxies).
+    area; cosmology: cosmology.Cosmology. Besides table columns: `m1450`, and `host`, the row of the host galaxy, whose
+    redshift the quasar takes (-1 where a redshift bin has more quasars than galaxies).
     """
     edges, total = cumulative_counts(numbers, cosmology)
     count = rng("count").poisson(total[-1] * area)
@@ -98,7 +98,7 @@ def _luminosity(generator, z, numbers):
 
 
 def _coefficients(rng, m1450, numbers):
-    """Return (n, 20) float32 coefficients as quasar_sed has them."""
+    """Return (n, 20) float32 coefficients as defined in quasar_sed."""
     continuum = numbers["continuum"]
     scatter = np.array([part["scatter"] for name, part in numbers["families"].items() if name != "m1450"])
     first = 1 + len(continuum["slopes"])

@@ -2,7 +2,7 @@
 
     v = v_R e_R + (Vc s - sigma_U^2 / k + sigma_V n) e_phi + v_z e_z - (solar motion + Vc)
 
-e_R, e_phi are those of the star's own place; s is 1 for discs and 0 for the halo. Left out: vertex deviation, tilt,
+e_R, e_phi are taken at the star's position; s is 1 for discs and 0 for the halo. Left out: vertex deviation, tilt,
 the growth of the dispersions towards the centre, streams, binaries' orbits.
 """
 

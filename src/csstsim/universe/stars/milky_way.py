@@ -25,7 +25,7 @@ GALACTIC = _axes()  # rows: the galactic axes in the ICRS
 
 def direction(ra, dec):
     """Return (3, ...) galactic unit vectors of ICRS positions [deg]."""
-    vectors = np.ascontiguousarray(np.moveaxis(unit_vectors(ra, dec), -1, 0))  # einsum's last digits go by the order
+    vectors = np.ascontiguousarray(np.moveaxis(unit_vectors(ra, dec), -1, 0))  # einsum's rounding depends on the order
     return np.einsum("ij,j...->i...", GALACTIC, vectors)
 
 

@@ -8,10 +8,10 @@ theta and [Fe/H], linear in log g; ln S of a black body is linear in theta where
 Between knots S is linear in wavelength, so a band integral is exactly a sum over the knots with hat-function weights.
 An observer at distance d gets S (R / d)^2 10^(-0.4 A_V k(lambda)).
 
-Outside the grid the spectrum is that of the nearest edge. The file (config/universe/star_spectra.fits) and what it
-rests on - ATLAS9 above about 4000 K, BT-Settl below, both tied to the colours of real dwarfs below 5200 K, white dwarfs
-at log g 7 to 9 tied to published photometry of pure-hydrogen atmospheres - come from tests/universe/
-build_star_spectra.py. Left out: chromospheres, rotation, alpha enhancement as an axis, helium white dwarfs.
+Outside the grid the spectrum is that of the nearest edge. builders/build_star_spectra.py makes the file
+(config/universe/star_spectra.fits) from ATLAS9 above about 4000 K and BT-Settl below, both tied to the colours of real
+dwarfs below 5200 K; white dwarfs at log g 7 to 9 are tied to published photometry of pure-hydrogen atmospheres. Left
+out: chromospheres, rotation, alpha enhancement as an axis, helium white dwarfs.
 """
 
 from pathlib import Path
@@ -32,7 +32,7 @@ _SOME = 64  # stars at a time: their knots stay in cache
 
 
 class Seds:
-    """Spectra ln S = sum_m w_m rows[i_m]; a child says which rows make a star (`_mix`)."""
+    """Spectra ln S = sum_m w_m rows[i_m]; a subclass defines the rows and weights of a star (`_mix`)."""
 
     def __init__(self, nodes, rows, extinction_curve):
         self._nodes = nodes  # rising theta, log g, [Fe/H]
@@ -56,7 +56,7 @@ class Seds:
     def binned(self, teff, logg, feh, av, edges):
         """Return (n, len(edges) - 1): means of surface x 10^(-0.4 av k) over bins of rising `edges` [angstrom].
 
-        As `rates`, k enters at the knots, between which the spectrum is linear.
+        As in `rates`, k is applied at the knots, between which the spectrum is linear.
         """
         index, weight = self._mix(*_parameters(teff, logg, feh))
         span = slice(np.searchsorted(KNOTS, edges[0], side="right") - 1, np.searchsorted(KNOTS, edges[-1]) + 1)
@@ -78,8 +78,8 @@ class Seds:
         """Return (n, bands): sum of surface x 10^(-0.4 av k) x weights over the paper's grid.
 
         `weights` (bands, 18001) hold throughput, area and the step of the grid
-        (catalog.light.photometry.subband_weights); `av` (n,) is A(V) [mag]. k enters at the knots: against every 0.5 A
-        that errs by 1e-5 at A(V) = 1 mag, 1e-4 where the spectrum is steepest (NUV of cool stars).
+        (catalog.light.photometry.subband_weights); `av` (n,) is A(V) [mag]. k is applied at the knots: compared with
+        every 0.5 A this errs by 1e-5 at A(V) = 1 mag, 1e-4 where the spectrum is steepest (NUV of cool stars).
         """
         index, weight = self._mix(*_parameters(teff, logg, feh))
         hats = _on_knots(np.asarray(weights, dtype=float))
@@ -129,7 +129,7 @@ class StarSeds(Seds):
 
 
 def _scaled(hdu):
-    """Return an image as float64. Integers are scaled in float32: cfitsio's own product has other last bits."""
+    """Return an image as float64. Integers are scaled here, in float32, because cfitsio rounds differently."""
     hdu.ignore_scaling = True
     values, scale = hdu.read(), hdu.read_header().get("BSCALE", 1.0)
     return np.float64(values.astype(np.float32) * np.float32(scale) if values.dtype.kind == "i" else values)
@@ -176,7 +176,7 @@ def _parameters(*values):
 
 
 def _on_knots(weights):
-    """Return (bands, 1801): the weights on the paper's grid dealt out to the knots, exact for S linear in between."""
+    """Return (bands, 1801): weights on the paper's grid distributed to the knots, exact for S linear in between."""
     t = np.arange(_STEP) / _STEP
     cells = weights[:, :-1].reshape(len(weights), -1, _STEP)
     out = np.zeros((len(weights), len(KNOTS)))

@@ -1,9 +1,9 @@
 """Types of stars in each component of the Galaxy: a quadrature over age, [Fe/H] and mass, weighted by numbers.
 
-For each draw of (age, [Fe/H]) the living stars are cells along the isochrone - main sequence by mass, later stages by
-stage, since there a thousandth of a solar mass is a giant branch - each with one type at a random place inside and
-the number of stars that the initial mass function puts there. More massive stars are white dwarfs. Densities are those
-at the Sun: of living mass (Robin et al. 2003); white dwarfs of discs and halo are brought to their observed numbers.
+For each draw of (age, [Fe/H]) the living stars are divided into cells along the isochrone: the main sequence by mass,
+later stages by stage, because there 0.001 solar masses span a giant branch. Each cell has one type at a random place
+inside and the number of stars that the initial mass function gives it. More massive stars are white dwarfs. Densities
+are those of living mass at the Sun (Robin et al. 2003); white dwarfs of discs and halo are scaled to observed numbers.
 """
 
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from csstsim.universe.stars.stellar_evolution import STAGES, living, stage_ends,
 COLUMNS = ("m_v", "teff", "logg", "feh", "stellarmass", "radius")
 _TRIALS = np.geomspace(0.1, 8.0, 600)  # Msun, for the inversion of lifetimes
 _SPLIT = (0.45, 0.25, 0.1, 0.15, 0.05)  # of the cells: main sequence by mass, by stage, and the three later stages
-_EARLY = 0.3  # the share of its life where a star's luminosity begins to matter more than its mass
-_WHITE = 0.2  # cells of white dwarfs in units of cells of living stars
+_EARLY = 0.3  # fraction of the main-sequence life after which a star's evolution matters more than its mass
+_WHITE = 0.2  # cells of white dwarfs per cell of living stars
 _MILLI = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Types:
-    """The types of one component, by M_V: `table` (COLUMNS, n), `total` (n + 1,) their summed number [pc-3]."""
+    """The types of one component, sorted by M_V: `table` (COLUMNS, n), `total` (n + 1,) cumulative number [pc-3]."""
 
     component: Component
     table: np.ndarray
@@ -36,7 +36,7 @@ class Types:
         return self.total[np.searchsorted(self.table[0], m_v)]
 
     def choose(self, u, brightest, faintest):
-        """Return (COLUMNS, n) at the share u (n,) of the stars within brightest <= M_V < faintest; the next if none."""
+        """Return (COLUMNS, n): types at the quantile u (n,) of brightest <= M_V < faintest; if none, the next type."""
         low, high = (np.searchsorted(self.table[0], m) for m in (brightest, faintest))
         aim = self.total[low] + u * (self.total[high] - self.total[low])
         row = np.clip(np.searchsorted(self.total, aim, side="right") - 1, low, np.maximum(high - 1, low))
@@ -108,7 +108,7 @@ def _isochrone(component, age, feh, cells, generator, numbers):
         elif k == 1:
             stage = np.minimum(age / stage_ends(mass, np.full_like(mass, feh), numbers)[0], 1.0)
         else:
-            # Within so narrow a range of mass the stage runs with the mass.
+            # In so narrow a range of mass the stage is linear in mass.
             stage = k - 1 + (mass - limit[k - 1]) / np.maximum(limit[k] - limit[k - 1], 1e-12)
         parts.append(np.stack([mass, np.full_like(mass, feh), stage, _imf(component, edge, numbers["imf_breaks"])]))
     edge = np.geomspace(limit[-1], high, int(_WHITE * cells) + 1)

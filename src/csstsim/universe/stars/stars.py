@@ -4,10 +4,10 @@
 
 with mu = 5 log10(d / 10 pc) and n the local number of stars per pc3 (Robin et al. 2003, A&A 409, 523). Laws in
 milky_way, types of stars in star_types and stellar_evolution, motions in kinematics, numbers in
-config/universe/stars.yaml. The limits hold for V without extinction. The counts at the corners of a brick are summed
-along the sight-line; inside it they go bilinearly between the corners, so the sky has no seams: neighbours share
-them. [Fe/H] follows the radial gradient at the star's own place, without a change of its other parameters. Left out:
-binaries, clusters, streams, the warp, spiral arms, extinction in the choice (bricks dim what is chosen).
+config/universe/stars.yaml. The limits hold for V without extinction. Counts are summed along the sight-line at the
+corners of a brick and interpolated bilinearly inside; neighbours share corners, so the sky has no seams. [Fe/H] follows
+the radial gradient at the star's position; its other parameters do not change with it. Left out: binaries, clusters,
+streams, the warp, spiral arms, extinction in the selection (bricks dim the selected stars).
 """
 
 import json
@@ -22,7 +22,7 @@ from csstsim.universe.stars.kinematics import galactic_velocity, sky_motion
 from csstsim.universe.stars.milky_way import components, density, direction
 from csstsim.universe.stars.star_types import COLUMNS, Types, make_types
 
-MOST = 3e6  # stars of a brick: some 2 GB
+MOST = 3e6  # stars per brick: about 2 GB
 _CHUNK = 256  # sight-lines at a time, for memory
 _BITS = HATS_ORDER - ORDER  # a brick is 2^21 x 2^21 pixels of order 29
 _MODULUS = np.arange(-5.0, 27.0, 0.1)  # edges of the steps in distance modulus: 1 pc to 2.3 Mpc
@@ -34,7 +34,7 @@ _FEH = COLUMNS.index("feh")
 
 @dataclass(frozen=True, eq=False)
 class Galaxy:
-    """The Galaxy that the numbers make; cached by `galaxy`."""
+    """The model of the Galaxy defined by the numbers; cached by `galaxy`."""
 
     numbers: dict
     types: list[Types]
@@ -59,7 +59,7 @@ def _parsec(modulus):
 def galaxy(numbers):
     """Return the Galaxy of the numbers (config/universe/stars.yaml as read).
 
-    Raises InputError for numbers that do not make one.
+    Raises InputError for a number that is missing or wrong.
     """
     return _galaxy(json.dumps(numbers))
 
@@ -75,7 +75,7 @@ def _galaxy(text):
 
 
 def expected_counts(ra, dec, numbers, v_max):
-    """Return the expected stars per deg2 between the bright limit and V = v_max (a float), of the shape of ra, dec."""
+    """Return the expected stars per deg2 between the bright limit and V = v_max (float), in the shape of ra, dec."""
     model = galaxy(numbers)
     ra, dec = np.broadcast_arrays(np.asarray(ra, float), np.asarray(dec, float))
     out = np.empty(ra.size)
@@ -120,7 +120,7 @@ def _draw_cells(rng, pix, place, model):
     here = share.sum(axis=1)
     keep = rng("thinning").random(count) * totals.max() < here
     ra, dec, healpix = (column[keep] for column in spot)
-    # A mixture: a corner, by its part in the density here, then a cell of that corner's.
+    # Draw a corner by its share of the density here, then one of that corner's cells.
     u = rng("cell").random((2, len(ra)))
     corner = np.minimum((u[0, :, None] * here[keep, None] >= np.cumsum(share[keep], axis=1)).sum(axis=1), 3)
     summed = rates.reshape(4, -1).cumsum(axis=1)
@@ -162,7 +162,7 @@ def _bilinear(healpix):
 
 
 def _every_other(bits):
-    """The number that the lowest _BITS even bits make."""
+    """Return the number made of the lowest _BITS even bits."""
     out = np.zeros_like(bits)
     for k in range(_BITS):
         out |= ((bits >> (2 * k)) & 1) << k

@@ -2,8 +2,8 @@
 
     stage s: 0-1 main sequence, 1-2 to the base of the giant branch, 2-3 giant branch, 3-4 clump or horizontal branch
 
-s runs linearly in time within each of the four; lifetimes follow Hurley, Pols & Tout (2000), the main sequence the
-field dwarfs of Pecaut & Mamajek (2013), which evolve about their mean age; later stages are straight lines in
+s is linear in time within each of the four. Lifetimes follow Hurley, Pols & Tout (2000). The main sequence follows the
+field dwarfs of Pecaut & Mamajek (2013), taken to be at their mean age; later stages are straight lines in
 log Teff - log L between anchors. White dwarfs cool at constant radius. Numbers: config/universe/stars.yaml. Left out:
 pre-main sequence, brown dwarfs' cooling, the asymptotic giant branch, mass loss before the white dwarf, binaries.
 """
@@ -56,7 +56,7 @@ def white_dwarfs(initial_mass, cooling_gyr, numbers):
 
 
 def correction(teff, feh, numbers):
-    """Return BC_V = M_bol - M_V [mag] at `teff` [K]: the main sequence's, and the change with [Fe/H]."""
+    """Return BC_V = M_bol - M_V [mag] at `teff` [K]: that of the main sequence, plus the change with [Fe/H]."""
     _, knots, log_l, m_v = np.asarray(numbers["main_sequence"], float).T
     solar = np.interp(np.log(teff), np.log(knots), numbers["solar"][0] - 2.5 * log_l - m_v)
     metals = numbers["blanketing"]
@@ -71,10 +71,10 @@ def _observed(mass, teff, log_l, bc, numbers):
 
 
 def _main(mass, feh, u, numbers):
-    """log Teff and log L on the main sequence, a share u of its life gone."""
+    """Return log Teff and log L on the main sequence at the fraction u of its life."""
     table, law = np.asarray(numbers["main_sequence"], float).T, numbers["main"]
     x = np.log(mass)
-    # The field's stars have solar abundance on average; they stand at their mean age.
+    # Field stars have solar abundance on average and are at their mean age.
     mean = np.minimum(law["mean_age"] / stage_ends(mass, np.zeros_like(mass), numbers)[0], law["mean_share"])
     (b1, b2), (w1, w2) = law["brighten"], law["warm"]
     dl, dt = (_at(numbers["metals"], name, mass) for name in ("log_l", "log_teff"))
@@ -86,7 +86,7 @@ def _main(mass, feh, u, numbers):
 
 
 def _after(turn_t, turn_l, mass, feh, stage, deviate, numbers):
-    """log Teff and log L beyond the turn-off (turn_t, turn_l)."""
+    """Return log Teff and log L beyond the turn-off (turn_t, turn_l)."""
     law = numbers["giant"]
     step = _at(numbers["course"], "crossing", mass) + numbers["main"]["crossing_per_dex"] * np.minimum(feh, 0.0)
     base = turn_l + step
