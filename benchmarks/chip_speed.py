@@ -24,6 +24,7 @@ from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.bench.imaging import peers
 from csstsim.bench.imaging.cases import Case
+from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import at_j2000, icrs
 from csstsim.catalog.table import STAR, ObjectTable
@@ -45,7 +46,7 @@ def campaign(count, scene, template):
     file = FOLDER / f"objects_{count}.parquet"
     if not file.exists():
         resampled(count, scene, template).write(file, {"product": "standard scene, resampled"})
-    content = yaml.safe_load((SHIPPED / "standard_scene.yaml").read_text())
+    content = load_campaign(SHIPPED / "standard_scene.yaml").model_dump(mode="json")
     content["catalog"]["options"]["file"] = str(file)
     path = FOLDER / f"scene_{count}.yaml"
     path.write_text(yaml.safe_dump(content))

@@ -17,6 +17,7 @@ from pathlib import Path
 import yaml
 from private_memory import PrivateMemory
 
+from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.instrument.camera import load_camera
 
@@ -39,7 +40,7 @@ def campaign():
     """Write the campaign: the demo's exposures of whole chips, all layers; return its file."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     (FOLDER / "science.yaml").write_text(yaml.safe_dump(observation(), sort_keys=False))
-    content = yaml.safe_load((ROOT / "config/full_chip.yaml").read_text())
+    content = load_campaign(ROOT / "config/full_chip.yaml").model_dump(mode="json")
     content |= {"name": "chip_stages", "output": str(FOLDER), "select": {"types": ["SCIE"]}}
     content["observations"] = {"SCIE": str(FOLDER / "science.yaml")}
     file = FOLDER / "campaign.yaml"

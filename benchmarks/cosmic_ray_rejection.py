@@ -16,6 +16,7 @@ import numpy as np
 import yaml
 from scipy.ndimage import maximum_filter
 
+from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.detector.mask import COSMIC_RAY
 from csstsim.io.truth import read_truth
@@ -37,7 +38,7 @@ def campaign():
     observation = yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())
     observation["layers"][-1]["quantization_and_output"]["mask"] = True
     (FOLDER / "science.yaml").write_text(yaml.safe_dump(observation, sort_keys=False))
-    content = yaml.safe_load((ROOT / "config/campaign.yaml").read_text())
+    content = load_campaign(ROOT / "config/campaign.yaml").model_dump(mode="json")
     content |= {"output": str(FOLDER), "observations": {"SCIE": str(FOLDER / "science.yaml")}}
     (FOLDER / "campaign.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
     return OpenCampaign(FOLDER / "campaign.yaml")

@@ -18,6 +18,7 @@ from pathlib import Path
 import yaml
 from start_of_stages import cpu_seconds
 
+from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
 
 ROOT = Path(__file__).parents[1]
@@ -35,7 +36,7 @@ def run(name, *arguments):
 
 def campaign(name, **changes):
     """Write a campaign of the name `name` with an output of its own; return its file."""
-    content = yaml.safe_load((ROOT / "config/full_chip.yaml").read_text())
+    content = load_campaign(ROOT / "config/full_chip.yaml").model_dump(mode="json")
     content |= {"name": "keep_light", "output": str(FOLDER / name)} | changes
     content["observations"] = {"SCIE": str(FOLDER / "science.yaml")}
     file = FOLDER / f"{name}.yaml"

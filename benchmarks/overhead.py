@@ -20,6 +20,7 @@ from pathlib import Path
 
 import yaml
 
+from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
 
 ROOT = Path(__file__).parents[1]
@@ -51,7 +52,7 @@ def own_work(logs):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--exposures", type=int, default=2, choices=(1, 2))
-    content = yaml.safe_load((ROOT / "examples/release.yaml").read_text()) | {"output": str(FOLDER)}
+    content = load_campaign(ROOT / "examples/release.yaml").model_dump(mode="json") | {"output": str(FOLDER)}
     content["select"]["obsids"] = content["select"]["obsids"][: parser.parse_args().exposures]
     content["select"]["chips"] = CHIPS
     FOLDER.mkdir(parents=True, exist_ok=True)

@@ -23,7 +23,7 @@ import yaml
 from csstsim.base.progress import progress
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
-from csstsim.campaign.config import Lensing
+from csstsim.campaign.config import Lensing, load_campaign
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import at_j2000, icrs
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
@@ -98,14 +98,18 @@ def put(table, job, bounds):
 def on_chip(number):
     """Write the campaign that brings the scene to another chip, the exposure's time and roll kept; return its file."""
     run = OpenCampaign(CAMPAIGN)
-    pointing, chip, folder = run.jobs[0].pointing, run.camera.chips[number], Path("results/standard_scene")
+    pointing, chip, folder = (
+        run.jobs[0].pointing,
+        run.camera.chips[number],
+        CAMPAIGN.parents[1] / "results" / "standard_scene",
+    )
     centre = run.jobs[0].wcs.pixel_to_world(*(np.array(run.jobs[0].window.shape[::-1]) / 2))
     there = pointing_for(pointing, chip, centre, (chip.detector.nx / 2, chip.detector.ny / 2))
     folder = folder / f"chip_{number:02d}"
     folder.mkdir(parents=True, exist_ok=True)
     row = [pointing.obsid, "SCIE", f"{there.ra:.6f}", f"{there.dec:.6f}", pointing.pa, pointing.time, pointing.exptime]
     (folder / "survey.csv").write_text(f"obsid,type,ra,dec,pa,time,exptime\n{','.join(map(str, row))}\n")
-    content = yaml.safe_load(CAMPAIGN.read_text()) | {
+    content = load_campaign(CAMPAIGN).model_dump(mode="json") | {
         "name": folder.name, "survey_table": str(folder / "survey.csv"), "output": str(folder)
     }  # fmt: skip
     content["select"]["chips"] = [number]

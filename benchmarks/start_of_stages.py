@@ -18,6 +18,7 @@ from pathlib import Path
 
 import yaml
 
+from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
 
 ROOT = Path(__file__).parents[1]
@@ -52,7 +53,9 @@ def cpu_seconds(*line):
 
 def campaign(name, **changes):
     """Write the demo with another output and other keys; return its file."""
-    content = yaml.safe_load((ROOT / "config/campaign.yaml").read_text()) | {"output": str(FOLDER / name)} | changes
+    content = (
+        load_campaign(ROOT / "config/campaign.yaml").model_dump(mode="json") | {"output": str(FOLDER / name)} | changes
+    )
     file = FOLDER / f"{name}.yaml"
     file.write_text(yaml.safe_dump(content, sort_keys=False))
     return file

@@ -21,7 +21,7 @@ INTRO = """# Configuration
 Written by `python builders/make_docs.py` from the models; edit those, not this file.
 
 - A **campaign** file (`campaign.yaml` is the demo; `c9_w1.yaml` ... `c9_w5.yaml`; `calibration.yaml`) says what to run.
-  Paths are relative to the directory a command runs in.
+  Paths in it are relative to the folder of that file.
 - An **observation** file (`observations/`) lists the layers an exposure goes through, in order.
 - `instrument/` is the camera as data, `universe/` the embedded universe; every number there has its source.
 - `costs.yaml` has what a job of each rule takes, for `csstsim plan` and `csstsim status`.

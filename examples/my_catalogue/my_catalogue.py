@@ -14,6 +14,8 @@ from csstsim.catalog.mock_object import MockObject
 class CsvCatalogue(CatalogBase):
     """options: `table`, a CSV file; the spectra it names lie beside it. `curves`: folder of filter curves."""
 
+    PATHS = ("table", "curves")  # relative to the campaign's file
+
     def __init__(self, options, region):
         super().__init__(options, region)
         self.file, self.curves = Path(options["table"]), Path(options["curves"])

@@ -25,6 +25,7 @@ import numpy as np
 
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
+from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.model import validate
 from csstsim.base.release import release
 from csstsim.base.shipped import ROOT
@@ -59,10 +60,11 @@ class Simulation:
     def __init__(self, campaign=None, cache=None):
         starter = ROOT / "config" / "starter" / "campaign.yaml"
         self._file = Path(campaign or "csstsim.Simulation")  # what errors name
-        config = load_campaign(campaign or starter)
         if campaign is None:
             shipped = {"survey_table": ROOT / "survey_tables" / "demo.csv", "observations": {}}
-            config = make_campaign(config.model_dump() | shipped, self._file)
+            config = make_campaign(read_yaml(starter) | shipped, self._file)
+        else:
+            config = load_campaign(campaign)
         folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         self._cache = Path(cache or os.environ.get("CSSTSIM_CACHE") or Path(folder) / "csstsim").absolute()
         try:

@@ -10,6 +10,7 @@ import yaml
 from click.testing import CliRunner
 
 from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.contract import check
 from csstsim.catalog.flags import BAD_VALUE
@@ -27,7 +28,7 @@ def campaign(tmp_path, monkeypatch):
     monkeypatch.chdir(SHIPPED.parent)
     monkeypatch.syspath_prepend(EXAMPLE)
     runpy.run_path(str(EXAMPLE / "make_data.py"))["main"](tmp_path / "data")
-    config = yaml.safe_load((EXAMPLE / "campaign.yaml").read_text())
+    config = load_campaign(EXAMPLE / "campaign.yaml").model_dump(mode="json")
     config["catalog"]["options"]["table"] = str(tmp_path / "data" / "objects.csv")
     path = tmp_path / "campaign.yaml"
     path.write_text(yaml.safe_dump(config | {"output": str(tmp_path / "out")}))

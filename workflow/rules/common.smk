@@ -113,7 +113,7 @@ def truth_of(wildcards):
 
 def library_of(wildcards):
     """The file of a chip in a library of PSFs, where the campaign takes its sets from one."""
-    library = RUN.config.psf.library
+    library = RUN.psf_library
     return str(psf_cube(library, int(wildcards.chip))) if library else []
 
 

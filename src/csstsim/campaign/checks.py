@@ -28,7 +28,7 @@ def check_selection(run):
             "unknown filter", file=run.file, key="select.filters", value=unknown[0],
             allowed=", ".join(run.camera.filters),
         )  # fmt: skip
-    library = run.config.psf.library
+    library = run.psf_library
     if library is not None and not library.is_dir():
         raise InputError("no such folder", file=run.file, key="psf.library", value=library)
     detector = run.camera.detector

@@ -1,12 +1,13 @@
 """Campaign files as typed models.
 
 The models are the only source of keys, types, defaults and their description; config/README.md and
-config/schema/ are generated from them. Paths in a campaign file are relative to the directory the
-command runs in, as in Snakemake; null for `instrument`, `universe` or an observation means the one
-shipped in config/.
+config/schema/ are generated from them. Paths in a campaign file are relative to that file's folder;
+null for `instrument`, `universe` or an observation means the one shipped in config/.
 """
 
 import math
+import os
+from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
@@ -239,11 +240,6 @@ class Campaign(Model):
         return self.observations.get(exposure_type, SHIPPED / "observations" / f"{names[exposure_type]}.yaml")
 
     @property
-    def plain_instrument(self):
-        """`instrument` without pathlib: text or a mapping."""
-        return self.instrument if isinstance(self.instrument, dict) else str(self.instrument)
-
-    @property
     def universe_folder(self):
         """The universe folder: the campaign's, or the shipped one."""
         return self.universe or SHIPPED / "universe"
@@ -255,8 +251,38 @@ class Campaign(Model):
 
 @explained("campaign")
 def load_campaign(path):
-    """Read and check a campaign file. Raises InputError."""
-    return make_campaign(read_yaml(path), path)
+    """Read and check a campaign file; its files and folders are found beside it. Raises InputError.
+
+    psf.library, measurement.masters and a catalogue's options stay as they are written, for they are part of recipes:
+    `beside` finds them when they are used.
+    """
+    config, file = make_campaign(read_yaml(path), path), Path(path)
+    instrument = config.instrument
+    if isinstance(instrument, dict) and instrument.get("folder"):
+        instrument = instrument | {"folder": beside(file, instrument["folder"])}
+    elif isinstance(instrument, Path):
+        instrument = beside(file, instrument)
+    return config.model_copy(update={
+        "survey_table": _there(file, config.survey_table), "output": beside(file, config.output),
+        "observations": {kind: _there(file, path) for kind, path in config.observations.items()},
+        "instrument": instrument, "universe": config.universe and beside(file, config.universe),
+    })  # fmt: skip
+
+
+def beside(file, path):
+    """Return a path of a campaign file: relative ones begin in the folder of that file."""
+    return Path(os.path.normpath(Path(file).parent / path))
+
+
+def _there(file, path):
+    """Return `beside`; the error of a file that is only found from the current directory says so."""
+    found = beside(file, path)
+    if not found.exists() and path.exists():
+        raise InputError(
+            f"no file {found}, but {path} is in the current directory", file=file, key="paths", value=path,
+            allowed="paths relative to the folder of the campaign file",
+        )  # fmt: skip
+    return found
 
 
 def make_campaign(data, path):

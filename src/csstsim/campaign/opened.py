@@ -12,7 +12,7 @@ from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
 from csstsim.campaign.checks import check_masters, check_photons, check_selection, check_shutter
-from csstsim.campaign.config import load_campaign
+from csstsim.campaign.config import beside, load_campaign
 from csstsim.campaign.job import Job
 from csstsim.campaign.recipes import Recipes
 from csstsim.campaign.selection import nothing_selected, selected_chips, selected_pointings, window_of
@@ -51,7 +51,7 @@ class OpenCampaign:
         gratings of others are not checked.
         """
         self.file = Path(file)
-        self.config = _own_bands(config or load_campaign(file))
+        self.config = config or load_campaign(file)
         self.paths = Paths(output or self.config.output, scratch)
         if not copied:
             check_owner(self)
@@ -85,7 +85,7 @@ class OpenCampaign:
 
     def masters(self, chip_id):
         """Return the file of the master frames with which a chip's exposures are calibrated."""
-        return Paths(self.config.measurement.masters).masters(chip_id)
+        return Paths(beside(self.file, self.config.measurement.masters)).masters(chip_id)
 
     @cached_property
     def jobs(self):
@@ -148,6 +148,30 @@ class OpenCampaign:
     def has_orders(self, job):
         """True if a job's truth is kept order by order: spectra of objects."""
         return job.chip.kind == "slitless" and bool(self.steps[job.pointing.type].step("scie_obs"))
+
+    @property
+    def psf_library(self):
+        """The folder of the campaign's library of PSFs, or None."""
+        library = self.config.psf.library
+        return library and beside(self.file, library)
+
+    @cached_property
+    def catalog(self):
+        """The campaign's CatalogConfig, with files beside the campaign's, and a table's camera."""
+        given = self.config.catalog
+        if self.embedded:
+            return given
+        options = dict(given.options)
+        if given.kind == TABLE_KIND and self.config.instrument is not None:
+            options.setdefault("instrument", self.config.instrument)
+        paths = catalog_class(given.kind).PATHS
+        for name in set(paths).intersection(given.options):
+            value = options[name]
+            if isinstance(value, str | Path):
+                options[name] = str(beside(self.file, value))
+            elif isinstance(value, list):
+                options[name] = [str(beside(self.file, path)) for path in value]
+        return given.model_copy(update={"options": options})
 
     @property
     def embedded(self):
@@ -264,12 +288,3 @@ class OpenCampaign:
     def measurement(self):
         """The keys of `measurement` that decide measurements, JSON-like; not which products are kept."""
         return self.config.measurement.model_dump(mode="json", exclude={"keep_calibrated"})
-
-
-def _own_bands(config):
-    """Return the campaign with the camera's folder among a table catalogue's options: it needs the camera's bands."""
-    options = config.catalog.options
-    if config.catalog.kind != TABLE_KIND or config.instrument is None or "instrument" in options:
-        return config
-    catalog = config.catalog.model_copy(update={"options": options | {"instrument": config.plain_instrument}})
-    return config.model_copy(update={"catalog": catalog})

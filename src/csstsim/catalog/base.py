@@ -87,7 +87,13 @@ class Region:
 
 
 class CatalogBase(ABC):
-    """Objects of a region of the sky and their spectra."""
+    """Objects of a region of the sky and their spectra.
+
+    PATHS: names of the options that are files or folders, or lists of them; relative ones begin in the folder of the
+    campaign file.
+    """
+
+    PATHS = ()
 
     def __init__(self, options, region):
         self.options = dict(options)

@@ -52,6 +52,8 @@ class C9Catalog(CatalogBase):
     Raises InputError for a missing or unknown option, file, dataset or shape.
     """
 
+    PATHS = ("stars", "galaxies", "basis", "quasars", "universe", "instrument")
+
     def __init__(self, options, region):
         super().__init__(options, region)
         for name in set(self.options) - set(OPTIONS):

@@ -25,6 +25,8 @@ class SceneCatalog(CatalogBase):
     folder of the spectra's numbers (default: the shipped one). Raises InputError for a damaged or foreign file.
     """
 
+    PATHS = ("file", "universe")
+
     def __init__(self, options, region):
         super().__init__(options, region)
         self.universe = load_universe(self.options.get("universe") or SHIPPED / "universe")

@@ -35,6 +35,8 @@ class TableCatalog(CatalogBase):
     whose bands are meant (default: the shipped one). Raises InputError for a table that cannot be used.
     """
 
+    PATHS = ("file", "instrument")
+
     def __init__(self, options, region):
         super().__init__(options, region)
         for name in set(self.options) - set(_OPTIONS):

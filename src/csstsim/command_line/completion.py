@@ -22,7 +22,7 @@ def obsids_of(ctx, param, incomplete):
     campaign = _campaign(ctx)
     select, found = campaign.get("select") or {}, []
     try:
-        lines = read_text(str(campaign.get("survey_table"))).splitlines()  # of a file: a pipe would never end
+        lines = read_text(_beside(ctx, campaign.get("survey_table"))).splitlines()  # of a file: a pipe would never end
         for row in csv.DictReader(line for line in lines if not line.lstrip().startswith("#")):
             obsid, kind = (row.get(name) or "" for name in ("obsid", "type"))
             wanted = kind in select.get("types", [kind]) and obsid in map(str, select.get("obsids") or [obsid])
@@ -46,7 +46,9 @@ def _all_chips(ctx):
     from csstsim.base.files.yaml_file import read_yaml
     from csstsim.base.shipped import SHIPPED
 
-    folder = Path(str(_campaign(ctx).get("instrument") or SHIPPED / "instrument"))
+    given = _campaign(ctx).get("instrument")
+    given = given.get("folder") if isinstance(given, dict) else given
+    folder = _beside(ctx, given) if given else SHIPPED / "instrument"
     try:
         rows = read_yaml(folder / "chips.yaml")["chips"]["values"]
         return sorted(row["id"] for row in rows)
@@ -61,11 +63,20 @@ def layers_of(ctx, param, incomplete):
     return [name for name in known_layers() if name.startswith(incomplete.lower())]
 
 
+def _file(ctx):
+    return ctx.params.get("campaign") or next(iter(ctx.args), None)  # click stops at the option that has no value yet
+
+
+def _beside(ctx, path):
+    """Return a path of the campaign, relative to its file."""
+    return Path(_file(ctx) or "").parent / str(path)
+
+
 def _campaign(ctx):
     """Return the campaign's file as a mapping, unchecked; an empty one if there is none."""
     from csstsim.base.files.yaml_file import read_yaml
 
-    file = ctx.params.get("campaign") or next(iter(ctx.args), None)  # click stops at the option that has no value yet
+    file = _file(ctx)
     try:
         return read_yaml(file) if file else {}
     except InputError:

@@ -22,7 +22,7 @@ def psf(run, chip_id):
     chip, digests = camera.chips[chip_id], {"camera_digest": camera.digest_for("psf")}
     path, filter_ = run.paths.psf(chip_id), camera.filters[chip.filter]
     if config.library:
-        convert(config.library, path, chip, filter_, sample=config.library_sample, **digests)
+        convert(run.psf_library, path, chip, filter_, sample=config.library_sample, **digests)
     else:
         make_psf(
             path, chip, filter_, camera.telescope, camera.psf, config.grid, oversampling=config.oversampling,

@@ -69,4 +69,4 @@ def object_spectra(run, job, objects):
         return embedded_spectra(objects, run.universe)
     from csstsim.catalog.open import open_catalog
 
-    return catalog_spectra(objects, open_catalog(run.config.catalog, run.region(job), run.paths.truth, {}))
+    return catalog_spectra(objects, open_catalog(run.catalog, run.region(job), run.paths.truth, {}))

@@ -25,7 +25,7 @@ def selected(run, job):
     from csstsim.catalog.selection.select import Noise, select_objects
     from csstsim.optics.scatter.scattered_light import scattered_light
 
-    config, camera, exptime = run.config.catalog, run.camera, job.pointing.exptime
+    config, camera, exptime = run.catalog, run.camera, job.pointing.exptime
     filter_, detector = camera.filters[job.chip.filter], camera.detector
     key = run.universe_key() if run.embedded else {}
     catalog = open_catalog(config, run.region(job), run.paths.truth, key)
@@ -58,7 +58,7 @@ def check_catalog(run, say):
     if run.embedded or not jobs:
         return
     job = jobs[0]
-    report = check(source, run.config.catalog.options, run.region(job), run.camera)
+    report = check(source, run.catalog.options, run.region(job), run.camera)
     say(f"{run.config.catalog.kind}: {report}")
     reach = len(near(report.table, job.wcs, job.observer, job.window)[0])
     say(f"{reach} of them are near what chip {job.chip.id} sees in exposure {job.pointing.obsid}")
