@@ -1,4 +1,4 @@
-"""The pointing that puts a place on the sky on a pixel of a chip."""
+"""The pointing that places a sky position on a given pixel of a chip."""
 
 import math
 from dataclasses import replace
@@ -14,8 +14,8 @@ from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
 def pointing_for(pointing, chip, target, pixel, distortion=None):
     """Return the Pointing with ra, dec changed so that an apparent direction falls on a 0-based pixel of a chip.
 
-    target: (ra, dec) [deg]; pixel: (x, y); position angle and time stay. In the triangle of pole, boresight and target
-    the distance d from boresight to target, its position angle and the target's declination are known:
+    target: (ra, dec) [deg]; pixel: (x, y). Position angle and time are kept. In the triangle of pole, boresight and
+    target, the distance d from boresight to target, its position angle phi and the target's declination are known:
 
         sin dec_t = sin dec_b cos d + cos dec_b sin d cos phi.
 
@@ -36,9 +36,9 @@ def pointing_for(pointing, chip, target, pixel, distortion=None):
 
 
 def centred_exposure(camera, chip, ra, dec, *, obsid, pa, time, exptime, distorted=True, **astrometry):
-    """Return the Pointing of a science exposure that has ra, dec (ICRS, deg) on the middle of a chip.
+    """Return the Pointing of a science exposure with ra, dec (ICRS, deg) at the centre of a chip.
 
-    camera: instrument.camera.Camera; pa [deg], time (ISO UTC), exptime [s] as in a survey table; distorted: light meets
+    camera: instrument.camera.Camera; pa [deg], time (ISO UTC), exptime [s] as in a survey table; distorted: include
     the field distortion; astrometry: as config.AstrometryConfig. Raises InputError for values that cannot be used.
     """
     try:
