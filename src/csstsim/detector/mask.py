@@ -1,4 +1,4 @@
-"""Bits of the truth mask: what happened to the charge of a pixel, known because it was made to happen."""
+"""Bits of the truth mask: which simulated effects changed the charge of a pixel."""
 
 SATURATED = 1
 BLED = 2

@@ -83,7 +83,7 @@ class FlatField:
         return np.einsum("n,n...->...", weights * levels[:, chip.column - 1, chip.row - 1], flats)
 
     def weights(self, wave, response):
-        """Return (n,) weights of the LED wavelengths for a response at `wave` [A]; flats are constant beyond the ends."""
+        """Return (n,) weights of the LED wavelengths for a response at `wave` [A]; flats are constant outside them."""
         total = np.trapezoid(response, wave)
         hats = [np.interp(np.asarray(wave) / 10, self.wavelengths, row) for row in np.eye(len(self.wavelengths))]
         return np.array([np.trapezoid(response * hat, wave) for hat in hats]) / total
