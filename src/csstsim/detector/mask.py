@@ -20,5 +20,5 @@ ABOUT = {
     HOT: "hot pixel",
     DEAD: "dead pixel",
     BAD_COLUMN: "in a bad column",
-    CLIPPED: "beyond what the digits can say",
+    CLIPPED: "outside the range of the digits",
 }

@@ -64,7 +64,7 @@ def add_gaussian(image, sigma, key):
     `key` as for add_poisson. Raises ValueError for a sigma that is negative or NaN.
     """
     if not sigma >= 0:
-        raise ValueError(f"noise of standard deviation {sigma}")
+        raise ValueError(f"standard deviation of noise {sigma}; need 0 or more")
     if sigma > 0:
         _add_gaussian(image, np.float32(sigma), key, *normal_table())
 

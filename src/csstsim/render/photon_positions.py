@@ -39,9 +39,9 @@ def check_scene(scene, table, maximum):
         if not np.isfinite(values).all():
             raise ValueError(f"a value of {name} is not finite")
         if name in ("electrons", "light", "weight") and (values < 0).any():
-            raise ValueError(f"a value of {name} is negative: it has no photons")
+            raise ValueError(f"a value of {name} is negative: photons cannot be drawn")
     if (maximum * scene.electrons.sum(axis=1) >= 2**31).any():
-        raise ValueError("an object has more electrons than counted can hold")
+        raise ValueError("an object has 2^31 electrons or more")
     table.verify(scene.node[scene.weight > 0])
     if not (table.share[scene.node[scene.weight > 0]].sum(axis=(1, 2)) > 0).all():
         raise ValueError("a PSF node has no tables")

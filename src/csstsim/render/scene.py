@@ -45,7 +45,7 @@ class Scene:
 
 
 def make_scene(objects, wcs, psf, exptime):
-    """Return the Scene of an ObjectTable as catalog.selection.select leaves it (all of its rows must be drawable)."""
+    """Return the Scene of an ObjectTable from catalog.selection.select, all of whose rows must be drawable."""
     flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1) * exptime
     galaxy, parts = objects["obj_type"] == GALAXY, components(objects)
     sersic = np.zeros((len(objects), 2, 3))

@@ -102,7 +102,7 @@ def load_distortion(path):
         raise InputError(f"cannot read the field distortion: {reason}", file=path) from None
     for name, (box, coefficients) in zip(("global", *numbers), (*whole, *chips), strict=True):
         if box.shape != (4,) or coefficients.ndim != 3 or min(coefficients.shape[:2]) < 5 or coefficients.shape[2] != 2:
-            raise InputError("not the shape of a spline", file=path, key=name, value=(box.shape, coefficients.shape))
+            raise InputError("wrong shape for a spline", file=path, key=name, value=(box.shape, coefficients.shape))
         if not (np.isfinite(box).all() and np.isfinite(coefficients).all()):
             raise InputError("holds a value that is not finite", file=path, key=name)
         if not (box[1] > box[0] and box[3] > box[2]):

@@ -95,7 +95,7 @@ def read_trajectories(path):
         raise InputError(f"cannot be read: {getattr(exc, 'strerror', None) or exc}", file=path) from None
     for name in COLUMNS:
         if names.count(name) != 1:
-            raise InputError("one such column is needed", file=path, key=name, value=names, allowed=", ".join(COLUMNS))
+            raise InputError("needs one such column", file=path, key=name, value=names, allowed=", ".join(COLUMNS))
     if not rows:
         raise InputError("no samples", file=path)
     out = {}

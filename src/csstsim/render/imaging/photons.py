@@ -2,9 +2,9 @@
 
 An electron's position is that of the object, plus a draw from the profile under its 2 x 2 matrix, plus a draw from the
 PSF. The PSF at a position is a mixture of nodes (optics.psf.interpolation), so choosing a node with its weight, and a
-sub-band with its share of the light, samples it exactly. The number of an object's electrons is Poisson. If it is
-small, component, sub-band and node are chosen for each electron; if it is large, it is split into independent Poisson
-numbers for each of them. No further Poisson noise is added later.
+sub-band with its share of the light, samples it exactly. The number of electrons of each component is Poisson. If its
+mean is small, sub-band and node are chosen for each electron; if it is large, each sub-band and node has an independent
+Poisson number. No further Poisson noise is added later.
 
 Losses: numbers are drawn for `maximum` times the light, and an electron on a pixel is kept with probability
 response / maximum. A thinned Poisson number is Poisson, so mean = variance holds for every pixel.

@@ -46,7 +46,7 @@ NEAR = 512.0  # px
 REACH_FFT = 1000  # px: half the largest stamp, so that its FFT (half-pixel steps) fits the maximum
 NEGATIVE_LIMIT = 1e-4  # fraction of an object's light in negative pixels above which clipping is flagged
 SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point, and GalSim would draw nothing
-# Beyond 1 cycle a pixel, jitter, diffusion and the pixel leave under 1e-4 of any PSF, however fine its lattice.
+# Above 1 cycle per pixel, jitter, diffusion and the pixel leave less than 1e-4 of any PSF, for any lattice.
 PSF_MAXK = 2 * np.pi
 
 

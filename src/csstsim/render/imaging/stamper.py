@@ -49,7 +49,7 @@ class Stamper:
         """Return (stamp, light): object i on the pixels of `bounds`, float64, and the light of its whole stamp.
 
         share (k, 4): electrons from each of its PSF nodes and sub-band; bounds: (x0, x1, y0, y1), half-open, the part
-        of the stamp that is wanted, or None; many: whether many galaxies share size and nodes.
+        of the stamp to compute, or None; many: whether many galaxies share size and nodes.
         """
         return galaxy_stamp(self, i, share, bounds, many) if self.plan.size[i] else point_stamp(self, i, share, bounds)
 

@@ -121,7 +121,7 @@ def densities(scene, per_px):
 
 
 def meets(x, y, reach, window):
-    """Whether a stamp of this reach about some of the places x, y meets the window."""
+    """Whether stamps of this reach around the positions x, y may overlap the window (test of their bounding box)."""
     across = x.max() + reach >= window.x0 and x.min() - reach < window.x1
     return across and y.max() + reach >= window.y0 and y.min() - reach < window.y1
 
@@ -144,7 +144,7 @@ def _cubic(t):
 def _add_slabs(image, response, x, y, light, mixture, phases):
     """Add slabs of light (bins,) at x, y [px of `image`], block by block of x; return (electrons, box on the image).
 
-    phases: of `_padded`; x must rise or fall. The box is x0, x1, y0, y1, half-open; all 0: nothing was added.
+    phases: from `_padded`; x must be monotonic. The box is x0, x1, y0, y1, half-open; all 0: nothing was added.
     """
     bins, density, size = len(x), phases.shape[1], phases.shape[3]
     reach, wide = size // 2, _BLOCK + 2 * _SIDE
