@@ -5,8 +5,8 @@ diffusion (Gaussian) and the cell (sinc), shifted, back to a lattice of cells. A
 fraction of all the light of a star that falls in that cell, so an array sums to the light inside its box (< 1).
 
 * The intensity of a pupil of diameter D has no frequency above D/lambda. The transforms have at least twice as many
-  samples as the pupil across, so all steps up to the cell integrals are exact for the sampled pupil. Frequencies above
-  those of the lattice of cells are folded onto it (the aliasing of sampling).
+  samples as the pupil has across, so all steps up to the cell integrals are exact for the sampled pupil. Frequencies
+  above those of the lattice of cells are folded onto it (the aliasing of sampling).
 * The pupil has at least 256 samples across, more if needed for the period of the transform to be twice the box. Edge
   samples are weighted by the share of their square inside the disc; the resulting sinc envelope of the far wings is
   divided out. Fluxes are accurate to 5e-5 of the star (tests: Airy's closed form).
@@ -195,7 +195,7 @@ def blur(psf_params, cell_arcsec, cell_um, *, cell=True):
 def windowed_centroid(image, sigma):
     """Return (x, y), in samples from the array's middle, where the Gaussian-windowed first moments vanish.
 
-    `sigma` in samples. Raises InputError if the iteration leaves the array, so that there is no compact source.
+    `sigma` in samples. Raises InputError if the iteration leaves the array or does not converge: no compact source.
     """
     axis = np.arange(image.shape[0]) - (image.shape[0] - 1) / 2
     x = y = 0.0
