@@ -27,14 +27,14 @@ def unfold(quadrant):
 
 
 def fold(array):
-    """Return the quadrant (n, n) of a (2n - 1, 2n - 1) array averaged with its mirror images, in the same unit."""
+    """Return the quadrant (n, n) of a (2n - 1, 2n - 1) array averaged with its mirror images [unit of the array]."""
     n = len(array) // 2
     mean = (array + array[::-1] + array[:, ::-1] + array[::-1, ::-1]) / 4
     return mean[n:, n:]
 
 
 def laplacian(quadrant):
-    """Return the discrete Laplacian, as a quadrant (n + 1, n + 1), of a quadrant (n, n), in the same unit."""
+    """Return the discrete Laplacian, as a quadrant (n + 1, n + 1), of a quadrant (n, n) [unit of the quadrant]."""
     whole = np.pad(unfold(quadrant), 2)
     edges = whole[:-2, 1:-1] + whole[2:, 1:-1] + whole[1:-1, :-2] + whole[1:-1, 2:]
     return fold(edges - 4 * whole[1:-1, 1:-1])

@@ -144,7 +144,7 @@ def chip_plane(chip):
 
 
 def gnomonic(crval, ra, dec):
-    """Return xi, eta [rad], shaped as ra, dec [deg], on the plane tangent at `crval`; NaN at 90 deg and beyond."""
+    """Return xi, eta [rad], of the shape of ra, dec [deg], on the tangent plane at `crval`; NaN from 90 deg on."""
     east, north, depth, _ = _frame(crval, ra, dec)
     safe = np.where(depth > 0, depth, np.nan)
     return east / safe, north / safe
