@@ -196,7 +196,7 @@ def test_the_ephemeris_is_part_of_the_recipe_and_must_be_there(tmp_path, monkeyp
 @pytest.mark.parametrize(
     "file, keys, value, message",
     [
-        ("scatter.yaml", ("terms", "values", 0, 0), 1.2, "scatter.yaml: terms: the halo takes all the light"),
+        ("scatter.yaml", ("terms", "values", 0, 0), 1.2, "scatter.yaml: terms: the halo has all the light or more"),
         ("leds.yaml", ("half_mosaic", "value", 0), 0, "leds.yaml: half_mosaic.*: a number is out of range"),
         (
             "telescope.yaml",

@@ -234,5 +234,5 @@ def test_a_window_is_a_part_of_the_half(flip):
     wanted = transfer(half, DENSITY, TAU, WELL, KEYS, overscan=9, flip=flip, x0=3)
     given = transfer(part, DENSITY, TAU, WELL, KEYS, overscan=9, flip=flip, x0=3, lead=lead, n_rows=n_rows)
     assert np.array_equal(part, half[rows]) and np.array_equal(given[0], wanted[0]) and given[1] == wanted[1]
-    with pytest.raises(ValueError, match="of a line of 200"):
+    with pytest.raises(ValueError, match="do not fit in a line of 200"):
         transfer(part, DENSITY, TAU, WELL, KEYS, lead=120, n_rows=200)

@@ -102,5 +102,5 @@ def test_a_window_is_a_part_of_the_channel(turned):
     given = transfer_rows(part, DENSITY, TAU, WELL, KEYS, **how, lead=lead, n_columns=n_columns)
     assert np.array_equal(part, channel[:, lead : lead + nx])
     assert np.array_equal(given[0], wanted[0]) and given[1] == wanted[1]
-    with pytest.raises(ValueError, match="of a line of 80"):
+    with pytest.raises(ValueError, match="do not fit in a line of 80"):
         transfer_rows(part, DENSITY, TAU, WELL, KEYS, lead=30, n_columns=80)

@@ -117,11 +117,11 @@ def test_unfit_libraries_are_refused(own, chip, camera, tmp_path):
         return change
 
     spoil(drop("w_3"), "w_0 ... w_3: not four wavelengths")
-    spoil(drop("w_2/psf_3"), "not four wavelengths with the same places")
-    spoil(drop("w_0/psf_1/image_x"), "psf_<j>: no places; allowed: image_x, image_y or x, y")
+    spoil(drop("w_2/psf_3"), "not four wavelengths with the same positions")
+    spoil(drop("w_0/psf_1/image_x"), "psf_<j>: no positions; allowed: image_x, image_y or x, y")
     spoil(put("w_0/psf_1/image_x", 4000.0), rf"not on chip {chip.id}")
     spoil(put("w_0/psf_1/image_x", np.nan), rf"not on chip {chip.id}")
-    spoil(put("w_1/psf_2/psfMat", np.zeros((256, 256))), "psf_2/psfMat: .*with light")
+    spoil(put("w_1/psf_2/psfMat", np.zeros((256, 256))), "psf_2/psfMat: .*no light")
     spoil(put("w_0/psf_0/psfMat", np.ones((100, 100))), "psfMat: unknown sampling .*allowed: 256, 512")
     spoil(lambda file: [file[f"w_{i}"].__delitem__("psf_0") for i in range(4)], "no square grid")
     spoil(lambda file: [file.__delitem__(f"w_{i}") for i in range(4)], "w_0: not a PSF library")

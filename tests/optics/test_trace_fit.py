@@ -120,10 +120,10 @@ def write(path, rows, order=1, head=HEAD):
 
 BAD = {
     "no file": (lambda p: p.unlink(), "No such file"),
-    "empty": (lambda p: p.write_text(""), "order: one such column is needed"),
+    "empty": (lambda p: p.write_text(""), "order: needs one such column"),
     "heading only": (lambda p: p.write_text(HEAD), "no samples"),
-    "no column": (lambda p: write(p, samples(KNOWN), head="order,m,n,lambda,x,y"), "wavelength: one such column"),
-    "column twice": (lambda p: write(p, samples(KNOWN), head="order,m,n,wavelength,x,x"), "x: one such column"),
+    "no column": (lambda p: write(p, samples(KNOWN), head="order,m,n,lambda,x,y"), "wavelength: needs one such column"),
+    "column twice": (lambda p: write(p, samples(KNOWN), head="order,m,n,wavelength,x,x"), "x: needs one such column"),
     "short row": (lambda p: p.write_text(p.read_text() + "\n1,2,3"), "row 802: not numbers"),
     "word": (lambda p: p.write_text(p.read_text() + "\n1,2,3,blue,5,6"), "row 802: not numbers"),
     "not a number": (lambda p: p.write_text(p.read_text() + "\n1,2,3,nan,5,6"), "row 802: out of range"),

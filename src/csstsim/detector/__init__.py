@@ -1,1 +1,1 @@
-"""Kernels of the detector: arrays in, arrays out. They know nothing of the rest of csstsim."""
+"""Kernels of the detector: functions of arrays, independent of the rest of the simulator."""

@@ -8,10 +8,10 @@ _ROWS = 64
 
 
 def digitise(image, adc_max=65535, mask=None):
-    """Return (uint16 image, pixels held at adc_max, pixels held at 0) of float32 DN.
+    """Return (uint16 image, pixels clipped at adc_max, pixels clipped at 0) of float32 DN.
 
-    Rounds to nearest (ties to even), never wraps. `mask`: uint8 of the image's shape that gets CLIPPED where a value
-    is held, or None. Raises ValueError if a value is not finite.
+    Rounds to nearest (ties to even), never wraps. `mask`: uint8 of the image's shape, in which CLIPPED is set where a
+    value is clipped, or None. Raises ValueError if a value is not finite.
     """
     if not 0 < adc_max <= 65535:
         raise ValueError(f"adc_max = {adc_max} does not fit 16 bits")
@@ -20,7 +20,7 @@ def digitise(image, adc_max=65535, mask=None):
     for start in range(0, image.shape[0], _ROWS):
         rows = slice(start, start + _ROWS)
         value = np.rint(image[rows])
-        if value.min() >= 0 and value.max() <= adc_max:  # neither of which holds of a NaN
+        if value.min() >= 0 and value.max() <= adc_max:  # both are false if there is a NaN
             digits[rows] = value
             continue
         bad += value.size - int(np.count_nonzero(np.isfinite(value)))
@@ -37,7 +37,10 @@ def digitise(image, adc_max=65535, mask=None):
 
 
 def channel_gains(detector, rng, *, one_each):
-    """Return the gains of all channels of a chip [e-/DN], a list; rng: rng.Streams; one_each: else all have one."""
+    """Return the gains of all channels of a chip [e-/DN], a list.
+
+    rng: rng.Streams; one_each: true: a gain for each channel; false: the same gain for all.
+    """
     count = detector.channels_x * detector.channels_y
     draws = [rng.channel(i + 1, "gain") for i in range(count)] if one_each else [rng.chip("gain")]
     gains = [detector.gain * (1.0 + detector.gain_spread * draw.uniform(-1.0, 1.0)) for draw in draws]

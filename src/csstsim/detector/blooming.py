@@ -1,18 +1,18 @@
-"""Blooming (paper, Appendix B item 9): charge above the full well spills into the neighbours, equally both ways.
+"""Blooming (paper, Appendix B item 9): charge above the full well spills equally into both neighbours.
 
-Along a line of pixels it is the divisible sandpile (Levine & Peres 2009, Potential Analysis 30, 1): a pixel above the
-full well keeps a full well and gives half of the rest to either neighbour, until none is above. The outcome does not
-depend on the order, and has a closed form: saturated runs of pixels, each with a pixel at either end that takes
+Along a line of pixels this is the divisible sandpile (Levine & Peres 2009, Potential Analysis 30, 1): a pixel above the
+full well keeps a full well and gives half of the excess to each neighbour, until no pixel is above it. The result does
+not depend on the order and has a closed form: runs of saturated pixels, each with a pixel at either end that receives
 
     at the upper end  sum e_m (m - i) / (j - i),   at the lower end  sum e_m (j - m) / (j - i)
 
-for a run between i and j with excesses e_m = Q_m - full well (a random walk's chances to leave on either side). Runs
-grow until their ends are not above the full well, and merge where they meet: time is linear in the pixels filled.
+for a run between i and j with excesses e_m = Q_m - full well (a random walk's probabilities to leave at each end). Runs
+grow until their ends are not above the full well, and merge where they meet. The time is linear in the pixels filled.
 
-A share of each excess spills along its row first, the rest and what that leaves along the column. Columns run through
-the middle of the chip: its halves differ only in the clocks, so charge spills across. Charge that reaches a border
-leaves the image (into the registers at the upper and lower one) and is counted. Left out: wells that differ, the trail
-of charge in the serial register, blooming while the image is read out.
+A share of each excess spills along its row first, then the remaining excess along the column. Columns run across the
+middle of the chip, because its halves differ only in the clocks. Charge that reaches a border leaves the image (at the
+upper and lower border into the registers) and is counted. Left out: differences between wells, the trail of charge in
+the serial register, blooming during readout.
 """
 
 import numba
@@ -27,11 +27,11 @@ _RUN = np.dtype([("start", np.int64), ("end", np.int64), ("excess", np.float64),
 def bloom(image, full_well, row_share=0.0, mask=None):
     """Spill the charge of `image` (ny, nx; electrons, float32) above `full_well` [e-], in place.
 
-    `row_share` 0..1: part of each excess that goes along its row. `mask` (uint8, same shape) or None gets SATURATED
-    where charge was above the full well, BLED where it came from other pixels. Returns (saturated pixels, electrons
-    that left through the borders). Charge is conserved to float32's rounding of each run's two ends; negative pixels
-    are wells with more room. Raises ValueError, nothing changed, if a pixel is not finite, the full well is not
-    positive or the share out of range.
+    `row_share` 0..1: part of each excess that spills along its row. `mask` (uint8, same shape) or None: SATURATED is
+    set where charge was above the full well, BLED where charge arrived from other pixels. Returns (saturated pixels,
+    electrons that left through the borders). Charge is conserved to float32's rounding of each run's two ends; a
+    negative pixel has more room. Raises ValueError, and leaves the image unchanged, if a pixel is not finite, the full
+    well is not positive or the share is out of range.
     """
     if not full_well > 0 or not 0 <= row_share <= 1:
         raise ValueError(f"full well {full_well}, row share {row_share}; need more than 0, and 0..1")
@@ -64,12 +64,12 @@ def _search(image, full_well):
 
 @numba.njit(cache=True)
 def _spill_all(image, full_well, row_share, mask, in_row, in_column):
-    """Rows, then columns; return what left. `mask` may have no columns."""
+    """Spill along rows, then along columns; return the electrons that left. `mask` may have no columns."""
     ny, nx = image.shape
     lost, runs = 0.0, np.empty(max(ny, nx) // 2 + 1, _RUN)
     start = np.zeros(nx + 1, np.int64)
     start[1:] = np.cumsum(in_column)
-    rows, found = np.empty(start[-1], np.int32), start[:-1].copy()  # saturated rows, column after column
+    rows, found = np.empty(start[-1], np.int32), start[:-1].copy()  # saturated rows, listed column by column
     here = np.empty(nx, np.int32)
     for y in range(ny):
         if in_row[y]:
@@ -83,7 +83,7 @@ def _spill_all(image, full_well, row_share, mask, in_row, in_column):
                     if mask.size:
                         mask[y, x] |= SATURATED
             if row_share > 0:
-                # ::1, a stride like the columns': compiled once for both
+                # ::1 gives the same array type as columns, so that one compiled function serves both
                 lost += _spill(image[y, ::1], full_well, row_share, mask[y, ::1], here[:number], runs)
     for x in range(nx):
         if in_column[x]:
@@ -94,7 +94,7 @@ def _spill_all(image, full_well, row_share, mask, in_row, in_column):
 
 @numba.njit(cache=True)
 def _spill(line, full_well, share, marks, saturated, runs):
-    """Spill a share of each excess of a line, whose saturated pixels are given, rising; return what left."""
+    """Spill a share of each excess of a line; return the electrons that left. saturated: its pixels, ascending."""
     count = 0
     for p in saturated:
         if count == 0 or p >= runs[count - 1].end:
@@ -107,14 +107,14 @@ def _spill(line, full_well, share, marks, saturated, runs):
 
 @numba.njit(cache=True)
 def _excess(charge, full_well, share):
-    """Return what a pixel has to give (> 0), or minus its room."""
+    """Return the charge that a pixel gives away (> 0), or minus its room."""
     excess = charge - full_well
     return excess * share if excess > 0 else excess
 
 
 @numba.njit(cache=True)
 def _grow(line, full_well, share, runs, count, p):
-    """Grow a run from the saturated pixel p until both ends have room, swallowing runs; return how many there are."""
+    """Grow a run from the saturated pixel p until both ends have room, merging runs; return the number of runs."""
     start, end = p - 1, p + 1
     excess = moment = _excess(line[p], full_well, share)
     while True:
@@ -147,13 +147,13 @@ def _grow(line, full_well, share, runs, count, p):
 
 @numba.njit(cache=True)
 def _up(run):
-    """Return what a run gives to its upper end."""
+    """Return the charge that a run gives to its upper end."""
     return run.moment / (run.end - run.start)
 
 
 @numba.njit(cache=True)
 def _fill(line, full_well, share, marks, run):
-    """Fill the pixels of a run and give its ends their parts; return what goes beyond the line."""
+    """Fill the pixels of a run and add charge to its ends; return the charge that leaves the line."""
     start, end, up = run.start, run.end, _up(run)
     down = run.excess - up
     for p in range(start + 1, end):

@@ -1,25 +1,25 @@
-"""Brighter-fatter effect (paper, section 5.5.3): charge in the pixels pushes the boundaries between them.
+"""Brighter-fatter effect (paper, section 5.5.3): charge in the pixels shifts the boundaries between them.
 
     potential   phi = K * min(Q, limit)                         5 x 5 kernel, even in x and y
     shift       s = phi_p - phi_q +- skew (Q_p - Q_q)           of the boundary of two neighbours: + along y, - along x
-    moved       F(p -> q) = s D                                 through it
-    density     D = (5 giver + 2 taker - behind) / 6            at the boundary, held between giver and taker
+    moved       F(p -> q) = s D                                 charge through the boundary
+    density     D = (5 giver + 2 taker - behind) / 6            at the boundary, limited to between giver and taker
 
-The shift of a boundary is the difference of a potential of the charges around (the curl-free field of Coulton et al.
-2018, AJ 155, 258) and, as a pixel's own boundaries move more easily along columns than across the channel stops, a part
-from its two pixels alone; all charges at most `limit`. What crosses it is the shift times the charge there (Antilogus
-et al. 2014, JINST 9 C03048; their mean of the two pixels leaves a dip behind a step edge, the third-order density does
-not). What leaves a pixel enters another, so charge is conserved to float32's rounding. K and skew come from the
-covariances of flats (detector.bfe_kernel) and hold half the final shift, the mean while charge gathers. Charge is moved
-as a mean: pixels keep fractions of electrons, because rounding them would add 1/12 e-^2 of noise that flats do not
-show.
+The shift of a boundary has two parts, both from charges of at most `limit`. One is the difference of a potential of the
+surrounding charges (the curl-free field of Coulton et al. 2018, AJ 155, 258). The other depends on the two pixels
+alone, because a pixel's own boundaries move more easily along columns than across the channel stops. The charge moved
+is the shift times the density at the boundary (Antilogus et al. 2014, JINST 9 C03048; their density, the mean of the
+two pixels, leaves a dip behind a step edge, the third-order density does not). Charge that leaves a pixel enters
+another, so it is conserved to float32's rounding. K and skew come from the covariances of flats (detector.bfe_kernel).
+They contain half of the final shift, which is its mean during the exposure. The expected charge is moved: pixels have
+fractions of electrons, because rounding would add 1/12 e-^2 of noise that flats do not show.
 
-Two limits hold it stable whatever the image: a pixel pushes with no more than `limit` (its full well) and gives no
-more than 1/DONOR of its charge through one boundary, so none turns negative. Nothing crosses the image's border, where
-the outermost pixels are repeated as neighbours: a flat stays flat. A window lacks its neighbours: pixels further than 3
-from its border are those of the whole chip.
-Left out: change of the shifts with colour and depth, and that electrons move one by one (beside a saturated star, where
-shifts are a few per cent of a pixel, noise is smoothed as much).
+Two limits keep it stable for any image: the charge that shifts boundaries is at most `limit` (the full well) per pixel,
+and a pixel gives at most 1/DONOR of its charge through one boundary, so that no pixel becomes negative. Nothing crosses
+the image's border; outside it the outermost pixels are repeated, so that a flat stays flat. In a window, pixels more
+than 3 from the border are the same as on the whole chip.
+Left out: change of the shifts with colour and depth, and the motion of single electrons (beside a saturated star, where
+shifts are a few per cent of a pixel, noise is smoothed by as much).
 """
 
 import numba
@@ -34,7 +34,8 @@ def move_charge(image, kernel, skew, limit):
     """Move charge between neighbouring pixels of `image` (ny, nx; electrons, float32), in place.
 
     `kernel` (3, 3): the quadrant K[dy, dx] of the 5 x 5 kernel [per e-], `skew` [per e-]; `limit`: full well [e-].
-    Raises ValueError if a pixel is negative or not finite (the image is then spoilt) or the kernel is no finite (3, 3).
+    Raises ValueError if a pixel is negative or not finite (the image is then no longer usable), or for a kernel that is
+    not finite or not (3, 3).
     """
     kernel = np.ascontiguousarray(kernel, np.float32)
     if kernel.shape != (_PAD + 1, _PAD + 1) or not np.isfinite(kernel.sum() + skew) or not limit > 0:
@@ -47,9 +48,9 @@ def move_charge(image, kernel, skew, limit):
 
 @numba.njit(cache=True)
 def _move(image, kernel, skew, limit):
-    """Go up the rows; a row is changed when its boundary with the next is known. Return the number of bad pixels."""
+    """Move charge row by row, changing a row once the flow to the next is known; return the number of bad pixels."""
     ny, nx = image.shape
-    charge = np.empty((_RING, nx + 2 * _PAD), np.float32)  # the rows around, as they were
+    charge = np.empty((_RING, nx + 2 * _PAD), np.float32)  # the rows around, before any change
     push = np.empty_like(charge)
     columns = np.empty((_PAD + 1, nx + 2 * _PAD), np.float32)
     phi, phi_above = np.empty(nx, np.float32), np.empty(nx, np.float32)
@@ -86,7 +87,7 @@ def _move(image, kernel, skew, limit):
 
 @numba.njit(cache=True)
 def _flow(phi_p, phi_q, skew, push_p, push_q, before, p, q, after, flux):
-    """Fill flux (as long as phi_p, or longer) with the charge that moves from p to q, two of four pixels in a line."""
+    """Fill flux (at least as long as phi_p) with the charge that moves from p to q; before, p, q, after: in a line."""
     five, two, sixth, most = np.float32(5), np.float32(2), np.float32(1 / 6), np.float32(1 / DONOR)
     for x in range(len(phi_p)):
         shift, one, other = (phi_p[x] - phi_q[x]) + skew * (push_p[x] - push_q[x]), p[x], q[x]
@@ -98,7 +99,7 @@ def _flow(phi_p, phi_q, skew, push_p, push_q, before, p, q, after, flux):
 
 @numba.njit(cache=True)
 def _load(row, limit, charge, push):
-    """Fill a row of the rings, its ends repeated; return the number of bad pixels."""
+    """Fill a row of the ring buffers, padded by repeating its end pixels; return the number of bad pixels."""
     nx, bad = len(row), 0
     for x in range(nx):
         value = row[x]
@@ -113,7 +114,7 @@ def _load(row, limit, charge, push):
 
 @numba.njit(cache=True)
 def _potential(ring, y, kernel, columns, phi):
-    """Fill phi (nx,) of row y: along columns first, then along the row; mirrored images give mirrored bits."""
+    """Fill phi (nx,) of row y: sum along columns, then along the row; mirrored images give mirrored bits."""
     here = ring[y % _RING]
     near_below, near_above = ring[(y - 1) % _RING], ring[(y + 1) % _RING]
     far_below, far_above = ring[(y - 2) % _RING], ring[(y + 2) % _RING]

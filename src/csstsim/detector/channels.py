@@ -1,18 +1,18 @@
-"""Readout geometry: how active pixels become sixteen channels with prescan and overscan.
+"""Readout geometry: the arrangement of active pixels in sixteen channels with prescan and overscan.
 
 The detector is read through 2 x 8 amplifiers at its lower and upper edges (paper, section 2 and Appendix B,
-item 11). Each channel is [prescan, active, overscan] columns as its amplifier sees them, and its active rows
-are followed by parallel overscan rows. Three arrangements of the same pixels are used:
+item 11). In readout order, each channel has [prescan, active, overscan] columns, and its active rows are followed by
+parallel overscan rows. Three arrangements of the same pixels are used:
 
-mosaic    as the silicon lies: x = 4 x [prescan, active, overscan] then 4 x [overscan, active, prescan],
+mosaic    as on the detector: x = 4 x [prescan, active, overscan] then 4 x [overscan, active, prescan],
           y = [active, overscan | overscan, active]; 10000 x 9400 for the real detector
-channels  the Level-0 arrangement: every channel turned so that its amplifier is at (0, 0), side by side in the
+channels  the Level-0 arrangement: every channel mirrored so that its amplifier is at (0, 0), side by side in the
           order lower half left to right, then upper half right to left; 20000 x 4700
 frame     the mosaic without the rows and columns that a windowed readout skips. A channel that the window
-          touches keeps all its prescan and overscan columns and its half's overscan rows, so the kept set is
-          rows x columns and the frame is a compact rectangle
+          touches keeps all its prescan and overscan columns and its half's overscan rows, so the frame is a
+          rectangle
 
-Arrays and integers only. Not modelled: the time order of reading, electronic crosstalk.
+Arrays and integers only. Not modelled: the time order of readout, electronic crosstalk.
 """
 
 from dataclasses import dataclass
@@ -40,7 +40,7 @@ class Block:
     prescan: tuple[slice, slice]  # beside the active rows
     serial_overscan: tuple[slice, slice]  # beside the active rows
     parallel_overscan: tuple[slice, slice]  # beyond the active columns
-    image: tuple[slice, slice]  # where `active` lies in the active image of the window
+    image: tuple[slice, slice]  # position of `active` in the active image of the window
     flip_x: bool  # the stored channel is mirrored with respect to the mosaic
     flip_y: bool
     stored_x0: int  # first column in the `channels` layout
@@ -52,15 +52,16 @@ class Block:
 
     @property
     def as_read(self):
-        """Slices that turn a region of the block so that its first row and column are those read first, or back."""
+        """Slices that flip a region of the block into readout order (first row and column read first), or back."""
         return tuple(slice(None, None, -1 if flip else 1) for flip in (self.flip_y, self.flip_x))
 
 
 @dataclass(frozen=True)
 class ReadoutFrame:
-    """The pixels that a readout of `window` = (x0, x1, y0, y1), half-open active pixels, produces.
+    """The pixels produced by a readout of `window` = (x0, x1, y0, y1), half-open active pixels.
 
-    Raises ValueError for a window outside the chip or numbers that do not make a 2 x even detector.
+    Raises ValueError for a window outside the chip, or numbers that are not of a detector with 2 rows of an even number
+    of channels.
     """
 
     window: tuple[int, int, int, int]
@@ -85,7 +86,7 @@ class ReadoutFrame:
 
     @classmethod
     def of(cls, detector, window):
-        """Return the frame of anything with a detector's geometry attributes; window None reads the whole chip."""
+        """Return the frame for a detector, any object with the attributes GEOMETRY; window None: the whole chip."""
         numbers = {name: int(getattr(detector, name)) for name in GEOMETRY}
         if window is None:
             window = (0, numbers["nx"], 0, numbers["ny"])
@@ -100,12 +101,12 @@ class ReadoutFrame:
 
     @property
     def block_nx(self):
-        """Columns [px] of a whole channel as read: prescan, active, overscan."""
+        """Columns [px] of a whole channel: prescan, active, overscan."""
         return self.prescan + self.channel_nx + self.overscan
 
     @property
     def block_ny(self):
-        """Rows [px] of a whole channel as read: active, parallel overscan."""
+        """Rows [px] of a whole channel: active, parallel overscan."""
         return self.channel_ny + self.parallel_overscan
 
     @property
@@ -133,7 +134,7 @@ class ReadoutFrame:
 
     @cached_property
     def _halves(self):
-        """(half, active mosaic rows, overscan mosaic rows) of the touched halves."""
+        """(half, active mosaic rows, overscan mosaic rows) of the halves that the window touches."""
         halves = []
         for half in range(2):
             low, high = _overlap(self.window[2:], half, self.channel_ny)
@@ -145,7 +146,7 @@ class ReadoutFrame:
 
     @cached_property
     def _slots(self):
-        """(slot, [left, active, right] mosaic columns) of the touched slots."""
+        """(slot, [left, active, right] mosaic columns) of the slots that the window touches."""
         slots = []
         for slot in range(self.channels_x):
             low, high = _overlap(self.window[:2], slot, self.channel_nx)
@@ -165,7 +166,7 @@ class ReadoutFrame:
 
     @cached_property
     def blocks(self):
-        """The touched channels as `Block`s, in Level-0 order."""
+        """The channels that the window touches as `Block`s, in Level-0 order."""
         blocks, row = [], 0
         for half, active, scan in self._halves:
             parts = [active, scan] if half == 0 else [scan, active]
@@ -197,7 +198,7 @@ class ReadoutFrame:
         )  # fmt: skip
 
     def embed(self, image):
-        """Return a frame with the active `image` (shape of the window) in place and zeros around it."""
+        """Return a frame with the active `image` (shape of the window) at its position and zeros elsewhere."""
         frame = np.zeros(self.shape, image.dtype)
         for block in self.blocks:
             frame[block.active] = image[block.image]
@@ -212,9 +213,9 @@ class ReadoutFrame:
         return image
 
     def to_stored(self, frame, layout):
-        """Return the whole detector (`stored_shape`) in `layout`; pixels that were not read out are 0.
+        """Return the array of the whole detector (`stored_shape`) in `layout`; pixels that were not read out are 0.
 
-        Raises ValueError for a frame that is not of `shape`.
+        Raises ValueError for a frame that does not have `shape`.
         """
         if frame.shape != self.shape:
             raise ValueError(f"frame of shape {frame.shape}; the readout gives {self.shape}")
@@ -224,9 +225,9 @@ class ReadoutFrame:
         return stored
 
     def from_stored(self, stored, layout):
-        """Return the frame (of `shape`) held in a stored array: the inverse of `to_stored`.
+        """Return the frame (of `shape`) from a stored array: the inverse of `to_stored`.
 
-        Raises ValueError for an array that is not of `stored_shape`.
+        Raises ValueError for an array that does not have `stored_shape`.
         """
         if stored.shape != self.stored_shape(layout):
             raise ValueError(f"stored array of shape {stored.shape}; expected {self.stored_shape(layout)}")
@@ -254,7 +255,7 @@ class ReadoutFrame:
         return y, _local(x, block.slot * self.block_nx, self.block_nx, block.flip_x, block.stored_x0)
 
     def stored_axis(self, block, layout):
-        """Return ((x0, step_x), (y0, step_y)): stored pixel (X, Y), 0-based, holds chip pixel (x0 + step_x X, ...)."""
+        """Return ((x0, step_x), (y0, step_y)): stored pixel (X, Y), 0-based, is chip pixel (x0 + step_x X, ...)."""
         first_x, first_y = block.slot * self.channel_nx, block.half * self.channel_ny
         if layout == "mosaic":
             lead_x = self.overscan if block.flip_x else self.prescan
@@ -269,7 +270,7 @@ class ReadoutFrame:
 
 
 def _overlap(bounds, index, size, shift=0):
-    """Return the part of half-open `bounds` in tile `index`, counted from the tile's start, plus `shift`."""
+    """Return the part of half-open `bounds` in tile `index`, relative to the tile's start, plus `shift`."""
     low = max(bounds[0] - index * size, 0)
     return low + shift, min(bounds[1] - index * size, size) + shift
 
@@ -290,7 +291,7 @@ def _runs(index, start):
 
 
 def _local(part, start, size, flip, offset):
-    """Return a mosaic slice as a slice of the stored block that begins at `offset`, mirrored when `flip`."""
+    """Return a mosaic slice as a slice of the stored block that begins at `offset`, mirrored if `flip`."""
     low, high = part.start - start, part.stop - start
     if not flip:
         return slice(offset + low, offset + high)

@@ -1,9 +1,9 @@
 """Cosmic rays (paper, section 5.5.6): straight tracks in the plane of the chip, in whole electrons.
 
-A track enters anywhere, also beside the frame, goes in any direction, and leaves its electrons at equal steps; each of
-them then diffuses by a Gaussian. Length and charge do not depend on each other (paper). The electrons that
-a pixel gets are a fact, not an expectation: they must not be given shot noise. None is lost but beyond the edges.
-Left out: straggling along the track, delta rays, and that rows near the amplifiers are read sooner.
+A track starts anywhere, also outside the frame, in a random direction, and deposits its electrons at equal steps; each
+electron then diffuses by a Gaussian. Length and charge are independent (paper). The electrons of a pixel are counts, so
+no shot noise may be added. Electrons are lost only beyond the edges. Left out: straggling along the track, delta rays,
+and the earlier readout of rows near the amplifiers.
 """
 
 from dataclasses import dataclass
@@ -14,15 +14,15 @@ import numpy as np
 from csstsim.base.counter import word
 from csstsim.detector.normal import normal, normal_table
 
-_BATCH = 256  # tracks; bounds the work space
-_FARTHEST = 9  # sigma; no normal number of 52 bits lies beyond
+_BATCH = 256  # tracks at a time; limits the work space
+_FARTHEST = 9  # sigma; larger than any normal number made from 52 bits
 _FWHM = np.sqrt(8 * np.log(2))  # of a Gaussian, in sigma
 _S32 = np.uint64(32)
 
 
 @dataclass(frozen=True)
 class Tracks:
-    """Arrays of a value per track: entry x, y and way dx, dy [px, in the frame, pixel centres at integers], e-."""
+    """Arrays with a value per track: start x, y, extent dx, dy [px of the frame, pixel centres at integers], e-."""
 
     x: np.ndarray
     y: np.ndarray
@@ -32,7 +32,7 @@ class Tracks:
 
 
 def draw_tracks(shape, seconds, rays, rng):
-    """Return the Tracks of a frame of `shape` (ny, nx) exposed for `seconds`; also such as only pass beside it.
+    """Return the Tracks of a frame of `shape` (ny, nx) exposed for `seconds`, including some that miss the frame.
 
     rays: instrument.cosmic_rays.CosmicRays; rng: numpy Generator.
     """
@@ -48,9 +48,10 @@ def draw_tracks(shape, seconds, rays, rng):
 
 
 def deposit(shape, tracks, diffusion, key):
-    """Return (pixel, electrons, hits): flat indices of the struck pixels, rising, what each got, tracks that struck.
+    """Return (pixel, electrons, hits): flat indices of hit pixels (ascending), their electrons, number of tracks.
 
-    shape: (ny, nx); diffusion: Gaussian sigma [px]; key: uint64 for the diffusion of every electron.
+    shape: (ny, nx); diffusion: Gaussian sigma [px]; key: uint64 for the diffusion of every electron. hits: number of
+    tracks that put an electron into the frame.
     """
     margin = np.ceil(_FARTHEST * diffusion)
     x0, y0, x1, y1 = boxes(tracks, margin)
@@ -80,7 +81,7 @@ def boxes(tracks, margin):
 
 @numba.njit(cache=True)
 def _deposit(shape, x, y, dx, dy, n, x0, y0, x1, y1, diffusion, key, first, work, pixel, charge, start, step):
-    """Fill pixel and charge with what each track leaves; return how many entries, and of how many tracks."""
+    """Fill pixel and charge with the deposits of each track; return the number of entries and of tracks with any."""
     ny, nx = shape
     used = struck = 0
     for t in range(len(x)):

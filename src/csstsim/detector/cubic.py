@@ -1,24 +1,24 @@
-"""The third-order polynomial of the nonlinearity (paper, Appendix B item 8): where it rises, and its inverse.
+"""The third-order polynomial of the nonlinearity (paper, Appendix B item 8): a test that it increases, and its inverse.
 
     f(x) = x + quadratic x^2 + cubic x^3    for 0 <= x <= limit
 
-and the tangents beyond: f(x) = x below zero, slope f'(limit) above the limit. So f and its slope are continuous, and f
-rises everywhere if it does up to the limit.
+It is continued by its tangents: f(x) = x below zero, slope f'(limit) above the limit. So f and its slope are
+continuous, and f increases everywhere if it increases up to the limit.
 """
 
 import numpy as np
 
-_ROUNDS = 100  # of halving in the worst case; Newton's steps need about five
-_NEAR = 1e-9  # of the limit: where the search ends
+_ROUNDS = 100  # largest number of steps, for bisection; Newton's method needs about five
+_NEAR = 1e-9  # of the limit: tolerance of the inverse
 
 
 def slope(x, quadratic, cubic):
-    """Return f', the signal that an electron more gives, at x [e-] (scalar or array) within 0..limit."""
+    """Return f', the signal per additional electron, at x [e-] (scalar or array) within 0..limit."""
     return 1 + x * (2 * quadratic + 3 * cubic * x)
 
 
 def lowest_slope(quadratic, cubic, limit):
-    """Return the lowest f' within 0..limit [e-]: f rises there if it is positive."""
+    """Return the smallest f' within 0..limit [e-]; f increases there if it is positive."""
     places = [0.0, limit]
     if cubic:
         places.append(min(max(-quadratic / (3 * cubic), 0.0), limit))
@@ -26,7 +26,7 @@ def lowest_slope(quadratic, cubic, limit):
 
 
 def check_rising(quadratic, cubic, limit):
-    """Raise ValueError, naming the range, if f does not rise over 0..limit."""
+    """Raise ValueError, naming the range, if f does not increase over 0..limit."""
     lowest = lowest_slope(quadratic, cubic, limit)
     if not (limit > 0 and lowest > 0):
         raise ValueError(f"the signal does not rise over 0..{limit:g} e-: the lowest slope is {lowest:.3g}")
@@ -35,8 +35,8 @@ def check_rising(quadratic, cubic, limit):
 def straighten(signal, quadratic, cubic, limit):
     """Return the charge [e-] (float64) of `signal` [e-], an array of any shape: the inverse of f, to 1e-9 of the limit.
 
-    Newton's steps, and a halving of the bracket wherever one would leave it. Values that are not finite stay. Raises
-    ValueError if f does not rise over 0..limit.
+    Newton's method, with bisection where a step would leave the bracket. Values that are not finite are kept. Raises
+    ValueError if f does not increase over 0..limit.
     """
     check_rising(quadratic, cubic, limit)
     y = np.asarray(signal, float)

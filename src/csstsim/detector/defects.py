@@ -1,38 +1,38 @@
 """Defective pixels and bad columns (paper, sections 5.5.7 and 5.5.8).
 
-    hot     what is there + Poisson(rate x exposure time), rate ~ Gamma / hot_time
+    hot     charge of the pixel + Poisson(rate x exposure time), rate ~ Gamma / hot_time
     dead    u x background + N(0, dead_noise), u uniform in 0 to dead_max
     column  (1 - u)(low_factor background + low_offset) + u (high_factor background + high_offset), u uniform, with
             noise of column_noise times the background's own, sqrt(background + read noise^2)
 
-Places, rates and u are the chip's for good; noise is new in each exposure. A bad column reaches from the seam of the
-halves towards the amplifier, as a defect spoils what is read through it. All draws are those of the whole chip, so that
-a window has the chip's. A charge is never below 0. Left out: hot pixels during readout, clusters, and defects of the
-amplifiers. Below, `numbers` is instrument.defects.Defects; rng are numpy Generators.
+Positions, rates and u are fixed for a chip; noise is new in each exposure. A bad column extends from the boundary of
+the halves towards the amplifier. Numbers are drawn for the whole chip, so that a window has the same defects. A charge
+is never below 0. Left out: hot pixels during readout, clusters, and defects of the amplifiers. Below, `numbers` is
+instrument.defects.Defects; rng are numpy Generators.
 """
 
 import numpy as np
 
-_SAMPLE = 1_000_000  # pixels that give the background
+_SAMPLE = 1_000_000  # pixels used for the background
 _CLIP = 5.0  # robust sigma
 
 
 def background(image):
-    """Return the mean [e-] of an image's pixels but those of objects and defects; not below 0.
+    """Return the clipped mean [e-] of an image, without pixels of objects and defects; at least 0.
 
-    Raises ValueError if the image holds NaN or infinite values.
+    Raises ValueError if the image has NaN or infinite values.
     """
     if not np.isfinite(image.sum(dtype=float)):
         raise ValueError(f"{np.count_nonzero(~np.isfinite(image))} pixel(s) of the image are not finite")
     some = image.reshape(-1)[:: max(image.size // _SAMPLE, 1) | 1].astype(float)
     middle = np.median(some)
     away = np.abs(some - middle)
-    kept = some[away <= _CLIP * max(1.4826 * np.median(away), 1.0)]  # at least the step of whole electrons
+    kept = some[away <= _CLIP * max(1.4826 * np.median(away), 1.0)]  # sigma at least 1 e-: charges are whole electrons
     return max(float(kept.mean()), 0.0)
 
 
 def places(shape, numbers, rng):
-    """Return (hot, dead): flat indices of a chip's defective pixels, shape (ny, nx); none is both."""
+    """Return (hot, dead): flat indices of the defective pixels of a chip of shape (ny, nx); no pixel is both."""
     pixels = shape[0] * shape[1]
     chosen = rng.choice(pixels, round(numbers.defective * pixels), replace=False)
     hot = round(numbers.hot_share * len(chosen))
@@ -40,7 +40,7 @@ def places(shape, numbers, rng):
 
 
 def hot_charge(count, seconds, numbers, rng_chip, rng):
-    """Return (count,) electrons that hot pixels gather: shot noise new, rates for good (and at least hot_min)."""
+    """Return (count,) electrons of hot pixels: Poisson noise from rng, rates (at least hot_min) from rng_chip."""
     rate = rng_chip.gamma(numbers.hot_shape, numbers.hot_scale, count) / numbers.hot_time
     return rng.poisson(np.maximum(rate, numbers.hot_min) * seconds)
 
@@ -52,7 +52,7 @@ def dead_charge(count, level, numbers, rng_chip, rng):
 
 
 def columns(half_rows, nx, numbers, rng):
-    """Return a chip's bad columns as (column, first row, end, u), rows half-open and of the chip."""
+    """Return a chip's bad columns as a list of (column, first row, end, u); chip rows [px], half-open."""
     first, end = int(numbers.columns_from * nx), max(int(numbers.columns_to * nx), int(numbers.columns_from * nx) + 1)
     found = []
     for half in range(2):
@@ -65,7 +65,7 @@ def columns(half_rows, nx, numbers, rng):
 
 
 def column_charge(rows, u, level, read_noise, numbers, rng):
-    """Return (rows,) electrons of a bad column, so that it has its noise once the readout has added its own."""
+    """Return (rows,) electrons of a bad column; its noise is complete after the readout has added read_noise [e-]."""
     low = numbers.low_factor * level + numbers.low_offset
     high = numbers.high_factor * level + numbers.high_offset
     sigma = np.sqrt(numbers.column_noise**2 * (level + read_noise**2) - read_noise**2)
@@ -73,7 +73,7 @@ def column_charge(rows, u, level, read_noise, numbers, rng):
 
 
 def inside(index, nx, window):
-    """Return (which, y, x): which flat indices of a chip of `nx` columns lie in a window, and where in it [px]."""
+    """Return (which, y, x): bool, whether flat indices of a chip of `nx` columns lie in a window; positions in it."""
     y, x = index // nx - window.y0, index % nx - window.x0
     which = (y >= 0) & (y < window.ny) & (x >= 0) & (x < window.nx)
     return which, y[which], x[which]

@@ -1,4 +1,4 @@
-"""Bits of the truth mask: what happened to the charge of a pixel, known because it was made to happen."""
+"""Bits of the truth mask: which simulated effects changed the charge of a pixel."""
 
 SATURATED = 1
 BLED = 2
@@ -20,5 +20,5 @@ ABOUT = {
     HOT: "hot pixel",
     DEAD: "dead pixel",
     BAD_COLUMN: "in a bad column",
-    CLIPPED: "beyond what the digits can say",
+    CLIPPED: "outside the range of the digits",
 }

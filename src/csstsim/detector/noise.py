@@ -1,7 +1,8 @@
 """Shot noise and readout noise in pixels (paper, Appendix B, items 5 and 13).
 
-The numbers of a frame are those of its pixels (csstsim.detector.poisson, normal) and of one key: they do not depend on
-the frame's height, on the order of work or on threads. A frame that is part of another has numbers of its own.
+The random numbers depend on the key and the pixel (csstsim.detector.poisson, normal), not on the frame's height, the
+order of work or the number of threads. Pixels are counted from the frame's corner, so a window has other numbers than
+the same pixels of the whole frame.
 """
 
 import numba
@@ -10,15 +11,16 @@ import numpy as np
 from csstsim.detector.normal import normal_row, normal_table
 from csstsim.detector.poisson import alias_tables, poisson_row
 
-MOST = 1e9  # expected electrons drawn as whole numbers of 32 bits
+MOST = 1e9  # largest expected electrons drawn as 32-bit integers
 
 
 def add_poisson(image, key, *, dark=0.0, counted=None):
     """Replace expected electrons by counted ones, in place: image = counted + Poisson(image + dark).
 
-    `image` float32 (ny, nx), `dark` in electrons (scalar), `counted` int32 of the same shape that are Poisson already,
-    or None; `key` uint64 (rng.Streams.exposure_key). A mean m above MOST gets m + (n - MOST) sqrt(m / MOST), n of mean
-    MOST. Raises ValueError, before any draw, if an expected value is negative or not finite.
+    `image`: float32 (ny, nx); `dark`: electrons (scalar); `counted`: int32 of the same shape, which already have
+    Poisson noise, or None; `key`: uint64 (rng.Streams.exposure_key). For a mean m above MOST the result is
+    m + (n - MOST) sqrt(m / MOST), n Poisson of mean MOST. Raises ValueError, before any draw, if an expected value is
+    negative or not finite.
     """
     bad, far = _impossible(image, np.float32(dark))
     if bad:
@@ -36,7 +38,7 @@ def add_poisson(image, key, *, dark=0.0, counted=None):
 
 @numba.njit(cache=True)
 def _impossible(image, dark):
-    """Return how many expected values cannot be, and how many are above MOST."""
+    """Return how many expected values are negative or not finite, and how many are above MOST."""
     bad = far = 0
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):
@@ -62,7 +64,7 @@ def add_gaussian(image, sigma, key):
     `key` as for add_poisson. Raises ValueError for a sigma that is negative or NaN.
     """
     if not sigma >= 0:
-        raise ValueError(f"noise of standard deviation {sigma}")
+        raise ValueError(f"standard deviation of noise {sigma}; need 0 or more")
     if sigma > 0:
         _add_gaussian(image, np.float32(sigma), key, *normal_table())
 

@@ -1,7 +1,7 @@
-"""Charge-to-voltage nonlinearity (paper, Appendix B item 8): the polynomial of detector.cubic, on images.
+"""Charge-to-voltage nonlinearity (paper, Appendix B item 8): the polynomial of detector.cubic applied to images.
 
-Signal is in equivalent electrons: the gain comes later. Left out: memory of the amplifier (the pixel before) and change
-with temperature.
+The signal is in equivalent electrons; the gain is applied later. Left out: memory of the amplifier (dependence on the
+previous pixel) and change with temperature.
 """
 
 import numba
@@ -11,10 +11,10 @@ from csstsim.detector.cubic import check_rising, slope
 
 
 def bend(image, quadratic, cubic, limit):
-    """Replace charge by signal, in place: `image` (ny, nx) float32 [e-], which may be a part of a larger one.
+    """Replace charge by signal, in place: `image` (ny, nx) float32 [e-], which may be part of a larger array.
 
-    `quadratic` [1/e-], `cubic` [1/e-^2], `limit` [e-]. Raises ValueError, nothing changed, if f does not rise up to the
-    limit, and if a value is not finite (the others are replaced by then).
+    `quadratic` [1/e-], `cubic` [1/e-^2], `limit` [e-]. Raises ValueError if f does not increase up to the limit (image
+    unchanged), and if a value is not finite (the other pixels are then already replaced).
     """
     check_rising(quadratic, cubic, limit)
     steep, bad = float(slope(limit, quadratic, cubic)), 0
@@ -26,7 +26,7 @@ def bend(image, quadratic, cubic, limit):
 
 @numba.njit(cache=True)
 def _bend(row, quadratic, cubic, limit, steep):
-    """Replace a row; return how many of its values are not finite."""
+    """Replace the charge of a row by signal; return the number of values that are not finite."""
     bad = 0
     for i in range(len(row)):
         x = np.float64(row[i])

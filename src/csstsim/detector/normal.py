@@ -1,9 +1,9 @@
-"""Normal numbers of pixels: pixel (x, y) has the same one whatever is drawn before it, in any block, window or thread.
+"""Normal random numbers of pixels: that of pixel (x, y) depends only on the key, not on the order of drawing.
 
-Two pixels share a word of csstsim.base.counter, 32 bits each: 12 choose one of CELLS equal parts of the distribution,
-20 the place in it, linear between the part's ends. In the EDGE parts at either end, beyond TAIL = 2.66 sigma, the
-number comes from the exact tail instead (Marsaglia 1964, Technometrics 6, 101), with words of the pixel's own. The
-linear parts leave the distribution function within 2e-6 and the variance within 1e-5 of the normal one.
+Two pixels share a word of csstsim.base.counter, 32 bits each: 12 bits choose one of CELLS equally probable intervals,
+20 bits the position in it, linear between its ends. In the EDGE outermost intervals on either side, beyond TAIL = 2.66
+sigma, the number is drawn from the exact tail (Marsaglia 1964, Technometrics 6, 101), with words of that pixel only.
+The linear intervals change the distribution function by up to 2e-6 and the variance by up to 1e-5.
 """
 
 import math
@@ -18,7 +18,7 @@ from csstsim.base.counter import unit, word
 CELLS = 4096
 EDGE = 16
 TAIL = -NormalDist().inv_cdf(EDGE / CELLS)
-_BEYOND = np.float32(9.0)  # stands in the table where the tail begins
+_BEYOND = np.float32(9.0)  # value in the table that marks the tail
 _PLACE_BITS = np.uint32(20)
 _PLACE_MASK = np.uint32((1 << 20) - 1)
 _S1, _S32 = np.uint64(1), np.uint64(32)
@@ -27,7 +27,7 @@ _ONE, _TWO = np.uint64(1), np.uint64(2)
 
 @cache
 def normal_table():
-    """Return (start, step), (CELLS,) float32: the number is start + step x place, place 0 to 2^20."""
+    """Return (start, step), (CELLS,) float32: the number is start + step x position, position 0 to 2^20."""
     inverse = NormalDist().inv_cdf
     ends = np.array([inverse(i / CELLS) for i in range(EDGE, CELLS - EDGE + 1)])
     start, step = np.full(CELLS, _BEYOND), np.zeros(CELLS, np.float32)
@@ -66,7 +66,7 @@ def normal_row(key, y, x0, halves, out, start, step):
 
 @numba.njit(inline="always")
 def normal(half, key, start, step):
-    """Return the number of 32 bits (uint32); key: of words for the tail, used by nothing else."""
+    """Return the normal number of 32 bits (uint32); key: of words for the tail, not used elsewhere."""
     cell = half >> _PLACE_BITS
     z = np.float64(start[cell] + step[cell] * np.float32(np.int32(half & _PLACE_MASK)))
     return math.copysign(_tail(key), z) if abs(z) >= _BEYOND else z
@@ -74,7 +74,7 @@ def normal(half, key, start, step):
 
 @numba.njit
 def _tail(key):
-    """Return a normal number from beyond TAIL."""
+    """Return a normal number above TAIL."""
     counter = np.uint64(0)
     while True:
         distance = -math.log(unit(word(key, counter))) / TAIL

@@ -1,9 +1,9 @@
-"""Poisson numbers of pixels: like those of csstsim.detector.normal, a pixel's own whatever is drawn before it.
+"""Poisson random numbers of pixels: as in csstsim.detector.normal, they do not depend on the order of drawing.
 
-Below TABLE_MAX the mean is split: Poisson(m) = Poisson(a) + Poisson(m - a) with a = floor(16 m) / 16. The first is one
-look into an alias table (Walker 1977, ACM TOMS 3, 253) with 40 bits of the pixel's word, the second, of mean below
-1/16, an inversion with the other 24. Larger means are drawn by rejection (csstsim.base.counter.poisson). The finite
-bits move no probability by more than 1e-7.
+Below TABLE_MAX the mean is split: Poisson(m) = Poisson(a) + Poisson(m - a) with a = floor(16 m) / 16. The first is read
+from an alias table (Walker 1977, ACM TOMS 3, 253) with 40 bits of the pixel's word. The second, of mean below 1/16, is
+drawn by inversion with the other 24 bits. Larger means are drawn by rejection (csstsim.base.counter.poisson). The
+finite number of bits changes no probability by more than 1e-7.
 """
 
 from functools import cache
@@ -14,7 +14,7 @@ import numpy as np
 from csstsim.base.counter import poisson, word
 from csstsim.detector.normal import pixel_counter
 
-TABLE_MAX = 128  # electrons; the sky of a 250 s exposure and the wings of objects lie below
+TABLE_MAX = 128  # electrons; above the sky of a 250 s exposure and the wings of objects
 _LARGEST = np.float32(127.99)
 _STEPS = np.float32(16)  # tabulated means per electron
 _CELLS = 256  # P(256 or more) at mean 128 is 1e-22
@@ -28,14 +28,14 @@ _ZERO = np.uint64(0)
 
 @cache
 def alias_tables():
-    """Return (share, other), uint32 and uint8: cell 256 i + n, of mean i / 16, gives n in share of 2^32, else other."""
+    """Return (share, other), uint32 and uint8: cell 256 i + n, mean i / 16, gives n with share / 2^32, else other."""
     mean = np.arange(int(TABLE_MAX * _STEPS)) / float(_STEPS)
     probability = np.exp(-mean)
     parts = np.empty((len(mean), _CELLS), np.int64)
     for n in range(_CELLS):
         parts[:, n] = np.rint(probability * 2.0**40)
         probability *= mean / (n + 1)
-    parts[np.arange(len(mean)), mean.astype(int)] += 2**40 - parts.sum(axis=1)  # whole parts: the same on any machine
+    parts[np.arange(len(mean)), mean.astype(int)] += 2**40 - parts.sum(axis=1)  # integers: the same on any machine
     share, other = (np.empty(parts.shape, kind) for kind in (np.uint32, np.uint8))
     for row in range(len(mean)):
         _fill_alias(parts[row], share[row], other[row])
@@ -44,7 +44,7 @@ def alias_tables():
 
 @numba.njit(cache=True)
 def _fill_alias(parts, share, other):
-    """Deal 2^40 parts into 256 cells of 2^32 that hold one or two outcomes each."""
+    """Divide 2^40 parts among 256 cells of 2^32, each with one or two outcomes."""
     size = 2**32
     small, large = np.empty(_CELLS, np.int64), np.empty(_CELLS, np.int64)
     n_small = n_large = 0
@@ -64,7 +64,7 @@ def _fill_alias(parts, share, other):
             n_large -= 1
             small[n_small] = rich
             n_small += 1
-    for i in range(n_large):  # full cells: what is left holds 2^32 exactly
+    for i in range(n_large):  # the remaining cells have exactly 2^32 parts
         share[large[i]], other[large[i]] = 0, large[i]
 
 
@@ -73,7 +73,7 @@ def poisson_row(means, dark, key, y, words, over, counts, share, other):
     """Fill `counts` (n,) int32 with Poisson numbers of mean means + dark [>= 0, finite], columns 0 to n - 1 of row y.
 
     means: (n,) float32; dark: float32; words, over: (n,) uint64 and float32, work space; share, other: alias_tables().
-    Four loops rather than one, because the first three are then done several pixels at a time.
+    There are four loops instead of one, so that the compiler can vectorise the first three.
     """
     counter = pixel_counter(0, y)
     for x in range(len(means)):
@@ -83,7 +83,7 @@ def poisson_row(means, dark, key, y, words, over, counts, share, other):
         cell = words[x] >> _S56
         at = (table << _S8) | cell
         counts[x] = np.int32(cell) if (words[x] >> _S24) & _SHARE_MASK < share[at] else np.int32(other[at])
-    for x in range(len(means)):  # exp(-rest) >= 1 - rest: where rest + u < 1 there is no event
+    for x in range(len(means)):  # exp(-rest) >= 1 - rest, so rest + u < 1 means no event
         mean = means[x] + dark
         rest = mean - np.floor(mean * _STEPS) / _STEPS
         u = np.float32(np.int32(words[x] & _REST_MASK)) * _REST_UNIT

@@ -1,14 +1,14 @@
-"""Pixel response non-uniformity (paper, Appendix B item 3): each pixel counts 1 + rms x z of the light, z normal.
+"""Pixel response non-uniformity (paper, Appendix B item 3): a pixel's response is 1 + rms x z, z normal.
 
-z is the pixel's own for the life of the chip, and held within +-CLIP, so that no pixel is above `highest` (7 in a
-million are held, which takes 2e-5 off the rms). Left out: correlation between pixels, colour.
+z is fixed for each pixel of a chip and clipped to +-CLIP, so that no response is above `highest` (7 in a million are
+clipped, which lowers the rms by 2e-5). Left out: correlation between pixels, colour.
 """
 
 CLIP = 4.5
 
 
 def highest(rms):
-    """Return what no pixel's response is above."""
+    """Return the upper limit of a pixel's response (relative, dimensionless)."""
     return 1 + CLIP * rms
 
 
@@ -18,7 +18,7 @@ def multiply(image, x0, y0, rms, key):
     key: uint64 of the chip (rng.Streams.chip_key). Raises ValueError for an rms that makes a response negative.
     """
     if not 0 <= rms < 1 / CLIP:
-        raise ValueError(f"a relative rms of {rms}: not within 0 and 1 / {CLIP}")
+        raise ValueError(f"relative rms {rms} is not from 0 to 1 / {CLIP}")
     if rms > 0:
         from csstsim.detector.prnu_rows import multiply_rows
 

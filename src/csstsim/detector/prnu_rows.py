@@ -1,4 +1,4 @@
-"""Pixel response put into a frame, row by row: the compiled loop of csstsim.detector.prnu."""
+"""Multiplication of a frame by the pixel response: the compiled loop of csstsim.detector.prnu."""
 
 import numba
 import numpy as np
@@ -7,7 +7,7 @@ from csstsim.detector.normal import normal_row, normal_table
 
 
 def multiply_rows(image, x0, y0, rms, key, clip):
-    """Multiply as csstsim.detector.prnu.multiply; z is held within +-clip."""
+    """Multiply as csstsim.detector.prnu.multiply; z is clipped to +-clip."""
     _multiply(image, x0, y0, np.float32(rms), key, np.float32(clip), *normal_table())
 
 

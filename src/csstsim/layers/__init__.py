@@ -1,1 +1,1 @@
-"""The layers of the paper's Appendix B, one module a keyword (lower case). No layer imports another."""
+"""The layers of the paper's Appendix B, one module per keyword (lower case). No layer imports another."""

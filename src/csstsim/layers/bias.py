@@ -1,7 +1,7 @@
 """Bias (paper, Appendix B item 12): a constant offset in electrons, added before the gain.
 
-Each channel (or the chip) has an offset drawn once for the camera's life, uniform within the detector's
-`bias_spread` of its `bias`. Left out: structure within a channel and drifts between exposures.
+Each channel (or the chip) has an offset that is the same in all exposures, drawn uniformly within `bias_spread` of the
+detector's `bias`. Left out: structure within a channel and drifts between exposures.
 """
 
 from pydantic import Field
@@ -22,7 +22,7 @@ class Param(LayerParam):
 
 
 def apply(state, param, rng):
-    """Add the bias level to every pixel of the readout frame, in place; levels [e-] of all channels to the header."""
+    """Add the bias to every pixel of the readout frame, in place; the levels [e-] of all channels go to the header."""
     detector = state.chip.detector
     frame = ReadoutFrame.of(detector, state.window)
     if param.bias_16channel:

@@ -1,7 +1,8 @@
 """Pixel saturation and bleeding (paper, Appendix B item 9): charge above the full well spills along columns and rows.
 
-Half of the excess goes each way, to the nearest pixels with room. Columns run through the middle of the chip. Electrons
-that reach the window's border leave it and are counted (csstsim.detector.blooming). Left out: wells that differ.
+Half of the excess spills in each direction, to the nearest pixels with room. Columns run across the middle of the chip.
+Electrons that reach the window's border leave it and are counted (csstsim.detector.blooming). Left out: differences
+between wells.
 """
 
 from pydantic import Field
@@ -25,11 +26,11 @@ class Param(LayerParam):
 def apply(state, param, rng):
     """Spill the excess charge of state.image, in place, and set bits of state.mask.
 
-    The header gets the number of saturated pixels and of electrons that left.
+    The numbers of saturated pixels and of electrons that left go to the header.
 
     Raises ValueError if counted electrons were not merged or a pixel is not finite.
     """
-    from csstsim.detector.blooming import bloom  # numba: half a second that checking a campaign need not pay
+    from csstsim.detector.blooming import bloom  # loads numba (0.5 s), which checking a campaign does not need
 
     if state.counted is not None:
         raise ValueError("counted electrons were not merged: poisson_and_dark must come before blooming")

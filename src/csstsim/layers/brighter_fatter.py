@@ -1,7 +1,7 @@
 """Brighter-fatter effect (paper, Appendix B item 6; section 5.5.3): a 5 x 5 kernel from the covariances of flats.
 
-Electrons move between neighbouring pixels, none is lost (csstsim.detector.brighter_fatter). It acts on counted
-electrons, so it belongs after poisson_and_dark. Left out: differences between chips and wavelengths.
+Charge moves between neighbouring pixels without loss (csstsim.detector.brighter_fatter). The effect acts on counted
+electrons, so the layer must follow poisson_and_dark. Left out: differences between chips and wavelengths.
 """
 
 from csstsim.detector.bfe_kernel import detector_kernel
@@ -14,11 +14,11 @@ AFTER = ("poisson_and_dark",)
 
 
 class Param(LayerParam):
-    """obs_param of `brighter_fatter`: none; the covariances are the detector's (brighter_fatter.yaml)."""
+    """obs_param of `brighter_fatter`: none; the areas are those of the detector (brighter_fatter.yaml)."""
 
 
 def check(param, camera, pointing):
-    """Raise InputError if the camera has no areas, or charge at full well could move a boundary by a quarter pixel."""
+    """Raise InputError if the camera has no areas, or if charge at full well could shift a boundary by 0.25 pixel."""
     detector_kernel(camera.detector)
 
 
@@ -27,7 +27,7 @@ def apply(state, param, rng):
 
     Raises ValueError if counted electrons were not merged, or a pixel is negative or not finite.
     """
-    from csstsim.detector.brighter_fatter import move_charge  # numba: half a second that checking need not pay
+    from csstsim.detector.brighter_fatter import move_charge  # loads numba (0.5 s), which checking does not need
 
     if state.counted is not None:
         raise ValueError("counted electrons were not merged: poisson_and_dark must come before brighter_fatter")

@@ -1,7 +1,7 @@
 """Cosmic ray accumulation (paper, Appendix B item 4; section 5.5.6).
 
-The rays strike during the exposure and half of the readout, because a row waits that long on average; so a bias has
-some, too. Their electrons are added to the counted ones, and poisson_and_dark must follow to merge these. Left out: see
+Rays hit during the exposure and half of the readout, the mean time until a row is read; so a bias frame has some too.
+Their electrons are added to the counted ones, which poisson_and_dark must then merge. Left out: see
 csstsim.detector.cosmic_ray.
 """
 
@@ -30,9 +30,9 @@ def check(param, camera, pointing):
 
 
 def apply(state, param, rng):
-    """Add the rays' electrons to state.counted (made if there is none), in place; numbers go to the header.
+    """Add the rays' electrons to state.counted, in place (made if it is None); statistics go to the header.
 
-    Raises ValueError if the image is not of the active pixels.
+    Raises ValueError if the image does not have the shape of the active pixels.
     """
     import numpy as np
 

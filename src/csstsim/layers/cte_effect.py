@@ -1,7 +1,7 @@
-"""Charge transfer inefficiency (paper, Appendix B item 10; section 5.5.4): traps hold back electrons on their way.
+"""Charge transfer inefficiency (paper, Appendix B item 10; section 5.5.4): traps delay electrons during transfer.
 
 Charge is transferred to the registers and, with `serial`, along them to the amplifiers
-(csstsim.detector.charge_transfer.transfer). Charge that trails behind the last row or column goes to state.trailed, and
+(csstsim.detector.charge_transfer.transfer). Charge released after the last row or column goes to state.trailed, and
 prescan_overscan puts it into the overscan. Left out: the rise of trap density over the mission (use `density_scale`).
 """
 
@@ -27,7 +27,7 @@ class Param(LayerParam):
 
 
 def check(param, camera, pointing):
-    """Raise InputError if the camera lacks the traps asked for."""
+    """Raise InputError if the camera has no traps, or no serial traps although `serial` is set."""
     traps = camera.detector.traps
     if traps is None:
         raise InputError("the instrument folder has no cti.yaml", key="density_scale")
@@ -38,7 +38,7 @@ def check(param, camera, pointing):
 def apply(state, param, rng):
     """Move the charge of state.image, in place, and set state.trailed; electrons left in traps go to the header.
 
-    Raises ValueError if electrons are still in state.counted, or for values that are not finite.
+    Raises ValueError if counted electrons were not merged, or for values that are not finite.
     """
     if state.counted is not None:
         raise ValueError("counted electrons were not merged: poisson_and_dark must come before CTE_effect")

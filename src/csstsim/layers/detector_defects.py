@@ -1,7 +1,7 @@
 """Hot pixels, dead pixels and invalid columns (paper, Appendix B item 7; sections 5.5.7 and 5.5.8).
 
-They are fixed to the silicon, and in every kind of exposure. Their values refer to the background of the image.
-Left out: see csstsim.detector.defects.
+Their positions are fixed for each chip, and they are in exposures of all kinds. Their charge depends on the background
+of the image. Left out: see csstsim.detector.defects.
 """
 
 from pydantic import Field
@@ -30,9 +30,9 @@ def check(param, camera, pointing):
 
 
 def apply(state, param, rng):
-    """Put the defects into state.image, in place; how many there are in the window goes to the header.
+    """Put the defects into state.image, in place; their numbers in the window go to the header.
 
-    Raises ValueError if electrons are still in state.counted, or if the image holds values that are not finite.
+    Raises ValueError if counted electrons were not merged, or if the image has values that are not finite.
     """
     from csstsim.detector.defects import background
 

@@ -1,6 +1,6 @@
 """Gain (paper, Appendix B item 14): electrons to DN.
 
-Each channel (or the chip) has a gain [e-/DN] drawn once for the camera's life, uniform within a fraction
+Each channel (or the chip) has a gain [e-/DN] that is the same in all exposures, drawn uniformly within a fraction
 `gain_spread` of the detector's `gain`. Left out: drift of the gain with temperature.
 """
 

@@ -1,9 +1,9 @@
 """LED illuminations (paper, Appendix B item 16; section 5.5.5): flat exposures with the calibration lamps.
 
-The lamps are inside, behind the closed shutter. So their own times count, and their light has the internal flat, but
-neither shutter nor vignetting, which the paper applies to exposures with the shutter open. It has the response of the
-pixels if the list has PRNU_effect. The light of several lamps adds up; a chip sees what its filter passes.
-Left out: warming up and ageing of the lamps, fringes.
+The lamps are inside, behind the closed shutter. So the times for which they are lit count, and their light has the
+internal flat, but not the shutter effect or vignetting, which the paper applies to exposures with the shutter open. It
+has the pixel response if the list has PRNU_effect. The light of several lamps is added; a chip receives the part that
+its filter transmits. Left out: warming up and ageing of the lamps, fringes.
 """
 
 import numpy as np
@@ -42,7 +42,7 @@ class Param(LayerParam):
 
 
 def check(param, camera, pointing):
-    """Raise InputError for numbers that make no flat, an unknown lamp, or lamps lit for longer than the exposure."""
+    """Raise InputError for invalid numbers of the flat, an unknown lamp, or lamps lit longer than the exposure."""
     check_flat(camera.leds)
     _lamps(param, camera.leds, pointing)
 

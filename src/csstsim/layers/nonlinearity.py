@@ -1,8 +1,9 @@
 """Charge-to-voltage nonlinearity (paper, Appendix B item 8): a third-order polynomial of the charge.
 
-It acts on the active pixels (the paper's order) or on the readout frame (the default, because the amplifier comes after
-the transfer of charge). Above the full well it is continued as a straight line. There is one polynomial for the chip,
-or one for each channel, scaled within the detector's `nonlinearity_spread`. Left out: memory of the amplifier.
+It acts on the active pixels (the paper's order) or on the readout frame (the default, because charge is transferred
+before it reaches the amplifier). Above the full well the polynomial is continued by a straight line. There is one
+polynomial for the chip, or one for each channel, scaled by a factor within the detector's `nonlinearity_spread` of 1.
+Left out: memory of the amplifier.
 """
 
 from pydantic import Field
@@ -26,7 +27,7 @@ class Param(LayerParam):
 
 
 def check(param, camera, pointing):
-    """Raise InputError if the signal [e-] does not rise up to the full well, for any channel there may be."""
+    """Raise InputError if the signal [e-] might not increase up to the full well in some channel."""
     detector = camera.detector
     spread = detector.nonlinearity_spread if param.nonlinearity_16channel else 0.0
     for scale in (1 - spread, 1 + spread):
@@ -41,9 +42,9 @@ def check(param, camera, pointing):
 def apply(state, param, rng):
     """Replace charge by signal in state.image, in place; coefficients of all channels go to the header.
 
-    Raises ValueError if a pixel is not finite or the signal does not rise up to the full well.
+    Raises ValueError if a pixel is not finite or the signal does not increase up to the full well.
     """
-    from csstsim.detector.nonlinearity import bend  # numba: half a second that checking a campaign need not pay
+    from csstsim.detector.nonlinearity import bend  # loads numba (0.5 s), which checking a campaign does not need
 
     detector = state.chip.detector
     frame = ReadoutFrame.of(detector, state.window)

@@ -1,4 +1,4 @@
-"""What the parameters (obs_param) of every layer share. The paper's Appendix B names them."""
+"""Base of the parameters (obs_param) of all layers. Their names are those of the paper's Appendix B."""
 
 from csstsim.base.model import Model
 

@@ -1,7 +1,7 @@
 """Poisson noise and dark current (paper, Appendix B item 5).
 
-The image becomes counted + Poisson(expected + dark rate x exposure time): electrons that were shot one by one
-are Poisson already and must not be drawn again. Left out: warm pixels (detector_defects) and dark gradients.
+The image becomes counted + Poisson(expected + dark rate x exposure time). Counted electrons, drawn one by one, already
+have Poisson noise. Left out: warm pixels (detector_defects) and dark gradients.
 """
 
 from pydantic import Field
@@ -20,11 +20,11 @@ class Param(LayerParam):
 
 
 def apply(state, param, rng):
-    """Turn expected electrons into counted ones, in place; merges and drops state.counted.
+    """Turn expected electrons into counted ones, in place; state.counted is merged and set to None.
 
-    Raises ValueError if an expected value is negative, beyond 1e9 or not finite.
+    Raises ValueError if an expected value is negative or not finite.
     """
-    from csstsim.detector.noise import add_poisson  # numba: half a second that checking a campaign need not pay
+    from csstsim.detector.noise import add_poisson  # loads numba (0.5 s), which checking a campaign does not need
 
     dark = state.chip.detector.dark * state.exposure.exptime
     add_poisson(state.image, rng.exposure_key("shot"), dark=dark, counted=state.counted)

@@ -1,8 +1,8 @@
 """Prescan and overscan sections (paper, Appendix B item 11).
 
-The active pixels of the window are put into the readout frame of csstsim.detector.channels. The added pixels hold no
-charge, except what trails into the overscan by charge transfer inefficiency.
-Left out: charge that arises in the registers (dark current, clock-induced charge).
+The active pixels of the window are put into the readout frame of csstsim.detector.channels. The added pixels have no
+charge, except for charge trailed into the overscan by charge transfer inefficiency.
+Left out: charge generated in the registers (dark current, clock-induced charge).
 """
 
 from csstsim.detector.channels import ReadoutFrame
@@ -21,7 +21,7 @@ class Param(LayerParam):
 def apply(state, param, rng):
     """Replace state.image, and state.mask, by their readout frames (larger arrays, hence copies).
 
-    Raises ValueError if electrons are still in state.counted, which only poisson_and_dark merges.
+    Raises ValueError if counted electrons were not merged by poisson_and_dark.
     """
     if state.counted is not None:
         raise ValueError("counted electrons were not merged: poisson_and_dark must come before prescan_overscan")

@@ -1,9 +1,9 @@
 """Pixel response non-uniformity (paper, Appendix B item 3).
 
-The layer only switches it on, and records it in the header. It is applied where light is drawn, like flat field and
-shutter (optics.throughput.response): photons are accepted or lost one by one, so mean = variance holds, and the truth
-counts the accepted ones. The map is fixed for the chip (detector.prnu); its rms is the detector's. Left out: laboratory
-maps.
+The layer only switches the effect on and records it in the header. It is applied when light is drawn, like flat field
+and shutter (optics.throughput.response): photons are accepted or lost one by one, so mean = variance holds, and the
+truth counts the accepted ones. The map is fixed for each chip (detector.prnu), with the detector's rms. Left out:
+laboratory maps.
 """
 
 from csstsim.base.errors import InputError
@@ -29,8 +29,8 @@ def check(param, camera, pointing):
 
 
 def apply(state, param, rng):
-    """Record the rms in the header. Raises ValueError if the light was drawn without it."""
+    """Record the rms in the header. Raises ValueError if the light was drawn without PRNU."""
     if not state.exposure.losses.prnu:
-        raise ValueError("the light was drawn without PRNU: the exposure's losses leave it out")
+        raise ValueError("the light was drawn without PRNU: the exposure's losses do not include it")
     state.header["prnu_rms"] = state.chip.detector.prnu
     return state

@@ -1,6 +1,6 @@
 """Digitisation to 16 bits (paper, Appendix B item 15); the file itself is written by csstsim.io.level0.
 
-DN are rounded to the nearest integer and held within 0..adc_max, never wrapped; the number of pixels held at either
+DN are rounded to the nearest integer and clipped to 0..adc_max, never wrapped; the number of pixels clipped at either
 end goes to the header. Left out: missing codes and differential non-linearity of the converter.
 """
 
@@ -20,7 +20,7 @@ class Param(LayerParam):
     """obs_param of `quantization_and_output`."""
 
     layout: Literal["channels", "mosaic"] = Field(
-        "channels", description="arrangement on disk: 16 channels side by side, or the 2 x 8 mosaic as the silicon lies"
+        "channels", description="arrangement on disk: 16 channels side by side, or the 2 x 8 mosaic as on the detector"
     )
     mask: bool = Field(
         False,
@@ -36,7 +36,7 @@ class Param(LayerParam):
 
 
 def apply(state, param, rng):
-    """Replace state.image by its uint16 digits (a new array of half the size).
+    """Replace state.image by its digitised DN, uint16 (a new array of half the size).
 
     Raises ValueError if a value is not finite.
     """

@@ -11,12 +11,12 @@ FRAME = ("readout", "readout")
 
 
 class Param(LayerParam):
-    """obs_param of `readout_noise`: none; the level is the detector's."""
+    """obs_param of `readout_noise`: none; the level is that of the detector."""
 
 
 def apply(state, param, rng):
     """Add the noise to state.image, in place; the level [e-] of each channel goes to the header."""
-    from csstsim.detector.noise import add_gaussian  # numba: half a second that checking a campaign need not pay
+    from csstsim.detector.noise import add_gaussian  # loads numba (0.5 s), which checking a campaign does not need
 
     detector = state.chip.detector
     add_gaussian(state.image, detector.read_noise, rng.exposure_key("read"))

@@ -1,8 +1,8 @@
 """Scientific objects exposure (paper, Appendix B item 1; sections 4.1, 5.3).
 
 Draws the chip's objects with the campaign's `fidelity`: expected electrons into the image, photons into the counted
-plane. The truth lists the electrons drawn of each object. On spectroscopic chips the light goes through the two
-gratings (section 4.2), and there is also a truth of each order. Left out: ghosts of dispersed light.
+plane. The truth table lists the electrons drawn for each object. On spectroscopic chips the light is dispersed by the
+two gratings (section 4.2), and there is also a truth table of orders. Left out: ghosts of dispersed light.
 """
 
 from functools import cache
@@ -29,7 +29,7 @@ class Param(LayerParam):
     exptime: float | None = Field(None, gt=0, le=1e5, description=EXPTIME)
     flat_fielding: bool = Field(True, description="vignetting and internal flat: the reversal of the flat correction")
     shutter_effect: bool = Field(True, description="the shutter exposes columns for different times")
-    # The WCS of the job (campaign.opened) has it: selection, rendering and measuring share one map.
+    # Applied in the WCS of the job (campaign.opened), so that selection, rendering and measuring use the same map
     field_dist: bool = Field(True, description="field distortion: moves objects and changes their shapes")
     wings: bool = Field(True, description="light of bright objects beyond the stored PSF's box")
     ghosts: bool = Field(True, description="reflections of bright stars between filter and detector")
@@ -49,10 +49,10 @@ def _check_scattered(camera):
 
 
 def apply(state, param, rng):
-    """Draw state.catalog into state.image [e-], in place; state.truth becomes the table of drawn objects, row by row.
+    """Draw state.catalog into state.image [e-], in place; state.truth becomes the table of drawn objects, same rows.
 
-    Objects are drawn by id: the catalogue's rows may be in any order, the pixels are the same.
-    The header gets the electrons that the planes gained, to compare with the table.
+    Objects are drawn in the order of their ids, so that the pixels do not depend on the order of the catalogue's rows.
+    The electrons added to the planes go to the header, for comparison with the table.
     """
     before, order = state.electrons(), canonical_order(state.catalog)
     canvas, drawing = _canvas(state, rng), _drawing(state, param, rng)
@@ -73,7 +73,7 @@ def _canvas(state, rng):
 
 
 def _drawing(state, param, rng):
-    from csstsim.render.drawing import Drawing  # numba: seconds that checking a campaign need not pay
+    from csstsim.render.drawing import Drawing  # loads numba (seconds), which checking a campaign does not need
 
     exposure, detector, there = state.exposure, state.chip.detector, read_scattered(state.psf)
     noise = Noise(exposure.filter.sky, detector.dark, detector.read_noise)
@@ -85,7 +85,7 @@ def _drawing(state, param, rng):
 
 
 def _drawn(state, canvas, order, drawing):
-    """Draw the objects in this order; return (table of objects, and behind gratings table of orders)."""
+    """Draw the objects in this order; return (table of objects,), with gratings (table of objects, table of orders)."""
     exposure, objects, reference = state.exposure, state.catalog.take(order), drawing.fidelity == "reference"
     if exposure.gratings is None:
         if reference:

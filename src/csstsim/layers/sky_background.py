@@ -1,9 +1,9 @@
 """Sky background and stray light (paper, Appendix B item 2).
 
 Adds the expected sky of the band to every pixel: the filter's constant, or the model of csstsim.sky.background,
-averaged over the middles of the exposure's thirds. Behind gratings that is the sky of a whole first order;
-csstsim.sky.dispersed replaces it by all orders with their edges. The sky has the same flat field and shutter as the
-objects. Left out: change of the sky's share between columns while the shutter moves.
+averaged over the middles of the exposure's thirds. Behind gratings this is the sky of a complete first order;
+csstsim.sky.dispersed replaces it by all orders with their edges. The sky has the same flat field and shutter effect as
+the objects. Left out: change of the sky during the motion of the shutter, which differs between columns.
 """
 
 import numpy as np
@@ -38,7 +38,7 @@ class Param(LayerParam):
 
 
 def check(param, camera, pointing):
-    """Raise InputError if the camera's numbers for the flat or the model are wrong, or the Earth is in the way."""
+    """Raise InputError if the camera's numbers for the flat or the model are wrong, or the Earth blocks the field."""
     if param.flat_fielding:
         check_flat(camera.leds)
     if not param.enable_straylight_model:
@@ -53,9 +53,9 @@ def check(param, camera, pointing):
 
 
 def apply(state, param, rng):
-    """Add the sky [e-] to state.image, of the window's shape, in place; rates and angles at the start to the header.
+    """Add the sky [e-] to state.image (of the window's shape), in place; rates and initial angles go to the header.
 
-    Raises InputError if the model is asked for and the telescope looks at the Earth or beside the Sun.
+    Raises InputError if the model is enabled and the telescope looks at the Earth or close to the Sun.
     """
     pointing, exptime, gratings = state.pointing, state.exposure.exptime, state.exposure.gratings
     place = pointing.mjd, pointing.sat_position, pointing.sat_velocity
@@ -85,20 +85,20 @@ def apply(state, param, rng):
 
 
 def mean_rate(exposure, param):
-    """Return the sky of an imaging chip [e-/s/px] ahead of all losses, mean over the window; exposure: an Exposure."""
+    """Return the mean sky of an imaging chip's window [e-/s/px] before all losses; exposure: an Exposure."""
     if not param.enable_straylight_model:
         return exposure.filter.sky
     return sum(background.grid_mean(part) for part in _components(exposure).values())
 
 
 def _constant(state):
-    """Return the sky [e-], a frame behind gratings and else a number; its rate [e-/s/px]; no components."""
+    """Return the sky [e-], a frame with gratings and otherwise a number; its rate [e-/s/px]; {} for no components."""
     sky = background.sky_electrons(state.filter, state.exposure.exptime)
     return sky if state.exposure.gratings is None else np.full_like(state.image, sky), state.filter.sky, {}
 
 
 def _model(state):
-    """Return the frame of the sky [e-], its mean rate [e-/s/px], and that of its components."""
+    """Return the frame of the sky [e-], its mean rate [e-/s/px], and {component: mean rate}."""
     parts = _components(state.exposure)
     rate, sky = sum(parts.values()), np.zeros_like(state.image)
     background.add_grid(sky, state.exposure.exptime * rate)
@@ -106,7 +106,7 @@ def _model(state):
 
 
 def _components(exposure):
-    """Return {component: e-/s/px at the grid's nodes}, the mean over the exposure."""
+    """Return {component: e-/s/px at the nodes of a grid}, averaged over the exposure."""
     pointing, telescope, numbers = exposure.pointing, exposure.telescope, sky_numbers(exposure.camera.sky)
     rates = background.band_rates(exposure.filter, telescope, exposure.chip.detector.pixel_um, numbers)
     axes = telescope_axes(pointing.ra, pointing.dec, pointing.pa, telescope.parity)

@@ -1,1 +1,1 @@
-"""Profiles of light: in one place what selection, rendering and measurement ask of one."""
+"""Light profiles for selection, rendering and measurement."""

@@ -1,10 +1,11 @@
 """Tables of a smooth function of a positive number, read without a logarithm: 2^BITS equal steps to each octave.
 
-The nodes are 2^e (1 + m / 2^BITS). The bits of a float64 are e and m, so a shift gives the place in the table and the
-bits below it how far to go to the next node. Linear between nodes: off by at most 2^(-2 BITS) / 8 x^2 f''(x), 4e-6 to
-3e-5 of what a profile or a wing is there. Below the first and beyond the last node the value is theirs.
+The nodes are 2^e (1 + m / 2^BITS). A float64 stores e and m in its bits, so a shift gives the index in the table and
+the bits below it the fraction of the way to the next node. Values are linear between nodes, with an error of at most
+2^(-2 BITS) / 8 x^2 f''(x), which is 4e-6 to 3e-5 of the value for profiles and wings. Outside the table the value is
+that of the first or last node.
 
-A compiled loop fills a line of float64 numbers, looks at it as int64 (`line.view(np.int64)`), and calls `read`.
+A compiled loop fills a line of float64 numbers, views it as int64 (`line.view(np.int64)`), and calls `read`.
 """
 
 import numba
@@ -23,13 +24,13 @@ def nodes(low, high):
 
 
 def first_of(low):
-    """Return the number of the node 2^low among all float64's, which `read` takes off."""
+    """Return the index of the node 2^low, counted over all positive float64, which `read` subtracts."""
     return (low + 1023) << BITS
 
 
 @numba.njit(inline="always")
 def read(table, first, bits):
-    """Return the table's value at the float64 whose bits these are; `first` of first_of, `table` on its nodes."""
+    """Return the table's value at a float64 given as its bits; first: from first_of; table: values on the nodes."""
     i = (bits >> _SHIFT) - first
     if i < 0:
         return table[0]

@@ -1,20 +1,21 @@
-"""Sersic profiles of any index: what is asked of them but the radii of single electrons (profiles.sersic_photons).
+"""Sersic profiles of any index: light, radii, brightness and transforms (photons: profiles.sersic_photons).
 
-For the stamps of galaxies a profile is split in two: an inner part for the Fourier transform, an outer one for real
+For the stamps of galaxies a profile is split in two: an inner part for the Fourier transform and an outer part for real
 space.
 
 With r in units of the half-light radius and the total light 1,
 
     I(r) = b^(2n) / (2 pi n Gamma(2n)) exp(-b r^(1/n)),     inner: t(r) I(r),     outer: (1 - t(r)) I(r)
 
-where t falls from 1 at half of `cut` to 0 at `cut` by a quintic in r. The inner part is compact, so a transform of
-finite period holds it; the outer one has no cusp, so it may be taken at pixel centres. The transform of the inner part,
+where t falls from 1 at half of `cut` to 0 at `cut` by a quintic in r. The inner part is compact, so it fits in a
+transform of finite period. The outer part has no cusp, so it may be sampled at pixel centres. The transform of the
+inner part,
 
     F(k) = 2 pi int t I J_0(k r) r dr,
 
-is a Hankel transform on a logarithmic grid (Talman 1978; Hamilton 2000: one Fourier transform there and back). Tables
-of F against k^2 and of the outer part against r^2 (profiles.log_table) are made when first asked for and kept. F(0) is
-the light of the inner part, from the same integral.
+is a Hankel transform on a logarithmic grid (Talman 1978; Hamilton 2000: two Fourier transforms). Tables of F against
+k^2 and of the outer part against r^2 (profiles.log_table) are computed on first use and cached. F(0) is the light of
+the inner part, from the same integral.
 """
 
 from functools import lru_cache
@@ -22,14 +23,14 @@ from functools import lru_cache
 import numpy as np
 
 DISK, BULGE = 1.0, 4.0  # indices of the two components of a galaxy
-_B = {DISK: 1.678347, BULGE: 7.669249}  # of `light_beyond` (Ciotti & Bertin 1999), whose series needs no library
+_B = {DISK: 1.678347, BULGE: 7.669249}  # b(n) for the series in `light_beyond`, without scipy (Ciotti & Bertin 1999)
 K2_LOW, K2_HIGH = -28, 28  # octaves of (k r_e)^2
 R2_LOW, R2_HIGH = -32, 36  # octaves of (r / r_e)^2
-CUT_NONE = 2.0**-10  # r_e: a cut not above this has nothing within, all of the profile is outer
+CUT_NONE = 2.0**-10  # r_e: with a cut at or below this, all of the profile is outer part
 _STEPS_CUT = 4  # cuts to an octave
 _LOG_R = np.linspace(-20.0, 18.0, 4096)
 _STEP = _LOG_R[1] - _LOG_R[0]
-_NEGLIGIBLE = 5e-5  # of the light: beyond the radius that leaves so much, a profile ends
+_NEGLIGIBLE = 5e-5  # of the light: a profile ends at the radius with this much beyond it
 
 
 def sersic_b(index):
@@ -40,7 +41,7 @@ def sersic_b(index):
 
 
 def radius_of(share, index):
-    """Return the radius [r_e] that has a share of a circular profile's light."""
+    """Return the radius [r_e] that contains a share of a circular profile's light."""
     from scipy.special import gammaincinv
 
     return (gammaincinv(2 * index, share) / gammaincinv(2 * index, 0.5)) ** index
@@ -63,14 +64,14 @@ def light_beyond(radius, half_light, index):
 
 @lru_cache(1024)
 def extent(index):
-    """Return the radius [r_e] that has all the light but a negligible part."""
+    """Return the radius [r_e] that contains all but a fraction _NEGLIGIBLE of the light."""
     from scipy.special import gammainccinv
 
     return float((gammainccinv(2 * index, _NEGLIGIBLE) / sersic_b(index)) ** index)
 
 
 def cut_for(index, radius):
-    """Return the smallest cut [r_e] not below `radius`, of a few to the octave, or inf: the profile ends before."""
+    """Return the smallest tabulated cut [r_e] not below `radius`, or inf if the profile ends before `radius`."""
     if radius >= extent(index):
         return np.inf
     return float(2.0 ** (np.ceil(_STEPS_CUT * np.log2(max(radius, CUT_NONE))) / _STEPS_CUT))
@@ -82,7 +83,7 @@ def tables(index, cut):
 
     F is that of a profile of light 1 and any r_e; the outer part is per r_e^2.
     """
-    # Imported here: selection, which asks for less, need not pay for numba and scipy
+    # Imported here: selection does not call this and need not load numba and scipy
     from scipy.fft import fht, fhtoffset
     from scipy.interpolate import CubicSpline
 

@@ -3,10 +3,10 @@
 With x = b (r / r_e)^(1/n) the light within r is the gamma distribution of shape 2n, so r = r_e (x / b)^n is exact for
 every index n: `gamma` follows Marsaglia & Tsang (2000, ACM TOMS 26, 363).
 
-For disk (n = 1) and bulge (n = 4), which are nearly all of a catalogue, `ring` is several times faster: the profile as
-4096 rings, each of uniform brightness, with its exact light and its exact mean r^2, so that flux and <r^2> are those of
-the profile. Rings are narrow towards the centre and towards infinity alike, 1/32 of the light inside (outside) them,
-down to 2^-32 of the light.
+For disk (n = 1) and bulge (n = 4), nearly all components of a catalogue, `ring` is several times faster. It replaces
+the profile by 4096 rings of uniform brightness, each with the exact light and mean r^2, so that flux and <r^2> are
+those of the profile. A ring has at most 1/32 of the light inside it (inner half of the light) or outside it (outer
+half), down to 2^-32 of the light.
 """
 
 import math
@@ -19,16 +19,16 @@ from csstsim.base.counter import high, low, word
 from csstsim.profiles.sersic import BULGE, DISK
 
 RINGED = DISK, BULGE  # Sersic indices that have rings
-_STEPS, _OCTAVES = 32, 32  # rings to a factor of 2 in light, and such factors
+_STEPS, _OCTAVES = 32, 32  # rings per factor of 2 in light; number of such factors
 _SHIFT = np.int64(47)  # leaves the exponent and log2(_STEPS) bits of the fraction of a float64
-_FIRST = (1023 - 1) * _STEPS  # of the number 0.5
+_FIRST = (1023 - 1) * _STEPS  # index of the number 0.5
 _HALF = np.uint64(0x7FFFFFFF)
 _S31 = np.uint64(31)
 _ONE, _TWO = np.uint64(1), np.uint64(2)
 
 
 def _rings(n):
-    """Return (2, rings, 2): r^2 / r_e^2 = first + second t; inner and outer half of the light t / 2^32, t < 2^31."""
+    """Return (2, rings, 2): a, b of r^2 / r_e^2 = a + b t; t / 2^32, t < 2^31, is the light inside, then outside, r."""
     octave, step = np.divmod(np.arange(_STEPS * _OCTAVES + 1), _STEPS)
     edges = 2.0 ** (octave - 1) * (1 + step / _STEPS)
     light, b = edges * 2.0**-32, gammaincinv(2 * n, 0.5)
@@ -48,7 +48,7 @@ RINGS = np.stack([_rings(n) for n in RINGED])
 
 @numba.njit(inline="always")
 def ring(which, bits):
-    """Return a radius in r_e from the lower 32 bits; `which` counts in RINGED."""
+    """Return a radius in r_e from the lower 32 bits; `which`: index in RINGED."""
     t = np.float64(bits & _HALF) + 0.5
     i = (np.float64(t).view(np.int64) >> _SHIFT) - _FIRST
     line = RINGS[which, np.int64((bits >> _S31) & _ONE), i]

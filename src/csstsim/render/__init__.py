@@ -1,1 +1,1 @@
-"""Objects drawn into an image of electrons: which method for which object, and the methods."""
+"""Draw objects into an image of electrons: the drawing methods, and the choice of a method for each object."""

@@ -1,4 +1,4 @@
-"""Canvas: what light is drawn on, the pixels of a window in two planes."""
+"""Canvas: the pixels of a window that objects are drawn on, as two planes of electrons."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -10,12 +10,12 @@ from csstsim.instrument.chip import Window
 
 @dataclass(eq=False)
 class Canvas:
-    """The pixels of a window, changed in place, and the share of the light there that is counted.
+    """The pixels of a window, changed in place, and their response.
 
-    * expected: (window.ny, window.nx) float32 or float64, electrons that become Poisson once, in `poisson_and_dark`
-    * counted: int32 of that shape, electrons drawn one by one, which are Poisson already; None as long as there are
-      none
-    * response: of that shape, share of the light that is counted, nowhere above `maximum`; None: all of it
+    * expected: (window.ny, window.nx) float32 or float64, expected electrons; `poisson_and_dark` adds their Poisson
+      noise
+    * counted: int32, same shape, electrons drawn one by one, Poisson noise included; None until the first is drawn
+    * response: same shape, fraction of the light that is detected, at most `maximum`; None: all light is detected
     """
 
     expected: np.ndarray | None
@@ -30,23 +30,23 @@ class Canvas:
         return np.ones(self.window.shape, np.float32) if self.response is None else self.response
 
     def count(self):
-        """Make the plane of counted electrons, if there is none, and return it."""
+        """Return the plane of counted electrons; make it if there is none yet."""
         if self.counted is None:
             self.counted = np.zeros(self.window.shape, np.int32)
         return self.counted
 
     def cut(self, box):
-        """Return the slices of the planes that a box (x0, x1, y0, y1) of the chip, within the window, stands for."""
+        """Return the slices (rows, columns) of the planes for a box (x0, x1, y0, y1) of the chip within the window."""
         x0, x1, y0, y1 = box
         return slice(y0 - self.window.y0, y1 - self.window.y0), slice(x0 - self.window.x0, x1 - self.window.x0)
 
     @property
     def corner(self):
-        """(4,) what turns a box of the planes into one of the chip."""
+        """(4,) the offset to add to a box in plane coordinates to get the box on the chip."""
         return np.array([self.window.x0, self.window.x0, self.window.y0, self.window.y0])
 
 
 def around(boxes):
-    """Return the box (x0, x1, y0, y1) around some; zeros: there is none."""
+    """Return the smallest box (x0, x1, y0, y1) that encloses all boxes; zeros if there are none."""
     x0, x1, y0, y1 = np.transpose(boxes) if boxes else np.zeros((4, 1), int)
     return x0.min(), x1.max(), y0.min(), y1.max()

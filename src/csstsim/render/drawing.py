@@ -1,4 +1,4 @@
-"""Drawing: what the image of an object hangs on besides the object, and how well it is to be drawn."""
+"""Drawing: the optics, exposure time and fidelity with which the objects of a chip are drawn."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,17 +14,17 @@ from csstsim.render.psf_table import PsfTable
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """The optics, the time and the fidelity that the objects of a chip are drawn with."""
+    """Everything that the image of an object depends on besides the object itself."""
 
     wcs: ChipWCS
     psf: PsfSet
     exptime: float  # s
-    scattered: Scattered | None = None  # light beyond the PSF's box; None: stamps alone, whatever they leave out
+    scattered: Scattered | None = None  # light beyond the PSF's box; None: only stamps are drawn
     fidelity: str = "standard"  # a preset of config/render.yaml, or "reference"
     variance: float = 0.0  # of a pixel without objects [e-^2]
     key: np.uint64 | None = None  # of the exposure's random numbers, for photons
     tables: PsfTable | None = None  # of the PSF, for photons
-    kept: Mixer | None = None  # the PSF's: kept between calls it saves some 10 ms
+    kept: Mixer | None = None  # of the PSF; keeping it between calls saves about 10 ms
 
     @cached_property
     def mixer(self):

@@ -1,22 +1,23 @@
-"""How wrong a method draws an object, in units of the object's own noise: what the policy weighs against cost.
+"""Predicted error of an object's image by drawing method, in units of the object's own noise; used by render.policy.
 
-An error that is a share of an object's light is seen with that share of its S/N, so for n objects
+An error equal to a fraction of an object's light has the same fraction of its S/N, so the bound for an object is
 
     bound = S/N (psf + cut / reach [points] + (disk or bulge) split [galaxies])
     split = min(min(r / size, 1) sqrt(1 + S/N / bright), far)
 
-* psf: the density between the stored cells, common to photons and stamps; ten times larger with 2 cells to a pixel
-  than with 4;
-* cut: light beyond the stamp of a point, whose wing leaves a share of 1 / reach;
-* disk, bulge: how a profile of Sersic index 1 or 4 is split and transformed (other indices linearly between and beyond,
-  none below a disk's), r its half-light radius in pixels. In bright objects the far parts, where that is wrong, stand
-  out of the sky and count for more, until all do (`far`).
+* psf: error of the density between the stored cells, common to photons and stamps; ten times larger with 2 cells to a
+  pixel than with 4;
+* cut: light beyond the stamp of a point; the wing leaves a fraction 1 / reach there;
+* disk, bulge: error of the split and transform of a profile of Sersic index 1 or 4 (linear in the index in between and
+  above, no less than a disk's below 1); r is the half-light radius in pixels. The error lies in the outer parts. The
+  brighter the object, the more of them exceed the sky noise and count, up to the limit `far`.
 
-It rises with S/N, hence with flux. The coefficients are such that at most 5% of objects exceed their bound against the
-reference renderer: fitted on one sample and tested on another by benchmarks/error_model.py, for objects of S/N 0.1 to
-3000, half-light radii to 2.5 arcsec and q down to 0.11. `far` is from galaxies of S/N to 14000, of which the bound is 1
-to 4 times what the benchmark sees (--bright). It is of an ideal filter on the whole stamp: 1e-5 of the peak in
-thousands of pixels is ten times the noise. Left out: the PSF's interpolation between nodes, wings, ghosts.
+The bound rises with S/N, hence with flux. The coefficients are chosen so that at most 5% of objects exceed their bound,
+measured against the reference renderer: benchmarks/error_model.py fits them on one sample and tests them on another,
+with S/N 0.1 to 3000, half-light radii up to 2.5 arcsec and q down to 0.11. `far` comes from galaxies of S/N up to
+14000; for these the bound is 1 to 4 times the measured error (--bright). The error is that of an ideal filter on the
+whole stamp: 1e-5 of the peak in thousands of pixels is ten times the noise. Left out: interpolation of the PSF between
+nodes, wings, ghosts.
 """
 
 import numpy as np
@@ -37,7 +38,7 @@ def predicted(method, scene, reach, snr, numbers, per_pixel):
 
 
 def terms(scene, reach, snr, numbers):
-    """Return what the coefficients TERMS are multiplied with, (n, 3)."""
+    """Return the factors of the coefficients TERMS, (n, 3)."""
     index, radius = scene.sersic[:, :, 0], scene.sersic[:, :, 2]
     there = np.where(index > 0, scene.light, 0.0)
     r = radius * np.sqrt(np.abs(np.linalg.det(scene.matrix)))[:, None]  # px

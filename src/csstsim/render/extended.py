@@ -1,9 +1,9 @@
 """Light far from an extended object: the PSF's wing spread over its profile, and the profile beyond its stamp.
 
-A point's wing is right for a galaxy small beside the PSF's box. About a larger one the wing is that of all its points,
-a convolution. The profile beyond the stamp begins where the stamp ends. Both are some per cent of the light and smooth:
-an ellipse has its mean over all directions, and a size is the nearest of a few to the octave. Galaxies above LARGE_PX
-are few, so that their sizes are rounded less, and their axis ratios count.
+The wing of a point is accurate for a galaxy much smaller than the PSF's box. The wing of a larger galaxy is the
+convolution of that wing with its profile. The profile beyond the stamp begins where the stamp ends. Both hold a few per
+cent of the light and are smooth, so tables are radial (ellipses are averaged over direction) and sizes are rounded to a
+few values per octave. Galaxies above LARGE_PX are few, so their sizes are rounded less and their axis ratios are used.
 """
 
 from functools import lru_cache
@@ -16,8 +16,8 @@ from csstsim.profiles.log_table import nodes
 from csstsim.profiles.sersic import K2_HIGH, K2_LOW, brightness, tables
 from csstsim.render.wing_tables import KEPT, RADII, Far, light_of, step
 
-# px of half-light radius, from which light about an object is not a point's: a wing that shows, with its edge in the
-# box's ring; smoother light
+# px, half-light radius from which the object's size counts: in a wing that shows, whose inner edge lies in the box's
+# ring; in smoother light
 SHARP_PX, WIDE_PX = 1.0, 8.0
 STEPS, STEPS_LARGE, LARGE_PX = 4, 32, 16.0
 DIRECTIONS, THINNEST = 64, 2.0**-6
@@ -25,13 +25,13 @@ _LOG_R = np.linspace(-8.0, 18.0, 4096)
 _R, _STEP = np.exp(_LOG_R), _LOG_R[1] - _LOG_R[0]
 _LOG_K2 = np.log(nodes(K2_LOW, K2_HIGH))
 _SQUARE = 2 / np.sqrt(np.pi)  # radius of the circle of a square's area, over half its side
-_LEAST = 1e-4  # of the light: less beyond a stamp is not worth a table
+_LEAST = 1e-4  # of the light: less than this beyond a stamp is not drawn
 
 
 class Part(NamedTuple):
     """A Sersic component: its share of the light, index (0: a point), half-light radius [px] and axis ratio.
 
-    The half-light radius is that of the circle of the ellipse's area.
+    The half-light radius is that of a circle with the area of the ellipse.
     """
 
     share: float
@@ -57,31 +57,31 @@ def parts_of(light, sersic, matrix):
 
 
 def _rounded(size, ratio):
-    """Return a size [px], at least 2^-10, and an axis ratio as they are kept tables of."""
+    """Return a size [px], at least 2^-10, and an axis ratio, rounded to the values that tables are made for."""
     if size < LARGE_PX:
         return _nearest(max(size, 2.0**-10), STEPS), 1.0
     return _nearest(size, STEPS_LARGE), max(_nearest(ratio, STEPS), THINNEST)
 
 
 def _nearest(value, steps):
-    """Return the nearest of so many values to the octave."""
+    """Return the nearest of the values that are spaced by `steps` to the octave."""
     return float(2.0 ** (np.round(steps * np.log2(value)) / steps))
 
 
 def _stretch(ratio):
-    """Return the square of an ellipse's extent along evenly spread directions, over that of the circle of its area."""
+    """Return the squared extent of an ellipse in evenly spaced directions, relative to the circle of the same area."""
     angle = np.pi * (np.arange(DIRECTIONS if ratio != 1 else 1) + 0.5) / DIRECTIONS
     return np.cos(angle) ** 2 / ratio + np.sin(angle) ** 2 * ratio
 
 
 def spread(far, part, least=WIDE_PX):
-    """Return the Far of an object of this Part whose points have the Far `far`; `far` itself if it is below `least`."""
+    """Return the Far `far` of a point convolved with a Part; `far` itself if the part is smaller than `least` px."""
     return far if part.size < least else _spread(far, *part[1:])
 
 
 @lru_cache(KEPT)
 def _spread(far, index, size, ratio):
-    """Convolve by Hankel transforms on a logarithmic grid (Hamilton 2000): there, times the profile's, and back."""
+    """Convolve by Hankel transforms on a logarithmic grid (Hamilton 2000): transform, multiply, transform back."""
     offset = fhtoffset(_STEP, mu=0.0)
     k = np.exp(offset - _LOG_R[::-1])
     transform, _ = tables(index, np.inf)
@@ -95,9 +95,9 @@ def _spread(far, index, size, ratio):
 
 
 def beyond_stamp(parts, reach):
-    """Return [(share of what lies beyond, Far of light 1), ...] of the Parts about a stamp of half side `reach` [px].
+    """Return [(share, Far of light 1), ...]: the light of the Parts beyond a stamp of half side `reach` [px].
 
-    [] where so little does that it is not worth drawing.
+    The shares sum to 1. [] if less than _LEAST of the light lies beyond the stamp.
     """
     near = _nearest(reach, STEPS)
     tails = [_tail(*part[1:], near) for part in parts if part.index > 0]
@@ -109,8 +109,8 @@ def beyond_stamp(parts, reach):
 
 @lru_cache(KEPT)
 def _tail(index, size, ratio, reach):
-    """Return (light, Far of light 1) of a profile beyond a square of half side `reach`, faded in about its corners."""
-    axis = size / np.sqrt(_stretch(1 / ratio))  # of a contour, where _stretch has the transform's
+    """Return (light, Far of light 1) of a profile beyond a square of half side `reach`, faded in around its corners."""
+    axis = size / np.sqrt(_stretch(1 / ratio))  # radius of a contour; _stretch is that of the transform
     profile = brightness(RADII / axis[:, None], index).mean(axis=0) / size**2
     profile *= 1 - step(RADII, reach, 2 * _SQUARE * reach - reach)
     light = float(light_of(profile[None])[0])

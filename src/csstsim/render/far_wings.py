@@ -1,16 +1,16 @@
-"""Wings far from their objects, where they are smooth: gathered on meshes and laid on the chip once.
+"""Wings far from their objects, where they are smooth: summed on coarse meshes and added to the chip once.
 
-Near an object its wing is drawn pixel by pixel (render.wings). Further out five meshes take over in turn, of 8 to 128
-px. From each of the radii OVER to twice that a mesh fades over to the next, twice as coarse, by the same step that
-joins box and wing; the last has all the rest, over the whole chip and beyond. Each mesh holds the sum of all wings and
-is turned into coefficients of a cubic spline. A coarse spline is a fine one with other coefficients, so the coarse
-meshes are refined, added up and evaluated at each pixel together. That keeps 4e-4 of a wing where a mesh takes over,
-3e-3 where the first does so at 48 px, and 1e-4 elsewhere.
+Near an object its wing is drawn pixel by pixel (render.wings). Further out it is drawn on five meshes of 8 to 128 px,
+one per range of radius. From each of the radii OVER to twice that radius one mesh fades into the next, twice as coarse,
+by the step function that joins box and wing; the last mesh has no outer limit. Each mesh holds the sum of all wings and
+is turned into coefficients of a cubic spline. A coarse spline is exactly a finer one with other coefficients, so coarse
+meshes are refined, summed, and evaluated together at each pixel. Relative error of a wing: 4e-4 where one mesh takes
+over from another, 3e-3 where the first one does so at 48 px, 1e-4 elsewhere.
 
-Cost: some 40,000 mesh points an object, whatever its brightness, and one pass over the chip for all of them.
+Cost: about 40,000 mesh points per object, whatever its brightness, and one pass over the chip for all objects.
 
-What each object put on the window is wanted too: light is linear in the meshes' values, so it is their sum weighted
-with what a mesh point of value 1 puts there, response included (`_collect`, the transpose of spline and evaluation).
+The electrons that each object puts on the window are returned too. They are linear in the mesh values: a sum weighted
+by what a mesh point of value 1 puts on the window, response included (`_collect`, the transpose of spline evaluation).
 """
 
 import math
@@ -22,10 +22,10 @@ from csstsim.profiles.log_table import read
 
 MESH = 8  # px, of the finest mesh
 FACTOR = 2  # from one mesh to the next
-OVER = 192.0, 384.0, 768.0, 1536.0  # px: from here to twice that the next mesh takes over
+OVER = 192.0, 384.0, 768.0, 1536.0  # px: from each radius to twice that, the next mesh takes over
 LEVELS = len(OVER) + 1
-WHOLE = -math.inf, math.inf, -math.inf, math.inf  # of a wing that no edge cuts
-_MARGIN = 14  # mesh points beyond the window; the spline's ends, taken as zero, are felt 0.27^14 = 1e-8 inside
+WHOLE = -math.inf, math.inf, -math.inf, math.inf  # limits of a wing that no edge cuts
+_MARGIN = 14  # mesh points beyond the window; the spline is zero at its ends, an effect of 0.27^14 = 1e-8 inside
 _PHASE = np.arange(MESH) / MESH
 _SPLINE = np.stack(  # cubic B-splines at -1, 0, 1, 2 of each place between two mesh points
     [(1 - _PHASE) ** 3, 4 - 6 * _PHASE**2 + 3 * _PHASE**3, 1 + 3 * (_PHASE + _PHASE**2 - _PHASE**3), _PHASE**3]
@@ -34,7 +34,7 @@ _FINER = np.array([1, 4, 6, 4, 1]) / 8  # a cubic B-spline as a sum of those of 
 
 
 class FarWings:
-    """The meshes of one render.canvas.Canvas. Add wings with `add`, then `lay` them on it, once."""
+    """The meshes of one render.canvas.Canvas. Call `add` for each wing, then `lay` once."""
 
     def __init__(self, canvas):
         self._canvas = canvas
@@ -45,9 +45,9 @@ class FarWings:
     def add(self, level, at, annulus, side=WHOLE, soft=1.0):
         """Add the values of an annulus about `at` (x, y) [chip pixel] to the mesh `level`.
 
-        annulus: (table, number of its first node, its reach [px]), as render.wing_tables.tables gives them; side: (x0,
-        x1, y0, y1) px from x, y beyond which the values are cut off, over `soft` px. Returns the electrons that fall on
-        the window; beside it the splines' ripples may make them less than nothing by 1e-8 of the light.
+        annulus: (table, number of its first node, its reach [px]), from render.wing_tables.tables; side: (x0, x1, y0,
+        y1) px from x, y beyond which the values are cut off, over `soft` px. Returns the electrons on the window; for a
+        wing outside the window, ripples of the spline may make them negative by 1e-8 of the light.
         """
         if self._weights is None:
             self._weigh()
@@ -116,7 +116,7 @@ def _coarser_rows(fine, rows):
 
 @numba.njit(cache=True)
 def _coefficients(mesh):
-    """Turn values into coefficients of the cubic B-spline that vanishes beyond the mesh, in place; symmetric."""
+    """Turn values in place into coefficients of the cubic B-spline that is zero beyond the mesh; a symmetric map."""
     _along(mesh)
     turned = np.ascontiguousarray(mesh.T)
     _along(turned)
@@ -142,13 +142,13 @@ def _along(mesh):
 
 @numba.njit(inline="always")
 def between(at, low, high, soft):
-    """Return 1 for a place between low and high, 0 beyond, a ramp over `soft` about each."""
+    """Return 1 for a place between low and high, 0 outside, with a linear ramp of width `soft` at each limit."""
     return min(max((at - low) / soft + 0.5, 0.0), 1.0) * min(max((high - at) / soft + 0.5, 0.0), 1.0)
 
 
 @numba.njit(cache=True)
 def _add(mesh, weight, u, v, reach, table, first, side, soft, step):
-    """Add a radial table around mesh position u, v; return the sum of what was added, weighted. step: of the mesh."""
+    """Add a radial table around mesh position u, v; return the weighted sum of the added values. step: mesh [px]."""
     ny, nx = mesh.shape
     place, total, across = np.empty(1), 0.0, np.empty(nx)
     for column in range(nx):
@@ -167,7 +167,7 @@ def _add(mesh, weight, u, v, reach, table, first, side, soft, step):
 
 @numba.njit(cache=True)
 def _spread(image, mesh, response, spline):
-    """Add the spline at each pixel, times the response."""
+    """Add the spline's value at each pixel, times the response."""
     line, value = np.empty(mesh.shape[1]), np.empty(MESH)
     for y in range(image.shape[0]):
         row, phase = y // MESH + _MARGIN - 1, y % MESH
@@ -183,12 +183,12 @@ def _spread(image, mesh, response, spline):
                 value[k] = spline[0, k] * a + spline[1, k] * b + spline[2, k] * c + spline[3, k] * d
             part, seen = image[y, x : x + MESH], response[y, x : x + MESH]
             for k in range(len(part)):
-                part[k] = max(part[k] + value[k] * seen[k], 0.0)  # a spline dips below zero where light ends
+                part[k] = max(part[k] + value[k] * seen[k], 0.0)  # the spline undershoots zero where light ends
 
 
 @numba.njit(cache=True)
 def _collect(weight, response, spline):
-    """Add up the response that each mesh point's spline meets: the transpose of `_spread`."""
+    """Add to `weight` the sum of response x spline of each mesh point: the transpose of `_spread`."""
     ny, nx = response.shape
     sums = np.empty((4, -(-nx // MESH) * MESH))
     for first in range(0, ny, MESH):

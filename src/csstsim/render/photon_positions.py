@@ -1,8 +1,8 @@
-"""Places of single electrons: draws from the PSF, from a profile and from the wing, in compiled loops over a batch.
+"""Positions of single electrons drawn from the PSF, a profile or the wing, in compiled loops over a batch.
 
-What render.imaging.photons and render.slitless.dispersed_photons have in common. Places are px, py [pixel] from the
-object's centre; random words come from a key and a counter (csstsim.base.counter), and whoever draws gives the counter
-on.
+Used by render.imaging.photons and render.slitless.dispersed_photons. Positions are px, py [pixel] from the object's
+centre. Random words come from a key and a counter (csstsim.base.counter); each function returns the advanced counter,
+except from_psf, which uses two words an electron.
 """
 
 import numba
@@ -16,16 +16,16 @@ _ONE, _TWO = np.uint64(1), np.uint64(2)
 _S10, _S16, _S20, _S32 = (np.uint64(s) for s in (10, 16, 20, 32))
 _MASK16, _LOW32 = np.uint64(0xFFFF), np.uint64(0xFFFFFFFF)
 _TENS = np.uint64(0x3FF << 32 | 0x3FF)  # ten bits of each half of a word
-_ANGLES = 1024  # between them first order: the radius grows by up to 5e-6
+_ANGLES = 1024  # tabulated; linear in between, which enlarges the radius by up to 5e-6
 _TURN = np.stack([f(2 * np.pi / _ANGLES * (np.arange(_ANGLES) + 0.5)) for f in (np.cos, np.sin)], axis=1)
 _REST = 2 * np.pi / 2.0**32
 _DISK, _BULGE = RINGED
-_RAREST = -10  # octave of the share of the wing's light that ends its table, 1000 boxes out
+_RAREST = -10  # the table ends at a share of 2^-10 of the wing's light, 1000 boxes out
 _TAIL_FIRST = first_of(_RAREST)
 
 
 def tail_table(wing, half):
-    """Return the radii [px] beyond which a share u of the light outside radius `half` lies, on octaves of u to 1."""
+    """Return the radii [px] beyond which a share u of the light outside radius `half` lies, on octaves of u up to 1."""
     r = np.geomspace(half, half * 2.0**-_RAREST, 4096)
     share = wing.light_beyond(r).mean(axis=0)
     share /= share[0]
@@ -39,22 +39,22 @@ def check_scene(scene, table, maximum):
         if not np.isfinite(values).all():
             raise ValueError(f"a value of {name} is not finite")
         if name in ("electrons", "light", "weight") and (values < 0).any():
-            raise ValueError(f"a value of {name} is negative: it has no photons")
+            raise ValueError(f"a value of {name} is negative: photons cannot be drawn")
     if (maximum * scene.electrons.sum(axis=1) >= 2**31).any():
-        raise ValueError("an object has more electrons than counted can hold")
+        raise ValueError("an object has 2^31 electrons or more")
     table.verify(scene.node[scene.weight > 0])
     if not (table.share[scene.node[scene.weight > 0]].sum(axis=(1, 2)) > 0).all():
         raise ValueError("a PSF node has no tables")
 
 
 def contiguous(response):
-    """Return a Canvas's response as compiled loops want it: (0, 0) where all light is counted."""
+    """Return a Canvas's response as a contiguous float32 array, of shape (0, 0) if all light is counted."""
     return np.empty((0, 0), np.float32) if response is None else np.ascontiguousarray(response, np.float32)
 
 
 @numba.njit(inline="always")
 def first_word(node, f, part, sides):
-    """Return twice the place in the words of the first of a table, plus part; part 0 is the middle."""
+    """Return 2 x (index of the first word of a table) + part, where part 0 is the middle and 1 the rest."""
     inner, outer = 1 << 2 * sides[0], 1 << 2 * sides[1]
     return 2 * ((4 * node + f) * (inner + outer) + part * inner) + part
 
@@ -71,7 +71,7 @@ def cumulative(values, sums):
 
 @numba.njit(inline="always")
 def pick(sums, u):
-    """Return how many entries u has passed: no branch on the outcome, which no processor could foresee."""
+    """Return the index of the interval of `sums` that u lies in; without branches, which would be mispredicted."""
     passed = 0
     for j in range(len(sums) - 1):
         passed += np.int64(u >= sums[j])
@@ -80,7 +80,7 @@ def pick(sums, u):
 
 @numba.njit(cache=True)
 def from_wing(count, tail, half, px, py, key, counter):
-    """Set px, py [pixel] to places of the wing outside the square of this half side; return the counter."""
+    """Set px, py [pixel] to draws from the wing outside the square of half side `half`; return the counter."""
     share = np.empty(1)
     bits = share.view(np.int64)
     for j in range(count):
@@ -96,11 +96,11 @@ def from_wing(count, tail, half, px, py, key, counter):
 
 @numba.njit(cache=True)
 def from_psf(count, psf, first, px, py, key, counter):
-    """Set px, py [pixel] to draws from the PSF: two words each, whose upper first half is not used."""
+    """Set px, py [pixel] to draws from the PSF; two words each, of which the upper half of the first is not used."""
     words, _, sides, cells, per_pixel = psf
     inner, outer = sides
     scale = 1.0 / (1024 * per_pixel)
-    # The middle of the table is the middle of the PSF
+    # The centre of the table is the centre of the PSF
     corner_inner, corner_outer = 1.5 - 1024 * (1 + 0.5 * (1 << inner)), 1.5 - 1024 * (1 + 0.5 * cells)
     for j in range(count):
         at = counter + _TWO * np.uint64(j)

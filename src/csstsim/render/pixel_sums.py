@@ -1,6 +1,6 @@
-"""Integrals over pixels of a sum of quadratic B-splines on cells: the one place where cells become pixels.
+"""Integrals over pixels of a sum of quadratic B-splines on cells.
 
-A short separable sum, exact: each cell's spline has a known part in a pixel, and the parts repeat from pixel to pixel.
+The integral is an exact, short, separable sum with the same weights for every pixel.
 """
 
 import math
@@ -13,14 +13,14 @@ import numpy as np
 def pixel_sums(cells, start_y, start_x, per_pixel, step, out):
     """Fill `out` (rows, columns) with the integrals over pixels and return it.
 
-    cells: (ny, nx) float32 coefficients, cell i being i to i + 1; the first pixel begins at start_y, start_x and has
-    `per_pixel` cells to its side, the next ones begin `step` cells after one another. Beyond the cells is nothing.
+    cells: (ny, nx) float32 coefficients, cell i covers i to i + 1, and there is no light beyond them; the first pixel
+    begins at start_y, start_x, pixels are `per_pixel` cells wide and begin every `step` cells.
     """
     ny, nx = cells.shape
     first_y, taps_y = _taps(start_y, per_pixel)
     first_x, taps_x = _taps(start_x, per_pixel)
     taps = len(taps_x)
-    before = max(-first_x, 0)  # zeros before the cells, and as many as it takes behind them
+    before = max(-first_x, 0)  # zeros before the cells; there are zeros after them too
     line = np.zeros(before + max(nx, first_x + step * out.shape[1] + taps), np.float32)
     inner = line[before : before + nx]
     for row in range(out.shape[0]):
@@ -32,7 +32,7 @@ def pixel_sums(cells, start_y, start_x, per_pixel, step, out):
                 source = cells[y]
                 for x in range(nx):
                     inner[x] += weight * source[x]
-        if step == 1:  # neighbours in `line` give neighbours in `out`: whole rows, tap by tap
+        if step == 1:  # neighbours in `line` are neighbours in `out`: add whole rows, tap by tap
             sums = out[row]
             sums[:] = 0.0
             for i in range(taps):
@@ -51,7 +51,7 @@ def pixel_sums(cells, start_y, start_x, per_pixel, step, out):
 
 @numba.njit(cache=True)
 def _taps(start, per_pixel):
-    """Return (first cell, weights): the part of each cell's spline that falls in a pixel that begins at `start`."""
+    """Return (first cell, weights): the fraction of each cell's spline that falls in a pixel beginning at `start`."""
     first = math.floor(start) - 1
     taps = np.empty(per_pixel + 3, np.float32)
     for i in range(len(taps)):

@@ -2,14 +2,14 @@
 
 | method       | plane    | for                                                                          |
 |--------------|----------|------------------------------------------------------------------------------|
-| `photons`    | counted  | where its electrons cost less than its pixels: all but the brightest         |
+| `photons`    | counted  | objects whose electrons cost less than their pixels: all but the brightest   |
 | `stamp`      | expected | bright objects; all objects of a noise-free image                            |
-| `unresolved` | expected | objects below the preset's floor in S/N: their light, spread smoothly        |
-| `none`       |          | what cannot be drawn (flags say why), or has no light                        |
+| `unresolved` | expected | objects below the preset's S/N floor: their light is spread smoothly         |
+| `none`       |          | objects that cannot be drawn (flags say why) or have no light                |
 
-The choice hangs on nominal light, the stored PSF and config/render.yaml alone: never on a random number or a clock.
-When no method is good enough, as for the brightest, it is the cheapest of those within three times the most accurate;
-the truth table's `error` says what it is.
+The choice is deterministic: it depends only on nominal light, the stored PSF and config/render.yaml. If no method is
+below `eps`, as for the brightest objects, the cheapest method within three times the smallest error is taken. The
+column `error` of the truth table has the predicted error.
 """
 
 from dataclasses import dataclass, replace
@@ -25,8 +25,8 @@ from csstsim.render.slitless.slabs import densities
 
 NONE, UNRESOLVED, PHOTONS, STAMP = range(4)
 METHODS = np.array(["none", "unresolved", "photons", "stamp"])
-WING_NEAR = 192.0  # px: further out a wing costs next to nothing (render.far_wings)
-PHOTONS_MAX = 1e8  # electrons: a second; more would at length not fit the counted plane's integers
+WING_NEAR = 192.0  # px: the cost of a wing further out is negligible (render.far_wings)
+PHOTONS_MAX = 1e8  # electrons, about a second; well within the integers of the counted plane
 _AS_GOOD = 3.0
 _PSF_HALF_LIGHT = 1.2  # pixel
 _USUAL = 0.01  # roughness of a spectrum (render.slitless.slab_counts)
@@ -35,20 +35,20 @@ _GAUSSIAN = 4 * np.pi / (2 * np.log(2))  # effective number of pixels / half-lig
 
 @dataclass(frozen=True)
 class Choice:
-    """For n objects."""
+    """Method and predicted error of n objects."""
 
     method: np.ndarray  # (n,) int8
     error: np.ndarray  # (n,) predicted, in units of the object's own noise
     snr: np.ndarray  # (n,)
-    allowed: np.ndarray | None = None  # (n,) share of S/N that slabs may be wrong by, where light is dispersed
-    coarse: np.ndarray | None = None  # (n,) whether Disperser.coarse has bins enough
+    allowed: np.ndarray | None = None  # (n,) allowed error of slabs as a share of S/N, for dispersed light
+    coarse: np.ndarray | None = None  # (n,) whether the bins of Disperser.coarse are fine enough
 
 
 def choose(scene, drawing, maximum=1.0):
     """Return the `Choice` for a Scene.
 
-    drawing: render.drawing.Drawing, of which fidelity, variance and PSF count; maximum: of the losses, by which photons
-    are more than the light. No photons are drawn for an object with ghosts.
+    drawing: render.drawing.Drawing, of which fidelity, variance, PSF and ghosts are used; maximum: largest response;
+    photons are drawn for `maximum` times the light. Objects with ghosts are never drawn as photons.
     """
     numbers, fidelity = load_numbers(), drawing.fidelity
     electrons = scene.electrons.sum(axis=1)
@@ -58,7 +58,7 @@ def choose(scene, drawing, maximum=1.0):
     if drawing.ghosts is not None:
         photons &= ~np.asarray(drawing.ghosts.visible(electrons))
     choice = _cheapest(scene, snr, cost, photons, drawing)
-    # What is larger than the mesh of the smooth background would be drawn together by it, and stand out
+    # An object larger than the mesh would be made smaller by it, and so become visible
     faint = (snr < numbers.presets[fidelity].floor) & (half_light_px2(scene) < (MESH / 2) ** 2)
     method = np.where(faint, UNRESOLVED, choice.method)
     method[electrons <= 0] = NONE
@@ -66,9 +66,9 @@ def choose(scene, drawing, maximum=1.0):
 
 
 def choose_dispersed(scene, drawing, disperser, maximum=1.0):
-    """Return the `Choice` for a Scene whose light is dispersed: photons or slabs (STAMP), none unresolved.
+    """Return the `Choice` for a Scene whose light is dispersed: photons or slabs (STAMP), never unresolved.
 
-    As `choose`; scene.electrons are the first order's, disperser an optics.gratings.dispersion.Disperser.
+    Arguments as in `choose`; scene.electrons: of the first order; disperser: optics.gratings.dispersion.Disperser.
     """
     numbers = load_numbers()
     electrons, eps = scene.electrons.sum(axis=1), numbers.presets[drawing.fidelity].eps
@@ -90,12 +90,12 @@ def choose_dispersed(scene, drawing, disperser, maximum=1.0):
 
 
 def _may_be_photons(electrons, drawing):
-    """Whether so many electrons may be drawn one by one: not too many, a mixture that can be drawn from, and noise."""
+    """Whether electrons may be drawn one by one: at most PHOTONS_MAX, a convex PSF mixture, not noise-free."""
     return (electrons < PHOTONS_MAX) & drawing.psf.convex & (drawing.fidelity != "noise_free")
 
 
 def _cheapest(scene, snr, cost, photons, drawing):
-    """Return the Choice of the cheapest that is good enough: photons, where `photons` (n,) allows them, or stamps."""
+    """Return the Choice of the cheapest accurate method: photons, where `photons` (n,) allows them, or stamps."""
     # A wing takes over where a point's stamp ends
     shown, numbers, per_pixel = np.maximum(scene.reach, scene.wing), load_numbers(), drawing.psf.oversampling
     error = [predicted(m, scene, shown, snr, numbers.error, per_pixel) for m in ("photons", "stamp")]
@@ -115,7 +115,7 @@ def noise(scene, electrons, variance, length=0.0):
 
 
 def half_light_px2(scene):
-    """Return the square of a circular half-light radius [pixel^2] of each object's components, weighted by light."""
+    """Return the light-weighted mean of the squared circular half-light radii [pixel^2] of each object's components."""
     stretch2 = np.abs(np.linalg.det(scene.matrix))
     return (scene.light * scene.sersic[:, :, 2] ** 2).sum(axis=1) * stretch2
 

@@ -1,8 +1,8 @@
-"""The PSF at an object's place, as cells or as a transform: the sum over nodes and sub-bands of weight x electrons.
+"""The PSF at an object's position, as cells or as a transform: the sum over nodes and sub-bands of weight x electrons.
 
-The transform is that of the PSF integrated over the pixel, sampled every half pixel (sums of spline coefficients,
-render.pixel_sums), so up to 1 cycle a pixel: beyond, the optics, jitter, diffusion and the pixel leave under 1e-4 of
-any band. It is wanted at the frequencies j / size of an image that repeats itself after `size` pixels.
+The transform is that of the PSF integrated over the pixel and sampled every half pixel (sums of spline coefficients,
+render.pixel_sums), so it reaches 1 cycle per pixel; above that, the optics, jitter, diffusion and the pixel leave less
+than 1e-4 of any band. It is computed at the frequencies j / size of a periodic image of `size` pixels.
 """
 
 from functools import cached_property, lru_cache
@@ -16,12 +16,12 @@ from csstsim.render.psf_table import spline_coefficients
 from csstsim.render.wings import box_share
 
 BINS = np.geomspace(1e-4, 1.0, 64)  # cycles a pixel
-_NODES_KEPT = 128  # a row or more of the finest grids; 1 MB each
+_NODES_KEPT = 128  # at least one row of the finest grids; 1 MB each
 _TRANSFORMS_KEPT = 64
 
 
 class Mixer:
-    """The nodes of a PsfSet as spline coefficients and as transforms, the last used ones kept."""
+    """The nodes of a PsfSet as spline coefficients and as transforms; the most recently used ones are cached."""
 
     def __init__(self, psf):
         self.psf, self.per_pixel, self.cells, self._flux = psf, psf.oversampling, psf.image.shape[-1], psf.flux
@@ -57,7 +57,7 @@ class Mixer:
 
     @cached_property
     def core(self):
-        """Return the share of each cell that counts where a wing brings the rest, (cells, cells) float32."""
+        """Return the share of each cell that is kept where the box fades into the wing, (cells, cells) float32."""
         return box_share(self.cells, self.per_pixel).astype(np.float32)
 
     def mixed_cells(self, node, share, first=(0, 0), last=None):
@@ -70,18 +70,18 @@ class Mixer:
         return _mixed(parts, share, first, (last[0] - first[0], last[1] - first[1]))
 
     def light(self, node, share, cored):
-        """Return the electrons of an object within the box, `cored`: without those that fade into the wing."""
+        """Return the electrons of an object within the box; cored: times `core`, the part not replaced by the wing."""
         flux = self._core_flux if cored else self._flux.__getitem__
         return sum(float((row * flux(k)).sum()) for k, row in zip(node.tolist(), share, strict=True) if row.any())
 
     def mixed_transforms(self, node, share, size, last, cored=False):
-        """Return the same, times `core` if `cored`, as a transform, like `transform`'s, from those of the nodes."""
+        """Return the mixture of one object as a transform (see `transform`), times `core` if `cored`."""
         parts = [self.transforms(k, size, cored).view(np.float32) for k in node[share.any(axis=1)].tolist()]
         return _mixed(parts, share, (size - last, 0), (2 * last + 1, 2 * (last + 1))).view(np.complex64)
 
 
 def mixer_of(psf):
-    """Return the Mixer of a PsfSet, or the one that is given (kept between calls, it saves some 10 ms)."""
+    """Return the Mixer of a PsfSet; a Mixer is returned as it is (keeping it between calls saves about 10 ms)."""
     return psf if isinstance(psf, Mixer) else Mixer(psf)
 
 
@@ -106,7 +106,7 @@ def _mixed(parts, share, first, shape):
 def transform(cells, size, per_pixel, last):
     """Return the transform, complex64 (2 last + 1, last + 1): rows j_y = -last..last, columns j_x = 0..last <= size.
 
-    cells: (n, n) float32 spline coefficients, the star in their middle, which is the origin of the result.
+    cells: (n, n) float32 spline coefficients with the star at their centre, which is the origin of the transform.
     """
     reach = len(cells) // per_pixel + 2  # half pixels
     start = len(cells) / 2 - 0.5 * per_pixel * (reach + 1)
@@ -122,7 +122,7 @@ def transform(cells, size, per_pixel, last):
 
 @numba.njit(cache=True)
 def _add(out, parts, share, first_row, first_column):
-    """Add the sub-bands of parts (4, rows, columns), from a first row and column on."""
+    """Add to `out` the sum of share x sub-band of parts (4, rows, columns), from a first row and column on."""
     a, b, c, d = share
     last_column = first_column + out.shape[1]
     for row in range(out.shape[0]):

@@ -1,19 +1,20 @@
-"""The PSF of a chip as a density to draw from: splines through the stored cell integrals, and their alias tables.
+"""The PSF of a chip as a density for drawing photons: splines through the stored cell integrals, and alias tables.
 
 A stored number is the light in a cell (optics.psf.psf_file). The density is a sum of quadratic B-splines on the cells,
 f(x) = sum_k c_k B_2(x - k), with c such that its integral over each cell is the stored number: since a box times
-B_2 is B_3, c follows from the numbers by the cubic B-spline prefilter (Unser 1999, IEEE SPM 16, 22). Photons are a draw
-of k with probability c_k and a B_2 variate (three uniforms); stamps are sums of c_k over pixels
-(render.imaging.stamps). Both are the same density. Coefficients below zero, of which a smooth PSF has hardly any, count
-as zero and the rest make up for them; `negative` says how much that was.
+B_2 is B_3, c follows from the numbers by the cubic B-spline prefilter (Unser 1999, IEEE SPM 16, 22). A photon is a draw
+of k with probability c_k plus a B_2 variate (three uniforms); stamps are sums of c_k over pixels
+(render.imaging.stamps). Both sample the same density. Negative coefficients, of which a smooth PSF has hardly any, are
+set to zero and the others scaled to keep the sum; `negative` is the light removed.
 
-Alias tables (Walker 1977; Vose 1991, IEEE TSE 17, 972): 16 bits of probability and 16 bits of index in a word; the
-middle of a PSF, which takes 96% of the photons, has a table of its own that stays in cache. Rounding, by up to
-2^-17 of a mean cell's light, is passed on from cell to cell; the last one keeps the sum, of order 1e-7 of the light.
+Alias tables (Walker 1977; Vose 1991, IEEE TSE 17, 972): a word has 16 bits of probability and 16 bits of index. The
+middle of a PSF, which receives 96% of the photons, has its own table, which stays in cache. Rounding errors, up to
+2^-17 of a mean cell's light, are carried over from cell to cell; the last cell keeps their sum, about 1e-7 of the
+light.
 
-On disk: HDF5, /words contiguous, hence mappable, /share, /negative and /crc as below. The coefficients are not kept
-(they would double the file): `node_coefficients` makes them in milliseconds. The file names the PSF set it was made of
-by a digest of its attributes, nodes and fluxes.
+On disk: HDF5, with /words (contiguous, so that it can be memory-mapped), /share, /negative and /crc as below. The
+coefficients are not stored (they would double the file): `node_coefficients` computes them in milliseconds. The file
+identifies its PSF set by a digest of the set's attributes, nodes and fluxes.
 """
 
 import hashlib
@@ -32,7 +33,7 @@ from csstsim.optics.psf.psf_file import WAVELENGTHS, PsfSet, intact
 
 INNER_PX = 8  # half the side of the middle, in pixel
 FORMAT = 2
-_MAX_CELLS = 256  # to a side: an alias is a number of 16 bits
+_MAX_CELLS = 256  # along a side: an alias is a 16-bit number
 _POLE = np.sqrt(3.0) - 2.0  # of the cubic B-spline's prefilter
 _AGAIN = "remove the file, then run csstsim psf again"
 _HORIZON = 28  # cells after which the pole's power is below 1e-16
@@ -40,20 +41,20 @@ _HORIZON = 28  # cells after which the pole's power is below 1e-16
 
 @dataclass(frozen=True, eq=False)
 class PsfTable:
-    """Sampling tables of the n nodes of a PsfSet. A table has 2^bits cells to a side, row by row, the first at the
-    first cell of the middle (inner) or of the box (outer)."""
+    """Sampling tables of the n nodes of a PsfSet. A table has 2^bits cells to a side, row by row, starting at the
+    first cell of the middle (inner table) or of the box (outer table)."""
 
     psf: PsfSet
-    words: np.ndarray  # (n, 4, 4^inner + 4^outer) uint32: alias table of the middle, then that of all, the middle zero
-    share: np.ndarray  # (n, 4, 2) light of middle and rest; what is missing to 1 lies outside the box
+    words: np.ndarray  # (n, 4, 4^inner + 4^outer) uint32: alias table of the middle, then of the box without the middle
+    share: np.ndarray  # (n, 4, 2) light of middle and rest; the remainder to 1 lies outside the box
     negative: np.ndarray  # (n, 4) light of the coefficients that were below zero
     crc: np.ndarray  # (n,) uint32 CRC-32 of a node's words
     path: Path | None = None  # of the file, if there is one
-    verified: set = field(default_factory=set)  # nodes whose words were compared with their CRC
+    verified: set = field(default_factory=set)  # nodes whose words have been checked against their CRC
 
     @property
     def bits(self):
-        """Powers of two of the sides of the inner and the outer table."""
+        """Base-2 logarithms of the sides of the inner and the outer table."""
         return _bits(self.psf)
 
     @property
@@ -67,7 +68,7 @@ class PsfTable:
         return self.psf.image.shape[-1]
 
     def verify(self, nodes):
-        """Compare the words of nodes that are used for the first time with their CRC. Raises InputError."""
+        """Check the words of nodes used for the first time against their CRC. Raises InputError if they differ."""
         if self.path is None:
             return
         for node in set(np.unique(nodes).tolist()) - self.verified:
@@ -81,7 +82,7 @@ class PsfTable:
 
 
 def make_table(psf, nodes=None):
-    """Return the PsfTable of a PsfSet in memory; `nodes` (indices) are made, others stay zero (None: all live ones)."""
+    """Return the PsfTable of a PsfSet in memory, with tables for `nodes` (indices; None: all live ones), else zeros."""
     arrays = {name: np.zeros(*layout) for name, layout in _layout(psf).items()}
     for node, values in _live(psf, nodes):
         for name, value in values.items():
@@ -103,7 +104,7 @@ def write_tables(path, psf):
 
 
 def read_tables(path, psf):
-    """Return the PsfTable of a PsfSet from its file, the large arrays mapped, not read.
+    """Return the PsfTable of a PsfSet from its file, with the words memory-mapped.
 
     Raises InputError if the file is missing, damaged, of another format, or made of another PSF set.
     """
@@ -126,7 +127,7 @@ def read_tables(path, psf):
 
 
 def spline_coefficients(image):
-    """Return (c >= 0, light below zero) of one image of cell integrals (cells, cells); sums are the image's."""
+    """Return (c >= 0, light below zero) of one image of cell integrals (cells, cells); c sums to the image's light."""
     c = image.astype(np.float64)
     for _ in range(2):
         _prefilter(c)
@@ -138,7 +139,7 @@ def spline_coefficients(image):
 
 
 def _bits(psf):
-    """Return the powers of two of the sides of inner and outer tables."""
+    """Return the base-2 logarithms of the sides of inner and outer tables."""
     cells = psf.image.shape[-1]
     if cells > _MAX_CELLS:
         raise InputError("too many cells for photons", file=psf.path, key="image", value=cells, allowed=_MAX_CELLS)
@@ -173,7 +174,7 @@ def _live(psf, nodes=None):
 
 
 def _fill(c, inner_bits, outer_bits, words):
-    """Fill the tables of one image; return the light of middle and rest."""
+    """Fill both alias tables of one image; return the light of the middle and of the rest."""
     first = (len(c) - (1 << inner_bits)) // 2
     middle = slice(first, first + (1 << inner_bits))
     weight = np.ascontiguousarray(c[middle, middle]).ravel()

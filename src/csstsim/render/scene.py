@@ -1,4 +1,4 @@
-"""The objects of a chip as plain arrays: what every compiled renderer needs to know of them, and no more."""
+"""The objects of a chip as plain arrays, as the compiled renderers need them."""
 
 from dataclasses import dataclass, replace
 
@@ -11,7 +11,7 @@ from csstsim.profiles.sersic import sersic_b
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """n objects; components are disk and bulge, a point has one of index 0."""
+    """n objects. The two components are disk and bulge; a component of Sersic index 0 is a point."""
 
     ids: np.ndarray  # (n,) int64
     x: np.ndarray  # (n,) float64, chip pixel
@@ -24,7 +24,7 @@ class Scene:
     weight: np.ndarray  # (n, k) float64, of the nodes
     outside: np.ndarray  # (n,) bool: outside the grid of PSF nodes
     reach: np.ndarray | None = None  # (n,) px, half the side of the stamp
-    wing: np.ndarray | None = None  # (n,) px, how far the light beyond the PSF's box shows; 0: noise hides it
+    wing: np.ndarray | None = None  # (n,) px, radius to which the wing exceeds the noise; 0: nowhere
 
     def __len__(self):
         return len(self.x)
@@ -34,18 +34,18 @@ class Scene:
         return Scene(**{name: values if values is None else values[rows] for name, values in vars(self).items()})
 
     def sized(self, reach, wing=0.0):
-        """Return the objects with stamps of this half side and wings of this radius [px], (n,) or one for all."""
+        """Return the Scene with these half sides of stamps and radii of wings [px], (n,) or one for all."""
         reach, wing = (np.broadcast_to(np.asarray(v), len(self)).copy() for v in (reach, wing))
         return replace(self, reach=reach, wing=wing)
 
     @property
     def extended(self):
-        """(n,) bool: whether the object is no point."""
+        """(n,) bool: whether the object is not a point."""
         return ((self.sersic[:, :, 0] > 0) & (self.light > 0)).any(axis=1)
 
 
 def make_scene(objects, wcs, psf, exptime):
-    """Return the Scene of an ObjectTable as catalog.selection.select leaves it (all of its rows must be drawable)."""
+    """Return the Scene of an ObjectTable from catalog.selection.select, all of whose rows must be drawable."""
     flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1) * exptime
     galaxy, parts = objects["obj_type"] == GALAXY, components(objects)
     sersic = np.zeros((len(objects), 2, 3))
@@ -60,10 +60,10 @@ def make_scene(objects, wcs, psf, exptime):
 
 
 def shape_matrix(objects, wcs):
-    """Return (n, 2, 2): intrinsic shear, then lensing, both of the sky, then d(pixel) / d(arcsec).
+    """Return (n, 2, 2): intrinsic shear, then lensing, both on the sky, then d(pixel) / d(arcsec).
 
-    Shapes refer to east and north at the catalogue's place. Aberration carries them along unturned; east at the
-    apparent place, up to 26" off, is another direction near a pole. A point has no shape, whatever its columns say.
+    Shapes refer to east and north at the catalogue position. Aberration does not rotate them, but near a pole east at
+    the apparent position, up to 26" away, is another direction. The shape columns of points are ignored.
     """
     jacobian = wcs.jacobian(objects["ra_orig"], objects["dec_orig"], seen=(objects["ra"], objects["dec"]))
     galaxy, names = objects["obj_type"] == GALAXY, ("e1", "e2", "kappa", "gamma1", "gamma2")

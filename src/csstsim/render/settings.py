@@ -13,7 +13,7 @@ FILE = SHIPPED / "render.yaml"
 
 
 class Preset(Model):
-    """What a fidelity allows."""
+    """Accuracy limits of one fidelity."""
 
     eps: float = Field(ge=0, description="error allowed, in units of an object's own noise")
     floor: float = Field(ge=0, description="S/N below which an object's light goes to a smooth background")
@@ -38,7 +38,7 @@ class Cost(Model):
 
 
 class StampError(Model):
-    """Shares of S/N, beside `psf`."""
+    """Error of stamps as a share of S/N, in addition to `psf`."""
 
     cut: float = Field(ge=0)
     disk: float = Field(ge=0)
@@ -61,7 +61,7 @@ class Error(Model):
 
 
 class Numbers(Model):
-    """The whole file."""
+    """The contents of config/render.yaml."""
 
     presets: dict[Literal["preview", "standard", "noise_free"], Preset] = Field(min_length=3)
     cost: Cost

@@ -9,26 +9,26 @@ import numpy as np
 from csstsim.profiles.log_table import BITS, first_of, nodes
 
 KEPT = 256  # tables, some 100 kB each
-_OCTAVES = 32  # of r^2 [px^2] in a table: to 65,536 px, from any object to any chip's far corner
+_OCTAVES = 32  # of r^2 [px^2] in a table: up to 65,536 px, more than from any object to any corner of a chip
 RADII = np.sqrt(nodes(0, _OCTAVES))
 
 
 @dataclass(frozen=True, eq=False)
 class Far:
-    """Light per pixel on the nodes of a table, by sub-band, for an object of light 1 in each."""
+    """Surface brightness per pixel on the nodes of a table, by sub-band, for an object of light 1 in each."""
 
     profile: np.ndarray  # (4, nodes)
-    light: np.ndarray  # (4,) all of it
+    light: np.ndarray  # (4,) its integral over the plane
 
 
 def step(r, inner, outer):
-    """Return 1 within radius `inner`, 0 beyond `outer`, a quintic between them."""
+    """Return 1 within radius `inner`, 0 beyond `outer`, and a quintic in between."""
     t = np.clip((r - inner) / (outer - inner), 0.0, 1.0)
     return 1 - t**3 * (10 - 15 * t + 6 * t * t)
 
 
 def light_of(profile):
-    """Return the integrals over the plane of profiles (k, nodes), even within the first node."""
+    """Return the integrals over the plane of profiles (k, nodes), taken as constant within the first node."""
     return np.trapezoid(2 * np.pi * RADII * profile, RADII, axis=1) + np.pi * profile[:, 0] * RADII[0] ** 2
 
 
@@ -36,8 +36,8 @@ def light_of(profile):
 def tables(far, radii):
     """Return [(table (4, n) on octaves of r^2, number of its first node, its reach [px]), ...], one to each annulus.
 
-    radii: the annuli's edges, from each of which to twice that one fades over to the next; 0: at once. Where edges are
-    not in order an annulus may be empty: its reach is 0.
+    radii: edges of the annuli; from each edge to twice that edge one annulus fades into the next. An annulus that ends
+    at edge 0, or at an edge out of order, is empty; its reach is 0.
     """
     out, before = [], np.zeros(len(RADII))
     for edge in (*radii, math.inf):

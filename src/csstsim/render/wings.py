@@ -1,17 +1,17 @@
-"""Light far from an object: what its stamp leaves out, laid about it as the PSF's wing, and ghosts.
+"""Light far from an object that its stamp leaves out: the PSF's wing, and ghosts.
 
-The box of the stored PSF is faded out, the wing (optics.scatter.halo) faded in over the same ring, 0.7 to 0.95 of the
-box's half side, by a step with two continuous derivatives. A wing has no end: every object's goes on over the whole
-chip, bright or faint, so that no choice of method loses light. What then is still missing of the object's light,
-because its stamp is smaller than the box or the box differs from the wing where they join, is laid between core and
-edge of the box as a smooth ring.
+Over a ring of 0.7 to 0.95 of the box's half side, the box of the stored PSF is faded out and the wing
+(optics.scatter.halo) faded in, by a step with two continuous derivatives. The wing of every object, bright or faint,
+covers the whole chip, so that no drawing method loses light. Light that is still missing, because the stamp is smaller
+than the box or the box differs from the wing where they join, is added as a smooth ring between core and edge of the
+box.
 
-Whether noise hides a wing (selection.reach) decides how it is drawn. One that shows is drawn pixel by pixel near the
-object, up to 48 to 192 px, and on the meshes of render.far_wings beyond. A hidden one is a haze, on the meshes alone:
-it is faded in from the middle on, not over the box's ring, which is too narrow for a mesh.
+How a wing is drawn depends on whether it exceeds the noise (selection.reach). A wing that does is drawn pixel by pixel
+near the object, up to 48 to 192 px, and on the meshes of render.far_wings beyond. A wing hidden by noise, here called a
+haze, is drawn on the meshes alone and faded in from the centre, because the box's ring is too narrow for a mesh.
 
-A wing is read from a table in r^2 (profiles.log_table): 3e-5 of the value for slopes to -3. Its value at a pixel's
-centre stands for the pixel: 4e-4 at 45 px, less beyond. Cost: benchmarks/wings.py.
+A wing is read from a table in r^2 (profiles.log_table), with a relative error of 3e-5 for slopes down to -3. The value
+at a pixel's centre is used for the pixel, an error of 4e-4 at 45 px and less beyond. Cost: benchmarks/wings.py.
 """
 
 import math
@@ -27,13 +27,13 @@ from csstsim.render.far_wings import OVER, FarWings
 from csstsim.render.wing_tables import RADII, Far, light_of, step, tables
 
 FADE = 0.7, 0.95  # of the box's half side
-NEAR = 48.0, 96.0  # px: from here to twice that the meshes take over, of short wings and of others
+NEAR = 48.0, 96.0  # px: the meshes take over from here to twice that, for short wings and for others
 SMOOTH_PX = 16.0  # half-light radius from which a ring is smooth enough for the meshes
-_NEAR_LIGHT = 0.006, 0.08  # of the light: the most that a stamp leaves out of a profile; with wings, of the PSF too
+_NEAR_LIGHT = 0.006, 0.08  # of the light: the most that a stamp may leave out; without and with a wing
 
 
 def box_share(cells, per_pixel):
-    """Return what the box keeps of itself, (cells, cells), `per_pixel` to a pixel; the wing brings the rest."""
+    """Return the share (cells, cells) of each cell of the box, `per_pixel` to a pixel, not replaced by the wing."""
     axis = (np.arange(cells) - (cells - 1) / 2) / per_pixel
     return step(np.hypot(axis, axis[:, None]), *(f * cells / 2 / per_pixel for f in FADE))
 
@@ -42,7 +42,7 @@ def box_share(cells, per_pixel):
 def wing_beyond(wing, half, shows=True):
     """Return the Far of a wing (optics.scatter.halo.Wing) beyond a box of half side `half` [px].
 
-    shows: whether it is faded in where the box is faded out; else from the middle on, as a haze.
+    shows: whether it is faded in where the box is faded out; otherwise it is faded in from the centre, as a haze.
     """
     inner, outer = (f * half for f in FADE)
     profile = wing.profile(np.maximum(RADII, inner)) * (1 - step(RADII, inner if shows else 0.0, outer))
@@ -51,41 +51,41 @@ def wing_beyond(wing, half, shows=True):
 
 @lru_cache
 def ring_within(half):
-    """Return the Far of a smooth ring within a box of half side `half` [px], of light 1: nothing in the middle."""
+    """Return the Far of a smooth ring of light 1 within a box of half side `half` [px], zero at the centre."""
     widest = FADE[0] * half
     ring = (1 - step(RADII, 0.0, widest)) * step(RADII, widest, half)
     return Far(np.tile(ring / light_of(ring[None]), (4, 1)), np.ones(4))
 
 
 def near_of(wing_px):
-    """Return the radius [px] from which the meshes take over a wing that shows up to wing_px; 0: they take all."""
+    """Return the radius [px] from which the meshes draw a wing that shows up to wing_px; 0: they draw all of it."""
     return 0.0 if wing_px <= 0 else NEAR[int(wing_px >= 2 * NEAR[1])]
 
 
 class Held(NamedTuple):
-    """What an object's stamp has of its light."""
+    """The light of an object that its PSF's box and its stamp hold."""
 
-    inside: float  # electrons in the PSF's box, but for what fades into the wing
+    inside: float  # electrons in the PSF's box, without those replaced by the wing
     drawn: float  # electrons in the stamp
     reach: int = 0  # px, half the side of the stamp
 
 
 class Wings:
-    """What the stamps of objects leave out of their light, on one Canvas."""
+    """Adds the light that the stamps of objects leave out to one Canvas."""
 
     def __init__(self, canvas, wing, half):
-        """wing: optics.scatter.halo.Wing, which has what the PSF's box has not, or None; half: side of the box [px]."""
+        """wing: optics.scatter.halo.Wing, light beyond the PSF's box, or None; half: half the side of the box [px]."""
         self.canvas, self.wing, self.half, self.meshes = canvas, wing, half, FarWings(canvas)
 
     def lay(self):
-        """Add what is far from its objects to the canvas, once, when all have been added."""
+        """Add the light on the meshes to the canvas; call it once, after all objects."""
         self.meshes.lay()
 
     def add(self, at, flux, held, wing_px, parts=POINT, near=None):
-        """Add an object's light about `at` (x, y) [chip pixel]; return the electrons on the window.
+        """Add the light around an object at `at` (x, y) [chip pixel]; return the electrons on the window.
 
-        flux (4,): all the object's electrons; held: Held; wing_px: radius [px] at which noise hides the wing, 0:
-        everywhere; parts: its render.extended.Parts; near: px from which meshes take over, None: as noise allows.
+        flux (4,): all electrons of the object; held: Held; wing_px: radius [px] beyond which noise hides the wing, 0:
+        everywhere; parts: its render.extended.Parts; near: px from which meshes take over, None: `near_of` wing_px.
         """
         missing, haze, added = held.inside - held.drawn, 0.0, 0.0
         if self.wing is not None:
@@ -130,30 +130,30 @@ def _one_band(light):
 
 
 def near_light(missing, inside, wing):
-    """Return what is missing of the light inside, but 0 where it is so much that a profile is larger than its stamp.
+    """Return the `missing` light, but 0 where there is so much of it that the profile must be larger than its stamp.
 
-    Such light is far from the object, and TRUNCATED_STAMP or the truth's `fraction` say that it is not drawn.
+    Such light is far from the object and not drawn; TRUNCATED_STAMP or the truth's `fraction` show this.
     """
     return np.where(np.abs(missing) < _NEAR_LIGHT[wing is not None] * inside, missing, 0.0)
 
 
 def wing_share(flux, inside, light):
-    """Return by how much the light beyond the box, which is what the box does not hold, exceeds the wing's own.
+    """Return the ratio of the electrons that the box does not hold to those of the wing.
 
-    flux: electrons; inside: those in the box; light: of the wing, for each electron.
+    flux: electrons of the object; inside: electrons in the box; light: of the wing, per electron of the object.
     """
     return np.maximum(np.sum(flux) - inside, 0.0) / np.sum(flux * light)
 
 
 def _mixed(flux, table):
-    return np.einsum("b,br->r", flux, table)  # no BLAS: bits
+    return np.einsum("b,br->r", flux, table)  # not BLAS, whose bits depend on the machine
 
 
 def add_ghosts(canvas, chip, at, electrons, ghosts):
     """Add the ghosts (optics.scatter.ghosts.Ghosts) of an object at x, y [chip pixel], if it is bright enough.
 
-    Returns [(electrons on the window, box), ...]; boxes are (x0, x1, y0, y1) on the chip, half-open; what misses the
-    window is not listed.
+    Returns [(electrons on the window, box), ...]; boxes are (x0, x1, y0, y1) on the chip, half-open; ghosts that miss
+    the window are not listed.
     """
     if not ghosts.visible(electrons):
         return []
@@ -173,7 +173,7 @@ def box_on_window(window, x, y, reach):
 
 
 def _on_window(add, canvas, at, reach, *what):
-    """Call `add` on the pixels of the window within `reach` of x, y; return (electrons, box), or None if none is."""
+    """Call `add` on the window's pixels within `reach` of x, y; return (electrons, box), or None without pixels."""
     x, y = at
     box = box_on_window(canvas.window, x, y, reach)
     if box is None:

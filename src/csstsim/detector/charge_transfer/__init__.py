@@ -1,1 +1,1 @@
-"""Charge transfer inefficiency: traps, and what they do to packets of charge."""
+"""Charge transfer inefficiency: traps and their effect on packets of charge."""

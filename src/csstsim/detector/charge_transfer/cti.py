@@ -1,20 +1,21 @@
-"""Charge transfer inefficiency (paper, section 5.5.4): stochastic and exact, event by event; here along columns.
+"""Charge transfer inefficiency along columns (paper, section 5.5.4): an exact stochastic simulation of each event.
 
-Packet k of a half's column meets the traps of rows k, k - 1, ... 0 on its way to the amplifier. An empty trap whose
-level (detector.charge_transfer.traps) the packet reaches takes one electron at once; a filled trap whose level it does
-not reach lets its electron go with probability 1 - exp(-1 / tau), independently at each transfer. Traps of one pixel
-act one after another, so that no electron is taken twice. After the last row come empty packets, the parallel overscan.
+Packet k of a half's column meets the traps of rows k, k - 1, ... 0 on its way to the amplifier. An empty trap captures
+one electron at once if the packet reaches its level (detector.charge_transfer.traps). A filled trap releases its
+electron into a packet below its level with probability 1 - exp(-1 / tau), independently at each transfer. Traps of one
+pixel act one after another, so that no electron is captured twice. After the last row follow empty packets, the
+parallel overscan.
 
-A row of traps sees the packets in their order, and a packet sees the rows from far to near; hence "row by row from far
-to near, packet by packet in each" is the same process as the clock's "transfer by transfer", and one trap may be
-followed through all packets at once. Between its events a trap changes nothing, and the next event is found without
-visiting each packet: for an empty trap the next packet that reaches its level; for a filled one the n-th packet below
-its level, n = 1 + floor(tau x Exp(1)) being the geometric number of trials until it lets go
+A row of traps meets the packets in order, and a packet meets the rows from far to near. So going through the rows from
+far to near, and in each row through the packets, gives the same process as the clock's sequence of transfers, and one
+trap can be followed through all packets at once. Between its events a trap changes nothing. The next event is found
+without visiting each packet: for an empty trap it is at the next packet that reaches its level; for a filled trap at
+the n-th packet below its level, n = 1 + floor(tau x Exp(1)), the geometric number of trials until release
 (detector.charge_transfer.packets).
 
-Traps start empty: a trap meets its own pixel's packet first, so this is the equilibrium reached in an exposure much
-longer than tau. Left out: capture that takes time, charge injection, the structure of clock phases.
-Rows go on through their register: detector.charge_transfer.serial.
+Traps start empty: a trap meets its own pixel's packet first, which is the equilibrium after an exposure much longer
+than tau. Left out: finite capture times, charge injection, the structure of clock phases.
+The transfer of rows along their register: detector.charge_transfer.serial.
 """
 
 import math
@@ -26,9 +27,9 @@ from csstsim.base.counter import unit, word
 from csstsim.detector.charge_transfer.packets import add, first_reaching, nth_below, padded, search_room, set_up
 from csstsim.detector.charge_transfer.traps import buffers, draw_traps
 
-COLUMNS = 64  # worked on at once: their packets fit the cache
+COLUMNS = 64  # processed at once: their packets fit in cache
 LARGEST = 2.0**30  # electrons in a pixel
-_TILE = 16  # rows: of as many cache lines
+_TILE = 16  # rows copied at a time, for use of the cache
 
 
 def transfer(image, density, timescale, well, keys, *, flip=False, lead=0, n_rows=None, overscan=0, x0=0):
@@ -37,10 +38,10 @@ def transfer(image, density, timescale, well, keys, *, flip=False, lead=0, n_row
     image: float32 (ny, nx), electrons; row 0 is read first, or the last row if `flip`. density, timescale: of each
     species [traps/pixel, transfers]; well: (beta, full_well, notch). keys: uint64 of the traps and of their releases,
     each mixed with the column's number, x0 + its index. The image may be part of a half of `n_rows` rows, `lead` of
-    them between it and the amplifier; the other rows then hold its median charge.
+    them between it and the amplifier; the other rows then get its median charge.
     trail: float32 (overscan, nx), the packets read after the half; trapped: electrons left in traps.
 
-    Whole electrons move; a fraction, or what is below 0, stays with its pixel. Raises ValueError, before any change,
+    Only whole electrons move; fractions and negative charge stay in their pixel. Raises ValueError, before any change,
     for values that are not finite or above LARGEST.
     """
     ny, nx = image.shape
@@ -56,12 +57,13 @@ def transfer(image, density, timescale, well, keys, *, flip=False, lead=0, n_row
 
 
 def checked_fill(image, n, lead, length):
-    """Return the charge [e-] of the packets of a line of `length` px that an image of `n`, `lead` from its end, lacks.
+    """Return the charge [e-] for the packets of a line of `length` px that lie outside an image of `n` px.
 
-    Raises ValueError if it does not fit, and for values that are not finite or above LARGEST.
+    lead: distance of the image from the line's end [px]. The charge is the image's median, or 0 if none lie outside.
+    Raises ValueError if the image does not fit, and for values that are not finite or above LARGEST.
     """
     if not 0 <= lead <= length - n:
-        raise ValueError(f"{n} pixels, {lead} from the end, of a line of {length}")
+        raise ValueError(f"{n} pixels, {lead} from the end, do not fit in a line of {length}")
     bad = image.size - _count_good(image)
     if bad:
         raise ValueError(f"the charge of {bad} pixel(s) is not finite or above {LARGEST:.0f} electrons")
@@ -70,7 +72,7 @@ def checked_fill(image, n, lead, length):
 
 @numba.njit(cache=True)
 def _count_good(image):
-    """Return how many pixels hold a charge to work with."""
+    """Return the number of pixels with a charge that is finite and at most LARGEST."""
     good = 0
     for y in range(image.shape[0]):
         for x in range(image.shape[1]):
@@ -80,7 +82,7 @@ def _count_good(image):
 
 @numba.njit(cache=True)
 def _transfer(image, flip, lead, n_rows, fill, trail, keys, x0, density, timescale, well, room):
-    """All columns, COLUMNS at a time. -1 after the last packet: below any trap's level."""
+    """Transfer all columns, COLUMNS at a time. Packets after the last one are -1, below any trap's level."""
     nx = image.shape[1]
     n_packets = n_rows + len(trail)
     packets = np.empty((COLUMNS, padded(n_packets)), np.int32)
@@ -106,7 +108,7 @@ def _transfer(image, flip, lead, n_rows, fill, trail, keys, x0, density, timesca
 
 @numba.njit(cache=True)
 def _exchange(image, flip, first, packets, back):
-    """Copy the whole electrons of columns first, first + 1, ... to `packets` (column, row), or put them `back`."""
+    """Copy the whole electrons of columns first, first + 1, ... to `packets` (column, row), or from them if `back`."""
     ny, n = image.shape[0], len(packets)
     for start in range(0, ny, _TILE):
         for c in range(n):
@@ -121,7 +123,7 @@ def _exchange(image, flip, first, packets, back):
 
 @numba.njit(inline="always")
 def whole(charge):
-    """Return the whole electrons in a pixel, none below 0."""
+    """Return the whole electrons in a pixel, at least 0."""
     return np.int32(max(charge, np.float32(0)))
 
 
@@ -141,10 +143,10 @@ def _column(packets, n_packets, keys, density, timescale, well, fullest, head, r
 
 @numba.njit(cache=True)
 def follow_all(packets, n_packets, key, head, room, search):
-    """Follow each trap of a line, far ones first; return the electrons left in traps.
+    """Follow each trap of a line, the farthest first; return the electrons left in traps.
 
-    packets: int32, changed in place, `n_packets` and -1 to the padded length (detector.charge_transfer.packets). key:
-    uint64 of the releases. head, room: traps as detector.charge_transfer.traps.draw_traps leaves them. search:
+    packets: int32, changed in place, `n_packets` and -1 up to the padded length (detector.charge_transfer.packets).
+    key: uint64 of the releases. head, room: outputs of detector.charge_transfer.traps.draw_traps. search: from
     detector.charge_transfer.packets.search_room.
     """
     level, tau, own, next_ = room
@@ -152,7 +154,7 @@ def follow_all(packets, n_packets, key, head, room, search):
     base = set_up(packets, table, small)
     trapped, reach = 0, 0
     for row in range(len(head) - 1, -1, -1):
-        reach = max(reach, packets[row])  # no packet from here on is fuller: a release never passes its trap's level
+        reach = max(reach, packets[row])  # upper limit from here on: a release does not exceed its trap's level
         trap = head[row]
         while trap >= 0:
             if level[trap] <= reach:
@@ -165,7 +167,7 @@ def follow_all(packets, n_packets, key, head, room, search):
 
 @numba.njit(inline="always")
 def _follow(charge, table, words, small, base, k, n_packets, level, tau, key, own):
-    """Lead one trap through packets k, k + 1, ...; return the electrons it ends with, 0 or 1."""
+    """Follow one trap through packets k, k + 1, ...; return the electrons left in it, 0 or 1."""
     captures = np.uint64(0)
     while True:
         k = first_reaching(charge, table, words, base, k, level)

@@ -1,17 +1,17 @@
-"""A column's packets of charge for detector.charge_transfer.cti, arranged for two questions: which is the next that
-reaches a level, or the n-th below it. Both are answered without looking at each packet.
+"""Search in a column's packets of charge, for detector.charge_transfer.cti: the next packet that reaches a level, and
+the n-th below it, without visiting each packet.
 
-Blocks and super-blocks keep bounds on the charge in them, which skip whatever lies all above or all below the level.
-Where they do not, packets are looked at one by one, or, near the sky level, eight at once: a byte of each packet holds
-its charge above `base`, from 0 to 127, and one subtraction compares eight of them with a level. Integers only; all of
-it is search: the answers are those of a plain loop.
+Blocks and super-blocks store bounds on their charge, so that those entirely above or below the level are skipped. In
+other blocks packets are visited one by one or, near the sky level, eight at once: a byte of each packet holds its
+charge above `base`, from 0 to 127, and one subtraction compares eight of them with a level. All numbers are integers,
+and the results are those of a plain loop.
 """
 
 import numba
 import numpy as np
 
 _BLOCK, _SUPER = 5, 9  # log2 of the packets in a block and in a super-block
-# Rows of the table: most and least charge in a block, the next block that has more, the bounds of super-blocks.
+# Rows of the table: bounds (most, least) of the charge in a block, next block that has more, bounds of super-blocks
 _MOST, _LEAST, _LATER, _MOST_SUPER, _LEAST_SUPER = range(5)
 _BELOW_SKY = 32  # electrons from `base` to the mean of the blocks' least charge
 _BYTE_MAX = 127
@@ -21,7 +21,7 @@ _U1, _U7, _U56 = np.uint64(1), np.uint64(7), np.uint64(56)
 
 @numba.njit(cache=True)
 def padded(n):
-    """Return how many packets the arrays for n of them hold: whole super-blocks."""
+    """Return the length of the arrays for n packets: a whole number of super-blocks."""
     return (((n - 1) >> _SUPER) + 1) << _SUPER
 
 
@@ -29,8 +29,9 @@ def padded(n):
 def search_room(n):
     """Return (table, words, small) for the search among n packets, n from `padded`.
 
-    table: int32, rows _MOST ... _LEAST_SUPER, a column for each block or super-block; small: the packets' bytes, and
-    words: the same memory, eight in one. Plain arrays: a tuple of them costs atomic operations at each use in numba.
+    table: int32, rows _MOST ... _LEAST_SUPER, a column for each block or super-block; small: the packets' bytes;
+    words: the same memory, eight bytes in a word. Functions take them as separate arrays, because numba needs atomic
+    operations at each use of a tuple of arrays.
     """
     words = np.empty(n >> 3, np.uint64)
     return np.empty((5, n >> _BLOCK), np.int32), words, words.view(np.uint8)
@@ -64,7 +65,7 @@ def set_up(charge, table, small):
 
 @numba.njit(inline="always")
 def add(charge, table, small, base, k, electrons):
-    """Add `electrons` to packet k; the bounds stay bounds, though not the closest ones."""
+    """Add `electrons` to packet k; the bounds stay valid, but may not be the tightest."""
     value = charge[k] + electrons
     charge[k] = value
     small[k] = min(max(value - base, 0), _BYTE_MAX)
@@ -81,7 +82,7 @@ def add(charge, table, small, base, k, electrons):
 
 @numba.njit(inline="always")
 def first_reaching(charge, table, words, base, k, level):
-    """Return the first packet at or after k of at least `level` electrons (1 or more), or the end."""
+    """Return the index of the first packet at or after k with at least `level` electrons (>= 1), or the end."""
     end = len(charge)
     while k < end:
         stop = ((k >> _BLOCK) + 1) << _BLOCK
@@ -103,7 +104,7 @@ def first_reaching(charge, table, words, base, k, level):
 
 @numba.njit(inline="always")
 def nth_below(charge, table, words, base, k, level, n):
-    """Return the n-th packet (1: the first) at or after k of less than `level` electrons (1 or more), or the end."""
+    """Return the index of the n-th packet (n from 1) at or after k with fewer than `level` electrons, or the end."""
     end = len(charge)
     while k < end:
         block, above = k >> _BLOCK, k >> _SUPER
@@ -138,18 +139,18 @@ def nth_below(charge, table, words, base, k, level, n):
 
 @numba.njit(inline="always")
 def _from(k):
-    """Return the bits of the bytes of k and of those after it in its word."""
+    """Return a mask of the bytes of packet k and of those after it in its word."""
     return _ALL << np.uint64((k & 7) << 3)
 
 
 @numba.njit(inline="always")
 def _reaching(eight, level, k):
-    """Return the top bit of each byte, from that of k on, that is at least `level` (1 to 127)."""
+    """Return a word with the top bit set in each byte, from that of k on, that is at least `level` (1 to 127)."""
     return ((eight | _TOPS) - np.uint64(level) * _ONES) & (_TOPS & _from(k))
 
 
 @numba.njit(inline="always")
 def _place(bits):
-    """Return which byte holds the lowest of some top bits: bytes below it are all ones in bits' lowest, less one."""
+    """Return the number of the byte with the lowest of the set top bits: (lowest bit - 1) fills the bytes below it."""
     lowest = bits & (~bits + _U1)
     return np.int64((((lowest - _U1) >> _U7 & _ONES) * _ONES) >> _U56)

@@ -1,15 +1,14 @@
-"""Charge transfer inefficiency along rows: each row of a channel goes through the register to its amplifier.
+"""Charge transfer inefficiency along rows: each row of a channel is transferred through the register to its amplifier.
 
-The process and its search are those of the columns (detector.charge_transfer.cti), in elements of the register instead
-of rows of pixels: `prescan` elements lie between the amplifier and the first active column, so the packet of active
-column i meets the traps of elements prescan + i, ... 0. Before it the amplifier reads `prescan` packets, empty; after
-the last column come empty ones, the serial overscan.
+Process and search are those of columns (detector.charge_transfer.cti), with elements of the register instead of rows of
+pixels. There are `prescan` elements between the amplifier and the first active column, so the packet of active column i
+meets the traps of elements prescan + i, ... 0. Before the first active column the amplifier reads `prescan` empty
+packets; after the last column it reads empty packets, the serial overscan.
 
-All rows of a channel pass through one register: its traps are drawn once, their releases anew for each row. The traps
-start empty for each row, for whatever a row leaves in them is set free before the next: from the last charge of one row
-to the first of the next each element sees an overscan, a prescan and a parallel transfer go by, long against tau.
-Prescan pixels therefore stay without charge. Left out: traps so slow that they stay filled from row to row; such trap
-nothing anyway.
+All rows of a channel pass through one register: its traps are drawn once, the releases anew for each row. The traps are
+empty at the start of each row, because they release all electrons before: between the last charge of one row and the
+first of the next, an overscan, a prescan and a parallel transfer pass, which take much longer than tau. So prescan
+pixels have no charge. Left out: traps so slow that they stay filled from row to row; these trap nothing.
 """
 
 import numba
@@ -24,13 +23,13 @@ from csstsim.detector.charge_transfer.traps import buffers, draw_traps
 def transfer_rows(image, density, timescale, well, keys, *, prescan=0, lead=0, n_columns=None, overscan=0, row0=0):
     """Transfer rows of one channel through its register, in place; return (trail, trapped).
 
-    image: float32 (ny, nx), electrons, as the amplifier sees it: column 0 is read first. density, timescale: of each
-    species [traps/element, serial transfers]; well: (beta, full_well, notch). keys: uint64 of the register's traps, and
-    of their releases, the latter mixed with the row's number, row0 + its index. The image may be part of a channel of
-    `n_columns` columns, `lead` of them between it and the prescan; the other columns then hold its median charge.
+    image: float32 (ny, nx), electrons, in readout order: column 0 is read first. density, timescale: of each species
+    [traps/element, serial transfers]; well: (beta, full_well, notch). keys: uint64 of the register's traps and of their
+    releases; the latter is mixed with the row's number, row0 + its index. The image may be part of a channel of
+    `n_columns` columns, `lead` of them between it and the prescan; the other columns then get its median charge.
     trail: float32 (ny, overscan), the packets read after each row; trapped: electrons left in traps after their row.
 
-    Whole electrons move; a fraction, or what is below 0, stays with its pixel. Raises ValueError, before any change,
+    Only whole electrons move; fractions and negative charge stay in their pixel. Raises ValueError, before any change,
     for values that are not finite or above LARGEST.
     """
     ny, nx = image.shape
@@ -47,7 +46,7 @@ def transfer_rows(image, density, timescale, well, keys, *, prescan=0, lead=0, n
 
 @numba.njit(cache=True)
 def _transfer_rows(image, prescan, first, fill, trail, key, row0, head, room):
-    """All rows, one after another; `first` is the element behind column 0. -1 after the last packet."""
+    """Transfer all rows one by one; `first`: element of column 0. Packets after the last one are -1."""
     ny, nx = image.shape
     n_elements = len(head)
     n_packets = n_elements + trail.shape[1]

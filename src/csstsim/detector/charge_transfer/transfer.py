@@ -1,9 +1,9 @@
-"""Charge of a window on its way to the amplifiers (paper, Appendix B item 10), and what is read after its pixels.
+"""Transfer of a window's charge to the amplifiers (paper, Appendix B item 10), and the charge trailed into overscan.
 
-Each half of the chip is transferred along its columns to its registers (charge_transfer.cti) and each row of a channel,
-of its parallel overscan, too, along the register to its amplifier (charge_transfer.serial). A window's columns and rows
-are transferred as whole ones: what is not simulated of the half, or of the channel's rows after the parallel transfer,
-holds the median charge of what is.
+Each half of the chip is transferred along its columns to its registers (charge_transfer.cti). Then each row of a
+channel, including its parallel overscan, is transferred along the register to its amplifier (charge_transfer.serial).
+Columns and rows of a window are transferred at full length: pixels outside the window get the median charge of those
+inside.
 """
 
 from dataclasses import dataclass, field
@@ -15,14 +15,14 @@ from csstsim.detector.channels import ReadoutFrame
 
 @dataclass(frozen=True)
 class Trails:
-    """Electrons in the overscan, float32; the first row and the first column are those read first."""
+    """Electrons trailed into the overscan, float32; the first row and the first column are read first."""
 
     parallel: tuple[np.ndarray, np.ndarray]  # lower and upper half: (parallel_overscan, nx of the window)
     # {channel: (rows of the window in the channel + parallel_overscan, overscan)}; none if rows were not transferred
     serial: dict[int, np.ndarray] = field(default_factory=dict)
 
     def lay(self, image, readout):
-        """Put the charge into `image`, a frame of `readout` (detector.channels.ReadoutFrame)."""
+        """Write the charge into the overscan of `image`, a frame of `readout` (detector.channels.ReadoutFrame)."""
         for block in readout.blocks:
             image[block.parallel_overscan] = self.parallel[block.half][:, block.image[1]][block.as_read[0]]
             if block.channel in self.serial:
@@ -30,9 +30,10 @@ class Trails:
 
 
 def transfer(image, detector, window, rng, *, density, serial):
-    """Move the charge of a window's image, in place; return (Trails, header entries).
+    """Transfer the charge of a window's image [e-], in place; return (Trails, header entries).
 
-    rng: rng.Streams of the traps; density: of traps over that of cti.yaml; serial: along the registers, too.
+    rng: rng.Streams of the traps; density: factor on the trap densities of cti.yaml; serial: transfer along the
+    registers too.
     """
     halves, trapped = _along_columns(image, detector, window, density, rng)
     header, channels = {"cti_trapped": trapped}, {}
@@ -43,7 +44,7 @@ def transfer(image, detector, window, rng, *, density, serial):
 
 def _along_columns(image, detector, window, scale, rng):
     """Transfer both halves to their registers; return (Trails.parallel, electrons left in traps)."""
-    from csstsim.detector.charge_transfer import cti  # numba: half a second that checking a campaign need not pay
+    from csstsim.detector.charge_transfer import cti  # loads numba (0.5 s), which checking a campaign does not need
 
     traps, n_rows = detector.traps, detector.channel_ny
     trailed, trapped = [], 0

@@ -1,14 +1,13 @@
-"""Traps of a column of pixels: how many, where, and from which charge on they act (paper, section 5.5.4).
+"""Traps of a column of pixels: number, row and level, the charge above which they act (paper, section 5.5.4).
 
 A packet of N electrons fills the share V = [max(N - notch, 0) / full_well]^beta of its pixel. The number of traps of a
-species in a pixel is Poisson with mean rho; each has a watermark u, uniform in 0..1, and feels the packet if u < V,
-that is if N reaches its level, floor(notch + full_well u^(1 / beta)) + 1 electrons.
+species in a pixel is Poisson with mean rho. Each has a watermark u, uniform in 0..1, and interacts with the packet if
+u < V, that is if N reaches its level, floor(notch + full_well u^(1 / beta)) + 1 electrons.
 
-The same traps are drawn here as one Poisson process in (row, watermark): numbers in strata of the watermark, then a
-row and a watermark for each. Strata above the fullest packet of an image are never drawn, and of the others only traps
-that a packet of their row, or of one behind it, reaches get a level: so it is cheap to draw a chip's traps again for
-each exposure. All follows from one key for each column: nothing is kept on disk, and a window sees the traps of the
-whole chip.
+The traps are drawn as one Poisson process in (row, watermark): their number in each stratum of the watermark, then a
+row and a watermark for each. Strata above the fullest packet of a column are not drawn, and a trap gets a level only if
+a packet of its row, or of a row behind it, reaches it. So it is cheap to draw the traps again for each exposure. They
+depend only on the column's key: nothing is stored on disk, and a window has the traps of the whole chip.
 """
 
 import numba
@@ -16,7 +15,7 @@ import numpy as np
 
 from csstsim.base.counter import low, poisson, word
 
-EDGES = np.array([0.0, *2.0 ** np.arange(-6.0, 1.0)])  # of the strata; part of what a key means
+EDGES = np.array([0.0, *2.0 ** np.arange(-6.0, 1.0)])  # of the strata; other edges give other traps for the same key
 _STRATUM = np.uint64(32)  # bits for the number of a trap in its stratum
 _ONE = np.uint64(1)
 
@@ -27,9 +26,9 @@ def volume(electrons, beta, full_well, notch):
 
 
 def buffers(density, n_rows):
-    """Return arrays (level, tau, word, next_) that hold the traps of any column, beyond doubt.
+    """Return arrays (level, tau, word, next_), each (size,), large enough for the traps of any column.
 
-    Their number is Poisson; 12 standard deviations above the mean are left free.
+    The number of traps is Poisson; size is 12 standard deviations above its mean.
     """
     mean = float(np.sum(density)) * n_rows
     size = int(mean + 12 * np.sqrt(mean) + 64)
@@ -38,12 +37,12 @@ def buffers(density, n_rows):
 
 @numba.njit(cache=True)
 def draw_traps(key, density, timescale, well, fullest, head, level, tau, words, next_):
-    """Draw the traps of a column that packets may feel; return their number.
+    """Draw the traps of a column that packets can reach; return their number.
 
     key: uint64 of the column; density, timescale: of each species [traps/pixel, transfers]; well: (beta, full_well,
-    notch); fullest (n_rows,): the share of a pixel that the fullest packet of a row and of those behind it fills,
-    falling. Written to: head (n_rows,) int32, the first trap of each row, and next_, the one after it, -1 at the end;
-    level [electrons], tau [transfers], words (uint64, the trap's own random bits).
+    notch); fullest: (n_rows,), the share of a pixel filled by the fullest packet of a row and of those behind it, which
+    does not increase. Outputs: head (n_rows,) int32, the first trap of each row; next_, the trap after it, -1 at the
+    end; level [electrons]; tau [transfers]; words (uint64), random bits of the trap.
     """
     beta, full_well, notch = well
     n_rows = np.uint64(len(head))

@@ -1,1 +1,1 @@
-"""Where light of a direction falls: projection, distortion, header coordinates."""
+"""Where light from a direction falls: projection, distortion, header coordinates."""

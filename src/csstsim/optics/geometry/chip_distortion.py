@@ -1,7 +1,7 @@
 """The distortion of one chip, point by point: compiled loops over the splines of optics.geometry.spline.
 
-A model is the tuple (rotation, origin, box, coefficients, chip box, chip coefficients): the chip's place in the mosaic
-(optics.geometry.wcs.chip_plane), the global spline on mosaic positions, and the residual spline on the chip's
+A model is the tuple (rotation, origin, box, coefficients, chip box, chip coefficients): the chip's position in the
+mosaic (optics.geometry.wcs.chip_plane), the global spline on mosaic positions, and the residual spline on the chip's
 ideal pixels.
 """
 
@@ -10,7 +10,7 @@ from numba import njit
 
 from csstsim.optics.geometry.spline import ORDER, value
 
-_CLOSE_PX = 1e-10  # of the inverse
+_CLOSE_PX = 1e-10  # tolerance of the inverse
 _STEPS = 30
 
 
@@ -22,7 +22,7 @@ def _land(x, y, model, work):
     u, v = x - origin[0], y - origin[1]
     f, g, fx, fy, gx, gy = value(box, coefficients, c * u - s * v, s * u + c * v, work)
     p, q, px, py, qx, qy = value(chip_box, chip_coefficients, x, y, work)
-    # A vector of the mosaic is R^T times itself on the chip, a matrix R^T M R.
+    # Mosaic to chip axes: a vector v becomes R^T v, a matrix M becomes R^T M R.
     fu, fv, gu, gv = fx * c + fy * s, fy * c - fx * s, gx * c + gy * s, gy * c - gx * s
     return (
         x + c * f + s * g + p, y + c * g - s * f + q,
@@ -53,7 +53,7 @@ def inverse(x, y, model):
             det = there[2] * there[5] - there[3] * there[4]
             a += (there[5] * dx - there[3] * dy) / det
             b += (there[2] * dy - there[4] * dx) / det
-            # A step changes a + dx by the rounding of a far pixel, hence the second term.
+            # The second term is the rounding error of positions far from the chip.
             if abs(dx) + abs(dy) < _CLOSE_PX + 1e-14 * (abs(x[n]) + abs(y[n])):
                 out[n, 0], out[n, 1] = a, b
                 break

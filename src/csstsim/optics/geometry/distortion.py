@@ -1,16 +1,16 @@
-"""Field distortion: where in the mosaic light really falls (paper, section 5.2, equations 5 and 6).
+"""Field distortion: the pixel on which light actually falls (paper, section 5.2, equations 5 and 6).
 
     x = f_x(x0, y0) + f_dx(x0, y0),   y = f_y(x0, y0) + f_dy(x0, y0)
 
-from the ideal pixel (x0, y0) of the linear WCS to the pixel (x, y) of the light: one two-dimensional spline of order 4
-over the whole focal plane for what the optics do, and one on each CCD for what is left, which jumps from CCD to CCD
-because they are not perfectly aligned. Splines are of displacements (x - x0, y - y0); the global one in mosaic axes,
-about the boresight. builders/build_distortion.py fits both to samples (u, v, x, y), as PSF data sets hold them.
+maps the ideal pixel (x0, y0) of the linear WCS to the pixel (x, y) of the light. One two-dimensional spline of order 4
+over the whole focal plane describes the optics. One spline per CCD describes the residual, which jumps between CCDs
+because they are not perfectly aligned. Splines give displacements (x - x0, y - y0), the global one in mosaic axes
+about the boresight. builders/build_distortion.py fits both to samples (u, v, x, y), which PSF data sets contain.
 
-Equation 4's rows are exchanged in print; x0, y0 follow from u, v by the inverse of CD. Shapes: a source changes by the
-whole matrix d(x, y)/d(x0, y0), composed with lensing (equation 7, in linear order and with its sign turned).
+The rows of equation 4 are exchanged in print; x0, y0 follow from u, v by the inverse of CD. Shapes of sources change by
+the full matrix d(x, y)/d(x0, y0), composed with lensing (equation 7, in linear order and with the opposite sign).
 
-The fit holds 2600 px beyond each chip; further out the displacement is that of the nearest point within, so the
+The fit is valid to 2600 px beyond each chip; further out the displacement is that of the nearest point inside, so the
 map stays continuous and one-to-one. Left out: colour, and change with time.
 """
 
@@ -22,15 +22,15 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.optics.geometry.wcs import chip_plane
 
-_CALL, _ENOUGH = 200, 200_000  # points that a call costs by itself, and that cost as much as the start of numba (0.5 s)
-_asked = 0  # points so far
+_CALL, _ENOUGH = 200, 200_000  # cost in points: of a call without points; of starting numba (0.5 s)
+_asked = 0  # cost so far
 
 
 @dataclass(frozen=True, eq=False)
 class ChipDistortion:
     """The distortion of one chip; positions are its 0-based pixels, of any shape."""
 
-    model: tuple  # as optics.geometry.chip_distortion takes it
+    model: tuple  # see optics.geometry.chip_distortion
 
     def forward(self, x0, y0):
         """Return the pixel x, y on which the light of ideal pixel x0, y0 falls."""
@@ -44,7 +44,7 @@ class ChipDistortion:
         return ideal[..., 0], ideal[..., 1]
 
     def jacobian(self, x0, y0):
-        """Return d(x, y)/d(x0, y0), (..., 2, 2), at ideal pixels: the splines' own derivative."""
+        """Return d(x, y)/d(x0, y0), (..., 2, 2), at ideal pixels: the exact derivative of the splines."""
         landed = self._land(x0, y0)
         return landed[..., 2:].reshape(*landed.shape[:-1], 2, 2)
 
@@ -54,7 +54,7 @@ class ChipDistortion:
 
 
 def _splines(points):
-    """Return the module that evaluates the splines at `points` points: compiled, once enough have been asked for."""
+    """Return the module that evaluates the splines at `points` points: the compiled one after many evaluations."""
     global _asked
     _asked += _CALL + points
     if _asked > _ENOUGH:
@@ -70,10 +70,10 @@ class FieldDistortion:
 
     whole: tuple
     chips: dict[int, tuple]
-    layout: dict[int, tuple]  # what each chip's place was when fitted
+    layout: dict[int, tuple]  # `chip_layout` of each chip at the time of the fit
 
     def on(self, chip):
-        """Return the `ChipDistortion` of a chip. Raises InputError if the model was not fitted to it as it is."""
+        """Return the `ChipDistortion` of a chip. Raises InputError if the model was fitted to another chip layout."""
         if self.layout.get(chip.id) != chip_layout(chip):
             raise InputError(
                 "the field distortion was fitted to another layout of the chips",
@@ -83,12 +83,12 @@ class FieldDistortion:
 
 
 def chip_layout(chip):
-    """Return what of a chip's nominal geometry the model depends on: nx, ny, xc, yc, rotation."""
+    """Return the nominal geometry of a chip that the model depends on: nx, ny, xc, yc, rotation."""
     return tuple(map(float, (chip.detector.nx, chip.detector.ny, chip.xc, chip.yc, chip.rotation)))
 
 
 def load_distortion(path):
-    """Read a FieldDistortion. Raises InputError for a file that is missing or is not one."""
+    """Read a FieldDistortion. Raises InputError for a file that is missing or not a field distortion."""
     try:
         with fitsio.FITS(path) as file:
             tables = {name: file[name].read() for name in ("GLOBAL", "CHIPS")}
@@ -102,7 +102,7 @@ def load_distortion(path):
         raise InputError(f"cannot read the field distortion: {reason}", file=path) from None
     for name, (box, coefficients) in zip(("global", *numbers), (*whole, *chips), strict=True):
         if box.shape != (4,) or coefficients.ndim != 3 or min(coefficients.shape[:2]) < 5 or coefficients.shape[2] != 2:
-            raise InputError("not the shape of a spline", file=path, key=name, value=(box.shape, coefficients.shape))
+            raise InputError("wrong shape for a spline", file=path, key=name, value=(box.shape, coefficients.shape))
         if not (np.isfinite(box).all() and np.isfinite(coefficients).all()):
             raise InputError("holds a value that is not finite", file=path, key=name)
         if not (box[1] > box[0] and box[3] > box[2]):

@@ -1,15 +1,15 @@
-"""A chip's distortion without compiled code: what optics.geometry.chip_distortion does, to the same bits.
+"""A chip's distortion without compiled code, bit for bit the same as optics.geometry.chip_distortion.
 
-numpy works on all points at once, each sum in the order of the compiled loops. Slower for many calls, but a process
-that asks once for a window or a chip's objects is spared the 0.8 s in which numba starts. Arguments, models and results
+numpy evaluates all points at once, each sum in the order of the compiled loops. It is slower for many calls, but saves
+0.8 s of numba's start in a process that evaluates only one window or one chip's objects. Arguments, models and results
 are those of that module.
 """
 
 import numpy as np
 
 _ORDER = 4  # of the splines: optics.geometry.spline, which compiles
-_CLOSE_PX, _STEPS = 1e-10, 30  # of the inverse
-_SOME = 2000  # points at a time: their sums stay in cache
+_CLOSE_PX, _STEPS = 1e-10, 30  # tolerance and steps of the inverse
+_SOME = 2000  # points at a time, so that their sums stay in cache
 
 
 def forward(x, y, model):
@@ -55,7 +55,7 @@ def inverse(x, y, model):
 
 
 def _value(box, coefficients, x, y):
-    """Return (f, g, f_x, f_y, g_x, g_y), (n,) each: a spline's two functions and their derivatives. NaN gives NaN."""
+    """Return (f, g, f_x, f_y, g_x, g_y), each (n,): a spline's two functions and their derivatives. NaN gives NaN."""
     known = np.isfinite(x) & np.isfinite(y)
     i, bx, sx, per_x = _axis(np.where(known, x, box[0]), box[0], box[1], coefficients.shape[1] - _ORDER)
     j, by, sy, per_y = _axis(np.where(known, y, box[2]), box[2], box[3], coefficients.shape[0] - _ORDER)
@@ -76,7 +76,7 @@ def _value(box, coefficients, x, y):
 
 
 def _axis(x, low, high, cells):
-    """Return (first coefficient, basis (ORDER + 1, n), its slope, d(cell coordinate)/dx: 0 beyond the box)."""
+    """Return (first coefficient, basis (ORDER + 1, n), its slope, d(cell coordinate)/dx, 0 beyond the box)."""
     per_px = cells / (high - low)
     place = (np.minimum(np.maximum(x, low), high) - low) * per_px
     cell = np.minimum(place.astype(int), cells - 1)
@@ -84,7 +84,7 @@ def _axis(x, low, high, cells):
 
 
 def _basis(t):
-    """Return the ORDER + 1 B-splines alive at `t` (0..1 within the cell) and their d/dt (de Boor)."""
+    """Return the ORDER + 1 B-splines that are not zero at `t` (0..1 within the cell) and their d/dt (de Boor)."""
     b = [np.ones_like(t)]
     for d in range(1, _ORDER + 1):
         if d == _ORDER:

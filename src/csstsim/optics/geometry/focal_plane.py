@@ -1,18 +1,19 @@
-"""The optical design's idea of the focal plane: where light of a direction falls on a chip as it really lies.
+"""Optical model of the focal plane: where light from a direction falls on a chip at its actual position.
 
-Stands for the ray tracing of the paper (section 5.2) and gives the samples to which the distortion model is fitted
-(optics.geometry.distortion); a simulation itself uses the fitted model. With q = (X, Y) / radius on the mosaic, the
-light of ideal position (X, Y) comes down at
+It replaces the ray tracing of the paper (section 5.2) and gives the samples to which the distortion model is fitted
+(optics.geometry.distortion); simulations use the fitted model. With q = (X, Y) / radius on the mosaic, the light of
+ideal position (X, Y) arrives at
 
     (X, Y) + cubic q^2 q + quintic q^4 q + decentring + astigmatic,
     decentring = (p1 (q^2 + 2 qx^2) + 2 p2 qx qy,  p2 (q^2 + 2 qy^2) + 2 p1 qx qy),
     astigmatic = q^2 [[a, b], [b, -a]] q,
 
-and a CCD whose surface stands at height z above the plane catches it at Q (1 - z / L), Q being that place and L the
-distance of the exit pupil; then the CCD's own shift and turn are taken off. Numbers: config/instrument/distortion.yaml.
+on the focal plane. Call this point Q. A CCD surface at height z above the plane meets that light at Q (1 - z / L), L
+the distance of the exit pupil; the CCD's shift and rotation are then removed. Numbers:
+config/instrument/distortion.yaml.
 
-"Where light falls" is the windowed centroid on which the PSF is centred (optics.psf.psf_set). Left out: colour (filters
-and their wedges move light by what the fit would take up chip by chip), the CCDs' bow, foreshortening (1e-8).
+The position of light is the windowed centroid on which the PSF is centred (optics.psf.psf_set). Left out: colour (the
+shift by filters and their wedges would be absorbed by the fit of each chip), the CCDs' bow, foreshortening (1e-8).
 """
 
 from dataclasses import dataclass
@@ -24,12 +25,12 @@ from csstsim.base.sphere import rotation
 from csstsim.instrument.load import read_data
 from csstsim.optics.geometry.wcs import chip_plane, mosaic_cd
 
-_STEPS = 12  # of the inverse; each gains a factor of 50
+_STEPS = 12  # of the inverse; each reduces the error by a factor of 50
 
 
 @dataclass(frozen=True)
 class Placement:
-    """How a CCD lies: shift [px, mosaic axes], turn [rad], height [um], slopes of the height along the chip's x, y."""
+    """Position of a CCD: shift [px, mosaic axes], turn [rad], height [um], slopes of the height along chip x, y."""
 
     shift_x: float = 0.0
     shift_y: float = 0.0
@@ -98,8 +99,8 @@ def load_focal_plane(path):
 def samples(plane, chip, nodes=30):
     """Return (nodes^2, 4) of u, v [deg], x, y [px] on a regular lattice of the chip's pixels, edge to edge.
 
-    u, v are intermediate world coordinates (east, north of the boresight) at position angle 0: the ideal place of what
-    falls on x, y. This is what a PSF data set holds for each node (paper, section 5.2).
+    u, v are intermediate world coordinates (east, north of the boresight) at position angle 0 of the light that falls
+    on x, y. A PSF data set has these numbers for each node (paper, section 5.2).
     """
     edge_x, edge_y = (np.linspace(-0.5, n - 0.5, nodes) for n in (chip.detector.nx, chip.detector.ny))
     x, y = (a.ravel() for a in np.meshgrid(edge_x, edge_y))

@@ -14,8 +14,8 @@ from csstsim.optics.geometry.wcs import ChipWCS, gnomonic
 def pointing_for(pointing, chip, target, pixel, distortion=None):
     """Return the Pointing with ra, dec changed so that an apparent direction falls on a 0-based pixel of a chip.
 
-    target: (ra, dec) [deg]; pixel: (x, y); position angle and time stay. In the triangle of pole, boresight and target
-    the distance d from boresight to target, its position angle and the target's declination are known:
+    target: (ra, dec) [deg]; pixel: (x, y). Position angle and time are kept. In the triangle of pole, boresight and
+    target, the distance d from boresight to target, its position angle phi and the target's declination are known:
 
         sin dec_t = sin dec_b cos d + cos dec_b sin d cos phi.
 

@@ -2,10 +2,9 @@
 
     (xi, eta) = CD (u + A(u, v), v + B(u, v)),   (u, v) = pixel - CRPIX
 
-A and B hold the terms of degree 2 to `order`. The reference point is the middle of the chip, not the boresight: about a
-point 30,000 px away polynomials of one chip lose digits. So CRVAL is the sky at that pixel and CD the derivative
-there; A and B take up both the distortion and the passage from one tangent plane to the other. AP and BP are the way
-back.
+A and B hold the terms of degree 2 to `order`. The reference point is the centre of the chip, not the boresight, because
+polynomials about a point up to 30,000 px away lose digits. So CRVAL is the sky position of that pixel and CD the
+derivative there; A and B contain both the distortion and the change of tangent plane. AP and BP are the inverse.
 """
 
 import numpy as np
@@ -25,7 +24,7 @@ def sip_header(wcs, order=ORDER):
     detector = wcs.chip.detector
     middle = np.array([(detector.nx - 1) / 2, (detector.ny - 1) / 2])
     crval = tuple(map(float, wcs.pixel_to_world(*middle)))
-    # East at crval is the tangent plane's xi, so the plane's derivative at the middle is the sky's.
+    # East at crval is the direction of xi, so the derivative on the tangent plane there is that on the sky.
     cd = np.linalg.inv(wcs.jacobian(*crval)) / ARCSEC_PER_DEG
     edge_x, edge_y = (np.linspace(-0.5, n - 0.5, _NODES) for n in (detector.nx, detector.ny))
     x, y = (a.ravel() for a in np.meshgrid(edge_x, edge_y))
@@ -50,6 +49,6 @@ def _polynomials(points, wanted, order):
     scale = np.abs(points).max()
     x, y = points / scale
     terms = np.stack([x**i * y**j for i, j in powers])
-    # Normal equations of sums in a fixed order: a header's digits do not hang on the number of threads.
+    # Normal equations with sums in a fixed order: the header's digits do not depend on the number of threads.
     solution = np.linalg.solve(np.einsum("in,jn->ij", terms, terms), np.einsum("in,kn->ik", terms, wanted))
     return {(i, j): row / scale ** (i + j) for (i, j), row in zip(powers, solution, strict=True)}

@@ -1,10 +1,10 @@
-"""Two-dimensional splines on a regular lattice of cells: the functions that the distortion model is made of.
+"""Two-dimensional splines on a regular lattice of cells: the functions of the distortion model.
 
 On a box cut into equal cells, a spline of order n = 4 is a polynomial of degree 4 in x times one of degree 4 in y
 in each cell, three times continuously differentiable across cells. Its B-spline coefficients have shape
 (cells_y + 4, cells_x + 4, 2): two functions, the displacements along x and y, share the lattice.
 
-Beyond the box the value is that of the nearest point of the box: no extrapolated polynomial runs away.
+Beyond the box the value is that of the nearest point of the box; polynomials are not extrapolated.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ ORDER = 4
 
 @njit(cache=True)
 def _basis(t, b, slope):
-    """Fill `b` with the ORDER + 1 B-splines alive at `t` (0..1 within the cell), `slope` with d/dt (de Boor)."""
+    """Fill `b` with the ORDER + 1 B-splines not zero at `t` (0..1 within the cell), `slope` with d/dt (de Boor)."""
     b[0] = 1.0
     for d in range(1, ORDER + 1):
         if d == ORDER:
@@ -45,7 +45,7 @@ def _axis(x, low, high, cells, b, slope):
 def value(box, coefficients, x, y, work):
     """Return (f, g, f_x, f_y, g_x, g_y): the two functions at a point and their derivatives.
 
-    box: (x0, x1, y0, y1); coefficients: as the module says; work: (4, ORDER + 1) scratch. NaN gives NaN.
+    box: (x0, x1, y0, y1); coefficients: see the module; work: (4, ORDER + 1) scratch array. NaN gives NaN.
     """
     if not (np.isfinite(x) and np.isfinite(y)):
         return np.nan, np.nan, np.nan, np.nan, np.nan, np.nan

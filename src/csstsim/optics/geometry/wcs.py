@@ -7,15 +7,15 @@ headers of the Survey Camera, which they reproduce:
     CD = s [[cos pa, sin pa], [-sin pa, cos pa]],   CRPIX = (nx/2 - xc, ny/2 - yc),   s = 0.074 arcsec
 
 `pa` is the position angle of mosaic +y, north through east; the determinant is positive. The published CRPIX are
-taken as they stand, as FITS 1-based numbers: (xc, yc) of chips.yaml is then the mosaic position of FITS pixel
-(nx/2, ny/2), that is 0-based (nx/2 - 1, ny/2 - 1), half a pixel short of the geometric centre. A grating chip
-turns about its geometric centre, whose sky position does not change.
+read as FITS 1-based numbers, so (xc, yc) of chips.yaml is the mosaic position of FITS pixel (nx/2, ny/2), that is
+0-based (nx/2 - 1, ny/2 - 1), half a pixel below the geometric centre. A grating chip is turned about its geometric
+centre, whose sky position does not change.
 
-With a distortion (optics.geometry.distortion) the pixels are those on which light really falls; `header()` stays the
-linear projection, as in the paper's Level-0 files (optics.geometry.sip writes one with the distortion in it).
+With a distortion (optics.geometry.distortion) the pixels are those on which light actually falls. `header()` is always
+the linear projection, as in the paper's Level-0 files; headers of optics.geometry.sip include the distortion.
 
-Everything here is 0-based but the two `crpix` and `header()`. The sky is the apparent one of the exposure (aberration
-and light deflection in it: catalog.astrometry.reduction), on axes parallel to the ICRS.
+Pixels are 0-based except in `crpix`, `nominal_crpix` and `header()`. Sky positions are apparent ones of the exposure,
+including aberration and light deflection (catalog.astrometry.reduction), on axes parallel to the ICRS.
 """
 
 import math
@@ -27,7 +27,7 @@ from csstsim.base.units import ARCSEC_PER_RAD
 
 
 class ChipWCS:
-    """The projection of `chip` at `pointing`, vectorised, defined at the poles.
+    """The projection of `chip` at `pointing`, vectorised and valid at the poles.
 
     distortion: an optics.geometry.distortion.FieldDistortion, or None for the ideal, linear pixels.
     """
@@ -55,7 +55,7 @@ class ChipWCS:
         return x, y
 
     def pixel_to_world(self, x, y):
-        """Return ra (0 <= ra < 360), dec [deg] of 0-based pixels x, y, in their shape."""
+        """Return ra (0 <= ra < 360), dec [deg] of 0-based pixels x, y, with the same shape."""
         if self.distortion:
             x, y = self.distortion.inverse(x, y)
         u = np.asarray(x, dtype=float) - (self.crpix[0] - 1)
@@ -71,9 +71,9 @@ class ChipWCS:
     def jacobian(self, ra, dec, seen=None):
         """Return d(x, y)/d(east, north) at ra, dec [deg], (..., 2, 2) in pixel per arcsec of true angle.
 
-        Axis -2 is x, y; axis -1 is the local tangent at the object: +RA (east), then north. At a pole, east
-        is taken as for the given ra. The distortion is that of the place (ra, dec) where the light is `seen`, if
-        that is not where the axes are: 26" of aberration are 3e-4 of shear at the edge of the field.
+        Axis -2 is x, y; axis -1 is the local tangent at the object: +RA (east), then north. At a pole, the given ra
+        defines east. seen: the (ra, dec) [deg] at which the distortion is evaluated, by default ra, dec; the 26" of
+        aberration change the shear by 3e-4 at the edge of the field.
         """
         east, north, depth, (sin_d, cos_d, sin_a, cos_a) = _frame(self.crval, ra, dec)
         sin0, cos0 = _sin_cos(self.crval[1])
@@ -111,7 +111,7 @@ class ChipWCS:
         }
 
     def footprint(self, window=None, margin_px=0):
-        """Return ra (4,), dec (4,) [deg] of the corners of `window` (default: the chip), pixel edges plus a margin.
+        """Return ra (4,), dec (4,) [deg] of the corners of `window` (default: the chip), at pixel edges plus a margin.
 
         Order: (x0, y0), (x1, y0), (x1, y1), (x0, y1).
         """
@@ -135,7 +135,7 @@ def nominal_crpix(chip):
 def chip_plane(chip):
     """Return (rotation (2, 2), origin (2,)): mosaic position [px] = rotation @ (0-based chip pixel - origin).
 
-    The nominal place of the chip, turned about its centre; the mosaic's origin is the boresight.
+    This is the nominal position of the chip, turned about its centre; the mosaic's origin is the boresight.
     """
     turn = rotation(math.radians(chip.rotation))
     nominal = nominal_crpix(chip) - 1
@@ -144,17 +144,17 @@ def chip_plane(chip):
 
 
 def gnomonic(crval, ra, dec):
-    """Return xi, eta [rad], in the shape of ra, dec [deg], on the plane tangent at `crval`; NaN from its horizon on."""
+    """Return xi, eta [rad], of the shape of ra, dec [deg], on the tangent plane at `crval`; NaN from 90 deg on."""
     east, north, depth, _ = _frame(crval, ra, dec)
     safe = np.where(depth > 0, depth, np.nan)
     return east / safe, north / safe
 
 
 def _frame(crval, ra, dec):
-    """Unit vector of ra, dec along the boresight's east, north and depth, and its own sines and cosines."""
+    """Return the unit vector of ra, dec along the boresight's east, north and depth, and its sines and cosines."""
     sin_d, cos_d = _sin_cos(dec)
     sin0, cos0 = _sin_cos(crval[1])
-    # Taken into +-180 before the sine: at ra 359.99 against 0.01 a digit would go otherwise.
+    # Wrap into +-180 deg before the sine, which would otherwise lose a digit for ra 359.99 against 0.01.
     step = np.remainder(np.asarray(ra, dtype=float) - crval[0] + 180.0, 360.0) - 180.0
     sin_a, cos_a = _sin_cos(step)
     east = cos_d * sin_a

@@ -1,1 +1,1 @@
-"""Where a grating sends light of each order."""
+"""Where gratings send the light of each order."""

@@ -4,11 +4,11 @@ Light of wavelength lambda that would fall on x, y without the grating lands in 
 
     x + p + q lambda,   y + r + s lambda         [px]
 
-with p, q, r, s of x, y (instrument.grating.Order.lines). Spectra are means over bins of `edges`, at most a quarter of a
-pixel of the first order wide; an order's electrons in a bin are the mean density times `rates`, which holds the
-throughput's exact integral. The PSF at lambda is the mixture of the two nearest of the four wavelengths of the PSF set,
-linear in lambda; beyond the outer ones it is theirs. Objects too faint for a line's place to be seen to a pixel make do
-with the bins of `Disperser.coarse`.
+with p, q, r, s functions of x, y (instrument.grating.Order.lines). Spectra are means over bins (`edges`), at most a
+quarter of a first-order pixel wide. An order's electrons in a bin are the mean density times `rates`, the exact
+integral of the throughput. The PSF at lambda is a mixture, linear in lambda, of the two nearest of the PSF set's four
+wavelengths; outside their range it is that of the nearest one. `Disperser.coarse` has bins of a pixel, for objects so
+faint that the position of a line within a pixel is not visible.
 """
 
 from functools import cached_property
@@ -17,12 +17,12 @@ import numpy as np
 
 from csstsim.instrument.filter import GRID
 
-_BINS_PER_PX = 4, 1  # at least, of a pixel of the first order; in `coarse`
+_BINS_PER_PX = 4, 1  # smallest number of bins per pixel of the first order: in general, in `coarse`
 _STEP = GRID[1] - GRID[0]
 
 
 class Disperser:
-    """What the two gratings of a chip do to light; `pieces` are 0, left, and 1, right."""
+    """Dispersion and throughput of the two gratings of a chip; piece 0 is the left one, piece 1 the right one."""
 
     def __init__(self, gratings, filter, telescope, bins_per_px=_BINS_PER_PX[0]):
         self._made_of, self._bins_per_px = (gratings, filter, telescope), bins_per_px
@@ -34,7 +34,7 @@ class Disperser:
 
     @cached_property
     def coarse(self):
-        """The same with few bins, for faint objects."""
+        """A Disperser of the same gratings with fewer bins, for faint objects."""
         return Disperser(*self._made_of, _BINS_PER_PX[1])
 
     @cached_property
@@ -52,14 +52,14 @@ class Disperser:
 
     @cached_property
     def length(self):
-        """How many pixels the first order of a spectrum is long."""
+        """Length of the first order of a spectrum [px]."""
         middles = 0.5 * (self.rectangles[:, ::2] + self.rectangles[:, 1::2])
         pairs = zip(self._pieces, middles, strict=True)
         return max(abs(g.orders[1].lines(*at)[1]) * np.ptp(g.orders[1].range) for g, at in pairs)
 
     @cached_property
     def rates(self):
-        """(2, orders, bins): electron / s of a mean density of 1 photon / s / m2 / angstrom in the bin."""
+        """(2, orders, bins): electron / s for a mean density of 1 photon / s / m2 / angstrom in the bin."""
         at = np.searchsorted(GRID, self.edges)
         out = np.zeros((2, len(self.orders), len(self.edges) - 1))
         for i, piece in enumerate(self._pieces):
@@ -78,7 +78,7 @@ class Disperser:
 
     @cached_property
     def psf_weights(self):
-        """(4, bins): weights of the PSF set's wavelengths, the same as a matrix."""
+        """(4, bins): `psf_mixture` as a matrix, the weight of each wavelength of the PSF set."""
         out, (lower, upper) = np.zeros((4, len(self.edges) - 1)), self.psf_mixture
         bins = np.arange(len(lower))
         out[lower, bins], out[lower + 1, bins] = 1 - upper, upper
@@ -95,9 +95,9 @@ class Disperser:
         return out
 
     def visits(self, x, y, reach):
-        """Return (object, piece, cut): the pieces that light within `reach` (n,) px of x, y meets.
+        """Return (v, 3) int64, rows of object, piece, cut: the pieces that light within `reach` (n,) px of x, y meets.
 
-        `cut`: part of that square lies beyond the piece, so what would land there must be left out.
+        `cut` is 1 if part of that square lies outside the piece; light there must be left out.
         """
         found = []
         for piece, (x0, x1, y0, y1) in enumerate(self.rectangles):
@@ -114,7 +114,7 @@ class Disperser:
         return (x - reach < x0) | (x + reach > x1) | (y - reach < y0) | (y + reach > y1)
 
     def boxes(self, visits, x, y):
-        """Return (visits, orders, 4): x0, x1, y0, y1 [px] of where a point's light lands; NaN: no such order."""
+        """Return (visits, orders, 4): x0, x1, y0, y1 [px] where a point's light lands; NaN: no such order."""
         out = np.full((len(visits), len(self.orders), 4), np.nan)
         for piece, grating in enumerate(self._pieces):
             mine = np.flatnonzero(visits[:, 1] == piece)

@@ -1,12 +1,12 @@
-"""Fits traces to sampled trajectories: equations 1 to 4 of the paper, as aXe's coefficients.
+"""Fit traces to sampled trajectories: equations 1 to 4 of the paper, as aXe coefficients.
 
 For each order, by linear least squares over all positions and wavelengths,
 
     y = a0 + a1 x,   lambda = alpha0 + alpha1 L,   L = x sqrt(1 + a1^2)
 
-with x, y from the direct image at m, n, and each coefficient quadratic in m, n. Where the light of an order lands in
-nearly one place (the zeroth), lambda of L is degenerate: there the fit is x = l0(m, n) + l1 lambda with one l1, no less
-than a thousandth of a pixel over the band, and the trace has no slope.
+with x, y relative to the direct image at m, n, and each coefficient quadratic in m, n. For an order that is almost a
+point (the zeroth), lambda(L) is degenerate. The fit is then x = l0(m, n) + l1 lambda with a single l1, at least a
+thousandth of a pixel over the band, and the trace has no slope.
 """
 
 import csv
@@ -22,16 +22,16 @@ from csstsim.instrument.axe import BEAMS, axe_text, field_terms, read_axe, sensi
 
 _SHORT = 5.0  # px, of an order's length, below which it is an image rather than a spectrum
 _LEAST = 1e-3  # px over the band
-_MOST = 1e6  # px or angstrom that a sample may have
+_MOST = 1e6  # px or angstrom: larger values in a sample are errors
 PAPER = 0.2  # px, worst residual of the working orders (paper, section 4.2)
 COLUMNS = ("order", "m", "n", "wavelength", "x", "y")
 
 
 def fit_traces(samples):
-    """Return {order: coefficients as instrument.axe has them, with "extent"} of samples {order: (k, 5)}.
+    """Return {order: coefficients as in instrument.axe, with "extent"} fitted to samples {order: (k, 5)}.
 
-    Rows of samples: m, n [0-based px], lambda [angstrom], x, y [px] where that light lands. Raises ValueError where the
-    positions do not determine a quadratic, or a spectrum has fewer than two wavelengths.
+    Rows of samples: m, n [0-based px], lambda [angstrom], x, y [px] where that light lands. Raises ValueError if the
+    positions do not determine a quadratic, or an order has fewer than two wavelengths.
     """
     return {order: _fit(np.asarray(rows, float), order) for order, rows in samples.items()}
 
@@ -72,14 +72,14 @@ def _fit(rows, order):
 
 
 def residuals(fitted, rows):
-    """Return (k,) px between where light lands by one order's coefficients and by its samples."""
+    """Return (k,) distances [px] between the fitted and the sampled positions of one order."""
     m, n, wave, x, y = np.asarray(rows, float).T
     dx, dy = _along(fitted, m, n, wave)
     return np.hypot(m + dx - x, n + dy - y)
 
 
 def _along(fitted, m, n, wave):
-    """Return dx, dy [px] from direct images at m, n of their light of wavelength `wave`."""
+    """Return dx, dy [px] of light of wavelength `wave` from its direct image at m, n."""
     a0, a1, alpha0, alpha1 = (field_terms(m, n) @ fitted[name] for name in ("a0", "a1", "alpha0", "alpha1"))
     dx = (wave - alpha0) / (alpha1 * np.sqrt(1.0 + a1 * a1))
     return dx, a0 + a1 * dx
@@ -95,7 +95,7 @@ def read_trajectories(path):
         raise InputError(f"cannot be read: {getattr(exc, 'strerror', None) or exc}", file=path) from None
     for name in COLUMNS:
         if names.count(name) != 1:
-            raise InputError("one such column is needed", file=path, key=name, value=names, allowed=", ".join(COLUMNS))
+            raise InputError("needs one such column", file=path, key=name, value=names, allowed=", ".join(COLUMNS))
     if not rows:
         raise InputError("no samples", file=path)
     out = {}
@@ -114,10 +114,10 @@ def read_trajectories(path):
 
 @one_thread
 def fit_file(samples, output, stem=None):
-    """Fit the trajectories of a CSV file, write a .conf; return {order: (k,) residuals [px] of the file written}.
+    """Fit the trajectories of a CSV file, write a .conf; return {order: (k,) residuals [px] of the written file}.
 
-    samples: as `read_trajectories` takes it; stem: of the sensitivities that the .conf names (axe.sensitivity_file),
-    `output`'s by default. Raises InputError.
+    samples: path for `read_trajectories`; stem: start of the names of the sensitivity files listed in the .conf
+    (axe.sensitivity_file), by default that of `output`. Raises InputError.
     """
     output, rows = Path(output), read_trajectories(samples)
     if output.suffix != ".conf":
@@ -141,7 +141,7 @@ def fit_file(samples, output, stem=None):
 
 
 def fit_report(worst):
-    """Return the lines that say how well traces fit; `worst` as `fit_file` returns it."""
+    """Return the lines of a report on the fit; `worst`: the residuals returned by `fit_file`."""
     lines = ["order  samples  rms [px]  worst [px]"]
     for order, px in worst.items():
         over = f"  above the {PAPER} px of the paper" if order in (0, 1) and px.max() > PAPER else ""

@@ -1,1 +1,1 @@
-"""The PSF of a chip: computed, kept, interpolated."""
+"""The PSF of a chip: computation, storage, interpolation."""

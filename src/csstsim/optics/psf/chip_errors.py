@@ -1,13 +1,13 @@
-"""Wavefront errors that belong to one chip: the place of its detector and the figure of its filter (section 5.1.1).
+"""Wavefront errors of one chip: the position of its detector and the figure of its filter (section 5.1.1).
 
-* Detector: a height h and two tilts about the camera's focal surface. A height of dz is a defocus of
-  dz / (8 N^2) of optical path at the edge of the pupil (N the focal ratio), hence of dz / (16 sqrt(3) N^2) in
-  Noll's Z4; it varies linearly over the chip.
-* Filter: every chip has a filter piece of its own. Near the focus a star's beam crosses a small part of it, so only
-  low orders remain, and other parts for other places: each coefficient is linear over the chip.
+* Detector: a height and two tilts relative to the camera's focal surface. A height dz is a defocus of dz / (8 N^2) of
+  optical path at the edge of the pupil (N the focal ratio), that is dz / (16 sqrt(3) N^2) in Noll's Z4. It varies
+  linearly over the chip.
+* Filter: each chip has its own filter. Near the focus a star's beam crosses a small part of it, so only low orders
+  matter. The part differs with position, so each coefficient is linear over the chip.
 
-All drawn once for the camera from the rms in psf.yaml, from streams of the chip's own name. Left out: wedge (an image
-shift), chromatic focus and ghosts of the filter, curvature of a chip.
+All are drawn once for the camera, with the rms in psf.yaml, from random streams named after the chip. Left out: wedge
+(an image shift), chromatic focus and ghosts of the filter, curvature of a chip.
 """
 
 import math
@@ -22,7 +22,7 @@ from csstsim.optics.psf.wavefront import filter_noll, number
 def chip_coefficients(wavefront, params, chip, x, y):
     """Return Zernike coefficients, nm, shape (..., J), at pixels x, y of a chip: the telescope's and the chip's own.
 
-    `wavefront` from `load_wavefront(params)`. Raises InputError for a missing or impossible number.
+    `wavefront` from `load_wavefront(params)`. Raises InputError for a missing or negative number.
     """
     x, y, detector = np.asarray(x, float), np.asarray(y, float), chip.detector
     place = np.stack([np.ones_like(x), (2 * x + 1) / detector.nx - 1, (2 * y + 1) / detector.ny - 1], axis=-1)
@@ -48,7 +48,7 @@ def chip_position(chip, x, y):
 
 
 def detector_defocus(params, chip):
-    """Return Z4 (nm) of a chip's height and two tilts: (3,), times 1, X, Y, which are +-1 at the chip's edges."""
+    """Return Z4 (nm) of a chip's height and two tilts: (3,) factors of 1, X, Y, which are +-1 at the chip's edges."""
     rms = np.array([number(params, "detector", key) for key in ("height", "tilt", "tilt")])
     height = rms * stream(0, "optics", "detector", chip.id).standard_normal(3)
     ratio = chip.telescope.focal_length_m / chip.telescope.diameter_m
@@ -56,9 +56,9 @@ def detector_defocus(params, chip):
 
 
 def filter_figure(params, chip):
-    """Return {Noll index: (3,) nm, times 1, X, Y} of the filter in front of a chip.
+    """Return {Noll index: (3,) nm, factors of 1, X, Y} of the filter in front of a chip.
 
-    The rms over the pupil, averaged over chips and over the chip's area, is the filter's in `params`.
+    `params` has the rms over the pupil, averaged over chips and over the chip's area.
     """
     rms = number(params, "filter_figure", "rms", chip.filter)
     noll = filter_noll(params)

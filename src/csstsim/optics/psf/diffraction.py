@@ -4,13 +4,13 @@ Pupil function on a grid -> FFT -> intensity -> FFT -> optical transfer function
 diffusion (Gaussian) and the cell (sinc), shifted, back to a lattice of cells. A result is a CELL INTEGRAL: the
 fraction of all the light of a star that falls in that cell, so an array sums to the light inside its box (< 1).
 
-* The intensity of a pupil of diameter D has no frequency above D/lambda. The transforms have at least twice the
-  samples across the pupil, so every step up to the cell integrals is exact for the sampled pupil; frequencies above
-  those of the lattice of cells are folded onto it, which is what taking samples means.
-* The pupil has at least 256 samples across, and as many as it takes for the period of the transform to be twice
-  the box. Edge samples carry the share of their square inside the disc; the envelope (sinc) which that gives the
-  far wings is divided out. A flux is good to 5e-5 of the star (tests: Airy's closed form).
-* Single precision, whose noise is 1e-10 of the star's light a cell.
+* The intensity of a pupil of diameter D has no frequency above D/lambda. The transforms have at least twice as many
+  samples as the pupil has across, so all steps up to the cell integrals are exact for the sampled pupil. Frequencies
+  above those of the lattice of cells are folded onto it (the aliasing of sampling).
+* The pupil has at least 256 samples across, more if needed for the period of the transform to be twice the box. Edge
+  samples are weighted by the share of their square inside the disc; the resulting sinc envelope of the far wings is
+  divided out. Fluxes are accurate to 5e-5 of the star (tests: Airy's closed form).
+* Single precision, with a noise of 1e-10 of the star's light per cell.
 
 Left out: polarisation, pupil vignetting over the field, diffusion that depends on wavelength.
 """
@@ -28,15 +28,15 @@ from csstsim.optics.psf.wavefront import number
 
 _PUPIL_SAMPLES = 256
 _PERIOD = 2.0  # of the transform, in boxes
-_EDGE_STEPS = 32  # chords per pupil sample in the area of an edge sample
-_WINDOW_REACH = 5.0  # sigmas beyond which the transform of a centring window is nothing
+_EDGE_STEPS = 32  # chords per pupil sample for the area of an edge sample
+_WINDOW_REACH = 5.0  # sigmas beyond which the transform of a centring window is negligible
 
 
 class Diffraction:
-    """The optics at one wavelength: from Zernike coefficients to a transfer function, and on to cells.
+    """The optics at one wavelength: from Zernike coefficients to a transfer function, and from that to cells.
 
-    Units inside: image positions in cells, frequencies in cycles per cell. `frequency` (size,) are those of a
-    transfer function's rows (in the order of the FFT), its first size/2 + 1 those of the columns.
+    Units: image positions in cells, frequencies in cycles per cell. `frequency` (size,) has the frequencies of a
+    transfer function's rows, in FFT order; its first size/2 + 1 are those of the columns.
     """
 
     def __init__(self, wavelength, diameter_m, cell_arcsec, wavefront, cells=CELLS):
@@ -59,13 +59,13 @@ class Diffraction:
         self.frequency = scipy.fft.fftfreq(self.size) * (self.size / self.period)
 
     def phase(self, coefficients):
-        """Return the phase (radian) at the pupil samples inside the disc, whose weights are `mask`."""
+        """Return the phase (radian) at the pupil samples inside the disc; their weights are `mask`."""
         return self.screen + np.asarray(coefficients, np.float32) @ self.basis
 
     def transfer(self, coefficients):
         """Return the transfer function (size, size/2+1), complex64, for Zernike coefficients in nm.
 
-        It is 1 at frequency 0 but for the light beyond the transform's period.
+        It is 1 at frequency 0, except for the light beyond the transform's period.
         """
         phase = self.phase(coefficients)
         pupil = np.zeros(self.inside.shape, np.complex64)
@@ -78,9 +78,9 @@ class Diffraction:
         return scipy.fft.rfft2(_intensity(amplitude, 1 / (self.size**2 * self.light)))
 
     def image(self, transfer, kernel, centre=(0.0, 0.0)):
-        """Return the cells (cells, cells) around `centre` (x, y; in cells from the untilted wavefront's point).
+        """Return the cells (cells, cells) around `centre` (x, y; in cells from the image of an untilted wavefront).
 
-        `kernel(frequency)` is the one-dimensional transfer function of all that blurs (see `blur`).
+        `kernel(frequency)` is the one-dimensional transfer function of the blurring (see `blur`).
         """
         half = self.cells // 2
         rows = np.arange(-half, half)
@@ -96,14 +96,14 @@ class Diffraction:
     def smoothed(self, transfer, kernel, sigma, place):
         """Return the image smoothed by a Gaussian of `sigma` at `place` (x, y): value, gradient and second derivatives.
 
-        (6,): 1, x, y, xx, xy, yy, from the transforms: nothing is sampled, so the number of cells does not matter.
-        The gradient is the first moment in a Gaussian window there, over sigma^2.
+        (6,): 1, x, y, xx, xy, yy, computed from the transforms, hence independent of the number of cells. The gradient
+        is the first moment in a Gaussian window at that place, over sigma^2.
         """
         reach = min(math.ceil(_WINDOW_REACH / (2 * np.pi * sigma) * self.period), self.size // 2)
         f = self.frequency[:reach]
         window = np.exp(-2 * (np.pi * f * sigma) ** 2) * kernel(f)
         turn_x, turn_y = (window * np.exp(2j * np.pi * f * c) for c in place)
-        turn_x[1:] *= 2  # the half of the plane that a real transform leaves out
+        turn_x[1:] *= 2  # for the half of the plane that a real transform does not store
         return _derivatives(transfer, turn_x, turn_y, 2 * np.pi * f) / self.period**2
 
 
@@ -142,7 +142,7 @@ def _intensity(amplitude, scale):
 
 @numba.njit(cache=True)
 def _fold_rows(transfer, turn_x, turn_y, period):
-    """Return turn_y[row] turn_x[column] transfer, its rows (frequencies of the FFT's order) summed modulo `period`."""
+    """Return turn_y[row] turn_x[column] transfer with its rows (frequencies in FFT order) summed modulo `period`."""
     size, columns = transfer.shape
     out = np.zeros((period, columns), np.complex64)
     for row in range(size):
@@ -160,7 +160,7 @@ def _fold_columns(lines, period):
     out = np.zeros((rows, half + 1), np.complex64)
     for row in range(rows):
         for column in range(columns):
-            # Column k stands for k and, conjugated, for -k
+            # Column k also gives, conjugated, column -k
             to = column % period
             if to <= half:
                 out[row, to] += lines[row, column]
@@ -195,7 +195,7 @@ def blur(psf_params, cell_arcsec, cell_um, *, cell=True):
 def windowed_centroid(image, sigma):
     """Return (x, y), in samples from the array's middle, where the Gaussian-windowed first moments vanish.
 
-    `sigma` in samples. Raises InputError when the iteration leaves the array: no compact source is there.
+    `sigma` in samples. Raises InputError if the iteration leaves the array or does not converge: no compact source.
     """
     axis = np.arange(image.shape[0]) - (image.shape[0] - 1) / 2
     x = y = 0.0

@@ -1,21 +1,21 @@
 """The PSF between nodes as a weighted sum of node images, PSF(x, y) = sum_i w_i image_i, sum_i w_i = 1.
 
-* `idw`: w_i ~ D_i^-beta of the N nearest nodes (paper, section 5.1.2, equation 3). Any set of nodes. At a node it
-  is the node. It is level at each node and jumps where the set of nearest nodes changes, so its error falls only
-  with the distance of the nodes.
-* `bilinear`: the four nodes of the cell. Continuous; the error falls with the square of the distance.
-* `bicubic`: the 4 x 4 nodes around the cell (fewer on a smaller grid), the polynomial of degree 3 in x and in y
-  through them; at the edge of the grid the same nodes serve the next cell. Error: the fourth power.
+* `idw`: w_i ~ D_i^-beta of the N nearest nodes (paper, section 5.1.2, equation 3). Works for any set of nodes. It is
+  exact at a node, has zero slope there, and jumps where the set of nearest nodes changes, so its error is only linear
+  in the spacing of the nodes.
+* `bilinear`: the four nodes of the cell. Continuous; the error is quadratic in the spacing.
+* `bicubic`: the polynomial of degree 3 in x and in y through the 4 x 4 nodes around the cell (fewer on a smaller
+  grid); cells at the edge of the grid use the nodes of their neighbour. The error is of fourth order in the spacing.
 
-`idw` and `bilinear` are convex mixtures: no weight is negative, so the photons of a PSF are exactly those of its
-nodes, drawn in proportion to the weights. `bicubic` is not, and its sums may dip below zero where the PSF is dark.
+`idw` and `bilinear` are convex mixtures: no weight is negative, so photons are drawn exactly by choosing nodes in
+proportion to their weights. `bicubic` is not convex, and the sum may be negative where the PSF is faint.
 
-The last two need the nodes on a grid of rows and columns. Their distances may differ, up to fourfold, and a node may
-be off its line by 5% of them: it is taken as on it, which adds at most as much of the difference between two nodes.
-Dead nodes are never used: where `bicubic` would meet one it is `bilinear`, where `bilinear` would, `idw` of the
-nearest live nodes; the PSF then jumps at the border of that cell. Outside the grid they take the nearest place of its
-edge, `idw` its nearest nodes: nothing is extrapolated. Positions outside the convex hull of the live nodes are
-flagged, whatever the method.
+`bilinear` and `bicubic` need the nodes on a grid of rows and columns. The spacing may vary up to fourfold. A node may
+be off its line by 5% of the spacing; it is treated as on the line, an error of at most 5% of the difference between two
+nodes. Dead nodes are never used. Where `bicubic` would need one, it is replaced by `bilinear`; where `bilinear` would,
+by `idw` of the nearest live nodes. The PSF then jumps at the border of that cell. Nothing is extrapolated: outside the
+grid `bilinear` and `bicubic` use the nearest point of its edge, `idw` the nearest nodes. Positions outside the convex
+hull of the live nodes are flagged for all methods.
 """
 
 from itertools import pairwise
@@ -25,19 +25,19 @@ import numpy as np
 from csstsim.base.errors import InputError
 
 METHODS = ("idw", "bilinear", "bicubic")
-_SIMPLER = {"bilinear": "idw", "bicubic": "bilinear"}  # what stands in beside a dead node
+_SIMPLER = {"bilinear": "idw", "bicubic": "bilinear"}  # method used in the neighbourhood of a dead node
 _STENCIL = {"bilinear": 2, "bicubic": 4}  # nodes along an axis
-_SAME_LINE_PX = 1.0  # nodes that differ by less in x (y) stand in one column (row)
-_UNEVEN = 4  # largest distance of two neighbouring lines, in smallest ones
-_OFF_LINE = 0.05  # of the distance of two lines: how far a node may be from its line
-_ON_NODE_PX = 1e-6  # nearer than this is at the node, or on the hull
+_SAME_LINE_PX = 1.0  # nodes that differ by less in x (y) are in one column (row)
+_UNEVEN = 4  # largest ratio between the spacings of neighbouring lines
+_OFF_LINE = 0.05  # largest distance of a node from its line, in line spacings
+_ON_NODE_PX = 1e-6  # a position nearer than this is at the node, or on the hull
 
 
 class Interpolator:
     """Weights of the nodes at any position. Attributes: `method`; `convex`, whether no weight is ever negative."""
 
     def __init__(self, nodes_xy, method="bilinear", *, beta=2.0, neighbours=4, dead=None, file=None):
-        """`nodes_xy` (m, 2) px; `beta` > 0 and `neighbours` >= 1 of idw; `dead` (m,) bool; `file` for messages.
+        """`nodes_xy`: (m, 2) px; `beta` > 0, `neighbours` >= 1: of idw; `dead`: (m,) bool; `file`: named in errors.
 
         Raises InputError if no node is alive, or if the nodes do not form the grid that the method needs.
         """
@@ -56,7 +56,7 @@ class Interpolator:
             self._axes, self._grid = _rows_and_columns(nodes_xy, method, file)
 
     def __call__(self, x, y):
-        """Return (index, weight, outside) of the nodes that make the PSF at pixel positions x, y.
+        """Return (index, weight, outside) of the nodes that are mixed for the PSF at pixel positions x, y.
 
         For scalars the shapes are (k,), (k,), (); for arrays of N positions (N, k), (N, k), (N,). Weights sum to 1;
         a node may appear twice, or with weight 0. Raises ValueError for a position that is not finite.
@@ -64,7 +64,7 @@ class Interpolator:
         x, y = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
         shape, x, y = x.shape, x.ravel(), y.ravel()
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
-            raise ValueError("a PSF was asked for at a position that is not finite")
+            raise ValueError("the position of a PSF is not finite")
         index, weight = self._mix(self.method, x, y)
         outside = np.zeros(x.size, bool)
         for a, b, c in self._hull:
@@ -85,7 +85,7 @@ class Interpolator:
         return index, weight
 
     def _idw(self, x, y):
-        from csstsim.optics.psf.nearest_nodes import nearest_nodes  # compiled: imported by those who use it
+        from csstsim.optics.psf.nearest_nodes import nearest_nodes  # loads numba, so only imported when used
 
         found, distance = nearest_nodes(x, y, *self._live, self._neighbours)
         closest = distance.argmin(axis=1)[:, None]
@@ -107,7 +107,7 @@ class Interpolator:
 def _lagrange(nodes, x, width):
     """Return (index, weight), each (k, n), of the polynomial through the k = min(width, m) nodes (m,) around x (n,).
 
-    x beyond the ends is taken to the end.
+    x beyond the ends is replaced by the end.
     """
     width = min(width, nodes.size)
     x = np.clip(x, nodes[0], nodes[-1])
@@ -123,26 +123,26 @@ def _lagrange(nodes, x, width):
 
 
 def _widen(index, weight, k):
-    """Return index and weight with k columns: the last node again, with weight 0."""
+    """Return index and weight padded to k columns by repeating the last node with weight 0."""
     extra = ((0, 0), (0, k - index.shape[1]))
     return np.pad(index, extra, mode="edge"), np.pad(weight, extra)
 
 
 def _rows_and_columns(nodes_xy, method, file):
-    """Return ((x of the columns, y of the rows), node index (rows, columns)). InputError if they are no grid."""
+    """Return ((x of the columns, y of the rows), node index (rows, columns)). InputError if there is no such grid."""
     (x, column), (y, row) = (_lines(axis) for axis in nodes_xy.T)
     index = np.full((y.size, x.size), -1)
     index[row, column] = np.arange(len(nodes_xy))
     off = [np.abs(at - line[i]).max() / np.diff(line).min(initial=np.inf) for at, line, i in
            zip(nodes_xy.T, (x, y), (column, row), strict=True)]  # fmt: skip
     if x.size * y.size != len(nodes_xy) or (index < 0).any() or max(off) > _OFF_LINE:
-        message = f"the nodes form no grid of rows and columns, as psf.interpolation {method} needs; idw does not"
+        message = f"the nodes form no grid of rows and columns; psf.interpolation {method} needs one, idw does not"
         raise InputError(message, file=file, key="nodes_xy")
     return (x, y), index
 
 
 def _lines(at):
-    """Return (place of each line of nodes, line of each node) of coordinates (m,)."""
+    """Return (coordinate of each line of nodes, line of each node) for coordinates (m,)."""
     order = np.argsort(at, kind="stable")
     line = np.empty(at.size, int)
     gap = np.diff(at[order], prepend=at[order[0]])
@@ -151,9 +151,9 @@ def _lines(at):
 
 
 def _half_planes(points):
-    """Return (a, b, c), arrays that bound the convex hull of `points` (2, m): inside, a x + b y <= c for each.
+    """Return [(a, b, c), ...], the half-planes a x + b y <= c that bound the convex hull of `points` (2, m).
 
-    The hull by Andrew's monotone chain, and the bounding box, which closes the hull of points on one line.
+    The hull is computed by Andrew's monotone chain; the bounding box is added for points that are all on one line.
     """
     low, high = points.min(axis=1), points.max(axis=1)
     planes = [(1.0, 0.0, high[0]), (-1.0, 0.0, -low[0]), (0.0, 1.0, high[1]), (0.0, -1.0, -low[1])]

@@ -1,16 +1,16 @@
-"""The nearest nodes of a position. Nodes are looked at by their distance in y, until no other can be nearer."""
+"""The nearest nodes of a position. Nodes are visited by increasing distance in y, until no other can be nearer."""
 
 import numpy as np
 from numba import njit
 
-_TIE = 1e-9  # relative difference of squared distances below which two nodes are equally far
+_TIE = 1e-9  # relative difference of squared distances below which two nodes count as equally far
 
 
 @njit(cache=True)
 def nearest_nodes(x, y, node_x, node_y, k):
     """Return (index (n, k), distance (n, k) px) of the k <= m nearest of the nodes (m,), nearest first.
 
-    Nodes equally far are taken in the order of their index, whatever the rounding of the distances.
+    Nodes that are equally far are ordered by index, independent of rounding.
     """
     index = np.zeros((x.size, k), np.int64)
     squared = np.full((x.size, k), np.inf)

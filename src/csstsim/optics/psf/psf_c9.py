@@ -1,17 +1,18 @@
-"""An external PSF library in the layout of CSST's cycle 9, turned into a PSF file of ours.
+"""Conversion of an external PSF library in the layout of CSST's cycle 9 to csstsim's PSF files.
 
-One HDF5 file a chip, `psfCube_{chip}.h5`, with a group a wavelength, `w_<i>` (four), in it a group a place,
-`psf_<j>`, and in that `psfMat`, 256 x 256 samples of 5 um (that much is public; 512 x 512 of 2.5 um is taken too).
-Assumed, because no public text says it:
+The library has one HDF5 file per chip, `psfCube_{chip}.h5`, with four groups `w_<i>`, one per wavelength. Each has a
+group `psf_<j>` per position with the dataset `psfMat`, 256 x 256 samples of 5 um. This much is public; 512 x 512
+samples of 2.5 um are accepted too. No public text says the following, so it is assumed:
 
-* place: datasets or attributes of `psf_<j>`: `image_x`, `image_y` in mm from the boresight along the mosaic's axes,
-  else `x`, `y` in 0-based pixels of the chip. The places fill a square grid.
-* wavelength: `wavelength` of `psf_<j>` or of `w_<i>`, in um, nm or angstrom as its size tells; else the filter's own.
-* psfMat is [y, x], and all the light of the star: it is divided by its sum.
-* what a sample means is for the campaign to say: "cell_integral", or "point", the brightness at the middle of a cell,
-  which a convolution with the cell makes an integral. Reading one as the other errs by 2-4% in size^2.
+* position: datasets or attributes of `psf_<j>`: `image_x`, `image_y` in mm from the boresight along the mosaic's axes,
+  else `x`, `y` in 0-based pixels of the chip. The positions form a square grid.
+* wavelength: `wavelength` of `psf_<j>` or of `w_<i>`, in um, nm or angstrom, recognised by its size; if it is missing,
+  the filter's own.
+* psfMat is [y, x] and contains all the light of the star; it is divided by its sum.
+* the campaign states what a sample is: "cell_integral", or "point" (the brightness at the centre of a cell, which is
+  convolved with the cell). The wrong choice is an error of 2-4% in size^2.
 
-Each place is centred as in optics.psf.psf_set; the file's provenance says all this.
+Each position is centred as in optics.psf.psf_set; the file's provenance records these choices.
 """
 
 import hashlib
@@ -33,14 +34,14 @@ from csstsim.optics.psf.sampling import LIBRARY_PX, psf_cube
 SAMPLES = ("cell_integral", "point")
 _OVERSAMPLING = {samples: samples // LIBRARY_PX for samples in (256, 512)}
 _PLACES = (("image_x", "image_y"), ("x", "y"))
-_ANGSTROM = ((2.0, 1e4), (2000.0, 10.0), (math.inf, 1.0))  # below this it is um, nm, angstrom: angstrom in one
-_MARGIN_PX = 500  # how far from the chip a place may be
+_ANGSTROM = ((2.0, 1e4), (2000.0, 10.0), (math.inf, 1.0))  # (upper limit, angstrom per unit) for um, nm, angstrom
+_MARGIN_PX = 500  # largest distance of a position from the chip
 
 
 def convert(folder, path, chip, filter, *, sample, camera_digest):
     """Read `psfCube_{chip}.h5` of a library `folder` and write the PSF file `path` (layout: optics.psf.psf_file).
 
-    `sample` says what psfMat holds (`SAMPLES`). Raises InputError for a missing, damaged or foreign file.
+    `sample`: what a sample of psfMat is, one of `SAMPLES`. Raises InputError for a missing, damaged or foreign file.
     """
     source = psf_cube(folder, chip.id)
     with intact(source), source.open("rb") as content:
@@ -48,11 +49,11 @@ def convert(folder, path, chip, filter, *, sample, camera_digest):
     with intact(source), h5py.File(source, "r") as file:
         cubes = [_places(file[name], source) for name in _numbered(file, "w", source)]
         if len(cubes) != WAVELENGTHS or len({tuple(c) for c in cubes}) != 1:
-            raise InputError("not four wavelengths with the same places", file=source, key="w_0 ... w_3")
+            raise InputError("not four wavelengths with the same positions", file=source, key="w_0 ... w_3")
         nodes, unit = _positions(cubes[0], chip, source)
         grid = math.isqrt(len(nodes))
         if grid < 2 or grid**2 != len(nodes):
-            raise InputError("the places are no square grid", file=source, key="psf_<j>", value=len(nodes))
+            raise InputError("the positions form no square grid", file=source, key="psf_<j>", value=len(nodes))
         cells = next(iter(cubes[0].values()))["psfMat"].shape[-1]
         if cells not in _OVERSAMPLING:
             raise InputError("unknown sampling", file=source, key="psfMat", value=cells, allowed="256, 512 samples")
@@ -91,20 +92,20 @@ def _places(group, source):
 
 
 def _number(node, name):
-    """Return the number a group holds as a dataset or attribute, or None."""
+    """Return the number stored as a dataset or attribute of a group, or None."""
     if name in node:
         return float(numbers(node, name, node.file.filename).reshape(()))
     return float(np.asarray(node.attrs[name]).reshape(())) if name in node.attrs else None
 
 
 def _positions(places, chip, source):
-    """Return chip pixels (n, 2) and the names they were read from."""
+    """Return chip pixels (n, 2) and a text with the names and units they were read from."""
     for names in _PLACES:
         found = [[_number(node, name) for name in names] for node in places.values()]
         if None not in (value for pair in found for value in pair):
             break
     else:
-        raise InputError("no places", file=source, key="psf_<j>", allowed=" or ".join(map(", ".join, _PLACES)))
+        raise InputError("no positions", file=source, key="psf_<j>", allowed=" or ".join(map(", ".join, _PLACES)))
     xy, unit = np.array(found), f"{', '.join(names)} in px of the chip"
     if names == _PLACES[0]:
         px_per_mm = UM_PER_MM / chip.detector.pixel_um
@@ -119,7 +120,7 @@ def _positions(places, chip, source):
 
 
 def _row_by_row(nodes, grid):
-    """Return the order that puts the places of a square grid into rows of rising y, x fastest."""
+    """Return the order that sorts the positions of a square grid into rows of increasing y, x fastest."""
     rows = np.argsort(nodes[:, 1], kind="stable").reshape(grid, grid)
     return np.concatenate([row[np.argsort(nodes[row, 0], kind="stable")] for row in rows])
 
@@ -136,18 +137,18 @@ def _wavelengths(file, cubes, filter):
 
 
 def _read(cubes, name, cells, source):
-    """Return the images of one place, (4, cells, cells) float64, each of sum 1."""
+    """Return the images at one position, (4, cells, cells) float64, each of sum 1."""
     if any(cube[name]["psfMat"].shape != (cells, cells) for cube in cubes):
         raise InputError("not square images of one size", file=source, key=f"{name}/psfMat")
     images = np.stack([numbers(cube[name], "psfMat", source).astype(float) for cube in cubes])
     total = images.sum(axis=(1, 2))
     if not (np.isfinite(total) & (total > 0)).all():
-        raise InputError("not images with light in them", file=source, key=f"{name}/psfMat")
+        raise InputError("an image has no light or a value that is not finite", file=source, key=f"{name}/psfMat")
     return images / total[:, None, None]
 
 
 def _centred(images, sample, oversampling):
-    """Return (cell integrals, shift taken out (x, y) in px)."""
+    """Return (cell integrals, shift (x, y) in px that was removed)."""
     frequency = np.fft.fftfreq(images.shape[-1])
     spectrum = np.fft.fft2(images)
     if sample == "point":
@@ -156,5 +157,5 @@ def _centred(images, sample, oversampling):
         images = np.fft.ifft2(spectrum).real
     shift = np.array(windowed_centroid(pixel_response(images.mean(axis=0), oversampling), WINDOW_PX * oversampling))
     turn_x, turn_y = (np.exp(2j * np.pi * frequency * s) for s in shift)
-    moved = np.maximum(np.fft.ifft2(spectrum * turn_y[:, None] * turn_x).real, 0.0)  # a table too coarse rings
+    moved = np.maximum(np.fft.ifft2(spectrum * turn_y[:, None] * turn_x).real, 0.0)  # undersampled images ring
     return moved / moved.sum(axis=(1, 2), keepdims=True), shift / oversampling

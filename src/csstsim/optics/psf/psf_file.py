@@ -1,9 +1,8 @@
-"""The PSF file of a chip, and what a renderer asks of it: the PSF at any place (paper, section 5.1.2).
+"""The PSF file of a chip, and the PSF at any position from it (paper, section 5.1.2).
 
-HDF5, one file a chip, n = grid^2 nodes, four wavelengths: the datasets of DATASETS, the attributes of ATTRIBUTES.
-The centre of the PSF is the middle of the array:
-the corner shared by cells 127 and 128 of 256. HDF5's own checksums guard attributes, names and the small datasets; an
-image is guarded by its flux.
+HDF5, one file per chip with n = grid^2 nodes and four wavelengths; its contents are listed in DATASETS and ATTRIBUTES.
+The centre of the PSF is the middle of the array, the corner shared by cells 127 and 128 of 256. HDF5 checksums protect
+attributes, names and the small datasets; an image is checked against its flux.
 
 Between nodes the PSF is a weighted sum of nodes: optics.psf.interpolation.
 """
@@ -48,16 +47,16 @@ DATASETS = {
     "flux": ("(n, 4) float64", "sum of each image; NaN marks a dead node, which is never used"),
     "image": ("(n, 4, cells, cells) float32", "cell integrals [y, x], contiguous: mappable"),
 }
-_SMALL = tuple(DATASETS)[:-1]  # all but the image are read at once
-_VERSIONS = ("v110", "v110")  # HDF5 1.10 or newer reads it; older layouts have no checksums in their headers
+_SMALL = tuple(DATASETS)[:-1]  # all but the image; these are read on opening
+_VERSIONS = ("v110", "v110")  # readable by HDF5 1.10 or newer; older layouts have no checksums in their headers
 
 
 def pixel_response(image, oversampling):
     """Return the integrals over 10 um pixels on the lattice of cells, (..., n-m+1, n-m+1), of cells (..., n, n).
 
-    `oversampling` m (even) cells make the side of a pixel. Sums of m x m cells, hence exact: sample [i, j] is the
-    fraction of a star's light caught by a pixel whose centre lies ((j, i) - (n-m)/2) cells from the star; the middle
-    sample is a pixel centred on the star. Read it as point samples of PSF * pixel (draw with no further pixel).
+    m = `oversampling` (even) is the number of cells along a pixel. The integrals are exact sums of m x m cells: sample
+    [i, j] is the fraction of a star's light in a pixel whose centre is ((j, i) - (n-m)/2) cells from the star; the
+    middle sample is a pixel centred on the star. These are point samples of PSF * pixel (draw without a further pixel).
     """
     for axis in (-1, -2):
         windows = np.lib.stride_tricks.sliding_window_view(image, oversampling, axis=axis)
@@ -66,7 +65,7 @@ def pixel_response(image, oversampling):
 
 
 def half_pixels(image, oversampling):
-    """Return cell integrals (..., n, n) summed, exactly, to cells of half a pixel, about the middle of the array."""
+    """Return cell integrals (..., n, n) summed to cells of half a pixel, centred on the middle of the array."""
     step = oversampling // 2
     size = image.shape[-1] // (2 * step) * 2
     edge = (image.shape[-1] - size * step) // 2
@@ -77,7 +76,7 @@ def half_pixels(image, oversampling):
 def write_psf(path, nodes, wavelength, images, *, cells, about, provenance, nodes_uv=None):
     """Write a PSF file. `images` yields, node by node, (image (4, cells, cells), tilt (2,)).
 
-    `about` holds the attributes that say which chip this is; `provenance` is a JSON-like mapping; `nodes_uv` (n, 2).
+    `about`: the attributes of this chip (see ATTRIBUTES); `provenance`: a JSON-like mapping; `nodes_uv`: (n, 2).
     """
     tilt, flux = np.empty((len(nodes), 2)), np.empty((len(nodes), WAVELENGTHS))
     with atomic_path(path) as temporary, h5py.File(temporary, "w", libver=_VERSIONS) as file:
@@ -91,19 +90,19 @@ def write_psf(path, nodes, wavelength, images, *, cells, about, provenance, node
             file.create_dataset(name, data=np.asarray(data, np.float64), fletcher32=True)
         about = about | {"format": FORMAT, "sample": "cell_integral", "version": __version__}
         about["provenance"] = json.dumps(provenance, sort_keys=True)
-        for name, value in about.items():  # text of fixed length: the other kind lies where no checksum reaches
+        for name, value in about.items():  # fixed-length text, because HDF5 does not checksum variable-length text
             file.attrs[name] = np.bytes_(value.encode()) if isinstance(value, str) else value
 
 
 def _plain(value):
-    """Return an attribute as Python's own number or text."""
+    """Return an attribute as a Python number or str."""
     value = value.item() if isinstance(value, np.generic) else value
     return value.decode() if isinstance(value, bytes) else value
 
 
 @contextmanager
 def intact(path):
-    """Turn what damaged metadata makes of h5py or of the checks into an InputError."""
+    """Turn the exceptions that a damaged file raises in h5py or in the checks into an InputError."""
     try:
         with logged("read", path):
             yield
@@ -125,10 +124,10 @@ class PsfSet:
     def __init__(
         self, path, *, chip=None, filter=None, grid=None, oversampling=None, camera_digest=None, **interpolation
     ):
-        """Open and check a PSF file; what is given of chip (id), filter (name), grid, sampling and digest must match.
+        """Open and check a PSF file. Given values of chip (id), filter (name), grid, sampling and digest must match.
 
         `interpolation`: method, beta, neighbours of optics.psf.interpolation.Interpolator.
-        Raises InputError for a missing, truncated or foreign file, wrong shapes, and what does not match.
+        Raises InputError for a missing, truncated or foreign file, wrong shapes, and values that do not match.
         """
         self.path = path
         with intact(path):
@@ -194,7 +193,7 @@ class PsfSet:
 
     @property
     def convex(self):
-        """Whether no weight is ever negative, so that photons can be drawn from the nodes."""
+        """Whether weights are never negative, so that photons can be drawn from the nodes."""
         return self._mixture.convex
 
     def node(self, index):
@@ -210,7 +209,7 @@ class PsfSet:
         return image
 
     def weights(self, x, y):
-        """Return (index, weight, outside_hull) of the nodes that make the PSF at pixel positions x, y.
+        """Return (index, weight, outside_hull) of the nodes that are mixed for the PSF at pixel positions x, y.
 
         For scalars the shapes are (k,), (k,), (); for arrays of N positions (N, k), (N, k), (N,). Weights sum to 1,
         and none is negative if `convex` (optics.psf.interpolation).

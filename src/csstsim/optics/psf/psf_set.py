@@ -1,16 +1,16 @@
 """The PSF set of a chip: every node's PSF at the filter's four wavelengths (paper, section 5.1.1).
 
 Each node's wavefront (optics.psf.wavefront, optics.psf.chip_errors) becomes cell integrals at four wavelengths
-(optics.psf.diffraction). How many cells make a pixel is a property of the set: 2 (5 um, a box of 128 px) or 4 (2.5 um,
-a box of 64 px), per filter in psf.yaml, where 2 cannot reach the accuracy goal (benchmarks/psf_sampling.py).
+(optics.psf.diffraction). The number of cells along a pixel is a property of the set: 2 (5 um, a box of 128 px), or 4
+(2.5 um, a box of 64 px) for filters where 2 do not reach the accuracy goal (psf.yaml; benchmarks/psf_sampling.py).
 
-* Angles become pixels by the camera's plate scale (0.074 arcsec per 10 um), the WCS's. 10 um at a focal length
-  of exactly 28 m would be 0.07367 arcsec: the 0.5% lies in the nominal figures, and one scale is used throughout.
-* Each node is centred on what a detector sees: the centroid, with a Gaussian window of 1.5 px (sigma), of the
-  mean of the four wavelengths integrated over the pixel, is put on the middle of the array. The shift removed
-  is kept as `tilt`, for the distortion model.
+* Angles are converted to pixels by the plate scale of the WCS (0.074 arcsec per 10 um). At a focal length of exactly
+  28 m, 10 um would be 0.07367 arcsec; the nominal figures differ by 0.5%, and one scale is used throughout.
+* Each node is centred on the image that the detector sees: the centroid, in a Gaussian window of 1.5 px (sigma), of
+  the mean of the four wavelengths integrated over the pixel, is moved to the middle of the array. The removed shift is
+  stored as `tilt`, for the distortion model.
 
-Cost: 12 to 21 CPU-ms per PSF, 44 to 76 CPU-s a set of 30 x 30 nodes (benchmarks/psf_quality.py --bands).
+Cost: 12 to 21 CPU-ms per PSF, 44 to 76 CPU-s per set of 30 x 30 nodes (benchmarks/psf_quality.py --bands).
 The scattered halo (optics.scatter.halo) is added to the centred images before they are written; the wing beyond the box
 and the ghosts are described in the file's attributes. Left out: polarisation, pupil vignetting over the field,
 diffusion that depends on wavelength, the 1 degree turn of the grating chips against the pupil.
@@ -50,8 +50,8 @@ _CENTRE_STEPS = 50
 def node_psf(optics, coefficients, kernel, oversampling=2):
     """Return (images (4, cells, cells), tilt (2,) px) of one node, centred together.
 
-    `optics` holds one `Diffraction` a wavelength; `coefficients` in nm; `kernel` of `blur`, the cell included;
-    `oversampling` cells make a pixel. Raises InputError when there is nothing compact to centre.
+    `optics`: one `Diffraction` per wavelength; `coefficients`: in nm; `kernel`: from `blur`, the cell included;
+    `oversampling`: cells along a pixel. Raises InputError if there is no compact image to centre.
     """
     transfers = [o.transfer(coefficients) for o in optics]
     centre = centre_of(optics, transfers, kernel, oversampling)
@@ -61,12 +61,12 @@ def node_psf(optics, coefficients, kernel, oversampling=2):
 def centre_of(optics, transfers, kernel, oversampling):
     """Return the windowed centroid (x, y), in cells, of the mean image as pixels see it.
 
-    Where the first moments in a Gaussian window vanish, the image smoothed by that Gaussian has its peak. Raises
+    It is the peak of the image smoothed by the Gaussian, where the first moments in the window are zero. Raises
     InputError if none is found.
     """
     place, sigma = np.zeros(2), WINDOW_PX * oversampling
 
-    def seen(f):  # the cells of a pixel, side by side
+    def seen(f):  # sum over the cells along a pixel
         return kernel(f) * oversampling * np.sinc(oversampling * f) / np.sinc(f)
 
     for _ in range(_CENTRE_STEPS):
@@ -86,14 +86,14 @@ def centre_of(optics, transfers, kernel, oversampling):
 
 
 def node_positions(chip, grid):
-    """Return (grid^2, 2) pixel positions (x, y) of the nodes; the outer ones lie on the outer edges of the chip."""
+    """Return (grid^2, 2) pixel positions (x, y) of the nodes; the outermost are on the outer edges of the chip."""
     x = np.linspace(-0.5, chip.detector.nx - 0.5, grid)
     y = np.linspace(-0.5, chip.detector.ny - 0.5, grid)
     return np.stack([np.tile(x, grid), np.repeat(y, grid)], axis=1)
 
 
 def chip_optics(chip, filter, psf_params, wavefront, oversampling, cells=CELLS):
-    """Return (one `Diffraction` a wavelength of the filter, kernel of all that blurs, the cell included).
+    """Return (one `Diffraction` per wavelength of the filter, kernel of the blurring, the cell included).
 
     oversampling: cells along a pixel; cells: along the box, which is cells / oversampling px wide.
     """
@@ -109,11 +109,11 @@ def make_psf(
 ):  # fmt: skip
     """Compute the PSFs of a chip and write them to `path` (layout: optics.psf.psf_file).
 
-    `psf_params` is Camera.psf, `grid` the number of nodes along a side (>= 2), `camera_digest` Camera.digest,
-    `oversampling` the cells along a pixel ("auto": psf.yaml's for the filter), `provenance` a JSON-like mapping kept in
-    the file, `cells` the (even) cells along the box, `beyond` an scattered_light.Scattered, whose halo is
-    added, `nodes_uv` (grid^2, 2) what optics.geometry.focal_plane.samples has for the nodes. Raises InputError for a
-    grid or sampling that cannot be, and a PSF too wide to centre.
+    `psf_params`: Camera.psf; `grid`: number of nodes along a side (>= 2); `camera_digest`: Camera.digest;
+    `oversampling`: cells along a pixel ("auto": from psf.yaml for the filter); `provenance`: a JSON-like mapping stored
+    in the file; `cells`: cells (even) along the box; `scattered`: scattered_light.Scattered, whose halo is added;
+    `nodes_uv`: (grid^2, 2) u, v of optics.geometry.focal_plane.samples at the nodes. Raises InputError for an invalid
+    grid or sampling, and for a PSF too wide to centre.
     """
     if grid < 2:
         raise InputError("too few nodes to span a chip", key="psf.grid", value=grid, allowed=">= 2")

@@ -1,4 +1,4 @@
-"""How finely stored PSFs are sampled."""
+"""The sampling of stored PSFs."""
 
 from csstsim.base.errors import InputError
 
@@ -8,7 +8,7 @@ LIBRARY_PX = 128  # side of the box of an external library's PSF
 
 
 def oversampling_of(filter, psf_params, asked="auto"):
-    """Return the cells along the side of a pixel for a filter (name): `asked` (2 or 4), or psf.yaml's for "auto".
+    """Return the cells along the side of a pixel for a filter (name): `asked` (2 or 4), or for "auto" as in psf.yaml.
 
     Raises InputError for any other number.
     """
@@ -20,5 +20,5 @@ def oversampling_of(filter, psf_params, asked="auto"):
 
 
 def psf_cube(folder, chip_id):
-    """Return the file of a chip in an external library."""
+    """Return the path of a chip's file in an external library."""
     return folder / f"psfCube_{chip_id}.h5"

@@ -7,11 +7,11 @@ Modelled, in nm of optical path, the same at every wavelength (the train is mirr
 * mirror figure: one Gaussian random screen (normal heights, as measured; paper section 5.1.1) with a power-law
   spectrum between two spatial frequencies, fixed for the camera and the same at every field point.
 
-Piston and tilt are excluded: a shift of the image belongs to the distortion model. The numbers are in
+Piston and tilt are excluded: a shift of the image is part of the distortion model. The numbers are in
 config/instrument/psf.yaml. Zernike order and sign: Noll (1976, JOSA 66, 207), coefficient = rms over the disc.
 
-What differs from chip to chip (filter, place of the detector) is added by optics.psf.chip_errors. Left out: footprint
-walk on the mirrors away from the pupil, drift of the wavefront in time.
+optics.psf.chip_errors adds the errors that differ between chips (filter, position of the detector). Left out: beam walk
+on mirrors away from the pupil, drift of the wavefront in time.
 """
 
 import math
@@ -23,7 +23,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.rng import stream
 
 TERMS = 6  # 1, X, Y, X^2, X Y, Y^2
-_SCREEN_PERIOD = 2.0  # period of the screen in pupil diameters: its repeat never falls on the pupil
+_SCREEN_PERIOD = 2.0  # period of the screen in pupil diameters, so that the pupil contains no repetition
 _RMS_GRID = 301  # samples across the disc on which the screen's rms and tilt are defined
 
 
@@ -36,9 +36,9 @@ def noll_to_nm(noll):
 
 
 def zernike(noll, u, v):
-    """Return the Noll Zernike polynomial on the unit disc at (u, v) (arrays of one shape), rms 1 over the disc.
+    """Return the Noll Zernike polynomial at (u, v) (arrays of one shape), with rms 1 over the unit disc.
 
-    Outside the disc the polynomial is continued.
+    Outside the disc it is the same polynomial.
     """
     n, m = noll_to_nm(noll)
     order = abs(m)
@@ -74,16 +74,16 @@ class MirrorScreen:
 def mirror_screen(rms, slope, cycles):
     """Return the camera's `MirrorScreen`.
 
-    `rms` nm of optical path over the pupil; two-dimensional power spectrum ~ f^-slope for f between
-    `cycles` = (lowest, highest) cycles per pupil diameter. Drawn from a stream of its own name, so the same
-    numbers give the same mirrors in every campaign.
+    `rms`: nm of optical path over the pupil. The two-dimensional power spectrum is ~ f^-slope for f between
+    `cycles` = (lowest, highest) cycles per pupil diameter. The random stream has a fixed name and seed, so the same
+    arguments give the same mirrors in every campaign.
     """
     low, high = cycles
     kmax = math.ceil(high * _SCREEN_PERIOD)
     mode = np.arange(-kmax, kmax + 1)
     frequency = np.hypot(mode, mode[:, None]) / _SCREEN_PERIOD
     rng = stream(0, "optics", "mirror")
-    # One fixed set of draws per frequency, whatever the limits: real and imaginary parts normal
+    # Normal real and imaginary parts for all frequencies in `mode`, also those outside `cycles`
     draw = rng.standard_normal((2, mode.size, mode.size))
     inside = (frequency >= low) & (frequency <= high)
     power = np.where(inside, np.maximum(frequency, low), np.inf) ** (-slope)
@@ -135,7 +135,7 @@ def _is_number(value):
 
 
 def filter_noll(params):
-    """Return the Noll indices of the filters' figure. Raises InputError unless they are distinct and above 3."""
+    """Return the sorted Noll indices of the filters' figure. Raises InputError unless all are integers above 3."""
     noll = (params.get("filter_figure") or {}).get("noll")
     if not isinstance(noll, list) or not noll or not all(type(j) is int and j > 3 for j in noll):
         raise InputError("bad list", file="psf.yaml", key="filter_figure.noll", value=noll, allowed="Noll indices >= 4")
@@ -145,8 +145,8 @@ def filter_noll(params):
 def load_wavefront(params, *, parts=("design", "static", "mirror")):
     """Return the `Wavefront` described by the mapping `params` (psf.yaml, unwrapped).
 
-    `parts` leaves error sources out, to judge them one by one. Raises InputError on a missing
-    or impossible number, and on a table that is not rows of a Noll index and six numbers.
+    `parts`: error sources to include, for studying them separately. Raises InputError for a missing
+    or impossible number, and for a table whose rows are not a Noll index and six numbers.
     """
     total = {}
     for name in ("design", "static"):
@@ -162,7 +162,7 @@ def load_wavefront(params, *, parts=("design", "static", "mirror")):
     if not 1 / _SCREEN_PERIOD <= low < high:
         allowed = f"{1 / _SCREEN_PERIOD} <= cycles_min < cycles_max"
         raise InputError("bad range", file="psf.yaml", key="mirror", value=(low, high), allowed=allowed)
-    for noll in (4, *filter_noll(params)):  # what chips add (optics.psf.chip_errors)
+    for noll in (4, *filter_noll(params)):  # indices that optics.psf.chip_errors adds to
         total.setdefault(noll, np.zeros(TERMS))
     screen = mirror_screen(rms if "mirror" in parts else 0.0, slope, (low, high))
     noll = tuple(sorted(total))

@@ -1,18 +1,18 @@
 """Ghosts: out-of-focus images of the pupil from two reflections between filter and detector (paper, section 5.5.1).
 
-Three pairs of surfaces send light back and forth once more; the added way P (paraxial, in air) sets all the rest:
+Three pairs of surfaces reflect light back and forth once; the added path P (paraxial, in air) determines the ghost:
 
-| pair                     | added way          | light                      |
+| pair                     | added path P       | light                      |
 |--------------------------|--------------------|----------------------------|
 | detector - filter back   | 2 gap              | R_det R_back               |
 | detector - filter front  | 2 (gap + t / n)    | R_det R_front (1 - R_back)^2 |
 | filter back - front      | 2 t / n            | R_back R_front             |
 
-A ghost is a uniform disc of the pupil's shape, a circle of diameter P / (f/D). A star at mosaic position m has a
-chief ray that leans by (m - axis) / L against the focal plane's normal, L the distance of the exit pupil, so the ghost
-lies P (m - axis) / L further out: concentric on the axis, opposite at opposite field points.
+A ghost is a uniform disc of the pupil's shape, a circle of diameter P / (f/D). The chief ray of a star at mosaic
+position m is inclined by (m - axis) / L to the focal plane's normal, L the distance of the exit pupil. So the ghost is
+displaced outwards by P (m - axis) / L: concentric on the axis, in opposite directions at opposite field points.
 
-The light comes on top of the star's: throughput curves count the direct light alone. Numbers, most of them
+The ghost is added to the star's light, because throughput curves contain only direct light. Numbers, most of them
 estimates: config/instrument/ghosts.yaml.
 
 Left out: vignetting and aberration of the discs, reflectance that changes over a band (fringes) or with angle, a
@@ -33,15 +33,15 @@ from csstsim.optics.psf.chip_errors import mosaic_position
 class Ghosts:
     """The ghosts of one band; lengths in pixels."""
 
-    way: np.ndarray  # (G,) added way P
+    way: np.ndarray  # (G,) added path P
     radius: np.ndarray  # (G,)
-    light: np.ndarray  # (G,) of the star's direct light
+    light: np.ndarray  # (G,) fraction of the star's direct light
     pupil: float  # distance of the exit pupil
     axis: np.ndarray  # (2,) mosaic position where chief rays are normal to the detector
     faintest: float  # electron per pixel below which a ghost is not drawn
 
     def centres(self, chip, x, y):
-        """Return the chip pixels (G, 2) of the discs' centres for a star at chip pixel x, y (may be off the chip)."""
+        """Return the discs' centres (G, 2) [chip pixel] for a star at chip pixel x, y, which may be off the chip."""
         lean = (np.array(mosaic_position(chip, x, y)) - self.axis) / self.pupil
         turn = math.radians(chip.rotation)
         in_chip = rotation(-turn) @ lean
@@ -49,15 +49,15 @@ class Ghosts:
 
     @property
     def level(self):
-        """Light per pixel of each ghost, of the star's direct light, (G,)."""
+        """Light per pixel of each ghost, as a fraction of the star's direct light, (G,)."""
         return self.light / (np.pi * self.radius**2)
 
     def visible(self, electrons):
-        """Return whether a star's ghosts are drawn: the brightest reaches `faintest`. electrons: float or array."""
+        """Whether a star's ghosts are drawn: the brightest one reaches `faintest`. electrons: float or array."""
         return electrons * self.level.max() >= self.faintest
 
     def reach(self, chip):
-        """Return how far from a star on the chip any of its ghosts extends [pixel]."""
+        """Return the largest distance from a star on the chip that any of its ghosts extends to [pixel]."""
         nx, ny = chip.detector.nx, chip.detector.ny
         lean = max(
             np.hypot(*(np.array(mosaic_position(chip, *c)) - self.axis)) for c in ((0, 0), (nx, 0), (0, ny), (nx, ny))
@@ -76,9 +76,9 @@ class Ghosts:
 
 
 def make_ghosts(params, band, telescope, pixel_um):
-    """Return the `Ghosts` of a filter (its name). `params` is Camera.ghosts; None if that is empty.
+    """Return the `Ghosts` of a filter (`band`, its name), or None if `params` (Camera.ghosts) is empty.
 
-    Raises InputError for a band without three reflectances from 0 to 1, and for impossible lengths.
+    Raises InputError for a band without three reflectances from 0 to 1, and for lengths that are not above 0.
     """
     if not params:
         return None

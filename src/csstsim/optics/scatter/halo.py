@@ -1,17 +1,17 @@
-"""Where a point source's light goes far from its core: the scattered halo and the mean diffraction wing.
+"""The light of a point source far from its core: the scattered halo and the mean diffraction wing.
 
 The halo (paper, section 5.5.1: a linear combination of BRDFs) is a sum of terms of the modified Harvey-Shack shape,
 each normalised to its share S of the light, with knee a and slope s > 2:
 
     I(r) = S (s - 2) / (2 pi a^2) (1 + (r/a)^2)^(-s/2)          light beyond r: S (1 + (r/a)^2)^(1 - s/2)
 
-All of the halo together is taken from the diffraction image, so the sum stays 1. Beyond the reach of the mirrors'
-figure errors (40 cycles per pupil, 53 px at 950 nm) the diffraction image is on average that of a clear circular
-pupil (Born & Wolf, section 8.5.2):
+The light of the halo is removed from the diffraction image, so the sum stays 1. Beyond the scattering angles of the
+mirrors' figure errors (40 cycles per pupil, 53 px at 950 nm) the diffraction image is on average that of a clear
+circular pupil (Born & Wolf, section 8.5.2):
 
     I(r) = L / (pi^3 r^3), L = lambda / D          light beyond r: 2 L / (pi^2 r)
 
-which the stored PSFs follow to 1% from 45 px to their edge (benchmarks/wings.py). Numbers: scatter.yaml.
+The stored PSFs follow this to 1% from 45 px to their edge (benchmarks/wings.py). Numbers: scatter.yaml.
 
 Left out: change of the halo over the field, its dependence on the mirrors' ageing, diffraction at other edges than the
 aperture stop, reflections (optics.scatter.ghosts).
@@ -32,7 +32,7 @@ _RADII = np.geomspace(1.0, 1e5, 2001)  # px; for the inverse of the profile
 class Wing:
     """The circular part of a point source's image in each of the four sub-bands; lengths in pixels."""
 
-    share: np.ndarray  # (4, K) of all the light, by sub-band and term of the halo
+    share: np.ndarray  # (4, K) fraction of all the light, by sub-band and term of the halo
     knee: np.ndarray  # (K,)
     slope: np.ndarray  # (K,)
     airy: np.ndarray  # (4,) lambda / D
@@ -49,7 +49,7 @@ class Wing:
         return np.einsum("bk,...k->b...", self.share, shape)
 
     def profile(self, r):
-        """Return halo and mean diffraction wing, light per pixel at radii r [px] > 0, (4, *r.shape)."""
+        """Return halo plus mean diffraction wing, light per pixel at radii r [px] > 0, (4, *r.shape)."""
         halo = self.halo(r)
         direct = ((1 - self.scattered) * self.airy).reshape(-1, *(1,) * np.ndim(r))
         return halo + direct / (np.pi * np.asarray(r, float)) ** 3
@@ -62,23 +62,23 @@ class Wing:
         return halo + 2 * direct / (np.pi**2 * np.asarray(r, float))
 
     def radius(self, level):
-        """Return the radii [px] at which the profile, mean of the sub-bands, falls to `level` (per pixel, array).
+        """Return the radii [px] at which the mean profile of the sub-bands falls to `level` (per pixel, array).
 
-        Interpolated in the logarithm of both; outside 1 to 1e5 px the nearer of these.
+        Log-log interpolation; the result is limited to 1 to 1e5 px.
         """
         profile = np.log(self.profile(_RADII).mean(axis=0))
         with np.errstate(divide="ignore"):
             return np.exp(np.interp(-np.log(level), -profile, np.log(_RADII)))
 
     def cells(self, count, per_pixel):
-        """Return the halo's integrals over cells, `per_pixel` to a pixel, (4, count, count), about its middle."""
+        """Return the halo's integrals over cells, `per_pixel` to a pixel, (4, count, count), about its centre."""
         axis = (np.arange(count) - (count - 1) / 2)[:, None] + np.array([-_GAUSS, _GAUSS])
         square = (axis.ravel() / per_pixel) ** 2
         value = self.halo(np.sqrt(square + square[:, None]))
         return value.reshape(4, count, 2, count, 2).mean(axis=(2, 4)) / per_pixel**2
 
     def add_to(self, images, per_pixel):
-        """Return diffraction images (4, cells, cells), cell integrals, with their part of the light in the halo."""
+        """Return diffraction images (4, cells, cells), cell integrals, with the light of the halo moved there."""
         return (1 - self.scattered)[:, None, None] * images + self.cells(images.shape[-1], per_pixel)
 
     def as_dict(self):
@@ -94,11 +94,11 @@ class Wing:
 def make_wing(scatter, wavelength, telescope):
     """Return the `Wing` at wavelengths (4,) angstrom. `scatter` is Camera.scatter; empty: no halo, diffraction only.
 
-    Raises InputError for a row that is not share, knee, slope, power, or a halo of more than all the light.
+    Raises InputError for a row that is not share, knee, slope, power, or a halo with all the light or more.
     """
     rows, reference = scatter.get("terms") or [], scatter.get("reference", 1.0)
     if not isinstance(reference, int | float) or not 1 <= reference <= 1e6:
-        raise InputError("no wavelength", file="scatter.yaml", key="reference", value=reference, allowed="angstrom")
+        raise InputError("not a wavelength", file="scatter.yaml", key="reference", value=reference, allowed="angstrom")
     for row in rows if isinstance(rows, list) else [rows]:
         good = isinstance(row, list) and len(row) == 4 and all(isinstance(v, int | float) and abs(v) < 1e6 for v in row)
         if not (good and row[0] >= 0 and row[1] > 0 and row[2] > 2):
@@ -109,7 +109,7 @@ def make_wing(scatter, wavelength, telescope):
     share = share * (wavelength[:, None] / reference) ** -power
     if (share.sum(axis=1) >= 1).any():
         raise InputError(
-            "the halo takes all the light",
+            "the halo has all the light or more",
             file="scatter.yaml",
             key="terms",
             value=float(share.sum(axis=1).max()),

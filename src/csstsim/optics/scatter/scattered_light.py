@@ -1,7 +1,7 @@
-"""What a point source's light does beyond the box of the stored PSF: the wing and the ghosts of one chip's filter.
+"""Light of a point source beyond the box of the stored PSF: the wing and the ghosts of one chip's filter.
 
-Made from the camera's data; kept in the attributes of the PSF file, so that a PSF set says all there is about where
-light goes, and one without these attributes (another camera's, an external one) has no wings.
+They are made from the camera's data and stored in the attributes of the PSF file, so that a PSF set describes all of a
+star's light. A set without these attributes (of another camera, or an external one) has no wings and no ghosts.
 """
 
 import json
@@ -14,13 +14,13 @@ from csstsim.optics.scatter.halo import Wing, make_wing
 
 @dataclass(frozen=True, eq=False)
 class Scattered:
-    """Wing and ghosts; either None: there is none."""
+    """Wing and ghosts; None where there are none."""
 
     wing: Wing | None = None
     ghosts: Ghosts | None = None
 
     def attributes(self):
-        """Return {name: JSON} of what there is; `read_scattered` is the inverse."""
+        """Return {name: JSON} of the parts that are not None; `read_scattered` is the inverse."""
         return {name: json.dumps(part.as_dict()) for name, part in vars(self).items() if part is not None}
 
 

@@ -1,1 +1,1 @@
-"""What light loses on its way: flat field, shutter, pixel response; and the lamps that measure it."""
+"""Losses of light: flat field, shutter, pixel response; and the lamps that measure them."""

@@ -1,6 +1,6 @@
-"""Smooth maps over a chip: values on a coarse grid, bilinear between.
+"""Smooth maps over a chip: values on a coarse grid with bilinear interpolation.
 
-The grid spans the chip's active pixels whatever the window, so a window sees the pixels of the whole chip.
+The grid always spans the chip's active pixels, so a window has the same pixel values as the whole chip.
 """
 
 import numba
@@ -28,7 +28,7 @@ def _bilinear(grid, u, v, out):
     last = len(grid) - 2
     columns = np.minimum(u.astype(np.int64), last)
     part = (u - columns).astype(np.float32)
-    first = np.searchsorted(columns, np.arange(last + 2))  # of each cell's pixels
+    first = np.searchsorted(columns, np.arange(last + 2))  # first pixel of each cell
     for y in range(len(v)):
         row = min(int(v[y]), last)
         t = v[y] - row

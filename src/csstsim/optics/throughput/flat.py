@@ -1,13 +1,14 @@
 """The flat field of the focal plane (paper, section 5.5.5): external vignetting and the internal flats of the LEDs.
 
-    external   1 - q(x, y), q a quadratic polynomial >= 0 that vanishes near the boresight
-    internal   for each LED: level of the detector x (1 + smooth pattern), 1 on average over the mosaic; the pattern is
-               a sum of cosines of low order, which unlike polynomials do not run away in the corners; linear between
-               the wavelengths of the LEDs, so a band's flat is a mean of theirs with weights from its throughput
+    external   1 - q(x, y), q a quadratic polynomial >= 0 that is zero near the boresight
+    internal   for each LED: level of the detector x (1 + smooth pattern), 1 on average over the mosaic. The pattern is
+               a sum of low-order cosines, which stay bounded in the corners, unlike polynomials. Flats are linear
+               between LED wavelengths, so a band's flat is their mean with weights from its throughput.
 
-The paper's internal flats are laboratory images that are not public: the patterns here are drawn, once a campaign seed,
-with the rms, order and correlation between wavelengths of config/instrument/leds.yaml. They are exact on a grid of
-NODES^2 points a chip and bilinear between, to 5e-6. Left out: structure below some cm, the coatings of the filters.
+The paper's internal flats are laboratory images that are not public. Here the patterns are random, one draw per
+campaign seed, with the rms, order and correlation between wavelengths of config/instrument/leds.yaml. They are exact on
+a grid of NODES^2 points per chip and bilinear in between, with an error of 5e-6. Left out: structure smaller than a few
+cm, the coatings of the filters.
 """
 
 from dataclasses import dataclass
@@ -25,8 +26,8 @@ NODES = 65
 class FlatField:
     """The flats of one camera seed.
 
-    numbers: Camera.leds, leds.yaml and the mosaic's columns and rows; camera: name -> Generator that lasts for the
-    camera (rng.Streams.camera). Raises InputError for numbers that are missing or make no flat.
+    numbers: Camera.leds (leds.yaml and the mosaic's columns and rows); camera: function of a name that returns a
+    Generator, the same in all exposures (rng.Streams.camera).
     """
 
     numbers: dict
@@ -39,7 +40,7 @@ class FlatField:
 
     @cached_property
     def wavelengths(self):
-        """(n,) nm, of the LEDs whose flats were taken."""
+        """(n,) nm: wavelengths of the LEDs that have a flat."""
         return np.asarray(self.numbers["flat"]["wavelengths"], dtype=float)
 
     @cached_property
@@ -51,7 +52,7 @@ class FlatField:
         orders = _orders(flat["order"])
         draw = self.camera("internal flat")
         pattern = np.einsum("ij,jk->ik", alike, draw.standard_normal((len(gap), len(orders))))
-        # A cosine has mean square 1/2; all orders get an equal part of the variance.
+        # A cosine has mean square 1/2; the variance is divided equally among the orders.
         size = np.sqrt([(4 if i and j else 2) / len(orders) for i, j in orders])
         levels = np.einsum("ij,jcr->icr", alike, draw.standard_normal((len(gap), *self.numbers["mosaic"])))
         levels = 1 + flat["detector_rms"] * levels
@@ -59,7 +60,7 @@ class FlatField:
 
     @cached_property
     def _vignette(self):
-        """(centre x, centre y, A, B, C): q = A u^2 + B u v + C v^2, u, v from the centre in half mosaics."""
+        """(centre x, centre y, A, B, C): q = A u^2 + B u v + C v^2; u, v from the centre, in units of half a mosaic."""
         numbers, draw = self.numbers["vignetting"], self.camera("vignette")
         low, high = numbers["corner"]
         corner, skew = draw.uniform(low, high), draw.uniform(-numbers["skew"], numbers["skew"], 2)
@@ -82,32 +83,32 @@ class FlatField:
         return np.einsum("n,n...->...", weights * levels[:, chip.column - 1, chip.row - 1], flats)
 
     def weights(self, wave, response):
-        """Return (n,) weights of the wavelengths for a response at wavelengths `wave` [A]; held beyond the ends."""
+        """Return (n,) weights of the LED wavelengths for a response at `wave` [A]; flats are constant outside them."""
         total = np.trapezoid(response, wave)
         hats = [np.interp(np.asarray(wave) / 10, self.wavelengths, row) for row in np.eye(len(self.wavelengths))]
         return np.array([np.trapezoid(response * hat, wave) for hat in hats]) / total
 
     def external_grid(self, chip, filter):
-        """Return (NODES, NODES): what light from the sky meets, external x internal flat of the filter."""
+        """Return (NODES, NODES): the flat for light from the sky, external x internal flat of the filter."""
         x, y = _mosaic(chip)
         internal = self.internal(chip, x, y, self.weights(filter.wavelength, filter.throughput))
         return self.vignetting(x, y) * internal
 
     def external_map(self, chip, window, filter):
-        """Return (ny, nx) float32: the external grid, bilinear between its nodes."""
+        """Return (ny, nx) float32: the external grid, interpolated bilinearly."""
         from csstsim.optics.throughput.coarse_grid import expand
 
         return expand(self.external_grid(chip, filter), chip, window)
 
     def led_map(self, chip, window, wave, response):
-        """Return (ny, nx) float32: the internal flat for a response of its own, as of one LED through a filter."""
+        """Return (ny, nx) float32: the internal flat for a given response, such as one LED through a filter."""
         from csstsim.optics.throughput.coarse_grid import expand
 
         return expand(self.internal(chip, *_mosaic(chip), self.weights(wave, response)), chip, window)
 
 
 def check_flat(numbers, file="leds.yaml"):
-    """Raise InputError if the numbers of leds.yaml make no flat field."""
+    """Raise InputError if a number for the flat field in leds.yaml is missing or out of range."""
     try:
         flat, vignetting = numbers["flat"], numbers["vignetting"]
         rising = np.diff(flat["wavelengths"])

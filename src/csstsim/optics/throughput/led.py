@@ -1,7 +1,7 @@
-"""The calibration LEDs: narrow lamps that light the focal plane through the filters (paper, section 5.5.5).
+"""The calibration LEDs: narrow-band lamps that illuminate the focal plane through the filters (paper, section 5.5.5).
 
-A lamp's line is a Gaussian; a chip sees what its filter passes. Its flat is that of its wavelength; a lamp whose own
-flat was not taken (880 nm) has the flat interpolated between its neighbours', which the header says.
+A lamp's line is a Gaussian; a chip receives the part that its filter transmits. The flat of a lamp is that of its
+wavelength. For a lamp without its own flat (880 nm) it is interpolated between the neighbours, which the header states.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,7 @@ class Led:
 
     @property
     def line(self):
-        """(18001,) the line on the paper's grid, of integral 1 (by 1 A) where none of it is cut off."""
+        """(18001,) the line on the paper's grid of 1 A steps, of integral 1 if all of it lies on the grid."""
         sigma = 10 * self.fwhm / _FWHM
         return np.exp(-0.5 * ((GRID - 10 * float(self.name)) / sigma) ** 2) / (sigma * np.sqrt(2 * np.pi))
 

@@ -1,5 +1,4 @@
-"""What light from the sky loses before it is counted: flat field x shutter x pixel response (PRNU), the same for all
-that brings light."""
+"""The response to light from the sky: flat field x shutter x pixel response (PRNU), the same for all sources."""
 
 import numpy as np
 
@@ -11,12 +10,12 @@ _ROUNDING = 1e-6
 
 
 def response_maximum(chip, filter, leds, camera, *, flat, shutter):
-    """Return the maximum that `response_map` declares for a chip: no pixel of it, in any window, is above.
+    """Return an upper limit of `response_map` for a chip, for all pixels in any window.
 
-    Light to be thinned (detector.noise.thin) is counted with this times its flux. The shutter's own is 1; that of the
-    pixels is always in it, so that photons have the same random numbers with PRNU and without.
+    Photons are drawn for this times the flux and then thinned (detector.noise.thin). The maximum of the shutter is 1.
+    The maximum of the pixel response is always included, so that the random numbers of photons do not depend on PRNU.
     """
-    highest = pixels.highest(chip.detector.prnu) * (1 + _ROUNDING)  # of float32
+    highest = pixels.highest(chip.detector.prnu) * (1 + _ROUNDING)  # rounding of float32
     if not flat:
         return highest
     check_flat(leds)
@@ -24,10 +23,11 @@ def response_maximum(chip, filter, leds, camera, *, flat, shutter):
 
 
 def response_map(chip, window, filter, exptime, leds, camera, *, flat, shutter, prnu=None):
-    """Return (ny, nx) float32, the share of nominal light that is counted; None if no loss is asked for.
+    """Return (ny, nx) float32, the fraction of nominal light that is detected; None if all losses are off.
 
-    leds: Camera.leds; camera: name -> Generator that lasts for the camera (rng.Streams.camera); prnu: uint64, the
-    chip's key (rng.Streams.chip_key) of the pixels' response, or None to leave it out. Raises InputError.
+    leds: Camera.leds; camera: function of a name that returns a Generator, the same in all exposures
+    (rng.Streams.camera); prnu: uint64, the chip's key (rng.Streams.chip_key) of the pixel response, or None: no PRNU.
+    Raises InputError.
     """
     if not (flat or shutter) and prnu is None:
         return None

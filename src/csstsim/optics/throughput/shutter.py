@@ -1,15 +1,15 @@
-"""The shutter: two leaves that turn like a double door, and the exposure each column of the focal plane gets.
+"""The shutter: two leaves that turn on hinges like a double door, and the exposure time of each column.
 
 A leaf turns from 0 to 90 deg in t_s with a sinusoidal acceleration (paper, equation 14); integrated twice,
 
     A(t) = pi / (2 t_s) (t - t_s / (2 pi) sin(2 pi t / t_s)).
 
-The leaves hang on bearings a distance 2 L apart in x, meet at the middle when closed, and cover what lies nearer to the
-bearing than L cos A. So the middle is open from the first moment to the last, the bearing only while both leaves are at
-rest: what lies at distance d from its bearing misses 2 t(d), L cos A(t) = d, of the exposure, which counts from the
-start of the opening to the end of the closing. With tau = 2 pi t / t_s that is tau - sin tau = 4 arccos(d / L).
+The bearings of the leaves are 2 L apart in x. The leaves meet in the middle when closed and cover positions nearer to
+their bearing than L cos A. So the middle is exposed during the whole exposure, and the position of a bearing only while
+the leaves are at rest. The exposure counts from the start of the opening to the end of the closing. A position at
+distance d from its bearing loses 2 t(d), with L cos A(t) = d. With tau = 2 pi t / t_s, tau - sin tau = 4 arccos(d / L).
 
-Left out: the height of the leaves above the detectors, whose shadow's edge is wide but moves the same for all columns.
+Left out: the height of the leaves above the detectors; the edge of the shadow is wide but moves alike for all columns.
 """
 
 import numpy as np
@@ -22,7 +22,7 @@ _HALVINGS = 60
 
 
 def deficit(x_mm, telescope):
-    """Return what positions x [mm from the middle] miss of an exposure [s]: 0 in the middle, 2 t_s at a bearing."""
+    """Return the exposure time lost [s] at x [mm from the middle]: 0 in the middle, 2 t_s at a bearing."""
     half = telescope.shutter_span_mm / 2
     angle = np.arccos(np.clip(1 - np.abs(np.asarray(x_mm, float)) / half, 0.0, 1.0))
     low, high = np.zeros_like(angle), np.full_like(angle, 2 * np.pi)
@@ -34,10 +34,9 @@ def deficit(x_mm, telescope):
 
 
 def moments(start, exptime, telescope):
-    """Return when the shutter starts to open, is open, starts to close and is closed [MJD, UTC], {name: day}.
+    """Return the times at which the shutter starts to open, is open, starts to close and is closed, {name: MJD UTC}.
 
-    start: MJD; exptime in s. The exposure counts from the first to the last: its time is that of the middle of the
-    focal plane.
+    start: MJD; exptime [s]: from the first to the last of these, the exposure time of the middle of the focal plane.
     """
     opening, end = telescope.shutter_time / DAY_S, start + exptime / DAY_S
     return {
@@ -47,18 +46,17 @@ def moments(start, exptime, telescope):
 
 
 def exposed(chip, window, exptime):
-    """Return (window.nx,) float64: the share of `exptime` [s] that each column of a chip's window is exposed.
+    """Return (window.nx,) float64: the fraction of `exptime` [s] for which each column of a chip's window is exposed.
 
-    Grating chips are turned by 1 deg; their columns are taken where they cross the chip's middle, which is off by up to
-    2e-5 of 150 s. Raises InputError for
-    an exposure shorter than opening and closing take.
+    Grating chips are turned by 1 deg; their columns are evaluated at the chip's middle row, an error of up to 2e-5 of
+    150 s. Raises InputError for an exposure shorter than opening plus closing.
     """
     check(chip, exptime)
     return 1 - deficit(_across_mm(chip, np.arange(window.x0, window.x1)), chip.telescope) / exptime
 
 
 def check(chip, exptime):
-    """Raise InputError for an exposure [s] shorter than the shutter's way, or leaves that do not cover the chip."""
+    """Raise InputError for an exposure [s] shorter than opening plus closing, or leaves that do not cover the chip."""
     shortest, span = 2 * chip.telescope.shutter_time, chip.telescope.shutter_span_mm
     if exptime < shortest:
         raise InputError("too short for the shutter", key="exptime", value=exptime, allowed=f">= {shortest} s")

@@ -1,7 +1,7 @@
-"""Drawing a chip's objects: the policy's choice carried out, and what came of each object as truth.
+"""Draw the objects of an imaging chip by the methods that render.policy chooses, and return their truth table.
 
-Two planes (design): photons go to `counted`, whole electrons that are Poisson already; everything else to the image of
-expected electrons, which becomes Poisson once, in `poisson_and_dark`.
+Photons go to the plane `counted`, whole electrons with their Poisson noise. All other light goes to the plane of
+expected electrons, whose Poisson noise is added once, in `poisson_and_dark`.
 """
 
 import time
@@ -59,20 +59,20 @@ def draw_objects(canvas, objects, drawing):
 
 
 def _misses(window, scene, wing):
-    """Whether the stamp of each object, its wing's included, misses the window; no electron there may be chance."""
+    """Whether the stamp and wing of each object miss the window; an object may have no electrons there by chance."""
     reach = np.maximum(scene.reach, wing) + 0.5
     spans = (scene.x, window.x0, window.x1), (scene.y, window.y0, window.y1)
     return np.logical_or(*((at + reach < low - 0.5) | (at - reach > high - 0.5) for at, low, high in spans))
 
 
 def _boxed(scene, psf):
-    """Return a Scene with the light that falls within the PSF's box."""
+    """Return the Scene with only the light that falls within the PSF's box."""
     inside = np.einsum("nk,nkb->nb", scene.weight, np.where(scene.weight[..., None] > 0, psf.flux[scene.node], 0.0))
     return replace(scene, electrons=scene.electrons * inside)
 
 
 def object_keys_of(base, ids):
-    """Return a key for each object: of its id, and, where a catalogue gives an id twice, of which of them it is."""
+    """Return a key for each object, from its id and, for repeated ids, the position among the objects of that id."""
     order = np.argsort(ids, kind="stable")
     first = np.r_[True, np.diff(ids[order]) != 0]
     place = np.arange(len(ids))
@@ -80,5 +80,5 @@ def object_keys_of(base, ids):
     again[order] = place - np.maximum.accumulate(np.where(first, place, 0))
     keys = object_keys(base, ids)
     for i in np.flatnonzero(again):
-        keys[i] = object_keys(~keys[i], again[i : i + 1])[0]  # the words of the key itself are the first one's
+        keys[i] = object_keys(~keys[i], again[i : i + 1])[0]  # ~: the first object uses the words of the key itself
     return keys

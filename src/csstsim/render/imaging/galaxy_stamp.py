@@ -1,12 +1,12 @@
 """A galaxy's stamp: one convolution with the mixture of the PSF's nodes and sub-bands.
 
-Disk and bulge are Sersic profiles under one 2 x 2 matrix. Each is split (profiles.sersic): the inner part is
-multiplied with the PSF's transform (render.psf_mixture) at the frequencies of a small periodic image, folded onto those
-of its pixels, which is what taking samples means, and transformed back; the outer part, so smooth that the PSF hardly
-changes it, is added in real space. So no transform is larger than 1280 pixels and no wing wraps round.
+Disk and bulge are Sersic profiles under one 2 x 2 matrix. Each is split (profiles.sersic). The transform of the inner
+part is multiplied by that of the PSF (render.psf_mixture) at the frequencies of a small periodic image, folded onto the
+frequencies of the pixels (the aliasing of sampling), and transformed back. The outer part is so smooth that the PSF
+hardly changes it; it is added in real space. So no transform is larger than 1280 pixels and no wing wraps round.
 
-Where the split lies: `plan`. Left out: what the PSF does to the outer part beyond taking its light out of the
-box (benchmarks/stamps.py has the size of that).
+`plan_galaxies` chooses the radius of the split. Left out: the blurring of the outer part by the PSF, whose only effect
+on it is to remove the light outside the box (size of the error: benchmarks/stamps.py).
 """
 
 from dataclasses import dataclass
@@ -20,16 +20,16 @@ from csstsim.profiles.log_table import first_of, nodes, read
 from csstsim.profiles.sersic import CUT_NONE, K2_HIGH, K2_LOW, R2_HIGH, R2_LOW, cut_for, extent, tables
 from csstsim.render.psf_mixture import BINS, transform
 
-_WORST = 3e-4  # of the peak: what blurring may change in the outer part ...
-_ROUGH = 3e-3  # of the peak: above which it is flagged
-_LOCAL = 0.05  # ... where it is more than this of what is there
+_WORST = 3e-4  # of the peak: the most that blurring may change in the outer part ...
+_ROUGH = 3e-3  # of the peak: a larger change is flagged
+_LOCAL = 0.05  # ... where the change is more than this fraction of the local value
 _CORE2 = 1.5  # px^2: half the variance of the PSF's core and the pixel
 _WINGS2 = 6.5  # px^2: the same of the box, with the curvature of the split (measured: benchmarks/stamps.py)
 _RHO = np.geomspace(0.02, 200.0, 48)  # r_e
-_START_PX = 14.0  # the outer part begins no nearer
+_START_PX = 14.0  # smallest radius at which the outer part begins
 _ROWS = 64
 _EXTENT_MAX = 448.0  # px: half the side of the inner part
-_TAIL = 3e-4  # of the peak: what the frequencies left out may add up to
+_TAIL = 3e-4  # of the peak: largest sum of the frequencies left out
 SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point
 _ANGLES = np.arange(8) * np.pi / 16  # from a galaxy's short axis
 _K2_FIRST, _R2_FIRST = first_of(K2_LOW), first_of(R2_LOW)
@@ -42,22 +42,23 @@ class Plan:
     """How n galaxies are split and how large their transforms are."""
 
     cut: np.ndarray  # (n, 2) r_e of each component; inf: no outer part
-    half: np.ndarray  # (n,) px, half the side of the square the inner part is wanted on
+    half: np.ndarray  # (n,) px, half the side of the square on which the inner part is computed
     size: np.ndarray  # (n,) px, period of the transform
-    rough: np.ndarray  # (n,) bool: long and thin beyond what is promised
+    rough: np.ndarray  # (n,) bool: so long and thin that the error may exceed the limit
 
     def take(self, rows):
-        """Return the plan of the galaxies of an index array, in that order."""
+        """Return the plan of the galaxies at the rows of an index array, in that order."""
         return Plan(**{name: values[rows] for name, values in vars(self).items()})
 
 
 def plan_galaxies(scene, reach, box, rows):
-    """Return the Plan of a Scene whose objects `rows` (n,) bool are galaxies; reach (n,) px, box: half the PSF's [px].
+    """Return the Plan of a Scene whose objects `rows` (n,) bool are galaxies.
 
-    The outer part, which the PSF leaves as it is, begins where that is wrong by less than _WORST of the peak: for the
-    PSF's core, whose variance meets the curvature of the profile on its long axis, where it is thinnest (across,
-    exp(-b rho^(1/n)) has b / n rho^(1/n - 2) over the square of the short half-light radius), and for its wings, which
-    meet that of the split itself; nowhere within 14 px.
+    reach: (n,) px, half sides of the stamps; box: half the side of the PSF's box [px]. The outer part is not blurred.
+    It begins where that changes the image by less than _WORST of the peak, and not within 14 px. Two errors are
+    estimated. The PSF's core blurs by its variance times the curvature of the profile, largest across the long axis:
+    there exp(-b rho^(1/n)) has the relative curvature b / n rho^(1/n - 2) over the squared short half-light radius.
+    The PSF's wings blur by the curvature of the split itself.
     """
     there = (scene.light > 0) & rows[:, None]
     n, b, size = np.moveaxis(np.where(there[..., None], scene.sersic, 1.0), -1, 0)
@@ -74,7 +75,7 @@ def plan_galaxies(scene, reach, box, rows):
     start = _RHO[np.minimum((wrong > _WORST).sum(axis=-1), len(_RHO) - 1)]
     radius = 2 * np.maximum(start, _START_PX / wide)
     most = np.minimum(2 * reach[:, None], _EXTENT_MAX) / wide
-    # Too long for a transform: the better of a split that is too near, and, where the profile is smooth, of none
+    # Too long for a transform: take the better of a split too near the centre and no transform at all
     capped = (radius > most) & (2 * reach[:, None] > _EXTENT_MAX)
     last = np.maximum((0.5 * most[..., None] > _RHO).sum(axis=-1) - 1, 0)
     near = np.take_along_axis(wrong, last[..., None], axis=-1)[..., 0]
@@ -95,8 +96,8 @@ def plan_galaxies(scene, reach, box, rows):
 def galaxy_stamp(stamper, i, share, bounds, many=False):
     """Return (stamp, light) of a Stamper's galaxy i, as Stamper.stamp.
 
-    many: whether many galaxies share size and nodes, so that it pays to keep the nodes' transforms. Below zero the
-    stamp may be by what is left out.
+    many: whether many galaxies share size and nodes, so that keeping the nodes' transforms saves time. The stamp may
+    be negative by the amount of the approximations.
     """
     mixer, scene, plan, reach, core = stamper.mixer, stamper.scene, stamper.plan, stamper.reach[i], stamper.core
     node, light, sersic, matrix = scene.node[i], scene.light[i], scene.sersic[i], scene.matrix[i]
@@ -134,7 +135,7 @@ def galaxy_stamp(stamper, i, share, bounds, many=False):
 
 
 def _outer_light(smooth, x, y, side, electrons):
-    """Return the light of the outer parts on a square of `side` px, some rows at a time."""
+    """Return the light of the outer parts on a square of `side` px, computed in strips of _ROWS rows."""
     total = 0.0
     for row in range(0, side, _ROWS):
         strip = np.zeros((min(_ROWS, side - row), side))
@@ -145,21 +146,21 @@ def _outer_light(smooth, x, y, side, electrons):
 
 @lru_cache(256)
 def _component_tables(disk, disk_cut, bulge, bulge_cut):
-    """Return (inner (2, m), outer (2, l)): tables of profiles.sersic of two indices and cuts; index 0: zeros."""
+    """Return (inner (2, m), outer (2, l)): tables of profiles.sersic for disk and bulge; zeros for index 0."""
     both = [tables(*key) if key[0] > 0 else _NONE for key in ((disk, disk_cut), (bulge, bulge_cut))]
     return tuple(np.stack(parts) for parts in zip(*both, strict=True))
 
 
 @numba.njit(cache=True)
 def _cutoff(sersic, light, matrix, tables, envelope):
-    """Return the frequency [cycles a pixel] beyond which all that is left out stays below _TAIL of the peak.
+    """Return the frequency [cycles per pixel] above which the sum of all amplitudes is below _TAIL of the peak.
 
     tables (2, m): transforms of the components; envelope: the PSF's transform at BINS, of light 1.
     """
     p, q = matrix[0, 0] ** 2 + matrix[1, 0] ** 2, matrix[0, 1] ** 2 + matrix[1, 1] ** 2
     r = matrix[0, 0] * matrix[0, 1] + matrix[1, 0] * matrix[1, 1]
     middle, spread = 0.5 * (p + q), np.sqrt(0.25 * (p - q) ** 2 + r * r)
-    power = np.zeros(len(BINS))  # light per bin of the logarithm of frequency; never too little, from the short axis on
+    power = np.zeros(len(BINS))  # amplitude per bin of log frequency, an upper bound
     line = np.empty(1)
     bits = line.view(np.int64)
     for j in range(len(BINS)):
@@ -208,7 +209,7 @@ def _convolved(mixture, sersic, light, matrix, tables, x, y, size):
         turn = turn_y[row]
         for column in range(count):
             term[column] = mixture[row, column] * (turn * turn_x[column]) * value[column]
-        # Each term stands for itself and, conjugated, for its opposite; kept are columns up to half the period
+        # Each term also gives, conjugated, the opposite frequency; only columns up to half the period are kept
         there, back = out[j_y % size], out[-j_y % size]
         for column in range(min(count, half + 1)):
             there[column] += term[column]

@@ -1,16 +1,15 @@
-"""Photons: objects drawn electron by electron, straight into the counted plane.
+"""Photons: objects drawn electron by electron into the counted plane.
 
-An electron's place is that of the object, plus a draw from the profile under its 2 x 2 matrix, plus a draw from the
-PSF. The PSF of a place is a mixture of nodes (optics.psf.interpolation), so a node drawn with its weight is an exact
-draw, as is a sub-band drawn with its share of the light. The number of an object's electrons is Poisson. Few of them
-choose component, sub-band and node one by one; many are split beforehand into independent Poisson numbers: nothing is
-shot twice and nothing is left to a later Poisson step.
+An electron's position is that of the object, plus a draw from the profile under its 2 x 2 matrix, plus a draw from the
+PSF. The PSF at a position is a mixture of nodes (optics.psf.interpolation), so choosing a node with its weight, and a
+sub-band with its share of the light, samples it exactly. The number of electrons of each component is Poisson. If its
+mean is small, sub-band and node are chosen for each electron; if it is large, each sub-band and node has an independent
+Poisson number. No further Poisson noise is added later.
 
 Losses: numbers are drawn for `maximum` times the light, and an electron on a pixel is kept with probability
 response / maximum. A thinned Poisson number is Poisson, so mean = variance holds for every pixel.
 
-Electrons beyond the PSF's box follow the radial wing (optics.scatter.halo), all of it: none is lost because noise hides
-it.
+Electrons beyond the PSF's box follow the radial wing (optics.scatter.halo) at all radii, also where noise hides it.
 """
 
 import numba
@@ -31,20 +30,21 @@ from csstsim.render.photon_positions import (
 
 _ONE, _TWO = np.uint64(1), np.uint64(2)
 _MANY = 300.0  # electrons above which numbers are drawn for each (component, sub-band, node)
-_BATCH = 512  # electrons drawn at a time, and the most that are chosen one by one: P(more) < 1e-25
-_STRIP = 64  # px: objects of a node are drawn in strips, so that their pixels are in cache
+_BATCH = 512  # electrons drawn at a time; a Poisson number of mean _MANY exceeds it with P < 1e-25
+_STRIP = 64  # px: objects of a node are drawn strip by strip, so that their pixels stay in cache
 
 
 def shoot_scene(canvas, scene, keys, table, wing=None):
     """Draw the objects of a Scene into the counted plane of a Canvas, which must be there.
 
     keys: (n,) uint64, all different (counter.object_keys). table: PsfTable with the tables of all nodes of the scene.
-    wing: optics.scatter.halo.Wing, where electrons beyond the PSF's box go, or None: nowhere. Returns on_window (n,)
-    int64, electrons counted; outside_box (n,) int64, electrons, of `canvas.maximum` times the light, that fell
-    outside the PSF's box; box (n, 4) int64, x0, x1, y0, y1 of the chip's pixels reached, half-open, 0 if none. The
-    result does not depend on the order of the objects. Raises ValueError for arrays that do not fit, a response above
-    the maximum, and what a Scene must not hold: numbers that are not finite, negative light, 2^31 electrons in an
-    object, negative weights (a PSF interpolation that is not convex), nodes without tables.
+    wing: optics.scatter.halo.Wing for the electrons beyond the PSF's box, or None: they are dropped.
+
+    Returns on_window (n,) int64, electrons counted; outside_box (n,) int64, electrons outside the PSF's box, drawn for
+    `canvas.maximum` times the light; box (n, 4) int64, x0, x1, y0, y1 of the chip's pixels reached, half-open, 0 if
+    none. The result does not depend on the order of the objects. Raises ValueError for arrays of the wrong shape, a
+    response above the maximum, values that are not finite, negative light, 2^31 electrons in an object, negative
+    weights (a PSF interpolation that is not convex) and nodes without tables.
     """
     counted, window, maximum = canvas.counted, canvas.window, canvas.maximum
     if counted.shape != window.shape or counted.dtype != np.int32:
@@ -109,7 +109,7 @@ def _shoot(image, objects, psf, tail, results, order):
 
 @numba.njit(cache=True)
 def _choose(number, bands, nodes, index, share, sides, key, counter, work):
-    """Choose node, sub-band and part for each of few electrons; return (those in the box, counter)."""
+    """Choose node, sub-band and part for each electron; return (number inside the PSF's box, counter)."""
     first, count = work[0], 0
     for _ in range(number):
         which, u = word(key, counter), high(word(key, counter + _ONE))
@@ -123,7 +123,7 @@ def _choose(number, bands, nodes, index, share, sides, key, counter, work):
 
 @numba.njit(cache=True)
 def _draw(count, place, image, psf, results, work, key, counter):
-    """Draw the electrons whose tables stand in `work`, three short loops over all; return the counter."""
+    """Draw and count the electrons whose tables are listed in `work`; return the counter."""
     x, y, matrix, sersic, i = place
     first, px, py = work
     from_psf(count, psf, first, px, py, key, counter)
@@ -136,7 +136,7 @@ def _draw(count, place, image, psf, results, work, key, counter):
 
 @numba.njit(cache=True)
 def _draw_beyond(number, place, image, psf, tail, results, work, key, counter):
-    """Draw electrons of the wing beyond the PSF's box, and count that they are; return the counter."""
+    """Draw electrons from the wing beyond the PSF's box, and add their number to `results`; return the counter."""
     x, y, matrix, sersic, i = place
     _, px, py = work
     results[1][i] += number

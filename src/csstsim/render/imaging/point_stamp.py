@@ -1,6 +1,6 @@
-"""A point's stamp: the PSF's spline density (render.psf_table) integrated over pixels at the sub-pixel place.
+"""A point's stamp: the PSF's spline density (render.psf_table) integrated over pixels at the sub-pixel position.
 
-No transform; the mixture is summed only over the cells that the stamp needs.
+No transform is needed; the mixture is computed only for the cells under the stamp.
 """
 
 import math

@@ -1,17 +1,17 @@
 """The reference renderer: GalSim, one object at a time, as the paper describes (sections 4.1, 5.3).
 
 Each object is its profile (bulge n = 4 + disk n = 1, or a point) convolved with the PSF interpolated to
-its position, in four sub-bands. Where the paper's letter is not followed (design):
+its position, in four sub-bands. Differences from the paper (by design):
 - r_e is the half-light radius, so GalSim's own DeVaucouleurs and Exponential are used;
 - both components share one SED, so the four sub-band PSFs are summed by flux weight before the one
   convolution: the same image as four draws added, by linearity;
 - the stamp is bounded by the scene's noise (catalog.selection.select, `reach`), not by folding_threshold = 5e-8;
 - shapes go through full 2 x 2 matrices: intrinsic shear, lensing, then d(pixel)/d(sky);
-- a stored PSF sample is the integral over a cell, 2 or 4 to the side of a pixel: their sums make the exact integral
-  over a pixel, so objects are drawn with GalSim's `no_pixel` on that pixel-integrated PSF.
-Light that a stamp does not hold is added by render.wings: beyond the box of the stored PSF the wing, pixel by pixel as
-far as it shows, and at least to NEAR px.
-All light goes to the expectation plane; Poisson noise comes once, in `poisson_and_dark`.
+- a stored PSF sample is the integral over a cell, 2 or 4 to the side of a pixel. Sums of cells are exact integrals over
+  a pixel, so objects are drawn with GalSim's `no_pixel` on that pixel-integrated PSF.
+render.wings adds the light that a stamp does not hold: beyond the box of the stored PSF the wing, drawn pixel by pixel
+as far as it exceeds the noise, and at least to NEAR px.
+All light goes to the plane of expected electrons; Poisson noise is added once, in `poisson_and_dark`.
 """
 
 import math
@@ -33,20 +33,20 @@ from csstsim.render.extended import parts_of
 from csstsim.render.scene import make_scene
 from csstsim.render.wings import Held, Wings, add_ghosts, box_on_window, box_share
 
-galsim.errors.raise_fft_size_error = True  # GalSim 2.8 only warns, then takes all memory
+galsim.errors.raise_fft_size_error = True  # otherwise GalSim 2.8 only warns and then uses all memory
 
 # Interpolation and truncation errors well below the accuracy goals (flux 1e-3, ellipticity 1e-4).
 GSPARAMS = {"maxk_threshold": 1e-4, "kvalue_accuracy": 1e-6, "xvalue_accuracy": 1e-6, "maximum_fft_size": 4096}
-# Light that may alias: what the stamp may lose, within these (5e-3 is GalSim's own) ...
+# Fraction of light that may alias: the fraction the stamp may lose, within these limits (GalSim's default is 5e-3) ...
 FOLDING_MIN, FOLDING_MAX = 1e-4, 5e-3
-# ... and, with a flag, for objects whose FFT would not fit, these in turn.
+# ... and, for objects whose FFT would be too large, these in turn, with a flag.
 FOLDING_LOOSE = (5e-3, 5e-2, 0.3)
 FFT_LOOSE = 8192
 NEAR = 512.0  # px
 REACH_FFT = 1000  # px: half the largest stamp, so that its FFT (half-pixel steps) fits the maximum
 NEGATIVE_LIMIT = 1e-4  # fraction of an object's light in negative pixels above which clipping is flagged
 SIZE_MIN = 1e-5  # arcsec, half-light radius: a smaller galaxy is a point, and GalSim would draw nothing
-# Beyond 1 cycle a pixel, jitter, diffusion and the pixel leave under 1e-4 of any PSF, however fine its lattice.
+# Above 1 cycle per pixel, jitter, diffusion and the pixel leave less than 1e-4 of any PSF, for any lattice.
 PSF_MAXK = 2 * np.pi
 
 
@@ -54,7 +54,7 @@ def draw_objects(canvas, objects, drawing):
     """Draw the objects of an imaging chip on a Canvas; return the table with what was drawn (render.drawn_table).
 
     objects: ObjectTable from catalog.selection.select; drawing: render.drawing.Drawing. snr and error of the table are
-    NaN, for they are not asked for.
+    NaN: the reference renderer does not compute them.
     """
     psf, window, wing, ghosts = drawing.psf, canvas.window, drawing.wing, drawing.ghosts
     flux = np.stack([objects[f"flux{i}"] for i in range(4)], axis=1) * drawing.exptime
@@ -109,27 +109,27 @@ def _cells(psf, nodes, weights, flux):
 
 
 def point(mixture, oversampling):
-    """Return the GSObject in pixels, pixel response included, of a point whose PSF's cells (n, n) are `mixture`."""
-    # A sample is the light that falls in a pixel centred there: surface brightness per pixel, in pixel units.
+    """Return the GSObject in pixels, pixel response included, of a point with PSF cells `mixture` (n, n)."""
+    # A sample is the light that falls in a pixel centred there: a surface brightness per pixel area.
     return lattice(galsim.ImageD(pixel_response(mixture, oversampling)), 1 / oversampling, "sb")
 
 
 def lattice(image, step, normalization):
-    """Return the GSObject of an image, pixel response included, known every `step` px."""
+    """Return the GSObject of an image sampled every `step` px, pixel response included."""
     return galsim.InterpolatedImage(
         image,
         scale=step,
         normalization=normalization,
         x_interpolant="quintic",
         gsparams=galsim.GSParams(**GSPARAMS),
-        # Known, so that GalSim need not search
+        # Known values, which GalSim would otherwise search for
         _force_maxk=PSF_MAXK,
         _force_stepk=2 * np.pi / (image.array.shape[0] * step),
     )
 
 
 def convolved(parts, folding=None):
-    """Return the GSObjects convolved; `folding` not None: with a larger transform than usual."""
+    """Return the convolution of GSObjects; a `folding` that is not None allows a larger transform than usual."""
     limit = {"maximum_fft_size": FFT_LOOSE} if folding else {}
     return galsim.Convolve(parts, gsparams=galsim.GSParams(**(GSPARAMS | limit)), propagate_gsparams=False)
 
@@ -138,15 +138,15 @@ class Galaxies:
     """Profiles of the objects of an ObjectTable in pixels: intrinsic shape, lensing and local WCS as matrices."""
 
     def __init__(self, objects, wcs):
-        # Shapes refer to east and north at the catalogue's place. Aberration carries them along unturned; east at the
-        # apparent place, up to 26" off, is another direction near a pole.
+        # Shapes refer to east and north at the catalogue position. Aberration does not rotate them, but near a pole
+        # east at the apparent position, up to 26" away, is another direction.
         self._jacobian = wcs.jacobian(objects["ra_orig"], objects["dec_orig"], seen=(objects["ra"], objects["dec"]))
         self._objects, self._parts, self._extended = objects, components(objects), objects["obj_type"] == GALAXY
 
     def seen(self, i, cells, oversampling, folding=None):
         """Return the GSObject of object i, pixel response included; `cells` (n, n) is its PSF in electrons.
 
-        `folding` loosens what the galaxy's own profile asks of the FFT.
+        `folding`: larger folding_threshold for the galaxy's profile, which makes the FFT smaller.
         """
         star = point(cells, oversampling)
         return convolved([self.profile(i, folding).withFlux(1.0), star], folding) if self._extended[i] else star
@@ -174,8 +174,8 @@ class Galaxies:
 def _draw(profile, x, y, reach):
     """Return the stamp of `profile(folding=...)` centred on pixel position x, y, and flags.
 
-    The whole stamp is drawn, also where the chip ends: GalSim's FFT box is centred on the image, so light
-    would wrap round if the image were the visible part only.
+    The whole stamp is drawn, also the part beyond the chip: GalSim's FFT box is centred on the image, so light
+    would wrap round if the image were only the visible part.
     """
     column, row = round(x), round(y)
     image = galsim.ImageD(galsim.BoundsI(column - reach, column + reach, row - reach, row + reach))
@@ -195,7 +195,7 @@ def fill(image, profile, x, y):
 
 
 def clip_negative(image):
-    """Set the ripples below zero to zero and take their sum from the rest, so that the light stays the same."""
+    """Set negative pixels to zero and scale the others to keep the total light; return NEGATIVE_CLIPPED or 0."""
     negative = np.minimum(image.array, 0).sum()
     if negative == 0:
         return 0

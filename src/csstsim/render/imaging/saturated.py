@@ -1,4 +1,4 @@
-"""Which objects saturate: light in the pixels at their place, their own and that of others, above the full well."""
+"""Flag saturated objects: those with more light than the full well in a pixel at their position, from any source."""
 
 import numpy as np
 from scipy.ndimage import maximum_filter
@@ -9,8 +9,8 @@ from csstsim.catalog.flags import SATURATED
 def flag_saturated(truth, image, counted, window, full_well):
     """Return the truth table with SATURATED where one of the 3 x 3 pixels at an object's place is above the full well.
 
-    image, counted: electrons, (window.ny, window.nx), counted may be None; full_well: electrons. Light is meant as it
-    falls on the detector, before charge moves.
+    image, counted: electrons, (window.ny, window.nx), counted may be None; full_well: electrons. The light is that
+    falling on the detector, before blooming and charge transfer.
     """
     if not len(truth):
         return truth

@@ -1,4 +1,4 @@
-"""The stamps of a scene's objects: which stamp, how large, and what of the PSF's box counts."""
+"""The stamps of a scene's objects: kind and size of each stamp, and the part of the PSF's box that it contains."""
 
 import math
 from dataclasses import dataclass, replace
@@ -20,20 +20,20 @@ class Stamper:
     mixer: Mixer
     scene: Scene
     reach: np.ndarray  # (n,) px, half the side of each stamp
-    plan: Plan  # of those that are no points
-    cored: bool  # the PSF's box is faded out where a wing brings the rest
+    plan: Plan  # of the galaxies
+    cored: bool  # the PSF's box is faded out, because there is a wing
 
     @classmethod
     def of(cls, mixer, scene, scattered, lit=True):
-        """Return the Stamper of a Scene; scattered: a Scattered, or None: stamps alone; lit: (n,) has any light."""
+        """Return the Stamper of a Scene; scattered: a Scattered, or None: only stamps; lit: (n,) has any light."""
         reach, cored = np.asarray(scene.reach, int), scattered is not None and scattered.wing is not None
-        if scattered is not None and not cored:  # then a stamp holds all there is of a point
+        if scattered is not None and not cored:  # without a wing, a stamp holds the whole box
             reach = np.maximum(reach, math.ceil(mixer.half))
         return cls(mixer, scene, reach, plan_galaxies(scene, reach, mixer.half, lit & scene.extended), cored)
 
     @cached_property
     def core(self):
-        """The share of each cell of the PSF that counts, or None: all."""
+        """The share of each cell of the PSF that is drawn, or None: all of it."""
         return self.mixer.core if self.cored else None
 
     def alone(self, i):
@@ -42,14 +42,14 @@ class Stamper:
         return Stamper(self.mixer, self.scene.take(row), self.reach[row], self.plan.take(row), self.cored)
 
     def moved(self, x, y):
-        """Return the Stamper of the one object there is at another place."""
+        """Return the Stamper of a single object moved to x, y."""
         return replace(self, scene=replace(self.scene, x=np.array([x]), y=np.array([y])))
 
     def stamp(self, i, share, bounds, many=False):
         """Return (stamp, light): object i on the pixels of `bounds`, float64, and the light of its whole stamp.
 
         share (k, 4): electrons from each of its PSF nodes and sub-band; bounds: (x0, x1, y0, y1), half-open, the part
-        of the stamp that is wanted, or None; many: whether many galaxies share size and nodes.
+        of the stamp to compute, or None; many: whether many galaxies share size and nodes.
         """
         return galaxy_stamp(self, i, share, bounds, many) if self.plan.size[i] else point_stamp(self, i, share, bounds)
 

@@ -1,7 +1,7 @@
-"""Stamps: the expected light of objects on their pixels, without noise, added to a plane of expected electrons.
+"""Stamps: noise-free images of objects, added to the plane of expected electrons.
 
 Points: render.imaging.point_stamp. Galaxies: render.imaging.galaxy_stamp. Light that a stamp does not hold:
-render.wings. Of what is off the window only the light is computed, which says how much is left for the wings.
+render.wings. For the part of a stamp outside the window only the total light is computed, which the wings need.
 """
 
 import time
@@ -18,13 +18,13 @@ from csstsim.render.psf_mixture import mixer_of
 from csstsim.render.wings import Held, Wings, add_ghosts, box_on_window
 
 _NEGATIVE_LIMIT = 1e-4  # of an object's light, in negative pixels, above which clipping is flagged
-_MANY = 8  # galaxies with a size of transform and PSF nodes in common, above which nodes are transformed, not galaxies
+_MANY = 8  # above so many galaxies with equal transform size and PSF nodes, the nodes' transforms are computed and kept
 _SIZE_KEPT = 160  # px, period of the largest transforms that are kept
 
 
 @dataclass(frozen=True)
 class Drawn:
-    """What was drawn of n objects; the wings of faint ones are in `drawn`, not in `box`."""
+    """What was drawn of n objects; wings hidden by noise are in `drawn`, not in `box`."""
 
     drawn: np.ndarray  # (n,) float64, electrons put on the window
     box: np.ndarray  # (n, 4) int64: x0, x1, y0, y1 of the pixels touched, half-open, on the chip; zeros: none
@@ -35,9 +35,9 @@ class Drawn:
 def draw_scene(canvas, scene, psf, scattered=None, chip=None):
     """Draw the objects of a Scene as expected electrons; return Drawn.
 
-    psf: PsfSet, or the Mixer of one; scattered: optics.scatter.scattered_light.Scattered, or None: stamps alone,
-    whatever they leave out; chip: instrument.chip.Chip, for the ghosts. Points come first, then galaxies by size of
-    transform, both by their PSF nodes: the same scene gives the same bits.
+    psf: PsfSet, or the Mixer of one; scattered: optics.scatter.scattered_light.Scattered, or None: only stamps are
+    drawn; chip: instrument.chip.Chip, for the ghosts. The drawing order is fixed (points, then galaxies by size of
+    transform, both sorted by PSF nodes), so the same scene gives the same bits.
     """
     n, mixer, image, window = len(scene), mixer_of(psf), canvas.expected, canvas.window
     out = Drawn(np.zeros(n), np.zeros((n, 4), np.int64), np.zeros(n, np.int32), np.zeros(n, np.float32))
@@ -104,7 +104,7 @@ def _put(image, stamp, response):
 
 @numba.njit(cache=True)
 def _clip(stamp):
-    """Set what is below zero to zero, the light staying the same; return (light, what was below zero)."""
+    """Set negative pixels to zero, keeping the total light; return (light, sum of what was below zero)."""
     total = below = 0.0
     for value in stamp.flat:
         total += value

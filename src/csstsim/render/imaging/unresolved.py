@@ -1,8 +1,8 @@
-"""The light of objects too faint to be drawn one by one: spread smoothly, none of it lost.
+"""The light of objects too faint to be drawn one by one: spread smoothly, without loss.
 
-An object's electrons are shared among the four nearest points of a mesh of MESH pixels by nearness, and the mesh is
-laid on the window bilinearly: what an object gives is a pyramid two meshes wide about its place. Light and its first
-moments stay, and so does all that is larger than the mesh.
+An object's electrons are shared out bilinearly among the four nearest points of a mesh of MESH pixels, and the mesh is
+interpolated bilinearly on the window, so an object becomes a pyramid two meshes wide around its position. Its light and
+first moments are conserved, and so is all structure larger than the mesh.
 """
 
 import numba
@@ -15,11 +15,11 @@ def add_unresolved(canvas, scene):
     """Add the light of a Scene as expected electrons; return ((n,) electrons on the window, (n, 4) boxes)."""
     window, response = canvas.window, canvas.seen
     electrons = scene.electrons.sum(axis=1)
-    # Mesh point k stands at pixel (k - 1) MESH of the window; objects beyond the outer points give nothing to it
+    # Mesh point k is at pixel (k - 1) MESH of the window; objects beyond the outermost points add no light
     u, v = ((at - first) / MESH + 1 for at, first in ((scene.x, window.x0), (scene.y, window.y0)))
     ny, nx = (n // MESH + 4 for n in window.shape)
     mesh, on_window = np.zeros((ny, nx)), np.zeros(len(scene))
-    level = np.zeros((ny, nx))  # light that a mesh point of unit light puts on the window
+    level = np.zeros((ny, nx))  # light that a mesh point of value 1 puts on the window
     _scatter(mesh, u, v, electrons / MESH**2)
     _spread(canvas.expected, mesh, response)
     _collect(level, response)

@@ -1,15 +1,15 @@
-"""Photons through a grating: each electron draws its wavelength and order, then its place, then the trace's shift.
+"""Photons through a grating: draw the wavelength and order of each electron, then its position, then shift it.
 
-An object's electrons have a wavelength distributed as spectrum x (throughput of all orders), an order by its share at
-that wavelength, a PSF node and one of the two nearest PSF wavelengths by weight (optics.gratings.dispersion): all exact
-draws of a mixture. The place without the grating, object + profile + PSF, decides which of the two gratings takes it:
-an object whose light reaches a piece's edge visits both pieces, and each visit leaves out what falls beyond its own.
-Then
+The wavelength follows spectrum x (throughput of all orders). The order is drawn by its share at that wavelength, the
+PSF node by its weight, and one of the two nearest PSF wavelengths by weight (optics.gratings.dispersion); all are exact
+draws from a mixture. The position without the grating (object + profile + PSF) decides which of the two gratings
+disperses the electron: an object whose light reaches the edge of a piece visits both pieces, and each visit drops the
+electrons that fall outside its piece. The electron is then shifted to
 
     x + p + q lambda,   y + r + s lambda,
 
-with p, q, r, s of the object's centre: across a galaxy of 10" they change by a thousandth. Numbers are Poisson, losses
-thin them (render.imaging.photons).
+with p, q, r, s at the object's centre; they change by a thousandth across a galaxy of 10". Numbers are Poisson and
+thinned by losses as in render.imaging.photons.
 """
 
 import numba
@@ -33,9 +33,9 @@ _S26, _S36 = np.uint64(26), np.uint64(36)  # a word in three: 26, 10 and 28 bits
 _LOW26, _LOW10 = np.uint64((1 << 26) - 1), np.uint64((1 << 10) - 1)
 _UNIT26, _UNIT10, _UNIT28 = 2.0**-26, 2.0**-10, 2.0**-28
 _BATCH = 512
-_GUIDE = 8192  # at most: entries of the table that begins the search for a wavelength
+_GUIDE = 8192  # largest number of entries in the guide table for the search of a wavelength
 _DENSE = 8.0  # electrons a bin above which each bin has its own Poisson numbers
-_AWAY = 1e9  # px: where electrons go that fall beyond a piece
+_AWAY = 1e9  # px: position given to electrons outside the piece, off any window
 
 
 def shoot_spectra(canvas, scene, traces, keys, table, wing=None):
@@ -71,7 +71,7 @@ def shoot_spectra(canvas, scene, traces, keys, table, wing=None):
 
 
 def _wavelengths(disperser):
-    """Return the place of each bin between the PSF set's wavelengths, 0 to 3, and the bins' first edge and step."""
+    """Return the position of each bin among the PSF set's wavelengths, 0 to 3, and the bins' first edge and step."""
     lower, upper = disperser.psf_mixture
     return (lower + upper).astype(np.float32), float(disperser.edges[0]), float(np.diff(disperser.edges[:2])[0])
 
@@ -118,7 +118,7 @@ def _shoot(image, objects, light, optics, visits, keys, psf, tail, results):
 
 @numba.njit(cache=True)
 def _fill(guide, running, maximum):
-    """Fill the guide: entry j is the bin where the share j / entries of the light lies; return the entries."""
+    """Fill the guide: entry j is the bin at which the share j / entries of the light is reached; return `entries`."""
     bins, light = len(running) - 1, running[-1]
     entries = 8
     while entries < _GUIDE and entries < 4 * maximum * light:
@@ -133,7 +133,7 @@ def _fill(guide, running, maximum):
 
 @numba.njit(cache=True)
 def _choose(number, draw, psf, work, key, counter):
-    """Choose bin, and all that `_assign` does, for each electron; return (those in the PSF's box, counter)."""
+    """Choose each electron's bin, then call `_assign`; return (number inside the PSF's box, counter)."""
     running, guide = draw[0], draw[1]
     light, entries, last = running[-1], len(guide) - 1, len(running) - 2
     near, far = 0, number
@@ -150,9 +150,9 @@ def _choose(number, draw, psf, work, key, counter):
 
 @numba.njit(cache=True)
 def _by_bins(mean, draw, place, image, psf, tail, work, results, key, counter):
-    """Draw an object of many electrons node by node and PSF wavelength by wavelength; return the counter.
+    """Draw an object of many electrons, with a Poisson number per node, PSF wavelength and bin; return the counter.
 
-    Each bin has a Poisson number. mean: electrons of light 1.
+    mean: electrons per unit of the light in `running`.
     """
     running, _, shares, between, start, step, nodes, index, lines = draw
     first, order, _, _, shift_x, shift_y = work
@@ -186,7 +186,7 @@ def _by_bins(mean, draw, place, image, psf, tail, work, results, key, counter):
                     if near == far:
                         counter = _land(near, _BATCH, place, image, psf, tail, work, results, key, counter)
                         near, far = 0, _BATCH
-    # Those beyond the box stand at the end: they close up to the others
+    # Electrons beyond the box are at the end of the arrays: move them up to the others
     count = near + _BATCH - far
     for j in range(_BATCH - far):
         for_j, from_j = near + j, far + j
@@ -197,15 +197,15 @@ def _by_bins(mean, draw, place, image, psf, tail, work, results, key, counter):
 
 @numba.njit(inline="always")
 def _assign(b, near, far, draw, psf, work, key, counter):
-    """Give an electron of bin b wavelength, order, node and part of the PSF, by three words; return (near, far).
+    """Draw wavelength, order, node and part of the PSF of an electron of bin b from three words; return (near, far).
 
-    Those in the PSF's box stand at the beginning of the work arrays, `near` of them, those beyond from `far` on.
+    The first `near` entries of the work arrays are electrons in the PSF's box, those from `far` on are beyond it.
     """
     _, _, shares, between, start, step, nodes, index, lines = draw
     first, order, _, _, shift_x, shift_y = work
     one, two, three = word(key, counter), word(key, counter + _ONE), word(key, counter + _TWO)
     o = pick(shares[b], low(one))
-    # The lower of two wavelengths, or the upper one as often as its weight says
+    # The upper of the two wavelengths with probability equal to its weight, else the lower one
     node, f = index[pick(nodes, low(two) * nodes[-1])], np.int64(between[b] + high(two))
     wave, u = start + step * (b + low(three)), high(three)
     inner, outer = psf[1][node, f]
@@ -221,7 +221,7 @@ def _assign(b, near, far, draw, psf, work, key, counter):
 
 @numba.njit(cache=True)
 def _land(near, number, place, image, psf, tail, work, results, key, counter):
-    """Give electrons their places, those from `near` on in the wing, and count them; return the counter."""
+    """Draw the positions of electrons, from `near` on in the wing, and count them; return the counter."""
     x, y, matrix, sersic, v, side, cut = place
     first, order, px, py, shift_x, shift_y = work
     for part in range(2):

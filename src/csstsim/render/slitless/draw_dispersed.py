@@ -1,8 +1,8 @@
-"""Drawing the objects of a spectroscopic chip: as render.imaging.draw, each object's light sent through the gratings.
+"""Draw the objects of a spectroscopic chip: as render.imaging.draw, with the light dispersed by the gratings.
 
-The policy's choice (render.policy) rests on the first order's electrons over the pixels that a spectrum covers. Objects
-are taken some at a time, for their spectra are too many to hold. Truth is kept object by object, as on imaging chips,
-and order by order.
+The method (render.policy) is chosen from the first order's electrons over the pixels that a spectrum covers. Objects
+are drawn in chunks, because all spectra together would not fit in memory. Truth has one table of objects, as on imaging
+chips, and one of orders.
 """
 
 import time
@@ -23,20 +23,20 @@ from csstsim.render.slitless.dispersed_photons import shoot_spectra
 from csstsim.render.slitless.slabs import draw_spectra
 from csstsim.render.slitless.traces import Traces
 
-# Objects at a time, by method and whether bins are coarse: spectra in cache; few passes for far wings
+# Objects in a chunk, by method and whether bins are coarse: spectra stay in cache; stamps need few passes for far wings
 CHUNK = {(policy.STAMP, False): 2048, (policy.PHOTONS, False): 512, (policy.PHOTONS, True): 2048}
-FAINTEST = 1.0  # electron: an order with less, none of which was drawn, has no row in the table of orders
+FAINTEST = 1.0  # electron: an order with fewer, and none drawn, has no row in the table of orders
 _MOST = 1e15  # electrons of an object
-_STRIP = 64  # px: objects are taken in strips, so that their pixels are in cache
+_STRIP = 64  # px: objects are drawn strip by strip, so that their pixels stay in cache
 
 
 def draw_dispersed(canvas, objects, spectra, disperser, drawing):
     """Draw the objects of a spectroscopic chip on a Canvas; return (table with what was drawn, table of orders).
 
-    As render.imaging.draw.draw_objects; spectra: catalog.light.object_spectra.Spectra of `objects`; disperser:
-    optics.gratings.dispersion.Disperser. `electrons` are those of all orders, `method` is photons or slabs. The table
-    of orders has a row for each object, piece and order of which light may land on the window: io.orders has its
-    columns.
+    Arguments as in render.imaging.draw.draw_objects; spectra: catalog.light.object_spectra.Spectra of `objects`;
+    disperser: optics.gratings.dispersion.Disperser. Column `electrons` is the sum of all orders, `method` is photons or
+    slabs. The table of orders (columns: io.orders) has a row for each object, piece and order whose light may land on
+    the window.
     """
     work = Work(objects, disperser, drawing)
     scene, visits, result, wing = work.scene, work.visits, work.result, drawing.wing
@@ -62,7 +62,7 @@ def draw_dispersed(canvas, objects, spectra, disperser, drawing):
 
 
 def _chunks(scene, choice, disperser):
-    """Yield (method, Disperser with bins enough, objects) of some objects at a time, those of one strip together."""
+    """Yield (method, Disperser with sufficiently fine bins, rows of objects) of each chunk, sorted by strip."""
     if len(scene) == 0:
         return
     order = np.lexsort((scene.x, np.floor(scene.y / _STRIP), scene.node[:, 0]))
@@ -73,7 +73,7 @@ def _chunks(scene, choice, disperser):
 
 
 def _visits_of(chunk, visits, count):
-    """Return the visits of a chunk of `count` objects, and what they are with the objects' places in the chunk."""
+    """Return (indices of a chunk's visits, the visits with objects numbered within the chunk); count: all objects."""
     place = np.full(count, -1)
     place[chunk] = np.arange(len(chunk))
     at = np.flatnonzero(place[visits[:, 0]] >= 0)
@@ -81,9 +81,9 @@ def _visits_of(chunk, visits, count):
 
 
 def _light(work, choice, chunk, spectra, optics, most):
-    """Return a chunk's (n, bins) spectra times the exposure time; bad ones are dark, flagged and not drawn.
+    """Return a chunk's (n, bins) spectra times the exposure time; bad ones are set to zero, flagged and not drawn.
 
-    Bad: negative, not finite, or of more than `most` electrons, which selection's fluxes did not announce.
+    Bad: negative, not finite, or of more than `most` electrons, although the fluxes at selection were smaller.
     """
     light = spectra(work.rows[chunk], optics.edges) * work.exptime
     bad = ~(np.isfinite(light) & (light >= 0)).all(axis=1)
@@ -96,7 +96,7 @@ def _light(work, choice, chunk, spectra, optics, most):
 
 
 class Work:
-    """What there is to draw: the rows that can be, their Scene, the pieces they visit, and what comes of it."""
+    """The objects to draw: their rows, Scene and visits to the grating's pieces; and the results of the visits."""
 
     def __init__(self, objects, disperser, drawing):
         self.disperser, self.exptime = disperser, drawing.exptime
@@ -110,7 +110,7 @@ class Work:
 
 
 class _Result:
-    """What came of each visit, order by order."""
+    """Electrons, drawn electrons, box and time of each visit, by order."""
 
     def __init__(self, visits, disperser):
         shape = len(visits), len(disperser.orders)
@@ -118,7 +118,7 @@ class _Result:
         self.ms = np.zeros(len(visits))
 
     def nominal(self, at, visits, light, rates):
-        """Note the electrons of visits: (n, bins) light of their objects, rates of a Disperser of the same bins."""
+        """Record the electrons of visits from the (n, bins) light of their objects and a Disperser's rates."""
         for piece in range(2):
             mine = visits[:, 1] == piece
             self.electrons[at[mine]] = _sums(light, visits[mine, 0], rates[piece])
@@ -126,7 +126,7 @@ class _Result:
 
 @numba.njit(cache=True)
 def _visit_keys(keys, visits):
-    """Return a key for each visit: an object that visits both pieces has two."""
+    """Return a key for each visit; an object that visits both pieces has two keys."""
     out = np.empty(len(visits), np.uint64)
     for v in range(len(visits)):
         out[v] = word(keys[visits[v, 0]], np.uint64(visits[v, 1]))
@@ -147,12 +147,12 @@ def _sums(light, rows, rates):
 
 
 def tables_of(work, choice, window, slabs="slabs"):
-    """Return (the table of objects, that of their orders); `slabs`: the method's name where STAMP was chosen."""
+    """Return (table of objects, table of their orders); `slabs`: name of the method where STAMP was chosen."""
     out, rows, scene, visits, result = work.out, work.rows, work.scene, work.visits, work.result
     count, at = len(out.drawn), rows[visits[:, 0]]
     np.add.at(out.drawn, at, result.drawn.sum(axis=1))
     out.electrons = np.zeros(count)
-    # Of an object on the line between the pieces both visits name all its light
+    # Each of two visits has all the light of an object at the line between the pieces, so take the larger
     np.maximum.at(out.electrons, at, result.electrons.sum(axis=1))
     np.add.at(out.ms, at, result.ms)
     out.error[rows], out.snr[rows] = choice.error, choice.snr
@@ -172,7 +172,7 @@ def tables_of(work, choice, window, slabs="slabs"):
 
 
 def _orders(work, at, window):
-    """Return the table of orders: one row a visit and order; `at` (v,) rows of the objects table."""
+    """Return the table of orders, one row per visit and order; at: (v,) rows of the objects table."""
     objects, scene, visits, result, disperser = work.out.objects, work.scene, work.visits, work.result, work.disperser
     cut = disperser.cut(visits, scene.x, scene.y, scene.reach)
     columns = []

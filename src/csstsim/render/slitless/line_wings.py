@@ -1,10 +1,10 @@
-"""What a line of light adds beyond the stamps along it (render.wings has that of one point).
+"""Light of a spectrum beyond the stamps along its trace (render.wings does this for a single point).
 
-The spectrum stands as points LINE_STEP apart, less than the radius at which boxes fade (22 px). Their wings' sum is
-smooth along and across: near the trace it is read every 8 px of every fourth row, with cubics between, to 4% of its top
-where boxes fade and 1% beyond; further out it goes over to the meshes of render.far_wings, the more points together the
-further. Where an edge cuts the light before it is dispersed, that of each point's wing is softened over the points'
-distance, so their sum has no steps.
+The spectrum is represented by points LINE_STEP apart, less than the radius at which boxes fade (22 px). The sum of
+their wings is smooth along and across the trace. Near the trace it is computed every 8 px in every fourth row and
+interpolated by cubics, to 4% of its maximum where boxes fade and 1% beyond. Further out it is drawn on the meshes of
+render.far_wings, with more points merged at larger radii. Where the edge of a grating's piece cuts the light, the cut
+of each point's wing is softened over the distance between points, so that the sum has no steps.
 """
 
 import math
@@ -20,12 +20,12 @@ from csstsim.render.wings import NEAR, near_light, ring_within, wing_beyond, win
 
 LINE_STEP = 8.0  # px
 LINE_NEAR = NEAR[0]  # px: from here to twice that the meshes take over
-# Edges [px] of the annuli about a point, to twice each of which the next takes over; points together in each annulus,
-# and the mesh it is on: of a wing that shows (the first annulus is drawn pixel by pixel), and of a haze
+# Edges [px] of the annuli around a point (from an edge to twice that, the next takes over), points merged in each
+# annulus, and its mesh: for a wing that shows (first annulus pixel by pixel: None), and for a haze
 _SHOWN = (LINE_NEAR, 2 * LINE_NEAR, *OVER), (1, 3, 8, 16, 32, 64, 128), (None, 0, 0, 1, 2, 3, 4)
 _HAZE = OVER, (8, 16, 32, 64, 128), (0, 1, 2, 3, 4)
-BLOCK = 8  # px between values that are read
-_ROWS = BLOCK // 2  # px between rows that are read
+BLOCK = 8  # px between computed values along a row
+_ROWS = BLOCK // 2  # px between computed rows
 _AT = np.arange(BLOCK) / BLOCK
 CUBIC = np.stack([  # weights of four values, at -1, 0, 1, 2, at each place between 0 and 1
     -_AT * (_AT - 1) * (_AT - 2) / 6, (_AT + 1) * (_AT - 1) * (_AT - 2) / 2,
@@ -34,7 +34,7 @@ CUBIC = np.stack([  # weights of four values, at -1, 0, 1, 2, at each place betw
 
 
 def points_of(x, y, light):
-    """Return ((m, 2) places, (m, 4) light): a spectrum at x, y (bins,) [px] as points at most LINE_STEP apart.
+    """Return ((m, 2) positions, (m, 4) light): a spectrum at x, y (bins,) [px] as points about LINE_STEP apart.
 
     light: (4, bins) electrons of each wavelength of the PSF.
     """
@@ -48,21 +48,22 @@ def points_of(x, y, light):
 
 
 def order_wing(wing_px, share, half):
-    """Return the radius [px] at which noise hides an order's wing, of this share of the light whose wing has wing_px.
+    """Return the radius [px] beyond which noise hides the wing of an order; 0: it hides all of it.
 
-    0: it hides all of it. half: side of the PSF's box [px].
+    wing_px: that radius for the object's light; share: the order's light over the object's; half: half the side of the
+    PSF's box [px].
     """
     reach = wing_px * np.cbrt(min(share, 1.0))
     return reach if reach > half else 0.0
 
 
 def add_line(wings, points, held, wing_px, parts=POINT, side=WHOLE):
-    """Add what the stamps along a spectrum leave out of its light; return (electrons on the window, box or None).
+    """Add the light that the stamps along a spectrum leave out; return (electrons on the window, box or None).
 
-    wings: render.wings.Wings; points: of `points_of`, all the spectrum's electrons; held: Held, (4,) shares of them, by
-    wavelength of the PSF set; wing_px: radius [px] at which noise hides the wing, 0: everywhere; parts: the object's
-    render.extended.Parts; side: (x0, x1, y0, y1) px from each place beyond which light is cut off. The box, x0, x1, y0,
-    y1 on the chip, half-open, is that of the wing as far as it shows.
+    wings: render.wings.Wings; points: from `points_of`, with all electrons of the spectrum; held: Held, (4,) fractions
+    of them, by wavelength of the PSF set; wing_px: radius [px] beyond which noise hides the wing, 0: everywhere; parts:
+    the object's render.extended.Parts; side: (x0, x1, y0, y1) px from each point, beyond which light is cut off. The
+    box (x0, x1, y0, y1 on the chip, half-open) is that of the wing as far as it shows.
     """
     (places, flux), wing, half = points, wings.wing, wings.half
     haze, added, box = 0.0, 0.0, None
@@ -86,14 +87,14 @@ def add_line(wings, points, held, wing_px, parts=POINT, side=WHOLE):
 
 
 def _add(wings, places, flux, far, annuli, side):
-    """Add light of a Far about each place; return the electrons on the window."""
+    """Add the light of a Far around each position; return the electrons on the window."""
     edges, together, levels = annuli
     drawn, add = 0.0, wings.meshes.add
     for (profile, first, reach), points, level in zip(tables(far, edges), together, levels, strict=True):
         if not reach:
             continue
         at, light = _together(places, flux, points)
-        lines = np.einsum("mb,br->mr", light, profile)  # no BLAS: bits
+        lines = np.einsum("mb,br->mr", light, profile)  # not BLAS, whose bits depend on the machine
         if level is None:
             drawn += _near(wings.canvas, at, lines, first, reach, side)
             continue
@@ -111,7 +112,7 @@ def _box(window, places, reach):
 
 
 def _together(places, flux, points):
-    """Return places and light of so many points together."""
+    """Return positions and light of groups of `points` consecutive points, each merged into one."""
     if points == 1:
         return places, flux
     groups = np.arange(0, len(places), points)
@@ -135,10 +136,10 @@ def _near(canvas, places, lines, first, reach, side):
 
 @numba.njit(cache=True)
 def _add_near(image, response, box, places, reach, lines, first_node, side):
-    """Add the tables' values around places (m, 2), seen from the corner of a box of pixels; return the sum."""
+    """Add the tables' values around positions (m, 2), relative to the corner of a box of pixels; return the sum."""
     x0, x1, y0, y1 = box
     ny, nx = y1 - y0, x1 - x0
-    columns, rows = nx // BLOCK + 4, ny // _ROWS + 4  # mesh point 1 stands at pixel 0
+    columns, rows = nx // BLOCK + 4, ny // _ROWS + 4  # mesh point 1 is at pixel 0
     mesh = np.zeros((rows, columns))
     place = np.empty(1)
     bits = place.view(np.int64)

@@ -1,17 +1,17 @@
 """The reference renderer for dispersed light: GalSim, one object and order at a time (paper, section 4.2).
 
-Monochromatic images of the object, its profile convolved with the PSF at its place, stand at the exact place of each
-bin of its spectrum,
+A spectrum is the sum of monochromatic images of the object (profile convolved with the PSF at its position), each at
+the exact position of its bin,
 
     sum over bins of  light  x  ((1 - u) O_k + u O_k+1)(x - p - q lambda, y - r - s lambda),
 
-O_k in light of the k-th wavelength of the PSF set and u of optics.gratings.dispersion. To GalSim it is one convolution:
-O_k with a sum of shifted delta functions, and with a box as long as a bin, in which its light is even. So there is no
-grid of sub-pixel phases, no slab, and the only interpolation is GalSim's of the PSF, or of O_k, on a lattice of a
-quarter of a pixel: galaxies of up to LATTICE px are drawn on it first, for their folding would make each transform as
-large as that of a galaxy alone. Drawn some pixels of the trace at a time; profiles, accuracy and the pixel are those of
-render.imaging.reference. At the edge of a grating's piece O_k is cut, by the share of each pixel. Wings are
-render.slitless.line_wings'. Left out: ghosts of dispersed light.
+with O_k the image at the k-th wavelength of the PSF set and u from optics.gratings.dispersion. For GalSim this is one
+convolution of O_k with a sum of shifted delta functions and with a box as long as a bin, over which the bin's light is
+uniform. There are no sub-pixel phases and no slabs. The only interpolation is GalSim's, of the PSF or of O_k on a
+lattice of a quarter of a pixel: galaxies of up to LATTICE px are drawn on the lattice first, because otherwise each
+transform would be as large as that of the galaxy alone. The trace is drawn in blocks of _BLOCK px. Profiles, accuracy
+and pixel response are those of render.imaging.reference. At the edge of a grating's piece O_k is cut, by the share of
+each pixel. Wings: render.slitless.line_wings. Left out: ghosts of dispersed light.
 """
 
 import time
@@ -36,16 +36,16 @@ from csstsim.render.slitless.traces import Traces
 from csstsim.render.wings import Wings
 
 _BLOCK = 32  # px of the trace drawn together
-LATTICE = 128  # px: half the side of the largest image that is drawn on the lattice first, if it need not be cut
+LATTICE = 128  # px: half the side of the largest uncut image that is drawn on the lattice first
 _FINE = 4  # points of the lattice to a pixel
-_THIN = 1e-3  # of a pixel: the width of a spectrum's light across
+_THIN = 1e-3  # px: width of the box across the trace
 
 
 def draw_objects(canvas, objects, spectra, disperser, drawing):
     """Draw the objects of a spectroscopic chip on a Canvas; return (table of objects, table of orders).
 
-    Arguments and tables are those of render.slitless.draw_dispersed. snr and error of the table are NaN, for they are
-    not asked for.
+    Arguments and tables are those of render.slitless.draw_dispersed. snr and error of the table are NaN: the reference
+    renderer does not compute them.
     """
     work = Work(objects, disperser, drawing)
     part, scene, result, wing, psf = objects.take(work.rows), work.scene, work.result, drawing.wing, drawing.psf
@@ -86,7 +86,7 @@ def draw_objects(canvas, objects, spectra, disperser, drawing):
 
 
 class _Trace:
-    """Where the bins of an order fall: x, y (bins,) [px], their light [electron] and length along x [px]."""
+    """The bins of an order: positions x, y (bins,) [px], light [electron] and length along x [px]."""
 
     def __init__(self, traces, scene, o, line):
         disperser = traces.disperser
@@ -95,7 +95,7 @@ class _Trace:
         self.weights = disperser.psf_weights * self.light
 
     def around(self, rows, band, column, row):
-        """Return bins `rows` in light of one wavelength of the PSF set, as a GSObject about a pixel's centre."""
+        """Return bins `rows` at one wavelength of the PSF set, as delta functions relative to a pixel's centre."""
         lit = rows[self.weights[band, rows] > 0]
         flux, x, y = self.weights[band, lit], self.x[lit] - column, self.y[lit] - row
         points = [galsim.DeltaFunction(flux=f).shift(dx, dy) for f, dx, dy in zip(flux, x, y, strict=True)]
@@ -103,10 +103,10 @@ class _Trace:
 
 
 def _profiles(galaxy, cells, oversampling, reach, side):
-    """Return a function of (band, folding): an object in light of a wavelength of the PSF set, of unit flux.
+    """Return a function of (band, folding): the GSObjects to convolve for the object at one wavelength, of unit flux.
 
-    galaxy: function of folding that gives its profile without the PSF, or None; cells: (4, n, n) of its PSF; side: (x0,
-    x1, y0, y1) px from the object beyond which its light is cut off.
+    galaxy: function of folding that returns the profile without the PSF, or None; cells: (4, n, n) of the PSF; side:
+    (x0, x1, y0, y1) px from the object, beyond which its light is cut off.
     """
 
     @cache
@@ -157,7 +157,7 @@ def _draw_order(plane, profiles, trace, reach):
 
 
 def _spread(profiles, spots, length, folding=None):
-    """Return the GSObject of part of a spectrum: its places in light of each wavelength, even over a bin's length."""
+    """Return the GSObject of part of a spectrum, summed over PSF wavelengths, each bin uniform over its length."""
     even = galsim.Box(length, _THIN)
     lit = [band for band in range(4) if spots[band] is not None]
     return galsim.Sum([convolved([*profiles(band, folding), spots[band], even], folding) for band in lit])

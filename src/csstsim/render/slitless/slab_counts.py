@@ -1,12 +1,12 @@
-"""How many slabs to a pixel a spectrum needs (render.slitless.slabs): the fewest whose error is allowed.
+"""How many slabs per pixel a spectrum needs (render.slitless.slabs): the fewest whose error is allowed.
 
-The cubics that deal light out to slabs stand for all light between them. What that leaves is small where a spectrum is
-even over a few pixels and large in lines: as a share of the object's S/N
+Light between slabs is assigned to them by cubic interpolation. The error is small where a spectrum is smooth over a few
+pixels and large in lines. As a share of the object's S/N it is
 
     error = slabs_flat + roughness x slabs         (numbers of config/render.yaml, by slabs to a pixel)
 
-with roughness the rms of the light about its running mean, 0 for a flat spectrum and 1 for lines of 2 angstrom alone.
-Most stars have 0.01, galaxies with emission lines 0.2.
+where the roughness is the rms of the light about its running mean, 0 for a flat spectrum and 1 for a spectrum of only
+lines of 2 angstrom. It is 0.01 for most stars and 0.2 for galaxies with emission lines.
 """
 
 import numpy as np
@@ -14,18 +14,18 @@ import numpy as np
 from csstsim.render.settings import load_numbers
 
 _WIDTH = 13  # bins of the running mean: three pixels
-_LINES = 0.77  # rms of lines of 2 angstrom about it, over the rms of their light
-_WEAK = 0.5  # of the allowed error: what a weak order may add
+_LINES = 0.77  # rms about the running mean of lines of 2 angstrom, over the rms of their light
+_WEAK = 0.5  # fraction of the allowed error that an order weaker than the brightest may add
 
 
 def allowed_error(snr, per_pixel, eps):
-    """Return (n,) shares of S/N that slabs may be wrong by: eps of the noise, or twice what the stored PSF is."""
+    """Return the allowed error of slabs as a share of S/N, (n,): eps of the noise, or twice the stored PSF's error."""
     psf = load_numbers().error.psf[4 if per_pixel >= 4 else 2]
     return np.maximum(eps / np.maximum(snr, 1e-9), 2 * psf)
 
 
 def roughness(light):
-    """Return (n,) of spectra (n, bins) [electrons]."""
+    """Return the roughness (n,), 0 to 1, of spectra (n, bins) [electrons]."""
     running = np.cumsum(np.pad(light, ((0, 0), (_WIDTH // 2 + 1, _WIDTH // 2))), axis=1)
     mean = (running[:, _WIDTH:] - running[:, :-_WIDTH]) / _WIDTH
     power = (light**2).sum(axis=1)
@@ -34,7 +34,7 @@ def roughness(light):
 
 
 def fewest(rough, allowed):
-    """Return the fewest slabs to a pixel whose error is allowed, or the most there are; of each pair in two arrays."""
+    """Return the fewest slabs per pixel whose error is allowed, else the largest number; arrays are broadcast."""
     error = load_numbers().error
     counts = sorted(error.slabs)
     wrong = [error.slabs_flat[count] + rough * error.slabs[count] > allowed for count in counts]
@@ -44,8 +44,8 @@ def fewest(rough, allowed):
 def fewest_by_order(electrons, rough, short, allowed):
     """Return (n, orders): the fewest slabs to a pixel of each order.
 
-    electrons: (n, orders); rough, allowed: (n,); short: (orders,) bool, an order much shorter than the first, in which
-    an even spectrum is a line.
+    electrons: (n, orders); rough, allowed: (n,); short: (orders,) bool, an order much shorter than the first, where
+    even a flat spectrum is as narrow as a line.
     """
     most = electrons.max(axis=1, keepdims=True)
     share = np.where(most > 0, electrons / np.where(most > 0, most, 1.0), 0.0)

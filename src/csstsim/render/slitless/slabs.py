@@ -1,14 +1,13 @@
-"""Expected images of spectra: monochromatic slabs, added up along the trace.
+"""Expected images of spectra: the sum of monochromatic slabs along the trace.
 
-An object in light of one wavelength is a stamp (render.imaging.point_stamp, render.imaging.galaxy_stamp), the mixture
-of those at the four wavelengths of the PSF set. Its spectrum's bins are dealt out to slabs `1 / per_px` of a pixel
-apart along x, each bin to four of them by the cubic through them, so that light, centroid and width of a line stay. A
-slab is the mixture of the stamps of its sub-pixel phase at each wavelength of the PSF set, times their light; the
-height of the trace is that of the middle of 16 px. Slabs need not be denser than the image is sharp, so their number
-falls with the size of a galaxy's components (`densities`), nor than the spectrum is uneven and the order bright
-(render.slitless.slab_counts). Light beyond the PSF's box is added every 8 px (render.slitless.line_wings). What falls
-beyond a grating's piece is cut off the cells of a PSF, the pixels of a galaxy, by the share of each, and off the wings.
-Left out: ghosts of dispersed light.
+At one wavelength an object is a stamp (render.imaging.point_stamp, render.imaging.galaxy_stamp), a mixture of its
+stamps at the four wavelengths of the PSF set. Slabs are `1 / per_px` of a pixel apart along x. The light of each bin is
+divided among four slabs by cubic interpolation, which conserves light, centroid and width of a line. A slab is the sum
+over PSF wavelengths of the stamp at its sub-pixel phase times the light. The height of the trace is taken as constant
+over blocks of 16 px. The larger a galaxy's components (`densities`), the smoother its spectrum and the fainter the
+order (render.slitless.slab_counts), the fewer slabs are needed. Light beyond the PSF's box is added every 8 px
+(render.slitless.line_wings). Light beyond the edge of a grating's piece is cut: from the cells of a PSF or the pixels
+of a galaxy by the share of each, and from the wings. Left out: ghosts of dispersed light.
 """
 
 import math
@@ -29,7 +28,7 @@ from csstsim.render.slitless.subpixel_stamps import light_inside, subpixel_stamp
 from csstsim.render.wings import Wings
 
 PER_PX = 4  # slabs to a pixel of a point's spectrum
-_SLABS = 8.0, 24.0  # to the half-light radius of a disk, of a bulge, which has a peak
+_SLABS = 8.0, 24.0  # per half-light radius of a disk, of a bulge (more peaked)
 _BLOCK = 16  # px of the trace that share a height
 _SIDE = 2  # px that a slab's four neighbours may lie beyond a block
 
@@ -45,7 +44,7 @@ class Drawn:
 
     @classmethod
     def blank(cls, count, orders):
-        """Return that of `count` visits of which nothing was drawn yet."""
+        """Return the Drawn of `count` visits with nothing drawn."""
         box = np.zeros((count, orders, 4), np.int64)
         return cls(np.zeros((count, orders)), box, np.zeros(count, np.int32), np.zeros(count, np.float32))
 
@@ -54,9 +53,8 @@ def draw_spectra(canvas, scene, traces, psf, scattered=None, per_px=PER_PX, allo
     """Draw the orders of a Scene's objects as expected electrons; return Drawn.
 
     traces: Traces of the objects; psf: PsfSet, or the Mixer of one; scattered:
-    optics.scatter.scattered_light.Scattered, or None: stamps alone, whatever they leave out; per_px: slabs to a pixel,
-    of points, one number or (n,); allowed (n,): share of S/N that they may be wrong by, which gives their number
-    instead.
+    optics.scatter.scattered_light.Scattered, or None: only stamps are drawn; per_px: slabs per pixel for points, one
+    number or (n,); allowed: (n,) allowed error as a share of S/N, from which the number of slabs is derived instead.
     """
     (spectra, visits, disperser), mixer, window = traces, mixer_of(psf), canvas.window
     out = Drawn.blank(len(visits), len(disperser.orders))
@@ -102,17 +100,17 @@ def draw_spectra(canvas, scene, traces, psf, scattered=None, per_px=PER_PX, allo
 
 
 def _counts(spectra, disperser, q, allowed):
-    """Return (n, orders) slabs to a pixel of points; q (orders,): px an angstrom, of one visit."""
+    """Return (n, orders) slabs per pixel for points; q: (orders,) dispersion of one visit [px / angstrom]."""
     first, rates = disperser.orders.index(1), disperser.rates.max(axis=0)  # an order may be missing on one piece
     electrons = np.einsum("nb,ob->no", spectra, rates)
     return fewest_by_order(electrons, roughness(spectra * rates[first]), np.abs(q) < 0.9 * np.abs(q[first]), allowed)
 
 
 def densities(scene, per_px):
-    """Return the slabs to a pixel of each object, (n,) powers of two: what its components want, by their light.
+    """Return the slabs per pixel of each object, (n,) powers of two: the light-weighted mean need of its components.
 
-    per_px: of points, and the most; a number or (n,). A component wants _SLABS to its half-light radius as the
-    dispersion cuts it, along x through the centre.
+    per_px: of points, which is the maximum; a number or (n,). A component needs _SLABS per half-light radius, measured
+    along x (the dispersion) through the centre.
     """
     chord = np.abs(np.linalg.det(scene.matrix)) / np.hypot(scene.matrix[:, 1, 0], scene.matrix[:, 1, 1])
     wanted = np.where(scene.sersic[:, :, 0] == BULGE, _SLABS[1], _SLABS[0])
@@ -123,13 +121,13 @@ def densities(scene, per_px):
 
 
 def meets(x, y, reach, window):
-    """Whether a stamp of this reach about some of the places x, y meets the window."""
+    """Whether stamps of this reach around the positions x, y may overlap the window (test of their bounding box)."""
     across = x.max() + reach >= window.x0 and x.min() - reach < window.x1
     return across and y.max() + reach >= window.y0 and y.min() - reach < window.y1
 
 
 def _padded(phases):
-    """Return phases (4, density, heights, size, size) with zeros at the end of each row: room to be laid further on."""
+    """Return phases (4, density, heights, size, size) with zeros after each row, as room for shifts along a block."""
     out = np.zeros((*phases.shape[:4], phases.shape[3] + _BLOCK + 2 * _SIDE), np.float32)
     out[..., : phases.shape[4]] = phases
     return out
@@ -146,7 +144,7 @@ def _cubic(t):
 def _add_slabs(image, response, x, y, light, mixture, phases):
     """Add slabs of light (bins,) at x, y [px of `image`], block by block of x; return (electrons, box on the image).
 
-    phases: of `_padded`; x must rise or fall. The box is x0, x1, y0, y1, half-open; all 0: nothing was added.
+    phases: from `_padded`; x must be monotonic. The box is x0, x1, y0, y1, half-open; all 0: nothing was added.
     """
     bins, density, size = len(x), phases.shape[1], phases.shape[3]
     reach, wide = size // 2, _BLOCK + 2 * _SIDE
@@ -193,9 +191,9 @@ def _add_slabs(image, response, x, y, light, mixture, phases):
 
 @numba.njit(cache=True)
 def _raise(stamps, phases, bands, cubic, first):
-    """Fill stamps (bands x density, rows x pitch) with those that stand `first` heights, and a part, up.
+    """Fill stamps (bands x density, rows x pitch) with phases moved up by `first` heights and a fraction.
 
-    The part is in `cubic`, the weights of four heights; rows are one more on each side than a stamp has.
+    cubic: the weights of four heights for the fraction. There is one row more on each side than in a stamp.
     """
     _, density, heights, size, pitch = phases.shape
     stamps[:] = 0.0
@@ -211,7 +209,7 @@ def _raise(stamps, phases, bands, cubic, first):
 
 @numba.njit(cache=True)
 def _lay(out, stamps, factors):
-    """Add stamps (n, pixels) times factors (n, places), moved on by 0, 1, ... pixels; four at a time."""
+    """Add stamps (n, pixels) times factors (n, shifts), shifted by 0, 1, ... pixels; four stamps at a time."""
     count, pixels = stamps.shape
     for at in range(factors.shape[1]):
         part, last = out[at:], pixels - at
@@ -233,9 +231,9 @@ def _lay(out, stamps, factors):
 
 @numba.njit(cache=True)
 def _deal(slabs, x, light, mixture, begin, end, start, density):
-    """Deal light out to slabs (4, ...) of each wavelength of the PSF set, `density` to a pixel from `start` on.
+    """Fill slabs (4, ...), by wavelength of the PSF set, `density` per pixel from `start` on, with the light of bins.
 
-    Each bin goes to four of them by the cubic.
+    The light of a bin is divided among four slabs by cubic weights.
     """
     slabs[:] = 0.0
     for k in range(begin, end):
@@ -251,7 +249,7 @@ def _deal(slabs, x, light, mixture, begin, end, start, density):
 
 @numba.njit(cache=True)
 def _put(image, response, stamp, x0, y0):
-    """Add a stamp whose corner lies at x0, y0 times the response, nothing below zero; return the sum added."""
+    """Add a stamp with its corner at x0, y0, clipped at zero, times the response; return the sum added."""
     total, lanes = 0.0, np.zeros(8)
     low, high = max(-x0, 0), min(stamp.shape[1], image.shape[1] - x0)
     for row in range(max(-y0, 0), min(stamp.shape[0], image.shape[0] - y0)):

@@ -1,4 +1,4 @@
-"""An object in light of one wavelength, as stamps at the sub-pixel phases that slabs are made of."""
+"""Monochromatic stamps of an object at the sub-pixel phases from which render.slitless.slabs makes slabs."""
 
 import numpy as np
 
@@ -6,14 +6,14 @@ from csstsim.render.far_wings import WHOLE
 from csstsim.render.pixel_sums import pixel_sums
 from csstsim.render.wings import Held
 
-HEIGHTS = 8, 4  # of the trace in a pixel, between which stamps of points, of galaxies, are interpolated
+HEIGHTS = 8, 4  # sub-pixel heights of the trace between which stamps are interpolated: of points, of galaxies
 
 
 def subpixel_stamps(stamper, i, density, side):
-    """Return (4, density, heights, size, size) float32: object i in light of each wavelength of the PSF set.
+    """Return (4, density, heights, size, size) float32: object i, of light 1, at each wavelength of the PSF set.
 
-    stamper: render.imaging.stamper.Stamper. The object stands column / density, row / heights px from a pixel's centre
-    and has light 1. side: (x0, x1, y0, y1) px from the object beyond which its light is cut off.
+    stamper: render.imaging.stamper.Stamper. The object is column / density, row / heights px from a pixel's centre.
+    side: (x0, x1, y0, y1) px from the object, beyond which its light is cut off.
     """
     mixer, scene, reach, galaxy = stamper.mixer, stamper.scene, int(stamper.reach[i]), int(stamper.plan.size[i] > 0)
     size, bounds, heights = 2 * reach + 1, (-reach, reach + 1) * 2, HEIGHTS[galaxy]
@@ -39,7 +39,7 @@ def subpixel_stamps(stamper, i, density, side):
 
 
 def light_inside(stamper, i):
-    """Return the Held of object i in light 1 of each wavelength of the PSF set, (4,) and (4,); as subpixel_stamps."""
+    """Return the Held, with arrays (4,), of object i of light 1 at each wavelength of the PSF set."""
     mixer, node, light = stamper.mixer, stamper.scene.node[i], np.empty((2, 4))
     for band in range(4):
         share = _of_band(stamper.scene, i, band)
@@ -49,7 +49,7 @@ def light_inside(stamper, i):
 
 
 def _of_band(scene, i, band):
-    """Return (k, 4): light 1 of one wavelength, from each of an object's PSF nodes."""
+    """Return (k, 4): the shares of an object's PSF nodes in light 1 of one wavelength."""
     share = np.zeros((len(scene.node[i]), 4))
     share[:, band] = scene.weight[i]
     return share
@@ -58,7 +58,7 @@ def _of_band(scene, i, band):
 def _fill_points(out, cells, per_pixel):
     """Fill `out` (density, heights, size, size) with the sums over pixels of a point's cells at each of its phases.
 
-    Phases a whole number of cells apart are sums over the same cells: one pass gives all of them.
+    Phases that differ by a whole number of cells use the same sums, so one pass gives all of them.
     """
     density, heights, size, _ = out.shape
     offsets = [np.arange(count) * per_pixel / count for count in (density, heights)]
@@ -75,12 +75,12 @@ def _fill_points(out, cells, per_pixel):
 
 
 def inside(places, low, high, per_pixel=1):
-    """Return the shares of pixels, or cells `per_pixel` to a pixel, about `places` [px] that lie within low..high."""
+    """Return the shares of pixels (or cells, `per_pixel` to a pixel) centred at `places` [px] that lie in low..high."""
     half = 0.5 / per_pixel
     return np.clip((np.minimum(places + half, high) - np.maximum(places - half, low)) * per_pixel, 0.0, 1.0)
 
 
 def _inside(places, per_pixel, side, x=0.0, y=0.0):
-    """Return (n, n) float32: the shares of squares about places [px], seen from x, y, that lie in `side`."""
+    """Return (n, n) float32: the shares of squares centred at `places` [px], relative to x, y, that lie in `side`."""
     across, along = inside(places - y, *side[2:], per_pixel), inside(places - x, *side[:2], per_pixel)
     return (across[:, None] * along).astype(np.float32)

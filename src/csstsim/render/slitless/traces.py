@@ -1,4 +1,4 @@
-"""Traces: the spectra of some objects and where their light goes behind the gratings."""
+"""Traces: the spectra of objects and where the gratings send their light."""
 
 from typing import NamedTuple
 
@@ -9,10 +9,10 @@ from csstsim.render.far_wings import WHOLE
 
 
 class Traces(NamedTuple):
-    """Of n objects of a Scene.
+    """Spectra, visits and Disperser of n objects of a Scene.
 
     * spectra: (n, bins) mean densities [photon / s / m2 / angstrom] times the exposure time [s]
-    * visits: (v, 3) of Disperser.visits for these objects: object, piece, whether the piece's edge cuts its light
+    * visits: (v, 3) from Disperser.visits: object, piece, whether the piece's edge cuts its light
     * disperser: optics.gratings.dispersion.Disperser
     """
 
@@ -21,12 +21,12 @@ class Traces(NamedTuple):
     disperser: Disperser
 
     def side(self, scene, v):
-        """Return (x0, x1, y0, y1) px from a visit's object beyond which its light is cut off, then dispersed."""
+        """Return (x0, x1, y0, y1) px from a visit's object, beyond which its light is cut off before dispersion."""
         i, piece, cut = self.visits[v].tolist()
         return tuple(self.disperser.rectangles[piece] - np.repeat([scene.x[i], scene.y[i]], 2)) if cut else WHOLE
 
     def order(self, scene, v, o, line):
-        """Return (light [electron], x, y [px]), (bins,) each, of order o of a visit; line: p, q, r, s of it."""
+        """Return (light [electron], x, y [px]), each (bins,), of order o of visit v; line: its p, q, r, s."""
         (i, piece, _), disperser, (p, q, r, s) = self.visits[v].tolist(), self.disperser, line.tolist()
         centres = 0.5 * (disperser.edges[1:] + disperser.edges[:-1])
         light = self.spectra[i] * disperser.rates[piece, o]
