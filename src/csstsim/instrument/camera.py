@@ -33,7 +33,7 @@ class _TelescopeFile(Data):
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """The Survey Camera as its data files describe it; `digest` names their content."""
+    """The Survey Camera as its data files describe it; `digest` is that of their content."""
 
     chips: dict[int, Chip]
     filters: dict[str, Filter]
@@ -45,7 +45,7 @@ class Camera:
     scatter: dict[str, Any]  # scatter.yaml; empty without the file
     ghosts: dict[str, Any]  # ghosts.yaml; empty without the file
     sky: dict[str, Any]  # sky.yaml; empty without the file
-    leds: dict[str, Any]  # leds.yaml and `mosaic`, its columns and rows; empty without the file
+    leds: dict[str, Any]  # leds.yaml, and `mosaic`: (columns, rows) of chips; empty without the file
     folder: Path
     digest: str
 
@@ -69,9 +69,9 @@ class Camera:
         return camera_parts(self.folder)
 
     def digest_for(self, stage, *layers):
-        """Return 16 hex digits of the numbers that a stage reads, or one before it (instrument.camera_parts).
+        """Return the digest, 16 hex digits, of the numbers read by a stage and those before it (camera_parts).
 
-        layers: stages whose numbers it may read beside, as a layer of the user's may any.
+        layers: further stages whose numbers it may read; a user's own layer may read any.
         """
         return digest(read_by(behind(stage).union(layers), self._parts, READERS))
 
@@ -138,8 +138,8 @@ def _filters(path):
     columns = [name.lower() for name in filters]
     for name in filters:
         if not _NAME.fullmatch(name) or columns.count(name.lower()) > 1:
-            allowed = "letters, digits and _, no two alike but for their case: they name columns"
-            raise InputError("not the name of a filter", file=path, key=name, allowed=allowed)
+            allowed = "letters, digits and _, a letter first; names must differ in more than case: they name columns"
+            raise InputError("not a valid name of a filter", file=path, key=name, allowed=allowed)
     return filters
 
 
@@ -152,15 +152,15 @@ def _chips(path, filters, detector, telescope):
                 "unknown filter", file=path, key=f"chips[{i}].filter", value=place.filter, allowed=", ".join(filters)
             )
         if place.id in chips:
-            raise InputError("chip ids are distinct", file=path, key=f"chips[{i}].id", value=place.id)
+            raise InputError("another chip has this id", file=path, key=f"chips[{i}].id", value=place.id)
         kind = filters[place.filter].kind
         chips[place.id] = Chip(**vars(place), kind=kind, detector=detector, telescope=telescope)
     return dict(sorted(chips.items()))
 
 
 def _only_list(path):
-    """Return the one list that the file's sections hold."""
+    """Return the only list among the file's sections."""
     lists = [value for value in read_data(path).values() if isinstance(value, list)]
     if len(lists) != 1:
-        raise InputError(f"the file must hold one list, not {len(lists)}", file=path)
+        raise InputError(f"the file must have one list, not {len(lists)}", file=path)
     return lists[0]

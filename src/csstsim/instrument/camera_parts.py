@@ -1,6 +1,7 @@
-"""The numbers of a camera by the stages that read them: another gain needs no other light.
+"""Which stages read which numbers of a camera: a change of the gain, say, leaves the drawn light valid.
 
-A part is a number of the files BY_NUMBER, as `detector.gain`, or any other data file as a whole, as `cti.yaml`.
+A part is one number of the files BY_NUMBER, such as `detector.gain`, or another data file as a whole, such as
+`cti.yaml`.
 """
 
 from csstsim.base.digest import file_digest
@@ -8,12 +9,12 @@ from csstsim.base.stages import flat
 from csstsim.instrument.load import data_files, read_data, read_sections
 
 BY_NUMBER = {"detector.yaml": read_sections, "filters.yaml": read_data, "telescope.yaml": read_data}
-# What reads a part first (base.stages.read_by): not only select, psf and truth
+# The first stages that read a part (base.stages.read_by); a part that is not listed is read by truth, psf and select
 READERS = {
     "detector.nx": ("psf", "select"),
     "detector.ny": ("psf", "select"),
     "detector.pixel_um": ("psf", "select"),
-    "detector.dark": ("select",),  # as noise, which decides how objects are drawn
+    "detector.dark": ("select",),  # its noise decides how objects are drawn
     "detector.read_noise": ("select",),
     "detector.full_well": ("render",),  # which objects saturate
     "detector.prnu": ("render",),
@@ -23,7 +24,7 @@ READERS = {
     "detector.bias*": ("readout",),
     "detector.bloom_row_share": ("readout",),
     "detector.nonlinearity*": ("readout",),
-    "detector.readout_time": ("readout",),  # rays fall meanwhile
+    "detector.readout_time": ("readout",),  # cosmic rays hit during it
     "detector.adc_max": ("level0",),
     "detector.temperature": ("level0",),
     "brighter_fatter.yaml": ("readout",),

@@ -1,7 +1,7 @@
 """Spectra by the paper's method, as `prepare(setting, case) -> draw(copies)` (see methods.py).
 
-* `paper` (sections 4.2 and 5.3): the object in each sub-band is drawn as by bench.imaging.peers.paper. Then each pixel's
-  light is laid along the trace as aXe does, shared by area among the pixels that the shifted pixel overlaps.
+* `paper` (sections 4.2 and 5.3): the object is drawn in each sub-band as by bench.imaging.peers. Then the light of
+  each pixel is laid along the trace as aXe does, shared by area among the pixels that the shifted pixel overlaps.
   Only the first order is drawn; csstsim's methods draw all five, but the window shows only the first.
 """
 
