@@ -122,10 +122,10 @@ def test_truth_is_marked_where_it_is(tmp_path, level0):
 
 def test_truth_from_elsewhere_on_a_calibrated_file(tmp_path, level0, calibrated):
     path = calibrated(np.random.default_rng(1).normal(size=(128, 128)))
-    assert "calibrated.truth.parquet: --truth: no truth table" in refused(path, "--truth")
+    assert "calibrated.truth.parquet: --truth: no such truth table" in refused(path, "--truth")
     table = level0.with_suffix(".truth.parquet")
     show(path, "--truth-table", table)
-    assert "no truth table" in refused(path, "--truth-table", tmp_path / "nosuch.parquet")
+    assert "no such truth table" in refused(path, "--truth-table", tmp_path / "nosuch.parquet")
     assert "not a readable parquet file" in refused(path, "--truth-table", path)
 
 
