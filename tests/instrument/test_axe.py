@@ -1,4 +1,4 @@
-"""aXe's configuration files: what is written is read, what HST's files hold is read or refused."""
+"""aXe's configuration files: written files are read back, HST's files are read or refused."""
 
 import os
 from pathlib import Path

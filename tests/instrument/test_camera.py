@@ -1,4 +1,4 @@
-"""The shipped camera against the published layout, and what load_camera refuses."""
+"""The shipped camera against the published layout, and input that load_camera refuses."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Gratings from files of one's own: what cannot be used is refused in a line that says what, where and what may be."""
+"""A user's own grating files: unusable ones are refused in one line with key, value and allowed values."""
 
 import shutil
 

@@ -1,4 +1,4 @@
-"""csstsim show: every kind of file, every option, and what is refused."""
+"""csstsim show: every kind of file, every option, and refused input."""
 
 import numpy as np
 import pytest
