@@ -77,7 +77,7 @@ def faulty(run, kept, fault):
     return verdict(run), obsid
 
 
-def told(fault, judged, obsid):
+def row_of(fault, judged, obsid):
     """Return (row of the table, whether the gates found the fault)."""
     failing = [gate for gate in judged["gates"] if gate["passed"] is False]
     named = [gate for gate in failing if gate["name"] == fault.gate]
@@ -118,7 +118,7 @@ def main():
     )
     for fault in FAULTS:
         with contextlib.redirect_stdout(io.StringIO()):
-            row, seen = told(fault, *faulty(first, kept, fault))
+            row, seen = row_of(fault, *faulty(first, kept, fault))
         print("| " + " | ".join(map(str, row)) + " |" + ("" if seen else " NOT SEEN"), flush=True)
         good &= seen
     print(f"\n{time.process_time() - start:.0f} CPU-s; {'all as expected' if good else 'NOT AS EXPECTED'}")

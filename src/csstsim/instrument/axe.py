@@ -4,7 +4,7 @@
     DYDX_ORDER_A 1            y = YOFF + DYDX_A_0 + DYDX_A_1 (x - XOFF), x and y from the direct image
     DISP_ORDER_A 1            lambda = DLDP_A_0 + DLDP_A_1 L [angstrom], L [px] along the trace from x = XOFF
     XOFF_A, YOFF_A            [px]
-    SENSITIVITY_A GI_p1.fits  table of WAVELENGTH [A] and SENSITIVITY [e-/s/A per erg/s/cm2/A], beside the .conf
+    SENSITIVITY_A GI_p1.fits  table of WAVELENGTH [A] and SENSITIVITY [e-/s/A per erg/s/cm2/A], next to the .conf
 
 Each coefficient has one, three or six numbers, the factors of 1, m, n, m^2, m n, n^2 of the direct image's 0-based
 pixel m, n. Beams A to E are the orders +1, 0, +2, -1, -2. `;` and `#` begin comments.

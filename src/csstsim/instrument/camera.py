@@ -114,13 +114,13 @@ def load_camera(folder):
 
 
 def _detector(path):
-    beside = {name: path.with_name(f"{name}.yaml") for name in ("cosmic_rays", "defects", "brighter_fatter")}
+    files = {name: path.with_name(f"{name}.yaml") for name in ("cosmic_rays", "defects", "brighter_fatter")}
     numbers = validate(DetectorNumbers, read_sections(path), path)
     effects = {
-        name: validate(kind, read_sections(beside[name]), beside[name])
-        for name, kind in (("cosmic_rays", CosmicRays), ("defects", Defects)) if beside[name].exists()
+        name: validate(kind, read_sections(files[name]), files[name])
+        for name, kind in (("cosmic_rays", CosmicRays), ("defects", Defects)) if files[name].exists()
     }  # fmt: skip
-    areas = beside["brighter_fatter"]
+    areas = files["brighter_fatter"]
     if areas.exists():
         effects["brighter_fatter"] = read_data(areas)
     return Detector(**vars(numbers), **effects, traps=load_traps(path.with_name("cti.yaml")))

@@ -19,17 +19,17 @@ LEFT, RIGHT, BOTTOM, TOP, INSET_RIGHT, LEAST_WIDTH = 0.9, 2.85, 1.0, 1.25, 1.3, 
 def draw(picture, bounds, stretch, limits=None, marks=None, inset=None, side=SIDE):
     """Return the matplotlib Figure of the part `bounds` (x0, x1, y0, y1, half-open) of a Picture.
 
-    marks: rows of a truth table, or None; inset: bounds of a part that is shown enlarged beside it, or None;
+    marks: rows of a truth table, or None; inset: bounds of a part that is also shown enlarged, or None;
     side: pixels of the figure along the longer side of the image, half as many along the inset's.
     """
     from astropy.visualization.wcsaxes import WCSAxes
     from matplotlib.figure import Figure
 
     width, height = _inches(bounds, side)
-    beside = _inches(inset, side // 2) if inset else (0.0, 0.0)
+    inset_size = _inches(inset, side // 2) if inset else (0.0, 0.0)
     page = Page(
-        max(LEFT + width + RIGHT + (beside[0] + INSET_RIGHT if inset else 0.0), LEAST_WIDTH),
-        BOTTOM + max(height, beside[1]) + TOP,
+        max(LEFT + width + RIGHT + (inset_size[0] + INSET_RIGHT if inset else 0.0), LEAST_WIDTH),
+        BOTTOM + max(height, inset_size[1]) + TOP,
     )
     figure = Figure(figsize=(page.width, page.height), dpi=DPI)
     axes = WCSAxes(figure, page.part(LEFT, BOTTOM, width, height), wcs=None)
@@ -41,14 +41,14 @@ def draw(picture, bounds, stretch, limits=None, marks=None, inset=None, side=SID
         draw_grid(axes, picture.wcs, picture.header.get("POSKIND") == "APPARENT")
     if inset:
         _outline(axes, inset)
-        x, y = LEFT + width + RIGHT, BOTTOM + (max(height, beside[1]) - beside[1]) / 2
-        closer = figure.add_axes(page.part(x, y, *beside))
-        shown = _inset(closer, picture, inset, side // 2, stretch, limits)
-        _bar(figure, page.part(x + beside[0] + 0.15, y, 0.18, beside[1]), shown, picture.unit)
+        x, y = LEFT + width + RIGHT, BOTTOM + (max(height, inset_size[1]) - inset_size[1]) / 2
+        inset_axes = figure.add_axes(page.part(x, y, *inset_size))
+        shown = _inset(inset_axes, picture, inset, side // 2, stretch, limits)
+        _bar(figure, page.part(x + inset_size[0] + 0.15, y, 0.18, inset_size[1]), shown, picture.unit)
     if marks is not None:
         draw_marks(axes, marks)
         if inset:
-            draw_marks(closer, marks)
+            draw_marks(inset_axes, marks)
         _legend(figure, axes, legend_title(marks))
     figure.text(LEFT / page.width, 1 - 0.12 / page.height, picture.title, va="top", fontsize=10)
     figure.text(0.99, 0.06 / page.height, picture.remark, ha="right", fontsize=7)

@@ -21,7 +21,7 @@ BUTTONS = (
     ("in", "+", "zoom in (key +)"),
     ("out", "\u2212", "zoom out (key -)"),
     ("reset", "focal plane", "all chips (key 0)"),
-    ("exposure", "exposure", "what was simulated (key 1)"),
+    ("exposure", "exposure", "the simulated chips (key 1)"),
     ("detail", "full resolution", "the cutout (key 2)"),
 )
 

@@ -15,8 +15,8 @@ def size(axes, arrays):
     edges, (residual, _, _) = _over_the_chip(arrays)
     if edges:
         image = axes.pcolormesh(*edges, 100.0 * residual.T, cmap="RdBu_r", vmin=-RANGE, vmax=RANGE)
-        beside = axes.inset_axes([1.03, 0.0, 0.05, 1.0])  # colorbar's own axes would break the layout
-        axes.figure.colorbar(image, cax=beside, label="size out / PSF model - 1 [%]")
+        bar = axes.inset_axes([1.03, 0.0, 0.05, 1.0])  # colorbar's own axes would break the layout
+        axes.figure.colorbar(image, cax=bar, label="size out / PSF model - 1 [%]")
     _chip_axes(axes, edges, "Sizes of stars, S/N > 50, all bands")
 
 

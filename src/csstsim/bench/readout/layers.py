@@ -56,8 +56,8 @@ def readout(folder, say, skies=SKIES):
         for layer, seconds in took.items():
             if layer == "prnu_effect":
                 continue
-            beside = ", ".join(f"{name} {value:.1f}" for name, value in others.get(layer, {}).items())
-            say(f"| {layer} | {seconds:.2f} | {1e9 * seconds / pixels:.1f} | {beside} |")
+            peers = ", ".join(f"{name} {value:.1f}" for name, value in others.get(layer, {}).items())
+            say(f"| {layer} | {seconds:.2f} | {1e9 * seconds / pixels:.1f} | {peers} |")
     if not THERE:
         say("\narcticpy is not installed (csstsim.bench.readout.arctic says how): cte_effect has no peer")
     speed_accuracy(folder / "cti_speed_accuracy.png", say)
