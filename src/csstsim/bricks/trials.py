@@ -12,7 +12,7 @@ from csstsim.bricks.compare import SATURATED, half_light, wider
 from csstsim.bricks.match import one_to_one
 from csstsim.catalog.table import GALAXY, ObjectTable
 
-MATCH_PX = 2.5  # truth and detection in one frame
+MATCH_PX = 2.5  # match radius of truth and detection in one frame
 SHAPES = "psf_size", "psf_e1", "psf_e2"
 # Columns that need more of the measured table than fluxes and positions: NaN for another code's table
 OWN = ("pull", *SHAPES, "mag_off", "mag_err", "east_mas", "north_mas", "place_err", "g1", "g2")

@@ -1,4 +1,4 @@
-"""Chips: where each science CCD sits in the mosaic and what its detector is like (paper, section 2).
+"""Chips: the position of each science CCD in the mosaic, and its detector (paper, section 2).
 
 Left out: chip tilts, height differences and the other sensors of the focal plane.
 """

@@ -119,7 +119,7 @@ def _cumulative(y, x):
 def sample_curve(nodes, grid=GRID):
     """Return the monotone cubic with flat ends through `nodes`, (m, 2) of rising (angstrom, T), on `grid`.
 
-    Zero outside them.
+    It is zero outside them.
     """
     x, y = np.asarray(nodes, dtype=float).T
     slope = _pchip_slopes(x, y)
@@ -135,7 +135,7 @@ def sample_curve(nodes, grid=GRID):
 
 
 def _pchip_slopes(x, y):
-    """Slopes at the nodes: weighted harmonic mean of the neighbouring secants, zero at an extremum and at both ends."""
+    """Return the nodes' slopes: weighted harmonic means of neighbouring secants, 0 at extrema and at both ends."""
     h, secant = np.diff(x), np.diff(y) / np.diff(x)
     slope = np.zeros_like(y)
     same = secant[1:] * secant[:-1] > 0

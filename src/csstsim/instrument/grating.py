@@ -1,4 +1,4 @@
-"""Gratings: where the light of each order goes, and how much of it (paper, section 4.2).
+"""Gratings: the position and the amount of light of each order (paper, section 4.2).
 
 A grating's numbers are those of its aXe configuration (instrument.axe). Two gratings, side by side, cover a
 spectroscopic chip; light passes the one on whose side it would fall undispersed. Left out: beams that cross the line

@@ -23,7 +23,7 @@ class Picture:
 
     path: Path
     image: np.ndarray
-    kind: str  # what the file is, in words
+    kind: str  # the kind of file, for the title
     unit: str
     header: dict[str, Any]  # OBSID, DETECTOR or CHIPID, FILTER, EXPTIME, if the file has them
     origin: tuple[int, int] = (0, 0)

@@ -23,7 +23,7 @@ LINEAR = "grid: the header's linear WCS, without the field distortion of the lig
 def exposure_wcs(header):
     """Return (astropy WCS of 0-based chip pixels or None, remark or '') from the keywords of a csstsim exposure.
 
-    header: those of HDU 0 and 1 of a Level-0 file together; frames between the stages carry the same names.
+    header: those of HDU 0 and 1 of a Level-0 file together; frames between the stages have the same names.
     """
     if header.get("FILETYPE", "SCIE") != "SCIE":
         return None, ""  # the direction in bias, dark and flat frames has no meaning

@@ -1,4 +1,4 @@
-"""From pixel values to grey levels: limits that follow the background and its noise, and three stretches."""
+"""From pixel values to grey levels: limits from the background and its noise, and three stretches."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The focal plane of the report: thumbnails of an exposure's chips at their places, with pan and zoom (report.js).
+"""The report's focal plane: thumbnails of an exposure's chips at their positions, with pan and zoom (report.js).
 
 One SVG drawing holds the outlines of all chips and one group per exposure. Its unit is a pixel of the mosaic, with y
 down. Chips are placed to a pixel in the mosaic; field distortion is left out.

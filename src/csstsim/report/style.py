@@ -15,7 +15,7 @@ FEWEST = 3  # sources a bin needs to be drawn
 
 @dataclass(frozen=True)
 class Look:
-    """How a filter is shown: `label` as the camera writes its name; a band's marker, a grating's line."""
+    """How a filter is shown: `label` is the camera's name of it; bands have markers, gratings line styles."""
 
     label: str
     colour: str

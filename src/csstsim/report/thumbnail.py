@@ -52,7 +52,7 @@ def _level(overscan):
 
 
 def _starts(first, last, step):
-    """Return (where blocks begin in [first, last), counted from first; the number of the first block)."""
+    """Return (starts of the blocks in [first, last), counted from first; the number of the first block)."""
     edges = np.arange(first // step * step, last, step)
     return np.maximum(edges, first) - first, first // step
 

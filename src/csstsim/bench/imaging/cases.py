@@ -30,7 +30,7 @@ EDGE = 300  # px: least distance from the chip's edge
 class Case:
     """One object, alone on its window."""
 
-    row: ObjectTable  # one row, as catalog.selection.select leaves it
+    row: ObjectTable  # one row, in the form of catalog.selection.select's
     scene: Scene  # of the same object
     window: Window
     electrons: float

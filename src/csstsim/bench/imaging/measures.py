@@ -60,7 +60,7 @@ def moments(image, sigma=WINDOW_PX):
 
 
 def errors(image, truth, variance, electrons, drawn=np.inf, *, box=np.inf, sigma=WINDOW_PX, mas_per_px=74.0):
-    """Return (errors, statistical errors of them), each (8,), in the order of NAMES, of an image per unit of light.
+    """Return (errors, their statistical errors), each (8,), in the order of NAMES, of an image per unit of light.
 
     variance: of a pixel without the object [e-^2]; electrons: of the object; drawn: electrons the image was made of;
     box: half the side of the PSF's box [px].

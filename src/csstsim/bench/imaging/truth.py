@@ -39,7 +39,7 @@ class Truth:
         cells = setting.psf.image.shape[-1] // setting.psf.oversampling * m
         self._optics = chip_optics(setting.chip, setting.filter, camera.psf, self._wavefront, m, cells)
         finest = min(setting.filter.psf_wavelength) * 1e-10 / camera.telescope.diameter_m * ARCSEC_PER_RAD
-        self._highest = 1.1 * camera.telescope.pixel_scale / finest  # cycles a pixel
+        self._highest = 1.1 * camera.telescope.pixel_scale / finest  # cycles per pixel
 
     def psf(self, x, y):
         """Return the light in pixels on the lattice of cells, (n, n), of a star of unit flux at chip pixel x, y."""
@@ -55,7 +55,7 @@ class Truth:
         response = self.psf(scene.x[0], scene.y[0])
         period = 2 * half + 1 + 2 * len(response) // CELLS_PER_PIXEL
         highest = int(self._highest * period)
-        kx, ky = np.arange(highest + 1) / period, np.arange(-highest, highest + 1) / period  # cycles a pixel
+        kx, ky = np.arange(highest + 1) / period, np.arange(-highest, highest + 1) / period  # cycles per pixel
         lattice = (np.arange(len(response)) - len(response) // 2) / CELLS_PER_PIXEL
         transform = waves(ky, -lattice) @ response @ waves(kx, -lattice).T / CELLS_PER_PIXEL**2
         transform *= profile(scene, kx, ky)
@@ -67,7 +67,7 @@ class Truth:
 
 
 def profile(scene, kx, ky):
-    """Return the transform of a Scene's one object, 1 at 0, at kx, ky [cycles a pixel]: (ky, kx)."""
+    """Return the transform of a Scene's one object, 1 at 0, at kx, ky [cycles per pixel]: (ky, kx)."""
     total = 0.0
     for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
         if light > 0 and index > 0:

@@ -23,7 +23,7 @@ OBJECTS, RAYS, ELECTRONS = 76638, 5801, 60  # numbers on a chip; electrons of th
 SPOTS = [(flux, row) for row in (147, 4000) for flux in (500, 5000, 30000)]
 SKY, BEHIND = 40, 198
 FEW = 8  # columns, for the slow methods
-LOSS = 1.2e-5  # per transfer, linear model: what 5000 e- over 3 rows lose on their way from row 4000
+LOSS = 1.2e-5  # per transfer, linear model: the loss of 5000 e- over 3 rows from row 4000
 PARTS = ((0, 3), (3, 11), (11, 51), (51, 201))
 
 

@@ -27,7 +27,7 @@ from csstsim.simulation.state import State
 
 CHIP = 9
 WRITE = "writing the file"
-SKIES = 40.0, 4.0  # electrons a pixel: a wide band, a narrow one
+SKIES = 40.0, 4.0  # electrons per pixel: a wide band, a narrow one
 STARS, SPOT, SIGMA = 5000, 12, 0.9  # number, half the side of a star's stamp [px], its width [px]
 _BRIGHT = 1e4  # electrons: fainter stars are drawn as photons, in the counted plane
 _WARM = Window(4096, 5120, 4104, 5128)  # contains the corner of four channels

@@ -1,9 +1,9 @@
 """The objects of the slitless benchmark: those of imaging (bench.imaging.cases), each with one of these spectra in turn
 
     flat   N
-    hot    N ~ lambda^-3, the far side of a black body
+    hot    N ~ lambda^-3, the Rayleigh-Jeans side of a black body
     cool   N ~ lambda^-4 / (exp(h c / lambda k T) - 1), 3500 K
-    lines  a tenth of the light flat, the rest three Gaussian lines of 2 angstrom (sigma) at random places
+    lines  a tenth of the light flat, the rest three Gaussian lines of 2 angstrom (sigma) at random wavelengths
 
 with N photons / s / m2 / angstrom. `electrons` are those of the first order; the window holds its trace and a margin.
 Objects keep away from the line between the two gratings.

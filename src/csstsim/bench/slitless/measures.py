@@ -21,7 +21,7 @@ LINE_HALF = 12  # px on each side of a line
 
 
 def errors(setting, case, image, truth, drawn):
-    """Return (errors, statistical errors of them), each (8,), in the order of NAMES, of an image per unit of light."""
+    """Return (errors, their statistical errors), each (8,), in the order of NAMES, of an image per unit of light."""
     box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
     rows = np.abs(np.arange(len(truth)) - (len(truth) - 1) / 2)
     judged = np.broadcast_to((np.abs(rows - box) > EDGE_PX)[:, None], truth.shape)

@@ -25,7 +25,7 @@ from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.optics.scatter.scattered_light import scattered_light
 
 NODES = 16
-HIGHEST = 1.25  # cycles a pixel
+HIGHEST = 1.25  # cycles per pixel
 _BLOCK = 32  # px of the trace in one transform
 _SPARE = 64  # px between repeats of a window
 
