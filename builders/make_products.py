@@ -41,7 +41,7 @@ first one, except where "FITS" is stated.
 $header0
 ### IMAGE
 
-In addition it has structural keywords and world coordinates.
+It also has structural keywords and the world coordinates, which are not listed here.
 
 $header1
 ### MASK
