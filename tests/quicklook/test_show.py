@@ -278,7 +278,7 @@ def test_where_the_png_goes(tmp_path, calibrated):
     assert path.with_suffix(".png").read_bytes() != first  # a PNG may be replaced
     other = tmp_path / "notes.png"
     other.write_text("not a PNG")
-    assert "is no PNG" in refused(path, "--output", other) and other.read_text() == "not a PNG"
+    assert "is not a PNG" in refused(path, "--output", other) and other.read_text() == "not a PNG"
     assert "ends with .png" in refused(path, "--output", path)
     assert refused(path, "--output", tmp_path / "calibrated.fits" / "a.png")
     folder = tmp_path / "folder.png"
