@@ -1,13 +1,13 @@
-"""Run source-extractor and psfex on a calibrated image, for benchmarks/source_extractor.py; settings of our own.
+"""Run source-extractor and psfex, with settings chosen here, on a calibrated image, for benchmarks/source_extractor.py.
 
 1. source-extractor finds the brighter sources with a Gaussian kernel and cuts a vignette of each.
-2. psfex makes a PSF model of those that look like stars, linear in x and y.
-3. source-extractor finds all sources with that model as the kernel, threshold and deblending those of `measure.detect`,
-   and fits the model (FLUX_PSF) in a window as large as the isophote, 3 px at least.
+2. psfex makes a PSF model, linear in x and y, of those that look like stars.
+3. source-extractor finds all sources with that model as the kernel and with threshold and deblending of
+   `measure.detect`. It fits the model (FLUX_PSF) in a window as large as the isophote, at least 3 px.
 
-The background is its own, on a mesh as wide as ours. Pixels with a defect or a cosmic ray have no weight. The noise map
-is that of the background: ERR less the light of the sources, for source-extractor adds their shot noise by itself, and
-weights with the noise of a pixel's own light in them make fluxes too faint.
+source-extractor subtracts its own background, on a mesh as wide as csstsim's. Pixels with a defect or a cosmic ray have
+no weight. The noise map is that of the background, ERR without the light of the sources: source-extractor adds their
+shot noise by itself, and weights that include the noise of a pixel's own light make fluxes too faint.
 """
 
 import os
@@ -27,10 +27,10 @@ from csstsim.measure.catalogue import SATURATED
 from csstsim.measure.detect import DEBLEND_LEVELS, HOT_CONTRAST, THRESHOLD
 
 PROGRAMS = "source-extractor", "psfex"
-APERTURE = 12.0  # px, diameter, within which psfex normalises its model
-FEWEST_STARS = 5  # of a PSF model
+APERTURE = 12.0  # px, diameter within which psfex normalises its model
+FEWEST_STARS = 5  # for a PSF model
 _STEP, _STEPS = 0.5, 41  # px and number of samples of psfex's model: light within 10 px
-_VIGNETTE = 45  # px, side: psfex's model and room to shift it
+_VIGNETTE = 45  # px, side: holds psfex's model with room to shift it
 _UNUSABLE = np.float32(1e31)  # an rms above 1e30: no weight
 _FIRST = ("X_IMAGE", "Y_IMAGE", "FLUX_RADIUS", "FLUX_APER(1)", "FLUXERR_APER(1)", "ELONGATION", "SNR_WIN", "FLAGS",
           "IMAFLAGS_ISO", f"VIGNET({_VIGNETTE},{_VIGNETTE})")  # fmt: skip
@@ -51,12 +51,12 @@ _PSFEX = {
 
 @dataclass(frozen=True)
 class Extracted:
-    """What the programs made of a frame.
+    """The programs' results for a frame.
 
     table: ObjectTable with columns x, y (whole chip, 0-based px), flux_psf (the factor of the model; 0 where its fit
     failed), flux_kron [electron], snr (of flux_psf), flags (SATURATED of measure.catalogue or 0); psf: their model in
-    the middle of the frame as pixels see it, per px^2 on steps of half a px, about 1 within APERTURE; stars: how many
-    it is made of; cpu: seconds by program.
+    the middle of the frame, with the pixel response, per px^2 on steps of half a px, about 1 in total within APERTURE;
+    stars: the number it is made of; cpu: seconds by program.
     """
 
     table: ObjectTable
@@ -66,7 +66,7 @@ class Extracted:
 
 
 def missing():
-    """Return the programs that are not there."""
+    """Return the programs that are not installed."""
     return [name for name in PROGRAMS if shutil.which(name) is None]
 
 
@@ -117,7 +117,7 @@ def _write_planes(calibrated, folder, exptime):
         science, error, quality = (file[name].data for name in ("SCI", "ERR", "DQ"))
         header = file["SCI"].header
     variance = error**2 - science / exptime
-    usual = np.median(variance)  # what the pixel response leaves of bright stars is kept within bounds
+    usual = np.median(variance)  # bounds the residuals of bright stars from the pixel response
     rms = np.sqrt(np.clip(variance, 0.5 * usual, 2.0 * usual))
     rms[(quality & ~FULL) > 0] = _UNUSABLE
     for name, plane in (("image", science), ("rms", rms.astype(np.float32)), ("flag", quality)):
@@ -141,7 +141,7 @@ def _find(folder, name, kernel, threshold, area, columns, settings):
 
 
 def _run(folder, program, file, settings):
-    """Run a program with settings {key: value} in `folder`; return its CPU seconds. RuntimeError says what it said."""
+    """Run a program with settings {key: value} in `folder`; return its CPU seconds. RuntimeError has its output."""
     (folder / "settings").write_text("".join(f"{key} {value}\n" for key, value in settings.items()))
     with (folder / "said").open("w") as said:
         process = subprocess.Popen([program, file, "-c", "settings"], cwd=folder, stdout=said, stderr=said)
@@ -152,6 +152,6 @@ def _run(folder, program, file, settings):
 
 
 def _middle(path):
-    """Return (PSF in the middle of the frame per px^2, header) of a psfex file: there the polynomials are constants."""
+    """Return (PSF per px^2 in the middle of the frame, header) of a psfex file; there only the constant terms count."""
     with fits.open(path) as file:
         return file[1].data["PSF_MASK"][0][0].astype(float), file[1].header

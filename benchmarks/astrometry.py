@@ -1,6 +1,7 @@
-"""Astrometry beside ERFA's own chain, astropy and DE440, and its speed: python benchmarks/astrometry.py
+"""Astrometry against ERFA's own chain, astropy and DE440, and its speed: python benchmarks/astrometry.py
 
-Largest differences over the whole sky [microarcsecond] for one spacecraft state, and CPU seconds for 200,000 objects.
+Prints the largest differences over the whole sky [microarcsecond] for one spacecraft state, and CPU seconds for 200,000
+objects.
 """
 
 import argparse
@@ -42,9 +43,9 @@ def main():
     rows["against astropy, ICRS to GCRS (no proper motion)"] = separation(
         still, by_astropy(ra, dec, motion["parallax"])
     )
-    rows["there and back, apparent to ICRS"] = separation(back, epoch)
+    rows["round trip, apparent to ICRS"] = separation(back, epoch)
     calm = np.abs(dec) < 88
-    rows["there and back, apparent to J2000, |dec| < 88 deg"] = separation(at_j2000(*back, craft, **motion), (ra, dec))[
+    rows["round trip, apparent to J2000, |dec| < 88 deg"] = separation(at_j2000(*back, craft, **motion), (ra, dec))[
         calm
     ]
     rows["planets against the Sun alone"] = separation(seen, apparent(*epoch, many))

@@ -1,10 +1,10 @@
-"""Light and size of bright stars by the number of passes in which the brighter-fatter effect is undone.
+"""Flux and size of bright stars by the number of passes of the brighter-fatter correction.
 
     snakemake --profile profiles/default --config campaign=examples/quarter_brick/no_cti.yaml
     python benchmarks/bright_stars.py [--filters r NUV] [--passes 0 1 2 3]
 
-Measures the frames of the finished campaign anew; medians of isolated stars, PSF flux over the true one and size over
-that of the PSF model, less 1.
+Measures the frames of the finished campaign again. Prints medians of isolated stars: PSF flux over the true one, less
+1, and size over that of the PSF model, less 1.
 """
 
 import argparse

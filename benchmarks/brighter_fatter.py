@@ -1,12 +1,11 @@
-"""Brighter-fatter effect: spots against GalSim's SiliconSensor, photon transfer of flats, and what charge layers cost.
+"""Brighter-fatter effect: spots against GalSim's SiliconSensor, photon transfer of flats, and cost of charge layers.
 
     PYTHONPATH=builders python benchmarks/brighter_fatter.py [--seed 4] [--figures docs/figures]
 
 Spots: sigma_x, sigma_y of a Gaussian against flux, as in the paper's figure. The peer is SiliconSensor lsst_e2v_50_8 (a
-CCD250 of 100 um, 10 um pixels) without diffusion, which does not depend on flux. The kernel beside it is made of the
-areas that sensor itself gives the pixels around a charge, as flats would show them; so the two should agree. Third, the
-shipped kernel.
-Photon transfer: variance and covariances of pairs of simulated flats, what the fit predicts, and the areas fitted back.
+CCD250 of 100 um, 10 um pixels) without diffusion, which does not depend on flux. A kernel made from that sensor's own
+pixel areas around a charge, as flats would show them, should agree with it. The shipped kernel is the third.
+Photon transfer: variance and covariances of pairs of simulated flats, the prediction of the fit, and the fitted areas.
 Costs: CPU seconds on 9216 x 9232 pixels, best of 3; numpy and scipy on a quarter of them, times four.
 """
 
@@ -35,7 +34,7 @@ FLAT = 1500  # pixels a side
 
 
 def sensor_areas():
-    """Return the (3, 3) areas [per e-] of SiliconSensor: of the pixels around one charged pixel, sides averaged."""
+    """Return the (3, 3) area changes [per e-] of SiliconSensor's pixels around one charged pixel, sides averaged."""
     charge, n = 50_000.0, 15
     image = galsim.ImageF(n, n, scale=1.0, init_value=0.0)
     sensor = galsim.SiliconSensor(name=SENSOR, rng=galsim.BaseDeviate(1))
@@ -54,7 +53,7 @@ def widths(image):
 
 
 def spots(kernels, full_well, seed):
-    """Return {name: (fluxes, spots, 2)}: (sigma_x, sigma_y) of the same photons."""
+    """Return {name: (fluxes, spots, 2)}: (sigma_x, sigma_y) of spots made of the same photons."""
     names = ["no effect", SENSOR, *kernels]
     found = {name: np.empty((len(FLUXES), SPOTS, 2)) for name in names}
     for i, flux in enumerate(FLUXES):
@@ -94,7 +93,7 @@ def report_spots(found):
 
 
 def transfer(areas, full_well, seed):
-    """Return (means, covariances, errors) of pairs of flats; prints them beside the prediction."""
+    """Return (means, covariances, errors) of pairs of flats; print them with the prediction."""
     kernel, measured = bfe_kernel.kernel(areas), []
     print(f"pairs of flats, {FLAT} x {FLAT}: covariance / mean by lag (dy, dx); in brackets the prediction")
     for level in LEVELS:
@@ -113,7 +112,7 @@ def transfer(areas, full_well, seed):
 
 def report_fit(areas, measured):
     fitted, errors = bfe_fit.fit(*measured)
-    print("areas [1e-8 per e-]: put in, fitted, error")
+    print("areas [1e-8 per e-]: true, fitted, error")
     for dy in range(3):
         print("   ".join(" ".join(f"{1e8 * v:8.2f}" for v in table[dy]) for table in (areas, fitted, errors)))
 
@@ -173,7 +172,7 @@ def draw(found, areas, measured, folder):
     styles = dict(zip([name for name in found if name != "no effect"], ("o", "s", "-"), strict=True))
     for axis, colour in ((0, "C0"), (1, "C3")):
         for name, style in styles.items():
-            growth = (found[name] - found["no effect"]).mean(1)[:, axis]  # the photons' own scatter taken off
+            growth = (found[name] - found["no effect"]).mean(1)[:, axis]  # without the scatter of the photons
             hollow = {"mfc": "none", "ms": 8} if style == "s" else {}
             label = rf"$\sigma_{'xy'[axis]}$ {name}"
             left.plot(FLUXES / 1e5, np.sqrt(SIGMA**2 + 1 / 12) + growth, style, color=colour, label=label, **hollow)

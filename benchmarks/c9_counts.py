@@ -1,4 +1,4 @@
-"""Galaxies, stars and quasars on an r-band chip at the centres of the five Cycle-9 fields, beside the paper's figures.
+"""Numbers of galaxies, stars and quasars on an r-band chip at the centres of the five Cycle-9 fields, and the paper's.
 
     python benchmarks/c9_counts.py
 

@@ -1,13 +1,13 @@
-"""Stacks of bias, dark and LED-flat frames, every layer of the detector on, reduced with ccdproc: do they give back
-what the camera's files say of each channel?
+"""Do stacks of bias, dark and LED-flat frames, made with every detector layer and reduced with ccdproc, reproduce the
+numbers of each channel in the camera's files?
 
     pip install -e ".[bench]"
     python benchmarks/calibration_stacks.py [--rows 512] [--figures docs/figures]
 
-Frames of chip 9, all its columns and `rows` rows on either side of the seam, are made by `csstsim chip`; from each file
-the reduction (stack_reduction.py) takes IMAGE and the keywords of its geometry, nothing else. It prints, for each
-quantity and channel, what was configured and what was found, and ends with 1 if anything is off by more than LIMIT
-sigma. Results: docs/detector_calibration.md.
+`csstsim chip` makes frames of chip 9 with all its columns and `rows` rows on either side of the seam. The reduction
+(stack_reduction.py) uses only IMAGE and its geometry keywords from each file. Prints, for each quantity and channel,
+the configured and the measured value; exit code 1 if any is off by more than LIMIT sigma. Results:
+docs/detector_calibration.md.
 """
 
 import argparse
@@ -38,7 +38,7 @@ Row = namedtuple("Row", "quantity unit channel configured found error")
 
 
 def make_frames(folder, rows):
-    """Yield (kind, seconds of light, IMAGE header, pixels from the window's first row on, MASK or None) of frames."""
+    """Yield (kind, seconds of light, IMAGE header, pixels from the window's first row on, MASK or None) by frame."""
     for number, (kind, seconds) in enumerate([("BIAS", 0.0), ("DARK", 0.0), *(("FLAT", s) for s in SECONDS)]):
         table = folder / "table.csv"
         obsids = [f"103000{number:02d}{n:03d}" for n in range(EACH[kind])]
@@ -63,7 +63,7 @@ def make_frames(folder, rows):
 
 
 def layers(folder, kind, seconds):
-    """Write the shipped list of a kind, lamps lit for so long, a polynomial a channel; return its path."""
+    """Write the shipped list of a kind, with lamps lit for `seconds` and a polynomial per channel; return its path."""
     name = {"BIAS": "bias", "DARK": "dark", "FLAT": "led_flat"}[kind]
     steps = yaml.safe_load((SHIPPED / "observations" / f"{name}.yaml").read_text())["layers"]
     for step in steps:
@@ -83,7 +83,7 @@ def compare(channels, found, camera):
     """Return a list of Row, and the area of the brighter-fatter effect [1/e-]."""
     n, detector = len(channels), camera.detector
     means, numbers = (np.stack([f[k] for f in found], axis=1) for k in ("level", "number"))
-    # rays that no flat shows, the same in all channels, and noise that the traps of the trails take: 1e-4 to 1e-3
+    # Corrections of 1e-4 to 1e-3: cosmic rays not found in flats, equal in all channels; noise smoothed by traps
     rays = np.mean([f["rays"] for f in found], axis=0)
     for f in found:
         f["variance"] = (f["variance"] - rays) / (1 - smoothed(f["level"] * detector.gain, channels[0], detector))
@@ -100,7 +100,7 @@ def compare(channels, found, camera):
 
 
 def traps_of(c, detector):
-    """Return the traps as stack_estimates takes them: density, timescale, well, rows of a half."""
+    """Return the traps in the form of stack_estimates: density, timescale, well, rows of a half."""
     traps = detector.traps
     density, well = c.header["CTIDENS"] * np.array(traps.density), (traps.beta, traps.full_well, traps.notch)
     return density, traps.timescale, well, detector.channel_ny
@@ -128,7 +128,7 @@ def levels(c, f, camera):
 
 
 def light(c, f, area):
-    """Yield the same of flats; area: of the brighter-fatter effect."""
+    """Yield the same for flats; area: that of the brighter-fatter effect [1/e-]."""
     gain, relative = f["gain"], f["relative"]
     for name, key, power in (("quadratic", "NLQ", 1), ("cubic", "NLC", 2)):
         found, error = (f[k][power - 1] / gain**power for k in ("linearity", "linearity errors"))
@@ -140,7 +140,7 @@ def light(c, f, area):
 
 
 def counts(c, f, camera):
-    """Yield the same of trails, rays and defects. Of defects, `found` is what is there less what is not."""
+    """Yield the same for trails, rays and defects; for defects `found` is the true detections less the false ones."""
     detector, gain = camera.detector, f["gain"]
     rays = detector.cosmic_rays
     behind = *traps_of(c, detector), detector.parallel_overscan
@@ -160,7 +160,7 @@ def counts(c, f, camera):
 
 
 def sigmas(row):
-    """Return by how many of its errors a row is off; what has no error must be equal."""
+    """Return by how many of its errors a row is off; values without an error must be equal."""
     off = float(row.found - row.configured)
     return off / row.error if row.error else np.inf * np.sign(off) if off else 0.0
 

@@ -1,14 +1,14 @@
-"""A full r-band chip of the standard scene, from its catalogue to the electrons image; the paper's way beside it.
+"""Cost of a full r-band chip of the standard scene, from catalogue to electron image; also by the paper's method.
 
     python benchmarks/standard_scene.py            # first: the catalogue
     python benchmarks/chip_speed.py [--counts 1000 10000 76638 300000 1000000] [--sample 60]
 
-For each number of objects (drawn from the scene's with places of their own, all over the chip; 76,638 is the scene
-itself) the CPU seconds of selection (reading, photometry, astrometry, distortion) and of the render stage (PSF tables,
-policy, objects, sky), the least of three runs (one from 200,000 objects on) after one that compiles, and the largest
-private memory. Then the paper's way (GalSim, a PSF object for each object and sub-band; csstsim.bench.imaging.peers) on
-a sample of the same objects, spread over their brightness, extrapolated to all; the brightest 0.2%, which the paper
-would draw in stamps of up to 27,756 px, are left out of both its sample and its sum.
+For each number of objects (drawn from the scene's, at random positions on the chip; 76,638 is the scene itself) it
+prints the CPU seconds of selection (reading, photometry, astrometry, distortion) and of the render stage (PSF tables,
+policy, objects, sky), and the largest private memory. Times are the least of three runs (one from 200,000 objects on)
+after one that compiles. Then the paper's method (GalSim, a PSF object for each object and sub-band;
+csstsim.bench.imaging.peers) runs on a sample spread over the objects' brightness, and is extrapolated to all. The
+brightest 0.2%, which the paper would draw in stamps of up to 27,756 px, are left out of both its sample and its sum.
 """
 
 import argparse
@@ -37,7 +37,7 @@ from csstsim.stages import select as select_stage
 galsim.errors.raise_fft_size_error = True
 FOLDER = Path("results/standard_scene")
 BRIGHTEST = 0.002
-MANY = 200_000  # objects, from which one run is long enough
+MANY = 200_000  # objects from which one run is enough
 HALF_MAX = 200  # px: half the side of the paper's stamps in the sample
 
 
@@ -70,7 +70,7 @@ def measured(run, runs):
     """Return (CPU s of select, of render, GB, State): the least of all runs but the first."""
     best, job = (np.inf, np.inf), run.jobs[0]
     for i in range(runs):
-        state = None  # what the run before left is not this one's memory
+        state = None  # frees the memory of the previous run
         with PrivateMemory() as memory:
             start = time.process_time()
             objects = select_stage.selected(run, job)
@@ -83,7 +83,7 @@ def measured(run, runs):
 
 
 def paper_seconds(state, psf, exptime, sample):
-    """Return (mean CPU s an object, its standard error, number of objects it stands for)."""
+    """Return (mean CPU s per object, its standard error, number of objects it represents)."""
     truth = state.truth
     order = np.argsort(truth["electrons"])
     order = order[truth["electrons"][order] > 0]
@@ -105,7 +105,7 @@ def paper_seconds(state, psf, exptime, sample):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--counts", type=int, nargs="+", default=[1000, 10_000, 76_638, 300_000, 1_000_000])
-    parser.add_argument("--sample", type=int, default=60, help="objects drawn the paper's way")
+    parser.add_argument("--sample", type=int, default=60, help="objects drawn by the paper's method")
     options = parser.parse_args()
     template = OpenCampaign(SHIPPED / "standard_scene.yaml")
     job, scene = template.jobs[0], ObjectTable.read(FOLDER / "objects.parquet")
@@ -129,11 +129,11 @@ def main():
                 mine = light["method"] == method
                 print(f"  {method}: {mine.sum()} objects, {light['ms'][mine].sum() / 1000:.2f} CPU-s")
             print(
-                f"  the paper's way: {mean:.3f} +- {error:.3f} CPU-s an object, "
+                f"  the paper's method: {mean:.3f} +- {error:.3f} CPU-s per object, "
                 f"{mean * stands:.0f} +- {error * stands:.0f} for {stands} of them, "
                 f"{mean * stands / both[-1]:.0f} times csstsim's whole chip"
             )
-        del state  # not the next row's memory
+        del state  # frees its memory before the next row
     slopes = np.diff(np.log(both)) / np.diff(np.log(options.counts))
     print("exponent of cost against number of objects, from one row to the next:", np.round(slopes, 2))
 

@@ -1,10 +1,10 @@
-"""One full-depth chip with every layer, from the catalogue to the Level-0 file on disk: CPU seconds by stage, memory.
+"""Cost of one full-depth chip with every layer, from the catalogue to the Level-0 file: CPU seconds by stage, memory.
 
     python benchmarks/chip_stages.py [--filters r NUV]
 
-Runs `csstsim chip` on the demo's field with the layers of science.yaml and the paper's density of traps. Truth bricks,
-PSF sets and compiled kernels are made by a first run; of three more the cheapest counts. Start-up is what the process
-takes beside its stages: interpreter, imports, checks of the campaign.
+Runs `csstsim chip` on the demo's field with the layers of science.yaml and the paper's density of traps. A first run
+makes truth bricks, PSF sets and compiled kernels; of three more the cheapest counts. Start-up is the process's time
+outside its stages: interpreter, imports, checks of the campaign.
 """
 
 import argparse
@@ -22,13 +22,13 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.instrument.camera import load_camera
 
 ROOT = Path(__file__).parents[1]
-FOLDER = ROOT / "results" / "chip_stages" / load_camera(ROOT / "config/instrument").digest  # of what it was made from
+FOLDER = ROOT / "results" / "chip_stages" / load_camera(ROOT / "config/instrument").digest  # one per camera
 RUNS = 3
 PAPER = 14_760  # CPU s a chip: 300,000 CPU-hours for 73,260 files (paper, section 5.6)
 
 
 def observation(traps=1.0):
-    """Return the shipped science exposure with the paper's density of traps, times a factor; None: as shipped."""
+    """Return the shipped science exposure with the paper's density of traps times `traps`; None: as shipped."""
     content = yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())
     for layer in content["layers"]:
         if "CTE_effect" in layer and traps is not None:
@@ -37,7 +37,7 @@ def observation(traps=1.0):
 
 
 def campaign():
-    """Write the campaign: the demo's exposures of whole chips, all layers; return its file."""
+    """Write the campaign, the demo's exposures of whole chips with all layers; return its file."""
     FOLDER.mkdir(parents=True, exist_ok=True)
     (FOLDER / "science.yaml").write_text(yaml.safe_dump(observation(), sort_keys=False))
     content = load_campaign(ROOT / "config/full_chip.yaml").model_dump(mode="json")
@@ -49,7 +49,7 @@ def campaign():
 
 
 def jobs(run, filters):
-    """Yield (filter, obsid, chip) of the exposure of each filter that meets the demo's field."""
+    """Yield (filter, obsid, chip) of the exposure in each filter that covers the demo's field."""
     demo = OpenCampaign(ROOT / "config/campaign.yaml")
     for name in filters:
         job = next(job for job in demo.jobs if job.chip.filter == name)
@@ -57,7 +57,7 @@ def jobs(run, filters):
 
 
 def measured(file, obsid, chip):
-    """Run the chip; return ({stage: CPU s}, all CPU s, GB, what it said)."""
+    """Run the chip; return ({stage: CPU s}, all CPU s, GB, its output)."""
     command = [Path(sys.executable).parent / "csstsim", "chip", file, "--obsid", obsid, "--chip", chip]
     process = subprocess.Popen([str(part) for part in command], cwd=ROOT, stdout=subprocess.PIPE, text=True)
     with PrivateMemory(process.pid) as memory:

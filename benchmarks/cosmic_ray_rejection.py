@@ -1,10 +1,10 @@
-"""How many cosmic rays `measure` finds, how many stars it takes for one; beside astroscrappy if it is installed.
+"""The share of cosmic rays that `measure` finds, and of stars it takes for one; also astroscrappy's, if installed.
 
-    python benchmarks/cosmic_ray_rejection.py [--filters NUV r y]      # pip install astroscrappy for the second column
+    python benchmarks/cosmic_ray_rejection.py [--filters NUV r y]      # pip install astroscrappy for the second row
 
-The demo's window in each filter, made by `csstsim chip` with its truth mask. Found: of the pixels of rays 5 sigma or
-more above the sky, not on defects. Stars: those of S/N above 20 without a ray or
-a saturated pixel within 3 px that have a found pixel within 1 px.
+`csstsim chip` makes the demo's window in each filter with its truth mask. Rays found: the share of their pixels 5 sigma
+or more above the sky and not on defects. Stars: those of S/N above 20, without a ray or a saturated pixel within 3 px,
+that have a found pixel within 1 px.
 """
 
 import argparse
@@ -45,7 +45,7 @@ def campaign():
 
 
 def finders(calibrated, model):
-    """Yield (name, a call that returns the pixels found) for a frame."""
+    """Yield (name, a call that returns the mask of found pixels) for a frame."""
     noise = float(np.mean(list(calibrated.read_noise.values())))
     image, saturated, bad = calibrated.electrons, calibrated.saturated, calibrated.bad
     yield "csstsim", lambda: cosmic_rays(image, saturated, bad, noise, model)

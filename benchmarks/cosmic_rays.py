@@ -20,7 +20,7 @@ from csstsim.instrument.camera import load_camera
 
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "cosmic_rays.png"
 THRESHOLDS = np.array([1, 2, 5, 10, 20, 50, 100, 200, 500, 1000])  # e-
-SIGMAS = (0.2, 0.4, 0.6)  # px; the first is the paper's
+SIGMAS = (0.2, 0.4, 0.6)  # px; the first is that of the paper
 SHOWN = (300, 300)
 KEY = np.uint64(1)
 
@@ -55,7 +55,7 @@ def picture(rays, seconds, tracks, before, after):
     pixel, electrons, _ = deposit(SHOWN, many, rays.diffusion, KEY)
     image.reshape(-1)[pixel] = electrons
     axes[0, 0].imshow(np.arcsinh(image), cmap="magma", origin="lower")
-    axes[0, 0].set(title=f"{SHOWN[1]} x {SHOWN[0]} px, as of 20 exposures of 150 s", xlabel="px", ylabel="px")
+    axes[0, 0].set(title=f"{SHOWN[1]} x {SHOWN[0]} px, the rays of 20 exposures of 150 s", xlabel="px", ylabel="px")
     for sigma, counts in after.items():
         axes[0, 1].semilogx(THRESHOLDS, counts / before, "o-", ms=3, label=f"diffusion {sigma} px")
     axes[0, 1].set(title="pixels struck, after / before diffusion", xlabel="charge from [e-]", ylim=(0, None))

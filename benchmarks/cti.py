@@ -1,16 +1,16 @@
-"""Charge transfer inefficiency: cost, accuracy and the cost of other ways, and the paper's figure of two stamps.
+"""Charge transfer inefficiency: cost and accuracy, also of other methods, and the paper's figure of two stamps.
 
     python benchmarks/cti.py [--columns 512 | --serial]
 
 1. CPU time per half-column and per chip (least of three) at 4, 40 and 200 e- of sky, on columns with a chip's density
-   of objects and cosmic rays; beside it, on fewer columns, each packet visited by each trap.
-2. What a spot loses and trails, for 500, 5000 and 30000 e- over 3 rows, 147 and 4000 rows from the amplifier: this
-   program, its limit of many small electrons (mean field), a linear model, arcticpy (csstsim.bench.readout.arctic).
+   of objects and cosmic rays; for comparison, on fewer columns, every trap visits every packet.
+2. Losses and trails of a spot of 500, 5000 and 30000 e- over 3 rows, 147 and 4000 rows from the amplifier: csstsim,
+   its limit of many small electrons (mean field), a linear model, arcticpy (csstsim.bench.readout.arctic).
    The spread of the errors against CPU time goes to docs/figures/cti_speed_accuracy.png.
-3. What arcticpy does with the traps of a packet's own first rows (docs/detector_cti.md).
+3. How arcticpy treats the traps of a packet's own first rows (docs/detector_cti.md).
 4. Input, output and trail of a stamp 147 and 4000 rows from the amplifier: docs/figures/cti_trails.png.
 5. Two whole chips.
-6. Rows through their registers (all that --serial does): cost of a chip; what a spot and a flat field leave behind.
+6. Rows through their registers (the only part with --serial): cost of a chip; trails of a spot and of a flat field.
 """
 
 import argparse
@@ -58,7 +58,7 @@ PRESCAN, CHANNEL, SERIAL_OVERSCAN = 27, 1152, 71
 
 @numba.njit
 def every_packet(image, density, timescale, well, head, room):
-    """The same process, each trap visiting each packet."""
+    """Run the same process with every trap visiting every packet."""
     level, tau, own, next_ = room
     for x in range(image.shape[1]):
         column = image[:, x]
@@ -87,7 +87,7 @@ def plain_loop(image):
 def costs(columns):
     """Print the table of costs."""
     exact(np.ones((9, 9), np.float32))
-    print("sky e-   this program: ms/half-column  s/chip    every packet: ms/half-column  s/chip")
+    print("sky e-        csstsim: ms/half-column  s/chip    every packet: ms/half-column  s/chip")
     for sky in (4, 40, 200):
         plain = cpu(plain_loop, scene(np.random.default_rng(sky), FEW, sky), 2) / FEW
         numbers = [t * s for t in (half_column(columns, sky), plain) for s in (1e3, HALF_COLUMNS)]
@@ -95,7 +95,7 @@ def costs(columns):
 
 
 def first_transfers():
-    """Print a spot of 5000 e- on no sky, 60 rows from the amplifier: arcticpy with and without emptied traps."""
+    """Print a spot of 5000 e- without sky, 60 rows from the amplifier: arcticpy with and without emptied traps."""
     column = np.zeros(160, np.float32)
     column[60:63] = 5000
 
@@ -105,14 +105,14 @@ def first_transfers():
         print(f"{name:50s}{parts}   all {change.sum():7.2f}")
 
     print("\nspot 60 rows from the amplifier, no sky: electrons added to the spot, rows 1-8, 9-48, 49-97 behind it")
-    say("this program, 20000 columns", stochastic(1000)(column, 50))
+    say("csstsim, 20000 columns", stochastic(1000)(column, 50))
     for empty in (False, True):
         moved = arctic(column, DENSITY, TAU, WELL, 0, empty_traps_for_first_transfers=empty)
         say(f"arcticpy 0, empty_traps_for_first_transfers={empty}", moved)
 
 
 def chip(sky=SKY):
-    """Print the cost of a whole chip, both halves; columns of `scene` repeated."""
+    """Print the cost of a whole chip, both halves, made of repeated columns of `scene`."""
     image = np.tile(scene(np.random.default_rng(2), 256, sky), (2, HALF_COLUMNS // 512))
     start = time.process_time()
     for half in range(2):
@@ -127,9 +127,9 @@ def along_rows(image, species=REGISTER, register=1):
 
 
 def serial(sky_levels=(4, 40, 200)):
-    """Print the cost of a chip's rows, and what trails behind a spot and a flat field, mean of 1000 registers."""
+    """Print the cost of a chip's rows, and the trails of a spot and a flat field, means of 1000 registers."""
     along_rows(np.ones((1, 9), np.float32))
-    print("\nrows through their registers, CPU s a chip: densities of cti.yaml, of PyAutoCTI's examples")
+    print("\nrows through their registers, CPU s per chip: densities of cti.yaml, of PyAutoCTI's examples")
     for sky in sky_levels:
         image = scene(np.random.default_rng(sky), CHANNEL, sky)
         rows = 16 * (ROWS + OVERSCAN) / ROWS
@@ -137,7 +137,7 @@ def serial(sky_levels=(4, 40, 200)):
         print("sky {:3d} e-: {:6.2f} {:6.2f}".format(sky, *seconds), flush=True)
 
     def mean(row):
-        """What 1000 registers change in a row and its overscan."""
+        """Return the mean change by 1000 registers of a row and its overscan."""
         total = np.zeros(CHANNEL + SERIAL_OVERSCAN)
         for register in range(1000):
             image = np.repeat(row[None], 4, 0)

@@ -2,8 +2,8 @@
 
     python benchmarks/demo_picture.py
 
-Left: g, r, i of the first position angle, resampled to the sky's frame of the r exposure (nearest pixel), asinh
-stretch, defects and cosmic rays filled as `measure` does. Right: the windowed r-band readout, with the four channels'
+Left: g, r, i of the first position angle, resampled (nearest pixel) to the r exposure's pixels on the sky, with asinh
+stretch; defects and cosmic rays are filled as by `measure`. Right: the windowed r-band readout, with the four channels'
 bias, gain, prescan and overscan.
 """
 
@@ -26,7 +26,7 @@ SIDE = 1300  # px of the field shown
 
 
 def electrons(run, job):
-    """Calibrated image of a job less its median, electrons / s; defects and cosmic rays filled."""
+    """Return a job's calibrated image less its median, electrons / s, with defects and cosmic rays filled."""
     _, calibrated = calibrated_frame(run, job)
     image = calibrated.electrons
     mend(calibrated, psf_model(open_psf(run, job.chip), (job.window.x0, job.window.y0), image.shape))

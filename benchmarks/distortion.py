@@ -1,9 +1,9 @@
-"""The field distortion in figures: fit residuals, inverse, speed, SIP; and its picture.
+"""Numbers of the field distortion: fit residuals, inverse, speed, SIP; and its figure.
 
     PYTHONPATH=builders python benchmarks/distortion.py [--figure docs/figures/distortion.png]
 
-Residuals are model - optics at 500 random places a chip that the fit has not seen, on the chip and beyond its edge; the
-paper's model (Wei et al. 2025, section 5.2) is the same pair of splines. CPU times are of one core.
+Residuals are model - optics at 500 random points per chip that the fit did not use, on the chip and beyond its edge;
+the paper's model (Wei et al. 2025, section 5.2) is the same pair of splines. CPU times are those of one core.
 """
 
 import argparse
@@ -63,7 +63,7 @@ def _mosaic_shift(plane, chip):
 
 
 def cells(camera, plane):
-    """How the residual depends on the cells of the splines."""
+    """Print how the residual depends on the number of cells of the splines."""
     data = {n: samples(plane, c) for n, c in camera.chips.items()}
     print("\ncells: global, of a chip     on the chip    to 1300 px beyond (largest, px)")
     for whole, own in ((1, 1), (2, 1), (2, 2), (3, 2), (4, 3), (6, 3)):
@@ -78,7 +78,7 @@ def speed(camera, field):
     chip = field.on(camera.chips[1])
     x, y = places(camera.chips[1], n=200_000)
     chip.inverse(x[:1], y[:1]), chip.forward(x[:1], y[:1])
-    print("\n200,000 places of one chip, CPU s")
+    print("\n200,000 points of one chip, CPU s")
     for name in ("forward", "inverse", "jacobian"):
         start = time.process_time()
         getattr(chip, name)(x, y)
@@ -102,7 +102,7 @@ def sip(camera, field):
 
 
 def figure(camera, plane, field, path):
-    """Offsets over the mosaic; what the CCDs' places add; the ellipticity that a round source takes on."""
+    """Draw the offsets over the mosaic; what the CCDs' positions add; the ellipticity given to a round source."""
     import matplotlib
 
     matplotlib.use("Agg")

@@ -1,14 +1,15 @@
-"""The error model behind the policy (render/error_model.py): fitted on one sample of objects, tested on a fresh one.
+"""The error model of the render policy (render/error_model.py): fitted to one sample of objects, tested on another.
 
     python benchmarks/error_model.py [--objects 160] [--filter r] [--output results/bench]
     python benchmarks/error_model.py --bright       # bound over visible error of bright galaxies, drawn as stamps
 
-Truth is the reference renderer on the same PSF set, its stamp wide enough for anything
-(bench.imaging.methods.standard). The coefficients of stamps are 97% quantiles (regression, none negative) of visible
-error / S/N; photons are drawn from the same density as points' stamps, so they share `psf`. Fitted numbers are printed
-for config/render.yaml; the test is of those in the file: at most 5% of objects may exceed their bound. A photon image
-of 2e7 electrons has an error of its own, so an object exceeds only if its squared error is more than two of those above
-the bound's; and pooled over all objects squared error over squared bound must be below 1.
+Truth is the reference renderer on the same PSF set, with a stamp as wide as the window
+(bench.imaging.methods.standard). The coefficients of stamps come from a 97% quantile regression (none negative) of
+visible error / S/N. Photons are drawn from the same density as points' stamps, so they share `psf`. The fitted numbers
+are printed for config/render.yaml. The test uses those in the file: at most 5% of objects may exceed their bound. A
+photon image of 2e7 electrons has an error of its own, so an object exceeds its bound only if the squared error is above
+the squared bound by more than twice that error. Pooled over all objects, squared error over squared bound must be below
+1.
 """
 
 import argparse
@@ -30,7 +31,7 @@ from csstsim.render.settings import load_numbers
 QUANTILE = 0.97
 ELECTRONS, SECONDS = 2e7, 0.3
 LARGEST = 2.5  # arcsec
-NAMES = {"photons": "photons", "stamp": "stamps"}  # the policy's, the benchmark's
+NAMES = {"photons": "photons", "stamp": "stamps"}  # {the policy's name: the benchmark's}
 
 
 def sample(setting, count, seed):
@@ -50,7 +51,7 @@ def sample(setting, count, seed):
 
 
 def bright(setting, numbers):
-    """Print, for each number of electrons and profile, S/N and the range of bound over visible error of stamps."""
+    """Print S/N and the range of bound over visible error of stamps, for each number of electrons and profile."""
     rng, stamps = stream(3, "bright"), next(m for m in METHODS if m.name == NAMES["stamp"])
     box, found = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling, {}
     shapes = product((0.1, 0.3, 0.6, 1.0, 2.0), (0.0, 1.0), (0.0, 0.5), (1e6, 3e7, 2e8))

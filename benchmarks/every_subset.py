@@ -1,9 +1,9 @@
-"""Subsets of the light's layers, options, fidelities and objects: does each draw the same light, and Poisson?
+"""Do all subsets of the light's layers, options, fidelities and objects draw the same light with Poisson noise?
 
     PYTHONPATH=tests:builders python benchmarks/every_subset.py [COUNT]
 
-A line a subset as it is drawn, then the largest departure of each kind in units of its error; tests/light_subsets.py
-says what they are. Exit code 1 if one is above LIMIT.
+Prints one line per subset as it is drawn, then the largest departure of each kind in units of its error;
+tests/light_subsets.py defines the departures. Exit code 1 if one is above LIMIT.
 """
 
 import sys

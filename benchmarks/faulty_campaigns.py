@@ -1,11 +1,11 @@
-"""Faults put into a campaign's chain, each of which must fail its gate; campaigns without one, which must fail none.
+"""Faults put into a campaign's chain: each must fail its gate, and a campaign without a fault must fail none.
 
     PYTHONPATH=tests:builders python benchmarks/faulty_campaigns.py [--seeds 10] [--folder results/faulty_campaigns]
 
-The campaign (tests/star_galaxy_field.py): 1216 x 1216 px, four exposures in r and two in g. A fault
-(tests/faulty_chain.py) is in one exposure, or in the merge. Its margin is the gate's: the number over what is allowed,
-chance forgiven. Prints the tables of docs/validation.md; exit code 1 if a fault has a margin below 1.5 or names another
-exposure, or an unfaulted campaign fails a gate.
+The campaign (tests/star_galaxy_field.py) has 1216 x 1216 px, four exposures in r and two in g. A fault
+(tests/faulty_chain.py) is in one exposure, or in the merge. Its margin is the gate's: the number over the largest
+allowed one, which includes chance. Prints the tables of docs/validation.md; exit code 1 if a fault has a margin below
+1.5 or names another exposure, or a campaign without a fault fails a gate.
 """
 
 import argparse
@@ -34,7 +34,7 @@ ONE_OF_FOUR, ONE_OF_TWO = "10100000002", "10100000005"
 
 
 def make(run, job, context, stage):
-    """Make and measure one exposure, the fault's context around its stage."""
+    """Make and measure one exposure; its `stage` runs within the fault's context."""
     if stage in ("all", "chip"):
         with context() if stage == "chip" else nullcontext():
             chip_stage.chip(run, job, say=lambda *_: None)
@@ -54,7 +54,7 @@ def verdict(run, context=nullcontext):
 
 
 def campaign(folder, seed, psf):
-    """Make the campaign of a seed, with the PSF sets of another if they are there; return (run, verdict)."""
+    """Make the campaign of a seed, with existing PSF sets if there are any; return (run, verdict)."""
     run = OpenCampaign(write_field(folder, seed))
     if psf.exists():
         shutil.copytree(psf, run.paths.output / "psf", copy_function=os.link)
@@ -66,7 +66,7 @@ def campaign(folder, seed, psf):
 
 
 def faulty(run, kept, fault):
-    """Return the verdict on the campaign whose products are in `kept`, with a fault put in; and the exposure of it."""
+    """Return (verdict, exposure) of the campaign whose products are in `kept`, with a fault put into that exposure."""
     output = run.paths.output
     shutil.rmtree(output)
     shutil.copytree(kept, output, copy_function=os.link)  # products are replaced, never changed in place
@@ -77,8 +77,8 @@ def faulty(run, kept, fault):
     return verdict(run), obsid
 
 
-def told(fault, judged, obsid):
-    """Return (row of the table, whether the fault was seen)."""
+def row_of(fault, judged, obsid):
+    """Return (row of the table, whether the gates found the fault)."""
     failing = [gate for gate in judged["gates"] if gate["passed"] is False]
     named = [gate for gate in failing if gate["name"] == fault.gate]
     right = bool(named) and all(gate.get("exposure") == obsid for gate in named)
@@ -118,10 +118,10 @@ def main():
     )
     for fault in FAULTS:
         with contextlib.redirect_stdout(io.StringIO()):
-            row, seen = told(fault, *faulty(first, kept, fault))
+            row, seen = row_of(fault, *faulty(first, kept, fault))
         print("| " + " | ".join(map(str, row)) + " |" + ("" if seen else " NOT SEEN"), flush=True)
         good &= seen
-    print(f"\n{time.process_time() - start:.0f} CPU-s; {'as it must be' if good else 'NOT AS IT MUST BE'}")
+    print(f"\n{time.process_time() - start:.0f} CPU-s; {'all as expected' if good else 'NOT AS EXPECTED'}")
     return 0 if good else 1
 
 

@@ -1,4 +1,4 @@
-"""A stranger's first image: from `pip install` of the wheel to a picture of ten objects of their own, timed.
+"""A new user's first image, timed: from `pip install` of the wheel to a picture of ten objects of their own.
 
     python benchmarks/first_image.py [--keep FOLDER]
 
@@ -6,7 +6,7 @@ The wheel is built from this clone and installed, with requirements.lock as cons
 outside of it. Then, with nothing but that environment on the path: `csstsim doctor`, a table of ten objects,
 `csstsim init --catalogue`, `csstsim check`, `csstsim chip`, `csstsim show`, and the dry run of the whole workflow in
 that folder. Fails if a step fails, if a file of the clone is used, or if an object of the table is not in the truth.
-Compiled code, PSF and all are made anew; what pip downloads may come from its cache.
+Compiled code, PSF set and all else are made from nothing, but pip may use its cache.
 """
 
 import argparse
@@ -37,7 +37,7 @@ COUNT = "import sys; from csstsim.catalog.table import ObjectTable; print(len(Ob
 
 
 class Stranger:
-    """Runs commands in a folder with a bare environment, and says what each took."""
+    """Runs commands in a folder with a bare environment, and prints the time of each."""
 
     def __init__(self, home):
         self.home, self.total = home, 0.0

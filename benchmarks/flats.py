@@ -1,10 +1,10 @@
-"""Shutter, vignetting, internal flats and lamps: what they are with the shipped numbers, and what they cost.
+"""Shutter, vignetting, internal flats and lamps: their values with the shipped numbers, and their cost.
 
     python benchmarks/flats.py [--seed 9] [--figures docs/figures]
 
-Prints the response (vignetting x internal flat x shutter, 150 s) of each band, how a grating chip's turn and the coarse
-grid limit it, the electrons of the shipped LED list in each band, and CPU time of each part on a full chip. Draws the
-vignetting, the flats of the lamps and the shutter's motion and profile.
+Prints the response (vignetting x internal flat x shutter, 150 s) of each band; its errors from the rotation of a
+grating chip and from the coarse grid; the electrons of the shipped LED list in each band; and the CPU time of each part
+on a full chip. Draws the vignetting, the flats of the lamps and the shutter's motion and profile.
 """
 
 import argparse

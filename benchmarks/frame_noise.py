@@ -1,8 +1,9 @@
-"""Whole-frame noise: ns of CPU per pixel beside numpy's, in one run.
+"""Whole-frame noise: CPU ns per pixel, and numpy's in the same run.
 
     python benchmarks/frame_noise.py [--rows 1024]
 
-Frames of the chip's width; the best of five, numba compiled before. numpy draws what the kernels add in place.
+Frames have the chip's width; the best of five runs counts, with numba compiled before. numpy only draws the noise that
+the kernels also add in place.
 """
 
 import argparse

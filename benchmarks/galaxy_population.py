@@ -1,10 +1,11 @@
-"""The embedded universe's galaxies beside published counts, mass functions, sizes, colours and redshifts.
+"""The embedded universe's galaxies against published counts, mass functions, sizes, colours and redshifts.
 
     PYTHONPATH=tests:builders python benchmarks/galaxy_population.py [--data ../shared/data]
 
-Prints tables and draws docs/figures/galaxies.png. Two samples: galaxies placed evenly over mass and redshift, each
-standing for a number per deg2 (counts and mass functions of rare ones too), and those drawn on 0.04 deg2. Real samples,
-where the data folder is there: a box of COSMOS2020 (Weaver et al. 2022) and 100 HST galaxies (GalSim's COSMOS sample).
+Prints tables and draws docs/figures/galaxies.png. Two samples are used: galaxies placed evenly over mass and redshift,
+each representing a number per deg2 (so that rare ones have counts and mass functions, too), and galaxies drawn on 0.04
+deg2. Real samples, if the data folder exists: a box of COSMOS2020 (Weaver et al. 2022) and 100 HST galaxies (GalSim's
+COSMOS sample).
 """
 
 import argparse
@@ -24,12 +25,12 @@ ROOT = Path(__file__).resolve().parents[1]
 TARGET = ROOT / "docs" / "figures" / "galaxies.png"
 PUBLISHED = read_data(ROOT / "tests" / "universe" / "published_galaxies.yaml")
 AREA = 0.04  # deg2 drawn
-GROUND = 0.38  # arcsec: flux radius of stars in the COSMOS2020 box, taken off in quadrature
+GROUND = 0.38  # arcsec: flux radius of stars in the COSMOS2020 box, subtracted in quadrature
 ANCHORS = {("g", "i"): 1.0, ("r", "i"): 0.4, ("i", "z"): 0.25, ("z", "y"): 0.1, ("u", "g"): 0.7, ("nuv", "u"): 0.8}
 
 
 def even_sample():
-    """Return columns and galaxies per deg2 each stands for."""
+    """Return columns of galaxies, and the number per deg2 that each represents."""
     model = galaxy_sample.population()
     cells = np.repeat(np.argwhere(model.grid.density > 0), 3, axis=0).T
     columns = model.properties(lambda name: stream(2, name), *model.grid.place(stream(2, "place"), *cells))
@@ -62,14 +63,14 @@ def counts_table(ax, columns, weight):
     ax.semilogy(u[:, 0], 10 ** u[:, 1], "bs", mfc="none", label="U, Grazian+ 2009")
     ax.set(xlabel="AB mag", ylabel="deg$^{-2}$ mag$^{-1}$", xlim=(16, 29), ylim=(3, 1e6))
     ax.legend(fontsize=6)
-    print("U_AB  log N published, ours:")
+    print("U_AB  log N published, csstsim's:")
     for mag_u, log in PUBLISHED["u_counts"]:
         found = np.log10(weight[np.abs(m["u"] - mag_u) < 0.5].sum())
         print(f"{mag_u:6.2f} {log:6.2f} {found:6.2f}")
 
 
 def mass_functions(ax, columns, weight):
-    """Mass functions of the sample itself (cells of 0.2 dex), and the published points."""
+    """Draw mass functions of the sample (cells of 0.2 dex), and the published points."""
     cosmology = galaxy_sample.cosmology()
     log_mass = np.log10(columns["bulgemass"] + columns["diskmass"])
     edges = np.arange(8.0, 12.01, 0.2)
@@ -89,20 +90,20 @@ def mass_functions(ax, columns, weight):
 
 def sizes(ax, columns, hst):
     half = np.where(columns["bulge_frac"] > 0.5, columns["size_bulge"], columns["size_disk"])
-    print("half-light radius, arcsec\n i   ours: 16, 50, 84%     Miller et al. 2013  log hlr = -0.13 (i - 22) - 0.35")
+    print("half-light radius, arcsec\n i   csstsim: 16, 50, 84%  Miller et al. 2013  log hlr = -0.13 (i - 22) - 0.35")
     centre = np.arange(19, 30)
     rows = [np.percentile(half[np.abs(columns["i"] - m) < 0.5], [16, 50, 84]) for m in centre]
     miller, scene = 1.678347 * np.exp(-1.145 - 0.269 * (centre - 23)), 10 ** (-0.13 * (centre - 22) - 0.35)
     for m, row, a, b in zip(centre, rows, miller, scene, strict=True):
         print(f"{m:3d}  " + " ".join(f"{r:6.3f}" for r in row) + f"    {a:10.3f} {b:18.3f}")
     ax.fill_between(centre, *np.transpose(rows)[[0, 2]], color="0.8")
-    ax.semilogy(centre, np.transpose(rows)[1], "k-", label="ours: median, 68%")
+    ax.semilogy(centre, np.transpose(rows)[1], "k-", label="csstsim: median, 68%")
     ax.semilogy(centre, miller, "r--", label="Miller+ 2013")
     if hst:
         ax.semilogy(hst["i"], hst["hlr"], "b.", ms=3, label="HST, 100 galaxies")
         for low, high in ((20, 21.5), (21.5, 22.5)):
             real = np.median(hst["hlr"][(hst["i"] > low) & (hst["i"] < high)])
-            print(f"HST {low} < i < {high}: median {real:.2f}; ours "
+            print(f"HST {low} < i < {high}: median {real:.2f}; csstsim's "
                   f"{np.median(half[(columns['i'] > low) & (columns['i'] < high)]):.2f}")  # fmt: skip
     ax.set(xlabel="i", ylabel="half-light radius [arcsec]", xlim=(18, 30))
     ax.legend(fontsize=6)
@@ -152,7 +153,7 @@ def cosmos(ax, path, columns, m):
     ratio = column["acs_b_arcsec"][galaxy] / column["acs_a_arcsec"][galaxy]
     e = np.hypot(columns["e1"], columns["e2"])
     print(
-        "z mag  r - z COSMOS 16, 50, 84%   ours                half-light COSMOS, ours   axis ratio COSMOS (ACS), ours"
+        "z mag  r - z COSMOS 16, 50, 84%   csstsim             half-light COSMOS, own    axis ratio COSMOS (ACS), own"
     )
     for mag in range(20, 26):
         real, ours = np.abs(z - mag) < 0.5, np.abs(m["z"] - mag) < 0.5
@@ -166,12 +167,12 @@ def cosmos(ax, path, columns, m):
         ax.hist((r - z)[np.abs(z - mag) < 0.5], bins, density=True, histtype="stepfilled", color=colour, alpha=0.25)
         ours = np.abs(m["z"] - mag) < 0.5
         ax.hist((m["r"] - m["z"])[ours], bins, density=True, histtype="step", color=colour, label=f"z = {mag}")
-    ax.set(xlabel="r - z", title="lines: ours; filled: COSMOS2020")
+    ax.set(xlabel="r - z", title="lines: csstsim; filled: COSMOS2020")
     ax.legend(fontsize=6)
 
 
 def hst_sample(path):
-    """Return {i, hlr [arcsec], z} of GalSim's example of the COSMOS sample; F814W taken as i, pixels of 0.03 arcsec."""
+    """Return {i, hlr [arcsec], z} of GalSim's example of the COSMOS sample; i is F814W, pixels are 0.03 arcsec."""
     from astropy.io import fits
 
     data = fits.getdata(path)

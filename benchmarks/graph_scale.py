@@ -1,11 +1,11 @@
-"""What Snakemake itself takes for a campaign of many exposures: to plan its jobs, and to lead through them.
+"""Snakemake's own cost for a campaign of many exposures: to plan its jobs, and to run through them.
 
     python benchmarks/graph_scale.py [--exposures 1 10 226 1221] [--chips stages whole exposure]
 
-Campaigns of the first so many Cycle-9 exposures (226: W1; 1221: all five fields in one) with all 30 chips: a dry run,
-and then a run in which every job is but noted as done (--touch on files that are not there), so that what is left is
-Snakemake's scheduling. `stages`, `whole`, `exposure`: four jobs a Level-0 file, one, or one for an exposure's 30. Wall
-and CPU seconds, the largest resident memory, jobs a second with planning in it, and the head's CPU seconds a file.
+Campaigns have the first 1, 10, ... Cycle-9 exposures (226: W1; 1221: all five fields in one) with all 30 chips. After a
+dry run comes a run in which every job is only marked as done (--touch on files that do not exist), so that Snakemake's
+scheduling remains. `stages`, `whole`, `exposure`: four jobs per Level-0 file, one, or one for an exposure's 30. Prints
+wall and CPU seconds, the largest resident memory, jobs per second including planning, and CPU seconds per file.
 """
 
 import argparse
@@ -25,7 +25,7 @@ CHIPS, MODES = 30, ("stages", "whole", "exposure")
 
 
 def campaign(folder, exposures):
-    """Write a campaign of the first so many exposures of W1 to W5 to a folder; return its file."""
+    """Write a campaign of the first `exposures` of W1 to W5 to a folder; return its file."""
     rows = []
     for number in range(1, 6):
         with open(ROOT / f"survey_tables/w{number}.csv") as file:

@@ -1,4 +1,4 @@
-"""How far above the truth the bound of an object's electrons through a grating lies (catalog.light.grating_bound).
+"""Ratio of the bound of an object's electrons through a grating to the true number (catalog.light.grating_bound).
 
 python benchmarks/grating_bound.py [--brick 300000]       (a minute of CPU)
 """

@@ -1,11 +1,12 @@
-"""What another detector costs where the light of a chip was kept: rules that run again, CPU seconds, and the same bits.
+"""Cost of another detector if the light of a chip was kept: rules that run again, CPU seconds; the bits are the same.
 
     python benchmarks/keep_light.py [--runs 5]
 
 The campaign of config/full_chip.yaml with `keep: light` is made once (five minutes). Then a parameter of the readout
-is changed. Printed: what Snakemake would run, what it runs, the CPU seconds of `csstsim readout` and `csstsim level0`
-with the start of each process (median of runs), and what `csstsim compare` says of a chip made from nothing. Exit
-code 1 if render is among the rules, if readout and level0 take more than MOST, or if a bit differs.
+is changed. Prints the rules that Snakemake would run, and those it runs; the CPU seconds of `csstsim readout` and
+`csstsim level0` with the start of each process (median of runs); and the comparison by `csstsim compare` with a chip
+made from nothing. Exit code 1 if render is among the rules, if readout and level0 take more than MOST, or if a bit
+differs.
 """
 
 import argparse
@@ -25,12 +26,12 @@ ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "results" / "keep_light"
 JOB = "--obsid", "10100000004", "--chip", "9"
 BEFORE, AFTER = 0.02, 0.03  # density of traps; the shipped one first
-MOST = 6.0  # CPU s a chip
+MOST = 6.0  # CPU s per chip
 AGAIN = {"readout", "level0", "measure", "merge", "validate", "report"}
 
 
 def run(name, *arguments):
-    """Return (user and system seconds, what it said) of a command of this environment."""
+    """Return (user and system seconds, output) of a command of this environment."""
     return cpu_seconds(Path(sys.executable).parent / name, *arguments)
 
 
@@ -45,7 +46,7 @@ def campaign(name, **changes):
 
 
 def observe(density_scale):
-    """Write the layers of config/observations/science.yaml with another density of traps, which the readout reads."""
+    """Write the layers of config/observations/science.yaml with another density of traps, a number of the readout."""
     content = yaml.safe_load((ROOT / "config/observations/science.yaml").read_text())
     step = next(entry for entry in content["layers"] if "CTE_effect" in entry)
     step["CTE_effect"] = (step["CTE_effect"] or {}) | {"density_scale": density_scale}
@@ -83,7 +84,7 @@ def main():
     print(f"readout {cpu['readout']:.1f} + level0 {cpu['level0']:.1f} = {total:.1f} CPU s, most {MOST}")
 
     shutil.rmtree(FOLDER / "fresh", ignore_errors=True)
-    for name in ("truth", "psf"):  # their recipes have no detector
+    for name in ("truth", "psf"):  # they do not depend on the detector
         shutil.copytree(FOLDER / "kept" / name, FOLDER / "fresh" / name)
     whole, _ = run("csstsim", "chip", fresh, *JOB)
     print(f"the chip from nothing: {whole:.1f} CPU s")

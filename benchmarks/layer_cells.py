@@ -1,4 +1,4 @@
-"""How each layer is shown in the gallery (layer_gallery.py): what runs before it, its scales, a number measured."""
+"""How each layer is shown in the gallery (layer_gallery.py): the layers before it, its scales, a measured number."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ SCENE = 15, 20, 3e3
 
 @dataclass(frozen=True)
 class Cell:
-    """One layer's. `number` gets (before, after, difference, header of the layer)."""
+    """The cell of one layer. `number` is a function of (before, after, difference, header of the layer)."""
 
     base: tuple  # layers that run before it
     what: str
@@ -28,7 +28,7 @@ class Cell:
     colour: tuple  # width and highest; the lowest is its negative
     label: str = "after \u2212 before [e\u207b]"
     difference: Callable = lambda before, after: after - before
-    part: tuple = np.s_[:, :]  # of the images that is shown
+    part: tuple = np.s_[:, :]  # the part of the images that is shown
 
 
 GALLERY = {
@@ -37,7 +37,7 @@ GALLERY = {
         lambda b, a, d, h: f"{d.sum():,.0f} e\u207b of {len(OBJECTS)} objects", (0, 10, 1e5), (10, 1e5),
     ),
     "sky_background": Cell(
-        ("scie_obs",), "the sky; flat field and shutter take their share",
+        ("scie_obs",), "the sky, reduced by flat field and shutter",
         lambda b, a, d, h: f"{d.mean():.1f} e\u207b, {1 - d.mean() / EXPTIME / h['sky_rate']:.1%} lost",
         (0, 10, 1e5), (None, 80),
     ),
@@ -47,7 +47,7 @@ GALLERY = {
         "after / mean \u2212 1 [%]", lambda before, after: 100 * (after / after.mean() - 1),
     ),
     "prnu_effect": Cell(
-        LIGHT, "each pixel's own response, for good",
+        LIGHT, "each pixel's own, constant response",
         lambda b, a, d, h: f"rms {np.std(a / b):.2%}", SCENE, (0.5, 300),
     ),
     "cosmic_rays": Cell(
@@ -74,15 +74,15 @@ GALLERY = {
         part=np.s_[16:64, 8:56],
     ),
     "cte_effect": Cell(
-        CHARGE, "traps hold back electrons on their way down",
+        CHARGE, "traps delay electrons on their way down",
         lambda b, a, d, h: f"{-d[d < 0].sum():,.0f} e\u207b held back", SCENE, (3, 1e3),
     ),
     "prescan_overscan": Cell(
-        (*CHARGE, "cte_effect"), "empty pixels; those above get what CTE_effect deferred",
+        (*CHARGE, "cte_effect"), "empty pixels; those above hold charge deferred by CTE_effect",
         lambda b, a, d, h: f"{a.size - b.size:,} px, {d.sum():,.0f} e\u207b", (0, 20, 3e3), (1, 30),
     ),
     "nonlinearity": Cell(
-        CHARGE, "signal falls behind charge",
+        CHARGE, "the signal is not proportional to the charge",
         lambda b, a, d, h: f"{(-d / b)[b < 9e4].max():.1%} at {b[b < 9e4].max():,.0f} e\u207b", SCENE, (0.3, 1e4),
     ),
     "bias": Cell(

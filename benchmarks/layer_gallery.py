@@ -1,10 +1,10 @@
-"""Gallery of the layers: each alone on the same stamp; before, after, difference.
+"""Gallery of the layers, each alone on the same stamp: before, after, difference.
 
     python benchmarks/layer_gallery.py [--folder results/bench] [--figures docs/figures]
 
-Layers that bring light start from none or from what they add to, others from the electrons of objects and sky, expected
-or counted (layer_cells.py). The stamp is described in layer_stamp.py. Writes layers_light.png and layers_charge.png,
-prints one measured number for each layer.
+Layers that add light start from an empty image or from the light they add to, others from the electrons of objects and
+sky, expected or counted (layer_cells.py). layer_stamp.py describes the stamp. Writes layers_light.png and
+layers_charge.png, and prints one measured number for each layer.
 """
 
 import argparse
@@ -36,14 +36,14 @@ def draw(stamp, names, path):
         _draw_cell(figure, lambda x, y, corner=corner: (corner + np.array([x, -y])) / size, stamp, name)
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
-    picture = np.asarray(canvas.buffer_rgba())[..., :3] | 3  # 64 greys: with the colours, a palette holds all
+    picture = np.asarray(canvas.buffer_rgba())[..., :3] | 3  # 64 greys, so that a palette holds all colours
     path.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(picture).quantize(256, dither=Image.Dither.NONE).save(path, optimize=True)
     print(path, path.stat().st_size // 1000, "kB")
 
 
 def _draw_cell(figure, place, stamp, name):
-    """Draw one layer's cell. place: px right and down from the cell's upper left corner -> part of the figure."""
+    """Draw one layer's cell. place: function of px right and down from the cell's upper left corner."""
     cell, step = GALLERY[name], STEPS[name]
     before, after, laid, header = stamp.pair(cell.base, name)
     difference = cell.difference(laid, after)
@@ -63,7 +63,7 @@ def _draw_cell(figure, place, stamp, name):
 
 
 def _draw_panel(figure, place, column, image, norm, colours, title):
-    """Draw an image in a whole number of the picture's pixels to one of its own, in the middle of its column."""
+    """Draw an image in the middle of its column, each pixel as a whole number of the picture's pixels."""
     left, (height, width) = column * (PANEL + GAP), np.array(image.shape) * (PANEL // max(image.shape))
     figure.text(*place(left + PANEL / 2, TOP - 4), title, size=8, ha="center")
     axes = _axes(figure, place, left + (PANEL - width) // 2, TOP + (PANEL - height) // 2, width, height)
@@ -94,7 +94,7 @@ def _norm(low, width, high):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--folder", type=Path, default=Path("results/bench"), help="where the PSF set is, or is made")
+    parser.add_argument("--folder", type=Path, default=Path("results/bench"), help="of the PSF set, made if missing")
     parser.add_argument("--figures", type=Path, default=Path("docs/figures"))
     options = parser.parse_args()
     options.folder.mkdir(parents=True, exist_ok=True)

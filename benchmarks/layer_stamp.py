@@ -1,9 +1,9 @@
 """A stamp of a chip that shows every layer: objects, the chip's own defects, two channels, and cosmic rays.
 
-It lies across the edge of two readout channels, far from their amplifiers, at the first place (campaign seeds, then
-edges) with a hot and a dead pixel and a bad column; its exposure is the first that enough cosmic rays strike. Layers
-are run as a campaign runs them, with the parameters of the shipped lists: science_paper.yaml, hence the irradiated
-device, and led_flat.yaml for the lamps.
+It lies across the edge of two readout channels, far from their amplifiers, at the first position (by campaign seed,
+then by edge) with a hot and a dead pixel and a bad column; its exposure is the first with enough cosmic rays. Layers
+run as in a campaign, with the parameters of the shipped lists: science_paper.yaml, which has the irradiated device, and
+led_flat.yaml for the lamps.
 """
 
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ from csstsim.simulation.exposure import Exposure
 from csstsim.simulation.sim_steps import STAGES, SimSteps
 from csstsim.simulation.state import State
 
-NX, NY = 94, 96  # with the prescan and overscan between the channels, and above, 192 x 180
+NX, NY = 94, 96  # px; 192 x 180 with the prescan and overscan between the channels and above
 FIRST_ROW = 3000  # from here to the seam of the halves
 INSIDE, EDGE_INSIDE = 10, 30  # px, from the stamp's border to the defects, and to the edge of the channels
 TRACKS = 3  # of cosmic rays in the stamp
@@ -32,12 +32,12 @@ OBJECTS = [  # x, y in the stamp [px], electrons, half-light radius [arcsec], e1
     (22, 13, 8e3, 0.4, -0.3, -0.1),
 ]  # fmt: skip
 _LISTS = [SimSteps(SHIPPED / "observations" / f"{name}.yaml") for name in ("led_flat", "science_paper")]
-STEPS = {step.name: step for steps in _LISTS for step in steps}  # of two lists with a layer the last counts
+STEPS = {step.name: step for steps in _LISTS for step in steps}  # the last list with a layer counts
 
 
 @dataclass(frozen=True, eq=False)
 class Stamp:
-    """Where and when."""
+    """The stamp's window, seed and exposure."""
 
     setting: object  # csstsim.bench.setting.Setting
     window: Window
@@ -72,10 +72,10 @@ class Stamp:
         return ObjectTable.complete(columns, ())
 
     def pair(self, base, name):
-        """Return (before, after, header) of a layer: float64 images, after those layers alone and after it, too.
+        """Return (before, after, framed, header) of a layer: float64 images after the layers `base`, and after it, too.
 
-        Readout frames are cut to what lies between the stamp's own columns; if only `after` is one, `before` is laid
-        into it for the third image. Of the header's values for sixteen channels there are those of the stamp's two.
+        `framed` is `before` in the frame of `after`, for the difference. Readout frames are cut to the range of the
+        stamp's columns. Header values of the sixteen channels are reduced to those of the stamp's two.
         """
         detector, frame = self.setting.chip.detector, ReadoutFrame.of(self.setting.chip.detector, self.window)
         states = self.run(base), self.run((*base, name))
@@ -89,7 +89,7 @@ class Stamp:
 
 
 def find_stamp(setting):
-    """Return the first Stamp that shows all."""
+    """Return the first Stamp with all defects and enough cosmic rays."""
     detector = setting.chip.detector
     edges = range(detector.channel_nx, detector.nx // 2, detector.channel_nx)
     places = ((seed, _defective(setting, seed, edge)) for seed in count(1) for edge in edges)

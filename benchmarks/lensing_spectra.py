@@ -1,15 +1,15 @@
-"""Convergence and shear of the embedded universe on the sky beside halofit, as in the paper's figure of lensing.
+"""Convergence and shear of the embedded universe on the sky against halofit, as in the paper's figure of lensing.
 
     python benchmarks/lensing_spectra.py [--seed 1]       (about ten minutes of CPU; docs/figures/lensing.png)
 
 Patches are sampled from the field brick by brick, as galaxies are: two of 1.2 deg at full resolution, two of 6 deg
-with the same field cut at l = 1000. Printed per l-bin and source redshift: C_l of kappa and of the shear's E mode over
-the spectrum expected (halofit, Takahashi et al. 2012, Limber), with its error from the number of modes, and B over E.
+with the same field cut at l = 1000. Prints per l-bin and source redshift C_l of kappa and of the shear's E mode over
+the expected spectrum (halofit, Takahashi et al. 2012, Limber), with its error from the number of modes, and B over E.
 E and B come from second derivatives of the shear, which separate them exactly, before any window is applied:
 
     chi_E = (d11 - d22) gamma1 + 2 d12 gamma2 = laplacian kappa,     chi_B = (d11 - d22) gamma2 - 2 d12 gamma1 = 0
 
-The figures also time one brick of 105,000 galaxies.
+It also prints the CPU time of one brick of 105,000 galaxies.
 """
 
 import argparse
@@ -76,7 +76,7 @@ def spectra(maps, step, edges):
         power /= np.maximum(ell, 1.0) ** whitening
         powers.append(np.bincount(bins, power.ravel(), len(edges) + 1)[1:-1])
     modes = np.bincount(bins, minlength=len(edges) + 1)[1:-1]
-    effective = (window**2).sum() ** 2 / (window**4).sum() / size**2  # the window blurs neighbouring modes together
+    effective = (window**2).sum() ** 2 / (window**4).sum() / size**2  # the window mixes neighbouring modes
     return np.array(powers) / modes, 0.5 * modes * effective
 
 
@@ -96,7 +96,7 @@ def report(field, centres, degrees, size, edges):
         print(f"{ell:6.0f} {np.sqrt(1 / modes[b]):6.3f}", end="")
         inside = np.linspace(edges[b], edges[b + 1], 20)
         for k, z in enumerate(SOURCES):
-            wanted = np.average(field.shells.limber(inside, z), weights=inside)  # as modes fill the ring
+            wanted = np.average(field.shells.limber(inside, z), weights=inside)  # with the ring's density of modes
             kappa, e_mode, b_mode = total[k, :, b]
             print(f"     {kappa / wanted:8.3f} {e_mode / wanted:7.3f} {b_mode / e_mode:8.1e}", end="")
         print()

@@ -2,8 +2,8 @@
 
     python benchmarks/measure_chip.py
 
-The chip is that of chip_stages.py, made first if it is not there. Of three runs, after one that compiles the kernels,
-the cheapest counts. A part's time is without that of the parts within it; start-up and the rest are what remains.
+The chip is that of chip_stages.py, made first if it does not exist. Of three runs, after one that compiles the kernels,
+the cheapest counts. A part's time excludes that of the parts within it; "start-up and the rest" is the remainder.
 """
 
 import argparse

@@ -1,11 +1,12 @@
-"""Merging a brick: CPU time and memory by the number of detections, and of a brick streamed from its measured tables.
+"""Merging a brick: CPU time and memory by the number of detections, and for a brick streamed from measured tables.
 
     python benchmarks/merge.py [--sizes 1e4 1e5 1e6] [--exposures 50] [--rows 20000]
 
-First detections fabricated in memory, all in one brick: stars and galaxies seen by 50 exposures in seven bands,
-scattered by their errors; then as many in a field so crowded that one in eight has a neighbour within 0.3 arcsec. Then
-a brick whose exposures are parquet files: each chip of the four around it has about `--rows` rows, of which it takes a
-part. Each row of the table is a process of its own, so that its memory is its own: anonymous memory above that before.
+The first cases are detections fabricated in memory, all in one brick: stars and galaxies seen by 50 exposures in seven
+bands, scattered by their errors; then as many in a field so crowded that one in eight has a neighbour within 0.3
+arcsec. The last is a brick whose exposures are parquet files: each of the four chips around it has about `--rows` rows,
+some of them in the brick. Each row of the table runs in its own process, so that its memory (anonymous, above that
+before the merge) is its own.
 """
 
 import argparse
@@ -28,11 +29,11 @@ BANDS = ("nuv", "u", "g", "r", "i", "z", "y")
 PIX = 550615
 ARCSEC = np.pi / 180.0 / 3600.0
 SIDE, CHIP = 13.0 * 60, 11.4 * 60  # arcsec: of a square inside the brick (rotated by half a right angle), of a chip
-CROWDED = 0.45  # sources a square arcsecond; with 1e6 detections the others have 0.03 to 0.15
+CROWDED = 0.45  # sources per square arcsecond; with 1e6 detections the others have 0.03 to 0.15
 
 
 def sky(count, side, seed):
-    """Return places (count, 2) [arcsec] in a square around the brick's centre, and fluxes in units of a faint S/N."""
+    """Return positions (count, 2) [arcsec] in a square around the brick's centre, and the sources' S/N."""
     rng = stream(seed, "merge", "sky")
     return rng.uniform(-side / 2, side / 2, (count, 2)), 4.0 * rng.uniform(size=count) ** (-1 / 0.9)
 
@@ -49,7 +50,7 @@ def exposure(number, places, snr, *, window=None):
     centre = unit_vectors(*healpy.pix2ang(256, PIX, nest=True, lonlat=True))
     east = np.cross([0.0, 0.0, 1.0], centre)
     east /= np.linalg.norm(east)
-    # The brick stands on a corner
+    # The brick is a square on its corner
     first, second = (east + np.cross(centre, east)) / 2**0.5, (east - np.cross(centre, east)) / 2**0.5
     moved = places + error[:, None] * rng.normal(size=places.shape)
     ra, dec = ra_dec(centre + moved * ARCSEC @ np.stack([first, second]))
@@ -78,7 +79,7 @@ def in_memory(size, crowded):
 
 def measured(case, tables, pix=PIX):
     """Print CPU seconds, memory, sources and detections of merging `tables` and writing the brick."""
-    merge_brick(pix, [exposure(k, *sky(10, 60.0, 1)) for k in range(2)], BANDS)  # compiled
+    merge_brick(pix, [exposure(k, *sky(10, 60.0, 1)) for k in range(2)], BANDS)  # compiles
     with PrivateMemory() as memory, tempfile.TemporaryDirectory() as folder:
         time.sleep(0.1)
         before, start = memory.largest, time.process_time()
@@ -121,7 +122,7 @@ def main():
 
 
 def table(given):
-    """Print all rows, each from a process of its own, and how the time grows."""
+    """Print all rows, each run in its own process, and how the time grows."""
     print("| case | detections | sources | merge CPU s | with the file CPU s | memory GB | of the whole process GB |")
     print("|---|---|---|---|---|---|---|")
     for case in ("usual", "crowded"):

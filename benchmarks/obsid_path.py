@@ -1,11 +1,11 @@
-"""Through how many modules an exposure's obsid passes between the command line and the Level-0 file.
+"""Count the modules through which an exposure's obsid passes between the command line and the Level-0 file.
 
     python benchmarks/obsid_path.py [--campaign config/campaign.yaml] [--obsid 10100000004] [--chip 9]
 
-`csstsim chip` is run in this process (output: results/obsid_path) and every call in csstsim looked at. A module counts
-if a function of it is given, holds or gives back the obsid, or an object that carries it: Pointing, Exposure, Job,
-State, Streams. The files' raw text does not count. Said apart: the layers, each of which is given the State by the
-contract of the paper, and the modules that have the word in their code.
+`csstsim chip` runs in this process (output: results/obsid_path) and every call in csstsim is inspected. A module counts
+if one of its functions receives, holds or returns the obsid, or an object that has it: Pointing, Exposure, Job, State,
+Streams. The files' raw text does not count. Counted separately: the layers, which all receive the State by the paper's
+contract, and the modules with the word obsid in their code.
 """
 
 import argparse
@@ -23,7 +23,7 @@ LONGEST = 200  # characters: more are the text of a file
 
 
 def trace(obsid, run):
-    """Return {module: what it held} of the modules that ran, those that held nothing included."""
+    """Return {module: what it held} for all modules that ran, including those that held nothing."""
     found = defaultdict(set)
 
     def held(value):

@@ -1,12 +1,13 @@
-"""CPU seconds a Level-0 file spent outside the stages' own work: interpreter, imports, files between stages, Snakemake.
+"""CPU seconds per Level-0 file outside the stages' own work: interpreter, imports, files between stages, Snakemake.
 
     python benchmarks/overhead.py [--exposures 2]
 
-Eight whole full-depth chips, a spectroscopic one among them, of each of two exposures (examples/release.yaml); truth
-bricks and PSF sets are made before. Then the Level-0 files alone, by one Snakemake on this machine: four jobs a file
-(`--config chips=stages`), one (`whole`), one for an exposure's eight (`exposure`). All is what Snakemake and its
-children took; own work is what the stages say in the last, where what is imported and compiled is there already for
-seven of eight files. On a cluster each job of several files starts Snakemake twice more, on its node: printed beside.
+Eight whole full-depth chips, one of them spectroscopic, of each of two exposures (examples/release.yaml); truth bricks
+and PSF sets are made before. Then one Snakemake makes the Level-0 files alone on this machine: four jobs per file
+(`--config chips=stages`), one (`whole`), one for an exposure's eight (`exposure`). The total is that of Snakemake and
+its children. The own work is what the stages report in the last case, where seven of eight files find everything
+imported and compiled. On a cluster each job of several files starts Snakemake twice more on its node; the table adds
+that in its own column.
 """
 
 import argparse
@@ -26,7 +27,7 @@ from csstsim.campaign.opened import OpenCampaign
 ROOT = Path(__file__).parents[1]
 CHIPS = [6, 7, 8, 9, 10, 11, 12, 14]  # y, i, g, r, GI, z, NUV, u
 FOLDER = ROOT / "results" / "overhead"
-STARTS = 2  # of Snakemake on the node, for each Slurm job: its own, and one for what it has been given
+STARTS = 2  # of Snakemake on the node, for each Slurm job: one for the job, and one for its rules
 FILES = {"stages": 8, "whole": 8, "exposure": 30}  # Level-0 files in a Slurm job
 LIMIT = 0.15
 
@@ -44,7 +45,7 @@ def run(*arguments):
 
 
 def own_work(logs):
-    """Return the CPU s that the stages say they took, from the logs of csstsim chip."""
+    """Return the CPU s that the stages report in the logs of csstsim chip."""
     found = (re.findall(r"^\w+: [\d.]+ s, ([\d.]+) CPU-s$", path.read_text(), re.MULTILINE) for path in logs.iterdir())
     return sum(float(cpu) for times in found for cpu in times)
 
@@ -64,7 +65,7 @@ def main():
     bricks = {pix for job in jobs for pix in campaign.truth_bricks(job)}
     run(*map(paths.truth, bricks), *map(paths.psf, CHIPS), "--config", f"campaign={file}")
     spent = {}
-    for mode in ("exposure", *FILES):  # the first compiles what is not yet compiled
+    for mode in ("exposure", *FILES):  # the first run compiles
         shutil.rmtree(FOLDER / "level0", ignore_errors=True)
         shutil.rmtree(FOLDER / "logs", ignore_errors=True)
         spent[mode] = run(*files, "--config", f"campaign={file}", f"chips={mode}") / len(files)

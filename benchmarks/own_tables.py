@@ -1,11 +1,11 @@
-"""What a table of one's own costs beside the embedded sky: the same objects, at the same places, of the same light.
+"""Cost of a user's own table against the embedded sky: the same objects, at the same positions, with the same light.
 
     python benchmarks/own_tables.py [--stars 100000] [--galaxies 20000] [--size 400]
 
-Stars and galaxies of a truth brick, taken again and again, are dealt over a window of an r chip: once as rows of the
+Stars and galaxies of a truth brick, repeated as needed, are spread over a window of an r chip: once as rows of the
 embedded universe, once as a table of ra, dec, seven magnitudes, sizes and shapes. Stars are drawn by `standard`,
-galaxies by `noise_free`. Brick, PSF set and compiled code are made before. Exit code 1 if a table costs half as much
-again as the embedded sky, or has other light.
+galaxies by `noise_free`. Brick, PSF set and compiled code are made before. Exit code 1 if a table costs more than 1.5
+times the embedded sky, or gives other light.
 """
 
 import argparse
@@ -23,11 +23,11 @@ from csstsim.stages.chip import light
 
 RA, DEC, OBSID, CHIP = 150.1, 2.2, "10100000001", 9
 MOST = 1.5  # CPU seconds of a table over those of the embedded sky
-LIGHT = 0.01  # of the sum; a band's light is that of another spectrum of the same magnitude, so each agrees to 1e-4
+LIGHT = 0.01  # of the sum; single objects agree to 1e-4, as their spectra differ but their magnitudes do not
 
 
 def brick(sim):
-    """Return the truth brick of the place, made if it is not there."""
+    """Return the truth brick of the simulation's field, made if it does not exist."""
     job = sim._run.job(OBSID, CHIP)
     light(sim._run, job, say=str)
     return ObjectTable.read(sim._run.paths.truth(sim._run.truth_bricks(job)[0]))
@@ -45,7 +45,7 @@ def dealt(truth, kind, count, size, rng):
 
 
 def as_table(rows):
-    """Return the astropy Table of one's own that says the same."""
+    """Return the user's astropy Table of the same objects."""
     shape = "size_disk", "size_bulge", "bulge_frac", "e1", "e2", "kappa", "gamma1", "gamma2"
     names = (
         "ra",
@@ -55,7 +55,7 @@ def as_table(rows):
     )
     table = Table({name: rows[name] for name in names})
     table["type"] = ["galaxy" if kind == GALAXY else "star" for kind in rows["obj_type"]]
-    for name in (name for name in names if name.startswith("mag_")):  # the faintest a table may have
+    for name in (name for name in names if name.startswith("mag_")):  # the faintest allowed in a table
         table[name] = np.clip(table[name], -3.0, 90.0)
     return table
 

@@ -1,11 +1,11 @@
-"""The paper's validation figures (section 6: magnitudes, brightness, colours) from our own data.
+"""The paper's validation figures (section 6: magnitudes, brightness, colours) from csstsim's data.
 
     snakemake --profile profiles/default --config campaign=examples/ten_images.yaml
     snakemake --profile profiles/default --config campaign=examples/quarter_brick/no_cti.yaml
     python benchmarks/paper_figures.py
 
-Ten whole r images, drawn by lot, for magnitudes and counts; a merged brick of seven bands for the colours. Draws
-docs/figures/paper_figures.png and prints what can be read from it.
+Magnitudes and counts are from ten whole r images, chosen at random, the colours from a merged brick of seven bands.
+Draws docs/figures/paper_figures.png and prints the main numbers of it.
 """
 
 import argparse
@@ -40,7 +40,7 @@ def frames_of(run):
 
 
 def magnitudes(axes, truths, band):
-    """Draw measured magnitudes less true ones against true ones, isolated objects, stars and galaxies."""
+    """Draw measured minus true magnitudes against true ones, for isolated stars and galaxies."""
     for mine, (kind, tint, light), panel in zip((False, True), KINDS, axes, strict=True):
         given, off = (
             np.concatenate([values(t)[(t["obj_type"] == GALAXY) == mine] for t in truths])
@@ -60,7 +60,7 @@ def magnitudes(axes, truths, band):
 
 
 def distributions(axes, truths, frames, band):
-    """Draw counts by magnitude: true objects, those found, and the measured list as the classifier divides it."""
+    """Draw counts by magnitude: true objects, those found, and measured sources by the classifier's kind."""
     star = np.concatenate([frame.measured["star"] for frame in frames])
     bright = np.concatenate([frame.measured["snr"] for frame in frames]) > 5.0
     for mine, (kind, tint, light) in zip((False, True), KINDS, strict=True):
@@ -79,7 +79,7 @@ def distributions(axes, truths, frames, band):
 
 
 def shares(axes, table, band, depth):
-    """Draw the share found against magnitude, isolated objects; print and return nothing but the picture."""
+    """Draw the share of isolated objects found against magnitude, and print where it is one half."""
     galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
     for mine, (kind, tint, _) in zip((False, True), KINDS, strict=True):
         some = galaxy == mine

@@ -1,15 +1,15 @@
-"""Cost of photons: nanoseconds an electron and microseconds an object, beside GalSim's photon shooting.
+"""Cost of photons: nanoseconds per electron and microseconds per object, against GalSim's photon shooting.
 
     python benchmarks/photons.py [--repeats 7]
 
-Single kinds of objects, objects of few electrons, and the standard scene's stars and galaxies (standard_scene.csv,
-155 e- at magnitude 26; sizes fall by 10^0.13 a magnitude) at its density, with the nodes as far apart as on a
-30 x 30 grid, so that tables come and go from cache as they do on a chip. CPU time of one thread, the least of the
-repeats: on a machine shared with others the rest is theirs. Also the cost of the tables, and of GalSim with its PSF
-object reused (a PSF object per object costs it 0.27 s more each).
+Cases: single kinds of objects, objects of few electrons, and the standard scene's stars and galaxies
+(standard_scene.csv, 155 e- at magnitude 26; sizes fall by 10^0.13 per magnitude) at its density. PSF nodes are as far
+apart as on a 30 x 30 grid, so that tables enter and leave the cache as on a chip. Times are CPU times of one thread,
+the least of the repeats, because other programs may disturb the rest. Also printed is the cost of the tables, and of
+GalSim with its PSF object reused (one PSF object per object would cost 0.27 s more each).
 
-For comparison, a throw-away prototype without counter-based random numbers took on a like machine 12 ns a photon for
-stars and 19 ns for galaxies in bulk, 39 ns for galaxies below 1000 electrons.
+For comparison, a prototype without counter-based random numbers took 12 ns per photon for stars, 19 ns for galaxies in
+bulk and 39 ns for galaxies below 1000 electrons on a similar machine.
 """
 
 import argparse
@@ -40,11 +40,11 @@ SIDE = CHIP_PX * (GRID - 1) // (CHIP_GRID - 1)
 WINDOW = Window(0, SIDE, 0, SIDE)
 ELECTRONS_26 = 155.0  # of magnitude 26 in 150 s
 SCALE = 0.074
-BRIGHT = 1e5  # electrons, above which a star is no business of photons
+BRIGHT = 1e5  # electrons above which stars are not drawn as photons
 
 
 def dense_psf(folder):
-    """Return a PsfSet of the r band whose nodes stand as near as those of a 30 x 30 grid."""
+    """Return a PsfSet of the r band whose nodes are as close as those of a 30 x 30 grid."""
     camera = load_camera(SHIPPED / "instrument")
     filter = camera.filters["r"]
     coarse = Path(folder) / "coarse.h5"
@@ -115,7 +115,7 @@ def report(label, objects, table, repeats, **losses):
 
 
 def report_galsim(psf, electrons, repeats):
-    """GalSim's photon shooting with one PSF object for all: the marginal cost of a photon."""
+    """Print the marginal cost of a photon by GalSim's photon shooting, with one PSF object for all."""
     image = psf.at(SIDE / 2, SIDE / 2).mean(axis=0)
     point = galsim.InterpolatedImage(galsim.ImageD(image), scale=1 / psf.oversampling, x_interpolant="quintic")
     disk, bulge = galsim.Exponential(half_light_radius=4.0), galsim.DeVaucouleurs(half_light_radius=4.0)

@@ -1,18 +1,18 @@
-"""How much memory a process takes for itself alone."""
+"""The largest private memory of a process."""
 
 import threading
 from pathlib import Path
 
 
 class PrivateMemory(threading.Thread):
-    """Watches, while it is entered, the largest anonymous memory of a process: shared with nobody and no file [GB]."""
+    """Context manager that records a process's largest anonymous memory [GB], which no file or process shares."""
 
     def __init__(self, pid="self"):
         super().__init__(daemon=True)
         self.status, self.largest, self._end = Path(f"/proc/{pid}/status"), 0.0, threading.Event()
 
     def run(self):
-        """Look at the process every 20 ms, until told to end."""
+        """Read the process's memory every 20 ms until the context ends."""
         while not self._end.wait(0.02):
             try:
                 lines = self.status.read_text().splitlines()

@@ -1,10 +1,10 @@
-"""What a finished campaign took, file by file, and what Cycle 9 and 17,500 square degrees would take by that.
+"""Cost of a finished campaign per file, and of Cycle 9 and 17,500 square degrees by the same numbers.
 
     python benchmarks/projection.py [CAMPAIGN] [--cpu S]        default: examples/release.yaml
 
-From the last lines of the campaign's logs and the sizes of its products. `--cpu`: all CPU seconds spent
-on it (benchmarks/release.py knows): what is more than its jobs' is of Snakemake and of jobs that were killed. Give it
-whole chips: cut-outs cost too little. The caveats are printed with the figures.
+The numbers are from the last lines of the campaign's logs and the sizes of its products. `--cpu`: all CPU seconds spent
+on it (printed by benchmarks/release.py); the excess over its jobs' is that of Snakemake and of killed jobs. The
+campaign needs whole chips: cut-outs cost too little. The caveats are printed with the numbers.
 """
 
 import argparse
@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[1]
 MAKING = ("select", "render", "readout", "level0", "chip")  # rules that make a Level-0 file
 FIELDS, SHAPES, CHIPS = 5, 2, 30  # Cycle 9: W1 to W5, galaxies as they are and turned by 90 deg
 FILES, PAPER = 73_260, 300_000  # Cycle 9, CPU hours of the paper, section 6.2
-AREA, VISITS = 17_500, 2  # deg2; how often each place is seen in each of u, g, r, i, z
+AREA, VISITS = 17_500, 2  # deg2; exposures of each position in each of u, g, r, i, z
 
 
 def spent(output):
@@ -33,7 +33,7 @@ def spent(output):
 
 
 def sizes(folder):
-    """Return {kind: (files, bytes)} of a campaign's output: by the folder, and level0 by what a file is."""
+    """Return {kind: (files, bytes)} of a campaign's output; a kind is a folder, or in level0 a kind of file."""
     found = {}
     for path in folder.rglob("*"):
         if path.is_file():
@@ -46,7 +46,7 @@ def sizes(folder):
 
 
 def per_file(run, jobs):
-    """Return {'imaging': CPU s a Level-0 file, 'spectroscopic': ...}; None where there is no such file."""
+    """Return {'imaging': CPU s per Level-0 file, 'spectroscopic': ...}; None if there is no such file."""
     dispersed = {f"{job.chip.id:02d}" for job in run.slitless_jobs}
     total = {True: 0.0, False: 0.0}
     for rule in MAKING:
@@ -66,7 +66,7 @@ def print_jobs(jobs):
 
 
 def print_cycle9(run, jobs, beside):
-    """Cycle 9 by this campaign's means; `beside`: CPU s a file that are no job's, or None."""
+    """Print Cycle 9 by this campaign's means; `beside`: CPU s per file outside the jobs, or None."""
     mean = {rule: sum(said.cpu_s for _, said in rows) / len(rows) for rule, rows in jobs.items()}
     spectra = FILES * len(run.camera.slitless_chips) // CHIPS
     fields = [OpenCampaign(ROOT / f"config/c9_w{number}.yaml") for number in range(1, FIELDS + 1)]
@@ -91,13 +91,13 @@ def print_cycle9(run, jobs, beside):
     print(f"| the paper | {FILES:,} | {3600 * PAPER / FILES:,.0f} | {PAPER:,} |")
     seen = ", ".join(sorted({job.pointing.obsid for job in run.jobs}))
     print(f"\nFewer than the paper's: Level-0 files alone {PAPER / level0:,.0f} times, all {PAPER / total:,.0f} times.")
-    print("The paper does not say what its hours contain, nor on which cores; a pipeline's calibration is in neither.")
-    print(f"Ours are from {len(run.jobs)} files of {seen}; there are fields with more stars.")
+    print("The paper does not say what its hours include, nor on which cores; neither has a pipeline's calibration.")
+    print(f"csstsim's are from {len(run.jobs)} files of {seen}; some fields have more stars.")
     return total * 3600 / FILES
 
 
 def print_survey(run, found, cpu):
-    """17,500 square degrees on paper, by bytes, files and CPU s of this campaign a Level-0 file."""
+    """Print a projection to 17,500 square degrees from this campaign's bytes, files and CPU s per Level-0 file."""
     chip = run.camera.detector.nx * run.camera.detector.ny * (run.camera.telescope.pixel_scale / 3600) ** 2
     exposures = math.ceil(AREA * VISITS / (2 * chip))  # two chips a filter
     files, area = exposures * CHIPS, 4 * 180**2 / math.pi / (12 * 256**2)
@@ -129,7 +129,7 @@ def main():
         sys.exit(str(error))
     jobs = spent(run.paths.output)
     if "exposure" in jobs or not jobs.keys() & set(MAKING):
-        sys.exit(f"{run.paths.output}: no logs of each chip; run the campaign first, not with chips=exposure")
+        sys.exit(f"{run.paths.output}: no logs by chip; run the campaign first, and not with chips=exposure")
     known = sum(said.cpu_s for rows in jobs.values() for _, said in rows)
     print_jobs(jobs)
     beside = None if arguments.cpu is None else (arguments.cpu - known) / len(run.jobs)

@@ -24,7 +24,7 @@ from csstsim.optics.psf.psf_set import chip_optics, node_positions, node_psf
 from csstsim.optics.psf.wavefront import load_wavefront
 
 FIGURES = Path(__file__).resolve().parents[1] / "docs" / "figures"
-NODES = 5  # a side, on each chip
+NODES = 5  # along each side of a chip
 HALF_ARCSEC = 0.8
 DECADES = 4.0
 

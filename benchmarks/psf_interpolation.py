@@ -3,14 +3,14 @@
     python benchmarks/psf_interpolation.py NUV r y              # a table for each band
     python benchmarks/psf_interpolation.py NUV r y --paper --costs --figures
 
-Truth: the optics computed at 20 x 20 places of a chip, one at random in each cell of a 20 x 20 grid so that no
-grid of nodes is favoured. Against it: the same places interpolated from grids of nodes. Images are compared as a
-10 um pixel sees them (2 x 2 cells), the mean of the four wavelengths, moments about the windowed centroid, with
-Gaussian weight of 3 px (sigma) or with none in a box of 32 px (the paper names no weight): R = Q11 + Q22,
+Truth: the optics computed at 400 positions on a chip, one at random in each cell of a 20 x 20 grid so that no grid of
+nodes is favoured. It is compared with PSFs interpolated to the same positions from grids of nodes. Images are compared
+as seen by 10 um pixels (2 x 2 cells), as means of the four wavelengths. Moments are about the windowed centroid, with
+a Gaussian weight of 3 px (sigma) or without weight in a box of 32 px (the paper names no weight): R = Q11 + Q22,
 e = (Q11 - Q22 + 2i Q12) / R. Direct PSFs are computed once and kept under results/psf_interpolation/.
 
-The polynomials ("poly 2" = all terms up to degree 2 in x and y, fitted to all nodes of the grid) are here for
-comparison: they replace the nodes by one image a term.
+Polynomials ("poly 2" = all terms up to degree 2 in x and y, fitted to all nodes of the grid) are included for
+comparison: they replace the nodes by one image per term.
 """
 
 import argparse
@@ -42,7 +42,7 @@ CHIPS = {"NUV": 18, "u": 14, "g": 23, "r": 9, "i": 24, "z": 11, "y": 16, "GU": 3
 OVERSAMPLING, CELLS = 2, 64  # a box of 32 px
 WINDOW_PX = 3.0
 MAS_PER_PX = 74
-SHOWN = 210  # which of the 400 places the figure shows
+SHOWN = 210  # index of the position, of 400, that the figure shows
 TRUTH = 20
 GRIDS = (2, 3, 4, 5, 6, 8, 10, 15)
 PAPER_GRID = 30
@@ -82,16 +82,16 @@ class Optics:
 
 
 def truth_positions(chip):
-    """Return (400, 2) chip pixels: one place at random in each cell of a 20 x 20 grid."""
+    """Return (400, 2) chip pixels: one position at random in each cell of a 20 x 20 grid."""
     step = np.random.default_rng(5).random((TRUTH, TRUTH, 2))
     share = (np.stack(np.meshgrid(np.arange(TRUTH), np.arange(TRUTH)), axis=-1) + step) / TRUTH
     return share.reshape(-1, 2) * (chip.detector.nx, chip.detector.ny) - 0.5
 
 
 def moments(images, window_px):
-    """Return (R (px^2), e1, e2, x, y (px)), each (n,), of images (n, k, k) of what a pixel sees on the 5 um lattice.
+    """Return (R (px^2), e1, e2, x, y (px)), each (n,), of images (n, k, k), pixel-integrated, on the 5 um lattice.
 
-    About the centroid under the same window: Gaussian of `window_px` (sigma), none if infinite.
+    Moments are about the centroid under the same window, a Gaussian of sigma `window_px`, or none if infinite.
     """
     axis = (np.arange(images.shape[-1]) - (images.shape[-1] - 1) / 2) / OVERSAMPLING
     centre = np.zeros((2, len(images)))
@@ -110,7 +110,7 @@ def moments(images, window_px):
 
 
 def seen(images):
-    """Return what a 10 um pixel sees, mean of the wavelengths, of images (n, 4, cells, cells)."""
+    """Return images (n, 4, cells, cells) integrated over 10 um pixels and averaged over the wavelengths."""
     return pixel_response(images.mean(axis=1, dtype=np.float64), OVERSAMPLING)
 
 
@@ -138,7 +138,7 @@ def polynomial(nodes, xy, degree, shape):
 
 
 def cases(optics, grids):
-    """Yield (method, grid, images kept, (index, weight, outside), node images seen by a pixel)."""
+    """Yield (method, grid, images kept, (index, weight, outside), pixel-integrated images of the nodes)."""
     chip, xy = optics.chip, truth_positions(optics.chip)
     shape = np.array([chip.detector.nx, chip.detector.ny])
     for grid in grids:
@@ -181,9 +181,9 @@ def measure(optics, grids):
 
 
 def report_costs(camera, bands):
-    """Print what a set costs to make and to keep, and what a PSF at a place costs."""
+    """Print the cost of making and of storing a set, and of a PSF at one position."""
     wavefront = load_wavefront(camera.psf)
-    print("\nmade, four wavelengths of 256 x 256 cells: CPU-s a node", end="")
+    print("\nto make, four wavelengths of 256 x 256 cells: CPU-s per node", end="")
     for band in bands:
         chip, oversampling = camera.chips[CHIPS[band]], oversampling_of(band, camera.psf)
         optics, kernel = chip_optics(chip, camera.filters[band], camera.psf, wavefront, oversampling)
@@ -193,7 +193,7 @@ def report_costs(camera, bands):
         for row in rows:
             node_psf(optics, row, kernel, oversampling)
         print(f"  {band} {(time.process_time() - start) / 4:.3f}", end="")
-    print("\nkept: 1.05 MB a node")
+    print("\nto store: 1.05 MB per node")
     rng = np.random.default_rng(8)
     images = rng.random((36, 4, 256, 256), dtype=np.float32)
     x, y = rng.uniform(0, 9215, (2, 76000))
@@ -209,11 +209,11 @@ def report_costs(camera, bands):
             for i, w in zip(index % 36, weight, strict=True):
                 sum(share * images[node] for node, share in zip(i, np.float32(w), strict=True))
             cpu = (time.process_time() - start) / len(index)
-            print(f"{name:9s} {grid:2d}: 76,000 places {weights:.3f} CPU-s; a PSF mixed {1e3 * cpu:.1f} ms")
+            print(f"{name:9s} {grid:2d}: 76,000 positions {weights:.3f} CPU-s; one PSF {1e3 * cpu:.1f} ms")
 
 
 def figure_paper(optics, grid):
-    """Draw the paper's figure for a band: one PSF, what interpolation makes of it, and the errors of 400 places."""
+    """Draw the paper's figure for a band: one PSF, its interpolations, and the errors at 400 positions."""
     import matplotlib.pyplot as plt
 
     chip, xy = optics.chip, truth_positions(optics.chip)
@@ -263,7 +263,7 @@ def figure_paper(optics, grid):
 
 
 def figure_grids(rows):
-    """Draw the largest errors against what is kept: `rows` {band: rows of measure}."""
+    """Draw the largest errors against the number of stored nodes: `rows` {band: rows of measure}."""
     import matplotlib.pyplot as plt
 
     fig, axes = plt.subplots(2, len(rows), figsize=(3.4 * len(rows), 6), sharex=True, sharey=True, layout="constrained")
@@ -277,11 +277,11 @@ def figure_grids(rows):
                 ax.plot(6, line, marker, ms=4, color="0.5", label=f"{name} of 6 x 6")
             ax.axhline(goal, color="k", ls="--", lw=1)
         column[0].set_title(f"{band}, chip {CHIPS[band]}")
-        column[1].set_xlabel("nodes along a side (squared: MB a chip)")
-    axes[0, 0].set(xscale="log", yscale="log", ylim=(1e-7, 2e-2), ylabel="largest |dR / R| of 400 places")
+        column[1].set_xlabel("nodes along a side (squared: MB per chip)")
+    axes[0, 0].set(xscale="log", yscale="log", ylim=(1e-7, 2e-2), ylabel="largest |dR / R| at 400 positions")
     axes[0, 0].set_xticks([2, 3, 4, 6, 10, 15, 30], labels=["2", "3", "4", "6", "10", "15", "30"])
     axes[0, 0].minorticks_off()
-    axes[1, 0].set_ylabel("largest |de| of 400 places")
+    axes[1, 0].set_ylabel("largest |de| at 400 positions")
     axes[0, 0].legend(fontsize=7)
     fig.savefig(FIGURES / "psf_speed_accuracy.png", dpi=75)
 

@@ -1,4 +1,4 @@
-"""Image quality of the camera's PSF model beside the figures published for CSST.
+"""Image quality of the camera's PSF model against the numbers published for CSST.
 
     python benchmarks/psf_quality.py [--bands]
 
@@ -29,11 +29,11 @@ SPEC = {"NUV": 0.135, "u": 0.135, "g": 0.135, "r": 0.135, "i": 0.145, "z": 0.165
 SPEC |= {"GU": 0.17, "GV": 0.19, "GI": 0.19}
 
 
-CELLS = 2  # to a pixel; nothing below hangs on it
+CELLS = 2  # per pixel; the results do not depend on it
 
 
 def field_coefficients(camera, wavefront, *, chips):
-    """Return Zernike coefficients (25, J) nm at 5 x 5 places; with `chips`, on the nearest chip with its errors."""
+    """Return Zernike coefficients (25, J) nm at 5 x 5 field points; with `chips`, with the nearest chip's errors."""
     x, y = (a.ravel() for a in np.meshgrid(*(np.linspace(-edge, edge, 5) for edge in CORNER)))
     if not chips:
         return wavefront.coefficients(x, y)
@@ -61,7 +61,7 @@ class Encircled:
         centre = centre_of([o], [transfer], lambda f: self.kernel(f) * np.sinc(f), CELLS)
         turn_x, turn_y = (np.exp(2j * np.pi * o.frequency * c) * self.kernel(o.frequency) for c in centre)
         power = (transfer * turn_x[: o.size // 2 + 1] * turn_y[:, None]).real
-        power[:, 1:-1] *= 2  # the half of the plane that a real transform leaves out
+        power[:, 1:-1] *= 2  # stands for the half-plane that a real transform omits
         ring = np.bincount(self.where.ravel(), power.ravel())[1:] / o.period**2
         keep = np.abs(ring) > 1e-9
         ring, f = ring[keep], self.frequency[keep]
@@ -125,7 +125,7 @@ def ee80_at(camera, wavelength, places):
 def report_bands(camera):
     print("\nall errors but diffusion, before the pixel, mean of the four wavelengths; at chips' middles and corners")
     print(
-        f"{'band':5s} {'EE80 arcsec':>12s} {'max':>6s} {'limit':>6s} {'cells/px':>9s} {'ms a PSF':>9s} {'s a set':>8s}"
+        f"{'band':5s} {'EE80 arcsec':>12s} {'max':>6s} {'limit':>6s} {'cells/px':>9s} {'ms / PSF':>9s} {'s / set':>8s}"
     )
     wavefront = load_wavefront(camera.psf)
     for name, band in camera.filters.items():

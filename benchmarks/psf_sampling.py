@@ -1,12 +1,12 @@
-"""How many cells a pixel the stored PSF needs, per band: its set read as the renderer reads it, against direct optics.
+"""Number of cells per pixel that the stored PSF needs in each band: the set, as the renderer reads it, against optics.
 
     python benchmarks/psf_sampling.py [--bands NUV g]
 
-Truth is the optics integrated over 10 um pixels with the star at 16 places in a pixel. A set with 2 or 4 cells to a
-pixel is summed to pixel integrals on its lattice and interpolated to the same places by GalSim's quintic (as
-render/imaging/reference.py does) or by a cubic or quintic B-spline. Moments weighted with a Gaussian of 3 px. "bias" is
-the mean over the places in a pixel, "worst" the largest of them; two field points, the worse one. Goals: flux 1e-3,
-centroid 1 mas, size^2 1e-3, ellipticity 1e-4.
+Truth is the optics integrated over 10 um pixels with the star at 16 positions in a pixel. A set with 2 or 4 cells per
+pixel is summed to pixel integrals on its lattice and interpolated to the same positions by GalSim's quintic (as
+render/imaging/reference.py does) or by a cubic or quintic B-spline. Moments are weighted with a Gaussian of 3 px.
+"bias" is the mean over the positions in a pixel, "worst" the largest of them, at the worse of two field points. Goals:
+flux 1e-3, centroid 1 mas, size^2 1e-3, ellipticity 1e-4.
 """
 
 import argparse
@@ -27,7 +27,7 @@ SHIPPED = Path(__file__).resolve().parents[1] / "config" / "instrument"
 BOX = 64  # px, of truth and tables
 HALF = 24  # px: the stamp is 49 x 49
 WINDOW_PX = 3.0
-STEPS = (np.arange(4) + 0.5) / 4 - 0.5 + 0.03  # places in a pixel, px; not on its symmetry axes
+STEPS = (np.arange(4) + 0.5) / 4 - 0.5 + 0.03  # positions in a pixel, px; not on its symmetry axes
 
 
 def moments(image):
@@ -44,7 +44,7 @@ def moments(image):
 
 
 def quintic(response, step, x, y):
-    """Return the stamp as render/imaging/reference.py draws a star."""
+    """Return a star's stamp as render/imaging/reference.py draws it."""
     image = galsim.ImageD(2 * HALF + 1, 2 * HALF + 1)
     profile = galsim.InterpolatedImage(
         galsim.ImageD(response), scale=step, normalization="sb", x_interpolant="quintic",
@@ -75,7 +75,7 @@ def mean_image(optics, kernel, coefficients, centre=(0.0, 0.0)):
 
 
 def measure(camera, name):
-    """Return {(cells to a pixel, reader): (2, 16, 7)}: field points, places, differences of moments and worst pixel."""
+    """Return {(cells per pixel, reader): (2, 16, 7)}: field points, positions, errors of moments and worst pixel."""
     wavefront, filter_ = load_wavefront(camera.psf), camera.filters[name]
     chip = next(c for c in camera.chips.values() if c.filter == name)
     sets = {m: chip_optics(chip, filter_, camera.psf, wavefront, m, BOX * m) for m in (1, 2, 4)}

@@ -1,9 +1,9 @@
-"""A window of a chip in a Python loop: wall and CPU seconds a turn, and that turns do not hang on one another.
+"""A window of a chip in a Python loop: wall and CPU seconds per turn, and a check that turns are independent.
 
     python benchmarks/python_loop.py [--size 1000] [--turns 10]
 
-Ten objects of a table, all layers, a new seed each turn; beside it the light alone (Simulation.light). PSF set and
-compiled code are made before the clock starts.
+Each turn draws ten objects of a table with all layers and a new seed, or their light alone (Simulation.light). PSF set
+and compiled code are made before the clock starts.
 """
 
 import argparse
@@ -18,7 +18,7 @@ RA, DEC, OBSID, CHIP = 150.1, 2.2, "10100000001", 9
 
 
 def objects(count=10):
-    """Return stars and galaxies of 18 to 22 mag within half an arcmin of the place."""
+    """Return stars and galaxies of 18 to 22 mag within half an arcmin of the field's centre."""
     rng = np.random.default_rng(1)
     step = rng.uniform(-0.5, 0.5, (2, count)) / 60.0
     return Table(
@@ -30,7 +30,7 @@ def objects(count=10):
 
 
 def timed(turns, make):
-    """Return (wall s, CPU s) a turn of make(turn)."""
+    """Return (wall s, CPU s) per turn of make(turn)."""
     wall, cpu = time.perf_counter(), time.process_time()
     for turn in range(turns):
         make(turn)
@@ -50,7 +50,7 @@ def main():
         ("light alone", lambda turn: sim.light(OBSID, CHIP)),
     ):
         wall, cpu = timed(arguments.turns, make)
-        print(f"{name:<24} {wall:6.2f} s  {cpu:6.2f} CPU-s a turn")
+        print(f"{name:<24} {wall:6.2f} s  {cpu:6.2f} CPU-s per turn")
     same = np.array_equal(first.image, sim.chip(OBSID, CHIP).image)
     print("the same bits after all of it" if same else "DIFFERENT from the first turn")
     return 0 if same else 1

@@ -1,9 +1,9 @@
-"""Quasars of the embedded universe beside published figures: counts, spectrum, colours; and the CPU time of a brick.
+"""Quasars of the embedded universe against published numbers: counts, spectrum, colours; and the CPU time of a brick.
 
     python benchmarks/quasars.py [--figure docs/figures/quasars.png] [--composites FILE ...]
 
-Counts per deg2 are of both luminosity functions of quasars.yaml, in CSST g without Milky Way dust. With --composites,
-real composite spectra (two columns: angstrom, F_lambda) are drawn beside the mean quasar's.
+Counts per deg2 are those of both luminosity functions of quasars.yaml, in CSST g without Milky Way dust. With
+--composites, real composite spectra (two columns: angstrom, F_lambda) are drawn with the mean quasar's.
 """
 
 import argparse
@@ -28,7 +28,7 @@ AREA = 4.0  # deg2
 BRICK = 4 * 180.0**2 / np.pi / (12 * 256**2)  # deg2
 LIMITS = (19, 20, 21, 22, 23, 24, 25, 26)
 PUBLISHED = {22: "~100", 24: "300-400"}  # deg-2, after Ross et al. 2013 and Palanque-Delabrouille et al. 2016
-# Median SDSS colours at redshift: Richards et al. 2001, AJ 121, 2308; round figures, good to about 0.1 mag.
+# Median SDSS colours by redshift: Richards et al. 2001, AJ 121, 2308; rounded, accurate to about 0.1 mag
 TRACK = ((0.5, 0.15, 0.1), (1.0, 0.15, 0.2), (1.5, 0.05, 0.15), (2.0, 0.1, 0.1), (2.5, 0.6, 0.1), (3.0, 1.3, 0.2))
 NOBODY = {"z": np.zeros(0), "bulgemass": np.zeros(0)}
 
@@ -51,7 +51,7 @@ def magnitudes(seds, quasars, camera, names):
 
 
 def report_counts(numbers, seds, camera, cosmology):
-    """Print counts a deg2 at g < limit and return the magnitudes of the shipped choice."""
+    """Print counts per deg2 at g < limit; return the magnitudes for the shipped luminosity function."""
     found = {}
     for chosen in ("published", "simqso"):
         quasars = sample(numbers | {"luminosity_function": chosen}, cosmology)
@@ -63,7 +63,7 @@ def report_counts(numbers, seds, camera, cosmology):
         print(f"{limit:21d}   {row[0]:10.1f} {row[1]:10.1f} {PUBLISHED.get(limit, ''):>10s}")
     mag, cpu, z = found[numbers["luminosity_function"]]
     count = len(z) / AREA * BRICK
-    print(f"{count:.0f} quasars a brick, {cpu / len(z) * count:.3f} CPU s for their rates in {mag.shape[1]} filters")
+    print(f"{count:.0f} quasars per brick, {cpu / len(z) * count:.3f} CPU s for their rates in {mag.shape[1]} filters")
     return z, mag
 
 
@@ -74,7 +74,7 @@ def mean_quasar(m1450=-26.0):
 
 
 def report_colours(seds, camera):
-    """Print u-g and g-r of the mean quasar beside SDSS; the bands differ a little."""
+    """Print u-g and g-r of the mean quasar, and SDSS's; the bands differ a little."""
     print("\n   z    u-g  SDSS    g-r  SDSS")
     for z, u_g, g_r in TRACK:
         mag, _ = magnitudes(seds, (np.array([z]), mean_quasar(), np.ones(1)), camera, ("u", "g", "r"))
@@ -86,7 +86,7 @@ def figure(path, seds, camera, z, mag, composites):
 
     page = Figure((12, 8), layout="constrained")
     top, left, right = (page.add_subplot(2, 2, k) for k in ((1, 2), 3, 4))
-    rest = np.arange(1000.0, 7300.0, 1.0)  # seen at z = 1, where the forest takes little
+    rest = np.arange(1000.0, 7300.0, 1.0)  # seen at z = 1, where the forest absorbs little
     flux = seds.spectra([1.0], mean_quasar(), [1.0], [0.0], 2 * rest)[0] / rest
     top.plot(rest, flux / np.interp(1450, rest, flux), color="k", lw=1, label="mean quasar, M1450 = -26")
     for name, colour in zip(composites, (BLUE, ORANGE, GREEN), strict=False):

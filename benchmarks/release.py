@@ -1,12 +1,11 @@
-"""A campaign from its survey table to a verified delivery on this machine, with kills injected, and what it took.
+"""A campaign from its survey table to a verified delivery on one machine, with processes killed on the way; its cost.
 
     python benchmarks/release.py [CAMPAIGN] [--every 240] [--seed 1]        default: examples/release.yaml
 
-Every so many seconds (at random, that many in the mean) something is killed with kill -9, in turn: a job at work;
-Snakemake with all its jobs; another job; Snakemake alone, whose jobs then end by themselves. Each time the command that
-started the campaign is given again (after --unlock, where Snakemake was killed). At the end: csstsim verify and report
---strict, and tables. CPU seconds are those of all processes, the killed ones too: this process takes in the orphans
-(Linux only).
+At random times, --every seconds apart on average, kill -9 ends in turn: a running job; Snakemake with all its jobs;
+another job; Snakemake alone, whose jobs then end by themselves. Each time the command that started the campaign is
+repeated (after --unlock if Snakemake was killed). At the end come csstsim verify, report --strict, and tables. CPU
+seconds are those of all processes, including the killed ones: this process adopts the orphans (Linux only).
 """
 
 import argparse
@@ -28,7 +27,7 @@ SUBREAPER = 36  # prctl's PR_SET_CHILD_SUBREAPER: orphans become children of thi
 
 
 def snakemake(campaign, *arguments):
-    """Start Snakemake on a campaign, its output going to a log beside the campaign's; return the process."""
+    """Start Snakemake on a campaign, with its output in .snakemake/release.log; return the process."""
     environment = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     line = [sys.executable, "-m", "snakemake", "--profile", "profiles/default", *arguments]
     line += ["--config", f"campaign={campaign}"]
@@ -37,7 +36,7 @@ def snakemake(campaign, *arguments):
 
 
 def at_work(process):
-    """Return the processes of csstsim's commands below Snakemake."""
+    """Return the processes of csstsim's commands that Snakemake started."""
     found = []
     for child in psutil.Process(process.pid).children(recursive=True):
         try:
@@ -50,7 +49,7 @@ def at_work(process):
 
 
 def kill(kind, process, dice):
-    """Kill -9; return what was killed, in words, or None if there was nothing."""
+    """Kill -9; return what was killed, as text, or None if there was nothing."""
     jobs = at_work(process)
     if not jobs:
         return None
@@ -60,12 +59,12 @@ def kill(kind, process, dice):
     for one in doomed:
         one.kill()
     if kind != "a job":
-        psutil.wait_procs(jobs)  # what Snakemake left behind ends by itself
-    return words if kind == "a job" else f"{kind} ({len(jobs)} at work: {words}, ...)"
+        psutil.wait_procs(jobs)  # the jobs left over end by themselves
+    return words if kind == "a job" else f"{kind} ({len(jobs)} running: {words}, ...)"
 
 
 def run(campaign, every, dice):
-    """Run a campaign to its end through the kills; return [(s since the start, what was killed)] and starts."""
+    """Run a campaign to its end through the kills; return [(s since the start, what was killed)], number of starts."""
     begun, kills, starts = time.perf_counter(), [], 0
     while True:
         process, starts = snakemake(campaign), starts + 1
@@ -89,7 +88,7 @@ def run(campaign, every, dice):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("campaign", nargs="?", default="examples/release.yaml")
-    parser.add_argument("--every", type=float, default=240.0, help="seconds between kills, in the mean")
+    parser.add_argument("--every", type=float, default=240.0, help="mean seconds between kills")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     if not (ROOT / arguments.campaign).is_file():

@@ -1,10 +1,11 @@
-"""Electrons a second from spectra: the integral cell by cell against the sum over the paper's 0.5 A grid.
+"""Electrons per second from spectra: the integral cell by cell against the sum over the paper's 0.5 A grid.
 
     python benchmarks/sed_integration.py [--galaxies 76000]
 
 Prints, for the four sub-bands of each filter, the CPU seconds of a whole chip of galaxies, those of the direct sum
-(measured on 400 of them and multiplied) and the largest relative difference, of those with more than 1e-5 of the median
-light and 1e-3 of their own through the intergalactic medium; then the seven bands of one brick.
+(measured on 400 of them and scaled) and the largest relative difference. Galaxies count for the latter if they have
+more than 1e-5 of the median light, and more than 1e-3 of their own passes the intergalactic medium. Then prints the
+cost of seven bands of one brick.
 """
 
 import argparse

@@ -1,11 +1,11 @@
-"""Shear: m and c of stamps and photons beside the reference's, on the same galaxies (shear_response).
+"""Shear: m and c of stamps and photons against the reference's, on the same galaxies (shear_response).
 
     python benchmarks/shear.py [--shapes 300] [--photons 3e10] [--seed 1] [--folder DIR] [--quick]
 
-Galaxies with half-light radii of 0.2" to 0.6" all over the r-band chip, each in eight versions. Photons are shared
-equally by all images. What is measured is kept in the folder, in parts of 20 galaxies: an interrupted run goes on where
-it stopped, and more --shapes with as many photons an image add to it. Other code, another folder. 20 CPU-minutes for
-3e10 photons, 3 of them for the reference. --quick: 20 galaxies, 2e8 photons, a minute.
+Galaxies with half-light radii of 0.2" to 0.6" are spread over the r-band chip, each in eight versions. Photons are
+shared equally by all images. Measurements are kept in the folder, in parts of 20 galaxies: an interrupted run continues
+where it stopped, and more --shapes with the same photons per image add to it. After a change of the code use another
+folder. 3e10 photons take 20 CPU-minutes, 3 of them for the reference. --quick: 20 galaxies, 2e8 photons, a minute.
 """
 
 import argparse
@@ -31,7 +31,7 @@ def measured(path, make):
 
 
 def run(folder, shapes, electrons, seed):
-    """Return (true, {method: measured}) shapes of all versions of the galaxies; `electrons` of an image."""
+    """Return (true, {method: measured}) shapes of all versions of the galaxies; `electrons`: per image."""
     setting = make_setting(folder, "r")
     parts = []
     for part in progress(range(-(-shapes // PART)), "drawing galaxies"):
@@ -63,7 +63,7 @@ def main():
     parser.add_argument("--shapes", type=int, default=300, help="galaxies, each with its twin")
     parser.add_argument("--photons", type=float, default=3e10, help="in all")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--folder", type=Path, help="where the PSF set and what is measured are kept")
+    parser.add_argument("--folder", type=Path, help="for the PSF set and the measurements")
     parser.add_argument("--quick", action="store_true")
     options = parser.parse_args()
     shapes, light = (20, 2e8) if options.quick else (options.shapes, options.photons)

@@ -2,13 +2,13 @@
 
 Each galaxy is drawn eight times: as it is and turned by 90 degrees (a ring of two, whose intrinsic shapes cancel),
 each under a shear of +-0.02 in either component. Shapes are HSM's re-Gaussianised ones (Hirata & Seljak 2003, MNRAS
-343, 459; Mandelbaum et al. 2005, MNRAS 361, 1287), made by GalSim from the image and the PSF of the galaxy's place, and
-turned from pixels to the sky. They answer as <e> = (1 + m) g + c; m of a component is the mean response to its shear
-over that of the true shapes, minus 1; c is the mean shape of all eight. HSM has an m and c of its own: what counts is
-how a renderer's differ from the reference's on the same galaxies, in which HSM's faults and shape noise cancel.
+343, 459; Mandelbaum et al. 2005, MNRAS 361, 1287), made by GalSim from the image and the PSF at the galaxy's position,
+and rotated from pixels to the sky. They respond as <e> = (1 + m) g + c. m of a component is the mean response to its
+shear over that of the true shapes, minus 1; c is the mean shape of all eight. HSM has an m and c of its own, so the
+test is how a renderer's differ from the reference's on the same galaxies: HSM's errors and shape noise cancel there.
 
-Pixels of 0.074" sample the r-band PSF too coarsely for adaptive moments of a star: HSM collapses on it. So image and
-PSF are first smoothed by the same Gaussian of one pixel, which re-Gaussianisation corrects with the PSF.
+Pixels of 0.074" sample the r-band PSF too coarsely for adaptive moments of a star: HSM fails on it. So image and PSF
+are first smoothed by the same Gaussian of one pixel, which re-Gaussianisation corrects with the PSF.
 """
 
 from dataclasses import dataclass
@@ -35,12 +35,12 @@ TWINS = np.array([1, -1])
 VERSIONS = len(SHEARS) * len(TWINS)
 SIZE = 0.2, 0.6  # arcsec, half-light radius of disks
 BULGE_SIZE = 0.3, 0.7  # over that of the disk
-SPREAD, ELLIPTICITY = 0.25, 0.6  # of each component of (a - b) / (a + b), and the most of both together
+SPREAD, ELLIPTICITY = 0.25, 0.6  # scatter of each component of (a - b) / (a + b); its largest modulus
 SHARES = (0.16, 0.3, 0.34, 0.2)  # of the four sub-bands
-LOST = 1e-3  # of the light of a component that GalSim may fold back: 1e-6 of it falls where shapes are measured
+LOST = 1e-3  # share of a component's light that GalSim may fold; 1e-6 of it falls where shapes are measured
 HALF = 64  # px, half the side of a stamp: four half-light radii of the longest
-EDGE = 100  # px, kept from the chip's edge
-SMOOTH = 1.0  # px, sigma of the Gaussian laid over image and PSF
+EDGE = 100  # px, least distance from the chip's edge
+SMOOTH = 1.0  # px, sigma of the Gaussian that smooths image and PSF
 PSF_GUESS = 1.5  # px, sigma of the PSF where HSM starts
 HSM = galsim.hsm.HSMParams(convergence_threshold=1e-9)
 
@@ -48,7 +48,7 @@ HSM = galsim.hsm.HSMParams(convergence_threshold=1e-9)
 def make_galaxies(setting, count, electrons, *words, seed=1):
     """Return the ObjectTable of `count` galaxies in their VERSIONS, (count * 8) rows: twins, then shears, run fastest.
 
-    electrons: of each row. words: name the sample beside the seed. The places are random, on the chip and in the pixel.
+    electrons: of each row. words: they and the seed name the sample. Positions are random, also within a pixel.
     """
     rng, detector = stream(seed, "bench", "shear", *words), setting.wcs.chip.detector
     x, y = (rng.uniform(EDGE, side - EDGE, count) for side in (detector.nx, detector.ny))
@@ -100,7 +100,7 @@ def stamps(setting, row, window):
 
 
 def photons(seed, *words):
-    """Return a function that draws a row electron by electron; the numbers are those of the seed and the words."""
+    """Return a function that draws a row electron by electron, with the random numbers of the seed and the words."""
     base = stream(seed, "bench", "shear photons", *words).integers(2**64, dtype=np.uint64)
 
     def draw(setting, row, window):
@@ -113,7 +113,7 @@ def photons(seed, *words):
 
 
 def measure(setting, table, draw):
-    """Return e1 + i e2 (n,) on the sky, as true_shapes, by HSM on images of `draw`; NaN where HSM gives none."""
+    """Return e1 + i e2 (n,) on the sky, as true_shapes, by HSM on images of `draw`; NaN if HSM fails."""
     found = np.full(len(table), np.nan, complex)
     x, y = table["x"], table["y"]
     psf = None
@@ -135,7 +135,7 @@ def measure(setting, table, draw):
 
 
 def _psf(psf, x, y):
-    """Return the PSF of a place, integrated over pixels, as an image with a pixel centred on the star, smoothed."""
+    """Return the smoothed PSF at a position, integrated over pixels, as an image with a pixel centred on the star."""
     step = psf.oversampling
     response = pixel_response(np.tensordot(SHARES, psf.at(x, y), axes=1), step)
     first = response.shape[0] // 2 % step
@@ -165,7 +165,7 @@ def bias(shapes, true, subtract=None):
     shapes = (shapes - (0 if subtract is None else subtract)).reshape(true.shape)
     used = np.isfinite(shapes).all(axis=(1, 2))
     if used.sum() < 2:
-        raise ValueError("fewer than two galaxies have all of their shapes")
+        raise ValueError("fewer than two galaxies have a shape in each version")
     response, wanted = _response(shapes[used]), _response(true[used]).mean(axis=0)
     offset = shapes[used].mean(axis=(1, 2))
     offset = np.stack([offset.real, offset.imag], axis=1)

@@ -1,4 +1,4 @@
-"""The sky model beside HST, the nominal sky and its own cost: python benchmarks/sky.py
+"""The sky model against HST and the nominal sky, and its cost: python benchmarks/sky.py
 
 Prints tables and draws docs/figures/sky_bands.png, sky_earthshine.png and sky_moon.png. Everything is for chip centres
 and the shipped numbers (config/instrument/sky.yaml).
@@ -48,7 +48,7 @@ def zodiacal(name, longitude, latitude):
 
 
 def reference_zodi(name):
-    """e-/s/px of V = 22.7 in the colour of large elongations, by the Sun's V."""
+    """Return e-/s/px of zodiacal light of V = 22.7, with the colour of large elongations, scaled by the Sun's V."""
     colour = 1.0 + NUMBERS.zodiacal.colour[1, 2] * np.log10(V_BAND / REFERENCE)
     over_sun = 10 ** (-0.4 * (22.7 - NUMBERS.bodies.sun_magnitude)) * ARCSEC_PER_RAD**2  # sr-1
     level = over_sun * solar_continuum(REFERENCE, NUMBERS) / colour * 1e8
@@ -56,7 +56,7 @@ def reference_zodi(name):
 
 
 def earth(name, limb, sun_zenith):
-    """e-/s/px with the Sun `sun_zenith` deg from the zenith, opposite to the limb looked over."""
+    """Return e-/s/px of earthshine with the Sun `sun_zenith` deg from the zenith, on the side away from the limb."""
     axes = telescope_axes(-(180.0 - np.degrees(earth_radius(PLACE)) - limb), 0.0, 0.0)
     sun = unit(sun_zenith, 0.0)
     door = angles(axes @ sun)[1]
@@ -64,7 +64,7 @@ def earth(name, limb, sun_zenith):
 
 
 def moon(name, away, magnitude):
-    """e-/s/px of a Moon `away` deg off the axis, not in the door's shade."""
+    """Return e-/s/px of a Moon `away` deg off the axis, not shaded by the telescope's door."""
     direction = np.array([[np.sin(np.radians(away)), 0.0, np.cos(np.radians(away))]])
     light = RATES[name]["sun"] * magnitude_ratio(magnitude, NUMBERS)
     return light * total(direction, np.array([[0, 0, 1.0]]), -90.0, NUMBERS)[0, 0]
@@ -132,7 +132,7 @@ def moonlight():
             ),
         )
         axis.semilogy(away, level, label=label)
-    axis.semilogy([40, 60, 60, 90], [1, 1, 0.1, 0.1], "k:", label="upper bounds expected of CSST")
+    axis.semilogy([40, 60, 60, 90], [1, 1, 0.1, 0.1], "k:", label="upper bounds expected for CSST")
     axis.axvspan(5, 40, color="0.9", label="within the survey's Moon limit")
     axis.set(xlabel="angle to the Moon [deg]", ylabel="moonlight / zodiacal light of V 22.7, r", xlim=(5, 90))
     axis.legend(fontsize=7)

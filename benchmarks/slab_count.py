@@ -1,10 +1,10 @@
-"""Error and cost of slabs against their number to a pixel, photons beside them: docs/figures/slab_count.png.
+"""Error and cost of slabs against their number per pixel, and those of photons: docs/figures/slab_count.png.
 
     python benchmarks/slab_count.py [--filter GV] [--output results/bench_GV] [--figure docs/figures/slab_count.png]
 
-Error: the visible error against the reference renderer on the same PSF set over the object's S/N, objects of 1e6
-electrons on a node. Numbers are forced; large rings: what render.slitless.slabs gives at most (four, less for large
-objects). Photons are drawn until chance alone would show a few thousandths of S/N.
+Error: the visible error against the reference renderer on the same PSF set over the object's S/N, for objects of 1e6
+electrons on a node. The number of slabs is forced; large rings mark the largest that render.slitless.slabs uses (four,
+fewer for large objects). Photons are drawn until chance alone would show a few thousandths of S/N.
 """
 
 import argparse
@@ -32,7 +32,7 @@ LINES = {"flat": "--", "lines": "-"}
 
 
 def forced(per_px):
-    """Return the Method of slabs, so many to a pixel whatever the object's size."""
+    """Return the Method of slabs with `per_px` of them per pixel for objects of any size."""
     inner = slabs(per_px)
 
     def prepare(setting, case):
@@ -78,14 +78,14 @@ def main():
                 axis.plot(COUNTS[used], values[used], "o", ms=11, mfc="none", color=colour)
                 axis.plot(26, values[-1], "v" if axis is error_axis else "*", ms=8, color=colour,
                           mfc=colour if spectrum == "lines" else "white")  # fmt: skip
-    for axis, title in ((error_axis, "visible error against the reference / S/N"), (cost_axis, "CPU s an object")):
-        axis.set(xscale="log", yscale="log", xlabel="slabs to a pixel of the trace", title=title)
+    for axis, title in ((error_axis, "visible error against the reference / S/N"), (cost_axis, "CPU s per object")):
+        axis.set(xscale="log", yscale="log", xlabel="slabs per pixel of the trace", title=title)
         axis.set_xticks([*COUNTS, 26], [*map(str, COUNTS), "photons"])
         axis.minorticks_off()
         axis.grid(color="0.9", lw=0.5)
     error_axis.legend(fontsize=8, loc="upper right")
     figure.suptitle(
-        "Objects of 10$^6$ e$^-$. Rings: as many as are used. Photons: triangles are upper limits, set by chance.",
+        "Objects of 10$^6$ e$^-$. Rings: the number in use. Photons: triangles are upper limits, set by chance.",
         size=9.5,
     )
     figure.savefig(args.figure, dpi=100)

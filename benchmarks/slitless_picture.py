@@ -1,10 +1,10 @@
-"""A GV chip like the paper's figure: the frame in a logarithmic stretch, an inset with the orders of a star.
+"""A GV chip as in the paper's figure: the frame in a logarithmic stretch, with an inset of a star's orders.
 
     python benchmarks/standard_scene.py --chip 29
     csstsim chip results/standard_scene/chip_29/campaign.yaml --obsid 10101000001 --chip 29
     python benchmarks/slitless_picture.py            # docs/figures/slitless.png
 
-Electrons of the Level-0 file, overscan and gain taken out, means of 8 x 8 pixels. The inset follows the star of some
+Shows electrons of the Level-0 file, after overscan and gain, as means of 8 x 8 pixels. The inset shows a star of some
 1e7 electrons whose orders 0, 1 and 2 all lie on the chip.
 """
 

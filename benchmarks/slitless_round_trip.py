@@ -1,11 +1,11 @@
-"""Round trip of spectra: objects at nine places of both gratings of a GU, a GV and a GI chip, drawn and extracted.
+"""Round trip of spectra: objects at nine positions of both gratings of a GU, a GV and a GI chip, drawn and extracted.
 
     PYTHONPATH=benchmarks python benchmarks/slitless_round_trip.py [--chips 3 2 1]
 
-At each place stand a star and a galaxy (half-light radius 0.25", disk and bulge), alone, each with a smooth continuum
-and one narrow emission line (sigma 2 A). Every layer of science.yaml but charge transfer and cosmic rays (`--all`:
-those too), 150 s. Printed for each grating: extracted over true light, flux over input, the line's place against the
-trace's, and its resolving power, lambda over full width at half maximum.
+Each position has an isolated star and an isolated galaxy (half-light radius 0.25", disk and bulge), each with a smooth
+continuum and one narrow emission line (sigma 2 A). The exposure of 150 s has every layer of science.yaml but charge
+transfer and cosmic rays (`--all`: those, too). Prints for each grating: extracted over true light, flux over input, the
+line's position against the trace's, and its resolving power, lambda over full width at half maximum.
 """
 
 import argparse
@@ -30,9 +30,9 @@ OBSID = "10100000001"
 LINE = {"GU": 3400.0, "GV": 5000.0, "GI": 8000.0}  # angstrom
 SIGMA, WIDTH = 2.0, 200.0  # angstrom: of the line, and its equivalent width
 MAG = {"star": 16.5, "galaxy": 16.0}
-APART = 300.0  # px along y between the star and the galaxy of a place
-HALF = 9  # columns of the line
-EDGE = 250.0  # px from the edges of a piece: beyond it, no stamp is cut
+APART = 300.0  # px along y between the star and the galaxy of a position
+HALF = 9  # columns on each side of the line
+EDGE = 250.0  # px from the edges of a piece, so that no stamp is cut
 
 
 class Lines(CatalogBase):
@@ -159,7 +159,7 @@ def main():
     parser.add_argument("--chips", type=int, nargs="+", default=[3, 2, 1])
     parser.add_argument("--all", action="store_true", help="with charge transfer and cosmic rays")
     options = parser.parse_args()
-    print("| grating | object | places | light out / in | flux out / in | line off its trace [px] | resolving power |")
+    print("| grating | object | number | light out / in | flux out / in | line off its trace [px] | resolving power |")
     print("|---|---|---|---|---|---|---|")
     for number in options.chips:
         run = campaign(ROOT / "results" / "slitless_round_trip" / f"chip_{number:02d}", number, options.all)

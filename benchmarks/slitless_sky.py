@@ -1,4 +1,4 @@
-"""The sky through the gratings, its levels, its colour and its cost: python benchmarks/slitless_sky.py
+"""The sky through the gratings: levels, dependence on colour, cost: python benchmarks/slitless_sky.py
 
 Prints tables and draws docs/figures/slitless_sky.png, for the shipped numbers (config/instrument).
 """
@@ -35,7 +35,7 @@ def filter_of(chip):
 
 
 def shares(chip, window, spectrum=None):
-    """Return the sky over a whole first order, (ny, nx)."""
+    """Return the sky in units of that of a whole first order, (ny, nx)."""
     out = np.ones(window.shape, np.float32)
     disperse(
         out, CAMERA.gratings[chip], window, nominal_spectrum(filter_of(chip), NUMBERS) if spectrum is None else spectrum
@@ -44,7 +44,7 @@ def shares(chip, window, spectrum=None):
 
 
 def blank(chip, kind="SCIE"):
-    """Return the state of a chip without losses; only light of a science exposure goes through gratings."""
+    """Return the state of a chip without losses; only the light of science exposures passes the gratings."""
     chip = CAMERA.chips[chip]
     pointing = Pointing("1", kind, 60.0, -40.0, -113.4, "2027-06-26T20:35:58", 150.0, *ORBIT)
     return State.blank(Exposure(pointing, chip, chip.full_window, ChipWCS(chip, pointing), CAMERA))
@@ -65,8 +65,8 @@ def levels():
 
 
 def colour():
-    """What a spectrum moves: the sky depends on it only where a piece's light ends."""
-    print("\ngreatest difference from the nominal spectrum, of a row of the chip; most at the edges")
+    """Print the effect of the sky's spectrum, which matters only where a piece's light ends."""
+    print("\nlargest difference from the nominal spectrum along a row of the chip; it is largest at the edges")
     for chip in (3, SHOWN, 1):
         row = Window(0, CAMERA.chips[chip].detector.nx, 4600, 4601)
         nominal = shares(chip, row)

@@ -1,9 +1,9 @@
-"""Figures of slitless spectra from a finished frame: extracted against true, and cutouts with the traces over them.
+"""Figures of slitless spectra from a finished frame: extracted and true spectra, and cutouts with their traces.
 
     python benchmarks/slitless_spectra.py CAMPAIGN --obsid 10100000001 --chip 2
 
-Takes the star with the most light and the galaxy whose emission line stands out most. Writes
-docs/figures/slitless_spectra.png and prints how all spectra compare with the truth.
+Shows the brightest star and the galaxy with the strongest emission line. Writes docs/figures/slitless_spectra.png and
+prints a comparison of all spectra with the truth.
 """
 
 import argparse
@@ -23,7 +23,7 @@ FIGURE = Path(__file__).resolve().parents[1] / "docs" / "figures" / "slitless_sp
 
 
 def summary(truth, table):
-    """Print, spectrum by spectrum: light extracted over true, mean and width of the differences in sigma."""
+    """Print for each spectrum the extracted light over the true, and mean and width of the differences in sigma."""
     print("row  kind    mag   columns  optimal/true  box/true  error   pull mean, width  others/true")
     for row in np.unique(table["row"]):
         part = table.take((table["row"] == row) & (table["flags"] & (DIM | LOST | CUT) == 0))

@@ -1,17 +1,17 @@
-"""Our measurement beside source-extractor and psfex on the same calibrated frames: completeness, zero point, places.
+"""csstsim's measurement against source-extractor and psfex on the same frames: completeness, zero point, positions.
 
     apt-get install source-extractor psfex
     python benchmarks/source_extractor.py                      # r and i windows of the demo's field, full depth
     python benchmarks/source_extractor.py --campaign FILE      # the imaging science frames of a campaign
 
-Level-0 files that are missing are made; each frame is calibrated and measured (`csstsim calibrate`, `measure`), then
-found and measured anew by the two programs (benchmarks/astromatic.py). Both catalogues are compared with the truth in
-the way of `csstsim validate`: isolated objects, S/N of the truth. Magnitudes are those of the light measured over the
-true electrons: 0 means all of it. psfex's model ends 10 px from a star, beyond which much light is: FLUX_PSF times the
-light of its model within 6 px, over the share that our PSF has there, is all light.
+Missing Level-0 files are made; each frame is calibrated and measured (`csstsim calibrate`, `measure`), and the two
+programs detect and measure its sources as well (benchmarks/astromatic.py). Both catalogues are compared with the truth
+as by `csstsim validate`: isolated objects, S/N of the truth. Magnitudes are those of the measured over the true
+electrons, so 0 means all light. psfex's model ends 10 px from a star, and much light lies beyond. So the total light is
+taken as FLUX_PSF times the light of its model within 6 px, over the share of csstsim's PSF there.
 
-Exit code 1 if completeness above S/N 5 differs by more than 2% and two sigma of what only one of them finds, or a zero
-point by more than 0.02 mag; 2 if the input cannot be used or the programs are not there.
+Exit code 1 if completeness above S/N 5 differs by more than 2% and two sigma of the number that only one code finds, or
+a zero point by more than 0.02 mag; 2 if the input cannot be used or the programs are not installed.
 """
 
 import argparse
@@ -43,7 +43,7 @@ OBSIDS = [f"101000000{number}" for number in ("04", "05", "11", "12")]  # its fi
 
 
 def default_campaign(output, side, obsids=OBSIDS):
-    """Write the campaign of the default frames, `side` px wide, whose charge transfer is perfect; return its file."""
+    """Write the campaign of the default frames, `side` px wide, with perfect charge transfer; return its file."""
     output.mkdir(parents=True, exist_ok=True)
     scale = load_telescope(ROOT / "config/instrument/telescope.yaml")[0].pixel_scale
     content = {
@@ -72,9 +72,9 @@ def csstsim(command, run, job):
 
 
 def our_psf(run, job):
-    """Return our PSF in the middle of the window as a pixel sees it, share of all light per px^2 on steps of half a px.
+    """Return csstsim's PSF in the middle of the window with the pixel response, in light per px^2 on steps of 0.5 px.
 
-    The mean of its sub-bands, as `measure` takes it.
+    It is the mean of its sub-bands, as in `measure`; all its light is 1.
     """
     psf, window = open_psf(run, job.chip), job.window
     cells = psf.at(0.5 * (window.x0 + window.x1 - 1), 0.5 * (window.y0 + window.y1 - 1))
@@ -89,9 +89,9 @@ def encircled(psf, radius):
 
 
 def compare_frame(run, job, ours, theirs):
-    """Measure a job's frame with both codes and add what they made of it.
+    """Measure a job's frame with both codes and add their results.
 
-    Returns by how much MAGZERO is off, of each star, mag.
+    Returns the error of MAGZERO by each star, mag.
     """
     if not run.paths.level0_truth(job.pointing, job.chip.id).is_file():
         csstsim("chip", run, job)
@@ -104,7 +104,7 @@ def compare_frame(run, job, ours, theirs):
     print(
         f"{job.pointing.obsid} chip {job.chip.id} {job.chip.filter}: {job.window.nx} x {job.window.ny} px; psfex took "
         f"{extracted.stars} stars; light within {0.5 * astromatic.APERTURE:g} px: "
-        f"{modelled:.4f} in its model, {share:.4f} in our PSF",
+        f"{modelled:.4f} in its model, {share:.4f} in csstsim's PSF",
         flush=True,
     )
     truth = read_truth(run.paths.level0_truth(job.pointing, job.chip.id))

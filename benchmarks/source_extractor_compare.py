@@ -1,4 +1,4 @@
-"""The catalogues of two codes on the same frames compared with the truth, for benchmarks/source_extractor.py."""
+"""Compare the catalogues of two codes on the same frames with the truth, for benchmarks/source_extractor.py."""
 
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -13,16 +13,17 @@ from csstsim.bricks.validate import EDGE, MeasuredFrame
 
 CODES = "csstsim", "source-extractor"
 EDGES = (3, 4, 5, 6, 7, 8, 10, 20, 500)  # of true S/N
-JUDGED, BRIGHT = (5.0, 500.0), (20.0, 500.0)  # S/N: of completeness; of magnitudes and places
-COMPLETENESS_OFF, ZEROPOINT_OFF = 0.02, 0.02  # most by which the two may differ; the latter mag
+JUDGED, BRIGHT = (5.0, 500.0), (20.0, 500.0)  # S/N for completeness; for magnitudes and positions
+COMPLETENESS_OFF, ZEROPOINT_OFF = 0.02, 0.02  # largest allowed differences of the two; the latter in mag
 
 
 @dataclass
 class Code:
-    """What one code made of the frames of a band, a list entry a frame.
+    """One code's results for the frames of a band, one list entry per frame.
 
-    tried: bricks.trials (the rows are the same for both codes); kron: Kron light over true electrons of those; own: the
-    S/N it gives to each detection, NaN where nothing true is there; fwhm: of its PSF [px]; cpu: {what: seconds}.
+    tried: bricks.trials (the rows are the same for both codes); kron: their Kron light over true electrons; snr: the
+    S/N that the code gives to each detection; real: whether it matches a true object; fwhm: of its PSF [px]; cpu:
+    {step: seconds}.
     """
 
     tried: list = field(default_factory=list)
@@ -33,7 +34,7 @@ class Code:
     cpu: list = field(default_factory=list)
 
     def add(self, truth, frame, fwhm, cpu):
-        """Take in a frame (bricks.validate.MeasuredFrame) and its judged truth."""
+        """Add a frame (bricks.validate.MeasuredFrame) and its judged truth."""
         table = frame.measured
         self.tried.append(trials(truth, frame))
         kron = MeasuredFrame(frame.truth, table.with_columns(flux_psf=table["flux_kron"]), frame.seam, frame.pixel)
@@ -46,7 +47,7 @@ class Code:
 
 
 def detections(frame):
-    """Return (S/N it says, whether it is a true object's), of each detection well inside the frame."""
+    """Return (stated S/N, whether it matches a true object) of each detection well inside the frame."""
     truth, table, (x0, x1, y0, y1) = frame.truth, frame.measured, frame.info["window"]
     inside = (table["x"] > x0 + EDGE) & (table["x"] < x1 - EDGE)
     table = table.take(inside & (table["y"] > y0 + EDGE) & (table["y"] < y1 - EDGE))
@@ -63,7 +64,7 @@ def chosen(tried, limits, galaxy=False):
 
 
 def magnitudes(light):
-    """Return how much fainter than true, mag; NaN where nothing positive was measured."""
+    """Return measured minus true magnitudes; NaN where the measured light is not positive."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return -2.5 * np.log10(np.where(light > 0, light, np.nan))
 
@@ -100,7 +101,7 @@ def shown(values, digits):
 
 
 def verdicts(ours, theirs, header):
-    """Return [(what, difference, most allowed)] of a band. header: by how much MAGZERO is off, of each star."""
+    """Return [(what, difference, most allowed)] of a band. header: the error of MAGZERO by each star."""
     one, other = joined(ours.tried), joined(theirs.tried)
     some = chosen(one, JUDGED)
     first, second = one["found"][some] > 0, other["found"][some] > 0
@@ -116,13 +117,13 @@ def verdicts(ours, theirs, header):
 
 
 def _median(values):
-    """Return the median of those that are numbers; infinity without any: what was not compared does not agree."""
+    """Return the median of the finite values; infinity without any, so that a missing comparison does not pass."""
     values = np.asarray(values, float)
     return float(np.median(values[np.isfinite(values)])) if np.isfinite(values).any() else np.inf
 
 
 def report(band, ours, theirs, header):
-    """Print a band's table and verdicts; return whether any is too large."""
+    """Print a band's table and verdicts; return whether any difference is too large."""
     columns = [numbers(code) for code in (ours, theirs)]
     print(f"\n| {band} | {' | '.join(CODES)} |\n|---|---|---|")
     for name in dict.fromkeys([*columns[0], *columns[1]]):

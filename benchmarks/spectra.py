@@ -1,12 +1,12 @@
-"""Cost of light through a grating, and what the number of slabs costs in accuracy: the numbers of config/render.yaml.
+"""Cost of light through a grating, and accuracy by the number of slabs: the numbers of config/render.yaml.
 
     python benchmarks/spectra.py [--filter GV] [--output results/bench_GV]
 
-* photons: ns an electron of all orders (stars, galaxies), and ns an object of none to speak of;
-* slabs: a fit  constant + slab_pixel x slabs x (2 reach + 1)^2  over stamps of several sizes, at most four to a pixel;
-* the paper's way (bench.slitless.peers) and GalSim's slabs, in the same run;
-* error of 1, 2, 4 and 8 slabs to a pixel against 16, visible error over S/N: the largest over places in a pixel. Of
-  galaxies, that of as many as render.slitless.slabs gives them.
+* photons: ns per electron of all orders (stars, galaxies), and ns per object with almost no electrons;
+* slabs: a fit  constant + slab_pixel x slabs x (2 reach + 1)^2  over stamps of several sizes, at most four per pixel;
+* the paper's method (bench.slitless.peers) and GalSim's slabs, in the same run;
+* error of 1, 2, 4 and 8 slabs per pixel against 16, visible error over S/N: the largest over positions in a pixel. For
+  galaxies with the number that render.slitless.slabs uses.
 """
 
 import argparse
@@ -40,7 +40,7 @@ REACHES = (32, 48, 80, 128)
 def galsim_slabs(per_px):
     """Return the prepare of GalSim's slabs: a monochromatic stamp every 1 / per_px of a pixel of the trace.
 
-    Each is at its exact place, with the bins' light that lies nearest to it; PSF objects are made once.
+    Each is at its exact position, with the light of the bins nearest to it; PSF objects are made once.
     """
 
     def prepare(setting, case):
@@ -91,7 +91,7 @@ def cpu(function, repeats=5):
 
 
 def copies(setting, case, count):
-    """Return (Scene, Traces) of that many of the object."""
+    """Return (Scene, Traces) of `count` copies of the object."""
     visits = np.repeat(case.visits, count, axis=0)
     visits[:, 0] = np.arange(count)
     traces = Traces(np.repeat(case.light[None], count, axis=0), visits, setting.disperser)
@@ -99,7 +99,7 @@ def copies(setting, case, count):
 
 
 def photons(setting, case, count):
-    """Return CPU ns an object of photons of all orders."""
+    """Return the CPU ns per object of photons of all orders."""
     canvas, keys = Canvas(None, case.window), object_keys(np.uint64(1), np.arange(count))
     canvas.count()
     some = copies(setting, case, count)
@@ -108,7 +108,7 @@ def photons(setting, case, count):
 
 
 def slab_costs(setting, case):
-    """Return (constant, ns a pixel of the stamp for each slab)."""
+    """Return (constant, ns per pixel of the stamp for each slab)."""
     canvas, (one, traces) = Canvas(np.zeros(case.window.shape), case.window), copies(setting, case, 1)
     count = setting.disperser.length * engine.densities(case.scene, engine.PER_PX)[0]
     pixels = np.array([count * (2.0 * reach + 1) ** 2 for reach in REACHES])
@@ -121,7 +121,7 @@ def slab_costs(setting, case):
 
 
 def finest_of(setting, case):
-    """Return the image, of unit light, of FINEST slabs to a pixel, whatever the object's size."""
+    """Return the image of unit light with FINEST slabs per pixel for objects of any size."""
     as_it_is, engine._SLABS = engine._SLABS, (1e9, 1e9)
     try:
         return slabs(FINEST)(setting, case)(1) / case.electrons
@@ -158,15 +158,15 @@ def main():
         nothing = photons(setting, case.brighter(1e-3), MANY)
         each = photons(setting, case, 3) / (BRIGHT * orders)
         few = photons(setting, case.brighter(100.0), MANY)
-        print(f"{name}: photons {each:.1f} ns / e- of {BRIGHT:.0e}; {nothing:.0f} ns an object of none, ", end="")
+        print(f"{name}: photons {each:.1f} ns / e- of {BRIGHT:.0e}; {nothing:.0f} ns per almost dark object, ", end="")
         print(f"{few:.0f} ns of 100 e- in the first order ({orders * 100:.0f} in all)")
         constant, slope = slab_costs(setting, case)
-        print(f"    slabs {constant / 1e6:.1f} ms + {slope:.2f} ns a pixel of each slab")
+        print(f"    slabs {constant / 1e6:.1f} ms + {slope:.2f} ns per pixel of each slab")
         for peer, prepare in peers.items() if args.peers else ():
             method = replace(METHODS[0], name=peer, prepare=prepare)
             _, took, _ = measured(method, setting, case, 0.0, 0)
             print(f"    {peer}: {1e3 * took:.0f} ms")
-    print("visible error over S/N, slabs to a pixel " + ", ".join(map(str, PER_PX)))
+    print("visible error over S/N, slabs per pixel " + ", ".join(map(str, PER_PX)))
     for name, shape in SHAPES.items():
         for spectrum in ("flat", "lines"):
             found = shares(setting, spectrum, shape)

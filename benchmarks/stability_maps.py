@@ -1,14 +1,14 @@
-"""Where photons and stamps go wrong, and that the policy stays where they do not: maps of the visible error.
+"""Maps of the visible error of photons and stamps, and a check that the policy uses each only where it is accurate.
 
     python benchmarks/stability_maps.py [--output results/bench] [--electrons 1e7]
 
-Galaxies (disk, bulge; |e| = 0.4) over half-light radius and light, by both methods; stamps of stars over reach and
-light; stamps of galaxies of 1e5 electrons over Sersic index and half-light radius. All at a node of the PSF set, in r,
-150 s. Truth is the reference renderer on the same PSF set; for the plane of indices direct optics
-(bench.imaging.truth). Errors are in units of the object's own noise (bench.imaging.measures, `visible`). Photons are
-drawn as `--electrons` electrons; their maps are upper limits, the root of the squared error and two of its standard
-deviations: bright objects' are chance's. Writes docs/figures/stability.png and prints how often an error is above eps,
-or above the bound that the policy states, where the policy chooses that method.
+The maps are: galaxies (disk, bulge; |e| = 0.4) over half-light radius and light, by both methods; stamps of stars over
+reach and light; stamps of galaxies of 1e5 electrons over Sersic index and half-light radius. All are at a node of the
+PSF set, in r, 150 s. Truth is the reference renderer on the same PSF set, or direct optics (bench.imaging.truth) for
+the map over Sersic indices. Errors are in units of the object's own noise (bench.imaging.measures, `visible`). A photon
+image has `--electrons` electrons. Photons' maps are upper limits: the root of the squared error plus two of its
+standard deviations, which dominate for bright objects. Writes docs/figures/stability.png and prints how often an error
+is above eps, or above the bound that the policy states, where the policy chooses that method.
 """
 
 import argparse
@@ -39,27 +39,27 @@ SIZES = np.geomspace(0.05, 5.0, 7)  # arcsec
 LIGHT = np.geomspace(10, 1e7, 7)  # electrons
 REACHES = np.array([4, 8, 12, 16, 24, 32])  # px
 INDICES = np.array([1.0, 1.5, 2.2, 3.0, 4.0, 5.0, 6.2])
-SMALL = np.geomspace(0.05, 1.5, 6)  # arcsec, of the plane of indices
-MIDDLE = 1e5  # electrons, of the same
+SMALL = np.geomspace(0.05, 1.5, 6)  # arcsec, for the map over indices
+MIDDLE = 1e5  # electrons, for the same
 E = 0.4
 EPS = load_numbers().presets["standard"].eps
 FIGURE = Path(__file__).parents[1] / "docs" / "figures" / "stability.png"
 
 
 def case_of(setting, electrons, **shape):
-    """Return a Case that always stands at one place, and is turned one way."""
+    """Return a Case; all have the same position and orientation."""
     return make_case(setting, stream(3, "stability", "maps"), 0, electrons, **shape)
 
 
 def visible(setting, case, image, truth, drawn=np.inf):
-    """Return (visible error of an image of unit light, what chance adds to it)."""
+    """Return (visible error of an image of unit light, its part due to chance)."""
     box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
     value, chance = errors(image, truth, setting.variance, case.electrons, drawn, box=box)
     return value[-1], chance[-1] if np.isfinite(drawn) else 0.0
 
 
 def photons(setting, case, electrons):
-    """Return the image of unit light on the case's window, drawn of `electrons` electrons."""
+    """Return the image of unit light on the case's window, drawn from `electrons` electrons."""
     canvas, bright = Canvas(None, case.window), case.brighter(electrons).scene
     canvas.count()
     shoot_scene(canvas, bright, object_keys(np.uint64(1), np.zeros(1, int)), setting.table)
@@ -81,7 +81,7 @@ def choice_of(setting, case):
 
 
 def galaxies(setting, bulge, electrons):
-    """Return {method: (4, size, light)}: visible error, its chance, whether chosen, the bound stated if so."""
+    """Return {method: (4, size, light)}: visible error, its chance, whether the policy chooses it, its stated bound."""
     found = {method: np.zeros((4, len(SIZES), len(LIGHT))) for method in (policy.PHOTONS, policy.STAMP)}
     for i, size in enumerate(SIZES):
         cases = [case_of(setting, light, bulge=bulge, size=size, e=E) for light in LIGHT]
@@ -111,7 +111,7 @@ def indices(setting):
     """Return the visible errors of stamps, (size, index), against direct optics."""
     error, truth = np.zeros((len(SMALL), len(INDICES))), Truth(setting)
     response = truth.psf(*(case_of(setting, MIDDLE).row[name][0] for name in "xy"))
-    truth.psf = lambda x, y: response  # all stand at one place
+    truth.psf = lambda x, y: response  # all have the same position
     for i, size in enumerate(SMALL):
         case = case_of(setting, MIDDLE, bulge=1.0, size=size, e=E)
         for j, index in enumerate(INDICES):
@@ -123,7 +123,7 @@ def indices(setting):
 
 
 def measure(setting, electrons):
-    """Return {name: what was found}."""
+    """Return {name: maps}."""
     return {
         "disks": galaxies(setting, 0.0, electrons), "bulges": galaxies(setting, 1.0, electrons),
         "stars": stars(setting), "indices": indices(setting),
@@ -153,7 +153,7 @@ def report(found):
                 f"{above[1]} above eps and the stated bound; bound at most {bound[mine].max(initial=0):.2f}, "
                 f"chance at most {chance[mine].max(initial=0):.2f}"
             )
-    print(f"stars at the reach chosen: worst {found['stars'][-1].max():.2f}; indices: {found['indices'].max():.2f}")
+    print(f"stars at the chosen reach: worst {found['stars'][-1].max():.2f}; indices: {found['indices'].max():.2f}")
 
 
 def draw(found, path):
@@ -174,7 +174,7 @@ def draw(found, path):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--output", default="results/bench", help="folder of the PSF set, as of csstsim bench")
-    parser.add_argument("--electrons", type=float, default=1e7, help="of which a photon image is made")
+    parser.add_argument("--electrons", type=float, default=1e7, help="electrons of a photon image")
     args = parser.parse_args()
     found = measure(make_setting(args.output, "r"), args.electrons)
     report(found)

@@ -9,7 +9,7 @@ from matplotlib import pyplot as plt
 
 
 def draw(rows, found, area, folder):
-    """Write calibration_stacks.png: what was found less what was configured, the photon transfer, the trail."""
+    """Write calibration_stacks.png: found minus configured values, the photon transfer, the trail."""
     figure = plt.figure(figsize=(12, 8), layout="constrained")
     grid = figure.add_gridspec(3, 12)
     names = [name for name in dict.fromkeys(row.quantity for row in rows if row.channel != "all" and row.error)]
@@ -35,7 +35,7 @@ def draw(rows, found, area, folder):
 
 
 def draw_transfer(axes, rows, found, area):
-    """Variance against mean of all channels, and its ratio to the line of the configured gain."""
+    """Draw variance against mean of all channels, and its ratio to the line of the configured gain."""
     gains = [row.configured for row in rows if row.quantity == "gain"]
     for f, gain in zip(found, gains, strict=True):
         axes[0].plot(f["level"], f["variance"], ".", ms=3)
@@ -56,7 +56,7 @@ def draw_transfer(axes, rows, found, area):
 
 
 def draw_trail(axis, found):
-    """The parallel overscan behind the flats, mean of all channels."""
+    """Draw the parallel overscan behind the flats, mean of all channels."""
     seen = np.mean([f["trail"] * f["gain"] for f in found], axis=0)
     number = np.arange(1, len(seen) + 1)
     axis.plot(number, seen, ".", ms=4, label="found, mean of the channels")

@@ -17,15 +17,15 @@ except ImportError:
 sys.path.append(str(Path(__file__).resolve().parents[1] / "tests"))
 import stack_estimates as estimate
 
-SECONDS = (1.0, 2.5, 5.0, 8.0, 11.0, 15.0, 19.0)  # each of two lamps is lit; 2960 e- per second
-EACH = {"BIAS": 6, "DARK": 6, "FLAT": 4}  # frames; of flats, at each level
+SECONDS = (1.0, 2.5, 5.0, 8.0, 11.0, 15.0, 19.0)  # of light of both lamps; 2960 e- per second
+EACH = {"BIAS": 6, "DARK": 6, "FLAT": 4}  # number of frames; of flats at each level
 EXPTIME = {"BIAS": 0, "DARK": 150, "FLAT": 40}  # s
-SKIP = 5  # columns of the overscan beside the active ones
-BAD, HOT, DEAD = 20.0, 8.0, 0.8  # DN of a column in the bias; sigma of a pixel in the dark; of the flat around
+SKIP = 5  # columns of the overscan next to the active ones, not used
+BAD, HOT, DEAD = 20.0, 8.0, 0.8  # DN of a column in the bias; sigma of a pixel in the dark; share of the flat around
 
 
 class Channel:
-    """The frames of one channel, its amplifier at the lower left, as ccdproc takes them."""
+    """The frames of one channel in ccdproc's form, its amplifier at the lower left."""
 
     def __init__(self, frames, number):
         self.frames, self.number, self.header = frames, number, frames[-1][2]
@@ -66,7 +66,7 @@ class Channel:
 def stack(frames, noise):
     """Return (average of CCDData without cosmic rays, masks of the rays (n, ny, nx)).
 
-    noise(median) [DN]: of a pixel of one frame. Rays are grown, as what their electrons diffuse into is below the clip.
+    noise(median) [DN]: of a pixel of one frame. Masks are grown: pixels with diffused electrons are below the clip.
     """
     combiner = ccdproc.Combiner(frames)
     level = noise(np.median([f.data for f in frames], axis=0))
@@ -74,7 +74,7 @@ def stack(frames, noise):
     rays = np.stack([ndimage.binary_dilation(mask, estimate.GROW) for mask in combiner.data_arr.mask])
     combiner.data_arr.mask = rays
     average = combiner.average_combine()
-    # NaN: struck in each frame, a hot pixel's neighbour, say
+    # NaN: masked in all frames, as next to a hot pixel
     return CCDData(np.where(average.mask, np.nan, average.data), unit="adu"), rays
 
 
@@ -92,13 +92,13 @@ def masters(c):
     biases = [c.trim(ccd) for ccd in c.reduced("BIAS")]
     bias, bias_rays = stack(biases, lambda middle: noise)
     darks = [ccdproc.subtract_bias(c.trim(ccd), bias) for ccd in c.reduced("DARK")]
-    # the master bias' own noise is the same in all of them, and falls out of what is beyond their median
+    # The master bias's noise is the same in all of them, so it does not affect deviations from their median
     dark, dark_rays = stack(darks, lambda middle: np.sqrt(noise**2 + np.maximum(middle, 0)))
     return (bias, biases, bias_rays), (dark, darks, dark_rays), noise
 
 
 def reduce_channel(c, bias, dark, noise, spoilt):
-    """Return what the frames of a channel give, in DN, as a dictionary; spoilt (nx,): columns bad in either half."""
+    """Return the results of a channel's frames, in DN, as a dictionary; spoilt (nx,): columns bad in either half."""
     (bias, biases, bias_rays), (dark, darks, dark_rays) = bias, dark
     spread = np.sqrt((noise**2 + np.nanmedian(dark.data)) / EACH["DARK"] + noise**2 / EACH["BIAS"])
     hot = (dark.data - np.nanmedian(dark.data) > HOT * spread) & ~spoilt
@@ -114,7 +114,7 @@ def reduce_channel(c, bias, dark, noise, spoilt):
     good = ~(still | dead)
     raw = c.raw("BIAS")
     level, scan = np.nanmedian(dark.data), raw[0][c.overscan].size
-    # what the rays left, nothing elsewhere
+    # charge of the rays, 0 elsewhere
     seen = [np.where(ray & ~still, frame.data - level, 0.0) for frame, ray in zip(darks, dark_rays, strict=True)]
     charge = sum(map(np.sum, seen)) + sum(b.data[r & ~still].sum() for b, r in zip(biases, bias_rays, strict=True))
     waited = (EXPTIME["FLAT"] + c.waits) / (EXPTIME["DARK"] + c.waits)
@@ -132,7 +132,7 @@ def reduce_channel(c, bias, dark, noise, spoilt):
 
 
 def reduce_light(flats, good, noise, faint, scan):
-    """Return linearity, photon transfer and response of a channel's flats (n, ny, nx), two by two of one level, in DN.
+    """Return linearity, photon transfer and response, in DN, of a channel's flats (n, ny, nx), in pairs of one level.
 
     faint(cut [DN]): variance that undetected rays leave; scan: pixels of an overscan.
     """
@@ -159,9 +159,9 @@ def reduce_light(flats, good, noise, faint, scan):
 
 
 def faint_rays(seen, cut, noise):
-    """Return the square of the charge [DN^2], a frame, of rays too faint for `cut` [DN], from those seen in the darks.
+    """Return the squared charge [DN^2] per frame of rays too faint for `cut` [DN], from those seen in the darks.
 
-    seen: (ny, nx) charge of the rays of each dark, 0 elsewhere. They are taken out as those of the flats are.
+    seen: (ny, nx) charge of the rays of each dark, 0 elsewhere. They are removed in the same way as those of the flats.
     """
     left, rng = 0.0, np.random.default_rng(1)
     for charge in seen:
@@ -174,8 +174,8 @@ def faint_rays(seen, cut, noise):
 def reduce_trail(behind, noise, scan):
     """Return the mean [DN] of each row of the parallel overscan of all flats, and the error of their sum.
 
-    behind (n, rows, columns). The error is from the columns' sums, as each has its own number of traps, and from
-    the zero of each frame.
+    behind (n, rows, columns). The error is from the scatter of the columns' sums, as each has its own number of traps,
+    and from the zero of each frame.
     """
     mean, rows = np.mean(behind, axis=0), len(behind[0])
     error = np.hypot(mean.sum(axis=0).std() / np.sqrt(mean.shape[1]), rows * noise / np.sqrt(scan * len(behind)))
@@ -183,18 +183,18 @@ def reduce_trail(behind, noise, scan):
 
 
 def bad_columns(c, bias):
-    """Return (nx,) bool: columns whose last 400 rows, next to the seam, stand out of the master bias."""
+    """Return (nx,) bool: columns whose last 400 rows, next to the seam, deviate in the master bias."""
     return np.nanmedian(bias.data[-400:], axis=0) > BAD
 
 
 def reduce(frames):
-    """Return the channels and what was found in each."""
+    """Return the channels and the results of each."""
     channels = [Channel(frames, number) for number in range(1, frames[0][2]["NCHAN"] + 1)]
     first = [masters(c) for c in channels]
     bad = [bad_columns(c, bias[0]) for c, (bias, _, _) in zip(channels, first, strict=True)]
     found = []
     for c, (bias, dark, noise), own, other in zip(channels, first, bad, bad[::-1], strict=True):
-        # full columns bloom through the seam, and along rows
+        # full columns bloom across the seam, and along rows
         spoilt = ndimage.binary_dilation(own | other, np.ones(3, bool))
         found.append(reduce_channel(c, bias, dark, noise, spoilt) | {"bad": own, "spoilt": spoilt})
     return channels, found

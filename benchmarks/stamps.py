@@ -1,13 +1,16 @@
-"""Stamps: CPU time and error of each beside GalSim's, the time of a chip of faint galaxies, the time of a bright wing.
+"""Stamps: CPU time and error against GalSim's, the time of a chip of faint galaxies, and of a bright star's wing.
 
     python benchmarks/stamps.py [--count 4000]
 
-One run, one core. Per case: stamps (render.imaging.stamps), an object by itself (its own mixture transformed) and in
-company (the nodes' transforms kept; small sizes only), tables warm; GalSim with the PSF object reused (a lower bound:
-one place, one colour) and rebuilt for each object (render.imaging.reference, the paper's way with the sub-bands
-summed); differences of stamps from render.imaging.reference: flux, centroid, weighted size^2 and ellipticity (Gaussian
-of 3 px), worst pixel over the peak. Then `count` galaxies with the sizes and reaches of faint ones, spread over a chip
-with 10 x 10 nodes, as in a noise-free chip, and the wings of bright stars.
+One run, one core. Prints for each case:
+* stamps (render.imaging.stamps), with warm tables, for an object alone (its own mixture is transformed) and in company
+  (the nodes' transforms are reused; small sizes only);
+* GalSim with the PSF object reused (a lower bound: one position, one colour) and rebuilt for each object
+  (render.imaging.reference, the paper's method with the sub-bands summed);
+* differences of stamps from render.imaging.reference: flux, centroid, weighted size^2 and ellipticity (Gaussian of
+  3 px), worst pixel over the peak.
+Then `count` galaxies with the sizes and reaches of faint ones are drawn over a chip with 10 x 10 nodes, as on a
+noise-free chip, and the wings of bright stars.
 """
 
 import argparse
@@ -54,7 +57,7 @@ _COMPANY = 20
 
 
 def table_of(wcs, x, y, reach, columns, rate=RATE):
-    """Return an ObjectTable as catalog.selection.select leaves it."""
+    """Return an ObjectTable in the form of catalog.selection.select's."""
     x, y = np.broadcast_arrays(np.atleast_1d(np.asarray(x, float)), np.atleast_1d(np.asarray(y, float)))
     ra, dec = wcs.pixel_to_world(x, y)
     n = len(x)
@@ -68,7 +71,7 @@ def table_of(wcs, x, y, reach, columns, rate=RATE):
 
 
 def cpu(call, least=0.3):
-    """Return the CPU seconds of a call, the median of as many as fill `least` seconds."""
+    """Return the CPU seconds of a call: the median of as many calls as fill `least` seconds."""
     call()
     times = []
     while sum(times) < least and len(times) < 50:
@@ -143,7 +146,7 @@ def report_cases(psf, wcs):
 
 
 def report_chip(psf, wcs, chip, count):
-    """Many faint galaxies: sizes 0.1 to 1 arcsec, axis ratios, bulges; reaches as catalog.selection.select has them."""
+    """Print the time of many faint galaxies: 0.1 to 1 arcsec, with bulges; reaches are those of selection.select."""
     rng = np.random.default_rng(1)
     size, angle, e = 0.25 * np.exp(0.45 * rng.normal(size=count)), rng.uniform(0, 7, count), rng.uniform(0, 0.6, count)
     columns = {

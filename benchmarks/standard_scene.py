@@ -1,15 +1,15 @@
-"""Builder of the standard scene: the chip on which every speed and accuracy is measured.
+"""Builder of the standard scene: the chip on which speed and accuracy are measured.
 
     python benchmarks/standard_scene.py                # writes results/standard_scene/objects.parquet
     csstsim chip config/standard_scene.yaml --obsid ... --chip 9      # draws it (obsid: in that file)
     python benchmarks/standard_scene.py --chip 29 1 3  # the same sky on other chips: results/standard_scene/chip_29 ...
-    python benchmarks/standard_scene.py --histogram > benchmarks/standard_scene.csv    # how the counts were made
+    python benchmarks/standard_scene.py --histogram > benchmarks/standard_scene.csv    # makes the counts
 
-71,479 galaxies and 5,159 stars (the paper's r-band chip), their numbers per half magnitude in r fixed by
-standard_scene.csv. Objects are drawn from nine truth bricks, each bin's number from those of its brightness (again and
-again where there are too few), and put uniformly on the chip of the campaign's exposure. Stars keep their motions:
-their J2000 places are such that they stand on the chip at the epoch. Around a spectroscopic chip the sky goes on as
-far as its gratings reach, with as many objects more.
+The scene has 71,479 galaxies and 5,159 stars (the paper's r-band chip); standard_scene.csv fixes their numbers per half
+magnitude in r. The objects of each bin are drawn from those of nine truth bricks with that brightness (repeatedly if
+there are too few), and spread uniformly over the chip of the campaign's exposure. Stars keep their motions: their J2000
+positions are such that they lie on the chip at the epoch. Around a spectroscopic chip the same density of objects
+continues as far as its gratings reach.
 """
 
 import argparse
@@ -35,7 +35,7 @@ CAMPAIGN = SHIPPED / "standard_scene.yaml"
 COUNTS = Path(__file__).with_suffix(".csv")
 TOTAL = {"galaxies": 71_479, "stars": 5_159}
 KIND = {"galaxies": GALAXY, "stars": STAR}
-SEED, BRICK = 1, 561928  # the brick of that exposure; with its neighbours, for one has too few bright stars to count
+SEED, BRICK = 1, 561928  # the exposure's brick; its neighbours are added for enough bright stars
 STEP = 0.5  # mag
 
 
@@ -71,7 +71,7 @@ def read_counts():
 
 
 def draw(table, counts):
-    """Return rows of `table`, so many of each kind and brightness."""
+    """Return rows of `table` with these counts of each kind and brightness."""
     rng, rows = stream(SEED, "standard scene", "rows"), []
     for name, kind in KIND.items():
         place = {k: np.flatnonzero((table["obj_type"] == kind) & (bins(table) == k)) for k in np.unique(bins(table))}
@@ -79,14 +79,14 @@ def draw(table, counts):
             wanted, there = int(row[name]), place.get(int(row["mag_r"] / STEP), np.zeros(0, int))
             if wanted:
                 if not len(there):
-                    sys.exit(f"the bricks have no {name} at r = {row['mag_r']}: make {COUNTS.name} anew")
+                    sys.exit(f"the bricks have no {name} at r = {row['mag_r']}: make {COUNTS.name} again")
                 order = rng.permutation(there)
                 rows.append(np.resize(order, wanted))
     return table.take(np.concatenate(rows))
 
 
 def put(table, job, bounds):
-    """Return the table spread over `bounds` (x0, x1, y0, y1) of the job's chip, with ids of its own."""
+    """Return the table spread over `bounds` (x0, x1, y0, y1) of the job's chip, with new ids."""
     rng, count = stream(SEED, "standard scene", "places"), len(table)
     x, y = rng.uniform(*bounds[:2], count), rng.uniform(*bounds[2:], count)
     star = table["obj_type"] == STAR
@@ -96,7 +96,7 @@ def put(table, job, bounds):
 
 
 def on_chip(number):
-    """Write the campaign that brings the scene to another chip, the exposure's time and roll kept; return its file."""
+    """Write the campaign of the scene on another chip, with the exposure's time and roll; return its file."""
     run = OpenCampaign(CAMPAIGN)
     pointing, chip, folder = (
         run.jobs[0].pointing,
@@ -135,7 +135,7 @@ def main():
 
 
 def write_scene(table, campaign, output=None):
-    """Write the catalogue of a campaign's one job: rows of `table`, put where its light comes from."""
+    """Write the catalogue of a campaign's one job: rows of `table`, at positions whose light reaches the chip."""
     run = OpenCampaign(campaign)
     job, output = run.jobs[0], output or Path(run.config.catalog.options["file"])
     chip = np.array([-0.5, job.window.nx - 0.5, -0.5, job.window.ny - 0.5])

@@ -1,8 +1,8 @@
-"""Star counts of the embedded Galaxy beside the anchors, and its figures.
+"""Star counts of the embedded Galaxy against published anchors, and figures.
 
     python benchmarks/star_counts.py [folder of the figures, docs/figures if not given]
 
-Counts are expectations for V without extinction; the other figures show drawn bricks, at l = 90 deg unless said.
+Counts are expected values for V without extinction; the other figures show drawn bricks, at l = 90 deg unless stated.
 """
 
 import argparse
@@ -25,7 +25,7 @@ from csstsim.universe.stars.milky_way import equatorial
 from csstsim.universe.stars.stars import draw_stars, expected_counts, galaxy
 
 ANCHORS = {18: 9e2, 20: 2e3, 22: 4e3, 24: 8e3, 26: 1.5e4}  # deg-2 at the pole, round numbers
-FACTORS = {90: 1, 49: None, 30: 3, 15: 10}  # on the anchors, by latitude
+FACTORS = {90: 1, 49: None, 30: 3, 15: 10}  # {latitude: factor on the anchors}
 COLOURS = (BLUE, ORANGE, GREEN, VERMILION)
 LONGITUDES = np.arange(0, 360, 30)
 KIEL = ((90, 15), (45, 20), (0, 30), (180, 30), (90, 60), (0, 60))  # l, b of the bricks shown

@@ -1,10 +1,10 @@
-"""Bright stars all over a full-size chip: are they measured where the truth says they stand?
+"""Bright stars all over a full-size chip: are their measured positions those of the truth?
 
     python benchmarks/star_positions.py [--stars 1000] [--chip 9] [--figure docs/figures/star_positions.png]
 
-Stars of S/N above 500 at random places of one chip, through every layer of the shipped science exposure (distortion,
-flat field, shutter, noise, readout), drawn, measured and matched with the truth table. Prints mean and scatter of
-measured minus true position, and slopes of the residuals over the chip with their errors; some minutes.
+Stars of S/N above 500 at random positions on one chip are drawn with every layer of the shipped science exposure
+(distortion, flat field, shutter, noise, readout), measured and matched with the truth table. Prints mean and scatter of
+measured minus true positions, and slopes of the residuals over the chip with their errors. Takes some minutes.
 """
 
 import argparse
@@ -52,7 +52,7 @@ class Stars(CatalogBase):
 
 
 def scattered(count, chip, margin=40.0):
-    """Return x, y of `count` places on the chip, each APART from the others."""
+    """Return x, y of `count` positions on the chip, at least APART from one another."""
     rng, kept = stream(1, "benchmark", "star positions"), np.zeros((0, 2))
     size = np.array([chip.detector.nx, chip.detector.ny])
     while len(kept) < count:

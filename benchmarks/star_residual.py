@@ -1,15 +1,16 @@
-"""A star's residual against direct optics integrated over the pixel: stamps, photons' density, reference; every band.
+"""Residuals of a star, by stamps, photons' density and reference, against pixel-integrated direct optics; every band.
 
     python benchmarks/star_residual.py [--bands NUV g] [--cells 2 4]
 
-Truth: optics (mean of the band's four wavelengths) integrated over 10 um pixels, the star at 16 places in a pixel, at
-three places of the field. Table: the same optics in cells, as a PSF set stores it, 2 or 4 to a pixel; "*" marks what
-psf.yaml takes for the band. Stamps: sums of the spline coefficients, which are also the density photons are drawn from
-(render.psf_table); "below 0" is the light of the coefficients that were clipped. Reference: GalSim's quintic
-through the pixel sums. "rms": of the difference, over that of the truth (a fit's residual), and over the truth's peak;
-"worst": pixel, over the peak; the largest of the 48 each. 49 x 49 pixels. Goal: rms below 1e-3 of the peak.
+Truth: optics (mean of the band's four wavelengths) integrated over 10 um pixels, with the star at 16 positions in a
+pixel, at three field points. Table: the same optics in cells, as a PSF set stores it, 2 or 4 per pixel; "*" marks
+psf.yaml's number for the band. Stamps: sums of the spline coefficients, which are also the density that photons are
+drawn from (render.psf_table); "below 0" is the light of the coefficients that were clipped. Reference: GalSim's quintic
+through the pixel sums. "rms": of the difference, over the rms of the truth (a fit's residual), and over the truth's
+peak; "worst": the worst pixel over the peak; each is the largest of the 48. 49 x 49 pixels. Goal: rms below 1e-3 of the
+peak.
 
-Last line of a band: the two against each other, which is what methods without direct optics at hand can see.
+The last line of a band compares the two with each other, as tests without direct optics do.
 """
 
 import argparse
@@ -44,7 +45,7 @@ def differences(got, wanted):
 
 
 def measure(camera, name, cells):
-    """Return ({reader: (3,)}, light below zero) for a band: the largest differences over places."""
+    """Return ({reader: (3,)}, light below zero) for a band: the largest differences over positions."""
     wavefront, filter_ = load_wavefront(camera.psf), camera.filters[name]
     chip = next(c for c in camera.chips.values() if c.filter == name)
     direct, stored = (chip_optics(chip, filter_, camera.psf, wavefront, m, BOX * m) for m in (1, cells))
@@ -68,7 +69,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--instrument", default=SHIPPED, help="folder of the camera's data files")
     parser.add_argument("--bands", nargs="*", help="default: the seven imaging bands")
-    parser.add_argument("--cells", nargs="*", type=int, default=(2, 4), help="cells to a pixel")
+    parser.add_argument("--cells", nargs="*", type=int, default=(2, 4), help="cells per pixel")
     args = parser.parse_args()
     camera = load_camera(args.instrument)
     print("band cells  reader            rms/rms  rms/peak  worst/peak  below 0")

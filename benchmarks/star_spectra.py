@@ -1,10 +1,10 @@
-"""The compact star spectra beside the grids they stand for and the colours of real stars.
+"""The compact star spectra against the grids they represent and the colours of real stars.
 
     PYTHONPATH=builders python benchmarks/star_spectra.py [--data FOLDER] [--figure docs/figures/star_spectra.png]
 
-Prints residuals in mmag: of the camera's colours against ATLAS9 and BT-Settl at their nodes and between (those grids
-as `GridSeds`; needs the reference data), of the dwarf sequence against Pecaut & Mamajek 2013; CPU seconds of a chip's
-stars. Below 5200 K the model is tied to real colours and leaves the grids by as much as they miss them.
+Prints residuals in mmag of the camera's colours against ATLAS9 and BT-Settl, at their nodes and between (the grids are
+read by `GridSeds`; needs the reference data), and of the dwarf sequence against Pecaut & Mamajek 2013; then the CPU
+seconds of a chip's stars. Below 5200 K the model follows real colours and departs from the grids by their errors.
 """
 
 import argparse

@@ -1,11 +1,11 @@
-"""What it costs that each stage of a chip is a process: CPU seconds of a stage that has nothing to do, and of the demo.
+"""Cost of running each stage of a chip in its own process: CPU seconds of a stage without objects, and of the demo.
 
     python benchmarks/start_of_stages.py [--runs 9] [--demo]
 
-`csstsim select` on a pixel of the demo that no object reaches, beside a process that imports numba and pyarrow and
-reads the same bricks: at most 1.5 times. With --demo (a quarter of an hour), the whole demo by four stages a chip,
-beside that by a process a chip (`--config chips=whole`), Snakemake in both: at most 1.35 times. User and system time
-of all processes, everything compiled before; medians. Exit code 1 above either.
+`csstsim select` on a pixel of the demo that no object reaches may cost at most 1.5 times a process that imports numba
+and pyarrow and reads the same bricks. With --demo (a quarter of an hour), the whole demo by four stages per chip may
+cost at most 1.35 times that by one process per chip (`--config chips=whole`), including Snakemake. Costs are medians of
+the user and system time of all processes, with everything compiled before. Exit code 1 above either limit.
 """
 
 import argparse
@@ -36,7 +36,7 @@ for path in sys.argv[1:]:
 
 
 def cpu_seconds(*line):
-    """Return (user and system seconds, what it said) of a process and its children."""
+    """Return (user and system seconds, output) of a process and its children."""
     environment = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     environment.pop("PYTHONDONTWRITEBYTECODE", None)  # as any user's: modules are compiled once
     process = subprocess.Popen(
@@ -62,7 +62,7 @@ def campaign(name, **changes):
 
 
 def empty(runs):
-    """Print what select takes where there is nothing to select; return it over what it cannot do without."""
+    """Print the cost of select without objects; return it over the cost of its necessary imports and reads."""
     file = campaign("empty", window=PIXEL)
     run, (obsid, chip) = OpenCampaign(file), JOB
     bricks = run.truth_bricks(run.job(obsid, chip))
@@ -76,12 +76,12 @@ def empty(runs):
     print("| process | CPU s, median | least to most |\n|---|---|---|")
     medians = []
     for name, line in lines.items():
-        said = cpu_seconds(*line)[1]  # not the first, which compiles
+        said = cpu_seconds(*line)[1]  # the first, which compiles, does not count
         if "select" in name and "\n0 objects reach the window" not in said:
             sys.exit(f"an object reaches the pixel {PIXEL}: look for another\n{said}")
     took = [
         [cpu_seconds(*line)[0] for line in lines.values()] for _ in range(runs)
-    ]  # in turn: what else runs is shared
+    ]  # in turn, so that other load affects both
     for name, times in zip(lines, zip(*took, strict=True), strict=True):
         medians.append(statistics.median(times))
         print(f"| `{name}` | {medians[-1]:.2f} | {min(times):.2f} to {max(times):.2f} |")
@@ -89,7 +89,7 @@ def empty(runs):
 
 
 def demo():
-    """Print what the demo takes by stages and by whole chips, both compiled; return the ratio."""
+    """Print the cost of the demo by stages and by whole chips, both compiled; return the ratio."""
     took = {}
     for chips in ("whole", "stages", "whole"):  # the first compiles
         shutil.rmtree(FOLDER / chips, ignore_errors=True)

@@ -1,8 +1,8 @@
-"""CPU seconds until csstsim is imported and until its help is printed, beside what Python and numpy take.
+"""CPU seconds until csstsim is imported and until its help is printed, compared with those of Python and numpy.
 
     python benchmarks/start_up.py [--runs 15]
 
-User and system time of a process each, everything compiled before (Python's own .pyc); the median, and the least and
+Prints the user and system time of one process each, with everything compiled before (Python's .pyc): median, least and
 most. Exit code 1 if the package takes more than 0.5 CPU s, or the help more than 1.
 """
 
@@ -39,7 +39,7 @@ def main():
     runs, slow = parser.parse_args().runs, False
     print("| process | CPU s, median | least to most | allowed |\n|---|---|---|---|")
     for name, (code, most) in TAKES.items():
-        cpu_seconds(code)  # not the first, which compiles
+        cpu_seconds(code)  # the first, which compiles, does not count
         took = [cpu_seconds(code) for _ in range(runs)]
         median = statistics.median(took)
         slow |= most is not None and median > most

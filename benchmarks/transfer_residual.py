@@ -1,11 +1,11 @@
-"""Stars' places and light against their rows to the amplifier, charge transfer left as it is and undone.
+"""Stars' position and flux residuals against their rows to the amplifier, with charge transfer corrected and not.
 
     snakemake --profile profiles/default --config campaign=examples/quarter_brick/cti.yaml
     python benchmarks/transfer_residual.py [examples/quarter_brick/cti.yaml] [--filters r NUV] [--passes 0 1 3 5]
 
-Measures the frames of a finished campaign with the paper's traps anew for each number of passes of the correction;
-prints, and draws to docs/figures/transfer_residual.png, medians of isolated stars by rows to the amplifier, and the CPU
-seconds of each correction.
+Measures the frames of a finished campaign with the paper's traps again for each number of passes of the correction.
+Prints medians of isolated stars by rows to the amplifier, and the CPU seconds of each correction; draws
+docs/figures/transfer_residual.png.
 """
 
 import argparse
@@ -90,10 +90,10 @@ def draw(results, options):
             edges = np.linspace(table["transfers"].min(), table["transfers"].max(), BINS + 1)
             for axis, name, unit in zip(column, ("deferred_mas", "light"), (1, 100), strict=True):
                 median, error = unit * binned(table, name, edges)
-                label = "as read" if passes == 0 else f"undone, passes: {passes}"
+                label = "as read" if passes == 0 else f"corrected, passes: {passes}"
                 axis.errorbar(0.5 * (edges[1:] + edges[:-1]), median, error, marker="o", ms=4, capsize=2, label=label)
         for axis, label in zip(
-            column, ("place, away from the amplifier [mas]", "light, out / in - 1 [%]"), strict=True
+            column, ("position, away from the amplifier [mas]", "flux, out / in - 1 [%]"), strict=True
         ):
             axis.axhline(0, color="0.5", lw=0.8)
             axis.set_ylabel(label)

@@ -1,10 +1,10 @@
-"""Where the light of a bright star goes: the point-spread function to the chip's size, its joins, ghosts and cost.
+"""The light of a bright star: the point-spread function out to the chip's size, its joins, ghosts and cost.
 
     python benchmarks/wings.py [--figures docs/figures]
 
-Prints, for r unless said otherwise: the diffraction image against the closed form of its wing, the anchors of the halo
-and what it takes in each band, the light of a star summed over a large image, the join of box and wing in
-units of noise at magnitudes 5 to 20, CPU time of a star against magnitude. Draws the profile and a 5th-magnitude star.
+Prints, for r unless stated otherwise: the diffraction image against the closed form of its wing; the anchors of the
+halo and its light in each band; the light of a star summed over a large image; the join of box and wing in units of
+noise at magnitudes 5 to 20; the CPU time of a star by magnitude. Draws the profile and a 5th-magnitude star.
 """
 
 import argparse
@@ -104,7 +104,7 @@ class Scene:
         self.noise = Noise(self.filter.sky, camera.detector.dark, camera.detector.read_noise).variance(EXPTIME)
 
     def draw(self, mag, window, centre=CENTRE, scattered=None):
-        """Return (image, truth table) of one star of AB magnitude `mag`; `beyond` in place of the camera's."""
+        """Return (image, truth table) of one star of AB magnitude `mag`; `scattered` replaces the camera's."""
         electrons = EXPTIME * 10 ** (0.4 * (self.filter.zeropoint(self.camera.telescope) - mag))
         wing = wing_reach(np.array([electrons]), self.noise, self.scattered.wing)
         ra, dec = self.wcs.pixel_to_world(*(np.array([c]) for c in centre))
@@ -143,12 +143,12 @@ def report_energy(scene):
 
 
 def second_difference(image):
-    """Return |second differences| along x, the edges left out."""
+    """Return |second differences| along x, without the edges."""
     return np.abs(image[:, 2:] - 2 * image[:, 1:-1] + image[:, :-2])
 
 
 def optics_texture(scene, inner, outer):
-    """Return the largest second difference of the direct optics less its mean wing between two radii, of all light."""
+    """Return the largest second difference, over all light, of direct optics minus its mean wing between two radii."""
     waves = [diffraction(scene.camera, w, 512) for w in scene.filter.psf_wavelength]
     r, image = waves[0][0][1::2, 1::2], np.mean([image for _, image in waves], axis=0)[1::2, 1::2]
     mean = scene.scattered.wing.airy.mean() / (np.pi * np.maximum(r, 1)) ** 3
@@ -157,7 +157,7 @@ def optics_texture(scene, inner, outer):
 
 def report_joins(scene):
     print("\nedges: largest second differences along x, less those of the smooth profile, in units of the sky's noise")
-    print("(texture: rings and speckles that the optics have there without any join; mean: of rings 1 px wide)")
+    print("(texture: rings and speckles of the optics there, without any join; mean: of rings 1 px wide)")
     inner, outer = scene.fade
     fade = f"fade {inner}-{outer} px"
     print(f" mag  wing px  light there / own noise  hard box: step  {fade}: texture (optics)  mean")

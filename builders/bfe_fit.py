@@ -1,11 +1,11 @@
-"""Areas of pixels that charge changes (config/instrument/brighter_fatter.yaml) from the covariances of flats, and back.
+"""Area changes of pixels by charge (config/instrument/brighter_fatter.yaml) from the covariances of flats, and back.
 
 With areas a = 2 k of the kernel of csstsim.detector.bfe_kernel, the covariances of flats of mean mu are
 
     C = mu delta + 2 k mu^2 + (k correlated with k) mu^3        for Poisson flats, exact but for terms of order 1 / mu
 
-Real flats have 2/3 (a * a) for the last term, ours 1/4: the areas fitted are those that serve the kernel, different by
-some per cent of themselves at 50,000 e-.
+Real flats have 2/3 (a * a) in the last term, the kernel's 1/4. So the fitted areas are those that suit the kernel; at
+50,000 e- they differ by some per cent from the real ones.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ from csstsim.detector.bfe_kernel import SIZE, kernel, laplacian, unfold
 
 
 def all_areas(areas):
-    """Return the (4, 4) areas [per e-] of the kernel of (3, 3) ones: the same, and the ring that makes the sum 0."""
+    """Return the (4, 4) areas [per e-] of the kernel of (3, 3) areas: the same, and a ring that makes their sum 0."""
     potential, skew = kernel(areas)
     every = 2 * laplacian(potential)
     every[1, 0] += 2 * skew
@@ -23,7 +23,7 @@ def all_areas(areas):
 
 
 def predict(areas, mean):
-    """Return the covariances (7, 7) [e-^2] of a flat of `mean` electrons by lag, [0, 0] the variance; zero beyond."""
+    """Return the covariances (7, 7) [e-^2] by lag of a flat of `mean` electrons; [0, 0] is the variance."""
     k = unfold(all_areas(areas) / 2)
     lags = range(len(k))
     cov = mean**3 * np.array([[np.sum(k[dy:, dx:] * k[: len(k) - dy, : len(k) - dx]) for dx in lags] for dy in lags])
@@ -35,11 +35,11 @@ def predict(areas, mean):
 def measure(first, second, reach=SIZE):
     """Return (mean [e-], covariances (reach, reach) [e-^2], standard errors) of two equal flats (ny, nx) [e-].
 
-    The covariance is half that of the difference, from which all fixed patterns fall out; lags (dy, dx) and (dy, -dx)
-    are averaged. Raises ValueError if the two differ in shape or are smaller than twice the reach.
+    The covariance is half that of the difference, in which all fixed patterns cancel; lags (dy, dx) and (dy, -dx) are
+    averaged. Raises ValueError if the two differ in shape or are smaller than twice the reach.
     """
     if first.shape != second.shape or min(first.shape) < 2 * reach:
-        raise ValueError(f"flats of shapes {first.shape} and {second.shape}; need equal ones of {2 * reach} or more")
+        raise ValueError(f"flats of shapes {first.shape} and {second.shape}; need equal ones of at least {2 * reach}")
     difference = first.astype(float) - second
     difference -= difference.mean()
     ny, nx = difference.shape
@@ -58,7 +58,7 @@ def measure(first, second, reach=SIZE):
 def fit(means, covariances, errors):
     """Return (areas (3, 3) [per e-], errors) of flats of `means` (n,) [e-], covariances (n, 3, 3) [e-^2] with errors.
 
-    Least squares lag by lag on mu^2, the cubic term taken from the areas of the round before.
+    Least squares in mu^2, lag by lag; the cubic term is that of the previous iteration's areas.
     """
     means, cov, weight = np.asarray(means), np.asarray(covariances), 1 / np.asarray(errors) ** 2
     square = (means**2)[:, None, None]

@@ -3,7 +3,7 @@
     python builders/build_distortion.py [config/instrument]
     python builders/build_distortion.py --placement SEED       prints placement rows for distortion.yaml
 
-The model is fitted to 30 x 30 samples on each chip of what distortion.yaml describes
+The model is fitted to 30 x 30 samples on each chip of the focal plane described by distortion.yaml
 (csstsim.optics.geometry.focal_plane).
 """
 
@@ -33,8 +33,8 @@ ABOUT = [
     "200 px at the edge: Wei et al. 2025, arXiv 2511.06970, section 5.2.",
     "Builder: builders/build_distortion.py",
 ]
-MARGIN_PX = 2600.0  # beyond the chip; light of objects up to 2048 px off, moved by up to 214 px, may reach it
-CELLS = (2, 2)  # of the global spline and of each chip's
+MARGIN_PX = 2600.0  # around the chip: light of objects up to 2048 px off, moved by up to 214 px, may reach it
+CELLS = (2, 2)  # of the global spline, and of each chip's
 RMS = (1.0, 1.0, 5e-5, 5.0, 1e-4, 1e-4)  # px, px, rad, um, 1, 1
 
 
@@ -52,8 +52,8 @@ def fit(samples, chips, cells=CELLS, chip_cells=CELLS, margin=MARGIN_PX):
 
     samples: {chip id: (n, 4)} of u, v [deg, intermediate world coordinates at position angle 0], x, y [0-based pixel]
     (optics.geometry.focal_plane.samples). chips: {id: Chip}. cells: of the splines, along x and y. margin: px around
-    the samples. Raises ValueError for fewer samples than coefficients. To the rounding of the linear algebra library
-    the same everywhere: run once, the result is stored.
+    the samples. Raises ValueError for fewer samples than coefficients. The result depends on the rounding of the linear
+    algebra library, so it is computed once and stored.
     """
     ideal, place, moved = {}, {}, {}
     for number, (u, v, x, y) in ((n, np.transpose(rows)) for n, rows in samples.items()):
@@ -105,20 +105,20 @@ def _design(x, y, box, cells_x, cells_y):
 
 
 def fit_spline(x, y, wanted, box, cells):
-    """Return the coefficients whose spline is nearest, in the mean square, to `wanted` (n, 2) at points x, y (n,).
+    """Return the coefficients of the least-squares spline to `wanted` (n, 2) at points x, y (n,).
 
-    cells: (along x, along y). Raises ValueError for fewer points than coefficients: the spline would ripple between.
+    cells: (along x, along y). Raises ValueError for fewer points than coefficients, which would not determine it.
     """
     cells_x, cells_y = cells
     if len(x) < (needed := (cells_x + ORDER) * (cells_y + ORDER)):
-        raise ValueError(f"{len(x)} samples cannot hold a spline of {needed} coefficients")
+        raise ValueError(f"{len(x)} samples are too few for a spline of {needed} coefficients")
     matrix = _design(np.asarray(x, float), np.asarray(y, float), np.asarray(box, float), cells_x, cells_y)
     solution, *_ = np.linalg.lstsq(matrix, wanted, rcond=1e-12)
     return solution.reshape(cells_y + ORDER, cells_x + ORDER, 2)
 
 
 def placement(seed):
-    """Print one row a chip: id, shift x, y [px], turn [rad], height [um], slopes along x, y."""
+    """Print one row per chip: id, shift x, y [px], rotation [rad], height [um], slopes along x, y."""
     draws = stream(seed, "placement").normal(size=(30, 6)) * RMS
     for number, (*shift, turn, height, slope_x, slope_y) in enumerate(draws, 1):
         print(

@@ -1,7 +1,7 @@
 """Builder of `shift` in config/universe/galaxies.yaml: abundance matching of the model's i counts to `counts`.
 
-Galaxies are placed evenly over the cells of the mass grid and weighted by the density there, so that the rare bright
-ones are known as well as the common faint ones. shift(i) makes N_model(< i) equal N_counts(< i + shift). Prints YAML.
+Galaxies are placed evenly over the cells of the mass grid and weighted by the density there, so that the counts of rare
+bright ones are accurate, too. shift(i) makes N_model(< i) equal N_counts(< i + shift). Prints YAML.
 
     PYTHONPATH=tests:builders python builders/build_galaxy_counts.py
 """
@@ -13,7 +13,7 @@ from csstsim.base.rng import stream
 from csstsim.universe.galaxies.galaxies import cumulative_counts
 
 KNOTS = np.arange(16.0, 31.25, 0.5)
-EACH = 8  # galaxies a cell
+EACH = 8  # galaxies per cell
 
 
 def main():

@@ -1,11 +1,11 @@
 """Builder of config/universe/galaxy_spectra.fits: 20 components that span galaxies' rest-frame spectra.
 
-Templates: the five of kcorrect (Blanton & Roweis 2007, AJ 133, 734; BSD-3, by way of skypy), whose stars and emission
-lines are apart and without dust, per solar mass of stars formed. Dust: Calzetti et al. (2000, ApJ 533, 682), the same
-before stars and lines. The components are singular vectors (no mean taken off, so an SED is a plain sum) of random
-mixtures of templates, dust and line strengths; each wavelength is weighted by the inverse of the mixtures' geometric
-mean, so that faint ultraviolet counts as much as bright red light. Then the projections of each template under each
-dust column: a galaxy's coefficients are linear in its masses.
+Templates: the five of kcorrect (Blanton & Roweis 2007, AJ 133, 734; BSD-3, from skypy), with stars and emission lines
+separate and without dust, per solar mass of stars formed. Dust: Calzetti et al. (2000, ApJ 533, 682), the same for
+stars and lines. The components are singular vectors (no mean subtracted, so an SED is a plain sum) of random mixtures
+of templates, dust and line strengths. Each wavelength is weighted by the inverse of the mixtures' geometric mean, so
+that faint ultraviolet counts as much as bright red light. The file also has the projections of each template with each
+dust column, so a galaxy's coefficients are linear in its masses.
 
     python builders/build_galaxy_spectra.py ../shared/data        # writes config/universe/galaxy_spectra.fits
 """
@@ -24,11 +24,11 @@ REST = 600.0 + 2.9 * np.arange(3587)  # angstrom (paper, section 3.2.2)
 DUST = np.linspace(0.0, 4.0, 41)  # A(V), mag
 COMPONENTS = 20
 MIXTURES = 2500
-LYMAN_LIMIT, ESCAPE = 912.0, 0.03  # stars' light below the limit that leaves the galaxy: a few per cent (E)
+LYMAN_LIMIT, ESCAPE = 912.0, 0.03  # A; share of starlight below it that leaves the galaxy: a few per cent (E)
 
 
 def calzetti(wavelength):
-    """Return A(lambda)/A(V) of Calzetti et al. (2000), equation 4; held below 1200 A by its slope, R_V = 4.05."""
+    """Return A(lambda)/A(V) of Calzetti et al. (2000), equation 4, R_V = 4.05; linear in 1 / lambda below 1200 A."""
     x = 1e4 / np.maximum(wavelength, 1200.0)
     blue = 2.659 * (-2.156 + 1.509 * x - 0.198 * x**2 + 0.011 * x**3) + 4.05
     red = 2.659 * (-1.857 + 1.040 * x) + 4.05
@@ -38,7 +38,7 @@ def calzetti(wavelength):
 
 
 def templates(path):
-    """Return stars, lines (5, 3587): photon / s / m2 / A of a solar mass formed at 10 pc; and the templates' table."""
+    """Return stars, lines (5, 3587): photon / s / m2 / A per solar mass formed at 10 pc; and the templates' table."""
     with fits.open(path) as file:
         wave = file[11].data.astype(float)
         stars, lines = (rebin(wave, file[hdu].data.astype(float)) for hdu in (4, 9))
@@ -48,7 +48,7 @@ def templates(path):
 
 
 def rebin(wave, flux):
-    """Return `flux` (n, len(wave)) averaged over the cells of the rest grid: lines keep their light."""
+    """Return `flux` (n, len(wave)) averaged over the cells of the rest grid, which keeps the light of lines."""
     edges = np.append(REST - 1.45, REST[-1] + 1.45)
     total = np.concatenate(
         [np.zeros((len(flux), 1)), np.cumsum(0.5 * (flux[:, 1:] + flux[:, :-1]) * np.diff(wave), axis=1)], axis=1

@@ -1,10 +1,10 @@
-"""Builder of config/instrument/gratings/: the 24 aXe configurations and the sensitivities they name.
+"""Builder of config/instrument/gratings/: the 24 aXe configurations and their sensitivity files.
 
     python builders/build_gratings.py [config/instrument]
-    python builders/build_gratings.py --samples GI1 > samples.csv     what `csstsim fit-grating` takes
+    python builders/build_gratings.py --samples GI1 > samples.csv     input of `csstsim fit-grating`
 
-Traces are fitted (csstsim.optics.gratings.trace_fit) to 10 x 10 x 8 samples of what gratings.yaml describes
-(grating_rays); sensitivities are filters.yaml's throughput times the orders' efficiency.
+Traces are fitted (csstsim.optics.gratings.trace_fit) to 10 x 10 x 8 sampled trajectories of the gratings described by
+gratings.yaml (grating_rays); sensitivities are filters.yaml's throughput times the orders' efficiency.
 """
 
 import csv

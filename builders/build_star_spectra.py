@@ -3,12 +3,12 @@
     python builders/build_star_spectra.py ../shared/data config/universe/star_spectra.fits Table_DA.txt
 
 Steps, all in ln of photon density at the knots: (1) Castelli & Kurucz 2004 on (Teff, log g, [Fe/H]); (2) BT-Settl
-CIFIST (Baraffe+ 2015) below, with the [Fe/H] dependence of BT-Settl at log g 4.5 (grizli's copy) and the gravity
-dependence of ATLAS9 where BT-Settl has no giants; (3) one fades into the other between 3600 and 4200 K; (4) below
-5200 K and above log g 3 to 4 a smooth factor brings U-B, B-V, V-Rc, V-Ic and g-r of the dwarf sequence to those of
-real stars (Pecaut & Mamajek 2013), as Lejeune+ 1997 did; (5) white dwarfs: ATLAS9 at log g 5, [Fe/H] -2.5 times a
-smooth factor that gives the photometry of pure-hydrogen atmospheres (Holberg & Bergeron 2006), lines left as they
-are; (6) principal components. Needs the reference data and the Montreal table of pure-hydrogen atmospheres of
+CIFIST (Baraffe+ 2015) for cool stars, with the [Fe/H] dependence of BT-Settl at log g 4.5 (grizli's copy) and the
+gravity dependence of ATLAS9 where BT-Settl has no giants; (3) a smooth transition between the two from 3600 to 4200 K;
+(4) below 5200 K and above log g 3 to 4 a smooth factor that brings U-B, B-V, V-Rc, V-Ic and g-r of the dwarf sequence
+to those of real stars (Pecaut & Mamajek 2013), as in Lejeune+ 1997; (5) white dwarfs: ATLAS9 at log g 5, [Fe/H] -2.5
+times a smooth factor that gives the photometry of pure-hydrogen atmospheres (Holberg & Bergeron 2006), with unchanged
+lines; (6) principal components. Needs the reference data and the Montreal table of pure-hydrogen atmospheres of
 2021-01-13 (in the PyPI package WDPhotTools: wd_photometry/Table_DA_13012021.txt).
 """
 
@@ -26,7 +26,7 @@ from csstsim.instrument.filter import GRID
 from csstsim.universe.stars.star_sed import KNOTS, cubic, linear
 
 COMPONENTS = 60
-UV_FLOOR = 1e-6  # of the peak photon density: a photosphere darker than this is not what is seen of a cool star
+UV_FLOOR = 1e-6  # of the peak photon density: a cool star's light below it is not that of the photosphere
 FEH = np.array([-2.5, -2.0, -1.5, -1.0, -0.5, 0.0, 0.5])
 LOGG = np.array([0.0, 1.0, 2.0, 3.0, 3.5, 4.0, 4.5, 5.0, 5.5])
 WHITE = np.array([7.0, 8.0, 9.0])
@@ -39,7 +39,7 @@ DWARFS = Path(__file__).with_name("dwarf_colours.csv")
 DWARF_LOGG = ([2800, 3200, 3500, 3900, 4500, 5200], [5.15, 5.05, 4.9, 4.7, 4.62, 4.55])
 BANDS = ["bessell-U", "bessell-B", "bessell-V", "bessell-R", "bessell-I", "sdss2010-g", "sdss2010-r"]
 AB_OF_VEGA = np.array([0.79, -0.09, 0.02, 0.21, 0.45, 0.0, 0.0])  # Blanton & Roweis 2007, AJ 133, 734; SDSS is AB
-COLOURS = np.array([  # V itself is kept
+COLOURS = np.array([  # V itself is unchanged
     [1, -1, 0, 0, 0, 0, 0], [0, 1, -1, 0, 0, 0, 0], [0, 0, 1, -1, 0, 0, 0], [0, 0, 1, 0, -1, 0, 0],
     [0, 0, 0, 0, 0, 1, -1], [0, 0, 1, 0, 0, 0, 0],
 ])  # fmt: skip
@@ -57,11 +57,11 @@ SOURCES = [  # lines of at most 72 characters
 _G_CGS, _SUN_G, _PC_CM = 6.674e-8, 1.98841e33, 3.0857e18  # CODATA 2018, IAU 2015
 DA_BANDS = ["galex-nuv", "sdss2010-u", "bessell-B", "sdss2010-g", "bessell-V", *(f"sdss2010-{b}" for b in "riz")]
 DA_BANDS += ["panstarrs-y"]
-DA_COLUMNS = [42, 25, 6, 26, 7, 27, 28, 29, 34]  # of the table; all AB but B and V
+DA_COLUMNS = [42, 25, 6, 26, 7, 27, 28, 29, 34]  # of the table; AB except B and V
 
 
 def fade(x, low, high):
-    """Return 0 below `low`, 1 above `high`, a smooth step between."""
+    """Return a smooth step: 0 below `low`, 1 above `high`."""
     t = np.clip((x - low) / (high - low), 0, 1)
     return t * t * (3 - 2 * t)
 
@@ -80,7 +80,7 @@ def ab_mags(ln_s, filters):
 def warp(ln_s, filters, target, basis, colours=None):
     """Return the combination of `basis` (m, knots) that, added to ln_s, gives the AB magnitudes `target` (m,).
 
-    With `colours` (m, bands), the target is colours @ magnitudes. Newton's method; the derivatives are differences.
+    With `colours` (m, bands), the target is colours @ magnitudes. Newton's method with derivatives by differences.
     """
     colours = np.eye(len(target)) if colours is None else colours
     shift = np.zeros(len(target))
@@ -92,13 +92,13 @@ def warp(ln_s, filters, target, basis, colours=None):
 
 
 def broken(knots):
-    """Return (n, 1801) hats over `knots` [angstrom], in ln lambda, flat outside."""
+    """Return (n, 1801) hat functions of ln lambda over `knots` [angstrom], constant outside."""
     x = np.log(knots)
     return np.stack([np.interp(np.log(KNOTS), x, row) for row in np.eye(len(x))])
 
 
 def on_grid(seds, teff, logg, feh):
-    """Return ln photon density (teff, logg, feh, knots), interpolated in a grid and held outside it."""
+    """Return ln photon density (teff, logg, feh, knots), interpolated in a grid and constant outside it."""
     t, g, z = (axis.ravel() for axis in np.meshgrid(teff, logg, feh, indexing="ij"))
     out = np.log(seds.surface(t, g, z, KNOTS))
     return out.reshape(len(teff), len(logg), len(feh), -1)
@@ -119,7 +119,7 @@ def metallicity(path):
         return w[0] @ ln_flux[mine[i[0]]]
 
     def ratio(teff, feh):
-        # Each metallicity's own range of Teff; beyond it the ratio at its edge.
+        # Outside a metallicity's own range of Teff the ratio is that at its edge
         own = node[node[:, 1] == feh, 0]
         teff = np.clip(teff, max(own.min(), 1900), own.max())
         return at(teff, feh) - at(teff, 0.0)
@@ -127,7 +127,7 @@ def metallicity(path):
     out = np.zeros((len(TEFF), len(FEH), len(KNOTS)))
     for i, teff in enumerate(TEFF):
         for j, feh in enumerate(FEH):
-            # Of [Fe/H] = -1.5 the copy has 3000-5000 K only: the mean of its neighbours.
+            # For [Fe/H] = -1.5 the copy has only 3000-5000 K: take the mean of its neighbours
             out[i, j] = 0.5 * (ratio(teff, -1.0) + ratio(teff, -2.0)) if feh == -1.5 else ratio(teff, feh)
     return out
 
@@ -147,7 +147,7 @@ def atmospheres(data):
 
 
 def calibrate(ln_s):
-    """Step 4: add to ln_s (TEFF, LOGG, FEH, knots), in place, what the colours of dwarfs ask for."""
+    """Step 4: add to ln_s (TEFF, LOGG, FEH, knots), in place, the correction to the colours of real dwarfs."""
     filters = np.array([response(name) for name in BANDS])
     basis = broken([3600, 4300, 4850, 5450, 6500, 7900])
     table = Table.read(DWARFS, format="ascii.csv", comment="#")
@@ -185,7 +185,7 @@ def white_dwarfs(hot, path):
 
 
 def importance():
-    """Return (TEFF, LOGG + WHITE, FEH): how much a node counts among the components; least where no star is."""
+    """Return (TEFF, LOGG + WHITE, FEH): the nodes' weights for the components; least where there are no stars."""
     t, g, z = np.meshgrid(TEFF, [*LOGG, *WHITE], FEH, indexing="ij")
     out = np.where((t < 5000) & (g < 6), 1.7, 1.0)
     out[(g > 6) & (t < 4000)] = 0.05
@@ -199,7 +199,7 @@ def importance():
 def components(ln_s, weight):
     """Return mean (knots,), components (k, knots) and coefficients (n, k) in -1 ... 1 of ln_s (n, knots).
 
-    Least squares in a metric that counts residuals smooth over 150 A (what moves a broad band) eleven times.
+    Least squares in a metric that weights residuals smooth over 150 A, which change broad bands, eleven times.
     """
     mean = np.average(ln_s, axis=0, weights=weight)
     seen = np.interp(KNOTS, [2000, 2500, 3000], [0.1, 0.5, 1.0])
@@ -226,11 +226,11 @@ def write(out, nodes, mean, basis, coefficients):
     head["CRVAL1"], head["CDELT1"] = (KNOTS[0], "Angstrom, first knot"), (KNOTS[1] - KNOTS[0], "Angstrom")
     for line in SOURCES:
         head["HISTORY"] = line
-    fits.HDUList(hdus).writeto(out, overwrite=True)  # no checksum: it dates the file
+    fits.HDUList(hdus).writeto(out, overwrite=True)  # no checksum, whose comment has the date
 
 
 def report(loss, used):
-    """Print what the components lose in boxes of 1000 A, rms and largest of the nodes in use [mmag]."""
+    """Print the components' errors in boxes of 1000 A, rms and largest over the nodes in use [mmag]."""
     boxes = 1085.7 * loss[..., :-1].reshape(*loss.shape[:3], -1, 200).mean(axis=-1)
     for low, high in ((1900, 2500), (2500, 3500), (3500, 5000), (5000, 10000), (10000, 50001)):
         rows = ((low <= TEFF) & (high > TEFF))[::-1]

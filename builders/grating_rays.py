@@ -1,33 +1,34 @@
-"""Where a grating in front of the detector sends light: trajectories that traces are fitted to (paper, section 4.2).
+"""Trajectories of light behind a grating in front of the detector, to which traces are fitted (paper, section 4.2).
 
-A stand-in for ray tracing. A chief ray that comes from the exit pupil with direction cosines (a, b, c) leaves a grating
-of period g, ruled along y, as (a + k lambda / g, b, ...) in order k, and meets the detector at distance d. Its place
-there, against that without the grating, is
+A substitute for ray tracing. A chief ray from the exit pupil with direction cosines (a, b, c) leaves a grating of
+period g, ruled along y, as (a + k lambda / g, b, ...) in order k, and meets the detector at distance d. Its offset
+there from the position without the grating is
 
     dx = d (a'/c' - a/c),   dy = d (b/c' - b/c)
 
-(conical diffraction: traces bend and tilt as the ray leans), and a wedge of the substrate adds the same to all orders.
-A piece faces the chief ray of its chip's middle. Left out: aberrations of the grating, curved or chirped rulings.
+(conical diffraction: traces bend and tilt for oblique rays). A wedge of the substrate adds the same offset to all
+orders. A piece faces the chief ray of its chip's middle. Left out: aberrations of the grating, curved or chirped
+rulings.
 """
 
 import numpy as np
 
 from csstsim.base.units import UM_PER_MM
 
-POSITIONS, WAVELENGTHS = 10, 8  # a side; along the band (paper, section 4.2)
+POSITIONS, WAVELENGTHS = 10, 8  # along each side; along the band (paper, section 4.2)
 
 
 def trajectories(chip, bounds, sign, filter, numbers, pupil_distance, positions=POSITIONS, wavelengths=WAVELENGTHS):
     """Return {order: (samples, 5)}: m, n [0-based px], lambda [angstrom], and x, y [px] where that light lands.
 
     bounds: (x0, x1, y0, y1) of the direct images; sign: of the first order's direction along x; filter: of the chip;
-    numbers: gratings.yaml; pupil_distance: mm from the exit pupil to the detector, whence chief rays come.
+    numbers: gratings.yaml; pupil_distance: mm from the exit pupil, where chief rays start, to the detector.
     """
     lit = filter.wavelength[filter.throughput > 0]
     wave = np.linspace(lit[0], lit[-1], wavelengths)
     x0, x1, y0, y1 = bounds
     m, n = (v.ravel() for v in np.meshgrid(np.linspace(x0, x1, positions), np.linspace(y0, y1, positions)))
-    # The pieces face the chief ray of the chip's middle, so the boresight does not enter
+    # The pieces face the chief ray of the chip's middle, so the boresight does not matter
     middle = (chip.detector.nx - 1) / 2, (chip.detector.ny - 1) / 2
     lean = (np.stack([m, n], axis=1) - middle) * chip.detector.pixel_um / UM_PER_MM / pupil_distance
     c = 1.0 / np.sqrt(1.0 + (lean**2).sum(axis=1))

@@ -24,14 +24,15 @@ Written by `python builders/make_docs.py` from the models; edit those, not this 
   Paths in it are relative to the folder of that file.
 - An **observation** file (`observations/`) lists the layers an exposure goes through, in order.
 - `instrument/` is the camera as data, `universe/` the embedded universe; every number there has its source.
-- `costs.yaml` has what a job of each rule takes, for `csstsim plan` and `csstsim status`.
-- `curves/` holds response curves of other surveys, for catalogues with magnitudes of theirs.
+- `costs.yaml` has the time and memory of a job of each rule, for `csstsim plan` and `csstsim status`.
+- `curves/` holds response curves of other surveys, for catalogues with magnitudes in their bands.
 
-An unknown key, a wrong type or a value out of range is refused before any work, naming file, key and what is allowed.
+An unknown key, a wrong type or a value out of range is refused before any work; the error names file, key and allowed
+values.
 Editors that read JSON schemas find them in `schema/`.
 """
-LAYERS = """What each takes and leaves: electrons or DN; the window's active pixels, or the readout frame with prescan
-and overscan. "Not before": layers that must stand before it, where the list has them. Their equations:
+LAYERS = """Unit: electrons or DN, before and after the layer. Pixels: the window's active pixels, or the readout frame
+with prescan and overscan. "Not before": layers that must come first if the list has them. Equations:
 [docs/layers.md](../docs/layers.md).
 """
 
@@ -58,7 +59,7 @@ def table(model):
 
 
 def layer_table(modules):
-    """Return the table of all layers {name: module}: what they take, leave, ask for."""
+    """Return the table of all layers {name: module}: units, pixels, order and parameters."""
     lines = ["| layer | stage | unit | pixels | exposures | not before | parameters |", "|---|---|---|---|---|---|---|"]
     for name, module in modules.items():
         unit, pixels = (" to ".join(dict.fromkeys(getattr(module, key, ("either",)))) for key in ("UNITS", "FRAME"))
@@ -87,7 +88,7 @@ def documents():
 
 
 def stale():
-    """Return the paths of what is missing or says something else than the models."""
+    """Return the paths of files that are missing or differ from the models."""
     return [path for path, text in documents().items() if not path.exists() or path.read_text() != text]
 
 

@@ -1,6 +1,6 @@
-"""Write docs/products.md, what every product holds: python builders/make_products.py (--check: only look).
+"""Write docs/products.md, the contents of every product: python builders/make_products.py (--check: only look).
 
-Each description has one home: beside the columns' types in the module that writes the table, or the comment of a
+Each description has one source: next to the columns' types in the module that writes the table, or the comment of a
 keyword in config/instrument/level0_keywords.yaml. tests/docs/test_products.py forbids drift.
 """
 
@@ -27,8 +27,8 @@ PAGE = """# What every product holds
 Written by `python builders/make_products.py` from the code's own tables; edit those, not this page.
 
 Tables are parquet: `csstsim.catalog.table.ObjectTable.read(path)` checks them and gives `table["mag_r"]` and
-`table.meta`; whatever reads parquet reads them. Images are FITS, PSF sets HDF5. px count from 0 at the middle of the
-first pixel, unless "FITS" is said.
+`table.meta`; other parquet readers work, too. Images are FITS, PSF sets HDF5. Pixels count from 0 at the middle of the
+first one, except where "FITS" is stated.
 
 ## Level-0
 
@@ -41,7 +41,7 @@ first pixel, unless "FITS" is said.
 $header0
 ### IMAGE
 
-Structural keywords and the world coordinates come besides.
+It also has structural keywords and the world coordinates, which are not listed here.
 
 $header1
 ### MASK
@@ -51,11 +51,11 @@ If the layer list asks for it, `quantization_and_output: {mask: true}`.
 $mask
 ## Truth
 
-Beside each Level-0 file, `....truth.parquet`, a row for each object that reaches the window. First the 33 columns of
-the C9 `.cat` files:
+`....truth.parquet`, next to each Level-0 file, has a row for each object that reaches the window. First come the 33
+columns of the C9 `.cat` files:
 
 $cat
-What the simulator adds; a catalogue's own columns follow as `user_...`, the embedded universe's spectra as
+The simulator adds the following. A catalogue's own columns follow as `user_...`, the embedded universe's spectra as
 `sed_scale`, `coeff0` ... `coeff19`, `_healpix_29`; B stands for each band of the camera:
 
 $truth
@@ -64,29 +64,29 @@ Bits of `flags`:
 $flags
 ## Truth of orders
 
-`....orders.parquet` beside the Level-0 file of a grating chip: a row for each object and order.
+`....orders.parquet`, next to the Level-0 file of a grating chip, has a row for each object and order.
 
 $orders
 ## Truth bricks
 
 `truth/dataset/Norder=8/Dir=.../Npix=....parquet`; also what a catalogue of your own may give. `csstsim report` writes
-the files that make `truth/` a HATS catalogue, of all bricks (`lsdb.open_catalog("results/demo/truth")`). A brick's
-rows are stars, galaxies, then quasars. Bricks have besides `sed_scale`,
-`coeff0` ... `coeff19` (spectra) and `_healpix_29`. B stands for each band of the camera.
+the files that make `truth/` a HATS catalogue of all bricks (`lsdb.open_catalog("results/demo/truth")`). A brick's
+rows are stars, galaxies, then quasars. Bricks also have `sed_scale`, `coeff0` ... `coeff19` (spectra) and
+`_healpix_29`. B stands for each band of the camera.
 
 $bricks
 ## Measured tables
 
-`measure/{obsid}_{chip}.parquet`, a row for each detection; [measure.md](measure.md) says how.
+`measure/{obsid}_{chip}.parquet` has a row for each detection; [measure.md](measure.md) describes the measurement.
 
 $measured
-Bits of `flags`, which a clean list has none of 4, 8, 64 of:
+Bits of `flags`; for a clean list leave out detections with 4, 8 or 64:
 
 $measured_flags
 ## Spectra
 
-`spectra/{obsid}_{chip}.parquet`, a row for each column of pixels of a spectrum;
-[slitless_extract.md](slitless_extract.md) says how.
+`spectra/{obsid}_{chip}.parquet` has a row for each column of pixels of a spectrum;
+[slitless_extract.md](slitless_extract.md) describes the extraction.
 
 $spectra
 Bits of `flags`:
@@ -94,19 +94,19 @@ Bits of `flags`:
 $spectra_flags
 ## Merged bricks
 
-`merge/dataset/Norder=8/Dir=.../Npix=....parquet`, a HATS catalogue, a row for each source; [merge.md](merge.md) says
-how. B stands for each band of the camera, of the shipped one nuv, u, g, r, i, z, y.
+`merge/dataset/Norder=8/Dir=.../Npix=....parquet`, a HATS catalogue, has a row for each source; [merge.md](merge.md)
+describes the merging. B stands for each band of the camera; the shipped one has nuv, u, g, r, i, z, y.
 
 $merged
 ## Calibrated images
 
-`calibrated/{obsid}_{chip}.fits`: SCI and ERR [electron / s], DQ (bits); [calibration.md](calibration.md) says how.
-HDU 0 keeps of the Level-0 header: $kept.
+`calibrated/{obsid}_{chip}.fits`: SCI and ERR [electron / s], DQ (bits); [calibration.md](calibration.md) describes the
+calibration. HDU 0 keeps these keywords of the Level-0 header: $kept.
 
 $quality
 ## PSF sets
 
-`psf/chip_{chip}.h5`; `csstsim.optics.psf.psf_file.PsfSet(path).at(x, y)` gives the PSF of a place. n = grid^2 nodes.
+`psf/chip_{chip}.h5`; `csstsim.optics.psf.psf_file.PsfSet(path).at(x, y)` gives the PSF at a position. n = grid^2 nodes.
 
 $datasets
 $attributes"""
@@ -119,7 +119,7 @@ def rows(head, lines):
 
 
 def columns(described):
-    """Return the table of {name: (type, text)}, or of {name: text}; neighbours that share all of it are one row."""
+    """Return the table of {name: (type, text)}, or of {name: text}; neighbours with the same entry share a row."""
     lines = []
     for about, names in groupby(described, key=described.get):
         kind, text = about if isinstance(about, tuple) else (None, about)
@@ -171,7 +171,7 @@ def documents():
 
 
 def stale():
-    """Return the paths of what is missing or says something else than the code."""
+    """Return the paths of files that are missing or differ from the code."""
     return [path for path, text in documents().items() if not path.exists() or path.read_text() != text]
 
 

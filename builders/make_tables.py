@@ -1,7 +1,7 @@
-"""Make every table of survey_tables/, and measure what each field's exposures cover.
+"""Make every table of survey_tables/, and measure the coverage of each field.
 
     python builders/make_tables.py [folder]       write the tables (default: survey_tables/)
-    python builders/make_tables.py --coverage     print what each filter covers of the 5 deg2 circles
+    python builders/make_tables.py --coverage     print each filter's coverage of the 5 deg2 circles
 
 Nothing is random: the same code and config/instrument/ give the same bytes. Field centres, sizes and numbers of
 exposures are those of the paper's Cycle-9 runs (Table 2); their real pointings are not public.
@@ -24,7 +24,7 @@ EXPTIME = 150.0  # s, wide survey
 CADENCE = timedelta(seconds=240)  # exposure 150, readout 40, slew and settle 50
 RADIUS = np.sqrt(5.0 / np.pi)  # deg, of 5 deg2
 
-# name: ra, dec, exposures (paper, Table 2), first night worth trying: the field far from the Sun
+# name: ra, dec, exposures (paper, Table 2), first night to try, when the field is far from the Sun
 FIELDS = {
     "w1": (30.0, -48.0, 226, datetime(2027, 10, 10, tzinfo=UTC)),
     "w2": (170.0, -23.0, 228, datetime(2028, 3, 5, tzinfo=UTC)),
@@ -35,14 +35,14 @@ FIELDS = {
 DEMO_TARGET = (60.1172, -40.0330)  # the middle of HEALPix brick 550615, so that one truth brick serves the demo
 DEMO_CHIPS = (12, 14, 8, 9, 7, 11, 6)  # one for each of NUV u g r i z y
 DEMO_DITHER = 200.0  # px
-DEMO_SPECTRA = 29, 2500.0  # chip, a GV one, and column: its left grating then spreads all spectra over the chip
+DEMO_SPECTRA = 29, 2500.0  # a GV chip, and a column whose left grating spreads all spectra over the chip
 
-# What a slot must satisfy; the first keeps the bright Earth's limb at least 55 deg away (400 km orbit).
+# Conditions of a slot; the first keeps the bright Earth's limb at least 55 deg away (400 km orbit)
 ZENITH_MAX, SUN_MIN, MOON_MIN = 55.0, 50.0, 40.0  # deg
 
 
 def slots(camera, ra, dec, first, count):
-    """Return `count` start times from `first` on at which the spacecraft can look at ra, dec."""
+    """Return `count` start times, from `first` on, at which the spacecraft can observe ra, dec."""
     found, when = [], first
     target = _unit(ra, dec)
     while len(found) < count:
@@ -66,20 +66,20 @@ def _sun_and_moon_clear(target, day):
 
 
 def wide_field(camera, name, prefix):
-    """Return the exposures of one field: a grid of pitch below a chip's side, on the field's own tangent plane.
+    """Return the exposures of one field: a grid with a pitch below a chip's side, on the field's tangent plane.
 
     Camera axes stay parallel on that plane (pa follows the meridians), so neighbouring chips tile without wedges.
-    Each chip then covers the whole circle but its rim, and the opposite chip of the same filter the rim.
+    Each chip then covers the circle without its rim, and the opposite chip of the same filter covers the rim.
     """
     ra, dec, count, first = FIELDS[name]
     chip = camera.chips[13]
     plane = ChipWCS(chip, _pointing(ra, dec, PA))
-    reach = RADIUS + 0.17  # deg: beyond the circle, so that opposite chips meet its rim
+    reach = RADIUS + 0.17  # deg: beyond the circle, so that opposite chips cover its rim
     pitch = np.sqrt(np.pi * (reach * 3600 / camera.telescope.pixel_scale) ** 2 / count)
     steps = np.arange(-30, 31) * pitch
     x, y = (axis.ravel() for axis in np.meshgrid(steps, steps + pitch / 2))
     near = np.argsort(np.hypot(x, y).round(3), kind="stable")[:count]
-    # Row by row, there and back, the way a telescope would walk.
+    # Row by row in alternating directions, which keeps slews short
     row = np.round(y[near] / pitch - 0.5).astype(int)
     near = near[np.lexsort((np.where(row % 2, -1, 1) * x[near], row))]
     dither = 0.02 * pitch * np.cos(2.4 * np.arange(count)), 0.02 * pitch * np.sin(2.4 * np.arange(count))
@@ -95,7 +95,7 @@ def wide_field(camera, name, prefix):
 
 
 def demo(camera):
-    """Return 15 exposures of one target: on a chip of each imaging band, twice, a quarter turn apart; on a GV chip."""
+    """Return 15 exposures of one target: two a quarter turn apart on a chip of each imaging band, one on a GV chip."""
     exposures = []
     times = slots(camera, *DEMO_TARGET, datetime(2027, 11, 20, tzinfo=UTC), 2 * len(DEMO_CHIPS) + 1)
     for pa in (PA, PA + 90.0):
@@ -140,7 +140,7 @@ def covered(camera, exposures, ra, dec, samples=4000):
 
 
 def write(path, exposures, comment):
-    """Write a survey table; rows carry no spacecraft state, which then follows from the orbit model."""
+    """Write a survey table; its rows have no spacecraft state, which then follows from the orbit model."""
     lines = [f"# {comment}", "# made by make_tables.py; columns: README.md", "obsid,type,ra,dec,pa,time,exptime"]
     lines += [f"{e.obsid},{e.type},{e.ra:.6f},{e.dec:.6f},{e.pa:.4f},{e.time},{e.exptime:g}" for e in exposures]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
@@ -157,7 +157,7 @@ def make_all(folder, camera):
 
 
 def _pointing(ra, dec, pa, obsid="000000000", time="2027-01-01T00:00:00", kind="SCIE", exptime=EXPTIME):
-    state = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))  # not written, and no geometry here depends on it
+    state = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))  # not written and not used here
     return Pointing(obsid, kind, float(ra), float(dec), float(pa), time, exptime, *state)
 
 

@@ -3,9 +3,9 @@
     GridSeds(read_ck04("ck04models"), extinction_curve)
 
 has the interface of `star_sed.StarSeds`. Fluxes are erg / s / cm2 / angstrom at the surface of the star, averaged over
-the 5 A about each knot (the exact mean of the broken line through the file's samples), so a grid of any resolution
-keeps its photometry. A node that the grid lacks takes the spectrum of the nearest one it has, in log g before
-[Fe/H] before Teff.
+the 5 A about each knot (the exact mean of the piecewise linear curve through the file's samples), so a grid of any
+resolution keeps its photometry. A node missing in the grid gets the spectrum of the nearest existing one: it differs in
+log g rather than in [Fe/H], and in [Fe/H] rather than in Teff.
 """
 
 import bz2
@@ -45,8 +45,8 @@ class Grid:
 def read_ck04(folder):
     """Return the Grid below `folder`, in the form of STScI's ck04models (ckp00/ckp00_5750.fits, columns g00 ... g50).
 
-    Files, not catalog.fits, say what is there; a column of zeros is a model that does not exist. Raises InputError
-    for a folder without such files or a file that cannot be read.
+    The models are those of the files found, whatever catalog.fits lists; a column of zeros is a missing model. Raises
+    InputError for a folder without such files or a file that cannot be read.
     """
     rows = [row for path in _found(folder, "ck[pm]??/*.fits") for row in _ck04_file(path)]
     return _grid(folder, rows)
@@ -78,14 +78,14 @@ def _btsettl_file(path):
     if not name:
         raise InputError("the name does not give Teff, log g and [Fe/H]", file=path, allowed="lte058.0-4.5-0.0a+0.0...")
     with reading(path, "a BT-Settl spectrum"), _OPEN.get(path.suffix, open)(path, "rt") as file:
-        # A minus sign after a digit starts a column (an exponent's follows its letter).
+        # A minus sign after a digit starts a column; that of an exponent follows its letter
         lines = (re.sub(r"(?<=[\d.])-", " -", line.upper().replace("D", "E")).split() for line in file)
         lines = [line for line in lines if line and not line[0].startswith("#")]
         logarithmic = len(lines[0]) > 2
         wave, flux = np.array([line[:2] for line in lines], dtype=float).T
     wave, first = np.unique(wave, return_index=True)
     flux = 10 ** (flux[first] + _BTSETTL_DF) if logarithmic else flux[first]
-    # The sign before log g is the name's hyphen: "-4.5" is log g 4.5.
+    # The sign before log g is a hyphen of the name: "-4.5" is log g 4.5
     return 100 * float(name["teff"]), -float(name["logg"]), float(name["feh"]), resample(path, wave, flux)
 
 
@@ -111,7 +111,7 @@ def _found(folder, pattern):
 
 
 def resample(path, wave, flux):
-    """Return the mean of the broken line through wave (m,), flux (..., m) over the 5 A about each knot, (..., 1801)."""
+    """Return means (..., 1801), over 5 A about each knot, of the piecewise linear flux (..., m) at wave (m,)."""
     half = 0.5 * (KNOTS[1] - KNOTS[0])
     cells = np.append(KNOTS - half, KNOTS[-1] + half)
     covers = len(wave) > 1 and wave[0] <= cells[0] and wave[-1] >= cells[-1] and (np.diff(wave) > 0).all()
@@ -145,7 +145,7 @@ class GridSeds(Seds):
 
     def __init__(self, grid, extinction_curve):
         axes = [np.unique(5040.0 / grid.teff), np.unique(grid.logg), np.unique(grid.feh)]
-        # An axis of one value becomes a cell of no consequence.
+        # An axis of one value gets a second node, which has no effect
         nodes = [axis if len(axis) > 1 else np.append(axis, axis + 1.0) for axis in axes]
         self._table = np.empty([len(axis) for axis in nodes], dtype=int)
         for i, theta in enumerate(nodes[0]):

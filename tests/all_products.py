@@ -1,4 +1,4 @@
-"""Every stage of a small campaign in one process, and a digest of each product: a program for tests of equal bits.
+"""Run every stage of a small campaign in one process and digest each product: a program for tests of equal bits.
 
 python all_products.py FOLDER: makes campaigns in FOLDER (one science exposure of an imaging and a grating chip in the
 middle of a brick, and bias, dark and lamp exposures) and prints {name of a product: digest} as JSON.

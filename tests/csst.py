@@ -1,4 +1,4 @@
-"""What tests need to know of the shipped camera without reading it: bands, pixel, how its filters are drawn."""
+"""Facts about the shipped camera for tests that do not read it: bands, pixel, how its filters are drawn."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Charge transfer once more, in the clock's order and in plain Python, for the tests of columns and of rows."""
+"""Charge transfer in the clock's order in plain Python, for the tests of columns and of rows."""
 
 import numpy as np
 

@@ -1,6 +1,6 @@
-"""A spot in a column as arcticpy moves it (csstsim.bench.readout.arctic), for the tests.
+"""A spot in a column after arcticpy's transfer (csstsim.bench.readout.arctic), for the tests.
 
-Why `overscan_start` is set: docs/detector_cti.md.
+docs/detector_cti.md says why `overscan_start` is set.
 """
 
 import numpy as np

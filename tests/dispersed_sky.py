@@ -1,4 +1,4 @@
-"""A user's catalogue, of the paper's four methods alone, behind a grating."""
+"""A user's catalogue with only the paper's four methods, behind a grating."""
 
 import numpy as np
 from astropy.table import Table

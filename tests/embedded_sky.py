@@ -1,4 +1,4 @@
-"""The shipped embedded universe for tests, loaded once; its band tables cost seconds and stay with it."""
+"""The shipped embedded universe for tests, loaded once, because its band tables take seconds."""
 
 import shutil
 import tempfile

@@ -1,7 +1,7 @@
-"""Faults for a campaign's chain: each a context in which one step of one exposure goes wrong, as a bug or a slip would.
+"""Faults for a campaign's chain: each is a context in which one step of one exposure goes wrong, as by a bug.
 
-A fault changes what the chain's own functions do, never the products by hand; `STAGE` is the first stage that it
-touches: chip, measure or merge.
+A fault changes the chain's own functions, never the products; `STAGE` is the first stage that it affects: chip, measure
+or merge.
 """
 
 from dataclasses import dataclass, replace

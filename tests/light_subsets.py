@@ -1,17 +1,17 @@
-"""Subsets of what may be left out of the light of a science exposure, and what holds of each of them.
+"""Subsets of the optional parts of a science exposure's light, and the conditions that each must meet.
 
-A subset names a chip, a fidelity, a kind of object and its magnitude, and which losses, parts of the PSF and layers are
-left out; its scene is objects of that kind on a window, seen through `csstsim.Simulation`. `departures` gives, in units
-of their errors:
+A subset names a chip, a fidelity, a kind of object and its magnitude, and the losses, parts of the PSF and layers that
+are left out. Its scene has objects of that kind on a window, drawn by `csstsim.Simulation`. `departures` gives, in
+units of their errors:
 
-* account: electrons in the planes less those the truth says were drawn; error ACCOUNT of the light.
-* nominal: drawn of the fidelity `noise_free`, less nominal electrons times losses at each object times the share of
-  light that falls on the window, by closed forms; error NOMINAL. Where losses and shares are smooth enough to say.
-* mean: light within 6 px of objects, within 40 px, and further off, less that of `noise_free`; error: Poisson noise of
+* account: electrons in the planes minus those that the truth states as drawn; error: ACCOUNT of the light.
+* nominal: electrons drawn by the fidelity `noise_free`, minus nominal electrons times losses at each object times the
+  share of light on the window, by closed forms; error: NOMINAL. Only where losses and shares are smooth enough.
+* mean: light within 6 px of objects, within 40 px, and further off, minus that of `noise_free`; error: Poisson noise of
   the objects and SAME of their light.
-* variance: chi^2 of an image read out without a detector's faults, less the number of pixels, about the expectation of
-  `noise_free`; error: that of chi^2 of Poisson numbers. Not where the truth's `error` says that the method, another one
-  than that of `noise_free`, is wrong by more than the noise: `preview` draws the brightest so.
+* variance: chi^2, about the expectation of `noise_free`, of an image read out by an ideal detector, minus the number of
+  pixels; error: that of chi^2 of Poisson numbers. Left out if the truth's `error` states that the method, unlike
+  `noise_free`'s, is wrong by more than the noise: so `preview` draws the brightest.
 """
 
 from dataclasses import dataclass, field, replace

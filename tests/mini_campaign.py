@@ -1,4 +1,4 @@
-"""A whole campaign small enough for a test: tiny chips, a thin universe or a catalogue of known stars."""
+"""A whole campaign small enough for a test: tiny chips, a thinned universe or a catalogue of known stars."""
 
 import shutil
 import time

@@ -1,7 +1,7 @@
 """A real Slurm of one node for tests: munged, slurmctld and slurmd on loopback, started here and ended by their pids.
 
-The node daemon lives in a mount namespace of its own with a tmpfs on `scratch`: jobs write there, and nobody outside
-sees it, as on a cluster whose nodes have disks of their own. Memory is enforced (polled each second, no cgroups).
+The node daemon runs in its own mount namespace with a tmpfs on `scratch`: jobs write there, invisibly from outside, as
+on a cluster whose nodes have their own disks. Memory is enforced (polled each second, no cgroups).
 """
 
 import os

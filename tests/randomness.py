@@ -1,11 +1,11 @@
-"""Which random numbers a chip asks for, and who asks: a recorder of csstsim.base.rng and csstsim.base.counter.
+"""Record which random numbers a chip draws, and by which code (csstsim.base.rng and csstsim.base.counter).
 
 As a program, `NUMBA_DISABLE_JIT=1 python randomness.py FOLDER`, it runs small but complete chips in pure Python, where
-every word of a counter is seen, and prints the faults as JSON, {exposure: [fault, ...]}, beside what was seen.
+every word of a counter is seen, and prints the faults as JSON, {exposure: [fault, ...]}, with the records.
 
-A name (the whole key of a stream) is asked for once in an exposure if it is the exposure's; a pattern that lasts (of
-the chip, a channel, the camera) may be drawn again, but by one line of code only. A word of a counter is asked for once
-and each of its halves is used once. What is declared in SHARED may be more.
+The name of a stream (its whole key) is used once per exposure if it is the exposure's; a fixed pattern (of the chip, a
+channel, the camera) may be drawn again, but by one line of code only. A word of a counter is used once, and so is each
+of its halves. Exceptions are declared in SHARED.
 """
 
 import json

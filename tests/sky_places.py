@@ -1,4 +1,4 @@
-"""Geometry for tests of the sky: the shipped numbers, and a spacecraft over a given point under a given Sun."""
+"""Geometry for tests of the sky: the shipped numbers, and a spacecraft over a given point with a given Sun."""
 
 from functools import cache
 

@@ -1,6 +1,6 @@
-"""What stacks of calibration frames say about the channels of a chip: estimators in numpy alone, and their errors.
+"""Estimators, in numpy alone, of a chip's channels from stacks of calibration frames, and their errors.
 
-Of frames in DN above the bias level; nothing here knows how the frames were made. All errors are one sigma.
+Frames are in DN above the bias level; the estimators do not use how they were made. All errors are one sigma.
 """
 
 import numpy as np

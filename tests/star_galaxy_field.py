@@ -1,4 +1,4 @@
-"""A campaign of one small field: stars bright, faint and saturated, galaxies, and blends, in two filters."""
+"""A campaign of one small field: bright, faint and saturated stars, galaxies, and blends, in two filters."""
 
 import csv
 

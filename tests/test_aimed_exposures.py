@@ -1,4 +1,4 @@
-"""Exposures made in Python: noise of their own, one detector; two of one time differ by noise alone."""
+"""Exposures made in Python: own noise, one detector; two of the same time differ by noise alone."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The Python surface: the same pixels as the files, copies that leave the original alone, tables as catalogues."""
+"""The Python interface: the same pixels as in the files, copies that leave the original alone, tables as catalogues."""
 
 import copy
 import importlib

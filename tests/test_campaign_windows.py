@@ -1,4 +1,4 @@
-"""Windows of regions behind gratings, exposures enough for masters, one exposure time, and what recipes hang on."""
+"""Windows of regions behind gratings, enough exposures for masters, one exposure time, dependences of recipes."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""config/README.md and config/schema/ say what the models say."""
+"""config/README.md and config/schema/ agree with the models."""
 
 import runpy
 from pathlib import Path

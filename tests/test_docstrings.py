@@ -1,11 +1,11 @@
-"""What docstrings of the public surface must say: source, shapes, units, errors. ruff's D1 asks that they are there.
+"""Docstrings of the public interface state source, shapes, units and errors. ruff's D1 requires that they exist.
 
-Read from the source, without importing it. A function is held to say
+They are read from the source, without importing it. A function must state
     units    if it calculates
-    shapes   if it makes an array or looks at the shape of one
+    shapes   if it makes an array or uses the shape of one
     errors   if it raises one that a caller may meet, itself or in a private helper of its module
-and a module to name what it is taken from: the paper's section, an equation, a reference or a data file. Methods count
-as functions, and __init__ as its class. Words cannot tell whether what is said is true; that is for review.
+and a module its source: the paper's section, an equation, a reference or a data file. Methods count as functions, and
+__init__ as its class. The test cannot tell whether a statement is true; that is for review.
 """
 
 import ast

@@ -1,4 +1,4 @@
-"""pre-commit runs what `make checks` runs, apart from the site, which takes longer than a commit."""
+"""pre-commit runs the same checks as `make checks`, except for the site, which takes too long for a commit."""
 
 from pathlib import Path
 

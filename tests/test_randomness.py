@@ -1,6 +1,6 @@
-"""Each random number is used for one thing: what chips, calibration exposures and truth bricks ask for is recorded.
+"""Each random number is used once: the draws of chips, calibration exposures and truth bricks are recorded.
 
-Where one word gives two numbers by its halves, or one stream two scatters, the pairs must not be correlated.
+Two numbers from the halves of one word, or two scatters from one stream, must not be correlated.
 """
 
 import json

@@ -1,7 +1,7 @@
-"""What a stage reads while it runs, noted as it does: nothing that its recipe lacks, and little that it has in vain.
+"""Record what a stage reads while it runs: its recipe must have all of that, and little else.
 
-tests/test_recipe.py holds recipes against a table of what is known. Here nobody has to know: each look at a number of
-the camera or a key of the campaign is written down.
+tests/test_recipe.py compares recipes with a table of known dependences. Here no table is needed: each read of a number
+of the camera or a key of the campaign is recorded.
 """
 
 import sys

@@ -1,7 +1,7 @@
-"""What decides pixels, and what does not: each key of a campaign file is declared here, and the recipes must agree.
+"""Each key of a campaign file is declared here as changing pixels or not, and the recipes must agree.
 
-A key that moves pixels and is not in the recipe lets a changed campaign keep its old pixels; one in it that does not
-has everything made again for nothing. A key that is new is not in the table, and the test says so.
+If a key that changes pixels is missing in the recipe, a changed campaign keeps its old pixels. If a key that does not
+is in it, all is made again for nothing. The test fails for a new key that is not in the table.
 """
 
 import functools

@@ -1,4 +1,4 @@
-"""What docs/limits.md says of windows: light and detector are the chip's, noise is the window's own."""
+"""Statements of docs/limits.md about windows: light and detector are the chip's, noise is the window's own."""
 
 import numpy as np
 import pytest

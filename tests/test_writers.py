@@ -1,8 +1,8 @@
-"""Whatever writes a file writes it to the temporary of base.files.atomic: read off the source, so that none is missed.
+"""All code that writes a file writes to base.files.atomic's temporary; found in the source, so that none is missed.
 
-A call that makes or changes a file is found by its name (and by its mode, where it may as well read). The file must be
-a variable that `with atomic_path(...) as variable` binds around the call, in the same function, or an argument of a
-function of HELPERS, whose callers are then held to the same.
+A call that makes or changes a file is found by its name (and by its mode if it may also read). The file must be a
+variable that `with atomic_path(...) as variable` binds around the call in the same function, or an argument of a
+function of HELPERS, whose callers must then meet the same condition.
 """
 
 import ast

@@ -1,4 +1,4 @@
-"""Running the workflow on a small campaign, and what its products hold: for tests that compare two runs."""
+"""Runs the workflow on a small campaign and reads its products' contents, for tests that compare two runs."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""Atomic writing: the file is whole or as it was."""
+"""Atomic writing: a file is either complete or unchanged."""
 
 import errno
 import os

@@ -1,4 +1,4 @@
-"""Random words and Poisson numbers against the distributions they should have. Seeds fixed; limits in sigma."""
+"""Random words and Poisson numbers against their distributions. Seeds are fixed; limits in sigma."""
 
 import numba
 import numpy as np

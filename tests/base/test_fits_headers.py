@@ -1,4 +1,4 @@
-"""Headers of FITS files walked through block by block: what is data is not taken for a header."""
+"""Headers of FITS files read block by block: data are not taken for a header."""
 
 import numpy as np
 import pytest

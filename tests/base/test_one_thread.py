@@ -1,4 +1,4 @@
-"""The same bits whatever the number of threads of the libraries below: of each product, and in each stage."""
+"""Products of each stage have the same bits for any number of threads in the libraries used."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""Campaign files of another layout and products of another release are refused, with what to do."""
+"""Campaign files of another layout and products of another release are refused, with advice."""
 
 import json
 

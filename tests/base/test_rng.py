@@ -1,4 +1,4 @@
-"""Streams named by words: the same words the same numbers, other words other numbers."""
+"""Streams named by words: equal words give equal numbers, other words other numbers."""
 
 import numpy as np
 import pytest

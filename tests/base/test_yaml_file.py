@@ -1,4 +1,4 @@
-"""YAML is read strictly: what is not one plain meaning is refused, in one line with its place."""
+"""YAML is read strictly: ambiguous content is refused in one line that says where it is."""
 
 import pytest
 

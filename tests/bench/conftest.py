@@ -1,4 +1,4 @@
-"""A PSF set of 3 x 3 nodes in the r band, made once, and what `csstsim bench` keeps beside it."""
+"""A PSF set of 3 x 3 nodes in the r band, made once, with the files that `csstsim bench` keeps next to it."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""`csstsim bench` on a tiny set: tables and chart are written; what it cannot do is refused in one line."""
+"""`csstsim bench` on a tiny set: tables and chart are written; bad input is refused in one line."""
 
 import csv
 

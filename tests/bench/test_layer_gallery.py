@@ -1,4 +1,4 @@
-"""The gallery of the layers leaves none out, and shows a layer alone on the pixels it is given."""
+"""The gallery shows every layer, and each alone on the pixels it is given."""
 
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Association: against the definition written out in loops, the tolerance by hand, chains, rivals of one frame."""
+"""Association: against its definition written as loops, the tolerance by hand, no chains, rivals in one frame."""
 
 import numpy as np
 import pytest

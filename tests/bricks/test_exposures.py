@@ -1,4 +1,4 @@
-"""One exposure of four is wrong: its own gate fails and names it; whatever the others say, and however few they are."""
+"""If one of four exposures is wrong, its own gate fails and names it, however few its sources are."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Gates and what they judge, by hand: chance forgiven the right way, rows to the amplifier, blends, depth, sizes."""
+"""Gates and their inputs, by hand: the sign of the tolerance, rows to the amplifier, blends, depth, sizes."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""A campaign that is right passes its gates; one with a fault in the chain fails the gate of that fault, by name."""
+"""A sound campaign passes its gates; one with a fault in its chain fails the gate of that fault."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""The catalogue of all merged bricks, read back as the HATS layout asks: by its own files and nothing else."""
+"""The catalogue of all merged bricks, read as the HATS layout requires: from its own files alone."""
 
 import csv
 

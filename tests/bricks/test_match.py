@@ -1,4 +1,4 @@
-"""One to one: against the definition written out in loops; and so wherever truth and measurement meet."""
+"""One-to-one matching against its definition written as loops, and where truth and measurement are matched."""
 
 import time
 from functools import partial

@@ -1,4 +1,4 @@
-"""Merging: photometry of repeated visits, pairs, what is credible, rows that are no measurement, the file."""
+"""Merging: photometry of repeated visits, pairs, credible sources, rows without a measurement, the file."""
 
 import healpy
 import numpy as np

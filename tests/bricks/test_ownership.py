@@ -1,4 +1,4 @@
-"""Who owns a source: one brick, with every detection, wherever they lie about borders, corners, RA 0 and the poles."""
+"""Each source belongs to one brick, with all detections: at borders, corners, RA 0 and the poles."""
 
 import healpy
 import numpy as np

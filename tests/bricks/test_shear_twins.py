@@ -1,4 +1,4 @@
-"""Shear of twins: intrinsic shapes cancel, m and c put in come out, what one twin alone has does not count."""
+"""Shear from twins: intrinsic shapes cancel, m and c are recovered, galaxies of one twin only do not count."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Expected costs of jobs: which jobs there are, how their costs grow, a file that cannot be used."""
+"""Expected costs of jobs: the list of jobs, how their costs grow, an unusable file."""
 
 import pytest
 from mini_campaign import POINTINGS, THIN, write_campaign, write_scene

@@ -1,4 +1,4 @@
-"""What a campaign selects, and its plan."""
+"""A campaign's selection and its plan."""
 
 import functools
 import operator

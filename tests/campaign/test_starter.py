@@ -1,4 +1,4 @@
-"""`csstsim init`: a folder that works as it is, with the shipped sky and with objects of one's own."""
+"""`csstsim init`: the folder works unchanged, with the shipped sky and with a user's own objects."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""`csstsim status`: what is wanted and made, the pace, the time left, jobs that failed."""
+"""`csstsim status`: wanted and finished products, the pace, the time left, failed jobs."""
 
 import os
 import socket

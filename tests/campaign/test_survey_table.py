@@ -1,4 +1,4 @@
-"""The survey table's reader, row by row, and the tables that ship."""
+"""The survey table's reader, row by row, and the shipped tables."""
 
 import importlib
 import time

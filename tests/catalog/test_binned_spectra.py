@@ -1,4 +1,4 @@
-"""Spectra in bins against the sums over the paper's grid (embedded_spectra): the same light, line by line."""
+"""Spectra in bins against sums over the paper's grid (embedded_spectra): the same light, line by line."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Bricks of a footprint: none missing, at poles and across RA 0, against points scattered over the grown polygon."""
+"""Bricks of a footprint are complete, also at poles and across RA 0: against random points in the grown polygon."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""Cycle-9 input catalogues, on small files written here in that form."""
+"""Cycle-9 input catalogues, on small files written here in their format."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Light of a table's objects without samples of their spectra: the same as with them, for any colours, and cheap."""
+"""Light of a table's objects without sampled spectra: equal to that with them, for any colours, and cheap."""
 
 import time
 

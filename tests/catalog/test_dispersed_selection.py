@@ -1,4 +1,4 @@
-"""Which objects send light through the gratings to a window: none that lands is missed, few are kept for nothing."""
+"""Selection of objects whose light reaches a window through gratings: none is missed, few are superfluous."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The bound of what an object can give through a grating; objects of a brick: test_select."""
+"""The bound of an object's light through a grating; for the objects of a brick see test_select."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""A table as a catalogue: magnitudes kept in every band, blanks, units, and what is refused."""
+"""A table as a catalogue: magnitudes kept in every band, blanks, units, and refused tables."""
 
 import numpy as np
 import pytest

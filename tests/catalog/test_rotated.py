@@ -1,4 +1,4 @@
-"""The twin campaign of rotated shapes: ellipticities turned by 90 degrees, everything else the same."""
+"""The twin campaign of rotated shapes: ellipticities are turned by 90 degrees, all else is the same."""
 
 import numpy as np
 from csst import BANDS, MARGIN

@@ -1,4 +1,4 @@
-"""Selection of a chip's objects: who is in, how bright, how large, what is flagged, and that nothing vanishes."""
+"""Selection of a chip's objects: which, how bright, how large, which flags; none vanishes."""
 
 from dataclasses import replace
 

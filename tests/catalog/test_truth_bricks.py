@@ -1,4 +1,4 @@
-"""Bricks: exact tiling, determinism, densities against the anchors, files that refuse to lie."""
+"""Bricks: exact tiling, determinism, densities against the anchors, damaged or foreign files refused."""
 
 import shutil
 

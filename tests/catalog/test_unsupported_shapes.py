@@ -1,4 +1,4 @@
-"""Columns that say of a galaxy what is not drawn are refused; the advice makes the galaxy that was meant."""
+"""Columns of galaxy properties that are not drawn are refused; following the advice gives the intended galaxy."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""A catalogue of the user's own: the paper's four methods, reached by dotted path, and its mistakes."""
+"""A user's own catalogue: the paper's four methods, found by dotted path, and mistakes in it."""
 
 import re
 import sys

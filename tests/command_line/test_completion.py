@@ -1,4 +1,4 @@
-"""What a shell is offered: click's own completion, with the exposures and chips of the campaign."""
+"""Shell completion by click, with the exposures and chips of the campaign."""
 
 import os
 import shutil

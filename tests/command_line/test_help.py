@@ -1,4 +1,4 @@
-"""The help: verbs in groups, a line each; every verb has an example, and the examples are commands that parse."""
+"""The help: verbs in groups, one line each; every verb has an example, and the examples are valid commands."""
 
 import shlex
 

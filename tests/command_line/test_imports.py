@@ -1,4 +1,4 @@
-"""What the stages of a chip, a process each, leave alone: libraries they do not need cost more than what they do."""
+"""The stages of a chip import no library they do not need, which would cost more than their own work."""
 
 import os
 import subprocess

@@ -1,4 +1,4 @@
-"""-v and -q, before the verb and after it; the page an error names."""
+"""-v and -q before and after the verb; the help page that an error names."""
 
 import logging
 import re

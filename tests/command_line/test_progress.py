@@ -1,4 +1,4 @@
-"""Bars for a person at a terminal, nothing for a log."""
+"""Progress bars at a terminal, none in a log."""
 
 import io
 import os

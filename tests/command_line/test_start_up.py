@@ -1,4 +1,4 @@
-"""What `import csstsim` and `csstsim --help` leave alone: benchmarks/start_up.py measures what that is worth."""
+"""`import csstsim` and `csstsim --help` import little; benchmarks/start_up.py measures the time saved."""
 
 import subprocess
 import sys

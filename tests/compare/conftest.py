@@ -1,4 +1,4 @@
-"""Two runs of the small campaign, each in its own folder; copies of the first to spoil."""
+"""Two runs of the small campaign, each in its own folder, and copies of the first to damage."""
 
 import shutil
 

@@ -1,4 +1,4 @@
-"""`csstsim compare`: two runs are the same; what is put in is found, named and measured, and nothing else is."""
+"""`csstsim compare`: equal runs are the same; each change put in is found, named and measured, and nothing else."""
 
 import json
 import os

@@ -1,4 +1,4 @@
-"""The same pixels of Level-0 in every layout, compressed or not, are the same; a pixel that is not is found in each."""
+"""Level-0 pixels compare as equal in every layout, compressed or not; a changed pixel is found in each."""
 
 from itertools import combinations
 

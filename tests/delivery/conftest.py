@@ -1,4 +1,4 @@
-"""Copies of the finished campaign to spoil."""
+"""Copies of the finished campaign to damage."""
 
 import shutil
 

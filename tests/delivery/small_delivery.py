@@ -1,4 +1,4 @@
-"""A small campaign run to its report by the commands, with every kind of product but truth bricks and masters."""
+"""A small campaign run by the commands up to its report, with every product but truth bricks and masters."""
 
 import numpy as np
 import yaml

@@ -1,4 +1,4 @@
-"""Ways to spoil a product: by accident, and so that its checksums still hold."""
+"""Ways to damage a product: by accident, and so that its checksums still hold."""
 
 import json
 

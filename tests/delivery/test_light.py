@@ -1,4 +1,4 @@
-"""Charge in an image against the budget of its truth: conserved through every layer, windows and clipping included."""
+"""Charge in an image against its truth's sum: conserved through every layer, windows and clipping included."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The manifest: sha256sum reads it, it is the same each time, each change is found, hostile lines are refused."""
+"""The manifest: sha256sum reads it, it is reproducible, each change is found, hostile lines are refused."""
 
 import shutil
 import subprocess

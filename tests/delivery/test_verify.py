@@ -1,4 +1,4 @@
-"""Every kind of fault, put into a sound campaign, is found and named; a sound one has none."""
+"""Every kind of fault put into a sound campaign is found and named; a sound one has none."""
 
 import os
 from functools import cache

@@ -1,4 +1,4 @@
-"""Covariances of flats: what is put in comes out; limits are 5 sigma."""
+"""Covariances of flats: the areas put in are recovered; limits are 5 sigma."""
 
 import bfe_fit
 import numpy as np

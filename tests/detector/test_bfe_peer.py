@@ -1,7 +1,7 @@
 """Spots against GalSim's SiliconSensor (a Poisson solver's pixel shapes), as in the paper's figure.
 
-The kernel is made of the areas that the sensor itself gives the pixels around a charge. Three spots of 3e5 e- without
-diffusion on the same photons: growth of the widths to 2% (1 sigma). Ours is 13% larger (docs/detector_charge.md).
+The kernel is made from the sensor's own pixel areas around a charge. Three spots of 3e5 e-, without diffusion and of
+the same photons, give the growth of the widths to 2% (1 sigma). csstsim's is 13% larger (docs/detector_charge.md).
 """
 
 import galsim

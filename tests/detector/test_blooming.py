@@ -1,6 +1,6 @@
 """Spilled charge against pixel-by-pixel toppling, closed forms, symmetry and its limits.
 
-Runs' ends are rounded to float32: 0.004 e- below 90,000 e-; TOLERANCE is ten times as much.
+The ends of runs are rounded to float32, 0.004 e- below 90,000 e-; TOLERANCE is ten times that.
 """
 
 import numpy as np

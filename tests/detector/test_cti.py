@@ -1,4 +1,4 @@
-"""Charge transfer against the clock's own order, closed forms, another code, and what must not happen to charge."""
+"""Charge transfer against the clock's own order, closed forms and another code; charge is conserved."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Charge transfer of evenly lit columns against closed forms: the trail behind them, and the noise that traps take."""
+"""Charge transfer of evenly lit columns against closed forms: the trail behind them, and the noise lost to traps."""
 
 import numpy as np
 import pytest

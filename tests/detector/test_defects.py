@@ -1,4 +1,4 @@
-"""Defects: numbers, places and values against the paper's distributions."""
+"""Defects: numbers, positions and values against the paper's distributions."""
 
 from dataclasses import replace
 

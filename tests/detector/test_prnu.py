@@ -1,4 +1,4 @@
-"""The pixels' response: its distribution, its bound, and that a window sees the chip's."""
+"""The pixels' response: its distribution and bound; a window has the chip's values."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Transfer of rows through a register against the clock's own order, closed forms, and what must not happen."""
+"""Transfer of rows through a register against the clock's own order and closed forms; charge is conserved."""
 
 import numpy as np
 import pytest

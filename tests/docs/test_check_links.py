@@ -1,4 +1,4 @@
-"""docs/check_links.py finds what leads nowhere in a site, and nothing else."""
+"""docs/check_links.py finds broken links in a site, and nothing else."""
 
 import runpy
 from pathlib import Path

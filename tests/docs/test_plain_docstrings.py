@@ -1,4 +1,4 @@
-"""docs/plain_docstrings.py shows docstrings as they are meant: names as code, tables as they stand, no markup else."""
+"""docs/plain_docstrings.py shows docstrings as intended: names as code, tables verbatim, no other markup."""
 
 import runpy
 from pathlib import Path

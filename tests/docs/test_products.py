@@ -1,4 +1,4 @@
-"""docs/products.md says what the code says, and has every column of the tables that are written."""
+"""docs/products.md agrees with the code and has every column of the tables that are written."""
 
 import re
 import runpy

@@ -1,4 +1,4 @@
-"""`csstsim doctor`: a good installation, and each way to be ill."""
+"""`csstsim doctor`: a sound installation, and each kind of faulty one."""
 
 import importlib.metadata
 import os

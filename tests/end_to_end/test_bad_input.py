@@ -1,4 +1,4 @@
-"""Bad input: one line naming file, key, value and what is allowed; exit code 2; nothing left behind."""
+"""Bad input gives one line with file, key, value and allowed values, exit code 2, and no files left."""
 
 import pytest
 import yaml

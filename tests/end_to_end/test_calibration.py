@@ -1,4 +1,4 @@
-"""Bias, dark and LED-flat exposures from table to Level-0 file, and the flat of a science frame taken out again."""
+"""Bias, dark and LED-flat exposures from table to Level-0 file; the flat of a science frame is removed."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Whole chips through the commands: where the light falls, how much of it, and what the files say."""
+"""Whole chips through the commands: position and amount of light, and contents of the files."""
 
 import subprocess
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Stars of known magnitude on a GV chip's window, through every layer, and back from the Level-0 file."""
+"""Stars of known magnitude on a GV chip's window, through every layer, are recovered from the Level-0 file."""
 
 import numpy as np
 import pytest

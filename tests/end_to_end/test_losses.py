@@ -1,4 +1,4 @@
-"""Flat field and shutter from the option to the file: what is drawn, what the truth counts, what is measured."""
+"""Flat field and shutter, from the option to the file: drawn light, counts in the truth, measurements."""
 
 import numpy as np
 import pytest

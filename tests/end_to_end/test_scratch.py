@@ -1,4 +1,4 @@
-"""A chip's stages hand on through a scratch folder, of the option or the environment; products go to the output."""
+"""A chip's stages pass files on in a scratch folder (option or environment); products go to the output."""
 
 import pytest
 from click.testing import CliRunner

@@ -1,7 +1,7 @@
-"""Stacks of bias, dark and LED-flat frames, every layer of the detector on, give back what was configured, per channel.
+"""Stacks of bias, dark and LED-flat frames with every detector layer reproduce the configured numbers of each channel.
 
-16 channels of 256 x 256 pixels in both halves of a small chip. benchmarks/calibration_stacks.py does the same on a real
-chip with ccdproc, and for more quantities. Each channel is within 5 sigma, sigma from the noise of its own pixels.
+A small chip has 16 channels of 256 x 256 pixels in both halves. benchmarks/calibration_stacks.py does the same on a
+real chip with ccdproc, for more quantities. Each channel is within 5 sigma, from the noise of its own pixels.
 """
 
 import numpy as np

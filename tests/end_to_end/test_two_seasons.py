@@ -1,4 +1,4 @@
-"""One field half a year apart: the stars change pixels by the aberration, and come back to one place on the sky."""
+"""One field half a year apart: aberration moves the stars to other pixels, but their sky positions agree."""
 
 import json
 

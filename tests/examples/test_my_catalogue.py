@@ -1,4 +1,4 @@
-"""The worked example of a catalogue of one's own runs as its README says."""
+"""The worked example of a user's own catalogue runs as its README says."""
 
 import runpy
 import shutil

@@ -1,4 +1,4 @@
-"""The worked example of a layer of one's own: short, sound, and its light is in the file as its formula says."""
+"""The worked example of a user's own layer: short, valid, and its light in the file follows its formula."""
 
 import importlib
 import sys

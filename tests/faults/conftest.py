@@ -1,4 +1,4 @@
-"""The undisturbed run that all faults are measured against, and the table of what happened."""
+"""The undisturbed run with which all faults are compared, and the table of results."""
 
 import pytest
 from faults.small_run import SmallRun

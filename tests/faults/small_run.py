@@ -1,4 +1,4 @@
-"""A campaign small enough to be broken and resumed many times, and what its products must be.
+"""A campaign small enough to be broken and resumed many times, and checks of its products.
 
 One science exposure of one chip in the middle of a brick: one truth brick, one PSF set, four stages, measure, merge,
 validate, report. It always runs in the same folder, so that its files can be compared byte for byte.

@@ -1,4 +1,4 @@
-"""A file of the chain damaged between two stages: a bit flipped, or cut short. Refused by name, or no matter."""
+"""A file of the chain damaged between two stages, by a flipped bit or cut short, is refused by name or harmless."""
 
 import numpy as np
 import pytest

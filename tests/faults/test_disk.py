@@ -1,4 +1,4 @@
-"""A disk that is full, on a small tmpfs, and an output folder that cannot be written, a bind mount."""
+"""A full disk (a small tmpfs), and an output folder that cannot be written (a bind mount)."""
 
 import os
 import shutil

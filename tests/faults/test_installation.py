@@ -1,4 +1,4 @@
-"""`make`'s set-up killed in the middle and started again: the real Makefile, packages of our own for the index's."""
+"""`make`'s set-up killed half-way and started again: the real Makefile, with packages made here for the index's."""
 
 import os
 import shutil

@@ -1,4 +1,4 @@
-"""kill -9 of a Slurm node's daemon, alone and with all that runs on the node; the daemon comes back."""
+"""kill -9 of a Slurm node's daemon, alone and with all jobs on the node; the daemon is started again."""
 
 import re
 

@@ -1,4 +1,4 @@
-"""A stage killed outright (SIGKILL) at each of its writes: half a file on disk, or one product of several renamed."""
+"""A stage killed (SIGKILL) at each of its writes: half a file on disk, or only some products renamed."""
 
 import os
 import signal

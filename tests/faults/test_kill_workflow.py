@@ -1,4 +1,4 @@
-"""kill -9 of a stage below Snakemake, of Snakemake alone, and of both, as when the power fails."""
+"""kill -9 of a stage below Snakemake, of Snakemake alone, and of both, as in a power failure."""
 
 import os
 import signal

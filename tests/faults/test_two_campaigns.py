@@ -1,4 +1,4 @@
-"""Two campaigns that name one output folder, and one campaign started twice."""
+"""Two campaigns with one output folder, and one campaign started twice."""
 
 import pytest
 import yaml

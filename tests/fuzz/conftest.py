@@ -1,4 +1,4 @@
-"""Print how many hostile files each reader was given."""
+"""Print the number of hostile files given to each reader."""
 
 from fuzz.trial import TALLIES
 

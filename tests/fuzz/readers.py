@@ -1,4 +1,4 @@
-"""The readers that hostile files are given to, as a campaign's own commands call them; each takes a path."""
+"""The readers to which hostile files are given, called as a campaign's commands do; each takes a path."""
 
 from functools import cache
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Makers of small sound files: each writes one, and what it needs beside it, into a folder and returns its path."""
+"""Makers of small sound files: each writes a file, with the others it needs, into a folder and returns its path."""
 
 import shutil
 from pathlib import Path

@@ -1,6 +1,6 @@
-"""How sound files are spoiled: hypothesis strategies that give the bytes of a hostile file from those of a sound one.
+"""Hypothesis strategies that make the bytes of a hostile file from those of a sound one.
 
-Places are drawn as whole numbers and counted modulo what there is, so that hypothesis can shrink them.
+Positions are drawn as integers and taken modulo the number available, so that hypothesis can shrink them.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""The readers that are tried: which file each is given, and how that file is spoiled."""
+"""The readers under test: which file each is given, and how that file is damaged."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What fuzzing found, one explicit example each: what ended in a traceback, a crash, a hang or all the memory."""
+"""Explicit examples of what fuzzing found: inputs that gave a traceback, crash, hang or exhausted memory."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Every reader, given hostile files: it reads them or refuses them in one line, soon, and touches nothing else.
+"""Every reader of hostile files reads them or refuses them in one line, within a time limit, and has no side effects.
 
 `make fuzz` gives each reader many more (FUZZ_SECONDS, 8 s each) and prints how many.
 """

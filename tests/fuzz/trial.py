@@ -1,4 +1,4 @@
-"""One target tried with many hostile files, and what came of them."""
+"""Try one target with many hostile files, and collect the outcomes."""
 
 import shutil
 import time

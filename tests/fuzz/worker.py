@@ -1,7 +1,7 @@
-"""A process in which hostile inputs are tried: watched, short of memory, and replaced when it dies or hangs.
+"""A process that tries hostile inputs, watched and with limited memory; it is replaced if it dies or hangs.
 
-What may come of an input: ("read", ""), ("refused", message) or a fault, ("fault", why): a traceback, a crash, a hang,
-memory asked for without end, code run, a file written elsewhere, a message that is not one short printable line.
+The outcome of an input is ("read", ""), ("refused", message) or a fault, ("fault", why): a traceback, a crash, a hang,
+unlimited memory use, executed code, a file written elsewhere, a message that is not one short printable line.
 """
 
 import importlib

@@ -1,4 +1,4 @@
-"""aXe's configuration files: what is written is read, what HST's files hold is read or refused."""
+"""aXe's configuration files: written files are read back, HST's files are read or refused."""
 
 import os
 from pathlib import Path
@@ -79,8 +79,8 @@ def test_range_of_a_coefficient_over_a_rectangle():
 
 BAD = {
     "no first order": (lambda t: t.replace("BEAMA", "BEAMB"), "BEAMA: the first order is missing"),
-    "grismconf": (lambda t: t.replace("BEAMA 10 200", "BEAM_+1"), "BEAM_+1: a beam of grismconf's form"),
-    "key with underscore": (lambda t: t.replace("BEAMA", "BEAM_A"), "BEAM_A: a beam of grismconf's form"),
+    "grismconf": (lambda t: t.replace("BEAMA 10 200", "BEAM_+1"), "BEAM_+1: this beam has grismconf's form"),
+    "key with underscore": (lambda t: t.replace("BEAMA", "BEAM_A"), "BEAM_A: this beam has grismconf's form"),
     "missing key": (lambda t: t.replace("XOFF_A 0\n", ""), "XOFF_A: required key is missing"),
     "no value": (lambda t: t.replace("XOFF_A 0\n", "XOFF_A\n"), "XOFF_A: required key is missing"),
     "word": (lambda t: t.replace("XOFF_A 0", "XOFF_A zero"), "XOFF_A: must be numbers (got 'zero')"),
@@ -90,7 +90,7 @@ BAD = {
     "twice": (lambda t: t + "XOFF_A 1\n", "XOFF_A: given twice"),
     "quadratic dispersion": (lambda t: t.replace("DISP_ORDER_A 1", "DISP_ORDER_A 2"), "DISP_ORDER_A: traces and"),
     "quadratic trace": (lambda t: t.replace("DYDX_ORDER_A 1", "DYDX_ORDER_A 2"), "got 2.0); allowed: 0 or 1"),
-    "undispersed": (lambda t: t.replace("DLDP_A_1 8.5 1e-4 2e-4", "DLDP_A_1 0"), "DLDP_A_1: no dispersion at all"),
+    "undispersed": (lambda t: t.replace("DLDP_A_1 8.5 1e-4 2e-4", "DLDP_A_1 0"), "DLDP_A_1: an order needs some"),
     "extent": (lambda t: t.replace("10 200", "200 10"), "BEAMA: must rise"),
     "sensitivity": (lambda t: t.replace("\nSENSITIVITY_A a.fits", ""), "SENSITIVITY_A: required key is missing"),
     "reference pixel": (lambda t: t + "REFX 507\n", "REFX: pixels count from the chip's corner"),

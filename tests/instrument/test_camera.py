@@ -1,4 +1,4 @@
-"""The shipped camera against the published layout, and what load_camera refuses."""
+"""The shipped camera against the published layout, and input that load_camera refuses."""
 
 import math
 
@@ -135,7 +135,7 @@ def _spoil(tmp_path, file, old, new):
         ("filters.yaml", "[2492, .03]", "[2492, .nan]", ["NUV.nodes.1.1", "finite"]),
         ("filters.yaml", "kind: imaging", "kind: imagery", ["NUV.kind", "imagery", "slitless"]),
         ("chips.yaml", "filter: GI", "filter: GX", ["filter", "'GX'", "NUV"]),
-        ("chips.yaml", "id: 1\n", "id: 2\n", ["chips[1].id", "distinct"]),
+        ("chips.yaml", "id: 1\n", "id: 2\n", ["chips[1].id", "another chip has this id"]),
         ("chips.yaml", "id: 1\n", "id: 100\n", ["chips[0].id", "100"]),
         ("chips.yaml", "rotation: 1.0", "turn: 1.0", ["chips[0].rotation", "missing"]),
     ],

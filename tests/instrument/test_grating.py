@@ -1,4 +1,4 @@
-"""Gratings: the shipped ones are what their description says, their electrons the filters', and bad data is refused."""
+"""The shipped gratings match their description, their electrons the filters'; bad data are refused."""
 
 import shutil
 

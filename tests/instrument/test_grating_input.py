@@ -1,4 +1,4 @@
-"""Gratings from files of one's own: what cannot be used is refused in a line that says what, where and what may be."""
+"""A user's own grating files: unusable ones are refused in one line with key, value and allowed values."""
 
 import shutil
 
@@ -69,7 +69,7 @@ def image(folder, data):
 BAD = {
     "no chips": (lambda f, d: d.update(chips=None), "gratings.yaml: chips: must be a mapping"),
     "chip missing": (lambda f, d: d.update(chips={}), "chips.1: must be a mapping"),
-    "imaging chip": (lambda f, d: d["chips"].update({9: dict(ROW)}), "no chip behind gratings (got 9); allowed: [1]"),
+    "imaging chip": (lambda f, d: d["chips"].update({9: dict(ROW)}), "not a chip behind gratings (got 9)"),
     "one grating": (lambda f, d: d["chips"][1].pop("right"), "chips.1.right: required key is missing"),
     "row is a list": (lambda f, d: d["chips"].update({1: ["GI2", "GI1"]}), "chips.1: must be a mapping"),
     "name is a list": (row(left=["GI2"]), "chips.1.left: input should be a valid string"),
@@ -82,8 +82,8 @@ BAD = {
     "reach nan": (row(reach=[1, 2, 3, float("nan")]), "chips.1.reach.3: input should be a finite number"),
     "reach infinite": (row(reach=[1, 2, 3, float("inf")]), "chips.1.reach.3: input should be a finite number"),
     "turns round in the piece": (edit("GI1.conf", "DLDP_A_1", "DLDP_A_1 -8.4 0 0 0 0 1e-7"),
-                                 "GI1.conf: DLDP_A_1: must be of one sign"),
-    "vanishes in a corner": (edit("GI1.conf", "DLDP_A_1", "DLDP_A_1 -10815.5 1 0"), "DLDP_A_1: must be of one sign"),
+                                 "GI1.conf: DLDP_A_1: must have one sign"),
+    "vanishes in a corner": (edit("GI1.conf", "DLDP_A_1", "DLDP_A_1 -10815.5 1 0"), "DLDP_A_1: must have one sign"),
     "wrong side": (edit("GI1.conf", "DLDP_D_1", "DLDP_D_1 -8.5"), "DLDP_D_1: wrong sign of order -1"),
     "far away": (edit("GI1.conf", "DLDP_E_1", "DLDP_E_1 0.1"), "BEAME: sends light too far"),
     "astronomically far": (edit("GI1.conf", "XOFF_A", "XOFF_A 1e300 1e306 0"), "BEAMA: sends light too far"),
@@ -102,7 +102,7 @@ BAD = {
     "not a number": (table(SENSITIVITY=lambda t: np.where(t["WAVELENGTH"] > 8e3, np.nan, t["SENSITIVITY"])), "finite"),
     "negative": (table(SENSITIVITY=lambda t: -1.0 * t["SENSITIVITY"]), "sensitivities be 0 or more"),
     "falling": (table(WAVELENGTH=lambda t: t["WAVELENGTH"][::-1]), "wavelengths must rise"),
-    "nanometres": (table(WAVELENGTH=lambda t: t["WAVELENGTH"] / 10), "electrons per photon at 2000-11000 A cannot be"),
+    "nanometres": (table(WAVELENGTH=lambda t: t["WAVELENGTH"] / 10), "impossible electrons per photon at 2000-11000"),
     "zero": (table(SENSITIVITY=lambda t: 0.0 * t["SENSITIVITY"]), "a peak above 0, up to 1"),
     "zeroth order zero": (table("GI_p0.fits", SENSITIVITY=lambda t: 0.0 * t["SENSITIVITY"]), "GI_p0.fits"),
     "too much": (table("GI_p2.fits", SENSITIVITY=lambda t: 1e3 * t["SENSITIVITY"]), "a peak above 0, up to 1"),

@@ -1,6 +1,6 @@
-"""Where light lands by our .conf files, as grismagic reads them: an independent reader of aXe's form.
+"""Positions of light by the shipped .conf files against grismagic, an independent reader of aXe's form.
 
-pip install --no-deps grismagic (its dependency jax is only for rendering). Its aXe reader: `GrismTrace.from_axe`.
+pip install --no-deps grismagic (its dependency jax is only for rendering). The reader is `GrismTrace.from_axe`.
 """
 
 import numpy as np

@@ -1,4 +1,4 @@
-"""The WCS of a calibrated image of a window, as astropy reads it: each plane's pixels lie where the chip's do."""
+"""The WCS of a calibrated image of a window, read by astropy: each plane's pixels lie where the chip's do."""
 
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Our FITS cards and files as astropy, fitsio and the standard's checksum see them."""
+"""csstsim's FITS cards and files against astropy, fitsio and the standard's checksum."""
 
 import numpy as np
 import pytest

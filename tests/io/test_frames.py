@@ -1,4 +1,4 @@
-"""Intermediate frames: bits kept, damage and foreign files refused."""
+"""Intermediate frames: bits are kept, damaged and foreign files are refused."""
 
 import numpy as np
 import pytest

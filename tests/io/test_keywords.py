@@ -1,4 +1,4 @@
-"""What headers say of the orbit and of the channels, by closed forms and by their names."""
+"""Header values of the orbit and of the channels, against closed forms and by name."""
 
 from pathlib import Path
 from types import SimpleNamespace

@@ -1,4 +1,4 @@
-"""Level-0 files: header, pixels in both layouts, windows, reading back, and fitsverify's opinion."""
+"""Level-0 files: header, pixels in both layouts, windows, reading back, and fitsverify."""
 
 import re
 import shutil

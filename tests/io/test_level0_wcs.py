@@ -1,4 +1,4 @@
-"""The world coordinates in a Level-0 header, as astropy and GalSim read them: 1e-6 arcsec."""
+"""The world coordinates in a Level-0 header against astropy and GalSim: 1e-6 arcsec."""
 
 import galsim
 import numpy as np

@@ -1,4 +1,4 @@
-"""The table of orders on disk: FITS pixels there, 0-based ones here, and nothing else changed."""
+"""The table of orders on disk: FITS pixels in the file, 0-based ones in memory, all else unchanged."""
 
 import numpy as np
 import pytest

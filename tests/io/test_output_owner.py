@@ -1,4 +1,4 @@
-"""An output folder is one campaign's: claimed once, refused to others, its own after a move of both."""
+"""An output folder belongs to one campaign: refused to others, and still its own after both have moved."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Sections and channel extensions, as another program takes them: the right pixels, the right sky, on all channels.
+"""Sections and channel extensions as read by another program: right pixels and right sky positions in all channels.
 
 The sections are read by a parser written here, and by ccdproc where it is installed.
 """

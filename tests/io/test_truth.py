@@ -1,4 +1,4 @@
-"""The truth table: the .cat columns by their names, whatever a catalogue calls its own."""
+"""The truth table has the .cat columns under their names, whatever the catalogue's own are called."""
 
 from types import SimpleNamespace
 

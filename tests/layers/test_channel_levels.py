@@ -1,4 +1,4 @@
-"""Levels of channels as layers draw them: spread, both sides, independent of each other; masks go with the image."""
+"""Levels of channels drawn by layers: their spread, both sides, independence; masks stay with the image."""
 
 from dataclasses import replace
 

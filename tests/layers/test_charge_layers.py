@@ -1,4 +1,4 @@
-"""Charge in the pixel as layers: what they hand to their kernels, their headers, masks, order and refusals."""
+"""Layers of charge in the pixel: inputs of their kernels, headers, masks, order and refusals."""
 
 from dataclasses import replace
 

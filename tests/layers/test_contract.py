@@ -1,4 +1,4 @@
-"""What every layer must keep, whoever writes it: its form, its seed, and leaving other layers' numbers alone."""
+"""Rules for every layer, whoever writes it: its form, its seed, no change of other layers' random numbers."""
 
 import importlib
 

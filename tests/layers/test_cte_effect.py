@@ -1,4 +1,4 @@
-"""CTE_effect on a chip: both halves to their amplifiers, the trail in the overscan, windows, parameters."""
+"""CTE_effect on a chip: both halves move to their amplifiers, the trail in the overscan, windows, parameters."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""One pixel, nothing, all saturated, NaN, negative: what each readout layer makes of them, alone and all in a row."""
+"""Each readout layer, alone and all in sequence, on one pixel, empty, saturated, NaN and negative images."""
 
 import numpy as np
 import pytest

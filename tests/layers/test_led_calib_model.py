@@ -1,4 +1,4 @@
-"""LED exposures: the light of the lamps, what a wrong list says, and that the flat comes back out."""
+"""LED exposures: the light of the lamps, errors of a wrong list, and recovery of the flat."""
 
 import numpy as np
 import pytest

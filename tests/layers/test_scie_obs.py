@@ -1,4 +1,4 @@
-"""What scie_obs tells the renderer: the noise of the exposure's time, and a maximum that no loss is above."""
+"""Inputs of the renderer from scie_obs: noise for the exposure time, and an upper bound on all losses."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The sky layer with the constant and with the model: what it adds, what it says, what it refuses."""
+"""The sky layer with the constant and with the model: its light, its header, its refusals."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Spectra drawn with numpy alone: monochromatic slabs of a Gaussian star, a twentieth of a pixel apart."""
+"""Spectra drawn with numpy alone: monochromatic slabs of a Gaussian star, 0.05 px apart."""
 
 import math
 from types import SimpleNamespace

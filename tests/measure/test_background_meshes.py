@@ -1,4 +1,4 @@
-"""Levels and noises of backgrounds: slopes in their place, scatter that clipping has cut, the mean of skewed noise."""
+"""Levels and noise of backgrounds: gradients, scatter reduced by clipping, the mean of skewed noise."""
 
 import numpy as np
 import pytest

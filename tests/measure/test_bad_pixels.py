@@ -1,4 +1,4 @@
-"""Defects and cosmic rays that `measure` leaves out: found, filled, flagged; stars are not taken for them."""
+"""Defects and cosmic rays are found, filled and flagged by `measure`; stars are not taken for them."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Overscan, gain and saturation on fabricated frames: every channel with its own bias and gain."""
+"""Overscan, gain and saturation on fabricated frames; every channel has its own bias and gain."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Windowed positions beside those of sep, and where there are none; their error against noisy images."""
+"""Windowed positions against sep's, sources without one, and their errors against noisy images."""
 
 import numpy as np
 import pytest

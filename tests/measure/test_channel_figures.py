@@ -1,4 +1,4 @@
-"""What the pixels of each readout channel say, of a frame whose channels are known and differ."""
+"""Numbers of each readout channel, from a frame whose channels are known and differ."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""Moved charge moved back: stars and their trails come back to what they were, to a stated share of what was lost."""
+"""Correction of charge transfer: stars and their trails are restored up to a stated share of the loss."""
 
 import math
 

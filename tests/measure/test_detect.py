@@ -1,4 +1,4 @@
-"""Detection's maps and places: noise and level where no mesh is free, pixels of binned passes, local fluxes' errors."""
+"""Detection's maps and positions: noise and level without free meshes, binned passes, errors of local fluxes."""
 
 import numpy as np
 import pytest

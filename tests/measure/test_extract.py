@@ -1,6 +1,6 @@
-"""Spectra of known stars and galaxies, drawn slab by slab with numpy: what the extraction makes of them.
+"""Extraction of known spectra of stars and galaxies, drawn slab by slab with numpy.
 
-The deterministic frames carry no noise but its variance is assumed (the weights need it): they show errors of method.
+The deterministic frames have no noise, but its variance is assumed for the weights: they show errors of method.
 """
 
 from dataclasses import replace

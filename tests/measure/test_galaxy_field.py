@@ -1,4 +1,4 @@
-"""Two-pass detection on a fabricated frame of galaxies: Kron flux, one row a galaxy, stars beside galaxies."""
+"""Two-pass detection on a fabricated frame of galaxies: Kron flux, one row per galaxy, stars next to galaxies."""
 
 import math
 

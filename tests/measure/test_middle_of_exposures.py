@@ -1,4 +1,4 @@
-"""Means of calibration exposures: rays are left out of few exposures as of many; levels of the rest are kept."""
+"""Means of calibration exposures: rays are left out for few exposures as for many; the level is kept."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""PSF photometry of a known Gaussian: pixels it covers, in closed form; errors of light that was lost in part."""
+"""PSF photometry of a known Gaussian: effective area in closed form; errors of partly lost light."""
 
 import numpy as np
 import pytest

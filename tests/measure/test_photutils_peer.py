@@ -1,4 +1,4 @@
-"""PSF photometry beside photutils: the same stars, the same PSF, another fit (flux and place together)."""
+"""PSF photometry against photutils: the same stars and PSF, another fit (flux and position together)."""
 
 import numpy as np
 import pytest

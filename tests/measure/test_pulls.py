@@ -1,4 +1,4 @@
-"""Quoted errors of stars: positions and PSF fluxes scatter by what they say, from S/N 5 to 500."""
+"""Stated errors of stars: positions and PSF fluxes scatter accordingly, from S/N 5 to 500."""
 
 import math
 

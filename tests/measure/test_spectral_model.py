@@ -1,4 +1,4 @@
-"""Electrons of a spectrum in bins through a throughput, between any two wavelengths, by numpy's integral."""
+"""Electrons of a binned spectrum through a throughput between any two wavelengths, against numpy's integral."""
 
 import numpy as np
 import pytest

@@ -1,7 +1,7 @@
-"""Which functions of the package hold a copy of which others: what a change makes stale in numba's cache.
+"""Which compiled functions contain others, so that a change makes them stale in numba's cache.
 
-numba compares a cached function with its own file alone; what it calls in other modules, or reads there as a constant,
-may change unseen. The graph is of names: who mentions whom, through imports and module attributes.
+numba compares a cached function with its own file alone; functions that it calls, or constants that it reads, in other
+modules may change unnoticed. The graph is of names: which mentions which, through imports and module attributes.
 """
 
 import ast

@@ -2,11 +2,11 @@
 
     python tests/mutants/run.py                    all folders; make mutants
     python tests/mutants/run.py --folder render    one folder (repeat it for more)
-    python tests/mutants/run.py --match wings      entries whose file or fault says so
-    python tests/mutants/run.py --check            is each entry's text still there, once? Nothing is run
+    python tests/mutants/run.py --match wings      entries with this text in the file's name or the fault
+    python tests/mutants/run.py --check            only check that each entry's text is there once
 
-Works on a copy of the tree in the scratch folder; the checkout is not touched. Prints a table by folder, then the
-survivors. Results are kept in the scratch folder: what is known is not run again, unless asked for. Exit code 1: less
+Works on a copy of the tree in the scratch folder; the checkout is not changed. Prints a table by folder, then the
+survivors. Results are kept in the scratch folder; known ones are not run again unless requested. Exit code 1 if less
 than SHARE of a folder is caught.
 """
 

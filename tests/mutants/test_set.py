@@ -1,4 +1,4 @@
-"""The set of mutations fits the source: each fault's text is there once, still makes Python, has tests to be run."""
+"""The set of mutations fits the source: each old text occurs once, the new one is Python, and tests exist."""
 
 import sys
 from pathlib import Path

@@ -1,8 +1,8 @@
 """A copy of the tree, warm caches, and one process for each mutant.
 
-numba and Python take a compiled file for fresh by the source's time and size. So in the copy each module ends in a
-comment that makes room, a mutant has the size and the time of the original, and what the mutation makes stale is
-deleted by name (code_graph): only that is compiled again. Libraries are imported once, in the process that others are
+numba and Python recognise a fresh compiled file by the source's time and size. So in the copy each module ends in a
+comment as padding, a mutant has the size and the time of the original, and the files that the mutation makes stale are
+deleted by name (code_graph): only those are compiled again. Libraries are imported once, in the process that others are
 forked from.
 """
 

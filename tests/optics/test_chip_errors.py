@@ -1,4 +1,4 @@
-"""What a chip adds to the wavefront: geometry of a defocus, statistics of the draws, frames."""
+"""A chip's errors of the wavefront: geometry of a defocus, statistics of the draws, frames."""
 
 from dataclasses import replace
 

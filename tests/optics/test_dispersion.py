@@ -1,4 +1,4 @@
-"""The two gratings of a chip as arrays: bins that lose no electron, the PSF's mixture, which piece light meets."""
+"""The two gratings of a chip as arrays: bins that lose no electron, the PSF's mixture, which grating light passes."""
 
 from dataclasses import replace
 from itertools import pairwise

@@ -1,4 +1,4 @@
-"""The chip's WCS with field distortion: its Jacobian, what it does to shapes, and its SIP header in other readers."""
+"""The chip's WCS with field distortion: its Jacobian, its effect on shapes, its SIP header in other readers."""
 
 import numpy as np
 import pytest

@@ -188,7 +188,7 @@ def test_spline_against_scipy():
     quartic = np.stack([x**4 * y - 3 * x, x**2 * y**4 + 1], axis=1)
     again = fit_spline(x, y, quartic, box, (1, 1))
     assert spline.values(box, again, x, y) == pytest.approx(quartic, rel=1e-8)
-    with pytest.raises(ValueError, match="24 samples cannot hold a spline of 25"):
+    with pytest.raises(ValueError, match="24 samples are too few for a spline of 25"):
         fit_spline(x[:24], y[:24], quartic[:24], box, (1, 1))
 
 

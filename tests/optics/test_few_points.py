@@ -1,4 +1,4 @@
-"""The distortion without compiled code has the bits of the compiled loops; test_distortion.py holds it to scipy."""
+"""The distortion without compiled code gives the bits of the compiled loops; scipy is in test_distortion.py."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Pointing at a place: the pixel is hit to 1e-6 px wherever a boresight exists, poles and RA wrap included."""
+"""Pointing at a position: hits the pixel to 1e-6 px wherever a boresight exists, also at poles and RA 0."""
 
 import math
 

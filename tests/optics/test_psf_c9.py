@@ -1,4 +1,4 @@
-"""An external library: files written in cycle 9's layout read back as what they were made from."""
+"""An external library: files in Cycle 9's layout are read back as the PSFs they were made from."""
 
 import json
 import shutil

@@ -1,4 +1,4 @@
-"""The PSF file: written and read back, interpolation weights, and every way a file can be unfit."""
+"""The PSF file: written and read back, interpolation weights, and every way a file can be unusable."""
 
 import json
 import shutil

@@ -1,6 +1,6 @@
 """psf.yaml's cells per pixel: sets read as the reference renderer reads them, against direct optics.
 
-benchmarks/psf_sampling.py measures every band and reader; here one band of each kind, at four places in a pixel.
+benchmarks/psf_sampling.py measures every band and reader; here one band of each kind, at four positions in a pixel.
 """
 
 import galsim

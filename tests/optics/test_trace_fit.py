@@ -1,4 +1,4 @@
-"""Traces fitted to trajectories: known coefficients come back, the shipped ones keep to 0.2 px; the command."""
+"""Traces fitted to trajectories: known coefficients are recovered, shipped ones are within 0.2 px; the command."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The chip's WCS against published headers, astropy and GalSim; tolerance 1e-6 arcsec where not said otherwise."""
+"""The chip's WCS against published headers, astropy and GalSim; tolerance 1e-6 arcsec unless stated."""
 
 from dataclasses import replace
 

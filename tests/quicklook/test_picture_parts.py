@@ -1,4 +1,4 @@
-"""The parts of a picture: means of blocks, stretches, which true objects are marked."""
+"""Parts of a picture: means of blocks, stretches, which true objects are marked."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""csstsim show: every kind of file, every option, and what is refused."""
+"""csstsim show: every kind of file, every option, and refused input."""
 
 import numpy as np
 import pytest
@@ -122,10 +122,10 @@ def test_truth_is_marked_where_it_is(tmp_path, level0):
 
 def test_truth_from_elsewhere_on_a_calibrated_file(tmp_path, level0, calibrated):
     path = calibrated(np.random.default_rng(1).normal(size=(128, 128)))
-    assert "calibrated.truth.parquet: --truth: no truth table" in refused(path, "--truth")
+    assert "calibrated.truth.parquet: --truth: no such truth table" in refused(path, "--truth")
     table = level0.with_suffix(".truth.parquet")
     show(path, "--truth-table", table)
-    assert "no truth table" in refused(path, "--truth-table", tmp_path / "nosuch.parquet")
+    assert "no such truth table" in refused(path, "--truth-table", tmp_path / "nosuch.parquet")
     assert "not a readable parquet file" in refused(path, "--truth-table", path)
 
 
@@ -278,7 +278,7 @@ def test_where_the_png_goes(tmp_path, calibrated):
     assert path.with_suffix(".png").read_bytes() != first  # a PNG may be replaced
     other = tmp_path / "notes.png"
     other.write_text("not a PNG")
-    assert "is no PNG" in refused(path, "--output", other) and other.read_text() == "not a PNG"
+    assert "is not a PNG" in refused(path, "--output", other) and other.read_text() == "not a PNG"
     assert "ends with .png" in refused(path, "--output", path)
     assert refused(path, "--output", tmp_path / "calibrated.fits" / "a.png")
     folder = tmp_path / "folder.png"

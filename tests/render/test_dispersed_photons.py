@@ -1,4 +1,4 @@
-"""Photons through a grating: electrons, places and colours against sums by hand; seeds fixed, limits in sigma."""
+"""Photons through a grating: electrons, positions and colours against sums by hand; fixed seeds, limits in sigma."""
 
 from dataclasses import replace
 

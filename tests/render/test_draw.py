@@ -1,4 +1,4 @@
-"""What the policy chooses and what becomes of it: methods, planes, truth, noise."""
+"""The policy's choices and their results: methods, planes, truth, noise."""
 
 from types import SimpleNamespace
 

@@ -1,4 +1,4 @@
-"""A spectroscopic chip's objects drawn: what the tables of objects and of orders say is what the pixels hold."""
+"""A spectroscopic chip's objects: the tables of objects and of orders agree with the pixels."""
 
 import numpy as np
 import pytest

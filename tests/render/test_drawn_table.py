@@ -1,4 +1,4 @@
-"""What the table of drawn objects says: which missed the window, what the stamps flagged, whose time it was."""
+"""The table of drawn objects: which missed the window, flags of the stamps, time per object."""
 
 import numpy as np
 import pytest

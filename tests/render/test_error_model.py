@@ -1,4 +1,4 @@
-"""The predicted error: what must hold of any such bound, whatever its coefficients."""
+"""The predicted error: properties of any such bound, whatever its coefficients."""
 
 from dataclasses import replace
 

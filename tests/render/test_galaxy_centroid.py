@@ -1,4 +1,4 @@
-"""A galaxy's light lies about its place, the part that is transformed and the part that is not alike."""
+"""A galaxy's light is centred on its position, in the transformed part as in the other."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Galaxy stamps against GalSim pixel by pixel, conservation of light, and shapes at the edge of what can be asked."""
+"""Galaxy stamps against GalSim pixel by pixel, conservation of light, and extreme shapes."""
 
 import numpy as np
 import pytest

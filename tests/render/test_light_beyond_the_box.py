@@ -1,4 +1,4 @@
-"""What photons and ghosts put where no stamp reaches, against conservation of light; limits in sigma, seeds fixed."""
+"""Light of photons and ghosts beyond the stamps against conservation of light; limits in sigma, fixed seeds."""
 
 import numpy as np
 import pytest

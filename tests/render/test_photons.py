@@ -1,4 +1,4 @@
-"""Photons against expectations: GalSim's, sums by hand, and Poisson's law. Seeds fixed; limits in sigma."""
+"""Photons against expectations: GalSim's, sums by hand, and Poisson's law. Fixed seeds; limits in sigma."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The tables photons are drawn from: splines against scipy and the stored cells, alias words decoded, the file."""
+"""The tables for photons: splines against scipy and the stored cells, alias words decoded, the file."""
 
 import numpy as np
 import pytest

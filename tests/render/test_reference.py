@@ -1,4 +1,4 @@
-"""The reference renderer against sums that must hold, an independent convolution, and astropy's idea of the sky."""
+"""The reference renderer against exact sums, an independent convolution, and astropy's sky coordinates."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""SATURATED in the truth: light above the full well in the pixels at an object's place, and nowhere else."""
+"""SATURATED in the truth: light above the full well in the pixels at an object's position, and nowhere else."""
 
 import numpy as np
 import pytest

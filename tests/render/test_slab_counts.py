@@ -1,4 +1,4 @@
-"""How many slabs a spectrum needs: roughness is an amplitude, and the fewest allowed ones are taken."""
+"""The number of slabs of a spectrum: roughness is an amplitude, and the fewest allowed ones are used."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Slabs against sums by hand, GalSim and photons: light, place, width, edges, and what the slabs' number costs."""
+"""Slabs against sums by hand, GalSim and photons: light, position, width, edges, error by number."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""Objects on the line between a chip's two gratings: their light is said once, their electrons are drawn apart."""
+"""Objects on the line between a chip's two gratings: one entry for their light, but electrons drawn separately."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Points on their pixels, and a scene of points and galaxies: windows, losses, order, wings, what is refused."""
+"""Points on their pixels, and a scene of points and galaxies: windows, losses, order, wings, refusals."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Light spread smoothly: none is lost, it stays where it belongs, and the account of each object is what was added."""
+"""Light spread smoothly is conserved and stays in place; each object's account equals what was added."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""A campaign run to its report, once for all tests."""
+"""A campaign run up to its report, once for all tests."""
 
 import pytest
 from report_page import done, star_campaign

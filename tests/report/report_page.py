@@ -1,4 +1,4 @@
-"""A small campaign with its report, made by the commands; and what a parser finds in a page."""
+"""A small campaign with its report, made by the commands; and a parser of pages."""
 
 from html.parser import HTMLParser
 

@@ -1,4 +1,4 @@
-"""What the panels of a brick's page draw, against what was put in."""
+"""The panels of a brick's figure against the numbers put in."""
 
 import math
 

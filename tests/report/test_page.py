@@ -1,4 +1,4 @@
-"""The report's page: what it says first, that all of it is escaped and closed, and its size when lists are long."""
+"""The report's page: its first lines, escaping and closed tags, and its size when lists are long."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""The report in headless Chromium: no complaint, images that decode, a focal plane that zooms, moves and resets.
+"""The report in headless Chromium: no console errors, images decode, the focal plane zooms, moves and resets.
 
 Needs Debian's packages chromium and chromium-driver; without them the tests are skipped.
 """

@@ -1,4 +1,4 @@
-"""Thumbnails against sums by hand, and the places they are given in the focal plane against the chips' WCS."""
+"""Thumbnails against sums by hand, and their positions in the focal plane against the chips' WCS."""
 
 import io
 import re

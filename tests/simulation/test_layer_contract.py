@@ -1,4 +1,4 @@
-"""The contract test of a layer finds what it says it finds: one small layer, spoilt in one way at a time."""
+"""The contract test of a layer finds each fault: one small layer, damaged in one way at a time."""
 
 import sys
 from types import ModuleType

@@ -1,4 +1,4 @@
-"""The sum: the reference sky of the bands, units by synphot, what hides what, the expansion over the chip."""
+"""The sum: the reference sky of the bands, units by synphot, occultation, the expansion over the chip."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Sun, Moon and planets at events that almanacs tell of, and against astropy."""
+"""Sun, Moon and planets at events listed in almanacs, and against astropy."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Earthshine: a Lambert sphere's closed form, the segments' number, HST's limb angles, and the night."""
+"""Earthshine: a Lambert sphere's closed form, the number of segments, HST's limb angles, and the night."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Point-source transmittance and the aperture door: nodes, laws between them, and closed forms."""
+"""Point-source transmittance and the aperture door: nodes, the laws between them, and closed forms."""
 
 import math
 from dataclasses import replace

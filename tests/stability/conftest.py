@@ -1,4 +1,4 @@
-"""Fixtures of the stability suite; in it warnings are errors (pyproject.toml), so no NaN goes through unseen."""
+"""Fixtures of the stability suite; warnings are errors there (pyproject.toml), so every NaN is noticed."""
 
 import faulthandler
 import resource

@@ -1,6 +1,6 @@
-"""What the stability suite is made of: an exposure from a catalogue's bare columns, and how much light it must have.
+"""For the stability suite: an exposure made from a catalogue's bare columns, and the light that it must have.
 
-catalog.selection chooses and flags, render.imaging.draw draws. As a program it draws a crowd and prints what came:
+catalog.selection selects and flags, render.imaging.draw draws. As a program it draws a crowd and prints the result:
 
     python exposure.py PSF_FILE FIDELITY OBJECTS
 """

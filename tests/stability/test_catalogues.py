@@ -1,4 +1,4 @@
-"""Whole catalogues: none, one, twins, too many in one place; and the same bits whoever draws."""
+"""Whole catalogues: empty, one object, twins, a crowd; the bits do not depend on who draws."""
 
 import json
 import os

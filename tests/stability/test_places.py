@@ -1,4 +1,4 @@
-"""Where objects stand: on a pixel's corner, the chip's edge, 1 and 3000 px outside, on a node of the PSF, on a pole."""
+"""Positions of objects: a pixel's corner, the chip's edge, 1 and 3000 px outside, a node of the PSF, a pole."""
 
 import numpy as np
 import pytest

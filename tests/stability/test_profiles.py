@@ -1,8 +1,8 @@
-"""Profiles at and beyond the edge: index 0.3 to 6.2, half-light radius 1e-4" to 60", axis ratio 1 to 0.02.
+"""Profiles at and beyond the limits: index 0.3 to 6.2, half-light radius 1e-4" to 60", axis ratio 1 to 0.02.
 
-Light is judged against a closed form, the share of the profile within the stamp or the window along 20,000 rays
-(exposure.inside) times the light of the PSF's box. What the PSF carries across the edge of the stamp it leaves out:
-part of the tolerances below.
+Light is compared with a closed form, the share of the profile within the stamp or the window along 20,000 rays
+(exposure.inside) times the light of the PSF's box. It ignores the light that the PSF moves across the stamp's edge; the
+tolerances below include that.
 """
 
 import numpy as np

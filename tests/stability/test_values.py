@@ -1,4 +1,4 @@
-"""Values no sane catalogue has: NaN and infinity in every column, no light and far too much, lensing to the caustic."""
+"""Extreme values: NaN and infinity in every column, no light and far too much, lensing up to the caustic."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What a campaign expects of a frame and its file states: beside what a run of its layers gives."""
+"""A campaign's expected values of a frame, and its file's, against a run of its layers."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Light that was kept: another detector makes the bits of it that it makes from nothing; other light is refused."""
+"""Kept light: another detector gives the same bits from it as from nothing; other light is refused."""
 
 import shutil
 

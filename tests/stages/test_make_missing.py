@@ -1,4 +1,4 @@
-"""What a job needs and is not there is made first, each thing once; what is there, and for a bias, nothing."""
+"""Missing inputs of a job are made first, each once; existing ones are not, and a bias needs none."""
 
 from mini_campaign import POINTINGS, write_campaign, write_scene
 

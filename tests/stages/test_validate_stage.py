@@ -1,4 +1,4 @@
-"""What the stage of validation looks up: published depths at the time of the exposure."""
+"""Input of the validation stage: published depths at the exposure time."""
 
 from types import SimpleNamespace
 

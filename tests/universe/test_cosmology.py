@@ -1,4 +1,4 @@
-"""Distances and growth beside astropy, closed forms and the integral of the growth equation."""
+"""Distances and growth against astropy, closed forms and the integral of the growth equation."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The reader of dust maps, on maps written here in the form of the public ones and on the real one."""
+"""The reader of dust maps, on maps written here in the public format and on the real one."""
 
 import importlib.util
 

@@ -1,4 +1,4 @@
-"""The extinction law against published values and another code; the dust before a star in its limits."""
+"""The extinction law against published values and another code; limits of the dust in front of a star."""
 
 import numpy as np
 import pytest

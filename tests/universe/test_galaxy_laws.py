@@ -1,4 +1,4 @@
-"""Laws of galaxies that a population is drawn from: volumes of cells, counts of the bright, dust between its nodes."""
+"""Laws of the galaxy population: volumes of cells, counts of bright ones, dust between its nodes."""
 
 import numpy as np
 import pytest

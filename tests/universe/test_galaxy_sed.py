@@ -1,4 +1,4 @@
-"""Galaxies' spectra: the fast integral against the sum over the grid, breaks and lines where they belong."""
+"""Galaxies' spectra: the fast integral against the sum over the grid, positions of breaks and lines."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Columns of lensing, magnification, and what the campaign's `lensing` accepts."""
+"""Columns of lensing, magnification, and allowed values of the campaign's `lensing`."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Matter power beside CAMB 2.0.5 and Colossus 1.4.0, and its limits."""
+"""Matter power against CAMB 2.0.5 and Colossus 1.4.0, and its limits."""
 
 import numpy as np
 import pytest

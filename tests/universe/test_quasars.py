@@ -1,4 +1,4 @@
-"""How many quasars, how bright, and in which galaxies."""
+"""Quasars: their number, brightness and host galaxies."""
 
 from functools import cache
 

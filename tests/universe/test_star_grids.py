@@ -1,4 +1,4 @@
-"""Readers of real atmosphere grids, and a grid used in place of the compact model."""
+"""Readers of real atmosphere grids, and a grid used instead of the compact model."""
 
 import gzip
 import lzma

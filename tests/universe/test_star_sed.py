@@ -1,4 +1,4 @@
-"""The compact model of stellar atmospheres against real stars, the grids it stands for, and closed forms."""
+"""The compact model of stellar atmospheres against real stars, the grids it represents, and closed forms."""
 
 import os
 from pathlib import Path

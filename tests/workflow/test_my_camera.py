@@ -1,4 +1,4 @@
-"""A camera of one's own, examples/my_camera: from pointing table to report with its bands, chips and grating."""
+"""A user's own camera, examples/my_camera: from pointing table to report with its bands, chips and grating."""
 
 import json
 import shutil

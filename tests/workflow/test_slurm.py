@@ -1,4 +1,4 @@
-"""The Slurm profile on a real Slurm of one node: same bits as local, memory that grows, a job cancelled and resumed."""
+"""The Slurm profile on a real Slurm of one node: same bits as locally, memory limits, a job cancelled and resumed."""
 
 import re
 import subprocess

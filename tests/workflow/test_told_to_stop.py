@@ -1,4 +1,4 @@
-"""A command whose reader went away, or that is told to stop: it ends quietly, as shells expect, and leaves no half."""
+"""A command whose reader has closed, or that gets a signal, ends quietly and leaves no half-written file."""
 
 import signal
 import subprocess

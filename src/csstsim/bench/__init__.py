@@ -1,1 +1,1 @@
-"""`csstsim bench`: what each way to draw an object costs, and how wrong it is."""
+"""`csstsim bench`: the cost and the error of each method to draw an object."""

@@ -1,7 +1,6 @@
-"""The speed-accuracy chart: cost against visible error, the Pareto front drawn, presets and peers marked.
+"""The speed-accuracy chart: visible error against cost, with the Pareto front; presets and peers are marked.
 
-It is drawn from the summaries of runs (bench.summary), a column a filter: imaging and dispersed light side by side on
-the same axes.
+It shows the summaries of runs (bench.summary), one column per filter, so imaging and dispersed light share their axes.
 """
 
 import numpy as np
@@ -12,8 +11,8 @@ from csstsim.base.files.atomic import atomic_path
 
 ON_NODES = "direct optics, on nodes"
 KINDS = {"star": "stars", "galaxy": "galaxies"}
-_NEAR = 0.3, 0.13  # decades of cost and error: where methods of a colour share a label
-_OFFSETS = [(x, y) for y in (6, -15, 20, -29, 34, -43) for x in (8, -8)]  # points: where a label may stand, best first
+_NEAR = 0.3, 0.13  # decades of cost and error: methods of one colour that are closer share a label
+_OFFSETS = [(x, y) for y in (6, -15, 20, -29, 34, -43) for x in (8, -8)]  # of a label from its point [pt], best first
 _OWN, _PRESETS = ("reference", "photons", "stamps", "slabs"), ("preview", "standard", "noise_free")
 OURS, PEERS, PRESET = "#0b6e99", "#b5542d", "#1a7a3c"
 
@@ -21,7 +20,7 @@ OURS, PEERS, PRESET = "#0b6e99", "#b5542d", "#1a7a3c"
 def points(lines, kind):
     """Return {method: (CPU seconds, visible error, whether that is an upper limit)}: medians over objects on nodes.
 
-    A limit: what is seen is less than twice what chance alone would show.
+    The error is an upper limit if it is less than twice what chance alone would show.
     """
     return {
         line["method"]: (1e-6 * line["cpu_us"], max(line["visible_median"], 1e-6), line["limit"])
@@ -31,7 +30,7 @@ def points(lines, kind):
 
 
 def pareto(found):
-    """Return the methods no other beats in both cost and error, by rising cost."""
+    """Return the methods that no other beats in both cost and error, by rising cost."""
     front, best = [], np.inf
     for name, (_, error, _) in sorted(found.items(), key=lambda item: item[1][:2]):
         if error < best:
@@ -41,7 +40,7 @@ def pareto(found):
 
 
 def draw_chart(path, tables):
-    """Write the chart (PNG). tables: lists of bench.summary.summarise, a filter each."""
+    """Write the chart (PNG). tables: one list of bench.summary.summarise per filter."""
     figure = Figure(figsize=(2 + 5.2 * len(tables), 9), layout="constrained")
     axes = figure.subplots(2, len(tables), sharex=True, sharey="row", squeeze=False)
     every = [point for lines in tables for kind in KINDS for point in points(lines, kind).values()]
@@ -54,14 +53,14 @@ def draw_chart(path, tables):
             _panel(axis, points(lines, kind))
         row[0].set_ylim(min(seen.min() / 3, 0.03), max(seen.max() * 3, 1.0))
     axes[0, 0].set_xlim(costs.min() / 8, costs.max() * 30)
-    figure.supxlabel("CPU seconds an object (one core)")
+    figure.supxlabel("CPU seconds per object (one core)")
     figure.supylabel("error against direct optics [the object's own noise]")
     figure.suptitle(
         "Medians of objects of 10 to 10$^7$ e$^-$ on nodes of the PSF set. Blue: methods, green: presets, red: peers;\n"
-        "filled and joined: nothing is both faster and better. Triangles: upper limits, set by the number of\n"
+        "filled and joined: no method is both faster and better. Triangles: upper limits, set by the number of\n"
         "electrons drawn. Grey: what the standard preset allows, a tenth of the object's own noise.", size=9.5,
     )  # fmt: skip
-    figure.draw_without_rendering()  # the layout, without which no place in the figure is known
+    figure.draw_without_rendering()  # computes the layout, which positions in the figure need
     for row, kind in zip(axes, KINDS, strict=True):
         for axis, lines in zip(row, tables, strict=True):
             if found := points(lines, kind):
@@ -88,17 +87,17 @@ def _colour(method):
 
 
 def _joined(names):
-    """Return the names in a line, what they begin with said once: slabs 1, 2."""
+    """Return the names in a line; what numbered ones begin with is written once: slabs 1, 2."""
     out = []
     for name in names:
         stem, _, number = name.rpartition(" ")
-        said = any(other.rpartition(" ")[0] == stem for other in names[: names.index(name)])
-        out.append(number if stem and number.isdigit() and said else name)
+        again = any(other.rpartition(" ")[0] == stem for other in names[: names.index(name)])
+        out.append(number if stem and number.isdigit() and again else name)
     return ", ".join(out)
 
 
 def _groups(found):
-    """Return [(names, place)]: methods of a colour that share a place in the chart share a label."""
+    """Return [(names, place)]: methods of one colour that lie close together share a label."""
     groups = []
     for name, (cost, error, _) in sorted(found.items(), key=lambda item: item[1][0]):
         for names, place in groups:
@@ -112,7 +111,7 @@ def _groups(found):
 
 
 def _label(axis, found):
-    """Write the names beside the methods: each where it meets the fewest points, other names and the panel's edge."""
+    """Write the names beside the methods, each where it overlaps the fewest points, names and edges of the panel."""
     points = axis.transData.transform([place[:2] for place in found.values()])
     taken = [Bbox.from_bounds(x - 7, y - 7, 14, 14) for x, y in points]
     for names, place in _groups(found):

@@ -16,7 +16,7 @@ LARGEST, LARGEST_QUICK = 5.0, 0.5  # arcsec
 
 
 def chosen(names, methods):
-    """Return the Methods whose names begin with these (comma-separated text), or all. Raises InputError."""
+    """Return the `methods` whose names begin with one of `names` (comma-separated text), or all. Raises InputError."""
     if not names:
         return methods
     found = []
@@ -60,6 +60,6 @@ def chart(folder, tables, say):
             found.append(read(path))
             _ = [(line["filter"], line["cpu_us"] + line["visible_median"], line["limit"]) for line in found[-1]]
         except (OSError, KeyError, TypeError, UnicodeDecodeError) as exc:
-            raise InputError(f"is no table of csstsim bench: {exc}", file=path) from None
+            raise InputError(f"is not a table of csstsim bench: {exc}", file=path) from None
     draw_chart(Path(folder) / "speed_accuracy.png", found)
     say(f"{folder}/speed_accuracy.png")

@@ -1,4 +1,4 @@
-"""Where a benchmark takes place: one chip of the shipped camera, its PSF set, an exposure, and the noise of a pixel."""
+"""The setting of a benchmark: one chip of the shipped camera, its PSF set, an exposure, and the noise of a pixel."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +26,7 @@ POINTING = Pointing(
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """What every method is given."""
+    """The inputs that all methods share."""
 
     camera: Any
     chip: Any
@@ -42,9 +42,9 @@ class Setting:
 
 
 def make_setting(folder, band):
-    """Return the Setting of a filter (name); its PSF set is made in `folder`, or taken from there.
+    """Return the Setting of the filter `band`. Its PSF set is made in `folder`, or reused if it is there.
 
-    The set's file carries the digest of the camera in its name, so another camera's is never taken. Raises InputError.
+    The set's file name holds the camera's digest, so another camera's set is never used. Raises InputError.
     """
     camera = load_camera(SHIPPED / "instrument")
     chips = {chip.filter: chip for chip in reversed(camera.chips.values())}

@@ -1,4 +1,4 @@
-"""What a sweep comes to: a line for each method and kind of object, against both standards; files and goals."""
+"""Summary of a sweep: one line for each method, kind of object and standard; its CSV files and its text."""
 
 import csv
 
@@ -32,10 +32,11 @@ def _value(text):
 
 
 def summarise(rows, bench, band):
-    """Return [{column: value}]; for each goal of the Bench its mean over the objects and that mean's error.
+    """Return [{column: value}], with the mean of each of the Bench's goals over the objects and that mean's error.
 
-    `against`: the reference renderer on the same PSF set; direct optics, objects on a node of it; direct optics, all
-    others, where the set's own interpolation counts. Means of random methods are weighted by electrons drawn.
+    `against`: the reference renderer on the same PSF set; direct optics, for objects on a node of the set; direct
+    optics for the others, whose errors include the set's interpolation. Means of random methods are weighted by
+    electrons drawn.
     """
     lines = []
     for method in dict.fromkeys(row["method"] for row in rows):
@@ -69,10 +70,10 @@ def _line(bench, band, method, kind, against, rows, which):
     }  # fmt: skip
     for name in bench.goals:
         values = column(f"{name}_{which}")
-        known = np.isfinite(values)  # only some objects have lines
+        known = np.isfinite(values)  # only some spectra have lines
         values, w = values[known], weight[known]
         mean = np.average(values, weights=w) if known.any() else np.nan
-        # Few objects may agree by accident: no less than the electrons' own
+        # Few objects may agree by chance: the error is no less than that of the electrons drawn
         parts = w * np.stack([values - mean, column(f"{name}_chance")[known]])
         error = np.sqrt((parts**2).sum(axis=1).max()) / w.sum() if known.any() else np.nan
         line |= {name: float(mean), f"{name}_error": float(error)}
@@ -82,14 +83,14 @@ def _line(bench, band, method, kind, against, rows, which):
 def text(lines, bench):
     """Return the summary as lines to print; a bias beyond its goal by more than two of its errors is marked with !."""
     out = [
-        f"bias +- its error of {', '.join(bench.shown)}; ! where it is beyond its goal by two errors.",
-        "visible: error in units of the object's noise, median and 95%; < where chance alone would show as much.",
+        f"bias +- its error of {', '.join(bench.shown)}; ! marks one that exceeds its goal by two errors.",
+        "visible: error in units of the object's noise, median and 95%; < marks what chance alone could show.",
         f"{'method':20s} {'kind':7s} {'against':13s} {'n':>3s} {'CPU us':>9s} {'visible':>8s} {'95%':>8s}"
         + "".join(f"{name:>18s} " for name in bench.shown),
     ]
     for line in lines:
         if "between" in line["against"]:
-            continue  # in the file
+            continue  # only in the file
         cells = []
         for name in bench.shown:
             bias, error = line[name], line[f"{name}_error"]

@@ -1,6 +1,6 @@
-"""Every method on every case: what it costs and how wrong it is, one row each.
+"""Run every method on every case: its cost and its error, one row each.
 
-What differs between imaging and dispersed light is a `Bench`: its objects, methods, truth and measures.
+A `Bench` holds what differs between imaging and dispersed light: objects, methods, truth and measures.
 """
 
 import time
@@ -12,8 +12,8 @@ from galsim import GalSimError
 
 from csstsim.base.progress import progress
 
-SLOW = 1.0  # CPU seconds of one object, beside which its set-up does not count
-TOO_LONG = 5.0  # times the wanted CPU seconds, after which no more electrons are drawn
+SLOW = 1.0  # CPU seconds of one object; its set-up is then negligible
+TOO_LONG = 5.0  # times the wanted CPU seconds; after that no more electrons are drawn
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ def sweep(bench, setting, cases, methods, *, seconds, electrons):
     electrons draw each object until it has `electrons`.
     """
     truth, rows = bench.truth(setting), []
-    for kind in (True, False):  # compiled and warm before anything is timed
+    for kind in (True, False):  # compile and warm up before anything is timed
         faintest = min((case for case in cases if case.star == kind), key=lambda case: case.electrons)
         for method in methods:
             measured(method, setting, faintest.brighter(2000.0), 0.0, 0.0)
@@ -59,7 +59,7 @@ def row(bench, method, setting, case, direct, reference, seconds, electrons):
     about = {"method": method.name} | case.about() | {"snr": significance(direct, case, setting)}
     try:
         image, cost, drawn = measured(method, setting, case, seconds, electrons)
-    except GalSimError:  # its transform would not fit the memory
+    except GalSimError:  # its transform would not fit into memory
         image, cost, drawn = np.full_like(direct, np.nan), np.nan, 0
     judged = {}
     if drawn:
@@ -76,11 +76,11 @@ def row(bench, method, setting, case, direct, reference, seconds, electrons):
 
 
 def measured(method, setting, case, seconds, electrons):
-    """Return (image of an object of unit light, CPU seconds an object, electrons drawn; infinite if none is random)."""
+    """Return (image of an object of unit light, CPU s per object, electrons drawn: infinite if none is random)."""
     used = min(case.electrons, method.most)
     draw = method.prepare(setting, case.brighter(used))
     copies, (image, took) = 1, _timed(draw, 1)
-    if took < SLOW:  # the first draw sets up what is kept
+    if took < SLOW:  # the first draw also fills caches
         image, took = _timed(draw, 1)
     random = method.random or image.dtype.kind == "i"
     while took < seconds:
@@ -101,6 +101,6 @@ def _timed(draw, copies):
 
 
 def significance(light, case, setting):
-    """Return the S/N of an object under an ideal filter, its own noise in it."""
+    """Return the S/N of an object in an ideal filter, including the noise of its own light."""
     light = case.electrons * np.maximum(light, 0)
     return float(np.sqrt((light**2 / (light + setting.variance)).sum()))

@@ -1,1 +1,1 @@
-"""From measured frames to bricks of the sky: merging, validation, shear, the report's pages."""
+"""From measured frames to bricks of the sky: merging, validation, shear."""

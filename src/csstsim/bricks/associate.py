@@ -1,11 +1,11 @@
-"""Groups detections into sources: the brightest become seeds, and each other detection joins a seed it agrees with.
+"""Group detections into sources: the brightest become seeds, and each other detection joins a seed it agrees with.
 
 Two detections of different frames agree if they lie within `N_SIGMA` times their joint error, and at most `CAP` apart.
-The error of each is its own and a floor in quadrature. A detection that agrees with no brighter seed is a seed. Every
-other one joins a seed it agrees with. The likeliest pairs come first, by the Gaussian density of the joint error, so
-that an uncertain seed does not take detections of a sharp one. A seed takes one detection of each frame; detections
-that are left over are grouped in the same way among themselves. So there are no chains: all detections of a source
-agree with its seed. The work is linear in the number of detections, at a given density.
+The error of each is its stated error and `FLOOR` in quadrature. A detection that agrees with no brighter seed is a
+seed. Every other one joins a seed it agrees with. The likeliest pairs come first, by the Gaussian density of the joint
+error, so that an uncertain seed does not take detections of a sharp one. A seed takes one detection of each frame;
+detections that are left over are grouped in the same way among themselves. So there are no chains: all detections of a
+source agree with its seed. The work is linear in the number of detections, at a given density.
 """
 
 import numba
@@ -14,16 +14,16 @@ import numpy as np
 from csstsim.bricks.match import share_out
 
 ARCSEC = np.pi / 180.0 / 3600.0
-FLOOR = 0.010  # arcsec: residuals of the astrometry, months of a slow star's motion
+FLOOR = 0.010  # arcsec: residuals of the astrometry, and a slow star's motion over months
 N_SIGMA = 5.0  # in two dimensions 4e-6 of the true pairs are further apart
-CAP = 0.4  # arcsec: the error that noise may give a faint galaxy; further away is the next source
+CAP = 0.4  # arcsec: the largest error that noise gives a faint galaxy; beyond lies another source
 
 
 def associate(vectors, error, frame, *, floor=FLOOR, n_sigma=N_SIGMA, cap=CAP):
     """Return the source number (n,) of each detection; sources are numbered in the order of their seeds.
 
-    Detections are in order of brightness, within a few degrees: unit vectors (n, 3), `error` arcsec on an axis, all
-    finite and positive, `frame` a number (two detections of one frame are two sources).
+    Detections are in order of brightness and within a few degrees: `vectors` (n, 3) are unit vectors, `error` (n,)
+    [arcsec on an axis] is finite and positive, `frame` (n,) a number (two detections of one frame are two sources).
     """
     sigma = np.hypot(error, floor) * ARCSEC
     seed_of = np.full(len(vectors), -1)
@@ -64,13 +64,13 @@ def _room(size):
 
 
 def _grid(vectors, size):
-    """Return (sorted keys, their detections, cells in a line, cell of each) of a grid of cells `size` radians wide."""
+    """Return (sorted keys, their detections, cells per line, cell of each) of a grid of cells `size` radians wide."""
     centre = vectors.mean(axis=0)
     axis = np.eye(3)[np.abs(centre).argmin()]
     first = np.cross(centre, axis)
     first /= np.linalg.norm(first)
     plane = np.stack([vectors @ first, vectors @ np.cross(centre / np.linalg.norm(centre), first)], axis=1)
-    # Foreshortened lengths are never longer: neighbours within `size` are in neighbouring cells
+    # Projection never lengthens distances: neighbours within `size` are in neighbouring cells
     cell = np.floor(plane / size).astype(np.int64)
     cell += 1 - cell.min(axis=0)
     width = int(cell[:, 1].max()) + 2
@@ -98,9 +98,9 @@ def _seeds(key, order, width, cell, vectors, sigma, frame, n_sigma, cap):
 
 @numba.njit(cache=True)
 def _pairs(key, order, width, cell, seed, vectors, sigma, frame, n_sigma, cap, detections, seeds, rarity):
-    """Write the pairs of a detection and a seed that agree as far as there is room; return how many there are.
+    """Write the pairs of a detection and a seed that agree, as far as the arrays have room; return how many there are.
 
-    `rarity`: minus twice the logarithm of the density of their joint error, but for a constant.
+    `rarity`: minus twice the logarithm of the density of their joint error, up to a constant.
     """
     count = 0
     for i in range(len(vectors)):
@@ -120,7 +120,7 @@ def _pairs(key, order, width, cell, seed, vectors, sigma, frame, n_sigma, cap, d
 
 @numba.njit(cache=True)
 def _apart(vectors, sigma, i, j, cap):
-    """Distance of two detections in units of their joint error; infinite beyond the cap."""
+    """Return the distance of two detections in units of their joint error; infinite beyond the cap."""
     square = 0.0
     for axis in range(3):
         square += (vectors[i, axis] - vectors[j, axis]) ** 2

@@ -1,8 +1,9 @@
 """Merged sources against true objects: matches, purity, magnitudes, positions, colours (for `bricks.validate`).
 
-The S/N of a galaxy takes n_eff + 9 r_e^2 px: 8 pi h^2 of a face-on exponential disc, h = r_e / 1.678 (9.06 r_e^2 of a
-Gaussian). Places are compared at the epoch of observation (`ra_epoch`: ICRS, proper motion and parallax in it), and
-matched one to one (bricks.match). Purity is the fraction of the merged sources that are a true object's, of any kind.
+The S/N of a galaxy assumes n_eff + 9 r_e^2 px: 8 pi h^2 for a face-on exponential disc of h = r_e / 1.678 (9.06 r_e^2
+for a Gaussian). Positions are compared at the epoch of observation (`ra_epoch`: ICRS, with proper motion and parallax)
+and matched one to one (bricks.match). Purity is the fraction of the merged sources that match a true object of any
+kind.
 """
 
 import numpy as np
@@ -11,22 +12,22 @@ from csstsim.base.sphere import offsets, unit_vectors
 from csstsim.bricks.match import one_to_one
 from csstsim.catalog.table import GALAXY
 
-SNR_MAX = 500.0  # brighter sources come near saturation
+SNR_MAX = 500.0  # brighter sources may be near saturation
 SNR_BRIGHT = 20.0  # magnitude and position residuals are judged above this
-SNR_COUNT = 20.0  # in one exposure: number counts, and what a merged brick must hold
+SNR_COUNT = 20.0  # in one exposure: above it number counts and losses in the merge are judged
 SNR_COLOUR = 10.0  # measured, in each band
-MATCH_ARCSEC = 0.2  # truth and merged source; for galaxies at least half the half-light radius
-SATURATED = 4  # of the measured flags (measure.catalogue)
+MATCH_ARCSEC = 0.2  # match radius; for galaxies at least half the half-light radius
+SATURATED = 4  # bit of the measured flags (measure.catalogue)
 
 
 def match(truth, sources):
-    """Return for each true object the row of its merged source (bricks.match), -1 if there is none within reach."""
+    """Return the row of each true object's merged source (bricks.match), -1 if there is none within reach."""
     places, others = (unit_vectors(truth["ra_epoch"], truth["dec_epoch"]), unit_vectors(sources["ra"], sources["dec"]))
     return one_to_one(places, others, np.radians(reach(truth) / 3600.0))
 
 
 def half_light(truth):
-    """Half-light radius, arcsec: mean of disc and bulge with their shares of the light; 0 of point sources."""
+    """Return half-light radii, arcsec: means of disc and bulge weighted with their light; 0 for point sources."""
     if not {"size_disk", "size_bulge", "bulge_frac"} <= set(truth):
         return np.zeros(len(truth))
     share = truth["bulge_frac"].astype(float)
@@ -35,7 +36,7 @@ def half_light(truth):
 
 
 def wider(truth, n_eff):
-    """Return (n,): the pixels an object covers, over those of a point source."""
+    """Return (n,): the pixels that an object covers over those of a point source."""
     return 1.0 + 9.0 * truth["half_light_px"] ** 2 / n_eff
 
 
@@ -47,8 +48,8 @@ def reach(truth):
 def real(truth, sources):
     """Return the rows of the merged sources that belong to a true object.
 
-    The truth has all light: objects fainter than the campaign's limit are not drawn. Of two sources made from the light
-    of one object, one is real.
+    The truth contains all light that was drawn: objects below the campaign's limit are not drawn. If one object gives
+    two sources, one of them is real.
     """
     row = match(truth, sources)
     return row[row >= 0]
@@ -74,7 +75,7 @@ def magnitudes(band, truth, sources, match, infos):
 
 
 def true_snr(band, truth, infos):
-    """Return the S/N of true objects in an exposure of the band, (n,): bricks.trials' with the exposures' medians."""
+    """Return the S/N (n,) of true objects in one exposure of the band: bricks.trials' with the exposures' medians."""
     zeropoint, n_eff, rms = (np.median([info[name] for info in infos]) for name in ("zeropoint", "n_eff", "rms"))
     electrons = 10.0 ** (-0.4 * (truth[f"mag_{band}"].astype(float) - zeropoint))
     return electrons / np.sqrt(electrons + n_eff * wider(truth, n_eff) * rms**2)
@@ -83,10 +84,10 @@ def true_snr(band, truth, infos):
 def counts(band, truth, sources, match, real, edges, infos):
     """Return the number counts of a band, true and measured, {edges, in, out, excess, n}.
 
-    In: the true objects; out: the sources that are theirs (`match`), and those that are nobody's (not `real`), stars
-    counted by PSF, others by Kron magnitude. excess: the share of the isolated true objects of S/N above SNR_COUNT
-    (`true_snr`) that have a source in the band, less 1, and false sources of that measured S/N over all such objects.
-    Blends do not count: where two objects melt into one, their number says nothing of a fault. n: isolated objects.
+    in: the true objects; out: their sources (`match`) and the false ones (not `real`), stars by PSF magnitude, others
+    by Kron magnitude. excess: the share of the isolated true objects of S/N above SNR_COUNT (`true_snr`) with a source
+    in the band, less 1, plus the number of false sources above that measured S/N over that of all true objects above
+    it. Blends do not count as lost, because two objects that are detected as one are no fault. n: isolated objects.
     """
     star = np.asarray(sources["star"]) > 0.5
     measured = np.where(star, sources[f"mag_{band}"], sources[f"kron_mag_{band}"])
@@ -94,7 +95,7 @@ def counts(band, truth, sources, match, real, edges, infos):
     got = measured[np.union1d(found, np.flatnonzero(false))]
     bright = np.nan_to_num(true_snr(band, truth, infos)) > SNR_COUNT
     alone = bright & ~truth["blended"].astype(bool)
-    seen = np.append(np.asarray(sources[f"n_{band}"]) > 0, False)[match]  # in this band; the last for no match
+    seen = np.append(np.asarray(sources[f"n_{band}"]) > 0, False)[match]  # in this band; row -1: no match
     more = np.nan_to_num(sources[f"flux_{band}"] / sources[f"flux_err_{band}"])[false] > SNR_COUNT
     n = int(alone.sum())
     return {
@@ -105,7 +106,7 @@ def counts(band, truth, sources, match, real, edges, infos):
 
 
 def lost(truth, match, held):
-    """Return {"stars", "galaxies": (share, n)}: the share without a source of n found in exposures (`held`: ids)."""
+    """Return {"stars", "galaxies": (share, n)}: of n found in exposures (ids `held`), the share without a source."""
     found, out = np.isin(truth["id"], np.concatenate(held or [[]])), {}
     galaxy = truth["obj_type"] == GALAXY
     for name, kind in (("stars", found & ~galaxy), ("galaxies", found & galaxy)):
@@ -114,9 +115,9 @@ def lost(truth, match, held):
 
 
 def twice(truth, sources, match):
-    """Return (share, n): surplus sources at the places of n isolated true objects with a source, as a share of n.
+    """Return (share, n): surplus sources at the positions of n isolated true objects with a source, over n.
 
-    Within the match radius there may be as many sources as true objects, faint ones included.
+    The surplus is of sources over true objects, faint ones included, within the match radius.
     """
     rows = np.flatnonzero(~truth["blended"].astype(bool) & (match >= 0))
     if len(rows) == 0:
@@ -145,7 +146,7 @@ def astrometry(truth, sources, match, bands, snr_min=SNR_BRIGHT):
 
 
 def three(bands):
-    """Return three neighbouring bands of the camera's to show colours in: from the second on, if there are four."""
+    """Return the three neighbouring bands whose colours are shown: from the second on, if there are four or more."""
     first = 1 if len(bands) > 3 else 0
     return tuple(bands)[first : first + 3]
 
@@ -153,9 +154,8 @@ def three(bands):
 def colours(truth, sources, match, bands, snr_min=SNR_COLOUR, kind=None):
     """Return the colours of the same sources, true and measured: {bands, input, output (2, n), galaxy (n,)}.
 
-    Matched, unblended, S/N > `snr_min` in the three bands; of fewer bands there is nothing, whatever the sources; kind:
-    "star" leaves galaxies out. The S/N is that of the magnitude that is used: PSF of stars and quasars, Kron of
-    galaxies.
+    Sources are matched and unblended with S/N > `snr_min` in the three bands; with fewer bands the arrays are empty.
+    kind: "star" leaves galaxies out. Magnitudes and S/N are PSF ones for stars and quasars, Kron ones for galaxies.
     """
     some = len(truth) and len(bands) == 3
     rows = np.flatnonzero(~truth["blended"].astype(bool) & (match >= 0)) if some else np.zeros(0, int)
@@ -181,7 +181,7 @@ def colours(truth, sources, match, bands, snr_min=SNR_COLOUR, kind=None):
 
 
 def spread(values):
-    """Median, its standard error, robust sigma and count, JSON-like; None without values, of one no error or sigma."""
+    """Return median, its standard error, robust sigma and count, JSON-like; those that n is too small for are None."""
     n = len(values)
     if n == 0:
         return {"median": None, "error": None, "sigma": None, "n": 0}

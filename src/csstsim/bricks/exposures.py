@@ -1,7 +1,7 @@
 """Gates of one exposure of one chip: its stars, galaxies, pixels and header.
 
-A median over exposures would hide a wrong one. So each exposure is judged, and bricks.gates.of_exposures keeps the
-failing gates. A release has thousands of exposures, so WORST sigma of chance are forgiven.
+A median over exposures would hide a single faulty one. So each exposure is judged, and bricks.gates.of_exposures keeps
+the failing gates. A release has thousands of exposures, so chance deviations up to WORST sigma are tolerated.
 """
 
 import numpy as np
@@ -11,11 +11,11 @@ from csstsim.bricks.facts import header_off, pixels_off
 from csstsim.bricks.gates import WORST, at_least, at_most, between
 from csstsim.bricks.trials import SHAPES
 
-SNR_SHARP = 50.0  # above it places and shapes of stars are judged
-SNR_SHAPE = 20.0  # above it galaxies' shapes
-CLIP = 4.0  # sigma, of means
-FLOOR_MAG, FLOOR_MAS, FLOOR_PX = 0.005, 1.0, 0.01  # of a star, beside its stated error: no few stars are the mean
-SHAPE_MAX = 1.5  # of a measured shape: noise makes longer ones
+SNR_SHARP = 50.0  # stars' positions and shapes are judged above this
+SNR_SHAPE = 20.0  # galaxies' shapes are judged above this
+CLIP = 4.0  # sigma; values further off are left out of means
+FLOOR_MAG, FLOOR_MAS, FLOOR_PX = 0.005, 1.0, 0.01  # added to a star's stated error: a few must not dominate a mean
+SHAPE_MAX = 1.5  # of a measured shape; longer ones are noise
 
 
 def frame_gates(table, frame, limits):
@@ -47,7 +47,7 @@ class _Gates:
         return between(name, self.band, value, limits, n, **self.where)
 
     def worst(self, name, found, threshold):
-        """Return the gate of the (channel, value, chance) nearest to failing; none of nothing."""
+        """Return a list of the gate of the (channel, value, chance) nearest to failing; empty if none is found."""
         gates = [
             self.at_most(name, value, threshold, None, WORST * chance, **({"channel": n} if n else {}))
             for n, value, chance in found
@@ -56,7 +56,7 @@ class _Gates:
 
 
 def _found(table, limits, of):
-    """Completeness of points and of galaxies, and the saturated stars' flag."""
+    """Return the gates of completeness of point sources and galaxies, and of the flag of saturated stars."""
     galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
     points = judged_points(table, limits)
     some = galaxy & (table["snr"] > limits.galaxy_snr_min) & (table["snr"] < SNR_MAX)
@@ -71,12 +71,12 @@ def _found(table, limits, of):
 
 
 def judged_points(table, limits):
-    """Return the mask of the points of bricks.trials whose completeness is judged."""
+    """Return the mask of the point sources of bricks.trials whose completeness is judged."""
     return (table["galaxy"] == 0) & (table["snr"] > limits.snr_min) & (table["snr"] < SNR_MAX)
 
 
 def bright_points(table):
-    """Return the mask of the stars of bricks.trials whose light is judged: found, sound, without neighbours' light."""
+    """Return the mask of the stars of bricks.trials whose flux is judged: found, not saturated, without neighbours."""
     bright = (table["snr"] > SNR_BRIGHT) & (table["snr"] < SNR_MAX)
     return bright & (table["galaxy"] == 0) & (table["lonely"] > 0) & (table["sound"] > 0)
 
@@ -109,7 +109,7 @@ def _stars(table, pixel, limits, of):
 
 
 def _shapes(table, limits, of):
-    """Stars' sizes and distortions less the PSF model's, and how galaxies' shapes follow the true ones."""
+    """Return the gates of stars' sizes and distortions against the PSF model, and of galaxies' shapes."""
     stars = bright_points(table) & (table["snr"] > SNR_SHARP)
     allowed = limits.psf_size_max, limits.psf_e_max, limits.psf_e_max
     names = "star size over PSF model, less 1", "star e1 less PSF model", "star e2 less PSF model"
@@ -123,10 +123,10 @@ def _shapes(table, limits, of):
 
 
 def shape_slope(table):
-    """Return (slope, error on an axis, n): complex slope of galaxies' measured shapes on the true ones.
+    """Return (slope, error on an axis, n): the complex slope of galaxies' measured shapes against the true ones.
 
-    1 where they agree; a turn by an angle a is a factor exp(2 i a), a sign of one component that is wrong makes the
-    slope nearly zero.
+    It is 1 if they agree. A rotation by an angle a gives a factor exp(2 i a); a wrong sign of one component gives a
+    slope near zero.
     """
     some = (table["galaxy"] > 0) & (table["snr"] > SNR_SHAPE) & (table["snr"] < SNR_MAX)
     true, got = (table[f"{name}1"][some] + 1j * table[f"{name}2"][some] for name in ("true_g", "g"))
@@ -167,10 +167,10 @@ def _header(facts, limits, of):
 
 
 def clipped_mean(values, errors, floor):
-    """Return (mean, its error, n) of values weighted with errors and `floor` in quadrature; (None, 0, 0) of nothing.
+    """Return (mean, its error, n); each value's sigma is its error and `floor` in quadrature. (None, 0, 0) if empty.
 
-    Values beyond CLIP of their own sigma, or of the values' scatter where that is wider, off the median are left out.
-    The error is that of the scatter about the mean, so also where the stated ones are too small.
+    Values further than CLIP sigma from the median are left out; sigma is scaled up if the values scatter by more. The
+    mean's error is the larger of the stated one and that from the scatter.
     """
     good = np.isfinite(values) & np.isfinite(errors)
     values, sigma = values[good], np.hypot(errors[good], floor)

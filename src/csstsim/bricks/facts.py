@@ -1,8 +1,8 @@
-"""What a campaign expects of a frame, and what the header of its Level-0 file states (made by stages.frame_facts).
+"""Expected values of a frame, and those in the header of its Level-0 file (made by stages.frame_facts).
 
-Pixels are judged by the expectation: the background is sky and dark current, its noise that of sky, dark current,
-readout and rounding. The header's numbers are judged by the campaign's, its world coordinates by the positions of
-stars.
+Pixels are compared with the expected values: the background is sky and dark current, its noise that of sky, dark
+current, readout and rounding. The header's numbers are compared with the campaign's, its world coordinates with the
+positions of stars.
 """
 
 from dataclasses import dataclass, field
@@ -11,17 +11,17 @@ from typing import Any
 
 import numpy as np
 
-LEAST = 256**2  # px: with fewer the background has less than one mesh (measure.background), and is not judged
-FAINT = 5.0  # S/N of objects whose light is background
-OUTSIDE = 0.02  # of the other objects' light may lie beyond what is masked: 1% of that of saturated stars does
-ROUNDING = 12**-0.5  # rms of rounding, of a step
+LEAST = 256**2  # px: a smaller background has less than one mesh (measure.background) and is not judged
+FAINT = 5.0  # S/N: all light of fainter objects counts as background
+OUTSIDE = 0.02  # share of brighter objects' light that may be unmasked: 1% of saturated stars' is
+ROUNDING = 12**-0.5  # rms of rounding, in steps
 
 
 @dataclass(frozen=True)
 class HeaderWCS:
-    """The world coordinates that a header states: TAN, or TAN-SIP; 0-based pixels of the whole chip.
+    """The world coordinates of a header: TAN, or TAN-SIP; 0-based pixels of the whole chip.
 
-    distortion: that of the chip (optics.geometry.distortion), where light lies beside a linear WCS; else None.
+    distortion: that of the chip (optics.geometry.distortion) if the header's linear WCS leaves it out, else None.
     """
 
     cards: dict
@@ -43,11 +43,11 @@ class HeaderWCS:
 
 @dataclass(frozen=True)
 class Facts:
-    """Expected of one frame, and stated by its file.
+    """Expected values of one frame, and those in its file's header.
 
-    exptime [s]; sky [e- in a pixel, ahead of all losses], None where a layer of the user's own may bring light; dark
-    [e- in a pixel]; read_noise, full_well [e-]; gain {channel: e-/DN}; header {exptime, gain, read_noise, bias}, the
-    latter three {channel: e-/DN, e-, DN}, None or empty where it states none; wcs: HeaderWCS or None.
+    exptime [s]; sky [e- per pixel, before all losses], None if a layer of the user's own may add light; dark [e- per
+    pixel]; read_noise, full_well [e-]; gain {channel: e-/DN}; header {exptime, gain, read_noise, bias}, the latter
+    three {channel: e-/DN, e-, DN}, None or empty if the header has none; wcs: HeaderWCS or None.
     """
 
     exptime: float
@@ -60,11 +60,11 @@ class Facts:
     wcs: Any = None
 
     def level(self, response):
-        """Return the expected background [e- in a pixel] once the counted share `response` was divided out."""
+        """Return the expected background [e- per pixel] after division by the counted share `response`."""
         return self.sky + self.dark / response
 
     def noise(self, response, channel):
-        """Return its expected noise [e- rms in a pixel]: of sky, dark current, readout and rounding to whole DN."""
+        """Return its expected noise [e- rms per pixel]: of sky, dark current, readout and rounding to whole DN."""
         rounding = self.gain.get(channel, 0.0) * ROUNDING
         return np.sqrt(self.sky * response + self.dark + self.read_noise**2 + rounding**2) / response
 
@@ -72,9 +72,9 @@ class Facts:
 def pixels_off(channels, facts, truth):
     """Return {name: list of (channel or None, value, chance)} of a frame's channels (measure.channel_figures).
 
-    level, noise: over what is expected, less 1, of channels of LEAST px, and of the whole frame (channel None);
+    level, noise: measured over expected, less 1, of channels of LEAST px or more and of the whole frame (channel None);
     read_noise: the overscan's over the camera's, less 1; bias: the overscan's less the header's, DN. chance: one sigma.
-    Of the light of objects (`truth`: io.truth.read_truth) OUTSIDE and all of FAINT ones may be in the level.
+    The level may include all light of FAINT objects (`truth`: io.truth.read_truth) and a share OUTSIDE of the others'.
     """
     out = {"level": [], "noise": [], "read_noise": [], "bias": []}
     pixels = np.array([_size(part["window"]) for part in channels])
@@ -106,10 +106,10 @@ def _size(window):
 
 
 def _wings(channels, pixels, truth):
-    """Return (n,): light of objects [e- in a pixel] that may be in the level of each channel, unmasked.
+    """Return (n,): unmasked light of objects [e- per pixel] that each channel's level may include.
 
-    A channel has the wings of its own objects, and as much of all the frame's; what lies beside the window is taken to
-    be in the channel next to it.
+    It is the sum of two means: over the channel, of its own objects' light, and over the frame, of all objects' light.
+    An object outside the window counts in the nearest channel.
     """
     if not channels or "drawn" not in truth:
         return np.zeros(len(channels))
@@ -125,7 +125,7 @@ def _wings(channels, pixels, truth):
 
 
 def _whole(parts):
-    """Return [(figures, pixels, light)] of all channels together: means weighted with pixels; none of none."""
+    """Return [(figures, pixels, light)] of all channels together: means weighted with pixels; [] without channels."""
     if not parts:
         return []
     channels, pixels, light = zip(*parts, strict=True)
@@ -136,7 +136,7 @@ def _whole(parts):
 
 
 def header_off(facts):
-    """Return {name: list of (channel or None, value, 0)} of what the header states, over the campaign's, less 1."""
+    """Return {name: list of (channel or None, value, 0)}: the header's numbers over the campaign's, less 1."""
     header, out = facts.header, {"exptime": [], "gain": [], "read_noise": []}
     if header.get("exptime") is not None and facts.exptime > 0:
         out["exptime"].append((None, header["exptime"] / facts.exptime - 1, 0.0))

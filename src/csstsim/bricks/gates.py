@@ -1,29 +1,28 @@
 """Gates: a number, its threshold, and whether it passes (None: cannot be judged).
 
-A gate is {name, band, value, threshold, n, margin, passed}; that of one exposure also has {exposure, chip}, that of one
-readout channel {channel}. It is not judged without a threshold, without a value, or from fewer than FEW sources; n is
-None if it does not depend on sources. margin: the number over what is allowed, chance included; above 1 a gate fails.
+A gate is {name, band, value, threshold, n, margin, passed}; a gate of one exposure also has {exposure, chip}, that of
+one readout channel {channel}. It is not judged without a threshold, without a value, or from fewer than FEW sources; n
+is None if it does not depend on sources. margin: the number over the largest allowed one, which includes chance; above
+1 the gate fails.
 """
 
 import numpy as np
 
 FEW = 20
-CHANCE = 2.0  # sigma of chance that are forgiven
-WORST = (
-    4.0  # ... of bins, widths and exposures, of which a release has thousands: the worst lies beyond three by chance
-)
-LARGEST = 999.0  # of a margin
+CHANCE = 2.0  # sigma of chance that are tolerated
+WORST = 4.0  # ... of bins, widths and exposures: of a release's thousands some exceed three by chance
+LARGEST = 999.0  # largest margin
 
 
 def at_most(name, band, value, threshold, n, chance=0.0, **where):
-    """Gate of a number that may be of either sign and at most `threshold` in size, `chance` forgiven."""
+    """Return the gate of a number of either sign that is at most `threshold` + `chance` in size."""
     return _gate(name, band, value, threshold, n, where, lambda: (abs(value), threshold + chance))
 
 
 def at_least(name, band, value, threshold, n, **where):
-    """Gate of a fraction of n; its margin is of what is missing.
+    """Return the gate of a fraction of n that is at least `threshold`; its margin compares the missing fractions.
 
-    One that truly is at the threshold falls short by chance: CHANCE sigma of it are forgiven.
+    A fraction whose true value is at the threshold may fall short by chance: CHANCE sigma are tolerated.
     """
     return _gate(
         name, band, value, threshold, n, where,
@@ -32,11 +31,11 @@ def at_least(name, band, value, threshold, n, **where):
 
 
 def between(name, band, value, limits, n, **where):
-    """Gate of a width of n values within `limits` (low, high), WORST sigma of one at a limit forgiven."""
+    """Return the gate of a width of n values within `limits` (low, high), with a tolerance of WORST sigma."""
     threshold = None if limits is None else f"{limits[0]:g} to {limits[1]:g}"
 
     def sides():
-        chance = WORST * 1.17 / np.sqrt(n)  # of a width from the median deviation: 1.17 / sqrt(n)
+        chance = WORST * 1.17 / np.sqrt(n)  # a width from the median deviation has a relative error of 1.17 / sqrt(n)
         low, high = limits[0] * (1 - chance), limits[1] * (1 + chance)
         return (value, high) if value > limits[0] else (low, value)
 
@@ -44,9 +43,9 @@ def between(name, band, value, limits, n, **where):
 
 
 def of_exposures(gates):
-    """Return the failing gates of single exposures; for a name and band without failure, the gate closest to failing.
+    """Return all failing gates of single exposures; for a name and band without any, the gate closest to failing.
 
-    If no gate of a name and band was judged, the one with the most sources is kept.
+    If no gate of a name and band was judged, the one with the most sources is returned.
     """
     groups = {}
     for gate in gates:
@@ -72,7 +71,7 @@ def _gate(name, band, value, threshold, n, where, sides):
 
 
 def _margin(size, allowed):
-    """Return size over allowed, LARGEST at most; nothing is allowed where `allowed` is zero or less."""
+    """Return size over allowed, at most LARGEST, which it also is if `allowed` is zero or less; 0 without size."""
     if size <= 0:
         return 0.0
     return float(min(size / allowed, LARGEST)) if allowed > 0 else LARGEST

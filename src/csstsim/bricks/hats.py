@@ -1,4 +1,4 @@
-"""The files that make a folder of bricks, merged or true, a HATS catalogue, which `hats` and `lsdb` can open.
+"""Files that turn a folder of bricks, merged or true, into a HATS catalogue, which `hats` and `lsdb` can open.
 
 hats.properties  partition_info.csv  dataset/_metadata _common_metadata Norder=8/Dir=D/Npix=P.parquet
 """
@@ -9,11 +9,11 @@ from csstsim.base.healpix import BRICKS, HATS_ORDER, ORDER
 from csstsim.catalog.table import ObjectTable
 
 ABOUT = "hats.properties", "partition_info.csv", "dataset/_metadata", "dataset/_common_metadata"
-STANDARD = {"hats_version": "v1.0", "hats_release_date": "2025-08-22"}  # of the layout's description
+STANDARD = {"hats_version": "v1.0", "hats_release_date": "2025-08-22"}  # of the standard that the layout follows
 
 
 def write_catalogue(folder, name, bricks):
-    """Write the files of a catalogue `name` in `folder` about `bricks`: {brick: its parquet file}, one at least.
+    """Write the files of the catalogue `name` in `folder`, of `bricks`: {brick: its parquet file}, at least one.
 
     The same bricks give the same bytes. Raises InputError for a file that is missing or damaged.
     """

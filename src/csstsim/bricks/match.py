@@ -12,8 +12,8 @@ import numpy as np
 def one_to_one(places, others, reach):
     """Return for each place the row of its match among the others, -1 if there is none, (n,) int.
 
-    places (n, d) and others (m, d) are points, reach (n,) the largest distance of each place's partner, in the same
-    unit. The time is that of the candidates: linear in n and m at a given density.
+    places (n, d) and others (m, d) are points, reach (n,) the largest distance of each place's match, in the same
+    unit. The time is proportional to the number of candidates: linear in n and m at a given density.
     """
     from scipy.spatial import cKDTree
 
@@ -33,9 +33,9 @@ def one_to_one(places, others, reach):
 
 @numba.njit(cache=True)
 def share_out(first, second):
-    """Return a mask of the pairs (first[k], second[k]), best first, that are taken: no better pair has their members.
+    """Return a mask of the pairs (first[k], second[k]) that are taken: no better taken pair has one of their members.
 
-    first and second (k,) are numbers from 0.
+    Pairs come best first; first and second (k,) are numbers from 0.
     """
     taken = np.zeros(len(first), np.bool_)
     if len(first) > 0:

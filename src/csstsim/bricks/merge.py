@@ -1,15 +1,18 @@
 """Merge the detections of all exposures, chips and bands in one brick into one row per source (paper, section 6).
 
 `bricks.associate` groups detections into sources. The position is the mean weighted with the inverse variance, and the
-source belongs to the brick that holds it. Each brick works on its detections plus a margin, so every source is in
-exactly one brick, with all its detections. The result does not depend on the order of the input.
+source belongs to the brick that contains it. Each brick uses the detections in it and in a margin around it, so every
+source is in exactly one brick, with all its detections. The result does not depend on the order of the input.
 
-A source is kept when a detection has S/N >= `SNR_ALONE` (PSF, or Kron of a peak that the PSF sees with
-`KRON_PSF_MIN`), or `VISITS_ALONE` frames have it, or two frames have it with a joint PSF S/N >= `SNR_PAIR`;
-detections without a windowed position do not count, nor for the latter two those beyond `CLOSE_SIGMA` of the place;
-one with bad pixels counts by itself from `SNR_SPOILT` on. The threshold of `measure.detect` is lower, for completeness,
-and lets noise peaks pass (docs/merge.md). The number left out is in `meta` and in the file ("left_out"), as is what
-became of every detection ("detections").
+A source is kept if one of these holds:
+* a detection has S/N >= `SNR_ALONE`, of the PSF flux, or of the Kron flux if the PSF S/N is at least `KRON_PSF_MIN`;
+* it is detected in `VISITS_ALONE` frames;
+* it is detected in two frames, with a joint PSF S/N >= `SNR_PAIR`.
+Detections without a windowed position do not count, nor for the latter two those beyond `CLOSE_SIGMA` of the position.
+A detection with bad pixels counts only by itself, from S/N `SNR_SPOILT` on. The threshold of `measure.detect` is lower,
+for completeness, and lets noise peaks pass (docs/merge.md). `meta` and the file have the number of sources left out
+("left_out") and what became of every detection ("detections").
+
 Left out: forced photometry in the bands without a detection (NaN), and motion: positions are ICRS at each exposure's
 epoch, so a star that moves by more than the tolerance between exposures becomes two sources.
 """
@@ -22,17 +25,17 @@ from csstsim.bricks.associate import ARCSEC, FLOOR, associate
 from csstsim.catalog.table import ObjectTable, write_parquet
 
 MARGIN = 2.0  # arcsec; a detection and the mean of its source are never further apart than twice `associate.CAP`
-ERROR_MIN = 1e-4  # arcsec: no single detection has all the weight of a position
-ERROR_MAX = 10.0  # arcsec: a position that is not known, like one without an error
-SNR_MAX = 1e9  # no measurement is better; beyond, or NaN, it counts as 0
+ERROR_MIN = 1e-4  # arcsec: floor, so that no single detection has all the weight of a position
+ERROR_MAX = 10.0  # arcsec: a position with a larger error counts as unknown, like one without an error
+SNR_MAX = 1e9  # a larger S/N, or NaN, is no measurement and counts as 0
 AB_MICROJANSKY = 23.9  # AB magnitude of 1 microjansky
 SNR_ALONE = 5.0  # a single detection of this S/N is a source
-KRON_PSF_MIN = 2.5  # below, a Kron aperture holds but noise or a neighbour's light
-VISITS_ALONE = 3  # as are detections in this many frames; chance makes three agree a few times a brick
-CLOSE_SIGMA = 3.0  # of a detection's own error, from the mean place: 1.1 % of true ones are further off
-SNR_PAIR = 6.3  # two noise peaks at the threshold of detection make 5.3
-SNR_SPOILT = 20.0  # as SNR_ALONE, beside bad pixels: 31 of 31 of the quarter brick are true, of S/N 10 to 20 half
-SATURATED, NOT_CENTRED, SHARP, BAD_PIXELS, NO_SHAPE = 4, 32, 64, 128, 256  # of the measured flags (measure.catalogue)
+KRON_PSF_MIN = 2.5  # below this PSF S/N a Kron aperture holds only noise or a neighbour's light
+VISITS_ALONE = 3  # detections in so many frames are a source; three noise peaks agree a few times per brick
+CLOSE_SIGMA = 3.0  # of a detection's own error, from the mean position: 1.1 % of true ones are further off
+SNR_PAIR = 6.3  # two noise peaks at the threshold of detection have a joint S/N of 5.3
+SNR_SPOILT = 20.0  # as SNR_ALONE, with bad pixels: in a quarter brick 31 of 31 are true, half of those of S/N 10 to 20
+SATURATED, NOT_CENTRED, SHARP, BAD_PIXELS, NO_SHAPE = 4, 32, 64, 128, 256  # bits of measure.catalogue.FLAGS
 
 DETECTION_COLUMNS = {
     "obsid": str, "chip": np.int64, "filter": str, "number": np.int64, "ra": float, "dec": float, "pos_err": float,
@@ -71,11 +74,11 @@ ABOUT_BAND = {  # of each band B, small letters
 def merge_brick(pix, tables, bands, *, margin=MARGIN):
     """Return (sources, detections) of brick `pix`.
 
-    `tables`: iterable of measured tables (measure.catalogue columns), looked at one by one; nothing is kept of those
-    without a row in the brick or its margin (arcsec). `bands`: the camera's (Camera.bands). `sources`: ObjectTable of
-    ABOUT's columns but the links to detections, one row per source the brick owns, in the order of `_healpix_29`.
-    `sources.meta` has the number of sources left out and what became of every detection. `detections`: ObjectTable of
-    DETECTION_COLUMNS and `source` (row in `sources`), sorted by it.
+    `tables`: iterable of measured tables (measure.catalogue columns), read one by one; only rows in the brick or its
+    `margin` (arcsec) are kept. `bands`: the camera's (Camera.bands). `sources`: ObjectTable of ABOUT's columns without
+    the links to detections, one row per source in the brick, in the order of `_healpix_29`. `sources.meta` has the
+    number of sources left out and what became of every detection. `detections`: ObjectTable of DETECTION_COLUMNS and
+    `source` (row in `sources`), sorted by it.
     """
     found, fate = _gather(pix, tables, margin / 3600.0)
     vectors = unit_vectors(found["ra"], found["dec"])
@@ -113,14 +116,14 @@ def merge_brick(pix, tables, bands, *, margin=MARGIN):
 
 
 def _credible(found, source, close, count):
-    """Mask of the sources (count,) that stand by the S/N of a good detection or by their number of `close` ones."""
+    """Return the mask (count,) of the sources kept for the S/N of a good detection or the number of `close` ones."""
     good = (found["flags"] & (NOT_CENTRED | BAD_PIXELS)) == 0
     psf = np.where(good, np.maximum(found["snr"], 0.0), 0.0)
     error = found["flux_kron_err"]
     seen = np.isfinite(found["flux_kron"]) & (error > 0) & (found["flux_kron"] / SNR_ALONE >= error)
-    # Nothing of S/N 5 is without a shape but saturated stars and pieces of tracks
+    # Of detections above S/N 5 only saturated stars and pieces of tracks have no shape
     shaped = (found["flags"] & (NO_SHAPE | SATURATED)) != NO_SHAPE
-    spoilt = ((found["flags"] & NOT_CENTRED) == 0) & (found["snr"] >= SNR_SPOILT)  # what is left of a ray is fainter
+    spoilt = ((found["flags"] & NOT_CENTRED) == 0) & (found["snr"] >= SNR_SPOILT)  # rests of cosmic rays are fainter
     alone = shaped & ((psf >= SNR_ALONE) | (seen & (psf >= KRON_PSF_MIN)) | spoilt)
     psf = np.where(close, psf, 0.0)
     visits, joint = np.bincount(source, good & close, count), np.bincount(source, psf**2, count) ** 0.5
@@ -128,7 +131,7 @@ def _credible(found, source, close, count):
 
 
 def _gather(pix, tables, margin):
-    """Return (found, counts): the usable detections near a brick, brightest first, and the numbers of other ones."""
+    """Return (found, counts): the usable detections near a brick, brightest first, and the numbers by kind."""
     counts = dict.fromkeys(("near", "sharp", "no_error", "repeated", "no_position"), 0)
     parts = [{name: np.zeros(0, kind) for name, kind in DETECTION_COLUMNS.items()}]
     for table in tables:
@@ -148,14 +151,14 @@ def _gather(pix, tables, margin):
     frame = frame * 2**16 + found["chip"]
     snr = np.where(np.abs(found["snr"]) < SNR_MAX, found["snr"], 0.0)
     found = found.with_columns(frame=frame, snr=snr, filter=np.char.lower(found["filter"]))
-    # One fixed order, brightest first: nothing below depends on how the input came.
+    # One fixed order, brightest first: nothing below depends on the order of the input.
     found = found.take(np.lexsort((found["dec"], found["ra"], found["number"], frame, -snr)))
-    first = np.unique(found["frame"] * 2**32 + found["number"], return_index=True)[1]  # a detection is given once
+    first = np.unique(found["frame"] * 2**32 + found["number"], return_index=True)[1]  # repeated input counts once
     counts["repeated"] = len(found) - len(first)
     return found.take(np.sort(first)), counts
 
 
-@np.errstate(all="ignore")  # a number that is no measurement ends as NaN or infinity, in its own row
+@np.errstate(all="ignore")  # invalid measurements give NaN or infinity, each in its own row
 def _photometry(found, bands, count):
     source, band = found["source"], found["filter"]
     to_flux = 10.0 ** (0.4 * (AB_MICROJANSKY - found["zeropoint"]))  # microjansky per electron
@@ -180,7 +183,7 @@ def _photometry(found, bands, count):
 
 
 def _weighted_mean(source, flux, error, count):
-    """Inverse-variance mean and its error per source, whatever the flux's sign; NaN where nothing is usable."""
+    """Return the inverse-variance mean and its error per source, for fluxes of any sign; NaN if none is usable."""
     weight = np.where(error > 0, error, np.inf) ** -2.0
     good = np.isfinite(flux) & np.isfinite(weight) & (weight > 0)
     weight = weight[good]
@@ -203,7 +206,7 @@ def write_merged(path, sources, detections, metadata):
     kinds = {"obsid": pa.string(), "chip": pa.int16(), "filter": pa.string(), "number": pa.int32()}
     for name, kind in kinds.items():
         values = pa.array(detections[name], kind)
-        if isinstance(values, pa.ChunkedArray):  # of text longer than 16 MB in all
+        if isinstance(values, pa.ChunkedArray):  # text of more than 16 MB in all
             values = values.combine_chunks()
         columns[f"detection_{name}"] = pa.ListArray.from_arrays(offsets, values)
     write_parquet(path, pa.table(columns), sources.meta | metadata)

@@ -8,13 +8,13 @@ from csstsim.base.files.atomic import atomic_path
 
 
 def write_result(path, result):
-    """Write a JSON-like result (bricks.validate.validate_brick) of any keys but `checksum`."""
+    """Write a JSON-like result (bricks.validate.validate_brick), which may have any keys but `checksum`."""
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(result | {"checksum": _checksum(result)}, indent=1) + "\n")
 
 
 def read_result(path):
-    """Return what `write_result` was given. Raises InputError if the file is missing, damaged or not one of these."""
+    """Return the result in a file of `write_result`. Raises InputError if it is missing, damaged or of another kind."""
     try:
         result = json.loads(path.read_text())
     except (OSError, ValueError) as exc:

@@ -3,9 +3,9 @@ with their intrinsic shapes turned by 90 degrees. The mean of a galaxy's two sha
 
     mean shape = (1 + m) g + c
 
-over campaigns of different g, for each component. m and c are those of the whole chain, from the universe to the
-measured shapes, so a shape estimator's own are in them. A galaxy counts if both twins find it, alone and resolved: what
-one orientation alone finds would be a selection by shape.
+is fitted over campaigns of different g, for each component. m and c are those of the whole chain, from the universe to
+the measured shapes, including the shape estimator's. A galaxy counts if it is found in both twins, isolated and
+resolved: galaxies found in one orientation only would be selected by shape.
 """
 
 import numpy as np
@@ -15,12 +15,12 @@ from csstsim.bricks.trials import RESOLVED, SHAPELESS, matched
 from csstsim.catalog.table import GALAXY
 
 SNR_MIN = 10.0
-LARGEST = 1.5  # of a shape: noise makes longer ones
-CHANCE = 5.0  # sigma forgiven
+LARGEST = 1.5  # of a measured shape; longer ones are noise
+CHANCE = 5.0  # sigma of chance that are tolerated
 
 
 def shapes(frame, truth):
-    """Return {object id: (g1, g2)} of the sound, resolved, lone galaxies of a validate.MeasuredFrame.
+    """Return {object id: (g1, g2)} of the unflagged, resolved, isolated galaxies of a validate.MeasuredFrame.
 
     truth: its validate.judged_truth.
     """
@@ -34,9 +34,9 @@ def shapes(frame, truth):
 
 
 def pair_means(first, second):
-    """Return (n, 2): the mean shapes of the galaxies that both of two lists of `shapes` have, frame by frame.
+    """Return (n, 2): the mean shapes of the galaxies that two lists of `shapes`, one entry per frame, have in common.
 
-    A galaxy seen in several frames counts once, with its mean: its frames share its shape.
+    A galaxy seen in several frames counts once, with its mean, because its shape noise is the same in all.
     """
     found = {}
     for a, b in zip(first, second, strict=True):
@@ -48,10 +48,10 @@ def pair_means(first, second):
 def calibration(shears, means):
     """Return [{component, m, m_err, c, c_err, n}] from (k, 2) input shears and k arrays (n, 2) of `pair_means`.
 
-    m is None where all shears of a component are the same. Raises ValueError for fewer than two galaxies somewhere.
+    m is None if all shears of a component are equal. Raises ValueError if a campaign has fewer than two galaxies.
     """
     if min(map(len, means)) < 2:
-        raise ValueError("fewer than two galaxies that both twins measure")
+        raise ValueError("a pair of twins has fewer than two galaxies measured in both")
     out = []
     for axis in range(2):
         g = np.array([shear[axis] for shear in shears])
@@ -71,7 +71,7 @@ def calibration(shears, means):
 
 
 def judge(fits, m_max, c_max):
-    """Return gates (bricks.gates form) of m and c: within their limit and CHANCE of their errors, from FEW galaxies."""
+    """Return gates (bricks.gates form) of m and c from FEW galaxies or more: at most their limit plus CHANCE errors."""
     gates = []
     for fit in fits:
         for name, limit in (("m", m_max), ("c", c_max)):

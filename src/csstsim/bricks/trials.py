@@ -1,8 +1,8 @@
 """Result of one frame's measurement for each isolated true object: found or not, and its errors (bricks.validate).
 
-The S/N is that of the truth in optimal photometry, F / sqrt(F + n_eff rms^2), with F the electrons and the frame's own
-noise; a galaxy covers more pixels (bricks.compare). `deferred_mas` is the residual along the columns, positive away
-from the amplifier: the way in which charge transfer displaces; `transfers` the rows to the amplifier.
+The S/N is that of the truth in optimal photometry, F / sqrt(F + n_eff rms^2), with F the electrons and rms the frame's
+noise; a galaxy covers more pixels (bricks.compare). `deferred_mas` is the position residual along the columns, positive
+away from the amplifier, where charge transfer moves it; `transfers` are the rows to the amplifier.
 """
 
 import numpy as np
@@ -12,31 +12,31 @@ from csstsim.bricks.compare import SATURATED, half_light, wider
 from csstsim.bricks.match import one_to_one
 from csstsim.catalog.table import GALAXY, ObjectTable
 
-MATCH_PX = 2.5  # truth and detection in one frame
+MATCH_PX = 2.5  # match radius of truth and detection in one frame
 SHAPES = "psf_size", "psf_e1", "psf_e2"
-# What needs more of the measured table than light and places: NaN of another code's
+# Columns that need more of the measured table than fluxes and positions: NaN for another code's table
 OWN = ("pull", *SHAPES, "mag_off", "mag_err", "east_mas", "north_mas", "place_err", "g1", "g2")
 FOUND = ("across_mas", "deferred_mas", "light", "header_east", "header_north", "true_g1", "true_g2", *OWN)
 COLUMNS = ("galaxy", "snr", "mag", "found", "sound", "clean", "full", "x", "y", "transfers", "lonely", *FOUND)
 RESOLVED = 0.3  # least resolution (1 - PSF size^2 / size^2) of a galaxy whose shape is judged
 SHAPELESS = 1 | 2 | 4 | 8 | 128  # flags of measure.catalogue: blended, cut, saturated, negative, bad pixels
 DOUBTFUL = 4 | 32 | 64 | 128 | 256  # flags with which a merge may leave a single detection out
-PEAK = 2.0  # brightest pixel of a star on it, of its light / n_eff: exact of a Gaussian
-SURELY = 2.0  # such a peak over the full well: also with the star on a pixel's corner
-LONELY = 0.3  # of an object's noise: the light of all its neighbours, with less they do not widen its pull
+PEAK = 2.0  # peak pixel of a star centred on it, in units of its light / n_eff: exact for a Gaussian
+SURELY = 2.0  # such a peak in full wells that saturates even with the star on a pixel's corner
+LONELY = 0.3  # of an object's noise: less light of neighbours does not widen the pulls
 
 
 def trials(truth, frame):
-    """Return an ObjectTable of COLUMNS, a row an isolated object of `truth` (bricks.validate.judged_truth of `frame`).
+    """Return an ObjectTable of COLUMNS, one row per isolated object of `truth` (validate.judged_truth of `frame`).
 
     sound: found and not saturated; clean: found without a flag of DOUBTFUL; full: so bright that it must be saturated;
-    lonely: neighbours' light does not matter to the pull. Of what was found, else NaN:
+    lonely: neighbours' light does not affect the pull. The others are NaN if the object was not found:
     light: measured electrons (PSF) over true ones, pull: their difference over the stated error; mag_off: PSF magnitude
-    less the true one, mag_err its error; east_mas, north_mas: ICRS place less the true one at the epoch, place_err its
-    error on an axis; header_east, header_north [px]: the measured pixel through the header's WCS, less the true
-    apparent place. psf_size, psf_e1, psf_e2: a star's size over that of the PSF model there, less 1, and its distortion
-    less the model's (measure.moments). true_g1, true_g2: a galaxy's sheared shape, g1, g2: the measured one, where it
-    is resolved.
+    less the true one, mag_err its error; east_mas, north_mas: ICRS position less the true one at the epoch, place_err
+    its error on an axis; header_east, header_north [px]: the measured pixel through the header's WCS, less the true
+    apparent position. psf_size, psf_e1, psf_e2: a star's size over that of the PSF model there, less 1, and its
+    distortion less the model's (measure.moments). true_g1, true_g2: a galaxy's sheared shape, g1, g2: the measured one,
+    if it is resolved.
     """
     truth = truth.take(~truth["blended"])
     electrons, galaxy = truth["electrons"].astype(float), truth["obj_type"] == GALAXY
@@ -65,7 +65,7 @@ def trials(truth, frame):
         away = np.where(upper[found], -1.0, 1.0)
         out["deferred_mas"][found] = scale * away * (measured["y"][at] - truth["y"])
         out["light"][found] = measured["flux_psf"][at] / electrons[found]
-        if "hsm_sigma" in measured:  # another code's table has light and places alone
+        if "hsm_sigma" in measured:  # another code's table has fluxes and positions only
             values = _own(truth, measured, at, out["mag"][found], electrons[found])
             values |= _by_header(truth, measured, at, frame)
             for name in values:
@@ -105,7 +105,7 @@ def _by_header(truth, measured, at, frame):
 
 
 def matched(truth, measured, pixel):
-    """Return for each object the row of its detection (bricks.match), -1 if there is none within reach.
+    """Return the row of each object's detection (bricks.match), -1 if there is none within reach.
 
     pixel: its side [arcsec].
     """
@@ -119,7 +119,7 @@ def joined(tables):
 
 
 def limit(mag, found, share=0.5, step=0.25, fewest=10):
-    """Return the magnitude at which `share` are found; None if the bins of `fewest` and more do not cross it."""
+    """Return the magnitude at which `share` are found; None if no bins of `fewest` objects or more cross it."""
     known = np.isfinite(mag)
     if not known.any():
         return None

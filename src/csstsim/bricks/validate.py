@@ -1,9 +1,9 @@
 """Compare a brick's measurements with its truth: the checks of the paper's section 6, as numbers and gates.
 
-Of each exposure by itself (bricks.trials): completeness against true S/N and magnitude, light in units of its error
-(pulls), light and places along the way of the charge. Of the merged catalogue (bricks.compare): magnitudes out minus in
-(PSF for stars, Kron for galaxies), places, colours, number counts.
-Blended and (nearly) saturated sources are left out; a figure from fewer than `FEW` sources judges nothing. Gates of
+For each exposure (bricks.trials): completeness against true S/N and magnitude, flux errors in units of the stated ones
+(pulls), fluxes and positions along the direction of charge transfer. For the merged catalogue (bricks.compare):
+magnitudes measured minus true (PSF for stars, Kron for galaxies), positions, colours, number counts.
+Blended and (nearly) saturated sources are left out; a number from fewer than `FEW` sources is not judged. Gates of
 single exposures are those of bricks.exposures.
 """
 
@@ -22,22 +22,22 @@ from csstsim.catalog.flags import BAD_VALUE, OFF_CHIP, STRONG_LENSING
 from csstsim.catalog.table import ObjectTable
 
 SNR_EDGES = (1, 2, 3, 4, 5, 6, 7, 8, 10, 15, 20, 50, 100, 500)
-BIAS_EDGES = (5, 10, 20, 50, 100, 200, 500)  # S/N, of places and light along the way of the charge
+BIAS_EDGES = (5, 10, 20, 50, 100, 200, 500)  # S/N: bins for the effects of charge transfer
 MAG_EDGES = np.arange(16.0, 29.1, 0.5)
-NEAR = 12.0  # px: neighbours count
+NEAR = 12.0  # px: closer objects are neighbours
 EDGE = 12  # px; sources nearer to the frame's edge are not judged
-# Columns of the true objects of a brick, beside their magnitudes
+# Columns of the true objects of a brick, in addition to their magnitudes
 DISTINCT = ("id", "obj_type", "ra_epoch", "dec_epoch", "blended", "half_light", "half_light_px")
 LOCUS = ("g", "r", "i")  # the public locus of stars is in bands of these names
-IN_FRAME = 0.9  # of an object's light in the window; less is not judged
+IN_FRAME = 0.9  # share of an object's light in the window; objects with less are not judged
 
 
 @dataclass(frozen=True)
 class MeasuredFrame:
     """One measured Level-0 file: its truth (io.truth.read_truth) and its measured table (measure.catalogue).
 
-    seam: first row of the chip's upper half; pixel: its side [arcsec]; depth: (low, high) AB magnitudes of 5 sigma, the
-    published ones, or None; facts: bricks.facts.Facts, without which neither pixels nor header are judged.
+    seam: first row of the chip's upper half; pixel: its side [arcsec]; depth: published (low, high) 5-sigma depths [AB
+    mag], or None; facts: bricks.facts.Facts, or None: then neither pixels nor header are judged.
     """
 
     truth: ObjectTable
@@ -49,7 +49,7 @@ class MeasuredFrame:
 
     @property
     def info(self):
-        """What the measured table says of its frame: {name: value}."""
+        """The measured table's entries about its frame: {name: value}."""
         return self.measured.meta
 
     @property
@@ -68,7 +68,7 @@ def validate_brick(pix, sources, frames, bands, config):
     tried, infos, judged, seen_in = ({band: [] for band in bands} for _ in range(4))
     magnitudes = [f"mag_{band}" for band in bands]
     kept, held, real = [], [], np.zeros(len(sources), bool)
-    for frame in frames:  # one at a time is in memory; of it what is on the brick is kept
+    for frame in frames:  # one at a time is in memory; only what lies on the brick is kept
         real[compare.real(frame.truth, sources)] = True
         infos[frame.band].append(frame.info)
         truth = judged_truth(frame)
@@ -146,22 +146,22 @@ def _of_exposures(table, infos, config):
 
 
 def _shapes(table, stars):
-    """Return {name: spread} of stars' sizes and distortions less those of the PSF model, at SNR_SHARP and more."""
+    """Return {name: spread} of stars' sizes and distortions against the PSF model's, above SNR_SHARP."""
     some = stars & (table["snr"] > SNR_SHARP)
     return {name: compare.spread(table[name][some & np.isfinite(table[name])]) for name in SHAPES}
 
 
 def _transfer(table, low, high):
-    """Return the biases of point sources of a bin of true S/N: place along the columns, and across them; light."""
+    """Return the biases of point sources in a bin of true S/N: position along the columns, and across them; flux."""
     some = (table["snr"] >= low) & (table["snr"] < high) & (table["sound"] > 0) & ~table["galaxy"].astype(bool)
     named = {"deferred_mas": table["deferred_mas"], "across_mas": table["across_mas"], "light": table["light"] - 1}
     return {"snr": [low, high]} | {name: compare.spread(values[some]) for name, values in named.items()}
 
 
 def _gates(band, numbers, config):
-    """Return the gates of a band that are of all its exposures together."""
+    """Return the gates of a band that combine all its exposures."""
     star, counts, n = numbers["star"], numbers["counts"], numbers["point_sources"]
-    # The worst bin, less what chance makes of it
+    # The worst bin, less the tolerance for chance
     bias = [part[name] for part in numbers["transfer"] for name in ("deferred_mas", "across_mas")]
     bias = [max(abs(part["median"]) - WORST * part["error"], 0.0) for part in bias if part["n"] >= FEW]
     return [
@@ -173,7 +173,7 @@ def _gates(band, numbers, config):
 
 
 def _share_at_most(name, share, n, most):
-    """Return the gate of a share of n that is at most `most`, what chance adds to that forgiven."""
+    """Return the gate of a share of n that is at most `most`, with a tolerance for chance."""
     return at_most(name, "all", share, most, n, CHANCE * np.sqrt(most / n) if most and n else 0.0)
 
 
@@ -205,7 +205,7 @@ def judged_truth(frame):
     truth = truth.with_columns(**{name: np.where(np.isnan(truth[name]), magnitude, truth[name])})
     inside = (truth["x"] > x0 + EDGE) & (truth["x"] < x1 - EDGE) & (truth["y"] > y0 + EDGE) & (truth["y"] < y1 - EDGE)
     inside = inside & (truth["electrons"] > 0)
-    if "fraction" in truth:  # of photons it is what came, not what was to be expected
+    if "fraction" in truth:  # for photons it is the share that arrived, not the expected one
         inside = inside & ((truth["fraction"] > IN_FRAME) | (truth["method"] == "photons"))
     return truth.take(inside)
 
@@ -213,8 +213,8 @@ def judged_truth(frame):
 def blended(x, y, electrons):
     """Return a mask of the blended objects.
 
-    They have a neighbour of more than 10 % of their flux within NEAR, or of more than 100 times it within 40 px
-    (wings).
+    They have a neighbour with more than 10 % of their flux within NEAR, or with more than 100 times their flux within
+    40 px (wings).
     """
     from scipy.spatial import cKDTree
 
@@ -229,7 +229,7 @@ def blended(x, y, electrons):
 
 
 def crowd(x, y, electrons):
-    """Return the electrons of all others within NEAR of each object."""
+    """Return the electrons of all other objects within NEAR of each object."""
     from scipy.spatial import cKDTree
 
     out = np.zeros(len(x))
@@ -240,7 +240,7 @@ def crowd(x, y, electrons):
 
 
 def distinct(tables, magnitudes):
-    """Return one row per object of the truth of several frames, by id. `ra_epoch` and `dec_epoch` are means.
+    """Return the truth of several frames with one row per object id. `ra_epoch` and `dec_epoch` are means.
 
     An object is blended if it is blended in any frame. A magnitude (of the columns `magnitudes`) that is missing in one
     frame's table comes from another's.

@@ -6,7 +6,7 @@ import math
 from csstsim.base.files.atomic import atomic_path
 from csstsim.bricks.gates import FEW
 
-ORDER = (False, None, True)  # what matters first
+ORDER = (False, None, True)  # failing gates first
 NAMES = {True: "pass", False: "fail", None: "not judged"}
 
 
@@ -36,7 +36,7 @@ def by_name(gates):
 
 
 def write_verdict(path, verdict, **about):
-    """Write the verdict as JSON, `about` (campaign's name, version) first; figures that are not finite become null."""
+    """Write the verdict as JSON, `about` (campaign's name, version) first; numbers that are not finite become null."""
     gates = [{key: _finite(value) for key, value in gate.items()} for gate in verdict["gates"]]
     with atomic_path(path) as temporary:
         temporary.write_text(json.dumps(about | verdict | {"gates": gates}, indent=1, allow_nan=False) + "\n")
@@ -47,7 +47,7 @@ def _finite(value):
 
 
 def lines(verdict):
-    """Yield what is printed: each failing gate in full, then each gate's counts, then the whole."""
+    """Yield the lines to print: each failing gate in full, then the counts by gate, then the verdict."""
     for gate in verdict["gates"]:
         if gate["passed"] is False:
             yield f"FAIL {sentence(gate)}"
@@ -67,7 +67,7 @@ def headline(verdict):
 
 
 def sentence(gate):
-    """Return what a gate says of which brick, exposure, chip and readout channel, in a plain sentence."""
+    """Return a sentence with a gate's brick, exposure, chip and readout channel, its value and its threshold."""
     where = [f"{name} {gate[name]}" for name in ("brick", "exposure", "chip", "channel") if gate.get(name) is not None]
     band = f" in {gate['band']}" if gate.get("band") else ""
     value, threshold = _figure(gate.get("value")), _figure(gate.get("threshold"))
@@ -75,7 +75,7 @@ def sentence(gate):
 
 
 def tally(counts):
-    """Return counts in words."""
+    """Return counts as text."""
     return ", ".join(f"{n} {name}" for name, n in counts.items())
 
 

@@ -1,1 +1,1 @@
-"""The Survey Camera as its data files in config/instrument describe it: frozen objects, small geometry."""
+"""The Survey Camera as the data files in config/instrument describe it: frozen objects and simple geometry."""

@@ -4,13 +4,13 @@
     DYDX_ORDER_A 1            y = YOFF + DYDX_A_0 + DYDX_A_1 (x - XOFF), x and y from the direct image
     DISP_ORDER_A 1            lambda = DLDP_A_0 + DLDP_A_1 L [angstrom], L [px] along the trace from x = XOFF
     XOFF_A, YOFF_A            [px]
-    SENSITIVITY_A GI_p1.fits  table of WAVELENGTH [A] and SENSITIVITY [e-/s/A per erg/s/cm2/A], beside the .conf
+    SENSITIVITY_A GI_p1.fits  table of WAVELENGTH [A] and SENSITIVITY [e-/s/A per erg/s/cm2/A], next to the .conf
 
-Each coefficient has one number, three, or six, of the direct image's 0-based pixel m, n: 1, m, n, m^2, m n, n^2. Beams
-A to E are the orders +1, 0, +2, -1, -2. `;` and `#` begin comments.
+Each coefficient has one, three or six numbers, the factors of 1, m, n, m^2, m n, n^2 of the direct image's 0-based
+pixel m, n. Beams A to E are the orders +1, 0, +2, -1, -2. `;` and `#` begin comments.
 
-The paper's L (equation 2) is the distance from the reference point; aXe's follows the trace and has a sign: the same
-number where a0 = 0, and to a0^2 / 2L (1e-3 px) otherwise.
+The paper's L (equation 2) is the distance from the reference point; aXe's follows the trace and has a sign. Their sizes
+are equal where a0 = 0, and otherwise differ by a0^2 / 2L (1e-3 px).
 """
 
 from pathlib import Path
@@ -24,7 +24,7 @@ BEAMS = {"A": 1, "B": 0, "C": 2, "D": -1, "E": -2}
 TERMS = ("1", "m", "n", "m^2", "m n", "n^2")
 COEFFICIENTS = {"xoff": "XOFF_{}", "yoff": "YOFF_{}", "a0": "DYDX_{}_0", "a1": "DYDX_{}_1", "alpha0": "DLDP_{}_0",
                 "alpha1": "DLDP_{}_1"}  # fmt: skip
-_NOTHING = np.array([1e-9, 1e-13, 1e-13, 1e-17, 1e-17, 1e-17])  # rounding of a fit: 1e-9 of a coefficient on a chip
+_NOTHING = np.array([1e-9, 1e-13, 1e-13, 1e-17, 1e-17, 1e-17])  # a fit's rounding: less than 1e-9 on a chip
 
 
 def field_terms(m, n):
@@ -34,12 +34,12 @@ def field_terms(m, n):
 
 
 def field_range(coefficient, x0, x1, y0, y1):
-    """Return (least, most) of a coefficient (6,) over direct images x0..x1, y0..y1 [px], exactly."""
+    """Return the exact (least, most) of a coefficient (6,) over direct images x0..x1, y0..y1 [px]."""
     _, b, c, d, e, f = coefficient
     with np.errstate(divide="ignore", invalid="ignore"):
         low, high = -(b + e * np.array([y0, y1])) / (2 * d), -(c + e * np.array([x0, x1])) / (2 * f)
         inner = np.array([e * c - 2 * f * b, e * b - 2 * d * c]) / (4 * d * f - e * e)
-    # Corners, where edges are level, and where the whole is; what lies outside is moved to the rim and does no harm
+    # Corners, and stationary points of the edges and of the inside; points outside are clipped, which does no harm
     m = np.nan_to_num(np.array([x0, x1, x0, x1, *low, x0, x1, inner[0]])).clip(x0, x1)
     n = np.nan_to_num(np.array([y0, y0, y1, y1, y0, y1, *high, inner[1]])).clip(y0, y1)
     values = field_terms(m, n) @ coefficient
@@ -49,8 +49,8 @@ def field_range(coefficient, x0, x1, y0, y1):
 def read_axe(path):
     """Return {order: {"extent": (first, last), "sensitivity": file, coefficient: (6,) array}} of a .conf file.
 
-    Beams beyond E and keys of no use here are passed over. Raises InputError for an unreadable file, a beam that is not
-    described in full, a key of ours given twice, or a trace that is no straight line.
+    Other beams and keys are ignored. Raises InputError for an unreadable file, an incomplete beam, a used key that is
+    given twice, or a trace that is not a straight line.
     """
     path = Path(path)
     lines = read_text(path).splitlines()
@@ -58,7 +58,7 @@ def read_axe(path):
     for line in lines:
         key, *values = line.split(";")[0].split("#")[0].split() or [""]
         if key.startswith("BEAM_"):
-            raise InputError("a beam of grismconf's form, not of aXe's", file=path, key=key, allowed="BEAMA to BEAME")
+            raise InputError("this beam has grismconf's form, not aXe's", file=path, key=key, allowed="BEAMA to BEAME")
         entries.setdefault(key, []).append(values)
     for key in ("XOFF", "YOFF", "REFX", "REFY"):
         if key in entries and _numbers(entries, key, (1,), path)[0] != 0:
@@ -104,7 +104,7 @@ def _beam(entries, beam, path):
         values = np.zeros(1) if level else _numbers(entries, pattern.format(beam), (1, 3, 6), path)
         found[name] = np.concatenate([values, np.zeros(6 - len(values))])
     if not found["alpha1"].any():
-        raise InputError("no dispersion at all: give it a tiny one, that is a great number of angstrom per pixel",
+        raise InputError("an order needs some dispersion: for very little give many angstrom per pixel",
                          file=path, key=f"DLDP_{beam}_1", value=0)  # fmt: skip
     return found | {"sensitivity": _words(entries, f"SENSITIVITY_{beam}", path)[0]}
 

@@ -34,7 +34,7 @@ class _TelescopeFile(Data):
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """The Survey Camera as its data files describe it; `digest` names their content."""
+    """The Survey Camera as its data files describe it; `digest` is that of their content."""
 
     chips: dict[int, Chip]
     filters: dict[str, Filter]
@@ -80,9 +80,9 @@ class Camera:
         return [chip for chip in self.chips.values() if chip.kind == "slitless"]
 
     def digest_for(self, stage, *layers):
-        """Return 16 hex digits of the numbers that a stage reads, or one before it (instrument.camera_parts).
+        """Return the digest, 16 hex digits, of the numbers read by a stage and those before it (camera_parts).
 
-        layers: stages whose numbers it may read beside, as a layer of the user's may any.
+        layers: further stages whose numbers it may read; a user's own layer may read any.
         """
         return digest(read_by(behind(stage).union(layers), self.files.parts, READERS))
 
@@ -162,8 +162,8 @@ def _filters(files):
     columns = [name.lower() for name in filters]
     for name in filters:
         if not _NAME.fullmatch(name) or columns.count(name.lower()) > 1:
-            allowed = "letters, digits and _, no two alike but for their case: they name columns"
-            raise InputError("not the name of a filter", file=path, key=name, allowed=allowed)
+            allowed = "letters, digits and _, a letter first; names must differ in more than case: they name columns"
+            raise InputError("not a valid name of a filter", file=path, key=name, allowed=allowed)
     return filters
 
 
@@ -176,7 +176,7 @@ def _chips(files, filters, detector, telescope):
                 "unknown filter", file=path, key=f"chips[{i}].filter", value=place.filter, allowed=", ".join(filters)
             )
         if place.id in chips:
-            raise InputError("chip ids are distinct", file=path, key=f"chips[{i}].id", value=place.id)
+            raise InputError("another chip has this id", file=path, key=f"chips[{i}].id", value=place.id)
         kind = filters[place.filter].kind
         chips[place.id] = Chip(**vars(place), kind=kind, detector=detector, telescope=telescope)
     return dict(sorted(chips.items()))

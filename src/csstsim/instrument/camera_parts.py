@@ -1,4 +1,4 @@
-"""The numbers of a camera by the stages that read them: another gain needs no other light.
+"""Which stages read which numbers of a camera: a change of the gain, say, leaves the drawn light valid.
 
 A part is a number of the files BY_NUMBER (instrument.files), as `detector.gain`, or another data file as a whole, as
 `cti.yaml`.
@@ -9,7 +9,7 @@ READERS = {
     "detector.nx": ("psf", "select"),
     "detector.ny": ("psf", "select"),
     "detector.pixel_um": ("psf", "select"),
-    "detector.dark": ("select",),  # as noise, which decides how objects are drawn
+    "detector.dark": ("select",),  # its noise decides how objects are drawn
     "detector.read_noise": ("select",),
     "detector.full_well": ("render",),  # which objects saturate
     "detector.prnu": ("render",),
@@ -19,7 +19,7 @@ READERS = {
     "detector.bias*": ("readout",),
     "detector.bloom_row_share": ("readout",),
     "detector.nonlinearity*": ("readout",),
-    "detector.readout_time": ("readout",),  # rays fall meanwhile
+    "detector.readout_time": ("readout",),  # cosmic rays hit during it
     "detector.adc_max": ("level0",),
     "detector.temperature": ("level0",),
     "brighter_fatter.yaml": ("readout",),

@@ -1,4 +1,4 @@
-"""Chips: where each science CCD sits in the mosaic and what its detector is like (paper, section 2).
+"""Chips: the position of each science CCD in the mosaic, and its detector (paper, section 2).
 
 Left out: chip tilts, height differences and the other sensors of the focal plane.
 """
@@ -41,7 +41,7 @@ class Window:
 
     @property
     def slices(self):
-        """Of the window in an image of the whole chip."""
+        """The window's slices (rows, columns) in an image of the whole chip."""
         return slice(self.y0, self.y1), slice(self.x0, self.x1)
 
     def contains(self, x, y):
@@ -50,7 +50,7 @@ class Window:
 
 
 def _fits(axis):
-    """Return the check that the channels' pixels along an axis are the chip's."""
+    """Return the check that the channels' pixels along an axis add up to the chip's."""
 
     def check(size, info):
         channels, n = (info.data.get(name) for name in (f"channels_{axis}", f"n{axis}"))
@@ -66,13 +66,13 @@ Size = Annotated[Whole, Field(ge=1)]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DetectorNumbers(Data):
-    """What detector.yaml says of all chips; units there."""
+    """Numbers of detector.yaml, common to all chips; their units are given there."""
 
     nx: Size
     ny: Size
-    # Each has a letter in the header
+    # Each channel has a letter in the header
     channels_x: Annotated[
-        between(2, 13, Whole), must(lambda n: n % 2 == 0, "half the columns are read out to each side: must be even")
+        between(2, 13, Whole), must(lambda n: n % 2 == 0, "must be even: half the columns are read out to each side")
     ]
     channels_y: between(2, 2, Whole)  # half the rows are read out to each side
     channel_nx: Annotated[Size, _fits("x")]
@@ -100,7 +100,7 @@ class DetectorNumbers(Data):
 
 @dataclass(frozen=True)
 class Detector(DetectorNumbers):
-    """What the chips have in common: detector.yaml, and the effects that have files of their own."""
+    """What the chips have in common: detector.yaml, and the effects with files of their own."""
 
     cosmic_rays: CosmicRays | None = None  # None: no such file in the instrument folder
     defects: Defects | None = None
@@ -130,8 +130,8 @@ class ChipPlace(Data):
 class Chip(ChipPlace):
     """One science CCD.
 
-    `xc`, `yc` is the chip's centre in the mosaic [pixel, origin on the boresight, +x and +y as the chips'];
-    `rotation` is the chip's own turn about that centre [deg, from mosaic +x towards +y].
+    `xc`, `yc` are the chip's centre in the mosaic [pixel, origin on the boresight, axes along the chips' x and y];
+    `rotation` is the chip's rotation about that centre [deg, from mosaic +x towards +y].
     """
 
     kind: str  # "imaging" or "slitless"
@@ -140,7 +140,7 @@ class Chip(ChipPlace):
 
     @property
     def label(self):
-        """Two digits, as in file names."""
+        """The number with two digits, as in file names."""
         return f"{self.id:02d}"
 
     @property

@@ -8,7 +8,7 @@ from csstsim.base.model import Data, Whole, at_least, between
 
 @dataclass(frozen=True)
 class CosmicRays(Data):
-    """Units in config/instrument/cosmic_rays.yaml."""
+    """Numbers of cosmic_rays.yaml, which explains them and gives their units."""
 
     rate: between(0, 1e-3)
     short_max: between(0, 1e4)

@@ -8,7 +8,7 @@ from csstsim.base.model import Data, Whole, at_least, between
 
 @dataclass(frozen=True)
 class Defects(Data):
-    """Units in config/instrument/defects.yaml."""
+    """Numbers of defects.yaml, which explains them and gives their units."""
 
     defective: between(0, 0.1)
     hot_share: between(0, 1)

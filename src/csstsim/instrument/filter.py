@@ -1,11 +1,11 @@
 """Filters: end-to-end throughput, its four PSF sub-bands, and the photometry that follows from it.
 
-A curve is the cubic of Hermite through the nodes of filters.yaml with the slopes of PCHIP (Fritsch & Butland 1984)
-within and a slope of 0 at both ends, sampled over 2000-11000 A in steps of 0.5 A. Throughput is electrons per photon
+A curve is the cubic Hermite spline through the nodes of filters.yaml, with PCHIP slopes (Fritsch & Butland 1984)
+inside and a slope of 0 at both ends, sampled over 2000-11000 A in steps of 0.5 A. Throughput T is electrons per photon
 entering the aperture: optics, filter or grating (1st order), quantum efficiency.
 
-Sub-bands split the integral of T dlambda into four equal parts (the paper, section 5.1, has four wavelengths a band;
-how they are chosen is ours). The PSF of each is computed at its mean wavelength weighted with T.
+Sub-bands split the integral of T dlambda into four equal parts (the paper, section 5.1, has four wavelengths per band;
+this choice of them is csstsim's). The PSF of each is computed at its mean wavelength, weighted with T.
 """
 
 from dataclasses import dataclass
@@ -81,10 +81,10 @@ class Filter:
         return np.interp(wave, self.wavelength, self.throughput, left=0.0, right=0.0)
 
     def subband(self, wave):
-        """Return T_i, (4, len(wave)): the throughput at increasing `wave` [angstrom], dealt out to the sub-bands.
+        """Return T_i, (4, len(wave)): the throughput at increasing `wave` [angstrom], divided among the sub-bands.
 
-        A sample whose cell (bounded by the mid-points to its neighbours) straddles an edge goes to both sides by
-        share, so the four sum to T exactly and coarse grids keep the sub-bands' proportions.
+        A sample whose cell (bounded by the mid-points to its neighbours) straddles an edge is shared in proportion
+        between both sides. So the four sum to T exactly, and coarse grids keep the sub-bands' proportions.
         """
         wave = np.asarray(wave, dtype=float)
         middle = 0.5 * (wave[1:] + wave[:-1])
@@ -104,7 +104,7 @@ class Filter:
         return float(np.sqrt(np.trapezoid(self.throughput * self.wavelength, self.wavelength) / self.log_integral))
 
     def zeropoint(self, telescope):
-        """AB magnitude of a flat-f_nu source that gives 1 e-/s in this telescope's area."""
+        """AB magnitude of a flat-f_nu source that gives 1 e-/s with this telescope's area."""
         rate = np.trapezoid(ab_photon_density(self.wavelength) * self.throughput, self.wavelength)
         return float(2.5 * np.log10(telescope.area_m2 * rate))
 
@@ -117,7 +117,7 @@ def _cumulative(y, x):
 def sample_curve(nodes, grid=GRID):
     """Return the monotone cubic with flat ends through `nodes`, (m, 2) of rising (angstrom, T), on `grid`.
 
-    Zero outside them.
+    It is zero outside them.
     """
     x, y = np.asarray(nodes, dtype=float).T
     slope = _pchip_slopes(x, y)
@@ -133,7 +133,7 @@ def sample_curve(nodes, grid=GRID):
 
 
 def _pchip_slopes(x, y):
-    """Slopes at the nodes: weighted harmonic mean of the neighbouring secants, zero at an extremum and at both ends."""
+    """Return the nodes' slopes: weighted harmonic means of neighbouring secants, 0 at extrema and at both ends."""
     h, secant = np.diff(x), np.diff(y) / np.diff(x)
     slope = np.zeros_like(y)
     same = secant[1:] * secant[:-1] > 0

@@ -1,8 +1,8 @@
-"""Gratings: where the light of each order goes, and how much of it (paper, section 4.2).
+"""Gratings: the position and the amount of light of each order (paper, section 4.2).
 
-A grating's numbers are those of its aXe configuration (instrument.axe). Two of them, side by side, cover a
-spectroscopic chip; the side on which light would fall undispersed decides which one it meets. Left out: beams that
-cross the line between two gratings are not divided, and a frame takes all or nothing of a beam.
+A grating's numbers are those of its aXe configuration (instrument.axe). Two gratings, side by side, cover a
+spectroscopic chip; light passes the one on whose side it would fall undispersed. Left out: beams that cross the line
+between two gratings are not divided, and a grating's frame blocks all of a beam or nothing.
 """
 
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ from csstsim.base.units import C_A_S, H_J_S
 from csstsim.instrument.axe import BEAMS, COEFFICIENTS, field_range, field_terms, read_axe
 from csstsim.instrument.filter import GRID
 
-_AGREE = 0.01  # of the peak: first order's sensitivity against the filter curve, which magnitudes rest on
-_FAR = 20_000  # px, twice a chip: light that lands further from its direct image is a slip in a coefficient
+_AGREE = 0.01  # of the peak: first order's sensitivity against the filter curve, which defines magnitudes
+_FAR = 20_000  # px, twice a chip: a coefficient is wrong if light lands further from its direct image
 _ERG_CM2 = 1e-3  # erg / cm2 in J / m2
 
 
@@ -62,7 +62,7 @@ class Grating:
 
 @dataclass(frozen=True, eq=False)
 class Gratings:
-    """The two gratings of a chip. `bounds` (x0, x1, y0, y1) [px]: light that would land beyond does not meet them."""
+    """The two gratings of a chip. Light that would land outside `bounds` (x0, x1, y0, y1) [px] does not pass them."""
 
     left: Grating
     right: Grating
@@ -71,7 +71,7 @@ class Gratings:
 
     @property
     def pieces(self):
-        """[(grating, (x0, x1, y0, y1) of the direct images it serves)], left, then right."""
+        """[(grating, (x0, x1, y0, y1) of its direct images)], left, then right."""
         x0, x1, y0, y1 = self.bounds
         line = self.split - 0.5
         return [(self.left, (x0, line, y0, y1)), (self.right, (line, x1, y0, y1))]
@@ -93,7 +93,7 @@ class Gratings:
 
     @cached_property
     def reach(self):
-        """How far from its direct image light may land, along x or y [px]."""
+        """The largest distance of light from its direct image, along x or y [px]."""
         return max(_reach(order, piece) for grating, piece in self.pieces for order in grating.orders.values())
 
 
@@ -110,7 +110,7 @@ Reach = between(0, _FAR)
 
 @dataclass(frozen=True, eq=False, repr=False)
 class _Row(Data):
-    """A chip's entry of gratings.yaml; one grating before all of it stands on both sides."""
+    """A chip's entry of gratings.yaml; a single grating over the whole chip is given on both sides."""
 
     left: Name
     right: Name
@@ -119,17 +119,17 @@ class _Row(Data):
 
 
 def load_gratings(folder, data, chips, filters, telescope):
-    """Return {chip id: Gratings}, two pieces of each [px], of the spectroscopic `chips` {id: Chip}.
+    """Return {chip id: Gratings} of the spectroscopic `chips` {id: Chip}; their bounds are in pixels.
 
-    folder: of the .conf files; data: gratings.yaml as instrument.load.read_data gives it. Raises InputError for a
-    missing chip or file, traces that turn round within a piece, or sensitivities that are not those of the filters.
+    folder: that of the .conf files; data: gratings.yaml as instrument.load.read_data gives it. Raises InputError for a
+    missing chip or file, traces that reverse within a piece, or sensitivities that differ from the filters'.
     """
     folder, read, out = Path(folder), {}, {}
     file, rows = folder.with_name("gratings.yaml"), data.get("chips")
     if not isinstance(rows, dict):
         raise InputError("must be a mapping of chips", file=file, key="chips", value=rows)
     for number in set(rows) - set(chips):
-        raise InputError("no chip behind gratings", file=file, key="chips", value=number, allowed=sorted(chips))
+        raise InputError("not a chip behind gratings", file=file, key="chips", value=number, allowed=sorted(chips))
     for number, chip in chips.items():
         row, nx, ny = validate(_Row, rows.get(number), file, ("chips", number)), chip.detector.nx, chip.detector.ny
         if row.split >= nx:
@@ -146,7 +146,7 @@ def load_gratings(folder, data, chips, filters, telescope):
 
 
 def _check_traces(grating, piece, file):
-    """Raise InputError unless each order disperses one way all over the piece: its own sign's, as against the first."""
+    """Raise InputError unless each order has the right sign over the whole piece and its light lands in its extent."""
     letters, first = {order: beam for beam, order in BEAMS.items()}, 0.0
     where = "direct images at x {:g}..{:g}, y {:g}..{:g}".format(*piece)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -155,21 +155,21 @@ def _check_traces(grating, piece, file):
             alpha1 = grating.orders[number].coefficients[list(COEFFICIENTS).index("alpha1")]
             span = field_range(alpha1, *piece)
             if not span[0] * span[1] > 0:
-                raise InputError("must be of one sign on " + where, file=file, key=key, value=span)
+                raise InputError("must have one sign for " + where, file=file, key=key, value=span)
             first = first or span[0]
             if number * first * span[0] < 0:
                 raise InputError(f"wrong sign of order {number:+d}", file=file, key=key, value=span,
                                  allowed="beams A to E are +1, 0, +2, -1, -2")  # fmt: skip
             far = _reach(grating.orders[number], piece)
             if not far < _FAR:
-                raise InputError(f"sends light too far on {where}", file=file, key=f"BEAM{letters[number]}",
+                raise InputError(f"sends light too far for {where}", file=file, key=f"BEAM{letters[number]}",
                                  value=far, allowed=f"up to {_FAR} px")  # fmt: skip
             order = grating.orders[number]
             p, q, *_ = order.lines(0.5 * (piece[0] + piece[1]), 0.5 * (piece[2] + piece[3]))
             middle = float(p + q * (GRID @ order.throughput) / order.throughput.sum())
             if not order.extent[0] <= middle <= order.extent[1]:
                 raise InputError(
-                    f"the middle of the order's light lands elsewhere (is DLDP in px and angstrom?), {where}",
+                    f"the middle of the order's light lands elsewhere (is DLDP in px and angstrom?) for {where}",
                     file=file, key=f"BEAM{letters[number]}", value=middle, allowed=f"{order.extent} px",
                 )  # fmt: skip
 
@@ -185,14 +185,14 @@ def load_grating(path, filter, telescope):
     if not worst < _AGREE:
         raise InputError(
             f"the first order's sensitivity is not the throughput of {filter.name} in filters.yaml: magnitudes would "
-            "not be those of the light drawn", file=path, key="SENSITIVITY_A", value=f"off by {worst:.3f} of the peak",
+            "not match the light drawn", file=path, key="SENSITIVITY_A", value=f"off by {worst:.3f} of the peak",
             allowed=f"{_AGREE}",
         )  # fmt: skip
     return Grating(path.stem, orders)
 
 
 def _throughput(path, telescope):
-    """Return electrons per photon on GRID of an aXe sensitivity file."""
+    """Return the electrons per photon on GRID that an aXe sensitivity file gives."""
     import fitsio
 
     if not path.is_file():
@@ -209,13 +209,13 @@ def _throughput(path, telescope):
     throughput = np.interp(GRID, wave, sensitivity / _per_throughput(wave, telescope), left=0.0, right=0.0)
     most = float(throughput.max())
     if not 0 < most <= 1:
-        raise InputError(f"electrons per photon at {GRID[0]:.0f}-{GRID[-1]:.0f} A cannot be", file=path,
+        raise InputError(f"impossible electrons per photon at {GRID[0]:.0f}-{GRID[-1]:.0f} A", file=path,
                          key="SENSITIVITY", value=most, allowed="a peak above 0, up to 1")  # fmt: skip
     return throughput
 
 
 def sensitivity(wavelength, throughput, telescope):
-    """Return aXe's sensitivity [e-/s/A per erg/s/cm2/A] of a throughput at `wavelength` [angstrom]."""
+    """Return aXe's sensitivity [e-/s/A per erg/s/cm2/A] for a throughput at `wavelength` [angstrom]."""
     return throughput * _per_throughput(wavelength, telescope)
 
 

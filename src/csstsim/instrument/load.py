@@ -4,10 +4,10 @@ Two forms are understood, and a number outside both is an error:
 
     gain: {value: 1.1, unit: e-/DN, source: "Paper 5.5", confidence: S}
 
-and a section with `source` and `confidence` of its own, which covers everything below it; if it holds
-`values`, the section unwraps to them, else to its other keys (`unit` and `note` go as well). Confidence is S
-(seen in a public source), D (derived from S), K (known from the literature) or E (estimate), with '-low' or
-'-medium' added, and joined by '/' or '+' where parts differ.
+and a section with `source` and `confidence` of its own, which covers everything below it. If it holds
+`values`, the section unwraps to them, else to its other keys without `unit` and `note`. Confidence is S
+(seen in a public source), D (derived from S), K (known from the literature) or E (estimate); '-low' or
+'-medium' may be added, and codes are joined by '/' or '+' where parts differ.
 """
 
 import hashlib
@@ -23,7 +23,7 @@ _CODE = re.compile(r"[SDKE](-low|-medium)?([/+][SDKE](-low|-medium)?)*")
 
 
 def read_data(path):
-    """Return the content of a data file with each number's provenance checked and taken off.
+    """Return the content of a data file; each number's provenance is checked and removed.
 
     Raises InputError, naming file and key, for an unreadable file, a number without source and
     confidence, or an unknown confidence code.
@@ -54,11 +54,11 @@ def _unwrap(node, path, key, covered):
 
 
 def _check(node, path, key):
-    """Return whether this mapping states its provenance; InputError if it does so by half or with a wrong code."""
+    """Return whether this mapping states its provenance; InputError if half of it is missing or the code is unknown."""
     stated = [name for name in _PROVENANCE if node.get(name) not in (None, "")]
     if len(stated) == 1:
         missing = next(name for name in _PROVENANCE if name not in stated)
-        raise InputError(f"{missing} is missing beside {stated[0]}", file=path, key=key)
+        raise InputError(f"{stated[0]} is given, but {missing} is missing", file=path, key=key)
     if stated and not _CODE.fullmatch(str(node["confidence"])):
         allowed = "S, D, K, E, each with -low or -medium, joined by / or +"
         raise InputError(

@@ -1,9 +1,10 @@
-"""Where the spacecraft is when the survey table does not say: a circular orbit whose node precesses under J2.
+"""The spacecraft's position if the survey table does not give it: a circular orbit whose node precesses under J2.
 
 Source: Vallado, Fundamentals of Astrodynamics, secular J2 rate of the node; altitude and inclination of the
 Tiangong orbit that CSST shares. The phase is tied to a fixed epoch, so the same UTC time always gives the
 same state. Left out: drag and reboosts, the J2 change of the argument of latitude, leap seconds and the
-precession of the Earth's axis against GCRS: the state is right in size and direction statistics, not an ephemeris.
+precession of the Earth's axis against GCRS. So sizes and the statistics of directions are right, but the state is no
+ephemeris.
 """
 
 import math
@@ -36,17 +37,17 @@ class Orbit(Data):
 
     @property
     def radius_km(self):
-        """Of the orbit, from the centre of the Earth [km]."""
+        """Radius of the orbit, from the centre of the Earth [km]."""
         return EARTH_RADIUS_KM + self.altitude_km
 
     @property
     def mean_motion(self):
-        """rad / s."""
+        """Mean motion [rad / s]."""
         return math.sqrt(EARTH_GM_KM3_S2 / self.radius_km**3)
 
     @property
     def period_s(self):
-        """Of a revolution [s]."""
+        """Period of a revolution [s]."""
         return 2 * math.pi / self.mean_motion
 
     @property
@@ -68,7 +69,7 @@ class Orbit(Data):
         radial = (cn * cu - sn * su * ci, sn * cu + cn * su * ci, su * si)
         along = (-cn * su - sn * cu * ci, -sn * su + cn * cu * ci, cu * si)
         x, y, z = (self.radius_km * c for c in radial)
-        # The node's own turn about the pole adds up to 8 m/s: with it, velocity is the derivative of position.
+        # The node's precession adds up to 8 m/s; with it, velocity is the derivative of position.
         drift = (-self.node_rate * y, self.node_rate * x, 0.0)
         speed = self.radius_km * self.mean_motion
         return (x, y, z), tuple(speed * a + d for a, d in zip(along, drift, strict=True))
@@ -77,7 +78,7 @@ class Orbit(Data):
 def orbit_after(position, velocity, seconds):
     """Return position [km], velocity [km/s] `seconds` later, on the Kepler orbit about the Earth.
 
-    Runge-Kutta steps of at most 10 s, good to a millimetre in an exposure; J2 (metres in 150 s) is left out.
+    Runge-Kutta steps of at most 10 s are accurate to a millimetre in an exposure; J2 (metres in 150 s) is left out.
     """
     steps = max(math.ceil(seconds / 10.0), 1)
     h = seconds / steps

@@ -26,7 +26,7 @@ def mjd_utc(text):
 class Pointing:
     """One exposure.
 
-    `ra`, `dec` [deg] is the direction of the boresight in the apparent frame: CRVAL of every chip. `pa` [deg] is
+    `ra`, `dec` [deg] are the direction of the boresight in the apparent frame: CRVAL of every chip. `pa` [deg] is
     the position angle of the mosaic's +y axis, north through east. `time` is the start, ISO UTC; `exptime` in s.
     `sat_position` [km] and `sat_velocity` [km/s] are geocentric GCRS, (x, y, z).
     """

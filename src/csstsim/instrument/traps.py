@@ -10,10 +10,10 @@ from csstsim.base.model import Data, NotNegative, Number, Positive, validate
 
 @dataclass(frozen=True)
 class Traps:
-    """Charge traps (cti.yaml): the well's shape and, of each species, density and timescale.
+    """Charge traps (cti.yaml): the well's shape, and the density and timescale of each species.
 
-    Those met along a column are in pixels and transfers of a row; `serial` are those of a register, in its elements and
-    transfers, or None if the file has none.
+    For transfer along columns they are per pixel and in row transfers. `serial` has those of a serial register, per
+    element and in its transfers, or None if the file has none.
     """
 
     beta: float
@@ -33,7 +33,7 @@ class _Well(Data):
 
 def _as_many(values, info):
     if len(values) != len(info.data.get("density", values)):
-        raise ValueError("density and timescale must be lists of one length")
+        raise ValueError("density and timescale must be lists of the same length")
     return values
 
 

@@ -1,1 +1,1 @@
-"""Pictures of a file: reading -> reducing -> stretching -> drawing; what `csstsim show` does."""
+"""Pictures of a file for `csstsim show`: read, reduce, stretch, draw."""

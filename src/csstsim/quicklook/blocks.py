@@ -1,4 +1,4 @@
-"""A large image brought to a picture's pixels: means of square blocks."""
+"""A large image reduced to a picture's pixels: means of square blocks."""
 
 import numpy as np
 
@@ -6,8 +6,8 @@ import numpy as np
 def block_mean(image, step):
     """Return the means of `step` x `step` blocks of a 2-D image, float32; blocks at the far edges may be smaller.
 
-    Pixels that are not finite are left out; a block of nothing else is NaN. Strips of `step` rows are taken one after
-    another, so that no second copy of a large image is made.
+    Pixels that are not finite are left out; a block without finite pixels is NaN. Strips of `step` rows are processed
+    one by one, so that a large image is never copied.
     """
     starts = np.arange(0, image.shape[1], step)
     means = np.empty((-(-image.shape[0] // step), starts.size), np.float32)

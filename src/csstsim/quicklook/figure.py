@@ -9,7 +9,7 @@ from csstsim.quicklook.marks import draw_marks, legend_title
 from csstsim.quicklook.sky_grid import draw_grid
 from csstsim.quicklook.stretch import make_norm, ticks
 
-SIDE = 900  # px of the longer side of the image in the figure, twice that of the inset; more pixels are averaged
+SIDE = 900  # px of the longer side of the image in the figure, twice that of the inset; larger images are averaged
 DPI = 100
 BAD = "#7A1F1F"  # pixels without a value
 FRAME = "#D55E00"
@@ -19,17 +19,17 @@ LEFT, RIGHT, BOTTOM, TOP, INSET_RIGHT, LEAST_WIDTH = 0.9, 2.85, 1.0, 1.25, 1.3, 
 def draw(picture, bounds, stretch, limits=None, marks=None, inset=None, side=SIDE):
     """Return the matplotlib Figure of the part `bounds` (x0, x1, y0, y1, half-open) of a Picture.
 
-    marks: rows of a truth table, or None; inset: bounds of a part to be shown beside it, larger, or None;
+    marks: rows of a truth table, or None; inset: bounds of a part that is also shown enlarged, or None;
     side: pixels of the figure along the longer side of the image, half as many along the inset's.
     """
     from astropy.visualization.wcsaxes import WCSAxes
     from matplotlib.figure import Figure
 
     width, height = _inches(bounds, side)
-    beside = _inches(inset, side // 2) if inset else (0.0, 0.0)
+    inset_size = _inches(inset, side // 2) if inset else (0.0, 0.0)
     page = Page(
-        max(LEFT + width + RIGHT + (beside[0] + INSET_RIGHT if inset else 0.0), LEAST_WIDTH),
-        BOTTOM + max(height, beside[1]) + TOP,
+        max(LEFT + width + RIGHT + (inset_size[0] + INSET_RIGHT if inset else 0.0), LEAST_WIDTH),
+        BOTTOM + max(height, inset_size[1]) + TOP,
     )
     figure = Figure(figsize=(page.width, page.height), dpi=DPI)
     axes = WCSAxes(figure, page.part(LEFT, BOTTOM, width, height), wcs=None)
@@ -41,14 +41,14 @@ def draw(picture, bounds, stretch, limits=None, marks=None, inset=None, side=SID
         draw_grid(axes, picture.wcs, picture.header.get("POSKIND") == "APPARENT")
     if inset:
         _outline(axes, inset)
-        x, y = LEFT + width + RIGHT, BOTTOM + (max(height, beside[1]) - beside[1]) / 2
-        closer = figure.add_axes(page.part(x, y, *beside))
-        shown = _inset(closer, picture, inset, side // 2, stretch, limits)
-        _bar(figure, page.part(x + beside[0] + 0.15, y, 0.18, beside[1]), shown, picture.unit)
+        x, y = LEFT + width + RIGHT, BOTTOM + (max(height, inset_size[1]) - inset_size[1]) / 2
+        inset_axes = figure.add_axes(page.part(x, y, *inset_size))
+        shown = _inset(inset_axes, picture, inset, side // 2, stretch, limits)
+        _bar(figure, page.part(x + inset_size[0] + 0.15, y, 0.18, inset_size[1]), shown, picture.unit)
     if marks is not None:
         draw_marks(axes, marks)
         if inset:
-            draw_marks(closer, marks)
+            draw_marks(inset_axes, marks)
         _legend(figure, axes, legend_title(marks))
     figure.text(LEFT / page.width, 1 - 0.12 / page.height, picture.title, va="top", fontsize=10)
     figure.text(0.99, 0.06 / page.height, picture.remark, ha="right", fontsize=7)
@@ -63,19 +63,19 @@ class Page:
     height: float
 
     def part(self, x, y, width, height):
-        """Return a rectangle given in inches from the lower left as matplotlib takes it, in fractions."""
+        """Return a rectangle [inches from the lower left] as fractions of the figure, as matplotlib takes it."""
         return [x / self.width, y / self.height, width / self.width, height / self.height]
 
 
 def _scale(bounds, side):
-    """Return (step, zoom): chip pixels averaged along each axis, and figure pixels that each mean gets along each."""
+    """Return (step, zoom): the chip pixels averaged along each axis, and the figure pixels per mean along each."""
     longer = max(bounds[1] - bounds[0], bounds[3] - bounds[2])
     step = -(-longer // side)
     return step, side // -(-longer // step)
 
 
 def _inches(bounds, side):
-    """Return (width, height) of the image: whole figure pixels to a mean, not narrower than a quarter of `side`."""
+    """Return (width, height) [inch] of the image: whole figure pixels per mean, at least a quarter of `side` each."""
     step, zoom = _scale(bounds, side)
     return tuple(max(n / step * zoom, side / 4) / DPI for n in (bounds[1] - bounds[0], bounds[3] - bounds[2]))
 
@@ -108,7 +108,7 @@ def _bar(figure, rectangle, shown, unit):
     values, labels = ticks(shown.norm)
     bar.set_ticks(values, labels=labels)
     bar.ax.minorticks_off()
-    bar.set_label(unit or "no unit is given")
+    bar.set_label(unit or "unit not given")
 
 
 def _outline(axes, bounds):
@@ -119,7 +119,7 @@ def _outline(axes, bounds):
 
 
 def _inset(axes, picture, bounds, side, stretch, limits):
-    """Show `bounds` on axes of its own, with limits of its own: single pixels are noisier than means of many."""
+    """Show `bounds` on separate axes with separate limits: single pixels are noisier than means of many."""
     from matplotlib.ticker import MaxNLocator
 
     shown = _image(axes, picture, bounds, side, stretch, limits)

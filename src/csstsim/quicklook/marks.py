@@ -1,4 +1,4 @@
-"""The brightest true objects marked on a picture. Colours are Okabe & Ito's (2008); shapes differ as well."""
+"""Marks of the brightest true objects on a picture. Colours are Okabe & Ito's (2008); shapes differ as well."""
 
 import numpy as np
 
@@ -13,15 +13,15 @@ _SIZE = 7.0  # points
 
 
 def load_marks(path, table=None):
-    """Return the truth beside the file `path`, or that of the file `table`.
+    """Return the truth table of the Level-0 file `path`, in the same folder, or that of the file `table`.
 
-    Raises InputError if there is none or it lacks what is drawn.
+    Raises InputError if there is none or it lacks a column that is drawn.
     """
     source = path.with_suffix(".truth.parquet") if table is None else table
     if not source.is_file():
         raise InputError(
-            "no truth table is beside the file", file=source, key="--truth",
-            allowed="the .truth.parquet of a Level-0 file; --truth-table names one elsewhere",
+            "no such truth table", file=source, key="--truth",
+            allowed="the .truth.parquet next to a Level-0 file; --truth-table names one elsewhere",
         )  # fmt: skip
     truth = read_truth(source)
     missing = [name for name in ("obj_type", "electrons") if name not in truth]
@@ -54,9 +54,9 @@ def draw_marks(axes, chosen):
 
 
 def legend_title(chosen):
-    """Return what the legend says of the rows marked on an image in a filter or behind a grating."""
+    """Return the title of the legend for the marked rows, on an image in a filter or behind a grating."""
     if not len(chosen):
-        return "truth: no object is here"
+        return "truth: no object in this part"
     magnitudes = chosen["mag"][np.isfinite(chosen["mag"])]
     faintest = f", to {magnitudes.max():.1f} mag" if magnitudes.size else ""
     where = ", where light would fall without the grating" if ROW in chosen else ""

@@ -1,4 +1,4 @@
-"""What can be shown, and how it is read: Level-0 files, frames between the stages, any other FITS image."""
+"""Reads files that can be shown: Level-0 files, frames between the stages, any other FITS image."""
 
 import re
 from dataclasses import dataclass
@@ -19,15 +19,15 @@ _CHIP_FOLDER = re.compile(r"(\d+)_(\d\d)")  # chips/{obsid}_{chip}/
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """An image (2-D, any real type) and what is known about it. `image[0, 0]` is pixel `origin` = (x, y), 0-based."""
+    """An image (2-D, any real type) and its description. `image[0, 0]` is pixel `origin` = (x, y), 0-based."""
 
     path: Path
     image: np.ndarray
-    kind: str  # what the file is, in words
+    kind: str  # the kind of file, for the title
     unit: str
     header: dict[str, Any]  # OBSID, DETECTOR or CHIPID, FILTER, EXPTIME, if the file has them
     origin: tuple[int, int] = (0, 0)
-    on_chip: bool = True  # whether pixels count on the chip; not in a readout frame
+    on_chip: bool = True  # whether pixel coordinates are the chip's; False for a readout frame
     wcs: Any = None  # astropy WCS of the same pixels, or None
     remark: str = ""
 
@@ -44,7 +44,7 @@ class Picture:
 
     @property
     def title(self):
-        """Two lines: exposure, chip, filter, time and kind, as far as they are known; the file's name."""
+        """Two lines: exposure, chip, filter, time and kind, as far as they are known; then the file's name."""
         chip = self.header.get("CHIPID", self.header.get("DETECTOR"))
         words = [
             f"exposure {self.header['OBSID']}" if "OBSID" in self.header else None,
@@ -57,7 +57,7 @@ class Picture:
 
 
 def read_picture(path, subtract_overscan=False):
-    """Read any file that can be shown; `subtract_overscan` takes each channel's level off a Level-0 file.
+    """Read any file that can be shown; `subtract_overscan` subtracts each channel's overscan level (Level-0 only).
 
     Raises InputError for a file that is missing, damaged or holds no 2-d image.
     """
@@ -82,7 +82,7 @@ def _level0(path, subtract_overscan):
 
 
 def _levelled(file):
-    """Return the active pixels of a Level0 less the median of each channel's serial overscan, float32."""
+    """Return the active pixels of a Level0 minus the median of each channel's serial overscan, float32."""
     window = file.window
     image = np.empty(window.shape, np.float32)
     for channel in file.channels():
@@ -95,7 +95,7 @@ def _levelled(file):
 
 
 def _frame(path):
-    """Read a frame between the stages: its plane `image`, electrons already counted added to those expected."""
+    """Read a frame between the stages: its plane `image`, plus its plane `counted` if there is one."""
     planes, meta = load_frame(path)
     image = planes.get("image")
     if image is None:
@@ -114,7 +114,7 @@ def _frame(path):
 
 
 def _window_origin(header, shape):
-    """Return (x, y), 0-based, of the window that READX0 ... READY1 state if an array of `shape` is that, else None."""
+    """Return the 0-based corner (x, y) of the window READX0 ... READY1 if `shape` is that window's, else None."""
     try:
         x0, x1, y0, y1 = (int(header[f"READ{axis}"]) for axis in ("X0", "X1", "Y0", "Y1"))
     except (KeyError, TypeError, ValueError):
@@ -143,4 +143,4 @@ def _other(path):
 
 
 def _is_image(hdu):
-    return bool(hdu.is_image) and len(getattr(hdu, "shape", ())) == 2 and 0 not in hdu.shape  # a damaged one has none
+    return bool(hdu.is_image) and len(getattr(hdu, "shape", ())) == 2 and 0 not in hdu.shape  # damaged: no shape

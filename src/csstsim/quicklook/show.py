@@ -1,4 +1,4 @@
-"""`csstsim show`: check what is asked for, draw it, write the PNG."""
+"""`csstsim show`: check the options, draw the picture, write the PNG."""
 
 from pathlib import Path
 
@@ -15,11 +15,11 @@ def show(
     path, output=None, *, stretch="asinh", limits=None, region=None, inset=None, truth=False, truth_table=None,
     limit=100, size=SIDE, subtract_overscan=False,
 ):  # fmt: skip
-    """Write a PNG of the file `path` to `output` (default: beside it, .png) and return its path.
+    """Write a PNG of the file `path` to `output` (default: next to it, .png) and return its path.
 
     limits: (low, high) in the file's unit; region: x0, x1, y0, y1, half-open; inset: x, y, size. Pixels count from 0;
     size: pixels of the picture along the longer side.
-    Raises InputError for a file that cannot be shown, an option that does not fit it, or an output that is no PNG.
+    Raises InputError for a file that cannot be shown, an option that does not fit it, or an output that is not a PNG.
     """
     path = Path(path)
     target = _target(path, output)
@@ -34,14 +34,14 @@ def show(
 
 
 def _target(path, output):
-    """Return where the PNG goes; a file that stands there and is no PNG is not overwritten."""
+    """Return the path of the PNG; an existing file that is not a PNG is not overwritten."""
     target = Path(output) if output is not None else path.with_suffix(".png")
     if target.suffix.lower() != ".png":
         raise InputError("not the name of a PNG", file=target, key="--output", allowed="a name that ends with .png")
     if target.exists():
         with open(target, "rb") as file:
             if file.read(len(PNG)) != PNG:
-                raise InputError("is there already and is no PNG", file=target, key="--output", allowed="another name")
+                raise InputError("already exists and is not a PNG", file=target, key="--output", allowed="another name")
     return target
 
 
@@ -55,12 +55,12 @@ def _region(picture, region):
 
 
 def _inset(path, bounds, inset):
-    """Return the bounds of an inset, cut at the edges of what is shown."""
+    """Return the bounds of an inset, clipped to `bounds`."""
     x, y, size = inset
     x0, x1, y0, y1 = bounds
     if size < 1 or not (x0 <= x < x1 and y0 <= y < y1):
         allowed = f"X from {x0} to {x1 - 1}, Y from {y0} to {y1 - 1}, SIZE from 1"
-        raise InputError("not in what is shown", file=path, key="--inset", value=inset, allowed=allowed)
+        raise InputError("not in the part that is shown", file=path, key="--inset", value=inset, allowed=allowed)
     left, low = x - size // 2, y - size // 2
     return max(left, x0), min(left + size, x1), max(low, y0), min(low + size, y1)
 
@@ -68,7 +68,7 @@ def _inset(path, bounds, inset):
 def _marks(picture, bounds, table, limit):
     if not picture.on_chip:
         raise InputError(
-            "the pixels of the frame are not the chip's, so the truth has no place on it", file=picture.path,
+            "the frame's pixels are not the chip's, so the truth cannot be marked on it", file=picture.path,
             key="--truth", allowed="a Level-0, render-stage or calibrated file",
         )  # fmt: skip
     truth = load_marks(picture.path, None if table is None else Path(table))

@@ -1,8 +1,8 @@
-"""Right ascension and declination on a picture: which WCS holds, and its lines and labels.
+"""The grid of right ascension and declination on a picture: choice of the WCS, lines and labels.
 
-A Level-0 file's WCS is linear, and where FLDDIST is T the light lies up to 214 px beside it. If the file was made with
-the shipped camera (CAMHASH) the distortion is known and the lines go where the light does; else the header's are drawn
-and the picture says so.
+A Level-0 file's WCS is linear, but if FLDDIST is T, field distortion moves the light up to 214 px from it. If the file
+was made with the shipped camera (CAMHASH), the distortion is known and is included in the grid. Otherwise the grid of
+the header's WCS is drawn, with a remark.
 """
 
 import re
@@ -17,21 +17,21 @@ _KEYWORD = re.compile(
     r"WCSAXES|(CTYPE|CUNIT|CRVAL|CRPIX)[12]|CD[12]_[12]|LONPOLE|LATPOLE|RADESYS|(A|B|AP|BP)_(ORDER|\d_\d)"
 )
 GRID_COLOUR = "#E0C060"
-LINEAR = "grid: the header's linear WCS, beside which field distortion moves the light"
+LINEAR = "grid: the header's linear WCS, without the field distortion of the light"
 
 
 def exposure_wcs(header):
     """Return (astropy WCS of 0-based chip pixels or None, remark or '') from the keywords of a csstsim exposure.
 
-    header: those of HDU 0 and 1 of a Level-0 file together; frames between the stages carry the same names.
+    header: those of HDU 0 and 1 of a Level-0 file together; frames between the stages have the same names.
     """
     if header.get("FILETYPE", "SCIE") != "SCIE":
-        return None, ""  # bias, dark and flat frames carry a direction that means nothing
+        return None, ""  # the direction in bias, dark and flat frames has no meaning
     if header.get("FLDDIST") is not True or "SIP" in str(header.get("CTYPE1")):
         return header_wcs(header), ""
     try:
         true = _distorted(header)
-    except (KeyError, TypeError, ValueError):  # of a header that lacks something
+    except (KeyError, TypeError, ValueError):  # the header lacks a keyword or has a wrong value
         true = None
     return (header_wcs(header), LINEAR) if true is None else (header_wcs(true), "")
 
@@ -55,7 +55,7 @@ def _distorted(header):
 def header_wcs(header, origin=(0, 0)):
     """Return the astropy WCS of FITS keywords (mapping), or None if they give no celestial one.
 
-    origin: the 0-based chip pixel of the array's first; the WCS returned is that of chip pixels.
+    origin: the 0-based chip pixel of the array's first pixel; the WCS returned is in chip pixels.
     """
     from astropy.io.fits import Header
     from astropy.wcs import WCS, FITSFixedWarning
@@ -64,18 +64,18 @@ def header_wcs(header, origin=(0, 0)):
         warnings.simplefilter("ignore", FITSFixedWarning)
         try:
             wcs = WCS(header if isinstance(header, Header) else Header(_main(header)))
-        except (ValueError, KeyError, TypeError, AttributeError, MemoryError):  # of keywords that do not fit together
+        except (ValueError, KeyError, TypeError, AttributeError, MemoryError):  # inconsistent keywords
             return None
     if wcs.naxis != 2 or not wcs.has_celestial:
         return None
     wcs.wcs.crpix += origin
-    if wcs.sip is not None:  # its polynomials count from CRPIX as it was
+    if wcs.sip is not None:  # its polynomials have a CRPIX of their own
         wcs.sip = _moved(wcs.sip, wcs.wcs.crpix)
     return wcs
 
 
 def _main(header):
-    """Return the keywords of the WCS without letter: those of channels would only take time."""
+    """Return the keywords of the primary WCS (without a letter); parsing those of channels would only take time."""
     return {key: value for key, value in header.items() if _KEYWORD.fullmatch(key)}
 
 
@@ -100,11 +100,11 @@ def draw_grid(axes, wcs, apparent):
 
 
 def _sides(wcs, axes):
-    """Return the sides with the labels of right ascension and of declination: those that more of their lines cross."""
+    """Return the sides for the labels of right ascension and of declination: those that more of their lines cross."""
     (x0, x1), (y0, y1) = axes.get_xlim(), axes.get_ylim()
     x, y = (x0 + x1) / 2, (y0 + y1) / 2
     corners, _ = wcs.all_pix2world([x0, x1, x1, x0, x0], [y0, y0, y1, y1, y0], 0)
-    if abs(wrapped(np.diff(corners)).sum()) > 180.0:  # once around: a pole is within
+    if abs(wrapped(np.diff(corners)).sum()) > 180.0:  # RA runs once around: a pole is inside
         return "tr", "r"
     ra, _ = wcs.all_pix2world([x, x + 1, x], [y, y, y + 1], 0)
     along_x, along_y = np.abs(wrapped(ra[1:] - ra[0]))

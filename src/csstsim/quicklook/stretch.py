@@ -1,14 +1,14 @@
-"""From pixel values to grey levels: limits that follow the background and its noise, and three stretches."""
+"""From pixel values to grey levels: limits from the background and its noise, and three stretches."""
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 
 STRETCHES = ("asinh", "log", "linear")
-BELOW = 2.0  # sigma under the background that are black
-LEAST_ABOVE = 10.0  # sigma over the background that are white, or more
-BRIGHT = 99.9  # percentile of the pixels that is white under asinh and log, if it is higher ...
-MOST_ABOVE = {"asinh": 1000.0, "log": np.inf}  # ... but not beyond so many sigma
+BELOW = 2.0  # sigma below the background: the black level
+LEAST_ABOVE = 10.0  # sigma above the background: the white level, or the lowest one of asinh and log
+BRIGHT = 99.9  # percentile of the pixels: their white level, between LEAST_ABOVE ...
+MOST_ABOVE = {"asinh": 1000.0, "log": np.inf}  # ... and so many sigma
 SOFT = 3.0  # sigma up to which asinh and log are linear
 
 
@@ -23,9 +23,9 @@ def robust_limits(values, stretch):
 
 
 def _scatter(values, level):
-    """Return the background's scatter, above zero also where most or all pixels have one value."""
+    """Return the background's scatter; it is above zero even if most or all pixels have one value."""
     spreads = (1.4826 * np.median(np.abs(values - level)), np.ptp(np.percentile(values, (0.1, 99.9))), np.ptp(values))
-    floor = 1e-6 * abs(level)  # what float32 cannot tell apart is no scatter
+    floor = 1e-6 * abs(level)  # smaller differences are float32 rounding
     return next((s for s in spreads if s > floor), 0.01 * abs(level) or 1.0)
 
 
@@ -42,16 +42,16 @@ def make_norm(image, stretch, limits=None, *, file=None):
     low, high, sigma = robust_limits(values, stretch)
     if limits is not None:
         if not (np.isfinite(limits).all() and 0 < limits[1] - limits[0] < np.inf):  # a difference may overflow
-            raise InputError("no range", file=file, key="--limits", value=tuple(limits), allowed="LOW < HIGH")
+            raise InputError("not a range", file=file, key="--limits", value=tuple(limits), allowed="LOW < HIGH")
         low, high = limits
     soft = float(np.clip(SOFT * sigma / (high - low), 1e-4, 1.0))
     shape = {"asinh": lambda: AsinhStretch(soft), "log": lambda: LogStretch(1 / soft), "linear": LinearStretch}
-    # not clipped: clipping would also give pixels without a value a grey
+    # not clipped: clipping would give a grey to pixels without a value
     return ImageNormalize(vmin=low, vmax=high, stretch=shape[stretch](), clip=False)
 
 
 def ticks(norm, count=7):
-    """Return (values, labels) at even distances of grey, for a colour bar; as few digits as keep them apart."""
+    """Return (values, labels) at even steps of grey, for a colour bar; labels have just enough digits to differ."""
     values = np.asarray(norm.inverse(np.linspace(0.0, 1.0, count)), float)
     digits = max(0, int(np.ceil(-np.log10(np.diff(values).min()))) + 1)
     return values, [f"{value:.{digits}f}" if digits < 6 else f"{value:.6g}" for value in values]

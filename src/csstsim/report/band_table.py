@@ -4,9 +4,9 @@ from csstsim.report.parts import Table
 
 
 def band_table(result, labels):
-    """Return the Table of what is judged in each band of a validate_brick result, in magnitudes.
+    """Return the Table of a validate_brick result's main numbers, one row per band, in magnitudes.
 
-    labels: {band: as the camera writes its name}.
+    labels: {band: its name as the camera writes it}.
     """
     rows = []
     for band, numbers in result["bands"].items():
@@ -25,7 +25,7 @@ def band_table(result, labels):
 
 
 def band_numbers(result, labels):
-    """Return a Table of every single number of a result's bands, a row a number, a column a band."""
+    """Return the Table of all numbers of a result's bands: one row per number, one column per band."""
     columns = {band: dict(_leaves(numbers)) for band, numbers in result["bands"].items()}
     names = list(dict.fromkeys(name for column in columns.values() for name in column))
     rows = [(name, *(column.get(name) for column in columns.values())) for name in names]
@@ -33,7 +33,7 @@ def band_numbers(result, labels):
 
 
 def _leaves(mapping, prefix=""):
-    """Yield (name, number) of nested mappings; lists, which are curves, are for figures."""
+    """Yield (name, number) of nested mappings; lists are left out: they hold curves, which the figures show."""
     for key, value in mapping.items():
         if isinstance(value, dict):
             yield from _leaves(value, f"{prefix}{key}: ")
@@ -46,4 +46,4 @@ def _fixed(value, digits=2):
 
 
 def _spread(numbers):
-    return _fixed(numbers["sigma"], 3) if numbers["n"] >= 3 else None  # of one or two sources it says nothing
+    return _fixed(numbers["sigma"], 3) if numbers["n"] >= 3 else None  # one or two sources have no useful scatter

@@ -1,14 +1,14 @@
-"""The colour-colour diagram of the paper's section 6: what was put in as contours, what was measured as points."""
+"""The colour-colour diagram (paper, section 6): true colours as contours, measured colours as points."""
 
 import numpy as np
 
 from csstsim.report.style import BLACK, BLUE, ORANGE, legend_or_note
 
-MAX_POINTS = 3000  # drawn of a kind; more only blacken it
-CONTOURS_FROM = 50  # sources; fewer are points
-SHARES = 0.9, 0.6, 0.3  # of the sources within a contour
-CELL, BLUR = 0.05, 2.0  # mag; cells
-LIMITS = (-1.5, 4.0), (-1.0, 2.5)  # mag: u - g and g - r of stars and galaxies lie within
+MAX_POINTS = 3000  # points drawn per kind; more would only overlap
+CONTOURS_FROM = 50  # sources; fewer are drawn as points
+SHARES = 0.9, 0.6, 0.3  # of the sources, enclosed by each contour
+CELL, BLUR = 0.05, 2.0  # side of a density cell [mag]; sigma of the smoothing [cells]
+LIMITS = (-1.5, 4.0), (-1.0, 2.5)  # mag, of the axes: they hold u - g and g - r of stars and galaxies
 KINDS = ("star or quasar", BLUE, "o"), ("galaxy", ORANGE, "s")
 
 
@@ -40,7 +40,7 @@ def colours(axes, colour, looks):
 
 
 def _contours(axes, points, line, label):
-    """Draw contours of the smoothed density that hold SHARES of the `points` (2, n)."""
+    """Draw contours of the smoothed density that enclose SHARES of the `points` (2, n)."""
     from scipy.ndimage import gaussian_filter
 
     edges = [np.arange(low, high + CELL / 2, CELL) for low, high in LIMITS]

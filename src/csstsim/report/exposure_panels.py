@@ -1,6 +1,7 @@
-"""Panels of a brick's page about single exposures: limits, counts, stars' colours, and the way of the charge.
+"""Panels of a brick's figure: detection limits, number counts, the stellar locus, and effects of charge transfer.
 
-Each draws into `axes` from what bricks.validate.validate_brick returns, with `looks` (report.style) among the arrays.
+Each function draws into `axes`. `result` and `arrays` are those of bricks.validate.validate_brick; arrays["looks"] is
+report.style.looks of the camera's filters.
 """
 
 import numpy as np
@@ -9,13 +10,13 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.report.style import BLACK, FEWEST, GREEN, ORANGE, legend_or_note, snr_axis
 
 STEP = 0.5  # mag
-ROWS = 8  # bins of the rows to the amplifier
-BRIGHT = 20.0, 500.0  # S/N of the stars that are binned by rows
+ROWS = 8  # bins of the number of rows to the amplifier
+BRIGHT = 20.0, 500.0  # S/N of the stars that are binned by rows to the amplifier
 LOCUS = SHIPPED / "curves" / "sdss_locus.csv"
 
 
 def found_by_magnitude(axes, result, arrays):
-    """Share found of isolated objects in single exposures: point sources full, galaxies dashed."""
+    """Draw the share of isolated objects found in single exposures: point sources solid, galaxies dashed."""
     drawn = []
     for band, table in arrays["trials"].items():
         look = arrays["looks"][band]
@@ -35,17 +36,17 @@ def found_by_magnitude(axes, result, arrays):
                 drawn.append(band)
     axes.axhline(0.5, color="#666666", ls=":", lw=1)
     axes.set(xlim=(18, 29), ylim=(-0.03, 1.05), xlabel="true magnitude [AB]", ylabel="fraction found")
-    axes.set_title("Found in one exposure: stars (full), galaxies (dashed)", fontsize=10)
+    axes.set_title("Found in one exposure: stars (solid), galaxies (dashed)", fontsize=10)
     legend_or_note(axes, drawn, "no isolated object", loc="lower left")
 
 
 def counts(axes, result, arrays):
-    """Sources over true objects, by magnitude less the depth of an exposure."""
+    """Draw the ratio of merged sources to true objects against magnitude minus the depth of an exposure."""
     drawn = []
     for band, numbers in result["bands"].items():
         part, look = numbers["counts"], arrays["looks"][band]
         edges, given, got = (np.array(part[name], float) for name in ("edges", "in", "out"))
-        good = given >= 20  # 20% at least of chance below
+        good = given >= 20  # with fewer, the Poisson error exceeds 22%
         if good.any():
             x = 0.5 * (edges[1:] + edges[:-1])[good] - numbers["depth_5sigma"]
             error = np.sqrt(got[good]) / given[good]
@@ -56,12 +57,12 @@ def counts(axes, result, arrays):
             drawn.append(band)
     axes.axhline(1.0, color="#666666", lw=0.8)
     axes.set(ylim=(0, 1.6), xlabel="magnitude - depth of an exposure", ylabel="merged sources / true objects")
-    axes.set_title("Number counts, out over in", fontsize=10)
+    axes.set_title("Number counts, measured over true", fontsize=10)
     legend_or_note(axes, drawn, "too few objects", loc="lower left")
 
 
 def locus(axes, result, arrays):
-    """Stars' measured g-r and r-i on the public locus, which is in SDSS's bands."""
+    """Draw stars' true and measured g-r and r-i over the published stellar locus, which is in SDSS's bands."""
     colour = arrays["locus"]
     axes.set_title("Stars at S/N > 20 in g, r, i", fontsize=10)
     if not colour["bands"]:
@@ -77,17 +78,17 @@ def locus(axes, result, arrays):
 
 
 def places(axes, result, arrays):
-    """Stars' places along the columns, away from the amplifier, by S/N."""
+    """Draw stars' position residuals along the columns against S/N; positive is away from the amplifier."""
     _transfer(axes, result, arrays["looks"], "deferred_mas", 1.0)
     axes.set(ylabel="out - in, away from the amplifier [mas]", ylim=(-6, 6))
-    axes.set_title("Places along the columns", fontsize=10)
+    axes.set_title("Positions along the columns", fontsize=10)
 
 
 def light(axes, result, arrays):
-    """Stars' light by S/N."""
+    """Draw stars' relative flux residuals against S/N."""
     _transfer(axes, result, arrays["looks"], "light", 100.0)
     axes.set(ylabel="out / in - 1 [%]", ylim=(-12, 12))
-    axes.set_title("Light of stars in one exposure", fontsize=10)
+    axes.set_title("Fluxes of stars in one exposure", fontsize=10)
 
 
 def _transfer(axes, result, looks, name, unit):
@@ -106,7 +107,7 @@ def _transfer(axes, result, looks, name, unit):
 
 
 def rows(axes, result, arrays):
-    """Stars' places and light by their rows to the amplifier."""
+    """Draw stars' position and flux residuals against the number of rows to the amplifier."""
     seen = {name: [] for name in ("snr", "transfers", "deferred_mas", "light")}
     for table in arrays["trials"].values():
         good = (table["sound"] > 0) & ~table["galaxy"].astype(bool)
@@ -116,9 +117,9 @@ def rows(axes, result, arrays):
     seen = {name: np.concatenate(parts) if parts else np.zeros(0) for name, parts in seen.items()}
     edges = np.linspace(0, max(seen["transfers"].max(initial=0.0), 1.0), ROWS + 1)
     which, drawn = np.digitize(seen["transfers"], edges[1:-1]), []
-    for name, unit, tint, said in (
-        ("deferred_mas", 1.0, BLACK, "place, away from the amplifier [mas]"),
-        ("light", 100.0, ORANGE, "light, out / in - 1 [%]"),
+    for name, unit, tint, label in (
+        ("deferred_mas", 1.0, BLACK, "position, away from the amplifier [mas]"),
+        ("light", 100.0, ORANGE, "flux, out / in - 1 [%]"),
     ):
         off = seen[name] - (1.0 if name == "light" else 0.0)
         bins = [off[which == k] for k in range(ROWS)]
@@ -126,7 +127,7 @@ def rows(axes, result, arrays):
         if good:
             y = [unit * np.median(bins[k]) for k in good]
             error = [unit * 1.2533 * np.std(bins[k]) / np.sqrt(len(bins[k])) for k in good]
-            axes.errorbar(0.5 * (edges[1:] + edges[:-1])[good], y, error, color=tint, marker="o", ms=4, label=said)
+            axes.errorbar(0.5 * (edges[1:] + edges[:-1])[good], y, error, color=tint, marker="o", ms=4, label=label)
             drawn.append(name)
     axes.axhline(0.0, color="#666666", lw=0.8)
     axes.set(ylim=(-6, 6), xlabel="rows to the amplifier", ylabel="out - in, median")

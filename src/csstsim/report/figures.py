@@ -1,4 +1,4 @@
-"""Figures of the validation: one page a brick, and the sky map of the report (paper, section 6)."""
+"""Figures of the validation: one per brick, and the sky map of the report (paper, section 6)."""
 
 import io
 
@@ -10,19 +10,19 @@ from csstsim.report import exposure_panels, psf_panels
 from csstsim.report.colour_panel import colours
 from csstsim.report.style import BLACK, BLUE, FEWEST, ORANGE, legend_or_note, snr_axis
 
-MAX_POINTS = 3000  # drawn per panel and kind; more only blacken it
-MAX_NUMBERED = 40  # bricks whose numbers the sky map has room for
+MAX_POINTS = 3000  # points drawn per panel and kind; more would only overlap
+MAX_NUMBERED = 40  # bricks; the sky map has no room for the numbers of more
 COLUMNS = 4  # panels of bands in a row
 
 
 def brick_figure(result, arrays, looks, *, threshold=None, snr_min=None):
-    """Return the PNG bytes of a brick: completeness, colours, magnitudes out - in, one panel a band; single exposures.
+    """Return the PNG bytes of a brick's figure: completeness, colours, magnitude residuals by band, single exposures.
 
     `result`, `arrays`: as bricks.validate.validate_brick returns them; `looks`: report.style.looks of the
     camera's filters; `threshold`, `snr_min`: the completeness gate, drawn when given.
     """
     bands = {band: look for band, look in looks.items() if look.marker}
-    rows = len(bands) // COLUMNS + 1  # and the legend
+    rows = len(bands) // COLUMNS + 1  # with a place for the legend
     heights = (1.25, *[1.0] * rows, 1.1, 1.1, 1.3)
     figure = _figure((13.0, 21.5 * sum(heights) / 6.75))
     grid = figure.add_gridspec(len(heights), 12, height_ratios=heights)
@@ -38,7 +38,7 @@ def brick_figure(result, arrays, looks, *, threshold=None, snr_min=None):
         draw(figure.add_subplot(grid[row, column : column + 4]), result, arrays)
     for number, draw in enumerate((psf_panels.size, psf_panels.ellipticity)):
         draw(figure.add_subplot(grid[-1, 6 * number : 6 * number + 6]), arrays)
-    purity = "" if result["purity"] is None else f" ({100.0 * result['purity']:.0f} % with a true object)"
+    purity = "" if result["purity"] is None else f" ({100.0 * result['purity']:.0f} % match a true object)"
     figure.suptitle(
         f"Brick {result['brick']} (NSIDE 256, nested): {result['sources']} merged sources{purity}, "
         f"{result['truth']} true objects, {result['frames']} frames"
@@ -50,8 +50,8 @@ def sky_map(footprints, bricks, looks, pointings=()):
     """Return the PNG bytes of the sky map: bricks and the windows on them, in degrees from their centre.
 
     `footprints`: [(band or grating, ra[4], dec[4])], corners in order; `bricks`: pixel numbers; `looks`:
-    report.style.looks; `pointings`: [(ra, dec)] of the boresights, which a second panel shows (far from the windows of
-    a small region).
+    report.style.looks; `pointings`: [(ra, dec)] of the boresights. They are shown in a second panel, because they may
+    lie far from the windows of a small region.
     """
     figure = _figure((15.0, 7.0) if pointings else (9.0, 7.5))
     near, *far = figure.subplots(1, 2 if pointings else 1, squeeze=False)[0]
@@ -66,7 +66,7 @@ def sky_map(footprints, bricks, looks, pointings=()):
                 axes.annotate(str(pix), (x.mean(), y.mean()), **style)
         _windows(axes, footprints, looks, centre)
         axes.set(xlabel="offset east [deg]", ylabel="offset north [deg]")
-        axes.set_aspect("equal", adjustable="datalim")  # a lone boresight would make a sliver
+        axes.set_aspect("equal", adjustable="datalim")  # else a lone boresight makes a narrow panel
         axes.invert_xaxis()  # east to the left
     near.set_title(f"Windows and bricks around RA {centre[0]:.4f}, Dec {centre[1]:+.4f} deg (ICRS)", fontsize=10)
     for axes in far:
@@ -78,7 +78,7 @@ def sky_map(footprints, bricks, looks, pointings=()):
 
 
 def _windows(axes, footprints, looks, centre):
-    """Draw the outlines of windows: bands by colour, gratings grey, by their dashes."""
+    """Draw the outlines of windows: bands differ in colour; gratings are grey and differ in dashes."""
     seen = set()
     for band, ra, dec in footprints:
         look = looks[band]
@@ -95,7 +95,7 @@ def _completeness(axes, curves, looks, threshold, snr_min):
         n, found = curves[band]
         good = n >= FEWEST
         fraction = found[good] / n[good]
-        # Wilson's interval: right for fractions near 1 and few sources.
+        # Wilson's interval, which holds for fractions near 1 and few sources
         z2, m = 1.0, n[good]
         mid = (fraction + z2 / (2 * m)) / (1 + z2 / m)
         half = np.sqrt(fraction * (1 - fraction) / m + z2 / (4 * m**2)) / (1 + z2 / m)
@@ -170,9 +170,9 @@ def _centre(polygons):
 
 
 def _offsets(ra, dec, centre):
-    """Offsets east, north of `centre`, degrees, of Lambert's equal-area projection.
+    """Return offsets east and north of `centre` [deg] in Lambert's azimuthal equal-area projection.
 
-    It has no trouble at RA 0, at a pole or on the far side of the sky.
+    It works at RA 0, at the poles and on the far side of the sky.
     """
     ra, dec, ra0, dec0 = (np.radians(v) for v in (ra, dec, *centre))
     depth = np.sin(dec) * np.sin(dec0) + np.cos(dec) * np.cos(dec0) * np.cos(ra - ra0)

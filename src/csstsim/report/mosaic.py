@@ -1,7 +1,7 @@
-"""The focal plane of the report: thumbnails of an exposure's chips at their places, with pan and zoom (report.js).
+"""The report's focal plane: thumbnails of an exposure's chips at their positions, with pan and zoom (report.js).
 
-One drawing (SVG) holds the outlines of all chips and, in a group each, the exposures; its unit is a pixel of the
-mosaic, y down. A chip's place is right to a pixel: field distortion is not in it.
+One SVG drawing holds the outlines of all chips and one group per exposure. Its unit is a pixel of the mosaic, with y
+down. Chips are placed to a pixel in the mosaic; field distortion is left out.
 """
 
 import math
@@ -16,19 +16,19 @@ from csstsim.report.parts import data_url
 from csstsim.report.style import BLACK, GREY
 from csstsim.report.thumbnail import MOST, binned, busiest, png, step_for, stretch
 
-BRIGHTER = {BLACK: "#FFFFFF", GREY: "#888888"}  # than in the figures: they would not show on black
+BRIGHTER = {BLACK: "#FFFFFF", GREY: "#888888"}  # brighter than in the figures, to show on black
 BUTTONS = (
     ("in", "+", "zoom in (key +)"),
     ("out", "\u2212", "zoom out (key -)"),
     ("reset", "focal plane", "all chips (key 0)"),
-    ("exposure", "exposure", "what was simulated (key 1)"),
+    ("exposure", "exposure", "the simulated chips (key 1)"),
     ("detail", "full resolution", "the cutout (key 2)"),
 )
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG and the `window` (instrument.chip.Window) of `chip` that it shows, `step` pixels to a block."""
+    """A PNG of the `window` (instrument.chip.Window) of `chip`, in blocks of `step` x `step` pixels."""
 
     chip: object
     window: object
@@ -47,15 +47,15 @@ class Exposure:
 
 
 def take_exposure(title, pa, files, most=MOST):
-    """Return the Exposure of `files`: iterable of (Chip, open io.level0.Level0); pictures are `most` pixels wide."""
+    """Return the Exposure of `files`: iterable of (Chip, open io.level0.Level0); pictures have at most `most` px."""
     pictures, best = [], ((False, -1.0), None)
     for chip, file in files:
         step = step_for(file.window, most)
         greys = stretch(binned(file, file.window, step))
         pictures.append(Picture(chip, file.window, step, png(greys)))
-        liveliness = chip.kind == "imaging", float(greys.std())  # an image before spectra
-        if step > 1 and liveliness > best[0]:
-            best = liveliness, (chip, file, busiest(greys, file.window, step, most))
+        rank = chip.kind == "imaging", float(greys.std())  # images rank before spectra, then by contrast
+        if step > 1 and rank > best[0]:
+            best = rank, (chip, file, busiest(greys, file.window, step, most))
     detail = None
     if best[1]:
         chip, file, window = best[1]
@@ -64,7 +64,7 @@ def take_exposure(title, pa, files, most=MOST):
 
 
 class FocalPlane(NamedTuple):
-    """The viewer, a part of the page (report.parts): shapes and groups of them, as templates/focal_plane.html draws."""
+    """The viewer, a part of the page (report.parts); templates/focal_plane.html draws its shapes and groups."""
 
     box: str
     outlines: list
@@ -76,7 +76,7 @@ class FocalPlane(NamedTuple):
 def mosaic(chips, exposures, looks):
     """Return the FocalPlane.
 
-    `chips` are all of the camera, `exposures` at least one Exposure, `looks` report.style.looks of its filters.
+    `chips`: all chips of the camera; `exposures`: one Exposure or more; `looks`: report.style.looks of its filters.
     """
     colours = {chip.id: BRIGHTER.get(c := looks[chip.filter.lower()].colour, c) for chip in chips}
     corners = np.concatenate([_corners(chip, chip.full_window) for chip in chips])
@@ -101,7 +101,7 @@ def _group(exposure, colours):
 
 
 def _image(picture):
-    """The blocks at the window's far edges may reach beyond it, by less than a block."""
+    """Return the shape of a picture; blocks at the window's far edges may reach beyond it by less than a block."""
     x, bottom = _place(picture.chip, picture.window.x0, picture.window.y0)
     width, height = (-(-n // picture.step) * picture.step for n in (picture.window.nx, picture.window.ny))
     place = {"x": f"{x:g}", "y": f"{bottom - height:g}", "width": width, "height": height, "turn": _turn(picture.chip)}
@@ -119,7 +119,7 @@ def _chip_label(chip):
 
 
 def _window_label(picture):
-    """The chip's name in a window that is much smaller than the chip, whose own is then far off or out of sight."""
+    """Label a window much smaller than its chip: the chip's own label may then be far off or out of view."""
     window = picture.window
     if 2 * max(window.shape) > max(picture.chip.detector.nx, picture.chip.detector.ny):
         return []
@@ -133,9 +133,9 @@ def _label(chip, x, y, size):
 
 
 def _compass(exposure):
-    """Return (name, angle [deg], x, y) of arrows towards north and east, which do not zoom."""
+    """Return (name, angle [deg], x, y) of the arrows towards north and east; they do not zoom."""
     inverse = np.linalg.inv(mosaic_cd(exposure.pa, exposure.pictures[0].chip.telescope))
-    angles = [math.atan2(-dy, dx) for dx, dy in inverse.T]  # of mosaic pixels a degree east, and north
+    angles = [math.atan2(-dy, dx) for dx, dy in inverse.T]  # columns: mosaic pixels per degree east, north
     return [
         (name, *(f"{v:.2f}" for v in (math.degrees(angle), 40 * math.cos(angle), 40 * math.sin(angle))))
         for name, angle in zip("EN", angles, strict=True)
@@ -143,7 +143,7 @@ def _compass(exposure):
 
 
 def _place(chip, x, y):
-    """Return the drawing's x, y of the pixel corner (x, y) of an unturned chip."""
+    """Return where the pixel corner (x, y) of a chip lies in the drawing, before the chip's rotation."""
     return chip.xc - chip.detector.nx / 2 + x, -(chip.yc - chip.detector.ny / 2 + y)
 
 
@@ -152,7 +152,7 @@ def _turn(chip):
 
 
 def _corners(chip, window):
-    """Return the corners (4, 2) of a window as they are drawn."""
+    """Return the corners (4, 2) of a window in the drawing."""
     places = [_place(chip, x, y) for x in (window.x0, window.x1) for y in (window.y0, window.y1)]
     centre = np.array([chip.xc, -chip.yc])
     return (np.array(places) - centre) @ rotation(math.radians(-chip.rotation)).T + centre

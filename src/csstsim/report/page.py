@@ -1,4 +1,4 @@
-"""The report of a campaign: one self-contained page of HTML, figures, style and script embedded, no network."""
+"""The report of a campaign: one self-contained HTML page with embedded figures, style and script."""
 
 from csstsim.bricks import verdict as verdicts
 from csstsim.bricks.gates import FEW
@@ -26,14 +26,14 @@ def write_report(
     spectra      list of (title, PNG bytes or None, *Links) of spectroscopic frames
     links        {brick: (Link, ...)}: its files
     provenance   {label: value}: version, hashes, seed
-    labels       {band: as the camera writes its name}
+    labels       {band: its name as the camera writes it}
     times        list of mappings (step, jobs, wall s, CPU s, ...): one row each
     """
     from csstsim.base.files.atomic import atomic_path
 
     name = summary.get("name", "campaign")
     judged = verdicts.judge(results)
-    results = sorted(results, key=lambda result: -_counts(result)["fail"])  # stable: then by number, as they came
+    results = sorted(results, key=lambda result: -_counts(result)["fail"])  # stable: ties keep their order, by number
     links, labels = links or {}, labels or {}
     sections = [
         Section("summary", "Summary", [Pairs({key: value for key, value in summary.items() if key != "name"})]),
@@ -71,7 +71,7 @@ def _figure(png, caption):
 
 
 def _gates(gates):
-    """Counts by gate, the failing gates, then the rest; a gate may have more keys than those known here."""
+    """Return tables of counts by gate, of the failing gates, then of the rest; gates may have keys beyond GATE."""
     if not gates:
         return []
     keys = dict(GATE) | {key: key for gate in gates for key in gate if key not in ("brick", "passed", *GATE)}
@@ -95,7 +95,7 @@ def _counts(result):
 
 
 def _brick_table(results, links, labels):
-    """One row a brick, failing ones first."""
+    """Return the table of bricks, one row each, failing ones first."""
     bands = list(dict.fromkeys(band for result in results for band in result["bands"]))
     rows = []
     for result in results:
@@ -110,12 +110,12 @@ def _brick_table(results, links, labels):
         for band in bands:
             row[labels.get(band, band)] = result["bands"].get(band, {}).get("completeness")
         rows.append(row | ({"files": links[pix]} if pix in links else {}))
-    note = Paragraph("A column headed by a band has the completeness of point sources in it.")
+    note = Paragraph("The column of a band gives the completeness of point sources in that band.")
     return [note, mappings(rows, "bricks")] if rows else []
 
 
 def _bricks(results, figures, links, labels):
-    """A section a brick; of many, all but a few folded."""
+    """Return one section per brick; the contents of all but the first UNFOLDED are folded."""
     parts = []
     for place, result in enumerate(results):
         pix = result["brick"]
@@ -137,7 +137,7 @@ def _brick(result, png, links, labels):
         east, north = (_residual(residual[k]) for k in ("east", "north"))
         place = f"Positions out - in: east {east}, north {north} mas from {residual['east']['n']} bright stars."
     else:
-        place = "Positions: no bright star to judge."
+        place = "Positions: no bright star to judge by."
     count = f"{result['sources']} merged sources; {result['truth']} true objects on {result['frames']} frames."
     return [
         Paragraph(f"{count} {place}"),

@@ -1,4 +1,4 @@
-"""What the report's page is made of: tables, figures, folds, sections. templates/parts.html draws each, escaped."""
+"""Parts of the report's page: tables, figures, folds, sections. templates/parts.html draws each, with escaped text."""
 
 import base64
 import math
@@ -17,23 +17,23 @@ class Link(NamedTuple):
 
 
 class Verdict(NamedTuple):
-    """True, False or None (not judged), said in a word and a colour."""
+    """True, False or None (not judged), shown as a word in a colour."""
 
     passed: bool | None
 
     @property
     def style(self):
-        """Of the word."""
+        """The CSS class of the word."""
         return {True: "pass", False: "fail", None: "none"}[self.passed]
 
     @property
     def word(self):
-        """What is said."""
+        """The word that is shown."""
         return {True: "pass", False: "FAIL", None: "not judged"}[self.passed]
 
 
 class Table(NamedTuple):
-    """Rows of values, folded under "N `name`" if there are many. Columns of numbers are set to the right."""
+    """Rows of values, folded under "N `name`" if there are many. Columns of numbers are right-aligned."""
 
     head: tuple
     rows: list
@@ -41,7 +41,7 @@ class Table(NamedTuple):
 
     @property
     def styles(self):
-        """One for each column."""
+        """The CSS class of each column."""
         return ["n" if all(map(_is_number, column)) else "" for column in zip(*self.rows, strict=True)]
 
 
@@ -59,26 +59,26 @@ class Figure(NamedTuple):
 
     @property
     def url(self):
-        """What an image's source takes."""
+        """The picture as a data URL."""
         return data_url(self.png)
 
 
 class Paragraph(NamedTuple):
-    """A value, or a tuple of several."""
+    """A paragraph of one value, or of a tuple of them."""
 
     words: Any
     style: str = ""
 
 
 class Fold(NamedTuple):
-    """Parts behind a line to click on."""
+    """Parts folded under a line; a click on it opens them."""
 
     summary: str
     body: list
 
 
 class Section(NamedTuple):
-    """Parts under a title, where #`name` leads to; without parts it is not shown."""
+    """Parts under a title; the link #`name` leads there. A section without parts is not shown."""
 
     name: str
     title: str
@@ -87,14 +87,14 @@ class Section(NamedTuple):
 
 
 def mappings(rows, name="rows"):
-    """Return the Table of mappings: the heading has every key, in the order met."""
+    """Return the Table of `rows`, which are mappings; its columns are all their keys, in order of appearance."""
     rows = list(rows)
     keys = list(dict.fromkeys(key for row in rows for key in row))
     return Table(keys, [[row.get(key) for key in keys] for row in rows], name)
 
 
 def data_url(png):
-    """Return PNG bytes as what an image's source takes."""
+    """Return PNG bytes as a data URL."""
     return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
 
 
@@ -104,7 +104,7 @@ def draw(part):
 
 
 def fill(template, **values):
-    """Return a template of templates/ with values in it, which are escaped."""
+    """Return the text of a template in templates/ with `values` filled in, escaped."""
     return _templates().get_template(template).render(values)
 
 
@@ -127,7 +127,7 @@ def _shown(value, digits):
 
 
 def _is_number(value):
-    """Whether a value is read as a number: also one already written out, and a figure that is missing."""
+    """Whether a value counts as a number: a number, its text, or None (a missing number)."""
     try:
         return value is None or (not isinstance(value, bool) and math.isfinite(float(value)))
     except (TypeError, ValueError):

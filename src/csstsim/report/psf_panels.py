@@ -1,4 +1,4 @@
-"""Panels of a brick's page: stars' sizes and shapes less those of the PSF model, as maps over the chip."""
+"""Panels of a brick's figure: stars' sizes and shapes compared with the PSF model's, as maps over the chip."""
 
 import numpy as np
 
@@ -6,22 +6,22 @@ from csstsim.bricks.trials import SHAPES
 from csstsim.report.style import BLACK, FEWEST
 
 SNR = 50.0, 500.0  # of the stars
-CELLS = 8  # on an axis
-RANGE, WHISKER = 2.0, 0.01  # %; distortion of a whisker as long as a cell
+CELLS = 8  # along each axis
+RANGE, WHISKER = 2.0, 0.01  # limit of the colours [%]; distortion of a whisker as long as a cell
 
 
 def size(axes, arrays):
-    """Stars' sizes less those of the PSF model over the chip, all bands, medians of cells."""
+    """Draw stars' sizes over the PSF model's, less 1: medians of all bands in cells of the chip."""
     edges, (residual, _, _) = _over_the_chip(arrays)
     if edges:
         image = axes.pcolormesh(*edges, 100.0 * residual.T, cmap="RdBu_r", vmin=-RANGE, vmax=RANGE)
-        beside = axes.inset_axes([1.03, 0.0, 0.05, 1.0])  # one of its own breaks the page's layout
-        axes.figure.colorbar(image, cax=beside, label="size out / PSF model - 1 [%]")
+        bar = axes.inset_axes([1.03, 0.0, 0.05, 1.0])  # colorbar's own axes would break the layout
+        axes.figure.colorbar(image, cax=bar, label="size out / PSF model - 1 [%]")
     _chip_axes(axes, edges, "Sizes of stars, S/N > 50, all bands")
 
 
 def ellipticity(axes, arrays):
-    """Stars' distortions less those of the PSF model over the chip, all bands, medians of cells, as whiskers."""
+    """Draw stars' distortions minus the PSF model's as whiskers: medians of all bands in cells of the chip."""
     edges, (_, e1, e2) = _over_the_chip(arrays)
     if edges:
         e, angle = np.hypot(e1, e2), 0.5 * np.arctan2(e2, e1)
@@ -30,13 +30,13 @@ def ellipticity(axes, arrays):
             *middle, e * np.cos(angle), e * np.sin(angle), headaxislength=0, headlength=0, headwidth=1, pivot="middle",
             angles="xy", scale_units="xy", scale=WHISKER / np.diff(edges[0])[0], width=0.004, color=BLACK,
         )  # fmt: skip
-    _chip_axes(axes, edges, f"Distortions of stars less the PSF model's: a cell's width is {WHISKER}")
+    _chip_axes(axes, edges, f"Distortions of stars minus the PSF model's; a cell's width is {WHISKER}")
 
 
 def _over_the_chip(arrays):
-    """Return (edges of cells along x and y, their medians of trials.SHAPES), NaN of fewer than FEWEST stars.
+    """Return (edges of cells along x and y, the cells' medians of trials.SHAPES).
 
-    (None, (None, None, None)) if no cell has that many.
+    A cell with fewer than FEWEST stars is NaN; if all cells have fewer, return (None, (None, None, None)).
     """
     seen = {name: [] for name in ("x", "y", *SHAPES)}
     for table in arrays["trials"].values():

@@ -1,6 +1,6 @@
-"""What the figures of the validation share: colours, names, legends.
+"""Colours, names and legends shared by the figures of the validation.
 
-Colours are Okabe & Ito's (2008), told apart by colour-blind readers; stars and galaxies differ in marker too.
+Colours are Okabe & Ito's (2008), which colour-blind readers can tell apart; stars and galaxies differ in marker too.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ FEWEST = 3  # sources a bin needs to be drawn
 
 @dataclass(frozen=True)
 class Look:
-    """How a filter is shown: `label` as the camera writes its name; a band's marker, a grating's line."""
+    """How a filter is shown: `label` is the camera's name of it; bands have markers, gratings line styles."""
 
     label: str
     colour: str
@@ -27,7 +27,7 @@ def looks(filters):
     """Return {name in lower case: Look} of the camera's filters, {name: instrument.filter.Filter}."""
     bands = [name for name, filter_ in filters.items() if filter_.kind == "imaging"]
     found = {}
-    for number, name in enumerate(bands):  # fewer than the colours are spread over them, more begin again
+    for number, name in enumerate(bands):  # few bands are spread over the colours; many reuse them
         at = int((number + 0.5) * len(COLOURS) / len(bands)) if len(bands) < len(COLOURS) else number
         again, place = divmod(at, len(COLOURS))
         found[name.lower()] = Look(name, COLOURS[place], MARKERS[(place + again) % len(MARKERS)])
@@ -37,7 +37,7 @@ def looks(filters):
 
 
 def snr_axis(axes):
-    """Make x the true S/N, logarithmic, with ticks where few numbers stand."""
+    """Make x the true S/N, logarithmic, with ticks far enough apart for their numbers."""
     axes.set(xscale="log", xlabel="true S/N")
     low, high = axes.get_xlim()
     ticks = (1, 2, 5, 10, 20, 50, 100, 200, 500)
@@ -48,7 +48,7 @@ def snr_axis(axes):
 
 def legend_or_note(axes, anything, note, **keywords):
     """Draw the legend if `anything` was plotted under a label, else write `note` in the middle; keywords: legend's."""
-    if anything and axes.get_legend_handles_labels()[1]:  # what there is may be too few to be drawn
+    if anything and axes.get_legend_handles_labels()[1]:  # there may be sources, but too few to be drawn
         axes.legend(fontsize=8, title_fontsize=8, **({"loc": "lower right"} | keywords))
     else:
         axes.text(0.5, 0.5, note, ha="center", transform=axes.transAxes, color="#444444")

@@ -1,6 +1,6 @@
 """Thumbnails of Level-0 files for the report: electrons above each channel's overscan, block-averaged, stretched.
 
-A quick look and no calibration: nonlinearity, flat field and defects stay as they were read.
+They are not calibrated: nonlinearity, flat field and defects remain.
 """
 
 import io
@@ -8,7 +8,7 @@ import io
 import numpy as np
 
 MOST = 384  # pixels along a thumbnail's longer side
-BLACK, WHITE = -3.0, 30.0  # sigma about the background where the grey scale begins, and ends at least
+BLACK, WHITE = -3.0, 30.0  # sigma from the background: the black level, and the lowest white level
 SOFT = 3.0  # sigma; the asinh stretch is linear below
 
 
@@ -20,7 +20,7 @@ def step_for(window, most=MOST):
 def binned(file, window, step):
     """Return mean electrons of step x step blocks of `window`, float64; blocks at the far edges may be smaller.
 
-    `file`: an open io.level0.Level0. Of pixels that were not read the mean is NaN.
+    `file`: an open io.level0.Level0. A block of pixels that were not read is NaN.
     """
     shape = tuple(-(-n // step) for n in window.shape)
     total, pixels = np.zeros(shape), np.zeros(shape)
@@ -43,7 +43,7 @@ def binned(file, window, step):
 
 
 def _level(overscan):
-    """Return the mean of an overscan region [DN] without outliers; a median of whole DN would leave steps."""
+    """Return the mean of an overscan region [DN] without outliers; a median would be rounded to whole DN."""
     if not overscan.size:
         return 0.0
     middle = np.median(overscan)
@@ -52,7 +52,7 @@ def _level(overscan):
 
 
 def _starts(first, last, step):
-    """Return (where blocks begin in [first, last), counted from first; the number of the first block)."""
+    """Return (starts of the blocks in [first, last), counted from first; the number of the first block)."""
     edges = np.arange(first // step * step, last, step)
     return np.maximum(edges, first) - first, first // step
 
@@ -60,7 +60,8 @@ def _starts(first, last, step):
 def stretch(image):
     """Return uint8 greys of an image: asinh of its distance from the background, in units of the noise.
 
-    Background and noise are the median and its scatter; NaN is black. White is the brightest thousandth.
+    Background and noise are the median and the scatter about it; NaN is black. White begins at the brightest 0.1%, or
+    at WHITE sigma if that is higher.
     """
     good = np.isfinite(image)
     if not good.any():
@@ -92,7 +93,7 @@ def _around(middle, low, high, most):
 
 
 def png(greys):
-    """Return the bytes of a grey PNG; the first row is the lowest, as pixels of a chip lie."""
+    """Return the bytes of a grey PNG; the first row of `greys` is at the bottom, as on a chip."""
     from PIL import Image
 
     stream = io.BytesIO()

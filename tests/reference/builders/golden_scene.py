@@ -2,8 +2,8 @@
 
     PYTHONPATH=tests:builders python tests/reference/builders/golden_scene.py
 
-Statistics, not hashes: a change of processor or library moves them by far less than the tolerances of
-tests/end_to_end/test_golden_scene.py; a change of physics does not. Run it only when pixels are meant to
+It stores statistics, not hashes: another processor or library changes them by far less than the tolerances of
+tests/end_to_end/test_golden_scene.py; a change of physics changes them by more. Run it only when pixels are meant to
 change, and say in CHANGES.md by how much.
 """
 

@@ -1,1 +1,1 @@
-"""Objects of imaging chips drawn by every method."""
+"""The benchmark of objects on imaging chips."""

@@ -12,7 +12,7 @@ GOALS = {"flux": 1e-3, "x_mas": 1.0, "y_mas": 1.0, "size2": 1e-3, "e1": 1e-4, "e
 
 
 def judge(setting, case, image, wanted, drawn):
-    """Return what bench.imaging.measures.errors does, for a Case."""
+    """Return bench.imaging.measures.errors of a Case."""
     box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
     scale = 1000 * setting.camera.telescope.pixel_scale
     how = {"box": box, "sigma": max(WINDOW_PX, half_light_px(case.scene)), "mas_per_px": scale}
@@ -20,7 +20,7 @@ def judge(setting, case, image, wanted, drawn):
 
 
 def half_light_px(scene):
-    """Return the half-light radius of a Scene's one object, its larger component's, drawn out to a circle's [px]."""
+    """Return the half-light radius [px] of the larger component of a Scene's one object, as a circle of equal area."""
     radius = np.where(scene.light[0] > 0, scene.sersic[0, :, 2], 0.0).max()
     return float(radius * np.sqrt(abs(np.linalg.det(scene.matrix[0]))))
 

@@ -1,8 +1,8 @@
 """The objects of a benchmark: a designed grid of extremes, then a seeded random sample between them.
 
 Flux 10 to 1e7 electrons, half-light radius 0.05" to 5" (bulges to 1.5"), ellipticity |e| = (a - b) / (a + b) to 0.8.
-Every other object stands within half a pixel of a node of the PSF set, where what a renderer gets wrong is its own; the
-others stand anywhere, where the interpolation between nodes adds to it.
+Every other object lies within half a pixel of a node of the PSF set, where the error is the renderer's own. The others
+lie anywhere, and the interpolation between nodes adds to their errors.
 """
 
 from dataclasses import dataclass, replace
@@ -20,18 +20,18 @@ FLUX = 10.0, 1e7  # electrons
 SIZE = 0.05, 5.0  # arcsec
 BULGE_MAX = 1.5  # arcsec
 ELLIPTICITY = 0.8
-SHARES = (0.16, 0.3, 0.34, 0.2)  # of the four sub-bands, unequal so that a mix-up shows
+SHARES = (0.16, 0.3, 0.34, 0.2)  # of the light by sub-band, unequal so that a mix-up shows
 HALF_MIN, HALF_MAX = 32, 160  # px: half the side of the stamp that is judged
-MARGIN = 16  # px, beyond the reach: what a stamp cuts off must show
-EDGE = 300  # px, kept from the chip's edge
+MARGIN = 16  # px beyond the reach, so that light cut off by a stamp shows as an error
+EDGE = 300  # px: least distance from the chip's edge
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
     """One object, alone on its window."""
 
-    row: ObjectTable  # one row, as catalog.selection.select leaves it
-    scene: Scene  # the same
+    row: ObjectTable  # one row, in the form of catalog.selection.select's
+    scene: Scene  # of the same object
     window: Window
     electrons: float
     at_node: bool
@@ -47,7 +47,7 @@ class Case:
         return self.row["obj_type"][0] == STAR
 
     def about(self):
-        """Return {column: value} of what the object is."""
+        """Return {column: value} that describe the object."""
         return {
             "object": int(self.row["id"][0]), "kind": "star" if self.star else "galaxy", "electrons": self.electrons,
             "half_light": float(self.row["size_disk"][0]), "bulge": float(self.row["bulge_frac"][0]),
@@ -56,7 +56,7 @@ class Case:
         }  # fmt: skip
 
     def brighter(self, electrons):
-        """Return the case with so many electrons instead of its own."""
+        """Return the same case with `electrons` in place of its own."""
         factor = electrons / self.electrons
         columns = {name: self.row[name] * factor for name in ("flux0", "flux1", "flux2", "flux3")}
         scene = replace(self.scene, electrons=self.scene.electrons * factor)
@@ -99,7 +99,7 @@ def _galaxies(rng, count, largest):
 
 
 def make_case(setting, rng, i, electrons, bulge=0.0, size=0.0, e=0.0):
-    """Return the Case of a galaxy, or, without a size [arcsec], of a star; one of even number i is at a node."""
+    """Return the Case of a galaxy of `size` [arcsec], or of a star if it is 0; cases of even `i` are at a node."""
     table = make_row(setting, rng, i, *place(setting, rng, i % 2 == 0), SHARES, electrons, bulge, size, e)
     half = half_of(table)
     column, row = (round(float(table[name][0])) for name in "xy")
@@ -113,7 +113,7 @@ def half_of(table, most=HALF_MAX):
 
 
 def make_row(setting, rng, i, x, y, shares, electrons, bulge=0.0, size=0.0, e=0.0):
-    """Return the table of one object at chip pixel x, y, turned at random; shares (4,): of its light, by sub-band."""
+    """Return the table of one object at chip pixel x, y, turned at random; shares (4,): of its light by sub-band."""
     turn = rng.uniform(0, 2 * np.pi)
     ra, dec = setting.wcs.pixel_to_world(x, y)
     columns = {

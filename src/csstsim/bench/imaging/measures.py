@@ -1,15 +1,15 @@
-"""How wrong an image is: moments against those of the truth, the worst pixel, and what noise would let anyone see.
+"""Errors of an image against the truth: of its moments, of the worst pixel, and the error visible above the noise.
 
-Moments are weighted with a Gaussian about the centroid, of 3 px or of the half-light radius if that is more:
+Moments are weighted with a Gaussian about the centroid; its sigma is 3 px, or the half-light radius if that is more:
 
     x = sum w I x / sum w I,  Qij = sum w I dx_i dx_j / sum w I,  size^2 = Qxx + Qyy,  e = (Qxx - Qyy, 2 Qxy) / size^2
 
-An image of N random electrons has a moment's error from each electron's part in it. An ideal filter sees an error d
-with significance sqrt(sum d^2 / variance), the `visible` error in noise units; what random electrons add to that sum is
-known and taken off, so that not many realisations are needed to see a bias.
+The statistical error of a moment follows from the contribution of each random electron to it. An ideal filter detects
+an error d with significance sqrt(sum d^2 / variance), the `visible` error in noise units. The expected contribution of
+random electrons to that sum is subtracted, so that a bias shows in few realisations.
 
-The box of the stored PSF ends sharply, where in an exposure a wing takes over: pixels on its edge are left out of
-the worst pixel and of the visible error.
+The stored PSF ends sharply at the edge of its box; in an exposure a wing continues it. So pixels on that edge are left
+out of the worst pixel and of the visible error.
 """
 
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ import numpy as np
 
 WINDOW_PX = 3.0
 NAMES = ("flux", "x_mas", "y_mas", "e1", "e2", "size2", "pixel", "visible")
-EDGE_PX = 1.5  # of the PSF's box, on each side
+EDGE_PX = 1.5  # pixels nearer to the edge of the PSF's box, on either side, are left out
 _STEPS, _SETTLED_PX = 300, 1e-9
 
 
 @dataclass(frozen=True)
 class Moments:
-    """`value`, `spread` (6,): flux, x, y [px], e1, e2, size^2 [px^2]; a spread is that of one electron."""
+    """`value`, `spread` (6,): flux, x, y [px], e1, e2, size^2 [px^2]; `spread` is the error from one electron."""
 
     value: np.ndarray
     spread: np.ndarray
@@ -48,7 +48,7 @@ def moments(image, sigma=WINDOW_PX):
     size2 = xx + yy
     r2 = dx * dx + dy * dy
     e1, e2 = (xx - yy) / size2, 2 * xy / size2
-    # Each electron's part; the centre's answer to a shift is less than the shift, as the weight moves with it
+    # Contribution of each electron; the divisors are there because the weight moves with the centroid
     parts = (
         dx / (1 - xx / sigma**2), dy / (1 - yy / sigma**2), (dx * dx - dy * dy - e1 * r2) / size2,
         (2 * dx * dy - e2 * r2) / size2, r2 - size2,
@@ -60,12 +60,12 @@ def moments(image, sigma=WINDOW_PX):
 
 
 def errors(image, truth, variance, electrons, drawn=np.inf, *, box=np.inf, sigma=WINDOW_PX, mas_per_px=74.0):
-    """Return (errors, statistical errors of them), each (8,), in the order of NAMES, of an image per unit of light.
+    """Return (errors, their statistical errors), each (8,), in the order of NAMES, of an image per unit of light.
 
     variance: of a pixel without the object [e-^2]; electrons: of the object; drawn: electrons the image was made of;
     box: half the side of the PSF's box [px].
-    Flux, size2: relative; pixel: largest difference over the peak; visible: in noise units, at `electrons`, below zero
-    if there is less than chance makes.
+    Flux, size2: relative; pixel: largest difference over the peak; visible: in noise units, at `electrons`, negative
+    if the images differ by less than chance would make them.
     """
     got, wanted = moments(image, sigma), moments(truth, sigma)
     scale = np.array([1 / wanted.value[0], mas_per_px, mas_per_px, 1.0, 1.0, 1 / wanted.value[5]])
@@ -84,10 +84,10 @@ def errors(image, truth, variance, electrons, drawn=np.inf, *, box=np.inf, sigma
 
 
 def visible(image, truth, variance, electrons, drawn, judged=True):
-    """Return (visible error, what chance alone would show) over the pixels that are `judged`; see `errors`."""
+    """Return (visible error, that expected from chance alone) over the pixels that are `judged`; see `errors`."""
     noise2 = electrons * np.maximum(truth, 0) + variance
     seen = (electrons**2 * (image - truth) ** 2 / noise2 * judged).sum()
-    # Of a Poisson number n of mean m, (n - m)^2 - n is 0 on average, its variance 2 m^2
+    # For a Poisson number n of mean m, (n - m)^2 - n has mean 0 and variance 2 m^2
     seen -= (electrons**2 / drawn * image / noise2 * judged).sum()
     shot = electrons**2 / drawn * np.maximum(truth, 0) / noise2 * judged
     return np.sign(seen) * np.sqrt(abs(seen)), (2 * (shot**2).sum()) ** 0.25

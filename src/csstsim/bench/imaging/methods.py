@@ -1,8 +1,8 @@
-"""The ways to draw an object that csstsim has, each as a Method; peers.py has the others'.
+"""csstsim's ways to draw an object, each as a Method; peers.py has those of other codes.
 
-A Method's `prepare(setting, case)` does what is done once for many objects (a PSF looked up, a table made) and returns
-`draw(copies)`, which is what is timed: it draws that many of the object and returns the sum [electron], (ny, nx). To
-plug in another, write a prepare and add it to METHODS.
+A Method's `prepare(setting, case)` does the work that many objects share (look up a PSF, make a table) and returns
+`draw(copies)`, which is timed. It draws the object that many times and returns the sum [electron], (ny, nx). To add
+a method, write its prepare and list it in METHODS.
 """
 
 from collections.abc import Callable
@@ -23,11 +23,10 @@ from csstsim.render.imaging.stamps import draw_scene
 
 @dataclass(frozen=True)
 class Method:
-    """`random`: electrons are drawn; `most`: of them in a go, beyond which cost is taken as proportional to light.
+    """`random`: electrons are drawn at random, as they always are if the image has integers.
 
-    An image of integers is always taken as drawn at random.
-
-    `peer`: another code, or the paper's way; `preset`: one of the policy's, which chooses among the rest.
+    `most`: electrons drawn at once; for brighter objects cost is taken as proportional to light. `peer`: another code,
+    or the paper's method; `preset`: a fidelity preset, which chooses among the other methods.
     """
 
     name: str
@@ -39,7 +38,7 @@ class Method:
 
 
 def standard(setting, case):
-    """Return the image everything is compared with: the reference renderer, the whole window its stamp."""
+    """Return the image that all methods are compared with: the reference renderer's, its stamp the whole window."""
     wide = case.row.with_columns(reach=np.array([case.half], np.int32), lost=np.array([1e-4]))
     return _reference(setting, replace(case, row=wide))(1)
 

@@ -1,10 +1,10 @@
-"""Other codes, and the paper's way, as `prepare(setting, case) -> draw(copies)` (see methods.py).
+"""Other codes, and the paper's method, as `prepare(setting, case) -> draw(copies)` (see methods.py).
 
-* `paper`: GalSim as the paper describes it (sections 4.1, 5.3): for each object and sub-band the PSF interpolated to
-  its place, its cells read as samples of a continuous PSF, an InterpolatedImage, a convolution, a draw.
-* `fft`, `photons`: GalSim with one PSF object a node, used for all objects nearest to it.
+* `paper`: GalSim as the paper describes it (sections 4.1, 5.3). For each object and sub-band the PSF is interpolated to
+  the object's position, its cells become an InterpolatedImage (samples of a continuous PSF), convolved and drawn.
+* `fft`, `photons`: GalSim with one PSF object per node, used for all objects nearest to that node.
 
-GalSim's own defaults hold everywhere (folding_threshold 5e-3).
+GalSim's defaults hold everywhere (folding_threshold 5e-3).
 """
 
 import galsim
@@ -27,14 +27,14 @@ def galaxy_of(scene):
 
 
 def interpolated(cells, per_pixel):
-    """Return the PSF of `cells` (ny, nx), so many per pixel, as GalSim's InterpolatedImage; lengths in px."""
+    """Return the PSF of `cells` (ny, nx), `per_pixel` along a pixel, as GalSim's InterpolatedImage; lengths in px."""
     return galsim.InterpolatedImage(
         galsim.ImageD(cells), scale=1 / per_pixel, flux=cells.sum(), x_interpolant="quintic"
     )
 
 
 def _drawer(case, profiles, **how):
-    """Return a draw that adds the profiles (functions of nothing: making them is part of the cost)."""
+    """Return a draw that adds the profiles, given as functions without arguments: making them is part of the cost."""
     scene, window = case.scene, case.window
     bounds = galsim.BoundsI(window.x0, window.x1 - 1, window.y0, window.y1 - 1)
     centre = galsim.PositionD(scene.x[0], scene.y[0])
@@ -50,7 +50,7 @@ def _drawer(case, profiles, **how):
 
 
 def paper(setting, case):
-    """Return draw(copies) by the paper's way: a PSF object an object and sub-band."""
+    """Return draw(copies) by the paper's method: one PSF object for each object and sub-band."""
     scene, per_pixel = case.scene, setting.psf.oversampling
 
     def profile(band):
@@ -70,7 +70,7 @@ def _nearest(setting, case):
 
 
 def fft(setting, case):
-    """Return draw(copies) by GalSim's FFT, with the nearest node's PSF and the pixel in it."""
+    """Return draw(copies) by GalSim's FFT, with the nearest node's PSF, which includes the pixel."""
     per_pixel = setting.psf.oversampling
     response = pixel_response(_nearest(setting, case), per_pixel)
     point = galsim.InterpolatedImage(

@@ -1,14 +1,14 @@
-"""The independent truth: an object's light on its pixels from direct optics, no stored PSF and no GalSim in it.
+"""The independent truth: an object's light on its pixels from direct optics, without a stored PSF or GalSim.
 
-The optics at the object's own place make a PSF of 8 x 8 cells to a pixel, in the box of the stored one. Sums over
-pixels on that lattice hold every frequency the optics pass, so the image's transform is theirs times the profile's.
-The profile's (circular Sersic, index n >= 1) is taken along the imaginary axis, where nothing oscillates (the contour
-of the Hankel integral turned by 90 degrees, H0(1)(ix) = 2 K0(x) / (i pi)):
+The optics at the object's position make a PSF of 8 x 8 cells per pixel, in the box of the stored one. Sums over
+pixels on that lattice hold every frequency that the optics pass, so the image's transform is theirs times the
+profile's. The profile's transform (circular Sersic, index n >= 1) is integrated along the imaginary axis, where the
+integrand does not oscillate (the contour of the Hankel integral turned by 90 degrees, H0(1)(ix) = 2 K0(x) / (i pi)):
 
     S(k) = 2 / (pi N) int_0^inf exp(-b t^(1/n) cos(pi/2n)) sin(b t^(1/n) sin(pi/2n)) K0(k t) t dt
 
-with N = n b^(-2n) Gamma(2n); for n = 1 the known (1 + (k/b)^2)^(-3/2). A transform repeats the object every `period`
-pixels; the repeats next to the window, which are as smooth as the profile's own wings, are taken off.
+with N = n b^(-2n) Gamma(2n); for n = 1 it is (1 + (k/b)^2)^(-3/2). A transform repeats the object every `period`
+pixels. The repeats next to the window, which are as smooth as the profile's own wings, are subtracted.
 """
 
 import math
@@ -39,7 +39,7 @@ class Truth:
         cells = setting.psf.image.shape[-1] // setting.psf.oversampling * m
         self._optics = chip_optics(setting.chip, setting.filter, camera.psf, self._wavefront, m, cells)
         finest = min(setting.filter.psf_wavelength) * 1e-10 / camera.telescope.diameter_m * ARCSEC_PER_RAD
-        self._highest = 1.1 * camera.telescope.pixel_scale / finest  # cycles a pixel
+        self._highest = 1.1 * camera.telescope.pixel_scale / finest  # cycles per pixel
 
     def psf(self, x, y):
         """Return the light in pixels on the lattice of cells, (n, n), of a star of unit flux at chip pixel x, y."""
@@ -47,7 +47,7 @@ class Truth:
         coefficients = chip_coefficients(self._wavefront, setting.camera.psf, setting.chip, x, y)
         images, _ = node_psf(self._optics[0], coefficients, self._optics[1], m)
         cells = np.tensordot(SHARES, setting.scattered.wing.add_to(images, m), axes=1)
-        return pixel_response(np.pad(cells, m), m)  # with the pixels that are only partly in the box
+        return pixel_response(np.pad(cells, m), m)  # padded: includes pixels only partly in the box
 
     def __call__(self, case):
         """Return the light on each pixel of the case's window, of an object of unit flux, float64."""
@@ -55,19 +55,19 @@ class Truth:
         response = self.psf(scene.x[0], scene.y[0])
         period = 2 * half + 1 + 2 * len(response) // CELLS_PER_PIXEL
         highest = int(self._highest * period)
-        kx, ky = np.arange(highest + 1) / period, np.arange(-highest, highest + 1) / period  # cycles a pixel
+        kx, ky = np.arange(highest + 1) / period, np.arange(-highest, highest + 1) / period  # cycles per pixel
         lattice = (np.arange(len(response)) - len(response) // 2) / CELLS_PER_PIXEL
         transform = waves(ky, -lattice) @ response @ waves(kx, -lattice).T / CELLS_PER_PIXEL**2
         transform *= profile(scene, kx, ky)
         offset = scene.x[0] - case.window.x0 - half, scene.y[0] - case.window.y0 - half
         pixels = np.arange(-half, half + 1)
-        twice = np.where(kx > 0, 2.0, 1.0)  # the half of the plane that is left out
+        twice = np.where(kx > 0, 2.0, 1.0)  # kx > 0 stands for kx < 0 as well
         image = (waves(ky, pixels - offset[1]).T @ transform @ (twice[:, None] * waves(kx, pixels - offset[0]))).real
         return image / period**2 - repeats(scene, pixels, pixels, offset, period) * response[::8, ::8].sum()
 
 
 def profile(scene, kx, ky):
-    """Return the transform of a Scene's one object, 1 at 0, at kx, ky [cycles a pixel]: (ky, kx)."""
+    """Return the transform of a Scene's one object, 1 at 0, at kx, ky [cycles per pixel]: (ky, kx)."""
     total = 0.0
     for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
         if light > 0 and index > 0:
@@ -80,14 +80,14 @@ def profile(scene, kx, ky):
 
 
 def repeats(scene, x, y, offset, period):
-    """Return the light at pixels x, y of what a transform repeats every `period` pixels about `offset` (x, y)."""
+    """Return the light at pixels x, y of the repeats, every `period` pixels, of an object at `offset` (x, y)."""
     shifts = range(-_REPEATS, _REPEATS + 1)
     places = [(offset[0] + i * period, offset[1] + j * period) for i in shifts for j in shifts if (i, j) != (0, 0)]
     return sum(brightness(scene, x, y, place) for place in places)
 
 
 def brightness(scene, x, y, place):
-    """Return the profile of a Scene's one object, of unit light, at pixels x, y about `place`; a point has none."""
+    """Return the profile of a Scene's one object, of unit light, at pixels x, y about `place`; 0 for a point."""
     total, back = np.zeros((y.size, x.size)), np.linalg.inv(scene.matrix[0])
     dx, dy = x - place[0], (y - place[1])[:, None]
     for light, (index, b, radius) in zip(scene.light[0], scene.sersic[0], strict=True):
@@ -117,6 +117,6 @@ def _table(index, b):
     log_t = np.linspace(math.log(1e-12), math.log(1e7), 1501)
     t = np.exp(log_t)
     root, turn = b * t ** (1 / index), math.pi / (2 * index)
-    f = np.exp(-root * math.cos(turn)) * np.sin(root * math.sin(turn)) * t * t  # one t of dt
+    f = np.exp(-root * math.cos(turn)) * np.sin(root * math.sin(turn)) * t * t  # one t from dt = t d(log t)
     total = np.array([np.sum(f * k0(k * t)) for k in np.exp(_LOG_K)]) * (log_t[1] - log_t[0])
     return CubicSpline(_LOG_K, 2 / math.pi * total / (index * b ** (-2 * index) * gamma(2 * index)))

@@ -1,7 +1,7 @@
 """UFig (Berge et al. 2013; Fischbacher et al. 2024), if it is installed: electrons shot through a round Moffat PSF.
 
-A Moffat PSF is what UFig carries; here it is the one nearest to the object's own, by least squares on its cells. Its
-compiled loops are called as its plugins call them, with the matrix of our catalogue for a galaxy's shape.
+UFig draws with Moffat PSFs; here with the least-squares fit to the cells of the object's PSF. UFig's compiled loops are
+called as its plugins call them, with csstsim's matrix for a galaxy's shape.
 """
 
 import importlib.util
@@ -35,7 +35,7 @@ def prepare(setting, case):
         number = rng.poisson(case.electrons * caught * light, (copies, light.size)).reshape(-1, 1)
         n = len(number)
         buffer = rng.integers(0, 1 << 32, 44497).astype(np.uint32)
-        # A pixel of UFig begins where its number says
+        # UFig's pixel n begins at coordinate n
         x, y = (np.full(n, at[0] - start + 0.5) for at, start in ((scene.x, window.x0), (scene.y, window.y0)))
         none = np.zeros((n, 1))
         psf = (
@@ -54,7 +54,7 @@ def prepare(setting, case):
 
 
 def _moffat(setting, scene):
-    """Return (FWHM [px], beta, light) of the Moffat profile of the light in the PSF's box nearest to it."""
+    """Return (FWHM [px], beta, light) of the Moffat profile fitted to the PSF, with all light of the PSF's box."""
     electrons = scene.electrons[0] / scene.electrons[0].sum()
     cells = sum(
         w * np.tensordot(electrons, setting.psf.node(n).astype(float), axes=1)

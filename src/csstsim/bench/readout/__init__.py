@@ -1,1 +1,1 @@
-"""Layers of the readout beside other codes."""
+"""Layers of the readout compared with other codes."""

@@ -1,7 +1,7 @@
 """Speed against accuracy of charge transfer: the exact process, approximations of it, and arcticpy if installed.
 
-Accuracy is what a spot loses and trails, for 500, 5000 and 30000 e- over 3 rows, 147 and 4000 rows from the amplifier;
-speed that of columns of 4616 rows with a chip's density of objects and cosmic rays.
+Accuracy is measured by what a spot loses and trails: 500, 5000 and 30000 e- over 3 rows, 147 and 4000 rows from the
+amplifier. Speed is measured on columns of 4616 rows with a chip's density of objects and cosmic rays.
 """
 
 import time
@@ -19,16 +19,16 @@ WELL = tuple(CTI["well"][name] for name in ("beta", "full_well", "notch"))
 DENSITY, TAU = (np.array(CTI["species"][name]) for name in ("density", "timescale"))
 KEYS = np.uint64(1), np.uint64(2)
 ROWS, OVERSCAN, HALF_COLUMNS, CHIP = 4616, 84, 18432, 9216 * 9232
-OBJECTS, RAYS, ELECTRONS = 76638, 5801, 60  # of a chip; the faintest object's electrons
+OBJECTS, RAYS, ELECTRONS = 76638, 5801, 60  # numbers on a chip; electrons of the faintest object
 SPOTS = [(flux, row) for row in (147, 4000) for flux in (500, 5000, 30000)]
 SKY, BEHIND = 40, 198
-FEW = 8  # columns, for the slow ways
-LOSS = 1.2e-5  # per transfer, linear model: what 5000 e- over 3 rows lose on their way from row 4000
+FEW = 8  # columns, for the slow methods
+LOSS = 1.2e-5  # per transfer, linear model: the loss of 5000 e- over 3 rows from row 4000
 PARTS = ((0, 3), (3, 11), (11, 51), (51, 201))
 
 
 def speed_accuracy(file, say, columns=512):
-    """Say cost, losses and trails of each method; draw the chart. Returns {name: (CPU s a chip, rms error)}."""
+    """Print cost, losses and trails of each method; draw the chart. Returns {name: (CPU s per chip, rms error)}."""
     exact(np.ones((9, 9), np.float32))
     found = accuracy(ways(half_column(columns, SKY)), say)
     chart(found, file)
@@ -36,18 +36,18 @@ def speed_accuracy(file, say, columns=512):
 
 
 def half_column(columns, sky):
-    """Return the CPU seconds of a half-column of a chip, the mean of so many, by the exact process."""
+    """Return the CPU seconds of the exact process on a half-column of a chip, a mean over `columns`."""
     image = scene(np.random.default_rng(sky), columns, sky)
     return cpu(lambda part: exact(part, OVERSCAN), image) / columns
 
 
 def exact(image, overscan=0):
-    """Move charge [e-] of `image` (rows, columns), in place, by the exact process; return what trails, and is left."""
+    """Transfer charge [e-] of `image` (rows, columns), in place, by the exact process; return that of cti.transfer."""
     return transfer(image, DENSITY, TAU, WELL, KEYS, overscan=overscan)
 
 
 def scene(rng, columns, sky):
-    """A half's columns: Poisson sky, Gaussian objects of power-law fluxes, straight cosmic rays; whole electrons."""
+    """Return half-columns with a Poisson sky, Gaussian objects of power-law fluxes and straight cosmic rays [e-]."""
     image = rng.poisson(sky, (ROWS, columns)).astype(float)
     yy, xx = np.mgrid[-8:9, -8:9]
     for _ in range(rng.poisson(OBJECTS / CHIP * image.size)):
@@ -65,7 +65,7 @@ def scene(rng, columns, sky):
 
 
 def cpu(work, image, repeats=3):
-    """Least CPU seconds of work(copy of image)."""
+    """Return the least CPU seconds of work(copy of image) in `repeats` runs."""
     times = []
     for _ in range(repeats):
         copy, start = image.copy(), time.process_time()
@@ -75,7 +75,7 @@ def cpu(work, image, repeats=3):
 
 
 def linear(image):
-    """Each electron is held back alike, whatever its packet, with probability LOSS at each transfer."""
+    """Transfer in place by a linear model: each transfer traps any electron with probability LOSS."""
     transfers = np.arange(1, len(image) + 1)[:, None]
     change = np.zeros_like(image)
     for density, tau in zip(DENSITY, TAU, strict=True):
@@ -94,7 +94,7 @@ def spot_column(flux, row):
 
 
 def spot_change(method, flux, row):
-    """Electrons that a spot adds to PARTS by `method` (a column to a column, mean of its realisations)."""
+    """Return how `method` (column to column, a mean of realisations) changes a spot's electrons in each of PARTS."""
     sky = spot_column(SKY, row)
     spot = spot_column(flux, row)
     change = (method(spot, row) - spot) - (method(sky, row) - sky)
@@ -102,7 +102,7 @@ def spot_change(method, flux, row):
 
 
 def stochastic(columns, scale=1):
-    """The process with electrons and traps `scale` times as many and as small."""
+    """Return the exact process as a method, with `scale` times as many electrons and traps, each as much smaller."""
 
     def method(column, row):
         n = max(columns, columns * 1000 // row)
@@ -114,21 +114,21 @@ def stochastic(columns, scale=1):
 
 
 def linear_column(column, row):
-    """Return a column [e-] as the linear model leaves it; `row` is taken for the sake of the other methods."""
+    """Return a column [e-] after the linear model; `row` is unused, but the other methods have it."""
     image = column[:, None].copy()
     linear(image)
     return image[:, 0]
 
 
 def by_arctic(express, scan):
-    """arcticpy's method; scan: its `overscan_start` just behind the spot."""
+    """Return arcticpy's method; scan: with its `overscan_start` just behind the spot."""
     return lambda column, row=None: arctic(
         column, DENSITY, TAU, WELL, express, **({"overscan_start": row + 3} if scan else {})
     )
 
 
 def ways(seconds):
-    """Return {name: (CPU s for a half-column, method for spot_change)}; `seconds`: of the exact process."""
+    """Return {name: (CPU s per half-column, method for spot_change)}; `seconds`: those of the exact process."""
     image = scene(np.random.default_rng(5), 128, SKY)
 
     def each(work, n=FEW):
@@ -149,7 +149,7 @@ def ways(seconds):
 
 
 def accuracy(methods, say):
-    """Say losses and trails by method; return {name: (CPU s a chip, rms relative error)}."""
+    """Print losses and trails by method; return {name: (CPU s per chip, rms relative error)}."""
     reference, found = None, {}
     say(f"\nspot over 3 rows, sky {SKY} e-: electrons added to the spot | rows 1-8, 9-48, 49-198 behind it")
     for name, (cost, method) in methods.items():
@@ -157,8 +157,8 @@ def accuracy(methods, say):
         reference = parts if reference is None else reference
         error = parts / reference - 1
         found[name] = cost * HALF_COLUMNS, np.sqrt((error**2).mean())
-        against = f"against the first, rms {found[name][1]:.2%}, most {abs(error).max():.1%}"
-        say(f"{name}: {found[name][0]:.1f} CPU s a chip; {against}")
+        against = f"error against the first: rms {found[name][1]:.2%}, largest {abs(error).max():.1%}"
+        say(f"{name}: {found[name][0]:.1f} CPU s per chip; {against}")
         for (flux, row), part in zip(SPOTS, parts, strict=True):
             say(f"   {flux:6d} e- at {row:4d}: {part[0]:9.2f} |" + "".join(f"{value:9.2f}" for value in part[1:]))
     return found
@@ -175,7 +175,7 @@ def chart(found, file):
     for name, (seconds, rms) in found.items():
         place = seconds, rms or 1e-3
         axes.plot(*place, "o" if rms else "k*", ms=6 if rms else 13)
-        label = name if rms else "this program: exact (0; errors are against it)"
+        label = name if rms else "csstsim: exact (0; errors are against it)"
         axes.annotate(label, place, xytext=(5, 3), textcoords="offset points", fontsize=7, rotation=30 * (rms > 0))
     axes.set(
         xscale="log", yscale="log", xlabel="CPU s per chip, sky 40 e$^-$",

@@ -1,9 +1,9 @@
-"""What every layer after the objects costs on a whole chip, beside others doing the same (`csstsim bench --readout`).
+"""Cost of every layer after the objects on a whole chip, compared with other codes (`csstsim bench --readout`).
 
-The frame: 5,000 stars of 1e2 to 1e6 electrons, the sky, and all layers of the shipped science exposure but scie_obs,
-with the paper's density of traps. PRNU's cost is in sky_background, where light meets it. Peers work on one of the 16
-channels (numpy, scipy, GalSim, astropy), or on part of it where a channel would take minutes, times their number. They
-do what their users would: some less exactly (a linear kernel, traps in the mean), none more.
+The frame has 5,000 stars of 1e2 to 1e6 electrons, the sky, and all layers of the shipped science exposure but scie_obs,
+with the paper's density of traps. PRNU's cost is in sky_background, which applies it. Peers (numpy, scipy, GalSim,
+astropy) work on one of the 16 channels, or on part of one where it would take minutes; their times are scaled to a
+chip. They are used as is usual: some are less exact (a linear kernel, traps in the mean), none is more exact.
 """
 
 import time
@@ -27,24 +27,24 @@ from csstsim.simulation.state import State
 
 CHIP = 9
 WRITE = "writing the file"
-SKIES = 40.0, 4.0  # electrons a pixel: a wide band, a narrow one
+SKIES = 40.0, 4.0  # electrons per pixel: a wide band, a narrow one
 STARS, SPOT, SIGMA = 5000, 12, 0.9  # number, half the side of a star's stamp [px], its width [px]
-_BRIGHT = 1e4  # electrons: fainter stars come as photons, in the counted plane
-_WARM = Window(4096, 5120, 4104, 5128)  # four channels meet in it
+_BRIGHT = 1e4  # electrons: fainter stars are drawn as photons, in the counted plane
+_WARM = Window(4096, 5120, 4104, 5128)  # contains the corner of four channels
 _CHANNEL = (4616, 1152)
 _SENSOR = 96  # px: side of the square that GalSim's sensor fills, photon by photon
-_COLUMNS = 32  # that arcticpy is given
+_COLUMNS = 32  # number that arcticpy works on
 
 
 def readout(folder, say, skies=SKIES):
-    """Say, for each sky [electron / pixel], the CPU seconds of each layer, of writing the file, and of the peers.
+    """Print, for each sky [electron / pixel], the CPU seconds of each layer, of writing the file, and of the peers.
 
-    Then speed against accuracy of charge transfer (csstsim.bench.readout.cti), with a chart in `folder`.
+    Then print speed against accuracy of charge transfer (csstsim.bench.readout.cti), with a chart in `folder`.
     """
     camera = load_camera(SHIPPED / "instrument")
     steps = _steps()
     folder.mkdir(parents=True, exist_ok=True)
-    _seconds(_state(camera, skies[0], _WARM), steps, camera, folder)  # compiled before anything is timed
+    _seconds(_state(camera, skies[0], _WARM), steps, camera, folder)  # compiles before anything is timed
     for sky in skies:
         state = _state(camera, sky, camera.chips[CHIP].full_window)
         pixels, others = state.image.size, _others(sky, camera)
@@ -56,10 +56,10 @@ def readout(folder, say, skies=SKIES):
         for layer, seconds in took.items():
             if layer == "prnu_effect":
                 continue
-            beside = ", ".join(f"{name} {value:.1f}" for name, value in others.get(layer, {}).items())
-            say(f"| {layer} | {seconds:.2f} | {1e9 * seconds / pixels:.1f} | {beside} |")
+            peers = ", ".join(f"{name} {value:.1f}" for name, value in others.get(layer, {}).items())
+            say(f"| {layer} | {seconds:.2f} | {1e9 * seconds / pixels:.1f} | {peers} |")
     if not THERE:
-        say("\narcticpy is not installed (csstsim.bench.readout.arctic says how): nothing stands beside cte_effect")
+        say("\narcticpy is not installed (csstsim.bench.readout.arctic says how): cte_effect has no peer")
     speed_accuracy(folder / "cti_speed_accuracy.png", say)
     say(f"{folder}/cti_speed_accuracy.png")
 
@@ -76,7 +76,7 @@ def _steps():
 
 
 def _state(camera, sky, window):
-    """Return the State of an exposure that has seen stars and meets this sky."""
+    """Return the State of an exposure with stars drawn and a filter of this `sky` [e-/pixel]."""
     chip = camera.chips[CHIP]
     filters = camera.filters | {chip.filter: replace(camera.filters[chip.filter], sky=sky / EXPTIME)}
     exposure = Exposure(
@@ -125,7 +125,7 @@ def _others(sky, camera):
 
 
 def _peers(frame, rng, traps):
-    """Yield (layer, peer, a call that does the layer's work, how many of it make a chip)."""
+    """Yield (layer, peer, a call that does the layer's work, the number of such calls that make up a chip)."""
     import galsim
     from astropy.io import fits
     from scipy.ndimage import convolve
@@ -153,7 +153,7 @@ def _peers(frame, rng, traps):
 
 
 def _sensor(frame, draws):
-    """Return a call that collects the electrons of a square with GalSim's sensor, each pushed by the others."""
+    """Return a call that collects the electrons of a square with GalSim's sensor, where they repel one another."""
     import galsim
 
     square = galsim.ImageF(frame[:_SENSOR, :_SENSOR].copy())

@@ -1,1 +1,1 @@
-"""Spectra drawn by every method."""
+"""The benchmark of spectra on grating chips."""

@@ -1,12 +1,12 @@
-"""The objects of the slitless benchmark: those of imaging (bench.imaging.cases), each with a spectrum, in turn
+"""The objects of the slitless benchmark: those of imaging (bench.imaging.cases), each with one of these spectra in turn
 
     flat   N
-    hot    N ~ lambda^-3, the far side of a black body
+    hot    N ~ lambda^-3, the Rayleigh-Jeans side of a black body
     cool   N ~ lambda^-4 / (exp(h c / lambda k T) - 1), 3500 K
-    lines  a tenth of the light flat, the rest three Gaussian lines of 2 angstrom (sigma) at random places
+    lines  a tenth of the light flat, the rest three Gaussian lines of 2 angstrom (sigma) at random wavelengths
 
-with N photons / s / m2 / angstrom. `electrons` are those of the first order; the window is its trace and what lies
-around it. An object keeps off the edges of its grating's piece.
+with N photons / s / m2 / angstrom. `electrons` are those of the first order; the window holds its trace and a margin.
+Objects keep away from the line between the two gratings.
 """
 
 from dataclasses import dataclass, replace
@@ -21,9 +21,9 @@ from csstsim.render.scene import make_scene
 
 SPECTRA = ("flat", "hot", "cool", "lines")
 LINES, SIGMA_A, CONTINUUM = 3, 2.0, 0.1
-LARGEST = 0.5  # arcsec, half-light radius: stamps of bright bulges that are larger take minutes
+LARGEST = 0.5  # arcsec, half-light radius: stamps of larger bright bulges take minutes
 HALF_MAX = 96  # px
-FROM_SPLIT = 400  # px
+FROM_SPLIT = 400  # px: least distance from the line between the gratings
 _COOL = H_J_S * C_A_S / (1.380649e-23 * 3500.0)  # h c / k T [angstrom]
 
 
@@ -33,16 +33,16 @@ class SpectrumCase(Case):
 
     spectrum: str  # of SPECTRA
     density: np.ndarray  # photon / m2 / angstrom of the exposure, on filter.GRID
-    light: np.ndarray  # (bins,) its means over the Disperser's bins
-    lines: np.ndarray  # angstrom, centres of its lines, the brightest first
+    light: np.ndarray  # (bins,) means of the density over the Disperser's bins
+    lines: np.ndarray  # angstrom, centres of the spectrum's lines, the brightest first
     visits: np.ndarray  # (1, 3) of Disperser.visits
 
     def about(self):
-        """Return {column: value} of what the object is, its spectrum's name too."""
+        """Return {column: value} that describe the object and name its spectrum."""
         return super().about() | {"spectrum": self.spectrum}
 
     def brighter(self, electrons):
-        """Return the same object with a light of `electrons` in all."""
+        """Return the same object with `electrons` in place of its own."""
         factor = electrons / self.electrons
         case = super().brighter(electrons)
         return replace(case, density=self.density * factor, light=self.light * factor)
@@ -54,7 +54,7 @@ def make_spectrum_cases(setting, count, seed=1, largest=LARGEST):
 
 
 def make_spectrum_case(setting, rng, i, electrons, bulge=0.0, size=0.0, e=0.0, spectrum=None):
-    """Return the SpectrumCase of a galaxy, or, without a size [arcsec], of a star; one of even number is at a node."""
+    """Return the SpectrumCase of a galaxy of `size` [arcsec], or of a star if it is 0; even `i` are at a node."""
     disperser, spectrum = setting.disperser, spectrum or SPECTRA[i // 2 % len(SPECTRA)]
     x, y = place(setting, rng, i % 2 == 0)
     while abs(x - disperser.gratings.split) < FROM_SPLIT:
@@ -88,7 +88,7 @@ def trace_window(disperser, visits, scene, half):
 
 
 def density_of(spectrum, rng, disperser):
-    """Return (density on GRID, of any unit, centres of its lines [angstrom])."""
+    """Return (density on GRID in arbitrary units, centres of its lines [angstrom])."""
     wave = GRID / 5000.0
     if spectrum == "flat":
         return np.ones(len(GRID)), np.empty(0)

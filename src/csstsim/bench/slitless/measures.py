@@ -1,14 +1,14 @@
-"""How wrong a spectrum's image is: what a fit of the true image, moved and widened, would find.
+"""Errors of a spectrum's image: what a fit of the true image, moved and widened, would find.
 
-An image d + T beside the truth T is fitted by T (1 + ...) moved by a small step, or widened: for a template t,
+The truth T, moved by a small step or widened, is fitted to an image T + d. For a template t,
 
     value = sum w t d / sum w t^2,    w = 1 / (light + variance),
 
-with t = -dT/dx for `along_px`, -dT/dy for `across_px` and d2T/dy2 / 2 for the square of the width across, `size2`,
-over the truth's own there. For `line_px` and `line_width2` [px^2], t = -dT/dx and d2T/dx2 / 2 about the brightest line
-of a spectrum with lines; NaN for others. `flux` is the sum's relative error, `pixel` and `visible` are
-bench.imaging.measures', whose rule on the edge of the PSF's box holds here for rows. All are linear but the last two,
-so their chance is known.
+with t = -dT/dx for `along_px`, -dT/dy for `across_px` and d2T/dy2 / 2 for `size2`, the square of the width across the
+trace, relative to the truth's. For `line_px` and `line_width2` [px^2], t = -dT/dx and d2T/dx2 / 2 about the brightest
+line of a spectrum with lines; NaN for others. `flux` is the sum's relative error. `pixel` and `visible` are those of
+bench.imaging.measures, whose rule on the edge of the PSF's box holds here for rows. All but these two are linear, so
+their statistical errors are known.
 """
 
 import numpy as np
@@ -17,11 +17,11 @@ from csstsim.bench.imaging.measures import EDGE_PX, visible
 
 NAMES = ("flux", "along_px", "across_px", "size2", "line_px", "line_width2", "pixel", "visible")
 GOALS = {"flux": 1e-3, "along_px": 0.1, "across_px": 0.01, "size2": 1e-3, "line_px": 0.01, "line_width2": 0.01}
-LINE_HALF = 12  # px about a line
+LINE_HALF = 12  # px on each side of a line
 
 
 def errors(setting, case, image, truth, drawn):
-    """Return (errors, statistical errors of them), each (8,), in the order of NAMES, of an image per unit of light."""
+    """Return (errors, their statistical errors), each (8,), in the order of NAMES, of an image per unit of light."""
     box = setting.psf.image.shape[-1] / 2 / setting.psf.oversampling
     rows = np.abs(np.arange(len(truth)) - (len(truth) - 1) / 2)
     judged = np.broadcast_to((np.abs(rows - box) > EDGE_PX)[:, None], truth.shape)
@@ -49,14 +49,14 @@ def errors(setting, case, image, truth, drawn):
 
 
 def derivative(image, axis):
-    """Return d(image) / d(pixel) along an axis, by its transform."""
+    """Return d(image) / d(pixel) along an axis, by Fourier transform."""
     k = 2j * np.pi * np.fft.rfftfreq(image.shape[axis])
     spectrum = np.fft.rfft(image, axis=axis) * (k if axis == 1 else k[:, None])
     return np.fft.irfft(spectrum, image.shape[axis], axis=axis)
 
 
 def _width2(truth):
-    """Return the mean square [px^2] of the truth across, in a Gaussian window of 3 px about its middle."""
+    """Return the mean square width [px^2] of the truth across the trace, in a Gaussian window of 3 px."""
     rows = np.arange(len(truth)) - (len(truth) - 1) / 2
     profile = truth.sum(axis=1) * np.exp(-0.5 * (rows / 3.0) ** 2)
     mean = (profile * rows).sum() / profile.sum()
@@ -64,7 +64,7 @@ def _width2(truth):
 
 
 def _near_line(setting, case, truth):
-    """Return which pixels lie about the brightest line; none without lines."""
+    """Return a mask of the pixels about the brightest line; none without lines."""
     out = np.zeros(truth.shape, bool)
     if len(case.lines):
         disperser = setting.disperser

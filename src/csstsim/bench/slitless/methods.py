@@ -1,4 +1,4 @@
-"""The ways to draw a spectrum that csstsim has, each as an imaging.methods.Method; peers.py has the others'."""
+"""csstsim's ways to draw a spectrum, each as an imaging.methods.Method; peers.py has the paper's."""
 
 import numpy as np
 
@@ -15,11 +15,11 @@ from csstsim.render.slitless.slabs import draw_spectra
 from csstsim.render.slitless.traces import Traces
 
 PER_PX = (1, 2, 4, 8)
-WIDE = 1e-4  # of a galaxy's light that the standard may lose
+WIDE = 1e-4  # share of a galaxy's light that the standard may lose
 
 
 def standard(setting, case):
-    """Return the image everything is compared with: the reference renderer, its stamps as high as the window."""
+    """Return the image that all are compared with: the reference renderer's, its stamps as high as the window."""
     wide = case.row.with_columns(reach=np.array([(case.window.ny - 1) // 2], np.int32), lost=np.array([WIDE]))
     return _drawn_by_reference(setting, case, wide)
 
@@ -32,19 +32,19 @@ def _drawn_by_reference(setting, case, rows):
 
 
 def _spectra(setting, case):
-    """Return the case's spectrum as catalog.light.object_spectra.Spectra gives those of a table."""
+    """Return the case's spectrum in the form of catalog.light.object_spectra.Spectra."""
     return lambda rows, edges: np.repeat(means(case.density, edges)[None] / setting.exptime, len(rows), axis=0)
 
 
 def _reference(setting, case):
-    """The reference on stamps no higher than the window: on those of a bulge's own reach it takes minutes."""
+    """Return the reference's draw, on stamps no higher than the window: those of a bulge's reach take minutes."""
     reach = np.minimum(case.row["reach"], (case.window.ny - 1) // 2).astype(np.int32)
     rows = case.row.with_columns(reach=reach)
     return lambda copies: _drawn_by_reference(setting, case, rows.take(np.zeros(copies, int)))
 
 
 def _many(setting, case, copies):
-    """Return (Scene, Traces) of that many of the object, without light beyond the PSF's box."""
+    """Return (Scene, Traces) of `copies` of the object, without light beyond the PSF's box."""
     visits = np.repeat(case.visits, copies, axis=0)
     visits[:, 0] = np.arange(copies)
     scene = case.scene.take(np.zeros(copies, int)).sized(np.repeat(case.row["reach"], copies))
@@ -64,7 +64,7 @@ def _photons(setting, case):
 
 
 def slabs(per_px):
-    """Return the prepare of slabs, `per_px` to a pixel."""
+    """Return the prepare of slabs, `per_px` of them per pixel."""
 
     def prepare(setting, case):
         def draw(copies):

@@ -1,8 +1,8 @@
-"""Spectra by others, and the paper's way, as `prepare(setting, case) -> draw(copies)` (see methods.py).
+"""Spectra by the paper's method, as `prepare(setting, case) -> draw(copies)` (see methods.py).
 
-* `paper`: sections 4.2 and 5.3: the object in each sub-band is drawn as on an imaging chip (bench.imaging.peers.paper),
-  then each pixel's light is laid along the trace as aXe does it, by the area that the shifted pixel shares with those
-  below it. The first order alone is drawn; our methods draw all five, of which the window shows no more.
+* `paper` (sections 4.2 and 5.3): the object is drawn in each sub-band as by bench.imaging.peers. Then the light of
+  each pixel is laid along the trace as aXe does, shared by area among the pixels that the shifted pixel overlaps.
+  Only the first order is drawn; csstsim's methods draw all five, but the window shows only the first.
 """
 
 import galsim
@@ -22,12 +22,12 @@ def trace(setting, case):
 
 
 def cells(setting, scene, band):
-    """Return the cells of the PSF at the object's place in one sub-band."""
+    """Return the cells of the PSF at the object's position in one sub-band."""
     return sum(w * setting.psf.node(n)[band] for n, w in zip(scene.node[0], scene.weight[0], strict=True))
 
 
 def paper(setting, case):
-    """Return draw(copies) by the paper's way: a stamp a sub-band, laid along the trace pixel by pixel."""
+    """Return draw(copies) by the paper's method: one stamp per sub-band, laid along the trace pixel by pixel."""
     scene, window, per_pixel = case.scene, case.window, setting.psf.oversampling
     reach = int(case.row["reach"][0])
     dx, dy, light = trace(setting, case)
@@ -52,7 +52,7 @@ def paper(setting, case):
 
 
 def _disperse(image, stamp, corner, dx, dy, light):
-    """Add the stamp, shifted by each (dx, dy) [px], times light: a shifted pixel falls on four, by shared area."""
+    """Add the stamp, shifted by each (dx, dy) [px], times light; a shifted pixel is shared by area among four."""
     x, y = np.floor(dx).astype(int), np.floor(dy).astype(int)
     a, b, first, bottom = dx - x, dy - y, x.min(), y.min()
     shifts = np.zeros((np.ptp(y) + 2, np.ptp(x) + 2))
@@ -63,7 +63,7 @@ def _disperse(image, stamp, corner, dx, dy, light):
 
 
 def add(image, stamp, x0, y0):
-    """Add what of a stamp whose corner lies at x0, y0 falls on the image."""
+    """Add the part of a stamp that falls on the image; the stamp's corner lies at x0, y0."""
     left, right = max(x0, 0), min(x0 + stamp.shape[1], image.shape[1])
     low, high = max(y0, 0), min(y0 + stamp.shape[0], image.shape[0])
     if left < right and low < high:

@@ -1,13 +1,13 @@
 """The independent truth of a spectrum: direct optics at sixteen wavelengths, summed along the first order's trace.
 
-As bench.imaging.truth: the PSF of the object's own place on 8 x 8 cells a pixel, no stored PSF and no GalSim. Here it
-is made at NODES wavelengths over all of the order instead of the PSF set's four, with the cubic through four of them
-between, and the transform of the image is the sum over wavelengths, half an angstrom apart, of
+As in bench.imaging.truth, the PSF is that of the object's position on 8 x 8 cells per pixel, without a stored PSF or
+GalSim. Here it is made at NODES wavelengths over the whole order instead of the PSF set's four, with cubic
+interpolation between them. The transform of the image is the sum, over wavelengths half an angstrom apart, of
 
     light(lambda)  PSF(k, lambda)  profile(k)  exp(-2 pi i k . place(lambda)),
 
-some pixels of the trace at a time. So it holds what four wavelengths leave out, and the bins of the Disperser. Up to
-HIGHEST cycles a pixel: beyond, jitter, diffusion and the pixel leave less than 1e-4.
+some pixels of the trace at a time. So it includes what four wavelengths and the Disperser's bins leave out. It stops at
+HIGHEST cycles per pixel: beyond, jitter, diffusion and the pixel leave less than 1e-4.
 """
 
 import math
@@ -25,7 +25,7 @@ from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.optics.scatter.scattered_light import scattered_light
 
 NODES = 16
-HIGHEST = 1.25  # cycles a pixel
+HIGHEST = 1.25  # cycles per pixel
 _BLOCK = 32  # px of the trace in one transform
 _SPARE = 64  # px between repeats of a window
 
@@ -45,11 +45,11 @@ class SpectrumTruth:
             more = chip_optics(setting.chip, those, camera.psf, self._wavefront, m, cells)
             return *more, scattered_light(camera, those).wing
 
-        self._four = optics(setting.filter.psf_wavelength)  # what centres the stored PSF
+        self._four = optics(setting.filter.psf_wavelength)  # for the centre of the stored PSF
         self._all = [optics(self._waves[k : k + 4]) for k in range(0, NODES, 4)]
 
     def psf(self, x, y):
-        """Return (NODES, n, n): light in pixels on the lattice of cells, of a star of unit flux at chip pixel x, y."""
+        """Return (NODES, n, n): light in pixels on the lattice of cells, for a star of unit flux at chip pixel x, y."""
         setting, m = self._setting, CELLS_PER_PIXEL
         coefficients = chip_coefficients(self._wavefront, setting.camera.psf, setting.chip, x, y)
         optics, kernel, _ = self._four
@@ -61,7 +61,7 @@ class SpectrumTruth:
         return np.stack(found)
 
     def __call__(self, case):
-        """Return the light on each pixel of the case's window, of an object of unit flux, float64."""
+        """Return the light on each pixel of the case's window, for an object of unit flux, float64."""
         scene, disperser, window = case.scene, self._setting.disperser, case.window
         first, piece = disperser.orders.index(1), case.visits[0, 1]
         throughput = disperser.gratings.pieces[piece][0].orders[1].throughput
@@ -92,19 +92,19 @@ class SpectrumTruth:
         for transform, light in zip(transforms, weights, strict=True):
             if light.any():
                 total = total + transform * ((across * light) @ along.T)
-        twice = np.where(kx > 0, 2.0, 1.0)  # the half of the plane that is left out
+        twice = np.where(kx > 0, 2.0, 1.0)  # kx > 0 stands for kx < 0 as well
         rows = np.arange(out.shape[0])
         image = (waves(ky, rows).T @ total @ (twice[:, None] * waves(kx, columns - middle))).real / period**2
         light = weights.sum(axis=0)
         at = np.average(x, weights=light), np.average(y, weights=light)
         caught = sum(t[len(ky) // 2, 0].real * w.sum() for t, w in zip(transforms, weights, strict=True))
         out[:, columns] += image - caught * repeats(scene, columns, rows, at, period)
-        far = np.setdiff1d(np.arange(out.shape[1]), columns)  # where a profile is as the PSF leaves it
+        far = np.setdiff1d(np.arange(out.shape[1]), columns)  # so far out the PSF does not change the profile
         out[:, far] += caught * brightness(scene, far, rows, at)
 
 
 def _transform(response, period, highest):
-    """Return (2 highest + 1, highest + 1): the transform of a lattice of cells about its middle, at k / period."""
+    """Return the transform of a lattice of cells about its middle, at k / period: (2 highest + 1, highest + 1)."""
     m = CELLS_PER_PIXEL
     padded = np.zeros((period * m, period * m), np.float32)
     middle = len(response) // 2
@@ -115,7 +115,7 @@ def _transform(response, period, highest):
 
 
 def _cubic(nodes, places):
-    """Return (nodes, places): weights of the cubic through the four nodes about each place, evenly spaced nodes."""
+    """Return (nodes, places): weights of the cubic through the four nodes about each place; nodes are evenly spaced."""
     at = (places - nodes[0]) / (nodes[1] - nodes[0])
     first = np.clip(np.floor(at).astype(int) - 1, 0, len(nodes) - 4)
     t = at - first

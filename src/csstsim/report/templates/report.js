@@ -1,4 +1,4 @@
-// Pan and zoom of the focal plane, and links that open what they lead to. Nothing is fetched.
+// Pan and zoom of the focal plane, and links that open the folds of their target. Nothing is fetched.
 "use strict";
 
 function viewer(figure) {
@@ -11,9 +11,9 @@ function viewer(figure) {
 
   function show() {
     view.setAttribute("transform", `translate(${tx} ${ty}) scale(${k})`);
-    svg.style.touchAction = k > 1 ? "none" : "pan-y"; // a finger scrolls the page until something is zoomed
+    svg.style.touchAction = k > 1 ? "none" : "pan-y"; // a finger scrolls the page while nothing is zoomed
   }
-  // A place in the drawing's own units, from one on the screen.
+  // Return the event's position in the drawing's units.
   function place(event) {
     return new DOMPoint(event.clientX, event.clientY).matrixTransform(svg.getScreenCTM().inverse());
   }
