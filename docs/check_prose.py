@@ -1,4 +1,4 @@
-"""Find long sentences in pages: python docs/check_prose.py [PAGE]...        default: every page, and the README's length.
+"""Find long sentences in pages: python docs/check_prose.py [PAGE]...      default: every page, and README.md's length.
 
 A sentence has at most WORDS words. Code, tables, maths and links' targets are not prose. Prints a line for each
 sentence that is too long; exit code 1 if there is any, or if README.md has more than README_WORDS words.
@@ -17,11 +17,11 @@ _NOT_PROSE = (
     (r"\$[^$\n]+\$", "maths"), (r"`[^`\n]*`", "code"), (r"(?m)^#+ .*$", "\n\n"), (r"<[^>]+>", ""),
 )  # fmt: skip
 _BREAK = re.compile(r"\n\s*\n|\n\s*(?:[-*+]|\d+\.) ")  # between paragraphs, and items of a list
-_ENDS = re.compile(r"(?<=[.!?:;])[\"')]*\s+")
+_ENDS = re.compile(r"(?<=[.!?])[\"')]*\s+")
 
 
 def sentences(text):
-    """Return the sentences of a page; clauses parted by a colon or semicolon count apart."""
+    """Return the sentences of a page."""
     for pattern, instead in _NOT_PROSE:
         text = re.sub(pattern, instead, text)
     found = [part for block in _BREAK.split("\n" + text) for part in _ENDS.split(" ".join(block.split()))]
