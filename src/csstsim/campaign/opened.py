@@ -286,6 +286,11 @@ class OpenCampaign:
         """Return the digest of everything that decides a merged brick: the recipes of the frames on it."""
         return digest([self.recipe(job, "measure") for job in self.merge_bricks[pix]])
 
+    @cached_property
+    def limits(self):
+        """The thresholds of gates that are judged (thresholds.ValidateConfig)."""
+        return self.config.validation.for_catalogue(self.embedded)
+
     @property
     def measurement(self):
         """The keys of `measurement` that decide measurements, JSON-like; not which products are kept."""

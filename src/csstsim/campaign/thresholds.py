@@ -4,9 +4,20 @@ from pydantic import Field, field_validator
 
 from csstsim.base.model import Model
 
+# Their defaults hold for the density and sizes of the embedded sky. In a crowded cluster a right image may not meet them
+OF_THE_SKY = "galaxy_completeness_min", "purity_min", "counts_max", "lost_max", "twice_max"
+
 
 class ValidateConfig(Model):
-    """Thresholds of the report's gates; null = the gate is only reported."""
+    """Thresholds of the report's gates; null = the gate is only reported.
+
+    With a catalogue of your own, null is the default of those OF_THE_SKY.
+    """
+
+    def for_catalogue(self, embedded):
+        """Return the thresholds that are judged: those OF_THE_SKY for the embedded one, or if they are given."""
+        free = () if embedded else set(OF_THE_SKY) - self.model_fields_set
+        return self.model_copy(update=dict.fromkeys(free))
 
     completeness_min: float | None = Field(
         0.95,

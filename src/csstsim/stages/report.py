@@ -101,7 +101,7 @@ def _validation(run, pix):
     from csstsim.bricks.result_file import read_result
 
     path = made(run.paths.validate(pix), f"validate {run.file} --brick {pix}")
-    result, limits = read_result(path), run.config.validation.model_dump(mode="json")
+    result, limits = read_result(path), run.limits.model_dump(mode="json")
     check_recipe(path, result, run.brick_recipe(pix))
     if result.get("camera") != run.recipes.validation["camera"]:
         raise InputError("judged by other limits of the camera; validate the brick again", file=path, key="camera")

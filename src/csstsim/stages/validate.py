@@ -37,14 +37,14 @@ def validate(run, pix):
     )
     merged = ObjectTable.read(made(run.paths.merge(pix), f"merge {run.file} --brick {pix}"))
     check_recipe(run.paths.merge(pix), merged.meta, run.brick_recipe(pix))
-    result, arrays = validate_brick(pix, merged, frames, camera.bands, run.config.validation)
+    result, arrays = validate_brick(pix, merged, frames, camera.bands, run.limits)
     result |= {
         "csstsim": __version__,
         "recipe": run.brick_recipe(pix),
         "camera": run.recipes.validation["camera"],
-        "limits": run.config.validation.model_dump(mode="json"),
+        "limits": run.limits.model_dump(mode="json"),
     }
-    path, limits = run.paths.validate(pix), run.config.validation
+    path, limits = run.paths.validate(pix), run.limits
     figure = brick_figure(
         result, arrays, looks(camera.filters), threshold=limits.completeness_min, snr_min=limits.snr_min
     )
