@@ -4,7 +4,7 @@ from pydantic import Field, field_validator
 
 from csstsim.base.model import Model
 
-# Their defaults hold for the density and sizes of the embedded sky. In a crowded cluster a right image may not meet them
+# Their defaults hold for the embedded sky's density and sizes; a right image of a crowded cluster may not meet them
 OF_THE_SKY = "galaxy_completeness_min", "purity_min", "counts_max", "lost_max", "twice_max"
 
 
