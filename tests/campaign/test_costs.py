@@ -17,6 +17,7 @@ from csstsim.campaign.costs import (
     load_costs,
 )
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.plan import SNAKEMAKE, _chain, wall
 
 WHOLE = 9216 * 9232 / 1e6  # megapixels of a chip
 
@@ -127,3 +128,13 @@ def test_objects_expected_are_counts_times_the_area_of_a_window(tmp_path):
     objects = expected_objects(run, run.jobs)
     galaxies = THIN * (128 * 0.074 / 60) ** 2
     assert all(galaxies < count < 1.5 * galaxies for count in objects.values()) and len(objects) == len(run.jobs)
+
+
+def test_many_cores_do_not_shorten_the_longest_chain(tmp_path):
+    """One core takes all CPU time, any number at least the chain of jobs that wait for each other."""
+    costs = expected(OpenCampaign(write_campaign(tmp_path, select={"chips": [8, 9]})))
+    cpu = sum(cost.cpu_s for jobs in each_once(costs).values() for cost in jobs.values())
+    chain = _chain(costs)
+    assert wall(costs, 1) == pytest.approx(SNAKEMAKE + cpu) and wall(costs, 10**9) == pytest.approx(SNAKEMAKE + chain)
+    one_each = [max(cost.cpu_s for cost in costs[rule].values()) for rule in ("select", "render", "readout", "level0")]
+    assert sum(one_each) < chain < cpu

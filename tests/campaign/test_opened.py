@@ -120,7 +120,7 @@ def test_plan_counts_what_the_workflow_would_run(tmp_path):
         jobs = costs[rule].values()
         assert number == len(jobs) and abs(mean * number - sum(cost.cpu_s for cost in jobs)) < 0.06 * number
         assert abs(memory - max(cost.memory_mb for cost in jobs)) <= 0.5
-    assert re.search(r"wall time on cores that are busy all the time: .* on 64\n", shown.output)
+    assert re.search(r"wall time, nothing else running: .* on 64 cores \(jobs that await", shown.output)
     assert not campaign.paths.output.exists()
 
 

@@ -9,6 +9,12 @@ from csstsim.campaign.costs import INSTEAD, each_once, expected, expected_object
 from csstsim.campaign.products import kinds
 from csstsim.catalog.astrometry.reduction import apparent
 
+SNAKEMAKE = 3.0  # s, until the first job starts
+# Each waits for the one before; of rules that run side by side the longest counts
+CHAIN = (
+    ("truth", "psf"), ("select",), ("render",), ("readout",), ("level0",),
+    ("calibrate", "measure", "extract", "masters"), ("merge",), ("validate",), ("report",),
+)  # fmt: skip
 KEPT_BYTES = {"imaging": 5, "slitless": 8}  # of a pixel: expected electrons, those counted, the objects' share; at most
 BYTES_PER_NODE = 4 * (256 * 256 + 256 * 256 + 64 * 64) * 4  # images, and the tables photons are drawn from
 
@@ -81,13 +87,29 @@ def print_plan(run):
     Console().print(table)
     Console().print(_cost_table(costs))
     cpu = sum(cost.cpu_s for jobs in each_once(costs).values() for cost in jobs.values())
-    walls = ", ".join(f"{duration(cpu / cores)} on {cores}" for cores in sorted({os.cpu_count() or 1, 64}))
+    walls = ", ".join(f"{duration(wall(costs, cores))} on {cores}" for cores in sorted({os.cpu_count() or 1, 64}))
     for line in (
         "(in brackets: other ways to make what the four stages make, --config chips=whole or exposure)",
         f"CPU, an estimate (config/costs.yaml says of which machine): {duration(cpu)}",
-        f"wall time on cores that are busy all the time: {walls}",
+        f"wall time, nothing else running: {walls} cores (jobs that await each other take {duration(_chain(costs))})",
     ):
         Console().print(line, soft_wrap=True, highlight=False)
+
+
+def wall(costs, cores):
+    """Return the wall time [s] of a campaign on `cores`: the longest chain, and the other jobs beside it.
+
+    Jobs never take longer than this in any order that leaves no core idle (Graham 1969, SIAM J. Appl. Math. 17, 416).
+    """
+    cpu = sum(cost.cpu_s for jobs in each_once(costs).values() for cost in jobs.values())
+    chain = _chain(costs)
+    return SNAKEMAKE + chain + (cpu - chain) / cores
+
+
+def _chain(costs):
+    """Return the CPU time [s] of the largest job of each rule that one product waits for, one after the other."""
+    largest = {rule: max(cost.cpu_s for cost in jobs.values()) for rule, jobs in costs.items()}
+    return sum(max((largest.get(rule, 0.0) for rule in rules), default=0.0) for rules in CHAIN)
 
 
 def _cost_table(costs):
