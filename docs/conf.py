@@ -29,7 +29,7 @@ html_copy_source = False
 html_show_sphinx = False
 highlight_language = "none"  # most blocks are commands; Python is marked as such
 
-myst_enable_extensions = ["dollarmath"]
+myst_enable_extensions = ["dollarmath"]  # formulae: $...$ in a line, $$...$$ on lines of their own
 myst_heading_anchors = 4
 nb_execution_mode = "off"
 nb_execution_in_temp = True
