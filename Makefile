@@ -26,6 +26,7 @@ checks: .venv/ready
 	python workflow/lint.py --config campaign=config/campaign.yaml
 	python builders/make_docs.py --check
 	python builders/make_products.py --check
+	python docs/check_prose.py
 	$(MAKE) docs
 
 first-image: .venv/ready
