@@ -17,6 +17,7 @@ from unittest import mock
 MEMORY = 1 << 30  # bytes a worker may ask for beyond what it has when it starts
 SECONDS = 20.0  # for one input; a sound one takes milliseconds, a busy machine forgives no ten thousand times that
 LONGEST = 2000  # characters of a message
+SLOW_TO_IMPORT = ("fuzz.readers", "pyarrow.parquet", "healpy", "matplotlib.pyplot")  # and write caches of their own
 _CODE = ("os.system", "os.exec", "os.posix_spawn", "os.fork", "subprocess.Popen", "socket.connect", "pty.spawn")
 _CHANGES = ("os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.link", "os.symlink", "os.chmod", "os.truncate",
             "shutil.rmtree", "shutil.move")  # fmt: skip
@@ -48,7 +49,8 @@ class Worker:
         return "fault", why
 
     def _start(self):
-        context = multiprocessing.get_context("spawn")
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(list(SLOW_TO_IMPORT))  # a second of each process's time
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, str(self.folder)), daemon=True)
         # Pools of memory are reserved in advance: they would count as used
@@ -70,7 +72,7 @@ class Worker:
 def _serve(pipe, folder):
     """Answer requests until the pipe closes."""
     sys.dont_write_bytecode = True
-    for name in ("fuzz.readers", "pyarrow.parquet", "healpy", "matplotlib.pyplot"):  # which write caches of their own
+    for name in SLOW_TO_IMPORT:
         importlib.import_module(name)
     platform.processor()  # starts a process when a library first asks
     escaped = []
