@@ -1,6 +1,11 @@
 """Fixtures shared by many tests: the shipped camera, a pointing, a small PSF set."""
 
 import os
+
+# Before numpy is loaded: two threads in each of two workers wait for each other, at several times the CPU time.
+# What many threads make is the same: tests/base/test_one_thread.py
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from pathlib import Path
 
 import pytest
