@@ -29,7 +29,7 @@ def campaign(tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(EXAMPLE)
     runpy.run_path(str(EXAMPLE / "make_data.py"))["main"](tmp_path / "data")
     config = load_campaign(EXAMPLE / "campaign.yaml").model_dump(mode="json")
-    config["catalog"]["options"]["table"] = str(tmp_path / "data" / "objects.csv")
+    config["catalog"]["options"] = {"table": str(tmp_path / "data/objects.csv"), "curves": str(SHIPPED / "curves")}
     path = tmp_path / "campaign.yaml"
     path.write_text(yaml.safe_dump(config | {"output": str(tmp_path / "out")}))
     yield path

@@ -1,6 +1,7 @@
 """The data files of a camera, and single numbers of them that a campaign changes: `detector.read_noise: 20`.
 
-A name is the file, and the number's key in it. Sections between them may be left out where that leaves one number.
+A name is the file, then the number's key in it. Sections between them may be left out where that leaves one number.
+The files state the source of each number (paper, section 2; config/instrument/README.md).
 """
 
 import math
