@@ -29,6 +29,7 @@ ACCOUNT = 1e-5, 2e-5  # of the light; wings of spectra are cut off where splines
 NOMINAL = 1e-3  # of the light
 SAME = 5e-4  # of the light, between renderers
 SIDE = 600  # px
+LONG_SIDE = 1000  # px, of spectra: the zeroth and the first order of what is aimed at
 OBSID = "10100000001"
 CHIPS = {"r": 9, "NUV": 7, "y": 6, "GV": 29}
 FIDELITIES = "standard", "noise_free", "preview", "reference"
@@ -99,7 +100,7 @@ def departures(subset, cache):
 
 def _simulation(subset, fidelity, cache, objects=None):
     chip = CHIPS[subset.band]
-    sim = csstsim.Simulation(cache=cache).aim(150.1, 2.2, chip=chip, size=SIDE)
+    sim = csstsim.Simulation(cache=cache).aim(150.1, 2.2, chip=chip, size=LONG_SIDE if subset.band == "GV" else SIDE)
     catalog = _objects(subset) if objects is None else objects
     return sim.replace(catalog=catalog, fidelity=fidelity, psf={"grid": 2}, layers=subset.layers)
 
@@ -110,8 +111,6 @@ def _objects(subset):
     if subset.band == "GV":
         count = min(count, SPECTRA[subset.fidelity == "reference"])
     x, y = rng.uniform(-200, 200, (2, count))
-    if subset.band == "GV":
-        x -= 700  # their first orders lie on the window
     degrees = 0.074 / 3600
     columns = {"ra": 150.1 + x * degrees / np.cos(np.radians(2.2)), "dec": 2.2 + y * degrees}
     mag = {f"mag_{band}": np.full(count, subset.mag) for band in ("nuv", "r", "y")}
