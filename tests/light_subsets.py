@@ -15,6 +15,7 @@ units of their errors:
 """
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from astropy.table import Table
@@ -98,11 +99,14 @@ def departures(subset, cache):
     return found if nominal is None else found | {"nominal": nominal}
 
 
+@lru_cache(maxsize=len(CHIPS))
+def _aimed(band, cache):
+    return csstsim.Simulation(cache=cache).aim(150.1, 2.2, chip=CHIPS[band], size=LONG_SIDE if band == "GV" else SIDE)
+
+
 def _simulation(subset, fidelity, cache, objects=None):
-    chip = CHIPS[subset.band]
-    sim = csstsim.Simulation(cache=cache).aim(150.1, 2.2, chip=chip, size=LONG_SIDE if subset.band == "GV" else SIDE)
     catalog = _objects(subset) if objects is None else objects
-    return sim.replace(catalog=catalog, fidelity=fidelity, psf={"grid": 2}, layers=subset.layers)
+    return _aimed(subset.band, cache).replace(catalog=catalog, fidelity=fidelity, psf={"grid": 2}, layers=subset.layers)
 
 
 def _objects(subset):
