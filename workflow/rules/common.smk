@@ -7,7 +7,9 @@ import sys
 from types import SimpleNamespace
 
 from csstsim.base.files.atomic import remove_left
+from csstsim.base.help_page import with_page
 from csstsim.campaign.checks import check_kept
+from csstsim.campaign.job_log import ERROR
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds, summary
 from csstsim.base.errors import CsstsimError
@@ -43,7 +45,8 @@ try:
     check_kept(RUN, CHIPS_AS, "scratch" in config)
     JOBS = {(job.pointing.obsid, f"{job.chip.id:02d}"): job for job in RUN.jobs}
 except CsstsimError as error:
-    raise WorkflowError(str(error)) from None
+    print(f"{ERROR} {with_page(error)}", file=sys.stderr)
+    sys.exit(2)
 JOB_OF = {"stages": "stages", "whole": "chip", "exposure": "exposure"}  # rules
 if CHIPS_AS not in JOB_OF:
     raise WorkflowError(f"chips: {CHIPS_AS}; allowed: {', '.join(JOB_OF)}")

@@ -4,13 +4,17 @@ The workflow's targets and inputs, its last message, `csstsim status` and what `
 io.paths has the paths of files, campaign.costs the cost of a rule.
 """
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
 from csstsim.bricks.hats import ABOUT
+from csstsim.bricks.verdict import headline, sentence
 from csstsim.campaign.costs import STAGES
 from csstsim.io.paths import LIGHT
+
+SHOWN = 10  # failing gates in the workflow's last message
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,17 @@ def _report(run):
 
 
 def summary(run, made):
-    """Return what the campaign made and where to look, in lines. made: what `kinds` returned."""
+    """Return what the campaign made, where to look, and the verdict, in lines. made: what `kinds` returned."""
     said = [kind.end.format(n=len(kind.made_for)) for kind in made.values() if kind.end and kind.made_for]
-    return "\n".join([f"\n{run.config.name}, in {run.paths.output}:", *(f"  {line}" for line in said)])
+    return "\n".join([f"\n{run.config.name}, in {run.paths.output}:", *(f"  {line}" for line in said), *_verdict(run)])
+
+
+def _verdict(run):
+    """Return the verdict in a sentence, and one for each gate that fails; [] of a campaign without gates."""
+    file = run.paths.report.with_name("verdict.json")
+    if not (run.merge_bricks and file.is_file()):
+        return []
+    verdict = json.loads(file.read_text())
+    failed = [sentence(gate) for gate in verdict["gates"] if gate["passed"] is False]
+    more = [f"... and {len(failed) - SHOWN} more, in the report"] if len(failed) > SHOWN else []
+    return [headline(verdict), *(f"  {line}" for line in failed[:SHOWN] + more)]

@@ -1,0 +1,120 @@
+"""What Snakemake says on the terminal while a campaign runs: a line for each finished job, a bar, and what failed.
+
+Snakemake finds the module by its name (`logger: csstsim` in profiles/default). Its own, full log is in .snakemake/log.
+Dry runs, and `--verbose`, are shown as Snakemake shows them.
+"""
+
+import sys
+import time
+from pathlib import Path
+
+from snakemake.logging import DefaultFilter, DefaultFormatter, get_event
+from snakemake_interface_logger_plugins.base import LogHandlerBase
+from snakemake_interface_logger_plugins.common import LogEvent
+
+BAR = 24  # characters
+TAIL = 8  # lines of a failed job's log
+ERASE = "\r\033[K"
+# What a user of a campaign need not know
+HIDDEN = (
+    "Assuming unrestricted shared filesystem", "Building DAG", "Using shell", "Provided", "Rules claiming more",
+    "Select jobs", "Execute ", "Conda environments", "Complete log", "None", "host:", "Removing temporary",
+    "Shutting down, this might take", "Exiting because a job", "At least one job did not complete",
+    "Using workflow specific profile", "Using profile", "Finished job", "Will exit after finishing",
+)  # fmt: skip
+
+
+class LogHandler(LogHandlerBase):
+    """Writes to standard error."""
+
+    def __post_init__(self):
+        settings = self.common_settings
+        self._plain = settings.dryrun or settings.verbose or settings.printshellcmds
+        self._formatter = DefaultFormatter(settings.quiet, settings.show_failed_logs)
+        self._filter = DefaultFilter(
+            settings.quiet, settings.debug_dag, settings.verbose, settings.dryrun, settings.printshellcmds
+        )
+        self._jobs, self._starts, self._ended, self._first, self._all = {}, {}, [], time.monotonic(), 0
+        self._bar = not self._plain and sys.stderr.isatty()
+
+    writes_to_stream = property(lambda self: True)
+    writes_to_file = property(lambda self: False)
+    has_filter = property(lambda self: True)
+    has_formatter = property(lambda self: True)
+    needs_rulegraph = property(lambda self: False)
+
+    def emit(self, record):
+        """Write what a record says, if it is for the user."""
+        try:
+            if self._filter.filter(record):
+                text = self._formatter.format(record) if self._plain else self._text(record)
+                if text:
+                    sys.stderr.write(f"{ERASE if self._bar else ''}{text}\n")
+                if self._bar and get_event(record) == LogEvent.PROGRESS:
+                    total = record.total - self._all
+                    sys.stderr.write(self._bar_of(record.done, total) if record.done < total else ERASE)
+                sys.stderr.flush()
+        except Exception:  # a log must not end a campaign
+            self.handleError(record)
+
+    def _text(self, record):
+        event = get_event(record)
+        told = {
+            LogEvent.RUN_INFO: self._run, LogEvent.JOB_INFO: self._know, LogEvent.JOB_STARTED: self._start,
+            LogEvent.JOB_FINISHED: self._end, LogEvent.PROGRESS: self._progress, LogEvent.JOB_ERROR: self._failed,
+        }  # fmt: skip
+        if event in told:
+            return told[event](record)
+        if event in (None, LogEvent.ERROR):
+            text = str(self._formatter.format(record) or "").strip()
+            return "" if text.startswith(HIDDEN) else text
+        return ""
+
+    def _run(self, record):
+        rules = {rule: n for rule, n in record.stats.items() if rule not in ("all", "total")}
+        self._all = record.stats.get("all", 0)  # a job that only asks for the others
+        return f"{sum(rules.values())} jobs: " + ", ".join(f"{n} {rule}" for rule, n in rules.items())
+
+    def _know(self, record):
+        places = {"obsid": "", "chip": "chip ", "pix": "brick ", "dir": None, "name": None}
+        where = [
+            f"{places.get(name, name + ' ')}{value}"
+            for name, value in dict(record.wildcards or {}).items()
+            if places.get(name, "") is not None
+        ]
+        self._jobs[record.jobid] = " ".join([record.rule_name, *where])
+
+    def _start(self, record):
+        for job in record.jobs if hasattr(record, "jobs") else [record.jobid]:
+            self._starts[job] = time.monotonic()
+
+    def _end(self, record):
+        self._ended.append(record.job_id)
+
+    def _progress(self, record):
+        """Return the lines of the jobs that have ended since the last time."""
+        ended, self._ended = self._ended, []
+        total = record.total - self._all
+        return "\n".join(
+            f"{record.done:{len(str(total))}}/{total}  {self._jobs[job]}{self._took(job)}"
+            for job in ended
+            if not self._jobs.get(job, "all").startswith("all")
+        )
+
+    def _took(self, job):
+        return f"  {time.monotonic() - self._starts[job]:.1f} s" if job in self._starts else ""
+
+    def _bar_of(self, done, total):
+        spent = time.monotonic() - self._first
+        full = BAR * done // total
+        left = f", {spent / done * (total - done):.0f} s to go" if done else ""
+        return f"[{'#' * full}{'.' * (BAR - full)}] {100 * done // total}%, {spent:.0f} s{left}"
+
+    def _failed(self, record):
+        name = self._jobs.get(record.jobid, record.rule_name)
+        logs = [Path(log) for log in record.log or () if Path(log).is_file()]
+        lines = [line for log in logs for line in log.read_text(errors="replace").splitlines()[-TAIL:]]
+        errors = [line for line in lines if line.startswith("csstsim: error:")]
+        return "\n".join(
+            [f"FAILED {name}", *(f"  {line}" for line in errors or lines), *(f"  log: {log}" for log in logs)]
+        )
