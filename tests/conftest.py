@@ -25,11 +25,15 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 os.environ["PYTHONPATH"] = os.pathsep.join(str(ROOT / name) for name in ("src", "tests", "builders"))
 
 FINISHED = "compare", "delivery"  # folders whose tests share a finished campaign: one worker makes it
-LONG = *FINISHED, "workflow", "end_to_end"  # begun first: the workers end together
+# Folders in the order in which they are begun. While one worker compiles the chain for the finished campaign, the other
+# has tests that need little compiled; then long ones, and short ones last: the workers end together
+ORDER = {name: i for i, names in enumerate((
+    FINISHED, ("fuzz", "universe", "instrument", "profiles", "mutants", "doctor", "docs"), ("workflow", "end_to_end"),
+)) for name in names}  # fmt: skip
 
 
 def pytest_collection_modifyitems(items):
-    items.sort(key=lambda item: item.path.parent.name not in LONG)
+    items.sort(key=lambda item: ORDER.get(item.path.parent.name, len(ORDER)))
 
 
 @pytest.hookimpl(optionalhook=True)
