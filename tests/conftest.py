@@ -25,15 +25,22 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 os.environ["PYTHONPATH"] = os.pathsep.join(str(ROOT / name) for name in ("src", "tests", "builders"))
 
 FINISHED = "compare", "delivery"  # folders whose tests share a finished campaign: one worker makes it
-# Folders in the order in which they are begun. While one worker compiles the chain for the finished campaign, the other
-# has tests that need little compiled; then long ones, and short ones last: the workers end together
-ORDER = {name: i for i, names in enumerate((
-    FINISHED, ("fuzz", "universe", "instrument", "profiles", "mutants", "doctor", "docs"), ("workflow", "end_to_end"),
-)) for name in names}  # fmt: skip
+# Folders and files in the order in which they are begun, the others last. While one worker compiles the chain for the
+# finished campaign, the other has a minute of tests that need little compiled; short ones come last, so that both end
+# together
+LITTLE_COMPILED = (
+    "fuzz", "universe", "instrument", "profiles", "mutants", "doctor", "docs", "test_extended.py", "test_recipe.py",
+    "test_survey_table.py", "test_unsupported_shapes.py",
+)  # fmt: skip
+BEGUN = FINISHED, LITTLE_COMPILED, ("end_to_end", "workflow")
 
 
 def pytest_collection_modifyitems(items):
-    items.sort(key=lambda item: ORDER.get(item.path.parent.name, len(ORDER)))
+    def turn(item):
+        names = item.path.name, item.path.parent.name
+        return next((i for i, some in enumerate(BEGUN) if any(name in some for name in names)), len(BEGUN))
+
+    items.sort(key=turn)
 
 
 @pytest.hookimpl(optionalhook=True)
