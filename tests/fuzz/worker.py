@@ -29,19 +29,19 @@ class Worker:
     def __init__(self, folder, seconds=SECONDS):
         self.folder, self.seconds, self._process = Path(folder), seconds, None
 
-    def __call__(self, function, path):
-        """Return (outcome, text) of function(path) in the process."""
+    def __call__(self, function, path, seconds=None):
+        """Return (outcome, text) of function(path) in the process; it has its usual time, or so many seconds."""
         if self._process is None:
             self._start()
-            self._ask("builtins:len", "")  # its imports are not the input's time
-        return self._ask(function, str(path))
+            self._ask("builtins:len", "", self.seconds)  # its imports are not the input's time
+        return self._ask(function, str(path), seconds or self.seconds)
 
-    def _ask(self, function, path):
+    def _ask(self, function, path, seconds):
         try:
             self._pipe.send((function, path))
-            if self._pipe.poll(self.seconds):
+            if self._pipe.poll(seconds):
                 return self._pipe.recv()
-            why = f"still at it after {self.seconds:g} s"
+            why = f"still at it after {seconds:g} s"
         except (EOFError, OSError):
             self._process.join(5)
             why = f"the process died with {self._process.exitcode}"
