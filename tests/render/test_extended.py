@@ -11,7 +11,7 @@ FALL = np.where(RADII > 20.0, np.maximum(RADII, 20.0) ** -3.0, 0.0)  # a wing wi
 WING = Far(np.tile(FALL, (4, 1)), light_of(np.tile(FALL, (4, 1))))
 
 
-def points(index, size, count=200_000):
+def points(index, size, count=400_000):
     """Complex places of electrons of a circular Sersic profile."""
     rng = np.random.default_rng(4)
     x = rng.gamma(2 * index, size=count)
@@ -24,7 +24,7 @@ def points(index, size, count=200_000):
     + [pytest.param(*key, marks=pytest.mark.slow) for key in ((8.0, 4.0), (32.0, 1.0), (256.0, 4.0))],
 )
 def test_a_wing_spread_is_that_of_all_points(index, size):
-    """Against 2e5 points seen from 40 places on a circle: to 5 sigma of their scatter, and 0.5%."""
+    """Against 4e5 points seen from 40 places on a circle: to 5 sigma of their scatter, and 0.5%."""
     made = spread(WING, Part(1.0, index, size)).profile[2]
     places = points(index, size)
     for r in (60.0, 150.0, 500.0, 2000.0):
