@@ -1,9 +1,14 @@
 """csstsim: an open simulator of the CSST Survey Camera. In Python: csstsim.api, whose names are here, too."""
 
 import importlib
+import os
+
+from csstsim.base.compiled_code import choose_folder
 
 __version__ = "0.1.0"
 __all__ = ["Frame", "InputError", "Simulation"]
+
+choose_folder(os.environ, __path__[0])
 
 
 def __getattr__(name):

@@ -13,6 +13,7 @@ from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 
 BAR = 24  # characters
+TARGETS = "all", "everything"  # rules that only ask for the products of others
 TAIL = 8  # lines of a failed job's log
 ERASE = "\r\033[K"
 # What a user of a campaign need not know
@@ -71,8 +72,8 @@ class LogHandler(LogHandlerBase):
         return ""
 
     def _run(self, record):
-        rules = {rule: n for rule, n in record.stats.items() if rule not in ("all", "total")}
-        self._all = record.stats.get("all", 0)  # a job that only asks for the others
+        rules = {rule: n for rule, n in record.stats.items() if rule not in (*TARGETS, "total")}
+        self._all = sum(record.stats.get(rule, 0) for rule in TARGETS)
         return f"{sum(rules.values())} jobs: " + ", ".join(f"{n} {rule}" for rule, n in rules.items())
 
     def _know(self, record):
@@ -98,7 +99,7 @@ class LogHandler(LogHandlerBase):
         return "\n".join(
             f"{record.done:{len(str(total))}}/{total}  {self._jobs[job]}{self._took(job)}"
             for job in ended
-            if not self._jobs.get(job, "all").startswith("all")
+            if self._jobs.get(job, "all") not in TARGETS
         )
 
     def _took(self, job):

@@ -113,3 +113,12 @@ def test_types_and_filters_that_select_nothing_say_so(tmp_path):
         _ = OpenCampaign(write_campaign(tmp_path, select={"types": ["DARK"]})).jobs
     with pytest.raises(InputError, match="none of the chips is behind one of the filters"):
         _ = OpenCampaign(write_campaign(tmp_path, select={"types": ["SCIE"], "chips": [9], "filters": ["g"]})).jobs
+
+
+@pytest.mark.parametrize("place", [(200.0, 10.0), None])
+def test_check_does_not_call_a_scene_good_that_no_chip_sees(tmp_path, place):
+    rows = "" if place is None else f"{place[0]},{place[1]},20\n"
+    (tmp_path / "objects.csv").write_text("ra,dec,mag_r\n" + rows)
+    catalog = {"kind": "csstsim.catalog.own_table:TableCatalog", "options": {"file": "objects.csv"}}
+    result = CliRunner().invoke(main, ["check", str(write_campaign(tmp_path, catalog=catalog))])
+    assert result.exit_code == 2 and "no object of the catalogue reaches any chip" in result.output

@@ -1,6 +1,7 @@
 """`csstsim init`: the folder works unchanged, with the shipped sky and with a user's own objects."""
 
 import os
+import runpy
 import subprocess
 import sys
 from pathlib import Path
@@ -9,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.campaign.starter import FILES
+from csstsim.campaign.starter import EXAMPLES, FILES
 from csstsim.command_line.main import main
 
 OBJECTS = "ra,dec,mag_r,type,size\n359.999,2.2,20,star,\n0.001,2.201,21,galaxy,0.5\n"
@@ -105,3 +106,23 @@ def test_a_table_that_cannot_be_used_leaves_no_folder(init, tmp_path, table, mes
     result = init("--catalogue", "objects.csv")
     assert result.exit_code == 2 and message in result.output, result.output
     assert not (tmp_path / "mysky").exists()
+
+
+@pytest.mark.parametrize("example", EXAMPLES)
+def test_an_example_is_a_folder_that_runs_from_anywhere(tmp_path, monkeypatch, example):
+    """What its campaigns share with others is in the folder, and modules beside a campaign are found."""
+    folder = tmp_path / "mine"
+    made = CliRunner().invoke(main, ["init", str(folder), "--example", example])
+    assert made.exit_code == 0 and "README.md" in made.output
+    if (folder / "make_data.py").exists():
+        runpy.run_path(str(folder / "make_data.py"))["main"](folder / "data")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    campaigns = [path for path in folder.glob("*.yaml") if "schema_version" in path.read_text()]
+    assert campaigns
+    for campaign in campaigns:
+        checked = CliRunner().invoke(main, ["check", str(campaign)])
+        assert checked.exit_code == 0 and ": good; " in checked.output, checked.output
+        assert OpenCampaign(campaign).paths.output.is_relative_to(folder)
+    for name in [name for name, module in sys.modules.items() if str(folder) in str(getattr(module, "__file__", ""))]:
+        del sys.modules[name]

@@ -1,6 +1,8 @@
 """A table as a catalogue: magnitudes kept in every band, blanks, units, and refused tables."""
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from astropy import units as u
 from astropy.table import QTable, Table
@@ -65,7 +67,7 @@ def test_columns_that_spare_typing():
     assert not check(TableCatalog, {"columns": columns()}, sky_region(10.0, 0.1, 0.3)).faults
 
 
-@pytest.mark.parametrize("name", ["t.csv", "t.ecsv", "t.fits"])
+@pytest.mark.parametrize("name", ["t.csv", "t.ecsv", "t.fits", "t.parquet"])
 def test_files(tmp_path, name):
     wanted = Table(columns(mag_g=[20.5, np.nan], note=["a", "b"]))
     wanted.write(tmp_path / name)
@@ -76,6 +78,24 @@ def test_files(tmp_path, name):
     assert np.array_equal(one, catalog.load_seds([0])[0])
     again = TableCatalog({"file": str(tmp_path / name)}, REGION)
     assert catalog.truth_hash == again.truth_hash
+
+
+def test_nulls_of_a_parquet_table_are_blanks(tmp_path):
+    table = pa.table({"ra": [10.0, 10.1], "dec": [0.1, 0.2], "mag_r": [20.0, None], "mag_g": [21.0, 21.5],
+                      "type": ["star", "star"], "note": ["x", None]})  # fmt: skip
+    pq.write_table(table, tmp_path / "t.parquet")
+    found = TableCatalog({"file": str(tmp_path / "t.parquet")}, REGION).table
+    assert np.isnan(found["mag_r"][1]) and list(found["obj_type"]) == [0, 0] and len(found) == 2
+    (tmp_path / "t.parquet").write_bytes(b"no")
+    with pytest.raises(InputError, match="not a table that can be read"):
+        TableCatalog({"file": str(tmp_path / "t.parquet")}, REGION)
+
+
+def test_a_text_of_millions_of_rows_is_wanted_as_fits_or_parquet(tmp_path, monkeypatch):
+    monkeypatch.setattr("csstsim.catalog.object_table.LARGE", 10)
+    (tmp_path / "t.csv").write_text("ra,dec,mag_r\n10,0.1,20\n")
+    with pytest.raises(InputError, match=r"too large for a table of text.*as \.fits or \.parquet"):
+        TableCatalog({"file": tmp_path / "t.csv"}, REGION)
 
 
 def test_blank_cells_of_a_csv(tmp_path):

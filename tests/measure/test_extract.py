@@ -274,3 +274,37 @@ def test_collapsed_psf_has_all_the_light_of_box_and_wing(psf_r):
     middle = np.searchsorted(OFFSETS, [-10.0, 10.0])
     share = cells[:, rows].sum(axis=(1, 2)) + light[:, inner].sum(axis=(1, 2))
     assert profile[:, middle[1]] - profile[:, middle[0]] == pytest.approx(share, abs=2e-4)
+
+
+def test_a_line_is_chosen_as_a_line(camera):
+    """A galaxy that is all line: its light over the whole order is far below the limit, that of the line is not."""
+    x, y, line = 2000.3, 4000.27, LINES["GV"]
+    window = window_about(x, y, 1)
+    spectrum = 12.0 * np.exp(-0.5 * ((GRID - line) / 4.0) ** 2)
+    s, image = setting(camera, 2, window, [(x, y)]), np.zeros(window.shape)
+    draw(image, window, s.gratings, s.orders, spectrum, first_orders(s)[0])
+    orders = s.orders.with_columns(drawn=np.where(s.orders["order"] == 1, image.sum(), s.orders["drawn"]))
+    frame, sources = frame_of(image, window, sky=60.0), sources_of([spectrum])
+    mean = extract.predicted_snr(orders, sources.shapes, frame.noise)[first_orders(s)[0]]
+    peak = extract.line_snr(orders.take(first_orders(s)), sources, s.model, frame.noise)[0]
+    assert mean < 5.0 < peak
+    # all the line's light in sqrt(element x rows) pixels of sky: the bound that an element of three pixels comes near
+    assert (
+        peak < image.sum() / np.sqrt(image.sum() + extract.ELEMENT * extract.ELEMENT_ROWS * frame.noise**2) < 4 * peak
+    )
+    chosen, left = extract.chosen_orders(frame, orders, sources, s.model)
+    assert chosen.sum() == 1 and left["faint"] == 0
+    without, left = extract.chosen_orders(frame, orders, replace(sources, spectra=None), s.model)
+    assert not without.any() and left["faint"] == 1
+
+
+def test_what_is_left_out_is_counted(star):
+    s, image, sources = star
+    table = run(s, frame_of(image, s.window), sources, snr_min=1e9)
+    assert table.meta["spectra"] == 0 and table.meta["left_out"]["faint"] == 1 and len(table) == 0
+    ids = s.orders["id"][:1]
+    assert run(s, frame_of(image, s.window), sources, ids=ids).meta["spectra"] == 1
+    assert run(s, frame_of(image, s.window), sources, ids=ids + 99).meta["spectra"] == 0
+    dark = s.orders.with_columns(drawn=np.zeros(len(s.orders)))
+    table = extract_spectra(frame_of(image, s.window), dark, sources, s.model, PSF)
+    assert table.meta["left_out"] == {"off": 1, "second": 0, "faint": 0, "unusable": 0}

@@ -284,3 +284,14 @@ def test_where_the_png_goes(tmp_path, calibrated):
     folder = tmp_path / "folder.png"
     folder.mkdir()
     assert str(folder) in refused(path, "--output", folder)
+
+
+def test_a_file_with_a_wrong_checksum_is_shown_with_a_word(tmp_path, level0, caplog):
+    damaged = tmp_path / level0.name
+    damaged.write_bytes(level0.read_bytes())
+    show(damaged, "--output", tmp_path / "good.png", "--size", 300)
+    assert not caplog.messages
+    with fits.open(damaged, mode="update", checksum=False) as file:
+        file[0].header["OBJECT"] = "another"
+    show(damaged, "--output", tmp_path / "bad.png", "--size", 300)
+    assert any("wrong CHECKSUM of HDU primary" in message for message in caplog.messages)

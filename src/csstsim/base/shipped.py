@@ -1,4 +1,5 @@
-"""Where the files are that come with csstsim: the Snakefile, config/, profiles/, survey_tables/ and workflow/.
+"""Where the files are that come with csstsim: the Snakefile, config/, examples/, profiles/, survey_tables/ and
+workflow/.
 
 In a clone they are the repository's own; an installed package has copies of them, which its build took from there.
 """

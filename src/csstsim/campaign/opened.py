@@ -4,6 +4,7 @@ Every fault of the input is found here, before any work starts. The CLI and the 
 the same object.
 """
 
+import sys
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
@@ -51,6 +52,7 @@ class OpenCampaign:
         gratings of others are not checked.
         """
         self.file = Path(file)
+        _importable(self.file.parent)
         self.config = config or load_campaign(file)
         self.paths = Paths(output or self.config.output, scratch)
         if not copied:
@@ -288,3 +290,9 @@ class OpenCampaign:
     def measurement(self):
         """The keys of `measurement` that decide measurements, JSON-like; not which products are kept."""
         return self.config.measurement.model_dump(mode="json", exclude={"keep_calibrated"})
+
+
+def _importable(folder):
+    """Let dotted paths name modules that lie beside the campaign file; others come first."""
+    if str(folder.resolve()) not in sys.path:
+        sys.path.append(str(folder.resolve()))

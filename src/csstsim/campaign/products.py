@@ -26,7 +26,7 @@ class Kind:
     look_up: Callable  # () -> `made_for`
     files_of: Callable  # job, chip or brick -> its files, a list: the product first, then others the rule writes
     target: bool = True  # made again if it is missing from a finished campaign, and not only if a job needs it
-    end: str = ""  # part of the workflow's last message, with {n} for their number
+    end: str = ""  # part of the workflow's last message, with {n} for their number and {s} for a plural
 
     @property
     def made_for(self):
@@ -54,27 +54,27 @@ def kinds(run):
     table = (
         Kind("truth bricks", ("truth",), lambda: run.sky_bricks, lambda pix: [paths.truth(pix)], target=False),
         Kind("PSF sets", ("psf",), lambda: run.sky_chips, lambda c: [paths.psf(c), paths.psf_tables(c)], target=False),
-        Kind("light of chips", STAGES[:2], lambda: kept, partial(_light, run), end="light of {n} chips in chips/"),
+        Kind("light of chips", STAGES[:2], lambda: kept, partial(_light, run), end="light of {n} chip{s} in chips/"),
         Kind(
             "Level-0 files", STAGES[2:] if kept else STAGES, lambda: run.jobs, partial(_level0, run),
-            end=f"{{n}} Level-0 files{truth} in level0/",
+            end=f"{{n}} Level-0 file{{s}}{truth} in level0/",
         ),
         Kind(
             "masters", ("masters",), lambda: run.calibration_jobs, lambda c: [paths.masters(c)],
-            end="masters of {n} chips in masters/",
+            end="masters of {n} chip{s} in masters/",
         ),
         Kind(
             "calibrated images", ("calibrate",), lambda: calibrated, lambda job: [paths.calibrated(*job.key)],
-            end="calibrated images of {n} chips in calibrated/",
+            end="calibrated images of {n} chip{s} in calibrated/",
         ),
         Kind("measured tables", ("measure",), lambda: run.imaging_jobs, lambda job: [paths.measure(*job.key)]),
         Kind(
             "spectra", ("extract",), lambda: run.slitless_jobs, lambda job: _drawn(paths.spectra(*job.key)),
-            end="spectra of {n} chips in spectra/",
+            end="spectra of {n} chip{s} in spectra/",
         ),
         Kind(
             "merged bricks", ("merge",), lambda: run.merge_bricks, lambda pix: [paths.merge(pix)],
-            end="merged catalogues of {n} bricks in merge/",
+            end="merged catalogues of {n} brick{s} in merge/",
         ),
         Kind("validated bricks", ("validate",), lambda: run.merge_bricks, lambda pix: _drawn(paths.validate(pix))),
         Kind("report", ("report",), lambda: page, lambda _: _report(run), end="the report: report/index.html"),
@@ -105,7 +105,8 @@ def _report(run):
 
 def summary(run, made):
     """Return what the campaign made, where to look, and the verdict, in lines. made: what `kinds` returned."""
-    said = [kind.end.format(n=len(kind.made_for)) for kind in made.values() if kind.end and kind.made_for]
+    counts = [(kind.end, len(kind.made_for)) for kind in made.values() if kind.end]
+    said = [end.format(n=n, s="" if n == 1 else "s") for end, n in counts if n]
     return "\n".join([f"\n{run.config.name}, in {run.paths.output}:", *(f"  {line}" for line in said), *_verdict(run)])
 
 

@@ -22,16 +22,21 @@ FILES = {
     "profiles/slurm/config.yaml": ("profiles/slurm/config.yaml", "... on a cluster: --workflow-profile profiles/slurm"),
     "profiles/slurm/workflow.yaml": ("profiles/slurm/workflow.yaml", "... and on its nodes"),
 }
+EXAMPLES = {  # name: folder of examples/
+    "layer": "my_layer", "catalogue": "my_catalogue", "camera": "my_camera", "shear": "shear", "slitless": "slitless",
+}  # fmt: skip
+SKIPPED = {"__pycache__", "results", "data"}  # what running an example leaves
 AIMED = 8, 9, 7  # chips, g, r and i, that point at a catalogue's objects
 PA, TIME = -113.4333, "2027-11-20T01:16:00"  # deg; of the first exposure
 MARGIN, LARGEST = 0.2, 5.0  # arcmin: beyond the outermost object; a chip's half side is 5.7
 
 
-def init(folder, say, catalogue=None):
+def init(folder, say, catalogue=None, example=None):
     """Write the files of FILES into a folder, new or without any of them.
 
-    catalogue: a table of objects (csstsim.catalog.own_table) to copy there, too, and to point at. Raises InputError for
-    a folder that has one of the files, or a table that cannot be used.
+    catalogue: a table of objects (csstsim.catalog.own_table) to copy there, too, and to point at; example: one of
+    EXAMPLES, whose files to write instead. Raises InputError for a folder that has one of the files, or a table that
+    cannot be used.
     """
     if not str(folder):
         raise InputError("name the folder to make", key="FOLDER", value=folder)
@@ -40,6 +45,8 @@ def init(folder, say, catalogue=None):
         raise InputError("is a file; name the folder to make", file=folder)
     content = {name: (ROOT / source).read_bytes() for name, (source, _) in FILES.items()}
     meanings = {name: meaning for name, (_, meaning) in FILES.items()}
+    if example:
+        content, meanings = _example(example, content, meanings)
     if catalogue:
         content |= _aimed(Path(catalogue), content)
         meanings[Path(catalogue).name] = "your objects"
@@ -59,7 +66,32 @@ def init(folder, say, catalogue=None):
         raise
     for name, meaning in meanings.items():
         say(f"{folder / name}  {meaning}")
-    say(f"\nNext:  cd {shlex.quote(str(folder))}\n       csstsim plan campaign.yaml\n       snakemake --cores 2")
+    then = "README.md says how it is run" if example else "csstsim plan campaign.yaml\n       snakemake --cores 2"
+    say(f"\nNext:  cd {shlex.quote(str(folder))}\n       {then}")
+
+
+def _example(name, content, meanings):
+    """Return ({file: bytes}, {file: meaning}) of an example's folder, with the workflow and the files it shares."""
+    workflow = [file for file in FILES if file not in ("campaign.yaml", "science.yaml", "survey_table.csv")]
+    folder, found = ROOT / "examples" / EXAMPLES[name], {}
+    for path in sorted(p for p in folder.rglob("*") if p.is_file() and not SKIPPED.intersection(p.parts)):
+        data = path.read_bytes()
+        if path.parent == folder and path.suffix == ".yaml":  # a campaign: what it shares with others comes along
+            text = data.decode()
+            for shared in set(re.findall(r"\.\./\.\./([\w./-]+)", text)):
+                shared = Path(shared)
+                if shared.parts[0] != "results":
+                    files = [p for p in sorted((ROOT / shared).rglob("*")) if p.is_file()] or [ROOT / shared]
+                    found |= {p.relative_to((ROOT / shared).parent).as_posix(): p.read_bytes() for p in files}
+                here = "/".join(["results", *shared.parts[2:]]) if shared.parts[0] == "results" else shared.name
+                text = text.replace(f"../../{shared.as_posix()}", here)
+            data = text.encode()
+        found[path.relative_to(folder).as_posix()] = data
+    told = {file: "a campaign" for file, data in found.items() if b"schema_version" in data}
+    told["README.md"] = "what it is, and how it is run"
+    return found | {file: content[file] for file in workflow}, {
+        file: told.get(file, meanings.get(file, "")) for file in (*found, *workflow)
+    }
 
 
 def _aimed(file, content):

@@ -17,7 +17,8 @@ from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
 from csstsim.catalog.table import COLUMNS, GALAXY, STAR, TYPES, ObjectTable, columns_with
 from csstsim.catalog.unsupported_shapes import check_shapes
 
-FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits"}
+FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits", ".parquet": "parquet"}
+LARGE = 200_000_000  # bytes of a text from which reading it takes minutes, and tens of times as much memory
 BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
 LIKE = 0.81  # similarity from which a name counts as misspelt: typ does; mag_k, a band that csstsim lacks, does not
 _KNOWN = {*COLUMNS, "type", "size"}
@@ -37,9 +38,17 @@ def read_table(path):
     if path.suffix.lower() not in FORMATS:
         raise InputError("unknown kind of table", file=path, key="catalog.options.file", allowed=", ".join(FORMATS))
     form = FORMATS[path.suffix.lower()]
+    if form == "parquet":
+        return _read_parquet(path)
     if form == "fits":
         check_headers(path)
     else:
+        if path.is_file() and path.stat().st_size > LARGE:
+            allowed = f"the same table as .fits or .parquet, or a text of less than {LARGE // 10**6} MB"
+            raise InputError(
+                "too large for a table of text", file=path, key="catalog.options.file",
+                value=f"{path.stat().st_size // 10**6} MB", allowed=allowed,
+            )  # fmt: skip
         lines = read_text(path, "utf-8-sig").splitlines()  # with or without Excel's byte-order mark
         if not any(line.strip() for line in lines):
             raise InputError("the table is empty: no heading", file=path)
@@ -51,6 +60,29 @@ def read_table(path):
         raise
     except Exception as exc:  # astropy's readers raise exceptions of many types
         raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
+
+
+def _read_parquet(path):
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+    from astropy.table import MaskedColumn, Table
+
+    try:
+        table = pq.read_table(path)
+    except (OSError, ValueError, pa.ArrowException) as exc:
+        raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
+    twice = next((name for name in table.column_names if table.column_names.count(name) > 1), None)
+    if twice:
+        raise InputError("column given twice", file=path, key=twice)
+    columns = {}
+    for name in table.column_names:
+        column = table[name].combine_chunks()
+        values = column.to_numpy(zero_copy_only=False)
+        if column.null_count and not pa.types.is_floating(column.type):
+            blank = "" if pa.types.is_string(column.type) or pa.types.is_large_string(column.type) else 0
+            values = MaskedColumn(column.fill_null(blank).to_numpy(zero_copy_only=False), mask=column.is_null())
+        columns[name] = values.astype(str) if values.dtype.kind == "O" else values
+    return plain_columns(Table(columns, copy=False), path)
 
 
 def _check_csv(lines, path):

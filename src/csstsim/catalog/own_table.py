@@ -31,8 +31,9 @@ _OPTIONS = ("file", "columns", "instrument")
 class TableCatalog(CatalogBase):
     """Objects of a table.
 
-    options: `file` (.csv, .ecsv or .fits), or `columns`, {name: list of values}; `instrument`, the folder of the camera
-    whose bands are meant (default: the shipped one). Raises InputError for a table that cannot be used.
+    options: `file` (.csv, .ecsv, .fits or .parquet; the last two for millions of rows), or `columns`, {name: list of
+    values}; `instrument`: the camera whose bands are meant, as in a campaign (default: the shipped one). Raises
+    InputError for a table that cannot be used.
     """
 
     PATHS = ("file", "instrument")

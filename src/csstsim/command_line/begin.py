@@ -11,7 +11,8 @@ from csstsim.command_line.group import QUIET
 @click.command()
 @click.argument("folder", type=click.Path())
 @click.option("--catalogue", type=click.Path(), help="Table of your objects (.csv, .ecsv, .fits) to point at and draw.")
-def init(folder, catalogue):
+@click.option("--example", type=click.Choice(["layer", "catalogue", "camera", "shear", "slitless"]), help="An example.")
+def init(folder, catalogue, example):
     """Write a folder with a campaign that runs, for you to change.
 
     \b
@@ -22,13 +23,17 @@ def init(folder, catalogue):
       snakemake --cores 2
     A table of your own objects, and exposures that point at them:
       csstsim init mysky --catalogue objects.csv
+    A worked example: a layer, catalogue class or camera of your own, shear twins, a slitless spectrum:
+      csstsim init mylab --example layer
 
     Its columns: ra, dec (deg, ICRS), mag_r (AB; or any of mag_nuv to mag_y), and if you like type (star, galaxy or
     quasar), size (half-light radius, arcsec), e1, e2, z and others: `python -m pydoc csstsim.catalog.own_table`.
     """
     from csstsim.campaign.starter import init as run
 
-    run(folder, click.echo, catalogue)
+    if catalogue and example:
+        raise click.UsageError("--catalogue and --example exclude each other")
+    run(folder, click.echo, catalogue, example)
 
 
 @click.command(context_settings={"ignore_unknown_options": True})

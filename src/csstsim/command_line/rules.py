@@ -142,16 +142,30 @@ def measure(run, job):
 
 @click.command()
 @of_job
-def extract(run, job):
+@click.option("--snr", type=click.FloatRange(0), help="Least S/N, in a resolution element or a line [default: 5].")
+@click.option("--ids", help="Only these objects: numbers of the truth table, separated by commas.")
+@click.option("--all", "everything", is_flag=True, help="Every object with light on the chip, however faint.")
+def extract(run, job, snr, ids, everything):
     """Extract the spectra of a spectroscopic chip's Level-0 file.
+
+    An emission line counts by itself: its object may have no other light. What is left out is counted, with the reason.
+    A choice of yours goes to a file of its own, *.chosen.parquet.
 
     \b
     For example:
       csstsim extract campaign.yaml --obsid 10100000015 --chip 29
+      csstsim extract campaign.yaml --obsid 10100000015 --chip 29 --ids 1,2 --snr 0
     """
+    from csstsim.stages.extract import SNR_MIN
     from csstsim.stages.extract import extract as run_stage
 
-    run_stage(run, job)
+    if everything and (snr is not None or ids):
+        raise click.UsageError("--all goes without --snr and --ids")
+    try:
+        wanted = None if ids is None else [int(word) for word in ids.split(",")]
+    except ValueError:
+        raise click.BadParameter("numbers, separated by commas", param_hint="--ids") from None
+    run_stage(run, job, 0.0 if everything else SNR_MIN if snr is None else snr, wanted)
 
 
 @click.command()

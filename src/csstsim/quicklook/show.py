@@ -1,9 +1,12 @@
 """`csstsim show`: check the options, draw the picture, write the PNG."""
 
+import logging
+from dataclasses import replace
 from pathlib import Path
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
+from csstsim.io.fits import open_fits, read_header, verify_hdu
 from csstsim.quicklook.figure import DPI, SIDE, draw
 from csstsim.quicklook.marks import brightest, load_marks
 from csstsim.quicklook.picture import read_picture
@@ -24,6 +27,9 @@ def show(
     path = Path(path)
     target = _target(path, output)
     picture = read_picture(path, subtract_overscan)
+    if damage := wrong_checksum(path):
+        logging.getLogger("csstsim").warning("%s: %s; the picture may be wrong", path, damage)
+        picture = replace(picture, remark=" ".join(filter(None, (picture.remark, f"({damage})"))))
     bounds = _region(picture, region) if region else picture.bounds
     part = _inset(path, bounds, inset) if inset else None
     marks = _marks(picture, bounds, truth_table, limit) if truth or truth_table else None
@@ -31,6 +37,18 @@ def show(
     with atomic_path(target) as temporary:
         figure.savefig(temporary, dpi=DPI)
     return target
+
+
+def wrong_checksum(path):
+    """Return what is wrong with the checksums of a FITS file that has some, or None."""
+    with open_fits(path) as file:
+        for hdu in file:
+            if "CHECKSUM" in read_header(hdu, path):
+                try:
+                    verify_hdu(hdu, path)
+                except InputError:
+                    return f"wrong CHECKSUM of HDU {hdu.get_extname() or 'primary'}: the file was changed or is damaged"
+    return None
 
 
 def _target(path, output):

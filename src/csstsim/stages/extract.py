@@ -12,21 +12,35 @@ from csstsim.stages.calibrate import calibrated_frame
 from csstsim.stages.level0 import truth_of
 from csstsim.stages.psf import open_psf
 
+SNR_MIN = 5.0  # of the workflow's spectra
+
 
 @one_thread
-def extract(run, job):
-    """Extract the first-order spectra of a Level-0 file of a spectroscopic chip, and draw some of them."""
+def extract(run, job, snr_min=SNR_MIN, ids=None):
+    """Extract the first-order spectra of a Level-0 file of a spectroscopic chip, and draw some of them.
+
+    snr_min: least S/N; ids: of these objects only. Another choice than the workflow's goes to a file of its own,
+    `*.chosen.parquet`. Raises InputError, also for an id that has no order in the truth.
+    """
     from csstsim.base.files.atomic import atomic_path
-    from csstsim.measure.spectra.extract import extract_spectra
+    from csstsim.measure.spectra.extract import LEFT_OUT, extract_spectra
     from csstsim.measure.spectra.spectra_figures import spectra_figure
 
     truth, frame, orders, *others = spectra_of_frame(run, job)
-    table = extract_spectra(frame, orders, *others)
+    unknown = [] if ids is None else sorted(set(ids) - set(orders["id"].tolist()))
+    if unknown:
+        raise InputError("no object of this chip's table of orders", key="--ids", value=unknown[0])
+    table = extract_spectra(frame, orders, *others, snr_min=snr_min, ids=ids)
     path = run.paths.spectra(*job.key)
+    if snr_min != SNR_MIN or ids is not None:
+        path = path.with_suffix(".chosen.parquet")
     with atomic_path(path.with_suffix(".png")) as temporary:
         temporary.write_bytes(spectra_figure(truth, frame, orders, table))
     table.write(path, table.meta | {"recipe": run.recipe(job, "measure")})
-    print(f"{table.meta['spectra']} spectra of S/N {table.meta['snr_min']:g} and more in a resolution element")
+    print(f"{table.meta['spectra']} spectra of S/N {snr_min:g} and more, in a resolution element or a line: {path}")
+    for name, count in table.meta["left_out"].items():
+        if count:
+            print(f"left out: {count}, {LEFT_OUT[name]}")
 
 
 def spectra_of_frame(run, job):

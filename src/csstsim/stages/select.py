@@ -6,6 +6,8 @@ from csstsim.base.one_thread import one_thread
 from csstsim.stages.psf import psf_box
 from csstsim.stages.stage_frames import Timer
 
+TRIED = 30  # chips on which `check` looks for objects
+
 
 @one_thread
 def select(run, job):
@@ -57,13 +59,22 @@ def check_catalog(run, say):
     jobs = run.imaging_jobs or run.slitless_jobs
     if run.embedded or not jobs:
         return
-    job = jobs[0]
-    report = check(source, run.catalog.options, run.region(job), run.camera)
+    for job in jobs[:TRIED]:  # until one has objects
+        report = check(source, run.catalog.options, run.region(job), run.camera)
+        reach = len(near(report.table, job.wcs, job.observer, job.window)[0])
+        if reach or report.faults:
+            break
     say(f"{run.config.catalog.kind}: {report}")
-    reach = len(near(report.table, job.wcs, job.observer, job.window)[0])
     say(f"{reach} of them are near what chip {job.chip.id} sees in exposure {job.pointing.obsid}")
     if report.faults:
         raise InputError(
             f"the catalogue has {len(report.faults)} faults, the first: {report.faults[0]}", file=run.file,
             key="catalog.kind", value=run.config.catalog.kind,
+        )  # fmt: skip
+    if not reach:
+        tried = "any chip" if len(jobs) <= TRIED else f"the first {TRIED} chips"
+        raise InputError(
+            f"no object of the catalogue reaches {tried}: the images would have no objects", file=run.file,
+            key="catalog", value=run.config.catalog.kind,
+            allowed="objects where the chips look; `csstsim aim` writes exposures of a place",
         )  # fmt: skip

@@ -1,0 +1,35 @@
+"""Where numba keeps compiled code, if neither the package nor the home can be written.
+
+numba writes beside the package, else below the home, else it raises. Compiling anew takes each process 50 CPU-seconds.
+"""
+
+import os
+
+
+def choose_folder(environment, package):
+    """Set NUMBA_CACHE_DIR in the temporary folder, if numba would find no place; call it before numba is imported.
+
+    environment: as os.environ. Returns the folder, or None if there is nothing to choose. Only the user may write
+    there, because numba runs what it finds.
+    """
+    if "NUMBA_CACHE_DIR" in environment or os.access(package, os.W_OK):
+        return None
+    import tempfile
+
+    home = environment.get("XDG_CACHE_HOME") or os.path.join(environment.get("HOME", "/"), ".cache")
+    try:
+        os.makedirs(home, exist_ok=True)
+        with tempfile.TemporaryFile(dir=home):
+            return None
+    except OSError:
+        pass
+    folder = os.path.join(tempfile.gettempdir(), f"csstsim-compiled-{os.getuid()}")
+    try:
+        os.makedirs(folder, mode=0o700, exist_ok=True)
+        about = os.lstat(folder)
+    except OSError:
+        return None
+    if about.st_uid != os.getuid() or about.st_mode & 0o077:
+        return None
+    environment["NUMBA_CACHE_DIR"] = folder
+    return folder

@@ -1,0 +1,36 @@
+"""A place for compiled code where neither the package nor the home can be written."""
+
+import os
+import tempfile
+
+import pytest
+
+from csstsim.base.compiled_code import choose_folder
+
+
+@pytest.fixture
+def read_only(tmp_path, monkeypatch):
+    """A package that cannot be written, for root neither, and a temporary folder of the test's."""
+    monkeypatch.setattr(os, "access", lambda path, mode: False)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    return tmp_path / "package"
+
+
+def test_a_folder_of_the_users_own_is_chosen_where_there_is_no_other(read_only, tmp_path):
+    environment = {"HOME": "/proc/nowhere"}
+    chosen = choose_folder(environment, read_only)
+    assert environment["NUMBA_CACHE_DIR"] == chosen == str(tmp_path / f"csstsim-compiled-{os.getuid()}")
+    assert os.stat(chosen).st_mode & 0o777 == 0o700
+    assert choose_folder({"HOME": "/proc/nowhere"}, read_only) == chosen, "the next process finds the code"
+
+
+def test_nothing_is_chosen_where_numba_finds_a_place(read_only, tmp_path):
+    for environment in ({"HOME": str(tmp_path)}, {"XDG_CACHE_HOME": str(tmp_path / "x")}, {"NUMBA_CACHE_DIR": "mine"}):
+        given = dict(environment)
+        assert choose_folder(environment, read_only) is None and environment == given
+
+
+def test_a_folder_that_others_can_write_is_not_trusted(read_only, tmp_path):
+    (tmp_path / f"csstsim-compiled-{os.getuid()}").mkdir()
+    os.chmod(tmp_path / f"csstsim-compiled-{os.getuid()}", 0o777)
+    assert choose_folder({"HOME": "/proc/nowhere"}, read_only) is None
