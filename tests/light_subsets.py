@@ -15,6 +15,7 @@ units of their errors:
 """
 
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 
 import numpy as np
 from astropy.table import Table
@@ -29,6 +30,7 @@ ACCOUNT = 1e-5, 2e-5  # of the light; wings of spectra are cut off where splines
 NOMINAL = 1e-3  # of the light
 SAME = 5e-4  # of the light, between renderers
 SIDE = 600  # px
+LONG_SIDE = 1000  # px, of spectra: the zeroth and the first order of what is aimed at
 OBSID = "10100000001"
 CHIPS = {"r": 9, "NUV": 7, "y": 6, "GV": 29}
 FIDELITIES = "standard", "noise_free", "preview", "reference"
@@ -97,11 +99,14 @@ def departures(subset, cache):
     return found if nominal is None else found | {"nominal": nominal}
 
 
+@lru_cache(maxsize=len(CHIPS))
+def _aimed(band, cache):
+    return csstsim.Simulation(cache=cache).aim(150.1, 2.2, chip=CHIPS[band], size=LONG_SIDE if band == "GV" else SIDE)
+
+
 def _simulation(subset, fidelity, cache, objects=None):
-    chip = CHIPS[subset.band]
-    sim = csstsim.Simulation(cache=cache).aim(150.1, 2.2, chip=chip, size=SIDE)
     catalog = _objects(subset) if objects is None else objects
-    return sim.replace(catalog=catalog, fidelity=fidelity, psf={"grid": 2}, layers=subset.layers)
+    return _aimed(subset.band, cache).replace(catalog=catalog, fidelity=fidelity, psf={"grid": 2}, layers=subset.layers)
 
 
 def _objects(subset):
@@ -110,8 +115,6 @@ def _objects(subset):
     if subset.band == "GV":
         count = min(count, SPECTRA[subset.fidelity == "reference"])
     x, y = rng.uniform(-200, 200, (2, count))
-    if subset.band == "GV":
-        x -= 700  # their first orders lie on the window
     degrees = 0.074 / 3600
     columns = {"ra": 150.1 + x * degrees / np.cos(np.radians(2.2)), "dec": 2.2 + y * degrees}
     mag = {f"mag_{band}": np.full(count, subset.mag) for band in ("nuv", "r", "y")}

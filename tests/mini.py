@@ -1,5 +1,8 @@
 """A tiny Survey Camera for tests: the shipped filters, telescope and layout around a 256 x 64 pixel detector."""
 
+import shutil
+import tempfile
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -26,15 +29,26 @@ def mini_camera(tmp_path, **geometry):
     the optics' distortion (distortion.yaml, not the model fitted to it) with the width, so that its slopes stay; so do
     spectra; the pixel scale, filters and every other file are the shipped ones.
     """
-    folder = Path(tmp_path) / "instrument"
+    made = _made(tuple((GEOMETRY | geometry).items()))
+    return shutil.copytree(made, Path(tmp_path) / "instrument", dirs_exist_ok=True, copy_function=shutil.copyfile)
+
+
+@cache
+def _kept():
+    return tempfile.TemporaryDirectory(prefix="mini_camera_")
+
+
+@cache
+def _made(geometry):
+    """Return the folder of a geometry, made once in a process, to be copied."""
+    folder, wanted = Path(tempfile.mkdtemp(dir=_kept().name)), dict(geometry)
     for source in INSTRUMENT.rglob("*"):
         if source.is_file():
             target = folder / source.relative_to(INSTRUMENT)
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(source.read_bytes())
-    _edit(folder / "detector.yaml", lambda data: data["geometry"].update(GEOMETRY | geometry))
+    _edit(folder / "detector.yaml", lambda data: data["geometry"].update(wanted))
     shape = yaml.safe_load((INSTRUMENT / "detector.yaml").read_text(encoding="utf-8"))["geometry"]
-    wanted = GEOMETRY | geometry
 
     def shrink(data):
         for chip in data["chips"]["values"]:

@@ -1,7 +1,9 @@
 """A whole campaign small enough for a test: tiny chips, a thinned universe or a catalogue of known stars."""
 
 import shutil
+import tempfile
 import time
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -32,11 +34,9 @@ def write_campaign(folder, pointings=POINTINGS, geometry=None, **changes):
     folder = Path(folder)
     geometry = {"nx": 128, "ny": 128, "channel_nx": 16, "channel_ny": 64} | (geometry or {})
     instrument = mini_camera(folder, **geometry)
-    build(instrument, nodes=8, margin=300.0)  # the shipped distortion fits the real layout only
+    (instrument / "distortion.fits").write_bytes(_distortion(tuple(geometry.items())))
     universe = shutil.copytree(SHIPPED / "universe", folder / "universe", dirs_exist_ok=True)
-    galaxies = yaml.safe_load((universe / "galaxies.yaml").read_text())
-    galaxies["density"]["value"] = THIN
-    (universe / "galaxies.yaml").write_text(yaml.safe_dump(galaxies))
+    (universe / "galaxies.yaml").write_text(_thin_galaxies())
     (folder / "table.csv").write_text("\n".join([HEADER, *pointings]) + "\n")
     campaign = {
         "schema_version": 1, "name": "mini", "seed": 3,
@@ -49,6 +49,22 @@ def write_campaign(folder, pointings=POINTINGS, geometry=None, **changes):
     path = folder / "campaign.yaml"
     path.write_text(yaml.safe_dump(campaign | changes))
     return path
+
+
+@cache
+def _distortion(geometry):
+    """Return the file fitted to a geometry, once in a process: the shipped one fits the real layout only."""
+    with tempfile.TemporaryDirectory() as folder:
+        instrument = mini_camera(folder, **dict(geometry))
+        build(instrument, nodes=8, margin=300.0)
+        return (instrument / "distortion.fits").read_bytes()
+
+
+@cache
+def _thin_galaxies():
+    galaxies = yaml.safe_load((SHIPPED / "universe" / "galaxies.yaml").read_text())
+    galaxies["density"]["value"] = THIN
+    return yaml.safe_dump(galaxies)
 
 
 def write_scene(folder, kind, x, y, mag, chip=9, pointing=POINTINGS[0], **changes):

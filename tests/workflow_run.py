@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 import fitsio
+from forked_snakemake import answer
 from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.campaign.opened import OpenCampaign
@@ -29,10 +30,17 @@ def command(campaign, *arguments):
 
 
 def snakemake(campaign, *arguments):
+    """Return what Snakemake says; it must succeed."""
     line, environment = command(campaign, *arguments)
     done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout + done.stderr
+
+
+def dry_run(campaign, *arguments):
+    """Return (exit code, what it says) of a dry run."""
+    line, _ = command(campaign, *arguments, "--dry-run")
+    return answer(line[3:])
 
 
 def make(folder, pointings=POINTINGS, **changes):

@@ -46,9 +46,14 @@ def made(folder, names, number):
     environment |= dict.fromkeys(names, str(number))
     done = subprocess.run(program, env=environment, capture_output=True, text=True, timeout=600, check=False)
     assert done.returncode == 0, done.stderr
-    for path in sorted(folder.rglob("*"), reverse=True):  # the same folder again: its name stands in products
-        path.rmdir() if path.is_dir() else path.unlink()
+    empty(folder)
     return json.loads(done.stdout)
+
+
+def empty(folder):
+    """The same folder is used again: its name stands in products."""
+    for path in sorted(folder.rglob("*"), reverse=True):
+        path.rmdir() if path.is_dir() else path.unlink()
 
 
 @pytest.fixture(scope="module")
@@ -58,8 +63,12 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def of_one_thread(folder):
-    """What the workflow makes, which sets all of the variables to 1."""
-    return made(folder, THREADS, 1)
+    """What the workflow makes, which sets all of the variables to 1; here in this process."""
+    with threadpool_limits(1, user_api="blas"):
+        assert set(threads().values()) == {1}
+        found = all_products.main(folder)
+    empty(folder)
+    return found
 
 
 @pytest.mark.parametrize(

@@ -59,8 +59,8 @@ def test_summary_and_chart_are_written(folder):
         (("--objects", "two"), "--objects"),
     ],
 )
-def test_bad_options_are_refused(tmp_path, options, named):
-    result = run("--output", str(tmp_path), *options)
+def test_bad_options_are_refused(bench_folder, options, named):
+    result = run("--output", str(bench_folder), *options)
     assert result.exit_code == 2
     assert named in result.output
     assert "Traceback" not in result.output

@@ -43,10 +43,12 @@ def test_a_shape_in_other_words_is_refused_unless_it_is_given_in_ours(names, own
     for name in names:
         with pytest.raises(InputError, match=f"{re.escape(name)}: galaxies are not drawn from this column; {advice}"):
             load(galaxies | sized | {name: [1.0, 2.0]})
-        given = load(galaxies | sized | own | {name: [1.0, 2.0]})
+    every = {name: [1.0, 2.0] for name in names}
+    given, stars = load(galaxies | sized | own | every), load(table(**every))
+    blank = load(table(type=["galaxy", "star"], size=[0.5, np.nan]) | {name: [np.nan, 2.0] for name in names})
+    for name in names:
         assert list(given[f"user_{name}"]) == [1.0, 2.0]
-        assert f"user_{name}" in load(table(**{name: [1.0, 2.0]})).names  # stars
-        blank = load(table(type=["galaxy", "star"], size=[0.5, np.nan]) | {name: [np.nan, 2.0]})
+        assert f"user_{name}" in stars.names
         assert f"user_{name}" in blank.names  # of the galaxy it says nothing
 
 

@@ -17,6 +17,7 @@ from unittest import mock
 MEMORY = 1 << 30  # bytes a worker may ask for beyond what it has when it starts
 SECONDS = 20.0  # for one input; a sound one takes milliseconds, a busy machine forgives no ten thousand times that
 LONGEST = 2000  # characters of a message
+SLOW_TO_IMPORT = ("fuzz.readers", "pyarrow.parquet", "healpy", "matplotlib.pyplot")  # and write caches of their own
 _CODE = ("os.system", "os.exec", "os.posix_spawn", "os.fork", "subprocess.Popen", "socket.connect", "pty.spawn")
 _CHANGES = ("os.remove", "os.rename", "os.rmdir", "os.mkdir", "os.link", "os.symlink", "os.chmod", "os.truncate",
             "shutil.rmtree", "shutil.move")  # fmt: skip
@@ -28,19 +29,19 @@ class Worker:
     def __init__(self, folder, seconds=SECONDS):
         self.folder, self.seconds, self._process = Path(folder), seconds, None
 
-    def __call__(self, function, path):
-        """Return (outcome, text) of function(path) in the process."""
+    def __call__(self, function, path, seconds=None):
+        """Return (outcome, text) of function(path) in the process; it has its usual time, or so many seconds."""
         if self._process is None:
             self._start()
-            self._ask("builtins:len", "")  # its imports are not the input's time
-        return self._ask(function, str(path))
+            self._ask("builtins:len", "", self.seconds)  # its imports are not the input's time
+        return self._ask(function, str(path), seconds or self.seconds)
 
-    def _ask(self, function, path):
+    def _ask(self, function, path, seconds):
         try:
             self._pipe.send((function, path))
-            if self._pipe.poll(self.seconds):
+            if self._pipe.poll(seconds):
                 return self._pipe.recv()
-            why = f"still at it after {self.seconds:g} s"
+            why = f"still at it after {seconds:g} s"
         except (EOFError, OSError):
             self._process.join(5)
             why = f"the process died with {self._process.exitcode}"
@@ -48,7 +49,8 @@ class Worker:
         return "fault", why
 
     def _start(self):
-        context = multiprocessing.get_context("spawn")
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(list(SLOW_TO_IMPORT))  # a second of each process's time
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(theirs, str(self.folder)), daemon=True)
         # Pools of memory are reserved in advance: they would count as used
@@ -70,7 +72,7 @@ class Worker:
 def _serve(pipe, folder):
     """Answer requests until the pipe closes."""
     sys.dont_write_bytecode = True
-    for name in ("fuzz.readers", "pyarrow.parquet", "healpy", "matplotlib.pyplot"):  # which write caches of their own
+    for name in SLOW_TO_IMPORT:
         importlib.import_module(name)
     platform.processor()  # starts a process when a library first asks
     escaped = []

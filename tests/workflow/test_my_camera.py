@@ -22,7 +22,7 @@ FIELD = {"ra": 90.0, "dec": -23.1200, "radius": 0.45}  # within one quarter of t
 def campaign(folder, **changes):
     """Write the example's campaign with changes; return its file."""
     data = yaml.safe_load((EXAMPLE / "campaign.yaml").read_text())
-    data |= {name: str(ROOT / data[name]) for name in ("survey_table", "instrument")}
+    data |= {name: str(EXAMPLE / data[name]) for name in ("survey_table", "instrument")}
     file = Path(folder) / "campaign.yaml"
     file.write_text(yaml.safe_dump(data | {"output": str(Path(folder) / "out")} | changes))
     return file

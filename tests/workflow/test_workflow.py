@@ -10,7 +10,7 @@ import psutil
 import pytest
 import yaml
 from mini_campaign import POINTINGS, write_campaign
-from workflow_run import ROOT, command, content, level0_targets, make, snakemake, with_prepared
+from workflow_run import ROOT, command, content, dry_run, level0_targets, make, snakemake, with_prepared
 
 from csstsim.campaign.opened import OpenCampaign
 
@@ -134,19 +134,20 @@ def planned_with(campaign, path, text):
 
 def planned(campaign, *arguments):
     """Return the rules that Snakemake would run."""
-    said = snakemake(campaign, *arguments, "--dry-run")
+    code, said = dry_run(campaign, *arguments)
+    assert code == 0, said
     return set(re.findall(r"^(\w+) +\d+$", said, re.MULTILINE)) - {"all", "total"}
 
 
 def test_a_slip_in_the_name_of_a_setting_is_refused(tmp_path):
-    line, environment = command(make(tmp_path / "slip"), "campaing=mine.yaml", "--dry-run")
-    done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=120, check=False)
-    assert (
-        done.returncode and "--config campaing: unknown; allowed: campaign, chips, scratch" in done.stdout + done.stderr
-    )
+    code, said = dry_run(make(tmp_path / "slip"), "campaing=mine.yaml")
+    assert code and "--config campaing: unknown; allowed: campaign, chips, scratch" in said
 
 
-@pytest.mark.parametrize(("chips", "log"), [("stages", "level0"), ("whole", "chip"), ("exposure", "exposure")])
+@pytest.mark.parametrize(("chips", "log"), [
+    pytest.param("stages", "level0", marks=pytest.mark.slow),  # as those of the campaign killed and resumed below
+    ("whole", "chip"), ("exposure", "exposure"),
+])  # fmt: skip
 def test_two_cores_and_larger_jobs_give_the_same_bits(undisturbed, tmp_path, chips, log):
     campaign = with_prepared(make(tmp_path / "two", FEW), undisturbed)
     snakemake(campaign, f"chips={chips}", "--cores", "2", *level0_targets(campaign))
@@ -157,16 +158,13 @@ def test_two_cores_and_larger_jobs_give_the_same_bits(undisturbed, tmp_path, chi
 
 @pytest.mark.parametrize("how", ["chips=whole", "chips=exposure", "scratch=/tmp"])
 def test_light_is_kept_by_the_four_stages_only(tmp_path, how):
-    line, environment = command(make(tmp_path / "kept", keep="light"), how, "--dry-run")
-    done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode and "keep: light is kept by the four stages" in done.stdout + done.stderr
+    code, said = dry_run(make(tmp_path / "kept", keep="light"), how)
+    assert code and "keep: light is kept by the four stages" in said
 
 
 def test_an_unknown_size_of_jobs_is_refused(tmp_path):
-    campaign = make(tmp_path / "odd")
-    line, environment = command(campaign, "chips=halves", "--dry-run")
-    done = subprocess.run(line, env=environment, capture_output=True, text=True, timeout=120, check=False)
-    assert done.returncode and "chips: halves; allowed: stages, whole, exposure" in done.stdout + done.stderr
+    code, said = dry_run(make(tmp_path / "odd"), "chips=halves")
+    assert code and "chips: halves; allowed: stages, whole, exposure" in said
 
 
 def test_a_killed_and_resumed_campaign_gives_the_same_bits(undisturbed, tmp_path):

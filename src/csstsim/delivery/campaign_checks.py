@@ -23,12 +23,15 @@ def truth_brick(path, record):
         yield "has objects of another brick"
 
 
-def psf(path, frame):
+def psf(path, frame, seen):
     """Check a chip's PSF set, every node of it, and that a frame of the chip was drawn with it."""
     for node in np.flatnonzero(~(made := _psf(path, frame)).dead):
         made.node(node)
     try:
-        used = read_level0(frame.level0).header0.get("PSFHASH")
+        used = (
+            seen.psf_hash[frame.level0] if frame.level0 in seen.psf_hash
+            else read_level0(frame.level0).header0.get("PSFHASH")
+        )  # fmt: skip
     except (InputError, OSError):
         return  # a fault of that file
     if used not in (None, digest(made.attributes)):

@@ -31,10 +31,12 @@ def other_recipe(found, expected):
             yield f"made for another campaign: {name} {found.get(name)!r:.80}, not {expected.get(name)!r:.80}"
 
 
-def level0(frame):
-    """Check a Level-0 file: checksums, extensions, exposure, chip, recipe and window."""
+def level0(frame, seen):
+    """Check a Level-0 file: checksums, extensions, exposure, chip, recipe and window; note it in `seen`."""
     path = frame.level0
-    file = read_level0(path, verify=True)
+    seen.opened.clear()
+    file = seen.opened[path] = read_level0(path, verify=True)
+    seen.psf_hash[path] = file.header0.get("PSFHASH")
     yield from _whole(path, int(file.header0.get("NEXTEND", 1)))
     head = file.header0
     wanted = {"OBSID": frame.obsid, "DETECTOR": f"{frame.chip:02d}", "FILETYPE": frame.type, "FILENAME": path.stem}
@@ -59,9 +61,9 @@ def _whole(path, extensions):
         yield f"{rest} bytes follow the end of its last extension"
 
 
-def truth(frame):
+def truth(frame, seen):
     """Check a truth table: columns, recipe, rows within the window; then the image against it."""
-    path = frame.beside(TRUTH)
+    path, opened = frame.beside(TRUTH), seen.opened.pop(frame.level0, None)
     table = read_truth(path)
     yield from other_recipe(table.meta.get("recipe"), frame.recipe)
     if table.meta.get("level0") != frame.level0.name:
@@ -74,7 +76,7 @@ def truth(frame):
     yield from _of_frame(table, frame)
     if len(table):
         yield from _drawn(table, frame)
-    yield from _light(frame, table)
+    yield from _light(frame, table, opened)
 
 
 def _of_frame(table, frame):
@@ -100,12 +102,12 @@ def _drawn(table, frame):
             yield f"{int((~(inside & (box[3] <= y1))).sum())} objects were drawn in boxes beyond the window"
 
 
-def _light(frame, table):
-    """Compare the image with the truth, if the budget is known and the image can be read."""
+def _light(frame, table, file):
+    """Compare the image with the truth, if the budget is known and the image can be read; file: it, or None."""
     if "electrons" not in table.meta:
         return  # layers of the user's own
     try:
-        file = read_level0(frame.level0)
+        file = file or read_level0(frame.level0)
     except (InputError, OSError):
         return  # a fault of the image, not of the truth
     yield from light_faults(file, table)

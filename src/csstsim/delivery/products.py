@@ -33,13 +33,15 @@ class Seen:
     measured: dict = field(default_factory=dict)  # {(obsid, chip): rows}
     merged: dict = field(default_factory=dict)  # {brick: (rows, recipe)}
     gates: dict = field(default_factory=dict)  # {brick: how many}
+    opened: dict = field(default_factory=dict)  # {path: io.level0.Level0} of the frame that is being looked at
+    psf_hash: dict = field(default_factory=dict)  # {path: PSFHASH} of sound Level-0 files
 
 
 def products(contents):
     """Return the list of Product of a contents.Contents: those of frames, then what they share."""
     seen = Seen()
     found = [product for frame in contents.frames for product in _of_frame(contents, frame, seen)]
-    found += [*_inputs(contents), *_bricks(contents, seen), *_report(contents, seen)]
+    found += [*_inputs(contents, seen), *_bricks(contents, seen), *_report(contents, seen)]
     return [product for product in found if product.need != NO]
 
 
@@ -48,8 +50,8 @@ def _of_frame(contents, frame, seen):
     orders, cosmic = frame.beside(ORDERS), frame.beside(COSMIC)
     measured, spectra, calibrated = (of(*frame.key) for of in (paths.measure, paths.spectra, paths.calibrated))
     picture = spectra.with_suffix(".png")
-    yield Product("Level-0", frame.level0, YES, partial(frame_checks.level0, frame))
-    yield Product("truth", frame.beside(TRUTH), YES, partial(frame_checks.truth, frame))
+    yield Product("Level-0", frame.level0, YES, partial(frame_checks.level0, frame, seen))
+    yield Product("truth", frame.beside(TRUTH), YES, partial(frame_checks.truth, frame, seen))
     yield Product("truth of orders", orders, frame.extracted, partial(frame_checks.orders, orders, frame))
     yield Product("cosmic rays", cosmic, frame.cosmic, partial(frame_checks.cosmic, cosmic, frame))
     kept = NO if frame.measured == NO else contents.calibrated
@@ -59,7 +61,7 @@ def _of_frame(contents, frame, seen):
     yield Product("figure of spectra", picture, frame.extracted, partial(campaign_checks.picture, picture))
 
 
-def _inputs(contents):
+def _inputs(contents, seen):
     paths = contents.paths
     for path, recipe in contents.light.items():
         yield Product("light of a chip", path, YES, partial(frame_checks.light, path, recipe))
@@ -69,7 +71,7 @@ def _inputs(contents):
         )
     for chip, frame in contents.psf.items():
         made, tables = paths.psf(chip), paths.psf_tables(chip)
-        yield Product("PSF set", made, YES, partial(campaign_checks.psf, made, frame))
+        yield Product("PSF set", made, YES, partial(campaign_checks.psf, made, frame, seen))
         yield Product("PSF tables", tables, YES, partial(campaign_checks.psf_tables, tables, made, frame), (made,))
     for pix, record in contents.truth.items():
         yield Product(
