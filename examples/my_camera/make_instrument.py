@@ -21,7 +21,7 @@ from csstsim.instrument.axe import axe_text, sensitivity_file
 from csstsim.instrument.camera import load_camera, load_telescope
 from csstsim.instrument.filter import GRID, sample_curve
 from csstsim.instrument.grating import sensitivity
-from csstsim.instrument.load import read_sections
+from csstsim.instrument.load import read_data, sections
 from csstsim.instrument.pointing import mjd_utc
 from csstsim.optics.geometry.focal_plane import load_focal_plane, samples
 
@@ -135,7 +135,7 @@ def make(folder):
         keywords = keywords.replace(old, new)
     (here / "level0_keywords.yaml").write_text(keywords)
     telescope, _ = load_telescope(here / "telescope.yaml")
-    (here / "filters.yaml").write_text(filters(telescope, read_sections(here / "detector.yaml")))
+    (here / "filters.yaml").write_text(filters(telescope, sections(read_data(here / "detector.yaml"))))
     camera = load_camera(here)
     (here / "gratings.yaml").write_text(gratings_yaml(camera))
     for name, content in grating(camera).items():

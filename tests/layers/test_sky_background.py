@@ -90,7 +90,7 @@ def test_an_exposure_of_the_earth_is_refused_before_any_work(small):
 def test_faults(small):
     with pytest.raises(InputError, match="looks at the Earth"):
         lit(small, sat_position=tuple(-x for x in HIGH))
-    with pytest.raises(InputError, match="no numbers"):
+    with pytest.raises(InputError, match="no sky parameters"):
         lit(replace(small, sky={}))
 
 

@@ -195,5 +195,5 @@ def test_the_layer(model):
 def test_the_colour_of_the_sky_is_needed():
     grey = replace(CAMERA, sky={})
     state = flat_state(grey, chip=3, window=(3000, 3010, 50, 60), sat_position=(2596.0, 4496.0, -4357.0))
-    with pytest.raises(InputError, match="no numbers"):
+    with pytest.raises(InputError, match="no sky parameters"):
         sky_background.apply(state, sky_background.Param(), Streams(5, "1", 3, "sky_background"))

@@ -119,7 +119,7 @@ def test_malformed_numbers(section, key, value):
 
 
 def test_no_numbers():
-    with pytest.raises(InputError, match="no numbers"):
+    with pytest.raises(InputError, match="no sky parameters"):
         sky_numbers({})
 
 

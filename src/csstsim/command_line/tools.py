@@ -201,6 +201,11 @@ def verify(campaign, output, manifest):
         run = OpenCampaign(campaign, output, copied=output is not None)
     if check(run, folder, print, manifest):
         sys.exit(1)
+    if manifest:
+        from csstsim.compare.content import write_contents
+
+        path = write_contents(folder if run is None else run.paths.output)
+        print(f"{path}: the same in two runs of one campaign")
 
 
 @click.command()

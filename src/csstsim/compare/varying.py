@@ -5,7 +5,7 @@ Everything else in a product is the same, bit by bit, in two runs of one campaig
 
 import re
 
-from csstsim.delivery.manifest import HASHES, SIZES
+from csstsim.delivery.manifest import FILES
 from csstsim.delivery.verify import BESIDE
 
 # FITS keywords, all in HDU 0: a date, timings, and checksums over what is compared as such
@@ -14,7 +14,7 @@ COLUMNS = {"ms"}  # CPU milliseconds of an object
 # Keys of records (JSON files, metadata of tables, META of frames, HDF5 attributes); the size is that of files
 KEYS = {"stages", "timing", "checksum", "hats_estsize"}
 # No products: the workflow's files, and hashes of files with dates in them
-BESIDE_PRODUCTS = {*BESIDE, HASHES, SIZES}
+BESIDE_PRODUCTS = {*BESIDE, *FILES}
 _PAGE = re.compile(
     r'(?s)<section id="times">.*?</section>|<a href="#times">[^<]*</a> ?|<tr><th>campaign file</th>.*?</tr>'
 )

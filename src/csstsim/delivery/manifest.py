@@ -2,6 +2,7 @@
 
 MANIFEST.sha256   hash and path of every product, as `sha256sum -c MANIFEST.sha256` reads it
 MANIFEST.tsv      path, size in bytes and kind of every product, with a heading; its own hash is in the other
+MANIFEST.content  hash of what each product holds, without dates and timings (compare.content)
 """
 
 import hashlib
@@ -11,7 +12,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.progress import progress
 
-HASHES, SIZES = "MANIFEST.sha256", "MANIFEST.tsv"
+HASHES, SIZES, CONTENT = FILES = "MANIFEST.sha256", "MANIFEST.tsv", "MANIFEST.content"
 _LINE = re.compile(r"([0-9a-f]{64}) [ *]([A-Za-z0-9_.=/-]+)")
 _HEADING = "path\tbytes\tproduct"
 
@@ -45,7 +46,7 @@ def manifest_faults(folder, present, expected):
     if not (folder / HASHES).is_file():
         return
     try:
-        listed = _read(folder / HASHES)
+        listed = read_manifest(folder / HASHES)
     except InputError as exc:
         yield HASHES, str(exc)
         return
@@ -61,7 +62,7 @@ def manifest_faults(folder, present, expected):
         yield name, f"not listed in {HASHES}: newer"
 
 
-def _read(path):
+def read_manifest(path):
     """Return {path: SHA-256}. Raises InputError for a line that `write_manifest` does not write."""
     listed = {}
     try:

@@ -7,7 +7,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.progress import progress
 from csstsim.delivery.contents import MAYBE, of_campaign
 from csstsim.delivery.folder import of_folder
-from csstsim.delivery.manifest import HASHES, SIZES, manifest_faults, write_manifest
+from csstsim.delivery.manifest import FILES, HASHES, SIZES, manifest_faults, write_manifest
 from csstsim.delivery.products import products
 from csstsim.io.output_owner import FILE as OWNER
 
@@ -100,7 +100,7 @@ def _foreign(root, known):
         here = os.path.relpath(place, root)
         prefix = "" if here == "." else here.replace(os.sep, "/") + "/"
         for name in sorted(files):
-            if prefix + name not in known and prefix + name not in (HASHES, SIZES, *BESIDE):
+            if prefix + name not in known and prefix + name not in (*FILES, *BESIDE):
                 yield prefix + name, _why_foreign(prefix + name)
         for name in sorted(below):
             path = os.path.join(place, name)

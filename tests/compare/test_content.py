@@ -1,0 +1,58 @@
+"""MANIFEST.content: the same in two runs of one campaign, and another where a product holds something else."""
+
+import json
+import shutil
+
+import pytest
+from astropy.io import fits
+
+from csstsim.catalog.table import ObjectTable
+from csstsim.compare.content import content_hash, write_contents
+from csstsim.delivery.manifest import CONTENT, HASHES, write_manifest
+
+
+def test_two_runs_of_a_campaign_have_one_content(runs, tmp_path):
+    lines = []
+    for number, run in enumerate(runs):
+        folder = shutil.copytree(run, tmp_path / str(number), ignore=shutil.ignore_patterns("logs", "benchmarks"))
+        names = [path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()]
+        write_manifest(folder, {name: "product" for name in names if name != "campaign.json"})
+        lines.append((write_contents(folder)).read_text())
+    hashes = [(tmp_path / number / HASHES).read_text() for number in "01"]
+    assert lines[0] == lines[1] and hashes[0] != hashes[1], "dates and timings are in the files, not in their content"
+    assert {name.rsplit(".", 1)[-1] for name in names} >= {"fits", "parquet", "json", "html", "h5", "png"}
+    assert len(lines[0].splitlines()) == len(names) - ("campaign.json" in names) and CONTENT not in lines[0]
+
+
+def change_table(path):
+    table = ObjectTable.read(path)
+    name = next(name for name in table.names if table[name].dtype.kind == "f" and name != "ms")
+    values = table[name].copy()
+    values[0] += 1.0
+    table.with_columns(**{name: values}).write(path, table.meta)
+
+
+def change_keyword(path):
+    fits.setval(path, "OBJECT", value="another")
+
+
+def change_record(path):
+    record = json.loads(path.read_text())
+    path.write_text(json.dumps(record | {"brick": -1}))
+
+
+@pytest.mark.parametrize(
+    ("pattern", "change"),
+    [
+        ("level0/*/*_L0_V01.fits", change_keyword),
+        ("measure/*.parquet", change_table),
+        ("validate/*.json", change_record),
+    ],
+)
+def test_what_differs_has_another_hash(copied, pattern, change):
+    run, copy = copied
+    path = next(iter(sorted(copy.glob(pattern))))
+    before = content_hash(run / path.relative_to(copy))
+    assert content_hash(path) == before
+    change(path)
+    assert content_hash(path) != before
