@@ -8,8 +8,8 @@
 
 A Simulation never changes and can be pickled. Its results depend on it alone: the same Simulation gives the same bits,
 in any order, in a loop and in several processes. Only truth bricks and PSF sets are written, to `cache`; their names
-contain a digest of what decides them. Relative paths in a campaign file start at the folder Python runs in, as on the
-command line. The logger `csstsim` lists the files that are made, and the objects that are not drawn.
+contain a digest of what decides them. Relative paths in a campaign file start at the folder of that file; a survey
+table, layer list or instrument given to `replace` is looked for from the folder Python runs in. The logger `csstsim` lists the files that are made, and the objects that are not drawn.
 """
 
 import copy
@@ -103,6 +103,10 @@ class Simulation:
             keys["select"] = config["select"] | ({"region": None} if keys["window"] != "region" else {})
         pointings = None if "survey_table" in keys else self._pointings
         kept = {} if "observations" in keys else self._layers
+        given, own = keys.get("instrument"), config["instrument"]
+        if isinstance(given, dict) and "folder" not in given and own:  # numbers of this camera
+            own = own if isinstance(own, dict) else {"folder": own}
+            keys["instrument"] = {**own, **given}
         bands = (load_camera(keys["instrument"]) if "instrument" in keys else self._run.camera).bands
         keys = copy.deepcopy(keys) | (
             {} if catalog is None else {"catalog": _catalog(catalog, config["catalog"], bands)}

@@ -20,7 +20,8 @@ KEYS = "campaign", "chips", "scratch"  # of --config
 for key in config:
     if key not in KEYS:  # a slip of the pen would run the demo
         raise WorkflowError(f"--config {key}: unknown; allowed: {', '.join(KEYS)}")
-CAMPAIGN = config.get("campaign", "config/campaign.yaml")
+# Snakemake knows a product by the text of its path: one text from wherever the campaign is named
+CAMPAIGN = os.path.abspath(config.get("campaign", "config/campaign.yaml"))
 
 
 def node_scratch():
@@ -43,6 +44,7 @@ CHIPS_AS = str(config.get("chips", "stages"))  # a YAML file may hold anything
 try:
     RUN = OpenCampaign(CAMPAIGN, scratch=SCRATCH)
     check_kept(RUN, CHIPS_AS, "scratch" in config)
+    _ = RUN.open_truth(), RUN.recipes.psf  # faults of the catalogue are met here, not in a rule
     JOBS = {(job.pointing.obsid, f"{job.chip.id:02d}"): job for job in RUN.jobs}
 except CsstsimError as error:
     print(f"{ERROR} {with_page(error)}", file=sys.stderr)

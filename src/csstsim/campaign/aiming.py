@@ -1,15 +1,17 @@
 """`csstsim aim` writes exposures of one place as rows of a survey table."""
 
 import math
+import tempfile
 from datetime import timedelta
 from pathlib import Path
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
-from csstsim.campaign.survey_table import OBSID, OBSID_ALLOWED
+from csstsim.campaign.survey_table import OBSID, OBSID_ALLOWED, load_survey_table
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.geometry.pointing_for import centred_exposure
 
+FARTHEST = 3600.0  # arcsec
 GAP_S = 60.0  # between the end of an exposure and the start of the next
 TIME = "2027-11-20T01:20:00"
 HEADER = "obsid,type,ra,dec,pa,time,exptime"
@@ -50,14 +52,17 @@ def aimed(camera, ra, dec, chips, *, pa=0.0, times=(TIME,), shifts=((0.0, 0.0),)
     if not OBSID.fullmatch(obsid):
         raise InputError("not an observation id", key="--obsid", value=obsid, allowed=OBSID_ALLOWED)
     scale, found = camera.telescope.pixel_scale, []
+    for shift in shifts:
+        if not all(abs(value) <= FARTHEST for value in shift):  # NaN, too
+            raise InputError("too far", key="--dither", value=shift, allowed=f"up to {FARTHEST:g} arcsec")
     for time in times:
         for chip, shift in ((chip, shift) for chip in chips for shift in shifts):
             pointing = centred_exposure(
                 camera, chip, ra, dec, obsid=obsid, pa=pa, time=time, exptime=exptime,
                 shift=tuple(value / scale for value in shift),
             )  # fmt: skip
-            if found and found[-1][1].start <= pointing.start < found[-1][1].end:
-                raise InputError("the exposures of the time before have not ended", key="--time", value=time)
+            if any(other.start < pointing.end and pointing.start < other.end for _, other in found):
+                raise InputError("exposures overlap: another has not ended", key="--time", value=time)
             found.append((chip, pointing))
             obsid, time = next_obsid(obsid), after(pointing)
     return found
@@ -66,7 +71,8 @@ def aimed(camera, ra, dec, chips, *, pa=0.0, times=(TIME,), shifts=((0.0, 0.0),)
 def table_of(found, comment=()):
     """Return the text of a survey table with the exposures that `aimed` returned."""
     rows = [
-        f"{p.obsid},{p.type},{p.ra:.6f},{p.dec:.6f},{p.pa:.4f},{p.time},{p.exptime:g}" for _, p in found
+        f"{p.obsid},{p.type},{round(p.ra, 6) % 360.0:.6f},{p.dec:.6f},{p.pa:.4f},{p.time},{p.exptime:.10g}"
+        for _, p in found
     ]  # fmt: skip
     return "\n".join([*(f"# {line}" for line in comment), HEADER, *rows]) + "\n"
 
@@ -78,6 +84,13 @@ def aim(ra, dec, say, *, instrument, chips, filters, output=None, shifts=(), tim
     found = aimed(camera, ra, dec, wanted, shifts=shifts or ((0.0, 0.0),), times=times or (TIME,), **values)
     comment = [f"ra {ra:g}, dec {dec:g} on " + ", ".join(f"chip {chip.id} ({chip.filter})" for chip in wanted)]
     text = table_of(found, comment)
+    with tempfile.TemporaryDirectory() as folder:  # what the reader would refuse is refused now
+        check = Path(folder) / "table.csv"
+        check.write_text(text)
+        try:
+            load_survey_table(check, camera.orbit)
+        except InputError as error:
+            raise InputError(str(error).replace(f"{check}: ", "")) from None
     if output is None:
         say(text, nl=False)
         return
@@ -86,6 +99,8 @@ def aim(ra, dec, say, *, instrument, chips, filters, output=None, shifts=(), tim
     with atomic_path(output) as temporary:
         Path(temporary).write_text(text)
     numbers = ", ".join(str(number) for number in sorted({chip.id for chip in wanted}))
-    say(f"{output}: {len(found)} exposures. In the campaign, with a radius [arcmin] of your choice:")
+    say(
+        f"{output}: {len(found)} exposures. In the campaign, in place of these keys, with a radius [arcmin] of your choice:"
+    )
     say(f"  survey_table: {output}\n  select:\n    chips: [{numbers}]")
-    say(f"    region: {{ra: {ra:g}, dec: {dec:g}, radius: 1}}\n  window: region")
+    say(f"    region: {{ra: {ra % 360:.10g}, dec: {dec:.10g}, radius: 1}}\n  window: region")

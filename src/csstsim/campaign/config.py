@@ -271,7 +271,10 @@ def load_campaign(path):
 
 def beside(file, path):
     """Return a path of a campaign file: relative ones begin in the folder of that file."""
-    return Path(os.path.normpath(Path(file).parent / path))
+    folder = Path(file).parent
+    if ".." in Path(path).parts and folder.resolve() != Path(os.path.abspath(folder)):
+        folder = folder.resolve()  # `..` of a folder that is reached by a link
+    return Path(os.path.normpath(folder / path))
 
 
 def _there(file, path):

@@ -163,6 +163,7 @@ class OpenCampaign:
         given = self.config.catalog
         if self.embedded:
             return given
+        self._own_module(given.kind.partition(":")[0].partition(".")[0])
         options = dict(given.options)
         if given.kind == TABLE_KIND and self.config.instrument is not None:
             options.setdefault("instrument", self.config.instrument)
@@ -174,6 +175,16 @@ class OpenCampaign:
             elif isinstance(value, list):
                 options[name] = [str(beside(self.file, path)) for path in value]
         return given.model_copy(update={"options": options})
+
+    def _own_module(self, name):
+        """Raise InputError if a module beside the campaign file is hidden by another of its name."""
+        beside_it, loaded = self.file.parent.resolve(), getattr(sys.modules.get(name), "__file__", None)
+        there = [path for path in (beside_it / f"{name}.py", beside_it / name / "__init__.py") if path.is_file()]
+        if there and loaded and not Path(loaded).resolve().is_relative_to(beside_it):
+            raise InputError(
+                f"{loaded} was loaded under this name, not {there[0]}", file=self.file, key="catalog.kind", value=name,
+                allowed="another name for the module, or another process",
+            )  # fmt: skip
 
     @property
     def embedded(self):

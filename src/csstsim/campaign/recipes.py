@@ -19,7 +19,7 @@ READERS = {
     "output": (),
     "survey_table": (),
     "observations*": (),
-    "instrument": (),
+    "instrument*": (),
     "universe": (),
     "select.*": (),
     "window*": (),  # the job's, in `exposure`

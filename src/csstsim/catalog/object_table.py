@@ -67,6 +67,8 @@ def _read_parquet(path):
     import pyarrow.parquet as pq
     from astropy.table import MaskedColumn, Table
 
+    if not path.is_file():
+        raise InputError("no such file", file=path)
     try:
         table = pq.read_table(path)
     except (OSError, ValueError, pa.ArrowException) as exc:
@@ -77,12 +79,31 @@ def _read_parquet(path):
     columns = {}
     for name in table.column_names:
         column = table[name].combine_chunks()
-        values = column.to_numpy(zero_copy_only=False)
-        if column.null_count and not pa.types.is_floating(column.type):
-            blank = "" if pa.types.is_string(column.type) or pa.types.is_large_string(column.type) else 0
-            values = MaskedColumn(column.fill_null(blank).to_numpy(zero_copy_only=False), mask=column.is_null())
-        columns[name] = values.astype(str) if values.dtype.kind == "O" else values
+        if pa.types.is_dictionary(column.type):
+            column = column.dictionary_decode()
+        if pa.types.is_decimal(column.type) or pa.types.is_null(column.type):
+            column = column.cast(pa.float64())
+        words = pa.types.is_string(column.type) or pa.types.is_large_string(column.type)
+        if not (words or pa.types.is_floating(column.type) or _is_whole(column.type)):
+            allowed = "numbers or words"
+            raise InputError(
+                "not a column of single values", file=path, key=name, value=str(column.type), allowed=allowed
+            )
+        empty = column.is_null().to_numpy(zero_copy_only=False)
+        if words:
+            columns[name] = np.array(["" if value is None else value for value in column.to_pylist()], dtype=str)
+        elif empty.any() and _is_whole(column.type):
+            blank = False if pa.types.is_boolean(column.type) else 0
+            columns[name] = MaskedColumn(column.fill_null(blank).to_numpy(zero_copy_only=False), mask=empty)
+        else:
+            columns[name] = column.to_numpy(zero_copy_only=False)
     return plain_columns(Table(columns, copy=False), path)
+
+
+def _is_whole(kind):
+    import pyarrow as pa
+
+    return pa.types.is_integer(kind) or pa.types.is_boolean(kind)
 
 
 def _check_csv(lines, path):

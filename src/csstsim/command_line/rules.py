@@ -149,7 +149,7 @@ def extract(run, job, snr, ids, everything):
     """Extract the spectra of a spectroscopic chip's Level-0 file.
 
     An emission line counts by itself: its object may have no other light. What is left out is counted, with the reason.
-    A choice of yours goes to a file of its own, *.chosen.parquet.
+    A choice of yours goes to a file of its own, in chosen/.
 
     \b
     For example:

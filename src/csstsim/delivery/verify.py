@@ -11,7 +11,7 @@ from csstsim.delivery.manifest import FILES, HASHES, SIZES, manifest_faults, wri
 from csstsim.delivery.products import products
 from csstsim.io.output_owner import FILE as OWNER
 
-BESIDE = ("logs", "benchmarks", ".snakemake", OWNER)  # of the workflow: neither products nor foreign
+BESIDE = ("logs", "benchmarks", ".snakemake", "chosen", OWNER)  # of the workflow: neither products nor foreign
 
 # What a file of good checksums and wrong content makes of its reader: a column of text, a record that is no number.
 WRONG = (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, MemoryError)

@@ -34,12 +34,17 @@ class InstrumentFiles:
 
     def __init__(self, instrument=None):
         given = dict(instrument) if isinstance(instrument, Mapping) else {"folder": instrument}
-        self.folder = Path(given.pop("folder", None) or SHIPPED / "instrument")
+        folder = given.pop("folder", None)
+        if not isinstance(folder, str | Path | None):
+            raise InputError("not the name of a folder", key="instrument.folder", value=folder)
+        self.folder = Path(folder or SHIPPED / "instrument")
         if not self.folder.is_dir():
             raise InputError("no such instrument folder", file=self.folder)
         self._changes = {}  # {file: {keys: number}}
         for name, value in flat(given).items():
-            file, keys = self._place(name, value)
+            file, keys = self._place(str(name), value)
+            if keys in self._changes.get(file, {}):
+                raise InputError("the number is given twice", key=f"instrument.{name}", value=value)
             self._changes.setdefault(file, {})[keys] = value
         self.changes = {
             ".".join((file, *keys)): value for file, of in self._changes.items() for keys, value in of.items()

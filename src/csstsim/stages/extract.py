@@ -20,7 +20,7 @@ def extract(run, job, snr_min=SNR_MIN, ids=None):
     """Extract the first-order spectra of a Level-0 file of a spectroscopic chip, and draw some of them.
 
     snr_min: least S/N; ids: of these objects only. Another choice than the workflow's goes to a file of its own,
-    `*.chosen.parquet`. Raises InputError, also for an id that has no order in the truth.
+    in `chosen/`. Raises InputError, also for an id that has no order in the truth.
     """
     from csstsim.base.files.atomic import atomic_path
     from csstsim.measure.spectra.extract import LEFT_OUT, extract_spectra
@@ -33,7 +33,8 @@ def extract(run, job, snr_min=SNR_MIN, ids=None):
     table = extract_spectra(frame, orders, *others, snr_min=snr_min, ids=ids)
     path = run.paths.spectra(*job.key)
     if snr_min != SNR_MIN or ids is not None:
-        path = path.with_suffix(".chosen.parquet")
+        path = run.paths.output / "chosen" / path.name
+        path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_path(path.with_suffix(".png")) as temporary:
         temporary.write_bytes(spectra_figure(truth, frame, orders, table))
     table.write(path, table.meta | {"recipe": run.recipe(job, "measure")})

@@ -65,6 +65,9 @@ def check_catalog(run, say):
         if reach or report.faults:
             break
     say(f"{run.config.catalog.kind}: {report}")
+    unused = [name.removeprefix("user_") for name in report.table.names if name.startswith("user_")]
+    if unused:
+        say(f"columns that are not used, but kept in the truth as user_*: {', '.join(unused)}")
     say(f"{reach} of them are near what chip {job.chip.id} sees in exposure {job.pointing.obsid}")
     if report.faults:
         raise InputError(

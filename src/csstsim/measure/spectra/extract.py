@@ -142,7 +142,7 @@ def chosen_orders(frame, orders, sources, model, *, wanted=(1,), snr_min=5.0, id
     in the mean or in a line; ids: of these objects only. Near the line between two gratings the second gives none.
     """
     asked = np.isin(orders["order"], wanted) & (True if ids is None else np.isin(orders["id"], ids))
-    light, largest = orders["drawn"] > 0, _largest(orders)
+    light, largest = (orders["drawn"] > 0) & np.isfinite(orders["wave_min"]), _largest(orders)
     snr = predicted_snr(orders, sources.shapes, frame.noise)
     if sources.spectra is not None:
         dim = np.flatnonzero(asked & light & largest & (snr < snr_min) & (snr >= LINES_FROM * snr_min))

@@ -80,7 +80,7 @@ def centred_exposure(
             pointing, chip, target, (x + shift[0], y + shift[1]),
             load_distortion(camera.folder / "distortion.fits") if distorted else None,
         )  # fmt: skip
-    except ValueError as exc:
+    except (ValueError, OverflowError) as exc:
         raise InputError(str(exc), key="ra, dec, time") from None
 
 
