@@ -8,8 +8,9 @@
 
 A Simulation never changes and can be pickled. Its results depend on it alone: the same Simulation gives the same bits,
 in any order, in a loop and in several processes. Only truth bricks and PSF sets are written, to `cache`; their names
-contain a digest of what decides them. Relative paths in a campaign file start at the folder of that file; a survey
-table, layer list or instrument given to `replace` is looked for from the folder Python runs in. The logger `csstsim` lists the files that are made, and the objects that are not drawn.
+contain a digest of what decides them. Relative paths in a campaign file start at the folder of that file; those given
+to `replace` start at the folder Python runs in, but for psf.library and a catalogue's files. The logger `csstsim` lists
+the files that are made, and the objects that are not drawn.
 """
 
 import copy

@@ -99,8 +99,6 @@ def aim(ra, dec, say, *, instrument, chips, filters, output=None, shifts=(), tim
     with atomic_path(output) as temporary:
         Path(temporary).write_text(text)
     numbers = ", ".join(str(number) for number in sorted({chip.id for chip in wanted}))
-    say(
-        f"{output}: {len(found)} exposures. In the campaign, in place of these keys, with a radius [arcmin] of your choice:"
-    )
+    say(f"{output}: {len(found)} exposures. In the campaign, in place of these keys (radius in arcmin):")
     say(f"  survey_table: {output}\n  select:\n    chips: [{numbers}]")
     say(f"    region: {{ra: {ra % 360:.10g}, dec: {dec:.10g}, radius: 1}}\n  window: region")
