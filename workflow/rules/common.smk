@@ -44,7 +44,10 @@ CHIPS_AS = str(config.get("chips", "stages"))  # a YAML file may hold anything
 try:
     RUN = OpenCampaign(CAMPAIGN, scratch=SCRATCH)
     check_kept(RUN, CHIPS_AS, "scratch" in config)
-    _ = RUN.open_truth(), RUN.recipes.psf  # faults of the catalogue are met here, not in a rule
+    _ = (
+        RUN.open_truth(),
+        RUN.recipes.psf,
+    )  # faults of the catalogue are met here, not in a rule
     JOBS = {(job.pointing.obsid, f"{job.chip.id:02d}"): job for job in RUN.jobs}
 except CsstsimError as error:
     print(f"{ERROR} {with_page(error)}", file=sys.stderr)
