@@ -12,7 +12,7 @@ from slitless import LIGHT, GaussianPsf, draw, frame_of, setting, sources_of, wi
 
 from csstsim.base.units import ab_photon_density
 from csstsim.instrument.filter import GRID
-from csstsim.measure.spectra import extract
+from csstsim.measure.spectra import chosen_orders, extract
 from csstsim.measure.spectra.extract import extract_spectra
 from csstsim.measure.spectra.line_profile import ACROSS, OFFSETS, Shapes, broadened, psf_profile
 from csstsim.optics.scatter.scattered_light import read_scattered
@@ -285,16 +285,18 @@ def test_a_line_is_chosen_as_a_line(camera):
     draw(image, window, s.gratings, s.orders, spectrum, first_orders(s)[0])
     orders = s.orders.with_columns(drawn=np.where(s.orders["order"] == 1, image.sum(), s.orders["drawn"]))
     frame, sources = frame_of(image, window, sky=60.0), sources_of([spectrum])
-    mean = extract.predicted_snr(orders, sources.shapes, frame.noise)[first_orders(s)[0]]
-    peak = extract.line_snr(orders.take(first_orders(s)), sources, s.model, frame.noise)[0]
+    mean = chosen_orders.predicted_snr(orders, sources.shapes, frame.noise)[first_orders(s)[0]]
+    peak = chosen_orders.line_snr(orders.take(first_orders(s)), sources, s.model, frame.noise)[0]
     assert mean < 5.0 < peak
     # all the line's light in sqrt(element x rows) pixels of sky: the bound that an element of three pixels comes near
     assert (
-        peak < image.sum() / np.sqrt(image.sum() + extract.ELEMENT * extract.ELEMENT_ROWS * frame.noise**2) < 4 * peak
+        peak
+        < image.sum() / np.sqrt(image.sum() + chosen_orders.ELEMENT * chosen_orders.ELEMENT_ROWS * frame.noise**2)
+        < 4 * peak
     )
-    chosen, left = extract.chosen_orders(frame, orders, sources, s.model)
+    chosen, left = chosen_orders.chosen_orders(frame, orders, sources, s.model)
     assert chosen.sum() == 1 and left["faint"] == 0
-    without, left = extract.chosen_orders(frame, orders, replace(sources, spectra=None), s.model)
+    without, left = chosen_orders.chosen_orders(frame, orders, replace(sources, spectra=None), s.model)
     assert not without.any() and left["faint"] == 1
 
 

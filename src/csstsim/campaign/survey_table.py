@@ -29,13 +29,18 @@ _MAX_RADIUS_KM, _MAX_SPEED_KM_S = 50_000.0, 12.0  # beyond these a state is in a
 
 @explained("survey table")
 def load_survey_table(path, orbit=None):
-    """Return the table's exposures, a tuple of Pointing in file order.
+    """Return the exposures of a file as `exposures_of` does. Raises InputError for the first fault."""
+    return exposures_of(read_text(Path(path), "utf-8-sig"), orbit, Path(path))
 
-    `orbit` (instrument.orbit.Orbit; None = the shipped one) gives the spacecraft's state where a row has none.
-    Raises InputError for the first fault.
+
+@explained("survey table")
+def exposures_of(text, orbit=None, path=None):
+    """Return the exposures in a table's text, a tuple of Pointing in the order of its lines.
+
+    `orbit` (instrument.orbit.Orbit; None = the shipped one) gives the spacecraft's state where a row has none; `path`
+    is what errors name. Raises InputError for the first fault.
     """
-    path = Path(path)
-    lines = _lines(path)
+    lines = _lines(path, text)
     if not lines:
         raise InputError("the table is empty: no header line", file=path)
     header = _header(path, *lines[0])
@@ -56,9 +61,9 @@ def load_survey_table(path, orbit=None):
     return tuple(pointings)
 
 
-def _lines(path):
+def _lines(path, text):
     """(line number, cells) of every line that is neither blank nor a comment."""
-    lines = enumerate(read_text(path, "utf-8-sig").splitlines(), start=1)
+    lines = enumerate(text.splitlines(), start=1)
     kept = [(number, line) for number, line in lines if line.strip() and not line.lstrip().startswith("#")]
     return [(number, _cells(path, number, line)) for number, line in kept]
 

@@ -23,7 +23,8 @@ def extract(run, job, snr_min=SNR_MIN, ids=None):
     in `chosen/`. Raises InputError, also for an id that has no order in the truth.
     """
     from csstsim.base.files.atomic import atomic_path
-    from csstsim.measure.spectra.extract import LEFT_OUT, extract_spectra
+    from csstsim.measure.spectra.chosen_orders import LEFT_OUT
+    from csstsim.measure.spectra.extract import extract_spectra
     from csstsim.measure.spectra.spectra_figures import spectra_figure
 
     truth, frame, orders, *others = spectra_of_frame(run, job)
