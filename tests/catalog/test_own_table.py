@@ -112,6 +112,24 @@ def test_other_surveys_columns_travel_on():
     assert {f"user_{name}" for name in other} <= set(table.names)
 
 
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("mag_R", "mag_R is unknown to csstsim; is mag_r meant"),  # a band of both spellings: Johnson's R, perhaps
+        ("g", "g is not used; is mag_g meant"),
+        ("mag_k", "mag_k is not used: the camera's magnitudes are mag_nuv, mag_u"),
+        ("mag_V", "mag_V is not used"),
+        ("MAG_AUTO_g", "MAG_AUTO_g is not used"),
+        ("mag_r_err", ""),
+        ("note", ""),
+    ],
+)
+def test_a_magnitude_that_is_not_used_is_said(name, words):
+    warnings = check(TableCatalog, {"columns": columns(**{name: [1.0, 2.0]})}, sky_region(10.0, 0.1, 0.3)).warnings
+    found = [text for text in warnings if name in text]
+    assert len(found) == bool(words) and (not words or words in found[0]), warnings
+
+
 def test_a_table_out_of_excel(tmp_path):
     (tmp_path / "t.csv").write_bytes("\ufeffra,dec,mag_r\r\n10,0.1,20\r\n".encode())
     assert len(TableCatalog({"file": tmp_path / "t.csv"}, REGION).table) == 1
@@ -154,6 +172,8 @@ def test_units_are_turned_into_ours():
         ({"columns": columns(mag_g=[20.0, -99.0])}, "row 2 has a magnitude outside"),
         ({"columns": columns(typ=["star", "star"])}, "typ: is type meant"),
         ({"columns": columns(mag_G=[20.0, 20.0])}, "mag_G: is mag_g meant"),
+        ({"columns": columns(gmag=[20.0, 20.0])}, "gmag: is mag_g meant"),
+        ({"columns": columns(siez=[0.5, 0.5])}, "siez: is size meant"),
         ({"columns": {"RA": [1.0], "DEC": [1.0], "mag_r": [20.0]}}, "RA: is ra meant"),
         ({"columns": columns(size=[0.5, 0.5])}, "the column type is missing"),
         ({"columns": columns(type=["galaxy", "star"])}, "row 1 cannot be drawn: a galaxy without size_disk"),

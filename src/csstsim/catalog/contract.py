@@ -12,7 +12,6 @@ intended. An exception raised by the catalogue's own code becomes an InputError 
 
 from collections import defaultdict
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from csstsim.base.healpix import NSIDE
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import Region, name_of, read_columns, users_code
 from csstsim.catalog.light.photometry import load_fluxes, rate_to_mag
+from csstsim.catalog.misspelt import meant, unused_magnitude
 from csstsim.catalog.open import make_catalog
 from csstsim.catalog.selection.drawable import reasons
 from csstsim.catalog.table import STAR, TYPES, ObjectTable, columns_with
@@ -81,7 +81,7 @@ def check(cls, options, region, camera=None, most=100):
     faults, warnings = defaultdict(list), defaultdict(list)
     ids, times = np.unique(table["id"], return_counts=True)
     faults["an id given more than once"] = list(ids[times > 1])
-    _check_columns(table, columns_with(camera.bands), faults, warnings)
+    _check_columns(table, camera.bands, faults, warnings)
     rows = _sample(table["obj_type"], most)
     for row in rows:
         _check_spectrum(catalog, catalog.objs[row], faults, warnings)
@@ -99,7 +99,7 @@ def _sample(kinds, most):
     return np.sort(np.concatenate(picked))
 
 
-def _check_columns(table, known, faults, warnings):
+def _check_columns(table, bands, faults, warnings):
     """Check the objects' parameters."""
     not_drawn = np.zeros(len(table), dtype=bool)
     for reason, mask in reasons(table).items():
@@ -110,10 +110,11 @@ def _check_columns(table, known, faults, warnings):
     warnings["flags are csstsim's own, and keep an object from being drawn"] = list(table["id"][table["flags"] != 0])
     shaped = (table["obj_type"] == STAR) & (np.hypot(table["e1"], table["e2"]) + table["size_disk"] > 0)
     warnings["a star, drawn as a point, has a size or an ellipticity"] = list(table["id"][shaped])
-    for name in table:
-        meant = get_close_matches(name.removeprefix("user_").lower(), known, n=1, cutoff=0.8)
-        if name.startswith("user_") and meant:
-            warnings[f"{name.removeprefix('user_')} is unknown to csstsim; is {meant[0]} meant"] = list(table["id"])
+    for name in (name.removeprefix("user_") for name in table if name.startswith("user_")):
+        if column := meant(name, columns_with(bands)):
+            warnings[f"{name} is unknown to csstsim; is {column} meant"] = list(table["id"])
+        elif text := unused_magnitude(name, bands):
+            warnings[text] = list(table["id"])
 
 
 def _check_spectrum(catalog, obj, faults, warnings):

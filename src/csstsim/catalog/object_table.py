@@ -5,7 +5,6 @@ reinterpreted silently.
 """
 
 import csv
-from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
+from csstsim.catalog.misspelt import meant
 from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
 from csstsim.catalog.table import COLUMNS, GALAXY, STAR, TYPES, ObjectTable, columns_with
 from csstsim.catalog.unsupported_shapes import check_shapes
@@ -20,7 +20,6 @@ from csstsim.catalog.unsupported_shapes import check_shapes
 FORMATS = {".csv": "ascii.csv", ".ecsv": "ascii.ecsv", ".fits": "fits", ".parquet": "parquet"}
 LARGE = 200_000_000  # bytes of a text from which reading it takes minutes, and tens of times as much memory
 BRIGHTEST, FAINTEST = -3.0, 90.0  # mag; -99, -9.99, 99, 99.99 and the like stand for "not known" in many catalogues
-LIKE = 0.81  # similarity from which a name counts as misspelt: typ does; mag_k, a band that csstsim lacks, does not
 _KNOWN = {*COLUMNS, "type", "size"}
 # Names that users type: similar ones count as misspelt. Magnitudes are added.
 _TYPED = {"ra", "dec", "type", "size", "size_disk", "size_bulge", "bulge_frac", "e1", "e2"}
@@ -193,9 +192,8 @@ def _check_columns(columns, magnitudes, where):
     if len(set(lengths.values())) > 1:
         raise InputError("columns differ in length", file=where, value=str(lengths))
     for name in columns:
-        meant = get_close_matches(name.lower(), typed - set(columns), 1, LIKE) if name not in known else ()
-        if meant:
-            raise InputError(f"is {meant[0]} meant? Give it that name, or a less similar one", file=where, key=name)
+        if name not in known and (column := meant(name, typed - set(columns))):
+            raise InputError(f"is {column} meant? Give it that name, or a less similar one", file=where, key=name)
     sizes = [name for name in ("size_disk", "size_bulge") if name in columns]
     if "size" in columns and len(sizes) == 2:
         raise InputError(f"means the same as {' and '.join(sizes)}; give it or them", file=where, key="size")

@@ -1,0 +1,37 @@
+"""Which of csstsim's columns is meant by a name that is none of them."""
+
+import re
+from difflib import get_close_matches
+
+LIKE = 0.81  # similarity from which a name counts as misspelt: typ does
+_ONE_LETTER = re.compile(r"mag[^a-z0-9]?[a-z]")  # mag_v is another survey's band, not a slip for mag_nuv
+_MAGNITUDE = re.compile(r"(^|[^a-z])mag([^a-z]|$)")
+
+
+def meant(name, known):
+    """Return the name of `known` that `name` misspells, or None.
+
+    A name with the same letters in another order is a slip, too: siez, rmag and R_MAG for size and mag_r.
+    """
+    letters = _letters(name)
+    same = next((other for other in sorted(known) if _letters(other) == letters), None)
+    if same or _ONE_LETTER.fullmatch(name.lower()):
+        return same
+    return next(iter(get_close_matches(name.lower(), known, 1, LIKE)), None)
+
+
+def unused_magnitude(name, bands):
+    """Return what to say of a column that looks like a magnitude, and is not used; None if it does not look so.
+
+    bands: names of the camera's. The catalogue's own mag_norm, and errors of magnitudes, are left out.
+    """
+    word = name.lower()
+    if word in bands:
+        return f"{name} is not used; is mag_{word} meant"
+    if not _MAGNITUDE.search(word) or "err" in word or word == "mag_norm":
+        return None
+    return f"{name} is not used: the camera's magnitudes are {', '.join(f'mag_{band}' for band in bands)}"
+
+
+def _letters(name):
+    return sorted(re.sub(r"[^a-z0-9]", "", name.lower()))
