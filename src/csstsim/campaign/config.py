@@ -6,7 +6,6 @@ null for `instrument`, `universe` or an observation means the one shipped in con
 """
 
 import math
-import os
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,6 +13,7 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
+from csstsim.base.files.beside import beside
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.help_page import explained
 from csstsim.base.model import FilePath, Model, validate
@@ -267,14 +267,6 @@ def load_campaign(path):
         "observations": {kind: _there(file, path) for kind, path in config.observations.items()},
         "instrument": instrument, "universe": config.universe and beside(file, config.universe),
     })  # fmt: skip
-
-
-def beside(file, path):
-    """Return a path of a campaign file: relative ones begin in the folder of that file."""
-    folder = Path(file).parent
-    if ".." in Path(path).parts and folder.resolve() != Path(os.path.abspath(folder)):
-        folder = folder.resolve()  # `..` of a folder that is reached by a link
-    return Path(os.path.normpath(folder / path))
 
 
 def _there(file, path):

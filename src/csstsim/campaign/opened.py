@@ -4,22 +4,22 @@ Every fault of the input is found here, before any work starts. The CLI and the 
 the same object.
 """
 
-import sys
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
 
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
+from csstsim.base.files.beside import beside
 from csstsim.base.help_page import explained
 from csstsim.campaign.checks import check_masters, check_photons, check_selection, check_shutter
-from csstsim.campaign.config import beside, load_campaign
+from csstsim.campaign.config import load_campaign
 from csstsim.campaign.job import Job
 from csstsim.campaign.recipes import Recipes
 from csstsim.campaign.selection import nothing_selected, selected_chips, selected_pointings, window_of
 from csstsim.campaign.survey_table import load_survey_table
 from csstsim.catalog.astrometry.ephemeris import observer
-from csstsim.catalog.open import TABLE_KIND, catalog_class
+from csstsim.catalog.open import TABLE_KIND, catalog_class, importable, options_beside
 from csstsim.catalog.selection.select import BRICK_MARGIN_PX, bricks_for, region_for
 from csstsim.instrument.camera import load_camera
 from csstsim.io.output_owner import check_owner
@@ -31,10 +31,8 @@ from csstsim.render.settings import load_numbers
 from csstsim.simulation.sim_steps import SimSteps
 
 MERGE_MARGIN_DEG = 2.0 / 3600.0  # a merged brick takes detections up to 2" beyond its border
-CALIBRATIONS, FEWEST_CALIBRATIONS = (
-    ("BIAS", "DARK", "FLAT"),
-    3,
-)  # exposures of each: cosmic rays cannot be found with two
+CALIBRATIONS = "BIAS", "DARK", "FLAT"
+FEWEST_CALIBRATIONS = 3  # exposures of each: cosmic rays cannot be found with two
 EDGE_PX = 3.0  # field distortion bends a chip's edges on the sky: by up to 2.4 px off the line between the corners
 
 
@@ -52,7 +50,7 @@ class OpenCampaign:
         gratings of others are not checked.
         """
         self.file = Path(file)
-        _importable(self.file.parent)
+        importable(self.file.parent)
         self.config = config or load_campaign(file)
         self.paths = Paths(output or self.config.output, scratch)
         if not copied:
@@ -163,28 +161,10 @@ class OpenCampaign:
         given = self.config.catalog
         if self.embedded:
             return given
-        self._own_module(given.kind.partition(":")[0].partition(".")[0])
-        options = dict(given.options)
+        options = options_beside(given.kind, given.options, self.file)
         if given.kind == TABLE_KIND and self.config.instrument is not None:
             options.setdefault("instrument", self.config.instrument)
-        paths = catalog_class(given.kind).PATHS
-        for name in set(paths).intersection(given.options):
-            value = options[name]
-            if isinstance(value, str | Path):
-                options[name] = str(beside(self.file, value))
-            elif isinstance(value, list):
-                options[name] = [str(beside(self.file, path)) for path in value]
         return given.model_copy(update={"options": options})
-
-    def _own_module(self, name):
-        """Raise InputError if a module beside the campaign file is hidden by another of its name."""
-        beside_it, loaded = self.file.parent.resolve(), getattr(sys.modules.get(name), "__file__", None)
-        there = [path for path in (beside_it / f"{name}.py", beside_it / name / "__init__.py") if path.is_file()]
-        if there and loaded and not Path(loaded).resolve().is_relative_to(beside_it):
-            raise InputError(
-                f"{loaded} was loaded under this name, not {there[0]}", file=self.file, key="catalog.kind", value=name,
-                allowed="another name for the module, or another process",
-            )  # fmt: skip
 
     @property
     def embedded(self):
@@ -306,9 +286,3 @@ class OpenCampaign:
     def measurement(self):
         """The keys of `measurement` that decide measurements, JSON-like; not which products are kept."""
         return self.config.measurement.model_dump(mode="json", exclude={"keep_calibrated"})
-
-
-def _importable(folder):
-    """Let dotted paths name modules that lie beside the campaign file; others come first."""
-    if str(folder.resolve()) not in sys.path:
-        sys.path.append(str(folder.resolve()))

@@ -2,9 +2,11 @@
 
 import importlib
 import sys
+from pathlib import Path
 
 from csstsim.base.digest import file_digest, module_digest
 from csstsim.base.errors import InputError
+from csstsim.base.files.beside import beside
 from csstsim.base.help_page import explained
 from csstsim.catalog.base import CatalogBase, name_of, users_code
 
@@ -33,6 +35,40 @@ def make_catalog(cls, options, region):
     if not hasattr(catalog, "objs"):
         raise InputError("has no objs: __init__ must call super().__init__(options, region)", key=name_of(catalog))
     return catalog
+
+
+def importable(folder):
+    """Let dotted paths name modules that lie in a campaign's folder; modules of the environment come first."""
+    folder = str(Path(folder).resolve())
+    if folder not in sys.path:
+        sys.path.append(folder)
+
+
+def options_beside(kind, options, file):
+    """Return a class's options, relative paths in them (CatalogBase.PATHS) made those beside the campaign's file.
+
+    Raises InputError for a class that cannot be used, and if its module hides one that lies beside the file.
+    """
+    _not_hidden(kind.partition(":")[0].partition(".")[0], file)
+    options = dict(options)
+    for name in set(catalog_class(kind).PATHS).intersection(options):
+        value = options[name]
+        if isinstance(value, str | Path):
+            options[name] = str(beside(file, value))
+        elif isinstance(value, list):
+            options[name] = [str(beside(file, path)) for path in value]
+    return options
+
+
+def _not_hidden(name, file):
+    """Raise InputError if the module `name` beside a campaign's file is hidden by another that was loaded."""
+    folder, loaded = file.parent.resolve(), getattr(sys.modules.get(name), "__file__", None)
+    there = [path for path in (folder / f"{name}.py", folder / name / "__init__.py") if path.is_file()]
+    if there and loaded and not Path(loaded).resolve().is_relative_to(folder):
+        raise InputError(
+            f"{loaded} was loaded under this name, not {there[0]}", file=file, key="catalog.kind", value=name,
+            allowed="another name for the module, or another process",
+        )  # fmt: skip
 
 
 @explained("catalogue")

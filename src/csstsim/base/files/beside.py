@@ -1,0 +1,12 @@
+"""Paths that a file names, relative to its own folder."""
+
+import os
+from pathlib import Path
+
+
+def beside(file, path):
+    """Return a path that `file` names: a relative one begins in the folder of that file."""
+    folder = Path(file).parent
+    if ".." in Path(path).parts and folder.resolve() != Path(os.path.abspath(folder)):
+        folder = folder.resolve()  # `..` of a folder that is reached by a link
+    return Path(os.path.normpath(folder / path))

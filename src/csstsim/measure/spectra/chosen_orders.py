@@ -1,0 +1,74 @@
+"""The choice of slitless spectra to extract: those whose mean light, or a line, stands out from the noise."""
+
+import numpy as np
+
+from csstsim.instrument.filter import GRID
+from csstsim.measure.spectra.line_profile import ACROSS, ALONG
+
+ELEMENT, ELEMENT_ROWS = 3.0, 6.0  # px of a resolution element, for the choice of spectra
+LINES_FROM = 0.03  # of the least S/N: the mean S/N from which lines are looked for
+LEFT_OUT = {
+    "faint": "fainter than the least S/N, in the mean and in each line",
+    "off": "no light of the order on the window",
+    "second": "second of two gratings, with less of the light",
+    "unusable": "no usable pixel",
+}
+
+
+def predicted_snr(orders, shapes, noise):
+    """Return (n,) S/N in a resolution element of each row, from its drawn electrons; noise: of a pixel of sky."""
+    columns = np.maximum(np.abs(orders["q"]) * (orders["wave_max"] - orders["wave_min"]), 1.0)
+    light, radius = shapes.light[orders["row"]], shapes.radius[orders["row"], ACROSS]
+    rows = ELEMENT_ROWS + 2 * (light * radius).sum(axis=1)
+    signal = ELEMENT * np.nan_to_num(orders["drawn"]) / columns
+    return signal / np.sqrt(np.maximum(signal, 0.0) + ELEMENT * rows * noise**2)
+
+
+def line_snr(orders, sources, model, noise):
+    """Return (n,) S/N of the brightest resolution element of each row: that of an emission line, if there is one.
+
+    The element is longer by the object's size along the trace.
+    """
+    snr = np.zeros(len(orders))
+    for k, pair in enumerate(model.pairs(orders)):
+        row, q = orders["row"][k : k + 1], abs(orders["q"][k])
+        spectrum = np.asarray(sources.spectra(row, sources.edges), float)[0]
+        passed = np.diff(np.interp(sources.edges, GRID, model.cumulative[pair]))
+        electrons = np.append(0.0, np.cumsum(spectrum * passed))
+        if not electrons[-1] > 0:
+            continue
+        light, radius = sources.shapes.light[row[0]], sources.shapes.radius[row[0]]
+        along, across = (2 * float((light * radius[axis]).sum()) for axis in (ALONG, ACROSS))
+        place, length = q * sources.edges, ELEMENT + along
+        seen = (sources.edges >= orders["wave_min"][k]) & (sources.edges <= orders["wave_max"][k])
+        most = np.max(np.interp(place + length, place, electrons) - electrons, where=seen, initial=0.0)
+        signal = orders["drawn"][k] * most / electrons[-1]
+        snr[k] = signal / np.sqrt(signal + length * (ELEMENT_ROWS + across) * noise**2)
+    return snr
+
+
+def chosen_orders(frame, orders, sources, model, *, wanted=(1,), snr_min=5.0, ids=None):
+    """Return (mask (n,), {reason of LEFT_OUT: count}): the rows of the orders' table whose spectra are extracted.
+
+    Chosen are rows of the `wanted` orders with light on the window, and S/N of at least snr_min per resolution element,
+    in the mean or in a line; ids: of these objects only. Near the line between two gratings the second gives none.
+    """
+    asked = np.isin(orders["order"], wanted) & (True if ids is None else np.isin(orders["id"], ids))
+    light, largest = (orders["drawn"] > 0) & np.isfinite(orders["wave_min"]), _largest(orders)
+    snr = predicted_snr(orders, sources.shapes, frame.noise)
+    if sources.spectra is not None:
+        dim = np.flatnonzero(asked & light & largest & (snr < snr_min) & (snr >= LINES_FROM * snr_min))
+        snr[dim] = np.maximum(snr[dim], line_snr(orders.take(dim), sources, model, frame.noise))
+    bright = snr >= snr_min
+    masks = {"off": ~light, "second": light & ~largest, "faint": light & largest & ~bright}
+    return asked & light & largest & bright, {name: int((asked & mask).sum()) for name, mask in masks.items()}
+
+
+def _largest(orders):
+    """Return (n,) bool: the row of each object and order with the most light."""
+    order = np.lexsort((-orders["drawn"], orders["order"], orders["row"]))
+    first = np.ones(len(order), bool)
+    first[1:] = (np.diff(orders["row"][order]) != 0) | (np.diff(orders["order"][order]) != 0)
+    largest = np.empty(len(order), bool)
+    largest[order] = first
+    return largest
