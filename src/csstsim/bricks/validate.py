@@ -7,7 +7,7 @@ Blended and (nearly) saturated sources are left out; a number from fewer than `F
 single exposures are those of bricks.exposures.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -65,37 +65,22 @@ def validate_brick(pix, sources, frames, bands, config):
     camera's (Camera.bands); `config`: thresholds.ValidateConfig. `result` is JSON-like: per band completeness,
     magnitude residuals (mag), depth; astrometry (mas); gates (bricks.gates). `arrays` holds what report.figures draws.
     """
-    tried, infos, judged, seen_in = ({band: [] for band in bands} for _ in range(4))
-    magnitudes = [f"mag_{band}" for band in bands]
-    kept, held, real = [], [], np.zeros(len(sources), bool)
-    for frame in frames:  # one at a time is in memory; only what lies on the brick is kept
-        real[compare.real(frame.truth, sources)] = True
-        infos[frame.band].append(frame.info)
-        truth = judged_truth(frame)
-        truth = truth.take(brick_of(truth["ra_epoch"], truth["dec_epoch"]) == pix) if len(truth) else truth
-        table = trials(truth, frame) if len(truth) else joined([])
-        judged[frame.band] += frame_gates(table, frame, config)
-        if len(truth):
-            tried[frame.band].append(table)
-            good = (table["clean"] > 0) & (table["snr"] > compare.SNR_COUNT) & (table["snr"] < compare.SNR_MAX)
-            held.append(truth["id"][~truth["blended"]][good])
-            seen_in[frame.band].append(truth["id"])
-            kept.append(ObjectTable({name: truth[name] for name in (*DISTINCT, *magnitudes)}))
-    truth = distinct(kept, magnitudes)
+    seen_in, truth, held, real = _gathered(pix, sources, frames, bands, config)
     match = compare.match(truth, sources)
     numbers_of, curves, residuals, tables, gates = {}, {}, {}, {}, []
-    seen = [band for band in bands if infos[band]]
+    seen = [band for band in bands if seen_in[band].infos]
     for band in seen:
-        table = tables[band] = joined(tried[band])
-        residuals[band], numbers = compare.magnitudes(band, truth, sources, match, infos[band])
-        numbers_of[band] = numbers | _of_exposures(table, infos[band], config)
-        on = np.isin(truth["id"], np.concatenate(seen_in[band] or [[]]))  # a frame of the band covers part of the brick
+        of_band = seen_in[band]
+        table = tables[band] = joined(of_band.trials)
+        residuals[band], numbers = compare.magnitudes(band, truth, sources, match, of_band.infos)
+        numbers_of[band] = numbers | _of_exposures(table, of_band.infos, config)
+        on = np.isin(truth["id"], np.concatenate(of_band.ids or [[]]))  # a frame of the band covers part of the brick
         numbers_of[band]["counts"] = compare.counts(
-            band, truth.take(on), sources, match[on], real, MAG_EDGES, infos[band]
+            band, truth.take(on), sources, match[on], real, MAG_EDGES, of_band.infos
         )
         points = ~table["galaxy"].astype(bool)
         curves[band] = completeness(table["snr"][points], table["found"][points] > 0, SNR_EDGES)
-        gates += of_exposures(judged[band]) + _gates(band, numbers_of[band], config)
+        gates += of_exposures(of_band.gates) + _gates(band, numbers_of[band], config)
     east, north = compare.astrometry(truth, sources, match, seen)
     bright = compare.spread(np.hypot(*compare.astrometry(truth, sources, match, seen, SNR_SHARP)))
     pure = float(real.mean()) if len(real) else None
@@ -113,7 +98,7 @@ def validate_brick(pix, sources, frames, bands, config):
     result = {
         "brick": int(pix), "sources": len(sources), "purity": pure,
         "left_out": getattr(sources, "meta", {}).get("left_out"), "truth": len(truth),
-        "frames": sum(map(len, infos.values())), "bands": numbers_of,
+        "frames": sum(len(of_band.infos) for of_band in seen_in.values()), "bands": numbers_of,
         "astrometry_mas": {"east": compare.spread(east), "north": compare.spread(north)}, "radial_mas": bright,
         "gates": gates,
     }  # fmt: skip
@@ -122,6 +107,37 @@ def validate_brick(pix, sources, frames, bands, config):
         "colour": compare.colours(truth, sources, match, compare.three(bands)),
         "locus": compare.colours(truth, sources, match, locus, compare.SNR_BRIGHT, "star"),
     }  # fmt: skip
+
+
+@dataclass
+class _Band:
+    """What the frames of a band give for a brick, one entry a frame; frames off the brick have no trials and ids."""
+
+    trials: list = field(default_factory=list)
+    infos: list = field(default_factory=list)
+    gates: list = field(default_factory=list)
+    ids: list = field(default_factory=list)
+
+
+def _gathered(pix, sources, frames, bands, config):
+    """Return ({band: _Band}, the brick's true objects, ids by frame that must be merged, which sources are real)."""
+    seen_in, magnitudes = {band: _Band() for band in bands}, [f"mag_{band}" for band in bands]
+    kept, held, real = [], [], np.zeros(len(sources), bool)
+    for frame in frames:  # one at a time is in memory; only what lies on the brick is kept
+        of_band = seen_in[frame.band]
+        real[compare.real(frame.truth, sources)] = True
+        of_band.infos.append(frame.info)
+        truth = judged_truth(frame)
+        truth = truth.take(brick_of(truth["ra_epoch"], truth["dec_epoch"]) == pix) if len(truth) else truth
+        table = trials(truth, frame) if len(truth) else joined([])
+        of_band.gates += frame_gates(table, frame, config)
+        if len(truth):
+            of_band.trials.append(table)
+            good = (table["clean"] > 0) & (table["snr"] > compare.SNR_COUNT) & (table["snr"] < compare.SNR_MAX)
+            held.append(truth["id"][~truth["blended"]][good])
+            of_band.ids.append(truth["id"])
+            kept.append(ObjectTable({name: truth[name] for name in (*DISTINCT, *magnitudes)}))
+    return seen_in, distinct(kept, magnitudes), held, real
 
 
 def _of_exposures(table, infos, config):
