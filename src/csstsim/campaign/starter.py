@@ -76,22 +76,28 @@ def _example(name, content, meanings):
     folder, found = ROOT / "examples" / EXAMPLES[name], {}
     for path in sorted(p for p in folder.rglob("*") if p.is_file() and not SKIPPED.intersection(p.parts)):
         data = path.read_bytes()
-        if path.parent == folder and path.suffix == ".yaml":  # a campaign: what it shares with others comes along
-            text = data.decode()
-            for shared in set(re.findall(r"\.\./\.\./([\w./-]+)", text)):
-                shared = Path(shared)
-                if shared.parts[0] != "results":
-                    files = [p for p in sorted((ROOT / shared).rglob("*")) if p.is_file()] or [ROOT / shared]
-                    found |= {p.relative_to((ROOT / shared).parent).as_posix(): p.read_bytes() for p in files}
-                here = "/".join(["results", *shared.parts[2:]]) if shared.parts[0] == "results" else shared.name
-                text = text.replace(f"../../{shared.as_posix()}", here)
-            data = text.encode()
+        if path.parent == folder and path.suffix == ".yaml":
+            text, shared = _alone(data.decode())
+            data, found = text.encode(), found | shared
         found[path.relative_to(folder).as_posix()] = data
-    told = {file: "a campaign" for file, data in found.items() if b"schema_version" in data}
-    told["README.md"] = "what it is, and how it is run"
-    return found | {file: content[file] for file in workflow}, {
-        file: told.get(file, meanings.get(file, "")) for file in (*found, *workflow)
-    }
+    found |= {file: content[file] for file in workflow}
+    campaigns = {file: "a campaign" for file, data in found.items() if b"schema_version" in data}
+    told = meanings | campaigns | {"README.md": "what it is, and how it is run"}
+    return found, {file: told.get(file, "") for file in found}
+
+
+def _alone(campaign):
+    """Return (text, {file: bytes}): an example's campaign, and what it shares with others, to lie beside it."""
+    files = {}
+    for name in set(re.findall(r"\.\./\.\./([\w./-]+)", campaign)):
+        source, parts = ROOT / name, Path(name).parts
+        made = parts[0] == "results"
+        here = Path("results", *parts[2:]) if made else Path(parts[-1])
+        campaign = campaign.replace(f"../../{name}", here.as_posix())
+        for path in [] if made else [source, *source.rglob("*")]:
+            if path.is_file():
+                files[(here / path.relative_to(source)).as_posix()] = path.read_bytes()
+    return campaign, files
 
 
 def _aimed(file, content):
