@@ -27,8 +27,6 @@ import numpy as np
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.files.yaml_file import read_yaml
-from csstsim.base.model import validate
-from csstsim.base.release import release
 from csstsim.base.shipped import ROOT
 from csstsim.campaign.aiming import after, next_obsid
 from csstsim.campaign.config import load_campaign, make_campaign
@@ -41,7 +39,7 @@ from csstsim.instrument.camera import load_camera
 from csstsim.io.paths import Paths
 from csstsim.optics.geometry.pointing_for import centred_exposure, light_on
 from csstsim.simulation.frame import Frame, frame_of
-from csstsim.simulation.observation import Observation, load_observation
+from csstsim.simulation.observation import changed_layers
 
 __all__ = ["Frame", "Simulation"]
 
@@ -118,7 +116,10 @@ class Simulation:
         made = object.__new__(Simulation)
         made._file, made._cache = self._file, self._cache
         config = make_campaign(config, self._file)
-        made._open(config, layers if changes is None else _changed(config, layers, changes), pointings)
+        if changes is not None:
+            file = config.observation_file("SCIE")
+            layers = layers | {"SCIE": changed_layers(changes, layers.get("SCIE"), file)}
+        made._open(config, layers, pointings)
         return made
 
     def aim(
@@ -246,28 +247,19 @@ def _warn_of_one_noise(seed, pointings):
 
 
 class _Kept(Paths):
-    """Truth bricks and PSF sets in the cache; each name has a digest of what decides the file."""
+    """Truth bricks and PSF sets in the cache, in folders named by the digests of what decides them."""
 
     def __init__(self, cache, run):
         super().__init__(cache / "products")
-        self._cache, self._run = cache, run
+        self._cache, self._recipes = cache, run.recipes
 
     @cached_property
     def _truth(self):
-        key = self._run.universe_key()
-        made_for = [
-            release(),
-            key["seed"],
-            key["universe"].digest,
-            key["camera"].digest_for("truth"),
-            key["lensing"].model_dump(),
-        ]
-        return Paths(self._cache / digest(made_for))
+        return Paths(self._cache / digest(self._recipes.truth))
 
     @cached_property
     def _psf(self):
-        config = self._run.config.psf.model_dump(mode="json", exclude={"interpolation", "beta", "neighbours"})
-        return Paths(self._cache / digest([release(), config, self._run.camera.digest_for("psf")]))
+        return Paths(self._cache / digest(self._recipes.psf))
 
     def truth(self, pix):
         return self._truth.truth(pix)
@@ -277,29 +269,6 @@ class _Kept(Paths):
 
     def psf_tables(self, chip_id):
         return self._psf.psf_tables(chip_id)
-
-
-def _changed(config, layers, changes):
-    """Return {exposure type: list of layers} with parameters of science exposures changed, and layers left out."""
-    file = config.observation_file("SCIE")
-    entries = layers.get("SCIE") or load_observation(file).layers
-    known = [keyword for entry in entries for keyword in entry]
-    wrong = not isinstance(changes, dict) or any(not isinstance(change, dict | None) for change in changes.values())
-    if wrong:
-        allowed = "{keyword: {parameter: value}, or None}"
-        raise InputError("cannot be used", file=file, key="layers", value=changes, allowed=allowed)
-    given = {str(name).lower(): change for name, change in changes.items()}
-    for name in given:
-        if name not in map(str.lower, known):
-            allowed = f"{', '.join(known)}; a list with others: observations={{'SCIE': file}}"
-            raise InputError("not a layer of the list", file=file, key="layers", value=name, allowed=allowed)
-    kept = []
-    for entry in entries:
-        [(keyword, param)] = entry.items()
-        change = given.get(keyword.lower(), {})
-        if change is not None:
-            kept.append({keyword: (param or {}) | change})
-    return layers | {"SCIE": validate(Observation, {"layers": copy.deepcopy(kept)}, file).layers}
 
 
 def _catalog(given, before, bands):

@@ -1,9 +1,11 @@
 """Observation files: the layers an exposure is made with, in order. config/README.md is generated from the model."""
 
+import copy
 from typing import Any
 
 from pydantic import Field, field_validator
 
+from csstsim.base.errors import InputError
 from csstsim.base.files.yaml_file import read_yaml
 from csstsim.base.help_page import explained
 from csstsim.base.model import Model, validate
@@ -27,3 +29,28 @@ class Observation(Model):
 def load_observation(path):
     """Read and check an observation file (layers' own parameters are checked by SimSteps). Raises InputError."""
     return validate(Observation, read_yaml(path), path)
+
+
+def changed_layers(changes, entries, file):
+    """Return a list of layers with parameters changed, and layers left out.
+
+    changes: {keyword: {parameter: value}, or None to leave it out}; entries: the list as Observation.layers, None for
+    that of the observation file. Raises InputError for what cannot be used, which names the file.
+    """
+    entries = entries or load_observation(file).layers
+    if not isinstance(changes, dict) or any(not isinstance(change, dict | None) for change in changes.values()):
+        allowed = "{keyword: {parameter: value}, or None}"
+        raise InputError("cannot be used", file=file, key="layers", value=changes, allowed=allowed)
+    known = [keyword for entry in entries for keyword in entry]
+    given = {str(name).lower(): change for name, change in changes.items()}
+    for name in given:
+        if name not in map(str.lower, known):
+            allowed = f"{', '.join(known)}; a list with others: observations={{'SCIE': file}}"
+            raise InputError("not a layer of the list", file=file, key="layers", value=name, allowed=allowed)
+    kept = []
+    for entry in entries:
+        [(keyword, param)] = entry.items()
+        change = given.get(keyword.lower(), {})
+        if change is not None:
+            kept.append({keyword: (param or {}) | change})
+    return validate(Observation, {"layers": copy.deepcopy(kept)}, file).layers
