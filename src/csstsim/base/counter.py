@@ -10,6 +10,8 @@ import math
 import numba
 import numpy as np
 
+import csstsim.base.no_blas  # noqa: F401
+
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _MIX1, _MIX2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 _ONE = np.uint64(1)
