@@ -56,20 +56,26 @@ def main():
     output = parser.parse_args().output
     found = frames()
     columns = len(found) // 2
-    figure, axes = plt.subplots(4, columns, figsize=(2.1 * columns, 9.4), layout="constrained")
+    heights = (1, 1, 0.03, 1, 1)  # two rows of image and change, a gap between them
+    figure, axes = plt.subplots(5, columns, figsize=(2.1 * columns, 9.5), height_ratios=heights, layout="constrained")
     before = np.zeros((SIZE, SIZE))
     for k, (caption, image) in enumerate(found):
-        top, bottom = axes[2 * (k // columns) : 2 * (k // columns) + 2, k % columns]
+        top, bottom = axes[3 * (k // columns) : 3 * (k // columns) + 2, k % columns]
         top.imshow(image, origin="lower", cmap="gray", norm=AsinhNorm(30.0, -30.0, 60_000.0))
         change = image - before
         largest = max(float(np.percentile(np.abs(change), 99.9)), 1.0)
         linear = max(float(np.percentile(np.abs(change), 50.0)), largest / 300.0, 0.1)
+        same = np.percentile(change, 5) > 0.8 * largest  # the sky: half the scale, not its end
+        size = f"{largest:,.0f}" if largest >= 100 else f"{largest:.2g}"
+        bottom.set_xlabel(f"change: {size} e\u207b everywhere" if same else f"change: up to {size} e\u207b", fontsize=8)
+        largest, linear = (2 * largest, 2 * largest) if same else (largest, linear)
         bottom.imshow(change, origin="lower", cmap="RdBu_r", norm=SymLogNorm(linear, vmin=-largest, vmax=largest))
-        top.set_title(f"{'+ ' if k else ''}{caption}", fontsize=9)
-        bottom.set_xlabel(f"change: up to {largest:.3g} e-", fontsize=8)
+        top.set_title(f"{k + 1}. {'+ ' if k else ''}{caption}", fontsize=9)
         before = image
     for each in axes.flat:
         each.set(xticks=[], yticks=[])
+    for gap in axes[2]:
+        gap.axis("off")
     figure.savefig(output, dpi=90)
     print(output)
 
