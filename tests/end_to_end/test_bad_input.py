@@ -183,6 +183,18 @@ def test_product_of_another_campaign_is_refused(tmp_path):
     assert "select.parquet" in line and "another" in line
 
 
+def test_chip_does_not_write_into_the_folder_of_another_campaign(tmp_path):
+    """One run by `chip` alone, or begun by the workflow: its files would be overwritten."""
+    job = "--obsid", "10100000001", "--chip", 9
+    (tmp_path / "two").mkdir()
+    mine, other = write_campaign(tmp_path), write_campaign(tmp_path / "two")
+    done = CliRunner().invoke(main, ["chip", str(mine), "--obsid", "10100000001", "--chip", "9"])
+    assert done.exit_code == 0, done.output
+    before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")}
+    assert "another campaign" in refused("chip", other, *job, "--output", tmp_path / "out")
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")} == before
+
+
 def test_output_that_is_a_file(tmp_path):
     (tmp_path / "file").write_text("mine")
     path = write_campaign(tmp_path, output=str(tmp_path / "file"))

@@ -1,5 +1,6 @@
 """An output folder belongs to one campaign: refused to others, and still its own after both have moved."""
 
+import threading
 from types import SimpleNamespace
 
 import pytest
@@ -38,3 +39,15 @@ def test_a_record_that_cannot_be_read_is_refused(tmp_path):
     (tmp_path / "out" / FILE).write_text("{")
     with pytest.raises(InputError, match="cannot be read"):
         check_owner(run_of(tmp_path))
+
+
+def test_a_record_that_another_process_is_writing_is_waited_for(tmp_path):
+    mine = run_of(tmp_path)
+    claim_output(mine)
+    record = tmp_path / "out" / FILE
+    text = record.read_text()
+    record.write_text("")
+    later = threading.Timer(0.1, record.write_text, [text])
+    later.start()
+    check_owner(mine)
+    later.join()

@@ -1,21 +1,24 @@
 """An output folder belongs to one campaign: two would mix up or overwrite each other's files.
 
-The workflow writes `campaign.json` there: the campaign's name, and the path of its file relative to the folder.
+The workflow and `csstsim chip` write `campaign.json` there: the campaign's name, and the path of its file relative to
+the folder.
 """
 
 import json
 import os
+import time
 
 from csstsim.base.errors import InputError
 
 FILE = "campaign.json"
+PATIENCE = 1.0  # s, until a record that is still empty counts as damaged: another process may be writing it
 
 
 def check_owner(run):
     """Raise InputError if the output folder of an open campaign belongs to another campaign."""
     path = run.paths.output / FILE
     try:
-        owner = json.loads(path.read_text())
+        owner = json.loads(_text(path))
     except FileNotFoundError:
         return
     except NotADirectoryError:
@@ -46,6 +49,13 @@ def claim_output(run):
     for folder in (path.parent, *(entry for entry in path.parent.iterdir() if entry.is_dir())):
         if not os.access(folder, os.W_OK):
             raise InputError("cannot be written", file=folder)
+
+
+def _text(path):
+    end = time.monotonic() + PATIENCE
+    while not (text := path.read_text()) and time.monotonic() < end:
+        time.sleep(PATIENCE / 50)
+    return text
 
 
 def _about(run):

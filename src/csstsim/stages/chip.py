@@ -1,6 +1,7 @@
 """Chip: the four stages of a job in memory, without workflow and without files between them."""
 
 from csstsim.base.one_thread import one_thread
+from csstsim.io.output_owner import claim_output
 from csstsim.stages.level0 import digitised, write_products
 from csstsim.stages.psf import missing_psf
 from csstsim.stages.readout import read_out, save_cosmic_rays
@@ -14,9 +15,11 @@ from csstsim.stages.truth import missing_bricks
 def chip(run, job, say=print):
     """Run one job in memory and write its Level-0 file and truth; return the State at the end.
 
-    Missing truth bricks and a missing PSF set are made first.
+    Missing truth bricks and a missing PSF set are made first. The output folder becomes the campaign's
+    (io.output_owner). Raises InputError if it is another's.
     """
     state, provenance = simulate(run, job, say)
+    claim_output(run)
     timer = Timer("writing")
     save_cosmic_rays(run, job, state)
     write_products(run, job, state, provenance)
