@@ -1,4 +1,6 @@
-"""Write config/README.md and config/schema/*.json from the models: python builders/make_docs.py (--check: only look).
+"""Write config/README.md, config/schema/*.json and the columns in examples/my_catalogue/README.md.
+
+    python builders/make_docs.py          --check: only look
 
 The models in csstsim.campaign.config and the layers' Param are the only source; `make test` forbids drift.
 """
@@ -11,11 +13,20 @@ from pathlib import Path
 from pydantic import BaseModel
 
 from csstsim.base.model import Model
+from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import Campaign
+from csstsim.catalog.table import columns_with
+from csstsim.instrument.camera import load_camera
 from csstsim.simulation.observation import Observation
 from csstsim.simulation.sim_steps import known_layers
 
 CONFIG = Path(__file__).parents[1] / "config"
+TABLES = CONFIG.parent / "examples" / "my_catalogue" / "README.md"
+BEGIN, END = "<!-- columns: python builders/make_docs.py -->\n", "<!-- end of columns -->"
+SHORTHANDS = {  # of csstsim.catalog.own_table
+    "type": "star, galaxy or quasar [default: star]; or `obj_type`: 0, 1, 2",
+    "size": "arcsec, half-light radius of a galaxy's disk and bulge, along the circle of equal area",
+}
 INTRO = """# Configuration
 
 Written by `python builders/make_docs.py` from the models; edit those, not this file.
@@ -70,6 +81,21 @@ def layer_table(modules):
     return "\n".join(lines)
 
 
+def columns(text):
+    """Return the text of TABLES with the columns of a user's table between BEGIN and END."""
+    bands, own = load_camera(SHIPPED / "instrument").bands, {}
+    for name, (_, _, meaning) in columns_with(bands).items():
+        own["mag_*" if name.startswith("mag_") else name] = meaning
+    own["id"] += " [default: counted from 1]"
+    named = ", ".join(f"`mag_{band}`" for band in bands)
+    own["mag_*"] = f"AB, observed, before lensing; in the shipped camera's bands: {named}"
+    own = {name: own[name] for name in ("ra", "dec", "mag_*")} | SHORTHANDS | own  # what is needed comes first
+    own = {name: meaning for name, meaning in own.items() if name not in ("obj_type", "flags")}
+    before, rest = text.split(BEGIN)
+    lines = ["| column | unit, meaning |", "|---|---|", *(f"| `{name}` | {meaning} |" for name, meaning in own.items())]
+    return f"{before}{BEGIN}{chr(10).join(lines)}\n{END}{rest.split(END)[1]}"
+
+
 def documents():
     """Return {path: text} of everything generated."""
     modules = {name: importlib.import_module(f"csstsim.layers.{name}") for name in known_layers()}
@@ -80,7 +106,7 @@ def documents():
         text += [f"Stage `{module.STAGE}`; {module.UNITS[0]} in, {module.UNITS[1]} out.", ""]
         if module.Param.model_fields:
             text += [table(module.Param), ""]
-    files = {CONFIG / "README.md": "\n".join(text).rstrip() + "\n"}
+    files = {CONFIG / "README.md": "\n".join(text).rstrip() + "\n", TABLES: columns(TABLES.read_text())}
     for model in (Campaign, Observation):
         schema = json.dumps(model.model_json_schema(), indent=1, sort_keys=True) + "\n"
         files[CONFIG / "schema" / f"{model.__name__.lower()}.json"] = schema

@@ -1,6 +1,6 @@
 """Write what follows from formulae: filters, the grating, field distortion, header keywords and the survey table.
 
-    python examples/my_camera/make_instrument.py [folder]      in a clone: builders/ fits the distortion
+    python make_instrument.py [folder]      [default: the folder of this file]
 
 The other files of instrument/ are written by hand. Everything made here is kept beside them, so that the campaign runs
 without this script; run it again after a change of telescope, chips or detector.
@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from astropy.io import fits
 
-from csstsim.base.shipped import SHIPPED
+from csstsim.base.shipped import ROOT, SHIPPED
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.astrometry.reduction import apparent
 from csstsim.instrument.axe import axe_text, sensitivity_file
@@ -25,7 +25,7 @@ from csstsim.instrument.load import read_data, sections
 from csstsim.instrument.pointing import mjd_utc
 from csstsim.optics.geometry.focal_plane import load_focal_plane, samples
 
-sys.path.append(str(Path(__file__).resolve().parents[2] / "builders"))
+sys.path.append(str(ROOT / "builders"))
 from build_distortion import fit, write_distortion
 
 # name: kind, blue and red edge [angstrom], throughput between them

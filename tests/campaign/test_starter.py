@@ -1,14 +1,18 @@
 """`csstsim init`: the folder works unchanged, with the shipped sky and with a user's own objects."""
 
 import os
+import re
 import runpy
+import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
+from csstsim.base.shipped import ROOT
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.starter import EXAMPLES, FILES
 from csstsim.command_line.main import main
@@ -124,5 +128,29 @@ def test_an_example_is_a_folder_that_runs_from_anywhere(tmp_path, monkeypatch, e
         checked = CliRunner().invoke(main, ["check", str(campaign)])
         assert checked.exit_code == 0 and ": good; " in checked.output, checked.output
         assert OpenCampaign(campaign).paths.output.is_relative_to(folder)
+    links = re.findall(r"\]\(([^)#]+)", (folder / "README.md").read_text())
+    assert all((folder / link).exists() for link in links), links
     for name in [name for name, module in sys.modules.items() if str(folder) in str(getattr(module, "__file__", ""))]:
         del sys.modules[name]
+
+
+def test_the_camera_of_an_installed_csstsim_is_made_again_by_its_script(tmp_path):
+    """With what pyproject.toml puts into the wheel, and nothing of a clone."""
+    build = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["hatch"]["build"]["targets"]["wheel"]
+    for source, target in ({"src/csstsim": "csstsim"} | build["sources"] | build["force-include"]).items():
+        (tmp_path / "site" / target).parent.mkdir(parents=True, exist_ok=True)
+        if (ROOT / source).is_file():
+            shutil.copy(ROOT / source, tmp_path / "site" / target)
+        elif source != "src":
+            shutil.copytree(ROOT / source, tmp_path / "site" / target)
+    here = os.environ | {"PYTHONPATH": str(tmp_path / "site"), "CSSTSIM_CACHE": str(tmp_path)}
+    for line in (
+        ["-c", "from csstsim.command_line.main import main; main()", "init", "camera", "--example", "camera"],
+        ["camera/make_instrument.py"],
+    ):
+        done = subprocess.run(
+            [sys.executable, *line], capture_output=True, text=True, env=here, cwd=tmp_path, timeout=300, check=False
+        )
+        assert done.returncode == 0, done.stderr
+    made = tmp_path / "camera" / "instrument" / "filters.yaml"
+    assert made.read_text() == (ROOT / "examples/my_camera/instrument/filters.yaml").read_text()

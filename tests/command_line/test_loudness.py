@@ -9,6 +9,7 @@ from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.help_page import PAGES, with_page
 from csstsim.base.shipped import ROOT
+from csstsim.catalog.open import TABLE_KIND
 from csstsim.command_line.main import main
 
 CHIP = "--obsid", POINTINGS[2].split(",")[0], "--chip", "9"  # a bias frame: the quickest chip
@@ -83,6 +84,10 @@ def test_pages_are_there():
         (
             {"catalog": {"kind": "mini_campaign:Stars"}, "select": {"types": ["SCIE"], "chips": [9]}},
             "csstsim.catalog.base`",
+        ),
+        (
+            {"catalog": {"kind": TABLE_KIND, "options": {"columns": {"ra": [1.0]}}}, "select": {"types": ["SCIE"]}},
+            "examples/my_catalogue/README.md",
         ),
     ],
 )

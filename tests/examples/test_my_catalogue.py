@@ -1,7 +1,6 @@
 """The worked example of a user's own catalogue runs as its README says."""
 
 import runpy
-import shutil
 import sys
 
 import numpy as np
@@ -72,18 +71,20 @@ def test_it_keeps_the_contract_and_its_magnitudes(campaign):
     assert energy[21, GRID == 5500.0].value == pytest.approx(1e-15, rel=1e-3)  # absolute
 
 
-def test_its_own_test_passes_and_can_fail(tmp_path, campaign, monkeypatch):
-    """As `pytest examples/my_catalogue` runs it, from the project's folder."""
-    folder = tmp_path / "project"
-    data = shutil.copytree(campaign.parent / "data", folder / "examples" / "my_catalogue" / "data")
-    (folder / "config").symlink_to(SHIPPED)
-    monkeypatch.chdir(folder)
-    test = runpy.run_path(str(EXAMPLE / "test_csv_catalogue.py"))["test_contract"]
+def test_its_own_test_passes_and_can_fail(tmp_path, monkeypatch):
+    """In the folder that `csstsim init` makes of it."""
+    folder = tmp_path / "copy"
+    run("init", folder, "--example", "catalogue")
+    runpy.run_path(str(folder / "make_data.py"))["main"](folder / "data")
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.delitem(sys.modules, "my_catalogue", raising=False)
+    test = runpy.run_path(str(folder / "test_csv_catalogue.py"))["test_contract"]
     test()
-    table = data / "objects.csv"
+    table = folder / "data" / "objects.csv"
     table.write_text(table.read_text().replace("2,star", "1,star", 1))
     with pytest.raises(AssertionError, match="an id given more than once"):
         test()
+    del sys.modules["my_catalogue"]
 
 
 @pytest.mark.parametrize(

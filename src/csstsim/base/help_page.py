@@ -12,6 +12,7 @@ PAGES = {
     "survey table": "survey_tables/README.md",
     "aiming": "`csstsim aim --help`",
     "instrument": "config/instrument/README.md",
+    "table of objects": "examples/my_catalogue/README.md",
     "catalogue": "`python -m pydoc csstsim.catalog.base`",
 }
 

@@ -1,5 +1,5 @@
-"""Where the files are that come with csstsim: the Snakefile, config/, examples/, profiles/, survey_tables/ and
-workflow/.
+"""Where the files are that come with csstsim: the Snakefile, config/, examples/, profiles/, survey_tables/,
+workflow/ and builders/build_distortion.py.
 
 In a clone they are the repository's own; an installed package has copies of them, which its build took from there.
 """

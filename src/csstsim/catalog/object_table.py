@@ -12,6 +12,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.base.files.text_file import read_text
+from csstsim.base.help_page import explained
 from csstsim.catalog.misspelt import meant
 from csstsim.catalog.selection.drawable import STRONGLY_LENSED, reasons
 from csstsim.catalog.table import COLUMNS, GALAXY, STAR, TYPES, ObjectTable, columns_with
@@ -29,6 +30,7 @@ _UNITS = {
 }  # fmt: skip
 
 
+@explained("table of objects")
 def read_table(path):
     """Return {name: (n,) values} of a table's file, blanks as NaN or "". Raises InputError if it is not a table."""
     from astropy.table import Table
@@ -118,6 +120,7 @@ def _check_csv(lines, path):
         raise InputError("column given twice", file=path, key=twice)
 
 
+@explained("table of objects")
 def plain_columns(table, where="catalog"):
     """Return {name: (n,) values} of an astropy Table, blanks as NaN or "", converted to csstsim's units.
 
@@ -156,6 +159,7 @@ def _converted(name, column, unit, where):
         raise InputError("the unit does not fit the column", file=where, **fault) from None
 
 
+@explained("table of objects")
 def object_table(columns, bands, where):
     """Return columns {name: (n,) values} as an ObjectTable with ids, types and sizes [arcsec]; all rows can be drawn.
 

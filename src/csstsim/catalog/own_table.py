@@ -2,14 +2,15 @@
 
     catalog: {kind: "csstsim.catalog.own_table:TableCatalog", options: {file: objects.csv}}
 
-Columns are those of `catalog.table.COLUMNS` (units there, and in `catalog.base`), and two shorthands: `type` (star,
-galaxy or quasar; default star) and `size` (half-light radius, arcsec, of both disk and bulge of a galaxy). `ra`, `dec`
-and a magnitude in one of the camera's bands (mag_nuv ... mag_y of the shipped one) are needed; `id` counts from 1 if
-left out. Magnitudes are AB, observed, through the camera's own bands, before lensing. Spectra are smooth and reproduce
-all magnitudes given (catalog.light.colours); emission lines need a catalogue with `load_sed` (catalog.base). Cells may
-be blank; a row that cannot be drawn as given is refused (catalog.object_table). A galaxy's shape is drawn from `size`,
-`bulge_frac`, `e1` and `e2`; columns that describe it differently (`n`, `q`, `pa`, `re` and the like) are refused with
-the conversion formula (catalog.unsupported_shapes). Other columns are copied to the truth table as `user_<name>`.
+Columns are those of `catalog.table.COLUMNS` (units there, and in examples/my_catalogue/README.md), and two shorthands:
+`type` (star, galaxy or quasar; default star) and `size` (half-light radius, arcsec, of both disk and bulge of a
+galaxy). `ra`, `dec` and a magnitude in one of the camera's bands (mag_nuv ... mag_y of the shipped one) are needed;
+`id` counts from 1 if left out. Magnitudes are AB, observed, through the camera's own bands, before lensing. Spectra
+are smooth and reproduce all magnitudes given (catalog.light.colours); emission lines need a catalogue with `load_sed`
+(catalog.base). Cells may be blank; a row that cannot be drawn as given is refused (catalog.object_table). A galaxy's
+shape is drawn from `size`, `bulge_frac`, `e1` and `e2`; columns that describe it differently (`n`, `q`, `pa`, `re` and
+the like) are refused with the conversion formula (catalog.unsupported_shapes). Other columns are copied to the truth
+table as `user_<name>`.
 """
 
 import hashlib
@@ -18,6 +19,7 @@ from functools import cached_property
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.help_page import explained
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.catalog.mock_object import MockObjects
@@ -38,6 +40,7 @@ class TableCatalog(CatalogBase):
 
     PATHS = ("file", "instrument")
 
+    @explained("table of objects")
     def __init__(self, options, region):
         super().__init__(options, region)
         for name in set(self.options) - set(_OPTIONS):

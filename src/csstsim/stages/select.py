@@ -49,9 +49,15 @@ def say_selected(table, say):
         say(f"{count} not drawn: {reason}")
 
 
-@explained("catalogue")
 def check_catalog(run, say):
     """Open the campaign's catalogue; test a user's catalogue on the first science job (catalog.contract)."""
+    from csstsim.catalog.open import TABLE_KIND
+
+    with explained("table of objects" if run.config.catalog.kind == TABLE_KIND else "catalogue"):
+        _check_catalog(run, say)
+
+
+def _check_catalog(run, say):
     from csstsim.catalog.contract import check
     from csstsim.catalog.selection.select import near
 
