@@ -14,6 +14,7 @@ from csstsim.campaign.costs import Cost, expected
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.run_times import run_times
 from csstsim.catalog.table import ObjectTable
+from csstsim.io.output_owner import FILE as OWNER
 from csstsim.io.paths import Paths
 
 
@@ -130,6 +131,7 @@ def test_nothing_is_written_of_a_damaged_product(reported, product, change, word
 def test_a_verdict_by_other_thresholds_or_of_another_brick_is_refused(reported, tmp_path):
     file, run, _ = reported
     stricter = file.with_name("stricter.yaml")
+    (run.paths.output / OWNER).unlink(missing_ok=True)
     stricter.write_text(file.read_text() + "validation: {mag_bias_max: 0.001}\n")
     found = command("report", stricter)
     assert found.exit_code == 2 and "other thresholds" in found.output
