@@ -53,6 +53,8 @@ def test_objects_of_ones_own_are_pointed_at(init):
     assert init("--catalogue", "objects.csv").exit_code == 0
     run = OpenCampaign("campaign.yaml")
     assert [job.chip.filter for job in run.jobs] == ["g", "r", "i"]
+    heading = Path("campaign.yaml").read_text().splitlines()[0]
+    assert "your objects, seen once in each of g, r and i" in heading and "twice" not in heading
     for job in run.jobs:
         middle = job.wcs.pixel_to_world(4607.5, 4615.5)
         assert abs((middle[0] + 180) % 360 - 180) < 0.02 and abs(middle[1] - 2.2005) < 0.02  # deg: aberration is in it

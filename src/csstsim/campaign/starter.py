@@ -116,11 +116,14 @@ def _aimed(file, content):
     name = json.dumps(file.name, ensure_ascii=False)  # a scalar of YAML, whatever is in it
     region = f"region: {{ra: {ra:.6f}, dec: {dec:.6f}, radius: {radius:.2f}}}"
     own = f'catalog:\n  kind: "csstsim.catalog.own_table:TableCatalog"\n  options: {{file: {name}}}\npsf:'
-    for pattern, new in ((r"region: \{[^}]*\}", region), (r"(?s)catalog:.*?psf:", own)):
+    about = "your objects, seen once in each of g, r and i."
+    for pattern, new in (
+        (r"one small field, [^.]*\.", about), (r"region: \{[^}]*\}", region), (r"(?s)catalog:.*?psf:", own)
+    ):  # fmt: skip
         text, count = re.subn(pattern, lambda found, new=new: new, text, count=1)
         changed += count
-    if changed != 2:
-        raise ValueError("config/starter/campaign.yaml: region and catalog are not where they are looked for")
+    if changed != 3:
+        raise ValueError("config/starter/campaign.yaml: heading, region and catalog are not where they are looked for")
     table = table_of(found).encode()
     return {"campaign.yaml": text.encode(), "survey_table.csv": table, file.name: file.read_bytes()}
 
