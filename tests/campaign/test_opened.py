@@ -197,7 +197,7 @@ def test_the_ephemeris_is_part_of_the_recipe_and_must_be_there(tmp_path, monkeyp
     "file, keys, value, message",
     [
         ("scatter.yaml", ("terms", "values", 0, 0), 1.2, "scatter.yaml: terms: the halo has all the light or more"),
-        ("leds.yaml", ("half_mosaic", "value", 0), 0, "leds.yaml: half_mosaic.*: a number is out of range"),
+        ("leds.yaml", ("half_mosaic", "value", 0), 0, r"leds.yaml: half_mosaic: .*got \[0, .*; allowed: two numbers above 0"),
         (
             "telescope.yaml",
             ("telescope", "shutter_time", "value"),
@@ -221,6 +221,16 @@ def test_numbers_of_the_optics_are_checked_before_any_work(tmp_path, file, keys,
     path.write_text(yaml.safe_dump(content))
     with pytest.raises(InputError, match=message):
         OpenCampaign(campaign)
+
+
+@pytest.mark.parametrize(("value", "words"), [(-5, ["detector.yaml", "equal to 0"]), ("five", ["finite numbers"])])
+def test_a_wrong_number_of_the_camera_is_said_of_the_campaign_that_changes_it(tmp_path, value, words):
+    path = write_campaign(tmp_path)
+    campaign = yaml.safe_load(path.read_text())
+    path.write_text(yaml.safe_dump(campaign | {"instrument": {"detector.read_noise": value}}))
+    with pytest.raises(InputError) as refused:
+        OpenCampaign(path)
+    assert all(word in str(refused.value) for word in ["campaign.yaml", "read_noise", f"(got {value!r})", *words])
 
 
 @pytest.mark.parametrize("option", ["flat_fielding", "shutter_effect"])

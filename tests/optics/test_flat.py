@@ -127,7 +127,10 @@ def test_bad_numbers_are_refused(camera, path, value):
     for key in path[:-1]:
         inner = inner[key]
     inner[path[-1]] = value
-    with pytest.raises(InputError, match=r"leds.yaml"):
+    with pytest.raises(InputError, match=rf"leds.yaml: {'.'.join(path)}: .*\(got .*; allowed: "):
+        check_flat(numbers)
+    del inner[path[-1]]
+    with pytest.raises(InputError, match=rf"leds.yaml: {'.'.join(path)}: missing"):
         check_flat(numbers)
 
 

@@ -55,7 +55,7 @@ class OpenCampaign:
         self.paths = Paths(output or self.config.output, scratch)
         if not copied:
             check_owner(self)
-        self.camera = load_camera(self.config.instrument)
+        self.camera = load_camera(self.config.instrument, self.file)
         self.rendering = load_numbers()
         pointings = pointings or load_survey_table(self.config.survey_table, self.camera.orbit)
         self.pointings = {p.obsid: p for p in pointings}

@@ -96,19 +96,23 @@ class Camera:
 
 
 @explained("instrument")
-def load_camera(instrument=None):
+def load_camera(instrument=None, campaign=None):
     """Return the Camera of an instrument folder (config/instrument/README.md), or of the shipped one with changes.
 
-    instrument: as instrument.files.InstrumentFiles takes it. Raises InputError naming file, key and value.
+    instrument: as instrument.files.InstrumentFiles takes it; campaign: the file that gives it, for errors. Raises
+    InputError naming file, key and value.
     """
-    files = InstrumentFiles(instrument)
+    try:
+        files = InstrumentFiles(instrument)
+    except InputError as error:
+        raise InputError(str(error), file=campaign) from None
     try:
         return _camera(files)
     except InputError as error:
         if not files.changes:
             raise
         changed = ", ".join(f"{name}: {value}" for name, value in files.changes.items())
-        raise InputError(f"{error}; `instrument` has {changed}") from None
+        raise InputError(f"{error}; `instrument` has {changed}", file=campaign) from None
 
 
 def _camera(files):

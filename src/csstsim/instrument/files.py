@@ -99,7 +99,7 @@ class InstrumentFiles:
             message = "is the name of several numbers" if found else "no such number of the camera"
             raise InputError(message, key=f"instrument.{name}", value=value, allowed=", ".join(every))
         if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise InputError("must be a number", key=f"instrument.{name}", value=value)
+            raise InputError("must be a number", key=f"instrument.{name}", value=value, allowed="finite numbers")
         return file, found[0]
 
     def _near(self, name):

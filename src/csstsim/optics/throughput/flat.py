@@ -107,22 +107,34 @@ class FlatField:
         return expand(self.internal(chip, *_mosaic(chip), self.weights(wave, response)), chip, window)
 
 
+# Keys of leds.yaml, what they may be, and the test of it
+_RULES = (
+    ("half_mosaic", "two numbers above 0", lambda v: len(v) == 2 and min(v) > 0),
+    ("flat.wavelengths", "two numbers or more, rising", lambda v: len(v) > 1 and (np.diff(v) > 0).all()),
+    ("flat.order", "1 to 8", lambda v: 1 <= v <= 8),
+    ("flat.correlation", "above 0", lambda v: v > 0),
+    ("flat.pattern_rms", "0 to 0.1", lambda v: 0 <= v <= 0.1),
+    ("flat.detector_rms", "0 to 0.1", lambda v: 0 <= v <= 0.1),
+    ("vignetting.corner", "two numbers, rising, from 0 to 0.5", lambda v: len(v) == 2 and 0 <= v[0] <= v[1] <= 0.5),
+    ("vignetting.skew", "0 to 0.5", lambda v: 0 <= v <= 0.5),
+    ("vignetting.offset", "0 to 0.5", lambda v: 0 <= v <= 0.5),
+)
+
+
 def check_flat(numbers, file="leds.yaml"):
     """Raise InputError if a number for the flat field in leds.yaml is missing or out of range."""
-    try:
-        flat, vignetting = numbers["flat"], numbers["vignetting"]
-        rising = np.diff(flat["wavelengths"])
-        corner = vignetting["corner"]
-        good = len(numbers["half_mosaic"]) == 2 and min(numbers["half_mosaic"]) > 0
-        good &= len(rising) >= 1 and (rising > 0).all() and 1 <= flat["order"] <= 8 and flat["correlation"] > 0
-        good &= 0 <= flat["pattern_rms"] <= 0.1 and 0 <= flat["detector_rms"] <= 0.1
-        good &= (
-            0 <= corner[0] <= corner[1] <= 0.5 and 0 <= vignetting["skew"] <= 0.5 and 0 <= vignetting["offset"] <= 0.5
-        )
-    except (KeyError, TypeError, IndexError, ValueError) as exc:
-        raise InputError(f"a number is missing or wrong: {type(exc).__name__} {exc}", file=file) from None
-    if not good:
-        raise InputError("a number is out of range", file=file, key="half_mosaic, flat, vignetting")
+    for name, allowed, good in _RULES:
+        value = numbers
+        try:
+            for key in name.split("."):
+                value = value[key]
+            fine = good(value)
+        except KeyError:
+            value, fine = None, False
+        except (TypeError, IndexError, ValueError):
+            fine = False
+        if not fine:
+            raise InputError("missing or out of range", file=file, key=name, value=value, allowed=allowed)
 
 
 def _mosaic(chip):
