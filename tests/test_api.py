@@ -209,6 +209,13 @@ def test_magnitudes_are_of_the_campaigns_own_bands(sim, tmp_path):
     assert back.light(OBSID, CHIP).truth["mag"][0] == pytest.approx(20.0, abs=2e-3)
 
 
+def test_a_wrong_obsid_of_what_was_aimed_names_what_was_aimed(folder):
+    aimed = csstsim.Simulation(cache=folder / "cache").aim(10.0, 20.0, chip=24, size=200, obsid="10100000077")
+    for ask in (lambda: aimed.chip("1", 24), lambda: aimed.replace(select={"obsids": ["1"]})):
+        with pytest.raises(InputError, match=r"(?s)10100000077 of what was aimed|the 1 obsids of what was aimed"):
+            ask()
+
+
 def test_aim_puts_a_place_on_the_middle(folder):
     sim = csstsim.Simulation(cache=folder / "cache")
     assert len(sim.exposures) == 6 and sim.exposures["chips"][0] == (8,)

@@ -76,3 +76,30 @@ def test_layers_named_are_the_only_ones_told():
     assert said.exit_code == 0 and heads == ["bias", "gain"]
     wrong = CliRunner().invoke(main, ["layers", "biass"])
     assert wrong.exit_code == 2 and "biass" in wrong.stderr and "bias, blooming" in wrong.stderr
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["aim", "10", "2", "--output", ""], ["aim", "10", "2", "--instrument", ""], ["init", ""],
+        ["init", "sky", "--catalogue", ""], ["check", ""], ["show", "x.fits", "--output", ""],
+        ["chip", "c.yaml", "--obsid", "101", "--chip", "9", "--output", ""],
+    ],
+)  # fmt: skip
+def test_an_empty_name_is_refused(words):
+    said = CliRunner().invoke(main, words)
+    assert said.exit_code == 2 and "an empty name" in said.stderr and "Traceback" not in said.output
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "-1"])
+def test_numbers_that_are_none_are_refused(value):
+    for words, name in (
+        (["extract", "c.yaml", "--obsid", "101", "--chip", "29", "--snr", value], "--snr"),
+        (["aim", value, "2"], "ra"), (["aim", "10", "2", "--exptime", value], "exptime"),
+    ):  # fmt: skip
+        said = CliRunner().invoke(main, words)
+        assert said.exit_code == 2 and name in said.stderr and value in said.stderr, said.stderr
+    if value != "-1":
+        for words in (["10", value], ["10", "2", "--pa", value], ["10", "2", "--dither", "0", value]):
+            said = CliRunner().invoke(main, ["aim", *words])
+            assert said.exit_code == 2 and value in said.stderr, said.stderr

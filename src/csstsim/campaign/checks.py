@@ -14,7 +14,7 @@ def check_selection(run):
     if unknown:
         raise InputError(
             "not in the survey table", file=run.file, key="select.obsids", value=unknown[0],
-            allowed=f"the {len(run.pointings)} obsids of {run.config.survey_table}",
+            allowed=f"the {len(run.pointings)} obsids of {run.table}",
         )  # fmt: skip
     unknown = [] if isinstance(select.chips, str) else sorted(set(select.chips) - set(run.camera.chips))
     if unknown:

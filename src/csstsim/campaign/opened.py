@@ -16,7 +16,7 @@ from csstsim.campaign.checks import check_masters, check_photons, check_selectio
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.job import Job
 from csstsim.campaign.recipes import Recipes
-from csstsim.campaign.selection import nothing_selected, selected_chips, selected_pointings, window_of
+from csstsim.campaign.selection import nothing_selected, pair_missed, selected_chips, selected_pointings, window_of
 from csstsim.campaign.survey_table import load_survey_table
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.catalog.open import TABLE_KIND, catalog_class, importable, options_beside
@@ -57,6 +57,7 @@ class OpenCampaign:
             check_owner(self)
         self.camera = load_camera(self.config.instrument, self.file)
         self.rendering = load_numbers()
+        self.table = "what was aimed" if pointings else self.config.survey_table  # for errors
         pointings = pointings or load_survey_table(self.config.survey_table, self.camera.orbit)
         self.pointings = {p.obsid: p for p in pointings}
         check_selection(self)
@@ -103,7 +104,7 @@ class OpenCampaign:
         obsids = [p.obsid for p in selected_pointings(self)]
         if obsid not in obsids:
             more = ", ..." if len(obsids) > 3 else ""
-            allowed = f"{', '.join(obsids[:3])}{more} of {self.config.survey_table}"
+            allowed = f"{', '.join(obsids[:3])}{more} of {self.table}"
             message = "not an exposure of this campaign"
             raise InputError(message, file=self.file, key="obsid", value=obsid, allowed=allowed)
         chips = {chip.id: chip for chip in selected_chips(self)}
@@ -114,9 +115,8 @@ class OpenCampaign:
             )  # fmt: skip
         job = self._job(self.pointings[obsid], chips[chip_id])
         if job is None:
-            raise InputError(
-                f"chip {chip_id} of exposure {obsid} does not touch select.region", file=self.file, key="select.region"
-            )
+            with explained("aiming"):
+                raise pair_missed(self, self.pointings[obsid], chips[chip_id])
         check_masters(self, [job])
         return job
 

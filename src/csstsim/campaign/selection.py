@@ -52,7 +52,7 @@ def nothing_selected(run):
         types = ", ".join(sorted({p.type for p in run.pointings.values()}))
         return InputError(
             "no exposure has one of these types", file=run.file, key="select.types", value=select.types,
-            allowed=f"those in {run.config.survey_table}: {types}",
+            allowed=f"those in {run.table}: {types}",
         )  # fmt: skip
     if not chips:
         return InputError(
@@ -61,17 +61,33 @@ def nothing_selected(run):
         )  # fmt: skip
     if select.region is None:
         return InputError("no pixels are selected", file=run.file, key="window")
+    pairs = [(pointing, chip) for pointing in pointings if pointing.type == "SCIE" for chip in chips]
+    near = _nearest(run, pairs)
+    return _missed(run, f"the region touches no chip; it misses {', '.join(near)}" if near else "")
+
+
+def pair_missed(run, pointing, chip):
+    """Return the InputError of one (exposure, chip) pair that the region misses: by how much, and what to do."""
+    near = _nearest(run, [(pointing, chip)])
+    return _missed(run, f"the region misses {near[0]}" if near else "")
+
+
+def _nearest(run, pairs):
+    """Return texts about the pairs nearest to the region; none if the region is on the sky's other side."""
     missed = [
         (_miss(run, *run.maps(pointing, chip), _window(run, chip))[-1], pointing.obsid, chip)
-        for pointing in pointings if pointing.type == "SCIE" for chip in chips
-    ]  # fmt: skip
+        for pointing, chip in pairs
+    ]
     near = sorted((found for found in missed if not math.isnan(found[0])), key=lambda found: found[0])[:NEAREST]
     arcmin = run.camera.telescope.pixel_scale / 60.0
-    told = [f"chip {chip.id} ({chip.filter}) of exposure {obsid} by {px * arcmin:.1f}'" for px, obsid, chip in near]
-    circle = select.region
+    return [f"chip {chip.id} ({chip.filter}) of exposure {obsid} by {px * arcmin:.1f}'" for px, obsid, chip in near]
+
+
+def _missed(run, message):
+    circle = run.config.select.region
     return InputError(
-        f"the region touches no chip; it misses {', '.join(told)}" if told else "the region is on the sky's other side",
-        file=run.file, key="select.region", value=f"{circle.radius:g}' about {circle.ra:g}, {circle.dec:g}",
+        message or "the region is on the sky's other side", file=run.file, key="select.region",
+        value=f"{circle.radius:g}' about {circle.ra:g}, {circle.dec:g}",
         allowed="a circle that touches a chip. A row's ra, dec is the middle of the focal plane, not of a chip: "
         "`csstsim aim` writes rows that put a place on a chip",
     )  # fmt: skip

@@ -38,8 +38,6 @@ def init(folder, say, catalogue=None, example=None):
     EXAMPLES, whose files to write instead. Raises InputError for a folder that has one of the files, or a table that
     cannot be used.
     """
-    if not str(folder):
-        raise InputError("name the folder to make", key="FOLDER", value=folder)
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         raise InputError("is a file; name the folder to make", file=folder)

@@ -31,6 +31,16 @@ GARBAGE = 50_000  # new objects before a search for cycles; at the usual 700 imp
 LOUD, QUIET = "csstsim.loud", "csstsim.quiet"  # in the context of the command
 
 
+class GivenPath(click.Path):
+    """The name of a file or folder: not an empty one, which a script's unset variable leaves."""
+
+    def convert(self, value, param, ctx):
+        """Return the name. Fails for an empty one."""
+        if value == "":
+            self.fail("an empty name", param, ctx)
+        return super().convert(value, param, ctx)
+
+
 class Group(click.Group):
     """A click group. An input error prints one line and exits with code 2; SIGTERM ends it silently."""
 
@@ -41,7 +51,10 @@ class Group(click.Group):
         return super().main(*args, **options)
 
     def add_command(self, cmd, name=None):
-        """Add a command, which understands -v and -q after its name, too."""
+        """Add a command, which understands -v and -q after its name, too, and refuses empty names of files."""
+        for param in cmd.params:
+            if type(param.type) is click.Path:
+                param.type = GivenPath()
         cmd.params += [_switch("-v", _loud, hidden=True), _switch("-q", _quiet, hidden=True)]
         super().add_command(cmd, name)
 

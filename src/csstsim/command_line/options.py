@@ -1,12 +1,25 @@
 """Shared by commands: opening the campaign, options of exposure, chip and brick, the first and last line of a log."""
 
 import functools
+import math
 
 import click
 
 from csstsim.campaign.job_log import job_log
 from csstsim.command_line.completion import chips_of, obsids_of
 from csstsim.command_line.group import hushed
+
+
+class Finite(click.FloatRange):
+    """A number that is neither NaN nor infinite."""
+
+    def convert(self, value, param, ctx):
+        """Return the number. Fails for anything else."""
+        value = super().convert(value, param, ctx)
+        if not math.isfinite(value):
+            self.fail(f"{value} is not a finite number", param, ctx)
+        return value
+
 
 campaign_arg = click.argument("campaign", type=click.Path())
 obsid_opt = click.option("--obsid", required=True, shell_complete=obsids_of, help="Exposure, as in the survey table.")

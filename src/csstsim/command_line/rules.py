@@ -4,7 +4,7 @@ import sys
 
 import click
 
-from csstsim.command_line.options import brick_opt, chip_opt, of_job, scratch_opt, stage
+from csstsim.command_line.options import Finite, brick_opt, chip_opt, of_job, scratch_opt, stage
 
 
 @click.command()
@@ -142,7 +142,7 @@ def measure(run, job):
 
 @click.command()
 @of_job
-@click.option("--snr", type=click.FloatRange(0), help="Least S/N, in a resolution element or a line [default: 5].")
+@click.option("--snr", type=Finite(0), help="Least S/N, in a resolution element or a line [default: 5].")
 @click.option("--ids", help="Only these objects: numbers of the truth table, separated by commas.")
 @click.option("--all", "everything", is_flag=True, help="Every object with light on the chip, however faint.")
 def extract(run, job, snr, ids, everything):
