@@ -212,7 +212,7 @@ def test_magnitudes_are_of_the_campaigns_own_bands(sim, tmp_path):
 def test_a_wrong_obsid_of_what_was_aimed_names_what_was_aimed(folder):
     aimed = csstsim.Simulation(cache=folder / "cache").aim(10.0, 20.0, chip=24, size=200, obsid="10100000077")
     for ask in (lambda: aimed.chip("1", 24), lambda: aimed.replace(select={"obsids": ["1"]})):
-        with pytest.raises(InputError, match=r"(?s)10100000077 of what was aimed|the 1 obsids of what was aimed"):
+        with pytest.raises(InputError, match=r"(?s)10100000077 of what was aimed|the 1 obsid of what was aimed"):
             ask()
 
 

@@ -74,7 +74,8 @@ class LogHandler(LogHandlerBase):
     def _run(self, record):
         rules = {rule: n for rule, n in record.stats.items() if rule not in (*TARGETS, "total")}
         self._all = sum(record.stats.get(rule, 0) for rule in TARGETS)
-        return f"{sum(rules.values())} jobs: " + ", ".join(f"{n} {rule}" for rule, n in rules.items())
+        total = sum(rules.values())
+        return f"{total} job{'s' * (total != 1)}: " + ", ".join(f"{n} {rule}" for rule, n in rules.items())
 
     def _know(self, record):
         places = {"obsid": "", "chip": "chip ", "pix": "brick ", "dir": None, "name": None}

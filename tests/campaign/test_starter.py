@@ -63,6 +63,13 @@ def test_objects_of_ones_own_are_pointed_at(init):
     assert result.exit_code == 0 and "2 objects" in result.output and "2 of them are near" in result.output
 
 
+def test_one_object_is_told_in_the_singular(init, tmp_path):
+    (tmp_path / "objects.csv").write_text(OBJECTS.rpartition("0.001")[0])
+    assert init("--catalogue", "objects.csv").exit_code == 0
+    said = CliRunner().invoke(main, ["check", "campaign.yaml"]).output
+    assert "1 object: 1 of type star" in said and "1 of them is near" in said
+
+
 def test_nothing_is_written_over(init, tmp_path):
     assert init().exit_code == 0
     os.chdir(tmp_path)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
+from csstsim.base.plural import number_of
 from csstsim.campaign.survey_table import OBSID, OBSID_ALLOWED, exposures_of
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.geometry.pointing_for import centred_exposure
@@ -94,6 +95,6 @@ def aim(ra, dec, say, *, instrument, chips, filters, output=None, shifts=(), tim
     with atomic_path(output) as temporary:
         Path(temporary).write_text(text)
     numbers = ", ".join(str(number) for number in sorted({chip.id for chip in wanted}))
-    say(f"{output}: {len(found)} exposures. In the campaign, in place of these keys (radius in arcmin):")
+    say(f"{output}: {number_of(len(found), 'exposure')}. In the campaign, in place of these keys (radius in arcmin):")
     say(f"  survey_table: {output}\n  select:\n    chips: [{numbers}]")
     say(f"    region: {{ra: {ra % 360:.10g}, dec: {dec:.10g}, radius: 1}}\n  window: region")

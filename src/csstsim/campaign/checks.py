@@ -2,6 +2,7 @@
 
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
+from csstsim.base.plural import number_of
 from csstsim.campaign.config import PixelWindow
 from csstsim.optics.throughput import shutter
 
@@ -14,7 +15,7 @@ def check_selection(run):
     if unknown:
         raise InputError(
             "not in the survey table", file=run.file, key="select.obsids", value=unknown[0],
-            allowed=f"the {len(run.pointings)} obsids of {run.table}",
+            allowed=f"the {number_of(len(run.pointings), 'obsid')} of {run.table}",
         )  # fmt: skip
     unknown = [] if isinstance(select.chips, str) else sorted(set(select.chips) - set(run.camera.chips))
     if unknown:

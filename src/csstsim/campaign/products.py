@@ -50,7 +50,7 @@ def kinds(run):
     kept = [job for job in run.jobs if config.keep == "light" and run.has_stage(job.pointing, "render")]
     calibrated = run.imaging_jobs if config.measurement.keep_calibrated else ()
     page = [None] if run.science_jobs else []
-    truth = " with their truth" if run.science_jobs else ""
+    truth = " with truth" if run.science_jobs else ""
     table = (
         Kind("truth bricks", ("truth",), lambda: run.sky_bricks, lambda pix: [paths.truth(pix)], target=False),
         Kind("PSF sets", ("psf",), lambda: run.sky_chips, lambda c: [paths.psf(c), paths.psf_tables(c)], target=False),

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from csstsim.base.healpix import NSIDE
+from csstsim.base.plural import number_of
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import Region, name_of, read_columns, users_code
 from csstsim.catalog.light.photometry import load_fluxes, rate_to_mag
@@ -44,7 +45,7 @@ class Report:
     def __str__(self):
         counts = ", ".join(f"{count} of type {kind}" for kind, count in self.counts.items())
         total = len(self.table)
-        lines = [f"{total} object{'s' * (total != 1)}: {counts}" if total else "no objects in the region"]
+        lines = [f"{number_of(total, 'object')}: {counts}" if total else "no objects in the region"]
         lines += [f"fault: {text}" for text in self.faults] + [f"warning: {text}" for text in self.warnings]
         return "\n".join(lines)
 

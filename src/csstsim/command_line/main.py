@@ -10,6 +10,7 @@ import functools
 import click
 
 from csstsim import __version__
+from csstsim.base.plural import number_of
 from csstsim.base.progress import progress
 from csstsim.command_line import begin, rules, tools
 from csstsim.command_line.completion import chips_of
@@ -105,7 +106,8 @@ def check(run):
     from csstsim.stages.select import check_catalog
 
     check_catalog(run, say=print)
-    click.echo(f"{run.file}: good; {len(run.jobs)} chips of {len({j.pointing.obsid for j in run.jobs})} exposures")
+    exposures = len({job.pointing.obsid for job in run.jobs})
+    click.echo(f"{run.file}: good; {number_of(len(run.jobs), 'chip')} of {number_of(exposures, 'exposure')}")
 
 
 for command in rules.RULES + begin.TOOLS + tools.TOOLS:

@@ -5,6 +5,7 @@ import os
 from pathlib import Path
 
 from csstsim.base.errors import InputError
+from csstsim.base.plural import number_of
 from csstsim.base.progress import progress
 from csstsim.compare import hdf5, images, tables, texts
 from csstsim.compare.facts import Fact
@@ -70,14 +71,10 @@ def _tell(found, total, say, provenance):
     made.pop(None, None)
     if made and not provenance:
         products = len(set().union(*made.values()))
-        say(f"provenance differs in {_products_of(products)}, which does not count: {', '.join(sorted(made))}")
+        say(f"provenance differs in {number_of(products, 'product')}, which does not count: {', '.join(sorted(made))}")
     verdict = f"{unlike} {'differs' if unlike == 1 else 'differ'}" if unlike else "all the same"
-    say(f"{_products_of(total)} compared, {verdict}")
+    say(f"{number_of(total, 'product')} compared, {verdict}")
     return unlike
-
-
-def _products_of(count):
-    return "1 product" if count == 1 else f"{count} products"
 
 
 def _found(a, b, name, names):

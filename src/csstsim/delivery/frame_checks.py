@@ -6,6 +6,7 @@ An unreadable file raises csstsim.base.errors.InputError or OSError; delivery.ve
 import numpy as np
 
 from csstsim.base.errors import InputError
+from csstsim.base.plural import number_of
 from csstsim.catalog.table import ObjectTable
 from csstsim.delivery.light import light_faults
 from csstsim.io.fits import open_fits, verify_hdu
@@ -99,7 +100,7 @@ def _drawn(table, frame):
         box = [table[name][lit] for name in ("x0", "x1", "y0", "y1")]
         inside = (box[0] >= x0) & (box[0] < box[1]) & (box[1] <= x1) & (box[2] >= y0) & (box[2] < box[3])
         if not (inside & (box[3] <= y1)).all():
-            yield f"{int((~(inside & (box[3] <= y1))).sum())} objects were drawn in boxes beyond the window"
+            yield f"{number_of(int((~(inside & (box[3] <= y1))).sum()), 'object')} drawn in boxes beyond the window"
 
 
 def _light(frame, table, file):
@@ -129,7 +130,7 @@ def orders(path, frame):
     else:
         off = np.abs(np.bincount(row, table["drawn"], len(objects)) - objects["drawn"]) > 1 + 1e-6 * objects["drawn"]
         if off.any():
-            yield f"the orders of {int(off.sum())} objects do not add up to their light"
+            yield f"the orders of {number_of(int(off.sum()), 'object')} do not add up to their light"
 
 
 def cosmic(path, frame):
@@ -168,7 +169,7 @@ def measured(path, frame, recipe, seen):
             np.abs(table["y"] - (y0 + y1 - 1) / 2) <= (y1 - y0) / 2 + 5
         )
         if not inside.all():
-            yield f"{int((~inside).sum())} sources lie beyond the window"
+            yield f"{number_of(int((~inside).sum()), 'source')} beyond the window"
     if not ((table["ra"] >= 0) & (table["ra"] < 360) & (np.abs(table["dec"]) <= 90)).all():
         yield "has sources whose ra, dec are out of range"
 

@@ -4,6 +4,7 @@ import os
 import stat
 
 from csstsim.base.errors import InputError
+from csstsim.base.plural import number_of
 from csstsim.base.progress import progress
 from csstsim.delivery.contents import MAYBE, of_campaign
 from csstsim.delivery.folder import of_folder
@@ -35,17 +36,14 @@ def verify(run, folder, say, manifest=False):
         say(printable(f"{name}: {fault}"))
     present = [product for product in wanted if product.path.is_file()]
     size = sum(product.path.stat().st_size for product in present)
-    say(f"{root}: {len(present)} products, {size / 1e9:.3g} GB: {'sound' if not count else _faults(count)}")
+    verdict = number_of(count, "fault") if count else "sound"
+    say(f"{root}: {number_of(len(present), 'product')}, {size / 1e9:.3g} GB: {verdict}")
     if manifest and not count:
         write_manifest(root, {names[product.path]: product.kind for product in present})
         say(f"{root / HASHES} and {SIZES}: for the receiver, `sha256sum -c {HASHES}` in that folder")
     elif manifest:
         say("no manifest was written: the folder has faults")
     return count
-
-
-def _faults(count):
-    return "1 fault" if count == 1 else f"{count} faults"
 
 
 def printable(text):

@@ -5,6 +5,7 @@ import io
 import numpy as np
 
 from csstsim.base.healpix import brick_corners
+from csstsim.base.plural import number_of
 from csstsim.bricks.validate import SNR_EDGES
 from csstsim.report import exposure_panels, psf_panels
 from csstsim.report.colour_panel import colours
@@ -40,8 +41,8 @@ def brick_figure(result, arrays, looks, *, threshold=None, snr_min=None):
         draw(figure.add_subplot(grid[-1, 6 * number : 6 * number + 6]), arrays)
     purity = "" if result["purity"] is None else f" ({100.0 * result['purity']:.0f} % match a true object)"
     figure.suptitle(
-        f"Brick {result['brick']} (NSIDE 256, nested): {result['sources']} merged sources{purity}, "
-        f"{result['truth']} true objects, {result['frames']} frames"
+        f"Brick {result['brick']} (NSIDE 256, nested): {number_of(result['sources'], 'merged source')}{purity}, "
+        f"{number_of(result['truth'], 'true object')}, {number_of(result['frames'], 'frame')}"
     )
     return _png(figure)
 

@@ -1,5 +1,6 @@
 """The report of a campaign: one self-contained HTML page with embedded figures, style and script."""
 
+from csstsim.base.plural import number_of
 from csstsim.bricks import verdict as verdicts
 from csstsim.bricks.gates import FEW
 from csstsim.report.band_table import band_numbers, band_table
@@ -138,9 +139,10 @@ def _brick(result, png, links, labels):
         place = f"Positions out - in: east {east}, north {north} mas from {residual['east']['n']} bright stars."
     else:
         place = "Positions: no bright star to judge by."
-    count = f"{result['sources']} merged sources; {result['truth']} true objects on {result['frames']} frames."
+    counted = {"sources": "merged source", "truth": "true object", "frames": "frame"}
+    sources, truth, frames = (number_of(result[name], word) for name, word in counted.items())
     return [
-        Paragraph(f"{count} {place}"),
+        Paragraph(f"{sources}; {truth} on {frames}. {place}"),
         Paragraph(links),
         band_table(result, labels),
         *_figure(png, f"Validation of brick {result['brick']}"),

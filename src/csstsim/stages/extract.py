@@ -6,6 +6,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.one_thread import one_thread
+from csstsim.base.plural import number_of
 from csstsim.base.release import check_recipe
 from csstsim.catalog.components import components
 from csstsim.stages.calibrate import calibrated_frame
@@ -39,7 +40,8 @@ def extract(run, job, snr_min=SNR_MIN, ids=None):
     with atomic_path(path.with_suffix(".png")) as temporary:
         temporary.write_bytes(spectra_figure(truth, frame, orders, table))
     table.write(path, table.meta | {"recipe": run.recipe(job, "measure")})
-    print(f"{table.meta['spectra']} spectra of S/N {snr_min:g} and more, in a resolution element or a line: {path}")
+    count = number_of(table.meta["spectra"], "spectrum", "spectra")
+    print(f"{count} of S/N {snr_min:g} and more, in a resolution element or a line: {path}")
     for name, count in table.meta["left_out"].items():
         if count:
             print(f"left out: {count}, {LEFT_OUT[name]}")

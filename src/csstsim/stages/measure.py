@@ -1,6 +1,7 @@
 """Measure: the sources of a Level-0 file detected and measured."""
 
 from csstsim.base.one_thread import one_thread
+from csstsim.base.plural import number_of
 from csstsim.base.release import check_recipe
 from csstsim.io.paths import made
 from csstsim.stages.calibrate import calibrated_frame
@@ -19,7 +20,7 @@ def measure(run, job):
         window=job.window,
     )  # fmt: skip
     table.write(run.paths.measure(*job.key), table.meta | {"recipe": run.recipe(job, "measure")})
-    print(f"{len(table)} sources, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")
+    print(f"{number_of(len(table), 'source')}, 5 sigma at {table.meta['depth_5sigma']:.2f} AB")
 
 
 def measured_table(run, job, columns=None):

@@ -3,6 +3,7 @@
 from csstsim import __version__
 from csstsim.base.errors import InputError
 from csstsim.base.one_thread import one_thread
+from csstsim.base.plural import number_of
 from csstsim.base.progress import progress
 from csstsim.stages.measure import measured_table
 
@@ -21,7 +22,7 @@ def merge(run, pix):
         "recipe": run.brick_recipe(pix), "frames": len(jobs),
     }  # fmt: skip
     write_merged(run.paths.merge(pix), sources, detections, metadata)
-    print(f"{len(sources)} sources from {len(detections)} detections")
+    print(f"{number_of(len(sources), 'source')} from {number_of(len(detections), 'detection')}")
 
 
 def jobs_on(run, pix):

@@ -7,6 +7,7 @@ from urllib.parse import quote
 from csstsim import __version__
 from csstsim.base.errors import InputError
 from csstsim.base.one_thread import one_thread
+from csstsim.base.plural import number_of
 from csstsim.base.progress import progress
 from csstsim.base.release import check_recipe
 from csstsim.bricks import verdict as verdicts
@@ -141,9 +142,8 @@ def _spectra(run, job, budget):
     path = run.paths.spectra(*job.key)
     meta, figure = ObjectTable.read(path).meta, path.with_suffix(".png")
     check_recipe(path, meta, run.recipe(job, "measure"))
-    title = (
-        f"exposure {job.pointing.obsid}, chip {job.chip.id} ({job.chip.filter}): {meta['spectra']} spectra extracted"
-    )
+    count = number_of(meta["spectra"], "spectrum", "spectra")
+    title = f"exposure {job.pointing.obsid}, chip {job.chip.id} ({job.chip.filter}): {count} extracted"
     return title, budget.read(figure), _link(run, "spectra", path), _link(run, "figure", figure)
 
 

@@ -3,6 +3,7 @@
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
 from csstsim.base.one_thread import one_thread
+from csstsim.base.plural import number_of
 from csstsim.stages.psf import psf_box
 from csstsim.stages.stage_frames import Timer
 
@@ -44,7 +45,8 @@ def say_selected(table, say):
     from csstsim.catalog.flags import NOT_DRAWN
     from csstsim.catalog.selection.drawable import why_not_drawn
 
-    say(f"{len(table)} objects reach the window; left out: {table.meta['dropped']}")
+    verb = "reaches" if len(table) == 1 else "reach"
+    say(f"{number_of(len(table), 'object')} {verb} the window; left out: {table.meta['dropped']}")
     for reason, count in why_not_drawn(table, table["flags"] & NOT_DRAWN).items():
         say(f"{count} not drawn: {reason}")
 
@@ -74,10 +76,11 @@ def _check_catalog(run, say):
     unused = [name.removeprefix("user_") for name in report.table.names if name.startswith("user_")]
     if unused:
         say(f"columns that are not used, but kept in the truth as user_*: {', '.join(unused)}")
-    say(f"{reach} of them are near what chip {job.chip.id} sees in exposure {job.pointing.obsid}")
+    verb = "is" if reach == 1 else "are"
+    say(f"{reach} of them {verb} near what chip {job.chip.id} sees in exposure {job.pointing.obsid}")
     if report.faults:
         raise InputError(
-            f"the catalogue has {len(report.faults)} faults, the first: {report.faults[0]}", file=run.file,
+            f"the catalogue has {number_of(len(report.faults), 'fault')}, the first: {report.faults[0]}", file=run.file,
             key="catalog.kind", value=run.config.catalog.kind,
         )  # fmt: skip
     if not reach:

@@ -4,6 +4,7 @@ import json
 
 from csstsim.base.errors import InputError
 from csstsim.base.one_thread import one_thread
+from csstsim.base.plural import number_of
 from csstsim.base.progress import progress
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.stages.level0 import truth_of
@@ -26,7 +27,8 @@ def shear(files, output, say):
         means.append(pair_means(*(_shapes_on(run) for run in twins)))
         kappa, *gamma = lensing
         shears.append([value / (1 - kappa) for value in gamma])
-        say(f"g = {shears[-1][0]:+.4f}, {shears[-1][1]:+.4f}: {len(means[-1])} galaxies in both twins")
+        count = number_of(len(means[-1]), "galaxy", "galaxies")
+        say(f"g = {shears[-1][0]:+.4f}, {shears[-1][1]:+.4f}: {count} in both twins")
     try:
         fits = calibration(shears, means)
     except ValueError as exc:

@@ -1,5 +1,6 @@
 """Checks of a campaign: it opens, and this machine has room for it."""
 
+from csstsim.base.plural import number_of
 from csstsim.command_line.doctor import OK, PROBLEM, WARNING, Finding
 from csstsim.command_line.doctor.machine import cores, free_disk, free_memory, gb, there, write_fault
 
@@ -13,7 +14,8 @@ def of_campaign(file):
     run = OpenCampaign(file)
     run.open_truth()
     counts, disk, costs = plan(run)
-    yield Finding(OK, "campaign", f"{file}: {counts['Level-0 files']} Level-0 files, {counts['jobs']} jobs")
+    made = number_of(counts["Level-0 files"], "Level-0 file"), number_of(counts["jobs"], "job")
+    yield Finding(OK, "campaign", f"{file}: {', '.join(made)}")
     yield from output(run.paths.output, sum(disk.values()), look(run, wanted(run)))
     yield from memory(costs)
 

@@ -1,0 +1,6 @@
+"""Counts in messages: 1 object, 2 objects."""
+
+
+def number_of(count, word, several=None):
+    """Return a count and what is counted; several: the plural, if it is not the word with an s."""
+    return f"{count} {word if count == 1 else several or word + 's'}"
