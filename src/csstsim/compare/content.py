@@ -13,16 +13,20 @@ import numpy as np
 from csstsim.base.files.atomic import atomic_path
 from csstsim.base.progress import progress
 from csstsim.compare.varying import KEYWORDS, steady_page, varies
-from csstsim.delivery.manifest import CONTENT, FILES, HASHES, read_manifest
+from csstsim.delivery.manifest import CONTENT, FILES, HASHES, list_content, read_manifest
 
 
 def write_contents(folder):
-    """Write MANIFEST.content of the products that MANIFEST.sha256 lists, a hash and a path a line; return its path."""
+    """Write MANIFEST.content of the products that MANIFEST.sha256 lists, a hash and a path a line; return its path.
+
+    MANIFEST.sha256 then lists it, too.
+    """
     folder = Path(folder)
     names = sorted(set(read_manifest(folder / HASHES)) - set(FILES))
     lines = [f"{content_hash(folder / name)}  {name}" for name in progress(names, "content", len(names))]
     with atomic_path(folder / CONTENT) as temporary:
         Path(temporary).write_text("\n".join(lines) + "\n", encoding="ascii")
+    list_content(folder)
     return folder / CONTENT
 
 
@@ -53,9 +57,11 @@ def _of_table(path):
         about = {key.decode(): value for key, value in (file.schema_arrow.metadata or {}).items()}
         for name in file.schema_arrow.names:
             if not varies(name):
-                column = file.read(columns=[name])[name].to_numpy()
+                stored = file.read(columns=[name])[name]
+                column = stored.to_numpy()
                 yield f"{name} {column.dtype}\n"
-                yield column.tobytes() if column.dtype != object else repr(column.tolist())
+                # As Python's own lists: the text of a long numpy array leaves out its middle
+                yield column.tobytes() if column.dtype != object else repr(stored.to_pylist())
     yield _steady(json.loads(about.get("csstsim", b"{}")))
 
 
@@ -76,8 +82,9 @@ def _of_hdf5(path):
         found = []
         file.visititems(lambda name, item: found.append(name) if isinstance(item, h5py.Dataset) else None)
         for name in sorted(found):
-            yield f"{name} {file[name].dtype} {file[name].shape}\n"
-            yield np.ascontiguousarray(file[name][()]).tobytes()
+            values = np.ascontiguousarray(file[name][()])
+            yield f"{name} {values.dtype} {file[name].shape}\n"
+            yield values.tobytes() if values.dtype != object else repr(values.tolist())
 
 
 def _of_bytes(path):

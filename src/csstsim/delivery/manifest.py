@@ -1,8 +1,10 @@
 """The manifest of a delivery: what a receiver can check without csstsim.
 
 MANIFEST.sha256   hash and path of every product, as `sha256sum -c MANIFEST.sha256` reads it
-MANIFEST.tsv      path, size in bytes and kind of every product, with a heading; its own hash is in the other
+MANIFEST.tsv      path, size in bytes and kind of every product, with a heading
 MANIFEST.content  hash of what each product holds, without dates and timings (compare.content)
+
+The hashes of the other two are in MANIFEST.sha256.
 """
 
 import hashlib
@@ -27,7 +29,15 @@ def write_manifest(folder, kinds):
     with atomic_path(folder / SIZES) as temporary:
         temporary.write_text("\n".join([_HEADING, *rows]) + "\n", encoding="ascii")
     names = [*progress(kinds, "hashing", len(kinds)), SIZES]
-    hashes = {name: _hash(folder / name) for name in names}
+    _write_hashes(folder, {name: _hash(folder / name) for name in names})
+
+
+def list_content(folder):
+    """Add the hash of MANIFEST.content to MANIFEST.sha256. Raises OSError, and InputError as `read_manifest`."""
+    _write_hashes(folder, read_manifest(folder / HASHES) | {CONTENT: _hash(folder / CONTENT)})
+
+
+def _write_hashes(folder, hashes):
     with atomic_path(folder / HASHES) as temporary:
         temporary.write_text("".join(f"{value}  {name}\n" for name, value in hashes.items()), encoding="ascii")
 
@@ -51,7 +61,7 @@ def manifest_faults(folder, present, expected):
         yield HASHES, str(exc)
         return
     for name in progress(sorted(listed), "checking the manifest", len(listed)):
-        if name != SIZES and name not in present:
+        if name not in (SIZES, CONTENT) and name not in present:
             if name not in expected:  # one that is expected is missed already
                 yield name, f"listed in {HASHES}, but missing" if not (folder / name).exists() else "no product"
         elif not (folder / name).is_file():
