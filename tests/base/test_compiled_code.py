@@ -30,6 +30,16 @@ def test_nothing_is_chosen_where_numba_finds_a_place(read_only, tmp_path):
         assert choose_folder(environment, read_only) is None and environment == given
 
 
+@pytest.mark.parametrize("environment", [{"HOME": ""}, {"HOME": "x"}, {"XDG_CACHE_HOME": "x", "HOME": "/nowhere"}])
+def test_nothing_is_made_in_the_folder_where_one_stands(read_only, tmp_path, monkeypatch, environment):
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    made = []
+    monkeypatch.setattr(os, "makedirs", lambda path, **_: made.append(path))
+    choose_folder(dict(environment), read_only)
+    assert made and all(os.path.isabs(path) for path in made)
+
+
 def test_a_folder_that_others_can_write_is_not_trusted(read_only, tmp_path):
     (tmp_path / f"csstsim-compiled-{os.getuid()}").mkdir()
     os.chmod(tmp_path / f"csstsim-compiled-{os.getuid()}", 0o777)

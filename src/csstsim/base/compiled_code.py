@@ -16,8 +16,10 @@ def choose_folder(environment, package):
         return None
     import tempfile
 
-    home = environment.get("XDG_CACHE_HOME") or os.path.join(environment.get("HOME", "/"), ".cache")
+    home = environment.get("XDG_CACHE_HOME") or os.path.join(environment.get("HOME") or "/", ".cache")
     try:
+        if not os.path.isabs(home):
+            raise NotADirectoryError(home)  # it would be made in whatever folder a command runs
         os.makedirs(home, exist_ok=True)
         with tempfile.TemporaryFile(dir=home):
             return None
