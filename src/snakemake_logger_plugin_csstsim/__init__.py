@@ -4,6 +4,8 @@ Snakemake finds the module by its name (`logger: csstsim` in profiles/default). 
 Dry runs, and `--verbose`, are shown as Snakemake shows them.
 """
 
+import logging
+import re
 import sys
 import time
 from pathlib import Path
@@ -16,13 +18,15 @@ BAR = 24  # characters
 TARGETS = "all", "everything"  # rules that only ask for the products of others
 TAIL = 8  # lines of a failed job's log
 ERASE = "\r\033[K"
-# What a user of a campaign need not know
+# Before the jobs begin: what a user of a campaign need not know
 HIDDEN = (
-    "Assuming unrestricted shared filesystem", "Building DAG", "Using shell", "Provided", "Rules claiming more",
-    "Select jobs", "Execute ", "Conda environments", "Complete log", "None", "host:", "Removing temporary",
-    "Shutting down, this might take", "Exiting because a job", "At least one job did not complete",
-    "Using workflow specific profile", "Using profile", "Finished job", "Will exit after finishing",
+    "Assuming unrestricted shared filesystem", "Building DAG", "Using shell", "Group jobs", "Conda environments",
+    "Singularity containers", "host:", "Using workflow specific profile", "Using profile",
 )  # fmt: skip
+# Of errors: what the lines of failed jobs say
+SAID = "Exiting because a job execution failed", "At least one job did not complete successfully"
+# How a csstsim command ends on Ctrl-C, by its log (click), and on SIGINT and SIGTERM, by its exit code
+ABORTED, STOPPED = "Aborted!", re.compile(r"exit status (130|143)\b")
 
 
 class LogHandler(LogHandlerBase):
@@ -37,6 +41,7 @@ class LogHandler(LogHandlerBase):
         )
         self._jobs, self._starts, self._ended, self._first, self._all = {}, {}, [], time.monotonic(), 0
         self._bar = not self._plain and sys.stderr.isatty()
+        self._begun, self._held = False, ""
 
     writes_to_stream = property(lambda self: True)
     writes_to_file = property(lambda self: False)
@@ -62,16 +67,29 @@ class LogHandler(LogHandlerBase):
         event = get_event(record)
         told = {
             LogEvent.RUN_INFO: self._run, LogEvent.JOB_INFO: self._know, LogEvent.JOB_STARTED: self._start,
-            LogEvent.JOB_FINISHED: self._end, LogEvent.PROGRESS: self._progress, LogEvent.JOB_ERROR: self._failed,
+            LogEvent.JOB_FINISHED: self._end, LogEvent.PROGRESS: self._progress,
         }  # fmt: skip
+        if event == LogEvent.JOB_ERROR:
+            return self._failed(record)
         if event in told:
-            return told[event](record)
-        if event in (None, LogEvent.ERROR):
-            text = str(self._formatter.format(record) or "").strip()
-            return "" if text.startswith(HIDDEN) else text
-        return ""
+            text = told[event](record)
+        else:
+            text = self._message(record) if event in (None, LogEvent.ERROR) else ""
+            if text.startswith("RuleException"):  # the job's own record follows
+                text, self._held = self._held, text
+                return text
+        text, self._held = "\n".join(filter(None, (self._held, text))), ""
+        return text
+
+    def _message(self, record):
+        """Return a message of Snakemake's if it is for the user: all but what goes without saying while jobs run."""
+        text = str(self._formatter.format(record) or "").strip()
+        if get_event(record) is None and record.levelno <= logging.INFO:
+            return "" if self._begun or text in ("", "None") or text.startswith(HIDDEN) else text
+        return "" if any(said in text for said in SAID) else text
 
     def _run(self, record):
+        self._begun = True
         rules = {rule: n for rule, n in record.stats.items() if rule not in (*TARGETS, "total")}
         self._all = sum(record.stats.get(rule, 0) for rule in TARGETS)
         total = sum(rules.values())
@@ -113,10 +131,12 @@ class LogHandler(LogHandlerBase):
         return f"[{'#' * full}{'.' * (BAR - full)}] {100 * done // total}%, {spent:.0f} s{left}"
 
     def _failed(self, record):
-        name = self._jobs.get(record.jobid, record.rule_name)
+        name, held = self._jobs.get(record.jobid, record.rule_name), self._held
+        self._held = ""
         logs = [Path(log) for log in record.log or () if Path(log).is_file()]
         lines = [line for log in logs for line in log.read_text(errors="replace").splitlines()[-TAIL:]]
+        if STOPPED.search(held) or [line for line in lines if line.strip()][-1:] == [ABORTED]:
+            return f"interrupted {name}"
         errors = [line for line in lines if line.startswith("csstsim: error:")]
-        return "\n".join(
-            [f"FAILED {name}", *(f"  {line}" for line in errors or lines), *(f"  log: {log}" for log in logs)]
-        )
+        told = [f"FAILED {name}", *(f"  {line}" for line in errors or lines), *(f"  log: {log}" for log in logs)]
+        return "\n".join([held, *told] if held and not errors else told)

@@ -41,7 +41,8 @@ def test_each_finished_job_is_a_line_with_its_place_in_the_campaign(capsys):
         record(LogEvent.JOB_FINISHED, "Finished jobid: 2", job_id=2), record(LogEvent.PROGRESS, done=1, total=4),
         record(LogEvent.JOB_FINISHED, "Finished jobid: 1", job_id=1), record(LogEvent.PROGRESS, done=2, total=4),
         record(LogEvent.JOB_FINISHED, "Finished jobid: 0", job_id=0), record(LogEvent.PROGRESS, done=4, total=4),
-        record(None, "Nothing to be done (all requested files are present and up to date)."),
+        record(None, "Complete log(s): x.log"), record(None, "Words of a later Snakemake about its own work."),
+        record(None, "a warning", levelno=logging.WARNING, levelname="WARNING"),
     ):  # fmt: skip
         log.emit(each)
     lines = capsys.readouterr().err.splitlines()
@@ -50,7 +51,14 @@ def test_each_finished_job_is_a_line_with_its_place_in_the_campaign(capsys):
         "2/3  render 10100000001 chip 09",
     ]
     assert lines[0] == "3 jobs: 2 render, 1 level0" and lines[1].endswith(" s")
-    assert lines[3:] == ["Nothing to be done (all requested files are present and up to date)."]
+    assert lines[3:] == ["a warning"]
+
+
+def test_where_no_job_runs_snakemakes_answer_is_shown(capsys):
+    log = handler()
+    for text in ("Building DAG of jobs...", "Nothing to be done (all requested files are present and up to date)."):
+        log.emit(record(None, text))
+    assert capsys.readouterr().err.startswith("Nothing to be done")
 
 
 @pytest.mark.parametrize(
@@ -67,6 +75,41 @@ def test_a_failed_job_shows_the_error_of_its_log(tmp_path, capsys, text, shown):
     log.emit(job(1, "readout", obsid="10100000001", chip="09"))
     log.emit(record(LogEvent.JOB_ERROR, jobid=1, rule_name="readout", log=[str(path)]))
     assert capsys.readouterr().err == f"FAILED readout 10100000001 chip 09\n{shown}\n  log: {path}\n"
+
+
+def failed(log, number, rule, path, status):
+    """Emit what Snakemake says of a command that ended with a status."""
+    log.emit(job(number, rule, obsid="10100000001", chip="09"))
+    log.emit(record(LogEvent.ERROR, f"RuleException:\nCommand 'x' returned non-zero exit status {status}."))
+    log.emit(record(LogEvent.JOB_ERROR, jobid=number, rule_name=rule, log=[str(path)]))
+
+
+@pytest.mark.parametrize(("text", "status"), [("csstsim 0.1.0 render ...\n\nAborted!\n", 1), ("", 143)])
+def test_an_interrupted_job_has_not_failed(tmp_path, capsys, text, status):
+    """Ctrl-C, and SIGTERM."""
+    path = tmp_path / "render.log"
+    path.write_text(text)
+    log = handler()
+    log.emit(record(LogEvent.RUN_INFO, "a table", stats={"render": 1, "total": 1}))
+    failed(log, 1, "render", path, status)
+    log.emit(record(LogEvent.ERROR, "WorkflowError:\nAt least one job did not complete successfully."))
+    assert capsys.readouterr().err.splitlines()[1:] == ["interrupted render 10100000001 chip 09"]
+
+
+def test_how_a_job_ended_is_shown_where_its_log_has_no_error(tmp_path, capsys):
+    path = tmp_path / "render.log"
+    path.write_text("")
+    log = handler()
+    failed(log, 1, "render", path, 137)
+    said = capsys.readouterr().err
+    assert "exit status 137" in said and "FAILED render" in said
+    path.write_text("csstsim: error: a.fits: damaged\n")
+    failed(log, 2, "render", path, 2)
+    said = capsys.readouterr().err
+    assert "exit status" not in said and "FAILED render" in said and "damaged" in said
+    log.emit(record(LogEvent.ERROR, "RuleException:\nof no job"))
+    log.emit(record(LogEvent.JOB_FINISHED, job_id=5))
+    assert "of no job" in capsys.readouterr().err
 
 
 def test_a_dry_run_is_shown_as_snakemake_shows_it(capsys):
