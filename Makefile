@@ -37,11 +37,11 @@ docs: .venv/ready
 	sphinx-build -W --keep-going -q -b html docs results/docs
 	python docs/check_links.py results/docs
 
-# Some minutes: what is written as >>> in pages and docstrings, and all notebooks, executed; the site with what they show
+# Some minutes: what is written as >>> in pages and docstrings, and all tutorials, executed; the site with what they show
 tutorials: .venv/ready
 	pytest --doctest-modules --doctest-glob='*.md' src/csstsim docs
-	sphinx-build -W --keep-going -q -D nb_execution_mode=force -b html docs results/docs
-	python docs/check_links.py results/docs
+	python docs/execute_tutorials.py
+	$(MAKE) docs
 
 # As root, after: apt-get install slurmctld slurmd slurm-client munge
 test-slurm: .venv/ready

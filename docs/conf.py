@@ -6,15 +6,18 @@ public address of the repository is needed. Pages that live elsewhere (config/RE
 included by a page of three lines, so each text has one home. A link to a file that is not there is a warning, and
 warnings are errors; docs/check_links.py looks at the HTML besides.
 
-Notebooks (docs/tutorials) are not executed here: make tutorials does.
+Tutorials show what their cells printed and drew when docs/execute_tutorials.py executed them last (docs/tutorials/
+executed). One whose code has changed since is executed anew, which takes minutes; a test finds it.
 """
 
 import sys
+import tempfile
 from pathlib import Path
 
-from nbclient import NotebookClient
+from jupyter_cache import get_cache
 
-sys.path.insert(0, str(Path(__file__).parent))  # plain_docstrings
+sys.path.insert(0, str(Path(__file__).parent))  # execute_tutorials, plain_docstrings
+from execute_tutorials import EXECUTED, LONGEST
 
 project = "csstsim"
 author = copyright = "the csstsim contributors"
@@ -31,11 +34,15 @@ highlight_language = "none"  # most blocks are commands; Python is marked as suc
 
 myst_enable_extensions = ["dollarmath"]  # formulae: $...$ in a line, $$...$$ on lines of their own
 myst_heading_anchors = 4
-nb_execution_mode = "off"
+exclude_patterns = ["tutorials/executed"]
+nb_execution_mode = "cache"
+_known = tempfile.TemporaryDirectory()
+nb_execution_cache_path = _known.name
 nb_execution_in_temp = True
-nb_execution_timeout = 1800  # s a cell: a campaign runs in one
+nb_execution_timeout = LONGEST
 nb_execution_raise_on_error = True
-NotebookClient.coalesce_streams = True  # a command's output comes in pieces, cut anywhere
+for file in EXECUTED.glob("*.ipynb"):
+    get_cache(nb_execution_cache_path).cache_notebook_file(file, check_validity=False)
 
 autodoc_member_order = "bysource"
 autodoc_typehints = "none"
