@@ -1,6 +1,7 @@
 # Two commands on a bare Debian machine with python3, git and make:
-#   make run    set up .venv, then simulate the demo campaign and one full chip end to end
+#   make run    set up .venv, then simulate the demo campaign end to end
 #   make test   set up .venv, then every check and test
+#   make full-chip  set up .venv, then one whole chip at full depth, from the truth to the report: some minutes
 #   make docs   set up .venv, then the documentation site, results/docs/index.html
 #   make mutants  faults put into the code one by one, and a table by folder of those that the tests see (an hour)
 #   make fuzz   set up .venv, then eight minutes of hostile input to every reader, and a table of what came of it
@@ -8,10 +9,12 @@ PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)
 
-.PHONY: run test checks first-image docs tutorials test-slurm test-faults mutants fuzz format clean
+.PHONY: run full-chip test checks first-image docs tutorials test-slurm test-faults mutants fuzz format clean
 
 run: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/campaign.yaml
+
+full-chip: .venv/ready
 	snakemake --profile profiles/default --config campaign=config/full_chip.yaml
 
 test: .venv/ready

@@ -6,6 +6,7 @@ include: "workflow/rules/common.smk"
 include: "workflow/rules/truth.smk"
 include: "workflow/rules/psf.smk"
 include: f"workflow/rules/{JOB_OF[CHIPS_AS]}.smk"
+include: "workflow/rules/look.smk"
 include: "workflow/rules/masters.smk"
 include: "workflow/rules/bricks.smk"
 include: "workflow/rules/spectra.smk"
@@ -15,6 +16,7 @@ include: "workflow/rules/report.smk"
 rule all:
     default_target: True
     input:
+        first_picture(),
         [made(rule) for rule, kind in MADE.items() if kind.target],
 
 

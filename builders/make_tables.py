@@ -33,6 +33,8 @@ FIELDS = {
     "w5": (300.0, -60.0, 240, datetime(2027, 7, 15, tzinfo=UTC)),
 }
 DEMO_TARGET = (60.1172, -40.0330)  # the middle of HEALPix brick 550615, so that one truth brick serves the demo
+RICH_TARGET = (300.0920, -59.8671)  # the middle of brick 732596 in W5: six times as many stars
+DEMO_FIRST, RICH_FIRST = datetime(2027, 11, 20, tzinfo=UTC), datetime(2027, 7, 15, tzinfo=UTC)  # first nights to try
 DEMO_CHIPS = (12, 14, 8, 9, 7, 11, 6)  # one for each of NUV u g r i z y
 DEMO_DITHER = 200.0  # px
 DEMO_SPECTRA = 29, 2500.0  # a GV chip, and a column whose left grating spreads all spectra over the chip
@@ -94,10 +96,10 @@ def wide_field(camera, name, prefix):
     ]
 
 
-def demo(camera):
+def one_target(camera, target, first):
     """Return 15 exposures of one target: two a quarter turn apart on a chip of each imaging band, one on a GV chip."""
     exposures = []
-    times = slots(camera, *DEMO_TARGET, datetime(2027, 11, 20, tzinfo=UTC), 2 * len(DEMO_CHIPS) + 1)
+    times = slots(camera, *target, first, 2 * len(DEMO_CHIPS) + 1)
     for pa in (PA, PA + 90.0):
         for chip_id in DEMO_CHIPS:
             chip = camera.chips[chip_id]
@@ -106,10 +108,10 @@ def demo(camera):
             x = (chip.detector.nx - 1) / 2 + DEMO_DITHER * np.cos(angle)
             y = (chip.detector.ny - 1) / 2 + DEMO_DITHER * np.sin(angle)
             exposure = _pointing(0.0, 0.0, pa, obsid=f"10100{i + 1:06d}", time=_iso(times[i]))
-            exposures.append(pointing_for(exposure, chip, DEMO_TARGET, (x, y)))
+            exposures.append(pointing_for(exposure, chip, target, (x, y)))
     chip, column = camera.chips[DEMO_SPECTRA[0]], DEMO_SPECTRA[1]
     exposure = _pointing(0.0, 0.0, PA, obsid=f"10100{len(times):06d}", time=_iso(times[-1]))
-    return [*exposures, pointing_for(exposure, chip, DEMO_TARGET, (column, (chip.detector.ny - 1) / 2))]
+    return [*exposures, pointing_for(exposure, chip, target, (column, (chip.detector.ny - 1) / 2))]
 
 
 def calibration():
@@ -149,7 +151,9 @@ def write(path, exposures, comment):
 def make_all(folder, camera):
     """Write all tables into `folder`."""
     write(folder / "calibration.csv", calibration(), "bias, dark and LED flat exposures")
-    write(folder / "demo.csv", demo(camera), "one target, seven bands, two position angles each; one GV chip")
+    comment = "one target, seven bands, two position angles each; one GV chip"
+    write(folder / "demo.csv", one_target(camera, DEMO_TARGET, DEMO_FIRST), comment)
+    write(folder / "rich_field.csv", one_target(camera, RICH_TARGET, RICH_FIRST), comment + "; among more stars")
     for number, name in enumerate(FIELDS, start=1):
         ra, dec, count, _ = FIELDS[name]
         comment = f"{name.upper()}: 5 deg2 around ra {ra:g}, dec {dec:g}; {count} exposures (paper, Table 2)"

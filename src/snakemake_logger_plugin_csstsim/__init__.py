@@ -16,6 +16,7 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 BAR = 24  # characters
 TARGETS = "all", "everything"  # rules that only ask for the products of others
+PICTURES = {"look": "a first picture"}  # rules whose file is named when it is done
 TAIL = 8  # lines of a failed job's log
 ERASE = "\r\033[K"
 # Before the jobs begin: what a user of a campaign need not know
@@ -103,6 +104,8 @@ class LogHandler(LogHandlerBase):
             if places.get(name, "") is not None
         ]
         self._jobs[record.jobid] = " ".join([record.rule_name, *where])
+        if record.rule_name in PICTURES and getattr(record, "output", None):
+            self._jobs[record.jobid] = f"{PICTURES[record.rule_name]}: {record.output[0]}"
 
     def _start(self, record):
         for job in record.jobs if hasattr(record, "jobs") else [record.jobid]:

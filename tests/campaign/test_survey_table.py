@@ -17,8 +17,16 @@ TABLES = INSTRUMENT.parents[1] / "survey_tables"
 HEADER = "obsid,type,ra,dec,pa,time,exptime"
 ROW = "10100000001,SCIE,60.0,-40.0,-113.4333,2027-11-20T01:08:00,150"
 STATE = ",sat_x,sat_y,sat_z,sat_vx,sat_vy,sat_vz"
-SHIPPED = {"demo": 15, "calibration": 11, "w1": 226, "w2": 228, "w3": 261, "w4": 266, "w5": 240}
-FIELDS = {"w1": (30, -48), "w2": (170, -23), "w3": (180, 60), "w4": (240, 30), "w5": (300, -60), "demo": (60, -40)}
+SHIPPED = {"demo": 15, "rich_field": 15, "calibration": 11, "w1": 226, "w2": 228, "w3": 261, "w4": 266, "w5": 240}
+FIELDS = {
+    "w1": (30, -48),
+    "w2": (170, -23),
+    "w3": (180, 60),
+    "w4": (240, 30),
+    "w5": (300, -60),
+    "demo": (60, -40),
+    "rich_field": (300, -60),
+}
 
 
 @pytest.fixture(scope="module")
@@ -207,12 +215,13 @@ def test_fields_are_covered_by_every_filter(name, maker, camera):
         assert (n > 1).mean() >= 0.80, band
 
 
-def test_demo_brings_the_target_to_each_imaging_band_twice(camera):
+@pytest.mark.parametrize(("name", "target"), [("demo", (60.1172, -40.0330)), ("rich_field", (300.0920, -59.8671))])
+def test_one_target_is_brought_to_each_imaging_band_twice(camera, name, target):
     """Within 200 px of a chip's centre (1 px), in two position angles 90 deg apart."""
     seen = {}
-    for p in load_survey_table(TABLES / "demo.csv"):
+    for p in load_survey_table(TABLES / f"{name}.csv"):
         for chip in camera.imaging_chips:
-            x, y = ChipWCS(chip, p).world_to_pixel(60.1172, -40.0330)
+            x, y = ChipWCS(chip, p).world_to_pixel(*target)
             if np.hypot(x - 4607.5, y - 4615.5) < 201:
                 seen.setdefault(chip.filter, []).append(p.pa)
     assert set(seen) == {"NUV", "u", "g", "r", "i", "z", "y"}

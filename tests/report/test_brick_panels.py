@@ -12,8 +12,8 @@ from matplotlib.quiver import Quiver
 from csstsim.base.rng import stream
 from csstsim.bricks.trials import COLUMNS
 from csstsim.catalog.table import ObjectTable
-from csstsim.report import colour_panel, exposure_panels, psf_panels
-from csstsim.report.style import legend_or_note
+from csstsim.report import colour_panel, exposure_panels, figures, psf_panels
+from csstsim.report.style import legend
 
 
 def colours_of(n, galaxies=0):
@@ -71,11 +71,10 @@ def test_maps_of_shapes_show_what_was_put_in():
 
 @pytest.mark.parametrize(("n", "drawn"), [(0, False), (2, False), (6, False), (200, True)])
 def test_maps_of_a_few_stars(n, drawn):
-    """Without FEWEST stars in any of 64 cells the panels say so."""
+    """Without FEWEST stars in any of 64 cells there is nothing to draw."""
     figure = Figure()
     for axes, draw in zip(figure.subplots(1, 2), (psf_panels.size, psf_panels.ellipticity), strict=True):
-        draw(axes, shapes_of(n))
-        assert any("too few" in text.get_text() for text in axes.texts) != drawn
+        assert draw(axes, shapes_of(n)) is drawn
 
 
 @pytest.mark.parametrize("galaxy", [0.0, 1.0])
@@ -87,9 +86,23 @@ def test_a_band_of_one_kind_is_named_in_the_legend(galaxy):
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["r"]
 
 
-def test_a_legend_of_nothing_drawn_is_a_note(recwarn):
+def test_without_a_label_there_is_no_legend(recwarn):
     """Bands there are, but too few sources in each for a line."""
     axes = Figure().add_subplot()
-    legend_or_note(axes, ["r"], "too few objects")
-    assert axes.get_legend() is None and [text.get_text() for text in axes.texts] == ["too few objects"]
-    assert not recwarn.list
+    assert not legend(axes) and axes.get_legend() is None and not recwarn.list
+    axes.plot([0, 1], label="r")
+    assert legend(axes) and axes.get_legend() is not None
+
+
+def test_panels_without_data_are_left_out():
+    """Of two rows of two, one panel and the whole second row have nothing to show."""
+
+    def full(axes):
+        axes.plot([0, 1])
+        return True
+
+    figure = figures._arranged(((2, 1.0, [lambda axes: False, full]), (2, 1.0, [lambda axes: None]), (3, 2.0, [full])))
+    assert len(figure.axes) == 2
+    assert figure.get_figheight() == pytest.approx(figures.HEIGHT * 3 + 0.4)
+    first, second = (axes.get_subplotspec() for axes in figure.axes)
+    assert (first.rowspan.start, first.colspan.start) == (0, 0) and second.rowspan.start == 1

@@ -1,7 +1,10 @@
 """`csstsim report` on campaigns run through the commands: links, verdict, exit codes, calibration, a missing file."""
 
 import json
+import re
 import shutil
+import socket
+from pathlib import Path
 from types import SimpleNamespace
 from urllib.parse import unquote
 
@@ -12,10 +15,13 @@ from report_page import Reader, command, done
 from csstsim.bricks.result_file import read_result, write_result
 from csstsim.campaign.costs import Cost, expected
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.products import kinds
 from csstsim.campaign.run_times import run_times
 from csstsim.catalog.table import ObjectTable
+from csstsim.compare.varying import steady_page
 from csstsim.io.output_owner import FILE as OWNER
 from csstsim.io.paths import Paths
+from csstsim.stages.report import _products
 
 
 def relative_links(page):
@@ -31,6 +37,27 @@ def test_links_lead_to_the_files_of_the_campaign(reported):
     expected = [run.paths.level0(job.pointing, job.chip.id) for job in run.jobs]
     expected += [path(pix) for pix in run.merge_bricks for path in (run.paths.merge, run.paths.validate)]
     assert {path.resolve() for path in expected} <= targets
+
+
+def test_every_product_is_linked_with_its_size_and_the_provenance_is_complete(reported):
+    _, run, _ = reported
+    text = run.paths.report.read_text(encoding="utf-8")
+    targets = {(run.paths.report.parent / unquote(link)).resolve() for link in relative_links(run.paths.report)}
+    for kind in kinds(run).values():
+        made = {Path(path).resolve() for path in kind.files() if Path(path).is_file()} - {run.paths.report.resolve()}
+        assert made <= targets, kind.name
+    assert re.search(r"Level-0 files: 2 files, [\d.]+ [kMG]B", text)
+    for word in (socket.gethostname(), "report written", "survey table", "scie_obs", "seed", "layers in order"):
+        assert word in text
+    later = re.sub(r"((?:report written|host)</th><td>).*?<", r"\g<1>other<", text)
+    assert later != text and steady_page(later) == steady_page(text)
+
+
+def test_many_files_of_a_kind_are_linked_by_their_folder(reported, monkeypatch):
+    _, run, _ = reported
+    monkeypatch.setattr("csstsim.stages.report.LINKED", 1)
+    rows = {kind: links for kind, *_, links in _products(run)}
+    assert [link.label for link in rows["Level-0 files"]] == ["the folder level0"]
 
 
 def test_the_verdict_is_printed_and_strict_ends_with_1_only_when_a_gate_fails(reported):
@@ -61,7 +88,8 @@ def test_many_figures_are_linked_instead_of_embedded(reported, monkeypatch):
     done("report", file)
     text = run.paths.report.read_text()
     assert len(text) < before and "Validation of brick" not in text
-    assert sum(link.endswith(".png") for link in relative_links(run.paths.report)) == 2 * len(run.merge_bricks)
+    links = [link for link in relative_links(run.paths.report) if link.endswith(".png")]
+    assert len(links) == 3 * len(run.merge_bricks)  # beside the bricks' numbers, in their section, and as a product
     monkeypatch.undo()
     done("report", file)
 
@@ -221,4 +249,4 @@ def test_calibration_frames_alone(tmp_path, kind):
     assert "No gate could be judged" in said
     reader = Reader(run.paths.report.read_text())
     assert len(reader.values("image", "href")) == 2
-    assert len([link for link in relative_links(run.paths.report) if link.endswith(".fits")]) == 2
+    assert len({link for link in relative_links(run.paths.report) if link.endswith(".fits")}) == 2

@@ -23,7 +23,7 @@ def result(brick, gates, bands=("g",)):
     star = {"n": 25, "median": 0.03125, "sigma": 0.01, "error": 0.002}
     numbers = {
         "frames": 2, "zeropoint": 26.0, "depth_5sigma": 26.1, "completeness": 0.875, "point_sources": 40, "star": star,
-        "galaxy": star, "completeness_curve": {"snr": [1, 2]}, "deep": {"pull": {"width": 1.125}},
+        "galaxy": star, "star_kron": star, "completeness_curve": {"snr": [1, 2]}, "deep": {"pull": {"width": 1.125}},
     }  # fmt: skip
     part = {"n": 5, "median": 0.5, "sigma": 1.0}
     return {
@@ -67,7 +67,8 @@ def test_all_text_is_escaped_and_everything_is_in_the_page(tmp_path):
     wicked = result(1, [gate(EVIL, EVIL, False, extra=EVIL)])
     text = page(
         tmp_path, [wicked], figures={1: PNG}, sky_map=PNG, exposures=[{EVIL: EVIL, "chips": (Link(EVIL, EVIL),)}],
-        files=[(EVIL, f"../level0/{EVIL}.fits")], links={1: (Link(EVIL, "a.json"),)},
+        products=[(EVIL, 1, "2 kB", (Link(EVIL, f"../level0/{EVIL}.fits"),))],
+        layers=[(EVIL, EVIL, EVIL)], links={1: (Link(EVIL, "a.json"),)},
         spectra=[(EVIL, PNG), (EVIL, None)], provenance={EVIL: EVIL}, times=[{"step": EVIL, "wall": 1.0}],
     )  # fmt: skip
     reader = Reader(text)

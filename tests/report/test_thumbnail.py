@@ -15,7 +15,7 @@ from csstsim.io.level0 import read_level0, write_level0
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.report.mosaic import _corners, mosaic, take_exposure
 from csstsim.report.parts import draw
-from csstsim.report.thumbnail import binned, busiest, png, step_for, stretch
+from csstsim.report.thumbnail import around, binned, busiest, png, step_for, stretch
 
 PROVENANCE = {
     "recipe": dict.fromkeys(("campaign", "camera", "layers", "exposure"), "c0ffee"), "truth_hash": "7", "psf_hash": "9",
@@ -137,6 +137,36 @@ def test_mosaic_of_30_chips_and_of_calibration(small, tmp_path):
     assert [attrs["data-number"] for tag, attrs in reader.tags if tag == "g" and "data-box" in attrs] == ["0", "1"]
     labels = re.findall(r"<text[^>]*>(\d\d \w+)</text>", text)
     assert sorted(labels) == sorted(f"{c.label} {c.filter}" for c in small.chips.values())
+
+
+def test_names_of_chips_are_off_their_pixels(small, tmp_path):
+    """Text rises from its baseline by less than its size; its foot is above the chip, or above the window's pixels."""
+    window = (40, 104, 8, 40)
+    chip = small.chips[9]
+    file = level0(small, tmp_path / "x.fits", window=window)
+    reader = Reader(draw(mosaic(list(small.chips.values()), [take_exposure("x", 0.0, [(chip, file)])], LOOKS)))
+    texts = [attrs for tag, attrs in reader.tags if tag == "text" and "font-size" in attrs]
+    rows = sorted({float(attrs["y"]) for tag, attrs in reader.tags if tag == "rect" and attrs["class"] == "idle"})
+    (picture,) = (attrs for tag, attrs in reader.tags if tag == "image")
+    assert len(texts) == len(small.chips) + 1
+    for attrs in texts:
+        y, size = float(attrs["y"]), float(attrs["font-size"])
+        tops = [top for top in (*rows, float(picture["y"])) if top >= y]
+        assert tops and size > 0
+        above = [row + chip.detector.ny for row in rows if row + chip.detector.ny <= tops[0]]
+        if min(abs(top - y) for top in rows) < size:  # a chip's, not the window's
+            assert not above or y - 0.8 * size >= above[-1] - 1
+
+
+def test_the_place_at_full_resolution_is_the_one_that_is_asked_for(small, tmp_path):
+    chip, asked = small.chips[9], Window(100, 120, 20, 40)
+    file = level0(small, tmp_path / "x.fits")
+    places = []
+    for spot in (lambda *_: asked, lambda *_: None, None):
+        exposure = take_exposure("x", 0.0, [(chip, file)], most=20, spot=spot)
+        places.append(exposure.detail.window)
+    assert places[0] == asked and places[1] == places[2] != asked
+    assert around(3, 30, file.window, 20) == Window(0, 20, 20, 40)
 
 
 @pytest.mark.parametrize("pa, north", [(0.0, 90.0), (30.0, 60.0), (-113.4333, -156.5667)])

@@ -61,6 +61,15 @@ def test_where_no_job_runs_snakemakes_answer_is_shown(capsys):
     assert capsys.readouterr().err.startswith("Nothing to be done")
 
 
+def test_the_first_picture_is_named_by_its_file(capsys):
+    log, info = handler(), job(1, "look", obsid="10100000001", chip="09")
+    info.output = ["out/look/10100000001_09.png"]
+    log.emit(info)
+    for each in (record(LogEvent.JOB_FINISHED, job_id=1), record(LogEvent.PROGRESS, done=1, total=3)):
+        log.emit(each)
+    assert "a first picture: out/look/10100000001_09.png" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("text", "shown"),
     [

@@ -198,6 +198,11 @@ def exposures_by_chips():
     return found
 
 
+def first_picture():
+    """The picture of the first frame, in a list: no product, but made with them."""
+    return [str(RUN.paths.look(*job.key)) for job in RUN.first_frames]
+
+
 def level0_of(wildcards):
     return made("level0", [JOBS[wildcards.obsid, wildcards.chip]])[:1]
 

@@ -56,7 +56,10 @@ def real(truth, sources):
 
 
 def magnitudes(band, truth, sources, match, infos):
-    """Return ({kind: (true, out - in)}, {kind: statistics at SNR_BRIGHT}) of isolated stars and galaxies, AB mag."""
+    """Return ({kind: (true, out - in)}, {kind: statistics at SNR_BRIGHT}) of isolated stars and galaxies, AB mag.
+
+    The statistics' star_kron are of the same stars in the galaxies' Kron apertures: what these miss of a point's light.
+    """
     arrays, numbers = {}, {}
     galaxy = truth["obj_type"] == GALAXY
     for name, is_kind, prefix in (("star", ~galaxy, ""), ("galaxy", galaxy, "kron_")):
@@ -71,6 +74,9 @@ def magnitudes(band, truth, sources, match, infos):
         bright = good & (snr > SNR_BRIGHT) & (snr < SNR_MAX)
         arrays[name] = given[good], (got - given)[good]
         numbers[name] = spread((got - given)[bright])
+        if name == "star":
+            off = sources[f"kron_mag_{band}"][source] - given
+            numbers["star_kron"] = spread(off[bright & np.isfinite(off)])
     return arrays, numbers
 
 

@@ -239,6 +239,13 @@ class OpenCampaign:
         return tuple(job for job in self.science_jobs if job.chip.kind == "imaging")
 
     @cached_property
+    def first_frames(self):
+        """The science job whose picture is made first, in a tuple: of the middle band, the deepest; or ()."""
+        bands = [name for name in self.camera.filters if any(job.chip.filter == name for job in self.imaging_jobs)]
+        jobs = [job for job in self.imaging_jobs if job.chip.filter == bands[len(bands) // 2]]
+        return (jobs or self.science_jobs)[:1]
+
+    @cached_property
     def slitless_jobs(self):
         """The jobs whose spectra are extracted: science exposures of spectroscopic chips."""
         return tuple(job for job in self.jobs if self.has_orders(job))

@@ -15,8 +15,9 @@ COLUMNS = {"ms"}  # CPU milliseconds of an object
 KEYS = {"stages", "timing", "checksum", "hats_estsize"}
 # No products: the workflow's files, and hashes of files with dates in them
 BESIDE_PRODUCTS = {*BESIDE, *FILES}
-_PAGE = re.compile(
-    r'(?s)<section id="times">.*?</section>|<a href="#times">[^<]*</a> ?|<tr><th>campaign file</th>.*?</tr>'
+_PAGE = re.compile(  # sizes of files may differ by their timings
+    r'(?s)<section id="(times|products)">.*?</section>|<a href="#times">[^<]*</a> ?|'
+    r"<tr><th>(campaign file|report written|host)</th>.*?</tr>"
 )
 
 # How a product was made: versions, commits, digests, the layers' parameters

@@ -5,7 +5,7 @@
     level0/{obsid}/{stem}.fits {stem}.truth.parquet {stem}.orders.parquet {stem}.cosmic.fits
     masters/chip_08.fits  calibrated/{obsid}_{chip}.fits  measure/{obsid}_{chip}.parquet  spectra/{obsid}_{chip}.parquet
     merge/dataset/Norder=8/Dir=D/Npix=P.parquet  merge/hats.properties  validate/{P}.json
-    report/index.html verdict.json
+    report/index.html verdict.json  look/{obsid}_{chip}.png
 
 chips/ has the files passed between a chip's stages; it may be elsewhere (`scratch`), on a node's own disk.
 Bricks use the HATS directory layout (nested HEALPix order 8, NSIDE 256); bricks.hats makes catalogues of them.
@@ -107,6 +107,10 @@ class Paths:
     def validate(self, pix):
         """A brick's validation, JSON; pix: NSIDE 256, nested."""
         return self.output / "validate" / f"{pix}.json"
+
+    def look(self, obsid, chip_id):
+        """A picture of a Level-0 file, PNG."""
+        return self.output / "look" / f"{obsid}_{chip_id:02d}.png"
 
     @property
     def report(self):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from csstsim.report.style import BLACK, BLUE, ORANGE, legend_or_note
+from csstsim.report.style import BLACK, BLUE, ORANGE, legend
 
 MAX_POINTS = 3000  # points drawn per kind; more would only overlap
 CONTOURS_FROM = 50  # sources; fewer are drawn as points
@@ -13,10 +13,13 @@ KINDS = ("star or quasar", BLUE, "o"), ("galaxy", ORANGE, "s")
 
 
 def colours(axes, colour, looks):
-    """Draw true and measured colours of the same sources (bricks.compare.colours); looks: report.style.looks."""
+    """Draw true and measured colours of the same sources (bricks.compare.colours); return whether there are any.
+
+    looks: report.style.looks.
+    """
     names = [looks[band].label for band in colour["bands"]]
     if not names:
-        return legend_or_note(axes, (), "the camera has fewer than three bands")
+        return False
     given, got, galaxy = colour["input"], colour["output"], colour["galaxy"]
     for (kind, tint, marker), mine in zip(KINDS, (~galaxy, galaxy), strict=True):
         n = int(mine.sum())
@@ -36,7 +39,7 @@ def colours(axes, colour, looks):
         ylabel="{1} - {2} [AB mag]".format(*names),
     )
     axes.set_title(f"Colours of the same sources, true and measured, at S/N > 10 in {', '.join(names)}", fontsize=10)
-    legend_or_note(axes, len(galaxy), "no source with S/N > 10 in {}, {} and {}".format(*names), loc="upper left")
+    return legend(axes, loc="upper left")
 
 
 def _contours(axes, points, line, label):

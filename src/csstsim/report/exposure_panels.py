@@ -1,13 +1,13 @@
 """Panels of a brick's figure: detection limits, number counts, the stellar locus, and effects of charge transfer.
 
-Each function draws into `axes`. `result` and `arrays` are those of bricks.validate.validate_brick; arrays["looks"] is
-report.style.looks of the camera's filters.
+Each function draws into `axes` and returns whether there was anything to draw. `result` and `arrays` are those of
+bricks.validate.validate_brick; arrays["looks"] is report.style.looks of the camera's filters.
 """
 
 import numpy as np
 
 from csstsim.base.shipped import SHIPPED
-from csstsim.report.style import BLACK, FEWEST, GREEN, ORANGE, legend_or_note, snr_axis
+from csstsim.report.style import BLACK, FEWEST, GREEN, ORANGE, legend, snr_axis
 
 STEP = 0.5  # mag
 ROWS = 8  # bins of the number of rows to the amplifier
@@ -17,7 +17,7 @@ LOCUS = SHIPPED / "curves" / "sdss_locus.csv"
 
 def found_by_magnitude(axes, result, arrays):
     """Draw the share of isolated objects found in single exposures: point sources solid, galaxies dashed."""
-    drawn = []
+    labelled = set()
     for band, table in arrays["trials"].items():
         look = arrays["looks"][band]
         galaxy, found = table["galaxy"].astype(bool), table["found"] > 0
@@ -28,21 +28,20 @@ def found_by_magnitude(axes, result, arrays):
             seen = np.histogram(table["mag"][some & found & np.isfinite(table["mag"])], edges)[0]
             good = n >= FEWEST
             if good.any():
-                label = None if band in drawn else look.label
+                label = None if band in labelled else look.label
                 axes.plot(
                     edges[:-1][good] + STEP / 2, seen[good] / n[good], line, color=look.colour, lw=1.3,
                     label=label, marker=look.marker if line == "-" else None, ms=3,
                 )  # fmt: skip
-                drawn.append(band)
+                labelled.add(band)
     axes.axhline(0.5, color="#666666", ls=":", lw=1)
     axes.set(xlim=(18, 29), ylim=(-0.03, 1.05), xlabel="true magnitude [AB]", ylabel="fraction found")
     axes.set_title("Found in one exposure: stars (solid), galaxies (dashed)", fontsize=10)
-    legend_or_note(axes, drawn, "no isolated object", loc="lower left")
+    return legend(axes, loc="lower left")
 
 
 def counts(axes, result, arrays):
     """Draw the ratio of merged sources to true objects against magnitude minus the depth of an exposure."""
-    drawn = []
     for band, numbers in result["bands"].items():
         part, look = numbers["counts"], arrays["looks"][band]
         edges, given, got = (np.array(part[name], float) for name in ("edges", "in", "out"))
@@ -54,11 +53,10 @@ def counts(axes, result, arrays):
                 x, got[good] / given[good], error, color=look.colour, marker=look.marker, ms=3, lw=1.2,
                 label=look.label,
             )  # fmt: skip
-            drawn.append(band)
     axes.axhline(1.0, color="#666666", lw=0.8)
     axes.set(ylim=(0, 1.6), xlabel="magnitude - depth of an exposure", ylabel="merged sources / true objects")
     axes.set_title("Number counts, measured over true", fontsize=10)
-    legend_or_note(axes, drawn, "too few objects", loc="lower left")
+    return legend(axes, loc="upper right")
 
 
 def locus(axes, result, arrays):
@@ -66,33 +64,31 @@ def locus(axes, result, arrays):
     colour = arrays["locus"]
     axes.set_title("Stars at S/N > 20 in g, r, i", fontsize=10)
     if not colour["bands"]:
-        axes.set_axis_off()
-        return legend_or_note(axes, (), "the camera has no bands g, r and i")
+        return False
     _, g_r, r_i, _ = np.loadtxt(LOCUS, delimiter=",", skiprows=2).T
     for name, marker, tint in (("input", "o", BLACK), ("output", "+", GREEN)):
         label = "true" if name == "input" else "measured"
         axes.plot(*colour[name], marker, ls="", color=tint, ms=5, mfc="none", mew=0.8, label=label)
     axes.plot(g_r, r_i, "-", color="#888888", lw=4, alpha=0.5, label="SDSS locus (Covey et al. 2007)", zorder=0)
     axes.set(xlim=(-0.6, 2.0), ylim=(-0.4, 2.2), xlabel="g - r [AB mag]", ylabel="r - i [AB mag]")
-    axes.legend(fontsize=8, loc="upper left")
+    return legend(axes, loc="upper left") and len(colour["output"][0]) >= FEWEST
 
 
 def places(axes, result, arrays):
     """Draw stars' position residuals along the columns against S/N; positive is away from the amplifier."""
-    _transfer(axes, result, arrays["looks"], "deferred_mas", 1.0)
     axes.set(ylabel="out - in, away from the amplifier [mas]", ylim=(-6, 6))
     axes.set_title("Positions along the columns", fontsize=10)
+    return _transfer(axes, result, arrays["looks"], "deferred_mas", 1.0)
 
 
 def light(axes, result, arrays):
     """Draw stars' relative flux residuals against S/N."""
-    _transfer(axes, result, arrays["looks"], "light", 100.0)
     axes.set(ylabel="out / in - 1 [%]", ylim=(-12, 12))
     axes.set_title("Fluxes of stars in one exposure", fontsize=10)
+    return _transfer(axes, result, arrays["looks"], "light", 100.0)
 
 
 def _transfer(axes, result, looks, name, unit):
-    drawn = []
     for place, (band, numbers) in enumerate(result["bands"].items()):
         rows = [(part["snr"], part[name]) for part in numbers["transfer"] if part[name]["n"] >= FEWEST]
         if rows:
@@ -100,10 +96,9 @@ def _transfer(axes, result, looks, name, unit):
             y, error = ([unit * part[key] for _, part in rows] for key in ("median", "error"))
             look = looks[band]
             axes.errorbar(x, y, error, color=look.colour, marker=look.marker, ms=3, lw=1.2, label=look.label)
-            drawn.append(band)
     axes.axhline(0.0, color="#666666", lw=0.8)
     snr_axis(axes)
-    legend_or_note(axes, drawn, "too few stars", loc="lower right", ncols=2)
+    return legend(axes, loc="lower right", ncols=2)
 
 
 def rows(axes, result, arrays):
@@ -116,7 +111,7 @@ def rows(axes, result, arrays):
             seen[name].append(table[name][good])
     seen = {name: np.concatenate(parts) if parts else np.zeros(0) for name, parts in seen.items()}
     edges = np.linspace(0, max(seen["transfers"].max(initial=0.0), 1.0), ROWS + 1)
-    which, drawn = np.digitize(seen["transfers"], edges[1:-1]), []
+    which = np.digitize(seen["transfers"], edges[1:-1])
     for name, unit, tint, label in (
         ("deferred_mas", 1.0, BLACK, "position, away from the amplifier [mas]"),
         ("light", 100.0, ORANGE, "flux, out / in - 1 [%]"),
@@ -128,11 +123,10 @@ def rows(axes, result, arrays):
             y = [unit * np.median(bins[k]) for k in good]
             error = [unit * 1.2533 * np.std(bins[k]) / np.sqrt(len(bins[k])) for k in good]
             axes.errorbar(0.5 * (edges[1:] + edges[:-1])[good], y, error, color=tint, marker="o", ms=4, label=label)
-            drawn.append(name)
     axes.axhline(0.0, color="#666666", lw=0.8)
     axes.set(ylim=(-6, 6), xlabel="rows to the amplifier", ylabel="out - in, median")
     axes.set_title("Stars of S/N 20 to 500, all bands", fontsize=10)
-    legend_or_note(axes, drawn, "too few stars", loc="upper left")
+    return legend(axes, loc="upper left")
 
 
 PANELS = found_by_magnitude, counts, locus, places, light, rows

@@ -1,6 +1,7 @@
 """Figures of the validation: one per brick, and the sky map of the report (paper, section 6)."""
 
 import io
+from functools import partial
 
 import numpy as np
 
@@ -9,9 +10,10 @@ from csstsim.base.plural import number_of
 from csstsim.bricks.validate import SNR_EDGES
 from csstsim.report import exposure_panels, psf_panels
 from csstsim.report.colour_panel import colours
-from csstsim.report.style import BLACK, BLUE, FEWEST, ORANGE, legend_or_note, snr_axis
+from csstsim.report.style import BLACK, BLUE, FEWEST, ORANGE, legend, snr_axis
 
 MAX_POINTS = 3000  # points drawn per panel and kind; more would only overlap
+HEIGHT = 3.2  # inch of a row of panels
 MAX_NUMBERED = 40  # bricks; the sky map has no room for the numbers of more
 COLUMNS = 4  # panels of bands in a row
 
@@ -19,32 +21,54 @@ COLUMNS = 4  # panels of bands in a row
 def brick_figure(result, arrays, looks, *, threshold=None, snr_min=None):
     """Return the PNG bytes of a brick's figure: completeness, colours, magnitude residuals by band, single exposures.
 
+    A panel without data is left out.
+
     `result`, `arrays`: as bricks.validate.validate_brick returns them; `looks`: report.style.looks of the
     camera's filters; `threshold`, `snr_min`: the completeness gate, drawn when given.
     """
-    bands = {band: look for band, look in looks.items() if look.marker}
-    rows = len(bands) // COLUMNS + 1  # with a place for the legend
-    heights = (1.25, *[1.0] * rows, 1.1, 1.1, 1.3)
-    figure = _figure((13.0, 21.5 * sum(heights) / 6.75))
-    grid = figure.add_gridspec(len(heights), 12, height_ratios=heights)
-    _completeness(figure.add_subplot(grid[0, :6]), arrays["completeness"], looks, threshold, snr_min)
-    colours(figure.add_subplot(grid[0, 6:]), arrays["colour"], looks)
-    places = [grid[1 + n // COLUMNS, 3 * (n % COLUMNS) : 3 * (n % COLUMNS) + 3] for n in range(rows * COLUMNS)]
-    for place, (band, look) in zip(places, bands.items(), strict=False):
-        _residuals(figure.add_subplot(place), look, arrays["residual"].get(band), result["bands"].get(band))
-    _legend(figure.add_subplot(places[-1]))
     arrays = arrays | {"looks": looks}
-    for number, draw in enumerate(exposure_panels.PANELS):
-        row, column = rows + 1 + number // 3, 4 * (number % 3)
-        draw(figure.add_subplot(grid[row, column : column + 4]), result, arrays)
-    for number, draw in enumerate((psf_panels.size, psf_panels.ellipticity)):
-        draw(figure.add_subplot(grid[-1, 6 * number : 6 * number + 6]), arrays)
+    bands = [
+        partial(_residuals, look=looks[band], arrays=arrays["residual"][band], numbers=result["bands"][band])
+        for band in looks
+        if band in result["bands"]
+    ]
+    groups = (
+        (2, 1.25, [
+            partial(_completeness, curves=arrays["completeness"], looks=looks, threshold=threshold, snr_min=snr_min),
+            partial(colours, colour=arrays["colour"], looks=looks),
+        ]),
+        (COLUMNS, 1.0, [*bands, _legend] if bands else []),
+        (3, 1.1, [partial(draw, result=result, arrays=arrays) for draw in exposure_panels.PANELS]),
+        (2, 1.3, [partial(draw, arrays=arrays) for draw in (psf_panels.size, psf_panels.ellipticity)]),
+    )  # fmt: skip
+    figure = _arranged(groups)
     purity = "" if result["purity"] is None else f" ({100.0 * result['purity']:.0f} % match a true object)"
     figure.suptitle(
         f"Brick {result['brick']} (NSIDE 256, nested): {number_of(result['sources'], 'merged source')}{purity}, "
         f"{number_of(result['truth'], 'true object')}, {number_of(result['frames'], 'frame')}"
     )
     return _png(figure)
+
+
+def _arranged(groups):
+    """Return a figure of panels without those that have nothing to show; groups: (columns, height, functions of axes).
+
+    A function draws into axes and returns whether there was anything to draw. Each group begins a row.
+    """
+    figure = _figure((13.0, 1.0))
+    rows = []
+    for columns, height, draws in groups:
+        tried = [(figure.add_subplot(), draw) for draw in draws]
+        drawn = [axes for axes, draw in tried if draw(axes) or axes.remove()]
+        rows += [(columns, height, drawn[k : k + columns]) for k in range(0, len(drawn), columns)]
+    heights = [height for _, height, _ in rows] or [0.1]
+    figure.set_size_inches(13.0, HEIGHT * sum(heights) + 0.4)
+    grid = figure.add_gridspec(len(heights), 12, height_ratios=heights)
+    for row, (columns, _, drawn) in enumerate(rows):
+        wide = 12 // columns
+        for place, axes in enumerate(drawn):
+            axes.set_subplotspec(grid[row, wide * place : wide * (place + 1)])
+    return figure
 
 
 def sky_map(footprints, bricks, looks, pointings=()):
@@ -113,28 +137,26 @@ def _completeness(axes, curves, looks, threshold, snr_min):
     axes.set(xlim=(1, SNR_EDGES[-1]), ylim=(-0.03, 1.05), ylabel="fraction found")
     snr_axis(axes)
     axes.set_title("Completeness of isolated point sources", fontsize=10)
-    legend_or_note(axes, drawn, "no point sources", title="filter (sources)")
+    return legend(axes, title="filter (sources)")
 
 
 def _residuals(axes, look, arrays, numbers):
     axes.axhline(0.0, color="#666666", lw=0.8)
     lines = []
     for kind, colour, marker in (("galaxy", ORANGE, "."), ("star", BLUE, "+")):
-        given, residual = arrays[kind] if arrays else np.zeros((2, 0))
+        given, residual = arrays[kind]
         shown = slice(None, None, max(1, len(given) // MAX_POINTS + 1))
         axes.plot(given[shown], residual[shown], marker, color=colour, ms=3.5, alpha=0.5, ls="", rasterized=True)
         _running_median(axes, given, residual, colour)
-        stat = numbers[kind] if numbers else {"n": 0}
+        stat = numbers[kind]
         if stat["n"]:
             error = "" if stat["error"] is None else f" ± {1e3 * stat['error']:.0f}"
             lines.append(f"{kind}: {1e3 * stat['median']:+.0f}{error} mmag ({stat['n']})")
-    if numbers:
-        axes.axvline(numbers["depth_5sigma"], color="#666666", ls=":", lw=1)
-    else:
-        axes.text(0.5, 0.8, "not observed", ha="center", transform=axes.transAxes, color="#444444")
+    axes.axvline(numbers["depth_5sigma"], color="#666666", ls=":", lw=1)
     axes.set(xlim=(16.5, 27.5), ylim=(-1.0, 1.0), xlabel=f"{look.label} true [AB mag]", ylabel="out - in [mag]")
     axes.text(0.03, 0.03, "\n".join(lines), fontsize=7.5, transform=axes.transAxes, va="bottom")
     axes.set_title(look.label, fontsize=10)
+    return any(len(given) for given, _ in arrays.values())
 
 
 def _running_median(axes, x, y, colour):
@@ -158,6 +180,7 @@ def _legend(axes):
         loc="center", fontsize=9, frameon=False, title="Magnitudes out - in, isolated sources.\n"
         "Numbers: median and its error\nat S/N > 20 (sources)", title_fontsize=9,
     )  # fmt: skip
+    return True
 
 
 def _centre(polygons):

@@ -6,6 +6,7 @@ down. Chips are placed to a pixel in the mosaic; field distortion is left out.
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -46,8 +47,11 @@ class Exposure:
     detail: Picture | None
 
 
-def take_exposure(title, pa, files, most=MOST):
-    """Return the Exposure of `files`: iterable of (Chip, open io.level0.Level0); pictures have at most `most` px."""
+def take_exposure(title, pa, files, most=MOST, spot=None):
+    """Return the Exposure of `files`: iterable of (Chip, open io.level0.Level0); pictures have at most `most` px.
+
+    spot(chip, file, most): the Window to show at full resolution, or None; without it, that with the most light.
+    """
     pictures, best = [], ((False, -1.0), None)
     for chip, file in files:
         step = step_for(file.window, most)
@@ -55,10 +59,11 @@ def take_exposure(title, pa, files, most=MOST):
         pictures.append(Picture(chip, file.window, step, png(greys)))
         rank = chip.kind == "imaging", float(greys.std())  # images rank before spectra, then by contrast
         if step > 1 and rank > best[0]:
-            best = rank, (chip, file, busiest(greys, file.window, step, most))
+            best = rank, (chip, file, greys, step)
     detail = None
     if best[1]:
-        chip, file, window = best[1]
+        chip, file, greys, step = best[1]
+        window = (spot and spot(chip, file, most)) or busiest(greys, file.window, step, most)
         detail = Picture(chip, window, 1, png(stretch(binned(file, window, 1))))
     return Exposure(title, pa, tuple(pictures), detail)
 
@@ -81,11 +86,11 @@ def mosaic(chips, exposures, looks):
     colours = {chip.id: BRIGHTER.get(c := looks[chip.filter.lower()].colour, c) for chip in chips}
     corners = np.concatenate([_corners(chip, chip.full_window) for chip in chips])
     (x0, y0), (x1, y1) = corners.min(axis=0), corners.max(axis=0)
-    edge = 0.01 * (x1 - x0)
-    box = (x0 - edge, y0 - edge, x1 - x0 + 2 * edge, y1 - y0 + 2 * edge)
+    edge, gap = 0.01 * (x1 - x0), _gap(chips)
+    box = (x0 - edge, y0 - edge - gap, x1 - x0 + 2 * edge, y1 - y0 + 2 * edge + gap)
     outlines = [_outline(chip, chip.full_window, "idle", colours) for chip in chips]
     groups = [_group(exposure, colours) for exposure in exposures]
-    return FocalPlane(_numbers(box), outlines, [_chip_label(chip) for chip in chips], groups)
+    return FocalPlane(_numbers(box), outlines, [_chip_label(chip, gap) for chip in chips], groups)
 
 
 def _group(exposure, colours):
@@ -114,8 +119,16 @@ def _outline(chip, window, style, colours):
     return {"kind": "outline", "style": style, "colour": colours[chip.id]} | place
 
 
-def _chip_label(chip):
-    return _label(chip, *_place(chip, 0, chip.detector.ny), 0.15 * min(chip.detector.nx, chip.detector.ny))
+def _chip_label(chip, gap):
+    """Label a chip in the gap above it, off its pixels; gap: px."""
+    return _label(chip, *_place(chip, 0, chip.detector.ny), 0.8 * gap)
+
+
+def _gap(chips):
+    """Return the height [px] of the gap between rows of chips; one row of them has room above."""
+    rows = sorted({chip.yc for chip in chips})
+    most = 0.15 * min(chips[0].detector.nx, chips[0].detector.ny)
+    return max(min([most, *(b - a - chips[0].detector.ny for a, b in pairwise(rows))]), 0.02 * most)
 
 
 def _window_label(picture):
@@ -127,8 +140,9 @@ def _window_label(picture):
 
 
 def _label(chip, x, y, size):
+    """Return the shape of a chip's name above the place x, y."""
     name = f"{chip.label} {chip.filter}"
-    place = {"x": f"{x + 0.25 * size:g}", "y": f"{y + 1.1 * size:g}", "size": f"{size:g}", "turn": _turn(chip)}
+    place = {"x": f"{x:g}", "y": f"{y - 0.2 * size:g}", "size": f"{size:g}", "turn": _turn(chip)}
     return {"kind": "label", "text": name} | place
 
 

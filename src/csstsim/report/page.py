@@ -3,7 +3,7 @@
 from csstsim.base.plural import number_of
 from csstsim.bricks import verdict as verdicts
 from csstsim.bricks.gates import FEW
-from csstsim.report.band_table import band_numbers, band_table
+from csstsim.report.band_table import KRON, band_numbers, band_table
 from csstsim.report.parts import Figure, Fold, Link, Pairs, Paragraph, Section, Table, Verdict, fill, mappings
 
 NAMED = 10  # failing gates named at the top
@@ -13,20 +13,22 @@ GATE = {"name": "gate", "band": "band", "value": "value", "threshold": "threshol
 
 
 def write_report(
-    path, summary, results, *, exposures=(), files=(), figures=None, sky_map=None, mosaic=None, spectra=(), links=None,
-    provenance=None, times=(), labels=None,
+    path, summary, results, *, sky=(), exposures=(), products=(), figures=None, sky_map=None, mosaic=None, spectra=(),
+    links=None, provenance=None, layers=(), times=(), labels=None,
 ):  # fmt: skip
     """Write the report to `path`; all text is escaped.
 
-    summary      {label: value} of the campaign, shown first; key 'name' is the title
+    summary      {label: value} of the campaign; key 'name' is the title
+    sky          parts shown first: pictures of the sky and of objects
     results      list of validate_brick results (JSON-like)
     exposures    list of mappings: one row each; values may be parts.Link or tuples of them
-    files        list of (label, link relative to the page): other files of the campaign
+    products     list of (kind of product, number of files, their size, tuple of parts.Link)
     figures      {brick: PNG bytes}; sky_map: PNG bytes
     mosaic       the focal plane (report.mosaic)
     spectra      list of (title, PNG bytes or None, *Links) of spectroscopic frames
     links        {brick: (Link, ...)}: its files
-    provenance   {label: value}: version, hashes, seed
+    provenance   {label: value}: version, date, host, hashes, seed
+    layers       list of (exposure type, layer, its parameters)
     labels       {band: its name as the camera writes it}
     times        list of mappings (step, jobs, wall s, CPU s, ...): one row each
     """
@@ -37,19 +39,18 @@ def write_report(
     results = sorted(results, key=lambda result: -_counts(result)["fail"])  # stable: ties keep their order, by number
     links, labels = links or {}, labels or {}
     sections = [
+        Section("field", "The field", list(sky)),
         Section("summary", "Summary", [Pairs({key: value for key, value in summary.items() if key != "name"})]),
-        Section("gates", "Gates", _gates(judged["gates"])),
-        Section(
-            "sky", "Sky", _figure(sky_map, "Windows by filter, the NSIDE-256 bricks they touch, and the pointings")
-        ),
         Section("plane", "Focal plane", [mosaic] if mosaic else []),
+        Section("spectra", "Spectra", _spectra(spectra)),
+        Section("sky", "Where it lies", _figure(sky_map, SKY)),
+        Section("gates", "Gates", _gates(judged["gates"])),
         Section("bricks", "Bricks", _brick_table(results, links, labels)),
         Section("validation", "Validation by brick", _bricks(results, figures or {}, links, labels)),
-        Section("spectra", "Spectra", _spectra(spectra)),
         Section("exposures", "Exposures and Level-0 files", [mappings(exposures, "exposures")]),
-        Section("files", "Files", [Table(("file",), [(Link(*file),) for file in files], "files")]),
+        Section("products", "Products", _products(products)),
         Section("times", "Run time by rule", [mappings(times)]),
-        Section("provenance", "Provenance", [Pairs(provenance or {})]),
+        Section("provenance", "Provenance", _provenance(provenance or {}, layers)),
     ]
     failing = [gate for gate in judged["gates"] if gate["passed"] is False]
     named = [Link(verdicts.sentence(gate), f"#brick-{gate['brick']}") for gate in failing[:NAMED]]
@@ -60,6 +61,19 @@ def write_report(
     )  # fmt: skip
     with atomic_path(path) as temporary:
         temporary.write_text(html, encoding="utf-8")
+
+
+def _products(products):
+    """Return a fold of links for each kind of product, with the number of files and their size."""
+    return [
+        Fold(f"{kind}: {count} file{'s' * (count != 1)}, {size}", [Paragraph(links, "links")])
+        for kind, count, size, links in products
+    ]
+
+
+def _provenance(values, layers):
+    table = Table(("exposures", "layer", "parameters"), list(layers), "layers")
+    return [Pairs(values), *([Fold("layers in order, with their parameters", [table])] if layers else [])]
 
 
 def _holds(part):
@@ -145,6 +159,7 @@ def _brick(result, png, links, labels):
         Paragraph(f"{sources}; {truth} on {frames}. {place}"),
         Paragraph(links),
         band_table(result, labels),
+        Paragraph(KRON),
         *_figure(png, f"Validation of brick {result['brick']}"),
         Fold("all numbers by band", [band_numbers(result, labels)]),
     ]

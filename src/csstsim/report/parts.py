@@ -6,6 +6,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
+JPEG = b"\xff\xd8"  # its first bytes
 LONGEST = 40  # rows shown at once; longer tables are folded
 
 
@@ -52,7 +53,7 @@ class Pairs(NamedTuple):
 
 
 class Figure(NamedTuple):
-    """A picture (PNG bytes) and its caption."""
+    """A picture (bytes of a PNG or JPEG) and its caption."""
 
     png: bytes
     caption: str
@@ -61,6 +62,17 @@ class Figure(NamedTuple):
     def url(self):
         """The picture as a data URL."""
         return data_url(self.png)
+
+    @property
+    def style(self):
+        """The CSS class: a chart, whose text must stay legible, or a photograph."""
+        return "photo" if self.png.startswith(JPEG) else "chart"
+
+
+class Gallery(NamedTuple):
+    """Small pictures side by side."""
+
+    figures: list
 
 
 class Paragraph(NamedTuple):
@@ -93,9 +105,10 @@ def mappings(rows, name="rows"):
     return Table(keys, [[row.get(key) for key in keys] for row in rows], name)
 
 
-def data_url(png):
-    """Return PNG bytes as a data URL."""
-    return "data:image/png;base64," + base64.b64encode(png).decode("ascii")
+def data_url(picture):
+    """Return the bytes of a PNG or JPEG as a data URL."""
+    kind = "jpeg" if picture.startswith(JPEG) else "png"
+    return f"data:image/{kind};base64," + base64.b64encode(picture).decode("ascii")
 
 
 def draw(part):

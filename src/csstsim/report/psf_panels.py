@@ -11,17 +11,17 @@ RANGE, WHISKER = 2.0, 0.01  # limit of the colours [%]; distortion of a whisker 
 
 
 def size(axes, arrays):
-    """Draw stars' sizes over the PSF model's, less 1: medians of all bands in cells of the chip."""
+    """Draw stars' sizes over the PSF model's, less 1: medians of all bands in cells of the chip; return whether any."""
     edges, (residual, _, _) = _over_the_chip(arrays)
     if edges:
         image = axes.pcolormesh(*edges, 100.0 * residual.T, cmap="RdBu_r", vmin=-RANGE, vmax=RANGE)
         bar = axes.inset_axes([1.03, 0.0, 0.05, 1.0])  # colorbar's own axes would break the layout
         axes.figure.colorbar(image, cax=bar, label="size out / PSF model - 1 [%]")
-    _chip_axes(axes, edges, "Sizes of stars, S/N > 50, all bands")
+    return _chip_axes(axes, edges, "Sizes of stars, S/N > 50, all bands")
 
 
 def ellipticity(axes, arrays):
-    """Draw stars' distortions minus the PSF model's as whiskers: medians of all bands in cells of the chip."""
+    """Draw stars' distortions minus the PSF model's as whiskers, as `size` does."""
     edges, (_, e1, e2) = _over_the_chip(arrays)
     if edges:
         e, angle = np.hypot(e1, e2), 0.5 * np.arctan2(e2, e1)
@@ -30,7 +30,7 @@ def ellipticity(axes, arrays):
             *middle, e * np.cos(angle), e * np.sin(angle), headaxislength=0, headlength=0, headwidth=1, pivot="middle",
             angles="xy", scale_units="xy", scale=WHISKER / np.diff(edges[0])[0], width=0.004, color=BLACK,
         )  # fmt: skip
-    _chip_axes(axes, edges, f"Distortions of stars minus the PSF model's; a cell's width is {WHISKER}")
+    return _chip_axes(axes, edges, f"Distortions of stars minus the PSF model's; a cell's width is {WHISKER}")
 
 
 def _over_the_chip(arrays):
@@ -58,9 +58,9 @@ def _over_the_chip(arrays):
 
 
 def _chip_axes(axes, edges, title):
-    if edges:
-        axes.set(xlim=edges[0][[0, -1]], ylim=edges[1][[0, -1]], box_aspect=1)
-    else:
-        axes.text(0.5, 0.5, "too few stars", ha="center", transform=axes.transAxes, color="#444444")
+    if not edges:
+        return False
+    axes.set(xlim=edges[0][[0, -1]], ylim=edges[1][[0, -1]], box_aspect=1)
     axes.set(xlabel="x on the chip [px]", ylabel="y [px]")
     axes.set_title(title, fontsize=10)
+    return True

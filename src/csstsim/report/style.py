@@ -46,9 +46,9 @@ def snr_axis(axes):
     axes.set_xlim(low, high)
 
 
-def legend_or_note(axes, anything, note, **keywords):
-    """Draw the legend if `anything` was plotted under a label, else write `note` in the middle; keywords: legend's."""
-    if anything and axes.get_legend_handles_labels()[1]:  # there may be sources, but too few to be drawn
-        axes.legend(fontsize=8, title_fontsize=8, **({"loc": "lower right"} | keywords))
-    else:
-        axes.text(0.5, 0.5, note, ha="center", transform=axes.transAxes, color="#444444")
+def legend(axes, **keywords):
+    """Draw the legend and return True if anything was plotted under a label, else return False; keywords: legend's."""
+    if not axes.get_legend_handles_labels()[1]:
+        return False
+    axes.legend(fontsize=8, title_fontsize=8, **({"loc": "lower right"} | keywords))
+    return True

@@ -82,13 +82,18 @@ def busiest(greys, window, step, most=MOST):
     side = max(most // step, 1)
     light = uniform_filter(greys.astype(float), side, mode="constant")
     row, column = np.unravel_index(light.argmax(), light.shape)
-    x0, x1 = _around(window.x0 + column * step, window.x0, window.x1, most)
-    y0, y1 = _around(window.y0 + row * step, window.y0, window.y1, most)
+    return around(window.x0 + column * step, window.y0 + row * step, window, most)
+
+
+def around(x, y, window, side):
+    """Return the Window of `side` px about a place, moved and cut so that it lies within `window`."""
+    x0, x1 = _span(x, window.x0, window.x1, side)
+    y0, y1 = _span(y, window.y0, window.y1, side)
     return type(window)(x0, x1, y0, y1)
 
 
-def _around(middle, low, high, most):
-    start = int(max(min(middle - most // 2, high - most), low))
+def _span(middle, low, high, most):
+    start = int(max(min(round(middle) - most // 2, high - most), low))
     return start, min(start + most, high)
 
 

@@ -1,7 +1,11 @@
 """The report of a campaign, from its products: the page, and the verdict beside it as JSON."""
 
+import json
 import os
+import socket
 import zlib
+from datetime import UTC, datetime
+from pathlib import Path
 from urllib.parse import quote
 
 from csstsim import __version__
@@ -11,12 +15,15 @@ from csstsim.base.plural import number_of
 from csstsim.base.progress import progress
 from csstsim.base.release import check_recipe
 from csstsim.bricks import verdict as verdicts
-from csstsim.campaign.costs import PICTURES
+from csstsim.campaign.products import kinds
 from csstsim.campaign.run_times import run_times
+from csstsim.io.keywords import git_commit
 from csstsim.io.paths import made
 from csstsim.report.parts import Link
+from csstsim.stages.report_pictures import by_exposure, focal_plane, sky_pictures
 
 EMBEDDED = 5_000_000  # bytes of figures of bricks and spectra in the page; the others are linked
+LINKED = 500  # files of a kind that the page links one by one
 PNG = b"\x89PNG\r\n\x1a\n"  # its first bytes
 
 
@@ -41,20 +48,19 @@ def report(run):
     science = run.science_jobs
     write_report(
         page, _summary(run), results,
+        sky=[part for part in sky_pictures(run) if part],
         exposures=_exposures(run),
-        files=[("verdict on the gates, JSON", "verdict.json")],
+        products=_products(run),
         figures={pix: png for pix, path in pngs.items() if (png := budget.read(path))},
         links={pix: _brick_links(run, pix, path) for pix, path in pngs.items()},
         sky_map=sky_map(
             [(job.chip.filter.lower(), *job.footprint()) for job in science], list(run.merge_bricks),
             shown, sorted({(job.pointing.ra, job.pointing.dec) for job in science}),
         ) if science else None,
-        mosaic=_mosaic(run, shown),
+        mosaic=focal_plane(run, shown),
         spectra=[_spectra(run, job, budget) for job in progress(run.slitless_jobs, "spectra")],
-        provenance={
-            "csstsim": __version__, "campaign file": run.file, "campaign digest": run.config.digest(),
-            "camera digest": run.camera.digest, **_changed(run), "seed": run.config.seed,
-        },
+        provenance=_provenance(run),
+        layers=_layers(run),
         times=run_times(run),
         labels={band: look.label for band, look in shown.items()},
     )  # fmt: skip
@@ -147,42 +153,61 @@ def _spectra(run, job, budget):
     return title, budget.read(figure), _link(run, "spectra", path), _link(run, "figure", figure)
 
 
-def _mosaic(run, looks):
-    """Return the focal plane of the exposures with the most chips, science before calibration."""
-    from csstsim.io.level0 import read_level0
-    from csstsim.report.mosaic import mosaic, take_exposure
-
-    taken, exposures = 0, []
-    for jobs in sorted(_by_exposure(run), key=lambda jobs: (jobs[0].pointing.type != "SCIE", -len(jobs))):
-        if exposures and taken + len(jobs) > PICTURES:
-            break
-        taken += len(jobs)
-        pointing, filters = jobs[0].pointing, ", ".join(dict.fromkeys(job.chip.filter for job in jobs))
-        title = f"{pointing.obsid} ({pointing.type}, {pointing.exptime:g} s, {filters})"
-        files = ((job.chip, read_level0(run.paths.level0(pointing, job.chip.id))) for job in progress(jobs, "frames"))
-        exposures.append(take_exposure(title, pointing.pa, files))
-    return mosaic(list(run.camera.chips.values()), exposures, looks)
-
-
-def _by_exposure(run):
-    """Return the jobs as a list of lists, one for each exposure."""
-    exposures = {}
-    for job in run.jobs:
-        exposures.setdefault(job.pointing.obsid, []).append(job)
-    return list(exposures.values())
+def _products(run):
+    """Return [(kind of product, number of files, their size, Links)]; of many files, a Link to their folder."""
+    found, table = [], kinds(run)
+    written = [Path(path) for path in table.pop("report").files()]  # after the page: their sizes are not known yet
+    for kind in table.values():
+        paths = [path for path in map(Path, kind.files()) if path.is_file()]
+        if not paths:
+            continue
+        size = sum(path.stat().st_size for path in paths)
+        few = [_link(run, f"{path.name} ({_size(path.stat().st_size)})", path) for path in paths[: LINKED + 1]]
+        folder = run.paths.output / paths[0].relative_to(run.paths.output).parts[0]
+        links = few if len(paths) <= LINKED else [_link(run, f"the folder {folder.name}", folder)]
+        found.append((kind.name, len(paths), _size(size), tuple(links)))
+    links = tuple(_link(run, path.name, path) for path in written if path != run.paths.report)
+    folders = [run.paths.output / name for name in ("look", "logs", "benchmarks")]
+    more = tuple(_link(run, f"the folder {folder.name}", folder) for folder in folders if folder.is_dir())
+    return [*found, ("beside this page", len(links), "and what the workflow leaves", links + more)]
 
 
-def _changed(run):
-    """Return {"camera changes": text} of the camera's numbers that the campaign changes, or {}."""
+def _size(size):
+    """Return a number of bytes as text of two or three digits."""
+    for unit in ("bytes", "kB", "MB", "GB"):
+        if size < 1000 or unit == "GB":
+            return f"{size:.3g} {unit}" if size < 1000 else f"{size:.0f} {unit}"
+        size /= 1000
+    return None
+
+
+def _provenance(run):
+    """Return {label: value} of what made the campaign, and of the report itself."""
     changes = run.camera.files.changes
-    return {"camera changes": ", ".join(f"{k} = {v}" for k, v in changes.items())} if changes else {}
+    changed = {"camera changes": ", ".join(f"{k} = {v}" for k, v in changes.items())} if changes else {}
+    layers = {f"layers of {kind}": ", ".join(s.keyword for s in steps.steps) for kind, steps in run.steps.items()}
+    return {
+        "csstsim": __version__, "commit": git_commit(), "report written": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+        "host": socket.gethostname(), "campaign file": run.file, "survey table": run.config.survey_table.name,
+        "campaign digest": run.config.digest(), "camera digest": run.camera.digest, **changed, "seed": run.config.seed,
+        **layers,
+    }  # fmt: skip
+
+
+def _layers(run):
+    """Return [(exposure type, layer, its parameters as JSON)] in order."""
+    return [
+        (kind, step.keyword, json.dumps(step.param.model_dump(mode="json"), sort_keys=True))
+        for kind, steps in run.steps.items()
+        for step in steps.steps
+    ]
 
 
 def _summary(run):
     science = run.imaging_jobs + run.slitless_jobs
     return {
         "name": run.config.name,
-        "exposures": len(_by_exposure(run)),
+        "exposures": len(by_exposure(run)),
         "Level-0 files": len(run.jobs),
         "filters": ", ".join(f for f in run.camera.filters if any(job.chip.filter == f for job in science)),
         "bricks": len(run.merge_bricks),
@@ -202,5 +227,5 @@ def _exposures(run):
                 for job in jobs
             ),
         }
-        for jobs in _by_exposure(run)
+        for jobs in by_exposure(run)
     ]  # fmt: skip

@@ -1,0 +1,159 @@
+"""Pictures of the sky from Level-0 files: resampled to one grid, combined, in colour.
+
+The stretch and the mixing of colours are those of Lupton et al. 2004 (PASP 116, 133).
+
+The grid is that of one exposure's pixels. Other exposures are resampled bilinearly through their true geometry: field
+distortion, aberration. Values are AB fluxes, so a source of equal flux per frequency in all bands is white. Flat field,
+nonlinearity and defects are not corrected.
+"""
+
+import io
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from csstsim.catalog.astrometry.reduction import apparent, icrs
+from csstsim.instrument.chip import Window
+from csstsim.optics.geometry.wcs import chip_plane, mosaic_cd
+from csstsim.report.thumbnail import binned
+
+NODES = 9  # places along each side whose pixels are computed; those between are interpolated, to 0.01 px
+BLACK, STRETCH, SOFTENING = -1.0, 16.0, 8.0  # noise of a pixel: black, and a third of white; Lupton's Q
+RAY = 3.0, 0.3  # a cosmic ray is so many sigma above another frame's value, which is less than so large a share of it
+QUALITY = 90  # of JPEG
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A grid of picture pixels on the sky: `window` of an exposure's chip in blocks of `step` x `step` pixels."""
+
+    exposure: Any  # simulation.exposure.Exposure
+    window: Window
+    step: int = 1
+
+    @property
+    def shape(self):
+        """(ny, nx) of the picture."""
+        return self.window.ny // self.step, self.window.nx // self.step
+
+    def on(self, exposure):
+        """Return x, y (ny, nx) on another exposure's chip [px] of the centres of the picture's pixels."""
+        from scipy.interpolate import RectBivariateSpline
+
+        ny, nx = self.shape
+        rows, columns = np.linspace(0, ny - 1, NODES), np.linspace(0, nx - 1, NODES)
+        middle = (self.step - 1) / 2
+        x, y = np.meshgrid(self.window.x0 + columns * self.step + middle, self.window.y0 + rows * self.step + middle)
+        sky = icrs(*self.exposure.wcs.pixel_to_world(x.ravel(), y.ravel()), self.exposure.observer)
+        places = exposure.wcs.world_to_pixel(*apparent(*sky, exposure.observer))
+        return [
+            RectBivariateSpline(rows, columns, np.reshape(place, x.shape))(np.arange(ny), np.arange(nx))
+            for place in places
+        ]
+
+    def north_east(self):
+        """Return unit vectors (2, 2), rows north and east, in the picture: x right, y up."""
+        turn, _ = chip_plane(self.exposure.chip)
+        inverse = np.linalg.inv(mosaic_cd(self.exposure.pointing.pa, self.exposure.telescope) @ turn)
+        return (inverse / np.hypot(*inverse)).T[::-1]
+
+
+def plane(grid, exposure, file):
+    """Return the picture (ny, nx) of one exposure above its median, AB flux of one second; NaN outside its window.
+
+    file: its open io.level0.Level0.
+    """
+    from scipy.ndimage import map_coordinates
+
+    x, y = grid.on(exposure)
+    part, step = _around(x, y, exposure.window), grid.step
+    if part is None:
+        return np.full(grid.shape, np.nan)
+    image = binned(file, part, step)
+    image -= np.median(image)
+    at = [(v - start - (step - 1) / 2) / step for v, start in ((y, part.y0), (x, part.x0))]
+    rate = map_coordinates(image, at, order=1, cval=np.nan) / exposure.exptime
+    return rate * 10.0 ** (-0.4 * exposure.filter.zeropoint(exposure.telescope))
+
+
+def _around(x, y, window, margin=2):
+    """Return the Window of all pixels x, y with a margin, within `window`, or None."""
+    x0, y0 = max(math.floor(x.min()) - margin, window.x0), max(math.floor(y.min()) - margin, window.y0)
+    x1, y1 = min(math.ceil(x.max()) + margin + 1, window.x1), min(math.ceil(y.max()) + margin + 1, window.y1)
+    return Window(x0, x1, y0, y1) if x0 < x1 and y0 < y1 else None
+
+
+def noise_of(image):
+    """Return the scatter about the median of an image (NaN allowed): 1.4826 times the median deviation."""
+    good = image[np.isfinite(image)]
+    return float(1.4826 * np.median(np.abs(good - np.median(good)))) if good.size else 0.0
+
+
+def combined(planes):
+    """Return the median of planes (ny, nx) of one band; of two, the mean, or the fainter where the other has a RAY.
+
+    So most cosmic rays and hot pixels vanish where there are two planes or more. Pixels that no plane has are 0.
+    """
+    low, high = np.fmin.reduce(planes), np.fmax.reduce(planes)
+    if len(planes) > 2:
+        middle = np.nanmedian(np.where(np.isnan(planes), low, planes), axis=0)
+    else:
+        sigma = max(map(noise_of, planes))
+        ray = (high - low > RAY[0] * math.sqrt(2) * sigma) & (low < RAY[1] * high)
+        middle = np.where(ray, low, 0.5 * (low + high))
+    return np.nan_to_num(middle)
+
+
+def colours(planes, noise):
+    """Return (ny, nx, 3) uint8 of one plane (grey) or of three, the bluest first; noise: of a pixel of a plane."""
+    from astropy.visualization import make_lupton_rgb
+
+    blue, green, red = planes if len(planes) == 3 else [planes[0]] * 3
+    return make_lupton_rgb(red, green, blue, minimum=BLACK * noise, stretch=STRETCH * noise, Q=SOFTENING)
+
+
+def jpeg(rgb, marks=()):
+    """Return the bytes of a JPEG; the first row is at the bottom. marks: functions that draw on a PIL ImageDraw."""
+    from PIL import Image, ImageDraw
+
+    stream, image = io.BytesIO(), Image.fromarray(np.ascontiguousarray(rgb[::-1]))
+    for mark in marks:
+        mark(ImageDraw.Draw(image), image.size)
+    image.save(stream, "jpeg", quality=QUALITY)
+    return stream.getvalue()
+
+
+def compass(grid):
+    """Return the mark of arrows to north and east, in the lower left corner."""
+
+    def mark(draw, size):
+        font, length, corner = _font(size), 0.06 * size[0], np.array([0.1 * size[0], size[1] - 0.1 * size[0]])
+        for name, (x, y) in zip("NE", grid.north_east(), strict=True):
+            way = np.array([x, -y])
+            draw.line([*corner, *(corner + length * way)], fill="white", width=2)
+            draw.text(tuple(corner + 1.35 * length * way), name, fill="white", font=font, anchor="mm")
+
+    return mark
+
+
+def ruler(grid):
+    """Return the mark of a scale bar of about a sixth of the picture, in the lower right corner."""
+    scale = grid.exposure.telescope.pixel_scale * grid.step  # arcsec of a pixel of the picture
+    longest = grid.shape[1] * scale / 6
+    length = max((n for n in (0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300) if n <= longest), default=longest)
+
+    def mark(draw, size):
+        x, y = 0.96 * size[0], 0.96 * size[1]
+        draw.line([x - length / scale, y, x, y], fill="white", width=3)
+        text = f"{length / 60:g}'" if length >= 60 else f'{length:g}"'
+        draw.text((x - length / scale / 2, y - 0.012 * size[0]), text, fill="white", font=_font(size), anchor="mb")
+
+    return mark
+
+
+def _font(size):
+    from PIL import ImageFont
+
+    return ImageFont.load_default(max(12, size[0] // 45))

@@ -1,0 +1,191 @@
+"""The report's pictures from Level-0 files: the sky in colour, cutouts of objects, and the focal plane."""
+
+from itertools import islice
+
+import numpy as np
+
+from csstsim.base.progress import progress
+from csstsim.campaign.costs import PICTURES
+from csstsim.catalog.table import GALAXY
+from csstsim.instrument.chip import Window
+from csstsim.io.orders import read_orders
+from csstsim.report.parts import Figure, Gallery
+from csstsim.report.thumbnail import around
+from csstsim.stages.level0 import truth_of
+
+SIDE = 1200  # px of the picture of the sky, at most
+FIELD = 2400  # px of the chip that it shows, at most: 3 arcmin
+ANCHORS = 40  # frames of a brick that are tried as the grid of the picture
+FRAMES = 2  # of a band, at most: enough to leave out cosmic rays
+CUTOUT = 96  # px, side
+CHOSEN = {"galaxy": 6, "star": 2}  # cutouts of each
+TRIED = 300  # brightest objects that a cutout may show
+FULL = 0.5  # of the full well: a brighter pixel counts as saturated (the ADC clips before the full well)
+
+
+def sky_pictures(run):
+    """Return (Figure of the sky, Gallery of objects on it) of a campaign, or (None, None) without imaging frames."""
+    from csstsim.io.level0 import read_level0
+    from csstsim.report import sky_picture as sky
+
+    if not run.imaging_jobs:
+        return None, None
+    anchor, bands = colour_frames(run)
+    jobs = [job for band in bands.values() for job in band]
+    files = {job.key: read_level0(run.paths.level0(job.pointing, job.chip.id)) for job in jobs}
+    window = middle(anchor.window, FIELD)
+    grid = sky.Grid(anchor, window, -(-max(window.shape) // SIDE))
+
+    def planes(grid):
+        return [sky.combined([sky.plane(grid, job, files[job.key]) for job in jobs]) for jobs in bands.values()]
+
+    field = planes(grid)
+    noise = float(np.median([sky.noise_of(plane) for plane in field]))
+    marks = sky.compass(grid), sky.ruler(grid)
+    picture = Figure(sky.jpeg(sky.colours(field, noise), marks), _caption(run, bands, grid))
+    cutouts = []
+    for label, place in chosen(run, anchor, window, files[anchor.key]):
+        cut = sky.Grid(anchor, place)
+        image = sky.colours(planes(cut), noise * grid.step)  # the field's pixels are means of step x step
+        cutouts.append(Figure(sky.jpeg(image), label))
+    return picture, Gallery(cutouts)
+
+
+def colour_frames(run):
+    """Return (job whose pixels are the grid, {band: its jobs there}) with three bands, the bluest first, or one.
+
+    The place is the middle of a window that as many bands and frames as possible see; of more than three bands, those
+    in the middle are taken.
+    """
+    jobs = max(run.merge_bricks.values(), key=lambda some: (len({job.chip.filter for job in some}), len(some)))
+    tried = jobs[:ANCHORS]
+    x, y = np.transpose([_centre(job) for job in tried])
+    seen = [[] for _ in tried]
+    for job in jobs:
+        for place, inside in enumerate(_sees(job, x, y)):
+            seen[place] += [job] if inside else []
+    best = max(range(len(tried)), key=lambda place: (min(_bands(seen[place]), 3), len(seen[place])))
+    names = [name for name in run.camera.filters if any(job.chip.filter == name for job in seen[best])]
+    start, n = (len(names) - 2) // 2, 3 if len(names) > 2 else 1
+    bands = {name: [job for job in seen[best] if job.chip.filter == name] for name in names[max(start, 0) :][:n]}
+    if n == 1:
+        bands = {tried[best].chip.filter: [job for job in seen[best] if job.chip.filter == tried[best].chip.filter]}
+    bands = {name: jobs[:FRAMES] for name, jobs in bands.items()}
+    return list(bands.values())[n // 2][0], bands
+
+
+def _bands(jobs):
+    return len({job.chip.filter for job in jobs})
+
+
+def _centre(job):
+    """Return the ICRS place [deg] of the middle of a job's window."""
+    from csstsim.catalog.astrometry.reduction import icrs
+
+    w = job.window
+    return [float(v) for v in icrs(*job.wcs.pixel_to_world((w.x0 + w.x1) / 2, (w.y0 + w.y1) / 2), job.observer)]
+
+
+def _sees(job, ra, dec):
+    """Return the mask of the places [deg] on a job's window."""
+    from csstsim.catalog.astrometry.reduction import apparent
+
+    return job.window.contains(*job.wcs.world_to_pixel(*apparent(ra, dec, job.observer)))
+
+
+def middle(window, most):
+    """Return the middle of a Window, `most` px a side or fewer."""
+    nx, ny = min(window.nx, most), min(window.ny, most)
+    x0, y0 = window.x0 + (window.nx - nx) // 2, window.y0 + (window.ny - ny) // 2
+    return Window(x0, x0 + nx, y0, y0 + ny)
+
+
+def chosen(run, job, window, file):
+    """Yield (label, Window) of the galaxies and stars that the cutouts show."""
+    truth = truth_of(run, job)
+    for kind, count in CHOSEN.items():
+        rows = (np.asarray(truth["obj_type"]) == GALAXY) == (kind == "galaxy")
+        for row, place in islice(bright_objects(run, truth, rows, window, file), count):
+            yield f"{kind}, {job.chip.filter} {truth['mag'][row]:.1f}", place
+
+
+def bright_objects(run, truth, rows, window, file):
+    """Yield (row, Window of CUTOUT px about it) of objects of a truth table, brightest first.
+
+    They lie in `window`, and are brighter than all else in their own Window; no pixel there is saturated. rows: mask of
+    the objects that count; file: the frame's io.level0.Level0.
+    """
+    from csstsim.report.thumbnail import binned
+
+    x, y, light = (np.asarray(truth[name], float) for name in ("x", "y", "electrons"))
+    half = CUTOUT // 2
+    inside = Window(window.x0 + half, window.x1 - half, window.y0 + half, window.y1 - half).contains(x, y)
+    rows = np.flatnonzero(inside & rows)
+    for row in rows[np.argsort(-light[rows])][:TRIED]:
+        place = around(x[row], y[row], window, CUTOUT)
+        brighter = (light > light[row]) & place.contains(x, y)
+        if not brighter.any() and binned(file, place, 1).max() < FULL * run.camera.detector.full_well:
+            yield row, place
+
+
+def _caption(run, bands, grid):
+    """Return the caption of the picture of the sky."""
+    names = ", ".join(bands)
+    what = f"{names} as blue, green and red" if len(bands) == 3 else f"{names} in grey"
+    side = [n * grid.step * run.camera.telescope.pixel_scale / 60 for n in grid.shape[::-1]]
+    frames = sum(map(len, bands.values()))
+    alone = any(len(jobs) == 1 for jobs in bands.values())
+    rays = " Cosmic rays remain in bands of one exposure." if alone else ""
+    return f"{what}: {frames} exposures, {side[0]:.1f}' x {side[1]:.1f}', asinh stretch (Lupton et al. 2004).{rays}"
+
+
+def focal_plane(run, looks):
+    """Return the focal plane of the exposures with the most chips, science before calibration."""
+    from csstsim.io.level0 import read_level0
+    from csstsim.report.mosaic import mosaic, take_exposure
+
+    taken, exposures = 0, []
+    first = {job.pointing.obsid for job in run.first_frames}
+
+    def rank(jobs):  # of equals, the exposure of the first picture is shown first
+        return jobs[0].pointing.type != "SCIE", -len(jobs), jobs[0].pointing.obsid not in first
+
+    for jobs in sorted(by_exposure(run), key=rank):
+        if exposures and taken + len(jobs) > PICTURES:
+            break
+        taken += len(jobs)
+        pointing, filters = jobs[0].pointing, ", ".join(dict.fromkeys(job.chip.filter for job in jobs))
+        title = f"{pointing.obsid} ({pointing.type}, {pointing.exptime:g} s, {filters})"
+        files = ((job.chip, read_level0(run.paths.level0(pointing, job.chip.id))) for job in progress(jobs, "frames"))
+        by_chip = {job.chip.id: job for job in jobs}
+
+        def spot(chip, file, side, by_chip=by_chip):
+            return detail(run, by_chip[chip.id], file, side)
+
+        exposures.append(take_exposure(title, pointing.pa, files, spot=spot))
+    return mosaic(list(run.camera.chips.values()), exposures, looks)
+
+
+def detail(run, job, file, side):
+    """Return the Window of a frame to show at full resolution: about a galaxy or a spectrum, or None if none is fit."""
+    if job.pointing.type != "SCIE":
+        return None
+    if run.has_orders(job):
+        orders = read_orders(run.paths.level0_orders(job.pointing, job.chip.id))
+        lit = np.flatnonzero((orders["order"] == 1) & (orders["x1"] > orders["x0"]))
+        if not len(lit):
+            return None
+        best = lit[np.argmax(orders["drawn"][lit])]
+        x, y = (0.5 * (orders[f"{axis}0"][best] + orders[f"{axis}1"][best]) for axis in "xy")
+        return around(x, y, job.window, side)
+    truth = truth_of(run, job)
+    found = next(bright_objects(run, truth, np.asarray(truth["obj_type"]) == GALAXY, job.window, file), None)
+    return found and around(truth["x"][found[0]], truth["y"][found[0]], job.window, side)
+
+
+def by_exposure(run):
+    """Return the jobs as a list of lists, one for each exposure."""
+    exposures = {}
+    for job in run.jobs:
+        exposures.setdefault(job.pointing.obsid, []).append(job)
+    return list(exposures.values())

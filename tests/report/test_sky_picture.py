@@ -1,0 +1,155 @@
+"""Pictures of the sky: places through the exposures' geometry, cosmic rays, colours; what the report shows of them."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from PIL import Image
+from report_page import Reader
+
+from csstsim.base.rng import stream
+from csstsim.base.shipped import SHIPPED
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.astrometry.reduction import apparent, icrs
+from csstsim.instrument.chip import Window
+from csstsim.io.level0 import read_level0
+from csstsim.report import sky_picture as sky
+from csstsim.stages.level0 import truth_of
+from csstsim.stages.report_pictures import (
+    CUTOUT,
+    bright_objects,
+    chosen,
+    colour_frames,
+    detail,
+    middle,
+    sky_pictures,
+)
+
+
+@pytest.fixture(scope="module")
+def demo():
+    return OpenCampaign(SHIPPED / "campaign.yaml")
+
+
+def test_the_picture_of_the_demo_has_three_bands_twice_on_the_middle_ones_pixels(demo):
+    anchor, bands = colour_frames(demo)
+    assert list(bands) == ["g", "r", "i"] and anchor.chip.filter == "r"
+    assert [len({job.pointing.obsid for job in jobs}) for jobs in bands.values()] == [2, 2, 2]
+    assert [job.chip.filter for job in demo.first_frames] == ["r"]
+
+
+def test_places_on_another_exposure_are_those_of_its_geometry(demo):
+    """A quarter turn, another band's chip, distortion and other aberration: 0.01 px."""
+    anchor, bands = colour_frames(demo)
+    other = bands["g"][1]
+    assert abs(other.pointing.pa - anchor.pointing.pa) == pytest.approx(90.0)
+    grid = sky.Grid(anchor, middle(anchor.window, 1500), 3)
+    x, y = grid.on(other)
+    assert x.shape == grid.shape == (500, 500)
+    rows, columns = stream(5, "places").integers(0, 500, (2, 200))
+    here = grid.window.x0 + 3 * columns + 1.0, grid.window.y0 + 3 * rows + 1.0
+    there = other.wcs.world_to_pixel(
+        *apparent(*icrs(*anchor.wcs.pixel_to_world(*here), anchor.observer), other.observer)
+    )
+    assert np.abs(x[rows, columns] - there[0]).max() < 0.01 and np.abs(y[rows, columns] - there[1]).max() < 0.01
+    same = grid.on(anchor)
+    assert np.abs(same[0][rows, columns] - here[0]).max() < 0.01
+
+
+def test_north_and_east_are_those_of_the_world_coordinates(demo):
+    for job in (demo.jobs[0], demo.slitless_jobs[0]):
+        x, y = job.window.x0, job.window.y0
+        steps = job.wcs.jacobian(*job.wcs.pixel_to_world(x, y))  # px per arcsec, columns east and north
+        for drawn, true in zip(sky.Grid(job, job.window).north_east(), steps.T[::-1], strict=True):
+            assert drawn @ true / np.hypot(*true) > 0.9999
+
+
+def test_rays_vanish_from_two_planes_and_stars_do_not():
+    rng = stream(6, "planes")
+    planes = rng.normal(0.0, 1.0, (2, 64, 64))
+    planes[:, 20, 20] += 200.0, 170.0  # a star, whose peak depends on its place in the pixel
+    planes[0, 40, 40] += 300.0
+    planes[1, :, 63] = np.nan
+    planes[:, 0, 0] = np.nan
+    both = sky.combined(list(planes))
+    assert both[20, 20] == pytest.approx(185.0, abs=4) and abs(both[40, 40]) < 5
+    assert both[5, 63] == planes[0, 5, 63] and both[0, 0] == 0.0
+    three = sky.combined([*planes, rng.normal(0.0, 1.0, (64, 64))])
+    assert abs(three[40, 40]) < 5
+
+
+def test_colours_are_those_of_the_fluxes_and_the_first_row_is_at_the_bottom():
+    planes = np.zeros((3, 8, 8))  # the bluest first
+    planes[:, 1, 1], planes[2, 4, 4], planes[0, 6, 6] = 100.0, 100.0, 100.0
+    rgb = sky.colours(list(planes), 1.0)
+    white, red, blue = (rgb[k, k].astype(int) for k in (1, 4, 6))
+    assert np.ptp(white) < 3 and white[0] > 150
+    assert red[0] > red[2] + 100 and blue[2] > blue[0] + 100
+    grey = sky.colours([planes[0]], 1.0)
+    assert (grey[..., 0] == grey[..., 2]).all()
+    tall = np.zeros((40, 20, 3), np.uint8)
+    tall[:10] = 255
+    picture = np.asarray(Image.open(io.BytesIO(sky.jpeg(tall))))
+    assert picture.shape == (40, 20, 3) and picture[-5].min() > 200 and picture[5].max() < 50
+
+
+def test_the_marks_are_drawn_where_they_belong(demo):
+    job = demo.jobs[0]
+    grid = sky.Grid(job, middle(job.window, 800), 2)
+    bare, marked = (
+        np.asarray(Image.open(io.BytesIO(sky.jpeg(np.zeros((400, 400, 3), np.uint8), marks)))).max(axis=2)
+        for marks in ((), (sky.compass(grid), sky.ruler(grid)))
+    )
+    assert bare.max() < 10
+    rows, columns = np.nonzero(marked > 200)
+    assert rows.min() > 200 and {bool(c < 200) for c in columns} == {True, False}  # both lower corners
+    assert not ((columns > 130) & (columns < 250)).any()
+
+
+def test_a_campaign_of_one_band_has_a_grey_picture_and_cutouts_of_stars(reported):
+    _, run, _ = reported
+    picture, gallery = sky_pictures(run)
+    image = np.asarray(Image.open(io.BytesIO(picture.png))).astype(int)
+    assert np.ptp(image, axis=2).max() < 12 and picture.caption.startswith("r in grey: 1 exposure")
+    assert picture.style == "photo"
+    window = run.jobs[0].window
+    job, file = run.jobs[0], read_level0(run.paths.level0(run.jobs[0].pointing, 9))
+    found = list(chosen(run, job, window, file))
+    assert len(gallery.figures) == len(found)
+    for label, place in found:
+        assert label.startswith("star, r 20") and place.shape == (CUTOUT, CUTOUT)
+
+
+def test_only_objects_that_are_alone_unsaturated_and_inside_are_chosen(reported):
+    _, run, _ = reported
+    job = run.jobs[0]
+    file, truth = read_level0(run.paths.level0(job.pointing, 9)), truth_of(run, job)
+    window, every = job.window, np.ones(len(truth_of(run, job)), bool)
+    small = Window(window.x0, window.x1, window.y0, window.y0 + CUTOUT - 2)
+    assert list(bright_objects(run, truth, every, small, file)) == []  # no room for a cutout
+    found = [row for row, _ in bright_objects(run, truth, every, window, file)]
+    light = truth["electrons"][found]
+    assert len(found) and (np.diff(light) <= 0).all()
+    faint_full_well = replace_full_well(run, 1.0)
+    assert list(bright_objects(faint_full_well, truth, every, window, file)) == []
+
+
+def replace_full_well(run, value):
+    class Run:
+        camera = replace(run.camera, detector=replace(run.camera.detector, full_well=value))
+
+    return Run
+
+
+def test_a_field_without_a_galaxy_has_no_place_to_show_at_full_resolution(reported):
+    _, run, _ = reported
+    job = run.jobs[0]
+    assert detail(run, job, read_level0(run.paths.level0(job.pointing, 9)), 64) is None
+
+
+def test_the_picture_comes_before_any_table(reported):
+    _, run, _ = reported
+    reader = Reader(run.paths.report.read_text(encoding="utf-8"))
+    tags = [(tag, attrs.get("src", "")[:16]) for tag, attrs in reader.tags if tag in ("img", "table")]
+    assert tags[0] == ("img", "data:image/jpeg;")
