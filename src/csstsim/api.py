@@ -181,6 +181,7 @@ class Simulation:
             (p.obsid, p.type, p.ra, p.dec, p.pa, f"{p.start:%Y-%m-%dT%H:%M:%S}", p.exptime) for p, _ in rows.values()
         ]
         table = Table(rows=values, names=names, units={"ra": "deg", "dec": "deg", "pa": "deg", "exptime": "s"})
+        table["ra"].format = table["dec"].format = ".9g"
         table["chips"] = np.empty(len(values), object)
         for row, (_, chips) in enumerate(rows.values()):
             table["chips"][row] = tuple(chips)

@@ -64,7 +64,11 @@ def frame_of(job, state, image, **parts):
 def _table(table):
     from astropy.table import Table
 
-    return Table({name: table[name] for name in table.names})
+    shown = Table({name: table[name] for name in table.names})
+    for column in shown.itercols():
+        if column.dtype.kind == "f":
+            column.info.format = ".9g"  # on the screen
+    return shown
 
 
 def _wcs(job):
