@@ -209,6 +209,24 @@ def test_magnitudes_are_of_the_campaigns_own_bands(sim, tmp_path):
     assert back.light(OBSID, CHIP).truth["mag"][0] == pytest.approx(20.0, abs=2e-3)
 
 
+def test_paths_are_those_of_the_folder_in_which_they_were_given(tmp_path, monkeypatch):
+    """Of a campaign file, and of changes to it: the process goes elsewhere before they are used."""
+    here, elsewhere = tmp_path / "here", tmp_path / "elsewhere"
+    here.mkdir(), elsewhere.mkdir()
+    file = write_campaign(here)
+    relative = {"survey_table": "table.csv", "instrument": "instrument", "universe": "universe", "output": "out"}
+    file.write_text(yaml.safe_dump(yaml.safe_load(file.read_text()) | relative))
+    (here / "mine.yaml").write_text((SHIPPED / "observations" / "bias.yaml").read_text())
+    monkeypatch.chdir(here)
+    sim = csstsim.Simulation("campaign.yaml", cache="cache")
+    changed = sim.replace(**relative, observations={"BIAS": "mine.yaml"})
+    monkeypatch.chdir(elsewhere)
+    aimed, sent = sim.aim(10.0, 20.0, size=64), pickle.loads(pickle.dumps(changed))
+    for one in (sim, changed, sent, changed.replace(seed=9), aimed):
+        assert len(one.exposures) >= 1 and one.config.instrument == here / "instrument"
+    assert changed.config.observations == {"BIAS": here / "mine.yaml"} and not list(elsewhere.iterdir())
+
+
 def test_a_wrong_obsid_of_what_was_aimed_names_what_was_aimed(folder):
     aimed = csstsim.Simulation(cache=folder / "cache").aim(10.0, 20.0, chip=24, size=200, obsid="10100000077")
     for ask in (lambda: aimed.chip("1", 24), lambda: aimed.replace(select={"obsids": ["1"]})):

@@ -58,12 +58,13 @@ class Simulation:
 
     def __init__(self, campaign=None, cache=None):
         starter = ROOT / "config" / "starter" / "campaign.yaml"
-        self._file = Path(campaign or "csstsim.Simulation")  # what errors name
+        # What errors name, and where relative paths begin, also after the process has gone to another folder
+        self._file = Path(campaign).absolute() if campaign else Path("csstsim.Simulation")
         if campaign is None:
             shipped = {"survey_table": ROOT / "survey_tables" / "demo.csv", "observations": {}}
             config = make_campaign(read_yaml(starter) | shipped, self._file)
         else:
-            config = load_campaign(campaign)
+            config = load_campaign(self._file)
         folder = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
         self._cache = Path(cache or os.environ.get("CSSTSIM_CACHE") or Path(folder) / "csstsim").absolute()
         try:
@@ -100,6 +101,7 @@ class Simulation:
             keys["window"] = _window(keys["window"])
         if "window" in keys and "select" not in keys:  # pixels are named: no circle on the sky chooses them
             keys["select"] = config["select"] | ({"region": None} if keys["window"] != "region" else {})
+        keys = _from_here(copy.deepcopy(keys))
         pointings = None if "survey_table" in keys else self._pointings
         kept = {} if "observations" in keys else self._layers
         given, own = keys.get("instrument"), config["instrument"]
@@ -107,9 +109,8 @@ class Simulation:
             own = own if isinstance(own, dict) else {"folder": own}
             keys["instrument"] = {**own, **given}
         bands = (load_camera(keys["instrument"]) if "instrument" in keys else self._run.camera).bands
-        keys = copy.deepcopy(keys) | (
-            {} if catalog is None else {"catalog": _catalog(catalog, config["catalog"], bands)}
-        )
+        if catalog is not None:
+            keys["catalog"] = _catalog(catalog, config["catalog"], bands)
         return self._with(config | keys, kept, pointings, layers)
 
     def _with(self, config, layers, pointings, changes=None):
@@ -220,6 +221,20 @@ class Simulation:
 
     def _job(self, obsid, chip):
         return self._run.job(str(obsid), _whole(chip, "chip"))
+
+
+def _from_here(keys):
+    """Return changed keys with absolute paths: the process may go to another folder."""
+
+    def absolute(value):
+        return Path(value).absolute() if isinstance(value, str | Path) and str(value) else value
+
+    for name in {"survey_table", "universe", "instrument", "output"}.intersection(keys):
+        keys[name] = absolute(keys[name])
+    for name, inner in (("instrument", ("folder",)), ("observations", tuple(keys.get("observations") or ()))):
+        if isinstance(keys.get(name), dict):
+            keys[name] |= {key: absolute(keys[name][key]) for key in inner if key in keys[name]}
+    return keys
 
 
 def _window_about(camera, chip, size):
