@@ -27,7 +27,7 @@ def init(folder, catalogue, example):
       csstsim init mylab --example layer
 
     Its columns: ra, dec (deg, ICRS), mag_r (AB; or any of mag_nuv to mag_y), and if you like type (star, galaxy or
-    quasar), size (half-light radius, arcsec), e1, e2, z and others: `python -m pydoc csstsim.catalog.own_table`.
+    quasar), size (half-light radius, arcsec), e1, e2, z and others. README.md of the example `catalogue` lists all.
     """
     from csstsim.campaign.starter import init as run
 
