@@ -15,7 +15,7 @@ PNG = b"\x89PNG not looked into"
 
 
 def gate(name, band, passed, **more):
-    return {"name": name, "band": band, "value": 0.03125, "threshold": 0.02, "n": 25, "passed": passed, **more}
+    return {"name": name, "band": band, "value": 0.03125, "threshold": 0.02, "n": 25, "passed": passed} | more
 
 
 def result(brick, gates, bands=("g",)):
@@ -45,7 +45,7 @@ def test_one_star_has_a_residual_and_no_scatter(tmp_path):
     for numbers in alone["bands"].values():
         numbers["star"] = part
     text = page(tmp_path, [alone])
-    assert "east +0.5, north +0.5 mas from 1 bright stars" in text and "fewer than 20 sources" in text
+    assert "east +0.5, north +0.5 mas from 1 bright stars" in text and "no bin of these objects has 20" in text
 
 
 def test_failing_gates_are_named_first_and_the_failing_brick_is_the_first_row(tmp_path):
@@ -87,10 +87,27 @@ def test_a_report_of_nothing(tmp_path):
     assert "No gate could be judged" in text
 
 
+def test_gates_that_do_not_apply_are_apart_with_one_of_three_reasons(tmp_path):
+    gates = [
+        gate("flag", "g", None, n=3), gate("flag", "r", None, n=7), gate("purity", "all", None, threshold=None),
+        gate("bias", "r", None, n=40), gate("completeness", "r", True),
+    ]  # fmt: skip
+    text = page(tmp_path, [result(1, gates)], labels={"g": "G"})
+    words = " ".join(Reader(text).text)
+    assert "4 could not be judged (fewer than 20 such objects in the field; no threshold is given; no bin" in words
+    rows = verdict.without_judgement(gates)
+    assert rows == {
+        ("flag", verdict.TOO_FEW): {"g": 3, "r": 7}, ("purity", verdict.NO_THRESHOLD): {"all": 25},
+        ("bias", verdict.NO_BIN): {"r": 40},
+    }  # fmt: skip
+    assert "G 3, r 7" in words and "do not apply to this campaign" in words
+    assert text.count('class="none">not judged') == 0 and text.count('class="pass">pass') >= 1
+
+
 def test_gates_may_miss_or_add_keys_and_figures(tmp_path):
     odd = {"name": "shear", "passed": None, "why": "no twin"}
     words = " ".join(Reader(page(tmp_path, [result(3, [odd], bands=())])).text)
-    assert "why" in words and "no twin" in words and "not judged" in words
+    assert "shear" in words and "no threshold is given" in words and "not judged" in words
 
 
 def test_500_bricks_and_3000_files_make_a_small_page_that_folds(tmp_path):

@@ -8,6 +8,10 @@ from csstsim.bricks.gates import FEW
 
 ORDER = (False, None, True)  # failing gates first
 NAMES = {True: "pass", False: "fail", None: "not judged"}
+# Why a gate does not apply to a campaign: there is no other reason
+NO_THRESHOLD, TOO_FEW, NO_BIN = (
+    "no threshold is given", f"fewer than {FEW} such objects in the field", f"no bin of these objects has {FEW}",
+)  # fmt: skip
 
 
 def judge(results):
@@ -62,7 +66,8 @@ def headline(verdict):
     if verdict["passed"] is None:
         return "No gate could be judged: too few sources, or no thresholds."
     judged, word = counts["pass"] + counts["fail"], "PASS" if verdict["passed"] else "FAIL"
-    why = f" (fewer than {FEW} sources, or no threshold)" if counts["not judged"] else ""
+    reasons = dict.fromkeys(why_not(gate) for gate in verdict["gates"] if gate["passed"] is None)
+    why = f" ({'; '.join(reasons)})" if reasons else ""
     return f"{word}: {counts['pass']} of {judged} judged gates pass; {counts['not judged']} could not be judged{why}."
 
 
@@ -72,6 +77,25 @@ def sentence(gate):
     band = f" in {gate['band']}" if gate.get("band") else ""
     value, threshold = _figure(gate.get("value")), _figure(gate.get("threshold"))
     return f"{', '.join(where)}: {gate['name']}{band} is {value} against {threshold}"
+
+
+def why_not(gate):
+    """Return why a gate that was not judged does not apply: NO_THRESHOLD, TOO_FEW or NO_BIN."""
+    n = gate.get("n")
+    if gate.get("threshold") is None:
+        return NO_THRESHOLD
+    return TOO_FEW if n is not None and n < FEW else NO_BIN
+
+
+def without_judgement(gates):
+    """Return {(gate's name, why_not): {band: most objects that one of the gates had}} of the gates not judged."""
+    found = {}
+    for gate in gates:
+        if gate["passed"] is None:
+            bands = found.setdefault((gate["name"], why_not(gate)), {})
+            band = str(gate.get("band"))
+            bands[band] = max(bands.get(band, 0), gate.get("n") or 0)
+    return found
 
 
 def tally(counts):

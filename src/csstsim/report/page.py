@@ -2,7 +2,6 @@
 
 from csstsim.base.plural import number_of
 from csstsim.bricks import verdict as verdicts
-from csstsim.bricks.gates import FEW
 from csstsim.report.band_table import KRON, band_numbers, band_table
 from csstsim.report.parts import Figure, Fold, Link, Pairs, Paragraph, Section, Table, Verdict, fill, mappings
 
@@ -44,7 +43,7 @@ def write_report(
         Section("plane", "Focal plane", [mosaic] if mosaic else []),
         Section("spectra", "Spectra", _spectra(spectra)),
         Section("sky", "Where it lies", _figure(sky_map, SKY)),
-        Section("gates", "Gates", _gates(judged["gates"])),
+        Section("gates", "Gates", _gates(judged["gates"], labels)),
         Section("bricks", "Bricks", _brick_table(results, links, labels)),
         Section("validation", "Validation by brick", _bricks(results, figures or {}, links, labels)),
         Section("exposures", "Exposures and Level-0 files", [mappings(exposures, "exposures")]),
@@ -85,8 +84,11 @@ def _figure(png, caption):
     return [] if png is None else [Figure(png, caption)]
 
 
-def _gates(gates):
-    """Return tables of counts by gate, of the failing gates, then of the rest; gates may have keys beyond GATE."""
+def _gates(gates, labels):
+    """Return tables of counts by gate, of failing gates, of those that do not apply, and of those that pass.
+
+    Gates may have keys beyond GATE.
+    """
     if not gates:
         return []
     keys = dict(GATE) | {key: key for gate in gates for key in gate if key not in ("brick", "passed", *GATE)}
@@ -96,12 +98,18 @@ def _gates(gates):
         for gate in gates
     ]
     head = ("brick", "verdict", *keys.values())
-    failing = sum(gate["passed"] is False for gate in gates)  # they come first
+    passed = [gate["passed"] for gate in gates]
+    failing, passing = ([row for row, p in zip(rows, passed, strict=True) if p is word] for word in (False, True))
+    idle = [
+        (name, ", ".join(f"{labels.get(band, band)} {n}" for band, n in bands.items()), why)
+        for (name, why), bands in verdicts.without_judgement(gates).items()
+    ]
     return [
         Table(("gate", *verdicts.NAMES.values()), counts),
-        Table(head, rows[:failing], "gates that fail"),
-        Table(head, rows[failing:], "gates that pass or could not be judged"),
-        Paragraph(f"A gate with fewer than {FEW} sources, or without a threshold, is not judged."),
+        Table(head, failing, "gates that fail"),
+        *([Paragraph("Gates that do not apply to this campaign, and are not judged:")] if idle else []),
+        Table(("gate", "bands, and objects in each", "why"), idle, "gates that do not apply"),
+        Table(head, passing, "gates that pass"),
     ]
 
 
