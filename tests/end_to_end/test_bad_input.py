@@ -195,6 +195,22 @@ def test_chip_does_not_write_into_the_folder_of_another_campaign(tmp_path):
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")} == before
 
 
+@pytest.mark.parametrize(
+    ("instrument", "words"),
+    [
+        ({"psf.jitter": -3}, ["psf.yaml: jitter", "(got -3)", ">= 0"]),
+        ({"psf.filter_figure.rms.r": -1}, ["psf.yaml: filter_figure.rms.r", "(got -1)", ">= 0"]),
+        ({"psf.oversampling.r": 3}, ["psf.yaml: oversampling.r", "(got 3)", "2, 4"]),
+        ({"psf.mirror.cycles_max": 0}, ["psf.yaml: mirror", "cycles_min < cycles_max"]),
+    ],
+)
+def test_numbers_of_the_psf(tmp_path, instrument, words):
+    """`check` finds them, before the stage that would use them."""
+    folder = str(OpenCampaign(write_campaign(tmp_path)).camera.folder)
+    line = refused("check", write_campaign(tmp_path, instrument=instrument | {"folder": folder}))
+    assert all(word in line for word in [folder, *words]), line
+
+
 def test_output_that_is_a_file(tmp_path):
     (tmp_path / "file").write_text("mine")
     path = write_campaign(tmp_path, output=str(tmp_path / "file"))

@@ -103,8 +103,10 @@ def check(run):
       csstsim check campaign.yaml
       csstsim -v check campaign.yaml
     """
+    from csstsim.stages.psf import check_psf
     from csstsim.stages.select import check_catalog
 
+    check_psf(run)
     check_catalog(run, say=print)
     exposures = len({job.pointing.obsid for job in run.jobs})
     click.echo(f"{run.file}: good; {number_of(len(run.jobs), 'chip')} of {number_of(exposures, 'exposure')}")

@@ -3,6 +3,7 @@
 from functools import partial
 
 from csstsim.base.errors import InputError
+from csstsim.base.help_page import explained
 from csstsim.base.one_thread import one_thread
 from csstsim.base.progress import make_missing
 from csstsim.base.release import check_release
@@ -45,6 +46,27 @@ def _nodes_uv(camera, chip, grid):
 
     file = camera.folder / "distortion.yaml"
     return samples(load_focal_plane(file), chip, grid)[:, :2] if file.exists() else None
+
+
+@explained("instrument")
+def check_psf(run):
+    """Check the numbers of psf.yaml with which the PSFs of the campaign's chips would be made. Raises InputError."""
+    from csstsim.optics.psf.chip_errors import chip_coefficients
+    from csstsim.optics.psf.diffraction import blur
+    from csstsim.optics.psf.sampling import oversampling_of
+    from csstsim.optics.psf.wavefront import load_wavefront
+
+    if run.config.psf.library or not run.sky_chips:
+        return
+    numbers, cell = run.camera.psf, run.camera.telescope.pixel_scale
+    try:
+        wavefront = load_wavefront(numbers)
+        blur(numbers, cell, run.camera.detector.pixel_um)
+        for chip in map(run.camera.chips.get, run.sky_chips):
+            chip_coefficients(wavefront, numbers, chip, 0.0, 0.0)
+            oversampling_of(chip.filter, numbers, run.config.psf.oversampling)
+    except InputError as error:
+        raise InputError(str(error), file=run.camera.folder) from None
 
 
 def missing_psf(run, chip, say):
