@@ -29,6 +29,7 @@ def test_the_whole_chain_makes_what_it_promises(undisturbed):
     run = OpenCampaign(undisturbed)
     assert len(content(undisturbed)) == len(run.jobs) + 1 == 5  # a science exposure and a bias, two chips; orders
     assert run.paths.report.exists()
+    assert [path.stem for path in (run.paths.output / "look").iterdir()] == ["10100000001_09"]
     for pix in run.merge_bricks:
         assert run.paths.merge(pix).exists() and run.paths.validate(pix).exists()
     assert {p.name for p in run.paths.merge_catalogue.iterdir()} == {"dataset", "hats.properties", "partition_info.csv"}
@@ -67,8 +68,8 @@ def test_what_is_removed_from_a_finished_campaign_is_made_again(undisturbed, tmp
     assert planned(undisturbed) == set()
 
 
-CHIP = {"select", "render", "render_spectra", "readout", "level0", "level0_spectra"}
-READOUT = {"readout", "level0", "level0_spectra"}
+READOUT = {"readout", "level0", "level0_spectra", "look"}
+CHIP = {"select", "render", "render_spectra"} | READOUT
 AFTER = {"measure", "extract", "merge", "validate", "report"}
 # One key of each section of the campaign file, and the rules that run again
 KEYS = {
