@@ -1,4 +1,4 @@
-"""Make docs/figures/demo.png, the README's picture, from the finished demo (make run).
+"""Make docs/figures/demo.png, the picture of the quick start, from the finished demo (make run).
 
     python benchmarks/demo_picture.py [folder of the demo, results/demo if not given]
 
