@@ -102,15 +102,19 @@ def _sample(kinds, most):
 
 def _check_columns(table, bands, faults, warnings):
     """Check the objects' parameters."""
-    not_drawn = np.zeros(len(table), dtype=bool)
-    for reason, mask in reasons(table).items():
-        warnings[f"would not be drawn: {reason}"] = list(table["id"][mask])
-        not_drawn |= mask
-    if len(table) and not_drawn.all():
+    drawn = 0
+    for _, part in table.parts():
+        not_drawn = np.zeros(len(part), dtype=bool)
+        for reason, mask in reasons(part).items():
+            warnings[f"would not be drawn: {reason}"] += list(part["id"][mask])
+            not_drawn |= mask
+        drawn += np.count_nonzero(~not_drawn)
+        flagged = part["flags"] != 0
+        warnings["flags are csstsim's own, and keep an object from being drawn"] += list(part["id"][flagged])
+        shaped = (part["obj_type"] == STAR) & (np.hypot(part["e1"], part["e2"]) + part["size_disk"] > 0)
+        warnings["a star, drawn as a point, has a size or an ellipticity"] += list(part["id"][shaped])
+    if len(table) and not drawn:
         faults["every object would be left out"] = list(table["id"])
-    warnings["flags are csstsim's own, and keep an object from being drawn"] = list(table["id"][table["flags"] != 0])
-    shaped = (table["obj_type"] == STAR) & (np.hypot(table["e1"], table["e2"]) + table["size_disk"] > 0)
-    warnings["a star, drawn as a point, has a size or an ellipticity"] = list(table["id"][shaped])
     for name in (name.removeprefix("user_") for name in table if name.startswith("user_")):
         if column := meant(name, columns_with(bands)):
             warnings[f"{name} is unknown to csstsim; is {column} meant"] = list(table["id"])

@@ -66,39 +66,45 @@ def read_table(path):
 def _read_parquet(path):
     import pyarrow as pa
     import pyarrow.parquet as pq
-    from astropy.table import MaskedColumn, Table
+    from astropy.table import Table
 
     if not path.is_file():
         raise InputError("no such file", file=path)
+    columns = {}
     try:
-        table = pq.read_table(path)
+        file = pq.ParquetFile(path)
+        names = file.schema_arrow.names
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice:
+            raise InputError("column given twice", file=path, key=twice)
+        for name in names:  # one at a time is in memory twice
+            columns[name] = _of_arrow(file.read(columns=[name])[name].combine_chunks(), name, path)
     except (OSError, ValueError, pa.ArrowException) as exc:
         raise InputError(f"not a table that can be read: {str(exc).splitlines()[0]}", file=path) from None
-    twice = next((name for name in table.column_names if table.column_names.count(name) > 1), None)
-    if twice:
-        raise InputError("column given twice", file=path, key=twice)
-    columns = {}
-    for name in table.column_names:
-        column = table[name].combine_chunks()
-        if pa.types.is_dictionary(column.type):
-            column = column.dictionary_decode()
-        if pa.types.is_decimal(column.type) or pa.types.is_null(column.type):
-            column = column.cast(pa.float64())
-        words = pa.types.is_string(column.type) or pa.types.is_large_string(column.type)
-        if not (words or pa.types.is_floating(column.type) or _is_whole(column.type)):
-            allowed = "numbers or words"
-            raise InputError(
-                "not a column of single values", file=path, key=name, value=str(column.type), allowed=allowed
-            )
-        empty = column.is_null().to_numpy(zero_copy_only=False)
-        if words:
-            columns[name] = np.array(["" if value is None else value for value in column.to_pylist()], dtype=str)
-        elif empty.any() and _is_whole(column.type):
-            blank = False if pa.types.is_boolean(column.type) else 0
-            columns[name] = MaskedColumn(column.fill_null(blank).to_numpy(zero_copy_only=False), mask=empty)
-        else:
-            columns[name] = column.to_numpy(zero_copy_only=False)
     return plain_columns(Table(columns, copy=False), path)
+
+
+def _of_arrow(column, name, path):
+    """Return a column of a parquet file as an array, masked if it has whole numbers and blanks."""
+    import pyarrow as pa
+    from astropy.table import MaskedColumn
+
+    if pa.types.is_dictionary(column.type):
+        column = column.dictionary_decode()
+    if pa.types.is_decimal(column.type) or pa.types.is_null(column.type):
+        column = column.cast(pa.float64())
+    words = pa.types.is_string(column.type) or pa.types.is_large_string(column.type)
+    if not (words or pa.types.is_floating(column.type) or _is_whole(column.type)):
+        allowed = "numbers or words"
+        raise InputError("not a column of single values", file=path, key=name, value=str(column.type), allowed=allowed)
+    if words:
+        coded = column.fill_null("").dictionary_encode()  # each word once, not an object for each row
+        return np.array(coded.dictionary.to_pylist() or [""], dtype=str)[coded.indices.to_numpy()]
+    empty = column.is_null().to_numpy(zero_copy_only=False)
+    if empty.any() and _is_whole(column.type):
+        blank = False if pa.types.is_boolean(column.type) else 0
+        return MaskedColumn(column.fill_null(blank).to_numpy(zero_copy_only=False), mask=empty)
+    return column.to_numpy(zero_copy_only=False)
 
 
 def _is_whole(kind):
@@ -173,17 +179,18 @@ def object_table(columns, bands, where):
     columns.setdefault("id", np.arange(1, count + 1))
     if "type" in columns:
         columns["obj_type"] = _types(columns.pop("type"), where)
-    obj_type = np.asarray(columns.get("obj_type", np.full(count, STAR)))
+    obj_type = np.asarray(columns.get("obj_type", np.full(count, STAR, np.int8)))
     check_shapes(columns, obj_type, where)
     if "size" in columns:
-        size, galaxy = columns.pop("size"), obj_type == GALAXY
+        size = np.where(obj_type == GALAXY, columns.pop("size"), 0.0)
         for part in ("size_disk", "size_bulge"):
-            columns.setdefault(part, np.where(galaxy, size, 0.0))
+            columns.setdefault(part, size)
     for name in set(columns) & {"e1", "e2", "bulge_frac", "z", "size_disk", "size_bulge", "kappa", "gamma1", "gamma2"}:
-        columns[name] = np.nan_to_num(columns[name], nan=COLUMNS[name][1])  # a blank cell gets the default
+        if not np.isfinite(columns[name]).all():
+            columns[name] = np.nan_to_num(columns[name], nan=COLUMNS[name][1])  # a blank cell gets the default
     named = {name if name in known else f"user_{name}": values for name, values in columns.items()}
     try:
-        table = ObjectTable.complete(named, bands)
+        table = ObjectTable.complete(named, bands, compact=True)
     except InputError as error:
         raise InputError(str(error), file=where) from None
     _check_rows(table, where)
@@ -215,12 +222,14 @@ def _check_columns(columns, magnitudes, where):
         if columns[name].dtype.kind not in "iuf":
             word = next((str(v) for v in columns[name] if not _number(v)), str(columns[name][:1]))
             raise InputError("must be numbers", file=where, key=name, value=word)
-    mags = np.stack([columns[name] for name in given]).astype(float)
-    with np.errstate(invalid="ignore"):
-        odd = (mags < BRIGHTEST) | (mags > FAINTEST)
+    none, odd = np.ones(lengths["ra"], bool), np.zeros(lengths["ra"], bool)
+    for name in given:
+        none &= ~np.isfinite(columns[name])
+        with np.errstate(invalid="ignore"):
+            odd |= (columns[name] < BRIGHTEST) | (columns[name] > FAINTEST)
     for bad, message in (
-        (~np.isfinite(mags).any(axis=0), "has no magnitude"),
-        (odd.any(axis=0), f"has a magnitude outside {BRIGHTEST:g} to {FAINTEST:g}; leave the cell blank"),
+        (none, "has no magnitude"),
+        (odd, f"has a magnitude outside {BRIGHTEST:g} to {FAINTEST:g}; leave the cell blank"),
     ):
         if bad.any():
             raise InputError(f"row {np.flatnonzero(bad)[0] + 1} {message}", file=where, key=", ".join(given))
@@ -228,14 +237,20 @@ def _check_columns(columns, magnitudes, where):
 
 def _check_rows(table, where):
     """Raise InputError for the first row that cannot be drawn, or an id that another row has."""
-    faults = {reason: mask for reason, mask in reasons(table).items() if reason != STRONGLY_LENSED}
-    with np.errstate(invalid="ignore"):
-        faults["ra is not within -180..360"] = ~((table["ra"] >= -180) & (table["ra"] <= 360))
-    _, first = np.unique(table["id"], return_index=True)
-    faults["another row has the same id"] = ~np.isin(np.arange(len(table)), first)
-    for reason, mask in faults.items():
-        if mask.any():
-            raise InputError(f"row {np.flatnonzero(mask)[0] + 1} cannot be drawn: {reason}", file=where)
+    for start, part in table.parts():
+        faults = {reason: mask for reason, mask in reasons(part).items() if reason != STRONGLY_LENSED}
+        with np.errstate(invalid="ignore"):
+            faults["ra is not within -180..360"] = ~((part["ra"] >= -180) & (part["ra"] <= 360))
+        for reason, mask in faults.items():
+            if mask.any():
+                row = start + np.flatnonzero(mask)[0] + 1
+                raise InputError(f"row {row} cannot be drawn: {reason}", file=where)
+    if (np.diff(table["id"]) > 0).all():
+        return
+    order = np.argsort(table["id"], kind="stable")
+    again = order[1:][np.diff(table["id"][order]) == 0]
+    if len(again):
+        raise InputError(f"row {again.min() + 1} cannot be drawn: another row has the same id", file=where)
 
 
 def _number(value):
@@ -247,8 +262,13 @@ def _number(value):
 
 
 def _types(names, where):
-    words = [str(name).strip().lower() for name in names]
+    found = np.full(len(names), -1, np.int8)
+    for number, word in enumerate(TYPES):
+        found[names == word] = number
+    others = np.flatnonzero(found < 0)  # written in another way
+    words = [str(name).strip().lower() for name in names[others]]
     unknown = sorted(set(words) - set(TYPES))
     if unknown:
         raise InputError("unknown type", file=where, key="type", value=unknown[0], allowed=", ".join(TYPES))
-    return np.array([TYPES.index(word) for word in words], np.int8)
+    found[others] = [TYPES.index(word) for word in words]
+    return found

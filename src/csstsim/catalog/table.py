@@ -17,6 +17,7 @@ from csstsim.base.files.file_log import logged
 STAR, GALAXY, QUASAR = 0, 1, 2
 TYPES = ("star", "galaxy", "quasar")  # by obj_type
 
+ROWS = 1_000_000  # of a part
 _MOST = 1 << 28  # values in a file: the fullest possible brick (4 million objects), 2 GB
 _META_KEY, _SUMS_KEY = b"csstsim", b"csstsim_checksums"
 
@@ -114,27 +115,34 @@ class ObjectTable(Mapping):
             rows = np.flatnonzero(rows)
         return ObjectTable({name: values[rows] for name, values in self._columns.items()}, self.meta)
 
+    def parts(self):
+        """Yield (first row, ObjectTable) of ROWS rows each: what is computed of one has left memory at the next."""
+        for start in range(0, max(len(self), 1), ROWS):
+            yield start, self.take(slice(start, start + ROWS))
+
     def with_columns(self, **columns):
         """Return a table with these columns added or replaced; the others are shared, not copied."""
         return ObjectTable({**self._columns, **columns}, self.meta)
 
     @classmethod
-    def complete(cls, columns, bands, meta=None):
+    def complete(cls, columns, bands, meta=None, *, compact=False):
         """Return a table with every column of `columns_with(bands)` in its type, absent ones at their default.
 
-        Other columns follow. A scalar fills a whole column. Raises InputError for a value that does not fit its column.
+        Other columns follow. A scalar fills a whole column; compact: in the memory of one value, and not to be written
+        to. Raises InputError for a value that does not fit its column.
         """
         sized = [np.asarray(v) for v in columns.values() if np.ndim(v)]
         count = len(sized[0]) if sized else 0
+        fill = np.broadcast_to if compact else lambda value, count: np.full(count, value)
         full = {}
         for name, (dtype, default, _) in columns_with(bands).items():
             try:
                 values = _fit(np.asarray(columns.get(name, default)), np.dtype(dtype))
             except (TypeError, ValueError, OverflowError):
                 raise InputError("does not fit the column", key=name, allowed=np.dtype(dtype).name) from None
-            full[name] = values if values.ndim else np.full(count, values)
+            full[name] = values if values.ndim else fill(values, count)
         extras = {name: np.asarray(v) for name, v in columns.items() if name not in full}
-        return cls(full | {name: v if v.ndim else np.full(count, v) for name, v in extras.items()}, meta)
+        return cls(full | {name: v if v.ndim else fill(v, count) for name, v in extras.items()}, meta)
 
     @classmethod
     def concat(cls, tables):

@@ -69,7 +69,8 @@ def _check_catalog(run, say):
         return
     for job in jobs[:TRIED]:  # until one has objects
         report = check(source, run.catalog.options, run.region(job), run.camera)
-        reach = len(near(report.table, job.wcs, job.observer, job.window)[0])
+        parts = (part for _, part in report.table.parts())
+        reach = sum(len(near(part, job.wcs, job.observer, job.window)[0]) for part in parts)
         if reach or report.faults:
             break
     say(f"{run.config.catalog.kind}: {report}")
