@@ -42,7 +42,8 @@ def main():
     ]
     print("| " + " | ".join(head) + " |\n|" + "---|" * len(head))
     for field in range(1, 6):
-        first = load_survey_table(SHIPPED.parent / "survey_tables" / f"w{field}.csv", camera.orbit)[0]
+        table = load_survey_table(SHIPPED.parent / "survey_tables" / f"w{field}.csv", camera.orbit)
+        first = next(iter(table.values()))
         pix = int(healpy.ang2pix(NSIDE, first.ra, first.dec, nest=True, lonlat=True))
         start = time.process_time()
         table = make_brick(SEED, pix, universe, camera, Lensing())

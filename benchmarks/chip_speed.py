@@ -73,9 +73,9 @@ def measured(run, runs):
         state = None  # frees the memory of the previous run
         with PrivateMemory() as memory:
             start = time.process_time()
-            objects = select_stage.selected(run, job)
+            objects = select_stage.selected(run, job.exposure)
             middle = time.process_time()
-            state = render_stage.rendered(run, job, objects)
+            state = render_stage.rendered(run, job.exposure, objects, run.streams(job))
             spent = middle - start, time.process_time() - middle
         if i:
             best = min(best, spent, key=sum)

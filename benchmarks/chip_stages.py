@@ -53,7 +53,7 @@ def jobs(run, filters):
     demo = OpenCampaign(ROOT / "config/campaign.yaml")
     for name in filters:
         job = next(job for job in demo.jobs if job.chip.filter == name)
-        yield name, job.pointing.obsid, job.chip.id
+        yield name, job.obsid, job.chip.id
 
 
 def measured(file, obsid, chip):

@@ -70,7 +70,7 @@ def main():
         rays, sky = file.mask() & COSMIC_RAY > 0, np.median(calibrated.electrons)
         noise = np.sqrt(sky + np.mean(list(calibrated.read_noise.values())) ** 2)
         strong = rays & (calibrated.electrons - sky > 5 * noise) & ~calibrated.bad
-        truth = read_truth(run.paths.level0_truth(job.pointing, job.chip.id))
+        truth = read_truth(run.paths.level0_truth(job))
         near = maximum_filter(rays | calibrated.saturated | calibrated.bad, 7)
         x, y = np.rint(truth["x"] - job.window.x0).astype(int), np.rint(truth["y"] - job.window.y0).astype(int)
         stars = (truth["obj_type"] == 0) & (truth["snr"] > SNR_MIN)

@@ -31,7 +31,7 @@ def main(folder):
     left.set_title("g, r, i: two exposures of 150 s in each")
     left.set_axis_off()
     (job,) = run.first_frames
-    part = read_level0(run.paths.level0(job.pointing, job.chip.id)).frame().astype(float)
+    part = read_level0(run.paths.level0(job)).frame().astype(float)
     shown = right.imshow(
         part, origin="lower", cmap="gray", vmin=np.percentile(part, 0.5) - 5, vmax=np.percentile(part, 99) + 15,
         interpolation="antialiased",

@@ -88,7 +88,7 @@ def speed(camera, field):
 
 def sip(camera, field):
     pointing = Pointing(
-        obsid="1", type="SCIE", ra=60.0, dec=-40.0, pa=-113.4333, time="2027-06-26T20:35:58", exptime=150.0,
+        type="SCIE", ra=60.0, dec=-40.0, pa=-113.4333, time="2027-06-26T20:35:58", exptime=150.0,
         sat_position=(6778.0, 0.0, 0.0), sat_velocity=(0.0, 7.0, 3.0),
     )  # fmt: skip
     print("\nSIP header read by astropy, largest of 30 chips, px")

@@ -73,7 +73,7 @@ def faulty(run, kept, fault):
     obsid = ONE_OF_TWO if "of two" in fault.words else ONE_OF_FOUR
     if fault.stage == "merge":
         return verdict(run, fault.context), None
-    make(run, next(job for job in run.jobs if job.pointing.obsid == obsid), fault.context, fault.stage)
+    make(run, next(job for job in run.jobs if job.obsid == obsid), fault.context, fault.stage)
     return verdict(run), obsid
 
 

@@ -67,10 +67,10 @@ def pictures(run, obsid):
     """Return ({chip: Shown of the whole chip}, [Shown of ZOOMS]) of an exposure's Level-0 files."""
     whole, zooms = {}, {}
     for job in run.jobs:
-        if job.pointing.obsid != obsid:
+        if job.obsid != obsid:
             continue
         chip, tint = job.chip, TINTS[job.chip.filter]
-        file = read_level0(run.paths.level0(job.pointing, chip.id))
+        file = read_level0(run.paths.level0(job))
         whole[chip.id] = Shown(
             chip, chip.full_window, STEP, stretched(binned(file, chip.full_window, STEP), tint, STEP)
         )

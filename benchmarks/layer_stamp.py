@@ -6,12 +6,13 @@ run as in a campaign, with the parameters of the shipped lists: science_paper.ya
 led_flat.yaml for the lamps.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from csstsim.base.rng import Streams
 from csstsim.base.shipped import SHIPPED
 from csstsim.bench.setting import POINTING
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
@@ -25,6 +26,7 @@ from csstsim.simulation.state import State
 NX, NY = 94, 96  # px; 192 x 180 with the prescan and overscan between the channels and above
 FIRST_ROW = 3000  # from here to the seam of the halves
 INSIDE, EDGE_INSIDE = 10, 30  # px, from the stamp's border to the defects, and to the edge of the channels
+FIRST = 10100000001  # obsid to try
 TRACKS = 3  # of cosmic rays in the stamp
 OBJECTS = [  # x, y in the stamp [px], electrons, half-light radius [arcsec], e1, e2
     (32, 40, 5e6, 0, 0, 0), (66, 74, 1.2e5, 0, 0, 0), (80, 20, 1.5e4, 0, 0, 0), (23, 80, 6e3, 0, 0, 0),
@@ -49,13 +51,13 @@ class Stamp:
         setting, steps = self.setting, SimSteps(_LISTS[0].file)
         steps.steps = [STEPS[name] for name in names]
         exposure = Exposure(
-            replace(POINTING, obsid=self.obsid), setting.chip, self.window, setting.wcs, setting.camera,
+            POINTING, setting.chip, self.window, setting.wcs, setting.camera,
             losses=steps.losses, mask=True, fidelity="noise_free",
         )  # fmt: skip
         state = State.blank(exposure, self.objects())
         state.psf, state.tables = setting.psf, setting.table
         for stage in STAGES:
-            state = steps.run(state, stage, self.seed)
+            state = steps.run(state, stage, Streams(self.seed, self.obsid, setting.chip.id, ""))
         return state
 
     def objects(self):
@@ -94,14 +96,14 @@ def find_stamp(setting):
     edges = range(detector.channel_nx, detector.nx // 2, detector.channel_nx)
     places = ((seed, _defective(setting, seed, edge)) for seed in count(1) for edge in edges)
     seed, window = next(place for place in places if place[1])
-    stamps = (Stamp(setting, window, seed, str(obsid)) for obsid in count(int(POINTING.obsid)))
+    stamps = (Stamp(setting, window, seed, str(obsid)) for obsid in count(FIRST))
     return next(stamp for stamp in stamps if stamp.run(("cosmic_rays",)).header["cosmic_tracks"] >= TRACKS)
 
 
 def _defective(setting, seed, edge):
     """Return a Window across this edge with all kinds of defects, or None."""
     strip = Window(edge - NX + EDGE_INSIDE, edge + NX - EDGE_INSIDE, FIRST_ROW, setting.chip.detector.channel_ny)
-    marks = Stamp(setting, strip, seed, POINTING.obsid).run(("detector_defects",)).mask
+    marks = Stamp(setting, strip, seed, str(FIRST)).run(("detector_defects",)).mask
     kinds = [marks & bit > 0 for bit in (mask.HOT, mask.DEAD, mask.BAD_COLUMN)]
     if not all(kind.any() for kind in kinds):
         return None

@@ -95,7 +95,7 @@ def main():
     run = OpenCampaign(file)
     band, obsid, chip = next(jobs(run, ["r"]))
     job = run.job(obsid, chip)
-    if not run.paths.level0(job.pointing, chip).exists():
+    if not run.paths.level0(job).exists():
         measured(file, obsid, chip)
     measure(file, obsid, chip)
     total, parts, memory = min((measure(file, obsid, chip) for _ in range(RUNS)), key=lambda run: run[0])

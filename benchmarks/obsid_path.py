@@ -3,44 +3,65 @@
     python benchmarks/obsid_path.py [--campaign config/campaign.yaml] [--obsid 10100000004] [--chip 9]
 
 `csstsim chip` runs in this process (output: results/obsid_path) and every call in csstsim is inspected. A module counts
-if one of its functions receives, holds or returns the obsid, or an object that has it: Pointing, Exposure, Job, State,
-Streams. The files' raw text does not count. Counted separately: the layers, which all receive the State by the paper's
-contract, and the modules with the word obsid in their code.
+if one of its functions receives, holds or returns the obsid: as a text that contains it, or in an object or a container
+from which it is reached in a few steps, attribute by attribute and item by item. Three things do not count: the raw
+text of files, the path of a file, and the opened campaign, which has the whole survey table. Counted separately: the
+layers, and the modules with the word obsid in their code.
 """
 
 import argparse
+import functools
 import re
 import sys
 from collections import defaultdict
 from pathlib import Path
 
 import csstsim
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.command_line.main import main as command
 
 SOURCE = Path(csstsim.__file__).parent
-CARRIERS = {"Pointing", "Exposure", "Job", "State", "Streams"}
-LONGEST = 200  # characters: more are the text of a file
+LONGEST = 300  # characters: more are the text of a file
+DEPTH = 4  # steps from a value to the obsid
+ITEMS = 64  # of a container, the first
+SKIPPED = OpenCampaign, type, Path
+
+
+def reaches(value, obsid, depth=DEPTH):
+    """Whether the obsid is in a value, or in one of its attributes or items, at most `depth` steps away."""
+    if isinstance(value, str):
+        return obsid in value and len(value) < LONGEST
+    if depth == 0 or isinstance(value, SKIPPED):
+        return False
+    return any(reaches(part, obsid, depth - 1) for part in parts(value))
+
+
+def parts(value):
+    """Return the items of a container, or the attributes of an object of csstsim; of a partial, its arguments."""
+    if isinstance(value, dict):
+        return [part for item in list(value.items())[:ITEMS] for part in item]
+    if isinstance(value, tuple | list | set | frozenset):
+        return list(value)[:ITEMS]
+    if isinstance(value, functools.partial):
+        return [value.args, value.keywords]
+    if type(value).__module__.startswith("csstsim."):
+        return [getattr(value, name) for name in getattr(type(value), "__slots__", ()) if hasattr(value, name)] + [
+            *getattr(value, "__dict__", {}).values()
+        ]
+    return []
 
 
 def trace(obsid, run):
-    """Return {module: what it held} for all modules that ran, including those that held nothing."""
+    """Return {module: types of what it held that has the obsid} for all modules that ran."""
     found = defaultdict(set)
-
-    def held(value):
-        values = value[:6] if isinstance(value, tuple | list) else (value,)
-        for one in values:
-            if isinstance(one, str) and obsid in one and len(one) < LONGEST:
-                yield "obsid"
-            elif type(one).__name__ in CARRIERS:
-                yield type(one).__name__
 
     def look(frame, event, result):
         path = Path(frame.f_code.co_filename)
         if event in ("call", "return") and path.is_relative_to(SOURCE):
             seen = found[path.relative_to(SOURCE).as_posix()]
             if frame.f_code.co_name != "<module>":
-                for value in (*frame.f_locals.values(), result):
-                    seen.update(held(value))
+                values = *frame.f_locals.values(), result
+                seen.update(type(value).__name__ for value in values if reaches(value, obsid))
 
     sys.setprofile(look)
     try:
@@ -57,7 +78,8 @@ def main():
     parser.add_argument("--chip", default="9")
     args = parser.parse_args()
     words = ["-q", "chip", args.campaign, "--obsid", args.obsid, "--chip", args.chip, "--output", "results/obsid_path"]
-    found = trace(args.obsid, lambda: command(words, standalone_mode=False))
+    sys.argv[1:] = words  # as a shell gives them
+    found = trace(args.obsid, lambda: command(standalone_mode=False))
     passed = {module: what for module, what in found.items() if what}
     layers = [module for module in passed if module.startswith("layers/")]
     named = [module for module in found if re.search(r"\bobsid", (SOURCE / module).read_text(encoding="utf-8"))]

@@ -61,7 +61,7 @@ def main():
     file.write_text(yaml.safe_dump(content, sort_keys=False))
     campaign = OpenCampaign(file)
     paths, jobs = campaign.paths, campaign.jobs
-    files = [paths.level0(job.pointing, job.chip.id) for job in jobs]
+    files = [paths.level0(job) for job in jobs]
     bricks = {pix for job in jobs for pix in campaign.truth_bricks(job)}
     run(*map(paths.truth, bricks), *map(paths.psf, CHIPS), "--config", f"campaign={file}")
     spent = {}

@@ -89,7 +89,7 @@ def print_cycle9(run, jobs, beside):
     level0 = sum(number * (cpu or 0) for _, number, cpu in rows[:2]) / 3600
     print(f"| all | {FILES:,} | {3600 * total / FILES:.1f} | {total:,.0f} |")
     print(f"| the paper | {FILES:,} | {3600 * PAPER / FILES:,.0f} | {PAPER:,} |")
-    seen = ", ".join(sorted({job.pointing.obsid for job in run.jobs}))
+    seen = ", ".join(sorted({job.obsid for job in run.jobs}))
     print(f"\nFewer than the paper's: Level-0 files alone {PAPER / level0:,.0f} times, all {PAPER / total:,.0f} times.")
     print("The paper does not say what its hours include, nor on which cores; neither has a pipeline's calibration.")
     print(f"csstsim's are from {len(run.jobs)} files of {seen}; some fields have more stars.")

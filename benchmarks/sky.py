@@ -142,7 +142,7 @@ def moonlight():
 def cost():
     chip = CAMERA.chips[9]
     pointing = Pointing(
-        "1", "SCIE", 60.0, -40.0, -113.4, "2027-06-26T20:35:58", 150.0, (2596.0, 4496.0, -4357.0), (6.0, 3.0, -2.1)
+        "SCIE", 60.0, -40.0, -113.4, "2027-06-26T20:35:58", 150.0, (2596.0, 4496.0, -4357.0), (6.0, 3.0, -2.1)
     )
     print("\nCPU s of the layer on a whole chip (9216 x 9232), first with compilation or its cache")
     for model in (False, True, True, True):

@@ -57,7 +57,7 @@ def main():
     job = run.slitless_jobs[0]
     _, calibrated = calibrated_frame(run, job)
     image = np.maximum(calibrated.electrons, 1.0)
-    places = star(read_orders(run.paths.level0_orders(job.pointing, job.chip.id)))
+    places = star(read_orders(run.paths.level0_orders(job)))
     ny, nx = (n // BIN * BIN for n in image.shape)
     coarse = image[:ny, :nx].reshape(ny // BIN, BIN, nx // BIN, BIN).mean(axis=(1, 3))
     sky = np.median(coarse)

@@ -128,7 +128,7 @@ def line_of(part, line):
 
 def report(run, job, table):
     """Print a row for each grating and kind of object."""
-    truth, line = ObjectTable.read(run.paths.level0_truth(job.pointing, job.chip.id)), LINE[job.chip.filter]
+    truth, line = ObjectTable.read(run.paths.level0_truth(job)), LINE[job.chip.filter]
     gratings = run.camera.gratings[job.chip.id]
     given = H_J_S * C_A_S / GRID * 1e3
     for grating, (x0, x1, *_) in gratings.pieces:

@@ -46,7 +46,7 @@ def shares(chip, window, spectrum=None):
 def blank(chip, kind="SCIE"):
     """Return the state of a chip without losses; only the light of science exposures passes the gratings."""
     chip = CAMERA.chips[chip]
-    pointing = Pointing("1", kind, 60.0, -40.0, -113.4, "2027-06-26T20:35:58", 150.0, *ORBIT)
+    pointing = Pointing(kind, 60.0, -40.0, -113.4, "2027-06-26T20:35:58", 150.0, *ORBIT)
     return State.blank(Exposure(pointing, chip, chip.full_window, ChipWCS(chip, pointing), CAMERA))
 
 

@@ -63,7 +63,7 @@ def default_campaign(output, side, obsids=OBSIDS):
 
 def csstsim(command, run, job):
     """Run a csstsim command on a job; return its CPU seconds."""
-    line = [Path(sys.executable).parent / "csstsim", command, run.file, "--obsid", job.pointing.obsid]
+    line = [Path(sys.executable).parent / "csstsim", command, run.file, "--obsid", job.obsid]
     process = subprocess.Popen([*map(str, line), "--chip", str(job.chip.id)], stdout=sys.stderr)
     _, process.returncode, used = os.wait4(process.pid, 0)
     if process.returncode:
@@ -93,7 +93,7 @@ def compare_frame(run, job, ours, theirs):
 
     Returns the error of MAGZERO by each star, mag.
     """
-    if not run.paths.level0_truth(job.pointing, job.chip.id).is_file():
+    if not run.paths.level0_truth(job).is_file():
         csstsim("chip", run, job)
     cpu = {"calibrate": csstsim("calibrate", run, job), "measure": csstsim("measure", run, job)}
     exptime, calibrated = job.pointing.exptime, run.paths.calibrated(*job.key)
@@ -102,12 +102,12 @@ def compare_frame(run, job, ours, theirs):
     psf = our_psf(run, job)
     modelled, share = (encircled(model, 0.5 * astromatic.APERTURE) for model in (extracted.psf, psf))
     print(
-        f"{job.pointing.obsid} chip {job.chip.id} {job.chip.filter}: {job.window.nx} x {job.window.ny} px; psfex took "
+        f"{job.obsid} chip {job.chip.id} {job.chip.filter}: {job.window.nx} x {job.window.ny} px; psfex took "
         f"{extracted.stars} stars; light within {0.5 * astromatic.APERTURE:g} px: "
         f"{modelled:.4f} in its model, {share:.4f} in csstsim's PSF",
         flush=True,
     )
-    truth = read_truth(run.paths.level0_truth(job.pointing, job.chip.id))
+    truth = read_truth(run.paths.level0_truth(job))
     chip = run.camera.detector.channel_ny, run.camera.telescope.pixel_scale
     measured = ObjectTable.read(run.paths.measure(*job.key))
     found = extracted.table

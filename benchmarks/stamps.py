@@ -192,7 +192,7 @@ def main():
     args = parser.parse_args()
     camera = load_camera(args.instrument)
     chip, filter_ = camera.chips[CHIP], camera.filters["r"]
-    wcs = ChipWCS(chip, Pointing("1", "SCIE", 60.0, -40.0, 0.0, "2027-06-26T20:35:58", EXPTIME, None, None))
+    wcs = ChipWCS(chip, Pointing("SCIE", 60.0, -40.0, 0.0, "2027-06-26T20:35:58", EXPTIME, None, None))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "psf.h5"
         make_psf(

@@ -98,16 +98,12 @@ def put(table, job, bounds):
 def on_chip(number):
     """Write the campaign of the scene on another chip, with the exposure's time and roll; return its file."""
     run = OpenCampaign(CAMPAIGN)
-    pointing, chip, folder = (
-        run.jobs[0].pointing,
-        run.camera.chips[number],
-        CAMPAIGN.parents[1] / "results" / "standard_scene",
-    )
-    centre = run.jobs[0].wcs.pixel_to_world(*(np.array(run.jobs[0].window.shape[::-1]) / 2))
+    job, chip, folder = run.jobs[0], run.camera.chips[number], CAMPAIGN.parents[1] / "results" / "standard_scene"
+    pointing, centre = job.pointing, job.wcs.pixel_to_world(*(np.array(job.window.shape[::-1]) / 2))
     there = pointing_for(pointing, chip, centre, (chip.detector.nx / 2, chip.detector.ny / 2))
     folder = folder / f"chip_{number:02d}"
     folder.mkdir(parents=True, exist_ok=True)
-    row = [pointing.obsid, "SCIE", f"{there.ra:.6f}", f"{there.dec:.6f}", pointing.pa, pointing.time, pointing.exptime]
+    row = [job.obsid, "SCIE", f"{there.ra:.6f}", f"{there.dec:.6f}", pointing.pa, pointing.time, pointing.exptime]
     (folder / "survey.csv").write_text(f"obsid,type,ra,dec,pa,time,exptime\n{','.join(map(str, row))}\n")
     content = load_campaign(CAMPAIGN).model_dump(mode="json") | {
         "name": folder.name, "survey_table": str(folder / "survey.csv"), "output": str(folder)
@@ -145,7 +141,7 @@ def write_scene(table, campaign, output=None):
     scene = put(draw(table, counts), job, bounds)
     output.parent.mkdir(parents=True, exist_ok=True)
     ObjectTable(scene).write(output, {"product": "standard scene", "seed": SEED, "brick": BRICK})
-    print(f"{output}: {len(scene)} objects; {campaign}, exposure {job.pointing.obsid}, chip {job.chip.id}")
+    print(f"{output}: {len(scene)} objects; {campaign}, exposure {job.obsid}, chip {job.chip.id}")
 
 
 if __name__ == "__main__":

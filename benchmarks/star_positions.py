@@ -81,7 +81,7 @@ def measured(scratch, count, number):
     job = run.job(OBSID, number)
     chip_stage.chip(run, job)
     measure_stage.measure(run, job)
-    truth = read_truth(run.paths.level0_truth(job.pointing, number))
+    truth = read_truth(run.paths.level0_truth(job))
     found = ObjectTable.read(run.paths.measure(*job.key))
     x, y = truth["x"], truth["y"]
     nearest = np.array([np.argmin(np.hypot(found["x"] - a, found["y"] - b)) for a, b in zip(x, y, strict=True)])

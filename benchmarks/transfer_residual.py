@@ -32,7 +32,7 @@ def measured(run, job):
     file, calibrated = calibrated_frame(run, job)
     cost = time.process_time() - start
     table = measure_frame(
-        calibrated, open_psf(run, job.chip), job.wcs, file.observer, chip=job.chip,
+        calibrated, open_psf(run, job.chip), job.wcs, file.observer, obsid=job.obsid, chip=job.chip,
         filter=run.camera.filters[job.chip.filter], telescope=run.camera.telescope, pointing=job.pointing,
         window=job.window,
     )  # fmt: skip

@@ -98,9 +98,7 @@ class Scene:
         self.box = self.psf.image.shape[-1] // (2 * self.psf.oversampling)  # px, half its side
         self.fade = tuple(round(part * self.box) for part in FADE)
         self.scattered = read_scattered(self.psf)
-        self.wcs = ChipWCS(
-            self.chip, Pointing("1", "SCIE", 60.0, -40.0, 0.0, "2027-06-26T20:35:58", EXPTIME, None, None)
-        )
+        self.wcs = ChipWCS(self.chip, Pointing("SCIE", 60.0, -40.0, 0.0, "2027-06-26T20:35:58", EXPTIME, None, None))
         self.noise = Noise(self.filter.sky, camera.detector.dark, camera.detector.read_noise).variance(EXPTIME)
 
     def draw(self, mag, window, centre=CENTRE, scattered=None):

@@ -90,15 +90,15 @@ def wide_field(camera, name, prefix):
     up = np.linalg.inv(plane.jacobian(ras, decs))[..., :, 1]  # east, north of the plane's +y
     pas = np.degrees(np.arctan2(up[..., 0], up[..., 1]))
     times = slots(camera, ra, dec, first, count)
-    return [
-        _pointing(*where, obsid=f"{prefix}{i:06d}", time=_iso(t))
+    return {
+        f"{prefix}{i:06d}": _pointing(*where, time=_iso(t))
         for i, (t, *where) in enumerate(zip(times, ras, decs, pas, strict=True), start=1)
-    ]
+    }
 
 
 def one_target(camera, target, first):
     """Return 15 exposures of one target: two a quarter turn apart on a chip of each imaging band, one on a GV chip."""
-    exposures = []
+    exposures = {}
     times = slots(camera, *target, first, 2 * len(DEMO_CHIPS) + 1)
     for pa in (PA, PA + 90.0):
         for chip_id in DEMO_CHIPS:
@@ -107,21 +107,22 @@ def one_target(camera, target, first):
             angle = 2.4 * i
             x = (chip.detector.nx - 1) / 2 + DEMO_DITHER * np.cos(angle)
             y = (chip.detector.ny - 1) / 2 + DEMO_DITHER * np.sin(angle)
-            exposure = _pointing(0.0, 0.0, pa, obsid=f"10100{i + 1:06d}", time=_iso(times[i]))
-            exposures.append(pointing_for(exposure, chip, target, (x, y)))
+            exposure = _pointing(0.0, 0.0, pa, time=_iso(times[i]))
+            exposures[f"10100{i + 1:06d}"] = pointing_for(exposure, chip, target, (x, y))
     chip, column = camera.chips[DEMO_SPECTRA[0]], DEMO_SPECTRA[1]
-    exposure = _pointing(0.0, 0.0, PA, obsid=f"10100{len(times):06d}", time=_iso(times[-1]))
-    return [*exposures, pointing_for(exposure, chip, target, (column, (chip.detector.ny - 1) / 2))]
+    exposure = _pointing(0.0, 0.0, PA, time=_iso(times[-1]))
+    last = pointing_for(exposure, chip, target, (column, (chip.detector.ny - 1) / 2))
+    return exposures | {f"10100{len(times):06d}": last}
 
 
 def calibration():
     """Return five biases, three darks and three LED flats; the pointing is a parking position."""
     kinds = [("BIAS", "103", 5, 0.0), ("DARK", "107", 3, EXPTIME), ("FLAT", "100", 3, EXPTIME)]
-    exposures, when = [], datetime(2027, 6, 1, tzinfo=UTC)
+    exposures, when = {}, datetime(2027, 6, 1, tzinfo=UTC)
     for kind, code, count, exptime in kinds:
         for i in range(1, count + 1):
-            where = _pointing(0.0, 0.0, PA, obsid=f"{code}{i:08d}", time=_iso(when), kind=kind, exptime=exptime)
-            exposures.append(where)
+            where = _pointing(0.0, 0.0, PA, time=_iso(when), kind=kind, exptime=exptime)
+            exposures[f"{code}{i:08d}"] = where
             when += CADENCE
     return exposures
 
@@ -135,16 +136,18 @@ def covered(camera, exposures, ra, dec, samples=4000):
     x0, y0 = centre.crpix - 1
     point = centre.pixel_to_world(x0 + px * np.cos(turn), y0 + px * np.sin(turn))
     counts = {name: np.zeros(samples, dtype=int) for name in camera.filters}
-    for exposure in exposures:
+    for exposure in exposures.values():
         for chip in camera.chips.values():
             counts[chip.filter] += chip.full_window.contains(*ChipWCS(chip, exposure).world_to_pixel(*point))
     return counts
 
 
 def write(path, exposures, comment):
-    """Write a survey table; its rows have no spacecraft state, which then follows from the orbit model."""
+    """Write a survey table of {obsid: Pointing}, without spacecraft states, which then follow from the orbit model."""
     lines = [f"# {comment}", "# made by make_tables.py; columns: README.md", "obsid,type,ra,dec,pa,time,exptime"]
-    lines += [f"{e.obsid},{e.type},{e.ra:.6f},{e.dec:.6f},{e.pa:.4f},{e.time},{e.exptime:g}" for e in exposures]
+    lines += [
+        f"{obsid},{e.type},{e.ra:.6f},{e.dec:.6f},{e.pa:.4f},{e.time},{e.exptime:g}" for obsid, e in exposures.items()
+    ]
     path.write_text("\n".join(lines) + "\n", encoding="utf-8", newline="\n")
 
 
@@ -160,9 +163,9 @@ def make_all(folder, camera):
         write(folder / f"{name}.csv", wide_field(camera, name, f"101{number:02d}"), comment)
 
 
-def _pointing(ra, dec, pa, obsid="000000000", time="2027-01-01T00:00:00", kind="SCIE", exptime=EXPTIME):
+def _pointing(ra, dec, pa, time="2027-01-01T00:00:00", kind="SCIE", exptime=EXPTIME):
     state = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))  # not written and not used here
-    return Pointing(obsid, kind, float(ra), float(dec), float(pa), time, exptime, *state)
+    return Pointing(kind, float(ra), float(dec), float(pa), time, exptime, *state)
 
 
 def _unit(ra, dec):

@@ -74,7 +74,7 @@ def make_pointing():
 
     def make(**fields):
         values = {
-            "obsid": "10100000001", "type": "SCIE", "ra": 60.0, "dec": -40.0, "pa": -113.4333,
+            "type": "SCIE", "ra": 60.0, "dec": -40.0, "pa": -113.4333,
             "time": "2027-06-26T20:35:58", "exptime": 150.0,
             "sat_position": (6778.0, 0.0, 0.0), "sat_velocity": (0.0, 7.0, 3.0),
         }  # fmt: skip

@@ -48,7 +48,7 @@ def more_noise(state):
     """Add noise until the frame's is twice that of sky, dark current and readout."""
     detector = state.chip.detector
     variance = (state.filter.sky + detector.dark) * state.pointing.exptime + detector.read_noise**2
-    rng = stream(5, "noise doubled", state.pointing.obsid)
+    rng = stream(5, "noise doubled", state.pointing.time)
     state.image += np.sqrt(3 * variance) * rng.standard_normal(state.image.shape, np.float32)
 
 
@@ -67,7 +67,7 @@ def dead_channel(state):
     frame = ReadoutFrame.of(state.chip.detector, state.window)
     block = frame.blocks[3]
     over = state.image[block.serial_overscan]
-    rng = stream(5, "dead", state.pointing.obsid)
+    rng = stream(5, "dead", state.pointing.time)
     state.image[block.active] = rng.normal(over.mean(), over.std(), state.image[block.active].shape)
 
 

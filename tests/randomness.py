@@ -38,20 +38,28 @@ class Recorder:
 
     def watch_names(self, set_):
         """Put the recorder into csstsim.base.rng by `set_`(module, name, value), as monkeypatch.setattr."""
-        digest, key = rng._digest, rng.Streams._key
+        begun, digest, counter_key, first, whole = rng._begun, rng._digest, rng._counter_key, {}, {}
 
-        def asked(seed, words):
-            self.names[(seed, *words)][_site()] += 1
-            return digest(seed, words)
+        def began(*words):
+            hashed = begun(*words)
+            first[hashed.digest()] = words
+            return hashed
 
-        def keyed(streams, *words):
-            found = key(streams, *words)
-            if words[0] not in ONCE:
-                self.lasting.add(int(found))
+        def asked(hashed, *words):
+            key, found = (*first[hashed.digest()], *words), digest(hashed, *words)
+            self.names[key][_site()] += 1
+            whole[found] = key
             return found
 
+        def keyed(found):
+            key = counter_key(found)
+            if whole[found][1] not in ONCE:
+                self.lasting.add(int(key))
+            return key
+
+        set_(rng, "_begun", began)
         set_(rng, "_digest", asked)
-        set_(rng.Streams, "_key", keyed)
+        set_(rng, "_counter_key", keyed)
 
     def watch_words(self):
         """Put the recorder into csstsim.base.counter, before any module takes its functions."""

@@ -15,8 +15,9 @@ from csstsim.simulation.exposure import NO_LOSSES, Exposure
 from csstsim.simulation.sim_steps import SimSteps
 from csstsim.simulation.state import State
 
+OBSID = "10160000004"
 POINTING = {
-    "obsid": "10160000004", "type": "SCIE", "ra": 60.0, "dec": -40.0, "pa": -113.4333,
+    "type": "SCIE", "ra": 60.0, "dec": -40.0, "pa": -113.4333,
     "time": "2027-06-26T20:35:58", "exptime": 150.0,
     "sat_position": (6778.137, 0.0, 0.0), "sat_velocity": (0.0, 5.743, 5.09),
 }  # fmt: skip
@@ -64,10 +65,10 @@ def plain_list(kind):
     return [layer for layer in layers if next(iter(layer)).lower() not in EFFECTS]
 
 
-def run(state, steps, seed=11):
+def run(state, steps, seed=11, obsid=OBSID):
     """Run steps one by one, each with its own streams, as SimSteps does."""
     from csstsim.base.rng import Streams
 
     for step in steps:
-        state = step.module.apply(state, step.param, Streams(seed, state.pointing.obsid, state.chip.id, step.name))
+        state = step.module.apply(state, step.param, Streams(seed, obsid, state.chip.id, step.name))
     return state

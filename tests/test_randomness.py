@@ -82,8 +82,9 @@ def test_no_random_number_of_a_truth_brick_is_used_for_two_things(tmp_path, monk
 
 
 def test_the_recorder_sees_what_is_asked_for_twice(monkeypatch):
-    recorder, rng = Recorder(), Streams(1, "1", 9, "layer")
+    recorder = Recorder()
     recorder.watch_names(monkeypatch.setattr)
+    rng = Streams(1, "1", 9, "layer")
     for ask in (rng.exposure, rng.exposure_key, rng.object):
         recorder.begin()
         ask("a"), ask("b")

@@ -31,9 +31,7 @@ NOT = ()  # neither (which jobs there are, where files lie, what is kept: rules 
 TRUTH, PSF, BOTH, SELECT, RENDER, MEASURE, VALIDATE = (
     ("truth",), ("psf",), ("psf", "select"), ("select",), ("render",), ("measure",), ("validate",)
 )  # fmt: skip
-POINTING = Pointing(
-    OBSID, "SCIE", 60.0, -40.0, -113.4333, "2027-11-20T01:08:00", 150.0, (6778.0, 0.0, 0.0), (0.0, 7.0, 3.0)
-)
+POINTING = Pointing("SCIE", 60.0, -40.0, -113.4333, "2027-11-20T01:08:00", 150.0, (6778.0, 0.0, 0.0), (0.0, 7.0, 3.0))
 REGION = {"ra": 60.0, "dec": -40.0, "radius": 30.0}
 CONSTANT = {"field": "constant", "kappa": 0.01, "gamma1": 0.01, "gamma2": 0.01}
 STARS = {"kind": "mini_campaign:Stars", "options": {"ra": [60.0], "dec": [-40.0], "mag": [20.0]}}
@@ -238,14 +236,14 @@ def test_what_is_in_a_folder_decides_and_not_its_name(opened, folder, tmp_path, 
     assert differ(recipes(before), after) == set().union(*(SEEN[stage] for stage in first))
 
 
-@pytest.mark.parametrize("column", [field.name for field in fields(Pointing) if field.name not in ("obsid", "type")])
+@pytest.mark.parametrize("column", [field.name for field in fields(Pointing) if field.name != "type"])
 def test_every_value_of_a_pointing_moves_its_pixels_and_no_others(opened, column):
-    """Of the survey table; obsid and type are what the job is."""
+    """Of the survey table; the type is what the job is."""
 
     def run(value):
         pointings = {OBSID: {}, "10100000002": {}}
         pointings[OBSID] = {} if value is None else {column: value}
-        made = [replace(POINTING, obsid=obsid, **change) for obsid, change in pointings.items()]
+        made = {obsid: replace(POINTING, **change) for obsid, change in pointings.items()}
         return opened({"select": {"chips": [CHIP]}}, pointings=made)
 
     value = getattr(POINTING, column)

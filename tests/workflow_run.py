@@ -57,7 +57,7 @@ def with_prepared(campaign, other):
 
 def level0_targets(campaign):
     run = OpenCampaign(campaign)
-    return [str(run.paths.level0(job.pointing, job.chip.id)) for job in run.jobs]
+    return [str(run.paths.level0(job)) for job in run.jobs]
 
 
 def content(campaign):

@@ -146,13 +146,13 @@ class Simulation:
             raise InputError("not an observation id", key="obsid", value=obsid, allowed=OBSID_ALLOWED)
         if not 1 <= count <= MOST:
             raise InputError("no number of exposures", key="exposures", value=count, allowed=f"1 to {MOST}")
-        pointings = []
+        pointings = {}
         for _ in range(count):
             pointing = centred_exposure(
-                camera, camera.chips[chip], ra, dec, obsid=obsid, pa=pa, time=time, exptime=exptime,
+                camera, camera.chips[chip], ra, dec, pa=pa, time=time, exptime=exptime,
                 distorted=science is None or science.field_dist, **self._config.astrometry.model_dump(),
             )  # fmt: skip
-            pointings.append(pointing)
+            pointings[obsid] = pointing
             obsid, time = next_obsid(obsid), after(pointing)
         _warn_of_one_noise(self._config.seed, pointings)
         window = None if size is None else _window_about(camera, camera.chips[chip], size)
@@ -176,10 +176,11 @@ class Simulation:
 
         rows = {}
         for job in self._run.jobs:
-            rows.setdefault(job.pointing.obsid, (job.pointing, []))[1].append(job.chip.id)
+            rows.setdefault(job.obsid, (job.pointing, []))[1].append(job.chip.id)
         names = "obsid", "type", "ra", "dec", "pa", "time", "exptime"
         values = [
-            (p.obsid, p.type, p.ra, p.dec, p.pa, f"{p.start:%Y-%m-%dT%H:%M:%S}", p.exptime) for p, _ in rows.values()
+            (obsid, p.type, p.ra, p.dec, p.pa, f"{p.start:%Y-%m-%dT%H:%M:%S}", p.exptime)
+            for obsid, (p, _) in rows.items()
         ]
         table = Table(rows=values, names=names, units={"ra": "deg", "dec": "deg", "pa": "deg", "exptime": "s"})
         table["ra"].format = table["dec"].format = ".9g"
@@ -200,7 +201,8 @@ class Simulation:
         from csstsim.stages.chip import simulate
 
         job = self._job(obsid, chip)
-        state, provenance = simulate(self._run, job, say=_say)
+        with job.named():
+            state, provenance = simulate(self._run, job, say=_say)
         readout = ReadoutFrame.of(state.chip.detector, state.window)
         cards = level0_cards(state, self._run.camera.keywords, provenance, state.header.get("layout", "channels"))
         header = Header.fromstring("".join(text for part in cards for text in part))
@@ -215,7 +217,8 @@ class Simulation:
         from csstsim.stages.chip import light
 
         job = self._job(obsid, chip)
-        state = light(self._run, job, say=_say)
+        with job.named():
+            state = light(self._run, job, say=_say)
         image = state.image if state.counted is None else state.image + state.counted.astype(np.float32)
         return frame_of(job, state, image)
 
@@ -255,10 +258,10 @@ def _window_about(camera, chip, size):
 
 def _warn_of_one_noise(seed, pointings):
     """Warn where an obsid was aimed before, with this seed, at another time."""
-    for pointing in pointings:
-        before = _AIMED.setdefault((seed, pointing.obsid), pointing.start)
+    for obsid, pointing in pointings.items():
+        before = _AIMED.setdefault((seed, obsid), pointing.start)
         if before != pointing.start:
-            message = f"obsid {pointing.obsid} was aimed before, at {before:%Y-%m-%dT%H:%M:%S}: one obsid has one noise"
+            message = f"obsid {obsid} was aimed before, at {before:%Y-%m-%dT%H:%M:%S}: one obsid has one noise"
             warnings.warn(f"{message}; give another `obsid`, or ask for more `exposures`", stacklevel=3)
 
 

@@ -123,8 +123,8 @@ def test_what_is_made_in_memory_is_made_on_one_thread(tmp_path, monkeypatch, sev
     run = all_products.science(tmp_path / "sky", catalog={"kind": "mini_campaign:Stars", "options": {
         "ra": [60.0], "dec": [-40.0], "mag": [20.0]}})  # fmt: skip
     sim = Simulation(run.file, cache=tmp_path / "cache")
-    sim.chip(run.jobs[0].pointing.obsid, 9)
-    sim.light(run.jobs[0].pointing.obsid, 9)
+    sim.chip(run.jobs[0].obsid, 9)
+    sim.light(run.jobs[0].obsid, 9)
     assert seen == [{1}, {1}, {1}]
 
 

@@ -135,5 +135,5 @@ def test_merged_and_validated_bricks_say_who_made_them(made):
 
 def test_the_record_is_in_the_files(made):
     run, job = made
-    path = run.paths.level0_truth(job.pointing, job.chip.id)
+    path = run.paths.level0_truth(job)
     assert json.loads(pq.read_schema(path).metadata[b"csstsim"])["recipe"]["csstsim"] == "99.0"

@@ -37,7 +37,7 @@ def test_a_layer_alone(gallery):
     setting = SimpleNamespace(
         camera=camera, chip=chip, filter=camera.filters[chip.filter], wcs=ChipWCS(chip, POINTING), psf=None, table=None
     )
-    stamp = gallery.Stamp(setting, Window(1152 - 40, 1152 + 20, 3000, 3050), 1, POINTING.obsid)
+    stamp = gallery.Stamp(setting, Window(1152 - 40, 1152 + 20, 3000, 3050), 1, "10100000001")
     before, after, laid, header = stamp.pair(("sky_background", "prescan_overscan"), "bias")
     assert before.shape == after.shape == (50 + 84, 60 + 71 + 27)
     np.testing.assert_array_equal(before, laid)

@@ -37,7 +37,7 @@ def stars(folder, read_noise=5.0, again=()):
     numbers["charge"]["read_noise"]["value"] = read_noise
     path.write_text(yaml.safe_dump(numbers))
     for job in OpenCampaign(file).jobs:
-        done("chip", file, "--obsid", job.pointing.obsid, "--chip", job.chip.id)
+        done("chip", file, "--obsid", job.obsid, "--chip", job.chip.id)
     return file
 
 
@@ -58,8 +58,8 @@ def verdict(file, second=nullcontext):
     """Measure again, exposure SECOND in a context, and judge; return {(gate, band)} that fail, and the counts."""
     run = OpenCampaign(file)
     for job in run.imaging_jobs:
-        with second() if job.pointing.obsid == SECOND else nullcontext():
-            done("measure", file, "--obsid", job.pointing.obsid, "--chip", job.chip.id)
+        with second() if job.obsid == SECOND else nullcontext():
+            done("measure", file, "--obsid", job.obsid, "--chip", job.chip.id)
     for pix in run.merge_bricks:
         done("merge", file, "--brick", pix)
         done("validate", file, "--brick", pix)
@@ -121,7 +121,7 @@ def test_two_exposures_without_a_fault(twice):
 @pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault.words in ONE_OF_TWO], ids=lambda f: f.words)
 def test_one_of_two_exposures_is_wrong(twice, fault):
     run = OpenCampaign(twice)
-    path = run.paths.level0(run.pointings[SECOND], 9)
+    path = run.paths.level0(run.job(SECOND, 9))
     right = path.read_bytes()
     try:
         with fault.context() if fault.stage == "chip" else nullcontext():

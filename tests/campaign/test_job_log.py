@@ -28,7 +28,7 @@ def said(*arguments):
 def test_a_log_begins_with_whose_it_is_and_ends_with_what_it_took(tmp_path):
     file = write_campaign(tmp_path)
     job = OpenCampaign(file).jobs[0]
-    where = "--obsid", job.pointing.obsid, "--chip", 9, "--chip", 9  # once is enough
+    where = "--obsid", job.obsid, "--chip", 9, "--chip", 9  # once is enough
     log = tmp_path / "chip.log"
     program = "import sys; from csstsim.command_line.main import main; main(sys.argv[1:])"
     with open(log, "w") as out:
@@ -40,7 +40,7 @@ def test_a_log_begins_with_whose_it_is_and_ends_with_what_it_took(tmp_path):
     assert status == 0, text
     first = FIRST.fullmatch(text.splitlines()[0])
     assert first.groups() == (
-        "chip", OpenCampaign(file).config.digest()[:8], f"exposure {job.pointing.obsid} chip 9", str(process.pid)
+        "chip", OpenCampaign(file).config.digest()[:8], f"exposure {job.obsid} chip 9", str(process.pid)
     )  # fmt: skip
     end = took(text)
     assert text.splitlines()[-1].startswith("chip done: ")

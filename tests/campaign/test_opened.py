@@ -16,7 +16,6 @@ from csstsim.base.healpix import brick_of
 from csstsim.base.help_page import PAGES
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.sphere import unit_vectors
-from csstsim.campaign.job import Job
 from csstsim.campaign.opened import MERGE_MARGIN_DEG, OpenCampaign
 from csstsim.campaign.plan import plan
 from csstsim.catalog.astrometry import ephemeris
@@ -25,6 +24,7 @@ from csstsim.catalog.selection.select import bricks_for
 from csstsim.command_line.main import main
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
+from csstsim.simulation.exposure import Exposure
 from csstsim.simulation.sim_steps import SimSteps
 
 
@@ -176,15 +176,15 @@ def test_a_camera_without_distortion_needs_the_option_off(tmp_path):
 def test_a_footprint_is_that_of_the_icrs(camera, make_pointing, observe, ra, dec):
     """Seen from the spacecraft its corners are the window's; the bricks hold the ICRS place of every pixel."""
     window, chip, pointing = Window(4000, 4128, 4000, 4160), camera.chips[9], make_pointing(ra=ra, dec=dec)
-    job = Job(pointing, chip, window, ChipWCS(chip, pointing), camera, observe(pointing))
-    x, y = job.wcs.world_to_pixel(*apparent(*job.footprint(3.0), job.observer))
+    exposure = Exposure(pointing, chip, window, ChipWCS(chip, pointing), camera, observe(pointing))
+    x, y = exposure.wcs.world_to_pixel(*apparent(*exposure.footprint(3.0), exposure.observer))
     assert x == pytest.approx([3996.5, 4130.5, 4130.5, 3996.5], abs=1e-6)
     assert y == pytest.approx([3996.5, 3996.5, 4162.5, 4162.5], abs=1e-6)
-    away = unit_vectors(*job.footprint()) - unit_vectors(*job.wcs.footprint(window))
+    away = unit_vectors(*exposure.footprint()) - unit_vectors(*exposure.wcs.footprint(window))
     assert (np.linalg.norm(away, axis=1) > np.radians(3.0 / 3600)).all()
     x, y = (v.ravel() for v in np.meshgrid(np.linspace(4000, 4127, 30), np.linspace(4000, 4159, 30)))
-    places = icrs(*job.wcs.pixel_to_world(x, y), job.observer)
-    assert np.isin(brick_of(*places), bricks_for(*job.footprint(), MERGE_MARGIN_DEG)).all()
+    places = icrs(*exposure.wcs.pixel_to_world(x, y), exposure.observer)
+    assert np.isin(brick_of(*places), bricks_for(*exposure.footprint(), MERGE_MARGIN_DEG)).all()
 
 
 def test_the_ephemeris_is_part_of_the_recipe_and_must_be_there(tmp_path, monkeypatch):

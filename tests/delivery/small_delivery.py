@@ -54,7 +54,7 @@ def delivery(folder):
         verbs += ["measure", "calibrate"] if job in run.imaging_jobs else []
         verbs += ["extract"] if job in run.slitless_jobs else []
         for verb in verbs:
-            done(verb, file, "--obsid", job.pointing.obsid, "--chip", job.chip.id)
+            done(verb, file, "--obsid", job.obsid, "--chip", job.chip.id)
     for pix in run.merge_bricks:
         done("merge", file, "--brick", pix)
         done("validate", file, "--brick", pix)

@@ -20,8 +20,8 @@ def made(folder, mag=19.0, layers=None, **changes):
     file = write_scene(folder, "Stars", *PLACES, mag, pointing=POINTINGS[0], **changes)
     run = OpenCampaign(file)
     (job,) = run.jobs
-    done("chip", file, "--obsid", job.pointing.obsid, "--chip", job.chip.id)
-    return read_level0(run.paths.level0(job.pointing, 9)), read_truth(run.paths.level0_truth(job.pointing, 9))
+    done("chip", file, "--obsid", job.obsid, "--chip", job.chip.id)
+    return read_level0(run.paths.level0(job)), read_truth(run.paths.level0_truth(job))
 
 
 def expected(budget):

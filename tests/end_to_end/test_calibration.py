@@ -48,10 +48,10 @@ def frames(tmp_path_factory):
     folder = tmp_path_factory.mktemp("calibration")
     campaign = _calibration(folder)
     found = {}
-    for pointing in campaign.pointings.values():
-        run("chip", campaign.file, "--obsid", pointing.obsid, "--chip", CHIP)
-        file = read_level0(campaign.paths.level0(pointing, CHIP), verify=True)
-        found.setdefault(pointing.type, []).append(file)
+    for job in campaign.jobs:
+        run("chip", campaign.file, "--obsid", job.obsid, "--chip", CHIP)
+        file = read_level0(campaign.paths.level0(job), verify=True)
+        found.setdefault(job.pointing.type, []).append(file)
     return campaign, found
 
 
@@ -120,7 +120,10 @@ def test_unknown_lamps_and_long_lists_are_refused_before_work(tmp_path):
     layers = yaml.safe_load((SHIPPED / "observations/led_flat.yaml").read_text())["layers"][1:]
     for param, words in (
         ({"LED_TYPE": ["555"], "LED_TIME": [1.0]}, ["flat.yaml", "led_calib_model", "555", "275, 310"]),
-        ({"LED_TYPE": ["590"], "LED_TIME": [151.0]}, ["flat.yaml", "LED_TIME", "151", "10000000001"]),
+        (
+            {"LED_TYPE": ["590"], "LED_TIME": [151.0]},
+            ["flat.yaml", "LED_TIME", "151", "exposure of 2027-06-01T00:20:00"],
+        ),
     ):
         (tmp_path / "flat.yaml").write_text(yaml.safe_dump({"layers": [{"led_calib_model": param}, *layers]}))
         path = write_campaign(
@@ -150,13 +153,13 @@ def test_measuring_takes_flat_and_shutter_out_again(tmp_path):
         run("chip", path, "--obsid", "10100000001", "--chip", CHIP)
         run("measure", path, "--obsid", "10100000001", "--chip", CHIP)
         campaign = OpenCampaign(path)
-        pointing = campaign.pointings["10100000001"]
+        job = campaign.job("10100000001", CHIP)
         found[on] = ObjectTable.read(campaign.paths.measure("10100000001", CHIP))
-        header = read_level0(campaign.paths.level0(pointing, CHIP)).header
+        header = read_level0(campaign.paths.level0(job)).header
         assert ("SHTOPEN0" in header) == on
         if on:
             day = [header[k] for k in ("SHTOPEN0", "SHTOPEN1", "SHTCLOS0", "SHTCLOS1")]
-            start, end = pointing.mjd, pointing.mjd + 150 / 86400
+            start, end = job.pointing.mjd, job.pointing.mjd + 150 / 86400
             assert day == pytest.approx([start, start + 1.3 / 86400, end - 1.3 / 86400, end], abs=1e-9)
 
     def stars(table):

@@ -71,11 +71,11 @@ def test_bright_stars_stand_where_the_truth_and_the_header_say(tmp_path, band, l
     campaign = star_campaign(tmp_path, chip, layout, pa, distorted)
     run("chip", campaign.file, "--obsid", "10100000001", "--chip", chip)
     job = campaign.job("10100000001", chip)
-    file = read_level0(campaign.paths.level0(job.pointing, chip), verify=True)
+    file = read_level0(campaign.paths.level0(job), verify=True)
     assert file.layout == layout
     assert file.header0["FLDDIST"] is distorted and file.header["CTYPE1"] == "RA---TAN" + "-SIP" * distorted
     assert ("CRPIX1A" in file.header) is not distorted  # readers would apply SIP to the channels' WCS, too
-    truth = read_truth(campaign.paths.level0_truth(job.pointing, chip))
+    truth = read_truth(campaign.paths.level0_truth(job))
     image = calibrate(file.frame(), file.readout, file.gain)
     assert not image.saturated.any()
     electrons = (image.electrons - np.median(image.electrons)).astype(float)
@@ -140,7 +140,7 @@ def test_stages_by_file_equal_the_chip_in_memory(tmp_path):
         (tmp_path / "memory" / folder).rename(tmp_path / "out" / folder)
     for stage in ("select", "render", "readout", "level0"):
         run(stage, path, "--obsid", "10100000001", "--chip", 9)
-    here = campaign.paths.level0(job.pointing, 9)
+    here = campaign.paths.level0(job)
     there = tmp_path / "memory" / here.relative_to(tmp_path / "out")
     assert np.array_equal(fits.getdata(here), fits.getdata(there))
     ours, theirs = (read_truth(Path(p).with_suffix(".truth.parquet")) for p in (here, there))
@@ -173,7 +173,7 @@ def test_truth_adds_up_to_the_image(tmp_path):
 def test_a_catalogue_of_ones_own_is_what_was_drawn(tmp_path):
     campaign = star_campaign(tmp_path, 9, "channels", 0.0)
     run("chip", campaign.file, "--obsid", "10100000001", "--chip", 9)
-    truth = read_truth(campaign.paths.level0_truth(campaign.pointings["10100000001"], 9))
+    truth = read_truth(campaign.paths.level0_truth(campaign.job("10100000001", 9)))
     assert len(truth) == 9 and (truth["obj_type"] == 0).all()
 
 
@@ -186,8 +186,8 @@ def test_a_window_keeps_the_geometry_of_the_full_chip(tmp_path):
         path = write_scene(tmp_path / name, "Stars", [70.3, 20.0], [60.4, 20.0], mag=17.5, **changes)
         run("chip", path, "--obsid", "10100000001", "--chip", 9)
         campaign = OpenCampaign(path)
-        files.append(read_level0(campaign.paths.level0(campaign.pointings["10100000001"], 9), verify=True))
-        truth = read_truth(campaign.paths.level0_truth(campaign.pointings["10100000001"], 9))
+        files.append(read_level0(campaign.paths.level0(campaign.job("10100000001", 9)), verify=True))
+        truth = read_truth(campaign.paths.level0_truth(campaign.job("10100000001", 9)))
     full, part = files
     assert full.readout.stored_shape("channels") == part.readout.stored_shape("channels")
     assert [full.header[k] for k in ("CRPIX1", "CRPIX2", "CD1_1", "GAIN03")] == [

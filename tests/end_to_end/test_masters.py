@@ -45,8 +45,8 @@ def calibration(tmp_path_factory):
     folder = tmp_path_factory.mktemp("masters")
     select = {"types": ["BIAS", "DARK", "FLAT"], "chips": [CHIP]}
     campaign = OpenCampaign(write_campaign(folder, TABLE, select=select))
-    for pointing in campaign.pointings.values():
-        done("chip", campaign.file, "--obsid", pointing.obsid, "--chip", CHIP)
+    for obsid in campaign.pointings:
+        done("chip", campaign.file, "--obsid", obsid, "--chip", CHIP)
     assert "of the pixels are bad" in done("masters", campaign.file, "--chip", CHIP)
     return campaign
 
@@ -90,11 +90,11 @@ def test_defects_are_found(calibration):
     layer = calibration.steps["FLAT"].step("detector_defects")
     true = known_defects(
         calibration.camera.detector, job.window, layer.param.model_copy(update={"hot_pixels": False}),
-        Streams(3, job.pointing.obsid, CHIP, "measure"),
+        Streams(3, job.obsid, CHIP, "measure"),
     )  # fmt: skip
     assert true.any() and (planes["bad"][true] > 0).mean() > 0.95
     everything = known_defects(
-        calibration.camera.detector, job.window, layer.param, Streams(3, job.pointing.obsid, CHIP, "measure")
+        calibration.camera.detector, job.window, layer.param, Streams(3, job.obsid, CHIP, "measure")
     )
     assert (planes["bad"][~everything] > 0).mean() < 2e-3  # 5 sigma, blooming beside bright columns
 
@@ -105,8 +105,8 @@ def test_calibrated_product(calibration, science, kind):
     how = {"calibration": kind} | ({"masters": str(calibration.paths.output)} if kind == "frames" else {})
     campaign = changed(science, **how)
     job = campaign.jobs[0]
-    done("calibrate", campaign.file, "--obsid", job.pointing.obsid, "--chip", CHIP)
-    truth = read_truth(campaign.paths.level0_truth(job.pointing, CHIP))
+    done("calibrate", campaign.file, "--obsid", job.obsid, "--chip", CHIP)
+    truth = read_truth(campaign.paths.level0_truth(job))
     with fits.open(campaign.paths.calibrated(*job.key), checksum=True) as file:
         assert [hdu.name for hdu in file] == ["PRIMARY", "SCI", "ERR", "DQ"]
         image, error, quality = (hdu.data for hdu in file[1:])
@@ -138,20 +138,20 @@ def test_what_cannot_be_calibrated_is_refused(calibration, science, tmp_path):
         ({"cti_passes": -1}, "cti_passes"), ({"masters": str(tmp_path)}, "masters must be given with"),
     ):  # fmt: skip
         path.write_text(yaml.safe_dump(yaml.safe_load(science.read_text()) | {"measurement": measurement}))
-        result = run("measure", path, "--obsid", job.pointing.obsid, "--chip", CHIP)
+        result = run("measure", path, "--obsid", job.obsid, "--chip", CHIP)
         assert result.exit_code == 2 and said in result.output and "Traceback" not in result.output
     other = yaml.safe_load(science.read_text()) | {"seed": 4, "measurement": with_masters}
     (tmp_path / "masters").mkdir()
     (tmp_path / "masters" / "chip_09.fits").write_bytes(calibration.paths.masters(CHIP).read_bytes())
     path.write_text(yaml.safe_dump(other))
     campaign = OpenCampaign(path)
-    done("chip", path, "--obsid", job.pointing.obsid, "--chip", CHIP, "--output", tmp_path / "out")
+    done("chip", path, "--obsid", job.obsid, "--chip", CHIP, "--output", tmp_path / "out")
     campaign = OpenCampaign(path, tmp_path / "out")
     path.write_text(yaml.safe_dump(other | {"output": str(campaign.paths.output)}))
-    result = run("measure", path, "--obsid", job.pointing.obsid, "--chip", CHIP)
+    result = run("measure", path, "--obsid", job.obsid, "--chip", CHIP)
     assert result.exit_code == 2 and "seed" in result.output
     result = run("masters", science, "--chip", CHIP)
     assert result.exit_code == 2 and "3 of each BIAS, DARK, FLAT" in result.output
-    first = calibration.jobs[0].pointing.obsid
+    first = calibration.jobs[0].obsid
     result = run("calibrate", calibration.file, "--obsid", first, "--chip", CHIP)
     assert result.exit_code == 2 and "BIAS" in result.output

@@ -48,7 +48,7 @@ def scene(folder, kind, mag=17.0):
 
 
 def rays_of(run, job):
-    planes, meta = load_frame(run.paths.level0_cosmic(job.pointing, CHIP))
+    planes, meta = load_frame(run.paths.level0_cosmic(job))
     assert meta["recipe"] == run.recipe(job, "readout")
     return planes["cosmic"]
 
@@ -57,7 +57,7 @@ def test_the_files_say_what_was_done(tmp_path):
     run = scene(tmp_path / "one", "SCIE")
     [job] = run.jobs
     chip_stage.chip(run, job, say=lambda text: None)
-    header, rays = read_level0(run.paths.level0(job.pointing, CHIP), verify=True).header, rays_of(run, job)
+    header, rays = read_level0(run.paths.level0(job), verify=True).header, rays_of(run, job)
     assert rays.shape == job.window.shape and rays.dtype == np.int32
     assert header["CRCHARGE"] == rays.sum() and header["CRCOUNT"] == (rays >= 5).sum()
     assert header["PRNURMS"] == run.camera.detector.prnu
@@ -73,7 +73,7 @@ def test_a_bias_in_one_process_and_in_two(tmp_path):
     chip_stage.chip(one, job, say=lambda text: None)
     readout_stage.readout(two, same)
     level0_stage.level0(two, same)
-    files = [read_level0(run.paths.level0(job.pointing, CHIP)) for run in (one, two)]
+    files = [read_level0(run.paths.level0(job)) for run in (one, two)]
     assert np.array_equal(*(file.frame() for file in files))
     assert np.array_equal(rays_of(one, job), rays_of(two, same))
     for key in ("NHOT", "NDEAD", "NBADCOL", "DEFLEVEL", "CRTRACKS", "CRCOUNT", "CRCHARGE"):
@@ -89,11 +89,11 @@ def test_photons_keep_their_numbers_without_prnu(tmp_path):
     run = scene(tmp_path / "scene", "SCIE", mag=23.0)
     [job] = run.jobs
     psf_stage.psf(run, CHIP)
-    objects, psf, found = select_stage.selected(run, job), psf_stage.open_psf(run, job.chip), []
+    objects, psf, found = select_stage.selected(run, job.exposure), psf_stage.open_psf(run, job.chip), []
     [step, *_] = run.steps["SCIE"].stage("render")
     for prnu in (True, False):
-        assert job.losses.prnu
-        state = State.blank(replace(job, losses=job.losses._replace(prnu=prnu)), objects)
+        assert job.exposure.losses.prnu
+        state = State.blank(replace(job.exposure, losses=job.exposure.losses._replace(prnu=prnu)), objects)
         state.psf, state.tables = psf, read_tables(run.paths.psf_tables(CHIP), psf)
         found.append(step.module.apply(state, step.param, Streams(3, OBSID, CHIP, step.name)))
     one, other = found

@@ -18,7 +18,7 @@ def test_intermediates_lie_in_the_scratch_folder_alone(tmp_path, by):
         done = CliRunner().invoke(main, line, env=environment, catch_exceptions=False)
         assert done.exit_code == 0, done.output
     run = OpenCampaign(file, scratch=scratch)
-    assert run.paths.level0(run.jobs[0].pointing, 9).exists()
+    assert run.paths.level0(run.jobs[0]).exists()
     assert run.paths.stage("10300000001", 9, "readout.fits").is_relative_to(scratch)
     assert [p.name for p in (tmp_path / "scratch").rglob("*") if p.is_file()] == ["readout.fits"]
     assert not (tmp_path / "out" / "chips").exists()

@@ -57,7 +57,7 @@ def make_frames(folder):
         dim = [job for job in campaign.jobs if job.pointing.type != "FLAT"] if level == 0 else []
         for job in dim + flats:
             chip_stage.chip(campaign, job, say=lambda text: None)
-            files[job.pointing.type].append(read_level0(campaign.paths.level0(job.pointing, CHIP)))
+            files[job.pointing.type].append(read_level0(campaign.paths.level0(job)))
     return campaign, files
 
 

@@ -65,11 +65,11 @@ def campaign(tmp_path_factory):
 def products(campaign, obsid):
     """(truth, measured table, Level0 file) of a season; the measured rows in the order of the truth."""
     job = campaign.job(obsid, CHIP)
-    truth = read_truth(campaign.paths.level0_truth(job.pointing, CHIP))
+    truth = read_truth(campaign.paths.level0_truth(job))
     truth = truth.take(np.argsort(truth["id"]))
     found = ObjectTable.read(campaign.paths.measure(obsid, CHIP))
     row = [np.hypot(found["x"] - x, found["y"] - y).argmin() for x, y in zip(truth["x"], truth["y"], strict=True)]
-    return truth, found.take(row), read_level0(campaign.paths.level0(job.pointing, CHIP))
+    return truth, found.take(row), read_level0(campaign.paths.level0(job))
 
 
 def astropy_pixels(file, truth):

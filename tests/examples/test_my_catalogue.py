@@ -44,7 +44,7 @@ def run(*arguments):
 def test_it_is_drawn(campaign):
     run("chip", campaign, "--obsid", OBSID, "--chip", CHIP)
     run_ = OpenCampaign(campaign)
-    truth = read_truth(run_.paths.level0_truth(run_.pointings[OBSID], CHIP))
+    truth = read_truth(run_.paths.level0_truth(run_.job(OBSID, CHIP)))
     assert sorted(truth["id"]) == list(range(1, 23))
     assert not (truth["flags"] & BAD_VALUE).any() and (truth["drawn"] > 100).all()
     assert truth["user_spectrum"][truth["id"] == 21] == "quasar.csv"

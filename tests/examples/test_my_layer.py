@@ -55,7 +55,7 @@ def electrons(folder, layers):
     assert result.exit_code == 0, result.output
     run = OpenCampaign(campaign)
     image = np.zeros((SIDE, SIDE))
-    for channel in read_level0(run.paths.level0(run.pointings[OBSID], CHIP)).channels():
+    for channel in read_level0(run.paths.level0(run.job(OBSID, CHIP))).channels():
         image[channel.window.slices] = channel.gain * channel.active.astype(float)
     return image, run
 

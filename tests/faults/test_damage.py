@@ -20,8 +20,8 @@ def path_of(small_run, kind):
     run, job = small_run.opened
     paths = {
         "truth brick": run.paths.truth(BRICK), "psf": run.paths.psf(CHIP), "psf tables": run.paths.psf_tables(CHIP),
-        "level0": run.paths.level0(job.pointing, CHIP), "measure": run.paths.measure(*job.key),
-        "level0 truth": run.paths.level0_truth(job.pointing, CHIP), "merged brick": run.paths.merge(BRICK),
+        "level0": run.paths.level0(job), "measure": run.paths.measure(*job.key),
+        "level0 truth": run.paths.level0_truth(job), "merged brick": run.paths.merge(BRICK),
         "validate": run.paths.validate(BRICK), "figure": run.paths.validate(BRICK).with_suffix(".png"),
     }  # fmt: skip
     return paths.get(kind) or next((small_run.out / "chips").glob(f"*/{kind}.*"))

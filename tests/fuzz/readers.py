@@ -77,7 +77,7 @@ def _header(made):
         wcs=ChipWCS(chip, pointing),
     )  # fmt: skip
     for hdu in (0, 1):
-        header_cards(made.keywords, header_values(state, {}, "x", "channels"), hdu)
+        header_cards(made.keywords, header_values(state, {}, "channels"), hdu)
 
 
 def universe(path):

@@ -86,7 +86,7 @@ def test_not_a_time(text):
 
 
 def test_pointing_times():
-    p = Pointing("10100000001", "SCIE", 0.0, 0.0, 0.0, "2027-12-31T23:59:00", 150.0, (0, 0, 0), (0, 0, 0))
+    p = Pointing("SCIE", 0.0, 0.0, 0.0, "2027-12-31T23:59:00", 150.0, (0, 0, 0), (0, 0, 0))
     assert p.end.isoformat() == "2028-01-01T00:01:30+00:00"
     assert (p.end - p.start).total_seconds() == 150.0
     assert p.mjd == mjd_utc(p.time)

@@ -37,7 +37,7 @@ def test_a_bias_in_electrons_is_said_in_dn(camera, make_pointing):
         window=SimpleNamespace(x0=0, x1=10, y0=5, y1=20), mask=None, telescope=camera.telescope,
         wcs=SimpleNamespace(distortion=None),
     )  # fmt: skip
-    values = header_values(state, {}, "name", "channels")
+    values = header_values(state, {}, "channels")
     assert values["bias_adu"] == pytest.approx([500 / 1.1, 400.0])
     assert [values[f"window_{end}"] for end in ("x_first", "x_last", "y_first", "y_last")] == [1, 10, 6, 20]
 

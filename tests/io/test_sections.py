@@ -12,7 +12,7 @@ from astropy.coordinates import angular_separation
 from astropy.io import fits
 from astropy.nddata import CCDData
 from astropy.wcs import WCS
-from readout_state import change_exposure, flat_state, small_camera
+from readout_state import OBSID, change_exposure, flat_state, small_camera
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.detector.channels import LAYOUTS, ReadoutFrame
@@ -43,7 +43,7 @@ def numbered(camera, path, layout, window=None, header=(), distortion=None, **po
         state.image[block.active] = number[block.image]
     state.header |= dict(header)
     change_exposure(state, wcs=ChipWCS(state.chip, state.pointing, distortion))
-    write_level0(path, state, camera.keywords, {}, layout)
+    write_level0(path, state, camera.keywords, {"obsid": OBSID}, layout)
     return state, number
 
 

@@ -5,7 +5,7 @@ import importlib
 import numpy as np
 import pytest
 import yaml
-from readout_state import dark_layers, flat_state, run, small_camera
+from readout_state import OBSID, dark_layers, flat_state, run, small_camera
 
 from csstsim.base.errors import InputError
 from csstsim.simulation.layer_contract import check_layer, form_faults
@@ -39,9 +39,9 @@ def test_unknown_parameters_are_refused(name):
         layer.Param.model_validate({"no_such_key": 1})
 
 
-def before(small, name, **pointing):
+def before(small, name, obsid=OBSID):
     """The state as the layer called `name` finds it."""
-    return run(flat_state(small, 80.0, **pointing), dark_layers(off=READOUT[READOUT.index(name) :]))
+    return run(flat_state(small, 80.0), dark_layers(off=READOUT[READOUT.index(name) :]), obsid=obsid)
 
 
 def step_of(name):
@@ -56,10 +56,10 @@ def test_contract_in_its_place(small, name):
 
 @pytest.mark.parametrize("name", ["poisson_and_dark", "readout_noise"])
 def test_noise_is_new_in_each_exposure_chip_and_seed(small, name):
-    images = [run(before(small, name, obsid=obsid), step_of(name)).image for obsid in ("1", "2")]
-    images.append(run(before(small, name, obsid="1"), step_of(name), seed=12).image)
-    state = run(flat_state(small, 80.0, chip=8, obsid="1"), dark_layers(off=READOUT[READOUT.index(name) :]))
-    images.append(run(state, step_of(name)).image)
+    images = [run(before(small, name, obsid), step_of(name), obsid=obsid).image for obsid in ("1", "2")]
+    images.append(run(before(small, name, "1"), step_of(name), seed=12, obsid="1").image)
+    state = run(flat_state(small, 80.0, chip=8), dark_layers(off=READOUT[READOUT.index(name) :]), obsid="1")
+    images.append(run(state, step_of(name), obsid="1").image)
     for i, one in enumerate(images):
         for other in images[i + 1 :]:
             z = one.ravel() - one.mean(), other.ravel() - other.mean()
@@ -71,7 +71,7 @@ def test_noise_is_new_in_each_exposure_chip_and_seed(small, name):
 
 @pytest.mark.parametrize("name", ["bias", "gain"])
 def test_channel_values_last_for_the_chip(small, name):
-    one, other = (run(flat_state(small, obsid=obsid), dark_layers()).header[name] for obsid in ("1", "2"))
+    one, other = (run(flat_state(small), dark_layers(), obsid=obsid).header[name] for obsid in ("1", "2"))
     assert one == other
     assert len(set(one)) == 16
     assert one != run(flat_state(small, chip=8), dark_layers()).header[name]

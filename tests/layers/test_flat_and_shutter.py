@@ -26,11 +26,11 @@ def draw(tmp_path_factory):
     run = OpenCampaign(write_scene(folder, "Pair", [40.3, 90.1, 20.0], [50.2, 70.6, 110.0], mag=20.0))
     job = run.job("10100000001", 9)
     psf_stage.psf(run, 9)
-    objects, psf = select_stage.selected(run, job), psf_stage.open_psf(run, job.chip)
+    objects, psf = select_stage.selected(run, job.exposure), psf_stage.open_psf(run, job.chip)
 
     def made(flat, shutter):
-        losses = job.losses._replace(flat=flat, shutter=shutter)
-        state = State.blank(replace(job, losses=losses, fidelity="noise_free"), objects)
+        losses = job.exposure.losses._replace(flat=flat, shutter=shutter)
+        state = State.blank(replace(job.exposure, losses=losses, fidelity="noise_free"), objects)
         state.psf = psf
         return scie_obs.apply(state, scie_obs.Param(), STREAMS)
 

@@ -54,7 +54,7 @@ def test_header_says_what_was_lit_and_what_was_guessed(small):
 
 @pytest.mark.parametrize(
     ("types", "times", "match"),
-    [(["555"], [1.0], "LED_TYPE.*555.*275, 310"), (["590"], [151.0], "longer than exposure")],
+    [(["555"], [1.0], "LED_TYPE.*555.*275, 310"), (["590"], [151.0], "longer than the exposure of 2027")],
 )
 def test_unknown_lamps_and_long_times_are_refused(small, types, times, match):
     with pytest.raises(InputError, match=match):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from readout_state import change_exposure, flat_state, small_camera
+from readout_state import OBSID, change_exposure, flat_state, small_camera
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
@@ -22,7 +22,7 @@ LIGHT = [{"scie_obs": {}}, {"sky_background": {}}]
 SEED = 11
 
 
-def streams(name, obsid="10160000004", chip=9):
+def streams(name, obsid=OBSID, chip=9):
     return Streams(SEED, obsid, chip, name)
 
 
@@ -102,8 +102,8 @@ def test_its_layer_records_and_refuses(small):
 # cosmic_rays
 
 
-def struck(state, **param):
-    return cosmic_rays.apply(state, cosmic_rays.Param(**param), streams("cosmic_rays", state.pointing.obsid))
+def struck(state, obsid=OBSID, **param):
+    return cosmic_rays.apply(state, cosmic_rays.Param(**param), streams("cosmic_rays", obsid))
 
 
 @pytest.mark.parametrize(("kind", "exptime"), [("SCIE", 150.0), ("DARK", 1000.0), ("FLAT", 200.0), ("BIAS", 0.0)])
@@ -145,14 +145,14 @@ def test_rays_are_saved_only_if_asked(small):
 
 
 def test_an_exposure_has_its_own_rays(small):
-    one, same, other = (struck(flat_state(small, obsid=obsid), exptime=1e5).counted for obsid in ("1", "1", "2"))
+    one, same, other = (struck(flat_state(small), obsid, exptime=1e5).counted for obsid in ("1", "1", "2"))
     assert np.array_equal(one, same) and not np.array_equal(one, other)
 
 
 # detector_defects
 
 
-def spoiled(state, obsid="10160000004", **param):
+def spoiled(state, obsid=OBSID, **param):
     return detector_defects.apply(state, detector_defects.Param(**param), streams("detector_defects", obsid))
 
 
@@ -208,7 +208,7 @@ def test_a_window_within_bad_columns_has_their_part(many, rows):
 
 
 def test_places_last_and_noise_does_not(many):
-    one, other = (spoiled(masked(flat_state(many, 300.0, obsid=obsid)), obsid) for obsid in ("1", "2"))
+    one, other = (spoiled(masked(flat_state(many, 300.0)), obsid) for obsid in ("1", "2"))
     assert np.array_equal(one.mask, other.mask)
     for bit in (HOT, DEAD, BAD_COLUMN):
         here = one.mask == bit

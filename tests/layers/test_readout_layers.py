@@ -106,7 +106,7 @@ def test_a_channel_keeps_its_levels_and_a_chip_its_own(small):
     """From exposure to exposure the same; of another chip or seed others; read noise and dark the other way round."""
 
     def levels(seed, obsid, chip):
-        state = run(flat_state(small, 100.0, chip=chip, obsid=obsid), plain_layers(), seed=seed)
+        state = run(flat_state(small, 100.0, chip=chip), plain_layers(), seed=seed, obsid=obsid)
         return np.concatenate([state.header["bias"], state.header["gain"]]), state.image
 
     first, image = levels(5, "1", 9)
@@ -146,7 +146,7 @@ def test_photon_transfer(small, camera, size):
     """
     camera, window = (small, None) if size == "small" else (camera, (1152, 2304, 4616, 9232))
     sky, dark, ron = 900.0, 3.0, camera.detector.read_noise
-    states = [run(flat_state(camera, sky, window=window, obsid=obsid), plain_layers()) for obsid in ("1", "2")]
+    states = [run(flat_state(camera, sky, window=window), plain_layers(), obsid=obsid) for obsid in ("1", "2")]
     pair = [state.image for state in states]
     frame = ReadoutFrame.of(camera.detector, states[0].window)
     for block in frame.blocks:
@@ -169,10 +169,10 @@ def test_photon_transfer(small, camera, size):
 def test_rounding_noise_is_counted(small):
     """At a read noise of 1 e- the 1/12 DN^2 is a tenth of the variance: eight times the error of 16384 pixels."""
     quiet = replace(small.detector, read_noise=1.0)
-    states = [flat_state(small, obsid=obsid) for obsid in ("1", "2")]
+    states = [flat_state(small), flat_state(small)]
     for state in states:
         change_exposure(state, chip=replace(state.chip, detector=quiet))
-    states = [run(state, plain_layers(off=["poisson_and_dark"])) for state in states]
+    states = [run(state, plain_layers(off=["poisson_and_dark"]), obsid=str(i)) for i, state in enumerate(states, 1)]
     frame = ReadoutFrame.of(quiet, None)
     excess = []
     for block in frame.blocks:

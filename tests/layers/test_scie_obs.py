@@ -23,11 +23,11 @@ def test_signal_to_noise_is_of_the_exposures_time(tmp_path):
     run = OpenCampaign(write_scene(tmp_path, "Pair", [40.3], [50.2], mag=27.0))
     job = run.job("10100000001", 9)
     psf_stage.psf(run, 9)
-    objects, psf = select_stage.selected(run, job), psf_stage.open_psf(run, job.chip)
+    objects, psf = select_stage.selected(run, job.exposure), psf_stage.open_psf(run, job.chip)
     snr = []
     for exptime in (150.0, 1500.0):
         pointing = replace(job.pointing, exptime=exptime)
-        state = State.blank(replace(job, pointing=pointing, fidelity="noise_free"), objects)
+        state = State.blank(replace(job.exposure, pointing=pointing, fidelity="noise_free"), objects)
         state.psf = psf
         truth = scie_obs.apply(state, scie_obs.Param(), STREAMS).truth
         snr.append(float(truth["snr"][0]))

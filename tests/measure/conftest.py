@@ -60,10 +60,10 @@ def measure(electrons, *, origin=(0, 0), saturated=None, bad=None, kind="imaging
     saturated, bad = (np.zeros(electrons.shape, bool) if mask is None else mask for mask in (saturated, bad))
     return measure_frame(
         Calibrated(electrons.astype(np.float32), saturated, {}, {1: READ_NOISE}, None, bad), GaussianPsf(), FlatSky(),
-        CRAFT,
+        CRAFT, obsid="10100000001",
         chip=SimpleNamespace(id=8, kind=kind), filter=SimpleNamespace(name="g", zeropoint=lambda telescope: 26.3),
         telescope=SimpleNamespace(pixel_scale=0.074),
-        pointing=SimpleNamespace(type=exposure, exptime=150.0, obsid="10100000001"),
+        pointing=SimpleNamespace(type=exposure, exptime=150.0),
         window=Window(origin[0], origin[0] + nx, origin[1], origin[1] + ny),
     )  # fmt: skip
 

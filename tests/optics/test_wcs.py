@@ -30,7 +30,7 @@ def camera():
 
 
 def _pointing(ra, dec, pa):
-    return Pointing("10100000001", "SCIE", ra, dec, pa, "2027-01-01T00:00:00", 150.0, (7e3, 0, 0), (0, 7.6, 0))
+    return Pointing("SCIE", ra, dec, pa, "2027-01-01T00:00:00", 150.0, (7e3, 0, 0), (0, 7.6, 0))
 
 
 def _astropy(wcs):

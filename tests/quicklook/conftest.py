@@ -31,7 +31,7 @@ def exposure(tmp_path_factory):
 @pytest.fixture(scope="session")
 def level0(exposure):
     run, job = exposure
-    return run.paths.level0(job.pointing, job.chip.id)
+    return run.paths.level0(job)
 
 
 @pytest.fixture(scope="session")
@@ -43,7 +43,7 @@ def windowed(tmp_path_factory):
     run = OpenCampaign(path)
     job = run.jobs[0]
     chip_stage.chip(run, job, say=lambda text: None)
-    return run.paths.level0(job.pointing, job.chip.id)
+    return run.paths.level0(job)
 
 
 @pytest.fixture

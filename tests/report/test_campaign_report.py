@@ -34,7 +34,7 @@ def test_links_lead_to_the_files_of_the_campaign(reported):
     page = run.paths.report
     targets = {(page.parent / unquote(link)).resolve() for link in relative_links(page)}
     assert all(target.is_file() for target in targets)
-    expected = [run.paths.level0(job.pointing, job.chip.id) for job in run.jobs]
+    expected = [run.paths.level0(job) for job in run.jobs]
     expected += [path(pix) for pix in run.merge_bricks for path in (run.paths.merge, run.paths.validate)]
     assert {path.resolve() for path in expected} <= targets
 
@@ -111,7 +111,7 @@ def test_a_stage_without_the_one_before_it_says_what_makes_that(tmp_path):
     file = write_campaign(tmp_path, [POINTINGS[0]], select={"chips": [9]})
     run = OpenCampaign(file)
     (job,), (pix, *_) = run.jobs, run.merge_bricks
-    where = f"{file} --obsid {job.pointing.obsid} --chip 9`"
+    where = f"{file} --obsid {job.obsid} --chip 9`"
     merged = command("merge", file, "--brick", pix)
     measured, calibrated = (command(name, file, *job.options.split()) for name in ("measure", "calibrate"))
     assert {found.exit_code for found in (merged, measured, calibrated)} == {2}
@@ -141,7 +141,7 @@ def test_nothing_is_written_of_a_damaged_product(reported, product, change, word
     pix, job = next(iter(run.merge_bricks)), run.jobs[0]
     path = {
         "validate": run.paths.validate(pix), "png": run.paths.validate(pix).with_suffix(".png"),
-        "merge": run.paths.merge(pix), "level0": run.paths.level0(job.pointing, job.chip.id),
+        "merge": run.paths.merge(pix), "level0": run.paths.level0(job),
     }[product]  # fmt: skip
     before, written = path.read_bytes(), [run.paths.report, run.paths.report.with_name("verdict.json")]
     for made in written:
@@ -244,7 +244,7 @@ def test_calibration_frames_alone(tmp_path, kind):
     file = write_campaign(tmp_path, [POINTINGS[0], pointing], select={"types": [kind], "chips": [9, 29]})
     run = OpenCampaign(file)
     for job in run.jobs:
-        done("chip", file, "--obsid", job.pointing.obsid, "--chip", job.chip.id)
+        done("chip", file, "--obsid", job.obsid, "--chip", job.chip.id)
     said = done("report", file, "--strict")
     assert "No gate could be judged" in said
     reader = Reader(run.paths.report.read_text())

@@ -35,7 +35,7 @@ def demo():
 def test_the_picture_of_the_demo_has_three_bands_twice_on_the_middle_ones_pixels(demo):
     anchor, bands = colour_frames(demo)
     assert list(bands) == ["g", "r", "i"] and anchor.chip.filter == "r"
-    assert [len({job.pointing.obsid for job in jobs}) for jobs in bands.values()] == [2, 2, 2]
+    assert [len({job.obsid for job in jobs}) for jobs in bands.values()] == [2, 2, 2]
     assert [job.chip.filter for job in demo.first_frames] == ["r"]
 
 
@@ -44,7 +44,7 @@ def test_places_on_another_exposure_are_those_of_its_geometry(demo):
     anchor, bands = colour_frames(demo)
     other = bands["g"][1]
     assert abs(other.pointing.pa - anchor.pointing.pa) == pytest.approx(90.0)
-    grid = sky.Grid(anchor, middle(anchor.window, 1500), 3)
+    grid = sky.Grid(anchor.exposure, middle(anchor.window, 1500), 3)
     x, y = grid.on(other)
     assert x.shape == grid.shape == (500, 500)
     rows, columns = stream(5, "places").integers(0, 500, (2, 200))
@@ -61,7 +61,7 @@ def test_north_and_east_are_those_of_the_world_coordinates(demo):
     for job in (demo.jobs[0], demo.slitless_jobs[0]):
         x, y = job.window.x0, job.window.y0
         steps = job.wcs.jacobian(*job.wcs.pixel_to_world(x, y))  # px per arcsec, columns east and north
-        for drawn, true in zip(sky.Grid(job, job.window).north_east(), steps.T[::-1], strict=True):
+        for drawn, true in zip(sky.Grid(job.exposure, job.window).north_east(), steps.T[::-1], strict=True):
             assert drawn @ true / np.hypot(*true) > 0.9999
 
 
@@ -96,7 +96,7 @@ def test_colours_are_those_of_the_fluxes_and_the_first_row_is_at_the_bottom():
 
 def test_the_marks_are_drawn_where_they_belong(demo):
     job = demo.jobs[0]
-    grid = sky.Grid(job, middle(job.window, 800), 2)
+    grid = sky.Grid(job.exposure, middle(job.window, 800), 2)
     bare, marked = (
         np.asarray(Image.open(io.BytesIO(sky.jpeg(np.zeros((400, 400, 3), np.uint8), marks)))).max(axis=2)
         for marks in ((), (sky.compass(grid), sky.ruler(grid)))
@@ -114,7 +114,7 @@ def test_a_campaign_of_one_band_has_a_grey_picture_and_cutouts_of_stars(reported
     assert np.ptp(image, axis=2).max() < 12 and picture.caption.startswith("r in grey: 1 exposure")
     assert picture.style == "photo"
     window = run.jobs[0].window
-    job, file = run.jobs[0], read_level0(run.paths.level0(run.jobs[0].pointing, 9))
+    job, file = run.jobs[0], read_level0(run.paths.level0(run.jobs[0]))
     found = list(chosen(run, job, window, file))
     assert len(gallery.figures) == len(found)
     for label, place in found:
@@ -124,7 +124,7 @@ def test_a_campaign_of_one_band_has_a_grey_picture_and_cutouts_of_stars(reported
 def test_only_objects_that_are_alone_unsaturated_and_inside_are_chosen(reported):
     _, run, _ = reported
     job = run.jobs[0]
-    file, truth = read_level0(run.paths.level0(job.pointing, 9)), truth_of(run, job)
+    file, truth = read_level0(run.paths.level0(job)), truth_of(run, job)
     window, every = job.window, np.ones(len(truth_of(run, job)), bool)
     small = Window(window.x0, window.x1, window.y0, window.y0 + CUTOUT - 2)
     assert list(bright_objects(run, truth, every, small, file)) == []  # no room for a cutout
@@ -145,7 +145,7 @@ def replace_full_well(run, value):
 def test_a_field_without_a_galaxy_has_no_place_to_show_at_full_resolution(reported):
     _, run, _ = reported
     job = run.jobs[0]
-    assert detail(run, job, read_level0(run.paths.level0(job.pointing, 9)), 64) is None
+    assert detail(run, job, read_level0(run.paths.level0(job)), 64) is None
 
 
 def test_the_picture_comes_before_any_table(reported):

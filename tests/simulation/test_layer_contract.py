@@ -45,7 +45,6 @@ FAULTS = {
     "returned NoneType": ("    return state\n", ""),
     "global random numbers": (NOISE, "np.random.normal"),
     "the same seed gives another image": (NOISE, "np.random.default_rng().normal"),
-    "draws from rng.seed": (NOISE, "np.random.default_rng(rng.seed).normal"),
     "leaves an image of shape (63, 64)": ("    return", "    state.image = state.image[1:]\n    return"),
     "leaves an image of float64": ("    return", "    state.image = state.image.astype(float)\n    return"),
     "not finite": ("    return", "    state.image *= np.float32(1e5) / (state.image.max() > 1e3)\n    return"),

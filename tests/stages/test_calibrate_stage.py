@@ -23,7 +23,7 @@ def frame(tmp_path_factory):
     calibrate(run, job)
     with fits.open(run.paths.calibrated(*job.key)) as file:
         planes = {name: file[name].data.astype(float) for name in ("SCI", "ERR", "DQ")}
-        return planes, file["SCI"].header, read_truth(run.paths.level0_truth(job.pointing, job.chip.id))
+        return planes, file["SCI"].header, read_truth(run.paths.level0_truth(job))
 
 
 def test_a_star_has_its_electrons(frame):

@@ -5,7 +5,6 @@ import pytest
 import yaml
 from mini_campaign import POINTINGS, write_campaign
 
-from csstsim.base.rng import Streams
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.level0 import read_level0
 from csstsim.layers import sky_background
@@ -51,14 +50,14 @@ def test_the_headers_wcs_is_where_light_falls(made):
     away = np.hypot((ra - true_ra) * np.cos(np.radians(true_dec)), dec - true_dec) * 3600 / 0.074
     assert job.wcs.distortion and away.max() < 1e-3
     sip = sip_header(job.wcs)["CTYPE1"]
-    stated = read_level0(run.paths.level0(job.pointing, job.chip.id)).header["CTYPE1"]
+    stated = read_level0(run.paths.level0(job)).header["CTYPE1"]
     assert (stated == sip) == (frame_facts(run, job).wcs.distortion is None)
 
 
 def test_level_and_noise_are_those_of_the_pixels(made):
     """Mean and rms of the electrons of an empty frame, within 5 sigma; a share of the light is counted."""
     run, job = made
-    facts, file = frame_facts(run, job), read_level0(run.paths.level0(job.pointing, job.chip.id))
+    facts, file = frame_facts(run, job), read_level0(run.paths.level0(job))
     raw, image = file.frame(), np.zeros(job.window.shape)
     for block in file.readout.blocks:
         bias = facts.header["bias"][block.channel]
@@ -71,8 +70,8 @@ def test_level_and_noise_are_those_of_the_pixels(made):
 
 def sky_share(run, job):
     """Return the mean share of the sky that a job's chip counts, from the layer itself."""
-    state, step = State.blank(job), run.steps["SCIE"].step("sky_background")
-    streams = Streams(run.config.seed, job.pointing.obsid, job.chip.id, "sky_background")
+    state, step = State.blank(job.exposure), run.steps["SCIE"].step("sky_background")
+    streams = run.streams(job, "sky_background")
     lit = sky_background.apply(state, step.param, streams).image.mean(dtype=float)
     return lit / (state.filter.sky * job.pointing.exptime)
 

@@ -49,7 +49,7 @@ def test_another_detector_reads_the_kept_light_out(kept, tmp_path):
     fresh = OpenCampaign(kept, tmp_path / "fresh", copied=True)
     shutil.copytree(run.paths.output / "psf", tmp_path / "fresh" / "psf")
     chip(fresh, job, lambda _: None)
-    pixels = [read_level0(of.paths.level0(job.pointing, job.chip.id)).frame() for of in (run, fresh)]
+    pixels = [read_level0(of.paths.level0(job)).frame() for of in (run, fresh)]
     assert np.array_equal(*pixels) and np.ptp(pixels[0]) > 1000
 
 

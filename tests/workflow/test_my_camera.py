@@ -46,7 +46,7 @@ def test_each_chip_sees_the_field_once(finished):
 
 def test_level0_has_eight_channels_of_its_own_header(finished):
     for job in finished.jobs:
-        file = read_level0(finished.paths.level0(job.pointing, job.chip.id), verify=True)
+        file = read_level0(finished.paths.level0(job), verify=True)
         assert file.readout.n_channels == 8 and (file.readout.nx, file.readout.ny) == (2048, 2064)
         assert file.header0["TELESCOP"] == "MINE" and file.header0["FILTER"] == job.chip.filter
         assert sorted(file.gain) == list(range(1, 9))
@@ -56,7 +56,7 @@ def test_level0_has_eight_channels_of_its_own_header(finished):
 
 def test_tables_have_the_cameras_magnitudes_and_no_others(finished):
     bands = ("blue", "green", "red")
-    truth = ObjectTable.read(finished.paths.level0_truth(finished.jobs[0].pointing, finished.jobs[0].chip.id))
+    truth = ObjectTable.read(finished.paths.level0_truth(finished.jobs[0]))
     assert [name for name in truth.names if name.startswith("mag_")] == [f"mag_{band}" for band in bands]
     assert np.isfinite([truth[f"mag_{band}"] for band in bands]).all()
     [pix] = finished.merge_bricks

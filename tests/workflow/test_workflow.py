@@ -35,7 +35,7 @@ def test_the_whole_chain_makes_what_it_promises(undisturbed):
     assert {p.name for p in run.paths.merge_catalogue.iterdir()} == {"dataset", "hats.properties", "partition_info.csv"}
     assert len(run.slitless_jobs) == 1
     for job in run.slitless_jobs:
-        assert run.paths.spectra(*job.key).exists() and run.paths.level0_orders(job.pointing, job.chip.id).exists()
+        assert run.paths.spectra(*job.key).exists() and run.paths.level0_orders(job).exists()
     assert left_of(undisturbed) == {"render.fits", "drawn.parquet", "orders.parquet"}, "others are dropped"
 
 

@@ -48,7 +48,7 @@ try:
         RUN.open_truth(),
         RUN.recipes.psf,
     )  # faults of the catalogue are met here, not in a rule
-    JOBS = {(job.pointing.obsid, f"{job.chip.id:02d}"): job for job in RUN.jobs}
+    JOBS = {(job.obsid, f"{job.chip.id:02d}"): job for job in RUN.jobs}
 except CsstsimError as error:
     print(f"{ERROR} {with_page(error)}", file=sys.stderr)
     sys.exit(2)
@@ -78,7 +78,7 @@ def take_folder():
 
 # The (exposure, chip) pairs whose truth is kept order by order, as patterns; no pair: patterns that nothing meets.
 SPECTRA_OBSID = (
-    "|".join(sorted({j.pointing.obsid for j in RUN.slitless_jobs})) or "none"
+    "|".join(sorted({j.obsid for j in RUN.slitless_jobs})) or "none"
 )
 SPECTRA_CHIP = (
     "|".join(sorted({f"{j.chip.id:02d}" for j in RUN.slitless_jobs})) or "none"

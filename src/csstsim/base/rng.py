@@ -4,17 +4,33 @@ The generator is Philox (Salmon et al. 2011); a stream's key is the SHA-256 of "
 collide as sums of seeds and ids do, and nothing depends on the order of work, on threads or on jobs killed and resumed.
 """
 
+import copy
 import hashlib
-from dataclasses import dataclass
 
 import numpy as np
 
 
-def _digest(seed, key):
-    words = [str(seed), *map(str, key)]
+def _begun(seed, *key):
+    """Return the hash of the first words of a key, to which `_digest` adds the others."""
+    return hashlib.sha256("/".join(_words(seed, *key)).encode())
+
+
+def _digest(begun, *key):
+    """Return the 32 bytes of a key of which the first words are hashed already."""
+    whole = begun.copy()
+    whole.update("".join(f"/{word}" for word in _words(*key)).encode())
+    return whole.digest()
+
+
+def _words(*key):
+    words = list(map(str, key))
     if any("/" in word for word in words):
         raise ValueError(f"a stream word holds '/': {words}")
-    return hashlib.sha256("/".join(words).encode()).digest()
+    return words
+
+
+def _generator(digest):
+    return np.random.Generator(np.random.Philox(key=int.from_bytes(digest[:16], "little")))
 
 
 def stream(seed, *key):
@@ -22,7 +38,7 @@ def stream(seed, *key):
 
     Raises ValueError for a word with a "/" in it.
     """
-    return np.random.Generator(np.random.Philox(key=int.from_bytes(_digest(seed, key)[:16], "little")))
+    return _generator(_digest(_begun(seed), *key))
 
 
 def galsim_seed(seed, *key):
@@ -30,45 +46,55 @@ def galsim_seed(seed, *key):
 
     Raises ValueError as `stream` does.
     """
-    return int.from_bytes(_digest(seed, key)[16:20], "little") % (2**31 - 1) + 1
+    return int.from_bytes(_digest(_begun(seed), *key)[16:20], "little") % (2**31 - 1) + 1
 
 
-@dataclass(frozen=True)
 class Streams:
-    """The random streams of one layer in one exposure of one chip; each method says how long a draw lives."""
+    """The random streams of one layer in one exposure of one chip; each method says how long a draw lives.
 
-    seed: int
-    obsid: str
-    chip_id: int
-    keyword: str
+    It keeps hashes of seed, obsid and chip, not the words. keyword: the layer's.
+    """
+
+    def __init__(self, seed, obsid, chip_id, keyword):
+        self._exposure, self._keyword = _begun(seed, "exposure", obsid, chip_id), keyword
+        self._object = _begun(seed, "object", obsid, chip_id)
+        self._chip, self._channel = _begun(seed, "chip", chip_id), _begun(seed, "channel", chip_id)
+        self._camera = _begun(seed, "camera")
+
+    def layer(self, keyword):
+        """Return the Streams of another layer in the same exposure and chip."""
+        other = copy.copy(self)
+        other._keyword = keyword
+        return other
 
     def exposure(self, name):
         """New in each exposure and chip: shot noise, read noise, tracks."""
-        return stream(self.seed, "exposure", self.obsid, self.chip_id, self.keyword, name)
+        return _generator(_digest(self._exposure, self._keyword, name))
 
     def chip(self, name):
         """Fixed for the chip. Keyed by the effect's name, not the layer: several layers may see one pattern."""
-        return stream(self.seed, "chip", self.chip_id, name)
+        return _generator(_digest(self._chip, name))
 
     def channel(self, channel, name):
         """Fixed for one readout channel (1..16) of the chip."""
-        return stream(self.seed, "channel", self.chip_id, channel, name)
+        return _generator(_digest(self._channel, channel, name))
 
     def exposure_key(self, name):
         """Return 64 bits (numpy.uint64), as `exposure`, for the counters of compiled loops (csstsim.base.counter)."""
-        return self._key("exposure", self.obsid, self.chip_id, self.keyword, name)
+        return _counter_key(_digest(self._exposure, self._keyword, name))
 
     def chip_key(self, name):
         """Return 64 bits (numpy.uint64), as `chip`, for the counters of compiled loops."""
-        return self._key("chip", self.chip_id, name)
-
-    def _key(self, *words):
-        return np.uint64(int.from_bytes(_digest(self.seed, words)[:8], "little"))
+        return _counter_key(_digest(self._chip, name))
 
     def camera(self, name):
         """Fixed for the whole camera."""
-        return stream(self.seed, "camera", name)
+        return _generator(_digest(self._camera, name))
 
     def object(self, object_id):
         """One object in this exposure: independent of order, neighbours and threads."""
-        return stream(self.seed, "object", self.obsid, self.chip_id, object_id)
+        return _generator(_digest(self._object, object_id))
+
+
+def _counter_key(digest):
+    return np.uint64(int.from_bytes(digest[:8], "little"))

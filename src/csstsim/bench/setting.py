@@ -19,9 +19,7 @@ from csstsim.render.psf_table import read_tables, write_tables
 
 EXPTIME = 150.0  # s
 GRID = 10  # nodes along a side, a campaign's default
-POINTING = Pointing(
-    "10100000001", "SCIE", 60.0, -40.0, -113.4333, "2027-06-26T20:35:58", EXPTIME, (6778.0, 0.0, 0.0), (0.0, 7.0, 3.0)
-)
+POINTING = Pointing("SCIE", 60.0, -40.0, -113.4333, "2027-06-26T20:35:58", EXPTIME, (6778.0, 0.0, 0.0), (0.0, 7.0, 3.0))
 
 
 @dataclass(frozen=True, eq=False)

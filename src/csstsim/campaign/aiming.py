@@ -46,26 +46,25 @@ def chips_for(camera, numbers=(), filters=()):
 
 
 def aimed(camera, ra, dec, chips, *, pa=0.0, times=(TIME,), shifts=((0.0, 0.0),), exptime=150.0, obsid="10100000001"):
-    """Return [(chip, Pointing)]: at each time the place on each chip, at each shift [arcsec along the chip's x and y].
+    """Return {obsid: Pointing}: at each time the place on each chip, at each shift [arcsec along the chip's x and y].
 
     Exposures of one time follow each other, GAP_S from the end to the next start. Raises InputError for values that
     cannot be used, and for exposures that overlap.
     """
     if not OBSID.fullmatch(obsid):
         raise InputError("not an observation id", key="--obsid", value=obsid, allowed=OBSID_ALLOWED)
-    scale, found = camera.telescope.pixel_scale, []
+    scale, found = camera.telescope.pixel_scale, {}
     for shift in shifts:
         if not all(abs(value) <= FARTHEST for value in shift):  # NaN, too
             raise InputError("too far", key="--dither", value=shift, allowed=f"up to {FARTHEST:g} arcsec")
     for time in times:
         for chip, shift in ((chip, shift) for chip in chips for shift in shifts):
             pointing = centred_exposure(
-                camera, chip, ra, dec, obsid=obsid, pa=pa, time=time, exptime=exptime,
-                shift=tuple(value / scale for value in shift),
+                camera, chip, ra, dec, pa=pa, time=time, exptime=exptime, shift=tuple(value / scale for value in shift),
             )  # fmt: skip
-            if any(other.start < pointing.end and pointing.start < other.end for _, other in found):
+            if any(other.start < pointing.end and pointing.start < other.end for other in found.values()):
                 raise InputError("exposures overlap: another has not ended", key="--time", value=time)
-            found.append((chip, pointing))
+            found[obsid] = pointing
             obsid, time = next_obsid(obsid), after(pointing)
     return found
 
@@ -73,8 +72,8 @@ def aimed(camera, ra, dec, chips, *, pa=0.0, times=(TIME,), shifts=((0.0, 0.0),)
 def table_of(found, comment=()):
     """Return the text of a survey table with the exposures that `aimed` returned."""
     rows = [
-        f"{p.obsid},{p.type},{round(p.ra, 6) % 360.0:.6f},{p.dec:.6f},{p.pa:.4f},{p.time},{p.exptime:.10g}"
-        for _, p in found
+        f"{obsid},{p.type},{round(p.ra, 6) % 360.0:.6f},{p.dec:.6f},{p.pa:.4f},{p.time},{p.exptime:.10g}"
+        for obsid, p in found.items()
     ]  # fmt: skip
     return "\n".join([*(f"# {line}" for line in comment), HEADER, *rows]) + "\n"
 

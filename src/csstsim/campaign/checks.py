@@ -54,22 +54,19 @@ def check_photons(run):
 
 
 @explained("campaign")
-def check_shutter(run, pointing, chips):
-    """No exposure is shorter than the shutter allows, on any of the chips."""
-    steps = run.steps[pointing.type]
+def check_shutter(steps, exptime, chips):
+    """An exposure [s] of these SimSteps is not shorter than the shutter allows, on any of the chips."""
     for chip in chips if steps.losses.shutter else ():
         try:
-            shutter.check(chip, pointing.exptime)
+            shutter.check(chip, exptime)
         except InputError as exc:
-            message = f"exposure {pointing.obsid}: {exc}; or turn shutter_effect off"
-            raise InputError(message, file=steps.file) from None
+            raise InputError(f"{exc}; or turn shutter_effect off", file=steps.file) from None
 
 
 @explained("campaign")
-def check_masters(run, jobs):
-    """The master frames with which jobs are calibrated exist."""
-    frames = run.config.measurement.calibration == "frames"
-    for chip_id in sorted({job.chip.id for job in jobs if frames and job.pointing.type == "SCIE"}):
+def check_masters(run, chips):
+    """The master frames with which science exposures of these chips (numbers) are calibrated exist."""
+    for chip_id in sorted(chips) if run.config.measurement.calibration == "frames" else ():
         path = run.masters(chip_id)
         if not path.is_file():
             raise InputError(

@@ -123,7 +123,7 @@ def _quantities(run):
         pixels = megapixels(jobs[0])
         yield "masters", chip, {"job": 1, "mpix": pixels, "read_mpix": len(jobs) * pixels}
     if science:
-        by_exposure = Counter(job.pointing.obsid for job in science)
+        by_exposure = Counter(job.obsid for job in science)
         shown = min(len(run.jobs), max(PICTURES, *by_exposure.values()))
         read = shown / len(run.jobs) * sum(map(megapixels, run.jobs))
         yield "report", None, {"job": 1, "read_mpix": read, "brick": len(run.merge_bricks)}
@@ -180,9 +180,9 @@ def expected_objects(run, jobs):
     mag, galaxies = cumulative_counts(numbers["galaxies"])
     galaxies = galaxies[-1] if limit is None else np.interp(limit, mag, galaxies)
     faint = numbers["stars"]["limits"][1]
-    pointings = {job.pointing.obsid: (job.pointing.ra, job.pointing.dec) for job in jobs}
+    pointings = {job.obsid: (job.pointing.ra, job.pointing.dec) for job in jobs}
     places = np.transpose(list(pointings.values()))
     stars = expected_counts(*places, numbers["stars"], min(limit or faint, faint))
     density = {obsid: float(galaxies + count) for obsid, count in zip(pointings, stars, strict=True)}  # deg-2
     pixel = (run.camera.telescope.pixel_scale / 3600.0) ** 2
-    return {job.key: megapixels(job) * 1e6 * pixel * density[job.pointing.obsid] for job in jobs}
+    return {job.key: megapixels(job) * 1e6 * pixel * density[job.obsid] for job in jobs}

@@ -12,6 +12,7 @@ from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.files.beside import beside
 from csstsim.base.help_page import explained
+from csstsim.base.rng import Streams
 from csstsim.campaign.checks import check_masters, check_photons, check_selection, check_shutter
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.job import Job
@@ -28,6 +29,7 @@ from csstsim.optics.geometry.distortion import load_distortion
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.gratings.dispersion import Disperser
 from csstsim.render.settings import load_numbers
+from csstsim.simulation.exposure import Exposure
 from csstsim.simulation.sim_steps import SimSteps
 
 MERGE_MARGIN_DEG = 2.0 / 3600.0  # a merged brick takes detections up to 2" beyond its border
@@ -45,9 +47,9 @@ class OpenCampaign:
         """Open a campaign.
 
         copied: the output folder is only read, and may be a copy of the one that `campaign.json` names. config
-        (config.Campaign), layers ({exposure type: list as config.Observation.layers}) and pointings (a list of
-        instrument.pointing.Pointing) replace the files. only: (obsid, chip number) of the one job needed: exposures and
-        gratings of others are not checked.
+        (config.Campaign), layers ({exposure type: list as config.Observation.layers}) and pointings ({obsid:
+        instrument.pointing.Pointing}) replace the files. only: (obsid, chip number) of the one job needed: exposures
+        and gratings of others are not checked.
         """
         self.file = Path(file)
         importable(self.file.parent)
@@ -58,10 +60,9 @@ class OpenCampaign:
         self.camera = load_camera(self.config.instrument, self.file)
         self.rendering = load_numbers()
         self.table = "what was aimed" if pointings else self.config.survey_table  # for errors
-        pointings = pointings or load_survey_table(self.config.survey_table, self.camera.orbit)
-        self.pointings = {p.obsid: p for p in pointings}
+        self.pointings = pointings or load_survey_table(self.config.survey_table, self.camera.orbit)
         check_selection(self)
-        types = sorted({p.type for p in selected_pointings(self)})
+        types = sorted({p.type for p in selected_pointings(self).values()})
         layers = layers or {}
         self.steps = {kind: SimSteps(self.config.observation_file(kind), kind, layers.get(kind)) for kind in types}
         # One exposure time: that of the layers, if they give one, replaces the table's everywhere.
@@ -76,13 +77,13 @@ class OpenCampaign:
 
         check_photons(self)
         chips = [chip for chip in selected_chips(self) if only is None or chip.id == only[1]]
-        exposures = [p for p in selected_pointings(self) if only is None or p.obsid == only[0]]
+        exposures = [p for obsid, p in selected_pointings(self).items() if only is None or obsid == only[0]]
         if "SCIE" in self.steps and any(chip.kind == "slitless" for chip in chips):
             _ = self.camera.gratings  # read, and refused if they cannot be used
         for p in exposures:
             self.steps[p.type].check(self.camera, p)
         for p in {(p.type, p.exptime): p for p in exposures}.values():
-            check_shutter(self, p, chips)
+            check_shutter(self.steps[p.type], p.exptime, chips)
 
     def masters(self, chip_id):
         """Return the file of the master frames with which a chip's exposures are calibrated."""
@@ -91,17 +92,17 @@ class OpenCampaign:
     @cached_property
     def jobs(self):
         """The jobs the campaign runs, in the order of the table and of the chips."""
-        pairs = ((p, chip) for p in selected_pointings(self) for chip in selected_chips(self))
+        pairs = ((obsid, chip) for obsid in selected_pointings(self) for chip in selected_chips(self))
         jobs = tuple(job for pair in pairs if (job := self._job(*pair)))
         if not jobs:
             with explained("aiming"):
                 raise nothing_selected(self)
-        check_masters(self, jobs)
+        check_masters(self, {job.chip.id for job in jobs if job.pointing.type == "SCIE"})
         return jobs
 
     def job(self, obsid, chip_id):
         """Return one job of the campaign. Raises InputError if the campaign does not select it."""
-        obsids = [p.obsid for p in selected_pointings(self)]
+        obsids = list(selected_pointings(self))
         if obsid not in obsids:
             more = ", ..." if len(obsids) > 3 else ""
             allowed = f"{', '.join(obsids[:3])}{more} of {self.table}"
@@ -113,22 +114,28 @@ class OpenCampaign:
                 "not a chip of this campaign", file=self.file, key="chip", value=chip_id,
                 allowed=", ".join(map(str, sorted(chips))),
             )  # fmt: skip
-        job = self._job(self.pointings[obsid], chips[chip_id])
+        job = self._job(obsid, chips[chip_id])
         if job is None:
             with explained("aiming"):
-                raise pair_missed(self, self.pointings[obsid], chips[chip_id])
-        check_masters(self, [job])
+                raise pair_missed(self, obsid, chips[chip_id])
+        check_masters(self, {chip_id} if job.pointing.type == "SCIE" else ())
         return job
 
-    def _job(self, pointing, chip):
+    def _job(self, obsid, chip):
+        pointing = self.pointings[obsid]
         steps = self.steps[pointing.type]
         wcs, craft = self.maps(pointing, chip)
         window = window_of(self, pointing, chip, wcs, craft)
         if window is None:
             return None
-        return Job(
+        exposure = Exposure(
             pointing, chip, window, wcs, self.camera, craft, steps.losses, steps.mask, fidelity=self.config.fidelity
         )
+        return Job(obsid, exposure)
+
+    def streams(self, job, keyword=""):
+        """Return the rng.Streams of a job, for what `keyword` names: a layer, or a stage that needs the layers'."""
+        return Streams(self.config.seed, job.obsid, job.chip.id, keyword)
 
     def maps(self, pointing, chip):
         """Return the ChipWCS of a pair, and where the observer is."""
@@ -195,28 +202,28 @@ class OpenCampaign:
         self.universe.check()
         return self.universe
 
-    def disperser(self, job):
-        """Return the optics.gratings.dispersion.Disperser of a job's chip, or None for an imaging chip."""
-        chip = job.chip
+    def disperser(self, exposure):
+        """Return the optics.gratings.dispersion.Disperser of an Exposure's chip, or None for an imaging chip."""
+        chip = exposure.chip
         if chip.kind != "slitless":
             return None
         return Disperser(self.camera.gratings[chip.id], self.camera.filters[chip.filter], self.camera.telescope)
 
-    def margin_deg(self, job):
-        """Return the margin around a job's window [deg] from which light of objects can reach it."""
+    def margin_deg(self, exposure):
+        """Return the margin around an Exposure's window [deg] from which light of objects can reach it."""
         scale = self.camera.telescope.pixel_scale
         margin = BRICK_MARGIN_PX * scale / 3600.0
-        if job.chip.kind != "slitless":
+        if exposure.chip.kind != "slitless":
             return margin
-        return margin + self.camera.gratings[job.chip.id].reach * scale / 3600.0
+        return margin + self.camera.gratings[exposure.chip.id].reach * scale / 3600.0
 
-    def region(self, job):
-        """Return the catalog.base.Region whose objects may reach a job's window."""
-        return region_for(*job.footprint(), self.margin_deg(job), self.camera.bands)
+    def region(self, exposure):
+        """Return the catalog.base.Region whose objects may reach an Exposure's window."""
+        return region_for(*exposure.footprint(), self.margin_deg(exposure), self.camera.bands)
 
-    def truth_bricks(self, job):
-        """Return the truth bricks whose objects may reach a job's window, as a tuple."""
-        return tuple(int(pix) for pix in bricks_for(*job.footprint(), self.margin_deg(job)))
+    def truth_bricks(self, exposure):
+        """Return the truth bricks whose objects may reach an Exposure's window, as a tuple."""
+        return tuple(int(pix) for pix in bricks_for(*exposure.footprint(), self.margin_deg(exposure)))
 
     @cached_property
     def science_jobs(self):
@@ -278,7 +285,7 @@ class OpenCampaign:
 
     def recipe(self, job, stage="level0"):
         """Return {name: digest} of everything that decides a stage's product of a job; the product records it."""
-        return self.recipes.of_job(job, stage)
+        return self.recipes.of_exposures(job.pointing.type, stage) | {"exposure": job.digest}
 
     def brick_recipe(self, pix):
         """Return the digest of everything that decides a merged brick: the recipes of the frames on it."""

@@ -32,7 +32,7 @@ def plan(run):
     frame *= detector.channel_ny + detector.parallel_overscan
     drawn = sum(expected_objects(run, science).values())
     counts = {
-        "exposures": len({job.pointing.obsid for job in jobs}),
+        "exposures": len({job.obsid for job in jobs}),
         "chips": len({job.chip.id for job in jobs}),
         "Level-0 files": len(jobs),
         "megapixels": round(sum(map(megapixels, jobs)), 1),

@@ -87,9 +87,8 @@ def _light(run, job):
 
 
 def _level0(run, job):
-    place, paths = (job.pointing, job.chip.id), run.paths
-    orders = [paths.level0_orders(*place)] if run.has_orders(job) else []
-    return [paths.level0(*place), paths.level0_truth(*place), *orders]
+    orders = [run.paths.level0_orders(job)] if run.has_orders(job) else []
+    return [run.paths.level0(job), run.paths.level0_truth(job), *orders]
 
 
 def _drawn(path):

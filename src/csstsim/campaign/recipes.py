@@ -48,13 +48,14 @@ class Recipes:
     def __init__(self, run):
         self._run, self._known = run, {}
 
-    def of_job(self, job, stage):
-        """Return {name: digest} of what decides a stage's product: select, render, readout, level0 or measure."""
-        kind = job.pointing.type
+    def of_exposures(self, kind, stage):
+        """Return {name: digest} of what decides a stage's product in exposures of a kind, beside the job itself.
+
+        stage: select, render, readout, level0 or measure.
+        """
         if (kind, stage) not in self._known:
             self._known[kind, stage] = self._of_kind(kind, stage)
-        own = {"csstsim": release(), "exposure": digest([str(job.pointing), str(job.window), job.chip.id])}
-        return self._known[kind, stage] | own
+        return self._known[kind, stage] | {"csstsim": release()}
 
     def _of_kind(self, kind, stage):
         steps = self._run.steps[kind]

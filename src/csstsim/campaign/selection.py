@@ -11,10 +11,13 @@ NEAREST = 3  # chips that an error names
 
 
 def selected_pointings(run):
-    """Return the Pointings of select.types and select.obsids, in the order of the table."""
+    """Return {obsid: Pointing} of select.types and select.obsids, in the order of the table."""
     select = run.config.select
     wanted = set(select.obsids) if select.obsids is not None else None
-    return [p for p in run.pointings.values() if p.type in select.types and (wanted is None or p.obsid in wanted)]
+    return {
+        obsid: pointing for obsid, pointing in run.pointings.items()
+        if pointing.type in select.types and (wanted is None or obsid in wanted)
+    }  # fmt: skip
 
 
 def selected_chips(run):
@@ -61,22 +64,22 @@ def nothing_selected(run):
         )  # fmt: skip
     if select.region is None:
         return InputError("no pixels are selected", file=run.file, key="window")
-    pairs = [(pointing, chip) for pointing in pointings if pointing.type == "SCIE" for chip in chips]
+    pairs = [(obsid, chip) for obsid, pointing in pointings.items() if pointing.type == "SCIE" for chip in chips]
     near = _nearest(run, pairs)
     return _missed(run, f"the region touches no chip; it misses {', '.join(near)}" if near else "")
 
 
-def pair_missed(run, pointing, chip):
+def pair_missed(run, obsid, chip):
     """Return the InputError of one (exposure, chip) pair that the region misses: by how much, and what to do."""
-    near = _nearest(run, [(pointing, chip)])
+    near = _nearest(run, [(obsid, chip)])
     return _missed(run, f"the region misses {near[0]}" if near else "")
 
 
 def _nearest(run, pairs):
-    """Return texts about the pairs nearest to the region; none if the region is on the sky's other side."""
+    """Return texts about the (obsid, chip) pairs nearest to the region; none if it is on the sky's other side."""
     missed = [
-        (_miss(run, *run.maps(pointing, chip), _window(run, chip))[-1], pointing.obsid, chip)
-        for pointing, chip in pairs
+        (_miss(run, *run.maps(run.pointings[obsid], chip), _window(run, chip))[-1], obsid, chip)
+        for obsid, chip in pairs
     ]
     near = sorted((found for found in missed if not math.isnan(found[0])), key=lambda found: found[0])[:NEAREST]
     arcmin = run.camera.telescope.pixel_scale / 60.0

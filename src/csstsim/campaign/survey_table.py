@@ -35,7 +35,7 @@ def load_survey_table(path, orbit=None):
 
 @explained("survey table")
 def exposures_of(text, orbit=None, path=None):
-    """Return the exposures in a table's text, a tuple of Pointing in the order of its lines.
+    """Return the exposures in a table's text, {obsid: Pointing} in the order of its lines.
 
     `orbit` (instrument.orbit.Orbit; None = the shipped one) gives the spacecraft's state where a row has none; `path`
     is what errors name. Raises InputError for the first fault.
@@ -44,7 +44,7 @@ def exposures_of(text, orbit=None, path=None):
     if not lines:
         raise InputError("the table is empty: no header line", file=path)
     header = _header(path, *lines[0])
-    pointings, seen = [], {}
+    pointings, seen = {}, {}
     for number, cells in lines[1:]:
         row = _Row(path, number, header, cells)
         obsid = row.obsid()
@@ -55,10 +55,10 @@ def exposures_of(text, orbit=None, path=None):
         if state is None:
             orbit = orbit or load_telescope(SHIPPED / "instrument" / "telescope.yaml")[1]
             state = orbit.state(row.time())
-        pointings.append(row.pointing(obsid, state))
+        pointings[obsid] = row.pointing(state)
     if not pointings:
         raise InputError("the table is empty: a header and no exposure", file=path)
-    return tuple(pointings)
+    return pointings
 
 
 def _lines(path, text):
@@ -172,9 +172,8 @@ class _Row:
             raise self.error("speed [km/s] out of range", "sat_vx", speed, f"up to {_MAX_SPEED_KM_S:g}")
         return position, velocity
 
-    def pointing(self, obsid, state):
+    def pointing(self, state):
         return Pointing(
-            obsid=obsid,
             type=self.type(),
             ra=self.number_in("ra", 0.0, 360.0, "0 <= ra < 360 deg", open_high=True),
             dec=self.number_in("dec", -90.0, 90.0, "-90 to 90 deg"),

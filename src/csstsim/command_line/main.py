@@ -63,15 +63,17 @@ def chip(run, obsid, chip_ids, profile):
     from csstsim.stages.chip import chip as run_chip
     from csstsim.stages.chip import missing
 
-    jobs = [run.job(obsid, chip_id) for chip_id in chip_ids]
-    for job in progress(jobs, "chips"):
-        if profile:
-            from csstsim.command_line.profile import profiled
+    jobs = {chip_id: run.job(obsid, chip_id) for chip_id in chip_ids}
+    for chip_id in progress(chip_ids, "chips"):
+        job = jobs[chip_id]
+        with job.named():
+            if profile:
+                from csstsim.command_line.profile import profiled
 
-            missing(run, job, print)
-            profiled(functools.partial(run_chip, run, job, say=print), say=result)
-        else:
-            run_chip(run, job, say=print)
+                missing(run, job, print)
+                profiled(functools.partial(run_chip, run, job, say=print), say=result)
+            else:
+                run_chip(run, job, say=print)
 
 
 @main.command()
@@ -108,7 +110,7 @@ def check(run):
 
     check_psf(run)
     check_catalog(run, say=print)
-    exposures = len({job.pointing.obsid for job in run.jobs})
+    exposures = len({job.obsid for job in run.jobs})
     click.echo(f"{run.file}: good; {number_of(len(run.jobs), 'chip')} of {number_of(exposures, 'exposure')}")
 
 

@@ -69,6 +69,8 @@ def of_job(function):
     """As stage, for one chip of one exposure: the function gets a job."""
 
     def command(run, obsid, chip_id, **options):
-        return function(run, run.job(obsid, chip_id), **options)
+        job = run.job(obsid, chip_id)
+        with job.named():
+            return function(run, job, **options)
 
     return obsid_opt(chip_opt(stage(functools.update_wrapper(command, function))))

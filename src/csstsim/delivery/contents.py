@@ -104,7 +104,7 @@ def _frame(run, job, tables):
     window, rays = job.window, run.steps[job.pointing.type].step("cosmic_rays")
     expected = [job.key in keys for keys in tables] + [rays is not None and rays.param.save_cosmic_image]
     return ExpectedFrame(
-        *job.key, job.chip.filter, job.pointing.type, run.paths.level0(job.pointing, job.chip.id), run.recipe(job),
+        *job.key, job.chip.filter, job.pointing.type, run.paths.level0(job), run.recipe(job),
         run.recipe(job, "readout"), (window.x0, window.x1, window.y0, window.y1),
         *(YES if there else NO for there in expected),
     )  # fmt: skip

@@ -1,4 +1,4 @@
-"""A pointing: one exposure, one row of the survey table (paper, section 4.1)."""
+"""A pointing: when and where one exposure is taken, a row of the survey table (paper, section 4.1)."""
 
 import re
 from dataclasses import dataclass
@@ -24,14 +24,13 @@ def mjd_utc(text):
 
 @dataclass(frozen=True)
 class Pointing:
-    """One exposure.
+    """One exposure. Its name, the obsid, is kept apart: no pixel depends on it but through random numbers.
 
     `ra`, `dec` [deg] are the direction of the boresight in the apparent frame: CRVAL of every chip. `pa` [deg] is
     the position angle of the mosaic's +y axis, north through east. `time` is the start, ISO UTC; `exptime` in s.
     `sat_position` [km] and `sat_velocity` [km/s] are geocentric GCRS, (x, y, z).
     """
 
-    obsid: str
     type: str  # SCIE, BIAS, DARK or FLAT
     ra: float
     dec: float

@@ -92,26 +92,26 @@ def _check(entry, values, where):
         raise InputError("unknown quantity", value=entry["from"], allowed=", ".join(sorted(values)), **where)
 
 
-def header_values(state, provenance, filename, layout):
+def header_values(state, provenance, layout):
     """Return {name: value} of everything a Level-0 header can state.
 
-    `provenance` holds recipe ({name: digest}, see RECIPE), truth_hash, psf_hash, seed, campaign_name, ephemeris,
-    planets, layers (list of {keyword: parameters}), camera ({changed number: value}) and stages (list of [stage, wall
-    s, cpu s]); a missing entry gives None.
+    `provenance` holds obsid, filename (without suffix), recipe ({name: digest}, see RECIPE), truth_hash, psf_hash,
+    seed, campaign_name, ephemeris, planets, layers (list of {keyword: parameters}), camera ({changed number: value})
+    and stages (list of [stage, wall s, cpu s]); a missing entry gives None.
     """
     values = dict.fromkeys(_FROM_LAYERS) | state.header
     values |= _exposure(state.pointing) | _detector(state, layout) | _simulation(provenance)
     if values["bias"] is not None and values["gain"] is not None:
         values["bias_adu"] = [bias / gain for bias, gain in zip(values["bias"], values["gain"], strict=True)]
-    return values | {"filename": filename, "date": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S}"}
+    return values | {"date": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S}"}
 
 
 def _exposure(pointing):
     first = pointing.sat_position, pointing.sat_velocity
     last = orbit_after(*first, pointing.exptime)
     values = {
-        "type": pointing.type, "obsid": pointing.obsid, "ra": float(pointing.ra), "dec": float(pointing.dec),
-        "pa": float(pointing.pa), "exptime": float(pointing.exptime),
+        "type": pointing.type, "ra": float(pointing.ra), "dec": float(pointing.dec), "pa": float(pointing.pa),
+        "exptime": float(pointing.exptime),
         "time_start": _iso(pointing.start), "time_end": _iso(pointing.end),
         "mjd_start": pointing.mjd, "mjd_end": pointing.mjd + pointing.exptime / 86400.0,
     }  # fmt: skip
@@ -148,7 +148,7 @@ def _simulation(provenance):
     values = {"version": csstsim.__version__, "commit": git_commit(), "software": f"csstsim {csstsim.__version__}"}
     recipe = provenance.get("recipe", {})
     values |= {f"{name}_hash": recipe.get(name) for name in RECIPE}
-    for name in ("campaign_name", "seed", "truth_hash", "psf_hash", "ephemeris", "planets"):
+    for name in ("obsid", "filename", "campaign_name", "seed", "truth_hash", "psf_hash", "ephemeris", "planets"):
         values[name] = provenance.get(name)
     for stage in STAGES:
         values |= {f"wall_{stage}": None, f"cpu_{stage}": None}

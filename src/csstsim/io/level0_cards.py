@@ -4,14 +4,13 @@ from csstsim.detector.channels import ReadoutFrame
 from csstsim.detector.mask import BITS
 from csstsim.io.fits_cards import card, remark
 from csstsim.io.keywords import header_cards, header_values
-from csstsim.io.paths import level0_stem
 from csstsim.optics.geometry.sip import sip_header
 
 
 def level0_cards(state, keywords, provenance, layout):
     """Return the cards of HDU 0 and of IMAGE, two lists; arguments as of `io.level0.write_level0`."""
     frame = ReadoutFrame.of(state.chip.detector, state.window)
-    values = header_values(state, provenance, level0_stem(state.pointing, state.chip.id), layout)
+    values = header_values(state, provenance, layout)
     image = header_cards(keywords, values, 1) + wcs_cards(state.wcs, frame, layout, state.header.get("sip"))
     return header_cards(keywords, values, 0), image
 

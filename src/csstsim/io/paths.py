@@ -72,21 +72,21 @@ class Paths:
         """Intermediate of a chip: 'select.parquet', 'render.fits', 'drawn.parquet', ..."""
         return self.chips / f"{obsid}_{chip_id:02d}" / name
 
-    def level0(self, pointing, chip_id):
-        """A chip's Level-0 FITS file."""
-        return self.output / "level0" / pointing.obsid / f"{level0_stem(pointing, chip_id)}.fits"
+    def level0(self, job):
+        """A chip's Level-0 FITS file; job: campaign.job.Job."""
+        return self.output / "level0" / job.obsid / f"{level0_stem(job)}.fits"
 
-    def level0_truth(self, pointing, chip_id):
+    def level0_truth(self, job):
         """The table of drawn objects beside the Level-0 file, parquet."""
-        return self.level0(pointing, chip_id).with_suffix(TRUTH)
+        return self.level0(job).with_suffix(TRUTH)
 
-    def level0_orders(self, pointing, chip_id):
+    def level0_orders(self, job):
         """The truth of dispersed light, order by order (io.orders), of a spectroscopic chip's science exposure."""
-        return self.level0(pointing, chip_id).with_suffix(ORDERS)
+        return self.level0(job).with_suffix(ORDERS)
 
-    def level0_cosmic(self, pointing, chip_id):
+    def level0_cosmic(self, job):
         """The electrons of cosmic rays alone, if cosmic_rays saves them (io.frames, plane `cosmic`)."""
-        return self.level0(pointing, chip_id).with_suffix(COSMIC)
+        return self.level0(job).with_suffix(COSMIC)
 
     def masters(self, chip_id):
         """A chip's master bias, dark and flat, FITS."""
@@ -118,7 +118,7 @@ class Paths:
         return self.output / "report" / "index.html"
 
 
-def level0_stem(pointing, chip_id):
+def level0_stem(job):
     """Return the Level-0 file name without suffix: CSST_MSC_MS_{kind}_{start}_{end}_{obsid}_{chip}_L0_V01."""
-    times = "_".join(f"{moment:%Y%m%d%H%M%S}" for moment in (pointing.start, pointing.end))
-    return f"CSST_MSC_MS_{KIND[pointing.type]}_{times}_{pointing.obsid}_{chip_id:02d}_L0_V01"
+    times = "_".join(f"{moment:%Y%m%d%H%M%S}" for moment in (job.pointing.start, job.pointing.end))
+    return f"CSST_MSC_MS_{KIND[job.pointing.type]}_{times}_{job.obsid}_{job.chip.id:02d}_L0_V01"

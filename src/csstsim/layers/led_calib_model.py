@@ -51,7 +51,7 @@ def _lamps(param, numbers, pointing):
     """Return the Led of each entry of LED_TYPE, checked."""
     known, seconds = load_leds(numbers), sum(param.LED_TIME)
     if seconds > pointing.exptime:
-        message, allowed = f"longer than exposure {pointing.obsid}", f"<= {pointing.exptime} s in all"
+        message, allowed = f"longer than the exposure of {pointing.time}", f"<= {pointing.exptime} s in all"
         raise InputError(message, key="LED_TIME", value=seconds, allowed=allowed)
     for name in param.LED_TYPE:
         if name not in known:

@@ -47,9 +47,8 @@ def check(param, camera, pointing):
     place = pointing.mjd, pointing.sat_position, pointing.sat_velocity
     limb = exposure_angles(pointing.ra, pointing.dec, *place)["limb"]
     if limb < 0:
-        raise InputError(
-            f"exposure {pointing.obsid} looks at the Earth", key="limb angle [deg]", value=round(limb, 2), allowed="> 0"
-        )
+        message = f"the exposure of {pointing.time} looks at the Earth"
+        raise InputError(message, key="limb angle [deg]", value=round(limb, 2), allowed="> 0")
 
 
 def apply(state, param, rng):

@@ -87,7 +87,7 @@ COLUMNS = {
 }
 
 
-def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, pointing, window):
+def measure_frame(calibrated, psf, wcs, observer, *, obsid, chip, filter, telescope, pointing, window):
     """Return the ObjectTable of one frame; the background is subtracted from `calibrated.electrons` in place.
 
     `calibrated`: measure.calibrate.Calibrated of `window`; `psf`: PsfSet of the chip; `wcs`: ChipWCS;
@@ -101,7 +101,7 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
     """
     if chip.kind != "imaging" or pointing.type != "SCIE":
         raise InputError(
-            "only imaging science frames are measured", key=f"{pointing.obsid} chip {chip.id}",
+            "only imaging science frames are measured", key=f"{obsid} chip {chip.id}",
             value=f"{pointing.type} behind {filter.name}",
         )  # fmt: skip
     zeropoint = filter.zeropoint(telescope) + 2.5 * np.log10(pointing.exptime)
@@ -123,13 +123,13 @@ def measure_frame(calibrated, psf, wcs, observer, *, chip, filter, telescope, po
         table[f"mag_{kind}"], table[f"mag_{kind}_err"] = magnitudes
     n = len(table["x"])
     table |= {"zeropoint": np.full(n, zeropoint), "chip": np.full(n, chip.id)}
-    table |= {"obsid": np.full(n, pointing.obsid), "filter": np.full(n, filter.name)}
+    table |= {"obsid": np.full(n, obsid), "filter": np.full(n, filter.name)}
     order = np.lexsort((table["x"], table["y"], -table["snr"]))
     table["number"] = np.argsort(order)
     columns = {name: np.asarray(table[name])[order].astype(kind) for name, (kind, _) in COLUMNS.items()}
     rms, n_eff = float(np.median(found.rms[::8, ::8])), float(np.median(model.n_eff))
     info = {
-        "obsid": pointing.obsid, "chip": chip.id, "filter": filter.name, "exptime": pointing.exptime,
+        "obsid": obsid, "chip": chip.id, "filter": filter.name, "exptime": pointing.exptime,
         "zeropoint": float(zeropoint), "background": level, "rms": rms, "n_eff": n_eff,
         "depth_5sigma": float(zeropoint - 2.5 * np.log10(point_source_flux(5.0, rms**2, n_eff))), "sources": n,
         "window": [window.x0, window.x1, window.y0, window.y1],

@@ -28,7 +28,6 @@ from csstsim.base.errors import CsstsimError, InputError
 from csstsim.base.help_page import explained
 from csstsim.base.model import validate
 from csstsim.base.progress import progress
-from csstsim.base.rng import Streams
 from csstsim.simulation.exposure import Losses
 from csstsim.simulation.observation import load_observation
 
@@ -203,21 +202,20 @@ class SimSteps:
         """Return the list of {keyword: parameters}."""
         return [step.describe() for step in self.steps]
 
-    def run(self, state, stage, seed):
-        """Run the layers of one stage on `state` and return it.
+    def run(self, state, stage, rng):
+        """Run the layers of one stage on `state` and return it; rng: the job's rng.Streams.
 
         Wall and CPU seconds of each layer are appended to state.header["timing"] as [name, wall, cpu].
-        An exception inside a layer is annotated with obsid, chip and layer.
+        An exception inside a layer is annotated with its keyword.
         """
         for step in progress(self.stage(stage), stage):
             wall, cpu = time.perf_counter(), time.process_time()
-            streams = Streams(seed, state.pointing.obsid, state.chip.id, step.name)
             try:
-                state = step.module.apply(state, step.param, streams)
+                state = step.module.apply(state, step.param, rng.layer(step.name))
             except CsstsimError:
                 raise
             except Exception as exc:
-                exc.add_note(f"in obsid {state.pointing.obsid}, chip {state.chip.id}, layer {step.keyword}")
+                exc.add_note(f"in layer {step.keyword}")
                 raise
             state.unit = step.module.UNITS[1]
             timing = [step.name, time.perf_counter() - wall, time.process_time() - cpu]

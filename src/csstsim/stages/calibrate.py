@@ -5,8 +5,6 @@ calibration: frames    masters of `csstsim masters` for pixel response and defec
                        because a survey finds these from its own stars; other traps, of the same density
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from csstsim.base.errors import InputError
@@ -54,24 +52,25 @@ def calibrated_frame(run, job):
     """Return (io.level0.Level0, measure.calibrate.Calibrated) of a job's file. Raises InputError."""
     from csstsim.measure.calibrate import calibrate as to_electrons
 
-    file, streams = own_level0(run, job), Streams(run.config.seed, job.pointing.obsid, job.chip.id, "measure")
+    file, streams = own_level0(run, job), run.streams(job, "measure")
     steps, detector = run.steps[job.pointing.type], run.camera.detector
     from_frames = run.config.measurement.calibration == "frames"
     response, bad, offset = (_by_masters if from_frames else _by_truth)(run, job, streams)
+    traps = Streams(run.config.seed, job.obsid, -job.chip.id, "measure") if from_frames else streams
     return file, to_electrons(
         file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
         full_well=detector.full_well, response=response, bad=bad, offset=offset,
-        correct=_charge_correction(run, job, steps, replace(streams, chip_id=-job.chip.id) if from_frames else streams),
+        correct=_charge_correction(run, job, steps, traps),
     )  # fmt: skip
 
 
 def _response(run, job, streams, prnu):
     from csstsim.optics.throughput.response import response_map
 
-    losses = job.losses
+    exposure, losses = job.exposure, job.exposure.losses
     return response_map(
-        job.chip, job.window, job.filter, job.exptime, run.camera.leds, streams.camera, flat=losses.flat,
-        shutter=losses.shutter, prnu=streams.chip_key("prnu") if prnu and losses.prnu else None,
+        exposure.chip, exposure.window, exposure.filter, exposure.exptime, run.camera.leds, streams.camera,
+        flat=losses.flat, shutter=losses.shutter, prnu=streams.chip_key("prnu") if prnu and losses.prnu else None,
     )  # fmt: skip
 
 

@@ -21,12 +21,12 @@ def chip(run, job, say=print):
     state, provenance = simulate(run, job, say)
     claim_output(run)
     timer = Timer("writing")
-    save_cosmic_rays(run, job, state)
+    save_cosmic_rays(run.paths.level0_cosmic(job), state, run.recipe(job, "readout"))
     write_products(run, job, state, provenance)
     state.header["timing"] = provenance["timing"]
     for name, wall, cpu in [*provenance["stages"], timer.entry()]:
         say(f"{name}: {wall:.1f} s, {cpu:.1f} CPU-s")
-    say(f"{run.paths.level0(job.pointing, job.chip.id)} and its truth table")
+    say(f"{run.paths.level0(job)} and its truth table")
     return state
 
 
@@ -38,7 +38,7 @@ def simulate(run, job, say=print):
     io.level0 makes the header.
     """
     state, timer = light(run, job, say), Timer("readout")
-    state = read_out(run, job, state)
+    state = read_out(run, state, run.streams(job))
     state.header["stages"].append(timer.entry())
     return digitised(run, job, state, Timer("level0"))
 
@@ -55,12 +55,12 @@ def light(run, job, say=print):
     if job.pointing.type == "SCIE":
         missing_bricks(run, run.truth_bricks(job), say)
         timer = Timer("select")
-        objects = selected(run, job)
+        objects = selected(run, job.exposure)
         header["stages"].append(timer.entry())
         say_selected(objects, say)
         missing_psf(run, job.chip, say)  # after opening the user's catalogue, which may fail
     timer = Timer("render")
-    state = rendered(run, job, objects)
+    state = rendered(run, job.exposure, objects, run.streams(job))
     state.header |= header
     if run.has_stage(job.pointing, "render"):
         header["stages"].append(timer.entry())

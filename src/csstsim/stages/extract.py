@@ -64,7 +64,7 @@ def spectra_of_frame(run, job):
             "has no spectra", file=run.file, key="chip", value=job.chip.id, allowed=f"{chips}, in SCIE exposures"
         )
     file, calibrated = calibrated_frame(run, job)
-    path, truth, psf = run.paths.level0_orders(job.pointing, job.chip.id), truth_of(run, job), open_psf(run, job.chip)
+    path, truth, psf = run.paths.level0_orders(job), truth_of(run, job), open_psf(run, job.chip)
     gratings = run.camera.gratings[job.chip.id]
     orders = read_orders(path)
     check_recipe(path, orders.meta, run.recipe(job))

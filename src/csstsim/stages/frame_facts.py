@@ -1,6 +1,5 @@
 """The bricks.facts.Facts of a job: what the campaign expects of its frame, and what the Level-0 header says."""
 
-from csstsim.base.rng import Streams
 from csstsim.bricks.facts import Facts, HeaderWCS
 from csstsim.detector.adc import channel_gains
 from csstsim.io.level0 import read_level0
@@ -17,9 +16,9 @@ SIP = "A_", "B_", "AP_", "BP_"
 
 def frame_facts(run, job):
     """Return the Facts of an imaging science job; reads the header of its Level-0 file. Raises InputError."""
-    file = read_level0(made(run.paths.level0(job.pointing, job.chip.id), f"chip {run.file} {job.options}"))
+    file = read_level0(made(run.paths.level0(job), f"chip {run.file} {job.options}"))
     steps, detector = run.steps[job.pointing.type], run.camera.detector
-    streams = Streams(run.config.seed, job.pointing.obsid, job.chip.id, "validate")
+    streams = run.streams(job, "validate")
     gains = steps.step("gain")
     values = channel_gains(detector, streams, one_each=gains.param.gain_16channel) if gains else []
     header = {
@@ -39,7 +38,7 @@ def _sky(run, job, steps):
     step = steps.step("sky_background")
     if not steps.shipped:
         return None
-    return sky_background.mean_rate(job, step.param) * job.pointing.exptime if step else 0.0
+    return sky_background.mean_rate(job.exposure, step.param) * job.pointing.exptime if step else 0.0
 
 
 def _wcs(file, job):

@@ -30,11 +30,13 @@ def digitised(run, job, state, timer):
     from csstsim.optics.throughput import shutter
 
     steps = run.steps[job.pointing.type]
-    state = steps.run(state, "level0", run.config.seed)
+    state = steps.run(state, "level0", run.streams(job))
     if steps.losses.shutter:
-        state.header |= shutter.moments(job.pointing.mjd, job.exptime, job.telescope)
+        state.header |= shutter.moments(job.pointing.mjd, job.pointing.exptime, state.telescope)
     state.header.setdefault("stages", []).append(timer.entry())
     provenance = {
+        "obsid": job.obsid,
+        "filename": run.paths.level0(job).stem,
         "recipe": run.recipe(job),
         "seed": run.config.seed,
         "campaign_name": run.config.name,
@@ -56,8 +58,8 @@ def write_products(run, job, state, provenance):
     from csstsim.io.orders import write_orders
     from csstsim.io.truth import electron_budget, write_truth
 
-    path = run.paths.level0(job.pointing, job.chip.id)
-    truth_path = run.paths.level0_truth(job.pointing, job.chip.id)
+    path = run.paths.level0(job)
+    truth_path = run.paths.level0_truth(job)
     drawn = state.truth if state.truth is not None else ObjectTable.complete({}, run.camera.bands)
     about = {"recipe": run.recipe(job), "level0": path.name, "full_well": run.camera.detector.full_well}
     if run.steps[job.pointing.type].shipped:  # a user's layer may add charge that is not accounted for
@@ -65,7 +67,7 @@ def write_products(run, job, state, provenance):
     write_truth(truth_path, drawn, job.chip, about)
     if state.orders is not None:
         orders = {"recipe": run.recipe(job), "level0": path.name}
-        write_orders(run.paths.level0_orders(job.pointing, job.chip.id), state.orders, orders)
+        write_orders(run.paths.level0_orders(job), state.orders, orders)
     write_level0(path, state, run.camera.keywords, provenance)
 
 
@@ -73,7 +75,7 @@ def truth_of(run, job):
     """Return the truth table beside a job's Level-0 file (io.truth.read_truth). Raises InputError."""
     from csstsim.io.truth import read_truth
 
-    path = made(run.paths.level0_truth(job.pointing, job.chip.id), f"chip {run.file} {job.options}")
+    path = made(run.paths.level0_truth(job), f"chip {run.file} {job.options}")
     table = read_truth(path)
     check_recipe(path, table.meta, run.recipe(job))
     return table
@@ -84,7 +86,7 @@ def own_level0(run, job):
     from csstsim.io.keywords import RECIPE
     from csstsim.io.level0 import read_level0
 
-    path, recipe = run.paths.level0(job.pointing, job.chip.id), run.recipe(job)
+    path, recipe = run.paths.level0(job), run.recipe(job)
     made(path, f"chip {run.file} {job.options}")
     file = read_level0(path, verify=True)
     check_release(path, file.header0.get("SIMVER"))

@@ -34,7 +34,7 @@ def masters(run, chip_id):
     made = make_masters(exposures, *seconds)
     meta = {
         "product": "master calibration frames", "csstsim": __version__, "dark [e-/s]": made.dark, "offset": made.offset,
-        "exposures": [job.pointing.obsid for job in jobs], "recipes": [run.recipe(job) for job in jobs],
+        "exposures": [job.obsid for job in jobs], "recipes": [run.recipe(job) for job in jobs],
     }  # fmt: skip
     path = run.paths.masters(chip_id)
     save_frame(path, {"flat": made.flat, "bad": made.bad.astype(np.uint8)}, meta | masters_recipe(run, chip_id))

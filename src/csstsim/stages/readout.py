@@ -12,8 +12,8 @@ def readout(run, job):
     from csstsim.io.frames import save_frame
 
     timer = Timer("readout")
-    state = read_out(run, job, state_before(run, job, "render"))
-    save_cosmic_rays(run, job, state)
+    state = read_out(run, state_before(run, job, "render"), run.streams(job))
+    save_cosmic_rays(run.paths.level0_cosmic(job), state, run.recipe(job, "readout"))
     state.header.setdefault("stages", []).append(timer.entry())
     save_frame(
         run.paths.stage(*job.key, "readout.fits"),
@@ -22,23 +22,22 @@ def readout(run, job):
     )
 
 
-def read_out(run, job, state):
-    """Return the State after the readout stage."""
-    return run.steps[job.pointing.type].run(state, "readout", run.config.seed)
+def read_out(run, state, rng):
+    """Return the State after the readout stage; rng: the job's rng.Streams."""
+    return run.steps[state.pointing.type].run(state, "readout", rng)
 
 
-def save_cosmic_rays(run, job, state):
+def save_cosmic_rays(path, state, recipe):
     """Write the electrons of cosmic rays alone (int32, the window's active pixels), if the layer asks for it.
 
     The file lies beside the Level-0 file. If the layer does not ask for it, an old one is removed.
     """
     from csstsim.io.frames import save_frame
 
-    path = run.paths.level0_cosmic(job.pointing, job.chip.id)
     path.unlink(missing_ok=True)
     if state.cosmic_rays is None:
         return
-    (pixel, electrons), plane = state.cosmic_rays, np.zeros(job.window.shape, np.int32)
+    (pixel, electrons), plane = state.cosmic_rays, np.zeros(state.window.shape, np.int32)
     plane.reshape(-1)[pixel] = electrons
-    save_frame(path, {"cosmic": plane}, {"recipe": run.recipe(job, "readout"), "unit": "electron"})
+    save_frame(path, {"cosmic": plane}, {"recipe": recipe, "unit": "electron"})
     state.cosmic_rays = None

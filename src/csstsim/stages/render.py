@@ -19,7 +19,7 @@ def render(run, job):
         path = run.paths.stage(*job.key, "select.parquet")
         objects = ObjectTable.read(path)
         check_recipe(path, objects.meta, run.recipe(job, "select"))
-    state = rendered(run, job, objects)
+    state = rendered(run, job.exposure, objects, run.streams(job))
     planes = {"image": state.image, "counted": state.counted, "mask": _marked(state.mask)}
     state.header["stages"] = [*(objects.meta["stages"] if objects is not None else []), timer.entry()]
     drawn = state.truth if state.truth is not None else ObjectTable.complete({}, run.camera.bands)
@@ -36,32 +36,35 @@ def _marked(mask):
     return mask if mask is not None and mask.any() else None
 
 
-def rendered(run, job, objects):
-    """Return the State after the render stage. objects: as `selected` gives them; None but for science exposures."""
-    state = State.blank(job, objects)
-    if job.pointing.type == "SCIE":
-        state.psf = open_psf(run, job.chip)
-        if job.fidelity != "reference":
+def rendered(run, exposure, objects, rng):
+    """Return the State of an Exposure after the render stage.
+
+    objects: as `selected` gives them; None but for science exposures. rng: the job's rng.Streams.
+    """
+    state, chip = State.blank(exposure, objects), exposure.chip
+    if exposure.pointing.type == "SCIE":
+        state.psf = open_psf(run, chip)
+        if exposure.fidelity != "reference":
             from csstsim.render.psf_table import read_tables
 
-            state.tables = read_tables(run.paths.psf_tables(job.chip.id), state.psf)
+            state.tables = read_tables(run.paths.psf_tables(chip.id), state.psf)
         state.header["truth_hash"] = objects.meta["truth_hash"]
         state.header["psf_hash"] = digest(state.psf.attributes)
-        state.spectra = object_spectra(run, job, objects)
-    state = run.steps[job.pointing.type].run(state, "render", run.config.seed)
-    if state.truth is not None and job.chip.kind == "imaging":
+        state.spectra = object_spectra(run, exposure, objects)
+    state = run.steps[exposure.pointing.type].run(state, "render", rng)
+    if state.truth is not None and chip.kind == "imaging":
         from csstsim.render.imaging.saturated import flag_saturated
 
         full_well = run.camera.detector.full_well
-        state.truth = flag_saturated(state.truth, state.image, state.counted, job.window, full_well)
+        state.truth = flag_saturated(state.truth, state.image, state.counted, exposure.window, full_well)
     state.header["light_electrons"] = state.electrons()
     state.forget()
     return state
 
 
-def object_spectra(run, job, objects):
+def object_spectra(run, exposure, objects):
     """Return the catalog.light.object_spectra.Spectra of a slitless chip's objects, None for an imaging chip's."""
-    if job.chip.kind != "slitless":
+    if exposure.chip.kind != "slitless":
         return None
     from csstsim.catalog.light.object_spectra import catalog_spectra, embedded_spectra
 
@@ -69,4 +72,4 @@ def object_spectra(run, job, objects):
         return embedded_spectra(objects, run.universe)
     from csstsim.catalog.open import open_catalog
 
-    return catalog_spectra(objects, open_catalog(run.catalog, run.region(job), run.paths.truth, {}))
+    return catalog_spectra(objects, open_catalog(run.catalog, run.region(exposure), run.paths.truth, {}))

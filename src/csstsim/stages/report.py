@@ -149,7 +149,7 @@ def _spectra(run, job, budget):
     meta, figure = ObjectTable.read(path).meta, path.with_suffix(".png")
     check_recipe(path, meta, run.recipe(job, "measure"))
     count = number_of(meta["spectra"], "spectrum", "spectra")
-    title = f"exposure {job.pointing.obsid}, chip {job.chip.id} ({job.chip.filter}): {count} extracted"
+    title = f"exposure {job.obsid}, chip {job.chip.id} ({job.chip.filter}): {count} extracted"
     return title, budget.read(figure), _link(run, "spectra", path), _link(run, "figure", figure)
 
 
@@ -219,11 +219,11 @@ def _summary(run):
 def _exposures(run):
     return [
         {
-            "obsid": jobs[0].pointing.obsid, "type": jobs[0].pointing.type, "ra [deg]": f"{jobs[0].pointing.ra:.6f}",
+            "obsid": jobs[0].obsid, "type": jobs[0].pointing.type, "ra [deg]": f"{jobs[0].pointing.ra:.6f}",
             "dec [deg]": f"{jobs[0].pointing.dec:.6f}", "pa [deg]": f"{jobs[0].pointing.pa:.4f}",
             "start [UTC]": jobs[0].pointing.time, "exposure [s]": jobs[0].pointing.exptime,
             "Level-0 of chip": tuple(
-                _link(run, f"{job.chip.label} {job.chip.filter}", run.paths.level0(job.pointing, job.chip.id))
+                _link(run, f"{job.chip.label} {job.chip.filter}", run.paths.level0(job))
                 for job in jobs
             ),
         }

@@ -32,12 +32,14 @@ def sky_pictures(run):
         return None, None
     anchor, bands = colour_frames(run)
     jobs = [job for band in bands.values() for job in band]
-    files = {job.key: read_level0(run.paths.level0(job.pointing, job.chip.id)) for job in jobs}
+    files = {job.key: read_level0(run.paths.level0(job)) for job in jobs}
     window = middle(anchor.window, FIELD)
-    grid = sky.Grid(anchor, window, -(-max(window.shape) // SIDE))
+    grid = sky.Grid(anchor.exposure, window, -(-max(window.shape) // SIDE))
 
     def planes(grid):
-        return [sky.combined([sky.plane(grid, job, files[job.key]) for job in jobs]) for jobs in bands.values()]
+        return [
+            sky.combined([sky.plane(grid, job.exposure, files[job.key]) for job in jobs]) for jobs in bands.values()
+        ]
 
     field = planes(grid)
     noise = float(np.median([sky.noise_of(plane) for plane in field]))
@@ -45,7 +47,7 @@ def sky_pictures(run):
     picture = Figure(sky.jpeg(sky.colours(field, noise), marks), _caption(run, bands, grid))
     cutouts = []
     for label, place in chosen(run, anchor, window, files[anchor.key]):
-        cut = sky.Grid(anchor, place)
+        cut = sky.Grid(anchor.exposure, place)
         image = sky.colours(planes(cut), noise * grid.step)  # the field's pixels are means of step x step
         cutouts.append(Figure(sky.jpeg(image), label))
     return picture, Gallery(cutouts)
@@ -145,18 +147,18 @@ def focal_plane(run, looks):
     from csstsim.report.mosaic import mosaic, take_exposure
 
     taken, exposures = 0, []
-    first = {job.pointing.obsid for job in run.first_frames}
+    first = {job.obsid for job in run.first_frames}
 
     def rank(jobs):  # of equals, the exposure of the first picture is shown first
-        return jobs[0].pointing.type != "SCIE", -len(jobs), jobs[0].pointing.obsid not in first
+        return jobs[0].pointing.type != "SCIE", -len(jobs), jobs[0].obsid not in first
 
     for jobs in sorted(by_exposure(run), key=rank):
         if exposures and taken + len(jobs) > PICTURES:
             break
         taken += len(jobs)
         pointing, filters = jobs[0].pointing, ", ".join(dict.fromkeys(job.chip.filter for job in jobs))
-        title = f"{pointing.obsid} ({pointing.type}, {pointing.exptime:g} s, {filters})"
-        files = ((job.chip, read_level0(run.paths.level0(pointing, job.chip.id))) for job in progress(jobs, "frames"))
+        title = f"{jobs[0].obsid} ({pointing.type}, {pointing.exptime:g} s, {filters})"
+        files = ((job.chip, read_level0(run.paths.level0(job))) for job in progress(jobs, "frames"))
         by_chip = {job.chip.id: job for job in jobs}
 
         def spot(chip, file, side, by_chip=by_chip):
@@ -171,7 +173,7 @@ def detail(run, job, file, side):
     if job.pointing.type != "SCIE":
         return None
     if run.has_orders(job):
-        orders = read_orders(run.paths.level0_orders(job.pointing, job.chip.id))
+        orders = read_orders(run.paths.level0_orders(job))
         lit = np.flatnonzero((orders["order"] == 1) & (orders["x1"] > orders["x0"]))
         if not len(lit):
             return None
@@ -187,5 +189,5 @@ def by_exposure(run):
     """Return the jobs as a list of lists, one for each exposure."""
     exposures = {}
     for job in run.jobs:
-        exposures.setdefault(job.pointing.obsid, []).append(job)
+        exposures.setdefault(job.obsid, []).append(job)
     return list(exposures.values())

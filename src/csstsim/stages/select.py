@@ -14,7 +14,7 @@ TRIED = 30  # chips on which `check` looks for objects
 def select(run, job):
     """Find the objects that reach a job's window."""
     timer = Timer("select")
-    table = selected(run, job)
+    table = selected(run, job.exposure)
     table.write(
         run.paths.stage(*job.key, "select.parquet"),
         table.meta | {"recipe": run.recipe(job, "select"), "stages": [timer.entry()]},
@@ -22,21 +22,20 @@ def select(run, job):
     say_selected(table, print)
 
 
-def selected(run, job):
-    """Return the ObjectTable of what reaches a job's window (catalog.selection.select)."""
+def selected(run, exposure):
+    """Return the ObjectTable of what reaches an Exposure's window (catalog.selection.select)."""
     from csstsim.catalog.open import open_catalog
     from csstsim.catalog.selection.select import Noise, select_objects
     from csstsim.optics.scatter.scattered_light import scattered_light
 
-    config, camera, exptime = run.catalog, run.camera, job.pointing.exptime
-    filter_, detector = camera.filters[job.chip.filter], camera.detector
+    config, camera, filter_, detector = run.catalog, run.camera, exposure.filter, run.camera.detector
     key = run.universe_key() if run.embedded else {}
-    catalog = open_catalog(config, run.region(job), run.paths.truth, key)
+    catalog = open_catalog(config, run.region(exposure), run.paths.truth, key)
     noise = Noise(filter_.sky, detector.dark, detector.read_noise)
     return select_objects(
-        catalog, job.wcs, job.observer, job.window, filter_, camera.telescope, exptime, noise, config.mag_limit,
-        rotated=config.shapes == "rotated90", scattered=scattered_light(camera, filter_), box=psf_box(run, job.chip),
-        disperser=run.disperser(job),
+        catalog, exposure.wcs, exposure.observer, exposure.window, filter_, camera.telescope, exposure.exptime, noise,
+        config.mag_limit, rotated=config.shapes == "rotated90", scattered=scattered_light(camera, filter_),
+        box=psf_box(run, exposure.chip), disperser=run.disperser(exposure),
     )  # fmt: skip
 
 
@@ -78,7 +77,7 @@ def _check_catalog(run, say):
     if unused:
         say(f"columns that are not used, but kept in the truth as user_*: {', '.join(unused)}")
     verb = "is" if reach == 1 else "are"
-    say(f"{reach} of them {verb} near what chip {job.chip.id} sees in exposure {job.pointing.obsid}")
+    say(f"{reach} of them {verb} near what chip {job.chip.id} sees in exposure {job.obsid}")
     if report.faults:
         raise InputError(
             f"the catalogue has {number_of(len(report.faults), 'fault')}, the first: {report.faults[0]}", file=run.file,

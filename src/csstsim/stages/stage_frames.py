@@ -22,7 +22,7 @@ def state_before(run, job, stage):
     """Return the state the given stage left on disk, or a blank one if this exposure has no such stage."""
     from csstsim.io.frames import load_frame
 
-    state = State.blank(job)
+    state = State.blank(job.exposure)
     if run.has_stage(job.pointing, stage):
         path = run.paths.stage(*job.key, f"{stage}.fits")
         planes, meta = load_frame(path, {"stage": stage})
@@ -47,7 +47,7 @@ def _exposure(run, job):
     """Return the exposure and chip of a frame, by the names of the Level-0 header, which `csstsim show` reads."""
     pointing, window = job.pointing, job.window
     return job.wcs.header() | {
-        "OBSID": pointing.obsid, "FILETYPE": pointing.type, "DETECTOR": f"{job.chip.id:02d}", "FILTER": job.chip.filter,
+        "OBSID": job.obsid, "FILETYPE": pointing.type, "DETECTOR": f"{job.chip.id:02d}", "FILTER": job.chip.filter,
         "EXPTIME": pointing.exptime, "RA_OBJ": pointing.ra, "DEC_OBJ": pointing.dec, "POS_ANG0": pointing.pa,
         "POSKIND": "APPARENT", "FLDDIST": job.wcs.distortion is not None, "CAMHASH": run.recipe(job)["camera"],
         "READX0": window.x0 + 1, "READX1": window.x1, "READY0": window.y0 + 1, "READY1": window.y1,

@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from csstsim.base.rng import stream
+from csstsim.base.rng import Streams, stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.bench.readout.arctic import THERE, arctic
 from csstsim.bench.readout.cti import speed_accuracy
@@ -101,7 +101,7 @@ def _state(camera, sky, window):
 def _seconds(state, steps, camera, folder):
     """Return {layer: CPU s}."""
     for stage in ("render", "readout", "level0"):
-        state = steps.run(state, stage, 1)
+        state = steps.run(state, stage, Streams(1, "bench", CHIP, ""))
         state.forget()
     path, timing = folder / "readout.fits", state.header.pop("timing")
     provenance = {"recipe": {}, "seed": 1, "campaign_name": "bench", "layers": steps.describe(), "stages": []}

@@ -54,7 +54,7 @@ def light_on(camera, chip):
 
 
 def centred_exposure(
-    camera, chip, ra, dec, *, obsid, pa, time, exptime, shift=(0.0, 0.0), distorted=True, **astrometry
+    camera, chip, ra, dec, *, pa, time, exptime, shift=(0.0, 0.0), distorted=True, **astrometry
 ):  # fmt: skip
     """Return the Pointing of a science exposure that has ra, dec (ICRS, deg) where `light_on` wants it.
 
@@ -74,7 +74,7 @@ def centred_exposure(
     try:
         mjd_utc(time)
         state = camera.orbit.state(time)
-        pointing = Pointing(obsid, "SCIE", ra, dec, pa, time, exptime, *state)
+        pointing = Pointing("SCIE", ra, dec, pa, time, exptime, *state)
         target = tuple(map(float, apparent(ra, dec, observer(pointing.mjd, *state, **astrometry))))
         return pointing_for(
             pointing, chip, target, (x + shift[0], y + shift[1]),
