@@ -3,6 +3,7 @@
 import os
 from functools import cache
 from itertools import zip_longest
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,8 @@ from mini_campaign import POINTINGS, write_campaign
 from small_delivery import command, done
 
 from csstsim.campaign.opened import CALIBRATIONS, OpenCampaign
+from csstsim.catalog.table import ObjectTable
+from csstsim.delivery.frame_checks import _drawn
 from csstsim.delivery.verify import verify
 from csstsim.io.frames import save_frame
 from csstsim.io.paths import Paths
@@ -285,3 +288,13 @@ def test_masters_are_products_of_whole_calibration_exposures(tmp_path):
 def test_nothing_to_verify(tmp_path, make):
     result = command("verify", make(tmp_path))
     assert result.exit_code == 2 and len(result.output.splitlines()) == 1, result.output
+
+
+def test_an_object_whose_wing_alone_reaches_the_window_has_no_box():
+    def faults_of(*boxes):
+        box = dict(zip(("x0", "x1", "y0", "y1"), np.transpose(boxes), strict=True))
+        place = dict.fromkeys(("x", "y", "drawn"), np.ones(len(boxes)))
+        return list(_drawn(ObjectTable(place | box), SimpleNamespace(window=(100, 200, 0, 50))))
+
+    assert faults_of((100, 120, 0, 50), (0, 0, 0, 0)) == []
+    assert faults_of((100, 120, 0, 50), (99, 120, 0, 50)) == ["1 object drawn in boxes beyond the window"]

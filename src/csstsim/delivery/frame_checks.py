@@ -97,10 +97,11 @@ def _drawn(table, frame):
         yield "objects were drawn whose place is not finite"
     if frame.window is not None:
         x0, x1, y0, y1 = frame.window
-        box = [table[name][lit] for name in ("x0", "x1", "y0", "y1")]
-        inside = (box[0] >= x0) & (box[0] < box[1]) & (box[1] <= x1) & (box[2] >= y0) & (box[2] < box[3])
-        if not (inside & (box[3] <= y1)).all():
-            yield f"{number_of(int((~(inside & (box[3] <= y1))).sum()), 'object')} drawn in boxes beyond the window"
+        left, right, low, high = box = np.stack([table[name][lit] for name in ("x0", "x1", "y0", "y1")])
+        inside = (left >= x0) & (left < right) & (right <= x1) & (low >= y0) & (low < high) & (high <= y1)
+        wrong = ~inside & box.any(axis=0)  # zeros: only the object's wing reaches the window
+        if wrong.any():
+            yield f"{number_of(int(wrong.sum()), 'object')} drawn in boxes beyond the window"
 
 
 def _light(frame, table, file):

@@ -58,7 +58,9 @@ ABOUT = {
     "error": "bound of the drawing's error: what an ideal filter on all pixels sees, over its own noise; brighter than "
     "16 mag and larger than 2.5 arcsec up to ten times as much (rendering.md)",
     "stamp": "px, side of what was drawn, wing included; 0 for photons",
-    **dict.fromkeys(("x0", "x1", "y0", "y1"), "px, box of what was drawn, half-open, a numpy slice of the full frame"),
+    **dict.fromkeys(
+        ("x0", "x1", "y0", "y1"), "px, box of what was drawn, half-open, full frame; zeros: its wing alone"
+    ),
     "ms": "CPU milliseconds",
 }
 # Columns made here, and .cat names that differ from ours: a catalogue's own column of that name is renamed.
