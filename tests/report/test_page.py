@@ -53,7 +53,7 @@ def test_failing_gates_are_named_first_and_the_failing_brick_is_the_first_row(tm
     text = page(tmp_path, [good, bad])
     reader = Reader(text)
     words = " ".join(reader.text)
-    assert "FAIL: 1 of 2 judged gates pass; 0 could not be judged." in words
+    assert "FAIL: 1 of 2 judged gates pass." in words
     assert words.index("brick 12: purity is 0.03125 against 0.02") < words.index("Summary")
     assert words.index("Brick 12") < words.index("Brick 11")
     assert "deep: pull: width" in words and "completeness_curve" not in words  # numbers it has not heard of
@@ -150,9 +150,13 @@ def test_the_verdict_and_its_file(tmp_path, passes, whole):
 
 def test_printed_are_failing_gates_in_full_and_counts_of_the_others():
     some = [gate("bias", "g", True), gate("bias", "r", False), gate("completeness", "g", True)]
-    assert list(verdict.lines(verdict.judge([result(5, some)]))) == [
+    printed = [
         "FAIL brick 5: bias in r is 0.03125 against 0.02",
         "FAIL bias: 1 pass, 1 fail, 0 not judged",
         "pass completeness: 1 pass, 0 fail, 0 not judged",
-        "FAIL: 2 of 3 judged gates pass; 0 could not be judged.",
     ]
+    assert list(verdict.lines(verdict.judge([result(5, some)]))) == [*printed, "FAIL: 2 of 3 judged gates pass."]
+    idle = [gate("pulls", "g", None), gate("purity", "all", None)]
+    *lines, names, last = verdict.lines(verdict.judge([result(5, some + idle)]))
+    assert lines == printed and names == "not judged: pulls, purity"
+    assert last.startswith("FAIL: 2 of 3 judged gates pass; 2 could not be judged (")

@@ -51,12 +51,16 @@ def _finite(value):
 
 
 def lines(verdict):
-    """Yield the lines to print: each failing gate in full, then the counts by gate, then the verdict."""
+    """Yield the lines to print: each failing gate in full, the counts by gate, the gates not judged, the verdict."""
     for gate in verdict["gates"]:
         if gate["passed"] is False:
             yield f"FAIL {sentence(gate)}"
-    for name, counts in by_name(verdict["gates"]).items():
-        yield f"{'FAIL' if counts['fail'] else 'pass' if counts['pass'] else '-'} {name}: {tally(counts)}"
+    names = by_name(verdict["gates"])
+    judged = {name: counts for name, counts in names.items() if counts["pass"] or counts["fail"]}
+    for name, counts in judged.items():
+        yield f"{'FAIL' if counts['fail'] else 'pass'} {name}: {tally(counts)}"
+    if len(judged) < len(names):
+        yield f"not judged: {', '.join(name for name in names if name not in judged)}"
     yield headline(verdict)
 
 
@@ -67,8 +71,8 @@ def headline(verdict):
         return "No gate could be judged: too few sources, or no thresholds."
     judged, word = counts["pass"] + counts["fail"], "PASS" if verdict["passed"] else "FAIL"
     reasons = dict.fromkeys(why_not(gate) for gate in verdict["gates"] if gate["passed"] is None)
-    why = f" ({'; '.join(reasons)})" if reasons else ""
-    return f"{word}: {counts['pass']} of {judged} judged gates pass; {counts['not judged']} could not be judged{why}."
+    others = f"; {counts['not judged']} could not be judged ({'; '.join(reasons)})" if reasons else ""
+    return f"{word}: {counts['pass']} of {judged} judged gates pass{others}."
 
 
 def sentence(gate):
