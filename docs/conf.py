@@ -16,13 +16,14 @@ from pathlib import Path
 
 from jupyter_cache import get_cache
 
-sys.path.insert(0, str(Path(__file__).parent))  # execute_tutorials, plain_docstrings
+sys.path.insert(0, str(Path(__file__).parent))  # execute_tutorials, mathml, plain_docstrings
 from execute_tutorials import EXECUTED, LONGEST
 
 project = "csstsim"
 author = copyright = "the csstsim contributors"
-extensions = ["myst_nb", "sphinx.ext.autodoc", "plain_docstrings"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "mathml", "plain_docstrings"]
 
+html_math_renderer = "mathml"
 html_theme = "furo"
 html_title = "csstsim"
 html_theme_options = {"navigation_with_keys": True}
