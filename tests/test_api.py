@@ -326,3 +326,18 @@ def test_the_root_imports_nothing_heavy():
     )
     with pytest.raises(AttributeError, match="no attribute 'simulate'"):
         _ = csstsim.simulate
+
+
+def test_what_an_own_layer_adds_to_the_header_is_in_its_history(sim, tmp_path, monkeypatch):
+    (tmp_path / "sticker").mkdir()
+    (tmp_path / "sticker" / "label.py").write_text(
+        "from csstsim.layers.param import LayerParam as Param\n"
+        'STAGE, UNITS = "render", ("electron", "electron")\n'
+        'def apply(state, param, rng):\n    state.header["trail"] = 0.5\n    return state\n'
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    first, *others = yaml.safe_load((SHIPPED / "observations" / "science.yaml").read_text())["layers"]
+    file = tmp_path / "science.yaml"
+    file.write_text(yaml.safe_dump({"layers": [first, {"sticker.label": {}}, *others]}))
+    frame = sim.replace(observations={"SCIE": str(file)}).chip(OBSID, CHIP)
+    assert "value trail = 0.5" in [line.strip() for line in frame.header["HISTORY"]]

@@ -18,6 +18,7 @@ from csstsim.base.shipped import SHIPPED
 from csstsim.campaign import opened as campaigns
 from csstsim.campaign.config import Campaign, make_campaign
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.thresholds import ValidateConfig
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.instrument.pointing import Pointing
 from csstsim.simulation.sim_steps import SimSteps
@@ -287,3 +288,12 @@ def test_a_layout_that_is_not_known_is_refused(opened):
     for key in FIXED:
         with pytest.raises(InputError, match=key):
             opened({key: 0})
+
+
+def test_a_threshold_given_as_it_is_by_default_counts_for_an_own_catalogue(tmp_path):
+    """Left out it is not judged there, given it is: the validation is made again."""
+    own = {"kind": "mini_campaign:Stars"}
+    file = write_campaign(tmp_path, catalog=own)
+    before = OpenCampaign(file).recipes.validation
+    given = {"purity_min": ValidateConfig().purity_min}
+    assert OpenCampaign(write_campaign(tmp_path, catalog=own, validation=given)).recipes.validation != before

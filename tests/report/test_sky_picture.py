@@ -48,7 +48,7 @@ def test_places_on_another_exposure_are_those_of_its_geometry(demo):
     x, y = grid.on(other)
     assert x.shape == grid.shape == (500, 500)
     rows, columns = stream(5, "places").integers(0, 500, (2, 200))
-    here = grid.window.x0 + 3 * columns + 1.0, grid.window.y0 + 3 * rows + 1.0
+    here = grid.window.x0 + 3 * (499 - columns) + 1.0, grid.window.y0 + 3 * rows + 1.0
     there = other.wcs.world_to_pixel(
         *apparent(*icrs(*anchor.wcs.pixel_to_world(*here), anchor.observer), other.observer)
     )
@@ -61,8 +61,10 @@ def test_north_and_east_are_those_of_the_world_coordinates(demo):
     for job in (demo.jobs[0], demo.slitless_jobs[0]):
         x, y = job.window.x0, job.window.y0
         steps = job.wcs.jacobian(*job.wcs.pixel_to_world(x, y))  # px per arcsec, columns east and north
-        for drawn, true in zip(sky.Grid(job.exposure, job.window).north_east(), steps.T[::-1], strict=True):
-            assert drawn @ true / np.hypot(*true) > 0.9999
+        north, east = sky.Grid(job.exposure, job.window).north_east()
+        for drawn, true in zip((north, east), steps.T[::-1], strict=True):
+            assert drawn * (-1, 1) @ true / np.hypot(*true) > 0.9999  # the picture's columns count against the chip's
+        assert north[0] * east[1] - north[1] * east[0] > 0.9999  # east is left of north
 
 
 def test_rays_vanish_from_two_planes_and_stars_do_not():

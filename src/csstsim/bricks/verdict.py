@@ -92,10 +92,11 @@ def why_not(gate):
 
 
 def without_judgement(gates):
-    """Return {(gate's name, why_not): {band: most objects that one of the gates had}} of the gates not judged."""
+    """Return {(gate's name, why_not): {band: most objects that one of the gates had}} of those judged nowhere."""
+    judged = {(gate["name"], gate.get("band")) for gate in gates if gate["passed"] is not None}
     found = {}
     for gate in gates:
-        if gate["passed"] is None:
+        if (gate["name"], gate.get("band")) not in judged:
             bands = found.setdefault((gate["name"], why_not(gate)), {})
             band = str(gate.get("band"))
             bands[band] = max(bands.get(band, 0), gate.get("n") or 0)

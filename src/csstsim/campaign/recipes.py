@@ -75,7 +75,8 @@ class Recipes:
         """{dotted key: value} of the campaign file and of config/render.yaml, and digests of what the sky is of."""
         config = self._run.config
         sky = self._run.universe.digest if self._run.embedded else own_digests(self._run.catalog)
-        return flat(config.model_dump(mode="json") | {"rendering": self._run.rendering.model_dump(), "sky": sky})
+        read = {"rendering": self._run.rendering.model_dump(), "validation": self._run.limits.model_dump(mode="json")}
+        return flat(config.model_dump(mode="json") | read | {"sky": sky})
 
     @property
     def truth(self):

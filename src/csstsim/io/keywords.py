@@ -101,6 +101,7 @@ def header_values(state, provenance, layout):
     """
     values = dict.fromkeys(_FROM_LAYERS) | state.header
     values |= _exposure(state.pointing) | _detector(state, layout) | _simulation(provenance)
+    values["layers"] += [f"value {name} = {json.dumps(state.header[name])}" for name in state.header.get("own", ())]
     if values["bias"] is not None and values["gain"] is not None:
         values["bias_adu"] = [bias / gain for bias, gain in zip(values["bias"], values["gain"], strict=True)]
     return values | {"date": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S}"}

@@ -27,7 +27,10 @@ QUALITY = 90  # of JPEG
 
 @dataclass(frozen=True)
 class Grid:
-    """A grid of picture pixels on the sky: `window` of an exposure's chip in blocks of `step` x `step` pixels."""
+    """A grid of picture pixels on the sky: `window` of an exposure's chip in blocks of `step` x `step` pixels.
+
+    Its columns count against those of the chip, so that the sky is as an observer sees it: north up, east to the left.
+    """
 
     exposure: Any  # simulation.exposure.Exposure
     window: Window
@@ -49,7 +52,7 @@ class Grid:
         sky = icrs(*self.exposure.wcs.pixel_to_world(x.ravel(), y.ravel()), self.exposure.observer)
         places = exposure.wcs.world_to_pixel(*apparent(*sky, exposure.observer))
         return [
-            RectBivariateSpline(rows, columns, np.reshape(place, x.shape))(np.arange(ny), np.arange(nx))
+            RectBivariateSpline(rows, columns, np.reshape(place, x.shape))(np.arange(ny), np.arange(nx))[:, ::-1]
             for place in places
         ]
 
@@ -57,7 +60,7 @@ class Grid:
         """Return unit vectors (2, 2), rows north and east, in the picture: x right, y up."""
         turn, _ = chip_plane(self.exposure.chip)
         inverse = np.linalg.inv(mosaic_cd(self.exposure.pointing.pa, self.exposure.telescope) @ turn)
-        return (inverse / np.hypot(*inverse)).T[::-1]
+        return (inverse / np.hypot(*inverse)).T[::-1] * (-1.0, 1.0)
 
 
 def plane(grid, exposure, file):

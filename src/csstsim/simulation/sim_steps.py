@@ -205,10 +205,12 @@ class SimSteps:
     def run(self, state, stage, rng):
         """Run the layers of one stage on `state` and return it; rng: the job's rng.Streams.
 
-        Wall and CPU seconds of each layer are appended to state.header["timing"] as [name, wall, cpu].
+        Wall and CPU seconds of each layer are appended to state.header["timing"] as [name, wall, cpu]; the names of
+        what the user's own layers add to state.header, to state.header["own"].
         An exception inside a layer is annotated with its keyword.
         """
         for step in progress(self.stage(stage), stage):
+            known = set(state.header)
             wall, cpu = time.perf_counter(), time.process_time()
             try:
                 state = step.module.apply(state, step.param, rng.layer(step.name))
@@ -218,6 +220,9 @@ class SimSteps:
                 exc.add_note(f"in layer {step.keyword}")
                 raise
             state.unit = step.module.UNITS[1]
+            if _own([step]):
+                stated = sorted(set(state.header) - known - {"own"})
+                state.header["own"] = [*state.header.get("own", ()), *stated]
             timing = [step.name, time.perf_counter() - wall, time.process_time() - cpu]
             state.header.setdefault("timing", []).append(timing)
         return state
@@ -235,7 +240,8 @@ def load_layer(keyword, file=None):
     """
     name = keyword.lower()
     if "." not in keyword and name not in known_layers():
-        raise InputError("unknown layer", file=file, key="layers", value=keyword, allowed=", ".join(known_layers()))
+        allowed = f"{', '.join(known_layers())}; or the dotted path of your own, package.module"
+        raise InputError("unknown layer", file=file, key="layers", value=keyword, allowed=allowed)
     path = keyword if "." in keyword else f"csstsim.layers.{name}"
     try:
         module = importlib.import_module(path)

@@ -23,8 +23,9 @@ class State:
     `image` is float32, changed in place: expected electrons until `poisson_and_dark`, then charge, then DN
     (units in `unit`). Before `prescan_overscan` its shape is that of `window`; after it, that of the
     window's readout frame (detector.channels). `counted` holds electrons that are already Poisson (same shape);
-    `poisson_and_dark` merges it. None: there is none. `header` is what layers add to the Level-0 header:
-    {name: value}, JSON-like values only. chip, filter, telescope, pointing, window and wcs are the exposure's.
+    `poisson_and_dark` merges it. None: there is none. `header` is what layers add to the Level-0 header, the user's
+    own layers to its HISTORY: {name: value}, JSON-like values only. chip, filter, telescope, pointing, window and wcs
+    are the exposure's.
     """
 
     exposure: "Exposure"
