@@ -25,7 +25,7 @@ TABLES = CONFIG.parent / "examples" / "my_catalogue" / "README.md"
 BEGIN, END = "<!-- columns: python builders/make_docs.py -->\n", "<!-- end of columns -->"
 SHORTHANDS = {  # of csstsim.catalog.own_table
     "type": "star, galaxy or quasar [default: star]; or `obj_type`: 0, 1, 2",
-    "size": "arcsec, half-light radius of a galaxy's disk and bulge, along the circle of equal area",
+    "size": "arcsec, half-light radius of a galaxy's disk and bulge: sqrt(a b) of the half-light ellipse",
 }
 INTRO = """# Configuration
 

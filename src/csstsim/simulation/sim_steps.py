@@ -1,7 +1,7 @@
-"""SimSteps: load, check and run the ordered list of (layer, obs_param). The program on one page.
+"""SimSteps: load, check and run the ordered list of layers with their parameters.
 
-Paper, section 4.3. The one change of form: SimSteps lists the layers instead of holding them as methods;
-each layer is a module of csstsim.layers (or a user's own, by dotted path) with
+Paper, section 4.3, where the layers are methods of SimSteps. Here each is a module of csstsim.layers, or a user's own
+by dotted path, with
 
     Param, apply   its parameters (pydantic) and apply(state, param, rng) -> state
     STAGE          render, readout or level0
@@ -9,8 +9,8 @@ each layer is a module of csstsim.layers (or a user's own, by dotted path) with
     FRAME          what it takes and gives: "active" pixels or the "readout" with prescan and overscan (may be left out:
                    works on either)
     EXPOSURES      exposure types it belongs in (may be left out: any)
-    AFTER          layers that must not come after it (may be left out)
-    BEFORE         layers of which one must come after it (may be left out)
+    AFTER          layers that it comes after, if they are in the list (may be left out)
+    BEFORE         layers that it comes before; one of them must be in the list (may be left out)
     check          check(param, camera, pointing): raises InputError if these do not fit each other (may be left out)
 
 csstsim.simulation.layer_contract checks a layer against this.

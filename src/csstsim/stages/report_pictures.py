@@ -4,6 +4,7 @@ from itertools import islice
 
 import numpy as np
 
+from csstsim.base.plural import number_of
 from csstsim.base.progress import progress
 from csstsim.campaign.costs import PICTURES
 from csstsim.catalog.table import GALAXY
@@ -135,10 +136,10 @@ def _caption(run, bands, grid):
     names = ", ".join(bands)
     what = f"{names} as blue, green and red" if len(bands) == 3 else f"{names} in grey"
     side = [n * grid.step * run.camera.telescope.pixel_scale / 60 for n in grid.shape[::-1]]
-    frames = sum(map(len, bands.values()))
+    frames = number_of(sum(map(len, bands.values())), "exposure")
     alone = any(len(jobs) == 1 for jobs in bands.values())
     rays = " Cosmic rays remain in bands of one exposure." if alone else ""
-    return f"{what}: {frames} exposures, {side[0]:.1f}' x {side[1]:.1f}', asinh stretch (Lupton et al. 2004).{rays}"
+    return f"{what}: {frames}, {side[0]:.1f}' x {side[1]:.1f}', asinh stretch (Lupton et al. 2004).{rays}"
 
 
 def focal_plane(run, looks):
