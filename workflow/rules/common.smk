@@ -77,9 +77,7 @@ def take_folder():
 
 
 # The (exposure, chip) pairs whose truth is kept order by order, as patterns; no pair: patterns that nothing meets.
-SPECTRA_OBSID = (
-    "|".join(sorted({j.obsid for j in RUN.slitless_jobs})) or "none"
-)
+SPECTRA_OBSID = "|".join(sorted({j.obsid for j in RUN.slitless_jobs})) or "none"
 SPECTRA_CHIP = (
     "|".join(sorted({f"{j.chip.id:02d}" for j in RUN.slitless_jobs})) or "none"
 )
