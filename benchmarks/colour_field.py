@@ -1,6 +1,6 @@
 """A field in three colours: 24 exposures in g, r and i through every layer, aligned by their WCS and co-added.
 
-    python benchmarks/colour_field.py            # docs/figures/colour_field.jpg, five CPU-minutes
+    python benchmarks/colour_field.py            # docs/figures/colour_field.jpg, a minute
 
 The sky is the embedded universe around RA, DEC. A cluster of galaxies at z = 0.3, three large galaxies and a star
 of 13.5 mag are added: the embedded universe has no clusters. The exposures are dithered, so the median of them has no

@@ -1,6 +1,6 @@
 """A whole exposure in colour: its 30 chips where they are on the focal plane, and zooms down to single pixels.
 
-    for n in $(seq 30); do csstsim chip config/c9_w5.yaml --obsid 10105000113 --chip $n; done     # a quarter of an hour
+    for n in $(seq 30); do csstsim chip config/c9_w5.yaml --obsid 10105000113 --chip $n; done     # twenty CPU-minutes
     python benchmarks/focal_plane_picture.py     # docs/figures/exposure.jpg, docs/_static/exposure.html; a minute
 
 Reads Level-0 files: electrons above each channel's overscan, nothing else corrected, in means of STEP x STEP pixels.

@@ -20,7 +20,7 @@ LOOKS = {  # of a kind of effect: colour, marker, name
     "off": (BLUE, "o", "in the default"), "noise": (ORANGE, "D", "noise, in the default"),
     "on": (GREEN, "s", "not in the default"), "draw": (PURPLE, "^", "way to draw"),
 }  # fmt: skip
-LEAST, SCATTER = 0.003, 0.15  # e-, below which a change is drawn at the edge; CPU s by which times scatter
+LEAST, SCATTER = 0.003, 0.4  # e-, below which a change is drawn at the edge; CPU s by which times of two runs differ
 
 
 def _chips(rows):
@@ -36,7 +36,7 @@ def draw(rows, path):
         axes.set(xscale="symlog", yscale="log", title=f"chip {chip}, {mine[0]['filter']}")
         axes.set_xscale("symlog", linthresh=SCATTER)
         costs, heights = [row["cost"] for row in mine], [max(row["rms"], LEAST) for row in mine]
-        axes.axvspan(-SCATTER, SCATTER, color="0.93", label="times scatter by this")
+        axes.axvspan(-SCATTER, SCATTER, color="0.93", label="two runs differ by this")
         for kind, (colour, marker, name) in LOOKS.items():
             some = [k for k, row in enumerate(mine) if row["kind"] == kind]
             axes.plot([costs[k] for k in some], [heights[k] for k in some], marker, color=colour, ms=6, label=name)
@@ -51,10 +51,11 @@ def draw(rows, path):
 
 
 def _labels(axes, rows, costs, heights):
-    """Write each effect's name beside its dot, moved up or down until it covers no other name."""
+    """Write each effect's name beside its dot, moved up or down until it covers no other name and no dot."""
     figure = axes.figure
     figure.canvas.draw()
-    taken, pixels = [], axes.transData.transform(np.column_stack([costs, heights]))
+    pixels = axes.transData.transform(np.column_stack([costs, heights]))
+    taken = [(x - 4, x + 4, y - 4, y + 4) for x, y in pixels]  # the dots
     for k in np.argsort(pixels[:, 1]):
         text = rows[k]["effect"]
         width, tall = 5.4 * len(text) * figure.dpi / 100, 11.5 * figure.dpi / 100
