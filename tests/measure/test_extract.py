@@ -276,6 +276,16 @@ def test_collapsed_psf_has_all_the_light_of_box_and_wing(psf_r):
     assert profile[:, middle[1]] - profile[:, middle[0]] == pytest.approx(share, abs=2e-4)
 
 
+def test_a_spectrum_that_the_window_cuts_is_counted(star):
+    s, image, sources = star
+    orders = s.orders
+    for missing, cut in ((0.0, 0), (2.0, 0), (4.0, 1)):  # px of the order
+        s.orders = orders.with_columns(wave_max=orders["wave_max"] - missing / np.abs(orders["q"]))
+        about = run(s, frame_of(image, s.window), sources).meta
+        assert (about["spectra"], about["cut"]) == (1, cut)
+    s.orders = orders
+
+
 def test_a_line_is_chosen_as_a_line(camera):
     """A galaxy that is all line: its light over the whole order is far below the limit, that of the line is not."""
     x, y, line = 2000.3, 4000.27, LINES["GV"]

@@ -42,6 +42,8 @@ def extract(run, job, snr_min=SNR_MIN, ids=None):
     table.write(path, table.meta | {"recipe": run.recipe(job, "measure")})
     count = number_of(table.meta["spectra"], "spectrum", "spectra")
     print(f"{count} of S/N {snr_min:g} and more, in a resolution element or a line: {path}")
+    if table.meta["cut"]:
+        print(f"warning: the window cuts {table.meta['cut']} of them: see wave_min and wave_max of the orders' table")
     for name, count in table.meta["left_out"].items():
         if count:
             print(f"left out: {count}, {LEFT_OUT[name]}")

@@ -64,6 +64,12 @@ def chosen_orders(frame, orders, sources, model, *, wanted=(1,), snr_min=5.0, id
     return asked & light & largest & bright, {name: int((asked & mask).sum()) for name, mask in masks.items()}
 
 
+def shortened(orders, model):
+    """Return (n,) bool: the rows of the orders' table that lack more than an ELEMENT of their range on the window."""
+    low, high = model.limits[model.pairs(orders)].T
+    return ((high - low) - (orders["wave_max"] - orders["wave_min"])) * np.abs(orders["q"]) > ELEMENT
+
+
 def _largest(orders):
     """Return (n,) bool: the row of each object and order with the most light."""
     order = np.lexsort((-orders["drawn"], orders["order"], orders["row"]))

@@ -22,7 +22,7 @@ from csstsim.base.units import C_A_S, H_J_S
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
-from csstsim.measure.spectra.chosen_orders import chosen_orders
+from csstsim.measure.spectra.chosen_orders import chosen_orders, shortened
 from csstsim.measure.spectra.line_profile import ACROSS, ALONG, OFFSETS, between, broadened, mixed, psf_profile
 from csstsim.measure.spectra.local_sky import sky_less_own
 from csstsim.measure.spectra.spectrum_columns import (
@@ -100,20 +100,22 @@ def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,
     orders: ObjectTable of io.orders; sources: Sources; model: spectral_model.SpectralModel; psf: PsfSet, or an object
     with its `at` and `oversampling`; wing: optics.scatter.halo.Wing of it or None; wanted: orders; snr_min: predicted
     S/N per resolution element; ids: objects, or None for all (chosen_orders). DispersedImage.others, if given, is
-    subtracted without the spectrum's own light. The metadata count what was left out (chosen_orders.LEFT_OUT).
+    subtracted without the spectrum's own light. The metadata count the spectra, those that the window cuts, and what
+    was left out (chosen_orders.LEFT_OUT).
     """
     chosen, left_out = chosen_orders(frame, orders, sources, model, wanted=wanted, snr_min=snr_min, ids=ids)
-    parts, counts = [_nothing()], 0
+    parts, short, counts, cut = [_nothing()], shortened(orders, model), 0, 0
     for k in np.flatnonzero(chosen):
         one = orders.take(slice(k, k + 1))
         found = _extract_one(frame, one, sources, model, psf, wing)
         if found is not None:
             parts.append(found)
             counts += 1
+            cut += int(short[k])
     columns = {name: np.concatenate([part[name] for part in parts]) for name in COLUMNS}
     left_out["unusable"] = int(chosen.sum()) - counts
-    about = {"spectra": counts, "snr_min": float(snr_min), "orders": [int(n) for n in wanted], "left_out": left_out}
-    return ObjectTable(columns, about)
+    about = {"spectra": counts, "cut": cut, "snr_min": float(snr_min), "orders": [int(n) for n in wanted]}
+    return ObjectTable(columns, about | {"left_out": left_out})
 
 
 def _nothing():
