@@ -14,7 +14,7 @@ from csstsim.catalog.base import Region
 from csstsim.catalog.contract import check, sky_region
 from csstsim.catalog.light.colours import colour_spectra
 from csstsim.catalog.light.photometry import ab_mag
-from csstsim.catalog.object_table import plain_columns, read_table
+from csstsim.catalog.object_table import object_table, plain_columns, read_table
 from csstsim.catalog.own_table import TableCatalog
 from csstsim.instrument.filter import GRID
 
@@ -230,3 +230,9 @@ def test_a_quote_left_open_does_not_take_the_rows_after_it(tmp_path, row):
     (tmp_path / "open.csv").write_text(f"ra,dec,mag_r\n150.1,2.2,20\n{row}\n150.2,2.2,21\n")
     with pytest.raises(InputError, match=r"open\.csv: a quote"):
         read_table(tmp_path / "open.csv")
+
+
+def test_flags_of_another_program_do_not_hide_objects(camera):
+    columns = {"ra": [1.0, 2.0], "dec": [0.0, 0.0], "mag_r": [20.0, 21.0], "flags": [2, 32]}
+    table = object_table(columns, camera.bands, "a table")
+    assert table["user_flags"].tolist() == [2, 32] and not table["flags"].any()

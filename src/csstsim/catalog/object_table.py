@@ -173,7 +173,7 @@ def object_table(columns, bands, where):
     the row.
     """
     columns = {name: np.asarray(values) for name, values in columns.items()}
-    known = columns_with(bands)
+    known = set(columns_with(bands)) - {"flags"}  # flags of other programs do not mean what csstsim's do
     _check_columns(columns, [f"mag_{band}" for band in bands], where)
     count = len(columns["ra"])
     columns.setdefault("id", np.arange(1, count + 1))
