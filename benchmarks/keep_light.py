@@ -27,7 +27,7 @@ FOLDER = ROOT / "results" / "keep_light"
 JOB = "--obsid", "10100000004", "--chip", "9"
 BEFORE, AFTER = 0.02, 0.03  # density of traps; the shipped one first
 MOST = 6.0  # CPU s per chip
-AGAIN = {"readout", "level0", "measure", "merge", "validate", "report"}
+AGAIN = {"readout", "level0", "look", "measure", "merge", "validate", "report"}
 
 
 def run(name, *arguments):
