@@ -1,15 +1,15 @@
 """Catalogues of one full-depth chip by several codes, judged by the truth: completeness, false sources, accuracy, cost.
 
     apt-get install source-extractor psfex; pip install photutils scikit-image
-    python benchmarks/catalogue_codes.py                       # all codes; makes the chip of config/full_chip.yaml
-    python benchmarks/catalogue_codes.py --codes csstsim sep   # these again, the others as stored
-    python benchmarks/catalogue_codes.py --score TABLE.parquet # a measured table of csstsim alone, in seconds
+    python benchmarks/catalogue_codes.py --figure docs/figures/catalogue_codes.png   # all codes, table and chart
+    python benchmarks/catalogue_codes.py --codes csstsim sep     # these again, the others as stored
+    python benchmarks/catalogue_codes.py --score TABLE.parquet   # a measured table of csstsim alone, in seconds
 
-The Level-0 file is made if there is none, and calibrated once. Every code gets that calibrated image, except csstsim,
-whose `measure` calibrates by itself: the same steps, timed apart. The codes run as shipped, those called "deep" with a
-kernel as wide as the PSF and the threshold of `measure.detect`. A code without its program or library is left out.
-Tables and scores are stored in --output. catalogue_scores.py explains the scores; the number in brackets behind a
-completeness is the share [%] found by chance, for which it is corrected.
+The chip is that of config/full_chip.yaml. Its Level-0 file is made if there is none, and calibrated once. Every code
+gets that calibrated image, except csstsim, whose `measure` calibrates by itself: the same steps, timed apart. The codes
+run as shipped, those called "deep" with a kernel as wide as the PSF and the threshold of `measure.detect`. A code
+without its program or library is left out. Tables and scores are stored in --output. catalogue_scores.py explains the
+scores; the number in brackets behind a completeness is the share [%] found by chance, for which it is corrected.
 """
 
 import argparse
@@ -22,21 +22,26 @@ import warnings
 from pathlib import Path
 
 import astromatic
+import numpy as np
+from catalogue_chart import draw
 from catalogue_scores import Judge, own_catalogue, scores
 from measure_chip import measure
 from source_extractor import csstsim, encircled, our_psf
 
-from csstsim.base.errors import CsstsimError
+from csstsim.base.errors import CsstsimError, InputError
 from csstsim.base.files.atomic import atomic_path
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
+from csstsim.io.paths import made
 from csstsim.io.truth import read_truth
+from csstsim.stages.measure import measured_table
 
 ROOT = Path(__file__).parents[1]
 OURS, PSFEX = "csstsim", "sex+psfex"
 SEX, DEEP = "source-extractor", "source-extractor-deep"
 CODES = OURS, SEX, DEEP, "sep", "sep-deep", "photutils", PSFEX
 CALIBRATION = "calibrate", "charge moved back"  # parts of `csstsim measure`, as measure_chip.py names them
+SCORES = "scores.json"
 RUNS = 2  # of csstsim, the cheaper counts: the first may compile
 
 
@@ -88,58 +93,66 @@ def with_psf(run, job, extracted):
     light = encircled(extracted.psf, 0.5 * astromatic.APERTURE) / encircled(psf, 0.5 * astromatic.APERTURE)
     fitted = table["flux_psf"] * light
     point = (fitted > 0) & (table["flux_kron"] < 4 / 3 * fitted)
-    flux = [a if some else b for a, b, some in zip(fitted, table["flux_kron"], point, strict=True)]
-    return (
-        ObjectTable({"x": table["x"], "y": table["y"], "flux": flux, "snr": table["snr"]}),
-        sum(extracted.cpu.values()), extracted.memory,
-    )  # fmt: skip
+    columns = {name: table[name] for name in ("x", "y", "snr")}
+    columns["flux"] = np.where(point, fitted, table["flux_kron"])
+    return ObjectTable(columns), sum(extracted.cpu.values()), extracted.memory
 
 
 def judge_of(run, job, info):
-    """Return the Judge of a job's frame. info: of a measured table."""
-    truth = read_truth(run.paths.level0_truth(job))
+    """Return the Judge of a job's frame. info: of a measured table. Raises InputError without the truth."""
+    truth = read_truth(made(run.paths.level0_truth(job), f"chip {run.file} {job.options}"))
     return Judge(truth, info, run.camera.detector.channel_ny, run.camera.telescope.pixel_scale)
 
 
 def compare(run, job, codes, folder):
-    """Run the codes and store {code: scores} in `folder`; return all that are stored, in the order of CODES."""
+    """Run the codes; store their tables, and the scores and costs of all tables there, in `folder`."""
     if not run.paths.level0_truth(job).is_file():
         csstsim("chip", run, job)
     if not run.paths.calibrated(*job.key).is_file() or OURS in codes:
         csstsim("calibrate", run, job)
+    folder.mkdir(parents=True, exist_ok=True)
     for code in sorted(codes, key=CODES.index):
         if reason := why_not(code):
             print(f"{code}: left out, {reason}", file=sys.stderr)
             continue
         table, cost = run_code(code, run, job, folder)
-        table.write(folder / f"{code}.parquet")
-        info = ObjectTable.read(run.paths.measure(*job.key), ["x"]).meta
-        text = json.dumps({"cost": cost, "scores": scores(judge_of(run, job, info), table)}, indent=1)
-        with atomic_path(folder / f"{code}.json") as temporary:
-            temporary.write_text(text)
+        table.write(folder / f"{code}.parquet", {"cost": cost})
         print(f"{code}: {len(table)} rows, {cost['cpu']:.1f} CPU s", file=sys.stderr)
-    return stored(folder)
+    judge = judge_of(run, job, measured_table(run, job, ["x"]).meta)
+    files = {code: folder / f"{code}.parquet" for code in CODES}
+    tables = {code: ObjectTable.read(file) for code, file in files.items() if file.is_file()}
+    columns = {code: table.meta | {"scores": scores(judge, table)} for code, table in tables.items()}
+    with atomic_path(folder / SCORES) as temporary:
+        temporary.write_text(json.dumps(columns, indent=1))
 
 
 def stored(folder):
-    """Return {code: {"cost", "scores"}} of the codes stored in a folder, in the order of CODES."""
-    files = {code: folder / f"{code}.json" for code in CODES}
-    return {code: json.loads(file.read_text()) for code, file in files.items() if file.is_file()}
+    """Return {code: {"cost", "scores"}} that `compare` has stored in a folder; empty if there are none."""
+    return json.loads((folder / SCORES).read_text()) if (folder / SCORES).is_file() else {}
+
+
+def scored(run, job, paths):
+    """Return {file: {"scores"}} of measured tables of a job's frame."""
+    columns = {}
+    for path in paths:
+        table = ObjectTable.read(path)
+        if missing := [
+            name for name in ("x", "y", "flux_psf", "flux_kron", "star", "snr", "flags") if name not in table
+        ]:
+            raise InputError("not a measured table: it lacks a column", file=path, key=missing[0])
+        columns[path.stem] = {"scores": scores(judge_of(run, job, table.meta), own_catalogue(table))}
+    return columns
 
 
 def show(columns):
     """Print the table. columns: {title: {"cost" (optional), "scores"}}."""
     print(f"| | {' | '.join(columns)} |\n|---|{'---|' * len(columns)}")
-    costs = {name: each.get("cost", {}) for name, each in columns.items()}
-    calibration = next((cost["calibration"] for cost in costs.values() if "calibration" in cost), None)
-    if any(costs.values()):
-        for row, key, more in (
-            ("CPU s", "cpu", 0.0),
-            ("CPU s with calibration", "cpu", calibration),
-            ("GB", "memory", 0),
-        ):
-            cells = [f"{cost[key] + more:.1f}" if cost and more is not None else "-" for cost in costs.values()]
-            print(f"| {row} | {' | '.join(cells)} |")
+    costs = [each.get("cost") for each in columns.values()]
+    calibration = next((cost["calibration"] for cost in costs if cost and "calibration" in cost), np.nan)
+    rows = {"CPU s": ("cpu", 0.0), "CPU s with calibration": ("cpu", calibration), "GB": ("memory", 0.0)}
+    for row, (key, more) in rows.items():
+        cells = [f"{cost[key] + more:.1f}" if cost else "-" for cost in costs]
+        print(f"| {row} | {' | '.join(cells)} |")
     for row in dict.fromkeys(row for each in columns.values() for row in each["scores"]):
         cells = [each["scores"].get(row, {"text": "-"})["text"] for each in columns.values()]
         print(f"| {row} | {' | '.join(cells)} |")
@@ -149,8 +162,9 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--campaign", type=Path, default=ROOT / "config/full_chip.yaml")
     parser.add_argument("--output", type=Path, default=ROOT / "results/catalogue_codes", help="Tables and scores.")
-    parser.add_argument("--codes", nargs="+", choices=CODES, default=CODES)
+    parser.add_argument("--codes", nargs="*", choices=CODES, default=CODES, help="None: only the scores and the chart.")
     parser.add_argument("--score", nargs="+", type=Path, metavar="TABLE", help="Score these measured tables only.")
+    parser.add_argument("--figure", type=Path, help="Write the chart.")
     given = parser.parse_args()
     warnings.simplefilter("ignore", RuntimeWarning)
     try:
@@ -158,20 +172,14 @@ def main():
         job = run.jobs[0]
         if given.score:
             return show(stored(given.output) | scored(run, job, given.score))
-        given.output.mkdir(parents=True, exist_ok=True)
-        show(compare(run, job, given.codes, given.output))
+        compare(run, job, given.codes, given.output)
     except CsstsimError as error:
         print(error, file=sys.stderr)
         sys.exit(2)
-
-
-def scored(run, job, paths):
-    """Return {file: {"scores"}} of measured tables of a job's frame."""
-    columns = {}
-    for path in paths:
-        table = ObjectTable.read(path)
-        columns[path.stem] = {"scores": scores(judge_of(run, job, table.meta), own_catalogue(table))}
-    return columns
+    columns = stored(given.output)
+    show(columns)
+    if given.figure:
+        draw(given.figure, columns)
 
 
 if __name__ == "__main__":

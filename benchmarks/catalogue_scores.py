@@ -98,6 +98,7 @@ def kinds(judge, tried):
     for name, kind, edges in (("points", ~galaxy, POINTS), ("galaxies", galaxy, GALAXIES)):
         for low, high in pairwise(edges):
             rows[f"{name}, S/N {_interval(low, high)}"] = kind & (snr > low) & (snr <= high)
+        rows[f"{name}, S/N > {edges[0]:g}"] = kind & (snr > edges[0])
     away = judge.away(judge.isolated)
     around = (snr > 12) & (away > AROUND[0]) & (away < AROUND[1])
     place = f"S/N > 12, {AROUND[0]:g} to {AROUND[1]:g} px from bright stars"
