@@ -40,7 +40,7 @@ def draw(path, columns):
                 value = next((row["value"] for name, row in column["scores"].items() if name.startswith(start)), None)
                 if value is not None:
                     face = "white" if galaxy else colour
-                    where = column["cost"]["cpu"], value
+                    where = column["cost"]["cpu"], value or int(logarithmic)  # a count of 0 stands at 1
                     axis.scatter(*where, s=80, c=face, marker=marker, edgecolors=colour, lw=1.5, zorder=3)
         axis.set(xscale="log", title=title, ylabel=label)
         if logarithmic:
