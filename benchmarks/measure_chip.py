@@ -25,7 +25,7 @@ RUNS = 3
 LIMITS = 60.0, 3.0  # CPU s, GB
 PARTS = {
     "calibrate": ["csstsim.stages.calibrate:calibrated_frame"],
-    "charge moved back": ["csstsim.measure.charge_correction:corrected"],
+    "charge moved back": ["csstsim.measure.charge_correction:put_back"],
     "PSF": ["csstsim.stages.psf:open_psf", "csstsim.measure.catalogue:psf_model"],
     "cosmic rays": ["csstsim.measure.catalogue:mend"],
     "background": ["csstsim.measure.detect:subtract_background"],

@@ -10,7 +10,7 @@ from csstsim.base.rng import Streams
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.instrument.chip import Window
 from csstsim.layers import scie_obs
-from csstsim.optics.throughput.response import response_map, response_maximum
+from csstsim.optics.throughput.response import Response, response_map, response_maximum
 from csstsim.simulation.state import State
 from csstsim.stages import psf as psf_stage
 from csstsim.stages import select as select_stage
@@ -81,3 +81,24 @@ def test_no_pixel_is_above_the_declared_maximum(camera, flat, shutter):
             for window in (Window(0, 9216, 0, 40), Window(9100, 9216, 0, 9232), Window(4000, 4300, 4000, 4300)):
                 assert response_map(chip, window, *ask, flat=flat, shutter=shutter).max() <= highest
             assert highest < 1.15
+
+
+@pytest.mark.parametrize("master", [False, True])
+@pytest.mark.parametrize(("flat", "shutter"), [*SWITCHES, (False, False)])
+def test_single_pixels_and_rows_have_the_response_of_the_map(camera, flat, shutter, master):
+    """Every bit: pixels in any order and twice, at the window's corners; a measured response is a factor more."""
+    chip, window = camera.chips[9], Window(9000, 9216, 4600, 4700)
+    streams = Streams(1, "", 9, "")
+    ask = window, camera.filters["r"], 150.0, camera.leds, streams.camera
+    how = {"flat": flat, "shutter": shutter, "prnu": streams.chip_key("prnu")}
+    wanted = response_map(chip, *ask, **how)
+    own = np.random.default_rng(1).normal(1, 0.01, window.shape).astype(np.float32) if master else None
+    if master:
+        wanted = wanted * own
+    response = Response(chip, *ask, **how, master=own)
+    assert np.array_equal(response.rows(0, window.ny), wanted)
+    assert np.array_equal(response.rows(17, 18), wanted[17:18])
+    assert response.rows(5, 5).shape == (0, window.nx)
+    row, column = np.array([99, 0, 0, 99, 50, 50]), np.array([0, 0, 215, 215, 101, 101])
+    assert np.array_equal(response.at(row, column), wanted[row, column])
+    assert response.at(row[:0], column[:0]).shape == (0,)

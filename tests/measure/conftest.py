@@ -32,6 +32,9 @@ class GaussianPsf:
         line = integral((np.arange(257) - 128) * 0.5)
         return np.repeat((LIGHT * np.outer(line, line))[None], 4, axis=0)
 
+    def mixed(self, function):
+        return lambda x, y: function(self.at(x, y))
+
 
 class FlatSky:
     """Stands for optics.geometry.wcs.ChipWCS."""

@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from readout_state import flat_state, run, small_camera
+from scipy.ndimage import binary_dilation, maximum_filter
 from scipy.special import erf
 
 from csstsim.base.rng import Streams, stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.detector import mask
 from csstsim.measure import bad_pixels, catalogue
+from csstsim.measure.calibrate import Calibrated
 from csstsim.measure.photometry import psf_model
 from csstsim.simulation.sim_steps import SimSteps
 
@@ -124,3 +126,62 @@ def test_fill():
 @pytest.mark.parametrize("shape", [(1, 1), (2, 5), (3, 3)])
 def test_small_frames_have_no_rays(fabricate, model, shape):
     assert not looked(fabricate, model, np.full(shape, 50.0, np.float32)).any()
+
+
+def plain_rays(image, left_out, sky, read_variance, pairs):
+    """The rule of the module's docstring, pixel by pixel in plain Python; pairs by (dy, dx)."""
+    found, ny, nx = np.zeros(image.shape, bool), *image.shape
+
+    def struck(y, x, least, doubt):
+        noise = max(image[y, x], 0) + read_variance
+        value = float(image[y, x]) - sky
+        if value < least * noise**0.5 or found[y, x] or left_out[y, x]:
+            return False
+        for (dy, dx), ratio in pairs.items():
+            sides = [p for p in ((y - dy, x - dx), (y + dy, x + dx)) if not (found[p] or left_out[p])]
+            if sides:
+                light = sum(float(image[p]) - sky for p in sides)
+                light += doubt * sum(max(image[p], 0) + read_variance for p in sides) ** 0.5
+                if value - doubt * noise**0.5 > light / len(sides) / ratio:
+                    return True
+        return False
+
+    places = [(y, x) for y in range(1, ny - 1) for x in range(1, nx - 1)]
+    for place in places:
+        found[place] = struck(*place, bad_pixels.SIGMA, bad_pixels.NOISE)
+    queue = [place for place in places if found[place]]
+    while queue:
+        y, x = queue.pop()
+        for place in places:
+            if abs(place[0] - y) < 2 and abs(place[1] - x) < 2 and struck(*place, bad_pixels.NEIGHBOUR_SIGMA, 0.0):
+                found[place] = True
+                queue.append(place)
+    return maximum_filter(found, 3)
+
+
+def test_rays_are_those_of_the_rule_in_plain_python(fabricate, model):
+    rng = stream(46, "rays")
+    image = rng.normal(fabricate.SKY, np.sqrt(fabricate.VARIANCE), (40, 44)).astype(np.float32)
+    image[rng.random(image.shape) < 0.02] += 400.0
+    image[20, 5:30] += 300.0
+    image[10:13, 30:33] = 8e4
+    saturated, known = image > 5e4, rng.random(image.shape) < 0.01
+    looked = bad_pixels.cosmic_rays(image, saturated, known, fabricate.READ_NOISE, model)
+    y, x = np.mgrid[-3:4, -3:4]
+    left_out = known | binary_dilation(saturated, abs(y) + abs(x) <= 3)
+    ratios = bad_pixels.SHARE * model.smallest_pairs(np.linspace(-0.5, 0.5, 5))
+    pairs = dict(zip([(0, 1), (1, 0), (1, 1), (1, -1)], ratios, strict=True))
+    wanted = plain_rays(image, left_out, np.median(image[::8, ::8]), fabricate.READ_NOISE**2, pairs)
+    assert wanted.sum() > 100
+    assert np.array_equal(looked, wanted)
+
+
+@pytest.mark.parametrize("shape", [(1, 30), (30, 1), (30, 40)])
+def test_a_frame_without_a_pixel_to_use(fabricate, model, shape):
+    """All saturated, all bad, or no numbers: nothing is found, and what can be filled from nothing stays."""
+    full = np.ones(shape, bool)
+    for saturated, bad, value in ((full, ~full, 9e4), (~full, full, 9e4), (~full, ~full, np.nan)):
+        image = np.full(shape, value, np.float32)
+        why = bad_pixels.mend(Calibrated(image, saturated, {}, {1: 5.0}, None, bad), model)
+        assert np.array_equal(why, bad_pixels.FULL * saturated | bad_pixels.BAD * bad)
+        np.testing.assert_array_equal(image, np.float32(value))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from even_response import EvenResponse
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import stream
@@ -104,7 +105,7 @@ def test_the_level_is_known_to_a_part_of_a_digit(part):
 def test_sigma_is_the_scatter_where_light_was_lost(share):
     """Electrons are divided by the share that was counted, and their noise with them: read noise, too."""
     frame, readout, gain, _ = make_frame((0, 320, 0, 160), 6)
-    result = calibrate(frame, readout, gain, response=np.full((160, 320), share, np.float32))
+    result = calibrate(frame, readout, gain, response=EvenResponse(share, 320))
     assert result.electrons.mean() == pytest.approx(200.0 / share, rel=0.01)
     assert result.electrons.std() == pytest.approx(np.sqrt(np.mean(result.sigma() ** 2.0)), rel=0.02)
 
@@ -124,3 +125,35 @@ def test_an_offset_of_the_bias_is_in_electrons():
     plain, moved = (calibrate(frame, readout, gain, offset=given).electrons for given in (None, offset))
     for block in readout.blocks:
         assert (plain - moved)[block.image] == pytest.approx(offset[block.channel], abs=1e-3)
+
+
+def test_each_dn_is_what_the_equations_say_of_it():
+    """All 65536 values over the channels, each with its own zero, gain and polynomial, in double precision."""
+    readout = ReadoutFrame(window=(0, 320, 0, 160), **SMALL)
+    frame = stream(9, "bias").normal(450.0, 3.0, readout.shape).round().astype(np.uint16)
+    active = np.arange(160 * 320).reshape(160, 320) * 65535 // (160 * 320 - 1)
+    for block in readout.blocks:
+        frame[block.active] = active[block.image]
+    gain = {n: 1.0 + n / 50 for n in range(1, 17)}
+    curves = {n: (-1e-7 * n, 0.0) for n in gain}
+    well = 60_000.0
+    result = calibrate(frame, readout, gain, nonlinearity=curves, adc_max=65000, full_well=well)
+    for block in readout.blocks:
+        n, dn = block.channel, active[block.image]
+        signal, quadratic = (dn - result.bias[n]) * gain[n], curves[n][0]
+        root = (-1 + np.sqrt(1 + 4 * quadratic * np.clip(signal, 0, well + quadratic * well**2))) / (2 * quadratic)
+        beyond = (signal - well - quadratic * well**2) / (1 + 2 * quadratic * well)
+        charge = np.where(signal < 0, signal, np.where(beyond > 0, well + beyond, root))
+        assert result.electrons[block.image] == pytest.approx(charge, rel=3e-7, abs=2e-4)
+        full = (charge >= well) | (dn >= 65000)
+        edge = np.abs(charge - well) < 0.05  # a rounding decides
+        assert np.array_equal(result.saturated[block.image][~edge], full[~edge])
+
+
+@pytest.mark.parametrize("window", [(0, 320, 7, 8), (319, 320, 0, 160)])
+def test_one_row_or_column_all_of_it_saturated(window):
+    frame, readout, gain, _ = make_frame(window, 10)
+    for block in readout.blocks:
+        frame[block.active] = 65535
+    result = calibrate(frame, readout, gain, full_well=90_000.0)
+    assert result.saturated.all() and (result.electrons > 60_000).all()

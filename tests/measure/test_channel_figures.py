@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from even_response import EvenResponse
 
 from csstsim.base.rng import stream
 from csstsim.detector.channels import ReadoutFrame
@@ -23,10 +24,9 @@ def test_each_channel_has_its_own_figures():
     raw = rng.normal(BIAS, NOISE, READOUT.shape)
     for block in READOUT.blocks:
         raw[block.active] += 0.8 * 30.0 * block.channel / GAIN
-    response = np.full((128, 224), 0.8, np.float32)
     gain = {block.channel: GAIN for block in READOUT.blocks}
     frame = np.rint(raw).astype(np.uint16)
-    calibrated = calibrate(frame, READOUT, gain, response=response)
+    calibrated = calibrate(frame, READOUT, gain, response=EvenResponse(0.8, 224))
     before, image = block_means(calibrated.electrons, READOUT), np.zeros((128, 224), np.float32)
     figures = channel_figures(calibrated, before, image, np.full(image.shape, 6.0, np.float32))
     assert sorted(part["channel"] for part in figures) == sorted(gain)

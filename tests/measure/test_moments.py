@@ -105,6 +105,9 @@ def test_stars_of_the_model_of_an_aberrated_psf(shift):
             blurred = galsim.Convolve(optics, galsim.Gaussian(sigma=0.035))
             return blurred.drawImage(nx=256, ny=256, scale=0.037, use_true_center=True, dtype=float).array[None]
 
+        def mixed(self, function):
+            return lambda x, y: function(self.at(x, y))
+
     model = psf_model(Airy(), (0, 0), (100, 100))
     stamp = np.empty((2 * HALF + 1, 2 * HALF + 1))
     draw_psf(model.coefficients[0], *shift, HALF, stamp)

@@ -294,3 +294,17 @@ def test_failure_leaves_no_file(camera, tmp_path):
                 camera_digest="",
             )
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_linear_function_of_nodes_is_that_of_the_mixture(made, method):
+    psf, asked = PsfSet(made, method=method), []
+
+    def means(images):
+        asked.append(1)
+        return images.mean(axis=0, dtype=float)[::3]
+
+    at = psf.mixed(means)
+    for place in ((4000.0, 7000.0), (100.0, 30.0), (4000.0, 7000.0)):
+        np.testing.assert_allclose(at(*place), psf.at(*place).mean(axis=0)[::3], rtol=0, atol=1e-15)
+    assert len(asked) <= GRID**2  # once a node

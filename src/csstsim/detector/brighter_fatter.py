@@ -28,6 +28,8 @@ import numpy as np
 DONOR = 8.0  # more than the four boundaries, so that rounding cannot take a pixel below zero
 _PAD = 2  # reach of the kernel
 _RING = 2 * _PAD + 1
+_REACH = 2 * (_PAD + 1)  # of two passes
+_BAND = 64  # rows that are moved back while they are in the cache
 
 
 def move_charge(image, kernel, skew, limit):
@@ -37,19 +39,52 @@ def move_charge(image, kernel, skew, limit):
     Raises ValueError if a pixel is negative or not finite (the image is then no longer usable), or for a kernel that is
     not finite or not (3, 3).
     """
+    kernel = _checked(kernel, skew, limit)
+    if image.size:
+        _raise_bad(_move(image, image, image, kernel, np.float32(skew), np.float32(limit), False))
+
+
+def move_back(image, kernel, skew, limit):
+    """Undo `move_charge` on an image (ny, nx; electrons, float32, C-contiguous), in place.
+
+    guess <- guess + (image - move_charge(guess)), twice, guess = image at first: charge moves by per cents, the second
+    time by per cents of those. Negative values, of read noise, are no charge and stay. Raises ValueError as
+    `move_charge`.
+    """
+    kernel = _checked(kernel, skew, limit)
+    ny, before = len(image), image[:0]
+    for first in range(0, ny, _BAND):
+        last = min(first + _BAND, ny)
+        above = image[last : last + _REACH]
+        read = np.concatenate([before, image[first:last], above])  # `before`: these rows are changed already
+        guess, out = np.empty_like(read), np.empty_like(read)
+        for seen, into in ((read, guess), (guess, out)):
+            _raise_bad(_move(seen, read, into, kernel, np.float32(skew), np.float32(limit), True))
+        image[first:last] = out[len(before) : len(read) - len(above)]
+        before = read[: len(read) - len(above)][-_REACH:]
+
+
+def _checked(kernel, skew, limit):
+    """Return the kernel as float32. Raises ValueError as `move_charge`."""
     kernel = np.ascontiguousarray(kernel, np.float32)
     if kernel.shape != (_PAD + 1, _PAD + 1) or not np.isfinite(kernel.sum() + skew) or not limit > 0:
         raise ValueError(f"kernel {kernel.shape}, skew {skew}, limit {limit}; need finite (3, 3) and a positive limit")
-    if image.size:
-        bad = _move(image, kernel, np.float32(skew), np.float32(limit))
-        if bad:
-            raise ValueError(f"the charge of {bad} pixel(s) is negative or not finite")
+    return kernel
+
+
+def _raise_bad(number):
+    if number:
+        raise ValueError(f"the charge of {number} pixel(s) is negative or not finite")
 
 
 @numba.njit(cache=True)
-def _move(image, kernel, skew, limit):
-    """Move charge row by row, changing a row once the flow to the next is known; return the number of bad pixels."""
+def _move(image, base, out, kernel, skew, limit, back):
+    """Fill `out` with `base` and the charge that moves in `image`, less it if `back`; return the number of bad pixels.
+
+    A row is filled once the flow to the next is known, so the three may be the same. Back, negative values count as 0.
+    """
     ny, nx = image.shape
+    sign, least = (np.float32(-1), np.float32(0)) if back else (np.float32(1), np.float32(-np.inf))
     charge = np.empty((_RING, nx + 2 * _PAD), np.float32)  # the rows around, before any change
     push = np.empty_like(charge)
     columns = np.empty((_PAD + 1, nx + 2 * _PAD), np.float32)
@@ -60,7 +95,7 @@ def _move(image, kernel, skew, limit):
     for y in range(-_RING, ny):
         new = y + 1 + _PAD
         ring = new % _RING
-        found = _load(image[min(max(new, 0), ny - 1)], limit, charge[ring], push[ring])
+        found = _load(image[min(max(new, 0), ny - 1)], least, limit, charge[ring], push[ring])
         bad += found * (0 <= new < ny)
         if -1 <= y < ny - 1:
             _potential(push, y + 1, kernel, columns, phi_above)
@@ -77,9 +112,9 @@ def _move(image, kernel, skew, limit):
                 )  # fmt: skip
             else:
                 up[:] = 0
-            row = image[y]
+            row, new_row = base[y], out[y]
             for x in range(nx):
-                row[x] = (row[x] + (right[x] - right[x + 1])) + (up_below[x] - up[x])
+                new_row[x] = (row[x] + sign * (right[x] - right[x + 1])) + sign * (up_below[x] - up[x])
             up, up_below = up_below, up
         phi, phi_above = phi_above, phi
     return bad
@@ -98,11 +133,11 @@ def _flow(phi_p, phi_q, skew, push_p, push_q, before, p, q, after, flux):
 
 
 @numba.njit(cache=True)
-def _load(row, limit, charge, push):
-    """Fill a row of the ring buffers, padded by repeating its end pixels; return the number of bad pixels."""
+def _load(row, least, limit, charge, push):
+    """Fill a row of the ring buffers, of at least `least`, padded by repeating its ends; return the bad pixels."""
     nx, bad = len(row), 0
     for x in range(nx):
-        value = row[x]
+        value = max(row[x], least)
         bad += not (value >= 0) & (value < np.inf)
         charge[x + _PAD] = value
         push[x + _PAD] = min(value, limit)

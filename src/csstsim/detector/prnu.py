@@ -17,9 +17,24 @@ def multiply(image, x0, y0, rms, key):
 
     key: uint64 of the chip (rng.Streams.chip_key). Raises ValueError for an rms that makes a response negative.
     """
-    if not 0 <= rms < 1 / CLIP:
-        raise ValueError(f"relative rms {rms} is not from 0 to 1 / {CLIP}")
-    if rms > 0:
+    if _varies(rms):
         from csstsim.detector.prnu_rows import multiply_rows
 
         multiply_rows(image, x0, y0, rms, key, CLIP)
+
+
+def multiply_at(values, x, y, rms, key):
+    """Multiply `values` (n,) float32 by the response of the pixels in columns x and rows y of the chip, in place.
+
+    rms, key as of `multiply`; x, y: int (n,). Raises ValueError as `multiply`.
+    """
+    if _varies(rms):
+        from csstsim.detector.prnu_rows import multiply_pixels
+
+        multiply_pixels(values, x, y, rms, key, CLIP)
+
+
+def _varies(rms):
+    if not 0 <= rms < 1 / CLIP:
+        raise ValueError(f"relative rms {rms} is not from 0 to 1 / {CLIP}")
+    return rms > 0

@@ -11,6 +11,11 @@ def multiply_rows(image, x0, y0, rms, key, clip):
     _multiply(image, x0, y0, np.float32(rms), key, np.float32(clip), *normal_table())
 
 
+def multiply_pixels(values, x, y, rms, key, clip):
+    """Multiply as csstsim.detector.prnu.multiply_at; z is clipped to +-clip."""
+    _multiply_pixels(values, x, y, np.float32(rms), key, np.float32(clip), *normal_table())
+
+
 @numba.njit(cache=True)
 def _multiply(image, x0, y0, rms, key, clip, start, step):
     ny, nx = image.shape
@@ -20,3 +25,11 @@ def _multiply(image, x0, y0, rms, key, clip, start, step):
         normal_row(key, y0 + y, x0, halves, z, start, step)
         for x in range(nx):
             image[y, x] *= one + rms * min(max(z[x], -clip), clip)
+
+
+@numba.njit(cache=True)
+def _multiply_pixels(values, x, y, rms, key, clip, start, step):
+    halves, z = np.empty(3, np.uint32), np.empty(1, np.float32)
+    for i in range(len(values)):
+        normal_row(key, y[i], x[i], halves, z, start, step)
+        values[i] *= np.float32(1) + rms * min(max(z[0], -clip), clip)

@@ -139,7 +139,12 @@ class Level0:
 
         Raises InputError if a compressed file's DN are not uint16.
         """
-        return _unsigned(self.readout.from_stored(self._stored, self.layout))
+        frame = self.readout.from_stored(self._stored, self.layout)
+        if not frame.dtype.isnative:  # in place, because a frame of a whole chip takes 190 MB
+            frame = frame.byteswap(inplace=True).view(frame.dtype.newbyteorder())
+        frame = frame.view(np.uint16)
+        frame ^= np.uint16(0x8000)
+        return frame
 
     def mask(self):
         """Return the truth mask of the active pixels of the window, uint8 (detector.mask), or None.

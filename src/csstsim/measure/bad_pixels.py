@@ -13,9 +13,10 @@ import numba
 import numpy as np
 
 from csstsim.detector import defects
-from csstsim.measure.maps import grown
 
 FULL, BAD, RAY = np.uint8(1), np.uint8(2), np.uint8(4)  # bits of `mend`
+_LEFT_OUT, _FOUND = np.uint8(8), np.uint8(16)  # bits while rays are looked for: not tested; a ray, without its rim
+_OUT = np.uint8(24)
 SIGMA, NEIGHBOUR_SIGMA = 5.0, 2.5  # threshold above the sky for a first pixel, and for one next to a found one
 NOISE = 2.5  # sigma: allowance in favour of a star, for a first pixel and for the mean of its pair
 SHARE = 0.7  # of a star's smallest ratio of pair to pixel, because the PSF is not known better
@@ -31,11 +32,10 @@ def mend(calibrated, model):
     photometry.PsfModel.
     """
     read_noise = float(np.mean(list(calibrated.read_noise.values())))
-    rays = cosmic_rays(calibrated.electrons, calibrated.saturated, calibrated.bad, read_noise, model)
-    fill(calibrated.electrons, rays | calibrated.bad)
-    why = FULL * calibrated.saturated.astype(np.uint8)
-    why |= BAD * calibrated.bad.astype(np.uint8)
-    why |= RAY * rays.astype(np.uint8)
+    why = np.empty(calibrated.electrons.shape, np.uint8)
+    _mark(calibrated.saturated, calibrated.bad, why)
+    _mark_rays(calibrated.electrons, why, read_noise, model)
+    _fill_marked(calibrated.electrons, why, BAD | RAY)
     return why
 
 
@@ -63,38 +63,68 @@ def cosmic_rays(electrons, saturated, known, read_noise, model):
     electrons: float32 (ny, nx), sky included; saturated, known: bool (ny, nx), pixels not tested, nor those within NEAR
     of a saturated one; read_noise: electrons; model: photometry.PsfModel.
     """
-    left_out = known | grown(saturated, NEAR)
-    sky = float(np.median(electrons[::8, ::8]))
-    found = _find(electrons, left_out, sky, read_noise**2, SHARE * model.smallest_pairs(_PLACES))
-    return grown(found, 1, square=True)
+    why = np.empty(electrons.shape, np.uint8)
+    _mark(saturated, known, why)
+    _mark_rays(electrons, why, read_noise, model)
+    return (why & RAY) > 0
 
 
 @numba.njit(cache=True)
-def _find(electrons, left_out, sky, read_variance, pairs):
-    """Test all pixels, then those next to each found one; return bool (ny, nx). pairs (4,): right, up, diagonals."""
+def _mark(saturated, bad, why):
+    """Fill why with the bits FULL, BAD, and _LEFT_OUT of bad pixels and those within NEAR of a saturated one."""
+    ny, nx = why.shape
+    for y in range(ny):
+        for x in range(nx):
+            why[y, x] = (BAD | _LEFT_OUT) if bad[y, x] else 0
+    for y in range(ny):
+        for x in range(nx):
+            if saturated[y, x]:
+                why[y, x] |= FULL
+                for v in range(max(y - NEAR, 0), min(y + NEAR + 1, ny)):
+                    wide = NEAR - abs(v - y)
+                    for u in range(max(x - wide, 0), min(x + wide + 1, nx)):
+                        why[v, u] |= _LEFT_OUT
+
+
+def _mark_rays(electrons, why, read_noise, model):
+    """Set the bit RAY of `why`, from `_mark`, for pixels of rays and those around them, and clear the bits from 8."""
+    sky, read_variance = float(np.median(electrons[::8, ::8])), read_noise**2
+    # The root of (e - sky)^2 = SIGMA^2 (e + read_variance) above the sky; the exact test is in _is_ray
+    level = sky + SIGMA**2 / 2 + SIGMA * math.sqrt(SIGMA**2 / 4 + max(sky, 0.0) + read_variance)
+    _find(electrons, why, sky, read_variance, SHARE * model.smallest_pairs(_PLACES), level)
+
+
+@numba.njit(cache=True)
+def _find(electrons, why, sky, read_variance, pairs, level):
+    """Test all pixels, then those next to each found one, and mark rays. pairs (4,): right, up, diagonals."""
     ny, nx = electrons.shape
-    found = np.zeros((ny, nx), np.bool_)
-    queue = [(0, 0) for _ in range(0)]
+    found = [(0, 0) for _ in range(0)]
     for y in range(1, ny - 1):
         for x in range(1, nx - 1):
-            if _is_ray(electrons, found, left_out, sky, read_variance, pairs, y, x, SIGMA, NOISE):
-                found[y, x] = True
-                queue.append((y, x))
+            if electrons[y, x] > level and _is_ray(electrons, why, sky, read_variance, pairs, y, x, SIGMA, NOISE):
+                why[y, x] |= _FOUND
+                found.append((y, x))
+    queue = found.copy()
     while len(queue):
         row, column = queue.pop()
         for y in range(max(row - 1, 1), min(row + 2, ny - 1)):
             for x in range(max(column - 1, 1), min(column + 2, nx - 1)):
-                if _is_ray(electrons, found, left_out, sky, read_variance, pairs, y, x, NEIGHBOUR_SIGMA, 0.0):
-                    found[y, x] = True
+                if _is_ray(electrons, why, sky, read_variance, pairs, y, x, NEIGHBOUR_SIGMA, 0.0):
+                    why[y, x] |= _FOUND
                     queue.append((y, x))
-    return found
+                    found.append((y, x))
+    for row, column in found:
+        why[row - 1 : row + 2, column - 1 : column + 2] |= RAY
+    for y in range(ny):
+        for x in range(nx):
+            why[y, x] &= FULL | BAD | RAY
 
 
 @numba.njit(cache=True)
-def _is_ray(electrons, found, left_out, sky, read_variance, pairs, y, x, least, doubt):
+def _is_ray(electrons, why, sky, read_variance, pairs, y, x, least, doubt):
     """Return whether a new pixel is `least` sigma bright and too sharp, with `doubt` sigma in favour of a star."""
     value, variance = electrons[y, x] - sky, max(electrons[y, x], 0.0) + read_variance
-    if value * abs(value) < least**2 * variance or found[y, x] or left_out[y, x]:
+    if value * abs(value) < least**2 * variance or why[y, x] & _OUT:
         return False
     value -= doubt * math.sqrt(variance)
     for k in range(4):
@@ -102,7 +132,7 @@ def _is_ray(electrons, found, left_out, sky, read_variance, pairs, y, x, least, 
         total, noise, n = 0.0, 0.0, 0
         for side in (-1, 1):
             v, u = y + side * dy, x + side * dx
-            if not (found[v, u] or left_out[v, u]):
+            if not why[v, u] & _OUT:
                 total += electrons[v, u] - sky
                 noise += max(electrons[v, u], 0.0) + read_variance
                 n += 1
@@ -116,26 +146,31 @@ def fill(electrons, bad):
 
     If none is within FAR pixels, it is the median of a sample of the good pixels. If all are bad, nothing is done.
     """
-    others = electrons[::8, ::8][~bad[::8, ::8]]
+    _fill_marked(electrons, bad.view(np.uint8), np.uint8(1))
+
+
+def _fill_marked(electrons, why, bits):
+    """Fill the pixels of `why` (uint8) with one of `bits`, as `fill`."""
+    others = electrons[::8, ::8][(why[::8, ::8] & bits) == 0]
     if others.size == 0:
-        others = electrons[~bad]
+        others = electrons[(why & bits) == 0]
     if others.size:
-        _fill(electrons, bad, np.float32(np.median(others)))
+        _fill(electrons, why, bits, np.float32(np.median(others)))
 
 
 @numba.njit(cache=True)
-def _fill(electrons, bad, level):
+def _fill(electrons, why, bits, level):
     ny, nx = electrons.shape
     for y in range(ny):
         for x in range(nx):
-            if not bad[y, x]:
+            if not why[y, x] & bits:
                 continue
             reach, n, total = 0, 0, 0.0
             while n == 0 and reach < FAR:
                 reach += 1
                 for v in range(max(y - reach, 0), min(y + reach + 1, ny)):
                     for u in range(max(x - reach, 0), min(x + reach + 1, nx)):
-                        if not bad[v, u]:
+                        if not why[v, u] & bits:
                             total += electrons[v, u]
                             n += 1
             electrons[y, x] = total / n if n else level

@@ -7,6 +7,7 @@ divided by the response of flat field and shutter. Dark current and sky are part
 
 from dataclasses import dataclass
 
+import numba
 import numpy as np
 
 from csstsim.base.errors import InputError
@@ -15,6 +16,7 @@ from csstsim.detector.cubic import straighten
 # Deferred and bloomed charge leaks into the first overscan columns; they are not pure bias.
 OVERSCAN_SKIP = 4
 GAIN_MAX = 1000.0  # e-/DN: with more, 65535 DN would exceed any full well by far
+DN = 1 << 16  # values of a raw pixel: what each means is worked out once for a channel
 _ROWS = 64
 
 
@@ -22,9 +24,9 @@ _ROWS = 64
 class Calibrated:
     """Active image in electrons, sky and dark included.
 
-    `electrons` float32 (ny, nx), before losses to flat field and shutter; `response` (ny, nx): the share of them that
-    was counted (None: all); `saturated`, `bad` (known defects) bool (ny, nx); `bias` (DN) and `read_noise` (electron)
-    per readout channel in the frame, {channel: value}.
+    `electrons` float32 (ny, nx), before losses to flat field and shutter; `response`: the share of them that was
+    counted, with `rows` and `at` of optics.throughput.response.Response (None: all); `saturated`, `bad` (known defects)
+    bool (ny, nx); `bias` (DN) and `read_noise` (electron) per readout channel in the frame, {channel: value}.
     """
 
     electrons: np.ndarray
@@ -37,20 +39,33 @@ class Calibrated:
 
     def sigma(self):
         """Return the noise of each pixel, electron (ny, nx): own Poisson noise (>= 0) and read noise in quadrature."""
-        counted = self.electrons if self.response is None else self.electrons * self.response
-        variance = np.maximum(counted, np.float32(0.0))
+        sigma = np.maximum(self.electrons, np.float32(0.0))
+        for rows, share in self._shares():
+            sigma[rows] *= share
         for block in self.readout.blocks:
-            variance[block.image] += np.float32(self.read_noise[block.channel] ** 2)
-        sigma = np.sqrt(variance, out=variance)
-        return sigma if self.response is None else np.divide(sigma, self.response, out=sigma)
+            sigma[block.image] += np.float32(self.read_noise[block.channel] ** 2)
+        np.sqrt(sigma, out=sigma)
+        for rows, share in self._shares():
+            sigma[rows] /= share
+        return sigma
+
+    def _shares(self):
+        return () if self.response is None else _by_rows(self.response, len(self.electrons))
 
     def counted(self, x, y):
         """Return the share of light that was counted at frame positions (n,) [px], from the nearest pixel."""
         if self.response is None:
             return np.ones(np.shape(x))
-        ny, nx = self.response.shape
+        ny, nx = self.electrons.shape
         row, column = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in ((y, ny), (x, nx)))
-        return self.response[row, column].astype(float)
+        return self.response.at(row, column).astype(float)
+
+
+def _by_rows(response, ny):
+    """Yield (slice of rows, response of these), a few rows at a time."""
+    for first in range(0, ny, _ROWS):
+        rows = slice(first, min(first + _ROWS, ny))
+        yield rows, response.rows(rows.start, rows.stop)
 
 
 def calibrate(
@@ -62,10 +77,10 @@ def calibrate(
     `frame`: uint16 DN of shape `readout.shape`; `readout`: detector.channels.ReadoutFrame of its window;
     `gain`: {channel: electron/DN}, channels as in the Level-0 keywords GAINnn; `nonlinearity`:
     {channel: (quadratic, cubic)}, undone up to `full_well`, where the file states it. A pixel is saturated at
-    `adc_max` DN or from `full_well` electrons; `response`: share of the light that was counted; `bad`:
-    known defects, or None; `offset`: {channel: electrons} of bias in addition to the overscan's; `correct`: a function
-    that moves electrons (ny, nx) back to where light made them, or None. Returns `Calibrated`. Raises InputError when
-    the frame does not have the readout's shape or a channel's gain is missing or not positive.
+    `adc_max` DN or from `full_well` electrons; `response`: share of the light that was counted, as in Calibrated;
+    `bad`: known defects, or None; `offset`: {channel: electrons} of bias in addition to the overscan's; `correct`: a
+    function that moves electrons (ny, nx) back, in place, to where light made them, or None. Returns `Calibrated`.
+    Raises InputError when the frame does not have the readout's shape or a channel's gain is missing or not positive.
     """
     if frame.shape != readout.shape:
         raise InputError("the frame does not have the shape of its readout", value=frame.shape, allowed=readout.shape)
@@ -74,37 +89,56 @@ def calibrate(
     saturated = np.empty(electrons.shape, bool)
     bias, read_noise = {}, {}
     for block in readout.blocks:
-        factor = gain.get(block.channel)
-        if factor is None or not 0 < factor < GAIN_MAX:
-            allowed = f"> 0, < {GAIN_MAX:g} e-/DN"
-            raise InputError(
-                "the gain is missing or out of range", key=f"GAIN{block.channel:02d}", value=factor, allowed=allowed
-            )
-        if nonlinearity and full_well and block.channel not in nonlinearity:
-            raise InputError("missing, though other channels have it", key=f"NLQ{block.channel:02d}, NLC")
-        level, scatter = overscan_level(frame[block.serial_overscan], from_right=block.flip_x)
-        bias[block.channel], read_noise[block.channel] = level, scatter * factor
-        raw, zero = frame[block.active], level + (offset or {}).get(block.channel, 0.0) / factor
-        electrons[block.image] = (raw - np.float32(zero)) * np.float32(factor)
+        n, factor = block.channel, _factor(gain, block.channel)
+        bias[n], scatter = overscan_level(frame[block.serial_overscan], from_right=block.flip_x)
+        read_noise[n] = scatter * factor
+        charge = _charge_of_dn(bias[n] + (offset or {}).get(n, 0.0) / factor, factor)
         if nonlinearity and full_well:
-            _straighten(electrons[block.image], *nonlinearity[block.channel], full_well)
-        saturated[block.image] = raw >= adc_max
-    if full_well is not None:
-        saturated |= electrons >= full_well
+            charge = _straight(charge, nonlinearity, n, full_well)
+        full = np.arange(DN) >= adc_max
+        if full_well is not None:
+            full |= charge >= full_well
+        _look_up(frame[block.active], charge, full, electrons[block.image], saturated[block.image])
+    del frame  # 190 MB of a whole chip, which the caller holds no longer
     if correct is not None:
-        electrons = correct(electrons)
+        correct(electrons)
     if response is not None:
-        electrons /= response
+        for rows, share in _by_rows(response, len(electrons)):
+            electrons[rows] /= share
     bad = np.zeros(electrons.shape, bool) if bad is None else bad
     return Calibrated(electrons, saturated, bias, read_noise, readout, bad, response)
 
 
-def _straighten(electrons, quadratic, cubic, limit):
-    """Undo the nonlinearity, in place, some rows at a time."""
-    if quadratic or cubic:
-        for first in range(0, len(electrons), _ROWS):
-            rows = electrons[first : first + _ROWS]
-            rows[:] = straighten(rows, quadratic, cubic, limit)
+def _factor(gain, channel):
+    factor = gain.get(channel)
+    if factor is None or not 0 < factor < GAIN_MAX:
+        raise InputError(
+            "the gain is missing or out of range", key=f"GAIN{channel:02d}", value=factor,
+            allowed=f"> 0, < {GAIN_MAX:g} e-/DN",
+        )  # fmt: skip
+    return factor
+
+
+def _charge_of_dn(zero, factor):
+    """Return the electrons (DN,) float32 of each DN of a channel whose bias is `zero` DN."""
+    return (np.arange(DN, dtype=np.uint16) - np.float32(zero)) * np.float32(factor)
+
+
+def _straight(charge, nonlinearity, channel, limit):
+    """Return `charge` with the channel's nonlinearity undone."""
+    if channel not in nonlinearity:
+        raise InputError("missing, though other channels have it", key=f"NLQ{channel:02d}, NLC")
+    quadratic, cubic = nonlinearity[channel]
+    return straighten(charge, quadratic, cubic, limit).astype(np.float32) if quadratic or cubic else charge
+
+
+@numba.njit(cache=True)
+def _look_up(frame, charge, full, electrons, saturated):
+    """Fill electrons and saturated (ny, nx) from tables (DN,) of what each DN of `frame` means."""
+    for y in range(frame.shape[0]):
+        for x in range(frame.shape[1]):
+            dn = frame[y, x]
+            electrons[y, x], saturated[y, x] = charge[dn], full[dn]
 
 
 def overscan_level(overscan, *, from_right=False, clip=4.0):

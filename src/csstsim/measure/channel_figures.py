@@ -28,7 +28,8 @@ def channel_figures(calibrated, before, image, rms):
     for block in calibrated.readout.blocks:
         (rows, columns), over = block.image, block.serial_overscan
         part = slice(rows.start, rows.stop, SAMPLE), slice(columns.start, columns.stop, SAMPLE)
-        share = 1.0 if calibrated.response is None else float(np.median(calibrated.response[part]))
+        places = np.mgrid[part].reshape(2, -1)
+        share = 1.0 if calibrated.response is None else float(np.median(calibrated.response.at(*places)))
         n = block.channel
         out.append({
             "channel": int(n), "window": [x0 + columns.start, x0 + columns.stop, y0 + rows.start, y0 + rows.stop],

@@ -1,19 +1,22 @@
-"""Corrects charge transfer and the brighter-fatter effect: moves charge back by iterating the forward model.
+"""Moved charge put back, in the reverse order of the detector: charge transfer, then the brighter-fatter effect.
 
-    guess <- guess + (electrons - forward(guess)),   guess = electrons at first
-
-(Bristow 2003; Massey et al. 2010, MNRAS 401, 371; Anderson & Bedin 2010). The detector moves a tenth of a pixel's
-charge at most, and each pass leaves a tenth of the error or less. Electrons that a trap releases after the last row was
-read are restored, too. Read noise is treated as charge, though it never was in the silicon: the correction of charge
-transfer raises a pixel's noise a little (docs/calibration.md).
+Both iterate the forward model (detector.charge_transfer.restored, detector.brighter_fatter.move_back). Read noise is
+treated as charge, though it never was in the silicon: the correction of charge transfer raises a pixel's noise a little
+(docs/calibration.md). Electrons that a trap releases after the last row was read are restored, too.
 """
 
+from csstsim.detector.bfe_kernel import detector_kernel
+from csstsim.detector.brighter_fatter import move_back
+from csstsim.detector.charge_transfer.restored import restore
 
-def corrected(electrons, forward, passes):
-    """Return the charge (ny, nx) that `forward` (an image, changed in place) makes into `electrons`, after `passes`."""
-    guess = electrons.copy()
-    for _ in range(passes):
-        moved = guess.copy()
-        forward(moved)
-        guess += electrons - moved
-    return guess
+
+def put_back(electrons, detector, window, rng, *, traps, passes, spread):
+    """Move charge back to where light made it, in place.
+
+    electrons: float32 (ny, nx) of a window; rng: rng.Streams of the traps; traps: parameters of layer CTE_effect, or
+    None; passes: of charge transfer, 0: not undone; spread: whether the brighter-fatter effect is undone.
+    """
+    if traps and traps.density_scale > 0:
+        restore(electrons, detector, window, rng, density=traps.density_scale, serial=traps.serial, passes=passes)
+    if spread:
+        move_back(electrons, *detector_kernel(detector), detector.full_well)

@@ -16,6 +16,7 @@ Left out: simultaneous fits of neighbours.
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numba
 import numpy as np
@@ -55,14 +56,7 @@ class PsfModel:
 
         The pairs are left and right, above and below, and both diagonals; offsets (n,) px in x and y.
         """
-        stamp, least = np.empty((3, 3)), np.full(4, np.inf)
-        for table in self.coefficients:
-            for dy in offsets:
-                for dx in offsets:
-                    draw_psf(table, dx, dy, 1, stamp)
-                    pairs = stamp + stamp[::-1, ::-1]
-                    least = np.minimum(least, 0.5 * pairs[[1, 2, 2, 2], [2, 1, 2, 0]] / stamp[1, 1])
-        return least
+        return _smallest_pairs(self.coefficients, np.asarray(offsets, float))
 
     def enclosed(self, radius):
         """Return (ncell,): the share of a point's light in a circle [px], centred on a pixel."""
@@ -79,30 +73,30 @@ class PsfModel:
 def psf_model(psf, origin, shape, *, cell_px=CELL_PX):
     """Build the `PsfModel` of a frame.
 
-    `psf.at(x, y)` -> (sub-bands, n, n) cell integrals (fraction of all the light per cell, `psf.oversampling` cells
-    along the side of a pixel, PSF centre at the middle of the array); sub-bands are averaged with equal weights.
+    psf: optics.psf.psf_file.PsfSet, or an object with its `mixed` and `oversampling`: `psf.mixed(function)(x, y)` is a
+    linear function of the PSF's cell integrals (sub-bands, n, n), which are fractions of all the light with the PSF's
+    centre at the middle of the array. Sub-bands are averaged with equal weights.
     `origin` (x0, y0) and `shape` (ny, nx) are the frame's place on the chip, px.
     """
+    cells = math.ceil(max(shape) / cell_px)
+    step, tables_at = (shape[1] / cells, shape[0] / cells), psf.mixed(partial(_tables, oversampling=psf.oversampling))
+    middles = [[start + (n + 0.5) * size - 0.5 for n in range(cells)] for start, size in zip(origin, step, strict=True)]
+    tables = np.array([tables_at(x, y) for y in middles[1] for x in middles[0]])
+    n_eff = np.array([1.0 / np.sum(_sample(table, HALF) ** 2) for table in tables[:, 0]])
+    return PsfModel(*np.ascontiguousarray(tables.transpose(1, 0, 2, 3)), n_eff, origin, step, cells)
+
+
+def _tables(images, oversampling):
+    """Return (2, t, t), rows of PsfModel.coefficients and blurred, of a PSF's cell integrals (sub-bands, n, n)."""
     from scipy.ndimage import gaussian_filter, spline_filter
 
     from csstsim.optics.psf.psf_file import half_pixels, pixel_response
 
-    cells = math.ceil(max(shape) / cell_px)
-    step = shape[1] / cells, shape[0] / cells
-    plain, blurred, n_eff = [], [], []
-    for row in range(cells):
-        for column in range(cells):
-            fine = psf.at(origin[0] + (column + 0.5) * step[0] - 0.5, origin[1] + (row + 0.5) * step[1] - 0.5)
-            cube = half_pixels(fine, psf.oversampling)
-            middle = cube.shape[-1] // 2
-            wide = slice(middle - _MARGIN - 12, middle + _MARGIN + 12)  # 12 beyond, for the filters' edge effects
-            table = pixel_response(np.mean(cube[:, wide, wide], axis=0, dtype=np.float64), 2)
-            keep = slice(11, 12 + 2 * _MARGIN)
-            for image, into in ((table, plain), (gaussian_filter(table, 2.0 * BLUR), blurred)):
-                into.append(spline_filter(image, order=3)[keep, keep])
-            stamp = _sample(plain[-1], HALF)
-            n_eff.append(1.0 / np.sum(stamp**2))
-    return PsfModel(np.array(plain), np.array(blurred), np.array(n_eff), origin, step, cells)
+    image = half_pixels(np.mean(images, axis=0, dtype=np.float64), oversampling)
+    middle = image.shape[-1] // 2
+    wide = slice(middle - _MARGIN - 12, middle + _MARGIN + 12)  # 12 beyond, for the filters' edge effects
+    table, keep = pixel_response(image[wide, wide], 2), slice(11, 12 + 2 * _MARGIN)
+    return np.array([spline_filter(i, order=3)[keep, keep] for i in (table, gaussian_filter(table, 2.0 * BLUR))])
 
 
 @numba.njit(cache=True)
@@ -131,6 +125,18 @@ def draw_psf(table, dx, dy, half, out):
                     line += wx[b] * table[j0 - 1 + 2 * r + a, i0 - 1 + 2 * c + b]
                 total += wy[a] * line
             out[r, c] = total
+
+
+@numba.njit(cache=True)
+def _smallest_pairs(tables, offsets):
+    stamp, least = np.empty((3, 3)), np.full(4, np.inf)
+    for table in tables:
+        for dy in offsets:
+            for dx in offsets:
+                draw_psf(table, dx, dy, 1, stamp)
+                for k, (r, c) in enumerate(((1, 2), (2, 1), (2, 2), (2, 0))):
+                    least[k] = min(least[k], 0.5 * (stamp[r, c] + stamp[2 - r, 2 - c]) / stamp[1, 1])
+    return least
 
 
 def _sample(table, half):

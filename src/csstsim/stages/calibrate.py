@@ -5,6 +5,8 @@ calibration: frames    masters of `csstsim masters` for pixel response and defec
                        because a survey finds these from its own stars; other traps, of the same density
 """
 
+from functools import partial
+
 import numpy as np
 
 from csstsim.base.errors import InputError
@@ -14,8 +16,6 @@ from csstsim.base.rng import Streams
 from csstsim.stages.level0 import own_level0
 from csstsim.stages.masters import masters_recipe
 from csstsim.stages.psf import open_psf
-
-PUSHES = 2  # passes of the brighter-fatter correction: charge moves by per cents, the second by per cents of those
 
 
 @one_thread
@@ -51,26 +51,36 @@ def calibrate(run, job):
 def calibrated_frame(run, job):
     """Return (io.level0.Level0, measure.calibrate.Calibrated) of a job's file. Raises InputError."""
     from csstsim.measure.calibrate import calibrate as to_electrons
+    from csstsim.measure.charge_correction import put_back
 
     file, streams = own_level0(run, job), run.streams(job, "measure")
     steps, detector = run.steps[job.pointing.type], run.camera.detector
     from_frames = run.config.measurement.calibration == "frames"
     response, bad, offset = (_by_masters if from_frames else _by_truth)(run, job, streams)
-    traps = Streams(run.config.seed, job.obsid, -job.chip.id, "measure") if from_frames else streams
+    traps, passes = steps.step("cte_effect"), run.config.measurement.cti_passes
+    correct = partial(
+        put_back, detector=detector, window=job.window, traps=traps and traps.param, passes=passes,
+        spread=steps.step("brighter_fatter") is not None,
+        rng=Streams(run.config.seed, job.obsid, -job.chip.id, "measure") if from_frames else streams,
+    )  # fmt: skip
     return file, to_electrons(
         file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
         full_well=detector.full_well, response=response, bad=bad, offset=offset,
-        correct=_charge_correction(run, job, steps, traps),
+        correct=correct,
     )  # fmt: skip
 
 
-def _response(run, job, streams, prnu):
-    from csstsim.optics.throughput.response import response_map
+def _response(run, job, streams, *, prnu, master=None):
+    """Return the optics.throughput.response.Response of a job's frame; None if it is 1 everywhere."""
+    from csstsim.optics.throughput.response import Response
 
     exposure, losses = job.exposure, job.exposure.losses
-    return response_map(
+    key = streams.chip_key("prnu") if prnu and losses.prnu else None
+    if not (losses.flat or losses.shutter) and key is None and master is None:
+        return None
+    return Response(
         exposure.chip, exposure.window, exposure.filter, exposure.exptime, run.camera.leds, streams.camera,
-        flat=losses.flat, shutter=losses.shutter, prnu=streams.chip_key("prnu") if prnu and losses.prnu else None,
+        flat=losses.flat, shutter=losses.shutter, prnu=key, master=master,
     )  # fmt: skip
 
 
@@ -87,34 +97,7 @@ def _by_masters(run, job, streams):
 
     planes, meta = load_frame(run.masters(job.chip.id), masters_recipe(run, job.chip.id))
     check_release(run.masters(job.chip.id), meta.get("csstsim"))
-    part, response = job.window.slices, _response(run, job, streams, prnu=False)
-    flat = np.ascontiguousarray(planes["flat"][part])
+    part = job.window.slices
+    response = _response(run, job, streams, prnu=False, master=np.ascontiguousarray(planes["flat"][part]))
     offset = {int(channel): value for channel, value in meta["offset"].items()}
-    return flat if response is None else flat * response, planes["bad"][part] > 0, offset
-
-
-def _charge_correction(run, job, steps, streams):
-    """Return a function that moves charge back to where light made it. streams: rng.Streams of the traps."""
-    from csstsim.detector.bfe_kernel import detector_kernel
-    from csstsim.detector.brighter_fatter import move_charge
-    from csstsim.detector.charge_transfer.transfer import transfer
-    from csstsim.measure.charge_correction import corrected
-
-    detector, passes = run.camera.detector, run.config.measurement.cti_passes
-    traps, spread = steps.step("cte_effect"), steps.step("brighter_fatter")
-
-    def trap(image):
-        transfer(image, detector, job.window, streams, density=traps.param.density_scale, serial=traps.param.serial)
-
-    def push(image):
-        below = np.minimum(image, np.float32(0.0))  # negative read noise is no charge
-        image -= below
-        move_charge(image, *detector_kernel(detector), detector.full_well)
-        image += below
-
-    def correct(electrons):
-        if traps and traps.param.density_scale > 0:
-            electrons = corrected(electrons, trap, passes)
-        return corrected(electrons, push, PUSHES) if spread else electrons
-
-    return correct
+    return response, planes["bad"][part] > 0, offset

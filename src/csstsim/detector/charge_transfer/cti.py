@@ -98,7 +98,8 @@ def _transfer(image, flip, lead, n_rows, fill, trail, keys, x0, density, timesca
         for c in range(n):
             column = np.uint64(x0 + first + c)
             own = word(keys[0], column), word(keys[1], column)
-            trapped += _column(packets[c], n_packets, own, density, timescale, well, fullest, head, room, search)
+            line = packets[c]
+            trapped += transfer_column(line, n_packets, own, density, timescale, well, fullest, head, room, search)
         _exchange(image, flip, first, packets[:n, lead:], True)
         for y in range(len(trail)):
             for c in range(n):
@@ -128,8 +129,12 @@ def whole(charge):
 
 
 @numba.njit(cache=True)
-def _column(packets, n_packets, keys, density, timescale, well, fullest, head, room, search):
-    """Draw a column's traps and follow them; return the electrons left in traps."""
+def transfer_column(packets, n_packets, keys, density, timescale, well, fullest, head, room, search):
+    """Draw a column's traps and follow them; return the electrons left in traps.
+
+    packets: as of `follow_all`; keys: uint64 of the column's traps and releases; fullest (n_rows,) float64, head
+    (n_rows,) int32, room, search: work space.
+    """
     beta, full_well, notch = well
     most, share = 0, 0.0
     for k in range(len(head) - 1, -1, -1):

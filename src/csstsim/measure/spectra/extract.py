@@ -69,7 +69,8 @@ class DispersedImage:
         """Return the DispersedImage of a calibrate.Calibrated."""
         noise = float(np.mean(list(calibrated.read_noise.values())))
         unusable = calibrated.bad | ~np.isfinite(calibrated.electrons)
-        seen = calibrated.electrons, unusable, calibrated.saturated, calibrated.response
+        response = calibrated.response and calibrated.response.rows(0, window.ny)
+        seen = calibrated.electrons, unusable, calibrated.saturated, response
         return cls(window, *seen, noise, others)
 
     @cached_property

@@ -10,6 +10,7 @@ Between nodes the PSF is a weighted sum of nodes: optics.psf.interpolation.
 import json
 import os
 from contextlib import contextmanager
+from functools import cache
 
 import h5py
 import numpy as np
@@ -221,3 +222,17 @@ class PsfSet:
         index, weight, _ = self.weights(float(x), float(y))
         used = weight != 0
         return sum(w * self.node(i).astype(np.float64) for i, w in zip(index[used], weight[used], strict=True))
+
+    def mixed(self, function):
+        """Return a function of one pixel position x, y: `function` of the PSF there, for linear functions of images.
+
+        function: of a node's images (4, cells, cells) float32, to an array. It is called once for each node in use.
+        """
+        of_node = cache(lambda index: function(self.node(index)))
+
+        def at(x, y):
+            index, weight, _ = self.weights(float(x), float(y))
+            used = weight != 0
+            return sum(w * of_node(i) for i, w in zip(index[used].tolist(), weight[used], strict=True))
+
+        return at

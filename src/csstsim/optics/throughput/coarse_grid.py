@@ -23,6 +23,17 @@ def expand(grid, chip, window):
     return out
 
 
+def pick(grid, chip, x, y):
+    """Return (n,) float32: the values of `expand` at single pixels of the chip, columns x and rows y (int, (n,))."""
+    detector, last = chip.detector, len(grid) - 2
+    u, v = x * ((last + 1) / max(detector.nx - 1, 1)), y * ((last + 1) / max(detector.ny - 1, 1))
+    column, row = (np.minimum(place.astype(np.int64), last) for place in (u, v))
+    part, t = (u - column).astype(np.float32), v - row
+    grid = np.asarray(grid, float)
+    here, next_ = (((1 - t) * grid[row, k] + t * grid[row + 1, k]).astype(np.float32) for k in (column, column + 1))
+    return here + (next_ - here) * part
+
+
 @numba.njit(cache=True)
 def _bilinear(grid, u, v, out):
     last = len(grid) - 2

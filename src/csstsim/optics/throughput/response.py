@@ -1,5 +1,7 @@
 """The response to light from the sky: flat field x shutter x pixel response (PRNU), the same for all sources."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from csstsim.detector import prnu as pixels
@@ -25,19 +27,55 @@ def response_maximum(chip, filter, leds, camera, *, flat, shutter):
 def response_map(chip, window, filter, exptime, leds, camera, *, flat, shutter, prnu=None):
     """Return (ny, nx) float32, the fraction of nominal light that is detected; None if all losses are off.
 
-    leds: Camera.leds; camera: function of a name that returns a Generator, the same in all exposures
-    (rng.Streams.camera); prnu: uint64, the chip's key (rng.Streams.chip_key) of the pixel response, or None: no PRNU.
-    Raises InputError.
+    Arguments are those of `Response`. Raises InputError.
     """
     if not (flat or shutter) and prnu is None:
         return None
-    if flat:
-        check_flat(leds)
-        out = FlatField(leds, camera).external_map(chip, window, filter)
-    else:
-        out = np.ones(window.shape, np.float32)
-    if shutter:
-        out *= exposed(chip, window, exptime).astype(np.float32)
-    if prnu is not None:
-        pixels.multiply(out, window.x0, window.y0, chip.detector.prnu, prnu)
-    return out
+    losses = {"flat": flat, "shutter": shutter, "prnu": prnu}
+    return Response(chip, window, filter, exptime, leds, camera, **losses).rows(0, window.ny)
+
+
+class Response:
+    """The fraction of nominal light that each pixel of a window detects, computed for the pixels that are asked for."""
+
+    def __init__(self, chip, window, filter, exptime, leds, camera, *, flat, shutter, prnu=None, master=None):
+        """Prepare the response of a chip's Window.
+
+        leds: Camera.leds; camera: function of a name that returns a Generator, the same in all exposures
+        (rng.Streams.camera); prnu: uint64, the chip's key (rng.Streams.chip_key) of the pixel response, or None: no
+        PRNU; master: float32 (ny, nx) of the window, a measured response of the pixels, or None. Raises InputError.
+        """
+        if flat:
+            check_flat(leds)
+        self._chip, self._window, self._prnu, self._master = chip, window, prnu, master
+        self._grid = FlatField(leds, camera).external_grid(chip, filter) if flat else None
+        self._exposed = exposed(chip, window, exptime).astype(np.float32) if shutter else None
+
+    def rows(self, first, last):
+        """Return float32 (last - first, nx), of the window's rows first to last - 1."""
+        from csstsim.optics.throughput.coarse_grid import expand
+
+        window = replace(self._window, y0=self._window.y0 + first, y1=self._window.y0 + last)
+        out = np.ones(window.shape, np.float32) if self._grid is None else expand(self._grid, self._chip, window)
+        if self._exposed is not None:
+            out *= self._exposed
+        if self._prnu is not None:
+            pixels.multiply(out, window.x0, window.y0, self._chip.detector.prnu, self._prnu)
+        if self._master is not None:
+            out *= self._master[first:last]
+        return out
+
+    def at(self, row, column):
+        """Return float32 (n,), of single pixels of the window: the numbers of `rows`. row, column: int (n,)."""
+        from csstsim.optics.throughput.coarse_grid import pick
+
+        window = self._window
+        x, y = column + window.x0, row + window.y0
+        out = np.ones(len(row), np.float32) if self._grid is None else pick(self._grid, self._chip, x, y)
+        if self._exposed is not None:
+            out *= self._exposed[column]
+        if self._prnu is not None:
+            pixels.multiply_at(out, x, y, self._chip.detector.prnu, self._prnu)
+        if self._master is not None:
+            out *= self._master[row, column]
+        return out

@@ -1,0 +1,133 @@
+"""Charge transfer undone: the charge that the transfer (detector.charge_transfer) makes into what was read.
+
+    guess <- guess + (read - forward(guess)),   guess = read at first
+
+(Bristow 2003; Massey et al. 2010, MNRAS 401, 371; Anderson & Bedin 2010). Lines are independent of each other, so all
+passes of one are made while it is in the cache, and nothing of the size of the frame is copied. What the registers did
+is undone first, because rows were transferred last.
+"""
+
+import numba
+import numpy as np
+
+from csstsim.base.counter import word
+from csstsim.detector.channels import ReadoutFrame
+from csstsim.detector.charge_transfer.cti import COLUMNS, checked_fill, transfer_column, whole
+from csstsim.detector.charge_transfer.packets import padded, search_room
+from csstsim.detector.charge_transfer.serial import transfer_rows
+from csstsim.detector.charge_transfer.traps import buffers
+
+
+def restore(image, detector, window, rng, *, density, serial, passes):
+    """Undo charge_transfer.transfer.transfer on a window's image [e-], float32 (ny, nx), in place.
+
+    rng: rng.Streams of the traps; density: factor on the trap densities of cti.yaml; serial: transfer along the
+    registers, too; passes: each leaves a tenth of the error before it, or less.
+    """
+    traps, n_rows = detector.traps, detector.channel_ny
+    if serial:
+        _restore_rows(image, detector, window, rng, density, passes)
+    for half in range(2):
+        low, high = (min(max(y, half * n_rows), (half + 1) * n_rows) for y in (window.y0, window.y1))
+        if low < high:
+            restore_columns(
+                image[low - window.y0 : high - window.y0], density * np.array(traps.density), traps.timescale,
+                (traps.beta, traps.full_well, traps.notch),
+                (rng.chip_key(f"traps {half}"), rng.exposure_key(f"release {half}")), passes, flip=bool(half),
+                lead=detector.ny - high if half else low, n_rows=n_rows, overscan=detector.parallel_overscan,
+                x0=window.x0,
+            )  # fmt: skip
+
+
+def restore_columns(
+    image, density, timescale, well, keys, passes, *, flip=False, lead=0, n_rows=None, overscan=0, x0=0
+):
+    """Undo charge_transfer.cti.transfer on an image [e-], float32 (ny, nx), in place, in `passes`.
+
+    The other arguments, and what raises ValueError, are those of `transfer`; the charge of rows that are not in the
+    image is the median of what was read.
+    """
+    ny = len(image)
+    n_rows = lead + ny if n_rows is None else n_rows
+    if image.size and passes:
+        fill = checked_fill(image, ny, lead, n_rows)
+        density, timescale = np.array(density, np.float64), np.array(timescale, np.float64)
+        line = lead, n_rows, n_rows + overscan, fill
+        _restore(image, flip, line, keys, x0, density, timescale, well, buffers(density, n_rows), passes)
+
+
+@numba.njit(cache=True)
+def _restore(image, flip, line, keys, x0, density, timescale, well, room, passes):
+    """Restore all columns, COLUMNS at a time. line: lead, n_rows, packets of a column and charge outside the image."""
+    ny, nx = image.shape
+    lead, n_rows, n_packets, fill = line
+    packets = np.empty(padded(n_packets), np.int32)
+    read, guess = np.empty((COLUMNS, ny), np.float32), np.empty(ny, np.float32)
+    fullest, head = np.empty(n_rows), np.empty(n_rows, np.int32)
+    search = search_room(len(packets))
+    for first in range(0, nx, COLUMNS):
+        n = min(COLUMNS, nx - first)
+        _exchange(image, flip, first, read[:n], False)
+        for c in range(n):
+            column = np.uint64(x0 + first + c)
+            own = word(keys[0], column), word(keys[1], column)
+            guess[:] = read[c]
+            for _ in range(passes):
+                _pack(guess, packets, lead, n_rows, n_packets, fill)
+                transfer_column(packets, n_packets, own, density, timescale, well, fullest, head, room, search)
+                _correct(read[c], guess, packets[lead:])
+            read[c] = guess
+        _exchange(image, flip, first, read[:n], True)
+
+
+@numba.njit(cache=True)
+def _pack(guess, packets, lead, n_rows, n_packets, fill):
+    """Fill the packets of a column: whole electrons of guess, `fill` beside the image, then empty ones, then -1."""
+    packets[:lead] = fill
+    for k in range(len(guess)):
+        packets[lead + k] = whole(guess[k])
+    packets[lead + len(guess) : n_rows] = fill
+    packets[n_rows:n_packets] = 0
+    packets[n_packets:] = -1
+
+
+@numba.njit(cache=True)
+def _correct(read, guess, packets):
+    """Add to guess what is missing in its transferred packets."""
+    for k in range(len(guess)):
+        guess[k] += read[k] - (guess[k] + np.float32(packets[k] - whole(guess[k])))
+
+
+@numba.njit(cache=True)
+def _exchange(image, flip, first, lines, back):
+    """Copy columns first, first + 1, ... of the image to `lines` (column, row in readout order), or back."""
+    ny = image.shape[0]
+    for k in range(ny):
+        row = image[ny - 1 - k if flip else k]
+        for c in range(len(lines)):
+            if back:
+                row[first + c] = lines[c, k]
+            else:
+                lines[c, k] = row[first + c]
+
+
+def _restore_rows(image, detector, window, rng, scale, passes):
+    """Undo the transfer along the registers, channel by channel, in place."""
+    traps, x0, y0 = detector.traps.serial, window.x0, window.y0
+    density = scale * np.array(traps.density, float)
+    for block in ReadoutFrame.of(detector, window).blocks:
+        rows, cols = block.image
+        read = image[block.image][block.as_read]
+        guess = read.copy()
+        keys = rng.chip_key(f"serial traps {block.channel}"), rng.exposure_key(f"serial release {block.channel}")
+        for _ in range(passes):
+            moved = guess.copy()
+            transfer_rows(
+                moved, density, traps.timescale, (traps.beta, traps.full_well, traps.notch), keys,
+                prescan=detector.prescan,
+                lead=(-(x0 + cols.stop) if block.flip_x else x0 + cols.start) % detector.channel_nx,
+                n_columns=detector.channel_nx, overscan=detector.overscan,
+                row0=(-(y0 + rows.stop) if block.flip_y else y0 + rows.start) % detector.channel_ny,
+            )  # fmt: skip
+            guess += read - moved
+        read[:] = guess
