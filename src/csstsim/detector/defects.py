@@ -17,12 +17,12 @@ _SAMPLE = 1_000_000  # pixels used for the background
 _CLIP = 5.0  # robust sigma
 
 
-def background(image):
+def background(image, total=None):
     """Return the clipped mean [e-] of an image, without pixels of objects and defects; at least 0.
 
-    Raises ValueError if the image has NaN or infinite values.
+    total: the sum of its pixels, if it is known. Raises ValueError if the image has NaN or infinite values.
     """
-    if not np.isfinite(image.sum(dtype=float)):
+    if not np.isfinite(image.sum(dtype=float) if total is None else total):
         raise ValueError(f"{np.count_nonzero(~np.isfinite(image))} pixel(s) of the image are not finite")
     some = image.reshape(-1)[:: max(image.size // _SAMPLE, 1) | 1].astype(float)
     middle = np.median(some)

@@ -17,20 +17,23 @@ def bend(image, quadratic, cubic, limit):
     unchanged), and if a value is not finite (the other pixels are then already replaced).
     """
     check_rising(quadratic, cubic, limit)
-    steep, bad = float(slope(limit, quadratic, cubic)), 0
-    for row in image:
-        bad += _bend(row, float(quadratic), float(cubic), float(limit), steep)
+    numbers = float(quadratic), float(cubic), float(limit), float(slope(limit, quadratic, cubic))
+    # Compiled for rows that follow one another in memory, which takes half the time
+    parts = [image] if image.flags.c_contiguous else (image[y : y + 1] for y in range(len(image)))
+    bad = sum(_bend(part, *numbers) for part in parts)
     if bad:
         raise ValueError(f"the charge of {bad} pixel(s) is not finite")
 
 
 @numba.njit(cache=True)
-def _bend(row, quadratic, cubic, limit, steep):
-    """Replace the charge of a row by signal; return the number of values that are not finite."""
+def _bend(image, quadratic, cubic, limit, steep):
+    """Replace charge by signal; return the number of values that are not finite."""
     bad = 0
-    for i in range(len(row)):
-        x = np.float64(row[i])
-        inside = min(max(x, 0.0), limit)
-        row[i] = inside + inside * inside * (quadratic + cubic * inside) + (x - inside) * (steep if x > limit else 1.0)
-        bad += not abs(x) < np.inf
+    for y in range(image.shape[0]):
+        for i in range(image.shape[1]):
+            x = np.float64(image[y, i])
+            inside = min(max(x, 0.0), limit)
+            bent = inside + inside * inside * (quadratic + cubic * inside)
+            image[y, i] = bent + (x - inside) * (steep if x > limit else 1.0)
+            bad += not abs(x) < np.inf
     return bad

@@ -78,7 +78,8 @@ def _sum(words):
 
 
 def _word_sum(raw):
-    """Return the sum of the big-endian 32-bit words in bytes (uint8 array of a multiple of 4)."""
+    """Return the sum of the big-endian 32-bit words in bytes (uint8 array), the last filled with zeros."""
+    raw = np.concatenate([raw, np.zeros(-raw.size % 4, np.uint8)]) if raw.size % 4 else raw
     words = raw.view(np.uint32)
     return _sum(words.byteswap() if _LITTLE else words)
 
@@ -232,27 +233,48 @@ def read_pixels(hdu, path, verify=False):
             return hdu.read()
         except OSError as exc:
             raise InputError(f"cannot be unpacked: {exc}", file=path) from None
-    places, used = hdu.get_offsets(), size * np.dtype(stored).itemsize
-    raw = np.fromfile(path, np.uint8, -(-used // BLOCK) * BLOCK, offset=places["data_start"])
-    if raw.size < used:
-        raise InputError("the FITS file is cut short", file=path)
-    total = _sum_of(path, places["header_start"], places["data_start"]) if verify else 0
-    wide = stored.endswith("4")  # its words are the values
-    for start in range(0, raw.size, _CHUNK):
-        part = raw[start : start + _CHUNK]  # stays in the cache between the sum and the swap
-        if verify and not wide:
-            total += _word_sum(part)
-        if _LITTLE and stored != "u1":
-            part.view(stored).byteswap(inplace=True)
-        if verify and wide:
-            total += _sum(part.view(np.uint32))
+    unsigned = header.get("BZERO") == 32768 and stored == "i2"
+    data, places = np.empty(shape, np.uint16 if unsigned else f"={stored}"), hdu.get_offsets()
+    total = _fill(data.reshape(-1), path, places["data_start"], verify)
     if verify:
-        _check_sum(hdu, path, total)
-    data = raw[:used].view(f"={stored}")
-    if header.get("BZERO") == 32768 and stored == "i2":
-        data = data.view(np.uint16)
-        data ^= np.uint16(0x8000)
-    return data.reshape(shape)
+        _check_sum(hdu, path, total + _sum_of(path, places["header_start"], places["data_start"]))
+    return data
+
+
+def _fill(data, path, start, verify):
+    """Read the values of `data` (1-D) from byte `start` of a file on; return the sum of its 32-bit words if `verify`.
+
+    Raises InputError for a file that ends before.
+    """
+    raw, total = data.view(np.uint8), 0
+    wide = data.itemsize == 4  # its words are the values
+    with open(path, "rb", buffering=0) as file:
+        file.seek(start)
+        for at in range(0, raw.size, _CHUNK):
+            part = raw[at : at + _CHUNK]  # stays in the cache between reading, sum and swap
+            if _read_into(part, file) < part.size:
+                raise InputError("the FITS file is cut short", file=path)
+            if verify and not wide:
+                total += _word_sum(part)
+            if _LITTLE and data.itemsize > 1:
+                part.view(data.dtype).byteswap(inplace=True)
+            if verify and wide:
+                total += _sum(part.view(np.uint32))
+            if data.dtype == np.uint16:
+                part.view(np.uint16)[:] ^= np.uint16(0x8000)
+        if verify:  # what fills the last block
+            rest = np.zeros(-raw.size % BLOCK, np.uint8)
+            _read_into(rest, file)
+            total += _word_sum(np.concatenate([np.zeros(raw.size % 4, np.uint8), rest]))
+    return total
+
+
+def _read_into(part, file):
+    """Fill `part` (uint8) from a raw file; return the number of bytes, fewer at its end."""
+    done = 0
+    while done < part.size and (count := file.readinto(part[done:])):
+        done += count
+    return done
 
 
 def _number(value):

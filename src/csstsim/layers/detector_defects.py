@@ -38,8 +38,8 @@ def apply(state, param, rng):
 
     if state.counted is not None:
         raise ValueError("counted electrons were not merged: poisson_and_dark must come before detector_defects")
-    level = background(state.image)
     before = state.electrons()
+    level = background(state.image, before)
     state.header |= {"hot_pixels": 0, "dead_pixels": 0, "bad_columns": 0, "defects_level": level}
     if param.hot_pixels or param.dead_pixels:
         _pixels(state, param, level, rng)

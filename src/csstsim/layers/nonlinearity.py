@@ -6,6 +6,7 @@ polynomial for the chip, or one for each channel, scaled by a factor within the 
 Left out: memory of the amplifier.
 """
 
+import numpy as np
 from pydantic import Field
 
 from csstsim.base.errors import InputError
@@ -54,8 +55,10 @@ def apply(state, param, rng):
         scales = [1 + detector.nonlinearity_spread * draw.uniform(-1.0, 1.0) for draw in draws]
     pairs = [[scale * detector.nonlinearity_quadratic, scale * detector.nonlinearity_cubic] for scale in scales]
     active = state.image.shape == state.window.shape
-    for block in frame.blocks:
-        part = state.image[block.image if active else block.whole]
-        bend(part, *pairs[block.channel - 1], detector.full_well)
+    parts = {block.channel: block.image if active else block.whole for block in frame.blocks}
+    if not param.nonlinearity_16channel:  # in one pass
+        parts = {1: np.s_[:]}
+    for channel, part in parts.items():
+        bend(state.image[part], *pairs[channel - 1], detector.full_well)
     state.header["nonlinearity_quadratic"], state.header["nonlinearity_cubic"] = map(list, zip(*pairs, strict=True))
     return state

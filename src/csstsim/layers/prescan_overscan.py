@@ -6,6 +6,7 @@ Left out: charge generated in the registers (dark current, clock-induced charge)
 """
 
 from csstsim.detector.channels import ReadoutFrame
+from csstsim.detector.embedding import embedded
 from csstsim.layers.param import LayerParam
 
 STAGE = "readout"
@@ -19,16 +20,18 @@ class Param(LayerParam):
 
 
 def apply(state, param, rng):
-    """Replace state.image, and state.mask, by their readout frames (larger arrays, hence copies).
+    """Replace state.image, and state.mask, by their readout frames, in the same memory if nothing else refers to it.
 
     Raises ValueError if counted electrons were not merged by poisson_and_dark.
     """
     if state.counted is not None:
         raise ValueError("counted electrons were not merged: poisson_and_dark must come before prescan_overscan")
     frame = ReadoutFrame.of(state.chip.detector, state.window)
-    state.image = frame.embed(state.image)
+    planes, state.image = [state.image], None
+    state.image = embedded(planes, frame)
     if state.mask is not None:
-        state.mask = frame.embed(state.mask)
+        planes, state.mask = [state.mask], None
+        state.mask = embedded(planes, frame)
     if state.trailed is not None:
         state.trailed.lay(state.image, frame)
         state.trailed = None

@@ -109,17 +109,30 @@ def _transfer(image, flip, lead, n_rows, fill, trail, keys, x0, density, timesca
 
 @numba.njit(cache=True)
 def _exchange(image, flip, first, packets, back):
-    """Copy the whole electrons of columns first, first + 1, ... to `packets` (column, row), or from them if `back`."""
+    """Copy the whole electrons of columns first, first + 1, ... to `packets` (column, row), or from them if `back`.
+
+    A tile of rows is turned in a small buffer: neighbours in a column of the image, or in a row of the packets, lie a
+    multiple of 4096 bytes apart, so that few of them fit in the cache at once.
+    """
     ny, n = image.shape[0], len(packets)
+    tile = np.empty((_TILE, n), np.int32)
     for start in range(0, ny, _TILE):
-        for c in range(n):
-            for k in range(start, min(start + _TILE, ny)):
-                y = ny - 1 - k if flip else k
-                value = image[y, first + c]
+        count = min(_TILE, ny - start)
+        if back:
+            for c in range(n):
+                for k in range(count):
+                    tile[k, c] = packets[c, start + k]
+        for k in range(count):
+            row, line = image[ny - 1 - start - k if flip else start + k, first : first + n], tile[k]
+            for c in range(n):
                 if back:
-                    image[y, first + c] = value + np.float32(packets[c, k] - whole(value))
+                    row[c] += np.float32(line[c] - whole(row[c]))
                 else:
-                    packets[c, k] = whole(value)
+                    line[c] = whole(row[c])
+        if not back:
+            for c in range(n):
+                for k in range(count):
+                    packets[c, start + k] = tile[k, c]
 
 
 @numba.njit(inline="always")

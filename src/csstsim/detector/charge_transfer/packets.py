@@ -11,8 +11,8 @@ import numba
 import numpy as np
 
 _BLOCK, _SUPER = 5, 9  # log2 of the packets in a block and in a super-block
-# Rows of the table: bounds (most, least) of the charge in a block, next block that has more, bounds of super-blocks
-_MOST, _LEAST, _LATER, _MOST_SUPER, _LEAST_SUPER = range(5)
+# Rows of the table: bounds (most, least) of the charge in blocks, and in super-blocks
+_MOST, _LEAST, _MOST_SUPER, _LEAST_SUPER = range(4)
 _BELOW_SKY = 32  # electrons from `base` to the mean of the blocks' least charge
 _BYTE_MAX = 127
 _ONES, _TOPS, _ALL = np.uint64(0x0101010101010101), np.uint64(0x8080808080808080), np.uint64(0xFFFFFFFFFFFFFFFF)
@@ -34,13 +34,13 @@ def search_room(n):
     operations at each use of a tuple of arrays.
     """
     words = np.empty(n >> 3, np.uint64)
-    return np.empty((5, n >> _BLOCK), np.int32), words, words.view(np.uint8)
+    return np.empty((4, n >> _BLOCK), np.int32), words, words.view(np.uint8)
 
 
 @numba.njit(cache=True)
 def set_up(charge, table, small):
     """Prepare the search among `charge` (int32 [e-], of padded length, -1 after the last packet); return `base`."""
-    most, least, later = table[_MOST], table[_LEAST], table[_LATER]
+    most, least = table[_MOST], table[_LEAST]
     table[_MOST_SUPER], table[_LEAST_SUPER] = -1, np.iinfo(np.int32).max
     total, held = 0, 0
     for block in range(len(most)):
@@ -48,15 +48,12 @@ def set_up(charge, table, small):
         for k in range(block << _BLOCK, (block + 1) << _BLOCK):
             top, bottom = max(top, charge[k]), min(bottom, charge[k])
         most[block], least[block] = top, bottom
-        above = block >> (_SUPER - _BLOCK)
-        table[_MOST_SUPER, above] = max(table[_MOST_SUPER, above], top)
+    for block in range(len(most)):  # a loop of its own, so that the compiler can vectorise the one above
+        bottom, above = least[block], block >> (_SUPER - _BLOCK)
+        table[_MOST_SUPER, above] = max(table[_MOST_SUPER, above], most[block])
         table[_LEAST_SUPER, above] = min(table[_LEAST_SUPER, above], bottom)
         total += max(bottom, 0)
         held += bottom > 0
-    for block in range(len(most) - 1, -1, -1):
-        later[block] = block + 1
-        while later[block] < len(most) and most[later[block]] <= most[block]:
-            later[block] = later[later[block]]
     base = max(total // max(held, 1) - _BELOW_SKY, 0)
     for k in range(len(charge)):
         small[k] = min(max(charge[k] - base, 0), _BYTE_MAX)
@@ -74,10 +71,6 @@ def add(charge, table, small, base, k, electrons):
         table[_LEAST, block], table[_LEAST_SUPER, above] = value, min(table[_LEAST_SUPER, above], value)
     elif value > table[_MOST, block]:
         table[_MOST, block], table[_MOST_SUPER, above] = value, max(table[_MOST_SUPER, above], value)
-        before = block - 1
-        while before >= 0 and table[_MOST, before] < value:
-            table[_LATER, before] = min(table[_LATER, before], block)
-            before -= 1
 
 
 @numba.njit(inline="always")
@@ -85,9 +78,10 @@ def first_reaching(charge, table, words, base, k, level):
     """Return the index of the first packet at or after k with at least `level` electrons (>= 1), or the end."""
     end = len(charge)
     while k < end:
-        stop = ((k >> _BLOCK) + 1) << _BLOCK
-        if table[_MOST, k >> _BLOCK] < level:
-            k = table[_LATER, k >> _BLOCK] << _BLOCK
+        block, above = k >> _BLOCK, k >> _SUPER
+        stop = (block + 1) << _BLOCK
+        if table[_MOST, block] < level:
+            k = (above + 1) << _SUPER if table[_MOST_SUPER, above] < level else stop
         elif 1 <= level - base <= _BYTE_MAX:
             while k < stop:
                 found = _reaching(words[k >> 3], level - base, k)
