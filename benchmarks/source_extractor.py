@@ -63,8 +63,14 @@ def default_campaign(output, side, obsids=OBSIDS):
 
 def csstsim(command, run, job):
     """Run a csstsim command on a job; return its CPU seconds."""
-    line = [Path(sys.executable).parent / "csstsim", command, run.file, "--obsid", job.obsid]
-    process = subprocess.Popen([*map(str, line), "--chip", str(job.chip.id)], stdout=sys.stderr)
+    return run_csstsim(command, run.file, "--obsid", job.obsid, "--chip", job.chip.id)
+
+
+def run_csstsim(*arguments):
+    """Run csstsim; return its CPU seconds. Its output goes to stderr; ends with its exit code if that is not 0."""
+    process = subprocess.Popen(
+        [str(part) for part in (Path(sys.executable).parent / "csstsim", *arguments)], stdout=sys.stderr
+    )
     _, process.returncode, used = os.wait4(process.pid, 0)
     if process.returncode:
         sys.exit(process.returncode)

@@ -1,0 +1,202 @@
+"""Merged sources of a field in u, g, r, i against the truth: completeness, galaxies' colours, stars and galaxies apart.
+
+    python benchmarks/merged_completeness.py              # half of a chip, two visits a band; ten CPU-minutes
+    python benchmarks/merged_completeness.py --keep       # the tables as they are, judged again
+
+Level-0 files are made once; every frame is measured and every brick merged at each run. Isolated objects are those of
+`csstsim validate` (bricks.validate). True S/N is that of one exposure, in the best band, for a colour in the worse of
+its two. Colours are measured less true, from the merged magnitudes that are meant for colours if the table has them,
+else Kron. Stars include quasars. A source is called a star if its `star` is above one half.
+
+Exit code 2 if the input cannot be used. Goals that are missed are printed as MISSED.
+"""
+
+import argparse
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import yaml
+from source_extractor import FIELD, csstsim, run_csstsim
+
+from csstsim.base.errors import CsstsimError
+from csstsim.base.healpix import brick_of
+from csstsim.bricks import compare
+from csstsim.bricks.validate import DISTINCT, MeasuredFrame, distinct, judged_truth
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.table import GALAXY, ObjectTable
+from csstsim.io.truth import read_truth
+from csstsim.stages.measure import measured_table
+
+ROOT = Path(__file__).parents[1]
+BANDS = "u", "g", "r", "i"
+EDGES = 10, 15, 30, 500  # of true S/N
+MAGNITUDES = 17, 20, 21, 22, 23, 24, 25, 26  # in r
+GOALS = {"galaxies": 97.0, "stars": 99.0}  # % found
+COLOUR_GOAL = 0.05  # mag
+COLOUR_MAGNITUDES = "gaap_mag_{}", "total_mag_{}", "kron_mag_{}"  # the first that there is
+
+
+def campaign(output, radius):
+    """Write the campaign of the field; return its file. radius: of the region [arcmin]."""
+    output.mkdir(parents=True, exist_ok=True)
+    content = {
+        "schema_version": 1, "name": "merged_completeness", "survey_table": str(ROOT / "survey_tables/demo.csv"),
+        "output": str(output.resolve()), "seed": 1,
+        "select": {
+            "types": ["SCIE"], "chips": "imaging", "filters": list(BANDS), "region": FIELD | {"radius": radius},
+        },
+        "window": "region", "observations": {"SCIE": str(ROOT / "config/observations/science.yaml")},
+    }  # fmt: skip
+    path = output / "campaign.yaml"
+    path.write_text("# Written by benchmarks/merged_completeness.py\n" + yaml.safe_dump(content, sort_keys=False))
+    return path
+
+
+def make(run):
+    """Make what is missing of the campaign; measure all frames and merge all bricks. Returns the CPU seconds."""
+    cpu = 0.0
+    for job in run.jobs:
+        if not run.paths.level0_truth(job).is_file():
+            cpu += csstsim("chip", run, job)
+        cpu += csstsim("measure", run, job)
+    for pix in run.merge_bricks:
+        cpu += run_csstsim("merge", run.file, "--brick", str(pix))
+    return cpu
+
+
+def judged(run):
+    """Return (truth, sources, row of each true object's source or -1, masks of the real sources) of all bricks.
+
+    truth: bricks.validate.distinct, with columns snr_B (NaN if no frame of band B shows the object).
+    """
+    columns, infos, every = [f"mag_{band}" for band in run.camera.bands], {}, []
+    parts = {pix: [] for pix in run.merge_bricks}
+    seen = {band: [] for band in BANDS}
+    for job in run.jobs:
+        table = measured_table(run, job, ["x"])
+        chip = run.camera.detector.channel_ny, run.camera.telescope.pixel_scale
+        frame = MeasuredFrame(read_truth(run.paths.level0_truth(job)), table, *chip)
+        objects = judged_truth(frame)
+        infos.setdefault(frame.band, []).append(frame.info)
+        seen[frame.band].append(objects["id"])
+        every.append(frame.truth)
+        for pix, some in parts.items():
+            inside = brick_of(objects["ra_epoch"], objects["dec_epoch"]) == pix
+            some.append(ObjectTable({name: objects[name][inside] for name in (*DISTINCT, *columns)}))
+    tables = []
+    for pix, some in parts.items():
+        truth, sources = distinct(some, columns), ObjectTable.read(run.paths.merge(pix))
+        real = np.zeros(len(sources), bool)
+        for whole in every:
+            real[compare.real(whole, sources)] = True
+        snr = {}
+        for band in BANDS:
+            on = np.isin(truth["id"], np.concatenate(seen[band]))
+            snr[f"snr_{band}"] = np.where(on, compare.true_snr(band, truth, infos[band]), np.nan)
+        tables.append((truth.with_columns(**snr), sources, compare.match(truth, sources), real))
+    return joined(tables)
+
+
+def joined(tables):
+    """Return the bricks' (truth, sources, match, real) as one."""
+    truth, sources = (
+        ObjectTable({name: np.concatenate([table[name] for table in some]) for name in some[0]})
+        for some in ([each[k] for each in tables] for k in (0, 1))
+    )
+    first = np.cumsum([0, *(len(each[1]) for each in tables)])
+    match = np.concatenate([np.where(each[2] >= 0, each[2] + n, -1) for each, n in zip(tables, first, strict=False)])
+    return truth, sources, match, np.concatenate([each[3] for each in tables])
+
+
+def completeness(truth, match):
+    """Return [(what, percent, n, goal or None)] of isolated objects by the true S/N in their best band."""
+    snr = np.max([np.nan_to_num(truth[f"snr_{band}"]) for band in BANDS], axis=0)
+    alone, galaxy = ~truth["blended"].astype(bool), truth["obj_type"] == GALAXY
+    rows = []
+    for kind, some in (("galaxies", galaxy), ("stars", ~galaxy)):
+        for low, high in ((EDGES[0], np.inf), *pairwise(EDGES)):
+            chosen = alone & some & (snr > low) & (snr <= high)
+            n = int(chosen.sum())
+            share = 100.0 * float((match[chosen] >= 0).mean()) if n else None
+            name = f"S/N > {low}" if np.isinf(high) else f"S/N {low} - {high}"
+            rows.append((f"{kind} found, {name}", share, n, GOALS[kind] if np.isinf(high) else None))
+    return rows
+
+
+def colours(truth, sources, match):
+    """Return [(what, {median, error, sigma, n}, possible)] of isolated galaxies: colour measured less true [mag].
+
+    possible: the number above the S/N in both bands; n of them have both magnitudes.
+    """
+    alone = ~truth["blended"].astype(bool) & (truth["obj_type"] == GALAXY)
+    form, rows = next(form for form in COLOUR_MAGNITUDES if form.format("r") in sources), []
+    for blue, red in pairwise(BANDS):
+        snr = np.fmin(*(np.nan_to_num(truth[f"snr_{band}"]) for band in (blue, red)))
+        some = np.flatnonzero(alone & (snr > EDGES[0]))
+        there = some[match[some] >= 0]
+        given, got = (
+            table[name.format(blue)][at] - table[name.format(red)][at]
+            for table, name, at in ((truth, "mag_{}", there), (sources, form, match[there]))
+        )
+        off = (got - given).astype(float)
+        name = f"{blue} - {red} of galaxies, {form.format('B')}, measured - true"
+        rows.append((name, compare.spread(off[np.isfinite(off)]), len(some)))
+    return rows
+
+
+def kinds(truth, sources, match):
+    """Return [(bin, share of true stars called stars, n, share of those called stars that are, n)], isolated, in r."""
+    some = np.flatnonzero(~truth["blended"].astype(bool) & (match >= 0))
+    star, called = truth["obj_type"][some] != GALAXY, np.asarray(sources["star"])[match[some]] > 0.5
+    rows = []
+    for low, high in pairwise(MAGNITUDES):
+        inside = (truth["mag_r"][some] > low) & (truth["mag_r"][some] <= high)
+        both, true, told = ((inside & mask).sum() for mask in (star & called, star, called))
+        rows.append((f"{low} - {high}", both / max(true, 1), int(true), both / max(told, 1), int(told)))
+    return rows
+
+
+def report(truth, sources, match, real):
+    """Print the tables."""
+    print("| | % | of | goal |\n|---|---|---|---|")
+    for name, share, n, goal in completeness(truth, match):
+        told = "" if goal is None or share is None else f"{goal:g}: {'met' if share >= goal else 'MISSED'}"
+        print(f"| {name} | {'-' if share is None else f'{share:.1f}'} | {n} | {told} |")
+    twice, n = compare.twice(truth, sources, match)
+    print(f"| merged sources with a true object | {100 * real.mean():.1f} | {len(real)} | |")
+    print(f"| counted twice | {'-' if twice is None else f'{100 * twice:.2f}'} | {n} | |")
+    print("\n| colour [mag] | median | scatter | n of possible | goal |\n|---|---|---|---|---|")
+    for name, seen, possible in colours(truth, sources, match):
+        if seen["n"] < 2:
+            print(f"| {name} | - | - | {seen['n']} of {possible} | |")
+            continue
+        told = "met" if abs(seen["median"]) <= COLOUR_GOAL else "MISSED"
+        values = "{median:+.3f} +- {error:.3f} | {sigma:.3f} | {n}".format(**seen)
+        print(f"| {name} | {values} of {possible} | {COLOUR_GOAL:g}: {told} |")
+    print("\n| r [mag] | stars called stars [%] | of | called stars that are [%] | of |\n|---|---|---|---|---|")
+    for name, share, true, pure, told in kinds(truth, sources, match):
+        print(f"| {name} | {100 * share:.1f} | {true} | {100 * pure:.1f} | {told} |")
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--output", type=Path, default=ROOT / "results/merged_completeness")
+    parser.add_argument(
+        "--radius", type=float, default=3.9, help="Of the field, arcmin; its windows are twice as wide."
+    )
+    parser.add_argument("--keep", action="store_true", help="Judge the merged bricks that there are.")
+    given = parser.parse_args()
+    try:
+        run = OpenCampaign(campaign(given.output, given.radius))
+        if not given.keep:
+            print(f"{make(run):.0f} CPU s", file=sys.stderr)
+        report(*judged(run))
+    except CsstsimError as error:
+        print(error, file=sys.stderr)
+        sys.exit(2)
+
+
+if __name__ == "__main__":
+    main()
