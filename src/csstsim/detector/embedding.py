@@ -1,4 +1,7 @@
-"""The readout frame of an image in the image's own memory: a second plane of a whole chip would cost 0.2 CPU s."""
+"""The readout frame of an image (paper, Appendix B item 11) made in the image's own memory.
+
+A second plane of a whole chip would cost 0.2 CPU s, most of it for the pages of new memory.
+"""
 
 _ROWS = 16  # moved at a time, so that they stay in the cache
 
@@ -6,7 +9,8 @@ _ROWS = 16  # moved at a time, so that they stay in the cache
 def embedded(planes, readout):
     """Return `readout.embed(planes.pop())`, in the memory of that array if nothing else refers to it.
 
-    planes: a list, so that the array can be taken from the caller; readout: a detector.channels.ReadoutFrame.
+    planes: a list of the image (shape of the window), so that it can be taken from the caller; readout: a
+    detector.channels.ReadoutFrame.
     """
     image = planes.pop()
     try:
