@@ -34,6 +34,7 @@ PARTS = {
     "combine": ["csstsim.measure.catalogue:combine"],
     "PSF photometry": ["csstsim.measure.catalogue:fit_sources"],
     "Kron photometry": ["csstsim.measure.catalogue:kron_flux"],
+    "total fluxes": ["csstsim.measure.catalogue:profile_tables", "csstsim.measure.catalogue:total_light"],
     "position errors": ["csstsim.measure.catalogue:position_errors"],
     "moments": ["csstsim.measure.catalogue:_shapes", "csstsim.measure.catalogue:_sky_shapes"],
     "astrometry": [

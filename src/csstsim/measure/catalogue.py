@@ -18,6 +18,8 @@ from csstsim.measure.combine import combine
 from csstsim.measure.detect import detect
 from csstsim.measure.moments import measure_shapes, on_sky, reduced, without_psf
 from csstsim.measure.photometry import APERTURE, aperture_flux, fit_sources, kron_flux, psf_model
+from csstsim.measure.profile_tables import profile_tables
+from csstsim.measure.total_light import total_light
 
 # Bits of `flags`.
 BLENDED, TRUNCATED, SATURATED, NEGATIVE_FLUX = 1, 2, 4, 8
@@ -62,6 +64,19 @@ COLUMNS = {
     "flux_kron_err": (np.float64, "its error"),
     "mag_kron": (np.float64, "AB; NaN where the flux is not positive"),
     "mag_kron_err": (np.float64, "its error"),
+    "flux_total": (np.float64, "electrons of the exposure: all the light, of a fitted profile (measure.total_light)"),
+    "flux_total_err": (np.float64, "its error, size and profile free"),
+    "mag_total": (np.float64, "AB; NaN where the flux is not positive"),
+    "mag_total_err": (np.float64, "its error"),
+    "flux_gaap": (
+        np.float64,
+        "for colours: electrons in a Gaussian aperture, FWHM 1 arcsec, before the PSF",
+    ),
+    "flux_gaap_err": (np.float64, "its error"),
+    "mag_gaap": (np.float64, "AB; NaN where the flux is not positive"),
+    "mag_gaap_err": (np.float64, "its error"),
+    "half_light": (np.float32, "arcsec, half-light radius sqrt(a b) of the fitted profile before the PSF"),
+    "point": (np.float32, "probability of a point against a galaxy, from the fit of profiles"),
     "snr": (np.float32, "flux_psf / flux_psf_err; 0 where there is no error"),
     "fwhm": (np.float32, "px, twice the half-light radius"),
     "a": (np.float32, "px, major axis of the isophote's moments, rms"),
@@ -113,12 +128,14 @@ def measure_frame(calibrated, psf, wcs, observer, *, obsid, chip, filter, telesc
     passes = detect(calibrated.electrons, kernel, saturated=unusable > 0)
     found = combine(passes, _fit(passes, passes.hot, calibrated, unusable, model, window), kernel)
     table = _sources(found, calibrated, unusable, model, window)
+    profiles = profile_tables(psf, (window.x0, window.y0), window.shape, telescope.pixel_scale)
+    table |= total_light(found, table, unusable, calibrated.counted(found.x, found.y), profiles)
     table["ra_apparent"], table["dec_apparent"] = wcs.pixel_to_world(table["x"], table["y"])
     table["ra"], table["dec"] = icrs(table["ra_apparent"], table["dec_apparent"], observer)
     seen = table["ra_apparent"], table["dec_apparent"]
     table["g1"], table["g2"] = _sky_shapes(table.pop("e"), wcs.jacobian(table["ra"], table["dec"], seen=seen))
     table["pos_err"] = table.pop("pos_err_px") * telescope.pixel_scale
-    for kind in ("psf", "aper", "kron"):
+    for kind in ("psf", "aper", "kron", "total", "gaap"):
         magnitudes = magnitude(table[f"flux_{kind}"], table[f"flux_{kind}_err"], zeropoint)
         table[f"mag_{kind}"], table[f"mag_{kind}_err"] = magnitudes
     n = len(table["x"])
