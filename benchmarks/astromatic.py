@@ -4,15 +4,15 @@
 
 1. source-extractor finds the brighter sources with a Gaussian kernel and cuts a vignette of each.
 2. psfex makes a PSF model, linear in x and y, of those that look like stars.
-3. source-extractor finds all sources with that model as the kernel and with threshold and deblending of
-   `measure.detect`. It fits the model (FLUX_PSF) in a window as large as the isophote, at least 3 px.
+3. source-extractor finds all sources with that model as the kernel, THRESHOLD, and its own deblending. It fits the
+   model (FLUX_PSF) in a window as large as the isophote, at least 3 px.
 
 source-extractor subtracts its own background, on a mesh as wide as csstsim's. Pixels with a defect or a cosmic ray have
 no weight. The noise map is that of the background, ERR without the light of the sources: source-extractor adds their
 shot noise by itself, and weights that include the noise of a pixel's own light make fluxes too faint.
 
 `plain` is source-extractor alone as it is shipped: 1.5 sigma on 5 px, its 3 x 3 kernel, deblending and cleaning. `deep`
-is the same with a Gaussian kernel as wide as the PSF, and the threshold of `measure.detect` on single pixels.
+is the same with a Gaussian kernel as wide as the PSF, and THRESHOLD on single pixels.
 """
 
 import os
@@ -27,14 +27,13 @@ from scipy.ndimage import map_coordinates, zoom
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.table import ObjectTable
-from csstsim.measure.background import SECOND_BOX
 from csstsim.measure.bad_pixels import FULL
 from csstsim.measure.catalogue import SATURATED
-from csstsim.measure.detect import DEBLEND_LEVELS, HOT_CONTRAST, THRESHOLD
 
 PROGRAMS = "source-extractor", "psfex"
 APERTURE = 12.0  # px, diameter within which psfex normalises its model
 FEWEST_STARS = 5  # for a PSF model
+THRESHOLD = 3.75  # S/N of a peak behind a kernel as wide as the PSF, of the deep catalogues
 _STEP, _STEPS = 0.5, 41  # px and number of samples of psfex's model: light within 10 px
 _VIGNETTE = 45  # px, side: holds psfex's model with room to shift it
 UNUSABLE = np.float32(1e31)  # an rms above 1e30: no weight
@@ -44,9 +43,8 @@ _SECOND = "XWIN_IMAGE", "YWIN_IMAGE", "FLUX_PSF", "FLUXERR_PSF", "FLUX_AUTO", "I
 _KERNEL = "/usr/share/source-extractor/default.conv"
 _PLAIN = "XWIN_IMAGE", "YWIN_IMAGE", "FLUX_AUTO", "FLUXERR_AUTO"
 _SETTINGS = {
-    "CATALOG_TYPE": "FITS_LDAC", "THRESH_TYPE": "RELATIVE", "DEBLEND_NTHRESH": DEBLEND_LEVELS,
-    "DEBLEND_MINCONT": HOT_CONTRAST, "CLEAN": "N", "WEIGHT_TYPE": "MAP_RMS", "WEIGHT_IMAGE": "rms.fits",
-    "RESCALE_WEIGHTS": "N", "FLAG_IMAGE": "flag.fits", "PHOT_APERTURES": APERTURE, "SATUR_LEVEL": 1e9,
+    "CATALOG_TYPE": "FITS_LDAC", "THRESH_TYPE": "RELATIVE", "CLEAN": "N", "BACK_SIZE": 256,
+    "WEIGHT_TYPE": "MAP_RMS", "WEIGHT_IMAGE": "rms.fits", "RESCALE_WEIGHTS": "N", "FLAG_IMAGE": "flag.fits", "PHOT_APERTURES": APERTURE, "SATUR_LEVEL": 1e9,
     "MEMORY_OBJSTACK": 65_000, "MEMORY_PIXSTACK": 5_000_000, "PIXEL_SCALE": 0.074, "VERBOSE_TYPE": "QUIET",
     "STARNNW_NAME": "/usr/share/source-extractor/default.nnw",
 }  # fmt: skip
@@ -89,7 +87,7 @@ def extract(calibrated, folder, exptime):
     exptime: seconds. Raises InputError for a frame with too few stars.
     """
     header = _write_planes(calibrated, folder, exptime)
-    settings = _SETTINGS | {"GAIN": exptime, "BACK_SIZE": SECOND_BOX}
+    settings = _SETTINGS | {"GAIN": exptime}
     cost = {"source-extractor, vignettes": _find(folder, "first", gauss(), 5.0, 3, _FIRST, settings)}
     cost["psfex"] = _run(folder, "psfex", "first.cat", _PSFEX)
     psf, about = _middle(folder / "first.psf")
@@ -117,7 +115,7 @@ def plain(calibrated, folder, exptime, deep=False):
     """Return (ObjectTable, CPU seconds, GB) of source-extractor as shipped; columns x, y, flux (AUTO) [electron], snr.
 
     Arguments as of `extract`. Only the weights, the saturation and the size of its buffers are given. deep: with a
-    kernel as wide as the PSF, and the threshold of `measure.detect` on its pixels.
+    kernel as wide as the PSF, and THRESHOLD on its pixels.
     """
     header = _write_planes(calibrated, folder, exptime)
     settings = {name: _SETTINGS[name] for name in _GIVEN} | {"GAIN": exptime}

@@ -7,7 +7,7 @@
 
 The chip is that of config/full_chip.yaml. Its Level-0 file is made if there is none, and calibrated once. Every code
 gets that calibrated image, except csstsim, whose `measure` calibrates by itself: the same steps, timed apart. The codes
-run as shipped, those called "deep" with a kernel as wide as the PSF and the threshold of `measure.detect`. A code
+run as shipped, those called "deep" with a kernel as wide as the PSF and a S/N of 3.75 as the threshold. A code
 without its program or library is left out. Tables and scores are stored in --output. catalogue_scores.py explains the
 scores; the number in brackets behind a completeness is the share [%] found by chance, for which it is corrected.
 """
@@ -136,9 +136,7 @@ def scored(run, job, paths):
     columns = {}
     for path in paths:
         table = ObjectTable.read(path)
-        if missing := [
-            name for name in ("x", "y", "flux_psf", "flux_kron", "star", "snr", "flags") if name not in table
-        ]:
+        if missing := [name for name in ("x", "y", "flux_total", "snr", "flags") if name not in table]:
             raise InputError("not a measured table: it lacks a column", file=path, key=missing[0])
         columns[path.stem] = {"scores": scores(judge_of(run, job, table.meta), own_catalogue(table))}
     return columns

@@ -11,17 +11,16 @@ import sys
 from functools import partial
 
 import numpy as np
-from astromatic import UNUSABLE, gauss, planes
+from astromatic import THRESHOLD, UNUSABLE, gauss, planes
 from astropy.io import fits
 
 from csstsim.catalog.table import ObjectTable
-from csstsim.measure.detect import THRESHOLD
 
 
 def with_sep(image, bad, exptime, deep=False):
     """Return columns x, y [px of the image], flux and err [the image's unit]. image: e-/s; bad: pixels left out.
 
-    deep: with a kernel as wide as the PSF, and the threshold of `measure.detect` on its pixels.
+    deep: with a kernel as wide as the PSF, and `astromatic.THRESHOLD` on its pixels.
     """
     import sep
 

@@ -77,12 +77,10 @@ class Judge:
 def own_catalogue(table):
     """Return the catalogue of a measured table of csstsim (measure.catalogue), without what it calls sharp.
 
-    The flux of a source is that of the PSF if it is called a star, else its total, or Kron without a total.
+    The flux of a source is its total, star or galaxy.
     """
     table = table.take((table["flags"] & SHARP) == 0)
-    total = table["flux_total" if "flux_total" in table else "flux_kron"]
-    flux = np.where(table["star"], table["flux_psf"], total)
-    return ObjectTable({"x": table["x"], "y": table["y"], "flux": flux, "snr": table["snr"]})
+    return ObjectTable({"x": table["x"], "y": table["y"], "flux": table["flux_total"], "snr": table["snr"]})
 
 
 def scores(judge, table):

@@ -85,13 +85,10 @@ def test_false_sources_by_claimed_sn_and_place(scripts):
     assert rows["second detections of an object, claimed S/N > 5"]["value"] == 1
 
 
-def test_own_catalogue_takes_the_flux_that_fits_and_no_sharp_source(scripts):
-    own = ObjectTable({
-        "x": np.arange(3.0), "y": np.zeros(3), "snr": np.ones(3), "star": np.array([True, False, True]),
-        "flux_psf": np.array([1.0, 2.0, 3.0]), "flux_kron": np.array([10.0, 20.0, 30.0]),
-        "flags": np.array([0, 0, SHARP]),
-    })  # fmt: skip
-    assert scripts.own_catalogue(own)["flux"].tolist() == [1.0, 20.0]
+def test_own_catalogue_has_total_fluxes_and_no_sharp_source(scripts):
+    own = {"x": np.arange(3.0), "y": np.zeros(3), "snr": np.ones(3), "flux_total": np.array([1.0, 20.0, 3.0])}
+    found = scripts.own_catalogue(ObjectTable(own | {"flags": np.array([0, 0, SHARP])}))
+    assert found["flux"].tolist() == [1.0, 20.0]
 
 
 def test_no_detection_at_all(scripts):
