@@ -44,7 +44,8 @@ _KERNEL = "/usr/share/source-extractor/default.conv"
 _PLAIN = "XWIN_IMAGE", "YWIN_IMAGE", "FLUX_AUTO", "FLUXERR_AUTO"
 _SETTINGS = {
     "CATALOG_TYPE": "FITS_LDAC", "THRESH_TYPE": "RELATIVE", "CLEAN": "N", "BACK_SIZE": 256,
-    "WEIGHT_TYPE": "MAP_RMS", "WEIGHT_IMAGE": "rms.fits", "RESCALE_WEIGHTS": "N", "FLAG_IMAGE": "flag.fits", "PHOT_APERTURES": APERTURE, "SATUR_LEVEL": 1e9,
+    "WEIGHT_TYPE": "MAP_RMS", "WEIGHT_IMAGE": "rms.fits", "RESCALE_WEIGHTS": "N",
+    "FLAG_IMAGE": "flag.fits", "PHOT_APERTURES": APERTURE, "SATUR_LEVEL": 1e9,
     "MEMORY_OBJSTACK": 65_000, "MEMORY_PIXSTACK": 5_000_000, "PIXEL_SCALE": 0.074, "VERBOSE_TYPE": "QUIET",
     "STARNNW_NAME": "/usr/share/source-extractor/default.nnw",
 }  # fmt: skip
