@@ -22,18 +22,24 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
 
 RUNS = 3
-LIMITS = 60.0, 3.0  # CPU s, GB
+LIMITS = 15.0, 1.2  # CPU s, GB
 PARTS = {
     "calibrate": ["csstsim.stages.calibrate:calibrated_frame"],
     "charge moved back": ["csstsim.measure.charge_correction:put_back"],
     "PSF": ["csstsim.stages.psf:open_psf", "csstsim.measure.catalogue:psf_model"],
     "cosmic rays": ["csstsim.measure.catalogue:mend"],
     "background": ["csstsim.measure.detect:subtract_background"],
-    "detection": ["csstsim.measure.catalogue:detect"],
+    "bright stars": [
+        "csstsim.measure.catalogue:bright_stars", "csstsim.measure.bright_stars:BrightStars.subtract_from",
+        "csstsim.measure.bright_stars:BrightStars.restore_to", "csstsim.measure.bright_stars:BrightStars.add_noise_to",
+    ],
+    "isophotes": ["csstsim.measure.catalogue:isophotes"],
+    "peaks": ["csstsim.measure.catalogue:peaks"],
     "windowed positions, radii": ["csstsim.measure.detect:_sources"],
     "combine": ["csstsim.measure.catalogue:combine"],
     "PSF photometry": ["csstsim.measure.catalogue:fit_sources"],
-    "Kron photometry": ["csstsim.measure.catalogue:kron_flux"],
+    "Kron and aperture photometry": ["csstsim.measure.catalogue:kron_flux", "csstsim.measure.catalogue:aperture_flux"],
+    "tracks": ["csstsim.measure.catalogue:tracks"],
     "total fluxes": ["csstsim.measure.catalogue:profile_tables", "csstsim.measure.catalogue:total_light"],
     "position errors": ["csstsim.measure.catalogue:position_errors"],
     "moments": ["csstsim.measure.catalogue:_shapes", "csstsim.measure.catalogue:_sky_shapes"],

@@ -26,7 +26,7 @@ def integral(edges, sigma=SIGMA):
 class GaussianPsf:
     """Stands for optics.psf.psf_file.PsfSet: the same Gaussian everywhere, 5 um cells."""
 
-    oversampling = 2
+    oversampling, attributes = 2, {}
 
     def at(self, x, y):
         line = integral((np.arange(257) - 128) * 0.5)

@@ -38,7 +38,7 @@ def test_positions_scatter_by_their_error(pulls, low, high):
     use = (snr > low) & (snr < high)
     both = np.concatenate([along_x[use], along_y[use]])
     assert use.sum() > 250
-    assert 0.9 < both.std() < 1.1
+    assert 0.9 < both.std() < (1.12 if low < 9 else 1.1)  # noise of a fifth is not small any more
     for pull in (along_x[use], along_y[use]):
         assert abs(pull.mean()) < 5.0 / np.sqrt(use.sum())
 

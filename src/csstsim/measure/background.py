@@ -41,7 +41,7 @@ def masked_background(image, mask, box=SECOND_BOX):
     for j in range(ny):
         for i in range(nx):
             part = np.s_[rows[j] : rows[j + 1], columns[i] : columns[i + 1]]
-            values = image[part][~mask[part]]
+            values = _unmasked(image[part], mask[part])
             if values.size >= max(GOOD_MIN * mask[part].size, 1):
                 level[j, i], rms[j, i] = _clipped(values)
     if not np.isfinite(level).any():
@@ -49,6 +49,17 @@ def masked_background(image, mask, box=SECOND_BOX):
     middle = (0.5 * (rows[1:] + rows[:-1] - 1), 0.5 * (columns[1:] + columns[:-1] - 1))
     level, rms = (interpolated(_filled(values), middle, image.shape) for values in (level, rms))
     return level, np.maximum(rms, FLOOR)
+
+
+@numba.njit(cache=True)
+def _unmasked(image, mask):
+    """Return the pixels of `image` (ny, nx) that are not in `mask`, (n,)."""
+    out, n = np.empty(image.size, image.dtype), 0
+    for y in range(image.shape[0]):
+        for x in range(image.shape[1]):
+            out[n] = image[y, x]
+            n += not mask[y, x]
+    return out[:n]
 
 
 def _clipped(values):

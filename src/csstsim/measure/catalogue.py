@@ -12,14 +12,17 @@ from csstsim.base.errors import InputError
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.measure.bad_pixels import BAD, FULL, RAY, mend
+from csstsim.measure.bright_stars import bright_stars
 from csstsim.measure.centroid import position_errors
 from csstsim.measure.channel_figures import block_means, channel_figures
-from csstsim.measure.combine import combine
-from csstsim.measure.detect import detect
+from csstsim.measure.combine import Detections, combine
+from csstsim.measure.detect import isophotes, peaks, star_sources
 from csstsim.measure.moments import measure_shapes, on_sky, reduced, without_psf
 from csstsim.measure.photometry import APERTURE, aperture_flux, fit_sources, kron_flux, psf_model
 from csstsim.measure.profile_tables import profile_tables
 from csstsim.measure.total_light import total_light
+from csstsim.measure.tracks import tracks
+from csstsim.optics.scatter.scattered_light import read_scattered
 
 # Bits of `flags`.
 BLENDED, TRUNCATED, SATURATED, NEGATIVE_FLUX = 1, 2, 4, 8
@@ -31,11 +34,10 @@ FLAGS = {
     NEGATIVE_FLUX: "PSF or Kron flux is not positive: its magnitude is NaN",
     KRON_FAILED: "no Kron radius: the smallest aperture was used",
     NOT_CENTRED: "windowed position failed: x, y are the isophotal barycentre",
-    SHARP: "sharper than the PSF by 5 sigma, or a line no wider than it: cosmic ray or defect",
+    SHARP: "sharper than the PSF by 5 sigma, or a line narrower than it: cosmic ray or defect",
     BAD_PIXELS: "defects or cosmic rays within 3 px; they are left out of the fit",
     NO_SHAPE: "S/N below 3, or adaptive moments failed: hsm_sigma, hsm_e1, hsm_e2, resolution, g1, g2, g_err are NaN",
 }
-LINE_E, LINE_WIDTH = 0.4, 0.95  # of a line: least distortion; largest ratio of its short axis squared to the PSF's
 SHAPE_SNR = 3.0  # minimum for a shape: six in seven detections are below it, most of them noise
 STAR_SPREAD = 0.01  # spread of a star from errors of PSF interpolation and centring, in addition to 2.5 x its noise
 
@@ -124,12 +126,21 @@ def measure_frame(calibrated, psf, wcs, observer, *, obsid, chip, filter, telesc
     level = float(np.median(calibrated.electrons[::8, ::8]))
     kernel = model.kernel()
     unusable = mend(calibrated, model)
+    read_noise = float(np.mean(list(calibrated.read_noise.values())))
+    stars = bright_stars(calibrated.electrons, unusable, psf, read_scattered(psf), chip, window, read_noise)
     before = block_means(calibrated.electrons, calibrated.readout)
-    passes = detect(calibrated.electrons, kernel, saturated=unusable > 0)
-    found = combine(passes, _fit(passes, passes.hot, calibrated, unusable, model, window), kernel)
-    table = _sources(found, calibrated, unusable, model, window)
     profiles = profile_tables(psf, (window.x0, window.y0), window.shape, telescope.pixel_scale)
-    table |= total_light(found, table, unusable, calibrated.counted(found.x, found.y), profiles)
+    frame = isophotes(calibrated.electrons, stars, unusable)
+    stars.restore_to(frame.image)
+    channels = channel_figures(calibrated, before, frame.image, frame.rms)
+    parts = [_measured(_of_stars(frame, kernel), calibrated, unusable, model, window, profiles)]
+    stars.subtract_from(frame.image)
+    rms = float(np.median(frame.rms[::8, ::8]))
+    stars.add_noise_to(frame.rms)
+    found, snr = peaks(frame, kernel, unusable)
+    found = combine(frame, found, snr, _fit(frame, found, calibrated, unusable, model, window), kernel)
+    parts.append(_measured(found, calibrated, unusable, model, window, profiles))
+    table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     table["ra_apparent"], table["dec_apparent"] = wcs.pixel_to_world(table["x"], table["y"])
     table["ra"], table["dec"] = icrs(table["ra_apparent"], table["dec_apparent"], observer)
     seen = table["ra_apparent"], table["dec_apparent"]
@@ -144,15 +155,30 @@ def measure_frame(calibrated, psf, wcs, observer, *, obsid, chip, filter, telesc
     order = np.lexsort((table["x"], table["y"], -table["snr"]))
     table["number"] = np.argsort(order)
     columns = {name: np.asarray(table[name])[order].astype(kind) for name, (kind, _) in COLUMNS.items()}
-    rms, n_eff = float(np.median(found.rms[::8, ::8])), float(np.median(model.n_eff))
+    n_eff = float(np.median(model.n_eff))
     info = {
         "obsid": obsid, "chip": chip.id, "filter": filter.name, "exptime": pointing.exptime,
         "zeropoint": float(zeropoint), "background": level, "rms": rms, "n_eff": n_eff,
         "depth_5sigma": float(zeropoint - 2.5 * np.log10(point_source_flux(5.0, rms**2, n_eff))), "sources": n,
         "window": [window.x0, window.x1, window.y0, window.y1],
-        "channels": channel_figures(calibrated, before, passes.image, passes.rms),
+        "channels": channels,
     }  # fmt: skip
     return ObjectTable(columns, info)
+
+
+def _measured(found, calibrated, unusable, model, window, profiles):
+    table = _sources(found, calibrated, unusable, model, window)
+    return table | total_light(found, table, unusable, calibrated.counted(found.x, found.y), profiles)
+
+
+def _of_stars(frame, kernel):
+    """Return the combine.Detections of the bright stars of a detect.Frame whose image has their light."""
+    sources = star_sources(frame, kernel)
+    n = len(frame.stars)
+    return Detections(
+        **vars(sources), extended=np.zeros(n, bool), snr=np.full(n, np.inf), image=frame.image, rms=frame.rms,
+        segments=frame.segments,
+    )  # fmt: skip
 
 
 def _fit(frame, sources, calibrated, unusable, model, window):
@@ -173,6 +199,7 @@ def _sources(found, calibrated, unusable, model, window):
     cell = model.cell(x, y)
     shapes = _shapes(found, snr >= SHAPE_SNR, counted, unusable, model, cell)
     aperture, aperture_error = aperture_flux(found, counted, model.enclosed(APERTURE)[cell])
+    track = tracks(found.image, found.rms, found.x, found.y, found.snr)
     flags = (
         BLENDED * ((found.sep_flag & 1) != 0)
         | TRUNCATED * ((found.sep_flag & 2) != 0)
@@ -181,7 +208,7 @@ def _sources(found, calibrated, unusable, model, window):
         | NEGATIVE_FLUX * ~((flux > 0) & (kron > 0))
         | KRON_FAILED * kron_failed
         | NOT_CENTRED * found.window_failed
-        | SHARP * ((spread < -STAR_SPREAD - 5.0 * spread_error) | _lines(shapes))
+        | SHARP * ((spread < -STAR_SPREAD - 5.0 * spread_error) | track)
         | NO_SHAPE * np.isnan(shapes["hsm_sigma"])
     )
     return shapes | {
@@ -209,20 +236,6 @@ def _shapes(found, bright, counted, unusable, model, cell):
         "hsm_sigma": sigma, "hsm_e1": e1, "hsm_e2": e2, "psf_sigma": psf_sigma, "psf_e1": psf_e1, "psf_e2": psf_e2,
         "resolution": resolution, "e": e, "g_err": error / (1.0 + np.sqrt(1.0 - np.abs(e) ** 2)),
     }  # fmt: skip
-
-
-def _lines(shapes):
-    """Return a mask of long sources that are narrower than the PSF: cosmic-ray tracks too faint to be found by pixel.
-
-    In a full-depth r chip at S/N 5 to 7 they are three quarters of the sources without a true object and 1.5% of those
-    with one; above S/N 10 there are none.
-    """
-    widths = []
-    for kind in ("hsm", "psf"):
-        e = np.hypot(shapes[f"{kind}_e1"], shapes[f"{kind}_e2"])
-        widths.append(shapes[f"{kind}_sigma"] ** 2 * np.sqrt((1 - e) / (1 + e)))
-    long = np.hypot(shapes["hsm_e1"], shapes["hsm_e2"]) > LINE_E
-    return long & (widths[0] < LINE_WIDTH * widths[1])
 
 
 def _sky_shapes(e, jacobian):

@@ -1,95 +1,126 @@
-"""One list of sources from the hot and the cold pass of `measure.detect`: galaxies stay whole, close sources separate.
+"""One list of sources from the isophotes and the peaks of `measure.detect`: galaxies stay whole, close ones separate.
 
-The cold segments divide the frame. Outside them, every hot source is kept. On a segment:
+Off the isophotes every peak is a source. On an isophote:
 
-- The hot source nearest to the cold one's windowed position is the segment's own peak. If it looks like a
-  point source (spread) and its PSF accounts for the light of the segment, it is kept as it is. Otherwise it is an
-  extended source, with the ellipse, half-light radius and windowed position of the cold pass.
-- Any other hot source is kept only if it is a distinct peak: its PSF flux above the *local* level
-  (PSF and a constant fitted together on the kernel's stamp) is `LOCAL_SNR` times its error, and it is
-  `LOCAL_SHARE` of the own peak's or its brightest pixel `LOCAL_CONTRAST` times that level. This rejects noise peaks
-  on a galaxy's disc and the spikes of a star.
-- An own peak of `APART_SNR` that is `APART` from the position of its extended source is kept, too.
-- A cold source without a hot one is kept: it has low surface brightness.
+- The highest peak is the isophote's own. If it looks like a point (spread) and its PSF accounts for the light of the
+  isophote, it is a source as it is. Otherwise the source is extended: it has the isophote's ellipse and half-light
+  radius, and its windowed position unless that lies more than APART from the peak.
+- Any other peak, the highest first, is a source if its flux above the *local* level (a kernel and a constant fitted
+  together on a stamp) is `LOCAL_SNR` times its error. Within `CLOSE` of a source the kernel is the PSF, and the flux
+  must be `LOCAL_SHARE` of that source's; further away a Gaussian of `WIDE` will do, too, for a galaxy. This rejects
+  noise on a galaxy's disc, and the PSF's rings.
+- An isophote without a peak is a source, too: it has low surface brightness.
 """
 
 from dataclasses import dataclass, fields
 
+import numba
 import numpy as np
 
 from csstsim.measure.detect import Sources
 
 LOCAL_SNR = 5.0
-LOCAL_SHARE = 0.02
-LOCAL_CONTRAST = 8.0
-APART, APART_SNR = 1.5, 10.0  # px; local flux over its error
+LOCAL_SHARE, CLOSE = 0.02, 12.0  # px
+WIDE, WIDE_HALF = 2.5, 8  # px: sigma of the Gaussian, half the side of its stamp
+APART = 1.5  # px
 POINT_SPREAD = 0.01, 2.5  # a star's spread: constant and times its error (as in measure.catalogue)
-EXCESS_SIGMA, EXCESS_SHARE = 3.0, 0.3  # light of a segment beyond its point sources that makes it extended
+EXCESS_SIGMA, EXCESS_SHARE = 3.0, 0.3  # light of an isophote beyond its point sources that makes it extended
 
 
 @dataclass(frozen=True)
 class Detections(Sources):
-    """The combined sources, with `image`, `rms`, `segments` of `detect.Passes`; `extended`: of the cold pass."""
+    """The combined sources, with `image`, `rms`, `segments` of `detect.Frame`; `extended`: with an isophote's ellipse.
+
+    `snr`: of the peak, 0 without one.
+    """
 
     extended: np.ndarray
+    snr: np.ndarray
     image: np.ndarray
     rms: np.ndarray
     segments: np.ndarray
 
 
-def combine(passes, fit, kernel):
-    """Return the `Detections` of `passes` (detect.Passes).
+def combine(frame, peaks, snr, fit, kernel):
+    """Return the `Detections` of a detect.Frame without its bright stars.
 
-    `fit` (n, 6): photometry.fit_sources of `passes.hot`; `kernel`: the PSF, normalised or not, odd side.
+    `peaks` (Sources) and their S/N (n,): detect.peaks; `fit` (n, 6): photometry.fit_sources of them; `kernel`: the PSF,
+    normalised or not, odd side.
     """
-    hot, cold = passes.hot, passes.cold
+    isophotes, at = frame.extended, np.arange(len(peaks.x))
     flux, spread, spread_error = (np.nan_to_num(fit[:, k]) for k in (0, 3, 4))
-    peak = _own_peaks(hot, cold)  # of each cold source; -1 without
-    local, local_error, level = local_flux(passes.image, passes.rms, hot.x, hot.y, kernel)
-    owner = np.where(hot.segment > 0, peak[np.maximum(hot.segment, 1) - 1] if len(peak) else -1, -1)
-    main = owner == np.arange(len(hot.x))
-    outstanding = (local > LOCAL_SHARE * flux[owner]) | (local * kernel.max() > LOCAL_CONTRAST * level * kernel.sum())
-    distinct = (local > LOCAL_SNR * local_error) & outstanding
-    kept = (hot.segment == 0) | main | distinct
-    # Light of the segment that its point sources do not explain.
-    inside = kept & (hot.segment > 0)
-    explained = np.bincount(hot.segment[inside], flux[inside], len(cold.x) + 1)[1:]
-    area = np.bincount(passes.segments.ravel(), minlength=len(cold.x) + 1)[1:]
-    noise = np.sqrt(np.maximum(cold.flux, 0.0) + area * float(np.median(passes.rms)) ** 2)
-    excess = cold.flux - explained > np.maximum(EXCESS_SIGMA * noise, EXCESS_SHARE * explained)
+    top = _own_peaks(peaks, snr, len(isophotes.x))
+    r2 = np.arange(-WIDE_HALF, WIDE_HALF + 1) ** 2
+    wide = np.exp(-0.5 * (r2[:, None] + r2) / WIDE**2)
+    on = peaks.segment > 0
+    own = np.zeros(len(at), bool)
+    own[top[top >= 0]] = True
+    local, narrow, broad = np.zeros(len(at)), np.zeros(len(at), bool), np.zeros(len(at), bool)
+    for shape, above in ((wide, broad), (kernel, narrow)):
+        local[on], error = local_flux(frame.image, frame.rms, peaks.x[on], peaks.y[on], shape)
+        above[on] = local[on] > LOCAL_SNR * error
+    order = np.argsort(-snr, kind="stable")
+    kept = _distinct(peaks.x, peaks.y, peaks.segment, order, own, flux, local, narrow, broad)
+    # Light of the isophote that its points do not explain
+    inside = kept & (peaks.segment > 0)
+    explained = np.bincount(peaks.segment[inside], flux[inside], len(isophotes.x) + 1)[1:]
+    noise = np.sqrt(np.maximum(isophotes.flux, 0.0) + isophotes.area * float(np.median(frame.rms[::8, ::8])) ** 2)
+    excess = isophotes.flux - explained > np.maximum(EXCESS_SIGMA * noise, EXCESS_SHARE * explained)
     constant, times = POINT_SPREAD
-    blurred = spread > constant + times * spread_error
-    extended = (peak < 0) | excess | blurred[peak] if len(hot.x) else np.ones(len(cold.x), bool)
-    beneath = np.flatnonzero(extended & (peak >= 0))
-    top = peak[beneath]
-    apart = np.hypot(hot.x[top] - cold.x[beneath], hot.y[top] - cold.y[beneath]) > APART
-    kept[top[~((local[top] > APART_SNR * local_error[top]) & apart)]] = False
+    blurred = np.append(spread > constant + times * spread_error, True)[top]
+    extended = (top < 0) | excess | blurred
+    both = np.flatnonzero(extended & (top >= 0))
+    kept[top[both]] = False
+    apart = np.hypot(peaks.x[top[both]] - isophotes.x[both], peaks.y[top[both]] - isophotes.y[both]) > APART
     rows = np.flatnonzero(kept), np.flatnonzero(extended)
     columns = {
-        f.name: np.concatenate([getattr(part, f.name)[row] for part, row in zip((hot, cold), rows, strict=True)])
+        f.name: np.concatenate([getattr(part, f.name)[row] for part, row in zip((peaks, isophotes), rows, strict=True)])
         for f in fields(Sources)
     }
-    # A cold source keeps its own segment even where the windowed position lies off the isophote.
-    columns["segment"][len(rows[0]) :] = rows[1] + 1
     which = np.repeat([False, True], [len(row) for row in rows])
-    return Detections(**columns, extended=which, image=passes.image, rms=passes.rms, segments=passes.segments)
+    place = len(rows[0]) + np.cumsum(extended) - 1  # row of each extended isophote
+    for name in ("x", "y", "window", "window_failed"):
+        columns[name][place[both[apart]]] = getattr(peaks, name)[top[both[apart]]]
+    # A source keeps its own isophote even where its position lies off it
+    columns["segment"][len(rows[0]) :] = rows[1] + 1
+    heights = np.concatenate([snr[rows[0]], np.append(snr, 0.0)[top[rows[1]]]])
+    return Detections(**columns, extended=which, snr=heights, image=frame.image, rms=frame.rms, segments=frame.segments)
 
 
-def _own_peaks(hot, cold):
-    """Return the row of the hot source nearest to each cold one on its segment, -1 for none; ties: the later row."""
-    count = len(cold.x)
-    peak = np.full(count + 1, -1)
-    if count:
-        owner = np.maximum(hot.segment, 1) - 1
-        order = np.argsort(-np.hypot(hot.x - cold.x[owner], hot.y - cold.y[owner]), kind="stable")
-        peak[hot.segment[order]] = order  # the last assignment, the nearest, stays
-    return peak[1:]
+@numba.njit(cache=True)
+def _distinct(x, y, segment, order, own, flux, local, narrow, broad):
+    """Return bool (n,): which peaks are sources; `order`: the highest first; the rest (n,), see the top of the file."""
+    kept = segment == 0
+    first, after = np.full(segment.max() + 1 if segment.size else 1, -1), np.full(x.size, -1)  # chains of kept peaks
+    for k in order:
+        s = segment[k]
+        if s == 0:
+            continue
+        alone, bright, other = True, narrow[k], first[s]
+        while other >= 0:
+            if (x[k] - x[other]) ** 2 + (y[k] - y[other]) ** 2 < CLOSE**2:
+                alone = False
+                bright = bright and local[k] > LOCAL_SHARE * flux[other]
+            other = after[other]
+        if own[k] or bright or (alone and broad[k]):
+            kept[k] = True
+            after[k] = first[s]
+            first[s] = k
+    return kept
+
+
+def _own_peaks(peaks, snr, count):
+    """Return the row of the highest peak on each of `count` isophotes, -1 for none; ties: the later row."""
+    own = np.full(count + 1, -1)
+    order = np.argsort(snr, kind="stable")
+    own[peaks.segment[order]] = order  # the last assignment, the highest, stays
+    return own[1:]
 
 
 def local_flux(image, rms, x, y, kernel):
-    """Return (flux, error, level): the kernel fitted with a constant on its stamp at the nearest pixels, electron.
+    """Return (flux, error): the kernel fitted with a constant on its stamp at the nearest pixels, electron.
 
-    The flux is the light within the kernel, the level is per pixel; pixels off the image count as zero.
+    The flux is the light within the kernel; pixels off the image count as zero.
     """
     half = kernel.shape[0] // 2
     p = kernel - kernel.mean()
@@ -103,5 +134,4 @@ def local_flux(image, rms, x, y, kernel):
     variance = rms[row, column] ** 2 + np.maximum(data, 0.0)
     norm = np.sum(p**2)
     total = kernel.sum() / norm
-    flux, error = (p * data).sum(axis=(1, 2)) * total, np.sqrt((p**2 * variance).sum(axis=(1, 2))) * total
-    return flux, error, data.mean(axis=(1, 2)) - flux * kernel.mean() / kernel.sum()
+    return (p * data).sum(axis=(1, 2)) * total, np.sqrt((p**2 * variance).sum(axis=(1, 2))) * total

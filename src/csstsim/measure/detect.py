@@ -1,38 +1,39 @@
-"""Find sources in a calibrated image in two passes: background, "cold" and "hot" detection.
+"""Find sources in a calibrated image: bright stars taken out, then peaks of S/N, and isophotes for what is extended.
 
-Source Extractor's algorithms (Bertin & Arnouts 1996) through the `sep` library (Barbary 2016), run twice
-("hot and cold": Rix et al. 2004, ApJS 152, 163; Barden et al. 2012, MNRAS 422, 449); `measure.combine`
-makes one list of the two.
+1. The light of bright stars is fitted and taken out (measure.bright_stars), with its noise added.
+2. Isophotes ("cold" pass; Source Extractor's algorithm, Bertin & Arnouts 1996, through `sep`, Barbary 2016): the image
+   binned 2 x 2, smoothed with a Gaussian of FWHM 0.44 arcsec, a threshold on a smoothed pixel with a minimum area, and
+   coarse deblending. A galaxy stays one source, and its ellipse is that of the galaxy.
+3. The background is measured again with the isophotes masked, on a coarse mesh: a mesh of a few arcseconds takes the
+   outskirts of galaxies for sky.
+4. Peaks of the S/N that a point would have (measure.peaks). At 3.75, 98% of the isolated points of S/N 5 to 6 are found
+   and all brighter ones, at the price of some 130 noise peaks a megapixel, of S/N below 5; `bricks.merge` removes
+   them.
 
-Cold: the image binned 2 x 2, smoothed with a Gaussian of FWHM 0.44 arcsec, a threshold per smoothed pixel
-with a minimum area, and coarse deblending: a galaxy stays one source and its ellipse is that of the galaxy.
-
-Hot: the detection kernel is the PSF itself, so the threshold is on the S/N a point source would have in
-optimal photometry. On fabricated frames, 3.75 finds 98 % of the point sources of S/N 5 to 6 and 99.9 % of all
-above 5, at the price of 85 false detections a megapixel of pure noise, of S/N below 5 (3.5: 99 % and 205;
-4: 94 % and 37); `bricks.merge` removes those. sep's cleaning step is off in both: with a threshold on single
-pixels it takes most sources of S/N 5 to 10 for wings of their neighbours, and many faint galaxies.
-
-The background is measured twice: with a fine mesh to find the sources, then with a coarse one with the cold
-sources masked, because a mesh of a few arcseconds takes the outskirts of galaxies for sky.
+`measure.combine` makes one list of isophotes and peaks ("hot and cold": Rix et al. 2004, ApJS 152, 163).
 """
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from csstsim.measure.background import MASK_MAX, crude_background, masked_background
+from csstsim.measure.bad_pixels import FULL
+from csstsim.measure.bright_stars import BrightStars
 from csstsim.measure.centroid import windowed_positions
-from csstsim.measure.maps import BIN, binned, full_size, grown
+from csstsim.measure.half_light import half_light_radius
+from csstsim.measure.maps import BIN, binned, full_size, grown, light_within
+from csstsim.measure.peaks import find_peaks, smoothed_snr, smoothing
 from csstsim.optics.psf.psf_set import WINDOW_PX
 
-THRESHOLD = 3.75  # of the matched-filter S/N
-GROWTH = 3  # binned px by which the cold sources' isophotes are grown to mask them
+THRESHOLD = 3.75  # S/N of a peak
+GROWTH = 3  # binned px by which isophotes are grown to mask them
 DEBLEND_LEVELS = 32
-HOT_CONTRAST = 0.005
 COLD_THRESHOLD, COLD_AREA, COLD_CONTRAST = 2.5, 8, 0.02  # S/N of a smoothed binned pixel; binned px
 COLD_FWHM = 3.0  # binned px
-HOT_WINDOW = 2.5  # px, largest half-light radius of a hot source's window: a galaxy would pull a wider one away
+POINT_DRIFT = 1.5  # px, largest distance of a point's position from its peak
+RADII = 6.0  # of the major axis: circle within which the half-light radius is sought
 FWHM_TO_SIGMA = 2.354820045  # 2 sqrt(2 ln 2)
 
 
@@ -41,9 +42,9 @@ class Sources:
     """Detected sources, arrays (n,); positions and lengths in px of the frame.
 
     `x`, `y` windowed positions; `a`, `b`, `theta` (rad, from +x to +y) the isophotal ellipse; `half_light`
-    radius; `sep_flag` the extraction flags of sep; `window_failed` bool: x, y are barycentres; `segment`
-    the number of the cold segment in `Passes.segments` the source lies on, 0 for none; `flux` within the isophote;
-    `window` sigma of the position's window.
+    radius; `area` of the isophote, px; `sep_flag` the extraction flags of sep; `window_failed` bool: x, y are
+    barycentres; `segment` the number of the isophote in `Frame.segments` the source lies on, 0 for none; `flux` within
+    the isophote; `window` sigma of the position's window.
     """
 
     x: np.ndarray
@@ -52,6 +53,7 @@ class Sources:
     b: np.ndarray
     theta: np.ndarray
     half_light: np.ndarray
+    area: np.ndarray
     sep_flag: np.ndarray
     window_failed: np.ndarray
     segment: np.ndarray
@@ -60,39 +62,75 @@ class Sources:
 
 
 @dataclass(frozen=True)
-class Passes:
-    """What `detect` found. `image`: electrons with the background subtracted, `rms`: its noise map.
+class Frame:
+    """A calibrated image whose background and isophotes are known.
 
-    `segments` int32 (ny, nx): k + 1 on the isophote of cold source k, 0 elsewhere; `cold` and `hot`: Sources.
+    `image`: electrons with background and bright stars subtracted; `rms`: noise map; `segments` int32 (ny, nx): k + 1
+    on the isophote of extended source k of `extended` (Sources), 0 elsewhere; `stars`: bright_stars.BrightStars.
     """
 
     image: np.ndarray
     rms: np.ndarray
     segments: np.ndarray
-    cold: Sources
-    hot: Sources
+    extended: Sources
+    stars: BrightStars
 
 
-def detect(electrons, kernel, *, saturated=None, threshold=THRESHOLD):
-    """Return the `Passes` of an electrons image, float32 (ny, nx); `electrons` is changed in place.
+def isophotes(electrons, stars, unusable=None):
+    """Return the `Frame` of an electrons image, float32 (ny, nx), which is changed in place.
 
-    `kernel`: small 2-d array, the point source's image (any normalisation). `saturated` pixels are excluded
-    from the background, but not from detection. `threshold`: of the hot pass.
+    `stars`: its bright_stars.BrightStars, not yet subtracted; `unusable` (ny, nx): pixels left out of the background
+    where it is not 0, but not of detection. The noise map is without the stars'.
     """
     import sep
 
     # Crowded 85 Mpx frames overflow sep's defaults (3e5 pixels above threshold, 1024 parts of one object).
     sep.set_extract_pixstack(max(1_000_000, electrons.size // 8))
     sep.set_sub_object_limit(8192)
-    rms = subtract_background(electrons, saturated)
+    stars.subtract_from(electrons)
+    rms = subtract_background(electrons, None if unusable is None else unusable > 0)
     found, segments = _cold_pass(binned(electrons), binned(rms) / np.float32(BIN))
     segments = full_size(segments, electrons.shape)
-    cold = _sources(electrons, found, segments, BIN, np.inf)
-    found = sep.extract(
-        electrons, threshold, err=rms, minarea=1, filter_kernel=np.ascontiguousarray(kernel, np.float32),
-        filter_type="matched", deblend_nthresh=DEBLEND_LEVELS, deblend_cont=HOT_CONTRAST, clean=False,
+    return Frame(electrons, rms, segments, _sources(electrons, found, segments, BIN, None), stars)
+
+
+def peaks(frame, kernel, unusable, threshold=THRESHOLD):
+    """Return (Sources, S/N (n,)) of the peaks of a `Frame`; `kernel`: the PSF on pixels, (n, n), n odd.
+
+    A peak has no isophote: its ellipse is that of the kernel's Gaussian.
+    """
+    weight = smoothing(kernel)
+    x, y, snr = find_peaks(frame.image, frame.rms, unusable & FULL, weight, threshold)
+    found = _points(x, y, kernel)
+    return _sources(frame.image, found, frame.segments, 1, _half_light(kernel)), snr
+
+
+def star_sources(frame, kernel):
+    """Return the `Sources` of the bright stars of a `Frame` whose image has their light again.
+
+    Windowed positions fail on saturated stars: theirs are those of the fit.
+    """
+    stars = frame.stars
+    sources = _sources(frame.image, _points(stars.x, stars.y, kernel), frame.segments, 1, _half_light(kernel))
+    fitted = stars.saturated | sources.window_failed
+    return replace(
+        sources, x=np.where(fitted, stars.x, sources.x), y=np.where(fitted, stars.y, sources.y),
+        window_failed=np.zeros(len(stars), bool), flux=stars.flux,
     )  # fmt: skip
-    return Passes(electrons, rms, segments, cold, _sources(electrons, found, segments, 1, HOT_WINDOW))
+
+
+def _half_light(kernel):
+    """Return the half-light radius of the kernel, px: the window of points, since a wider one would drift to others."""
+    half = len(kernel) // 2
+    return float(half_light_radius(kernel, *np.full((2, 1), float(half)), np.array([half + 0.5]))[0])
+
+
+def _points(x, y, kernel):
+    """Return a table as sep's of points at x, y: round, as wide as the kernel, without flags."""
+    n, r2 = len(x), (np.arange(len(kernel)) - len(kernel) // 2) ** 2
+    width = math.sqrt(float((kernel * r2).sum() / kernel.sum()))
+    table = {"x": x, "y": y, "a": np.full(n, width), "b": np.full(n, width), "flag": np.zeros(n, int)}
+    return table | dict.fromkeys(("theta", "npix", "flux"), np.zeros(n))
 
 
 def subtract_background(electrons, saturated):
@@ -114,33 +152,34 @@ def subtract_background(electrons, saturated):
 
 
 def _cold_pass(image, noise):
-    """Return (sep's table, segmentation map) of the cold pass on a binned image."""
+    """Return (sep's table, segmentation map) of the isophotes of a binned image; `flux` is the light within each."""
     import sep
 
-    r2 = np.arange(-4, 5) ** 2
-    kernel = np.exp(-0.5 * (r2[:, None] + r2) / (COLD_FWHM / FWHM_TO_SIGMA) ** 2).astype(np.float32)
-    return sep.extract(
-        image, COLD_THRESHOLD, err=noise, minarea=COLD_AREA, filter_kernel=kernel, filter_type="matched",
+    axis = np.arange(-4, 5)
+    weight = np.exp(-0.5 * (axis / (COLD_FWHM / FWHM_TO_SIGMA)) ** 2).astype(np.float32)
+    found, segments = sep.extract(
+        smoothed_snr(image, noise, weight), COLD_THRESHOLD, minarea=COLD_AREA, filter_kernel=None,
         deblend_nthresh=DEBLEND_LEVELS, deblend_cont=COLD_CONTRAST, clean=False, segmentation_map=True,
     )  # fmt: skip
+    found["flux"] = light_within(image, segments, len(found))
+    return found, segments
 
 
 def _sources(image, found, segments, scale, window):
-    """Return the `Sources` of sep's table `found`, made on pixels of `scale` px; `window`: its largest radius, px."""
-    import sep
-
+    """Return the `Sources` of sep's table `found`, made on pixels of `scale` px; `window`: half-light radius of the
+    positions' window [px], None: each source's own."""
     x, y = (scale * found[key] + 0.5 * (scale - 1) for key in "xy")
     # One pixel wide objects have no measurable ellipse: give them that of the pixel (variance 1/12).
     a, b = (np.maximum(scale * np.nan_to_num(found[key]), 12**-0.5) for key in "ab")
-    half_light, _ = sep.flux_radius(image, x, y, 6.0 * a, 0.5, subpix=5)
-    half_light = np.where(np.isfinite(half_light) & (half_light > 0.5), half_light, 0.5)
+    half_light = half_light_radius(image, x, y, RADII * a)
     # Never narrower than the window the PSF nodes are centred in: coma would shift a star by 0.01-0.03 px otherwise.
-    sigma = np.maximum(2.0 * np.minimum(half_light, window) / FWHM_TO_SIGMA, WINDOW_PX)
+    sigma = np.maximum(2.0 * (half_light if window is None else np.full(len(x), window)) / FWHM_TO_SIGMA, WINDOW_PX)
     wx, wy, failed = windowed_positions(image, x, y, sigma)
     # The window may drift to a brighter neighbour or away: a shift beyond the source's own size is a failure.
-    failed |= ~(np.hypot(wx - x, wy - y) < 1.0 + 2.0 * a / scale)
+    failed |= ~(np.hypot(wx - x, wy - y) < (1.0 + 2.0 * a / scale if window is None else POINT_DRIFT))
     x, y = np.where(failed, x, wx), np.where(failed, y, wy)
     row, column = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in zip((y, x), image.shape, strict=True))
     theta, flag = np.nan_to_num(found["theta"]), found["flag"]
     segment, flux = segments[row, column], found["flux"].astype(float)
-    return Sources(x, y, a, b, theta, half_light, flag, failed, segment, flux, sigma)
+    area = scale**2 * found["npix"]
+    return Sources(x, y, a, b, theta, half_light, area, flag, failed, segment, flux, sigma)

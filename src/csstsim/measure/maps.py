@@ -49,6 +49,17 @@ def grown(mask, reach, square=False):
     return out
 
 
+@numba.njit(cache=True)
+def light_within(image, segments, count):
+    """Return (count,): the sum of `image` over the pixels with number k + 1 in `segments`, both (ny, nx)."""
+    out = np.zeros(count)
+    for y in range(image.shape[0]):
+        for x in range(image.shape[1]):
+            if segments[y, x] > 0:
+                out[segments[y, x] - 1] += image[y, x]
+    return out
+
+
 def interpolated(mesh, middle, shape):
     """Return float32 of `shape`, bilinear between the meshes' middles (rows, columns), constant beyond the last."""
     columns = np.arange(shape[1])

@@ -99,6 +99,23 @@ def _tables(images, oversampling):
     return np.array([spline_filter(i, order=3)[keep, keep] for i in (table, gaussian_filter(table, 2.0 * BLUR))])
 
 
+def psf_tables(psf):
+    """Return a function of the chip position [px]: spline coefficients of the pixel-integrated PSF, as far as it goes.
+
+    psf: as in `psf_model`.
+    """
+    return psf.mixed(partial(_whole_table, oversampling=psf.oversampling))
+
+
+def _whole_table(images, oversampling):
+    from scipy.ndimage import spline_filter
+
+    from csstsim.optics.psf.psf_file import half_pixels, pixel_response
+
+    image = half_pixels(np.mean(images, axis=0, dtype=np.float64), oversampling)
+    return spline_filter(pixel_response(image, 2), order=3)
+
+
 @numba.njit(cache=True)
 def _weights(t, out):
     out[0] = (1.0 - t) ** 3 / 6.0

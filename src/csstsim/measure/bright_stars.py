@@ -1,0 +1,315 @@
+"""Bright stars: their light is fitted on the frame and taken out, so that what lies near them can be detected.
+
+A candidate is a group of saturated pixels, or a pixel far above the sky that exceeds its neighbours. The PSF is fitted
+to its usable pixels by Gauss-Newton steps: flux, position and a constant. A candidate that does not have the PSF's
+shape, a galaxy, is left alone. What is taken out is all the light of the star: the PSF's box, the wing beyond it, and
+its ghosts (optics.scatter). The noise there grows by the star's own, and by MODEL_ERROR of the light.
+
+Left out: stars off the frame, whose wings and ghosts count as background; a second star among the saturated pixels of
+another.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from csstsim.measure.bad_pixels import FULL
+from csstsim.measure.maps import grown
+from csstsim.measure.photometry import draw_psf, psf_tables
+
+PEAK = 4000.0  # electron above the sky: least pixel of a candidate; in r a star of 16,000 electrons
+CORE_HALF = 6  # px, half the side of the stamp of a candidate without saturated pixels
+SPILL = 2  # px about a saturated pixel that charge may have reached
+JOIN = 3.0  # px; saturated pixels within it belong to one star
+DRIFT = 6.0  # px; a fit that moves further from its start has failed
+MODEL_ERROR = 0.03  # of the light: what PSF and wing may leave
+CHI2_MAX = 4.0  # reduced, MODEL_ERROR included; a candidate with more is a galaxy, or two stars
+CLIP = 5.0  # sigma: pixels that much above the fit belong to other sources
+STEPS = 12
+FADE = 0.7, 0.95  # of the box's half side: from the PSF to the wing
+FAINTEST = 0.02  # of the noise of a pixel: level to which a wing is followed
+PSF_CELL = 1152  # px; one PSF for the stars of such a cell
+WING_STEP = 0.25  # px
+
+
+@dataclass(frozen=True)
+class BrightStars:
+    """The stars of a frame: x, y [px of the frame], flux (electron), saturated (n,), and where their light goes.
+
+    `tables` (m, t, t): spline coefficients of PSFs (photometry.psf_tables); star k has number table[k]; `wing`:
+    light per pixel in steps of WING_STEP from the star; `reach` (n,) px, to which it is followed; `ghosts` (g, 4):
+    x, y, radius [px], electron per pixel.
+    """
+
+    x: np.ndarray
+    y: np.ndarray
+    flux: np.ndarray
+    saturated: np.ndarray
+    table: np.ndarray
+    tables: np.ndarray
+    wing: np.ndarray
+    reach: np.ndarray
+    ghosts: np.ndarray
+
+    def __len__(self):
+        return len(self.x)
+
+    def subtract_from(self, image):
+        """Take the light of all stars out of an image (ny, nx), in place."""
+        self._add(image, -1.0, np.empty((0, 0), np.float32))
+
+    def restore_to(self, image):
+        """Put the light back, in place."""
+        self._add(image, 1.0, np.empty((0, 0), np.float32))
+
+    def add_noise_to(self, rms):
+        """Add the stars' own noise, and MODEL_ERROR of their light, to a noise map (ny, nx), in place."""
+        self._add(np.empty((0, 0), np.float32), 0.0, rms)
+
+    def _add(self, image, sign, rms):
+        _add_stars(image, sign, rms, self.x, self.y, self.flux, self.table, self.tables, self.wing, self.reach)
+        _add_ghosts(image, sign, rms, self.ghosts)
+
+
+def bright_stars(electrons, unusable, psf, scattered, chip, window, read_noise):
+    """Return the BrightStars of a calibrated frame.
+
+    `electrons` float32 (ny, nx), sky included; `unusable` uint8 (ny, nx), bad_pixels.mend; `psf`: PsfSet of the chip;
+    `scattered`: its optics.scatter.scattered_light.Scattered; `window`: the frame's place on the chip; `read_noise`
+    electron.
+    """
+    sky = float(np.median(electrons[::8, ::8]))
+    variance = max(sky, 0.0) + read_noise**2
+    x, y, saturated = _candidates(electrons, unusable, sky)
+    table, tables = _tables(psf, x + window.x0, y + window.y0)
+    half = (tables.shape[-1] - 7) // 4 if len(tables) else 0
+    halves = np.where(saturated, half, min(CORE_HALF, half))
+    skip = (unusable > 0) | grown((unusable & FULL) > 0, SPILL)
+    fit = _fit_stars(electrons, skip, tables, table, x, y, halves, sky, read_noise**2)
+    good = (fit[:, 0] > 0) & (np.hypot(fit[:, 1] - x, fit[:, 2] - y) < DRIFT) & (fit[:, 3] < CHI2_MAX)
+    good &= saturated | (fit[:, 0] > PEAK)
+    good &= ~_repeated(fit, good)
+    flux, x, y = (fit[good, k] for k in range(3))
+    radii = WING_STEP * np.arange(int(math.hypot(*electrons.shape) / WING_STEP) + 2)
+    wing = np.zeros(radii.size)
+    if scattered.wing is not None:
+        wing = scattered.wing.profile(np.maximum(radii, 1.0)).mean(axis=0)
+    level = FAINTEST * math.sqrt(variance) / np.maximum(flux, 1.0)
+    reach = WING_STEP * np.searchsorted(-wing, -level) if scattered.wing is not None else np.zeros(len(x))
+    ghosts = np.zeros((0, 4)) if scattered.ghosts is None else _ghosts(scattered.ghosts, chip, window, x, y, flux)
+    return BrightStars(x, y, flux, saturated[good], table[good], tables, wing, reach.astype(float), ghosts)
+
+
+def _candidates(electrons, unusable, sky):
+    """Return (x, y, saturated), each (n,): groups of saturated pixels at the middle of their widest rows, and peaks."""
+    row, column = np.nonzero(unusable & FULL)
+    x, y = _groups(row, column)
+    peak_y, peak_x = _peaks(electrons, unusable, np.float32(sky + PEAK))
+    saturated = np.repeat([True, False], [len(x), len(peak_x)])
+    return np.concatenate([x, peak_x]), np.concatenate([y, peak_y]), saturated
+
+
+def _groups(row, column):
+    """Return (x, y) of the groups of pixels within JOIN of each other, by the rows where each is widest."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    if len(row) == 0:
+        return np.zeros(0), np.zeros(0)
+    pairs = cKDTree(np.column_stack([row, column])).query_pairs(JOIN, output_type="ndarray")
+    linked = coo_array((np.ones(len(pairs), np.int8), (pairs[:, 0], pairs[:, 1])), shape=(len(row), len(row)))
+    count, group = connected_components(linked, directed=False)
+    line, first = np.unique(group * (row.max() + 1) + row, return_inverse=True)  # one line of one group
+    width, middle = np.bincount(first), np.bincount(first, column) / np.bincount(first)
+    of, at = np.divmod(line, row.max() + 1)
+    widest = np.zeros(count)
+    np.maximum.at(widest, of, width)
+    weight = np.where(width >= 0.7 * widest[of], width, 0)
+    total = np.bincount(of, weight, count)
+    return np.bincount(of, weight * middle, count) / total, np.bincount(of, weight * at, count) / total
+
+
+@numba.njit(cache=True)
+def _peaks(electrons, unusable, least):
+    """Return (y, x) of the usable pixels of at least `least` that exceed the 24 around them, all of these usable."""
+    ny, nx = electrons.shape
+    found = [(0.0, 0.0) for _ in range(0)]
+    for y in range(2, ny - 2):
+        for x in range(2, nx - 2):
+            if electrons[y, x] < least or unusable[y, x]:
+                continue
+            highest = True
+            for v in range(y - 2, y + 3):
+                for u in range(x - 2, x + 3):
+                    higher = electrons[v, u] > electrons[y, x] or (
+                        electrons[v, u] == electrons[y, x] and (v, u) < (y, x)
+                    )
+                    if higher or unusable[v, u]:
+                        highest = False
+            if highest:
+                found.append((float(y), float(x)))
+    out = np.empty((2, len(found)))
+    for k in range(len(found)):
+        out[0, k], out[1, k] = found[k]
+    return out
+
+
+def _tables(psf, x, y):
+    """Return (number, tables): the PSFs in the middles of the cells of PSF_CELL in which chip positions lie."""
+    places = np.floor(np.column_stack([x, y]) / PSF_CELL).astype(int)
+    cells, number = np.unique(places, axis=0, return_inverse=True)
+    if not len(cells):
+        return number.reshape(-1), np.zeros((0, 0, 0))
+    table_at = psf_tables(psf)
+    return number.reshape(-1), np.array([table_at(*(PSF_CELL * (cell + 0.5) - 0.5)) for cell in cells])
+
+
+@numba.njit(cache=True)
+def _fit_stars(electrons, unusable, tables, table, x, y, half, sky, read_variance):
+    """Return (n, 4): flux (electron), x, y, reduced chi2 of each candidate; flux NaN where no fit is possible."""
+    out = np.full((x.size, 4), np.nan)
+    for k in range(x.size):
+        side = 2 * half[k] + 1
+        p = np.empty((side, side))
+        along = np.empty((4, side, side))
+        state = np.array([0.0, x[k], y[k], sky])
+        for step in range(STEPS):
+            moved, chi2 = _step(
+                electrons, unusable, tables[table[k]], half[k], state, read_variance, p, along, step > 2
+            )
+            if not chi2 >= 0.0:
+                state[0] = np.nan
+                break
+            out[k, 3] = chi2
+            if step > 3 and moved < 1e-3:
+                break
+        out[k, 0], out[k, 1], out[k, 2] = state[0], state[1], state[2]
+    return out
+
+
+@numba.njit(cache=True)
+def _step(electrons, unusable, table, half, state, read_variance, p, along, clip):
+    """Improve `state` (flux, x, y, constant) by one step in place; return (the shift [px], reduced chi2), NaN: none."""
+    ny, nx = electrons.shape
+    column, row = round(state[1]), round(state[2])
+    dx, dy, e = state[1] - column, state[2] - row, 0.05
+    draw_psf(table, dx, dy, half, p)
+    draw_psf(table, dx - e, dy, half, along[0])
+    draw_psf(table, dx + e, dy, half, along[1])
+    draw_psf(table, dx, dy - e, half, along[2])
+    draw_psf(table, dx, dy + e, half, along[3])
+    normal, right = np.zeros((4, 4)), np.zeros(4)
+    chi2, n = 0.0, 0
+    d = np.empty(4)
+    flux = state[0]
+    for r in range(2 * half + 1):
+        for c in range(2 * half + 1):
+            v, u = row + r - half, column + c - half
+            if v < 0 or v >= ny or u < 0 or u >= nx or unusable[v, u]:
+                continue
+            light = max(flux, 0.0) * p[r, c]
+            variance = max(electrons[v, u], 0.0) + read_variance + (MODEL_ERROR * light) ** 2
+            rest = electrons[v, u] - flux * p[r, c] - state[3]
+            if clip and rest > CLIP * math.sqrt(variance):
+                continue
+            d[0], d[3] = p[r, c], 1.0
+            d[1] = flux * (along[1, r, c] - along[0, r, c]) / (2 * e)
+            d[2] = flux * (along[3, r, c] - along[2, r, c]) / (2 * e)
+            chi2 += rest * rest / variance
+            n += 1
+            for i in range(4):
+                right[i] += d[i] * rest / variance
+                for j in range(4):
+                    normal[i, j] += d[i] * d[j] / variance
+    if n < 12 or normal[0, 0] <= 0.0:
+        return 0.0, np.nan
+    if flux <= 0.0:  # no gradient yet: flux and constant alone
+        det = normal[0, 0] * normal[3, 3] - normal[0, 3] ** 2
+        if det <= 0.0:
+            return 0.0, np.nan
+        state[0] += (normal[3, 3] * right[0] - normal[0, 3] * right[3]) / det
+        state[3] += (normal[0, 0] * right[3] - normal[0, 3] * right[0]) / det
+        return 1.0, chi2 / (n - 4)
+    for i in range(4):
+        normal[i, i] *= 1.0 + 1e-9
+    change = np.linalg.solve(normal, right)
+    shift = math.hypot(change[1], change[2])
+    scale = min(1.0, 1.0 / shift) if shift > 0.0 else 1.0  # at most a pixel
+    state[0] = max(state[0] + change[0], 0.5 * flux)  # a step too far is shortened
+    state[1] += scale * change[1]
+    state[2] += scale * change[2]
+    state[3] += change[3]
+    return shift, chi2 / (n - 4)
+
+
+def _repeated(fit, good):
+    """Return a mask of fits that ended on a brighter one."""
+    from scipy.spatial import cKDTree
+
+    rows = np.flatnonzero(good)
+    out = np.zeros(len(fit), bool)
+    if len(rows):
+        pairs = rows[cKDTree(fit[rows, 1:3]).query_pairs(JOIN, output_type="ndarray").reshape(-1, 2)]
+        fainter = fit[pairs[:, 0], 0] < fit[pairs[:, 1], 0]
+        out[np.where(fainter, pairs[:, 0], pairs[:, 1])] = True
+    return out
+
+
+def _ghosts(ghosts, chip, window, x, y, flux):
+    """Return (g, 4): x, y [px of the frame], radius [px], electron per pixel of the visible ghosts."""
+    parts = [np.zeros((0, 4))]
+    for star in np.flatnonzero(ghosts.visible(flux)):
+        centres = ghosts.centres(chip, x[star] + window.x0, y[star] + window.y0) - [window.x0, window.y0]
+        parts.append(np.column_stack([centres, ghosts.radius, flux[star] * ghosts.level]))
+    return np.concatenate(parts)
+
+
+@numba.njit(cache=True)
+def _add_stars(image, sign, rms, x, y, flux, table, tables, wing, reach):
+    """Add `sign` times the stars' light to `image` (or none, of size 0), and its noise to `rms` (or none)."""
+    ny, nx = rms.shape if rms.size else image.shape
+    if tables.shape[-1] == 0:
+        return
+    half = (tables.shape[-1] - 7) // 4
+    stamp = np.empty((2 * half + 1, 2 * half + 1))
+    inner, outer = FADE[0] * half, FADE[1] * half
+    for k in range(x.size):
+        column, row = round(x[k]), round(y[k])
+        draw_psf(tables[table[k]], x[k] - column, y[k] - row, half, stamp)
+        far = max(reach[k], float(half))
+        for v in range(max(math.ceil(y[k] - far), 0), min(math.floor(y[k] + far) + 1, ny)):
+            wide = math.sqrt(max(far * far - (v - y[k]) ** 2, 0.0))
+            for u in range(max(math.ceil(x[k] - wide), 0), min(math.floor(x[k] + wide) + 1, nx)):
+                radius = math.hypot(u - x[k], v - y[k])
+                t = min(max((radius - inner) / (outer - inner), 0.0), 1.0)
+                t = t * t * (3.0 - 2.0 * t)
+                light = 0.0
+                if t < 1.0:
+                    light = (1.0 - t) * stamp[v - row + half, u - column + half]
+                if t > 0.0:
+                    place = radius / WING_STEP
+                    low = int(place)
+                    light += t * (wing[low] + (place - low) * (wing[low + 1] - wing[low]))
+                _put(image, sign, rms, v, u, flux[k] * light)
+
+
+@numba.njit(cache=True)
+def _add_ghosts(image, sign, rms, ghosts):
+    ny, nx = rms.shape if rms.size else image.shape
+    for k in range(len(ghosts)):
+        x, y, radius, level = ghosts[k]
+        for v in range(max(math.ceil(y - radius), 0), min(math.floor(y + radius) + 1, ny)):
+            wide = math.sqrt(max(radius * radius - (v - y) ** 2, 0.0))
+            for u in range(max(math.ceil(x - wide), 0), min(math.floor(x + wide) + 1, nx)):
+                _put(image, sign, rms, v, u, level)
+
+
+@numba.njit(cache=True)
+def _put(image, sign, rms, v, u, light):
+    if image.size:
+        image[v, u] += np.float32(sign * light)
+    if rms.size:
+        rms[v, u] = math.sqrt(rms[v, u] ** 2 + max(light, 0.0) + (MODEL_ERROR * light) ** 2)
