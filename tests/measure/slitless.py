@@ -35,6 +35,9 @@ class GaussianPsf:
         line = np.diff(below((np.arange(257) - 128) * 0.5, SIGMA))
         return np.repeat((LIGHT * np.outer(line, line))[None], 4, axis=0)
 
+    def mixed(self, function):
+        return lambda x, y: function(self.at(x, y))
+
 
 def orders_of(gratings, x, y, window, rows=None):
     """Return the orders' truth table of objects at x, y that reach the window."""

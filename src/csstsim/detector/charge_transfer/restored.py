@@ -75,7 +75,8 @@ def _restore(image, flip, line, keys, x0, density, timescale, well, room, passes
             for _ in range(passes):
                 _pack(guess, packets, lead, n_rows, n_packets, fill)
                 transfer_column(packets, n_packets, own, density, timescale, well, fullest, head, room, search)
-                _correct(read[c], guess, packets[lead:])
+                if not _correct(read[c], guess, packets[lead:]):
+                    break  # the next pass would find the same
             read[c] = guess
         _exchange(image, flip, first, read[:n], True)
 
@@ -93,9 +94,13 @@ def _pack(guess, packets, lead, n_rows, n_packets, fill):
 
 @numba.njit(cache=True)
 def _correct(read, guess, packets):
-    """Add to guess what is missing in its transferred packets."""
+    """Add to guess what is missing in its transferred packets; return the number of pixels that change."""
+    changed = 0
     for k in range(len(guess)):
-        guess[k] += read[k] - (guess[k] + np.float32(packets[k] - whole(guess[k])))
+        before = guess[k]
+        guess[k] += read[k] - (before + np.float32(packets[k] - whole(before)))
+        changed += guess[k] != before
+    return changed
 
 
 @numba.njit(cache=True)

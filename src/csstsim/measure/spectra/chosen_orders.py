@@ -29,15 +29,14 @@ def line_snr(orders, sources, model, noise):
 
     The element is longer by the object's size along the trace.
     """
-    snr = np.zeros(len(orders))
-    for k, pair in enumerate(model.pairs(orders)):
-        row, q = orders["row"][k : k + 1], abs(orders["q"][k])
-        spectrum = np.asarray(sources.spectra(row, sources.edges), float)[0]
-        passed = np.diff(np.interp(sources.edges, GRID, model.cumulative[pair]))
-        electrons = np.append(0.0, np.cumsum(spectrum * passed))
+    snr, passed = np.zeros(len(orders)), np.array([np.interp(sources.edges, GRID, line) for line in model.cumulative])
+    passed = np.diff(passed, axis=1)
+    for (k, spectrum), pair in zip(sources.each(orders["row"]), model.pairs(orders), strict=True):
+        row, q = orders["row"][k], abs(orders["q"][k])
+        electrons = np.append(0.0, np.cumsum(spectrum * passed[pair]))
         if not electrons[-1] > 0:
             continue
-        light, radius = sources.shapes.light[row[0]], sources.shapes.radius[row[0]]
+        light, radius = sources.shapes.light[row], sources.shapes.radius[row]
         along, across = (2 * float((light * radius[axis]).sum()) for axis in (ALONG, ACROSS))
         place, length = q * sources.edges, ELEMENT + along
         seen = (sources.edges >= orders["wave_min"][k]) & (sources.edges <= orders["wave_max"][k])

@@ -14,7 +14,7 @@ galaxies (the box sums them; the optimal weights may reject some of a strong one
 """
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -45,6 +45,7 @@ PAD = 4  # columns beyond the order's ends: light that the PSF spreads
 DIM_BELOW = 0.05  # of the order's largest electrons per photon: no flux is given
 CONTAMINATED_FROM = 0.1  # of the electrons
 REJECT, PROFILE_ERROR = 5.0, 0.1  # sigma; share by which the profile may be wrong
+CHUNK = 500  # spectra made at a time
 FAINTEST = 0.1  # of a pixel's noise: fainter light of others is not modelled
 ROUNDS = 20
 WHOLE = 0.5  # of the aperture's light in usable pixels; with less there is no result
@@ -94,21 +95,30 @@ class Sources:
     spectra: object = None
     edges: np.ndarray | None = None
 
+    def each(self, rows):
+        """Yield (k, spectrum (bins,) of rows[k]) in order, made CHUNK at a time; None where spectra are not known."""
+        for first in range(0, len(rows), CHUNK):
+            some = rows[first : first + CHUNK]
+            spectra = [None] * len(some) if self.spectra is None else self.spectra(some, self.edges)
+            yield from enumerate((s if s is None else np.asarray(s, float) for s in spectra), first)
+
 
 def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,), snr_min=5.0, ids=None):
     """Return the ObjectTable of spectra (spectrum_columns.COLUMNS), one row per column of a spectrum.
 
     orders: ObjectTable of io.orders; sources: Sources; model: spectral_model.SpectralModel; psf: PsfSet, or an object
-    with its `at` and `oversampling`; wing: optics.scatter.halo.Wing of it or None; wanted: orders; snr_min: predicted
-    S/N per resolution element; ids: objects, or None for all (chosen_orders). DispersedImage.others, if given, is
-    subtracted without the spectrum's own light. The metadata count the spectra, those that the window cuts, and what
-    was left out (chosen_orders.LEFT_OUT).
+    with its `mixed` and `oversampling`; wing: optics.scatter.halo.Wing of it or None; wanted: orders; snr_min:
+    predicted S/N per resolution element; ids: objects, or None for all (chosen_orders). DispersedImage.others, if
+    given, is subtracted without the spectrum's own light. The metadata count the spectra, those that the window cuts,
+    and what was left out (chosen_orders.LEFT_OUT).
     """
     chosen, left_out = chosen_orders(frame, orders, sources, model, wanted=wanted, snr_min=snr_min, ids=ids)
     parts, short, counts, cut = [_nothing()], shortened(orders, model), 0, 0
-    for k in np.flatnonzero(chosen):
+    point = psf.mixed(partial(_points, per_pixel=psf.oversampling, wing=wing))
+    rows = np.flatnonzero(chosen)
+    for k, (_, spectrum) in zip(rows, sources.each(orders["row"][rows]), strict=True):
         one = orders.take(slice(k, k + 1))
-        found = _extract_one(frame, one, sources, model, psf, wing)
+        found = _extract_one(frame, one, sources.shapes, spectrum, sources.edges, model, point)
         if found is not None:
             parts.append(found)
             counts += 1
@@ -123,22 +133,28 @@ def _nothing():
     return {name: np.zeros(0, dtype) for name, (dtype, _) in COLUMNS.items()}
 
 
-def _extract_one(frame, one, sources, model, psf, wing):
-    """Return {name: (n,)} of one row of the orders' table; None if none of its columns is usable."""
+def _points(cells, per_pixel, wing):
+    """Return (2, 4, len(OFFSETS)): psf_profile of both axes."""
+    return np.array([psf_profile(cells, per_pixel, axis, wing) for axis in (ALONG, ACROSS)])
+
+
+def _extract_one(frame, one, shapes, spectrum, edges, model, point):
+    """Return {name: (n,)} of one row of the orders' table; None if none of its columns is usable.
+
+    spectrum: its object's in bins of `edges`, or None; point: function of x, y that returns `_points` there.
+    """
     row, window = int(one["row"][0]), frame.window
     columns, wave, centre = _trace(one, model, window)
     if len(columns) == 0:
         return None
-    light, radius = sources.shapes.light[row], sources.shapes.radius[row]
-    place = float(np.clip(one["x"][0], 0, None)), float(np.clip(one["y"][0], 0, None))
-    cells = psf.at(*place)
-    along, across = (
-        broadened(psf_profile(cells, psf.oversampling, axis, wing), light, radius[axis]) for axis in (ALONG, ACROSS)
-    )
+    light, radius = shapes.light[row], shapes.radius[row]
+    points = point(float(np.clip(one["x"][0], 0, None)), float(np.clip(one["y"][0], 0, None)))
+    along, across = (broadened(points[axis], light, radius[axis]) for axis in (ALONG, ACROSS))
     half = _half(across)
     reach = int(np.ceil(half + GAP + STRIP + 1))
     rows = np.arange(int(centre.min()) - reach, int(centre.max()) + reach + 2)
-    cutout = _Cutout.of(frame, columns, rows, centre, model, one, sources)
+    own = partial(model.image, one, shapes, lambda rows, edges: spectrum[None], edges)
+    cutout = _Cutout.of(frame, columns, rows, centre, own)
     band, share = mixed(wave, model.bands)
     shares = between(across, band, share, cutout.offset - 0.5, cutout.offset + 0.5)
     found = _measured(cutout, shares, half, frame.read_noise)
@@ -147,9 +163,8 @@ def _extract_one(frame, one, sources, model, psf, wing):
     found["flags"] |= untrusted(found, along)
     flat = model.electrons(one, columns, along, [1.0], GRID[[0, -1]])
     expected = np.full(len(columns), np.nan)
-    if sources.spectra is not None:
-        spectrum = np.asarray(sources.spectra(np.array([row]), sources.edges))[0]
-        expected = model.electrons(one, columns, along, spectrum, sources.edges)
+    if spectrum is not None:
+        expected = model.electrons(one, columns, along, spectrum, edges)
     found |= _fluxes(found, flat, wave)
     found["flags"] |= CUT if one["cut"][0] else 0
     if cutout.others is None:
@@ -191,7 +206,8 @@ class _Cutout:
     response: np.ndarray
 
     @classmethod
-    def of(cls, frame, columns, rows, centre, model, one, sources):
+    def of(cls, frame, columns, rows, centre, own_image):
+        """own_image: function of a window and faintest electrons: what the object itself has in frame.others."""
         window = frame.window
         part = np.ix_(np.clip(rows - window.y0, 0, window.ny - 1), columns - window.x0)
         inside = np.broadcast_to((rows >= window.y0) & (rows < window.y1), (len(columns), len(rows)))
@@ -201,7 +217,7 @@ class _Cutout:
         others = None
         if frame.others is not None:
             here = Window(int(columns[0]), int(columns[-1]) + 1, int(rows[0]), int(rows[-1]) + 1)
-            own = model.image(one, sources.shapes, sources.spectra, sources.edges, here, frame.faintest)
+            own = own_image(here, frame.faintest)
             others = np.where(inside, frame.others[part].T - own.T.astype(float), 0.0)
         data = np.where(good, frame.electrons[part].T.astype(float), 0.0)
         return cls(data, others, rows - centre[:, None], inside, saturated, good, response)

@@ -51,16 +51,32 @@ def psf_profile(cells, per_pixel, axis, wing=None):
     cells: (4, n, n) [y, x] integrals of the PSF, `per_pixel` to a pixel; wing: optics.scatter.halo.Wing beyond them, or
     None.
     """
-    from scipy.interpolate import CubicSpline
-
     line = np.asarray(cells, float).sum(axis=1 if axis == ALONG else 2)
     half = line.shape[1] / 2 / per_pixel
-    edges = np.arange(line.shape[1] + 1) / per_pixel - half
     below = np.concatenate([np.zeros((4, 1)), np.cumsum(line, axis=1)], axis=1)
-    out = CubicSpline(edges, below, axis=1, bc_type="natural")(np.clip(OFFSETS, -half, half))
+    out = below @ _spline(line.shape[1], per_pixel)
     return out if wing is None else out + _wing_below(wing, half)
 
 
+@lru_cache
+def _spline(n, per_pixel):
+    """Return (n + 1, len(OFFSETS)): the weights of n + 1 even samples in their natural cubic spline at OFFSETS.
+
+    The samples end at +-n / 2 / per_pixel; beyond, the spline is as at its ends.
+    """
+    place = np.clip((OFFSETS * per_pixel) + n / 2, 0, n)
+    k = np.minimum(place.astype(int), n - 1)
+    t, point = place - k, np.arange(len(OFFSETS))
+    bent = np.zeros((n + 1, n + 1))  # second derivatives [1 / step^2] of the samples' units; none at the ends
+    inner = 4 * np.eye(n - 1) + np.eye(n - 1, k=1) + np.eye(n - 1, k=-1)
+    bent[1:-1] = np.linalg.solve(inner, 6 * np.diff(np.eye(n + 1), 2, axis=0))
+    out = bent[k] * ((1 - t) ** 3 - (1 - t))[:, None] / 6 + bent[k + 1] * (t**3 - t)[:, None] / 6
+    out[point, k] += 1 - t
+    out[point, k + 1] += t
+    return np.ascontiguousarray(out.T)
+
+
+@lru_cache(maxsize=4)
 def _wing_below(wing, half):
     """Return the same for a wing outside the square of side 2 `half`, counted from the first of OFFSETS."""
     place = np.arange(HALF + 0.5)
@@ -92,14 +108,16 @@ def sersic_steps(index, radius):
 
 def broadened(point, light, radius):
     """Return the profile of an object: that of a point (4, n), and light and radius (2,) px of its components."""
-    from scipy.signal import fftconvolve
-
-    steps, out = np.diff(point, axis=1), np.zeros_like(point)
+    shape = np.zeros(len(OFFSETS))
     for index, share, size in zip((DISK, BULGE), light, radius, strict=True):
-        if share > 0:
-            part = steps if size <= 0 else fftconvolve(steps, sersic_steps(index, size)[None], "same", axes=1)
-            out[:, 1:] += share * np.cumsum(part, axis=1)
-    return out
+        if share > 0 and size > 0:
+            shape += share * sersic_steps(index, size)
+        elif share > 0:
+            shape[len(shape) // 2] += share
+    steps = np.diff(point, axis=1)
+    n = steps.shape[1]
+    whole = np.fft.irfft(np.fft.rfft(steps, 2 * n) * np.fft.rfft(shape, 2 * n), 2 * n)  # of n + len(shape) - 1 = 2 n
+    return np.concatenate([np.zeros((len(point), 1)), np.cumsum(whole[:, n // 2 : n // 2 + n], axis=1)], axis=1)
 
 
 def mixed(wavelength, bands):

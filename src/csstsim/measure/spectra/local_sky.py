@@ -6,8 +6,8 @@ the object's own far light, so bright columns raise the sky of dim ones; `sky_le
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 
+import numba
 import numpy as np
 
 BLOCK = 48  # columns
@@ -33,24 +33,52 @@ def local_sky(data, good, offset, share, inner, width):
     """
     n = len(data)
     edges = np.linspace(0, n, max(1, round(n / BLOCK)) + 1).astype(int)
-    strips = [(side * offset >= inner) & (side * offset < inner + width) for side in (-1, 1)]
-    found = np.full((3, len(edges) - 1), np.nan)
-    for k, (first, last) in enumerate(pairwise(edges)):
-        part, sides = slice(first, last), []
-        for strip in strips:
-            used = good[part] & strip[part]
-            if used.sum() >= max(USABLE * (last - first) * width, 2):
-                kept = _kept(data[part][used])
-                values = data[part][used][kept]
-                sides.append((values.mean(), values.var() / len(values), share[part][used][kept].mean()))
-        if sides:
-            level, variance, own = np.mean(sides, axis=0)
-            found[:, k] = level, variance / len(sides), own
+    found = _by_block(data, good, offset, share, edges, float(inner), float(width))
     there = np.isfinite(found[0])
     if not there.any():
         return Sky(*np.full((3, n), np.nan))
     middle = 0.5 * (edges[1:] + edges[:-1] - 1)[there]
     return Sky(*(np.interp(np.arange(n), middle, values[there]) for values in found))
+
+
+@numba.njit(cache=True)
+def _by_block(data, good, offset, share, edges, inner, width):
+    """Return (3, blocks): level, its variance and the object's share, means of the usable sides; NaN: none is."""
+    out = np.full((3, len(edges) - 1), np.nan)
+    size = (edges[1:] - edges[:-1]).max() * data.shape[1]
+    values, own = np.empty(size), np.empty(size)
+    for k in range(len(edges) - 1):
+        total, sides = np.zeros(3), 0
+        for side in (-1.0, 1.0):
+            n = 0
+            for i in range(edges[k], edges[k + 1]):
+                for j in range(data.shape[1]):
+                    if good[i, j] and inner <= side * offset[i, j] < inner + width:
+                        values[n], own[n] = data[i, j], share[i, j]
+                        n += 1
+            if n >= max(USABLE * (edges[k + 1] - edges[k]) * width, 2):
+                total += _clipped(values[:n], own[:n])
+                sides += 1
+        if sides:
+            out[:, k] = total / sides
+            out[1, k] /= sides  # of two strips' mean
+    return out
+
+
+@numba.njit(cache=True)
+def _clipped(values, own):
+    """Return (3,): mean of the values within CLIP robust sigma about their median, its variance, mean of their own."""
+    kept = np.ones(len(values), np.bool_)
+    for _ in range(ROUNDS):
+        some = values[kept]
+        centre = np.median(some)
+        sigma = 1.4826 * np.median(np.abs(some - centre)) + 0.5  # at least about a DN of rounding
+        before, kept = kept, np.abs(values - centre) <= CLIP * sigma
+        if (kept == before).all():
+            break
+    some = values[kept]
+    mean, n = some.sum() / len(some), len(some)
+    return np.array([mean, ((some - mean) ** 2).sum() / n**2, own[kept].sum() / n])
 
 
 def sky_less_own(data, good, offset, share, aperture, known, inner, width):
@@ -67,13 +95,3 @@ def sky_less_own(data, good, offset, share, aperture, known, inner, width):
             found = (aperture * (data - sky.level[:, None])).sum(axis=1)[known] / total
             light = np.interp(column, column[known], found)
     return sky
-
-
-def _kept(values):
-    """Return bool: within CLIP robust sigma about the median."""
-    kept = np.ones(len(values), bool)
-    for _ in range(ROUNDS):
-        centre = np.median(values[kept])
-        sigma = 1.4826 * np.median(np.abs(values[kept] - centre)) + 0.5  # at least about a DN of rounding
-        kept = np.abs(values - centre) <= CLIP * sigma
-    return kept

@@ -2,15 +2,12 @@
 
 import io
 
-import matplotlib
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from csstsim.catalog.table import STAR, TYPES
 from csstsim.measure.spectra.spectrum_columns import BESIDE, CONTAMINATED, CUT, DIM, LOST, SATURATED, UNEVEN
-
-matplotlib.use("agg")
-from matplotlib import pyplot as plt
-from matplotlib.lines import Line2D
 
 COLOURS = {1: "#D55E00", 0: "#0072B2", 2: "#009E73", -1: "#CC79A7", -2: "#E69F00"}  # Okabe & Ito (2008), by order
 OURS, TRUE = "#0072B2", "#D55E00"
@@ -26,10 +23,10 @@ def spectra_figure(truth, frame, orders, table, dpi=90):
     """
     rows = chosen(truth, table)
     if not rows:
-        figure = plt.figure(figsize=(6, 1))
+        figure = Figure(figsize=(6, 1))
         figure.text(0.5, 0.5, "no spectrum is bright enough to be shown", ha="center", va="center")
         return _png(figure, dpi)
-    figure = plt.figure(figsize=(max(6.5 * len(rows), 10), 5.5 + 2.4 * len(rows)), layout="constrained")
+    figure = Figure(figsize=(max(6.5 * len(rows), 10), 5.5 + 2.4 * len(rows)), layout="constrained")
     above, below = figure.subfigures(2, 1, height_ratios=(5.5, 2.4 * len(rows)))
     axes = above.subplots(2, len(rows), sharex="col", squeeze=False, height_ratios=(2.2, 1))
     for column, row in zip(axes.T, rows, strict=True):
@@ -47,7 +44,6 @@ def spectra_figure(truth, frame, orders, table, dpi=90):
 def _png(figure, dpi):
     data = io.BytesIO()
     figure.savefig(data, format="png", dpi=dpi)
-    plt.close(figure)
     return data.getvalue()
 
 
@@ -131,12 +127,8 @@ def cutout_panel(axis, frame, orders, row, title, order=1):
     level, spread = np.nanmedian(image), frame.noise
     axis.imshow(image, origin="lower", cmap="gray_r", vmin=level - 3 * spread, vmax=level + 12 * spread, aspect="auto",
                 extent=(x0 - 0.5, x1 - 0.5, y0 - 0.5, y1 - 0.5), interpolation="nearest")  # fmt: skip
-    for k in np.flatnonzero(np.isfinite(orders["wave_min"] + orders["wave_max"])):
+    for k in _seen(orders, x0, x1, y0, y1):
         ends, height = _ends(orders, k, np.array([orders["wave_min"][k], orders["wave_max"][k]]))
-        off = ends.max() < x0 or ends.min() > x1 or height.max() < y0 or height.min() > y1
-        mean = orders["drawn"][k] / max(np.ptp(ends), 1.0)
-        if off or not mean > MARKED:
-            continue
         style = {"color": COLOURS[int(orders["order"][k])], "lw": 0.8}
         if np.ptp(ends) < 5:
             axis.plot(ends.mean(), height.mean(), "o", ms=8, mfc="none", mec=style["color"])
@@ -148,6 +140,15 @@ def cutout_panel(axis, frame, orders, row, title, order=1):
     axis.set_ylim(y0 - 0.5, y1 - 0.5)
     axis.set_title(title, fontsize=10)
     axis.set_ylabel("y [px]")
+
+
+def _seen(orders, x0, x1, y0, y1):
+    """Return the rows of orders that are MARKED and whose traces touch the box."""
+    ends, height = _ends(orders, slice(None), np.array([orders["wave_min"], orders["wave_max"]]))  # NaN: nothing
+    there = (
+        (ends.max(axis=0) >= x0) & (ends.min(axis=0) <= x1) & (height.max(axis=0) >= y0) & (height.min(axis=0) <= y1)
+    )
+    return np.flatnonzero(there & (orders["drawn"] > MARKED * np.maximum(np.ptp(ends, axis=0), 1.0)))
 
 
 def _ends(orders, k, wave):

@@ -83,13 +83,17 @@ class SpectralModel:
         """Return (n,) bool: orders of at least `faintest` electrons per pixel if their light were spread evenly."""
         limits = self.limits[self.pairs(orders)]
         length = np.maximum(np.abs(orders["q"]) * (limits[:, 1] - limits[:, 0]), 1.0)
-        radius = (shapes.light * shapes.radius[:, ACROSS]).sum(axis=1)[orders["row"]]
+        rows = orders["row"]
+        radius = (shapes.light[rows] * shapes.radius[rows, ACROSS]).sum(axis=1)
         return orders["electrons"] >= faintest * length * (1 + radius)
 
     def pairs(self, orders):
         """Return (n,): the pair in `names` of each row of an orders' table."""
-        found = zip(orders["grating"].tolist(), orders["order"].tolist(), strict=True)
-        return np.array([self.names[pair] for pair in found], int)
+        out = np.full(len(orders), -1)
+        lit = {name: orders["grating"] == name for name, _ in self.names}
+        for (name, number), pair in self.names.items():
+            out[lit[name] & (orders["order"] == number)] = pair
+        return out
 
 
 def make_model(gratings, photons, cells, per_pixel, bands, wing=None):

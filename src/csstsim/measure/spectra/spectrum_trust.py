@@ -1,7 +1,6 @@
 """Columns of a spectrum whose electrons are measured, but are less certain than their error says."""
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
 
 from csstsim.measure.spectra.line_profile import OFFSETS
 from csstsim.measure.spectra.spectrum_columns import BESIDE, LOST, SATURATED, UNEVEN
@@ -20,7 +19,7 @@ def untrusted(found, along):
     """
     saturated, lost = ((found["flags"] & bit) > 0 for bit in (SATURATED, LOST))
     column = np.arange(len(lost))
-    beside = maximum_filter1d(saturated, 2 * LEAK + 1) | maximum_filter1d(saturated & lost, 2 * REACH + 1)
+    beside = _near(saturated, LEAK) | _near(saturated & lost, REACH)
     light = np.pad(np.interp(column, column[~lost], found["electrons"][~lost]), REACH, mode="edge")
     steps, line = np.arange(-REACH, REACH + 1), along.mean(axis=0)
     far = np.interp(steps + 0.5, OFFSETS, line) - np.interp(steps - 0.5, OFFSETS, line)
@@ -28,3 +27,9 @@ def untrusted(found, along):
     off = np.convolve(light, far, "valid") - far.sum() * light[REACH:-REACH]
     uneven = UNKNOWN * np.abs(off) > found["electrons_err"]
     return np.where(beside & ~saturated, BESIDE, 0) | np.where(uneven, UNEVEN, 0)
+
+
+def _near(marked, reach):
+    """Return (n,) bool: the columns within `reach` of a marked one."""
+    count = np.cumsum(np.pad(marked, (reach + 1, reach)))
+    return count[2 * reach + 1 :] > count[: len(marked)]

@@ -1,0 +1,68 @@
+"""Parts of the extraction against scipy and plain numpy: the collapsed PSF, the sky in strips, columns near others."""
+
+import numpy as np
+import pytest
+
+from csstsim.measure.spectra import line_profile, local_sky, spectrum_trust
+from csstsim.measure.spectra.line_profile import OFFSETS
+
+
+@pytest.mark.parametrize(("n", "per_pixel"), [(256, 2), (16, 4)])
+def test_spline_of_a_collapsed_psf_is_scipys(n, per_pixel):
+    from scipy.interpolate import CubicSpline
+
+    half, values = n / 2 / per_pixel, np.random.default_rng(1).random((4, n + 1))
+    edges = np.arange(n + 1) / per_pixel - half
+    wanted = CubicSpline(edges, values, axis=1, bc_type="natural")(np.clip(OFFSETS, -half, half))
+    np.testing.assert_allclose(values @ line_profile._spline(n, per_pixel), wanted, rtol=0, atol=1e-12)
+
+
+def plain_sky(data, good, offset, share, inner, width):
+    """(3, blocks): the module's words with numpy, strip by strip."""
+    out = []
+    for part in np.array_split(np.arange(len(data)), max(1, round(len(data) / local_sky.BLOCK))):
+        sides = []
+        for side in (-1, 1):
+            strip = good[part] & (side * offset[part] >= inner) & (side * offset[part] < inner + width)
+            values, own = data[part][strip], share[part][strip]
+            if len(values) < max(local_sky.USABLE * len(part) * width, 2):
+                continue
+            kept = np.ones(len(values), bool)
+            for _ in range(local_sky.ROUNDS):
+                middle = np.median(values[kept])
+                spread = 1.4826 * np.median(np.abs(values[kept] - middle)) + 0.5
+                kept = np.abs(values - middle) <= local_sky.CLIP * spread
+            sides.append((values[kept].mean(), values[kept].var() / kept.sum(), own[kept].mean()))
+        found = np.mean(sides, axis=0) if sides else np.full(3, np.nan)
+        out.append(found / (1, max(len(sides), 1), 1))
+    return np.transpose(out)
+
+
+@pytest.mark.parametrize("columns", [1, 48, 300])
+@pytest.mark.parametrize("case", ["plain", "rays", "one side", "none"])
+def test_sky_of_strips_against_plain_numpy(columns, case):
+    rng = np.random.default_rng(columns)
+    centre = rng.uniform(-0.5, 0.5, columns)
+    offset = np.arange(-30, 31) - centre[:, None]
+    data, share = rng.normal(20.0, 6.0, offset.shape), rng.random(offset.shape) / 50
+    good = rng.random(offset.shape) > 0.05
+    if case == "rays":
+        data[rng.random(offset.shape) < 0.03] += 3000.0
+    elif case == "one side":
+        good[:, 31:] = False
+    elif case == "none":
+        good[:] = False
+    edges = np.linspace(0, columns, max(1, round(columns / local_sky.BLOCK)) + 1).astype(int)
+    found = local_sky._by_block(data, good, offset, share, edges, 8.0, 16.0)
+    np.testing.assert_allclose(found, plain_sky(data, good, offset, share, 8.0, 16.0), rtol=1e-10)
+    assert np.isnan(found).all() == (case == "none")
+    sky = local_sky.local_sky(data, good, offset, share, 8.0, 16.0)
+    assert len(sky.level) == columns and np.isnan(sky.level).all() == (case == "none")
+
+
+@pytest.mark.parametrize("marked", [[], [0], [9], [3, 4], list(range(10))])
+@pytest.mark.parametrize("reach", [0, 1, 3, 20])
+def test_columns_near_marked_ones(marked, reach):
+    lit = np.isin(np.arange(10), marked)
+    wanted = [any(abs(k - m) <= reach for m in marked) for k in range(10)]
+    assert spectrum_trust._near(lit, reach).tolist() == wanted
