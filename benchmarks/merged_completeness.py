@@ -5,8 +5,9 @@
 
 Level-0 files are made once; every frame is measured and every brick merged at each run. Isolated objects are those of
 `csstsim validate` (bricks.validate). True S/N is that of one exposure, in the best band, for a colour in the worse of
-its two. Colours are measured less true, from the merged magnitudes that are meant for colours if the table has them,
-else Kron. Stars include quasars. A source is called a star if its `star` is above one half.
+its two; the joint S/N is that of all exposures of an object together. Colours are measured less true, from the merged
+magnitudes that are meant for colours if the table has them, else Kron. Stars include quasars. A source is called a star
+if its `star` is above one half.
 
 Exit code 2 if the input cannot be used. Goals that are missed are printed as MISSED.
 """
@@ -67,9 +68,10 @@ def make(run):
 
 
 def judged(run):
-    """Return (truth, sources, row of each true object's source or -1, masks of the real sources) of all bricks.
+    """Return (truth, sources, row of each isolated true object's source or -1, mask of the real sources) of all bricks.
 
-    truth: bricks.validate.distinct, with columns snr_B (NaN if no frame of band B shows the object).
+    truth: bricks.validate.distinct, with columns visits_B and snr_B (NaN if no frame of band B shows the object).
+    Blended objects are not matched, as in bricks.trials: a quasar's host would take its source.
     """
     columns, infos, every = [f"mag_{band}" for band in run.camera.bands], {}, []
     parts = {pix: [] for pix in run.merge_bricks}
@@ -93,9 +95,13 @@ def judged(run):
             real[compare.real(whole, sources)] = True
         snr = {}
         for band in BANDS:
-            on = np.isin(truth["id"], np.concatenate(seen[band]))
-            snr[f"snr_{band}"] = np.where(on, compare.true_snr(band, truth, infos[band]), np.nan)
-        tables.append((truth.with_columns(**snr), sources, compare.match(truth, sources), real))
+            visits = sum(np.isin(truth["id"], ids).astype(int) for ids in seen[band])
+            snr[f"visits_{band}"] = visits
+            snr[f"snr_{band}"] = np.where(visits > 0, compare.true_snr(band, truth, infos[band]), np.nan)
+        alone = ~truth["blended"].astype(bool)
+        match = np.full(len(truth), -1)
+        match[alone] = compare.match(truth.take(alone), sources)
+        tables.append((truth.with_columns(**snr), sources, match, real))
     return joined(tables)
 
 
@@ -111,17 +117,20 @@ def joined(tables):
 
 
 def completeness(truth, match):
-    """Return [(what, percent, n, goal or None)] of isolated objects by the true S/N in their best band."""
-    snr = np.max([np.nan_to_num(truth[f"snr_{band}"]) for band in BANDS], axis=0)
+    """Return [(what, percent, n, goal or None)] of isolated objects by true S/N, of the best band and joint."""
+    snr = np.array([np.nan_to_num(truth[f"snr_{band}"]) for band in BANDS])
+    joint = np.sqrt(sum(truth[f"visits_{band}"] * one**2 for band, one in zip(BANDS, snr, strict=True)))
+    best = "S/N", snr.max(axis=0), [(EDGES[0], np.inf), *pairwise(EDGES)]
     alone, galaxy = ~truth["blended"].astype(bool), truth["obj_type"] == GALAXY
     rows = []
     for kind, some in (("galaxies", galaxy), ("stars", ~galaxy)):
-        for low, high in ((EDGES[0], np.inf), *pairwise(EDGES)):
-            chosen = alone & some & (snr > low) & (snr <= high)
-            n = int(chosen.sum())
-            share = 100.0 * float((match[chosen] >= 0).mean()) if n else None
-            name = f"S/N > {low}" if np.isinf(high) else f"S/N {low} - {high}"
-            rows.append((f"{kind} found, {name}", share, n, GOALS[kind] if np.isinf(high) else None))
+        for what, values, bins in (best, ("joint S/N of all frames", joint, pairwise(EDGES))):
+            for low, high in bins:
+                chosen = alone & some & (values > low) & (values <= high)
+                n = int(chosen.sum())
+                share = 100.0 * float((match[chosen] >= 0).mean()) if n else None
+                name = f"> {low}" if np.isinf(high) else f"{low} - {high}"
+                rows.append((f"{kind} found, {what} {name}", share, n, GOALS[kind] if np.isinf(high) else None))
     return rows
 
 

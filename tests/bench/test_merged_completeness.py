@@ -25,6 +25,7 @@ def true_objects(script, snr=20.0):
     """Return N stars and N galaxies, 22 mag in r; each band 0.3 mag brighter than the one before; no u frame."""
     mags = {f"mag_{band}": np.full(2 * N, 22.6 - 0.3 * k) for k, band in enumerate(script.BANDS)}
     snr = {f"snr_{band}": np.full(2 * N, np.nan if band == "u" else snr) for band in script.BANDS}
+    snr |= {f"visits_{band}": np.full(2 * N, 0 if band == "u" else 2) for band in script.BANDS}
     kind = np.repeat([STAR, GALAXY], N)
     return ObjectTable({"obj_type": kind, "blended": np.zeros(2 * N, bool), **mags, **snr})
 
@@ -46,6 +47,7 @@ def test_share_found_and_goals(script, capsys):
     assert rows["galaxies found, S/N > 10"] == (95.0, N, 97.0)
     assert rows["stars found, S/N > 10"] == (100.0, N - 2, 99.0)
     assert rows["stars found, S/N 10 - 15"] == (None, 0, None)
+    assert rows["stars found, joint S/N of all frames 15 - 30"] == (50.0, 2, None)  # 9 x sqrt(6)
 
 
 def test_colours_of_galaxies_alone(script):
