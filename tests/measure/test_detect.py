@@ -40,8 +40,8 @@ def line(half, sigma=STAR):
 def test_level_and_noise_are_those_of_a_pixel(fabricate, noise, crowded):
     """Also where so much is masked that the coarse, binned background must do: 2% of the noise, 0.15 e-."""
     image = fabricate.add_noise(np.zeros((700, 640)), 61)
-    masked = np.full(image.shape, crowded)
-    rms = subtract_background(image, masked)
+    rms = subtract_background(image, np.full(image.shape, crowded, np.uint8))(image.shape)
+    assert rms.shape == image.shape
     assert np.median(rms) == pytest.approx(noise, rel=0.02)
     assert image.mean() == pytest.approx(0.0, abs=0.15)
 
@@ -71,7 +71,7 @@ def test_extended_and_point_sources_lie_where_they_were_put(fabricate):
         image[j - 30 : j + 31, i - 30 : i + 31] += 40_000 * blob
     fabricate.add_stars(image, x[~blobs], y[~blobs], np.full((~blobs).sum(), 20_000.0))
     kernel = np.outer(line(3), line(3)).astype(np.float32)
-    frame = isophotes(fabricate.add_noise(image, 62), NO_STARS)
+    frame = isophotes(fabricate.add_noise(image, 62), NO_STARS, np.zeros(image.shape, np.uint8))
     tops, _ = peaks(frame, kernel, np.zeros(image.shape, np.uint8))
     centre = np.where(blobs, np.rint(x), x), np.where(blobs, np.rint(y), y)
     for found, mine in ((frame.extended, blobs), (tops, ~blobs)):
@@ -108,7 +108,7 @@ def test_the_cold_pass_finds_what_its_threshold_promises(fabricate, noise):
         image[y - 20 : y + 21, x - 20 : x + 21] += 4.5 * 2 * noise / matched * blob
     frame = fabricate.add_noise(image, 64)
     found, _ = _cold_pass(binned(frame - np.float32(fabricate.SKY)), np.full((320, 320), 2 * noise, np.float32))
-    extended = isophotes(frame, NO_STARS).extended
+    extended = isophotes(frame, NO_STARS, np.zeros(frame.shape, np.uint8)).extended
     for x, y in ((2 * found["x"] + 0.5, 2 * found["y"] + 0.5), (extended.x, extended.y)):
         distance = np.array([np.hypot(x - u, y - v).min() for u, v in places])
         assert (distance < 6.0).mean() > 0.85

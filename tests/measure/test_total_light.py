@@ -54,6 +54,7 @@ def fit(images, tables, *, ratio=0.8, dx=0.2, dy=-0.3, half_light=4.0, unusable=
         )  # fmt: skip
         e = np.array([(1 - ratio**2) / (1 + ratio**2) + 0j])
         table = {"flux_psf": np.array([flux_psf]), "flux_psf_err": np.array([30.0]), "e": e, "g_err": np.zeros(1)}
+        table |= {"x": found.x, "y": found.y}
         bad = np.zeros(image.shape, np.uint8) if unusable is None else unusable
         parts.append(total_light(found, table, bad, np.ones(1), tables))
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -164,7 +165,9 @@ def test_no_source_no_row(tables):
         image=np.zeros((9, 9), np.float32), rms=np.ones((9, 9), np.float32), segments=np.zeros((9, 9), np.int32),
         segment=np.zeros(0, np.int64), x=np.zeros(0), y=np.zeros(0), half_light=np.zeros(0),
     )  # fmt: skip
-    table = {"flux_psf": np.zeros(0), "flux_psf_err": np.zeros(0), "e": np.zeros(0, complex), "g_err": np.zeros(0)}
+    table = {name: np.zeros(0) for name in ("x", "y", "flux_psf", "flux_psf_err", "g_err")} | {
+        "e": np.zeros(0, complex)
+    }
     light = total_light(found, table, np.zeros((9, 9), np.uint8), np.ones(0), tables)
     assert all(values.shape == (0,) for values in light.values())
 

@@ -8,11 +8,12 @@ mode of 2 x 2 sums is taken, whose error is a quarter of that.
 """
 
 import math
+from dataclasses import dataclass
 
 import numba
 import numpy as np
 
-from csstsim.measure.maps import BIN, interpolated
+from csstsim.measure.maps import BIN, add_interpolated, interpolated
 
 FIRST_BOX, SECOND_BOX = 64, 256  # px; 4.7 arcsec to find sources and in crowded fields, 19 arcsec with sources masked
 MASK_MAX = 0.4  # of the frame; with more masked it counts as crowded
@@ -21,6 +22,24 @@ CLIP = 3.5  # sigma; lowers the noise of a Gaussian by 0.3 %, corrected below
 CLIP_LOSS = 0.9969
 SAMPLE = 8192  # pixels of a mesh for the first guess
 FLOOR = np.float32(1e-3)  # electron; a noise-free image has rms 0: a floor keeps S/N finite
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Level and noise (rows, columns), electron, at the `middle` (rows, columns) of parts of a frame, px."""
+
+    level: np.ndarray
+    rms: np.ndarray
+    middle: tuple
+
+    def subtract_from(self, image):
+        """Take the level from an image of the frame, in place."""
+        add_interpolated(image, self.level, self.middle, -1.0)
+
+    def noise(self, shape, scale=1):
+        """Return the noise, float32 of `shape`, of sums of `scale` x `scale` pixels of the frame."""
+        middle = tuple((axis - 0.5 * (scale - 1)) / scale for axis in self.middle)
+        return interpolated(np.maximum(scale * self.rms, FLOOR), middle, shape)
 
 
 def crude_background(image):
@@ -33,33 +52,36 @@ def crude_background(image):
     return _unskewed(background.back(dtype=np.float32), rms), rms
 
 
-def masked_background(image, mask, box=SECOND_BOX):
-    """Return (level, rms) float32 (ny, nx) of the pixels not in `mask`; None when all meshes are masked."""
+def masked_background(image, mask, unusable, box=SECOND_BOX):
+    """Return the `Mesh` of an image (ny, nx) without the pixels in the binned `mask` or where `unusable` is not 0.
+
+    None when all parts are masked.
+    """
     ny, nx = (max(1, round(n / box)) for n in image.shape)
     rows, columns = (np.linspace(0, n, k + 1).astype(int) for n, k in zip(image.shape, (ny, nx), strict=True))
     level, rms = np.full((2, ny, nx), np.nan)
+    room = np.empty(int(np.diff(rows).max() * np.diff(columns).max()), image.dtype)
     for j in range(ny):
         for i in range(nx):
-            part = np.s_[rows[j] : rows[j + 1], columns[i] : columns[i + 1]]
-            values = _unmasked(image[part], mask[part])
-            if values.size >= max(GOOD_MIN * mask[part].size, 1):
-                level[j, i], rms[j, i] = _clipped(values)
+            n = _unmasked(image, mask, unusable, rows[j], rows[j + 1], columns[i], columns[i + 1], room)
+            if n >= max(GOOD_MIN * (rows[j + 1] - rows[j]) * (columns[i + 1] - columns[i]), 1):
+                level[j, i], rms[j, i] = _clipped(room[:n])
     if not np.isfinite(level).any():
         return None
     middle = (0.5 * (rows[1:] + rows[:-1] - 1), 0.5 * (columns[1:] + columns[:-1] - 1))
-    level, rms = (interpolated(_filled(values), middle, image.shape) for values in (level, rms))
-    return level, np.maximum(rms, FLOOR)
+    return Mesh(_filled(level), _filled(rms), middle)
 
 
 @numba.njit(cache=True)
-def _unmasked(image, mask):
-    """Return the pixels of `image` (ny, nx) that are not in `mask`, (n,)."""
-    out, n = np.empty(image.size, image.dtype), 0
-    for y in range(image.shape[0]):
-        for x in range(image.shape[1]):
+def _unmasked(image, mask, unusable, top, bottom, left, right, out):
+    """Fill `out` with the pixels of a part that are neither in `mask` nor unusable; return their number."""
+    n = 0
+    for y in range(top, bottom):
+        line = mask[min(y // BIN, mask.shape[0] - 1)]
+        for x in range(left, right):
             out[n] = image[y, x]
-            n += not mask[y, x]
-    return out[:n]
+            n += not (line[min(x // BIN, line.size - 1)] or unusable[y, x])
+    return n
 
 
 def _clipped(values):
@@ -97,6 +119,7 @@ def _filled(mesh):
     return median_filter(mesh[tuple(near)], 3, mode="nearest")
 
 
+@numba.njit(cache=True)
 def _unskewed(level, rms):
     """Return the mean of Poisson + Gaussian noise whose mode estimate is `level`, electron; changes `level`.
 
@@ -104,5 +127,7 @@ def _unskewed(level, rms):
     below the mean by k3 / (6 rms^2), and the third cumulant k3 of sky and dark electrons is their mean; so
     the estimate is low by 5 / 12 of mean / rms^2: 0.2-0.4 electron, 1 % of the flux of a source at S/N 10.
     """
-    level += np.float32(5.0 / 12.0) * np.maximum(level, np.float32(0.0)) / rms**2
+    for y in range(level.shape[0]):
+        for x in range(level.shape[1]):
+            level[y, x] += np.float32(5.0 / 12.0) * max(level[y, x], np.float32(0.0)) / rms[y, x] ** 2
     return level

@@ -29,7 +29,7 @@ CHI2_MAX = 4.0  # reduced, MODEL_ERROR included; a candidate with more is a gala
 CLIP = 5.0  # sigma: pixels that much above the fit belong to other sources
 STEPS = 12
 FADE = 0.7, 0.95  # of the box's half side: from the PSF to the wing
-FAINTEST = 0.02  # of the noise of a pixel: level to which a wing is followed
+FAINTEST = 0.04  # of the noise of a pixel: level to which a wing is followed
 PSF_CELL = 1152  # px; one PSF for the stars of such a cell
 WING_STEP = 0.25  # px
 
@@ -104,9 +104,8 @@ def bright_stars(electrons, unusable, psf, scattered, chip, window, read_noise):
 
 def _candidates(electrons, unusable, sky):
     """Return (x, y, saturated), each (n,): groups of saturated pixels at the middle of their widest rows, and peaks."""
-    row, column = np.nonzero(unusable & FULL)
-    x, y = _groups(row, column)
-    peak_y, peak_x = _peaks(electrons, unusable, np.float32(sky + PEAK))
+    full, (peak_y, peak_x) = _pixels(electrons, unusable, np.float32(sky + PEAK))
+    x, y = _groups(*full)
     saturated = np.repeat([True, False], [len(x), len(peak_x)])
     return np.concatenate([x, peak_x]), np.concatenate([y, peak_y]), saturated
 
@@ -133,13 +132,18 @@ def _groups(row, column):
 
 
 @numba.njit(cache=True)
-def _peaks(electrons, unusable, least):
-    """Return (y, x) of the usable pixels of at least `least` that exceed the 24 around them, all of these usable."""
+def _pixels(electrons, unusable, least):
+    """Return (y, x) of the saturated pixels, and of peaks.
+
+    A peak is a usable pixel of at least `least` that exceeds the 24 around it, all of which are usable.
+    """
     ny, nx = electrons.shape
-    found = [(0.0, 0.0) for _ in range(0)]
-    for y in range(2, ny - 2):
-        for x in range(2, nx - 2):
-            if electrons[y, x] < least or unusable[y, x]:
+    found, full = [(0, 0) for _ in range(0)], [(0, 0) for _ in range(0)]
+    for y in range(ny):
+        for x in range(nx):
+            if unusable[y, x] & FULL:
+                full.append((y, x))
+            if not electrons[y, x] >= least or unusable[y, x] or min(x, y, nx - 1 - x, ny - 1 - y) < 2:
                 continue
             highest = True
             for v in range(y - 2, y + 3):
@@ -150,10 +154,15 @@ def _peaks(electrons, unusable, least):
                     if higher or unusable[v, u]:
                         highest = False
             if highest:
-                found.append((float(y), float(x)))
-    out = np.empty((2, len(found)))
-    for k in range(len(found)):
-        out[0, k], out[1, k] = found[k]
+                found.append((y, x))
+    return _rows(full), _rows(found)
+
+
+@numba.njit(cache=True)
+def _rows(pairs):
+    out = np.empty((2, len(pairs)), np.int64)
+    for k in range(len(pairs)):
+        out[0, k], out[1, k] = pairs[k]
     return out
 
 

@@ -6,6 +6,8 @@ proper motion and parallax still included. Fluxes are electrons of the exposure;
 zero point (no atmosphere).
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from csstsim.base.errors import InputError
@@ -20,6 +22,7 @@ from csstsim.measure.detect import isophotes, peaks, star_sources
 from csstsim.measure.moments import measure_shapes, on_sky, reduced, without_psf
 from csstsim.measure.photometry import APERTURE, aperture_flux, fit_sources, kron_flux, psf_model
 from csstsim.measure.profile_tables import profile_tables
+from csstsim.measure.strips import strips
 from csstsim.measure.total_light import total_light
 from csstsim.measure.tracks import tracks
 from csstsim.optics.scatter.scattered_light import read_scattered
@@ -36,9 +39,9 @@ FLAGS = {
     NOT_CENTRED: "windowed position failed: x, y are the isophotal barycentre",
     SHARP: "sharper than the PSF by 5 sigma, or a line narrower than it: cosmic ray or defect",
     BAD_PIXELS: "defects or cosmic rays within 3 px; they are left out of the fit",
-    NO_SHAPE: "S/N below 3, or adaptive moments failed: hsm_sigma, hsm_e1, hsm_e2, resolution, g1, g2, g_err are NaN",
+    NO_SHAPE: "S/N below 5, or no adaptive moments: hsm_sigma, hsm_e1, hsm_e2, resolution, g1, g2, g_err are NaN",
 }
-SHAPE_SNR = 3.0  # minimum for a shape: six in seven detections are below it, most of them noise
+SHAPE_SNR, FAINT_SNR = 5.0, 2.5  # least S/N for a shape; of the PSF flux if the Kron flux reaches the first
 STAR_SPREAD = 0.01  # spread of a star from errors of PSF interpolation and centring, in addition to 2.5 x its noise
 
 # Type and meaning of each column; pixel centres are at whole numbers, the chip's first at 0
@@ -138,7 +141,8 @@ def measure_frame(calibrated, psf, wcs, observer, *, obsid, chip, filter, telesc
     rms = float(np.median(frame.rms[::8, ::8]))
     stars.add_noise_to(frame.rms)
     found, snr = peaks(frame, kernel, unusable)
-    found = combine(frame, found, snr, _fit(frame, found, calibrated, unusable, model, window), kernel)
+    counted = calibrated.counted(found.x, found.y)
+    found = combine(frame, found, snr, _fit(frame, found, counted, unusable, model, window), kernel)
     parts.append(_measured(found, calibrated, unusable, model, window, profiles))
     table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     table["ra_apparent"], table["dec_apparent"] = wcs.pixel_to_world(table["x"], table["y"])
@@ -167,8 +171,16 @@ def measure_frame(calibrated, psf, wcs, observer, *, obsid, chip, filter, telesc
 
 
 def _measured(found, calibrated, unusable, model, window, profiles):
-    table = _sources(found, calibrated, unusable, model, window)
-    return table | total_light(found, table, unusable, calibrated.counted(found.x, found.y), profiles)
+    """Return the columns of `combine.Detections`, from measurements on the frame."""
+    counted, parts, order = calibrated.counted(found.x, found.y), [], []
+    for rows, part, first in strips(found):
+        around = replace(window, y0=window.y0 + first, y1=window.y0 + first + len(part.image))
+        bad = unusable[first : first + len(part.image)]
+        table = _sources(part, counted[rows], bad, model, around)
+        parts.append(table | total_light(part, table, bad, counted[rows], profiles))
+        order.append(rows)
+    back = np.argsort(np.concatenate(order))
+    return {name: np.concatenate([part[name] for part in parts])[back] for name in parts[0]}
 
 
 def _of_stars(frame, kernel):
@@ -181,23 +193,23 @@ def _of_stars(frame, kernel):
     )  # fmt: skip
 
 
-def _fit(frame, sources, calibrated, unusable, model, window):
+def _fit(frame, sources, counted, unusable, model, window):
     cell = model.cell(sources.x + window.x0, sources.y + window.y0)
-    counted = calibrated.counted(sources.x, sources.y)
     return fit_sources(
         frame.image, frame.rms, unusable, sources.x, sources.y, counted, cell, model.coefficients, model.blurred
     )
 
 
-def _sources(found, calibrated, unusable, model, window):
+def _sources(found, counted, unusable, model, window):
     x, y = found.x + window.x0, found.y + window.y0
-    flux, error, chi2, spread, spread_error, why = _fit(found, found, calibrated, unusable, model, window).T
-    why, counted = why.astype(int), calibrated.counted(found.x, found.y)
+    flux, error, chi2, spread, spread_error, why = _fit(found, found, counted, unusable, model, window).T
+    why = why.astype(int)
     kron, kron_error, kron_failed = kron_flux(found, counted)
     snr = np.where(error > 0, np.nan_to_num(flux) / np.where(error > 0, error, 1.0), 0.0)
     column, row = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in ((found.x, window.nx), (found.y, window.ny)))
     cell = model.cell(x, y)
-    shapes = _shapes(found, snr >= SHAPE_SNR, counted, unusable, model, cell)
+    bright = (snr >= SHAPE_SNR) | ((kron >= SHAPE_SNR * kron_error) & (snr >= FAINT_SNR))
+    shapes = _shapes(found, bright, counted, unusable, model, cell)
     aperture, aperture_error = aperture_flux(found, counted, model.enclosed(APERTURE)[cell])
     track = tracks(found.image, found.rms, found.x, found.y, found.snr)
     flags = (

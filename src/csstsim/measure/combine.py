@@ -29,9 +29,9 @@ EXCESS_SIGMA, EXCESS_SHARE = 3.0, 0.3  # light of an isophote beyond its point s
 
 @dataclass(frozen=True)
 class Detections(Sources):
-    """The combined sources, with `image`, `rms`, `segments` of `detect.Frame`; `extended`: with an isophote's ellipse.
+    """The combined sources, with `image`, `rms` and binned `segments` of `detect.Frame`.
 
-    `snr`: of the peak, 0 without one.
+    `extended`: with an isophote's ellipse; `snr`: of the peak, 0 without one.
     """
 
     extended: np.ndarray

@@ -65,7 +65,7 @@ class Sources:
 class Frame:
     """A calibrated image whose background and isophotes are known.
 
-    `image`: electrons with background and bright stars subtracted; `rms`: noise map; `segments` int32 (ny, nx): k + 1
+    `image`: electrons with background and bright stars subtracted; `rms`: noise map; `segments` int32, binned: k + 1
     on the isophote of extended source k of `extended` (Sources), 0 elsewhere; `stars`: bright_stars.BrightStars.
     """
 
@@ -76,22 +76,18 @@ class Frame:
     stars: BrightStars
 
 
-def isophotes(electrons, stars, unusable=None):
+def isophotes(electrons, stars, unusable):
     """Return the `Frame` of an electrons image, float32 (ny, nx), which is changed in place.
 
     `stars`: its bright_stars.BrightStars, not yet subtracted; `unusable` (ny, nx): pixels left out of the background
     where it is not 0, but not of detection. The noise map is without the stars'.
     """
-    import sep
-
-    # Crowded 85 Mpx frames overflow sep's defaults (3e5 pixels above threshold, 1024 parts of one object).
-    sep.set_extract_pixstack(max(1_000_000, electrons.size // 8))
-    sep.set_sub_object_limit(8192)
     stars.subtract_from(electrons)
-    rms = subtract_background(electrons, None if unusable is None else unusable > 0)
-    found, segments = _cold_pass(binned(electrons), binned(rms) / np.float32(BIN))
-    segments = full_size(segments, electrons.shape)
-    return Frame(electrons, rms, segments, _sources(electrons, found, segments, BIN, None), stars)
+    noise = subtract_background(electrons, unusable)
+    small = binned(electrons)
+    found, segments = _cold_pass(small, noise(small.shape, BIN))
+    del small
+    return Frame(electrons, noise(electrons.shape), segments, _sources(electrons, found, segments, BIN, None), stars)
 
 
 def peaks(frame, kernel, unusable, threshold=THRESHOLD):
@@ -133,22 +129,23 @@ def _points(x, y, kernel):
     return table | dict.fromkeys(("theta", "npix", "flux"), np.zeros(n))
 
 
-def subtract_background(electrons, saturated):
-    """Subtract the background in place, with sources masked; return its noise map, electron (ny, nx)."""
+def subtract_background(electrons, unusable):
+    """Subtract the background in place, with isophotes masked, and pixels where `unusable` (ny, nx) is not 0.
+
+    Returns a function of a shape and a bin, 1 or BIN px: the map of the noise of sums of so many pixels, electron.
+    """
     small = binned(electrons)
     level, noise = crude_background(small)
-    _, segments = _cold_pass(small - level, noise)
-    mask = full_size(grown(segments > 0, GROWTH), electrons.shape)
-    if saturated is not None:
-        mask |= saturated
-    fine = masked_background(electrons, mask) if mask.mean() <= MASK_MAX else None
-    if fine is None:
-        fine = (
-            full_size(level, electrons.shape) / np.float32(BIN**2),
-            full_size(noise, electrons.shape) / np.float32(BIN),
-        )
-    electrons -= fine[0]
-    return fine[1]
+    small -= level
+    _, segments = _cold_pass(small, noise)
+    mask = grown(segments > 0, GROWTH)
+    del segments, small
+    mesh = masked_background(electrons, mask, unusable) if mask.mean() <= MASK_MAX else None
+    if mesh is not None:
+        mesh.subtract_from(electrons)
+        return mesh.noise
+    electrons -= full_size(level, electrons.shape) / np.float32(BIN**2)
+    return lambda shape, size=1: noise if size == BIN else full_size(noise, shape) / np.float32(BIN)
 
 
 def _cold_pass(image, noise):
@@ -157,6 +154,9 @@ def _cold_pass(image, noise):
 
     axis = np.arange(-4, 5)
     weight = np.exp(-0.5 * (axis / (COLD_FWHM / FWHM_TO_SIGMA)) ** 2).astype(np.float32)
+    # Crowded frames overflow sep's defaults: 3e5 pixels above the threshold, 1024 parts of one object
+    sep.set_extract_pixstack(max(1_000_000, image.size // 8))
+    sep.set_sub_object_limit(8192)
     found, segments = sep.extract(
         smoothed_snr(image, noise, weight), COLD_THRESHOLD, minarea=COLD_AREA, filter_kernel=None,
         deblend_nthresh=DEBLEND_LEVELS, deblend_cont=COLD_CONTRAST, clean=False, segmentation_map=True,
@@ -180,6 +180,7 @@ def _sources(image, found, segments, scale, window):
     x, y = np.where(failed, x, wx), np.where(failed, y, wy)
     row, column = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in zip((y, x), image.shape, strict=True))
     theta, flag = np.nan_to_num(found["theta"]), found["flag"]
+    row, column = (np.minimum(v // BIN, n - 1) for v, n in zip((row, column), segments.shape, strict=True))
     segment, flux = segments[row, column], found["flux"].astype(float)
     area = scale**2 * found["npix"]
     return Sources(x, y, a, b, theta, half_light, area, flag, failed, segment, flux, sigma)

@@ -20,14 +20,19 @@ def binned(image):
     return out
 
 
-@numba.njit(cache=True)
 def full_size(small, shape):
     """Return a binned map (C-contiguous) at the frame's shape; a last odd row or column has its neighbour's value."""
-    out = np.empty(shape, small.dtype)
-    for y in range(shape[0]):
+    return full_rows(small, shape[1], 0, shape[0])
+
+
+@numba.njit(cache=True)
+def full_rows(small, nx, first, last):
+    """Return rows `first` to `last` (half-open) of `full_size`, a frame of nx columns."""
+    out = np.empty((last - first, nx), small.dtype)
+    for y in range(first, last):
         line = small[min(y // BIN, small.shape[0] - 1)]
-        for x in range(shape[1]):
-            out[y, x] = line[min(x // BIN, line.size - 1)]
+        for x in range(nx):
+            out[y - first, x] = line[min(x // BIN, line.size - 1)]
     return out
 
 
@@ -62,18 +67,28 @@ def light_within(image, segments, count):
 
 def interpolated(mesh, middle, shape):
     """Return float32 of `shape`, bilinear between the meshes' middles (rows, columns), constant beyond the last."""
-    columns = np.arange(shape[1])
-    wide = np.array([np.interp(columns, middle[1], line) for line in mesh], np.float32)
-    return _between(wide, np.interp(np.arange(shape[0]), middle[0], np.arange(len(mesh))))
+    out = np.empty(shape, np.float32)
+    _between(out, *_lines_between(mesh, middle, shape), np.float32(0), np.float32(1))
+    return out
+
+
+def add_interpolated(image, mesh, middle, factor):
+    """Add `factor` times the `interpolated` mesh to an image (ny, nx), in place."""
+    _between(image, *_lines_between(mesh, middle, image.shape), np.float32(1), np.float32(factor))
+
+
+def _lines_between(mesh, middle, shape):
+    """Return (the mesh's lines at full width, each row's place among them)."""
+    wide = np.array([np.interp(np.arange(shape[1]), middle[1], line) for line in mesh], np.float32)
+    return wide, np.interp(np.arange(shape[0]), middle[0], np.arange(len(mesh)))
 
 
 @numba.njit(cache=True)
-def _between(lines, place):
-    """Return each row at its `place` between `lines`."""
-    out = np.empty((place.size, lines.shape[1]), np.float32)
+def _between(image, lines, place, old, factor):
+    """Make each row `old` times what it is, plus `factor` times what lies at its `place` between `lines`."""
     for y in range(place.size):
         low = min(int(place[y]), max(len(lines) - 2, 0))
         high, share = min(low + 1, len(lines) - 1), np.float32(place[y] - low)
-        for x in range(out.shape[1]):
-            out[y, x] = (np.float32(1) - share) * lines[low, x] + share * lines[high, x]
-    return out
+        for x in range(image.shape[1]):
+            value = factor * ((np.float32(1) - share) * lines[low, x] + share * lines[high, x])
+            image[y, x] = value if old == 0 else old * image[y, x] + value

@@ -45,7 +45,8 @@ class ProfileTables:
     `nodes` (K,): r^2, px^2, multiples of 1/2. float32, per px^2: `point` (parts, K, 1), `galaxy` (parts, AXIS_RATIOS,
     K, SIZES x KINDS). `gaap` (AXIS_RATIOS, SIZES, KINDS): share of the flux in the Gaussian aperture for
     colours, before the PSF.
-    `pixel`: arcsec; `step`: width and height of a part, px; `across`: parts in a row.
+    `pixel`: arcsec; `origin`: of the frame on the chip, px; `step`: width and height of a part, px; `across`: parts
+    in a row.
     """
 
     nodes: np.ndarray
@@ -53,14 +54,15 @@ class ProfileTables:
     galaxy: np.ndarray
     gaap: np.ndarray
     pixel: float
+    origin: tuple
     step: tuple
     across: int
 
     def part(self, x, y):
-        """Return the index (n,) of the part at positions in the frame, px; outside it that of the nearest."""
+        """Return the index (n,) of the part at positions on the chip, px; outside the frame that of the nearest."""
         column, row = (
-            np.clip(np.nan_to_num(v) // step, 0, self.across - 1).astype(np.int64)
-            for v, step in zip((x, y), self.step, strict=True)
+            np.clip((np.nan_to_num(v) - start) // step, 0, self.across - 1).astype(np.int64)
+            for v, start, step in zip((x, y), self.origin, self.step, strict=True)
         )
         return row * self.across + column
 
@@ -85,7 +87,7 @@ def profile_tables(psf, origin, shape, pixel):
         there = back * transform.astype(np.float32)
         point.append(there.sum(axis=1, keepdims=True))
         seen.append((there @ galaxy.T).reshape(nodes.size, AXIS_RATIOS.size, -1).swapaxes(0, 1))
-    return ProfileTables(nodes, np.array(point), np.array(seen), gaap, pixel, step, across)
+    return ProfileTables(nodes, np.array(point), np.array(seen), gaap, pixel, origin, step, across)
 
 
 def _nodes(top):

@@ -35,10 +35,10 @@ RADIUS, RADIUS_MIN = 4.0, 14.0  # measured half-light radii, px: how far the pix
 def total_light(found, table, unusable, counted, tables):
     """Return {column: (n,)} of `combine.Detections`: flux_total, flux_gaap and their errors, half_light, point.
 
-    `table`: has flux_psf, flux_psf_err and, of measure.moments, e and g_err; `unusable` (ny, nx), 0 for good; `counted`
-    (n,) as in photometry.fit_sources; `tables`: ProfileTables. flux_gaap: electrons in a Gaussian aperture of GAAP_FWHM
-    on the source before the PSF; half_light: arcsec, radius sqrt(a b) before the PSF; point: the posterior probability
-    of a point. NaN where no pixel is usable.
+    `table`: has x, y (px of the chip), flux_psf, flux_psf_err and, of measure.moments, e and g_err; `unusable`
+    (ny, nx), 0 for good; `counted` (n,) as in photometry.fit_sources; `tables`: ProfileTables. flux_gaap: electrons in
+    a Gaussian aperture of GAAP_FWHM on the source before the PSF; half_light: arcsec, radius sqrt(a b) before the PSF;
+    point: the posterior probability of a point. NaN where no pixel is usable.
     """
     ring = np.searchsorted(tables.nodes, 0.25 + 0.5 * np.arange(int(2.0 * tables.nodes[-1])), side="right") - 1
     prior = np.exp(-0.5 * (np.log(SIZES * tables.pixel / SIZE_PRIOR) / SIZE_SPREAD) ** 2)[:, None] * KIND_PRIOR
@@ -46,7 +46,7 @@ def total_light(found, table, unusable, counted, tables):
     columns = fit_light(
         found.image, found.rms, unusable, found.segments, found.segment, found.x, found.y,
         np.clip(RADIUS * found.half_light, RADIUS_MIN, REACH), counted, np.asarray(table["flux_psf"], float),
-        np.asarray(table["flux_psf_err"], float), tables.part(found.x, found.y),
+        np.asarray(table["flux_psf_err"], float), tables.part(table["x"], table["y"]),
         _nearest_ratio(table["e"], table["g_err"]), tables.nodes, ring.astype(np.uint8), tables.point, tables.galaxy,
         tables.gaap, prior,
     ).T  # fmt: skip

@@ -7,6 +7,7 @@ edge is as wide as the PSF at least.
 """
 
 import math
+from functools import lru_cache
 
 import numba
 import numpy as np
@@ -21,43 +22,56 @@ LONG = 1.2  # least S/N of the strip over the peak's
 SHIFTS = 2  # steps of a quarter of a pixel that the strip may lie beside the source
 
 
-@numba.njit(cache=True)
 def tracks(image, rms, x, y, snr):
     """Return bool (n,): which sources are tracks. `image`, `rms` float32 (ny, nx); x, y px; `snr` as of peaks."""
-    ny, nx = image.shape
+    return _tracks(image, rms, x, y, snr, *_strips())
+
+
+@lru_cache
+def _strips():
+    """Return (offsets, narrow, wide) of all directions and shifts: (k, m, 2) rows and columns, and weights (k, m)."""
     reach = math.ceil(LENGTH) + 3
+    v, u = np.mgrid[-reach : reach + 1, -reach : reach + 1]
+    parts = []
+    for angle in np.pi * np.arange(ANGLES) / ANGLES:
+        for shift in range(-SHIFTS, SHIFTS + 1):
+            across = np.cos(angle) * v - np.sin(angle) * u - 0.25 * shift
+            some = (np.abs(np.cos(angle) * u + np.sin(angle) * v) <= LENGTH) & (np.abs(across) < 3.0)
+            weights = [np.exp(-0.5 * (across[some] / width) ** 2) for width in (NARROW, WIDE)]
+            parts.append((np.column_stack([v[some], u[some]]), *weights))
+    most = max(len(part[1]) for part in parts)
+    padded = [[np.pad(a, [(0, most - len(a))] + [(0, 0)] * (a.ndim - 1)) for a in part] for part in parts]
+    return tuple(np.ascontiguousarray(np.array(some)) for some in zip(*padded, strict=True))
+
+
+@numba.njit(cache=True)
+def _tracks(image, rms, x, y, snr, offsets, narrow, wide):
+    ny, nx = image.shape
     out = np.zeros(x.size, np.bool_)
-    cosines = np.array([math.cos(math.pi * k / ANGLES) for k in range(ANGLES)])
-    sines = np.array([math.sin(math.pi * k / ANGLES) for k in range(ANGLES)])
     for k in range(x.size):
         column, row = round(x[k]), round(y[k])
         if row < 0 or row >= ny or column < 0 or column >= nx:
             continue
-        best, chosen, beside = 0.0, -1, 0.0
-        for a in range(ANGLES):
-            for shift in range(-SHIFTS, SHIFTS + 1):
-                light, norm = _strip(image, column, row, reach, cosines[a], sines[a], 0.25 * shift, NARROW)
-                if norm > 0.0 and light / math.sqrt(norm) > best:
-                    best, chosen, beside = light / math.sqrt(norm), a, 0.25 * shift
-        if chosen < 0 or best < LONG * snr[k] * rms[row, column]:
-            continue
-        narrow, _ = _strip(image, column, row, reach, cosines[chosen], sines[chosen], beside, NARROW)
-        wide, _ = _strip(image, column, row, reach, cosines[chosen], sines[chosen], beside, WIDE)
-        out[k] = narrow > SHARE * wide
+        best, chosen = 0.0, -1
+        for s in range(len(offsets)):
+            light, norm = _light(image, row, column, offsets[s], narrow[s])
+            if light > 0.0 and light > best * math.sqrt(norm):
+                best, chosen = light / math.sqrt(norm), s
+        if chosen >= 0 and best > LONG * snr[k] * rms[row, column]:
+            inner, _ = _light(image, row, column, offsets[chosen], narrow[chosen])
+            whole, _ = _light(image, row, column, offsets[chosen], wide[chosen])
+            out[k] = inner > SHARE * whole
     return out
 
 
 @numba.njit(cache=True)
-def _strip(image, column, row, reach, cosine, sine, beside, width):
-    """Return (light, sum of squares) of Gaussian weights of sigma `width` across a line, `beside` the source."""
+def _light(image, row, column, offsets, weights):
+    """Return (weighted light, sum of squared weights) of the pixels at `offsets` that are on the frame."""
     ny, nx = image.shape
     light, norm = 0.0, 0.0
-    for v in range(max(row - reach, 0), min(row + reach + 1, ny)):
-        for u in range(max(column - reach, 0), min(column + reach + 1, nx)):
-            along = cosine * (u - column) + sine * (v - row)
-            across = cosine * (v - row) - sine * (u - column) - beside
-            if abs(along) <= LENGTH and abs(across) < 3.0:
-                w = math.exp(-0.5 * (across / width) ** 2)
-                light += w * image[v, u]
-                norm += w * w
+    for m in range(len(weights)):
+        v, u, w = row + offsets[m, 0], column + offsets[m, 1], weights[m]
+        if w > 1e-3 and 0 <= v < ny and 0 <= u < nx:
+            light += w * image[v, u]
+            norm += w * w
     return light, norm

@@ -35,7 +35,7 @@ def calibrate(run, job):
     quality = mend(frame, psf_model(open_psf(run, job.chip), (job.window.x0, job.window.y0), job.window.shape))
     image, error, rate = frame.electrons, frame.sigma(), 1.0 / job.pointing.exptime
     background = float(np.median(image))
-    subtract_background(image, quality > 0)
+    subtract_background(image, quality)
     background -= float(np.median(image))
     image *= rate
     error *= rate
