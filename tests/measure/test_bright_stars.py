@@ -113,7 +113,7 @@ def test_wing_and_ghosts_are_taken_out_where_they_fall(fabricate):
     image = np.zeros_like(electrons)
     stars.subtract_from(image)
     flux = stars.flux[0]
-    place = round(stars.y[0]), round(stars.x[0] - 90)
+    place = round(stars.y[0]), round(stars.x[0] - 60)
     radius = np.hypot(place[1] - stars.x[0], place[0] - stars.y[0])
     assert image[place] == pytest.approx(-flux * wing.profile(radius).mean(), rel=1e-3)
     middle = round(stars.y[0] + 20), round(stars.x[0] + 110)
