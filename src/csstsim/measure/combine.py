@@ -4,7 +4,7 @@ Off the isophotes every peak is a source. On an isophote:
 
 - The highest peak is the isophote's own. If it looks like a point (spread) and its PSF accounts for the light of the
   isophote, it is a source as it is. Otherwise the source is extended: it has the isophote's ellipse and half-light
-  radius, and its windowed position unless that lies more than APART from the peak.
+  radius, and its windowed position unless that lies more than APART from a peak of APART_SNR.
 - Any other peak, the highest first, is a source if its flux above the *local* level (a kernel and a constant fitted
   together on a stamp) is `LOCAL_SNR` times its error. Within `CLOSE` of a source the kernel is the PSF, and the flux
   must be `LOCAL_SHARE` of that source's; further away a Gaussian of `WIDE` will do, too, for a galaxy. This rejects
@@ -19,10 +19,10 @@ import numpy as np
 
 from csstsim.measure.detect import Sources
 
-LOCAL_SNR = 5.0
+LOCAL_SNR = 4.0
 LOCAL_SHARE, CLOSE = 0.02, 12.0  # px
 WIDE, WIDE_HALF = 2.5, 8  # px: sigma of the Gaussian, half the side of its stamp
-APART = 1.5  # px
+APART, APART_SNR = 1.5, 5.0  # px; S/N of a peak that is no noise on a faint galaxy
 POINT_SPREAD = 0.01, 2.5  # a star's spread: constant and times its error (as in measure.catalogue)
 EXCESS_SIGMA, EXCESS_SHARE = 3.0, 0.3  # light of an isophote beyond its point sources that makes it extended
 
@@ -72,6 +72,7 @@ def combine(frame, peaks, snr, fit, kernel):
     both = np.flatnonzero(extended & (top >= 0))
     kept[top[both]] = False
     apart = np.hypot(peaks.x[top[both]] - isophotes.x[both], peaks.y[top[both]] - isophotes.y[both]) > APART
+    apart &= snr[top[both]] > APART_SNR
     rows = np.flatnonzero(kept), np.flatnonzero(extended)
     columns = {
         f.name: np.concatenate([getattr(part, f.name)[row] for part, row in zip((peaks, isophotes), rows, strict=True)])
