@@ -106,7 +106,7 @@ def test_stars_in_the_halo_of_a_bright_one_are_sources_and_few_parts_of_its_spik
     gap = np.hypot(table["x"][:, None] - stars[0], table["y"][:, None] - stars[1])
     assert (gap.min(axis=0) < 0.8).all()
     off = (gap.min(axis=1) > 3.0) & (np.hypot(table["x"] - 0.5 * n, table["y"] - 0.5 * n) > 30.0)
-    assert (off & (table["snr"] > 5.0)).sum() <= 20
+    assert (off & (table["snr"] > 5.0)).sum() <= 30
 
 
 def test_a_star_away_from_the_middle_of_a_faint_galaxy_keeps_its_place(fabricate):
