@@ -10,6 +10,7 @@ from csstsim.base.files.atomic import atomic_path
 from csstsim.bricks.compare import spread
 from csstsim.bricks.trials import joined, matched, trials
 from csstsim.bricks.validate import EDGE, MeasuredFrame
+from csstsim.measure.catalogue import SHARP
 
 CODES = "csstsim", "source-extractor"
 EDGES = (3, 4, 5, 6, 7, 8, 10, 20, 500)  # of true S/N
@@ -47,8 +48,12 @@ class Code:
 
 
 def detections(frame):
-    """Return (stated S/N, whether it matches a true object) of each detection well inside the frame."""
+    """Return (stated S/N, whether it matches a true object) of each detection well inside the frame.
+
+    Those flagged as sharp, cosmic rays, are left out, as by the merge.
+    """
     truth, table, (x0, x1, y0, y1) = frame.truth, frame.measured, frame.info["window"]
+    table = table.take((table["flags"] & SHARP) == 0)
     inside = (table["x"] > x0 + EDGE) & (table["x"] < x1 - EDGE)
     table = table.take(inside & (table["y"] > y0 + EDGE) & (table["y"] < y1 - EDGE))
     real = np.zeros(len(table), bool)

@@ -13,6 +13,7 @@ from csstsim.base.rng import stream
 from csstsim.bricks.trials import COLUMNS
 from csstsim.bricks.validate import MeasuredFrame
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
+from csstsim.measure.catalogue import SHARP
 
 BENCHMARKS = Path(__file__).parents[2] / "benchmarks"
 STEP = 0.5  # px
@@ -82,10 +83,11 @@ def test_nothing_to_compare_does_not_agree(scripts, capsys):
 
 
 def test_detections_are_real_within_reach_of_truth(scripts):
-    """A star reaches 2.5 px, a galaxy of 1 arcsec 6.8 px; what lies at the edge of the window is not counted."""
+    """A star reaches 2.5 px, a galaxy of 1 arcsec 6.8 px; the edge of the window and cosmic rays do not count."""
     truth = {"x": [50.0, 100.0], "y": [50.0, 100.0], "obj_type": [STAR, GALAXY], "bulge_frac": [0.0, 0.0]}
     truth |= {"size_disk": [0.0, 1.0], "size_bulge": [0.0, 0.0]}
-    found = {"x": [52.0, 53.0, 106.0, 107.0, 3.0], "y": [50.0, 50.0, 100.0, 100.0, 50.0], "snr": np.arange(5.0)}
+    found = {"x": [52.0, 53.0, 106.0, 107.0, 3.0, 70.0], "y": [50.0, 50.0, 100.0, 100.0, 50.0, 70.0]}
+    found |= {"snr": np.arange(6.0), "flags": [0, 0, 0, 0, 0, SHARP]}
     truth, found = (ObjectTable({k: np.array(v) for k, v in table.items()}) for table in (truth, found))
     frame = MeasuredFrame(truth, ObjectTable(dict(found), {"window": [0, 200, 0, 200], "filter": "r"}), 100, PIXEL)
     snr, real = scripts.compare.detections(frame)
