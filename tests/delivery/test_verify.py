@@ -75,6 +75,7 @@ ONE = [
     (LEVEL0, spoil.header(0, "OBSID", lambda _: "10100000009"), ["OBSID", "10100000009"]),
     (LEVEL0, spoil.header(0, "FILTER", lambda _: "i"), ["FILTER", "'i'"]),
     (LEVEL0, spoil.header(0, "NEXTEND", lambda _: 2), ["1 extensions, not the 2"]),
+    (LEVEL0, spoil.header(1, "CLIPLOW", lambda _: 10**6), ["at 0 DN", "layer bias"]),
     (TRUTH, spoil.scratch, ["parquet"]),
     (TRUTH, spoil.remove, ["missing (truth)"], ALONE),
     (TRUTH, spoil.record(lambda meta: meta["recipe"].update(layers="0" * 16)), ["another campaign: layers"], ALONE),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from csstsim.base.rng import stream
-from csstsim.detector.adc import digitise
+from csstsim.detector.adc import cut_noise, digitise
 
 
 def test_rounding_and_limits():
@@ -38,3 +38,12 @@ def test_noise_of_rounding():
     error = digitise(value)[0] - value.astype(float)
     assert abs(np.mean(error**2) - 1 / 12) < 5 * np.sqrt(1 / 180 / n)
     assert abs(error.mean()) < 5 * np.sqrt(1 / 12 / n)
+
+
+def test_noise_cut_at_zero_is_told():
+    """Half of a Gaussian without a pedestal is cut; one pixel in a thousand is not worth a word."""
+    noise = stream(9, "pedestal").normal(0.0, 5.0, (200, 200)).astype(np.float32)
+    _, _, low = digitise(noise)
+    assert "layer bias" in cut_noise(low, noise.size) and f"{100 * low / noise.size:.2g}%" in cut_noise(low, noise.size)
+    _, _, low = digitise(noise + 500)
+    assert (low, cut_noise(low, noise.size), cut_noise(40, noise.size)) == (0, "", "")

@@ -9,6 +9,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
 from csstsim.catalog.table import ObjectTable
 from csstsim.delivery.light import light_faults
+from csstsim.detector.adc import cut_noise
 from csstsim.io.fits import open_fits, verify_hdu
 from csstsim.io.frames import load_frame
 from csstsim.io.keywords import recorded_recipe
@@ -48,6 +49,8 @@ def level0(frame, seen):
             yield f"{name} is {head.get(name)!r:.80}, not {value!r}"
     if frame.recipe is not None:
         yield from other_recipe(recorded_recipe(head), frame.recipe)
+    if fault := cut_noise(int(file.header.get("CLIPLOW", 0)), file.readout.nx * file.readout.ny):
+        yield fault
     if frame.window is not None and file.readout.window != frame.window:
         yield f"its window is {file.readout.window}, not {frame.window}"
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from csstsim.detector.mask import CLIPPED
 
+CUT_MAX = 1e-3  # largest share of pixels at 0 DN that rounding and rare noise explain
 _ROWS = 64
 
 
@@ -34,6 +35,16 @@ def digitise(image, adc_max=65535, mask=None):
     if bad:
         raise ValueError(f"{bad} pixel(s) to digitise are not finite")
     return digits, high, low
+
+
+def cut_noise(low, pixels):
+    """Return what is wrong with a frame of which `low` pixels were clipped at 0, as text; "" if it is sound."""
+    if low <= CUT_MAX * pixels:
+        return ""
+    return (
+        f"the converter cut {100 * low / pixels:.2g}% of the pixels at 0 DN, which raises their mean: "
+        "the layer bias, or a larger detector.bias, keeps the noise above 0"
+    )
 
 
 def channel_gains(detector, rng, *, one_each):

@@ -27,12 +27,15 @@ def level0(run, job):
 
 def digitised(run, job, state, timer):
     """Return the State after the level0 stage and its provenance (io.keywords.header_values)."""
+    from csstsim.detector.adc import cut_noise
     from csstsim.optics.throughput import shutter
 
     steps = run.steps[job.pointing.type]
     state = steps.run(state, "level0", run.streams(job))
     if steps.losses.shutter:
         state.header |= shutter.moments(job.pointing.mjd, job.pointing.exptime, state.telescope)
+    if fault := cut_noise(state.header.get("clipped_low", 0), state.image.size):
+        print(f"warning: {fault}")
     state.header.setdefault("stages", []).append(timer.entry())
     provenance = {
         "obsid": job.obsid,
