@@ -18,7 +18,7 @@ from csstsim.catalog.table import columns_with
 from csstsim.detector import mask
 from csstsim.io import calibrated, orders, truth
 from csstsim.measure import catalogue
-from csstsim.measure.spectra import spectrum_columns
+from csstsim.measure.spectra import line_columns, spectrum_columns
 from csstsim.optics.psf.psf_file import ATTRIBUTES, DATASETS
 
 ROOT = Path(__file__).parents[1]
@@ -92,6 +92,12 @@ $spectra
 Bits of `flags`:
 
 $spectra_flags
+`spectra/{obsid}_{chip}_lines.parquet` has a row for each emission line that was looked for, detected or not.
+
+$lines
+Bits of `flags`, in addition to those of its columns:
+
+$lines_flags
 ## Merged bricks
 
 `merge/dataset/Norder=8/Dir=.../Npix=....parquet`, a HATS catalogue, has a row for each source; [merge.md](merge.md)
@@ -162,6 +168,7 @@ def documents():
         "bricks": columns({name: (kind, text) for name, (kind, _, text) in columns_with("B").items()}),
         "measured": columns(catalogue.COLUMNS), "measured_flags": bits(catalogue, catalogue.FLAGS),
         "spectra": columns(spectrum_columns.COLUMNS), "spectra_flags": bits(spectrum_columns, spectrum_columns.FLAGS),
+        "lines": columns(line_columns.COLUMNS), "lines_flags": bits(line_columns, line_columns.FLAGS),
         "merged": columns(merge.ABOUT | merge.ABOUT_BAND), "kept": ", ".join(f"`{name}`" for name in calibrated.KEPT),
         "quality": rows(("bit", "what"), calibrated.DQ.items()),
         "datasets": rows(("dataset", "shape, type", "what"), [(f"`{k}`", *v) for k, v in DATASETS.items()]),

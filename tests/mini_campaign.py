@@ -96,6 +96,24 @@ class Stars(CatalogBase):
         return None
 
 
+class Emitters(Stars):
+    """A star, and a small galaxy with [OII] of PHOTONS / s / m2."""
+
+    Z, PHOTONS = 0.35, 20.0
+
+    def _load(self):
+        super()._load()
+        one, other = self.objs
+        galaxy = {"z": self.Z, "size_disk": 0.1, "mag": other.mag}
+        self.objs = [one, MockObject(id=1, type="galaxy", ra=other.ra, dec=other.dec, **galaxy)]
+
+    def load_sed(self, obj):
+        flux, off = ab_photon_density(GRID, obj.mag), GRID - 3728.48 * (1 + self.Z)
+        if obj.type == "galaxy":
+            flux = flux + self.PHOTONS * np.exp(-0.5 * off**2) / np.sqrt(2 * np.pi)
+        return Table({"WAVELENGTH": GRID, "FLUX": flux})
+
+
 class Hungry(Stars):
     """Takes `mb` of memory for three seconds before it loads (option mb)."""
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
+from mini_campaign import Emitters
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import ab_photon_density
@@ -18,7 +19,7 @@ from csstsim.measure.spectra.spectrum_columns import BESIDE
 OBSID = "10100000001"
 
 
-def made(folder, magnitudes, window, places, **changes):
+def made(folder, magnitudes, window, places, objects="Stars", **changes):
     """A campaign file: a star in front of either grating of chip 2."""
     content = {
         "schema_version": 1,
@@ -31,7 +32,7 @@ def made(folder, magnitudes, window, places, **changes):
     job = OpenCampaign(file).job(OBSID, 2)
     ra, dec = icrs(*job.wcs.pixel_to_world(*np.array(places)), job.observer)
     options = {"ra": ra.tolist(), "dec": dec.tolist(), "mag": magnitudes}
-    file.write_text(yaml.safe_dump(content | {"catalog": {"kind": "mini_campaign:Stars", "options": options}}))
+    file.write_text(yaml.safe_dump(content | {"catalog": {"kind": f"mini_campaign:{objects}", "options": options}}))
     return file
 
 
@@ -62,6 +63,23 @@ def test_flux_of_stars_through_both_gratings(campaign):
         assert 0.85 < ((light - true) / error).std() < 1.25
         given = np.interp(table["wavelength"][good], GRID, ab_photon_density(GRID, 16.0))
         assert np.median(table["flux"][good] / given) == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_line_of_a_galaxy_is_measured_by_the_commands(tmp_path):
+    """[OII] at z = 0.35 in a galaxy of 19 mag, through every layer, to 5 sigma and 3%; a star has no known line."""
+    window = {"x0": 3100, "x1": 4300, "y0": 4100, "y1": 4220}
+    places = [2650.3, 4700.6], [4130.2, 4185.7]
+    file = made(tmp_path, [18.0, 19.0], window, places, "Emitters")
+    run, _ = extracted(file)
+    lines = ObjectTable.read(run.paths.lines(OBSID, 2))
+    assert lines.meta["recipe"] == run.recipe(run.job(OBSID, 2), "measure")
+    assert lines.meta["lines"] == len(lines) and lines.meta["limits_held"] <= lines.meta["limits"]
+    [k] = np.flatnonzero(lines["line"] == "[OII]")
+    given = Emitters.PHOTONS * 1.986446e-12 / lines["wavelength"][k]
+    assert lines["id"][k] == 1 and lines["snr"][k] > 10
+    assert abs(lines["flux"][k] - given) < 5 * lines["flux_err"][k] + 0.03 * given
+    assert lines["flux_true"][k] == pytest.approx(given, rel=0.05)
+    assert set(lines["line"][lines["id"] == 0].tolist()) <= {""}
 
 
 def test_imaging_chips_are_refused(campaign):

@@ -7,6 +7,7 @@ rule extract:
     output:
         f"{OUT}/spectra/{{obsid}}_{{chip}}.parquet",
         f"{OUT}/spectra/{{obsid}}_{{chip}}.png",
+        f"{OUT}/spectra/{{obsid}}_{{chip}}_lines.parquet",
     log:
         f"{OUT}/logs/extract/{{obsid}}_{{chip}}.log",
     benchmark:

@@ -69,7 +69,8 @@ def kinds(run):
         ),
         Kind("measured tables", ("measure",), lambda: run.imaging_jobs, lambda job: [paths.measure(*job.key)]),
         Kind(
-            "spectra", ("extract",), lambda: run.slitless_jobs, lambda job: _drawn(paths.spectra(*job.key)),
+            "spectra", ("extract",), lambda: run.slitless_jobs,
+            lambda job: [*_drawn(paths.spectra(*job.key)), paths.lines(*job.key)],
             end="spectra of {n} chip{s} in spectra/",
         ),
         Kind(

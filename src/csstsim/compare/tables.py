@@ -110,12 +110,12 @@ def units():
     from csstsim.catalog.table import columns_with
     from csstsim.io import orders, truth
     from csstsim.measure import catalogue
-    from csstsim.measure.spectra import spectrum_columns
+    from csstsim.measure.spectra import line_columns, spectrum_columns
 
     found = {}
     for described in (
-        columns_with("B"), orders.COLUMNS, truth.ABOUT, catalogue.COLUMNS, spectrum_columns.COLUMNS, merge.ABOUT,
-        merge.ABOUT_BAND,
+        columns_with("B"), orders.COLUMNS, truth.ABOUT, catalogue.COLUMNS, spectrum_columns.COLUMNS,
+        line_columns.COLUMNS, merge.ABOUT, merge.ABOUT_BAND,
     ):  # fmt: skip
         unit = ""
         for name, text in described.items():

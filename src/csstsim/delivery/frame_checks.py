@@ -178,13 +178,24 @@ def measured(path, frame, recipe, seen):
         yield "has sources whose ra, dec are out of range"
 
 
-def spectra(path, frame, recipe):
+def spectra(path, recipe):
     """Check a table of extracted spectra."""
     from csstsim.measure.spectra.spectrum_columns import COLUMNS
 
+    yield from _with_columns(path, recipe, COLUMNS)
+
+
+def lines(path, recipe):
+    """Check a table of line fluxes."""
+    from csstsim.measure.spectra.line_columns import COLUMNS
+
+    yield from _with_columns(path, recipe, COLUMNS)
+
+
+def _with_columns(path, recipe, columns):
     table = ObjectTable.read(path)
     yield from other_recipe(table.meta.get("recipe"), recipe)
-    missing = [name for name in COLUMNS if name not in table]
+    missing = [name for name in columns if name not in table]
     if missing:
         yield f"the table lacks the column {missing[0]}"
 

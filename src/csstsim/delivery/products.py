@@ -57,7 +57,9 @@ def _of_frame(contents, frame, seen):
     kept = NO if frame.measured == NO else contents.calibrated
     yield Product("calibrated", calibrated, kept, partial(frame_checks.calibrated, calibrated, frame))
     yield Product("measured", measured, frame.measured, partial(frame_checks.measured, measured, frame, recipe, seen))
-    yield Product("spectra", spectra, frame.extracted, partial(frame_checks.spectra, spectra, frame, recipe))
+    yield Product("spectra", spectra, frame.extracted, partial(frame_checks.spectra, spectra, recipe))
+    lines = paths.lines(*frame.key)
+    yield Product("line fluxes", lines, frame.extracted, partial(frame_checks.lines, lines, recipe))
     yield Product("figure of spectra", picture, frame.extracted, partial(campaign_checks.picture, picture))
 
 

@@ -104,6 +104,10 @@ class Paths:
         """The table of extracted spectra of a slitless frame, parquet."""
         return self.output / "spectra" / f"{obsid}_{chip_id:02d}.parquet"
 
+    def lines(self, obsid, chip_id):
+        """The table of the emission lines in them, parquet."""
+        return self.output / "spectra" / f"{obsid}_{chip_id:02d}_lines.parquet"
+
     def validate(self, pix):
         """A brick's validation, JSON; pix: NSIDE 256, nested."""
         return self.output / "validate" / f"{pix}.json"

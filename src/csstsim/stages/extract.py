@@ -9,6 +9,7 @@ from csstsim.base.one_thread import one_thread
 from csstsim.base.plural import number_of
 from csstsim.base.release import check_recipe
 from csstsim.catalog.components import components
+from csstsim.catalog.table import GALAXY
 from csstsim.stages.calibrate import calibrated_frame
 from csstsim.stages.level0 import truth_of
 from csstsim.stages.psf import open_psf
@@ -26,20 +27,26 @@ def extract(run, job, snr_min=SNR_MIN, ids=None):
     from csstsim.base.files.atomic import atomic_path
     from csstsim.measure.spectra.chosen_orders import LEFT_OUT
     from csstsim.measure.spectra.extract import extract_spectra
+    from csstsim.measure.spectra.line_fluxes import LineFluxes, judged
     from csstsim.measure.spectra.spectra_figures import spectra_figure
 
     truth, frame, orders, *others = spectra_of_frame(run, job)
     unknown = [] if ids is None else sorted(set(ids) - set(orders["id"].tolist()))
     if unknown:
         raise InputError("no object of this chip's table of orders", key="--ids", value=unknown[0])
-    table = extract_spectra(frame, orders, *others, snr_min=snr_min, ids=ids)
-    path = run.paths.spectra(*job.key)
+    lines = LineFluxes(np.where(truth["obj_type"] == GALAXY, truth["z"], np.nan))
+    table = extract_spectra(frame, orders, *others, snr_min=snr_min, ids=ids, lines=lines)
+    paths = run.paths.spectra(*job.key), run.paths.lines(*job.key)
     if snr_min != SNR_MIN or ids is not None:
-        path = run.paths.output / "chosen" / path.name
-        path.parent.mkdir(parents=True, exist_ok=True)
+        paths = [run.paths.output / "chosen" / path.name for path in paths]
+        paths[0].parent.mkdir(parents=True, exist_ok=True)
+    path = paths[0]
     with atomic_path(path.with_suffix(".png")) as temporary:
         temporary.write_bytes(spectra_figure(truth, frame, orders, table))
-    table.write(path, table.meta | {"recipe": run.recipe(job, "measure")})
+    recipe = {"recipe": run.recipe(job, "measure")}
+    table.write(path, table.meta | recipe)
+    lines = lines.table()
+    lines.write(paths[1], judged(lines) | recipe)
     count = number_of(table.meta["spectra"], "spectrum", "spectra")
     print(f"{count} of S/N {snr_min:g} and more, in a resolution element or a line: {path}")
     if table.meta["cut"]:

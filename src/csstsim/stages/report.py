@@ -149,8 +149,13 @@ def _spectra(run, job, budget):
     meta, figure = ObjectTable.read(path).meta, path.with_suffix(".png")
     check_recipe(path, meta, run.recipe(job, "measure"))
     count = number_of(meta["spectra"], "spectrum", "spectra")
+    lines = ObjectTable.read(run.paths.lines(*job.key)).meta
     title = f"exposure {job.obsid}, chip {job.chip.id} ({job.chip.filter}): {count} extracted"
-    return title, budget.read(figure), _link(run, "spectra", path), _link(run, "figure", figure)
+    title += f", {lines['detected']} of {number_of(lines['lines'], 'line')} detected"
+    if lines["pull_width"] is not None:
+        title += f"; {lines['isolated']} isolated lines differ from the truth by {lines['pull_width']:.2f} sigma (rms)"
+    links = _link(run, "spectra", path), _link(run, "lines", run.paths.lines(*job.key)), _link(run, "figure", figure)
+    return title, budget.read(figure), *links
 
 
 def _products(run):

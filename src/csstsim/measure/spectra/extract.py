@@ -103,14 +103,15 @@ class Sources:
             yield from enumerate((s if s is None else np.asarray(s, float) for s in spectra), first)
 
 
-def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,), snr_min=5.0, ids=None):
+def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,), snr_min=5.0, ids=None, lines=None):
     """Return the ObjectTable of spectra (spectrum_columns.COLUMNS), one row per column of a spectrum.
 
     orders: ObjectTable of io.orders; sources: Sources; model: spectral_model.SpectralModel; psf: PsfSet, or an object
     with its `mixed` and `oversampling`; wing: optics.scatter.halo.Wing of it or None; wanted: orders; snr_min:
     predicted S/N per resolution element; ids: objects, or None for all (chosen_orders). DispersedImage.others, if
     given, is subtracted without the spectrum's own light. The metadata count the spectra, those that the window cuts,
-    and what was left out (chosen_orders.LEFT_OUT).
+    and what was left out (chosen_orders.LEFT_OUT). lines: line_fluxes.LineFluxes that measures each spectrum's lines,
+    or None.
     """
     chosen, left_out = chosen_orders(frame, orders, sources, model, wanted=wanted, snr_min=snr_min, ids=ids)
     parts, short, counts, cut = [_nothing()], shortened(orders, model), 0, 0
@@ -118,7 +119,7 @@ def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,
     rows = np.flatnonzero(chosen)
     for k, (_, spectrum) in zip(rows, sources.each(orders["row"][rows]), strict=True):
         one = orders.take(slice(k, k + 1))
-        found = _extract_one(frame, one, sources.shapes, spectrum, sources.edges, model, point)
+        found = _extract_one(frame, one, sources.shapes, spectrum, sources.edges, model, point, lines)
         if found is not None:
             parts.append(found)
             counts += 1
@@ -138,7 +139,7 @@ def _points(cells, per_pixel, wing):
     return np.array([psf_profile(cells, per_pixel, axis, wing) for axis in (ALONG, ACROSS)])
 
 
-def _extract_one(frame, one, shapes, spectrum, edges, model, point):
+def _extract_one(frame, one, shapes, spectrum, edges, model, point, lines):
     """Return {name: (n,)} of one row of the orders' table; None if none of its columns is usable.
 
     spectrum: its object's in bins of `edges`, or None; point: function of x, y that returns `_points` there.
@@ -171,6 +172,8 @@ def _extract_one(frame, one, shapes, spectrum, edges, model, point):
         found["contamination"] = np.full(len(columns), np.nan)
     found |= {"column": columns, "y": centre, "wavelength": wave, "sensitivity": flat, "model": expected}
     found |= {name: np.full(len(columns), one[name][0]) for name in ("id", "row", "order")}
+    if lines is not None:
+        lines.add(one, found, along, model)
     return {name: found[name].astype(dtype) for name, (dtype, _) in COLUMNS.items()}
 
 

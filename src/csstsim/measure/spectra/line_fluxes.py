@@ -1,0 +1,224 @@
+"""Fluxes of emission lines in extracted spectra: at known redshifts, and of lines that stand out by themselves.
+
+The electrons e(X) within SIDE columns of a line, with their errors, are fitted by
+
+    e(X) = sum_j F_j A t T(lambda_j) P_j(X) + S(X) (c_0 + c_1 u + c_2 u^2),        u = (X - X_0) / SIDE
+
+j are the line and all others that reach there, F the fluxes in photons, A the aperture, t the time, T the order's
+throughput, P_j the share of the line's light in a column (measure.spectra.line_profile along the trace: PSF and
+galaxy), and S the sensitivity. Only F of the line itself is kept, so lines that overlap share their errors. The errors
+of the columns are those of the extraction.
+
+Without a redshift, the spectrum less its running median is compared with P at every column. The MOST highest points of
+a significance of at least FOUND are lines; where the spectrum is uneven, significance is in units of its own scatter.
+Left out: lines wider than the object's image, such as quasars'.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from csstsim.base.units import C_A_S, H_J_S
+from csstsim.catalog.table import ObjectTable
+from csstsim.instrument.filter import GRID
+from csstsim.measure.spectra.line_columns import BLENDED, BLIND, COLUMNS, LINES, PART
+from csstsim.measure.spectra.line_profile import OFFSETS, mixed
+from csstsim.measure.spectra.spectrum_columns import BESIDE, COSMIC, CUT, DIM, LOST, SATURATED, UNEVEN
+
+SIDE = 30.0  # columns beyond twice a line's full width, for the continuum
+DETECTED = 3.0  # S/N
+FOUND, MOST = 5.0, 3  # significance of lines found without a redshift, and their number in a spectrum
+APART = 1.5  # full widths at half maximum: lines nearer than that are blended
+SPURIOUS = SATURATED | COSMIC | LOST | CUT | BESIDE | UNEVEN  # what looks like a line on such columns is none
+MEDIAN = 41  # columns of the running median
+WHOLE, LEAST = 0.8, 0.5  # share of a line's light in usable columns: below WHOLE it is flagged, below LEAST left out
+ERG_PER_CM2 = 1e3  # J / m2 in erg / cm2
+
+
+@dataclass(frozen=True, eq=False)
+class Line:
+    """A line in a spectrum: `places` of its parts [px], mean `wavelength` [angstrom], `electrons` (n,) of 1 photon / s
+    / m2, `width` of a part [px], full at half maximum.
+    """
+
+    name: str
+    places: np.ndarray
+    wavelength: float
+    electrons: np.ndarray
+    width: float
+    flags: int = 0
+
+    def near(self, columns):
+        """Return bool (n,): columns within APART widths of a part."""
+        return (np.abs(np.subtract.outer(columns, self.places)) < APART * self.width).any(axis=-1)
+
+
+class LineFluxes:
+    """Measures the lines of one spectrum after another (`add`), and returns them as a table (`table`)."""
+
+    def __init__(self, redshift):
+        """redshift (rows,): of the objects by row of the truth table; NaN: not known."""
+        self.redshift, self._found = redshift, []
+
+    def add(self, one, found, along, model):
+        """Measure the lines of a spectrum.
+
+        one: its row of the orders' table; found: {name: (n,)} of spectrum_columns.COLUMNS; along: profile (4, n) ALONG
+        the trace; model: spectral_model.SpectralModel.
+        """
+        spectrum = _Spectrum(one, found, along, model)
+        lines = spectrum.known(self.redshift[int(one["row"][0])])
+        lines += spectrum.search(lines)
+        for line in lines:
+            values = spectrum.measured(line, lines)
+            if values is not None and not (line.flags & BLIND and values["snr"] < FOUND):
+                self._found.append({name: one[name][0] for name in ("id", "row", "order")} | values)
+
+    def table(self):
+        """Return the ObjectTable of line_columns.COLUMNS."""
+        return ObjectTable({
+            name: np.array([line[name] for line in self._found], dtype) for name, (dtype, _) in COLUMNS.items()
+        })  # fmt: skip
+
+
+class _Spectrum:
+    def __init__(self, one, found, along, model):
+        self.found, self.along, self.model = found, along, model
+        self.column, self.error = found["column"].astype(float), found["electrons_err"].astype(float)
+        self.good = (found["flags"] & (LOST | DIM) == 0) & np.isfinite(found["electrons"]) & (self.error > 0)
+        self.start, self.per = float(one["x"][0] + one["p"][0]), float(one["q"][0])
+        self.passed = model.photons * np.gradient(model.cumulative[model.pairs(one)[0]], GRID)
+
+    def known(self, redshift):
+        """Return the Lines of LINES that lie in the spectrum at a redshift; none if it is NaN or not above 0."""
+        if not redshift > 0:
+            return []
+        lines = [self._line(name, [(w * (1 + redshift), s) for w, s in parts]) for name, parts in LINES.items()]
+        return [line for line in lines if line is not None]
+
+    def _line(self, name, parts, flags=0):
+        """Return the Line of parts (wavelength, share); None unless all lie on usable columns."""
+        electrons, places = np.zeros(len(self.column)), np.array([self.start + self.per * w for w, _ in parts])
+        at = np.rint(places - self.column[0]).astype(int)
+        if not ((at >= 0) & (at < len(self.column))).all() or not self.good[at].all():
+            return None
+        for place, (wavelength, share) in zip(places, parts, strict=True):
+            through = share * np.interp(wavelength, GRID, self.passed)
+            electrons += through * self._shares(place, wavelength)
+        wavelength = sum(w * s for w, s in parts)
+        return Line(name, places, wavelength, electrons, self._width(wavelength), flags)
+
+    def _profile(self, wavelength):
+        """Return the share of a line's light below OFFSETS, as SpectralModel.electrons: all of it stays near."""
+        band, share = mixed(wavelength, self.model.bands)
+        profile = (1 - share) * self.along[band] + share * self.along[band + 1]
+        return profile / profile[-1]
+
+    def _shares(self, column, wavelength):
+        """Return (n,): the share of a line's light in each column."""
+        profile, offset = self._profile(wavelength), self.column - column
+        return np.interp(offset + 0.5, OFFSETS, profile) - np.interp(offset - 0.5, OFFSETS, profile)
+
+    def _width(self, wavelength):
+        steps = np.diff(self._profile(wavelength))
+        return float(np.count_nonzero(steps > steps.max() / 2) * (OFFSETS[1] - OFFSETS[0]))
+
+    def search(self, lines):
+        """Return Lines that are not among `lines`: the MOST highest points above the continuum."""
+        found, usable = [], np.flatnonzero(self.good)
+        if len(usable) < MEDIAN:
+            return []
+        signal = self._significance(usable)
+        for line in lines:
+            signal[line.near(self.column)] = 0.0
+        while len(found) < MOST:
+            k = int(np.argmax(signal))
+            if not signal[k] >= FOUND:
+                break
+            line = self._line("", [((self._peak(signal, k) - self.start) / self.per, 1.0)], BLIND)
+            if line is not None and not self._flags(line) & SPURIOUS:
+                found.append(line)
+            signal[max(k - MEDIAN // 2, 0) : k + MEDIAN // 2 + 1] = 0.0
+        return found
+
+    def _flags(self, line):
+        """Return the bits of the columns of a line's own light, with its own."""
+        light = line.electrons > 0.05 * line.electrons.max()
+        return int(np.bitwise_or.reduce(self.found["flags"][light].astype(int), initial=line.flags))
+
+    def _significance(self, usable):
+        """Return (n,): S/N of a line on each column above the running median; 0 where columns cannot be used."""
+        sensitivity = np.maximum(self.found["sensitivity"], 1e-30)
+        shape = np.interp(self.column, self.column[usable], (self.found["electrons"] / sensitivity)[usable])
+        around = np.lib.stride_tricks.sliding_window_view(np.pad(shape, MEDIAN // 2, mode="reflect"), MEDIAN)
+        above = np.where(self.good, (shape - np.median(around, axis=1)) * sensitivity, 0.0)
+        weight = np.where(self.good, 1 / np.where(self.good, self.error, 1.0) ** 2, 0.0)
+        middle = self.found["wavelength"][usable[len(usable) // 2]]
+        offset, profile = np.arange(-(MEDIAN // 2), MEDIAN // 2 + 1), self._profile(middle)
+        shares = np.interp(offset + 0.5, OFFSETS, profile) - np.interp(offset - 0.5, OFFSETS, profile)
+        norm = np.sqrt(np.convolve(weight, shares[::-1] ** 2, "same"))
+        out = np.convolve(above * weight, shares[::-1], "same") / np.where(norm > 0, norm, np.inf)
+        spread = 1.4826 * np.median(np.abs(out[usable] - np.median(out[usable])))
+        return np.where(self.good, out / max(spread, 1.0), 0.0)
+
+    def _peak(self, signal, k):
+        """Return the place [px] of the parabola's top through the significance at k and its neighbours."""
+        if not 0 < k < len(signal) - 1:
+            return self.column[k]
+        before, here, after = signal[k - 1 : k + 2]
+        bend = before - 2 * here + after
+        return self.column[k] + (float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5)) if bend < 0 else 0.0)
+
+    def measured(self, line, lines):
+        """Return {name: value} of line_columns.COLUMNS; None where too little of the line can be used."""
+        middle = self.start + self.per * line.wavelength
+        reach = SIDE + 2 * line.width + np.abs(line.places - middle).max()
+        near = self.good & (np.abs(self.column - middle) <= reach)
+        light = line.electrons
+        share = light[near].sum() / max(light.sum(), 1e-300)
+        others = [other for other in lines if other is not line and other.electrons[near].any()]
+        columns = np.stack([light, *(other.electrons for other in others)], axis=1)
+        u = (self.column - middle) / reach
+        sensitivity = self.found["sensitivity"].astype(float)
+        matrix = np.concatenate([columns, sensitivity[:, None] * u[:, None] ** np.arange(3)], axis=1)[near]
+        if share < LEAST or near.sum() <= 2 * matrix.shape[1]:
+            return None
+        data = np.stack([self.found[name][near].astype(float) for name in ("electrons", "model")], axis=1)
+        values, error = _fit(matrix, data, self.error[near])
+        blended = any(line.near(other.places).any() for other in others)
+        flags = self._flags(line) | (BLENDED if blended else 0) | (PART if share < WHOLE else 0)
+        erg = H_J_S * C_A_S / line.wavelength * ERG_PER_CM2
+        flux, true = erg * values[0]
+        limit = max(flux, 0.0) + DETECTED * erg * error[0] if flux < DETECTED * erg * error[0] else np.nan
+        return {
+            "line": line.name, "wavelength": line.wavelength, "column": middle, "flux": flux,
+            "flux_err": erg * error[0], "snr": flux / (erg * error[0]), "limit": limit,
+            "continuum": erg * values[len(columns[0]), 0], "flux_true": true, "flags": flags,
+        }  # fmt: skip
+
+
+def _fit(matrix, data, error):
+    """Return (values (k, m), errors (k,)) of a linear least-squares fit of (n, m) data with errors (n,)."""
+    scale = np.abs(matrix).max(axis=0)
+    scaled = matrix / np.where(scale > 0, scale, 1.0) / error[:, None]
+    inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12, hermitian=True)
+    per = np.where(scale > 0, scale, 1.0)
+    return inverse @ (scaled.T @ (data / error[:, None])) / per[:, None], np.sqrt(np.diag(inverse)) / per
+
+
+def judged(table):
+    """Return {name: number}: how a table of lines compares with its flux_true, JSON-like.
+
+    Isolated lines have no flag. Their pull is (flux - flux_true) / flux_err; `limits` counts lines that are not
+    detected, `limits_held` those whose flux_true is below the limit. None: there are too few lines to say.
+    """
+    known = np.isfinite(table["flux_true"])
+    isolated = known & (table["flags"] == 0)
+    pull = (table["flux"] - table["flux_true"])[isolated] / table["flux_err"][isolated].astype(float)
+    limit = known & np.isfinite(table["limit"])
+    return {
+        "lines": len(table), "detected": int((table["snr"] >= DETECTED).sum()), "isolated": int(isolated.sum()),
+        "pull_mean": float(pull.mean()) if len(pull) > 1 else None,
+        "pull_width": float(pull.std(ddof=1)) if len(pull) > 1 else None,
+        "limits": int(limit.sum()), "limits_held": int((table["flux_true"] <= table["limit"])[limit].sum()),
+    }  # fmt: skip

@@ -1,0 +1,169 @@
+"""Fluxes of lines that were put into spectra drawn slab by slab with numpy: known, blended, absent, looked for."""
+
+import numpy as np
+import pytest
+from slitless import GaussianPsf, draw, frame_of, setting, sources_of, window_about
+
+from csstsim.instrument.filter import GRID
+from csstsim.measure.spectra import line_fluxes
+from csstsim.measure.spectra.extract import extract_spectra
+from csstsim.measure.spectra.line_columns import BLENDED, BLIND, COLUMNS, LINES
+from csstsim.measure.spectra.line_fluxes import LineFluxes, judged
+from csstsim.measure.spectra.spectrum_columns import LOST
+
+ERG = 1.986446e-12  # erg / cm2 of one photon / m2 at 1 angstrom
+PLACE = (2000.3, 4000.27)
+Z = 0.42  # [OII] at 5294, [NeIII] at 5495, Hd at 5826, Hg at 6165 angstrom
+GIVEN = {"[OII]": 8.0, "[NeIII]": 3.0, "Hd": 0.0, "Hg": 0.6}  # photon / s / m2
+
+
+def spectrum_of(given, z, level=0.02, sigma=1.0):
+    """A smooth continuum with lines of given photons / s / m2, of `sigma` angstrom."""
+    spectrum = level * 6000.0 / GRID
+    for name, photons in given.items():
+        for wavelength, share in LINES[name]:
+            off = (GRID - wavelength * (1 + z)) / sigma
+            spectrum = spectrum + share * photons * np.exp(-0.5 * off**2) / (sigma * np.sqrt(2 * np.pi))
+    return spectrum
+
+
+def drawn(camera, chip, spectrum):
+    """(setting, expected image, sources) of one star."""
+    window = window_about(*PLACE, 1, (0, 1300))
+    s, image = setting(camera, chip, window, [PLACE]), np.zeros(window.shape)
+    draw(image, window, s.gratings, s.orders, spectrum, np.flatnonzero(s.orders["order"] == 1)[0])
+    return s, image, sources_of([spectrum])
+
+
+def lines_of(scene, z, seed=None, **masks):
+    s, image, sources = scene
+    lines = LineFluxes(np.array([z]))
+    frame = frame_of(image, s.window, seed, **masks)
+    extract_spectra(frame, s.orders, sources, s.model, GaussianPsf(), snr_min=0.0, lines=lines)
+    return lines.table()
+
+
+@pytest.fixture(scope="module")
+def emitter(camera):
+    return drawn(camera, 2, spectrum_of(GIVEN, Z))
+
+
+def test_without_noise_fluxes_are_those_put_in(emitter):
+    table = lines_of(emitter, Z)
+    assert set(GIVEN) <= set(table["line"].tolist())  # of 1 angstrom rms: half a per cent are beyond a narrow line
+    for name, photons in GIVEN.items():
+        [k] = np.flatnonzero(table["line"] == name)
+        per = ERG / table["wavelength"][k]
+        assert table["wavelength"][k] == pytest.approx(LINES[name][0][0] * (1 + Z))
+        assert table["flux"][k] == pytest.approx(photons * per, rel=0.02, abs=0.03 * per)
+        assert table["flux_true"][k] == pytest.approx(photons * per, rel=0.02, abs=0.03 * per)
+        assert table["continuum"][k] == pytest.approx(0.02 * 6000 / table["wavelength"][k] * per, rel=0.05)
+
+
+def test_pulls_of_isolated_lines_have_width_one(emitter):
+    """120 frames, 480 lines of S/N 0 to 30, against the photons put in: the width within 15% (error 3%), mean 0.2."""
+    pulls, limits = [], []
+    for seed in range(120):
+        table = lines_of(emitter, Z, seed)
+        for name, photons in GIVEN.items():
+            [k] = np.flatnonzero(table["line"] == name)
+            assert not table["flags"][k] & BLENDED
+            true = photons * ERG / table["wavelength"][k]
+            pulls.append((table["flux"][k] - true) / table["flux_err"][k])
+            assert np.isnan(table["limit"][k]) == (table["snr"][k] >= 3)
+            if table["snr"][k] < 3:
+                limits.append(true <= table["limit"][k])
+    assert len(pulls) == 480
+    assert np.std(pulls) == pytest.approx(1.0, abs=0.15)
+    assert abs(np.mean(pulls)) < 0.2
+    assert len(limits) > 150 and np.mean(limits) > 0.985  # 3 sigma
+
+
+def test_blended_lines_say_so_and_are_right_together(camera):
+    """Ha and [NII] of a GI chip at z = 0.2, a resolution element apart."""
+    given, z = {"Ha": 12.0, "[NII]": 6.0}, 0.2
+    scene = drawn(camera, 1, spectrum_of(given, z))
+    pulls = {name: [] for name in given}
+    for seed in range(60):
+        table = lines_of(scene, z, seed)
+        for name, photons in given.items():
+            [k] = np.flatnonzero(table["line"] == name)
+            assert table["flags"][k] & BLENDED
+            true = photons * ERG / table["wavelength"][k]
+            pulls[name].append((table["flux"][k] - true) / table["flux_err"][k])
+    for some in pulls.values():
+        assert np.std(some) == pytest.approx(1.0, abs=5 / np.sqrt(120))
+        assert abs(np.mean(some)) < 5 / np.sqrt(60)
+
+
+def test_a_bright_line_is_found_without_a_redshift(camera, emitter):
+    """Each time, within half a pixel; where there is none, noise makes one in fifty spectra at most."""
+    none = drawn(camera, 2, spectrum_of({}, 0.0))
+    pixel, false = 5.5, 0
+    for seed in range(50):
+        table = lines_of(emitter, np.nan, seed)
+        assert (table["line"] == "").all() and (table["flags"] & BLIND > 0).all()
+        assert abs(table["wavelength"] - LINES["[OII]"][0][0] * (1 + Z)).min() < pixel / 2
+        assert (table["snr"] >= line_fluxes.FOUND).all() and len(table) <= line_fluxes.MOST
+        false += len(lines_of(none, np.nan, seed))
+    assert false <= 1
+
+
+def test_a_line_of_the_list_is_not_found_twice(emitter):
+    table = lines_of(emitter, Z, 3)
+    assert (table["flags"] & BLIND == 0).all() and len(set(table["line"].tolist())) == len(table)
+
+
+@pytest.mark.parametrize("z", [np.nan, 0.0, -0.1, 0.42, 30.0])
+@pytest.mark.parametrize("mask", ["bad", "saturated"])
+def test_a_spectrum_without_columns_has_no_lines(emitter, z, mask):
+    _, image, _ = emitter
+    table = lines_of(emitter, z, 1, **{mask: np.ones(image.shape, bool)})
+    assert len(table) == 0 and table.names == tuple(COLUMNS)
+    assert judged(table)["pull_width"] is None and judged(table)["lines"] == 0
+    if mask == "bad":
+        most = np.ones(image.shape, bool)
+        most[:, 600:615] = False  # fewer columns than a line needs
+        assert len(lines_of(emitter, z, 1, bad=most)) == 0
+
+
+def test_lines_at_lost_columns_are_left_out_and_said(emitter):
+    """A bad column on the line itself: no result; one beside it: a flag."""
+    s, image, _ = emitter
+    whole = lines_of(emitter, Z)
+    [k] = np.flatnonzero(whole["line"] == "[OII]")
+    place = round(float(whole["column"][k])) - s.window.x0
+    for shift, kept in ((0, False), (2, True)):
+        bad = np.zeros(image.shape, bool)
+        bad[:, place + shift] = True
+        table = lines_of(emitter, Z, bad=bad)
+        found = table["line"] == "[OII]"
+        assert found.any() == kept
+        if kept:
+            assert table["flags"][found][0] & LOST
+            assert table["flux"][found][0] == pytest.approx(whole["flux"][k], rel=0.03)
+
+
+def test_the_fit_is_numpys_with_errors():
+    rng = np.random.default_rng(2)
+    matrix, error = rng.normal(size=(40, 4)) * [1.0, 1e3, 1e-4, 3.0], rng.uniform(0.5, 2.0, 40)
+    data = rng.normal(size=(40, 2))
+    values, errors = line_fluxes._fit(matrix, data, error)
+    weighted = matrix / error[:, None]
+    np.testing.assert_allclose(values, np.linalg.lstsq(weighted, data / error[:, None])[0], rtol=1e-9)
+    scale = np.abs(weighted).max(axis=0)
+    wanted = np.sqrt(np.diag(np.linalg.inv((weighted / scale).T @ (weighted / scale)))) / scale
+    np.testing.assert_allclose(errors, wanted, rtol=1e-9)
+    matrix[:, 0] = 0.0  # a line without light there
+    assert np.isfinite(line_fluxes._fit(matrix, data, error)[0]).all()
+
+
+def test_the_table_is_judged_by_its_isolated_lines(emitter):
+    tables = [lines_of(emitter, Z, seed) for seed in range(5)]
+    table = type(tables[0])({name: np.concatenate([t[name] for t in tables]) for name in COLUMNS})
+    figures = judged(table)
+    isolated = table["flags"] == 0
+    pull = ((table["flux"] - table["flux_true"]) / table["flux_err"])[isolated].astype(float)
+    assert figures["isolated"] == isolated.sum() and figures["lines"] == len(table)
+    assert figures["pull_width"] == pytest.approx(pull.std(ddof=1), rel=1e-4)
+    assert figures["limits"] == np.isfinite(table["limit"]).sum() >= figures["limits_held"]
