@@ -9,7 +9,7 @@ from even_response import EvenResponse
 from csstsim.base.rng import stream
 from csstsim.detector.channels import ReadoutFrame
 from csstsim.measure.calibrate import calibrate
-from csstsim.measure.channel_figures import block_means, channel_figures
+from csstsim.measure.channel_figures import SAMPLE, block_means, channel_figures
 
 READOUT = ReadoutFrame(
     window=(32, 256, 64, 192), nx=256, ny=256, channels_x=2, channels_y=2, channel_nx=128, channel_ny=128,
@@ -35,7 +35,7 @@ def test_each_channel_has_its_own_figures():
     for part in figures:
         x0, x1, y0, y1 = part["window"]
         covered[y0:y1, x0:x1] += 1
-        n = (x1 - x0) * (y1 - y0)
+        n = (x1 - x0) * (y1 - y0) / SAMPLE**2
         error = 5 * sigma / 0.8 * np.hypot(n**-0.5, part["overscan"] ** -0.5)
         assert part["level"] == pytest.approx(30.0 * part["channel"], abs=error)
         assert part["read_noise"] == pytest.approx(sigma, rel=5 / np.sqrt(2 * part["overscan"]) + 0.01)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, correlate
 
 from csstsim.base.rng import stream
-from csstsim.measure.maps import binned, full_size, grown, interpolated
+from csstsim.measure.maps import binned, full_size, grown, interpolated, solid
 
 SHAPES = [(1, 1), (1, 5), (4, 1), (2, 2), (7, 9), (30, 41)]
 
@@ -47,3 +47,16 @@ def test_interpolated_is_bilinear_and_held_beyond(meshes):
     wanted = RegularGridInterpolator(points, values)(np.stack(np.meshgrid(rows, columns, indexing="ij"), axis=-1))
     found = interpolated(mesh, middle, shape)
     assert found.dtype == np.float32 and found == pytest.approx(wanted, abs=1e-4)
+
+
+def test_solid_pixels_are_in_groups():
+    """By scipy's count of the pixels above the threshold in 3 x 3; single pixels and lines are not solid."""
+    image = stream(72, "solid").normal(0.0, 1.0, (60, 70)).astype(np.float32)
+    image[20:30, 10:25] += 5.0
+    above = image > 0.5
+    count = correlate(above.astype(int), np.ones((3, 3), int), mode="constant")
+    assert (solid(image, 0.5) == (above & (count > 5))).all()
+    image[:] = 0.0
+    image[10] = image[:, 5] = 9.0
+    assert not solid(image, 1.0).any()
+    assert not solid(np.full((3, 3), np.nan, np.float32), 1.0).any()

@@ -4,7 +4,7 @@
 2. Isophotes ("cold" pass; Source Extractor's algorithm, Bertin & Arnouts 1996, through `sep`, Barbary 2016): the image
    binned 2 x 2, smoothed with a Gaussian of FWHM 0.44 arcsec, a threshold on a smoothed pixel with a minimum area, and
    coarse deblending. A galaxy stays one source, and its ellipse is that of the galaxy.
-3. The background is measured again with the isophotes masked, on a coarse mesh: a mesh of a few arcseconds takes the
+3. The background is measured with what is bright masked, on a coarse mesh: a mesh of a few arcseconds takes the
    outskirts of galaxies for sky.
 4. Peaks of the S/N that a point would have (measure.peaks). At 3.75, 98% of the isolated points of S/N 5 to 6 are found
    and all brighter ones, at the price of some 130 noise peaks a megapixel, of S/N below 5; `bricks.merge` removes
@@ -23,12 +23,12 @@ from csstsim.measure.bad_pixels import FULL
 from csstsim.measure.bright_stars import BrightStars
 from csstsim.measure.centroid import windowed_positions
 from csstsim.measure.half_light import half_light_radius
-from csstsim.measure.maps import BIN, binned, full_size, grown, light_within
+from csstsim.measure.maps import BIN, binned, full_size, grown, light_within, solid
 from csstsim.measure.peaks import find_peaks, smoothed_snr, smoothing
 from csstsim.optics.psf.psf_set import WINDOW_PX
 
 THRESHOLD = 3.75  # S/N of a peak
-GROWTH = 3  # binned px by which isophotes are grown to mask them
+GROWTH = 3  # binned px by which what is bright is grown to mask it
 DEBLEND_LEVELS = 32
 COLD_THRESHOLD, COLD_AREA, COLD_CONTRAST = 2.5, 8, 0.02  # S/N of a smoothed binned pixel; binned px
 COLD_FWHM = 3.0  # binned px
@@ -130,16 +130,15 @@ def _points(x, y, kernel):
 
 
 def subtract_background(electrons, unusable):
-    """Subtract the background in place, with isophotes masked, and pixels where `unusable` (ny, nx) is not 0.
+    """Subtract the background in place, with what is bright masked, and pixels where `unusable` (ny, nx) is not 0.
 
     Returns a function of a shape and a bin, 1 or BIN px: the map of the noise of sums of so many pixels, electron.
     """
     small = binned(electrons)
     level, noise = crude_background(small)
     small -= level
-    _, segments = _cold_pass(small, noise)
-    mask = grown(segments > 0, GROWTH)
-    del segments, small
+    mask = grown(solid(smoothed_snr(small, noise, _weight()), COLD_THRESHOLD), GROWTH)
+    del small
     mesh = masked_background(electrons, mask, unusable) if mask.mean() <= MASK_MAX else None
     if mesh is not None:
         mesh.subtract_from(electrons)
@@ -148,17 +147,20 @@ def subtract_background(electrons, unusable):
     return lambda shape, size=1: noise if size == BIN else full_size(noise, shape) / np.float32(BIN)
 
 
+def _weight():
+    """Return the Gaussian (9,) with which the binned image is smoothed along both axes."""
+    return np.exp(-0.5 * (np.arange(-4, 5) / (COLD_FWHM / FWHM_TO_SIGMA)) ** 2).astype(np.float32)
+
+
 def _cold_pass(image, noise):
     """Return (sep's table, segmentation map) of the isophotes of a binned image; `flux` is the light within each."""
     import sep
 
-    axis = np.arange(-4, 5)
-    weight = np.exp(-0.5 * (axis / (COLD_FWHM / FWHM_TO_SIGMA)) ** 2).astype(np.float32)
     # Crowded frames overflow sep's defaults: 3e5 pixels above the threshold, 1024 parts of one object
     sep.set_extract_pixstack(max(1_000_000, image.size // 8))
     sep.set_sub_object_limit(8192)
     found, segments = sep.extract(
-        smoothed_snr(image, noise, weight), COLD_THRESHOLD, minarea=COLD_AREA, filter_kernel=None,
+        smoothed_snr(image, noise, _weight()), COLD_THRESHOLD, minarea=COLD_AREA, filter_kernel=None,
         deblend_nthresh=DEBLEND_LEVELS, deblend_cont=COLD_CONTRAST, clean=False, segmentation_map=True,
     )  # fmt: skip
     found["flux"] = light_within(image, segments, len(found))

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 
 BIN = 0.1  # px
-FINE, PARTS = 6.0, 5  # px; nearer pixels are split into PARTS x PARTS
+FINE, PARTS = 5.0, 4  # px; nearer pixels are split into PARTS x PARTS
 LEAST = 0.5  # px, also where there is no light
 
 

@@ -55,6 +55,23 @@ def grown(mask, reach, square=False):
 
 
 @numba.njit(cache=True)
+def solid(image, threshold):
+    """Return bool (ny, nx): pixels above the threshold of which at least five neighbours of eight are, too."""
+    ny, nx = image.shape
+    out = np.zeros((ny, nx), np.bool_)
+    for y in range(ny):
+        for x in range(nx):
+            if not image[y, x] > threshold:
+                continue
+            count = 0
+            for v in range(max(y - 1, 0), min(y + 2, ny)):
+                for u in range(max(x - 1, 0), min(x + 2, nx)):
+                    count += image[v, u] > threshold
+            out[y, x] = count > 5
+    return out
+
+
+@numba.njit(cache=True)
 def light_within(image, segments, count):
     """Return (count,): the sum of `image` over the pixels with number k + 1 in `segments`, both (ny, nx)."""
     out = np.zeros(count)

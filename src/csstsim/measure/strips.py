@@ -6,7 +6,7 @@ import numpy as np
 
 from csstsim.measure.maps import full_rows
 
-HEIGHT = 1024  # px
+HEIGHT = 2048  # px
 WIDTHS, MARGIN = 20.0, 140.0  # major axes and px about a source: what a measurement may touch
 
 
