@@ -102,3 +102,6 @@ def test_single_pixels_and_rows_have_the_response_of_the_map(camera, flat, shutt
     row, column = np.array([99, 0, 0, 99, 50, 50]), np.array([0, 0, 215, 215, 101, 101])
     assert np.array_equal(response.at(row, column), wanted[row, column])
     assert response.at(row[:0], column[:0]).shape == (0,)
+    kept = response.kept()
+    assert np.array_equal(kept.rows(17, 18), wanted[17:18])
+    assert np.array_equal(kept.at(row, column), wanted[row, column])

@@ -29,7 +29,7 @@ DONOR = 8.0  # more than the four boundaries, so that rounding cannot take a pix
 _PAD = 2  # reach of the kernel
 _RING = 2 * _PAD + 1
 _REACH = 2 * (_PAD + 1)  # of two passes
-_BAND = 64  # rows that are moved back while they are in the cache
+_BAND = 128  # rows that are moved back while they are in the cache
 
 
 def move_charge(image, kernel, skew, limit):

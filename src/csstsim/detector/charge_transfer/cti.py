@@ -98,8 +98,7 @@ def _transfer(image, flip, lead, n_rows, fill, trail, keys, x0, density, timesca
         for c in range(n):
             column = np.uint64(x0 + first + c)
             own = word(keys[0], column), word(keys[1], column)
-            line = packets[c]
-            trapped += transfer_column(line, n_packets, own, density, timescale, well, fullest, head, room, search)
+            trapped += _column(packets[c], n_packets, own, density, timescale, well, fullest, head, room, search)
         _exchange(image, flip, first, packets[:n, lead:], True)
         for y in range(len(trail)):
             for c in range(n):
@@ -142,21 +141,23 @@ def whole(charge):
 
 
 @numba.njit(cache=True)
-def transfer_column(packets, n_packets, keys, density, timescale, well, fullest, head, room, search):
-    """Draw a column's traps and follow them; return the electrons left in traps.
-
-    packets: as of `follow_all`; keys: uint64 of the column's traps and releases; fullest (n_rows,) float64, head
-    (n_rows,) int32, room, search: work space.
-    """
-    beta, full_well, notch = well
-    most, share = 0, 0.0
-    for k in range(len(head) - 1, -1, -1):
-        if packets[k] > most:
-            most = packets[k]
-            share = (max(most - notch, 0.0) / full_well) ** beta
-        fullest[k] = share
+def _column(packets, n_packets, keys, density, timescale, well, fullest, head, room, search):
+    """Draw a column's traps and follow them; return the electrons left in traps."""
+    fill_fullest(packets, 0, well, fullest)
     draw_traps(keys[0], density, timescale, well, fullest, head, *room)
     return follow_all(packets, n_packets, keys[1], head, room, search)
+
+
+@numba.njit(cache=True)
+def fill_fullest(packets, more, well, fullest):
+    """Fill (n_rows,): the share of a pixel that the fullest packet of a row, or behind it, fills with `more` e-."""
+    beta, full_well, notch = well
+    most, share = -1, 0.0
+    for k in range(len(fullest) - 1, -1, -1):
+        if packets[k] > most:
+            most = packets[k]
+            share = (max(most + more - notch, 0.0) / full_well) ** beta
+        fullest[k] = share
 
 
 @numba.njit(cache=True)
@@ -176,7 +177,7 @@ def follow_all(packets, n_packets, key, head, room, search):
         trap = head[row]
         while trap >= 0:
             if level[trap] <= reach:
-                trapped += _follow(
+                trapped += follow_trap(
                     packets, table, words, small, base, row, n_packets, level[trap], tau[trap], key, own[trap]
                 )
             trap = next_[trap]
@@ -184,7 +185,7 @@ def follow_all(packets, n_packets, key, head, room, search):
 
 
 @numba.njit(inline="always")
-def _follow(charge, table, words, small, base, k, n_packets, level, tau, key, own):
+def follow_trap(charge, table, words, small, base, k, n_packets, level, tau, key, own):
     """Follow one trap through packets k, k + 1, ...; return the electrons left in it, 0 or 1."""
     captures = np.uint64(0)
     while True:

@@ -12,10 +12,12 @@ import numpy as np
 
 from csstsim.base.counter import word
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.detector.charge_transfer.cti import COLUMNS, checked_fill, transfer_column, whole
-from csstsim.detector.charge_transfer.packets import padded, search_room
+from csstsim.detector.charge_transfer.cti import COLUMNS, checked_fill, fill_fullest, follow_trap, whole
+from csstsim.detector.charge_transfer.packets import padded, search_room, set_up
 from csstsim.detector.charge_transfer.serial import transfer_rows
-from csstsim.detector.charge_transfer.traps import buffers
+from csstsim.detector.charge_transfer.traps import buffers, draw_traps
+
+_BLOCK = 64  # rows
 
 
 def restore(image, detector, window, rng, *, density, serial, passes):
@@ -65,20 +67,42 @@ def _restore(image, flip, line, keys, x0, density, timescale, well, room, passes
     read, guess = np.empty((COLUMNS, ny), np.float32), np.empty(ny, np.float32)
     fullest, head = np.empty(n_rows), np.empty(n_rows, np.int32)
     search = search_room(len(packets))
+    more = passes * len(room[0])  # a pass adds an electron for each trap at most, so all traps that act are drawn
     for first in range(0, nx, COLUMNS):
         n = min(COLUMNS, nx - first)
         _exchange(image, flip, first, read[:n], False)
         for c in range(n):
             column = np.uint64(x0 + first + c)
-            own = word(keys[0], column), word(keys[1], column)
             guess[:] = read[c]
+            _pack(guess, packets, lead, n_rows, n_packets, fill)
+            fill_fullest(packets, more, well, fullest)
+            draw_traps(word(keys[0], column), density, timescale, well, fullest, head, *room)
+            rows = np.flatnonzero(head >= 0)[::-1]
             for _ in range(passes):
-                _pack(guess, packets, lead, n_rows, n_packets, fill)
-                transfer_column(packets, n_packets, own, density, timescale, well, fullest, head, room, search)
+                _follow_rows(packets, n_packets, word(keys[1], column), rows, head, room, search)
                 if not _correct(read[c], guess, packets[lead:]):
                     break  # the next pass would find the same
+                _pack(guess, packets, lead, n_rows, n_packets, fill)
             read[c] = guess
         _exchange(image, flip, first, read[:n], True)
+
+
+@numba.njit(cache=True)
+def _follow_rows(packets, n_packets, key, rows, head, room, search):
+    """Follow the traps of `rows`, the farthest first, as cti.follow_all."""
+    level, tau, own, next_ = room
+    table, words, small = search
+    base = set_up(packets, table, small)
+    reach, seen = 0, len(packets)
+    for row in rows:
+        if row < seen:  # upper limit of the packets from here on, as in follow_all, block by block
+            reach = max(reach, packets[max(row - _BLOCK, 0) : seen].max())
+            seen = max(row - _BLOCK, 0)
+        trap = head[row]
+        while trap >= 0:
+            if level[trap] <= reach:
+                follow_trap(packets, table, words, small, base, row, n_packets, level[trap], tau[trap], key, own[trap])
+            trap = next_[trap]
 
 
 @numba.njit(cache=True)

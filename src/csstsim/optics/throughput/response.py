@@ -79,3 +79,18 @@ class Response:
         if self._master is not None:
             out *= self._master[row, column]
         return out
+
+    def kept(self):
+        """Return this response computed once and for all, with the same methods."""
+        return _KeptResponse(self.rows(0, self._window.ny))
+
+
+class _KeptResponse:
+    def __init__(self, values):
+        self._values = values
+
+    def rows(self, first, last):
+        return self._values[first:last]
+
+    def at(self, row, column):
+        return self._values[row, column]
