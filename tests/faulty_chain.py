@@ -17,6 +17,7 @@ from csstsim.instrument.filter import Filter
 from csstsim.io import level0_cards
 from csstsim.layers import gain, readout_noise, scie_obs, sky_background
 from csstsim.measure import catalogue
+from csstsim.measure.bad_pixels import FULL
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.stages import calibrate as calibrate_stage
 from csstsim.stages import measure as measure_stage
@@ -167,7 +168,7 @@ def no_saturation():
 
     def wrong(*arguments):
         file, calibrated = right(*arguments)
-        return file, replace(calibrated, saturated=np.zeros_like(calibrated.saturated))
+        return file, replace(calibrated, marks=calibrated.marks & ~FULL)
 
     return patch.object(measure_stage, "calibrated_frame", wrong)
 

@@ -10,6 +10,7 @@ from scipy.special import erf
 from csstsim.base.rng import stream
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.instrument.chip import Window
+from csstsim.measure.bad_pixels import BAD, FULL
 from csstsim.measure.calibrate import Calibrated
 from csstsim.measure.catalogue import measure_frame
 
@@ -62,8 +63,8 @@ def measure(electrons, *, origin=(0, 0), saturated=None, bad=None, kind="imaging
     ny, nx = electrons.shape
     saturated, bad = (np.zeros(electrons.shape, bool) if mask is None else mask for mask in (saturated, bad))
     return measure_frame(
-        Calibrated(electrons.astype(np.float32), saturated, {}, {1: READ_NOISE}, None, bad), GaussianPsf(), FlatSky(),
-        CRAFT, obsid="10100000001",
+        Calibrated(electrons.astype(np.float32), FULL * saturated | BAD * bad, {}, {1: READ_NOISE}, None),
+        GaussianPsf(), FlatSky(), CRAFT, obsid="10100000001",
         chip=SimpleNamespace(id=8, kind=kind), filter=SimpleNamespace(name="g", zeropoint=lambda telescope: 26.3),
         telescope=SimpleNamespace(pixel_scale=0.074),
         pointing=SimpleNamespace(type=exposure, exptime=150.0),

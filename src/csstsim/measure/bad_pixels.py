@@ -28,12 +28,10 @@ _PLACES = np.linspace(-0.5, 0.5, 5)  # px, positions of a star within its pixel
 def mend(calibrated, model):
     """Fill defects and cosmic rays of `calibrated.electrons` (calibrate.Calibrated), in place.
 
-    Returns uint8 (ny, nx), the reasons not to use a pixel: bits FULL (saturated), BAD (defect) and RAY. model:
-    photometry.PsfModel.
+    Returns its `marks`, to which the bit RAY is added: uint8 (ny, nx), the reasons not to use a pixel, FULL
+    (saturated), BAD (defect) and RAY. model: photometry.PsfModel.
     """
-    read_noise = float(np.mean(list(calibrated.read_noise.values())))
-    why = np.empty(calibrated.electrons.shape, np.uint8)
-    _mark(calibrated.saturated, calibrated.bad, why)
+    read_noise, why = float(np.mean(list(calibrated.read_noise.values()))), calibrated.marks
     _mark_rays(calibrated.electrons, why, read_noise, model)
     _fill_marked(calibrated.electrons, why, BAD | RAY)
     return why
@@ -63,23 +61,20 @@ def cosmic_rays(electrons, saturated, known, read_noise, model):
     electrons: float32 (ny, nx), sky included; saturated, known: bool (ny, nx), pixels not tested, nor those within NEAR
     of a saturated one; read_noise: electrons; model: photometry.PsfModel.
     """
-    why = np.empty(electrons.shape, np.uint8)
-    _mark(saturated, known, why)
+    why = FULL * saturated | BAD * known
     _mark_rays(electrons, why, read_noise, model)
     return (why & RAY) > 0
 
 
 @numba.njit(cache=True)
-def _mark(saturated, bad, why):
-    """Fill why with the bits FULL, BAD, and _LEFT_OUT of bad pixels and those within NEAR of a saturated one."""
+def _leave_out(why):
+    """Set the bit _LEFT_OUT of bad pixels and of those within NEAR of a saturated one."""
     ny, nx = why.shape
     for y in range(ny):
         for x in range(nx):
-            why[y, x] = (BAD | _LEFT_OUT) if bad[y, x] else 0
-    for y in range(ny):
-        for x in range(nx):
-            if saturated[y, x]:
-                why[y, x] |= FULL
+            if why[y, x] & BAD:
+                why[y, x] |= _LEFT_OUT
+            if why[y, x] & FULL:
                 for v in range(max(y - NEAR, 0), min(y + NEAR + 1, ny)):
                     wide = NEAR - abs(v - y)
                     for u in range(max(x - wide, 0), min(x + wide + 1, nx)):
@@ -87,7 +82,8 @@ def _mark(saturated, bad, why):
 
 
 def _mark_rays(electrons, why, read_noise, model):
-    """Set the bit RAY of `why`, from `_mark`, for pixels of rays and those around them, and clear the bits from 8."""
+    """Set the bit RAY of `why` (FULL, BAD), for pixels of rays and those around them."""
+    _leave_out(why)
     sky, read_variance = float(np.median(electrons[::8, ::8])), read_noise**2
     # The root of (e - sky)^2 = SIGMA^2 (e + read_variance) above the sky; the exact test is in _is_ray
     level = sky + SIGMA**2 / 2 + SIGMA * math.sqrt(SIGMA**2 / 4 + max(sky, 0.0) + read_variance)

@@ -12,6 +12,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.detector.cubic import straighten
+from csstsim.measure.bad_pixels import BAD, FULL
 
 # Deferred and bloomed charge leaks into the first overscan columns; they are not pure bias.
 OVERSCAN_SKIP = 4
@@ -24,18 +25,28 @@ _ROWS = 64
 class Calibrated:
     """Active image in electrons, sky and dark included.
 
-    `electrons` float32 (ny, nx), before losses to flat field and shutter; `response`: the share of them that was
-    counted, with `rows` and `at` of optics.throughput.response.Response (None: all); `saturated`, `bad` (known defects)
-    bool (ny, nx); `bias` (DN) and `read_noise` (electron) per readout channel in the frame, {channel: value}.
+    `electrons` float32 (ny, nx), before losses to flat field and shutter; `marks` uint8 (ny, nx), bits FULL and BAD of
+    measure.bad_pixels; `response`: the share of the electrons that was counted, with `rows` and `at` of
+    optics.throughput.response.Response (None: all); `bias` (DN) and `read_noise` (electron) per readout channel in the
+    frame, {channel: value}.
     """
 
     electrons: np.ndarray
-    saturated: np.ndarray
+    marks: np.ndarray
     bias: dict
     read_noise: dict
     readout: object
-    bad: np.ndarray
     response: object = None
+
+    @property
+    def saturated(self):
+        """Bool (ny, nx): pixels at the converter's limit or the full well."""
+        return (self.marks & FULL) > 0
+
+    @property
+    def bad(self):
+        """Bool (ny, nx): known defects."""
+        return (self.marks & BAD) > 0
 
     def sigma(self):
         """Return the noise of each pixel, electron (ny, nx): own Poisson noise (>= 0) and read noise in quadrature."""
@@ -86,7 +97,7 @@ def calibrate(
         raise InputError("the frame does not have the shape of its readout", value=frame.shape, allowed=readout.shape)
     x0, x1, y0, y1 = readout.window
     electrons = np.empty((y1 - y0, x1 - x0), np.float32)
-    saturated = np.empty(electrons.shape, bool)
+    marks = np.empty(electrons.shape, np.uint8)
     bias, read_noise = {}, {}
     for block in readout.blocks:
         n, factor = block.channel, _factor(gain, block.channel)
@@ -98,15 +109,16 @@ def calibrate(
         full = np.arange(DN) >= adc_max
         if full_well is not None:
             full |= charge >= full_well
-        _look_up(frame[block.active], charge, full, electrons[block.image], saturated[block.image])
+        _look_up(frame[block.active], charge, FULL * full, electrons[block.image], marks[block.image])
     del frame  # 190 MB of a whole chip, which the caller holds no longer
     if correct is not None:
         correct(electrons)
     if response is not None:
         for rows, share in _by_rows(response, len(electrons)):
             electrons[rows] /= share
-    bad = np.zeros(electrons.shape, bool) if bad is None else bad
-    return Calibrated(electrons, saturated, bias, read_noise, readout, bad, response)
+    if bad is not None:
+        marks[bad] |= BAD
+    return Calibrated(electrons, marks, bias, read_noise, readout, response)
 
 
 def _factor(gain, channel):
@@ -133,12 +145,12 @@ def _straight(charge, nonlinearity, channel, limit):
 
 
 @numba.njit(cache=True)
-def _look_up(frame, charge, full, electrons, saturated):
-    """Fill electrons and saturated (ny, nx) from tables (DN,) of what each DN of `frame` means."""
+def _look_up(frame, charge, full, electrons, marks):
+    """Fill electrons and marks (ny, nx) from tables (DN,) of what each DN of `frame` means."""
     for y in range(frame.shape[0]):
         for x in range(frame.shape[1]):
             dn = frame[y, x]
-            electrons[y, x], saturated[y, x] = charge[dn], full[dn]
+            electrons[y, x], marks[y, x] = charge[dn], full[dn]
 
 
 def overscan_level(overscan, *, from_right=False, clip=4.0):
