@@ -165,6 +165,7 @@ def test_rays_are_those_of_the_rule_in_plain_python(fabricate, model):
     image[rng.random(image.shape) < 0.02] += 400.0
     image[20, 5:30] += 300.0
     image[10:13, 30:33] = 8e4
+    image[14, 33] = 900.0  # 3 px from it by steps along the axes: left out
     saturated, known = image > 5e4, rng.random(image.shape) < 0.01
     looked = bad_pixels.cosmic_rays(image, saturated, known, fabricate.READ_NOISE, model)
     y, x = np.mgrid[-3:4, -3:4]

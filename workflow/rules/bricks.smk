@@ -12,7 +12,7 @@ rule calibrate:
     group:
         "chip"
     resources:
-        mem_mb=more(3500),
+        mem_mb=more(2500),
         runtime=more(3),
     params:
         recipe=recipe("measure"),

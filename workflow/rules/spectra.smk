@@ -15,7 +15,7 @@ rule extract:
     group:
         "chip"
     resources:
-        mem_mb=more(4000),
+        mem_mb=more(2500),
         runtime=more(4),
     params:
         recipe=recipe("measure"),
