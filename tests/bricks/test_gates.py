@@ -83,7 +83,7 @@ def test_number_counts_are_of_sources_in_the_band():
     truth = truth_of(x=np.arange(10.0), y=np.zeros(10))
     match = np.array([0, 1, 2, 3, 4, 5, 6, 7, 8, -1])
     sources = ObjectTable({
-        "star": np.ones(9), "mag_r": np.full(9, 20.0), "kron_mag_r": np.full(9, 20.0), "flux_r": np.full(9, 100.0),
+        "star": np.ones(9), "mag_r": np.full(9, 20.0), "total_mag_r": np.full(9, 20.0), "flux_r": np.full(9, 100.0),
         "flux_err_r": np.full(9, 0.1), "n_r": np.array([1] * 8 + [0]),
     })  # fmt: skip
     real, infos = np.ones(9, bool), [{"zeropoint": 31.5, "n_eff": 9.0, "rms": 7.7}]

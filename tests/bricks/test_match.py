@@ -88,8 +88,9 @@ def test_a_benchmarks_detections_are_real_one_by_one(monkeypatch):
 
     from csstsim.bricks.validate import MeasuredFrame
 
-    snr, real = detections(MeasuredFrame(both([100.0], [100]), both([99.5, 101.0, 300.0], [100, 100, 300]), 500, PIXEL))
-    assert real.tolist() == [True, False, False] and len(snr) == 3
+    found = both([99.5, 101.0, 300.0, 200.0], [100, 100, 300, 200]).with_columns(flags=np.array([0, 0, 0, 64]))
+    snr, real = detections(MeasuredFrame(both([100.0], [100]), found, 500, PIXEL))
+    assert real.tolist() == [True, False, False] and len(snr) == 3  # the last is sharp
 
 
 def test_a_hundred_thousand_take_seconds():

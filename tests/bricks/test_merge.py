@@ -159,6 +159,20 @@ def test_a_hostile_number_stays_where_it_is(column, value):
             assert sources[name][0] == pytest.approx(merge_brick(pix, [good], BANDS)[0][name][0])
 
 
+def test_total_fluxes_are_not_weighted_by_errors_that_grow_with_them():
+    """Four visits with a tenth of their own flux as error: their plain mean, with the error of four."""
+    flux = [900.0, 1000.0, 1100.0, 1300.0]
+    tables = [table([150.0], [2.0], obsid=str(k)) for k in range(4)]
+    for one, light in zip(tables, flux, strict=True):
+        for kind in ("total", "gaap"):
+            one[f"flux_{kind}"][:], one[f"flux_{kind}_err"][:] = light, 0.1 * light
+    sources, _ = merge_brick(int(healpix.brick_of(150.0, 2.0)), tables, BANDS)
+    scale = 10 ** (0.4 * (23.9 - 30.0))
+    for kind in ("total", "gaap"):
+        assert sources[f"{kind}_flux_g"][0] == pytest.approx(scale * np.mean(flux))
+        assert sources[f"{kind}_flux_err_g"][0] == pytest.approx(scale * 0.1 * np.sqrt(np.square(flux).sum()) / 4)
+
+
 def test_every_detection_is_accounted_for():
     """One of each fate, by hand."""
     pix = int(healpix.brick_of(150.0, 2.0))

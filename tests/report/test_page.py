@@ -23,7 +23,7 @@ def result(brick, gates, bands=("g",)):
     star = {"n": 25, "median": 0.03125, "sigma": 0.01, "error": 0.002}
     numbers = {
         "frames": 2, "zeropoint": 26.0, "depth_5sigma": 26.1, "completeness": 0.875, "point_sources": 40, "star": star,
-        "galaxy": star, "star_kron": star, "completeness_curve": {"snr": [1, 2]}, "deep": {"pull": {"width": 1.125}},
+        "galaxy": star, "galaxy_kron": star, "completeness_curve": {"snr": [1, 2]}, "deep": {"pull": {"width": 1.125}},
     }  # fmt: skip
     part = {"n": 5, "median": 0.5, "sigma": 1.0}
     return {

@@ -58,11 +58,12 @@ def real(truth, sources):
 def magnitudes(band, truth, sources, match, infos):
     """Return ({kind: (true, out - in)}, {kind: statistics at SNR_BRIGHT}) of isolated stars and galaxies, AB mag.
 
-    The statistics' star_kron are of the same stars in the galaxies' Kron apertures: what these miss of a point's light.
+    Stars have PSF magnitudes, galaxies total ones. The statistics' galaxy_kron are of the same galaxies' Kron
+    magnitudes, which leave out the light beyond the ellipse.
     """
     arrays, numbers = {}, {}
     galaxy = truth["obj_type"] == GALAXY
-    for name, is_kind, prefix in (("star", ~galaxy, ""), ("galaxy", galaxy, "kron_")):
+    for name, is_kind, prefix in (("star", ~galaxy, ""), ("galaxy", galaxy, "total_")):
         rows = np.flatnonzero(is_kind & ~truth["blended"].astype(bool) & (match >= 0))
         source = match[rows]
         given, got = truth[f"mag_{band}"][rows].astype(float), sources[f"{prefix}mag_{band}"][source]
@@ -74,9 +75,9 @@ def magnitudes(band, truth, sources, match, infos):
         bright = good & (snr > SNR_BRIGHT) & (snr < SNR_MAX)
         arrays[name] = given[good], (got - given)[good]
         numbers[name] = spread((got - given)[bright])
-        if name == "star":
+        if name == "galaxy":
             off = sources[f"kron_mag_{band}"][source] - given
-            numbers["star_kron"] = spread(off[bright & np.isfinite(off)])
+            numbers["galaxy_kron"] = spread(off[bright & np.isfinite(off)])
     return arrays, numbers
 
 
@@ -91,12 +92,12 @@ def counts(band, truth, sources, match, real, edges, infos):
     """Return the number counts of a band, true and measured, {edges, in, out, excess, n}.
 
     in: the true objects; out: their sources (`match`) and the false ones (not `real`), stars by PSF magnitude, others
-    by Kron magnitude. excess: the share of the isolated true objects of S/N above SNR_COUNT (`true_snr`) with a source
+    by total magnitude. excess: the share of the isolated true objects of S/N above SNR_COUNT (`true_snr`) with a source
     in the band, less 1, plus the number of false sources above that measured S/N over that of all true objects above
     it. Blends do not count as lost, because two objects that are detected as one are no fault. n: isolated objects.
     """
     star = np.asarray(sources["star"]) > 0.5
-    measured = np.where(star, sources[f"mag_{band}"], sources[f"kron_mag_{band}"])
+    measured = np.where(star, sources[f"mag_{band}"], sources[f"total_mag_{band}"])
     false, given, found = ~np.asarray(real), truth[f"mag_{band}"].astype(float), np.unique(match[match >= 0])
     got = measured[np.union1d(found, np.flatnonzero(false))]
     bright = np.nan_to_num(true_snr(band, truth, infos)) > SNR_COUNT
@@ -161,7 +162,8 @@ def colours(truth, sources, match, bands, snr_min=SNR_COLOUR, kind=None):
     """Return the colours of the same sources, true and measured: {bands, input, output (2, n), galaxy (n,)}.
 
     Sources are matched and unblended with S/N > `snr_min` in the three bands; with fewer bands the arrays are empty.
-    kind: "star" leaves galaxies out. Magnitudes and S/N are PSF ones for stars and quasars, Kron ones for galaxies.
+    kind: "star" leaves galaxies out. Magnitudes and S/N are PSF ones for stars and quasars, those of the Gaussian
+    aperture for galaxies.
     """
     some = len(truth) and len(bands) == 3
     rows = np.flatnonzero(~truth["blended"].astype(bool) & (match >= 0)) if some else np.zeros(0, int)
@@ -173,8 +175,8 @@ def colours(truth, sources, match, bands, snr_min=SNR_COLOUR, kind=None):
         snr, mag = (
             np.where(galaxy, *(values[source] for values in pair))
             for pair in (
-                [sources[f"{p}flux_{band}"] / sources[f"{p}flux_err_{band}"] for p in ("kron_", "")],
-                [sources[f"{p}mag_{band}"] for p in ("kron_", "")],
+                [sources[f"{p}flux_{band}"] / sources[f"{p}flux_err_{band}"] for p in ("gaap_", "")],
+                [sources[f"{p}mag_{band}"] for p in ("gaap_", "")],
             )
         )
         good &= np.nan_to_num(snr) > snr_min

@@ -39,8 +39,8 @@ SATURATED, NOT_CENTRED, SHARP, BAD_PIXELS, NO_SHAPE = 4, 32, 64, 128, 256  # bit
 
 DETECTION_COLUMNS = {
     "obsid": str, "chip": np.int64, "filter": str, "number": np.int64, "ra": float, "dec": float, "pos_err": float,
-    "flux_psf": float, "flux_psf_err": float, "flux_kron": float, "flux_kron_err": float, "zeropoint": float,
-    "snr": float, "star": bool, "flags": np.int32,
+    **{f"flux_{kind}{end}": float for kind in ("psf", "kron", "total", "gaap") for end in ("", "_err")},
+    "zeropoint": float, "snr": float, "star": bool, "flags": np.int32,
 }  # fmt: skip
 
 
@@ -68,6 +68,14 @@ ABOUT_BAND = {  # of each band B, small letters
     "kron_flux_err_B": "its error",
     "kron_mag_B": "AB; NaN where the flux is not positive",
     "kron_mag_err_B": "its error",
+    "total_flux_B": "microjansky, all the light of a star or galaxy (measure.total_light)",
+    "total_flux_err_B": "its error",
+    "total_mag_B": "AB; NaN where the flux is not positive",
+    "total_mag_err_B": "its error",
+    "gaap_flux_B": "microjansky, in the same Gaussian aperture in all bands, before the PSF: for colours",
+    "gaap_flux_err_B": "its error",
+    "gaap_mag_B": "AB; NaN where the flux is not positive",
+    "gaap_mag_err_B": "its error",
 }
 
 
@@ -166,9 +174,13 @@ def _photometry(found, bands, count):
     for name in bands:
         rows = np.flatnonzero(band == name)
         columns[f"n_{name}"] = np.bincount(source[rows], minlength=count).astype(np.int32)
-        for prefix, kind in (("", "psf"), ("kron_", "kron")):
+        noise = found["flux_psf_err"][rows] * to_flux[rows]
+        for prefix, kind in (("", "psf"), ("kron_", "kron"), ("total_", "total"), ("gaap_", "gaap")):
             flux, error = (found[f"flux_{kind}{end}"][rows] * to_flux[rows] for end in ("", "_err"))
-            mean, sigma = _weighted_mean(source[rows], flux, error, count)
+            # The error of a fitted profile grows with its flux: weights by it would make the mean too faint
+            mean, sigma = _weighted_mean(
+                source[rows], flux, error, noise if kind in ("total", "gaap") else error, count
+            )
             positive = mean > 0
             safe = np.where(positive, mean, 1.0)
             columns |= {f"{prefix}flux_{name}": mean, f"{prefix}flux_err_{name}": sigma}
@@ -182,15 +194,17 @@ def _photometry(found, bands, count):
     return columns | {"n_detections": total, "star": star, "flags": flags}
 
 
-def _weighted_mean(source, flux, error, count):
-    """Return the inverse-variance mean and its error per source, for fluxes of any sign; NaN if none is usable."""
-    weight = np.where(error > 0, error, np.inf) ** -2.0
-    good = np.isfinite(flux) & np.isfinite(weight) & (weight > 0)
-    weight = weight[good]
+def _weighted_mean(source, flux, error, noise, count):
+    """Return the mean weighted with noise^-2 and its error per source, fluxes of any sign; NaN if none is usable."""
+    weight = np.where((error > 0) & (noise > 0), noise, np.inf) ** -2.0
+    good = np.isfinite(flux) & np.isfinite(error) & np.isfinite(weight) & (weight > 0)
+    weight, error = weight[good], error[good]
     total = np.bincount(source[good], weight, count)
     some = total > 0
-    mean = np.bincount(source[good], weight * flux[good], count) / np.where(some, total, 1.0)
-    return np.where(some, mean, np.nan), np.where(some, np.where(some, total, 1.0) ** -0.5, np.nan)
+    total = np.where(some, total, 1.0)
+    mean = np.bincount(source[good], weight * flux[good], count) / total
+    sigma = np.bincount(source[good], (weight * error) ** 2, count) ** 0.5 / total
+    return np.where(some, mean, np.nan), np.where(some, sigma, np.nan)
 
 
 def write_merged(path, sources, detections, metadata):

@@ -2,7 +2,7 @@
 
 For each exposure (bricks.trials): completeness against true S/N and magnitude, flux errors in units of the stated ones
 (pulls), fluxes and positions along the direction of charge transfer. For the merged catalogue (bricks.compare):
-magnitudes measured minus true (PSF for stars, Kron for galaxies), positions, colours, number counts.
+magnitudes measured minus true (PSF for stars, total for galaxies), positions, colours, number counts.
 Blended and (nearly) saturated sources are left out; a number from fewer than `FEW` sources is not judged. Gates of
 single exposures are those of bricks.exposures.
 """

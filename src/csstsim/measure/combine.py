@@ -10,6 +10,9 @@ Off the isophotes every peak is a source. On an isophote:
   must be `LOCAL_SHARE` of that source's; further away a Gaussian of `WIDE` will do, too, for a galaxy. This rejects
   noise on a galaxy's disc, and the PSF's rings.
 - An isophote without a peak is a source, too: it has low surface brightness.
+
+What lies within `CORE` of a bright star that was taken out, and has less than `CORE_SHARE` of its light, is the rest
+of the star, and no source.
 """
 
 from dataclasses import dataclass, fields
@@ -22,6 +25,7 @@ from csstsim.measure.detect import Sources
 LOCAL_SNR = 4.0
 LOCAL_SHARE, CLOSE = 0.02, 12.0  # px
 WIDE, WIDE_HALF = 2.5, 8  # px: sigma of the Gaussian, half the side of its stamp
+CORE, CORE_SHARE = 5.0, 0.05  # px
 APART, APART_SNR = 1.5, 5.0  # px; S/N of a peak that is no noise on a faint galaxy
 POINT_SPREAD = 0.01, 2.5  # a star's spread: constant and times its error (as in measure.catalogue)
 EXCESS_SIGMA, EXCESS_SHARE = 3.0, 0.3  # light of an isophote beyond its point sources that makes it extended
@@ -47,6 +51,8 @@ def combine(frame, peaks, snr, fit, kernel):
     `peaks` (Sources) and their S/N (n,): detect.peaks; `fit` (n, 6): photometry.fit_sources of them; `kernel`: the PSF,
     normalised or not, odd side.
     """
+    rest = _rest_of_stars(frame.stars, peaks.x, peaks.y, np.nan_to_num(fit[:, 0]))
+    peaks, snr, fit = rows_of(peaks, ~rest), snr[~rest], fit[~rest]
     isophotes, at = frame.extended, np.arange(len(peaks.x))
     flux, spread, spread_error = (np.nan_to_num(fit[:, k]) for k in (0, 3, 4))
     top = _own_peaks(peaks, snr, len(isophotes.x))
@@ -69,6 +75,7 @@ def combine(frame, peaks, snr, fit, kernel):
     constant, times = POINT_SPREAD
     blurred = np.append(spread > constant + times * spread_error, True)[top]
     extended = (top < 0) | excess | blurred
+    extended &= ~_rest_of_stars(frame.stars, isophotes.x, isophotes.y, isophotes.flux)
     both = np.flatnonzero(extended & (top >= 0))
     kept[top[both]] = False
     apart = np.hypot(peaks.x[top[both]] - isophotes.x[both], peaks.y[top[both]] - isophotes.y[both]) > APART
@@ -86,6 +93,21 @@ def combine(frame, peaks, snr, fit, kernel):
     columns["segment"][len(rows[0]) :] = rows[1] + 1
     heights = np.concatenate([snr[rows[0]], np.append(snr, 0.0)[top[rows[1]]]])
     return Detections(**columns, extended=which, snr=heights, image=frame.image, rms=frame.rms, segments=frame.segments)
+
+
+def rows_of(sources, rows):
+    """Return the `Sources` of some rows."""
+    return Sources(*(getattr(sources, f.name)[rows] for f in fields(Sources)))
+
+
+def _rest_of_stars(stars, x, y, flux):
+    """Return bool (n,): what is left of a bright star (bright_stars.BrightStars) at x, y, with `flux` electrons."""
+    from scipy.spatial import cKDTree
+
+    if not len(stars) or not len(x):
+        return np.zeros(len(x), bool)
+    distance, star = cKDTree(np.column_stack([stars.x, stars.y])).query(np.column_stack([x, y]))
+    return (distance < CORE) & (flux < CORE_SHARE * stars.flux[star])
 
 
 @numba.njit(cache=True)

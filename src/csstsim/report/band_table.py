@@ -3,8 +3,8 @@
 from csstsim.report.parts import Table
 
 KRON = (
-    "Galaxies have Kron magnitudes, which leave out the light beyond the ellipse: the wings of the PSF first. Stars in "
-    "such apertures are too faint for the same reason; the last column says by how much."
+    "Stars have PSF magnitudes, galaxies total ones. Kron magnitudes of the same galaxies leave out the light beyond "
+    "the ellipse; the last column says how much."
 )
 
 
@@ -20,12 +20,12 @@ def band_table(result, labels):
             labels.get(band, band), numbers["frames"], _fixed(numbers["zeropoint"]), _fixed(numbers["depth_5sigma"]),
             _fixed(numbers["completeness"], 3), numbers["point_sources"], _fixed(star["median"], 4),
             _spread(star), star["n"],
-            _fixed(galaxy["median"], 3), _spread(galaxy), galaxy["n"], _fixed(numbers["star_kron"]["median"], 3),
+            _fixed(galaxy["median"], 3), _spread(galaxy), galaxy["n"], _fixed(numbers["galaxy_kron"]["median"], 3),
         ))  # fmt: skip
     head = (
         "band", "frames", "zero point [AB, 1 e-/s]", "5 sigma depth [AB]", "completeness", "point sources",
         "stars: out - in [mag]", "scatter", "stars", "galaxies: out - in [mag]", "scatter", "galaxies",
-        "stars in Kron apertures: out - in [mag]",
+        "galaxies, Kron: out - in [mag]",
     )  # fmt: skip
     return Table(head, rows)
 

@@ -173,7 +173,7 @@ def _running_median(axes, x, y, colour):
 def _legend(axes):
     axes.axis("off")
     axes.plot([], [], "+", color=BLUE, ms=8, label="star or quasar, PSF magnitude")
-    axes.plot([], [], ".", color=ORANGE, ms=9, label="galaxy, Kron magnitude")
+    axes.plot([], [], ".", color=ORANGE, ms=9, label="galaxy, total magnitude")
     axes.plot([], [], color="#444444", lw=2, label="running median (colour of its kind)")
     axes.plot([], [], color="#666666", ls=":", label="5 sigma depth of one exposure")
     axes.legend(
