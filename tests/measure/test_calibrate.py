@@ -157,3 +157,15 @@ def test_one_row_or_column_all_of_it_saturated(window):
         frame[block.active] = 65535
     result = calibrate(frame, readout, gain, full_well=90_000.0)
     assert result.saturated.all() and (result.electrons > 60_000).all()
+
+
+@pytest.mark.parametrize("kind", [np.uint16, float])
+@pytest.mark.parametrize("count", [1, 2, 7, 4000])
+def test_level_and_scatter_are_those_of_the_clipped_pixels(kind, count):
+    """By numpy's median, mean and std of the pixels themselves; of few, and where most are the same."""
+    for spread in (0.0, 0.3, 6.0):
+        pixels = stream(count, "scan").normal(450.3, spread, (count, 6)).round().astype(kind)
+        pixels[0, 0] = 65535
+        away = np.abs(pixels - np.median(pixels))
+        kept = pixels[away <= 4 * max(1.4826 * np.median(away), 1.0)].astype(float)
+        assert overscan_level(pixels) == pytest.approx((kept.mean(), kept.std()), rel=1e-12, abs=1e-12)

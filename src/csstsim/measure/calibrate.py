@@ -164,8 +164,26 @@ def overscan_level(overscan, *, from_right=False, clip=4.0):
     if not overscan.size:
         raise InputError("a channel without serial overscan has no bias level", key="overscan", value=0, allowed="> 0")
     pixels = overscan[:, : overscan.shape[1] - skip] if from_right else overscan[:, skip:]
-    pixels = pixels.astype(np.float64).ravel()
-    centre = np.median(pixels)
-    spread = max(1.4826 * np.median(np.abs(pixels - centre)), 1.0)  # at least the rounding step
-    kept = pixels[np.abs(pixels - centre) <= clip * spread]
-    return float(kept.mean()), float(kept.std())
+    values, counts = _counted(pixels)
+    away = np.abs(values - _median(values, counts))
+    order = np.argsort(away)
+    spread = max(1.4826 * _median(away[order], counts[order]), 1.0)  # at least the rounding step
+    kept = away <= clip * spread
+    mean = np.average(values[kept], weights=counts[kept])
+    return float(mean), float(np.sqrt(np.average((values[kept] - mean) ** 2, weights=counts[kept])))
+
+
+def _counted(pixels):
+    """Return (values, how many pixels have each), values rising; of whole DN without sorting the pixels."""
+    if pixels.dtype.kind != "u":
+        return np.unique(pixels, return_counts=True)
+    counts = np.bincount(pixels.ravel())
+    values = np.flatnonzero(counts)
+    return values.astype(float), counts[values]
+
+
+def _median(values, counts):
+    """Return the median of rising values, each `counts` times."""
+    until = np.cumsum(counts)
+    middle = np.searchsorted(until, [(until[-1] - 1) // 2, until[-1] // 2], side="right")
+    return values[middle].mean()
