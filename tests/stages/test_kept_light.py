@@ -68,10 +68,13 @@ def test_a_plane_of_few_pixels_comes_back_whole(tmp_path, drawn):
     planes, meta = load_frame(tmp_path / "frame.fits")
     assert np.array_equal(planes["counted"], plane) and planes["counted"].dtype == np.int32
     assert meta == {"stage": "render"}
+    planes, meta = load_frame(tmp_path / "frame.fits", sparse=True)
+    assert np.array_equal(planes["counted"].dense(), plane) and meta == {"stage": "render"}
 
 
-def test_parts_that_do_not_fit_their_plane_are_refused(tmp_path):
-    at, values = np.array([[3, 99]], np.int32), np.ones((1, 2), np.int32)
+@pytest.mark.parametrize("at", [[3, 99], [-1, 3], [4, 3], [3, 3]])
+def test_parts_that_do_not_fit_their_plane_are_refused(tmp_path, at):
+    at, values = np.array([at], np.int32), np.ones((1, 2), np.int32)
     save_frame(tmp_path / "frame.fits", {"counted_at": at, "counted_is": values}, {"sparse": {"counted": [5, 6]}})
     with pytest.raises(InputError, match="counted: damaged"):
         load_frame(tmp_path / "frame.fits")

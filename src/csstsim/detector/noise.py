@@ -10,6 +10,7 @@ import numpy as np
 
 from csstsim.detector.normal import normal_row, normal_table
 from csstsim.detector.poisson import alias_tables, poisson_row
+from csstsim.detector.sparse_plane import SparsePlane
 
 MOST = 1e9  # largest expected electrons drawn as 32-bit integers
 
@@ -17,20 +18,24 @@ MOST = 1e9  # largest expected electrons drawn as 32-bit integers
 def add_poisson(image, key, *, dark=0.0, counted=None):
     """Replace expected electrons by counted ones, in place: image = counted + Poisson(image + dark).
 
-    `image`: float32 (ny, nx); `dark`: electrons (scalar); `counted`: int32 of the same shape, which already have
-    Poisson noise, or None; `key`: uint64 (rng.Streams.exposure_key). For a mean m above MOST the result is
+    `image`: float32 (ny, nx); `dark`: electrons (scalar); `counted`: int32 of the same shape, or a SparsePlane, which
+    already have Poisson noise, or None; `key`: uint64 (rng.Streams.exposure_key). For a mean m above MOST the result is
     m + (n - MOST) sqrt(m / MOST), n Poisson of mean MOST. Raises ValueError, before any draw, if an expected value is
     negative or not finite.
     """
     bad, far = _impossible(image, np.float32(dark))
     if bad:
         raise ValueError(f"the expected electrons of {bad} pixel(s) are negative or not finite")
-    counted = np.zeros((0, 0), np.int32) if counted is None else counted
+    if far and isinstance(counted, SparsePlane):
+        counted = counted.dense()
+    none = np.zeros(0, np.int32)
+    pixel, electrons = (counted.pixel, counted.electrons) if isinstance(counted, SparsePlane) else (none, none)
+    counted = counted if isinstance(counted, np.ndarray) else none.reshape(0, 0)
     bright = np.nonzero(image + np.float32(dark) > MOST) if far else ()
     means = image[bright].astype(float) + dark if far else None
     if far:
         image[bright] = MOST - dark
-    _add_poisson(image, counted, np.float32(dark), key, *alias_tables())
+    _add_poisson(image, counted, pixel, electrons, np.float32(dark), key, *alias_tables())
     if far:
         others = counted[bright] if counted.size else 0.0
         image[bright] = means + (image[bright] - others - MOST) * np.sqrt(means / MOST) + others
@@ -48,13 +53,17 @@ def _impossible(image, dark):
 
 
 @numba.njit(cache=True)
-def _add_poisson(image, counted, dark, key, share, other):
-    width = image.shape[1]
+def _add_poisson(image, counted, pixel, electrons, dark, key, share, other):
+    """Draw row by row; add counted electrons, a plane (or one without pixels) and a list (SparsePlane) of them."""
+    width, at = image.shape[1], 0
     words, over, counts = np.empty(width, np.uint64), np.empty(width, np.float32), np.empty(width, np.int32)
     for y in range(image.shape[0]):
         poisson_row(image[y], dark, key, y, words, over, counts, share, other)
         if counted.size:
             counts += counted[y]
+        while at < len(pixel) and pixel[at] < (y + 1) * width:
+            counts[pixel[at] - y * width] += electrons[at]
+            at += 1
         image[y] = counts
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
+from csstsim.detector.sparse_plane import SparsePlane
 from csstsim.io.fits import MOST, open_fits, read_pixels, verify_hdu, write_hdus
 
 DTYPES = ("float32", "int32", "uint16", "uint8")
@@ -51,19 +52,18 @@ def _parts(name, plane):
 
 
 def _join(planes, shapes, path):
-    """Assemble planes that are stored in parts. Raises InputError for parts that do not fit."""
+    """Make SparsePlanes of planes that are stored in parts. Raises InputError for parts that do not fit."""
     for name, shape in shapes.items():
         at, values = planes.pop(name + _AT, None), planes.pop(name + _IS, None)
         size = math.prod(shape)
         fits = at is not None and values is not None and at.dtype == values.dtype == np.int32 and at.size == values.size
-        if not (fits and size <= MOST and at.min() >= 0 and at.max() < size):
+        if not (fits and size <= MOST and at[0, 0] >= 0 and at[0, -1] < size and (at[0, 1:] > at[0, :-1]).all()):
             raise InputError("damaged: the parts of a plane do not fit it", file=path, key=name)
-        planes[name] = np.zeros(shape, np.int32)
-        planes[name].reshape(-1)[at[0]] = values[0]
+        planes[name] = SparsePlane(tuple(shape), at[0], values[0])
 
 
-def load_frame(path, expect=None):
-    """Return (planes, meta) as given to `save_frame`.
+def load_frame(path, expect=None, sparse=False):
+    """Return (planes, meta) as given to `save_frame`; sparse: planes that are stored as two extensions as SparsePlanes.
 
     `expect` {key: value} gives required entries of `meta`, or, for the key 'shape', the shape of every plane.
     Raises InputError if the file is missing, truncated, altered, not a frame, or not what is expected.
@@ -80,7 +80,10 @@ def load_frame(path, expect=None):
                 planes[name.lower()] = read_pixels(hdu, path, verify=True)
     if meta is None:
         raise InputError("not an intermediate frame of csstsim: it has no META extension", file=path)
-    _join(planes, meta.pop("sparse", {}), path)
+    shapes = meta.pop("sparse", {})
+    _join(planes, shapes, path)
+    if not sparse:
+        planes |= {name: planes[name].dense() for name in shapes}
     for key, wanted in (expect or {}).items():
         if key == "shape":
             for name, plane in planes.items():

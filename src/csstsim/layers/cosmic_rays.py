@@ -30,12 +30,12 @@ def check(param, camera, pointing):
 
 
 def apply(state, param, rng):
-    """Add the rays' electrons to state.counted, in place (made if it is None); statistics go to the header.
+    """Add the rays' electrons to state.counted, in place (made if it is None), and set bits of state.mask.
+
+    Statistics go to the header.
 
     Raises ValueError if the image does not have the shape of the active pixels.
     """
-    import numpy as np
-
     from csstsim.detector import mask
     from csstsim.detector.cosmic_ray import deposit, draw_tracks
 
@@ -45,15 +45,13 @@ def apply(state, param, rng):
     rays, exptime = detector.cosmic_rays, state.exposure.exptime
     tracks = draw_tracks(shape, exptime + detector.readout_time / 2, rays, rng.exposure("tracks"))
     pixel, electrons, hits = deposit(shape, tracks, rays.diffusion, rng.exposure_key("diffusion"))
-    if state.counted is None:
-        state.counted = np.zeros(shape, np.int32)
-    state.counted.reshape(-1)[pixel] += electrons
+    state.add_counted(pixel, electrons)
     marked = pixel[electrons >= rays.marked_from]
     if state.mask is not None:
         state.mask.reshape(-1)[marked] |= mask.COSMIC_RAY
     if param.save_cosmic_image:
         state.cosmic_rays = pixel, electrons
     state.header |= {
-        "cosmic_tracks": hits, "cosmic_pixels": len(marked), "cosmic_electrons": int(electrons.sum(dtype=np.int64)),
+        "cosmic_tracks": hits, "cosmic_pixels": len(marked), "cosmic_electrons": int(electrons.sum(dtype="int64")),
     }  # fmt: skip
     return state

@@ -27,7 +27,6 @@ def apply(state, param, rng):
     from csstsim.detector.noise import add_poisson  # loads numba (0.5 s), which checking a campaign does not need
 
     dark = state.chip.detector.dark * state.exposure.exptime
-    add_poisson(state.image, rng.exposure_key("shot"), dark=dark, counted=state.counted)
-    state.counted = None
+    add_poisson(state.image, rng.exposure_key("shot"), dark=dark, counted=state.take_counted())
     state.header["dark_electrons"] = dark
     return state

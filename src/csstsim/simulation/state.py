@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from csstsim.detector.sparse_plane import SparsePlane
 from csstsim.optics.throughput.response import response_map
 
 if TYPE_CHECKING:  # names alone: a stage imports what it uses
@@ -22,8 +23,9 @@ class State:
 
     `image` is float32, changed in place: expected electrons until `poisson_and_dark`, then charge, then DN
     (units in `unit`). Before `prescan_overscan` its shape is that of `window`; after it, that of the
-    window's readout frame (detector.channels). `counted` holds electrons that are already Poisson (same shape);
-    `poisson_and_dark` merges it. None: there is none. `header` is what layers add to the Level-0 header, the user's
+    window's readout frame (detector.channels). `counted` holds electrons that are already Poisson (same shape), which
+    `poisson_and_dark` merges. None: there are none. They may be kept as a SparsePlane until `counted` is asked for.
+    `header` is what layers add to the Level-0 header, the user's
     own layers to its HISTORY: {name: value}, JSON-like values only. chip, filter, telescope, pointing, window and wcs
     are the exposure's.
     """
@@ -34,7 +36,7 @@ class State:
     spectra: "Spectra | None" = None  # theirs, of a slitless chip
     psf: "PsfSet | None" = None
     tables: "PsfTable | None" = None  # of `psf`; the reference renderer needs none
-    counted: np.ndarray | None = None  # int32
+    counted: np.ndarray | None = None  # int32; may be set to a SparsePlane
     mask: np.ndarray | None = None  # uint8 of the image's shape (detector.mask)
     trailed: "Trails | None" = None  # charge that trails into the overscan
     cosmic_rays: tuple[np.ndarray, np.ndarray] | None = None  # (flat indices in the window, electrons) to be written
@@ -79,6 +81,30 @@ class State:
         """Return the electrons in both planes, a float64 sum."""
         return sum(float(plane.sum(dtype=np.float64)) for plane in (self.image, self.counted) if plane is not None)
 
+    def add_counted(self, pixel, electrons):
+        """Add electrons (n,) int32 to the counted ones, at ascending flat indices (n,) of the window."""
+        if isinstance(self._counted, np.ndarray):
+            self._counted.reshape(-1)[pixel] += electrons
+        else:
+            held = self._counted or SparsePlane(self.window.shape, *np.zeros((2, 0), np.int32))
+            self._counted = held.plus(pixel.astype(np.int32), electrons)
+
+    def take_counted(self):
+        """Return the counted electrons as they are kept, an array, a SparsePlane or None; none are left."""
+        taken, self._counted = self._counted, None
+        return taken
+
+    def _plane_of_counted(self):
+        if isinstance(self._counted, SparsePlane):
+            self._counted = self._counted.dense()
+        return self._counted
+
+    def _keep_counted(self, counted):
+        self._counted = counted
+
     def forget(self):
         """Drop what is kept only to save time."""
         self._response = ()
+
+
+State.counted = property(State._plane_of_counted, State._keep_counted)

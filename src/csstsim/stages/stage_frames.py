@@ -25,7 +25,7 @@ def state_before(run, job, stage):
     state = State.blank(job.exposure)
     if run.has_stage(job.pointing, stage):
         path = run.paths.stage(*job.key, f"{stage}.fits")
-        planes, meta = load_frame(path, {"stage": stage})
+        planes, meta = load_frame(path, {"stage": stage}, sparse=True)
         check_recipe(path, meta, run.recipe(job, stage))
         if "image" not in planes or not {"unit", "header"} <= meta.keys():
             raise InputError("damaged: it lacks the plane image, or unit or header in its metadata", file=path)
