@@ -11,7 +11,7 @@ of the columns are those of the extraction.
 
 Without a redshift, the spectrum less its running median is compared with P at every column. The MOST highest points of
 a significance of at least FOUND are lines; where the spectrum is uneven, significance is in units of its own scatter.
-Left out: lines wider than the object's image, such as quasars'.
+Left out: lines wider than the object's image, such as quasars'; the sharper image of a bright line across the trace.
 """
 
 from dataclasses import dataclass
@@ -23,13 +23,13 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra.line_columns import BLENDED, BLIND, COLUMNS, LINES, PART
 from csstsim.measure.spectra.line_profile import OFFSETS, mixed
-from csstsim.measure.spectra.spectrum_columns import BESIDE, COSMIC, CUT, DIM, LOST, SATURATED, UNEVEN
+from csstsim.measure.spectra.spectrum_columns import BESIDE, COSMIC, CUT, DIM, LOST, SATURATED
 
 SIDE = 30.0  # columns beyond twice a line's full width, for the continuum
 DETECTED = 3.0  # S/N
 FOUND, MOST = 5.0, 3  # significance of lines found without a redshift, and their number in a spectrum
 APART = 1.5  # full widths at half maximum: lines nearer than that are blended
-SPURIOUS = SATURATED | COSMIC | LOST | CUT | BESIDE | UNEVEN  # what looks like a line on such columns is none
+SPURIOUS = SATURATED | COSMIC | LOST | CUT | BESIDE  # what looks like a line on such columns is none
 MEDIAN = 41  # columns of the running median
 WHOLE, LEAST = 0.8, 0.5  # share of a line's light in usable columns: below WHOLE it is flagged, below LEAST left out
 ERG_PER_CM2 = 1e3  # J / m2 in erg / cm2
@@ -129,6 +129,7 @@ class _Spectrum:
         if len(usable) < MEDIAN:
             return []
         signal = self._significance(usable)
+        signal[: usable[0] + MEDIAN // 2] = signal[usable[-1] - MEDIAN // 2 + 1 :] = 0.0  # no continuum on either side
         for line in lines:
             signal[line.near(self.column)] = 0.0
         while len(found) < MOST:
