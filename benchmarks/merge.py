@@ -59,7 +59,9 @@ def exposure(number, places, snr, *, window=None):
         "obsid": np.full(n, f"101{number:08d}"), "chip": np.full(n, 9), "filter": np.full(n, BANDS[number % 7]),
         "number": np.arange(n), "ra": ra, "dec": dec, "pos_err": error, "flux_psf": 40.0 * snr,
         "flux_psf_err": np.full(n, 40.0), "flux_kron": 40.0 * snr, "flux_kron_err": np.full(n, 60.0),
-        "zeropoint": np.full(n, 31.0), "snr": snr, "star": snr > 20, "flags": np.zeros(n, np.int32),
+        "flux_total": 42.0 * snr, "flux_total_err": np.full(n, 70.0), "flux_gaap": 36.0 * snr,
+        "flux_gaap_err": np.full(n, 55.0), "zeropoint": np.full(n, 31.0),
+        "snr": snr, "star": snr > 20, "flags": np.zeros(n, np.int32),
     }  # fmt: skip
     return ObjectTable({name: np.asarray(columns[name], kind) for name, kind in DETECTION_COLUMNS.items()})
 
