@@ -5,7 +5,7 @@ import numpy as np
 from csstsim.detector.mask import CLIPPED
 
 CUT_MAX = 1e-3  # largest share of pixels at 0 DN that rounding and rare noise explain
-_ROWS = 64
+_ROWS = 16
 
 
 def digitise(image, adc_max=65535, mask=None):
