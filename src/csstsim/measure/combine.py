@@ -52,50 +52,65 @@ def combine(frame, peaks, snr, fit, kernel):
     normalised or not, odd side.
     """
     rest = _rest_of_stars(frame.stars, peaks.x, peaks.y, np.nan_to_num(fit[:, 0]))
-    peaks, snr, fit = rows_of(peaks, ~rest), snr[~rest], fit[~rest]
-    isophotes, at = frame.extended, np.arange(len(peaks.x))
-    flux, spread, spread_error = (np.nan_to_num(fit[:, k]) for k in (0, 3, 4))
-    top = _own_peaks(peaks, snr, len(isophotes.x))
+    peaks, snr, fit = _rows_of(peaks, ~rest), snr[~rest], np.nan_to_num(fit[~rest])
+    top = _own_peaks(peaks, snr, len(frame.extended.x))
+    kept = _kept(frame, peaks, snr, fit[:, 0], top, kernel)
+    extended = _is_extended(frame, peaks, fit, top, kept)
+    kept[top[extended & (top >= 0)]] = False
+    return _joined(frame, peaks, snr, top, kept, extended)
+
+
+def _kept(frame, peaks, snr, flux, top, kernel):
+    """Return bool (n,): the peaks that are sources, an isophote's own among them; `top`: `_own_peaks`."""
     r2 = np.arange(-WIDE_HALF, WIDE_HALF + 1) ** 2
     wide = np.exp(-0.5 * (r2[:, None] + r2) / WIDE**2)
-    on = peaks.segment > 0
-    own = np.zeros(len(at), bool)
+    n, on = len(peaks.x), peaks.segment > 0
+    local, narrow, broad, own = np.zeros(n), np.zeros(n, bool), np.zeros(n, bool), np.zeros(n, bool)
     own[top[top >= 0]] = True
-    local, narrow, broad = np.zeros(len(at)), np.zeros(len(at), bool), np.zeros(len(at), bool)
     for shape, above in ((wide, broad), (kernel, narrow)):
         local[on], error = local_flux(frame.image, frame.rms, peaks.x[on], peaks.y[on], shape)
         above[on] = local[on] > LOCAL_SNR * error
     order = np.argsort(-snr, kind="stable")
-    kept = _distinct(peaks.x, peaks.y, peaks.segment, order, own, flux, local, narrow, broad)
-    # Light of the isophote that its points do not explain
-    inside = kept & (peaks.segment > 0)
+    return _distinct(peaks.x, peaks.y, peaks.segment, order, own, flux, local, narrow, broad)
+
+
+def _is_extended(frame, peaks, fit, top, kept):
+    """Return bool (m,): the isophotes that are sources, because points do not account for their light."""
+    isophotes, inside = frame.extended, kept & (peaks.segment > 0)
+    flux, spread, spread_error = (fit[:, k] for k in (0, 3, 4))
     explained = np.bincount(peaks.segment[inside], flux[inside], len(isophotes.x) + 1)[1:]
     noise = np.sqrt(np.maximum(isophotes.flux, 0.0) + isophotes.area * float(np.median(frame.rms[::8, ::8])) ** 2)
     excess = isophotes.flux - explained > np.maximum(EXCESS_SIGMA * noise, EXCESS_SHARE * explained)
     constant, times = POINT_SPREAD
     blurred = np.append(spread > constant + times * spread_error, True)[top]
-    extended = (top < 0) | excess | blurred
-    extended &= ~_rest_of_stars(frame.stars, isophotes.x, isophotes.y, isophotes.flux)
-    both = np.flatnonzero(extended & (top >= 0))
-    kept[top[both]] = False
-    apart = np.hypot(peaks.x[top[both]] - isophotes.x[both], peaks.y[top[both]] - isophotes.y[both]) > APART
-    apart &= snr[top[both]] > APART_SNR
-    rows = np.flatnonzero(kept), np.flatnonzero(extended)
+    rest = _rest_of_stars(frame.stars, isophotes.x, isophotes.y, isophotes.flux)
+    return ((top < 0) | excess | blurred) & ~rest
+
+
+def _joined(frame, peaks, snr, top, kept, extended):
+    """Return the `Detections`: the peaks that are `kept`, then the isophotes that are `extended`."""
+    isophotes, rows = frame.extended, (np.flatnonzero(kept), np.flatnonzero(extended))
     columns = {
         f.name: np.concatenate([getattr(part, f.name)[row] for part, row in zip((peaks, isophotes), rows, strict=True)])
         for f in fields(Sources)
     }
-    which = np.repeat([False, True], [len(row) for row in rows])
+    both = np.flatnonzero(extended & (top >= 0))
+    high = top[both]
+    far = np.hypot(peaks.x[high] - isophotes.x[both], peaks.y[high] - isophotes.y[both]) > APART
+    far &= snr[high] > APART_SNR
     place = len(rows[0]) + np.cumsum(extended) - 1  # row of each extended isophote
     for name in ("x", "y", "window", "window_failed"):
-        columns[name][place[both[apart]]] = getattr(peaks, name)[top[both[apart]]]
+        columns[name][place[both[far]]] = getattr(peaks, name)[high[far]]
     # A source keeps its own isophote even where its position lies off it
     columns["segment"][len(rows[0]) :] = rows[1] + 1
-    heights = np.concatenate([snr[rows[0]], np.append(snr, 0.0)[top[rows[1]]]])
-    return Detections(**columns, extended=which, snr=heights, image=frame.image, rms=frame.rms, segments=frame.segments)
+    return Detections(
+        **columns, extended=np.repeat([False, True], [len(row) for row in rows]),
+        snr=np.concatenate([snr[rows[0]], np.append(snr, 0.0)[top[rows[1]]]]),
+        image=frame.image, rms=frame.rms, segments=frame.segments,
+    )  # fmt: skip
 
 
-def rows_of(sources, rows):
+def _rows_of(sources, rows):
     """Return the `Sources` of some rows."""
     return Sources(*(getattr(sources, f.name)[rows] for f in fields(Sources)))
 
