@@ -81,7 +81,7 @@ COLUMNS = {
     "mag_gaap": (np.float64, "AB; NaN where the flux is not positive"),
     "mag_gaap_err": (np.float64, "its error"),
     "half_light": (np.float32, "arcsec, half-light radius sqrt(a b) of the fitted profile before the PSF"),
-    "point": (np.float32, "probability of a point against a galaxy, from the fit of profiles"),
+    "point": (np.float32, "probability of a point against a galaxy, of the fit of profiles: a star from 0.5 on"),
     "snr": (np.float32, "flux_psf / flux_psf_err; 0 where there is no error"),
     "fwhm": (np.float32, "px, twice the half-light radius"),
     "a": (np.float32, "px, major axis of the isophote's moments, rms"),

@@ -1,0 +1,156 @@
+"""Fluxes of isolated true galaxies and stars of a full-depth r chip against their electrons; stars told from galaxies.
+
+    python benchmarks/galaxy_light.py [CAMPAIGN]
+
+Measures the first frame of the campaign (default: that of chip_stages.py, made first if it does not exist) and prints,
+by the truth's S/N and the bulge's share of the light, the median error, the scatter and the width of the pulls of total
+and Kron fluxes, then completeness and purity of galaxies and stars by magnitude with `star` and with `point` < 1/2, and
+the CPU seconds of the total fluxes in a run with compiled kernels. An object is isolated if all others within NEAR have
+less than SHARE of its light together, and none within FAR has more than BRIGHT times its light.
+"""
+
+import argparse
+import time
+from itertools import pairwise
+
+import numpy as np
+from chip_stages import campaign, measured
+
+from csstsim.bricks.match import one_to_one
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.catalog.table import GALAXY, ObjectTable
+from csstsim.io.truth import read_truth
+from csstsim.measure import catalogue
+
+NEAR, SHARE, FAR, BRIGHT = 30.0, 0.02, 150.0, 100.0  # px
+EDGE = 100  # px from the edge of the chip
+REACH = 2.7  # px, or half the half-light radius, in which an object has its detection
+SPOILT = catalogue.BLENDED | catalogue.TRUNCATED | catalogue.SATURATED | catalogue.SHARP | catalogue.BAD_PIXELS
+SNR = 5, 8, 13, 20, 35, 60, 120, 500
+MAGNITUDES = 18, 20, 21, 22, 23, 24, 24.5, 25, 25.5, 26
+FEW = 8
+
+
+def timed():
+    """Make the functions of total fluxes count their CPU seconds; return the list they are added to."""
+    spent = []
+
+    def clocked(function):
+        def call(*args):
+            start = time.process_time()
+            try:
+                return function(*args)
+            finally:
+                spent.append(time.process_time() - start)
+
+        return call
+
+    for name in ("profile_tables", "total_light"):
+        setattr(catalogue, name, clocked(getattr(catalogue, name)))
+    return spent
+
+
+def isolated(truth):
+    """Return the mask of objects whose light no other object disturbs."""
+    from scipy.spatial import cKDTree
+
+    light = truth["electrons"].astype(float)
+    tree = cKDTree(np.column_stack([truth["x"], truth["y"]]))
+    near, alone = np.zeros(len(light)), np.ones(len(light), bool)
+    for one, other in (np.s_[:, 0], np.s_[:, 1]), (np.s_[:, 1], np.s_[:, 0]):
+        pairs = tree.query_pairs(NEAR, output_type="ndarray")
+        np.add.at(near, pairs[one], light[pairs[other]])
+        pairs = tree.query_pairs(FAR, output_type="ndarray")
+        alone[pairs[one][light[pairs[other]] > BRIGHT * light[pairs[one]]]] = False
+    return alone & (near < SHARE * light)
+
+
+def spread(values):
+    """Return the scatter of values, from their median absolute deviation."""
+    return 1.4826 * np.median(np.abs(values - np.median(values)))
+
+
+def fluxes(truth, found, row, judged):
+    """Print errors and pulls by kind and S/N."""
+    galaxy, bulge = truth["obj_type"] == GALAXY, np.nan_to_num(truth["bulge_frac"])
+    kinds = {
+        "galaxies": galaxy, "bulge < 0.15": galaxy & (bulge < 0.15), "bulge > 0.5": galaxy & (bulge > 0.5),
+        "those between": galaxy & (bulge >= 0.15) & (bulge <= 0.5), "stars": ~galaxy,
+    }  # fmt: skip
+    heading("objects", "S/N", "n", "total - true [mag]", "+-", "scatter", "pulls", "Kron - true", "scatter", "pulls")
+    for kind, some in kinds.items():
+        for low, high in pairwise(SNR):
+            rows = np.flatnonzero(some & judged & (truth["snr"] >= low) & (truth["snr"] < high))
+            if len(rows) < FEW:
+                continue
+            true, cells = truth["electrons"][rows], []
+            for name in ("total", "kron"):
+                flux, error = (found[f"flux_{name}{end}"][row[rows]] for end in ("", "_err"))
+                off = -2.5 * np.log10(np.maximum(flux / true, 0.01))
+                chance = [f"{1.25 * spread(off) / len(rows) ** 0.5:.3f}"] if name == "total" else []
+                cells += [
+                    f"{np.median(off):+.3f}",
+                    *chance,
+                    f"{spread(off):.3f}",
+                    f"{spread((flux - true) / error):.2f}",
+                ]
+            print(f"| {kind} | {low} to {high} | {len(rows)} | {' | '.join(cells)} |")
+
+
+def separation(truth, found, row, judged):
+    """Print the share of galaxies and stars taken for such (complete), and of those taken for such that are (pure)."""
+    galaxy = truth["obj_type"] == GALAXY
+    taken = {"star": ~found["star"][row], "point": ~(found["point"][row] >= 0.5)}
+    figures = [
+        f"{kind} {what}, `{name}`" for kind in ("galaxies", "stars") for name in taken for what in ("complete", "pure")
+    ]
+    print()
+    heading("magnitude", "galaxies", "stars", *figures)
+    for low, high in pairwise(MAGNITUDES):
+        rows = np.flatnonzero(judged & (truth["mag"] >= low) & (truth["mag"] < high))
+        cells = [f"{low:g} to {high:g}", galaxy[rows].sum(), (~galaxy[rows]).sum()]
+        for is_galaxy in (True, False):
+            true = galaxy[rows] == is_galaxy
+            for said in (values[rows] == is_galaxy for values in taken.values()):
+                cells += [f"{(said & true).sum() / max(of.sum(), 1):.3f}" for of in (true, said)]
+        print("|", " | ".join(map(str, cells)), "|")
+
+
+def heading(*names):
+    print("|", " | ".join(names), "|")
+    print("|" + "---|" * len(names))
+
+
+def main():
+    from csstsim.command_line.main import main as csstsim
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("campaign", nargs="?")
+    file = parser.parse_args().campaign or campaign()
+    run = OpenCampaign(file)
+    job = next(job for job in run.jobs if job.chip.kind == "imaging")
+    if not run.paths.level0(job).exists():
+        measured(file, job.obsid, job.chip.id)
+    spent = timed()
+    for _ in range(2):  # the first compiles the kernels
+        spent.clear()
+        csstsim(["measure", str(file), "--obsid", job.obsid, "--chip", str(job.chip.id)], standalone_mode=False)
+    truth, found = read_truth(run.paths.level0_truth(job)), ObjectTable.read(run.paths.measure(*job.key))
+    x, y = truth["x"], truth["y"]
+    size = np.where(truth["obj_type"] == GALAXY, np.nan_to_num(truth["size"]), 0.0) / run.camera.telescope.pixel_scale
+    bright = np.flatnonzero(truth["snr"] > 2.0)
+    row = np.full(len(truth), -1)
+    row[bright] = one_to_one(
+        np.column_stack([x, y])[bright],
+        np.column_stack([found["x"], found["y"]]),
+        np.maximum(REACH, 0.5 * size)[bright],
+    )
+    inside = (np.minimum(x, y) > EDGE) & (x < job.chip.detector.nx - EDGE) & (y < job.chip.detector.ny - EDGE)
+    judged = isolated(truth) & inside & (row >= 0) & ((found["flags"][row] & SPOILT) == 0)
+    fluxes(truth, found, row, judged)
+    separation(truth, found, row, judged)
+    print(f"\n{len(found)} detections, {judged.sum()} judged; total fluxes: {sum(spent):.2f} CPU-s")
+
+
+if __name__ == "__main__":
+    main()
