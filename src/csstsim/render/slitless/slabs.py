@@ -180,9 +180,10 @@ def _add_slabs(image, response, x, y, light, mixture, phases):
         heights = phases.shape[2]
         first = math.floor((height - row) * heights)
         cubic[:] = _cubic((height - row) * heights - first)
-        _raise(stamps[: bands * density], phases, used[:bands], cubic, first)
+        low, high = max(-y0, 0), min(rows, image.shape[0] - y0)  # rows of the stamp on the image
+        _raise(stamps[: bands * density], phases, used[:bands], cubic, first, low, high)
         buffer[:] = 0.0
-        _lay(buffer, stamps[: bands * density], factors[: bands * density])
+        _lay(buffer, stamps[: bands * density], factors[: bands * density], low * pitch, high * pitch)
         drawn += _put(image, response, buffer.reshape(rows, pitch), x0, y0)
         box[0], box[1] = min(box[0], max(x0, 0)), max(box[1], min(x0 + pitch, image.shape[1]))
         box[2], box[3] = min(box[2], max(y0, 0)), max(box[3], min(y0 + rows, image.shape[0]))
@@ -190,41 +191,47 @@ def _add_slabs(image, response, x, y, light, mixture, phases):
 
 
 @numba.njit(cache=True)
-def _raise(stamps, phases, bands, cubic, first):
-    """Fill stamps (bands x density, rows x pitch) with phases moved up by `first` heights and a fraction.
+def _raise(stamps, phases, bands, cubic, first, low, high):
+    """Fill rows low to high of stamps (bands x density, rows x pitch) with phases moved up by `first` heights and more.
 
     cubic: the weights of four heights for the fraction. There is one row more on each side than in a stamp.
     """
     _, density, heights, size, pitch = phases.shape
-    stamps[:] = 0.0
+    stamps[:, low * pitch : high * pitch] = 0.0
     for band in range(len(bands)):
         for column in range(density):
             for k in range(4):
                 pixel, phase = (first - 1 + k) // heights, (first - 1 + k) % heights
                 values, factor = phases[bands[band], column, phase].reshape(size * pitch), cubic[k]
+                start = max(low - 1 - pixel, 0) * pitch
+                end = min(high - 1 - pixel, size) * pitch
                 out = stamps[band * density + column, (1 + pixel) * pitch :]
-                for j in range(len(values)):
+                for j in range(start, end):
                     out[j] += factor * values[j]
 
 
 @numba.njit(cache=True)
-def _lay(out, stamps, factors):
-    """Add stamps (n, pixels) times factors (n, shifts), shifted by 0, 1, ... pixels; four stamps at a time."""
-    count, pixels = stamps.shape
+def _lay(out, stamps, factors, begin, end):
+    """Add pixels begin to end of stamps (n, pixels) times factors (n, shifts), shifted by 0, 1, ... pixels.
+
+    Four stamps at a time; what is shifted beyond `end` is left out.
+    """
+    count = len(stamps)
     for at in range(factors.shape[1]):
-        part, last = out[at:], pixels - at
+        part, last = out[begin + at : end], end - begin - at
         for k in range(0, count - 3, 4):
             a, b, c, d = factors[k, at], factors[k + 1, at], factors[k + 2, at], factors[k + 3, at]
-            one, two, three, four = stamps[k], stamps[k + 1], stamps[k + 2], stamps[k + 3]
+            one, two = stamps[k, begin:end], stamps[k + 1, begin:end]
+            three, four = stamps[k + 2, begin:end], stamps[k + 3, begin:end]
             if a != 0.0 or b != 0.0 or c != 0.0 or d != 0.0:
                 for j in range(last):
                     part[j] += a * one[j] + b * two[j] + c * three[j] + d * four[j]
         for k in range(count - count % 4, count - 1, 2):
-            a, b, one, two = factors[k, at], factors[k + 1, at], stamps[k], stamps[k + 1]
+            a, b, one, two = factors[k, at], factors[k + 1, at], stamps[k, begin:end], stamps[k + 1, begin:end]
             for j in range(last):
                 part[j] += a * one[j] + b * two[j]
         if count % 2:
-            a, one = factors[count - 1, at], stamps[count - 1]
+            a, one = factors[count - 1, at], stamps[count - 1, begin:end]
             for j in range(last):
                 part[j] += a * one[j]
 
