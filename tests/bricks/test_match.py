@@ -77,6 +77,13 @@ def test_one_detection_is_one_object(match):
     assert match(both([1.0], [1]), both([], [])).tolist() == [-1]
 
 
+def test_of_two_at_the_same_place_the_brighter_has_the_source():
+    """A quasar in its host, in either order of rows and in any band."""
+    for mags in ([24.0, 20.0], [20.0, 24.0]):
+        truth = both([100.0, 100.0], [100, 100]).with_columns(mag_g=np.full(2, np.nan), mag_r=np.array(mags))
+        assert compare.match(truth, both([100.3], [100])).tolist() == [0 if m == 20.0 else -1 for m in mags]
+
+
 def test_an_object_broken_in_two_is_one_real_source():
     truth, broken = both([100.0], [100]), both([99.5, 101.0], [100, 100])
     assert compare.real(truth, broken).tolist() == [0]

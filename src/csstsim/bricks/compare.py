@@ -21,9 +21,20 @@ SATURATED = 4  # bit of the measured flags (measure.catalogue)
 
 
 def match(truth, sources):
-    """Return the row of each true object's merged source (bricks.match), -1 if there is none within reach."""
+    """Return the row of each true object's merged source (bricks.match), -1 if there is none within reach.
+
+    A quasar and its host are at the same place: of objects equally far, the brighter has the source.
+    """
     places, others = (unit_vectors(truth["ra_epoch"], truth["dec_epoch"]), unit_vectors(sources["ra"], sources["dec"]))
-    return one_to_one(places, others, np.radians(reach(truth) / 3600.0))
+    order, row = np.argsort(_brightest(truth), kind="stable"), np.full(len(truth), -1)
+    row[order] = one_to_one(places[order], others, np.radians(reach(truth)[order] / 3600.0))
+    return row
+
+
+def _brightest(truth):
+    """Return (n,): the magnitude of each object in the band where it is brightest; infinite if none is known."""
+    known = [np.nan_to_num(truth[name].astype(float), nan=np.inf) for name in truth if name.startswith("mag_")]
+    return np.min(known, axis=0) if known else np.full(len(truth), np.inf)
 
 
 def half_light(truth):

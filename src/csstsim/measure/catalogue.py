@@ -42,6 +42,7 @@ FLAGS = {
     NO_SHAPE: "S/N below 5, or no adaptive moments: hsm_sigma, hsm_e1, hsm_e2, resolution, g1, g2, g_err are NaN",
 }
 SHAPE_SNR, FAINT_SNR = 5.0, 2.5  # least S/N for a shape; of the PSF flux if the Kron flux reaches the first
+STAR_POINT = 0.5  # least probability of a point
 STAR_SPREAD = 0.01  # spread of a star from errors of PSF interpolation and centring, in addition to 2.5 x its noise
 
 # Type and meaning of each column; pixel centres are at whole numbers, the chip's first at 0
@@ -100,7 +101,10 @@ COLUMNS = {
     "chi2": (np.float32, "reduced, of the PSF's fit"),
     "spread": (np.float32, "size beyond the PSF (measure.photometry): 0 for a star"),
     "spread_err": (np.float32, "its error"),
-    "star": (bool, "no wider than the PSF, within 2.5 sigma"),
+    "star": (
+        bool,
+        "`point` is at least 0.5; where it is not known, no wider than the PSF within 2.5 sigma of `spread`",
+    ),
     "zeropoint": (np.float64, "AB magnitude of 1 electron"),
     "rms": (np.float32, "electrons, noise of the background there"),
     "flags": (np.int32, "bits, see below"),
@@ -177,7 +181,9 @@ def _measured(found, calibrated, unusable, model, window, profiles):
         around = replace(window, y0=window.y0 + first, y1=window.y0 + first + len(part.image))
         bad = unusable[first : first + len(part.image)]
         table = _sources(part, counted[rows], bad, model, around)
-        parts.append(table | total_light(part, table, bad, counted[rows], profiles))
+        table |= total_light(part, table, bad, counted[rows], profiles)
+        table["star"] = np.where(np.isfinite(table["point"]), table["point"] >= STAR_POINT, table["star"])
+        parts.append(table)
         order.append(rows)
     back = np.argsort(np.concatenate(order))
     return {name: np.concatenate([part[name] for part in parts])[back] for name in parts[0]}
