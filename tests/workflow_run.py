@@ -1,6 +1,7 @@
 """Runs the workflow on a small campaign and reads its products' contents, for tests that compare two runs."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -41,6 +42,13 @@ def dry_run(campaign, *arguments):
     """Return (exit code, what it says) of a dry run."""
     line, _ = command(campaign, *arguments, "--dry-run")
     return answer(line[3:])
+
+
+def planned(campaign, *arguments):
+    """Return the rules that Snakemake would run."""
+    code, said = dry_run(campaign, *arguments)
+    assert code == 0, said
+    return set(re.findall(r"^(\w+) +\d+$", said, re.MULTILINE)) - {"all", "total"}
 
 
 def make(folder, pointings=POINTINGS, **changes):

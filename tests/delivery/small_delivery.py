@@ -24,6 +24,23 @@ def done(*arguments):
     return result.output
 
 
+def finish(file):
+    """Run every command of a campaign in this process, up to its report."""
+    run = OpenCampaign(file)
+    for job in run.jobs:
+        verbs = ["chip"]
+        verbs += ["measure"] if job in run.imaging_jobs else []
+        verbs += ["calibrate"] if job in run.imaging_jobs and run.config.measurement.keep_calibrated else []
+        verbs += ["extract"] if job in run.slitless_jobs else []
+        for verb in verbs:
+            done(verb, file, "--obsid", job.obsid, "--chip", job.chip.id)
+    for pix in run.merge_bricks:
+        done("merge", file, "--brick", pix)
+        done("validate", file, "--brick", pix)
+    done("report", file)
+    return run
+
+
 def science(folder, **changes):
     """Write the shipped layer list of science exposures with {layer: parameters} changed; return its file."""
     layers = yaml.safe_load((SHIPPED / "observations" / "science.yaml").read_text())["layers"]
@@ -48,15 +65,5 @@ def delivery(folder):
     ra, dec = np.concatenate([icrs(*job.wcs.pixel_to_world(x, y), job.observer) for job in jobs], axis=1)
     options = {"ra": ra.tolist(), "dec": dec.tolist(), "mag": [20.0] * len(ra)}
     file = write_campaign(folder, pointings, catalog={"kind": "mini_campaign:Stars", "options": options}, **changes)
-    run = OpenCampaign(file)
-    for job in run.jobs:
-        verbs = ["chip"]
-        verbs += ["measure", "calibrate"] if job in run.imaging_jobs else []
-        verbs += ["extract"] if job in run.slitless_jobs else []
-        for verb in verbs:
-            done(verb, file, "--obsid", job.obsid, "--chip", job.chip.id)
-    for pix in run.merge_bricks:
-        done("merge", file, "--brick", pix)
-        done("validate", file, "--brick", pix)
-    done("report", file)
+    finish(file)
     return file

@@ -8,8 +8,9 @@ import astropy.io.fits as fits
 import numpy as np
 import pytest
 import yaml
+from delivery.small_delivery import finish
 from embedded_sky import universe_folder
-from workflow_run import ROOT, snakemake
+from workflow_run import ROOT, planned, snakemake
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
@@ -35,8 +36,12 @@ def finished(tmp_path_factory):
         tmp_path_factory.mktemp("my_camera"), select={"types": ["SCIE"], "chips": "all", "region": FIELD},
         window="region", universe=str(universe_folder()), catalog={"mag_limit": 23.0}, psf={"grid": 2},
     )  # fmt: skip
-    snakemake(file, "chips=whole", "--cores", "2")
-    return OpenCampaign(file)
+    return finish(file)
+
+
+def test_the_workflow_knows_every_file(finished):
+    """Of a finished campaign nothing is left to do but the picture that no command of the campaign makes."""
+    assert planned(finished.file, "chips=whole") == {"look"}
 
 
 def test_each_chip_sees_the_field_once(finished):

@@ -1,6 +1,5 @@
 """The workflow: its graph, and the same bits for one core, two cores, and a job killed and resumed."""
 
-import re
 import signal
 import subprocess
 import time
@@ -10,7 +9,7 @@ import psutil
 import pytest
 import yaml
 from mini_campaign import POINTINGS, write_campaign
-from workflow_run import ROOT, command, content, dry_run, level0_targets, make, snakemake, with_prepared
+from workflow_run import ROOT, command, content, dry_run, level0_targets, make, planned, snakemake, with_prepared
 
 from csstsim.campaign.opened import OpenCampaign
 
@@ -131,13 +130,6 @@ def planned_with(campaign, path, text):
         return planned(campaign, "--profile", str(ROOT / "profiles" / "default"))
     finally:
         path.write_text(before)
-
-
-def planned(campaign, *arguments):
-    """Return the rules that Snakemake would run."""
-    code, said = dry_run(campaign, *arguments)
-    assert code == 0, said
-    return set(re.findall(r"^(\w+) +\d+$", said, re.MULTILINE)) - {"all", "total"}
 
 
 def test_a_slip_in_the_name_of_a_setting_is_refused(tmp_path):
