@@ -27,7 +27,7 @@ from scipy.ndimage import map_coordinates, zoom
 
 from csstsim.base.errors import InputError
 from csstsim.catalog.table import ObjectTable
-from csstsim.measure.bad_pixels import FULL
+from csstsim.measure.calibration.bad_pixels import FULL
 from csstsim.measure.catalogue import SATURATED
 
 PROGRAMS = "source-extractor", "psfex"

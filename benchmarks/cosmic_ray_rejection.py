@@ -20,8 +20,8 @@ from csstsim.campaign.config import load_campaign
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.detector.mask import COSMIC_RAY
 from csstsim.io.truth import read_truth
-from csstsim.measure.bad_pixels import cosmic_rays
-from csstsim.measure.photometry import psf_model
+from csstsim.measure.calibration.bad_pixels import cosmic_rays
+from csstsim.measure.light.photometry import psf_model
 from csstsim.stages import chip as chip_stage
 from csstsim.stages import psf as psf_stage
 from csstsim.stages.calibrate import calibrated_frame

@@ -16,7 +16,7 @@ from PIL import Image
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.level0 import read_level0
-from csstsim.stages.report_pictures import sky_pictures
+from csstsim.stages.parts.report_pictures import sky_pictures
 
 ROOT = Path(__file__).parents[1]
 TARGET = ROOT / "docs" / "figures" / "demo.png"

@@ -25,17 +25,18 @@ RUNS = 3
 LIMITS = 15.0, 1.2  # CPU s, GB
 PARTS = {
     "calibrate": ["csstsim.stages.calibrate:calibrated_frame"],
-    "charge moved back": ["csstsim.measure.charge_correction:put_back"],
+    "charge moved back": ["csstsim.measure.calibration.charge_correction:put_back"],
     "PSF": ["csstsim.stages.psf:open_psf", "csstsim.measure.catalogue:psf_model"],
     "cosmic rays": ["csstsim.measure.catalogue:mend"],
-    "background": ["csstsim.measure.detect:subtract_background"],
+    "background": ["csstsim.measure.detection.detect:subtract_background"],
     "bright stars": [
-        "csstsim.measure.catalogue:bright_stars", "csstsim.measure.bright_stars:BrightStars.subtract_from",
-        "csstsim.measure.bright_stars:BrightStars.restore_to", "csstsim.measure.bright_stars:BrightStars.add_noise_to",
+        "csstsim.measure.catalogue:bright_stars", "csstsim.measure.detection.bright_stars:BrightStars.subtract_from",
+        "csstsim.measure.detection.bright_stars:BrightStars.restore_to",
+        "csstsim.measure.detection.bright_stars:BrightStars.add_noise_to",
     ],
     "isophotes": ["csstsim.measure.catalogue:isophotes"],
     "peaks": ["csstsim.measure.catalogue:peaks"],
-    "windowed positions, radii": ["csstsim.measure.detect:_sources"],
+    "windowed positions, radii": ["csstsim.measure.detection.detect:_sources"],
     "combine": ["csstsim.measure.catalogue:combine"],
     "PSF photometry": ["csstsim.measure.catalogue:fit_sources"],
     "Kron and aperture photometry": ["csstsim.measure.catalogue:kron_flux", "csstsim.measure.catalogue:aperture_flux"],

@@ -16,7 +16,7 @@ import numpy as np
 from shear_response import VERSIONS, bias, make_galaxies, measure, photons, reference, stamps, true_shapes
 
 from csstsim.base.files.atomic import atomic_path
-from csstsim.base.progress import progress
+from csstsim.base.process.progress import progress
 from csstsim.bench.setting import make_setting
 
 PART = 20  # galaxies

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-from csstsim.base.progress import progress
+from csstsim.base.process.progress import progress
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import Lensing, load_campaign

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from csstsim.base.files.atomic import atomic_path
-from csstsim.base.one_thread import one_thread
+from csstsim.base.process.one_thread import one_thread
 from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera

@@ -17,7 +17,7 @@ from csstsim.instrument.filter import Filter
 from csstsim.io import level0_cards
 from csstsim.layers import gain, readout_noise, scie_obs, sky_background
 from csstsim.measure import catalogue
-from csstsim.measure.bad_pixels import FULL
+from csstsim.measure.calibration.bad_pixels import FULL
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.stages import calibrate as calibrate_stage
 from csstsim.stages import measure as measure_stage

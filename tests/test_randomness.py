@@ -21,7 +21,7 @@ from csstsim.base import counter
 from csstsim.base.rng import Streams
 from csstsim.catalog.truth_bricks import _population
 from csstsim.detector.cosmic_ray import Tracks, deposit
-from csstsim.detector.normal import normal_row, normal_table
+from csstsim.detector.random.normal import normal_row, normal_table
 from csstsim.stages import psf as psf_stage
 from csstsim.stages import truth as truth_stage
 

@@ -3,7 +3,7 @@
 import importlib
 import os
 
-from csstsim.base.compiled_code import choose_folder
+from csstsim.base.process.compiled_code import choose_folder
 
 __version__ = "0.1.0"
 __all__ = ["Frame", "InputError", "Simulation"]

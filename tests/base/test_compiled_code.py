@@ -5,7 +5,7 @@ import tempfile
 
 import pytest
 
-from csstsim.base.compiled_code import choose_folder
+from csstsim.base.process.compiled_code import choose_folder
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from csstsim.base.files import atomic
-from csstsim.base.one_thread import one_thread
+from csstsim.base.process.one_thread import one_thread
 from csstsim.command_line.group import SECTIONS
 
 THREADS = "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"

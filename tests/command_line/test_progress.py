@@ -8,10 +8,10 @@ import sys
 
 import pytest
 
-from csstsim.base.progress import hidden, progress
+from csstsim.base.process.progress import hidden, progress
 
 LOOPS = """
-from csstsim.base.progress import hidden, progress
+from csstsim.base.process.progress import hidden, progress
 from contextlib import nullcontext
 with {how}:
     for outer in progress("ab", "the outer loop"):

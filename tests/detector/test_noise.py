@@ -8,8 +8,8 @@ from scipy import stats
 
 from csstsim.base.rng import Streams
 from csstsim.detector.noise import add_gaussian, add_poisson
-from csstsim.detector.normal import EDGE, TAIL, normal_row, normal_table
-from csstsim.detector.poisson import TABLE_MAX, alias_tables
+from csstsim.detector.random.normal import EDGE, TAIL, normal_row, normal_table
+from csstsim.detector.random.poisson import TABLE_MAX, alias_tables
 
 N = 400_000
 MEANS = [0.001, 0.01, 0.0625, 0.999, 1.0, 3.03, 15.0, 40.51, 127.99, 128.0, 1000.0, 1e6]

@@ -14,7 +14,7 @@ from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main
 from csstsim.instrument.filter import GRID
 from csstsim.io.level0 import read_level0
-from csstsim.measure.calibrate import calibrate
+from csstsim.measure.calibration.calibrate import calibrate
 from csstsim.optics.throughput.flat import FlatField
 from csstsim.optics.throughput.led import load_leds
 from csstsim.optics.throughput.response import response_map

@@ -25,7 +25,7 @@ from csstsim.instrument.filter import GRID
 from csstsim.io.frames import load_frame
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth
-from csstsim.measure.calibrate import calibrate
+from csstsim.measure.calibration.calibrate import calibrate
 from csstsim.stages.psf import open_psf
 
 BANDS = {"NUV": 12, "u": 14, "g": 8, "r": 9, "i": 7, "z": 11, "y": 6}

@@ -15,7 +15,7 @@ from csstsim.detector import prnu
 from csstsim.io.frames import load_frame
 from csstsim.io.output_owner import FILE as OWNER
 from csstsim.io.truth import read_truth
-from csstsim.measure.bad_pixels import known_defects
+from csstsim.measure.calibration.bad_pixels import known_defects
 from csstsim.stages.calibrate import calibrated_frame
 from csstsim.stages.psf import open_psf
 

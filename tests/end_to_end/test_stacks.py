@@ -14,7 +14,7 @@ from scipy import ndimage
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.io.level0 import read_level0
-from csstsim.measure.calibrate import overscan_level
+from csstsim.measure.calibration.calibrate import overscan_level
 from csstsim.stages import chip as chip_stage
 
 CHIP, SIDE, OVERSCAN = 9, 256, 71

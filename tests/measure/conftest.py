@@ -10,8 +10,8 @@ from scipy.special import erf
 from csstsim.base.rng import stream
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.instrument.chip import Window
-from csstsim.measure.bad_pixels import BAD, FULL
-from csstsim.measure.calibrate import Calibrated
+from csstsim.measure.calibration.bad_pixels import BAD, FULL
+from csstsim.measure.calibration.calibrate import Calibrated
 from csstsim.measure.catalogue import measure_frame
 
 SIGMA = 0.95  # px: FWHM 2.2 px = 0.166 arcsec

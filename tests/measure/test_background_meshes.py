@@ -5,8 +5,15 @@ import pytest
 from scipy.stats import truncnorm
 
 from csstsim.base.rng import stream
-from csstsim.measure.background import CLIP, CLIP_LOSS, SECOND_BOX, _clipped, crude_background, masked_background
-from csstsim.measure.maps import binned
+from csstsim.measure.detection.background import (
+    CLIP,
+    CLIP_LOSS,
+    SECOND_BOX,
+    _clipped,
+    crude_background,
+    masked_background,
+)
+from csstsim.measure.detection.maps import binned
 
 SIGMA = 5.0
 

@@ -11,9 +11,10 @@ from scipy.special import erf
 from csstsim.base.rng import Streams, stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.detector import mask
-from csstsim.measure import bad_pixels, catalogue
-from csstsim.measure.calibrate import Calibrated
-from csstsim.measure.photometry import psf_model
+from csstsim.measure import catalogue
+from csstsim.measure.calibration import bad_pixels
+from csstsim.measure.calibration.calibrate import Calibrated
+from csstsim.measure.light.photometry import psf_model
 from csstsim.simulation.sim_steps import SimSteps
 
 N = 600

@@ -9,8 +9,8 @@ from slitless import below
 
 from csstsim.base.rng import stream
 from csstsim.instrument.chip import Window
-from csstsim.measure.bad_pixels import FULL
-from csstsim.measure.bright_stars import MODEL_ERROR, WING_STEP, bright_stars
+from csstsim.measure.calibration.bad_pixels import FULL
+from csstsim.measure.detection.bright_stars import MODEL_ERROR, WING_STEP, bright_stars
 from csstsim.optics.scatter.ghosts import Ghosts
 from csstsim.optics.scatter.halo import Wing
 from csstsim.optics.scatter.scattered_light import Scattered

@@ -7,7 +7,7 @@ from even_response import EvenResponse
 from csstsim.base.errors import InputError
 from csstsim.base.rng import stream
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.measure.calibrate import calibrate, overscan_level
+from csstsim.measure.calibration.calibrate import calibrate, overscan_level
 
 SMALL = {
     "nx": 320, "ny": 160, "channels_x": 8, "channels_y": 2, "channel_nx": 40, "channel_ny": 80,

@@ -5,7 +5,7 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.measure import catalogue
-from csstsim.measure.photometry import HALF, psf_model
+from csstsim.measure.light.photometry import HALF, psf_model
 
 galsim = pytest.importorskip("galsim")
 
@@ -112,7 +112,7 @@ def test_point_source_flux_inverts_snr():
 
 def test_psf_model_interpolates_the_pixel_integral(fabricate):
     """Against the closed form of a Gaussian integrated over pixels, at sub-pixel shifts."""
-    from csstsim.measure.photometry import draw_psf
+    from csstsim.measure.light.photometry import draw_psf
 
     model = psf_model(fabricate.psf, (0, 0), (100, 700), cell_px=350)
     assert model.coefficients.shape[0] == 4

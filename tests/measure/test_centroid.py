@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from csstsim.base.rng import stream
-from csstsim.measure.centroid import position_errors, windowed_positions
-from csstsim.measure.photometry import psf_model
+from csstsim.measure.light.centroid import position_errors, windowed_positions
+from csstsim.measure.light.photometry import psf_model
 
 PX = 1e-3
 

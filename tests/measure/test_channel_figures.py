@@ -8,8 +8,8 @@ from even_response import EvenResponse
 
 from csstsim.base.rng import stream
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.measure.calibrate import calibrate
-from csstsim.measure.channel_figures import SAMPLE, block_means, channel_figures
+from csstsim.measure.calibration.calibrate import calibrate
+from csstsim.measure.calibration.channel_figures import SAMPLE, block_means, channel_figures
 
 READOUT = ReadoutFrame(
     window=(32, 256, 64, 192), nx=256, ny=256, channels_x=2, channels_y=2, channel_nx=128, channel_ny=128,

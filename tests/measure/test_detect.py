@@ -6,9 +6,9 @@ import sep
 from scipy.ndimage import convolve
 from slitless import below
 
-from csstsim.measure.bright_stars import BrightStars
-from csstsim.measure.combine import local_flux
-from csstsim.measure.detect import (
+from csstsim.measure.detection.bright_stars import BrightStars
+from csstsim.measure.detection.combine import local_flux
+from csstsim.measure.detection.detect import (
     COLD_FWHM,
     FWHM_TO_SIGMA,
     _cold_pass,
@@ -17,7 +17,7 @@ from csstsim.measure.detect import (
     peaks,
     subtract_background,
 )  # fmt: skip
-from csstsim.measure.maps import BIN, binned
+from csstsim.measure.detection.maps import BIN, binned
 
 SIGMA = 5.0
 NONE = np.zeros(0)

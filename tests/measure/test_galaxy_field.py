@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from csstsim.base.rng import stream
-from csstsim.measure.background import masked_background
+from csstsim.measure.detection.background import masked_background
 
 galsim = pytest.importorskip("galsim")
 

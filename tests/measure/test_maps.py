@@ -1,4 +1,4 @@
-"""measure.maps against numpy and scipy, at odd and tiny shapes."""
+"""measure.detection.maps against numpy and scipy, at odd and tiny shapes."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.ndimage import binary_dilation, correlate
 
 from csstsim.base.rng import stream
-from csstsim.measure.maps import binned, full_size, grown, interpolated, solid
+from csstsim.measure.detection.maps import binned, full_size, grown, interpolated, solid
 
 SHAPES = [(1, 1), (1, 5), (4, 1), (2, 2), (7, 9), (30, 41)]
 

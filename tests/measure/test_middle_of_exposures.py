@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from csstsim.base.rng import stream
-from csstsim.measure.masters import _average
+from csstsim.measure.calibration.masters import _average
 
 READ_NOISE = np.float32(5.0)
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from csstsim.base.rng import stream
-from csstsim.measure.moments import SMOOTH, adaptive_moments, measure_shapes, on_sky, reduced, without_psf
-from csstsim.measure.photometry import HALF, draw_psf, psf_model
+from csstsim.measure.light.moments import SMOOTH, adaptive_moments, measure_shapes, on_sky, reduced, without_psf
+from csstsim.measure.light.photometry import HALF, draw_psf, psf_model
 
 galsim = pytest.importorskip("galsim")
 

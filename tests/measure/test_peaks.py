@@ -6,8 +6,8 @@ import sep
 from scipy.ndimage import convolve1d, maximum_filter
 
 from csstsim.base.rng import stream
-from csstsim.measure.half_light import LEAST, half_light_radius
-from csstsim.measure.peaks import WIDER, find_peaks, smoothed_snr, smoothing
+from csstsim.measure.detection.peaks import WIDER, find_peaks, smoothed_snr, smoothing
+from csstsim.measure.light.half_light import LEAST, half_light_radius
 
 WEIGHT = np.array([0.1, 0.6, 1.0, 0.6, 0.1], np.float32)
 

@@ -5,7 +5,7 @@ import pytest
 from slitless import below
 
 from csstsim.measure.catalogue import point_source_snr
-from csstsim.measure.photometry import fit_sources, psf_model
+from csstsim.measure.light.photometry import fit_sources, psf_model
 
 SIGMA = 5.0
 STAR = 0.95  # px, sigma of the fabricated PSF

@@ -28,7 +28,7 @@ def test_false_detections_are_few_and_faint(star_field):
     x, y, _, _, table = star_field
     distance, _ = cKDTree(np.column_stack([x, y])).query(np.column_stack([table["x"], table["y"]]))
     false = distance > 4.0
-    # 85 a megapixel of pure noise (measure.detect); here most of the pixels are under stars
+    # 85 a megapixel of pure noise (measure.detection.detect); here most of the pixels are under stars
     assert false.sum() < 120
     assert np.sort(table["snr"][false])[-3:].max() < 6.0
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import quad
 
 from csstsim.base.rng import stream
-from csstsim.measure.profile_tables import GAAP_FWHM, profile_tables
-from csstsim.measure.total_light import total_light
+from csstsim.measure.light.profile_tables import GAAP_FWHM, profile_tables
+from csstsim.measure.light.total_light import total_light
 from csstsim.profiles.sersic import brightness
 
 galsim = pytest.importorskip("galsim")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from csstsim.base.rng import stream
-from csstsim.measure.tracks import tracks
+from csstsim.measure.detection.tracks import tracks
 
 NOISE, HALF, PSF = 7.5, 20, 0.9  # electron; px, half a stamp; px, sigma
 

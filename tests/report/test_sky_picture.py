@@ -16,7 +16,7 @@ from csstsim.instrument.chip import Window
 from csstsim.io.level0 import read_level0
 from csstsim.report import sky_picture as sky
 from csstsim.stages.level0 import truth_of
-from csstsim.stages.report_pictures import (
+from csstsim.stages.parts.report_pictures import (
     CUTOUT,
     bright_objects,
     chosen,

@@ -11,7 +11,7 @@ from csstsim.layers import sky_background
 from csstsim.optics.geometry.sip import sip_header
 from csstsim.simulation.state import State
 from csstsim.stages import chip as chip_stage
-from csstsim.stages.frame_facts import frame_facts
+from csstsim.stages.parts.frame_facts import frame_facts
 
 MAG_LIMIT = 12.0  # no object: sky and detector alone
 

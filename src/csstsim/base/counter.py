@@ -10,7 +10,7 @@ import math
 import numba
 import numpy as np
 
-import csstsim.base.no_blas  # noqa: F401
+import csstsim.base.process.no_blas  # noqa: F401
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _MIX1, _MIX2 = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from galsim import GalSimError
 
-from csstsim.base.progress import progress
+from csstsim.base.process.progress import progress
 
 SLOW = 1.0  # CPU seconds of one object; its set-up is then negligible
 TOO_LONG = 5.0  # times the wanted CPU seconds; after that no more electrons are drawn

@@ -1,4 +1,4 @@
-"""Expected values of a frame, and those in the header of its Level-0 file (made by stages.frame_facts).
+"""Expected values of a frame, and those in the header of its Level-0 file (made by stages.parts.frame_facts).
 
 Pixels are compared with the expected values: the background is sky and dark current, its noise that of sky, dark
 current, readout and rounding. The header's numbers are compared with the campaign's, its world coordinates with the
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-LEAST = 256**2  # px: a smaller background has less than one mesh (measure.background) and is not judged
+LEAST = 256**2  # px: a smaller background has less than one mesh (measure.detection.background) and is not judged
 FAINT = 5.0  # S/N: all light of fainter objects counts as background
 OUTSIDE = 0.02  # share of brighter objects' light that may be unmasked: 1% of saturated stars' is
 ROUNDING = 12**-0.5  # rms of rounding, in steps
@@ -70,7 +70,7 @@ class Facts:
 
 
 def pixels_off(channels, facts, truth):
-    """Return {name: list of (channel or None, value, chance)} of a frame's channels (measure.channel_figures).
+    """Return {name: list of (channel or None, value, chance)} of a frame's channels (measure.calibration).
 
     level, noise: measured over expected, less 1, of channels of LEAST px or more and of the whole frame (channel None);
     read_noise: the overscan's over the camera's, less 1; bias: the overscan's less the header's, DN. chance: one sigma.

@@ -9,7 +9,7 @@ A source is kept if one of these holds:
 * it is detected in `VISITS_ALONE` frames;
 * it is detected in two frames, with a joint PSF S/N >= `SNR_PAIR`.
 Detections without a windowed position do not count, nor for the latter two those beyond `CLOSE_SIGMA` of the position.
-A detection with bad pixels counts only by itself, from S/N `SNR_SPOILT` on. The threshold of `measure.detect` is lower,
+A detection with bad pixels counts only by itself, from S/N `SNR_SPOILT` on. The threshold of `detect` is lower,
 for completeness, and lets noise peaks pass (docs/merge.md). `meta` and the file have the number of sources left out
 ("left_out") and what became of every detection ("detections").
 
@@ -68,7 +68,7 @@ ABOUT_BAND = {  # of each band B, small letters
     "kron_flux_err_B": "its error",
     "kron_mag_B": "AB; NaN where the flux is not positive",
     "kron_mag_err_B": "its error",
-    "total_flux_B": "microjansky, all the light of a star or galaxy (measure.total_light)",
+    "total_flux_B": "microjansky, all the light of a star or galaxy (measure.light.total_light)",
     "total_flux_err_B": "its error",
     "total_mag_B": "AB; NaN where the flux is not positive",
     "total_mag_err_B": "its error",

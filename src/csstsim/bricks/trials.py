@@ -35,7 +35,7 @@ def trials(truth, frame):
     less the true one, mag_err its error; east_mas, north_mas: ICRS position less the true one at the epoch, place_err
     its error on an axis; header_east, header_north [px]: the measured pixel through the header's WCS, less the true
     apparent position. psf_size, psf_e1, psf_e2: a star's size over that of the PSF model there, less 1, and its
-    distortion less the model's (measure.moments). true_g1, true_g2: a galaxy's sheared shape, g1, g2: the measured one,
+    distortion less the model's (measure.light). true_g1, true_g2: a galaxy's sheared shape, g1, g2: the measured one,
     if it is resolved.
     """
     truth = truth.take(~truth["blended"])

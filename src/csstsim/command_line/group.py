@@ -12,7 +12,7 @@ import click
 
 from csstsim.base.errors import CsstsimError
 from csstsim.base.help_page import with_page
-from csstsim.base.progress import hidden
+from csstsim.base.process.progress import hidden
 from csstsim.campaign.job_log import ERROR
 
 SECTIONS = {

@@ -11,7 +11,7 @@ import click
 
 from csstsim import __version__
 from csstsim.base.plural import number_of
-from csstsim.base.progress import progress
+from csstsim.base.process.progress import progress
 from csstsim.command_line import begin, rules, tools
 from csstsim.command_line.completion import chips_of
 from csstsim.command_line.group import SWITCHES, Group, result

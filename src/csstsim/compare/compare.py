@@ -6,7 +6,7 @@ from pathlib import Path
 
 from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
-from csstsim.base.progress import progress
+from csstsim.base.process.progress import progress
 from csstsim.compare import hdf5, images, tables, texts
 from csstsim.compare.facts import Fact
 from csstsim.compare.varying import BESIDE_PRODUCTS

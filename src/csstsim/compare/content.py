@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from csstsim.base.files.atomic import atomic_path
-from csstsim.base.progress import progress
+from csstsim.base.process.progress import progress
 from csstsim.compare.varying import KEYWORDS, steady_page, varies
 from csstsim.delivery.manifest import CONTENT, FILES, HASHES, list_content, read_manifest
 

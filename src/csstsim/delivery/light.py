@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from csstsim.detector.cubic import straighten
-from csstsim.measure.calibrate import overscan_level
+from csstsim.measure.calibration.calibrate import overscan_level
 
 SIGMA = 6.0  # one in 1e9 sound files
 # Of all charge, for what no line of the budget has: what traps hold of pixels beyond a window, charge that

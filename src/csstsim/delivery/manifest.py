@@ -12,7 +12,7 @@ import re
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
-from csstsim.base.progress import progress
+from csstsim.base.process.progress import progress
 
 HASHES, SIZES, CONTENT = FILES = "MANIFEST.sha256", "MANIFEST.tsv", "MANIFEST.content"
 _LINE = re.compile(r"([0-9a-f]{64}) [ *]([A-Za-z0-9_.=/-]+)")

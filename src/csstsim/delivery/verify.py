@@ -5,7 +5,7 @@ import stat
 
 from csstsim.base.errors import InputError
 from csstsim.base.plural import number_of
-from csstsim.base.progress import progress
+from csstsim.base.process.progress import progress
 from csstsim.delivery.contents import MAYBE, of_campaign
 from csstsim.delivery.folder import of_folder
 from csstsim.delivery.manifest import FILES, HASHES, SIZES, manifest_faults, write_manifest

@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from csstsim.base.counter import word
-from csstsim.detector.normal import normal, normal_table
+from csstsim.detector.random.normal import normal, normal_table
 
 _BATCH = 256  # tracks at a time; limits the work space
 _FARTHEST = 9  # sigma; larger than any normal number made from 52 bits

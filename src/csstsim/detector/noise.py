@@ -1,6 +1,6 @@
 """Shot noise and readout noise in pixels (paper, Appendix B, items 5 and 13).
 
-The random numbers depend on the key and the pixel (csstsim.detector.poisson, normal), not on the frame's height, the
+The random numbers depend on the key and the pixel (csstsim.detector.random), not on the frame's height, the
 order of work or the number of threads. Pixels are counted from the frame's corner, so a window has other numbers than
 the same pixels of the whole frame.
 """
@@ -8,8 +8,8 @@ the same pixels of the whole frame.
 import numba
 import numpy as np
 
-from csstsim.detector.normal import normal_row, normal_table
-from csstsim.detector.poisson import alias_tables, poisson_row
+from csstsim.detector.random.normal import normal_row, normal_table
+from csstsim.detector.random.poisson import alias_tables, poisson_row
 from csstsim.detector.sparse_plane import SparsePlane
 
 MOST = 1e9  # largest expected electrons drawn as 32-bit integers

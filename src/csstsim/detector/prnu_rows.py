@@ -3,7 +3,7 @@
 import numba
 import numpy as np
 
-from csstsim.detector.normal import normal_row, normal_table
+from csstsim.detector.random.normal import normal_row, normal_table
 
 
 def multiply_rows(image, x0, y0, rms, key, clip):

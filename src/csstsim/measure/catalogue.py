@@ -13,18 +13,18 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ObjectTable
-from csstsim.measure.bad_pixels import BAD, FULL, RAY, mend
-from csstsim.measure.bright_stars import bright_stars
-from csstsim.measure.centroid import position_errors
-from csstsim.measure.channel_figures import block_means, channel_figures
-from csstsim.measure.combine import Detections, combine
-from csstsim.measure.detect import isophotes, peaks, star_sources
-from csstsim.measure.moments import measure_shapes, on_sky, reduced, without_psf
-from csstsim.measure.photometry import APERTURE, aperture_flux, fit_sources, kron_flux, psf_model
-from csstsim.measure.profile_tables import profile_tables
-from csstsim.measure.strips import strips
-from csstsim.measure.total_light import total_light
-from csstsim.measure.tracks import tracks
+from csstsim.measure.calibration.bad_pixels import BAD, FULL, RAY, mend
+from csstsim.measure.calibration.channel_figures import block_means, channel_figures
+from csstsim.measure.detection.bright_stars import bright_stars
+from csstsim.measure.detection.combine import Detections, combine
+from csstsim.measure.detection.detect import isophotes, peaks, star_sources
+from csstsim.measure.detection.strips import strips
+from csstsim.measure.detection.tracks import tracks
+from csstsim.measure.light.centroid import position_errors
+from csstsim.measure.light.moments import measure_shapes, on_sky, reduced, without_psf
+from csstsim.measure.light.photometry import APERTURE, aperture_flux, fit_sources, kron_flux, psf_model
+from csstsim.measure.light.profile_tables import profile_tables
+from csstsim.measure.light.total_light import total_light
 from csstsim.optics.scatter.scattered_light import read_scattered
 
 # Bits of `flags`.
@@ -70,7 +70,10 @@ COLUMNS = {
     "flux_kron_err": (np.float64, "its error"),
     "mag_kron": (np.float64, "AB; NaN where the flux is not positive"),
     "mag_kron_err": (np.float64, "its error"),
-    "flux_total": (np.float64, "electrons of the exposure: all the light, of a fitted profile (measure.total_light)"),
+    "flux_total": (
+        np.float64,
+        "electrons of the exposure: all the light, of a fitted profile (measure.light.total_light)",
+    ),
     "flux_total_err": (np.float64, "its error, size and profile free"),
     "mag_total": (np.float64, "AB; NaN where the flux is not positive"),
     "mag_total_err": (np.float64, "its error"),
@@ -99,7 +102,7 @@ COLUMNS = {
     "g2": (np.float32, "the same, axis 2 at 45 deg towards north"),
     "g_err": (np.float32, "error of g1, g2, on an axis"),
     "chi2": (np.float32, "reduced, of the PSF's fit"),
-    "spread": (np.float32, "size beyond the PSF (measure.photometry): 0 for a star"),
+    "spread": (np.float32, "size beyond the PSF (measure.light.photometry): 0 for a star"),
     "spread_err": (np.float32, "its error"),
     "star": (
         bool,
@@ -114,13 +117,13 @@ COLUMNS = {
 def measure_frame(calibrated, psf, wcs, observer, *, obsid, chip, filter, telescope, pointing, window):
     """Return the ObjectTable of one frame; the background is subtracted from `calibrated.electrons` in place.
 
-    `calibrated`: measure.calibrate.Calibrated of `window`; `psf`: PsfSet of the chip; `wcs`: ChipWCS;
+    `calibrated`: measure.calibration.calibrate.Calibrated of `window`; `psf`: PsfSet of the chip; `wcs`: ChipWCS;
     `observer`: catalog.astrometry.ephemeris.Observer.
-    The columns are `COLUMNS`, rows by decreasing S/N. Columns from adaptive moments (measure.moments) are NaN where
+    The columns are `COLUMNS`, rows by decreasing S/N. Columns from adaptive moments (light.moments) are NaN where
     these failed; g1, g2, g_err also where the source is not resolved. g1, g2 compare with the truth's e1, e2 sheared by
     its g1, g2.
     `meta` holds the facts of the frame: background and rms in electrons, n_eff px, depth_5sigma AB, window, channels
-    (measure.channel_figures).
+    (measure.calibration.channel_figures).
     Raises InputError for anything but an imaging science frame.
     """
     if chip.kind != "imaging" or pointing.type != "SCIE":

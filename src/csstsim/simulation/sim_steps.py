@@ -27,7 +27,7 @@ from csstsim.base.digest import digest, module_digest
 from csstsim.base.errors import CsstsimError, InputError
 from csstsim.base.help_page import explained
 from csstsim.base.model import validate
-from csstsim.base.progress import progress
+from csstsim.base.process.progress import progress
 from csstsim.simulation.exposure import Losses
 from csstsim.simulation.observation import load_observation
 

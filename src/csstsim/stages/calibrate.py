@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.base.one_thread import one_thread
+from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_release
 from csstsim.base.rng import Streams
 from csstsim.stages.level0 import own_level0
@@ -22,9 +22,9 @@ from csstsim.stages.psf import open_psf
 def calibrate(run, job):
     """Write the calibrated image of an imaging chip's science exposure."""
     from csstsim.io.calibrated import write_calibrated
-    from csstsim.measure.bad_pixels import mend
-    from csstsim.measure.detect import subtract_background
-    from csstsim.measure.photometry import psf_model
+    from csstsim.measure.calibration.bad_pixels import mend
+    from csstsim.measure.detection.detect import subtract_background
+    from csstsim.measure.light.photometry import psf_model
 
     if job.chip.kind != "imaging" or job.pointing.type != "SCIE":
         raise InputError(
@@ -49,12 +49,12 @@ def calibrate(run, job):
 
 
 def calibrated_frame(run, job, keep_response=False):
-    """Return (io.level0.Level0, measure.calibrate.Calibrated) of a job's file. Raises InputError.
+    """Return (io.level0.Level0, measure.calibration.calibrate.Calibrated) of a job's file. Raises InputError.
 
     keep_response: the response, 340 MB of a whole chip, is used once more and not computed again.
     """
-    from csstsim.measure.calibrate import calibrate as to_electrons
-    from csstsim.measure.charge_correction import put_back
+    from csstsim.measure.calibration.calibrate import calibrate as to_electrons
+    from csstsim.measure.calibration.charge_correction import put_back
 
     file, streams = own_level0(run, job), run.streams(job, "measure")
     steps, detector = run.steps[job.pointing.type], run.camera.detector
@@ -90,7 +90,7 @@ def _response(run, job, streams, *, prnu, master=None):
 
 
 def _by_truth(run, job, streams):
-    from csstsim.measure.bad_pixels import known_defects
+    from csstsim.measure.calibration.bad_pixels import known_defects
 
     layer = run.steps[job.pointing.type].step("detector_defects")
     bad = known_defects(run.camera.detector, job.window, layer.param, streams) if layer else None

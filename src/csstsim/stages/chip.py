@@ -1,13 +1,13 @@
 """Chip: the four stages of a job in memory, without workflow and without files between them."""
 
-from csstsim.base.one_thread import one_thread
+from csstsim.base.process.one_thread import one_thread
 from csstsim.io.output_owner import claim_output
 from csstsim.stages.level0 import digitised, write_products
+from csstsim.stages.parts.stage_frames import Timer
 from csstsim.stages.psf import missing_psf
 from csstsim.stages.readout import read_out, save_cosmic_rays
 from csstsim.stages.render import rendered
 from csstsim.stages.select import say_selected, selected
-from csstsim.stages.stage_frames import Timer
 from csstsim.stages.truth import missing_bricks
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.base.one_thread import one_thread
 from csstsim.base.plural import number_of
+from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_recipe
 from csstsim.catalog.components import components
 from csstsim.catalog.table import GALAXY

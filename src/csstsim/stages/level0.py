@@ -1,10 +1,10 @@
 """Level0: digitises the DN, and writes the Level-0 file and its truth."""
 
 from csstsim.base.errors import InputError
-from csstsim.base.one_thread import one_thread
+from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_recipe, check_release
 from csstsim.io.paths import made
-from csstsim.stages.stage_frames import Timer, state_before
+from csstsim.stages.parts.stage_frames import Timer, state_before
 
 
 @one_thread

@@ -6,8 +6,8 @@ import numpy as np
 
 from csstsim import __version__
 from csstsim.base.errors import InputError
-from csstsim.base.one_thread import one_thread
-from csstsim.base.progress import progress
+from csstsim.base.process.one_thread import one_thread
+from csstsim.base.process.progress import progress
 from csstsim.campaign.opened import CALIBRATIONS, FEWEST_CALIBRATIONS
 from csstsim.stages.level0 import own_level0
 
@@ -16,7 +16,7 @@ from csstsim.stages.level0 import own_level0
 def masters(run, chip_id):
     """Make the master calibration frames of a chip from the campaign's bias, dark and lamp exposures."""
     from csstsim.io.frames import save_frame
-    from csstsim.measure.masters import make_masters
+    from csstsim.measure.calibration.masters import make_masters
 
     if chip_id not in run.calibration_jobs:
         raise InputError(
@@ -48,7 +48,7 @@ def masters_recipe(run, chip_id):
 
 def _raw(run, job):
     """Return a calibration exposure in electrons, as Calibrated."""
-    from csstsim.measure.calibrate import calibrate as to_electrons
+    from csstsim.measure.calibration.calibrate import calibrate as to_electrons
 
     file, detector = own_level0(run, job), run.camera.detector
     return to_electrons(

@@ -1,7 +1,7 @@
 """Measure: the sources of a Level-0 file detected and measured."""
 
-from csstsim.base.one_thread import one_thread
 from csstsim.base.plural import number_of
+from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_recipe
 from csstsim.io.paths import made
 from csstsim.stages.calibrate import calibrated_frame

@@ -2,9 +2,9 @@
 
 from csstsim import __version__
 from csstsim.base.errors import InputError
-from csstsim.base.one_thread import one_thread
 from csstsim.base.plural import number_of
-from csstsim.base.progress import progress
+from csstsim.base.process.one_thread import one_thread
+from csstsim.base.process.progress import progress
 from csstsim.stages.measure import measured_table
 
 

@@ -4,8 +4,8 @@ from functools import partial
 
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
-from csstsim.base.one_thread import one_thread
-from csstsim.base.progress import make_missing
+from csstsim.base.process.one_thread import one_thread
+from csstsim.base.process.progress import make_missing
 from csstsim.base.release import check_release
 
 

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from csstsim.base.one_thread import one_thread
-from csstsim.stages.stage_frames import Timer, frame_meta, state_before
+from csstsim.base.process.one_thread import one_thread
+from csstsim.stages.parts.stage_frames import Timer, frame_meta, state_before
 
 
 @one_thread

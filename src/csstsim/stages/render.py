@@ -1,11 +1,11 @@
 """Render: draws objects and sky, as expected and as counted electrons."""
 
 from csstsim.base.digest import digest
-from csstsim.base.one_thread import one_thread
+from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_recipe
 from csstsim.simulation.state import State
+from csstsim.stages.parts.stage_frames import Timer, frame_meta
 from csstsim.stages.psf import open_psf
-from csstsim.stages.stage_frames import Timer, frame_meta
 
 
 @one_thread

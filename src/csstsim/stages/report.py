@@ -10,9 +10,9 @@ from urllib.parse import quote
 
 from csstsim import __version__
 from csstsim.base.errors import InputError
-from csstsim.base.one_thread import one_thread
 from csstsim.base.plural import number_of
-from csstsim.base.progress import progress
+from csstsim.base.process.one_thread import one_thread
+from csstsim.base.process.progress import progress
 from csstsim.base.release import check_recipe
 from csstsim.bricks import verdict as verdicts
 from csstsim.campaign.products import kinds
@@ -20,7 +20,7 @@ from csstsim.campaign.run_times import run_times
 from csstsim.io.keywords import git_commit
 from csstsim.io.paths import made
 from csstsim.report.parts import Link
-from csstsim.stages.report_pictures import by_exposure, focal_plane, sky_pictures
+from csstsim.stages.parts.report_pictures import by_exposure, focal_plane, sky_pictures
 
 EMBEDDED = 5_000_000  # bytes of figures of bricks and spectra in the page; the others are linked
 LINKED = 500  # files of a kind that the page links one by one

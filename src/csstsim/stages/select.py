@@ -2,10 +2,10 @@
 
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
-from csstsim.base.one_thread import one_thread
 from csstsim.base.plural import number_of
+from csstsim.base.process.one_thread import one_thread
+from csstsim.stages.parts.stage_frames import Timer
 from csstsim.stages.psf import psf_box
-from csstsim.stages.stage_frames import Timer
 
 TRIED = 30  # chips on which `check` looks for objects
 

@@ -3,9 +3,9 @@
 import json
 
 from csstsim.base.errors import InputError
-from csstsim.base.one_thread import one_thread
 from csstsim.base.plural import number_of
-from csstsim.base.progress import progress
+from csstsim.base.process.one_thread import one_thread
+from csstsim.base.process.progress import progress
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.stages.level0 import truth_of
 from csstsim.stages.measure import measured_table

@@ -3,8 +3,8 @@
 from functools import partial
 
 from csstsim.base.errors import InputError
-from csstsim.base.one_thread import one_thread
-from csstsim.base.progress import make_missing
+from csstsim.base.process.one_thread import one_thread
+from csstsim.base.process.progress import make_missing
 
 
 @one_thread

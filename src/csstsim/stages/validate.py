@@ -4,15 +4,15 @@ import numpy as np
 
 from csstsim import __version__
 from csstsim.base.files.yaml_file import read_yaml
-from csstsim.base.one_thread import one_thread
-from csstsim.base.progress import progress
+from csstsim.base.process.one_thread import one_thread
+from csstsim.base.process.progress import progress
 from csstsim.base.release import check_recipe
 from csstsim.base.shipped import SHIPPED
 from csstsim.io.paths import made
-from csstsim.stages.frame_facts import frame_facts
 from csstsim.stages.level0 import truth_of
 from csstsim.stages.measure import measured_table
 from csstsim.stages.merge import jobs_on
+from csstsim.stages.parts.frame_facts import frame_facts
 
 LIMITS = SHIPPED / "limits.yaml"
 LIMIT_SECONDS = 150.0  # of the limiting magnitudes there and in filters.yaml

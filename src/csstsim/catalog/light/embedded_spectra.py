@@ -8,7 +8,7 @@ intergalactic absorption (z, coeff0..19) for galaxies and quasars.
 
 import numpy as np
 
-import csstsim.base.no_blas  # noqa: F401
+import csstsim.base.process.no_blas  # noqa: F401
 from csstsim.catalog.table import GALAXY, QUASAR, STAR
 from csstsim.instrument.filter import GRID
 from csstsim.universe.parameters import COEFFICIENTS

@@ -17,7 +17,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
-from csstsim.base.one_thread import one_thread
+from csstsim.base.process.one_thread import one_thread
 from csstsim.instrument.axe import BEAMS, axe_text, field_terms, read_axe, sensitivity_file
 
 _SHORT = 5.0  # px, of an order's length, below which it is an image rather than a spectrum

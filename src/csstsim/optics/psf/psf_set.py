@@ -19,7 +19,7 @@ diffusion that depends on wavelength, the 1 degree turn of the grating chips aga
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.base.progress import progress
+from csstsim.base.process.progress import progress
 from csstsim.optics.psf.chip_errors import chip_coefficients, mosaic_position
 from csstsim.optics.psf.diffraction import Diffraction, blur, windowed_centroid
 from csstsim.optics.psf.psf_file import PsfSet, pixel_response, write_psf

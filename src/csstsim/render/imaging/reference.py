@@ -21,7 +21,7 @@ from functools import partial
 import galsim
 import numpy as np
 
-from csstsim.base.progress import progress
+from csstsim.base.process.progress import progress
 from csstsim.catalog.components import components
 from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED, OFF_CHIP, TOO_LARGE, TRUNCATED_STAMP
 from csstsim.catalog.table import GALAXY

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from csstsim.base.progress import progress
+from csstsim.base.process.progress import progress
 from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED, OFF_CHIP, OUTSIDE_PSF_HULL
 from csstsim.render.canvas import around
 from csstsim.render.imaging.stamper import Stamper

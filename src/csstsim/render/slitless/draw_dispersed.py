@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from csstsim.base.counter import word
-from csstsim.base.progress import progress
+from csstsim.base.process.progress import progress
 from csstsim.catalog.flags import BAD_VALUE
 from csstsim.catalog.table import ObjectTable
 from csstsim.render import policy

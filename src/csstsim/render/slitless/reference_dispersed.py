@@ -21,7 +21,7 @@ from functools import cache, partial
 import galsim
 import numpy as np
 
-from csstsim.base.progress import progress
+from csstsim.base.process.progress import progress
 from csstsim.catalog.flags import TOO_LARGE, TRUNCATED_STAMP
 from csstsim.render import policy
 from csstsim.render.canvas import Canvas, around

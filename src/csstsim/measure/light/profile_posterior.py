@@ -1,4 +1,4 @@
-"""The posterior of a source's flux over the sizes and kinds of `profile_tables`, for `measure.total_light`.
+"""The posterior of a source's flux over the sizes and kinds of `profile_tables`, for `measure.light.total_light`.
 
 At low S/N the tables' own points sample it. Where it is narrower than their steps, a lattice between them does, which
 is narrowed until it resolves the posterior.

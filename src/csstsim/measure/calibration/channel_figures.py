@@ -21,7 +21,7 @@ def block_means(image, readout):
 def channel_figures(calibrated, before, image, rms):
     """Return a list of {channel, window, bias [DN], read_noise, level, noise [e-], response, overscan}, JSON-like.
 
-    calibrated: measure.calibrate.Calibrated; before: `block_means` before the background was subtracted, so that level
+    calibrated: calibrate.Calibrated; before: `block_means` before the background was subtracted, so that level
     is the mean of what was subtracted; image, rms: (ny, nx) without background, its noise. level and noise refer to
     light before flat field and shutter.
     """

@@ -1,4 +1,4 @@
-"""Poisson random numbers of pixels: as in csstsim.detector.normal, they do not depend on the order of drawing.
+"""Poisson random numbers of pixels: as in csstsim.detector.random.normal, they do not depend on the order of drawing.
 
 Below TABLE_MAX the mean is split: Poisson(m) = Poisson(a) + Poisson(m - a) with a = floor(16 m) / 16. The first is read
 from an alias table (Walker 1977, ACM TOMS 3, 253) with 40 bits of the pixel's word. The second, of mean below 1/16, is
@@ -12,7 +12,7 @@ import numba
 import numpy as np
 
 from csstsim.base.counter import poisson, word
-from csstsim.detector.normal import pixel_counter
+from csstsim.detector.random.normal import pixel_counter
 
 TABLE_MAX = 128  # electrons; above the sky of a 250 s exposure and the wings of objects
 _LARGEST = np.float32(127.99)

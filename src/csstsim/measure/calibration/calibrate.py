@@ -1,8 +1,8 @@
 """Level-0 frame to electrons: overscan, gain, nonlinearity, moved charge, flat; the first step of the measurement.
 
 The bias of each readout channel is the robust mean of its own serial overscan (bias + read noise only), and its read
-noise the robust scatter there. measure.charge_correction moves charge back to where light created it. The result is
-divided by the response of flat field and shutter. Dark current and sky are part of the background in `measure.detect`.
+noise the robust scatter there. charge_correction moves charge back to where light created it. The result is
+divided by the response of flat field and shutter. Dark current and sky are part of the background in `detect`.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.detector.cubic import straighten
-from csstsim.measure.bad_pixels import BAD, FULL
+from csstsim.measure.calibration.bad_pixels import BAD, FULL
 
 # Deferred and bloomed charge leaks into the first overscan columns; they are not pure bias.
 OVERSCAN_SKIP = 4
@@ -26,7 +26,7 @@ class Calibrated:
     """Active image in electrons, sky and dark included.
 
     `electrons` float32 (ny, nx), before losses to flat field and shutter; `marks` uint8 (ny, nx), bits FULL and BAD of
-    measure.bad_pixels; `response`: the share of the electrons that was counted, with `rows` and `at` of
+    measure.calibration.bad_pixels; `response`: the share of the electrons that was counted, with `rows` and `at` of
     optics.throughput.response.Response (None: all); `bias` (DN) and `read_noise` (electron) per readout channel in the
     frame, {channel: value}.
     """

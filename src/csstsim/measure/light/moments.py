@@ -23,7 +23,7 @@ import math
 import numba
 import numpy as np
 
-from csstsim.measure.photometry import HALF, draw_psf
+from csstsim.measure.light.photometry import HALF, draw_psf
 
 SMOOTH = 1.0  # px
 REACH = 5.0  # sigma of the widened weight; beyond it the weight is below 4e-6

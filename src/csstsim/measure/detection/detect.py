@@ -1,16 +1,16 @@
 """Find sources in a calibrated image: bright stars taken out, then peaks of S/N, and isophotes for what is extended.
 
-1. The light of bright stars is fitted and taken out (measure.bright_stars), with its noise added.
+1. The light of bright stars is fitted and taken out (bright_stars), with its noise added.
 2. Isophotes ("cold" pass; Source Extractor's algorithm, Bertin & Arnouts 1996, through `sep`, Barbary 2016): the image
    binned 2 x 2, smoothed with a Gaussian of FWHM 0.44 arcsec, a threshold on a smoothed pixel with a minimum area, and
    coarse deblending. A galaxy stays one source, and its ellipse is that of the galaxy.
 3. The background is measured with what is bright masked, on a coarse mesh: a mesh of a few arcseconds takes the
    outskirts of galaxies for sky.
-4. Peaks of the S/N that a point would have (measure.peaks). At 3.75, 98% of the isolated points of S/N 5 to 6 are found
+4. Peaks of the S/N that a point would have (peaks). At 3.75, 98% of the isolated points of S/N 5 to 6 are found
    and all brighter ones, at the price of some 130 noise peaks a megapixel, of S/N below 5; `bricks.merge` removes
    them.
 
-`measure.combine` makes one list of isophotes and peaks ("hot and cold": Rix et al. 2004, ApJS 152, 163).
+`combine` makes one list of isophotes and peaks ("hot and cold": Rix et al. 2004, ApJS 152, 163).
 """
 
 import math
@@ -18,13 +18,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from csstsim.measure.background import MASK_MAX, crude_background, masked_background
-from csstsim.measure.bad_pixels import FULL
-from csstsim.measure.bright_stars import BrightStars
-from csstsim.measure.centroid import windowed_positions
-from csstsim.measure.half_light import half_light_radius
-from csstsim.measure.maps import BIN, binned, full_size, grown, light_within, solid
-from csstsim.measure.peaks import find_peaks, smoothed_snr, smoothing
+from csstsim.measure.calibration.bad_pixels import FULL
+from csstsim.measure.detection.background import MASK_MAX, crude_background, masked_background
+from csstsim.measure.detection.bright_stars import BrightStars
+from csstsim.measure.detection.maps import BIN, binned, full_size, grown, light_within, solid
+from csstsim.measure.detection.peaks import find_peaks, smoothed_snr, smoothing
+from csstsim.measure.light.centroid import windowed_positions
+from csstsim.measure.light.half_light import half_light_radius
 from csstsim.optics.psf.psf_set import WINDOW_PX
 
 THRESHOLD = 3.75  # S/N of a peak

@@ -1,4 +1,4 @@
-"""One list of sources from the isophotes and the peaks of `measure.detect`: galaxies stay whole, close ones separate.
+"""One list of sources from the isophotes and the peaks of `detect`: galaxies stay whole, close ones separate.
 
 Off the isophotes every peak is a source. On an isophote:
 
@@ -20,7 +20,7 @@ from dataclasses import dataclass, fields
 import numba
 import numpy as np
 
-from csstsim.measure.detect import Sources
+from csstsim.measure.detection.detect import Sources
 
 LOCAL_SNR = 4.0
 LOCAL_SHARE, CLOSE = 0.02, 12.0  # px

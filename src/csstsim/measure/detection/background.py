@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from csstsim.measure.maps import BIN, add_interpolated, interpolated
+from csstsim.measure.detection.maps import BIN, add_interpolated, interpolated
 
 FIRST_BOX, SECOND_BOX = 64, 256  # px; 4.7 arcsec to find sources and in crowded fields, 19 arcsec with sources masked
 MASK_MAX = 0.4  # of the frame; with more masked it counts as crowded

@@ -5,7 +5,7 @@ from itertools import islice
 import numpy as np
 
 from csstsim.base.plural import number_of
-from csstsim.base.progress import progress
+from csstsim.base.process.progress import progress
 from csstsim.campaign.costs import PICTURES
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window

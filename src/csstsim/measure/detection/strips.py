@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from csstsim.measure.maps import full_rows
+from csstsim.measure.detection.maps import full_rows
 
 HEIGHT = 2048  # px
 WIDTHS, MARGIN = 20.0, 140.0  # major axes and px about a source: what a measurement may touch

@@ -1,6 +1,6 @@
 """Faint tracks of cosmic rays: sources that are long and narrower than the PSF.
 
-A track whose pixels are each too faint for measure.bad_pixels is a line, one pixel wide. Through each source, strips in
+A track whose pixels are each too faint for bad_pixels is a line, one pixel wide. Through each source, strips in
 all directions are compared: the one with the largest S/N is the track's, if there is one. A track has most of its light
 within half a pixel of that line (SHARE), and its strip's S/N exceeds that of the PSF (LONG). A galaxy seen from its
 edge is as wide as the PSF at least.

@@ -11,7 +11,7 @@ import math
 import numba
 import numpy as np
 
-from csstsim.measure.photometry import HALF, draw_psf
+from csstsim.measure.light.photometry import HALF, draw_psf
 
 REACH = 4.0  # window sigma: where the window ends
 STEP = 1e-4  # px, half of the last step

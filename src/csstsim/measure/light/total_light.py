@@ -1,6 +1,6 @@
 """Total fluxes: profiles behind the PSF fitted to the pixels of each source as a function of radius.
 
-The model of a source is F P(r) + s: flux times a profile of `measure.profile_tables`, and what is left of the sky, s,
+The model of a source is F P(r) + s: flux times a profile of `profile_tables`, and what is left of the sky, s,
 which is 0 within SKY. For a given profile F is linear least squares over the usable pixels within a radius; pixels on
 other sources' isophotes are left out. Profiles are linear in r^2 between nodes, so one pass over the pixels gives a
 tridiagonal matrix and a vector, and these the chi2 and F of every profile. The weight of a ring of pixels is its
@@ -20,8 +20,8 @@ import math
 import numba
 import numpy as np
 
-from csstsim.measure.profile_posterior import FAST, LATTICE, posterior, project
-from csstsim.measure.profile_tables import AXIS_RATIOS, REACH, SIZES
+from csstsim.measure.light.profile_posterior import FAST, LATTICE, posterior, project
+from csstsim.measure.light.profile_tables import AXIS_RATIOS, REACH, SIZES
 
 SKY = 0.03  # electron / px
 SIZE_PRIOR, SIZE_SPREAD = 0.25, 0.85  # arcsec; of its logarithm
@@ -35,7 +35,7 @@ RADIUS, RADIUS_MIN = 4.0, 14.0  # measured half-light radii, px: how far the pix
 def total_light(found, table, unusable, counted, tables):
     """Return {column: (n,)} of `combine.Detections`: flux_total, flux_gaap and their errors, half_light, point.
 
-    `table`: has x, y (px of the chip), flux_psf, flux_psf_err and, of measure.moments, e and g_err; `unusable`
+    `table`: has x, y (px of the chip), flux_psf, flux_psf_err and, of measure.light.moments, e and g_err; `unusable`
     (ny, nx), 0 for good; `counted` (n,) as in photometry.fit_sources; `tables`: ProfileTables. flux_gaap: electrons in
     a Gaussian aperture of GAAP_FWHM on the source before the PSF; half_light: arcsec, radius sqrt(a b) before the PSF;
     point: the posterior probability of a point. NaN where no pixel is usable.

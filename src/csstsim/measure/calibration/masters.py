@@ -16,7 +16,7 @@ import numba
 import numpy as np
 
 from csstsim.base.errors import InputError
-from csstsim.measure.maps import interpolated
+from csstsim.measure.detection.maps import interpolated
 
 BOX = 64  # px
 RAY_SIGMA = 5.0  # above the median of the exposures

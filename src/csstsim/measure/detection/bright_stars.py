@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from csstsim.measure.bad_pixels import FULL
-from csstsim.measure.maps import grown
-from csstsim.measure.photometry import draw_psf, psf_tables
+from csstsim.measure.calibration.bad_pixels import FULL
+from csstsim.measure.detection.maps import grown
+from csstsim.measure.light.photometry import draw_psf, psf_tables
 
 PEAK = 4000.0  # electron above the sky: least pixel of a candidate; in r a star of 16,000 electrons
 CORE_HALF = 6  # px, half the side of the stamp of a candidate without saturated pixels

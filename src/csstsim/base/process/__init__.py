@@ -1,0 +1,1 @@
+"""What concerns the process: threads, compiled code, progress."""

@@ -1,0 +1,1 @@
+"""From a Level-0 file to a calibrated frame, and master calibration frames."""

@@ -1,0 +1,1 @@
+"""Finding sources in a calibrated frame."""

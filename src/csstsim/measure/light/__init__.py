@@ -1,0 +1,1 @@
+"""Positions, fluxes, radii and shapes of sources."""

@@ -1,0 +1,1 @@
+"""What the rules' files share, and the report's pictures."""
