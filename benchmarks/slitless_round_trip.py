@@ -22,7 +22,7 @@ from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.mock_object import MockObject
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.filter import GRID
-from csstsim.measure.spectra.extract import CUT, DIM, LOST, MASKED
+from csstsim.measure.spectra.spectrum_columns import CUT, DIM, LOST, MASKED
 from csstsim.stages import chip as chip_stage
 from csstsim.stages import extract as extract_stage
 

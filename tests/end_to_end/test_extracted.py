@@ -13,8 +13,7 @@ from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ObjectTable
 from csstsim.command_line.main import main
 from csstsim.instrument.filter import GRID
-from csstsim.measure.spectra import extract
-from csstsim.measure.spectra.spectrum_columns import BESIDE
+from csstsim.measure.spectra.spectrum_columns import BESIDE, DIM, LOST, SATURATED
 
 OBSID = "10100000001"
 
@@ -56,7 +55,7 @@ def test_flux_of_stars_through_both_gratings(campaign):
     run, table = extracted(campaign)
     assert table.meta["recipe"] == run.recipe(run.job(OBSID, 2), "measure") and table.meta["spectra"] == 2
     for star in (0, 1):
-        good = (table["id"] == star) & (table["flags"] & (extract.DIM | extract.LOST) == 0)
+        good = (table["id"] == star) & (table["flags"] & (DIM | LOST) == 0)
         assert good.sum() > 330
         light, true, error = (table[name][good].astype(float) for name in ("electrons", "model", "electrons_err"))
         assert light.sum() == pytest.approx(true.sum(), rel=0.01)  # noise: 0.1%
@@ -101,7 +100,7 @@ def test_columns_without_a_flag_are_as_good_as_they_say(tmp_path):
     _, table = extracted(made(tmp_path, [12.0, 12.5], window, places, observations={"SCIE": str(file)}))
     for star, (saturated, fewest) in enumerate([(280, 25), (0, 320)]):
         mine = table["id"] == star
-        full, beside = ((table["flags"][mine] & bit) > 0 for bit in (extract.SATURATED, BESIDE))
+        full, beside = ((table["flags"][mine] & bit) > 0 for bit in (SATURATED, BESIDE))
         assert full.sum() >= saturated and (full.sum() > 0) == (saturated > 0) == (beside.sum() > 0)
         good = mine & (table["flags"] == 0)
         light, true, error = (table[name][good].astype(float) for name in ("electrons", "model", "electrons_err"))

@@ -116,17 +116,24 @@ def setting(camera, chip, window, places):
     )
 
 
-def frame_of(image, window, seed=None, others=None, sky=SKY, **masks):
+class Even:
+    """Stands for optics.throughput.response.Response: the same for all pixels."""
+
+    def __init__(self, value):
+        self.value = value
+
+    def part(self, rows, columns):
+        return np.full((rows.stop - rows.start, columns.stop - columns.start), self.value, np.float32)
+
+
+def frame_of(image, window, seed=None, others=None, sky=SKY, response=None, marks=None):
     """Return the DispersedImage of an expected image; sky added, and noise with a seed."""
     image = image + sky
     if seed is not None:
         rng = stream(seed, "slitless")
         image = rng.poisson(image) + rng.normal(0.0, READ_NOISE, image.shape)
-    none = np.zeros(image.shape, bool)
-    return DispersedImage(
-        window, image.astype(np.float32), masks.get("bad", none), masks.get("saturated", none), masks.get("response"),
-        READ_NOISE, others,
-    )  # fmt: skip
+    marks = np.zeros(image.shape, np.uint8) if marks is None else marks
+    return DispersedImage(window, image.astype(np.float32), marks, response and Even(response), READ_NOISE, others)
 
 
 def window_about(x, y, grating_side, reach=(0, 1300), half=45):

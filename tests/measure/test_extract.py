@@ -12,9 +12,20 @@ from slitless import LIGHT, GaussianPsf, draw, frame_of, setting, sources_of, wi
 
 from csstsim.base.units import ab_photon_density
 from csstsim.instrument.filter import GRID
-from csstsim.measure.spectra import chosen_orders, extract
+from csstsim.measure.calibration.bad_pixels import BAD, FULL
+from csstsim.measure.spectra import chosen_orders
 from csstsim.measure.spectra.extract import extract_spectra
 from csstsim.measure.spectra.line_profile import ACROSS, OFFSETS, Shapes, broadened, psf_profile
+from csstsim.measure.spectra.spectrum_columns import (
+    COLUMNS,
+    CONTAMINATED,
+    COSMIC,
+    DIM,
+    EDGE,
+    LOST,
+    MASKED,
+    SATURATED,
+)
 from csstsim.optics.scatter.scattered_light import read_scattered
 
 LINES = {"GU": 3500.0, "GV": 5200.0, "GI": 8000.0}
@@ -84,7 +95,7 @@ def test_pulls_have_width_one_and_the_optimal_is_the_better(star):
     sources = sources_of([smooth(0.05)])
     for seed in range(25):
         table = run(s, frame_of(faint * image, s.window, seed), sources, snr_min=0.0)
-        good = table["flags"] & ~extract.DIM == 0
+        good = table["flags"] & ~DIM == 0
         pulls.append(((table["electrons"] - table["model"]) / table["electrons_err"])[good])
         boxes.append(((table["box"] - table["model"]) / table["box_err"])[good])
         ratio.append((table["electrons_err"] / table["box_err"])[good])
@@ -124,8 +135,8 @@ def test_a_neighbour_is_subtracted_and_said(camera):
     assert np.isnan(plain["contamination"]).all()
     for name in ("box", "electrons"):
         assert table[name][mine].sum() == pytest.approx(table["model"][mine].sum(), rel=5e-3)
-    middle = mine & (table["flags"] & extract.DIM == 0)
-    assert (table["flags"][middle] & extract.CONTAMINATED > 0).mean() > 0.8
+    middle = mine & (table["flags"] & DIM == 0)
+    assert (table["flags"][middle] & CONTAMINATED > 0).mean() > 0.8
     assert (table["contamination"][middle] > 0).mean() > 0.9
 
 
@@ -144,7 +155,7 @@ def test_zeroth_order_of_another_object_is_contamination_and_can_be_extracted(ca
     others = s.model.image(kept, sources.shapes, sources.spectra, sources.edges, window)
     table = run(s, frame_of(image, window, others=others), sources)
     struck = np.abs(table["column"] - 2708) < 4
-    assert (table["flags"][struck] & extract.CONTAMINATED > 0).any()
+    assert (table["flags"][struck] & CONTAMINATED > 0).any()
     assert table["contamination"].sum() == pytest.approx(spot.sum() / LIGHT, rel=0.1)
     assert table["box"][struck].sum() == pytest.approx(table["model"][struck].sum(), rel=0.02)
     zero = run(s, frame_of(spot, window), sources, wanted=(0,))
@@ -158,23 +169,23 @@ def test_cosmic_rays_bad_and_saturated_pixels(star):
     clean = run(s, frame, sources)
     row, light = 47, clean["model"].max()
     hits = [60, 61, 200, 333]
-    electrons, bad, saturated = frame.electrons.copy(), frame.unusable.copy(), frame.saturated.copy()
+    electrons, marks = frame.electrons.copy(), frame.marks.copy()
     electrons[row - 1, hits] += 3 * light
     electrons[row + 3, 200] += 900.0
-    electrons[row, 120], bad[row, 120] = np.nan, True
-    electrons[row - 2 : row + 3, 250], saturated[row - 2 : row + 3, 250] = 9e4, True
-    table = run(s, replace(frame, electrons=electrons, unusable=bad, saturated=saturated), sources)
+    electrons[row, 120], marks[row, 130] = np.nan, BAD
+    electrons[row - 2 : row + 3, 250], marks[row - 2 : row + 3, 250] = 9e4, FULL
+    table = run(s, replace(frame, electrons=electrons, marks=marks), sources)
     column = table["column"] - s.window.x0
-    for hit, flag in [*((h, extract.COSMIC) for h in hits), (120, extract.MASKED), (250, extract.SATURATED)]:
+    for hit, flag in [*((h, COSMIC) for h in hits), (120, MASKED), (130, MASKED), (250, SATURATED)]:
         at = int(np.flatnonzero(column == hit)[0])
         assert table["flags"][at] & flag
-        if flag == extract.SATURATED:  # the core is lost: too little is left
-            assert table["flags"][at] & extract.LOST and np.isnan(table["electrons"][at])
+        if flag == SATURATED:  # the core is lost: too little is left
+            assert table["flags"][at] & LOST and np.isnan(table["electrons"][at])
             continue
         pull = (table["electrons"] - table["model"])[at] / table["electrons_err"][at]
         assert abs(pull) < 4.5
-    elsewhere = ~np.isin(column, [*hits, 120, 250])
-    assert (table["flags"][elsewhere] & extract.COSMIC > 0).mean() < 0.01
+    elsewhere = ~np.isin(column, [*hits, 120, 130, 250])
+    assert (table["flags"][elsewhere] & COSMIC > 0).mean() < 0.01
     changed = np.abs(table["electrons"] - clean["electrons"])[elsewhere & np.isfinite(table["electrons"])]
     assert changed.max() < 0.5 * np.median(clean["electrons_err"])
 
@@ -188,8 +199,8 @@ def test_edge_of_the_window(camera, star):
     window = type(whole)(whole.x0, whole.x0 + 300, whole.y0 + 45, whole.y1)
     table = run(s, frame_of(image[cut], window), sources)
     assert table["column"].max() == window.x1 - 1
-    assert (table["flags"] & extract.EDGE > 0).all()
-    lit = table["flags"] & extract.DIM == 0
+    assert (table["flags"] & EDGE > 0).all()
+    lit = table["flags"] & DIM == 0
     assert np.abs(table["electrons"] / table["model"] - 1)[lit].max() < 0.01
     above = type(whole)(whole.x0, whole.x1, whole.y0 + 50, whole.y1)  # the trace is 2 px outside
     table = run(s, frame_of(image[50:], above), sources)
@@ -198,9 +209,8 @@ def test_edge_of_the_window(camera, star):
 
 def test_flat_field_losses_are_in_the_noise(star):
     s, image, sources = star
-    half = np.full(image.shape, 0.5)
     plain = run(s, frame_of(image, s.window), sources)
-    table = run(s, frame_of(image, s.window, response=half), sources)
+    table = run(s, frame_of(image, s.window, response=0.5), sources)
     assert table["electrons"] == pytest.approx(plain["electrons"], rel=1e-3, abs=1.0)
     ratio = table["box_err"] / plain["box_err"]
     assert (ratio > np.sqrt(2.0)).all() and (ratio < 2.0).all()  # photons by sqrt(2), read noise by 2
@@ -212,10 +222,9 @@ def test_choice_and_nothing(star):
     assert len(run(s, frame, sources, snr_min=1e9)) == 0
     assert run(s, frame, sources).meta["spectra"] == 1
     empty = extract_spectra(frame, s.orders.take(slice(0, 0)), sources, s.model, PSF)
-    assert len(empty) == 0 and set(empty) == set(extract.COLUMNS)
-    blind = run(s, replace(frame, electrons=np.full(image.shape, np.nan, np.float32),
-                           unusable=np.ones(image.shape, bool)), sources)  # fmt: skip
-    assert len(blind) == 0
+    assert len(empty) == 0 and set(empty) == set(COLUMNS)
+    for blind in ({"electrons": np.full_like(frame.electrons, np.nan)}, {"marks": np.full_like(frame.marks, BAD)}):
+        assert len(run(s, replace(frame, **blind), sources)) == 0
     known = replace(sources, spectra=None)
     assert np.isnan(run(s, frame, known)["model"]).all()
 

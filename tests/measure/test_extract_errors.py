@@ -5,7 +5,8 @@ import pytest
 from slitless import READ_NOISE, SKY, below
 
 from csstsim.base.rng import stream
-from csstsim.measure.spectra import extract
+from csstsim.measure.spectra.column_sums import measured
+from csstsim.measure.spectra.cutout import GOOD, INSIDE, Cutout
 
 SIGMA = 5.0
 TRIALS = 2000
@@ -33,11 +34,11 @@ def test_pulls_have_width_one_where_the_sky_comes_from_a_few_pixels(sides, respo
     given, pulls = 400.0, {"electrons": [], "box": []}
     for _ in range(TRIALS):
         counted = rng.poisson(response * (SKY + given * shares)) + rng.normal(0.0, READ_NOISE, shares.shape)
-        cutout = extract._Cutout(
-            np.where(inside, counted / response, 0.0), None, ROWS[None].astype(float), inside,
-            np.zeros(inside.shape, bool), inside, np.full(inside.shape, response),
+        cutout = Cutout(
+            np.where(inside, counted / response, 0.0), None, ROWS[None].astype(float), (INSIDE | GOOD) * inside,
+            np.full(inside.shape, response),
         )  # fmt: skip
-        found = extract._measured(cutout, shares, HALF, READ_NOISE)
+        found = measured(cutout, shares, HALF, READ_NOISE)
         for name, values in pulls.items():
             values.append((found[name][0] - given) / found[f"{name}_err"][0])
     for values in pulls.values():
@@ -50,11 +51,9 @@ def test_pulls_have_width_one_where_the_sky_comes_from_a_few_pixels(sides, respo
 def test_light_in_the_strips_is_not_taken_for_sky(sigma):
     """Without noise an object of any width is the electrons put in, though its sky has a part of them."""
     shares = np.diff(below(np.append(ROWS - 0.5, ROWS[-1] + 0.5), sigma))[None]
-    inside, given = np.ones(shares.shape, bool), 5000.0
-    cutout = extract._Cutout(
-        SKY + given * shares, None, ROWS[None].astype(float), inside, ~inside, inside, np.ones(inside.shape)
-    )
-    found = extract._measured(cutout, shares, HALF, READ_NOISE)
+    seen, given = np.full(shares.shape, INSIDE | GOOD), 5000.0
+    cutout = Cutout(SKY + given * shares, None, ROWS[None].astype(float), seen, np.ones(shares.shape))
+    found = measured(cutout, shares, HALF, READ_NOISE)
     assert found["sky"][0] >= SKY
     for name in ("electrons", "box"):
         assert found[name][0] == pytest.approx(given, rel=5e-3)

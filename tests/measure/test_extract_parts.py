@@ -52,12 +52,33 @@ def test_sky_of_strips_against_plain_numpy(columns, case):
         good[:, 31:] = False
     elif case == "none":
         good[:] = False
-    edges = np.linspace(0, columns, max(1, round(columns / local_sky.BLOCK)) + 1).astype(int)
-    found = local_sky._by_block(data, good, offset, share, edges, 8.0, 16.0)
-    np.testing.assert_allclose(found, plain_sky(data, good, offset, share, 8.0, 16.0), rtol=1e-10)
+    strips, wanted = (
+        local_sky.Strips.of(good, offset, share, 8.0, 16.0),
+        plain_sky(data, good, offset, share, 8.0, 16.0),
+    )
+    found = strips.by_block(data, np.zeros(columns))
+    np.testing.assert_allclose(found, wanted, rtol=1e-10)
     assert np.isnan(found).all() == (case == "none")
-    sky = local_sky.local_sky(data, good, offset, share, 8.0, 16.0)
+    light = rng.random(columns)
+    np.testing.assert_allclose(strips.by_block(data + light[:, None] * share, light), wanted, rtol=1e-10)
+    sky = strips.sky(data, np.zeros(columns))
     assert len(sky.level) == columns and np.isnan(sky.level).all() == (case == "none")
+
+
+def plain_shares(profile, band, share, offset):
+    place = [OFFSETS, OFFSETS]
+    below = [[(1 - t) * np.interp(o + d, place[0], profile[b]) + t * np.interp(o + d, place[1], profile[b + 1])
+              for b, t, o in zip(band, share, offset, strict=True)] for d in (-0.5, 0.5)]  # fmt: skip
+    return np.subtract(below[1], below[0])
+
+
+def test_shares_of_pixels_are_differences_of_the_profile():
+    rng = np.random.default_rng(2)
+    profile = np.cumsum(rng.random((4, len(OFFSETS))), axis=1)
+    profile /= profile[:, -1:]
+    band, share, offset = np.array([0, 1, 2]), np.array([0.0, 0.3, 1.0]), rng.uniform(-62.0, 62.0, (3, 50))
+    found = line_profile.pixel_shares(profile, band, share, offset)
+    np.testing.assert_allclose(found, plain_shares(profile, band, share, offset), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("marked", [[], [0], [9], [3, 4], list(range(10))])

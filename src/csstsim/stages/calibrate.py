@@ -48,11 +48,8 @@ def calibrate(run, job):
     print(f"{path}: {100 * (quality > 0).mean():.3f}% of the pixels are flagged")
 
 
-def calibrated_frame(run, job, keep_response=False):
-    """Return (io.level0.Level0, measure.calibration.calibrate.Calibrated) of a job's file. Raises InputError.
-
-    keep_response: the response, 340 MB of a whole chip, is used once more and not computed again.
-    """
+def calibrated_frame(run, job):
+    """Return (io.level0.Level0, measure.calibration.calibrate.Calibrated) of a job's file. Raises InputError."""
     from csstsim.measure.calibration.calibrate import calibrate as to_electrons
     from csstsim.measure.calibration.charge_correction import put_back
 
@@ -60,8 +57,6 @@ def calibrated_frame(run, job, keep_response=False):
     steps, detector = run.steps[job.pointing.type], run.camera.detector
     from_frames = run.config.measurement.calibration == "frames"
     response, bad, offset = (_by_masters if from_frames else _by_truth)(run, job, streams)
-    if keep_response and response is not None:
-        response = response.kept()
     traps, passes = steps.step("cte_effect"), run.config.measurement.cti_passes
     correct = partial(
         put_back, detector=detector, window=job.window, traps=traps and traps.param, passes=passes,

@@ -72,7 +72,7 @@ def spectra_of_frame(run, job):
         raise InputError(
             "has no spectra", file=run.file, key="chip", value=job.chip.id, allowed=f"{chips}, in SCIE exposures"
         )
-    file, calibrated = calibrated_frame(run, job, keep_response=True)
+    file, calibrated = calibrated_frame(run, job)
     path, truth, psf = run.paths.level0_orders(job), truth_of(run, job), open_psf(run, job.chip)
     gratings = run.camera.gratings[job.chip.id]
     orders = read_orders(path)

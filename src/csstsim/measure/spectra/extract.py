@@ -1,14 +1,9 @@
-"""Quick extraction of slitless spectra along the true traces: box sums and optimal weights (Horne 1986, PASP 98, 609).
+"""Quick extraction of slitless spectra along the true traces: the electrons of each column, and the flux.
 
-Wavelengths are those of the pixel columns themselves, lambda(X) = (X - x - p) / q: nothing is resampled. With d the
-electrons of a pixel less those of others (measure.spectra.spectral_model) and the sky (measure.spectra.local_sky), P
-the share of the object's light there (measure.spectra.line_profile), V its variance and W a weight,
-
-    e(X) = sum W d / sum W P,     W = overlap with the aperture (box),  W = P / V (optimal)
-
-over the usable pixels. The denominator is the aperture correction: it scales e to all of the light, whatever is
-missing (edges, defects). Pixels that are more than REJECT sigma off the fit are removed one by one (cosmic rays).
-Flux is e over the electrons of a spectrum of 1 photon / s / m2 / angstrom in the same column, line profile included.
+Wavelengths are those of the pixel columns themselves, lambda(X) = (X - x - p) / q: nothing is resampled. A column's
+electrons (measure.spectra.column_sums) are those of its pixels about the trace (measure.spectra.cutout), less those of
+others (measure.spectra.spectral_model), with the object's profile across (measure.spectra.line_profile). Flux is
+electrons over those of a spectrum of 1 photon / s / m2 / angstrom in the same column, line profile included.
 Left out: the PSF's change along the trace, light of a trace beyond the ends of another's order, tilted lines of tilted
 galaxies (the box sums them; the optimal weights may reject some of a strong one).
 """
@@ -22,46 +17,41 @@ from csstsim.base.units import C_A_S, H_J_S
 from csstsim.catalog.table import ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.instrument.filter import GRID
+from csstsim.measure.calibration.bad_pixels import BAD
 from csstsim.measure.spectra.chosen_orders import chosen_orders, shortened
-from csstsim.measure.spectra.line_profile import ACROSS, ALONG, OFFSETS, between, broadened, mixed, psf_profile
-from csstsim.measure.spectra.local_sky import sky_less_own
-from csstsim.measure.spectra.spectrum_columns import (
-    COLUMNS,
-    CONTAMINATED,
-    COSMIC,
-    CUT,
-    DIM,
-    EDGE,
-    LOST,
-    MASKED,
-    SATURATED,
+from csstsim.measure.spectra.column_sums import GAP, STRIP, measured
+from csstsim.measure.spectra.cutout import Cutout
+from csstsim.measure.spectra.line_profile import (
+    ACROSS,
+    ALONG,
+    OFFSETS,
+    broadened,
+    mixed,
+    pixel_shares,
+    psf_profile,
 )
+from csstsim.measure.spectra.spectrum_columns import COLUMNS, CUT, DIM, LOST
 from csstsim.measure.spectra.spectrum_trust import untrusted
 
 APERTURE_LIGHT = 0.9  # of the light in the aperture's rows
 LEAST, MOST = 4.0, 20.0  # px, half the aperture
-GAP, STRIP = 4.0, 16.0  # px: from the aperture to a strip of sky, and its width
 PAD = 4  # columns beyond the order's ends: light that the PSF spreads
 DIM_BELOW = 0.05  # of the order's largest electrons per photon: no flux is given
-CONTAMINATED_FROM = 0.1  # of the electrons
-REJECT, PROFILE_ERROR = 5.0, 0.1  # sigma; share by which the profile may be wrong
 CHUNK = 500  # spectra made at a time
 FAINTEST = 0.1  # of a pixel's noise: fainter light of others is not modelled
-ROUNDS = 20
-WHOLE = 0.5  # of the aperture's light in usable pixels; with less there is no result
 ERG_PER_CM2 = 1e3  # J / m2 in erg / cm2
 
 
 @dataclass(frozen=True, eq=False)
 class DispersedImage:
-    """A frame with spectra: `electrons`, `unusable`, `saturated` (ny, nx) of a Window, `response` (ny, nx) or None,
-    `read_noise` electrons; `others`: expected electrons of all orders (ny, nx), or None."""
+    """A frame with spectra, of a Window (ny, nx): `electrons` float32; `marks` uint8, bits FULL and BAD of
+    measure.calibration.bad_pixels; `response`, with `part` of optics.throughput.response.Response, or None: 1;
+    `read_noise` electrons; `others`: expected electrons of all orders, float32, or None."""
 
     window: Window
     electrons: np.ndarray
-    unusable: np.ndarray
-    saturated: np.ndarray
-    response: np.ndarray | None
+    marks: np.ndarray
+    response: object
     read_noise: float
     others: np.ndarray | None = None
 
@@ -69,15 +59,13 @@ class DispersedImage:
     def of(cls, calibrated, window, others=None):
         """Return the DispersedImage of a calibrate.Calibrated."""
         noise = float(np.mean(list(calibrated.read_noise.values())))
-        unusable = calibrated.bad | ~np.isfinite(calibrated.electrons)
-        response = calibrated.response and calibrated.response.rows(0, window.ny)
-        seen = calibrated.electrons, unusable, calibrated.saturated, response
-        return cls(window, *seen, noise, others)
+        return cls(window, calibrated.electrons, calibrated.marks, calibrated.response, noise, others)
 
     @cached_property
     def noise(self):
         """Return the noise of a pixel of sky [electron]."""
-        sample = self.electrons[::8, ::8][~self.unusable[::8, ::8]]
+        sample, marks = self.electrons[::8, ::8], self.marks[::8, ::8]
+        sample = sample[(marks & BAD == 0) & np.isfinite(sample)]
         return float(np.sqrt(max(np.median(sample) if sample.size else 0.0, 0.0) + self.read_noise**2))
 
     @property
@@ -154,11 +142,13 @@ def _extract_one(frame, one, shapes, spectrum, edges, model, point, lines):
     half = _half(across)
     reach = int(np.ceil(half + GAP + STRIP + 1))
     rows = np.arange(int(centre.min()) - reach, int(centre.max()) + reach + 2)
-    own = partial(model.image, one, shapes, lambda rows, edges: spectrum[None], edges)
-    cutout = _Cutout.of(frame, columns, rows, centre, own)
+    own = None
+    if frame.others is not None:
+        here = Window(int(columns[0]), int(columns[-1]) + 1, int(rows[0]), int(rows[-1]) + 1)
+        own = model.image_of_one(one, shapes, spectrum, edges, here, frame.faintest)
+    cutout = Cutout.of(frame, columns, rows, centre, own)
     band, share = mixed(wave, model.bands)
-    shares = between(across, band, share, cutout.offset - 0.5, cutout.offset + 0.5)
-    found = _measured(cutout, shares, half, frame.read_noise)
+    found = measured(cutout, pixel_shares(across, band, share, cutout.offset), half, frame.read_noise)
     if (found["flags"] & LOST).all():
         return None
     found["flags"] |= untrusted(found, along)
@@ -168,8 +158,6 @@ def _extract_one(frame, one, shapes, spectrum, edges, model, point, lines):
         expected = model.electrons(one, columns, along, spectrum, edges)
     found |= _fluxes(found, flat, wave)
     found["flags"] |= CUT if one["cut"][0] else 0
-    if cutout.others is None:
-        found["contamination"] = np.full(len(columns), np.nan)
     found |= {"column": columns, "y": centre, "wavelength": wave, "sensitivity": flat, "model": expected}
     found |= {name: np.full(len(columns), one[name][0]) for name in ("id", "row", "order")}
     if lines is not None:
@@ -180,7 +168,7 @@ def _extract_one(frame, one, shapes, spectrum, edges, model, point, lines):
 def _trace(one, model, window):
     """Return (columns, wavelengths, y) of the trace in the window, PAD columns longer than the order."""
     x, y, p, q, r, s = (float(one[name][0]) for name in ("x", "y", "p", "q", "r", "s"))
-    limits = model.limits[model.pairs(one)[0]]
+    limits = model.limits[model.pair(one)]
     ends = np.sort(x + p + q * limits)
     first, last = max(np.ceil(ends[0]) - PAD, window.x0), min(np.floor(ends[1]) + PAD + 1, window.x1)
     columns = np.arange(int(first), int(max(first, last)))
@@ -194,96 +182,6 @@ def _half(across):
     inside = across[:, out] - across[:, len(OFFSETS) - 1 - np.flatnonzero(out)]
     enough = (inside >= APERTURE_LIGHT * inside[:, -1:]).all(axis=0)
     return float(np.clip(np.ceil(OFFSETS[out][np.argmax(enough)]), LEAST, MOST))
-
-
-@dataclass(frozen=True, eq=False)
-class _Cutout:
-    """Pixels about a trace, all (columns, rows)."""
-
-    data: np.ndarray
-    others: np.ndarray | None
-    offset: np.ndarray
-    inside: np.ndarray
-    saturated: np.ndarray
-    good: np.ndarray
-    response: np.ndarray
-
-    @classmethod
-    def of(cls, frame, columns, rows, centre, own_image):
-        """own_image: function of a window and faintest electrons: what the object itself has in frame.others."""
-        window = frame.window
-        part = np.ix_(np.clip(rows - window.y0, 0, window.ny - 1), columns - window.x0)
-        inside = np.broadcast_to((rows >= window.y0) & (rows < window.y1), (len(columns), len(rows)))
-        saturated = frame.saturated[part].T & inside
-        good = inside & ~saturated & ~frame.unusable[part].T
-        response = np.ones(inside.shape) if frame.response is None else frame.response[part].T.astype(float)
-        others = None
-        if frame.others is not None:
-            here = Window(int(columns[0]), int(columns[-1]) + 1, int(rows[0]), int(rows[-1]) + 1)
-            own = own_image(here, frame.faintest)
-            others = np.where(inside, frame.others[part].T - own.T.astype(float), 0.0)
-        data = np.where(good, frame.electrons[part].T.astype(float), 0.0)
-        return cls(data, others, rows - centre[:, None], inside, saturated, good, response)
-
-
-def _measured(cutout, shares, half, read_noise):
-    """Return {name: (n,)}: electrons, box, their errors, contamination, sky, flags."""
-    others = np.zeros_like(cutout.data) if cutout.others is None else cutout.others
-    data = cutout.data - others
-    overlap = np.clip(np.minimum(cutout.offset + 0.5, half) - np.maximum(cutout.offset - 0.5, -half), 0.0, 1.0)
-    aperture = np.where(cutout.good, overlap, 0.0)
-    known = (aperture * shares).sum(axis=1) >= WHOLE * (overlap * shares).sum(axis=1)
-    sky = sky_less_own(data, cutout.good, cutout.offset, shares, aperture, known, half + GAP, STRIP)
-    data -= sky.level[:, None]
-    base = (np.maximum(sky.level[:, None] + others, 0.0) + read_noise**2 / cutout.response) / cutout.response
-    good = cutout.good & (overlap > 0)
-    variance, used = _horne(data, shares, base, cutout.response, good)
-    weights = np.where(used, shares / variance, 0.0), np.where(used, overlap, 0.0)
-    out = {"sky": sky.level, "flags": _flags(cutout, overlap, used)}
-    whole = (used * overlap * shares).sum(axis=1) >= WHOLE * (overlap * shares).sum(axis=1)
-    lost = ~whole | ~np.isfinite(sky.level)
-    for name, weight in zip(("electrons", "box"), weights, strict=True):
-        total = (weight * shares).sum(axis=1)
-        total = np.where(lost | ~(total > 0), np.nan, total)
-        out[name] = (weight * data).sum(axis=1) / total
-        noise = (weight**2 * variance).sum(axis=1) + weight.sum(axis=1) ** 2 * sky.variance
-        out[f"{name}_err"] = np.sqrt(noise) / (total - weight.sum(axis=1) * sky.own)
-        if name == "electrons":
-            out["contamination"] = (weight * others).sum(axis=1) / total
-    out["flags"] |= np.where(lost, LOST, 0)
-    much = np.abs(out["contamination"]) > CONTAMINATED_FROM * np.abs(out["electrons"])
-    out["flags"] |= np.where(much & (cutout.others is not None), CONTAMINATED, 0)
-    return out
-
-
-def _horne(data, shares, base, response, good):
-    """Return (variance, used) (n, rows) of the optimal fit; each round rejects at most one outlier per column."""
-    used, fit, variance = good.copy(), np.zeros(len(data)), base
-    column = np.arange(len(data))
-    for _ in range(ROUNDS):
-        for _ in range(2):  # the variance follows the fit
-            weight = np.where(used, shares / variance, 0.0)
-            norm = (weight * shares).sum(axis=1)
-            fit = (weight * data).sum(axis=1) / np.where(norm > 0, norm, np.inf)
-            light = np.maximum(fit, 0.0)[:, None] * shares
-            variance = base + light / response
-        allowed = REJECT**2 * (variance + (PROFILE_ERROR * light) ** 2)
-        off = np.where(used, (data - fit[:, None] * shares) ** 2 / allowed, 0.0)
-        worst = off.argmax(axis=1)
-        bad = off[column, worst] > 1
-        if not bad.any():
-            break
-        used[column[bad], worst[bad]] = False
-    return variance, used
-
-
-def _flags(cutout, overlap, used):
-    within = overlap > 0
-    about = {
-        MASKED: cutout.inside & ~cutout.saturated & ~cutout.good, SATURATED: cutout.saturated,
-        COSMIC: cutout.good & ~used, EDGE: ~cutout.inside,
-    }  # fmt: skip
-    return sum(np.where((within & which).any(axis=1), bit, 0) for bit, which in about.items())
 
 
 def _fluxes(found, flat, wave):

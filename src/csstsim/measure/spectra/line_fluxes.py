@@ -87,7 +87,7 @@ class _Spectrum:
         self.column, self.error = found["column"].astype(float), found["electrons_err"].astype(float)
         self.good = (found["flags"] & (LOST | DIM) == 0) & np.isfinite(found["electrons"]) & (self.error > 0)
         self.start, self.per = float(one["x"][0] + one["p"][0]), float(one["q"][0])
-        self.passed = model.photons * np.gradient(model.cumulative[model.pairs(one)[0]], GRID)
+        self.passed = model.photons * np.gradient(model.cumulative[model.pair(one)], GRID)
 
     def known(self, redshift):
         """Return the Lines of LINES that lie in the spectrum at a redshift; none if it is NaN or not above 0."""

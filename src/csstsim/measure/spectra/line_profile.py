@@ -13,6 +13,7 @@ lines (its profile differs between the columns of a line), light beyond HALF px 
 from dataclasses import dataclass
 from functools import lru_cache
 
+import numba
 import numpy as np
 
 from csstsim.profiles.sersic import BULGE, DISK, radius_of
@@ -127,15 +128,28 @@ def mixed(wavelength, bands):
     return band, place - band
 
 
-def between(profile, band, share, low, high):
-    """Return the share of light between offsets low and high [px, (n, ...)] of a profile at mixes band, share (n,)."""
-    wide = (-1,) + (1,) * (np.ndim(low) - 1)
-    band, share = np.reshape(band, wide), np.reshape(share, wide)
-    light = 0.0
-    for sign, offset in ((-1, low), (1, high)):
-        place = np.clip((offset + HALF) * PER_PX, 0, len(OFFSETS) - 1.001)
-        k = place.astype(int)
-        rest = place - k
-        for weight, b in ((1 - share, band), (share, band + 1)):
-            light = light + sign * weight * ((1 - rest) * profile[b, k] + rest * profile[b, k + 1])
-    return light
+@numba.njit(cache=True)
+def pixel_shares(profile, band, share, offset):
+    """Return (n, rows): the share of a profile's light in pixels at `offset` [px]; band, share (n,): of `mixed`."""
+    out = np.empty(offset.shape)
+    for i in range(offset.shape[0]):
+        first, second = profile[band[i]], profile[band[i] + 1]
+        one, other = 1.0 - share[i], share[i]
+        for j in range(offset.shape[1]):
+            low, high = _place(offset[i, j] - 0.5), _place(offset[i, j] + 0.5)
+            light = -one * _at(first, low) - other * _at(second, low)
+            out[i, j] = light + one * _at(first, high) + other * _at(second, high)
+    return out
+
+
+@numba.njit(inline="always")
+def _place(offset):
+    """Return where an offset [px] lies among OFFSETS."""
+    return min(max((offset + HALF) * PER_PX, 0.0), len(OFFSETS) - 1.001)
+
+
+@numba.njit(inline="always")
+def _at(profile, place):
+    k = int(place)
+    rest = place - k
+    return (1.0 - rest) * profile[k] + rest * profile[k + 1]

@@ -25,39 +25,87 @@ class Sky:
     own: np.ndarray
 
 
-def local_sky(data, good, offset, share, inner, width):
-    """Return the Sky of a cutout; NaN where no strip is usable.
+@dataclass(frozen=True, eq=False)
+class Strips:
+    """The usable pixels of the strips of n columns, in blocks: strips 2 k and 2 k + 1 are the sides of block k.
 
-    data (n columns, rows) electrons; good: bool; offset: rows from the trace [px]; share: of the object's light in each
-    pixel; the strips are at |offset| from `inner` to `inner` + `width`.
+    pixel (strips, most): index in the flat cutout; count (strips,): pixels of each, 0 of those with too few; share: of
+    the object's light in each pixel; middle (blocks,): column; columns: n.
     """
-    n = len(data)
-    edges = np.linspace(0, n, max(1, round(n / BLOCK)) + 1).astype(int)
-    found = _by_block(data, good, offset, share, edges, float(inner), float(width))
-    there = np.isfinite(found[0])
-    if not there.any():
-        return Sky(*np.full((3, n), np.nan))
-    middle = 0.5 * (edges[1:] + edges[:-1] - 1)[there]
-    return Sky(*(np.interp(np.arange(n), middle, values[there]) for values in found))
+
+    pixel: np.ndarray
+    count: np.ndarray
+    share: np.ndarray
+    middle: np.ndarray
+    columns: int
+
+    @classmethod
+    def of(cls, good, offset, share, inner, width):
+        """Return the Strips of a cutout (n, rows) at |offset| from `inner` to `inner` + `width` [px].
+
+        good: bool; offset: rows from the trace; share: of the object's light.
+        """
+        n = len(good)
+        edges = np.linspace(0, n, max(1, round(n / BLOCK)) + 1).astype(int)
+        pixel, count = _pixels(good, offset, edges, float(inner), float(width))
+        return cls(pixel, count, share.ravel()[pixel], 0.5 * (edges[1:] + edges[:-1] - 1), n)
+
+    def sky(self, data, light):
+        """Return the Sky of data (n, rows) electrons less light (n,) of the object; NaN where no strip is usable."""
+        found = self.by_block(data, light)
+        there = np.isfinite(found[0])
+        if not there.any():
+            return Sky(*np.full((3, self.columns), np.nan))
+        return Sky(*(np.interp(np.arange(self.columns), self.middle[there], one[there]) for one in found))
+
+    def by_block(self, data, light):
+        """Return (3, blocks): the values of `sky` in the middle of each block; NaN where no strip is usable."""
+        values = _values(data, light, self.pixel, self.share, self.count)
+        return _by_block(values, np.sort(values, axis=1), self.share, self.count)
 
 
 @numba.njit(cache=True)
-def _by_block(data, good, offset, share, edges, inner, width):
-    """Return (3, blocks): level, its variance and the object's share, means of the usable sides; NaN: none is."""
-    out = np.full((3, len(edges) - 1), np.nan)
-    size = (edges[1:] - edges[:-1]).max() * data.shape[1]
-    values, own = np.empty(size), np.empty(size)
-    for k in range(len(edges) - 1):
+def _pixels(good, offset, edges, inner, width):
+    """Return Strips.pixel and count."""
+    rows = good.shape[1]
+    count = np.zeros(2 * (len(edges) - 1), np.int64)
+    pixel = np.zeros((len(count), (edges[1:] - edges[:-1]).max() * rows), np.int64)
+    for strip in range(len(count)):
+        k, side, n = strip // 2, 2.0 * (strip % 2) - 1.0, 0
+        for i in range(edges[k], edges[k + 1]):
+            for j in range(rows):
+                if good[i, j] and inner <= side * offset[i, j] < inner + width:
+                    pixel[strip, n] = i * rows + j
+                    n += 1
+        if n >= max(USABLE * (edges[k + 1] - edges[k]) * width, 2):
+            count[strip] = n
+    return pixel[:, : max(count.max(), 1)], count
+
+
+@numba.njit(cache=True)
+def _values(data, light, pixel, share, count):
+    """Return (strips, most): the electrons of the strips' pixels less the object's; inf after the last one."""
+    out, rows = np.full(pixel.shape, np.inf), data.shape[1]
+    for strip in range(len(count)):
+        for k in range(count[strip]):
+            i, j = divmod(pixel[strip, k], rows)
+            out[strip, k] = data[i, j] - light[i] * share[strip, k]
+    return out
+
+
+@numba.njit(cache=True)
+def _by_block(values, ranked, own, count):
+    """Return (3, blocks): level, its variance and the object's share, means of the usable sides; NaN: none is.
+
+    values, own (strips, most): of Strips; ranked: values in rising order.
+    """
+    out = np.full((3, len(count) // 2), np.nan)
+    for k in range(out.shape[1]):
         total, sides = np.zeros(3), 0
-        for side in (-1.0, 1.0):
-            n = 0
-            for i in range(edges[k], edges[k + 1]):
-                for j in range(data.shape[1]):
-                    if good[i, j] and inner <= side * offset[i, j] < inner + width:
-                        values[n], own[n] = data[i, j], share[i, j]
-                        n += 1
-            if n >= max(USABLE * (edges[k + 1] - edges[k]) * width, 2):
-                total += _clipped(values[:n], own[:n])
+        for strip in range(2 * k, 2 * k + 2):
+            n = count[strip]
+            if n:
+                total += _clipped(values[strip, :n], ranked[strip, :n], own[strip, :n])
                 sides += 1
         if sides:
             out[:, k] = total / sides
@@ -66,32 +114,75 @@ def _by_block(data, good, offset, share, edges, inner, width):
 
 
 @numba.njit(cache=True)
-def _clipped(values, own):
+def _clipped(values, ranked, own):
     """Return (3,): mean of the values within CLIP robust sigma about their median, its variance, mean of their own."""
-    kept = np.ones(len(values), np.bool_)
+    low, high = 0, len(ranked)
     for _ in range(ROUNDS):
-        some = values[kept]
-        centre = np.median(some)
-        sigma = 1.4826 * np.median(np.abs(some - centre)) + 0.5  # at least about a DN of rounding
-        before, kept = kept, np.abs(values - centre) <= CLIP * sigma
-        if (kept == before).all():
+        centre = 0.5 * (ranked[(low + high - 1) // 2] + ranked[(low + high) // 2])
+        sigma = 1.4826 * _deviation(ranked[low:high], centre) + 0.5  # at least about a DN of rounding
+        before, low, high = (low, high), 0, len(ranked)
+        while np.abs(ranked[low] - centre) > CLIP * sigma:
+            low += 1
+        while np.abs(ranked[high - 1] - centre) > CLIP * sigma:
+            high -= 1
+        if before == (low, high):
             break
-    some = values[kept]
-    mean, n = some.sum() / len(some), len(some)
-    return np.array([mean, ((some - mean) ** 2).sum() / n**2, own[kept].sum() / n])
+    least, most, n = ranked[low], ranked[high - 1], high - low
+    mean, share = 0.0, 0.0
+    for k in range(len(values)):
+        if least <= values[k] <= most:
+            mean += values[k]
+            share += own[k]
+    mean /= n
+    spread = 0.0
+    for value in values:
+        if least <= value <= most:
+            spread += (value - mean) ** 2
+    return np.array([mean, spread / n**2, share / n])
 
 
-def sky_less_own(data, good, offset, share, aperture, known, inner, width):
-    """Return the Sky, as `local_sky`, without the light of the object itself in the strips.
+@numba.njit(cache=True)
+def _deviation(ranked, centre):
+    """Return the median distance from `centre` of values in rising order."""
+    n, total = len(ranked), 0.0
+    for nearest in ((n + 1) // 2, n // 2 + 1):  # the distance of the farthest of so many nearest ones
+        low, high = 0, n - nearest
+        while low < high:
+            middle = (low + high) // 2
+            if centre - ranked[middle] > ranked[middle + nearest] - centre:
+                low = middle + 1
+            else:
+                high = middle
+        total += max(centre - ranked[low], ranked[low + nearest - 1] - centre)
+    return 0.5 * total
 
-    Each round measures the object's light with the weights `aperture` (shaped as data) and the sky so far, removes it
-    from the strips and measures the sky again. known (n,): columns with such light; others are interpolated.
+
+def sky_less_own(data, good, offset, share, overlap, known, inner, width):
+    """Return the Sky of a cutout (n, rows) without the light of the object itself in the strips (Strips.of).
+
+    Each round measures the object's light in the good pixels of an aperture, sum of overlap (data - sky) over that of
+    overlap share, with the sky so far, removes it from the strips and measures the sky again. data: electrons; known
+    (n,): columns with such light; others are interpolated.
     """
     light, column = np.zeros(len(data)), np.arange(len(data))
-    total = (aperture * share).sum(axis=1)[known]
+    strips = Strips.of(good, offset, share, inner, width)
     for _ in range(OWN_ROUNDS):
-        sky = local_sky(data - light[:, None] * share, good, offset, share, inner, width)
+        sky = strips.sky(data, light)
         if known.any() and np.isfinite(sky.level).all():
-            found = (aperture * (data - sky.level[:, None])).sum(axis=1)[known] / total
-            light = np.interp(column, column[known], found)
+            found = _electrons(data, good, share, overlap, sky.level)
+            light = np.interp(column, column[known], found[known])
     return sky
+
+
+@numba.njit(cache=True)
+def _electrons(data, good, share, overlap, level):
+    """Return (n,): an object's electrons from the good pixels of the aperture; NaN without any."""
+    out = np.empty(len(data))
+    for i in range(data.shape[0]):
+        light, norm = 0.0, 0.0
+        for j in range(data.shape[1]):
+            if good[i, j]:
+                light += overlap[i, j] * (data[i, j] - level[i])
+                norm += overlap[i, j] * share[i, j]
+        out[i] = light / norm if norm != 0.0 else np.nan
+    return out

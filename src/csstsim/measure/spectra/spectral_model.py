@@ -47,7 +47,7 @@ class SpectralModel:
         one: ObjectTable of one row; columns: consecutive chip columns; profile: (4, n), ALONG; spectrum: (len(edges) -
         1,) photon / s / m2 / angstrom in bins of edges [angstrom].
         """
-        out, sums = np.zeros(len(columns)), self.cumulative[self.pairs(one)[0]]
+        out, sums = np.zeros(len(columns)), self.cumulative[self.pair(one)]
         at, per = float(one["x"][0] + one["p"][0]), float(one["q"][0])
         kernel, spectrum = _kernels(profile, _FINE, HALF // 2), np.asarray(spectrum, float) * self.photons
         _along(sums, np.asarray(edges, float), spectrum, at, per, float(columns[0]), kernel, self.bands, out)
@@ -60,32 +60,47 @@ class SpectralModel:
         per pixel below which light is left out, as are orders whose mean along the trace is fainter.
         """
         image, edges = np.zeros(window.shape, np.float32), np.asarray(edges, float)
-        orders = orders.take(self._seen(orders, shapes, faintest))
-        orders = orders.take(np.argsort(orders["row"], kind="stable"))
-        bounds = np.array([window.x0, window.x1, window.y0])
-        traces = np.stack([orders["x"] + orders["p"], orders["q"], orders["y"] + orders["r"], orders["s"]], axis=1)
+        pairs = self.pairs(orders)
+        seen = np.flatnonzero(self._seen(orders, pairs, shapes, faintest))
+        seen = seen[np.argsort(orders["row"][seen], kind="stable")]
+        orders, pairs = orders.take(seen), pairs[seen]
         rows, start = np.unique(orders["row"], return_index=True)
         start = np.append(start, len(orders))
-        pairs, owner, share = self.pairs(orders), np.repeat(np.arange(len(rows)), np.diff(start)), _share(orders)
-        size = _class_of(shapes.radius[rows])
+        owner = np.repeat(np.arange(len(rows)), np.diff(start))
         for first in range(0, len(rows), CHUNK):
-            last = min(first + CHUNK, len(rows))
-            seds = np.ascontiguousarray(spectra(rows[first:last], edges), float) * self.photons
-            mine = slice(start[first], start[last])
-            _draw(
-                image, bounds, owner[mine] - first, pairs[mine], traces[mine], share[mine], seds, edges,
-                shapes.light[rows[first:last]], size[first:last], self.tables[ACROSS], self.kernels, self.cumulative,
-                self.limits, self.bands, faintest,
-            )  # fmt: skip
+            some, mine = rows[first : first + CHUNK], slice(start[first], start[min(first + CHUNK, len(rows))])
+            part = orders.take(mine), pairs[mine], owner[mine] - first
+            self._add(image, window, *part, shapes, some, spectra(some, edges), edges, faintest)
         return image
 
-    def _seen(self, orders, shapes, faintest):
+    def image_of_one(self, one, shapes, spectrum, edges, window, faintest=0.0):
+        """Return what one row of the orders' table, with its spectrum in bins of edges, has in `image`."""
+        image, pairs = np.zeros(window.shape, np.float32), np.array([self.pair(one)])
+        if self._seen(one, pairs, shapes, faintest)[0]:
+            self._add(image, window, one, pairs, np.zeros(1, int), shapes, one["row"], spectrum[None], edges, faintest)
+        return image
+
+    def _add(self, image, window, orders, pairs, owner, shapes, rows, spectra, edges, faintest):
+        """Add orders to the image; owner: the place of their objects in `rows` (of shapes) and `spectra`."""
+        traces = np.stack([orders["x"] + orders["p"], orders["q"], orders["y"] + orders["r"], orders["s"]], axis=1)
+        _draw(
+            image, np.array([window.x0, window.x1, window.y0]), owner, pairs, traces, _share(orders),
+            np.ascontiguousarray(spectra, float) * self.photons, edges, shapes.light[rows],
+            _class_of(shapes.radius[rows]), self.tables[ACROSS], self.kernels, self.cumulative, self.limits,
+            self.bands, faintest,
+        )  # fmt: skip
+
+    def _seen(self, orders, pairs, shapes, faintest):
         """Return (n,) bool: orders of at least `faintest` electrons per pixel if their light were spread evenly."""
-        limits = self.limits[self.pairs(orders)]
+        limits = self.limits[pairs]
         length = np.maximum(np.abs(orders["q"]) * (limits[:, 1] - limits[:, 0]), 1.0)
         rows = orders["row"]
         radius = (shapes.light[rows] * shapes.radius[rows, ACROSS]).sum(axis=1)
         return orders["electrons"] >= faintest * length * (1 + radius)
+
+    def pair(self, one):
+        """Return the pair in `names` of an orders' table of one row."""
+        return self.names[str(one["grating"][0]), int(one["order"][0])]
 
     def pairs(self, orders):
         """Return (n,): the pair in `names` of each row of an orders' table."""

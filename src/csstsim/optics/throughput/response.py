@@ -53,16 +53,23 @@ class Response:
 
     def rows(self, first, last):
         """Return float32 (last - first, nx), of the window's rows first to last - 1."""
+        return self.part(slice(first, last), slice(0, self._window.nx))
+
+    def part(self, rows, columns):
+        """Return float32, of slices of the window's rows and columns that have a start and a stop."""
         from csstsim.optics.throughput.coarse_grid import expand
 
-        window = replace(self._window, y0=self._window.y0 + first, y1=self._window.y0 + last)
+        x0, y0 = self._window.x0, self._window.y0
+        window = replace(
+            self._window, x0=x0 + columns.start, x1=x0 + columns.stop, y0=y0 + rows.start, y1=y0 + rows.stop
+        )
         out = np.ones(window.shape, np.float32) if self._grid is None else expand(self._grid, self._chip, window)
         if self._exposed is not None:
-            out *= self._exposed
+            out *= self._exposed[columns]
         if self._prnu is not None:
             pixels.multiply(out, window.x0, window.y0, self._chip.detector.prnu, self._prnu)
         if self._master is not None:
-            out *= self._master[first:last]
+            out *= self._master[rows, columns]
         return out
 
     def at(self, row, column):
@@ -79,18 +86,3 @@ class Response:
         if self._master is not None:
             out *= self._master[row, column]
         return out
-
-    def kept(self):
-        """Return this response computed once and for all, with the same methods."""
-        return _KeptResponse(self.rows(0, self._window.ny))
-
-
-class _KeptResponse:
-    def __init__(self, values):
-        self._values = values
-
-    def rows(self, first, last):
-        return self._values[first:last]
-
-    def at(self, row, column):
-        return self._values[row, column]

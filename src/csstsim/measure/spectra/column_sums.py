@@ -1,0 +1,158 @@
+"""Electrons of each column of a cutout: box sums and optimal weights (Horne 1986, PASP 98, 609).
+
+With d the electrons of a pixel less those of others and the sky (measure.spectra.local_sky), P the share of the
+object's light there, V its variance and W a weight,
+
+    e(X) = sum W d / sum W P,     W = overlap with the aperture (box),  W = P / V (optimal)
+
+over the usable pixels. The denominator is the aperture correction: it scales e to all of the light, whatever is
+missing (edges, defects). Pixels that are more than REJECT sigma off the fit are removed one by one (cosmic rays).
+"""
+
+import numba
+import numpy as np
+
+from csstsim.measure.spectra.cutout import FULL, GOOD, INSIDE
+from csstsim.measure.spectra.local_sky import sky_less_own
+from csstsim.measure.spectra.spectrum_columns import CONTAMINATED, COSMIC, EDGE, LOST, MASKED, SATURATED
+
+GAP, STRIP = 4.0, 16.0  # px: from the aperture to a strip of sky, and its width
+CONTAMINATED_FROM = 0.1  # of the electrons
+REJECT, PROFILE_ERROR = 5.0, 0.1  # sigma; share by which the profile may be wrong
+ROUNDS = 20
+WHOLE = 0.5  # of the aperture's light in usable pixels; with less there is no result
+_LIGHT, _DATA, _OTHERS, _NOISE, _WEIGHT = range(5)
+
+
+def measured(cutout, shares, half, read_noise):
+    """Return {name: (n,)}: electrons, box, their errors, contamination (NaN: not known), sky, flags.
+
+    cutout: cutout.Cutout; shares: of the object's light in each of its pixels; half: of the aperture [px]; read_noise:
+    electron.
+    """
+    overlap, known = _overlap(cutout.offset, half), cutout.others is not None
+    others = cutout.others if known else np.zeros_like(cutout.data)
+    good = (cutout.seen & GOOD) > 0
+    whole = WHOLE * _light(overlap, shares, np.ones_like(good))
+    enough = _light(overlap, shares, good) >= whole
+    sky = sky_less_own(cutout.data, good, cutout.offset, shares, overlap, enough, half + GAP, STRIP)
+    data, level = cutout.data - sky.level[:, None], sky.level
+    used, variance = good & (overlap > 0), np.ones_like(data)
+    _horne(data, shares, used, variance, level, others, cutout.response, float(read_noise))
+    lost = ~(_light(overlap, shares, used) >= whole) | ~np.isfinite(level)
+    out = {"sky": level, "flags": _flags(cutout.seen, overlap > 0, used) | np.where(lost, LOST, 0)}
+    for name in ("electrons", "box"):
+        sums = _sums(overlap, shares, used, variance, data, others, name == "electrons")
+        total, weight = np.where(lost | ~(sums[_LIGHT] > 0), np.nan, sums[_LIGHT]), sums[_WEIGHT]
+        out[name] = sums[_DATA] / total
+        out[f"{name}_err"] = np.sqrt(sums[_NOISE] + weight**2 * sky.variance) / (total - weight * sky.own)
+        if name == "electrons":
+            out["contamination"] = sums[_OTHERS] / total if known else np.full(len(total), np.nan)
+    much = np.abs(out["contamination"]) > CONTAMINATED_FROM * np.abs(out["electrons"])
+    out["flags"] |= np.where(much, CONTAMINATED, 0)
+    return out
+
+
+@numba.njit(cache=True)
+def _overlap(offset, half):
+    """Return the share of each pixel within `half` of the trace."""
+    out = np.empty(offset.shape)
+    for i in range(offset.shape[0]):
+        for j in range(offset.shape[1]):
+            inside = min(offset[i, j] + 0.5, half) - max(offset[i, j] - 0.5, -half)
+            out[i, j] = min(max(inside, 0.0), 1.0)
+    return out
+
+
+@numba.njit(cache=True)
+def _light(overlap, shares, kept):
+    """Return (n,): the share of the object's light in the aperture's pixels that are `kept`."""
+    out = np.zeros(len(overlap))
+    for i in range(overlap.shape[0]):
+        for j in range(overlap.shape[1]):
+            if kept[i, j]:
+                out[i] += overlap[i, j] * shares[i, j]
+    return out
+
+
+@numba.njit(cache=True)
+def _horne(data, shares, used, variance, level, others, response, read_noise):
+    """Fit all columns; each round takes at most one outlier per column from `used`. Fills `variance` where used."""
+    n, rows = data.shape
+    base = np.ones_like(data)
+    for i in range(n):
+        for j in range(rows):
+            if used[i, j]:
+                flat = response[i, j]
+                base[i, j] = (max(level[i] + others[i, j], 0.0) + read_noise**2 / flat) / flat
+                variance[i, j] = base[i, j]
+    for _ in range(ROUNDS):
+        found = 0
+        for i in range(n):
+            fit = 0.0
+            for _ in range(2):  # the variance follows the fit
+                fit = _fitted(data[i], shares[i], used[i], variance[i])
+                for j in range(rows):
+                    if used[i, j]:
+                        variance[i, j] = base[i, j] + max(fit, 0.0) * shares[i, j] / response[i, j]
+            worst, most = -1, 1.0
+            for j in range(rows):
+                if used[i, j]:
+                    light = max(fit, 0.0) * shares[i, j]
+                    allowed = REJECT**2 * (variance[i, j] + (PROFILE_ERROR * light) ** 2)
+                    off = (data[i, j] - fit * shares[i, j]) ** 2 / allowed
+                    if off > most:
+                        worst, most = j, off
+            if worst >= 0:
+                used[i, worst] = False
+                found += 1
+        if not found:
+            break
+
+
+@numba.njit(cache=True)
+def _fitted(data, shares, used, variance):
+    """Return the electrons of a column that fit its used pixels best; 0 without any."""
+    norm, total = 0.0, 0.0
+    for j in range(len(data)):
+        if used[j]:
+            weight = shares[j] / variance[j]
+            norm += weight * shares[j]
+            total += weight * data[j]
+    return total / norm if norm > 0 else 0.0
+
+
+@numba.njit(cache=True)
+def _sums(overlap, shares, used, variance, data, others, optimal):
+    """Return (5, n): the sums of a column's weights with shares, data, others and variance, and of the weights."""
+    out = np.zeros((5, len(data)))
+    for i in range(data.shape[0]):
+        for j in range(data.shape[1]):
+            if used[i, j]:
+                weight = shares[i, j] / variance[i, j] if optimal else overlap[i, j]
+                out[_LIGHT, i] += weight * shares[i, j]
+                out[_DATA, i] += weight * data[i, j]
+                out[_OTHERS, i] += weight * others[i, j]
+                out[_NOISE, i] += weight**2 * variance[i, j]
+                out[_WEIGHT, i] += weight
+    return out
+
+
+@numba.njit(cache=True)
+def _flags(seen, within, used):
+    """Return (n,) the bits that the pixels `within` the aperture give their column."""
+    out = np.zeros(len(seen), np.int64)
+    for i in range(seen.shape[0]):
+        for j in range(seen.shape[1]):
+            if not within[i, j]:
+                continue
+            bits = seen[i, j]
+            if not bits & INSIDE:
+                out[i] |= EDGE
+            elif bits & FULL:
+                out[i] |= SATURATED
+            elif not bits & GOOD:
+                out[i] |= MASKED
+            elif not used[i, j]:
+                out[i] |= COSMIC
+    return out

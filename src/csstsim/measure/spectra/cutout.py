@@ -1,0 +1,61 @@
+"""Pixels about a trace, turned so that a row holds one column of the chip: what is measured together lies together."""
+
+from dataclasses import dataclass
+
+import numba
+import numpy as np
+
+from csstsim.measure.calibration.bad_pixels import FULL
+
+INSIDE, GOOD = np.uint8(8), np.uint8(16)  # bits of `seen`, beside FULL
+_NOTHING = np.zeros((0, 0), np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class Cutout:
+    """Pixels (columns, rows) about a trace.
+
+    `data` electrons less those of others, 0 where not GOOD; `others` electrons, or None if they are not known;
+    `offset` px across from the trace; `seen` uint8 bits INSIDE (of the window), GOOD (usable), FULL (saturated);
+    `response`.
+    """
+
+    data: np.ndarray
+    others: np.ndarray
+    offset: np.ndarray
+    seen: np.ndarray
+    response: np.ndarray
+
+    @classmethod
+    def of(cls, frame, columns, rows, centre, own):
+        """Return the Cutout of columns and rows (consecutive px of the chip) about a trace.
+
+        frame: extract.DispersedImage; centre: rows of the trace, by column; own: what the object itself has in
+        frame.others, float32 (rows, columns), or None without these.
+        """
+        window, shape = frame.window, (len(columns), len(rows))
+        low, high = (min(max(int(row), window.y0), window.y1) - window.y0 for row in (rows[0], rows[-1] + 1))
+        part = slice(low, high), slice(int(columns[0]) - window.x0, int(columns[-1]) + 1 - window.x0)
+        inside = slice(low + window.y0 - int(rows[0]), high + window.y0 - int(rows[0]))
+        data, others, response, seen = np.zeros(shape), np.zeros(shape), np.ones(shape), np.zeros(shape, np.uint8)
+        if frame.response is not None:
+            response[:, inside] = frame.response.part(*part).T
+        light = (_NOTHING, _NOTHING) if own is None else (frame.others[part], own[inside])
+        _fill(frame.electrons[part], frame.marks[part], *light, data[:, inside], others[:, inside], seen[:, inside])
+        return cls(data, None if own is None else others, rows - centre[:, None], seen, response)
+
+
+@numba.njit(cache=True)
+def _fill(electrons, marks, light, own, data, others, seen):
+    """Fill the (columns, rows) of a Cutout from (rows, columns); light, own: of others, or nothing."""
+    for y in range(electrons.shape[0]):
+        for x in range(electrons.shape[1]):
+            value, mark = np.float64(electrons[y, x]), marks[y, x]
+            if light.size:
+                others[x, y] = np.float64(light[y, x]) - np.float64(own[y, x])
+            seen[x, y] = INSIDE
+            if mark & FULL:
+                seen[x, y] |= FULL
+            elif not mark and np.isfinite(value):
+                seen[x, y] |= GOOD
+                data[x, y] = value - others[x, y]
