@@ -20,7 +20,7 @@ MASK_MAX = 0.4  # of the frame; with more masked it counts as crowded
 GOOD_MIN = 0.25  # of the pixels of a mesh; with less it takes the value of its neighbours
 CLIP = 3.5  # sigma; lowers the noise of a Gaussian by 0.3 %, corrected below
 CLIP_LOSS = 0.9969
-SAMPLE = 8192  # pixels of a mesh for the first guess
+SAMPLE = 2048  # pixels of a mesh for the first guess
 FLOOR = np.float32(1e-3)  # electron; a noise-free image has rms 0: a floor keeps S/N finite
 
 

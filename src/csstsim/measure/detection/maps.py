@@ -22,18 +22,19 @@ def binned(image):
 
 def full_size(small, shape):
     """Return a binned map (C-contiguous) at the frame's shape; a last odd row or column has its neighbour's value."""
-    return full_rows(small, shape[1], 0, shape[0])
+    out = np.empty(shape, small.dtype)
+    fill_rows(small, 0, out)
+    return out
 
 
 @numba.njit(cache=True)
-def full_rows(small, nx, first, last):
-    """Return rows `first` to `last` (half-open) of `full_size`, a frame of nx columns."""
-    out = np.empty((last - first, nx), small.dtype)
-    for y in range(first, last):
-        line = small[min(y // BIN, small.shape[0] - 1)]
+def fill_rows(small, first, out):
+    """Fill `out` (rows, nx) with the rows of `full_size` from row `first` on."""
+    ny, nx = out.shape
+    for y in range(ny):
+        line = small[min((first + y) // BIN, small.shape[0] - 1)]
         for x in range(nx):
-            out[y - first, x] = line[min(x // BIN, line.size - 1)]
-    return out
+            out[y, x] = line[min(x // BIN, line.size - 1)]
 
 
 @numba.njit(cache=True)

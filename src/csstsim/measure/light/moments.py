@@ -74,6 +74,27 @@ def _quadratic(m, dx, dy):
 
 
 @numba.njit(cache=True)
+def _within(inverse, x, dy):
+    """Return the columns, first and last (half-open), where rho^2 <= REACH^2 in the row at `dy` from the centre."""
+    a, b, c = inverse
+    middle, half = -b * dy / a, math.sqrt(max((b * b - a * c) * dy * dy + a * REACH * REACH, 0.0)) / a
+    return math.ceil(x + middle - half), math.floor(x + middle + half) + 1
+
+
+@numba.njit(cache=True)
+def _add_row(sums, square, dy, one, two, three, four, five):
+    """Add to `sums` (7,) those of a row at `dy`: of light, light x dx, ..., light x dx^4."""
+    a, b, c = square[0], 2.0 * square[1] * dy, square[2] * dy * dy
+    sums[0] += one
+    sums[1] += two
+    sums[2] += one * dy
+    sums[3] += three
+    sums[4] += two * dy
+    sums[5] += one * dy * dy
+    sums[6] += a * a * five + 2.0 * a * b * four + (b * b + 2.0 * a * c) * three + 2.0 * b * c * two + c * c * one
+
+
+@numba.njit(cache=True)
 def _sums(image, unusable, segments, number, gauss, smooth, out):
     """Fill `out` (6,): means of dx, dy, dx^2, dx dy, dy^2, (r K V^-1 r)^2 with the widened weight.
 
@@ -83,29 +104,32 @@ def _sums(image, unusable, segments, number, gauss, smooth, out):
     ny, nx = image.shape
     inverse, k, own = _matrices(gauss, smooth)
     square = _product(k, inverse)
-    reach_x = REACH * math.sqrt(gauss[2] + smooth * smooth)
     reach_y = REACH * math.sqrt(gauss[4] + smooth * smooth)
     seen, missing = np.zeros(7), np.zeros(7)
+    bend = math.exp(-inverse[0])
     for row in range(math.ceil(y - reach_y), math.floor(y + reach_y) + 1):
-        for col in range(math.ceil(x - reach_x), math.floor(x + reach_x) + 1):
-            dx, dy = col - x, row - y
-            rho2 = _quadratic(inverse, dx, dy)
-            if rho2 > REACH**2:
-                continue
-            light, sums = math.exp(-0.5 * rho2), seen
+        dy = row - y
+        first, last = _within(inverse, x, dy)
+        # The weight exp(-rho^2 / 2) from column to column: its ratio changes by a constant factor
+        weight = math.exp(-0.5 * _quadratic(inverse, first - x, dy))
+        ratio = math.exp(-inverse[0] * (first - x + 0.5) - inverse[1] * dy)
+        one, two, three, four, five = 0.0, 0.0, 0.0, 0.0, 0.0  # sums of light, light x dx, ..., light x dx^4
+        for col in range(first, last):
+            dx = col - x
             good = 0 <= row < ny and 0 <= col < nx and not unusable[row, col]
             if good and (segments[row, col] == number or segments[row, col] <= 0):
-                light *= image[row, col]
+                light = weight * image[row, col]
+                one += light
+                two += light * dx
+                three += light * (dx * dx)
+                four += light * (dx * dx * dx)
+                five += light * (dx * dx) ** 2
             else:
-                light *= math.exp(-0.5 * _quadratic(own, dx, dy))
-                sums = missing
-            sums[0] += light
-            sums[1] += light * dx
-            sums[2] += light * dy
-            sums[3] += light * dx * dx
-            sums[4] += light * dx * dy
-            sums[5] += light * dy * dy
-            sums[6] += light * _quadratic(square, dx, dy) ** 2
+                light = weight * math.exp(-0.5 * _quadratic(own, dx, dy))
+                _add_row(missing, square, dy, light, light * dx, light * dx**2, light * dx**3, light * dx**4)
+            weight *= ratio
+            ratio *= bend
+        _add_row(seen, square, dy, one, two, three, four, five)
     both = inverse[0] + own[0], inverse[1] + own[1], inverse[2] + own[2]
     complete = 2.0 * math.pi / math.sqrt(both[0] * both[2] - both[1] ** 2)
     share = 1.0 - missing[0] / complete
