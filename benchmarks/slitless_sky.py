@@ -36,10 +36,9 @@ def filter_of(chip):
 
 def shares(chip, window, spectrum=None):
     """Return the sky in units of that of a whole first order, (ny, nx)."""
-    out = np.ones(window.shape, np.float32)
-    disperse(
-        out, CAMERA.gratings[chip], window, nominal_spectrum(filter_of(chip), NUMBERS) if spectrum is None else spectrum
-    )
+    out, full = np.zeros(window.shape, np.float32), np.broadcast_to(np.float32(1.0), window.shape)
+    spectrum = nominal_spectrum(filter_of(chip), NUMBERS) if spectrum is None else spectrum
+    disperse(out, lambda rows: np.ascontiguousarray(full[rows]), CAMERA.gratings[chip], window, spectrum)
     return out
 
 

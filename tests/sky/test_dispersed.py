@@ -25,6 +25,13 @@ def nominal(chip):
     return nominal_spectrum(CAMERA.filters[CAMERA.chips[chip].filter], N)
 
 
+def even(gratings, window, spectrum, level=1.0):
+    """Return a sky of `level` everywhere through the gratings, (ny, nx)."""
+    image, full = np.zeros(window.shape, np.float32), np.full(window.shape, level, np.float32)
+    disperse(image, lambda rows: full[rows], gratings, window, spectrum)
+    return image
+
+
 def straight(number, offset, per_px, blue, red, level=0.3, y_offset=0.0):
     """An order that is the same all over the field: x = offset + lambda / per_px, over a box of wavelengths."""
     table = np.zeros((6, 6))
@@ -107,24 +114,31 @@ def test_a_piece_ends_within_a_row():
     shipped = CAMERA.gratings[5]
     zeroth = [Grating(grating.name, {0: grating.orders[0]}) for grating, _ in shipped.pieces]
     gratings = Gratings(*zeroth, shipped.split, (-300.0, 9600.0, 4000.75, 5000.25))
-    sky = np.ones((1040, 30), np.float32)
-    disperse(sky, gratings, Window(500, 530, 3990, 5030), nominal(5))
+    sky = even(gratings, Window(500, 530, 3990, 5030), nominal(5))
     expected = np.interp(np.arange(3990, 5030), [4002, 4003, 4004, 5001, 5002, 5003], [0, 0.75, 1, 1, 0.75, 0])
     np.testing.assert_allclose(sky, np.broadcast_to(0.1 * expected[:, None], sky.shape), atol=1e-4)
     assert (sky[[0, 12, -1]] == 0).all()
 
 
 def whole(chip, level=1.0):
-    sky = np.full(CAMERA.chips[chip].full_window.shape, level, np.float32)
-    disperse(sky, CAMERA.gratings[chip], CAMERA.chips[chip].full_window, nominal(chip))
-    return sky
+    return even(CAMERA.gratings[chip], CAMERA.chips[chip].full_window, nominal(chip), level)
+
+
+def test_what_is_added():
+    """A sky that changes along y, the response, light that was there already, and the mean before losses."""
+    window, gratings = Window(4000, 4100, 77, 177), CAMERA.gratings[5]
+    slope, seen = np.linspace(1, 2, 100, dtype=np.float32)[:, None], np.full(window.shape, 0.25, np.float32)
+    image = np.full(window.shape, 3.0, np.float32)
+    mean = disperse(image, lambda rows: np.tile(slope[rows], 100), gratings, window, nominal(5), seen)
+    expected = slope * even(gratings, window, nominal(5))
+    np.testing.assert_allclose(image, 3.0 + 0.25 * expected, rtol=3e-7)
+    assert mean == pytest.approx(expected.mean(dtype=float), rel=1e-7)
 
 
 def test_a_window_has_the_pixels_of_the_chip():
     sky, gratings = whole(5), CAMERA.gratings[5]
     for x0, x1, y0, y1 in [(0, 300, 0, 40), (3600, 3800, 2040, 2060), (9100, 9216, 9200, 9232), (4000, 4001, 77, 78)]:
-        part = np.ones((y1 - y0, x1 - x0), np.float32)
-        disperse(part, gratings, Window(x0, x1, y0, y1), nominal(5))
+        part = even(gratings, Window(x0, x1, y0, y1), nominal(5))
         np.testing.assert_allclose(part, sky[y0:y1, x0:x1], rtol=3e-7)
 
 
@@ -133,8 +147,7 @@ def test_level_and_direction(chip):
     """A level by the shifts in the middle of the chip alone; at the split orders 1 and 2 double, and 0 on 16 px."""
     gratings, spectrum, nx = CAMERA.gratings[chip], nominal(chip), CAMERA.chips[chip].detector.nx
     middle = Window(0, nx, 4600, 4601)
-    sky, expected = np.ones(middle.shape, np.float32), 0.0
-    disperse(sky, gratings, middle, spectrum)
+    sky, expected = even(gratings, middle, spectrum), 0.0
     for grating, (x0, x1, _, _) in gratings.pieces:
         for order in grating.orders.values():
             light = 0.5 * spectrum * order.throughput
@@ -183,9 +196,7 @@ def test_the_layer(model):
         sum(value for name, value in state.header.items() if name.startswith("sky_")) - state.header["sky_rate"]
     )
     assert components == pytest.approx(state.header["sky_rate"] if model else 0.0)
-    window, flat = state.window, np.ones(state.image.shape, np.float32)
-    disperse(flat, state.exposure.gratings, window, nominal(3))
-    shape = frames[0] / flat
+    shape = frames[0] / even(state.exposure.gratings, state.window, nominal(3))
     if model:
         assert 1e-3 < np.ptp(shape) / shape.mean() < 0.2  # its colour is not the nominal one: ramps differ
     else:

@@ -60,25 +60,13 @@ def apply(state, param, rng):
     place = pointing.mjd, pointing.sat_position, pointing.sat_velocity
     angles = exposure_angles(pointing.ra, pointing.dec, *place)
     sky, rate, means = _model(state) if param.enable_straylight_model else _constant(state)
-    if gratings is not None:
-        from csstsim.sky.dispersed import disperse, nominal_spectrum, sky_spectrum
-
-        numbers = sky_numbers(state.exposure.camera.sky)
-        if param.enable_straylight_model:
-            spectrum = sky_spectrum(state.filter, means, angles["sun"], numbers)
-        else:
-            spectrum = nominal_spectrum(state.filter, numbers)
-        disperse(sky, gratings, state.window, spectrum)
-        first, rate = rate, float(sky.mean(dtype=float)) / exptime
-        means = {name: mean * rate / first for name, mean in means.items()}
-    state.header |= {"sky_rate": rate} | {f"sky_{name}": mean for name, mean in means.items()}
     response = state.response(rng)
-    if response is None:
-        state.image += sky
+    if gratings is not None:
+        first, rate = rate, _disperse(state, sky, means, angles["sun"], response) / exptime
+        means = {name: mean * rate / first for name, mean in means.items()}
     else:
-        from csstsim.sky.frames import add_product
-
-        add_product(state.image, np.broadcast_to(np.asarray(sky, np.float32), state.image.shape), response)
+        _add(state.image, sky, response)
+    state.header |= {"sky_rate": rate} | {f"sky_{name}": mean for name, mean in means.items()}
     state.header |= {f"{name}_angle": value for name, value in angles.items()}
     return state
 
@@ -91,17 +79,53 @@ def mean_rate(exposure, param):
 
 
 def _constant(state):
-    """Return the sky [e-], a frame with gratings and otherwise a number; its rate [e-/s/px]; {} for no components."""
-    sky = background.sky_electrons(state.filter, state.exposure.exptime)
-    return sky if state.exposure.gratings is None else np.full_like(state.image, sky), state.filter.sky, {}
+    """Return the sky [e-], a number; its rate [e-/s/px]; {} for no components."""
+    return background.sky_electrons(state.filter, state.exposure.exptime), state.filter.sky, {}
 
 
 def _model(state):
-    """Return the frame of the sky [e-], its mean rate [e-/s/px], and {component: mean rate}."""
+    """Return the sky [e-] at the nodes of a grid, its mean rate [e-/s/px], and {component: mean rate}."""
     parts = _components(state.exposure)
-    rate, sky = sum(parts.values()), np.zeros_like(state.image)
-    background.add_grid(sky, state.exposure.exptime * rate)
-    return sky, background.grid_mean(rate), {name: background.grid_mean(part) for name, part in parts.items()}
+    rate = sum(parts.values())
+    means = {name: background.grid_mean(part) for name, part in parts.items()}
+    return state.exposure.exptime * rate, background.grid_mean(rate), means
+
+
+def _rows(sky, shape):
+    """Return the function that csstsim.sky.dispersed.disperse takes: slice of rows -> (rows, nx) float32."""
+    if np.ndim(sky) == 0:
+        even = np.broadcast_to(np.float32(sky), shape)
+        return lambda rows: np.ascontiguousarray(even[rows])
+
+    def model(rows):
+        part = np.zeros((rows.stop - rows.start, shape[1]), np.float32)
+        background.add_grid(part, sky, rows, shape[0])
+        return part
+
+    return model
+
+
+def _disperse(state, sky, means, sun_angle, response):
+    """Add a sky through the gratings; return its mean before losses [e-]. sky, means: of `_constant` or `_model`."""
+    from csstsim.sky.dispersed import disperse, nominal_spectrum, sky_spectrum
+
+    numbers, filter_ = sky_numbers(state.exposure.camera.sky), state.filter
+    spectrum = sky_spectrum(filter_, means, sun_angle, numbers) if means else nominal_spectrum(filter_, numbers)
+    rows = _rows(sky, state.image.shape)
+    return disperse(state.image, rows, state.exposure.gratings, state.window, spectrum, response)
+
+
+def _add(image, sky, response):
+    """Add the sky of an imaging chip, a number or the values at a grid's nodes, in place."""
+    if np.ndim(sky):
+        values, sky = sky, np.zeros_like(image)
+        background.add_grid(sky, values)
+    if response is None:
+        image += sky
+        return
+    from csstsim.sky.frames import add_product
+
+    add_product(image, np.broadcast_to(np.asarray(sky, np.float32), image.shape), response)
 
 
 def _components(exposure):

@@ -110,13 +110,17 @@ def grid_mean(values):
     return float(np.einsum("i,j,ij->", end, end, values.reshape(NODES, NODES)) / (NODES - 1) ** 2)
 
 
-def add_grid(image, values):
-    """Add to `image` (float32), in place, the bilinear expansion of values at `lines_of_sight`."""
+def add_grid(image, values, rows=slice(None), height=None):
+    """Add to `image` (float32), in place, the bilinear expansion of values at `lines_of_sight`.
+
+    image may be some `rows`, a slice, of a window of this height.
+    """
     from csstsim.sky.frames import expand
 
-    ny, nx = image.shape
-    v, u = (np.linspace(0.0, NODES - 1, n) if n > 1 else np.zeros(1) for n in (ny, nx))
-    rows = np.minimum(v.astype(int), NODES - 2)
-    columns = np.minimum(u.astype(int), NODES - 2)
+    v, u = (
+        np.linspace(0.0, NODES - 1, n) if n > 1 else np.zeros(1) for n in (height or image.shape[0], image.shape[1])
+    )
+    v = v[rows]
+    lower, columns = (np.minimum(place.astype(int), NODES - 2) for place in (v, u))
     starts = np.searchsorted(columns, np.arange(NODES))
-    expand(image, values.reshape(NODES, NODES), rows, v - rows, starts, (u - columns).astype(np.float32))
+    expand(image, values.reshape(NODES, NODES), lower, v - lower, starts, (u - columns).astype(np.float32))
