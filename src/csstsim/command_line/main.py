@@ -11,7 +11,6 @@ import click
 
 from csstsim import __version__
 from csstsim.base.plural import number_of
-from csstsim.base.process.progress import progress
 from csstsim.command_line import begin, rules, tools
 from csstsim.command_line.completion import chips_of
 from csstsim.command_line.group import SWITCHES, Group, result
@@ -52,7 +51,8 @@ def main():
 def chip(run, obsid, chip_ids, profile):
     """Run chips in memory, from catalogue to Level-0 file.
 
-    Chips run one after the other. Missing truth bricks and PSF sets are made first, in the output folder.
+    Chips run one after the other. Missing truth bricks and PSF sets are made first, in the output folder. If the
+    command is stopped before its last chip, the same command goes on where it was.
 
     \b
     For example:
@@ -60,20 +60,20 @@ def chip(run, obsid, chip_ids, profile):
     Two chips, with the time of each layer and function:
       csstsim chip campaign.yaml --obsid 10100000004 --chip 8 --chip 9 --profile
     """
+    from csstsim.campaign.one_by_one import one_by_one
     from csstsim.stages.chip import chip as run_chip
     from csstsim.stages.chip import missing
 
-    jobs = {chip_id: run.job(obsid, chip_id) for chip_id in chip_ids}
-    for chip_id in progress(chip_ids, "chips"):
-        job = jobs[chip_id]
-        with job.named():
-            if profile:
-                from csstsim.command_line.profile import profiled
+    def make(job):
+        if profile:
+            from csstsim.command_line.profile import profiled
 
-                missing(run, job, print)
-                profiled(functools.partial(run_chip, run, job, say=print), say=result)
-            else:
-                run_chip(run, job, say=print)
+            missing(run, job, print)
+            profiled(functools.partial(run_chip, run, job, say=print), say=result)
+        else:
+            run_chip(run, job, say=print)
+
+    one_by_one(run, "level0", [run.job(obsid, chip_id) for chip_id in chip_ids], make)
 
 
 @main.command()

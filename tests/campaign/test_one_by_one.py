@@ -1,0 +1,94 @@
+"""Several chips in one process: what was finished before a fault is not made again, and only that."""
+
+import os
+from pathlib import Path
+
+import pytest
+from mini_campaign import POINTINGS, write_campaign
+
+from csstsim.base.files.atomic import atomic_path
+from csstsim.campaign.one_by_one import one_by_one
+from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.products import kinds
+
+CHIPS = 8, 9, 14
+
+
+@pytest.fixture
+def file(tmp_path):
+    return write_campaign(tmp_path, [POINTINGS[2]], select={"types": ["BIAS"], "chips": list(CHIPS)})
+
+
+def attempt(file, fail_at=None, rule="level0"):
+    """Make the jobs of the file's exposure, up to a chip that fails; return the chips that were made."""
+    run, made = OpenCampaign(file), []
+
+    def make(job):
+        if job.chip.id == fail_at:
+            raise RuntimeError("the node dies")
+        made.append(job.chip.id)
+        for path in kinds(run)[rule].files_of(job):
+            with atomic_path(path) as temporary:
+                temporary.write_text(f"{job.key} {os.urandom(4).hex()}")
+
+    if fail_at is None:
+        one_by_one(run, rule, run.jobs, make)
+    else:
+        with pytest.raises(RuntimeError):
+            one_by_one(run, rule, run.jobs, make)
+    return made
+
+
+def texts(file):
+    run = OpenCampaign(file)
+    return {path: Path(path).read_text() for path in kinds(run)["level0"].files() if os.path.exists(path)}
+
+
+def remove(file):
+    """Remove all products, as Snakemake does with those of a job that failed."""
+    for path in texts(file):
+        os.unlink(path)
+
+
+def test_an_attempt_goes_on_where_the_one_before_failed(file):
+    assert attempt(file, fail_at=14) == [8, 9]
+    before = texts(file)
+    remove(file)
+    assert attempt(file) == [14]
+    after = texts(file)
+    assert len(after) == 2 * len(CHIPS)
+    assert before.items() <= after.items()
+    assert not any((file.parent / "out" / "chips").iterdir()), "nothing is left"
+    assert attempt(file) == list(CHIPS), "a finished job is made anew"
+
+
+def test_files_taken_again_are_newer_than_their_inputs(file):
+    attempt(file, fail_at=9)
+    for path in (file.parent / "out" / "chips").rglob("*.fits"):
+        os.utime(path, (1, 1))
+    remove(file)
+    attempt(file, fail_at=14)
+    assert all(Path(path).stat().st_mtime > 1 for path in texts(file))
+
+
+def test_another_recipe_is_not_taken(file):
+    attempt(file, fail_at=14)
+    file.write_text(file.read_text().replace("seed: 3", "seed: 4"))
+    assert attempt(file) == list(CHIPS)
+
+
+def test_without_hard_links_all_is_made_again(file, monkeypatch):
+    def refuse(*_):
+        raise PermissionError("no hard links")
+
+    monkeypatch.setattr(os, "link", refuse)
+    attempt(file, fail_at=14)
+    assert not any(path.is_file() for path in (file.parent / "out" / "chips").rglob("*"))
+    assert attempt(file) == list(CHIPS)
+
+
+def test_a_product_cut_short_by_a_kill_is_not_kept(file):
+    attempt(file, fail_at=9)
+    [kept] = (file.parent / "out" / "chips").glob("*/*")
+    kept.rename(kept.with_name(f"{kept.name}.part"))
+    assert attempt(file) == list(CHIPS)
