@@ -23,7 +23,7 @@ def refused(*arguments):
 @pytest.mark.parametrize(
     "rows, words",
     [
-        ([GOOD.replace("60.0,", "nan,", 1)], ["table.csv", "line 2", "ra"]),
+        ([GOOD.replace("60.15,", "nan,", 1)], ["table.csv", "line 2", "ra"]),
         ([GOOD, GOOD], ["table.csv", "line 3", "obsid", "10100000001"]),
         ([GOOD.replace("-40.0", "91")], ["table.csv", "line 2", "dec", "91", "-90"]),
         ([GOOD.replace("SCIE", "SPAM")], ["table.csv", "type", "SPAM", "SCIE"]),
