@@ -8,7 +8,7 @@ from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.catalog.base import CatalogBase
-from csstsim.catalog.light.embedded_spectra import rates, spectra
+from csstsim.catalog.light.embedded_spectra import light_columns, rates, spectra
 from csstsim.catalog.light.grating_bound import MARGIN, grating_rate
 from csstsim.catalog.light.photometry import subband_weights
 from csstsim.catalog.mock_object import MockObjects
@@ -69,13 +69,14 @@ class SceneCatalog(CatalogBase):
 
     def load_fluxes(self, rows, filter, telescope):
         """Return (len(rows), 4) electrons / s by linear algebra: the same light as `load_seds`, to 1e-4."""
-        return rates(self.universe, self._table.take(np.asarray(rows, dtype=int)), subband_weights(filter, telescope))
+        some = light_columns(self._table).take(np.asarray(rows, dtype=int))
+        return rates(self.universe, some, subband_weights(filter, telescope))
 
     def load_binned(self, rows, edges):
         """Return the means of spectra over bins, as CatalogBase.load_binned, without sampling each spectrum."""
         from csstsim.catalog.light.binned_spectra import binned
 
-        return binned(self.universe, self._table.take(np.asarray(rows, dtype=int)), edges)
+        return binned(self.universe, light_columns(self._table).take(np.asarray(rows, dtype=int)), edges)
 
 
 class EmbeddedCatalog(SceneCatalog):

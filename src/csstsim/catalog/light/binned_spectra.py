@@ -25,7 +25,7 @@ def binned(universe, table, edges):
     inside = slice(at[0], at[-1] + 1)
     for chosen, some in kinds(table):
         if some["obj_type"][0] == GALAXY:
-            out[chosen] = _galaxies(universe, some, edges)
+            _galaxies(out, np.flatnonzero(chosen), universe, some, edges)
             continue
         scale = some["sed_scale"].astype(float)
         if some["obj_type"][0] == STAR:
@@ -37,29 +37,29 @@ def binned(universe, table, edges):
     return out
 
 
-def _galaxies(universe, some, edges):
+def _galaxies(out, rows, universe, some, edges):
+    """Fill `rows` of `out` with the means of galaxies, the table `some`."""
     seds = universe.galaxy_seds
     centres = 0.5 * (edges[1:] + edges[:-1])
     dust = _LN_MAG * some["av"].astype(float)
     usual = dust.mean()
     curve = np.interp(centres, GRID, universe.extinction)
-    out = np.zeros((len(some), len(centres)))
     _integrate(
-        out, some["z"].astype(float), np.ascontiguousarray(coefficients(some), dtype=float),
+        out, rows, some["z"].astype(float), np.ascontiguousarray(coefficients(some), dtype=float),
         some["sed_scale"].astype(float), dust - usual, np.exp(-usual * curve) / np.diff(edges), curve, edges,
         *seds.cells(fine=True), *Intergalactic(centres, seds.igm).arrays,
     )  # fmt: skip
-    return out
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _integrate(
-    out, z, mix, scale, dust, dimmed, curve, edges, nodes, basis, centres, lines, depths, continuum, limits, powers
-):
+    out, rows, z, mix, scale, dust, dimmed, curve, edges, nodes, basis, centres, lines, depths, continuum, limits,
+    powers,
+):  # fmt: skip
     rest, slope, running = np.empty(len(nodes)), np.empty(len(nodes)), np.empty(len(nodes))
     last = len(nodes) - 1
     for n in range(len(z)):
-        stretch, row, more = 1.0 + z[n], out[n], -dust[n]
+        stretch, row, more = 1.0 + z[n], out[rows[n]], -dust[n]
         low = min(max(np.searchsorted(nodes, edges[0] / stretch, side="right") - 1, 0), last - 1)
         high = min(np.searchsorted(nodes, edges[-1] / stretch, side="right"), last)
         combine(rest, low, high + 1, mix[n], basis)

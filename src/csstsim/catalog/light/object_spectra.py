@@ -32,8 +32,10 @@ class Spectra:
 def embedded_spectra(objects, universe):
     """Return the Spectra of objects of the embedded universe, made from the table's columns; no brick is read."""
     from csstsim.catalog.light.binned_spectra import binned
+    from csstsim.catalog.light.embedded_spectra import light_columns
 
-    return Spectra(objects, lambda rows, edges: binned(universe, objects.take(rows), edges))
+    light = light_columns(objects)
+    return Spectra(objects, lambda rows, edges: binned(universe, light.take(rows), edges))
 
 
 def catalog_spectra(objects, catalog):

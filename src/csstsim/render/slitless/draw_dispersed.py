@@ -27,6 +27,7 @@ from csstsim.render.slitless.traces import Traces
 CHUNK = {(policy.STAMP, False): 2048, (policy.PHOTONS, False): 512, (policy.PHOTONS, True): 2048}
 FAINTEST = 1.0  # electron: an order with fewer, and none drawn, has no row in the table of orders
 _MOST = 1e15  # electrons of an object
+_LANES = 8  # sums side by side, which the compiler puts into one register
 _STRIP = 64  # px: objects are drawn strip by strip, so that their pixels stay in cache
 
 
@@ -85,14 +86,35 @@ def _light(work, choice, chunk, spectra, optics, most):
 
     Bad: negative, not finite, or of more than `most` electrons, although the fluxes at selection were smaller.
     """
-    light = spectra(work.rows[chunk], optics.edges) * work.exptime
-    bad = ~(np.isfinite(light) & (light >= 0)).all(axis=1)
-    with np.errstate(over="ignore", invalid="ignore"):
-        bad |= ~(np.einsum("nb,b->n", light, optics.rates.sum(axis=1).max(axis=0)) <= most)
-    light[bad] = 0.0
+    light = spectra(work.rows[chunk], optics.edges)
+    bad = np.flatnonzero(_bad(light, work.exptime, optics.rates.sum(axis=1).max(axis=0), most))
     work.out.flags[work.rows[chunk[bad]]] |= BAD_VALUE
     choice.method[chunk[bad]] = policy.NONE
     return light
+
+
+@numba.njit(cache=True)
+def _bad(light, exptime, rates, most):
+    """Multiply spectra (n, bins) by the exposure time in place and set bad ones to zero; return (n,) bool: bad."""
+    bad, bins = np.zeros(len(light), np.bool_), light.shape[1]
+    lanes, least = np.empty(_LANES), np.empty(_LANES)
+    for i in range(len(light)):
+        spectrum = light[i]
+        lanes[:] = 0.0
+        least[:] = 0.0
+        for b in range(bins):
+            spectrum[b] *= exptime
+        for b in range(0, bins - _LANES + 1, _LANES):
+            for k in range(_LANES):
+                lanes[k] += spectrum[b + k] * rates[b + k]
+                least[k] = min(least[k], spectrum[b + k])
+        for b in range(bins - bins % _LANES, bins):
+            lanes[0] += spectrum[b] * rates[b]
+            least[0] = min(least[0], spectrum[b])
+        bad[i] = not lanes.sum() <= most or least.min() < 0  # a sum with NaN is not below anything
+        if bad[i]:
+            spectrum[:] = 0.0
+    return bad
 
 
 class Work:
@@ -135,14 +157,23 @@ def _visit_keys(keys, visits):
 
 @numba.njit(cache=True)
 def _sums(light, rows, rates):
-    """Return (len(rows), orders): electrons of each order."""
-    out, orders = np.zeros((len(rows), len(rates))), len(rates)
-    turned = np.ascontiguousarray(rates.T)
-    for k in range(len(rows)):
-        sums, spectrum = out[k], light[rows[k]]
-        for b in range(len(turned)):
-            for o in range(orders):
-                sums[o] += spectrum[b] * turned[b, o]
+    """Return (len(rows), orders): electrons of each order. Four spectra at a time, so that no sum waits for itself."""
+    count, sums = len(rows), np.empty(4)
+    out = np.zeros((count, len(rates)))
+    for first in range(0, count, len(sums)):
+        some = rows[np.minimum(np.arange(first, first + len(sums)), count - 1)]
+        a, b, c, d = light[some[0]], light[some[1]], light[some[2]], light[some[3]]
+        for o in range(len(rates)):
+            rate = rates[o]
+            one = two = three = four = 0.0
+            for i in range(len(rate)):
+                one += a[i] * rate[i]
+                two += b[i] * rate[i]
+                three += c[i] * rate[i]
+                four += d[i] * rate[i]
+            sums[0], sums[1], sums[2], sums[3] = one, two, three, four
+            for k in range(min(len(sums), count - first)):
+                out[first + k, o] = sums[k]
     return out
 
 

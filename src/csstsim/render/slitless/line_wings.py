@@ -93,13 +93,15 @@ def _add(wings, places, flux, far, annuli, side):
     for (profile, first, reach), points, level in zip(tables(far, edges), together, levels, strict=True):
         if not reach:
             continue
-        at, light = _together(places, flux, points)
-        lines = np.einsum("mb,br->mr", light, profile)  # not BLAS, whose bits depend on the machine
+        at, lines = _merged(places, flux, points, profile)
         if level is None:
             drawn += _near(wings.canvas, at, lines, first, reach, side)
             continue
         soft = points * LINE_STEP
-        drawn += sum(add(level, xy, (line, first, reach), side, soft) for xy, line in zip(at, lines, strict=True))
+        # Numbers of Python, not of numpy: an annulus costs its pixels, not its arguments
+        drawn += sum(
+            add(level, xy, (line, first, reach), side, soft) for xy, line in zip(at.tolist(), lines, strict=True)
+        )
     return drawn
 
 
@@ -111,16 +113,29 @@ def _box(window, places, reach):
     return box if box[0] < box[1] and box[2] < box[3] else None
 
 
-def _together(places, flux, points):
-    """Return positions and light of groups of `points` consecutive points, each merged into one."""
-    if points == 1:
-        return places, flux
-    groups = np.arange(0, len(places), points)
-    weight = np.abs(flux).sum(axis=1)[:, None]
-    total = np.add.reduceat(weight, groups)
-    weight = np.where(np.repeat(total, np.diff(np.append(groups, len(places))), axis=0) > 0, weight, 1.0)
-    places = np.add.reduceat(weight * places, groups) / np.add.reduceat(weight, groups)
-    return places, np.add.reduceat(flux, groups)
+@numba.njit(cache=True)
+def _merged(places, flux, points, profile):
+    """Return the positions (g, 2) and profiles (g, nodes) of groups of `points` consecutive points, merged into one.
+
+    places (m, 2), flux (m, 4), by sub-band; profile: (4, nodes). A group stands at its mean place, weighted by light.
+    """
+    groups = -(-len(places) // points)
+    at, lines = np.zeros((groups, 2)), np.zeros((groups, profile.shape[1]))
+    for g in range(groups):
+        begin, end = g * points, min((g + 1) * points, len(places))
+        dark, weights = not np.abs(flux[begin:end]).sum() > 0, 0.0
+        for m in range(begin, end):
+            weight = 1.0 if dark else abs(flux[m, 0]) + abs(flux[m, 1]) + abs(flux[m, 2]) + abs(flux[m, 3])
+            weights += weight
+            at[g, 0] += weight * places[m, 0]
+            at[g, 1] += weight * places[m, 1]
+        at[g] = at[g] / weights if points > 1 else places[g]
+        line = lines[g]
+        for b in range(len(profile)):
+            light, row = flux[begin:end, b].sum(), profile[b]
+            for r in range(len(row)):
+                line[r] += light * row[r]
+    return at, lines
 
 
 def _near(canvas, places, lines, first, reach, side):
