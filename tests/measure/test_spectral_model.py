@@ -24,7 +24,9 @@ def test_a_columns_electrons_are_the_integral(low, high):
     bins = np.searchsorted(EDGES, middle) - 1
     lit = np.where((bins >= 0) & (bins < len(spectrum)), spectrum[np.clip(bins, 0, len(spectrum) - 1)], 0.0)
     wanted = (lit * throughput[np.searchsorted(GRID, middle) - 1] * np.diff(ends)).sum()
-    assert _counted(low, high, cumulative, EDGES, spectrum) == pytest.approx(wanted, rel=1e-9)
+    for near in (-1, 0, 70, len(EDGES) - 1):  # bins from which the search begins
+        found, start = _counted(low, high, cumulative, EDGES, spectrum, near)
+        assert found == pytest.approx(wanted, rel=1e-9) and start == np.searchsorted(EDGES, low, side="right") - 1
 
 
 def test_only_what_a_pieces_edge_cuts_is_less_than_all():

@@ -53,15 +53,16 @@ def move_back(image, kernel, skew, limit):
     """
     kernel = _checked(kernel, skew, limit)
     ny, before = len(image), image[:0]
+    room = np.empty((3, min(_BAND, ny) + 2 * _REACH, image.shape[1]), np.float32)
     for first in range(0, ny, _BAND):
         last = min(first + _BAND, ny)
         above = image[last : last + _REACH]
-        read = np.concatenate([before, image[first:last], above])  # `before`: these rows are changed already
-        guess, out = np.empty_like(read), np.empty_like(read)
+        read, guess, out = room[:, : len(before) + last - first + len(above)]
+        np.concatenate([before, image[first:last], above], out=read)  # `before`: these rows are changed already
         for seen, into in ((read, guess), (guess, out)):
             _raise_bad(_move(seen, read, into, kernel, np.float32(skew), np.float32(limit), True))
         image[first:last] = out[len(before) : len(read) - len(above)]
-        before = read[: len(read) - len(above)][-_REACH:]
+        before = read[: len(read) - len(above)][-_REACH:].copy()
 
 
 def _checked(kernel, skew, limit):

@@ -1,6 +1,7 @@
 """Extract: spectra of a Level-0 file of a spectroscopic chip, along the traces of its truth."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -84,7 +85,9 @@ def spectra_of_frame(run, job):
     wing, photons = read_scattered(psf).wing, run.camera.telescope.area_m2 * job.pointing.exptime
     model = make_model(gratings, photons, psf.at(*middle), psf.oversampling, psf.wavelength, wing)
     frame = DispersedImage.of(calibrated, job.window)
-    others = model.image(orders, sources.shapes, sources.spectra, sources.edges, job.window, frame.faintest)
+    others = partial(
+        model.image, orders, sources.shapes, sources.spectra, sources.edges, job.window, faintest=frame.faintest
+    )
     return truth, replace(frame, others=others), orders, sources, model, psf, wing
 
 

@@ -8,7 +8,7 @@ Left out: the PSF's change along the trace, light of a trace beyond the ends of 
 galaxies (the box sums them; the optimal weights may reject some of a strong one).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 
 import numpy as np
@@ -46,14 +46,15 @@ ERG_PER_CM2 = 1e3  # J / m2 in erg / cm2
 class DispersedImage:
     """A frame with spectra, of a Window (ny, nx): `electrons` float32; `marks` uint8, bits FULL and BAD of
     measure.calibration.bad_pixels; `response`, with `part` of optics.throughput.response.Response, or None: 1;
-    `read_noise` electrons; `others`: expected electrons of all orders, float32, or None."""
+    `read_noise` electrons; `others`: expected electrons of all orders, float32, or a function that returns them in
+    boxes (SpectralModel.image), or None."""
 
     window: Window
     electrons: np.ndarray
     marks: np.ndarray
     response: object
     read_noise: float
-    others: np.ndarray | None = None
+    others: object = None
 
     @classmethod
     def of(cls, calibrated, window, others=None):
@@ -105,6 +106,8 @@ def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,
     parts, short, counts, cut = [_nothing()], shortened(orders, model), 0, 0
     point = psf.mixed(partial(_points, per_pixel=psf.oversampling, wing=wing))
     rows = np.flatnonzero(chosen)
+    if callable(frame.others):
+        frame = replace(frame, others=frame.others(boxes=_boxes(orders.take(rows), model)))
     for k, (_, spectrum) in zip(rows, sources.each(orders["row"][rows]), strict=True):
         one = orders.take(slice(k, k + 1))
         found = _extract_one(frame, one, sources.shapes, spectrum, sources.edges, model, point, lines)
@@ -116,6 +119,16 @@ def extract_spectra(frame, orders, sources, model, psf, wing=None, *, wanted=(1,
     left_out["unusable"] = int(chosen.sum()) - counts
     about = {"spectra": counts, "cut": cut, "snr_min": float(snr_min), "orders": [int(n) for n in wanted]}
     return ObjectTable(columns, about | {"left_out": left_out})
+
+
+def _boxes(orders, model):
+    """Return (n, 4): x0, x1, y0, y1 [px] that hold all pixels from which the spectra of the orders are extracted."""
+    wave = model.limits[model.pairs(orders)]
+    ends, heights = ((orders[a] + orders[b])[:, None] + orders[c][:, None] * wave for a, b, c in ("xpq", "yrs"))
+    wide, high = PAD + 1, MOST + GAP + STRIP + 3
+    return np.stack([
+        ends.min(axis=1) - wide, ends.max(axis=1) + wide, heights.min(axis=1) - high, heights.max(axis=1) + high
+    ], axis=1)  # fmt: skip
 
 
 def _nothing():

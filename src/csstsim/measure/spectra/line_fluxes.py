@@ -152,7 +152,8 @@ class _Spectrum:
         sensitivity = np.maximum(self.found["sensitivity"], 1e-30)
         shape = np.interp(self.column, self.column[usable], (self.found["electrons"] / sensitivity)[usable])
         around = np.lib.stride_tricks.sliding_window_view(np.pad(shape, MEDIAN // 2, mode="reflect"), MEDIAN)
-        above = np.where(self.good, (shape - np.median(around, axis=1)) * sensitivity, 0.0)
+        median = np.partition(around, MEDIAN // 2, axis=1)[:, MEDIAN // 2]
+        above = np.where(self.good, (shape - median) * sensitivity, 0.0)
         weight = np.where(self.good, 1 / np.where(self.good, self.error, 1.0) ** 2, 0.0)
         middle = self.found["wavelength"][usable[len(usable) // 2]]
         offset, profile = np.arange(-(MEDIAN // 2), MEDIAN // 2 + 1), self._profile(middle)

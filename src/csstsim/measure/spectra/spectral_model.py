@@ -16,6 +16,7 @@ import numpy as np
 
 from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra.line_profile import ACROSS, ALONG, HALF, PER_PX, broadened, psf_profile
+from csstsim.measure.spectra.near_orders import near_orders
 
 CLASS, SMALLEST, CLASSES = 1.3, 0.1, 26  # radii [px]: SMALLEST CLASS^k; class 0 is a point
 CHUNK = 2000  # objects whose spectra are held at a time
@@ -53,17 +54,21 @@ class SpectralModel:
         _along(sums, np.asarray(edges, float), spectrum, at, per, float(columns[0]), kernel, self.bands, out)
         return out
 
-    def image(self, orders, shapes, spectra, edges, window, faintest=0.0):
+    def image(self, orders, shapes, spectra, edges, window, faintest=0.0, boxes=None):
         """Return float32 `window.shape`: expected electrons of the rows of an orders' table.
 
         shapes: Shapes by row of the truth table; spectra(rows, edges): (len(rows), len(edges) - 1); faintest: electrons
-        per pixel below which light is left out, as are orders whose mean along the trace is fainter.
+        per pixel below which light is left out, as are orders whose mean along the trace is fainter; boxes (m, 4): x0,
+        x1, y0, y1 [px], half-open, in which the image is asked for: elsewhere it lacks light. None: everywhere.
         """
         image, edges = np.zeros(window.shape, np.float32), np.asarray(edges, float)
         pairs = self.pairs(orders)
         seen = np.flatnonzero(self._seen(orders, pairs, shapes, faintest))
         seen = seen[np.argsort(orders["row"][seen], kind="stable")]
         orders, pairs = orders.take(seen), pairs[seen]
+        if boxes is not None:
+            near = np.flatnonzero(self._near(orders, pairs, shapes, window, faintest, boxes))
+            orders, pairs = orders.take(near), pairs[near]
         rows, start = np.unique(orders["row"], return_index=True)
         start = np.append(start, len(orders))
         owner = np.repeat(np.arange(len(rows)), np.diff(start))
@@ -97,6 +102,18 @@ class SpectralModel:
         rows = orders["row"]
         radius = (shapes.light[rows] * shapes.radius[rows, ACROSS]).sum(axis=1)
         return orders["electrons"] >= faintest * length * (1 + radius)
+
+    def _near(self, orders, pairs, shapes, window, faintest, boxes):
+        """Return near_orders of the rows of an orders' table."""
+        wide = self.kernels.shape[4] // 2 + 1
+        ends = (orders["x"] + orders["p"])[:, None] + orders["q"][:, None] * self.limits[pairs]
+        ends = np.stack([ends.min(axis=1) - wide, ends.max(axis=1) + wide], axis=1)
+        wave = np.clip((ends - (orders["x"] + orders["p"])[:, None]) / orders["q"][:, None], GRID[0], GRID[-1])
+        heights = (orders["y"] + orders["r"])[:, None] + orders["s"][:, None] * wave
+        light, size = shapes.light[orders["row"]], _class_of(shapes.radius[orders["row"], ACROSS])
+        return near_orders(
+            ends, heights, orders["electrons"], light, size, self.tables[ACROSS], window, boxes, faintest
+        )
 
     def pair(self, one):
         """Return the pair in `names` of an orders' table of one row."""
@@ -159,12 +176,16 @@ def _summed(wave, cumulative):
 
 
 @numba.njit(cache=True)
-def _counted(low, high, cumulative, edges, spectrum):
-    """Return int S T dlambda from `low` to `high` [angstrom]."""
+def _counted(low, high, cumulative, edges, spectrum, k):
+    """Return (int S T dlambda from `low` to `high` [angstrom], the bin of `low`); k: a bin near it, or -1."""
+    while k + 1 < len(edges) and edges[k + 1] <= low:
+        k += 1
+    while k >= 0 and edges[k] > low:
+        k -= 1
+    start = k
     total, before = 0.0, _summed(low, cumulative)
     if _summed(high, cumulative) == before:
-        return 0.0
-    k = np.searchsorted(edges, low, side="right") - 1
+        return 0.0, start
     while k < len(spectrum):
         end = min(high, edges[k + 1])
         after = _summed(end, cumulative)
@@ -174,7 +195,7 @@ def _counted(low, high, cumulative, edges, spectrum):
             break
         before = after
         k += 1
-    return total
+    return total, start
 
 
 @numba.njit(cache=True)
@@ -192,18 +213,18 @@ def _along(cumulative, edges, spectrum, at, per, first, kernel, bands, out):
     per_column, width = kernel.shape[1], kernel.shape[2]
     reach, n = width // 2, len(out)
     begin = first - reach - 0.5
-    last = (begin - at) / per
+    last, k = (begin - at) / per, -1
     for i in range((n + 2 * reach) * per_column):
         wave = (begin + (i + 1) / per_column - at) / per
-        e = _counted(min(wave, last), max(wave, last), cumulative, edges, spectrum)
+        e, k = _counted(min(wave, last), max(wave, last), cumulative, edges, spectrum, k)
         middle, last = 0.5 * (wave + last), wave
         if e == 0.0:
             continue
         b, share = _band(middle, bands)
         low, high = kernel[b, i % per_column], kernel[b + 1, i % per_column]
         column = i // per_column - 2 * reach
-        for k in range(max(-column, 0), min(width, n - column)):
-            out[column + k] += e * ((1.0 - share) * low[k] + share * high[k])
+        for m in range(max(-column, 0), min(width, n - column)):
+            out[column + m] += e * ((1.0 - share) * low[m] + share * high[m])
 
 
 @numba.njit(cache=True)
@@ -244,7 +265,7 @@ def _radius(size):
 @numba.njit(cache=True)
 def _across(image, x0, y0, column, first, at, per, middle, slope, profile, bands, faintest):
     """Spread columns of electrons over the rows of the image, which begins at x0, y0."""
-    ny, steps = image.shape[0], profile.shape[1] - 1
+    ny = image.shape[0]
     for i in range(len(column)):
         e = column[i]
         if e <= faintest:
@@ -256,17 +277,23 @@ def _across(image, x0, y0, column, first, at, per, middle, slope, profile, bands
         nearest = int(np.rint(centre))
         for side in (-1, 1):
             row = nearest if side > 0 else nearest - 1
+            edge = _below(profile, b, share, row - 0.5 * side - centre)
             while abs(row - centre) < HALF - 1:
-                place = (row - 0.5 - centre + HALF) * PER_PX
-                k = int(place)
-                rest, light = place - k, 0.0
-                for sign, m in ((-1.0, k), (1.0, k + PER_PX)):
-                    m = min(m, steps - 1)
-                    low = (1.0 - rest) * profile[b, m] + rest * profile[b, m + 1]
-                    high = (1.0 - rest) * profile[b + 1, m] + rest * profile[b + 1, m + 1]
-                    light += sign * ((1.0 - share) * low + share * high)
+                next_ = _below(profile, b, share, row + 0.5 * side - centre)
+                light = side * (next_ - edge)
                 if e * light < faintest:
                     break
                 if 0 <= row < ny:
                     image[row, first + i - x0] += e * light
-                row += side
+                row, edge = row + side, next_
+
+
+@numba.njit(inline="always")
+def _below(profile, band, share, offset):
+    """Return the share of light below `offset` [px] of a profile between two bands."""
+    place = (offset + HALF) * PER_PX
+    k = min(int(place), profile.shape[1] - 2)
+    rest = place - k
+    low = (1.0 - rest) * profile[band, k] + rest * profile[band, k + 1]
+    high = (1.0 - rest) * profile[band + 1, k] + rest * profile[band + 1, k + 1]
+    return (1.0 - share) * low + share * high

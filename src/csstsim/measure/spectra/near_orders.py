@@ -1,0 +1,53 @@
+"""The orders whose light may reach the pixels of the spectra that are extracted: no others need to be drawn.
+
+The pixels are marked in tiles. Along the dispersion an order's light ends with its profile's; across, it ends where
+all of its electrons in a single column would be fainter than what is drawn.
+"""
+
+import numpy as np
+
+from csstsim.measure.spectra.line_profile import HALF, OFFSETS, PER_PX
+
+TILE = 16  # px
+SAFETY = 2.0  # electrons by the model over those of the orders' table, at most
+
+
+def near_orders(ends, heights, electrons, light, size, tables, window, boxes, faintest):
+    """Return (n,) bool: the orders that may put light of at least `faintest` electrons on a pixel in one of the boxes.
+
+    ends, heights (n, 2): first and last column that an order may light, and its trace there [px]; light (n, 2), size
+    (n, 2): of its object's components, share and class; tables: of SpectralModel, of ACROSS; boxes (m, 4): x0, x1,
+    y0, y1 [px], half-open.
+    """
+    marked = _marked(boxes, window)
+    reach = _reach(electrons, light, size, tables, faintest)
+    low, high = heights.min(axis=1) - reach, heights.max(axis=1) + reach
+    x0, x1 = _tiles(ends[:, 0], ends[:, 1], window.x0, marked.shape[1] - 1)
+    y0, y1 = _tiles(low, high, window.y0, marked.shape[0] - 1)
+    return marked[y1, x1] - marked[y0, x1] - marked[y1, x0] + marked[y0, x0] > 0
+
+
+def _marked(boxes, window):
+    """Return int (tiles of y + 1, tiles of x + 1): how many tiles below and left of each corner touch a box."""
+    touched = np.zeros((-(-window.ny // TILE) + 1, -(-window.nx // TILE) + 1), np.int64)
+    x0, x1 = _tiles(boxes[:, 0], boxes[:, 1] - 1, window.x0, touched.shape[1] - 1)
+    y0, y1 = _tiles(boxes[:, 2], boxes[:, 3] - 1, window.y0, touched.shape[0] - 1)
+    for left, right, low, high in zip(x0, x1, y0, y1, strict=True):
+        touched[low + 1 : high + 1, left + 1 : right + 1] = 1
+    return touched.cumsum(axis=0).cumsum(axis=1)
+
+
+def _tiles(first, last, start, count):
+    """Return (first tile, tile after the last one) of pixels from `first` to `last`, of `count` tiles from `start`."""
+    low, high = (np.floor((np.asarray(v, float) - start) / TILE) for v in (first, last))
+    return np.clip(low, 0, count).astype(int), np.clip(high + 1, 0, count).astype(int)
+
+
+def _reach(electrons, light, size, tables, faintest):
+    """Return (n,): how far from its trace an order's pixels may have `faintest` electrons [px]."""
+    pixel = tables[..., PER_PX:] - tables[..., :-PER_PX]
+    centre = np.abs(OFFSETS[PER_PX:] - 0.5)
+    # profiles are linear between OFFSETS: a pixel is no brighter than the brighter one of the two next to it
+    most = np.stack([pixel[..., centre >= d - 1 / PER_PX].max(axis=(2, 3)) for d in range(HALF)], axis=-1)
+    peak = sum(light[:, k, None] * most[size[:, k], k] for k in (0, 1)) * (SAFETY * electrons[:, None])
+    return 1 + (peak >= faintest).sum(axis=1)
