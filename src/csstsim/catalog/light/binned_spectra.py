@@ -11,7 +11,7 @@ from csstsim.catalog.light.embedded_spectra import coefficients, kinds
 from csstsim.catalog.light.photometry import bin_means
 from csstsim.catalog.table import GALAXY, STAR
 from csstsim.instrument.filter import GRID
-from csstsim.universe.galaxies.galaxy_sed import combine
+from csstsim.universe.galaxies.galaxy_rates import combine
 from csstsim.universe.galaxies.igm import Intergalactic, absorb
 
 _SMALL = 0.02  # limit of A(V) ln 10 / 2.5 below which the series of exp is exact to 1e-9

@@ -9,14 +9,14 @@ Sums of components below zero, which occur where a spectrum is a thousand times 
 """
 
 import fitsio
-import numba
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.damage import reading
 from csstsim.base.files.fits_headers import check_headers
 from csstsim.instrument.filter import GRID
-from csstsim.universe.galaxies.igm import LYMAN_LIMIT, Intergalactic, continuum_depth
+from csstsim.universe.galaxies.galaxy_rates import integrate
+from csstsim.universe.galaxies.igm import LYMAN_LIMIT, Intergalactic
 from csstsim.universe.parameters import COEFFICIENTS
 
 TEN_PC_MPC = 1e-5
@@ -106,7 +106,7 @@ class GalaxySeds:
     def rates(self, z, coefficients, av, weights, fine=True):
         """Return (n, bands): int S w dlambda at unit scale, for `weights` (bands, 18001) on the paper's grid.
 
-        The same as summing `spectra` over the grid, to 1e-4 (see `_integrate`); without `fine` to 2e-3, in two
+        The same as summing `spectra` over the grid, to 1e-4 (see galaxy_rates); without `fine` to 2e-3, in two
         thirds of the time.
         """
         dust = _LN_MAG * np.asarray(av, dtype=float)
@@ -116,7 +116,7 @@ class GalaxySeds:
         for power in range(3):
             np.cumsum(weights * (GRID - GRID[0]) ** power, axis=1, out=moments[:, 1:, power])
         ranges = np.array([_range(row) for row in weights]).reshape(len(weights), 2)
-        return _integrate(
+        return integrate(
             np.asarray(z, dtype=float), np.ascontiguousarray(coefficients, dtype=float), dust - usual, moments, ranges,
             *self._cells[fine], self._extinction, self._cuts, *self._forest.arrays,
         )  # fmt: skip
@@ -134,107 +134,3 @@ def distance_scale(luminosity_distance):
 def _range(weights):
     used = np.flatnonzero(weights)
     return (used[0], used[-1] + 1) if len(used) else (0, 0)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _integrate(
-    z, coefficients, dust, moments, ranges, nodes, basis, curve, cuts, grid, edges, depths, continuum, limits, powers
-):  # fmt: skip
-    """Sum spectrum x weight over the samples of the grid, cell by cell of the rest-frame nodes.
-
-    In a cell the spectrum is linear, so its sum against the weights follows from the running sums of w, w lambda and
-    w lambda^2 (`moments`). Dust (optical depth `dust` times `curve`) is evaluated at the cell's weighted centre. The
-    forest has no edge inside a cell and is linear there. A cell is cut where the curve jumps (`cuts`).
-    """
-    count, bands, zero, step = len(z), len(moments), grid[0], grid[1] - grid[0]
-    out = np.zeros((count, bands))
-    rest = np.empty(len(nodes))
-    per_step = 1.0 / step
-    clear = np.ones((len(edges) + 1, len(grid)))  # transmission of the first 0, 1, ... lines
-    for line in range(len(edges)):
-        clear[line + 1] = clear[line] * np.exp(-depths[line])
-    for n in range(count):
-        stretch = 1.0 + z[n]
-        reach = stretch**powers
-        blue = edges[0] * stretch
-        more = dust[n]
-        for b in range(bands):
-            begin, end = ranges[b]
-            if end <= begin:
-                continue
-            low = max(np.searchsorted(nodes, grid[begin] / stretch, side="right") - 1, 0)
-            high = min(np.searchsorted(nodes, grid[end - 1] / stretch, side="right"), len(nodes) - 1)
-            combine(rest, low, high + 1, coefficients[n], basis)
-            running = moments[b]
-            cut = np.searchsorted(cuts, begin, side="right")
-            total = 0.0
-            right = nodes[low] * stretch - zero
-            first = max(int(np.ceil(right * per_step)), begin)
-            for j in range(low, high + 1):
-                left = right
-                if j == len(nodes) - 1:  # beyond the last node the spectrum is constant
-                    stop, slope = end, 0.0
-                else:
-                    right = nodes[j + 1] * stretch - zero
-                    stop, slope = min(int(right * per_step) + 1, end), (rest[j + 1] - rest[j]) / (right - left)
-                while first < stop:
-                    last = stop
-                    if cut < len(cuts) and cuts[cut] < stop:
-                        last, cut = max(cuts[cut], first), cut + 1
-                    start, first = first, last
-                    w0, w1 = running[last, 0] - running[start, 0], running[last, 1] - running[start, 1]
-                    if w0 <= 0.0:
-                        continue
-                    centre = w1 / w0
-                    sample = max(min(int(centre * per_step), last - 2), start)
-                    fraction = (centre * per_step - sample) * (last - start > 1)  # no step across a cut
-                    height = _exp(-more * (curve[sample] + fraction * (curve[sample + 1] - curve[sample])))
-                    light = rest[j] * w0 + slope * (w1 - left * w0)
-                    if grid[start] < blue:
-                        middle = 0.5 * (nodes[j] + nodes[min(j + 1, len(nodes) - 1)])
-                        gas, tilt = _gas(middle, start, last, centre, step, reach, edges, clear, continuum, limits)
-                        light = light * gas + tilt * slope * (running[last, 2] - running[start, 2] - centre * w1)
-                    total += height * light
-            out[n, b] = total
-    return out
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _gas(middle, start, last, centre, step, reach, edges, clear, continuum, limits):
-    """Return the intergalactic transmission at `centre`, and its slope, on the samples start:last of the grid.
-
-    It is interpolated between the first and the last of them. `middle`: their rest-frame wavelength; `centre`: counted
-    from the grid's first wavelength; `clear`: transmission of the first 0, 1, ... lines, which absorb below `edges`.
-    """
-    reaching = 0
-    while reaching < len(edges) and middle < edges[reaching]:
-        reaching += 1
-    across, on = 1.0 / step / max(last - 1 - start, 1), centre - start * step
-    tilt = (clear[reaching, last - 1] - clear[reaching, start]) * across
-    gas = clear[reaching, start] + tilt * on
-    if middle < LYMAN_LIMIT:
-        one = continuum_depth(start, reach, continuum, limits)
-        fall = (continuum_depth(last - 1, reach, continuum, limits) - one) * across
-        through = np.exp(-one - fall * on)
-        gas, tilt = gas * through, (tilt - gas * fall) * through
-    return gas, tilt
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _exp(x):
-    """Return exp(x), by its series (exact to 1e-9) for small x: most galaxies are behind nearly the same dust."""
-    return 1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x / 24.0))) if abs(x) < 0.01 else np.exp(x)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def combine(rest, low, high, coefficients, basis):
-    """Put max(0, sum_k c_k P_k) into rest[low:high]; NaN stays NaN."""
-    part = rest[low:high]  # slices let the compiler see that no index is out of bounds: seven times faster
-    part[:] = 0.0
-    for k in range(len(basis)):
-        c, row = coefficients[k], basis[k, low:high]
-        for j in range(len(part)):
-            part[j] += c * row[j]
-    for j in range(len(part)):
-        if part[j] < 0.0:
-            part[j] = 0.0
