@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from csstsim.catalog.light.grating_bound import SPILL, _cheapest_cover, band_shares, grating_rate
+from csstsim.catalog.light.grating_bound import SPILL, band_shares, grating_rate
 from csstsim.instrument.filter import GRID
 
 
@@ -41,18 +41,3 @@ def test_bands_that_do_not_cover(camera):
     half = dataclasses.replace(filter, kind="slitless", throughput=filter.throughput / 2)
     ((band, share),) = band_shares(half, only_r)
     assert band.name == "r" and 0.5 <= share < 0.62  # the foot of an edge counts for more within a constraint
-
-
-@pytest.mark.parametrize("seed", range(20))
-def test_the_cover_is_that_of_another_solver(seed):
-    """Also where no c covers what is wanted: every fifth time nothing is given at one place."""
-    from scipy.optimize import linprog
-
-    random = np.random.default_rng(seed)
-    given, wanted, cost = random.random((6, 80)), random.uniform(0.1, 1.0, 80), random.uniform(0.5, 1.0, 6)
-    given[:, 40] *= seed % 5 != 0
-    found = _cheapest_cover(given * (given > 0.3), wanted, cost)
-    expected = linprog(cost, A_ub=-(given * (given > 0.3)).T, b_ub=-wanted)
-    assert (found is None) == (not expected.success)
-    if found is not None:
-        np.testing.assert_allclose(found, expected.x, rtol=1e-9, atol=1e-12)
