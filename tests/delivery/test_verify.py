@@ -54,7 +54,7 @@ def judged(file, folder, with_campaign):
 def test_a_sound_campaign_has_no_fault(sound):
     file, folder = sound
     assert faults(file) == [] and faults(folder) == []
-    for name in ("logs", "benchmarks", ".snakemake"):
+    for name in ("logs", ".snakemake"):
         assert not (folder / name).exists()
 
 

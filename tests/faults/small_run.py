@@ -81,8 +81,8 @@ class SmallRun:
         return str(path.relative_to(self.out))
 
     def files(self):
-        """Return every file of the output folder but logs and benchmarks."""
-        folders = [path for path in self.out.iterdir() if path.name not in ("logs", "benchmarks")]
+        """Return every file of the output folder but logs."""
+        folders = [path for path in self.out.iterdir() if path.name != "logs"]
         return sorted(p for folder in folders for p in (folder, *folder.rglob("*")) if p.is_file())
 
     def temporaries(self):

@@ -241,8 +241,8 @@ def validation(path):
     read_result(Path(path))
 
 
-def benchmarks(path):
-    """Snakemake's benchmark files, as the report sums them."""
+def job_log(path):
+    """Logs of jobs, as the report sums them."""
     from csstsim.campaign.run_times import measured
 
     measured(Path(path).parents[2])

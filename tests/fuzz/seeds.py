@@ -222,10 +222,10 @@ def validation(folder):
     return folder / "7.json"
 
 
-def benchmarks(folder):
-    path = folder / "benchmarks" / "render" / "1.tsv"
+def job_log(folder):
+    path = folder / "logs" / "render" / "1.log"
     path.parent.mkdir(parents=True)
-    path.write_text("s\th:m:s\tmax_rss\tcpu_time\n12.5\t0:00:12\t300.5\t11.0\n")
+    path.write_text("csstsim 0.1.0 render: campaign mini\nrender done: 12.5 s, CPU 11.0 s, memory 300 MB\n")
     return path
 
 

@@ -104,5 +104,5 @@ TARGETS = {
         )
     },
     "validation JSON": Target(seeds.validation, spoiled_text, _read("validation")),
-    "benchmark TSV": Target(seeds.benchmarks, spoiled_bytes, _read("benchmarks"), 0.5),
+    "log of a job": Target(seeds.job_log, spoiled_bytes, _read("job_log"), 0.5),
 }

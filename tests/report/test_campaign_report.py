@@ -173,68 +173,49 @@ def test_a_verdict_by_other_thresholds_or_of_another_brick_is_refused(reported, 
     assert found.exit_code == 2 and str(path) in found.output and "another campaign" in found.output
 
 
-def test_a_benchmark_file_cut_short_is_no_matter(reported):
-    file, run, _ = reported
-    folder = run.paths.output / "benchmarks" / "measure"
-    folder.mkdir(parents=True)
-    (folder / "whole.tsv").write_bytes(b"s\tcpu_time\tmax_rss\n2.5\t2.0\t100\n")
-    (folder / "cut.tsv").write_bytes(b"s\tcpu_time\tmax_rss\n1.0")
-    (folder / "odd.tsv").write_bytes(b"\xff\n\xfe\n")
-    try:
-        done("report", file)
-        assert ">3.5<" in run.paths.report.read_text()
-    finally:
-        shutil.rmtree(folder.parent)
-        done("report", file)
+def logged(folder, rule, name, took):
+    """Write the log of a job."""
+    (folder / "logs" / rule).mkdir(parents=True, exist_ok=True)
+    (folder / "logs" / rule / f"{name}.log").write_bytes(b"csstsim ...\n" + took + b"\n")
 
 
 def test_what_jobs_took_stands_beside_what_was_expected(reported):
-    """Snakemake's figures, and where the job's own log has them, those."""
+    """Logs that are cut short, or of jobs that failed, are left out."""
     file, run, _ = reported
-    benchmarks, logs = (run.paths.output / name for name in ("benchmarks", "logs"))
-    for rule, figures in {
-        "readout": ("9.0", "4.0", "200"),
-        "measure": ("30.0", "8.0", "100"),
-        "psf": ("0.3", "NA", "NA"),
-    }.items():
-        (benchmarks / rule).mkdir(parents=True)
-        (benchmarks / rule / "1.tsv").write_text("s\tcpu_time\tmax_rss\n" + "\t".join(figures) + "\n")
-        (logs / rule).mkdir(parents=True)
-    (logs / "measure" / "1.log").write_text("measure done: 29.5 s, CPU 20.0 s, memory 300 MB\n")
-    (logs / "readout" / "1.log").write_text("no such line\n")
+    out = run.paths.output
+    logged(out, "readout", "1", b"readout done: 9.0 s, CPU 4.0 s, memory 200 MB")
+    logged(out, "measure", "1", b"measure done: 29.5 s, CPU 20.0 s, memory 300 MB")
+    logged(out, "measure", "cut", b"measure done: 29.5 s, CPU 2")
+    logged(out, "psf", "odd", b"\xff\xfe")
     try:
         rows = {row["step"]: row for row in run_times(run)}
         done("report", file)
         assert "all, for a Level-0 file" in run.paths.report.read_text()
     finally:
-        for folder in (benchmarks, logs):
-            shutil.rmtree(folder)
+        shutil.rmtree(out / "logs")
         done("report", file)
     costs = expected(run)
-    measure, readout, psf, whole = (rows[name] for name in ("measure", "readout", "psf", "all, for a Level-0 file"))
-    assert measure["CPU of a job: mean"] == 20.0 and measure["largest"] == 300 and measure["wall [s]"] == 30.0
-    assert readout["CPU of a job: mean"] == 4.0 and readout["largest"] == 200
-    assert psf["CPU of a job: mean"] is None and psf["mean / expected"] is None and psf["wall [s]"] == 0.3
+    measure, readout, whole = (rows[name] for name in ("measure", "readout", "all, for a Level-0 file"))
+    assert "psf" not in rows and measure["jobs"] == 1
+    assert measure["CPU of a job: mean"] == 20.0 and measure["largest"] == 300 and measure["wall [s]"] == 29.5
     should = costs["readout"][run.jobs[0].key]
     assert readout["mean / expected"] == round(4.0 / should.cpu_s, 2)
     assert readout["largest / expected"] == round(200 / should.memory_mb, 2)
-    assert whole["CPU [s]"] == 24.0 / len(run.jobs) and whole["wall [s]"] == round(39.3 / len(run.jobs), 1)
+    assert whole["CPU [s]"] == 24.0 / len(run.jobs) and whole["wall [s]"] == round(38.5 / len(run.jobs), 1)
 
 
 def test_jobs_of_a_rule_are_expected_to_cost_the_mean_of_those_planned(tmp_path, monkeypatch):
     """Three readouts were measured, two are planned, of 10 and 20 s: 45 s, and not three times the dearest."""
     costs = {"readout": {1: Cost(10.0, 100), 2: Cost(20.0, 300)}}
     monkeypatch.setattr("csstsim.campaign.run_times.expected", lambda run: costs)
-    (tmp_path / "benchmarks" / "readout").mkdir(parents=True)
     for number in range(3):
-        path = tmp_path / "benchmarks" / "readout" / f"{number}.tsv"
-        path.write_text("s\tcpu_time\tmax_rss\n40.0\t30.0\t200\n")
+        logged(tmp_path, "readout", str(number), b"readout done: 40.0 s, CPU 30.0 s, memory 200 MB")
     readout, whole, each = run_times(SimpleNamespace(paths=Paths(tmp_path), jobs=[1, 2]))
     assert readout["expected [s]"] == 15.0 and readout["mean / expected"] == 2.0 and readout["expected [MB]"] == 300
     assert whole["expected [s]"] == 45.0 and whole["mean / expected"] == 2.0 and each["expected [s]"] == 22.5
 
 
-def test_no_benchmark_files_no_table(reported):
+def test_no_logs_no_table(reported):
     assert run_times(reported[1]) == []
 
 

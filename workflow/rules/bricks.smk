@@ -7,8 +7,6 @@ rule calibrate:
         f"{OUT}/calibrated/{{obsid}}_{{chip}}.fits",
     log:
         f"{OUT}/logs/calibrate/{{obsid}}_{{chip}}.log",
-    benchmark:
-        f"{OUT}/benchmarks/calibrate/{{obsid}}_{{chip}}.tsv"
     group:
         "chip"
     resources:
@@ -29,8 +27,6 @@ rule measure:
         f"{OUT}/measure/{{obsid}}_{{chip}}.parquet",
     log:
         f"{OUT}/logs/measure/{{obsid}}_{{chip}}.log",
-    benchmark:
-        f"{OUT}/benchmarks/measure/{{obsid}}_{{chip}}.tsv"
     group:
         "chip"
     resources:
@@ -49,8 +45,6 @@ rule merge:
         f"{OUT}/merge/dataset/Norder=8/Dir={{dir}}/Npix={{pix}}.parquet",
     log:
         f"{OUT}/logs/merge/{{dir}}_{{pix}}.log",
-    benchmark:
-        f"{OUT}/benchmarks/merge/{{dir}}_{{pix}}.tsv"
     group:
         "brick"
     resources:
@@ -70,8 +64,6 @@ rule validate:
         f"{OUT}/validate/{{pix}}.png",
     log:
         f"{OUT}/logs/validate/{{pix}}.log",
-    benchmark:
-        f"{OUT}/benchmarks/validate/{{pix}}.tsv"
     group:
         "brick"
     resources:

@@ -8,8 +8,6 @@ rule chip:
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.truth.parquet",
     log:
         f"{OUT}/logs/chip/{{name}}_{{obsid}}_{{chip}}.log",
-    benchmark:
-        f"{OUT}/benchmarks/chip/{{name}}_{{obsid}}_{{chip}}.tsv"
     group:
         "chip"
     resources:

@@ -1,5 +1,6 @@
 # Opens the campaign (which checks every file of it) and answers the rules' questions; the only Python.
 import atexit
+import gc
 import os
 import shlex
 import shutil
@@ -20,6 +21,7 @@ KEYS = "campaign", "chips", "scratch"  # of --config
 for key in config:
     if key not in KEYS:  # a slip of the pen would run the demo
         raise WorkflowError(f"--config {key}: unknown; allowed: {', '.join(KEYS)}")
+atexit.register(gc.freeze)  # as of the commands (csstsim.command_line.group)
 # Snakemake knows a product by the text of its path: one text from wherever the campaign is named
 CAMPAIGN = os.path.abspath(config.get("campaign", "config/campaign.yaml"))
 

@@ -16,8 +16,6 @@ for number, (chips, obsids) in enumerate(exposures_by_chips().items()):
             ],
         log:
             f"{OUT}/logs/exposure/{{name}}_{{obsid}}.log",
-        benchmark:
-            f"{OUT}/benchmarks/exposure/{{name}}_{{obsid}}.tsv"
         wildcard_constraints:
             obsid="|".join(obsids),
         group:

@@ -6,8 +6,6 @@ rule masters:
         f"{OUT}/masters/chip_{{chip}}.fits",
     log:
         f"{OUT}/logs/masters/{{chip}}.log",
-    benchmark:
-        f"{OUT}/benchmarks/masters/{{chip}}.tsv"
     resources:
         mem_mb=more(3500),
         runtime=more(8),

@@ -6,8 +6,6 @@ rule psf:
         f"{OUT}/psf/chip_{{chip}}_tables.h5",
     log:
         f"{OUT}/logs/psf/{{chip}}.log",
-    benchmark:
-        f"{OUT}/benchmarks/psf/{{chip}}.tsv"
     group:
         "psf"
     resources:

@@ -8,8 +8,6 @@ rule report:
         made("report") or f"{OUT}/report/index.html",
     log:
         f"{OUT}/logs/report.log",
-    benchmark:
-        f"{OUT}/benchmarks/report.tsv"
     resources:
         mem_mb=more(2000),
         runtime=more(10),

@@ -10,8 +10,6 @@ rule extract:
         f"{OUT}/spectra/{{obsid}}_{{chip}}_lines.parquet",
     log:
         f"{OUT}/logs/extract/{{obsid}}_{{chip}}.log",
-    benchmark:
-        f"{OUT}/benchmarks/extract/{{obsid}}_{{chip}}.tsv"
     group:
         "chip"
     resources:

@@ -7,8 +7,6 @@ rule select:
         temp(f"{CHIPS}/{{obsid}}_{{chip}}/select.parquet"),
     log:
         f"{OUT}/logs/select/{{obsid}}_{{chip}}.log",
-    benchmark:
-        f"{OUT}/benchmarks/select/{{obsid}}_{{chip}}.tsv"
     group:
         "chip"
     resources:
@@ -28,8 +26,6 @@ rule render:
         kept(f"{CHIPS}/{{obsid}}_{{chip}}/drawn.parquet"),
     log:
         f"{OUT}/logs/render/{{obsid}}_{{chip}}.log",
-    benchmark:
-        f"{OUT}/benchmarks/render/{{obsid}}_{{chip}}.tsv"
     group:
         "chip"
     resources:
@@ -48,8 +44,6 @@ rule readout:
         temp(f"{CHIPS}/{{obsid}}_{{chip}}/readout.fits"),
     log:
         f"{OUT}/logs/readout/{{obsid}}_{{chip}}.log",
-    benchmark:
-        f"{OUT}/benchmarks/readout/{{obsid}}_{{chip}}.tsv"
     group:
         "chip"
     resources:
@@ -70,8 +64,6 @@ rule level0:
         f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{{chip}}_L0_V01.truth.parquet",
     log:
         f"{OUT}/logs/level0/{{name}}_{{obsid}}_{{chip}}.log",
-    benchmark:
-        f"{OUT}/benchmarks/level0/{{name}}_{{obsid}}_{{chip}}.tsv"
     group:
         "chip"
     resources:

@@ -3,8 +3,6 @@ rule truth:
         f"{OUT}/truth/dataset/Norder=8/Dir={{dir}}/Npix={{pix}}.parquet",
     log:
         f"{OUT}/logs/truth/{{dir}}_{{pix}}.log",
-    benchmark:
-        f"{OUT}/benchmarks/truth/{{dir}}_{{pix}}.tsv"
     group:
         "truth"
     resources:

@@ -88,7 +88,7 @@ def wanted(run):
 def look(run, products):
     """Return the Status of a campaign now. products: what `wanted` returned; run: campaign.opened.OpenCampaign."""
     root = str(run.paths.output)
-    found = _files(root, skip={"logs", "benchmarks", ".snakemake"}, links=True)
+    found = _files(root, skip={"logs", ".snakemake"}, links=True)
     files = {path.removeprefix("./"): about for path, about in found}  # of the folder `.`
     kinds = [
         Kind(name, paths, {path: files[path].st_mtime for path in paths if path in files})

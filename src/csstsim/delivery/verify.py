@@ -12,7 +12,7 @@ from csstsim.delivery.manifest import FILES, HASHES, SIZES, manifest_faults, wri
 from csstsim.delivery.products import products
 from csstsim.io.output_owner import FILE as OWNER
 
-# Of the workflow: neither products nor foreign
+# Of the workflow (benchmarks: of an older one): neither products nor foreign
 BESIDE = ("logs", "benchmarks", ".snakemake", "chosen", "look", OWNER)
 
 # What a file of good checksums and wrong content makes of its reader: a column of text, a record that is no number.

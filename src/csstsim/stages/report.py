@@ -172,7 +172,7 @@ def _products(run):
         links = few if len(paths) <= LINKED else [_link(run, f"the folder {folder.name}", folder)]
         found.append((kind.name, len(paths), _size(size), tuple(links)))
     links = tuple(_link(run, path.name, path) for path in written if path != run.paths.report)
-    folders = [run.paths.output / name for name in ("look", "logs", "benchmarks")]
+    folders = [run.paths.output / name for name in ("look", "logs")]
     more = tuple(_link(run, f"the folder {folder.name}", folder) for folder in folders if folder.is_dir())
     return [*found, ("beside this page", len(links), "and what the workflow leaves", links + more)]
 

@@ -9,6 +9,7 @@ are read (a Planck map has 50 million). Left out: structure below the pixel, dus
 
 import hashlib
 import importlib.util
+import math
 from functools import cached_property
 from pathlib import Path
 
@@ -143,14 +144,13 @@ def _open(path, wanted):
 
 def _pixelisation(size, header, path):
     """Return (nside, nested) of a full-sky map of `size` pixels."""
-    import healpy
-
     ordering = header["ORDERING"].strip().upper()
     if ordering not in ("RING", "NESTED", "NEST"):
         raise InputError("unknown order of pixels", file=path, key="ORDERING", value=ordering, allowed="RING, NESTED")
-    if not healpy.isnpixok(size) or (header["INDXSCHM"].strip() or "IMPLICIT") != "IMPLICIT":
+    nside = math.isqrt(size // 12)
+    if size != 12 * nside**2 or (header["INDXSCHM"].strip() or "IMPLICIT") != "IMPLICIT":
         raise InputError("not a full-sky HEALPix map", file=path, key="pixels", value=size)
-    return healpy.npix2nside(size), ordering != "RING"
+    return nside, ordering != "RING"
 
 
 def _is_galactic(frame, path):
