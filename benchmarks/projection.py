@@ -1,10 +1,11 @@
 """Cost of a finished campaign per file, and of Cycle 9 and 17,500 square degrees by the same numbers.
 
-    python benchmarks/projection.py [CAMPAIGN] [--cpu S]        default: examples/release.yaml
+    python benchmarks/projection.py [CAMPAIGN] [--cpu S] [--lost S]        default: examples/release.yaml
 
-The numbers are from the last lines of the campaign's logs and the sizes of its products. `--cpu`: all CPU seconds spent
-on it (printed by benchmarks/release.py); the excess over its jobs' is that of Snakemake and of killed jobs. The
-campaign needs whole chips: cut-outs cost too little. The caveats are printed with the numbers.
+The numbers are from the campaign's logs and the sizes of its products. `--cpu`: all CPU seconds spent on it, `--lost`:
+those of them that kills have cost (benchmarks/release.py prints both); what is left beside the jobs' is Snakemake's,
+with the start and end of processes. The campaign needs whole chips: cut-outs cost too little. The caveats are printed
+with the numbers.
 """
 
 import argparse
@@ -13,22 +14,38 @@ import sys
 from pathlib import Path
 
 from csstsim.base.errors import CsstsimError
-from csstsim.campaign.job_log import took
+from csstsim.campaign.job_log import parts, took
 from csstsim.campaign.opened import OpenCampaign
 
 ROOT = Path(__file__).parents[1]
 MAKING = ("select", "render", "readout", "level0", "chip")  # rules that make a Level-0 file
+TOGETHER = {"exposure": "chip", "measure_exposure": "measure", "extract_exposure": "extract"}  # an exposure's chips
 FIELDS, SHAPES, CHIPS = 5, 2, 30  # Cycle 9: W1 to W5, galaxies as they are and turned by 90 deg
 FILES, PAPER = 73_260, 300_000  # Cycle 9, CPU hours of the paper, section 6.2
 AREA, VISITS = 17_500, 2  # deg2; exposures of each position in each of u, g, r, i, z
 
 
 def spent(output):
-    """Return {rule: [(name of the job, Took)]} of a campaign's logs."""
+    """Return {rule: [(name of the job, Took, {chip or brick: CPU s} of its parts)]} of a campaign's logs."""
     found = {}
     for path in sorted((output / "logs").glob("*/*.log")):
-        if said := took(path.read_text(errors="replace")):
-            found.setdefault(path.parent.name, []).append((path.stem, said))
+        text = path.read_text(errors="replace")
+        if said := took(text):
+            found.setdefault(path.parent.name, []).append((path.stem, said, parts(text)))
+    return found
+
+
+def each_product(jobs):
+    """Return {rule: [(name, CPU s)]}, one for each chip or brick, whatever one process made. jobs: what `spent` says.
+
+    Names end in the chip's number. What a process takes beside its parts is shared out among them.
+    """
+    found = {}
+    for rule, rows in jobs.items():
+        for name, said, of_parts in rows:
+            beside = (said.cpu_s - sum(of_parts.values())) / max(len(of_parts), 1)
+            several = [(f"{number:02d}", cpu + beside) for number, cpu in of_parts.items()]
+            found.setdefault(TOGETHER.get(rule, rule), []).extend(several or [(name, said.cpu_s)])
     return found
 
 
@@ -45,13 +62,16 @@ def sizes(folder):
     return found
 
 
-def per_file(run, jobs):
-    """Return {'imaging': CPU s per Level-0 file, 'spectroscopic': ...}; None if there is no such file."""
+def per_file(run, made):
+    """Return {'imaging': CPU s per Level-0 file, 'spectroscopic': ...}; None if there is no such file.
+
+    made: what `each_product` says.
+    """
     dispersed = {f"{job.chip.id:02d}" for job in run.slitless_jobs}
     total = {True: 0.0, False: 0.0}
     for rule in MAKING:
-        for name, said in jobs.get(rule, []):
-            total[name[-2:] in dispersed] += said.cpu_s
+        for name, cpu in made.get(rule, []):
+            total[name[-2:] in dispersed] += cpu
     count = {True: len(run.slitless_jobs), False: len(run.jobs) - len(run.slitless_jobs)}
     return {word: total[key] / count[key] if count[key] else None for key, word in
             ((False, "imaging"), (True, "spectroscopic"))}  # fmt: skip
@@ -60,26 +80,26 @@ def per_file(run, jobs):
 def print_jobs(jobs):
     print("\n| rule | jobs | wall s, mean | CPU s, mean | CPU s, most | resident MB, most |\n|---|---|---|---|---|---|")
     for rule, rows in jobs.items():
-        wall, cpu, memory = zip(*[(said.wall_s, said.cpu_s, said.memory_mb) for _, said in rows], strict=True)
+        wall, cpu, memory = zip(*[(said.wall_s, said.cpu_s, said.memory_mb) for _, said, _ in rows], strict=True)
         n = len(rows)
         print(f"| {rule} | {n} | {sum(wall) / n:.1f} | {sum(cpu) / n:.1f} | {max(cpu):.1f} | {max(memory):.0f} |")
 
 
-def print_cycle9(run, jobs, beside):
-    """Print Cycle 9 by this campaign's means; `beside`: CPU s per file outside the jobs, or None."""
-    mean = {rule: sum(said.cpu_s for _, said in rows) / len(rows) for rule, rows in jobs.items()}
+def print_cycle9(run, made, beside, lost):
+    """Print Cycle 9 by this campaign's means (`each_product`); beside, lost: CPU s per file, or None."""
+    mean = {rule: sum(cpu for _, cpu in rows) / len(rows) for rule, rows in made.items()}
     spectra = FILES * len(run.camera.slitless_chips) // CHIPS
     fields = [OpenCampaign(ROOT / f"config/c9_w{number}.yaml") for number in range(1, FIELDS + 1)]
     truth = sum(len({pix for job in field.jobs for pix in field.truth_bricks(job)}) for field in fields)
     merged = SHAPES * sum(len(field.merge_bricks) for field in fields)
-    made = per_file(run, jobs)
+    level0 = per_file(run, made)
     rows = [
-        ("Level-0 and truth, imaging", FILES - spectra, made["imaging"]),
-        ("Level-0 and truth, spectroscopic", spectra, made["spectroscopic"]),
+        ("Level-0 and truth, imaging", FILES - spectra, level0["imaging"]),
+        ("Level-0 and truth, spectroscopic", spectra, level0["spectroscopic"]),
         ("truth bricks", truth, mean.get("truth")), ("PSF sets", CHIPS, mean.get("psf")),
         ("measure", FILES - spectra, mean.get("measure")), ("extract", spectra, mean.get("extract")),
         ("merge, validate", merged, mean.get("merge", 0) + mean.get("validate", 0)),
-        ("Snakemake, jobs killed", FILES, beside),
+        ("Snakemake, start and end of processes", FILES, beside), ("lost by kills", FILES, lost),
     ]  # fmt: skip
     print("\n| Cycle 9 | number | CPU s each | CPU hours |\n|---|---|---|---|")
     total = 0.0
@@ -122,18 +142,23 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("campaign", nargs="?", default="examples/release.yaml")
     parser.add_argument("--cpu", type=float, help="all CPU seconds spent on the campaign")
+    parser.add_argument("--lost", type=float, default=0.0, help="CPU seconds of them that kills have cost")
     arguments = parser.parse_args()
     try:
         run = OpenCampaign(arguments.campaign)
     except CsstsimError as error:
         sys.exit(str(error))
     jobs = spent(run.paths.output)
-    if "exposure" in jobs or not jobs.keys() & set(MAKING):
-        sys.exit(f"{run.paths.output}: no logs by chip; run the campaign first, and not with chips=exposure")
-    known = sum(said.cpu_s for rows in jobs.values() for _, said in rows)
+    made = each_product(jobs)
+    if not made.keys() & set(MAKING):
+        sys.exit(f"{run.paths.output}: no logs of Level-0 files; run the campaign first")
+    known = sum(said.cpu_s for rows in jobs.values() for _, said, _ in rows)
     print_jobs(jobs)
-    beside = None if arguments.cpu is None else (arguments.cpu - known) / len(run.jobs)
-    print_survey(run, sizes(run.paths.output), print_cycle9(run, jobs, beside))
+    beside = lost = None
+    if arguments.cpu is not None:
+        lost = arguments.lost / len(run.jobs)
+        beside = (arguments.cpu - known) / len(run.jobs) - lost
+    print_survey(run, sizes(run.paths.output), print_cycle9(run, made, beside, lost))
 
 
 if __name__ == "__main__":

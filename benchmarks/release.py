@@ -1,11 +1,12 @@
 """A campaign from its survey table to a verified delivery on one machine, with processes killed on the way; its cost.
 
-    python benchmarks/release.py [CAMPAIGN] [--every 240] [--seed 1]        default: examples/release.yaml
+    python benchmarks/release.py [CAMPAIGN] [--chips whole] [--every 240] [--seed 1]    (default: examples/release.yaml)
 
 At random times, --every seconds apart on average, kill -9 ends in turn: a running job; Snakemake with all its jobs;
-another job; Snakemake alone, whose jobs then end by themselves. Each time the command that started the campaign is
-repeated (after --unlock if Snakemake was killed). At the end come csstsim verify, report --strict, and tables. CPU
-seconds are those of all processes, including the killed ones: this process adopts the orphans (Linux only).
+another job; Snakemake alone, whose jobs then end by themselves and are made again. Each time the command that started
+the campaign is repeated (after --unlock if Snakemake was killed). At the end come csstsim verify, report --strict, and
+tables. CPU seconds are those of all processes, including the killed ones: this process adopts the orphans and waits for
+them (Linux only). Those of killed jobs, and of jobs left over, are lost and told apart.
 """
 
 import argparse
@@ -22,15 +23,16 @@ import psutil
 
 ROOT = Path(__file__).parents[1]
 LOG = ROOT / ".snakemake" / "release.log"
+CHIPS = "whole", "stages", "exposure"
 KINDS = "a job", "Snakemake and its jobs", "a job", "Snakemake alone"  # in turn
+UNLOCK = "--unlock", "--snakefile", os.devnull  # the lock is the folder's: to remove it, no rule need be read
 SUBREAPER = 36  # prctl's PR_SET_CHILD_SUBREAPER: orphans become children of this process
 
 
-def snakemake(campaign, *arguments):
-    """Start Snakemake on a campaign, with its output in .snakemake/release.log; return the process."""
+def snakemake(*arguments):
+    """Start Snakemake, with its output in .snakemake/release.log; return the process."""
     environment = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
     line = [sys.executable, "-m", "snakemake", "--profile", "profiles/default", *arguments]
-    line += ["--config", f"campaign={campaign}"]
     with open(LOG, "a") as log:
         return subprocess.Popen(line, cwd=ROOT, env=environment, stdout=log, stderr=log)
 
@@ -49,45 +51,59 @@ def at_work(process):
 
 
 def kill(kind, process, dice):
-    """Kill -9; return what was killed, as text, or None if there was nothing."""
+    """Kill -9; return (what was killed, as text, CPU s lost by it), or None if there was nothing."""
     jobs = at_work(process)
     if not jobs:
         return None
     victim = dice.choice(jobs)
-    doomed = {"a job": [victim], "Snakemake alone": [process]}.get(kind, [process, *jobs])
     words = " ".join(word for word in victim.cmdline()[2:] if not word.endswith(".yaml"))
-    for one in doomed:
+    if kind == "a job":
+        spent = victim.cpu_times()
+        victim.kill()
+        return words, spent.user + spent.system
+    for one in [process] if kind == "Snakemake alone" else [process, *jobs]:
         one.kill()
-    if kind != "a job":
-        psutil.wait_procs(jobs)  # the jobs left over end by themselves
-    return words if kind == "a job" else f"{kind} ({len(jobs)} running: {words}, ...)"
+    process.wait()
+    return f"{kind} ({len(jobs)} running: {words}, ...)", orphans()
 
 
-def run(campaign, every, dice):
-    """Run a campaign to its end through the kills; return [(s since the start, what was killed)], number of starts."""
-    begun, kills, starts = time.perf_counter(), [], 0
+def orphans():
+    """Wait for the adopted processes, which end by themselves or are killed; return their CPU s."""
+    spent = 0.0
     while True:
-        process, starts = snakemake(campaign), starts + 1
+        try:
+            *_, used = os.wait4(-1, 0)
+        except ChildProcessError:
+            return spent
+        spent += used.ru_utime + used.ru_stime
+
+
+def run(campaign, chips, every, dice):
+    """Run a campaign to its end through the kills; return the numbers of kills and starts, and the CPU s lost."""
+    begun, kills, starts, lost = time.perf_counter(), 0, 0, 0.0
+    while True:
+        process, starts = snakemake("--config", f"campaign={campaign}", f"chips={chips}"), starts + 1
         due = time.perf_counter() + dice.expovariate(1 / every)
         while process.poll() is None:
             time.sleep(0.5)
             if time.perf_counter() < due:
                 continue
-            if what := kill(KINDS[len(kills) % len(KINDS)], process, dice):
-                kills.append((time.perf_counter() - begun, what))
-                print(f"{kills[-1][0]:7.0f} s: kill -9: {what}", flush=True)
+            if done := kill(KINDS[kills % len(KINDS)], process, dice):
+                kills, lost = kills + 1, lost + done[1]
+                print(f"{time.perf_counter() - begun:7.0f} s: kill -9: {done[0]}", flush=True)
                 due += dice.expovariate(1 / every)
         if process.returncode == 0:
-            return kills, starts
-        if not kills or starts > len(kills) + 1:
+            return kills, starts, lost
+        if not kills or starts > kills + 1:
             sys.exit("the campaign failed by itself: .snakemake/release.log")
-        if process.returncode < 0 and snakemake(campaign, "--unlock").wait():
+        if process.returncode < 0 and snakemake(*UNLOCK).wait():
             sys.exit("cannot be unlocked: .snakemake/release.log")
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("campaign", nargs="?", default="examples/release.yaml")
+    parser.add_argument("--chips", choices=CHIPS, default=CHIPS[0], help="what one process makes (docs/slurm.md)")
     parser.add_argument("--every", type=float, default=240.0, help="mean seconds between kills")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
@@ -99,19 +115,22 @@ def main():
     if ctypes.CDLL(None, use_errno=True).prctl(SUBREAPER, 1, 0, 0, 0):
         sys.exit("this system has no PR_SET_CHILD_SUBREAPER")
     begun = time.perf_counter()
-    kills, starts = run(arguments.campaign, arguments.every, random.Random(arguments.seed))
+    dice = random.Random(arguments.seed)
+    kills, starts, lost = run(arguments.campaign, arguments.chips, arguments.every, dice)
     wall = time.perf_counter() - begun
     spent = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = spent.ru_utime + spent.ru_stime
-    print(f"{len(kills)} kills, {starts} starts; wall {wall:.0f} s, CPU {cpu:.0f} s, {os.cpu_count()} cores")
+    print(
+        f"{kills} kills, {starts} starts; wall {wall:.0f} s, CPU {cpu:.0f} s, {lost:.0f} of them lost by kills; "
+        f"{os.cpu_count()} cores"
+    )
     csstsim = [str(Path(sys.executable).with_name("csstsim"))]
     for command in (["verify", arguments.campaign, "--manifest"], ["report", arguments.campaign, "--strict"]):
         done = subprocess.run(csstsim + command, cwd=ROOT, capture_output=True, text=True, check=False)
         lines = (done.stdout + done.stderr).splitlines()
         print(f"csstsim {' '.join(command)}: exit code {done.returncode}; {lines[-1] if lines else ''}")
-    subprocess.run(
-        [sys.executable, "benchmarks/projection.py", arguments.campaign, f"--cpu={cpu}"], cwd=ROOT, check=True
-    )
+    line = [sys.executable, "benchmarks/projection.py", arguments.campaign, f"--cpu={cpu}", f"--lost={lost}"]
+    subprocess.run(line, cwd=ROOT, check=True)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,7 @@
-"""The first and last line of a job's log: which job it is, its time and memory. A terminal shows neither."""
+"""The first and last line of a job's log: which job it is, its time and memory; and a line for each part of it.
+
+A terminal shows none of them.
+"""
 
 import os
 import re
@@ -15,6 +18,7 @@ from csstsim import __version__
 _START = time.monotonic()  # the commands import this first: nearly the start of the process
 _FIRST = re.compile(r"csstsim \S+ \w+: .*, (\S+) pid (\d{1,9}), \S+Z")
 _LAST = re.compile(r"^\w+ done: (\d{1,9}\.\d) s, CPU (\d{1,9}\.\d) s, memory (\d{1,9}) MB$", re.MULTILINE)
+_PART = re.compile(r"^(?:chip|brick) (\d{1,9}) done: \d{1,9}\.\d s, CPU (\d{1,9}\.\d) s$", re.MULTILINE)
 ERROR = "csstsim: error:"  # the line of a failed command, in place of the last one, begins so
 
 
@@ -42,6 +46,21 @@ def job_log(verb, campaign, digest, what):
     if talks:
         took = Took(time.monotonic() - _START, time.process_time(), _peak_memory_mb())
         print(f"{verb} done: {took.wall_s:.1f} s, CPU {took.cpu_s:.1f} s, memory {took.memory_mb:.0f} MB")
+
+
+@contextmanager
+def part_log(kind, number):
+    """Print what one part of a job took, of a job that makes several. kind: "chip" or "brick"."""
+    wall, cpu = time.monotonic(), time.process_time()
+    yield
+    if sys.stdout is not None and not sys.stdout.isatty():
+        wall, cpu = time.monotonic() - wall, time.process_time() - cpu
+        print(f"{kind} {number} done: {wall:.1f} s, CPU {cpu:.1f} s", flush=True)
+
+
+def parts(log):
+    """Return {number: CPU s} of the chips or bricks of a log; {} of a job that makes one."""
+    return {int(number): float(cpu) for number, cpu in _PART.findall(log)}
 
 
 def took(log):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from csstsim.base.digest import digest
 from csstsim.base.process.progress import progress
+from csstsim.campaign.job_log import part_log
 from csstsim.campaign.products import kinds
 
 
@@ -30,7 +31,8 @@ def one_by_one(run, rule, jobs, make, say=print):
                 _link(kept, files[0].parent)
                 say(f"chip {job.chip.id} is finished")
                 continue
-            make(job)
+            with part_log("chip", job.chip.id):
+                make(job)
             if len(jobs) > 1:
                 _keep(files, kept)
     shutil.rmtree(folder, ignore_errors=True)

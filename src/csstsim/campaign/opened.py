@@ -48,8 +48,8 @@ class OpenCampaign:
 
         copied: the output folder is only read, and may be a copy of the one that `campaign.json` names. config
         (config.Campaign), layers ({exposure type: list as config.Observation.layers}) and pointings ({obsid:
-        instrument.pointing.Pointing}) replace the files. only: (obsid, chip number) of the one job needed: exposures
-        and gratings of others are not checked.
+        instrument.pointing.Pointing}) replace the files. only: (obsid, chip numbers) of the jobs needed: exposures and
+        gratings of others are not checked.
         """
         self.file = Path(file)
         importable(self.file.parent)
@@ -76,7 +76,7 @@ class OpenCampaign:
         }
 
         check_photons(self)
-        chips = [chip for chip in selected_chips(self) if only is None or chip.id == only[1]]
+        chips = [chip for chip in selected_chips(self) if only is None or chip.id in only[1]]
         exposures = [p for obsid, p in selected_pointings(self).items() if only is None or obsid == only[0]]
         if "SCIE" in self.steps and any(chip.kind == "slitless" for chip in chips):
             _ = self.camera.gratings  # read, and refused if they cannot be used

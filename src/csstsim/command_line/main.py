@@ -12,9 +12,8 @@ import click
 from csstsim import __version__
 from csstsim.base.plural import number_of
 from csstsim.command_line import begin, rules, tools
-from csstsim.command_line.completion import chips_of
 from csstsim.command_line.group import SWITCHES, Group, result
-from csstsim.command_line.options import obsid_opt, of_campaign, stage
+from csstsim.command_line.options import of_campaign, of_jobs
 
 
 @click.group(
@@ -39,16 +38,10 @@ def main():
 
 
 @main.command()
-@stage
-@obsid_opt
-@click.option(
-    "--chip", "chip_ids", required=True, multiple=True, type=click.IntRange(1),
-    callback=lambda ctx, option, numbers: tuple(dict.fromkeys(numbers)), shell_complete=chips_of,
-    help="Chip number; repeat.",
-)  # fmt: skip
+@of_jobs
 @click.option("--output", type=click.Path(), help="Folder for the products [default: the campaign's].")
 @click.option("--profile", is_flag=True, help="Print the time of each layer, drawing method and function.")
-def chip(run, obsid, chip_ids, profile):
+def chip(run, jobs, profile):
     """Run chips in memory, from catalogue to Level-0 file.
 
     Chips run one after the other. Missing truth bricks and PSF sets are made first, in the output folder. If the
@@ -73,7 +66,7 @@ def chip(run, obsid, chip_ids, profile):
         else:
             run_chip(run, job, say=print)
 
-    one_by_one(run, "level0", [run.job(obsid, chip_id) for chip_id in chip_ids], make)
+    one_by_one(run, "level0", jobs, make)
 
 
 @main.command()

@@ -5,7 +5,8 @@ import math
 
 import click
 
-from csstsim.campaign.job_log import job_log
+from csstsim.base.process.progress import progress
+from csstsim.campaign.job_log import job_log, part_log
 from csstsim.command_line.completion import chips_of, obsids_of
 from csstsim.command_line.group import hushed
 
@@ -29,6 +30,20 @@ chip_opt = click.option(
 brick_opt = click.option(
     "--brick", "pix", required=True, type=click.IntRange(0, 786431), help="HEALPix NSIDE-256 pixel, nested."
 )
+
+
+def _once(context, option, numbers):
+    return tuple(dict.fromkeys(numbers))
+
+
+chips_opt = click.option(
+    "--chip", "chip_ids", required=True, multiple=True, type=click.IntRange(1), callback=_once,
+    shell_complete=chips_of, help="Chip number; repeat.",
+)  # fmt: skip
+bricks_opt = click.option(
+    "--brick", "bricks", required=True, multiple=True, type=click.IntRange(0, 786431), callback=_once,
+    help="HEALPix NSIDE-256 pixel, nested; repeat.",
+)  # fmt: skip
 scratch_opt = click.option(
     "--scratch", type=click.Path(), envvar="CSSTSIM_SCRATCH",
     help="Folder of files between a chip's stages [default: $CSSTSIM_SCRATCH, or the campaign's output].",
@@ -43,7 +58,8 @@ def of_campaign(function):
         from csstsim.campaign.opened import OpenCampaign
 
         folders = options.pop("output", None), options.pop("scratch", None)
-        only = (options["obsid"], options["chip_id"]) if "chip_id" in options and "obsid" in options else None
+        chips = options.get("chip_ids") or (options.get("chip_id"),)
+        only = (options["obsid"], chips) if "obsid" in options and chips != (None,) else None
         return function(OpenCampaign(campaign, *folders, only=only), **options)
 
     return campaign_arg(command)
@@ -54,7 +70,7 @@ def stage(function):
 
     @functools.wraps(function)
     def logged(run, **options):
-        names = {"obsid": "exposure", "chip_id": "chip", "chip_ids": "chip", "pix": "brick"}
+        names = {"obsid": "exposure", "chip_id": "chip", "chip_ids": "chip", "pix": "brick", "bricks": "brick"}
         named = [(word, options[key]) for key, word in names.items() if key in options]
         parts = [(word, *(value if isinstance(value, tuple) else (value,))) for word, value in named]
         what = " ".join(str(part) for group in parts for part in group)
@@ -74,3 +90,23 @@ def of_job(function):
             return function(run, job, **options)
 
     return obsid_opt(chip_opt(stage(functools.update_wrapper(command, function))))
+
+
+def of_jobs(function):
+    """As stage, for chips of one exposure: the function gets a list of jobs."""
+
+    def command(run, obsid, chip_ids, **options):
+        return function(run, [run.job(obsid, chip_id) for chip_id in chip_ids], **options)
+
+    return obsid_opt(chips_opt(stage(functools.update_wrapper(command, function))))
+
+
+def of_bricks(function):
+    """As stage, for bricks, one after the other: the function gets a brick at a time."""
+
+    def command(run, bricks, **options):
+        for pix in progress(bricks, "bricks"):
+            with part_log("brick", pix):
+                function(run, pix, **options)
+
+    return bricks_opt(stage(functools.update_wrapper(command, function)))

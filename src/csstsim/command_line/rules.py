@@ -1,10 +1,11 @@
 """The commands of the workflow's rules: each calls the function of its name in csstsim.stages."""
 
+import functools
 import sys
 
 import click
 
-from csstsim.command_line.options import Finite, brick_opt, chip_opt, of_job, scratch_opt, stage
+from csstsim.command_line.options import Finite, brick_opt, chip_opt, of_bricks, of_job, of_jobs, scratch_opt, stage
 
 
 @click.command()
@@ -127,26 +128,29 @@ def calibrate(run, job):
 
 
 @click.command()
-@of_job
-def measure(run, job):
-    """Detect and measure the sources of a Level-0 file.
+@of_jobs
+def measure(run, jobs):
+    """Detect and measure the sources of Level-0 files.
 
     \b
     For example:
       csstsim measure campaign.yaml --obsid 10100000004 --chip 9
+    Two chips, one after the other:
+      csstsim measure campaign.yaml --obsid 10100000004 --chip 8 --chip 9
     """
+    from csstsim.campaign.one_by_one import one_by_one
     from csstsim.stages.measure import measure as run_stage
 
-    run_stage(run, job)
+    one_by_one(run, "measure", jobs, functools.partial(run_stage, run))
 
 
 @click.command()
-@of_job
+@of_jobs
 @click.option("--snr", type=Finite(0), help="Least S/N, in a resolution element or a line [default: 5].")
 @click.option("--ids", help="Only these objects: numbers of the truth table, separated by commas.")
 @click.option("--all", "everything", is_flag=True, help="Every object with light on the chip, however faint.")
-def extract(run, job, snr, ids, everything):
-    """Extract the spectra of a spectroscopic chip's Level-0 file.
+def extract(run, jobs, snr, ids, everything):
+    """Extract the spectra of spectroscopic chips' Level-0 files.
 
     An emission line counts by itself: its object may have no other light. What is left out is counted, with the reason.
     A choice of yours goes to a file of its own, in chosen/.
@@ -156,6 +160,7 @@ def extract(run, job, snr, ids, everything):
       csstsim extract campaign.yaml --obsid 10100000015 --chip 29
       csstsim extract campaign.yaml --obsid 10100000015 --chip 29 --ids 1,2 --snr 0
     """
+    from csstsim.campaign.one_by_one import one_by_one
     from csstsim.stages.extract import SNR_MIN
     from csstsim.stages.extract import extract as run_stage
 
@@ -165,12 +170,16 @@ def extract(run, job, snr, ids, everything):
         wanted = None if ids is None else [int(word) for word in ids.split(",")]
     except ValueError:
         raise click.BadParameter("numbers, separated by commas", param_hint="--ids") from None
-    run_stage(run, job, 0.0 if everything else SNR_MIN if snr is None else snr, wanted)
+    if not everything and snr is None and wanted is None:
+        one_by_one(run, "extract", jobs, functools.partial(run_stage, run))
+        return
+    for job in jobs:
+        with job.named():
+            run_stage(run, job, 0.0 if everything else SNR_MIN if snr is None else snr, wanted)
 
 
 @click.command()
-@stage
-@brick_opt
+@of_bricks
 def merge(run, pix):
     """Merge the measurements of a brick: one row for each source.
 
@@ -184,8 +193,7 @@ def merge(run, pix):
 
 
 @click.command()
-@stage
-@brick_opt
+@of_bricks
 def validate(run, pix):
     """Compare a merged brick with the truth.
 
