@@ -9,7 +9,7 @@ include: f"workflow/rules/{JOB_OF[CHIPS_AS]}.smk"
 include: "workflow/rules/look.smk"
 include: "workflow/rules/masters.smk"
 include: "workflow/rules/bricks.smk"
-include: "workflow/rules/spectra.smk"
+include: "workflow/rules/calibrate.smk"
 include: "workflow/rules/report.smk"
 
 

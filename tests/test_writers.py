@@ -16,7 +16,7 @@ ALWAYS = {
     "write_text": "self", "write_bytes": "self", "writeto": 0, "savefig": 0, "write_table": 1, "write_metadata": 1,
     "ParquetWriter": 0, "save": 0, "savez": 0, "savetxt": 0, "tofile": 0, "to_csv": 0, "to_parquet": 0, "copy2": 1,
     "copyfile": 1, "copytree": 1, "rename": "self", "replace_file": 1, "symlink_to": "self", "touch": "self",
-    "NamedTemporaryFile": 0, "mkstemp": 0, "truncate": 0,
+    "link": 1, "hardlink_to": "self", "NamedTemporaryFile": 0, "mkstemp": 0, "truncate": 0,
 }  # fmt: skip
 BY_MODE = {"open": (0, 1), "File": (0, 1), "FITS": (0, 1), "memmap": (0, 2)}  # (file, mode); Path.open: ("self", 0)
 READS = {"os", "fits", "Image", "SPK"}  # owners of an `open` whose first argument is the file
@@ -24,6 +24,9 @@ READS = {"os", "fits", "Image", "SPK"}  # owners of an `open` whose first argume
 HELPERS = {("io/fits.py", "write_hdus"): 0, ("io/fits.py", "compress"): 0, ("io/fits.py", "_reseal"): 0}
 ALLOWED = {
     ("io/output_owner.py", "claim_output", "open"): "of two campaigns that come at once only one may make the file",
+    ("stages/parts/shared.py", "make_or_link", "link"): "a whole file, which a second campaign finds and leaves",
+    ("campaign/one_by_one.py", "_keep", "link"): "a whole file, in a folder that is not read before it has its name",
+    ("campaign/one_by_one.py", "_link", "link"): "a whole file",
     ("command_line/group.py", "_forget_output", "open"): "nowhere: os.devnull",
     ("command_line/group.py", "hushed", "open"): "nowhere: os.devnull",
     ("base/files/atomic.py", "_flush", "open"): "to be flushed: os.O_RDONLY",

@@ -85,3 +85,10 @@ def content(campaign):
             table = ObjectTable.read(orders)
             found[orders.name] = {n: table[n].astype(str).tolist() for n in table.names}  # NaN is not itself
     return found
+
+
+def measured(campaign):
+    """The bytes of every measurement, spectra table and merged brick."""
+    folder = campaign.parent / "out"
+    found = [path for kind in ("measure", "spectra", "merge") for path in (folder / kind).rglob("*.parquet")]
+    return {str(path.relative_to(folder)): path.read_bytes() for path in found}

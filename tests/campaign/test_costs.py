@@ -47,6 +47,8 @@ def test_each_job_of_the_workflow_has_a_cost(tmp_path):
     exposure = costs["exposure"][min(everything)[0]]
     assert max(cost.cpu_s for cost in chips.values()) < exposure.cpu_s < sum(cost.cpu_s for cost in chips.values())
     assert exposure.memory_mb == max(cost.memory_mb for cost in chips.values())
+    for verb, jobs in (("measure", run.imaging_jobs), ("extract", run.slitless_jobs)):
+        assert costs[f"{verb}_exposure"].keys() == {job.obsid for job in jobs}
     kept = campaign(tmp_path, measurement={"keep_calibrated": True})
     assert expected(kept)["calibrate"].keys() == costs["measure"].keys()
 

@@ -9,7 +9,18 @@ import psutil
 import pytest
 import yaml
 from mini_campaign import POINTINGS, write_campaign
-from workflow_run import ROOT, command, content, dry_run, level0_targets, make, planned, snakemake, with_prepared
+from workflow_run import (
+    ROOT,
+    command,
+    content,
+    dry_run,
+    level0_targets,
+    make,
+    measured,
+    planned,
+    snakemake,
+    with_prepared,
+)
 
 from csstsim.campaign.opened import OpenCampaign
 
@@ -139,7 +150,7 @@ def test_a_slip_in_the_name_of_a_setting_is_refused(tmp_path):
 
 @pytest.mark.parametrize(("chips", "log"), [
     pytest.param("stages", "level0", marks=pytest.mark.slow),  # as those of the campaign killed and resumed below
-    ("whole", "chip"), ("exposure", "exposure"),
+    ("whole", "chip"),
 ])  # fmt: skip
 def test_two_cores_and_larger_jobs_give_the_same_bits(undisturbed, tmp_path, chips, log):
     campaign = with_prepared(make(tmp_path / "two", FEW), undisturbed)
@@ -147,6 +158,20 @@ def test_two_cores_and_larger_jobs_give_the_same_bits(undisturbed, tmp_path, chi
     assert content(campaign) == content(undisturbed)
     assert (campaign.parent / "out" / "logs" / log).exists()
     assert not left_of(campaign), "intermediates are dropped"
+
+
+def test_exposures_made_and_measured_by_a_process_each_give_the_same_bits(undisturbed, tmp_path):
+    campaign = with_prepared(make(tmp_path / "exposures", FEW), undisturbed)
+    snakemake(campaign, "chips=exposure", "--cores", "2")
+    assert content(campaign) == content(undisturbed) and measured(campaign) == measured(undisturbed)
+    logs = campaign.parent / "out" / "logs"
+    made = {path.name for path in logs.iterdir()}
+    assert {"exposure", "measure_exposure", "extract_exposure"} < made and not {"chip", "measure", "extract"} & made
+    assert not left_of(campaign), "there are no intermediates"
+    assert planned(campaign, "chips=exposure") == set()
+    removed = next((campaign.parent / "out" / "measure").iterdir())
+    removed.unlink()
+    assert planned(campaign, "chips=exposure") == {"measure_exposure_0", "merge", "validate", "report"}
 
 
 @pytest.mark.parametrize("how", ["chips=whole", "chips=exposure", "scratch=/tmp"])

@@ -1,4 +1,7 @@
 # One chip from the catalogue to its files in one process, with nothing handed on by way of the disk, at choice: `--config chips=whole`.
+include: "measure.smk"
+
+
 rule chip:
     input:
         truth_of,

@@ -46,10 +46,9 @@ CHIPS_AS = str(config.get("chips", "stages"))  # a YAML file may hold anything
 try:
     RUN = OpenCampaign(CAMPAIGN, scratch=SCRATCH)
     check_kept(RUN, CHIPS_AS, "scratch" in config)
-    _ = (
-        RUN.open_truth(),
-        RUN.recipes.psf,
-    )  # faults of the catalogue are met here, not in a rule
+    if workflow.is_main_process:  # faults of the catalogue are met here, not in a rule
+        RUN.open_truth()
+    _ = RUN.recipes.psf
     JOBS = {(job.obsid, f"{job.chip.id:02d}"): job for job in RUN.jobs}
 except CsstsimError as error:
     print(f"{ERROR} {with_page(error)}", file=sys.stderr)
@@ -112,11 +111,18 @@ wildcard_constraints:
     name=r"CSST_MSC_MS_[A-Z]+_\d{14}_\d{14}",
 
 
+def shared(files):
+    """Truth bricks or PSF sets. If campaigns share them, the youngest link sets their date, which then says nothing."""
+    return [ancient(file) for file in files] if RUN.config.share else files
+
+
 def truth_of(wildcards):
     """The truth bricks whose objects may reach a chip's window, for exposures that see the sky."""
     if not RUN.embedded or RUN.pointings[wildcards.obsid].type != "SCIE":
         return []
-    return made("truth", RUN.truth_bricks(JOBS[wildcards.obsid, wildcards.chip]))
+    return shared(
+        made("truth", RUN.truth_bricks(JOBS[wildcards.obsid, wildcards.chip]))
+    )
 
 
 def library_of(wildcards):
@@ -129,7 +135,7 @@ def psf_of(wildcards):
     """The PSF set of a chip and its tables, for exposures that see the sky."""
     if RUN.pointings[wildcards.obsid].type != "SCIE":
         return []
-    return made("psf", [int(wildcards.chip)])
+    return shared(made("psf", [int(wildcards.chip)]))
 
 
 def objects_of(wildcards):
@@ -167,17 +173,29 @@ def recipe(stage):
     return lambda wildcards: RUN.recipe(JOBS[wildcards.obsid, wildcards.chip], stage)
 
 
-CHIPS_OF = {}  # obsid: its chips
-for obsid, chip in JOBS:
-    CHIPS_OF.setdefault(obsid, []).append(chip)
+def by_exposure(jobs):
+    """{obsid: [chip, ...]} of jobs."""
+    found = {}
+    for job in jobs:
+        found.setdefault(job.obsid, []).append(f"{job.chip.id:02d}")
+    return found
 
 
-def of_exposure(function):
-    """What `function` returns for each chip of an exposure, in one list."""
+def named_alike(chips_of, endings):
+    """{((chip, endings), ...): [obsid, ...]}: exposures whose files are named alike. endings(obsid, chip): a tuple."""
+    found = {}
+    for obsid, chips in chips_of.items():
+        files = tuple((chip, endings(obsid, chip)) for chip in chips)
+        found.setdefault(files, []).append(obsid)
+    return found
+
+
+def of_exposure(function, chips_of):
+    """What `function` returns for each of some chips of an exposure, in one list."""
 
     def gathered(wildcards):
         found = []
-        for chip in CHIPS_OF[wildcards.obsid]:
+        for chip in chips_of[wildcards.obsid]:
             place = SimpleNamespace(obsid=wildcards.obsid, chip=chip)
             found += [item for item in function(place) if item not in found]
         return found
@@ -185,17 +203,14 @@ def of_exposure(function):
     return gathered
 
 
-def exposures_by_chips():
-    """{((chip, (ending of a product, ...)), ...): [obsid, ...]}: exposures whose files are named alike."""
-    spectra, found = {job.key for job in RUN.slitless_jobs}, {}
-    for obsid, chips in CHIPS_OF.items():
-        orders = [
-            ("orders.parquet",) if JOBS[obsid, chip].key in spectra else ()
-            for chip in chips
-        ]
-        endings = [("fits", "truth.parquet", *more) for more in orders]
-        found.setdefault(tuple(zip(chips, endings)), []).append(obsid)
-    return found
+def recipes_of(stage, chips_of):
+    """The recipes of a stage for some chips of an exposure."""
+    return of_exposure(lambda place: [recipe(stage)(place)], chips_of)
+
+
+def options_of(files):
+    """The options that name the chips of `named_alike` on the command line."""
+    return " ".join(f"--chip {int(chip)}" for chip, _ in files)
 
 
 def first_picture():
@@ -212,11 +227,16 @@ def with_truth(wildcards):
     return made("level0", [JOBS[wildcards.obsid, wildcards.chip]])
 
 
+def measured_with(wildcards):
+    """What a Level-0 file is measured with: the PSF set, master frames."""
+    return [*shared(made("psf", [int(wildcards.chip)])[:1]), *masters_of(wildcards)]
+
+
 def masters_of(wildcards):
     """The master frames a chip is measured with, of another campaign."""
     if RUN.config.measurement.calibration != "frames":
         return []
-    return str(RUN.masters(int(wildcards.chip)))
+    return [str(RUN.masters(int(wildcards.chip)))]
 
 
 def calibration_frames_of(wildcards):

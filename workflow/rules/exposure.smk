@@ -1,18 +1,28 @@
 # All chips of an exposure in one process, at choice: `--config chips=exposure`. Where a region is selected, exposures have
 # different chips: a rule for each set of chips.
-for number, (chips, obsids) in enumerate(exposures_by_chips().items()):
+ALL = by_exposure(RUN.jobs)
+IMAGING = by_exposure(RUN.imaging_jobs)
+DISPERSED = by_exposure(RUN.slitless_jobs)
+
+
+def level0_endings(obsid, chip):
+    orders = ["orders.parquet"] * (chip in DISPERSED.get(obsid, ()))
+    return "fits", "truth.parquet", *orders
+
+
+for number, (files, obsids) in enumerate(named_alike(ALL, level0_endings).items()):
 
     rule:
         name:
             f"exposure_{number}"
         input:
-            of_exposure(truth_of),
-            of_exposure(psf_of),
+            of_exposure(truth_of, ALL),
+            of_exposure(psf_of, ALL),
         output:
             [
-                f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{chip}_L0_V01.{product}"
-                for chip, products in chips
-                for product in products
+                f"{OUT}/level0/{{obsid}}/{{name}}_{{obsid}}_{chip}_L0_V01.{end}"
+                for chip, ends in files
+                for end in ends
             ],
         log:
             f"{OUT}/logs/exposure/{{name}}_{{obsid}}.log",
@@ -23,9 +33,73 @@ for number, (chips, obsids) in enumerate(exposures_by_chips().items()):
         resources:
             mem_mb=more(3500),
             # Twice what a chip takes, and more where one part of it may be long
-            runtime=more(4 + max(SELECTING, RENDERING) * len(chips)),
+            runtime=more(4 + max(SELECTING, RENDERING) * len(files)),
         params:
-            recipe=of_exposure(lambda wildcards: [recipe("level0")(wildcards)]),
-            chips=" ".join(f"--chip {int(chip)}" for chip, _ in chips),
+            recipe=recipes_of("level0", ALL),
+            chips=options_of(files),
         shell:
             'csstsim chip "$CAMPAIGN" --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1'
+
+
+for number, (files, obsids) in enumerate(
+    named_alike(IMAGING, lambda *_: (".parquet",)).items()
+):
+
+    rule:
+        name:
+            f"measure_exposure_{number}"
+        input:
+            of_exposure(level0_of, IMAGING),
+            of_exposure(measured_with, IMAGING),
+        output:
+            [
+                f"{OUT}/measure/{{obsid}}_{chip}{end}"
+                for chip, ends in files
+                for end in ends
+            ],
+        log:
+            f"{OUT}/logs/measure_exposure/{{obsid}}.log",
+        wildcard_constraints:
+            obsid="|".join(obsids),
+        group:
+            "chip"
+        resources:
+            mem_mb=more(3500),
+            runtime=more(2 + 2 * len(files)),
+        params:
+            recipe=recipes_of("measure", IMAGING),
+            chips=options_of(files),
+        shell:
+            'csstsim measure "$CAMPAIGN" --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1'
+
+
+for number, (files, obsids) in enumerate(
+    named_alike(DISPERSED, lambda *_: (".parquet", ".png", "_lines.parquet")).items()
+):
+
+    rule:
+        name:
+            f"extract_exposure_{number}"
+        input:
+            of_exposure(with_truth, DISPERSED),
+            of_exposure(measured_with, DISPERSED),
+        output:
+            [
+                f"{OUT}/spectra/{{obsid}}_{chip}{end}"
+                for chip, ends in files
+                for end in ends
+            ],
+        log:
+            f"{OUT}/logs/extract_exposure/{{obsid}}.log",
+        wildcard_constraints:
+            obsid="|".join(obsids),
+        group:
+            "chip"
+        resources:
+            mem_mb=more(3500),
+            runtime=more(2 + 2 * len(files)),
+        params:
+            recipe=recipes_of("measure", DISPERSED),
+            chips=options_of(files),
+        shell:
+            'csstsim extract "$CAMPAIGN" --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1'

@@ -1,5 +1,8 @@
 # One chip in four stages, the default, and what measures it after: on a cluster they travel together (group), and what one
 # hands to the next is dropped when used. mem_mb and runtime [min] leave room above what was measured: docs/slurm.md has it.
+include: "measure.smk"
+
+
 rule select:
     input:
         truth_of,

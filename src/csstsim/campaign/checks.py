@@ -42,6 +42,23 @@ def check_selection(run):
 
 
 @explained("campaign")
+def check_share(run):
+    """The folder of shared products, if there is one, can have links into the output folder, and is not inside it."""
+    share, output = run.config.share, run.paths.output
+    if share is None:
+        return
+    if output.resolve() in (share.resolve(), *share.resolve().parents):
+        raise InputError("inside the output folder", file=run.file, key="share", value=share)
+    if _there(share).stat().st_dev != _there(output).stat().st_dev:
+        raise InputError("not on the file system of the output folder", file=run.file, key="share", value=share)
+
+
+def _there(folder):
+    """Return a folder, or the nearest folder above it that exists."""
+    return next(path for path in (folder.resolve(), *folder.resolve().parents) if path.exists())
+
+
+@explained("campaign")
 def check_photons(run):
     """Counted photons and cosmic rays need the layer poisson_and_dark, which adds them to the image."""
     drawn = run.config.fidelity in ("preview", "standard")

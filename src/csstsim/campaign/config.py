@@ -224,6 +224,11 @@ class Campaign(Model):
         "own noise; 'preview', up to all of it; 'noise_free', as 'standard', but all light is expected light without "
         "photon noise; 'reference', one by one with GalSim, 0.1 CPU-seconds an object",
     )
+    share: FilePath | None = Field(
+        None,
+        description="folder of truth bricks and PSF sets that several campaigns need: each is made once, by the first "
+        "of them, and linked into the output of all; on the file system of `output`; null = each makes its own",
+    )
     keep: Literal["nothing", "light"] = Field(
         "nothing",
         description="'light': keep the rendered light of each chip (0.4 GB for a whole one), so that a change of the "
@@ -266,6 +271,7 @@ def load_campaign(path):
         "survey_table": _there(file, config.survey_table), "output": beside(file, config.output),
         "observations": {kind: _there(file, path) for kind, path in config.observations.items()},
         "instrument": instrument, "universe": config.universe and beside(file, config.universe),
+        "share": config.share and beside(file, config.share),
     })  # fmt: skip
 
 

@@ -17,7 +17,9 @@ from csstsim.instrument.load import read_data
 
 FILE = SHIPPED / "costs.yaml"
 STAGES = ("select", "render", "readout", "level0")  # of a chip, one process each
-INSTEAD = ("chip", "exposure")  # rules of `--config chips=whole` and `chips=exposure`, in place of the four stages
+# Rules of `--config chips=whole` and `chips=exposure`, in place of the four stages and of what follows chip by chip
+EXPOSURES = {"exposure": "chip", "measure_exposure": "measure", "extract_exposure": "extract"}
+INSTEAD = ("chip", *EXPOSURES)
 WAVELENGTHS = 4  # of a PSF set
 PICTURES = 30  # frames in the report's focal plane, but always a whole exposure
 
@@ -47,6 +49,7 @@ class Rules(Model):
 
     truth: Numbers
     psf: Numbers
+    shared: Numbers
     select: Numbers
     select_spectra: Numbers
     render: Numbers
@@ -84,14 +87,25 @@ def expected(run):
     """Return {rule: {key: Cost}} of the jobs of a campaign, in the order of the workflow. run: an OpenCampaign.
 
     Keys are (obsid, chip) of jobs, bricks, chips (psf, masters), exposures, or None (report). The INSTEAD rules are
-    listed as well as the STAGES that they would replace. Objects of a user's catalogue are not counted.
+    listed as well as those that they would replace. Objects of a user's catalogue are not counted. A truth brick or PSF
+    set that another campaign has made (`share`) costs what linking it does.
     """
     numbers = load_costs()
     found = {rule: {} for rule in numbers if not rule.endswith("_spectra")}
     for rule, key, quantities in _quantities(run):
         found[rule.removesuffix("_spectra")][key] = numbers[rule].cost(quantities)
-    found["exposure"] = _exposures(found["chip"], numbers["chip"].cpu_s.get("job", 0.0))
+    for rule, path_of in (("truth", run.paths.truth), ("psf", run.paths.psf)):
+        shared = [key for key in found[rule] if _is_shared(run, path_of(key))]
+        found[rule] |= dict.fromkeys(shared, numbers["shared"].cost({"job": 1}))
+    for rule, of_chips in EXPOSURES.items():
+        found[rule] = _exposures(found[of_chips], numbers[of_chips].cpu_s.get("job", 0.0))
     return {rule: costs for rule, costs in found.items() if costs}
+
+
+def _is_shared(run, path):
+    """Whether another campaign has made a product, and this one has not linked it yet."""
+    common = run.in_share(path)
+    return common is not None and common.exists() and not path.exists()
 
 
 def _exposures(chips, start):

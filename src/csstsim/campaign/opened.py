@@ -13,7 +13,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.beside import beside
 from csstsim.base.help_page import explained
 from csstsim.base.rng import Streams
-from csstsim.campaign.checks import check_masters, check_photons, check_selection, check_shutter
+from csstsim.campaign.checks import check_masters, check_photons, check_selection, check_share, check_shutter
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.job import Job
 from csstsim.campaign.recipes import Recipes
@@ -57,6 +57,7 @@ class OpenCampaign:
         self.paths = Paths(output or self.config.output, scratch)
         if not copied:
             check_owner(self)
+            check_share(self)
         self.camera = load_camera(self.config.instrument, self.file)
         self.rendering = load_numbers()
         self.table = "what was aimed" if pointings else self.config.survey_table  # for errors
@@ -161,6 +162,11 @@ class OpenCampaign:
         """The folder of the campaign's library of PSFs, or None."""
         library = self.config.psf.library
         return library and beside(self.file, library)
+
+    def in_share(self, path):
+        """Return where a truth brick or a PSF set of the output folder lies in the shared one, or None without one."""
+        share = self.config.share
+        return share and share / path.relative_to(self.paths.output)
 
     @cached_property
     def catalog(self):

@@ -38,6 +38,7 @@ def plan(run):
         "megapixels": round(sum(map(megapixels, jobs)), 1),
         "objects drawn": int(float(f"{drawn:.2g}")) if run.embedded else "as many as the catalogue has",
         "truth bricks": _listed(costs.get("truth", ())),
+        **_shared(run),
         "bricks touched": len(run.merge_bricks),
         "bricks fully covered": len(_covered(run)),
         "jobs": sum(map(len, each_once(costs).values())),
@@ -50,6 +51,14 @@ def plan(run):
     if kept := kinds(run)["render"].made_for:
         disk["light kept"] = sum(KEPT_BYTES[job.chip.kind] * 1e6 * megapixels(job) for job in kept)
     return counts, disk, costs
+
+
+def _shared(run):
+    """Return {name: how many truth bricks and PSF sets lie in the shared folder}; {} without one."""
+    if run.config.share is None:
+        return {}
+    files = [*map(run.paths.truth, run.sky_bricks), *map(run.paths.psf, run.sky_chips)]
+    return {"truth bricks, PSF sets shared": sum(run.in_share(path).exists() for path in files)}
 
 
 def _listed(bricks):
@@ -89,7 +98,7 @@ def print_plan(run):
     cpu = sum(cost.cpu_s for jobs in each_once(costs).values() for cost in jobs.values())
     walls = ", ".join(f"{duration(wall(costs, cores))} on {cores}" for cores in sorted({os.cpu_count() or 1, 64}))
     for line in (
-        "(in brackets: other ways to make what the four stages make, --config chips=whole or exposure)",
+        "(in brackets: what makes the same with --config chips=whole or exposure)",
         f"CPU, an estimate (config/costs.yaml says of which machine): {duration(cpu)}",
         f"wall time, nothing else running: {walls} cores (jobs that await each other take {duration(_chain(costs))})",
     ):

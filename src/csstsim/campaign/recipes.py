@@ -24,6 +24,7 @@ READERS = {
     "select.*": (),
     "window*": (),  # the job's, in `exposure`
     "keep": (),
+    "share": (),
     "seed": ("truth", "select"),
     "catalog.lensing.*": ("truth",),
     "catalog.*": ("select",),

@@ -7,21 +7,37 @@ from csstsim.base.help_page import explained
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import make_missing
 from csstsim.base.release import check_release
+from csstsim.stages.parts.shared import make_or_link
 
 
 @one_thread
-def psf(run, chip_id):
+def psf(run, chip_id, say=print):
     """Make the PSF set of one chip, or take it from the campaign's library; then the tables photons are drawn from."""
+    camera = run.camera
+    if chip_id not in camera.chips:
+        allowed = ", ".join(map(str, camera.chips))
+        raise InputError("not a chip of the camera", file=run.file, key="chip", value=chip_id, allowed=allowed)
+    chip = camera.chips[chip_id]
+    make = partial(_make_set, run, chip)
+    if run.config.psf.library:
+        make()  # soon done, and its file does not tell of which library it is: it is not shared
+    else:
+        make_or_link(run, run.paths.psf(chip_id), make, partial(_open, run, chip), say)
+    psf_tables(run, chip, say)
+
+
+def _make_set(run, chip):
+    """Write the PSF set of a chip."""
     from csstsim.optics.psf.psf_c9 import convert
     from csstsim.optics.psf.psf_set import make_psf
     from csstsim.optics.scatter.scattered_light import scattered_light
 
     camera, config = run.camera, run.config.psf
-    if chip_id not in camera.chips:
-        allowed = ", ".join(map(str, camera.chips))
-        raise InputError("not a chip of the camera", file=run.file, key="chip", value=chip_id, allowed=allowed)
-    chip, digests = camera.chips[chip_id], {"camera_digest": camera.digest_for("psf")}
-    path, filter_ = run.paths.psf(chip_id), camera.filters[chip.filter]
+    path, filter_, digests = (
+        run.paths.psf(chip.id),
+        camera.filters[chip.filter],
+        {"camera_digest": camera.digest_for("psf")},
+    )
     if config.library:
         convert(run.psf_library, path, chip, filter_, sample=config.library_sample, **digests)
     else:
@@ -29,15 +45,19 @@ def psf(run, chip_id):
             path, chip, filter_, camera.telescope, camera.psf, config.grid, oversampling=config.oversampling,
             scattered=scattered_light(camera, filter_), nodes_uv=_nodes_uv(camera, chip, config.grid), **digests,
         )  # fmt: skip
-    psf_tables(run, chip)
 
 
 @one_thread
-def psf_tables(run, chip):
+def psf_tables(run, chip, say=print):
     """Make the tables photons are drawn from, for an existing PSF set."""
-    from csstsim.render.psf_table import write_tables
+    from csstsim.render.psf_table import read_tables, write_tables
 
-    write_tables(run.paths.psf_tables(chip.id), _open(run, chip))
+    path, of = run.paths.psf_tables(chip.id), _open(run, chip)
+    make = partial(write_tables, path, of)
+    if run.config.psf.library:
+        make()
+    else:
+        make_or_link(run, path, make, partial(read_tables, psf=of), say)
 
 
 def _nodes_uv(camera, chip, grid):
@@ -72,8 +92,8 @@ def check_psf(run):
 def missing_psf(run, chip, say):
     """Make the PSF set of a chip and its tables, if they are missing."""
     sets = {
-        run.paths.psf(chip.id): partial(psf, run, chip.id),
-        run.paths.psf_tables(chip.id): partial(psf_tables, run, chip),
+        run.paths.psf(chip.id): partial(psf, run, chip.id, say),
+        run.paths.psf_tables(chip.id): partial(psf_tables, run, chip, say),
     }
     make_missing(sets, say)
 
@@ -84,7 +104,7 @@ def open_psf(run, chip):
     return _open(run, chip, method=config.interpolation, beta=config.beta, neighbours=config.neighbours)
 
 
-def _open(run, chip, **interpolation):
+def _open(run, chip, path=None, **interpolation):
     from csstsim.optics.psf.psf_file import PsfSet
     from csstsim.optics.psf.sampling import oversampling_of
 
@@ -92,7 +112,7 @@ def _open(run, chip, **interpolation):
     if not config.library:
         own = {"grid": config.grid, "oversampling": oversampling_of(chip.filter, run.camera.psf, config.oversampling)}
     psf = PsfSet(
-        run.paths.psf(chip.id), chip=chip.id, filter=chip.filter, camera_digest=run.camera.digest_for("psf"),
+        path or run.paths.psf(chip.id), chip=chip.id, filter=chip.filter, camera_digest=run.camera.digest_for("psf"),
         **interpolation, **own,
     )  # fmt: skip
     check_release(psf.path, psf.attributes["version"])

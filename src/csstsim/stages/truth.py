@@ -5,20 +5,23 @@ from functools import partial
 from csstsim.base.errors import InputError
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.process.progress import make_missing
+from csstsim.stages.parts.shared import make_or_link
 
 
 @one_thread
 def truth(run, pix, say=print):
     """Make one brick of the embedded universe."""
-    from csstsim.catalog.truth_bricks import write_brick
+    from csstsim.catalog.truth_bricks import brick_meta, read_brick, write_brick
 
     if not run.embedded:
         raise InputError(
             "the campaign brings its own catalogue", file=run.file, key="catalog.kind", value=run.config.catalog.kind
         )
     run.open_truth()
-    write_brick(run.paths.truth(pix), pix, **run.universe_key())
-    say(run.paths.truth(pix))
+    path, key = run.paths.truth(pix), run.universe_key()
+    check = partial(read_brick, expect=brick_meta(pix=pix, **key))
+    make_or_link(run, path, partial(write_brick, path, pix, **key), check, say)
+    say(path)
 
 
 def missing_bricks(run, bricks, say):

@@ -1,0 +1,37 @@
+"""Truth bricks and PSF sets that several campaigns share: one file, linked into the output folder of each.
+
+The file in the shared folder is whole when it appears there and is never written again. A campaign that is removed, or
+that makes its own anew, leaves it as it is.
+"""
+
+import os
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.atomic import atomic_path
+
+
+def make_or_link(run, path, make, check, say):
+    """Make a product of the output folder, or link it to the one in the campaign's shared folder, if it has one.
+
+    make(): writes the product to `path`; check(file): raises InputError if the file is not what this campaign would
+    make. A product that is not in the shared folder is made and linked there. Raises InputError.
+    """
+    common = run.in_share(path)
+    if common is None:
+        make()
+        return
+    if not common.exists():
+        make()
+        common.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            os.link(path, common)
+            return
+        except FileExistsError:
+            pass  # of two campaigns at a time, the other was first
+    try:
+        check(common)
+    except InputError as error:
+        raise InputError(f"{error}; or share another folder", file=run.file, key="share") from None
+    with atomic_path(path) as temporary:
+        os.link(common, temporary)
+    say(f"shared, not made: {common}")
