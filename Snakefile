@@ -27,4 +27,5 @@ onstart:
 onsuccess:
     if workflow.is_main_process:
         remove_left(OUT)
+        forget(RUN)
         print(summary(RUN, MADE))

@@ -7,7 +7,7 @@ import pytest
 from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.files.atomic import atomic_path
-from csstsim.campaign.one_by_one import one_by_one
+from csstsim.campaign.one_by_one import forget, one_by_one
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds
 
@@ -19,7 +19,7 @@ def file(tmp_path):
     return write_campaign(tmp_path, [POINTINGS[2]], select={"types": ["BIAS"], "chips": list(CHIPS)})
 
 
-def attempt(file, fail_at=None, rule="level0"):
+def attempt(file, fail_at=None, rule="level0", resume=True):
     """Make the jobs of the file's exposure, up to a chip that fails; return the chips that were made."""
     run, made = OpenCampaign(file), []
 
@@ -32,10 +32,10 @@ def attempt(file, fail_at=None, rule="level0"):
                 temporary.write_text(f"{job.key} {os.urandom(4).hex()}")
 
     if fail_at is None:
-        one_by_one(run, rule, run.jobs, make)
+        one_by_one(run, rule, run.jobs, make, resume)
     else:
         with pytest.raises(RuntimeError):
-            one_by_one(run, rule, run.jobs, make)
+            one_by_one(run, rule, run.jobs, make, resume)
     return made
 
 
@@ -91,4 +91,30 @@ def test_a_product_cut_short_by_a_kill_is_not_kept(file):
     attempt(file, fail_at=9)
     [kept] = (file.parent / "out" / "chips").glob("*/*")
     kept.rename(kept.with_name(f"{kept.name}.part"))
+    assert attempt(file) == list(CHIPS)
+
+
+def test_without_resume_nothing_is_taken_or_kept(file):
+    attempt(file, fail_at=14)
+    assert attempt(file, resume=False) == list(CHIPS)
+    for folder in (file.parent / "out" / "chips").iterdir():
+        folder.rename(folder.with_name("gone"))
+    attempt(file, fail_at=14, resume=False)
+    assert [folder.name for folder in (file.parent / "out" / "chips").iterdir()] == ["gone"]
+
+
+def test_a_process_whose_parent_was_killed_keeps_what_it_made(file, monkeypatch):
+    """Snakemake does not know that the job is finished: it removes the files and starts it again."""
+    parents = iter([5, 1])
+    with monkeypatch.context() as patch:
+        patch.setattr(os, "getppid", lambda: next(parents))
+        attempt(file)
+    remove(file)
+    assert attempt(file) == []
+    assert len(texts(file)) == 2 * len(CHIPS)
+
+
+def test_a_finished_campaign_forgets(file):
+    attempt(file, fail_at=14)
+    forget(OpenCampaign(file))
     assert attempt(file) == list(CHIPS)

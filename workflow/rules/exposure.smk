@@ -1,4 +1,4 @@
-# All chips of an exposure in one process, at choice: `--config chips=exposure`. Where a region is selected, exposures have
+# All chips of an exposure in one process, at choice: `--config chips=exposure`. A process sees (exec) if Snakemake was killed. Where a region is selected, exposures have
 # different chips: a rule for each set of chips.
 ALL = by_exposure(RUN.jobs)
 IMAGING = by_exposure(RUN.imaging_jobs)
@@ -38,7 +38,7 @@ for number, (files, obsids) in enumerate(named_alike(ALL, level0_endings).items(
             recipe=recipes_of("level0", ALL),
             chips=options_of(files),
         shell:
-            'csstsim chip "$CAMPAIGN" --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1'
+            'exec csstsim chip "$CAMPAIGN" --resume --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1'
 
 
 for number, (files, obsids) in enumerate(
@@ -70,7 +70,7 @@ for number, (files, obsids) in enumerate(
             recipe=recipes_of("measure", IMAGING),
             chips=options_of(files),
         shell:
-            'csstsim measure "$CAMPAIGN" --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1'
+            'exec csstsim measure "$CAMPAIGN" --resume --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1'
 
 
 for number, (files, obsids) in enumerate(
@@ -102,4 +102,4 @@ for number, (files, obsids) in enumerate(
             recipe=recipes_of("measure", DISPERSED),
             chips=options_of(files),
         shell:
-            'csstsim extract "$CAMPAIGN" --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1'
+            'exec csstsim extract "$CAMPAIGN" --resume --obsid {wildcards.obsid} {params.chips} > {log:q} 2>&1'

@@ -1,8 +1,9 @@
-"""A process that makes several products goes on where an earlier one was stopped.
+"""Several products in one process, which can go on where an earlier one was stopped.
 
 Snakemake removes all files of a job that failed before it runs it again. So what is finished has a second name (a hard
 link) in chips/ until all of the job's products are. The next attempt takes it from there if it has the same recipe. On
-a file system without hard links, the next attempt makes everything again.
+a file system without hard links, the next attempt makes everything again. A process whose parent was killed keeps the
+second names: it is not known to be finished, and will be started again.
 """
 
 import os
@@ -10,32 +11,48 @@ import shutil
 from pathlib import Path
 
 from csstsim.base.digest import digest
+from csstsim.base.process.memory import release
 from csstsim.base.process.progress import progress
 from csstsim.campaign.job_log import part_log
 from csstsim.campaign.products import kinds
 
+RULES = "level0", "measure", "extract"
 
-def one_by_one(run, rule, jobs, make, say=print):
-    """Call make(job) for the jobs of an exposure, one after the other, but for those that are finished.
 
-    rule: level0, measure or extract, whose products `make` writes.
+def one_by_one(run, rule, jobs, make, resume=False, say=print):
+    """Call make(job) for the jobs of an exposure, one after the other.
+
+    rule: one of RULES, whose products `make` writes; resume: but for those that an earlier attempt finished.
     """
-    kind, stage = kinds(run)[rule], rule if rule == "level0" else "measure"
-    folder = run.paths.output / "chips" / f"{jobs[0].obsid}_{rule}"
+    kind, stage, parent = kinds(run)[rule], rule if rule == "level0" else "measure", os.getppid()
+    folder = _folder(run, jobs[0].obsid, rule)
     for job in progress(jobs, "chips"):
         kept, files = folder / digest([job.key, run.recipe(job, stage)]), kind.files_of(job)
         if rule == "level0":
             files.append(run.paths.level0_cosmic(job))  # which a layer may save
         with job.named():
-            if kept.is_dir():
+            if resume and kept.is_dir():
                 _link(kept, files[0].parent)
-                say(f"chip {job.chip.id} is finished")
+                say(f"chip {job.chip.id} was finished by an earlier attempt")
                 continue
             with part_log("chip", job.chip.id):
                 make(job)
-            if len(jobs) > 1:
+            release()
+            if resume:
                 _keep(files, kept)
-    shutil.rmtree(folder, ignore_errors=True)
+    if resume and os.getppid() == parent:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def forget(run):
+    """Remove the second names in a finished campaign."""
+    for rule in RULES:
+        for folder in _folder(run, "", rule).parent.glob(f"*_{rule}"):
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _folder(run, obsid, rule):
+    return run.paths.output / "chips" / f"{obsid}_{rule}"
 
 
 def _keep(files, folder):

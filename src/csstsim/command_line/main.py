@@ -41,11 +41,10 @@ def main():
 @of_jobs
 @click.option("--output", type=click.Path(), help="Folder for the products [default: the campaign's].")
 @click.option("--profile", is_flag=True, help="Print the time of each layer, drawing method and function.")
-def chip(run, jobs, profile):
+def chip(run, jobs, resume, profile):
     """Run chips in memory, from catalogue to Level-0 file.
 
-    Chips run one after the other. Missing truth bricks and PSF sets are made first, in the output folder. If the
-    command is stopped before its last chip, the same command goes on where it was.
+    Chips run one after the other. Missing truth bricks and PSF sets are made first, in the output folder.
 
     \b
     For example:
@@ -66,7 +65,7 @@ def chip(run, jobs, profile):
         else:
             run_chip(run, job, say=print)
 
-    one_by_one(run, "level0", jobs, make)
+    one_by_one(run, "level0", jobs, make, resume)
 
 
 @main.command()

@@ -40,6 +40,9 @@ chips_opt = click.option(
     "--chip", "chip_ids", required=True, multiple=True, type=click.IntRange(1), callback=_once,
     shell_complete=chips_of, help="Chip number; repeat.",
 )  # fmt: skip
+resume_opt = click.option(
+    "--resume", is_flag=True, help="Go on where this command with --resume was stopped: make no chip twice."
+)
 bricks_opt = click.option(
     "--brick", "bricks", required=True, multiple=True, type=click.IntRange(0, 786431), callback=_once,
     help="HEALPix NSIDE-256 pixel, nested; repeat.",
@@ -98,7 +101,7 @@ def of_jobs(function):
     def command(run, obsid, chip_ids, **options):
         return function(run, [run.job(obsid, chip_id) for chip_id in chip_ids], **options)
 
-    return obsid_opt(chips_opt(stage(functools.update_wrapper(command, function))))
+    return obsid_opt(chips_opt(resume_opt(stage(functools.update_wrapper(command, function)))))
 
 
 def of_bricks(function):

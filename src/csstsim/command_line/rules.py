@@ -129,7 +129,7 @@ def calibrate(run, job):
 
 @click.command()
 @of_jobs
-def measure(run, jobs):
+def measure(run, jobs, resume):
     """Detect and measure the sources of Level-0 files.
 
     \b
@@ -141,7 +141,7 @@ def measure(run, jobs):
     from csstsim.campaign.one_by_one import one_by_one
     from csstsim.stages.measure import measure as run_stage
 
-    one_by_one(run, "measure", jobs, functools.partial(run_stage, run))
+    one_by_one(run, "measure", jobs, functools.partial(run_stage, run), resume)
 
 
 @click.command()
@@ -149,7 +149,7 @@ def measure(run, jobs):
 @click.option("--snr", type=Finite(0), help="Least S/N, in a resolution element or a line [default: 5].")
 @click.option("--ids", help="Only these objects: numbers of the truth table, separated by commas.")
 @click.option("--all", "everything", is_flag=True, help="Every object with light on the chip, however faint.")
-def extract(run, jobs, snr, ids, everything):
+def extract(run, jobs, resume, snr, ids, everything):
     """Extract the spectra of spectroscopic chips' Level-0 files.
 
     An emission line counts by itself: its object may have no other light. What is left out is counted, with the reason.
@@ -171,7 +171,7 @@ def extract(run, jobs, snr, ids, everything):
     except ValueError:
         raise click.BadParameter("numbers, separated by commas", param_hint="--ids") from None
     if not everything and snr is None and wanted is None:
-        one_by_one(run, "extract", jobs, functools.partial(run_stage, run))
+        one_by_one(run, "extract", jobs, functools.partial(run_stage, run), resume)
         return
     for job in jobs:
         with job.named():
