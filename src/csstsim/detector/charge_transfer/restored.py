@@ -18,7 +18,6 @@ from csstsim.detector.charge_transfer.serial import transfer_rows
 from csstsim.detector.charge_transfer.traps import buffers, draw_traps
 
 _BLOCK = 64  # rows
-_TILE = 16  # rows copied at a time: floats of a line of the cache
 
 
 def restore(image, detector, window, rng, *, density, serial, passes):
@@ -130,29 +129,15 @@ def _correct(read, guess, packets):
 
 @numba.njit(cache=True)
 def _exchange(image, flip, first, lines, back):
-    """Copy columns first, first + 1, ... of the image to `lines` (column, row in readout order), or back.
-
-    A tile of rows goes through a small buffer, as in cti: neighbours in a column of the image lie far apart.
-    """
-    ny, n = image.shape[0], len(lines)
-    tile = np.empty((n, _TILE), np.float32)
-    for start in range(0, ny, _TILE):
-        count = min(_TILE, ny - start)
-        if back:
-            for c in range(n):
-                for k in range(count):
-                    tile[c, k] = lines[c, start + k]
-        for k in range(count):
-            row = image[ny - 1 - start - k if flip else start + k, first : first + n]
-            for c in range(n):
-                if back:
-                    row[c] = tile[c, k]
-                else:
-                    tile[c, k] = row[c]
-        if not back:
-            for c in range(n):
-                for k in range(count):
-                    lines[c, start + k] = tile[c, k]
+    """Copy columns first, first + 1, ... of the image to `lines` (column, row in readout order), or back."""
+    ny = image.shape[0]
+    for k in range(ny):
+        row = image[ny - 1 - k if flip else k]
+        for c in range(len(lines)):
+            if back:
+                row[first + c] = lines[c, k]
+            else:
+                lines[c, k] = row[first + c]
 
 
 def _restore_rows(image, detector, window, rng, scale, passes):

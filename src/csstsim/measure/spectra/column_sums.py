@@ -13,7 +13,7 @@ import numba
 import numpy as np
 
 from csstsim.measure.spectra.cutout import FULL, GOOD, INSIDE
-from csstsim.measure.spectra.local_sky import sky_less_own
+from csstsim.measure.spectra.local_sky import Strips
 from csstsim.measure.spectra.spectrum_columns import CONTAMINATED, COSMIC, EDGE, LOST, MASKED, SATURATED
 
 GAP, STRIP = 4.0, 16.0  # px: from the aperture to a strip of sky, and its width
@@ -30,16 +30,17 @@ def measured(cutout, shares, half, read_noise):
     cutout: cutout.Cutout; shares: of the object's light in each of its pixels; half: of the aperture [px]; read_noise:
     electron.
     """
-    overlap, known = _overlap(cutout.offset, half), cutout.others is not None
+    strips = Strips.of(cutout.data, (cutout.seen & GOOD) > 0, cutout.offset, shares, half + GAP, STRIP)
+    known = cutout.others is not None
+    cutout, shares = cutout.within(half, shares)
+    overlap, used = _overlap(cutout.offset, half), (cutout.seen & GOOD) > 0
     others = cutout.others if known else np.zeros_like(cutout.data)
-    good = (cutout.seen & GOOD) > 0
-    whole = WHOLE * _light(overlap, shares, np.ones_like(good))
-    enough = _light(overlap, shares, good) >= whole
-    sky = sky_less_own(cutout.data, good, cutout.offset, shares, overlap, enough, half + GAP, STRIP)
+    enough = WHOLE * _light(overlap, shares, np.ones_like(used))
+    sky = strips.sky_less_own(cutout.data, used, shares, overlap, _light(overlap, shares, used) >= enough)
     data, level = cutout.data - sky.level[:, None], sky.level
-    used, variance = good & (overlap > 0), np.ones_like(data)
+    used, variance = used & (overlap > 0), np.ones_like(data)
     _horne(data, shares, used, variance, level, others, cutout.response, float(read_noise))
-    lost = ~(_light(overlap, shares, used) >= whole) | ~np.isfinite(level)
+    lost = ~(_light(overlap, shares, used) >= enough) | ~np.isfinite(level)
     out = {"sky": level, "flags": _flags(cutout.seen, overlap > 0, used) | np.where(lost, LOST, 0)}
     for name in ("electrons", "box"):
         sums = _sums(overlap, shares, used, variance, data, others, name == "electrons")

@@ -44,6 +44,17 @@ class Cutout:
         _fill(frame.electrons[part], frame.marks[part], *light, data[:, inside], others[:, inside], seen[:, inside])
         return cls(data, None if own is None else others, rows - centre[:, None], seen, response)
 
+    def within(self, half, shares):
+        """Return (Cutout, shares) of the rows with pixels of an aperture, up to `half` [px] from the trace.
+
+        shares (columns, rows): any plane of the cutout.
+        """
+        near = np.flatnonzero((self.offset.min(axis=0) < half + 0.5) & (self.offset.max(axis=0) > -half - 0.5))
+        part = slice(near[0], near[-1] + 1)
+        planes = self.data, self.others, self.offset, self.seen, self.response, shares
+        *own, shares = (None if plane is None else np.ascontiguousarray(plane[:, part]) for plane in planes)
+        return Cutout(*own), shares
+
 
 @numba.njit(cache=True)
 def _fill(electrons, marks, light, own, data, others, seen):

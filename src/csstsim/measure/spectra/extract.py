@@ -165,10 +165,10 @@ def _extract_one(frame, one, shapes, spectrum, edges, model, point, lines):
     if (found["flags"] & LOST).all():
         return None
     found["flags"] |= untrusted(found, along)
-    flat = model.electrons(one, columns, along, [1.0], GRID[[0, -1]])
-    expected = np.full(len(columns), np.nan)
-    if spectrum is not None:
-        expected = model.electrons(one, columns, along, spectrum, edges)
+    unit, true = ([1.0], GRID[[0, -1]]), (spectrum, edges)
+    flat, expected = model.electrons(one, columns, along, unit, unit if spectrum is None else true)
+    if spectrum is None:
+        expected = np.full(len(columns), np.nan)
     found |= _fluxes(found, flat, wave)
     found["flags"] |= CUT if one["cut"][0] else 0
     found |= {"column": columns, "y": centre, "wavelength": wave, "sensitivity": flat, "model": expected}

@@ -87,6 +87,8 @@ class _Spectrum:
         self.column, self.error = found["column"].astype(float), found["electrons_err"].astype(float)
         self.good = (found["flags"] & (LOST | DIM) == 0) & np.isfinite(found["electrons"]) & (self.error > 0)
         self.start, self.per = float(one["x"][0] + one["p"][0]), float(one["q"][0])
+        self.sensitivity = found["sensitivity"].astype(float)
+        self.values = np.stack([found[name].astype(float) for name in ("electrons", "model")], axis=1)
         self.passed = model.photons * np.gradient(model.cumulative[model.pair(one)], GRID)
 
     def known(self, redshift):
@@ -175,18 +177,16 @@ class _Spectrum:
         """Return {name: value} of line_columns.COLUMNS; None where too little of the line can be used."""
         middle = self.start + self.per * line.wavelength
         reach = SIDE + 2 * line.width + np.abs(line.places - middle).max()
-        near = self.good & (np.abs(self.column - middle) <= reach)
+        near = np.flatnonzero(self.good & (np.abs(self.column - middle) <= reach))
         light = line.electrons
         share = light[near].sum() / max(light.sum(), 1e-300)
         others = [other for other in lines if other is not line and other.electrons[near].any()]
-        columns = np.stack([light, *(other.electrons for other in others)], axis=1)
-        u = (self.column - middle) / reach
-        sensitivity = self.found["sensitivity"].astype(float)
-        matrix = np.concatenate([columns, sensitivity[:, None] * u[:, None] ** np.arange(3)], axis=1)[near]
-        if share < LEAST or near.sum() <= 2 * matrix.shape[1]:
+        columns = np.stack([light[near], *(other.electrons[near] for other in others)], axis=1)
+        u = ((self.column - middle) / reach)[near]
+        matrix = np.concatenate([columns, self.sensitivity[near, None] * u[:, None] ** np.arange(3)], axis=1)
+        if share < LEAST or len(near) <= 2 * matrix.shape[1]:
             return None
-        data = np.stack([self.found[name][near].astype(float) for name in ("electrons", "model")], axis=1)
-        values, error = _fit(matrix, data, self.error[near])
+        values, error = _fit(matrix, self.values[near], self.error[near])
         blended = any(line.near(other.places).any() for other in others)
         flags = self._flags(line) | (BLENDED if blended else 0) | (PART if share < WHOLE else 0)
         erg = H_J_S * C_A_S / line.wavelength * ERG_PER_CM2

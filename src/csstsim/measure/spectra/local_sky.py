@@ -29,67 +29,83 @@ class Sky:
 class Strips:
     """The usable pixels of the strips of n columns, in blocks: strips 2 k and 2 k + 1 are the sides of block k.
 
-    pixel (strips, most): index in the flat cutout; count (strips,): pixels of each, 0 of those with too few; share: of
-    the object's light in each pixel; middle (blocks,): column; columns: n.
+    data, share, column (strips, most): electrons, share of the object's light and column of each pixel; count
+    (strips,): pixels of each, 0 of those with too few; middle (blocks,): column; columns: n.
     """
 
-    pixel: np.ndarray
-    count: np.ndarray
+    data: np.ndarray
     share: np.ndarray
+    column: np.ndarray
+    count: np.ndarray
     middle: np.ndarray
     columns: int
 
     @classmethod
-    def of(cls, good, offset, share, inner, width):
+    def of(cls, data, good, offset, share, inner, width):
         """Return the Strips of a cutout (n, rows) at |offset| from `inner` to `inner` + `width` [px].
 
-        good: bool; offset: rows from the trace; share: of the object's light.
+        data: electrons; good: bool; offset: rows from the trace; share: of the object's light.
         """
         n = len(good)
         edges = np.linspace(0, n, max(1, round(n / BLOCK)) + 1).astype(int)
-        pixel, count = _pixels(good, offset, edges, float(inner), float(width))
-        return cls(pixel, count, share.ravel()[pixel], 0.5 * (edges[1:] + edges[:-1] - 1), n)
+        found = _pixels(data, good, offset, share, edges, float(inner), float(width))
+        return cls(*found, 0.5 * (edges[1:] + edges[:-1] - 1), n)
 
-    def sky(self, data, light):
-        """Return the Sky of data (n, rows) electrons less light (n,) of the object; NaN where no strip is usable."""
-        found = self.by_block(data, light)
+    def sky(self, light):
+        """Return the Sky of the electrons less light (n,) of the object; NaN where no strip is usable."""
+        found = self.by_block(light)
         there = np.isfinite(found[0])
         if not there.any():
             return Sky(*np.full((3, self.columns), np.nan))
         return Sky(*(np.interp(np.arange(self.columns), self.middle[there], one[there]) for one in found))
 
-    def by_block(self, data, light):
+    def by_block(self, light):
         """Return (3, blocks): the values of `sky` in the middle of each block; NaN where no strip is usable."""
-        values = _values(data, light, self.pixel, self.share, self.count)
+        values = _values(self.data, self.share, self.column, self.count, light)
         return _by_block(values, np.sort(values, axis=1), self.share, self.count)
+
+    def sky_less_own(self, data, good, share, overlap, known):
+        """Return the Sky without the light of the object itself in the strips.
+
+        Each round measures the object's light in the good pixels of an aperture, sum of overlap (data - sky) over that
+        of overlap share, with the sky so far, removes it from the strips and measures the sky again. data (electrons),
+        good, share, overlap (n, rows): of the aperture; known (n,): columns with such light; others are interpolated.
+        """
+        light, column = np.zeros(len(data)), np.arange(len(data))
+        for _ in range(OWN_ROUNDS):
+            sky = self.sky(light)
+            if known.any() and np.isfinite(sky.level).all():
+                found = _electrons(data, good, share, overlap, sky.level)
+                light = np.interp(column, column[known], found[known])
+        return sky
 
 
 @numba.njit(cache=True)
-def _pixels(good, offset, edges, inner, width):
-    """Return Strips.pixel and count."""
-    rows = good.shape[1]
+def _pixels(data, good, offset, share, edges, inner, width):
+    """Return Strips.data, share, column and count."""
+    rows, most = good.shape[1], (edges[1:] - edges[:-1]).max() * (int(width) + 1)
     count = np.zeros(2 * (len(edges) - 1), np.int64)
-    pixel = np.zeros((len(count), (edges[1:] - edges[:-1]).max() * rows), np.int64)
+    values, own = np.zeros((len(count), most)), np.zeros((len(count), most))
+    column = np.zeros((len(count), most), np.int64)
     for strip in range(len(count)):
         k, side, n = strip // 2, 2.0 * (strip % 2) - 1.0, 0
         for i in range(edges[k], edges[k + 1]):
             for j in range(rows):
                 if good[i, j] and inner <= side * offset[i, j] < inner + width:
-                    pixel[strip, n] = i * rows + j
+                    values[strip, n], own[strip, n], column[strip, n] = data[i, j], share[i, j], i
                     n += 1
         if n >= max(USABLE * (edges[k + 1] - edges[k]) * width, 2):
             count[strip] = n
-    return pixel[:, : max(count.max(), 1)], count
+    return values, own, column, count
 
 
 @numba.njit(cache=True)
-def _values(data, light, pixel, share, count):
+def _values(data, share, column, count, light):
     """Return (strips, most): the electrons of the strips' pixels less the object's; inf after the last one."""
-    out, rows = np.full(pixel.shape, np.inf), data.shape[1]
+    out = np.full((len(count), max(count.max(), 1)), np.inf)
     for strip in range(len(count)):
         for k in range(count[strip]):
-            i, j = divmod(pixel[strip, k], rows)
-            out[strip, k] = data[i, j] - light[i] * share[strip, k]
+            out[strip, k] = data[strip, k] - light[column[strip, k]] * share[strip, k]
     return out
 
 
@@ -155,23 +171,6 @@ def _deviation(ranked, centre):
                 high = middle
         total += max(centre - ranked[low], ranked[low + nearest - 1] - centre)
     return 0.5 * total
-
-
-def sky_less_own(data, good, offset, share, overlap, known, inner, width):
-    """Return the Sky of a cutout (n, rows) without the light of the object itself in the strips (Strips.of).
-
-    Each round measures the object's light in the good pixels of an aperture, sum of overlap (data - sky) over that of
-    overlap share, with the sky so far, removes it from the strips and measures the sky again. data: electrons; known
-    (n,): columns with such light; others are interpolated.
-    """
-    light, column = np.zeros(len(data)), np.arange(len(data))
-    strips = Strips.of(good, offset, share, inner, width)
-    for _ in range(OWN_ROUNDS):
-        sky = strips.sky(data, light)
-        if known.any() and np.isfinite(sky.level).all():
-            found = _electrons(data, good, share, overlap, sky.level)
-            light = np.interp(column, column[known], found[known])
-    return sky
 
 
 @numba.njit(cache=True)

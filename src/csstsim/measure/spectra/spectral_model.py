@@ -42,16 +42,17 @@ class SpectralModel:
     tables: np.ndarray
     kernels: np.ndarray
 
-    def electrons(self, one, columns, profile, spectrum, edges):
-        """Return electrons (len(columns),) of a row of the orders' table, summed ACROSS the trace.
+    def electrons(self, one, columns, profile, *spectra):
+        """Return (len(spectra), len(columns)) electrons of a row of the orders' table, summed ACROSS the trace.
 
-        one: ObjectTable of one row; columns: consecutive chip columns; profile: (4, n), ALONG; spectrum: (len(edges) -
-        1,) photon / s / m2 / angstrom in bins of edges [angstrom].
+        one: ObjectTable of one row; columns: consecutive chip columns; profile: (4, n), ALONG; spectra: pairs of
+        (bins,) photon / s / m2 / angstrom and the bins' edges [angstrom].
         """
-        out, sums = np.zeros(len(columns)), self.cumulative[self.pair(one)]
-        at, per = float(one["x"][0] + one["p"][0]), float(one["q"][0])
-        kernel, spectrum = _kernels(profile, _FINE, HALF // 2), np.asarray(spectrum, float) * self.photons
-        _along(sums, np.asarray(edges, float), spectrum, at, per, float(columns[0]), kernel, self.bands, out)
+        out, sums = np.zeros((len(spectra), len(columns))), self.cumulative[self.pair(one)]
+        at, per, kernel = float(one["x"][0] + one["p"][0]), float(one["q"][0]), _kernels(profile, _FINE, HALF // 2)
+        for row, (spectrum, edges) in zip(out, spectra, strict=True):
+            spectrum = np.asarray(spectrum, float) * self.photons
+            _along(sums, np.asarray(edges, float), spectrum, at, per, float(columns[0]), kernel, self.bands, row)
         return out
 
     def image(self, orders, shapes, spectra, edges, window, faintest=0.0, boxes=None):
@@ -278,7 +279,7 @@ def _across(image, x0, y0, column, first, at, per, middle, slope, profile, bands
         for side in (-1, 1):
             row = nearest if side > 0 else nearest - 1
             edge = _below(profile, b, share, row - 0.5 * side - centre)
-            while abs(row - centre) < HALF - 1:
+            while abs(row - centre) < HALF - 1 and (row < ny if side > 0 else row >= 0):
                 next_ = _below(profile, b, share, row + 0.5 * side - centre)
                 light = side * (next_ - edge)
                 if e * light < faintest:
