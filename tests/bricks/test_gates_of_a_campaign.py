@@ -31,7 +31,7 @@ def stars(folder, read_noise=5.0, again=()):
     shift = np.random.default_rng(4).uniform(-0.5, 0.5, (2, x.size))  # of the star in its pixel
     file = write_scene(folder, "Stars", x + shift[0], y + shift[1], MAG, geometry=geometry)
     with (folder / "table.csv").open("a") as table:
-        table.writelines(f"{obsid},SCIE,60.0,-40.0,-113.4333,{start},150\n" for obsid, start in again)
+        table.writelines(f"{obsid},SCIE,60.15,-40.0,-113.4333,{start},150\n" for obsid, start in again)
     path = OpenCampaign(file).camera.folder / "detector.yaml"
     numbers = yaml.safe_load(path.read_text())
     numbers["charge"]["read_noise"]["value"] = read_noise
