@@ -42,8 +42,9 @@ def check_scene(scene, table, maximum):
             raise ValueError(f"a value of {name} is negative: photons cannot be drawn")
     if (maximum * scene.electrons.sum(axis=1) >= 2**31).any():
         raise ValueError("an object has 2^31 electrons or more")
-    table.verify(scene.node[scene.weight > 0])
-    if not (table.share[scene.node[scene.weight > 0]].sum(axis=(1, 2)) > 0).all():
+    nodes, lit = scene.node[scene.weight > 0], table.share.sum(axis=(1, 2)) > 0
+    table.verify(nodes)
+    if not lit[nodes].all():
         raise ValueError("a PSF node has no tables")
 
 

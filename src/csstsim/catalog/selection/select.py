@@ -104,10 +104,7 @@ def select_objects(
     optics = noise.variance(exptime), scattered, box, wcs.chip, filter, telescope
     bound = catalog.rate_bound(rows, filter, telescope)
     if bound is not None:  # spectra of objects that cannot reach the window are not summed
-        electrons = bound * _magnification(table)[0] * exptime
-        reach, _, wing, ghosts, _ = _extent(table, unusable(table, electrons[:, None]), electrons, *optics)
-        far = np.maximum.reduce([reach, wing, ghosts])
-        could = _lands(places, far, window, disperser) | ~np.isfinite(places["x"] + electrons)
+        could = _could_reach(table, places, bound * _magnification(table)[0] * exptime, window, disperser, optics)
         rows, table, places = rows[could], table.take(could), {name: v[could] for name, v in places.items()}
     if rotated:
         table = table.with_columns(e1=-table["e1"], e2=-table["e2"])
@@ -175,6 +172,20 @@ def _lands(places, far, window, disperser):
     lands = np.zeros(len(x), bool)
     lands[visits[meets.any(axis=1), 0]] = True
     return lands
+
+
+def _could_reach(table, places, electrons, window, disperser, optics):
+    """Return (n,) bool: whether objects of up to so many electrons could reach the window, or are of unknown light.
+
+    optics: the last arguments of `_extent`, which is asked only for objects that are not on the window anyway.
+    """
+    could = _lands(places, np.zeros(len(electrons)), window, disperser) | ~np.isfinite(places["x"] + electrons)
+    rest = np.flatnonzero(~could)
+    table, electrons = table.take(rest), electrons[rest]
+    reach, _, wing, ghosts, _ = _extent(table, unusable(table, electrons[:, None]), electrons, *optics)
+    far = np.maximum.reduce([reach, wing, ghosts])
+    could[rest] = _lands({name: v[rest] for name, v in places.items()}, far, window, disperser)
+    return could
 
 
 def _magnified(table, bands, mu):

@@ -48,7 +48,7 @@ def shoot_spectra(canvas, scene, traces, keys, table, wing=None):
     """
     (spectra, visits, disperser), window = traces, canvas.window
     check_scene(scene, table, canvas.maximum)
-    if not np.isfinite(spectra).all() or (spectra < 0).any():
+    if not _usable(spectra):
         raise ValueError("a spectrum is negative or not finite")
     orders, count = len(disperser.orders), len(visits)
     drawn, box = np.zeros((count, orders), np.int64), np.zeros((count, orders, 4), np.int64)
@@ -68,6 +68,16 @@ def shoot_spectra(canvas, scene, traces, keys, table, wing=None):
     _shoot(image, objects, light, optics, np.ascontiguousarray(visits), keys, psf, tail, (drawn, box))
     box[drawn > 0] += canvas.corner
     return drawn, box
+
+
+@numba.njit(cache=True)
+def _usable(spectra):
+    """Whether no value of `spectra` (n, bins) is negative or not finite."""
+    wrong = 0
+    for i in range(len(spectra)):
+        for value in spectra[i]:
+            wrong += not 0.0 <= value < np.inf
+    return wrong == 0
 
 
 def _wavelengths(disperser):
