@@ -275,6 +275,12 @@ def _count(count, x, y, px, py, shift_x, shift_y, order, image, results, v, key,
             counted[row, column] += kept
             o = order[j]
             drawn[v, o] += kept
-            b = box[v, o]
-            b[0], b[1] = min(b[0], column), max(b[1], column + 1)
-            b[2], b[3] = min(b[2], row), max(b[3], row + 1)
+            # Rarely true: a branch is cheaper than a number that waits for the one before it
+            if column < box[v, o, 0]:
+                box[v, o, 0] = column
+            if column >= box[v, o, 1]:
+                box[v, o, 1] = column + 1
+            if row < box[v, o, 2]:
+                box[v, o, 2] = row
+            if row >= box[v, o, 3]:
+                box[v, o, 3] = row + 1
