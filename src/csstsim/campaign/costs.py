@@ -103,9 +103,9 @@ def expected(run):
 
 
 def _is_shared(run, path):
-    """Whether another campaign has made a product, and this one has not linked it yet."""
+    """Whether a product is only to be linked, or was: another campaign has made it, or has it, too."""
     common = run.in_share(path)
-    return common is not None and common.exists() and not path.exists()
+    return common is not None and common.exists() and (not path.exists() or common.stat().st_nlink > 2)
 
 
 def _exposures(chips, start):
