@@ -14,8 +14,8 @@ import sys
 from pathlib import Path
 
 from csstsim.base.errors import CsstsimError
-from csstsim.campaign.job_log import parts, took
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.running.job_log import parts, took
 
 ROOT = Path(__file__).parents[1]
 MAKING = ("select", "render", "readout", "level0", "chip")  # rules that make a Level-0 file

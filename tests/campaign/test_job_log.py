@@ -11,8 +11,8 @@ from click.testing import CliRunner
 from mini_campaign import write_campaign
 
 from csstsim import __version__
-from csstsim.campaign.job_log import Took, job_log, part_log, parts, took
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.running.job_log import Took, job_log, part_log, parts, took
 from csstsim.command_line.main import main
 
 FIRST = re.compile(

@@ -7,9 +7,9 @@ import pytest
 from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.files.atomic import atomic_path
-from csstsim.campaign.one_by_one import forget, one_by_one
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds
+from csstsim.campaign.running.one_by_one import forget, one_by_one
 
 CHIPS = 8, 9, 14
 

@@ -14,7 +14,7 @@ from csstsim.campaign.costs import each_once, expected
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import duration
 from csstsim.campaign.products import kinds as table
-from csstsim.campaign.status import FAILURES, Kind, Status, failures, lines, look, pace, wanted
+from csstsim.campaign.running.status import FAILURES, Kind, Status, failures, lines, look, pace, wanted
 from csstsim.command_line.main import main
 from csstsim.delivery.contents import YES, of_campaign
 from csstsim.delivery.products import products

@@ -12,7 +12,7 @@ from mini_campaign import write_campaign
 from csstsim.campaign.costs import Cost, expected
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import plan
-from csstsim.campaign.status import look, wanted
+from csstsim.campaign.running.status import look, wanted
 from csstsim.command_line import doctor
 from csstsim.command_line.doctor import OK, PROBLEM, WARNING, installation, machine, of_campaign
 from csstsim.command_line.main import main

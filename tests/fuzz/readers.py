@@ -243,6 +243,6 @@ def validation(path):
 
 def job_log(path):
     """Logs of jobs, as the report sums them."""
-    from csstsim.campaign.run_times import measured
+    from csstsim.campaign.running.run_times import measured
 
     measured(Path(path).parents[2])

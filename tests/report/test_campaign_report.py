@@ -16,7 +16,7 @@ from csstsim.bricks.result_file import read_result, write_result
 from csstsim.campaign.costs import Cost, expected
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds
-from csstsim.campaign.run_times import run_times
+from csstsim.campaign.running.run_times import run_times
 from csstsim.catalog.table import ObjectTable
 from csstsim.compare.varying import steady_page
 from csstsim.io.output_owner import FILE as OWNER
@@ -207,7 +207,7 @@ def test_what_jobs_took_stands_beside_what_was_expected(reported):
 def test_jobs_of_a_rule_are_expected_to_cost_the_mean_of_those_planned(tmp_path, monkeypatch):
     """Three readouts were measured, two are planned, of 10 and 20 s: 45 s, and not three times the dearest."""
     costs = {"readout": {1: Cost(10.0, 100), 2: Cost(20.0, 300)}}
-    monkeypatch.setattr("csstsim.campaign.run_times.expected", lambda run: costs)
+    monkeypatch.setattr("csstsim.campaign.running.run_times.expected", lambda run: costs)
     for number in range(3):
         logged(tmp_path, "readout", str(number), b"readout done: 40.0 s, CPU 30.0 s, memory 200 MB")
     readout, whole, each = run_times(SimpleNamespace(paths=Paths(tmp_path), jobs=[1, 2]))

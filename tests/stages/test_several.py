@@ -4,8 +4,8 @@ import pytest
 from delivery.small_delivery import command, done
 from mini_campaign import write_campaign
 
-from csstsim.campaign.job_log import parts
 from csstsim.campaign.opened import OpenCampaign
+from csstsim.campaign.running.job_log import parts
 
 POINTING = "10100000001,SCIE,60.0,-40.0,-113.4333,2027-11-20T01:08:00,150"  # where bricks meet
 OBSID = POINTING.split(",")[0]

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 from csstsim.base.files.atomic import remove_left
 from csstsim.base.help_page import with_page
 from csstsim.campaign.checks import check_kept
-from csstsim.campaign.job_log import ERROR
-from csstsim.campaign.one_by_one import forget
+from csstsim.campaign.running.job_log import ERROR
+from csstsim.campaign.running.one_by_one import forget
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds, summary
 from csstsim.base.errors import CsstsimError

@@ -14,7 +14,7 @@ import click
 from csstsim.base.errors import CsstsimError
 from csstsim.base.help_page import with_page
 from csstsim.base.process.progress import hidden
-from csstsim.campaign.job_log import ERROR
+from csstsim.campaign.running.job_log import ERROR
 
 SECTIONS = {
     "Begin": ("init", "aim", "doctor", "check", "plan", "completion"),

@@ -52,7 +52,7 @@ def chip(run, jobs, resume, profile):
     Two chips, with the time of each layer and function:
       csstsim chip campaign.yaml --obsid 10100000004 --chip 8 --chip 9 --profile
     """
-    from csstsim.campaign.one_by_one import one_by_one
+    from csstsim.campaign.running.one_by_one import one_by_one
     from csstsim.stages.chip import chip as run_chip
     from csstsim.stages.chip import missing
 

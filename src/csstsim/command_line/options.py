@@ -6,7 +6,7 @@ import math
 import click
 
 from csstsim.base.process.progress import progress
-from csstsim.campaign.job_log import job_log, part_log
+from csstsim.campaign.running.job_log import job_log, part_log
 from csstsim.command_line.completion import chips_of, obsids_of
 from csstsim.command_line.group import hushed
 

@@ -138,7 +138,7 @@ def measure(run, jobs, resume):
     Two chips, one after the other:
       csstsim measure campaign.yaml --obsid 10100000004 --chip 8 --chip 9
     """
-    from csstsim.campaign.one_by_one import one_by_one
+    from csstsim.campaign.running.one_by_one import one_by_one
     from csstsim.stages.measure import measure as run_stage
 
     one_by_one(run, "measure", jobs, functools.partial(run_stage, run), resume)
@@ -160,7 +160,7 @@ def extract(run, jobs, resume, snr, ids, everything):
       csstsim extract campaign.yaml --obsid 10100000015 --chip 29
       csstsim extract campaign.yaml --obsid 10100000015 --chip 29 --ids 1,2 --snr 0
     """
-    from csstsim.campaign.one_by_one import one_by_one
+    from csstsim.campaign.running.one_by_one import one_by_one
     from csstsim.stages.extract import SNR_MIN
     from csstsim.stages.extract import extract as run_stage
 

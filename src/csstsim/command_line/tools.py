@@ -251,7 +251,7 @@ def status(campaign, output, watch):
       csstsim status campaign.yaml --watch 60
     """
     from csstsim.campaign.opened import OpenCampaign
-    from csstsim.campaign.status import show as run
+    from csstsim.campaign.running.status import show as run
 
     try:
         run(OpenCampaign(campaign, output), watch, say=print)

@@ -16,7 +16,7 @@ from csstsim.base.process.progress import progress
 from csstsim.base.release import check_recipe
 from csstsim.bricks import verdict as verdicts
 from csstsim.campaign.products import kinds
-from csstsim.campaign.run_times import run_times
+from csstsim.campaign.running.run_times import run_times
 from csstsim.io.keywords import git_commit
 from csstsim.io.paths import made
 from csstsim.report.parts import Link

@@ -9,7 +9,7 @@ def of_campaign(file):
     """Yield the Findings of a campaign. Raises InputError if it cannot be opened."""
     from csstsim.campaign.opened import OpenCampaign
     from csstsim.campaign.plan import plan
-    from csstsim.campaign.status import look, wanted
+    from csstsim.campaign.running.status import look, wanted
 
     run = OpenCampaign(file)
     run.open_truth()
@@ -21,7 +21,7 @@ def of_campaign(file):
 
 
 def output(folder, need, status):
-    """The output folder can be written, and has room. need: bytes of all products; status: campaign.status.Status."""
+    """The output folder can be written, and has room. need: bytes of all products; status: a status.Status."""
     if fault := write_fault(folder):
         place = there(folder)
         yield Finding(PROBLEM, "output", f"{place}: {fault}; give the campaign another `output`, or mend that folder")

@@ -13,8 +13,8 @@ from pathlib import Path
 from csstsim.base.digest import digest
 from csstsim.base.process.memory import release
 from csstsim.base.process.progress import progress
-from csstsim.campaign.job_log import part_log
 from csstsim.campaign.products import kinds
+from csstsim.campaign.running.job_log import part_log
 
 RULES = "level0", "measure", "extract"
 

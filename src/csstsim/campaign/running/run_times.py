@@ -6,7 +6,7 @@ The figures are those of the last lines of the jobs' logs.
 from statistics import fmean
 
 from csstsim.campaign.costs import expected
-from csstsim.campaign.job_log import took
+from csstsim.campaign.running.job_log import took
 
 
 def run_times(run):

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 
 from csstsim.campaign.costs import expected
-from csstsim.campaign.job_log import ERROR, killed
 from csstsim.campaign.plan import duration
 from csstsim.campaign.products import kinds
+from csstsim.campaign.running.job_log import ERROR, killed
 
 LATELY, PAUSE = 3600.0, 900.0  # s: the pace is that of the last hour, after the last pause; jobs of hours look further
 LOGS, TAIL, FAILURES = 5000, 4096, 5  # newest logs looked into, bytes of each, failures named

@@ -1,0 +1,1 @@
+"""A campaign while it runs: logs of jobs, what is finished, what it took."""
