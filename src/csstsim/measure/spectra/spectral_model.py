@@ -19,7 +19,7 @@ from csstsim.measure.spectra.line_profile import ACROSS, ALONG, HALF, PER_PX, br
 from csstsim.measure.spectra.near_orders import near_orders
 
 CLASS, SMALLEST, CLASSES = 1.3, 0.1, 26  # radii [px]: SMALLEST CLASS^k; class 0 is a point
-CHUNK = 2000  # objects whose spectra are held at a time
+CHUNK = 500  # objects whose spectra are held at a time
 _STEP = GRID[1] - GRID[0]
 _REACH = 7, 4.0, 40  # px along the dispersion: least, per half-light radius, most
 _FINE, _COARSE = 4, 2  # cells per column: for one spectrum, for all
