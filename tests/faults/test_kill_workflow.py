@@ -4,7 +4,7 @@ import os
 import signal
 
 import pytest
-from faults.small_run import ended
+from faults.small_run import CHIP, OBSID, ended
 from running import running
 
 pytestmark = pytest.mark.faults
@@ -14,7 +14,7 @@ def test_a_stage_is_killed(small_run, tell):
     small_run.back_before("select")
     head, said = small_run.start()
     running("render", head, small_run.file).send_signal(signal.SIGKILL)
-    assert ended(head) == 1 and "rule render" in said.read_text()
+    assert ended(head) == 1 and f"render {OBSID} chip {CHIP:02d}" in said.read_text()
     small_run.assert_nothing_wrong()
     small_run.resume()
     small_run.assert_as_undisturbed()
