@@ -55,8 +55,9 @@ SECTIONS = {
     keys.AstrometryConfig: "astrometry.", keys.MeasurementConfig: "measurement.", keys.ValidateConfig: "validation.",
 }  # fmt: skip
 TYPES = ["SCIE", "BIAS"]
-# Of files and folders the content is in the recipe, under other names: exposure, sky, camera, catalog.options.ra
-ELSEWHERE = {"name", "output", "instrument", "survey_table", "window", "universe", "catalog.kind", "catalog.options"}
+# Where products lie; files and folders whose content is in the recipe, under other names: exposure, sky, camera
+FOLDERS = {"output", "share", "instrument", "universe"}
+ELSEWHERE = FOLDERS | {"name", "survey_table", "window", "catalog.kind", "catalog.options"}
 # Read when the campaign is opened, or as files by the embedded universe's catalogue; saturation_mag by nobody
 UNSEEN = {
     ("astrometry.*", "select"), ("distortion.fits", "select"), ("distortion.yaml", "psf"), ("rendering.*", "render"),

@@ -71,6 +71,7 @@ KEYS = {
     "psf.neighbours": (RENDER, 3, {"psf": {"grid": 2}}),
     "fidelity": (RENDER, "preview", {}),
     "keep": (NOT, "light", {}),
+    "share": (NOT, "common", {}),
     "measurement.calibration": (MEASURE, "frames", {}),
     "measurement.masters": (
         MEASURE,
