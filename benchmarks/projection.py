@@ -3,9 +3,9 @@
     python benchmarks/projection.py [CAMPAIGN] [--cpu S] [--lost S]        default: examples/release.yaml
 
 The numbers are from the campaign's logs and the sizes of its products. `--cpu`: all CPU seconds spent on it, `--lost`:
-those of them that kills have cost (benchmarks/release.py prints both); what is left beside the jobs' is Snakemake's,
-with the start and end of processes. The campaign needs whole chips: cut-outs cost too little. The caveats are printed
-with the numbers.
+those of them of what was killed (benchmarks/release.py prints both). Parts that the next attempt took over are not
+lost. What is left beside the jobs' is Snakemake's, with the start and end of processes. The campaign needs whole chips:
+cut-outs cost too little. The caveats are printed with the numbers.
 """
 
 import argparse
@@ -15,7 +15,7 @@ from pathlib import Path
 
 from csstsim.base.errors import CsstsimError
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.campaign.running.job_log import parts, took
+from csstsim.campaign.running.job_log import earlier_parts, parts, took
 
 ROOT = Path(__file__).parents[1]
 MAKING = ("select", "render", "readout", "level0", "chip")  # rules that make a Level-0 file
@@ -26,12 +26,12 @@ AREA, VISITS = 17_500, 2  # deg2; exposures of each position in each of u, g, r,
 
 
 def spent(output):
-    """Return {rule: [(name of the job, Took, {chip or brick: CPU s} of its parts)]} of a campaign's logs."""
+    """Return {rule: [(name of the job, Took, {chip or brick: CPU s} of its parts, those of earlier attempts)]}."""
     found = {}
     for path in sorted((output / "logs").glob("*/*.log")):
         text = path.read_text(errors="replace")
         if said := took(text):
-            found.setdefault(path.parent.name, []).append((path.stem, said, parts(text)))
+            found.setdefault(path.parent.name, []).append((path.stem, said, parts(text), earlier_parts(text)))
     return found
 
 
@@ -42,9 +42,9 @@ def each_product(jobs):
     """
     found = {}
     for rule, rows in jobs.items():
-        for name, said, of_parts in rows:
-            beside = (said.cpu_s - sum(of_parts.values())) / max(len(of_parts), 1)
-            several = [(f"{number:02d}", cpu + beside) for number, cpu in of_parts.items()]
+        for name, said, of_parts, earlier in rows:
+            beside = (said.cpu_s - sum(of_parts.values())) / max(len(of_parts | earlier), 1)
+            several = [(f"{number:02d}", cpu + beside) for number, cpu in (of_parts | earlier).items()]
             found.setdefault(TOGETHER.get(rule, rule), []).extend(several or [(name, said.cpu_s)])
     return found
 
@@ -80,7 +80,7 @@ def per_file(run, made):
 def print_jobs(jobs):
     print("\n| rule | jobs | wall s, mean | CPU s, mean | CPU s, most | resident MB, most |\n|---|---|---|---|---|---|")
     for rule, rows in jobs.items():
-        wall, cpu, memory = zip(*[(said.wall_s, said.cpu_s, said.memory_mb) for _, said, _ in rows], strict=True)
+        wall, cpu, memory = zip(*[(said.wall_s, said.cpu_s, said.memory_mb) for _, said, *_ in rows], strict=True)
         n = len(rows)
         print(f"| {rule} | {n} | {sum(wall) / n:.1f} | {sum(cpu) / n:.1f} | {max(cpu):.1f} | {max(memory):.0f} |")
 
@@ -142,7 +142,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("campaign", nargs="?", default="examples/release.yaml")
     parser.add_argument("--cpu", type=float, help="all CPU seconds spent on the campaign")
-    parser.add_argument("--lost", type=float, default=0.0, help="CPU seconds of them that kills have cost")
+    parser.add_argument("--lost", type=float, default=0.0, help="CPU seconds of them, of what was killed")
     arguments = parser.parse_args()
     try:
         run = OpenCampaign(arguments.campaign)
@@ -152,12 +152,13 @@ def main():
     made = each_product(jobs)
     if not made.keys() & set(MAKING):
         sys.exit(f"{run.paths.output}: no logs of Level-0 files; run the campaign first")
-    known = sum(said.cpu_s for rows in jobs.values() for _, said, _ in rows)
+    known = sum(said.cpu_s for rows in jobs.values() for _, said, *_ in rows)
+    kept = sum(sum(earlier.values()) for rows in jobs.values() for *_, earlier in rows)  # by what was killed
     print_jobs(jobs)
     beside = lost = None
     if arguments.cpu is not None:
-        lost = arguments.lost / len(run.jobs)
-        beside = (arguments.cpu - known) / len(run.jobs) - lost
+        lost = (arguments.lost - kept) / len(run.jobs)
+        beside = (arguments.cpu - arguments.lost - known) / len(run.jobs)
     print_survey(run, sizes(run.paths.output), print_cycle9(run, made, beside, lost))
 
 

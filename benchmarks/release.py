@@ -6,7 +6,8 @@ At random times, --every seconds apart on average, kill -9 ends in turn: a runni
 another job; Snakemake alone, whose jobs then end by themselves and are made again. Each time the command that started
 the campaign is repeated (after --unlock if Snakemake was killed). At the end come csstsim verify, report --strict, and
 tables. CPU seconds are those of all processes, including the killed ones: this process adopts the orphans and waits for
-them (Linux only). Those of killed jobs, and of jobs left over, are lost and told apart.
+them (Linux only). Those of killed jobs, and of jobs left over, are told apart:
+they are lost but for the chips that the next attempt takes over.
 """
 
 import argparse
@@ -121,7 +122,7 @@ def main():
     spent = resource.getrusage(resource.RUSAGE_CHILDREN)
     cpu = spent.ru_utime + spent.ru_stime
     print(
-        f"{kills} kills, {starts} starts; wall {wall:.0f} s, CPU {cpu:.0f} s, {lost:.0f} of them lost by kills; "
+        f"{kills} kills, {starts} starts; wall {wall:.0f} s, CPU {cpu:.0f} s, {lost:.0f} of them of what was killed; "
         f"{os.cpu_count()} cores"
     )
     csstsim = [str(Path(sys.executable).with_name("csstsim"))]

@@ -9,6 +9,7 @@ from mini_campaign import POINTINGS, write_campaign
 from csstsim.base.files.atomic import atomic_path
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.products import kinds
+from csstsim.campaign.running.job_log import earlier_parts, parts
 from csstsim.campaign.running.one_by_one import forget, one_by_one
 
 CHIPS = 8, 9, 14
@@ -60,6 +61,16 @@ def test_an_attempt_goes_on_where_the_one_before_failed(file):
     assert before.items() <= after.items()
     assert not any((file.parent / "out" / "chips").iterdir()), "nothing is left"
     assert attempt(file) == list(CHIPS), "a finished job is made anew"
+
+
+def test_the_log_says_what_the_earlier_attempt_took(file, capsys):
+    attempt(file, fail_at=14)
+    remove(file)
+    capsys.readouterr()
+    attempt(file)
+    said = capsys.readouterr().out
+    assert earlier_parts(said).keys() == {8, 9} and parts(said).keys() == {14}
+    assert all(0 <= cpu < 60 for cpu in earlier_parts(said).values())
 
 
 def test_files_taken_again_are_newer_than_their_inputs(file):

@@ -19,6 +19,7 @@ _START = time.monotonic()  # the commands import this first: nearly the start of
 _FIRST = re.compile(r"csstsim \S+ \w+: .*, (\S+) pid (\d{1,9}), \S+Z")
 _LAST = re.compile(r"^\w+ done: (\d{1,9}\.\d) s, CPU (\d{1,9}\.\d) s, memory (\d{1,9}) MB$", re.MULTILINE)
 _PART = re.compile(r"^(?:chip|brick) (\d{1,9}) done: \d{1,9}\.\d s, CPU (\d{1,9}\.\d) s$", re.MULTILINE)
+_EARLIER = re.compile(r"^(?:chip|brick) (\d{1,9}) was finished earlier, in CPU (\d{1,9}\.\d) s$", re.MULTILINE)
 ERROR = "csstsim: error:"  # the line of a failed command, in place of the last one, begins so
 
 
@@ -58,9 +59,19 @@ def part_log(kind, number):
         print(f"{kind} {number} done: {wall:.1f} s, CPU {cpu:.1f} s", flush=True)
 
 
+def finished_earlier(kind, number, cpu):
+    """Return the line of a part that an earlier attempt of the job made, in `cpu` seconds."""
+    return f"{kind} {number} was finished earlier, in CPU {cpu:.1f} s"
+
+
 def parts(log):
     """Return {number: CPU s} of the chips or bricks of a log; {} of a job that makes one."""
     return {int(number): float(cpu) for number, cpu in _PART.findall(log)}
+
+
+def earlier_parts(log):
+    """Return {number: CPU s} of the chips or bricks that an earlier attempt of the job made: not in its own CPU s."""
+    return {int(number): float(cpu) for number, cpu in _EARLIER.findall(log)}
 
 
 def took(log):

@@ -8,15 +8,17 @@ second names: it is not known to be finished, and will be started again.
 
 import os
 import shutil
+import time
 from pathlib import Path
 
 from csstsim.base.digest import digest
 from csstsim.base.process.memory import release
 from csstsim.base.process.progress import progress
 from csstsim.campaign.products import kinds
-from csstsim.campaign.running.job_log import part_log
+from csstsim.campaign.running.job_log import finished_earlier, part_log
 
 RULES = "level0", "measure", "extract"
+CPU = "cpu_s"  # a file beside the second names: what they took
 
 
 def one_by_one(run, rule, jobs, make, resume=False, say=print):
@@ -32,14 +34,14 @@ def one_by_one(run, rule, jobs, make, resume=False, say=print):
             files.append(run.paths.level0_cosmic(job))  # which a layer may save
         with job.named():
             if resume and kept.is_dir():
-                _link(kept, files[0].parent)
-                say(f"chip {job.chip.id} was finished by an earlier attempt")
+                say(finished_earlier("chip", job.chip.id, _link(kept, files[0].parent)))
                 continue
+            begun = time.process_time()
             with part_log("chip", job.chip.id):
                 make(job)
             release()
             if resume:
-                _keep(files, kept)
+                _keep(files, kept, time.process_time() - begun)
     if resume and os.getppid() == parent:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -55,23 +57,29 @@ def _folder(run, obsid, rule):
     return run.paths.output / "chips" / f"{obsid}_{rule}"
 
 
-def _keep(files, folder):
-    """Give files a second name in a folder, which is there once all have."""
+def _keep(files, folder, cpu):
+    """Give files a second name in a folder, which is there once all have. cpu: seconds that they took."""
     part = folder.with_name(f"{folder.name}.part")
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir(parents=True)
     try:
         for path in filter(Path.exists, files):
             os.link(path, part / path.name)
+        (part / CPU).write_text(f"{cpu:.1f}")
         part.rename(folder)
     except OSError:  # no hard links here
         shutil.rmtree(part, ignore_errors=True)
 
 
 def _link(kept, folder):
-    """Give kept files their names in a folder again. They are newer than their inputs, as Snakemake expects."""
+    """Give kept files their names in a folder again, newer than their inputs, as Snakemake expects.
+
+    Return the CPU s that they took.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     for path in kept.iterdir():
-        (folder / path.name).unlink(missing_ok=True)
-        os.utime(path)
-        os.link(path, folder / path.name)
+        if path.name != CPU:
+            (folder / path.name).unlink(missing_ok=True)
+            os.utime(path)
+            os.link(path, folder / path.name)
+    return float((kept / CPU).read_text())
