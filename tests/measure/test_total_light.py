@@ -7,6 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from csstsim.base.rng import stream
+from csstsim.measure.detection.maps import BIN
 from csstsim.measure.light.profile_tables import GAAP_FWHM, profile_tables
 from csstsim.measure.light.total_light import total_light
 from csstsim.profiles.sersic import brightness
@@ -43,13 +44,14 @@ def drawn(fabricate, index, size, ratio=0.8, *, dx=0.2, dy=-0.3, angle=25.0, bul
 
 
 def fit(images, tables, *, ratio=0.8, dx=0.2, dy=-0.3, half_light=4.0, unusable=None, flux_psf=np.nan, segments=None):
-    """Return the columns of images of one source each, of segment 1."""
+    """Return the columns of images of one source each, of segment 1. segments: at full size."""
     parts = []
     for image in images:
         one = {"x": MIDDLE + dx, "y": MIDDLE + dy, "half_light": half_light}
         found = SimpleNamespace(
             image=image.astype(np.float32), rms=np.full(image.shape, RMS, np.float32),
-            segments=np.zeros(image.shape, np.int32) if segments is None else segments, segment=np.ones(1, np.int64),
+            segments=(np.zeros(image.shape, np.int32) if segments is None else segments)[::BIN, ::BIN],
+            segment=np.ones(1, np.int64),
             **{name: np.array([value]) for name, value in one.items()},
         )  # fmt: skip
         e = np.array([(1 - ratio**2) / (1 + ratio**2) + 0j])
@@ -136,8 +138,8 @@ def test_isophotes_of_other_sources_are_left_out_and_its_own_is_not(fabricate, t
     image = 1e5 * drawn(fabricate, 1.0, 5.0)
     segments = np.zeros(image.shape, np.int32)
     segments[70:92, 70:92] = 1
-    segments[60:110, 95:] = 2
-    image[60:110, 95:] += 500.0
+    segments[60:110, 96:] = 2
+    image[60:110, 96:] += 500.0
     light = fit([image], tables, half_light=5.0, segments=segments)
     assert light["flux_total"][0] == pytest.approx(1e5, rel=0.02)
 

@@ -6,8 +6,6 @@ proper motion and parallax still included. Fluxes are electrons of the exposure;
 zero point (no atmosphere).
 """
 
-from dataclasses import replace
-
 import numpy as np
 
 from csstsim.base.errors import InputError
@@ -18,11 +16,11 @@ from csstsim.measure.calibration.channel_figures import block_means, channel_fig
 from csstsim.measure.detection.bright_stars import bright_stars
 from csstsim.measure.detection.combine import Detections, combine
 from csstsim.measure.detection.detect import isophotes, peaks, star_sources
-from csstsim.measure.detection.strips import strips
 from csstsim.measure.detection.tracks import tracks
+from csstsim.measure.light.apertures import APERTURE, aperture_flux, kron_flux
 from csstsim.measure.light.centroid import position_errors
 from csstsim.measure.light.moments import measure_shapes, on_sky, reduced, without_psf
-from csstsim.measure.light.photometry import APERTURE, aperture_flux, fit_sources, kron_flux, psf_model
+from csstsim.measure.light.photometry import fit_sources, psf_model
 from csstsim.measure.light.profile_tables import profile_tables
 from csstsim.measure.light.total_light import total_light
 from csstsim.optics.scatter.scattered_light import read_scattered
@@ -179,17 +177,10 @@ def measure_frame(calibrated, psf, wcs, observer, *, obsid, chip, filter, telesc
 
 def _measured(found, calibrated, unusable, model, window, profiles):
     """Return the columns of `combine.Detections`, from measurements on the frame."""
-    counted, parts, order = calibrated.counted(found.x, found.y), [], []
-    for rows, part, first in strips(found):
-        around = replace(window, y0=window.y0 + first, y1=window.y0 + first + len(part.image))
-        bad = unusable[first : first + len(part.image)]
-        table = _sources(part, counted[rows], bad, model, around)
-        table |= total_light(part, table, bad, counted[rows], profiles)
-        table["star"] = np.where(np.isfinite(table["point"]), table["point"] >= STAR_POINT, table["star"])
-        parts.append(table)
-        order.append(rows)
-    back = np.argsort(np.concatenate(order))
-    return {name: np.concatenate([part[name] for part in parts])[back] for name in parts[0]}
+    counted = calibrated.counted(found.x, found.y)
+    table = _sources(found, counted, unusable, model, window)
+    table |= total_light(found, table, unusable, counted, profiles)
+    return table | {"star": np.where(np.isfinite(table["point"]), table["point"] >= STAR_POINT, table["star"])}
 
 
 def _of_stars(frame, kernel):

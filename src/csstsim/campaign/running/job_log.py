@@ -19,7 +19,7 @@ _START = time.monotonic()  # the commands import this first: nearly the start of
 _FIRST = re.compile(r"csstsim \S+ \w+: .*, (\S+) pid (\d{1,9}), \S+Z")
 _LAST = re.compile(r"^\w+ done: (\d{1,9}\.\d) s, CPU (\d{1,9}\.\d) s, memory (\d{1,9}) MB$", re.MULTILINE)
 _PART = re.compile(r"^(?:chip|brick) (\d{1,9}) done: \d{1,9}\.\d s, CPU (\d{1,9}\.\d) s$", re.MULTILINE)
-_EARLIER = re.compile(r"^(?:chip|brick) (\d{1,9}) was finished earlier, in CPU (\d{1,9}\.\d) s$", re.MULTILINE)
+_EARLIER = re.compile(r"^(?:chip|brick) (\d{1,9}) was finished earlier: CPU (\d{1,9}\.\d) s$", re.MULTILINE)
 ERROR = "csstsim: error:"  # the line of a failed command, in place of the last one, begins so
 
 
@@ -61,7 +61,7 @@ def part_log(kind, number):
 
 def finished_earlier(kind, number, cpu):
     """Return the line of a part that an earlier attempt of the job made, in `cpu` seconds."""
-    return f"{kind} {number} was finished earlier, in CPU {cpu:.1f} s"
+    return f"{kind} {number} was finished earlier: CPU {cpu:.1f} s"
 
 
 def parts(log):

@@ -16,7 +16,6 @@ import numba
 import numpy as np
 
 from csstsim.measure.calibration.bad_pixels import FULL
-from csstsim.measure.detection.maps import grown
 from csstsim.measure.light.photometry import draw_psf, psf_tables
 
 PEAK = 4000.0  # electron above the sky: least pixel of a candidate; in r a star of 16,000 electrons
@@ -82,12 +81,14 @@ def bright_stars(electrons, unusable, psf, scattered, chip, window, read_noise):
     """
     sky = float(np.median(electrons[::8, ::8]))
     variance = max(sky, 0.0) + read_noise**2
-    x, y, saturated = _candidates(electrons, unusable, sky)
+    full, (peak_y, peak_x) = _pixels(electrons, unusable, np.float32(sky + PEAK))
+    x, y = _groups(*full)
+    saturated = np.repeat([True, False], [len(x), len(peak_x)])
+    x, y = np.concatenate([x, peak_x]), np.concatenate([y, peak_y])
     table, tables = _tables(psf, x + window.x0, y + window.y0)
     half = (tables.shape[-1] - 7) // 4 if len(tables) else 0
     halves = np.where(saturated, half, min(CORE_HALF, half))
-    skip = (unusable > 0) | grown((unusable & FULL) > 0, SPILL)
-    fit = _fit_stars(electrons, skip, tables, table, x, y, halves, sky, read_noise**2)
+    fit = _fit_stars(electrons, _spilled(unusable, *full), tables, table, x, y, halves, sky, read_noise**2)
     good = (fit[:, 0] > 0) & (np.hypot(fit[:, 1] - x, fit[:, 2] - y) < DRIFT) & (fit[:, 3] < CHI2_MAX)
     good &= saturated | (fit[:, 0] > PEAK)
     good &= ~_repeated(fit, good)
@@ -100,14 +101,6 @@ def bright_stars(electrons, unusable, psf, scattered, chip, window, read_noise):
     reach = WING_STEP * np.searchsorted(-wing, -level) if scattered.wing is not None else np.zeros(len(x))
     ghosts = np.zeros((0, 4)) if scattered.ghosts is None else _ghosts(scattered.ghosts, chip, window, x, y, flux)
     return BrightStars(x, y, flux, saturated[good], table[good], tables, wing, reach.astype(float), ghosts)
-
-
-def _candidates(electrons, unusable, sky):
-    """Return (x, y, saturated), each (n,): groups of saturated pixels at the middle of their widest rows, and peaks."""
-    full, (peak_y, peak_x) = _pixels(electrons, unusable, np.float32(sky + PEAK))
-    x, y = _groups(*full)
-    saturated = np.repeat([True, False], [len(x), len(peak_x)])
-    return np.concatenate([x, peak_x]), np.concatenate([y, peak_y]), saturated
 
 
 def _groups(row, column):
@@ -156,6 +149,18 @@ def _pixels(electrons, unusable, least):
             if highest:
                 found.append((y, x))
     return _rows(full), _rows(found)
+
+
+@numba.njit(cache=True)
+def _spilled(unusable, row, column):
+    """Return `unusable` (ny, nx) with what lies within SPILL steps along the axes of the pixels `row`, `column`."""
+    ny, nx = unusable.shape
+    out = unusable.copy()
+    for k in range(row.size):
+        for v in range(max(row[k] - SPILL, 0), min(row[k] + SPILL + 1, ny)):
+            wide = SPILL - abs(v - row[k])
+            out[v, max(column[k] - wide, 0) : min(column[k] + wide + 1, nx)] = FULL
+    return out
 
 
 @numba.njit(cache=True)

@@ -65,8 +65,9 @@ class Sources:
 class Frame:
     """A calibrated image whose background and isophotes are known.
 
-    `image`: electrons with background and bright stars subtracted; `rms`: noise map; `segments` int32, binned: k + 1
-    on the isophote of extended source k of `extended` (Sources), 0 elsewhere; `stars`: bright_stars.BrightStars.
+    `image`: electrons with background and bright stars subtracted; `rms`: noise map; `segments` int32, on bins of
+    BIN px, a last one for an odd row or column: k + 1 on the isophote of extended source k of `extended` (Sources), 0
+    elsewhere; `stars`: bright_stars.BrightStars.
     """
 
     image: np.ndarray
@@ -87,6 +88,8 @@ def isophotes(electrons, stars, unusable):
     small = binned(electrons)
     found, segments = _cold_pass(small, noise(small.shape, BIN))
     del small
+    rest = [(0, -(-n // BIN) - m) for n, m in zip(electrons.shape, segments.shape, strict=True)]
+    segments = np.pad(segments, rest, mode="edge") if np.any(rest) else segments
     return Frame(electrons, noise(electrons.shape), segments, _sources(electrons, found, segments, BIN, None), stars)
 
 
@@ -182,7 +185,6 @@ def _sources(image, found, segments, scale, window):
     x, y = np.where(failed, x, wx), np.where(failed, y, wy)
     row, column = (np.clip(np.rint(v).astype(int), 0, n - 1) for v, n in zip((y, x), image.shape, strict=True))
     theta, flag = np.nan_to_num(found["theta"]), found["flag"]
-    row, column = (np.minimum(v // BIN, n - 1) for v, n in zip((row, column), segments.shape, strict=True))
-    segment, flux = segments[row, column], found["flux"].astype(float)
+    segment, flux = segments[row // BIN, column // BIN], found["flux"].astype(float)
     area = scale**2 * found["npix"]
     return Sources(x, y, a, b, theta, half_light, area, flag, failed, segment, flux, sigma)

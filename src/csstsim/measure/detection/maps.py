@@ -20,26 +20,20 @@ def binned(image):
     return out
 
 
+@numba.njit(cache=True)
 def full_size(small, shape):
     """Return a binned map (C-contiguous) at the frame's shape; a last odd row or column has its neighbour's value."""
     out = np.empty(shape, small.dtype)
-    fill_rows(small, 0, out)
+    for y in range(shape[0]):
+        line = small[min(y // BIN, small.shape[0] - 1)]
+        for x in range(shape[1]):
+            out[y, x] = line[min(x // BIN, line.size - 1)]
     return out
 
 
 @numba.njit(cache=True)
-def fill_rows(small, first, out):
-    """Fill `out` (rows, nx) with the rows of `full_size` from row `first` on."""
-    ny, nx = out.shape
-    for y in range(ny):
-        line = small[min((first + y) // BIN, small.shape[0] - 1)]
-        for x in range(nx):
-            out[y, x] = line[min(x // BIN, line.size - 1)]
-
-
-@numba.njit(cache=True)
-def grown(mask, reach, square=False):
-    """Return `mask`, bool (ny, nx), grown by `reach` px: in steps along the axes, or by a square if `square`."""
+def grown(mask, reach):
+    """Return `mask`, bool (ny, nx), grown by `reach` px in steps along the axes."""
     ny, nx = mask.shape
     out = mask.copy()
     for y in range(ny):
@@ -50,7 +44,7 @@ def grown(mask, reach, square=False):
             if inner and mask[y - 1, x] and mask[y + 1, x] and mask[y, x - 1] and mask[y, x + 1]:
                 continue  # its neighbours reach further
             for v in range(max(y - reach, 0), min(y + reach + 1, ny)):
-                wide = reach if square else reach - abs(v - y)
+                wide = reach - abs(v - y)
                 out[v, max(x - wide, 0) : min(x + wide + 1, nx)] = True
     return out
 

@@ -23,6 +23,7 @@ import math
 import numba
 import numpy as np
 
+from csstsim.measure.detection.maps import BIN
 from csstsim.measure.light.photometry import HALF, draw_psf
 
 SMOOTH = 1.0  # px
@@ -117,7 +118,8 @@ def _sums(image, unusable, segments, number, gauss, smooth, out):
         for col in range(first, last):
             dx = col - x
             good = 0 <= row < ny and 0 <= col < nx and not unusable[row, col]
-            if good and (segments[row, col] == number or segments[row, col] <= 0):
+            other = segments[row // BIN, col // BIN] if good else 0
+            if good and (other == number or other <= 0):
                 light = weight * image[row, col]
                 one += light
                 two += light * dx
@@ -161,10 +163,10 @@ def _smoothed(means, gauss, smooth):
 def adaptive_moments(image, unusable, segments, number, x, y, sigma, smooth, gauss):
     """Fit an elliptical Gaussian, starting round at (x, y) px with `sigma` px; `smooth` px: the smoothing of the image.
 
-    `image` (ny, nx); `unusable` (ny, nx), 0 for good; `segments` (ny, nx), pixels of other sources than `number` are
-    left out. Fills `gauss` (5,) with x, y, Mxx, Mxy, Myy. Returns (<rho^4>/2 - 1, light, amplitude); light, the
-    weighted sum, is 0 where the fit failed: no positive light, too few usable pixels, too far from the start, too
-    large, not converged.
+    `image` (ny, nx); `unusable` (ny, nx), 0 for good; `segments`, on bins of BIN px: pixels of other sources than
+    `number` are left out. Fills `gauss` (5,) with x, y, Mxx, Mxy, Myy. Returns (<rho^4>/2 - 1, light, amplitude);
+    light, the weighted sum, is 0 where the fit failed: no positive light, too few usable pixels, too far from the
+    start, too large, not converged.
     """
     means = np.empty(6)
     gauss[0], gauss[1], gauss[2], gauss[3], gauss[4] = x, y, sigma * sigma, 0.0, sigma * sigma
@@ -211,7 +213,8 @@ def _distortion_error(rms, unusable, segments, number, counted, gauss, smooth, f
     total = 0.0
     for row in range(max(math.ceil(y - reach_y), 0), min(math.floor(y + reach_y) + 1, ny)):
         for col in range(max(math.ceil(x - reach_x), 0), min(math.floor(x + reach_x) + 1, nx)):
-            if unusable[row, col] or (segments[row, col] > 0 and segments[row, col] != number):
+            other = segments[row // BIN, col // BIN]
+            if unusable[row, col] or (other > 0 and other != number):
                 continue
             dx, dy = col - x, row - y
             w = math.exp(-0.5 * _quadratic(inverse, dx, dy))
@@ -227,9 +230,9 @@ def _distortion_error(rms, unusable, segments, number, counted, gauss, smooth, f
 def measure_shapes(image, rms, unusable, segments, number, x, y, size, wanted, counted, cell, coefficients):
     """Measure sources and the PSF at their positions; all lengths px.
 
-    `image`, `rms` float32, `unusable` uint8, `segments` int32 (ny, nx); `number` (n,) of each source's own segment;
-    `x`, `y`, `size` (n,) position and first guess of sigma; `wanted` (n,) bool: for the others only the PSF is
-    measured; `counted`, `cell`, `coefficients` as in photometry.fit_sources.
+    `image`, `rms` float32, `unusable` uint8 (ny, nx); `segments` int32 on bins of BIN px; `number` (n,) of each
+    source's own segment; `x`, `y`, `size` (n,) position and first guess of sigma; `wanted` (n,) bool: for the others
+    only the PSF is measured; `counted`, `cell`, `coefficients` as in photometry.fit_sources.
     Returns (n, 11): x, y, sigma, e1, e2, kurtosis, error of e, then sigma, e1, e2, kurtosis of the PSF; NaN: failed.
     """
     result = np.full((x.size, 11), np.nan)

@@ -1,12 +1,10 @@
-"""PSF and Kron photometry and star/galaxy separation of detected sources.
+"""PSF photometry and star/galaxy separation of detected sources.
 
 PSF photometry (paper, section 6: stars) is the linear least-squares amplitude of the pixel-integrated PSF
 at the windowed position, with weights uniform over the stamp: F = sum(p d) / sum(p^2), where p is the
 fraction of ALL the light in each pixel, so F is the total flux though the stamp is finite. Its variance
-is sum(p^2 (rms^2 + F p)) / sum(p^2)^2. Kron photometry (Kron 1980; galaxies) is Source Extractor's
-automatic aperture (2.5 Kron radii, at least 3.5 px), without the isophotes of other sources. Aperture photometry is
-the flux in a circle of APERTURE, divided by the share of a point's light that the PSF has in it. The stamp of the PSF
-fit also gives its reduced chi2 and the spread (as SPREAD_MODEL, Desai et al. 2012):
+is sum(p^2 (rms^2 + F p)) / sum(p^2)^2. The stamp of the fit also gives its reduced chi2 and the
+spread (as SPREAD_MODEL, Desai et al. 2012):
 
     spread = (g.d) / (p.d) - (g.p) / (p.p),   g = PSF blurred by a Gaussian of sigma `BLUR`
 
@@ -25,8 +23,6 @@ HALF = 10  # px; the stamp is 21 x 21
 CORE = 3  # px; unusable pixels outside the core are left out without a flag
 BLUR = 0.5  # px
 CELL_PX = 576  # the PSF is taken as constant over parts of the frame of at most this size
-KRON_FACTOR, KRON_MIN_RADIUS = 2.5, 3.5  # Source Extractor's PHOT_AUTOPARAMS; the radius in px
-APERTURE = 4.0  # px, 0.3 arcsec: radius
 _MARGIN = 2 * HALF + 6  # table steps kept on each side: stamp, rounding (1), spline support (2), spare
 
 
@@ -226,43 +222,3 @@ def _variances(image, rms, unusable, iy, ix, p, g, flux, ratio, counted):
             spread_noise += (g[r, c] - ratio * p[r, c]) ** 2 * variance
             chi2 += (image[row, col] - flux * p[r, c]) ** 2 / variance
     return noise, spread_noise, chi2
-
-
-def aperture_flux(found, counted, share):
-    """Return (flux, error) of `combine.Detections` in circles of APERTURE, divided by the PSF's `share` (n,) there.
-
-    `counted` (n,) as in `fit_sources`; electrons. Pixels on the isophote of another source count as in `kron_flux`.
-    """
-    import sep
-
-    flux, error, _ = sep.sum_circle(
-        found.image, found.x, found.y, APERTURE, err=found.rms, gain=1.0, subpix=5, **_others(found)
-    )
-    return flux / share, np.sqrt(error**2 + np.maximum(flux, 0.0) * (1 / counted - 1)) / share
-
-
-def _others(found):
-    """Return sep's arguments that give pixels on another source's isophote the mean of the aperture's other pixels."""
-    mine = np.where(found.segment > 0, found.segment, np.iinfo(np.int32).max).astype(np.int32)
-    return {"segmap": found.segments, "seg_id": mine}
-
-
-def kron_flux(found, counted):
-    """Return (flux, error, failed) of `combine.Detections` in Kron apertures, electron; failed: minimum circle used.
-
-    `counted` (n,) as in `fit_sources`.
-    """
-    import sep
-
-    image, x, y, a, b = found.image, found.x, found.y, found.a, found.b
-    theta = np.clip(found.theta, -np.pi / 2, np.pi / 2)
-    others = _others(found)
-    radius, flag = sep.kron_radius(image, x, y, a, b, theta, 6.0, **others)
-    failed = ((flag & sep.APER_NONPOSITIVE) != 0) | ~np.isfinite(radius) | (radius <= 0)
-    scale = np.where(failed, 0.0, np.minimum(KRON_FACTOR * np.nan_to_num(radius), KRON_FACTOR * 6.0))
-    small = scale * np.sqrt(a * b) < KRON_MIN_RADIUS
-    axis_a, axis_b = np.where(small, KRON_MIN_RADIUS, scale * a), np.where(small, KRON_MIN_RADIUS, scale * b)
-    flux, error, _ = sep.sum_ellipse(
-        image, x, y, axis_a, axis_b, theta, 1.0, err=found.rms, gain=1.0, subpix=5, **others
-    )
-    return flux, np.sqrt(error**2 + np.maximum(flux, 0.0) * (1 / counted - 1)), failed

@@ -20,6 +20,7 @@ import math
 import numba
 import numpy as np
 
+from csstsim.measure.detection.maps import BIN
 from csstsim.measure.light.profile_posterior import FAST, LATTICE, posterior, project
 from csstsim.measure.light.profile_tables import AXIS_RATIOS, REACH, SIZES
 
@@ -83,10 +84,10 @@ def _rings(image, unusable, segments, number, x, y, squares, inverse, which, out
         half = math.sqrt(max(top - dy2, 0.0))
         ring, n, st, stt, sd, std = 0, 0.0, 0.0, 0.0, 0.0, 0.0
         first, last = max(math.ceil(x - half), 0), min(math.floor(x + half) + 1, nx)
-        lights, bad, others = image[row, first:last], unusable[row, first:last], segments[row, first:last]
+        lights, bad, others = image[row, first:last], unusable[row, first:last], segments[row // BIN]
         for col in range(max(last - first, 0)):
             r2 = (first + col - x) ** 2 + dy2
-            other = others[col]
+            other = others[(first + col) // BIN]
             d = float(lights[col])
             if r2 >= top or bad[col] or (other > 0 and other != number) or not abs(d) < math.inf:
                 continue
@@ -147,9 +148,9 @@ def fit_light(
 ):  # fmt: skip
     """Return (n, 6): total flux, error, Gaussian-aperture flux, error, size (steps of the tables), point.
 
-    `image`, `rms` float32 (ny, nx), electron; `number` (n,): each source's own segment; `x`, `y`, `radius` px of the
-    frame; `part`, `ratio` (n,) and `nodes`, `points`, `galaxies`, `gaap` of `ProfileTables`; `which`: the ring of r^2
-    in steps of 1/2; `prior` (sizes, kinds): ln probability; the rest as in `total_light`.
+    `image`, `rms` float32 (ny, nx), electron; `segments` on bins of BIN px; `number` (n,): each source's own; `x`, `y`,
+    `radius` px of the frame; `part`, `ratio` (n,) and `nodes`, `points`, `galaxies`, `gaap` of `ProfileTables`;
+    `which`: the ring of r^2 in steps of 1/2; `prior` (sizes, kinds): ln probability; the rest as in `total_light`.
     """
     _, sizes, kinds = gaap.shape
     ny, nx = image.shape
