@@ -11,6 +11,9 @@ import numpy as np
 
 SHAPE_ERROR = 0.025  # of the flux: galaxies are not the profiles of the tables
 LATTICE, LEVELS = 13, 4  # points on a side; how often it is narrowed
+# Power of the probabilities of which the flux is the median. At S/N 10 bulges are 0.09 mag too faint by the median of
+# the posterior itself, which lies between those of the profiles that fit; of the power it is at the likely ones
+SHARP = 3.0
 STAR = 7.0  # ln of the odds above which a source is a point, and the galaxy's part of the posterior needs no care
 _BINS = 96  # of the posterior
 _NEGLIGIBLE = 20.0  # ln of a probability over the largest
@@ -197,7 +200,8 @@ def posterior(profiles, normal, maps, star, coarse, fine, room, out):
     value[n], weight[n] = star[1], math.exp(max(star[0] - top, -2.0 * _NEGLIGIBLE))
     every += weight[n]
     point = weight[n] / every
-    out[0], spread = _median(value, weight)
+    _, spread = _median(value, weight)
+    out[0], _ = _median(value, weight**SHARP)
     shape = (1.0 - point) * SHAPE_ERROR * out[0]
     out[1] = math.sqrt(spread**2 + noise / every + point * star[2] + shape**2)
     for g in range(n):

@@ -8,8 +8,9 @@ inverse variance: that of the background and of the ring's own mean light.
 
 The posterior of F is over the tables' sizes and kinds of profile, the axis ratio being the measured one. Its prior is a
 broad log-normal of the size, KIND_PRIOR, and POINT_SHARE for a point source, whose F is `flux_psf`. The total flux is
-the posterior's median, its error half the interval of 68.3 % and SHAPE_ERROR. The posterior is skew at S/N 10: many of
-the profiles that fit are larger and brighter than the source, so its mean is 0.1 mag brighter than the median.
+the median of the posterior to a power (SHARP), its error half the posterior's interval of 68.3 % and SHAPE_ERROR. The
+posterior is skew at S/N 10: many of the profiles that fit are larger and brighter than the source, so its mean is
+0.1 mag brighter than the median.
 
 Left out: the source's ellipticity within the rings (the mean over the angle counts), and the light of neighbours
 without an isophote.
@@ -27,7 +28,7 @@ from csstsim.measure.light.profile_tables import AXIS_RATIOS, REACH, SIZES
 SKY = 0.03  # electron / px
 SIZE_PRIOR, SIZE_SPREAD = 0.25, 0.85  # arcsec; of its logarithm
 # Of profile_tables.KINDS. At S/N 10 the kind is hardly known: more weight for bulges makes discs too bright
-KIND_PRIOR = np.array([0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.5, 2.0, 2.0])
+KIND_PRIOR = np.array([0.3, 0.5, 1.0, 1.0, 1.0, 1.0, 1.0, 1.5, 2.6, 2.6])
 POINT_SHARE = 0.27
 TYPICAL_RATIO = 0.7  # axis ratio of a source without a measured one
 RADIUS, RADIUS_MIN = 4.0, 14.0  # measured half-light radii, px: how far the pixels are used
