@@ -17,7 +17,7 @@ from csstsim.base.process.progress import hidden
 from csstsim.campaign.running.job_log import ERROR
 
 SECTIONS = {
-    "Begin": ("init", "aim", "doctor", "check", "plan", "completion"),
+    "Begin": ("init", "aim", "import-pointings", "doctor", "check", "plan", "completion"),
     "Make a chip": ("chip",),
     "Look": ("show", "status", "report"),
     "Stages of the workflow, one job each": (
