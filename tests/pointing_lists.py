@@ -18,6 +18,46 @@ EAST_OF_NORTH = 90.0  # deg: the FITS list's angle is that of +x, and +x is a qu
 SPEED = 7.67  # km/s
 
 
+# Lists of two rows, the second of which is broken.
+DAY = "61729.125"  # 2027-11-20T03:00:00
+HEAD = "ra,dec,pa,mjd,exptime"
+GOOD = f"60,-40,10,{DAY},150"
+STATE = ",sat_x_km,sat_y_km,sat_z_km,sat_vx,sat_vy,sat_vz"
+ABOVE = "60,40,10,61729.125,150,2596.6,4497.4,4357.5,-6.6,3.8,0"  # the zenith is at ra 60, dec 40
+MOON = 71.68  # deg from there at that time
+BROKEN = {  # what is wrong: (heading, sound row, broken row, the reason)
+    "pole": (HEAD, GOOD, f"60,-90.001,10,{DAY},150", "column dec: out of range: -90.001 deg (got '-90.001')"),
+    "longitude": (HEAD, GOOD, f"360.5,-40,10,{DAY},150", "column ra: out of range: 360.5 deg"),
+    "infinite": (HEAD, GOOD, f"inf,-40,10,{DAY},150", "column ra: not a finite number (got 'inf')"),
+    "NaN": (HEAD, GOOD, f"60,nan,10,{DAY},150", "column dec: not a finite number (got 'nan')"),
+    "word": (HEAD, GOOD, f"60,south,10,{DAY},150", "column dec: not a number (got 'south')"),
+    "empty": (HEAD, GOOD, f"60,-40,,{DAY},150", "column pa: no value"),
+    "sexagesimal": (HEAD, GOOD, f"04:00:00,-40,10,{DAY},150", "column ra: not a number (got '04:00:00'); allowed"),
+    "JD for MJD": (HEAD, GOOD, "60,-40,10,2461729.6,150", "column mjd: out of range (got '2461729.6'); allowed: a"),
+    "angle": (HEAD, GOOD, f"60,-40,-361,{DAY},150", "column pa: out of range: -361 deg"),
+    "no exposure": (HEAD, GOOD, f"60,-40,10,{DAY},0", "column exptime: zero exposure time"),
+    "negative": (HEAD, GOOD, f"60,-40,10,{DAY},-150", "column exptime: out of range (got '-150')"),
+    "short": (HEAD, GOOD, "60,-40,10,61729.1", "4 cells under 5 columns"),
+    "long": (HEAD, GOOD, GOOD + ",7", "6 cells under 5 columns"),
+    "open quote": (HEAD, GOOD, f'"60,-40,10,{DAY},150', "not a line of CSV"),
+    "30 February": (HEAD.replace("mjd", "time"), "60,-40,10,2027-11-20 03:00:00,150",
+                    "60,-40,10,2027-02-30T03:00:00,150", "column time: not a time (got '2027-02-30T03:00:00')"),
+    "twice": (HEAD + ",obsid", GOOD + ",10100000001", GOOD + ",10100000001", "allowed: once; line 2 has it"),
+    "obsid": (HEAD + ",obsid", GOOD + ",10100000001", GOOD + ",12", "column obsid: not an observation id (got '12')"),
+    "type": (HEAD + ",type", GOOD + ",scie", GOOD + ",ARC", "column type: unknown exposure type (got 'ARC')"),
+    "deep": (HEAD + ",deep", GOOD + ",yes", GOOD + ",perhaps", "column deep: neither deep nor wide (got 'perhaps')"),
+    "deep bias": (HEAD + ",deep,type", GOOD + ",no,BIAS", GOOD + ",yes,BIAS", "column survey: of a science exposure"),
+    "number": (HEAD + ",number", GOOD + ",7", GOOD + ",7.5", "column number: not a whole number (got '7.5')"),
+    "half a state": (HEAD + STATE, ABOVE, ABOVE.rsplit(",", 1)[0] + ",", "column sat_vz: no value"),
+    "in m": (HEAD + STATE, ABOVE, ABOVE.replace("2596.6", "2596600"), "column sat_x: out of range"),
+    "underground": (HEAD + STATE, ABOVE, ABOVE.replace("4497.4", "44.9"), "from the Earth's centre [km] out of"),
+    "Earth in the way": (HEAD + STATE, ABOVE, ABOVE.replace("60,40,10", "240,-40,10"), "[deg]: looks at the Earth"),
+    "ecliptic": (HEAD + ",ecl_lon,ecl_lat", GOOD + ",42.663,-58.609", GOOD + ",42.663,58.609", "two directions, 117"),
+    "Moon": (HEAD + ",moon_angle" + STATE, ABOVE.replace(",150,", f",150,{MOON},"),
+             ABOVE.replace(",150,", f",150,{MOON + 3},"), f"the list says {MOON + 3:.3f} deg from the Moon"),
+}  # fmt: skip
+
+
 def exposures(count, seed=11):
     """Return a Table of exposures whose spacecraft has the sky in front of it, over a year."""
     rng = np.random.default_rng(seed)

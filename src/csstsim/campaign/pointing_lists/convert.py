@@ -123,7 +123,7 @@ def _checked(cells, bodies, mapping, orbit):
         body = name.removesuffix("_angle")
         if name == body:  # a position
             stated = float(angle(unit_vectors(ra, dec), stated - np.array(position)))
-        if abs(stated - angles[body]) > mapping.tolerance:
+        if not abs(stated - angles[body]) <= mapping.tolerance:  # NaN, too
             raise InputError(
                 f"the list says {stated:.3f} deg from the {body.capitalize()}", key=name, value=round(angles[body], 3),
                 allowed=f"within {mapping.tolerance:g} deg",

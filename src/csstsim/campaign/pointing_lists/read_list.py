@@ -59,11 +59,16 @@ def _begins_as_fits(path):
 def _fits(path):
     """Return the first table of a FITS file."""
     import numpy as np
+    from astropy.io import fits
     from astropy.table import Table
 
     check_headers(path)
-    with reading(path, "a FITS table"):
-        table = Table.read(path, format="fits", unit_parse_strict="silent")
+    with reading(path, "a FITS table"), fits.open(path) as hdus:
+        kinds = fits.BinTableHDU, fits.TableHDU
+        found = next((hdu for hdu in hdus if isinstance(hdu, kinds) and not isinstance(hdu, fits.CompImageHDU)), None)
+        if found is None:
+            raise ValueError("it has images only")
+        table = Table.read(found, format="fits", unit_parse_strict="silent")
         columns = [_texts(np.ma.asarray(table[name])) for name in table.colnames]
     rows = [(f"row {k + 1}", list(cells)) for k, cells in enumerate(zip(*columns, strict=True))]
     units = {name: table[name].unit for name in table.colnames if table[name].unit is not None}
@@ -107,8 +112,10 @@ def _ecsv(path, told, heading):
     """Return ({column: unit}, delimiter) that the heading of an ECSV text states."""
     from astropy.table import Table
 
-    with reading(path, "ECSV", strict=False):
+    try:
         table = Table.read([*told, heading], format="ascii.ecsv")
+    except Exception as exc:  # astropy's readers raise exceptions of many types
+        raise InputError(f"the heading is not ECSV: {str(exc).splitlines()[0]}", file=path) from None
     units = {name: table[name].unit for name in table.colnames if getattr(table[name], "unit", None) is not None}
     return units, "," if "delimiter: ','" in " ".join(told) else " "
 
