@@ -13,7 +13,7 @@ from csstsim.command_line.group import QUIET
 @click.option("--catalogue", type=click.Path(), help="Table of your objects (.csv, .ecsv, .fits) to point at and draw.")
 @click.option("--example", type=click.Choice(["layer", "catalogue", "camera", "shear", "slitless"]), help="An example.")
 def init(folder, catalogue, example):
-    """Write a folder with a campaign that runs, for you to change.
+    """Write a folder with a campaign that runs, yours to change.
 
     \b
     The shipped sky, a small field in g, r and i:

@@ -62,8 +62,8 @@ class Group(click.Group):
 
     def format_commands(self, ctx, formatter):
         """Write the commands, by section, each in one line."""
-        width = max(map(len, self.commands))
         for title, names in SECTIONS.items():
+            width = max(map(len, names))
             rows = [
                 (name.ljust(width), self.commands[name].get_short_help_str(formatter.width - width - 4))
                 for name in names
