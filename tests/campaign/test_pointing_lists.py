@@ -69,6 +69,20 @@ def test_the_mapping_that_was_kept_gives_the_same_table(tmp_path, truth):
     assert (tmp_path / "one.mapping.yaml").read_text() == (tmp_path / "two.mapping.yaml").read_text()
 
 
+def test_sun_and_moon_are_seen_from_the_spacecraft(tmp_path, truth):
+    """astropy's positions of both, geocentric; the Moon's parallax is up to a degree, light time and aberration 20"."""
+    file, arguments = write("strategy list", truth[:200], tmp_path)
+    code, said = run(file, tmp_path / "table.csv", *arguments, "--tolerance", 0.02)
+    assert code == 0, said
+    text = file.read_text().splitlines()
+    cells = [line.split() for line in text]
+    for row in cells[:50]:  # the Moon on the other side of the sky
+        row[12:15] = [f"{-float(value):.3f}" for value in row[12:15]]
+    file.write_text("\n".join("  ".join(row) for row in cells))
+    code, said = run(file, tmp_path / "moon.csv", *arguments, "--tolerance", 0.02)
+    assert code == 1 and "50 rows rejected" in said and "from the Moon" in said, said
+
+
 def test_icrs_directions_are_seen_from_the_spacecraft(tmp_path, truth):
     """astropy's GCRS of a moving observer is the independent reduction; an angle is that to a point near by."""
     truth = truth[3:200]
