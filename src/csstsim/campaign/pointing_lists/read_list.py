@@ -5,6 +5,7 @@ ECSV; it would refuse a whole text for one row that is too long.
 """
 
 import csv
+import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -113,7 +114,9 @@ def _ecsv(path, told, heading):
     from astropy.table import Table
 
     try:
-        table = Table.read([*told, heading], format="ascii.ecsv")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of types: cells are read as text
+            table = Table.read([*told, heading], format="ascii.ecsv")
     except Exception as exc:  # astropy's readers raise exceptions of many types
         raise InputError(f"the heading is not ECSV: {str(exc).splitlines()[0]}", file=path) from None
     units = {name: table[name].unit for name in table.colnames if getattr(table[name], "unit", None) is not None}
