@@ -32,7 +32,8 @@ first one, except where "FITS" is stated.
 
 ## Level-0
 
-`level0/{obsid}/CSST_MSC_MS_WIDE_{start}_{end}_{obsid}_{chip}_L0_V01.fits`: HDU 0 has keywords of the exposure, IMAGE
+`level0/{obsid}/CSST_MSC_MS_WIDE_{start}_{end}_{obsid}_{chip}_L0_V01.fits` (`DEEP` in a deep exposure, `BIAS`, `DARK`,
+`FLAT`): HDU 0 has keywords of the exposure, IMAGE
 (HDU 1) the pixels; [level0.md](level0.md) says where each channel lies. `nn` counts channels from 01 (`LEDSTA`,
 `LEDT`: lamps). A keyword whose quantity is not known in an exposure is left out.
 

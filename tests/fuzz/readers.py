@@ -40,6 +40,25 @@ def survey_table(path):
     load_survey_table(path)
 
 
+def pointing_list(path):
+    """Another's list of pointings whose columns are called as a survey table's: each row converted or refused."""
+    from csstsim.campaign.pointing_lists.convert import convert
+    from csstsim.campaign.pointing_lists.mapping import Mapping
+    from csstsim.campaign.pointing_lists.read_list import read_list
+
+    table = read_list(path)
+    mapping = Mapping().completed(table.names)
+    mapping.check(path, table.names)
+    convert(table, mapping, camera().orbit)
+
+
+def pointing_mapping(path):
+    """The mapping of a list's columns, as --mapping takes it."""
+    from csstsim.campaign.pointing_lists.mapping import load_mapping
+
+    load_mapping(path).check(path, ["RA"])
+
+
 def instrument(path):
     """An instrument folder, given by any file in it: what commands make of its files before and in their work."""
     from csstsim.instrument.camera import load_camera

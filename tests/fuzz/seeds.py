@@ -67,6 +67,27 @@ def survey_table(folder):
     return path
 
 
+def pointing_list(name):
+    """Return a maker of a list of pointings, ECSV or FITS by its suffix, with units and a state."""
+
+    def make(folder):
+        """Write the list into the folder; return its file."""
+        table = Table.read(survey_table(folder), format="ascii.csv", comment="#", converters={"obsid": str})
+        for column, value, unit in (("ra", 60.0, "deg"), ("sat_x", 2596.6, "km"), ("sat_y", 4497.4, "km"),
+                                    ("sat_z", -4357.5, "km"), ("sat_vx", -6.6, "km/s"), ("sat_vy", 3.8, "km/s"),
+                                    ("sat_vz", 0.0, "km/s")):  # fmt: skip
+            table[column] = np.full(len(table), value)
+            table[column].unit = unit
+        table.write(folder / name)
+        return folder / name
+
+    return make
+
+
+def pointing_mapping(folder):
+    return shutil.copy(SHIPPED.parent / "survey_tables" / "lists" / "csst.yaml", folder)
+
+
 def dust(folder):
     path, ebv = folder / "dust.fits", np.linspace(0.01, 1, healpy.nside2npix(4)).astype("f4")
     healpy.write_map(path, ebv, coord="G", column_names=["EBV"], dtype="f4")

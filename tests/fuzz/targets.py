@@ -35,6 +35,9 @@ TARGETS = {
     "campaign YAML": Target(seeds.shipped("campaign.yaml"), spoiled_text, _read("campaign"), 2),
     "observation YAML": Target(seeds.shipped("observations", "science.yaml"), spoiled_text, _read("observation"), 2),
     "survey table CSV": Target(seeds.survey_table, spoiled_text, _read("survey_table"), 2),
+    "pointing list ECSV": Target(seeds.pointing_list("list.ecsv"), spoiled_text, _read("pointing_list"), 2),
+    "pointing list FITS": Target(seeds.pointing_list("list.fits"), spoiled_fits, _read("pointing_list"), 0.5),
+    "pointing list mapping": Target(seeds.pointing_mapping, spoiled_text, _read("pointing_mapping"), 0.5),
     **_instrument(
         "detector",
         "chips",

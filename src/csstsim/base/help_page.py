@@ -10,6 +10,7 @@ PAGES = {
     "campaign": "config/README.md",
     "observation": "config/README.md",
     "survey table": "survey_tables/README.md",
+    "list of pointings": "`csstsim import-pointings --help`",
     "aiming": "`csstsim aim --help`",
     "instrument": "config/instrument/README.md",
     "table of objects": "examples/my_catalogue/README.md",

@@ -38,6 +38,8 @@ class Job:
     def digest(self):
         """16 hex digits of the row of the survey table, the window and the chip."""
         row = {"obsid": self.obsid} | vars(self.pointing)
+        if self.pointing.survey == "WIDE":  # said of deep exposures alone: other products keep their digest
+            del row["survey"]
         text = f"Pointing({', '.join(f'{name}={value!r}' for name, value in row.items())})"  # as products record it
         return digest([text, str(self.window), self.chip.id])
 

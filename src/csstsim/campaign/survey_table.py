@@ -16,12 +16,14 @@ from csstsim.base.help_page import explained
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import EARTH_RADIUS_KM
 from csstsim.instrument.camera import load_telescope
-from csstsim.instrument.pointing import ExposureType, Pointing, parse_utc
+from csstsim.instrument.pointing import ExposureType, Pointing, SurveyPart, parse_utc
 
 OBSID, OBSID_ALLOWED = re.compile(r"[0-9]{9,14}"), "9 to 14 digits"
 REQUIRED = ("obsid", "type", "ra", "dec", "pa", "time", "exptime")
 STATE = ("sat_x", "sat_y", "sat_z", "sat_vx", "sat_vy", "sat_vz")
-TYPES = get_args(ExposureType)
+SURVEY = "survey"
+COLUMNS = (*REQUIRED, *STATE, SURVEY)
+TYPES, PARTS = get_args(ExposureType), get_args(SurveyPart)
 _YEARS = 1950, 2099  # where the Earth's ephemeris of catalog.astrometry.ephemeris holds
 _MIN_EXPTIME = 1e-3  # s
 _MAX_RADIUS_KM, _MAX_SPEED_KM_S = 50_000.0, 12.0  # beyond these a state is in another unit, not in Earth orbit
@@ -46,7 +48,7 @@ def exposures_of(text, orbit=None, path=None):
     header = _header(path, *lines[0])
     pointings, seen = {}, {}
     for number, cells in lines[1:]:
-        row = _Row(path, number, header, cells)
+        row = Row(path, f"line {number}", header, cells)
         obsid = row.obsid()
         if obsid in seen:
             raise row.error(f"duplicate of line {seen[obsid]}", "obsid", obsid)
@@ -82,8 +84,8 @@ def _header(path, number, names):
         return InputError(message, file=path, key=f"line {number}", value=name, allowed=allowed)
 
     for name in names:
-        if name not in REQUIRED + STATE:
-            raise fault("unknown column", name, ", ".join(REQUIRED + STATE))
+        if name not in COLUMNS:
+            raise fault("unknown column", name, ", ".join(COLUMNS))
         if names.count(name) > 1:
             raise fault("the column is given twice", name)
     for name in REQUIRED:
@@ -95,20 +97,22 @@ def _header(path, number, names):
     return names
 
 
-class _Row:
-    """One line of the table, each cell checked as it is asked for."""
+class Row:
+    """One line of the table, each cell checked as it is asked for; an InputError names path, place and column."""
 
-    def __init__(self, path, number, header, cells):
-        self.path, self.number = path, number
+    def __init__(self, path, place, header, cells):
+        self.path, self.place = path, place
         if len(cells) != len(header):
             raise self.error(f"{len(cells)} cells under {len(header)} columns")
         self.cells = dict(zip(header, cells, strict=True))
 
     def error(self, message, column=None, value=None, allowed=None):
-        key = f"line {self.number}" + (f", column {column}" if column else "")
-        return InputError(message, file=self.path, key=key, value=value, allowed=allowed)
+        """Return the InputError about a cell."""
+        key = ", ".join(part for part in (self.place, column and f"column {column}") if part)
+        return InputError(message, file=self.path, key=key or None, value=value, allowed=allowed)
 
     def number_in(self, column, low, high, allowed, *, open_high=False):
+        """Return a column's number from `low` to `high`."""
         text = self.cells[column]
         try:
             value = float(text)
@@ -119,17 +123,29 @@ class _Row:
         return value
 
     def obsid(self):
+        """The observation id."""
         text = self.cells["obsid"]
         if not OBSID.fullmatch(text):
             raise self.error("not an observation id", "obsid", text, OBSID_ALLOWED)
         return text
 
     def type(self):
+        """One of TYPES."""
         if self.cells["type"] not in TYPES:
             raise self.error("unknown exposure type", "type", self.cells["type"], ", ".join(TYPES))
         return self.cells["type"]
 
+    def survey(self):
+        """One of PARTS."""
+        part = self.cells.get(SURVEY) or "WIDE"
+        if part not in PARTS:
+            raise self.error("unknown part of the survey", SURVEY, part, ", ".join(PARTS))
+        if part != "WIDE" and self.type() != "SCIE":
+            raise self.error("of a science exposure only", SURVEY, part, "empty, or type SCIE")
+        return part
+
     def time(self):
+        """The start, ISO UTC."""
         try:
             year = parse_utc(self.cells["time"]).year
         except ValueError:
@@ -140,6 +156,7 @@ class _Row:
         return self.cells["time"]
 
     def exptime(self):
+        """The exposure time [s]."""
         allowed = f"0 (BIAS only), or {_MIN_EXPTIME} to 100000 s"
         value = self.number_in("exptime", 0.0, 1e5, allowed)
         if 0 < value < _MIN_EXPTIME:
@@ -173,6 +190,7 @@ class _Row:
         return position, velocity
 
     def pointing(self, state):
+        """Return the Pointing of the row; state: the spacecraft's (position, velocity)."""
         return Pointing(
             type=self.type(),
             ra=self.number_in("ra", 0.0, 360.0, "0 <= ra < 360 deg", open_high=True),
@@ -182,4 +200,5 @@ class _Row:
             exptime=self.exptime(),
             sat_position=state[0],
             sat_velocity=state[1],
+            survey=self.survey(),
         )

@@ -13,7 +13,7 @@ from csstsim.command_line.group import QUIET
 @click.option("--catalogue", type=click.Path(), help="Table of your objects (.csv, .ecsv, .fits) to point at and draw.")
 @click.option("--example", type=click.Choice(["layer", "catalogue", "camera", "shear", "slitless"]), help="An example.")
 def init(folder, catalogue, example):
-    """Write a folder with a campaign that runs, for you to change.
+    """Write a folder with a campaign that runs, yours to change.
 
     \b
     The shipped sky, a small field in g, r and i:
@@ -77,6 +77,63 @@ def aim(ra, dec, output, instrument, **values):
     run(ra, dec, click.echo, output=output, instrument=instrument or SHIPPED / "instrument", **values)
 
 
+@click.command("import-pointings")
+@click.argument("file", type=click.Path())
+@click.option("--output", required=True, type=click.Path(), help="New file for the survey table.")
+@click.option("--map", "maps", multiple=True, metavar="KEY=COLUMN", help="Column of the list for a quantity; repeat.")
+@click.option("--set", "sets", multiple=True, metavar="KEY=VALUE", help="Value of a quantity in all rows; repeat.")
+@click.option("--like", metavar="LIST", help="Map as for a known list: csst, opsim.")
+@click.option("--mapping", type=click.Path(), help="Map as in this file, which an earlier import has written.")
+@click.option("--pa-sense", type=click.Choice(["east", "west"]), help="Angles run from north to here [default: east].")
+@click.option("--pa-zero", type=float, help="Position angle (through east) of the list's angle 0, deg [default: 0].")
+@click.option(
+    "--pa-north", type=click.Choice(["equator", "ecliptic", "galactic"]), help="Whose north [default: equator]."
+)
+@click.option(
+    "--directions",
+    type=click.Choice(["apparent", "icrs"]),
+    help="What directions are; aberration is added to icrs [default: apparent].",
+)
+@click.option("--first-obsid", help="obsid of the list's number 0, or of its first row [default: 10100000001].")
+@click.option("--tolerance", type=float, help="Largest difference from what the list states, deg [default: 1].")
+def import_pointings(file, output, **options):
+    """Make a survey table of another's list of pointings.
+
+    FILE is CSV, ECSV, FITS or columns between blanks. A text without names has columns col1, col2, ...; in any list,
+    colN is the N-th. A column that is called as its KEY needs no --map.
+
+    \b
+    KEY is a quantity, then its unit if it is not the first here:
+      ra dec, or ecl_lon ecl_lat, or gal_lon gal_lat      _deg _hour _rad _arcmin _arcsec _hms _dms
+      pa (of the focal plane's +y), sun_angle, moon_angle the same
+      time (start of the exposure)                        _iso _jd _mjd _unix; then _utc _tai _tt _tdb
+      exptime                                             _s _ms _min _hour _day
+      sat_x sat_y sat_z (geocentric GCRS)                 _km _m _au
+      sat_vx sat_vy sat_vz                                _km_s _m_s
+      sun_x sun_y sun_z, moon_x moon_y moon_z             _km _m _au
+      obsid, number (is added to --first-obsid), type, deep (yes or no), deep_index (-1 is wide)
+
+    A FITS or ECSV file's own unit counts, and a unit at the end of a column's name (start_mjd). Two that differ are
+    an error.
+
+    \b
+    A CSV list with RA in hours, DEC, MJD and exptime:
+      csstsim import-pointings plan.csv --map ra_hour=RA --map dec=DEC --map time_mjd=MJD --set pa=0 --output table.csv
+    A simulation of the Rubin scheduler; the CSST strategy list:
+      csstsim import-pointings visits.csv --like opsim --output table.csv
+      csstsim import-pointings strategy.dat --like csst --output table.csv
+    Another list of the same form, by the mapping that was kept:
+      csstsim import-pointings next.csv --mapping table.mapping.yaml --output next_table.csv
+
+    Sun, Moon and a second direction are compared with what csstsim computes. Rejected rows are in
+    TABLE.rejected.csv, each with its reason. Exit codes: 0 all rows imported, 1 some rejected, 2 nothing imported.
+    """
+    from csstsim.campaign.pointing_lists.import_pointings import import_pointings as run
+
+    if run(file, output, click.echo, **options):
+        sys.exit(1)
+
+
 @click.command()
 @click.argument("campaign", required=False, type=click.Path())
 def doctor(campaign):
@@ -122,4 +179,4 @@ def completion(shell):
     click.echo(script(shell, click.get_current_context().find_root().command))
 
 
-TOOLS = init, aim, doctor, completion
+TOOLS = init, aim, import_pointings, doctor, completion

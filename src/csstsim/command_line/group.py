@@ -17,7 +17,7 @@ from csstsim.base.process.progress import hidden
 from csstsim.campaign.running.job_log import ERROR
 
 SECTIONS = {
-    "Begin": ("init", "aim", "doctor", "check", "plan", "completion"),
+    "Begin": ("init", "aim", "import-pointings", "doctor", "check", "plan", "completion"),
     "Make a chip": ("chip",),
     "Look": ("show", "status", "report"),
     "Stages of the workflow, one job each": (
@@ -62,8 +62,8 @@ class Group(click.Group):
 
     def format_commands(self, ctx, formatter):
         """Write the commands, by section, each in one line."""
-        width = max(map(len, self.commands))
         for title, names in SECTIONS.items():
+            width = max(map(len, names))
             rows = [
                 (name.ljust(width), self.commands[name].get_short_help_str(formatter.width - width - 4))
                 for name in names

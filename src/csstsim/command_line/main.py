@@ -71,7 +71,7 @@ def chip(run, jobs, resume, profile):
 @main.command()
 @of_campaign
 def plan(run):
-    """Print what a campaign would make, and its cost; run nothing.
+    """Print what a campaign would make and cost; run nothing.
 
     Printed are its exposures, chips, bricks and jobs, and the disk, CPU and memory they need.
 

@@ -12,9 +12,7 @@ from csstsim.base.errors import InputError
 from csstsim.delivery.contents import MAYBE, NO, YES, Contents, ExpectedFrame
 from csstsim.io.keywords import recorded_recipe
 from csstsim.io.level0 import read_level0
-from csstsim.io.paths import KIND, LIGHT, ORDERS, STEM, TRUTH, Paths
-
-TYPES = {code: kind for kind, code in KIND.items()}
+from csstsim.io.paths import LIGHT, ORDERS, STEM, TRUTH, TYPES, Paths
 
 
 def of_folder(folder):

@@ -6,6 +6,7 @@ from datetime import UTC, datetime, timedelta
 from typing import Literal
 
 ExposureType = Literal["SCIE", "BIAS", "DARK", "FLAT"]
+SurveyPart = Literal["WIDE", "DEEP"]  # of the survey, to which a science exposure belongs
 _ISO = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}:\d{2}(\.\d{1,6})?Z?")
 _MJD_ZERO = datetime(1858, 11, 17, tzinfo=UTC)
 
@@ -28,7 +29,7 @@ class Pointing:
 
     `ra`, `dec` [deg] are the direction of the boresight in the apparent frame: CRVAL of every chip. `pa` [deg] is
     the position angle of the mosaic's +y axis, north through east. `time` is the start, ISO UTC; `exptime` in s.
-    `sat_position` [km] and `sat_velocity` [km/s] are geocentric GCRS, (x, y, z).
+    `sat_position` [km] and `sat_velocity` [km/s] are geocentric GCRS, (x, y, z). `survey` names files and headers only.
     """
 
     type: str  # SCIE, BIAS, DARK or FLAT
@@ -39,6 +40,7 @@ class Pointing:
     exptime: float
     sat_position: tuple[float, float, float]
     sat_velocity: tuple[float, float, float]
+    survey: str = "WIDE"  # or DEEP
 
     @property
     def start(self):

@@ -112,7 +112,7 @@ def _exposure(pointing):
     last = orbit_after(*first, pointing.exptime)
     values = {
         "type": pointing.type, "ra": float(pointing.ra), "dec": float(pointing.dec), "pa": float(pointing.pa),
-        "exptime": float(pointing.exptime),
+        "exptime": float(pointing.exptime), "survey": None if pointing.survey == "WIDE" else pointing.survey,
         "time_start": _iso(pointing.start), "time_end": _iso(pointing.end),
         "mjd_start": pointing.mjd, "mjd_end": pointing.mjd + pointing.exptime / 86400.0,
     }  # fmt: skip

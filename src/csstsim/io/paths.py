@@ -16,13 +16,14 @@ from pathlib import Path
 
 from csstsim.base.errors import InputError
 
-# File-name code of each exposure type (facts.md section 4: WIDE in the C9 release; the others by their own name).
-KIND = {"SCIE": "WIDE", "BIAS": "BIAS", "DARK": "DARK", "FLAT": "FLAT"}
+# The exposure type behind each word of a file name. A science exposure is named by its part of the survey: WIDE is seen
+# in the Cycle-9 release, DEEP is its counterpart for deep fields; the others bear their type.
+TYPES = {"WIDE": "SCIE", "DEEP": "SCIE", "BIAS": "BIAS", "DARK": "DARK", "FLAT": "FLAT"}
 
 # Suffixes of the files that accompany a Level-0 file under its name.
 TRUTH, ORDERS, COSMIC = ".truth.parquet", ".orders.parquet", ".cosmic.fits"
 LIGHT = "render.fits", "drawn.parquet", "orders.parquet"  # what render makes for a chip; may be kept
-STEM = re.compile(r"CSST_MSC_MS_([A-Z]+)_\d{14}_\d{14}_(\d{9,14})_(\d{2})_L0_V01")  # kind, obsid, chip
+STEM = re.compile(r"CSST_MSC_MS_([A-Z]+)_\d{14}_\d{14}_(\d{9,14})_(\d{2})_L0_V01")  # word, obsid, chip
 
 
 def made(path, command):
@@ -123,6 +124,8 @@ class Paths:
 
 
 def level0_stem(job):
-    """Return the Level-0 file name without suffix: CSST_MSC_MS_{kind}_{start}_{end}_{obsid}_{chip}_L0_V01."""
-    times = "_".join(f"{moment:%Y%m%d%H%M%S}" for moment in (job.pointing.start, job.pointing.end))
-    return f"CSST_MSC_MS_{KIND[job.pointing.type]}_{times}_{job.obsid}_{job.chip.id:02d}_L0_V01"
+    """Return the Level-0 file name without suffix: CSST_MSC_MS_{word}_{start}_{end}_{obsid}_{chip}_L0_V01."""
+    pointing = job.pointing
+    times = "_".join(f"{moment:%Y%m%d%H%M%S}" for moment in (pointing.start, pointing.end))
+    word = pointing.survey if pointing.type == "SCIE" else pointing.type
+    return f"CSST_MSC_MS_{word}_{times}_{job.obsid}_{job.chip.id:02d}_L0_V01"

@@ -1,0 +1,110 @@
+"""Which column of a list is which quantity, and the conventions of the list: a file that is kept.
+
+Files of this form come with csstsim for known lists (survey_tables/lists); `csstsim import-pointings` writes the one
+it followed beside its table, and reads it again.
+"""
+
+from typing import Annotated, Literal
+
+import yaml
+from pydantic import BeforeValidator, Field
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.yaml_file import read_yaml
+from csstsim.base.model import Model, validate
+from csstsim.base.shipped import ROOT
+from csstsim.campaign.pointing_lists.quantities import BODIES, PLACES, STATE, parse_key
+
+LISTS = ROOT / "survey_tables" / "lists"
+HEAD = "# Written by csstsim import-pointings, which reads it again with --mapping\n"
+
+
+def _text(value):
+    """Return a number or a truth value of YAML as text, and the rest as it is."""
+    return str(value).lower() if isinstance(value, bool | int | float) else value
+
+
+Text = Annotated[str, BeforeValidator(_text)]
+
+
+class Mapping(Model):
+    """The mapping of a list of pointings."""
+
+    columns: dict[str, Text] = Field({}, description="quantity, with its unit: the list's column, or colN, the N-th")
+    values: dict[str, Text] = Field({}, description="quantity, with its unit: its value in all rows")
+    pa_sense: Literal["east", "west"] = Field("east", description="the list's position angle runs from north to here")
+    pa_zero: float = Field(0.0, ge=-360, le=360, description="position angle (through east) of the list's 0, deg")
+    pa_north: Literal["equator", "ecliptic", "galactic"] = Field("equator", description="whose north it begins at")
+    directions: Literal["apparent", "icrs"] = Field("apparent", description="icrs: aberration and deflection are added")
+    first_obsid: Annotated[Text, Field(pattern=r"^[0-9]{9,14}$")] = Field(
+        "10100000001", description="obsid of number 0; without number and obsid, of the first row"
+    )
+    tolerance: float = Field(1.0, gt=0, le=180, description="largest difference from what the list states, deg")
+
+    def keys(self, file=None):
+        """Return {quantity: (Key, column or None, value or None)}. Raises InputError for unknown and repeated ones."""
+        found = {}
+        for given, column in [(self.columns, True), (self.values, False)]:
+            for text, name in given.items():
+                key = parse_key(text, file)
+                if key.name in found:
+                    raise InputError("given twice", file=file, key=key.name, value=text)
+                found[key.name] = (key, name, None) if column else (key, None, name)
+        return found
+
+    def completed(self, names):
+        """Return this mapping with the list's columns (names) that are called as a quantity, if it has none yet."""
+        columns, known = dict(self.columns), set(self.keys())
+        for name in names:
+            try:
+                key = parse_key(name)
+            except InputError:
+                continue
+            if key.name not in known:
+                columns[name] = name
+                known.add(key.name)
+        return self.model_copy(update={"columns": columns})
+
+    def check(self, file, names):
+        """Raise InputError if a quantity is missing that a survey table needs; names: the list's columns."""
+        known, had = set(self.keys()), f"the list's columns: {', '.join(names)}"
+        if not any(known.issuperset(pair) for pair in PLACES.values()):
+            pairs = "; ".join(" and ".join(pair) for pair in PLACES.values())
+            raise InputError("no direction is mapped", file=file, allowed=f"{pairs}. {had}")
+        for name in ("pa", "time", "exptime"):
+            if name not in known:
+                raise InputError("not mapped: use --map, or --set for all rows", file=file, key=name, allowed=had)
+        groups = [*PLACES.values(), STATE, *(tuple(f"{body}_{axis}" for axis in "xyz") for body in BODIES)]
+        for group in groups:
+            missing = [name for name in group if name not in known]
+            if 0 < len(missing) < len(group):
+                raise InputError("all of these or none", file=file, key=", ".join(group), value=f"no {missing[0]}")
+        for one, other in (("obsid", "number"), ("deep", "deep_index")):
+            if {one, other} <= known:
+                raise InputError(f"{one} and {other} exclude each other", file=file, key=other)
+
+    def changed(self, maps, sets, conventions):
+        """Return this mapping with columns (maps) and values (sets) by key, and conventions, in place of its own."""
+        new = {parse_key(text).name for text in [*maps, *sets]}
+        columns, values = (
+            {text: name for text, name in had.items() if parse_key(text).name not in new}
+            for had in (self.columns, self.values)
+        )
+        data = self.model_dump() | {"columns": columns | maps, "values": values | sets} | conventions
+        return validate(Mapping, data, "command line")
+
+    def text(self):
+        """Return the file's text."""
+        return HEAD + yaml.safe_dump(self.model_dump(), sort_keys=False, allow_unicode=True)
+
+
+def load_mapping(path):
+    """Return the Mapping in a YAML file. Raises InputError."""
+    mapping = validate(Mapping, read_yaml(path), path)
+    mapping.keys(path)
+    return mapping
+
+
+def known_lists():
+    """Return the names of the lists whose mappings come with csstsim."""
+    return sorted(path.stem for path in LISTS.glob("*.yaml"))

@@ -1,0 +1,155 @@
+"""Reads a list of pointings: FITS, ECSV, CSV (comma, semicolon, tab or bar) or columns between blanks.
+
+Cells stay text until a quantity is asked of them, so that a row is refused alone. astropy reads FITS and the heading of
+ECSV; it would refuse a whole text for one row that is too long.
+"""
+
+import csv
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.damage import reading
+from csstsim.base.files.fits_headers import check_headers
+from csstsim.base.files.text_file import read_text
+
+_DELIMITERS = ",;\t|"  # that tell CSV; none of them: blanks
+
+
+@dataclass(frozen=True)
+class PointingList:
+    """Cells as text: rows [(place, cells)], and broken [(place, text, reason)] rows that cannot be split.
+
+    names: of the columns; units {name: astropy unit} that the file states.
+    """
+
+    path: Path
+    names: list
+    rows: list
+    broken: list = field(default_factory=list)
+    units: dict = field(default_factory=dict)
+
+    def column(self, name):
+        """Return the index of the column `name`, or of colN, the N-th. Raises InputError if there is none."""
+        if self.names.count(name) > 1:
+            raise InputError("the column is given twice", file=self.path, key="columns", value=name)
+        if name in self.names:
+            return self.names.index(name)
+        number = name.removeprefix("col")
+        if number.isascii() and number.isdigit() and 0 < int(number[:6]) <= len(self.names):
+            return int(number[:6]) - 1
+        raise InputError("no such column", file=self.path, key="columns", value=name, allowed=", ".join(self.names))
+
+
+def read_list(path):
+    """Return the PointingList in a file. Raises InputError if it is no list, or has no row."""
+    path = Path(path)
+    read = _fits if path.is_file() and _begins_as_fits(path) else _text
+    found = read(path)
+    if not found.rows and not found.broken:
+        raise InputError("the list is empty: no row", file=path)
+    return found
+
+
+def _begins_as_fits(path):
+    with open(path, "rb") as file:
+        return file.read(9) == b"SIMPLE  ="
+
+
+def _fits(path):
+    """Return the first table of a FITS file."""
+    import numpy as np
+    from astropy.io import fits
+    from astropy.table import Table
+
+    check_headers(path)
+    with reading(path, "a FITS table"), fits.open(path) as hdus:
+        kinds = fits.BinTableHDU, fits.TableHDU
+        found = next((hdu for hdu in hdus if isinstance(hdu, kinds) and not isinstance(hdu, fits.CompImageHDU)), None)
+        if found is None:
+            raise ValueError("it has images only")
+        table = Table.read(found, format="fits", unit_parse_strict="silent")
+        columns = [_texts(np.ma.asarray(table[name])) for name in table.colnames]
+    rows = [(f"row {k + 1}", list(cells)) for k, cells in enumerate(zip(*columns, strict=True))]
+    units = {name: table[name].unit for name in table.colnames if table[name].unit is not None}
+    return PointingList(path, list(table.colnames), rows, units=units)
+
+
+def _texts(column):
+    """Return a column's values as text that gives the same number again; masked: empty."""
+    values = column.filled() if column.dtype.kind in "SU" else column.tolist()
+    return [
+        "" if value is None else value.decode("latin-1").strip() if isinstance(value, bytes) else str(value).strip()
+        for value in values
+    ]
+
+
+def _text(path):
+    lines = list(enumerate(read_text(path, "utf-8-sig").splitlines(), start=1))
+    told = [line for _, line in lines if line.lstrip().startswith("#")]
+    lines = [(n, line) for n, line in lines if line.strip() and not line.lstrip().startswith("#")]
+    if not lines:
+        raise InputError("the list is empty: no heading and no row", file=path)
+    units, delimiter = _ecsv(path, told, lines[0][1]) if told and told[0].startswith("# %ECSV") else ({}, None)
+    delimiter = delimiter or next((d for d in _DELIMITERS if d in lines[0][1]), " ")
+    split = [(f"line {n}", line, _cells(line, delimiter)) for n, line in lines]
+    _, _, first = split[0]
+    if first is None:
+        raise InputError("the heading is not a line of CSV", file=path, key=split[0][0])
+    if any(_is_number(cell) for cell in first):
+        names = _names_told(told, delimiter, len(first)) or [f"col{k + 1}" for k in range(len(first))]
+    else:
+        names, split = first, split[1:]
+    rows = [(place, cells) for place, _, cells in split if cells is not None and len(cells) == len(names)]
+    broken = [
+        (place, line, "not a line of CSV" if cells is None else f"{len(cells)} cells under {len(names)} columns")
+        for place, line, cells in split if cells is None or len(cells) != len(names)
+    ]  # fmt: skip
+    return PointingList(path, names, rows, broken, units)
+
+
+def _ecsv(path, told, heading):
+    """Return ({column: unit}, delimiter) that the heading of an ECSV text states."""
+    from astropy.table import Table
+
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of types: cells are read as text
+            table = Table.read([*told, heading], format="ascii.ecsv")
+    except Exception as exc:  # astropy's readers raise exceptions of many types
+        raise InputError(f"the heading is not ECSV: {str(exc).splitlines()[0]}", file=path) from None
+    units = {name: table[name].unit for name in table.colnames if getattr(table[name], "unit", None) is not None}
+    return units, "," if "delimiter: ','" in " ".join(told) else " "
+
+
+def _cells(line, delimiter):
+    """Return the cells of a line, or None."""
+    if "\0" in line:
+        return None
+    try:
+        line = line.strip() if delimiter != "\t" else line
+        if delimiter == " ":
+            line = line.replace("\t", " ")
+        return [
+            cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True, strict=True))
+        ]
+    except csv.Error:  # an open quote, a cell of more than 131,072 characters
+        return None
+
+
+def _names_told(told, delimiter, count):
+    """Return the names in the last comment that has as many words as a row has cells, or None."""
+    for line in reversed(told):
+        names = _cells(line.lstrip().lstrip("#"), delimiter) or []
+        if len(names) == count and not any(_is_number(name) for name in names):
+            return names
+    return None
+
+
+def _is_number(text):
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return text.lower().lstrip("+-") not in ("nan", "inf", "infinity")

@@ -1,0 +1,164 @@
+"""The values of a list's quantities: arrays in csstsim's units, and why a row has none."""
+
+import re
+import warnings
+from datetime import datetime
+from decimal import Decimal, InvalidOperation
+from functools import partial
+
+import numpy as np
+from astropy import units as u
+from astropy.coordinates import Angle
+from astropy.time import Time
+
+from csstsim.campaign.pointing_lists.quantities import KINDS, UNITS, unit_of
+
+_ISO = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}(:[0-9]{2}(\.[0-9]{1,12})?)?")
+_LONGITUDE, _LATITUDE, _TURN, _SEPARATION = (-180.0, 360.0), (-90.0, 90.0), (-360.0, 360.0), (0.0, 180.0)
+RANGES = {
+    **dict.fromkeys(("ra", "ecl_lon", "gal_lon"), _LONGITUDE),
+    **dict.fromkeys(("dec", "ecl_lat", "gal_lat"), _LATITUDE),
+    "pa": _TURN, "sun_angle": _SEPARATION, "moon_angle": _SEPARATION,
+}  # fmt: skip
+_MJD = 33_282, 88_069  # of the years that a survey table may have, 1950 to 2099
+_ZERO, _UNIX_MJD = {"jd": Decimal("2400000.5"), "mjd": Decimal(0)}, Decimal(40_587)  # MJD 0; MJD of 1970-01-01
+_YES, _NO = ("1", "yes", "y", "true", "t", "deep"), ("0", "no", "n", "false", "f", "wide")
+
+
+class Values:
+    """The quantities of a list's rows; `reasons` {row: why it is refused} grows as they are asked for."""
+
+    def __init__(self, table, mapping):
+        self.rows, self.reasons, self._sources = len(table.rows), {}, {}
+        for name, (key, column, value) in mapping.keys().items():
+            if column is None:
+                cells, unit, said = [value] * self.rows, unit_of(key, "", None), f"{name} of all rows"
+            else:
+                index = table.column(column)
+                unit = unit_of(key, table.names[index], table.units.get(table.names[index]))
+                cells, said = [cells[index] for _, cells in table.rows], f"column {table.names[index]}"
+            self._sources[name] = cells, unit, said
+
+    def __contains__(self, name):
+        return name in self._sources
+
+    def refuse(self, row, message, name, value, allowed=None):
+        """Note why a row is refused; the first reason counts."""
+        said = f"{self._sources[name][2]}: {message} (got {value!r:.60})"
+        self.reasons.setdefault(row, f"{said}; allowed: {allowed}" if allowed else said)
+
+    def words(self, name):
+        """Return the cells of a quantity, text."""
+        return self._sources[name][0]
+
+    def numbers(self, name, empty=()):
+        """Return a quantity (rows,) in the first unit of its kind, NaN where the row is refused.
+
+        empty: (rows,) of which need no value, and have NaN.
+        """
+        cells, unit, _ = self._sources[name]
+        if len(empty):
+            cells = ["0" if none else cell for cell, none in zip(cells, empty, strict=True)]
+        kind = UNITS[KINDS[name]]
+        if kind[unit] is None:
+            found = np.array([self._angle(name, row, cell, unit) for row, cell in enumerate(cells)], float)
+        else:
+            found = np.array([self._number(name, row, cell) for row, cell in enumerate(cells)], float)
+            found = found * kind[unit].to(next(iter(kind.values())))
+        low, high = RANGES.get(name, (-np.inf, np.inf))
+        for row in np.flatnonzero((found < low) | (found > high)):
+            allowed = f"{low:g} to {high:g} {next(iter(kind))}"
+            self.refuse(int(row), f"out of range: {found[row]:g} {next(iter(kind))}", name, cells[row], allowed)
+            found[row] = np.nan
+        return np.where(empty, np.nan, found) if len(empty) else found
+
+    def _number(self, name, row, cell):
+        try:
+            value = float(cell) if "_" not in cell else np.nan
+        except ValueError:
+            value = None
+        if value is None or not np.isfinite(value):
+            sexagesimal = name in RANGES and re.search(r"[0-9][:hdms ]+[0-9]", cell)
+            allowed = f"decimals; or map {name}_hms or {name}_dms" if sexagesimal else None
+            what = "no value" if cell == "" else "not a number" if value is None else "not a finite number"
+            self.refuse(row, what, name, cell, allowed)
+            return np.nan
+        return value
+
+    def _angle(self, name, row, cell, unit):
+        """Return a sexagesimal angle [deg]: hours (hms) or degrees (dms), minutes and seconds."""
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("error")  # of 60 seconds
+                return float(Angle(cell, unit=u.hourangle if unit == "hms" else u.deg).deg)
+        except (ValueError, TypeError, u.UnitsError, Warning):
+            allowed = "hours, minutes and seconds" if unit == "hms" else "degrees, minutes and seconds"
+            self.refuse(row, "not a sexagesimal angle", name, cell, allowed)
+            return np.nan
+
+    def utc(self):
+        """Return the start of each exposure, ISO UTC to a microsecond; "" where the row is refused."""
+        cells, unit, _ = self._sources["time"]
+        form, scale = unit.split("_")
+        read = self._iso if form == "iso" else partial(self._days, form=form)
+        parts = {row: part for row, cell in enumerate(cells) if (part := read(row, cell)) is not None}
+        found = [""] * self.rows
+        if parts:
+            given = [list(parts.values())] if form == "iso" else np.array(list(parts.values())).T
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")  # of years without a table of leap seconds
+                time = Time(*given, format="isot" if form == "iso" else "mjd", scale=scale, precision=6)
+                for row, text in zip(parts, time.utc.isot, strict=True):
+                    found[row] = str(text).rstrip("0").rstrip(".")
+        return found
+
+    def _days(self, row, cell, form):
+        """Return (whole days, fraction) of the MJD that a JD, MJD or Unix time is, without loss; None: refused."""
+        try:
+            value = Decimal(cell) if "_" not in cell else Decimal("nan")
+            mjd = value / 86_400 + _UNIX_MJD if form == "unix" else value - _ZERO[form]
+        except InvalidOperation:
+            return self.refuse(row, "not a number" if cell else "no value", "time", cell)
+        if not (mjd.is_finite() and _MJD[0] <= mjd < _MJD[1]):
+            return self.refuse(row, "out of range", "time", cell, f"a time as {form} of the years 1950 to 2099")
+        return float(int(mjd)), float(mjd % 1)
+
+    def _iso(self, row, cell):
+        """Return an ISO time as astropy reads it; None: refused."""
+        allowed = "YYYY-MM-DDThh:mm:ss[.ffffff], years 1950 to 2099"
+        text = cell.removesuffix("Z").replace(" ", "T")
+        try:
+            good = _ISO.fullmatch(text) and 1950 <= datetime.fromisoformat(text[:19]).year <= 2099
+        except ValueError:  # 30 February
+            good = False
+        if good:
+            return text
+        more = "; or map time_jd or time_mjd" if re.fullmatch(r"[0-9.]+", cell) else ""
+        return self.refuse(row, "not a time" if cell else "no value", "time", cell, allowed + more)
+
+    def whole_numbers(self, name):
+        """Return a quantity that counts, [int], None where the row is refused."""
+        cells = self.words(name)
+        return [self._whole(name, row, cell) for row, cell in enumerate(cells)]
+
+    def _whole(self, name, row, cell, allowed="0, 1, 2, ..."):
+        if re.fullmatch(r"[0-9]{1,14}(\.0*)?", cell):
+            return int(cell.split(".")[0])
+        return self.refuse(row, "not a whole number", name, cell, allowed)
+
+    def deep(self):
+        """Return which exposures belong to the deep survey, [bool]; False or None where refused."""
+        if "deep_index" in self:  # -1 is wide
+            cells = enumerate(self.words("deep_index"))
+            allowed = "-1 (wide), or the number of a deep field"
+            return [
+                False if re.fullmatch(r"-1(\.0*)?", cell) else self._whole("deep_index", row, cell, allowed) is not None
+                for row, cell in cells
+            ]
+        return [self._deep(row, cell) for row, cell in enumerate(self.words("deep"))]
+
+    def _deep(self, row, cell):
+        word = cell.lower().removesuffix(".0")
+        if word not in (*_YES, *_NO):
+            return self.refuse(row, "neither deep nor wide", "deep", cell, ", ".join((*_YES, *_NO)))
+        return word in _YES
