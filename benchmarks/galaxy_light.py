@@ -29,6 +29,7 @@ SPOILT = catalogue.BLENDED | catalogue.TRUNCATED | catalogue.SATURATED | catalog
 SNR = 5, 8, 13, 20, 35, 60, 120, 500
 MAGNITUDES = 18, 20, 21, 22, 23, 24, 24.5, 25, 25.5, 26
 FEW = 8
+FILTER = "r"
 
 
 def timed():
@@ -128,7 +129,7 @@ def main():
     parser.add_argument("campaign", nargs="?")
     file = parser.parse_args().campaign or campaign()
     run = OpenCampaign(file)
-    job = next(job for job in run.jobs if job.chip.kind == "imaging")
+    job = next(job for job in run.jobs if job.chip.filter == FILTER)
     if not run.paths.level0(job).exists():
         measured(file, job.obsid, job.chip.id)
     spent = timed()
