@@ -27,6 +27,7 @@ EDGE = 100  # px from the edge of the chip
 REACH = 2.7  # px, or half the half-light radius, in which an object has its detection
 SPOILT = catalogue.BLENDED | catalogue.TRUNCATED | catalogue.SATURATED | catalogue.SHARP | catalogue.BAD_PIXELS
 SNR = 5, 8, 13, 20, 35, 60, 120, 500
+TOGETHER = 20, 500
 MAGNITUDES = 18, 20, 21, 22, 23, 24, 24.5, 25, 25.5, 26
 FEW = 8
 FILTER = "r"
@@ -80,7 +81,7 @@ def fluxes(truth, found, row, judged):
     }  # fmt: skip
     heading("objects", "S/N", "n", "total - true [mag]", "+-", "scatter", "pulls", "Kron - true", "scatter", "pulls")
     for kind, some in kinds.items():
-        for low, high in pairwise(SNR):
+        for low, high in (*pairwise(SNR), TOGETHER):
             rows = np.flatnonzero(some & judged & (truth["snr"] >= low) & (truth["snr"] < high))
             if len(rows) < FEW:
                 continue
