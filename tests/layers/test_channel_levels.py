@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from readout_state import flat_state, run, small_camera
+from readout_state import flat_state, run
 
 from csstsim.base.rng import Streams
 from csstsim.detector.mask import CLIPPED
@@ -12,11 +12,6 @@ from csstsim.layers import bias, gain, nonlinearity, prescan_overscan, quantizat
 
 SIGMA = 5.0
 SEEDS = 40
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_camera(tmp_path_factory.mktemp("mini"))
 
 
 @pytest.fixture(scope="module")

@@ -5,18 +5,13 @@ import importlib
 import numpy as np
 import pytest
 import yaml
-from readout_state import OBSID, dark_layers, flat_state, run, small_camera
+from readout_state import OBSID, dark_layers, flat_state, run
 
 from csstsim.base.errors import InputError
 from csstsim.simulation.layer_contract import check_layer, form_faults
 from csstsim.simulation.sim_steps import SimSteps, known_layers
 
 READOUT = [step.name for step in dark_layers()]
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_camera(tmp_path_factory.mktemp("mini"))
 
 
 @pytest.mark.parametrize("name", known_layers())

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from readout_state import change_exposure, flat_state, plain_layers, run, small_camera
+from readout_state import change_exposure, flat_state, plain_layers, run
 
 from csstsim.base.rng import Streams, stream
 from csstsim.base.shipped import SHIPPED
@@ -13,11 +13,6 @@ from csstsim.layers import bias, gain, nonlinearity, poisson_and_dark, prescan_o
 from csstsim.simulation.sim_steps import SimSteps
 
 RNG = Streams(3, "1", 9, "layer")
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_camera(tmp_path_factory.mktemp("mini"))
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,6 @@ import pytest
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import PsfConfig
-from csstsim.instrument.camera import load_camera
 from csstsim.optics.geometry.distortion import load_distortion
 from csstsim.optics.geometry.focal_plane import load_focal_plane, samples
 from csstsim.optics.geometry.wcs import ChipWCS
@@ -23,11 +22,6 @@ from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.stages.psf import open_psf
 
 GRID, CELLS = 3, 32
-
-
-@pytest.fixture(scope="module")
-def camera():
-    return load_camera(SHIPPED / "instrument")
 
 
 @pytest.fixture(scope="module")

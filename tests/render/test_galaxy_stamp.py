@@ -10,16 +10,10 @@ from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED
 from csstsim.instrument.chip import Window
 from csstsim.profiles.sersic import sersic_b
 from csstsim.render.imaging.stamps import draw_scene
-from csstsim.render.psf_mixture import Mixer
 
 X, Y = 4200, 5150
 FLUX, SIZE, SHAPE, PIXEL = 1e-3, 1e-3, 1e-4, 1e-3  # relative, relative, absolute, of the peak
 CENTROID_PX = 0.001 / SCALE  # 1 mas
-
-
-@pytest.fixture(scope="module")
-def mixer(psf_r):
-    return Mixer(psf_r)
 
 
 def around(half, x=X, y=Y):
