@@ -3,14 +3,13 @@
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from commands import done
 from mini_campaign import write_scene
 from readout_state import plain_list
 
 from csstsim.base.rng import Streams
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
-from csstsim.command_line.main import main
 from csstsim.io.frames import load_frame
 from csstsim.optics.throughput.response import response_map
 
@@ -38,8 +37,7 @@ def drawn(folder, flat, shutter):
     run = OpenCampaign(path)
     for stage in ("psf", "select", "render"):
         obsid = ["--obsid", OBSID] if stage != "psf" else []
-        result = CliRunner().invoke(main, [stage, str(path), *obsid, "--chip", str(CHIP)], catch_exceptions=False)
-        assert result.exit_code == 0, result.output
+        done(stage, path, *obsid, "--chip", CHIP)
     image = load_frame(run.paths.stage(OBSID, CHIP, "render.fits"))[0]["image"]
     return run, image, ObjectTable.read(run.paths.stage(OBSID, CHIP, "drawn.parquet"))
 
