@@ -179,15 +179,8 @@ def level0(path):
 
     read_level0(path, verify=True)
     file = read_level0(path)
-    _ = (
-        file.gain,
-        file.nonlinearity,
-        file.frame(),
-        file.mask(),
-        file.assembled(full=True),
-        list(file.channels()),
-        file.observer,
-    )
+    _ = file.gain, file.nonlinearity, file.observer, list(file.channels())
+    file.frame(), file.mask(), file.assembled(full=True)
 
 
 def frame(path):
