@@ -28,8 +28,8 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.optics.psf.psf_file import pixel_response
-from csstsim.optics.psf.psf_set import PsfSet, make_psf
+from csstsim.optics.psf.psf_file import PsfSet, pixel_response
+from csstsim.optics.psf.psf_set import make_psf
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered, scattered_light
 from csstsim.render.canvas import Canvas
 from csstsim.render.drawing import Drawing

@@ -17,7 +17,8 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
-from csstsim.optics.psf.psf_set import PsfSet, make_psf
+from csstsim.optics.psf.psf_file import PsfSet
+from csstsim.optics.psf.psf_set import make_psf
 from csstsim.optics.scatter.scattered_light import scattered_light
 from csstsim.render.psf_table import make_table
 

@@ -151,7 +151,7 @@ def own_table(path):
 
 def psf(path):
     """A PSF set: opened, its wings, and the PSF at a place."""
-    from csstsim.optics.psf.psf_set import PsfSet
+    from csstsim.optics.psf.psf_file import PsfSet
     from csstsim.optics.scatter.scattered_light import read_scattered
 
     found = PsfSet(path, chip=PSF_CHIP)
@@ -159,7 +159,7 @@ def psf(path):
 
 
 def psf_tables(path):
-    from csstsim.optics.psf.psf_set import PsfSet
+    from csstsim.optics.psf.psf_file import PsfSet
     from csstsim.render.psf_table import read_tables
 
     read_tables(path, PsfSet(Path(path).with_name("psf.h5")))

@@ -71,7 +71,7 @@ def psf(folder):
 
 
 def psf_tables(folder):
-    from csstsim.optics.psf.psf_set import PsfSet
+    from csstsim.optics.psf.psf_file import PsfSet
     from csstsim.render.psf_table import write_tables
 
     write_tables(folder / "psf_tables.h5", PsfSet(psf(folder)))

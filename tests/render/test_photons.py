@@ -13,8 +13,7 @@ from csstsim.base.counter import object_keys
 from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.optics.psf.psf_file import write_psf
-from csstsim.optics.psf.psf_set import PsfSet, pixel_response
+from csstsim.optics.psf.psf_file import PsfSet, pixel_response, write_psf
 from csstsim.optics.scatter.scattered_light import read_scattered
 from csstsim.profiles.sersic import sersic_b
 from csstsim.render.canvas import Canvas

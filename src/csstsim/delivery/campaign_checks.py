@@ -51,7 +51,7 @@ def psf_tables(path, psf_path, frame):
 
 
 def _psf(path, frame):
-    from csstsim.optics.psf.psf_set import PsfSet
+    from csstsim.optics.psf.psf_file import PsfSet
 
     return PsfSet(path, chip=frame.chip, filter=frame.filter)
 
