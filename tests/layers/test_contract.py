@@ -64,14 +64,6 @@ def test_noise_is_new_in_each_exposure_chip_and_seed(small, name):
             assert not np.array_equal(one, other)
 
 
-@pytest.mark.parametrize("name", ["bias", "gain"])
-def test_channel_values_last_for_the_chip(small, name):
-    one, other = (run(flat_state(small), dark_layers(), obsid=obsid).header[name] for obsid in ("1", "2"))
-    assert one == other
-    assert len(set(one)) == 16
-    assert one != run(flat_state(small, chip=8), dark_layers()).header[name]
-
-
 PAIRS = [(name, off) for name in READOUT for off in ("poisson_and_dark", "bias", "readout_noise") if name != off]
 
 
