@@ -4,7 +4,7 @@
 #   make full-chip  set up .venv, then one whole chip at full depth, from the truth to the report: some minutes
 #   make docs   set up .venv, then the documentation site, results/docs/index.html
 #   make mutants  faults put into the code one by one, and a table by folder of those that the tests see (an hour)
-#   make fuzz   set up .venv, then eight minutes of hostile input to every reader, and a table of what came of it
+#   make fuzz   set up .venv, then eight minutes of hostile input to every reader, and what came of it
 PYTHON ?= python3
 BIN := .venv/bin
 export PATH := $(CURDIR)/$(BIN):$(PATH)

@@ -18,7 +18,7 @@ import galsim
 import numpy as np
 from scipy.ndimage import convolve
 
-from csstsim.base.rng import galsim_seed, stream
+from csstsim.base.rng import stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.detector import bfe_kernel
 from csstsim.detector.blooming import bloom
@@ -58,7 +58,7 @@ def spots(kernels, full_well, seed):
     found = {name: np.empty((len(FLUXES), SPOTS, 2)) for name in names}
     for i, flux in enumerate(FLUXES):
         for spot in range(SPOTS):
-            rng = galsim.BaseDeviate(galsim_seed(seed, "spot", flux, spot))
+            rng = galsim.BaseDeviate(int(stream(seed, "spot", flux, spot).integers(1, 2**31)))
             shot = galsim.Gaussian(sigma=SIGMA, flux=float(flux)).shoot(int(flux), rng)
             silicon = galsim.SiliconSensor(name=SENSOR, rng=rng, nrecalc=2000, diffusion_factor=0.0)
             images = [galsim.ImageF(SIDE, SIDE, scale=1.0, init_value=0.0) for _ in range(2)]

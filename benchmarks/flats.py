@@ -20,7 +20,7 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.layers import led_calib_model
 from csstsim.optics.geometry.wcs import chip_plane
-from csstsim.optics.throughput.coarse_grid import grid_pixels
+from csstsim.optics.throughput.coarse_grid import expand, grid_pixels
 from csstsim.optics.throughput.flat import FlatField
 from csstsim.optics.throughput.response import response_map, response_maximum
 from csstsim.optics.throughput.shutter import deficit, exposed
@@ -64,7 +64,7 @@ def report_limits(camera, seed):
     ]  # fmt: skip
     print(f"shutter by columns on a grating chip turned by 1 deg: off by up to {max(off):.1e}")
     field, filter_ = FlatField(camera.leds, partial(stream, seed, "camera")), camera.filters["GI"]
-    made = field.external_map(chip, Window(0, 9216, 4600, 4700), filter_)[50]
+    made = expand(field.external_grid(chip, filter_), chip, Window(0, 9216, 4600, 4700))[50]
     place = [row[0] * (np.arange(9216) - origin[0]) + row[1] * (4650 - origin[1]) for row in rotation]
     weights = field.weights(filter_.wavelength, filter_.throughput)
     direct = field.vignetting(*place) * field.internal(chip, *place, weights)

@@ -26,8 +26,8 @@ from csstsim.base.counter import object_keys
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
-from csstsim.optics.psf.psf_file import write_psf
-from csstsim.optics.psf.psf_set import PsfSet, make_psf
+from csstsim.optics.psf.psf_file import PsfSet, write_psf
+from csstsim.optics.psf.psf_set import make_psf
 from csstsim.optics.scatter.scattered_light import scattered_light
 from csstsim.profiles.sersic import sersic_b
 from csstsim.render.canvas import Canvas

@@ -23,15 +23,11 @@ import numpy as np
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import PsfConfig
 from csstsim.instrument.camera import load_camera
+from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.interpolation import Interpolator
-from csstsim.optics.psf.psf_set import (
-    chip_coefficients,
-    chip_optics,
-    node_positions,
-    node_psf,
-    oversampling_of,
-    pixel_response,
-)
+from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.optics.psf.psf_set import chip_optics, node_positions, node_psf
+from csstsim.optics.psf.sampling import oversampling_of
 from csstsim.optics.psf.wavefront import load_wavefront
 
 ROOT = Path(__file__).parents[1]

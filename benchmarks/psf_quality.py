@@ -19,7 +19,8 @@ from scipy.special import j1
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.diffraction import Diffraction, blur
-from csstsim.optics.psf.psf_set import centre_of, chip_optics, node_positions, node_psf, oversampling_of
+from csstsim.optics.psf.psf_set import centre_of, chip_optics, node_positions, node_psf
+from csstsim.optics.psf.sampling import oversampling_of
 from csstsim.optics.psf.wavefront import load_wavefront
 
 SHIPPED = Path(__file__).resolve().parents[1] / "config" / "instrument"

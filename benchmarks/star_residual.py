@@ -22,7 +22,8 @@ from psf_sampling import BOX, HALF, STEPS, mean_image, quintic
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.psf.chip_errors import chip_coefficients
 from csstsim.optics.psf.psf_file import pixel_response
-from csstsim.optics.psf.psf_set import chip_optics, oversampling_of
+from csstsim.optics.psf.psf_set import chip_optics
+from csstsim.optics.psf.sampling import oversampling_of
 from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.render.pixel_sums import pixel_sums
 from csstsim.render.psf_table import spline_coefficients

@@ -21,7 +21,9 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.optics.psf.psf_set import Diffraction, PsfSet, blur, make_psf, pixel_response
+from csstsim.optics.psf.diffraction import Diffraction, blur
+from csstsim.optics.psf.psf_file import PsfSet, pixel_response
+from csstsim.optics.psf.psf_set import make_psf
 from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered, scattered_light
 from csstsim.render.canvas import Canvas

@@ -10,14 +10,17 @@ from pathlib import Path
 
 import pytest
 from delivery.small_delivery import delivery
+from readout_state import small_camera
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.ephemeris import observer
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.pointing import Pointing
-from csstsim.optics.psf.psf_set import PsfSet, make_psf
+from csstsim.optics.psf.psf_file import PsfSet
+from csstsim.optics.psf.psf_set import make_psf
 from csstsim.optics.scatter.scattered_light import scattered_light
+from csstsim.render.psf_table import make_table
 
 ROOT = Path(__file__).resolve().parents[1]
 # Of the processes that tests start, as pytest's own (pyproject.toml)
@@ -69,6 +72,12 @@ def camera():
 
 
 @pytest.fixture(scope="session")
+def small(tmp_path_factory):
+    """A camera of small chips (mini.mini_camera), in a folder of its own."""
+    return small_camera(tmp_path_factory.mktemp("mini"))
+
+
+@pytest.fixture(scope="session")
 def make_pointing():
     """Return a science pointing; keywords change its fields."""
 
@@ -96,13 +105,13 @@ def psf_r(camera, tmp_path_factory):
     chip = camera.chips[9]
     scattered = scattered_light(camera, camera.filters["r"])
     make_psf(
-        path,
-        chip,
-        camera.filters["r"],
-        camera.telescope,
-        camera.psf,
-        2,
-        camera_digest=camera.digest,
+        path, chip, camera.filters["r"], camera.telescope, camera.psf, 2, camera_digest=camera.digest,
         scattered=scattered,
-    )
+    )  # fmt: skip
     return PsfSet(path, chip=9)
+
+
+@pytest.fixture(scope="session")
+def psf_tables(psf_r):
+    """The tables from which photons are drawn, of psf_r."""
+    return make_table(psf_r)

@@ -4,8 +4,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from csstsim.optics.gratings.dispersion import Disperser
-from csstsim.optics.psf.psf_file import write_psf
-from csstsim.optics.psf.psf_set import PsfSet
+from csstsim.optics.psf.psf_file import PsfSet, write_psf
 from csstsim.profiles.sersic import sersic_b
 from csstsim.render.scene import Scene
 

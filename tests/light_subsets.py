@@ -23,7 +23,7 @@ from astropy.table import Table
 import csstsim
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.camera import load_camera
-from csstsim.optics.psf.psf_set import PsfSet
+from csstsim.optics.psf.psf_file import PsfSet
 from csstsim.optics.scatter.scattered_light import read_scattered
 
 ACCOUNT = 1e-5, 2e-5  # of the light; wings of spectra are cut off where splines dip below zero

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from csstsim.base.rng import Streams, galsim_seed, stream
+from csstsim.base.rng import Streams, stream
 
 
 def first(generator):
@@ -38,11 +38,9 @@ def test_words_cannot_hide_a_separator():
         stream(1, "a/b")
 
 
-def test_galsim_seed_is_never_zero_and_the_global_state_is_untouched():
+def test_the_global_state_is_untouched():
     before = np.random.get_state()[1].copy()  # noqa: NPY002 - this is what must not change
-    seeds = [galsim_seed(1, "object", i) for i in range(1000)]
     stream(1, "x").normal(size=10)
-    assert min(seeds) > 0 and len(set(seeds)) == 1000
     assert np.array_equal(before, np.random.get_state()[1])  # noqa: NPY002
 
 

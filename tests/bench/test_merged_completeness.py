@@ -1,7 +1,5 @@
 """Judgement of merged bricks against closed forms: what is found, colours, stars told from galaxies."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -85,10 +83,3 @@ def test_bricks_are_joined(script):
     assert (len(every), len(found), real.sum()) == (4 * N, 4 * N, 2 * N)
     assert match[2 * N + 3] == 2 * N + 5
     assert (match[2 * N :] >= 0).sum() == 1
-
-
-def test_a_bad_radius_is_one_line(tmp_path):
-    line = [sys.executable, BENCHMARKS / "merged_completeness.py", "--output", tmp_path / "out", "--radius", "-1"]
-    done = subprocess.run(line, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from commands import done, refused
 
 from csstsim.base.rng import stream
 from csstsim.bench import setting as bench_setting
@@ -15,7 +15,6 @@ from csstsim.bench.slitless import truth as spectrum_truth
 from csstsim.bench.slitless.benchmark import SLITLESS
 from csstsim.bench.slitless.cases import SPECTRA, make_spectrum_case, make_spectrum_cases
 from csstsim.bench.slitless.measures import NAMES, derivative, errors
-from csstsim.command_line.main import main
 
 METHODS = "photons,slabs 4"
 FLUX, ACROSS_PX, SIZE2 = 1e-3, 1e-3, 2e-3  # direct optics against the reference
@@ -36,8 +35,7 @@ def small():
 def folder(tmp_path_factory, small):
     folder = tmp_path_factory.mktemp("bench_GV")
     how = ("--filter", "GV", "--quick", "--objects", "2", "--methods", METHODS, "--output", str(folder))
-    result = CliRunner().invoke(main, ["bench", *how])
-    assert result.exit_code == 0, result.output
+    done("bench", *how)
     return folder
 
 
@@ -74,11 +72,9 @@ def test_tables_of_two_filters_make_one_chart(folder):
     other = folder / "other.csv"
     other.write_text((folder / "speed_accuracy.csv").read_text().replace("GV,", "GU,"))
     tables = [option for path in (folder / "speed_accuracy.csv", other) for option in ("--chart", str(path))]
-    result = CliRunner().invoke(main, ["bench", *tables, "--output", str(folder / "both")])
-    assert result.exit_code == 0, result.output
+    done("bench", *tables, "--output", folder / "both")
     assert (folder / "both" / "speed_accuracy.png").read_bytes().startswith(b"\x89PNG")
-    wrong = CliRunner().invoke(main, ["bench", "--chart", str(folder / "cases.csv")])
-    assert wrong.exit_code == 2 and "cases.csv" in wrong.output
+    assert "cases.csv" in refused("bench", "--chart", folder / "cases.csv")
 
 
 def test_the_sample_is_what_it_says(setting):

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from commands import command
 from mini_campaign import POINTINGS, write_campaign
-from report.report_page import command
 
 from csstsim.bricks.shear import calibration, judge, pair_means
 

@@ -7,22 +7,17 @@ import subprocess
 import sys
 
 import pytest
-from click.testing import CliRunner
+from commands import command
 from mini_campaign import write_campaign
 
 from csstsim import __version__
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.running.job_log import Took, job_log, part_log, parts, took
-from csstsim.command_line.main import main
 
 FIRST = re.compile(
     rf"csstsim {re.escape(__version__)} (\w+): campaign mini ([0-9a-f]{{8}}), ([\w ]+), "
     r"\S+ pid (\d+), \d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ"
 )
-
-
-def said(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 def test_a_log_begins_with_whose_it_is_and_ends_with_what_it_took(tmp_path):
@@ -32,8 +27,8 @@ def test_a_log_begins_with_whose_it_is_and_ends_with_what_it_took(tmp_path):
     log = tmp_path / "chip.log"
     program = "import sys; from csstsim.command_line.main import main; main(sys.argv[1:])"
     with open(log, "w") as out:
-        command = [sys.executable, "-c", program, "chip", file, *where]
-        process = subprocess.Popen([*map(str, command)], stdout=out, stderr=subprocess.STDOUT)
+        line = [sys.executable, "-c", program, "chip", file, *where]
+        process = subprocess.Popen([*map(str, line)], stdout=out, stderr=subprocess.STDOUT)
         _, status, used = os.wait4(process.pid, 0)
         process.returncode = status
     text = log.read_text()
@@ -55,12 +50,12 @@ def test_a_log_begins_with_whose_it_is_and_ends_with_what_it_took(tmp_path):
 
 def test_commands_that_make_nothing_and_jobs_that_fail(tmp_path):
     file = write_campaign(tmp_path)
-    for command in ("plan", "check", "status"):
-        found = said(command, file)
+    for verb in ("plan", "check", "status"):
+        found = command(verb, file)
         assert found.exit_code == 0 and "pid" not in found.output and "done:" not in found.output
-    assert said("check", file).output.count("\n") == 1
+    assert command("check", file).output.count("\n") == 1
     (obsid, chip), *_ = (job.key for job in OpenCampaign(file).jobs)
-    failed = said("measure", file, "--obsid", obsid, "--chip", chip)
+    failed = command("measure", file, "--obsid", obsid, "--chip", chip)
     assert failed.exit_code == 2 and took(failed.output) is None
     first, error = failed.output.splitlines()
     assert FIRST.fullmatch(first)[1] == "measure" and error.startswith("csstsim: error: ")

@@ -7,7 +7,7 @@ import sys
 import time
 
 import pytest
-from click.testing import CliRunner
+from commands import command, done, refused
 from mini_campaign import write_campaign
 
 from csstsim.campaign.costs import each_once, expected
@@ -15,7 +15,6 @@ from csstsim.campaign.opened import OpenCampaign
 from csstsim.campaign.plan import duration
 from csstsim.campaign.products import kinds as table
 from csstsim.campaign.running.status import FAILURES, Kind, Status, failures, lines, look, pace, wanted
-from csstsim.command_line.main import main
 from csstsim.delivery.contents import YES, of_campaign
 from csstsim.delivery.products import products
 
@@ -28,9 +27,7 @@ def run(tmp_path_factory):
 
 
 def said(*arguments):
-    found = CliRunner().invoke(main, ["status", *map(str, arguments)])
-    assert found.exit_code == 0, found.output
-    return found.output.splitlines()
+    return done("status", *arguments).splitlines()
 
 
 def made(moments, cpu=60.0, missing=0, name="Level-0 files"):
@@ -96,8 +93,7 @@ def test_from_within_the_folder_and_with_products_on_another_disk(run, tmp_path,
 
 def test_a_folder_that_is_a_file_and_one_that_goes_meanwhile(run, tmp_path):
     (tmp_path / "file").write_text("")
-    refused = CliRunner().invoke(main, ["status", str(run.file), "--output", str(tmp_path / "file")])
-    assert refused.exit_code == 2 and refused.output.startswith("csstsim: error: ")
+    refused("status", run.file, "--output", tmp_path / "file")
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "level0").symlink_to(tmp_path / "out")  # a circle
     (tmp_path / "out" / "seven").write_text("7 bytes")
@@ -216,7 +212,7 @@ def test_failures_are_in_the_status_while_something_is_missing(run, tmp_path):
 
 @pytest.mark.parametrize("seconds", ["0", "-1", "nan", "1e9", "soon"])
 def test_watch_is_a_second_at_least(run, seconds):
-    assert CliRunner().invoke(main, ["status", str(run.file), f"--watch={seconds}"]).exit_code == 2
+    assert command("status", run.file, f"--watch={seconds}").exit_code == 2
 
 
 @pytest.mark.parametrize(

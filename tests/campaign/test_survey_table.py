@@ -10,7 +10,6 @@ from mini import INSTRUMENT
 
 from csstsim.base.errors import InputError
 from csstsim.campaign.survey_table import load_survey_table
-from csstsim.instrument.camera import load_camera
 from csstsim.optics.geometry.wcs import ChipWCS
 
 TABLES = INSTRUMENT.parents[1] / "survey_tables"
@@ -27,11 +26,6 @@ FIELDS = {
     "demo": (60, -40),
     "rich_field": (300, -60),
 }
-
-
-@pytest.fixture(scope="module")
-def camera():
-    return load_camera(INSTRUMENT)
 
 
 @pytest.fixture(scope="module")

@@ -4,19 +4,14 @@ import logging
 import re
 
 import pytest
-from click.testing import CliRunner
+from commands import command
 from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.help_page import PAGES, with_page
 from csstsim.base.shipped import ROOT
 from csstsim.catalog.open import TABLE_KIND
-from csstsim.command_line.main import main
 
 CHIP = "--obsid", POINTINGS[2].split(",")[0], "--chip", "9"  # a bias frame: the quickest chip
-
-
-def run(*arguments):
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
 @pytest.fixture
@@ -25,25 +20,25 @@ def bias(tmp_path):
 
 
 def test_quiet_prints_nothing_of_a_stage_but_its_errors(bias):
-    loud = run("chip", bias, *CHIP)
+    loud = command("chip", bias, *CHIP)
     assert loud.exit_code == 0 and "readout:" in loud.stdout and "chip done:" in loud.stdout
     for line in (["-q", "chip", bias, *CHIP], ["chip", bias, *CHIP, "-q"], ["chip", "--quiet", bias, *CHIP]):
-        quiet = run(*line)
+        quiet = command(*line)
         assert (quiet.exit_code, quiet.output) == (0, "")
-    refused = run("-q", "chip", bias, "--obsid", "42", "--chip", 9)
+    refused = command("-q", "chip", bias, "--obsid", "42", "--chip", 9)
     assert refused.exit_code == 2 and refused.stdout == "" and "42" in refused.stderr
 
 
 def test_quiet_prints_what_was_asked_for(bias):
-    profile = run("-q", "chip", bias, *CHIP, "--profile").stdout
+    profile = command("-q", "chip", bias, *CHIP, "--profile").stdout
     assert "layer" in profile and "function" in profile and "readout:" not in profile
-    assert "bias_16channel" in run("-q", "layers", "bias").stdout
-    assert "jobs" in run("plan", bias, "-q").stdout
+    assert "bias_16channel" in command("-q", "layers", "bias").stdout
+    assert "jobs" in command("plan", bias, "-q").stdout
 
 
 @pytest.mark.parametrize("before", [True, False])
 def test_verbose_says_what_is_read_and_written_with_its_time(bias, before):
-    said = run(*(["-v"] if before else []), "chip", bias, *CHIP, *([] if before else ["--verbose"]))
+    said = command(*(["-v"] if before else []), "chip", bias, *CHIP, *([] if before else ["--verbose"]))
     assert said.exit_code == 0
     lines = said.stderr.splitlines()
     read = next(line for line in lines if f" read {bias}: " in line)
@@ -55,16 +50,16 @@ def test_verbose_says_what_is_read_and_written_with_its_time(bias, before):
 
 
 def test_verbose_ends_with_its_command(bias):
-    assert run("-v", "check", bias).stderr and not run("check", bias).stderr
+    assert command("-v", "check", bias).stderr and not command("check", bias).stderr
     assert logging.getLogger("csstsim.files").handlers == []
 
 
 def test_verbose_shows_the_traceback_behind_an_error(tmp_path):
     for line in (["-v", "check", tmp_path / "none.yaml"], ["check", tmp_path / "none.yaml", "-v"]):
-        refused = run(*line)
+        refused = command(*line)
         assert refused.exit_code == 2 and "Traceback" in refused.stderr
         assert refused.stderr.splitlines()[-1].startswith("csstsim: error: ")
-    assert "Traceback" not in run("check", tmp_path / "none.yaml").stderr
+    assert "Traceback" not in command("check", tmp_path / "none.yaml").stderr
 
 
 def test_pages_are_there():
@@ -94,13 +89,13 @@ def test_pages_are_there():
 def test_an_error_names_the_page_that_explains(tmp_path, changes, page, monkeypatch):
     monkeypatch.chdir(tmp_path)
     file = write_campaign(tmp_path, **({"select": {"types": ["BIAS"], "chips": [9]}} | changes))
-    [line] = run("check", file).stderr.splitlines()
+    [line] = command("check", file).stderr.splitlines()
     assert line.endswith(page if page.endswith("`") else f"; see {ROOT / page}"), line
 
 
 def test_the_page_is_told_from_where_one_stands(monkeypatch):
     monkeypatch.chdir(ROOT)
-    assert run("check", "/nowhere.yaml").stderr.endswith("; see config/README.md\n")
+    assert command("check", "/nowhere.yaml").stderr.endswith("; see config/README.md\n")
 
 
 def test_an_error_without_a_page_is_as_it_was():

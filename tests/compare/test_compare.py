@@ -8,8 +8,8 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from astropy.io import fits
+from commands import command
 from delivery import spoil
-from delivery.small_delivery import command
 
 from csstsim.catalog.table import ObjectTable
 from csstsim.compare.facts import array_facts

@@ -2,26 +2,14 @@
 
 import numpy as np
 import yaml
-from click.testing import CliRunner
+from commands import done
 from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import icrs
-from csstsim.command_line.main import main
 
 CHIPS = (9, 29)  # r, and GV
-
-
-def command(*arguments):
-    """Run a csstsim command; return its click result."""
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
-
-
-def done(*arguments):
-    result = command(*arguments)
-    assert result.exit_code == 0, result.output
-    return result.output
 
 
 def finish(file):

@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from commands import done
 from mini_campaign import POINTINGS, write_scene
-from small_delivery import done, science
+from small_delivery import science
 
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.delivery.light import charge_of, light_faults

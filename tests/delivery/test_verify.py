@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import spoil
 import yaml
+from commands import command, done
 from mini_campaign import POINTINGS, write_campaign
-from small_delivery import command, done
 
 from csstsim.campaign.opened import CALIBRATIONS, OpenCampaign
 from csstsim.catalog.table import ObjectTable

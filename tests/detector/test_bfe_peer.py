@@ -7,7 +7,6 @@ the same photons, give the growth of the widths to 2% (1 sigma). csstsim's is 13
 import galsim
 import numpy as np
 
-from csstsim.base.rng import galsim_seed
 from csstsim.detector import bfe_kernel
 from csstsim.detector.brighter_fatter import move_charge
 
@@ -32,7 +31,7 @@ def test_spots_widen_as_in_silicon():
     areas = sensor_areas()
     kernel, growth = bfe_kernel.kernel(areas), []
     for spot in range(3):
-        rng = galsim.BaseDeviate(galsim_seed(2, "spot", spot))
+        rng = galsim.BaseDeviate(2 + spot)
         photons = galsim.Gaussian(sigma=0.9, flux=FLUX).shoot(FLUX, rng)
         silicon = galsim.SiliconSensor(name=NAME, rng=rng, nrecalc=2000, diffusion_factor=0.0)
         images = []

@@ -4,12 +4,11 @@ import re
 import runpy
 from pathlib import Path
 
-from click.testing import CliRunner
+from commands import done
 from csst import BANDS
 from mini_campaign import write_scene
 
 from csstsim.catalog.table import ObjectTable
-from csstsim.command_line.main import main
 
 ROOT = Path(__file__).parents[2]
 
@@ -27,8 +26,7 @@ def test_the_page_has_not_drifted():
 
 def test_every_column_of_a_truth_table_is_told(tmp_path):
     campaign = write_scene(tmp_path, "Stars", [30.0, 64.0, 90.0], [40.0, 64.0, 80.0], 20.0)
-    result = CliRunner().invoke(main, ["chip", str(campaign), "--obsid", "10100000001", "--chip", "9"])
-    assert result.exit_code == 0, result.output
+    done("chip", campaign, "--obsid", "10100000001", "--chip", 9)
     [file] = tmp_path.rglob("*.truth.parquet")
     written = {name for name in ObjectTable.read(file).names if not name.startswith("user_")}
     bands = {f"mag_{band}" for band in BANDS}

@@ -2,22 +2,12 @@
 
 import pytest
 import yaml
-from click.testing import CliRunner
+from commands import command, done, refused
 from mini_campaign import POINTINGS, write_campaign
 
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.command_line.main import main
 
 GOOD = POINTINGS[0]
-
-
-def refused(*arguments):
-    """Run a command that must be refused; return its one line."""
-    result = CliRunner().invoke(main, [str(a) for a in arguments])
-    lines = result.stderr.strip().splitlines()
-    assert result.exit_code == 2, (result.output, result.exception)
-    assert len(lines) == 1 and lines[0].startswith("csstsim: error: "), lines
-    return lines[0]
 
 
 @pytest.mark.parametrize(
@@ -157,7 +147,7 @@ def test_missing_brick_then_damaged_brick(tmp_path):
     campaign = OpenCampaign(path)
     for pix in campaign.truth_bricks(campaign.job("10100000001", 9)):
         brick = campaign.paths.truth(pix)
-        assert CliRunner().invoke(main, ["truth", str(path), "--brick", str(pix)]).exit_code == 0
+        done("truth", path, "--brick", pix)
         brick.write_bytes(brick.read_bytes()[:-200])
     line = refused("select", path, "--obsid", "10100000001", "--chip", 9)
     assert "Npix=" in line and "parquet file" in line
@@ -166,18 +156,18 @@ def test_missing_brick_then_damaged_brick(tmp_path):
 
 def test_truncated_psf_file(tmp_path):
     path = write_campaign(tmp_path)
-    CliRunner().invoke(main, ["chip", str(path), "--obsid", "10100000001", "--chip", "9"])
+    done("chip", path, "--obsid", "10100000001", "--chip", 9)
     psf = OpenCampaign(path).paths.psf(9)
     psf.write_bytes(psf.read_bytes()[: psf.stat().st_size // 2])
-    CliRunner().invoke(main, ["select", str(path), "--obsid", "10100000001", "--chip", "9"])
+    done("select", path, "--obsid", "10100000001", "--chip", 9)
     assert "chip_09.h5" in refused("render", path, "--obsid", "10100000001", "--chip", 9)
     assert not list((tmp_path / "out").rglob("render*")) and not list((tmp_path / "out").rglob("drawn*"))
 
 
 def test_product_of_another_campaign_is_refused(tmp_path):
     path = write_campaign(tmp_path)
-    CliRunner().invoke(main, ["chip", str(path), "--obsid", "10100000001", "--chip", "9"])
-    CliRunner().invoke(main, ["select", str(path), "--obsid", "10100000001", "--chip", "9"])
+    done("chip", path, "--obsid", "10100000001", "--chip", 9)
+    done("select", path, "--obsid", "10100000001", "--chip", 9)
     other = write_campaign(tmp_path, seed=4)
     line = refused("render", other, "--obsid", "10100000001", "--chip", 9)
     assert "select.parquet" in line and "another" in line
@@ -188,8 +178,7 @@ def test_chip_does_not_write_into_the_folder_of_another_campaign(tmp_path):
     job = "--obsid", "10100000001", "--chip", 9
     (tmp_path / "two").mkdir()
     mine, other = write_campaign(tmp_path), write_campaign(tmp_path / "two")
-    done = CliRunner().invoke(main, ["chip", str(mine), "--obsid", "10100000001", "--chip", "9"])
-    assert done.exit_code == 0, done.output
+    done("chip", mine, "--obsid", "10100000001", "--chip", 9)
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")}
     assert "another campaign" in refused("chip", other, *job, "--output", tmp_path / "out")
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out").rglob("*")} == before
@@ -220,7 +209,7 @@ def test_output_that_is_a_file(tmp_path):
 
 @pytest.mark.parametrize("chip", ["31", "0", "x"])
 def test_chip_number_on_the_command_line(tmp_path, chip):
-    result = CliRunner().invoke(main, ["psf", str(write_campaign(tmp_path)), "--chip", chip])
+    result = command("psf", write_campaign(tmp_path), "--chip", chip)
     assert result.exit_code == 2 and chip in result.stderr
 
 
@@ -231,7 +220,7 @@ def test_unknown_exposure(tmp_path):
 
 def test_level0_file_of_another_campaign_is_not_measured(tmp_path):
     path = write_campaign(tmp_path)
-    CliRunner().invoke(main, ["chip", str(path), "--obsid", "10100000001", "--chip", "9"])
+    done("chip", path, "--obsid", "10100000001", "--chip", 9)
     other = write_campaign(tmp_path, seed=4)
     assert "CAMPHASH" in refused("measure", other, "--obsid", "10100000001", "--chip", 9)
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
+from commands import done
 from mini_campaign import write_campaign, write_scene
 from readout_state import plain_list
 
@@ -27,11 +28,6 @@ TABLE = [
 ]
 
 
-def run(*arguments):
-    result = CliRunner().invoke(main, [str(a) for a in arguments], catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-
-
 def _calibration(folder):
     """Return the campaign of the table, its lists without effects that a mean and a variance do not describe."""
     lists = {}
@@ -49,7 +45,7 @@ def frames(tmp_path_factory):
     campaign = _calibration(folder)
     found = {}
     for job in campaign.jobs:
-        run("chip", campaign.file, "--obsid", job.obsid, "--chip", CHIP)
+        done("chip", campaign.file, "--obsid", job.obsid, "--chip", CHIP)
         file = read_level0(campaign.paths.level0(job), verify=True)
         found.setdefault(job.pointing.type, []).append(file)
     return campaign, found
@@ -150,8 +146,8 @@ def test_measuring_takes_flat_and_shutter_out_again(tmp_path):
         leds = yaml.safe_load((folder / "instrument" / "leds.yaml").read_text())
         leds["half_mosaic"]["value"], leds["vignetting"]["corner"]["value"] = [300, 250], [0.4, 0.4]
         (folder / "instrument" / "leds.yaml").write_text(yaml.safe_dump(leds))
-        run("chip", path, "--obsid", "10100000001", "--chip", CHIP)
-        run("measure", path, "--obsid", "10100000001", "--chip", CHIP)
+        done("chip", path, "--obsid", "10100000001", "--chip", CHIP)
+        done("measure", path, "--obsid", "10100000001", "--chip", CHIP)
         campaign = OpenCampaign(path)
         job = campaign.job("10100000001", CHIP)
         found[on] = ObjectTable.read(campaign.paths.measure("10100000001", CHIP))

@@ -10,7 +10,7 @@ import yaml
 from astropy import units as u
 from astropy.io import fits
 from astropy.wcs import WCS
-from click.testing import CliRunner
+from commands import done
 from mini_campaign import spectrum, write_campaign, write_scene
 from readout_state import plain_list
 from synphot import Empirical1D, Observation, SourceSpectrum, SpectralElement
@@ -19,7 +19,6 @@ from synphot.units import PHOTLAM
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
-from csstsim.command_line.main import main
 from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.io.frames import load_frame
@@ -31,12 +30,6 @@ from csstsim.stages.psf import open_psf
 BANDS = {"NUV": 12, "u": 14, "g": 8, "r": 9, "i": 7, "z": 11, "y": 6}
 CENTROID_PX = 0.02
 FLUX = 1e-3  # relative
-
-
-def run(*arguments):
-    result = CliRunner().invoke(main, [str(a) for a in arguments], catch_exceptions=False)
-    assert result.exit_code == 0, result.output
-    return result.output
 
 
 def star_campaign(folder, chip, layout, pa, distorted=True):
@@ -69,7 +62,7 @@ def test_bright_stars_stand_where_the_truth_and_the_header_say(tmp_path, band, l
     """
     chip = BANDS[band]
     campaign = star_campaign(tmp_path, chip, layout, pa, distorted)
-    run("chip", campaign.file, "--obsid", "10100000001", "--chip", chip)
+    done("chip", campaign.file, "--obsid", "10100000001", "--chip", chip)
     job = campaign.job("10100000001", chip)
     file = read_level0(campaign.paths.level0(job), verify=True)
     assert file.layout == layout
@@ -97,7 +90,7 @@ def test_electrons_are_the_synthetic_photometry_times_the_enclosed_light(tmp_pat
     observations = {"SCIE": str(tmp_path / "science.yaml")}
     path = write_scene(tmp_path, "Spectra", [64.2, 64.0, 63.7], [64.0, 64.4, 63.5], 0.0, observations=observations)
     for stage in ("psf", "select", "render"):
-        run(stage, path, *(["--obsid", "10100000001"] if stage != "psf" else []), "--chip", 9)
+        done(stage, path, *(["--obsid", "10100000001"] if stage != "psf" else []), "--chip", 9)
     campaign = OpenCampaign(path)
     job = campaign.job("10100000001", 9)
     drawn = ObjectTable.read(campaign.paths.stage("10100000001", 9, "drawn.parquet"))
@@ -121,7 +114,7 @@ def test_every_level0_file_passes_fitsverify(tmp_path):
         pytest.skip("fitsverify is not installed (Debian package fitsverify)")
     path = write_campaign(tmp_path, select={"chips": [9]})
     for obsid in ("10100000001", "10300000001"):
-        run("chip", path, "--obsid", obsid, "--chip", 9)
+        done("chip", path, "--obsid", obsid, "--chip", 9)
     files = list((tmp_path / "out" / "level0").rglob("*.fits"))
     assert len(files) == 2
     for file in files:
@@ -134,12 +127,12 @@ def test_stages_by_file_equal_the_chip_in_memory(tmp_path):
     path = write_campaign(tmp_path)
     campaign = OpenCampaign(path)
     job = campaign.job("10100000001", 9)
-    run("chip", path, "--obsid", "10100000001", "--chip", 9, "--output", tmp_path / "memory")
+    done("chip", path, "--obsid", "10100000001", "--chip", 9, "--output", tmp_path / "memory")
     (tmp_path / "out").mkdir()
     for folder in ("truth", "psf"):
         (tmp_path / "memory" / folder).rename(tmp_path / "out" / folder)
     for stage in ("select", "render", "readout", "level0"):
-        run(stage, path, "--obsid", "10100000001", "--chip", 9)
+        done(stage, path, "--obsid", "10100000001", "--chip", 9)
     here = campaign.paths.level0(job)
     there = tmp_path / "memory" / here.relative_to(tmp_path / "out")
     assert np.array_equal(fits.getdata(here), fits.getdata(there))
@@ -157,10 +150,10 @@ def test_truth_adds_up_to_the_image(tmp_path):
     path = write_campaign(tmp_path, observations={"SCIE": str(tmp_path / "science.yaml")})
     campaign = OpenCampaign(path)
     for pix in campaign.truth_bricks(campaign.job("10100000001", 9)):
-        run("truth", path, "--brick", pix)
-    run("psf", path, "--chip", 9)
+        done("truth", path, "--brick", pix)
+    done("psf", path, "--chip", 9)
     for stage in ("select", "render"):
-        run(stage, path, "--obsid", "10100000001", "--chip", 9)
+        done(stage, path, "--obsid", "10100000001", "--chip", 9)
     paths = campaign.paths
     planes, _ = load_frame(paths.stage("10100000001", 9, "render.fits"))
     drawn = ObjectTable.read(paths.stage("10100000001", 9, "drawn.parquet"))
@@ -172,7 +165,7 @@ def test_truth_adds_up_to_the_image(tmp_path):
 
 def test_a_catalogue_of_ones_own_is_what_was_drawn(tmp_path):
     campaign = star_campaign(tmp_path, 9, "channels", 0.0)
-    run("chip", campaign.file, "--obsid", "10100000001", "--chip", 9)
+    done("chip", campaign.file, "--obsid", "10100000001", "--chip", 9)
     truth = read_truth(campaign.paths.level0_truth(campaign.job("10100000001", 9)))
     assert len(truth) == 9 and (truth["obj_type"] == 0).all()
 
@@ -184,7 +177,7 @@ def test_a_window_keeps_the_geometry_of_the_full_chip(tmp_path):
     for name, changes in (("full", {}), ("window", {"window": window})):
         (tmp_path / name).mkdir()
         path = write_scene(tmp_path / name, "Stars", [70.3, 20.0], [60.4, 20.0], mag=17.5, **changes)
-        run("chip", path, "--obsid", "10100000001", "--chip", 9)
+        done("chip", path, "--obsid", "10100000001", "--chip", 9)
         campaign = OpenCampaign(path)
         files.append(read_level0(campaign.paths.level0(campaign.job("10100000001", 9)), verify=True))
         truth = read_truth(campaign.paths.level0_truth(campaign.job("10100000001", 9)))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from commands import done, refused
 from mini_campaign import Emitters
 
 from csstsim.base.shipped import SHIPPED
@@ -11,7 +11,6 @@ from csstsim.base.units import ab_photon_density
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.astrometry.reduction import icrs
 from csstsim.catalog.table import ObjectTable
-from csstsim.command_line.main import main
 from csstsim.instrument.filter import GRID
 from csstsim.measure.spectra.spectrum_columns import BESIDE, DIM, LOST, SATURATED
 
@@ -44,9 +43,8 @@ def campaign(tmp_path_factory):
 
 def extracted(campaign):
     """The open campaign and its table of spectra, by the commands."""
-    for command in ("chip", "extract"):
-        result = CliRunner().invoke(main, [command, str(campaign), "--obsid", OBSID, "--chip", "2"])
-        assert result.exit_code == 0, (result.output, result.exception)
+    for verb in ("chip", "extract"):
+        done(verb, campaign, "--obsid", OBSID, "--chip", 2)
     run = OpenCampaign(campaign)
     return run, ObjectTable.read(run.paths.spectra(OBSID, 2))
 
@@ -82,9 +80,8 @@ def test_a_line_of_a_galaxy_is_measured_by_the_commands(tmp_path):
 
 
 def test_imaging_chips_are_refused(campaign):
-    result = CliRunner().invoke(main, ["extract", str(campaign), "--obsid", OBSID, "--chip", "9"])
-    assert result.exit_code == 2
-    assert "has no spectra" in result.output and "chip" in result.output
+    line = refused("extract", campaign, "--obsid", OBSID, "--chip", 9)
+    assert "has no spectra" in line and "chip" in line
 
 
 def test_columns_without_a_flag_are_as_good_as_they_say(tmp_path):

@@ -5,12 +5,11 @@ import pytest
 import yaml
 from astropy.io import fits
 from astropy.wcs import WCS
-from click.testing import CliRunner
+from commands import command, done
 from mini_campaign import POINTINGS, write_campaign, write_scene
 
 from csstsim.base.rng import Streams
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.command_line.main import main
 from csstsim.detector import prnu
 from csstsim.io.frames import load_frame
 from csstsim.io.output_owner import FILE as OWNER
@@ -27,16 +26,6 @@ TABLE = [
 ]
 HALF = 8  # px
 X, Y = np.array([30.3, 64.0, 100.6]), np.array([20.4, 100.2, 60.1])
-
-
-def run(*arguments):
-    return CliRunner().invoke(main, [str(a) for a in arguments])
-
-
-def done(*arguments):
-    result = run(*arguments)
-    assert result.exit_code == 0, result.output
-    return result.output
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +127,7 @@ def test_what_cannot_be_calibrated_is_refused(calibration, science, tmp_path):
         ({"cti_passes": -1}, "cti_passes"), ({"masters": str(tmp_path)}, "masters must be given with"),
     ):  # fmt: skip
         path.write_text(yaml.safe_dump(yaml.safe_load(science.read_text()) | {"measurement": measurement}))
-        result = run("measure", path, "--obsid", job.obsid, "--chip", CHIP)
+        result = command("measure", path, "--obsid", job.obsid, "--chip", CHIP)
         assert result.exit_code == 2 and said in result.output and "Traceback" not in result.output
     other = yaml.safe_load(science.read_text()) | {"seed": 4, "measurement": with_masters}
     (tmp_path / "masters").mkdir()
@@ -148,10 +137,10 @@ def test_what_cannot_be_calibrated_is_refused(calibration, science, tmp_path):
     done("chip", path, "--obsid", job.obsid, "--chip", CHIP, "--output", tmp_path / "out")
     campaign = OpenCampaign(path, tmp_path / "out")
     path.write_text(yaml.safe_dump(other | {"output": str(campaign.paths.output)}))
-    result = run("measure", path, "--obsid", job.obsid, "--chip", CHIP)
+    result = command("measure", path, "--obsid", job.obsid, "--chip", CHIP)
     assert result.exit_code == 2 and "seed" in result.output
-    result = run("masters", science, "--chip", CHIP)
+    result = command("masters", science, "--chip", CHIP)
     assert result.exit_code == 2 and "3 of each BIAS, DARK, FLAT" in result.output
     first = calibration.jobs[0].obsid
-    result = run("calibrate", calibration.file, "--obsid", first, "--chip", CHIP)
+    result = command("calibrate", calibration.file, "--obsid", first, "--chip", CHIP)
     assert result.exit_code == 2 and "BIAS" in result.output

@@ -9,13 +9,12 @@ from astropy.coordinates import GCRS, ICRS, CartesianRepresentation, SkyCoord
 from astropy.io import fits
 from astropy.time import Time
 from astropy.wcs import WCS
-from click.testing import CliRunner
+from commands import done
 from mini_campaign import HEADER, write_scene
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.catalog.table import ObjectTable
-from csstsim.command_line.main import main
 from csstsim.instrument.camera import load_camera
 from csstsim.io.level0 import read_level0
 from csstsim.io.truth import read_truth
@@ -28,11 +27,6 @@ SEASONS = [
 ]
 SHIFT_PX = (-340.0, 284.0)  # roughly, so that the stars are on the chip in both seasons
 PLACE_PX, SCALE = 0.02, 0.074
-
-
-def run(*arguments):
-    result = CliRunner().invoke(main, [str(a) for a in arguments], catch_exceptions=False)
-    assert result.exit_code == 0, result.output
 
 
 @pytest.fixture(scope="module")
@@ -54,11 +48,11 @@ def campaign(tmp_path_factory):
     (folder / "table.csv").write_text("\n".join([HEADER, *SEASONS]) + "\n")
     opened = OpenCampaign(path)
     for obsid in OBSIDS:
-        for command in ("chip", "measure"):
-            run(command, path, "--obsid", obsid, "--chip", CHIP)
+        for verb in ("chip", "measure"):
+            done(verb, path, "--obsid", obsid, "--chip", CHIP)
     for pix in opened.merge_bricks:
-        for command in ("merge", "validate"):
-            run(command, path, "--brick", pix)
+        for verb in ("merge", "validate"):
+            done(verb, path, "--brick", pix)
     return opened
 
 

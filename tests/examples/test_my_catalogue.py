@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
+from commands import done
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import load_campaign
@@ -35,14 +36,8 @@ def campaign(tmp_path, monkeypatch):
     sys.modules.pop("my_catalogue", None)
 
 
-def run(*arguments):
-    result = CliRunner().invoke(main, [str(a) for a in arguments])
-    assert result.exit_code == 0, result.output
-    return result.output
-
-
 def test_it_is_drawn(campaign):
-    run("chip", campaign, "--obsid", OBSID, "--chip", CHIP)
+    done("chip", campaign, "--obsid", OBSID, "--chip", CHIP)
     run_ = OpenCampaign(campaign)
     truth = read_truth(run_.paths.level0_truth(run_.job(OBSID, CHIP)))
     assert sorted(truth["id"]) == list(range(1, 23))
@@ -55,7 +50,7 @@ def test_it_keeps_the_contract_and_its_magnitudes(campaign):
     import speclite.filters
     from astropy import units as u
 
-    assert "11 of type star" in run("check", campaign)
+    assert "11 of type star" in done("check", campaign)
     run_ = OpenCampaign(campaign)
     region = run_.region(run_.job(OBSID, CHIP))
     report = check(run_.open_truth(), run_.config.catalog.options, region, run_.camera)
@@ -74,7 +69,7 @@ def test_it_keeps_the_contract_and_its_magnitudes(campaign):
 def test_its_own_test_passes_and_can_fail(tmp_path, monkeypatch):
     """In the folder that `csstsim init` makes of it."""
     folder = tmp_path / "copy"
-    run("init", folder, "--example", "catalogue")
+    done("init", folder, "--example", "catalogue")
     runpy.run_path(str(folder / "make_data.py"))["main"](folder / "data")
     monkeypatch.syspath_prepend(folder)
     monkeypatch.delitem(sys.modules, "my_catalogue", raising=False)

@@ -6,13 +6,12 @@ import sys
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
+from commands import done
 from mini_campaign import write_scene
 
 from csstsim.base.rng import Streams
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.command_line.main import main
 from csstsim.io.level0 import read_level0
 from csstsim.simulation.layer_contract import check_layer
 
@@ -51,8 +50,7 @@ def electrons(folder, layers):
     folder.mkdir()
     (folder / "list.yaml").write_text(yaml.safe_dump({"layers": layers}))
     campaign = write_scene(folder, "Stars", [40.0], [50.0], 22.0, observations={"SCIE": str(folder / "list.yaml")})
-    result = CliRunner().invoke(main, ["chip", str(campaign), "--obsid", OBSID, "--chip", str(CHIP)])
-    assert result.exit_code == 0, result.output
+    done("chip", campaign, "--obsid", OBSID, "--chip", CHIP)
     run = OpenCampaign(campaign)
     image = np.zeros((SIDE, SIDE))
     for channel in read_level0(run.paths.level0(run.job(OBSID, CHIP))).channels():

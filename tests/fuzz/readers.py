@@ -170,7 +170,7 @@ def own_table(path):
 
 def psf(path):
     """A PSF set: opened, its wings, and the PSF at a place."""
-    from csstsim.optics.psf.psf_set import PsfSet
+    from csstsim.optics.psf.psf_file import PsfSet
     from csstsim.optics.scatter.scattered_light import read_scattered
 
     found = PsfSet(path, chip=PSF_CHIP)
@@ -178,7 +178,7 @@ def psf(path):
 
 
 def psf_tables(path):
-    from csstsim.optics.psf.psf_set import PsfSet
+    from csstsim.optics.psf.psf_file import PsfSet
     from csstsim.render.psf_table import read_tables
 
     read_tables(path, PsfSet(Path(path).with_name("psf.h5")))
@@ -198,15 +198,8 @@ def level0(path):
 
     read_level0(path, verify=True)
     file = read_level0(path)
-    _ = (
-        file.gain,
-        file.nonlinearity,
-        file.frame(),
-        file.mask(),
-        file.assembled(full=True),
-        list(file.channels()),
-        file.observer,
-    )
+    _ = file.gain, file.nonlinearity, file.observer, list(file.channels())
+    file.frame(), file.mask(), file.assembled(full=True)
 
 
 def frame(path):

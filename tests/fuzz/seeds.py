@@ -17,32 +17,15 @@ from readout_state import flat_state, plain_layers, run
 
 from csstsim.base.shipped import SHIPPED
 
+EXPOSURE = {
+    "OBSID": "10100000001", "DETECTOR": "09", "EXPTIME": 150.0, "READX0": 1, "READX1": 20, "READY0": 1, "READY1": 10,
+    "CTYPE1": "RA---TAN", "CTYPE2": "DEC--TAN", "CRPIX1": 1.0, "CRPIX2": 1.0, "CRVAL1": 60.0, "CRVAL2": -40.0,
+    "CD1_1": 1e-5, "CD1_2": 0.0, "CD2_1": 0.0, "CD2_2": 1e-5, "POSKIND": "APPARENT",
+}  # fmt: skip
 META = {
-    "recipe": {"camera": "c", "exposure": "e"},
-    "stage": "render",
-    "unit": "electron",
-    "header": {"stages": [["render", 1, 2]]},
-    "exposure": {
-        "OBSID": "10100000001",
-        "READX0": 1,
-        "READX1": 20,
-        "READY0": 1,
-        "READY1": 10,
-        "EXPTIME": 150.0,
-        "CTYPE1": "RA---TAN",
-        "CTYPE2": "DEC--TAN",
-        "CRPIX1": 1.0,
-        "CRPIX2": 1.0,
-        "CRVAL1": 60.0,
-        "CRVAL2": -40.0,
-        "CD1_1": 1e-5,
-        "CD1_2": 0.0,
-        "CD2_1": 0.0,
-        "CD2_2": 1e-5,
-        "POSKIND": "APPARENT",
-        "DETECTOR": "09",
-    },
-}
+    "recipe": {"camera": "c", "exposure": "e"}, "stage": "render", "unit": "electron",
+    "header": {"stages": [["render", 1, 2]]}, "exposure": EXPOSURE,
+}  # fmt: skip
 PLACES = np.array([60.0, 60.02, 60.01]), np.array([-40.0, -40.01, -39.99])  # ra, dec
 
 
@@ -102,22 +85,14 @@ def psf(folder):
     chip = camera.chips[readers.PSF_CHIP]
     filter_ = camera.filters[chip.filter]
     make_psf(
-        path,
-        chip,
-        filter_,
-        camera.telescope,
-        camera.psf,
-        2,
-        cells=32,
-        camera_digest=camera.digest,
-        provenance={"seed": 1},
-        scattered=scattered_light(camera, filter_),
-    )
+        path, chip, filter_, camera.telescope, camera.psf, 2, cells=32, camera_digest=camera.digest,
+        provenance={"seed": 1}, scattered=scattered_light(camera, filter_),
+    )  # fmt: skip
     return path
 
 
 def psf_tables(folder):
-    from csstsim.optics.psf.psf_set import PsfSet
+    from csstsim.optics.psf.psf_file import PsfSet
     from csstsim.render.psf_table import write_tables
 
     write_tables(folder / "psf_tables.h5", PsfSet(psf(folder)))
@@ -149,14 +124,9 @@ def level0(compress=False):
         state = run(state, plain_layers())
         state.header["compress"] = compress
         provenance = {
-            "recipe": {},
-            "seed": 1,
-            "campaign_name": "x",
-            "layers": [],
-            "stages": [],
-            "ephemeris": "builtin",
+            "recipe": {}, "seed": 1, "campaign_name": "x", "layers": [], "stages": [], "ephemeris": "builtin",
             "planets": False,
-        }
+        }  # fmt: skip
         write_level0(folder / "level0.fits", state, camera.keywords, provenance, "channels")
         return folder / "level0.fits"
 
@@ -183,12 +153,7 @@ def objects(folder):
     from csstsim.catalog.table import ObjectTable
     from csstsim.catalog.truth_bricks import SED_COLUMNS
 
-    columns = {
-        "id": np.arange(5),
-        "ra": np.full(5, 60.0),
-        "dec": np.full(5, -40.0),
-        "name": np.array(["a", "b", "c", "d", "e"]),
-    }
+    columns = {"id": np.arange(5), "ra": np.full(5, 60.0), "dec": np.full(5, -40.0), "name": np.array([*"abcde"])}
     table = ObjectTable.complete(
         columns | {name: np.ones(5, "f4") for name in SED_COLUMNS}, BANDS, {"product": "truth brick", "seed": 3}
     )
@@ -213,12 +178,9 @@ def orders(folder):
 
     gratings = readers.camera().gratings[1]
     columns = {name: np.ones(3) for name in ("x", "y", "p", "q", "r", "s", "electrons", "drawn")} | {
-        "id": np.arange(3),
-        "row": np.arange(3),
-        "order": np.ones(3, "i1"),
+        "id": np.arange(3), "row": np.arange(3), "order": np.ones(3, "i1"), "cut": np.zeros(3, bool),
         "grating": np.full(3, gratings.pieces[0][0].name),
-        "cut": np.zeros(3, bool),
-    }
+    }  # fmt: skip
     write_orders(folder / "orders.parquet", ObjectTable(columns), {"recipe": {"camera": "c"}})
     return folder / "orders.parquet"
 
@@ -237,9 +199,8 @@ def beside_a_sound_one(make):
 def validation(folder):
     from csstsim.bricks.result_file import write_result
 
-    write_result(
-        folder / "7.json", {"brick": 7, "recipe": "r", "limits": {}, "gates": [{"name": "x", "passed": True, "n": 3}]}
-    )
+    gates = [{"name": "x", "passed": True, "n": 3}]
+    write_result(folder / "7.json", {"brick": 7, "recipe": "r", "limits": {}, "gates": gates})
     return folder / "7.json"
 
 

@@ -12,11 +12,6 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 
 
-@pytest.fixture(scope="module")
-def camera():
-    return load_camera(INSTRUMENT)
-
-
 def test_chip_counts_and_filters(camera):
     """Paper, figure 3, and design: 30 chips, 18 imaging; NUV and y four each, u g r i z two, each grating four."""
     assert sorted(camera.chips) == list(range(1, 31))

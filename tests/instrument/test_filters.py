@@ -11,7 +11,6 @@ import yaml
 from mini import INSTRUMENT
 
 from csstsim.instrument.axe import sensitivity_file
-from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID, sample_curve
 
 DATA = Path(os.environ.get("CSSTSIM_DATA", INSTRUMENT.parents[2] / "shared" / "data"))
@@ -37,11 +36,6 @@ TABLE_A = {
     "z": (9600.6, 2490.5, 0.2000, 24.90),
     "y": (10051.0, 1590.6, 0.0960, 23.55),
 }
-
-
-@pytest.fixture(scope="module")
-def camera():
-    return load_camera(INSTRUMENT)
 
 
 @pytest.mark.parametrize("band", TABLE_B)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from astropy.io import fits
 from astropy.time import Time
-from readout_state import flat_state, plain_layers, run, small_camera
+from readout_state import flat_state, plain_layers, run
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
@@ -34,11 +34,6 @@ VOLATILE = {
     "CHECKSUM",
     *(f"{clock}_{stage}" for clock in ("CPU", "WALL") for stage in ("SEL", "REN", "RDO", "L0")),
 }
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_camera(tmp_path_factory.mktemp("mini"))
 
 
 def made(camera, path, layout, provenance=PROVENANCE, **fields):

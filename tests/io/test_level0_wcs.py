@@ -6,7 +6,7 @@ import pytest
 from astropy.coordinates import angular_separation
 from astropy.io import fits
 from astropy.wcs import WCS
-from readout_state import flat_state, plain_layers, run, small_camera
+from readout_state import flat_state, plain_layers, run
 
 from csstsim.detector.channels import LAYOUTS, ReadoutFrame
 from csstsim.io.level0 import write_level0
@@ -16,11 +16,6 @@ POINTINGS = [
     {}, {"chip": 30, "pa": 17.0}, {"chip": 1, "ra": 359.999, "dec": 0.0}, {"chip": 12, "dec": 90.0, "ra": 10.0},
     {"chip": 17, "dec": -89.99, "pa": 180.0}, {"window": (30, 70, 31, 33)},
 ]  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_camera(tmp_path_factory.mktemp("mini"))
 
 
 def separation(one, other):

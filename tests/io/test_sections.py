@@ -12,7 +12,7 @@ from astropy.coordinates import angular_separation
 from astropy.io import fits
 from astropy.nddata import CCDData
 from astropy.wcs import WCS
-from readout_state import OBSID, change_exposure, flat_state, small_camera
+from readout_state import OBSID, change_exposure, flat_state
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.detector.channels import LAYOUTS, ReadoutFrame
@@ -23,11 +23,6 @@ from csstsim.optics.geometry.wcs import ChipWCS
 
 WINDOWS = [None, (100, 170, 10, 50), (0, 33, 31, 33), (254, 256, 62, 64)]
 MAS = np.radians(1 / 3.6e6)
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_camera(tmp_path_factory.mktemp("mini"))
 
 
 def numbered(camera, path, layout, window=None, header=(), distortion=None, **pointing):

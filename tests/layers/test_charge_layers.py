@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from readout_state import change_exposure, flat_state, run, small_camera
+from readout_state import change_exposure, flat_state, run
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams, stream
@@ -23,11 +23,6 @@ ORDERS = {
     "default": ["poisson_and_dark", "brighter_fatter", "blooming", "prescan_overscan", "nonlinearity", *END],
     "paper": ["poisson_and_dark", "brighter_fatter", "nonlinearity", "blooming", "prescan_overscan", *END],
 }
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_camera(tmp_path_factory.mktemp("mini"))
 
 
 def scene(camera, window=None, **detector):

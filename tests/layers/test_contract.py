@@ -5,18 +5,13 @@ import importlib
 import numpy as np
 import pytest
 import yaml
-from readout_state import OBSID, dark_layers, flat_state, run, small_camera
+from readout_state import OBSID, dark_layers, flat_state, run
 
 from csstsim.base.errors import InputError
 from csstsim.simulation.layer_contract import check_layer, form_faults
 from csstsim.simulation.sim_steps import SimSteps, known_layers
 
 READOUT = [step.name for step in dark_layers()]
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_camera(tmp_path_factory.mktemp("mini"))
 
 
 @pytest.mark.parametrize("name", known_layers())
@@ -67,14 +62,6 @@ def test_noise_is_new_in_each_exposure_chip_and_seed(small, name):
             if name == "poisson_and_dark":  # beyond it, the shot noise of `before` is common to some pairs
                 assert abs(correlation) < 5 / np.sqrt(one.size)
             assert not np.array_equal(one, other)
-
-
-@pytest.mark.parametrize("name", ["bias", "gain"])
-def test_channel_values_last_for_the_chip(small, name):
-    one, other = (run(flat_state(small), dark_layers(), obsid=obsid).header[name] for obsid in ("1", "2"))
-    assert one == other
-    assert len(set(one)) == 16
-    assert one != run(flat_state(small, chip=8), dark_layers()).header[name]
 
 
 PAIRS = [(name, off) for name in READOUT for off in ("poisson_and_dark", "bias", "readout_noise") if name != off]

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mini import mini_camera
-from readout_state import flat_state, small_camera
+from readout_state import flat_state
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
@@ -16,11 +16,6 @@ from csstsim.layers import cte_effect, prescan_overscan
 RNG = Streams(3, "1", 9, "cte_effect")
 MANY = cte_effect.Param(density_scale=20)  # the small chip has 32 rows to a half
 BOTH = cte_effect.Param(density_scale=20, serial=True)
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_camera(tmp_path_factory.mktemp("mini"))
 
 
 def with_spots(camera, **options):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from readout_state import flat_state, run, small_camera
+from readout_state import flat_state, run
 
 from csstsim.base.shipped import SHIPPED
 from csstsim.simulation.sim_steps import SimSteps
@@ -17,11 +17,6 @@ REFUSES = {
     },
     "negative": {"poisson_and_dark", "brighter_fatter"},  # neither light nor charge can be
 }  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_camera(tmp_path_factory.mktemp("mini"))
 
 
 def found_by(step, small, kind):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from readout_state import flat_state, run, small_camera
+from readout_state import flat_state, run
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
@@ -16,11 +16,6 @@ from csstsim.simulation.exposure import Losses
 from csstsim.simulation.sim_steps import SimSteps
 
 STREAMS = Streams(5, "1", 9, "led_calib_model")
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_camera(tmp_path_factory.mktemp("mini"))
 
 
 def lit(camera, types, times, chip=9):

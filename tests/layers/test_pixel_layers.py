@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import yaml
-from readout_state import OBSID, change_exposure, flat_state, small_camera
+from readout_state import OBSID, change_exposure, flat_state
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
@@ -24,11 +24,6 @@ SEED = 11
 
 def streams(name, obsid=OBSID, chip=9):
     return Streams(SEED, obsid, chip, name)
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_camera(tmp_path_factory.mktemp("mini"))
 
 
 @pytest.fixture

@@ -4,20 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from readout_state import change_exposure, flat_state, plain_layers, run, small_camera
+from readout_state import change_exposure, flat_state, plain_layers, run
 
 from csstsim.base.rng import Streams, stream
 from csstsim.base.shipped import SHIPPED
 from csstsim.detector.channels import ReadoutFrame
-from csstsim.layers import bias, gain, nonlinearity, poisson_and_dark, prescan_overscan, quantization_and_output
+from csstsim.layers import bias, gain, poisson_and_dark, prescan_overscan, quantization_and_output
 from csstsim.simulation.sim_steps import SimSteps
 
 RNG = Streams(3, "1", 9, "layer")
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_camera(tmp_path_factory.mktemp("mini"))
 
 
 @pytest.mark.parametrize(
@@ -72,34 +67,6 @@ def test_bias_and_gain_per_channel_or_chip(small, window):
         assert set(np.unique(state.image).tolist()) <= {
             float(v) for w in wanted for v in (w, np.nextafter(w, 0), np.nextafter(w, 999))
         }
-
-
-def test_spread_of_the_channels(small):
-    """480 channels of 30 chips: uniform, so the standard deviation is spread / sqrt(3) (5 sigma, sqrt(0.2 / n)).
-
-    As the layers draw them: no two channels are alike, and bias, gain and nonlinearity know nothing of each other.
-    """
-    detector, drawn = small.detector, []
-    for chip in small.chips:
-        rng = Streams(5, "1", chip, "x")
-        state = prescan_overscan.apply(flat_state(small, 0.0, chip=chip), prescan_overscan.Param(), rng)
-        state = nonlinearity.apply(state, nonlinearity.Param(nonlinearity_16channel=True), rng)
-        state = gain.apply(bias.apply(state, bias.Param(), rng), gain.Param(), rng)
-        drawn.append(
-            [
-                (np.array(state.header["bias"]) - detector.bias) / detector.bias_spread,
-                (np.array(state.header["gain"]) / detector.gain - 1) / detector.gain_spread,
-                (np.array(state.header["nonlinearity_quadratic"]) / detector.nonlinearity_quadratic - 1)
-                / detector.nonlinearity_spread,
-            ]
-        )
-    values = np.concatenate(drawn, axis=1)
-    assert values.shape == (3, 480) and (abs(values) <= 1 + 1e-9).all()
-    for draws in values:
-        assert len(set(np.round(draws, 9))) == 480
-        assert abs(np.mean(draws)) < 5 / np.sqrt(3 * 480)
-        assert abs(np.std(draws) * np.sqrt(3) - 1) < 5 * np.sqrt(0.2 / 480)
-    assert (abs(np.corrcoef(values)[np.triu_indices(3, 1)]) < 5 / np.sqrt(480)).all()
 
 
 def test_a_channel_keeps_its_levels_and_a_chip_its_own(small):

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from readout_state import flat_state, plain_layers, run, small_camera
+from readout_state import flat_state, plain_layers, run
 
 from csstsim.base.errors import InputError
 from csstsim.base.rng import Streams
@@ -16,11 +16,6 @@ from csstsim.simulation.exposure import Losses
 from csstsim.sky.background import COMPONENTS
 
 HIGH = (2596.0, 4496.0, -4357.0)  # km; POINTING's field (60, -40) is in its zenith
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_camera(tmp_path_factory.mktemp("mini"))
 
 
 STREAMS = Streams(5, "1", 9, "sky_background")

@@ -48,5 +48,5 @@ def test_fluxes_scatter_by_their_error(pulls, low, high):
     """The width is known to 3 to 4 %; near the threshold the faint ones that noise made fainter are not found."""
     snr, *_, pull = pulls
     use = (snr > low) & (snr < high)
-    assert 0.85 < pull[use].std() < 1.15
+    assert 0.85 < pull[use].std() < 1.15 if low < 20 else 0.9 < pull[use].std() < 1.1
     assert abs(pull[use].mean()) < 5.0 / np.sqrt(use.sum()) + 0.1

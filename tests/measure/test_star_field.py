@@ -33,17 +33,6 @@ def test_false_detections_are_few_and_faint(star_field):
     assert np.sort(table["snr"][false])[-3:].max() < 6.0
 
 
-@pytest.mark.parametrize(("low", "high"), [(20, 50), (50, 100), (100, 300)])
-def test_psf_flux_is_unbiased_and_its_error_is_right(star_field, low, high):
-    flux, snr, found, row, table = matched(star_field)
-    use = found & (snr > low) & (snr < high)
-    pull = (table["flux_psf"][row[use]] - flux[use]) / table["flux_psf_err"][row[use]]
-    # Background and interpolation are allowed 0.1 of one source's error beyond the mean's 5 sigma
-    assert abs(pull.mean()) < 5.0 / np.sqrt(use.sum()) + 0.1
-    assert 0.9 < pull.std() < 1.1
-    assert abs(np.median(table["flux_psf"][row[use]] / flux[use]) - 1.0) < 5e-3
-
-
 def test_aperture_flux_is_that_of_all_the_light(star_field):
     """As of the PSF: 4 px hold 99.99% of this Gaussian; of lone stars, whose circles have no other's light."""
     x, y, *_ = star_field
@@ -59,15 +48,10 @@ def test_aperture_flux_is_that_of_all_the_light(star_field):
     )  # weights of the PSF are the best
 
 
-def test_positions_and_magnitudes(star_field):
-    x, y, flux, snr, table = star_field
+def test_places_on_the_sky_and_magnitudes(star_field):
+    *_, flux, snr, table = star_field
     _, _, found, row, _ = matched(star_field)
     use = found & (snr > 30)
-    error = table["pos_err"][row[use]] / 0.074  # px
-    for axis, true in (("x", x), ("y", y)):
-        residual = table[axis][row[use]] - true[use]
-        assert abs(residual.mean()) < 5.0 * residual.std() / np.sqrt(use.sum())
-        assert 0.7 < (residual / error).std() < 1.4
     expected = 26.3 + 2.5 * np.log10(150.0) - 2.5 * np.log10(flux[use])
     assert np.median(table["mag_psf"][row[use]] - expected) == pytest.approx(0.0, abs=5e-3)  # mag
     assert np.allclose(table["ra_apparent"], 150.0 + table["x"] * 0.074 / 3600.0)

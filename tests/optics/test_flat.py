@@ -61,20 +61,21 @@ def test_wavelengths_near_each_other_look_alike(camera):
 def test_maps_are_the_polynomials_and_windows_cuts_of_the_chip(camera):
     chip, filter_, field = camera.chips[30], camera.filters["GI"], flats(camera)
     whole = Window(0, 9216, 5000, 5040)
-    made = field.external_map(chip, whole, filter_)
+    grid = field.external_grid(chip, filter_)
+    made = expand(grid, chip, whole)
     rotation, origin = chip_plane(chip)  # turned by 1 deg
     x, y = np.meshgrid(np.arange(0, 9216, 97), [5000, 5039])
     place = [r[0] * (x - origin[0]) + r[1] * (y - origin[1]) for r in rotation]
     weights = field.weights(filter_.wavelength, filter_.throughput)
     direct = field.vignetting(*place) * field.internal(chip, *place, weights)
     np.testing.assert_allclose(made[[0, 39]][:, ::97], direct, rtol=EXPANSION)
-    cut = field.external_map(chip, Window(4000, 4100, 5010, 5020), filter_)
+    cut = expand(grid, chip, Window(4000, 4100, 5010, 5020))
     np.testing.assert_array_equal(cut, made[10:20, 4000:4100])
 
 
 def test_seeds_and_chips(camera):
     chip, filter_, window = camera.chips[9], camera.filters["r"], Window(0, 50, 0, 50)
-    a, b, c = (flats(camera, seed).external_map(chip, window, filter_) for seed in (3, 3, 4))
+    a, b, c = (expand(flats(camera, seed).external_grid(chip, filter_), chip, window) for seed in (3, 3, 4))
     np.testing.assert_array_equal(a, b)
     assert np.abs(a - c).max() > 1e-3
 

@@ -5,7 +5,8 @@ import pytest
 from scipy.integrate import dblquad, quad
 
 from csstsim.base.errors import InputError
-from csstsim.optics.psf.psf_set import Diffraction, blur, pixel_response
+from csstsim.optics.psf.diffraction import Diffraction, blur
+from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.optics.scatter.halo import make_wing
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered, scattered_light

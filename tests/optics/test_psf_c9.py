@@ -12,7 +12,8 @@ from csstsim.base.errors import InputError
 from csstsim.campaign.opened import OpenCampaign
 from csstsim.optics.psf.chip_errors import chip_coefficients, mosaic_position
 from csstsim.optics.psf.psf_c9 import convert
-from csstsim.optics.psf.psf_set import PsfSet, chip_optics, make_psf, node_psf
+from csstsim.optics.psf.psf_file import PsfSet
+from csstsim.optics.psf.psf_set import chip_optics, make_psf, node_psf
 from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.stages import psf as psf_stage
 

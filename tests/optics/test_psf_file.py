@@ -12,22 +12,18 @@ import pytest
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.campaign.config import PsfConfig
-from csstsim.instrument.camera import load_camera
 from csstsim.optics.geometry.distortion import load_distortion
 from csstsim.optics.geometry.focal_plane import load_focal_plane, samples
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.chip_errors import chip_coefficients
+from csstsim.optics.psf.diffraction import Diffraction, blur
 from csstsim.optics.psf.interpolation import METHODS, Interpolator
-from csstsim.optics.psf.psf_set import Diffraction, PsfSet, blur, make_psf, node_psf, pixel_response
+from csstsim.optics.psf.psf_file import PsfSet, pixel_response
+from csstsim.optics.psf.psf_set import make_psf, node_psf
 from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.stages.psf import open_psf
 
 GRID, CELLS = 3, 32
-
-
-@pytest.fixture(scope="module")
-def camera():
-    return load_camera(SHIPPED / "instrument")
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,9 @@ from scipy.special import j0, j1, jn_zeros
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.load import read_data
-from csstsim.optics.psf.psf_set import Diffraction, blur, node_psf, pixel_response, windowed_centroid
+from csstsim.optics.psf.diffraction import Diffraction, blur, windowed_centroid
+from csstsim.optics.psf.psf_file import pixel_response
+from csstsim.optics.psf.psf_set import node_psf
 from csstsim.optics.psf.wavefront import load_wavefront
 
 CELL = 0.037  # arcsec

@@ -9,8 +9,9 @@ import pytest
 
 from csstsim.base.errors import InputError
 from csstsim.optics.psf.chip_errors import chip_coefficients
-from csstsim.optics.psf.psf_file import half_pixels
-from csstsim.optics.psf.psf_set import chip_optics, oversampling_of, pixel_response
+from csstsim.optics.psf.psf_file import half_pixels, pixel_response
+from csstsim.optics.psf.psf_set import chip_optics
+from csstsim.optics.psf.sampling import oversampling_of
 from csstsim.optics.psf.wavefront import load_wavefront
 from csstsim.render.imaging.reference import GSPARAMS, PSF_MAXK
 

@@ -4,9 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from mini import INSTRUMENT
 
-from csstsim.instrument.camera import load_camera
 from csstsim.instrument.chip import Window
 from csstsim.instrument.pointing import Pointing
 from csstsim.optics.geometry.wcs import ChipWCS, mosaic_cd, nominal_crpix
@@ -22,11 +20,6 @@ BORESIGHTS = [
     (77.0, 89.7, 300.0),
     (180.0, 0.0, 180.0),
 ]
-
-
-@pytest.fixture(scope="module")
-def camera():
-    return load_camera(INSTRUMENT)
 
 
 def _pointing(ra, dec, pa):

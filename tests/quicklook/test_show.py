@@ -5,6 +5,7 @@ import pytest
 from astropy.io import fits
 from astropy.table import Table
 from click.testing import CliRunner
+from commands import refused
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
@@ -25,15 +26,6 @@ def show(*arguments):
     result = CliRunner().invoke(main, ["show", *map(str, arguments)], catch_exceptions=False)
     assert result.exit_code == 0, result.output
     return imread(result.output.strip())
-
-
-def refused(*arguments):
-    """Run a command that must be refused; return its one line."""
-    result = CliRunner().invoke(main, ["show", *map(str, arguments)])
-    lines = result.stderr.strip().splitlines()
-    assert result.exit_code == 2, (result.output, result.exception)
-    assert len(lines) == 1 and lines[0].startswith("csstsim: error: "), lines
-    return lines[0]
 
 
 @pytest.mark.parametrize("stretch", ["asinh", "log", "linear"])
@@ -122,25 +114,25 @@ def test_truth_is_marked_where_it_is(tmp_path, level0):
 
 def test_truth_from_elsewhere_on_a_calibrated_file(tmp_path, level0, calibrated):
     path = calibrated(np.random.default_rng(1).normal(size=(128, 128)))
-    assert "calibrated.truth.parquet: --truth: no such truth table" in refused(path, "--truth")
+    assert "calibrated.truth.parquet: --truth: no such truth table" in refused("show", path, "--truth")
     table = level0.with_suffix(".truth.parquet")
     show(path, "--truth-table", table)
-    assert "no such truth table" in refused(path, "--truth-table", tmp_path / "nosuch.parquet")
-    assert "not a readable parquet file" in refused(path, "--truth-table", path)
+    assert "no such truth table" in refused("show", path, "--truth-table", tmp_path / "nosuch.parquet")
+    assert "not a readable parquet file" in refused("show", path, "--truth-table", path)
 
 
 def test_a_table_that_is_not_the_truth_of_this_chip(tmp_path, level0):
     truth = ObjectTable.read(level0.with_suffix(".truth.parquet"))
     other = tmp_path / "other.parquet"
     truth.with_columns(ID_chip=np.full(len(truth), 30)).write(other)
-    assert "the truth of another chip" in refused(level0, "--truth-table", other)
+    assert "the truth of another chip" in refused("show", level0, "--truth-table", other)
     ObjectTable({name: truth[name] for name in ("obj_type", "ra", "dec")}).write(other)
-    assert "xImage" in refused(level0, "--truth-table", other)
+    assert "xImage" in refused("show", level0, "--truth-table", other)
 
 
 def test_a_readout_frame_has_no_place_for_the_truth(exposure):
     run, job = exposure
-    assert "--truth" in refused(run.paths.stage(*job.key, "readout.fits"), "--truth")
+    assert "--truth" in refused("show", run.paths.stage(*job.key, "readout.fits"), "--truth")
 
 
 def test_pixels_without_a_value_have_a_colour_of_their_own(calibrated):
@@ -156,7 +148,7 @@ def test_pixels_without_a_value_have_a_colour_of_their_own(calibrated):
         image[10:20, 10:20] = np.nan
         assert count(show(calibrated(image), "--stretch", stretch, "--size", 400)) > 0.8 * 100 * 10**2
         path = calibrated(NOISE)
-    assert "finite" in refused(calibrated(np.full((5, 5), np.nan)))
+    assert "finite" in refused("show", calibrated(np.full((5, 5), np.nan)))
 
 
 @pytest.mark.parametrize("stretch", ["asinh", "log", "linear"])
@@ -179,7 +171,7 @@ def test_one_pixel_is_a_region(calibrated):
     "region", [(0, 41, 0, 30), (-1, 5, 0, 5), (5, 5, 0, 5), (9, 3, 0, 5), (50, 60, 0, 5), (0, 5, 30, 31)]
 )
 def test_a_region_outside_is_refused(calibrated, region):
-    line = refused(calibrated(NOISE), "--region", *region)
+    line = refused("show", calibrated(NOISE), "--region", *region)
     assert "--region" in line and "0 to 40" in line and "0 to 30" in line
 
 
@@ -204,13 +196,13 @@ def test_an_inset_is_cut_at_the_edge(calibrated, inset, shown):
 
 @pytest.mark.parametrize("inset", [(40, 5, 4), (5, -1, 4), (5, 5, 0)])
 def test_an_inset_outside_is_refused(calibrated, inset):
-    assert "--inset" in refused(calibrated(NOISE), "--inset", *inset)
-    assert "--inset" in refused(calibrated(NOISE), "--region", 10, 20, 10, 20, "--inset", 5, 15, 4)
+    assert "--inset" in refused("show", calibrated(NOISE), "--inset", *inset)
+    assert "--inset" in refused("show", calibrated(NOISE), "--region", 10, 20, 10, 20, "--inset", 5, 15, 4)
 
 
 def test_limits_and_overscan_that_do_not_fit(calibrated):
-    assert "LOW < HIGH" in refused(calibrated(NOISE), "--limits", 5, 5)
-    assert "--subtract-overscan" in refused(calibrated(NOISE), "--subtract-overscan")
+    assert "LOW < HIGH" in refused("show", calibrated(NOISE), "--limits", 5, 5)
+    assert "--subtract-overscan" in refused("show", calibrated(NOISE), "--subtract-overscan")
 
 
 def test_limits_are_taken(calibrated):
@@ -256,7 +248,7 @@ def test_files_that_cannot_be_shown(tmp_path, level0):
         (tmp_path / "nosuch.fits", "no such file"), (tmp_path, "no such file"), (text, "not a readable FITS file"),
         (table, "no extension holds a 2-d image"), (cube, "no extension holds a 2-d image"), (cut, "cut short"),
     ):  # fmt: skip
-        line = refused(path)
+        line = refused("show", path)
         assert str(path) in line and word in line
         assert not path.with_suffix(".png").exists()
 
@@ -278,12 +270,12 @@ def test_where_the_png_goes(tmp_path, calibrated):
     assert path.with_suffix(".png").read_bytes() != first  # a PNG may be replaced
     other = tmp_path / "notes.png"
     other.write_text("not a PNG")
-    assert "is not a PNG" in refused(path, "--output", other) and other.read_text() == "not a PNG"
-    assert "ends with .png" in refused(path, "--output", path)
-    assert refused(path, "--output", tmp_path / "calibrated.fits" / "a.png")
+    assert "is not a PNG" in refused("show", path, "--output", other) and other.read_text() == "not a PNG"
+    assert "ends with .png" in refused("show", path, "--output", path)
+    assert refused("show", path, "--output", tmp_path / "calibrated.fits" / "a.png")
     folder = tmp_path / "folder.png"
     folder.mkdir()
-    assert str(folder) in refused(path, "--output", folder)
+    assert str(folder) in refused("show", path, "--output", folder)
 
 
 def test_a_file_with_a_wrong_checksum_is_shown_with_a_word(tmp_path, level0, caplog):

@@ -1,4 +1,4 @@
-"""Galaxies of any Sersic index for the tests of the renderers: GalSim's image of one, a Scene of one, and moments."""
+"""Galaxies of any Sersic index for the tests of the renderers: GalSim's image of one, and a Scene of one."""
 
 import galsim
 import numpy as np
@@ -9,7 +9,6 @@ from csstsim.render.imaging.reference import GSPARAMS, PSF_MAXK
 from csstsim.render.scene import Scene
 
 SCALE = 0.074  # arcsec per pixel
-WINDOW_PX = 3.0  # of the moments
 
 
 def scene_of(psf, x, y, electrons=1e5, index=1.0, size=0.3, matrix=None, bulge=0.0, bulge_size=0.3):
@@ -52,16 +51,3 @@ def galsim_image(psf, x, y, half, index, size, matrix, folding=5e-3):
     offset = galsim.PositionD(x - round(x), y - round(y))
     both.drawImage(image, scale=1.0, method="no_pixel", center=image.true_center + offset)
     return image.array
-
-
-def moments(image):
-    """Return flux, x, y (px), size^2 (px^2), e1, e2, all but the flux weighted with a Gaussian about the centroid."""
-    axis = np.arange(len(image)) - (len(image) - 1) / 2
-    x = y = 0.0
-    for _ in range(40):
-        dx, dy = axis - x, axis[:, None] - y
-        weight = np.exp(-0.5 * (dx**2 + dy**2) / WINDOW_PX**2) * image
-        weight /= weight.sum()
-        x, y = x + 2 * np.sum(weight * dx), y + 2 * np.sum(weight * dy)
-    xx, yy, xy = np.sum(weight * dx * dx), np.sum(weight * dy * dy), np.sum(weight * dx * dy)
-    return np.array([image.sum(), x, y, xx + yy, (xx - yy) / (xx + yy), 2 * xy / (xx + yy)])

@@ -16,7 +16,6 @@ from csstsim.render import policy
 from csstsim.render.drawing import Drawing
 from csstsim.render.imaging import reference
 from csstsim.render.imaging.draw import draw_objects, object_keys_of
-from csstsim.render.psf_table import make_table
 from csstsim.render.scene import Scene
 
 VARIANCE = 60.0  # e-^2
@@ -36,18 +35,13 @@ def scene_of(x, y, electrons):
 
 
 @pytest.fixture(scope="module")
-def tables(psf_r):
-    return make_table(psf_r)
-
-
-@pytest.fixture(scope="module")
-def draw(camera, make_pointing, psf_r, tables):
+def draw(camera, make_pointing, psf_r, psf_tables):
     wcs = ChipWCS(camera.chips[9], make_pointing())
 
     def made(x, y, fidelity="standard", key=1, window=WINDOW, response=None, maximum=1.0, scattered=None, **columns):
         table = objects(wcs, x, y, **columns)
         canvas = blank(window, response=response, maximum=maximum)
-        how = scattered or Scattered(), fidelity, VARIANCE, np.uint64(key), tables
+        how = scattered or Scattered(), fidelity, VARIANCE, np.uint64(key), psf_tables
         drawn = draw_objects(canvas, table, Drawing(wcs, psf_r, EXPTIME, *how))
         return canvas.expected, canvas.counted, drawn
 

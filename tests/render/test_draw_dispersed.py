@@ -19,16 +19,6 @@ WINDOW = Window(4000, 7000, 4700, 5000)
 
 
 @pytest.fixture(scope="module")
-def psf(tmp_path_factory):
-    return gaussian_psf(tmp_path_factory.mktemp("psf") / "g.h5")
-
-
-@pytest.fixture(scope="module")
-def tables(psf):
-    return make_table(psf)
-
-
-@pytest.fixture(scope="module")
 def dim_psf(tmp_path_factory):
     """A PSF set whose boxes hold 95% of the light."""
     return gaussian_psf(tmp_path_factory.mktemp("psf") / "g.h5", light=0.95)

@@ -14,7 +14,6 @@ from csstsim.render import policy
 from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.draw import draw_objects
 from csstsim.render.imaging.stamps import _clip_negative
-from csstsim.render.psf_table import make_table
 from csstsim.render.scene import make_scene
 from csstsim.render.settings import load_numbers
 from csstsim.render.wings import box_share
@@ -24,8 +23,8 @@ X, Y = 4100.2, 4060.3  # its middle
 
 
 @pytest.fixture(scope="module")
-def drawn(camera, make_pointing, psf_r):
-    wcs, tables = ChipWCS(camera.chips[9], make_pointing()), make_table(psf_r)
+def drawn(camera, make_pointing, psf_r, psf_tables):
+    wcs = ChipWCS(camera.chips[9], make_pointing())
 
     def draw(x, y, electrons, fidelity="standard", reach=None, **columns):
         table = objects(wcs, x, y, **columns)
@@ -34,7 +33,7 @@ def drawn(camera, make_pointing, psf_r):
         if reach is not None:
             table = table.with_columns(reach=np.full(len(table), reach, np.int32))
         canvas = blank(WINDOW)
-        drawing = Drawing(wcs, psf_r, EXPTIME, Scattered(), fidelity, 60.0, np.uint64(5), tables)
+        drawing = Drawing(wcs, psf_r, EXPTIME, Scattered(), fidelity, 60.0, np.uint64(5), psf_tables)
         result = draw_objects(canvas, table, drawing)
         return result, canvas.counted, make_scene(table, wcs, psf_r, EXPTIME)
 

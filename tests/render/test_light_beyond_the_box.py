@@ -15,18 +15,12 @@ from csstsim.render.imaging.galaxy_stamp import plan_galaxies
 from csstsim.render.imaging.photons import shoot_scene
 from csstsim.render.imaging.stamps import draw_scene
 from csstsim.render.photon_positions import from_profile
-from csstsim.render.psf_table import make_table
 from csstsim.render.slitless.line_wings import order_wing
 
 SIGMA = 5.0
 WINDOW = Window(3700, 4301, 4700, 5301)
 X, Y = 4000.3, 5000.4
 BOX_PX = 32.0  # half the side of the stored PSF
-
-
-@pytest.fixture(scope="module")
-def table_r(psf_r):
-    return make_table(psf_r)
 
 
 def counts(psf, table, electrons, maximum, copies=1, base=3):
@@ -40,9 +34,9 @@ def counts(psf, table, electrons, maximum, copies=1, base=3):
 
 @pytest.mark.parametrize(("electrons", "copies"), [(2e6, 1), (200.0, 10_000)], ids=["many", "few"])
 @pytest.mark.parametrize("maximum", [1.0, 1.3])
-def test_a_response_of_one_counts_all_light_wherever_it_falls(psf_r, table_r, electrons, copies, maximum):
+def test_a_response_of_one_counts_all_light_wherever_it_falls(psf_r, psf_tables, electrons, copies, maximum):
     """Core, box and wing: each holds its share, whatever the losses' maximum that the numbers are drawn for."""
-    counted, outside_box = counts(psf_r, table_r, electrons, maximum, copies)
+    counted, outside_box = counts(psf_r, psf_tables, electrons, maximum, copies)
     light = electrons * copies
     stored = psf_r.at(X, Y).sum(axis=(1, 2)).mean()
     out = light * (1 - stored) * maximum
@@ -109,7 +103,7 @@ def test_ghosts_hold_their_share_of_the_light(camera, psf_r, electrons):
     assert (drawn.drawn[0] - without.drawn[0]) / electrons == pytest.approx(share, rel=1e-3)
 
 
-def test_losses_take_the_same_share_near_and_far(psf_r, table_r):
+def test_losses_take_the_same_share_near_and_far(psf_r, psf_tables):
     """Of faint stars whose wings have an electron each at most: half is kept within 60 px and beyond, to SIGMA."""
     scene = scene_of(psf_r, np.full(40_000, X), np.full(40_000, Y), 20.0, index=0.0)
     radius = np.hypot(np.arange(WINDOW.x0, WINDOW.x1) - X, np.arange(WINDOW.y0, WINDOW.y1)[:, None] - Y)
@@ -118,7 +112,7 @@ def test_losses_take_the_same_share_near_and_far(psf_r, table_r):
     for base, share in ((11, 1.0), (12, 0.5)):
         canvas = counting(WINDOW, response=np.full(WINDOW.shape, share, np.float32))
         keys = object_keys(np.uint64(base), scene.ids)
-        shoot_scene(canvas, scene, keys, table_r, read_scattered(psf_r).wing)
+        shoot_scene(canvas, scene, keys, psf_tables, read_scattered(psf_r).wing)
         counted.append([canvas.counted[ring].sum() for ring in rings])
     for whole, half in np.transpose(counted):
         assert whole > 500

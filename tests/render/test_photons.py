@@ -13,8 +13,7 @@ from csstsim.base.counter import object_keys
 from csstsim.catalog.table import STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.optics.psf.psf_file import write_psf
-from csstsim.optics.psf.psf_set import PsfSet, pixel_response
+from csstsim.optics.psf.psf_file import PsfSet, pixel_response, write_psf
 from csstsim.optics.scatter.scattered_light import read_scattered
 from csstsim.profiles.sersic import sersic_b
 from csstsim.render.canvas import Canvas
@@ -29,11 +28,6 @@ WINDOW = Window(4000, 4130, 5000, 5120)
 CENTRE = 4065.3, 5058.8
 SCALE = 0.074  # arcsec per pixel
 WEIGHT_PX = 3.0  # sigma of the window of sizes
-
-
-@pytest.fixture(scope="module")
-def table_r(psf_r):
-    return make_table(psf_r)
 
 
 @pytest.fixture(scope="module")
@@ -109,7 +103,7 @@ def expectation(psf, x, y, electrons, index=0.0, radius=0.3, matrix=None, window
     return image.array * electrons
 
 
-def test_star_is_the_reference_pixel_by_pixel(camera, make_pointing, psf_r, table_r):
+def test_star_is_the_reference_pixel_by_pixel(camera, make_pointing, psf_r, psf_tables):
     wcs = ChipWCS(camera.chips[9], make_pointing())
     x, y = CENTRE
     ra, dec = wcs.pixel_to_world(np.array([x]), np.array([y]))
@@ -122,7 +116,7 @@ def test_star_is_the_reference_pixel_by_pixel(camera, make_pointing, psf_r, tabl
     canvas = blank(WINDOW)
     draw_objects(canvas, objects, Drawing(wcs, psf_r, 100.0))
     expected = canvas.expected
-    counted, on, _, box = shoot(make_scene(objects, wcs, psf_r, 100.0), table_r)
+    counted, on, _, box = shoot(make_scene(objects, wcs, psf_r, 100.0), psf_tables)
     used = expected > 20
     chi2 = ((counted - expected)[used] ** 2 / expected[used]).sum()
     assert used.sum() > 400
@@ -134,12 +128,12 @@ def test_star_is_the_reference_pixel_by_pixel(camera, make_pointing, psf_r, tabl
 
 
 @pytest.mark.parametrize("index", [0.5, 1.0, 2.5, 4.0, 6.0])
-def test_galaxy_has_galsims_size_shape_and_flux(psf_r, table_r, index):
+def test_galaxy_has_galsims_size_shape_and_flux(psf_r, psf_tables, index):
     """Sheared, turned and mirrored by its matrix: sign and orientation are GalSim's."""
     matrix = np.array([[-1.2, 0.35], [0.15, 0.9]]) / SCALE
     radius, electrons = 0.25, 2e6
     expected = expectation(psf_r, *CENTRE, electrons, index, radius, matrix)
-    counted, *_ = shoot(make(psf_r, *CENTRE, electrons, index, radius, matrix), table_r, base=3)
+    counted, *_ = shoot(make(psf_r, *CENTRE, electrons, index, radius, matrix), psf_tables, base=3)
     place = CENTRE[0] - WINDOW.x0, CENTRE[1] - WINDOW.y0
     (truth, _), (found, error) = size(expected, *place), size(counted, *place)
     assert abs(truth[1]) > 100 * error[1] and abs(truth[2]) > 30 * error[2]  # the shape is seen, in both components
@@ -154,17 +148,17 @@ def test_galaxy_has_galsims_size_shape_and_flux(psf_r, table_r, index):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("index", [0.0, 1.0, 4.0])
-def test_many_electrons_find_no_bias(psf_r, table_r, index):
+def test_many_electrons_find_no_bias(psf_r, psf_tables, index):
     """2e8 of them. A star against its own density, pixel by pixel; galaxies in the project's goals (1e-3 of light and
     size^2, 1e-4 of ellipticity), GalSim's transform being good to a tenth of that."""
     electrons, (x, y) = 2e8, CENTRE
-    counted, *_ = shoot(make(psf_r, x, y, electrons, index, 0.3), table_r, base=31)
+    counted, *_ = shoot(make(psf_r, x, y, electrons, index, 0.3), psf_tables, base=31)
     place = x - WINDOW.x0, y - WINDOW.y0
     expected = expectation(psf_r, x, y, electrons, index, 0.3)
     if not index:
         spline = BSpline.basis_element([-1.5, -0.5, 0.5, 1.5], extrapolate=False).antiderivative()
         node, weight, _ = psf_r.weights(x, y)
-        mixture = sum(w * table_r.node_coefficients(k).mean(axis=0) for k, w in zip(node, weight, strict=True))
+        mixture = sum(w * psf_tables.node_coefficients(k).mean(axis=0) for k, w in zip(node, weight, strict=True))
         parts = []
         for at, width in zip(place, (WINDOW.nx, WINDOW.ny), strict=True):
             edges = 4 * (np.arange(width + 1) - 0.5 - at)
@@ -179,10 +173,10 @@ def test_many_electrons_find_no_bias(psf_r, table_r, index):
     assert (np.abs(found - truth) / truth[0] < SIGMA * error / truth[0] + [1e-4, 2e-5, 2e-5]).all()
 
 
-def test_bulge_and_disk_share_the_light(psf_r, table_r):
+def test_bulge_and_disk_share_the_light(psf_r, psf_tables):
     parts = [expectation(psf_r, *CENTRE, 1e6, n, 0.3) for n in (1.0, 4.0)]
     expected = 0.7 * parts[0] + 0.3 * parts[1]
-    counted, *_ = shoot(make(psf_r, *CENTRE, 1e6, 1.0, bulge=0.3), table_r, base=11)
+    counted, *_ = shoot(make(psf_r, *CENTRE, 1e6, 1.0, bulge=0.3), psf_tables, base=11)
     used = expected > 20
     chi2 = ((counted - expected)[used] ** 2 / expected[used]).sum()
     assert abs(chi2 - used.sum()) < SIGMA * np.sqrt(2 * used.sum())
@@ -190,7 +184,7 @@ def test_bulge_and_disk_share_the_light(psf_r, table_r):
 
 @pytest.mark.parametrize("electrons", [20.0, 290.0, 310.0, 3000.0])
 @pytest.mark.parametrize("losses", [False, True])
-def test_mean_is_variance(psf_r, table_r, electrons, losses):
+def test_mean_is_variance(psf_r, psf_tables, electrons, losses):
     """400 draws of a galaxy; both ways of drawing the numbers, with and without losses above and below one."""
     repeats = 400
     response, maximum = None, 1.0
@@ -201,7 +195,7 @@ def test_mean_is_variance(psf_r, table_r, electrons, losses):
     kept = expected * (1.0 if response is None else response)
     scene = make(psf_r, *CENTRE, electrons, 1.0)
     draws = np.stack(
-        [shoot(scene, table_r, base=100 + k, response=response, maximum=maximum)[0] for k in range(repeats)]
+        [shoot(scene, psf_tables, base=100 + k, response=response, maximum=maximum)[0] for k in range(repeats)]
     )
     total = draws.sum(axis=(1, 2))
     mean = kept.sum()
@@ -231,23 +225,23 @@ def test_mixture_of_nodes(wide_and_narrow, electrons):
         assert abs(counted[ring].sum() - expected[ring].sum()) < SIGMA * np.sqrt(expected[ring].sum())
 
 
-def test_electrons_beyond_the_box_are_counted(psf_r, table_r):
+def test_electrons_beyond_the_box_are_counted(psf_r, psf_tables):
     for electrons, n in ((100.0, 2000), (1e5, 2)):
         scene = make(psf_r, np.full(n, CENTRE[0]), np.full(n, CENTRE[1]), np.full(n, electrons))
-        _, _, outside_box, _ = shoot(scene, table_r)
+        _, _, outside_box, _ = shoot(scene, psf_tables)
         lost = electrons * n * (1 - psf_r.at(*CENTRE).sum() / 4)
         assert lost > 1000
         assert abs(outside_box.sum() - lost) < SIGMA * np.sqrt(lost)
 
 
-def test_sub_bands_have_their_own_psf(psf_r, table_r):
+def test_sub_bands_have_their_own_psf(psf_r, psf_tables):
     """All light in the bluest, then all in the reddest: the sizes differ by what the images say."""
     sizes = []
     for band in (0, 3):
         light = np.zeros((1, 4))
         light[0, band] = 4e6
         scene = replace(make(psf_r, *CENTRE, 1.0), electrons=light)
-        counted, *_ = shoot(scene, table_r)
+        counted, *_ = shoot(scene, psf_tables)
         flat = psf_r.at(*CENTRE)[band]
         expected = expectation(type("P", (), {"at": lambda *_, f=flat: f[None], "oversampling": 4}), *CENTRE, 4e6)
         (found, error), (truth, _) = (size(image, CENTRE[0] - 4000, CENTRE[1] - 5000) for image in (counted, expected))
@@ -256,33 +250,33 @@ def test_sub_bands_have_their_own_psf(psf_r, table_r):
     assert abs(sizes[1][0] - sizes[0][0]) > 10 * sizes[0][1]
 
 
-def test_order_does_not_matter(psf_r, table_r):
+def test_order_does_not_matter(psf_r, psf_tables):
     rng = np.random.default_rng(8)
     n = 300
     scene = make(
         psf_r, rng.uniform(3980, 4150, n), rng.uniform(4980, 5140, n), 10 ** rng.uniform(0, 4, n), 1.0, bulge=0.2
     )
-    forth = shoot(scene, table_r)
+    forth = shoot(scene, psf_tables)
     order = rng.permutation(n)
-    back = shoot(scene.take(order), table_r)
+    back = shoot(scene.take(order), psf_tables)
     assert np.array_equal(forth[0], back[0])
     for a, b in zip(forth[1:], back[1:], strict=True):
         assert np.array_equal(a[order], b)
-    parts = [shoot(scene.take(order[k::3]), table_r)[0] for k in range(3)]
+    parts = [shoot(scene.take(order[k::3]), psf_tables)[0] for k in range(3)]
     assert np.array_equal(forth[0], sum(parts))
     assert forth[0].sum() == forth[1].sum()
 
 
-def test_windows_cut_one_picture(psf_r, table_r):
+def test_windows_cut_one_picture(psf_r, psf_tables):
     """An object at a corner of four windows: each counts its own electrons, none is lost, none counted twice."""
     scene = make(psf_r, [4065.0, 4064.5, 3999.5], [5060.0, 5059.5, 4999.5], [5e3, 100.0, 2e4], 4.0, 1.0)
-    whole = shoot(scene, table_r)
+    whole = shoot(scene, psf_tables)
     quarters = [
         Window(x, x1, y, y1) for x, x1 in ((4000, 4065), (4065, 4130)) for y, y1 in ((5000, 5060), (5060, 5120))
     ]
     on = 0
     for window in quarters:
-        counted, found, outside_box, box = shoot(scene, table_r, window=window)
+        counted, found, outside_box, box = shoot(scene, psf_tables, window=window)
         part = whole[0][window.y0 - 5000 : window.y1 - 5000, window.x0 - 4000 : window.x1 - 4000]
         assert np.array_equal(counted, part)
         assert np.array_equal(outside_box, whole[2])
@@ -291,34 +285,34 @@ def test_windows_cut_one_picture(psf_r, table_r):
     assert np.array_equal(on, whole[1])
 
 
-def test_far_objects_leave_the_window_alone(psf_r, table_r):
+def test_far_objects_leave_the_window_alone(psf_r, psf_tables):
     places = [(-3000.0, 5050.0), (4050.0, 20000.0), (4130.0 + 60, 5050.0), (1e9, -1e9)]
     scene = make(psf_r, *np.transpose(places), np.full(4, 1e4))
-    counted, on, _, box = shoot(scene, table_r)
+    counted, on, _, box = shoot(scene, psf_tables)
     assert not counted.any() and not on.any() and not box.any()
 
 
-def test_nothing_to_draw(psf_r, table_r):
-    counted, on, outside_box, box = shoot(make(psf_r, [], [], np.zeros(0)), table_r)
+def test_nothing_to_draw(psf_r, psf_tables):
+    counted, on, outside_box, box = shoot(make(psf_r, [], [], np.zeros(0)), psf_tables)
     assert not counted.any() and on.shape == outside_box.shape == (0,) and box.shape == (0, 4)
-    counted, on, outside_box, box = shoot(make(psf_r, *CENTRE, 0.0, 1.0), table_r)
+    counted, on, outside_box, box = shoot(make(psf_r, *CENTRE, 0.0, 1.0), psf_tables)
     assert not counted.any() and on[0] == outside_box[0] == 0 and not box.any()
 
 
-def test_tiny_lights_add_up(psf_r, table_r):
+def test_tiny_lights_add_up(psf_r, psf_tables):
     n = 50_000
     scene = make(psf_r, np.full(n, CENTRE[0]), np.full(n, CENTRE[1]), np.full(n, 0.01), 4.0)
-    _, on, outside_box, _ = shoot(scene, table_r)
+    _, on, outside_box, _ = shoot(scene, psf_tables)
     assert abs((on + outside_box).sum() - 500) < 5 * np.sqrt(500) + 10  # wings of n = 4 off the window
 
 
 @pytest.mark.parametrize("index", [0.3, 1.0, 4.0, 6.2])
 @pytest.mark.parametrize("radius", [1e-4, 60.0])
 @pytest.mark.parametrize("q", [1.0, 0.02])
-def test_extremes_stay_finite(psf_r, table_r, index, radius, q):
+def test_extremes_stay_finite(psf_r, psf_tables, index, radius, q):
     """A needle, a point and a giant. The light within the window is never more than there is; a tiny one is a star."""
     matrix = np.array([[1.0, 0.3], [-0.3, 1.0]]) @ np.diag([q**-0.5, q**0.5]) / SCALE
-    counted, on, outside_box, _ = shoot(make(psf_r, *CENTRE, 2e4, index, radius, matrix), table_r)
+    counted, on, outside_box, _ = shoot(make(psf_r, *CENTRE, 2e4, index, radius, matrix), psf_tables)
     assert counted.sum() == on[0] and counted.min() >= 0
     assert on[0] + outside_box[0] < 2e4 + SIGMA * np.sqrt(2e4)
     if radius < 1e-3 and index < 6:
@@ -326,14 +320,14 @@ def test_extremes_stay_finite(psf_r, table_r, index, radius, q):
         assert abs(on[0] - star.sum()) < SIGMA * np.sqrt(2e4)
 
 
-def test_blocked_light_is_not_counted(psf_r, table_r):
+def test_blocked_light_is_not_counted(psf_r, psf_tables):
     response = np.zeros(WINDOW.shape, np.float32)
     response[:, 60:] = 1.0
-    counted, on, _, _ = shoot(make(psf_r, *CENTRE, 1e4), table_r, response=response)
+    counted, on, _, _ = shoot(make(psf_r, *CENTRE, 1e4), psf_tables, response=response)
     assert not counted[:, :60].any() and counted[:, 60:].any() and on[0] == counted.sum()
     response[:] = np.nan
     with pytest.raises(ValueError, match="response"):
-        shoot(make(psf_r, *CENTRE, 1e4), table_r, response=response)
+        shoot(make(psf_r, *CENTRE, 1e4), psf_tables, response=response)
 
 
 @pytest.mark.parametrize(
@@ -346,9 +340,9 @@ def test_blocked_light_is_not_counted(psf_r, table_r):
         ({"weight": np.array([[-0.1, 0.6, 0.3, 0.2]])}, "weight is negative"),
     ],
 )
-def test_what_cannot_be_drawn_is_refused(psf_r, table_r, change, message):
+def test_what_cannot_be_drawn_is_refused(psf_r, psf_tables, change, message):
     with pytest.raises(ValueError, match=message):
-        shoot(replace(make(psf_r, *CENTRE, 10.0), **change), table_r)
+        shoot(replace(make(psf_r, *CENTRE, 10.0), **change), psf_tables)
 
 
 def test_nodes_without_tables_are_refused(psf_r):
@@ -356,23 +350,23 @@ def test_nodes_without_tables_are_refused(psf_r):
         shoot(make(psf_r, *CENTRE, 10.0), make_table(psf_r, [0]))
 
 
-def test_arrays_that_do_not_fit_are_refused(psf_r, table_r):
+def test_arrays_that_do_not_fit_are_refused(psf_r, psf_tables):
     scene = make(psf_r, *CENTRE, 10.0)
     keys = object_keys(np.uint64(1), scene.ids)
     with pytest.raises(ValueError, match="counted"):
-        shoot_scene(Canvas(None, WINDOW, counted=np.zeros(WINDOW.shape)), scene, keys, table_r)
+        shoot_scene(Canvas(None, WINDOW, counted=np.zeros(WINDOW.shape)), scene, keys, psf_tables)
     with pytest.raises(ValueError, match="response"):
-        shoot(scene, table_r, response=np.ones((3, 3), np.float32))
+        shoot(scene, psf_tables, response=np.ones((3, 3), np.float32))
     with pytest.raises(ValueError, match="at most"):
-        shoot(scene, table_r, response=np.full(WINDOW.shape, 1.1, np.float32))
+        shoot(scene, psf_tables, response=np.full(WINDOW.shape, 1.1, np.float32))
 
 
-def test_light_beyond_the_box_follows_the_wing(psf_r, table_r):
+def test_light_beyond_the_box_follows_the_wing(psf_r, psf_tables):
     """2e6 electrons of a star with its wing: outside the box, rings of the closed form; none lost; 5 sigma."""
     wing, n = read_scattered(psf_r).wing, 2e6
     window, scene = Window(0, 2001, 0, 2001), make(psf_r, 1000.0, 1000.0, n)
     canvas = counting(window)
-    on_window, outside_box, box = shoot_scene(canvas, scene, np.array([3], np.uint64), table_r, wing)
+    on_window, outside_box, box = shoot_scene(canvas, scene, np.array([3], np.uint64), psf_tables, wing)
     counted = canvas.counted
     r = np.hypot(*(np.indices(window.shape) - 1000.0))
     for inner, outer in ((50, 80), (80, 150), (150, 400), (400, 900)):
@@ -383,14 +377,14 @@ def test_light_beyond_the_box_follows_the_wing(psf_r, table_r):
     assert outside_box[0] == pytest.approx(n * (1 - psf_r.flux.mean()), rel=0.02) and box[0, 1] - box[0, 0] > 1500
 
 
-def test_losses_take_electrons_whatever_their_place(psf_r, table_r):
+def test_losses_take_electrons_whatever_their_place(psf_r, psf_tables):
     """The loss has the half of a word that the place has not: half the light everywhere is the same image, thinned.
 
     1.2e6 electrons; chi2 of the pixels with 25 and more of them, 5 sigma.
     """
     scene = make(psf_r, *CENTRE, 1.2e6)
-    whole = shoot(scene, table_r)[0].astype(float)
-    kept = shoot(scene, table_r, base=2, response=np.full(WINDOW.shape, 0.5, np.float32))[0]
+    whole = shoot(scene, psf_tables)[0].astype(float)
+    kept = shoot(scene, psf_tables, base=2, response=np.full(WINDOW.shape, 0.5, np.float32))[0]
     seen = whole > 25
     n = seen.sum()
     chi2 = ((kept - whole / 2)[seen] ** 2 / (whole / 2 + whole / 4)[seen]).sum()

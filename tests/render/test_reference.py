@@ -10,7 +10,8 @@ from csstsim.catalog.flags import BAD_VALUE, FFT_REDUCED, OFF_CHIP
 from csstsim.catalog.table import GALAXY, STAR, ObjectTable
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.optics.psf.psf_set import pixel_response, windowed_centroid
+from csstsim.optics.psf.diffraction import windowed_centroid
+from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.reference import draw_objects
 

@@ -11,7 +11,8 @@ from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.gratings.dispersion import Disperser
-from csstsim.optics.psf.psf_set import PsfSet, make_psf, pixel_response
+from csstsim.optics.psf.psf_file import PsfSet, pixel_response
+from csstsim.optics.psf.psf_set import make_psf
 from csstsim.optics.scatter.scattered_light import read_scattered, scattered_light
 from csstsim.render.drawing import Drawing
 from csstsim.render.imaging.reference import lattice

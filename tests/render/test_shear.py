@@ -15,8 +15,6 @@ from csstsim.catalog.selection.select import Noise, region_for, select_objects
 from csstsim.catalog.table import GALAXY
 from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
-from csstsim.render.psf_mixture import Mixer
-from csstsim.render.psf_table import make_table
 
 spec = importlib.util.spec_from_file_location(
     "shear_response", Path(__file__).parents[2] / "benchmarks" / "shear_response.py"
@@ -32,12 +30,10 @@ DISK_RADIUS = 1.67834699  # half-light radius of an exponential disk over its sc
 
 
 @pytest.fixture(scope="module")
-def make_setting(camera, make_pointing, psf_r):
-    table, mixer = make_table(psf_r), Mixer(psf_r)
-
+def make_setting(camera, make_pointing, psf_r, psf_tables, mixer):
     def make(**pointing):
         wcs = ChipWCS(camera.chips[9], make_pointing(**pointing))
-        return SimpleNamespace(psf=psf_r, wcs=wcs, exptime=150.0, table=table, mixer=mixer)
+        return SimpleNamespace(psf=psf_r, wcs=wcs, exptime=150.0, table=psf_tables, mixer=mixer)
 
     return make
 

@@ -6,13 +6,12 @@ import galsim
 import numpy as np
 import pytest
 from canvases import blank, counting
-from grating_scene import GV, PIXEL, SIGMA_PX, SPLIT, by_hand, disperser_of, gaussian_psf, scene_of, spectrum_of
+from grating_scene import PIXEL, SIGMA_PX, SPLIT, by_hand, gaussian_psf, scene_of, spectrum_of
 from scipy.special import ndtr
 
 from csstsim.catalog.flags import OUTSIDE_PSF_HULL
 from csstsim.instrument.chip import Window
 from csstsim.optics.scatter.scattered_light import Scattered, scattered_light
-from csstsim.render.psf_table import make_table
 from csstsim.render.slitless.dispersed_photons import shoot_spectra
 from csstsim.render.slitless.slabs import PER_PX, draw_spectra
 from csstsim.render.slitless.traces import Traces
@@ -21,16 +20,6 @@ SIGMA = 5.0
 WINDOW = Window(1500, 6200, 4780, 4920)
 X, Y = 3800.3, 4850.37
 REACH = 15
-
-
-@pytest.fixture(scope="module")
-def psf(tmp_path_factory):
-    return gaussian_psf(tmp_path_factory.mktemp("psf") / "g.h5")
-
-
-@pytest.fixture(scope="module")
-def disperser(camera):
-    return disperser_of(camera, GV)
 
 
 def draw(scene, spectra, disperser, psf, window=WINDOW, reach=REACH, wing=0.0, dtype=float, **how):
@@ -156,7 +145,7 @@ def test_a_galaxys_line_is_galsims(psf, disperser, index, size, bulge, matrix):
 
 @pytest.mark.parametrize("kind", ["star", "disk", "both"])
 @pytest.mark.parametrize("line", [None, (5200.0, 5220.0)])
-def test_photons_agree_within_poisson(psf, disperser, kind, line):
+def test_photons_agree_within_poisson(psf, tables, disperser, kind, line):
     """2e6 electrons: chi^2 over pixels, over squares of 10 px and over orders."""
     index, bulge = {"star": ((0, 0), 0.0), "disk": ((1, 0), 0.0), "both": ((1, 4), 0.3)}[kind]
     scene = scene_of(psf, X, Y, index=index, size=(0.3, 0.15), bulge=bulge)
@@ -166,7 +155,7 @@ def test_photons_agree_within_poisson(psf, disperser, kind, line):
     image, out = draw(scene, spectrum, disperser, psf, window=window, reach=reach)
     canvas, visits = counting(window), disperser.visits(scene.x, scene.y, np.array([float(reach)]))
     traces = Traces(spectrum[None], visits, disperser)
-    drawn, _ = shoot_spectra(canvas, scene, traces, np.array([3], np.uint64), make_table(psf))
+    drawn, _ = shoot_spectra(canvas, scene, traces, np.array([3], np.uint64), tables)
     counted = canvas.counted
     for image_, counted_ in ((image, counted), (squares(image), squares(counted))):
         used = image_ > 20

@@ -11,15 +11,9 @@ from csstsim.optics.psf.psf_file import pixel_response
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
 from csstsim.render.imaging import stamps
 from csstsim.render.imaging.stamps import draw_scene
-from csstsim.render.psf_mixture import Mixer
 
 WINDOW = Window(4000, 4400, 5000, 5300)
 ALL = 1e5  # electrons
-
-
-@pytest.fixture(scope="module")
-def mixer(psf_r):
-    return Mixer(psf_r)
 
 
 def draw(psf, scene, reach=32, window=WINDOW, wing=0.0, dtype=np.float32, **more):

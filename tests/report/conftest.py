@@ -1,7 +1,8 @@
 """A campaign run up to its report, once for all tests."""
 
 import pytest
-from report_page import done, star_campaign
+from commands import done
+from report_page import star_campaign
 
 
 @pytest.fixture(scope="session")

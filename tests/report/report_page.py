@@ -3,11 +3,10 @@
 from html.parser import HTMLParser
 
 import numpy as np
-from click.testing import CliRunner
+from commands import done
 from mini_campaign import POINTINGS, write_scene
 
 from csstsim.campaign.opened import OpenCampaign
-from csstsim.command_line.main import main
 
 VOID = {"meta", "img", "image", "rect", "path"}  # elements of the page without an end tag, some closed by "/>"
 
@@ -38,17 +37,6 @@ class Reader(HTMLParser):
 
     def values(self, tag, key):
         return [attrs[key] for name, attrs in self.tags if name == tag and key in attrs]
-
-
-def command(*arguments):
-    """Run a csstsim command; return its click result."""
-    return CliRunner().invoke(main, [str(argument) for argument in arguments])
-
-
-def done(*arguments):
-    result = command(*arguments)
-    assert result.exit_code == 0, result.output
-    return result.output
 
 
 def star_campaign(folder, chips=(9,), **changes):

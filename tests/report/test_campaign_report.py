@@ -9,8 +9,9 @@ from types import SimpleNamespace
 from urllib.parse import unquote
 
 import pytest
+from commands import command, done
 from mini_campaign import POINTINGS, write_campaign
-from report_page import Reader, command, done
+from report_page import Reader
 
 from csstsim.bricks.result_file import read_result, write_result
 from csstsim.campaign.costs import Cost, expected

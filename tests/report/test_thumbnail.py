@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from csst import LOOKS
 from PIL import Image
-from readout_state import flat_state, plain_layers, run, small_camera
+from readout_state import flat_state, plain_layers, run
 from report_page import Reader
 
 from csstsim.instrument.chip import Window
@@ -21,11 +21,6 @@ PROVENANCE = {
     "recipe": dict.fromkeys(("campaign", "camera", "layers", "exposure"), "c0ffee"), "truth_hash": "7", "psf_hash": "9",
     "seed": 11, "campaign_name": "demo", "layers": [], "stages": [],
 }  # fmt: skip
-
-
-@pytest.fixture(scope="module")
-def small(tmp_path_factory):
-    return small_camera(tmp_path_factory.mktemp("mini"))
 
 
 def level0(camera, path, change=lambda image: None, level=300.0, **fields):

@@ -7,8 +7,6 @@ from pathlib import Path
 import pytest
 from exposure import Site
 
-from csstsim.render.psf_table import make_table
-
 MEMORY = 3e9  # bytes that a test may map on top of what the process has
 HANG = 240.0, 900.0  # s, of a test and of a slow one: ends the run with a traceback
 
@@ -23,11 +21,6 @@ def guard(request):
     yield
     faulthandler.cancel_dump_traceback_later()
     resource.setrlimit(resource.RLIMIT_AS, before)
-
-
-@pytest.fixture(scope="session")
-def psf_tables(psf_r):
-    return make_table(psf_r)
 
 
 @pytest.fixture(scope="session")

@@ -31,7 +31,6 @@ from csstsim.instrument.chip import Window
 from csstsim.optics.geometry.wcs import ChipWCS
 from csstsim.optics.psf.psf_file import PsfSet
 from csstsim.optics.scatter.scattered_light import Scattered, read_scattered
-from csstsim.profiles.sersic import sersic_b
 from csstsim.render.drawing import Drawing
 from csstsim.render.imaging import draw, reference
 from csstsim.render.psf_table import make_table
@@ -131,26 +130,6 @@ class Site:
         image, counted = canvas.expected, canvas.counted
         good = table.take(drawn["flags"] & NOT_DRAWN == 0)
         return Exposure(image, counted, drawn, make_scene(good, self.wcs, self.psf, EXPTIME)).check()
-
-
-def scene_of(psf, x, y, electrons, index, size, matrix):
-    """Return a Scene of galaxies of one component; all but `psf` may be (n,), `matrix` [pixel per arcsec] (n, 2, 2)."""
-    values = (np.atleast_1d(np.asarray(v, float)) for v in (x, y, electrons, index, size))
-    x, y, electrons, index, size = np.broadcast_arrays(*values)
-    n = len(x)
-    sersic = np.zeros((n, 2, 3))
-    sersic[:, 0] = np.stack([index, sersic_b(index), size], axis=1)
-    node, weight, outside = psf.weights(x, y)
-    return Scene(
-        np.arange(n), x, y, np.repeat(electrons[:, None] / 4, 4, axis=1), np.tile([1.0, 0.0], (n, 1)), sersic,
-        np.broadcast_to(matrix, (n, 2, 2)).copy(), node.astype(np.int64), weight, outside,
-    )  # fmt: skip
-
-
-def shaped(q, angle):
-    """Return the matrix [pixel per arcsec] of axis ratio q and equal area, its long axis at `angle` [rad]."""
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    return turn @ np.diag([q**-0.5, q**0.5]) @ turn.T / SCALE
 
 
 def inside(scene, i, bounds):

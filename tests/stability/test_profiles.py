@@ -8,7 +8,8 @@ tolerances below include that.
 import numpy as np
 import pytest
 from canvases import blank, counting
-from exposure import FIDELITIES, WINDOW, X, Y, inside, scene_of, shaped, stamp_bounds
+from exposure import FIDELITIES, WINDOW, X, Y, inside, stamp_bounds
+from render.galaxies import scene_of, shaped
 
 from csstsim.base.counter import object_keys
 from csstsim.catalog.flags import FFT_REDUCED, NEGATIVE_CLIPPED, OFF_CHIP, TRUNCATED_STAMP

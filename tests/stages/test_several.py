@@ -1,7 +1,7 @@
 """Several chips of an exposure, or several bricks, in one process: the same files as one by one, a line for each."""
 
 import pytest
-from delivery.small_delivery import command, done
+from commands import command, done
 from mini_campaign import write_campaign
 
 from csstsim.campaign.opened import OpenCampaign

@@ -13,7 +13,6 @@ from star_grids import GridSeds, read_packed
 from csstsim.base.errors import InputError
 from csstsim.base.units import C_A_S, H_J_S, ab_photon_density
 from csstsim.catalog.light.photometry import subband_weights
-from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.universe.stars.star_sed import KNOTS, StarSeds, cubic, linear
 
@@ -29,11 +28,6 @@ MAIN_SEQUENCE = ([2800, 3200, 3500, 3900, 4500, 5200, 6500, 9700], [5.15, 5.05, 
 @pytest.fixture(scope="module")
 def seds():
     return StarSeds(MODEL, CURVE)
-
-
-@pytest.fixture(scope="module")
-def camera():
-    return load_camera(SHIPPED / "instrument")
 
 
 def magnitudes(surface, names):

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 import yaml
-from delivery.small_delivery import command, done
+from commands import command, done
 from mini_campaign import POINTINGS, write_campaign
 from workflow_run import content, level0_targets, planned, snakemake
 

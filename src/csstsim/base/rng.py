@@ -41,14 +41,6 @@ def stream(seed, *key):
     return _generator(_digest(_begun(seed), *key))
 
 
-def galsim_seed(seed, *key):
-    """Return a seed for `galsim.BaseDeviate`, never 0 (which GalSim reads as the clock).
-
-    Raises ValueError as `stream` does.
-    """
-    return int.from_bytes(_digest(_begun(seed), *key)[16:20], "little") % (2**31 - 1) + 1
-
-
 class Streams:
     """The random streams of one layer in one exposure of one chip; each method says how long a draw lives.
 

@@ -5,6 +5,7 @@ import zlib
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.atomic import atomic_path
+from csstsim.base.files.text_file import read_json
 
 
 def write_result(path, result):
@@ -15,10 +16,7 @@ def write_result(path, result):
 
 def read_result(path):
     """Return the result in a file of `write_result`. Raises InputError if it is missing, damaged or of another kind."""
-    try:
-        result = json.loads(path.read_text())
-    except (OSError, ValueError) as exc:
-        raise InputError(f"cannot read the validation of a brick: {exc}", file=path) from None
+    result = read_json(path)
     checksum = result.pop("checksum", None) if isinstance(result, dict) else None
     if checksum is None:
         raise InputError("not the validation of a brick, or an older one; make it again", file=path, key="checksum")

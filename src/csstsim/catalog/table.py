@@ -189,6 +189,17 @@ class ObjectTable(Mapping):
         return found
 
 
+def footer(path):
+    """Return the metadata of a parquet file (pyarrow.parquet.FileMetaData). Raises InputError for what is none."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return pq.read_metadata(path)
+    except (OSError, ValueError, pa.ArrowException) as exc:
+        raise InputError(f"not a readable parquet file: {str(exc).splitlines()[0]}", file=path) from None
+
+
 def check_numbers(path, table, names):
     """Raise InputError if a column of `names` in the table of a file does not hold one number per row."""
     for name in names:

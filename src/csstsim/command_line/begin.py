@@ -140,7 +140,7 @@ def doctor(campaign):
     """Check the installation, and a campaign if one is named.
 
     Prints one line for each check: ok, warning or problem, and what to do. Checked are versions, numba's cache, data,
-    disk, memory, threads and optional parts. A campaign must open, and fit the disk and memory of this machine.
+    disk, memory and threads. A campaign must open, and fit the disk and memory of this machine.
 
     \b
     For example:

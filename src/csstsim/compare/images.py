@@ -5,12 +5,11 @@ import re
 
 from csstsim.base.errors import InputError
 from csstsim.compare.facts import Difference, Fact, alone, array_facts
-from csstsim.compare.raw_image import EXTENSIONS, raw_image
+from csstsim.compare.raw_image import raw_image
 from csstsim.compare.records import record_facts
 from csstsim.compare.varying import is_provenance, varies
 from csstsim.io.fits import open_fits, read_header, read_pixels, verify_hdu
 from csstsim.io.frames import META
-from csstsim.io.level0_extensions import OF_CHANNEL
 
 # Of the form in which the pixels are stored: shape and type are compared as such
 _STRUCTURE = re.compile(
@@ -21,8 +20,6 @@ _STRUCTURE = re.compile(
 _LAYOUT = re.compile(
     r"LAYOUT|[DTBC]SEC\d\d|(WCSAXES|WCSNAME|(CTYPE|CUNIT|CRVAL|CRPIX)[12]|CD[12]_[12]|LONPOLE|LATPOLE|RADESYS)[A-P]"
 )
-# ... and of one with an extension a channel: all WCS are of the channel
-_OWN = re.compile(rf"{_LAYOUT.pattern}|WCS\w+|(CTYPE|CUNIT|CRVAL|CRPIX)[12]|CD[12]_[12]|(A|B|AP|BP)_\w+|EXTVER|COMMENT")
 _UNITS = {"ADU": "DN"}
 
 
@@ -82,9 +79,12 @@ def _record(hdus, path):
 
 def _raw_facts(files, raw):
     """Yield Facts about two Level-0 files: headers without what is the layout's own, pixels channel by channel."""
-    yield from record_facts("HDU 0: ", *_alike([_cards(file[0], path) for file, path in files], raw))
-    heads = [_image_cards(file, path, image) for (file, path), image in zip(files, raw, strict=True)]
-    yield from record_facts("IMAGE: ", *_alike(heads, raw))
+    layouts = {image.layout for image in raw}
+    for name, hdu in (("HDU 0", 0), ("IMAGE", "IMAGE")):
+        heads = [_cards(file[hdu], path) for file, path in files]
+        if len(layouts) > 1:
+            heads = [{key: value for key, value in head.items() if not _LAYOUT.fullmatch(key)} for head in heads]
+        yield from record_facts(f"{name}: ", *heads)
     if raw[0].readout != raw[1].readout:
         shapes = [image.readout.stored_shape("mosaic") for image in raw]
         yield Fact(f"IMAGE: detectors of another geometry, {shapes[0]} and {shapes[1]} with overscan")
@@ -118,30 +118,6 @@ def _place(readout, block, row, column):
     x, y = x0 + step_x * (column + block.stored_x0), y0 + step_y * row
     inside = 0 <= column - readout.prescan < readout.channel_nx and row < readout.channel_ny
     return f"in channel {block.channel}, column {column}, row {row} ({f'chip x {x}, y {y}' if inside else 'overscan'})"
-
-
-def _alike(heads, raw):
-    """Return headers without what two layouts cannot share; of EXTENSIONS, whose cards are fewer, what both state."""
-    layouts = {image.layout for image in raw}
-    if len(layouts) == 1:
-        return heads
-    own = _OWN if EXTENSIONS in layouts else _LAYOUT
-    heads = [{name: value for name, value in head.items() if not own.fullmatch(name)} for head in heads]
-    if EXTENSIONS in layouts:
-        heads = [
-            {name: value for name, value in head.items() if name in heads[0] and name in heads[1]} for head in heads
-        ]
-        heads = [{n: v for n, v in head.items() if not n.startswith("comment of ")} for head in heads]
-    return heads
-
-
-def _image_cards(file, path, image):
-    if image.layout != EXTENSIONS:
-        return _cards(file["IMAGE"], path)
-    cards = [_cards(hdu, path) for hdu in list(file)[1:]]
-    named = {f"{name}{n:02d}": head[own] for name, own in OF_CHANNEL.items()
-             for n, head in zip(image.channels, cards, strict=True) if own in head}  # fmt: skip
-    return cards[0] | named
 
 
 def _cards(hdu, path):

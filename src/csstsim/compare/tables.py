@@ -5,8 +5,7 @@ from functools import cache
 
 import numpy as np
 
-from csstsim.base.errors import InputError
-from csstsim.catalog.table import ObjectTable
+from csstsim.catalog.table import ObjectTable, footer
 from csstsim.compare.facts import Fact, alone, array_facts
 from csstsim.compare.records import record_facts
 from csstsim.compare.varying import COLUMNS
@@ -24,7 +23,7 @@ def table_facts(a, b):
     """Yield Facts about two table files of csstsim's. Raises InputError for one that is damaged or no table."""
     metas = [ObjectTable.read(path, []).meta for path in (a, b)]
     yield from record_facts("metadata: ", *metas)
-    columns = [_footer(path).schema.to_arrow_schema().names for path in (a, b)]
+    columns = [footer(path).schema.to_arrow_schema().names for path in (a, b)]
     yield from alone("columns", *columns)
     names = [name for name in columns[0] if name in columns[1]]
     if names != [name for name in columns[1] if name in names]:
@@ -43,23 +42,13 @@ def table_facts(a, b):
 
 def footer_facts(a, b):
     """Yield Facts about two files of parquet metadata: columns, and how many rows the files they are of have."""
-    files = [_footer(path) for path in (a, b)]
+    files = [footer(path) for path in (a, b)]
     if files[0].num_rows != files[1].num_rows:
         yield Fact(f"of {files[0].num_rows} and {files[1].num_rows} rows")
     columns = [
         [f"{c.name}: {c.physical_type}" for c in map(file.schema.column, range(file.num_columns))] for file in files
     ]
     yield from record_facts("columns", *columns)
-
-
-def _footer(path):
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        return pq.read_metadata(path)
-    except (OSError, ValueError, pa.ArrowException) as exc:
-        raise InputError(f"not a readable parquet file: {str(exc).splitlines()[0]}", file=path) from None
 
 
 def _column(path, name):
@@ -76,7 +65,7 @@ def _key(path, names):
 
 def _common_rows(a, b, names):
     """Return ((rows of A, rows of B) to be compared, or None; a list of Facts)."""
-    counts = [_footer(path).num_rows for path in (a, b)]
+    counts = [footer(path).num_rows for path in (a, b)]
     if counts[0] == counts[1]:
         return (slice(None), slice(None)), []
     facts = [Fact(f"{counts[0]} and {counts[1]} rows")]

@@ -1,13 +1,12 @@
 """Text, JSON, HTML and pictures compared."""
 
-import json
 from itertools import zip_longest
 
 import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.files.damage import reading
-from csstsim.base.files.text_file import read_text
+from csstsim.base.files.text_file import read_json, read_text
 from csstsim.compare.facts import Fact, array_facts, shown
 from csstsim.compare.records import record_facts
 from csstsim.compare.varying import steady_page
@@ -15,14 +14,7 @@ from csstsim.compare.varying import steady_page
 
 def json_facts(a, b):
     """Yield Facts about two JSON files. Raises InputError for one that is none."""
-    yield from record_facts("", *map(_json, (a, b)))
-
-
-def _json(path):
-    try:
-        return json.loads(read_text(path))
-    except (ValueError, RecursionError):
-        raise InputError("not valid JSON", file=path) from None
+    yield from record_facts("", *map(read_json, (a, b)))
 
 
 def properties_facts(a, b):

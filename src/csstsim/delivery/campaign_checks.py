@@ -1,13 +1,12 @@
 """Checks of products that frames share: truth bricks, PSF sets, masters, merged bricks, validation, report."""
 
-import json
-
 import numpy as np
 
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
+from csstsim.base.files.text_file import read_json, read_text
 from csstsim.base.healpix import brick_of, hats_index
-from csstsim.catalog.table import ObjectTable
+from csstsim.catalog.table import ObjectTable, footer
 from csstsim.delivery.frame_checks import other_recipe
 from csstsim.io.frames import load_frame
 from csstsim.io.level0 import read_level0
@@ -51,7 +50,7 @@ def psf_tables(path, psf_path, frame):
 
 
 def _psf(path, frame):
-    from csstsim.optics.psf.psf_set import PsfSet
+    from csstsim.optics.psf.psf_file import PsfSet
 
     return PsfSet(path, chip=frame.chip, filter=frame.filter)
 
@@ -116,29 +115,17 @@ def _links(table, frames, seen):
 
 def partition(path, bricks):
     """Check the list of bricks in a HATS catalogue."""
-    if _read_text(path).split() != ["Norder,Npix", *(f"8,{pix}" for pix in sorted(bricks))]:
+    if read_text(path).split() != ["Norder,Npix", *(f"8,{pix}" for pix in sorted(bricks))]:
         yield "does not list the bricks"
-
-
-def _read_text(path):
-    try:
-        return path.read_text(encoding="utf-8")
-    except ValueError:
-        raise InputError("holds bytes that are no text", file=path) from None
 
 
 def catalogue(folder, bricks, seen):
     """Check the files about all merged bricks (bricks.hats): they must count as many rows as the bricks have."""
-    import pyarrow.parquet as pq
-
-    lines = _read_text(folder / "hats.properties").splitlines()
+    lines = read_text(folder / "hats.properties").splitlines()
     properties = dict(line.split("=", 1) for line in lines if "=" in line)
     total = sum(rows for rows, _ in seen.merged.values())
-    try:
-        pq.read_schema(folder / "dataset" / "_common_metadata")
-        noted = pq.read_metadata(folder / "dataset" / "_metadata").num_rows
-    except ValueError as exc:  # of Arrow
-        raise InputError(f"not readable: {str(exc).splitlines()[0]}", file=folder / "dataset") from None
+    footer(folder / "dataset" / "_common_metadata")
+    noted = footer(folder / "dataset" / "_metadata").num_rows
     if set(seen.merged) == set(bricks):
         for name, value in (("hats.properties", properties.get("hats_nrows")), ("dataset/_metadata", noted)):
             if str(value) != str(total):
@@ -164,14 +151,6 @@ def verdict(path, bricks, seen):
         yield "is no verdict of a report"
     elif set(seen.gates) == set(bricks) and len(gates) != sum(seen.gates.values()):
         yield f"judges {len(gates)} gates; the validations have {sum(seen.gates.values())}: make the report again"
-
-
-def read_json(path):
-    """Return what a JSON file holds. Raises InputError."""
-    try:
-        return json.loads(path.read_text(encoding="utf-8"))
-    except (ValueError, RecursionError) as exc:
-        raise InputError(f"not readable as JSON: {exc}", file=path) from None
 
 
 def page(path):

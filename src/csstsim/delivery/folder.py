@@ -112,18 +112,15 @@ def _odd(frames):
 
 def _measurement(paths, frames):
     """Return the digest of the way of measuring that the first table records which can be read, or None."""
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    from csstsim.catalog.table import ObjectTable
+    from csstsim.catalog.table import ObjectTable, footer
 
     for frame in frames:
         for path in (paths.measure(*frame.key), paths.spectra(*frame.key)):
             try:
-                if path.is_file() and pq.read_metadata(path).num_columns:
+                if path.is_file() and footer(path).num_columns:
                     recipe = ObjectTable.read(path, []).meta.get("recipe")
                     return recipe.get("measurement") if isinstance(recipe, dict) else None
-            except (InputError, OSError, ValueError, pa.ArrowException):
+            except InputError:
                 continue
     return None
 

@@ -46,11 +46,6 @@ class Orbit(Data):
         return math.sqrt(EARTH_GM_KM3_S2 / self.radius_km**3)
 
     @property
-    def period_s(self):
-        """Period of a revolution [s]."""
-        return 2 * math.pi / self.mean_motion
-
-    @property
     def node_rate(self):
         """Precession of the ascending node, rad / s (negative: westward)."""
         ratio = (EARTH_RADIUS_KM / self.radius_km) ** 2

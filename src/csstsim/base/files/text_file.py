@@ -1,5 +1,6 @@
-"""Reads small text files (YAML, tables, configurations) whole, up to a size limit."""
+"""Reads small text files (YAML, JSON, tables, configurations) whole, up to a size limit."""
 
+import json
 from pathlib import Path
 
 from csstsim.base.errors import InputError
@@ -26,3 +27,12 @@ def read_text(path, encoding="utf-8"):
         return content.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
     except UnicodeDecodeError as exc:
         raise InputError("cannot read the file: not UTF-8 text", file=path) from exc
+
+
+def read_json(path):
+    """Return what a JSON file holds. Raises InputError as `read_text`, and for what is no JSON."""
+    text = read_text(path)
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as exc:
+        raise InputError(f"not readable as JSON: {exc}", file=path) from None

@@ -20,27 +20,11 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.process.progress import progress
-from csstsim.optics.psf.chip_errors import chip_coefficients, mosaic_position
-from csstsim.optics.psf.diffraction import Diffraction, blur, windowed_centroid
-from csstsim.optics.psf.psf_file import PsfSet, pixel_response, write_psf
+from csstsim.optics.psf.chip_errors import chip_coefficients
+from csstsim.optics.psf.diffraction import Diffraction, blur
+from csstsim.optics.psf.psf_file import write_psf
 from csstsim.optics.psf.sampling import CELLS, oversampling_of
 from csstsim.optics.psf.wavefront import load_wavefront
-
-__all__ = [
-    "CELLS",
-    "Diffraction",
-    "PsfSet",
-    "blur",
-    "centre_of",
-    "chip_coefficients",
-    "make_psf",
-    "mosaic_position",
-    "node_positions",
-    "node_psf",
-    "oversampling_of",
-    "pixel_response",
-    "windowed_centroid",
-]
 
 WINDOW_PX = 1.5  # sigma of the centring window
 _CENTRE_TOLERANCE_PX = 1e-6

@@ -94,12 +94,6 @@ class FlatField:
         internal = self.internal(chip, x, y, self.weights(filter.wavelength, filter.throughput))
         return self.vignetting(x, y) * internal
 
-    def external_map(self, chip, window, filter):
-        """Return (ny, nx) float32: the external grid, interpolated bilinearly."""
-        from csstsim.optics.throughput.coarse_grid import expand
-
-        return expand(self.external_grid(chip, filter), chip, window)
-
     def led_map(self, chip, window, wave, response):
         """Return (ny, nx) float32: the internal flat for a given response, such as one LED through a filter."""
         from csstsim.optics.throughput.coarse_grid import expand
