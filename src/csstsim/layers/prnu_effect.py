@@ -3,7 +3,7 @@
 The layer only switches the effect on and records it in the header. It is applied when light is drawn, like flat field
 and shutter (optics.throughput.response): photons are accepted or lost one by one, so mean = variance holds, and the
 truth counts the accepted ones. The map is fixed for each chip: that of the laboratory, if the camera's folder has one
-(instrument.maps), else one that is drawn (detector.prnu), with the detector's rms.
+(instrument.maps), else one that is drawn (detector.prnu), with the detector's rms. Left out: colour of the response.
 """
 
 from csstsim.base.errors import InputError
