@@ -24,8 +24,8 @@ import numpy as np
 
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
-from csstsim.base.sphere import frames, ra_dec
-from csstsim.base.units import C_A_S, H_J_S, MAS_PER_RAD
+from csstsim.base.units import C_A_S, H_J_S
+from csstsim.catalog.astrometry.reduction import moved
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.c9_files import BANDS, read_array, read_galaxies, read_stars
 from csstsim.catalog.light.embedded_spectra import coefficients
@@ -113,9 +113,7 @@ class C9Catalog(CatalogBase):
         years = 2000.0 - self.options.get("epoch", 2000.0)
         if years == 0 or not {"pmra", "pmdec"} <= set(star):
             return {}
-        here, east, north = frames(np.radians(star["ra"]), np.radians(star["dec"]))
-        along, up = (np.nan_to_num(star[name])[:, None] * years / MAS_PER_RAD for name in ("pmra", "pmdec"))
-        ra, dec = ra_dec(here + along * east + up * north)
+        ra, dec = moved(*(star[name] for name in ("ra", "dec", "pmra", "pmdec")), years)
         return {"ra": ra, "dec": dec}
 
     @cached_property
