@@ -42,6 +42,7 @@ def survey_table(path):
 
 def instrument(path):
     """An instrument folder, given by any file in it: what commands make of its files before and in their work."""
+    from csstsim.campaign.checks import check_maps
     from csstsim.instrument.camera import load_camera
     from csstsim.layers import brighter_fatter
     from csstsim.optics.geometry.distortion import load_distortion
@@ -52,9 +53,10 @@ def instrument(path):
     from csstsim.sky.parameters import sky_numbers
 
     folder = Path(path).parent
-    if folder.name == "gratings":
+    if folder.name in ("gratings", "maps"):
         folder = folder.parent
     made = load_camera(folder)
+    check_maps(made.chips.values(), read=True)
     _ = made.gratings
     filter_ = next(iter(made.filters.values()))
     load_distortion(folder / "distortion.fits"), load_focal_plane(folder / "distortion.yaml")

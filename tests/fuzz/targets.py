@@ -53,6 +53,8 @@ TARGETS = {
         "distortion",
         "level0_keywords",
     ),
+    "instrument maps.yaml": Target(seeds.lab_maps("prnu", "bad_pixels"), spoiled_text, _read("instrument"), 0.4),
+    "instrument laboratory map FITS": Target(seeds.lab_maps("prnu"), spoiled_fits, _read("instrument"), 0.4),
     "instrument aXe .conf": Target(
         seeds.in_instrument("gratings", "GI1.conf"), spoiled_bytes, _read("instrument"), 0.5
     ),
