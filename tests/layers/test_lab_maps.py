@@ -312,3 +312,17 @@ def test_measure_takes_the_structure_off(lab):
     with_it = calibrate(dn, frame, gain, structure=structure).electrons
     assert abs(with_it.mean() - 1000) < 0.1 and with_it.std() < 0.45
     assert calibrate(dn, frame, gain).electrons.std() > 3.5
+
+
+def test_a_level_of_the_overscan_alone_shifts_no_light(lab):
+    """Structure of 6 e- in the serial overscan: subtracted in DN of gain 1.1 before the level is taken, to 0.1 e-."""
+    camera, _ = lab
+    frame = ReadoutFrame.of(camera.chips[CHIP].detector, None)
+    image, structure = np.full(frame.shape, 500.0, np.float32), np.zeros(frame.shape, np.float32)
+    for block in frame.blocks:
+        image[block.active] += 1000.0
+        structure[block.serial_overscan] = 6.0
+    dither = np.random.default_rng(5).uniform(-0.5, 0.5, frame.shape)  # of a DN: the rounding's mean is 0
+    dn, gain = np.rint((image + structure) / 1.1 + dither).astype(np.uint16), dict.fromkeys(range(1, 17), 1.1)
+    assert calibrate(dn, frame, gain, structure=structure).electrons.mean() == pytest.approx(1000.0, abs=0.1)
+    assert calibrate(dn, frame, gain).electrons.mean() == pytest.approx(994.0, abs=0.1)

@@ -9,13 +9,19 @@ import pytest
 from astropy.io import fits
 from astropy.table import Table
 from click.testing import CliRunner
-from lab_maps import response, write_map
+from lab_maps import map_path, name_maps, response, write_map
 from matplotlib.image import imread
+from mini_campaign import write_scene
 
 import csstsim
 from csstsim.base.shipped import ROOT
+from csstsim.campaign.opened import OpenCampaign
 from csstsim.command_line.main import main
+from csstsim.detector.channels import ReadoutFrame
+from csstsim.instrument.camera import load_camera
 from csstsim.quicklook.picture import read_picture
+from csstsim.stages.calibrate import calibrated_frame
+from csstsim.stages.chip import chip, missing
 
 PAGE = ROOT / "docs" / "lab_maps.md"
 SHAPE = 2064, 2048
@@ -90,3 +96,28 @@ def test_show_draws_a_map_and_its_numbers(folder, tmp_path, name):
     assert np.ptp(imread(png)[..., 0]) > 0.5
     values = fits.getdata(file)
     assert read_picture(file).remark.startswith(f"mean {values.mean(dtype=float):.6g}, rms ")
+
+
+def test_what_measure_calibrates_has_neither_map(tmp_path):
+    """From catalogue to electrons: of the bias structure and the responses nothing is left, within 5 sigma of noise."""
+    file = write_scene(tmp_path, "Stars", [40.0], [50.0], mag=21.0)
+    instrument = tmp_path / "instrument"
+    shape = ReadoutFrame.of(load_camera(instrument).detector, None).stored_shape("mosaic")
+    structure = np.random.default_rng(8).normal(0, 10, shape).astype(np.float32)
+    values = {"prnu": response((128, 128), 9, 0.2), "bias": structure - structure.mean()}
+    name_maps(instrument, *values, **{kind: {"chips": [9]} for kind in values})
+    for kind, value in values.items():
+        write_map(map_path(instrument, kind, 9), value)
+    run = OpenCampaign(file)
+    job = run.jobs[0]
+    missing(run, job, lambda text: None)
+    chip(run, job, say=lambda text: None)
+    _, frame = calibrated_frame(run, job)
+    there = ReadoutFrame.of(run.camera.detector, None)
+    added = there.active(there.from_stored(values["bias"], "mosaic"))
+    light = frame.electrons - run.camera.detector.dark * 150.0 / values["prnu"]  # dark current meets no response
+    good = (frame.marks == 0) & (np.abs(light - np.median(light)) < 60)
+    assert good.mean() > 0.9
+    for pattern in (added, values["prnu"]):
+        left = np.corrcoef(light[good], pattern[good])[0, 1]
+        assert abs(left) < 5 / np.sqrt(good.sum())
