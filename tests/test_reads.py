@@ -19,6 +19,7 @@ from csstsim.instrument import camera_parts
 from csstsim.instrument.camera import Camera
 from csstsim.instrument.chip import Chip, Detector
 from csstsim.instrument.filter import Filter
+from csstsim.instrument.maps.chip_maps import STAGES, ChipMaps
 from csstsim.instrument.telescope import Telescope
 from csstsim.stages.calibrate import calibrate
 from csstsim.stages.extract import extract
@@ -49,6 +50,7 @@ ATTRIBUTES = {
         "saturation_mag": "filters.r.saturation_mag",
     },
     Telescope: {"area_m2": "telescope.telescope.diameter_m"},
+    ChipMaps: {kind: f"maps.{kind}" for kind in STAGES},
 }  # fmt: skip
 SECTIONS = {
     keys.Campaign: "", keys.CatalogConfig: "catalog.", keys.Lensing: "catalog.lensing.", keys.PsfConfig: "psf.",
@@ -139,8 +141,9 @@ def unknown(run, stage, do, noted):
     stages = behind(stage)
     camera = read_by(stages, run.camera.files.parts, camera_parts.READERS)
     config = read_by(stages, run.recipes._keys, recipes.READERS)
+    maps = {f"maps.{kind}" for kind, first in STAGES.items() if first in stages}
     apart = {f"measurement.{name}" for name in keys.MeasurementConfig.model_fields} if "measure" in stages else set()
-    return sorted(found - {*camera, *config, *apart, *ELSEWHERE})
+    return sorted(found - {*camera, *config, *maps, *apart, *ELSEWHERE})
 
 
 def test_a_stage_reads_nothing_that_its_recipe_does_not_have(campaign, noted):
@@ -159,7 +162,7 @@ def test_truth_reads_nothing_that_its_recipe_does_not_have(tmp_path, noted):
 def test_nothing_is_declared_for_an_earlier_stage_than_reads_it(tmp_path):
     """After the tests above: what a stage is said to read first is read by it."""
     run = OpenCampaign(write_campaign(tmp_path, POINTINGS[:1]))
-    early = []
+    early = [(kind, stage) for kind, stage in STAGES.items() if f"maps.{kind}" not in READ.get(stage, {f"maps.{kind}"})]
     for names, readers in ((run.camera.files.parts, camera_parts.READERS), (run.recipes._keys, recipes.READERS)):
         for pattern, stages in readers.items():
             fit = {name for name in names if fnmatchcase(name, pattern)}

@@ -148,13 +148,40 @@ def test_wrong_spectra_are_explained(catalog, message):
         catalog.load_seds([0])
 
 
-def test_a_class_without_the_four_methods_cannot_be_made():
+def test_a_class_without_load_sed_cannot_be_made():
     class Half(CatalogBase):
         def _load(self):
             pass
 
-    with pytest.raises(TypeError, match="load_norm_filt"):
+    with pytest.raises(TypeError, match="load_sed"):
         Half({}, REGION)
+
+
+class Absolute(CatalogBase):
+    """A class without load_norm_filt: its star has AB 20 in every band."""
+
+    def __init__(self, options, region):
+        super().__init__(options, region)
+        self._load()
+
+    def _load(self):
+        self.objs = [MockObject(id=9, type="star", ra=10.0, dec=2.0, **self.options)]
+
+    def load_sed(self, obj):
+        return GOOD_20
+
+
+def test_load_norm_filt_may_be_left_out(camera):
+    """Spectra are then absolute, to 1 mmag; a mag_norm that is given all the same has no effect, which is said."""
+    catalog = Absolute({}, REGION)
+    assert catalog.load_norm_filt(catalog.objs[0]) is None
+    rate = catalog.load_fluxes(np.array([0]), camera.filters["r"], camera.telescope).sum()
+    assert rate_to_mag(rate, camera.filters["r"], camera.telescope) == pytest.approx(20.0, abs=1e-3)
+    region = sky_region(ra=10.0, dec=2.0, radius=0.1)
+    for options, warned in (({}, False), ({"mag_norm": 18.0}, True)):
+        report = check(Absolute, options, region, camera)
+        assert not report.faults, report
+        assert any("mag_norm has no effect" in line for line in report.warnings) == warned, report
 
 
 def one(flux=None, norm=None, **values):

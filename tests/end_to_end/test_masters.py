@@ -78,13 +78,11 @@ def test_defects_are_found(calibration):
     [job, *_] = [job for job in calibration.jobs if job.pointing.type == "FLAT"]
     layer = calibration.steps["FLAT"].step("detector_defects")
     true = known_defects(
-        calibration.camera.detector, job.window, layer.param.model_copy(update={"hot_pixels": False}),
+        job.chip, job.window, layer.param.model_copy(update={"hot_pixels": False}),
         Streams(3, job.obsid, CHIP, "measure"),
     )  # fmt: skip
     assert true.any() and (planes["bad"][true] > 0).mean() > 0.95
-    everything = known_defects(
-        calibration.camera.detector, job.window, layer.param, Streams(3, job.obsid, CHIP, "measure")
-    )
+    everything = known_defects(job.chip, job.window, layer.param, Streams(3, job.obsid, CHIP, "measure"))
     assert (planes["bad"][~everything] > 0).mean() < 2e-3  # 5 sigma, blooming beside bright columns
 
 

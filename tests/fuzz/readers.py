@@ -61,6 +61,7 @@ def pointing_mapping(path):
 
 def instrument(path):
     """An instrument folder, given by any file in it: what commands make of its files before and in their work."""
+    from csstsim.campaign.checks import check_maps
     from csstsim.instrument.camera import load_camera
     from csstsim.layers import brighter_fatter
     from csstsim.optics.geometry.distortion import load_distortion
@@ -71,9 +72,10 @@ def instrument(path):
     from csstsim.sky.parameters import sky_numbers
 
     folder = Path(path).parent
-    if folder.name == "gratings":
+    if folder.name in ("gratings", "maps"):
         folder = folder.parent
     made = load_camera(folder)
+    check_maps(made.chips.values(), read=True)
     _ = made.gratings
     filter_ = next(iter(made.filters.values()))
     load_distortion(folder / "distortion.fits"), load_focal_plane(folder / "distortion.yaml")

@@ -12,6 +12,7 @@ from astropy.table import Table
 from catalog.test_c9 import write_basis, write_galaxies, write_stars
 from csst import BANDS
 from fuzz import readers
+from lab_maps import map_path, name_maps, response, write_map
 from mini import mini_camera
 from readout_state import flat_state, plain_layers, run
 
@@ -37,6 +38,19 @@ def shipped(*parts):
 def in_instrument(*parts):
     """Return a maker of a small camera's folder that names one of its files."""
     return lambda folder: mini_camera(folder).joinpath(*parts)
+
+
+def lab_maps(*kinds):
+    """Return a maker of a small camera whose chip 9 has maps; of maps.yaml, or of the map if there is but one kind."""
+
+    def make(folder):
+        instrument, values = mini_camera(folder), {"prnu": response((64, 256)), "bad_pixels": np.zeros((64, 256), "u1")}
+        name_maps(instrument, *kinds, **{kind: {"chips": [9]} for kind in kinds})
+        for kind in kinds:
+            write_map(map_path(instrument, kind, 9), values[kind])
+        return instrument / "maps.yaml" if len(kinds) > 1 else map_path(instrument, kinds[0], 9)
+
+    return make
 
 
 def in_universe(name):

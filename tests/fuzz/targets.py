@@ -42,6 +42,8 @@ TARGETS = {
     "instrument aXe .conf": Target(seeds.in_instrument("gratings", "GI1.conf"), spoiled_bytes, "instrument", 0.5),
     "instrument sensitivity": Target(seeds.in_instrument("gratings", "GI_p1.fits"), spoiled_fits, "instrument", 0.5),
     "instrument distortion FITS": Target(seeds.in_instrument("distortion.fits"), spoiled_fits, "instrument", 0.5),
+    "instrument maps.yaml": Target(seeds.lab_maps("prnu", "bad_pixels"), spoiled_text, "instrument", 0.4),
+    "instrument laboratory map FITS": Target(seeds.lab_maps("prnu"), spoiled_fits, "instrument", 0.4),
     "universe star spectra": Target(seeds.in_universe("star_spectra.fits"), spoiled_fits, "star_spectra", 0.3),
     "universe galaxy spectra": Target(seeds.in_universe("galaxy_spectra.fits"), spoiled_fits, "galaxy_spectra", 0.3),
     "dust map FITS": Target(seeds.dust, spoiled_fits, "dust_map"),

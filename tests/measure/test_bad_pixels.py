@@ -100,7 +100,7 @@ def test_known_defects_are_those_of_the_layer(tmp_path, off):
         state = flat_state(camera, 40.0, window=window)
         state.mask = np.zeros(state.image.shape, np.uint8)
         run(state, [step], seed=11)
-        known = bad_pixels.known_defects(state.chip.detector, state.window, step.param, rng)
+        known = bad_pixels.known_defects(state.chip, state.window, step.param, rng)
         assert known.any() or window or off == "bad_columns"
         assert np.array_equal(known, state.mask & (mask.HOT | mask.DEAD | mask.BAD_COLUMN) > 0)
 

@@ -91,6 +91,20 @@ def test_point_samples_become_cell_integrals_and_are_centred(own, chip, camera, 
     assert np.abs(wrong.image - expected).max() > 0.02 * expected.max(), "the two readings differ, and it shows"
 
 
+def test_a_library_made_constant_by_the_public_script(own, chip, camera, tmp_path):
+    """make_constant_psfcube.py: a copy of the file in which each psfMat of every band is one template, float64."""
+    write_library(tmp_path, chip, np.array(own.image), own.nodes_xy)
+    path = tmp_path / f"psfCube_{chip.id}.h5"
+    with h5py.File(path, "r+") as file:
+        template = file["w_2/psf_3/psfMat"][...].astype(np.float64)
+        file.visititems(lambda name, node: node.__setitem__(..., template) if name.endswith("psfMat") else None)
+    psf = read(tmp_path, chip, camera)
+    assert psf.nodes_xy == pytest.approx(own.nodes_xy, abs=1e-6), "places stay"
+    assert np.ptp(psf.image, axis=(0, 1)).max() == 0
+    expected = own.image[3, 2] / own.image[3, 2].sum()
+    assert np.abs(psf.image - expected).max() < 2e-3 * expected.max()  # it is centred by itself, no longer with others
+
+
 def test_unfit_libraries_are_refused(own, chip, camera, tmp_path):
     name = rf"psfCube_{chip.id}\.h5"
     with pytest.raises(InputError, match=rf"{name}: cannot read the PSF file: No such file"):

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 from csstsim.base.files.atomic import remove_left
 from csstsim.base.help_page import with_page
-from csstsim.campaign.checks import check_kept
+from csstsim.campaign.checks import check_kept, check_maps
 from csstsim.campaign.running.job_log import ERROR
 from csstsim.campaign.running.one_by_one import forget
 from csstsim.campaign.opened import OpenCampaign
@@ -49,6 +49,7 @@ try:
     check_kept(RUN, CHIPS_AS, "scratch" in config)
     if workflow.is_main_process:  # faults of the catalogue are met here, not in a rule
         RUN.open_truth()
+        check_maps({job.chip.id: job.chip for job in RUN.jobs}.values(), read=True)
     _ = RUN.recipes.psf
     JOBS = {(job.obsid, f"{job.chip.id:02d}"): job for job in RUN.jobs}
 except CsstsimError as error:

@@ -3,7 +3,9 @@
 from csstsim.base.errors import InputError
 from csstsim.base.help_page import explained
 from csstsim.base.plural import number_of
+from csstsim.base.process.progress import progress
 from csstsim.campaign.config import PixelWindow
+from csstsim.instrument.maps.chip_maps import STAGES
 from csstsim.optics.throughput import shutter
 
 
@@ -56,6 +58,14 @@ def check_share(run):
 def _there(folder):
     """Return a folder, or the nearest folder above it that exists."""
     return next(path for path in (folder.resolve(), *folder.resolve().parents) if path.exists())
+
+
+@explained("instrument")
+def check_maps(chips, *, read=False):
+    """The laboratory maps of these Chips can be used: by their headers, and if `read` by all their pixels."""
+    maps = [one for chip in chips for one in chip.maps.of(STAGES.values()).values()]
+    for one in progress(maps, "laboratory maps") if read and maps else ():
+        one.check()
 
 
 @explained("campaign")

@@ -13,7 +13,14 @@ from csstsim.base.errors import InputError
 from csstsim.base.files.beside import beside
 from csstsim.base.help_page import explained
 from csstsim.base.rng import Streams
-from csstsim.campaign.checks import check_masters, check_photons, check_selection, check_share, check_shutter
+from csstsim.campaign.checks import (
+    check_maps,
+    check_masters,
+    check_photons,
+    check_selection,
+    check_share,
+    check_shutter,
+)  # fmt: skip
 from csstsim.campaign.config import load_campaign
 from csstsim.campaign.job import Job
 from csstsim.campaign.recipes import Recipes
@@ -78,6 +85,7 @@ class OpenCampaign:
 
         check_photons(self)
         chips = [chip for chip in selected_chips(self) if only is None or chip.id in only[1]]
+        check_maps(chips)
         exposures = [p for obsid, p in selected_pointings(self).items() if only is None or obsid == only[0]]
         if "SCIE" in self.steps and any(chip.kind == "slitless" for chip in chips):
             _ = self.camera.gratings  # read, and refused if they cannot be used
@@ -291,7 +299,7 @@ class OpenCampaign:
 
     def recipe(self, job, stage="level0"):
         """Return {name: digest} of everything that decides a stage's product of a job; the product records it."""
-        return self.recipes.of_exposures(job.pointing.type, stage) | {"exposure": job.digest}
+        return self.recipes.of_exposures(job.pointing.type, stage, job.chip) | {"exposure": job.digest}
 
     def brick_recipe(self, pix):
         """Return the digest of everything that decides a merged brick: the recipes of the frames on it."""

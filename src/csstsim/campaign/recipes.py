@@ -49,22 +49,23 @@ class Recipes:
     def __init__(self, run):
         self._run, self._known = run, {}
 
-    def of_exposures(self, kind, stage):
+    def of_exposures(self, kind, stage, chip):
         """Return {name: digest} of what decides a stage's product in exposures of a kind, beside the job itself.
 
-        stage: select, render, readout, level0 or measure.
+        stage: select, render, readout, level0 or measure; chip: the Chip, which may have laboratory maps.
         """
-        if (kind, stage) not in self._known:
-            self._known[kind, stage] = self._of_kind(kind, stage)
-        return self._known[kind, stage] | {"csstsim": release()}
+        key = kind, stage, chip.maps and chip.id
+        if key not in self._known:
+            self._known[key] = self._of_kind(kind, stage, chip)
+        return self._known[key] | {"csstsim": release()}
 
-    def _of_kind(self, kind, stage):
+    def _of_kind(self, kind, stage, chip):
         steps = self._run.steps[kind]
         own = ("readout", "level0") if steps.has_own(stage) else ()  # a layer of the user's sees the whole camera
         apart = {"measurement": digest(self._run.measurement)} if stage == "measure" else {}
         return {
             "campaign": self._campaign(stage),
-            "camera": self._run.camera.digest_for(stage, *own),
+            "camera": self._run.camera.digest_for(stage, *own, chip=chip),
             "layers": steps.digest(stage),
         } | apart
 

@@ -1,7 +1,7 @@
 """CatalogBase: the interface between any True Universe and the simulator (paper, section 3 and Appendix A).
 
-A catalogue of your own is one class with the paper's four methods, in a module on the Python path that the campaign
-names (`catalog: {kind: "mine:Mine", options: {...}}`). A complete example:
+A catalogue of your own is one class with the paper's four methods, of which the last is optional. Its module is on the
+Python path, and the campaign names it (`catalog: {kind: "mine:Mine", options: {...}}`). A complete example:
 
     import numpy as np
     from astropy.table import Table
@@ -19,7 +19,7 @@ names (`catalog: {kind: "mine:Mine", options: {...}}`). A complete example:
         def load_sed(self, obj):               # as observed; here flat in photons
             wave = np.linspace(2000.0, 11000.0, 1801)
             return Table({"WAVELENGTH": wave, "FLUX": np.ones_like(wave)})
-        def load_norm_filt(self, obj):         # mag_norm is AB in this box; None: FLUX is absolute
+        def load_norm_filt(self, obj):         # mag_norm is AB in this box; leave it out where FLUX is absolute
             return Table({"WAVELENGTH": [5499.0, 5500.0, 7000.0, 7001.0], "SENSITIVITY": [0.0, 1.0, 1.0, 0.0]})
 
 Keywords of a MockObject (all but id, ra, dec have defaults; the full list is `catalog.table.COLUMNS`):
@@ -35,7 +35,7 @@ Keywords of a MockObject (all but id, ra, dec have defaults; the full list is `c
 | bulge_frac                  | fraction of the light in the bulge (Sersic 4); the rest is disk (Sersic 1)         |
 | e1, e2                      | ellipticity (a - b)/(a + b), axis 1 along +RA (east), 2 towards north              |
 | kappa, gamma1, gamma2       | lensing, same axes; stars are not lensed                                           |
-| mag_norm                    | AB magnitude in the filter of `load_norm_filt`, if that gives one                  |
+| mag_norm                    | AB magnitude in the filter of `load_norm_filt`, if there is one                    |
 | z, av, teff, logg, feh, ... | for the truth table only: csstsim draws what `load_sed` gives                      |
 | any other name              | for use in your `load_sed`; plain values go to the truth table as `user_<name>`;   |
 |                             | a galaxy's n, q, pa, re and the like are refused (catalog.unsupported_shapes)       |
@@ -108,9 +108,12 @@ class CatalogBase(ABC):
     def load_sed(self, obj):
         """Return the spectrum of one MockObject: astropy Table, WAVELENGTH [A] rising within 2000-11000, FLUX."""
 
-    @abstractmethod
     def load_norm_filt(self, obj):
-        """Return None, or the Table (WAVELENGTH, SENSITIVITY) through which the spectrum has AB `obj.mag_norm`."""
+        """Return None, or the Table (WAVELENGTH, SENSITIVITY) through which the spectrum has AB `obj.mag_norm`.
+
+        A class whose spectra are absolute leaves it out (paper, Appendix A: "if applicable").
+        """
+        return None
 
     @classmethod
     def files(cls, options):

@@ -6,10 +6,15 @@ In a campaign: `catalog: {kind: "csstsim.catalog.c9:C9Catalog", options: {stars:
     galaxies   max(0, sum_k coeff_k B_k(lambda / (1 + z))) as f_lambda, with AB mag_csst_i in CSST's i
     quasars    row `qsoindex` of a table of observed f_lambda; each is an object in addition to its galaxy
 
-Assumed where the public description is not explicit: app_sdss_g is as observed, with dust; z_met is the mass fraction
-of metals (an option); bulge and disk have the same `size`; the bulge's share of the light is its share of the mass;
-`shear` is gamma; ellipticity and shear have csstsim's axes; magnitudes are before magnification. Left out: dust and
-intergalactic absorption in galaxies' spectra, except what their magnitudes contain.
+The files' layout is public (c9_files says where). Public, too, are two meanings of z_met, and two epochs of places:
+the converter of Gaia's catalogue writes its places of 2016 as they are. Both are options. A parallax of 0 or below, as
+that converter writes, counts as unknown.
+
+Assumed, because no public text says it: app_sdss_g is as observed, with dust; `size` is a half-light radius (a public
+script takes it for about that) of both bulge and disk; the bulge's share of the light is its share of the mass; `shear`
+is gamma; ellipticity and shear have csstsim's axes; magnitudes are before magnification; the names in the files of
+`basis` and `quasars`. Left out: dust and intergalactic absorption in galaxies' spectra, except what their magnitudes
+contain.
 """
 
 from functools import cached_property
@@ -20,6 +25,7 @@ import numpy as np
 from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.units import C_A_S, H_J_S
+from csstsim.catalog.astrometry.reduction import moved
 from csstsim.catalog.base import CatalogBase
 from csstsim.catalog.c9_files import BANDS, read_array, read_galaxies, read_stars
 from csstsim.catalog.light.embedded_spectra import coefficients
@@ -30,7 +36,10 @@ from csstsim.instrument.camera import load_camera
 from csstsim.instrument.filter import GRID
 from csstsim.universe.parameters import COEFFICIENTS, load_universe
 
-OPTIONS = ("stars", "galaxies", "basis", "quasars", "partial", "metallicity", "solar_z", "universe", "instrument")
+OPTIONS = (
+    "stars", "galaxies", "basis", "quasars", "partial", "metallicity", "solar_z", "epoch", "universe", "instrument",
+)  # fmt: skip
+EPOCHS = 1900.0, 2100.0
 NORM_BAND = "i"
 _PER_ERG = 1e-3 / (H_J_S * C_A_S)  # erg / s / cm2 / A times lambda [A] to photon / s / m2 / A
 
@@ -47,6 +56,7 @@ class C9Catalog(CatalogBase):
         partial      true: a missing bundle is empty sky [false: an error]
         metallicity  the meaning of z_met: "mass_fraction" (of the official files) or "dex"
         solar_z      mass fraction of the Sun, for "mass_fraction" [0.02, as in the public converter]
+        epoch        Julian year of the stars' places [2000.0]; 2016.0 for files made of Gaia's third release
         universe, instrument   folders of the spectra and of the camera [the shipped ones]
 
     Raises InputError for a missing or unknown option, file, dataset or shape.
@@ -64,6 +74,10 @@ class C9Catalog(CatalogBase):
         if self.options.get("metallicity", kinds[0]) not in kinds:
             value = self.options["metallicity"]
             raise InputError("unknown", key="catalog.options.metallicity", value=value, allowed=", ".join(kinds))
+        epoch = self.options.get("epoch", 2000.0)
+        if isinstance(epoch, bool) or not isinstance(epoch, int | float) or not EPOCHS[0] <= epoch <= EPOCHS[1]:
+            allowed = f"Julian years, {EPOCHS[0]:g} to {EPOCHS[1]:g}"
+            raise InputError("not an epoch", key="catalog.options.epoch", value=epoch, allowed=allowed)
         self._load()
 
     def _load(self):
@@ -91,7 +105,16 @@ class C9Catalog(CatalogBase):
         names = {"pmra": "pmra", "pmdec": "pmdec", "rv": "RV", "parallax": "parallax", "ra": "RA", "dec": "DEC",
                  "logg": "grav", "av": "AV", "stellarmass": "mass", "mag_norm": "app_sdss_g"}  # fmt: skip
         given = {ours: columns[theirs] for ours, theirs in names.items() if theirs in columns}
+        given |= self._places(given)
         return _complete({"id": ids, "obj_type": STAR, "teff": 10.0 ** columns["teff"], "feh": metals} | given)
+
+    def _places(self, star):
+        """Return ra, dec [deg] at J2000 of stars whose places are of another epoch; {} if they are of that."""
+        years = 2000.0 - self.options.get("epoch", 2000.0)
+        if years == 0 or not {"pmra", "pmdec"} <= set(star):
+            return {}
+        ra, dec = moved(*(star[name] for name in ("ra", "dec", "pmra", "pmdec")), years)
+        return {"ra": ra, "dec": dec}
 
     @cached_property
     def _universe(self):

@@ -7,9 +7,17 @@ size [arcsec], ellipticity_true (n, 2), shear (n, 2), kappa, bulgemass, diskmass
 qsoindex (-1: none), coeff (n, 20).
 A pixel is a HEALPix RING number at NSIDE 128, a bundle one at NSIDE 16. A pixel that is not in a file is empty.
 
-The layout is taken from public converters to this format (csv_to_c9h5.py, csv_to_c9_galaxies_h5.py and
-gaia_fits_to_c9h5_v2.py, which says that the official files hold log10 K and mass fractions). DM and detA follow from
-other columns and are not read.
+The layout is that of the public converters to this format, github DUT-astro/make_c9_star_cat (and its earlier copy
+Cirrus012/make_c9_star_cat), commit accee8d:
+
+    csv_to_c9h5.py             groups, names and units of stars, float64, appended to; z_met as [Fe/H]
+    gaia_fits_to_c9h5_v2.py    the official files hold log10 K, and z_met as a mass fraction; AV, DM and RV are 0
+    hst-hugs.py                stars appended to such a file
+    csv_to_c9_galaxies_h5.py   names of bundles and galaxies' columns, with their types; gzip, shuffled, with checksums
+    make_galaxy_*_catalog*.py  read official bundles: further columns may be there; mag_csst_wf, _wh and _wi are older
+                               names of GU, GV, GI; ellipticity turns as spin 2; detA is 1 without shear and kappa
+
+DM, detA and the magnitudes of gratings are not read: they follow from other columns.
 """
 
 import os

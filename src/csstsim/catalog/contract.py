@@ -140,6 +140,8 @@ def _check_spectrum(catalog, obj, faults, warnings):
     with users_code(where.replace("load_sed", "load_norm_filt")):
         norm = catalog.load_norm_filt(obj)
     if norm is None:
+        if np.isfinite(getattr(obj, "mag_norm", np.nan)):
+            warnings["mag_norm has no effect: load_norm_filt gives no filter, so that FLUX is absolute"].append(obj.id)
         return
     wave, response = read_columns(norm, "SENSITIVITY", where.replace("load_sed", "load_norm_filt"))
     if not (response >= 0).all():

@@ -52,6 +52,7 @@ def chip(run, jobs, resume, profile):
     Two chips, with the time of each layer and function:
       csstsim chip campaign.yaml --obsid 10100000004 --chip 8 --chip 9 --profile
     """
+    from csstsim.campaign.checks import check_maps
     from csstsim.campaign.running.one_by_one import one_by_one
     from csstsim.stages.chip import chip as run_chip
     from csstsim.stages.chip import missing
@@ -65,6 +66,7 @@ def chip(run, jobs, resume, profile):
         else:
             run_chip(run, job, say=print)
 
+    check_maps({job.chip.id: job.chip for job in jobs}.values(), read=True)
     one_by_one(run, "level0", jobs, make, resume)
 
 
@@ -97,10 +99,12 @@ def check(run):
       csstsim check campaign.yaml
       csstsim -v check campaign.yaml
     """
+    from csstsim.campaign.checks import check_maps
     from csstsim.stages.psf import check_psf
     from csstsim.stages.select import check_catalog
 
     check_psf(run)
+    check_maps({job.chip.id: job.chip for job in run.jobs}.values(), read=True)
     check_catalog(run, say=print)
     exposures = len({job.obsid for job in run.jobs})
     click.echo(f"{run.file}: good; {number_of(len(run.jobs), 'chip')} of {number_of(exposures, 'exposure')}")

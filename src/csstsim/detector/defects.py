@@ -66,10 +66,15 @@ def columns(half_rows, nx, numbers, rng):
 
 def column_charge(rows, u, level, read_noise, numbers, rng):
     """Return (rows,) electrons of a bad column; its noise is complete after the readout has added read_noise [e-]."""
+    mean, sigma = column_level(u, level, read_noise, numbers)
+    return np.maximum(mean + sigma * rng.standard_normal(rows), 0.0)
+
+
+def column_level(u, level, read_noise, numbers):
+    """Return (mean, sigma) [e-] of a bad column's charge; u: float or array."""
     low = numbers.low_factor * level + numbers.low_offset
     high = numbers.high_factor * level + numbers.high_offset
-    sigma = np.sqrt(numbers.column_noise**2 * (level + read_noise**2) - read_noise**2)
-    return np.maximum((1 - u) * low + u * high + sigma * rng.standard_normal(rows), 0.0)
+    return (1 - u) * low + u * high, np.sqrt(numbers.column_noise**2 * (level + read_noise**2) - read_noise**2)
 
 
 def inside(index, nx, window):

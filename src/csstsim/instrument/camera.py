@@ -19,6 +19,7 @@ from csstsim.instrument.files import InstrumentFiles
 from csstsim.instrument.filter import Filter, FilterEntry
 from csstsim.instrument.grating import load_gratings
 from csstsim.instrument.load import read_data
+from csstsim.instrument.maps.chip_maps import NO_MAPS, ChipMaps, check_chips, needed, of_chip
 from csstsim.instrument.orbit import Orbit
 from csstsim.instrument.telescope import Telescope
 from csstsim.instrument.traps import load_traps
@@ -79,12 +80,16 @@ class Camera:
         """Chips behind the gratings, by number."""
         return [chip for chip in self.chips.values() if chip.kind == "slitless"]
 
-    def digest_for(self, stage, *layers):
+    def digest_for(self, stage, *layers, chip=None):
         """Return the digest, 16 hex digits, of the numbers read by a stage and those before it (camera_parts).
 
-        layers: further stages whose numbers it may read; a user's own layer may read any.
+        layers: further stages whose numbers it may read; a user's own layer may read any. chip: a Chip whose laboratory
+        maps are read, too. Raises InputError for a map that cannot be used.
         """
-        return digest(read_by(behind(stage).union(layers), self.files.parts, READERS))
+        stages = behind(stage).union(layers)
+        numbers = digest(read_by(stages, self.files.parts, READERS))
+        maps = chip and chip.maps.digest(stages)
+        return digest([numbers, maps]) if maps else numbers
 
     @cached_property
     def gratings(self):
@@ -118,10 +123,10 @@ def load_camera(instrument=None, campaign=None):
 def _camera(files):
     detector, filters = _detector(files), _filters(files)
     telescope, orbit = _telescope(files.data("telescope"), files.path("telescope"))
-    chips = _chips(files, filters, detector, telescope)
     more = {
         name: files.data(name) if files.exists(name) else {} for name in ("psf", "scatter", "ghosts", "sky", "leds")
     }
+    chips = _chips(files, filters, detector, telescope, more["leds"])
     if more["leds"]:
         more["leds"] |= {"mosaic": tuple(max(getattr(c, of) for c in chips.values()) for of in ("column", "row"))}
     keywords = "level0_keywords"
@@ -171,7 +176,7 @@ def _filters(files):
     return filters
 
 
-def _chips(files, filters, detector, telescope):
+def _chips(files, filters, detector, telescope, leds):
     chips, path = {}, files.path("chips")
     for i, row in enumerate(_only_list(files, "chips")):
         place = validate(ChipPlace, row, path, (f"chips[{i}]",))
@@ -182,8 +187,26 @@ def _chips(files, filters, detector, telescope):
         if place.id in chips:
             raise InputError("another chip has this id", file=path, key=f"chips[{i}].id", value=place.id)
         kind = filters[place.filter].kind
-        chips[place.id] = Chip(**vars(place), kind=kind, detector=detector, telescope=telescope)
+        maps = _maps(files, place.id, detector, leds, filters[place.filter])
+        chips[place.id] = Chip(**vars(place), kind=kind, detector=detector, telescope=telescope, maps=maps)
+    check_chips(files.maps, files.folder, chips)
     return dict(sorted(chips.items()))
+
+
+def _maps(files, chip, detector, leds, filter):
+    """Return the ChipMaps of a chip behind a filter."""
+    entries, wavelengths = of_chip(files.maps, chip), ()
+    if "led_flats" in entries:
+        flat = leds.get("flat")
+        wavelengths = flat.get("wavelengths") if isinstance(flat, dict) else None
+        number = isinstance(wavelengths, list) and all(type(wave) in (int, float) for wave in wavelengths)
+        if not number or len(wavelengths) < 2 or sorted(set(wavelengths)) != wavelengths:
+            raise InputError(
+                "missing or out of range, but maps.yaml has led_flats", file=files.path("leds"),
+                key="flat.wavelengths", value=wavelengths, allowed="two numbers or more, rising",
+            )  # fmt: skip
+        wavelengths = needed(wavelengths, filter)
+    return ChipMaps(entries, files.folder, chip, detector, wavelengths) if entries else NO_MAPS
 
 
 def _only_list(files, name):

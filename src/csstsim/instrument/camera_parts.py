@@ -1,7 +1,7 @@
 """Which stages read which numbers of a camera: a change of the gain, say, leaves the drawn light valid.
 
 A part is a number of the files BY_NUMBER (instrument.files), as `detector.gain`, or another data file as a whole, as
-`cti.yaml`.
+`cti.yaml`. Laboratory maps (maps.chip_maps) are no parts of the camera: a map counts for the one chip that it is of.
 """
 
 # What reads a part first (base.stages.read_by): not only select, psf and truth

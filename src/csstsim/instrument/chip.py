@@ -11,6 +11,7 @@ from pydantic import AfterValidator, Field
 from csstsim.base.model import Data, NotNegative, Number, Positive, Whole, between, must
 from csstsim.instrument.cosmic_rays import CosmicRays
 from csstsim.instrument.defects import Defects
+from csstsim.instrument.maps.chip_maps import NO_MAPS, ChipMaps
 from csstsim.instrument.telescope import Telescope
 from csstsim.instrument.traps import Traps
 
@@ -137,6 +138,7 @@ class Chip(ChipPlace):
     kind: str  # "imaging" or "slitless"
     detector: Detector
     telescope: Telescope
+    maps: ChipMaps = field(default=NO_MAPS, repr=False, compare=False)  # of the laboratory
 
     @property
     def label(self):

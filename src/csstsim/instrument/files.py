@@ -16,6 +16,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.shipped import SHIPPED
 from csstsim.base.stages import flat
 from csstsim.instrument.load import data_files, folder_digest, read_data, sections
+from csstsim.instrument.maps.chip_maps import load_entries, map_files
 
 # Files with numbers that may be changed: those a camera reads, but for lists (chips, keywords)
 CHANGEABLE = (
@@ -70,16 +71,28 @@ class InstrumentFiles:
         return sections(self.data(name))
 
     @cached_property
+    def maps(self):
+        """{kind: maps.chip_maps.Entry} of maps.yaml; {} without the file. Raises InputError."""
+        return load_entries(self.folder)
+
+    @cached_property
+    def _map_files(self):
+        """Names of the files of laboratory maps, which are large: those of a chip count for that chip alone."""
+        return map_files(self.maps, data_files(self.folder))
+
+    @cached_property
     def digest(self):
-        """16 hex digits of all files, and of the changes."""
-        content = folder_digest(self.folder)
+        """16 hex digits of all files but laboratory maps, and of the changes."""
+        content = folder_digest(self.folder, self._map_files)
         return digest([content, self.changes]) if self.changes else content
 
     @cached_property
     def parts(self):
-        """{part: its value, or the digest of its file}; see instrument.camera_parts."""
+        """{part: its value, or the digest of its file}; see instrument.camera_parts. Without laboratory maps."""
         parts = {}
         for name, path in data_files(self.folder).items():
+            if name in self._map_files:
+                continue
             stem, changes = path.stem, self._changes.get(path.stem) if path == self.path(path.stem) else None
             if name == f"{stem}.yaml" and stem in BY_NUMBER:
                 parts |= flat({stem: BY_NUMBER[stem](self.data(stem))})

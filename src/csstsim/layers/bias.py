@@ -1,12 +1,14 @@
 """Bias (paper, Appendix B item 12): a constant offset in electrons, added before the gain.
 
 Each channel (or the chip) has an offset that is the same in all exposures, drawn uniformly within `bias_spread` of the
-detector's `bias`. Left out: structure within a channel and drifts between exposures.
+detector's `bias`. A laboratory map (instrument.maps) adds the structure within the channels. Left out: drifts between
+exposures, and structure without such a map.
 """
 
 from pydantic import Field
 
 from csstsim.detector.channels import ReadoutFrame
+from csstsim.instrument.maps.lab_map import frame_of
 from csstsim.layers.param import LayerParam
 
 STAGE = "readout"
@@ -22,7 +24,10 @@ class Param(LayerParam):
 
 
 def apply(state, param, rng):
-    """Add the bias to every pixel of the readout frame, in place; the levels [e-] of all channels go to the header."""
+    """Add the bias to every pixel of the readout frame, in place; the levels [e-] of all channels go to the header.
+
+    Raises InputError for a map with a value that is not allowed.
+    """
     detector = state.chip.detector
     frame = ReadoutFrame.of(detector, state.window)
     if param.bias_16channel:
@@ -33,5 +38,7 @@ def apply(state, param, rng):
     levels = levels if param.bias_16channel else levels * frame.n_channels
     for block in frame.blocks:
         state.image[block.whole] += levels[block.channel - 1]
+    if state.chip.maps.bias:
+        state.image += frame_of(state.chip.maps.bias, frame)
     state.header["bias"] = levels
     return state

@@ -1,9 +1,10 @@
 """Hot pixels, dead pixels and invalid columns (paper, Appendix B item 7; sections 5.5.7 and 5.5.8).
 
-Their positions are fixed for each chip, and they are in exposures of all kinds. Their charge depends on the background
-of the image. Left out: see csstsim.detector.defects.
+Their positions are fixed for each chip, drawn or of a laboratory map (instrument.maps). They are in exposures of all
+kinds. Their charge depends on the background of the image. Left out: see csstsim.detector.defects.
 """
 
+import numpy as np
 from pydantic import Field
 
 from csstsim.base.errors import InputError
@@ -41,10 +42,13 @@ def apply(state, param, rng):
     before = state.electrons()
     level = background(state.image, before)
     state.header |= {"hot_pixels": 0, "dead_pixels": 0, "bad_columns": 0, "defects_level": level}
-    if param.hot_pixels or param.dead_pixels:
-        _pixels(state, param, level, rng)
-    if param.bad_columns:
-        _columns(state, level, rng)
+    if state.chip.maps.bad_pixels:
+        _mapped(state, param, level, rng)
+    else:
+        if param.hot_pixels or param.dead_pixels:
+            _pixels(state, param, level, rng)
+        if param.bad_columns:
+            _columns(state, level, rng)
     state.header["defects_electrons"] = state.electrons() - before
     return state
 
@@ -83,6 +87,34 @@ def _columns(state, level, rng):
             state.image[place] = charge[low - first : high - first]
             _mark(state, place, mask.BAD_COLUMN)
             state.header["bad_columns"] += 1
+
+
+def _mapped(state, param, level, rng):
+    """Put the defects of the laboratory map into the window, in the order of drawn ones."""
+    from csstsim.detector import mapped_defects as defects
+    from csstsim.detector import mask
+
+    detector, window, numbers = state.chip.detector, state.window, state.chip.detector.defects
+    bits = state.chip.maps.bad_pixels.part(*window.slices)
+
+    def found(bit, name):
+        y, x = np.nonzero(bits & bit)
+        _mark(state, (y, x), bit)
+        return (y, x), (x + window.x0, y + window.y0), (rng.chip_key(name), rng.exposure_key(name))
+
+    if param.hot_pixels:
+        here, pixels, keys = found(mask.HOT, "hot pixels")
+        state.image[here] += defects.hot_charge(*pixels, state.pointing.exptime, numbers, *keys)
+        state.header["hot_pixels"] = len(here[0])
+    if param.dead_pixels:
+        here, pixels, keys = found(mask.DEAD, "dead pixels")
+        state.image[here] = defects.dead_charge(*pixels, level, numbers, *keys)
+        state.header["dead_pixels"] = len(here[0])
+    if param.bad_columns:
+        here, (x, y), keys = found(mask.BAD_COLUMN, "bad columns")
+        half = detector.channel_ny
+        state.image[here] = defects.column_charge(x, y, half, level, detector.read_noise, numbers, *keys)
+        state.header["bad_columns"] = len(np.unique(2 * x + y // half))
 
 
 def _mark(state, place, bit):

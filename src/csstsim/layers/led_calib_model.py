@@ -10,11 +10,11 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 
 from csstsim.base.errors import InputError
-from csstsim.detector import prnu
 from csstsim.instrument.filter import GRID
 from csstsim.layers.param import LayerParam
 from csstsim.optics.throughput.flat import FlatField, check_flat
 from csstsim.optics.throughput.led import load_leds
+from csstsim.optics.throughput.response import pixel_response
 
 STAGE = "render"
 UNITS = ("electron", "electron")
@@ -73,8 +73,7 @@ def apply(state, param, rng):
         flat = flats.led_map(state.chip, state.window, GRID, light)
         flat *= np.float32(electrons)
         if state.exposure.losses.prnu:
-            window = state.window
-            prnu.multiply(flat, window.x0, window.y0, state.chip.detector.prnu, rng.chip_key("prnu"))
+            pixel_response(flat, state.chip, state.window, rng.chip_key("prnu"))
         state.image += flat
     state.header |= {
         "led_flag": True,

@@ -2,8 +2,8 @@
 
 The layer only switches the effect on and records it in the header. It is applied when light is drawn, like flat field
 and shutter (optics.throughput.response): photons are accepted or lost one by one, so mean = variance holds, and the
-truth counts the accepted ones. The map is fixed for each chip (detector.prnu), with the detector's rms. Left out:
-laboratory maps.
+truth counts the accepted ones. The map is fixed for each chip: that of the laboratory, if the camera's folder has one
+(instrument.maps), else one that is drawn (detector.prnu), with the detector's rms. Left out: colour of the response.
 """
 
 from csstsim.base.errors import InputError
@@ -29,8 +29,13 @@ def check(param, camera, pointing):
 
 
 def apply(state, param, rng):
-    """Record the rms in the header. Raises ValueError if the light was drawn without PRNU."""
+    """Record the rms in the header, of a laboratory map that of the window's pixels.
+
+    Raises ValueError if the light was drawn without PRNU.
+    """
     if not state.exposure.losses.prnu:
         raise ValueError("the light was drawn without PRNU: the exposure's losses do not include it")
-    state.header["prnu_rms"] = state.chip.detector.prnu
+    own = state.chip.maps.prnu
+    rms = float(own.part(*state.window.slices).std(dtype=float)) if own else state.chip.detector.prnu
+    state.header["prnu_rms"] = rms
     return state

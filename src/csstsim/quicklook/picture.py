@@ -137,9 +137,16 @@ def _other(path):
     except (OSError, ValueError, TypeError, LookupError, AttributeError, fits.VerifyError) as exc:
         why = str(exc).splitlines()[0] if str(exc) else type(exc).__name__
         raise InputError(f"not a readable FITS file: {why}", file=path, allowed=ALLOWED) from None
-    name = found.name
+    name, remark = found.name, _statistics(image) if "DATAMAX" in header else ""
     kind = {"SCI": "calibrated", "PRIMARY": "image", "": "image"}.get(name, f"extension {name}")
-    return Picture(path, image, kind, str(header.get("BUNIT", "")), header, origin, wcs=wcs)
+    return Picture(path, image, kind, str(header.get("BUNIT", "")), header, origin, wcs=wcs, remark=remark)
+
+
+def _statistics(image):
+    """Return what a laboratory map's contract is about (instrument.maps), as a line."""
+    low, high = float(np.nanmin(image)), float(np.nanmax(image))
+    mean, rms = float(np.nanmean(image, dtype=float)), float(np.nanstd(image, dtype=float))
+    return f"mean {mean:.6g}, rms {rms:.3g}, from {low:.6g} to {high:.6g}"
 
 
 def _is_image(hdu):

@@ -1,8 +1,9 @@
 """Calibrate: Level-0 files to calibrated images, as `measurement` in a campaign says.
 
-calibration: truth     the maps the simulator used: flat field, shutter, pixel response, defects, each trap
+calibration: truth     the maps the simulator used: flat field, shutter, pixel response, defects, bias, each trap
 calibration: frames    masters of `csstsim masters` for pixel response and defects; flat field and shutter as above,
-                       because a survey finds these from its own stars; other traps, of the same density
+                       because a survey finds these from its own stars; other traps, of the same density; the bias of
+                       a channel without its structure
 """
 
 from functools import partial
@@ -13,6 +14,7 @@ from csstsim.base.errors import InputError
 from csstsim.base.process.one_thread import one_thread
 from csstsim.base.release import check_release
 from csstsim.base.rng import Streams
+from csstsim.instrument.maps.lab_map import frame_of
 from csstsim.stages.level0 import own_level0
 from csstsim.stages.masters import masters_recipe
 from csstsim.stages.psf import open_psf
@@ -57,6 +59,7 @@ def calibrated_frame(run, job):
     steps, detector = run.steps[job.pointing.type], run.camera.detector
     from_frames = run.config.measurement.calibration == "frames"
     response, bad, offset = (_by_masters if from_frames else _by_truth)(run, job, streams)
+    own = None if from_frames or not steps.step("bias") else job.chip.maps.bias
     traps, passes = steps.step("cte_effect"), run.config.measurement.cti_passes
     correct = partial(
         put_back, detector=detector, window=job.window, traps=traps and traps.param, passes=passes,
@@ -66,7 +69,7 @@ def calibrated_frame(run, job):
     return file, to_electrons(
         file.frame(), file.readout, file.gain, nonlinearity=file.nonlinearity, adc_max=detector.adc_max,
         full_well=detector.full_well, response=response, bad=bad, offset=offset,
-        correct=correct,
+        structure=own and frame_of(own, file.readout), correct=correct,
     )  # fmt: skip
 
 
@@ -88,7 +91,7 @@ def _by_truth(run, job, streams):
     from csstsim.measure.calibration.bad_pixels import known_defects
 
     layer = run.steps[job.pointing.type].step("detector_defects")
-    bad = known_defects(run.camera.detector, job.window, layer.param, streams) if layer else None
+    bad = known_defects(job.chip, job.window, layer.param, streams) if layer else None
     return _response(run, job, streams, prnu=True), bad, None
 
 

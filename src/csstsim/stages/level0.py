@@ -47,7 +47,7 @@ def digitised(run, job, state, timer):
         "layers": steps.describe(),
         "truth_hash": state.header.pop("truth_hash", "none"),
         "psf_hash": state.header.pop("psf_hash", "none"),
-        "camera": run.camera.files.changes,
+        "camera": run.camera.files.changes | job.chip.maps.record,
         "stages": state.header.pop("stages"),
         "timing": state.header.pop("timing", []),
     }

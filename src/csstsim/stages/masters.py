@@ -43,7 +43,8 @@ def masters(run, chip_id):
 
 def masters_recipe(run, chip_id):
     """Return what decides the detector: masters of another detector do not fit."""
-    return {"camera": run.camera.digest_for("level0"), "seed": run.config.seed, "chip": chip_id}
+    camera, chip = run.camera, run.camera.chips[chip_id]
+    return {"camera": camera.digest_for("level0", chip=chip), "seed": run.config.seed, "chip": chip_id}
 
 
 def _raw(run, job):

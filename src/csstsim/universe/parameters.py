@@ -11,6 +11,7 @@ from pathlib import Path
 
 from csstsim.base.digest import digest
 from csstsim.base.errors import InputError
+from csstsim.base.shipped import SHIPPED
 from csstsim.instrument.filter import GRID
 from csstsim.instrument.load import folder_digest, read_data
 from csstsim.universe.dust.dust_map import DustMap
@@ -112,7 +113,7 @@ class Universe:
             raise InputError("impossible", file=self.folder / f"{part}.yaml", key=inside, value=value, allowed=allowed)
 
 
-def load_universe(folder):
+def load_universe(folder=SHIPPED / "universe"):
     """Read a universe folder. Raises InputError for a missing or unreadable file or a number without source."""
     folder = Path(folder)
     return Universe(folder, {name: read_data(folder / f"{name}.yaml") for name in PARTS})

@@ -25,7 +25,7 @@ deflection (0.6 mas at the limb), the Doppler factor of the flux (1e-4).
 
 import numpy as np
 
-from csstsim.base.sphere import frames, normalised, turned, unit_vectors
+from csstsim.base.sphere import frames, normalised, ra_dec, turned, unit_vectors
 from csstsim.base.units import AU_KM, C_KM_S, DAY_S, JULIAN_YEAR_DAYS, MAS_PER_RAD
 
 _AU_YEAR = DAY_S * JULIAN_YEAR_DAYS / AU_KM  # au / yr of 1 km / s
@@ -49,6 +49,16 @@ def at_j2000(ra, dec, observer, *, pmra=0.0, pmdec=0.0, parallax=0.0, rv=0.0):
     """
     motion = [_known(v) for v in (pmra, pmdec, np.maximum(_known(parallax), 0.0), rv)]
     return _degrees(_inverse(lambda p: _geometric(*_angles(p), motion, observer), unit_vectors(ra, dec)))
+
+
+def moved(ra, dec, pmra, pmdec, years):
+    """Return ra, dec [deg] after some years (negative: before) of uniform motion in space, without radial velocity.
+
+    It brings places of another epoch to J2000. pmra (with cos dec), pmdec [mas/yr]; NaN counts as zero.
+    """
+    star, east, north = frames(np.radians(ra), np.radians(dec))
+    along, up = (_known(rate)[..., None] * years / MAS_PER_RAD for rate in (pmra, pmdec))
+    return ra_dec(star + along * east + up * north)
 
 
 def apparent(ra, dec, observer):

@@ -12,7 +12,7 @@ import math
 import numba
 import numpy as np
 
-from csstsim.detector import defects
+from csstsim.detector import defects, mask
 
 FULL, BAD, RAY = np.uint8(1), np.uint8(2), np.uint8(4)  # bits of `mend`
 _LEFT_OUT, _FOUND = np.uint8(8), np.uint8(16)  # bits while rays are looked for: not tested; a ray, without its rim
@@ -37,12 +37,17 @@ def mend(calibrated, model):
     return why
 
 
-def known_defects(detector, window, param, rng):
+def known_defects(chip, window, param, rng):
     """Return bool (ny, nx): hot and dead pixels and bad columns in `window`, as made by layer detector_defects.
 
-    param: the layer's; rng: rng.Streams of the chip.
+    chip: instrument.chip.Chip; param: the layer's; rng: rng.Streams of the chip. Raises InputError for a laboratory map
+    with a value that is not allowed.
     """
-    out = np.zeros(window.shape, bool)
+    if chip.maps.bad_pixels:
+        kinds = (mask.HOT, param.hot_pixels), (mask.DEAD, param.dead_pixels), (mask.BAD_COLUMN, param.bad_columns)
+        wanted = sum(bit for bit, there in kinds if there)
+        return (chip.maps.bad_pixels.part(*window.slices) & wanted) > 0
+    detector, out = chip.detector, np.zeros(window.shape, bool)
     pixels = defects.places((detector.ny, detector.nx), detector.defects, rng.chip("defective pixels"))
     for some, there in zip(pixels, (param.hot_pixels, param.dead_pixels), strict=True):
         _, y, x = defects.inside(some, detector.nx, window)

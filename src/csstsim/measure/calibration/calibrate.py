@@ -81,7 +81,7 @@ def _by_rows(response, ny):
 
 def calibrate(
     frame, readout, gain, *, nonlinearity=None, adc_max=65535, full_well=None, response=None, bad=None, offset=None,
-    correct=None,
+    structure=None, correct=None,
 ):  # fmt: skip
     """Turn a raw frame into electrons.
 
@@ -89,8 +89,9 @@ def calibrate(
     `gain`: {channel: electron/DN}, channels as in the Level-0 keywords GAINnn; `nonlinearity`:
     {channel: (quadratic, cubic)}, undone up to `full_well`, where the file states it. A pixel is saturated at
     `adc_max` DN or from `full_well` electrons; `response`: share of the light that was counted, as in Calibrated;
-    `bad`: known defects, or None; `offset`: {channel: electrons} of bias in addition to the overscan's; `correct`: a
-    function that moves electrons (ny, nx) back, in place, to where light made them, or None. Returns `Calibrated`.
+    `bad`: known defects, or None; `offset`: {channel: electrons} of bias in addition to the overscan's;
+    `structure`: electrons (readout.shape) of the bias within its channels, or None; `correct`: a function that moves
+    electrons (ny, nx) back, in place, to where light made them, or None. Returns `Calibrated`.
     Raises InputError when the frame does not have the readout's shape or a channel's gain is missing or not positive.
     """
     if frame.shape != readout.shape:
@@ -101,7 +102,10 @@ def calibrate(
     bias, read_noise = {}, {}
     for block in readout.blocks:
         n, factor = block.channel, _factor(gain, block.channel)
-        bias[n], scatter = overscan_level(frame[block.serial_overscan], from_right=block.flip_x)
+        overscan = frame[block.serial_overscan]
+        if structure is not None:
+            overscan = overscan - structure[block.serial_overscan] / factor
+        bias[n], scatter = overscan_level(overscan, from_right=block.flip_x)
         read_noise[n] = scatter * factor
         charge = _charge_of_dn(bias[n] + (offset or {}).get(n, 0.0) / factor, factor)
         if nonlinearity and full_well:
@@ -110,6 +114,8 @@ def calibrate(
         if full_well is not None:
             full |= charge >= full_well
         _look_up(frame[block.active], charge, FULL * full, electrons[block.image], marks[block.image])
+        if structure is not None:
+            electrons[block.image] -= structure[block.active]
     del frame  # 190 MB of a whole chip, which the caller holds no longer
     if correct is not None:
         correct(electrons)

@@ -1,8 +1,11 @@
 """Conversion of an external PSF library in the layout of CSST's cycle 9 to csstsim's PSF files.
 
-The library has one HDF5 file per chip, `psfCube_{chip}.h5`, with four groups `w_<i>`, one per wavelength. Each has a
-group `psf_<j>` per position with the dataset `psfMat`, 256 x 256 samples of 5 um. This much is public; 512 x 512
-samples of 2.5 um are accepted too. No public text says the following, so it is assumed:
+The library has one HDF5 file per chip, `psfCube_{chip}.h5`, with groups `w_<i>`, one per wavelength. Each has a group
+`psf_<j>` per position with the dataset `psfMat`. This much is public: github DUT-astro/make_c9_star_cat (accee8d),
+make_constant_psfcube.py and README.md (`w_2`, `psf_0`, `psf_450` of chip 6; the positions are in the file). A public
+script that runs the official simulator gets 256 x 256 samples of 5 um from it. The paper has four wavelengths, 30 x 30
+positions and, before a reduction, 512 x 512 samples of 2.5 um, which are accepted. No public text says the following,
+so it is assumed:
 
 * position: datasets or attributes of `psf_<j>`: `image_x`, `image_y` in mm from the boresight along the mosaic's axes,
   else `x`, `y` in 0-based pixels of the chip. The positions form a square grid.

@@ -5,10 +5,11 @@
                a sum of low-order cosines, which stay bounded in the corners, unlike polynomials. Flats are linear
                between LED wavelengths, so a band's flat is their mean with weights from its throughput.
 
-The paper's internal flats are laboratory images that are not public. Here the patterns are random, one draw per
-campaign seed, with the rms, order and correlation between wavelengths of config/instrument/leds.yaml. They are exact on
-a grid of NODES^2 points per chip and bilinear in between, with an error of 5e-6. Left out: structure smaller than a few
-cm, the coatings of the filters.
+The paper's internal flats are laboratory images that are not public. A chip whose camera folder has such maps
+(instrument.maps, led_flats) has those. For others the patterns are random, one draw per campaign seed, with the rms,
+order and correlation between wavelengths of config/instrument/leds.yaml. Drawn flats are exact on a grid of NODES^2
+points per chip and bilinear in between, with an error of 5e-6; they leave out structure smaller than a few cm, and the
+coatings of the filters.
 """
 
 from dataclasses import dataclass
@@ -89,16 +90,51 @@ class FlatField:
         return np.array([np.trapezoid(response * hat, wave) for hat in hats]) / total
 
     def external_grid(self, chip, filter):
-        """Return (NODES, NODES): the flat for light from the sky, external x internal flat of the filter."""
+        """Return (NODES, NODES): the smooth flat for light from the sky, external x drawn internal flat of the filter.
+
+        Of a chip with laboratory flats it is the external flat alone: `laboratory` has the internal one.
+        """
         x, y = _mosaic(chip)
-        internal = self.internal(chip, x, y, self.weights(filter.wavelength, filter.throughput))
-        return self.vignetting(x, y) * internal
+        if chip.maps.led_flats:
+            return self.vignetting(x, y)
+        return self.vignetting(x, y) * self.internal(chip, x, y, self.weights(filter.wavelength, filter.throughput))
+
+    def laboratory(self, chip, wave, response):
+        """Return the LabFlat of a chip for a response, or None for a chip without laboratory flats."""
+        flats = chip.maps.led_flats
+        if not flats:
+            return None
+        weights = zip(self.wavelengths, self.weights(wave, response), strict=True)
+        return LabFlat(tuple((float(weight), flats[led]) for led, weight in weights if weight > 0))
 
     def led_map(self, chip, window, wave, response):
         """Return (ny, nx) float32: the internal flat for a given response, such as one LED through a filter."""
         from csstsim.optics.throughput.coarse_grid import expand
 
+        flat = self.laboratory(chip, wave, response)
+        if flat is not None:
+            return flat.part(*window.slices)
         return expand(self.internal(chip, *_mosaic(chip), self.weights(wave, response)), chip, window)
+
+
+@dataclass(frozen=True)
+class LabFlat:
+    """A mean of laboratory flats: pairs of a weight and an instrument.maps.lab_map.LabMap; the weights' sum is 1."""
+
+    flats: tuple
+
+    @property
+    def maximum(self):
+        """An upper bound of the values, from what the maps declare."""
+        return sum(weight * flat.maximum for weight, flat in self.flats)
+
+    def part(self, rows, columns):
+        """Return float32 (ny, nx) of slices of the chip's rows and columns. Raises InputError as the maps do."""
+        return sum(np.float32(weight) * flat.part(rows, columns) for weight, flat in self.flats)
+
+    def at(self, row, column):
+        """Return float32 (n,) of single pixels of the chip: the numbers of `part`."""
+        return sum(np.float32(weight) * flat.at(row, column) for weight, flat in self.flats)
 
 
 # Keys of leds.yaml, what they may be, and the test of it

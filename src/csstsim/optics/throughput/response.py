@@ -14,14 +14,19 @@ _ROUNDING = 1e-6
 def response_maximum(chip, filter, leds, camera, *, flat, shutter):
     """Return an upper limit of `response_map` for a chip, for all pixels in any window.
 
-    Photons are drawn for this times the flux and then thinned (detector.noise.thin). The maximum of the shutter is 1.
-    The maximum of the pixel response is always included, so that the random numbers of photons do not depend on PRNU.
+    Photons are drawn for this times the flux and then thinned (render.photon_positions). The maximum of the shutter is
+    1. The maximum of the pixel response is always included, so that the random numbers of photons do not depend on
+    PRNU. Laboratory maps declare theirs.
     """
-    highest = pixels.highest(chip.detector.prnu) * (1 + _ROUNDING)  # rounding of float32
+    own = chip.maps.prnu
+    highest = (own.maximum if own else pixels.highest(chip.detector.prnu)) * (1 + _ROUNDING)  # rounding of float32
     if not flat:
         return highest
     check_flat(leds)
-    return highest * float(FlatField(leds, camera).external_grid(chip, filter).max())  # bilinear: its nodes are highest
+    field = FlatField(leds, camera)
+    lab = field.laboratory(chip, filter.wavelength, filter.throughput)
+    highest *= float(field.external_grid(chip, filter).max())  # bilinear: its nodes are highest
+    return highest if lab is None else highest * lab.maximum
 
 
 def response_map(chip, window, filter, exptime, leds, camera, *, flat, shutter, prnu=None):
@@ -33,6 +38,18 @@ def response_map(chip, window, filter, exptime, leds, camera, *, flat, shutter, 
         return None
     losses = {"flat": flat, "shutter": shutter, "prnu": prnu}
     return Response(chip, window, filter, exptime, leds, camera, **losses).rows(0, window.ny)
+
+
+def pixel_response(image, chip, window, key):
+    """Multiply `image` (ny, nx) float32 of a Window by the response of its pixels, in place: the map, or drawn numbers.
+
+    key: uint64, the chip's (rng.Streams.chip_key). Raises InputError as the map does.
+    """
+    own = chip.maps.prnu
+    if own:
+        image *= own.part(*window.slices)
+    else:
+        pixels.multiply(image, window.x0, window.y0, chip.detector.prnu, key)
 
 
 class Response:
@@ -48,7 +65,9 @@ class Response:
         if flat:
             check_flat(leds)
         self._chip, self._window, self._prnu, self._master = chip, window, prnu, master
-        self._grid = FlatField(leds, camera).external_grid(chip, filter) if flat else None
+        field = FlatField(leds, camera) if flat else None
+        self._grid = field and field.external_grid(chip, filter)
+        self._lab = field and field.laboratory(chip, filter.wavelength, filter.throughput)
         self._exposed = exposed(chip, window, exptime).astype(np.float32) if shutter else None
 
     def rows(self, first, last):
@@ -66,8 +85,10 @@ class Response:
         out = np.ones(window.shape, np.float32) if self._grid is None else expand(self._grid, self._chip, window)
         if self._exposed is not None:
             out *= self._exposed[columns]
+        if self._lab is not None:
+            out *= self._lab.part(*window.slices)
         if self._prnu is not None:
-            pixels.multiply(out, window.x0, window.y0, self._chip.detector.prnu, self._prnu)
+            pixel_response(out, self._chip, window, self._prnu)
         if self._master is not None:
             out *= self._master[rows, columns]
         return out
@@ -81,7 +102,12 @@ class Response:
         out = np.ones(len(row), np.float32) if self._grid is None else pick(self._grid, self._chip, x, y)
         if self._exposed is not None:
             out *= self._exposed[column]
-        if self._prnu is not None:
+        if self._lab is not None:
+            out *= self._lab.at(y, x)
+        own = self._chip.maps.prnu
+        if self._prnu is not None and own:
+            out *= own.at(y, x)
+        elif self._prnu is not None:
             pixels.multiply_at(out, x, y, self._chip.detector.prnu, self._prnu)
         if self._master is not None:
             out *= self._master[row, column]

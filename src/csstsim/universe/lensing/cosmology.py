@@ -53,6 +53,10 @@ class Cosmology:
         """Return the luminosity distance [Mpc]."""
         return (1.0 + np.asarray(z, float)) * self.comoving_distance(z)
 
+    def angular_diameter_distance(self, z):
+        """Return the angular diameter distance [Mpc]: a length of d Mpc there spans d / distance [rad]."""
+        return self.comoving_distance(z) / (1.0 + np.asarray(z, float))
+
     def distance_modulus(self, z):
         """Return m - M [mag] without K correction; -inf at z = 0."""
         with np.errstate(divide="ignore"):

@@ -1,0 +1,164 @@
+"""One laboratory map: a FITS image of which each window reads its own part.
+
+The header tells what a map is before its pixels are read: shape and type, DATASUM, which stands for the content in
+recipes, and DATAMAX, with which photons are drawn before they are lost one by one. Each part that is read is checked;
+`check` reads the whole file, before any work.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.base.errors import InputError
+from csstsim.base.files.file_log import logged
+from csstsim.base.files.fits_headers import check_headers
+from csstsim.instrument.maps.kinds import DEFECTS, Kind
+
+_TYPES = {">f4": "BITPIX -32 (float32)", "u1": "BITPIX 8 (uint8)"}
+_BITPIX = {">f4": -32, "u1": 8}
+_CHUNK = 1 << 22  # words summed at a time
+
+
+@dataclass(frozen=True, eq=False)
+class LabMap:
+    """A map on disk, of which the header was checked.
+
+    layout: active (rows and columns of the chip's active pixels), or one of detector.channels.LAYOUTS. maximum: DATAMAX
+    of a loss, else the kind's upper bound; datasum: the header's DATASUM, as text.
+    """
+
+    path: Path
+    kind: Kind
+    shape: tuple[int, int]
+    layout: str
+    maximum: float
+    datasum: str
+    _data: tuple[int, int]  # its first byte in the file, and the first byte behind it
+
+    def part(self, rows, columns):
+        """Return the values of slices of rows and columns (ny, nx), float32 or uint8; steps may be negative.
+
+        Raises InputError for a value that is not allowed.
+        """
+        return self._checked(np.ascontiguousarray(self._pixels()[rows, columns]))
+
+    def at(self, row, column):
+        """Return the values (n,) of single pixels, row and column int (n,). Raises InputError as `part`."""
+        return self._checked(self._pixels()[row, column])
+
+    def check(self):
+        """Read the whole map. Raises InputError for a value that is not allowed, a wrong mean or another DATASUM."""
+        mean = self.kind.mean(self.part(slice(None), slice(None)))
+        low, high = self.kind.mean_low, self.kind.mean_high
+        if not low <= mean <= high:
+            what = "share of bad pixels" if self.kind.name == "bad_pixels" else f"mean [{self.kind.unit}]"
+            raise InputError(f"the {what} is out of range", file=self.path, value=mean, allowed=f"{low:g} to {high:g}")
+        if self.datasum != str(self._sum()):
+            raise InputError(
+                "the pixels were changed after the header", file=self.path, key="DATASUM", value=self.datasum,
+                allowed=f"{self._sum()}; write the file with checksum=True",
+            )  # fmt: skip
+
+    def _pixels(self):
+        with logged("opened", self.path):
+            return np.memmap(self.path, self.kind.stored, "r", self._data[0], self.shape)
+
+    def _checked(self, values):
+        values = values.astype(values.dtype.newbyteorder("="), copy=False)
+        if self.kind.name == "bad_pixels":
+            wrong = (values & ~np.uint8(self.kind.high)) != 0
+        elif values.size and self.kind.low <= values.min() and values.max() <= np.float32(self.maximum):
+            return values  # NaN fails the comparison
+        else:
+            wrong = ~((values >= self.kind.low) & (values <= np.float32(self.maximum)))
+        if wrong.any():
+            raise InputError(
+                f"{np.count_nonzero(wrong)} pixel(s) are out of range or not finite", file=self.path,
+                value=values[wrong][0].item(), allowed=self._allowed(),
+            )  # fmt: skip
+        return values
+
+    def _allowed(self):
+        if self.kind.name == "bad_pixels":
+            return f"0, or a sum of {', '.join(f'{bit} {name}' for name, bit in DEFECTS.items())}"
+        declared = " (DATAMAX)" if self.kind.loss else ""
+        return f"{self.kind.low:g} to {self.maximum:g}{declared} {self.kind.unit}"
+
+    def _sum(self):
+        """Return the ones' complement sum of the data's 32-bit words (FITS standard 4.0, appendix J)."""
+        start, stop = self._data
+        words = np.memmap(self.path, ">u4", "r", start, ((stop - start) // 4,))
+        total = sum(int(words[at : at + _CHUNK].sum(dtype=np.uint64)) for at in range(0, words.size, _CHUNK))
+        while total >> 32:
+            total = (total & 0xFFFFFFFF) + (total >> 32)
+        return total
+
+
+def frame_of(one, frame):
+    """Return the values (frame.shape) of a readout's LabMap in a detector.channels.ReadoutFrame, as on the chip.
+
+    Raises InputError for a value that is not allowed.
+    """
+    values = np.empty(frame.shape, np.dtype(one.kind.stored).newbyteorder("="))
+    for here, there in frame.pieces(one.layout):
+        values[here] = one.part(*there)
+    return values
+
+
+def open_map(path, kind, detector):
+    """Return the LabMap of a file, of which only headers are read.
+
+    Raises InputError for a file that is missing or not FITS, has not one image, or one of another shape or type, and
+    for a header without DATASUM or, of a loss, without a DATAMAX that is allowed.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise InputError(f"no such map ({kind.name})", file=path)
+    check_headers(path)
+    header, data = _only_image(path)
+    shape = (header.get("NAXIS2"), header.get("NAXIS1")) if header.get("NAXIS") == 2 else (header.get("NAXIS"),)
+    shapes = kind.shapes(detector)
+    if shape not in shapes:
+        allowed = " or ".join(f"{ny} rows of {nx} ({layout})" for (ny, nx), layout in shapes.items())
+        raise InputError("wrong shape", file=path, key="NAXIS", value=shape, allowed=allowed)
+    scaled = header.get("BSCALE", 1) != 1 or header.get("BZERO", 0) != 0
+    if header.get("BITPIX") != _BITPIX[kind.stored] or scaled:
+        value = "scaled (BSCALE, BZERO)" if scaled else header.get("BITPIX")
+        raise InputError("wrong type", file=path, key="BITPIX", value=value, allowed=_TYPES[kind.stored])
+    datasum = str(header.get("DATASUM", "")).strip()
+    if not datasum.isdigit():
+        raise InputError("missing", file=path, key="DATASUM", allowed="a file written with checksum=True")
+    return LabMap(path, kind, shape, shapes[shape], _maximum(header, kind, path), datasum, data)
+
+
+def _maximum(header, kind, path):
+    """Return DATAMAX of a map that multiplies light, else the upper bound of its kind."""
+    if not kind.loss:
+        return kind.high
+    value, allowed = header.get("DATAMAX"), f"{kind.low:g} to {kind.high:g}, the largest value of the map"
+    if value is None:
+        raise InputError("missing: a map that multiplies light declares it", file=path, key="DATAMAX", allowed=allowed)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not kind.low <= value <= kind.high:
+        raise InputError("out of range", file=path, key="DATAMAX", value=value, allowed=allowed)
+    return float(value)
+
+
+def _only_image(path):
+    """Return (header, (first byte of the data, first byte behind)) of a file's only image."""
+    import fitsio
+
+    try:
+        with fitsio.FITS(path) as file:
+            images = [hdu for hdu in file if hdu.get_exttype() == "IMAGE_HDU" and hdu.get_info()["ndims"]]
+            if len(images) != 1 or len(file) > 2 or images[0].is_compressed():
+                names = ", ".join(hdu.get_extname() or "primary" for hdu in images) or "none"
+                allowed = "one image, in the primary HDU or the extension behind it, not compressed"
+                raise InputError("has not one image", file=path, key="HDU", value=names, allowed=allowed)
+            header, places = images[0].read_header(), images[0].get_offsets()
+    except (OSError, ValueError) as exc:
+        reason = str(exc).strip().splitlines()[0] if str(exc).strip() else "a header is damaged"
+        raise InputError(f"not a readable FITS file: {reason}", file=path) from None
+    if places["data_end"] > path.stat().st_size:
+        raise InputError("the FITS file is cut short", file=path)
+    return header, (places["data_start"], places["data_end"])
