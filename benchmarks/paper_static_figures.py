@@ -10,13 +10,15 @@ Everything is read from config/instrument/ and survey_tables/.
 import argparse
 from pathlib import Path
 
+import healpy
 import numpy as np
 from astropy.coordinates import BarycentricMeanEcliptic, Galactic, SkyCoord
 from make_tables import FIELDS, RADIUS
 from matplotlib.figure import Figure
 
+from csstsim.base.healpix import NSIDE, brick_corners
 from csstsim.base.shipped import SHIPPED
-from csstsim.base.sphere import offsets
+from csstsim.base.sphere import angle, offsets, unit_vectors
 from csstsim.campaign.survey_table import load_survey_table
 from csstsim.instrument.camera import load_camera
 from csstsim.optics.throughput.led import load_leds
@@ -100,6 +102,13 @@ def curve(axes, frame, style, label):
     axes.plot(x[order], y[order], style, lw=1.0, label=label)
 
 
+def whole_bricks(ra, dec):
+    """Return how many bricks lie wholly in a field's circle: along the border of each, 32 points do."""
+    centre = unit_vectors(ra, dec)
+    near = healpy.query_disc(NSIDE, centre, np.radians(RADIUS), inclusive=True, nest=True)
+    return sum(int((angle(unit_vectors(*brick_corners(pix, 8)), centre) < RADIUS).all()) for pix in near)
+
+
 def sky(camera):
     """Return the Figure of the fields on the sky, over the dust, and of each field's pointings; prints both."""
     figure = Figure(figsize=(10, 7.4), layout="constrained")
@@ -115,8 +124,8 @@ def sky(camera):
     curve(axes, Galactic(), "--", "Galactic equator")
     curve(axes, BarycentricMeanEcliptic(), ":", "ecliptic")
     small = row.subplots(1, len(FIELDS), sharex=True, sharey=True)
-    total = 0
-    print("field  exposures  within the circle  l  b")
+    total = bricks = 0
+    print("field  exposures  within the circle    l    b  bricks wholly in it")
     for (name, (ra0, dec0, *_)), panel in zip(FIELDS.items(), small, strict=True):
         table = load_survey_table(SHIPPED.parent / "survey_tables" / f"{name}.csv", camera.orbit).values()
         name = name.upper()
@@ -138,8 +147,10 @@ def sky(camera):
         panel.set_title(f"{name} ({ra0:g}°, {dec0:g}°): {len(ra)}", fontsize=9)
         panel.set(aspect="equal", xlim=(1.8, -1.8), ylim=(-1.8, 1.8), xlabel="east [deg]")
         inside = int((np.hypot(east, north) < RADIUS).sum())
-        print(f"{name:5s} {len(ra):9d} {inside:12d} {lon:14.0f} {lat:4.0f}")
-        total += len(ra)
+        whole = whole_bricks(ra0, dec0)
+        print(f"{name:5s} {len(ra):9d} {inside:14d} {lon:9.0f} {lat:4.0f} {whole:10d}")
+        total, bricks = total + len(ra), bricks + whole
+    print(f"all   {total:9d} {bricks:40d}")
     small[0].set_ylabel("north [deg]")
     hours = range(330, 0, -30)
     axes.set_xticks(np.radians([180 - h for h in hours]), [f"{h}°" for h in hours], fontsize=7)
