@@ -1,7 +1,7 @@
 """A whole chip as it was read: all sixteen channels with prescan and overscan, logarithmic, with an inset.
 
-    csstsim chip config/c9_w5.yaml --obsid 10105000113 --chip 24        # the i chip of the paper's figure; prints FILE
-    python benchmarks/chip_picture.py FILE --inset 6900 2300 500         # docs/figures/i_chip.jpg
+    python benchmarks/paper_bricks.py --i-chip                     # an i image as in the paper's figure; prints FILE
+    python benchmarks/chip_picture.py FILE --inset 6900 2300 500   # docs/figures/i_chip.jpg
 
 Shows DN over FLOOR, which lies below every channel's bias, as means of 8 x 8 pixels; the inset has single pixels. x, y
 count from 0 on the mosaic of 10000 x 9400 px (docs/level0.md).
@@ -18,6 +18,7 @@ from matplotlib.patches import Rectangle
 from csstsim.io.level0 import read_level0
 
 BIN, FLOOR = 8, 430.0  # px; DN
+TICKS = 20, 50, 100, 200, 400  # DN over FLOOR
 
 
 def main():
@@ -32,13 +33,15 @@ def main():
     coarse = frame[:ny, :nx].reshape(ny // BIN, BIN, nx // BIN, BIN).mean(axis=(1, 3)) - FLOOR
     x, y, size = given.inset
     part = frame[y : y + size, x : x + size] - FLOOR
-    figure = Figure(figsize=(13, 8.4), layout="constrained")
-    whole, inset = figure.subplots(1, 2, width_ratios=(1.75, 1))
-    style = {"norm": LogNorm(15.0, 1000.0), "cmap": "magma", "origin": "lower"}
+    figure = Figure(figsize=(13, 7.2), layout="constrained")
+    whole, inset = figure.subplots(1, 2, width_ratios=(1.45, 1))
+    style = {"norm": LogNorm(TICKS[0], TICKS[-1]), "cmap": "magma", "origin": "lower"}
     shown = whole.imshow(np.maximum(coarse, 1.0), extent=(0, nx, 0, ny), **style)
     inset.imshow(np.maximum(part, 1.0), extent=(x, x + size, y, y + size), **style, interpolation="nearest")
     whole.add_patch(Rectangle((x, y), size, size, fill=False, ec="w", lw=1))
-    figure.colorbar(shown, ax=inset, location="bottom", label=f"DN - {FLOOR:.0f}", shrink=0.8)
+    bar = figure.colorbar(shown, ax=inset, location="bottom", label=f"DN - {FLOOR:.0f}", shrink=0.8)
+    bar.set_ticks(TICKS, labels=[str(tick) for tick in TICKS])
+    bar.minorticks_off()
     header = level0.header
     whole.set_title(f"{header['FILTER']}, chip {header['CHIPLAB']}: DN as read, means of {BIN} x {BIN} px", fontsize=10)
     inset.set_title(f"the white square: {size} x {size} px", fontsize=10)

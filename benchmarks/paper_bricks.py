@@ -1,10 +1,14 @@
 """Ten bricks in u, g and r, merged: the colours of paper_figures.py, which the paper takes from ten merged catalogues.
 
-    python benchmarks/paper_bricks.py        # after ten_images.yaml; twenty CPU-minutes, goes on where it was stopped
+    python benchmarks/paper_bricks.py            # after ten_images.yaml; goes on where it was stopped
+    python benchmarks/paper_bricks.py --i-chip   # a whole i image, for chip_picture.py; prints its file
 
 A brick is that in which the middle of an image of examples/ten_images.yaml lies: two in each Cycle-9 field. It is a
-campaign of its own: one exposure of 150 s in each band, every layer, 10' wide about the middle of the brick (whose side
-is 13.7'), with the truth bricks of the ten images.
+campaign of its own: one exposure of 150 s in each band, every layer, in windows about the middle of the brick. With the
+default radius they need no truth brick but their own, which the ten images share: five CPU-minutes in all. `--radius 5`
+has three times the area and takes 20.
+
+The i image is of the last exposure's time and field, aimed at the sky of its last r image, whose truth it shares.
 """
 
 import argparse
@@ -21,41 +25,49 @@ from csstsim.campaign.opened import OpenCampaign
 ROOT = Path(__file__).parents[1]
 IMAGES, OUTPUT = ROOT / "examples/ten_images.yaml", ROOT / "results/paper_bricks"
 BANDS = "u", "g", "r"
-RADIUS = 5.0  # arcmin, of the region; its windows are twice as wide
+I_CHIP = 24  # that of the paper's figure
+RADIUS = 2.9  # arcmin, of the region; its windows are twice as wide. With the 2.5' of selection they lie in one brick
 
 
-def bricks(run):
-    """Return {brick: Pointing of an exposure} of the middle of each image of the campaign."""
-    found = {}
+def middles(run):
+    """Return [(ra, dec, Pointing)] of the middle of each image of the campaign."""
+    found = []
     for job in run.imaging_jobs:
         pointing, window = run.pointings[job.obsid], job.window
         wcs, _ = run.maps(pointing, job.chip)
-        middle = wcs.pixel_to_world(0.5 * (window.x0 + window.x1 - 1), 0.5 * (window.y0 + window.y1 - 1))
-        found[int(brick_of(*middle))] = pointing
+        x, y = 0.5 * (window.x0 + window.x1 - 1), 0.5 * (window.y0 + window.y1 - 1)
+        found.append((*(float(v) for v in wcs.pixel_to_world(x, y)), pointing))
     return found
 
 
-def campaign(images, pix, pointing, output):
-    """Write the campaign of a brick, observed as `pointing` but aimed at its middle; return its file."""
-    ra, dec = (float(v) for v in healpy.pix2ang(NSIDE, pix, nest=True, lonlat=True))
-    folder = output / str(pix)
+def campaign(images, folder, place, pointing, chips, **content):
+    """Write the campaign of exposures like `pointing` of a place (ra, dec), one on each chip; return it opened.
+
+    content: more keys of its file. Truth and PSF sets are shared with the campaign `images`.
+    """
     folder.mkdir(parents=True, exist_ok=True)
-    chips = chips_for(images.camera, filters=BANDS)
-    found = aimed(images.camera, ra, dec, chips, pa=pointing.pa, times=(pointing.time,), exptime=pointing.exptime)
-    (folder / "table.csv").write_text(table_of(found, [f"brick {pix} in {', '.join(BANDS)}"]))
+    found = aimed(images.camera, *place, chips, pa=pointing.pa, times=(pointing.time,), exptime=pointing.exptime)
+    (folder / "table.csv").write_text(table_of(found, [f"{folder.name} in {', '.join(chip.filter for chip in chips)}"]))
     content = {
-        "schema_version": 1, "name": f"brick_{pix}", "survey_table": "table.csv", "output": "products",
+        "schema_version": 1, "name": folder.name, "survey_table": "table.csv", "output": "products",
         "seed": images.config.seed, "share": str(Path(images.config.share).resolve()),
-        "select": {"filters": list(BANDS), "region": {"ra": ra, "dec": dec, "radius": RADIUS}}, "window": "region",
-    }  # fmt: skip
+    } | content  # fmt: skip
     (folder / "campaign.yaml").write_text(yaml.safe_dump(content, sort_keys=False))
-    return folder / "campaign.yaml"
+    return OpenCampaign(folder / "campaign.yaml")
 
 
-def campaigns(images=IMAGES, output=OUTPUT):
+def campaigns(images=IMAGES, output=OUTPUT, radius=RADIUS):
     """Return {brick: OpenCampaign} of the ten bricks; their files are written."""
-    run = OpenCampaign(images)
-    return {pix: OpenCampaign(campaign(run, pix, pointing, output)) for pix, pointing in bricks(run).items()}
+    run, found = OpenCampaign(images), {}
+    chips = chips_for(run.camera, filters=BANDS)
+    for ra, dec, pointing in middles(run):
+        pix = int(brick_of(ra, dec))
+        place = tuple(float(v) for v in healpy.pix2ang(NSIDE, pix, nest=True, lonlat=True))
+        region = dict(zip(("ra", "dec"), place, strict=True)) | {"radius": radius}
+        select = {"filters": list(BANDS), "region": region}
+        folder = output / f"brick_{pix}_{radius:g}"
+        found[pix] = campaign(run, folder, place, pointing, chips, select=select, window="region")
+    return found
 
 
 def make(run, pix):
@@ -69,12 +81,27 @@ def make(run, pix):
     return cpu
 
 
+def make_i_chip(images, output):
+    """Make the whole i image; return its Level-0 file."""
+    run = OpenCampaign(images)
+    ra, dec, pointing = middles(run)[-1]
+    chips = [run.camera.chips[I_CHIP]]
+    one = campaign(run, output / "i_chip", (ra, dec), pointing, chips, select={"chips": [I_CHIP]})
+    csstsim("chip", one, one.jobs[0])
+    return one.paths.level0(one.jobs[0])
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--images", type=Path, default=IMAGES)
     parser.add_argument("--output", type=Path, default=OUTPUT)
+    parser.add_argument("--radius", type=float, default=RADIUS, help="Half the width of the windows, arcmin.")
+    parser.add_argument("--i-chip", action="store_true", help="Make the whole i image instead.")
     given = parser.parse_args()
-    for pix, run in campaigns(given.images, given.output).items():
+    if given.i_chip:
+        print(make_i_chip(given.images, given.output))
+        return
+    for pix, run in campaigns(given.images, given.output, given.radius).items():
         print(f"brick {pix}: {len(run.jobs)} frames, {make(run, pix):.0f} CPU s", flush=True)
 
 

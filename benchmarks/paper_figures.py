@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
-from paper_bricks import IMAGES, campaigns
+from paper_bricks import IMAGES, RADIUS, campaigns
 
 from csstsim.bricks import compare
 from csstsim.bricks.trials import joined, limit, matched, trials
@@ -122,6 +122,7 @@ def _chip(run):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--images", type=Path, default=IMAGES)
+    parser.add_argument("--radius", type=float, default=RADIUS, help="That of paper_bricks.py, arcmin.")
     options = parser.parse_args()
     run = OpenCampaign(options.images)
     frames, truths = zip(*frames_of(run), strict=True)
@@ -132,7 +133,7 @@ def main():
     magnitudes(panels[0], truths, band)
     distributions(panels[1, 0], truths, frames, band)
     shares(panels[1, 1], table, band, float(np.median([frame.info["depth_5sigma"] for frame in frames])))
-    merged = campaigns(options.images)
+    merged = campaigns(options.images, radius=options.radius)
     colour = brick_colours(merged)
     colours(panels[2, 0], colour, looks(run.camera.filters))
     off = np.hypot(*(colour["output"] - colour["input"]))
