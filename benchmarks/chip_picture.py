@@ -1,7 +1,7 @@
 """A whole chip as it was read: all sixteen channels with prescan and overscan, logarithmic, with an inset.
 
-    python benchmarks/paper_bricks.py --i-chip                     # an i image as in the paper's figure; prints FILE
-    python benchmarks/chip_picture.py FILE --inset 6900 2300 500   # docs/figures/i_chip.jpg
+    csstsim chip examples/release.yaml --obsid 10101000153 --chip 24    # i, as in the paper's figure; prints FILE
+    python benchmarks/chip_picture.py FILE                              # docs/figures/i_chip.jpg
 
 Shows DN over FLOOR, which lies below every channel's bias, as means of 8 x 8 pixels; the inset has single pixels. x, y
 count from 0 on the mosaic of 10000 x 9400 px (docs/level0.md).
@@ -24,7 +24,7 @@ TICKS = 20, 50, 100, 200, 400  # DN over FLOOR
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("file", type=Path)
-    parser.add_argument("--inset", type=int, nargs=3, metavar=("X", "Y", "SIZE"), default=(6900, 2300, 500))
+    parser.add_argument("--inset", type=int, nargs=3, metavar=("X", "Y", "SIZE"), default=(7430, 6130, 720))
     parser.add_argument("--output", type=Path, default=Path("docs/figures/i_chip.jpg"))
     given = parser.parse_args()
     level0 = read_level0(given.file)

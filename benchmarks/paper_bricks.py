@@ -1,14 +1,10 @@
 """Ten bricks in u, g and r, merged: the colours of paper_figures.py, which the paper takes from ten merged catalogues.
 
-    python benchmarks/paper_bricks.py            # after ten_images.yaml; goes on where it was stopped
-    python benchmarks/paper_bricks.py --i-chip   # a whole i image, for chip_picture.py; prints its file
+    python benchmarks/paper_bricks.py    # after ten_images.yaml; goes on where it was stopped
 
 A brick is that in which the middle of an image of examples/ten_images.yaml lies: two in each Cycle-9 field. It is a
 campaign of its own: one exposure of 150 s in each band, every layer, in windows about the middle of the brick. With the
-default radius they need no truth brick but their own, which the ten images share: five CPU-minutes in all. `--radius 5`
-has three times the area and takes 20.
-
-The i image is of the last exposure's time and field, aimed at the sky of its last r image, whose truth it shares.
+default radius they need six truth bricks that the ten images do not have. `--radius 5` has three times the area.
 """
 
 import argparse
@@ -25,8 +21,7 @@ from csstsim.campaign.opened import OpenCampaign
 ROOT = Path(__file__).parents[1]
 IMAGES, OUTPUT = ROOT / "examples/ten_images.yaml", ROOT / "results/paper_bricks"
 BANDS = "u", "g", "r"
-I_CHIP = 24  # that of the paper's figure
-RADIUS = 2.9  # arcmin, of the region; its windows are twice as wide. With the 2.5' of selection they lie in one brick
+RADIUS = 2.9  # arcmin, of the region; its windows are twice as wide, and lie in the brick at any angle
 
 
 def middles(run):
@@ -81,26 +76,12 @@ def make(run, pix):
     return cpu
 
 
-def make_i_chip(images, output):
-    """Make the whole i image; return its Level-0 file."""
-    run = OpenCampaign(images)
-    ra, dec, pointing = middles(run)[-1]
-    chips = [run.camera.chips[I_CHIP]]
-    one = campaign(run, output / "i_chip", (ra, dec), pointing, chips, select={"chips": [I_CHIP]})
-    csstsim("chip", one, one.jobs[0])
-    return one.paths.level0(one.jobs[0])
-
-
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--images", type=Path, default=IMAGES)
     parser.add_argument("--output", type=Path, default=OUTPUT)
     parser.add_argument("--radius", type=float, default=RADIUS, help="Half the width of the windows, arcmin.")
-    parser.add_argument("--i-chip", action="store_true", help="Make the whole i image instead.")
     given = parser.parse_args()
-    if given.i_chip:
-        print(make_i_chip(given.images, given.output))
-        return
     for pix, run in campaigns(given.images, given.output, given.radius).items():
         print(f"brick {pix}: {len(run.jobs)} frames, {make(run, pix):.0f} CPU s", flush=True)
 

@@ -32,10 +32,11 @@ def timed(work):
 
 
 def entropy(frame):
-    """Return the bits a pixel of the background's noise: that of the middle row's differences, over sqrt 2 [DN]."""
+    """Return the bits a pixel of the background's noise, from the differences along a row without outliers."""
     row = frame[frame.shape[0] // 4].astype(float)
     step = np.diff(row[row > 0])
-    sigma = 1.4826 * np.median(np.abs(step - np.median(step))) / np.sqrt(2)
+    sigma = 1.4826 * np.median(np.abs(step))
+    sigma = np.std(step[np.abs(step) < 4 * sigma]) / np.sqrt(2)
     return float(np.log2(sigma * np.sqrt(2 * np.pi * np.e)))
 
 
