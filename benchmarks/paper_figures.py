@@ -145,7 +145,7 @@ def main():
     panels[2, 1].set_title("Colours of the same sources, out - in", fontsize=10)
     panels[2, 1].legend(fontsize=8)
     figure.suptitle(f"{len(frames)} whole {band} images; colours of {len(merged)} merged bricks")
-    figure.savefig(FIGURE, dpi=100)
+    figure.savefig(FIGURE, dpi=85)
 
 
 if __name__ == "__main__":
