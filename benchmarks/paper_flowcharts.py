@@ -146,7 +146,7 @@ def orchestration():
     axes.text(4.75, 2.6, "yes: call the next", fontsize=8)
     box(axes, 5.0, 0.3, 2.0, 0.9, FILE, "Level-0 FITS, truth,\nintermediate frames")
     arrow(axes, (6.6, 3.7), (6.2, 1.25))
-    axes.text(6.5, 2.2, "no", fontsize=8)
+    axes.text(6.5, 2.2, "no: done", fontsize=8)
     arrow(axes, (3.75, 1.5), (4.95, 0.85))
     axes.text(3.8, 0.85, "if any", fontsize=8)
     return figure
