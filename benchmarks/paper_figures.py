@@ -1,17 +1,20 @@
 """The paper's validation figures (section 6: magnitudes, brightness, colours) from csstsim's data.
 
     snakemake --profile profiles/default --config campaign=examples/ten_images.yaml
-    snakemake --profile profiles/default --config campaign=examples/quarter_brick/no_cti.yaml
+    python benchmarks/paper_bricks.py
     python benchmarks/paper_figures.py
 
-Magnitudes and counts are from ten whole r images, chosen at random, the colours from a merged brick of seven bands.
-Draws docs/figures/paper_figures.png and prints the main numbers of it.
+Magnitudes and counts are from ten whole r images, both r chips of an exposure of each Cycle-9 field drawn by lot. The
+colours are from ten merged bricks, those in which the middles of these images lie. Draws docs/figures/paper_figures.png
+and prints the main numbers of it.
 """
 
 import argparse
+from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from paper_bricks import IMAGES, RADIUS, campaigns
 
 from csstsim.bricks import compare
 from csstsim.bricks.trials import joined, limit, matched, trials
@@ -96,11 +99,12 @@ def shares(axes, table, band, depth):
     print(f"point sources of S/N 5 to 500: {100 * found[judged].mean():.2f}% of {judged.sum()} found")
 
 
-def brick_colours(run):
-    """Return bricks.compare.colours of all bricks of a campaign."""
+def brick_colours(runs):
+    """Return bricks.compare.colours of merged bricks, {brick: its OpenCampaign}."""
     parts = []
-    for pix, jobs in run.merge_bricks.items():
+    for pix, run in runs.items():
         sources = ObjectTable.read(run.paths.merge(pix))
+        jobs = run.merge_bricks[pix]
         tables = (ObjectTable.read(run.paths.measure(*job.key)) for job in jobs)
         truths = [
             judged_truth(MeasuredFrame(truth_of(run, job), t, *_chip(run))) for job, t in zip(jobs, tables, strict=True)
@@ -117,8 +121,8 @@ def _chip(run):
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--images", default="examples/ten_images.yaml")
-    parser.add_argument("--brick", default="examples/quarter_brick/no_cti.yaml")
+    parser.add_argument("--images", type=Path, default=IMAGES)
+    parser.add_argument("--radius", type=float, default=RADIUS, help="That of paper_bricks.py, arcmin.")
     options = parser.parse_args()
     run = OpenCampaign(options.images)
     frames, truths = zip(*frames_of(run), strict=True)
@@ -129,8 +133,9 @@ def main():
     magnitudes(panels[0], truths, band)
     distributions(panels[1, 0], truths, frames, band)
     shares(panels[1, 1], table, band, float(np.median([frame.info["depth_5sigma"] for frame in frames])))
-    colour = brick_colours(OpenCampaign(options.brick))
-    colours(panels[2, 0], colour, looks(OpenCampaign(options.brick).camera.filters))
+    merged = campaigns(options.images, radius=options.radius)
+    colour = brick_colours(merged)
+    colours(panels[2, 0], colour, looks(run.camera.filters))
     off = np.hypot(*(colour["output"] - colour["input"]))
     for mine, (kind, tint, _) in zip((False, True), KINDS, strict=True):
         some = colour["galaxy"] == mine
@@ -139,8 +144,8 @@ def main():
     panels[2, 1].set(xlabel="distance of measured from true colours [mag]", ylabel="sources")
     panels[2, 1].set_title("Colours of the same sources, out - in", fontsize=10)
     panels[2, 1].legend(fontsize=8)
-    figure.suptitle(f"{len(frames)} whole {band} images; colours of a quarter of a brick")
-    figure.savefig(FIGURE, dpi=100)
+    figure.suptitle(f"{len(frames)} whole {band} images; colours of {len(merged)} merged bricks")
+    figure.savefig(FIGURE, dpi=85)
 
 
 if __name__ == "__main__":

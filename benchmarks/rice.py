@@ -1,0 +1,72 @@
+"""What `compress: true` saves and costs: Level-0 files stored as RICE tiles, beside gzip.
+
+    python benchmarks/rice.py FILE...      # Level-0 files that are not compressed
+
+For each file: its size; the size as RICE tiles of one row (csstsim.io.fits.compress) and of all pixels through gzip
+(level 1); bits per pixel, with those that the noise alone needs; CPU seconds to write and to read a frame, both ways.
+Exit code 1 if a pixel of the compressed file differs.
+
+The noise of a Gaussian of sigma DN has log2(sigma sqrt(2 pi e)) bits of entropy: no lossless code of independent pixels
+of such noise is shorter. Copies are written to a temporary folder.
+"""
+
+import argparse
+import shutil
+import sys
+import tempfile
+import time
+import zlib
+from pathlib import Path
+
+import numpy as np
+
+from csstsim.io.fits import compress
+from csstsim.io.level0 import read_level0
+
+
+def timed(work):
+    """Return what `work` returns, and its CPU seconds."""
+    start = time.process_time()
+    found = work()
+    return found, time.process_time() - start
+
+
+def entropy(frame):
+    """Return the bits a pixel of the background's noise, from the differences along a row without outliers."""
+    row = frame[frame.shape[0] // 4].astype(float)
+    step = np.diff(row[row > 0])
+    sigma = 1.4826 * np.median(np.abs(step))
+    sigma = np.std(step[np.abs(step) < 4 * sigma]) / np.sqrt(2)
+    return float(np.log2(sigma * np.sqrt(2 * np.pi * np.e)))
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("files", nargs="+", type=Path)
+    print(
+        "| chip | filter | MB | RICE MB | share | bits a px | of noise | gzip share | write, CPU s | read | read RICE |"
+    )
+    print("|" + "---|" * 11)
+    for path in parser.parse_args().files:
+        plain, reading = timed(lambda path=path: read_level0(path, verify=True).frame())
+        level0 = read_level0(path)
+        zipped = len(zlib.compress(level0.frame().tobytes(), 1)) / plain.nbytes
+        with tempfile.TemporaryDirectory() as folder:
+            copy = Path(shutil.copy(path, folder))
+            before = copy.stat().st_size
+            _, writing = timed(lambda copy=copy: compress(copy))
+            after = copy.stat().st_size
+            packed, unpacking = timed(lambda copy=copy: read_level0(copy, verify=True).frame())
+        if not np.array_equal(plain, packed):
+            print(f"{path}: pixels differ", file=sys.stderr)
+            sys.exit(1)
+        cells = [level0.header["CHIPLAB"], level0.header["FILTER"], f"{before / 1e6:.1f}", f"{after / 1e6:.1f}"]
+        cells += [f"{after / before:.3f}", f"{16 * after / before:.2f}", f"{entropy(plain):.2f}", f"{zipped:.3f}"]
+        print(
+            "| " + " | ".join(map(str, [*cells, *(f"{t:.1f}" for t in (writing, reading, unpacking))])) + " |",
+            flush=True,
+        )
+
+
+if __name__ == "__main__":
+    main()
