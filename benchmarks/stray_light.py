@@ -277,7 +277,6 @@ def depth(kept):
     print(
         "r: mag lost against sky 0.2 e-/s/px:",
         *(f"{s:.2f}: {zero - limit(s):.2f}," for s in (0.1, 0.5, 1.0)),
-        sky[0] > 0,
     )
 
 
