@@ -28,10 +28,11 @@ def sky_ranges(run):
     run: campaign.opened.OpenCampaign. Both are empty if the layers do not use the stray-light model. Angles are those
     of the headers (sky.bodies.exposure_angles), at the start. Raises InputError where the model refuses an exposure.
     """
-    exposures = _by_exposure(run)
+    exposures = with_the_model(run)
     numbers = sky_numbers(run.camera.sky) if exposures else None
     rates, levels, angles = {}, {}, {name: [] for name in ANGLES} if exposures else {}
-    for obsid, chips in progress(exposures.items(), "sky of exposures"):
+    for obsid, jobs in progress(exposures.items(), "sky of exposures"):
+        chips = {band: job.exposure for band, job in jobs.items()}
         pointing = next(iter(chips.values())).pointing
         for name, value in _angles(pointing).items():
             angles[name].append(value)
@@ -78,13 +79,13 @@ def _three(values, form=".2g"):
     return " ".join(f"{value:{form}}" for value in (values.min(), np.median(values), values.max()))
 
 
-def _by_exposure(run):
-    """Return {obsid: {band: Exposure}} of the science exposures with the model, one chip a band."""
+def with_the_model(run):
+    """Return {obsid: {band: Job}} of the science exposures whose layers use the stray-light model, one chip a band."""
     found = {}
     for job in run.science_jobs:
         step = run.steps["SCIE"].step("sky_background")
         if step is not None and step.param.enable_straylight_model:
-            found.setdefault(job.obsid, {}).setdefault(job.chip.filter, job.exposure)
+            found.setdefault(job.obsid, {}).setdefault(job.chip.filter, job)
     return found
 
 
