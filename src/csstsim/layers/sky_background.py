@@ -35,8 +35,8 @@ class Param(LayerParam):
     flat_fielding: bool = Field(True, description="vignetting and internal flat: the reversal of the flat correction")
     shutter_effect: bool = Field(True, description="the shutter exposes columns for different times")
     enable_straylight_model: bool = Field(
-        False, description="true = zodiacal light, earthshine, Sun, Moon, planets and stars outside the field, at the "
-        "exposure's time and place; false = the filter's constant `sky`",
+        False, description="true = zodiacal light, earthshine, Sun, Moon, planets and stars that are not drawn, at "
+        "the exposure's time and place; false = the filter's constant `sky`",
     )  # fmt: skip
 
 

@@ -30,7 +30,8 @@ def sky_by_exposure(levels, limbs, looks):
             by_time.plot(seen + 1, levels[band][name][seen], marker, color=colour, ms=5, label=name)
     by_time.set(yscale="log", xlabel="exposure, in order of time", ylabel=f"{band} [e-/s/px]")
     by_time.set_title("Components of the sky; those that are none are not shown", fontsize=10)
-    legend(by_time, loc="center right")
+    by_time.set_ylim(None, 50 * by_time.get_ylim()[1])  # room for the legend
+    legend(by_time, loc="upper center", ncols=6, columnspacing=1.0)
     for name, parts in levels.items():
         ratio, look = parts["earth"] / parts["zodiacal"], looks[name.lower()]
         lit = parts["earth"] > FAINT
@@ -39,5 +40,6 @@ def sky_by_exposure(levels, limbs, looks):
     by_limb.axhline(SHARE, color="#666666", lw=0.8, ls=":")
     by_limb.set(yscale="log", xlabel="limb angle at the start [deg]", ylabel="earthshine / zodiacal light")
     by_limb.set_title("Earthshine; exposures over the dark Earth have none", fontsize=10)
-    legend(by_limb, loc="upper right")
+    by_limb.set_ylim(1e-7, None)
+    legend(by_limb, loc="lower left", ncols=3)
     return png(figure)

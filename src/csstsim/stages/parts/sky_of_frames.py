@@ -16,9 +16,8 @@ def sky_of_frames(run, looks):
     """
     from csstsim.report.stray_panel import sky_by_exposure
 
-    entries = {
-        entry["from"]: entry["keyword"] for entry in run.camera.keywords if entry.get("hdu") == 0 and "from" in entry
-    }
+    cards = [entry for entry in run.camera.keywords if entry.get("hdu") == 0]
+    entries = {entry["from"]: entry["keyword"] for entry in cards if "from" in entry}
     wanted = {name: entries.get(f"sky_{name}") for name in COMPONENTS} | {"limb": entries.get("limb_angle")}
     jobs = [job for chips in with_the_model(run).values() for job in chips.values()]
     if None in wanted.values() or not jobs:
@@ -31,19 +30,17 @@ def sky_of_frames(run, looks):
         rows = found.setdefault(job.chip.filter, {name: [] for name in wanted})
         for name, keyword in wanted.items():
             rows[name].append(float(header[keyword]))
-    levels = {
-        band: {name: np.array(v) for name, v in found[band].items()} for band in run.camera.filters if band in found
-    }
+    bands = [band for band in run.camera.filters if band in found]
+    levels = {band: {name: np.array(values) for name, values in found[band].items()} for band in bands}
     limbs = {band: rows.pop("limb") for band, rows in levels.items()}
     text = "The stray-light model is on. Rates are means over one chip a band, from the headers: least, median, most."
-    return [
-        Paragraph(text),
-        Figure(sky_by_exposure(levels, limbs, looks), "The sky by exposure, and earthshine by limb angle"),
-        Table(("band", *(f"{name} [e-/s/px]" for name in COMPONENTS), f"earthshine above {MUCH:.0%} of zodiacal light"), [
-            (band, *(_three(parts[name]) for name in COMPONENTS), f"{much_earthshine(parts):.0%} of exposures")
-            for band, parts in levels.items()
-        ], "bands"),
-    ]  # fmt: skip
+    head = "band", *(f"{name} [e-/s/px]" for name in COMPONENTS), f"earthshine above {MUCH:.0%} of zodiacal light"
+    rows = [
+        (band, *(_three(parts[name]) for name in COMPONENTS), f"{much_earthshine(parts):.0%} of exposures")
+        for band, parts in levels.items()
+    ]
+    figure = Figure(sky_by_exposure(levels, limbs, looks), "The sky by exposure, and earthshine by limb angle")
+    return [Paragraph(text), figure, Table(head, rows, "bands")]
 
 
 def _three(values):
