@@ -19,15 +19,18 @@ from csstsim.sky.background import (
     add_grid,
     band_rates,
     grid_mean,
+    in_band,
     lines_of_sight,
     refined,
     sky_components,
+    sky_light,
     star_light,
 )  # fmt: skip
 from csstsim.sky.background_spectra import band, blackbody_over_sun, magnitude_ratio, photons, solar_continuum, sunlight
 from csstsim.sky.bodies import bodies
 from csstsim.sky.directions import telescope_axes
 from csstsim.sky.earthshine import earthshine
+from csstsim.sky.starlight import faint_starlight
 from csstsim.sky.transmittance import angles, total
 from csstsim.sky.zodiacal import spectrum
 
@@ -190,6 +193,18 @@ def test_a_star_of_the_list_by_hand():
         sky_components(rates("r"), axes, axes[2][None], moment, N, some)["stars"] for some in (None, ~alone)
     )
     assert every - others == pytest.approx(found, rel=1e-9)
+
+
+def test_faint_stars_without_the_list():
+    """No star of the list shines: what is left is the mean of the fainter ones, in their own colour."""
+    axes = telescope_axes(60.0, -40.0, 0.0)
+    place = over(axes[2])
+    light = sky_light(axes, axes[2][None], (MJD, tuple(place), VELOCITY), N, np.zeros(len(N.stars), bool))
+    wave = CAMERA.filters["r"].wavelength
+    one = band(CAMERA.filters["r"], blackbody_over_sun(wave, N.starlight.temperature, N)) * magnitude_ratio(10.0, N)
+    azimuth = angles(axes @ bodies(MJD, place, VELOCITY, N).sun)[1]
+    expected = 1e-10 * one * faint_starlight(axes, place, azimuth, N)
+    assert in_band(light, rates("r"))["stars"] == pytest.approx(expected, rel=1e-9) and expected > 1e-5
 
 
 def test_stars_by_line_of_sight():
