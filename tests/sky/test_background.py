@@ -189,6 +189,10 @@ def test_a_star_of_the_list_by_hand():
     found = rates("r")["stars"] @ star_light(axes, axes[2][None], moment, N, alone)
     light = band(CAMERA.filters["r"], blackbody_over_sun(CAMERA.filters["r"].wavelength, N.stars[vega, 3], N))
     assert found == pytest.approx(1e-3 * 1e-10 * light * magnitude_ratio(0.03, N), rel=0.2)  # azimuths differ by 20%
+    nuv = CAMERA.filters["NUV"]
+    blue = band(nuv, blackbody_over_sun(nuv.wavelength, N.stars[vega, 3], N))
+    found_blue = rates("NUV")["stars"] @ star_light(axes, axes[2][None], moment, N, alone)
+    assert found_blue / found == pytest.approx(blue / light, rel=1e-9)
     every, others = (
         sky_components(rates("r"), axes, axes[2][None], moment, N, some)["stars"] for some in (None, ~alone)
     )
@@ -215,7 +219,9 @@ def test_stars_by_line_of_sight():
     shine = np.random.default_rng(4).random((2, len(N.stars))) < 0.5
     both = star_light(axes, sights, moment, N, shine)
     for k in range(2):
-        assert both[:, k] == pytest.approx(star_light(axes, sights[k : k + 1], moment, N, shine[k])[:, 0], rel=1e-12)
+        assert both[:, k] == pytest.approx(
+            star_light(axes, sights[k : k + 1], moment, N, shine[k])[:, 0], rel=1e-12, abs=0
+        )
     assert (star_light(axes, sights, moment, N, np.zeros(len(N.stars), bool)) == 0).all()
 
 
