@@ -7,6 +7,7 @@ import pytest
 from astropy.coordinates import SkyCoord
 from sky_places import camera, numbers
 
+from csstsim.base.errors import InputError
 from csstsim.base.sphere import unit_vectors
 from csstsim.catalog.selection.reach import REACH_MAX
 from csstsim.instrument.pointing import Pointing
@@ -15,6 +16,7 @@ from csstsim.optics.scatter.halo import make_wing
 from csstsim.simulation.exposure import Exposure
 from csstsim.sky.directions import telescope_axes
 from csstsim.sky.near_stars import NEAR_PX, pixels_off, stars_about
+from csstsim.sky.parameters import sky_numbers
 from csstsim.sky.starlight import faint_starlight
 from csstsim.sky.transmittance import transmittance
 
@@ -42,6 +44,19 @@ def test_the_list():
     ):
         near = there.separation(SkyCoord(ra, dec, unit="deg")).deg < 0.01  # Sirius, Polaris, Acrux, Betelgeuse
         assert N.stars[near, 2].min() == pytest.approx(v, abs=0.1)
+
+
+def test_stars_are_a_text_or_a_list():
+    """The same numbers either way; a fault names the key."""
+    given = CAMERA.sky
+    text = sky_numbers(given | {"stars": "10.5 -20 4.0 6000, 11 -21 3.5 9000"})
+    rows = sky_numbers(given | {"stars": [[10.5, -20, 4.0, 6000], [11, -21, 3.5, 9000]]})
+    assert (text.stars == rows.stars).all() and text.stars.shape == (2, 4)
+    for wrong in ("10.5 -20 4.0", "10.5 -20 4.0 6000, 11", "10.5 -20 bright 6000", ""):
+        with pytest.raises(InputError, match="stars"):
+            sky_numbers(given | {"stars": wrong})
+    with pytest.raises(InputError, match="starlight"):
+        sky_numbers({name: part for name, part in given.items() if name != "starlight"})
 
 
 @pytest.mark.parametrize("name", ["NUV", "r", "y"])
